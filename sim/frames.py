@@ -1,0 +1,45 @@
+"""Rotations and camera poses of the simulator. Deliberately not shared with the library under test."""
+
+import numpy as np
+
+from voxdepth.types import FloatArray
+
+R_BODY_CAM = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""Camera axes (x right, y down, z forward) in a body frame with x forward, y left, z up."""
+
+
+def rotation_from_quaternion(q_xyzw: FloatArray) -> FloatArray:
+    """Rotation matrix, shape (3, 3), of a unit quaternion, shape (4,), in the order x, y, z, w."""
+    x, y, z, w = q_xyzw
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion_from_yaw(yaw_rad: float) -> FloatArray:
+    """Unit quaternion (xyzw) of a turn about the vertical."""
+    return np.array([0.0, 0.0, np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)])
+
+
+def yaw_from_quaternion(q_xyzw: FloatArray) -> float:
+    """Heading of the body's x axis in the world [rad]."""
+    x, y, z, w = q_xyzw
+    return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+
+
+def pose(rotation: FloatArray, position_m: FloatArray) -> FloatArray:
+    """Homogeneous transform, shape (4, 4)."""
+    T = np.eye(4)
+    T[:3, :3] = rotation
+    T[:3, 3] = position_m
+    return T
+
+
+def camera_pose(position_m: FloatArray, q_world_body_xyzw: FloatArray, mount_m: FloatArray) -> FloatArray:
+    """`T_world_cam` of a camera that looks along the body's x axis from `mount_m` in the body frame."""
+    R_world_body = rotation_from_quaternion(q_world_body_xyzw)
+    return pose(R_world_body @ R_BODY_CAM, position_m + R_world_body @ mount_m)

@@ -1,0 +1,35 @@
+"""Renderers: interchangeable ways to see a `World`."""
+
+from collections.abc import Callable
+
+from ..errors import RenderError
+from ..types import Renderer
+from ..world import World
+
+
+def _raycast(world: World) -> Renderer:
+    from .raycast import RaycastRenderer
+
+    return RaycastRenderer(world)
+
+
+def _tiny(world: World) -> Renderer:
+    from .bullet import TinyRenderer
+
+    return TinyRenderer(world)
+
+
+_FACTORIES: dict[str, Callable[[World], Renderer]] = {"raycast": _raycast, "tiny": _tiny}
+
+RENDERER_NAMES = tuple(_FACTORIES)
+
+
+def create_renderer(name: str, world: World) -> Renderer:
+    """A renderer of that name for one world.
+
+    Raises:
+        RenderError: No renderer has that name, or it does not work on this machine.
+    """
+    if name not in _FACTORIES:
+        raise RenderError(f"there is no renderer {name!r}; choose one of: {', '.join(RENDERER_NAMES)}")
+    return _FACTORIES[name](world)

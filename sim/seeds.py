@@ -1,0 +1,20 @@
+"""One random stream per consumer: a new consumer changes no other stream."""
+
+from enum import IntEnum
+
+import numpy as np
+
+
+class Purpose(IntEnum):
+    """What a stream is for. Numbers are never reused: they are part of every result."""
+
+    SCENE = 0
+    SURFACE = 1
+    PHOTON = 2
+    SCALE = 3
+    START = 4
+
+
+def stream(seed: int, purpose: Purpose, *index: int) -> np.random.Generator:
+    """The generator of one consumer, keyed by the master seed, its purpose and, say, drone and frame."""
+    return np.random.default_rng(np.random.SeedSequence([seed, int(purpose), *index]))

@@ -1,0 +1,273 @@
+"""The physical world: one PyBullet client with a scene and a fleet of drones."""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import cv2
+import numpy as np
+import pybullet
+
+from voxdepth.types import FloatArray
+
+from . import frames
+from .drone import GRAVITY_M_S2, AirframeConfig, Fleet
+from .errors import SceneError
+from .scenes import Body, Box, Cylinder, Scene, Shape, Surface
+from .seeds import Purpose, stream
+from .types import Contact, DroneState, VelocityCommand
+
+PHYSICS_HZ = 240
+DRONE_SURFACE = Surface(albedo=0.15, texture=0.6)
+DRONE_BODY_HEIGHT_M = 0.16
+
+
+class World:
+    """Steps physics, flies drones by velocity commands and reports every first contact.
+
+    Use it as a context manager; the PyBullet client lives as long as the world. The collision shape of a drone is a
+    sphere; what cameras see of it is a flat cylinder of the same radius.
+
+    Args:
+        scene: Static bodies.
+        starts_m: Start positions, shape (n, 3); drones hover there, heading along x.
+        airframe: Of every drone.
+        start_yaw_rad: Heading of all drones at the start.
+
+    Raises:
+        SceneError: A drone starts inside or in touch with a body or another drone.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        starts_m: FloatArray,
+        airframe: AirframeConfig | None = None,
+        *,
+        start_yaw_rad: float = 0.0,
+    ) -> None:
+        self.scene = scene
+        self.airframe = airframe or AirframeConfig()
+        self.dt_s = 1 / PHYSICS_HZ
+        self.steps = 0
+        self.contacts: list[Contact] = []
+        self._touched: set[tuple[int, int]] = set()
+        starts_m = np.asarray(starts_m, np.float64).reshape(-1, 3)
+        self.n_drones = len(starts_m)
+        self.client = pybullet.connect(pybullet.DIRECT)
+        try:
+            self._set_up_physics()
+            self.bodies: dict[int, Body] = {self._add_body(body): body for body in scene.bodies}
+            q_start = frames.quaternion_from_yaw(start_yaw_rad)
+            self.drone_ids = [self._add_drone(start, q_start) for start in starts_m]
+            self._texture_bodies()
+            self._drone_of_body = {body: drone for drone, body in enumerate(self.drone_ids)}
+            self._fleet = Fleet(self.n_drones, self.airframe)
+            self._wanted_velocity = np.zeros((self.n_drones, 3))
+            self._wanted_yaw = np.full(self.n_drones, start_yaw_rad)
+            self._read_motion()
+            self._refuse_bad_starts()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> "World":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the PyBullet client; a second call does nothing."""
+        if self.client >= 0:
+            pybullet.disconnect(physicsClientId=self.client)
+            self.client = -1
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time [s]."""
+        return self.steps / PHYSICS_HZ
+
+    @property
+    def states(self) -> list[DroneState]:
+        """Motion of all drones now."""
+        return [
+            DroneState(
+                position_m=self._position[i].copy(),
+                velocity_m_s=self._velocity[i].copy(),
+                q_world_body_xyzw=self._attitude[i].copy(),
+                rates_rad_s=self._rates[i].copy(),
+            )
+            for i in range(self.n_drones)
+        ]
+
+    def apply(self, commands: Sequence[VelocityCommand]) -> None:
+        """Set what each drone is to do from the next step on, one command per drone."""
+        if len(commands) != self.n_drones:
+            raise SceneError(f"expected one command for each of {self.n_drones} drones, got {len(commands)}")
+        for i, command in enumerate(commands):
+            self._wanted_velocity[i] = command.velocity_m_s
+            self._wanted_yaw[i] = command.yaw_rad
+
+    def step(self) -> list[Contact]:
+        """Advance by 1/240 s and return the contacts that began in this step."""
+        force_n, torque_n_m = self._fleet.actuate(
+            self._velocity, self._attitude, self._rates, self._wanted_velocity, self._wanted_yaw, self.dt_s
+        )
+        bullet, client = pybullet, self.client
+        for body, force, at, torque in zip(
+            self.drone_ids, force_n.tolist(), self._position.tolist(), torque_n_m.tolist(), strict=True
+        ):
+            bullet.applyExternalForce(body, -1, force, at, bullet.WORLD_FRAME, physicsClientId=client)
+            bullet.applyExternalTorque(body, -1, torque, bullet.WORLD_FRAME, physicsClientId=client)
+        bullet.stepSimulation(physicsClientId=client)
+        self.steps += 1
+        speed_before = self._velocity
+        self._read_motion()
+        return self._collect_contacts(speed_before)
+
+    def clearance_m(self, drone: int, horizon_m: float = 5.0) -> float:
+        """Distance from the drone's collision sphere to the nearest body or drone, at most `horizon_m`."""
+        return self._nearest_m(self._position[drone], self.airframe.radius_m, horizon_m, self.drone_ids[drone])
+
+    def room_at_m(self, position_m: Sequence[float], horizon_m: float = 5.0) -> float:
+        """Distance from a point to the nearest static body, at most `horizon_m`; negative inside one."""
+        return self._nearest_m(np.asarray(position_m, np.float64), 0.0, horizon_m, None)
+
+    def _set_up_physics(self) -> None:
+        client = self.client
+        pybullet.setGravity(0, 0, -GRAVITY_M_S2, physicsClientId=client)
+        pybullet.setTimeStep(self.dt_s, physicsClientId=client)
+        pybullet.setPhysicsEngineParameter(deterministicOverlappingPairs=1, physicsClientId=client)
+
+    def _add_body(self, body: Body) -> int:
+        collision, visual = self._shapes(body.shape, body.surface)
+        return int(
+            pybullet.createMultiBody(
+                0, collision, visual, body.position_m, frames.quaternion_from_yaw(body.yaw_rad).tolist(),
+                physicsClientId=self.client,
+            )
+        )
+
+    def _add_drone(self, start_m: FloatArray, q_world_body_xyzw: FloatArray) -> int:
+        radius = self.airframe.radius_m
+        collision = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=radius, physicsClientId=self.client)
+        _, visual = self._shapes(Cylinder(radius, DRONE_BODY_HEIGHT_M), DRONE_SURFACE)
+        body = int(
+            pybullet.createMultiBody(
+                self.airframe.mass_kg, collision, visual, start_m.tolist(), q_world_body_xyzw.tolist(),
+                physicsClientId=self.client,
+            )
+        )
+        pybullet.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=self.client)
+        return body
+
+    def _shapes(self, shape: Shape, surface: Surface) -> tuple[int, int]:
+        """Collision and visual shape ids of a solid."""
+        if isinstance(shape, Box):
+            kind, size = pybullet.GEOM_BOX, {"halfExtents": [side / 2 for side in shape.size_m]}
+            lengths = {"collision": size, "visual": size}
+        elif isinstance(shape, Cylinder):
+            kind = pybullet.GEOM_CYLINDER
+            lengths = {
+                "collision": {"radius": shape.radius_m, "height": shape.height_m},
+                "visual": {"radius": shape.radius_m, "length": shape.height_m},
+            }
+        else:
+            kind = pybullet.GEOM_SPHERE
+            lengths = {"collision": {"radius": shape.radius_m}, "visual": {"radius": shape.radius_m}}
+        albedo = surface.albedo
+        return (
+            pybullet.createCollisionShape(kind, **lengths["collision"], physicsClientId=self.client),
+            pybullet.createVisualShape(
+                kind, **lengths["visual"], rgbaColor=[albedo, albedo, albedo, 1], specularColor=[0, 0, 0],
+                physicsClientId=self.client,
+            ),
+        )
+
+    def _texture_bodies(self) -> None:
+        """One seeded noise texture over all bodies, for PyBullet's own renderers."""
+        noise = stream(self.scene.seed, Purpose.SURFACE).integers(90, 256, (256, 256), dtype=np.uint8)
+        with tempfile.TemporaryDirectory() as folder:
+            path = str(Path(folder) / "noise.png")
+            cv2.imwrite(path, cv2.cvtColor(cv2.GaussianBlur(noise, (0, 0), 1.0), cv2.COLOR_GRAY2BGR))
+            texture = pybullet.loadTexture(path, physicsClientId=self.client)
+        for body in [*self.bodies, *self.drone_ids]:
+            pybullet.changeVisualShape(body, -1, textureUniqueId=texture, physicsClientId=self.client)
+
+    def _read_motion(self) -> None:
+        bullet, client = pybullet, self.client
+        poses = [bullet.getBasePositionAndOrientation(body, physicsClientId=client) for body in self.drone_ids]
+        motions = [bullet.getBaseVelocity(body, physicsClientId=client) for body in self.drone_ids]
+        self._position = np.array([p for p, _ in poses]).reshape(-1, 3)
+        self._attitude = np.array([q for _, q in poses]).reshape(-1, 4)
+        self._velocity = np.array([v for v, _ in motions]).reshape(-1, 3)
+        self._rates = np.array([w for _, w in motions]).reshape(-1, 3)
+
+    def _collect_contacts(self, velocity_before: FloatArray) -> list[Contact]:
+        new: list[Contact] = []
+        for point in pybullet.getContactPoints(physicsClientId=self.client):
+            a, b, distance_m = point[1], point[2], point[8]
+            pair = (min(a, b), max(a, b))
+            if distance_m > 0 or pair in self._touched:
+                continue
+            self._touched.add(pair)
+            drones = sorted(self._drone_of_body[body] for body in pair if body in self._drone_of_body)
+            if drones:
+                new.append(self._contact(drones, pair, velocity_before))
+        self.contacts.extend(new)
+        return new
+
+    def _contact(self, drones: list[int], pair: tuple[int, int], velocity_before: FloatArray) -> Contact:
+        drone = drones[0]
+        relative = velocity_before[drone].copy()
+        if len(drones) == 2:
+            other, kind = f"drone-{drones[1]}", "drone"
+            relative -= velocity_before[drones[1]]
+        else:
+            static = self.bodies[next(body for body in pair if body in self.bodies)]
+            other, kind = static.name, static.kind
+        return Contact(
+            time_s=self.time_s, drone=drone, other=other, kind=kind, speed_m_s=float(np.linalg.norm(relative))
+        )
+
+    def _nearest_m(self, at_m: FloatArray, radius_m: float, horizon_m: float, own_body: int | None) -> float:
+        """Signed distance from a sphere to the nearest other body; drones count only for a drone."""
+        reach = horizon_m + radius_m
+        low, high = (at_m - reach).tolist(), (at_m + reach).tolist()
+        nearest = horizon_m
+        probe = self._probe(radius_m)
+        for body, _ in pybullet.getOverlappingObjects(low, high, physicsClientId=self.client) or ():
+            if body == own_body or (own_body is None and body in self.drone_ids):
+                continue
+            points: Any = pybullet.getClosestPoints(
+                body, -1, horizon_m, collisionShapeA=-1, collisionShapeB=probe,
+                collisionShapePositionB=at_m.tolist(), physicsClientId=self.client,
+            )
+            nearest = min([nearest, *(point[8] for point in points)])
+        return float(nearest)
+
+    def _probe(self, radius_m: float) -> int:
+        """A collision sphere without a body, for distance queries; Bullet needs a positive radius."""
+        if not hasattr(self, "_probes"):
+            self._probes: dict[float, int] = {}
+        if radius_m not in self._probes:
+            self._probes[radius_m] = pybullet.createCollisionShape(
+                pybullet.GEOM_SPHERE, radius=max(radius_m, 1e-3), physicsClientId=self.client
+            )
+        return self._probes[radius_m]
+
+    def _refuse_bad_starts(self) -> None:
+        pybullet.performCollisionDetection(physicsClientId=self.client)
+        for drone in range(self.n_drones):
+            room = self.clearance_m(drone, 1.0)
+            if room <= 0:
+                x, y, z = self._position[drone]
+                raise SceneError(
+                    f"drone {drone} starts at ({x:.2f}, {y:.2f}, {z:.2f}) m in touch with another body; "
+                    "move the start or spread the formation"
+                )

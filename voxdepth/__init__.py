@@ -1,0 +1,46 @@
+"""Depth correction for stereo cameras: holes filled from a fused voxel cloud, flicker removed.
+
+    from voxdepth import Frame, Intrinsics, VoxDepth
+
+    corrector = VoxDepth(Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=86))
+    corrected = corrector.process(Frame(stamp_s=0.0, gray=gray, depth_m=depth_m))
+"""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .config import VoxDepthConfig
+    from .corrector import VoxDepth
+    from .registry import create_corrector
+    from .types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source
+
+__all__ = [
+    "CorrectedDepth",
+    "DepthCorrector",
+    "Frame",
+    "Intrinsics",
+    "Source",
+    "VoxDepth",
+    "VoxDepthConfig",
+    "create_corrector",
+]
+
+_HOMES = {
+    "VoxDepth": "corrector",
+    "VoxDepthConfig": "config",
+    "create_corrector": "registry",
+    "CorrectedDepth": "types",
+    "DepthCorrector": "types",
+    "Frame": "types",
+    "Intrinsics": "types",
+    "Source": "types",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name on first use, so that `import voxdepth` stays light."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'voxdepth' has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f".{_HOMES[name]}", __name__), name)

@@ -1,0 +1,1 @@
+"""Comparators: one file each, all behind `voxdepth.types.DepthCorrector`."""

@@ -1,0 +1,191 @@
+"""Plain data that every package exchanges: cameras, frames and corrected depth.
+
+Conventions: `T_a_b` maps coordinates in b to coordinates in a; the camera frame is x right, y down,
+z forward; pixel centres lie at integer coordinates; depth is along the optical axis, 0 = invalid.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from .errors import FrameError
+
+__all__ = [
+    "CorrectedDepth",
+    "DepthCorrector",
+    "FloatArray",
+    "FloatImage",
+    "Frame",
+    "GrayImage",
+    "Intrinsics",
+    "MaskImage",
+    "Phase",
+    "Registration",
+    "RegistrationStatus",
+    "Source",
+]
+
+FloatArray = npt.NDArray[np.float64]
+FloatImage = npt.NDArray[np.float32]
+GrayImage = npt.NDArray[np.uint8]
+MaskImage = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Intrinsics:
+    """Pinhole camera without distortion: `u = fx x/z + cx`, `v = fy y/z + cy`."""
+
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    width_px: int
+    height_px: int
+    baseline_m: float | None = None
+    """Distance to the right camera [m]; None for a camera that is not a stereo pair."""
+
+    def __post_init__(self) -> None:
+        if min(self.fx_px, self.fy_px) <= 0 or min(self.width_px, self.height_px) < 1:
+            raise FrameError(
+                f"intrinsics need positive focal lengths and an image size of at least 1x1, got fx={self.fx_px}, "
+                f"fy={self.fy_px}, {self.width_px}x{self.height_px}"
+            )
+        if self.baseline_m is not None and self.baseline_m <= 0:
+            raise FrameError(f"the stereo baseline must be positive, got {self.baseline_m} m")
+
+    @classmethod
+    def from_hfov(
+        cls, *, width_px: int, height_px: int, hfov_deg: float, baseline_m: float | None = None
+    ) -> "Intrinsics":
+        """Centred camera with square pixels and a horizontal field of view of `hfov_deg` in (0, 180)."""
+        if not 0 < hfov_deg < 180:
+            raise FrameError(f"the horizontal field of view must lie in (0, 180) degrees, got {hfov_deg}")
+        focal_px = width_px / 2 / float(np.tan(np.radians(hfov_deg) / 2))
+        return cls(
+            fx_px=focal_px,
+            fy_px=focal_px,
+            cx_px=(width_px - 1) / 2,
+            cy_px=(height_px - 1) / 2,
+            width_px=width_px,
+            height_px=height_px,
+            baseline_m=baseline_m,
+        )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Image shape (H, W)."""
+        return self.height_px, self.width_px
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Frame:
+    """One measurement as a robot has it: gray image, depth, and perhaps its own pose estimate."""
+
+    stamp_s: float
+    """Time of capture [s]; strictly increasing within a stream."""
+    gray: GrayImage
+    """Left image, shape (H, W), uint8."""
+    depth_m: FloatImage
+    """Depth along the optical axis [m], shape (H, W), float32, finite; 0 = invalid."""
+    T_world_cam: FloatArray | None = None
+    """The caller's own pose estimate, shape (4, 4); None when there is none."""
+
+    def __post_init__(self) -> None:
+        if self.gray.ndim != 2 or self.gray.dtype != np.uint8:
+            raise FrameError(f"gray must be uint8 of shape (H, W), got {self.gray.dtype} of shape {self.gray.shape}")
+        if self.depth_m.shape != self.gray.shape or self.depth_m.dtype != np.float32:
+            raise FrameError(
+                f"depth_m must be float32 of shape {self.gray.shape} like gray, got {self.depth_m.dtype} of shape "
+                f"{self.depth_m.shape}; divide 16-bit millimetres by 1000 first"
+            )
+        if self.depth_m.size == 0:
+            raise FrameError("the images of a frame are empty")
+        low, high = float(self.depth_m.min()), float(self.depth_m.max())
+        if not (low >= 0 and high < np.inf):
+            raise FrameError(
+                f"depth_m must be finite and not negative (0 = invalid), got values from {low} to {high} m; "
+                "replace NaN, infinite and negative values by 0"
+            )
+
+
+class Source(IntEnum):
+    """Where the depth of a pixel comes from."""
+
+    INVALID = 0
+    SENSOR = 1
+    TEMPLATE = 2
+    INPAINTED = 3
+
+
+class Phase(StrEnum):
+    """What a corrector was doing when it returned a frame."""
+
+    PASSTHROUGH = "passthrough"
+    """The frame left without a template: raw depth, at most smoothed."""
+    FUSING = "fusing"
+    """A window is being collected; the previous template corrects meanwhile."""
+    CORRECTING = "correcting"
+    """The template of the running epoch corrects."""
+
+
+class RegistrationStatus(StrEnum):
+    """How the alignment of the template with the frame went."""
+
+    NOT_TRIED = "not_tried"
+    OK = "ok"
+    FEW_MATCHES = "few_matches"
+    DEGENERATE = "degenerate"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Registration:
+    """Alignment of the template with a frame; failure is a value, not an exception."""
+
+    M_frame_template: FloatArray
+    """Affine map from template pixels to frame pixels, shape (2, 3)."""
+    n_matches: int
+    """Number of good feature matches."""
+    n_inliers: int
+    status: RegistrationStatus
+
+    @property
+    def ok(self) -> bool:
+        """True if the template may be used."""
+        return self.status is RegistrationStatus.OK
+
+    @classmethod
+    def identity(cls, status: RegistrationStatus, *, n_matches: int = 0) -> "Registration":
+        """A registration that moves nothing."""
+        return cls(M_frame_template=np.eye(2, 3), n_matches=n_matches, n_inliers=0, status=status)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CorrectedDepth:
+    """What a corrector returns for one frame."""
+
+    depth_m: FloatImage
+    """Depth along the optical axis [m], shape (H, W), float32; 0 = invalid."""
+    source: GrayImage
+    """One `Source` per pixel, shape (H, W), uint8."""
+    confidence: FloatImage
+    """Trust per pixel in 0..1, shape (H, W), float32; 0 where invalid."""
+    phase: Phase
+    registration: Registration
+    timings_s: Mapping[str, float] = field(default_factory=dict)
+    """Wall-clock time of each step [s], for benchmarks; never part of a result."""
+
+
+class DepthCorrector(Protocol):
+    """Anything that repairs a stream of depth frames, one at a time and in order."""
+
+    def process(self, frame: Frame) -> CorrectedDepth:
+        """Correct one frame. The input is not modified."""
+        ...
+
+    def reset(self) -> None:
+        """Forget the stream; the next frame starts a new one."""
+        ...
