@@ -8,6 +8,11 @@ from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics
 from voxdepth.model import Model
 from .types import Choice, Histogram
 
+WIDEST_BLOCK = 0.7
+"""Sine of the widest angle that a surface blocks."""
+FORBIDDEN = 100.0
+"""Cost of a direction in which there is less room than the safe radius."""
+
 
 class AvoidanceConfig(Model):
     """How near a drone goes to things, and what it makes of what it cannot see."""
@@ -120,7 +125,7 @@ class Avoidance:
         """The velocity nearest to a wanted one that is safe.
 
         A wish to go where the camera does not look is granted if it is slow. Else the drone flies by what it sees, and
-        stops and turns when the way leads backwards.
+        stops and turns when the way leads backwards. In a dead end it turns to where there is most room.
 
         Args:
             wanted_m_s: Wanted velocity, shape (3,).
@@ -136,6 +141,8 @@ class Avoidance:
                 return Choice(velocity_m_s=np.zeros(3), direction=goal, cell=None, clear_m=0.0)
         directions = histogram.directions_world.reshape(-1, 3)
         clear_m = self._clear(directions, histogram)
+        if (clear_m <= self._config.safe_radius_m).all():
+            clear_m = histogram.range_m.ravel()
         best = int(np.argmin(self._cost(directions, clear_m, goal, previous)))
         direction = self._refine(goal, directions[best], histogram)
         limit = self._speed_limit(float(clear_m[best]))
@@ -154,13 +161,14 @@ class Avoidance:
     def _clear(self, directions: FloatArray, histogram: Histogram) -> FloatArray:
         """Free distance in each direction, shape (n,).
 
-        A surface at range r blocks all directions within asin(r_safe / r) of it. Unknown cells block only their own.
+        A surface at range r blocks all directions within asin(r_safe / r) of it, but never more than 45 degrees: what is
+        already too near must not forbid to leave sideways. Unknown cells block only their own.
         """
         range_m = histogram.range_m.ravel()
         angle = np.arccos(np.clip(directions @ directions.T, -1, 1))
-        blocks_within = np.arcsin(np.clip(self._config.safe_radius_m / np.maximum(range_m, 1e-6), 0, 1))
-        blocks_within[histogram.unknown.ravel()] = 1e-6
-        blocked = angle <= np.maximum(blocks_within, 1e-6)[None, :]
+        blocks_within = np.arcsin(np.minimum(self._config.safe_radius_m / np.maximum(range_m, 1e-6), WIDEST_BLOCK))
+        blocks_within[histogram.unknown.ravel()] = 0
+        blocked = angle <= blocks_within[None, :]
         np.fill_diagonal(blocked, True)
         return np.where(blocked, range_m[None, :], np.inf).min(axis=1)
 
@@ -169,6 +177,7 @@ class Avoidance:
     ) -> FloatArray:
         c = self._config
         cost = c.clear_weight * np.maximum(0, 1 - clear_m / c.horizon_m) ** 2
+        cost[clear_m <= c.safe_radius_m] += FORBIDDEN
         cost += c.goal_weight * np.arccos(np.clip(directions @ goal, -1, 1))
         cost += c.climb_weight * np.abs(np.arcsin(np.clip(directions[:, 2], -1, 1)) - np.arcsin(np.clip(goal[2], -1, 1)))
         if previous is not None:
