@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field, model_validator
 
-from voxdepth.types import FloatArray, Intrinsics
+from voxdepth.types import FloatArray, GrayImage, Intrinsics
 
 from . import frames
 from .model import Model
@@ -63,11 +63,12 @@ class StereoRig:
         renderer: Made for the same world.
         config: Of every camera.
         seed: Master seed of all noise.
+        gray: Whether the gray images are wanted; without them they are black, unless the depth tier needs them.
         pool_map: Runs the drones' depth side by side; the result is the same with any.
     """
 
     def __init__(
-        self, world: World, renderer: Renderer, config: RigConfig, *, seed: int, pool_map: Mapper = map
+        self, world: World, renderer: Renderer, config: RigConfig, *, seed: int, gray: bool = True, pool_map: Mapper = map
     ) -> None:
         self._world = world
         self._renderer = renderer
@@ -75,6 +76,7 @@ class StereoRig:
         self._seed = seed
         self._map = pool_map
         self.intrinsics = config.intrinsics
+        self._gray = gray or config.depth == "stereo"
         self._tier = make_tier(config, seed=seed, n_drones=world.n_drones)
 
     def capture(self, drones: Sequence[int], frame: int) -> list[Capture]:
@@ -87,7 +89,7 @@ class StereoRig:
         states = self._world.states
         lefts = [self._camera(states[i], +0.5) for i in drones]
         rights = [self._camera(states[i], -0.5) for i in drones] if self._tier.needs_right else []
-        images = self._renderer.render([*lefts, *rights])
+        images = self._renderer.render([*lefts, *rights], gray=self._gray)
         seen: list[Images | None] = [*images[len(lefts) :]] or [None] * len(lefts)
         jobs = zip(drones, lefts, images, seen, strict=False)
         return list(self._map(lambda job: self._capture(frame, *job), list(jobs)))
@@ -98,14 +100,13 @@ class StereoRig:
         return Camera(T_world_cam=T_world_cam, intrinsics=self.intrinsics)
 
     def _capture(self, frame: int, drone: int, camera: Camera, left: Images, right: Images | None) -> Capture:
-        sigma, seed = self._config.photon_sigma, self._seed
         view = StereoView(
             drone=drone,
             frame=frame,
             left=left,
             right=right,
-            gray_left=photon_noise(left.gray, sigma, drone, frame, 0, seed=seed),
-            gray_right=None if right is None else photon_noise(right.gray, sigma, drone, frame, 1, seed=seed),
+            gray_left=self._exposed(left, drone, frame, 0),
+            gray_right=None if right is None else self._exposed(right, drone, frame, 1),
         )
         measured = self._tier.measure(view)
         return Capture(
@@ -120,6 +121,12 @@ class StereoRig:
             T_world_cam=camera.T_world_cam,
             intrinsics=self.intrinsics,
         )
+
+    def _exposed(self, images: Images, *key: int) -> GrayImage:
+        """The gray image as the camera delivers it."""
+        if not self._gray:
+            return images.gray
+        return photon_noise(images.gray, self._config.photon_sigma, *key, seed=self._seed)
 
 
 def make_tier(config: RigConfig, *, seed: int, n_drones: int) -> DepthTier:

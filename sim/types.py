@@ -1,5 +1,6 @@
 """Plain data of the simulator."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -75,8 +76,8 @@ class Images:
 class Renderer(Protocol):
     """Renders cameras in the world that it was made for."""
 
-    def render(self, cameras: "list[Camera]") -> list[Images]:
-        """One `Images` per camera, of the world as it is now."""
+    def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
+        """One `Images` per camera, of the world as it is now. Without `gray` the gray images may be black."""
         ...
 
 

@@ -1,6 +1,7 @@
 """Figures of a mission, gathered while it runs. Clearance has one definition: from collision sphere to surface."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,6 +26,27 @@ def separation_m(states: Sequence[DroneState], radius_m: float) -> float:
     return float(distance.min()) - 2 * radius_m
 
 
+@dataclass(frozen=True, kw_only=True)
+class DepthComparison:
+    """Errors before and after correction."""
+
+    raw: DepthErrors = DepthErrors()
+    corrected: DepthErrors = DepthErrors()
+
+    @classmethod
+    def of(cls, capture: Capture, corrected: CorrectedDepth) -> "DepthComparison":
+        """Of one image. A corrector that changed nothing is not judged twice."""
+        raw = depth_errors(capture.depth_raw_m, capture.depth_true_m, max_range_m=JUDGED_RANGE_M)
+        if corrected.depth_m is capture.depth_raw_m:
+            return cls(raw=raw, corrected=raw)
+        return cls(
+            raw=raw, corrected=depth_errors(corrected.depth_m, capture.depth_true_m, max_range_m=JUDGED_RANGE_M)
+        )
+
+    def __add__(self, other: "DepthComparison") -> "DepthComparison":
+        return DepthComparison(raw=self.raw + other.raw, corrected=self.corrected + other.corrected)
+
+
 class MissionMetrics:
     """Accumulates what the report needs."""
 
@@ -35,8 +57,7 @@ class MissionMetrics:
         self._formation_errors_m: list[float] = []
         self._min_separation_m = float("inf")
         self._min_clearance_m = float("inf")
-        self._raw = DepthErrors()
-        self._corrected = DepthErrors()
+        self._depth = DepthComparison()
 
     def sample(self, states: list[DroneState], slots_m: FloatArray) -> dict[str, float]:
         """Take in one control tick, and return its figures by name."""
@@ -55,11 +76,9 @@ class MissionMetrics:
         self._times_s.append(self._world.time_s)
         return now
 
-    def depth(self, capture: Capture, corrected: CorrectedDepth) -> None:
-        """Take in the errors of one image, before and after correction."""
-        truth_m = capture.depth_true_m
-        self._raw += depth_errors(capture.depth_raw_m, truth_m, max_range_m=JUDGED_RANGE_M)
-        self._corrected += depth_errors(corrected.depth_m, truth_m, max_range_m=JUDGED_RANGE_M)
+    def add_depth(self, errors: "DepthComparison") -> None:
+        """Take in the errors of one image."""
+        self._depth += errors
 
     def trajectories(self) -> tuple[Trajectory, ...]:
         """One per drone."""
@@ -85,8 +104,8 @@ class MissionMetrics:
             "min_clearance_m": _finite(self._min_clearance_m),
             "formation_error_mean_m": float(np.mean(self._formation_errors_m)) if self._formation_errors_m else None,
             "dropped_frames": dropped_frames,
-            **_depth_figures("raw", self._raw),
-            **_depth_figures("corrected", self._corrected),
+            **_depth_figures("raw", self._depth.raw),
+            **_depth_figures("corrected", self._depth.corrected),
         }
 
 

@@ -16,7 +16,7 @@ from .agents import Agent, Follower, Leader
 from .errors import MissionError
 from .formation import FormationConfig
 from .link import Link, LinkConfig
-from .metrics import MissionMetrics
+from .metrics import DepthComparison, MissionMetrics
 from .perception import Perception
 from .pilot import Pilot, PilotConfig, Situation
 from .recorder import Recorder
@@ -159,13 +159,14 @@ class Mission:
             return
         ready = [i for i, perception in enumerate(self._perceptions) if perception.ready(self.time_s)]
         captures = self._rig.capture(ready, self._ticks // self._ticks_per_frame)
-        for capture, corrected in zip(captures, self._map(self._see, captures), strict=True):
-            self._metrics.depth(capture, corrected)
+        for capture, (corrected, errors) in zip(captures, self._map(self._see, captures), strict=True):
+            self._metrics.add_depth(errors)
             histogram = self._perceptions[capture.drone].newest_histogram
             self._recorder.capture(self._world.steps, capture, corrected, histogram)
 
-    def _see(self, capture: Capture) -> CorrectedDepth:
-        return self._perceptions[capture.drone].see(capture)
+    def _see(self, capture: Capture) -> tuple[CorrectedDepth, DepthComparison]:
+        corrected = self._perceptions[capture.drone].see(capture)
+        return corrected, DepthComparison.of(capture, corrected)
 
     def _decide(self) -> None:
         states = self._world.states

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from voxdepth.model import Model
-from voxdepth.types import FloatArray
+from voxdepth.types import FloatArray, MaskImage
 
 from .obstacles import braking_speed
 from .types import Histogram, Neighbour
@@ -28,20 +28,19 @@ class NearbyConfig(Model):
     decel_m_s2: float = Field(2.5, gt=0)
     gain_per_s: float = Field(1.5, gt=0)
 
-    def approach_speed(self, room_m: float) -> float:
-        """Largest speed towards something with `room_m` left: the braking curve; negative, so back off, without room."""
-        if room_m < 0:
-            return self.gain_per_s * room_m
-        return braking_speed(room_m, decel_m_s2=self.decel_m_s2, gain_per_s=self.gain_per_s)
+    def approach_speed(self, room_m: FloatArray) -> FloatArray:
+        """Largest speed towards things with `room_m` left: the braking curve; negative, so back off, without room."""
+        braking = braking_speed(room_m, decel_m_s2=self.decel_m_s2, gain_per_s=self.gain_per_s)
+        return np.where(room_m < 0, self.gain_per_s * room_m, braking)
 
 
-class ApproachLimit(NamedTuple):
-    """A bound on the velocity along one direction."""
+class ApproachLimits(NamedTuple):
+    """Bounds on the velocity along some directions."""
 
     towards: FloatArray
-    """Unit vector, shape (3,)."""
-    speed_m_s: float
-    """Largest speed along it; negative demands to back off."""
+    """Unit vectors, shape (n, 3)."""
+    speed_m_s: FloatArray
+    """Largest speed along each, shape (n,); negative demands to back off."""
 
 
 class NearbyMemory:
@@ -61,44 +60,37 @@ class NearbyMemory:
             points = points[((points - neighbour.position_m) ** 2).sum(axis=1) > 1.0]
         self._seen.append((stamp_s, points))
 
-    def limits(self, position_m: FloatArray) -> list["ApproachLimit"]:
+    def limits(self, position_m: FloatArray) -> ApproachLimits:
         """How fast the drone may come nearer to each remembered surface."""
-        if not self._seen:
-            return []
-        offsets = np.concatenate([points for _, points in self._seen]) - position_m
-        distance_m = np.sqrt((offsets * offsets).sum(axis=1))
-        close = (distance_m < self._config.radius_m) & (distance_m > 1e-6)
-        return [
-            ApproachLimit(offset / distance, self._config.approach_speed(distance - self._config.keep_m))
-            for offset, distance in zip(offsets[close], distance_m[close], strict=True)
-        ]
+        points = np.concatenate([np.empty((0, 3)), *(points for _, points in self._seen)])
+        towards, distance_m, _ = _near(points - position_m, self._config.radius_m)
+        return ApproachLimits(towards, self._config.approach_speed(distance_m - self._config.keep_m))
 
 
-def neighbour_limits(
-    position_m: FloatArray, neighbours: Sequence[Neighbour], config: NearbyConfig
-) -> list[ApproachLimit]:
+def neighbour_limits(position_m: FloatArray, neighbours: Sequence[Neighbour], config: NearbyConfig) -> ApproachLimits:
     """How fast a drone may fly towards each neighbour, whose own motion away counts in favour."""
-    limits = []
-    for neighbour in neighbours:
-        offset = neighbour.position_m - position_m
-        distance_m = float(np.linalg.norm(offset))
-        if 1e-6 < distance_m < config.radius_m:
-            towards = offset / distance_m
-            closing = config.approach_speed(distance_m - config.keep_drone_m)
-            limits.append(ApproachLimit(towards, closing + float(neighbour.velocity_m_s @ towards)))
-    return limits
+    positions = np.array([n.position_m for n in neighbours]).reshape(-1, 3)
+    velocities = np.array([n.velocity_m_s for n in neighbours]).reshape(-1, 3)
+    towards, distance_m, close = _near(positions - position_m, config.radius_m)
+    own_motion = (velocities[close] * towards).sum(axis=1)
+    return ApproachLimits(towards, config.approach_speed(distance_m - config.keep_drone_m) + own_motion)
 
 
-def restrain(velocity_m_s: FloatArray, limits: Sequence[ApproachLimit]) -> FloatArray:
+def restrain(velocity_m_s: FloatArray, *limits: ApproachLimits) -> FloatArray:
     """The velocity without what breaks a limit. The worst offence is mended first; a few rounds settle corners."""
-    if not limits:
-        return velocity_m_s
-    towards = np.array([limit.towards for limit in limits])
-    allowed = np.array([limit.speed_m_s for limit in limits])
-    for _ in range(4):
+    towards = np.concatenate([limit.towards for limit in limits])
+    allowed = np.concatenate([limit.speed_m_s for limit in limits])
+    for _ in range(4 if len(towards) else 0):
         excess = towards @ velocity_m_s - allowed
         worst = int(np.argmax(excess))
         if excess[worst] <= 1e-6:
             break
         velocity_m_s = velocity_m_s - excess[worst] * towards[worst]
     return velocity_m_s
+
+
+def _near(offsets_m: FloatArray, radius_m: float) -> tuple[FloatArray, FloatArray, MaskImage]:
+    """Directions (k, 3) and distances (k,) of the offsets within a radius, and which ones (n,) those are."""
+    distance_m = np.sqrt((offsets_m * offsets_m).sum(axis=1))
+    close = (distance_m < radius_m) & (distance_m > 1e-6)
+    return offsets_m[close] / distance_m[close][:, None], distance_m[close], close

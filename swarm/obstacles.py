@@ -45,23 +45,24 @@ class AvoidanceConfig(Model):
     """Speed up to which a drone shifts in directions outside of the image without turning there first."""
 
 
-def braking_speed(distance_m: float, *, decel_m_s2: float, gain_per_s: float) -> float:
+def braking_speed(distance_m: float | FloatArray, *, decel_m_s2: float, gain_per_s: float) -> FloatArray:
     """Speed from which a drone can stop within a distance: linear when close, a square root beyond.
 
     `D(x) = 0 for x <= 0; p x for x < a/p^2; sqrt(2 a x - a^2/p^2) otherwise` is smooth where its parts meet
     (Vasarhelyi et al. 2018, Sci. Robot. 3, eaat3536).
 
     Args:
-        distance_m: Free distance [m].
+        distance_m: Free distances [m], of any shape.
         decel_m_s2: Deceleration a in the outer part.
         gain_per_s: Slope p in the inner part.
+
+    Returns:
+        Speeds [m/s], shaped like `distance_m`.
     """
     a, p = decel_m_s2, gain_per_s
-    if distance_m <= 0:
-        return 0.0
-    if distance_m < a / p**2:
-        return p * distance_m
-    return float(np.sqrt(2 * a * distance_m - (a / p) ** 2))
+    x = np.maximum(distance_m, 0.0)
+    outer = np.sqrt(np.maximum(2 * a * x - (a / p) ** 2, 0.0))
+    return np.where(x < a / p**2, p * x, outer)
 
 
 class HistogramBuilder:
@@ -83,6 +84,8 @@ class HistogramBuilder:
         grid_y, grid_x = np.meshgrid(cell_y, cell_x, indexing="ij")
         directions = np.stack([grid_x, grid_y, np.ones_like(grid_x)], axis=-1)
         self._directions_cam = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+        flat = self._directions_cam.reshape(-1, 3)
+        self._angle_rad = np.arccos(np.clip(flat @ flat.T, -1, 1))
 
     def build(self, corrected: CorrectedDepth, T_world_cam: FloatArray) -> Histogram:
         """The histogram of a corrected image; `T_world_cam`, shape (4, 4), is the drone's own estimate."""
@@ -102,6 +105,7 @@ class HistogramBuilder:
             range_m=nearest_m,
             unknown=unknown,
             directions_world=self._directions_cam @ R_world_cam.T,
+            angle_rad=self._angle_rad,
             forward_world=R_world_cam[:, 2],
         )
 
@@ -140,7 +144,7 @@ class Avoidance:
             if float(goal @ histogram.forward_world) < 0:
                 return Choice(velocity_m_s=np.zeros(3), direction=goal, cell=None, clear_m=0.0)
         directions = histogram.directions_world.reshape(-1, 3)
-        clear_m = self._clear(directions, histogram)
+        clear_m = self._clear(histogram)
         if (clear_m <= self._config.safe_radius_m).all():
             clear_m = histogram.range_m.ravel()
         best = int(np.argmin(self._cost(directions, clear_m, goal, previous)))
@@ -158,17 +162,16 @@ class Avoidance:
         cos_to_cells = histogram.directions_world.reshape(-1, 3) @ goal
         return bool(cos_to_cells.max() > np.cos(np.radians(8.0)))
 
-    def _clear(self, directions: FloatArray, histogram: Histogram) -> FloatArray:
+    def _clear(self, histogram: Histogram) -> FloatArray:
         """Free distance in each direction, shape (n,).
 
         A surface at range r blocks all directions within asin(r_safe / r) of it, but never more than 45 degrees: what is
         already too near must not forbid to leave sideways. Unknown cells block only their own.
         """
         range_m = histogram.range_m.ravel()
-        angle = np.arccos(np.clip(directions @ directions.T, -1, 1))
         blocks_within = np.arcsin(np.minimum(self._config.safe_radius_m / np.maximum(range_m, 1e-6), WIDEST_BLOCK))
         blocks_within[histogram.unknown.ravel()] = 0
-        blocked = angle <= blocks_within[None, :]
+        blocked = histogram.angle_rad <= blocks_within[None, :]
         np.fill_diagonal(blocked, True)
         return np.where(blocked, range_m[None, :], np.inf).min(axis=1)
 
@@ -192,6 +195,6 @@ class Avoidance:
 
     def _speed_limit(self, clear_m: float) -> float:
         c = self._config
-        return braking_speed(
-            clear_m - c.safe_radius_m, decel_m_s2=c.max_decel_m_s2, gain_per_s=c.brake_gain_per_s
+        return float(
+            braking_speed(clear_m - c.safe_radius_m, decel_m_s2=c.max_decel_m_s2, gain_per_s=c.brake_gain_per_s)
         )

@@ -9,7 +9,7 @@ from sim.types import DroneState, VelocityCommand
 from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
-from .nearby import ApproachLimit, NearbyConfig, NearbyMemory, neighbour_limits, restrain
+from .nearby import NearbyConfig, NearbyMemory, neighbour_limits, restrain
 from .obstacles import Avoidance, AvoidanceConfig
 from .perception import Percept
 from .types import Decision, Neighbour
@@ -59,7 +59,11 @@ class Pilot:
         choice = self._avoidance.choose(wanted_m_s, percept.histogram, self._previous)
         self._previous = choice.direction
         self._turn_to(choice.direction, float(np.linalg.norm(wanted_m_s)))
-        velocity_m_s = restrain(choice.velocity_m_s, self._limits(situation))
+        velocity_m_s = restrain(
+            choice.velocity_m_s,
+            self._nearby.limits(situation.own.position_m),
+            neighbour_limits(situation.own.position_m, situation.neighbours, self._config.nearby),
+        )
         command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=self._yaw_rad)
         return Decision(command=command, wanted_velocity_m_s=wanted_m_s, choice=choice)
 
@@ -67,11 +71,6 @@ class Pilot:
         if percept.stamp_s > self._last_stamp_s:
             self._last_stamp_s = percept.stamp_s
             self._nearby.remember(percept.stamp_s, percept.histogram, situation.neighbours)
-
-    def _limits(self, situation: Situation) -> list[ApproachLimit]:
-        position_m = situation.own.position_m
-        walls = self._nearby.limits(position_m)
-        return walls + neighbour_limits(position_m, situation.neighbours, self._config.nearby)
 
     def _turn_to(self, direction: FloatArray, wanted_speed_m_s: float) -> None:
         """Turn the heading towards a direction, unless there is hardly any wish to move."""

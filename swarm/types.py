@@ -35,6 +35,8 @@ class Histogram:
     """Cells with too few trusted pixels, shape (rows, cols)."""
     directions_world: FloatArray
     """Unit vector through each cell in the world frame at the time of capture, shape (rows, cols, 3)."""
+    angle_rad: FloatArray
+    """Angle between the directions of any two cells, shape (rows * cols, rows * cols)."""
     forward_world: FloatArray
     """Optical axis in the world frame, shape (3,)."""
 

@@ -57,6 +57,8 @@ class VoxDepth:
         config: Defaults to `VoxDepthConfig()`.
     """
 
+    uses_gray = True
+
     def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig | None = None) -> None:
         self._intrinsics = intrinsics
         self._config = config or VoxDepthConfig()

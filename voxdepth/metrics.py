@@ -57,10 +57,10 @@ def depth_errors(depth_m: FloatImage, truth_m: FloatImage, *, max_range_m: float
     """
     judged = truth_m <= max_range_m
     filled = judged & (depth_m > 0)
-    depth, truth = depth_m[filled].astype(np.float64), truth_m[filled].astype(np.float64)
+    depth, truth = depth_m[filled], truth_m[filled]
     return DepthErrors(
         pixels=int(np.count_nonzero(judged)),
-        filled=int(np.count_nonzero(filled)),
-        abs_error_m=float(np.abs(depth - truth).sum()),
-        too_far=int(np.count_nonzero(depth > TOO_FAR * truth)),
+        filled=len(depth),
+        abs_error_m=float(np.abs(depth - truth).sum(dtype=np.float64)),
+        too_far=int(np.count_nonzero(depth > np.float32(TOO_FAR) * truth)),
     )

@@ -182,6 +182,9 @@ class CorrectedDepth:
 class DepthCorrector(Protocol):
     """Anything that repairs a stream of depth frames, one at a time and in order."""
 
+    uses_gray: bool
+    """Whether the gray images matter; a simulator need not render them otherwise."""
+
     def process(self, frame: Frame) -> CorrectedDepth:
         """Correct one frame. The input is not modified."""
         ...

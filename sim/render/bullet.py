@@ -21,8 +21,8 @@ class TinyRenderer:
     def __init__(self, world: World) -> None:
         self._client = world.client
 
-    def render(self, cameras: Sequence[Camera]) -> list[Images]:
-        """One `Images` per camera, of the world as it is now."""
+    def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
+        """One `Images` per camera, of the world as it is now; `gray` comes anyhow."""
         return [self._render(camera) for camera in cameras]
 
     def _render(self, camera: Camera) -> Images:

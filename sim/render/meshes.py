@@ -1,5 +1,6 @@
 """Triangle meshes of PyBullet's visual shapes, in their own frames."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,7 @@ from voxdepth.types import FloatArray
 from .. import frames
 from ..errors import RenderError
 
-ROUND_SEGMENTS = 48
+ROUND_SEGMENTS = 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +34,15 @@ def mesh_of_body(body: int, client: int) -> Mesh:
     if not shapes:
         raise RenderError(f"body {body} has no visual shape: give it one, or cameras and collisions would disagree")
     parts = [_placed(_mesh_of_shape(shape, body), shape[5], shape[6]) for shape in shapes]
-    offsets = np.cumsum([0, *(len(part.vertices_m) for part in parts[:-1])])
+    return merged(parts)
+
+
+def merged(meshes: Sequence[Mesh]) -> Mesh:
+    """Several meshes as one, triangles in order."""
+    offsets = np.cumsum([0, *(len(mesh.vertices_m) for mesh in meshes[:-1])])
     return Mesh(
-        np.concatenate([part.vertices_m for part in parts]),
-        np.concatenate([part.triangles + np.uint32(at) for part, at in zip(parts, offsets, strict=True)]),
+        np.concatenate([mesh.vertices_m for mesh in meshes]),
+        np.concatenate([mesh.triangles + np.uint32(at) for mesh, at in zip(meshes, offsets, strict=True)]),
     )
 
 

@@ -2,67 +2,110 @@
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pybullet
 import warp as wp
 
-from voxdepth.types import FloatArray, Intrinsics
+from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics
 
 from .. import frames
+from ..errors import RenderError
 from ..open3d_import import open3d
 from ..scenes import Surface
 from ..seeds import Purpose, stream
-from ..types import Camera, Images
+from ..types import Camera, IdImage, Images
 from ..world import DRONE_SURFACE, World
 from . import shading
-from .meshes import Mesh, mesh_of_body
+from .meshes import Mesh, merged, mesh_of_body
 
 SUN_DIRECTION = np.array([0.45, -0.35, 0.82]) / np.linalg.norm([0.45, -0.35, 0.82])
 SHADING_THREADS = 2
 
 Rays = npt.NDArray[np.float32]
-Hits = tuple[npt.NDArray[Any], ...]
+
+
+class Hits(NamedTuple):
+    """What rays hit first; of one camera, or of several along a first axis."""
+
+    depth_m: FloatImage
+    """+inf where nothing is hit."""
+    normal: FloatImage
+    """Not normalised, shape (..., 3)."""
+    body_index: IdImage
+    """Position of the body in the renderer's list; the last value, one past the bodies, stands for nothing."""
+
 
 
 class RaycastRenderer:
     """Mirrors the visual shapes of a PyBullet world and renders a batch of cameras at once.
 
-    Static bodies are built once; drones live in a second, small scene that is rebuilt for every batch. All cameras of
-    a batch must have the same intrinsics.
+    All bodies form one mesh, which is rebuilt with the drones' present poses for every batch: for worlds of some
+    thousand triangles that costs less than a second cast at the drones alone. All cameras of a batch must have the same
+    intrinsics.
     """
 
     def __init__(self, world: World) -> None:
         self._world = world
         self._o3d = open3d()
         static = list(world.bodies)
-        self._static_scene = self._build([self._placed(body) for body in static])
-        self._moving_meshes = [mesh_of_body(body, world.client) for body in world.drone_ids]
-        surfaces = [world.bodies[body].surface for body in static] + [DRONE_SURFACE] * world.n_drones
-        self._n_static = len(static)
+        self._static_mesh = merged([self._placed(body) for body in static])
+        self._drone_meshes = [mesh_of_body(body, world.client) for body in world.drone_ids]
         self._body_ids = [*static, *world.drone_ids]
+        self._n_static = len(static)
+        sizes = [len(mesh_of_body(body, world.client).triangles) for body in self._body_ids]
+        nothing = len(sizes)
+        self._index_of_triangle = np.append(np.repeat(np.arange(nothing, dtype=np.int32), sizes), np.int32(nothing))
+        self._segment_of_index = np.array([*self._body_ids, -1], np.int32)
+        surfaces = [world.bodies[body].surface for body in static] + [DRONE_SURFACE] * world.n_drones
         self._looks = self._make_looks(surfaces)
         self._sky_seed = int(stream(world.scene.seed, Purpose.SURFACE, 1).integers(1 << 30))
         self._directions: dict[Intrinsics, Rays] = {}
+        self._buffer: Rays = np.empty((0, 0, 6), np.float32)
         self._pool = ThreadPoolExecutor(SHADING_THREADS)
         wp.load_module(shading, device="cpu")
 
-    def render(self, cameras: Sequence[Camera]) -> list[Images]:
-        """One `Images` per camera, of the world as it is now."""
+    def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
+        """One `Images` per camera, of the world as it is now; without `gray` those images are black."""
         if not cameras:
             return []
-        rays = np.stack([self._rays(camera) for camera in cameras])
-        batch = self._o3d.core.Tensor(rays)
-        static = _hits(self._static_scene.cast_rays(batch))
-        moving = _hits(self._build(self._place_drones()).cast_rays(batch))
+        intrinsics = cameras[0].intrinsics
+        if any(camera.intrinsics != intrinsics for camera in cameras):
+            raise RenderError("all cameras of a batch must have the same intrinsics: render them in separate calls")
+        rays = self._ray_buffer((len(cameras), intrinsics.width_px * intrinsics.height_px, 6))
+        list(self._pool.map(self._fill_rays, cameras, rays))
+        hits = self._cast(rays)
         looks = wp.array(self._looks, dtype=shading.BodyLook, device="cpu")
 
         def finish(i: int) -> Images:
-            return self._shade(cameras[i].intrinsics, rays[i], static, moving, i, looks)
+            hit = Hits(*(array[i] for array in hits))
+            brightness = self._shade(intrinsics, rays[i], hit, looks) if gray else np.zeros(len(rays[i]), np.uint8)
+            return Images(
+                gray=brightness.reshape(intrinsics.shape),
+                depth_m=hit.depth_m.reshape(intrinsics.shape),
+                segment_id=self._segment_of_index[hit.body_index].reshape(intrinsics.shape),
+            )
 
         return list(self._pool.map(finish, range(len(cameras))))
+
+    def _ray_buffer(self, shape: tuple[int, int, int]) -> Rays:
+        """Memory for the rays of a batch, kept between batches of one size."""
+        if self._buffer.shape != shape:
+            self._buffer = np.empty(shape, np.float32)
+        return self._buffer
+
+    def _cast(self, rays: Rays) -> Hits:
+        """The first hit of each ray."""
+        mesh = merged([self._static_mesh, *self._place_drones()])
+        scene = self._o3d.t.geometry.RaycastingScene()
+        scene.add_triangles(
+            self._o3d.core.Tensor(mesh.vertices_m.astype(np.float32)), self._o3d.core.Tensor(mesh.triangles)
+        )
+        answer = scene.cast_rays(self._o3d.core.Tensor.from_numpy(rays))
+        triangle = np.minimum(answer["primitive_ids"].numpy(), len(mesh.triangles))
+        return Hits(answer["t_hit"].numpy(), answer["primitive_normals"].numpy(), self._index_of_triangle[triangle])
 
     def _make_looks(self, surfaces: list[Surface]) -> Any:
         looks = np.zeros(len(surfaces), shading.BodyLook.numpy_dtype())
@@ -72,7 +115,6 @@ class RaycastRenderer:
             looks[i]["texture"] = surface.texture
             looks[i]["pattern"] = shading.PATTERNS[surface.pattern]
             looks[i]["seed"] = seeds[i]
-            looks[i]["body_id"] = body
             looks[i]["rotation"], looks[i]["position"] = self._pose(body)
         return looks
 
@@ -86,56 +128,33 @@ class RaycastRenderer:
     def _place_drones(self) -> list[Mesh]:
         """The drones' meshes where they are now; their looks follow."""
         placed = []
-        for i, (body, mesh) in enumerate(zip(self._world.drone_ids, self._moving_meshes, strict=True)):
+        for i, (body, mesh) in enumerate(zip(self._world.drone_ids, self._drone_meshes, strict=True)):
             rotation, position_m = self._pose(body)
             self._looks[self._n_static + i]["rotation"] = rotation
             self._looks[self._n_static + i]["position"] = position_m
             placed.append(_moved(mesh, rotation, position_m))
         return placed
 
-    def _build(self, meshes: list[Mesh]) -> Any:
-        scene = self._o3d.t.geometry.RaycastingScene()
-        for mesh in meshes:
-            vertices = self._o3d.core.Tensor(mesh.vertices_m.astype(np.float32))
-            scene.add_triangles(vertices, self._o3d.core.Tensor(mesh.triangles))
-        return scene
-
-    def _rays(self, camera: Camera) -> Rays:
+    def _fill_rays(self, camera: Camera, rays: Rays) -> None:
+        """Write the rays of a camera, (origin, direction of unit depth), into an array of shape (H * W, 6)."""
         if camera.intrinsics not in self._directions:
             self._directions[camera.intrinsics] = _unit_depth_directions(camera.intrinsics)
-        directions = self._directions[camera.intrinsics]
-        rays = np.empty((len(directions), 6), np.float32)
         rays[:, :3] = camera.T_world_cam[:3, 3]
-        rays[:, 3:] = directions @ camera.T_world_cam[:3, :3].T.astype(np.float32)
-        return rays
+        rays[:, 3:] = self._directions[camera.intrinsics] @ camera.T_world_cam[:3, :3].T.astype(np.float32)
 
-    def _shade(self, intrinsics: Intrinsics, rays: Rays, static: Hits, moving: Hits, camera: int, looks: Any) -> Images:
-        depth_m = np.empty(len(rays), np.float32)
-        segment_id = np.empty(len(rays), np.int32)
+    def _shade(self, intrinsics: Intrinsics, rays: Rays, hit: Hits, looks: Any) -> GrayImage:
         gray = np.empty(len(rays), np.uint8)
         wp.launch(
             shading.shade,
             len(rays),
             inputs=[
                 _view(rays, wp.float32), intrinsics.fx_px, wp.vec3(*SUN_DIRECTION), self._sky_seed,
-                *_warp_hits(static, camera), *_warp_hits(moving, camera), looks, self._n_static,
+                _view(hit.depth_m, wp.float32), _view(hit.normal, wp.vec3), _view(hit.body_index, wp.int32), looks,
             ],
-            outputs=[_view(depth_m, wp.float32), _view(segment_id, wp.int32), _view(gray, wp.uint8)],
+            outputs=[_view(gray, wp.uint8)],
             device="cpu",
         )
-        shape = intrinsics.shape
-        return Images(gray=gray.reshape(shape), depth_m=depth_m.reshape(shape), segment_id=segment_id.reshape(shape))
-
-
-def _hits(answer: Any) -> Hits:
-    """Distances, bodies and normals of all rays, in NumPy; the first axis is the camera."""
-    return tuple(answer[key].numpy() for key in ("t_hit", "geometry_ids", "primitive_normals"))
-
-
-def _warp_hits(hits: Hits, camera: int) -> list[Any]:
-    """The hits of one camera as Warp arrays over the same memory."""
-    t, body, normal = (array[camera] for array in hits)
-    return [_view(t, wp.float32), _view(body, wp.uint32), _view(normal, wp.vec3)]
+        return gray
 
 
 def _view(array: npt.NDArray[Any], dtype: Any) -> Any:

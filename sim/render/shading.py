@@ -33,7 +33,6 @@ class BodyLook:
     texture: wp.float32
     pattern: wp.int32
     seed: wp.int32
-    body_id: wp.int32
 
 
 @wp.func
@@ -122,41 +121,26 @@ def shade(
     focal_px: wp.float32,
     sun: wp.vec3,
     sky_seed: wp.int32,
-    static_t: wp.array(dtype=wp.float32),
-    static_body: wp.array(dtype=wp.uint32),
-    static_normal: wp.array(dtype=wp.vec3),
-    moving_t: wp.array(dtype=wp.float32),
-    moving_body: wp.array(dtype=wp.uint32),
-    moving_normal: wp.array(dtype=wp.vec3),
-    looks: wp.array(dtype=BodyLook),
-    n_static: wp.int32,
-    # output
     depth_m: wp.array(dtype=wp.float32),
-    segment_id: wp.array(dtype=wp.int32),
+    normals: wp.array(dtype=wp.vec3),
+    body_index: wp.array(dtype=wp.int32),
+    looks: wp.array(dtype=BodyLook),
+    # output
     gray: wp.array(dtype=wp.uint8),
 ):
-    """Depth, body and brightness of each ray: the nearer of a static and a moving hit, or the sky.
+    """Brightness of each ray: of what it hit, or of the sky where the depth is infinite.
 
     Rays are (origin, direction) with a direction of unit depth, so the ray parameter is the depth.
     """
     i = wp.tid()
     origin = wp.vec3(rays[i, 0], rays[i, 1], rays[i, 2])
     direction = wp.vec3(rays[i, 3], rays[i, 4], rays[i, 5])
-    t = static_t[i]
-    normal = static_normal[i]
-    index = wp.int32(static_body[i])
-    if moving_t[i] < t:
-        t = moving_t[i]
-        normal = moving_normal[i]
-        index = wp.int32(moving_body[i]) + n_static
-    depth_m[i] = t
+    t = depth_m[i]
     if not wp.isfinite(t):
-        segment_id[i] = -1
         gray[i] = wp.uint8(wp.clamp(sky(direction, 1.0 / focal_px, sky_seed), 0.0, 1.0) * 255.0)
         return
-    look = looks[index]
-    segment_id[i] = look.body_id
-    normal = wp.normalize(normal)
+    look = looks[body_index[i]]
+    normal = wp.normalize(normals[i])
     facing = wp.abs(wp.dot(normal, wp.normalize(direction)))
     footprint_m = t / focal_px / wp.max(facing, 0.15)
     to_body = wp.transpose(look.rotation)

@@ -8,6 +8,8 @@ from ..types import CorrectedDepth, Frame, Phase, Registration, RegistrationStat
 class Raw:
     """Returns every frame unchanged."""
 
+    uses_gray = False
+
     def process(self, frame: Frame) -> CorrectedDepth:
         """The frame's own depth; valid pixels have source SENSOR and confidence 1."""
         valid = frame.depth_m > 0
