@@ -50,7 +50,7 @@ def occlusion(left_depth_m: FloatImage, right_depth_m: FloatImage, intrinsics: I
     A pixel at depth z lies `fB/z` to the left in the right image. It is hidden if that is outside of the image, or if
     both pixels next to that place show something nearer, by more than 2 %.
     """
-    height, width = left_depth_m.shape
+    width = left_depth_m.shape[1]
     focal_baseline = intrinsics.fx_px * float(intrinsics.baseline_m or 0)
     col = np.arange(width, dtype=np.float32)[None, :] - focal_baseline / left_depth_m
     first = np.clip(np.floor(col), 0, width - 1).astype(np.intp)

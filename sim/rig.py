@@ -44,7 +44,9 @@ class RigConfig(Model):
     @model_validator(mode="after")
     def _check(self) -> "RigConfig":
         if self.theta and self.depth != "noisy":
-            raise ValueError(f"theta is the noise of the depth tier 'noisy', got theta {self.theta} with {self.depth!r}")
+            raise ValueError(
+                f"theta is the noise of the depth tier 'noisy', got theta {self.theta} with {self.depth!r}"
+            )
         return self
 
     @property
@@ -68,7 +70,14 @@ class StereoRig:
     """
 
     def __init__(
-        self, world: World, renderer: Renderer, config: RigConfig, *, seed: int, gray: bool = True, pool_map: Mapper = map
+        self,
+        world: World,
+        renderer: Renderer,
+        config: RigConfig,
+        *,
+        seed: int,
+        gray: bool = True,
+        pool_map: Mapper = map,
     ) -> None:
         self._world = world
         self._renderer = renderer

@@ -115,9 +115,7 @@ def build_city(spec: CitySpec, seed: int) -> Scene:
         position_m=(spec.columns * spec.pitch_m / 2, 0.0, -0.5),
         surface=Surface(albedo=0.38, pattern="ground"),
     )
-    towers = [
-        _tower(spec, rng, column, row) for column in range(spec.columns) for row in range(spec.rows)
-    ]
+    towers = [_tower(spec, rng, column, row) for column in range(spec.columns) for row in range(spec.rows)]
     poles = [_pole(spec, rng, i) for i in range(spec.poles)]
     return Scene(seed=seed, bodies=(ground, *towers, *poles))
 

@@ -38,8 +38,8 @@ class StereoConfig(Model):
         n = 16 * int(np.ceil(widest_px / 16))
         if n >= intrinsics.width_px:
             raise SensorError(
-                f"a baseline of {intrinsics.baseline_m} m and min_depth_m {self.min_depth_m} need {n} disparities, more "
-                f"than the image is wide ({intrinsics.width_px} px): shorten the baseline or raise min_depth_m"
+                f"a baseline of {intrinsics.baseline_m} m and min_depth_m {self.min_depth_m} need {n} disparities, "
+                f"more than the image is wide ({intrinsics.width_px} px): shorten the baseline or raise min_depth_m"
             )
         return n
 
@@ -96,7 +96,7 @@ class StereoMatcher:
 
     def _consistent(self, from_left: Any, from_right: Any) -> Any:
         """True where the pixel that the left one maps to maps back to it."""
-        height, width = from_left.shape
+        width = from_left.shape[1]
         col = np.arange(width)[None, :] - (from_left + 8) // 16
         back = np.take_along_axis(from_right, np.clip(col, 0, width - 1).astype(np.intp), axis=1)
         return (

@@ -71,7 +71,7 @@ class NoisyTier:
     needs_right = True
 
     def __init__(self, intrinsics: Intrinsics, *, max_depth_m: float, theta: float, seed: int) -> None:
-        if not 0 <= theta:
+        if not theta >= 0:
             raise SensorError(f"theta must not be negative, got {theta}")
         self._intrinsics = intrinsics
         self._truth = TruthTier(max_depth_m)
@@ -82,9 +82,7 @@ class NoisyTier:
         """Depth with algorithmic holes and the paper's scale noise."""
         occluded = occlusion(view.left.depth_m, _right_of(view).depth_m, self._intrinsics)
         depth_m = self._truth.measure(view).depth_m
-        depth_m = scale_noise(
-            depth_m, view.left.segment_id, self._theta, view.drone, view.frame, seed=self._seed
-        )
+        depth_m = scale_noise(depth_m, view.left.segment_id, self._theta, view.drone, view.frame, seed=self._seed)
         depth_m[occluded] = 0
         return Measurement(depth_m=depth_m, occluded=occluded)
 

@@ -148,7 +148,11 @@ class World:
         collision, visual = self._shapes(body.shape, body.surface)
         return int(
             pybullet.createMultiBody(
-                0, collision, visual, body.position_m, frames.quaternion_from_yaw(body.yaw_rad).tolist(),
+                0,
+                collision,
+                visual,
+                body.position_m,
+                frames.quaternion_from_yaw(body.yaw_rad).tolist(),
                 physicsClientId=self.client,
             )
         )
@@ -159,7 +163,11 @@ class World:
         _, visual = self._shapes(Cylinder(radius, DRONE_BODY_HEIGHT_M), DRONE_SURFACE)
         body = int(
             pybullet.createMultiBody(
-                self.airframe.mass_kg, collision, visual, start_m.tolist(), q_world_body_xyzw.tolist(),
+                self.airframe.mass_kg,
+                collision,
+                visual,
+                start_m.tolist(),
+                q_world_body_xyzw.tolist(),
                 physicsClientId=self.client,
             )
         )
@@ -169,8 +177,9 @@ class World:
     def _shapes(self, shape: Shape, surface: Surface) -> tuple[int, int]:
         """Collision and visual shape ids of a solid."""
         if isinstance(shape, Box):
-            kind, size = pybullet.GEOM_BOX, {"halfExtents": [side / 2 for side in shape.size_m]}
-            lengths = {"collision": size, "visual": size}
+            kind = pybullet.GEOM_BOX
+            size = {"halfExtents": [side / 2 for side in shape.size_m]}
+            lengths: dict[str, dict[str, Any]] = {"collision": size, "visual": size}
         elif isinstance(shape, Cylinder):
             kind = pybullet.GEOM_CYLINDER
             lengths = {
@@ -184,7 +193,10 @@ class World:
         return (
             pybullet.createCollisionShape(kind, **lengths["collision"], physicsClientId=self.client),
             pybullet.createVisualShape(
-                kind, **lengths["visual"], rgbaColor=[albedo, albedo, albedo, 1], specularColor=[0, 0, 0],
+                kind,
+                **lengths["visual"],
+                rgbaColor=[albedo, albedo, albedo, 1],
+                specularColor=[0, 0, 0],
                 physicsClientId=self.client,
             ),
         )
@@ -245,8 +257,13 @@ class World:
             if body == own_body or (own_body is None and body in self.drone_ids):
                 continue
             points: Any = pybullet.getClosestPoints(
-                body, -1, horizon_m, collisionShapeA=-1, collisionShapeB=probe,
-                collisionShapePositionB=at_m.tolist(), physicsClientId=self.client,
+                body,
+                -1,
+                horizon_m,
+                collisionShapeA=-1,
+                collisionShapeB=probe,
+                collisionShapePositionB=at_m.tolist(),
+                physicsClientId=self.client,
             )
             nearest = min([nearest, *(point[8] for point in points)])
         return float(nearest)

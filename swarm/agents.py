@@ -42,9 +42,7 @@ class Leader:
         w, own = self._weights, situation.own
         wanted = rules.migration(own.position_m, self._goal_m, np.zeros(3), w.migration_per_s)
         wanted = rules.limit(wanted, self._cruise_speed_m_s * self._patience(situation))
-        wanted = wanted + rules.confinement(
-            own.position_m, w.confinement_per_s, w.min_altitude_m, w.max_altitude_m
-        )
+        wanted = wanted + rules.confinement(own.position_m, w.confinement_per_s, w.min_altitude_m, w.max_altitude_m)
         return self._pilot.fly(rules.limit(wanted, self._cruise_speed_m_s), situation)
 
     def _patience(self, situation: Situation) -> float:

@@ -3,9 +3,8 @@
 import numpy as np
 from pydantic import Field
 
-from voxdepth.types import FloatArray
-
 from voxdepth.model import Model
+from voxdepth.types import FloatArray
 
 
 class FormationConfig(Model):
@@ -37,4 +36,5 @@ def slots(n_followers: int, config: FormationConfig) -> FloatArray:
 def turned(offsets_m: FloatArray, heading_rad: float) -> FloatArray:
     """The same offsets for a flight along another heading, shape (n, 3)."""
     c, s = np.cos(heading_rad), np.sin(heading_rad)
-    return offsets_m @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    rotated: FloatArray = offsets_m @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return rotated

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pydantic import Field
 
 from sim.types import DroneState
-
 from voxdepth.model import Model
+
 from .types import Neighbour
 
 
@@ -37,9 +37,7 @@ class Link:
         """The others within range, by their delayed positions."""
         heard = self._sent[0]
         own = heard[drone].position_m
-        return [
-            n for n in heard if n.drone != drone and float(((n.position_m - own) ** 2).sum()) <= self._range_m**2
-        ]
+        return [n for n in heard if n.drone != drone and float(((n.position_m - own) ** 2).sum()) <= self._range_m**2]
 
     def leader(self) -> Neighbour:
         """The leader (drone 0), delayed."""

@@ -1,7 +1,7 @@
 """Figures of a mission, gathered while it runs. Clearance has one definition: from collision sphere to surface."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,8 +30,8 @@ def separation_m(states: Sequence[DroneState], radius_m: float) -> float:
 class DepthComparison:
     """Errors before and after correction."""
 
-    raw: DepthErrors = DepthErrors()
-    corrected: DepthErrors = DepthErrors()
+    raw: DepthErrors = field(default_factory=DepthErrors)
+    corrected: DepthErrors = field(default_factory=DepthErrors)
 
     @classmethod
     def of(cls, capture: Capture, corrected: CorrectedDepth) -> "DepthComparison":
@@ -39,9 +39,7 @@ class DepthComparison:
         raw = depth_errors(capture.depth_raw_m, capture.depth_true_m, max_range_m=JUDGED_RANGE_M)
         if corrected.depth_m is capture.depth_raw_m:
             return cls(raw=raw, corrected=raw)
-        return cls(
-            raw=raw, corrected=depth_errors(corrected.depth_m, capture.depth_true_m, max_range_m=JUDGED_RANGE_M)
-        )
+        return cls(raw=raw, corrected=depth_errors(corrected.depth_m, capture.depth_true_m, max_range_m=JUDGED_RANGE_M))
 
     def __add__(self, other: "DepthComparison") -> "DepthComparison":
         return DepthComparison(raw=self.raw + other.raw, corrected=self.corrected + other.corrected)

@@ -98,7 +98,9 @@ class Mission:
         self._steps_per_tick = _whole_ratio(PHYSICS_HZ, config.control_hz, "control_hz", "the physics rate")
         self._ticks_per_frame = _whole_ratio(config.control_hz, camera_hz, "rate_hz", "control_hz")
         if world.room_at_m(config.goal_m) < world.airframe.radius_m:
-            raise MissionError(f"the goal {list(config.goal_m)} m is inside a building or the ground; move it into the open")
+            raise MissionError(
+                f"the goal {list(config.goal_m)} m is inside a building or the ground; move it into the open"
+            )
         self._config = config
         self._world = world
         self._rig = rig
@@ -116,7 +118,6 @@ class Mission:
         self._best_progress_m = np.inf
         self._best_progress_at_s = 0.0
         self.outcome: Outcome | None = None
-        recorder.start(world, np.array(config.goal_m))
 
     @property
     def time_s(self) -> float:
@@ -131,6 +132,8 @@ class Mission:
 
     def tick(self) -> None:
         """One control period: look, decide, fly, judge."""
+        if self._ticks == 0:
+            self._recorder.start(self._world, np.array(self._config.goal_m))
         self._perceive()
         self._decide()
         self._fly()

@@ -3,9 +3,9 @@
 import numpy as np
 from pydantic import Field
 
+from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics
 
-from voxdepth.model import Model
 from .types import Choice, Histogram
 
 WIDEST_BLOCK = 0.7
@@ -165,15 +165,16 @@ class Avoidance:
     def _clear(self, histogram: Histogram) -> FloatArray:
         """Free distance in each direction, shape (n,).
 
-        A surface at range r blocks all directions within asin(r_safe / r) of it, but never more than 45 degrees: what is
-        already too near must not forbid to leave sideways. Unknown cells block only their own.
+        A surface at range r blocks all directions within asin(r_safe / r) of it, but never more than 45 degrees: what
+        is already too near must not forbid to leave sideways. Unknown cells block only their own.
         """
         range_m = histogram.range_m.ravel()
         blocks_within = np.arcsin(np.minimum(self._config.safe_radius_m / np.maximum(range_m, 1e-6), WIDEST_BLOCK))
         blocks_within[histogram.unknown.ravel()] = 0
         blocked = histogram.angle_rad <= blocks_within[None, :]
         np.fill_diagonal(blocked, True)
-        return np.where(blocked, range_m[None, :], np.inf).min(axis=1)
+        clear_m: FloatArray = np.where(blocked, range_m[None, :], np.inf).min(axis=1)
+        return clear_m
 
     def _cost(
         self, directions: FloatArray, clear_m: FloatArray, goal: FloatArray, previous: FloatArray | None
@@ -182,7 +183,9 @@ class Avoidance:
         cost = c.clear_weight * np.maximum(0, 1 - clear_m / c.horizon_m) ** 2
         cost[clear_m <= c.safe_radius_m] += FORBIDDEN
         cost += c.goal_weight * np.arccos(np.clip(directions @ goal, -1, 1))
-        cost += c.climb_weight * np.abs(np.arcsin(np.clip(directions[:, 2], -1, 1)) - np.arcsin(np.clip(goal[2], -1, 1)))
+        cost += c.climb_weight * np.abs(
+            np.arcsin(np.clip(directions[:, 2], -1, 1)) - np.arcsin(np.clip(goal[2], -1, 1))
+        )
         if previous is not None:
             cost += c.previous_weight * np.arccos(np.clip(directions @ previous, -1, 1))
         return cost

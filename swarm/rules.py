@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import Field
 
+from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
-from voxdepth.model import Model
 from .types import Neighbour
 
 
@@ -38,7 +38,8 @@ def cohesion(position_m: FloatArray, neighbours: Sequence[Neighbour], gain: floa
     """Towards the middle of the neighbours."""
     if not neighbours:
         return np.zeros(3)
-    return gain * (np.mean([n.position_m for n in neighbours], axis=0) - position_m)
+    middle_m: FloatArray = np.mean([n.position_m for n in neighbours], axis=0)
+    return gain * (middle_m - position_m)
 
 
 def separation(position_m: FloatArray, neighbours: Sequence[Neighbour], gain: float, radius_m: float) -> FloatArray:
@@ -56,7 +57,8 @@ def alignment(velocity_m_s: FloatArray, neighbours: Sequence[Neighbour], gain: f
     """Towards the neighbours' mean velocity."""
     if not neighbours:
         return np.zeros(3)
-    return gain * (np.mean([n.velocity_m_s for n in neighbours], axis=0) - velocity_m_s)
+    mean_m_s: FloatArray = np.mean([n.velocity_m_s for n in neighbours], axis=0)
+    return gain * (mean_m_s - velocity_m_s)
 
 
 def confinement(position_m: FloatArray, gain: float, low_m: float, high_m: float) -> FloatArray:

@@ -1,9 +1,9 @@
 """Depth correction for stereo cameras: holes filled from a fused voxel cloud, flicker removed.
 
-    from voxdepth import Frame, Intrinsics, VoxDepth
+from voxdepth import Frame, Intrinsics, VoxDepth
 
-    corrector = VoxDepth(Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=86))
-    corrected = corrector.process(Frame(stamp_s=0.0, gray=gray, depth_m=depth_m))
+corrector = VoxDepth(Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=86))
+corrected = corrector.process(Frame(stamp_s=0.0, gray=gray, depth_m=depth_m))
 """
 
 from typing import TYPE_CHECKING, Any

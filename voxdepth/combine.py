@@ -11,9 +11,7 @@ NEAR_SHARE = 0.5
 """A pixel nearer than this share of the template is invalid (paper, "less than half")."""
 
 
-def combine(
-    raw_m: FloatImage, template_m: FloatImage, *, backend: Backend = "numpy"
-) -> tuple[FloatImage, GrayImage]:
+def combine(raw_m: FloatImage, template_m: FloatImage, *, backend: Backend = "numpy") -> tuple[FloatImage, GrayImage]:
     """Replace the invalid pixels of a frame by those of the template.
 
     A pixel is invalid if it is empty, nearer than half of the template, or farther than the template. Where the

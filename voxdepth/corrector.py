@@ -35,7 +35,7 @@ TEMPLATE_CONFIDENCE = 0.5
 def _timed(step: "Callable[Concatenate[VoxDepth, P], R]") -> "Callable[Concatenate[VoxDepth, P], R]":
     """Write the wall-clock time of a step into the corrector's timings, under the step's name."""
 
-    def run(self: "VoxDepth", *args: P.args, **kwargs: P.kwargs) -> R:
+    def run(self: "VoxDepth", /, *args: P.args, **kwargs: P.kwargs) -> R:
         start = time.perf_counter()
         try:
             return step(self, *args, **kwargs)

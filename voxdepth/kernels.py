@@ -4,7 +4,7 @@ Cells and pixels are found by single multiplications, additions and a floor, in 
 give the same bits.
 """
 
-# mypy: disable-error-code="no-untyped-def,type-arg,valid-type,untyped-decorator,no-any-return"
+# mypy: disable-error-code="no-untyped-def,type-arg,valid-type,untyped-decorator,no-any-return,index,misc"
 from typing import Any
 
 import numpy.typing as npt
@@ -15,7 +15,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 def view(array: npt.NDArray[Any], dtype: Any) -> Any:
-    """A NumPy array as a Warp array over the same memory, on the CPU. (`wp.from_numpy` copies.)"""
+    """A NumPy array as a Warp array over the same memory, on the CPU., which `wp.from_numpy` would copy."""
     return wp.array(array, dtype=dtype, copy=False, device="cpu")
 
 

@@ -92,7 +92,7 @@ def mark_warp(points: PointArray, config: VoxelConfig, words: Words) -> None:
 
 def mark_numpy(points: PointArray, config: VoxelConfig, words: Words) -> None:
     """Set the bits of the points' voxels in `words`: the twin of `mark_warp`."""
-    nx, ny, nz = config.shape
+    nx, ny, _ = config.shape
     cells = np.floor(points / np.array(config.cell_m, np.float32)) + np.array([nx // 2, ny // 2, 0], np.float32)
     with np.errstate(invalid="ignore"):
         inside = ((cells >= 0) & (cells < np.array(config.shape, np.float32))).all(axis=1)

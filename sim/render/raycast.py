@@ -38,7 +38,6 @@ class Hits(NamedTuple):
     """Position of the body in the renderer's list; the last value, one past the bodies, stands for nothing."""
 
 
-
 class RaycastRenderer:
     """Mirrors the visual shapes of a PyBullet world and renders a batch of cameras at once.
 
@@ -108,7 +107,7 @@ class RaycastRenderer:
         return Hits(answer["t_hit"].numpy(), answer["primitive_normals"].numpy(), self._index_of_triangle[triangle])
 
     def _make_looks(self, surfaces: list[Surface]) -> Any:
-        looks = np.zeros(len(surfaces), shading.BodyLook.numpy_dtype())
+        looks = np.zeros(len(surfaces), shading.BodyLook.numpy_dtype())  # type: ignore[attr-defined]
         seeds = stream(self._world.scene.seed, Purpose.SURFACE, 0).integers(1 << 30, size=len(surfaces))
         for i, (surface, body) in enumerate(zip(surfaces, self._body_ids, strict=True)):
             looks[i]["albedo"] = surface.albedo
@@ -148,8 +147,14 @@ class RaycastRenderer:
             shading.shade,
             len(rays),
             inputs=[
-                _view(rays, wp.float32), intrinsics.fx_px, wp.vec3(*SUN_DIRECTION), self._sky_seed,
-                _view(hit.depth_m, wp.float32), _view(hit.normal, wp.vec3), _view(hit.body_index, wp.int32), looks,
+                _view(rays, wp.float32),
+                intrinsics.fx_px,
+                wp.vec3(*SUN_DIRECTION),
+                self._sky_seed,
+                _view(hit.depth_m, wp.float32),
+                _view(hit.normal, wp.vec3),
+                _view(hit.body_index, wp.int32),
+                looks,
             ],
             outputs=[_view(gray, wp.uint8)],
             device="cpu",

@@ -5,7 +5,7 @@ same in both cameras. Octaves fade out before they fall below the footprint of a
 of that resolution could see.
 """
 
-# mypy: disable-error-code="no-untyped-def,type-arg,valid-type,untyped-decorator,no-any-return"
+# mypy: disable-error-code="no-untyped-def,type-arg,valid-type,untyped-decorator,no-any-return,index,misc"
 import warp as wp
 
 wp.set_module_options({"enable_backward": False})

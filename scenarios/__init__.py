@@ -1,0 +1,1 @@
+"""Scenarios and the command line: where everything is put together."""

@@ -1,0 +1,51 @@
+"""Whether a scenario still does what its file promises."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from swarm.types import Outcome
+
+from .config import Run, load_run
+from .runner import fly
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """Outcomes of one scenario over seeds."""
+
+    scenario: str
+    outcomes: tuple[Outcome, ...]
+    required_share: float
+
+    @property
+    def successes(self) -> int:
+        """Runs that ended in success."""
+        return self.outcomes.count(Outcome.SUCCESS)
+
+    @property
+    def accepted(self) -> bool:
+        """Whether enough runs succeeded."""
+        return self.successes >= self.required_share * len(self.outcomes)
+
+
+def acceptance_run(name: str, seed: int) -> Run:
+    """A run of a scenario with the depth, corrector and image size of its acceptance check."""
+    check = load_run(name, seed, {}).scenario.acceptance
+    changes = {
+        "rig.depth": check.depth,
+        "corrector": check.corrector,
+        "rig.width_px": check.width_px,
+        "rig.height_px": check.height_px,
+    }
+    return load_run(name, seed, changes)
+
+
+def check(name: str, seeds: Iterable[int], report: Callable[[int, Outcome], None]) -> Verdict:
+    """Fly a scenario's acceptance check; `report` is told of every run."""
+    outcomes = []
+    for seed in seeds:
+        outcome = fly(acceptance_run(name, seed)).result.outcome
+        report(seed, outcome)
+        outcomes.append(outcome)
+    required = load_run(name, 0, {}).scenario.acceptance.min_success_share
+    return Verdict(scenario=name, outcomes=tuple(outcomes), required_share=required)

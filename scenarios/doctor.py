@@ -1,0 +1,112 @@
+"""What works on this machine, and how to mend what does not."""
+
+import platform
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, packages_distributions, version
+
+import numpy as np
+
+OUR_PACKAGES = ("voxdepth", "sim", "swarm", "scenarios")
+DISTRIBUTIONS = (
+    "numpy", "opencv-python-headless", "pydantic", "warp-lang", "pybullet", "open3d", "rerun-sdk", "typer", "rich",
+    "scipy", "gymnasium",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """The result of one examination."""
+
+    what: str
+    state: str
+    """What was found."""
+    ok: bool
+    remedy: str = ""
+    """What to do if it is not ok."""
+
+
+def examine() -> list[Finding]:
+    """All examinations, in the order of the report."""
+    return [_python(), *map(_distribution, DISTRIBUTIONS), _cuda(), *_renderers(), *_names(), _opencv_twins()]
+
+
+def _python() -> Finding:
+    ok = platform.python_version_tuple()[:2] == ("3", "11")
+    remedy = "" if ok else "use Python 3.11: PyBullet has no wheels for later versions"
+    return Finding(what="Python", state=platform.python_version(), ok=ok, remedy=remedy)
+
+
+def _distribution(name: str) -> Finding:
+    try:
+        return Finding(what=name, state=version(name), ok=True)
+    except PackageNotFoundError:
+        return Finding(what=name, state="missing", ok=False, remedy="pip install -c constraints.txt -e '.[all]'")
+
+
+def _cuda() -> Finding:
+    try:
+        import warp as wp
+
+        wp.config.log_level = wp.LOG_ERROR
+        wp.init()
+        devices = [str(device.name) for device in wp.get_cuda_devices()]
+    except (ImportError, RuntimeError) as error:
+        return Finding(what="CUDA", state=f"Warp does not start: {error}", ok=False, remedy="reinstall warp-lang")
+    return Finding(what="CUDA", state=", ".join(devices) or "no device; everything runs on the CPU", ok=True)
+
+
+def _renderers() -> list[Finding]:
+    try:
+        from sim.render import RENDERER_NAMES
+    except ImportError as error:
+        return [Finding(what="renderers", state=f"missing: {error}", ok=False, remedy="install the extra 'sim'")]
+    return [_attempt(f"renderer {name}", lambda name=name: _render(name)) for name in RENDERER_NAMES]  # type: ignore[misc]
+
+
+def _render(name: str) -> str:
+    """Render a box 3 m ahead and read its depth back."""
+    from sim import frames
+    from sim.render import create_renderer
+    from sim.scenes import Body, Box, Scene
+    from sim.types import Camera
+    from sim.world import World
+    from voxdepth.types import Intrinsics
+
+    wall = Body(name="wall", kind="building", shape=Box((1.0, 50.0, 50.0)), position_m=(3.5, 0.0, 0.0))
+    intrinsics = Intrinsics.from_hfov(width_px=32, height_px=32, hfov_deg=60)
+    camera = Camera(T_world_cam=frames.pose(frames.R_BODY_CAM, np.zeros(3)), intrinsics=intrinsics)
+    with World(Scene(seed=0, bodies=(wall,)), np.empty((0, 3))) as world:
+        depth_m = create_renderer(name, world).render([camera])[0].depth_m
+    if not np.allclose(depth_m, 3.0, atol=0.01):
+        raise RuntimeError(f"a wall at 3 m reads {depth_m.min():.3f} to {depth_m.max():.3f} m")
+    return "works"
+
+
+def _attempt(what: str, action: Callable[[], str]) -> Finding:
+    try:
+        return Finding(what=what, state=action(), ok=True)
+    except Exception as error:  # an examination must report whatever is wrong, not end with it
+        return Finding(what=what, state=f"{type(error).__name__}: {error}", ok=False, remedy="install the extra 'sim'")
+
+
+def _names() -> list[Finding]:
+    """Other distributions that own one of our package names would shadow us or be shadowed."""
+    owners = packages_distributions()
+    findings = []
+    for name in OUR_PACKAGES:
+        foreign = sorted(set(owners.get(name, [])) - {"voxdepth"})
+        where = getattr(import_module(name), "__file__", None) or "a folder without __init__.py"
+        state = f"also owned by {', '.join(foreign)}" if foreign else str(where)
+        remedy = f"use a virtual environment without {', '.join(foreign)}" if foreign else ""
+        findings.append(Finding(what=f"package {name}", state=state, ok=not foreign, remedy=remedy))
+    return findings
+
+
+def _opencv_twins() -> Finding:
+    """Several OpenCV wheels overwrite each other's `cv2`."""
+    twins = sorted(set(packages_distributions().get("cv2", [])))
+    ok = twins == ["opencv-python-headless"]
+    remedy = "" if ok else "uninstall all opencv wheels, then install opencv-python-headless alone"
+    return Finding(what="cv2 comes from", state=", ".join(twins) or "nothing", ok=ok, remedy=remedy)

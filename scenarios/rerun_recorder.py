@@ -1,0 +1,263 @@
+"""Recording a mission to a Rerun file: world, drones, images, histograms, states, metrics and events."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from sim.frames import R_BODY_CAM
+from sim.rig import RigConfig
+from sim.scenes import Body, Box, Cylinder
+from sim.types import Capture, Contact, DroneState
+from sim.world import DRONE_BODY_HEIGHT_M, World
+from swarm.mission import contact_text
+from swarm.types import Decision, Histogram, Outcome
+from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Source
+
+CENTIMETRE = 100.0
+"""Depth images are stored as 16-bit PNG in centimetres, to 1 %: finer than any of the sensors measures."""
+JPEG_QUALITY = 75
+SOURCE_COLORS = {
+    Source.INVALID: (0, 0, 0),
+    Source.SENSOR: (90, 160, 90),
+    Source.TEMPLATE: (240, 150, 40),
+    Source.INPAINTED: (90, 110, 220),
+}
+DRONE_COLORS = [(255, 120, 40), *([(90, 170, 250)] * 31)]
+
+
+class RerunRecorder:
+    """Writes one `.rrd` file with a blueprint. The same run gives the same data: no wall-clock time gets in.
+
+    Args:
+        path: File to write; created when the mission starts.
+        rig: The drones' cameras.
+        recording_id: Fixed per scenario and seed, so that two runs can be compared.
+        image_every: Images of every how many captures of a drone are kept; histograms are kept of all.
+    """
+
+    def __init__(self, path: Path, rig: RigConfig, *, recording_id: str, image_every: int) -> None:
+        self._path = path
+        self._rig = rig
+        self._recording_id = recording_id
+        self._image_every = image_every
+        self._captures: dict[int, int] = {}
+        self._states: dict[int, str] = {}
+        self._stream: rr.RecordingStream | None = None
+
+    def start(self, world: World, goal_m: FloatArray) -> None:
+        """Open the file and write everything that does not move."""
+        # Chunks end by size alone: ending them by the clock would make two runs differ.
+        batching = rr.ChunkBatcherConfig(flush_tick=3600.0, flush_num_bytes=1 << 20, flush_num_rows=1 << 14)
+        self._stream = rr.RecordingStream(
+            "voxdepth", recording_id=self._recording_id, send_properties=False, batcher_config=batching
+        )
+        rr.set_log_time_enabled(False, self._stream)
+        rr.set_log_tick_enabled(False, self._stream)
+        self._stream.save(self._path, default_blueprint=blueprint(world.n_drones))
+        self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        self._log_scene(world.scene.bodies)
+        self._log(
+            "world/goal", rr.Points3D([goal_m], radii=[0.6], colors=[(80, 220, 100)], labels=["goal"]), static=True
+        )
+        for drone in range(world.n_drones):
+            self._log_airframe(drone, world.airframe.radius_m)
+            self._log_camera(drone)
+
+    def tick(
+        self, step: int, time_s: float, states: Sequence[DroneState], slots_m: FloatArray, decisions: Sequence[Decision]
+    ) -> None:
+        """Poses, velocities, slots and changes of state."""
+        self._at(step, time_s)
+        for drone, (state, decision) in enumerate(zip(states, decisions, strict=True)):
+            self._log(
+                f"world/drone/{drone}",
+                rr.Transform3D(translation=state.position_m, quaternion=rr.Quaternion(xyzw=state.q_world_body_xyzw)),
+            )
+            self._log(
+                f"world/velocity/{drone}",
+                rr.Arrows3D(origins=[state.position_m], vectors=[state.velocity_m_s], colors=[DRONE_COLORS[drone]]),
+            )
+            self._log_choice(drone, state, decision)
+            if self._states.get(drone) != decision.state:
+                self._states[drone] = decision.state
+                self._log(f"drone/{drone}/state", rr.StateChange(state=decision.state))
+        if len(slots_m):
+            self._log("world/slots", rr.Points3D(slots_m, radii=[0.12], colors=[(200, 200, 90)]))
+
+    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth, histogram: Histogram) -> None:
+        """The histogram of every capture, and the images of some."""
+        self._at(step, capture.stamp_s)
+        self._log_histogram(capture.drone, histogram)
+        count = self._captures.get(capture.drone, 0)
+        self._captures[capture.drone] = count + 1
+        if count % self._image_every == 0:
+            self._log_images(capture, corrected)
+
+    def metrics(self, step: int, time_s: float, values: dict[str, float]) -> None:
+        """One curve per figure."""
+        self._at(step, time_s)
+        for name, value in values.items():
+            self._log(f"metrics/{name}", rr.Scalars([float(value)]))
+
+    def contact(self, step: int, contact: Contact) -> None:
+        """A line in the events, and the drone's state."""
+        self._at(step, contact.time_s)
+        self._log("events", rr.TextLog(contact_text(contact), level=rr.TextLogLevel.ERROR))
+        self._states[contact.drone] = "collided"
+        self._log(f"drone/{contact.drone}/state", rr.StateChange(state="collided"))
+
+    def outcome(self, step: int, time_s: float, outcome: Outcome) -> None:
+        """The last line of the events."""
+        self._at(step, time_s)
+        level = rr.TextLogLevel.INFO if outcome is Outcome.SUCCESS else rr.TextLogLevel.WARN
+        self._log("events", rr.TextLog(f"outcome: {outcome}", level=level))
+
+    def close(self) -> None:
+        """Write what is left and end the file."""
+        if self._stream is not None:
+            self._stream.flush()
+            self._stream.disconnect()
+            self._stream = None
+
+    def _log(self, path: str, *what: Any, static: bool = False) -> None:
+        if self._stream is not None:
+            self._stream.log(path, *what, static=static)
+
+    def _at(self, step: int, time_s: float) -> None:
+        if self._stream is not None:
+            self._stream.set_time("step", sequence=step)
+            self._stream.set_time("sim_time", duration=time_s)
+
+    def _log_scene(self, bodies: Sequence[Body]) -> None:
+        boxes = [body for body in bodies if isinstance(body.shape, Box) and body.kind == "building"]
+        ground = [body for body in bodies if isinstance(body.shape, Box) and body.kind == "ground"]
+        for name, group in (("towers", boxes), ("ground", ground)):
+            if group:
+                sizes = [body.shape.size_m for body in group if isinstance(body.shape, Box)]
+                centers = [body.position_m for body in group]
+                colors = [[int(255 * body.surface.albedo)] * 3 for body in group]
+                shown = rr.Boxes3D(sizes=sizes, centers=centers, colors=colors, fill_mode="solid")
+                self._log(f"world/city/{name}", shown, static=True)
+        poles = [body for body in bodies if isinstance(body.shape, Cylinder)]
+        if poles:
+            shapes = [body.shape for body in poles if isinstance(body.shape, Cylinder)]
+            cylinders = rr.Cylinders3D(
+                lengths=[shape.height_m for shape in shapes],
+                radii=[shape.radius_m for shape in shapes],
+                centers=[body.position_m for body in poles],
+                colors=[(150, 110, 70)],
+                fill_mode="solid",
+            )
+            self._log("world/city/poles", cylinders, static=True)
+
+    def _log_airframe(self, drone: int, radius_m: float) -> None:
+        body = rr.Cylinders3D(
+            lengths=[DRONE_BODY_HEIGHT_M], radii=[radius_m], colors=[DRONE_COLORS[drone]], fill_mode="solid"
+        )
+        self._log(f"world/drone/{drone}/body", body, static=True)
+
+    def _log_camera(self, drone: int) -> None:
+        """Lens and mount, once per drone: the camera's pose relative to the airframe never changes."""
+        i, path = self._rig.intrinsics, f"world/drone/{drone}/cam"
+        pinhole = rr.Pinhole(
+            focal_length=[i.fx_px, i.fy_px],
+            principal_point=[i.cx_px + 0.5, i.cy_px + 0.5],
+            resolution=[i.width_px, i.height_px],
+            camera_xyz=rr.ViewCoordinates.RDF,
+            image_plane_distance=0.8,
+        )
+        self._log(path, pinhole, static=True)
+        mount_m = [self._rig.mount_forward_m, self._rig.baseline_m / 2, 0.0]
+        self._log(path, rr.Transform3D(translation=mount_m, mat3x3=R_BODY_CAM), static=True)
+        colors = [rr.AnnotationInfo(id=int(s), label=s.name.lower(), color=c) for s, c in SOURCE_COLORS.items()]
+        self._log(f"{path}/source", rr.AnnotationContext(colors), static=True)
+
+    def _log_images(self, capture: Capture, corrected: CorrectedDepth) -> None:
+        path = f"world/drone/{capture.drone}/cam"
+        _, jpeg = cv2.imencode(".jpg", capture.gray_left, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        self._log(f"{path}/gray", rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg"))
+        true_m = np.where(np.isfinite(capture.depth_true_m), capture.depth_true_m, np.float32(0))
+        for name, depth_m in (("true", true_m), ("raw", capture.depth_raw_m), ("corrected", corrected.depth_m)):
+            depth = rr.EncodedDepthImage(
+                blob=depth_png(depth_m), media_type="image/png", meter=CENTIMETRE, depth_range=(0, 20 * CENTIMETRE)
+            )
+            self._log(f"{path}/depth/{name}", depth)
+        self._log(f"{path}/source", rr.SegmentationImage(corrected.source))
+
+    def _log_histogram(self, drone: int, histogram: Histogram) -> None:
+        """Free range by direction as an image of the camera's grid: bright is free, unknown is dark."""
+        free = np.clip(histogram.range_m / 15.0, 0.05, 1)
+        shown = np.where(histogram.unknown, 0, 255 * free).astype(np.uint8)
+        self._log(f"world/drone/{drone}/histogram", rr.Image(shown, color_model="L"))
+
+    def _log_choice(self, drone: int, state: DroneState, decision: Decision) -> None:
+        choice = decision.choice
+        if choice is None:
+            return
+        self._log(
+            f"world/choice/{drone}",
+            rr.Arrows3D(origins=[state.position_m], vectors=[1.5 * choice.direction], colors=[(240, 230, 80)]),
+        )
+        marked = [] if choice.cell is None else [[choice.cell[1] + 0.5, choice.cell[0] + 0.5]]
+        self._log(f"world/drone/{drone}/histogram/chosen", rr.Points2D(marked, radii=[0.3], colors=[(255, 60, 60)]))
+
+
+def depth_png(depth_m: FloatImage) -> bytes:
+    """Depth as a 16-bit PNG in centimetres, rounded to 1 %, which halves its size; 0 stays 0."""
+    exponent = np.rint(np.log(np.maximum(depth_m, 0.01)) * 100) / 100
+    rounded = np.where(depth_m > 0, np.exp(exponent) * CENTIMETRE, 0)
+    _, png = cv2.imencode(".png", np.minimum(rounded, 65535).astype(np.uint16), [cv2.IMWRITE_PNG_COMPRESSION, 2])
+    return png.tobytes()
+
+
+def blueprint(n_drones: int) -> rrb.Blueprint:
+    """The layout that is saved with the recording."""
+    world = rrb.Spatial3DView(
+        name="world",
+        origin="world",
+        contents=[
+            "+ world/**",
+            "- world/drone/*/cam/depth/**",
+            "- world/drone/*/cam/source",
+            "- world/drone/*/histogram/**",
+        ],
+    )
+    cameras = rrb.Tabs(*[_camera_views(drone) for drone in range(n_drones)], name="cameras")
+    curves = rrb.Vertical(
+        rrb.TimeSeriesView(
+            name="clearance and separation [m]", contents=["metrics/clearance_m", "metrics/separation_m"]
+        ),
+        rrb.TimeSeriesView(name="formation error [m]", contents=["metrics/formation_error_m"]),
+        rrb.StateTimelineView(name="states", origin="drone"),
+        rrb.TextLogView(name="events", origin="events"),
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(rrb.Vertical(world, curves, row_shares=[3, 2]), cameras, column_shares=[3, 2]),
+        rrb.TimePanel(timeline="sim_time", state="collapsed"),
+        rrb.SelectionPanel(state="hidden"),
+        auto_views=False,
+    )
+
+
+def _camera_views(drone: int) -> rrb.Vertical:
+    cam, name = f"world/drone/{drone}/cam", "leader" if drone == 0 else f"drone {drone}"
+    return rrb.Vertical(
+        rrb.Horizontal(
+            rrb.Spatial2DView(name="gray", origin=cam, contents=[f"{cam}/gray"]),
+            rrb.Spatial2DView(name="depth, true", origin=cam, contents=[f"{cam}/depth/true"]),
+        ),
+        rrb.Horizontal(
+            rrb.Spatial2DView(name="depth, raw", origin=cam, contents=[f"{cam}/depth/raw"]),
+            rrb.Spatial2DView(name="depth, corrected", origin=cam, contents=[f"{cam}/depth/corrected"]),
+        ),
+        rrb.Horizontal(
+            rrb.Spatial2DView(name="source", origin=cam, contents=[f"{cam}/source"]),
+            rrb.Spatial2DView(name="obstacle histogram", origin=f"world/drone/{drone}/histogram"),
+        ),
+        name=name,
+    )

@@ -1,0 +1,181 @@
+"""Running one mission: threads, folders, progress and files around what `swarm` does."""
+
+import json
+import os
+import platform
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import warp as wp
+
+from sim.render import create_renderer
+from sim.rig import StereoRig
+from sim.scenes import build_city
+from sim.world import World
+from swarm.mission import Mission
+from swarm.recorder import NullRecorder, Recorder
+from swarm.types import MissionResult, Trajectory
+from voxdepth.registry import create_corrector
+
+from .config import Run, to_toml
+from .errors import ScenarioError
+
+Progress = Callable[[float, float], None]
+"""Called after every tick with simulated time and real-time factor."""
+
+REPORTED_PACKAGES = ("voxdepth", "numpy", "opencv-python-headless", "open3d", "pybullet", "warp-lang", "rerun-sdk")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finished:
+    """A run that has ended."""
+
+    result: MissionResult
+    wall_s: float
+    folder: Path | None
+    """Where its files are; None if nothing was written."""
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated time per wall-clock time."""
+        return float(self.result.metrics["sim_time_s"] or 0) / self.wall_s
+
+
+def fly(run: Run, progress: Progress | None = None) -> Finished:
+    """Fly a mission without writing anything."""
+    with flying(run, NullRecorder(), recorded=False) as mission:
+        wall_s = _ticks(mission, progress)
+        return Finished(result=mission.result(), wall_s=wall_s, folder=None)
+
+
+def fly_and_write(run: Run, out: Path, *, record: bool, progress: Progress | None = None) -> Finished:
+    """Fly a mission and write its configuration, metrics, trajectories and recording to a new folder below `out`.
+
+    Ctrl-C ends the mission with the outcome `interrupted`; everything is written all the same.
+
+    Raises:
+        ScenarioError: The folder cannot be written.
+    """
+    _refuse_unwritable(out)
+    folder = _free_folder(out, run)
+    recorder = _make_recorder(run, folder / "run.rrd") if record else NullRecorder()
+    try:
+        with flying(run, recorder, recorded=record) as mission:
+            _create(folder)
+            (folder / "config.toml").write_text(to_toml(run), encoding="utf-8")
+            wall_s = _ticks(mission, progress)
+            result = mission.result()
+    finally:
+        recorder.close()
+    finished = Finished(result=result, wall_s=wall_s, folder=folder)
+    _write_results(finished, run, folder)
+    return finished
+
+
+def summary(finished: Finished, run: Run) -> dict[str, Any]:
+    """What `metrics.json` holds. All that depends on the clock or the machine is below the key `wall`."""
+    result = finished.result
+    return {
+        "scenario": run.scenario.name,
+        "seed": run.seed,
+        "depth": run.scenario.rig.depth,
+        "theta": run.scenario.rig.theta,
+        "corrector": run.scenario.corrector,
+        "outcome": result.outcome.value,
+        "metrics": dict(result.metrics),
+        "contacts": [vars(contact) for contact in result.contacts],
+        "versions": {name: version(name) for name in REPORTED_PACKAGES},
+        "wall": {
+            "seconds": finished.wall_s,
+            "real_time_factor": finished.real_time_factor,
+            "ended_at": datetime.now().astimezone().isoformat(timespec="seconds"),
+            "machine": f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}",
+        },
+    }
+
+
+@contextmanager
+def flying(run: Run, recorder: Recorder, *, recorded: bool) -> Iterator[Mission]:
+    """A mission that is ready to fly. Libraries run on one thread each; the drones' images run side by side."""
+    scenario, seed = run.scenario, run.seed
+    config = scenario.mission
+    wp.config.log_level = wp.LOG_ERROR
+    cv2.setNumThreads(1)
+    with (
+        World(
+            build_city(scenario.scene, seed), config.starts_m(), scenario.airframe, start_yaw_rad=config.heading_rad
+        ) as world,
+        ThreadPoolExecutor(os.cpu_count() or 1) as pool,
+    ):
+        intrinsics = scenario.rig.intrinsics
+        correctors = [create_corrector(scenario.corrector, intrinsics) for _ in range(config.drones)]
+        gray = recorded or any(corrector.uses_gray for corrector in correctors)
+        renderer = create_renderer(scenario.renderer, world)
+        rig = StereoRig(world, renderer, scenario.rig, seed=seed, gray=gray, pool_map=pool.map)
+        yield Mission(config, world, rig, correctors, recorder, camera_hz=scenario.rig.rate_hz, pool_map=pool.map)
+
+
+def _ticks(mission: Mission, progress: Progress | None) -> float:
+    """Fly to the end or to Ctrl-C; return the wall-clock time [s]."""
+    start = time.perf_counter()
+    try:
+        while mission.outcome is None:
+            mission.tick()
+            if progress is not None:
+                progress(mission.time_s, mission.time_s / (time.perf_counter() - start))
+    except KeyboardInterrupt:
+        if mission.outcome is None:
+            mission.interrupt()
+    return time.perf_counter() - start
+
+
+def _make_recorder(run: Run, path: Path) -> Recorder:
+    from .rerun_recorder import RerunRecorder
+
+    identity = f"{run.scenario.name}-{run.seed}-{run.scenario.rig.depth}-{run.scenario.corrector}"
+    return RerunRecorder(path, run.scenario.rig, recording_id=identity, image_every=run.scenario.recording.image_every)
+
+
+def _refuse_unwritable(out: Path) -> None:
+    """Fail before anything is computed if no folder can be made below `out`."""
+    existing = next((path for path in [out, *out.absolute().parents] if path.exists()), Path("/"))
+    if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
+        raise ScenarioError(f"cannot write to the output folder {out}: expected a folder that you may write to")
+
+
+def _free_folder(out: Path, run: Run) -> Path:
+    """A name below `out` that is not taken."""
+    base = f"{datetime.now():%Y%m%d-%H%M%S}-{run.scenario.name}-{run.seed}"
+    names = [base, *(f"{base}-{k}" for k in range(2, 1000))]
+    return next(out / name for name in names if not (out / name).exists())
+
+
+def _create(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True)
+    except OSError as error:
+        raise ScenarioError(f"cannot create the run folder {folder}: {error.strerror}") from error
+
+
+def _write_results(finished: Finished, run: Run, folder: Path) -> None:
+    text = json.dumps(summary(finished, run), indent=2, allow_nan=False)
+    (folder / "metrics.json").write_text(text + "\n", encoding="utf-8")
+    trajectories = folder / "trajectories"
+    trajectories.mkdir()
+    for drone, trajectory in enumerate(finished.result.trajectories):
+        write_tum(trajectories / f"drone-{drone}.tum", trajectory)
+
+
+def write_tum(path: Path, trajectory: Trajectory) -> None:
+    """A trajectory in the TUM RGB-D format: `timestamp tx ty tz qx qy qz qw`, one line per sample."""
+    rows = np.column_stack([trajectory.time_s, trajectory.position_m, trajectory.q_world_body_xyzw])
+    np.savetxt(path, rows, fmt="%.6f", header="timestamp tx ty tz qx qy qz qw")

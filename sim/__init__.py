@@ -1,0 +1,1 @@
+"""The simulator: world, drones, cameras and noise. An independent oracle for what it tests."""

@@ -1,0 +1,1 @@
+"""A leader and its followers, flying by what their cameras see."""
