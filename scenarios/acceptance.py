@@ -1,12 +1,12 @@
 """Whether a scenario still does what its file promises."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from swarm.types import Outcome
 
+from .batch import fly_all
 from .config import Run, load_run
-from .runner import fly
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,12 +40,12 @@ def acceptance_run(name: str, seed: int) -> Run:
     return load_run(name, seed, changes)
 
 
-def check(name: str, seeds: Iterable[int], report: Callable[[int, Outcome], None]) -> Verdict:
+def check(name: str, seeds: Sequence[int], report: Callable[[int, Outcome], None], *, workers: int) -> Verdict:
     """Fly a scenario's acceptance check; `report` is told of every run."""
     outcomes = []
-    for seed in seeds:
-        outcome = fly(acceptance_run(name, seed)).result.outcome
-        report(seed, outcome)
-        outcomes.append(outcome)
+    runs = [acceptance_run(name, seed) for seed in seeds]
+    for seed, finished in zip(seeds, fly_all(runs, workers=workers), strict=True):
+        report(seed, finished.result.outcome)
+        outcomes.append(finished.result.outcome)
     required = load_run(name, 0, {}).scenario.acceptance.min_success_share
     return Verdict(scenario=name, outcomes=tuple(outcomes), required_share=required)

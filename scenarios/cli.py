@@ -40,6 +40,8 @@ class RendererName(StrEnum):
 
 Scenario = Annotated[str, typer.Argument(help="A shipped scenario, or a TOML file: a scenario or a run's config.toml.")]
 Seed = Annotated[int | None, typer.Option(help="Master seed of everything random. Default: the file's, or 0.")]
+Seeds = Annotated[int, typer.Option(min=1, help="How many seeds, from 0 on.")]
+Workers = Annotated[int, typer.Option(min=1, help="Missions flown side by side.")]
 Size = Annotated[str | None, typer.Option(help="Image size, as in 160x120.")]
 
 
@@ -142,7 +144,8 @@ def doctor() -> None:
 @app.command()
 def accept(
     scenarios: Annotated[list[str] | None, typer.Argument(help="Scenarios; all when none is named.")] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="How many seeds, from 0 on.")] = 20,
+    seeds: Seeds = 20,
+    workers: Workers = 2,
 ) -> None:
     """Fly the acceptance checks of scenarios; exit 1 if one is missed."""
     from rich.console import Console
@@ -153,7 +156,9 @@ def accept(
     console = Console()
     verdicts = []
     for name in scenarios or scenario_names():
-        verdict = check(name, range(seeds), lambda seed, outcome: console.print(f"  seed {seed}: {outcome}"))
+        verdict = check(
+            name, range(seeds), lambda seed, outcome: console.print(f"  seed {seed}: {outcome}"), workers=workers
+        )
         word = "accepted" if verdict.accepted else "MISSED"
         console.print(
             f"{name}: {verdict.successes} of {len(verdict.outcomes)} succeeded, "
@@ -162,6 +167,31 @@ def accept(
         verdicts.append(verdict)
     if not all(verdict.accepted for verdict in verdicts):
         raise typer.Exit(1)
+
+
+@app.command()
+def tabulate(
+    scenario: Scenario,
+    depth: Annotated[list[Depth] | None, typer.Option(help="Depth tier; may be repeated.")] = None,
+    theta: Annotated[list[float] | None, typer.Option(help="Noise ratio of the tier noisy; may be repeated.")] = None,
+    corrector: Annotated[list[str] | None, typer.Option(help="Corrector; may be repeated.")] = None,
+    seeds: Seeds = 10,
+    workers: Workers = 2,
+    size: Size = None,
+) -> None:
+    """Fly a scenario over depth sources and seeds, and print the outcomes as a Markdown table."""
+    from .batch import fly_all
+    from .tabulate import arms, header, markdown, row
+
+    rows = [header()]
+    for arm in arms([d.value for d in depth or [Depth.STEREO]], theta or [0.0], corrector or ["raw"]):
+        runs = [arm.run(scenario, seed, _size(size)) for seed in range(seeds)]
+        results = []
+        for finished in fly_all(runs, workers=workers):
+            results.append(finished.result)
+            typer.echo(f"{arm.depth} {arm.theta:g} {arm.corrector}: {len(results)} of {seeds}", err=True)
+        rows.append(row(arm, results))
+    typer.echo(markdown(rows))
 
 
 @app.command()

@@ -50,10 +50,10 @@ class Finished:
         return float(self.result.metrics["sim_time_s"] or 0) / self.wall_s
 
 
-def fly(run: Run, progress: Progress | None = None) -> Finished:
-    """Fly a mission without writing anything."""
-    with flying(run, NullRecorder(), recorded=False) as mission:
-        wall_s = _ticks(mission, progress)
+def fly(run: Run, *, threads: int | None = None) -> Finished:
+    """Fly a mission without writing anything; the number of threads changes the speed alone."""
+    with flying(run, NullRecorder(), recorded=False, threads=threads) as mission:
+        wall_s = _ticks(mission, None)
         return Finished(result=mission.result(), wall_s=wall_s, folder=None)
 
 
@@ -104,8 +104,16 @@ def summary(finished: Finished, run: Run) -> dict[str, Any]:
 
 
 @contextmanager
-def flying(run: Run, recorder: Recorder, *, recorded: bool) -> Iterator[Mission]:
-    """A mission that is ready to fly. Libraries run on one thread each; the drones' images run side by side."""
+def flying(run: Run, recorder: Recorder, *, recorded: bool, threads: int | None = None) -> Iterator[Mission]:
+    """A mission that is ready to fly. Libraries run on one thread each; the drones' images run side by side.
+
+    Args:
+        run: What to fly.
+        recorder: Told of everything.
+        recorded: Whether the gray images are wanted even if nothing else needs them.
+        threads: For the drones' images; None takes one per processor.
+    """
+    threads = threads or os.cpu_count() or 1
     scenario, seed = run.scenario, run.seed
     config = scenario.mission
     wp.config.log_level = wp.LOG_ERROR
@@ -114,12 +122,12 @@ def flying(run: Run, recorder: Recorder, *, recorded: bool) -> Iterator[Mission]
         World(
             build_city(scenario.scene, seed), config.starts_m(), scenario.airframe, start_yaw_rad=config.heading_rad
         ) as world,
-        ThreadPoolExecutor(os.cpu_count() or 1) as pool,
+        ThreadPoolExecutor(threads) as pool,
     ):
         intrinsics = scenario.rig.intrinsics
         correctors = [create_corrector(scenario.corrector, intrinsics) for _ in range(config.drones)]
         gray = recorded or any(corrector.uses_gray for corrector in correctors)
-        renderer = create_renderer(scenario.renderer, world)
+        renderer = create_renderer(scenario.renderer, world, threads=threads)
         rig = StereoRig(world, renderer, scenario.rig, seed=seed, gray=gray, pool_map=pool.map)
         yield Mission(config, world, rig, correctors, recorder, camera_hz=scenario.rig.rate_hz, pool_map=pool.map)
 

@@ -7,29 +7,29 @@ from ..types import Renderer
 from ..world import World
 
 
-def _raycast(world: World) -> Renderer:
+def _raycast(world: World, threads: int) -> Renderer:
     from .raycast import RaycastRenderer
 
-    return RaycastRenderer(world)
+    return RaycastRenderer(world, threads=threads)
 
 
-def _tiny(world: World) -> Renderer:
+def _tiny(world: World, threads: int) -> Renderer:
     from .bullet import TinyRenderer
 
     return TinyRenderer(world)
 
 
-_FACTORIES: dict[str, Callable[[World], Renderer]] = {"raycast": _raycast, "tiny": _tiny}
+_FACTORIES: dict[str, Callable[[World, int], Renderer]] = {"raycast": _raycast, "tiny": _tiny}
 
 RENDERER_NAMES = tuple(_FACTORIES)
 
 
-def create_renderer(name: str, world: World) -> Renderer:
-    """A renderer of that name for one world.
+def create_renderer(name: str, world: World, *, threads: int = 2) -> Renderer:
+    """A renderer of that name for one world; `threads` changes its speed alone.
 
     Raises:
         RenderError: No renderer has that name, or it does not work on this machine.
     """
     if name not in _FACTORIES:
         raise RenderError(f"there is no renderer {name!r}; choose one of: {', '.join(RENDERER_NAMES)}")
-    return _FACTORIES[name](world)
+    return _FACTORIES[name](world, threads)

@@ -22,7 +22,6 @@ from . import shading
 from .meshes import Mesh, merged, mesh_of_body
 
 SUN_DIRECTION = np.array([0.45, -0.35, 0.82]) / np.linalg.norm([0.45, -0.35, 0.82])
-SHADING_THREADS = 2
 
 Rays = npt.NDArray[np.float32]
 
@@ -46,7 +45,7 @@ class RaycastRenderer:
     intrinsics.
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, *, threads: int) -> None:
         self._world = world
         self._o3d = open3d()
         static = list(world.bodies)
@@ -63,7 +62,8 @@ class RaycastRenderer:
         self._sky_seed = int(stream(world.scene.seed, Purpose.SURFACE, 1).integers(1 << 30))
         self._directions: dict[Intrinsics, Rays] = {}
         self._buffer: Rays = np.empty((0, 0, 6), np.float32)
-        self._pool = ThreadPoolExecutor(SHADING_THREADS)
+        self._pool = ThreadPoolExecutor(threads)
+        self._threads = threads
         wp.load_module(shading, device="cpu")
 
     def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
@@ -102,7 +102,7 @@ class RaycastRenderer:
         scene.add_triangles(
             self._o3d.core.Tensor(mesh.vertices_m.astype(np.float32)), self._o3d.core.Tensor(mesh.triangles)
         )
-        answer = scene.cast_rays(self._o3d.core.Tensor.from_numpy(rays))
+        answer = scene.cast_rays(self._o3d.core.Tensor.from_numpy(rays), nthreads=self._threads)
         triangle = np.minimum(answer["primitive_ids"].numpy(), len(mesh.triangles))
         return Hits(answer["t_hit"].numpy(), answer["primitive_normals"].numpy(), self._index_of_triangle[triangle])
 
