@@ -6,8 +6,6 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from voxdepth.types import FloatArray
-
 from .model import Model
 from .seeds import Purpose, stream
 
@@ -149,9 +147,3 @@ def _pole(spec: CitySpec, rng: np.random.Generator, index: int) -> Body:
         position_m=(float(x), float(y), float(height / 2)),
         surface=Surface(albedo=float(rng.uniform(0.2, 0.7))),
     )
-
-
-def corners(scene: Scene) -> tuple[FloatArray, FloatArray]:
-    """Smallest and largest coordinates of the scene's buildings [m], each of shape (3,)."""
-    centres = np.array([b.position_m for b in scene.bodies if b.kind == "building"])
-    return centres.min(axis=0), centres.max(axis=0)

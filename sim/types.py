@@ -49,7 +49,7 @@ class Contact:
     kind: str
     """`drone`, `building` or `ground`."""
     speed_m_s: float
-    """Relative speed at the touch."""
+    """Relative speed just before the touch."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

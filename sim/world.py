@@ -1,6 +1,7 @@
 """The physical world: one PyBullet client with a scene and a fleet of drones."""
 
 import tempfile
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -20,6 +21,10 @@ from .seeds import Purpose, stream
 from .types import Contact, DroneState, VelocityCommand
 
 PHYSICS_HZ = 240
+SMALLEST_PROBE_M = 1e-3
+"""Bullet measures distances from spheres of positive radius only."""
+IMPACT_STEPS = 10
+"""Steps back to where the speed of an impact is taken: Bullet brakes bodies that are about to touch."""
 DRONE_SURFACE = Surface(albedo=0.15, texture=0.6)
 DRONE_BODY_HEIGHT_M = 0.16
 
@@ -53,6 +58,8 @@ class World:
         self.dt_s = 1 / PHYSICS_HZ
         self.steps = 0
         self.contacts: list[Contact] = []
+        self._probes: dict[float, int] = {}
+        self._recent: deque[FloatArray] = deque(maxlen=IMPACT_STEPS)
         self._touched: set[tuple[int, int]] = set()
         starts_m = np.asarray(starts_m, np.float64).reshape(-1, 3)
         self.n_drones = len(starts_m)
@@ -126,9 +133,9 @@ class World:
             bullet.applyExternalTorque(body, -1, torque, bullet.WORLD_FRAME, physicsClientId=client)
         bullet.stepSimulation(physicsClientId=client)
         self.steps += 1
-        speed_before = self._velocity
+        self._recent.append(self._velocity)
         self._read_motion()
-        return self._collect_contacts(speed_before)
+        return self._collect_contacts(self._recent[0])
 
     def clearance_m(self, drone: int, horizon_m: float = 5.0) -> float:
         """Distance from the drone's collision sphere to the nearest body or drone, at most `horizon_m`."""
@@ -249,10 +256,11 @@ class World:
 
     def _nearest_m(self, at_m: FloatArray, radius_m: float, horizon_m: float, own_body: int | None) -> float:
         """Signed distance from a sphere to the nearest other body; drones count only for a drone."""
+        probe_radius_m = max(radius_m, SMALLEST_PROBE_M)
         reach = horizon_m + radius_m
         low, high = (at_m - reach).tolist(), (at_m + reach).tolist()
         nearest = horizon_m
-        probe = self._probe(radius_m)
+        probe = self._probe(probe_radius_m)
         for body, _ in pybullet.getOverlappingObjects(low, high, physicsClientId=self.client) or ():
             if body == own_body or (own_body is None and body in self.drone_ids):
                 continue
@@ -266,15 +274,13 @@ class World:
                 physicsClientId=self.client,
             )
             nearest = min([nearest, *(point[8] for point in points)])
-        return float(nearest)
+        return min(horizon_m, float(nearest) + probe_radius_m - radius_m)
 
     def _probe(self, radius_m: float) -> int:
-        """A collision sphere without a body, for distance queries; Bullet needs a positive radius."""
-        if not hasattr(self, "_probes"):
-            self._probes: dict[float, int] = {}
+        """A collision sphere without a body, for distance queries."""
         if radius_m not in self._probes:
             self._probes[radius_m] = pybullet.createCollisionShape(
-                pybullet.GEOM_SPHERE, radius=max(radius_m, 1e-3), physicsClientId=self.client
+                pybullet.GEOM_SPHERE, radius=radius_m, physicsClientId=self.client
             )
         return self._probes[radius_m]
 

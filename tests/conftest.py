@@ -1,0 +1,9 @@
+"""Settings for all tests."""
+
+import os
+
+import hypothesis
+
+os.environ.setdefault("RERUN_ANALYTICS_ENABLED", "0")
+hypothesis.settings.register_profile("steady", deadline=None, derandomize=True, max_examples=30)
+hypothesis.settings.load_profile("steady")

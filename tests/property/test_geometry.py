@@ -1,0 +1,82 @@
+"""Laws of projection and rigid motion."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim import frames
+from voxdepth.geometry import back_project, inverse_rigid, transform
+from voxdepth.projection import project_nearest
+from voxdepth.types import Intrinsics
+from voxdepth.voxels import VoxelConfig, VoxelGrid
+
+CAMERA = Intrinsics.from_hfov(width_px=40, height_px=30, hfov_deg=70)
+angle = st.floats(-3, 3)
+length = st.floats(-5, 5)
+
+
+def rigid(a: float, b: float, x: float, y: float) -> np.ndarray:
+    q = np.array([np.sin(a), np.cos(a) * np.sin(b), 0.3, 1.0])
+    return frames.pose(frames.rotation_from_quaternion(q / np.linalg.norm(q)), np.array([x, y, x - y]))
+
+
+@given(st.integers(0, 10_000))
+def test_projecting_a_back_projection_returns_the_image(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    depth = rng.uniform(0.3, 30, CAMERA.shape).astype(np.float32)
+    depth[rng.random(depth.shape) < 0.2] = 0
+    np.testing.assert_array_equal(project_nearest(back_project(depth, CAMERA), CAMERA), depth)
+
+
+@given(angle, angle, length, length)
+def test_inverse_undoes_a_motion(a: float, b: float, x: float, y: float) -> None:
+    T = rigid(a, b, x, y)
+    np.testing.assert_allclose(inverse_rigid(T) @ T, np.eye(4), atol=1e-12)
+    points = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
+    np.testing.assert_allclose(transform(inverse_rigid(T), transform(T, points)), points, atol=1e-5)
+
+
+@given(angle, angle, length, length)
+def test_rotations_keep_lengths_and_handedness(a: float, b: float, x: float, y: float) -> None:
+    R = rigid(a, b, x, y)[:3, :3]
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(R) > 0
+
+
+@given(angle)
+def test_yaw_survives_the_quaternion(yaw: float) -> None:
+    assert np.isclose(frames.yaw_from_quaternion(frames.quaternion_from_yaw(yaw)), yaw)
+
+
+@given(st.integers(0, 1000))
+def test_voxel_centres_are_within_half_a_cell(seed: int) -> None:
+    config = VoxelConfig(half_width_m=6, half_height_m=6, depth_m=10)
+    point = np.random.default_rng(seed).uniform([-5, -5, 0.1], [5, 5, 9], (1, 3)).astype(np.float32)
+    grid = VoxelGrid(config)
+    grid.integrate(point)
+    (centre,) = grid.occupied_centres()
+    assert (np.abs(centre - point[0]) <= np.array(config.cell_m) / 2 + 1e-5).all()
+
+
+@given(st.permutations(range(4)))
+def test_the_order_of_integration_does_not_matter(order: list[int]) -> None:
+    rng = np.random.default_rng(3)
+    clouds = [rng.uniform([-5, -5, 0], [5, 5, 9], (200, 3)).astype(np.float32) for _ in order]
+    config = VoxelConfig(half_width_m=6, half_height_m=6, depth_m=10)
+    one, other = VoxelGrid(config), VoxelGrid(config)
+    for i, j in zip(range(4), order, strict=True):
+        one.integrate(clouds[i])
+        other.integrate(clouds[j])
+    np.testing.assert_array_equal(one.words, other.words)
+
+
+def test_a_grid_is_empty_after_clear() -> None:
+    grid = VoxelGrid(VoxelConfig(half_width_m=6, half_height_m=6, depth_m=10))
+    grid.integrate(np.array([[0, 0, 1]], np.float32))
+    assert len(grid.occupied_centres()) == 1
+    grid.clear()
+    assert len(grid.occupied_centres()) == 0
+
+
+def test_the_default_grid_stays_under_48_megabytes() -> None:
+    assert VoxelGrid(VoxelConfig()).words.nbytes < 48e6

@@ -1,0 +1,166 @@
+"""What the paper's corrector must do, and its known faults."""
+
+import cv2
+import numpy as np
+import pytest
+
+from voxdepth import Frame, Intrinsics, Source, VoxDepth, VoxDepthConfig, create_corrector
+from voxdepth.combine import combine
+from voxdepth.errors import ConfigError, FrameError
+from voxdepth.inpainting import dilate
+from voxdepth.types import Phase, RegistrationStatus
+
+CAMERA = Intrinsics.from_hfov(width_px=320, height_px=180, hfov_deg=86)
+CONFIG = VoxDepthConfig(window_frames=4, max_epoch_frames=20)
+CELL_Z_M = CONFIG.voxels.cell_m[2]
+
+
+def texture(seed: int) -> np.ndarray:
+    noise = np.random.default_rng(seed).integers(0, 256, CAMERA.shape, dtype=np.uint8)
+    return cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 1.5), None, 0, 255, cv2.NORM_MINMAX)
+
+
+def flat(depth_m: float) -> np.ndarray:
+    return np.full(CAMERA.shape, depth_m, np.float32)
+
+
+def feed(corrector: VoxDepth, depths: list[np.ndarray], gray: np.ndarray, start_s: float = 0.0) -> list:
+    return [corrector.process(Frame(stamp_s=start_s + 0.1 * i, gray=gray, depth_m=d)) for i, d in enumerate(depths)]
+
+
+def test_it_passes_frames_through_until_the_first_template_is_there() -> None:
+    results = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 6, texture(0))
+    assert [r.phase for r in results] == [Phase.PASSTHROUGH] * 3 + [Phase.CORRECTING] * 3
+    assert results[0].registration.status is RegistrationStatus.NOT_TRIED
+
+
+@pytest.mark.parametrize("depth_m", [3.0, 10.0, 25.0])
+def test_constant_depth_stays_constant_within_a_voxel(depth_m: float) -> None:
+    for result in feed(VoxDepth(CAMERA, CONFIG), [flat(depth_m)] * 8, texture(0)):
+        assert np.abs(result.depth_m - depth_m).max() <= CELL_Z_M
+
+
+def test_a_hole_is_filled_from_the_template_within_a_voxel() -> None:
+    holed = flat(10.0)
+    holed[60:120, 100:200] = 0
+    result = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 5 + [holed], texture(0))[-1]
+    hole = np.s_[63:117, 103:197]
+    assert np.abs(result.depth_m[hole] - 10.0).max() <= CELL_Z_M
+    assert (result.source[hole] == Source.TEMPLATE).all()
+    assert (result.confidence[hole] < 1).all()
+
+
+def test_flicker_is_removed() -> None:
+    spotted = flat(10.0)
+    spotted[::15, ::15] = 3.0
+    result = feed(VoxDepth(CAMERA, CONFIG), [spotted], texture(0))[0]
+    assert np.abs(result.depth_m[5:-5, 5:-5] - 10.0).max() == 0
+
+
+def test_a_near_object_is_erased_which_is_a_known_fault() -> None:
+    with_drone = flat(10.0)
+    with_drone[60:120, 100:200] = 2.0
+    result = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 5 + [with_drone], texture(0))[-1]
+    assert (result.depth_m[70:110, 110:190] > 9).all()
+
+
+def test_a_new_epoch_begins_after_a_cut_and_not_on_a_still_camera() -> None:
+    corrector = VoxDepth(CAMERA, CONFIG)
+    still = feed(corrector, [flat(10.0)] * 15, texture(0))
+    assert {r.phase for r in still[3:]} == {Phase.CORRECTING}
+    cut = feed(corrector, [flat(5.0)] * 8, texture(1), start_s=100.0)
+    assert cut[0].registration.status is RegistrationStatus.FEW_MATCHES
+    assert cut[0].phase is Phase.PASSTHROUGH
+    assert cut[-1].phase is Phase.CORRECTING
+    assert np.abs(cut[-1].depth_m - 5.0).max() <= CELL_Z_M
+
+
+def test_an_epoch_ends_after_its_longest_length() -> None:
+    results = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 40, texture(0))
+    assert Phase.FUSING in {r.phase for r in results[20:]}
+
+
+@pytest.mark.parametrize("gray", [np.zeros(CAMERA.shape, np.uint8), np.full(CAMERA.shape, 255, np.uint8)])
+def test_featureless_images_end_in_a_status(gray: np.ndarray) -> None:
+    result = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 6, gray)[-1]
+    assert result.registration.status is RegistrationStatus.FEW_MATCHES
+    np.testing.assert_array_equal(result.depth_m, flat(10.0))
+
+
+def test_frames_without_any_depth_stay_empty() -> None:
+    result = feed(VoxDepth(CAMERA, CONFIG), [flat(0.0)] * 6, texture(0))[-1]
+    assert not result.depth_m.any()
+    assert not result.confidence.any()
+    assert (result.source == Source.INVALID).all()
+
+
+def test_registration_follows_a_shifted_image() -> None:
+    corrector = VoxDepth(CAMERA, CONFIG)
+    feed(corrector, [flat(10.0)] * 5, texture(0))
+    shifted = np.roll(texture(0), 8, axis=1)
+    result = corrector.process(Frame(stamp_s=9.0, gray=shifted, depth_m=flat(10.0)))
+    assert result.registration.ok
+    np.testing.assert_allclose(result.registration.M_frame_template, [[1, 0, 8], [0, 1, 0]], atol=0.3)
+
+
+def test_time_must_increase_and_sizes_must_stay() -> None:
+    corrector = VoxDepth(CAMERA, CONFIG)
+    feed(corrector, [flat(1.0)], texture(0), start_s=1.0)
+    with pytest.raises(FrameError, match="time must increase"):
+        feed(corrector, [flat(1.0)], texture(0), start_s=1.0)
+    with pytest.raises(FrameError, match="have shape"):
+        corrector.process(Frame(stamp_s=2.0, gray=np.zeros((9, 9), np.uint8), depth_m=np.ones((9, 9), np.float32)))
+
+
+def test_reset_forgets_the_stream() -> None:
+    corrector = VoxDepth(CAMERA, CONFIG)
+    first = feed(corrector, [flat(10.0)] * 6, texture(0))
+    corrector.reset()
+    again = feed(corrector, [flat(10.0)] * 6, texture(0))
+    for a, b in zip(first, again, strict=True):
+        np.testing.assert_array_equal(a.depth_m, b.depth_m)
+        assert a.phase is b.phase
+
+
+def test_the_input_is_not_modified() -> None:
+    depth = flat(10.0)
+    depth[5:9] = 0
+    before = depth.copy()
+    feed(VoxDepth(CAMERA, CONFIG), [depth] * 6, texture(0))
+    np.testing.assert_array_equal(depth, before)
+
+
+def test_the_combine_rule() -> None:
+    template = np.array([[10.0, 10, 10, 10, 0, 0]], np.float32)
+    raw = np.array([[0.0, 4.9, 5.0, 10.1, 3, 0]], np.float32)
+    depth, source = combine(raw, template)
+    np.testing.assert_array_equal(depth, np.array([[10, 10, 5, 10, 3, 0]], np.float32))
+    assert source.tolist() == [[2, 2, 1, 2, 1, 0]]
+
+
+def test_dilation_takes_the_maximum_of_its_window() -> None:
+    sparse = np.zeros((9, 9), np.float32)
+    sparse[4, 4], sparse[4, 5] = 2.0, 3.0
+    dense = dilate(sparse, 5)
+    assert dense[4, 2] == 2.0
+    assert dense[4, 3] == 3.0
+    assert dense[4, 1] == 0.0
+
+
+def test_raw_returns_the_frame() -> None:
+    depth = flat(4.0)
+    depth[0] = 0
+    result = create_corrector("raw", CAMERA).process(Frame(stamp_s=0.0, gray=texture(0), depth_m=depth))
+    np.testing.assert_array_equal(result.depth_m, depth)
+    np.testing.assert_array_equal(result.source, np.where(depth > 0, Source.SENSOR, Source.INVALID))
+
+
+def test_unknown_correctors_are_refused_with_the_choice() -> None:
+    with pytest.raises(ConfigError, match="raw, paper"):
+        create_corrector("magic", CAMERA)
+
+
+@pytest.mark.parametrize("bad", [{"median_size_px": 4}, {"inpaint_size_px": 2}, {"window_frames": 0}, {"windows": 3}])
+def test_bad_configurations_are_refused(bad: dict[str, int]) -> None:
+    with pytest.raises(ValueError, match="validation error"):
+        VoxDepthConfig(**bad)  # type: ignore[arg-type]

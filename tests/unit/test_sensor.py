@@ -1,0 +1,162 @@
+"""Laws of cameras, stereo and noise."""
+
+import numpy as np
+import pytest
+
+from sim.errors import SensorError
+from sim.noise import occlusion, photon_noise, scale_noise
+from sim.render import create_renderer
+from sim.rig import RigConfig, StereoRig
+from sim.stereo import StereoConfig, StereoMatcher
+from tests.helpers import CAMERA, block, camera_at, wall, world_of
+
+BASELINE_M = 0.095
+
+
+def stereo_pair(distance_m: float, width: int = 640, height: int = 360) -> tuple:
+    from voxdepth.types import Intrinsics
+
+    intrinsics = Intrinsics.from_hfov(width_px=width, height_px=height, hfov_deg=86, baseline_m=BASELINE_M)
+    with world_of(wall(distance_m)) as world:
+        cameras = [camera_at(0, side * BASELINE_M / 2, 0, intrinsics=intrinsics) for side in (1, -1)]
+        left, right = create_renderer("raycast", world).render(cameras)
+    return intrinsics, left, right
+
+
+@pytest.mark.parametrize("renderer", ["raycast", "tiny"])
+@pytest.mark.parametrize("distance_m", [1.0, 3.0, 12.0])
+def test_a_plane_reads_its_depth(renderer: str, distance_m: float) -> None:
+    with world_of(wall(distance_m)) as world:
+        image = create_renderer(renderer, world).render([camera_at(0, 0, 0)])[0]
+    np.testing.assert_allclose(image.depth_m, distance_m, atol=0.003)
+    assert (image.segment_id == 0).all()
+
+
+@pytest.mark.parametrize("renderer", ["raycast", "tiny"])
+def test_where_nothing_is_depth_is_infinite(renderer: str) -> None:
+    with world_of(wall(3.0)) as world:
+        image = create_renderer(renderer, world).render([camera_at(0, 0, 0, q_xyzw=(0, 0, 1, 0))])[0]
+    assert np.isinf(image.depth_m).all()
+    assert (image.segment_id == -1).all()
+
+
+@pytest.mark.parametrize("distance_m", [2.0, 4.0, 7.0])
+def test_disparity_is_focal_length_times_baseline_over_depth(distance_m: float) -> None:
+    intrinsics, left, right = stereo_pair(distance_m)
+    disparity = StereoMatcher(intrinsics, StereoConfig(), max_depth_m=40.0).disparity(left.gray, right.gray)
+    expected = intrinsics.fx_px * BASELINE_M / distance_m
+    valid = disparity[:, int(expected) + 8 :] >= 0
+    assert valid.mean() > 0.97
+    error = disparity[:, int(expected) + 8 :][valid] - expected
+    # A wall at one depth is the worst case of pixel locking: the matcher prefers whole disparities by up to 0.3 px.
+    assert abs(np.median(error)) < 0.3
+    assert np.mean(np.abs(error) < 1) > 0.98
+
+
+def test_the_left_band_that_the_right_camera_misses_is_as_wide_as_the_disparity() -> None:
+    intrinsics, left, right = stereo_pair(2.0)
+    hidden = occlusion(left.depth_m, right.depth_m, intrinsics)
+    expected = intrinsics.fx_px * BASELINE_M / 2.0
+    assert abs(hidden.sum(axis=1) - expected).max() <= 1
+    assert hidden[:, : int(expected) - 1].all()
+
+
+def test_the_shadow_beside_a_box_has_the_width_of_the_disparity_difference() -> None:
+    from voxdepth.types import Intrinsics
+
+    intrinsics = Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=86, baseline_m=BASELINE_M)
+    front_m, back_m = 2.0, 6.0
+    with world_of(wall(back_m), block(front_m, 1.0)) as world:
+        cameras = [camera_at(0, side * BASELINE_M / 2, 0, intrinsics=intrinsics) for side in (1, -1)]
+        left, right = create_renderer("raycast", world).render(cameras)
+    hidden = occlusion(left.depth_m, right.depth_m, intrinsics)
+    band = int(intrinsics.fx_px * BASELINE_M / back_m) + 3
+    expected = intrinsics.fx_px * BASELINE_M * (1 / front_m - 1 / back_m)
+    assert abs(hidden[180, band:].sum() - expected) <= 2
+    assert not hidden[5, band:].any()
+
+
+def test_far_surfaces_and_holes_are_told_apart() -> None:
+    matcher = StereoMatcher(CAMERA, StereoConfig(), max_depth_m=40.0)
+    depth = matcher.depth_from_disparity(np.array([[-1.0, 0.0, 0.01, 4.0]], np.float32))
+    np.testing.assert_allclose(depth, [[0, 40, 40, CAMERA.fx_px * BASELINE_M / 4]], rtol=1e-6)
+
+
+@pytest.mark.parametrize("unit", ["object", "frame", "pixel"])
+def test_scale_noise_is_uniform_within_theta(unit: str) -> None:
+    depth = np.full((40, 50), 8.0, np.float32)
+    ids = (np.arange(2000) % 25).reshape(40, 50).astype(np.int32)
+    noisy = np.stack([scale_noise(depth, ids, 0.5, 0, frame, seed=1, unit=unit) for frame in range(200)])  # type: ignore[arg-type]
+    beta = noisy / 8.0 - 1
+    assert np.abs(beta).max() <= 0.5 + 1e-6
+    assert abs(beta.mean()) < 0.06
+    assert abs(beta.std() - 0.5 / np.sqrt(3)) < 0.03
+    per_frame = {"object": 25, "frame": 1, "pixel": 2000}[unit]
+    assert len(np.unique(noisy[0])) == pytest.approx(per_frame, rel=0.01)
+
+
+def test_what_else_is_seen_does_not_shift_an_objects_noise() -> None:
+    depth = np.full((4, 4), 8.0, np.float32)
+    few, more = np.full((4, 4), 3, np.int32), np.full((4, 4), 3, np.int32)
+    more[0], more[1] = 9, -1
+    a, b = (scale_noise(depth, ids, 0.5, 2, 7, seed=1) for ids in (few, more))
+    np.testing.assert_array_equal(a[2:], b[2:])
+    other_drone = scale_noise(depth, few, 0.5, 3, 7, seed=1)
+    assert not np.array_equal(a, other_drone)
+
+
+def test_scale_noise_keeps_holes_and_theta_zero_keeps_everything() -> None:
+    depth = np.array([[0.0, 5.0]], np.float32)
+    ids = np.array([[1, 1]], np.int32)
+    assert scale_noise(depth, ids, 0.9, 0, 0, seed=0)[0, 0] == 0
+    np.testing.assert_array_equal(scale_noise(depth, ids, 0.0, 0, 0, seed=0), depth)
+
+
+def test_photon_noise_has_its_deviation_and_is_repeatable() -> None:
+    gray = np.full((200, 200), 120, np.uint8)
+    noisy = photon_noise(gray, 3.0, 1, 2, 0, seed=4)
+    assert abs(noisy.std() - np.sqrt(9 + 1 / 12)) < 0.05
+    assert abs(float(noisy.mean()) - 120) < 0.05
+    np.testing.assert_array_equal(noisy, photon_noise(gray, 3.0, 1, 2, 0, seed=4))
+    assert not np.array_equal(noisy, photon_noise(gray, 3.0, 1, 3, 0, seed=4))
+
+
+@pytest.mark.parametrize("depth", ["truth", "noisy", "stereo"])
+def test_captures_of_the_same_seed_are_the_same_bytes(depth: str) -> None:
+    from concurrent.futures import ThreadPoolExecutor
+
+    config = RigConfig(width_px=96, height_px=64, depth=depth, theta=0.3 if depth == "noisy" else 0.0)
+    starts = [(0.0, 0.0, 0.0), (-1.0, 1.5, 0.0), (-2.0, -1.5, 0.5)]
+    captures = []
+    with ThreadPoolExecutor(2) as pool:
+        for pool_map in (map, pool.map):
+            with world_of(wall(4.0), starts_m=starts) as world:
+                rig = StereoRig(world, create_renderer("raycast", world), config, seed=3, pool_map=pool_map)
+                captures.append(rig.capture([0, 1, 2], frame=5))
+    for one, other in zip(*captures, strict=True):
+        np.testing.assert_array_equal(one.depth_raw_m, other.depth_raw_m)
+        np.testing.assert_array_equal(one.gray_left, other.gray_left)
+
+
+def test_a_capture_of_some_drones_is_part_of_the_capture_of_all() -> None:
+    config = RigConfig(width_px=96, height_px=64, depth="noisy", theta=0.3)
+    with world_of(wall(4.0), starts_m=[(0, 0, 0), (-1, 1.5, 0), (-2, -1.5, 0.5)]) as world:
+        rig = StereoRig(world, create_renderer("raycast", world), config, seed=3)
+        alone, together = rig.capture([2], frame=1)[0], rig.capture([0, 1, 2], frame=1)[2]
+    np.testing.assert_array_equal(alone.depth_raw_m, together.depth_raw_m)
+
+
+def test_the_noisy_tier_has_holes_where_the_right_camera_is_blocked() -> None:
+    config = RigConfig(width_px=160, height_px=120, depth="noisy", theta=0.0)
+    with world_of(wall(6.0), block(2.0, 1.0), starts_m=[(0, 0, 0)]) as world:
+        capture = StereoRig(world, create_renderer("raycast", world), config, seed=0).capture([0], 0)[0]
+    np.testing.assert_array_equal(capture.depth_raw_m == 0, capture.occluded)
+    assert 0.01 < capture.occluded.mean() < 0.2
+    seen = ~capture.occluded
+    np.testing.assert_array_equal(capture.depth_raw_m[seen], capture.depth_true_m[seen])
+
+
+def test_a_baseline_wider_than_the_image_can_match_is_refused() -> None:
+    config = RigConfig(width_px=160, height_px=120, baseline_m=2.0)
+    with world_of(wall(4.0), starts_m=[(0, 0, 0)]) as world, pytest.raises(SensorError, match="shorten the baseline"):
+        StereoRig(world, create_renderer("raycast", world), config, seed=0)

@@ -1,0 +1,119 @@
+"""Flight, contacts and distances in the physical world."""
+
+import numpy as np
+import pytest
+
+from sim.errors import SceneError
+from sim.scenes import Body, Box, CitySpec, build_city
+from sim.types import VelocityCommand
+from sim.world import World
+from tests.helpers import wall, world_of
+
+GROUND = Body(name="ground", kind="ground", shape=Box((50.0, 50.0, 1.0)), position_m=(0.0, 0.0, -0.5))
+
+
+def go(x: float, y: float, z: float, yaw: float = 0.0) -> VelocityCommand:
+    return VelocityCommand(velocity_m_s=np.array([x, y, z]), yaw_rad=yaw)
+
+
+def fly(world: World, commands: list[VelocityCommand], seconds: float) -> None:
+    world.apply(commands)
+    for _ in range(int(seconds * 240)):
+        world.step()
+
+
+def test_a_drone_hovers_where_it_starts() -> None:
+    with world_of(GROUND, starts_m=[(0, 0, 3)]) as world:
+        fly(world, [go(0, 0, 0)], 3)
+        np.testing.assert_allclose(world.states[0].position_m, [0, 0, 3], atol=0.01)
+    assert world.time_s == 3
+
+
+@pytest.mark.parametrize("velocity", [(2, 0, 0), (0, -2, 0), (0, 0, 1), (1.5, 1.5, -0.5)])
+def test_it_reaches_the_wanted_velocity_and_heading(velocity: tuple[float, float, float]) -> None:
+    from sim.frames import yaw_from_quaternion
+
+    with world_of(starts_m=[(0, 0, 20)]) as world:
+        fly(world, [go(*velocity, yaw=1.2)], 4)
+        state = world.states[0]
+    np.testing.assert_allclose(state.velocity_m_s, velocity, atol=0.12)
+    assert yaw_from_quaternion(state.q_world_body_xyzw) == pytest.approx(1.2, abs=0.05)
+    assert np.linalg.norm(state.q_world_body_xyzw) == pytest.approx(1)
+
+
+def test_acceleration_and_speed_have_limits() -> None:
+    with world_of(starts_m=[(0, 0, 50)]) as world:
+        world.apply([go(30, 0, 0)])
+        speeds = []
+        for _ in range(960):
+            world.step()
+            speeds.append(np.linalg.norm(world.states[0].velocity_m_s))
+        assert max(speeds) < 5.3
+        assert np.diff(speeds).max() * 240 < 5.5
+
+
+def test_contacts_are_recorded_once_with_what_was_hit() -> None:
+    with world_of(GROUND, wall(3.0), starts_m=[(0, 0, 2), (0, 3, 2), (0, 6, 2), (2, 6, 2)]) as world:
+        fly(world, [go(3, 0, 0), go(0, 0, -3), go(2, 0, 0), go(-2, 0, 0)], 3)
+    found = {(c.drone, c.other, c.kind) for c in world.contacts}
+    assert {(0, "wall", "building"), (1, "ground", "ground"), (2, "drone-3", "drone")} <= found
+    assert len(found) == len(world.contacts)
+    first = next(c for c in world.contacts if c.other == "wall")
+    assert 1.0 < first.time_s < 2.0
+    assert first.speed_m_s == pytest.approx(2.9, abs=0.3)
+
+
+def test_clearance_is_the_gap_to_the_collision_sphere() -> None:
+    with world_of(GROUND, wall(3.0), starts_m=[(0, 0, 2), (0, 1.5, 2)]) as world:
+        assert world.clearance_m(0) == pytest.approx(1.5 - 0.5, abs=0.01)
+        assert world.room_at_m((0.0, 0.0, 2.0)) == pytest.approx(2.0, abs=0.01)
+        assert world.room_at_m((-20.0, 0.0, 20.0)) == 5.0
+        assert world.room_at_m((3.5, 0.0, 2.0)) < 0
+
+
+def test_bad_starts_are_refused() -> None:
+    with (
+        pytest.raises(SceneError, match="drone 1 starts at"),
+        world_of(GROUND, wall(3.0), starts_m=[(0, 0, 2), (3, 0, 2)]),
+    ):
+        pass
+    with pytest.raises(SceneError, match="spread the formation"), world_of(starts_m=[(0, 0, 2), (0, 0.3, 2)]):
+        pass
+
+
+def test_commands_must_match_the_drones() -> None:
+    with world_of(starts_m=[(0, 0, 2)]) as world, pytest.raises(SceneError, match="one command for each"):
+        world.apply([])
+
+
+def test_worlds_do_not_share_a_client_and_repeat_bit_by_bit() -> None:
+    ends = []
+    for _ in range(2):
+        with World(build_city(CitySpec(), 4), np.array([[-8.0, 0, 6], [-10, 1, 6]])) as world:
+            with world_of(GROUND, starts_m=[(0, 0, 1)]) as other:
+                fly(other, [go(0, 0, -1)], 0.5)
+            fly(world, [go(2, 0.3, 0), go(3, 0, 0)], 2)
+            ends.append(np.concatenate([s.position_m for s in world.states]))
+    np.testing.assert_array_equal(ends[0], ends[1])
+
+
+def test_cities_follow_their_seed_and_spec() -> None:
+    assert build_city(CitySpec(), 1) == build_city(CitySpec(), 1)
+    assert build_city(CitySpec(), 1) != build_city(CitySpec(), 2)
+    city = build_city(CitySpec(columns=3, rows=2, poles=4), 0)
+    assert len(city.bodies) == 1 + 6 + 4
+    towers = [b for b in city.bodies if b.name.startswith("tower")]
+    gaps = [abs(a.position_m[0] - b.position_m[0]) for a in towers for b in towers if a.name[6] != b.name[6]]
+    assert min(gaps) > 8
+
+
+@pytest.mark.parametrize("bad", [{"columns": 0}, {"tower_side_m": (5.0, 3.0)}, {"street_width_m": 0.0}, {"widht": 3}])
+def test_impossible_cities_are_refused(bad: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match="validation error"):
+        CitySpec(**bad)  # type: ignore[arg-type]
+
+
+def test_close_may_be_called_twice() -> None:
+    with world_of(GROUND) as world:
+        world.close()
+    world.close()
