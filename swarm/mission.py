@@ -24,6 +24,8 @@ from .rules import RuleWeights
 from .types import MissionResult, Outcome
 
 Point = tuple[float, float, float]
+PROGRESS_M = 0.3
+"""Less than this is no progress."""
 
 
 class MissionConfig(Model):
@@ -33,8 +35,8 @@ class MissionConfig(Model):
     """The leader is drone 0; all others follow."""
     start_m: Point = Field((-8.0, 0.0, 6.0), strict=False)
     """Where the leader starts; the followers start in their slots."""
-    goal_m: Point = Field((70.0, 0.0, 6.0), strict=False)
-    duration_s: float = Field(90.0, gt=0)
+    goal_m: Point = Field((76.0, 0.0, 6.0), strict=False)
+    duration_s: float = Field(75.0, gt=0)
     """Simulated time after which the mission counts as timed out."""
     cruise_speed_m_s: float = Field(2.5, gt=0)
     """Speed of the leader."""
@@ -47,7 +49,7 @@ class MissionConfig(Model):
     formation_tolerance_m: float = Field(1.5, gt=0)
     """Largest distance of any follower from its slot that counts as being in formation."""
     deadlock_s: float = Field(12.0, gt=0)
-    """Time without progress after which the mission counts as stuck."""
+    """Time in which neither leader nor followers get anywhere, after which the mission counts as stuck."""
     lost_m: float = Field(30.0, gt=0)
     """Distance from the leader beyond which a follower counts as lost."""
     aftermath_s: float = Field(1.0, ge=0)
@@ -115,8 +117,8 @@ class Mission:
         self._link = Link(config.link, config.control_hz)
         self._metrics = MissionMetrics(world)
         self._ticks = 0
-        self._best_progress_m = np.inf
-        self._best_progress_at_s = 0.0
+        self._least_left_m = np.full(2, np.inf)
+        self._progress_at_s = 0.0
         self.outcome: Outcome | None = None
 
     @property
@@ -209,17 +211,18 @@ class Mission:
             self._end(Outcome.SUCCESS)
         elif (np.linalg.norm(followers - states[0].position_m, axis=1) > c.lost_m).any():
             self._end(Outcome.LOST)
-        elif self._stuck(to_goal_m + float(off_slot_m.sum())):
+        elif self._stuck(to_goal_m, float(off_slot_m.sum())):
             self._end(Outcome.DEADLOCK)
         elif self.time_s >= c.duration_s:
             self._end(Outcome.TIMEOUT)
 
-    def _stuck(self, left_m: float) -> bool:
-        """Whether what is left to do has not shrunk by 0.3 m for `deadlock_s`."""
-        if left_m < self._best_progress_m - 0.3:
-            self._best_progress_m = left_m
-            self._best_progress_at_s = self.time_s
-        return self.time_s - self._best_progress_at_s > self._config.deadlock_s
+    def _stuck(self, to_goal_m: float, off_slots_m: float) -> bool:
+        """Whether for `deadlock_s` the leader came no nearer to the goal, nor the followers to their slots."""
+        left_m = np.array([to_goal_m, off_slots_m])
+        if (left_m < self._least_left_m - PROGRESS_M).any():
+            self._least_left_m = np.minimum(self._least_left_m, left_m)
+            self._progress_at_s = self.time_s
+        return self.time_s - self._progress_at_s > self._config.deadlock_s
 
     def _end(self, outcome: Outcome) -> None:
         self.outcome = outcome

@@ -1,6 +1,5 @@
 """Surfaces seen a moment ago that may have left the image: a camera that looks forward forgets what is beside it."""
 
-from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -13,6 +12,9 @@ from voxdepth.types import FloatArray, MaskImage
 from .obstacles import braking_speed
 from .types import Histogram, Neighbour
 
+COS_HALF_CELL = np.cos(np.radians(5.0))
+"""A point within this angle of the middle of a cell counts as inside it."""
+
 
 class NearbyConfig(Model):
     """How long surfaces are remembered, and how near a drone lets them come."""
@@ -21,6 +23,8 @@ class NearbyConfig(Model):
     """Age at which a remembered surface is forgotten; 0 switches the memory off."""
     radius_m: float = Field(3.0, gt=0)
     """Surfaces farther away than this when seen are not remembered."""
+    confirm_m: float = Field(0.5, gt=0)
+    """A surface is remembered if two histograms in a row show it within this distance."""
     keep_m: float = Field(0.65, gt=0)
     """Distance from the drone's centre to a surface that is kept."""
     keep_drone_m: float = Field(1.0, gt=0)
@@ -48,17 +52,23 @@ class NearbyMemory:
 
     def __init__(self, config: NearbyConfig) -> None:
         self._config = config
-        self._seen: deque[tuple[float, FloatArray]] = deque()
+        self._seen: list[tuple[float, FloatArray]] = []
+        self._candidates: FloatArray = np.empty((0, 3))
 
     def remember(self, stamp_s: float, histogram: Histogram, neighbours: Sequence[Neighbour]) -> None:
-        """Take in one histogram. Points close to other drones are left out: those move on."""
-        while self._seen and self._seen[0][0] < stamp_s - self._config.memory_s:
-            self._seen.popleft()
+        """Take in one histogram.
+
+        What it shows replaces what was remembered there. Points close to other drones are left out: those move on.
+        So are points that the histogram before did not show: flicker must not become a wall.
+        """
+        kept = ((at_s, points) for at_s, points in self._seen if at_s >= stamp_s - self._config.memory_s)
+        self._seen = [(at_s, points[~_seen_again(points, histogram)]) for at_s, points in kept if len(points)]
         near = ~histogram.unknown & (histogram.range_m < self._config.radius_m)
         points = histogram.origin_m + histogram.directions_world[near] * histogram.range_m[near][:, None]
         for neighbour in neighbours:
             points = points[((points - neighbour.position_m) ** 2).sum(axis=1) > 1.0]
-        self._seen.append((stamp_s, points))
+        self._seen.append((stamp_s, points[_confirmed(points, self._candidates, self._config.confirm_m)]))
+        self._candidates = points
 
     def limits(self, position_m: FloatArray) -> ApproachLimits:
         """How fast the drone may come nearer to each remembered surface."""
@@ -87,6 +97,26 @@ def restrain(velocity_m_s: FloatArray, *limits: ApproachLimits) -> FloatArray:
             break
         velocity_m_s = velocity_m_s - excess[worst] * towards[worst]
     return velocity_m_s
+
+
+def _seen_again(points: FloatArray, histogram: Histogram) -> MaskImage:
+    """Which points, shape (n, 3), lie in the direction of a cell that is known now."""
+    offsets = points - histogram.origin_m
+    directions = histogram.directions_world.reshape(-1, 3)
+    cosines = offsets @ directions.T
+    cell = cosines.argmax(axis=1)
+    in_view = cosines.max(axis=1) > COS_HALF_CELL * np.sqrt((offsets * offsets).sum(axis=1))
+    seen: MaskImage = in_view & ~histogram.unknown.ravel()[cell]
+    return seen
+
+
+def _confirmed(points: FloatArray, earlier: FloatArray, within_m: float) -> MaskImage:
+    """Which points, shape (n, 3), have one of the earlier points, shape (m, 3), near them."""
+    if not len(earlier):
+        return np.zeros(len(points), np.bool_)
+    squared = ((points[:, None] - earlier[None]) ** 2).sum(axis=2)
+    confirmed: MaskImage = squared.min(axis=1) <= within_m**2
+    return confirmed
 
 
 def _near(offsets_m: FloatArray, radius_m: float) -> tuple[FloatArray, FloatArray, MaskImage]:

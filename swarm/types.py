@@ -85,7 +85,7 @@ class Outcome(StrEnum):
     """The leader reached the goal and all followers are in formation."""
     COLLISION = "collision"
     DEADLOCK = "deadlock"
-    """The leader made no progress for the configured time."""
+    """Nobody made progress for the configured time."""
     LOST = "lost"
     """A follower left the swarm."""
     TIMEOUT = "timeout"

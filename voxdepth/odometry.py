@@ -12,7 +12,9 @@ from .model import Model
 from .types import FloatArray, Frame, Intrinsics
 
 OPENCV_DEPTH_UNITS_PER_M = 5000.0
-"""OpenCV 5 reads odometry depth in 1/5000 m without saying so; metres would give a wrong translation and `True`."""
+"""OpenCV 5 divides odometry depth by 5000 as soon as one pixel exceeds 10: metres work in small rooms only."""
+DESPECKLE_PX = 5
+"""Window of the median that closes single missing pixels: in OpenCV's image pyramid each of them would spread."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,6 +41,10 @@ class OdometryConfig(Model):
     """Largest believable step between two frames [m]."""
     max_rotation_deg: float = Field(20.0, gt=0)
     """Largest believable turn between two frames [deg]."""
+    max_depth_m: float = Field(20.0, gt=0)
+    """Pixels farther away than this are left out: stereo depth says little there."""
+    max_depth_difference_m: float = Field(0.5, gt=0)
+    """Largest difference between the depths of a warped pixel and its counterpart; more counts as occlusion."""
 
 
 class PhotometricOdometry:
@@ -54,6 +60,10 @@ class PhotometricOdometry:
         )
         settings = cv2.OdometrySettings()
         settings.setCameraMatrix(camera)
+        settings.setMaxDepth(self._config.max_depth_m)
+        settings.setMaxDepthDiff(self._config.max_depth_difference_m)
+        settings.setMaxTranslation(self._config.max_translation_m)
+        settings.setMaxRotation(self._config.max_rotation_deg)
         self._odometry: Any = cv2.Odometry(cv2.OdometryType_RGB, settings, cv2.OdometryAlgoType_COMMON)
 
     def estimate(self, source: Frame, target: Frame) -> Motion:
@@ -81,4 +91,4 @@ def motion_from_priors(source: Frame, target: Frame) -> Motion | None:
 
 
 def _units(frame: Frame) -> Any:
-    return frame.depth_m * np.float32(OPENCV_DEPTH_UNITS_PER_M)
+    return cv2.medianBlur(frame.depth_m, DESPECKLE_PX) * np.float32(OPENCV_DEPTH_UNITS_PER_M)

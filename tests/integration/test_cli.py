@@ -1,0 +1,189 @@
+"""The command line as a user meets it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenarios.config import DATA, load_run
+from scenarios.errors import ScenarioError
+
+ENVIRONMENT = {**os.environ, "COLUMNS": "120"}
+QUICK = ["--drones", "2", "--size", "96x64", "--duration", "1.5"]
+
+
+def voxdepth(*arguments: str | Path, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-c", "from scenarios.cli import main; main()", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, check=False, timeout=280, cwd=cwd)
+
+
+def only_run(out: Path) -> Path:
+    (folder,) = out.iterdir()
+    return folder
+
+
+def test_a_run_writes_what_it_promises(tmp_path: Path) -> None:
+    done = voxdepth("run", "city", *QUICK, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    folder = only_run(tmp_path)
+    assert sorted(p.name for p in folder.iterdir()) == ["config.toml", "metrics.json", "run.rrd", "trajectories"]
+    assert "real-time factor" in done.stdout
+    assert "more than 10 % too far" in done.stdout
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert metrics["seed"] == 0
+    assert metrics["outcome"] == "timeout"
+    rows = np.loadtxt(folder / "trajectories" / "drone-1.tum")
+    assert rows.shape == (30, 8)
+    np.testing.assert_allclose(np.linalg.norm(rows[:, 4:], axis=1), 1, atol=1e-5)
+    again = voxdepth("run", folder / "config.toml", "--out", tmp_path / "again", "--no-record")
+    assert again.returncode == 0, again.stderr
+    repeated = json.loads((only_run(tmp_path / "again") / "metrics.json").read_text())
+    assert repeated["metrics"] == metrics["metrics"]
+
+
+@pytest.mark.slow
+def test_two_runs_of_a_seed_are_equal_down_to_the_recording(tmp_path: Path) -> None:
+    folders = []
+    for name in ("a", "b"):
+        done = voxdepth("run", "city", "--seed", "3", *QUICK, "--out", tmp_path / name)
+        assert done.returncode == 0, done.stderr
+        folders.append(only_run(tmp_path / name))
+    first, second = (json.loads((f / "metrics.json").read_text()) for f in folders)
+    first.pop("wall"), second.pop("wall")
+    assert first == second
+    recordings = [str(f / "run.rrd") for f in folders]
+    rerun = [sys.executable, "-m", "rerun", "rrd"]
+    for command in (["verify", recordings[0]], ["compare", *recordings]):
+        checked = subprocess.run([*rerun, *command], capture_output=True, text=True, env=ENVIRONMENT, check=False)
+        assert checked.returncode == 0, checked.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "atlantis"], "there is no scenario 'atlantis'; choose one of: city"),
+        (["run", "city", "--drones", "0"], "mission.drones: Input should be greater than or equal to 1, got 0"),
+        (["run", "city", "--corrector", "magic"], "there is no corrector 'magic'; choose one of: raw, paper"),
+        (["run", "city", "--size", "big"], "--size must look like 160x120, got 'big'"),
+        (["run", "city", "--theta", "0.5"], "theta is the noise of the depth tier 'noisy'"),
+        (["run", "city", "--seed", "-1"], "seed: Input should be greater than or equal to 0"),
+        (["run", "missing.toml"], "cannot read the scenario missing.toml"),
+        (["view", "nowhere"], "there is no recording at nowhere"),
+    ],
+)
+def test_bad_input_ends_in_one_line_and_writes_nothing(tmp_path: Path, arguments: list[str], message: str) -> None:
+    done = voxdepth(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("[mission]\ndrons = 3", "unknown key 'mission.drons'"),
+        ("[mission]\ndrones = 'many'", "mission.drones: Input should be a valid integer, got 'many'"),
+        ("[rig]\nrate_hz = -1.0", "rig.rate_hz: Input should be greater than 0"),
+        ("[rig]\nbaseline_m = 0.0", "rig.baseline_m: Input should be greater than 0"),
+        ("[rig]\ndepth = 'sonar'", "rig.depth: Input should be 'truth', 'noisy' or 'stereo'"),
+        ("[scene]\nkind = 'city'\nrows = 1.5", "scene.rows"),
+        ("= 3", "is not valid TOML"),
+    ],
+)
+def test_bad_files_say_where_and_what(tmp_path: Path, line: str, message: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(f"name = 'mine'\ndescription = 'x'\n{line}\n")
+    with pytest.raises(ScenarioError) as error:
+        load_run(str(path), 0, {})
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_file_without_a_name_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("description = 'x'\n")
+    with pytest.raises(ScenarioError, match="the key 'name' is missing"):
+        load_run(str(path), 0, {})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("goal_m = [6.0, 0.0, 6.0]", "inside a building"),
+        ("control_hz = 7", "control_hz must divide"),
+        ("start_m = [5.0, 1.0, 6.0]", "in touch with another body"),
+    ],
+)
+def test_missions_that_cannot_be_flown_write_nothing(tmp_path: Path, change: str, message: str) -> None:
+    text = (DATA / "city.toml").read_text()
+    key = change.split(" = ", maxsplit=1)[0]
+    lines = [line for line in text.splitlines() if not line.startswith(key)]
+    at = lines.index("[mission]") + 1
+    path = tmp_path / "mine.toml"
+    path.write_text("\n".join([*lines[:at], change, *lines[at:]]).replace("drones = 8", "drones = 2"))
+    done = voxdepth("run", path, "--out", tmp_path / "runs")
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert not (tmp_path / "runs").exists()
+
+
+def test_an_output_folder_that_is_a_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    done = voxdepth("run", "city", *QUICK, "--out", tmp_path / "file")
+    assert done.returncode == 2
+    assert "cannot write to the output folder" in done.stderr
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_ctrl_c_ends_the_run_and_closes_the_recording(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", "from scenarios.cli import main; main()", "run", "city", "--drones", "2"]
+    process = subprocess.Popen(
+        [*command, "--size", "96x64", "--out", str(tmp_path)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT,
+    )  # fmt: skip
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.glob("*/run.rrd")) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    time.sleep(2)
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert "interrupted" in output
+    folder = only_run(tmp_path)
+    assert str(folder) in output
+    assert json.loads((folder / "metrics.json").read_text())["outcome"] == "interrupted"
+    verify = [sys.executable, "-m", "rerun", "rrd", "verify", str(folder / "run.rrd")]
+    assert subprocess.run(verify, capture_output=True, env=ENVIRONMENT, check=False).returncode == 0
+
+
+def test_list_names_everything() -> None:
+    done = voxdepth("list")
+    assert done.returncode == 0
+    for word in ("city", "truth, noisy, stereo", "raw, paper", "raycast, tiny"):
+        assert word in done.stdout
+
+
+def test_doctor_finds_what_works_here() -> None:
+    done = voxdepth("doctor")
+    assert "ok renderer raycast" in done.stdout
+    assert "ok renderer tiny" in done.stdout
+    assert "ok package sim" in done.stdout
+    assert done.returncode == 0, done.stdout
+
+
+def test_a_picture_is_written(tmp_path: Path) -> None:
+    import cv2
+
+    done = voxdepth("picture", "city", "--at", "0.5", "--size", "160x120", "--out", tmp_path / "p.jpg")
+    assert done.returncode == 0, done.stderr
+    image = cv2.imread(str(tmp_path / "p.jpg"))
+    assert image is not None
+    assert image.shape == (2 * (120 + 26), 2 * 160, 3)
+    assert image.std() > 20

@@ -1,0 +1,113 @@
+"""Whole flights."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scenarios.acceptance import acceptance_run
+from scenarios.config import Run, load_run, scenario_names
+from scenarios.runner import fly, flying
+from swarm.recorder import NullRecorder
+from swarm.types import Outcome
+
+
+def short(**changes: Any) -> Run:
+    """A small, quick mission: three drones towards a goal before the first towers."""
+    values: dict[str, Any] = {
+        "mission.drones": 3,
+        "mission.goal_m": [-2.0, 0.0, 6.0],
+        "mission.duration_s": 12.0,
+        "rig.width_px": 96,
+        "rig.height_px": 64,
+        "rig.depth": "truth",
+        "corrector": "raw",
+    }
+    return load_run("city", 0, values | changes)
+
+
+def test_a_short_flight_succeeds_and_reports() -> None:
+    result = fly(short()).result
+    assert result.outcome is Outcome.SUCCESS
+    assert result.metrics["collisions_building"] == 0
+    assert result.metrics["depth_raw_mae_m"] == 0
+    assert float(result.metrics["min_clearance_m"] or 0) > 0.3
+    assert [len(t.time_s) for t in result.trajectories] == [len(result.trajectories[0].time_s)] * 3
+    np.testing.assert_allclose(result.trajectories[0].position_m[0], [-8, 0, 6], atol=0.01)
+
+
+@pytest.mark.parametrize("depth", ["truth", "noisy", "stereo"])
+def test_the_same_seed_gives_the_same_flight_with_any_number_of_threads(depth: str) -> None:
+    changes = {"rig.depth": depth, "mission.duration_s": 2.5, "corrector": "paper"}
+    if depth == "noisy":
+        changes["rig.theta"] = 0.5
+    first, second = (fly(short(**changes), threads=n).result for n in (1, 3))
+    assert first.outcome is second.outcome
+    assert first.metrics == second.metrics
+    for a, b in zip(first.trajectories, second.trajectories, strict=True):
+        np.testing.assert_array_equal(a.position_m, b.position_m)
+
+
+def test_another_seed_gives_another_flight() -> None:
+    noisy: dict[str, Any] = {"rig.depth": "noisy", "rig.theta": 0.5, "mission.duration_s": 2.5}
+    run = short(**noisy)
+    other = run.model_copy(update={"seed": 1})
+    assert fly(run).result.metrics != fly(other).result.metrics
+
+
+def test_a_flight_into_the_ground_is_a_collision() -> None:
+    changes = {"mission.goal_m": [20.0, 0.0, 1.0], "mission.rules.min_altitude_m": -50.0, "mission.drones": 1}
+    blind = {"mission.pilot.avoidance.safe_radius_m": 0.01, "mission.pilot.nearby.keep_m": 0.01}
+    run = short(**changes, **blind, **{"mission.start_m": [-8.0, 0.0, 0.6], "mission.goal_m": [-2.0, 0.0, 0.3]})
+    result = fly(run).result
+    if result.outcome is Outcome.COLLISION:
+        assert result.contacts[0].kind == "ground"
+        assert result.metrics["first_contact_s"] == result.contacts[0].time_s
+    else:
+        pytest.fail(f"expected a collision, got {result.outcome}")
+
+
+def test_time_runs_out() -> None:
+    result = fly(short(**{"mission.goal_m": [70.0, 0.0, 6.0], "mission.duration_s": 1.0})).result
+    assert result.outcome is Outcome.TIMEOUT
+
+
+def test_a_blocked_swarm_is_stuck() -> None:
+    waiting = {"mission.deadlock_s": 1.0, "mission.goal_m": [70.0, 0.0, 6.0]}
+    result = fly(short(**waiting, **{"mission.cruise_speed_m_s": 1e-6})).result
+    assert result.outcome is Outcome.DEADLOCK
+
+
+def test_a_follower_left_behind_is_lost() -> None:
+    result = fly(short(**{"mission.lost_m": 2.0})).result
+    assert result.outcome is Outcome.LOST
+
+
+def test_dropped_frames_are_counted() -> None:
+    result = fly(short(**{"mission.latency_s": 0.25, "mission.duration_s": 2.0})).result
+    assert result.metrics["dropped_frames"] == 3 * 13
+
+
+class Watcher(NullRecorder):
+    """Checks that no decision is based on an image that is younger than the latency."""
+
+    def __init__(self) -> None:
+        self.first_decision_s: float | None = None
+
+    def tick(self, step: int, time_s: float, states: Any, slots_m: Any, decisions: Any) -> None:
+        if self.first_decision_s is None and decisions[0].choice is not None:
+            self.first_decision_s = time_s
+
+
+def test_nothing_is_known_before_the_latency_has_passed() -> None:
+    watcher = Watcher()
+    with flying(short(**{"mission.latency_s": 0.09, "mission.duration_s": 0.5}), watcher, recorded=False) as mission:
+        mission.run()
+    assert watcher.first_decision_s == pytest.approx(0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("name", scenario_names())
+def test_shipped_scenarios_keep_their_promise(name: str, seed: int) -> None:
+    assert fly(acceptance_run(name, seed)).result.outcome is Outcome.SUCCESS
