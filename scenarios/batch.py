@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 
 from .config import Run
+from .quiet import import_noisy_libraries
 from .runner import Finished, fly
 
 
@@ -13,7 +14,8 @@ def fly_all(runs: Sequence[Run], *, workers: int) -> Iterator[Finished]:
     if workers == 1:
         yield from map(fly, runs)
         return
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=import_noisy_libraries) as pool:
         yield from pool.map(_fly_alone, runs)
 
 

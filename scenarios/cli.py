@@ -13,7 +13,6 @@ os.environ.setdefault("RERUN_ANALYTICS_ENABLED", "0")
 
 app = typer.Typer(
     name="voxdepth",
-    help="Depth correction for stereo cameras, tested in a simulated drone swarm that flies by it.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -43,6 +42,14 @@ Seed = Annotated[int | None, typer.Option(help="Master seed of everything random
 Seeds = Annotated[int, typer.Option(min=1, help="How many seeds, from 0 on.")]
 Workers = Annotated[int, typer.Option(min=1, help="Missions flown side by side.")]
 Size = Annotated[str | None, typer.Option(help="Image size, as in 160x120.")]
+
+
+@app.callback()
+def start() -> None:
+    """Depth correction for stereo cameras, tested in a simulated drone swarm that flies by it."""
+    from .quiet import import_noisy_libraries  # `--help` does not come here
+
+    import_noisy_libraries()
 
 
 @app.command()

@@ -49,7 +49,6 @@ def _cuda() -> Finding:
     try:
         import warp as wp
 
-        wp.config.log_level = wp.LOG_ERROR
         wp.init()
         devices = [str(device.name) for device in wp.get_cuda_devices()]
     except (ImportError, RuntimeError) as error:

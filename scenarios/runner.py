@@ -15,7 +15,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import warp as wp
 
 from sim.render import create_renderer
 from sim.rig import StereoRig
@@ -116,7 +115,6 @@ def flying(run: Run, recorder: Recorder, *, recorded: bool, threads: int | None 
     threads = threads or os.cpu_count() or 1
     scenario, seed = run.scenario, run.seed
     config = scenario.mission
-    wp.config.log_level = wp.LOG_ERROR
     cv2.setNumThreads(1)
     with (
         World(

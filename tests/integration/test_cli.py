@@ -116,9 +116,9 @@ def test_a_file_without_a_name_says_so(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("goal_m = [6.0, 0.0, 6.0]", "inside a building"),
+        ("goal_m = [16.3, -3.1, 6.0]", "inside a building"),
         ("control_hz = 7", "control_hz must divide"),
-        ("start_m = [5.0, 1.0, 6.0]", "in touch with another body"),
+        ("start_m = [5.5, 2.6, 6.0]", "in touch with another body"),
     ],
 )
 def test_missions_that_cannot_be_flown_write_nothing(tmp_path: Path, change: str, message: str) -> None:

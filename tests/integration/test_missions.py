@@ -55,16 +55,15 @@ def test_another_seed_gives_another_flight() -> None:
     assert fly(run).result.metrics != fly(other).result.metrics
 
 
-def test_a_flight_into_the_ground_is_a_collision() -> None:
-    changes = {"mission.goal_m": [20.0, 0.0, 1.0], "mission.rules.min_altitude_m": -50.0, "mission.drones": 1}
-    blind = {"mission.pilot.avoidance.safe_radius_m": 0.01, "mission.pilot.nearby.keep_m": 0.01}
-    run = short(**changes, **blind, **{"mission.start_m": [-8.0, 0.0, 0.6], "mission.goal_m": [-2.0, 0.0, 0.3]})
-    result = fly(run).result
-    if result.outcome is Outcome.COLLISION:
-        assert result.contacts[0].kind == "ground"
-        assert result.metrics["first_contact_s"] == result.contacts[0].time_s
-    else:
-        pytest.fail(f"expected a collision, got {result.outcome}")
+def test_a_drone_that_sees_too_late_collides() -> None:
+    across = {"mission.start_m": [-8.0, 2.6, 6.0], "mission.goal_m": [12.0, 2.6, 6.0], "mission.drones": 1}
+    result = fly(short(**across, **{"mission.latency_s": 5.0, "mission.duration_s": 30.0})).result
+    assert result.outcome is Outcome.COLLISION
+    assert result.contacts[0].kind == "building"
+    assert result.contacts[0].other == "tower-0-5"
+    assert result.contacts[0].speed_m_s > 1
+    assert result.metrics["collisions_building"] == 1
+    assert result.metrics["first_contact_s"] == result.contacts[0].time_s
 
 
 def test_time_runs_out() -> None:

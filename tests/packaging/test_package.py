@@ -15,7 +15,8 @@ HEAVY = ("cv2", "numpy", "open3d", "pybullet", "rerun", "warp", "scipy", "matplo
 @pytest.mark.parametrize(
     "code",
     [
-        "import sys; sys.argv = ['voxdepth', '--help']\nfrom scenarios.cli import app\ntry: app()\nexcept SystemExit: pass",
+        "import sys; sys.argv = ['voxdepth', '--help']\n"
+        "from scenarios.cli import app\ntry: app()\nexcept SystemExit: pass",
         "import voxdepth",
     ],
 )
@@ -49,7 +50,8 @@ def test_every_dependency_is_pinned_to_a_version_alone() -> None:
 
 def test_the_library_works_without_the_simulator() -> None:
     code = (
-        "import sys\nfor m in ('pybullet', 'open3d', 'rerun', 'typer', 'sim', 'swarm', 'scenarios'): sys.modules[m] = None\n"
+        "import sys\nfor m in ('pybullet', 'open3d', 'rerun', 'typer', 'sim', 'swarm', 'scenarios'):\n"
+        "    sys.modules[m] = None\n"
         "import numpy as np\nfrom voxdepth import Frame, Intrinsics, VoxDepth, VoxDepthConfig\n"
         "i = Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80)\n"
         "v = VoxDepth(i, VoxDepthConfig(window_frames=2))\n"

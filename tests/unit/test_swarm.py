@@ -37,9 +37,9 @@ def neighbour(x: float, y: float, z: float, v: tuple[float, float, float] = (0, 
     return Neighbour(drone=1, position_m=np.array([x, y, z]), velocity_m_s=np.array(v, np.float64))
 
 
-def histogram(depth_m: np.ndarray) -> Histogram:
+def histogram(depth_m: np.ndarray, T_world_cam: np.ndarray = AT_ORIGIN) -> Histogram:
     corrected = Raw().process(Frame(stamp_s=0, gray=np.zeros(CAMERA.shape, np.uint8), depth_m=depth_m))
-    return HistogramBuilder(CAMERA, CONFIG).build(corrected, AT_ORIGIN)
+    return HistogramBuilder(CAMERA, CONFIG).build(corrected, T_world_cam)
 
 
 def flat(depth_m: float) -> np.ndarray:
@@ -131,8 +131,21 @@ class TestNearby:
 
     def memory(self, neighbours: tuple[Neighbour, ...] = ()) -> NearbyMemory:
         memory = NearbyMemory(self.config)
-        memory.remember(0.0, histogram(flat(1.5)), neighbours)
+        for stamp_s in (0.0, 0.1):
+            memory.remember(stamp_s, histogram(flat(1.5)), neighbours)
         return memory
+
+    def test_what_is_seen_once_is_not_believed(self) -> None:
+        memory = NearbyMemory(self.config)
+        memory.remember(0.0, histogram(flat(1.5)), ())
+        memory.remember(0.1, histogram(flat(30.0)), ())
+        assert len(memory.limits(np.zeros(3)).towards) == 0
+
+    def test_what_is_seen_to_be_gone_is_forgotten(self) -> None:
+        memory = self.memory()
+        assert len(memory.limits(np.zeros(3)).towards) > 0
+        memory.remember(0.2, histogram(flat(30.0)), ())
+        assert len(memory.limits(np.zeros(3)).towards) == 0
 
     def test_a_wall_that_left_the_view_still_stops_the_drone(self) -> None:
         at = np.array([0.9, 0.0, 0.0])
@@ -147,14 +160,17 @@ class TestNearby:
 
     def test_it_forgets(self) -> None:
         memory = self.memory()
-        memory.remember(self.config.memory_s + 1, histogram(flat(30.0)), ())
-        np.testing.assert_array_equal(restrain(FORWARD, memory.limits(np.array([1.2, 0, 0]))), FORWARD)
+        backwards = histogram(flat(30.0), pose(np.diag([-1.0, -1.0, 1.0]) @ R_BODY_CAM, np.zeros(3)))
+        for stamp_s, remembered in ((self.config.memory_s - 0.1, True), (self.config.memory_s + 1, False)):
+            memory.remember(stamp_s, backwards, ())
+            assert bool(len(memory.limits(np.array([1.2, 0, 0])).towards)) is remembered
 
     def test_other_drones_are_not_remembered_as_walls(self) -> None:
         depth = flat(30.0)
         depth[50:70, 70:90] = 1.5
         memory = NearbyMemory(self.config)
-        memory.remember(0.0, histogram(depth), [neighbour(1.7, 0, 0)])
+        for stamp_s in (0.0, 0.1):
+            memory.remember(stamp_s, histogram(depth), [neighbour(1.7, 0, 0)])
         assert len(memory.limits(np.zeros(3)).towards) == 0
 
     def test_neighbours_are_not_approached_but_followed(self) -> None:

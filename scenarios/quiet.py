@@ -1,0 +1,36 @@
+"""Importing libraries that write to the terminal when they start: PyBullet its build time, Warp the missing GPU."""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+
+
+@cache
+def import_noisy_libraries() -> None:
+    """Import them once, with the file descriptors of the terminal pointed elsewhere; errors come through."""
+    with _terminal_silenced():
+        import pybullet  # noqa: F401
+        import warp
+
+        warp.config.log_level = warp.LOG_ERROR
+        warp.init()
+
+
+@contextmanager
+def _terminal_silenced() -> Iterator[None]:
+    """Both streams, on the level that C code writes to."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    kept = [os.dup(1), os.dup(2)]
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        for target, copy in zip((1, 2), kept, strict=True):
+            os.dup2(copy, target)
+            os.close(copy)
+        os.close(nowhere)
