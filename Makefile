@@ -38,7 +38,7 @@ acceptance: setup ## fly every scenario's acceptance check over 20 seeds
 	$(BIN)/voxdepth accept --seeds 20
 
 picture: setup   ## render the pictures of the README
-	$(BIN)/voxdepth picture city --out docs/city.jpg
+	$(BIN)/voxdepth picture city --seed 0 --drone 5 --at 9 --out docs/city.jpg
 
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

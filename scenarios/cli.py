@@ -188,17 +188,17 @@ def tabulate(
 ) -> None:
     """Fly a scenario over depth sources and seeds, and print the outcomes as a Markdown table."""
     from .batch import fly_all
-    from .tabulate import arms, header, markdown, row
+    from .tabulate import arms, header, markdown_head, markdown_row, row
 
-    rows = [header()]
+    for line in markdown_head(header()):
+        typer.echo(line)
     for arm in arms([d.value for d in depth or [Depth.STEREO]], theta or [0.0], corrector or ["raw"]):
         runs = [arm.run(scenario, seed, _size(size)) for seed in range(seeds)]
         results = []
-        for finished in fly_all(runs, workers=workers):
+        for seed, finished in enumerate(fly_all(runs, workers=workers)):
             results.append(finished.result)
-            typer.echo(f"{arm.depth} {arm.theta:g} {arm.corrector}: {len(results)} of {seeds}", err=True)
-        rows.append(row(arm, results))
-    typer.echo(markdown(rows))
+            typer.echo(f"{arm.depth} {arm.theta:g} {arm.corrector}, seed {seed}: {finished.result.outcome}", err=True)
+        typer.echo(markdown_row(row(arm, results)))
 
 
 @app.command()

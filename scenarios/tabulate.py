@@ -63,10 +63,14 @@ def row(arm: Arm, results: Sequence[MissionResult]) -> list[str]:
     ]
 
 
-def markdown(rows: Sequence[Sequence[str]]) -> str:
-    """The rows as a Markdown table, the first one as its head."""
-    head, *body = [f"| {' | '.join(cells)} |" for cells in rows]
-    return "\n".join([head, "|" + "---|" * len(rows[0]), *body])
+def markdown_head(cells: Sequence[str]) -> list[str]:
+    """The first two lines of a Markdown table."""
+    return [markdown_row(cells), "|" + "---|" * len(cells)]
+
+
+def markdown_row(cells: Sequence[str]) -> str:
+    """A line of a Markdown table."""
+    return f"| {' | '.join(cells)} |"
 
 
 def _mean(results: Sequence[MissionResult], name: str) -> str:

@@ -166,15 +166,16 @@ class Avoidance:
         """Free distance in each direction, shape (n,).
 
         A surface at range r blocks all directions within asin(r_safe / r) of it, but never more than 45 degrees: what
-        is already too near must not forbid to leave sideways. Unknown cells block only their own.
+        is already too near must not forbid to leave sideways. Unknown cells, and surfaces beyond the horizon, block only
+        their own direction.
         """
         range_m = histogram.range_m.ravel()
-        blocks_within = np.arcsin(np.minimum(self._config.safe_radius_m / np.maximum(range_m, 1e-6), WIDEST_BLOCK))
-        blocks_within[histogram.unknown.ravel()] = 0
-        blocked = histogram.angle_rad <= blocks_within[None, :]
-        np.fill_diagonal(blocked, True)
-        clear_m: FloatArray = np.where(blocked, range_m[None, :], np.inf).min(axis=1)
-        return clear_m
+        blocking = (range_m < self._config.horizon_m) & ~histogram.unknown.ravel()
+        near_m = range_m[blocking]
+        blocks_within = np.arcsin(np.minimum(self._config.safe_radius_m / np.maximum(near_m, 1e-6), WIDEST_BLOCK))
+        blocked = histogram.angle_rad[:, blocking] <= blocks_within
+        clear_m: FloatArray = np.where(blocked, near_m, np.inf).min(axis=1, initial=np.inf)
+        return np.minimum(clear_m, range_m)
 
     def _cost(
         self, directions: FloatArray, clear_m: FloatArray, goal: FloatArray, previous: FloatArray | None

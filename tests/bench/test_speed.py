@@ -1,0 +1,129 @@
+"""Speeds, printed and never judged: machines are noisy. Run by `make bench`."""
+
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from scenarios.config import load_run
+from scenarios.runner import fly
+from sim.noise import photon_noise
+from sim.render import create_renderer
+from sim.rig import RigConfig
+from sim.scenes import CitySpec, build_city
+from sim.stereo import StereoConfig, StereoMatcher
+from sim.types import VelocityCommand
+from sim.world import World
+from swarm.mission import MissionConfig
+from tests.helpers import camera_at
+from voxdepth import Frame, create_corrector
+from voxdepth.types import Intrinsics
+
+pytestmark = pytest.mark.bench
+
+CITY = CitySpec()
+
+
+def milliseconds(action: Callable[[], Any], repeats: int = 15) -> str:
+    """Median and 95th percentile after one warm-up."""
+    action()
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        action()
+        times.append(1e3 * (time.perf_counter() - start))
+    return f"p50 {statistics.median(times):7.2f} ms, p95 {np.percentile(times, 95):7.2f} ms"
+
+
+def show(what: str, figure: str) -> None:
+    print(f"  {what:<66} {figure}")
+
+
+def test_machine() -> None:
+    print()
+    show("machine", f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}")
+    show("OpenCV, NumPy", f"{cv2.__version__}, {np.__version__}")
+
+
+@pytest.mark.parametrize("n_drones", [2, 4, 8, 16, 32])
+def test_physics_and_control_at_240_hz(n_drones: int) -> None:
+    starts = MissionConfig(drones=n_drones).starts_m()
+    with World(build_city(CITY, 0), starts) as world:
+        world.apply([VelocityCommand(velocity_m_s=np.array([0.3, 0, 0]), yaw_rad=0.0)] * n_drones)
+        start = time.perf_counter()
+        for _ in range(960):
+            world.step()
+        spent = time.perf_counter() - start
+    show(
+        f"physics and control, {n_drones} drones",
+        f"real-time factor {4 / spent:6.1f}, {1e6 * spent / 960:6.1f} us a step",
+    )
+
+
+@pytest.mark.parametrize(
+    ("depth", "corrector", "size"),
+    [("truth", "raw", (160, 120)), ("stereo", "raw", (160, 120)), ("stereo", "paper", (160, 120)),
+     ("stereo", "paper", (320, 180))],
+)  # fmt: skip
+def test_missions(depth: str, corrector: str, size: tuple[int, int]) -> None:
+    changes = {"rig.depth": depth, "corrector": corrector, "rig.width_px": size[0], "rig.height_px": size[1]}
+    fly(load_run("city", 0, changes | {"mission.duration_s": 1.5}))
+    finished = fly(load_run("city", 0, changes | {"mission.duration_s": 10.0}))
+    what = f"mission, 8 drones, {depth} {size[0]}x{size[1]} at 10 Hz, {corrector}, not recorded"
+    show(what, f"real-time factor {finished.real_time_factor:6.2f}")
+
+
+@pytest.mark.parametrize("n_drones", [2, 4, 8, 16, 32])
+def test_a_whole_mission_by_number_of_drones(n_drones: int) -> None:
+    changes = {"rig.depth": "truth", "corrector": "raw", "rig.width_px": 160, "rig.height_px": 120}
+    fly(load_run("city", 0, changes | {"mission.duration_s": 0.5, "mission.drones": n_drones}))
+    finished = fly(load_run("city", 0, changes | {"mission.duration_s": 3.0, "mission.drones": n_drones}))
+    seconds = float(finished.result.metrics["sim_time_s"] or 0)
+    ticks = seconds * 20
+    show(f"mission tick (1/20 s), {n_drones} drones, truth 160x120", f"{1e3 * finished.wall_s / ticks:6.1f} ms")
+
+
+@pytest.mark.parametrize(("width", "height", "drones"), [(160, 120, 8), (320, 180, 8), (640, 360, 1)])
+@pytest.mark.parametrize("renderer", ["raycast", "tiny"])
+def test_rendering(renderer: str, width: int, height: int, drones: int) -> None:
+    intrinsics = Intrinsics.from_hfov(width_px=width, height_px=height, hfov_deg=86, baseline_m=0.095)
+    starts = MissionConfig(drones=8).starts_m()
+    with World(build_city(CITY, 0), starts) as world:
+        cameras = [camera_at(*start, intrinsics=intrinsics) for start in starts[:drones] for _ in range(2)]
+        view = create_renderer(renderer, world, threads=2)
+        figure = milliseconds(lambda: view.render(cameras), repeats=5)
+    show(f"{renderer}, {drones} stereo pairs at {width}x{height}, 2 threads", figure)
+
+
+@pytest.mark.parametrize(("width", "height"), [(160, 120), (320, 180), (640, 360)])
+def test_matching_and_correcting(width: int, height: int) -> None:
+    cv2.setNumThreads(1)
+    intrinsics = RigConfig(width_px=width, height_px=height).intrinsics
+    with World(build_city(CITY, 0), np.empty((0, 3))) as world:
+        cameras = [camera_at(1.0, 7.0 + y, 6.0, intrinsics=intrinsics) for y in (0.0475, -0.0475)]
+        clean = [image.gray for image in create_renderer("raycast", world).render(cameras)]
+    left, right = (photon_noise(gray, 1.5, side, seed=0) for side, gray in enumerate(clean))
+    matcher = StereoMatcher(intrinsics, StereoConfig(), max_depth_m=40.0)
+    show(
+        f"stereo matching with left-right check, {width}x{height}, 1 thread",
+        milliseconds(lambda: matcher.depth(left, right)),
+    )
+    depth_m = matcher.depth(left, right)
+    corrector = create_corrector("paper", intrinsics)
+    stamps = iter(range(10_000))
+
+    def correct() -> Any:
+        return corrector.process(Frame(stamp_s=float(next(stamps)), gray=left, depth_m=depth_m))
+
+    results = [correct() for _ in range(40)]
+    for step in ("describe", "register", "warp", "combine", "filter"):
+        times = [1e3 * result.timings_s[step] for result in results[12:]]
+        show(f"  corrector, {step}, {width}x{height}", f"p50 {statistics.median(times):7.2f} ms")
+    fusing = max(1e3 * result.timings_s["fuse"] for result in results[9:])
+    show(f"  corrector, fusion of 10 frames, {width}x{height}", f"    {fusing:7.2f} ms")
