@@ -165,9 +165,9 @@ class Avoidance:
     def _clear(self, histogram: Histogram) -> FloatArray:
         """Free distance in each direction, shape (n,).
 
-        A surface at range r blocks all directions within asin(r_safe / r) of it, but never more than 45 degrees: what
-        is already too near must not forbid to leave sideways. Unknown cells, and surfaces beyond the horizon, block only
-        their own direction.
+        A surface at range r blocks all directions within asin(r_safe / r) of it, but never more than 45 degrees:
+        what is already too near must not forbid to leave sideways. Unknown cells, and surfaces beyond the horizon,
+        block only their own direction.
         """
         range_m = histogram.range_m.ravel()
         blocking = (range_m < self._config.horizon_m) & ~histogram.unknown.ravel()
