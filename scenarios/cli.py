@@ -285,4 +285,4 @@ def _open_viewer(path: Path, *, web: bool = False) -> None:
     if not path.is_file():
         raise ScenarioError(f"there is no recording at {path}; runs with --record have a file run.rrd in their folder")
     command = [sys.executable, "-m", "rerun", str(path), "--bind", "127.0.0.1"]
-    subprocess.run([*command, "--web-viewer"] if web else command, check=False)
+    subprocess.run([*command, "--serve-web"] if web else command, check=False)

@@ -217,15 +217,17 @@ def depth_png(depth_m: FloatImage) -> bytes:
 
 def blueprint(n_drones: int) -> rrb.Blueprint:
     """The layout that is saved with the recording."""
+    # Rerun expands `**` at the end of a path only, so every drone's images are left out by name.
+    images = [
+        f"- world/drone/{i}/{name}/**" for i in range(n_drones) for name in ("cam/depth", "cam/source", "histogram")
+    ]
     world = rrb.Spatial3DView(
         name="world",
         origin="world",
-        contents=[
-            "+ world/**",
-            "- world/drone/*/cam/depth/**",
-            "- world/drone/*/cam/source",
-            "- world/drone/*/histogram/**",
-        ],
+        contents=["+ world/**", *images],
+        eye_controls=rrb.EyeControls3D(
+            position=(-30.0, -45.0, 50.0), look_target=(25.0, 0.0, 5.0), eye_up=(0.0, 0.0, 1.0)
+        ),
     )
     cameras = rrb.Tabs(*[_camera_views(drone) for drone in range(n_drones)], name="cameras")
     curves = rrb.Vertical(
