@@ -95,7 +95,7 @@ def test_rendering(renderer: str, width: int, height: int, drones: int) -> None:
     intrinsics = Intrinsics.from_hfov(width_px=width, height_px=height, hfov_deg=86, baseline_m=0.095)
     starts = MissionConfig(drones=8).starts_m()
     with World(build_city(CITY, 0), starts) as world:
-        cameras = [camera_at(*start, intrinsics=intrinsics) for start in starts[:drones] for _ in range(2)]
+        cameras = [camera_at(x + 0.27, y, z, intrinsics=intrinsics) for x, y, z in starts[:drones] for _ in range(2)]
         view = create_renderer(renderer, world, threads=2)
         figure = milliseconds(lambda: view.render(cameras), repeats=5)
     show(f"{renderer}, {drones} stereo pairs at {width}x{height}, 2 threads", figure)
