@@ -171,11 +171,11 @@ class RerunRecorder:
             camera_xyz=rr.ViewCoordinates.RDF,
             image_plane_distance=0.8,
         )
-        self._log(path, pinhole, static=True)
         mount_m = [self._rig.mount_forward_m, self._rig.baseline_m / 2, 0.0]
-        self._log(path, rr.Transform3D(translation=mount_m, mat3x3=R_BODY_CAM), static=True)
+        mount = rr.Transform3D(translation=mount_m, mat3x3=R_BODY_CAM)
         colors = [rr.AnnotationInfo(id=int(s), label=s.name.lower(), color=c) for s, c in SOURCE_COLORS.items()]
-        self._log(f"{path}/source", rr.AnnotationContext(colors), static=True)
+        # One row: the order of several chunks of one entity in the file is left to chance.
+        self._log(path, pinhole, mount, rr.AnnotationContext(colors), static=True)
 
     def _log_images(self, capture: Capture, corrected: CorrectedDepth) -> None:
         path = f"world/drone/{capture.drone}/cam"
