@@ -27,7 +27,7 @@ SOURCE_COLORS = {
     Source.TEMPLATE: (240, 150, 40),
     Source.INPAINTED: (90, 110, 220),
 }
-DRONE_COLORS = [(255, 120, 40), *([(90, 170, 250)] * 31)]
+LEADER_COLOR, FOLLOWER_COLOR = (255, 120, 40), (90, 170, 250)
 
 
 class RerunRecorder:
@@ -80,7 +80,7 @@ class RerunRecorder:
             )
             self._log(
                 f"world/velocity/{drone}",
-                rr.Arrows3D(origins=[state.position_m], vectors=[state.velocity_m_s], colors=[DRONE_COLORS[drone]]),
+                rr.Arrows3D(origins=[state.position_m], vectors=[state.velocity_m_s], colors=[_drone_color(drone)]),
             )
             self._log_choice(drone, state, decision)
             if self._states.get(drone) != decision.state:
@@ -157,7 +157,7 @@ class RerunRecorder:
 
     def _log_airframe(self, drone: int, radius_m: float) -> None:
         body = rr.Cylinders3D(
-            lengths=[DRONE_BODY_HEIGHT_M], radii=[radius_m], colors=[DRONE_COLORS[drone]], fill_mode="solid"
+            lengths=[DRONE_BODY_HEIGHT_M], radii=[radius_m], colors=[_drone_color(drone)], fill_mode="solid"
         )
         self._log(f"world/drone/{drone}/body", body, static=True)
 
@@ -205,6 +205,10 @@ class RerunRecorder:
         )
         marked = [] if choice.cell is None else [[choice.cell[1] + 0.5, choice.cell[0] + 0.5]]
         self._log(f"world/drone/{drone}/histogram/chosen", rr.Points2D(marked, radii=[0.3], colors=[(255, 60, 60)]))
+
+
+def _drone_color(drone: int) -> tuple[int, int, int]:
+    return LEADER_COLOR if drone == 0 else FOLLOWER_COLOR
 
 
 def depth_png(depth_m: FloatImage) -> bytes:
