@@ -10,7 +10,7 @@ from pydantic import Field
 
 from sim.drone import AirframeConfig
 from sim.rig import RigConfig
-from sim.scenes import CitySpec
+from sim.scenes import AnyScene, CitySpec
 from sim.tiers import DepthTierName
 from swarm.mission import MissionConfig
 from voxdepth.model import Model
@@ -44,7 +44,7 @@ class Scenario(Model):
 
     name: str
     description: str
-    scene: CitySpec = CitySpec()
+    scene: AnyScene = CitySpec()
     mission: MissionConfig = MissionConfig()
     rig: RigConfig = RigConfig()
     airframe: AirframeConfig = AirframeConfig()

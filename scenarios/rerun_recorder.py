@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 
 from sim.frames import R_BODY_CAM
 from sim.rig import RigConfig
-from sim.scenes import Body, Box, Cylinder
+from sim.bodies import Body, Box, Cylinder
 from sim.types import Capture, Contact, DroneState
 from sim.world import DRONE_BODY_HEIGHT_M, World
 from swarm.mission import contact_text

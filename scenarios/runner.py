@@ -18,7 +18,6 @@ import numpy as np
 
 from sim.render import create_renderer
 from sim.rig import StereoRig
-from sim.scenes import build_city
 from sim.world import World
 from swarm.mission import Mission
 from swarm.recorder import NullRecorder, Recorder
@@ -118,7 +117,7 @@ def flying(run: Run, recorder: Recorder, *, recorded: bool, threads: int | None 
     cv2.setNumThreads(1)
     with (
         World(
-            build_city(scenario.scene, seed), config.starts_m(), scenario.airframe, start_yaw_rad=config.heading_rad
+            scenario.scene.build(seed), config.starts_m(), scenario.airframe, start_yaw_rad=config.heading_rad
         ) as world,
         ThreadPoolExecutor(threads) as pool,
     ):

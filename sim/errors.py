@@ -15,3 +15,7 @@ class RenderError(SimError, RuntimeError):
 
 class SensorError(SimError, ValueError):
     """A camera or depth sensor is configured impossibly."""
+
+
+class RecordingError(SimError, RuntimeError):
+    """A recording cannot be written or read, is damaged, or is none."""

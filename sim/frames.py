@@ -25,6 +25,22 @@ def quaternion_from_yaw(yaw_rad: float) -> FloatArray:
     return np.array([0.0, 0.0, np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)])
 
 
+def quaternion_from_angles(yaw_rad: float, pitch_rad: float, roll_rad: float) -> FloatArray:
+    """Unit quaternion (xyzw) of a body that turns by its heading, then its pitch, then its roll.
+
+    Positive angles turn the nose to the left, lift the nose, and lower the right side.
+    """
+    (sy, sp, sr), (cy, cp, cr) = (f(np.array([yaw_rad, -pitch_rad, roll_rad]) / 2) for f in (np.sin, np.cos))
+    return np.array(
+        [
+            cy * cp * sr - sy * sp * cr,
+            cy * sp * cr + sy * cp * sr,
+            sy * cp * cr - cy * sp * sr,
+            cy * cp * cr + sy * sp * sr,
+        ]
+    )
+
+
 def yaw_from_quaternion(q_xyzw: FloatArray) -> float:
     """Heading of the body's x axis in the world [rad]."""
     x, y, z, w = q_xyzw

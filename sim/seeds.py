@@ -13,6 +13,10 @@ class Purpose(IntEnum):
     PHOTON = 2
     SCALE = 3
     START = 4
+    FLIGHT = 5
+    EXPOSURE = 6
+    DISPARITY = 7
+    FLICKER = 8
 
 
 def stream(seed: int, purpose: Purpose, *index: int) -> np.random.Generator:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Protocol
 
 import numpy as np
@@ -9,7 +10,18 @@ import numpy.typing as npt
 
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
-__all__ = ["Camera", "Capture", "Contact", "DroneState", "IdImage", "Images", "Renderer", "VelocityCommand"]
+__all__ = [
+    "BodyPose",
+    "Camera",
+    "Capture",
+    "Contact",
+    "DroneState",
+    "IdImage",
+    "Images",
+    "Loss",
+    "Renderer",
+    "VelocityCommand",
+]
 
 IdImage = npt.NDArray[np.int32]
 
@@ -26,6 +38,17 @@ class DroneState:
     """Attitude, shape (4,), unit norm; body frame x forward, y left, z up."""
     rates_rad_s: FloatArray
     """Angular velocity in the world frame, shape (3,)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BodyPose:
+    """Where what carries a camera is at one moment."""
+
+    stamp_s: float
+    position_m: FloatArray
+    """In the world, shape (3,)."""
+    q_world_body_xyzw: FloatArray
+    """Attitude, shape (4,), unit norm; body frame x forward, y left, z up."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,6 +104,25 @@ class Renderer(Protocol):
         ...
 
 
+class Loss(IntEnum):
+    """Why a pixel of a depth image is invalid."""
+
+    NONE = 0
+    """It is not: the pixel has a depth."""
+    OCCLUDED = 1
+    """The second camera does not see the surface."""
+    OUT_OF_RANGE = 2
+    """The surface is nearer than the smallest depth that is searched."""
+    BLANK = 3
+    """Too little texture to be matched."""
+    AMBIGUOUS = 4
+    """Matching found no clear winner, or the left and the right image disagree."""
+    SPECKLE = 5
+    """Removed as part of a small island of depth."""
+    FLICKER = 6
+    """Dropped out for this frame alone."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Capture:
     """Everything a simulated stereo camera knows at one moment, the truth included."""
@@ -96,6 +138,8 @@ class Capture:
     """Shape (H, W), float32; 0 = invalid."""
     occluded: MaskImage
     """Pixels that the right camera does not see, shape (H, W); all False without a second camera."""
+    loss: GrayImage
+    """One `Loss` per pixel, shape (H, W), uint8: why there is no depth."""
     segment_id: IdImage
     T_world_cam: FloatArray
     """True pose of the left camera, shape (4, 4)."""

@@ -14,10 +14,11 @@ import pybullet
 from voxdepth.types import FloatArray
 
 from . import frames
+from .bodies import Body, Cylinder, Scene, Surface
 from .drone import GRAVITY_M_S2, AirframeConfig, Fleet
 from .errors import SceneError
-from .scenes import Body, Box, Cylinder, Scene, Shape, Surface
 from .seeds import Purpose, stream
+from .solids import create_shapes, origin_height_m
 from .types import Contact, DroneState, VelocityCommand
 
 PHYSICS_HZ = 240
@@ -152,13 +153,14 @@ class World:
         pybullet.setPhysicsEngineParameter(deterministicOverlappingPairs=1, physicsClientId=client)
 
     def _add_body(self, body: Body) -> int:
-        collision, visual = self._shapes(body.shape, body.surface)
+        collision, visual = create_shapes(body.shape, body.surface, self.client)
+        x, y, z = body.position_m
         return int(
             pybullet.createMultiBody(
                 0,
                 collision,
                 visual,
-                body.position_m,
+                [x, y, z + origin_height_m(body.shape)],
                 frames.quaternion_from_yaw(body.yaw_rad).tolist(),
                 physicsClientId=self.client,
             )
@@ -167,7 +169,7 @@ class World:
     def _add_drone(self, start_m: FloatArray, q_world_body_xyzw: FloatArray) -> int:
         radius = self.airframe.radius_m
         collision = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=radius, physicsClientId=self.client)
-        _, visual = self._shapes(Cylinder(radius, DRONE_BODY_HEIGHT_M), DRONE_SURFACE)
+        _, visual = create_shapes(Cylinder(radius, DRONE_BODY_HEIGHT_M), DRONE_SURFACE, self.client)
         body = int(
             pybullet.createMultiBody(
                 self.airframe.mass_kg,
@@ -180,33 +182,6 @@ class World:
         )
         pybullet.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=self.client)
         return body
-
-    def _shapes(self, shape: Shape, surface: Surface) -> tuple[int, int]:
-        """Collision and visual shape ids of a solid."""
-        if isinstance(shape, Box):
-            kind = pybullet.GEOM_BOX
-            size = {"halfExtents": [side / 2 for side in shape.size_m]}
-            lengths: dict[str, dict[str, Any]] = {"collision": size, "visual": size}
-        elif isinstance(shape, Cylinder):
-            kind = pybullet.GEOM_CYLINDER
-            lengths = {
-                "collision": {"radius": shape.radius_m, "height": shape.height_m},
-                "visual": {"radius": shape.radius_m, "length": shape.height_m},
-            }
-        else:
-            kind = pybullet.GEOM_SPHERE
-            lengths = {"collision": {"radius": shape.radius_m}, "visual": {"radius": shape.radius_m}}
-        albedo = surface.albedo
-        return (
-            pybullet.createCollisionShape(kind, **lengths["collision"], physicsClientId=self.client),
-            pybullet.createVisualShape(
-                kind,
-                **lengths["visual"],
-                rgbaColor=[albedo, albedo, albedo, 1],
-                specularColor=[0, 0, 0],
-                physicsClientId=self.client,
-            ),
-        )
 
     def _texture_bodies(self) -> None:
         """One seeded noise texture over all bodies, for PyBullet's own renderers."""

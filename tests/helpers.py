@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from sim import frames
-from sim.scenes import Body, Box, Scene, Surface
+from sim.bodies import Body, Box, Scene, Surface
 from sim.types import Camera
 from sim.world import World
 from voxdepth.types import FloatArray, Intrinsics

@@ -1,40 +1,43 @@
-"""Triangle meshes of PyBullet's visual shapes, in their own frames."""
+"""Triangle meshes of what a PyBullet world shows, each in the frame of its body."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pybullet
 
 from voxdepth.types import FloatArray
 
 from .. import frames
+from ..bodies import Heightfield, Mesh
 from ..errors import RenderError
+from ..open3d_import import open3d
+from ..solids import origin_height_m
+from ..world import World
 
 ROUND_SEGMENTS = 24
 
 
-@dataclass(frozen=True, eq=False)
-class Mesh:
-    """Vertices [m], shape (V, 3), and triangles as vertex indices, shape (T, 3)."""
-
-    vertices_m: FloatArray
-    triangles: npt.NDArray[np.uint32]
-
-
-def mesh_of_body(body: int, client: int) -> Mesh:
+def mesh_of_body(world: World, body: int) -> Mesh:
     """All visual shapes of a PyBullet body as one mesh in the frame of the body.
+
+    PyBullet does not give back the vertices of meshes and heightfields that were made in memory: those come from the
+    scene. Everything else, bodies loaded from files included, is what PyBullet says that it draws.
 
     Raises:
         RenderError: The body has no visual shape, or one that is not supported.
     """
-    shapes = pybullet.getVisualShapeData(body, physicsClientId=client)
+    shapes = pybullet.getVisualShapeData(body, physicsClientId=world.client)
     if not shapes:
         raise RenderError(f"body {body} has no visual shape: give it one, or cameras and collisions would disagree")
-    parts = [_placed(_mesh_of_shape(shape, body), shape[5], shape[6]) for shape in shapes]
-    return merged(parts)
+    if body in world.bodies:
+        described = world.bodies[body].shape
+        if isinstance(described, Mesh):
+            return described
+        if isinstance(described, Heightfield):
+            return moved(heightfield(described), np.eye(3), np.array([0, 0, -origin_height_m(described)]))
+    return merged([_placed(_mesh_of_shape(shape, body), shape[5], shape[6]) for shape in shapes])
 
 
 def merged(meshes: Sequence[Mesh]) -> Mesh:
@@ -48,18 +51,40 @@ def merged(meshes: Sequence[Mesh]) -> Mesh:
 
 def _mesh_of_shape(shape: Any, body: int) -> Mesh:
     kind, lengths = shape[2], shape[3]
-    if kind == pybullet.GEOM_BOX:
-        return box(np.array(lengths))
-    if kind == pybullet.GEOM_CYLINDER:
-        return cylinder(radius_m=lengths[1], height_m=lengths[0])
-    if kind == pybullet.GEOM_SPHERE:
-        return sphere(lengths[0])
-    raise RenderError(f"body {body} has a visual shape of PyBullet type {kind}; boxes, cylinders and spheres are drawn")
+    if kind not in _DRAWN:
+        raise RenderError(
+            f"body {body} has a visual shape of PyBullet type {kind}; "
+            "boxes, cylinders, spheres, and meshes from files or scenes are drawn"
+        )
+    return _DRAWN[kind](shape, np.array(lengths))
+
+
+def _mesh_of_file(shape: Any, scale: FloatArray) -> Mesh:
+    path = Path(shape[4].decode())
+    if not path.is_file():
+        raise RenderError(
+            f"body {shape[0]} shows the mesh {str(path)!r}, which is not a file: expected the path of an .obj or .stl, "
+            "or a body that the scene describes"
+        )
+    read = open3d().io.read_triangle_mesh(str(path))
+    return Mesh(np.asarray(read.vertices) * scale, np.asarray(read.triangles).astype(np.uint32))
+
+
+_DRAWN: dict[int, Callable[[Any, FloatArray], Mesh]] = {
+    pybullet.GEOM_BOX: lambda shape, size_m: box(size_m),
+    pybullet.GEOM_CYLINDER: lambda shape, lengths_m: cylinder(radius_m=lengths_m[1], height_m=lengths_m[0]),
+    pybullet.GEOM_SPHERE: lambda shape, lengths_m: sphere(lengths_m[0]),
+    pybullet.GEOM_MESH: _mesh_of_file,
+}
 
 
 def _placed(mesh: Mesh, position_m: Any, q_xyzw: Any) -> Mesh:
-    rotation = frames.rotation_from_quaternion(np.array(q_xyzw))
-    return Mesh(mesh.vertices_m @ rotation.T + np.array(position_m), mesh.triangles)
+    return moved(mesh, frames.rotation_from_quaternion(np.array(q_xyzw)), np.array(position_m))
+
+
+def moved(mesh: Mesh, rotation: FloatArray, position_m: FloatArray) -> Mesh:
+    """A mesh from its own frame in another."""
+    return Mesh(mesh.vertices_m @ rotation.T + position_m, mesh.triangles)
 
 
 def box(size_m: FloatArray) -> Mesh:
@@ -101,3 +126,15 @@ def sphere(radius_m: float) -> Mesh:
             a, b = ring * n + i, ring * n + (i + 1) % n
             triangles += [(a, a + n, b + n), (a, b + n, b)]
     return Mesh(vertices, np.array(triangles, np.uint32))
+
+
+def heightfield(field: Heightfield) -> Mesh:
+    """Ground of two triangles per grid cell, split as PyBullet splits them."""
+    rows, columns = field.height_m.shape
+    x = (np.arange(columns) - (columns - 1) / 2) * field.spacing_m
+    y = (np.arange(rows) - (rows - 1) / 2) * field.spacing_m
+    vertices = np.stack([*np.meshgrid(x, y), field.height_m], axis=-1).reshape(-1, 3)
+    corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    right, up, across = corner + 1, corner + columns, corner + columns + 1
+    triangles = np.concatenate([np.stack([corner, right, up], 1), np.stack([across, up, right], 1)])
+    return Mesh(vertices, triangles.astype(np.uint32))

@@ -12,22 +12,21 @@ import warp as wp
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics
 
 from .. import frames
+from ..bodies import Mesh, Surface
 from ..errors import RenderError
 from ..open3d_import import open3d
-from ..scenes import Surface
 from ..seeds import Purpose, stream
 from ..types import Camera, IdImage, Images
 from ..world import DRONE_SURFACE, World
 from . import shading
-from .meshes import Mesh, merged, mesh_of_body
-
-SUN_DIRECTION = np.array([0.45, -0.35, 0.82]) / np.linalg.norm([0.45, -0.35, 0.82])
+from .culling import pixel_bounds
+from .meshes import merged, mesh_of_body, moved
 
 Rays = npt.NDArray[np.float32]
 
 
 class Hits(NamedTuple):
-    """What rays hit first; of one camera, or of several along a first axis."""
+    """What rays hit first; the arrays share their leading axes."""
 
     depth_m: FloatImage
     """+inf where nothing is hit."""
@@ -40,30 +39,31 @@ class Hits(NamedTuple):
 class RaycastRenderer:
     """Mirrors the visual shapes of a PyBullet world and renders a batch of cameras at once.
 
-    All bodies form one mesh, which is rebuilt with the drones' present poses for every batch: for worlds of some
-    thousand triangles that costs less than a second cast at the drones alone. All cameras of a batch must have the same
-    intrinsics.
+    Static bodies form one scene that is built once. Drones form a second one, rebuilt with their present poses for
+    every batch, at which only the rays near each drone are cast. All cameras of a batch must have the same intrinsics.
     """
 
     def __init__(self, world: World, *, threads: int) -> None:
         self._world = world
-        self._o3d = open3d()
+        self._threads = threads
         static = list(world.bodies)
-        self._static_mesh = merged([self._placed(body) for body in static])
-        self._drone_meshes = [mesh_of_body(body, world.client) for body in world.drone_ids]
         self._body_ids = [*static, *world.drone_ids]
+        meshes = [mesh_of_body(world, body) for body in self._body_ids]
         self._n_static = len(static)
-        sizes = [len(mesh_of_body(body, world.client).triangles) for body in self._body_ids]
-        nothing = len(sizes)
-        self._index_of_triangle = np.append(np.repeat(np.arange(nothing, dtype=np.int32), sizes), np.int32(nothing))
+        self._drone_meshes = meshes[self._n_static :]
+        self._drone_radii_m = np.array([np.linalg.norm(m.vertices_m, axis=1).max() for m in self._drone_meshes])
+        index = np.repeat(np.arange(len(meshes), dtype=np.int32), [len(mesh.triangles) for mesh in meshes])
+        first_of_drones = sum(len(mesh.triangles) for mesh in meshes[: self._n_static])
+        placed = [moved(mesh, *self._pose(body)) for mesh, body in zip(meshes, static, strict=False)]
+        self._static = _Target(placed, index[:first_of_drones], len(meshes), threads)
+        self._drone_index = index[first_of_drones:]
         self._segment_of_index = np.array([*self._body_ids, -1], np.int32)
         surfaces = [world.bodies[body].surface for body in static] + [DRONE_SURFACE] * world.n_drones
         self._looks = self._make_looks(surfaces)
-        self._sky_seed = int(stream(world.scene.seed, Purpose.SURFACE, 1).integers(1 << 30))
+        self._air = shading.air(world.scene.weather, int(stream(world.scene.seed, Purpose.SURFACE, 1).integers(1 << 30)))
         self._directions: dict[Intrinsics, Rays] = {}
         self._buffer: Rays = np.empty((0, 0, 6), np.float32)
         self._pool = ThreadPoolExecutor(threads)
-        self._threads = threads
         wp.load_module(shading, device="cpu")
 
     def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
@@ -75,7 +75,8 @@ class RaycastRenderer:
             raise RenderError("all cameras of a batch must have the same intrinsics: render them in separate calls")
         rays = self._ray_buffer((len(cameras), intrinsics.width_px * intrinsics.height_px, 6))
         list(self._pool.map(self._fill_rays, cameras, rays))
-        hits = self._cast(rays)
+        hits = self._static.cast(rays)
+        self._add_drones(cameras, rays, hits)
         looks = wp.array(self._looks, dtype=shading.BodyLook, device="cpu")
 
         def finish(i: int) -> Images:
@@ -95,16 +96,31 @@ class RaycastRenderer:
             self._buffer = np.empty(shape, np.float32)
         return self._buffer
 
-    def _cast(self, rays: Rays) -> Hits:
-        """The first hit of each ray."""
-        mesh = merged([self._static_mesh, *self._place_drones()])
-        scene = self._o3d.t.geometry.RaycastingScene()
-        scene.add_triangles(
-            self._o3d.core.Tensor(mesh.vertices_m.astype(np.float32)), self._o3d.core.Tensor(mesh.triangles)
-        )
-        answer = scene.cast_rays(self._o3d.core.Tensor.from_numpy(rays), nthreads=self._threads)
-        triangle = np.minimum(answer["primitive_ids"].numpy(), len(mesh.triangles))
-        return Hits(answer["t_hit"].numpy(), answer["primitive_normals"].numpy(), self._index_of_triangle[triangle])
+    def _fill_rays(self, camera: Camera, rays: Rays) -> None:
+        """Write the rays of a camera, (origin, direction of unit depth), into an array of shape (H * W, 6)."""
+        if camera.intrinsics not in self._directions:
+            self._directions[camera.intrinsics] = _unit_depth_directions(camera.intrinsics)
+        rays[:, :3] = camera.T_world_cam[:3, 3]
+        rays[:, 3:] = self._directions[camera.intrinsics] @ camera.T_world_cam[:3, :3].T.astype(np.float32)
+
+    def _add_drones(self, cameras: Sequence[Camera], rays: Rays, hits: Hits) -> None:
+        """Overwrite hits where a drone is nearer; only pixels that its bounding sphere may cover are looked at."""
+        if not self._drone_meshes:
+            return
+        poses = [self._pose(body) for body in self._world.drone_ids]
+        for look, (rotation, position_m) in zip(self._looks[self._n_static :], poses, strict=True):
+            look["rotation"], look["position"] = rotation, position_m
+        placed = [moved(mesh, *pose) for mesh, pose in zip(self._drone_meshes, poses, strict=True)]
+        centers_m = np.array([position_m for _, position_m in poses])
+        pixels = _pixels_near(cameras, centers_m, self._drone_radii_m)
+        if len(pixels) == 0:
+            return
+        target = _Target(placed, self._drone_index, len(self._body_ids), self._threads)
+        flat = Hits(hits.depth_m.reshape(-1), hits.normal.reshape(-1, 3), hits.body_index.reshape(-1))
+        near = target.cast(rays.reshape(-1, 6)[pixels])
+        nearer = near.depth_m < flat.depth_m[pixels]
+        for everywhere, of_drones in zip(flat, near, strict=True):
+            everywhere[pixels[nearer]] = of_drones[nearer]
 
     def _make_looks(self, surfaces: list[Surface]) -> Any:
         looks = np.zeros(len(surfaces), shading.BodyLook.numpy_dtype())  # type: ignore[attr-defined]
@@ -121,26 +137,6 @@ class RaycastRenderer:
         position_m, q_xyzw = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._world.client)
         return frames.rotation_from_quaternion(np.array(q_xyzw)), np.array(position_m)
 
-    def _placed(self, body: int) -> Mesh:
-        return _moved(mesh_of_body(body, self._world.client), *self._pose(body))
-
-    def _place_drones(self) -> list[Mesh]:
-        """The drones' meshes where they are now; their looks follow."""
-        placed = []
-        for i, (body, mesh) in enumerate(zip(self._world.drone_ids, self._drone_meshes, strict=True)):
-            rotation, position_m = self._pose(body)
-            self._looks[self._n_static + i]["rotation"] = rotation
-            self._looks[self._n_static + i]["position"] = position_m
-            placed.append(_moved(mesh, rotation, position_m))
-        return placed
-
-    def _fill_rays(self, camera: Camera, rays: Rays) -> None:
-        """Write the rays of a camera, (origin, direction of unit depth), into an array of shape (H * W, 6)."""
-        if camera.intrinsics not in self._directions:
-            self._directions[camera.intrinsics] = _unit_depth_directions(camera.intrinsics)
-        rays[:, :3] = camera.T_world_cam[:3, 3]
-        rays[:, 3:] = self._directions[camera.intrinsics] @ camera.T_world_cam[:3, :3].T.astype(np.float32)
-
     def _shade(self, intrinsics: Intrinsics, rays: Rays, hit: Hits, looks: Any) -> GrayImage:
         gray = np.empty(len(rays), np.uint8)
         wp.launch(
@@ -149,8 +145,7 @@ class RaycastRenderer:
             inputs=[
                 _view(rays, wp.float32),
                 intrinsics.fx_px,
-                wp.vec3(*SUN_DIRECTION),
-                self._sky_seed,
+                self._air,
                 _view(hit.depth_m, wp.float32),
                 _view(hit.normal, wp.vec3),
                 _view(hit.body_index, wp.int32),
@@ -162,13 +157,40 @@ class RaycastRenderer:
         return gray
 
 
+class _Target:
+    """Meshes to cast rays at."""
+
+    def __init__(self, meshes: Sequence[Mesh], index_of_triangle: IdImage, nothing: int, threads: int) -> None:
+        self._o3d = open3d()
+        self._threads = threads
+        self._scene = self._o3d.t.geometry.RaycastingScene()
+        self._index = np.append(index_of_triangle, np.int32(nothing))
+        if meshes:
+            mesh = merged(meshes)
+            vertices = self._o3d.core.Tensor(mesh.vertices_m.astype(np.float32))
+            self._scene.add_triangles(vertices, self._o3d.core.Tensor(mesh.triangles))
+
+    def cast(self, rays: Rays) -> Hits:
+        """The first hit of each ray; rays have shape (..., 6)."""
+        answer = self._scene.cast_rays(self._o3d.core.Tensor.from_numpy(rays), nthreads=self._threads)
+        triangle = np.minimum(answer["primitive_ids"].numpy(), len(self._index) - 1)
+        return Hits(answer["t_hit"].numpy(), answer["primitive_normals"].numpy(), self._index[triangle])
+
+
 def _view(array: npt.NDArray[Any], dtype: Any) -> Any:
     """A NumPy array as a Warp array over the same memory."""
     return wp.array(array, dtype=dtype, copy=False, device="cpu")
 
 
-def _moved(mesh: Mesh, rotation: FloatArray, position_m: FloatArray) -> Mesh:
-    return Mesh(mesh.vertices_m @ rotation.T + position_m, mesh.triangles)
+def _pixels_near(cameras: Sequence[Camera], centers_m: FloatArray, radii_m: FloatArray) -> npt.NDArray[np.intp]:
+    """Indices into all pixels of a batch that spheres may cover; pixels that two spheres share come twice."""
+    height, width = cameras[0].intrinsics.shape
+    parts = [np.empty(0, np.intp)]
+    for i, camera in enumerate(cameras):
+        for top, bottom, left, right in pixel_bounds(camera, centers_m, radii_m):
+            rows = (i * height + np.arange(top, bottom)) * width
+            parts.append((rows[:, None] + np.arange(left, right)).ravel())
+    return np.concatenate(parts)
 
 
 def _unit_depth_directions(intrinsics: Intrinsics) -> Rays:

@@ -1,4 +1,4 @@
-"""Shading of ray hits as a Warp kernel: seeded solid textures, a low sun, haze and a cloudy sky.
+"""Shading of ray hits as a Warp kernel: seeded solid textures, a sun, haze and a cloudy sky.
 
 Texture is a function of the point in the frame of its body, so it moves with the body, needs no images and is the
 same in both cameras. Octaves fade out before they fall below the footprint of a pixel: what is left is what a camera
@@ -6,21 +6,31 @@ of that resolution could see.
 """
 
 # mypy: disable-error-code="no-untyped-def,type-arg,valid-type,untyped-decorator,no-any-return,index,misc"
+from typing import Any
+
+import numpy as np
 import warp as wp
+
+from ..bodies import Weather
 
 wp.set_module_options({"enable_backward": False})
 
 PLAIN = wp.constant(0)
 FACADE = wp.constant(1)
 GROUND = wp.constant(2)
-PATTERNS = {"plain": 0, "facade": 1, "ground": 2}
+GRASS = wp.constant(3)
+FOLIAGE = wp.constant(4)
+BARK = wp.constant(5)
+SNOW = wp.constant(6)
+PATTERNS = {"plain": 0, "facade": 1, "ground": 2, "grass": 3, "foliage": 4, "bark": 5, "snow": 6}
 
 FLOOR_M = wp.constant(3.2)
 WINDOW_M = wp.constant(1.7)
-HAZE_M = wp.constant(260.0)
-AMBIENT = wp.constant(0.55)
-EXPOSURE = wp.constant(1.25)
-HORIZON = wp.constant(0.80)
+
+STEP_X = wp.constant(wp.uint32(0x1DA6B343))
+STEP_Y = wp.constant(wp.uint32(0x58163841))
+STEP_Z = wp.constant(wp.uint32(0x4B1AB31F))
+STEP_SEED = wp.constant(wp.uint32(0x27D4EB2F))
 
 
 @wp.struct
@@ -35,15 +45,51 @@ class BodyLook:
     seed: wp.int32
 
 
+@wp.struct
+class Air:
+    """The weather as the kernel wants it."""
+
+    sun: wp.vec3
+    ambient: wp.float32
+    haze_m: wp.float32
+    sky: wp.float32
+    clouds: wp.float32
+    exposure: wp.float32
+    seed: wp.int32
+
+
+def air(weather: Weather, seed: int) -> Any:
+    """Weather for the kernel; the seed places the clouds."""
+    azimuth, elevation = np.radians([weather.sun_azimuth_deg, weather.sun_elevation_deg])
+    made = Air()
+    made.sun = wp.vec3(
+        float(np.cos(azimuth) * np.cos(elevation)), float(np.sin(azimuth) * np.cos(elevation)), float(np.sin(elevation))
+    )
+    made.ambient, made.haze_m, made.sky = weather.ambient, weather.haze_m, weather.sky
+    made.clouds, made.exposure, made.seed = weather.clouds, weather.exposure, seed
+    return made
+
+
+@wp.func
+def scrambled(key: wp.uint32):
+    """A number in 0..1 that looks random in the key."""
+    h = (key ^ (key >> wp.uint32(15))) * wp.uint32(0x2C1B3C6D)
+    h = (h ^ (h >> wp.uint32(13))) * wp.uint32(0x297A2D39)
+    return wp.float32(h >> wp.uint32(16)) * (1.0 / 65535.0)
+
+
 @wp.func
 def hashed(x: wp.int32, y: wp.int32, z: wp.int32, seed: wp.int32):
     """A number in 0..1 that depends on a lattice point and a seed only."""
-    h = wp.uint32(x) * wp.uint32(0x1DA6B343) ^ wp.uint32(y) * wp.uint32(0x58163841)
-    h = h ^ wp.uint32(z) * wp.uint32(0x4B1AB31F) ^ wp.uint32(seed) * wp.uint32(0x27D4EB2F)
-    h = (h ^ (h >> wp.uint32(15))) * wp.uint32(0x2C1B3C6D)
-    h = (h ^ (h >> wp.uint32(12))) * wp.uint32(0x297A2D39)
-    h = h ^ (h >> wp.uint32(15))
-    return wp.float32(h & wp.uint32(0xFFFF)) / 65535.0
+    return scrambled(
+        wp.uint32(x) * STEP_X ^ wp.uint32(y) * STEP_Y ^ wp.uint32(z) * STEP_Z ^ wp.uint32(seed) * STEP_SEED
+    )
+
+
+@wp.func
+def eased(t: wp.float32):
+    """0..1 to 0..1 with flat ends."""
+    return t * t * (3.0 - 2.0 * t)
 
 
 @wp.func
@@ -52,20 +98,23 @@ def value_noise(p: wp.vec3, seed: wp.int32):
     fx = wp.floor(p[0])
     fy = wp.floor(p[1])
     fz = wp.floor(p[2])
-    x = wp.int32(fx)
-    y = wp.int32(fy)
-    z = wp.int32(fz)
-    tx = wp.smoothstep(0.0, 1.0, p[0] - fx)
-    ty = wp.smoothstep(0.0, 1.0, p[1] - fy)
-    tz = wp.smoothstep(0.0, 1.0, p[2] - fz)
+    x0 = wp.uint32(wp.int32(fx)) * STEP_X ^ wp.uint32(seed) * STEP_SEED
+    y0 = wp.uint32(wp.int32(fy)) * STEP_Y
+    z0 = wp.uint32(wp.int32(fz)) * STEP_Z
+    x1 = (wp.uint32(wp.int32(fx)) + wp.uint32(1)) * STEP_X ^ wp.uint32(seed) * STEP_SEED
+    y1 = y0 + STEP_Y
+    z1 = z0 + STEP_Z
+    tx = eased(p[0] - fx)
+    ty = eased(p[1] - fy)
+    tz = eased(p[2] - fz)
     near = wp.lerp(
-        wp.lerp(hashed(x, y, z, seed), hashed(x + 1, y, z, seed), tx),
-        wp.lerp(hashed(x, y + 1, z, seed), hashed(x + 1, y + 1, z, seed), tx),
+        wp.lerp(scrambled(x0 ^ y0 ^ z0), scrambled(x1 ^ y0 ^ z0), tx),
+        wp.lerp(scrambled(x0 ^ y1 ^ z0), scrambled(x1 ^ y1 ^ z0), tx),
         ty,
     )
     far = wp.lerp(
-        wp.lerp(hashed(x, y, z + 1, seed), hashed(x + 1, y, z + 1, seed), tx),
-        wp.lerp(hashed(x, y + 1, z + 1, seed), hashed(x + 1, y + 1, z + 1, seed), tx),
+        wp.lerp(scrambled(x0 ^ y0 ^ z1), scrambled(x1 ^ y0 ^ z1), tx),
+        wp.lerp(scrambled(x0 ^ y1 ^ z1), scrambled(x1 ^ y1 ^ z1), tx),
         ty,
     )
     return wp.lerp(near, far, tz)
@@ -107,20 +156,51 @@ def facade(p: wp.vec3, normal: wp.vec3, footprint_m: wp.float32, seed: wp.int32)
 
 
 @wp.func
-def sky(direction: wp.vec3, footprint: wp.float32, seed: wp.int32):
+def grass(p: wp.vec3, footprint_m: wp.float32, seed: wp.int32):
+    """Tufts and bare patches."""
+    patches = 0.5 * grain(p * 0.2, footprint_m * 0.2, seed + 31)
+    return 0.9 * grain(p * 3.0, footprint_m * 3.0, seed) + patches
+
+
+@wp.func
+def foliage(p: wp.vec3, footprint_m: wp.float32, seed: wp.int32):
+    """Leaves in the light and dark gaps between them."""
+    n = grain(p * 2.5, footprint_m * 2.5, seed)
+    return 1.5 * wp.clamp(n + 0.08, -0.35, 0.30) + 0.4 * grain(p * 0.5, footprint_m * 0.5, seed + 31)
+
+
+@wp.func
+def pattern_detail(pattern: wp.int32, p: wp.vec3, normal: wp.vec3, footprint_m: wp.float32, seed: wp.int32):
+    """Deviation of the brightness from a surface's mean, about 0, by the kind of its pattern."""
+    if pattern == FACADE:
+        return 0.55 * grain(p, footprint_m, seed) + facade(p, normal, footprint_m, seed)
+    if pattern == GROUND:
+        return 0.55 * grain(p, footprint_m, seed) + 0.35 * grain(p * 0.12, footprint_m * 0.12, seed + 17)
+    if pattern == GRASS:
+        return grass(p, footprint_m, seed)
+    if pattern == FOLIAGE:
+        return foliage(p, footprint_m, seed)
+    if pattern == BARK:
+        return grain(wp.vec3(p[0] * 3.0, p[1] * 3.0, p[2] * 0.6), footprint_m * 3.0, seed)
+    if pattern == SNOW:
+        return 0.4 * grain(p * 0.25, wp.max(footprint_m * 0.25, 0.05), seed) + 0.06 * grain(p, footprint_m, seed + 31)
+    return grain(p, footprint_m, seed)
+
+
+@wp.func
+def sky(direction: wp.vec3, footprint: wp.float32, air: Air):
     """Brightness of the sky: lighter at the horizon, with clouds infinitely far away."""
     d = wp.normalize(direction)
     p = wp.vec3(d[0] / (d[2] + 0.35), d[1] / (d[2] + 0.35), 0.0) * 6.0
-    clouds = grain(p, footprint * 6.0, seed)
-    return HORIZON + 0.05 - 0.25 * wp.max(d[2], 0.0) + 0.22 * clouds * wp.clamp(3.0 * d[2] + 0.3, 0.0, 1.0)
+    clouds = air.clouds * grain(p, footprint * 6.0, air.seed)
+    return air.sky + 0.05 - 0.25 * wp.max(d[2], 0.0) + clouds * wp.clamp(3.0 * d[2] + 0.3, 0.0, 1.0)
 
 
 @wp.kernel
 def shade(
     rays: wp.array2d(dtype=wp.float32),
     focal_px: wp.float32,
-    sun: wp.vec3,
-    sky_seed: wp.int32,
+    air: Air,
     depth_m: wp.array(dtype=wp.float32),
     normals: wp.array(dtype=wp.vec3),
     body_index: wp.array(dtype=wp.int32),
@@ -137,7 +217,7 @@ def shade(
     direction = wp.vec3(rays[i, 3], rays[i, 4], rays[i, 5])
     t = depth_m[i]
     if not wp.isfinite(t):
-        gray[i] = wp.uint8(wp.clamp(sky(direction, 1.0 / focal_px, sky_seed), 0.0, 1.0) * 255.0)
+        gray[i] = wp.uint8(wp.clamp(sky(direction, 1.0 / focal_px, air), 0.0, 1.0) * 255.0)
         return
     look = looks[body_index[i]]
     normal = wp.normalize(normals[i])
@@ -145,12 +225,8 @@ def shade(
     footprint_m = t / focal_px / wp.max(facing, 0.15)
     to_body = wp.transpose(look.rotation)
     p = to_body * (origin + t * direction - look.position)
-    detail = grain(p, footprint_m, look.seed)
-    if look.pattern == FACADE:
-        detail = 0.55 * detail + facade(p, to_body * normal, footprint_m, look.seed)
-    elif look.pattern == GROUND:
-        detail = 0.55 * detail + 0.35 * grain(p * 0.12, footprint_m * 0.12, look.seed + 17)
-    lit = AMBIENT + (1.0 - AMBIENT) * wp.max(0.0, wp.dot(normal, sun))
-    surface = wp.clamp(EXPOSURE * look.albedo * lit * (1.0 + 2.0 * look.texture * detail), 0.0, 1.0)
-    clear = wp.exp(-t / HAZE_M)
-    gray[i] = wp.uint8(wp.clamp(clear * surface + (1.0 - clear) * HORIZON, 0.0, 1.0) * 255.0)
+    detail = pattern_detail(look.pattern, p, to_body * normal, footprint_m, look.seed)
+    lit = air.ambient + (1.0 - air.ambient) * wp.max(0.0, wp.dot(normal, air.sun))
+    surface = wp.clamp(air.exposure * look.albedo * lit * (1.0 + 2.0 * look.texture * detail), 0.0, 1.0)
+    clear = wp.exp(-t / air.haze_m)
+    gray[i] = wp.uint8(wp.clamp(clear * surface + (1.0 - clear) * air.sky, 0.0, 1.0) * 255.0)

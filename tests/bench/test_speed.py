@@ -16,7 +16,7 @@ from scenarios.runner import fly
 from sim.noise import photon_noise
 from sim.render import create_renderer
 from sim.rig import RigConfig
-from sim.scenes import CitySpec, build_city
+from sim.scenes import CitySpec
 from sim.stereo import StereoConfig, StereoMatcher
 from sim.types import VelocityCommand
 from sim.world import World
@@ -54,7 +54,7 @@ def test_machine() -> None:
 @pytest.mark.parametrize("n_drones", [2, 4, 8, 16, 32])
 def test_physics_and_control_at_240_hz(n_drones: int) -> None:
     starts = MissionConfig(drones=n_drones).starts_m()
-    with World(build_city(CITY, 0), starts) as world:
+    with World(CITY.build(0), starts) as world:
         world.apply([VelocityCommand(velocity_m_s=np.array([0.3, 0, 0]), yaw_rad=0.0)] * n_drones)
         start = time.perf_counter()
         for _ in range(960):
@@ -94,7 +94,7 @@ def test_a_whole_mission_by_number_of_drones(n_drones: int) -> None:
 def test_rendering(renderer: str, width: int, height: int, drones: int) -> None:
     intrinsics = Intrinsics.from_hfov(width_px=width, height_px=height, hfov_deg=86, baseline_m=0.095)
     starts = MissionConfig(drones=8).starts_m()
-    with World(build_city(CITY, 0), starts) as world:
+    with World(CITY.build(0), starts) as world:
         cameras = [camera_at(x + 0.27, y, z, intrinsics=intrinsics) for x, y, z in starts[:drones] for _ in range(2)]
         view = create_renderer(renderer, world, threads=2)
         figure = milliseconds(lambda: view.render(cameras), repeats=5)
@@ -105,7 +105,7 @@ def test_rendering(renderer: str, width: int, height: int, drones: int) -> None:
 def test_matching_and_correcting(width: int, height: int) -> None:
     cv2.setNumThreads(1)
     intrinsics = RigConfig(width_px=width, height_px=height).intrinsics
-    with World(build_city(CITY, 0), np.empty((0, 3))) as world:
+    with World(CITY.build(0), np.empty((0, 3))) as world:
         cameras = [camera_at(1.0, 7.0 + y, 6.0, intrinsics=intrinsics) for y in (0.0475, -0.0475)]
         clean = [image.gray for image in create_renderer("raycast", world).render(cameras)]
     left, right = (photon_noise(gray, 1.5, side, seed=0) for side, gray in enumerate(clean))

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from sim.errors import RenderError
 from sim.render import create_renderer
 from sim.render.meshes import mesh_of_body
-from sim.scenes import Body, CitySpec, Cylinder, Sphere, build_city
+from sim.bodies import Body, Cylinder, Sphere
+from sim.scenes import CitySpec
 from sim.types import Images
 from sim.world import World
 from tests.helpers import camera_at, wall, world_of
@@ -39,7 +40,7 @@ def agreement(a: Images, b: Images) -> float:
 @given(st.floats(-0.5, 0.5), st.floats(-0.4, 0.4), st.floats(-3.1, 3.1), st.floats(-6, 30), st.integers(0, 3))
 def test_they_agree_in_the_city_rolled_and_pitched(roll: float, pitch: float, yaw: float, x: float, seed: int) -> None:
     q = quaternion(roll, pitch, yaw)
-    with World(build_city(CitySpec(), seed), np.array([[-3.0, 0, 6], [-5, 1, 6]])) as world:
+    with World(CitySpec().build(seed), np.array([[-3.0, 0, 6], [-5, 1, 6]])) as world:
         if world.room_at_m((x, 0.0, 5.0)) < 0.1:
             return
         a, b = (create_renderer(name, world).render([camera_at(x, 0, 5, q, CAMERA)])[0] for name in ("raycast", "tiny"))
@@ -90,7 +91,7 @@ def test_bodies_that_cannot_be_drawn_are_named() -> None:
     with world_of(wall(5.0)) as world:
         body = pybullet.createMultiBody(0, -1, -1, [0, 0, 0], [0, 0, 0, 1], physicsClientId=world.client)
         with pytest.raises(RenderError, match=f"body {body} has no visual shape"):
-            mesh_of_body(body, world.client)
+            mesh_of_body(world, body)
 
 
 def test_unknown_renderers_are_refused_with_the_choice() -> None:

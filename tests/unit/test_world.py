@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from sim.errors import SceneError
-from sim.scenes import Body, Box, CitySpec, build_city
+from sim.bodies import Body, Box
+from sim.scenes import CitySpec
 from sim.types import VelocityCommand
 from sim.world import World
 from tests.helpers import wall, world_of
@@ -89,7 +90,7 @@ def test_commands_must_match_the_drones() -> None:
 def test_worlds_do_not_share_a_client_and_repeat_bit_by_bit() -> None:
     ends = []
     for _ in range(2):
-        with World(build_city(CitySpec(), 4), np.array([[-8.0, 0, 6], [-10, 1, 6]])) as world:
+        with World(CitySpec().build(4), np.array([[-8.0, 0, 6], [-10, 1, 6]])) as world:
             with world_of(GROUND, starts_m=[(0, 0, 1)]) as other:
                 fly(other, [go(0, 0, -1)], 0.5)
             fly(world, [go(2, 0.3, 0), go(3, 0, 0)], 2)
@@ -98,9 +99,9 @@ def test_worlds_do_not_share_a_client_and_repeat_bit_by_bit() -> None:
 
 
 def test_cities_follow_their_seed_and_spec() -> None:
-    assert build_city(CitySpec(), 1) == build_city(CitySpec(), 1)
-    assert build_city(CitySpec(), 1) != build_city(CitySpec(), 2)
-    city = build_city(CitySpec(columns=3, rows=2, poles=4), 0)
+    assert CitySpec().build(1) == CitySpec().build(1)
+    assert CitySpec().build(1) != CitySpec().build(2)
+    city = CitySpec(columns=3, rows=2, poles=4).build(0)
     assert len(city.bodies) == 1 + 6 + 4
     towers = [b for b in city.bodies if b.name.startswith("tower")]
     gaps = [abs(a.position_m[0] - b.position_m[0]) for a in towers for b in towers if a.name[6] != b.name[6]]

@@ -1,75 +1,15 @@
-"""What a world consists of, as plain data built from a seed and a specification."""
+"""A city of towers: the paper's swarm flies between them."""
 
-from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from .model import Model
-from .seeds import Purpose, stream
-
-BodyKind = Literal["building", "ground"]
-Pattern = Literal["plain", "facade", "ground"]
+from ..bodies import Body, Box, Cylinder, Scene, SceneSpec, Surface
+from ..seeds import Purpose, stream
 
 
-@dataclass(frozen=True)
-class Box:
-    """Axis-aligned in its own frame; the origin is the centre."""
-
-    size_m: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Cylinder:
-    """Its axis is z; the origin is the centre."""
-
-    radius_m: float
-    height_m: float
-
-
-@dataclass(frozen=True)
-class Sphere:
-    """The origin is the centre."""
-
-    radius_m: float
-
-
-Shape = Box | Cylinder | Sphere
-
-
-@dataclass(frozen=True, kw_only=True)
-class Surface:
-    """Looks of a body."""
-
-    albedo: float = 0.5
-    """Share of light that comes back, 0..1."""
-    texture: float = 1.0
-    """Strength of the texture; 0 is blank, which a stereo camera cannot match."""
-    pattern: Pattern = "plain"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Body:
-    """One static thing in the world."""
-
-    name: str
-    kind: BodyKind
-    shape: Shape
-    position_m: tuple[float, float, float]
-    yaw_rad: float = 0.0
-    surface: Surface = field(default_factory=Surface)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Scene:
-    """All static bodies; the seed also decides their textures."""
-
-    seed: int
-    bodies: tuple[Body, ...]
-
-
-class CitySpec(Model):
+class CitySpec(SceneSpec):
     """A city of towers on a brick-like grid of lots, with poles in the streets. Flights lead along x."""
 
     kind: Literal["city"] = "city"
@@ -102,20 +42,21 @@ class CitySpec(Model):
         """Distance between the middles of neighbouring lots [m]."""
         return sum(self.tower_side_m) / 2 + self.street_width_m
 
-
-def build_city(spec: CitySpec, seed: int) -> Scene:
-    """The city of a seed: it begins at x = 0 and is centred on y = 0."""
-    rng = stream(seed, Purpose.SCENE)
-    ground = Body(
-        name="ground",
-        kind="ground",
-        shape=Box((400.0, 400.0, 1.0)),
-        position_m=(spec.columns * spec.pitch_m / 2, 0.0, -0.5),
-        surface=Surface(albedo=0.38, pattern="ground"),
-    )
-    towers = [_tower(spec, rng, column, row) for column in range(spec.columns) for row in range(spec.rows)]
-    poles = [_pole(spec, rng, i) for i in range(spec.poles)]
-    return Scene(seed=seed, bodies=(ground, *towers, *poles))
+    def build(self, seed: int) -> Scene:
+        """The city of a seed: it begins at x = 0 and is centred on y = 0. The path is its first street along y."""
+        rng = stream(seed, Purpose.SCENE)
+        ground = Body(
+            name="ground",
+            kind="ground",
+            shape=Box((400.0, 400.0, 1.0)),
+            position_m=(self.columns * self.pitch_m / 2, 0.0, -0.5),
+            surface=Surface(albedo=0.38, pattern="ground"),
+        )
+        towers = [_tower(self, rng, column, row) for column in range(self.columns) for row in range(self.rows)]
+        poles = [_pole(self, rng, i) for i in range(self.poles)]
+        side = self.rows * self.pitch_m / 2
+        path_m = np.array([[self.pitch_m - 1.5, -side, 0.0], [self.pitch_m - 1.5, side, 0.0]])
+        return Scene(seed=seed, bodies=(ground, *towers, *poles), weather=self.weather, path_m=path_m)
 
 
 def _tower(spec: CitySpec, rng: np.random.Generator, column: int, row: int) -> Body:
