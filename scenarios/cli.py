@@ -35,6 +35,7 @@ class RendererName(StrEnum):
 
     RAYCAST = "raycast"
     TINY = "tiny"
+    EGL = "egl"
 
 
 Scenario = Annotated[str, typer.Argument(help="A shipped scenario, or a TOML file: a scenario or a run's config.toml.")]
@@ -79,7 +80,7 @@ def run(
         "mission.drones": drones,
         "mission.duration_s": duration,
         "rig.depth": depth.value if depth else None,
-        "rig.theta": theta,
+        "rig.noise.scale.theta": theta,
         "corrector": corrector,
         "renderer": renderer.value if renderer else None,
         "rig.width_px": width,

@@ -9,8 +9,8 @@ import tomli_w
 from pydantic import Field
 
 from sim.drone import AirframeConfig
-from sim.rig import RigConfig
 from sim.scenes import AnyScene, CitySpec
+from sim.sensor import RigConfig
 from sim.tiers import DepthTierName
 from swarm.mission import MissionConfig
 from voxdepth.model import Model
@@ -50,7 +50,7 @@ class Scenario(Model):
     airframe: AirframeConfig = AirframeConfig()
     corrector: str = "paper"
     """Name of the depth corrector of every drone."""
-    renderer: Literal["raycast", "tiny"] = "raycast"
+    renderer: Literal["raycast", "tiny", "egl"] = "raycast"
     recording: RecordingConfig = RecordingConfig()
     acceptance: Acceptance = Acceptance()
 

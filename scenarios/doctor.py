@@ -67,8 +67,8 @@ def _renderers() -> list[Finding]:
 def _render(name: str) -> str:
     """Render a box 3 m ahead and read its depth back."""
     from sim import frames
-    from sim.render import create_renderer
     from sim.bodies import Body, Box, Scene
+    from sim.render import create_renderer
     from sim.types import Camera
     from sim.world import World
     from voxdepth.types import Intrinsics

@@ -9,9 +9,9 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from sim.frames import R_BODY_CAM
-from sim.rig import RigConfig
 from sim.bodies import Body, Box, Cylinder
+from sim.frames import R_BODY_CAM
+from sim.sensor import RigConfig
 from sim.types import Capture, Contact, DroneState
 from sim.world import DRONE_BODY_HEIGHT_M, World
 from swarm.mission import contact_text

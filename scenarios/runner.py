@@ -86,7 +86,7 @@ def summary(finished: Finished, run: Run) -> dict[str, Any]:
         "scenario": run.scenario.name,
         "seed": run.seed,
         "depth": run.scenario.rig.depth,
-        "theta": run.scenario.rig.theta,
+        "theta": run.scenario.rig.noise.scale.theta,
         "corrector": run.scenario.corrector,
         "outcome": result.outcome.value,
         "metrics": dict(result.metrics),

@@ -20,7 +20,7 @@ class Arm:
         """The arm's run of one seed."""
         changes = {
             "rig.depth": self.depth,
-            "rig.theta": self.theta,
+            "rig.noise.scale.theta": self.theta,
             "corrector": self.corrector,
             "rig.width_px": size[0],
             "rig.height_px": size[1],

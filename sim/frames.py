@@ -6,6 +6,8 @@ from voxdepth.types import FloatArray
 
 R_BODY_CAM = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Camera axes (x right, y down, z forward) in a body frame with x forward, y left, z up."""
+Q_BODY_CAM_XYZW = np.array([-0.5, 0.5, -0.5, 0.5])
+"""The same rotation as a quaternion."""
 
 
 def rotation_from_quaternion(q_xyzw: FloatArray) -> FloatArray:
@@ -55,7 +57,25 @@ def pose(rotation: FloatArray, position_m: FloatArray) -> FloatArray:
     return T
 
 
+def product(q_a_b_xyzw: FloatArray, q_b_c_xyzw: FloatArray) -> FloatArray:
+    """The quaternion `q_a_c` (xyzw) of two rotations after each other."""
+    (x, y, z, w), (p, q, r, s) = q_a_b_xyzw, q_b_c_xyzw
+    return np.array(
+        [
+            w * p + x * s + y * r - z * q,
+            w * q - x * r + y * s + z * p,
+            w * r + x * q - y * p + z * s,
+            w * s - x * p - y * q - z * r,
+        ]
+    )
+
+
+def camera_attitude(q_world_body_xyzw: FloatArray) -> FloatArray:
+    """`q_world_cam` (xyzw) of a camera that looks along the body's x axis."""
+    return product(q_world_body_xyzw, Q_BODY_CAM_XYZW)
+
+
 def camera_pose(position_m: FloatArray, q_world_body_xyzw: FloatArray, mount_m: FloatArray) -> FloatArray:
     """`T_world_cam` of a camera that looks along the body's x axis from `mount_m` in the body frame."""
-    R_world_body = rotation_from_quaternion(q_world_body_xyzw)
-    return pose(R_world_body @ R_BODY_CAM, position_m + R_world_body @ mount_m)
+    at_m = position_m + rotation_from_quaternion(q_world_body_xyzw) @ mount_m
+    return pose(rotation_from_quaternion(camera_attitude(q_world_body_xyzw)), at_m)

@@ -1,47 +1,24 @@
-"""Noise: of the gray images, and of the `noisy` depth tier. Every draw is keyed by seed, drone and frame."""
-
-from typing import Literal
+"""Noise of the gray images, and which pixels a second camera cannot see. Draws are keyed by seed, drone and frame."""
 
 import numpy as np
 
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
 from .seeds import Purpose, stream
-from .types import IdImage
-
-ScaleUnit = Literal["object", "frame", "pixel"]
 
 
-def photon_noise(gray: GrayImage, sigma: float, *key: int, seed: int) -> GrayImage:
-    """The image with Gaussian noise of `sigma` gray levels, rounded and clipped."""
+def photon_noise(gray: GrayImage, sigma: float, *key: int, seed: int, gain: float = 1.0) -> GrayImage:
+    """The image times `gain`, with Gaussian noise of `sigma` gray levels, rounded and clipped."""
     noise = stream(seed, Purpose.PHOTON, *key).standard_normal(gray.shape, np.float32)
     noise *= np.float32(sigma)
-    noise += gray
+    noise += gray if gain == 1 else gray * np.float32(gain)
     np.rint(noise, out=noise)
     return np.clip(noise, 0, 255, out=noise).astype(np.uint8)
 
 
-def scale_noise(
-    depth_m: FloatImage, segment_id: IdImage, theta: float, *key: int, seed: int, unit: ScaleUnit = "object"
-) -> FloatImage:
-    """`D + D beta` with `beta ~ U[-theta, theta]`: paper, Eq. noisesim.
-
-    Args:
-        depth_m: Depth [m], shape (H, W); 0 = invalid stays 0.
-        segment_id: Body of each pixel, -1 for none.
-        theta: Noise ratio threshold; 0 changes nothing.
-        key: Drone and frame.
-        seed: Master seed of the run.
-        unit: What shares one draw. An object's draw depends on its id only, not on what else is seen.
-    """
-    rng = stream(seed, Purpose.SCALE, *key)
-    if unit == "pixel":
-        beta = rng.uniform(-theta, theta, depth_m.shape)
-    elif unit == "frame":
-        beta = np.full(depth_m.shape, rng.uniform(-theta, theta))
-    else:
-        beta = rng.uniform(-theta, theta, int(segment_id.max(initial=-1)) + 2)[segment_id + 1]
-    return (depth_m * (1 + beta)).astype(np.float32)
+def exposure_gain(sigma: float, *key: int, seed: int) -> float:
+    """Brightness of a frame relative to the mean, `exp(N(0, sigma))`: how an automatic exposure flickers."""
+    return float(np.exp(sigma * stream(seed, Purpose.EXPOSURE, *key).standard_normal())) if sigma else 1.0
 
 
 def occlusion(left_depth_m: FloatImage, right_depth_m: FloatImage, intrinsics: Intrinsics) -> MaskImage:

@@ -1,13 +1,41 @@
-"""PyBullet shapes of the solids that a scene is made of."""
+"""PyBullet bodies of the solids that a scene is made of."""
 
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pybullet
 
-from .bodies import Box, Cylinder, Heightfield, Mesh, Shape, Sphere, Surface
+from . import frames
+from .bodies import Body, Box, Cylinder, Heightfield, Mesh, Shape, Sphere, Surface
+from .seeds import Purpose, stream
 
 NO_SHAPE = -1
+
+
+def create_body(body: Body, client: int) -> int:
+    """Place a static body in a PyBullet client and return its id there."""
+    collision, visual = create_shapes(body.shape, body.surface, client)
+    x, y, z = body.position_m
+    q_world_body_xyzw = frames.quaternion_from_yaw(body.yaw_rad).tolist()
+    position = [x, y, z + origin_height_m(body.shape)]
+    return int(
+        pybullet.createMultiBody(0, collision, visual, position, q_world_body_xyzw, physicsClientId=client)
+    )
+
+
+def apply_texture(bodies: Sequence[int], seed: int, client: int) -> None:
+    """One seeded noise texture over all bodies, for PyBullet's own renderers."""
+    noise = stream(seed, Purpose.SURFACE).integers(90, 256, (256, 256), dtype=np.uint8)
+    with tempfile.TemporaryDirectory() as folder:
+        path = str(Path(folder) / "noise.png")
+        cv2.imwrite(path, cv2.cvtColor(cv2.GaussianBlur(noise, (0, 0), 1.0), cv2.COLOR_GRAY2BGR))
+        texture = pybullet.loadTexture(path, physicsClientId=client)
+    for body in bodies:
+        pybullet.changeVisualShape(body, -1, textureUniqueId=texture, physicsClientId=client)
 
 
 def create_shapes(shape: Shape, surface: Surface, client: int) -> tuple[int, int]:

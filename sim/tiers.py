@@ -1,5 +1,6 @@
 """The three depth tiers: how much a stereo camera is idealised. All behind one interface."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -7,10 +8,11 @@ import numpy as np
 
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
+from .depth_noise import DepthNoise, NoisyDepth
 from .errors import SensorError
-from .noise import occlusion, scale_noise
+from .noise import occlusion
 from .stereo import StereoConfig, StereoMatcher
-from .types import Images
+from .types import Images, Loss
 
 DepthTierName = Literal["truth", "noisy", "stereo"]
 TIER_NAMES: tuple[DepthTierName, ...] = ("truth", "noisy", "stereo")
@@ -22,13 +24,15 @@ class Measurement:
 
     depth_m: FloatImage
     """Shape (H, W), float32; 0 = invalid."""
+    loss: GrayImage
+    """One `Loss` per pixel, shape (H, W), uint8."""
     occluded: MaskImage
     """Pixels hidden from the right camera, shape (H, W)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StereoView:
-    """What both cameras of one drone show: free of noise, and with photon noise."""
+    """What both cameras of one drone show: free of noise, and with that of the cameras."""
 
     drone: int
     frame: int
@@ -39,7 +43,7 @@ class StereoView:
 
 
 class DepthTier(Protocol):
-    """Makes a depth image of what a drone's cameras see."""
+    """Makes a depth image of what a drone's cameras see. Threads may share it."""
 
     needs_right: bool
     """Whether the second camera has to be rendered."""
@@ -59,52 +63,81 @@ class TruthTier:
 
     def measure(self, view: StereoView) -> Measurement:
         """The true depth."""
+        shape = view.left.depth_m.shape
         return Measurement(
             depth_m=np.minimum(view.left.depth_m, self._max_depth_m),
-            occluded=np.zeros(view.left.depth_m.shape, np.bool_),
+            loss=np.zeros(shape, np.uint8),
+            occluded=np.zeros(shape, np.bool_),
         )
 
 
 class NoisyTier:
-    """Truth without the pixels that the second camera cannot see, scaled by random factors per object."""
+    """Truth with noise terms; as configured by default, without the pixels that the second camera cannot see.
+
+    Args:
+        intrinsics: Of the left camera, with the baseline.
+        noise: Which terms are on.
+        max_depth_m: Depth at which the sky and surfaces farther away read.
+        texture_of_body: Strength of the texture of each body, by segmentation id.
+        seed: Master seed.
+    """
 
     needs_right = True
 
-    def __init__(self, intrinsics: Intrinsics, *, max_depth_m: float, theta: float, seed: int) -> None:
-        if not theta >= 0:
-            raise SensorError(f"theta must not be negative, got {theta}")
+    def __init__(
+        self,
+        intrinsics: Intrinsics,
+        noise: DepthNoise,
+        *,
+        max_depth_m: float,
+        texture_of_body: Mapping[int, float],
+        seed: int,
+    ) -> None:
         self._intrinsics = intrinsics
-        self._truth = TruthTier(max_depth_m)
-        self._theta = theta
+        self._terms = noise.terms
+        self._max_depth_m = max_depth_m
+        self._texture_of_body = texture_of_body
         self._seed = seed
 
     def measure(self, view: StereoView) -> Measurement:
-        """Depth with algorithmic holes and the paper's scale noise."""
-        occluded = occlusion(view.left.depth_m, _right_of(view).depth_m, self._intrinsics)
-        depth_m = self._truth.measure(view).depth_m
-        depth_m = scale_noise(depth_m, view.left.segment_id, self._theta, view.drone, view.frame, seed=self._seed)
-        depth_m[occluded] = 0
-        return Measurement(depth_m=depth_m, occluded=occluded)
+        """The true depth after all terms."""
+        image = NoisyDepth(
+            depth_m=np.minimum(view.left.depth_m, np.float32(self._max_depth_m)),
+            loss=np.zeros(view.left.depth_m.shape, np.uint8),
+            segment_id=view.left.segment_id,
+            occluded=occlusion(view.left.depth_m, _right_of(view).depth_m, self._intrinsics),
+            texture_of_body=self._texture_of_body,
+            intrinsics=self._intrinsics,
+            max_depth_m=self._max_depth_m,
+            seed=self._seed,
+            key=(view.drone, view.frame),
+        )
+        for term in self._terms:
+            term.apply(image)
+        return Measurement(depth_m=image.depth_m, loss=image.loss, occluded=image.occluded)
 
 
 class StereoTier:
-    """Depth by matching the two gray images, one matcher per drone."""
+    """Depth by matching the two gray images."""
 
     needs_right = True
 
-    def __init__(self, intrinsics: Intrinsics, config: StereoConfig, *, max_depth_m: float, n_drones: int) -> None:
+    def __init__(self, intrinsics: Intrinsics, config: StereoConfig, *, max_depth_m: float) -> None:
         self._intrinsics = intrinsics
-        self._matchers = [StereoMatcher(intrinsics, config, max_depth_m=max_depth_m) for _ in range(n_drones)]
+        self._matcher = StereoMatcher(intrinsics, config, max_depth_m=max_depth_m)
 
     def measure(self, view: StereoView) -> Measurement:
-        """Depth with the holes and errors that matching makes."""
+        """Depth with the holes and errors that matching makes; the truth only names the reasons of holes."""
         right = _right_of(view)
         if view.gray_right is None:
             raise SensorError("the stereo tier needs the gray image of the right camera, got none")
-        return Measurement(
-            depth_m=self._matchers[view.drone].depth(view.gray_left, view.gray_right),
-            occluded=occlusion(view.left.depth_m, right.depth_m, self._intrinsics),
-        )
+        match = self._matcher.match(view.gray_left, view.gray_right)
+        occluded = occlusion(view.left.depth_m, right.depth_m, self._intrinsics)
+        loss, lost = match.loss, match.loss != Loss.NONE
+        loss[lost & (view.left.depth_m < self._matcher.min_depth_m)] = Loss.OUT_OF_RANGE
+        loss[lost & occluded] = Loss.OCCLUDED
+        depth_m = self._matcher.depth_from_disparity(match.disparity_px)
+        return Measurement(depth_m=depth_m, loss=loss, occluded=occluded)
 
 
 def _right_of(view: StereoView) -> Images:

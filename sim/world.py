@@ -1,13 +1,10 @@
 """The physical world: one PyBullet client with a scene and a fleet of drones."""
 
-import tempfile
 from collections import deque
 from collections.abc import Sequence
-from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import cv2
 import numpy as np
 import pybullet
 
@@ -17,8 +14,7 @@ from . import frames
 from .bodies import Body, Cylinder, Scene, Surface
 from .drone import GRAVITY_M_S2, AirframeConfig, Fleet
 from .errors import SceneError
-from .seeds import Purpose, stream
-from .solids import create_shapes, origin_height_m
+from .solids import apply_texture, create_body, create_shapes
 from .types import Contact, DroneState, VelocityCommand
 
 PHYSICS_HZ = 240
@@ -28,6 +24,11 @@ IMPACT_STEPS = 10
 """Steps back to where the speed of an impact is taken: Bullet brakes bodies that are about to touch."""
 DRONE_SURFACE = Surface(albedo=0.15, texture=0.6)
 DRONE_BODY_HEIGHT_M = 0.16
+
+
+def drone_shape(radius_m: float) -> Cylinder:
+    """What cameras see of a drone."""
+    return Cylinder(radius_m, DRONE_BODY_HEIGHT_M)
 
 
 class World:
@@ -67,10 +68,10 @@ class World:
         self.client = pybullet.connect(pybullet.DIRECT)
         try:
             self._set_up_physics()
-            self.bodies: dict[int, Body] = {self._add_body(body): body for body in scene.bodies}
+            self.bodies: dict[int, Body] = {create_body(body, self.client): body for body in scene.bodies}
             q_start = frames.quaternion_from_yaw(start_yaw_rad)
             self.drone_ids = [self._add_drone(start, q_start) for start in starts_m]
-            self._texture_bodies()
+            apply_texture([*self.bodies, *self.drone_ids], scene.seed, self.client)
             self._drone_of_body = {body: drone for drone, body in enumerate(self.drone_ids)}
             self._fleet = Fleet(self.n_drones, self.airframe)
             self._wanted_velocity = np.zeros((self.n_drones, 3))
@@ -146,30 +147,25 @@ class World:
         """Distance from a point to the nearest static body, at most `horizon_m`; negative inside one."""
         return self._nearest_m(np.asarray(position_m, np.float64), 0.0, horizon_m, None)
 
+    @property
+    def extent_m(self) -> float:
+        """Longest side of the box around all bodies and drones; 0 when there are none."""
+        boxes = [pybullet.getAABB(body, physicsClientId=self.client) for body in [*self.bodies, *self.drone_ids]]
+        if not boxes:
+            return 0.0
+        corners = np.array(boxes)
+        return float((corners[:, 1].max(axis=0) - corners[:, 0].min(axis=0)).max())
+
     def _set_up_physics(self) -> None:
         client = self.client
         pybullet.setGravity(0, 0, -GRAVITY_M_S2, physicsClientId=client)
         pybullet.setTimeStep(self.dt_s, physicsClientId=client)
         pybullet.setPhysicsEngineParameter(deterministicOverlappingPairs=1, physicsClientId=client)
 
-    def _add_body(self, body: Body) -> int:
-        collision, visual = create_shapes(body.shape, body.surface, self.client)
-        x, y, z = body.position_m
-        return int(
-            pybullet.createMultiBody(
-                0,
-                collision,
-                visual,
-                [x, y, z + origin_height_m(body.shape)],
-                frames.quaternion_from_yaw(body.yaw_rad).tolist(),
-                physicsClientId=self.client,
-            )
-        )
-
     def _add_drone(self, start_m: FloatArray, q_world_body_xyzw: FloatArray) -> int:
         radius = self.airframe.radius_m
         collision = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=radius, physicsClientId=self.client)
-        _, visual = create_shapes(Cylinder(radius, DRONE_BODY_HEIGHT_M), DRONE_SURFACE, self.client)
+        _, visual = create_shapes(drone_shape(radius), DRONE_SURFACE, self.client)
         body = int(
             pybullet.createMultiBody(
                 self.airframe.mass_kg,
@@ -182,16 +178,6 @@ class World:
         )
         pybullet.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=self.client)
         return body
-
-    def _texture_bodies(self) -> None:
-        """One seeded noise texture over all bodies, for PyBullet's own renderers."""
-        noise = stream(self.scene.seed, Purpose.SURFACE).integers(90, 256, (256, 256), dtype=np.uint8)
-        with tempfile.TemporaryDirectory() as folder:
-            path = str(Path(folder) / "noise.png")
-            cv2.imwrite(path, cv2.cvtColor(cv2.GaussianBlur(noise, (0, 0), 1.0), cv2.COLOR_GRAY2BGR))
-            texture = pybullet.loadTexture(path, physicsClientId=self.client)
-        for body in [*self.bodies, *self.drone_ids]:
-            pybullet.changeVisualShape(body, -1, textureUniqueId=texture, physicsClientId=self.client)
 
     def _read_motion(self) -> None:
         bullet, client = pybullet, self.client

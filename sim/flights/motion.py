@@ -51,8 +51,9 @@ class Drift:
 
     def __call__(self, time_s: float) -> FloatArray:
         """Values at a time, shape (c,)."""
-        waves: FloatArray = np.sin(self._rate_rad_s * time_s + self._phase_rad).sum(axis=1)
-        return self._amplitude * waves
+        waves = np.sin(self._rate_rad_s * time_s + self._phase_rad)
+        drift: FloatArray = self._amplitude * waves.sum(axis=1)
+        return drift
 
 
 def sample(motion: Motion, rate_hz: float, duration_s: float = np.inf) -> Iterator[BodyPose]:

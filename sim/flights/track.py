@@ -57,11 +57,12 @@ class Track:
     def curvature_per_m(self, along_m: FloatArray) -> FloatArray:
         """Change of the unit direction per arc length, shape (m,) for m arc lengths."""
         bells = _bell((along_m[:, None] - self._corners_m) / self._rounding_m) / self._rounding_m
-        return np.linalg.norm(bells @ self._bends, axis=1)
+        curvature_per_m: FloatArray = np.linalg.norm(bells @ self._bends, axis=1)
+        return curvature_per_m
 
 
 def _way_points(path_m: FloatArray) -> FloatArray:
-    """The way points as they came, less those straight above the one before."""
+    """The way points as they came, less those on or straight above the one before."""
     points = np.asarray(path_m, np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
         raise SceneError(
@@ -74,7 +75,7 @@ def _way_points(path_m: FloatArray) -> FloatArray:
             f"way points must be finite, but number {bad[0]} is {points[bad[0]].tolist()}; correct the path"
         )
     apart = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1) > 1e-6
-    points = points[np.concatenate([[True], apart])]
+    points = points[np.r_[True, apart]]
     length_m = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     if length_m < SHORTEST_PATH_M:
         raise SceneError(
@@ -85,16 +86,19 @@ def _way_points(path_m: FloatArray) -> FloatArray:
 
 def _bell(u: FloatArray) -> FloatArray:
     """Raised cosine on -1..1 with unit area."""
-    return (1 + np.cos(np.pi * np.clip(u, -1, 1))) / 2
+    bell: FloatArray = (1 + np.cos(np.pi * np.clip(u, -1, 1))) / 2
+    return bell
 
 
 def _step(u: FloatArray) -> FloatArray:
     """Integral of the bell: from 0 before -1 to 1 after 1."""
     c = np.clip(u, -1, 1)
-    return (1 + c + np.sin(np.pi * c) / np.pi) / 2
+    step: FloatArray = (1 + c + np.sin(np.pi * c) / np.pi) / 2
+    return step
 
 
 def _ramp(u: FloatArray) -> FloatArray:
     """Integral of the step: from 0 before -1 to u after 1."""
     c = np.clip(u, -1, 1)
-    return ((1 + c) ** 2 / 2 - (1 + np.cos(np.pi * c)) / np.pi**2) / 2 + np.maximum(u - 1, 0)
+    ramp: FloatArray = ((1 + c) ** 2 / 2 - (1 + np.cos(np.pi * c)) / np.pi**2) / 2 + np.maximum(u - 1, 0)
+    return ramp

@@ -19,7 +19,13 @@ def _tiny(world: World, threads: int) -> Renderer:
     return TinyRenderer(world)
 
 
-_FACTORIES: dict[str, Callable[[World, int], Renderer]] = {"raycast": _raycast, "tiny": _tiny}
+def _egl(world: World, threads: int) -> Renderer:
+    from .bullet import EglRenderer
+
+    return EglRenderer(world)
+
+
+_FACTORIES: dict[str, Callable[[World, int], Renderer]] = {"raycast": _raycast, "tiny": _tiny, "egl": _egl}
 
 RENDERER_NAMES = tuple(_FACTORIES)
 

@@ -1,50 +1,115 @@
-"""PyBullet's own software renderer: slow, needs nothing, and is the reference for the others."""
+"""PyBullet's own renderers: slow, and the reference for the others."""
 
+import importlib.util
+import weakref
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pybullet
 
 from voxdepth.types import FloatArray, Intrinsics
 
+from ..errors import RenderError
+from ..solids import apply_texture, create_body, create_shapes
 from ..types import Camera, Images
-from ..world import World
+from ..world import DRONE_SURFACE, World, drone_shape
 
-NEAR_M, FAR_M = 0.05, 400.0
+FAR_M = 400.0
 SUN_DIRECTION = (0.45, -0.35, 0.82)
 SKY_GRAY = 200
 
 
+@dataclass(frozen=True, kw_only=True)
+class Engine:
+    """How one of PyBullet's renderers behaves."""
+
+    flag: int
+    sample_px: tuple[float, float]
+    """Where in a pixel it samples, to the right and down."""
+    near_m: float
+    """Nothing nearer is drawn."""
+
+
+TINY = Engine(flag=pybullet.ER_TINY_RENDERER, sample_px=(0.0, 1.0), near_m=0.05)
+# The depth buffer has 16 bits: steps of 8 mm at 7 m, 6 cm at 20 m, with the near plane here.
+EGL = Engine(flag=pybullet.ER_BULLET_HARDWARE_OPENGL, sample_px=(0.5, 0.5), near_m=0.1)
+
+
 class TinyRenderer:
-    """Renders one camera after the other by `getCameraImage`."""
+    """The software renderer: needs nothing. One camera after the other."""
 
     def __init__(self, world: World) -> None:
         self._client = world.client
 
     def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
         """One `Images` per camera, of the world as it is now; `gray` comes anyhow."""
+        return [_camera_image(camera, TINY, self._client) for camera in cameras]
+
+
+class EglRenderer:
+    """OpenGL without a display, through PyBullet's EGL plugin; on a GPU, or in software on Mesa.
+
+    The plugin draws only what is created after it was loaded, so the renderer keeps a client of its own with copies of
+    all bodies and moves the copies of the drones before each batch.
+    """
+
+    def __init__(self, world: World) -> None:
+        plugin = importlib.util.find_spec("eglRenderer")
+        if plugin is None or plugin.origin is None:
+            raise RenderError("the renderer 'egl' needs PyBullet's plugin eglRenderer, which this wheel lacks")
+        self._world = world
+        self._client = pybullet.connect(pybullet.DIRECT)
+        self.close = weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
+        if pybullet.loadPlugin(plugin.origin, "_eglRendererPlugin", physicsClientId=self._client) < 0:
+            self.close()
+            raise RenderError(
+                "PyBullet's EGL plugin does not start: install a GPU driver or Mesa's libegl1 and libgl1-mesa-dri, "
+                "or use the renderer raycast"
+            )
+        static = {create_body(body, self._client): real for real, body in world.bodies.items()}
+        self._drones = {self._add_drone(): real for real in world.drone_ids}
+        copies = {**static, **self._drones}
+        apply_texture(list(copies), world.scene.seed, self._client)
+        self._real = np.full(max(copies, default=-1) + 2, -1, np.int32)
+        self._real[[copy + 1 for copy in copies]] = list(copies.values())
+
+    def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
+        """One `Images` per camera, of the world as it is now; `gray` comes anyhow."""
+        for copy, real in self._drones.items():
+            position, q_xyzw = pybullet.getBasePositionAndOrientation(real, physicsClientId=self._world.client)
+            pybullet.resetBasePositionAndOrientation(copy, position, q_xyzw, physicsClientId=self._client)
         return [self._render(camera) for camera in cameras]
 
     def _render(self, camera: Camera) -> Images:
-        intrinsics = camera.intrinsics
-        _, _, rgba, buffer, segments = pybullet.getCameraImage(
-            intrinsics.width_px,
-            intrinsics.height_px,
-            view_matrix(camera.T_world_cam),
-            projection_matrix(intrinsics),
-            lightDirection=SUN_DIRECTION,
-            shadow=0,
-            renderer=pybullet.ER_TINY_RENDERER,
-            physicsClientId=self._client,
-        )
-        shape = intrinsics.shape
-        segment_id = np.reshape(segments, shape).astype(np.int32)
-        nothing = segment_id < 0
-        gray = np.reshape(rgba, (*shape, 4))[..., 0].astype(np.uint8)
-        gray[nothing] = SKY_GRAY
-        depth_m = metric_depth(np.reshape(buffer, shape).astype(np.float64)).astype(np.float32)
-        depth_m[nothing] = np.inf
-        return Images(gray=gray, depth_m=depth_m, segment_id=segment_id)
+        seen = _camera_image(camera, EGL, self._client)
+        return Images(gray=seen.gray, depth_m=seen.depth_m, segment_id=self._real[seen.segment_id + 1])
+
+    def _add_drone(self) -> int:
+        _, visual = create_shapes(drone_shape(self._world.airframe.radius_m), DRONE_SURFACE, self._client)
+        return int(pybullet.createMultiBody(0, -1, visual, [0, 0, 0], [0, 0, 0, 1], physicsClientId=self._client))
+
+
+def _camera_image(camera: Camera, engine: Engine, client: int) -> Images:
+    intrinsics = camera.intrinsics
+    _, _, rgba, buffer, segments = pybullet.getCameraImage(
+        intrinsics.width_px,
+        intrinsics.height_px,
+        view_matrix(camera.T_world_cam),
+        projection_matrix(intrinsics, engine),
+        lightDirection=SUN_DIRECTION,
+        shadow=0,
+        renderer=engine.flag,
+        physicsClientId=client,
+    )
+    shape = intrinsics.shape
+    segment_id = np.reshape(segments, shape).astype(np.int32)
+    nothing = segment_id < 0
+    gray = np.reshape(rgba, (*shape, 4))[..., 0].astype(np.uint8)
+    gray[nothing] = SKY_GRAY
+    depth_m = metric_depth(np.reshape(buffer, shape).astype(np.float64), engine.near_m).astype(np.float32)
+    depth_m[nothing] = np.inf
+    return Images(gray=gray, depth_m=depth_m, segment_id=segment_id)
 
 
 def view_matrix(T_world_cam: FloatArray) -> list[float]:
@@ -54,21 +119,20 @@ def view_matrix(T_world_cam: FloatArray) -> list[float]:
     return view
 
 
-def projection_matrix(intrinsics: Intrinsics) -> list[float]:
-    """OpenGL projection, column-major, for which TinyRenderer samples at the integer pixels of `intrinsics`.
+def projection_matrix(intrinsics: Intrinsics, engine: Engine) -> list[float]:
+    """OpenGL projection, column-major, with which an engine samples at the integer pixels of `intrinsics`.
 
-    TinyRenderer samples the lower left corner of each pixel where OpenGL takes the centre, so the frustum is half a
-    pixel off to the left and to the bottom of OpenGL's.
+    OpenGL samples the centre of each pixel, TinyRenderer its lower left corner.
     """
-    i = intrinsics
-    left = -i.cx_px / i.fx_px * NEAR_M
-    right = (i.width_px - i.cx_px) / i.fx_px * NEAR_M
-    top = (i.cy_px + 1) / i.fy_px * NEAR_M
-    bottom = -(i.height_px - 1 - i.cy_px) / i.fy_px * NEAR_M
-    matrix: list[float] = list(pybullet.computeProjectionMatrix(left, right, bottom, top, NEAR_M, FAR_M))
+    i, (right_px, down_px), near_m = intrinsics, engine.sample_px, engine.near_m
+    left = -(i.cx_px + right_px) / i.fx_px * near_m
+    right = (i.width_px - right_px - i.cx_px) / i.fx_px * near_m
+    top = (i.cy_px + down_px) / i.fy_px * near_m
+    bottom = -(i.height_px - down_px - i.cy_px) / i.fy_px * near_m
+    matrix: list[float] = list(pybullet.computeProjectionMatrix(left, right, bottom, top, near_m, FAR_M))
     return matrix
 
 
-def metric_depth(buffer: FloatArray) -> FloatArray:
+def metric_depth(buffer: FloatArray, near_m: float) -> FloatArray:
     """Depth [m] of an OpenGL depth buffer with values in 0..1."""
-    return FAR_M * NEAR_M / (FAR_M - (FAR_M - NEAR_M) * buffer)
+    return FAR_M * near_m / (FAR_M - (FAR_M - near_m) * buffer)

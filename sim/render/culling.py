@@ -34,13 +34,14 @@ def pixel_bounds(camera: Camera, centers_m: FloatArray, radii_m: FloatArray) -> 
         axis=1,
     ).astype(np.intp)
     seen = (z > -radii_m) & (bounds[:, 0] < bounds[:, 1]) & (bounds[:, 2] < bounds[:, 3])
-    return bounds[seen]
+    visible: npt.NDArray[np.intp] = bounds[seen]
+    return visible
 
 
 def _tangents(across_m: FloatArray, z_m: FloatArray, radii_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Slopes `across / z` of the two tangents at circles, infinite where a tangent never meets the image plane."""
     angle = np.arctan2(across_m, z_m)
-    with np.errstate(divide="ignore"):
-        half = np.where(np.hypot(across_m, z_m) > radii_m, np.arcsin(np.minimum(1, radii_m / np.hypot(across_m, z_m))), np.pi)
+    ratio = radii_m / np.maximum(np.hypot(across_m, z_m), 1e-9)
+    half = np.where(ratio < 1, np.arcsin(np.minimum(1, ratio)), np.pi)
     limit = np.pi / 2 - 1e-6
     return np.tan(np.clip(angle - half, -limit, limit)), np.tan(np.clip(angle + half, -limit, limit))

@@ -60,7 +60,8 @@ class RaycastRenderer:
         self._segment_of_index = np.array([*self._body_ids, -1], np.int32)
         surfaces = [world.bodies[body].surface for body in static] + [DRONE_SURFACE] * world.n_drones
         self._looks = self._make_looks(surfaces)
-        self._air = shading.air(world.scene.weather, int(stream(world.scene.seed, Purpose.SURFACE, 1).integers(1 << 30)))
+        clouds_seed = int(stream(world.scene.seed, Purpose.SURFACE, 1).integers(1 << 30))
+        self._air = shading.air(world.scene.weather, clouds_seed)
         self._directions: dict[Intrinsics, Rays] = {}
         self._buffer: Rays = np.empty((0, 0, 6), np.float32)
         self._pool = ThreadPoolExecutor(threads)

@@ -5,7 +5,11 @@ from typing import Annotated
 from pydantic import Field
 
 from .city import CitySpec
+from .corridor import CorridorSpec
+from .forest import ForestSpec
+from .lawn import LawnSpec
+from .plains import PlainsSpec
 
-AnyScene = Annotated[CitySpec, Field(discriminator="kind")]
+AnyScene = Annotated[CitySpec | ForestSpec | CorridorSpec | PlainsSpec | LawnSpec, Field(discriminator="kind")]
 
-__all__ = ["AnyScene", "CitySpec"]
+__all__ = ["AnyScene", "CitySpec", "CorridorSpec", "ForestSpec", "LawnSpec", "PlainsSpec"]

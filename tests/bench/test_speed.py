@@ -15,8 +15,8 @@ from scenarios.config import load_run
 from scenarios.runner import fly
 from sim.noise import photon_noise
 from sim.render import create_renderer
-from sim.rig import RigConfig
 from sim.scenes import CitySpec
+from sim.sensor import RigConfig
 from sim.stereo import StereoConfig, StereoMatcher
 from sim.types import VelocityCommand
 from sim.world import World
@@ -112,9 +112,9 @@ def test_matching_and_correcting(width: int, height: int) -> None:
     matcher = StereoMatcher(intrinsics, StereoConfig(), max_depth_m=40.0)
     show(
         f"stereo matching with left-right check, {width}x{height}, 1 thread",
-        milliseconds(lambda: matcher.depth(left, right)),
+        milliseconds(lambda: matcher.match(left, right)),
     )
-    depth_m = matcher.depth(left, right)
+    depth_m = matcher.depth_from_disparity(matcher.match(left, right).disparity_px)
     corrector = create_corrector("paper", intrinsics)
     stamps = iter(range(10_000))
 

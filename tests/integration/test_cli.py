@@ -71,7 +71,7 @@ def test_two_runs_of_a_seed_are_equal_down_to_the_recording(tmp_path: Path) -> N
         (["run", "city", "--drones", "0"], "mission.drones: Input should be greater than or equal to 1, got 0"),
         (["run", "city", "--corrector", "magic"], "there is no corrector 'magic'; choose one of: raw, paper"),
         (["run", "city", "--size", "big"], "--size must look like 160x120, got 'big'"),
-        (["run", "city", "--theta", "0.5"], "theta is the noise of the depth tier 'noisy'"),
+        (["run", "city", "--theta", "0.5"], "belongs to the depth tier 'noisy'"),
         (["run", "city", "--seed", "-1"], "seed: Input should be greater than or equal to 0"),
         (["run", "missing.toml"], "cannot read the scenario missing.toml"),
         (["view", "nowhere"], "there is no recording at nowhere"),

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sim.bodies import Body, Cylinder, Sphere
 from sim.errors import RenderError
 from sim.render import create_renderer
 from sim.render.meshes import mesh_of_body
-from sim.bodies import Body, Cylinder, Sphere
 from sim.scenes import CitySpec
 from sim.types import Images
 from sim.world import World

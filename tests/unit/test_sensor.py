@@ -3,14 +3,17 @@
 import numpy as np
 import pytest
 
+from sim.depth_noise import DepthNoise, Scale
 from sim.errors import SensorError
-from sim.noise import occlusion, photon_noise, scale_noise
+from sim.noise import occlusion, photon_noise
 from sim.render import create_renderer
-from sim.rig import RigConfig, StereoRig
+from sim.rig import StereoRig
+from sim.sensor import RigConfig
 from sim.stereo import StereoConfig, StereoMatcher
 from tests.helpers import CAMERA, block, camera_at, wall, world_of
 
 BASELINE_M = 0.095
+THETA = DepthNoise(scale=Scale(theta=0.3))
 
 
 def stereo_pair(distance_m: float, width: int = 640, height: int = 360) -> tuple:
@@ -43,7 +46,7 @@ def test_where_nothing_is_depth_is_infinite(renderer: str) -> None:
 @pytest.mark.parametrize("distance_m", [2.0, 4.0, 7.0])
 def test_disparity_is_focal_length_times_baseline_over_depth(distance_m: float) -> None:
     intrinsics, left, right = stereo_pair(distance_m)
-    disparity = StereoMatcher(intrinsics, StereoConfig(), max_depth_m=40.0).disparity(left.gray, right.gray)
+    disparity = StereoMatcher(intrinsics, StereoConfig(), max_depth_m=40.0).match(left.gray, right.gray).disparity_px
     expected = intrinsics.fx_px * BASELINE_M / distance_m
     valid = disparity[:, int(expected) + 8 :] >= 0
     assert valid.mean() > 0.97
@@ -82,36 +85,6 @@ def test_far_surfaces_and_holes_are_told_apart() -> None:
     np.testing.assert_allclose(depth, [[0, 40, 40, CAMERA.fx_px * BASELINE_M / 4]], rtol=1e-6)
 
 
-@pytest.mark.parametrize("unit", ["object", "frame", "pixel"])
-def test_scale_noise_is_uniform_within_theta(unit: str) -> None:
-    depth = np.full((40, 50), 8.0, np.float32)
-    ids = (np.arange(2000) % 25).reshape(40, 50).astype(np.int32)
-    noisy = np.stack([scale_noise(depth, ids, 0.5, 0, frame, seed=1, unit=unit) for frame in range(200)])  # type: ignore[arg-type]
-    beta = noisy / 8.0 - 1
-    assert np.abs(beta).max() <= 0.5 + 1e-6
-    assert abs(beta.mean()) < 0.06
-    assert abs(beta.std() - 0.5 / np.sqrt(3)) < 0.03
-    per_frame = {"object": 25, "frame": 1, "pixel": 2000}[unit]
-    assert len(np.unique(noisy[0])) == pytest.approx(per_frame, rel=0.01)
-
-
-def test_what_else_is_seen_does_not_shift_an_objects_noise() -> None:
-    depth = np.full((4, 4), 8.0, np.float32)
-    few, more = np.full((4, 4), 3, np.int32), np.full((4, 4), 3, np.int32)
-    more[0], more[1] = 9, -1
-    a, b = (scale_noise(depth, ids, 0.5, 2, 7, seed=1) for ids in (few, more))
-    np.testing.assert_array_equal(a[2:], b[2:])
-    other_drone = scale_noise(depth, few, 0.5, 3, 7, seed=1)
-    assert not np.array_equal(a, other_drone)
-
-
-def test_scale_noise_keeps_holes_and_theta_zero_keeps_everything() -> None:
-    depth = np.array([[0.0, 5.0]], np.float32)
-    ids = np.array([[1, 1]], np.int32)
-    assert scale_noise(depth, ids, 0.9, 0, 0, seed=0)[0, 0] == 0
-    np.testing.assert_array_equal(scale_noise(depth, ids, 0.0, 0, 0, seed=0), depth)
-
-
 def test_photon_noise_has_its_deviation_and_is_repeatable() -> None:
     gray = np.full((200, 200), 120, np.uint8)
     noisy = photon_noise(gray, 3.0, 1, 2, 0, seed=4)
@@ -125,7 +98,7 @@ def test_photon_noise_has_its_deviation_and_is_repeatable() -> None:
 def test_captures_of_the_same_seed_are_the_same_bytes(depth: str) -> None:
     from concurrent.futures import ThreadPoolExecutor
 
-    config = RigConfig(width_px=96, height_px=64, depth=depth, theta=0.3 if depth == "noisy" else 0.0)
+    config = RigConfig(width_px=96, height_px=64, depth=depth, noise=THETA if depth == "noisy" else DepthNoise())
     starts = [(0.0, 0.0, 0.0), (-1.0, 1.5, 0.0), (-2.0, -1.5, 0.5)]
     captures = []
     with ThreadPoolExecutor(2) as pool:
@@ -139,7 +112,7 @@ def test_captures_of_the_same_seed_are_the_same_bytes(depth: str) -> None:
 
 
 def test_a_capture_of_some_drones_is_part_of_the_capture_of_all() -> None:
-    config = RigConfig(width_px=96, height_px=64, depth="noisy", theta=0.3)
+    config = RigConfig(width_px=96, height_px=64, depth="noisy", noise=THETA)
     with world_of(wall(4.0), starts_m=[(0, 0, 0), (-1, 1.5, 0), (-2, -1.5, 0.5)]) as world:
         rig = StereoRig(world, create_renderer("raycast", world), config, seed=3)
         alone, together = rig.capture([2], frame=1)[0], rig.capture([0, 1, 2], frame=1)[2]
@@ -147,7 +120,7 @@ def test_a_capture_of_some_drones_is_part_of_the_capture_of_all() -> None:
 
 
 def test_the_noisy_tier_has_holes_where_the_right_camera_is_blocked() -> None:
-    config = RigConfig(width_px=160, height_px=120, depth="noisy", theta=0.0)
+    config = RigConfig(width_px=160, height_px=120, depth="noisy")
     with world_of(wall(6.0), block(2.0, 1.0), starts_m=[(0, 0, 0)]) as world:
         capture = StereoRig(world, create_renderer("raycast", world), config, seed=0).capture([0], 0)[0]
     np.testing.assert_array_equal(capture.depth_raw_m == 0, capture.occluded)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sim.errors import SceneError
 from sim.bodies import Body, Box
+from sim.errors import SceneError
 from sim.scenes import CitySpec
 from sim.types import VelocityCommand
 from sim.world import World

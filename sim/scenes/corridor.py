@@ -1,0 +1,169 @@
+"""A corridor: a street between walls, many of them blank, with a covered passage in its middle."""
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from voxdepth.types import FloatArray
+
+from ..bodies import Body, Box, Cylinder, Pattern, Scene, SceneSpec, Shape, Surface
+from ..seeds import Purpose, stream
+
+WAY, LEFT, RIGHT, BLANK, PASSAGE, PILLARS = range(6)
+"""Consumers of random numbers."""
+ROOM_M = 1.25
+"""Room that stays free on both sides of the way."""
+WAY_STEP_M = 2.0
+MAX_SWING_M = 0.8
+WALL_DEPTH_M = 3.0
+SETBACK_M = 1.0
+"""Largest distance of a wall from the edge of the street."""
+PASSAGE_HEIGHT_M = 3.0
+CEILING_M = 2.5
+
+
+class CorridorSpec(SceneSpec):
+    """Two rows of walls of varying length, setback and height, and things along the way. It leads along x."""
+
+    kind: Literal["corridor"] = "corridor"
+    length_m: float = Field(100.0, ge=70)
+    """Extent along x [m]."""
+    width_m: float = Field(6.0, ge=2.6)
+    """Width of the street [m]: the difficulty knob; narrower is harder."""
+    blank_share: float = Field(0.4, ge=0, le=1)
+    """Share of the walls without texture, which a stereo camera cannot match."""
+    passage_m: float = Field(12.0, ge=0)
+    """Length of the covered passage [m]; 0 leaves it out."""
+    passage_width_m: float = Field(3.2, ge=2.6)
+    pillars: int = Field(14, ge=0)
+    """Pillars, poles and boxes beside the way."""
+    wall_length_m: tuple[float, float] = Field((5.0, 14.0), strict=False)
+    """Range of the walls' lengths [m]."""
+    wall_height_m: tuple[float, float] = Field((4.0, 10.0), strict=False)
+    """Range of the walls' heights [m]."""
+
+    @model_validator(mode="after")
+    def _check(self) -> "CorridorSpec":
+        for name in ("wall_length_m", "wall_height_m"):
+            low, high = getattr(self, name)
+            if not 1 <= low <= high:
+                raise ValueError(f"{name} must be a range of at least 1 m, low before high, got [{low}, {high}]")
+        if self.passage_width_m > self.width_m or self.passage_m > self.length_m / 2:
+            raise ValueError(
+                f"the passage must be no wider than the street and at most half as long, got {self.passage_m} m x "
+                f"{self.passage_width_m} m in {self.length_m} m x {self.width_m} m"
+            )
+        return self
+
+    def build(self, seed: int) -> Scene:
+        """The corridor of a seed: it begins at x = 0 and is centred on y = 0. The way leads through it along x."""
+        way_m = _way(self, stream(seed, Purpose.SCENE, WAY))
+        pillars = [_pillar(self, seed, i, way_m) for i in range(self.pillars)]
+        bodies = (_ground(self), *_walls(self, seed), *_passage(self, seed), *pillars)
+        return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=way_m)
+
+
+def _ground(spec: CorridorSpec) -> Body:
+    surface = Surface(albedo=0.38, pattern="ground")
+    shape, position_m = Box((400.0, 400.0, 1.0)), (spec.length_m / 2, 0.0, -0.5)
+    return Body(name="ground", kind="ground", shape=shape, position_m=position_m, surface=surface)
+
+
+def _way(spec: CorridorSpec, rng: np.random.Generator) -> FloatArray:
+    """Gentle curves within the street, straight through the passage."""
+    x = np.linspace(0, spec.length_m, round(spec.length_m / WAY_STEP_M) + 1)
+    swing_m = min(MAX_SWING_M, (spec.width_m / 2 - ROOM_M) / 2)
+    to_passage_m = np.abs(x - spec.length_m / 2) - spec.passage_m / 2
+    swing = swing_m * np.clip(to_passage_m / 10 - 0.2, 0, 1)
+    y = swing * np.sin(2 * np.pi * (x / rng.uniform(25, 40) + rng.uniform()))
+    return np.stack([x, y, np.zeros_like(x)], axis=1)
+
+
+def _walls(spec: CorridorSpec, seed: int) -> list[Body]:
+    """Both rows; which walls are blank has its own random numbers and moves nothing."""
+    walls = [
+        *_row(spec, "left", 1, stream(seed, Purpose.SCENE, LEFT)),
+        *_row(spec, "right", -1, stream(seed, Purpose.SCENE, RIGHT)),
+    ]
+    order = stream(seed, Purpose.SCENE, BLANK).permutation(len(walls))
+    for index in np.flatnonzero(order < round(spec.blank_share * len(walls))):
+        walls[index] = replace(walls[index], surface=replace(walls[index].surface, texture=0.0))
+    return walls
+
+
+def _row(spec: CorridorSpec, name: str, side: int, rng: np.random.Generator) -> list[Body]:
+    """Walls end to end; the last one may leave the street."""
+    walls: list[Body] = []
+    end_m = 0.0
+    while end_m < spec.length_m:
+        start_m, end_m = end_m, end_m + float(rng.uniform(*spec.wall_length_m))
+        walls.append(_wall(spec, f"wall-{name}-{len(walls)}", side, start_m, end_m, rng))
+    return walls
+
+
+def _wall(spec: CorridorSpec, name: str, side: int, start_m: float, end_m: float, rng: np.random.Generator) -> Body:
+    height_m = float(rng.uniform(*spec.wall_height_m))
+    setback_m = float(rng.uniform(0, SETBACK_M))
+    pattern: Pattern = "facade" if rng.uniform() < 0.5 else "plain"
+    y = side * (spec.width_m / 2 + setback_m + WALL_DEPTH_M / 2)
+    return Body(
+        name=name,
+        kind="building",
+        shape=Box((end_m - start_m, WALL_DEPTH_M, height_m)),
+        position_m=((start_m + end_m) / 2, y, height_m / 2),
+        surface=Surface(albedo=float(rng.uniform(0.35, 0.75)), pattern=pattern),
+    )
+
+
+def _passage(spec: CorridorSpec, seed: int) -> list[Body]:
+    """Two walls that narrow the street and a ceiling on them."""
+    if spec.passage_m == 0:
+        return []
+    rng = stream(seed, Purpose.SCENE, PASSAGE)
+    surface = Surface(albedo=float(rng.uniform(0.35, 0.65)))
+    outer_m = spec.width_m / 2 + SETBACK_M + WALL_DEPTH_M / 2
+    inner_m = spec.passage_width_m / 2
+    depth_m, middle_m = outer_m - inner_m, (outer_m + inner_m) / 2
+    x, ceiling_z = spec.length_m / 2, PASSAGE_HEIGHT_M + CEILING_M / 2
+    sides: list[tuple[str, Box, tuple[float, float, float]]] = [
+        ("left", Box((spec.passage_m, depth_m, PASSAGE_HEIGHT_M)), (x, middle_m, PASSAGE_HEIGHT_M / 2)),
+        ("right", Box((spec.passage_m, depth_m, PASSAGE_HEIGHT_M)), (x, -middle_m, PASSAGE_HEIGHT_M / 2)),
+        ("ceiling", Box((spec.passage_m, 2 * outer_m, CEILING_M)), (x, 0.0, ceiling_z)),
+    ]
+    return [
+        Body(name=f"passage-{name}", kind="building", shape=shape, position_m=position_m, surface=surface)
+        for name, shape, position_m in sides
+    ]
+
+
+def _pillar(spec: CorridorSpec, seed: int, index: int, way_m: FloatArray) -> Body:
+    """A thing between the room of the way and the wall, or half in the wall where the street is narrow."""
+    rng = stream(seed, Purpose.SCENE, PILLARS, index)
+    shape, height_m, reach_m = _thing(rng)
+    x = (index + rng.uniform(0.2, 0.8)) / spec.pillars * (spec.length_m - spec.passage_m)
+    if x > (spec.length_m - spec.passage_m) / 2:
+        x += spec.passage_m
+    side = rng.choice((-1, 1))
+    near_m = np.interp(x, way_m[:, 0], way_m[:, 1]) + side * (ROOM_M + reach_m)
+    room_m = max(0.0, spec.width_m / 2 - reach_m - side * near_m)
+    return Body(
+        name=f"pillar-{index}",
+        kind="building",
+        shape=shape,
+        position_m=(float(x), float(near_m + side * room_m * rng.uniform()), height_m / 2),
+        yaw_rad=float(rng.uniform(-np.pi, np.pi)),
+        surface=Surface(albedo=float(rng.uniform(0.2, 0.7)), texture=float(rng.uniform(0.5, 1.0))),
+    )
+
+
+def _thing(rng: np.random.Generator) -> tuple[Shape, float, float]:
+    """Shape, height and largest distance from its axis of a pillar, a pole or a box."""
+    kind = rng.integers(3)
+    size, height = float(rng.uniform(0.3, 0.6)), float(rng.uniform(2.5, 4.0))
+    if kind == 0:
+        return Box((size, size, height)), height, size / 2**0.5
+    if kind == 1:
+        return Cylinder(size / 5, height), height, size / 5
+    return Box((size, 1.3 * size, 1.7 * size)), 1.7 * size, 0.82 * size

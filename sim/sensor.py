@@ -1,0 +1,185 @@
+"""A stereo camera with its depth: from a pose to a capture."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from voxdepth.types import FloatArray, GrayImage, Intrinsics
+
+from . import frames
+from .depth_noise import DepthNoise
+from .errors import SensorError
+from .model import Model
+from .noise import exposure_gain, photon_noise
+from .stereo import StereoConfig
+from .tiers import DepthTier, DepthTierName, NoisyTier, StereoTier, StereoView, TruthTier
+from .types import BodyPose, Camera, Capture, Images, Renderer
+from .world import World
+
+
+class RigConfig(Model):
+    """One stereo camera and what makes its depth. The default lens is like a RealSense D455's."""
+
+    width_px: int = Field(320, ge=32)
+    height_px: int = Field(180, ge=32)
+    hfov_deg: float = Field(86.0, gt=10, lt=170)
+    baseline_m: float = Field(0.095, gt=0)
+    rate_hz: float = Field(10.0, gt=0)
+    """Captures per second."""
+    mount_forward_m: float = Field(0.27, ge=0)
+    """Camera ahead of the drone's centre [m]; outside of the airframe, or it would see its own drone."""
+    depth: DepthTierName = "stereo"
+    """Where depth comes from: `truth`, `noisy` or `stereo`."""
+    noise: DepthNoise = DepthNoise()
+    """Terms of the tier `noisy`."""
+    max_depth_m: float = Field(40.0, gt=0)
+    """Depth at which surfaces farther away, and the sky, read."""
+    photon_sigma: float = Field(1.5, ge=0)
+    """Deviation of the gray images' noise, in gray levels of 255."""
+    exposure_sigma: float = Field(0.0, ge=0)
+    """Flicker of the exposure: deviation of the logarithm of a frame's brightness, the same in both images."""
+    stereo: StereoConfig = StereoConfig()
+
+    @model_validator(mode="after")
+    def _check(self) -> "RigConfig":
+        if self.noise != DepthNoise() and self.depth != "noisy":
+            raise ValueError(
+                f"depth noise, theta included, belongs to the depth tier 'noisy', got it with {self.depth!r}"
+            )
+        return self
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Of the left camera."""
+        return Intrinsics.from_hfov(
+            width_px=self.width_px, height_px=self.height_px, hfov_deg=self.hfov_deg, baseline_m=self.baseline_m
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Viewpoint:
+    """Where one stereo camera is, and which one."""
+
+    drone: int
+    """Whose camera; noise is keyed by it."""
+    pose: BodyPose
+    """Of what carries the camera."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Look:
+    """What the lenses of one stereo camera show, before any noise."""
+
+    viewpoint: Viewpoint
+    frame: int
+    T_world_cam: FloatArray
+    """Of the left camera, shape (4, 4)."""
+    left: Images
+    right: Images | None
+
+
+class StereoSensor:
+    """Captures from any pose in a world.
+
+    Args:
+        world: What is seen.
+        renderer: Made for the same world.
+        config: Of every camera.
+        seed: Master seed of all noise.
+        gray: Whether the gray images are wanted; without them they are black, unless the depth tier needs them.
+        right: Whether the right images are wanted even if the depth tier does not need them.
+
+    Raises:
+        SensorError: The baseline does not fit into the scene, or needs more disparities than the image has columns.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        renderer: Renderer,
+        config: RigConfig,
+        *,
+        seed: int,
+        gray: bool = True,
+        right: bool = False,
+    ) -> None:
+        if config.baseline_m >= world.extent_m:
+            raise SensorError(
+                f"the baseline of {config.baseline_m} m is not smaller than the scene ({world.extent_m:.2f} m): "
+                "shorten rig.baseline_m or build a larger scene"
+            )
+        self._renderer = renderer
+        self._config = config
+        self._seed = seed
+        self.intrinsics = config.intrinsics
+        self._gray = gray or config.depth == "stereo"
+        self._tier = make_tier(config, world, seed=seed)
+        self._right = right or self._tier.needs_right
+
+    def look(self, viewpoints: Sequence[Viewpoint], frame: int) -> list[Look]:
+        """Render all cameras in one batch. Not for several threads at once."""
+        lefts = [self._camera(viewpoint, +0.5) for viewpoint in viewpoints]
+        rights = [self._camera(viewpoint, -0.5) for viewpoint in viewpoints] if self._right else []
+        images = self._renderer.render([*lefts, *rights], gray=self._gray)
+        seen: list[Images | None] = [*images[len(lefts) :]] or [None] * len(lefts)
+        return [
+            Look(viewpoint=viewpoint, frame=frame, T_world_cam=camera.T_world_cam, left=left, right=right)
+            for viewpoint, camera, left, right in zip(viewpoints, lefts, images, seen, strict=False)
+        ]
+
+    def capture(self, look: Look) -> Capture:
+        """Add the noise of the cameras and measure depth; threads may work on several looks at once."""
+        drone, frame = look.viewpoint.drone, look.frame
+        view = StereoView(
+            drone=drone,
+            frame=frame,
+            left=look.left,
+            right=look.right,
+            gray_left=self._exposed(look.left, drone, frame, 0),
+            gray_right=None if look.right is None else self._exposed(look.right, drone, frame, 1),
+        )
+        measured = self._tier.measure(view)
+        return Capture(
+            stamp_s=look.viewpoint.pose.stamp_s,
+            drone=drone,
+            gray_left=view.gray_left,
+            gray_right=view.gray_right,
+            depth_true_m=look.left.depth_m,
+            depth_raw_m=measured.depth_m,
+            occluded=measured.occluded,
+            loss=measured.loss,
+            segment_id=look.left.segment_id,
+            T_world_cam=look.T_world_cam,
+            intrinsics=self.intrinsics,
+        )
+
+    def _camera(self, viewpoint: Viewpoint, side: float) -> Camera:
+        mount_m = np.array([self._config.mount_forward_m, side * self._config.baseline_m, 0.0])
+        pose = viewpoint.pose
+        T_world_cam = frames.camera_pose(pose.position_m, pose.q_world_body_xyzw, mount_m)
+        return Camera(T_world_cam=T_world_cam, intrinsics=self.intrinsics)
+
+    def _exposed(self, images: Images, drone: int, frame: int, side: int) -> GrayImage:
+        """The gray image as the camera delivers it."""
+        if not self._gray:
+            return images.gray
+        gain = exposure_gain(self._config.exposure_sigma, drone, frame, seed=self._seed)
+        return photon_noise(images.gray, self._config.photon_sigma, drone, frame, side, seed=self._seed, gain=gain)
+
+
+def make_tier(config: RigConfig, world: World, *, seed: int) -> DepthTier:
+    """The depth tier that a configuration names."""
+    if config.depth == "truth":
+        return TruthTier(config.max_depth_m)
+    if config.depth == "stereo":
+        return StereoTier(config.intrinsics, config.stereo, max_depth_m=config.max_depth_m)
+    texture_of_body = {body_id: body.surface.texture for body_id, body in world.bodies.items()}
+    return NoisyTier(
+        config.intrinsics,
+        config.noise,
+        max_depth_m=config.max_depth_m,
+        texture_of_body=texture_of_body,
+        seed=seed,
+    )

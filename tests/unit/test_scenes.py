@@ -1,0 +1,249 @@
+"""Scenes follow their seed and their knobs, are closed solids, and leave a way free."""
+
+from functools import cache
+from itertools import pairwise
+from pickle import dumps as as_bytes
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import TypeAdapter
+
+from sim.bodies import Body, Box, Cylinder, Heightfield, Mesh, Scene, SceneSpec
+from sim.errors import SceneError
+from sim.render.meshes import heightfield
+from sim.scenes import AnyScene, CorridorSpec, ForestSpec, LawnSpec, PlainsSpec
+from sim.scenes.plains import ground_height_m
+from sim.scenes.vegetation import Plot, TreeRanges, blob, bush, tree
+from sim.world import World
+from voxdepth.types import FloatArray
+
+SPECS = [ForestSpec(), CorridorSpec(), PlainsSpec(), LawnSpec()]
+EACH_SPEC = pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.kind)
+HEADROOM_M = {"forest": 4.0, "plains": 4.0, "corridor": 2.5, "lawn": 2.5}
+
+
+@cache
+def built(spec: SceneSpec, seed: int) -> Scene:
+    return spec.build(seed)
+
+
+def named(scene: Scene, start: str) -> list[Body]:
+    return [body for body in scene.bodies if body.name.startswith(start)]
+
+
+def along(path_m: FloatArray, step_m: float = 0.5) -> FloatArray:
+    """Points on a way at most `step_m` apart."""
+    return np.concatenate(
+        [a + np.linspace(0, 1, int(np.linalg.norm(b - a) / step_m) + 2)[:, None] * (b - a) for a, b in pairwise(path_m)]
+    )
+
+
+def room_m(body: Body, at_m: FloatArray) -> FloatArray:
+    """Horizontal distance from points to the plan of a body, meshes by the circle around them."""
+    offset = at_m[:, :2] - body.position_m[:2]
+    if isinstance(body.shape, Box):
+        c, s = np.cos(body.yaw_rad), np.sin(body.yaw_rad)
+        own = np.abs(offset @ np.array([[c, -s], [s, c]]))
+        return np.asarray(np.linalg.norm(np.maximum(own - np.array(body.shape.size_m[:2]) / 2, 0), axis=1))
+    radius = body.shape.radius_m if isinstance(body.shape, Cylinder) else np.linalg.norm(vertices(body)[:, :2], axis=1)
+    return np.asarray(np.linalg.norm(offset, axis=1) - np.max(radius))
+
+
+def vertices(body: Body) -> FloatArray:
+    assert isinstance(body.shape, Mesh)
+    return body.shape.vertices_m
+
+
+def lowest_m(body: Body) -> float:
+    if isinstance(body.shape, Box):
+        return body.position_m[2] - body.shape.size_m[2] / 2
+    if isinstance(body.shape, Cylinder):
+        return body.position_m[2] - body.shape.height_m / 2
+    return body.position_m[2] + float(vertices(body)[:, 2].min())
+
+
+@EACH_SPEC
+def test_same_seed_same_scene(spec: SceneSpec) -> None:
+    first, again, other = built(spec, 0), spec.build(0), built(spec, 1)
+    assert as_bytes(first.bodies) == as_bytes(again.bodies)
+    assert first.path_m.tobytes() == again.path_m.tobytes()
+    assert as_bytes(first.bodies) != as_bytes(other.bodies)
+    assert first.path_m.tobytes() != other.path_m.tobytes()
+    assert first.seed == 0
+
+
+@EACH_SPEC
+@pytest.mark.parametrize("seed", range(3))
+def test_a_way_is_free_and_has_things_beside_it(spec: SceneSpec, seed: int) -> None:
+    scene = built(spec, seed)
+    headroom_m = HEADROOM_M[spec.kind]  # type: ignore[attr-defined]
+    at_m = along(scene.path_m)
+    assert np.linalg.norm(np.diff(scene.path_m, axis=0), axis=1).sum() >= 70
+    assert np.linalg.norm(np.diff(scene.path_m, axis=0), axis=1).max() < 4
+    seen = np.zeros((2, len(at_m)), bool)
+    for body in scene.bodies:
+        if body.kind == "ground":
+            continue
+        gap_m = room_m(body, at_m)
+        low = lowest_m(body) < at_m[:, 2] + headroom_m
+        assert not (low & (gap_m < 1.2)).any(), body.name
+        side = int(body.position_m[1] > np.interp(body.position_m[0], scene.path_m[:, 0], scene.path_m[:, 1]))
+        seen[side] |= low & (gap_m < 25)
+    assert seen.all()
+
+
+@EACH_SPEC
+def test_the_world_agrees_that_the_way_is_free(spec: SceneSpec) -> None:
+    scene = built(spec, 1)
+    with World(scene, np.zeros((0, 3))) as world:
+        room = [world.room_at_m((x, y, z + 1.5), 1.5) for x, y, z in along(scene.path_m, 1.0)]
+    assert min(room) >= 1.2
+
+
+@EACH_SPEC
+def test_names_are_unique_and_things_stand_in_the_ground(spec: SceneSpec) -> None:
+    scene = built(spec, 2)
+    assert len({body.name for body in scene.bodies}) == len(scene.bodies)
+    ground = scene.bodies[0]
+    assert ground.kind == "ground"
+    for body in scene.bodies:
+        if body.kind == "building" and "crown" not in body.name and "ceiling" not in body.name:
+            x, y, _ = body.position_m
+            floor_m = float(ground_height_m(ground, x, y)) if isinstance(ground.shape, Heightfield) else 0.0
+            assert lowest_m(body) <= floor_m + 1e-9, body.name
+
+
+@EACH_SPEC
+def test_specs_are_told_apart_by_their_kind(spec: SceneSpec) -> None:
+    read = TypeAdapter[SceneSpec](AnyScene).validate_json(spec.model_dump_json())
+    assert (type(read), read) == (type(spec), spec)
+
+
+@given(seed=st.integers(0, 2**32), fineness=st.integers(1, 5), roughness=st.floats(0, 0.95), squash=st.floats(0.2, 5))
+def test_blobs_are_closed_and_face_outwards(seed: int, fineness: int, roughness: float, squash: float) -> None:
+    mesh = blob(np.random.default_rng(seed), 2.0, squash=squash, roughness=roughness, fineness=fineness)
+    assert len(mesh.triangles) == 20 * fineness**2
+    edges = np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]])
+    directed = {(int(a), int(b)) for a, b in edges}
+    assert len(directed) == len(edges)
+    assert directed == {(b, a) for a, b in directed}
+    corners = mesh.vertices_m[mesh.triangles]
+    assert (np.linalg.det(corners) > 0).all()
+    assert np.linalg.norm(mesh.vertices_m / (1, 1, squash), axis=1).max() == pytest.approx(2.0)
+
+
+def test_plants_look_irregular_and_keep_their_measures() -> None:
+    rng = np.random.default_rng(1)
+    size = TreeRanges().draw(rng)
+    trunk, crown = tree(rng, "tree", (3.0, 4.0, 1.0), size)
+    heights_m = crown.position_m[2] + vertices(crown)[:, 2]
+    assert 1 + size.crown_start_m <= heights_m.min() < heights_m.max() <= 1 + size.height_m
+    assert lowest_m(trunk) < 1
+    radii_m = np.linalg.norm(vertices(bush(rng, "bush", (0.0, 0.0, 0.0), 0.8))[:, :2], axis=1)
+    assert radii_m.max() <= 0.8
+    assert vertices(crown).std(axis=0).min() > 0.2
+
+
+def test_plots_keep_things_apart_and_say_when_they_are_full() -> None:
+    plot = Plot(np.array([[0.0, 0, 0], [10, 0, 0]]))
+    spots = np.array([[5.0, 1.0], [5.0, 4.0]])
+    assert plot.place("first", spots, reach_m=1.0, apart_m=1.0) == (5.0, 4.0)
+    with pytest.raises(SceneError, match="expected room for second, found none at 2 spots"):
+        plot.place("second", spots, reach_m=1.0, apart_m=1.0)
+    with pytest.raises(SceneError, match="expected room for tree"):
+        ForestSpec(density=60.0, length_m=70, width_m=20).build(0)
+
+
+@given(x=st.floats(-60, 180), y=st.floats(-120, 120))
+def test_ground_height_is_that_of_the_triangles(x: float, y: float) -> None:
+    ground = built(PlainsSpec(spacing_m=5.0, vegetation=0.0), 1).bodies[0]
+    assert isinstance(ground.shape, Heightfield)
+    mesh = heightfield(ground.shape)
+    corners = mesh.vertices_m[mesh.triangles] + np.array(ground.position_m)
+    low, high = corners[..., :2].min(axis=(0, 1)), corners[..., :2].max(axis=(0, 1))
+    at = np.clip([x, y], low, high)
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    edges = np.stack([(b - a)[:, :2], (c - a)[:, :2]], axis=2)
+    u, v = np.linalg.solve(edges, (at - a[:, :2])[..., None])[..., 0].T
+    inside = np.flatnonzero((u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9))
+    expected = a[inside, 2] + u[inside] * (b - a)[inside, 2] + v[inside] * (c - a)[inside, 2]
+    np.testing.assert_allclose(float(ground_height_m(ground, x, y)), expected, atol=1e-9)
+
+
+def test_density_adds_trees_and_bushes_move_none() -> None:
+    thin, dense = ForestSpec(density=1.0).build(5), ForestSpec(density=2.0).build(5)
+    assert len(named(thin, "tree")) == 2 * 40
+    assert len(named(dense, "tree")) == 2 * 80
+    assert as_bytes(named(dense, "tree")[:80]) == as_bytes(named(thin, "tree"))
+    bare = ForestSpec(density=1.0, bushes=0).build(5)
+    assert not named(bare, "bush")
+    assert as_bytes(named(bare, "tree")) == as_bytes(named(thin, "tree"))
+
+
+def test_trunks_keep_their_spacing() -> None:
+    at = np.array([body.position_m[:2] for body in ForestSpec(spacing_m=3.0).build(1).bodies if "trunk" in body.name])
+    apart = np.linalg.norm(at[:, None] - at, axis=2) + 99 * np.eye(len(at))
+    assert apart.min() >= 3.0
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
+def test_a_share_of_the_walls_is_blank(share: float) -> None:
+    walls, as_usual = (named(CorridorSpec(blank_share=s).build(3), "wall") for s in (share, 0.4))
+    assert sum(wall.surface.texture == 0 for wall in walls) == round(share * len(walls))
+    assert [wall.position_m for wall in walls] == [wall.position_m for wall in as_usual]
+
+
+def test_a_corridor_is_as_wide_as_asked_for_and_has_a_roof() -> None:
+    for width_m in (3.5, 8.0):
+        scene = CorridorSpec(width_m=width_m).build(1)
+        inner = [abs(w.position_m[1]) - w.shape.size_m[1] / 2 for w in named(scene, "wall") if isinstance(w.shape, Box)]
+        assert width_m / 2 <= min(inner) < max(inner) <= width_m / 2 + 1
+    with World(scene, np.zeros((0, 3))) as world:
+        middle = scene.path_m[len(scene.path_m) // 2]
+        assert world.room_at_m((middle[0], middle[1], 2.6)) == pytest.approx(0.4, abs=0.01)
+    assert len(named(CorridorSpec(passage_m=0.0, pillars=3).build(1), "pillar")) == 3
+    assert not named(CorridorSpec(passage_m=0.0).build(1), "passage")
+
+
+def test_plains_roll_as_asked_for() -> None:
+    for amplitude_m in (0.0, 1.0, 4.0):
+        ground = PlainsSpec(amplitude_m=amplitude_m, vegetation=0.0).build(2).bodies[0]
+        assert isinstance(ground.shape, Heightfield)
+        assert 1.6 * amplitude_m <= np.ptp(ground.shape.height_m) <= 2 * amplitude_m
+        assert ground.shape.height_m[[0, -1]].max() < 1e-9
+    with pytest.raises(SceneError, match="got a Box named ground"):
+        ground_height_m(built(LawnSpec(), 0).bodies[0], 0.0, 0.0)
+    snow = PlainsSpec(pattern="snow", texture=0.1, albedo=0.9, vegetation=0.2, tree_share=0.25).build(2)
+    assert (snow.bodies[0].surface.pattern, snow.bodies[0].surface.albedo) == ("snow", 0.9)
+    assert (len(named(snow, "tree")), len(named(snow, "bush"))) == (2 * 20, 60)
+
+
+def test_a_lawn_holds_what_was_asked_for() -> None:
+    lawn = LawnSpec(bushes=5, trees=4, benches=3, hedge_m=10.0, wall_m=0.0).build(1)
+    assert [len(named(lawn, name)) for name in ("bush", "tree", "bench", "hedge", "wall")] == [5, 8, 3, 5, 0]
+    more = LawnSpec(bushes=20, trees=4, benches=3, hedge_m=10.0, wall_m=0.0).build(1)
+    assert as_bytes(more.bodies[: len(lawn.bodies)]) == as_bytes(lawn.bodies)
+
+
+@pytest.mark.parametrize(
+    ("kind", "bad"),
+    [
+        (ForestSpec, {"density": 0.0}),
+        (ForestSpec, {"length_m": 10.0}),
+        (ForestSpec, {"tree": {"height_m": (3.0, 9.0)}}),
+        (ForestSpec, {"bush_radius_m": (2.0, 1.0)}),
+        (CorridorSpec, {"blank_share": 1.1}),
+        (CorridorSpec, {"width_m": 3.0}),
+        (CorridorSpec, {"wall_length_m": (0.0, 4.0)}),
+        (CorridorSpec, {"passage_m": 80.0}),
+        (PlainsSpec, {"spacing_m": 0.0}),
+        (PlainsSpec, {"pattern": "sand"}),
+        (LawnSpec, {"hedge_m": 60.0}),
+        (LawnSpec, {"trees": -1}),
+    ],
+)
+def test_impossible_scenes_are_refused(kind: type[SceneSpec], bad: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match="validation error"):
+        kind(**bad)  # type: ignore[arg-type]
