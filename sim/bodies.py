@@ -114,6 +114,8 @@ class Weather(Model):
     sun_elevation_deg: float = Field(55.0, gt=0, le=90)
     ambient: float = Field(0.55, ge=0, le=1)
     """Share of the light that comes from everywhere: 1 is an overcast sky without contrast."""
+    shadows: bool = False
+    """Whether static bodies cast shadows; costs as many rays as the picture itself."""
     haze_m: float = Field(260.0, gt=0)
     """Distance over which the air hides 63 % of what is behind it."""
     sky: float = Field(0.80, ge=0, le=1)

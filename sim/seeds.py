@@ -20,5 +20,8 @@ class Purpose(IntEnum):
 
 
 def stream(seed: int, purpose: Purpose, *index: int) -> np.random.Generator:
-    """The generator of one consumer, keyed by the master seed, its purpose and, say, drone and frame."""
-    return np.random.default_rng(np.random.SeedSequence([seed, int(purpose), *index]))
+    """The generator of one consumer, keyed by the master seed, its purpose and, say, drone and frame.
+
+    The number of indices is part of the key: `SeedSequence` cannot tell a key from the same key with zeros behind it.
+    """
+    return np.random.default_rng(np.random.SeedSequence([seed, int(purpose), len(index), *index]))

@@ -25,19 +25,10 @@ PNG = (
 )
 """Differences to the row above, of which only runs are searched: the fastest here, and no larger than most."""
 
-TIFF = (
-    cv2.IMWRITE_TIFF_COMPRESSION,
-    cv2.IMWRITE_TIFF_COMPRESSION_LZW,
-    cv2.IMWRITE_TIFF_ROWSPERSTRIP,
-    np.iinfo(np.int32).max,
-    cv2.IMWRITE_TIFF_PREDICTOR,
-)
-"""LZW over the image as one strip; what follows is the predictor."""
-
-TIFF_SMOOTH = (*TIFF, cv2.IMWRITE_TIFF_PREDICTOR_FLOATINGPOINT)
-"""For depth whose every value is new, but close to its neighbour's."""
-
-TIFF_STEPPED = (*TIFF, cv2.IMWRITE_TIFF_PREDICTOR_NONE)
+LZW = (cv2.IMWRITE_TIFF_COMPRESSION, cv2.IMWRITE_TIFF_COMPRESSION_LZW)
+TIFF_SMOOTH = (*LZW, cv2.IMWRITE_TIFF_PREDICTOR, cv2.IMWRITE_TIFF_PREDICTOR_FLOATINGPOINT)
+"""For depth whose every value is new, but close to its neighbour's. Deflate packs it 20 % smaller in twice the time."""
+TIFF_STEPPED = (*LZW, cv2.IMWRITE_TIFF_PREDICTOR, cv2.IMWRITE_TIFF_PREDICTOR_NONE)
 """For depth of few values, as of matching in sixteenths of a pixel: repetition packs better than differences."""
 
 

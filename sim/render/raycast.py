@@ -25,6 +25,10 @@ from .meshes import merged, mesh_of_body, moved
 Rays = npt.NDArray[np.float32]
 
 
+SHADOW_BIAS_M = 0.01
+"""Shadow rays start this far above a surface, or it would shade itself."""
+
+
 class Hits(NamedTuple):
     """What rays hit first; the arrays share their leading axes."""
 
@@ -78,13 +82,14 @@ class RaycastRenderer:
         list(self._pool.map(self._fill_rays, cameras, rays))
         hits = self._static.cast(rays)
         self._add_drones(cameras, rays, hits)
+        sunlit = self._sunlit(rays, hits, gray=gray)
         looks = wp.array(self._looks, dtype=shading.BodyLook, device="cpu")
 
         def finish(i: int) -> Images:
             hit = Hits(*(array[i] for array in hits))
-            brightness = self._shade(intrinsics, rays[i], hit, looks) if gray else np.zeros(len(rays[i]), np.uint8)
+            lit = self._shade(intrinsics, rays[i], hit, sunlit[i], looks) if gray else np.zeros(len(rays[i]), np.uint8)
             return Images(
-                gray=brightness.reshape(intrinsics.shape),
+                gray=lit.reshape(intrinsics.shape),
                 depth_m=hit.depth_m.reshape(intrinsics.shape),
                 segment_id=self._segment_of_index[hit.body_index].reshape(intrinsics.shape),
             )
@@ -138,7 +143,18 @@ class RaycastRenderer:
         position_m, q_xyzw = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._world.client)
         return frames.rotation_from_quaternion(np.array(q_xyzw)), np.array(position_m)
 
-    def _shade(self, intrinsics: Intrinsics, rays: Rays, hit: Hits, looks: Any) -> GrayImage:
+    def _sunlit(self, rays: Rays, hits: Hits, *, gray: bool) -> FloatImage:
+        """1 where the sun reaches what was hit, 0 in the shadow of a static body; shape like the depths."""
+        if not (gray and self._world.scene.weather.shadows):
+            return np.ones(hits.depth_m.shape, np.float32)
+        depth_m = np.where(np.isfinite(hits.depth_m), hits.depth_m, 0)[..., None]
+        to_sun = np.array(self._air.sun, np.float32)
+        shadow_rays = np.empty_like(rays)
+        shadow_rays[..., :3] = rays[..., :3] + depth_m * rays[..., 3:] + SHADOW_BIAS_M * to_sun
+        shadow_rays[..., 3:] = to_sun
+        return 1 - self._static.blocked(shadow_rays)
+
+    def _shade(self, intrinsics: Intrinsics, rays: Rays, hit: Hits, sunlit: FloatImage, looks: Any) -> GrayImage:
         gray = np.empty(len(rays), np.uint8)
         wp.launch(
             shading.shade,
@@ -150,6 +166,7 @@ class RaycastRenderer:
                 _view(hit.depth_m, wp.float32),
                 _view(hit.normal, wp.vec3),
                 _view(hit.body_index, wp.int32),
+                _view(sunlit, wp.float32),
                 looks,
             ],
             outputs=[_view(gray, wp.uint8)],
@@ -176,6 +193,11 @@ class _Target:
         answer = self._scene.cast_rays(self._o3d.core.Tensor.from_numpy(rays), nthreads=self._threads)
         triangle = np.minimum(answer["primitive_ids"].numpy(), len(self._index) - 1)
         return Hits(answer["t_hit"].numpy(), answer["primitive_normals"].numpy(), self._index[triangle])
+
+    def blocked(self, rays: Rays) -> FloatImage:
+        """1 for rays that hit something, 0 for the others; rays have shape (..., 6)."""
+        answer = self._scene.test_occlusions(self._o3d.core.Tensor.from_numpy(rays), nthreads=self._threads)
+        return answer.numpy().astype(np.float32)
 
 
 def _view(array: npt.NDArray[Any], dtype: Any) -> Any:

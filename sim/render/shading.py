@@ -158,15 +158,15 @@ def facade(p: wp.vec3, normal: wp.vec3, footprint_m: wp.float32, seed: wp.int32)
 @wp.func
 def grass(p: wp.vec3, footprint_m: wp.float32, seed: wp.int32):
     """Tufts and bare patches."""
-    patches = 0.5 * grain(p * 0.2, footprint_m * 0.2, seed + 31)
-    return 0.9 * grain(p * 3.0, footprint_m * 3.0, seed) + patches
+    patches = 0.6 * grain(p * 0.6, footprint_m * 0.6, seed + 31)
+    return 0.9 * grain(p * 12.0, footprint_m * 12.0, seed) + patches
 
 
 @wp.func
 def foliage(p: wp.vec3, footprint_m: wp.float32, seed: wp.int32):
     """Leaves in the light and dark gaps between them."""
-    n = grain(p * 2.5, footprint_m * 2.5, seed)
-    return 1.5 * wp.clamp(n + 0.08, -0.35, 0.30) + 0.4 * grain(p * 0.5, footprint_m * 0.5, seed + 31)
+    clumps = 0.6 * (value_noise(p * 1.4, seed + 31) - 0.5)
+    return wp.clamp(1.7 * grain(p * 7.0, footprint_m * 7.0, seed) + clumps, -0.42, 0.55)
 
 
 @wp.func
@@ -184,7 +184,7 @@ def pattern_detail(pattern: wp.int32, p: wp.vec3, normal: wp.vec3, footprint_m: 
         return grain(wp.vec3(p[0] * 3.0, p[1] * 3.0, p[2] * 0.6), footprint_m * 3.0, seed)
     if pattern == SNOW:
         return 0.4 * grain(p * 0.25, wp.max(footprint_m * 0.25, 0.05), seed) + 0.06 * grain(p, footprint_m, seed + 31)
-    return grain(p, footprint_m, seed)
+    return 0.6 * grain(p, footprint_m, seed)
 
 
 @wp.func
@@ -192,7 +192,7 @@ def sky(direction: wp.vec3, footprint: wp.float32, air: Air):
     """Brightness of the sky: lighter at the horizon, with clouds infinitely far away."""
     d = wp.normalize(direction)
     p = wp.vec3(d[0] / (d[2] + 0.35), d[1] / (d[2] + 0.35), 0.0) * 6.0
-    clouds = air.clouds * grain(p, footprint * 6.0, air.seed)
+    clouds = air.clouds * grain(p, footprint * 18.0, air.seed)
     return air.sky + 0.05 - 0.25 * wp.max(d[2], 0.0) + clouds * wp.clamp(3.0 * d[2] + 0.3, 0.0, 1.0)
 
 
@@ -204,13 +204,15 @@ def shade(
     depth_m: wp.array(dtype=wp.float32),
     normals: wp.array(dtype=wp.vec3),
     body_index: wp.array(dtype=wp.int32),
+    sunlit: wp.array(dtype=wp.float32),
     looks: wp.array(dtype=BodyLook),
     # output
     gray: wp.array(dtype=wp.uint8),
 ):
     """Brightness of each ray: of what it hit, or of the sky where the depth is infinite.
 
-    Rays are (origin, direction) with a direction of unit depth, so the ray parameter is the depth.
+    Rays are (origin, direction) with a direction of unit depth, so the ray parameter is the depth. `sunlit` is 0 in a
+    shadow and 1 elsewhere. Less of the sky lights what faces down.
     """
     i = wp.tid()
     origin = wp.vec3(rays[i, 0], rays[i, 1], rays[i, 2])
@@ -222,11 +224,12 @@ def shade(
     look = looks[body_index[i]]
     normal = wp.normalize(normals[i])
     facing = wp.abs(wp.dot(normal, wp.normalize(direction)))
-    footprint_m = t / focal_px / wp.max(facing, 0.15)
+    footprint_m = t / focal_px / wp.sqrt(wp.max(facing, 0.05))
     to_body = wp.transpose(look.rotation)
     p = to_body * (origin + t * direction - look.position)
     detail = pattern_detail(look.pattern, p, to_body * normal, footprint_m, look.seed)
-    lit = air.ambient + (1.0 - air.ambient) * wp.max(0.0, wp.dot(normal, air.sun))
+    overhead = 0.8 + 0.2 * normal[2]
+    lit = air.ambient * overhead + (1.0 - air.ambient) * sunlit[i] * wp.max(0.0, wp.dot(normal, air.sun))
     surface = wp.clamp(air.exposure * look.albedo * lit * (1.0 + 2.0 * look.texture * detail), 0.0, 1.0)
     clear = wp.exp(-t / air.haze_m)
     gray[i] = wp.uint8(wp.clamp(clear * surface + (1.0 - clear) * air.sky, 0.0, 1.0) * 255.0)
