@@ -1,13 +1,16 @@
-"""What a person reads at the end of a run."""
+"""What a person reads at the end of a run, a recording or a regression."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from rich.console import Console
 from rich.table import Table
 
+from sim.quality import DepthQuality
 from swarm.mission import contact_text
 
 from .config import Run
+from .regression import Difference
+from .regression import Table as RegressionTable
 from .runner import Finished
 
 Value = float | int | None
@@ -58,3 +61,56 @@ def _number(value: Value, unit: str) -> str:
 
 def _percent(share: Value) -> str:
     return "-" if share is None else f"{100 * share:.1f} %"
+
+
+def print_quality(console: Console, quality: DepthQuality, title: str) -> None:
+    """Holes and errors per range, what was rejected as it should be, and why depth is missing."""
+    table = Table(title=title, title_justify="left")
+    for heading in ("true depth", "pixels", "holes", "within 1 px", "median error"):
+        table.add_column(heading, justify="left" if heading == "true depth" else "right")
+    limits = zip(quality.ranges_m, quality.ranges_m[1:], strict=False)
+    figures = zip(
+        limits, quality.pixels, quality.hole_shares, quality.within_1_px_shares, quality.median_errors_px, strict=True
+    )
+    for (low, high), pixels, holes, within, error in figures:
+        table.add_row(f"{low:g}-{high:g} m", f"{pixels:,}", _percent(holes), _percent(within), _number(error, "px"))
+    console.print(table)
+    console.print(
+        f"holes or off by more than 5 %: {_percent(quality.hidden_rejected)} of hidden and "
+        f"{_percent(quality.blank_rejected)} of blank pixels (both are left out above)"
+    )
+    losses = ", ".join(
+        f"{reason.name.lower().replace('_', ' ')} {_percent(share)}" for reason, share in quality.loss_shares.items()
+    )
+    console.print(f"of all pixels without depth: {losses}")
+
+
+def print_regression(console: Console, table: RegressionTable, corrector: str) -> None:
+    """All figures of all cases."""
+    shown = Table(title=f"corrector {corrector}, one noise term at a time", title_justify="left")
+    for heading in ("noise", "MAE", "more than 10 % too far", "holes", "flicker"):
+        shown.add_column(heading, justify="left" if heading == "noise" else "right")
+    for case, m in table.items():
+        shown.add_row(
+            case,
+            _fine(m["mae_m"], "m"),
+            _percent(m["too_far_share"]),
+            _percent(m["hole_share"]),
+            _fine(m["flicker_m"], "m"),
+        )
+    console.print(shown)
+
+
+def print_differences(console: Console, differences: Sequence[Difference]) -> None:
+    """Figures that are not what they were, the farthest first."""
+    table = Table(title="outside of the tolerance", title_justify="left")
+    for heading in ("noise", "figure", "golden", "now", "", "times the tolerance"):
+        table.add_column(heading, justify="right" if heading in ("golden", "now", "times the tolerance") else "left")
+    for d in differences:
+        word = "[red]worse[/red]" if d.worse else "[green]better[/green]"
+        table.add_row(d.case, d.metric, _fine(d.golden), _fine(d.measured), word, f"{d.excess:.1f}")
+    console.print(table)
+
+
+def _fine(value: Value, unit: str = "") -> str:
+    return "-" if value is None else f"{value:.4f} {unit}".rstrip()

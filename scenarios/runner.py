@@ -24,8 +24,9 @@ from swarm.recorder import NullRecorder, Recorder
 from swarm.types import MissionResult, Trajectory
 from voxdepth.registry import create_corrector
 
-from .config import Run, to_toml
+from .config import Run
 from .errors import ScenarioError
+from .files import to_toml
 
 Progress = Callable[[float, float], None]
 """Called after every tick with simulated time and real-time factor."""

@@ -1,25 +1,12 @@
 """How hard a world is to fly through."""
 
-from collections.abc import Iterator
 from itertools import product
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-import pybullet
 
-from voxdepth.types import FloatArray
-
-from .bodies import Heightfield, Mesh
 from .errors import SceneError
+from .rays import first_hits, within_shells
 from .world import World
-
-RAYS_PER_CALL = 8192
-"""PyBullet takes at most 16383 rays at once."""
-SKY_M = 200.0
-"""Height above a point up to which there may be bodies."""
-BEYOND_M = 1e-3
-"""How far behind a surface the search for the next one begins."""
 
 
 def traversability(
@@ -64,13 +51,13 @@ def traversability(
     y = np.arange(low_m[1], high_m[1] + 1e-9, grid_m)
     points_m = np.array([(*at, height_m) for at in product(x, y)])
     room_m = np.array([world.room_at_m(point, drone_radius_m) for point in points_m.tolist()])
-    free_m = points_m[(room_m >= drone_radius_m) & ~_within_a_shell(world, points_m)]
+    free_m = points_m[(room_m >= drone_radius_m) & ~within_shells(world, points_m)]
     if len(free_m) == 0:
         return 0.0
     angle = 2 * np.pi * np.arange(directions) / directions
     ways_m = horizon_m * np.stack([np.cos(angle), np.sin(angle), np.zeros(directions)], axis=1)
     starts_m = np.repeat(free_m, directions, axis=0)
-    _, share = _first_hits(world, starts_m, starts_m + np.tile(ways_m, (len(free_m), 1)))
+    _, share = first_hits(world, starts_m, starts_m + np.tile(ways_m, (len(free_m), 1)))
     return float(share.mean() * horizon_m / (2 * drone_radius_m))
 
 
@@ -84,34 +71,3 @@ def _require_measurable(world: World, low_m: tuple[float, float], high_m: tuple[
             f"expected an area from its low to its high corner and positive lengths, got {low_m} to {high_m} m and a "
             f"smallest value of {smallest:g}"
         )
-
-
-def _within_a_shell(world: World, points_m: FloatArray) -> npt.NDArray[np.bool_]:
-    """Whether points are in a mesh or below a heightfield: an odd number of its surfaces is overhead.
-
-    PyBullet knows the inside of convex solids only; the others are mere surfaces to it.
-    """
-    shells = [body for body, what in world.bodies.items() if isinstance(what.shape, Mesh | Heightfield)]
-    odd = np.zeros((len(points_m), max(world.bodies, default=0) + 1), bool)
-    at_m, rows = points_m.copy(), np.arange(len(points_m))
-    while len(rows):
-        top_m = at_m + np.array([0, 0, SKY_M])
-        body, share = _first_hits(world, at_m, top_m)
-        hit = body >= 0
-        rows, at_m = rows[hit], (at_m + share[:, None] * (top_m - at_m))[hit] + (0, 0, BEYOND_M)
-        odd[rows, body[hit]] ^= True  # one ray per row: no pair comes twice
-    inside: npt.NDArray[np.bool_] = np.asarray(odd[:, shells].any(axis=1))
-    return inside
-
-
-def _first_hits(world: World, from_m: FloatArray, to_m: FloatArray) -> tuple[npt.NDArray[np.int64], FloatArray]:
-    """Body that each ray hits first, -1 for none, and the share of the ray up to there, 1 for none."""
-    hits = list(_hits(world, from_m, to_m))
-    return np.array([hit[0] for hit in hits], np.int64), np.array([hit[2] for hit in hits], np.float64)
-
-
-def _hits(world: World, from_m: FloatArray, to_m: FloatArray) -> Iterator[tuple[Any, ...]]:
-    bullet: Any = pybullet
-    for at in range(0, len(from_m), RAYS_PER_CALL):
-        now = slice(at, at + RAYS_PER_CALL)
-        yield from bullet.rayTestBatch(from_m[now].tolist(), to_m[now].tolist(), physicsClientId=world.client)

@@ -9,6 +9,7 @@ from pydantic import Field
 from voxdepth.types import FloatArray
 
 from .. import frames
+from ..errors import SceneError
 from ..seeds import Purpose, stream
 from ..types import BodyPose
 from .motion import Drift, Flight, Motion, sample
@@ -31,6 +32,8 @@ class Walk(Flight):
     """Height of the camera above the path [m]."""
     speed_m_s: float = Field(1.3, gt=0)
     """Speed on straight parts of the path."""
+    start_m: float = Field(0.0, ge=0)
+    """Distance along the path at which the walk starts [m]."""
     look_deg: float = Field(0.0, ge=-180, le=180)
     """Heading of the camera from that of the path; 90 looks to the left."""
     pitch_deg: float = Field(0.0, ge=-80, le=80)
@@ -60,8 +63,17 @@ class Walk(Flight):
         return Track(path_m, rounding_m=ROUNDING_M, turning_m=TURNING_S * self.speed_m_s)
 
     def duration_s(self, track: Track) -> float:
-        """Time from the first to the last way point."""
-        return track.length_m / self.speed_m_s
+        """Time from the start to the last way point.
+
+        Raises:
+            SceneError: The path ends before the start.
+        """
+        if self.start_m >= track.length_m:
+            raise SceneError(
+                f"the walk starts {self.start_m:g} m along a path of {track.length_m:.1f} m: expected a start before "
+                "the end; lower start_m or lengthen the scene"
+            )
+        return (track.length_m - self.start_m) / self.speed_m_s
 
     def motion(self, track: Track, seed: int) -> Motion:
         """The camera at any time since the start of the walk."""
@@ -72,7 +84,7 @@ class Walk(Flight):
         look_rad, pitch_rad, shake_rad = np.radians([self.look_deg, self.pitch_deg, self.shake_deg])
 
         def at(time_s: float) -> BodyPose:
-            along_m = self.speed_m_s * time_s
+            along_m = self.start_m + self.speed_m_s * time_s
             heading_rad = track.heading_rad(along_m)
             step_rad = 2 * np.pi * self.step_hz * time_s + first_step_rad
             lateral_m = self.sway_m * np.sin(step_rad / 2)

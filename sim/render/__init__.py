@@ -1,6 +1,7 @@
 """Renderers: interchangeable ways to see a `World`."""
 
 from collections.abc import Callable
+from typing import Literal
 
 from ..errors import RenderError
 from ..types import Renderer
@@ -24,6 +25,8 @@ def _egl(world: World, threads: int) -> Renderer:
 
     return EglRenderer(world)
 
+
+RendererName = Literal["raycast", "tiny", "egl"]
 
 _FACTORIES: dict[str, Callable[[World, int], Renderer]] = {"raycast": _raycast, "tiny": _tiny, "egl": _egl}
 

@@ -197,7 +197,8 @@ class _Target:
     def blocked(self, rays: Rays) -> FloatImage:
         """1 for rays that hit something, 0 for the others; rays have shape (..., 6)."""
         answer = self._scene.test_occlusions(self._o3d.core.Tensor.from_numpy(rays), nthreads=self._threads)
-        return answer.numpy().astype(np.float32)
+        hit: npt.NDArray[np.bool_] = answer.numpy()
+        return hit.astype(np.float32)
 
 
 def _view(array: npt.NDArray[Any], dtype: Any) -> Any:

@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.config import DATA, load_run
+from scenarios.config import load_run
 from scenarios.errors import ScenarioError
+from scenarios.files import DATA
 
 ENVIRONMENT = {**os.environ, "COLUMNS": "120"}
 QUICK = ["--drones", "2", "--size", "96x64", "--duration", "1.5"]
@@ -73,7 +74,7 @@ def test_two_runs_of_a_seed_are_equal_down_to_the_recording(tmp_path: Path) -> N
         (["run", "city", "--size", "big"], "--size must look like 160x120, got 'big'"),
         (["run", "city", "--theta", "0.5"], "belongs to the depth tier 'noisy'"),
         (["run", "city", "--seed", "-1"], "seed: Input should be greater than or equal to 0"),
-        (["run", "missing.toml"], "cannot read the scenario missing.toml"),
+        (["run", "missing.toml"], "cannot read missing.toml"),
         (["view", "nowhere"], "there is no recording at nowhere"),
     ],
 )
@@ -122,7 +123,7 @@ def test_a_file_without_a_name_says_so(tmp_path: Path) -> None:
     ],
 )
 def test_missions_that_cannot_be_flown_write_nothing(tmp_path: Path, change: str, message: str) -> None:
-    text = (DATA / "city.toml").read_text()
+    text = (DATA / "scenarios" / "city.toml").read_text()
     key = change.split(" = ", maxsplit=1)[0]
     lines = [line for line in text.splitlines() if not line.startswith(key)]
     at = lines.index("[mission]") + 1

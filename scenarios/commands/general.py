@@ -1,0 +1,68 @@
+"""Commands about everything: what there is, what works, and looking at it."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def list_() -> None:
+    """List scenarios, correctors, depth tiers and renderers."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from sim.render import RENDERER_NAMES
+    from sim.tiers import TIER_NAMES
+    from voxdepth.registry import CORRECTOR_NAMES
+
+    from ..config import load_run, scenario_names
+
+    table = Table("scenario", "drones", "what it is")
+    for name in scenario_names():
+        scenario = load_run(name, 0, {}).scenario
+        table.add_row(name, str(scenario.mission.drones), scenario.description)
+    console = Console()
+    console.print(table)
+    console.print(f"depth tiers: {', '.join(TIER_NAMES)}")
+    console.print(f"correctors:  {', '.join(CORRECTOR_NAMES)}")
+    console.print(f"renderers:   {', '.join(RENDERER_NAMES)}")
+
+
+def view(
+    path: Annotated[Path, typer.Argument(help="Folder of a run, or an .rrd file.")],
+    web: Annotated[
+        bool, typer.Option("--web", help="Serve to a browser on 127.0.0.1 instead of opening a window.")
+    ] = False,
+) -> None:
+    """Look at a recording."""
+    open_viewer(path / "run.rrd" if path.is_dir() else path, web=web)
+
+
+def doctor() -> None:
+    """Say what works on this machine and how to mend what does not."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from ..doctor import examine
+
+    findings = examine()
+    table = Table("", "found", "what to do")
+    for finding in findings:
+        mark = "[green]ok[/green]" if finding.ok else "[red]no[/red]"
+        table.add_row(f"{mark} {finding.what}", finding.state, finding.remedy)
+    Console().print(table)
+    if not all(finding.ok for finding in findings):
+        raise typer.Exit(1)
+
+
+def open_viewer(path: Path, *, web: bool = False) -> None:
+    """Open a recording in the Rerun viewer."""
+    import subprocess
+
+    from ..errors import ScenarioError
+
+    if not path.is_file():
+        raise ScenarioError(f"there is no recording at {path}; runs with --record have a file run.rrd in their folder")
+    command = [sys.executable, "-m", "rerun", str(path), "--bind", "127.0.0.1"]
+    subprocess.run([*command, "--serve-web"] if web else command, check=False)

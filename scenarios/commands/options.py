@@ -1,0 +1,44 @@
+"""Options that several commands share, and how their texts are read."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..errors import ScenarioError
+
+
+class Depth(StrEnum):
+    """Depth tiers; the same words as in a scenario."""
+
+    TRUTH = "truth"
+    NOISY = "noisy"
+    STEREO = "stereo"
+
+
+class RendererName(StrEnum):
+    """Renderers; the same words as in a scenario."""
+
+    RAYCAST = "raycast"
+    TINY = "tiny"
+    EGL = "egl"
+
+
+Scenario = Annotated[str, typer.Argument(help="A shipped scenario, or a TOML file: a scenario or a run's config.toml.")]
+Seed = Annotated[int | None, typer.Option(help="Master seed of everything random. Default: the file's, or 0.")]
+Seeds = Annotated[int, typer.Option(min=1, help="How many seeds, from 0 on.")]
+Workers = Annotated[int, typer.Option(min=1, help="Missions flown side by side.")]
+Size = Annotated[str | None, typer.Option(help="Image size, as in 160x120.")]
+Renderer = Annotated[RendererName | None, typer.Option(help="How images are made.")]
+Picture = Annotated[Path, typer.Option(help="JPEG or PNG file to write.")]
+
+
+def parsed_size(text: str | None) -> tuple[int | None, int | None]:
+    """Width and height of an image size, both None when none is given."""
+    if text is None:
+        return None, None
+    width, cross, height = text.partition("x")
+    if not (cross and width.isdecimal() and height.isdecimal()):
+        raise ScenarioError(f"--size must look like 160x120, got {text!r}")
+    return int(width), int(height)

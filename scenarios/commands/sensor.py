@@ -1,0 +1,125 @@
+"""Commands about the stereo sensor and what it feeds: sequences, scenes and the corrector's regression."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .options import Picture, Renderer, Seed, Size, parsed_size
+
+
+def record(
+    sequence: Annotated[str, typer.Argument(help="A shipped sequence, or a TOML file: a sequence or a recording's.")],
+    out: Annotated[Path, typer.Option(help="Folder of the recording: new, or one that was cut short.")],
+    frames: Annotated[int, typer.Option(min=1, help="How many frames there shall be.")] = 500,
+    seed: Seed = None,
+    size: Size = None,
+    renderer: Renderer = None,
+) -> None:
+    """Record stereo images, raw and true depth along a flight; goes on where an earlier call was cut short."""
+    import time
+
+    from rich.console import Console
+
+    from ..report import print_quality
+    from ..sequences import load_sequence, record
+
+    width, height = parsed_size(size)
+    changes = {
+        "rig.width_px": width,
+        "rig.height_px": height,
+        "renderer": renderer.value if renderer else None,
+    }
+    planned = load_sequence(sequence, seed, {key: value for key, value in changes.items() if value is not None})
+    console, start = Console(), time.perf_counter()
+    with _counter(console, "recording", frames) as update:
+        done = record(planned, out, frames, update)
+    wall_s = time.perf_counter() - start
+    print_quality(console, done.quality, f"{planned.sequence.name}, seed {planned.seed}: {done.frames} frames")
+    rate = done.new_frames / wall_s
+    console.print(f"{done.new_frames} frames written to {out}, {rate:.1f} per second", soft_wrap=True)
+    console.print(f"look at it with: voxdepth sheet {out} --out sheet.jpg", soft_wrap=True)
+
+
+def sheet(
+    recording: Annotated[Path, typer.Argument(help="Folder of a recording.")], out: Picture = Path("sheet.jpg")
+) -> None:
+    """Make a contact sheet of a recording: gray, true depth, raw depth, occlusion, reasons of holes."""
+    from ..sheet import make_sheet
+
+    make_sheet(recording, out)
+    typer.echo(f"written to {out}")
+
+
+def scenes(
+    seed: Annotated[int, typer.Option(min=0, help="Master seed of the scenes.")] = 1,
+    out: Picture = Path("scenes.jpg"),
+) -> None:
+    """Picture every kind of scene and print how hard it is to fly through, as a Markdown table."""
+    from ..gallery import exhibits, write_gallery
+    from ..tabulate import markdown_head, markdown_row
+
+    shown = []
+    for line in markdown_head(["scene", "bodies", "traversability"]):
+        typer.echo(line)
+    for exhibit in exhibits(seed):
+        shown.append(exhibit)
+        typer.echo(markdown_row([exhibit.kind, str(exhibit.bodies), f"{exhibit.traversability:.1f}"]))
+    write_gallery(out, shown)
+    typer.echo(f"written to {out}", err=True)
+
+
+def regress(
+    corrector: Annotated[
+        str, typer.Option(help="Corrector by name, or your own as package.module:factory.")
+    ] = "paper",
+    update: Annotated[bool, typer.Option("--update", help="Make the present figures the golden ones.")] = False,
+    golden: Annotated[Path, typer.Option(help="Folder of the golden figures.")] = Path("tests/golden"),
+    out: Annotated[Path, typer.Option(help="Folder for the recording of the worst case.")] = Path("runs"),
+) -> None:
+    """Run a corrector on every noise term alone and compare its errors with golden figures; exit 1 on a difference."""
+    from rich.console import Console
+
+    from .. import regression
+    from ..case_recorder import record_case
+    from ..report import print_differences, print_regression
+
+    console = Console()
+    make = regression.find_corrector(corrector)
+    path = regression.golden_path(golden, corrector)
+    before = None if update else regression.read_golden(path)
+    with console.status("") as status:
+        measured = regression.measure(make, lambda case: status.update(f"running {corrector} on {case}"))
+    print_regression(console, measured, corrector)
+    if before is None:
+        regression.write_golden(path, measured)
+        console.print(f"golden figures written to {path}", soft_wrap=True)
+        return
+    differences = regression.compare(before, measured)
+    if not differences:
+        console.print(f"no figure differs from {path} by more than its tolerance", soft_wrap=True)
+        return
+    print_differences(console, differences)
+    worst = differences[0].case
+    recording = out / f"regress-{path.stem}.rrd"
+    record_case(recording, worst, regression.corrected(make, *regression.split_case(worst)))
+    console.print(f"the worst case, {worst}, is in {recording}; if the change is meant: --update", soft_wrap=True)
+    raise typer.Exit(1)
+
+
+def _counter(console: Any, what: str, total: int) -> Any:
+    """A bar over frames, as a context manager that gives the function to call."""
+    from collections.abc import Callable
+    from contextlib import contextmanager
+
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    @contextmanager
+    def shown() -> Any:
+        columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TextColumn("frames"), TimeRemainingColumn())
+        with Progress(*columns, console=console) as bar:
+            task = bar.add_task("", total=total)
+            update: Callable[[int], None] = lambda frames: bar.update(task, completed=frames)  # noqa: E731
+            yield update
+
+    return shown()

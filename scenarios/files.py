@@ -1,0 +1,93 @@
+"""Configurations in TOML files: shipped ones by name, others by path."""
+
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pydantic
+import tomli_w
+
+from .errors import ScenarioError
+
+DATA = Path(__file__).parent / "data"
+
+Loaded = TypeVar("Loaded", bound=pydantic.BaseModel)
+
+
+def shipped_names(kind: str) -> list[str]:
+    """Names of the shipped files of one kind, which is the name of their folder."""
+    return sorted(path.stem for path in (DATA / kind).glob("*.toml"))
+
+
+def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, changes: dict[str, Any]) -> Loaded:
+    """A configuration with its seed: a shipped file by name, a TOML file, or the `config.toml` of an earlier result.
+
+    Args:
+        model: With the fields `seed` and one that is named like the kind without its final s.
+        kind: `scenarios` or `sequences`.
+        name_or_path: Which one.
+        seed: Master seed; None takes that of an earlier result, or 0.
+        changes: Values to set, by dotted key, as in `{"mission.drones": 4}`.
+
+    Raises:
+        ScenarioError: There is no such file, or a value in it is impossible.
+    """
+    path, text = _read(kind, name_or_path)
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{path} is not valid TOML: {error}") from error
+    field = kind.removesuffix("s")
+    if field not in data:
+        data = {field: data, "seed": 0}
+    for key, value in changes.items():
+        _set(data[field], key, value)
+    if seed is not None:
+        data["seed"] = seed
+    try:
+        return model.model_validate(data)
+    except pydantic.ValidationError as error:
+        raise ScenarioError(f"{path}: {_first_problem(error)}") from error
+
+
+def to_toml(configuration: pydantic.BaseModel) -> str:
+    """The resolved configuration as text that `load` reads."""
+    return tomli_w.dumps(configuration.model_dump(mode="json", exclude_none=True))
+
+
+def _read(kind: str, name_or_path: str) -> tuple[Path, str]:
+    path = Path(name_or_path)
+    if path.suffix != ".toml":
+        names = shipped_names(kind)
+        if name_or_path not in names:
+            raise ScenarioError(
+                f"there is no {kind.removesuffix('s')} {name_or_path!r}; choose one of: {', '.join(names)}, "
+                "or give the path of a .toml file"
+            )
+        path = DATA / kind / f"{name_or_path}.toml"
+    try:
+        return path, path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"cannot read {path}: {error}") from error
+
+
+def _set(data: dict[str, Any], key: str, value: Any) -> None:
+    *tables, last = key.split(".")
+    for table in tables:
+        data = data.setdefault(table, {})
+    data[last] = value
+
+
+def _first_problem(error: pydantic.ValidationError) -> str:
+    """The first of the problems in one line, and how many more there are."""
+    first, *others = error.errors()
+    where = ".".join(str(part) for part in first["loc"][1:]) or "the file"
+    if first["type"] == "extra_forbidden":
+        text = f"unknown key {where!r}"
+    elif first["type"] == "missing":
+        text = f"the key {where!r} is missing"
+    else:
+        got = first["input"]
+        shown = f", got {got!r}" if isinstance(got, str | int | float | bool | list) else ""
+        text = f"{where}: {first['msg'].removeprefix('Value error, ')}{shown}"
+    return text + (f" (and {len(others)} more problems)" if others else "")

@@ -1,0 +1,78 @@
+"""Pictures of every kind of scene, with how hard it is to fly through."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+
+from sim.bodies import SceneSpec, Weather
+from sim.difficulty import traversability
+from sim.flights import Walk
+from sim.render import create_renderer
+from sim.scenes import AnyScene
+from sim.sensor import RigConfig, StereoSensor, Viewpoint
+from sim.world import World
+
+from .images import Image, gray_bgr, narrowed, save_picture, titled
+
+SPECS: tuple[type[SceneSpec], ...] = get_args(get_args(AnyScene)[0])
+SHOTS = (0.15, 0.6)
+"""Where along the path the pictures are taken."""
+CAMERA_HEIGHT_M = 1.7
+FLIGHT_HEIGHT_M = 3.0
+HALF_SIDE_M = 12.0
+"""The difficulty is that of the ground up to this far on both sides of the path, where flights lead."""
+SHOT_PX = 420
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exhibit:
+    """One kind of scene as its default specification builds it."""
+
+    kind: str
+    bodies: int
+    traversability: float
+    """Mean free path in drone diameters, at flight height."""
+    picture: Image
+
+
+def exhibits(seed: int) -> Iterator[Exhibit]:
+    """One of each kind of scene, in sunshine."""
+    for spec_type in SPECS:
+        spec = spec_type(weather=Weather(shadows=True))
+        scene = spec.build(seed)
+        with World(scene, np.empty((0, 3))) as world:
+            path_m = scene.path_m
+            yield Exhibit(
+                kind=str(spec_type.model_fields["kind"].default),
+                bodies=len(scene.bodies),
+                traversability=traversability(
+                    world,
+                    low_m=(float(path_m[:, 0].min()), float(path_m[:, 1].min() - HALF_SIDE_M)),
+                    high_m=(float(path_m[:, 0].max()), float(path_m[:, 1].max() + HALF_SIDE_M)),
+                    height_m=float(path_m[:, 2].mean()) + FLIGHT_HEIGHT_M,
+                ),
+                picture=_picture(world, seed),
+            )
+
+
+def _picture(world: World, seed: int) -> Image:
+    rig = RigConfig(width_px=840, height_px=480, mount_forward_m=0.0, depth="truth")
+    sensor = StereoSensor(world, create_renderer("raycast", world), rig, seed=seed)
+    poses = list(Walk(height_m=CAMERA_HEIGHT_M).poses(world.scene.path_m, seed, 1.0))
+    viewpoints = [Viewpoint(drone=0, pose=poses[int(share * len(poses))]) for share in SHOTS]
+    shots = [gray_bgr(sensor.capture(look).gray_left) for look in sensor.look(viewpoints, 0)]
+    return np.hstack([narrowed(shot, SHOT_PX) for shot in shots])
+
+
+def write_gallery(out: Path, shown: list[Exhibit]) -> None:
+    """One picture with all exhibits below each other.
+
+    Raises:
+        ScenarioError: It cannot be written.
+    """
+    save_picture(out, np.vstack([titled(exhibit.kind, exhibit.picture) for exhibit in shown]), quality=80)
+
+

@@ -1,0 +1,81 @@
+"""Images as people look at them: depth in colours, reasons of holes, titles."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from sim.types import Loss
+from voxdepth.types import FloatImage, GrayImage
+
+from .errors import ScenarioError
+
+Image = npt.NDArray[np.uint8]
+
+FAR_M = 25.0
+"""Depth at the blue end of the colours."""
+TEXT_HEIGHT_PX = 26
+LOSS_COLORS_BGR = {
+    Loss.OCCLUDED: (60, 60, 230),
+    Loss.OUT_OF_RANGE: (200, 60, 200),
+    Loss.BLANK: (230, 140, 40),
+    Loss.AMBIGUOUS: (40, 200, 230),
+    Loss.SPECKLE: (80, 200, 80),
+    Loss.FLICKER: (255, 255, 255),
+}
+
+
+def colored(depth_m: FloatImage) -> Image:
+    """Depth in colours, near red and far blue, holes black; shape (H, W, 3), BGR. What has no surface counts as far."""
+    scaled = np.clip(255 * (1 - np.sqrt(np.minimum(depth_m, FAR_M) / FAR_M)), 0, 255).astype(np.uint8)
+    image: Image = cv2.applyColorMap(scaled, cv2.COLORMAP_TURBO)
+    image[depth_m <= 0] = 0
+    return image
+
+
+def loss_colored(loss: GrayImage) -> Image:
+    """Reasons of holes in colours, depth black; shape (H, W, 3), BGR."""
+    table = np.zeros((len(Loss), 3), np.uint8)
+    for reason, color in LOSS_COLORS_BGR.items():
+        table[reason] = color
+    image: Image = table[loss]
+    return image
+
+
+def gray_bgr(gray: npt.NDArray[Any]) -> Image:
+    """A gray or boolean image, shape (H, W), with three channels."""
+    image = gray.astype(np.uint8) * np.uint8(255 if gray.dtype == np.bool_ else 1)
+    return np.repeat(image[..., None], 3, axis=2)
+
+
+def titled(text: str, image: Image) -> Image:
+    """An image under a line of text."""
+    bar = np.full((TEXT_HEIGHT_PX, image.shape[1], 3), 245, np.uint8)
+    cv2.putText(bar, text, (8, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (30, 30, 30), 1, cv2.LINE_AA)
+    return np.vstack([bar, image])
+
+
+def narrowed(image: Image, width_px: int) -> Image:
+    """An image at a smaller width, area by area; nearest would lose thin things."""
+    height_px = round(image.shape[0] * width_px / image.shape[1])
+    smaller: Image = cv2.resize(image, (width_px, height_px), interpolation=cv2.INTER_AREA).astype(np.uint8)
+    return smaller
+
+
+def save_picture(path: Path, image: Image, *, quality: int = 85) -> None:
+    """Write a JPEG or PNG file.
+
+    Raises:
+        ScenarioError: It cannot be written.
+    """
+    kinds = {".jpg": [cv2.IMWRITE_JPEG_QUALITY, quality], ".jpeg": [cv2.IMWRITE_JPEG_QUALITY, quality], ".png": []}
+    if path.suffix.lower() not in kinds:
+        raise ScenarioError(f"a picture must be a .jpg or .png file, got {path}")
+    _, encoded = cv2.imencode(path.suffix, image, kinds[path.suffix.lower()])
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(encoded.tobytes())
+    except OSError as error:
+        raise ScenarioError(f"cannot write the picture {path}: {error.strerror}") from error

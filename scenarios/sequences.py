@@ -1,0 +1,197 @@
+"""Reference sequences: a scene, a flight through it and a camera, recorded with the truth."""
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from pydantic import Field
+
+from sim.errors import SensorError
+from sim.flights import AnyFlight
+from sim.frames import camera_attitude
+from sim.quality import DepthQuality
+from sim.rays import is_inside
+from sim.recording import EncodedFrame, Recording, RecordingWriter
+from sim.render import RendererName, create_renderer
+from sim.scenes import AnyScene
+from sim.sensor import Look, RigConfig, StereoSensor, Viewpoint
+from sim.types import BodyPose, Capture
+from sim.world import World
+from voxdepth.model import Model
+
+from .errors import ScenarioError
+from .files import load, shipped_names, to_toml
+
+AHEAD = 3
+"""Frames that may wait to be measured and written while the next one is rendered."""
+VERSIONED = ("numpy", "opencv-python-headless", "open3d", "pybullet", "warp-lang", "voxdepth")
+"""Packages whose versions may change the bytes of a recording."""
+
+Progress = Callable[[int], None]
+"""Told how many frames are whole."""
+
+
+class Sequence(Model):
+    """A recording that can be made again, but for its seed."""
+
+    name: str
+    description: str
+    scene: AnyScene
+    flight: AnyFlight
+    rig: RigConfig
+    renderer: RendererName = "raycast"
+
+
+class SeededSequence(Model):
+    """A sequence with its seed: all that is needed to repeat it."""
+
+    sequence: Sequence
+    seed: int = Field(ge=0)
+    versions: dict[str, str] = Field(default_factory=dict)
+    """Of the packages that it was recorded with."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """A recording that has ended."""
+
+    folder: Path
+    frames: int
+    new_frames: int
+    """Frames that were not there before."""
+    quality: DepthQuality
+
+
+def sequence_names() -> list[str]:
+    """Names of the shipped sequences."""
+    return shipped_names("sequences")
+
+
+def load_sequence(name_or_path: str, seed: int | None, changes: dict[str, Any]) -> SeededSequence:
+    """A sequence with its seed: see `files.load`. The versions are those that are installed now."""
+    loaded = load(SeededSequence, "sequences", name_or_path, seed, changes)
+    return loaded.model_copy(update={"versions": {name: version(name) for name in VERSIONED}})
+
+
+def captures(planned: SeededSequence, frames: int, *, start: int = 0) -> Iterator[Capture]:
+    """The captures of a sequence from frame `start` on, in order, without writing anything."""
+    with filming(planned) as film:
+        for look in film.looks(start, frames):
+            yield film.sensor.capture(look)
+
+
+def record(planned: SeededSequence, folder: Path, frames: int, progress: Progress) -> Recorded:
+    """Record a sequence to a folder, or go on with a recording of the same sequence that was cut short.
+
+    Rendering runs ahead; measuring, encoding and writing follow in other threads. The result does not depend on that.
+
+    Args:
+        planned: What to record.
+        folder: Where; new, empty, or an unfinished recording of the same configuration.
+        frames: How many there shall be at the end.
+        progress: Told of every whole frame.
+
+    Raises:
+        ScenarioError: The recording is complete already, or the flight ends too soon.
+        RecordingError: The folder holds something else, or cannot be written.
+        SensorError: A camera is inside a body.
+    """
+    with filming(planned) as film, _open(planned, folder, film.sensor.intrinsics) as writer:
+        start = writer.frames
+        if start >= frames:
+            raise ScenarioError(f"{folder} holds {start} whole frames already, {frames} were asked for: nothing to do")
+        for capture in Recording.open(folder) if start else ():
+            film.quality.add(capture)
+        progress(start)
+        with ThreadPoolExecutor(2) as pool:
+            waiting: deque[Future[tuple[Capture, EncodedFrame]]] = deque()
+            for look in film.looks(start, frames):
+                waiting.append(pool.submit(_measure, film.sensor, writer, look))
+                if len(waiting) >= AHEAD:
+                    _commit(writer, film.quality, waiting.popleft(), progress)
+            while waiting:
+                _commit(writer, film.quality, waiting.popleft(), progress)
+        if writer.frames < frames:
+            raise ScenarioError(
+                f"the flight of {planned.sequence.name!r} ends after {writer.frames} frames, {frames} were asked for: "
+                "they are safe; ask for fewer, or lengthen the scene"
+            )
+        return Recorded(folder=folder, frames=frames, new_frames=frames - start, quality=film.quality)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Film:
+    """A world with a camera that flies through it."""
+
+    world: World
+    sensor: StereoSensor
+    poses: Callable[[], Iterator[BodyPose]]
+    baseline_m: float
+    quality: DepthQuality
+
+    def looks(self, start: int, stop: int) -> Iterator[Look]:
+        """What the camera sees in the frames `start` to `stop`, rendered one after the other."""
+        for frame, pose in enumerate(islice(self.poses(), stop)):
+            if frame >= start:
+                (look,) = self.sensor.look([Viewpoint(drone=0, pose=pose)], frame)
+                self._require_outside(look)
+                yield look
+
+    def _require_outside(self, look: Look) -> None:
+        left_m, to_right = look.T_world_cam[:3, 3], look.T_world_cam[:3, 0]
+        for name, at_m in (("left", left_m), ("right", left_m + self.baseline_m * to_right)):
+            if is_inside(self.world, at_m):
+                x, y, z = at_m
+                raise SensorError(
+                    f"in frame {look.frame} the {name} camera is inside a body, at ({x:.2f}, {y:.2f}, {z:.2f}) m: "
+                    "change the flight's height or the scene"
+                )
+
+
+@contextmanager
+def filming(planned: SeededSequence) -> Iterator[Film]:
+    """A sequence that is ready to be filmed. OpenCV runs on one thread, the renderer on two."""
+    sequence, seed = planned.sequence, planned.seed
+    cv2.setNumThreads(1)
+    scene = sequence.scene.build(seed)
+    with World(scene, np.empty((0, 3))) as world:
+        renderer = create_renderer(sequence.renderer, world, threads=2)
+        sensor = StereoSensor(world, renderer, sequence.rig, seed=seed, right=True)
+        blank = [body_id for body_id, body in world.bodies.items() if body.surface.texture == 0]
+        yield Film(
+            world=world,
+            sensor=sensor,
+            poses=lambda: sequence.flight.poses(scene.path_m, seed, sequence.rig.rate_hz),
+            baseline_m=sequence.rig.baseline_m,
+            quality=DepthQuality(blank),
+        )
+
+
+def _open(planned: SeededSequence, folder: Path, intrinsics: Any) -> RecordingWriter:
+    """A new recording, or the one that is there."""
+    begun = folder.is_dir() and any(folder.iterdir())
+    make = RecordingWriter.resume if begun else RecordingWriter.create
+    return make(folder, intrinsics=intrinsics, config_text=to_toml(planned))
+
+
+def _measure(sensor: StereoSensor, writer: RecordingWriter, look: Look) -> tuple[Capture, EncodedFrame]:
+    capture = sensor.capture(look)
+    q_world_cam_xyzw = camera_attitude(look.viewpoint.pose.q_world_body_xyzw)
+    return capture, writer.encode(look.frame, capture, q_world_cam_xyzw)
+
+
+def _commit(
+    writer: RecordingWriter, quality: DepthQuality, done: "Future[tuple[Capture, EncodedFrame]]", progress: Progress
+) -> None:
+    capture, encoded = done.result()
+    writer.commit(encoded)
+    quality.add(capture)
+    progress(writer.frames)

@@ -1,0 +1,50 @@
+"""A contact sheet of a recording: a few frames, each as gray, true and raw depth, occlusion and reasons of holes."""
+
+from pathlib import Path
+
+import numpy as np
+
+from sim.recording import Recording
+from sim.types import Capture
+
+from .errors import ScenarioError
+from .images import LOSS_COLORS_BGR, Image, colored, gray_bgr, loss_colored, narrowed, save_picture, titled
+
+PANEL_PX = 300
+ROWS = 3
+
+
+def make_sheet(folder: Path, out: Path) -> None:
+    """Write the contact sheet of a recording.
+
+    Raises:
+        RecordingError: The folder is not a readable recording.
+        ScenarioError: It holds no frame, or the picture cannot be written.
+    """
+    recording = Recording.open(folder)
+    if len(recording) == 0:
+        raise ScenarioError(f"{folder} holds no whole frame: record some first")
+    frames = np.unique(np.linspace(0, len(recording) - 1, ROWS).round().astype(int))
+    rows = [_row(recording[int(frame)], int(frame)) for frame in frames]
+    save_picture(out, np.vstack([*rows, _legend(rows[0].shape[1])]))
+
+
+def _row(capture: Capture, frame: int) -> Image:
+    panels = {
+        f"gray, frame {frame}": gray_bgr(capture.gray_left),
+        "depth, true": colored(capture.depth_true_m),
+        "depth, raw": colored(capture.depth_raw_m),
+        "hidden from the right camera": gray_bgr(capture.occluded),
+        "why there is no depth": loss_colored(capture.loss),
+    }
+    return np.hstack([titled(name, narrowed(image, PANEL_PX)) for name, image in panels.items()])
+
+
+def _legend(width_px: int) -> Image:
+    """One coloured field per reason."""
+    n = len(LOSS_COLORS_BGR)
+    fields = []
+    for k, (reason, color) in enumerate(LOSS_COLORS_BGR.items()):
+        field = np.full((12, (k + 1) * width_px // n - k * width_px // n, 3), color, np.uint8)
+        fields.append(titled(reason.name.lower().replace("_", " "), field))
+    return np.hstack(fields)

@@ -1,0 +1,143 @@
+"""Sequences with one kind of depth noise at a time, for tests of depth correctors: 160 x 120, 30 Hz, with the truth.
+
+    from sim.testing import noisy_sequence
+
+    for capture in noisy_sequence("flicker", "high", seed=0):
+        ...  # capture.gray_left, capture.depth_raw_m, capture.depth_true_m
+
+A camera walks towards a wall between things of many shapes and textures, while a drone crosses its view.
+"""
+
+from collections.abc import Iterator
+from itertools import islice
+from typing import Literal, get_args
+
+import numpy as np
+
+from .bodies import Body, Box, Cylinder, Scene, Shape, Sphere, Surface
+from .depth_noise import Blank, DepthNoise, Disparity, Flicker, Occlusion, Scale
+from .errors import SensorError
+from .flights import Walk
+from .render import create_renderer
+from .seeds import Purpose, stream
+from .sensor import RigConfig, StereoSensor, Viewpoint
+from .types import Capture, VelocityCommand
+from .world import PHYSICS_HZ, World
+
+__all__ = ["FRAMES", "LEVELS", "TERMS", "Level", "Term", "noisy_sequence", "sensor_config"]
+
+Term = Literal["occlusion", "scale", "disparity", "quantisation", "flicker", "blank"]
+Level = Literal["low", "medium", "high"]
+TERMS: tuple[Term, ...] = get_args(Term)
+LEVELS: tuple[Level, ...] = get_args(Level)
+
+FRAMES = 30
+RATE_HZ = 30
+N_THINGS = 14
+WALL_M = 12.0
+DRONE_SPEED_M_S = 1.5
+
+THETA = (0.05, 0.2, 0.5)
+SIGMA_PX = (0.05, 0.2, 0.5)
+STEP_PX = (0.0625, 0.25, 1.0)
+DROPOUT = (0.01, 0.05, 0.2)
+BELOW_TEXTURE = (0.2, 0.5, 0.8)
+BASELINE_M = (0.05, 0.095, 0.19)
+"""Levels of the terms, low to high; occlusion grows with the baseline."""
+
+
+def noisy_sequence(term: Term, level: Level, seed: int = 0, *, frames: int = FRAMES) -> Iterator[Capture]:
+    """Captures with one noise term at one level, in order; the same for the same arguments.
+
+    Args:
+        term: Which noise; all others are off.
+        level: `low`, `medium` or `high`.
+        seed: Master seed of the scene, the walk and the noise.
+        frames: How many.
+
+    Raises:
+        SensorError: There is no such term or level.
+    """
+    return _captures(sensor_config(term, level), seed, frames)
+
+
+def sensor_config(term: Term, level: Level) -> RigConfig:
+    """The camera and the noise of a sequence.
+
+    Raises:
+        SensorError: There is no such term or level.
+    """
+    if term not in TERMS or level not in LEVELS:
+        raise SensorError(
+            f"there is no noise {term!r} at level {level!r}; choose a term of {', '.join(TERMS)} and a level of "
+            f"{', '.join(LEVELS)}"
+        )
+    k = LEVELS.index(level)
+    off = Occlusion(enabled=False)
+    noise = {
+        "occlusion": DepthNoise(),
+        "scale": DepthNoise(scale=Scale(theta=THETA[k]), occlusion=off),
+        "disparity": DepthNoise(disparity=Disparity(sigma_px=SIGMA_PX[k]), occlusion=off),
+        "quantisation": DepthNoise(disparity=Disparity(step_px=STEP_PX[k]), occlusion=off),
+        "flicker": DepthNoise(flicker=Flicker(dropout=DROPOUT[k], jump=DROPOUT[k] / 2), occlusion=off),
+        "blank": DepthNoise(blank=Blank(below_texture=BELOW_TEXTURE[k]), occlusion=off),
+    }[term]
+    return RigConfig(
+        width_px=160,
+        height_px=120,
+        baseline_m=BASELINE_M[k] if term == "occlusion" else BASELINE_M[1],
+        rate_hz=RATE_HZ,
+        mount_forward_m=0.0,
+        depth="noisy",
+        noise=noise,
+    )
+
+
+def _captures(config: RigConfig, seed: int, frames: int) -> Iterator[Capture]:
+    scene = _scene(seed)
+    poses = Walk(speed_m_s=0.8).poses(scene.path_m, seed, config.rate_hz)
+    with World(scene, np.array([[4.0, -1.5, 1.6]]), start_yaw_rad=np.pi / 2) as world:
+        world.apply([VelocityCommand(velocity_m_s=np.array([0.0, DRONE_SPEED_M_S, 0.0]), yaw_rad=np.pi / 2)])
+        sensor = StereoSensor(world, create_renderer("raycast", world), config, seed=seed, right=True)
+        for frame, pose in enumerate(islice(poses, frames)):
+            (look,) = sensor.look([Viewpoint(drone=0, pose=pose)], frame)
+            yield sensor.capture(look)
+            for _ in range(PHYSICS_HZ // RATE_HZ):
+                world.step()
+
+
+def _scene(seed: int) -> Scene:
+    """A wall and things on the ground before it, clear of the drone's way and of the walk."""
+    ground = Body(
+        name="ground",
+        kind="ground",
+        shape=Box((60.0, 60.0, 1.0)),
+        position_m=(0.0, 0.0, -0.5),
+        surface=Surface(albedo=0.4, pattern="ground"),
+    )
+    wall = Body(
+        name="wall",
+        kind="building",
+        shape=Box((1.0, 40.0, 8.0)),
+        position_m=(WALL_M + 0.5, 0.0, 4.0),
+        surface=Surface(albedo=0.6, pattern="facade"),
+    )
+    things = [_thing(stream(seed, Purpose.SCENE, k), k) for k in range(N_THINGS)]
+    path_m = np.array([[0.0, 0.0, 0.0], [WALL_M - 2, 0.0, 0.0]])
+    return Scene(seed=seed, bodies=(ground, wall, *things), path_m=path_m)
+
+
+def _thing(rng: np.random.Generator, k: int) -> Body:
+    """Things stand in turns to the left and to the right; their textures rise evenly from none to full."""
+    half, height = rng.uniform(0.2, 0.5), rng.uniform(0.8, 2.4)
+    shapes: tuple[Shape, ...] = (Box((2 * half, 2 * half, height)), Cylinder(half, height), Sphere(half))
+    shape = shapes[k % 3]
+    x = rng.uniform(5.0, WALL_M - 1)
+    y = (-1) ** k * rng.uniform(0.9, 0.6 * x)
+    return Body(
+        name=f"thing-{k}",
+        kind="building",
+        shape=shape,
+        position_m=(x, y, half if isinstance(shape, Sphere) else height / 2),
+        surface=Surface(albedo=float(rng.uniform(0.3, 0.8)), texture=k / (N_THINGS - 1)),
+    )
