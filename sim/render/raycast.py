@@ -145,14 +145,23 @@ class RaycastRenderer:
 
     def _sunlit(self, rays: Rays, hits: Hits, *, gray: bool) -> FloatImage:
         """1 where the sun reaches what was hit, 0 in the shadow of a static body; shape like the depths."""
-        if not (gray and self._world.scene.weather.shadows):
-            return np.ones(hits.depth_m.shape, np.float32)
-        depth_m = np.where(np.isfinite(hits.depth_m), hits.depth_m, 0)[..., None]
+        sunlit = np.ones(hits.depth_m.shape, np.float32)
+        if gray and self._world.scene.weather.shadows:
+            cameras = list(self._pool.map(self._shadow_rays, rays, hits.depth_m, hits.normal))
+            blocked = self._static.blocked(np.concatenate([towards_sun for _, towards_sun in cameras]))
+            ends = np.cumsum([len(pixels) for pixels, _ in cameras])
+            for lit, (pixels, _), part in zip(sunlit, cameras, np.split(blocked, ends[:-1]), strict=True):
+                lit[pixels[part]] = 0
+        return sunlit
+
+    def _shadow_rays(self, rays: Rays, depth_m: FloatImage, normal: FloatImage) -> tuple[npt.NDArray[np.intp], Rays]:
+        """The pixels of one camera whose surface faces the sun, and rays from there towards it."""
         to_sun = np.array(self._air.sun, np.float32)
-        shadow_rays = np.empty_like(rays)
-        shadow_rays[..., :3] = rays[..., :3] + depth_m * rays[..., 3:] + SHADOW_BIAS_M * to_sun
-        shadow_rays[..., 3:] = to_sun
-        return 1 - self._static.blocked(shadow_rays)
+        pixels = np.flatnonzero(np.isfinite(depth_m) & (normal @ to_sun > 0))
+        towards_sun = rays[pixels]
+        towards_sun[:, :3] += depth_m[pixels, None] * towards_sun[:, 3:] + SHADOW_BIAS_M * to_sun
+        towards_sun[:, 3:] = to_sun
+        return pixels, towards_sun
 
     def _shade(self, intrinsics: Intrinsics, rays: Rays, hit: Hits, sunlit: FloatImage, looks: Any) -> GrayImage:
         gray = np.empty(len(rays), np.uint8)
@@ -194,11 +203,11 @@ class _Target:
         triangle = np.minimum(answer["primitive_ids"].numpy(), len(self._index) - 1)
         return Hits(answer["t_hit"].numpy(), answer["primitive_normals"].numpy(), self._index[triangle])
 
-    def blocked(self, rays: Rays) -> FloatImage:
-        """1 for rays that hit something, 0 for the others; rays have shape (..., 6)."""
+    def blocked(self, rays: Rays) -> npt.NDArray[np.bool_]:
+        """Whether rays, shape (..., 6), hit anything."""
         answer = self._scene.test_occlusions(self._o3d.core.Tensor.from_numpy(rays), nthreads=self._threads)
         hit: npt.NDArray[np.bool_] = answer.numpy()
-        return hit.astype(np.float32)
+        return hit
 
 
 def _view(array: npt.NDArray[Any], dtype: Any) -> Any:

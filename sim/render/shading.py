@@ -121,19 +121,25 @@ def value_noise(p: wp.vec3, seed: wp.int32):
 
 
 @wp.func
-def grain(p: wp.vec3, footprint_m: wp.float32, seed: wp.int32):
-    """Octaves of noise about 0, from 2 m down to the footprint of the pixel."""
+def grain(p: wp.vec3, footprint_m: wp.float32, octaves: wp.int32, seed: wp.int32):
+    """Octaves of noise about 0, from 2 m down to the last one or to the footprint of the pixel."""
     total = float(0.0)
     size = float(2.0)
     weight = float(0.46)
     octave = int(0)
-    while octave < 7 and size > 2.0 * footprint_m:
+    while octave < octaves and size > 2.0 * footprint_m:
         fade = wp.clamp(size / (2.0 * footprint_m) - 1.0, 0.0, 1.0)
         total += fade * weight * (value_noise(p * (1.0 / size), seed + octave) - 0.5)
         size *= 0.45
         weight *= 0.93
         octave += 1
     return total
+
+
+@wp.func
+def grain_of_scale(scale: wp.float32, p: wp.vec3, footprint_m: wp.float32, octaves: wp.int32, seed: wp.int32):
+    """The same, finer by a factor."""
+    return grain(p * scale, footprint_m * scale, octaves, seed)
 
 
 @wp.func
@@ -158,33 +164,33 @@ def facade(p: wp.vec3, normal: wp.vec3, footprint_m: wp.float32, seed: wp.int32)
 @wp.func
 def grass(p: wp.vec3, footprint_m: wp.float32, seed: wp.int32):
     """Tufts and bare patches."""
-    patches = 0.6 * grain(p * 0.6, footprint_m * 0.6, seed + 31)
-    return 0.9 * grain(p * 12.0, footprint_m * 12.0, seed) + patches
+    patches = 0.6 * grain_of_scale(0.6, p, footprint_m, 4, seed + 31)
+    return 0.9 * grain_of_scale(12.0, p, footprint_m, 3, seed) + patches
 
 
 @wp.func
 def foliage(p: wp.vec3, footprint_m: wp.float32, seed: wp.int32):
     """Leaves in the light and dark gaps between them."""
     clumps = 0.6 * (value_noise(p * 1.4, seed + 31) - 0.5)
-    return wp.clamp(1.7 * grain(p * 7.0, footprint_m * 7.0, seed) + clumps, -0.42, 0.55)
+    return wp.clamp(1.7 * grain_of_scale(7.0, p, footprint_m, 4, seed) + clumps, -0.42, 0.55)
 
 
 @wp.func
 def pattern_detail(pattern: wp.int32, p: wp.vec3, normal: wp.vec3, footprint_m: wp.float32, seed: wp.int32):
     """Deviation of the brightness from a surface's mean, about 0, by the kind of its pattern."""
     if pattern == FACADE:
-        return 0.55 * grain(p, footprint_m, seed) + facade(p, normal, footprint_m, seed)
+        return 0.55 * grain(p, footprint_m, 7, seed) + facade(p, normal, footprint_m, seed)
     if pattern == GROUND:
-        return 0.55 * grain(p, footprint_m, seed) + 0.35 * grain(p * 0.12, footprint_m * 0.12, seed + 17)
+        return 0.55 * grain(p, footprint_m, 7, seed) + 0.35 * grain_of_scale(0.12, p, footprint_m, 3, seed + 17)
     if pattern == GRASS:
         return grass(p, footprint_m, seed)
     if pattern == FOLIAGE:
         return foliage(p, footprint_m, seed)
     if pattern == BARK:
-        return grain(wp.vec3(p[0] * 3.0, p[1] * 3.0, p[2] * 0.6), footprint_m * 3.0, seed)
+        return grain(wp.vec3(p[0] * 3.0, p[1] * 3.0, p[2] * 0.6), footprint_m * 3.0, 6, seed)
     if pattern == SNOW:
-        return 0.4 * grain(p * 0.25, wp.max(footprint_m * 0.25, 0.05), seed) + 0.06 * grain(p, footprint_m, seed + 31)
-    return 0.6 * grain(p, footprint_m, seed)
+        return 0.4 * grain_of_scale(0.25, p, footprint_m, 3, seed) + 0.06 * grain(p, footprint_m, 5, seed + 31)
+    return 0.6 * grain(p, footprint_m, 7, seed)
 
 
 @wp.func
@@ -192,7 +198,7 @@ def sky(direction: wp.vec3, footprint: wp.float32, air: Air):
     """Brightness of the sky: lighter at the horizon, with clouds infinitely far away."""
     d = wp.normalize(direction)
     p = wp.vec3(d[0] / (d[2] + 0.35), d[1] / (d[2] + 0.35), 0.0) * 6.0
-    clouds = air.clouds * grain(p, footprint * 18.0, air.seed)
+    clouds = air.clouds * grain(p, footprint * 18.0, 6, air.seed)
     return air.sky + 0.05 - 0.25 * wp.max(d[2], 0.0) + clouds * wp.clamp(3.0 * d[2] + 0.3, 0.0, 1.0)
 
 
