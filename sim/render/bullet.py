@@ -1,21 +1,25 @@
 """PyBullet's own renderers: slow, and the reference for the others."""
 
 import importlib.util
+import tempfile
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pybullet
 
 from voxdepth.types import FloatArray, Intrinsics
 
+from .. import frames
+from ..bodies import Body, Mesh
 from ..errors import RenderError
 from ..solids import apply_texture, create_body, create_shapes
 from ..types import Camera, Images
 from ..world import DRONE_SURFACE, World, drone_shape
 
-FAR_M = 400.0
+FAR_M = 2000.0
 SUN_DIRECTION = (0.45, -0.35, 0.82)
 SKY_GRAY = 200
 
@@ -67,7 +71,7 @@ class EglRenderer:
                 "PyBullet's EGL plugin does not start: install a GPU driver or Mesa's libegl1 and libgl1-mesa-dri, "
                 "or use the renderer raycast"
             )
-        static = {create_body(body, self._client): real for real, body in world.bodies.items()}
+        static = {self._copy(body): real for real, body in world.bodies.items()}
         self._drones = {self._add_drone(): real for real in world.drone_ids}
         copies = {**static, **self._drones}
         apply_texture(list(copies), world.scene.seed, self._client)
@@ -85,9 +89,34 @@ class EglRenderer:
         seen = _camera_image(camera, EGL, self._client)
         return Images(gray=seen.gray, depth_m=seen.depth_m, segment_id=self._real[seen.segment_id + 1])
 
+    def _copy(self, body: Body) -> int:
+        """The plugin takes all meshes from memory for one and the same: they go through files."""
+        if not isinstance(body.shape, Mesh):
+            return create_body(body, self._client)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"{body.name}.obj"
+            path.write_text(wavefront(body.shape), encoding="ascii")
+            color = [body.surface.albedo] * 3 + [1]
+            visual = pybullet.createVisualShape(
+                pybullet.GEOM_MESH,
+                fileName=str(path),
+                rgbaColor=color,
+                specularColor=[0, 0, 0],
+                physicsClientId=self._client,
+            )
+            q_xyzw = frames.quaternion_from_yaw(body.yaw_rad).tolist()
+            return int(pybullet.createMultiBody(0, -1, visual, body.position_m, q_xyzw, physicsClientId=self._client))
+
     def _add_drone(self) -> int:
         _, visual = create_shapes(drone_shape(self._world.airframe.radius_m), DRONE_SURFACE, self._client)
         return int(pybullet.createMultiBody(0, -1, visual, [0, 0, 0], [0, 0, 0, 1], physicsClientId=self._client))
+
+
+def wavefront(mesh: Mesh) -> str:
+    """A mesh as the text of an .obj file."""
+    vertices = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in mesh.vertices_m.tolist()]
+    faces = [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.triangles.tolist()]
+    return "\n".join([*vertices, *faces, ""])
 
 
 def _camera_image(camera: Camera, engine: Engine, client: int) -> Images:

@@ -39,9 +39,9 @@ def pixel_bounds(camera: Camera, centers_m: FloatArray, radii_m: FloatArray) -> 
 
 
 def _tangents(across_m: FloatArray, z_m: FloatArray, radii_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Slopes `across / z` of the two tangents at circles, infinite where a tangent never meets the image plane."""
+    """Slopes `across / z` of the tangents at circles; huge where they miss the image plane or the eye is inside."""
     angle = np.arctan2(across_m, z_m)
     ratio = radii_m / np.maximum(np.hypot(across_m, z_m), 1e-9)
-    half = np.where(ratio < 1, np.arcsin(np.minimum(1, ratio)), np.pi)
+    half = np.where(ratio < 1, np.arcsin(np.minimum(1, ratio)), 2 * np.pi)
     limit = np.pi / 2 - 1e-6
     return np.tan(np.clip(angle - half, -limit, limit)), np.tan(np.clip(angle + half, -limit, limit))

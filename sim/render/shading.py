@@ -190,7 +190,7 @@ def pattern_detail(pattern: wp.int32, p: wp.vec3, normal: wp.vec3, footprint_m: 
         return grain(wp.vec3(p[0] * 3.0, p[1] * 3.0, p[2] * 0.6), footprint_m * 3.0, 6, seed)
     if pattern == SNOW:
         return 0.4 * grain_of_scale(0.25, p, footprint_m, 3, seed) + 0.06 * grain(p, footprint_m, 5, seed + 31)
-    return 0.6 * grain(p, footprint_m, 7, seed)
+    return 0.8 * grain(p, footprint_m, 7, seed)
 
 
 @wp.func

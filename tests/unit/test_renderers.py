@@ -1,50 +1,91 @@
 """The renderers are independent of each other and must agree."""
 
+import subprocess
+import sys
+
 import cv2
 import numpy as np
+import pybullet
 import pytest
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from sim.bodies import Body, Cylinder, Sphere
+from sim import frames
+from sim.bodies import Body, Cylinder, Heightfield, Mesh, SceneSpec, Sphere
 from sim.errors import RenderError
+from sim.rays import is_inside
 from sim.render import create_renderer
-from sim.render.meshes import mesh_of_body
-from sim.scenes import CitySpec
+from sim.render.meshes import box, mesh_of_body, sphere
+from sim.scenes import CitySpec, CorridorSpec, ForestSpec, LawnSpec, PlainsSpec
 from sim.types import Images
 from sim.world import World
 from tests.helpers import camera_at, wall, world_of
 from voxdepth.types import Intrinsics
 
 CAMERA = Intrinsics.from_hfov(width_px=200, height_px=120, hfov_deg=86)
+SCENES = (
+    CitySpec(),
+    CorridorSpec(),
+    ForestSpec(length_m=70, width_m=24, bushes=20),
+    LawnSpec(length_m=70),
+    PlainsSpec(length_m=150, width_m=70),
+)
 
 
-def agreement(a: Images, b: Images) -> float:
-    """Share of pixels away from edges whose depths differ by at most 1 cm."""
+def agreement(a: Images, b: Images, *, within_m: float = 60.0, world: World | None = None) -> float:
+    """Share of pixels away from edges whose depths differ by at most 1 cm.
+
+    TinyRenderer draws cylinders with some eight facets, so those of the world may differ by a tenth of their radius
+    more.
+    """
+    # Beyond 60 m a pixel of slanted ground is metres deep: 1 cm of depth is then a millionth of the pixel's footprint.
     edges = np.zeros(a.segment_id.shape, np.uint8)
     for image in (a, b):
         ids = (image.segment_id + 1).astype(np.float32)
         edges |= (cv2.dilate(ids, np.ones((3, 3))) != cv2.erode(ids, np.ones((3, 3)))).astype(np.uint8)
+        folds = np.minimum(image.depth_m, 1e3).astype(np.float32)
+        bend = np.abs(cv2.Laplacian(1 / folds, cv2.CV_32F))
+        edges |= cv2.dilate((bend > 2e-3).astype(np.uint8), np.ones((3, 3)))  # creases and rims within one body
     away = edges == 0
     both = np.isfinite(a.depth_m) & np.isfinite(b.depth_m)
     nothing = np.isinf(a.depth_m) & np.isinf(b.depth_m)
     gap = np.zeros(a.depth_m.shape, np.float32)
     gap[both] = np.abs(a.depth_m[both] - b.depth_m[both])
-    # Beyond 60 m a pixel of slanted ground is metres deep: 1 cm of depth is then a millionth of the pixel's footprint.
-    judged = away & (nothing | both) & (np.where(both, a.depth_m, 0) < 60)
+    judged = away & (nothing | both) & (np.where(both, a.depth_m, 0) < within_m)
+    assert judged.mean() > 0.2, "most of the picture is left out: choose another view"
     assert (np.isfinite(a.depth_m) == np.isfinite(b.depth_m))[away].mean() > 0.995
-    return float((gap[judged] <= 0.01).mean())
+    tolerance_m = np.full(gap.shape, 0.01)
+    for body_id, body in (world.bodies if world else {}).items():
+        if isinstance(body.shape, Cylinder):
+            tolerance_m[a.segment_id == body_id] += 0.1 * body.shape.radius_m
+    return float((gap <= tolerance_m)[judged].mean())
 
 
-@settings(max_examples=12)
-@given(st.floats(-0.5, 0.5), st.floats(-0.4, 0.4), st.floats(-3.1, 3.1), st.floats(-6, 30), st.integers(0, 3))
-def test_they_agree_in_the_city_rolled_and_pitched(roll: float, pitch: float, yaw: float, x: float, seed: int) -> None:
-    q = quaternion(roll, pitch, yaw)
-    with World(CitySpec().build(seed), np.array([[-3.0, 0, 6], [-5, 1, 6]])) as world:
-        if world.room_at_m((x, 0.0, 5.0)) < 0.1:
-            return
-        a, b = (create_renderer(name, world).render([camera_at(x, 0, 5, q, CAMERA)])[0] for name in ("raycast", "tiny"))
-    assert agreement(a, b) > 0.995
+@pytest.mark.parametrize("spec", SCENES, ids=lambda spec: spec.kind)
+def test_they_agree_in_every_scene_rolled_pitched_and_close_to_walls(spec: SceneSpec) -> None:
+    scene = spec.build(3)
+    tried: list[bool] = []
+    with World(scene, scene.path_m[len(scene.path_m) // 2][None] + [0.0, 0.0, 2.5]) as world:
+        renderers = [create_renderer(name, world) for name in ("raycast", "tiny")]
+
+        # TinyRenderer loses wide ground, or hangs, when it looks along an axis to the last bit: stay clear of that.
+        @settings(max_examples=12, phases=[Phase.generate])
+        @given(
+            st.tuples(st.floats(-0.5, 0.5), st.floats(-0.4, 0.4), st.floats(-3.1, 3.1)),
+            st.tuples(st.floats(0, 1), st.floats(-4, 4), st.floats(0.4, 4.0)),
+        )
+        def check(angles: tuple[float, float, float], place: tuple[float, float, float]) -> None:
+            along, side, height = place
+            at = scene.path_m[int(along * (len(scene.path_m) - 1))] + np.array([0.0, side, height])
+            if is_inside(world, at) or world.room_at_m(at.tolist()) < 0.12:
+                return
+            tried.append(True)
+            camera = camera_at(*at, quaternion(*(angle + 0.013 for angle in angles)), CAMERA)
+            a, b = (r.render([camera])[0] for r in renderers)
+            assert agreement(a, b, world=world) > 0.995
+
+        check()
+    assert len(tried) >= 4, "hardly any view was outside of bodies"
 
 
 def test_they_agree_on_moved_drones_and_round_shapes() -> None:
@@ -63,6 +104,87 @@ def test_they_agree_on_moved_drones_and_round_shapes() -> None:
     # The two draw round shapes with other facets: up to 5 cm apart on grazed rims, nothing elsewhere.
     assert np.percentile(gap, 95) < 0.01
     assert np.percentile(gap, 99) < 0.05
+
+
+def test_they_agree_on_turned_meshes_and_heightfields() -> None:
+    rng = np.random.default_rng(0)
+    ball = sphere(0.8)
+    lump = Mesh(ball.vertices_m * [1.0, 0.6, 1.4], ball.triangles)
+    bodies = [
+        Body(name="lump", kind="building", shape=lump, position_m=(4.0, 0.3, 0.2), yaw_rad=0.7),
+        Body(name="crate", kind="building", shape=box(np.array([0.8, 1.2, 0.5])), position_m=(3.0, -1.2, -0.3)),
+        Body(
+            name="hills",
+            kind="ground",
+            shape=Heightfield(rng.uniform(-0.3, 0.3, (30, 40)), 0.5),
+            position_m=(6.0, 1.0, -1.5),
+            yaw_rad=0.2,
+        ),
+    ]
+    with world_of(*bodies) as world:
+        a, b = (create_renderer(name, world).render([camera_at(0, 0, 0)])[0] for name in ("raycast", "tiny"))
+    assert set(np.unique(a.segment_id)) == {-1, 0, 1, 2}
+    assert agreement(a, b) > 0.995
+
+
+def test_bodies_from_files_are_drawn_as_pybullet_draws_them() -> None:
+    import pybullet_data
+
+    with world_of(wall(8.0)) as world:
+        duck = pybullet.createVisualShape(
+            pybullet.GEOM_MESH,
+            fileName=f"{pybullet_data.getDataPath()}/duck.obj",
+            meshScale=[0.5, 0.8, 0.5],
+            physicsClientId=world.client,
+        )
+        q = frames.quaternion_from_yaw(0.4).tolist()
+        body = pybullet.createMultiBody(0, -1, duck, [2, 0, 0], q, physicsClientId=world.client)
+        mesh = mesh_of_body(world, body)
+        world.bodies[body] = Body(name="duck", kind="building", shape=Sphere(1.0), position_m=(2.0, 0.0, 0.0))
+        a, b = (create_renderer(name, world).render([camera_at(0, 0, 0)])[0] for name in ("raycast", "tiny"))
+    assert len(mesh.triangles) > 1000
+    assert (a.segment_id == body).sum() > 500
+    assert (a.segment_id == b.segment_id).mean() > 0.99
+    assert agreement(a, b) > 0.995
+
+
+EGL_CHECK = """
+from scenarios.quiet import import_noisy_libraries; import_noisy_libraries()
+import numpy as np
+from sim.errors import RenderError
+from sim.render import create_renderer
+from sim.scenes import PlainsSpec
+from sim.world import World
+from tests.helpers import camera_at
+from tests.unit.test_renderers import CAMERA, agreement, quaternion
+scene = PlainsSpec(length_m=150, width_m=70).build(3)
+start = scene.path_m[10] + [0, 0, 2.5]
+with World(scene, start[None]) as world:
+    try:
+        egl = create_renderer("egl", world)
+    except RenderError as error:
+        print("MISSING", error)
+        raise SystemExit
+    for _ in range(60):
+        world.step()
+    views = ((0, 0.1), (1, -0.4))
+    cameras = [camera_at(*(start + [-3, 0.4, z]), quaternion(0.3, -0.2, yaw), CAMERA) for z, yaw in views]
+    pairs = zip(create_renderer("raycast", world).render(cameras), egl.render(cameras))
+    for a, b in pairs:
+        print("AGREE", agreement(a, b, within_m=10.0), (a.segment_id == b.segment_id).mean())
+"""
+
+
+@pytest.mark.slow
+def test_egl_agrees_where_it_works_as_far_as_its_16_bits_of_depth_reach() -> None:
+    done = subprocess.run([sys.executable, "-c", EGL_CHECK], capture_output=True, text=True, check=False, timeout=120)
+    lines = [line.split() for line in done.stdout.splitlines()]
+    if any(line[:1] == ["MISSING"] for line in lines) or done.returncode < 0:
+        pytest.skip("no EGL on this machine")
+    assert done.returncode == 0, done.stderr
+    figures = np.array([[float(x) for x in line[1:]] for line in lines if line[:1] == ["AGREE"]])
+    assert figures.shape == (2, 2)
+    assert (figures > 0.99).all(), figures
 
 
 def test_textures_are_the_same_from_both_sides_of_a_baseline() -> None:
@@ -86,16 +208,18 @@ def test_without_gray_the_depth_is_the_same() -> None:
 
 
 def test_bodies_that_cannot_be_drawn_are_named() -> None:
-    import pybullet
-
     with world_of(wall(5.0)) as world:
         body = pybullet.createMultiBody(0, -1, -1, [0, 0, 0], [0, 0, 0, 1], physicsClientId=world.client)
         with pytest.raises(RenderError, match=f"body {body} has no visual shape"):
             mesh_of_body(world, body)
+        capsule = pybullet.createVisualShape(pybullet.GEOM_CAPSULE, radius=0.5, length=1, physicsClientId=world.client)
+        body = pybullet.createMultiBody(0, -1, capsule, [0, 0, 0], [0, 0, 0, 1], physicsClientId=world.client)
+        with pytest.raises(RenderError, match=f"body {body} has a visual shape of PyBullet type"):
+            mesh_of_body(world, body)
 
 
 def test_unknown_renderers_are_refused_with_the_choice() -> None:
-    with world_of(wall(5.0)) as world, pytest.raises(RenderError, match="raycast, tiny"):
+    with world_of(wall(5.0)) as world, pytest.raises(RenderError, match="raycast, tiny, egl"):
         create_renderer("pathtracer", world)
 
 

@@ -46,7 +46,8 @@ def test_where_nothing_is_depth_is_infinite(renderer: str) -> None:
 @pytest.mark.parametrize("distance_m", [2.0, 4.0, 7.0])
 def test_disparity_is_focal_length_times_baseline_over_depth(distance_m: float) -> None:
     intrinsics, left, right = stereo_pair(distance_m)
-    disparity = StereoMatcher(intrinsics, StereoConfig(), max_depth_m=40.0).match(left.gray, right.gray).disparity_px
+    matcher = StereoMatcher(intrinsics, StereoConfig(min_texture=0), max_depth_m=40.0)
+    disparity = matcher.match(left.gray, right.gray).disparity_px
     expected = intrinsics.fx_px * BASELINE_M / distance_m
     valid = disparity[:, int(expected) + 8 :] >= 0
     assert valid.mean() > 0.97

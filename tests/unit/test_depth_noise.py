@@ -1,0 +1,143 @@
+"""Each noise term alone has the statistics of its configuration."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim.depth_noise import Blank, DepthNoise, Disparity, Flicker, NoiseTerm, NoisyDepth, Occlusion, Scale
+from sim.types import Loss
+from tests.helpers import CAMERA
+
+FOCAL_BASELINE = CAMERA.fx_px * 0.095
+
+
+def image(
+    depth_m: object = 8.0,
+    ids: object = 0,
+    *,
+    shape: tuple[int, int] = (40, 50),
+    drone: int = 0,
+    frame: int = 0,
+    texture: dict[int, float] | None = None,
+    occluded: object = False,
+) -> NoisyDepth:
+    return NoisyDepth(
+        depth_m=np.broadcast_to(np.asarray(depth_m, np.float32), shape).copy(),
+        loss=np.zeros(shape, np.uint8),
+        segment_id=np.broadcast_to(np.asarray(ids, np.int32), shape).copy(),
+        occluded=np.broadcast_to(np.asarray(occluded, np.bool_), shape).copy(),
+        texture_of_body=texture or {},
+        intrinsics=CAMERA,
+        max_depth_m=40.0,
+        seed=1,
+        key=(drone, frame),
+    )
+
+
+def after(term: NoiseTerm, *args: object, **kwargs: object) -> NoisyDepth:
+    noisy = image(*args, **kwargs)  # type: ignore[arg-type]
+    term.apply(noisy)
+    return noisy
+
+
+@pytest.mark.parametrize("unit", ["object", "frame", "pixel"])
+def test_scale_is_uniform_within_theta_and_redrawn_every_frame(unit: str) -> None:
+    ids = (np.arange(2000) % 25).reshape(40, 50)
+    term = Scale(theta=0.5, unit=unit)  # type: ignore[arg-type]
+    noisy = np.stack([after(term, ids=ids, frame=frame).depth_m for frame in range(200)])
+    beta = noisy / 8.0 - 1
+    assert np.abs(beta).max() <= 0.5 + 1e-6
+    assert abs(beta.mean()) < 0.06
+    assert abs(beta.std() - 0.5 / np.sqrt(3)) < 0.03
+    per_frame = {"object": 25, "frame": 1, "pixel": 2000}[unit]
+    assert len(np.unique(noisy[0])) == pytest.approx(per_frame, rel=0.01)
+    assert len(np.unique(noisy[:, 0, 0])) == 200
+
+
+def test_what_else_is_seen_does_not_shift_an_objects_noise() -> None:
+    few, more = np.full((4, 4), 3), np.full((4, 4), 3)
+    more[0], more[1] = 9, -1
+    a, b = (after(Scale(theta=0.5), ids=ids, shape=(4, 4), drone=2, frame=7).depth_m for ids in (few, more))
+    np.testing.assert_array_equal(a[2:], b[2:])
+    for other in ({"drone": 3, "frame": 7}, {"drone": 2, "frame": 8}):
+        assert not np.array_equal(a, after(Scale(theta=0.5), ids=few, shape=(4, 4), **other).depth_m)
+
+
+@given(st.floats(1.0, 20.0), st.floats(0.05, 0.5))
+def test_disparity_noise_has_its_deviation_in_pixels(depth_m: float, sigma_px: float) -> None:
+    noisy = after(Disparity(sigma_px=sigma_px), depth_m, shape=(100, 100))
+    within = noisy.depth_m < 40  # at 40 m the disparity is cut off
+    error_px = FOCAL_BASELINE / noisy.depth_m - FOCAL_BASELINE / depth_m
+    if within.all():
+        assert abs(error_px.mean()) < 5 * sigma_px / 100
+        assert error_px.std() == pytest.approx(sigma_px, rel=0.05)
+    else:
+        assert np.median(error_px) == pytest.approx(0, abs=sigma_px / 10)
+
+
+@given(st.floats(0.8, 30.0), st.sampled_from([1 / 32, 0.25, 1.0]))
+def test_quantised_disparities_are_the_nearest_steps(depth_m: float, step_px: float) -> None:
+    disparity = FOCAL_BASELINE / after(Disparity(step_px=step_px), depth_m).depth_m
+    true_px = FOCAL_BASELINE / depth_m
+    cut_off = disparity < FOCAL_BASELINE / 40 * 1.001
+    steps = disparity / step_px
+    assert (cut_off | (np.abs(steps - np.rint(steps)) < 1e-3)).all()
+    assert (cut_off | (np.abs(disparity - true_px) <= step_px / 2 * 1.001)).all()
+
+
+def test_flicker_drops_and_moves_its_shares_of_patches_for_one_frame() -> None:
+    term = Flicker(dropout=0.1, jump=0.2, jump_ratio=0.25, patch_px=3)
+    frames = [after(term, shape=(300, 300), frame=frame) for frame in range(5)]
+    dropped = np.array([f.depth_m == 0 for f in frames])
+    jumped = np.array([(f.depth_m != 8) & (f.depth_m > 0) for f in frames])
+    assert dropped.mean() == pytest.approx(0.1, abs=0.01)
+    assert jumped.mean() == pytest.approx(0.2, abs=0.01)
+    np.testing.assert_allclose(np.unique(np.stack([f.depth_m for f in frames])), [0, 6, 8, 10], rtol=1e-6)
+    assert (dropped[0, ::3, ::3] == dropped[0, 2::3, 2::3]).all(), "patches of 3 x 3 px share their fate"
+    assert (dropped[0] & dropped[1]).mean() == pytest.approx(0.01, abs=0.005), "frames are independent"
+    assert ((frames[0].loss == Loss.FLICKER) == dropped[0]).all()
+
+
+def test_blank_takes_surfaces_below_its_texture_alone() -> None:
+    ids = np.repeat([0, 1, 2, -1], 10)[None, :].repeat(5, axis=0)
+    noisy = after(Blank(below_texture=0.5), ids=ids, shape=(5, 40), texture={0: 0.0, 1: 0.49, 2: 0.5})
+    np.testing.assert_array_equal(noisy.depth_m == 0, (ids == 0) | (ids == 1))
+    np.testing.assert_array_equal(noisy.loss == Loss.BLANK, noisy.depth_m == 0)
+
+
+def test_occlusion_takes_what_is_hidden_alone() -> None:
+    hidden = np.arange(50) < 7
+    noisy = after(Occlusion(), occluded=hidden)
+    np.testing.assert_array_equal(noisy.depth_m == 0, np.broadcast_to(hidden, (40, 50)))
+    np.testing.assert_array_equal(noisy.loss == Loss.OCCLUDED, noisy.depth_m == 0)
+
+
+TERMS = (
+    Scale(theta=0.4),
+    Disparity(sigma_px=0.3, step_px=0.1),
+    Flicker(dropout=0.2, jump=0.2),
+    Blank(below_texture=0.5),
+    Occlusion(),
+)
+
+
+@pytest.mark.parametrize("term", TERMS, ids=lambda term: type(term).__name__)
+def test_holes_stay_holes_and_the_same_draws_give_the_same_bytes(term: NoiseTerm) -> None:
+    depth_m = np.where(np.arange(50) < 10, 0.0, 8.0)
+    one, other = after(term, depth_m, frame=3), after(term, depth_m, frame=3)
+    np.testing.assert_array_equal(one.depth_m, other.depth_m)
+    assert (one.depth_m[:, :10] == 0).all()
+    assert (one.loss[:, :10] == Loss.NONE).all(), "a term is not to blame for holes that were there"
+
+
+@pytest.mark.parametrize("term", [type(term)() for term in TERMS[:-1]], ids=lambda term: type(term).__name__)
+def test_terms_are_off_by_default_and_then_change_nothing(term: NoiseTerm) -> None:
+    assert not term.active
+    np.testing.assert_allclose(after(term, 8.0).depth_m, 8.0, rtol=1e-6)
+
+
+def test_terms_that_are_switched_off_do_not_run() -> None:
+    noise = DepthNoise(flicker=Flicker(dropout=0.1), occlusion=Occlusion(enabled=False))
+    assert noise.terms == (Flicker(dropout=0.1),)
+    assert DepthNoise().terms == (Occlusion(),)

@@ -1,0 +1,126 @@
+"""Laws of what the ray caster's pictures look like."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim.bodies import Body, Box, Scene, Surface, Weather
+from sim.render import create_renderer
+from sim.render.culling import pixel_bounds
+from sim.render.raycast import _unit_depth_directions
+from sim.world import World
+from tests.helpers import CAMERA, block, camera_at, wall, world_of
+
+FLOOR = Body(
+    name="floor",
+    kind="ground",
+    shape=Box((60.0, 60.0, 1.0)),
+    position_m=(0.0, 0.0, -2.5),
+    surface=Surface(albedo=0.4, texture=0.0),
+)
+
+
+def gray_of(*bodies: Body, weather: Weather) -> np.ndarray:
+    with World(Scene(seed=1, bodies=bodies, weather=weather), np.empty((0, 3))) as world:
+        return create_renderer("raycast", world).render([camera_at(0, 0, 0)])[0].gray.astype(float)
+
+
+def test_shadows_darken_what_the_sun_does_not_reach_and_nothing_else() -> None:
+    box = block(6.0, 2.0)
+    from_the_left = {"sun_azimuth_deg": 90.0, "sun_elevation_deg": 45.0}
+    lit = gray_of(FLOOR, box, weather=Weather(**from_the_left))
+    shaded = gray_of(FLOOR, box, weather=Weather(shadows=True, **from_the_left))
+    assert (shaded <= lit).all()
+    darker = shaded < lit - 5
+    assert 0.005 < darker.mean() < 0.2
+    assert darker[:, 80:].sum() > 20 * darker[:, :60].sum(), "the sun is on the left, so the shadow is on the right"
+    floor = np.isclose(lit, np.median(lit[100:]), atol=3)
+    assert shaded[darker & floor].mean() == pytest.approx(lit[darker & floor].mean() * ambient_share(), rel=0.1)
+
+
+def ambient_share() -> float:
+    weather = Weather()
+    return weather.ambient / (weather.ambient + (1 - weather.ambient) * np.sin(np.radians(45)))
+
+
+def test_an_overcast_sky_casts_no_shadow() -> None:
+    flat = Weather(ambient=1.0)
+    shaded = gray_of(FLOOR, block(6.0, 2.0), weather=flat.model_copy(update={"shadows": True}))
+    np.testing.assert_array_equal(shaded, gray_of(FLOOR, block(6.0, 2.0), weather=flat))
+
+
+@pytest.mark.parametrize("distance_m", [5.0, 20.0, 60.0])
+def test_haze_takes_contrast_exponentially(distance_m: float) -> None:
+    dark = dataclasses.replace(wall(distance_m, side_m=400.0), surface=Surface(albedo=0.1, texture=0.0))
+    near = dataclasses.replace(wall(0.5), surface=Surface(albedo=0.1, texture=0.0))
+    hazy = Weather(haze_m=30.0)
+    without = gray_of(near, weather=Weather(haze_m=1e6)).mean()
+    sky = 255 * hazy.sky
+    clear = np.exp(-distance_m / 30.0)
+    assert gray_of(dark, weather=hazy).mean() == pytest.approx(clear * without + (1 - clear) * sky, abs=1.5)
+
+
+def test_a_surface_without_texture_is_uniform_and_its_strength_scales_contrast() -> None:
+    def contrast(texture: float) -> float:
+        body = dataclasses.replace(wall(3.0), surface=Surface(albedo=0.4, texture=texture))
+        return float(gray_of(body, weather=Weather(haze_m=1e6)).std())
+
+    assert contrast(0.0) == 0
+    assert contrast(0.6) == pytest.approx(2 * contrast(0.3), rel=0.05)
+
+
+def test_texture_finer_than_a_pixel_is_filtered_out() -> None:
+    def roughness(distance_m: float) -> float:
+        gray = gray_of(wall(distance_m, side_m=400.0), weather=Weather(haze_m=1e6))
+        return float(np.abs(np.diff(gray, axis=1)).mean() / gray.std())
+
+    assert roughness(40.0) < 3 * roughness(4.0), "a far wall is no static"
+
+
+@given(
+    st.tuples(st.floats(-4, 4), st.floats(-4, 4), st.floats(-2, 12)),
+    st.floats(0.05, 1.5),
+    st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1)),
+)
+def test_a_sphere_is_within_its_pixel_bounds(
+    center: tuple[float, float, float], radius_m: float, q: tuple[float, float, float]
+) -> None:
+    camera = camera_at(0.3, -0.2, 0.1, (*q, 1.0))
+    T, directions = camera.T_world_cam, _unit_depth_directions(CAMERA).astype(np.float64)
+    c = (np.array(center) - T[:3, 3]) @ T[:3, :3]
+    a, half_b = (directions**2).sum(axis=1), directions @ c
+    hit = (half_b**2 - a * (c @ c - radius_m**2) > 0) & (half_b + np.sqrt(a) * radius_m > 0)
+    if c @ c > radius_m**2:
+        hit &= half_b > 0
+    covered = np.zeros(CAMERA.shape, np.bool_)
+    for top, bottom, left, right in pixel_bounds(camera, np.array([center]), np.array([radius_m])):
+        covered[top:bottom, left:right] = True
+    assert covered.ravel()[hit].all()
+
+
+def test_spheres_behind_and_beside_the_camera_cost_no_pixels() -> None:
+    centers = np.array([[-5.0, 0, 0], [1.0, 30, 0], [5.0, 0, 0]])
+    bounds = pixel_bounds(camera_at(0, 0, 0), centers, np.full(3, 0.5))
+    assert len(bounds) == 1
+    top, bottom, left, right = bounds[0]
+    diameter = CAMERA.fx_px * 2 * 0.5 / 5
+    assert diameter <= right - left <= diameter + 4
+    assert diameter <= bottom - top <= diameter + 4
+
+
+def test_drones_are_drawn_where_they_are_now() -> None:
+    with world_of(wall(8.0), starts_m=[(3.0, 0.0, 0.0), (4.0, 1.5, 0.0)]) as world:
+        renderer = create_renderer("raycast", world)
+        before = renderer.render([camera_at(0, 0, 0)])[0]
+        for _ in range(240):
+            world.step()
+        after = renderer.render([camera_at(0, 0, 0)])[0]
+        positions = [state.position_m for state in world.states]
+    for drone, at in zip(world.drone_ids, positions, strict=True):
+        rows, cols = np.nonzero(after.segment_id == drone)
+        expected = CAMERA.cx_px - CAMERA.fx_px * at[1] / at[0], CAMERA.cy_px - CAMERA.fy_px * at[2] / at[0]
+        np.testing.assert_allclose((cols.mean(), rows.mean()), expected, atol=1.0)
+    assert set(np.unique(before.segment_id)) == set(np.unique(after.segment_id)) == {0, *world.drone_ids}

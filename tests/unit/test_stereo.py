@@ -1,0 +1,128 @@
+"""The matcher: what it finds, what it rejects, and what it says about it."""
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from scenarios.sequences import captures, load_sequence
+from sim.bodies import Surface
+from sim.flights import Hover
+from sim.kernels import nearest_claims
+from sim.noise import photon_noise
+from sim.quality import DepthQuality
+from sim.render import create_renderer
+from sim.rig import StereoRig
+from sim.sensor import RigConfig
+from sim.stereo import StereoConfig, StereoMatcher, texture
+from sim.types import Loss
+from tests.helpers import block, camera_at, wall, world_of
+from voxdepth.types import Intrinsics
+
+WIDE = Intrinsics.from_hfov(width_px=320, height_px=180, hfov_deg=86, baseline_m=0.095)
+
+
+@given(st.integers(0, 2**31), st.integers(1, 6), st.integers(8, 40))
+def test_claims_are_the_largest_disparity_per_pixel_of_the_right_image(seed: int, height: int, width: int) -> None:
+    rng = np.random.default_rng(seed)
+    disparity = rng.integers(-16, 16 * 12, (height, width)).astype(np.int16)
+    expected = np.full((height, width), 32767)
+    for row in range(height):
+        target = np.arange(width) - (disparity[row].astype(int) + 8) // 16
+        for col in range(width):
+            if disparity[row, col] >= 0 and target[col] >= 0:
+                rivals = (target == target[col]) & (disparity[row] >= 0)
+                expected[row, col] = disparity[row][rivals].max()
+    np.testing.assert_array_equal(nearest_claims(disparity), expected)
+
+
+def test_texture_of_photon_noise_alone_is_1_13_times_its_deviation() -> None:
+    flat = np.full((200, 200), 120, np.uint8)
+    for sigma in (1.5, 4.0):
+        assert texture(photon_noise(flat, sigma, 0, seed=0)).mean() == pytest.approx(1.13 * sigma, rel=0.05)
+    assert texture(flat).max() == 0
+
+
+def test_every_hole_has_a_reason_and_every_reason_a_hole() -> None:
+    plain = dataclasses.replace(block(2.0, 1.0), surface=Surface(albedo=0.5, texture=0.0))
+    config = RigConfig(depth="stereo", mount_forward_m=0.27)
+    with world_of(wall(6.0), plain, starts_m=[(0, 0, 0)]) as world:
+        capture = StereoRig(world, create_renderer("raycast", world), config, seed=0).capture([0], 0)[0]
+    np.testing.assert_array_equal(capture.loss != Loss.NONE, capture.depth_raw_m == 0)
+    blank_id = 1
+    on_block = (capture.segment_id == blank_id) & ~capture.occluded
+    assert (capture.loss[on_block] == Loss.BLANK).mean() > 0.7
+    hidden_holes = capture.occluded & (capture.depth_raw_m == 0)
+    assert (capture.loss[hidden_holes] == Loss.OCCLUDED).all()
+
+
+def test_surfaces_nearer_than_the_search_are_out_of_range_not_right() -> None:
+    config = RigConfig(mount_forward_m=0.0, stereo=StereoConfig(min_depth_m=2.0))
+    with world_of(wall(0.7), starts_m=[(0, 0, 0)]) as world:
+        capture = StereoRig(world, create_renderer("raycast", world), config, seed=0).capture([0], 0)[0]
+    lost = capture.depth_raw_m == 0
+    assert lost.mean() > 0.5
+    reasons = capture.loss[lost & ~capture.occluded]
+    assert (reasons == Loss.OUT_OF_RANGE).all()
+
+
+def test_threads_share_a_matcher_and_get_the_same_bytes() -> None:
+    from concurrent.futures import ThreadPoolExecutor
+
+    with world_of(wall(6.0), block(2.0, 1.0)) as world:
+        views = [camera_at(0, y, 0, intrinsics=WIDE) for y in (0.0475, -0.0475)]
+        left, right = (image.gray for image in create_renderer("raycast", world).render(views))
+    matcher = StereoMatcher(WIDE, StereoConfig(), max_depth_m=40)
+    alone = matcher.match(left, right).disparity_px
+    with ThreadPoolExecutor(2) as pool:
+        together = list(pool.map(lambda _: matcher.match(left, right).disparity_px, range(6)))
+    for disparity in together:
+        np.testing.assert_array_equal(disparity, alone)
+    cv2.setNumThreads(1)
+
+
+@pytest.mark.slow
+def test_depth_of_sim_mb_is_right_where_it_can_be_and_missing_where_it_should() -> None:
+    quality = None
+    for start in (0, 250, 400):
+        planned = load_sequence("sim-MB", 0, {})
+        for capture in captures(planned, start + 2, start=start):
+            if quality is None:
+                quality = DepthQuality(blank_ids_of(planned))
+            quality.add(capture)
+    assert quality is not None
+    assert quality.hidden_rejected is not None
+    assert quality.blank_rejected is not None
+    assert quality.hidden_rejected >= 0.7
+    assert quality.blank_rejected >= 0.7
+    judged = [k for k, pixels in enumerate(quality.pixels) if pixels > 1000]
+    assert len(judged) >= 4
+    for k in judged:
+        within, median = quality.within_1_px_shares[k], quality.median_errors_px[k]
+        assert within is not None
+        assert median is not None
+        assert within >= 0.9, quality.ranges_m[k]
+        assert median <= 0.25, quality.ranges_m[k]
+
+
+def blank_ids_of(planned: object) -> list[int]:
+    """Ids are given in the order of the bodies."""
+    scene = planned.sequence.scene.build(planned.seed)  # type: ignore[attr-defined]
+    return [k for k, body in enumerate(scene.bodies) if body.surface.texture == 0]
+
+
+@pytest.mark.slow
+def test_a_camera_at_rest_flickers_like_a_real_one() -> None:
+    planned = load_sequence("sim-MB", 0, {})
+    at_rest = planned.sequence.model_copy(update={"flight": Hover(at_m=10.0, sway_m=0.0, sway_deg=0.0)})
+    frames = list(captures(planned.model_copy(update={"sequence": at_rest}), 16))
+    depth_m = np.stack([frame.depth_raw_m for frame in frames])
+    focal_baseline = frames[0].intrinsics.fx_px * float(frames[0].intrinsics.baseline_m or 0)
+    valid = depth_m > 0
+    disparity_px = focal_baseline / depth_m[:, valid.all(axis=0) & np.isfinite(frames[0].depth_true_m)]
+    changing = valid.any(axis=0) & ~valid.all(axis=0)
+    assert 0.05 <= np.median(disparity_px.std(axis=0)) <= 0.2
+    assert 0.01 <= changing.mean() <= 0.10
