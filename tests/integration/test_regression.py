@@ -1,0 +1,123 @@
+"""`voxdepth regress`: it passes as it stands, and fails when something is changed on purpose."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenarios.case_recorder import record_case
+from scenarios.errors import ScenarioError
+from scenarios.regression import compare, corrected, find_corrector, golden_path, measure, read_golden, write_golden
+from sim import testing
+from tests.integration.test_cli import voxdepth
+from voxdepth import VoxDepth, VoxDepthConfig
+from voxdepth.types import DepthCorrector, Intrinsics
+
+GOLDEN = Path(__file__).parents[1] / "golden"
+
+
+def smoother(intrinsics: Intrinsics) -> DepthCorrector:
+    """The paper's corrector with one parameter changed."""
+    return VoxDepth(intrinsics, VoxDepthConfig.paper().model_copy(update={"median_size_px": 3}))
+
+
+def table_of(name: str, frames: int = testing.FRAMES) -> dict:
+    return measure(find_corrector(name), lambda case: None, frames=frames)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("corrector", ["raw", "paper"])
+def test_the_shipped_correctors_do_what_they_did(corrector: str, tmp_path: Path) -> None:
+    done = voxdepth("regress", "--corrector", corrector, "--golden", GOLDEN, "--out", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "no figure differs" in done.stdout
+    assert done.stdout.count("/low") == len(testing.TERMS)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_a_changed_parameter_of_the_corrector_fails_with_a_table_and_a_recording(tmp_path: Path) -> None:
+    (tmp_path / "golden").mkdir()
+    name = "tests.integration.test_regression:smoother"
+    target = golden_path(tmp_path / "golden", name)
+    target.write_bytes(golden_path(GOLDEN, "paper").read_bytes())
+    done = voxdepth("regress", "--corrector", name, "--golden", target.parent, "--out", tmp_path / "out")
+    assert done.returncode == 1, done.stdout + done.stderr
+    for words in ("outside of the tolerance", "golden", "times the tolerance", "worse", "the worst case"):
+        assert words in done.stdout, words
+    (recording,) = (tmp_path / "out").iterdir()
+    verified = subprocess.run([sys.executable, "-m", "rerun", "rrd", "verify", str(recording)], check=False)
+    assert verified.returncode == 0
+    mended = voxdepth("regress", "--corrector", name, "--golden", target.parent, "--update")
+    assert mended.returncode == 0
+    assert voxdepth("regress", "--corrector", name, "--golden", target.parent).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("term", "name", "levels"),
+    [
+        ("scale", "THETA", (0.05, 0.2, 0.55)),
+        ("disparity", "SIGMA_PX", (0.05, 0.22, 0.5)),
+        ("quantisation", "STEP_PX", (0.0625, 0.3, 1.0)),
+        ("flicker", "DROPOUT", (0.01, 0.055, 0.2)),
+        ("blank", "BELOW_TEXTURE", (0.3, 0.5, 0.8)),
+        ("occlusion", "BASELINE_M", (0.05, 0.095, 0.21)),
+    ],
+)
+def test_a_changed_noise_level_is_found_in_its_term_alone(
+    term: str, name: str, levels: tuple, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = table_of("raw", frames=3)
+    monkeypatch.setattr(testing, name, levels)
+    differences = compare(before, table_of("raw", frames=3))
+    assert differences
+    assert {difference.case.split("/")[0] for difference in differences} == {term}
+    assert [d.excess for d in differences] == sorted((d.excess for d in differences), reverse=True)
+
+
+def test_differences_within_the_tolerance_are_none_and_missing_figures_are_large() -> None:
+    figures = {"mae_m": 0.5, "too_far_share": 0.1, "hole_share": 0.2, "flicker_m": 0.3}
+    assert compare({"scale/low": figures}, {"scale/low": {**figures, "mae_m": 0.51}}) == []
+    (worse,) = compare({"scale/low": figures}, {"scale/low": {**figures, "mae_m": 0.53}})
+    assert worse.worse
+    assert worse.excess == pytest.approx(0.03 / 0.012)
+    (better,) = compare({"scale/low": figures}, {"scale/low": {**figures, "hole_share": 0.1}})
+    assert not better.worse
+    (gone,) = compare({"scale/low": figures}, {"scale/low": {**figures, "flicker_m": None}})
+    assert gone.worse
+    assert gone.excess == np.inf
+
+
+def test_golden_figures_come_back_as_they_were_written(tmp_path: Path) -> None:
+    table = {"scale/low": {"mae_m": 1 / 3, "too_far_share": None, "hole_share": 0.0, "flicker_m": 2e-9}}
+    write_golden(tmp_path / "a" / "g.json", table)
+    assert read_golden(tmp_path / "a" / "g.json") == table
+
+
+@pytest.mark.parametrize("text", ["{", "[]", "{}", '{"cases": {"a": 3}}', '{"cases": {"a": {"mae_m": "x"}}}'])
+def test_damaged_golden_figures_are_refused(text: str, tmp_path: Path) -> None:
+    (tmp_path / "g.json").write_text(text)
+    with pytest.raises(ScenarioError, match="golden figures"):
+        read_golden(tmp_path / "g.json")
+
+
+def test_missing_and_foreign_golden_figures_say_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match="write them with --update"):
+        read_golden(tmp_path / "g.json")
+    with pytest.raises(ScenarioError, match="write new ones with --update"):
+        compare({"fog/low": {"mae_m": 1.0}}, json.loads(golden_path(GOLDEN, "raw").read_text())["cases"])
+
+
+@pytest.mark.parametrize("name", ["no.such:thing", "tests.helpers:nothing"])
+def test_correctors_that_are_not_there_are_named(name: str) -> None:
+    with pytest.raises(ScenarioError, match=name):
+        find_corrector(name)
+
+
+def test_a_case_is_recorded_where_it_can_be(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ScenarioError, match="cannot write the recording"):
+        record_case(tmp_path / "file" / "x.rrd", "scale/low", corrected(find_corrector("raw"), "scale", "low", 1))

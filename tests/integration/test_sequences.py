@@ -1,0 +1,216 @@
+"""Recording sequences, as the command line and as a library."""
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenarios.errors import ScenarioError
+from scenarios.images import LOSS_COLORS_BGR
+from scenarios.sequences import SeededSequence, captures, filming, load_sequence, record, sequence_names
+from sim.bodies import Body, Box, Scene, SceneSpec
+from sim.errors import RecordingError, SceneError, SensorError
+from sim.recording import Recording
+from sim.render import create_renderer
+from sim.sensor import RigConfig, StereoSensor
+from sim.types import Capture
+from sim.world import World
+from tests.integration.test_cli import voxdepth
+
+SMALL = {"rig.width_px": 128, "rig.height_px": 96}
+IMAGES = ("gray_left", "gray_right", "depth_raw_m", "depth_true_m", "occluded", "segment_id", "loss", "T_world_cam")
+
+
+def small(name: str = "sim-LN", seed: int = 0, **changes: object) -> SeededSequence:
+    return load_sequence(name, seed, {**SMALL, **changes})
+
+
+def assert_same(a: Capture, b: Capture) -> None:
+    for field in IMAGES:
+        one, other = getattr(a, field), getattr(b, field)
+        assert one.dtype == other.dtype, field
+        np.testing.assert_array_equal(one, other, err_msg=field)
+    assert a.stamp_s == b.stamp_s
+    assert a.intrinsics == b.intrinsics
+
+
+@pytest.mark.parametrize("name", sequence_names())
+def test_every_sequence_is_recorded_and_read_back_bit_for_bit(name: str, tmp_path: Path) -> None:
+    planned = small(name)
+    done = record(planned, tmp_path / "r", 3, lambda frames: None)
+    recording = Recording.open(tmp_path / "r")
+    recording.verify()
+    assert len(recording) == done.frames == 3
+    expected = list(captures(planned, 3))
+    for one, other in zip(recording, expected, strict=True):
+        assert_same(one, other)
+    assert len({capture.gray_left.tobytes() for capture in expected}) == 3, "the camera moves"
+    assert (expected[0].depth_raw_m > 0).mean() > 0.05
+
+
+@pytest.mark.slow
+def test_the_shipped_sequences_have_the_sizes_and_the_length_of_the_papers() -> None:
+    sizes = {name: load_sequence(name, 0, {}).sequence.rig for name in sequence_names()}
+    assert set(sizes) == {"sim-LN", "sim-MB", "sim-KTS", "sim-KTC", "sim-PLF", "sim-PLW"}
+    for name, rig in sizes.items():
+        realsense = name in ("sim-LN", "sim-MB")
+        assert (rig.width_px, rig.height_px) == ((640, 360) if realsense else (1024, 1024))
+        assert rig.intrinsics.fx_px == pytest.approx(343.2 if realsense else 512, abs=0.1)
+        assert rig.rate_hz == 30
+    for name in sequence_names():
+        with filming(small(name)) as film:
+            assert sum(1 for _, pose in zip(range(500), film.poses(), strict=False)) == 500
+
+
+def test_sunny_and_cloudy_are_the_same_flight() -> None:
+    (sunny,), (cloudy,) = (list(captures(small(name), 1)) for name in ("sim-KTS", "sim-KTC"))
+    np.testing.assert_array_equal(sunny.depth_true_m, cloudy.depth_true_m)
+    seen = np.isfinite(sunny.depth_true_m)
+    assert sunny.gray_left[seen].std() > 1.3 * cloudy.gray_left[seen].std()
+
+
+def test_going_on_gives_the_bytes_of_a_recording_in_one_go(tmp_path: Path) -> None:
+    planned = small("sim-MB")
+    told: list[int] = []
+    record(planned, tmp_path / "whole", 5, told.append)
+    assert told == [0, 1, 2, 3, 4, 5]
+    record(planned, tmp_path / "parts", 2, lambda frames: None)
+    done = record(planned, tmp_path / "parts", 5, lambda frames: None)
+    assert done.new_frames == 3
+    files = sorted(path.relative_to(tmp_path / "whole") for path in (tmp_path / "whole").rglob("*") if path.is_file())
+    assert files == sorted(p.relative_to(tmp_path / "parts") for p in (tmp_path / "parts").rglob("*") if p.is_file())
+    for file in files:
+        assert (tmp_path / "whole" / file).read_bytes() == (tmp_path / "parts" / file).read_bytes(), file
+
+
+def test_other_recordings_are_not_touched(tmp_path: Path) -> None:
+    record(small(), tmp_path / "r", 1, lambda frames: None)
+    before = {path: path.read_bytes() for path in (tmp_path / "r").rglob("*") if path.is_file()}
+    with pytest.raises(RecordingError):
+        record(small(seed=1), tmp_path / "r", 2, lambda frames: None)
+    with pytest.raises(ScenarioError, match="holds 1 whole frames already"):
+        record(small(), tmp_path / "r", 1, lambda frames: None)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("chapter 1")
+    with pytest.raises(RecordingError):
+        record(small(), tmp_path / "mine", 1, lambda frames: None)
+    assert {path: path.read_bytes() for path in (tmp_path / "r").rglob("*") if path.is_file()} == before
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
+
+
+def test_a_camera_inside_a_body_is_refused_and_what_is_written_stays_readable(tmp_path: Path) -> None:
+    into_the_ground = small("sim-KTS", **{"flight.height_m": 0.05, "flight.gust_m_s": 3.0})
+    with pytest.raises(SensorError, match=r"in frame \d+ the (left|right) camera is inside a body"):
+        record(into_the_ground, tmp_path / "r", 200, lambda frames: None)
+    Recording.open(tmp_path / "r").verify()
+
+
+def test_a_flight_that_is_too_short_says_so_and_keeps_its_frames(tmp_path: Path) -> None:
+    short = small("sim-LN", **{"flight.start_m": 98.0, "flight.speed_m_s": 40.0})
+    with pytest.raises(ScenarioError, match=r"ends after (\d) frames, 20 were asked for: they are safe") as caught:
+        record(short, tmp_path / "r", 20, lambda frames: None)
+    assert f"after {len(Recording.open(tmp_path / 'r'))} frames" in str(caught.value)
+
+
+class Nothing(SceneSpec):
+    """A scene without bodies."""
+
+    def build(self, seed: int) -> Scene:
+        return Scene(seed=seed, bodies=())
+
+
+@pytest.mark.parametrize("side_m", [None, 0.05])
+def test_a_baseline_larger_than_the_scene_is_refused(side_m: float | None) -> None:
+    bodies = () if side_m is None else (Body(name="dot", kind="building", shape=Box((side_m,) * 3), position_m=(2, 0, 0)),)
+    config = RigConfig(depth="truth")
+    with World(Scene(seed=0, bodies=bodies), np.empty((0, 3))) as world:
+        renderer = create_renderer("tiny", world)
+        with pytest.raises(SensorError, match=r"baseline of 0.095 m is not smaller than the scene"):
+            StereoSensor(world, renderer, config, seed=0)
+
+
+@pytest.mark.parametrize("size", [(0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, float("nan"))])
+def test_bodies_without_size_are_refused(size: tuple[float, float, float]) -> None:
+    with pytest.raises(SceneError, match="must be positive and finite"):
+        Box(size)
+
+
+@pytest.mark.slow
+def test_record_and_sheet_as_commands(tmp_path: Path) -> None:
+    folder = tmp_path / "r"
+    command = ["record", "sim-MB", "--out", folder, "--frames", "3", "--size", "160x96", "--seed", "4"]
+    done = voxdepth(*command)
+    assert done.returncode == 0, done.stderr
+    for words in ("within 1 px", "median error", "of hidden and", "occluded", "per second"):
+        assert words in done.stdout, words
+    config = tomllib.loads((folder / "config.toml").read_text())
+    assert config["seed"] == 4
+    assert "numpy" in config["versions"]
+    again = voxdepth(*command)
+    assert again.returncode == 2
+    assert "3 whole frames already" in again.stderr
+    sheet = voxdepth("sheet", folder, "--out", tmp_path / "s.png")
+    assert sheet.returncode == 0, sheet.stderr
+    import cv2
+
+    picture = cv2.imread(str(tmp_path / "s.png"))
+    assert picture.shape[1] == 5 * 300
+    colors = {tuple(color) for color in picture.reshape(-1, 3).tolist()}
+    assert set(LOSS_COLORS_BGR.values()) <= colors, "the legend names every reason"
+    repeated = voxdepth("record", folder / "config.toml", "--out", tmp_path / "again", "--frames", "3")
+    assert repeated.returncode == 0, repeated.stderr
+    assert (tmp_path / "again" / "checksums.txt").read_bytes() == (folder / "checksums.txt").read_bytes()
+
+
+@pytest.mark.slow
+def test_a_killed_recording_is_readable_and_can_go_on(tmp_path: Path) -> None:
+    code = "from scenarios.cli import main; main()"
+    arguments = ["record", "sim-LN", "--out", str(tmp_path / "r"), "--frames", "200", "--size", "128x96"]
+    process = subprocess.Popen([sys.executable, "-c", code, *arguments], stdout=subprocess.DEVNULL)
+    checksums = tmp_path / "r" / "checksums.txt"
+    for _ in range(600):
+        if checksums.exists() and checksums.read_text().count("gray_left") >= 4:
+            break
+        try:
+            process.wait(0.1)
+        except subprocess.TimeoutExpired:
+            continue
+    process.kill()
+    process.wait()
+    whole = len(Recording.open(tmp_path / "r"))
+    assert 4 <= whole < 200
+    Recording.open(tmp_path / "r").verify()
+    record(small(), tmp_path / "r", whole + 2, lambda frames: None)
+    (expected,) = captures(small(), whole + 2, start=whole + 1)
+    assert_same(Recording.open(tmp_path / "r")[whole + 1], expected)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["record", "sim-XX", "--out", "r"], "there is no sequence 'sim-XX'; choose one of: sim-KTC"),
+        (["record", "sim-LN", "--out", "r", "--size", "31x31"], "rig.width_px"),
+        (["sheet", "nowhere"], "nowhere is not a recording"),
+        (["sheet", "nowhere", "--out", "x.gif"], "is not a recording"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(arguments: list[str], message: str, tmp_path: Path) -> None:
+    done = voxdepth(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_scenes_are_pictured_with_their_difficulty(tmp_path: Path) -> None:
+    done = voxdepth("scenes", "--out", tmp_path / "scenes.jpg")
+    assert done.returncode == 0, done.stderr
+    rows = [line.split("|") for line in done.stdout.splitlines() if line.startswith("|")]
+    figures = {row[1].strip(): float(row[3]) for row in rows[2:]}
+    assert set(figures) == {"city", "forest", "corridor", "plains", "lawn"}
+    assert all(1 < figure < 40 for figure in figures.values())
+    assert (tmp_path / "scenes.jpg").stat().st_size < 500_000
