@@ -61,7 +61,8 @@ def _renderers() -> list[Finding]:
         from sim.render import RENDERER_NAMES
     except ImportError as error:
         return [Finding(what="renderers", state=f"missing: {error}", ok=False, remedy="install the extra 'sim'")]
-    return [_attempt(f"renderer {name}", lambda name=name: _render(name)) for name in RENDERER_NAMES]  # type: ignore[misc]
+    needed = [name for name in RENDERER_NAMES if name != "egl"]
+    return [*(_attempt(f"renderer {name}", lambda name=name: _render(name)) for name in needed), _egl()]  # type: ignore[misc]
 
 
 def _render(name: str) -> str:
@@ -81,6 +82,18 @@ def _render(name: str) -> str:
     if not np.allclose(depth_m, 3.0, atol=0.01):
         raise RuntimeError(f"a wall at 3 m reads {depth_m.min():.3f} to {depth_m.max():.3f} m")
     return "works"
+
+
+def _egl() -> Finding:
+    """OpenGL is a matter of taste: nothing needs it."""
+    from sim.errors import RenderError
+    from sim.render.bullet import egl_plugin
+
+    try:
+        egl_plugin()
+    except RenderError as error:
+        return Finding(what="renderer egl", state="not on this machine", ok=True, remedy=f"optional: {error}")
+    return Finding(what="renderer egl", state="works", ok=True)
 
 
 def _attempt(what: str, action: Callable[[], str]) -> Finding:

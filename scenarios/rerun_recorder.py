@@ -9,8 +9,9 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from sim.bodies import Body, Box, Cylinder
-from sim.frames import R_BODY_CAM
+from sim.bodies import Body
+from sim.frames import R_BODY_CAM, quaternion_from_yaw, rotation_from_quaternion
+from sim.render.meshes import mesh_of_shape, moved
 from sim.sensor import RigConfig
 from sim.types import Capture, Contact, DroneState
 from sim.world import DRONE_BODY_HEIGHT_M, World
@@ -134,26 +135,24 @@ class RerunRecorder:
             self._stream.set_time("sim_time", duration=time_s)
 
     def _log_scene(self, bodies: Sequence[Body]) -> None:
-        boxes = [body for body in bodies if isinstance(body.shape, Box) and body.kind == "building"]
-        ground = [body for body in bodies if isinstance(body.shape, Box) and body.kind == "ground"]
-        for name, group in (("towers", boxes), ("ground", ground)):
-            if group:
-                sizes = [body.shape.size_m for body in group if isinstance(body.shape, Box)]
-                centers = [body.position_m for body in group]
-                colors = [[int(255 * body.surface.albedo)] * 3 for body in group]
-                shown = rr.Boxes3D(sizes=sizes, centers=centers, colors=colors, fill_mode="solid")
-                self._log(f"world/city/{name}", shown, static=True)
-        poles = [body for body in bodies if isinstance(body.shape, Cylinder)]
-        if poles:
-            shapes = [body.shape for body in poles if isinstance(body.shape, Cylinder)]
-            cylinders = rr.Cylinders3D(
-                lengths=[shape.height_m for shape in shapes],
-                radii=[shape.radius_m for shape in shapes],
-                centers=[body.position_m for body in poles],
-                colors=[(150, 110, 70)],
-                fill_mode="solid",
+        """All static bodies as triangles with a normal and a gray value each."""
+        corners, grays = [], []
+        for body in bodies:
+            rotation = rotation_from_quaternion(quaternion_from_yaw(body.yaw_rad))
+            mesh = moved(mesh_of_shape(body.shape), rotation, np.array(body.position_m))
+            corners.append(mesh.vertices_m[mesh.triangles])
+            grays.append(np.full(len(mesh.triangles), 255 * body.surface.albedo))
+        if corners:
+            corners_m = np.concatenate(corners)
+            normals = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
+            normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+            colors = np.repeat(np.concatenate(grays).astype(np.uint8)[:, None], 3, axis=1)
+            shown = rr.Mesh3D(
+                vertex_positions=corners_m.reshape(-1, 3),
+                vertex_normals=np.repeat(normals, 3, axis=0),
+                vertex_colors=np.repeat(colors, 3, axis=0),
             )
-            self._log("world/city/poles", cylinders, static=True)
+            self._log("world/scene", shown, static=True)
 
     def _log_airframe(self, drone: int, radius_m: float) -> None:
         body = rr.Cylinders3D(

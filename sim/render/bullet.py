@@ -1,10 +1,13 @@
 """PyBullet's own renderers: slow, and the reference for the others."""
 
 import importlib.util
+import subprocess
+import sys
 import tempfile
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +25,8 @@ from ..world import DRONE_SURFACE, World, drone_shape
 FAR_M = 2000.0
 SUN_DIRECTION = (0.45, -0.35, 0.82)
 SKY_GRAY = 200
+PLUGIN_POSTFIX = "_eglRendererPlugin"
+PROBE_TIMEOUT_S = 60
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,18 +64,11 @@ class EglRenderer:
     """
 
     def __init__(self, world: World) -> None:
-        plugin = importlib.util.find_spec("eglRenderer")
-        if plugin is None or plugin.origin is None:
-            raise RenderError("the renderer 'egl' needs PyBullet's plugin eglRenderer, which this wheel lacks")
+        plugin = egl_plugin()
         self._world = world
         self._client = pybullet.connect(pybullet.DIRECT)
         self.close = weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
-        if pybullet.loadPlugin(plugin.origin, "_eglRendererPlugin", physicsClientId=self._client) < 0:
-            self.close()
-            raise RenderError(
-                "PyBullet's EGL plugin does not start: install a GPU driver or Mesa's libegl1 and libgl1-mesa-dri, "
-                "or use the renderer raycast"
-            )
+        pybullet.loadPlugin(plugin, PLUGIN_POSTFIX, physicsClientId=self._client)
         static = {self._copy(body): real for real, body in world.bodies.items()}
         self._drones = {self._add_drone(): real for real in world.drone_ids}
         copies = {**static, **self._drones}
@@ -110,6 +108,30 @@ class EglRenderer:
     def _add_drone(self) -> int:
         _, visual = create_shapes(drone_shape(self._world.airframe.radius_m), DRONE_SURFACE, self._client)
         return int(pybullet.createMultiBody(0, -1, visual, [0, 0, 0], [0, 0, 0, 1], physicsClientId=self._client))
+
+
+@cache
+def egl_plugin() -> str:
+    """Path of PyBullet's EGL plugin, after a picture was taken with it: where it fails it ends the whole process.
+
+    Raises:
+        RenderError: There is no plugin, or it does not work on this machine.
+    """
+    found = importlib.util.find_spec("eglRenderer")
+    if found is None or found.origin is None:
+        raise RenderError("the renderer 'egl' needs PyBullet's plugin eglRenderer, which this wheel lacks: use raycast")
+    probe = (
+        "import pybullet as p; c = p.connect(p.DIRECT); "
+        f"assert p.loadPlugin({found.origin!r}, {PLUGIN_POSTFIX!r}, physicsClientId=c) >= 0; "
+        "p.getCameraImage(8, 8, renderer=p.ER_BULLET_HARDWARE_OPENGL, physicsClientId=c)"
+    )
+    tried = subprocess.run([sys.executable, "-c", probe], capture_output=True, check=False, timeout=PROBE_TIMEOUT_S)
+    if tried.returncode:
+        raise RenderError(
+            "the renderer 'egl' does not work here: install a GPU driver, or Mesa's libegl1 and libgl1-mesa-dri, "
+            "or use raycast"
+        )
+    return found.origin
 
 
 def wavefront(mesh: Mesh) -> str:

@@ -10,7 +10,7 @@ import pybullet
 from voxdepth.types import FloatArray
 
 from .. import frames
-from ..bodies import Heightfield, Mesh
+from ..bodies import Box, Cylinder, Heightfield, Mesh, Shape, Sphere
 from ..errors import RenderError
 from ..open3d_import import open3d
 from ..solids import origin_height_m
@@ -33,11 +33,9 @@ def mesh_of_body(world: World, body: int) -> Mesh:
         raise RenderError(f"body {body} has no visual shape: give it one, or cameras and collisions would disagree")
     if body in world.bodies:
         described = world.bodies[body].shape
-        if isinstance(described, Mesh):
-            return described
-        if isinstance(described, Heightfield):
-            return moved(heightfield(described), np.eye(3), np.array([0, 0, -origin_height_m(described)]))
-    return merged([_placed(_mesh_of_shape(shape, body), shape[5], shape[6]) for shape in shapes])
+        if isinstance(described, Mesh | Heightfield):
+            return moved(mesh_of_shape(described), np.eye(3), np.array([0, 0, -origin_height_m(described)]))
+    return merged([_placed(_mesh_of_visual(shape, body), shape[5], shape[6]) for shape in shapes])
 
 
 def merged(meshes: Sequence[Mesh]) -> Mesh:
@@ -49,7 +47,12 @@ def merged(meshes: Sequence[Mesh]) -> Mesh:
     )
 
 
-def _mesh_of_shape(shape: Any, body: int) -> Mesh:
+def mesh_of_shape(shape: Shape) -> Mesh:
+    """A solid of a scene as a mesh in its own frame."""
+    return _MADE[type(shape)](shape)
+
+
+def _mesh_of_visual(shape: Any, body: int) -> Mesh:
     kind, lengths = shape[2], shape[3]
     if kind not in _DRAWN:
         raise RenderError(
@@ -138,3 +141,12 @@ def heightfield(field: Heightfield) -> Mesh:
     right, up, across = corner + 1, corner + columns, corner + columns + 1
     triangles = np.concatenate([np.stack([corner, right, up], 1), np.stack([across, up, right], 1)])
     return Mesh(vertices, triangles.astype(np.uint32))
+
+
+_MADE: dict[type[Shape], Callable[[Any], Mesh]] = {
+    Box: lambda solid: box(np.array(solid.size_m)),
+    Cylinder: lambda solid: cylinder(radius_m=solid.radius_m, height_m=solid.height_m),
+    Sphere: lambda solid: sphere(solid.radius_m),
+    Mesh: lambda solid: solid,
+    Heightfield: heightfield,
+}

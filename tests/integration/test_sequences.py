@@ -124,7 +124,8 @@ class Nothing(SceneSpec):
 
 @pytest.mark.parametrize("side_m", [None, 0.05])
 def test_a_baseline_larger_than_the_scene_is_refused(side_m: float | None) -> None:
-    bodies = () if side_m is None else (Body(name="dot", kind="building", shape=Box((side_m,) * 3), position_m=(2, 0, 0)),)
+    dot = Body(name="dot", kind="building", shape=Box((side_m or 1,) * 3), position_m=(2, 0, 0))
+    bodies = () if side_m is None else (dot,)
     config = RigConfig(depth="truth")
     with World(Scene(seed=0, bodies=bodies), np.empty((0, 3))) as world:
         renderer = create_renderer("tiny", world)

@@ -1,5 +1,6 @@
 """The renderers are independent of each other and must agree."""
 
+import os
 import subprocess
 import sys
 
@@ -179,12 +180,20 @@ with World(scene, start[None]) as world:
 def test_egl_agrees_where_it_works_as_far_as_its_16_bits_of_depth_reach() -> None:
     done = subprocess.run([sys.executable, "-c", EGL_CHECK], capture_output=True, text=True, check=False, timeout=120)
     lines = [line.split() for line in done.stdout.splitlines()]
-    if any(line[:1] == ["MISSING"] for line in lines) or done.returncode < 0:
+    if ["MISSING"] in [line[:1] for line in lines]:
         pytest.skip("no EGL on this machine")
     assert done.returncode == 0, done.stderr
     figures = np.array([[float(x) for x in line[1:]] for line in lines if line[:1] == ["AGREE"]])
     assert figures.shape == (2, 2)
     assert (figures > 0.99).all(), figures
+
+
+def test_without_egl_the_renderer_is_refused_instead_of_ending_the_process() -> None:
+    code = EGL_CHECK.split("    for _ in range", maxsplit=1)[0]
+    nowhere = {**os.environ, "__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent", "LD_LIBRARY_PATH": ""}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=nowhere)
+    assert done.returncode == 0, done.stderr
+    assert "MISSING the renderer 'egl' does not work here: install" in done.stdout
 
 
 def test_textures_are_the_same_from_both_sides_of_a_baseline() -> None:
