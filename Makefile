@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test fast lint bench acceptance picture clean
+.PHONY: help setup demo test fast lint bench acceptance picture sequences regress clean
 
 help:            ## list the targets
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 14
@@ -31,14 +31,26 @@ test: setup      ## lint and run all tests
 fast: setup      ## run the tests that answer within two minutes
 	$(BIN)/pytest -n 2 -m "not slow"
 
+regress: setup   ## compare the shipped correctors with their golden figures on synthetic noise
+	$(BIN)/voxdepth regress --corrector raw
+	$(BIN)/voxdepth regress --corrector paper
+
 bench: setup     ## measure and print speeds
 	$(BIN)/pytest tests/bench -m bench -s -q -p no:xdist
 
 acceptance: setup ## fly every scenario's acceptance check over 20 seeds
 	$(BIN)/voxdepth accept --seeds 20
 
-picture: setup   ## render the pictures of the README
+picture: setup   ## render the pictures of the README and of docs/scenes.md
 	$(BIN)/voxdepth picture city --seed 0 --drone 5 --at 9 --out docs/city.jpg
+	$(BIN)/voxdepth scenes --seed 1 --out docs/scenes.jpg
+
+sequences: setup ## record 120 frames of every reference sequence below build/ and remake the contact sheets of docs/
+	@for name in LN MB KTS KTC PLF PLW; do \
+		test -f build/sequences/sim-$$name.done || $(BIN)/voxdepth record sim-$$name --frames 120 --out build/sequences/sim-$$name || exit 1; \
+		touch build/sequences/sim-$$name.done; \
+		$(BIN)/voxdepth sheet build/sequences/sim-$$name --out docs/sim-$$name.jpg || exit 1; \
+	done
 
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

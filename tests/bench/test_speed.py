@@ -5,6 +5,7 @@ import platform
 import statistics
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -13,6 +14,7 @@ import pytest
 
 from scenarios.config import load_run
 from scenarios.runner import fly
+from scenarios.sequences import load_sequence, record
 from sim.noise import photon_noise
 from sim.render import create_renderer
 from sim.scenes import CitySpec
@@ -127,3 +129,42 @@ def test_matching_and_correcting(width: int, height: int) -> None:
         show(f"  corrector, {step}, {width}x{height}", f"p50 {statistics.median(times):7.2f} ms")
     fusing = max(1e3 * result.timings_s["fuse"] for result in results[9:])
     show(f"  corrector, fusion of 10 frames, {width}x{height}", f"    {fusing:7.2f} ms")
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_semi_global_matching_alone(threads: int) -> None:
+    """640x360, 64 disparities, as OpenCV does it: without padding, checks and conversion."""
+    rng = np.random.default_rng(0)
+    wide = cv2.GaussianBlur(rng.integers(0, 256, (360, 704), dtype=np.uint8), (0, 0), 1.2)
+    left, right = np.ascontiguousarray(wide[:, :640]), np.ascontiguousarray(wide[:, 20:660])
+    cv2.setNumThreads(threads)
+    config = StereoConfig()
+    area = config.block_px**2
+    matcher = cv2.StereoSGBM_create(
+        minDisparity=0,
+        numDisparities=64,
+        blockSize=config.block_px,
+        P1=config.penalty_small * area,
+        P2=config.penalty_large * area,
+        preFilterCap=63,
+        uniquenessRatio=config.uniqueness_percent,
+        mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+    )
+    show(
+        f"semi-global matching alone, 640x360, 64 disparities, {threads} thread(s)",
+        milliseconds(lambda: matcher.compute(left, right)),
+    )
+    cv2.setNumThreads(1)
+
+
+@pytest.mark.parametrize("name", ["sim-LN", "sim-MB", "sim-KTS"])
+def test_recording(name: str, tmp_path: Path) -> None:
+    planned = load_sequence(name, 0, {})
+    record(planned, tmp_path / "warm", 2, lambda frames: None)
+    start = time.perf_counter()
+    record(planned, tmp_path / "r", 25, lambda frames: None)
+    size = planned.sequence.rig
+    show(
+        f"record {name}, {size.width_px}x{size.height_px}, 25 frames, start included",
+        f"{25 / (time.perf_counter() - start):6.1f} frames a second",
+    )
