@@ -8,7 +8,7 @@ import typer
 
 
 def list_() -> None:
-    """List scenarios, correctors, depth tiers and renderers."""
+    """List scenarios, sequences, correctors, depth tiers and renderers."""
     from rich.console import Console
     from rich.table import Table
 
@@ -17,13 +17,19 @@ def list_() -> None:
     from voxdepth.registry import CORRECTOR_NAMES
 
     from ..config import load_run, scenario_names
+    from ..sequences import load_sequence, sequence_names
 
     table = Table("scenario", "drones", "what it is")
     for name in scenario_names():
         scenario = load_run(name, 0, {}).scenario
         table.add_row(name, str(scenario.mission.drones), scenario.description)
+    sequences = Table("sequence", "image", "what it is")
+    for name in sequence_names():
+        sequence = load_sequence(name, 0, {}).sequence
+        sequences.add_row(name, f"{sequence.rig.width_px}x{sequence.rig.height_px}", sequence.description)
     console = Console()
     console.print(table)
+    console.print(sequences)
     console.print(f"depth tiers: {', '.join(TIER_NAMES)}")
     console.print(f"correctors:  {', '.join(CORRECTOR_NAMES)}")
     console.print(f"renderers:   {', '.join(RENDERER_NAMES)}")

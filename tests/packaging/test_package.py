@@ -66,3 +66,11 @@ def test_no_module_is_longer_than_400_lines() -> None:
     for top in ("voxdepth", "sim", "swarm", "scenarios", "tests"):
         for path in (ROOT / top).rglob("*.py"):
             assert len(path.read_text().splitlines()) <= 400, path
+
+
+def test_the_example_of_a_regression_test_in_the_readme_passes() -> None:
+    blocks = (ROOT / "README.md").read_text().split("```python\n")[1:]
+    (example,) = [block.split("```")[0] for block in blocks if "noisy_sequence" in block]
+    names: dict = {}
+    exec(example, names)
+    names["test_flicker_is_removed"]()
