@@ -1,4 +1,6 @@
-"""Which pixels of a camera a sphere may cover."""
+"""Which pixels of some cameras spheres may cover."""
+
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -8,34 +10,28 @@ from voxdepth.types import FloatArray
 from ..types import Camera
 
 
-def pixel_bounds(camera: Camera, centers_m: FloatArray, radii_m: FloatArray) -> npt.NDArray[np.intp]:
-    """Pixel ranges (top, bottom, left, right), ends exclusive, of the spheres that the camera may see.
+def pixel_bounds(cameras: Sequence[Camera], centers_m: FloatArray, radii_m: FloatArray) -> npt.NDArray[np.intp]:
+    """The pixel ranges of the spheres that each camera may see.
 
     Args:
-        camera: The view.
+        cameras: The views; all with the same intrinsics.
         centers_m: In the world, shape (n, 3).
         radii_m: Shape (n,).
 
     Returns:
-        Shape (m, 4) with m <= n: spheres behind the camera and outside of the image are left out. A range holds every
-        pixel of its sphere and may hold some more.
+        Rows of (camera, top, bottom, left, right), ends exclusive, shape (m, 5). Spheres behind a camera and outside of
+        its image have no row. A range holds every pixel of its sphere and may hold some more.
     """
-    T, i = camera.T_world_cam, camera.intrinsics
-    x, y, z = ((centers_m - T[:3, 3]) @ T[:3, :3]).T
-    left, right = _tangents(x, z, radii_m)
-    top, bottom = _tangents(y, z, radii_m)
-    bounds = np.stack(
-        [
-            np.clip(np.floor(i.cy_px + i.fy_px * top), 0, i.height_px),
-            np.clip(np.ceil(i.cy_px + i.fy_px * bottom) + 1, 0, i.height_px),
-            np.clip(np.floor(i.cx_px + i.fx_px * left), 0, i.width_px),
-            np.clip(np.ceil(i.cx_px + i.fx_px * right) + 1, 0, i.width_px),
-        ],
-        axis=1,
-    ).astype(np.intp)
-    seen = (z > -radii_m) & (bounds[:, 0] < bounds[:, 1]) & (bounds[:, 2] < bounds[:, 3])
-    visible: npt.NDArray[np.intp] = bounds[seen]
-    return visible
+    i = cameras[0].intrinsics
+    T = np.stack([camera.T_world_cam for camera in cameras])
+    x, y, z = np.moveaxis((centers_m - T[:, None, :3, 3]) @ T[:, :3, :3], -1, 0)
+    (left, right), (top, bottom) = _tangents(x, z, radii_m), _tangents(y, z, radii_m)
+    low = np.floor(np.stack([i.cy_px + i.fy_px * top, i.cx_px + i.fx_px * left]))
+    high = np.ceil(np.stack([i.cy_px + i.fy_px * bottom, i.cx_px + i.fx_px * right])) + 1
+    size_px = np.array(i.shape).reshape(2, 1, 1)
+    (top, left), (bottom, right) = np.clip(low, 0, size_px), np.clip(high, 0, size_px)
+    seen = (z > -radii_m) & (top < bottom) & (left < right)
+    return np.stack([np.nonzero(seen)[0], *(edge[seen] for edge in (top, bottom, left, right))], axis=1).astype(np.intp)
 
 
 def _tangents(across_m: FloatArray, z_m: FloatArray, radii_m: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -219,10 +219,9 @@ def _pixels_near(cameras: Sequence[Camera], centers_m: FloatArray, radii_m: Floa
     """Indices into all pixels of a batch that spheres may cover; pixels that two spheres share come twice."""
     height, width = cameras[0].intrinsics.shape
     parts = [np.empty(0, np.intp)]
-    for i, camera in enumerate(cameras):
-        for top, bottom, left, right in pixel_bounds(camera, centers_m, radii_m):
-            rows = (i * height + np.arange(top, bottom)) * width
-            parts.append((rows[:, None] + np.arange(left, right)).ravel())
+    for camera, top, bottom, left, right in pixel_bounds(cameras, centers_m, radii_m).tolist():
+        rows = (camera * height + np.arange(top, bottom)) * width
+        parts.append((rows[:, None] + np.arange(left, right)).ravel())
     return np.concatenate(parts)
 
 

@@ -96,16 +96,19 @@ def test_a_sphere_is_within_its_pixel_bounds(
     if c @ c > radius_m**2:
         hit &= half_b > 0
     covered = np.zeros(CAMERA.shape, np.bool_)
-    for top, bottom, left, right in pixel_bounds(camera, np.array([center]), np.array([radius_m])):
-        covered[top:bottom, left:right] = True
+    behind = camera_at(0, 0, 0, (0, 0, 1, 0))
+    for which, top, bottom, left, right in pixel_bounds([behind, camera], np.array([center]), np.array([radius_m])):
+        if which == 1:
+            covered[top:bottom, left:right] = True
     assert covered.ravel()[hit].all()
 
 
 def test_spheres_behind_and_beside_the_camera_cost_no_pixels() -> None:
     centers = np.array([[-5.0, 0, 0], [1.0, 30, 0], [5.0, 0, 0]])
-    bounds = pixel_bounds(camera_at(0, 0, 0), centers, np.full(3, 0.5))
+    bounds = pixel_bounds([camera_at(0, 0, 0)], centers, np.full(3, 0.5))
     assert len(bounds) == 1
-    top, bottom, left, right = bounds[0]
+    camera, top, bottom, left, right = bounds[0]
+    assert camera == 0
     diameter = CAMERA.fx_px * 2 * 0.5 / 5
     assert diameter <= right - left <= diameter + 4
     assert diameter <= bottom - top <= diameter + 4
