@@ -6,11 +6,11 @@ import sys
 import typer
 
 from .commands import general, sensor, swarm
+from .commands.options import INTERRUPTED
 
 os.environ.setdefault("RERUN_ANALYTICS_ENABLED", "0")
 
 USER_ERROR = 2
-INTERRUPTED = 130
 
 app = typer.Typer(
     name="voxdepth",

@@ -62,7 +62,7 @@ class Run(Model):
     """A scenario with its seed: all that is needed to repeat a run."""
 
     scenario: Scenario
-    seed: int = Field(ge=0)
+    seed: int = Field(ge=0, lt=2**32)
 
 
 def scenario_names() -> list[str]:

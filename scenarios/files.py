@@ -40,6 +40,8 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
     field = kind.removesuffix("s")
     if field not in data:
         data = {field: data, "seed": 0}
+    if not isinstance(data[field], dict):
+        raise ScenarioError(f"{path}: {field} must be a table of keys, got {data[field]!r}")
     for key, value in changes.items():
         _set(data[field], key, value)
     if seed is not None:
@@ -47,7 +49,7 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
     try:
         return model.model_validate(data)
     except pydantic.ValidationError as error:
-        raise ScenarioError(f"{path}: {_first_problem(error)}") from error
+        raise ScenarioError(f"{path}: {_first_problem(error, field)}") from error
 
 
 def to_toml(configuration: pydantic.BaseModel) -> str:
@@ -75,13 +77,18 @@ def _set(data: dict[str, Any], key: str, value: Any) -> None:
     *tables, last = key.split(".")
     for table in tables:
         data = data.setdefault(table, {})
+        if not isinstance(data, dict):
+            raise ScenarioError(f"{table} must be a table of keys, got {data!r}")
     data[last] = value
 
 
-def _first_problem(error: pydantic.ValidationError) -> str:
-    """The first of the problems in one line, and how many more there are."""
+def _first_problem(error: pydantic.ValidationError, field: str) -> str:
+    """The first of the problems in one line, and how many more there are; keys as they stand in the file."""
     first, *others = error.errors()
-    where = ".".join(str(part) for part in first["loc"][1:]) or "the file"
+    keys = first["loc"][1:] if first["loc"][:1] == (field,) else first["loc"]
+    # Pydantic puts the kind of a scene or a flight into the path of its keys.
+    kinds = {1: keys[0]} if len(keys) > 1 and keys[0] in ("scene", "flight") else {}
+    where = ".".join(str(key) for place, key in enumerate(keys) if place not in kinds) or f"the {field}"
     if first["type"] == "extra_forbidden":
         text = f"unknown key {where!r}"
     elif first["type"] == "missing":

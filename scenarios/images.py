@@ -58,10 +58,27 @@ def titled(text: str, image: Image) -> Image:
 
 
 def narrowed(image: Image, width_px: int) -> Image:
-    """An image at a smaller width, area by area; nearest would lose thin things."""
-    height_px = round(image.shape[0] * width_px / image.shape[1])
-    smaller: Image = cv2.resize(image, (width_px, height_px), interpolation=cv2.INTER_AREA).astype(np.uint8)
+    """A photograph at a smaller width, as the mean of what falls into a pixel."""
+    size = (width_px, round(image.shape[0] * width_px / image.shape[1]))
+    smaller: Image = cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8)
     return smaller
+
+
+def picked(data: npt.NDArray[Any], width_px: int) -> npt.NDArray[Any]:
+    """Depth or labels at a smaller width: single pixels, for means of them would be neither."""
+    size = (width_px, round(data.shape[0] * width_px / data.shape[1]))
+    kind = np.uint8 if data.dtype == np.bool_ else data.dtype
+    return cv2.resize(data.astype(kind), size, interpolation=cv2.INTER_NEAREST).astype(data.dtype)
+
+
+def require_picture(path: Path) -> None:
+    """Refuse names that `save_picture` would, before anything is computed.
+
+    Raises:
+        ScenarioError: It is neither a JPEG nor a PNG file.
+    """
+    if path.suffix.lower() not in (".jpg", ".jpeg", ".png"):
+        raise ScenarioError(f"a picture must be a .jpg or .png file, got {path}")
 
 
 def save_picture(path: Path, image: Image, *, quality: int = 85) -> None:
@@ -70,10 +87,9 @@ def save_picture(path: Path, image: Image, *, quality: int = 85) -> None:
     Raises:
         ScenarioError: It cannot be written.
     """
-    kinds = {".jpg": [cv2.IMWRITE_JPEG_QUALITY, quality], ".jpeg": [cv2.IMWRITE_JPEG_QUALITY, quality], ".png": []}
-    if path.suffix.lower() not in kinds:
-        raise ScenarioError(f"a picture must be a .jpg or .png file, got {path}")
-    _, encoded = cv2.imencode(path.suffix, image, kinds[path.suffix.lower()])
+    require_picture(path)
+    settings = [] if path.suffix.lower() == ".png" else [cv2.IMWRITE_JPEG_QUALITY, quality]
+    _, encoded = cv2.imencode(path.suffix, image, settings)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(encoded.tobytes())

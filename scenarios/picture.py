@@ -11,7 +11,7 @@ from voxdepth.types import CorrectedDepth
 
 from .config import Run
 from .errors import ScenarioError
-from .images import colored, gray_bgr, save_picture, titled
+from .images import colored, gray_bgr, require_picture, save_picture, titled
 from .runner import flying
 
 
@@ -34,6 +34,7 @@ def take_picture(run: Run, path: Path, *, drone: int, at_s: float) -> None:
     Raises:
         ScenarioError: The mission ended earlier, or the file cannot be written.
     """
+    require_picture(path)
     snapshot = Snapshot(drone)
     with flying(run, snapshot, recorded=True) as mission:
         while mission.outcome is None and mission.time_s < at_s:

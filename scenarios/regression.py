@@ -1,11 +1,10 @@
 """Regression of a depth corrector on synthetic noise: each term alone at three levels, against golden figures."""
 
 import importlib
-import json
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from sim.testing import FRAMES, LEVELS, TERMS, Level, Term, noisy_sequence
 from sim.types import Capture
 from swarm.perception import frame_of
 from voxdepth.metrics import DepthErrors, depth_errors
+from voxdepth.model import Model
 from voxdepth.registry import create_corrector
 from voxdepth.types import CorrectedDepth, DepthCorrector, FloatImage, Intrinsics
 
@@ -28,10 +28,29 @@ TOLERANCES = {
 }
 """By metric, how far a figure may be from the golden one: an absolute part and a part of the golden figure."""
 
-Figures = dict[str, float | None]
-Table = dict[str, Figures]
-"""Figures by case, as in `scale/low`."""
+Table = dict[str, dict[str, float | None]]
+"""Figures by metric, by case, as in `scale/low`."""
 CorrectorFactory = Callable[[Intrinsics], DepthCorrector]
+
+
+class Figures(Model):
+    """What is measured of one case; smaller is better. None when no pixel had a depth."""
+
+    mae_m: float | None
+    """Mean absolute error."""
+    too_far_share: float | None
+    """Share of pixels more than 10 % too far."""
+    hole_share: float | None
+    flicker_m: float | None
+    """Mean absolute change of the error from frame to frame."""
+
+
+class Golden(Model):
+    """A file of golden figures."""
+
+    seed: int
+    frames: int
+    cases: dict[str, Figures]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +70,9 @@ class Difference:
     @property
     def worse(self) -> bool:
         """Whether it went the wrong way; all metrics are better when smaller."""
-        return self.measured is None or (self.golden is not None and self.measured > self.golden)
+        if self.measured is None or self.golden is None:
+            return self.measured is None
+        return self.measured > self.golden
 
 
 def find_corrector(name: str) -> CorrectorFactory:
@@ -63,9 +84,10 @@ def find_corrector(name: str) -> CorrectorFactory:
     if ":" not in name:
         return lambda intrinsics: create_corrector(name, intrinsics)
     module_name, _, attribute = name.partition(":")
+    sys.path.insert(0, str(Path.cwd()))  # as `python -m` does; an installed command has its own folder there
     try:
         factory: CorrectorFactory = getattr(importlib.import_module(module_name), attribute)
-    except (ImportError, AttributeError) as error:
+    except (ImportError, AttributeError, ValueError) as error:
         raise ScenarioError(
             f"cannot find the corrector {name!r}: {error}; expected package.module:factory, where factory(intrinsics) "
             "returns a DepthCorrector"
@@ -93,7 +115,7 @@ def corrected(
         yield capture, corrector.process(frame_of(capture))
 
 
-def _measure_case(make: CorrectorFactory, term: Term, level: Level, frames: int) -> Figures:
+def _measure_case(make: CorrectorFactory, term: Term, level: Level, frames: int) -> dict[str, float | None]:
     errors, change_m, changes = DepthErrors(), 0.0, 0
     previous_m: FloatImage | None = None
     for capture, result in corrected(make, term, level, frames):
@@ -117,13 +139,11 @@ def compare(golden: Table, measured: Table) -> list[Difference]:
     """All figures outside of their tolerances, the farthest first.
 
     Raises:
-        ScenarioError: The golden figures are of other cases or metrics.
+        ScenarioError: The golden figures are of other cases.
     """
-    expected = {case: set(TOLERANCES) for case in measured}
-    found = {case: set(figures) for case, figures in golden.items()}
-    if found != expected:
+    if golden.keys() != measured.keys():
         raise ScenarioError(
-            f"the golden figures are of other cases or metrics ({len(golden)} cases, expected {len(measured)}): "
+            f"the golden figures are of other cases than the measured ones ({len(golden)} and {len(measured)}): "
             "write new ones with --update"
         )
     differences = [
@@ -150,17 +170,21 @@ def read_golden(path: Path) -> Table:
     """Golden figures.
 
     Raises:
-        ScenarioError: There are none, or the file is not what `write_golden` writes.
+        ScenarioError: There are none, they are not what `write_golden` writes, or of other sequences than today's.
     """
     try:
-        data: Any = json.loads(path.read_text(encoding="utf-8"))
+        golden = Golden.model_validate_json(path.read_bytes(), strict=True)
     except FileNotFoundError as error:
         raise ScenarioError(f"there are no golden figures at {path}: write them with --update") from error
     except (OSError, ValueError) as error:
-        raise ScenarioError(f"cannot read the golden figures {path}: {error}") from error
-    if not isinstance(data, dict) or not all(_is_figures(figures) for figures in data.get("cases", {1: 1}).values()):
-        raise ScenarioError(f"{path} holds no golden figures: expected cases with a number or null per metric")
-    return dict(data["cases"])
+        reason = str(error).splitlines()[0]
+        raise ScenarioError(f"cannot read the golden figures {path}: {reason}; write new ones with --update") from error
+    if (golden.seed, golden.frames) != (SEED, FRAMES):
+        raise ScenarioError(
+            f"the golden figures {path} are of seed {golden.seed} and {golden.frames} frames, expected {SEED} and "
+            f"{FRAMES}: write new ones with --update"
+        )
+    return {case: dict(figures) for case, figures in golden.cases.items()}
 
 
 def write_golden(path: Path, table: Table) -> None:
@@ -169,10 +193,10 @@ def write_golden(path: Path, table: Table) -> None:
     Raises:
         ScenarioError: The file cannot be written.
     """
-    data = {"seed": SEED, "frames": FRAMES, "cases": table}
+    golden = Golden(seed=SEED, frames=FRAMES, cases={case: Figures(**figures) for case, figures in table.items()})
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(data, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        path.write_text(golden.model_dump_json(indent=1) + "\n", encoding="utf-8")
     except OSError as error:
         raise ScenarioError(f"cannot write the golden figures {path}: {error.strerror}") from error
 
@@ -181,9 +205,3 @@ def split_case(case: str) -> tuple[Term, Level]:
     """Term and level of a case."""
     term, level = case.split("/")
     return next(t for t in TERMS if t == term), next(one for one in LEVELS if one == level)
-
-
-def _is_figures(figures: Any) -> bool:
-    if not isinstance(figures, dict):
-        return False
-    return all(value is None or isinstance(value, int | float) for value in figures.values())

@@ -75,14 +75,14 @@ def print_quality(console: Console, quality: DepthQuality, title: str) -> None:
     for (low, high), pixels, holes, within, error in figures:
         table.add_row(f"{low:g}-{high:g} m", f"{pixels:,}", _percent(holes), _percent(within), _number(error, "px"))
     console.print(table)
-    console.print(
-        f"holes or off by more than 5 %: {_percent(quality.hidden_rejected)} of hidden and "
-        f"{_percent(quality.blank_rejected)} of blank pixels (both are left out above)"
-    )
+    for which, what in (("hidden", "hidden from the right camera"), ("blank", "on surfaces without texture")):
+        holes, wrong = quality.unknowable_shares(which)  # type: ignore[arg-type]
+        if holes is not None:
+            console.print(f"pixels {what}: {_percent(holes)} without depth, {_percent(wrong)} off by more than 5 %")
     losses = ", ".join(
         f"{reason.name.lower().replace('_', ' ')} {_percent(share)}" for reason, share in quality.loss_shares.items()
     )
-    console.print(f"of all pixels without depth: {losses}")
+    console.print(f"without depth, of all pixels: {losses}")
 
 
 def print_regression(console: Console, table: RegressionTable, corrector: str) -> None:

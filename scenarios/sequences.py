@@ -19,7 +19,7 @@ from sim.flights import AnyFlight
 from sim.frames import camera_attitude
 from sim.quality import DepthQuality
 from sim.rays import is_inside
-from sim.recording import EncodedFrame, Recording, RecordingWriter
+from sim.recording import EncodedFrame, Recording, RecordingWriter, is_startable
 from sim.render import RendererName, create_renderer
 from sim.scenes import AnyScene
 from sim.sensor import Look, RigConfig, StereoSensor, Viewpoint
@@ -54,7 +54,7 @@ class SeededSequence(Model):
     """A sequence with its seed: all that is needed to repeat it."""
 
     sequence: Sequence
-    seed: int = Field(ge=0)
+    seed: int = Field(ge=0, lt=2**32)
     versions: dict[str, str] = Field(default_factory=dict)
     """Of the packages that it was recorded with."""
 
@@ -108,23 +108,24 @@ def record(planned: SeededSequence, folder: Path, frames: int, progress: Progres
         start = writer.frames
         if start >= frames:
             raise ScenarioError(f"{folder} holds {start} whole frames already, {frames} were asked for: nothing to do")
+        quality = DepthQuality(film.blank_ids)
         for capture in Recording.open(folder) if start else ():
-            film.quality.add(capture)
+            quality.add(capture)
         progress(start)
         with ThreadPoolExecutor(2) as pool:
             waiting: deque[Future[tuple[Capture, EncodedFrame]]] = deque()
             for look in film.looks(start, frames):
                 waiting.append(pool.submit(_measure, film.sensor, writer, look))
                 if len(waiting) >= AHEAD:
-                    _commit(writer, film.quality, waiting.popleft(), progress)
+                    _commit(writer, quality, waiting.popleft(), progress)
             while waiting:
-                _commit(writer, film.quality, waiting.popleft(), progress)
+                _commit(writer, quality, waiting.popleft(), progress)
         if writer.frames < frames:
             raise ScenarioError(
                 f"the flight of {planned.sequence.name!r} ends after {writer.frames} frames, {frames} were asked for: "
                 "they are safe; ask for fewer, or lengthen the scene"
             )
-        return Recorded(folder=folder, frames=frames, new_frames=frames - start, quality=film.quality)
+        return Recorded(folder=folder, frames=frames, new_frames=frames - start, quality=quality)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,8 +135,11 @@ class Film:
     world: World
     sensor: StereoSensor
     poses: Callable[[], Iterator[BodyPose]]
-    baseline_m: float
-    quality: DepthQuality
+
+    @property
+    def blank_ids(self) -> list[int]:
+        """Segmentation ids of the bodies without texture."""
+        return [body_id for body_id, body in self.world.bodies.items() if body.surface.texture == 0]
 
     def looks(self, start: int, stop: int) -> Iterator[Look]:
         """What the camera sees in the frames `start` to `stop`, rendered one after the other."""
@@ -147,7 +151,8 @@ class Film:
 
     def _require_outside(self, look: Look) -> None:
         left_m, to_right = look.T_world_cam[:3, 3], look.T_world_cam[:3, 0]
-        for name, at_m in (("left", left_m), ("right", left_m + self.baseline_m * to_right)):
+        baseline_m = self.sensor.intrinsics.baseline_m or 0.0
+        for name, at_m in (("left", left_m), ("right", left_m + baseline_m * to_right)):
             if is_inside(self.world, at_m):
                 x, y, z = at_m
                 raise SensorError(
@@ -165,20 +170,16 @@ def filming(planned: SeededSequence) -> Iterator[Film]:
     with World(scene, np.empty((0, 3))) as world:
         renderer = create_renderer(sequence.renderer, world, threads=2)
         sensor = StereoSensor(world, renderer, sequence.rig, seed=seed, right=True)
-        blank = [body_id for body_id, body in world.bodies.items() if body.surface.texture == 0]
         yield Film(
             world=world,
             sensor=sensor,
             poses=lambda: sequence.flight.poses(scene.path_m, seed, sequence.rig.rate_hz),
-            baseline_m=sequence.rig.baseline_m,
-            quality=DepthQuality(blank),
         )
 
 
 def _open(planned: SeededSequence, folder: Path, intrinsics: Any) -> RecordingWriter:
     """A new recording, or the one that is there."""
-    begun = folder.is_dir() and any(folder.iterdir())
-    make = RecordingWriter.resume if begun else RecordingWriter.create
+    make = RecordingWriter.create if not folder.is_dir() or is_startable(folder) else RecordingWriter.resume
     return make(folder, intrinsics=intrinsics, config_text=to_toml(planned))
 
 

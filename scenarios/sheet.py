@@ -8,7 +8,18 @@ from sim.recording import Recording
 from sim.types import Capture
 
 from .errors import ScenarioError
-from .images import LOSS_COLORS_BGR, Image, colored, gray_bgr, loss_colored, narrowed, save_picture, titled
+from .images import (
+    LOSS_COLORS_BGR,
+    Image,
+    colored,
+    gray_bgr,
+    loss_colored,
+    narrowed,
+    picked,
+    require_picture,
+    save_picture,
+    titled,
+)
 
 PANEL_PX = 300
 ROWS = 3
@@ -21,6 +32,7 @@ def make_sheet(folder: Path, out: Path) -> None:
         RecordingError: The folder is not a readable recording.
         ScenarioError: It holds no frame, or the picture cannot be written.
     """
+    require_picture(out)
     recording = Recording.open(folder)
     if len(recording) == 0:
         raise ScenarioError(f"{folder} holds no whole frame: record some first")
@@ -31,13 +43,13 @@ def make_sheet(folder: Path, out: Path) -> None:
 
 def _row(capture: Capture, frame: int) -> Image:
     panels = {
-        f"gray, frame {frame}": gray_bgr(capture.gray_left),
-        "depth, true": colored(capture.depth_true_m),
-        "depth, raw": colored(capture.depth_raw_m),
-        "hidden from the right camera": gray_bgr(capture.occluded),
-        "why there is no depth": loss_colored(capture.loss),
+        f"gray, frame {frame}": narrowed(gray_bgr(capture.gray_left), PANEL_PX),
+        "depth, true": colored(picked(capture.depth_true_m, PANEL_PX)),
+        "depth, raw": colored(picked(capture.depth_raw_m, PANEL_PX)),
+        "hidden from the right camera": gray_bgr(picked(capture.occluded, PANEL_PX)),
+        "why there is no depth": loss_colored(picked(capture.loss, PANEL_PX)),
     }
-    return np.hstack([titled(name, narrowed(image, PANEL_PX)) for name, image in panels.items()])
+    return np.hstack([titled(name, image) for name, image in panels.items()])
 
 
 def _legend(width_px: int) -> Image:

@@ -1,5 +1,6 @@
 """What a world consists of, as plain data: solids, their looks, and the weather they are seen in."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -124,6 +125,13 @@ class Weather(Model):
     """Contrast of the clouds; 0 is a uniform sky."""
     exposure: float = Field(1.25, gt=0)
 
+    @property
+    def to_sun(self) -> tuple[float, float, float]:
+        """Unit vector towards the sun in the world frame."""
+        azimuth, elevation = np.radians([self.sun_azimuth_deg, self.sun_elevation_deg])
+        flat = np.cos(elevation)
+        return float(np.cos(azimuth) * flat), float(np.sin(azimuth) * flat), float(np.sin(elevation))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
@@ -136,18 +144,18 @@ class Scene:
     """Way points on the ground, shape (n, 3), along which the builder left room for a camera; none if it left none."""
 
 
-class SceneSpec(Model):
+class SceneSpec(Model, ABC):
     """What every kind of scene can be asked for."""
 
     weather: Weather = Weather()
 
+    @abstractmethod
     def build(self, seed: int) -> Scene:
         """The scene of a seed.
 
         Raises:
             SceneError: The specification cannot be built.
         """
-        raise NotImplementedError
 
 
 def _require_positive(what: str, *lengths_m: float) -> None:

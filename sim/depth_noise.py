@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
 from .model import Model
+from .noise import focal_baseline_px_m
 from .seeds import Purpose, stream
 from .types import IdImage, Loss
 
@@ -26,15 +27,14 @@ class NoisyDepth:
     """A depth image while noise is added to it; terms change the two images in place."""
 
     depth_m: FloatImage
-    """Shape (H, W), float32; 0 = invalid."""
+    """Shape (H, W), float32; 0 = invalid, +inf where there is no surface."""
     loss: GrayImage
     """One `Loss` per pixel."""
     segment_id: IdImage
     occluded: MaskImage
     texture_of_body: Mapping[int, float]
-    """Strength of the texture of each body; bodies that are not listed are not blank."""
+    """Strength of the texture of each body."""
     intrinsics: Intrinsics
-    max_depth_m: float
     seed: int
     key: tuple[int, int]
     """Drone and frame."""
@@ -65,8 +65,8 @@ class NoiseTerm(Model, ABC):
 class Scale(NoiseTerm):
     """`D + D beta` with `beta ~ U[-theta, theta]`, redrawn every frame: paper, Eq. noisesim."""
 
-    theta: float = Field(0.0, ge=0)
-    """Noise ratio threshold; 0 changes nothing."""
+    theta: float = Field(0.0, ge=0, le=1)
+    """Noise ratio threshold; 0 changes nothing, more than 1 would make depths negative."""
     unit: ScaleUnit = "object"
     """What shares one draw."""
 
@@ -102,14 +102,15 @@ class Disparity(NoiseTerm):
         return self.sigma_px > 0 or self.step_px > 0
 
     def apply(self, image: NoisyDepth) -> None:
-        """Disturb valid depths; disparities at or below that of the largest depth read the largest depth."""
-        focal_baseline = image.intrinsics.fx_px * float(image.intrinsics.baseline_m or 0)
+        """Disturb valid depths; disparities at or below 0 are infinitely far."""
+        focal_baseline = focal_baseline_px_m(image.intrinsics)
         noise_px = self.sigma_px * image.draws(Purpose.DISPARITY).standard_normal(image.depth_m.shape)
         valid = image.depth_m > 0
         disparity_px = focal_baseline / np.where(valid, image.depth_m, 1.0) + noise_px
         if self.step_px:
             disparity_px = self.step_px * np.rint(disparity_px / self.step_px)
-        depth_m = focal_baseline / np.maximum(disparity_px, focal_baseline / image.max_depth_m)
+        with np.errstate(divide="ignore"):
+            depth_m = focal_baseline / np.maximum(disparity_px, 0)
         image.depth_m[valid] = depth_m[valid]
 
 
@@ -124,6 +125,12 @@ class Flicker(NoiseTerm):
     """A jumping patch is farther or nearer by this part of its depth."""
     patch_px: int = Field(4, ge=1)
     """Side of a patch."""
+
+    @model_validator(mode="after")
+    def _check(self) -> "Flicker":
+        if self.dropout + self.jump > 1:
+            raise ValueError(f"dropout and jump are shares of all patches, got {self.dropout} + {self.jump} > 1")
+        return self
 
     @property
     def active(self) -> bool:
@@ -174,16 +181,16 @@ class Occlusion(NoiseTerm):
 
 
 class DepthNoise(Model):
-    """All terms, in the order in which they apply. As it stands only occlusion is on."""
+    """All terms, in the order in which they apply; a hole keeps its first reason. By default only occlusion is on."""
 
+    occlusion: Occlusion = Occlusion()
     scale: Scale = Scale()
     disparity: Disparity = Disparity()
     flicker: Flicker = Flicker()
     blank: Blank = Blank()
-    occlusion: Occlusion = Occlusion()
 
     @property
     def terms(self) -> tuple[NoiseTerm, ...]:
         """The terms that do something."""
-        every = (self.scale, self.disparity, self.flicker, self.blank, self.occlusion)
+        every = (self.occlusion, self.scale, self.disparity, self.flicker, self.blank)
         return tuple(term for term in every if term.active)

@@ -4,7 +4,11 @@ import numpy as np
 
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
+from .errors import SensorError
 from .seeds import Purpose, stream
+
+HIDDEN_PX = 0.75
+"""Least step of disparity that counts as something in front."""
 
 
 def photon_noise(gray: GrayImage, sigma: float, *key: int, seed: int, gain: float = 1.0) -> GrayImage:
@@ -24,17 +28,23 @@ def exposure_gain(sigma: float, *key: int, seed: int) -> float:
 def occlusion(left_depth_m: FloatImage, right_depth_m: FloatImage, intrinsics: Intrinsics) -> MaskImage:
     """Pixels of the left image whose surface the right camera does not see, shape (H, W).
 
-    A pixel at depth z lies `fB/z` to the left in the right image. It is hidden if that is outside of the image, or if
-    both pixels next to that place show something nearer, by more than 2 %.
+    A pixel of disparity d lies d to the left in the right image. It is hidden if that is outside of the image, or if
+    the nearest pixel there shows something of more disparity, by more than `HIDDEN_PX`: a smaller step is no shadow
+    that a pixel could show, and a slanted surface differs by as much within half a pixel.
     """
     width = left_depth_m.shape[1]
-    focal_baseline = intrinsics.fx_px * float(intrinsics.baseline_m or 0)
-    col = np.arange(width, dtype=np.float32)[None, :] - focal_baseline / left_depth_m
-    first = np.clip(np.floor(col), 0, width - 1).astype(np.intp)
-    second = np.clip(first + 1, 0, width - 1)
-    seen_m = np.maximum(
-        np.take_along_axis(right_depth_m, first, axis=1), np.take_along_axis(right_depth_m, second, axis=1)
-    )
-    with np.errstate(invalid="ignore"):
-        hidden = seen_m < 0.98 * left_depth_m
-    return np.isfinite(left_depth_m) & ((col < -0.5) | hidden)
+    disparity_px = focal_baseline_px_m(intrinsics) / left_depth_m
+    col = np.rint(np.arange(width, dtype=np.float32)[None, :] - disparity_px).astype(np.intp)
+    seen_px = focal_baseline_px_m(intrinsics) / np.take_along_axis(right_depth_m, np.maximum(col, 0), axis=1)
+    return np.isfinite(left_depth_m) & ((col < 0) | (seen_px - disparity_px > HIDDEN_PX))
+
+
+def focal_baseline_px_m(intrinsics: Intrinsics) -> float:
+    """`f B`: the product of disparity [px] and depth [m].
+
+    Raises:
+        SensorError: The camera has no baseline.
+    """
+    if intrinsics.baseline_m is None:
+        raise SensorError("a stereo camera needs a baseline, got intrinsics with baseline_m None")
+    return intrinsics.fx_px * intrinsics.baseline_m

@@ -1,11 +1,12 @@
 """How good measured depth is, by range and by what could be known: sums over captures."""
 
 from collections.abc import Collection, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from .noise import focal_baseline_px_m
 from .types import Capture, Loss
 
 RANGES_M = (0.6, 2.0, 5.0, 8.0, 15.0, 30.0)
@@ -36,7 +37,8 @@ class DepthQuality:
         self._holes: Counts = np.zeros(n, np.int64)
         self._within_1_px: Counts = np.zeros(n, np.int64)
         self._errors: Counts = np.zeros((n, round(LARGEST_PX / STEP_PX) + 1), np.int64)
-        self._rejected = {"hidden": np.zeros(2, np.int64), "blank": np.zeros(2, np.int64)}
+        self._unknowable = {"hidden": np.zeros(3, np.int64), "blank": np.zeros(3, np.int64)}
+        """Pixels whose depth the camera cannot know: all, without depth, with a wrong one."""
         self._losses: Counts = np.zeros(len(Loss), np.int64)
 
     def add(self, capture: Capture) -> None:
@@ -46,15 +48,16 @@ class DepthQuality:
         judged = (true_m >= self.ranges_m[0]) & (true_m < self.ranges_m[-1])
         blank = judged & np.isin(capture.segment_id, self._blank_ids) & ~capture.occluded
         hidden = judged & capture.occluded
+        hole = raw_m == 0
         with np.errstate(invalid="ignore"):
-            bad = (raw_m == 0) | (np.abs(raw_m - true_m) > WRONG * true_m)
+            wrong = ~hole & (np.abs(raw_m - true_m) > WRONG * true_m)
         for name, which in (("hidden", hidden), ("blank", blank)):
-            self._rejected[name] += (np.count_nonzero(which), np.count_nonzero(bad & which))
+            self._unknowable[name] += [np.count_nonzero(pixels & which) for pixels in (which, hole, wrong)]
         plain = judged & ~hidden & ~blank
         self._add_plain(capture, true_m[plain], raw_m[plain])
 
     def _add_plain(self, capture: Capture, true_m: npt.NDArray[Any], raw_m: npt.NDArray[Any]) -> None:
-        focal_baseline = capture.intrinsics.fx_px * float(capture.intrinsics.baseline_m or 0)
+        focal_baseline = focal_baseline_px_m(capture.intrinsics)
         n, n_steps = self._errors.shape
         which = np.digitize(true_m, self.ranges_m) - 1
         filled = raw_m > 0
@@ -88,15 +91,13 @@ class DepthQuality:
             for counts in self._errors
         ]
 
-    @property
-    def hidden_rejected(self) -> float | None:
-        """Share of the hidden pixels that are holes or wrong by more than 5 %: what they should be."""
-        return _share(self._rejected["hidden"][1], self._rejected["hidden"][0])
+    def unknowable_shares(self, which: Literal["hidden", "blank"]) -> tuple[float | None, float | None]:
+        """Shares of the hidden, or of the blank, pixels that have no depth, as they should, and a wrong one.
 
-    @property
-    def blank_rejected(self) -> float | None:
-        """The same of the blank pixels."""
-        return _share(self._rejected["blank"][1], self._rejected["blank"][0])
+        The rest is right by chance: a matcher continues the surface beside it.
+        """
+        pixels, holes, wrong = self._unknowable[which]
+        return _share(holes, pixels), _share(wrong, pixels)
 
     @property
     def loss_shares(self) -> dict[Loss, float]:

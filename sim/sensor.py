@@ -12,11 +12,11 @@ from . import frames
 from .depth_noise import DepthNoise
 from .errors import SensorError
 from .model import Model
-from .noise import exposure_gain, photon_noise
-from .stereo import StereoConfig
+from .noise import exposure_gain, occlusion, photon_noise
+from .stereo import NOISE_TEXTURE, StereoConfig
 from .tiers import DepthTier, DepthTierName, NoisyTier, StereoTier, StereoView, TruthTier
 from .types import BodyPose, Camera, Capture, Images, Renderer
-from .world import World
+from .world import DRONE_SURFACE, World
 
 
 class RigConfig(Model):
@@ -47,6 +47,12 @@ class RigConfig(Model):
         if self.noise != DepthNoise() and self.depth != "noisy":
             raise ValueError(
                 f"depth noise, theta included, belongs to the depth tier 'noisy', got it with {self.depth!r}"
+            )
+        floor = NOISE_TEXTURE * self.photon_sigma
+        if self.depth == "stereo" and 0 < self.stereo.min_texture < floor:
+            raise ValueError(
+                f"photon noise of {self.photon_sigma} alone reads as a texture of {floor:.2f}, so stereo.min_texture "
+                f"{self.stereo.min_texture} would call nothing blank: raise it, or set it to 0"
             )
         return self
 
@@ -132,13 +138,17 @@ class StereoSensor:
     def capture(self, look: Look) -> Capture:
         """Add the noise of the cameras and measure depth; threads may work on several looks at once."""
         drone, frame = look.viewpoint.drone, look.frame
+        if look.right is None:
+            occluded = np.zeros(look.left.depth_m.shape, np.bool_)
+        else:
+            occluded = occlusion(look.left.depth_m, look.right.depth_m, self.intrinsics)
         view = StereoView(
             drone=drone,
             frame=frame,
             left=look.left,
-            right=look.right,
             gray_left=self._exposed(look.left, drone, frame, 0),
             gray_right=None if look.right is None else self._exposed(look.right, drone, frame, 1),
+            occluded=occluded,
         )
         measured = self._tier.measure(view)
         return Capture(
@@ -148,7 +158,7 @@ class StereoSensor:
             gray_right=view.gray_right,
             depth_true_m=look.left.depth_m,
             depth_raw_m=measured.depth_m,
-            occluded=measured.occluded,
+            occluded=occluded,
             loss=measured.loss,
             segment_id=look.left.segment_id,
             T_world_cam=look.T_world_cam,
@@ -176,6 +186,7 @@ def make_tier(config: RigConfig, world: World, *, seed: int) -> DepthTier:
     if config.depth == "stereo":
         return StereoTier(config.intrinsics, config.stereo, max_depth_m=config.max_depth_m)
     texture_of_body = {body_id: body.surface.texture for body_id, body in world.bodies.items()}
+    texture_of_body |= dict.fromkeys(world.drone_ids, DRONE_SURFACE.texture)
     return NoisyTier(
         config.intrinsics,
         config.noise,

@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 import pybullet
 
+from voxdepth.types import FloatArray
+
 from . import frames
 from .bodies import Body, Box, Cylinder, Heightfield, Mesh, Shape, Sphere, Surface
 from .seeds import Purpose, stream
@@ -28,7 +30,7 @@ def create_body(body: Body, client: int) -> int:
 
 
 def apply_texture(bodies: Sequence[int], seed: int, client: int) -> None:
-    """One seeded noise texture over all bodies, for PyBullet's own renderers."""
+    """One seeded noise texture over some bodies, for PyBullet's own renderers, which know no strength and no pattern."""
     noise = stream(seed, Purpose.SURFACE).integers(90, 256, (256, 256), dtype=np.uint8)
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "noise.png")
@@ -79,7 +81,16 @@ def _sphere(sphere: Sphere) -> Description:
 def _mesh(mesh: Mesh) -> Description:
     vertices, indices = mesh.vertices_m.tolist(), mesh.triangles.ravel().tolist()
     collision = {"vertices": vertices, "indices": indices, "flags": pybullet.GEOM_FORCE_CONCAVE_TRIMESH}
-    return pybullet.GEOM_MESH, collision, {"vertices": vertices, "indices": indices, "normals": vertices}
+    return pybullet.GEOM_MESH, collision, {"vertices": vertices, "indices": indices, "normals": _normals(mesh).tolist()}
+
+
+def _normals(mesh: Mesh) -> FloatArray:
+    """Unit normal of each vertex, shape (V, 3): that of its triangles together."""
+    a, b, c = np.moveaxis(mesh.vertices_m[mesh.triangles], 1, 0)
+    total = np.zeros_like(mesh.vertices_m, np.float64)
+    np.add.at(total, mesh.triangles, np.cross(b - a, c - a)[:, None])
+    normals: FloatArray = total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
+    return normals
 
 
 def _heightfield(field: Heightfield) -> Description:

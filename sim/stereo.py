@@ -2,19 +2,26 @@
 
 import threading
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
-from pydantic import Field
+import numpy.typing as npt
+from pydantic import Field, model_validator
 
-from voxdepth.types import FloatImage, GrayImage, Intrinsics
+from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
 from .errors import SensorError
 from .model import Model
+from .noise import focal_baseline_px_m
 from .types import Loss
 
+Disparity = npt.NDArray[np.int16]
+"""In 1/16 px, shape (H, W); negative = invalid."""
+
 TEXTURE_WINDOW_PX = 15
+NOISE_TEXTURE = 1.13
+"""What `texture` reads of uncorrelated noise, in its standard deviations: `2 / sqrt(pi)`."""
 INVALID = np.int16(-16)
 """Disparity of pixels without a match, in 1/16 px."""
 
@@ -33,18 +40,30 @@ class StereoConfig(Model):
     uniqueness_percent: int = Field(5, ge=0, le=100)
     """Margin by which the best match must beat the second best; more leaves more holes and fewer errors."""
     min_texture: float = Field(2.0, ge=0)
-    """Least mean difference of neighbouring pixels along a row, in gray levels, over a window of 15 x 15 px; below it
-    a pixel is blank. Photon noise alone reads 1.13 times its deviation; more leaves more holes on weak texture."""
+    """Least mean difference of the pixels to the left and to the right of each, in gray levels, over a window of
+    15 x 15 px; below it a pixel is blank. Noise alone reads 1.13 times its deviation; more leaves more holes on weak
+    texture, and 0 switches the check off."""
     speckle_px: int = Field(60, ge=0)
-    """Islands of fewer pixels are removed."""
-    left_right_px: float = Field(1.0, gt=0)
-    """Largest difference of disparity between two pixels of the left image that claim one pixel of the right."""
+    """Islands of up to so many pixels are removed."""
+    check: Literal["one-to-one", "left-right"] = "one-to-one"
+    """How wrong matches in hidden regions are found: `left-right` matches a second time, from the right image, and
+    wants the same; `one-to-one` only wants that no two surfaces claim one pixel of the right image, at a twentieth of
+    the time, and leaves more wrong depths there."""
+    check_px: float = Field(1.0, gt=0)
+    """Difference of disparity that the check tolerates."""
+
+    @model_validator(mode="after")
+    def _check_matcher(self) -> "StereoConfig":
+        if self.block_px % 2 == 0 or self.penalty_small >= self.penalty_large:
+            raise ValueError(
+                f"block_px must be odd and penalty_small less than penalty_large, got {self.block_px}, "
+                f"{self.penalty_small} and {self.penalty_large}"
+            )
+        return self
 
     def n_disparities(self, intrinsics: Intrinsics) -> int:
         """Disparities to search, a multiple of 16 as the matcher wants it."""
-        if intrinsics.baseline_m is None:
-            raise SensorError("stereo matching needs the baseline of the camera, got None")
-        widest_px = intrinsics.fx_px * intrinsics.baseline_m / self.min_depth_m
+        widest_px = focal_baseline_px_m(intrinsics) / self.min_depth_m
         n = 16 * int(np.ceil(widest_px / 16))
         if n >= intrinsics.width_px:
             raise SensorError(
@@ -67,10 +86,6 @@ class Match:
 class StereoMatcher:
     """Computes depth for stereo pairs of one camera; threads may share it.
 
-    The left-right check asks that no two surfaces claim one pixel of the right image: of two pixels of the left image
-    that map there, the nearer surface hides the farther one, which therefore cannot have been seen. This rejects as
-    much of the occluded regions as a second matching from the right would, at a twentieth of its time.
-
     Surfaces beyond `max_depth_m`, the sky included, read `max_depth_m`.
     """
 
@@ -81,10 +96,12 @@ class StereoMatcher:
 
         wp.load_module(kernels, device="cpu")
         self._claims = kernels.nearest_claims
+        checks = {"one-to-one": self._is_claimed_by_another, "left-right": self._differs_from_the_right}
+        self._is_wrong = checks[config.check]
         self._config = config
         self._max_depth_m = max_depth_m
         self._n = config.n_disparities(intrinsics)
-        self._focal_baseline_px_m = intrinsics.fx_px * float(intrinsics.baseline_m or 0)
+        self._focal_baseline_px_m = focal_baseline_px_m(intrinsics)
         self._own = threading.local()
 
     @property
@@ -95,9 +112,8 @@ class StereoMatcher:
     def match(self, left: GrayImage, right: GrayImage) -> Match:
         """Disparity of the left image, and why it is missing where it is."""
         raw = self._semi_global(left, right)
-        claimed = self._claims(raw)
         blank = texture(left) < self._config.min_texture
-        ambiguous = (raw < 0) | (claimed - raw > 16 * self._config.left_right_px)
+        ambiguous = (raw < 0) | self._is_wrong(raw, left, right)
         kept = np.where(blank | ambiguous, INVALID, raw)
         checked = kept.copy()
         cv2.filterSpeckles(checked, int(INVALID), self._config.speckle_px, 16)
@@ -115,7 +131,20 @@ class StereoMatcher:
         depth_m[disparity_px < 0] = 0
         return depth_m.astype(np.float32)
 
-    def _semi_global(self, left: GrayImage, right: GrayImage) -> Any:
+    def _is_claimed_by_another(self, raw: Disparity, left: GrayImage, right: GrayImage) -> MaskImage:
+        """Of two pixels that map to one pixel of the right image, the farther one is hidden by the nearer one."""
+        wrong: MaskImage = self._claims(raw) - raw > 16 * self._config.check_px
+        return wrong
+
+    def _differs_from_the_right(self, raw: Disparity, left: GrayImage, right: GrayImage) -> MaskImage:
+        """The pixel of the right image that a pixel maps to does not map back to it."""
+        from_right = self._semi_global(right[:, ::-1], left[:, ::-1])[:, ::-1]
+        col = np.arange(raw.shape[1])[None, :] - (raw + 8) // 16
+        back = np.take_along_axis(from_right, np.clip(col, 0, raw.shape[1] - 1).astype(np.intp), axis=1)
+        wrong: MaskImage = (col < 0) | (back < 0) | (np.abs(back.astype(np.int32) - raw) > 16 * self._config.check_px)
+        return wrong
+
+    def _semi_global(self, left: GrayImage, right: GrayImage) -> Disparity:
         """Disparity in 1/16 px; both images are padded so that no column is lost at the border."""
         padded = [cv2.copyMakeBorder(image, 0, 0, self._n, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
         return np.ascontiguousarray(self._matcher.compute(*padded)[:, self._n :])

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 
@@ -10,12 +10,11 @@ from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
 from .depth_noise import DepthNoise, NoisyDepth
 from .errors import SensorError
-from .noise import occlusion
 from .stereo import StereoConfig, StereoMatcher
 from .types import Images, Loss
 
 DepthTierName = Literal["truth", "noisy", "stereo"]
-TIER_NAMES: tuple[DepthTierName, ...] = ("truth", "noisy", "stereo")
+TIER_NAMES: tuple[DepthTierName, ...] = get_args(DepthTierName)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,20 +25,20 @@ class Measurement:
     """Shape (H, W), float32; 0 = invalid."""
     loss: GrayImage
     """One `Loss` per pixel, shape (H, W), uint8."""
-    occluded: MaskImage
-    """Pixels hidden from the right camera, shape (H, W)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StereoView:
     """What both cameras of one drone show: free of noise, and with that of the cameras."""
 
+
     drone: int
     frame: int
     left: Images
-    right: Images | None
     gray_left: GrayImage
     gray_right: GrayImage | None
+    occluded: MaskImage
+    """Pixels hidden from the right camera, shape (H, W); all False without a right camera."""
 
 
 class DepthTier(Protocol):
@@ -63,12 +62,8 @@ class TruthTier:
 
     def measure(self, view: StereoView) -> Measurement:
         """The true depth."""
-        shape = view.left.depth_m.shape
-        return Measurement(
-            depth_m=np.minimum(view.left.depth_m, self._max_depth_m),
-            loss=np.zeros(shape, np.uint8),
-            occluded=np.zeros(shape, np.bool_),
-        )
+        depth_m = np.minimum(view.left.depth_m, self._max_depth_m)
+        return Measurement(depth_m=depth_m, loss=np.zeros(depth_m.shape, np.uint8))
 
 
 class NoisyTier:
@@ -95,26 +90,25 @@ class NoisyTier:
     ) -> None:
         self._intrinsics = intrinsics
         self._terms = noise.terms
-        self._max_depth_m = max_depth_m
+        self._max_depth_m = np.float32(max_depth_m)
         self._texture_of_body = texture_of_body
         self._seed = seed
 
     def measure(self, view: StereoView) -> Measurement:
-        """The true depth after all terms."""
+        """The true depth after all terms, then capped."""
         image = NoisyDepth(
-            depth_m=np.minimum(view.left.depth_m, np.float32(self._max_depth_m)),
+            depth_m=view.left.depth_m.copy(),
             loss=np.zeros(view.left.depth_m.shape, np.uint8),
             segment_id=view.left.segment_id,
-            occluded=occlusion(view.left.depth_m, _right_of(view).depth_m, self._intrinsics),
+            occluded=view.occluded,
             texture_of_body=self._texture_of_body,
             intrinsics=self._intrinsics,
-            max_depth_m=self._max_depth_m,
             seed=self._seed,
             key=(view.drone, view.frame),
         )
         for term in self._terms:
             term.apply(image)
-        return Measurement(depth_m=image.depth_m, loss=image.loss, occluded=image.occluded)
+        return Measurement(depth_m=np.minimum(image.depth_m, self._max_depth_m), loss=image.loss)
 
 
 class StereoTier:
@@ -123,24 +117,15 @@ class StereoTier:
     needs_right = True
 
     def __init__(self, intrinsics: Intrinsics, config: StereoConfig, *, max_depth_m: float) -> None:
-        self._intrinsics = intrinsics
         self._matcher = StereoMatcher(intrinsics, config, max_depth_m=max_depth_m)
 
     def measure(self, view: StereoView) -> Measurement:
         """Depth with the holes and errors that matching makes; the truth only names the reasons of holes."""
-        right = _right_of(view)
         if view.gray_right is None:
             raise SensorError("the stereo tier needs the gray image of the right camera, got none")
         match = self._matcher.match(view.gray_left, view.gray_right)
-        occluded = occlusion(view.left.depth_m, right.depth_m, self._intrinsics)
         loss, lost = match.loss, match.loss != Loss.NONE
         loss[lost & (view.left.depth_m < self._matcher.min_depth_m)] = Loss.OUT_OF_RANGE
-        loss[lost & occluded] = Loss.OCCLUDED
+        loss[lost & view.occluded] = Loss.OCCLUDED
         depth_m = self._matcher.depth_from_disparity(match.disparity_px)
-        return Measurement(depth_m=depth_m, loss=loss, occluded=occluded)
-
-
-def _right_of(view: StereoView) -> Images:
-    if view.right is None:
-        raise SensorError("this depth tier needs the view of the right camera, got none")
-    return view.right
+        return Measurement(depth_m=depth_m, loss=loss)

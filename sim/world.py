@@ -71,7 +71,7 @@ class World:
             self.bodies: dict[int, Body] = {create_body(body, self.client): body for body in scene.bodies}
             q_start = frames.quaternion_from_yaw(start_yaw_rad)
             self.drone_ids = [self._add_drone(start, q_start) for start in starts_m]
-            apply_texture([*self.bodies, *self.drone_ids], scene.seed, self.client)
+            apply_texture(self.textured_ids, scene.seed, self.client)
             self._drone_of_body = {body: drone for drone, body in enumerate(self.drone_ids)}
             self._fleet = Fleet(self.n_drones, self.airframe)
             self._wanted_velocity = np.zeros((self.n_drones, 3))
@@ -146,6 +146,11 @@ class World:
     def room_at_m(self, position_m: Sequence[float], horizon_m: float = 5.0) -> float:
         """Distance from a point to the nearest static body, at most `horizon_m`; negative inside one."""
         return self._nearest_m(np.asarray(position_m, np.float64), 0.0, horizon_m, None)
+
+    @property
+    def textured_ids(self) -> list[int]:
+        """Ids of all bodies and drones that are not blank."""
+        return [*(body_id for body_id, body in self.bodies.items() if body.surface.texture > 0), *self.drone_ids]
 
     @property
     def extent_m(self) -> float:

@@ -68,6 +68,8 @@ def open_viewer(path: Path, *, web: bool = False) -> None:
 
     from ..errors import ScenarioError
 
+    if (path.parent / "calibration.toml").is_file():
+        raise ScenarioError(f"{path.parent} is a recording of a sequence: look at it with voxdepth sheet {path.parent}")
     if not path.is_file():
         raise ScenarioError(f"there is no recording at {path}; runs with --record have a file run.rrd in their folder")
     command = [sys.executable, "-m", "rerun", str(path), "--bind", "127.0.0.1"]

@@ -8,6 +8,9 @@ import typer
 
 from ..errors import ScenarioError
 
+INTERRUPTED = 130
+"""Exit code after Ctrl-C."""
+
 
 class Depth(StrEnum):
     """Depth tiers; the same words as in a scenario."""

@@ -57,8 +57,10 @@ def scenes(
 ) -> None:
     """Picture every kind of scene and print how hard it is to fly through, as a Markdown table."""
     from ..gallery import exhibits, write_gallery
+    from ..images import require_picture
     from ..tabulate import markdown_head, markdown_row
 
+    require_picture(out)
     shown = []
     for line in markdown_head(["scene", "bodies", "traversability"]):
         typer.echo(line)

@@ -7,9 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from .general import open_viewer
-from .options import Depth, Picture, Renderer, Scenario, Seed, Seeds, Size, Workers, parsed_size
-
-INTERRUPTED = 130
+from .options import INTERRUPTED, Depth, Picture, Renderer, Scenario, Seed, Seeds, Size, Workers, parsed_size
 
 
 def run(

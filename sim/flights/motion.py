@@ -1,5 +1,6 @@
 """What flights share: their base, the clock of the frames, and smooth noise."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from itertools import count
 
@@ -17,9 +18,10 @@ Motion = Callable[[float], BodyPose]
 SINES = 5
 
 
-class Flight(Model):
+class Flight(Model, ABC):
     """How a camera moves along a path."""
 
+    @abstractmethod
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
         """One pose per frame, pose k at k / `rate_hz`; the same, however many are drawn.
 
@@ -31,7 +33,6 @@ class Flight(Model):
         Raises:
             SceneError: The path or the rate cannot be flown.
         """
-        raise NotImplementedError
 
 
 class Drift:

@@ -6,6 +6,6 @@ checksums come last and are the commit of the frame: whatever stops the writer, 
 """
 
 from .reader import Recording
-from .writer import EncodedFrame, RecordingWriter
+from .writer import EncodedFrame, RecordingWriter, is_startable
 
-__all__ = ["EncodedFrame", "Recording", "RecordingWriter"]
+__all__ = ["EncodedFrame", "Recording", "RecordingWriter", "is_startable"]

@@ -1,5 +1,7 @@
 """Writing a recording, so that a dead process or a full disk costs at most the frames that are not yet committed."""
 
+import fcntl
+import os
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -47,13 +49,15 @@ class RecordingWriter:
         self._last_stamp_s = float("-inf")
         self._ended = ""
         """Why no more frames can be written."""
+        self._locked = -1
+        """File descriptor of the folder while it is locked."""
 
     @classmethod
     def create(cls, folder: Path, *, intrinsics: Intrinsics, config_text: str) -> Self:
         """Start a recording.
 
         Args:
-            folder: New or empty; made together with its parents.
+            folder: New, empty, or left by a call of this that failed; made together with its parents.
             intrinsics: Of the left camera, with a baseline.
             config_text: All that is needed to make the recording again, as TOML; kept as it is.
 
@@ -63,12 +67,13 @@ class RecordingWriter:
         writer = cls(folder, intrinsics)
         description = {CONFIG: config_text.encode(), CALIBRATION: calibration_toml(intrinsics).encode()}
         with writer._writing(folder):
-            if folder.exists() and any(folder.iterdir()):
+            if folder.exists() and not is_startable(folder):
                 raise RecordingError(f"{folder} is not empty; name a new folder, or resume the recording that is there")
             folder.mkdir(parents=True, exist_ok=True)
-        writer._begin_after(Ledger(poses=(), digests={}), description)
-        for name, data in description.items():  # Last, for the calibration makes the folder a recording.
-            writer._replace(name, data)
+        with writer._locked_or_closed():
+            writer._begin_after(Ledger(poses=(), digests={}), description)
+            for name, data in description.items():  # Last, for the calibration makes the folder a recording.
+                writer._replace(name, data)
         return writer
 
     @classmethod
@@ -90,8 +95,10 @@ class RecordingWriter:
             raise RecordingError(f"{folder} was made with {recording.intrinsics} and cannot go on with {intrinsics}")
         _refuse_other_config(folder, recording.config_text, config_text)
         writer = cls(folder, intrinsics)
-        whole = Ledger(poses=recording.ledger.poses[: _count_whole(recording)], digests=recording.ledger.digests)
-        writer._begin_after(whole, {name: read(folder / name) for name in DESCRIPTION})
+        with writer._locked_or_closed():
+            ledger = Recording.open(folder).ledger  # Again: another writer may have been at work until now.
+            whole = Ledger(poses=ledger.poses[: _count_whole(folder, ledger)], digests=ledger.digests)
+            writer._begin_after(whole, {name: read(folder / name) for name in DESCRIPTION})
         return writer
 
     @property
@@ -152,6 +159,9 @@ class RecordingWriter:
     def close(self) -> None:
         """Refuse further frames; nothing is left to be written."""
         self._ended = self._ended or "the writer is closed; resume it with a new one"
+        if self._locked >= 0:
+            os.close(self._locked)
+            self._locked = -1
 
     def __enter__(self) -> Self:
         return self
@@ -160,6 +170,25 @@ class RecordingWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    @contextmanager
+    def _locked_or_closed(self) -> Iterator[None]:
+        """Take the folder for this writer; give it back if what follows fails."""
+        try:
+            self._lock()
+            yield
+        except BaseException:
+            self.close()
+            raise
+
+    def _lock(self) -> None:
+        """Keep other writers out of the folder, in this process and in others, until this one is closed or dies."""
+        with self._writing(self.folder):
+            self._locked = os.open(self.folder, os.O_RDONLY)
+            try:
+                fcntl.flock(self._locked, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise RecordingError(f"another writer is recording to {self.folder}: wait until it ends") from error
 
     def _begin_after(self, whole: Ledger, description: Mapping[str, bytes]) -> None:
         """Leave the frames of a ledger in the folder, and nothing of others."""
@@ -196,6 +225,14 @@ class RecordingWriter:
             raise RecordingError(f"cannot write to {self.folder}: {self._ended}")
 
 
+def is_startable(folder: Path) -> bool:
+    """Whether a folder holds nothing but, perhaps, what `RecordingWriter.create` left when it failed."""
+    ours = {channel.folder for channel in CHANNELS} | {CHECKSUMS, GROUND_TRUTH, CONFIG}
+    ours |= {name + TEMPORARY for name in (CHECKSUMS, GROUND_TRUTH, CONFIG, CALIBRATION)}
+    images = (path for channel in CHANNELS for path in (folder / channel.folder).glob("*"))
+    return {path.name for path in folder.iterdir()} <= ours and not any(images)
+
+
 def _refuse_other_config(folder: Path, recorded: str, given: str) -> None:
     if recorded == given:
         return
@@ -207,10 +244,10 @@ def _refuse_other_config(folder: Path, recorded: str, given: str) -> None:
     )
 
 
-def _count_whole(recording: Recording) -> int:
+def _count_whole(folder: Path, ledger: Ledger) -> int:
     """Number of frames before the first that lacks a file."""
-    frames = range(len(recording))
-    lacking = (i for i in frames if not all((recording.folder / name).is_file() for name in image_paths(i)))
+    frames = range(len(ledger.poses))
+    lacking = (i for i in frames if not all((folder / name).is_file() for name in image_paths(i)))
     return next(lacking, len(frames))
 
 

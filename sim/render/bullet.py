@@ -1,4 +1,7 @@
-"""PyBullet's own renderers: slow, and the reference for the others."""
+"""PyBullet's own renderers: slow, and the reference for the depth of the others.
+
+Their gray images are plain: one noise texture on all that is not blank, the sun of the weather, no haze and no clouds.
+"""
 
 import importlib.util
 import subprocess
@@ -23,7 +26,6 @@ from ..types import Camera, Images
 from ..world import DRONE_SURFACE, World, drone_shape
 
 FAR_M = 2000.0
-SUN_DIRECTION = (0.45, -0.35, 0.82)
 SKY_GRAY = 200
 PLUGIN_POSTFIX = "_eglRendererPlugin"
 PROBE_TIMEOUT_S = 60
@@ -50,10 +52,11 @@ class TinyRenderer:
 
     def __init__(self, world: World) -> None:
         self._client = world.client
+        self._sun = world.scene.weather.to_sun
 
     def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
         """One `Images` per camera, of the world as it is now; `gray` comes anyhow."""
-        return [_camera_image(camera, TINY, self._client) for camera in cameras]
+        return [_camera_image(camera, TINY, self._client, self._sun) for camera in cameras]
 
 
 class EglRenderer:
@@ -68,11 +71,13 @@ class EglRenderer:
         self._world = world
         self._client = pybullet.connect(pybullet.DIRECT)
         self.close = weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
-        pybullet.loadPlugin(plugin, PLUGIN_POSTFIX, physicsClientId=self._client)
+        if pybullet.loadPlugin(plugin, PLUGIN_POSTFIX, physicsClientId=self._client) < 0:
+            raise RenderError(f"PyBullet does not load its plugin {plugin} a second time: use raycast")
         static = {self._copy(body): real for real, body in world.bodies.items()}
         self._drones = {self._add_drone(): real for real in world.drone_ids}
         copies = {**static, **self._drones}
-        apply_texture(list(copies), world.scene.seed, self._client)
+        textured = set(world.textured_ids)
+        apply_texture([copy for copy, real in copies.items() if real in textured], world.scene.seed, self._client)
         self._real = np.full(max(copies, default=-1) + 2, -1, np.int32)
         self._real[[copy + 1 for copy in copies]] = list(copies.values())
 
@@ -84,7 +89,7 @@ class EglRenderer:
         return [self._render(camera) for camera in cameras]
 
     def _render(self, camera: Camera) -> Images:
-        seen = _camera_image(camera, EGL, self._client)
+        seen = _camera_image(camera, EGL, self._client, self._world.scene.weather.to_sun)
         return Images(gray=seen.gray, depth_m=seen.depth_m, segment_id=self._real[seen.segment_id + 1])
 
     def _copy(self, body: Body) -> int:
@@ -125,12 +130,13 @@ def egl_plugin() -> str:
         f"assert p.loadPlugin({found.origin!r}, {PLUGIN_POSTFIX!r}, physicsClientId=c) >= 0; "
         "p.getCameraImage(8, 8, renderer=p.ER_BULLET_HARDWARE_OPENGL, physicsClientId=c)"
     )
-    tried = subprocess.run([sys.executable, "-c", probe], capture_output=True, check=False, timeout=PROBE_TIMEOUT_S)
-    if tried.returncode:
+    try:
+        subprocess.run([sys.executable, "-c", probe], capture_output=True, check=True, timeout=PROBE_TIMEOUT_S)
+    except subprocess.SubprocessError as error:
         raise RenderError(
             "the renderer 'egl' does not work here: install a GPU driver, or Mesa's libegl1 and libgl1-mesa-dri, "
             "or use raycast"
-        )
+        ) from error
     return found.origin
 
 
@@ -141,14 +147,14 @@ def wavefront(mesh: Mesh) -> str:
     return "\n".join([*vertices, *faces, ""])
 
 
-def _camera_image(camera: Camera, engine: Engine, client: int) -> Images:
+def _camera_image(camera: Camera, engine: Engine, client: int, to_sun: tuple[float, float, float]) -> Images:
     intrinsics = camera.intrinsics
     _, _, rgba, buffer, segments = pybullet.getCameraImage(
         intrinsics.width_px,
         intrinsics.height_px,
         view_matrix(camera.T_world_cam),
         projection_matrix(intrinsics, engine),
-        lightDirection=SUN_DIRECTION,
+        lightDirection=to_sun,
         shadow=0,
         renderer=engine.flag,
         physicsClientId=client,

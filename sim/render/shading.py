@@ -8,7 +8,6 @@ of that resolution could see.
 # mypy: disable-error-code="no-untyped-def,type-arg,valid-type,untyped-decorator,no-any-return,index,misc"
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from ..bodies import Weather
@@ -60,11 +59,8 @@ class Air:
 
 def air(weather: Weather, seed: int) -> Any:
     """Weather for the kernel; the seed places the clouds."""
-    azimuth, elevation = np.radians([weather.sun_azimuth_deg, weather.sun_elevation_deg])
     made = Air()
-    made.sun = wp.vec3(
-        float(np.cos(azimuth) * np.cos(elevation)), float(np.sin(azimuth) * np.cos(elevation)), float(np.sin(elevation))
-    )
+    made.sun = wp.vec3(*weather.to_sun)
     made.ambient, made.haze_m, made.sky = weather.ambient, weather.haze_m, weather.sky
     made.clouds, made.exposure, made.seed = weather.clouds, weather.exposure, seed
     return made

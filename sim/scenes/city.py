@@ -5,8 +5,15 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from voxdepth.types import FloatArray
+
 from ..bodies import Body, Box, Cylinder, Scene, SceneSpec, Surface
 from ..seeds import Purpose, stream
+
+POLE_SHIFT_M = 0.5
+"""Largest distance of a pole from the middle of its street."""
+PATH_ROOM_M = 0.5
+"""Room that a path needs on both sides."""
 
 
 class CitySpec(SceneSpec):
@@ -43,7 +50,7 @@ class CitySpec(SceneSpec):
         return sum(self.tower_side_m) / 2 + self.street_width_m
 
     def build(self, seed: int) -> Scene:
-        """The city of a seed: it begins at x = 0 and is centred on y = 0. The path is its first street along y."""
+        """The city of a seed: it begins at x = 0 and is centred on y = 0."""
         rng = stream(seed, Purpose.SCENE)
         ground = Body(
             name="ground",
@@ -54,9 +61,16 @@ class CitySpec(SceneSpec):
         )
         towers = [_tower(self, rng, column, row) for column in range(self.columns) for row in range(self.rows)]
         poles = [_pole(self, rng, i) for i in range(self.poles)]
-        side = self.rows * self.pitch_m / 2
-        path_m = np.array([[self.pitch_m - 1.5, -side, 0.0], [self.pitch_m - 1.5, side, 0.0]])
-        return Scene(seed=seed, bodies=(ground, *towers, *poles), weather=self.weather, path_m=path_m)
+        return Scene(seed=seed, bodies=(ground, *towers, *poles), weather=self.weather, path_m=self._path_m())
+
+    def _path_m(self) -> FloatArray:
+        """A way along the first street that runs along y, between its poles and the towers; none in narrow streets."""
+        to_pole_m = POLE_SHIFT_M + self.pole_radius_m
+        to_tower_m = (self.pitch_m - self.tower_side_m[1]) / 2 - self.jitter_m
+        if to_tower_m - to_pole_m < 2 * PATH_ROOM_M:
+            return np.zeros((0, 3))
+        x, side = self.pitch_m - (to_pole_m + to_tower_m) / 2, self.rows * self.pitch_m / 2
+        return np.array([[x, -side, 0.0], [x, side, 0.0]])
 
 
 def _tower(spec: CitySpec, rng: np.random.Generator, column: int, row: int) -> Body:
@@ -78,7 +92,7 @@ def _tower(spec: CitySpec, rng: np.random.Generator, column: int, row: int) -> B
 def _pole(spec: CitySpec, rng: np.random.Generator, index: int) -> Body:
     """A pole on the line between two columns of towers, where the streets along y run."""
     column = rng.integers(0, spec.columns)
-    x = (column + 1) * spec.pitch_m + rng.uniform(-0.5, 0.5)
+    x = (column + 1) * spec.pitch_m + rng.uniform(-POLE_SHIFT_M, POLE_SHIFT_M)
     y = rng.uniform(-0.5, 0.5) * spec.rows * spec.pitch_m
     height = rng.uniform(8.0, 11.0)
     return Body(

@@ -50,7 +50,7 @@ class CorridorSpec(SceneSpec):
             low, high = getattr(self, name)
             if not 1 <= low <= high:
                 raise ValueError(f"{name} must be a range of at least 1 m, low before high, got [{low}, {high}]")
-        if self.passage_width_m > self.width_m or self.passage_m > self.length_m / 2:
+        if self.passage_m > 0 and (self.passage_width_m > self.width_m or self.passage_m > self.length_m / 2):
             raise ValueError(
                 f"the passage must be no wider than the street and at most half as long, got {self.passage_m} m x "
                 f"{self.passage_width_m} m in {self.length_m} m x {self.width_m} m"

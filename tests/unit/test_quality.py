@@ -35,7 +35,7 @@ def test_exact_depth_has_no_faults() -> None:
     assert quality.hole_shares == [0, None]
     assert quality.within_1_px_shares == [1, None]
     assert quality.median_errors_px == [pytest.approx(0, abs=0.01), None]
-    assert quality.hidden_rejected is None
+    assert quality.unknowable_shares("hidden") == (None, None)
 
 
 def test_errors_are_told_by_range_in_pixels_of_disparity() -> None:
@@ -59,14 +59,14 @@ def test_holes_count_as_not_within_a_pixel_and_captures_add_up() -> None:
     assert quality.loss_shares[Loss.BLANK] == 0.5
 
 
-def test_hidden_and_blank_pixels_are_judged_by_their_rejection_alone() -> None:
+def test_hidden_and_blank_pixels_are_judged_apart() -> None:
     col = np.arange(CAMERA.width_px)
     raw_m = np.select([col < 20, col < 40, col < 80], [0.0, 3.2, 3.0], 3.0)
     fields = {"occluded": col < 80, "segment_id": np.where(col >= 120, 7, 0)}
     quality = DepthQuality(blank_ids=[7], ranges_m=(1, 5))
     quality.add(capture(3.0, raw_m, **fields))
-    assert quality.hidden_rejected == 0.5, "20 of 80 columns are holes, 20 are 6.7 % off, 40 are right"
-    assert quality.blank_rejected == 0
+    assert quality.unknowable_shares("hidden") == (0.25, 0.25), "20 of 80 columns are holes, 20 are 6.7 % off"
+    assert quality.unknowable_shares("blank") == (0, 0)
     assert quality.pixels == [40 * CAMERA.height_px]
 
 

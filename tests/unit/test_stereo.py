@@ -84,20 +84,26 @@ def test_threads_share_a_matcher_and_get_the_same_bytes() -> None:
     cv2.setNumThreads(1)
 
 
-@pytest.mark.slow
-def test_depth_of_sim_mb_is_right_where_it_can_be_and_missing_where_it_should() -> None:
-    quality = None
-    for start in (0, 250, 400):
-        planned = load_sequence("sim-MB", 0, {})
-        for capture in captures(planned, start + 2, start=start):
-            if quality is None:
-                quality = DepthQuality(blank_ids_of(planned))
+def quality_of_sim_mb(**stereo: object) -> DepthQuality:
+    """Over a facade, the passage, and what is behind it."""
+    planned = load_sequence("sim-MB", 0, {f"rig.stereo.{name}": value for name, value in stereo.items()})
+    quality = DepthQuality(blank_ids_of(planned))
+    for frame in (0, 200, 400):
+        for capture in captures(planned, frame + 1, start=frame):
             quality.add(capture)
-    assert quality is not None
-    assert quality.hidden_rejected is not None
-    assert quality.blank_rejected is not None
-    assert quality.hidden_rejected >= 0.7
-    assert quality.blank_rejected >= 0.7
+    return quality
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("check", ["one-to-one", "left-right"])
+def test_depth_of_sim_mb_is_right_where_it_can_be_and_missing_where_it_should(check: str) -> None:
+    quality = quality_of_sim_mb(check=check)
+    for which in ("hidden", "blank"):
+        holes, wrong = quality.unknowable_shares(which)  # type: ignore[arg-type]
+        assert holes is not None
+        assert wrong is not None
+        assert holes + wrong >= 0.7
+        assert holes >= 0.7, "without depth, not merely wrong"
     judged = [k for k, pixels in enumerate(quality.pixels) if pixels > 1000]
     assert len(judged) >= 4
     for k in judged:
@@ -106,6 +112,16 @@ def test_depth_of_sim_mb_is_right_where_it_can_be_and_missing_where_it_should() 
         assert median is not None
         assert within >= 0.9, quality.ranges_m[k]
         assert median <= 0.25, quality.ranges_m[k]
+
+
+@pytest.mark.slow
+def test_each_check_of_the_matcher_is_what_makes_its_holes() -> None:
+    without = quality_of_sim_mb(check_px=1e4, min_texture=0.0)
+    hidden, blank = (without.unknowable_shares(which)[0] for which in ("hidden", "blank"))
+    assert hidden is not None
+    assert blank is not None
+    assert hidden < 0.5
+    assert blank < 0.3
 
 
 def blank_ids_of(planned: object) -> list[int]:
