@@ -30,7 +30,7 @@ def create_body(body: Body, client: int) -> int:
 
 
 def apply_texture(bodies: Sequence[int], seed: int, client: int) -> None:
-    """One seeded noise texture over some bodies, for PyBullet's own renderers, which know no strength and no pattern."""
+    """One seeded noise texture on some bodies, for PyBullet's renderers: they know neither strength nor pattern."""
     noise = stream(seed, Purpose.SURFACE).integers(90, 256, (256, 256), dtype=np.uint8)
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "noise.png")

@@ -12,6 +12,8 @@ from sim.world import World
 from voxdepth.types import FloatArray, Intrinsics
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=86, baseline_m=0.095)
+ROUGH = Surface(albedo=0.5, texture=1.25)
+"""Well textured, so that what is measured is the method and not the wall."""
 
 
 def wall(distance_m: float, *, name: str = "wall", side_m: float = 60.0, y_m: float = 0.0) -> Body:
@@ -21,14 +23,14 @@ def wall(distance_m: float, *, name: str = "wall", side_m: float = 60.0, y_m: fl
         kind="building",
         shape=Box((1.0, side_m, side_m)),
         position_m=(distance_m + 0.5, y_m, 0.0),
-        surface=Surface(albedo=0.5),
+        surface=ROUGH,
     )
 
 
 def block(distance_m: float, side_m: float, *, name: str = "block") -> Body:
     """A cube in front of the camera whose front is at x = `distance_m`."""
     position = (distance_m + side_m / 2, 0.0, 0.0)
-    return Body(name=name, kind="building", shape=Box((side_m, side_m, side_m)), position_m=position)
+    return Body(name=name, kind="building", shape=Box((side_m, side_m, side_m)), position_m=position, surface=ROUGH)
 
 
 @contextmanager

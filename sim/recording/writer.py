@@ -149,10 +149,12 @@ class RecordingWriter:
             raise RecordingError(f"expected frame {self.frames} to be committed next, got frame {encoded.index}")
         if encoded.stamp_s <= self._last_stamp_s:
             raise RecordingError(f"expected a frame later than {self._last_stamp_s} s, got one at {encoded.stamp_s} s")
-        self._ended = f"frame {encoded.index} could not be committed; resume it with a new writer"
-        self._extend(GROUND_TRUTH, f"{encoded.pose}\n")
-        self._extend(CHECKSUMS, checksum_lines(encoded.digests))
-        self._ended = ""
+        try:
+            self._extend(GROUND_TRUTH, f"{encoded.pose}\n")
+            self._extend(CHECKSUMS, checksum_lines(encoded.digests))
+        except BaseException:
+            self._ended = f"frame {encoded.index} could not be committed; resume it with a new writer"
+            raise
         self._frames += 1
         self._last_stamp_s = encoded.stamp_s
 

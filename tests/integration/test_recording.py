@@ -30,7 +30,7 @@ def test_the_tree_is_there_and_nothing_is_dropped(tmp_path: Path) -> None:
     cam = "/world/drone/1/cam"
     rows = {
         "/world": 1,
-        "/world/city/towers": 1,
+        "/world/scene": 1,
         "/world/drone/0": 20,
         "/world/slots": 20,
         f"{cam}/gray": 5,
