@@ -86,9 +86,9 @@ def _first_problem(error: pydantic.ValidationError, field: str) -> str:
     """The first of the problems in one line, and how many more there are; keys as they stand in the file."""
     first, *others = error.errors()
     keys = first["loc"][1:] if first["loc"][:1] == (field,) else first["loc"]
-    # Pydantic puts the kind of a scene or a flight into the path of its keys.
-    kinds = {1: keys[0]} if len(keys) > 1 and keys[0] in ("scene", "flight") else {}
-    where = ".".join(str(key) for place, key in enumerate(keys) if place not in kinds) or f"the {field}"
+    if keys[:1] in (("scene",), ("flight",)):  # Pydantic puts the kind of these into the path of their keys.
+        keys = (keys[0], *keys[2:])
+    where = ".".join(str(key) for key in keys) or f"the {field}"
     if first["type"] == "extra_forbidden":
         text = f"unknown key {where!r}"
     elif first["type"] == "missing":

@@ -75,6 +75,8 @@ def test_two_runs_of_a_seed_are_equal_down_to_the_recording(tmp_path: Path) -> N
         (["run", "city", "--theta", "0.5"], "belongs to the depth tier 'noisy'"),
         (["run", "city", "--seed", "-1"], "seed: Input should be greater than or equal to 0"),
         (["run", "missing.toml"], "cannot read missing.toml"),
+        (["run", "city", "--seed", str(2**32)], "seed: Input should be less than 4294967296"),
+        (["picture", "city", "--out", "x.gif"], "a picture must be a .jpg or .png file, got x.gif"),
         (["view", "nowhere"], "there is no recording at nowhere"),
     ],
 )
@@ -94,7 +96,12 @@ def test_bad_input_ends_in_one_line_and_writes_nothing(tmp_path: Path, arguments
         ("[rig]\nrate_hz = -1.0", "rig.rate_hz: Input should be greater than 0"),
         ("[rig]\nbaseline_m = 0.0", "rig.baseline_m: Input should be greater than 0"),
         ("[rig]\ndepth = 'sonar'", "rig.depth: Input should be 'truth', 'noisy' or 'stereo'"),
-        ("[scene]\nkind = 'city'\nrows = 1.5", "scene.rows"),
+        ("[scene]\nkind = 'city'\nrows = 1.5", "mine.toml: scene.rows: Input should be a valid integer"),
+        ("[scene]\nkind = 'forest'\nlength_mm = 1.5", "unknown key 'scene.length_mm'"),
+        ("[scene]\nkind = 'moon'", "scene: Input tag 'moon' found"),
+        ("[scene]\nkind = 'lawn'\nlength_m = 0.0", "scene.length_m: Input should be greater than or equal to 70"),
+        ("[scene]\nkind = 'plains'\nspacing_m = 0.0", "scene.spacing_m"),
+        ("colour = 'red'", "unknown key 'colour'"),
         ("= 3", "is not valid TOML"),
     ],
 )
@@ -105,6 +112,13 @@ def test_bad_files_say_where_and_what(tmp_path: Path, line: str, message: str) -
         load_run(str(path), 0, {})
     assert message in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_table_that_is_none_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("name = 'mine'\ndescription = 'x'\nrig = 3\n")
+    with pytest.raises(ScenarioError, match="rig must be a table of keys, got 3"):
+        load_run(str(path), 0, {"rig.width_px": 160})
 
 
 def test_a_file_without_a_name_says_so(tmp_path: Path) -> None:

@@ -121,3 +121,22 @@ def test_a_case_is_recorded_where_it_can_be(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ScenarioError, match="cannot write the recording"):
         record_case(tmp_path / "file" / "x.rrd", "scale/low", corrected(find_corrector("raw"), "scale", "low", 1))
+
+
+@pytest.mark.slow
+def test_a_corrector_beside_me_is_found_by_the_installed_command(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "import voxdepth\n\n\ndef make(intrinsics):\n    return voxdepth.create_corrector('raw', intrinsics)\n"
+    )
+    command = [Path(sys.executable).with_name("voxdepth"), "regress", "--corrector", "mine:make", "--golden", "golden"]
+    for options in (["--update"], []):
+        done = subprocess.run([*command, *options], capture_output=True, text=True, check=False, cwd=tmp_path)
+        assert done.returncode == 0, done.stdout + done.stderr
+    assert (tmp_path / "golden" / "mine-make.json").is_file()
+
+
+def test_golden_figures_of_other_sequences_are_refused(tmp_path: Path) -> None:
+    text = golden_path(GOLDEN, "raw").read_text().replace('"frames": 30', '"frames": 31')
+    (tmp_path / "raw.json").write_text(text)
+    with pytest.raises(ScenarioError, match="31 frames, expected 0 and 30: write new ones with --update"):
+        read_golden(tmp_path / "raw.json")

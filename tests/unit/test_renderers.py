@@ -234,12 +234,4 @@ def test_unknown_renderers_are_refused_with_the_choice() -> None:
 
 def quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
     """Of body angles, in the order xyzw."""
-    cr, sr, cp, sp, cy, sy = (f(a / 2) for a in (roll, pitch, yaw) for f in (np.cos, np.sin))
-    return np.array(
-        [
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-            cr * cp * cy + sr * sp * sy,
-        ]
-    )
+    return frames.quaternion_from_angles(yaw, -pitch, roll)

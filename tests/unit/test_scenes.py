@@ -13,7 +13,7 @@ from pydantic import TypeAdapter
 from sim.bodies import Body, Box, Cylinder, Heightfield, Mesh, Scene, SceneSpec
 from sim.errors import SceneError
 from sim.render.meshes import heightfield
-from sim.scenes import AnyScene, CorridorSpec, ForestSpec, LawnSpec, PlainsSpec
+from sim.scenes import AnyScene, CitySpec, CorridorSpec, ForestSpec, LawnSpec, PlainsSpec
 from sim.scenes.plains import ground_height_m
 from sim.scenes.vegetation import Plot, TreeRanges, blob, bush, tree
 from sim.world import World
@@ -100,6 +100,19 @@ def test_the_world_agrees_that_the_way_is_free(spec: SceneSpec) -> None:
     with World(scene, np.zeros((0, 3))) as world:
         room = [world.room_at_m((x, y, z + 1.5), 1.5) for x, y, z in along(scene.path_m, 1.0)]
     assert min(room) >= 1.2
+
+
+@pytest.mark.parametrize("street_width_m", [6.0, 9.0])
+def test_the_way_through_a_city_is_free(street_width_m: float) -> None:
+    for seed in range(3):
+        scene = CitySpec(street_width_m=street_width_m, poles=60).build(seed)
+        with World(scene, np.zeros((0, 3))) as world:
+            room = [world.room_at_m((x, y, z + 1.5), 1.5) for x, y, z in along(scene.path_m)]
+        assert min(room) >= 0.5
+
+
+def test_a_city_of_narrow_streets_leaves_no_way() -> None:
+    assert len(CitySpec(street_width_m=5.0).build(0).path_m) == 0
 
 
 @EACH_SPEC
