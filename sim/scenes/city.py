@@ -3,12 +3,13 @@
 from typing import Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from voxdepth.types import FloatArray
 
 from ..bodies import Body, Box, Cylinder, Scene, SceneSpec, Surface
 from ..seeds import Purpose, stream
+from .plot import PAVED, Range, flat_ground
 
 POLE_SHIFT_M = 0.5
 """Largest distance of a pole from the middle of its street."""
@@ -26,23 +27,15 @@ class CitySpec(SceneSpec):
     """Towers side by side, along y."""
     street_width_m: float = Field(6.0, gt=1.0)
     """Mean gap between towers [m]: the difficulty knob; narrower is harder."""
-    tower_side_m: tuple[float, float] = Field((3.5, 5.5), strict=False)
+    tower_side_m: Range = (3.5, 5.5)
     """Range of the towers' sides [m]."""
-    tower_height_m: tuple[float, float] = Field((12.0, 40.0), strict=False)
+    tower_height_m: Range = (12.0, 40.0)
     """Range of the towers' heights [m]."""
     jitter_m: float = Field(0.6, ge=0)
     """Largest shift of a tower from the middle of its lot, along each axis [m]."""
     poles: int = Field(16, ge=0)
     """Thin vertical poles in the streets."""
     pole_radius_m: float = Field(0.12, gt=0)
-
-    @model_validator(mode="after")
-    def _check(self) -> "CitySpec":
-        for name in ("tower_side_m", "tower_height_m"):
-            low, high = getattr(self, name)
-            if not 0 < low <= high:
-                raise ValueError(f"{name} must be a range of positive lengths, low before high, got [{low}, {high}]")
-        return self
 
     @property
     def pitch_m(self) -> float:
@@ -52,13 +45,7 @@ class CitySpec(SceneSpec):
     def build(self, seed: int) -> Scene:
         """The city of a seed: it begins at x = 0 and is centred on y = 0."""
         rng = stream(seed, Purpose.SCENE)
-        ground = Body(
-            name="ground",
-            kind="ground",
-            shape=Box((400.0, 400.0, 1.0)),
-            position_m=(self.columns * self.pitch_m / 2, 0.0, -0.5),
-            surface=Surface(albedo=0.38, pattern="ground"),
-        )
+        ground = flat_ground(self.columns * self.pitch_m / 2, PAVED)
         towers = [_tower(self, rng, column, row) for column in range(self.columns) for row in range(self.rows)]
         poles = [_pole(self, rng, i) for i in range(self.poles)]
         return Scene(seed=seed, bodies=(ground, *towers, *poles), weather=self.weather, path_m=self._path_m())

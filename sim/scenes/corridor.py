@@ -10,12 +10,12 @@ from voxdepth.types import FloatArray
 
 from ..bodies import Body, Box, Cylinder, Pattern, Scene, SceneSpec, Shape, Surface
 from ..seeds import Purpose, stream
+from .plot import PAVED, WAY_STEP_M, Range, flat_ground
 
 WAY, LEFT, RIGHT, BLANK, PASSAGE, PILLARS = range(6)
 """Consumers of random numbers."""
 ROOM_M = 1.25
 """Room that stays free on both sides of the way."""
-WAY_STEP_M = 2.0
 MAX_SWING_M = 0.8
 WALL_DEPTH_M = 3.0
 SETBACK_M = 1.0
@@ -39,17 +39,13 @@ class CorridorSpec(SceneSpec):
     passage_width_m: float = Field(3.2, ge=2.6)
     pillars: int = Field(14, ge=0)
     """Pillars, poles and boxes beside the way."""
-    wall_length_m: tuple[float, float] = Field((5.0, 14.0), strict=False)
+    wall_length_m: Range = (5.0, 14.0)
     """Range of the walls' lengths [m]."""
-    wall_height_m: tuple[float, float] = Field((4.0, 10.0), strict=False)
+    wall_height_m: Range = (4.0, 10.0)
     """Range of the walls' heights [m]."""
 
     @model_validator(mode="after")
     def _check(self) -> "CorridorSpec":
-        for name in ("wall_length_m", "wall_height_m"):
-            low, high = getattr(self, name)
-            if not 1 <= low <= high:
-                raise ValueError(f"{name} must be a range of at least 1 m, low before high, got [{low}, {high}]")
         if self.passage_m > 0 and (self.passage_width_m > self.width_m or self.passage_m > self.length_m / 2):
             raise ValueError(
                 f"the passage must be no wider than the street and at most half as long, got {self.passage_m} m x "
@@ -61,14 +57,8 @@ class CorridorSpec(SceneSpec):
         """The corridor of a seed: it begins at x = 0 and is centred on y = 0. The way leads through it along x."""
         way_m = _way(self, stream(seed, Purpose.SCENE, WAY))
         pillars = [_pillar(self, seed, i, way_m) for i in range(self.pillars)]
-        bodies = (_ground(self), *_walls(self, seed), *_passage(self, seed), *pillars)
+        bodies = (flat_ground(self.length_m / 2, PAVED), *_walls(self, seed), *_passage(self, seed), *pillars)
         return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=way_m)
-
-
-def _ground(spec: CorridorSpec) -> Body:
-    surface = Surface(albedo=0.38, pattern="ground")
-    shape, position_m = Box((400.0, 400.0, 1.0)), (spec.length_m / 2, 0.0, -0.5)
-    return Body(name="ground", kind="ground", shape=shape, position_m=position_m, surface=surface)
 
 
 def _way(spec: CorridorSpec, rng: np.random.Generator) -> FloatArray:

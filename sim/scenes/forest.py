@@ -6,7 +6,8 @@ from pydantic import Field
 
 from ..bodies import Body, Scene, SceneSpec
 from ..seeds import Purpose, stream
-from .vegetation import TRIES, Plot, Range, TreeRanges, bush, meadow, tree, winding_way
+from .plot import TRIES, Plot, Range, flat_ground, winding_way
+from .vegetation import GRASS, TreeRanges, bush, tree
 
 WAY, TREES, BUSHES = range(3)
 """Consumers of random numbers."""
@@ -37,7 +38,7 @@ class ForestSpec(SceneSpec):
         count = round(self.density * self.length_m * self.width_m / 100)
         trees = [body for i in range(count) for body in _tree(self, seed, i, plot)]
         bushes = [_bush(self, seed, i, plot) for i in range(self.bushes)]
-        bodies = (meadow(self.length_m / 2), *trees, *bushes)
+        bodies = (flat_ground(self.length_m / 2, GRASS), *trees, *bushes)
         return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=way_m)
 
 

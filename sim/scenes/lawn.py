@@ -10,7 +10,8 @@ from voxdepth.types import FloatArray
 
 from ..bodies import Body, Box, Scene, SceneSpec, Surface
 from ..seeds import Purpose, stream
-from .vegetation import Plot, Range, TreeRanges, bush, meadow, spots_beside, tree, winding_way
+from .plot import Plot, Range, flat_ground, spots_beside, winding_way
+from .vegetation import GRASS, TreeRanges, bush, tree
 
 WAY, HEDGE, WALL, TREES, BENCHES, BUSHES = range(6)
 """Consumers of random numbers."""
@@ -60,7 +61,7 @@ class LawnSpec(SceneSpec):
             *(_bench(self, seed, i, plot, way_m) for i in range(self.benches)),
             *(_bush(self, seed, i, plot, way_m) for i in range(self.bushes)),
         ]
-        bodies = (meadow(self.length_m / 2), *things)
+        bodies = (flat_ground(self.length_m / 2, GRASS), *things)
         return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=way_m)
 
 

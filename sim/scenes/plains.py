@@ -10,7 +10,8 @@ from voxdepth.types import FloatArray
 from ..bodies import Body, Box, Heightfield, Scene, SceneSpec, Surface
 from ..errors import SceneError
 from ..seeds import Purpose, stream
-from .vegetation import Plot, Range, TreeRanges, bush, spots_beside, tree, winding_way
+from .plot import Plot, Range, spots_beside, winding_way
+from .vegetation import TreeRanges, bush, tree
 
 WAY, GROUND, TREES, BUSHES = range(4)
 """Consumers of random numbers."""

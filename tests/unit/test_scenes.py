@@ -15,7 +15,8 @@ from sim.errors import SceneError
 from sim.render.meshes import heightfield
 from sim.scenes import AnyScene, CitySpec, CorridorSpec, ForestSpec, LawnSpec, PlainsSpec
 from sim.scenes.plains import ground_height_m
-from sim.scenes.vegetation import Plot, TreeRanges, blob, bush, tree
+from sim.scenes.plot import Plot
+from sim.scenes.vegetation import TreeRanges, blob, bush, tree
 from sim.world import World
 from voxdepth.types import FloatArray
 
