@@ -84,7 +84,7 @@ def _set(data: dict[str, Any], key: str, value: Any) -> None:
 
 def _first_problem(error: pydantic.ValidationError, field: str) -> str:
     """The first of the problems in one line, and how many more there are; keys as they stand in the file."""
-    first, *others = error.errors()
+    first, *others = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
     keys = first["loc"][1:] if first["loc"][:1] == (field,) else first["loc"]
     if keys[:1] in (("scene",), ("flight",)):  # Pydantic puts the kind of these into the path of their keys.
         keys = (keys[0], *keys[2:])
@@ -97,4 +97,4 @@ def _first_problem(error: pydantic.ValidationError, field: str) -> str:
         got = first["input"]
         shown = f", got {got!r}" if isinstance(got, str | int | float | bool | list) else ""
         text = f"{where}: {first['msg'].removeprefix('Value error, ')}{shown}"
-    return text + (f" (and {len(others)} more problems)" if others else "")
+    return text + (f" (and {len(others)} more {'problem' if len(others) == 1 else 'problems'})" if others else "")

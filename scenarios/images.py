@@ -16,6 +16,8 @@ Image = npt.NDArray[np.uint8]
 
 FAR_M = 25.0
 """Depth at the blue end of the colours."""
+FAREST = 25
+"""Place of that depth in the colour map, whose beginning is too dark to be told from black."""
 TEXT_HEIGHT_PX = 26
 LOSS_COLORS_BGR = {
     Loss.OCCLUDED: (60, 60, 230),
@@ -23,14 +25,14 @@ LOSS_COLORS_BGR = {
     Loss.BLANK: (230, 140, 40),
     Loss.AMBIGUOUS: (40, 200, 230),
     Loss.SPECKLE: (80, 200, 80),
-    Loss.FLICKER: (255, 255, 255),
+    Loss.FLICKER: (200, 130, 255),
 }
 
 
 def colored(depth_m: FloatImage) -> Image:
     """Depth in colours, near red and far blue, holes black; shape (H, W, 3), BGR. What has no surface counts as far."""
-    scaled = np.clip(255 * (1 - np.sqrt(np.minimum(depth_m, FAR_M) / FAR_M)), 0, 255).astype(np.uint8)
-    image: Image = cv2.applyColorMap(scaled, cv2.COLORMAP_TURBO)
+    scaled = FAREST + (255 - FAREST) * (1 - np.sqrt(np.minimum(depth_m, FAR_M) / FAR_M))
+    image: Image = cv2.applyColorMap(scaled.astype(np.uint8), cv2.COLORMAP_TURBO).astype(np.uint8)
     image[depth_m <= 0] = 0
     return image
 

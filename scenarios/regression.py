@@ -13,8 +13,8 @@ from sim.types import Capture
 from swarm.perception import frame_of
 from voxdepth.metrics import DepthErrors, depth_errors
 from voxdepth.model import Model
-from voxdepth.registry import create_corrector
-from voxdepth.types import CorrectedDepth, DepthCorrector, FloatImage, Intrinsics
+from voxdepth.registry import CORRECTOR_NAMES, create_corrector
+from voxdepth.types import CorrectedDepth, DepthCorrector, FloatImage, Frame, Intrinsics
 
 from .errors import ScenarioError
 
@@ -82,6 +82,11 @@ def find_corrector(name: str) -> CorrectorFactory:
         ScenarioError: The module or the factory is not there.
     """
     if ":" not in name:
+        if name not in CORRECTOR_NAMES:
+            raise ScenarioError(
+                f"there is no corrector {name!r}; choose one of {', '.join(CORRECTOR_NAMES)}, or give your own as "
+                "package.module:factory"
+            )
         return lambda intrinsics: create_corrector(name, intrinsics)
     module_name, _, attribute = name.partition(":")
     sys.path.insert(0, str(Path.cwd()))  # as `python -m` does; an installed command has its own folder there
@@ -110,9 +115,32 @@ def corrected(
 ) -> Iterator[tuple[Capture, CorrectedDepth]]:
     """The captures of a case with what a new corrector makes of them."""
     corrector: DepthCorrector | None = None
-    for capture in noisy_sequence(term, level, SEED, frames=frames):
-        corrector = corrector or make(capture.intrinsics)
-        yield capture, corrector.process(frame_of(capture))
+    for k, capture in enumerate(noisy_sequence(term, level, SEED, frames=frames)):
+        frame = frame_of(capture)
+        for given in (frame.gray, frame.depth_m):
+            given.setflags(write=False)
+        try:
+            corrector = corrector or make(capture.intrinsics)
+            result = corrector.process(frame)
+            _require_depth(result, frame)
+        except Exception as error:  # whatever a corrector of yours does, say where it did it
+            raise ScenarioError(f"the corrector failed on {term}/{level}, frame {k}: {_named(error)}") from error
+        yield capture, result
+
+
+def _require_depth(result: CorrectedDepth, frame: Frame) -> None:
+    depth_m = getattr(result, "depth_m", None)
+    if not isinstance(depth_m, np.ndarray) or depth_m.shape != frame.depth_m.shape:
+        raise ScenarioError(
+            f"expected a CorrectedDepth with depth_m of shape {frame.depth_m.shape}, got {type(result).__name__} with "
+            f"{getattr(depth_m, 'shape', 'none')}"
+        )
+    if not (np.isfinite(depth_m).all() and (depth_m >= 0).all()):
+        raise ScenarioError("expected depths that are finite and not negative (0 = invalid), got others")
+
+
+def _named(error: Exception) -> str:
+    return str(error) if isinstance(error, ScenarioError) else f"{type(error).__name__}: {error}"
 
 
 def _measure_case(make: CorrectorFactory, term: Term, level: Level, frames: int) -> dict[str, float | None]:
@@ -177,7 +205,7 @@ def read_golden(path: Path) -> Table:
     except FileNotFoundError as error:
         raise ScenarioError(f"there are no golden figures at {path}: write them with --update") from error
     except (OSError, ValueError) as error:
-        reason = str(error).splitlines()[0]
+        reason = " ".join(str(error).split())[:160]
         raise ScenarioError(f"cannot read the golden figures {path}: {reason}; write new ones with --update") from error
     if (golden.seed, golden.frames) != (SEED, FRAMES):
         raise ScenarioError(

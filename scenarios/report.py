@@ -82,7 +82,7 @@ def print_quality(console: Console, quality: DepthQuality, title: str) -> None:
     losses = ", ".join(
         f"{reason.name.lower().replace('_', ' ')} {_percent(share)}" for reason, share in quality.loss_shares.items()
     )
-    console.print(f"without depth, of all pixels: {losses}")
+    console.print(f"without depth, of all pixels, the sky included: {losses}")
 
 
 def print_regression(console: Console, table: RegressionTable, corrector: str) -> None:

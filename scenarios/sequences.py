@@ -96,18 +96,16 @@ def record(planned: SeededSequence, folder: Path, frames: int, progress: Progres
     Args:
         planned: What to record.
         folder: Where; new, empty, or an unfinished recording of the same configuration.
-        frames: How many there shall be at the end.
+        frames: How many there shall be at the end; if there are as many already, nothing is written.
         progress: Told of every whole frame.
 
     Raises:
-        ScenarioError: The recording is complete already, or the flight ends too soon.
+        ScenarioError: The flight ends too soon.
         RecordingError: The folder holds something else, or cannot be written.
         SensorError: A camera is inside a body.
     """
     with filming(planned) as film, _open(planned, folder, film.sensor.intrinsics) as writer:
         start = writer.frames
-        if start >= frames:
-            raise ScenarioError(f"{folder} holds {start} whole frames already, {frames} were asked for: nothing to do")
         quality = DepthQuality(film.blank_ids)
         for capture in Recording.open(folder) if start else ():
             quality.add(capture)
@@ -125,7 +123,7 @@ def record(planned: SeededSequence, folder: Path, frames: int, progress: Progres
                 f"the flight of {planned.sequence.name!r} ends after {writer.frames} frames, {frames} were asked for: "
                 "they are safe; ask for fewer, or lengthen the scene"
             )
-        return Recorded(folder=folder, frames=frames, new_frames=frames - start, quality=quality)
+        return Recorded(folder=folder, frames=writer.frames, new_frames=writer.frames - start, quality=quality)
 
 
 @dataclass(frozen=True, kw_only=True)

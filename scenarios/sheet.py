@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from sim.recording import Recording
-from sim.types import Capture
+from sim.types import Capture, Loss
 
 from .errors import ScenarioError
 from .images import (
@@ -23,6 +23,7 @@ from .images import (
 
 PANEL_PX = 300
 ROWS = 3
+GAP_PX = 6
 
 
 def make_sheet(folder: Path, out: Path) -> None:
@@ -46,10 +47,17 @@ def _row(capture: Capture, frame: int) -> Image:
         f"gray, frame {frame}": narrowed(gray_bgr(capture.gray_left), PANEL_PX),
         "depth, true": colored(picked(capture.depth_true_m, PANEL_PX)),
         "depth, raw": colored(picked(capture.depth_raw_m, PANEL_PX)),
-        "hidden from the right camera": gray_bgr(picked(capture.occluded, PANEL_PX)),
+        "hidden from the right camera": loss_colored(picked(capture.occluded * np.uint8(Loss.OCCLUDED), PANEL_PX)),
         "why there is no depth": loss_colored(picked(capture.loss, PANEL_PX)),
     }
-    return np.hstack([titled(name, image) for name, image in panels.items()])
+    return np.hstack([_spaced(titled(name, image)) for name, image in panels.items()])
+
+
+def _spaced(image: Image) -> Image:
+    """An image with a gap around it."""
+    gaps = ((0, GAP_PX), (0, GAP_PX), (0, 0))
+    padded: Image = np.pad(image, gaps, constant_values=245)
+    return padded
 
 
 def _legend(width_px: int) -> Image:

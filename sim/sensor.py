@@ -22,12 +22,12 @@ from .world import DRONE_SURFACE, World
 class RigConfig(Model):
     """One stereo camera and what makes its depth. The default lens is like a RealSense D455's."""
 
-    width_px: int = Field(320, ge=32)
-    height_px: int = Field(180, ge=32)
+    width_px: int = Field(320, ge=32, le=4096)
+    height_px: int = Field(180, ge=32, le=4096)
     hfov_deg: float = Field(86.0, gt=10, lt=170)
     baseline_m: float = Field(0.095, gt=0)
-    rate_hz: float = Field(10.0, gt=0)
-    """Captures per second."""
+    rate_hz: float = Field(10.0, gt=0, le=240)
+    """Captures per second, at most as many as steps of physics."""
     mount_forward_m: float = Field(0.27, ge=0)
     """Camera ahead of the drone's centre [m]; outside of the airframe, or it would see its own drone."""
     depth: DepthTierName = "stereo"
@@ -47,6 +47,10 @@ class RigConfig(Model):
         if self.noise != DepthNoise() and self.depth != "noisy":
             raise ValueError(
                 f"depth noise, theta included, belongs to the depth tier 'noisy', got it with {self.depth!r}"
+            )
+        if self.max_depth_m <= self.stereo.min_depth_m:
+            raise ValueError(
+                f"max_depth_m must be more than stereo.min_depth_m {self.stereo.min_depth_m}, got {self.max_depth_m}"
             )
         floor = NOISE_TEXTURE * self.photon_sigma
         if self.depth == "stereo" and 0 < self.stereo.min_texture < floor:

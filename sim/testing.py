@@ -33,6 +33,7 @@ LEVELS: tuple[Level, ...] = get_args(Level)
 
 FRAMES = 30
 RATE_HZ = 30
+MOST_FRAMES = 300
 N_THINGS = 14
 WALL_M = 12.0
 DRONE_SPEED_M_S = 3.0
@@ -53,11 +54,13 @@ def noisy_sequence(term: Term, level: Level, seed: int = 0, *, frames: int = FRA
         term: Which noise; all others are off.
         level: `low`, `medium` or `high`.
         seed: Master seed of the scene, the walk and the noise.
-        frames: How many.
+        frames: How many, up to 300.
 
     Raises:
-        SensorError: There is no such term or level.
+        SensorError: There is no such term or level, or the walk is not so long.
     """
+    if not 1 <= frames <= MOST_FRAMES:
+        raise SensorError(f"a noisy sequence has 1 to {MOST_FRAMES} frames, got {frames}")
     return _captures(sensor_config(term, level), seed, frames)
 
 

@@ -72,5 +72,8 @@ def open_viewer(path: Path, *, web: bool = False) -> None:
         raise ScenarioError(f"{path.parent} is a recording of a sequence: look at it with voxdepth sheet {path.parent}")
     if not path.is_file():
         raise ScenarioError(f"there is no recording at {path}; runs with --record have a file run.rrd in their folder")
+    if path.suffix != ".rrd":
+        raise ScenarioError(f"{path} is no recording of a run: expected a folder of a run, or an .rrd file")
     command = [sys.executable, "-m", "rerun", str(path), "--bind", "127.0.0.1"]
-    subprocess.run([*command, "--serve-web"] if web else command, check=False)
+    if subprocess.run([*command, "--serve-web"] if web else command, check=False).returncode:
+        raise ScenarioError(f"the viewer could not show {path}; without a display, try --web")

@@ -33,7 +33,9 @@ Seed = Annotated[int | None, typer.Option(help="Master seed of everything random
 Seeds = Annotated[int, typer.Option(min=1, help="How many seeds, from 0 on.")]
 Workers = Annotated[int, typer.Option(min=1, help="Missions flown side by side.")]
 Size = Annotated[str | None, typer.Option(help="Image size, as in 160x120.")]
-Renderer = Annotated[RendererName | None, typer.Option(help="How images are made.")]
+Renderer = Annotated[
+    RendererName | None, typer.Option(help="How images are made; tiny and egl draw no haze, clouds or patterns.")
+]
 Picture = Annotated[Path, typer.Option(help="JPEG or PNG file to write.")]
 
 

@@ -32,12 +32,17 @@ def record(
     }
     planned = load_sequence(sequence, seed, {key: value for key, value in changes.items() if value is not None})
     console, start = Console(), time.perf_counter()
-    with _counter(console, "recording", frames) as update:
-        done = record(planned, out, frames, update)
+    try:
+        with _counter(console, "recording", frames) as update:
+            done = record(planned, out, frames, update)
+    except KeyboardInterrupt:
+        console.print(f"stopped; the whole frames in {out} are safe, and the same command goes on", soft_wrap=True)
+        raise
     wall_s = time.perf_counter() - start
-    print_quality(console, done.quality, f"{planned.sequence.name}, seed {planned.seed}: {done.frames} frames")
+    title = f"{planned.sequence.name}, seed {planned.seed}: {done.frames} frames, surfaces within 30 m"
+    print_quality(console, done.quality, title)
     rate = done.new_frames / wall_s
-    console.print(f"{done.new_frames} frames written to {out}, {rate:.1f} per second", soft_wrap=True)
+    console.print(f"{done.new_frames} new frames in {out}, {rate:.1f} frames per second", soft_wrap=True)
     console.print(f"look at it with: voxdepth sheet {out} --out sheet.jpg", soft_wrap=True)
 
 

@@ -30,12 +30,13 @@ class Recording:
         """What the recording was made with, as its maker wrote it."""
 
     @classmethod
-    def open(cls, folder: Path) -> "Recording":
+    def open(cls, folder: Path | str) -> "Recording":
         """The recording in a folder, as far as it is whole at this moment.
 
         Raises:
             RecordingError: The folder is no recording, or what describes its frames is damaged.
         """
+        folder = Path(folder)
         if not (folder / CALIBRATION).is_file():
             raise RecordingError(f"{folder} is not a recording: expected a folder with a {CALIBRATION}")
         ledger = read_ledger(folder)

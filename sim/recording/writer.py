@@ -91,9 +91,9 @@ class RecordingWriter:
             RecordingError: The folder is no recording, it was made differently, is damaged, or cannot be written.
         """
         recording = Recording.open(folder)
+        _refuse_other_config(folder, recording.config_text, config_text)
         if recording.intrinsics != intrinsics:
             raise RecordingError(f"{folder} was made with {recording.intrinsics} and cannot go on with {intrinsics}")
-        _refuse_other_config(folder, recording.config_text, config_text)
         writer = cls(folder, intrinsics)
         with writer._locked_or_closed():
             ledger = Recording.open(folder).ledger  # Again: another writer may have been at work until now.

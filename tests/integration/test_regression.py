@@ -4,6 +4,8 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from scenarios.regression import compare, corrected, find_corrector, golden_path
 from sim import testing
 from tests.integration.test_cli import voxdepth
 from voxdepth import VoxDepth, VoxDepthConfig
-from voxdepth.types import DepthCorrector, Intrinsics
+from voxdepth.types import DepthCorrector, Frame, Intrinsics
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 
@@ -140,3 +142,44 @@ def test_golden_figures_of_other_sequences_are_refused(tmp_path: Path) -> None:
     (tmp_path / "raw.json").write_text(text)
     with pytest.raises(ScenarioError, match="31 frames, expected 0 and 30: write new ones with --update"):
         read_golden(tmp_path / "raw.json")
+
+
+class Wrong:
+    """A corrector that goes wrong in one way."""
+
+    uses_gray = False
+
+    def __init__(self, deed: str) -> None:
+        self._deed = deed
+
+    def process(self, frame: Frame) -> Any:
+        depth_m = frame.depth_m
+        if self._deed == "overwrites":
+            depth_m[:] = 1
+        if self._deed == "raises":
+            raise KeyError("template")
+        nan_m = depth_m * np.float32(np.nan)
+        made = {"array": depth_m, "shape": corrected_as(depth_m[::2]), "nan": corrected_as(nan_m)}
+        return made.get(self._deed, corrected_as(depth_m))
+
+    def reset(self) -> None:
+        return
+
+
+def corrected_as(depth_m: np.ndarray) -> Any:
+    return SimpleNamespace(depth_m=depth_m)
+
+
+@pytest.mark.parametrize(
+    ("deed", "message"),
+    [
+        ("overwrites", "ValueError: assignment destination is read-only"),
+        ("raises", "KeyError: 'template'"),
+        ("array", "expected a CorrectedDepth with depth_m of shape"),
+        ("shape", "expected a CorrectedDepth with depth_m of shape"),
+        ("nan", "finite and not negative"),
+    ],
+)
+def test_correctors_that_go_wrong_are_told_where(deed: str, message: str) -> None:
+    with pytest.raises(ScenarioError, match=f"the corrector failed on scale/low, frame 0: .*{message}"):
+        list(corrected(lambda intrinsics: Wrong(deed), "scale", "low", 2))

@@ -91,8 +91,8 @@ def test_other_recordings_are_not_touched(tmp_path: Path) -> None:
     before = {path: path.read_bytes() for path in (tmp_path / "r").rglob("*") if path.is_file()}
     with pytest.raises(RecordingError):
         record(small(seed=1), tmp_path / "r", 2, lambda frames: None)
-    with pytest.raises(ScenarioError, match="holds 1 whole frames already"):
-        record(small(), tmp_path / "r", 1, lambda frames: None)
+    done = record(small(), tmp_path / "r", 1, lambda frames: None)
+    assert (done.frames, done.new_frames) == (1, 0)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("chapter 1")
     with pytest.raises(RecordingError):
@@ -138,20 +138,21 @@ def test_record_and_sheet_as_commands(tmp_path: Path) -> None:
     command = ["record", "sim-MB", "--out", folder, "--frames", "3", "--size", "160x96", "--seed", "4"]
     done = voxdepth(*command)
     assert done.returncode == 0, done.stderr
-    for words in ("within 1 px", "median error", "hidden from the right camera", "occluded", "per second"):
+    for words in ("within 1 px", "median error", "hidden from the right camera", "occluded", "frames per second"):
         assert words in done.stdout, words
     config = tomllib.loads((folder / "config.toml").read_text())
     assert config["seed"] == 4
     assert "numpy" in config["versions"]
     again = voxdepth(*command)
-    assert again.returncode == 2
-    assert "3 whole frames already" in again.stderr
+    assert again.returncode == 0
+    assert "0 new frames in" in again.stdout
+    assert "median error" in again.stdout
     sheet = voxdepth("sheet", folder, "--out", tmp_path / "s.png")
     assert sheet.returncode == 0, sheet.stderr
     import cv2
 
     picture = cv2.imread(str(tmp_path / "s.png"))
-    assert picture.shape[1] == 5 * 300
+    assert picture.shape[1] == 5 * 306
     colors = {tuple(color) for color in picture.reshape(-1, 3).tolist()}
     assert set(LOSS_COLORS_BGR.values()) <= colors, "the legend names every reason"
     repeated = voxdepth("record", folder / "config.toml", "--out", tmp_path / "again", "--frames", "3")

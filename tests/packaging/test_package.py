@@ -83,3 +83,22 @@ def test_the_command_line_speaks_the_words_of_the_library() -> None:
 
     assert tuple(Depth) == TIER_NAMES
     assert tuple(RendererName) == RENDERER_NAMES
+
+
+def test_the_documents_have_their_pictures_and_no_gaps() -> None:
+    import re
+
+    for document in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
+        text = document.read_text()
+        for picture in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", text):
+            assert (document.parent / picture).stat().st_size < 500_000, picture
+        assert not re.search(r"^[A-Z]{4,}$", text, re.MULTILINE), document
+
+
+def test_the_example_of_a_sequence_can_be_loaded(tmp_path: Path) -> None:
+    from scenarios.sequences import load_sequence
+
+    text = (ROOT / "docs" / "sequences.md").read_text()
+    (tmp_path / "mine.toml").write_text(text.split("```toml\n")[1].split("```")[0])
+    planned = load_sequence(str(tmp_path / "mine.toml"), 0, {})
+    assert planned.sequence.rig.noise.flicker.dropout == 0.05

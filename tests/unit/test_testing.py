@@ -55,6 +55,12 @@ def test_unknown_terms_and_levels_are_refused_with_the_choice(term: Term, level:
         sensor_config(term, level)
 
 
+@pytest.mark.parametrize("frames", [-1, 0, 301])
+def test_sequences_of_other_lengths_than_the_walk_are_refused(frames: int) -> None:
+    with pytest.raises(SensorError, match="has 1 to 300 frames"):
+        noisy_sequence("scale", "low", frames=frames)
+
+
 def test_depth_that_is_close_passes() -> None:
     assert_depth_close(DEPTH, DEPTH, mae_m=0, too_far_share=0, hole_share=0)
     with_sky = np.where(np.arange(30) < 5, np.inf, DEPTH).astype(np.float32)
