@@ -113,7 +113,7 @@ def test_matching_and_correcting(width: int, height: int) -> None:
     left, right = (photon_noise(gray, 1.5, side, seed=0) for side, gray in enumerate(clean))
     matcher = StereoMatcher(intrinsics, StereoConfig(), max_depth_m=40.0)
     show(
-        f"stereo matching with left-right check, {width}x{height}, 1 thread",
+        f"stereo matching with all checks, {width}x{height}, 1 thread",
         milliseconds(lambda: matcher.match(left, right)),
     )
     depth_m = matcher.depth_from_disparity(matcher.match(left, right).disparity_px)
