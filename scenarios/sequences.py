@@ -104,7 +104,18 @@ def record(planned: SeededSequence, folder: Path, frames: int, progress: Progres
         RecordingError: The folder holds something else, or cannot be written.
         SensorError: A camera is inside a body.
     """
-    with filming(planned) as film, _open(planned, folder, film.sensor.intrinsics) as writer:
+    with filming(planned) as film:
+        flown = sum(1 for _ in islice(film.poses(), frames))
+        if flown < frames:
+            raise ScenarioError(
+                f"the flight of {planned.sequence.name!r} ends after {flown} frames, {frames} were asked for: ask for "
+                f"--frames {flown}, or lengthen the scene"
+            )
+        return _record(planned, film, folder, frames, progress)
+
+
+def _record(planned: SeededSequence, film: "Film", folder: Path, frames: int, progress: Progress) -> Recorded:
+    with _open(planned, folder, film.sensor.intrinsics) as writer:
         start = writer.frames
         quality = DepthQuality(film.blank_ids)
         for capture in Recording.open(folder) if start else ():
@@ -118,11 +129,6 @@ def record(planned: SeededSequence, folder: Path, frames: int, progress: Progres
                     _commit(writer, quality, waiting.popleft(), progress)
             while waiting:
                 _commit(writer, quality, waiting.popleft(), progress)
-        if writer.frames < frames:
-            raise ScenarioError(
-                f"the flight of {planned.sequence.name!r} ends after {writer.frames} frames, {frames} were asked for: "
-                "they are safe; ask for fewer, or lengthen the scene"
-            )
         return Recorded(folder=folder, frames=writer.frames, new_frames=writer.frames - start, quality=quality)
 
 

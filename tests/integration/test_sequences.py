@@ -108,11 +108,13 @@ def test_a_camera_inside_a_body_is_refused_and_what_is_written_stays_readable(tm
     Recording.open(tmp_path / "r").verify()
 
 
-def test_a_flight_that_is_too_short_says_so_and_keeps_its_frames(tmp_path: Path) -> None:
+def test_a_flight_that_is_too_short_is_refused_before_anything_is_written(tmp_path: Path) -> None:
     short = small("sim-LN", **{"flight.start_m": 98.0, "flight.speed_m_s": 40.0})
-    with pytest.raises(ScenarioError, match=r"ends after (\d) frames, 20 were asked for: they are safe") as caught:
+    with pytest.raises(ScenarioError, match=r"ends after \d frames, 20 were asked for: ask for --f") as caught:
         record(short, tmp_path / "r", 20, lambda frames: None)
-    assert f"after {len(Recording.open(tmp_path / 'r'))} frames" in str(caught.value)
+    assert not (tmp_path / "r").exists()
+    longest = int(str(caught.value).split("--frames ")[1][0])
+    assert record(short, tmp_path / "r", longest, lambda frames: None).frames == longest
 
 
 @pytest.mark.parametrize("side_m", [None, 0.05])
