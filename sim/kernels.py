@@ -9,6 +9,9 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False})
 
+OUTSIDE = wp.constant(wp.int16(32767))
+"""Claim of pixels without a disparity, and of those that map to the left of the right image."""
+
 
 @wp.kernel
 def claim(
@@ -34,10 +37,6 @@ def claim(
             claimed[row, col] = nearest[row, target]
         else:
             claimed[row, col] = OUTSIDE
-
-
-OUTSIDE = wp.constant(wp.int16(32767))
-"""Claim of pixels that map to the left of the right image."""
 
 
 def nearest_claims(disparity: npt.NDArray[np.int16]) -> npt.NDArray[np.int32]:

@@ -70,7 +70,7 @@ class EglRenderer:
         plugin = egl_plugin()
         self._world = world
         self._client = pybullet.connect(pybullet.DIRECT)
-        self.close = weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
+        self._end = weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
         if pybullet.loadPlugin(plugin, PLUGIN_POSTFIX, physicsClientId=self._client) < 0:
             raise RenderError(f"PyBullet does not load its plugin {plugin} a second time: use raycast")
         static = {self._copy(body): real for real, body in world.bodies.items()}
