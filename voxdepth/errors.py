@@ -11,3 +11,11 @@ class FrameError(VoxDepthError, ValueError):
 
 class ConfigError(VoxDepthError, ValueError):
     """A configuration value or a name is outside what is offered."""
+
+
+class DatasetError(VoxDepthError, RuntimeError):
+    """A folder of images is not what it should be, or a file of it is missing, damaged or of another kind."""
+
+
+class PipelineError(VoxDepthError, RuntimeError):
+    """A stage of a pipeline failed; its `__cause__` says why."""

@@ -7,7 +7,7 @@ z forward; pixel centres lie at integer coordinates; depth is along the optical 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from .errors import FrameError
 __all__ = [
     "CorrectedDepth",
     "DepthCorrector",
+    "EpochEnd",
     "FloatArray",
     "FloatImage",
     "Frame",
@@ -75,6 +76,38 @@ class Intrinsics:
             baseline_m=baseline_m,
         )
 
+    @classmethod
+    def from_camera_info(cls, info: Any, *, baseline_m: float | None = None) -> "Intrinsics":
+        """The camera of a ROS `sensor_msgs/CameraInfo`, by its fields alone: no ROS is imported.
+
+        The projection matrix `P` (ROS 1) or `p` (ROS 2) counts, which describes rectified images. Its fourth column,
+        which the right camera of a stereo pair has, gives the baseline unless one is named.
+
+        Args:
+            info: Has `width`, `height` and `p` or `P`, 12 numbers in rows of four.
+            baseline_m: Distance to the right camera [m].
+
+        Raises:
+            FrameError: The message lacks a field, or is of a camera that is not calibrated.
+        """
+        projection = getattr(info, "p", getattr(info, "P", None))
+        if projection is None or len(projection) != 12 or not hasattr(info, "width") or not hasattr(info, "height"):
+            raise FrameError(f"expected a CameraInfo with width, height and 12 numbers p, got {type(info).__name__}")
+        fx, _, cx, tx, _, fy, cy = (float(x) for x in projection[:7])
+        if fx <= 0 or fy <= 0:
+            raise FrameError(f"the CameraInfo has focal lengths {fx}, {fy}: is the camera calibrated?")
+        if baseline_m is None and tx < 0:
+            baseline_m = -tx / fx
+        return cls(
+            fx_px=fx,
+            fy_px=fy,
+            cx_px=cx,
+            cy_px=cy,
+            width_px=int(info.width),
+            height_px=int(info.height),
+            baseline_m=baseline_m,
+        )
+
     @property
     def shape(self) -> tuple[int, int]:
         """Image shape (H, W)."""
@@ -94,13 +127,63 @@ class Frame:
     T_world_cam: FloatArray | None = None
     """The caller's own pose estimate, shape (4, 4); None when there is none."""
 
+    @classmethod
+    def from_millimetres(
+        cls,
+        *,
+        stamp_s: float,
+        gray: GrayImage,
+        depth_mm: npt.NDArray[np.uint16],
+        units_per_m: float = 1000.0,
+        T_world_cam: FloatArray | None = None,
+    ) -> "Frame":
+        """A frame of 16-bit depth as cameras deliver it.
+
+        Args:
+            stamp_s: Time of capture [s].
+            gray: Shape (H, W), uint8.
+            depth_mm: Shape (H, W), uint16; 0 = invalid.
+            units_per_m: Steps of the depth in a metre: 1000 unless the camera was told otherwise, 5000 in TUM RGB-D.
+            T_world_cam: The caller's own pose estimate, shape (4, 4).
+
+        Raises:
+            FrameError: The depth is not uint16, or the images do not belong together.
+        """
+        if depth_mm.dtype != np.uint16:
+            raise FrameError(f"expected depth as uint16, got {depth_mm.dtype}; Frame.from_metres takes metres")
+        depth_m = depth_mm.astype(np.float32) / np.float32(units_per_m)
+        return cls(stamp_s=stamp_s, gray=gray, depth_m=depth_m, T_world_cam=T_world_cam)
+
+    @classmethod
+    def from_metres(
+        cls, *, stamp_s: float, gray: GrayImage, depth_m: npt.NDArray[Any], T_world_cam: FloatArray | None = None
+    ) -> "Frame":
+        """A frame of depth in metres as ROS writes it (REP 118): NaN and infinite values are holes.
+
+        Args:
+            stamp_s: Time of capture [s].
+            gray: Shape (H, W), uint8.
+            depth_m: Shape (H, W), float32 or float64.
+            T_world_cam: The caller's own pose estimate, shape (4, 4).
+
+        Raises:
+            FrameError: The depth is not of floating point, a finite one is negative, or the images do not belong
+                together.
+        """
+        if not np.issubdtype(depth_m.dtype, np.floating):
+            raise FrameError(f"expected depth in metres as floats, got {depth_m.dtype}; see Frame.from_millimetres")
+        holed_m = np.where(np.isfinite(depth_m), depth_m, 0).astype(np.float32)
+        return cls(stamp_s=stamp_s, gray=gray, depth_m=holed_m, T_world_cam=T_world_cam)
+
     def __post_init__(self) -> None:
+        if not np.isfinite(self.stamp_s):
+            raise FrameError(f"stamp_s must be finite, got {self.stamp_s}")
         if self.gray.ndim != 2 or self.gray.dtype != np.uint8:
             raise FrameError(f"gray must be uint8 of shape (H, W), got {self.gray.dtype} of shape {self.gray.shape}")
         if self.depth_m.shape != self.gray.shape or self.depth_m.dtype != np.float32:
             raise FrameError(
                 f"depth_m must be float32 of shape {self.gray.shape} like gray, got {self.depth_m.dtype} of shape "
-                f"{self.depth_m.shape}; divide 16-bit millimetres by 1000 first"
+                f"{self.depth_m.shape}; see Frame.from_millimetres and Frame.from_metres"
             )
         if self.depth_m.size == 0:
             raise FrameError("the images of a frame are empty")
@@ -108,8 +191,11 @@ class Frame:
         if not (low >= 0 and high < np.inf):
             raise FrameError(
                 f"depth_m must be finite and not negative (0 = invalid), got values from {low} to {high} m; "
-                "replace NaN, infinite and negative values by 0"
+                "replace NaN, infinite and negative values by 0, as Frame.from_metres does with the first two"
             )
+        pose = self.T_world_cam
+        if pose is not None and (pose.shape != (4, 4) or not np.isfinite(pose).all()):
+            raise FrameError(f"T_world_cam must be a finite pose of shape (4, 4), got {pose.tolist()}")
 
 
 class Source(IntEnum):
@@ -130,6 +216,17 @@ class Phase(StrEnum):
     """A window is being collected; the previous template corrects meanwhile."""
     CORRECTING = "correcting"
     """The template of the running epoch corrects."""
+
+
+class EpochEnd(StrEnum):
+    """Why a corrector gave its template up and began to fuse anew."""
+
+    FEW_MATCHES = "few_matches"
+    """The scene changed: hardly any feature of the template was found again."""
+    DEGENERATE = "degenerate"
+    """There were matches, but no usable map came of them."""
+    MAX_FRAMES = "max_frames"
+    """The epoch was as long as an epoch may be."""
 
 
 class RegistrationStatus(StrEnum):
@@ -175,6 +272,8 @@ class CorrectedDepth:
     """Trust per pixel in 0..1, shape (H, W), float32; 0 where invalid."""
     phase: Phase
     registration: Registration
+    epoch_end: EpochEnd | None = None
+    """Why the epoch ended with this frame; None if it did not."""
     timings_s: Mapping[str, float] = field(default_factory=dict)
     """Wall-clock time of each step [s], for benchmarks; never part of a result."""
 

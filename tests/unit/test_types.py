@@ -16,7 +16,7 @@ DEPTH = np.ones((4, 6), np.float32)
         (GRAY.astype(np.float32), DEPTH, "gray must be uint8"),
         (np.zeros((4, 6, 3), np.uint8), DEPTH, "gray must be uint8"),
         (GRAY, DEPTH[:, :5], "depth_m must be float32 of shape"),
-        (GRAY, (1000 * DEPTH).astype(np.uint16), "divide 16-bit millimetres by 1000"),
+        (GRAY, (1000 * DEPTH).astype(np.uint16), "see Frame.from_millimetres"),
         (GRAY, np.where(DEPTH > 0, np.nan, DEPTH).astype(np.float32), "replace NaN"),
         (GRAY, -DEPTH, "negative"),
         (GRAY, DEPTH * np.float32(np.inf), "finite"),
