@@ -1,51 +1,68 @@
 """Merging a frame with the registered template: paper, Eq. depthcor."""
 
+import cv2
 import numpy as np
-import warp as wp
+from pydantic import Field
 
-from . import kernels
+from .model import Model
 from .types import FloatImage, GrayImage, Source
-from .voxels import Backend
 
-NEAR_SHARE = 0.5
-"""A pixel nearer than this share of the template is invalid (paper, "less than half")."""
+LARGEST = float(np.finfo(np.float32).max)
 
 
-def combine(raw_m: FloatImage, template_m: FloatImage, *, backend: Backend = "numpy") -> tuple[FloatImage, GrayImage]:
+class CombineConfig(Model):
+    """What makes a measured pixel invalid beside being empty. Both conditions are the paper's."""
+
+    reject_near: bool = True
+    """Whether a pixel much nearer than the template is invalid; this also erases things that move before it."""
+    near_share: float = Field(0.5, gt=0, lt=1)
+    """Share of the template's depth below which a pixel is too near. Paper: "less than half"."""
+    reject_far: bool = True
+    """Whether a pixel farther than the template is invalid; this also overwrites surfaces that recede."""
+
+
+def combine(raw_m: FloatImage, template_m: FloatImage, rule: CombineConfig) -> tuple[FloatImage, GrayImage]:
     """Replace the invalid pixels of a frame by those of the template.
 
-    A pixel is invalid if it is empty, nearer than half of the template, or farther than the template. Where the
-    template is empty the raw pixel stands.
+    A pixel is invalid if it is empty, or beyond a bound that `rule` sets. Where the template is empty the raw pixel
+    stands.
 
     Args:
         raw_m: Measured depth [m], shape (H, W); 0 = invalid.
         template_m: Template in the frame's pixels [m], shape (H, W); 0 = unknown.
-        backend: NumPy is the faster one on a CPU.
+        rule: The bounds.
 
     Returns:
         Depth [m] and one `Source` per pixel, both of shape (H, W).
     """
-    return (combine_warp if backend == "warp" else combine_numpy)(raw_m, template_m)
+    depth_m = template_m.copy()
+    return depth_m, combine_into(depth_m, raw_m, rule, np.empty_like(raw_m))
 
 
-def combine_numpy(raw_m: FloatImage, template_m: FloatImage) -> tuple[FloatImage, GrayImage]:
-    """The rule in NumPy: the twin of `combine_warp`."""
-    plausible = (raw_m >= np.float32(NEAR_SHARE) * template_m) & (raw_m <= template_m) & (raw_m > 0)
-    replaced = ~plausible & (template_m > 0)
-    depth_m = np.where(replaced, template_m, raw_m)
-    source = (raw_m > 0).astype(np.uint8)
-    source[replaced] = Source.TEMPLATE
-    return depth_m, source
+def combine_into(depth_m: FloatImage, raw_m: FloatImage, rule: CombineConfig, scratch_m: FloatImage) -> GrayImage:
+    """Like `combine`, in place: large new arrays would take several times as long as the work on them.
+
+    Args:
+        depth_m: The template; overwritten with the result.
+        raw_m: Measured depth.
+        rule: The bounds.
+        scratch_m: Overwritten.
+
+    Returns:
+        One `Source` per pixel, shape (H, W).
+    """
+    _, high = factors(rule)
+    with np.errstate(over="ignore"):
+        farthest_m = np.multiply(raw_m, np.float32(high), out=scratch_m)
+    nearest_m = raw_m if rule.reject_far else np.zeros_like(raw_m)
+    stands: GrayImage = cv2.inRange(depth_m, nearest_m, farthest_m)  # type: ignore[assignment]
+    stands[...] |= depth_m == 0
+    cv2.copyTo(raw_m, stands, depth_m)
+    source: GrayImage = np.uint8(Source.TEMPLATE) - (stands & np.uint8(1))
+    source[...] *= depth_m > 0
+    return source
 
 
-def combine_warp(raw_m: FloatImage, template_m: FloatImage) -> tuple[FloatImage, GrayImage]:
-    """The rule as a Warp kernel."""
-    depth_m = np.empty_like(raw_m)
-    source = np.empty(raw_m.shape, np.uint8)
-    inputs = [kernels.view(np.ascontiguousarray(a), wp.float32) for a in (raw_m, template_m)]
-    outputs = [
-        kernels.view(depth_m, wp.float32),
-        kernels.view(source, wp.uint8),
-    ]
-    wp.launch(kernels.combine, raw_m.shape, inputs=[*inputs, NEAR_SHARE], outputs=outputs, device="cpu")
-    return depth_m, source
+def factors(rule: CombineConfig) -> tuple[float, float]:
+    """A pixel z stands against a template t if `low z <= t <= high z`; an empty one never does."""
+    return (1.0 if rule.reject_far else 0.0), (1 / rule.near_share if rule.reject_near else LARGEST)

@@ -1,11 +1,18 @@
 """The configuration of the corrector, put together from those of its parts."""
 
-from pydantic import Field, model_validator
+from typing import Annotated, Literal
 
+from pydantic import Field, field_validator
+
+from .combine import CombineConfig
+from .inpainting import Dilation, Inpainting
 from .model import Model
+from .motion import MotionModelName
 from .odometry import OdometryConfig
 from .registration import RegistrationConfig
 from .voxels import VoxelConfig
+
+DeviceName = Literal["cpu", "cuda"]
 
 
 class VoxDepthConfig(Model):
@@ -15,21 +22,32 @@ class VoxDepthConfig(Model):
     """Frames that are fused at the start of an epoch, n in the paper. More fill more and smear more."""
     max_epoch_frames: int = Field(60, ge=1)
     """Frames after which an epoch ends even if registration still succeeds."""
+    fusion_lag_frames: Annotated[int, Field(ge=0)] | Literal["ready"] = 0
+    """Frames from the last one of a window to the first one that its template corrects, while it is fused beside.
+
+    A number gives the same results on every machine; 0 waits for the fusion. `ready` switches as soon as it is done,
+    for live cameras.
+    """
+    motion: MotionModelName = "constant"
+    """`constant`: the motion between the first two frames of a window holds for all, as in the paper. `per_frame`: it
+    is measured between all neighbours, which is slower and follows turns."""
     voxels: VoxelConfig = VoxelConfig()
     odometry: OdometryConfig = OdometryConfig()
+    inpainting: Inpainting = Dilation()
+    """What makes the projected cloud dense."""
     registration: RegistrationConfig = RegistrationConfig()
-    inpaint_size_px: int = 5
-    """Window of the dilation that makes the template dense; odd."""
+    combine: CombineConfig = CombineConfig()
     median_size_px: int = 5
     """Window of the median filter against flicker: 1 (off), 3 or 5."""
+    device: DeviceName = "cpu"
+    """Where images are worked on."""
 
-    @model_validator(mode="after")
-    def _check(self) -> "VoxDepthConfig":
-        if self.inpaint_size_px < 1 or self.inpaint_size_px % 2 == 0:
-            raise ValueError(f"inpaint_size_px must be odd and at least 1, got {self.inpaint_size_px}")
-        if self.median_size_px not in (1, 3, 5):
-            raise ValueError(f"median_size_px must be 1, 3 or 5, got {self.median_size_px}")
-        return self
+    @field_validator("median_size_px")
+    @classmethod
+    def _possible(cls, size_px: int) -> int:
+        if size_px not in (1, 3, 5):
+            raise ValueError(f"median_size_px must be 1, 3 or 5, got {size_px}")
+        return size_px
 
     @classmethod
     def paper(cls) -> "VoxDepthConfig":

@@ -1,20 +1,25 @@
 """VoxDepth: the two-state depth corrector."""
 
-import time
-from collections.abc import Callable
-from typing import Concatenate, ParamSpec, TypeVar
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 
-from .combine import combine
 from .config import VoxDepthConfig
+from .epochs import Epochs
 from .errors import FrameError
-from .fusion import Fusion, Template
+from .fusion import Fusion
+from .motion import MOTION_MODELS
 from .odometry import PhotometricOdometry
 from .registration import Features, OrbRegistration
+from .steps import create_steps
+from .template import Template
+from .timing import collected_times, timed
 from .types import (
     CorrectedDepth,
+    EpochEnd,
     FloatImage,
     Frame,
     GrayImage,
@@ -25,24 +30,29 @@ from .types import (
     Source,
 )
 
-P = ParamSpec("P")
-R = TypeVar("R")
+CONFIDENCES = {Source.INVALID: 0.0, Source.SENSOR: 1.0, Source.TEMPLATE: 0.5, Source.INPAINTED: 0.5}
+"""Confidence of a pixel by its source. Not calibrated: the paper has none."""
+AFTER_FILTER = {
+    Source.INVALID: Source.INPAINTED,
+    Source.SENSOR: Source.SENSOR,
+    Source.TEMPLATE: Source.TEMPLATE,
+}
+"""Source of a pixel that has a depth after the median filter, by its source before."""
+FILLED = 4
+"""Added to the label of a pixel that has a depth."""
 
-TEMPLATE_CONFIDENCE = 0.5
-"""Confidence of a pixel taken from the template; a measured one has 1. Not calibrated: the paper has none."""
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Aligned:
+    """A frame with all that is needed to correct it: the result of the first half of the work on it."""
 
-def _timed(step: "Callable[Concatenate[VoxDepth, P], R]") -> "Callable[Concatenate[VoxDepth, P], R]":
-    """Write the wall-clock time of a step into the corrector's timings, under the step's name."""
-
-    def run(self: "VoxDepth", /, *args: P.args, **kwargs: P.kwargs) -> R:
-        start = time.perf_counter()
-        try:
-            return step(self, *args, **kwargs)
-        finally:
-            self._timings_s[step.__name__.lstrip("_")] = time.perf_counter() - start
-
-    return run
+    frame: Frame
+    template: Template | None
+    """The template that was in force; None before the first."""
+    registration: Registration
+    phase: Phase
+    epoch_end: EpochEnd | None
+    timings_s: Mapping[str, float]
 
 
 class VoxDepth:
@@ -52,27 +62,41 @@ class VoxDepth:
     frame after frame with the registered template until that no longer fits. While a window fills, the previous
     template serves. Frames must come in order and from one camera.
 
+    `process` does it all. `CorrectionPipeline` runs the two halves, `align` and `combine`, side by side for
+    successive frames.
+
     Args:
         intrinsics: Of the camera; every frame must have its shape.
         config: Defaults to `VoxDepthConfig()`.
+
+    Raises:
+        ConfigError: The configuration names a device that is not there.
     """
 
     uses_gray = True
 
     def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig | None = None) -> None:
+        config = config or VoxDepthConfig()
         self._intrinsics = intrinsics
-        self._config = config or VoxDepthConfig()
-        self._registration = OrbRegistration(self._config.registration, intrinsics.shape)
-        self._fusion = Fusion(intrinsics, self._config, PhotometricOdometry(intrinsics, self._config.odometry))
-        self.reset()
+        self._steps = create_steps(config.device, intrinsics, config)
+        self._registration = OrbRegistration(config.registration, intrinsics.shape)
+        fusion = Fusion(self._steps, PhotometricOdometry(intrinsics, config.odometry), MOTION_MODELS[config.motion])
+        self._epochs = Epochs(
+            fusion.fuse,
+            window_frames=config.window_frames,
+            max_epoch_frames=config.max_epoch_frames,
+            lag=config.fusion_lag_frames,
+        )
+        self._last_stamp_s = -np.inf
 
     def reset(self) -> None:
         """Forget template, window and time; the next frame starts a new epoch."""
-        self._template: Template | None = None
-        self._window: list[Frame] | None = []
-        self._epoch_frames = 0
+        self._epochs.reset()
         self._last_stamp_s = -np.inf
-        self._timings_s: dict[str, float] = {}
+
+    def close(self) -> None:
+        """Wait for a fusion that is under way. Needed by no one but those who want its thread to be gone."""
+        self._epochs.close()
 
     def process(self, frame: Frame) -> CorrectedDepth:
         """Correct one frame.
@@ -80,15 +104,48 @@ class VoxDepth:
         Raises:
             FrameError: The frame has another size than the camera, or is not later than the one before.
         """
+        return self.combine(self.align(frame))
+
+    def align(self, frame: Frame) -> Aligned:
+        """The first half: find the template that serves this frame, and where it is. Holds all state.
+
+        Raises:
+            FrameError: As in `process`.
+        """
         self._check(frame)
-        features = self._describe(frame)
-        self._fuse(frame, features)
-        registration = self._register(features)
-        self._turn_epoch(frame, registration)
-        template_m = self._warp(registration)
-        combined_m, source = self._combine(frame, template_m)
-        depth_m = self._filter(combined_m)
-        return self._result(depth_m, source, registration)
+        timings_s: dict[str, float] = {}
+        with collected_times(timings_s):
+            features = self._describe(frame)
+            template = self._take_template(frame, features)
+            registration = self._register(template, features)
+            epoch_end = self._epochs.end(frame, features, registration)
+        return Aligned(
+            frame=frame,
+            template=template,
+            registration=registration,
+            phase=self._epochs.phase(registration),
+            epoch_end=epoch_end,
+            timings_s=timings_s,
+        )
+
+    def combine(self, aligned: Aligned) -> CorrectedDepth:
+        """The second half: correct the aligned frame. Depends on nothing else."""
+        timings_s = dict(aligned.timings_s)
+        with collected_times(timings_s):
+            raw = self._steps.upload(aligned.frame.depth_m)
+            template = self._warp(aligned)
+            depth, source = self._merge(raw, template)
+            depth = self._filter(depth)
+            depth_m, source, confidence = self._label(depth, source)
+        return CorrectedDepth(
+            depth_m=depth_m,
+            source=source,
+            confidence=confidence,
+            phase=aligned.phase,
+            registration=aligned.registration,
+            epoch_end=aligned.epoch_end,
+            timings_s=timings_s,
+        )
 
     def _check(self, frame: Frame) -> None:
         if frame.gray.shape != self._intrinsics.shape:
@@ -96,70 +153,44 @@ class VoxDepth:
         if not frame.stamp_s > self._last_stamp_s:
             raise FrameError(f"time must increase: a frame at {frame.stamp_s} s follows one at {self._last_stamp_s} s")
         self._last_stamp_s = frame.stamp_s
-        self._timings_s = {}
 
-    @_timed
+    @timed
     def _describe(self, frame: Frame) -> Features:
         return self._registration.describe(frame.gray)
 
-    @_timed
-    def _fuse(self, frame: Frame, features: Features) -> None:
-        """Collect a frame while a window is open; when it is full, its template begins an epoch."""
-        if self._window is None:
-            return
-        self._window.append(frame)
-        if len(self._window) == self._config.window_frames:
-            self._template = Template(self._fusion.fuse(self._window), features)
-            self._window = None
-            self._epoch_frames = 0
+    @timed
+    def _take_template(self, frame: Frame, features: Features) -> Template | None:
+        return self._epochs.begin(frame, features)
 
-    @_timed
-    def _register(self, features: Features) -> Registration:
-        if self._template is None:
+    @timed
+    def _register(self, template: Template | None, features: Features) -> Registration:
+        if template is None:
             return Registration.identity(RegistrationStatus.NOT_TRIED)
-        return self._registration.register(self._template.features, features)
+        return self._registration.register(template.features, features)
 
-    def _turn_epoch(self, frame: Frame, registration: Registration) -> None:
-        """Open a new window, beginning with this frame, when the template no longer serves."""
-        self._epoch_frames += 1
-        if self._window is None and (not registration.ok or self._epoch_frames > self._config.max_epoch_frames):
-            self._window = [frame]
-
-    @_timed
-    def _warp(self, registration: Registration) -> FloatImage | None:
+    @timed
+    def _warp(self, aligned: Aligned) -> Any | None:
         """The template in the pixels of the frame. Always from the original: repeated warps would mix edges."""
-        if self._template is None or not registration.ok:
+        if aligned.template is None or not aligned.registration.ok:
             return None
-        height, width = self._intrinsics.shape
-        warped: FloatImage = cv2.warpAffine(  # type: ignore[assignment]
-            self._template.depth_m, registration.M_frame_template, (width, height), flags=cv2.INTER_NEAREST
-        )
-        return warped
+        return self._steps.warp(aligned.template.depth, aligned.registration.M_frame_template)
 
-    @_timed
-    def _combine(self, frame: Frame, template_m: FloatImage | None) -> tuple[FloatImage, GrayImage]:
-        if template_m is None:
-            return frame.depth_m, (frame.depth_m > 0).astype(np.uint8)
-        return combine(frame.depth_m, template_m)
+    @timed
+    def _merge(self, raw: Any, template: Any | None) -> tuple[Any, Any]:
+        return self._steps.unchanged(raw) if template is None else self._steps.combine(raw, template)
 
-    @_timed
-    def _filter(self, depth_m: FloatImage) -> FloatImage:
-        """Median filter against flicker (paper, Eq. median)."""
-        filtered: FloatImage = cv2.medianBlur(depth_m, self._config.median_size_px)  # type: ignore[assignment]
-        return filtered
+    @timed
+    def _filter(self, depth: Any) -> Any:
+        return self._steps.filter(depth)
 
-    def _result(self, depth_m: FloatImage, source: GrayImage, registration: Registration) -> CorrectedDepth:
-        source = np.where(depth_m > 0, np.maximum(source, Source.SENSOR), Source.INVALID).astype(np.uint8)
-        confidence = np.array([0, 1, TEMPLATE_CONFIDENCE], np.float32)[source]
-        if self._template is None or not registration.ok:
-            phase = Phase.PASSTHROUGH
-        else:
-            phase = Phase.CORRECTING if self._window is None else Phase.FUSING
-        return CorrectedDepth(
-            depth_m=depth_m,
-            source=source,
-            confidence=confidence,
-            phase=phase,
-            registration=registration,
-            timings_s=dict(self._timings_s),
-        )
+    @timed
+    def _label(self, depth: Any, source: Any) -> tuple[FloatImage, GrayImage, FloatImage]:
+        """Depth, source and confidence as NumPy arrays, after the median has emptied some pixels and filled others."""
+        depth_m, source_before = self._steps.download(depth, source)
+        label = source_before + np.uint8(FILLED) * (depth_m > 0)
+        return depth_m, cv2.LUT(label, _SOURCES), cv2.LUT(label, _CONFIDENCES)  # type: ignore[return-value]
+
+
+_SOURCES = np.zeros(256, np.uint8)
+_SOURCES[FILLED:][list(AFTER_FILTER)] = list(AFTER_FILTER.values())
+_CONFIDENCES = np.array([CONFIDENCES[Source(int(source))] for source in _SOURCES], np.float32)

@@ -1,5 +1,7 @@
 """Back-projection, projection and rigid motion of points."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
@@ -28,6 +30,42 @@ def back_project(depth_m: FloatImage, intrinsics: Intrinsics) -> PointArray:
     points[:, 1] = (row - np.float32(intrinsics.cy_px)) * z / np.float32(intrinsics.fy_px)
     points[:, 2] = z
     return points
+
+
+@dataclass(frozen=True, eq=False)
+class RayMap:
+    """Where a camera's pixels are in another frame: `(rows[k, v] + cols[k, u]) z + offset[k]` along axis k.
+
+    It spares the back-projection: six products per row and column instead of per pixel.
+    """
+
+    rows: npt.NDArray[np.float32]
+    """Shape (3, H)."""
+    cols: npt.NDArray[np.float32]
+    """Shape (3, W)."""
+    offset: npt.NDArray[np.float32]
+    """Shape (3,)."""
+
+    @classmethod
+    def of(cls, intrinsics: Intrinsics, A_frame_cam: FloatArray) -> "RayMap":
+        """The map for a camera and an affine `A_frame_cam`, shape (4, 4), which need not be rigid.
+
+        With the identity it is the back-projection `S(u, v) = ((u - cx) z / fx, (v - cy) z / fy, z)`.
+        """
+        x = (np.arange(intrinsics.width_px) - intrinsics.cx_px) / intrinsics.fx_px
+        y = (np.arange(intrinsics.height_px) - intrinsics.cy_px) / intrinsics.fy_px
+        return cls(
+            rows=(A_frame_cam[:3, 1:2] * y + A_frame_cam[:3, 2:3]).astype(np.float32),
+            cols=(A_frame_cam[:3, 0:1] * x).astype(np.float32),
+            offset=A_frame_cam[:3, 3].astype(np.float32),
+        )
+
+    def coordinate(self, axis: int, rows: slice, depth_m: FloatImage) -> FloatImage:
+        """One coordinate of the pixels in some rows of an image, given their depth [m]; shape (rows, W)."""
+        coordinate: FloatImage = self.rows[axis, rows, None] + self.cols[axis]
+        coordinate *= depth_m
+        coordinate += self.offset[axis]
+        return coordinate
 
 
 def transform(T_a_b: FloatArray, points_b: PointArray) -> PointArray:

@@ -1,4 +1,4 @@
-"""Warp kernels of the corrector. Each has a NumPy twin beside the code that launches it.
+"""Warp kernels of voxel grids and their projection. Each has a NumPy twin beside the code that launches it.
 
 Cells and pixels are found by single multiplications, additions and a floor, in the order of the twins, so that both
 give the same bits.
@@ -10,47 +10,66 @@ from typing import Any
 import numpy.typing as npt
 import warp as wp
 
+from .types import Intrinsics
+
 wp.config.quiet = True
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 def view(array: npt.NDArray[Any], dtype: Any) -> Any:
-    """A NumPy array as a Warp array over the same memory, on the CPU., which `wp.from_numpy` would copy."""
+    """A NumPy array as a Warp array over the same memory, on the CPU; `wp.from_numpy` would copy it."""
     return wp.array(array, dtype=dtype, copy=False, device="cpu")
 
 
+def lens(intrinsics: Intrinsics) -> tuple[Any, Any]:
+    """Focal lengths and principal point, as kernels take them."""
+    return wp.vec2(intrinsics.fx_px, intrinsics.fy_px), wp.vec2(intrinsics.cx_px, intrinsics.cy_px)
+
+
+@wp.func
+def set_bit(cell: wp.int32, words: wp.array(dtype=wp.uint32)):
+    """Mark one cell of a packed grid."""
+    wp.atomic_or(words, cell >> 5, wp.uint32(1) << wp.uint32(cell & 31))
+
+
 @wp.kernel
-def set_voxels(
-    points: wp.array(dtype=wp.vec3),
-    cell_m: wp.vec3,
+def set_bits(
+    cells: wp.array(dtype=wp.int32),
+    # output
+    words: wp.array(dtype=wp.uint32),
+):
+    """Mark numbered cells; negative ones are left out."""
+    cell = cells[wp.tid()]
+    if cell >= 0:
+        set_bit(cell, words)
+
+
+@wp.kernel
+def set_bits_of_image(
+    depth_m: wp.array2d(dtype=wp.float32),
+    rows: wp.array2d(dtype=wp.float32),
+    cols: wp.array2d(dtype=wp.float32),
+    offset: wp.vec3,
     shape: wp.vec3i,
     # output
     words: wp.array(dtype=wp.uint32),
 ):
-    """Mark the voxel of each point: paper, Algorithm 1. x and y are centred on the optical axis."""
-    p = points[wp.tid()]
-    x = wp.floor(p[0] / cell_m[0]) + wp.float32(shape[0] // 2)
-    y = wp.floor(p[1] / cell_m[1]) + wp.float32(shape[1] // 2)
-    z = wp.floor(p[2] / cell_m[2])
+    """Mark the cell of each valid pixel: paper, Algorithm 1, one thread per pixel."""
+    v, u = wp.tid()
+    depth = depth_m[v, u]
+    x = (rows[0, v] + cols[0, u]) * depth + offset[0]
+    y = (rows[1, v] + cols[1, u]) * depth + offset[1]
+    z = (rows[2, v] + cols[2, u]) * depth + offset[2]
     inside_x = x >= 0.0 and x < wp.float32(shape[0])
     inside_y = y >= 0.0 and y < wp.float32(shape[1])
     inside_z = z >= 0.0 and z < wp.float32(shape[2])
-    if inside_x and inside_y and inside_z:
-        cell = (wp.int32(x) * shape[1] + wp.int32(y)) * shape[2] + wp.int32(z)
-        bit = wp.uint32(1) << wp.uint32(cell & 31)
-        wp.atomic_or(words, cell >> 5, bit)
+    if depth > 0.0 and inside_x and inside_y and inside_z:
+        set_bit((wp.int32(z) * shape[1] + wp.int32(y)) * shape[0] + wp.int32(x), words)
 
 
-@wp.kernel
-def splat_nearest(
-    points: wp.array(dtype=wp.vec3),
-    focal_px: wp.vec2,
-    centre_px: wp.vec2,
-    # output
-    depth_m: wp.array2d(dtype=wp.float32),
-):
-    """Z-buffer: the nearest point wins its pixel. `depth_m` starts at infinity."""
-    p = points[wp.tid()]
+@wp.func
+def splat(p: wp.vec3, focal_px: wp.vec2, centre_px: wp.vec2, depth_m: wp.array2d(dtype=wp.float32)):
+    """Lower the pixel that a point projects to."""
     if p[2] > 0.0:
         col = wp.floor(p[0] / p[2] * focal_px[0] + centre_px[0] + 0.5)
         row = wp.floor(p[1] / p[2] * focal_px[1] + centre_px[1] + 0.5)
@@ -61,24 +80,38 @@ def splat_nearest(
 
 
 @wp.kernel
-def combine(
-    raw_m: wp.array2d(dtype=wp.float32),
-    template_m: wp.array2d(dtype=wp.float32),
-    near_share: wp.float32,
+def splat_points(
+    points: wp.array(dtype=wp.vec3),
+    focal_px: wp.vec2,
+    centre_px: wp.vec2,
     # output
     depth_m: wp.array2d(dtype=wp.float32),
-    source: wp.array2d(dtype=wp.uint8),
 ):
-    """Take the template where the frame is invalid: paper, Eq. depthcor."""
-    row, col = wp.tid()
-    z = raw_m[row, col]
-    t = template_m[row, col]
-    if t > 0.0 and (z <= 0.0 or z < near_share * t or z > t):
-        depth_m[row, col] = t
-        source[row, col] = wp.uint8(2)
-    else:
-        depth_m[row, col] = z
-        if z > 0.0:
-            source[row, col] = wp.uint8(1)
-        else:
-            source[row, col] = wp.uint8(0)
+    """Z-buffer: the nearest point wins its pixel. `depth_m` starts at infinity."""
+    splat(points[wp.tid()], focal_px, centre_px, depth_m)
+
+
+@wp.kernel
+def splat_voxels(
+    words: wp.array(dtype=wp.uint32),
+    words_per_thread: wp.int32,
+    cell_m: wp.vec3,
+    shape: wp.vec3i,
+    focal_px: wp.vec2,
+    centre_px: wp.vec2,
+    # output
+    depth_m: wp.array2d(dtype=wp.float32),
+):
+    """Z-buffer of the centres of all marked cells. `depth_m` starts at infinity."""
+    first = wp.tid() * words_per_thread
+    last = wp.min(first + words_per_thread, words.shape[0])
+    for i in range(first, last):
+        if words[i] != wp.uint32(0):
+            for bit in range(32):
+                if (words[i] >> wp.uint32(bit)) & wp.uint32(1) != wp.uint32(0):
+                    cell = i * 32 + bit
+                    row = cell // shape[0]
+                    x = (wp.float32(cell % shape[0] - shape[0] // 2) + 0.5) * cell_m[0]
+                    y = (wp.float32(row % shape[1] - shape[1] // 2) + 0.5) * cell_m[1]
+                    z = (wp.float32(row // shape[1]) + 0.5) * cell_m[2]
+                    splat(wp.vec3(x, y, z), focal_px, centre_px, depth_m)

@@ -6,7 +6,10 @@ import warp as wp
 from . import kernels
 from .geometry import PointArray
 from .types import FloatImage, Intrinsics
-from .voxels import Backend
+from .voxels import Backend, VoxelGrid
+
+WORDS_PER_THREAD = 64
+"""Words of the grid that one thread looks through: nearly all are empty."""
 
 
 def project_nearest(points: PointArray, intrinsics: Intrinsics, *, backend: Backend = "warp") -> FloatImage:
@@ -21,16 +24,35 @@ def project_nearest(points: PointArray, intrinsics: Intrinsics, *, backend: Back
     return depth_m
 
 
+def project_voxels(grid: VoxelGrid, intrinsics: Intrinsics) -> FloatImage:
+    """Depth image [m], shape (H, W), float32, of the centres of a grid's voxels; 0 where none falls.
+
+    The same as `project_nearest(grid.occupied_centres(), intrinsics)`, without making a list of them.
+    """
+    depth_m = np.full(intrinsics.shape, np.inf, np.float32)
+    wp.launch(
+        kernels.splat_voxels,
+        -(-len(grid.words) // WORDS_PER_THREAD),
+        inputs=[
+            kernels.view(grid.words, wp.uint32),
+            WORDS_PER_THREAD,
+            wp.vec3(*grid.config.cell_m),
+            wp.vec3i(*grid.config.shape),
+            *kernels.lens(intrinsics),
+        ],
+        outputs=[kernels.view(depth_m, wp.float32)],
+        device="cpu",
+    )
+    depth_m[np.isinf(depth_m)] = 0
+    return depth_m
+
+
 def splat_warp(points: PointArray, intrinsics: Intrinsics, depth_m: FloatImage) -> None:
     """Lower `depth_m` to the nearest point of each pixel, by the Warp kernel."""
     wp.launch(
-        kernels.splat_nearest,
+        kernels.splat_points,
         len(points),
-        inputs=[
-            kernels.view(points, wp.vec3),
-            wp.vec2(intrinsics.fx_px, intrinsics.fy_px),
-            wp.vec2(intrinsics.cx_px, intrinsics.cy_px),
-        ],
+        inputs=[kernels.view(points, wp.vec3), *kernels.lens(intrinsics)],
         outputs=[kernels.view(depth_m, wp.float32)],
         device="cpu",
     )

@@ -1,14 +1,16 @@
 """Aligning the template with the current frame: ORB features and an affine map (paper, Sec. Template Registration)."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field
 
 from .model import Model
 from .types import FloatArray, GrayImage, Registration, RegistrationStatus
+
+Indices = npt.NDArray[np.intp]
 
 
 class RegistrationConfig(Model):
@@ -16,8 +18,8 @@ class RegistrationConfig(Model):
 
     size_px: int = Field(200, ge=64)
     """Width and height that the gray image is resized to. Paper: 200 x 200. Larger is more exact and slower."""
-    n_features: int = Field(500, ge=10)
-    """Features per image, at most."""
+    n_features: int = Field(300, ge=10)
+    """Features per image, at most. More find the template again for longer, and cost more than linearly."""
     max_distance: int = Field(20, ge=0, le=256)
     """Hamming distance up to which a match is good. Paper: 20 (whose "exceeds" can only mean "at most")."""
     min_matches: int = Field(5, ge=3)
@@ -26,14 +28,14 @@ class RegistrationConfig(Model):
     """Distance up to which a match supports the affine map, in pixels of the resized image."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Features:
     """Key points of one image, in pixels of the resized image, and their binary descriptors."""
 
-    points_px: FloatArray
+    points_px: npt.NDArray[np.float32]
     """Shape (N, 2)."""
-    descriptors: Any
-    """Shape (N, 32), uint8; None when N = 0."""
+    descriptors: npt.NDArray[np.uint64]
+    """256 bits each, shape (N, 4)."""
 
 
 class OrbRegistration:
@@ -42,7 +44,6 @@ class OrbRegistration:
     def __init__(self, config: RegistrationConfig, shape: tuple[int, int]) -> None:
         self._config = config
         self._orb = cv2.ORB_create(nfeatures=config.n_features)  # type: ignore[attr-defined]
-        self._matcher = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True)
         height, width = shape
         self._small_from_full = _resize_map(config.size_px / width, config.size_px / height)
         self._full_from_small = _resize_map(width / config.size_px, height / config.size_px)
@@ -51,28 +52,46 @@ class OrbRegistration:
         """Features of a gray image of shape (H, W)."""
         size = (self._config.size_px, self._config.size_px)
         key_points, descriptors = self._orb.detectAndCompute(cv2.resize(gray, size), None)
-        return Features(np.array([k.pt for k in key_points], np.float64).reshape(-1, 2), descriptors)
+        if descriptors is None:
+            return Features(points_px=np.empty((0, 2), np.float32), descriptors=np.empty((0, 4), np.uint64))
+        return Features(points_px=np.asarray(cv2.KeyPoint.convert(key_points)), descriptors=descriptors.view(np.uint64))
 
     def register(self, reference: Features, current: Features) -> Registration:
         """Affine map from the full-size pixels of `reference` to those of `current`."""
-        if reference.descriptors is None or current.descriptors is None:
-            return Registration.identity(RegistrationStatus.FEW_MATCHES)
-        matches = self._matcher.match(reference.descriptors, current.descriptors)
-        good = [m for m in matches if m.distance <= self._config.max_distance]
-        if len(good) < self._config.min_matches:
-            return Registration.identity(RegistrationStatus.FEW_MATCHES, n_matches=len(good))
-        source = reference.points_px[[m.queryIdx for m in good]]
-        target = current.points_px[[m.trainIdx for m in good]]
+        in_reference, in_current = good_matches(reference, current, self._config.max_distance)
+        n_matches = len(in_reference)
+        if n_matches < self._config.min_matches:
+            return Registration.identity(RegistrationStatus.FEW_MATCHES, n_matches=n_matches)
+        source, target = reference.points_px[in_reference], current.points_px[in_current]
         small, inliers = cv2.estimateAffine2D(source, target, ransacReprojThreshold=self._config.ransac_px)
         if small is None or not np.isfinite(small).all() or abs(np.linalg.det(small[:, :2])) < 1e-3:
-            return Registration.identity(RegistrationStatus.DEGENERATE, n_matches=len(good))
+            return Registration.identity(RegistrationStatus.DEGENERATE, n_matches=n_matches)
         full = self._full_from_small @ np.vstack([small, [0, 0, 1]]) @ self._small_from_full
         return Registration(
             M_frame_template=full[:2],
-            n_matches=len(good),
+            n_matches=n_matches,
             n_inliers=int(np.count_nonzero(inliers)),
             status=RegistrationStatus.OK,
         )
+
+
+def good_matches(a: Features, b: Features, max_distance: int) -> tuple[Indices, Indices]:
+    """Pairs of features that are each other's nearest, at a Hamming distance of at most `max_distance`.
+
+    Brute force; three times as fast as OpenCV's with its cross check.
+
+    Returns:
+        Indices into `a` and into `b`, of one length.
+    """
+    if not (len(a.descriptors) and len(b.descriptors)):
+        return np.empty(0, np.intp), np.empty(0, np.intp)
+    distance = np.zeros((len(a.descriptors), len(b.descriptors)), np.uint16)
+    for word_of_a, word_of_b in zip(a.descriptors.T, b.descriptors.T, strict=True):
+        distance += np.bitwise_count(word_of_a[:, None] ^ word_of_b)
+    in_a, nearest_in_b = np.arange(len(distance)), distance.argmin(axis=1)
+    mutual = distance.argmin(axis=0)[nearest_in_b] == in_a
+    good = mutual & (distance[in_a, nearest_in_b] <= max_distance)
+    return in_a[good], nearest_in_b[good]
 
 
 def _resize_map(scale_x: float, scale_y: float) -> FloatArray:

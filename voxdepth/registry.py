@@ -1,35 +1,48 @@
 """Correctors by name: the one vocabulary of the command line, scenarios and evaluation."""
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from .errors import ConfigError
 from .types import DepthCorrector, Intrinsics
 
+if TYPE_CHECKING:
+    from .config import VoxDepthConfig
 
-def _raw(intrinsics: Intrinsics) -> DepthCorrector:
+Factory = Callable[[Intrinsics, "VoxDepthConfig | None"], DepthCorrector]
+
+
+def _raw(intrinsics: Intrinsics, config: "VoxDepthConfig | None") -> DepthCorrector:
     from .peers.raw import Raw
 
+    if config is not None:
+        raise ConfigError("the corrector 'raw' takes no configuration; leave it out, or choose 'paper'")
     return Raw()
 
 
-def _paper(intrinsics: Intrinsics) -> DepthCorrector:
+def _paper(intrinsics: Intrinsics, config: "VoxDepthConfig | None") -> DepthCorrector:
     from .config import VoxDepthConfig
     from .corrector import VoxDepth
 
-    return VoxDepth(intrinsics, VoxDepthConfig.paper())
+    return VoxDepth(intrinsics, config or VoxDepthConfig.paper())
 
 
-_FACTORIES: dict[str, Callable[[Intrinsics], DepthCorrector]] = {"raw": _raw, "paper": _paper}
+_FACTORIES: dict[str, Factory] = {"raw": _raw, "paper": _paper}
 
 CORRECTOR_NAMES = tuple(_FACTORIES)
 
 
-def create_corrector(name: str, intrinsics: Intrinsics) -> DepthCorrector:
+def create_corrector(name: str, intrinsics: Intrinsics, config: "VoxDepthConfig | None" = None) -> DepthCorrector:
     """A new corrector of that name for one camera.
 
+    Args:
+        name: One of `CORRECTOR_NAMES`.
+        intrinsics: Of the camera.
+        config: Instead of the one that belongs to the name.
+
     Raises:
-        ConfigError: No corrector has that name.
+        ConfigError: No corrector has that name, or the one that has it takes no configuration.
     """
     if name not in _FACTORIES:
         raise ConfigError(f"there is no corrector {name!r}; choose one of: {', '.join(CORRECTOR_NAMES)}")
-    return _FACTORIES[name](intrinsics)
+    return _FACTORIES[name](intrinsics, config)

@@ -1,14 +1,18 @@
-"""Each Warp kernel gives the bits of its NumPy twin."""
+"""Each Warp kernel gives the bits of its NumPy or OpenCV twin."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from voxdepth.combine import combine
-from voxdepth.projection import project_nearest
+from voxdepth import VoxDepthConfig
+from voxdepth.combine import CombineConfig
+from voxdepth.host_steps import HostSteps
+from voxdepth.inpainting import Dilation, Nearest
+from voxdepth.projection import project_nearest, project_voxels
 from voxdepth.types import Intrinsics
 from voxdepth.voxels import VoxelConfig, VoxelGrid
+from voxdepth.warp_steps import WarpSteps
 
 GRID = VoxelConfig(half_width_m=6.0, half_height_m=4.0, depth_m=10.0)
 CAMERA = Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80)
@@ -21,6 +25,17 @@ DEGENERATE = {
     "behind": np.array([[0.0, 0.0, -3.0], [1.0, 1.0, 0.0]], np.float32),
     "same cell": np.full((7, 3), 1.01, np.float32),
 }
+VOXELS_OF = {"none": 0, "one": 1, "nan": 1, "beyond": 0, "behind": 1, "same cell": 1}
+
+DEPTHS = {
+    "empty": np.zeros(CAMERA.shape, np.float32),
+    "one pixel": np.where(np.arange(48 * 64).reshape(48, 64) == 777, np.float32(3.3), np.float32(0)),
+    "nan": np.full(CAMERA.shape, np.nan, np.float32),
+    "beyond": np.full(CAMERA.shape, 1e9, np.float32),
+    "infinite": np.full(CAMERA.shape, np.inf, np.float32),
+    "negative": np.full(CAMERA.shape, -2.0, np.float32),
+}
+TURNED = np.array([[0.98, -0.05, 0.2, 0.1], [0.06, 0.99, -0.02, -0.2], [-0.2, 0.03, 0.97, 0.3], [0, 0, 0, 1]])
 
 
 def cloud(seed: int, n: int) -> np.ndarray:
@@ -28,11 +43,23 @@ def cloud(seed: int, n: int) -> np.ndarray:
     return (rng.normal(size=(n, 3)) * [3, 2, 2] + [0, 0, 4]).astype(np.float32)
 
 
+def depth_image(seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    depth_m = rng.uniform(0.2, 12, CAMERA.shape).astype(np.float32)
+    depth_m[rng.random(CAMERA.shape) < 0.3] = 0
+    return depth_m
+
+
 def both_grids(points: np.ndarray) -> tuple[VoxelGrid, VoxelGrid]:
     grids = VoxelGrid(GRID, backend="warp"), VoxelGrid(GRID, backend="numpy")
     for grid in grids:
         grid.integrate(points)
     return grids
+
+
+def both_steps(**changes: object) -> tuple[HostSteps, WarpSteps]:
+    config = VoxDepthConfig.paper().model_copy(update={"voxels": GRID} | changes)
+    return HostSteps(CAMERA, config), WarpSteps(CAMERA, config, device="cpu")
 
 
 @given(st.integers(0, 1000), st.integers(1, 3000))
@@ -46,8 +73,30 @@ def test_voxels_agree(seed: int, n: int) -> None:
 def test_voxels_agree_on_degenerate_clouds(name: str) -> None:
     warp, numpy = both_grids(DEGENERATE[name])
     np.testing.assert_array_equal(warp.words, numpy.words)
-    expected = {"none": 0, "one": 1, "nan": 1, "beyond": 0, "behind": 1, "same cell": 1}[name]
-    assert len(warp.occupied_centres()) == expected
+    assert len(warp.occupied_centres()) == VOXELS_OF[name]
+
+
+@given(st.integers(0, 1000))
+def test_voxels_of_images_agree(seed: int) -> None:
+    host, warp = both_steps()
+    for steps in (host, warp):
+        steps.integrate(depth_image(seed), np.eye(4))
+        steps.integrate(depth_image(seed + 1), TURNED)
+    np.testing.assert_array_equal(host._grid.words, warp._words.numpy())
+    projected = host.project(), warp.project().numpy()
+    assert projected[0].any()
+    np.testing.assert_array_equal(*projected)
+
+
+@pytest.mark.parametrize("name", DEPTHS)
+@pytest.mark.parametrize("T", [np.eye(4), TURNED])
+def test_voxels_of_degenerate_images_agree(name: str, T: np.ndarray) -> None:
+    host, warp = both_steps()
+    for steps in (host, warp):
+        steps.integrate(DEPTHS[name], T)
+    np.testing.assert_array_equal(host._grid.words, warp._words.numpy())
+    assert len(host._grid.occupied_centres()) == (name == "one pixel")
+    np.testing.assert_array_equal(host.project(), warp.project().numpy())
 
 
 @given(st.integers(0, 1000), st.integers(1, 3000))
@@ -66,11 +115,63 @@ def test_projections_agree_on_degenerate_clouds(name: str) -> None:
     np.testing.assert_array_equal(warp, numpy)
 
 
-@given(st.integers(0, 1000))
-def test_combinations_agree(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    raw, template = (rng.uniform(0, 10, (31, 3)).astype(np.float32) for _ in range(2))
-    raw[rng.random(raw.shape) < 0.3] = 0
-    template[rng.random(raw.shape) < 0.3] = 0
-    for warp, numpy in zip(combine(raw, template, backend="warp"), combine(raw, template), strict=True):
-        np.testing.assert_array_equal(warp, numpy)
+@given(st.integers(0, 1000), st.integers(1, 3000))
+def test_projecting_the_grid_equals_projecting_its_centres(seed: int, n: int) -> None:
+    grid = VoxelGrid(GRID)
+    grid.integrate(cloud(seed, n))
+    np.testing.assert_array_equal(
+        project_voxels(grid, CAMERA), project_nearest(grid.occupied_centres(), CAMERA, backend="numpy")
+    )
+
+
+@pytest.mark.parametrize("method", [Dilation(size_px=3), Dilation(size_px=5), Nearest(size_px=5)])
+def test_inpaintings_agree(method: object) -> None:
+    host, warp = both_steps(inpainting=method)
+    sparse = depth_image(3)
+    np.testing.assert_array_equal(host.inpaint(sparse), warp.inpaint(warp.upload(sparse)).numpy())
+
+
+@pytest.mark.parametrize(
+    "M",
+    [
+        [[1.0, 0, 0], [0, 1, 0]],
+        [[1.0, 0, 0.5], [0, 1, -1.5]],
+        [[1.013, 0.021, 3.3], [-0.013, 0.991, -2.7]],
+        [[-0.7, 0.7, 20.2], [0.7, 0.7, -5.1]],
+        [[1.0, 0, 1000], [0, 1, 0]],
+    ],
+)
+def test_warped_templates_agree(M: list[list[float]]) -> None:
+    host, warp = both_steps()
+    template = depth_image(4)
+    expected, got = host.warp(template, np.array(M)), warp.warp(warp.upload(template), np.array(M)).numpy()
+    row, col = np.nonzero(expected != got)
+    position = (np.linalg.inv([*M, [0, 0, 1]]) @ np.stack([col, row, np.ones_like(row)]))[:2]
+    # OpenCV computes in fixed point: a position a thousandth off the middle of two pixels may go to either.
+    to_a_middle = np.abs(position - np.floor(position) - 0.5).min(axis=0)
+    assert len(row) < 0.05 * template.size
+    assert (to_a_middle < 1e-3).all()
+
+
+@given(st.integers(0, 1000), st.booleans(), st.booleans())
+def test_combinations_agree(seed: int, reject_near: bool, reject_far: bool) -> None:
+    host, warp = both_steps(combine=CombineConfig(reject_near=reject_near, reject_far=reject_far))
+    raw, template = depth_image(seed), depth_image(seed + 1)
+    got = warp.combine(warp.upload(raw), warp.upload(template))
+    for expected, image in zip(host.combine(raw, template), got, strict=True):
+        np.testing.assert_array_equal(expected, image.numpy())
+
+
+def test_frames_without_a_template_agree() -> None:
+    host, warp = both_steps()
+    raw = depth_image(5)
+    for expected, got in zip(host.unchanged(raw), warp.unchanged(warp.upload(raw)), strict=True):
+        np.testing.assert_array_equal(expected, got.numpy())
+
+
+@given(st.integers(0, 1000), st.sampled_from([1, 3, 5]))
+def test_medians_agree(seed: int, size: int) -> None:
+    host, warp = both_steps(median_size_px=size)
+    depth_m = depth_image(seed)
+    depth_m[10:20] = 4.0
+    np.testing.assert_array_equal(host.filter(depth_m), warp.filter(warp.upload(depth_m)).numpy())

@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 
 from voxdepth import Frame, Intrinsics, Source, VoxDepth, VoxDepthConfig, create_corrector
-from voxdepth.combine import combine
+from voxdepth.combine import CombineConfig
 from voxdepth.errors import ConfigError, FrameError
-from voxdepth.inpainting import dilate
-from voxdepth.types import Phase, RegistrationStatus
+from voxdepth.types import EpochEnd, Phase, RegistrationStatus
 
 CAMERA = Intrinsics.from_hfov(width_px=320, height_px=180, hfov_deg=86)
 CONFIG = VoxDepthConfig(window_frames=4, max_epoch_frames=20)
@@ -26,6 +25,12 @@ def flat(depth_m: float) -> np.ndarray:
 
 def feed(corrector: VoxDepth, depths: list[np.ndarray], gray: np.ndarray, start_s: float = 0.0) -> list:
     return [corrector.process(Frame(stamp_s=start_s + 0.1 * i, gray=gray, depth_m=d)) for i, d in enumerate(depths)]
+
+
+def feed_still(corrector: VoxDepth, depths: list[np.ndarray]) -> list:
+    """With poses that say the camera stands still: odometry knows the scale of things, so depth must not be scaled."""
+    frames = (Frame(stamp_s=0.1 * i, gray=texture(0), depth_m=d, T_world_cam=np.eye(4)) for i, d in enumerate(depths))
+    return [corrector.process(frame) for frame in frames]
 
 
 def test_it_passes_frames_through_until_the_first_template_is_there() -> None:
@@ -57,11 +62,75 @@ def test_flicker_is_removed() -> None:
     assert np.abs(result.depth_m[5:-5, 5:-5] - 10.0).max() == 0
 
 
+def test_scaling_depth_and_voxels_together_scales_the_output() -> None:
+    rng = np.random.default_rng(0)
+    depths = [(flat(9.0) + rng.uniform(-1, 1, CAMERA.shape)).astype(np.float32) for _ in range(6)]
+    depths[5][60:120, 100:200] = 0
+    voxels = CONFIG.voxels
+    twice = CONFIG.model_copy(
+        update={
+            "voxels": voxels.model_copy(
+                update={
+                    "cell_m": tuple(2 * c for c in voxels.cell_m),
+                    "half_width_m": 2 * voxels.half_width_m,
+                    "half_height_m": 2 * voxels.half_height_m,
+                    "depth_m": 2 * voxels.depth_m,
+                }
+            )
+        }
+    )
+    once = feed_still(VoxDepth(CAMERA, CONFIG), depths)
+    doubled = feed_still(VoxDepth(CAMERA, twice), [2 * d for d in depths])
+    for a, b in zip(once, doubled, strict=True):
+        np.testing.assert_array_equal(2 * a.depth_m, b.depth_m)
+
+
+@pytest.mark.parametrize("depth_m", [10.0, 17.3, 25.0, 40.0])
+def test_static_noise_free_planes_come_back_within_a_voxel(depth_m: float) -> None:
+    result = feed(VoxDepth(CAMERA, CONFIG), [flat(depth_m)] * 5, texture(0))[-1]
+    assert result.phase is Phase.CORRECTING
+    assert np.abs(result.depth_m - depth_m).max() <= CELL_Z_M
+    empty = Frame(stamp_s=9.0, gray=texture(0), depth_m=flat(0.0))
+    template_alone = VoxDepth(CAMERA, CONFIG)
+    feed(template_alone, [flat(depth_m)] * 5, texture(0))
+    filled = template_alone.process(empty).depth_m
+    seen = filled > 0  # the grid ends 16 m above and below the axis
+    assert seen.mean() > (0.99 if depth_m < 30 else 0.7)
+    assert np.abs(filled[seen] - depth_m).max() <= CELL_Z_M
+
+
+def test_at_depth_steps_the_erosion_is_bounded_which_is_a_known_fault() -> None:
+    """The dilation moves the far side over the near one by half its window, and the median by its radius more."""
+    step = flat(40.0)
+    step[40:140, 100:220] = 18.0
+    result = feed(VoxDepth(CAMERA, CONFIG), [step] * 6, texture(0))[-1]
+    lost_px = CONFIG.inpainting.size_px // 2 + CONFIG.median_size_px // 2
+    kept = np.s_[40 + lost_px : 140 - lost_px, 100 + lost_px : 220 - lost_px]
+    assert np.abs(result.depth_m[kept] - 18.0).max() <= CELL_Z_M
+    eroded = (result.depth_m > 30) & (step < 30)
+    assert eroded.any()
+
+
 def test_a_near_object_is_erased_which_is_a_known_fault() -> None:
     with_drone = flat(10.0)
     with_drone[60:120, 100:200] = 2.0
     result = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 5 + [with_drone], texture(0))[-1]
     assert (result.depth_m[70:110, 110:190] > 9).all()
+
+
+def test_a_receding_surface_is_overwritten_which_is_a_known_fault() -> None:
+    receding = [flat(10.0)] * 5 + [flat(10.5)]
+    result = feed(VoxDepth(CAMERA, CONFIG), receding, texture(0))[-1]
+    assert np.abs(result.depth_m - 10.0).max() <= CELL_Z_M
+    assert (result.source == Source.TEMPLATE).all()
+
+
+def test_both_faults_can_be_switched_off() -> None:
+    config = CONFIG.model_copy(update={"combine": CombineConfig(reject_near=False, reject_far=False)})
+    changed = flat(12.0)
+    changed[60:120, 100:200] = 2.0
+    result = feed(VoxDepth(CAMERA, config), [flat(10.0)] * 5 + [changed], texture(0))[-1]
+    np.testing.assert_array_equal(result.depth_m, cv2.medianBlur(changed, 5))
 
 
 def test_a_new_epoch_begins_after_a_cut_and_not_on_a_still_camera() -> None:
@@ -71,13 +140,18 @@ def test_a_new_epoch_begins_after_a_cut_and_not_on_a_still_camera() -> None:
     cut = feed(corrector, [flat(5.0)] * 8, texture(1), start_s=100.0)
     assert cut[0].registration.status is RegistrationStatus.FEW_MATCHES
     assert cut[0].phase is Phase.PASSTHROUGH
+    assert [r.epoch_end for r in still] == [None] * 15
+    assert [r.epoch_end for r in cut] == [EpochEnd.FEW_MATCHES, *[None] * 7]
     assert cut[-1].phase is Phase.CORRECTING
     assert np.abs(cut[-1].depth_m - 5.0).max() <= CELL_Z_M
 
 
 def test_an_epoch_ends_after_its_longest_length() -> None:
     results = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 40, texture(0))
-    assert Phase.FUSING in {r.phase for r in results[20:]}
+    ends = [i for i, r in enumerate(results) if r.epoch_end is EpochEnd.MAX_FRAMES]
+    assert ends == [23]  # a window of 4 frames that ends with number 3, and 20 more
+    assert {r.phase for r in results[23:26]} == {Phase.FUSING}
+    assert {r.phase for r in results[26:]} == {Phase.CORRECTING}
 
 
 @pytest.mark.parametrize("gray", [np.zeros(CAMERA.shape, np.uint8), np.full(CAMERA.shape, 255, np.uint8)])
@@ -130,23 +204,6 @@ def test_the_input_is_not_modified() -> None:
     np.testing.assert_array_equal(depth, before)
 
 
-def test_the_combine_rule() -> None:
-    template = np.array([[10.0, 10, 10, 10, 0, 0]], np.float32)
-    raw = np.array([[0.0, 4.9, 5.0, 10.1, 3, 0]], np.float32)
-    depth, source = combine(raw, template)
-    np.testing.assert_array_equal(depth, np.array([[10, 10, 5, 10, 3, 0]], np.float32))
-    assert source.tolist() == [[2, 2, 1, 2, 1, 0]]
-
-
-def test_dilation_takes_the_maximum_of_its_window() -> None:
-    sparse = np.zeros((9, 9), np.float32)
-    sparse[4, 4], sparse[4, 5] = 2.0, 3.0
-    dense = dilate(sparse, 5)
-    assert dense[4, 2] == 2.0
-    assert dense[4, 3] == 3.0
-    assert dense[4, 1] == 0.0
-
-
 def test_raw_returns_the_frame() -> None:
     depth = flat(4.0)
     depth[0] = 0
@@ -160,7 +217,20 @@ def test_unknown_correctors_are_refused_with_the_choice() -> None:
         create_corrector("magic", CAMERA)
 
 
-@pytest.mark.parametrize("bad", [{"median_size_px": 4}, {"inpaint_size_px": 2}, {"window_frames": 0}, {"windows": 3}])
-def test_bad_configurations_are_refused(bad: dict[str, int]) -> None:
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"median_size_px": 4},
+        {"inpainting": {"method": "dilation", "size_px": 2}},
+        {"inpainting": {"method": "magic"}},
+        {"window_frames": 0},
+        {"windows": 3},
+        {"fusion_lag_frames": -1},
+        {"fusion_lag_frames": "soon"},
+        {"voxels": {"cell_m": (0.0, 0.1, 0.1)}},
+        {"voxels": {"cell_m": (0.001, 0.001, 0.001)}},
+    ],
+)
+def test_bad_configurations_are_refused(bad: dict[str, object]) -> None:
     with pytest.raises(ValueError, match="validation error"):
         VoxDepthConfig(**bad)  # type: ignore[arg-type]

@@ -16,7 +16,10 @@ class Dataset(Protocol):
         ...
 
     def name(self, index: int) -> str:
-        """Name of a frame without a suffix, unique in the dataset, usable as a file name; sorts like the frames."""
+        """Name of a frame without a suffix, unique in the dataset, usable as a file name; sorts like the frames.
+
+        It may contain dots.
+        """
         ...
 
     def __getitem__(self, index: int) -> Frame:

@@ -1,0 +1,138 @@
+"""Opening a dataset: the format is recognised by its files, and the camera comes from the nearest source."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from voxdepth.datasets import DATASET_FORMATS, open_dataset
+from voxdepth.datasets.calibration import parse_calibration
+from voxdepth.errors import ConfigError, DatasetError
+from voxdepth.types import Intrinsics
+
+CALIBRATION = "fx_px = 7\nfy_px = 7.5\ncx_px = 4.0\ncy_px = 3.0\nwidth_px = 8\nheight_px = 6\n"
+GIVEN = Intrinsics(fx_px=3, fy_px=3, cx_px=4, cy_px=3, width_px=8, height_px=6, baseline_m=0.05)
+JSON = '{"width": 8, "height": 6, "intrinsic_matrix": [9, 0, 0, 0, 9, 0, 4, 3, 1]}'
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name, kind in (("depth", np.uint16), ("color", np.uint8)):
+        (tmp_path / name).mkdir()
+        cv2.imwrite(str(tmp_path / name / "000000.png"), np.zeros((6, 8), kind))
+    (tmp_path / "camera_intrinsic.json").write_text(JSON)
+    return tmp_path
+
+
+def test_given_intrinsics_count_before_the_calibration_and_that_before_the_formats_own(folder: Path) -> None:
+    assert open_dataset(folder).intrinsics.fx_px == 9
+    (folder / "calibration.toml").write_text(CALIBRATION)
+    calibrated = open_dataset(folder).intrinsics
+    assert calibrated == Intrinsics(fx_px=7, fy_px=7.5, cx_px=4, cy_px=3, width_px=8, height_px=6)
+    assert open_dataset(folder, intrinsics=GIVEN).intrinsics is GIVEN
+    (folder / "calibration.toml").write_text(CALIBRATION + "baseline_m = 0.095\n")
+    assert open_dataset(folder).intrinsics.baseline_m == 0.095
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("fx_px = ", "no TOML"),
+        ("a = " + "[" * 5000, "no TOML"),
+        (CALIBRATION.replace("fy_px", "fz_px"), r"missing: \['fy_px'\], unknown: \['fz_px'\]"),
+        (CALIBRATION.replace("fx_px = 7", "fx_px = '7'"), "expected a finite number for fx_px"),
+        (CALIBRATION.replace("fx_px = 7", "fx_px = nan"), "expected a finite number for fx_px"),
+        (CALIBRATION.replace("fx_px = 7", "fx_px = true"), "expected a finite number for fx_px"),
+        (CALIBRATION.replace("fx_px = 7", "fx_px = 0"), "describes no camera"),
+        (CALIBRATION.replace("width_px = 8", "width_px = 8.0"), "expected a whole number for width_px"),
+        (CALIBRATION.replace("width_px = 8", "width_px = 99999999"), "at most 65536 pixels a side"),
+        (CALIBRATION.replace("cx_px = 4.0", "cx_px = 320.0"), "principal point near the image of 8x6"),
+        (CALIBRATION.replace("cy_px = 3.0", "cy_px = -10.0"), "principal point near the image of 8x6"),
+        (CALIBRATION + "baseline_m = 0\n", "describes no camera"),
+    ],
+)
+def test_a_calibration_that_makes_no_sense_is_refused(folder: Path, text: str, message: str) -> None:
+    (folder / "calibration.toml").write_text(text)
+    with pytest.raises(DatasetError, match=message) as caught:
+        open_dataset(folder)
+    assert "calibration.toml" in str(caught.value)
+
+
+def test_given_intrinsics_that_make_no_sense_are_refused_too(folder: Path) -> None:
+    for cx_px, fx_px in ((999.0, 3.0), (float("nan"), 3.0), (4.0, float("nan")), (4.0, float("inf"))):
+        given = Intrinsics(fx_px=fx_px, fy_px=3, cx_px=cx_px, cy_px=3, width_px=8, height_px=6)
+        with pytest.raises(DatasetError, match="the given intrinsics"):
+            open_dataset(folder, intrinsics=given)
+
+
+def test_intrinsics_of_another_size_are_refused_when_a_frame_is_read(folder: Path) -> None:
+    given = Intrinsics(fx_px=3, fy_px=3, cx_px=4, cy_px=3, width_px=9, height_px=6)
+    with pytest.raises(DatasetError, match=r"expected 9x6 pixels in .*000000\.png, as the camera's intrinsics say"):
+        open_dataset(folder, intrinsics=given)[0]
+
+
+@given(st.binary(max_size=60).map(lambda data: data.decode("latin-1")), st.sampled_from(["", CALIBRATION]))
+def test_no_calibration_at_all_raises_anything_but_a_dataset_error(text: str, start: str) -> None:
+    try:
+        assert parse_calibration(start + text, Path("calibration.toml")).fx_px == 7
+    except DatasetError as error:
+        assert "calibration.toml" in str(error)
+
+
+def test_an_empty_folder_is_told_what_every_format_needs(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError) as caught:
+        open_dataset(tmp_path)
+    message = str(caught.value)
+    assert all(f"{name} lacks " in message for name in DATASET_FORMATS)
+    assert all(word in message for word in ("rgb.txt", "color_left", "depth", "checksums.txt"))
+
+
+@pytest.mark.parametrize("format", DATASET_FORMATS)
+def test_a_format_that_is_named_is_the_only_one_tried(tmp_path: Path, format: str) -> None:
+    with pytest.raises(DatasetError) as caught:
+        open_dataset(tmp_path, format)
+    assert [name for name in DATASET_FORMATS if f"{name} lacks" in str(caught.value)] == [format]
+
+
+def test_a_format_that_there_is_not_names_those_there_are(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="there is no dataset format 'kitti'; choose one of: auto, tum, midair"):
+        open_dataset(tmp_path, "kitti")
+
+
+def test_a_file_or_nothing_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(DatasetError, match=r"file is a file; name the folder"):
+        open_dataset(tmp_path / "file")
+    with pytest.raises(DatasetError, match=r"there is no folder .*none"):
+        open_dataset(tmp_path / "none")
+    for name in ("a\0b", "x" * 5000):
+        with pytest.raises(DatasetError, match=r"cannot look into|there is no folder"):
+            open_dataset(tmp_path / name)
+
+
+def test_a_folder_that_may_not_be_listed_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(path: Path) -> list[Path]:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "iterdir", refuse)
+    with pytest.raises(DatasetError, match=r"cannot list .*: Permission denied"):
+        open_dataset(folder)
+
+
+def test_a_folder_that_may_not_be_entered_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(path: Path) -> bool:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "exists", refuse)
+    with pytest.raises(DatasetError, match=r"cannot look into .*Permission denied"):
+        open_dataset(folder)
+
+
+def test_importing_the_package_does_not_import_opencv() -> None:
+    code = "import sys, voxdepth.datasets; sys.exit('cv2' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,212 @@
+"""Laws of reading images: values come back exactly, and what a file claims is checked before it is decoded."""
+
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from voxdepth.datasets import images
+from voxdepth.datasets.headers import parse_header
+from voxdepth.datasets.images import (
+    decode_depth_m,
+    image_shape,
+    read_depth_16,
+    read_depth_raw,
+    read_gray,
+    read_mask,
+)
+from voxdepth.errors import DatasetError
+
+SHAPE = (6, 8)
+RNG = np.random.default_rng(7)
+DEPTH_16 = RNG.integers(0, 65536, SHAPE, np.uint16)
+GRAY = RNG.integers(0, 256, SHAPE, np.uint8)
+COLOUR = RNG.integers(0, 256, (*SHAPE, 3), np.uint8)
+DEPTH_M = RNG.uniform(0, 9, SHAPE).astype(np.float32)
+
+
+def encoded(image: Any, suffix: str) -> bytes:
+    done, data = cv2.imencode(suffix, image)
+    assert done
+    return bytes(data.tobytes())
+
+
+def written(folder: Path, image: Any, suffix: str = ".png") -> Path:
+    path = folder / f"image{suffix}"
+    path.write_bytes(encoded(image, suffix))
+    return path
+
+
+def huge_png() -> bytes:
+    header = b"IHDR" + struct.pack(">IIBBBBB", 100_000, 100_000, 16, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + header + struct.pack(">I", zlib.crc32(header))
+
+
+def huge_jpeg() -> bytes:
+    data = encoded(GRAY, ".jpg")
+    at = data.index(b"\xff\xc0") + 5
+    return data[:at] + struct.pack(">HH", 65_500, 65_500) + data[at + 4 :]
+
+
+def test_sixteen_bits_read_back_exactly(tmp_path: Path) -> None:
+    assert np.array_equal(read_depth_16(written(tmp_path, DEPTH_16), SHAPE), DEPTH_16)
+
+
+def test_raw_sixteen_bits_read_back_exactly(tmp_path: Path) -> None:
+    path = tmp_path / "depth.raw"
+    path.write_bytes(DEPTH_16.astype("<u2").tobytes())
+    depth = read_depth_raw(path, SHAPE)
+    assert depth.dtype == np.uint16 and np.array_equal(depth, DEPTH_16)
+    path.write_bytes(DEPTH_16.tobytes()[:-1])
+    with pytest.raises(DatasetError, match=r"expected 96 bytes .*depth\.raw.* got 95"):
+        read_depth_raw(path, SHAPE)
+
+
+def test_gray_reads_back_exactly_and_colour_as_opencv_makes_it_gray(tmp_path: Path) -> None:
+    assert np.array_equal(read_gray(written(tmp_path, GRAY), SHAPE), GRAY)
+    gray = read_gray(written(tmp_path, COLOUR), SHAPE)
+    assert gray.dtype == np.uint8 and np.array_equal(gray, cv2.cvtColor(COLOUR, cv2.COLOR_BGR2GRAY))
+
+
+@pytest.mark.parametrize("image", [GRAY, COLOUR])
+def test_a_jpeg_is_gray_within_what_compression_costs(tmp_path: Path, image: Any) -> None:
+    smooth = np.full_like(image, 100)
+    assert np.abs(read_gray(written(tmp_path, smooth, ".jpg"), SHAPE).astype(int) - 100).max() <= 1
+
+
+def test_metres_read_back_exactly(tmp_path: Path) -> None:
+    assert np.array_equal(decode_depth_m(encoded(DEPTH_M, ".tiff"), tmp_path, SHAPE), DEPTH_M)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, -1])
+def test_metres_that_no_camera_measures_are_refused(tmp_path: Path, value: float) -> None:
+    depth_m = DEPTH_M.copy()
+    depth_m[2, 3] = value
+    with pytest.raises(DatasetError, match="expected finite values of at least 0"):
+        decode_depth_m(encoded(depth_m, ".tiff"), tmp_path, SHAPE)
+
+
+def test_integers_in_a_tiff_are_no_metres(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="float32"):
+        decode_depth_m(encoded(DEPTH_M.astype(np.int32), ".tiff"), tmp_path, SHAPE)
+
+
+def test_a_mask_is_true_where_the_image_is_not_black(tmp_path: Path) -> None:
+    mask = GRAY > 128
+    assert np.array_equal(read_mask(written(tmp_path, mask.astype(np.uint8)), SHAPE), mask)
+    with pytest.raises(DatasetError, match="expected a mask"):
+        read_mask(written(tmp_path, DEPTH_16), SHAPE)
+
+
+@pytest.mark.parametrize(
+    ("image", "suffix"),
+    [(GRAY, ".png"), (COLOUR, ".png"), (DEPTH_16, ".png"), (GRAY, ".jpg"), (COLOUR, ".jpg"), (DEPTH_M, ".tiff")],
+)
+def test_the_header_says_what_the_decoder_finds(image: Any, suffix: str) -> None:
+    header = parse_header(encoded(image, suffix))
+    assert header is not None
+    channels = 1 if image.ndim == 2 else image.shape[2]
+    assert (header.shape, header.bits, header.channels) == (SHAPE, image.dtype.itemsize * 8, channels)
+
+
+def test_a_big_endian_tiff_and_a_progressive_jpeg_have_headers_too() -> None:
+    tags = [(256, 3, 8 << 16), (257, 4, 6), (258, 3, 32 << 16)]
+    entries = b"".join(struct.pack(">HHII", tag, kind, 1, value) for tag, kind, value in tags)
+    header = parse_header(b"MM\0*" + struct.pack(">IH", 8, len(tags)) + entries)
+    assert header is not None and header.shape == SHAPE and str(header) == "a TIFF of 32 bits in 1 channel"
+    done, data = cv2.imencode(".jpg", COLOUR, (cv2.IMWRITE_JPEG_PROGRESSIVE, 1))
+    progressive = parse_header(b"\xff\xd8\xff" + data.tobytes()[2:])
+    assert done and progressive is not None and progressive.shape == SHAPE
+
+
+@given(st.binary(max_size=80), st.sampled_from([b"", b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"II*\0", b"MM\0*"]))
+def test_no_bytes_at_all_upset_the_header_parser(data: bytes, start: bytes) -> None:
+    header = parse_header(start + data)
+    assert header is None or min(header.shape) > 0
+
+
+@given(st.data(), st.sampled_from([(GRAY, ".png"), (COLOUR, ".jpg"), (DEPTH_M, ".tiff")]))
+def test_a_header_that_is_cut_short_is_none_or_right(data: st.DataObject, kind: tuple[Any, str]) -> None:
+    whole = encoded(*kind)
+    header = parse_header(whole[: data.draw(st.integers(0, len(whole)))])
+    assert header is None or header.shape == SHAPE
+
+
+@pytest.mark.parametrize("make", [huge_png, huge_jpeg])
+def test_an_image_that_claims_to_be_huge_is_never_decoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make: Callable[[], bytes]
+) -> None:
+    path = tmp_path / "huge.png"
+    path.write_bytes(make())
+    monkeypatch.setattr(images.cv2, "imdecode", lambda *_: pytest.fail("decoded"))
+    for read in (read_gray, read_depth_16):
+        with pytest.raises(DatasetError, match=r"huge\.png claims to be \d+x\d+ pixels"):
+            read(path, (100_000, 100_000))
+    with pytest.raises(DatasetError, match="claims to be"):
+        image_shape(path)
+
+
+def test_an_image_of_another_size_is_never_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(images.cv2, "imdecode", lambda *_: pytest.fail("decoded"))
+    with pytest.raises(DatasetError, match=r"expected 9x6 pixels in .*image\.png.* got 8x6"):
+        read_depth_16(written(tmp_path, DEPTH_16), (6, 9))
+
+
+@pytest.mark.parametrize("image", [GRAY, COLOUR, COLOUR.astype(np.uint16)])
+def test_depth_of_eight_bits_or_several_channels_is_refused(tmp_path: Path, image: Any) -> None:
+    with pytest.raises(
+        DatasetError, match=r"expected depth as a PNG of 16 bits in 1 channel in .*image\.png, got a PNG"
+    ):
+        read_depth_16(written(tmp_path, image), SHAPE)
+
+
+def test_a_gray_image_of_sixteen_bits_or_with_transparency_is_refused(tmp_path: Path) -> None:
+    for image in (DEPTH_16, np.dstack([COLOUR, GRAY])):
+        with pytest.raises(DatasetError, match="expected a gray or colour image of 8 bits"):
+            read_gray(written(tmp_path, image), SHAPE)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+@pytest.mark.parametrize("kept", [0.0, 0.5, 0.8])
+def test_an_image_that_is_cut_short_is_refused(tmp_path: Path, suffix: str, kept: float) -> None:
+    noise = RNG.integers(0, 256, (60, 80), np.uint8)
+    path = written(tmp_path, noise, suffix)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * kept)])
+    with pytest.raises(DatasetError, match=rf"image\{suffix}"):
+        read_gray(path, noise.shape)
+
+
+def test_a_damaged_png_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, RNG.integers(0, 65536, (60, 80), np.uint16))
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    path.write_bytes(data)
+    with pytest.raises(DatasetError, match=r"image\.png"):
+        read_depth_16(path, (60, 80))
+
+
+def test_what_is_no_plain_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(DatasetError, match=r"expected a file .*none\.png, got none"):
+        read_gray(tmp_path / "none.png", SHAPE)
+    with pytest.raises(DatasetError, match="got something else"):
+        read_gray(tmp_path, SHAPE)
+    path = written(tmp_path, GRAY)
+    monkeypatch.setattr("voxdepth.datasets.files.LARGEST_FILE_BYTES", 10)
+    with pytest.raises(DatasetError, match=r"at most 10 bytes in .*image\.png"):
+        read_gray(path, SHAPE)
+    monkeypatch.undo()
+
+    def refuse(path: Path) -> bytes:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    with pytest.raises(DatasetError, match=r"cannot read .*image\.png: Permission denied"):
+        read_gray(path, SHAPE)

@@ -1,0 +1,206 @@
+"""RealSense exports: scale, camera and times come from where a tool put them, and only aligned images are read."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from voxdepth.datasets import open_dataset
+from voxdepth.datasets.realsense import RealSenseDataset
+from voxdepth.errors import DatasetError
+from voxdepth.types import Intrinsics
+
+SHAPE = (6, 8)
+OPEN3D = {"width": 8, "height": 6, "intrinsic_matrix": [9.5, 0, 0, 0, 9.25, 0, 3.5, 2.5, 1]}
+CAMERA = Intrinsics(fx_px=9.5, fy_px=9.25, cx_px=3.5, cy_px=2.5, width_px=8, height_px=6)
+
+
+def depth_of(index: int) -> np.ndarray:
+    return np.random.default_rng(index).integers(0, 65536, SHAPE, np.uint16)
+
+
+def gray_of(index: int) -> np.ndarray:
+    return np.random.default_rng(90 + index).integers(0, 256, SHAPE, np.uint8)
+
+
+def write(folder: Path, depth: list[str], gray: list[str], gray_folder: str = "color", **metadata: Any) -> None:
+    for name in ("depth", gray_folder):
+        (folder / name).mkdir()
+    for index, stem in enumerate(depth):
+        cv2.imwrite(str(folder / f"depth/{stem}.png"), depth_of(index))
+    for index, stem in enumerate(gray):
+        cv2.imwrite(str(folder / gray_folder / f"{stem}.png"), gray_of(index))
+    (folder / "camera_intrinsic.json").write_text(json.dumps({**OPEN3D, **metadata}))
+
+
+def stamps(folder: Path) -> list[float]:
+    dataset = open_dataset(folder)
+    return [dataset[index].stamp_s for index in range(len(dataset))]
+
+
+@pytest.mark.parametrize("gray_folder", ["color", "rgb", "infra1", "ir"])
+def test_an_open3d_recording_reads_back_exactly(tmp_path: Path, gray_folder: str) -> None:
+    write(tmp_path, ["000000", "000001"], ["000000", "000001"], gray_folder)
+    dataset = open_dataset(tmp_path)
+    assert isinstance(dataset, RealSenseDataset) and dataset.intrinsics == CAMERA and len(dataset) == 2
+    for index in range(2):
+        frame = dataset[index]
+        assert np.array_equal(frame.gray, gray_of(index)) and frame.T_world_cam is None
+        assert np.array_equal(frame.depth_m, (depth_of(index) / 1000).astype(np.float32))
+    assert [dataset.name(0), dataset.name(1)] == ["000000", "000001"]
+
+
+@pytest.mark.parametrize(("scale", "metres"), [(1000, 65.535), (0.001, 65.535), (10000.0, 6.5535), (0.0001, 6.5535)])
+def test_the_depth_scale_is_taken_from_the_metadata(tmp_path: Path, scale: float, metres: float) -> None:
+    write(tmp_path, ["0"], ["0"], depth_scale=scale)
+    cv2.imwrite(str(tmp_path / "depth/0.png"), np.full(SHAPE, 65535, np.uint16))
+    assert np.allclose(open_dataset(tmp_path)[0].depth_m, metres, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("names", "metadata", "expected"),
+    [
+        (["000000", "000001", "000003"], {}, [0, 1 / 30, 3 / 30]),
+        (["000000", "000001", "000003"], {"fps": 10}, [0, 0.1, 0.3]),
+        (["1", "2", "10"], {}, [1 / 30, 2 / 30, 10 / 30]),
+        (["frame_1", "frame_2"], {}, [1 / 30, 2 / 30]),
+        (["1305031102.25", "1305031102.5"], {}, [1305031102.25, 1305031102.5]),
+        (["1545304876500.5", "1545304876600.5"], {}, [1545304876.5005, 1545304876.6005]),
+        (["1545304876500000", "1545304876600000"], {}, [1545304876.5, 1545304876.6]),
+        (["1545304876500000000", "1545304876600000000"], {}, [1545304876.5, 1545304876.6]),
+    ],
+)
+def test_times_are_those_of_the_file_names(
+    tmp_path: Path, names: list[str], metadata: dict[str, Any], expected: list[float]
+) -> None:
+    write(tmp_path, names, names, **metadata)
+    assert stamps(tmp_path) == pytest.approx(expected, abs=1e-6)
+    dataset = open_dataset(tmp_path)
+    given = [dataset.name(index) for index in range(len(dataset))]
+    assert given == sorted(set(given))
+
+
+def test_frames_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    write(tmp_path, ["10", "9"], ["10", "9"])
+    dataset = open_dataset(tmp_path)
+    assert np.array_equal(dataset[0].gray, gray_of(1)) and np.array_equal(dataset[1].gray, gray_of(0))
+
+
+def test_streams_with_different_times_are_matched_by_the_nearest(tmp_path: Path) -> None:
+    write(tmp_path, ["100.000", "100.033", "100.066"], ["100.034", "100.068", "100.400"])
+    dataset = open_dataset(tmp_path)
+    assert stamps(tmp_path) == [100.033, 100.066]
+    assert np.array_equal(dataset[0].gray, gray_of(0))
+    assert np.array_equal(dataset[1].depth_m, (depth_of(2) / 1000).astype(np.float32))
+
+
+def test_images_that_are_not_aligned_are_refused(tmp_path: Path) -> None:
+    write(tmp_path, ["0"], ["0"])
+    cv2.imwrite(str(tmp_path / "depth/0.png"), np.zeros((12, 16), np.uint16))
+    with pytest.raises(DatasetError, match=r"depth/0\.png is 16x12 and .*color/0\.png is 8x6; align"):
+        open_dataset(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("depth", "gray", "message"),
+    [
+        (["0"], ["1"], "got none among 1 and 1"),
+        ([], [], "got none among 0 and 0"),
+        (["100.0"], ["200.0"], "got none among 1 and 1"),
+        (["a"], ["a"], r"expected a number at the end of the name of .*a\.png"),
+        (["a1", "b1"], ["1"], "have one number"),
+        (["1", "01"], ["1"], "that increase"),
+    ],
+)
+def test_images_that_cannot_be_matched_are_refused(
+    tmp_path: Path, depth: list[str], gray: list[str], message: str
+) -> None:
+    write(tmp_path, depth, gray)
+    with pytest.raises(DatasetError, match=message):
+        open_dataset(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("metadata", "message"),
+    [
+        ({"intrinsic_matrix": [9, 0, 4, 0, 9, 3, 0, 0, 1]}, "by columns"),
+        ({"intrinsic_matrix": [[9, 0, 4], [0, 9, 3], [0, 0, 1]]}, "of 9 numbers"),
+        ({"intrinsic_matrix": None}, "of 9 numbers"),
+        ({"intrinsic_matrix": ["9", 0, 0, 0, 9, 0, 4, 3, 1]}, "expected a finite number for fx_px"),
+        ({"intrinsic_matrix": [10**400, 0, 0, 0, 9, 0, 4, 3, 1]}, "expected a finite number for fx_px"),
+        ({"intrinsic_matrix": [9, 0, 0, 0, 9, 0, 400, 3, 1]}, "principal point near the image"),
+        ({"intrinsic_matrix": [-9, 0, 0, 0, 9, 0, 4, 3, 1]}, "describes no camera"),
+        ({"width": 8.5}, "expected a whole number for width_px"),
+        ({"width": True}, "expected a whole number for width_px"),
+        ({"height": None}, "expected a whole number for height_px"),
+        ({"depth_scale": 0}, "positive number for depth_scale"),
+        ({"depth_scale": float("nan")}, "positive number for depth_scale"),
+        ({"fps": "fast"}, "positive number for fps"),
+    ],
+)
+def test_metadata_that_make_no_sense_are_refused(tmp_path: Path, metadata: dict[str, Any], message: str) -> None:
+    write(tmp_path, ["0"], ["0"], **metadata)
+    with pytest.raises(DatasetError, match=message) as caught:
+        open_dataset(tmp_path)
+    assert "camera_intrinsic.json" in str(caught.value) or "calibration of" in str(caught.value)
+
+
+@pytest.mark.parametrize(("data", "message"), [(b"{", "no JSON"), (b"[]", "a JSON object"), (b"\xff", "expected text")])
+def test_metadata_that_are_no_json_object_are_refused(tmp_path: Path, data: bytes, message: str) -> None:
+    write(tmp_path, ["0"], ["0"])
+    (tmp_path / "camera_intrinsic.json").write_bytes(data)
+    with pytest.raises(DatasetError, match=message):
+        open_dataset(tmp_path)
+
+
+def test_without_metadata_a_calibration_is_asked_for(tmp_path: Path) -> None:
+    write(tmp_path, ["0"], ["0"])
+    (tmp_path / "camera_intrinsic.json").unlink()
+    with pytest.raises(DatasetError, match=r"expected the camera in calibration\.toml or camera_intrinsic\.json"):
+        open_dataset(tmp_path)
+    assert len(open_dataset(tmp_path, intrinsics=CAMERA)) == 1
+
+
+def write_converted(folder: Path, depth_ms: list[str], infrared_ms: list[str], stream: str = "Infrared 1") -> None:
+    for index, ms in enumerate(depth_ms):
+        (folder / f"out_Depth_{ms}.raw").write_bytes(depth_of(index).astype("<u2").tobytes())
+        (folder / f"out_Depth_metadata_{ms}.txt").write_text("Stream: Depth\n")
+    for index, ms in enumerate(infrared_ms):
+        cv2.imwrite(str(folder / f"out_{stream}_{ms}.png"), gray_of(index))
+
+
+@pytest.mark.parametrize("stream", ["Infrared", "Infrared 1"])
+def test_files_of_rs_convert_are_matched_by_the_milliseconds_in_their_names(tmp_path: Path, stream: str) -> None:
+    write_converted(tmp_path, ["999.50", "1033.00"], ["1000.25", "1033.00"], stream)
+    dataset = open_dataset(tmp_path, intrinsics=CAMERA)
+    assert isinstance(dataset, RealSenseDataset)
+    assert [dataset[index].stamp_s for index in range(2)] == [0.9995, 1.033]
+    assert np.array_equal(dataset[0].depth_m, (depth_of(0) / 1000).astype(np.float32))
+    assert np.array_equal(dataset[1].gray, gray_of(1))
+    assert [dataset.name(0), dataset.name(1)] == ["000000", "000001"]
+
+
+def test_false_colours_the_right_image_and_colour_of_rs_convert_are_refused(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "out_Depth_1.00.png"), np.zeros((*SHAPE, 3), np.uint8))
+    with pytest.raises(DatasetError, match="with -r: its PNG is no depth"):
+        open_dataset(tmp_path, intrinsics=CAMERA)
+    write_converted(tmp_path, ["1.00"], ["1.00"], "Infrared 2")
+    cv2.imwrite(str(tmp_path / "out_Color_1.00.png"), np.zeros((*SHAPE, 3), np.uint8))
+    with pytest.raises(DatasetError, match="Colour is not aligned"):
+        open_dataset(tmp_path, intrinsics=CAMERA)
+
+
+def test_raw_depth_of_another_size_is_refused(tmp_path: Path) -> None:
+    write_converted(tmp_path, ["1.00"], ["1.00"])
+    (tmp_path / "out_Depth_1.00.raw").write_bytes(b"12345")
+    with pytest.raises(DatasetError, match=r"expected 96 bytes .*out_Depth_1\.00\.raw"):
+        open_dataset(tmp_path, intrinsics=CAMERA)[0]
+
+
+def test_streams_of_rs_convert_that_never_meet_are_refused(tmp_path: Path) -> None:
+    write_converted(tmp_path, ["1.00"], ["500.00"])
+    with pytest.raises(DatasetError, match="of one recording"):
+        open_dataset(tmp_path, intrinsics=CAMERA)

@@ -1,0 +1,209 @@
+"""TUM RGB-D: values, times and pairs read back exactly, and every list that cannot be trusted is refused."""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from voxdepth.datasets import open_dataset
+from voxdepth.datasets.stamps import associate
+from voxdepth.datasets.tum import TumDataset
+from voxdepth.errors import DatasetError
+from voxdepth.types import Intrinsics
+
+CAMERA = Intrinsics(fx_px=9, fy_px=9, cx_px=4, cy_px=3, width_px=8, height_px=6)
+COLOUR_S = (1.00, 1.03, 1.06, 1.20)
+DEPTH_S = (1.01, 1.05, 1.09, 1.21)
+"""1.09 is 0.03 s from the nearest colour image."""
+
+
+def colour_of(index: int) -> np.ndarray:
+    return np.random.default_rng(index).integers(0, 256, (6, 8, 3), np.uint8)
+
+
+def depth_of(index: int) -> np.ndarray:
+    return np.random.default_rng(50 + index).integers(0, 65536, (6, 8), np.uint16)
+
+
+def list_text(folder: str, stamps_s: Sequence[float]) -> str:
+    return "# a comment\n\n" + "".join(f"{s:.6f} {folder}/{s:.6f}.png\n" for s in stamps_s)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("rgb", "depth"):
+        (tmp_path / name).mkdir()
+    for index, s in enumerate(COLOUR_S):
+        cv2.imwrite(str(tmp_path / f"rgb/{s:.6f}.png"), colour_of(index))
+    for index, s in enumerate(DEPTH_S):
+        cv2.imwrite(str(tmp_path / f"depth/{s:.6f}.png"), depth_of(index))
+    (tmp_path / "rgb.txt").write_text(list_text("rgb", COLOUR_S))
+    (tmp_path / "depth.txt").write_text(list_text("depth", DEPTH_S))
+    (tmp_path / "groundtruth.txt").write_text("1.0 1 2 3 0 0 0 1\n")
+    return tmp_path
+
+
+def test_frames_have_the_nearest_colour_the_depth_in_metres_and_no_pose(folder: Path) -> None:
+    dataset = open_dataset(folder, intrinsics=CAMERA)
+    assert isinstance(dataset, TumDataset) and len(dataset) == 3 and dataset.intrinsics == CAMERA
+    frames = [dataset[index] for index in range(3)]
+    assert [frame.stamp_s for frame in frames] == [1.01, 1.05, 1.21]
+    assert [dataset.name(index) for index in range(3)] == ["1.010000", "1.050000", "1.210000"]
+    for frame, colour, depth in zip(frames, (0, 2, 3), (0, 1, 3), strict=True):
+        assert np.array_equal(frame.gray, cv2.cvtColor(colour_of(colour), cv2.COLOR_BGR2GRAY))
+        assert np.array_equal(frame.depth_m, depth_of(depth).astype(np.float32) / np.float32(5000))
+        assert frame.T_world_cam is None
+    assert dataset[-1].stamp_s == 1.21
+    with pytest.raises(IndexError):
+        dataset[3]
+
+
+def test_truth_is_not_even_opened(folder: Path) -> None:
+    (folder / "groundtruth.txt").unlink()
+    (folder / "groundtruth.txt").mkdir()
+    assert open_dataset(folder, intrinsics=CAMERA)[0].T_world_cam is None
+
+
+@pytest.mark.parametrize("depth_first", [False, True])
+def test_associations_count_before_the_lists(folder: Path, depth_first: bool) -> None:
+    colour, depth = "1.000000 rgb/1.000000.png", "1.210000 depth/1.210000.png"
+    first, second = (depth, colour) if depth_first else (colour, depth)
+    (folder / "associations.txt").write_text(f"{first} {second}\n")
+    dataset = open_dataset(folder, intrinsics=CAMERA)
+    assert len(dataset) == 1 and dataset[0].stamp_s == 1.21
+    assert np.array_equal(dataset[0].gray, cv2.cvtColor(colour_of(0), cv2.COLOR_BGR2GRAY))
+    assert np.array_equal(dataset[0].depth_m, depth_of(3).astype(np.float32) / np.float32(5000))
+
+
+@pytest.mark.parametrize(
+    ("name", "fx_px", "cy_px"),
+    [
+        ("rgbd_dataset_freiburg1_xyz", 517.3, 255.3),
+        ("fr2_desk", 520.9, 249.7),
+        ("rgbd_dataset_freiburg3_office", 535.4, 247.6),
+        ("kitchen", 525.0, 239.5),
+        ("afr1ca", 525.0, 239.5),
+    ],
+)
+def test_the_published_camera_is_taken_by_the_folders_name(
+    tmp_path: Path, name: str, fx_px: float, cy_px: float
+) -> None:
+    folder = tmp_path / name
+    folder.mkdir()
+    cv2.imwrite(str(folder / "depth.png"), np.zeros((480, 640), np.uint16))
+    (folder / "associations.txt").write_text("1 rgb.png 1 depth.png\n")
+    camera = open_dataset(folder).intrinsics
+    assert (camera.fx_px, camera.cy_px, camera.shape, camera.baseline_m) == (fx_px, cy_px, (480, 640), None)
+
+
+def test_images_of_another_size_need_a_calibration(folder: Path) -> None:
+    with pytest.raises(DatasetError, match=r"are 8x6, and only .*640x480 is known; write .*calibration\.toml"):
+        open_dataset(folder)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1.0 ../rgb/x.png\n", r"line 1 of .*rgb\.txt names '\.\./rgb/x\.png', which lies outside"),
+        ("1.0 /etc/passwd\n", "lies outside"),
+        ("1.0 C:\\x.png\n", "lies outside"),
+        ("1.0 rgb/..\\..\\x.png\n", "lies outside"),
+        ("1.0 out.png\n", "lies outside"),
+        ("1.0 loop.png\n", "no usable path|lies outside"),
+        ("1.0\n", r"expected 2 words, time and file in turn, in line 1 of .*rgb\.txt"),
+        ("1.0 a.png b\n", "expected 2 words"),
+        ("# x\nsoon a.png\n", r"expected a time in seconds at the start of line 2 of .*rgb\.txt, got 'soon'"),
+        ("nan a.png\n", "expected a time"),
+        ("1e999 a.png\n", "expected a time"),
+        ("2.0 a.png\n1.0 b.png\n", r"expected times in .*rgb\.txt that increase, got 1\.0 s after 2\.0 s"),
+        ("1.0 a.png\n1.0 b.png\n", "that increase"),
+        ("", "got none among 0 and 4"),
+        ("9.0 a.png\n", "within 0.02 s of each other, got none among 1 and 4"),
+    ],
+)
+def test_a_list_that_cannot_be_trusted_is_refused(folder: Path, text: str, message: str) -> None:
+    outside = folder.parent / "outside.png"
+    outside.write_bytes(b"")
+    (folder / "out.png").symlink_to(outside)
+    (folder / "loop.png").symlink_to(folder / "loop.png")
+    (folder / "rgb.txt").write_text(text)
+    with pytest.raises(DatasetError, match=message):
+        open_dataset(folder, "tum", intrinsics=CAMERA)
+
+
+@pytest.mark.parametrize("data", [b"\x80\x81\xff", b"1.0 a\0b.png\n"])
+@pytest.mark.parametrize("name", ["depth.txt", "associations.txt"])
+def test_a_list_of_binary_garbage_is_refused(folder: Path, data: bytes, name: str) -> None:
+    (folder / name).write_bytes(data)
+    with pytest.raises(DatasetError, match=rf"expected text in .*{name}"):
+        open_dataset(folder, intrinsics=CAMERA)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("# nothing\n", "got none"),
+        ("1 rgb/a.png 1 depth/a.png\n0 rgb/b.png 0 depth/b.png\n", "increase"),
+        ("1 rgb/a.png 1\n", "expected 4 words"),
+        ("1 rgb/a.png 1 ../a.png\n", "outside"),
+    ],
+)
+def test_associations_that_cannot_be_trusted_are_refused(folder: Path, text: str, message: str) -> None:
+    (folder / "associations.txt").write_text(text)
+    with pytest.raises(DatasetError, match=message):
+        open_dataset(folder, intrinsics=CAMERA)
+
+
+def test_a_listed_file_that_is_missing_stops_only_its_frame(folder: Path) -> None:
+    (folder / "rgb/1.060000.png").unlink()
+    dataset = open_dataset(folder, intrinsics=CAMERA)
+    assert dataset[0].stamp_s == 1.01
+    with pytest.raises(DatasetError, match=r"expected a file .*rgb/1\.060000\.png, got none"):
+        dataset[1]
+
+
+@pytest.mark.parametrize("name", ["rgb/1.060000.png", "depth/1.050000.png"])
+def test_a_size_that_changes_within_the_stream_is_refused(folder: Path, name: str) -> None:
+    kind = np.uint8 if name.startswith("rgb") else np.uint16
+    cv2.imwrite(str(folder / name), np.zeros((6, 9), kind))
+    with pytest.raises(DatasetError, match=rf"expected 8x6 pixels in .*{name}.* got 9x6"):
+        open_dataset(folder, intrinsics=CAMERA)[1]
+
+
+TIMES = st.lists(st.integers(0, 60), unique=True, max_size=12).map(sorted)
+
+
+@given(TIMES, TIMES, st.integers(0, 8))
+def test_matches_are_near_used_once_and_none_is_left_that_could_be_made(
+    first: list[int], second: list[int], within: int
+) -> None:
+    pairs = associate(first, second, within_s=within)
+    used_first, used_second = [i for i, _ in pairs], [j for _, j in pairs]
+    assert used_first == sorted(set(used_first)) and len(set(used_second)) == len(used_second)
+    assert all(abs(first[i] - second[j]) <= within for i, j in pairs)
+    left = [s for i, s in enumerate(first) if i not in used_first]
+    assert not any(abs(a - b) <= within for a in left for j, b in enumerate(second) if j not in used_second)
+    closest = min((abs(a - b) for a in first for b in second), default=within + 1)
+    assert closest > within or closest in [abs(first[i] - second[j]) for i, j in pairs]
+
+
+@given(TIMES)
+def test_a_stream_is_matched_with_itself_frame_by_frame(stamps: list[int]) -> None:
+    assert associate(stamps, stamps, within_s=5) == [(i, i) for i in range(len(stamps))]
+
+
+@given(st.one_of(st.binary(max_size=60), st.binary(max_size=60).map(lambda data: b"1 " + data)))
+def test_no_list_at_all_raises_anything_but_a_dataset_error(data: bytes) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "rgb.txt").write_bytes(data)
+        (folder / "depth.txt").write_text("1.0 depth.png\n")
+        try:
+            open_dataset(folder, "tum", intrinsics=CAMERA)
+        except DatasetError as error:
+            assert "rgb.txt" in str(error)

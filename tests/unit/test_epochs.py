@@ -1,0 +1,140 @@
+"""When templates are fused, when they begin to serve, and when they are given up."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from voxdepth.epochs import Epochs, Lag
+from voxdepth.registration import Features
+from voxdepth.template import Template
+from voxdepth.types import EpochEnd, Frame, Phase, Registration, RegistrationStatus
+
+NO_FEATURES = Features(points_px=np.empty((0, 2), np.float32), descriptors=np.empty((0, 4), np.uint64))
+OK = Registration.identity(RegistrationStatus.OK)
+LOST = Registration.identity(RegistrationStatus.FEW_MATCHES)
+
+
+def frame(number: int) -> Frame:
+    return Frame(stamp_s=float(number), gray=np.zeros((2, 2), np.uint8), depth_m=np.zeros((2, 2), np.float32))
+
+
+class Fuser:
+    """Notes the windows that it is given; waits for a permission before each."""
+
+    def __init__(self, *, blocked: bool = False) -> None:
+        self.windows: list[list[float]] = []
+        self.may_run = threading.Event()
+        if not blocked:
+            self.may_run.set()
+
+    def __call__(self, window: object, features: Features) -> Template:
+        assert self.may_run.wait(10)
+        self.windows.append([f.stamp_s for f in window])  # type: ignore[attr-defined]
+        return Template(depth=len(self.windows), features=features, timings_s={})
+
+
+def epochs_of(fuser: Fuser, lag: Lag, *, window_frames: int = 3, max_epoch_frames: int = 5) -> Epochs:
+    return Epochs(fuser, window_frames=window_frames, max_epoch_frames=max_epoch_frames, lag=lag)
+
+
+def run(epochs: Epochs, numbers: range, lost: tuple[int, ...] = ()) -> list[tuple[int | None, EpochEnd | None]]:
+    """For each frame, the number of the template that served it and why the epoch ended."""
+    seen = []
+    for number in numbers:
+        template = epochs.begin(frame(number), NO_FEATURES)
+        registration = LOST if number in lost else OK
+        seen.append((template and template.depth, epochs.end(frame(number), NO_FEATURES, registration)))
+    return seen
+
+
+def test_without_a_lag_a_template_serves_the_last_frame_of_its_window() -> None:
+    fuser = Fuser()
+    served = [template for template, _ in run(epochs_of(fuser, 0), range(5))]
+    assert served == [None, None, 1, 1, 1]
+    assert fuser.windows == [[0, 1, 2]]
+
+
+@pytest.mark.parametrize("lag", [1, 2, 4])
+def test_with_a_fixed_lag_it_serves_so_many_frames_later_however_fast_it_was_fused(lag: int) -> None:
+    epochs = epochs_of(Fuser(), lag)
+    served = [template for template, _ in run(epochs, range(8))]
+    assert served == [None] * (2 + lag) + [1] * (6 - lag)
+    epochs.close()
+
+
+def test_with_the_lag_ready_it_serves_from_the_first_frame_after_it_is_fused() -> None:
+    fuser = Fuser(blocked=True)
+    epochs = epochs_of(fuser, "ready")
+    assert {template for template, _ in run(epochs, range(20))} == {None}
+    fuser.may_run.set()
+    epochs.close()  # waits until it is fused
+    assert [template for template, _ in run(epochs, range(20, 22))] == [1, 1]
+
+
+def test_the_old_template_serves_until_the_new_one_is_due() -> None:
+    epochs = epochs_of(Fuser(), 2)
+    seen = run(epochs, range(16), lost=(6,))
+    assert [template for template, _ in seen] == [None] * 4 + [1] * 6 + [2] * 6
+    assert {number: end for number, (_, end) in enumerate(seen) if end} == {
+        6: EpochEnd.FEW_MATCHES,
+        15: EpochEnd.MAX_FRAMES,
+    }
+    epochs.close()
+
+
+def test_the_frame_that_ends_an_epoch_opens_the_next_window() -> None:
+    fuser = Fuser()
+    run(epochs_of(fuser, 0), range(9), lost=(4,))
+    assert fuser.windows == [[0, 1, 2], [4, 5, 6]]
+
+
+def test_frames_that_are_lost_while_a_window_is_open_end_nothing() -> None:
+    seen = run(epochs_of(Fuser(), 0), range(9), lost=(4, 5))
+    assert [number for number, (_, end) in enumerate(seen) if end] == [4]
+
+
+def test_windows_of_a_single_frame_work() -> None:
+    fuser = Fuser()
+    seen = run(epochs_of(fuser, 0, window_frames=1), range(4), lost=(2,))
+    assert [template for template, _ in seen] == [1, 1, 1, 2]
+    assert fuser.windows == [[0], [2]]
+
+
+def test_phases_follow_template_and_window() -> None:
+    epochs = epochs_of(Fuser(), 0)
+    assert epochs.phase(OK) is Phase.PASSTHROUGH
+    run(epochs, range(3))
+    assert epochs.phase(OK) is Phase.CORRECTING
+    assert epochs.phase(LOST) is Phase.PASSTHROUGH
+    run(epochs, range(3, 4), lost=(3,))
+    assert epochs.phase(OK) is Phase.FUSING
+
+
+def test_degenerate_registrations_end_an_epoch_by_their_own_name() -> None:
+    epochs = epochs_of(Fuser(), 0)
+    run(epochs, range(3))
+    degenerate = Registration.identity(RegistrationStatus.DEGENERATE)
+    assert epochs.end(frame(3), NO_FEATURES, degenerate) is EpochEnd.DEGENERATE
+
+
+def test_a_failed_fusion_reaches_the_caller() -> None:
+    class Broken(Fuser):
+        def __call__(self, window: object, features: Features) -> Template:
+            raise RuntimeError("no memory")
+
+    for lag in (0, 2):
+        epochs = epochs_of(Broken(), lag)
+        with pytest.raises(RuntimeError, match="no memory"):
+            run(epochs, range(9))
+        epochs.close()
+
+
+def test_reset_forgets_a_fusion_that_is_under_way() -> None:
+    fuser = Fuser(blocked=True)
+    epochs = epochs_of(fuser, 1)
+    run(epochs, range(3))
+    epochs.reset()
+    fuser.may_run.set()
+    assert [template for template, _ in run(epochs, range(3, 7))] == [None, None, None, 2]
+    epochs.close()

@@ -1,0 +1,63 @@
+"""Recorded frames on disk, one file per format, all read as frames of one camera in order of time.
+
+from voxdepth.datasets import open_dataset
+
+for frame in open_dataset(Path("rgbd_dataset_freiburg1_desk")):
+    corrected = corrector.process(frame)
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import ConfigError, DatasetError
+from ..types import Intrinsics
+from .dataset import Dataset
+
+if TYPE_CHECKING:
+    from .pairs import PairedImages
+
+__all__ = ["DATASET_FORMATS", "Dataset", "open_dataset"]
+
+DATASET_FORMATS = ("tum", "midair", "realsense", "recording")
+"""All formats, in the order in which they are tried."""
+
+
+def open_dataset(folder: Path, format: str = "auto", *, intrinsics: Intrinsics | None = None) -> Dataset:
+    """The dataset in a folder.
+
+    Args:
+        folder: What the archive of the dataset unpacked to, or the camera's tool exported to.
+        format: One of `DATASET_FORMATS`; `auto` takes the first whose files are there.
+        intrinsics: Of the camera. They count before a `calibration.toml` in the folder, which has the fields of
+            `Intrinsics`, and this before what the format itself says.
+
+    Raises:
+        ConfigError: There is no such format.
+        DatasetError: The folder is missing or of no known format, or what describes its frames is damaged.
+    """
+    from .files import require_folder
+
+    if format != "auto" and format not in DATASET_FORMATS:
+        raise ConfigError(f"there is no dataset format {format!r}; choose one of: auto, {', '.join(DATASET_FORMATS)}")
+    folder = Path(folder)
+    require_folder(folder)
+    readers = {name: reader for name, reader in _readers().items() if format in ("auto", name)}
+    try:
+        lacking = {name: reader.lacking(folder) for name, reader in readers.items()}
+        fitting = [name for name, lack in lacking.items() if not lack]
+        if fitting:
+            return readers[fitting[0]].open(folder, intrinsics)
+    except OSError as error:
+        raise DatasetError(f"cannot look into {folder} ({error}); check its permissions") from error
+    needs = "; ".join(f"{name} lacks {lack}" for name, lack in lacking.items())
+    raise DatasetError(f"{folder} holds no dataset that can be read: {needs}")
+
+
+def _readers() -> dict[str, type["PairedImages"]]:
+    from .midair import MidAirDataset
+    from .realsense import RealSenseDataset
+    from .recording import RecordingDataset
+    from .tum import TumDataset
+
+    classes = (TumDataset, MidAirDataset, RealSenseDataset, RecordingDataset)
+    return dict(zip(DATASET_FORMATS, classes, strict=True))

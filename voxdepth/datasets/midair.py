@@ -1,0 +1,126 @@
+"""Mid-Air: a rendered drone flight, 1024x1024 pixels 25 times a second, depth as 16-bit PNG whose bits are float16.
+
+A folder as its archives unpack, with exactly one trajectory: `color_left/trajectory_NNNN/NNNNNN.JPEG`, and
+`stereo_disparity/trajectory_NNNN/NNNNNN.PNG` or else `depth/...`. Disparity is preferred, with
+`stereo_occlusion/trajectory_NNNN/NNNNNN.PNG` where there is one: its pixels that are not 0 were not seen by the right
+camera and become holes. Both kinds of depth are rendered and thus exact.
+
+Facts and where they are from: frame rate and files, midair.ulg.ac.be (Data organization, Technical specifications);
+90 degrees of view with f = cx = cy = w/2, its FAQ; float16 bits and a display range of 1250 m, the example script of
+the dataset's repository montefiore-institute/midair-dataset; `depth` is the distance along the ray, the dataset's
+author in issue 6 of michael-fonder/M4Depth; z = 512 / disparity, thus a baseline of 1 m, the data loader there. That
+occlusion masks mark with other than 0 what is hidden is taken from their name alone.
+"""
+
+import re
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from ..errors import DatasetError
+from ..types import FloatImage, Intrinsics
+from .calibration import choose_intrinsics
+from .files import list_folder, list_images
+from .images import image_shape, read_depth_16, read_mask, require_depths
+from .pairs import Pair, PairedImages
+
+COLOUR, DISPARITY, RANGE, OCCLUSION = "color_left", "stereo_disparity", "depth", "stereo_occlusion"
+RATE_HZ = 25.0
+BASELINE_M = 1.0
+FARTHEST_M = 1250.0
+"""The sky is stored as the largest float16, 65504 m. Farther than this, a disparity is below half a pixel: a hole."""
+_TRAJECTORY = re.compile(r"trajectory_\d+")
+
+
+class MidAirDataset(PairedImages):
+    """One trajectory of Mid-Air, seen by the left camera."""
+
+    @classmethod
+    def lacking(cls, folder: Path) -> str:
+        """What a folder lacks to be of this format, in words; empty if it is."""
+        if not (folder / COLOUR).is_dir():
+            return f"a folder {COLOUR}"
+        if not any((folder / name).is_dir() for name in (DISPARITY, RANGE)):
+            return f"a folder {DISPARITY} or {RANGE} beside {COLOUR}"
+        return ""
+
+    @classmethod
+    def open(cls, folder: Path, intrinsics: Intrinsics | None = None) -> Self:
+        """The trajectory in a folder.
+
+        Raises:
+            DatasetError: There is not exactly one trajectory, or it has no colour and depth images of one number.
+        """
+        pairs = _pairs(folder, _only_trajectory(folder))
+        chosen = choose_intrinsics(folder, intrinsics, lambda: _published(pairs[0].gray))
+        return cls(folder, pairs, chosen)
+
+    def _read_depth_m(self, pair: Pair) -> FloatImage:
+        values = read_depth_16(pair.depth, self.intrinsics.shape).view(np.float16).astype(np.float32)
+        if pair.depth.parent.parent.name == RANGE:
+            return _depth_of_range(values, self.intrinsics, pair.depth)
+        depth_m = _depth_of_disparity(values, self.intrinsics, pair.depth)
+        occlusion = pair.depth.parents[2] / OCCLUSION / pair.depth.parent.name / pair.depth.name
+        if occlusion.exists():
+            depth_m[read_mask(occlusion, self.intrinsics.shape)] = 0
+        return depth_m
+
+
+def _only_trajectory(folder: Path) -> str:
+    names = [path.name for path in list_folder(folder / COLOUR) if _TRAJECTORY.fullmatch(path.name) and path.is_dir()]
+    if len(names) != 1:
+        found = ", ".join(names) or "none"
+        raise DatasetError(
+            f"expected exactly one trajectory in {folder / COLOUR}, got {found}; "
+            "put the images of the one to read into a folder of its own"
+        )
+    return names[0]
+
+
+def _pairs(folder: Path, trajectory: str) -> list[Pair]:
+    colour = _by_number(folder / COLOUR / trajectory, (".jpeg", ".jpg"))
+    depth_folders = [folder / name / trajectory for name in (DISPARITY, RANGE)]
+    depth_folder = next((path for path in depth_folders if path.is_dir()), depth_folders[-1])
+    depth = _by_number(depth_folder, (".png",))
+    common = sorted(colour.keys() & depth.keys())
+    if not common:
+        raise DatasetError(
+            f"expected images of the same numbers in {folder / COLOUR / trajectory} (JPEG) and {depth_folder} (PNG), "
+            f"got none among {len(colour)} and {len(depth)}; unpack colour and depth of one trajectory"
+        )
+    return [Pair(stamp_s=number / RATE_HZ, gray=colour[number], depth=depth[number]) for number in common]
+
+
+def _by_number(folder: Path, suffixes: tuple[str, ...]) -> dict[int, Path]:
+    return {int(path.stem): path for path in list_images(folder, suffixes) if re.fullmatch("[0-9]{1,9}", path.stem)}
+
+
+def _published(image: Path) -> Intrinsics:
+    height_px, width_px = image_shape(image)
+    if height_px != width_px:
+        raise DatasetError(f"expected a square image in {image}, as Mid-Air has, got {width_px}x{height_px}")
+    half = width_px / 2
+    return Intrinsics(
+        fx_px=half, fy_px=half, cx_px=half, cy_px=half, width_px=width_px, height_px=height_px, baseline_m=BASELINE_M
+    )
+
+
+def _depth_of_disparity(disparity_px: FloatImage, intrinsics: Intrinsics, path: Path) -> FloatImage:
+    """`z = f B / d`, shape (H, W) [m]; 0 beyond `FARTHEST_M`."""
+    require_depths(disparity_px, path)
+    fb = np.float32(intrinsics.fx_px * (intrinsics.baseline_m or BASELINE_M))
+    depth_m = np.zeros_like(disparity_px)
+    np.divide(fb, disparity_px, out=depth_m, where=disparity_px >= fb / np.float32(FARTHEST_M))
+    return depth_m
+
+
+def _depth_of_range(range_m: FloatImage, intrinsics: Intrinsics, path: Path) -> FloatImage:
+    """`z = r / |ray|` with rays of z = 1, shape (H, W) [m]; 0 beyond `FARTHEST_M`."""
+    range_m = np.where(range_m == np.inf, 0, range_m).astype(np.float32)
+    require_depths(range_m, path)
+    x = (np.arange(intrinsics.width_px) - intrinsics.cx_px) / intrinsics.fx_px
+    y = (np.arange(intrinsics.height_px) - intrinsics.cy_px) / intrinsics.fy_px
+    ray = np.sqrt(x[None, :] ** 2 + y[:, None] ** 2 + 1)
+    depth_m: FloatImage = (range_m / ray).astype(np.float32)
+    return np.where(depth_m <= FARTHEST_M, depth_m, np.float32(0))

@@ -1,0 +1,188 @@
+"""RealSense exports: depth of 16 bits that is aligned with a colour or infrared image, as other tools store it.
+
+Two layouts are read. The first is a folder `depth` of 16-bit PNG beside one of gray or colour images: `color`, `rgb`,
+`infra1` or `ir`, whichever is there first. Open3D's recorder and its bag reader write it, with the camera in
+`camera_intrinsic.json` or `intrinsic.json`: `width`, `height`, `intrinsic_matrix` by columns, and perhaps
+`depth_scale` (units in a metre, or RealSense's metres in a unit, which are below 1) and `fps`. Otherwise a unit is
+1 mm, the cameras' default, except for the D405, whose own default is 0.1 mm. Files of one frame have one number in
+their names. A number with a decimal point or of 13 digits and more is a time, in s, ms, us or ns by its size, and a
+shorter one counts frames, at `fps` or else 30 a second. Streams with different times are matched within 20 ms.
+
+The second is the output of `rs-convert` (see `rs_convert`), which says nothing of the camera: write a
+`calibration.toml`. Single frames that the Viewer saves are no stream and are not read.
+"""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from ..errors import DatasetError
+from ..types import FloatImage, Intrinsics
+from .calibration import CALIBRATION, as_number, choose_intrinsics, intrinsics_from
+from .files import list_images, read_text
+from .images import image_shape, read_depth_16, read_depth_raw
+from .pairs import Pair, PairedImages
+from .rs_convert import converted_pairs, is_converted
+from .stamps import associate, require_increasing
+
+DEPTH = "depth"
+GRAYS = ("color", "rgb", "infra1", "ir")
+METADATA = ("camera_intrinsic.json", "intrinsic.json")
+UNITS_PER_M = 1000.0
+RATE_HZ = 30.0
+WITHIN_S = 0.02
+_NUMBER = re.compile(r"(?:.*[^0-9.])?([0-9]{1,24}(?:\.[0-9]{1,24})?)", re.DOTALL)
+_UNITS_PER_S = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3))
+"""From which number on a time of our age is in ns, us or ms; below, it is in seconds."""
+
+_Numbered = dict[str, Path]
+"""Files by the number in their names."""
+
+
+class RealSenseDataset(PairedImages):
+    """Frames exported of a RealSense camera."""
+
+    def __init__(self, folder: Path, pairs: Sequence[Pair], intrinsics: Intrinsics, units_per_m: float) -> None:
+        """Frames of the files in a folder; depth has `units_per_m` steps in a metre."""
+        super().__init__(folder, pairs, intrinsics)
+        self._units_per_m = units_per_m
+
+    @classmethod
+    def lacking(cls, folder: Path) -> str:
+        """What a folder lacks to be of this format, in words; empty if it is."""
+        if is_converted(folder) or ((folder / DEPTH).is_dir() and _gray_folder(folder)):
+            return ""
+        return f"folders {DEPTH} and {' or '.join(GRAYS)} (or *_Depth_*.raw of rs-convert)"
+
+    @classmethod
+    def open(cls, folder: Path, intrinsics: Intrinsics | None = None) -> Self:
+        """The stream in a folder.
+
+        Raises:
+            DatasetError: No images match, they are not aligned, or the camera is not known.
+        """
+        path, metadata = _read_metadata(folder)
+        gray = _gray_folder(folder)
+        pairs = converted_pairs(folder) if gray is None else _paired(folder / DEPTH, gray, _rate_hz(path, metadata))
+        chosen = choose_intrinsics(folder, intrinsics, lambda: _described(folder, path, metadata))
+        _require_aligned(pairs[0])
+        return cls(folder, pairs, chosen, _units_per_m(path, metadata))
+
+    def _read_depth_m(self, pair: Pair) -> FloatImage:
+        read = read_depth_raw if pair.depth.suffix == ".raw" else read_depth_16
+        return (read(pair.depth, self.intrinsics.shape) / self._units_per_m).astype(np.float32)
+
+
+def _gray_folder(folder: Path) -> Path | None:
+    return next((folder / name for name in GRAYS if (folder / name).is_dir()), None)
+
+
+def _paired(depth_folder: Path, gray_folder: Path, rate_hz: float) -> list[Pair]:
+    """Files of one number, or else of nearest time."""
+    depth, gray = _by_number(depth_folder, (".png",)), _by_number(gray_folder, (".png", ".jpg", ".jpeg"))
+    stamps_s = _stamps(depth_folder, depth, rate_hz)
+    keys = [(key, key) for key in depth if key in gray]
+    if not keys and all(map(_is_time, [*depth, *gray])):
+        gray_s = _stamps(gray_folder, gray, rate_hz)
+        matches = associate(list(stamps_s.values()), list(gray_s.values()), within_s=WITHIN_S)
+        keys = [(list(depth)[i], list(gray)[j]) for i, j in matches]
+    if not keys:
+        raise DatasetError(
+            f"expected images of the same numbers in {depth_folder} (PNG) and {gray_folder} (PNG or JPEG), got none "
+            f"among {len(depth)} and {len(gray)}; name the files of a frame alike"
+        )
+    return [Pair(stamp_s=stamps_s[i], gray=gray[j], depth=depth[i]) for i, j in keys]
+
+
+def _by_number(folder: Path, suffixes: tuple[str, ...]) -> _Numbered:
+    """In the order of the numbers."""
+    files: _Numbered = {}
+    for path in list_images(folder, suffixes):
+        match = _NUMBER.fullmatch(path.stem)
+        if match is None:
+            raise DatasetError(f"expected a number at the end of the name of {path}; number the frames")
+        if match[1] in files:
+            raise DatasetError(f"{files[match[1]]} and {path} have one number; keep one of them")
+        files[match[1]] = path
+    return dict(sorted(files.items(), key=lambda item: float(item[0])))
+
+
+def _is_time(number: str) -> bool:
+    return "." in number or len(number) >= 13
+
+
+def _stamps(folder: Path, files: _Numbered, rate_hz: float) -> dict[str, float]:
+    """Time of each file [s], by its number."""
+    count_s = 1 / rate_hz
+    are_times = all(map(_is_time, files))
+    stamps_s = {number: _seconds(float(number)) if are_times else float(number) * count_s for number in files}
+    require_increasing(list(stamps_s.values()), f"the names of the {len(files)} files in {folder}")
+    return stamps_s
+
+
+def _seconds(time: float) -> float:
+    return time / next((per_s for least, per_s in _UNITS_PER_S if time >= least), 1.0)
+
+
+def _read_metadata(folder: Path) -> tuple[Path, Mapping[str, Any]]:
+    """What Open3D's tools say of the camera; nothing if they did not."""
+    path = next((folder / name for name in METADATA if (folder / name).exists()), folder / METADATA[0])
+    if not path.exists():
+        return path, {}
+    try:
+        metadata = json.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(f"{path} is no JSON ({error}); restore it") from error
+    if not isinstance(metadata, dict):
+        raise DatasetError(f"expected a JSON object in {path}, got {type(metadata).__name__}; restore it")
+    return path, metadata
+
+
+def _positive(path: Path, metadata: Mapping[str, Any], key: str, default: float) -> float:
+    number = as_number(metadata.get(key, default))
+    if number is None or number <= 0:
+        raise DatasetError(f"expected a positive number for {key} in {path}, got {str(metadata[key])[:80]}")
+    return number
+
+
+def _rate_hz(path: Path, metadata: Mapping[str, Any]) -> float:
+    return _positive(path, metadata, "fps", RATE_HZ)
+
+
+def _units_per_m(path: Path, metadata: Mapping[str, Any]) -> float:
+    scale = _positive(path, metadata, "depth_scale", UNITS_PER_M)
+    return 1 / scale if scale < 1 else scale
+
+
+def _described(folder: Path, path: Path, metadata: Mapping[str, Any]) -> Intrinsics:
+    """The camera of `intrinsic_matrix`, `width` and `height`."""
+    if not metadata:
+        raise DatasetError(
+            f"expected the camera in {CALIBRATION} or {' or '.join(METADATA)} in {folder}, got none; write one of them"
+        )
+    matrix = metadata.get("intrinsic_matrix")
+    if not isinstance(matrix, list) or len(matrix) != 9:
+        raise DatasetError(f"expected an intrinsic_matrix of 9 numbers in {path}, got {str(matrix)[:80]}")
+    fx, a, b, skew, fy, c, cx, cy, one = matrix
+    if [a, b, skew, c, one] != [0, 0, 0, 0, 1]:
+        raise DatasetError(
+            f"expected intrinsic_matrix by columns, [fx, 0, 0, 0, fy, 0, cx, cy, 1], in {path}: {matrix}"
+        )
+    values = {"fx_px": fx, "fy_px": fy, "cx_px": cx, "cy_px": cy}
+    sizes = {f"{side}_px": metadata.get(side) for side in ("width", "height")}
+    return intrinsics_from({**values, **sizes}, path)
+
+
+def _require_aligned(pair: Pair) -> None:
+    if pair.depth.suffix == ".raw":
+        return
+    depth, gray = image_shape(pair.depth), image_shape(pair.gray)
+    if depth != gray:
+        raise DatasetError(
+            f"{pair.depth} is {depth[1]}x{depth[0]} and {pair.gray} is {gray[1]}x{gray[0]}; "
+            "align depth with the other stream when exporting"
+        )

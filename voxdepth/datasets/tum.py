@@ -1,0 +1,127 @@
+"""TUM RGB-D: two lists of time-stamped images, colour as 8-bit PNG and depth as 16-bit PNG in 1/5000 m.
+
+`rgb.txt` and `depth.txt` hold lines of a time and a file, `associations.txt`, which counts before them, lines of both:
+time, file, time, file, colour first unless the first file lies in a folder `depth`. Otherwise colour and depth are
+matched by nearest time within 20 ms. A frame has the time of its depth image. `groundtruth.txt` is truth and is not
+read. Format and intrinsics are those that the benchmark publishes (Sturm et al., IROS 2012,
+doi:10.1109/IROS.2012.6385773); the images of freiburg1 and freiburg2 have a lens distortion that is left in.
+"""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from ..errors import DatasetError
+from ..types import FloatImage, Intrinsics
+from .calibration import CALIBRATION, choose_intrinsics
+from .files import path_inside, read_text
+from .images import Shape, image_shape, read_depth_16
+from .pairs import Pair, PairedImages
+from .stamps import associate, parse_stamp, require_increasing
+
+COLOUR_LIST, DEPTH_LIST, ASSOCIATIONS = "rgb.txt", "depth.txt", "associations.txt"
+UNITS_PER_M = 5000
+WITHIN_S = 0.02
+_SHAPE = (480, 640)
+_FOCAL_AND_CENTRE_PX = {
+    "1": (517.3, 516.5, 318.6, 255.3),
+    "2": (520.9, 521.0, 325.1, 249.7),
+    "3": (535.4, 539.2, 320.1, 247.6),
+}
+_ROS_DEFAULT_PX = (525.0, 525.0, 319.5, 239.5)
+_CAMERA = re.compile(r"(?<![a-z])fr(?:eiburg)?([123])(?!\d)", re.IGNORECASE)
+
+
+class _Entry(NamedTuple):
+    stamp_s: float
+    path: Path
+
+
+class TumDataset(PairedImages):
+    """A sequence in the format of the TUM RGB-D benchmark."""
+
+    @classmethod
+    def lacking(cls, folder: Path) -> str:
+        """What a folder lacks to be of this format, in words; empty if it is."""
+        if (folder / ASSOCIATIONS).exists():
+            return ""
+        missing = [name for name in (COLOUR_LIST, DEPTH_LIST) if not (folder / name).exists()]
+        return f"{' and '.join(missing)} (or {ASSOCIATIONS})" if missing else ""
+
+    @classmethod
+    def open(cls, folder: Path, intrinsics: Intrinsics | None = None) -> Self:
+        """The sequence in a folder.
+
+        Raises:
+            DatasetError: A list is missing or damaged, or no images match, or the camera is not known.
+        """
+        pairs = _listed_pairs(folder) if (folder / ASSOCIATIONS).exists() else _matched_pairs(folder)
+        chosen = choose_intrinsics(folder, intrinsics, lambda: _published(folder, image_shape(pairs[0].depth)))
+        return cls(folder, pairs, chosen)
+
+    def _read_depth_m(self, pair: Pair) -> FloatImage:
+        return read_depth_16(pair.depth, self.intrinsics.shape).astype(np.float32) / np.float32(UNITS_PER_M)
+
+
+def _matched_pairs(folder: Path) -> list[Pair]:
+    colour, depth = _read_list(folder / COLOUR_LIST), _read_list(folder / DEPTH_LIST)
+    matches = associate([e.stamp_s for e in depth], [e.stamp_s for e in colour], within_s=WITHIN_S)
+    if not matches:
+        raise DatasetError(
+            f"expected images in {folder / COLOUR_LIST} and {folder / DEPTH_LIST} within {WITHIN_S} s of each other, "
+            f"got none among {len(colour)} and {len(depth)}; are the lists of one sequence?"
+        )
+    return [Pair(stamp_s=depth[i].stamp_s, gray=colour[j].path, depth=depth[i].path) for i, j in matches]
+
+
+def _read_list(path: Path) -> list[_Entry]:
+    entries = [_entry(words, path, source) for words, source in _lines(path, 2)]
+    require_increasing([entry.stamp_s for entry in entries], str(path))
+    return entries
+
+
+def _listed_pairs(folder: Path) -> list[Pair]:
+    path = folder / ASSOCIATIONS
+    lines = _lines(path, 4)
+    if not lines:
+        raise DatasetError(f"expected lines of time, colour image, time, depth image in {path}, got none")
+    depth_first = PurePosixPath(lines[0][0][1]).parts[:1] == ("depth",)
+    pairs = []
+    for words, source in lines:
+        first, second = _entry(words[:2], path, source), _entry(words[2:], path, source)
+        depth, colour = (first, second) if depth_first else (second, first)
+        pairs.append(Pair(stamp_s=depth.stamp_s, gray=colour.path, depth=depth.path))
+    require_increasing([pair.stamp_s for pair in pairs], f"the depth images of {path}")
+    return pairs
+
+
+def _lines(path: Path, n_words: int) -> list[tuple[Sequence[str], str]]:
+    """The words of every line that is no comment, and which line it is."""
+    lines: list[tuple[Sequence[str], str]] = []
+    for number, line in enumerate(read_text(path).split("\n"), 1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        source = f"line {number} of {path}"
+        if len(words) != n_words:
+            raise DatasetError(f"expected {n_words} words, time and file in turn, in {source}, got {line[:80]!r}")
+        lines.append((words, source))
+    return lines
+
+
+def _entry(words: Sequence[str], path: Path, source: str) -> _Entry:
+    return _Entry(parse_stamp(words[0], source), path_inside(path.parent, words[1], source))
+
+
+def _published(folder: Path, shape: Shape) -> Intrinsics:
+    if shape != _SHAPE:
+        raise DatasetError(
+            f"the images of {folder} are {shape[1]}x{shape[0]}, and only the camera of 640x480 is known; "
+            f"write its intrinsics into {folder / CALIBRATION}"
+        )
+    camera = _CAMERA.search(folder.resolve().name)
+    fx_px, fy_px, cx_px, cy_px = _FOCAL_AND_CENTRE_PX[camera[1]] if camera else _ROS_DEFAULT_PX
+    return Intrinsics(fx_px=fx_px, fy_px=fy_px, cx_px=cx_px, cy_px=cy_px, width_px=shape[1], height_px=shape[0])
