@@ -20,7 +20,9 @@ def print_summary(console: Console, finished: Finished, run: Run) -> None:
     """Outcome, safety and depth errors of one run as tables."""
     result, scenario = finished.result, run.scenario
     m = result.metrics
+    prior = scenario.mission.pose_prior
     title = f"{scenario.name}, seed {run.seed}: depth {scenario.rig.depth}, corrector {scenario.corrector}"
+    title += "" if prior.kind == "none" else f", pose prior {prior.label}"
     table = Table(title=title, title_justify="left", show_header=False)
     table.add_row("outcome", f"[bold]{result.outcome}[/bold]")
     table.add_row("simulated time", _number(m["sim_time_s"], "s"))

@@ -89,6 +89,7 @@ def summary(finished: Finished, run: Run) -> dict[str, Any]:
         "depth": run.scenario.rig.depth,
         "theta": run.scenario.rig.noise.scale.theta,
         "corrector": run.scenario.corrector,
+        "pose_prior": run.scenario.mission.pose_prior.label,
         "outcome": result.outcome.value,
         "metrics": dict(result.metrics),
         "contacts": [vars(contact) for contact in result.contacts],
@@ -127,7 +128,9 @@ def flying(run: Run, recorder: Recorder, *, recorded: bool, threads: int | None 
         gray = recorded or any(corrector.uses_gray for corrector in correctors)
         renderer = create_renderer(scenario.renderer, world, threads=threads)
         rig = StereoRig(world, renderer, scenario.rig, seed=seed, gray=gray, pool_map=pool.map)
-        yield Mission(config, world, rig, correctors, recorder, camera_hz=scenario.rig.rate_hz, pool_map=pool.map)
+        yield Mission(
+            config, world, rig, correctors, recorder, camera_hz=scenario.rig.rate_hz, seed=seed, pool_map=pool.map
+        )
 
 
 def _ticks(mission: Mission, progress: Progress | None) -> float:

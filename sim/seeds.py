@@ -17,6 +17,7 @@ class Purpose(IntEnum):
     EXPOSURE = 6
     DISPARITY = 7
     FLICKER = 8
+    POSE_PRIOR = 9
 
 
 def stream(seed: int, purpose: Purpose, *index: int) -> np.random.Generator:

@@ -19,6 +19,7 @@ from .link import Link, LinkConfig
 from .metrics import DepthComparison, MissionMetrics
 from .perception import Perception
 from .pilot import Pilot, PilotConfig, Situation
+from .priors import PosePriorConfig, make_prior
 from .recorder import Recorder
 from .rules import RuleWeights
 from .types import MissionResult, Outcome
@@ -58,6 +59,7 @@ class MissionConfig(Model):
     rules: RuleWeights = RuleWeights()
     pilot: PilotConfig = PilotConfig()
     link: LinkConfig = LinkConfig()
+    pose_prior: PosePriorConfig = PosePriorConfig()
 
     @property
     def heading_rad(self) -> float:
@@ -82,6 +84,7 @@ class Mission:
         rig: The drones' cameras.
         correctors: One per drone.
         camera_hz: Captures per second; must divide `config.control_hz`.
+        seed: Master seed of the drones' pose priors.
         recorder: Told of everything; closed by whoever made it.
         pool_map: Runs the drones' perception side by side; the result is the same with any.
     """
@@ -95,6 +98,7 @@ class Mission:
         recorder: Recorder,
         *,
         camera_hz: float,
+        seed: int,
         pool_map: Mapper = map,
     ) -> None:
         self._steps_per_tick = _whole_ratio(PHYSICS_HZ, config.control_hz, "control_hz", "the physics rate")
@@ -111,8 +115,14 @@ class Mission:
         self._offsets_m = config.offsets_m()
         self._agents = self._make_agents()
         self._perceptions = [
-            Perception(corrector, rig.intrinsics, config.pilot.avoidance, latency_s=config.latency_s)
-            for corrector in correctors
+            Perception(
+                corrector,
+                rig.intrinsics,
+                config.pilot.avoidance,
+                latency_s=config.latency_s,
+                prior=make_prior(config.pose_prior, seed=seed, drone=drone),
+            )
+            for drone, corrector in enumerate(correctors)
         ]
         self._link = Link(config.link, config.control_hz)
         self._metrics = MissionMetrics(world)

@@ -1,16 +1,17 @@
 """The adapter between sensor and controller: here the truth is dropped.
 
 `Capture` goes in, a `Frame` without truth is built, corrected and reduced to a histogram. Nothing else in this package
-builds a `Frame`.
+builds a `Frame`. A frame has a pose only if a pose prior gives one; the prior `true` is the one exception, an oracle.
 """
 
 from collections import deque
 from dataclasses import dataclass
 
 from sim.types import Capture
-from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics
+from voxdepth.types import CorrectedDepth, DepthCorrector, FloatArray, Frame, Intrinsics
 
 from .obstacles import AvoidanceConfig, HistogramBuilder
+from .priors import NO_PRIOR, PosePrior
 from .types import Histogram
 
 
@@ -23,9 +24,9 @@ class Percept:
     histogram: Histogram
 
 
-def frame_of(capture: Capture) -> Frame:
-    """The part of a capture that a real camera would deliver."""
-    return Frame(stamp_s=capture.stamp_s, gray=capture.gray_left, depth_m=capture.depth_raw_m)
+def frame_of(capture: Capture, T_world_cam: FloatArray | None = None) -> Frame:
+    """The part of a capture that a real camera would deliver, with the pose that the drone believes it had, if any."""
+    return Frame(stamp_s=capture.stamp_s, gray=capture.gray_left, depth_m=capture.depth_raw_m, T_world_cam=T_world_cam)
 
 
 class Perception:
@@ -36,9 +37,16 @@ class Perception:
     """
 
     def __init__(
-        self, corrector: DepthCorrector, intrinsics: Intrinsics, config: AvoidanceConfig, *, latency_s: float
+        self,
+        corrector: DepthCorrector,
+        intrinsics: Intrinsics,
+        config: AvoidanceConfig,
+        *,
+        latency_s: float,
+        prior: PosePrior = NO_PRIOR,
     ) -> None:
         self._corrector = corrector
+        self._prior = prior
         self._builder = HistogramBuilder(intrinsics, config)
         self._latency_s = latency_s
         self._busy_until_s = 0.0
@@ -60,7 +68,7 @@ class Perception:
 
     def see(self, capture: Capture) -> CorrectedDepth:
         """Work on a capture; what comes of it is known to the controller `latency_s` later."""
-        corrected = self._corrector.process(frame_of(capture))
+        corrected = self._corrector.process(frame_of(capture, self._prior(capture)))
         histogram = self._builder.build(corrected, capture.T_world_cam)
         self._busy_until_s = capture.stamp_s + self._latency_s
         self._coming.append(Percept(stamp_s=capture.stamp_s, corrected=corrected, histogram=histogram))

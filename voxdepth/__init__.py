@@ -3,7 +3,7 @@
 from voxdepth import Frame, Intrinsics, VoxDepth
 
 corrector = VoxDepth(Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=86))
-corrected = corrector.process(Frame(stamp_s=0.0, gray=gray, depth_m=depth_m))
+corrected = corrector.process(Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm))
 """
 
 from typing import TYPE_CHECKING, Any
@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .config import VoxDepthConfig
     from .corrector import VoxDepth
+    from .pipeline import CorrectionPipeline
     from .registry import create_corrector
     from .types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source
 
 __all__ = [
     "CorrectedDepth",
+    "CorrectionPipeline",
     "DepthCorrector",
     "Frame",
     "Intrinsics",
@@ -29,6 +31,7 @@ _HOMES = {
     "VoxDepth": "corrector",
     "VoxDepthConfig": "config",
     "create_corrector": "registry",
+    "CorrectionPipeline": "pipeline",
     "CorrectedDepth": "types",
     "DepthCorrector": "types",
     "Frame": "types",

@@ -18,4 +18,4 @@ class DatasetError(VoxDepthError, RuntimeError):
 
 
 class PipelineError(VoxDepthError, RuntimeError):
-    """A stage of a pipeline failed; its `__cause__` says why."""
+    """A stage of a pipeline failed, as its `__cause__` says, or a pipeline was to run twice."""

@@ -1,6 +1,7 @@
 """Commands about missions of the swarm."""
 
 from collections.abc import Callable
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -8,6 +9,14 @@ import typer
 
 from .general import open_viewer
 from .options import INTERRUPTED, Depth, Picture, Renderer, Scenario, Seed, Seeds, Size, Workers, parsed_size
+
+
+class Prior(StrEnum):
+    """Pose priors; the same words as in a scenario."""
+
+    NONE = "none"
+    DRIFT = "drift"
+    TRUE = "true"
 
 
 def run(
@@ -18,6 +27,9 @@ def run(
     depth: Annotated[Depth | None, typer.Option(help="Where depth comes from.")] = None,
     theta: Annotated[float | None, typer.Option(help="Noise ratio of --depth noisy.")] = None,
     corrector: Annotated[str | None, typer.Option(help="Depth corrector by name: raw, paper.")] = None,
+    prior: Annotated[
+        Prior | None, typer.Option(help="Pose that a drone passes to its corrector; true is an oracle.")
+    ] = None,
     renderer: Renderer = None,
     size: Size = None,
     out: Annotated[Path, typer.Option(help="Folder in which the run gets a new folder.")] = Path("runs"),
@@ -38,6 +50,7 @@ def run(
         "rig.depth": depth.value if depth else None,
         "rig.noise.scale.theta": theta,
         "corrector": corrector,
+        "mission.pose_prior.kind": prior.value if prior else None,
         "renderer": renderer.value if renderer else None,
         "rig.width_px": width,
         "rig.height_px": height,

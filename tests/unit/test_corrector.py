@@ -10,7 +10,7 @@ from voxdepth.errors import ConfigError, FrameError
 from voxdepth.types import EpochEnd, Phase, RegistrationStatus
 
 CAMERA = Intrinsics.from_hfov(width_px=320, height_px=180, hfov_deg=86)
-CONFIG = VoxDepthConfig(window_frames=4, max_epoch_frames=20)
+CONFIG = VoxDepthConfig(window_frames=4, max_epoch_frames=20, fusion_lag_frames=0)
 CELL_Z_M = CONFIG.voxels.cell_m[2]
 
 
@@ -184,6 +184,35 @@ def test_time_must_increase_and_sizes_must_stay() -> None:
         feed(corrector, [flat(1.0)], texture(0), start_s=1.0)
     with pytest.raises(FrameError, match="have shape"):
         corrector.process(Frame(stamp_s=2.0, gray=np.zeros((9, 9), np.uint8), depth_m=np.ones((9, 9), np.float32)))
+
+
+def test_the_lag_delays_the_template_and_changes_nothing_else() -> None:
+    depths = [(flat(10.0) + 0.01 * i).astype(np.float32) for i in range(12)]
+    at_once = feed(VoxDepth(CAMERA, CONFIG), depths, texture(0))
+    later = feed(VoxDepth(CAMERA, CONFIG.model_copy(update={"fusion_lag_frames": 2})), depths, texture(0))
+    assert [r.phase for r in later] == [Phase.PASSTHROUGH] * 5 + [Phase.CORRECTING] * 7
+    for a, b in zip(at_once[5:], later[5:], strict=True):
+        np.testing.assert_array_equal(a.depth_m, b.depth_m)
+
+
+def test_the_halves_together_are_the_whole() -> None:
+    whole, halves = VoxDepth(CAMERA, CONFIG), VoxDepth(CAMERA, CONFIG)
+    frames = [Frame(stamp_s=0.1 * i, gray=texture(0), depth_m=flat(10.0 + 0.01 * i)) for i in range(8)]
+    expected = [whole.process(frame) for frame in frames]
+    aligned = [halves.align(frame) for frame in frames]
+    for a, b in zip(expected, reversed([halves.combine(one) for one in reversed(aligned)]), strict=True):
+        np.testing.assert_array_equal(a.depth_m, b.depth_m)
+        np.testing.assert_array_equal(a.source, b.source)
+        assert a.phase is b.phase
+
+
+def test_without_a_gpu_cuda_is_refused_in_one_line() -> None:
+    import warp as wp
+
+    if wp.is_cuda_available():
+        pytest.skip("there is a GPU")
+    with pytest.raises(ConfigError, match="no CUDA device"):
+        VoxDepth(CAMERA, CONFIG.model_copy(update={"device": "cuda"}))
 
 
 def test_reset_forgets_the_stream() -> None:

@@ -38,3 +38,64 @@ def test_intrinsics_from_hfov_see_that_angle() -> None:
 def test_bad_intrinsics_are_refused(bad: dict[str, float]) -> None:
     with pytest.raises(FrameError):
         Intrinsics.from_hfov(**({"width_px": 64, "height_px": 48, "hfov_deg": 80.0} | bad))  # type: ignore[arg-type]
+
+
+class CameraInfo:
+    """A message as ROS 2 has it."""
+
+    def __init__(self, **fields: object) -> None:
+        self.width, self.height = 640, 360
+        self.p = [343.0, 0, 319.5, 0, 0, 344.0, 179.5, 0, 0, 0, 1, 0]
+        self.__dict__.update(fields)
+
+
+def test_a_ros_message_gives_the_camera() -> None:
+    camera = Intrinsics.from_camera_info(CameraInfo())
+    assert camera == Intrinsics(fx_px=343, fy_px=344, cx_px=319.5, cy_px=179.5, width_px=640, height_px=360)
+
+
+def test_the_right_camera_of_a_ros_pair_gives_the_baseline() -> None:
+    right = CameraInfo(p=[343.0, 0, 319.5, -343.0 * 0.095, 0, 344.0, 179.5, 0, 0, 0, 1, 0])
+    assert Intrinsics.from_camera_info(right).baseline_m == pytest.approx(0.095)
+    assert Intrinsics.from_camera_info(right, baseline_m=0.05).baseline_m == 0.05
+
+
+def test_messages_of_ros_1_spell_it_in_capitals() -> None:
+    old = CameraInfo(P=CameraInfo().p)
+    del old.p
+    assert Intrinsics.from_camera_info(old).fx_px == 343
+
+
+@pytest.mark.parametrize("bad", [object(), CameraInfo(p=[0.0] * 12), CameraInfo(p=[1.0] * 9), CameraInfo(width=0)])
+def test_other_messages_are_refused(bad: object) -> None:
+    with pytest.raises(FrameError):
+        Intrinsics.from_camera_info(bad)
+
+
+def test_millimetres_and_other_units_become_metres() -> None:
+    depth_mm = np.array([[0, 1500, 65535]], np.uint16)
+    gray = np.zeros((1, 3), np.uint8)
+    frame = Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm)
+    np.testing.assert_allclose(frame.depth_m, [[0, 1.5, 65.535]], rtol=1e-6)
+    fine = Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm, units_per_m=5000)
+    np.testing.assert_allclose(fine.depth_m, [[0, 0.3, 13.107]], rtol=1e-6)
+    with pytest.raises(FrameError, match=r"Frame\.from_metres"):
+        Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm.astype(np.float32))
+
+
+def test_metres_as_ros_writes_them_have_holes_where_they_are_not_finite() -> None:
+    depth_m = np.array([[np.nan, 1.5, np.inf, -np.inf]])
+    frame = Frame.from_metres(stamp_s=0.0, gray=np.zeros((1, 4), np.uint8), depth_m=depth_m)
+    np.testing.assert_array_equal(frame.depth_m, np.array([[0, 1.5, 0, 0]], np.float32))
+    with pytest.raises(FrameError, match="negative"):
+        Frame.from_metres(stamp_s=0.0, gray=np.zeros((1, 4), np.uint8), depth_m=-np.ones((1, 4)))
+    with pytest.raises(FrameError, match="from_millimetres"):
+        Frame.from_metres(stamp_s=0.0, gray=GRAY, depth_m=np.ones((4, 6), np.uint16))
+
+
+@pytest.mark.parametrize(
+    "bad", [{"stamp_s": np.nan}, {"T_world_cam": np.eye(3)}, {"T_world_cam": np.full((4, 4), np.nan)}]
+)
+def test_times_and_poses_must_be_finite(bad: dict[str, object]) -> None:
+    with pytest.raises(FrameError, match="finite"):
+        Frame(**({"stamp_s": 0.0, "gray": GRAY, "depth_m": DEPTH} | bad))  # type: ignore[arg-type]

@@ -1,0 +1,198 @@
+"""What drones say about their own pose, and that it stays apart from everything else."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scenarios.config import Run, load_run
+from scenarios.errors import ScenarioError
+from scenarios.runner import Finished, flying, summary
+from sim import frames
+from sim.seeds import Purpose
+from sim.types import Capture
+from swarm.perception import Perception, frame_of
+from swarm.pilot import PilotConfig
+from swarm.priors import DriftingPrior, NoPrior, PosePrior, PosePriorConfig, TruePrior, make_prior
+from swarm.recorder import NullRecorder
+from tests.helpers import CAMERA
+from voxdepth.peers.raw import Raw
+from voxdepth.types import CorrectedDepth, FloatArray, Frame
+
+DRIFT = PosePriorConfig(kind="drift")
+
+
+def capture(stamp_s: float = 0.0, x_m: float = 0.0, yaw_rad: float = 0.0) -> Capture:
+    zeros = np.zeros(CAMERA.shape)
+    return Capture(
+        stamp_s=stamp_s,
+        drone=0,
+        gray_left=zeros.astype(np.uint8),
+        gray_right=None,
+        depth_true_m=zeros.astype(np.float32),
+        depth_raw_m=zeros.astype(np.float32),
+        occluded=zeros.astype(np.bool_),
+        loss=zeros.astype(np.uint8),
+        segment_id=zeros.astype(np.int32),
+        T_world_cam=frames.camera_pose(np.array([x_m, 2.0, 6.0]), frames.quaternion_from_yaw(yaw_rad), np.zeros(3)),
+        intrinsics=CAMERA,
+    )
+
+
+def believed(prior: PosePrior, captures: list[Capture]) -> FloatArray:
+    """The poses, shape (n, 4, 4)."""
+    poses = [prior(c) for c in captures]
+    assert all(pose is not None for pose in poses)
+    return np.array(poses)
+
+
+def at_rest(duration_s: float, rate_hz: float = 10) -> list[Capture]:
+    return [capture(k / rate_hz) for k in range(round(duration_s * rate_hz) + 1)]
+
+
+def yaw_error_rad(T_world_cam: FloatArray, true: FloatArray) -> float:
+    turn = T_world_cam[:3, :3] @ true[:3, :3].T
+    return float(np.arctan2(turn[1, 0], turn[0, 0]))
+
+
+class TestKinds:
+    def test_nothing_is_said_unless_asked_for(self) -> None:
+        assert isinstance(make_prior(PosePriorConfig(), seed=0, drone=0), NoPrior)
+        assert NoPrior()(capture()) is None
+
+    def test_the_oracle_says_the_pose_of_the_capture_and_is_called_one(self) -> None:
+        config = PosePriorConfig(kind="true")
+        seen = capture(1.0, 3.0, 0.4)
+        pose = make_prior(config, seed=0, drone=0)(seen)
+        assert pose is not None
+        np.testing.assert_array_equal(pose, seen.T_world_cam)
+        assert pose is not seen.T_world_cam
+        assert "oracle" in config.label
+        assert "ORACLE" in (PosePriorConfig.__doc__ or "")
+        assert "ORACLE" in (TruePrior.__doc__ or "")
+
+    def test_only_the_oracle_is_labelled_as_one(self) -> None:
+        assert [PosePriorConfig(kind=kind).label for kind in ("none", "drift")] == ["none", "drift"]
+
+
+class TestDrift:
+    def test_it_starts_at_the_truth(self) -> None:
+        seen = capture(5.0, 3.0, 0.4)
+        np.testing.assert_allclose(DriftingPrior(DRIFT, seed=0, drone=0)(seen), seen.T_world_cam, atol=1e-12)
+
+    @pytest.mark.parametrize("rate_hz", [2, 5])
+    def test_its_error_at_rest_grows_with_the_root_of_time_at_any_rate(self, rate_hz: float) -> None:
+        config = PosePriorConfig(kind="drift", drift_m_per_sqrt_s=0.1, drift_yaw_deg_per_sqrt_s=2.0)
+        seen = at_rest(4.0, rate_hz)
+        true = seen[0].T_world_cam
+        runs = np.array([believed(DriftingPrior(config, seed=s, drone=0), seen) for s in range(300)])
+        for t in (1, 2, 4):
+            poses = runs[:, round(t * rate_hz)]
+            np.testing.assert_allclose((poses[:, :3, 3] - true[:3, 3]).std(axis=0), 0.1 * np.sqrt(t), rtol=0.15)
+            yaws = [yaw_error_rad(pose, true) for pose in poses]
+            np.testing.assert_allclose(np.std(yaws), np.radians(2.0) * np.sqrt(t), rtol=0.15)
+
+    def test_without_rates_it_is_the_truth(self) -> None:
+        config = PosePriorConfig(kind="drift", drift_m_per_sqrt_s=0, drift_yaw_deg_per_sqrt_s=0)
+        seen = [capture(k / 10, 0.3 * k, 0.1 * k) for k in range(20)]
+        poses = believed(DriftingPrior(config, seed=0, drone=0), seen)
+        np.testing.assert_allclose(poses, [c.T_world_cam for c in seen], atol=1e-12)
+
+    def test_its_poses_are_rigid_and_upright(self) -> None:
+        config = PosePriorConfig(kind="drift", drift_yaw_deg_per_sqrt_s=20.0)
+        for pose in believed(DriftingPrior(config, seed=1, drone=2), at_rest(5.0)):
+            np.testing.assert_allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-12)
+            assert np.linalg.det(pose[:3, :3]) == pytest.approx(1)
+            np.testing.assert_allclose(pose[:3, 1], [0, 0, -1], atol=1e-12)
+            np.testing.assert_array_equal(pose[3], [0, 0, 0, 1])
+
+    def test_an_error_of_the_heading_turns_the_way_but_not_the_motion_as_the_camera_sees_it(self) -> None:
+        config = PosePriorConfig(kind="drift", drift_m_per_sqrt_s=0, drift_yaw_deg_per_sqrt_s=5.0)
+        prior = DriftingPrior(config, seed=3, drone=0)
+        believed(prior, at_rest(20.0))
+        first, second = capture(30.0), capture(30.0 + 1e-9, 4.0)
+        poses = believed(prior, [first, second])
+        moved_m = poses[1, :3, 3] - poses[0, :3, 3]
+        assert abs(yaw_error_rad(poses[0], first.T_world_cam)) > 0.02
+        assert np.linalg.norm(moved_m) == pytest.approx(4.0)
+        np.testing.assert_allclose(poses[0, :3, :3].T @ moved_m, [0, 0, 4.0], atol=1e-3)
+
+    def test_the_same_seed_gives_the_same_bytes(self) -> None:
+        poses = [believed(DriftingPrior(DRIFT, seed=7, drone=1), at_rest(2.0)).tobytes() for _ in range(2)]
+        assert poses[0] == poses[1]
+
+    def test_drones_and_seeds_drift_apart(self) -> None:
+        keys = [(0, 0), (0, 1), (1, 0)]
+        ends = [believed(DriftingPrior(DRIFT, seed=s, drone=d), at_rest(2.0))[-1, :3, 3] for s, d in keys]
+        for i in range(3):
+            assert np.abs(ends[i] - ends[i - 1]).min() > 1e-6
+
+    def test_no_other_stream_has_its_number(self) -> None:
+        assert [p.name for p in Purpose if p == 9] == ["POSE_PRIOR"]
+
+
+class Listener(Raw):
+    """Keeps the frames that it is given."""
+
+    def __init__(self) -> None:
+        self.frames: list[Frame] = []
+
+    def process(self, frame: Frame) -> CorrectedDepth:
+        self.frames.append(frame)
+        return super().process(frame)
+
+
+class TestInFlight:
+    @pytest.mark.parametrize("kind", ["none", "drift", "true"])
+    def test_a_corrector_is_given_the_pose_that_was_asked_for(self, kind: Any) -> None:
+        listener, seen = Listener(), [capture(0.0), capture(1.0, 2.0)]
+        prior = make_prior(PosePriorConfig(kind=kind), seed=0, drone=0)
+        eyes = Perception(listener, CAMERA, PilotConfig().avoidance, latency_s=0.0, prior=prior)
+        for c in seen:
+            eyes.see(c)
+        for frame, c in zip(listener.frames, seen, strict=True):
+            if kind == "none":
+                assert frame.T_world_cam is None
+            else:
+                assert frame.T_world_cam is not None
+                near = 0.0 if kind == "true" else 0.5
+                np.testing.assert_allclose(frame.T_world_cam, c.T_world_cam, atol=near)
+        if kind == "drift":
+            assert np.any(listener.frames[1].T_world_cam != seen[1].T_world_cam)
+
+    def test_a_frame_has_no_pose_of_its_own(self) -> None:
+        assert frame_of(capture()).T_world_cam is None
+
+    def test_a_drifting_prior_disturbs_nothing_else(self) -> None:
+        results = [flown(planned(kind)) for kind in ("none", "drift")]
+        assert results[0].result.metrics == results[1].result.metrics
+        for a, b in zip(results[0].result.trajectories, results[1].result.trajectories, strict=True):
+            np.testing.assert_array_equal(a.position_m, b.position_m)
+
+    def test_a_result_names_its_prior(self) -> None:
+        run = planned("true")
+        assert summary(flown(run), run)["pose_prior"] == "true (oracle)"
+
+    def test_an_unknown_prior_is_refused(self) -> None:
+        with pytest.raises(ScenarioError, match="pose_prior"):
+            planned("gps")
+
+
+def planned(kind: str) -> Run:
+    """A flight of half a second, with noise, whose corrector takes no heed of poses."""
+    changes: dict[str, Any] = {
+        "mission.drones": 2,
+        "mission.duration_s": 0.5,
+        "mission.pose_prior.kind": kind,
+        "rig.width_px": 64,
+        "rig.height_px": 48,
+        "rig.depth": "noisy",
+        "rig.noise.scale.theta": 0.5,
+        "corrector": "raw",
+    }
+    return load_run("city", 0, changes)
+
+
+def flown(run: Run) -> Finished:
+    with flying(run, NullRecorder(), recorded=False, threads=2) as mission:
+        return Finished(result=mission.run(), wall_s=1.0, folder=None)

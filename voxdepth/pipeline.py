@@ -1,0 +1,230 @@
+"""Running a corrector as overlapping stages in threads: reading, registering, combining.
+
+Every stage works on another frame at the same time, so the stream is as fast as its slowest stage, and each frame's
+result is the one that the corrector alone would give.
+"""
+
+import time
+import weakref
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from threading import RLock, Thread, current_thread
+from types import TracebackType
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+from .channel import Channel, LatestChannel
+from .errors import ConfigError, FrameError, PipelineError
+from .types import CorrectedDepth, DepthCorrector, Frame
+
+__all__ = ["CorrectionPipeline", "StagedCorrector"]
+
+LATENCIES_KEPT = 100_000
+"""Frames whose latency is kept: about an hour at 30 frames per second."""
+
+READER_PATIENCE_S = 1.0
+"""How long `close` waits for a source that is in the middle of reading a frame."""
+
+WORKER_PATIENCE_S = 10.0
+"""How long `close` waits for the frame that another stage has in work: much longer than any frame should take."""
+
+
+@runtime_checkable
+class StagedCorrector(DepthCorrector, Protocol):
+    """A corrector whose `process(frame)` is `combine(align(frame))`, so that the halves may overlap."""
+
+    def align(self, frame: Frame) -> Any:
+        """All that depends on earlier frames. Called in the order of the frames, never twice at once."""
+        ...
+
+    def combine(self, aligned: Any) -> CorrectedDepth:
+        """The rest, from what `align` returned alone; it may run while `align` works on a later frame."""
+        ...
+
+
+class CorrectionPipeline:
+    """Iterates over `(frame, corrected)` in the order of the frames, while later frames are in work.
+
+    The threads start with the first frame asked for. They stop when the iteration ends, when its iterator is dropped,
+    with the `with` block, or by `close`. A pipeline is iterated once, and its corrector must not be used elsewhere
+    meanwhile; it is neither reset nor closed here.
+
+    Args:
+        corrector: A `StagedCorrector` runs in two threads, any other one whole in a single thread.
+        frames: Read in a thread of their own. A generator is also closed there; any other source stays the caller's.
+        queue_size: Frames that may wait after each stage, so that at most `queue_size + 1` of them per stage are
+            read ahead of the caller. More evens out stages of varying speed, and adds latency.
+        latest: For live cameras: when correction lags, a frame that waits for it is replaced by a newer one, so that
+            what is delivered is never old. Otherwise reading waits, and no frame is lost.
+
+    Raises:
+        ConfigError: `queue_size` is below 1.
+    """
+
+    def __init__(
+        self, corrector: DepthCorrector, frames: Iterable[Frame], *, queue_size: int = 1, latest: bool = False
+    ) -> None:
+        if queue_size < 1:
+            raise ConfigError(f"queue_size must be at least 1 frame, got {queue_size}")
+        steps = _steps_of(corrector)
+        self._read: Channel[_Job] = LatestChannel(1) if latest else Channel(queue_size)
+        self._channels = [self._read, *(Channel[_Job](queue_size) for _ in steps)]
+        self._threads = [_thread("reading", _read, frames, self._read)]
+        for step, source, output in zip(steps, self._channels[:-1], self._channels[1:], strict=True):
+            self._threads.append(_thread(step.name, _work, step, source, output))
+        self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
+        self._lock = RLock()
+        self._iterated = False
+        self._closed = False
+        # Daemon threads must not be inside compiled code when the interpreter goes: this also runs at its exit.
+        weakref.finalize(self, _stop, self._channels, self._threads)
+
+    @property
+    def dropped(self) -> int:
+        """Frames that newer ones replaced so far; always 0 without `latest`."""
+        return self._read.dropped
+
+    @property
+    def latencies_s(self) -> list[float]:
+        """Time from the end of reading a frame to its delivery [s], of the last 100 000 frames, in their order."""
+        return list(self._latencies_s)
+
+    def __iter__(self) -> Iterator[tuple[Frame, CorrectedDepth]]:
+        """Begin the one iteration.
+
+        Raises:
+            PipelineError: The pipeline was iterated before, or is closed. While iterating: a stage failed at a frame,
+                counted from 0; all frames before it were delivered, the threads are stopped as by `close`, and
+                `__cause__` is the original error.
+        """
+        with self._lock:
+            if self._iterated or self._closed:
+                state = "was iterated before" if self._iterated else "is closed"
+                raise PipelineError(f"this pipeline {state}, and it runs only once; make a new one for another run")
+            self._iterated = True
+        return self._deliver()
+
+    def close(self) -> None:
+        """Stop all threads, without delivering what is in work; any thread may call it, at any time, repeatedly.
+
+        An iteration that is going on elsewhere ends. The call waits for the frame that each stage has in work, which
+        nothing can interrupt: `WORKER_PATIENCE_S` at most, and only `READER_PATIENCE_S` for a source, which may wait
+        for its camera. A thread that takes longer ends by itself after that frame. Called from within a stage,
+        `close` does not wait at all.
+        """
+        with self._lock:
+            self._closed = True
+        _stop(self._channels, self._threads)
+
+    def __enter__(self) -> "CorrectionPipeline":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _deliver(self) -> Iterator[tuple[Frame, CorrectedDepth]]:
+        done = self._channels[-1]
+        try:
+            self._start()
+            for job in done:
+                self._latencies_s.append(time.perf_counter() - job.read_at_s)
+                yield job.frame, job.result
+            if done.error is not None:
+                raise done.error
+        finally:
+            self.close()
+
+    def _start(self) -> None:
+        with self._lock:
+            if not self._closed:
+                for thread in self._threads:
+                    thread.start()
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """A frame on its way through the stages."""
+
+    index: int
+    """Number of the frame within its source, from 0."""
+    frame: Frame
+    read_at_s: float
+    result: Any
+    """What the last stage made of the frame."""
+
+
+class _Step(NamedTuple):
+    """What one stage does to the result of the stage before."""
+
+    name: str
+    run: Callable[[Any], Any]
+
+
+def _steps_of(corrector: DepthCorrector) -> list[_Step]:
+    if isinstance(corrector, StagedCorrector):
+        return [_Step("registering", corrector.align), _Step("combining", corrector.combine)]
+    return [_Step("correcting", corrector.process)]
+
+
+# The threads know the channels and not the pipeline, so that a pipeline nobody holds any more can be collected.
+
+
+def _thread(name: str, target: Callable[..., None], *args: object) -> Thread:
+    return Thread(target=target, args=args, name=f"voxdepth {name}", daemon=True)
+
+
+def _read(frames: Iterable[Frame], output: Channel[_Job]) -> None:
+    """The first stage: number the frames of a source, until it or the interest in it ends."""
+    index = 0
+    iterator: Iterator[Frame] = iter(())
+    error = None
+    try:
+        iterator = iter(frames)
+        for frame in iterator:
+            if not isinstance(frame, Frame):
+                raise FrameError(f"expected a Frame, got {type(frame).__name__}")
+            if not output.put(_Job(index, frame, time.perf_counter(), frame)):
+                break
+            index += 1
+    except BaseException as cause:
+        error = _failure("reading", f"frame {index}", cause)
+    output.end(error)
+    if isinstance(iterator, Generator):
+        iterator.close()
+
+
+def _work(step: _Step, source: Channel[_Job], output: Channel[_Job]) -> None:
+    """Any other stage: one step on each frame, until the source or the interest in the output ends."""
+    error = None
+    for job in source:
+        try:
+            done = replace(job, result=step.run(job.result))
+        except BaseException as cause:
+            error = _failure(step.name, f"frame {job.index}, stamped {job.frame.stamp_s} s", cause)
+            break
+        if not output.put(done):
+            break
+    output.end(error or source.error)
+    source.close()
+
+
+def _failure(stage: str, where: str, cause: BaseException) -> PipelineError:
+    error = PipelineError(f"{stage} failed at {where}: {type(cause).__name__}: {cause}")
+    error.__cause__ = cause
+    return error
+
+
+def _stop(channels: Sequence[Channel[_Job]], threads: Sequence[Thread]) -> None:
+    """End all channels, and with them the threads; the first thread is the one that reads."""
+    for channel in channels:
+        channel.close()
+    if current_thread() in threads:
+        return
+    reader, *workers = threads
+    for worker in workers:
+        if worker.is_alive():
+            worker.join(WORKER_PATIENCE_S)
+    if reader.is_alive():
+        reader.join(READER_PATIENCE_S)
