@@ -1,4 +1,4 @@
-"""Speeds, printed and never judged: machines are noisy. Run by `make bench`."""
+"""Speeds of simulator and missions, printed and never judged: machines are noisy. Run by `make bench`."""
 
 import os
 import platform
@@ -24,7 +24,6 @@ from sim.types import VelocityCommand
 from sim.world import World
 from swarm.mission import MissionConfig
 from tests.helpers import camera_at
-from voxdepth import Frame, create_corrector
 from voxdepth.types import Intrinsics
 
 pytestmark = pytest.mark.bench
@@ -104,7 +103,7 @@ def test_rendering(renderer: str, width: int, height: int, drones: int) -> None:
 
 
 @pytest.mark.parametrize(("width", "height"), [(160, 120), (320, 180), (640, 360)])
-def test_matching_and_correcting(width: int, height: int) -> None:
+def test_matching(width: int, height: int) -> None:
     cv2.setNumThreads(1)
     intrinsics = RigConfig(width_px=width, height_px=height).intrinsics
     with World(CITY.build(0), np.empty((0, 3))) as world:
@@ -116,19 +115,6 @@ def test_matching_and_correcting(width: int, height: int) -> None:
         f"stereo matching with all checks, {width}x{height}, 1 thread",
         milliseconds(lambda: matcher.match(left, right)),
     )
-    depth_m = matcher.depth_from_disparity(matcher.match(left, right).disparity_px)
-    corrector = create_corrector("paper", intrinsics)
-    stamps = iter(range(10_000))
-
-    def correct() -> Any:
-        return corrector.process(Frame(stamp_s=float(next(stamps)), gray=left, depth_m=depth_m))
-
-    results = [correct() for _ in range(40)]
-    for step in ("describe", "register", "warp", "combine", "filter"):
-        times = [1e3 * result.timings_s[step] for result in results[12:]]
-        show(f"  corrector, {step}, {width}x{height}", f"p50 {statistics.median(times):7.2f} ms")
-    fusing = max(1e3 * result.timings_s["fuse"] for result in results[9:])
-    show(f"  corrector, fusion of 10 frames, {width}x{height}", f"    {fusing:7.2f} ms")
 
 
 @pytest.mark.parametrize("threads", [1, 2])

@@ -1,0 +1,273 @@
+"""`voxdepth bench`: what it measures, and what a user reads."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from scenarios.bench import film, suite, throughput
+from scenarios.bench.clip import Clip, resized
+from scenarios.bench.libraries import fastest
+from scenarios.bench.machine import processor_name
+from scenarios.bench.memory import measure_memory
+from scenarios.bench.parts import STATE, Tally, measure_parts
+from scenarios.bench.spread import Spread
+from scenarios.bench.suite import line_through
+from scenarios.bench.throughput import compare_runs, measure_run
+from scenarios.bench.tum import write_tum
+from scenarios.cli import app
+from scenarios.errors import ScenarioError
+from sim.testing import noisy_sequence
+from tests.helpers import CAMERA
+from tests.integration.test_cli import voxdepth
+from voxdepth.config import VoxDepthConfig
+from voxdepth.datasets import open_dataset
+from voxdepth.types import CorrectedDepth, FloatImage, GrayImage, Phase, Registration, RegistrationStatus
+
+N_IMAGES = 5
+QUICK_LINES = (
+    "machine: ", "GPU: ", "load in the last minute", "numpy ", "opencv-python-headless ", "warp-lang ", "voxdepth ",
+    "registration, describe", "registration, register", "correction state", "label", "frame without fusion",
+    "fusion, place", "fusion, voxelise", "fusion, project", "fusion, inpaint", "fusion of 10 frames",
+    "OpenCV, NumPy", "Warp, cpu", "integrate", "project", "inpaint", "warp", "combine", "filter", "p50", "p95", "max",
+)  # fmt: skip
+SLOW_LINES = ("medians by image size", "line: ", "one by one", "pipelined", "resident memory", "1024x1024")
+
+
+@pytest.fixture(scope="module")
+def clip() -> Clip:
+    """A short walk at 160x120. Read only."""
+    walk = list(noisy_sequence("flicker", "medium", frames=N_IMAGES))
+    return Clip(
+        intrinsics=walk[0].intrinsics,
+        grays=tuple(capture.gray_left for capture in walk),
+        depths_m=tuple(capture.depth_raw_m for capture in walk),
+    )
+
+
+@pytest.fixture
+def short(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same measurements on few and small frames."""
+    monkeypatch.setattr(film, "filmed", lambda: clip)
+    monkeypatch.setattr(suite, "N_FRAMES", 45)
+    monkeypatch.setattr(suite, "N_FRAMES_PER_SIZE", 45)
+    monkeypatch.setattr(suite, "N_FRAMES_FROM_FILES", 30)
+    monkeypatch.setattr(suite, "SIZES_PX", ((160, 120), (200, 150)))
+
+
+def bench(*arguments: str | Path) -> Result:
+    """The command, in this process."""
+    return CliRunner(env={"COLUMNS": "120"}).invoke(app, ["bench", *map(str, arguments)])
+
+
+def numbers(value: Any) -> Iterator[float]:
+    """All numbers in parsed JSON, however deep."""
+    if isinstance(value, dict | list):
+        for below in value.values() if isinstance(value, dict) else value:
+            yield from numbers(below)
+    elif isinstance(value, int | float):
+        yield value
+
+
+def corrected(phase: Phase, **timings_s: float) -> CorrectedDepth:
+    """A result of which only the times matter."""
+    nothing: GrayImage = np.zeros((1, 1), np.uint8)
+    empty: FloatImage = np.zeros((1, 1), np.float32)
+    registration = Registration.identity(RegistrationStatus.OK)
+    return CorrectedDepth(
+        depth_m=empty, source=nothing, confidence=empty, phase=phase, registration=registration, timings_s=timings_s
+    )
+
+
+def test_percentiles_are_linear_between_the_samples_in_any_order() -> None:
+    times_s = np.random.default_rng(0).permutation(np.arange(101)) / 1000
+    spread = Spread.of(list(times_s))
+    assert (spread.n, spread.p50_ms, spread.p95_ms, spread.p99_ms, spread.max_ms) == pytest.approx(
+        (101, 50, 95, 99, 100)
+    )
+    assert Spread.of([0.001, 0.002]).p50_ms == pytest.approx(1.5)
+    assert Spread.of([0.003]).p95_ms == pytest.approx(3)
+
+
+def test_the_state_is_the_sum_of_its_steps_frame_by_frame_and_only_of_frames_in_it(clip: Clip) -> None:
+    tally = Tally()
+    one = dict.fromkeys((*STATE, "label", "take_template"), 0.001)
+    tally.add(corrected(Phase.CORRECTING, **one | {"describe": 0.011}), 0.030)
+    tally.add(corrected(Phase.CORRECTING, **one | {"filter": 0.021}), 0.040)
+    tally.add(corrected(Phase.CORRECTING, **one), 0.020)
+    tally.add(corrected(Phase.FUSING, **dict.fromkeys(one, 9.0)), 9.0)
+    tally.add(corrected(Phase.PASSTHROUGH, describe=9.0), 9.0)
+    fusion_s = {"place": 0.02, "voxelise": 0.03, "project": 0.01, "inpaint": 0.001, "fused": 0.07}
+    parts = tally.parts(clip, [fusion_s])
+    assert parts.state.n == 3
+    assert parts.state.p50_ms == pytest.approx(15)  # of 15, 25 and 5; the medians of the steps sum to 5
+    assert parts.state.max_ms == pytest.approx(25)
+    assert parts.steps["describe"].p50_ms == pytest.approx(1)
+    assert parts.frame.p50_ms == pytest.approx(29)  # without the fusion in take_template
+    assert parts.fusion.p50_ms == pytest.approx(70)
+    assert parts.fusion_steps["voxelise"].max_ms == pytest.approx(30)
+
+
+def test_without_a_corrected_frame_there_are_no_figures(clip: Clip) -> None:
+    with pytest.raises(ScenarioError, match="at 160x120 pixels the corrector found no template again"):
+        Tally().parts(clip, [])
+
+
+def test_a_clip_is_played_back_and_forth_one_image_at_a_time(clip: Clip) -> None:
+    assert list(clip.indices(12)) == [0, 1, 2, 3, 4, 3, 2, 1, 0, 1, 2, 3]
+    frames = list(clip.play(12))
+    assert np.diff([frame.stamp_s for frame in frames]) == pytest.approx([1 / 30] * 11)
+    assert frames[8].gray is clip.grays[0]
+    assert frames[5].depth_m is clip.depths_m[3]
+
+
+def test_a_resized_camera_sees_every_point_where_the_resized_image_has_it() -> None:
+    small = resized(CAMERA, 40, 60)
+    x, y = 0.3, -0.2
+    u, v = CAMERA.fx_px * x + CAMERA.cx_px, CAMERA.fy_px * y + CAMERA.cy_px
+    assert small.fx_px * x + small.cx_px == pytest.approx((u + 0.5) / 4 - 0.5)
+    assert small.fy_px * y + small.cy_px == pytest.approx((v + 0.5) / 2 - 0.5)
+    assert small.shape == (60, 40)
+    assert resized(small, 160, 120) == CAMERA
+
+
+def test_a_resized_clip_has_no_depth_that_was_not_there(clip: Clip) -> None:
+    small = clip.resized(96, 64)
+    assert small.size == "96x64"
+    assert np.isin(small.depths_m[0], clip.depths_m[0]).all()
+    assert small.n_bytes == N_IMAGES * 96 * 64 * 5
+
+
+def test_a_clip_on_disk_is_the_clip_and_takes_the_room_of_its_images(clip: Clip, tmp_path: Path) -> None:
+    far_m = clip.depths_m[1].copy()
+    far_m[0, 0] = 13.2
+    short = replace(clip, depths_m=(clip.depths_m[0], far_m, *clip.depths_m[2:]))
+    write_tum(short, tmp_path / "walk", 12)
+    dataset = open_dataset(tmp_path / "walk", "tum")
+    assert dataset.intrinsics == clip.intrinsics
+    assert len(dataset) == 12
+    for k, frame in enumerate(short.play(12)):
+        read = dataset[k]
+        assert read.stamp_s == pytest.approx(frame.stamp_s, abs=1e-6)
+        np.testing.assert_array_equal(read.gray, frame.gray)
+        within_m = np.where(frame.depth_m < 13.1, frame.depth_m, 0)
+        np.testing.assert_allclose(read.depth_m, within_m, atol=0.00011)
+    assert dataset[1].depth_m[0, 0] == 0
+    assert len({path.stat().st_ino for path in (tmp_path / "walk" / "rgb").iterdir()}) == N_IMAGES
+
+
+def test_fusions_are_counted_after_the_first_which_is_warm_up(clip: Clip) -> None:
+    parts = measure_parts(clip, 39)
+    assert (parts.fusion.n, parts.state.n) == (1, 1)
+    assert parts.state.p50_ms < parts.frame.p50_ms
+    assert sum(spread.p50_ms for spread in parts.fusion_steps.values()) < parts.fusion.p50_ms
+
+
+def test_throughput_is_frames_over_the_time_of_the_whole_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter([10.0, 12.0])
+    monkeypatch.setattr(throughput, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
+    dataset: Any = SimpleNamespace(intrinsics=CAMERA)
+    run = measure_run("stubbed", lambda corrector, frames: [0.1, 0.2, 0.3], dataset, VoxDepthConfig())
+    assert (run.frames, run.frames_per_s, run.windows) == (3, 1.5, 0)
+    assert run.latency.p50_ms == pytest.approx(200)
+
+
+def test_every_way_of_running_corrects_every_frame_and_says_how_many_windows_it_fused(clip: Clip) -> None:
+    runs = compare_runs(clip, 24)
+    assert [(run.way, run.lag) for run in runs] == [
+        ("one by one", 0),
+        ("one by one", VoxDepthConfig().fusion_lag_frames),
+        ("pipelined", VoxDepthConfig().fusion_lag_frames),
+        ("pipelined", "ready"),
+    ]
+    assert {run.frames for run in runs} == {24}
+    assert [run.windows for run in runs[:3]] == [1, 1, 1]
+    assert runs[3].windows <= 1
+
+
+def test_the_fastest_library_has_the_least_median() -> None:
+    steady, uneven = Spread.of([0.002, 0.002, 0.002]), Spread.of([0.001, 0.001, 0.009])
+    assert fastest({"a": {"warp": steady}, "b": {"warp": uneven}}, "warp") == "b"
+
+
+def test_a_line_is_found_again() -> None:
+    pixels = [19_200, 230_400, 2_073_600]
+    start_ms, pixel_ns = line_through(pixels, [1.5 + 2e-6 * n for n in pixels])
+    assert (start_ms, pixel_ns) == pytest.approx((1.5, 2.0))
+
+
+def test_a_processor_without_a_name_goes_by_its_architecture(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert processor_name("processor\t: 0\nmodel name\t: Some CPU @ 2.40GHz\nmodel name\t: x\n") == "Some CPU @ 2.40GHz"
+    monkeypatch.setattr("platform.machine", lambda: "riscv64")
+    assert processor_name("processor\t: 0\n") == processor_name("") == "riscv64"
+
+
+@pytest.mark.usefixtures("short")
+def test_a_quick_run_prints_every_part_and_writes_positive_figures(tmp_path: Path) -> None:
+    done = bench("--quick", "--size", "160x120", "--json", tmp_path / "figures.json")
+    assert done.exit_code == 0, done.exception
+    assert [line for line in QUICK_LINES if line not in done.output] == []
+    assert [line for line in SLOW_LINES if line in done.output] == []
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    assert figures["parts"]["size"] == "160x120"
+    found = list(numbers({key: figures[key] for key in ("parts", "libraries")}))
+    assert len(found) > 100
+    assert min(found) > 0
+    assert (figures["sizes"], figures["throughput"], figures["memory"]) == ([], [], [])
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("short")
+def test_a_whole_run_has_sizes_files_and_memory_too(tmp_path: Path) -> None:
+    done = bench("--size", "160x120", "--json", tmp_path / "figures.json")
+    assert done.exit_code == 0, done.exception
+    assert [line for line in (*QUICK_LINES, *SLOW_LINES) if line not in done.output] == []
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    assert [parts["size"] for parts in figures["sizes"]] == ["160x120", "200x150"]
+    assert [run["frames"] for run in figures["throughput"]] == [30] * 4
+    assert [memory["size"] for memory in figures["memory"]] == ["160x120", "1024x1024"]
+
+
+@pytest.mark.slow
+def test_memory_is_that_of_a_new_process_and_grows_with_the_images(clip: Clip) -> None:
+    held = np.ones(100_000_000, np.uint8)
+    small, large = measure_memory(clip), measure_memory(clip.resized(1024, 1024))
+    assert small is not None and large is not None
+    assert held.nbytes / 1e6 < small.libraries_mb < 500
+    assert small.libraries_mb == pytest.approx(large.libraries_mb, abs=20)
+    assert large.frames_mb == pytest.approx(N_IMAGES * 1024**2 * 5e-6)
+    assert 5 < small.correcting_mb < large.correcting_mb
+
+
+@pytest.mark.slow
+def test_the_command_renders_its_frames_and_is_silent_besides() -> None:
+    done = voxdepth("bench", "--quick", "--size", "160x120")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert "160x120, one core" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--size", "8x600"], "--size must have 32 to 4096 pixels on each side, got 8x600"),
+        (["--size", "640x9999"], "got 640x9999"),
+        (["--size", "large"], "--size must look like 160x120, got 'large'"),
+        (["--json", "nowhere/figures.json"], "must name a file in a folder that is there, got nowhere/figures.json"),
+        (["--json", "."], "must name a file in a folder that is there, got ."),
+    ],
+)
+def test_bad_options_are_refused_before_anything_is_measured(
+    options: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(film, "filmed", lambda: pytest.fail("it went on"))
+    done = bench(*options)
+    assert isinstance(done.exception, ScenarioError)
+    assert message in str(done.exception)
