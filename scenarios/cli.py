@@ -5,7 +5,7 @@ import sys
 
 import typer
 
-from .commands import general, sensor, swarm
+from .commands import bench, correct, general, sensor, swarm
 from .commands.options import INTERRUPTED
 
 os.environ.setdefault("RERUN_ANALYTICS_ENABLED", "0")
@@ -30,7 +30,10 @@ def start() -> None:
 
 for panel, commands in (
     ("Swarm", (swarm.run, swarm.accept, swarm.tabulate, swarm.picture)),
-    ("Sensor and corrector", (sensor.record, sensor.sheet, sensor.scenes, sensor.regress)),
+    (
+        "Sensor and corrector",
+        (sensor.record, correct.correct, bench.bench, sensor.sheet, sensor.scenes, sensor.regress),
+    ),
     ("General", (general.list_, general.view, general.doctor)),
 ):
     for command in commands:

@@ -49,7 +49,7 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
     try:
         return model.model_validate(data)
     except pydantic.ValidationError as error:
-        raise ScenarioError(f"{path}: {_first_problem(error, field)}") from error
+        raise ScenarioError(f"{path}: {first_problem(error, field)}") from error
 
 
 def to_toml(configuration: pydantic.BaseModel) -> str:
@@ -82,7 +82,7 @@ def _set(data: dict[str, Any], key: str, value: Any) -> None:
     data[last] = value
 
 
-def _first_problem(error: pydantic.ValidationError, field: str) -> str:
+def first_problem(error: pydantic.ValidationError, field: str) -> str:
     """The first of the problems in one line, and how many more there are; keys as they stand in the file."""
     first, *others = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
     keys = first["loc"][1:] if first["loc"][:1] == (field,) else first["loc"]

@@ -74,5 +74,3 @@ def write_gallery(out: Path, shown: list[Exhibit]) -> None:
         ScenarioError: It cannot be written.
     """
     save_picture(out, np.vstack([titled(exhibit.kind, exhibit.picture) for exhibit in shown]), quality=80)
-
-

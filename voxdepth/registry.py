@@ -32,6 +32,18 @@ _FACTORIES: dict[str, Factory] = {"raw": _raw, "paper": _paper}
 CORRECTOR_NAMES = tuple(_FACTORIES)
 
 
+def config_of(name: str) -> "VoxDepthConfig | None":
+    """The configuration that belongs to the name of a corrector; None for one that has none.
+
+    Raises:
+        ConfigError: No corrector has that name.
+    """
+    from .config import VoxDepthConfig
+
+    _require_known(name)
+    return VoxDepthConfig.paper() if name == "paper" else None
+
+
 def create_corrector(name: str, intrinsics: Intrinsics, config: "VoxDepthConfig | None" = None) -> DepthCorrector:
     """A new corrector of that name for one camera.
 
@@ -43,6 +55,10 @@ def create_corrector(name: str, intrinsics: Intrinsics, config: "VoxDepthConfig 
     Raises:
         ConfigError: No corrector has that name, or the one that has it takes no configuration.
     """
+    _require_known(name)
+    return _FACTORIES[name](intrinsics, config)
+
+
+def _require_known(name: str) -> None:
     if name not in _FACTORIES:
         raise ConfigError(f"there is no corrector {name!r}; choose one of: {', '.join(CORRECTOR_NAMES)}")
-    return _FACTORIES[name](intrinsics, config)

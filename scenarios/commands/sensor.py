@@ -1,11 +1,12 @@
 """Commands about the stereo sensor and what it feeds: sequences, scenes and the corrector's regression."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from .options import Picture, Renderer, Seed, Size, parsed_size
+from .progress import counter
 
 
 def record(
@@ -33,7 +34,7 @@ def record(
     planned = load_sequence(sequence, seed, {key: value for key, value in changes.items() if value is not None})
     console, start = Console(), time.perf_counter()
     try:
-        with _counter(console, "recording", frames) as update:
+        with counter(console, "recording", frames) as update:
             done = record(planned, out, frames, update)
     except KeyboardInterrupt:
         console.print(f"stopped; the whole frames in {out} are safe, and the same command goes on", soft_wrap=True)
@@ -77,9 +78,7 @@ def scenes(
 
 
 def regress(
-    corrector: Annotated[
-        str, typer.Option(help="Corrector by name, or your own as package.module:factory.")
-    ] = "paper",
+    corrector: Annotated[str, typer.Option(help="Corrector by name, or your own as package.module:factory.")] = "paper",
     update: Annotated[bool, typer.Option("--update", help="Make the present figures the golden ones.")] = False,
     golden: Annotated[Path, typer.Option(help="Folder of the golden figures.")] = Path("tests/golden"),
     out: Annotated[Path, typer.Option(help="Folder for the recording of the worst case.")] = Path("runs"),
@@ -112,21 +111,3 @@ def regress(
     record_case(recording, worst, regression.corrected(make, *regression.split_case(worst)))
     console.print(f"the worst case, {worst}, is in {recording}; if the change is meant: --update", soft_wrap=True)
     raise typer.Exit(1)
-
-
-def _counter(console: Any, what: str, total: int) -> Any:
-    """A bar over frames, as a context manager that gives the function to call."""
-    from collections.abc import Callable
-    from contextlib import contextmanager
-
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    @contextmanager
-    def shown() -> Any:
-        columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TextColumn("frames"), TimeRemainingColumn())
-        with Progress(*columns, console=console) as bar:
-            task = bar.add_task("", total=total)
-            update: Callable[[int], None] = lambda frames: bar.update(task, completed=frames)  # noqa: E731
-            yield update
-
-    return shown()

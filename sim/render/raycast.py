@@ -90,7 +90,7 @@ class RaycastRenderer:
             lit = self._shade(intrinsics, rays[i], hit, sunlit[i], looks) if gray else np.zeros(len(rays[i]), np.uint8)
             return Images(
                 gray=lit.reshape(intrinsics.shape),
-                depth_m=hit.depth_m.reshape(intrinsics.shape),
+                depth_m=hit.depth_m.reshape(intrinsics.shape).copy(),  # of its own: Open3D holds the whole batch
                 segment_id=self._segment_of_index[hit.body_index].reshape(intrinsics.shape),
             )
 

@@ -8,6 +8,8 @@ from ..types import Frame, Intrinsics
 class Dataset(Protocol):
     """Frames of one camera on disk, in order of time. An image is read when its frame is asked for."""
 
+    format: str
+    """One of `DATASET_FORMATS`."""
     intrinsics: Intrinsics
     """Of the camera; every frame has its shape."""
 

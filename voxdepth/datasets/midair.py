@@ -36,6 +36,8 @@ _TRAJECTORY = re.compile(r"trajectory_\d+")
 class MidAirDataset(PairedImages):
     """One trajectory of Mid-Air, seen by the left camera."""
 
+    format = "midair"
+
     @classmethod
     def lacking(cls, folder: Path) -> str:
         """What a folder lacks to be of this format, in words; empty if it is."""

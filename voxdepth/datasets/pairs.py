@@ -26,6 +26,8 @@ class Pair:
 class PairedImages(ABC):
     """What all readers share; a format adds how it finds its files and how it stores depth."""
 
+    format: str
+
     def __init__(self, folder: Path, pairs: Sequence[Pair], intrinsics: Intrinsics) -> None:
         """Frames of the files in a folder.
 

@@ -46,6 +46,8 @@ _Numbered = dict[str, Path]
 class RealSenseDataset(PairedImages):
     """Frames exported of a RealSense camera."""
 
+    format = "realsense"
+
     def __init__(self, folder: Path, pairs: Sequence[Pair], intrinsics: Intrinsics, units_per_m: float) -> None:
         """Frames of the files in a folder; depth has `units_per_m` steps in a metre."""
         super().__init__(folder, pairs, intrinsics)

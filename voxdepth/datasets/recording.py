@@ -28,6 +28,8 @@ _POSE_NUMBERS = 8
 class RecordingDataset(PairedImages):
     """The whole frames of a recording; an image is compared with its checksum before it is decoded."""
 
+    format = "recording"
+
     def __init__(self, folder: Path, pairs: Sequence[Pair], intrinsics: Intrinsics, digests: Mapping[str, str]) -> None:
         """Frames of the files in a folder; `digests` has the SHA-256 of a file by its path relative to the folder."""
         super().__init__(folder, pairs, intrinsics)

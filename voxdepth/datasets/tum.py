@@ -43,6 +43,8 @@ class _Entry(NamedTuple):
 class TumDataset(PairedImages):
     """A sequence in the format of the TUM RGB-D benchmark."""
 
+    format = "tum"
+
     @classmethod
     def lacking(cls, folder: Path) -> str:
         """What a folder lacks to be of this format, in words; empty if it is."""

@@ -1,0 +1,191 @@
+"""The command that corrects a recorded sequence: what it is given, and what a person reads in the end."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from enum import StrEnum
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..errors import ScenarioError
+from .progress import counter
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from voxdepth.config import VoxDepthConfig
+
+    from ..correction import Job
+
+VERSIONED = ("voxdepth", "numpy", "opencv-python-headless", "warp-lang")
+"""Packages whose versions may change the bytes of a result."""
+
+
+class Format(StrEnum):
+    """Formats of recorded sequences; the same words as in the library."""
+
+    AUTO = "auto"
+    TUM = "tum"
+    MIDAIR = "midair"
+    REALSENSE = "realsense"
+    RECORDING = "recording"
+
+
+def correct(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the recorded sequence.")],
+    out: Annotated[Path, typer.Option(help="Folder of the result: new, or one that was cut short.")],
+    corrector: Annotated[str, typer.Option(help="Depth corrector by name.")] = "paper",
+    config: Annotated[Path | None, typer.Option(help="TOML file of values that differ from the corrector's.")] = None,
+    format: Annotated[Format, typer.Option(help="How the sequence is stored; auto finds out.")] = Format.AUTO,
+    record: Annotated[Path | None, typer.Option(metavar="FILE.rrd", help="Rerun recording to write as well.")] = None,
+    frames: Annotated[int | None, typer.Option(min=1, help="How many of the first frames. Default: all.")] = None,
+) -> None:
+    """Correct a recorded sequence's depth; goes on where an earlier call was cut short.
+
+    Writes depth/NAME.png in 16 bits and millimetres (0 is invalid, farther than 65.535 m is 65535), confidence/NAME.png
+    in 0..255, report.json, and config.toml with all that the result depends on.
+    """
+    import time
+
+    from rich.console import Console
+
+    from ..correction import correct
+
+    _refuse_mixing(folder, out, record)
+    job = _planned(folder, corrector, config, format, frames)
+    console, start = Console(), time.perf_counter()
+    try:
+        with counter(console, "correcting", job.frames) as update:
+            done = correct(job, out, record, update)
+    except KeyboardInterrupt:
+        console.print(f"stopped; the finished frames in {out} are safe, and the same command goes on", soft_wrap=True)
+        raise
+    wall_s = time.perf_counter() - start
+    _print_report(console, done.report)
+    if done.new_frames:
+        rate = done.new_frames / wall_s
+        console.print(f"{done.new_frames} new frames, {rate:.1f} frames per second", soft_wrap=True)
+    else:
+        console.print(f"all {done.report['frames']} frames were finished already", soft_wrap=True)
+    console.print(f"depth, confidence and report.json are in {out}", soft_wrap=True)
+    if record is not None:
+        console.print(f"look at it with: voxdepth view {record}", soft_wrap=True)
+
+
+def _refuse_mixing(folder: Path, out: Path, record: Path | None) -> None:
+    """Refuse to write among the files that are read."""
+    if out.resolve().is_relative_to(folder.resolve()):
+        raise ScenarioError(f"--out {out} lies in the input {folder}, whose files would mix: name a folder outside it")
+    if record is not None and record.suffix != ".rrd":
+        raise ScenarioError(f"--record must name an .rrd file, got {record}")
+
+
+def _planned(folder: Path, corrector: str, config: Path | None, format: Format, frames: int | None) -> "Job":
+    """What is to be done, resolved and checked before anything is written. OpenCV is kept to one thread and quiet."""
+    import cv2
+
+    from voxdepth.datasets import open_dataset
+    from voxdepth.registry import create_corrector
+
+    from ..corrected_folder import Correction
+    from ..correction import Job
+
+    cv2.setNumThreads(1)
+    # What OpenCV prints about damaged images, our errors say with the name of the file.
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    dataset = open_dataset(folder, format.value)
+    if len(dataset) < (frames or 1):
+        raise ScenarioError(f"{folder} has {len(dataset)} frames, {frames or 1} were asked for")
+    resolved = _resolved(corrector, config)
+    made = create_corrector(corrector, dataset.intrinsics, resolved)
+    correction = Correction(
+        corrector=corrector,
+        folder=folder.resolve().name,
+        format=dataset.format,
+        intrinsics={key: value for key, value in asdict(dataset.intrinsics).items() if value is not None},
+        versions={name: version(name) for name in VERSIONED},
+        config=None if resolved is None else resolved.model_dump(mode="json", exclude_none=True),
+    )
+    return Job(correction=correction, dataset=dataset, frames=frames or len(dataset), corrector=made)
+
+
+def _resolved(corrector: str, config: Path | None) -> "VoxDepthConfig | None":
+    """The corrector's own configuration under the values of a file; None if it has none and no file is given."""
+    import pydantic
+
+    from voxdepth.config import VoxDepthConfig
+    from voxdepth.registry import config_of
+
+    from ..files import first_problem
+
+    own = config_of(corrector)
+    if config is None:
+        return own
+    base = own or VoxDepthConfig()  # For a corrector that has none, it is the registry that says so.
+    values = _under(_read(config), base.model_dump(mode="json"))
+    try:
+        resolved = VoxDepthConfig.model_validate(values)
+    except pydantic.ValidationError as error:
+        raise ScenarioError(f"{config}: {first_problem(error, 'config')}") from error
+    if resolved.fusion_lag_frames == "ready":
+        raise ScenarioError(
+            f"{config}: fusion_lag_frames 'ready' depends on the clock, and what is made of files must be "
+            "reproducible: give a number of frames"
+        )
+    return resolved
+
+
+def _read(path: Path) -> dict[str, Any]:
+    import tomllib
+
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{path} is not valid TOML: {error}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"cannot read {path}: {error}") from error
+
+
+def _under(given: Mapping[str, Any], base: Mapping[str, Any]) -> dict[str, Any]:
+    """The given values over those of the base, table by table; a table that names another method stands alone."""
+    merged = dict(base)
+    for key, value in given.items():
+        below = base.get(key)
+        if isinstance(value, dict) and isinstance(below, dict) and _has_method_of(value, below):
+            merged[key] = _under(value, below)
+        else:
+            merged[key] = value
+    return merged
+
+
+def _has_method_of(given: Mapping[str, Any], base: Mapping[str, Any]) -> bool:
+    own = base.get("method")
+    return bool(given.get("method", own) == own)
+
+
+def _print_report(console: "Console", report: Mapping[str, Any]) -> None:
+    from rich.table import Table
+
+    title = f"{report['folder']}, {report['format']}: {report['frames']} frames, corrector {report['corrector']}"
+    table = Table(title=title, title_justify="left", show_header=False)
+    raw, corrected = report["coverage"]["raw"], report["coverage"]["corrected"]
+    table.add_row("pixels with depth", f"{raw:.1%} raw, [bold]{corrected:.1%} corrected[/bold]")
+    shares = ", ".join(f"{source} {share:.1%}" for source, share in report["pixel_shares"].items())
+    table.add_row("all pixels", shares)
+    table.add_row("phases", _counted(report["phases"]))
+    table.add_row("registrations", _counted(report["registrations"]))
+    switches = report["epochs"]["switches"]
+    table.add_row("epochs ended", f"{switches}: {_counted(report['epochs']['causes'])}" if switches else "0")
+    console.print(table)
+    times = Table(title="time per frame", title_justify="left")
+    for heading in ("", "median", "95 %", "longest"):
+        times.add_column(heading, justify="right" if heading else "left")
+    for step, spread in report["wall"]["steps_s"].items():
+        times.add_row(step, *(f"{1000 * spread[name]:.1f} ms" for name in ("p50", "p95", "max")))
+    console.print(times)
+
+
+def _counted(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count)

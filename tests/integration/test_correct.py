@@ -1,0 +1,320 @@
+"""`voxdepth correct` as a user meets it."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import rerun as rr
+from typer.testing import CliRunner, Result
+
+from scenarios.cli import app
+from scenarios.errors import ScenarioError
+from sim.frames import pose, quaternion_from_yaw, rotation_from_quaternion
+from sim.recording import RecordingWriter
+from sim.testing import noisy_sequence
+from sim.types import Capture
+from tests.integration.test_cli import ENVIRONMENT, voxdepth
+from tests.unit.test_correction import contents
+from voxdepth.errors import ConfigError, DatasetError
+from voxdepth.registry import create_corrector
+from voxdepth.types import Frame
+
+N_FRAMES = 16
+SHORT_EPOCHS = "window_frames = 4\nmax_epoch_frames = 5\nfusion_lag_frames = 2\n"
+
+
+def write_tum(folder: Path, captures: list[Capture]) -> None:
+    """A folder in the format of TUM RGB-D, whose depth is in 1/5000 m."""
+    lists: dict[str, list[str]] = {"rgb": [], "depth": []}
+    for index, capture in enumerate(captures):
+        images = {"rgb": capture.gray_left, "depth": np.minimum(capture.depth_raw_m * 5000, 65535).astype(np.uint16)}
+        for kind, image in images.items():
+            (folder / kind).mkdir(parents=True, exist_ok=True)
+            cv2.imwrite(str(folder / kind / f"{index:03d}.png"), image)
+            lists[kind].append(f"{100 + index / 30:.6f} {kind}/{index:03d}.png\n")
+    for kind, lines in lists.items():
+        (folder / f"{kind}.txt").write_text("".join(lines))
+    camera = {key: value for key, value in vars(captures[0].intrinsics).items() if value is not None}
+    (folder / "calibration.toml").write_text("".join(f"{key} = {value}\n" for key, value in camera.items()))
+
+
+@pytest.fixture(scope="module")
+def captures() -> list[Capture]:
+    return list(noisy_sequence("flicker", "medium", frames=N_FRAMES))
+
+
+@pytest.fixture(scope="module")
+def sequence(captures: list[Capture], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recorded sequence, and beside it a configuration of short epochs. Read only."""
+    folder = tmp_path_factory.mktemp("input") / "walk"
+    write_tum(folder, captures)
+    (folder.parent / "short.toml").write_text(SHORT_EPOCHS)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(sequence: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What an uninterrupted run makes of it. Read only."""
+    out = tmp_path_factory.mktemp("whole") / "out"
+    assert correct(sequence, "--out", out, *short(sequence)).exit_code == 0
+    return out
+
+
+def short(sequence: Path) -> tuple[str | Path, ...]:
+    return "--config", sequence.parent / "short.toml"
+
+
+def correct(*arguments: str | Path) -> Result:
+    """The command, in this process."""
+    return CliRunner(env={"COLUMNS": "120"}).invoke(app, ["correct", *map(str, arguments)])
+
+
+def started(*arguments: str | Path) -> "subprocess.Popen[str]":
+    command = [sys.executable, "-c", "from scenarios.cli import main; main()", "correct", *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT)
+
+
+def wait_for_lines(process: "subprocess.Popen[str]", out: Path, n_lines: int) -> None:
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and process.poll() is None:
+        if (out / "frames.jsonl").exists() and (out / "frames.jsonl").read_bytes().count(b"\n") >= n_lines:
+            return
+        time.sleep(0.002)
+
+
+def rows(path: Path, entity: str) -> int:
+    return sum(chunk.num_rows for chunk in rr.chunk.RrdReader(path).stream().filter(content=entity).to_chunks())
+
+
+def test_the_images_are_those_of_the_corrector_alone(sequence: Path, captures: list[Capture], tmp_path: Path) -> None:
+    done = correct(sequence, "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    alone = create_corrector("paper", captures[0].intrinsics)
+    for index, capture in enumerate(captures):
+        depth_mm = cv2.imread(str(tmp_path / "out" / "depth" / f"{index:03d}.png"), cv2.IMREAD_UNCHANGED)
+        stored = cv2.imread(str(sequence / "depth" / f"{index:03d}.png"), cv2.IMREAD_UNCHANGED)
+        frame = Frame.from_millimetres(
+            stamp_s=100 + index / 30, gray=capture.gray_left, depth_mm=stored, units_per_m=5000
+        )
+        expected_m = alone.process(frame).depth_m
+        np.testing.assert_allclose(depth_mm / 1000, expected_m, atol=0.00051)
+        np.testing.assert_array_equal(depth_mm > 0, expected_m > 0)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "config.toml", "frames.jsonl", "report.json", "depth", "confidence"
+    }  # fmt: skip
+
+
+def test_the_resolved_configuration_and_a_table_say_what_was_done(sequence: Path, tmp_path: Path) -> None:
+    done = correct(sequence, "--out", tmp_path / "out", *short(sequence), "--frames", "12")
+    for words in ("walk, tum: 12 frames, corrector paper", "pixels with depth", "% corrected", "epochs ended",
+                  "median", "latency", "12 new frames", f"report.json are in {tmp_path / 'out'}"):  # fmt: skip
+        assert words in done.output, words
+    config = tomllib.loads((tmp_path / "out" / "config.toml").read_text())
+    assert (config["corrector"], config["folder"], config["format"]) == ("paper", "walk", "tum")
+    assert config["intrinsics"]["width_px"] == 160
+    assert "numpy" in config["versions"]
+    assert config["config"]["max_epoch_frames"] == 5
+    assert config["config"]["registration"]["size_px"] == 200
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["epochs"]["causes"]["max_frames"] >= 1
+    assert sum(report["phases"].values()) == report["frames"] == 12
+    assert report["wall"]["steps_s"]["register"]["max"] > 0
+
+
+def test_the_same_command_on_a_finished_run_says_so(whole: Path, sequence: Path) -> None:
+    before = {path: path.stat().st_mtime_ns for path in whole.rglob("*.*")}
+    done = correct(sequence, "--out", whole, *short(sequence), "--format", "tum")
+    assert done.exit_code == 0
+    assert f"all {N_FRAMES} frames were finished already" in done.output
+    assert {path: path.stat().st_mtime_ns for path in whole.rglob("*.*")} == before
+
+
+@pytest.mark.parametrize("done", [3, 7, 11])
+def test_a_run_in_two_parts_gives_the_same_bytes(done: int, whole: Path, sequence: Path, tmp_path: Path) -> None:
+    correct(sequence, "--out", tmp_path / "out", *short(sequence), "--frames", str(done))
+    correct(sequence, "--out", tmp_path / "out", *short(sequence))
+    assert contents(tmp_path / "out") == contents(whole)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("record", [False, True])
+def test_a_killed_run_goes_on_to_the_same_bytes(record: bool, captures: list[Capture], tmp_path: Path) -> None:
+    write_tum(tmp_path / "walk", captures * 6)
+    options = ["--record", tmp_path / "out.rrd"] if record else []
+    command = [tmp_path / "walk", "--out", tmp_path / "out", *options]
+    for n_lines in (9, 40):
+        process = started(*command)
+        wait_for_lines(process, tmp_path / "out", n_lines)
+        process.kill()
+        process.communicate()
+        assert process.returncode == -signal.SIGKILL, "it ended before it was killed"
+        assert not (tmp_path / "out" / "report.json").exists()
+        assert not (tmp_path / "out.rrd").exists()
+    done = correct(*command)
+    assert done.exit_code == 0, done.output
+    assert f"{6 * N_FRAMES} new frames" not in done.output
+    assert correct(tmp_path / "walk", "--out", tmp_path / "whole").exit_code == 0
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+    if record:
+        assert rows(tmp_path / "out.rrd", "/depth/corrected") == 6 * N_FRAMES
+        assert not (tmp_path / "out.rrd.tmp").exists()
+
+
+@pytest.mark.slow
+def test_ctrl_c_says_that_the_same_command_goes_on(captures: list[Capture], tmp_path: Path) -> None:
+    write_tum(tmp_path / "walk", captures * 6)
+    process = started(tmp_path / "walk", "--out", tmp_path / "out")
+    wait_for_lines(process, tmp_path / "out", 5)
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert f"the finished frames in {tmp_path / 'out'} are safe, and the same command goes on" in output
+    assert errors == ""
+    assert correct(tmp_path / "walk", "--out", tmp_path / "out").exit_code == 0
+
+
+def test_a_truncated_image_keeps_the_frames_before_it_and_can_be_mended(
+    whole: Path, sequence: Path, tmp_path: Path
+) -> None:
+    broken = tmp_path / "walk"
+    shutil.copytree(sequence, broken)
+    image = broken / "depth" / "006.png"
+    good = image.read_bytes()
+    image.write_bytes(good[: len(good) // 2])
+    command = ["correct", broken, "--out", tmp_path / "out", *short(sequence)]
+    done = voxdepth(*command)
+    assert done.returncode == 2
+    assert str(image) in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert len(list((tmp_path / "out" / "depth").iterdir())) == 6
+    image.write_bytes(good)
+    again = correct(*command[1:])
+    assert f"{N_FRAMES - 6} new frames" in again.output
+    assert contents(tmp_path / "out") == contents(whole)
+
+
+def test_a_recording_of_the_simulator_is_corrected_without_its_truth(captures: list[Capture], tmp_path: Path) -> None:
+    q_xyzw = quaternion_from_yaw(0.3)
+    T_world_cam = pose(rotation_from_quaternion(q_xyzw), np.zeros(3))
+    folder = tmp_path / "recorded"
+    with RecordingWriter.create(folder, intrinsics=captures[0].intrinsics, config_text="seed = 0\n") as writer:
+        for capture in captures[:3]:
+            writer.append(replace(capture, T_world_cam=T_world_cam), q_xyzw)
+    shutil.rmtree(folder / "depth_true")
+    done = correct(folder, "--out", tmp_path / "out", "--corrector", "raw")
+    assert done.exit_code == 0, done.output
+    config = tomllib.loads((tmp_path / "out" / "config.toml").read_text())
+    assert config["format"] == "recording"
+    assert "config" not in config
+    depth_mm = cv2.imread(str(tmp_path / "out" / "depth" / "000002.png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_allclose(depth_mm / 1000, captures[2].depth_raw_m, atol=0.00051)
+
+
+def test_a_rerun_recording_holds_every_frame_and_the_switches(whole: Path, sequence: Path, tmp_path: Path) -> None:
+    shutil.copytree(whole, tmp_path / "out")
+    path = tmp_path / "made" / "out.rrd"
+    rr.set_strict_mode(True)
+    try:
+        done = correct(sequence, "--out", tmp_path / "out", *short(sequence), "--record", path)
+    finally:
+        rr.set_strict_mode(False)
+    assert done.exit_code == 0, done.output
+    assert f"voxdepth view {path}" in done.output
+    assert [file.name for file in path.parent.iterdir()] == ["out.rrd"]
+    entities = ("gray", "depth/raw", "depth/corrected", "confidence", "registration/matches", "timings/register")
+    assert {entity: rows(path, f"/{entity}") for entity in entities} == dict.fromkeys(entities, N_FRAMES)
+    assert rows(path, "/source") == N_FRAMES + 1, "every frame and the labels"
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert rows(path, "/epochs") == report["epochs"]["switches"] >= 1
+    verify = [sys.executable, "-m", "rerun", "rrd", "verify", str(path)]
+    assert subprocess.run(verify, capture_output=True, env=ENVIRONMENT, check=False).returncode == 0
+    assert contents(tmp_path / "out") == contents(whole)
+
+
+def test_a_recording_that_fails_leaves_nothing_behind(sequence: Path, tmp_path: Path) -> None:
+    shutil.copytree(sequence, tmp_path / "walk")
+    (tmp_path / "walk" / "rgb" / "004.png").write_bytes(b"")
+    done = correct(tmp_path / "walk", "--out", tmp_path / "out", "--record", tmp_path / "out.rrd")
+    assert isinstance(done.exception, DatasetError)
+    assert not list(tmp_path.glob("out.rrd*"))
+    (tmp_path / "file").write_text("mine")
+    done = correct(sequence, "--out", tmp_path / "out-2", "--record", tmp_path / "file" / "out.rrd")
+    assert isinstance(done.exception, ScenarioError)
+    assert "cannot write the recording" in str(done.exception)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--frames", "17"], f"has {N_FRAMES} frames, 17 were asked for"),
+        (["--corrector", "magic"], "there is no corrector 'magic'"),
+        (["--corrector", "raw", "--config", "short.toml"], "the corrector 'raw' takes no configuration"),
+        (["--record", "out.mp4"], "--record must name an .rrd file, got out.mp4"),
+        (["--format", "recording"], "holds no dataset that can be read"),
+        (["--config", "nowhere.toml"], "cannot read nowhere.toml"),
+    ],
+)
+def test_bad_options_say_what_is_wrong_and_write_nothing(
+    options: list[str], message: str, sequence: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(sequence.parent)
+    done = correct(sequence, "--out", tmp_path / "out", *options)
+    assert isinstance(done.exception, (ScenarioError, ConfigError, DatasetError))
+    assert message in str(done.exception)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("windows = 3", "mine.toml: unknown key 'windows'"),
+        ("[registration]\nsize_mm = 3", "unknown key 'registration.size_mm'"),
+        ("window_frames = 'ten'", "mine.toml: window_frames: Input should be a valid integer"),
+        ("registration = 3", "mine.toml: registration: Input should be a valid dictionary"),
+        ("median_size_px = 4", "median_size_px must be 1, 3 or 5, got 4"),
+        ("= 3", "mine.toml is not valid TOML"),
+        ("fusion_lag_frames = 'ready'", "depends on the clock"),
+    ],
+)
+def test_bad_configurations_say_where_and_what(text: str, message: str, sequence: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(text)
+    done = correct(sequence, "--out", tmp_path / "out", "--config", tmp_path / "mine.toml")
+    assert isinstance(done.exception, ScenarioError)
+    assert message in str(done.exception)
+    assert "\n" not in str(done.exception)
+    assert not (tmp_path / "out").exists()
+
+
+def test_another_inpainting_method_needs_no_keys_of_the_corrector_s_own(sequence: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text("[inpainting]\nmethod = 'bilinear'\n")
+    options = ["--config", tmp_path / "mine.toml", "--frames", "2"]
+    done = correct(sequence, "--out", tmp_path / "out", *options)
+    assert done.exit_code == 0, done.exception
+    config = tomllib.loads((tmp_path / "out" / "config.toml").read_text())["config"]
+    assert config["inpainting"]["method"] == "bilinear"
+    assert config["window_frames"] == 10
+
+
+@pytest.mark.parametrize("place", [lambda s: s, lambda s: s / "depth", lambda s: s / "new" / "out"])
+def test_results_are_never_written_among_the_input(place: Callable[[Path], Path], sequence: Path) -> None:
+    before = sorted(sequence.rglob("*"))
+    done = correct(sequence, "--out", place(sequence))
+    assert "lies in the input" in str(done.exception)
+    assert sorted(sequence.rglob("*")) == before
+
+
+def test_a_folder_above_the_input_is_refused(sequence: Path) -> None:
+    before = sorted(sequence.parent.rglob("*"))
+    done = correct(sequence, "--out", sequence.parent)
+    assert "is not empty and holds no correction" in str(done.exception)
+    assert sorted(sequence.parent.rglob("*")) == before
