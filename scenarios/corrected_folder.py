@@ -59,7 +59,7 @@ class FrameLine(Model):
     registration: RegistrationStatus
     epoch_end: EpochEnd | None
     wall_s: dict[str, float]
-    """Time of each step, and the latency: from the end of reading to the delivery."""
+    """Time of each step."""
 
 
 class CorrectedFolder:
@@ -104,12 +104,12 @@ class CorrectedFolder:
         with self._writing(self.folder / REPORT):
             (self.folder / REPORT).unlink(missing_ok=True)
 
-    def add(self, name: str, frame: Frame, corrected: CorrectedDepth, latency_s: float) -> None:
+    def add(self, name: str, frame: Frame, corrected: CorrectedDepth) -> None:
         """Write the images of the next frame, and then its line."""
         images = {DEPTH: encode(to_millimetres(corrected.depth_m)), CONFIDENCE: encode(to_gray(corrected.confidence))}
         for kind, png in images.items():
             self._replace(f"{kind}/{name}.png", png)
-        line = _line(name, frame, corrected, {kind: zlib.crc32(png) for kind, png in images.items()}, latency_s)
+        line = _line(name, frame, corrected, {kind: zlib.crc32(png) for kind, png in images.items()})
         with self._writing(self.folder / FRAMES):
             extend(self.folder / FRAMES, f"{line.model_dump_json()}\n".encode())
         self.lines.append(line)
@@ -201,9 +201,7 @@ def encode(image: npt.NDArray[Any]) -> bytes:
     return cv2.imencode(".png", image, options)[1].tobytes()
 
 
-def _line(
-    name: str, frame: Frame, corrected: CorrectedDepth, files_crc32: dict[str, int], latency_s: float
-) -> FrameLine:
+def _line(name: str, frame: Frame, corrected: CorrectedDepth, files_crc32: dict[str, int]) -> FrameLine:
     return FrameLine(
         name=name,
         stamp_s=frame.stamp_s,
@@ -214,7 +212,7 @@ def _line(
         phase=corrected.phase,
         registration=corrected.registration.status,
         epoch_end=corrected.epoch_end,
-        wall_s={**corrected.timings_s, "latency": latency_s},
+        wall_s=dict(corrected.timings_s),
     )
 
 

@@ -85,7 +85,7 @@ def _run(job: Job, output: CorrectedFolder, listener: Listener, first: int, prog
     with _causes(), CorrectionPipeline(corrector, frames) as pipeline:
         for index, (frame, corrected) in enumerate(pipeline, first):
             if index == len(output.lines):
-                output.add(job.dataset.name(index), frame, corrected, pipeline.last_latency_s)
+                output.add(job.dataset.name(index), frame, corrected)
             listener(index, frame, corrected)
             progress(index + 1)
 

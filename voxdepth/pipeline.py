@@ -89,11 +89,6 @@ class CorrectionPipeline:
         """Time from the end of reading a frame to its delivery [s], of the last 100 000 frames, in their order."""
         return list(self._latencies_s)
 
-    @property
-    def last_latency_s(self) -> float:
-        """That of the frame delivered last."""
-        return self._latencies_s[-1]
-
     def __iter__(self) -> Iterator[tuple[Frame, CorrectedDepth]]:
         """Begin the one iteration.
 

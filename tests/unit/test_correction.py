@@ -180,7 +180,6 @@ def test_the_report_counts_what_happened(whole: Path) -> None:
     assert report["phases"] == {"passthrough": 1, "fusing": 0, "correcting": 6}
     assert report["registrations"] == {"not_tried": 1, "ok": 6, "few_matches": 0, "degenerate": 0}
     assert report["wall"]["steps_s"]["warp"] == pytest.approx({"p50": 0.004, "p95": 0.0067, "max": 0.007})
-    assert report["wall"]["steps_s"]["latency"]["p50"] > 0
 
 
 @pytest.mark.parametrize("make", [Remembering, Whole])
