@@ -21,6 +21,11 @@ def view(array: npt.NDArray[Any], dtype: Any) -> Any:
     return wp.array(array, dtype=dtype, copy=False, device="cpu")
 
 
+def cells(cell_m: tuple[float, float, float], shape: tuple[int, int, int]) -> tuple[Any, Any]:
+    """Size and number of the cells of a grid, as kernels take them."""
+    return wp.vec3(*cell_m), wp.vec3i(*shape)
+
+
 def lens(intrinsics: Intrinsics) -> tuple[Any, Any]:
     """Focal lengths and principal point, as kernels take them."""
     return wp.vec2(intrinsics.fx_px, intrinsics.fy_px), wp.vec2(intrinsics.cx_px, intrinsics.cy_px)
@@ -71,8 +76,8 @@ def set_bits_of_image(
 def splat(p: wp.vec3, focal_px: wp.vec2, centre_px: wp.vec2, depth_m: wp.array2d(dtype=wp.float32)):
     """Lower the pixel that a point projects to."""
     if p[2] > 0.0:
-        col = wp.floor(p[0] / p[2] * focal_px[0] + centre_px[0] + 0.5)
-        row = wp.floor(p[1] / p[2] * focal_px[1] + centre_px[1] + 0.5)
+        col = p[0] / p[2] * focal_px[0] + centre_px[0] + 0.5
+        row = p[1] / p[2] * focal_px[1] + centre_px[1] + 0.5
         inside_col = col >= 0.0 and col < wp.float32(depth_m.shape[1])
         inside_row = row >= 0.0 and row < wp.float32(depth_m.shape[0])
         if inside_col and inside_row:
@@ -91,10 +96,40 @@ def splat_points(
     splat(points[wp.tid()], focal_px, centre_px, depth_m)
 
 
+@wp.func
+def splat_word(
+    at: wp.int32,
+    words: wp.array(dtype=wp.uint32),
+    cell_m: wp.vec3,
+    shape: wp.vec3i,
+    focal_px: wp.vec2,
+    centre_px: wp.vec2,
+    depth_m: wp.array2d(dtype=wp.float32),
+):
+    """Splat the centres of the marked cells of one word."""
+    word = words[at]
+    row = at * 32 // shape[0]
+    x = at * 32 % shape[0]
+    y = row % shape[1]
+    z = row // shape[1]
+    for bit in range(32):
+        if (word >> wp.uint32(bit)) & wp.uint32(1) != wp.uint32(0):
+            px = (wp.float32(x - shape[0] // 2) + 0.5) * cell_m[0]
+            py = (wp.float32(y - shape[1] // 2) + 0.5) * cell_m[1]
+            pz = (wp.float32(z) + 0.5) * cell_m[2]
+            splat(wp.vec3(px, py, pz), focal_px, centre_px, depth_m)
+        x += 1
+        if x == shape[0]:
+            x = 0
+            y += 1
+        if y == shape[1]:
+            y = 0
+            z += 1
+
+
 @wp.kernel
 def splat_voxels(
     words: wp.array(dtype=wp.uint32),
-    words_per_thread: wp.int32,
     cell_m: wp.vec3,
     shape: wp.vec3i,
     focal_px: wp.vec2,
@@ -102,16 +137,22 @@ def splat_voxels(
     # output
     depth_m: wp.array2d(dtype=wp.float32),
 ):
-    """Z-buffer of the centres of all marked cells. `depth_m` starts at infinity."""
-    first = wp.tid() * words_per_thread
-    last = wp.min(first + words_per_thread, words.shape[0])
-    for i in range(first, last):
-        if words[i] != wp.uint32(0):
-            for bit in range(32):
-                if (words[i] >> wp.uint32(bit)) & wp.uint32(1) != wp.uint32(0):
-                    cell = i * 32 + bit
-                    row = cell // shape[0]
-                    x = (wp.float32(cell % shape[0] - shape[0] // 2) + 0.5) * cell_m[0]
-                    y = (wp.float32(row % shape[1] - shape[1] // 2) + 0.5) * cell_m[1]
-                    z = (wp.float32(row // shape[1]) + 0.5) * cell_m[2]
-                    splat(wp.vec3(x, y, z), focal_px, centre_px, depth_m)
+    """Z-buffer of the centres of all marked cells, one thread per word. `depth_m` starts at infinity."""
+    at = wp.tid()
+    if words[at] != wp.uint32(0):
+        splat_word(at, words, cell_m, shape, focal_px, centre_px, depth_m)
+
+
+@wp.kernel
+def splat_listed_voxels(
+    listed: wp.array(dtype=wp.int32),
+    words: wp.array(dtype=wp.uint32),
+    cell_m: wp.vec3,
+    shape: wp.vec3i,
+    focal_px: wp.vec2,
+    centre_px: wp.vec2,
+    # output
+    depth_m: wp.array2d(dtype=wp.float32),
+):
+    """The same, one thread per listed word: on a CPU, NumPy finds those that are not empty several times faster."""
+    splat_word(listed[wp.tid()], words, cell_m, shape, focal_px, centre_px, depth_m)

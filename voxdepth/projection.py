@@ -8,9 +8,6 @@ from .geometry import PointArray
 from .types import FloatImage, Intrinsics
 from .voxels import Backend, VoxelGrid
 
-WORDS_PER_THREAD = 64
-"""Words of the grid that one thread looks through: nearly all are empty."""
-
 
 def project_nearest(points: PointArray, intrinsics: Intrinsics, *, backend: Backend = "warp") -> FloatImage:
     """Depth image [m], shape (H, W), float32, of points (N, 3) [m] in the camera frame; 0 where none falls.
@@ -30,19 +27,16 @@ def project_voxels(grid: VoxelGrid, intrinsics: Intrinsics) -> FloatImage:
     The same as `project_nearest(grid.occupied_centres(), intrinsics)`, without making a list of them.
     """
     depth_m = np.full(intrinsics.shape, np.inf, np.float32)
-    wp.launch(
-        kernels.splat_voxels,
-        -(-len(grid.words) // WORDS_PER_THREAD),
-        inputs=[
-            kernels.view(grid.words, wp.uint32),
-            WORDS_PER_THREAD,
-            wp.vec3(*grid.config.cell_m),
-            wp.vec3i(*grid.config.shape),
-            *kernels.lens(intrinsics),
-        ],
-        outputs=[kernels.view(depth_m, wp.float32)],
-        device="cpu",
-    )
+    occupied = np.flatnonzero(grid.words != 0).astype(np.int32)
+    if occupied.size:
+        words = [kernels.view(occupied, wp.int32), kernels.view(grid.words, wp.uint32)]
+        wp.launch(
+            kernels.splat_listed_voxels,
+            len(occupied),
+            inputs=[*words, *kernels.cells(grid.config.cell_m, grid.config.shape), *kernels.lens(intrinsics)],
+            outputs=[kernels.view(depth_m, wp.float32)],
+            device="cpu",
+        )
     depth_m[np.isinf(depth_m)] = 0
     return depth_m
 

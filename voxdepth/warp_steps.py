@@ -10,7 +10,6 @@ from .combine import factors
 from .config import VoxDepthConfig
 from .geometry import RayMap
 from .inpainting import Dilation
-from .projection import WORDS_PER_THREAD
 from .types import FloatArray, FloatImage, GrayImage, Intrinsics
 
 
@@ -40,9 +39,8 @@ class WarpSteps:
         """See `ImageSteps`."""
         sparse = wp.full(self._intrinsics.shape, np.inf, dtype=wp.float32, device=self._device)
         voxels = self._config.voxels
-        inputs = [self._words, WORDS_PER_THREAD, wp.vec3(*voxels.cell_m), wp.vec3i(*voxels.shape)]
-        n_threads = -(-voxels.n_words // WORDS_PER_THREAD)
-        self._launch(kernels.splat_voxels, [*inputs, *kernels.lens(self._intrinsics)], [sparse], dim=n_threads)
+        inputs = [self._words, *kernels.cells(voxels.cell_m, voxels.shape), *kernels.lens(self._intrinsics)]
+        self._launch(kernels.splat_voxels, inputs, [sparse], dim=voxels.n_words)
         self._launch(image_kernels.empty_unlowered, [], [sparse])
         return sparse
 
