@@ -1,12 +1,8 @@
-"""A pipeline gives what its corrector alone gives, loses nothing, and leaves no thread behind."""
+"""A pipeline gives what its corrector alone gives, in order and without loss, or tells which stage failed where."""
 
-import gc
-import signal
-import subprocess
-import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice
 
 import cv2
@@ -15,118 +11,30 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from voxdepth import create_corrector
-from voxdepth.channel import Channel, LatestChannel
+from tests.fakes import (
+    BROKEN,
+    Staged,
+    Whole,
+    endless,
+    fail_at,
+    failing_frames,
+    frame,
+    frames,
+    indices,
+    no_deadlock_and_no_thread_left,
+    nothing,
+    pipeline_threads,
+)
+from voxdepth import VoxDepth, create_corrector
 from voxdepth.errors import ConfigError, DatasetError, FrameError, PipelineError
-from voxdepth.pipeline import READER_PATIENCE_S, CorrectionPipeline, StagedCorrector
-from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Phase, Registration, RegistrationStatus
-
-STUCK_S = 20.0
-"""No test takes a second, so one that takes this long is in a deadlock."""
+from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
+from voxdepth.types import DepthCorrector, Frame, Intrinsics
 
 
 @pytest.fixture(autouse=True)
-def _no_deadlock_and_no_thread_left() -> Iterator[None]:
-    def give_up(*_: object) -> None:
-        raise TimeoutError(f"stuck for {STUCK_S} s")
-
-    before = set(threading.enumerate())
-    usual = signal.signal(signal.SIGALRM, give_up)
-    signal.setitimer(signal.ITIMER_REAL, STUCK_S, 5.0)
-    try:
+def _guarded() -> Iterator[None]:
+    with no_deadlock_and_no_thread_left():
         yield
-        assert not set(threading.enumerate()) - before
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, usual)
-
-
-def frame(index: int) -> Frame:
-    return Frame(stamp_s=index / 10, gray=np.zeros((2, 2), np.uint8), depth_m=np.full((2, 2), index, np.float32))
-
-
-def frames(count: int) -> Iterator[Frame]:
-    return (frame(i) for i in range(count))
-
-
-def endless(on_read: Callable[[int], None] = lambda index: None) -> Iterator[Frame]:
-    index = 0
-    while True:
-        on_read(index)
-        yield frame(index)
-        index += 1
-
-
-def corrected(source: Frame) -> CorrectedDepth:
-    return CorrectedDepth(
-        depth_m=source.depth_m + 100,
-        source=np.ones((2, 2), np.uint8),
-        confidence=np.ones((2, 2), np.float32),
-        phase=Phase.PASSTHROUGH,
-        registration=Registration.identity(RegistrationStatus.NOT_TRIED),
-    )
-
-
-def nothing(source: Frame) -> None:
-    """What a stage does besides its work, unless a test says otherwise."""
-
-
-class Whole:
-    """Adds 100 m to each pixel."""
-
-    uses_gray = False
-
-    def __init__(self, on_process: Callable[[Frame], None] = nothing) -> None:
-        self._on_process = on_process
-
-    def process(self, frame: Frame) -> CorrectedDepth:
-        self._on_process(frame)
-        return corrected(frame)
-
-    def reset(self) -> None:
-        raise AssertionError("a pipeline resets nothing")
-
-
-class Staged(Whole):
-    """The same in two halves."""
-
-    def __init__(self, on_align: Callable[[Frame], None] = nothing, on_combine: Callable[[Frame], None] = nothing):
-        super().__init__()
-        self._on_align, self._on_combine = on_align, on_combine
-
-    def align(self, frame: Frame) -> Frame:
-        self._on_align(frame)
-        return frame
-
-    def combine(self, aligned: Frame) -> CorrectedDepth:
-        self._on_combine(aligned)
-        return corrected(aligned)
-
-
-def fail_at(index: int, error: BaseException) -> Callable[[Frame], None]:
-    def step(source: Frame) -> None:
-        if source.stamp_s == index / 10:
-            raise error
-
-    return step
-
-
-def failing_frames(index: int, error: BaseException) -> Iterator[Frame]:
-    yield from frames(index)
-    raise error
-
-
-def indices(results: Iterable[tuple[Frame, CorrectedDepth]]) -> list[int]:
-    """The numbers of the frames, after a look that frame and result belong together."""
-    read = []
-    for source, result in results:
-        np.testing.assert_array_equal(result.depth_m, source.depth_m + 100)
-        read.append(round(source.stamp_s * 10))
-    return read
-
-
-def pipeline_threads() -> list[str]:
-    return [t.name for t in threading.enumerate() if t.name.startswith("voxdepth")]
 
 
 # Laws: order, completeness, equality, bounds.
@@ -150,9 +58,12 @@ def walk(count: int, camera: Intrinsics) -> list[Frame]:
 def test_it_gives_the_images_of_the_corrector_alone(name: str) -> None:
     camera = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=86, baseline_m=0.095)
     stream = walk(16, camera)
-    alone = create_corrector(name, camera)
+    alone, staged = create_corrector(name, camera), create_corrector(name, camera)
     expected = [alone.process(f) for f in stream]
-    piped = list(CorrectionPipeline(create_corrector(name, camera), stream))
+    piped = list(CorrectionPipeline(staged, stream))
+    for corrector in (alone, staged):
+        if isinstance(corrector, VoxDepth):
+            corrector.close()  # its fusion thread would outlive the test by an instant
     assert [f for f, _ in piped] == stream
     for (_, got), want in zip(piped, expected, strict=True):
         np.testing.assert_array_equal(got.depth_m, want.depth_m)
@@ -290,8 +201,6 @@ def test_a_failing_camera_still_delivers_its_newest_frame() -> None:
 
 # Failures.
 
-BROKEN = ValueError("broken on purpose")
-
 
 @pytest.mark.parametrize(
     ("corrector", "source", "message"),
@@ -364,301 +273,3 @@ def test_a_source_that_fails_while_it_is_closed_ends_in_the_hook_of_threads(monk
     with CorrectionPipeline(Whole(), source()) as pipeline:
         next(iter(pipeline))
     assert unhandled == [("voxdepth reading", BROKEN)]
-
-
-# Stopping.
-
-
-def test_a_pipeline_that_is_never_iterated_starts_nothing() -> None:
-    with CorrectionPipeline(Staged(), endless()) as pipeline:
-        assert pipeline_threads() == []
-        iter(pipeline)
-        assert pipeline_threads() == []
-
-
-def test_a_caller_that_stops_early_stops_the_threads() -> None:
-    for source, _ in CorrectionPipeline(Staged(), endless()):
-        assert len(pipeline_threads()) == 3
-        if source.stamp_s > 0.5:
-            break
-    assert pipeline_threads() == []
-
-
-def test_a_dropped_iterator_stops_the_threads() -> None:
-    pipeline = CorrectionPipeline(Staged(), endless())
-    results = iter(pipeline)
-    next(results)
-    assert len(pipeline_threads()) == 3
-    del results
-    assert pipeline_threads() == []
-
-
-def test_an_interrupted_caller_stops_the_threads() -> None:
-    with pytest.raises(KeyboardInterrupt), CorrectionPipeline(Staged(), endless()) as pipeline:
-        for _ in pipeline:
-            raise KeyboardInterrupt
-    assert pipeline_threads() == []
-
-
-def test_an_interrupt_reaches_a_caller_that_waits_for_a_frame() -> None:
-    in_work, may_go_on = threading.Event(), threading.Event()
-
-    def interrupt() -> None:
-        assert in_work.wait(5)
-        signal.raise_signal(signal.SIGINT)
-        may_go_on.set()
-
-    def hold(source: Frame) -> None:
-        in_work.set()
-        assert may_go_on.wait(5)
-
-    interrupter = threading.Thread(target=interrupt)
-    interrupter.start()
-    with pytest.raises(KeyboardInterrupt):
-        list(CorrectionPipeline(Staged(hold), endless()))
-    interrupter.join()
-
-
-def test_the_with_block_stops_the_threads_though_the_iterator_lives() -> None:
-    with CorrectionPipeline(Staged(), endless()) as pipeline:
-        results = iter(pipeline)
-        next(results)
-    assert pipeline_threads() == []
-    assert list(results) == []
-
-
-def test_closing_is_done_once_however_often_it_is_asked_for() -> None:
-    pipeline = CorrectionPipeline(Staged(), endless())
-    results = iter(pipeline)
-    next(results)
-    for _ in range(3):
-        pipeline.close()
-        assert pipeline_threads() == []
-
-
-def test_closing_wakes_every_stage_that_waits_in_front_of_a_full_queue() -> None:
-    pipeline = CorrectionPipeline(Staged(), endless())
-    results = iter(pipeline)
-    next(results)
-    time.sleep(0.02)
-    pipeline.close()
-    assert pipeline_threads() == []
-
-
-def test_many_threads_may_close_at_once_while_the_caller_iterates() -> None:
-    pipeline = CorrectionPipeline(Staged(), endless())
-    closers = [threading.Thread(target=pipeline.close) for _ in range(8)]
-    for source, _ in pipeline:
-        if source.stamp_s == 0.5:
-            for closer in closers:
-                closer.start()
-    for closer in closers:
-        closer.join()
-    assert pipeline_threads() == []
-
-
-@pytest.mark.parametrize("stage", ["reading", "registering", "combining"])
-def test_a_stage_may_close_its_own_pipeline(stage: str) -> None:
-    pipeline: CorrectionPipeline
-    returned = threading.Event()
-
-    def close(index: int) -> None:
-        if index == 3:
-            pipeline.close()
-            returned.set()
-
-    hooks = {name: close if name == stage else lambda index: None for name in ("reading", "registering", "combining")}
-    corrector = Staged(
-        lambda source: hooks["registering"](round(source.stamp_s * 10)),
-        lambda source: hooks["combining"](round(source.stamp_s * 10)),
-    )
-    pipeline = CorrectionPipeline(corrector, endless(hooks["reading"]))
-    read = indices(pipeline)
-    assert returned.is_set()
-    assert read == list(range(len(read)))
-    assert len(read) <= 3
-
-
-def test_a_source_that_blocks_is_left_to_itself_after_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("voxdepth.pipeline.READER_PATIENCE_S", 0.02)
-    next_frame = threading.Event()
-    pipeline = CorrectionPipeline(Staged(), endless(lambda index: index == 2 and next_frame.wait() and None))
-    results = iter(pipeline)
-    assert indices(islice(results, 2)) == [0, 1]
-    (reader,) = (t for t in threading.enumerate() if t.name == "voxdepth reading")
-    pipeline.close()
-    assert pipeline_threads() == ["voxdepth reading"]
-    assert list(results) == []
-    next_frame.set()
-    reader.join(5)
-    assert not reader.is_alive()
-
-
-def test_the_patience_with_a_source_is_bounded() -> None:
-    assert 0 < READER_PATIENCE_S <= 2
-
-
-def test_a_generator_is_closed_in_the_thread_that_read_it() -> None:
-    readers = []
-
-    def source() -> Iterator[Frame]:
-        readers.append(threading.current_thread())
-        try:
-            yield from endless()
-        finally:
-            readers.append(threading.current_thread())
-
-    with CorrectionPipeline(Whole(), source()) as pipeline:
-        next(iter(pipeline))
-    first, last = readers
-    assert first is last
-    assert first.name == "voxdepth reading"
-
-
-def test_a_source_that_is_no_generator_stays_open() -> None:
-    class Camera:
-        n_read = 0
-
-        def __iter__(self) -> "Camera":
-            return self
-
-        def __next__(self) -> Frame:
-            self.n_read += 1
-            return frame(self.n_read)
-
-        def close(self) -> None:
-            raise AssertionError("the camera is the caller's")
-
-    with CorrectionPipeline(Whole(), Camera()) as pipeline:
-        assert indices(islice(pipeline, 3)) == [1, 2, 3]
-
-
-def test_a_pipeline_that_nobody_holds_leaves_its_corrector_free() -> None:
-    gone = threading.Event()
-
-    class Owned(Staged):
-        def __del__(self) -> None:
-            gone.set()
-
-    for _ in CorrectionPipeline(Owned(), endless()):
-        break
-    gc.collect()
-    assert gone.is_set()
-
-
-def test_a_pipeline_runs_only_once() -> None:
-    pipeline = CorrectionPipeline(Staged(), frames(3))
-    list(pipeline)
-    with pytest.raises(PipelineError, match=r"was iterated before.*make a new one"):
-        iter(pipeline)
-
-
-def test_a_pipeline_has_only_one_iteration_at_a_time() -> None:
-    with CorrectionPipeline(Staged(), endless()) as pipeline:
-        results = iter(pipeline)
-        next(results)
-        with pytest.raises(PipelineError, match="was iterated before"):
-            iter(pipeline)
-        assert indices(islice(results, 2)) == [1, 2]
-
-
-def test_a_closed_pipeline_cannot_be_iterated() -> None:
-    pipeline = CorrectionPipeline(Staged(), frames(3))
-    pipeline.close()
-    with pytest.raises(PipelineError, match="is closed"):
-        iter(pipeline)
-
-
-def test_a_pipeline_that_is_closed_before_its_first_frame_reads_none() -> None:
-    read: list[int] = []
-    pipeline = CorrectionPipeline(Staged(), endless(read.append))
-    results = iter(pipeline)
-    pipeline.close()
-    assert list(results) == []
-    assert read == []
-
-
-def test_many_runs_of_every_kind_end() -> None:
-    rng = np.random.default_rng(11)
-    for _ in range(200):
-        n_frames, fails, stops, queue_size = (int(x) for x in rng.integers([0, 0, 0, 1], [8, 16, 16, 3]))
-        corrector = [
-            Staged(fail_at(fails, BROKEN)),
-            Staged(nothing, fail_at(fails, BROKEN)),
-            Whole(fail_at(fails, BROKEN)),
-        ][int(rng.integers(3))]
-        read = []
-        pipeline = CorrectionPipeline(corrector, frames(n_frames), queue_size=queue_size)
-        closer = threading.Thread(target=pipeline.close)
-        try:
-            for pair in pipeline:
-                read += indices([pair])
-                if len(read) == stops:
-                    closer.start()
-        except PipelineError:
-            assert len(read) == fails < n_frames
-        else:
-            assert len(read) == n_frames <= fails or len(read) >= stops
-        if closer.ident:
-            closer.join()
-        assert read == list(range(len(read)))
-
-
-def test_the_interpreter_stops_a_pipeline_before_it_ends() -> None:
-    program = """
-import numpy as np
-from itertools import count
-from voxdepth.peers.raw import Raw
-from voxdepth.pipeline import CorrectionPipeline
-from voxdepth.types import Frame
-
-def frames():
-    try:
-        for i in count():
-            yield Frame(stamp_s=i, gray=np.zeros((2, 2), np.uint8), depth_m=np.zeros((2, 2), np.float32))
-    finally:
-        print("closed")
-
-results = iter(CorrectionPipeline(Raw(), frames()))
-next(results)
-"""
-    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=15, check=False)
-    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "closed\n", "")
-
-
-# The channel.
-
-
-def test_what_is_in_a_channel_outlives_its_end_and_not_its_closing() -> None:
-    ended, closed = Channel[int](3), Channel[int](3)
-    for channel in (ended, closed):
-        assert all(channel.put(i) for i in range(3))
-    ended.end(BROKEN)
-    closed.close()
-    assert (list(ended), ended.error) == ([0, 1, 2], BROKEN)
-    assert (list(closed), closed.error) == ([], None)
-    closed.end(BROKEN)
-    ended.close()
-    assert closed.error is ended.error is None
-    assert not ended.put(4)
-    assert not closed.put(4)
-
-
-def test_a_full_channel_makes_the_giver_wait_and_closing_lets_it_go() -> None:
-    channel = Channel[int](1)
-    given: list[bool] = []
-    giver = threading.Thread(target=lambda: given.extend(channel.put(i) for i in range(3)))
-    giver.start()
-    assert next(channel) == 0
-    time.sleep(0.01)
-    assert giver.is_alive()
-    channel.close()
-    giver.join()
-    assert given == [True, True, False]
-
-
-def test_a_mailbox_keeps_the_newest() -> None:
-    mailbox = LatestChannel[int](1)
-    assert all(mailbox.put(i) for i in range(5))
-    mailbox.end()
-    assert (list(mailbox), mailbox.dropped) == ([4], 4)

@@ -1,0 +1,149 @@
+"""How exact the odometry is, printed by `make bench` and never judged; `voxdepth/odometry.py` states the figures."""
+
+import time
+from collections import Counter
+from dataclasses import replace
+from functools import cache, lru_cache
+from itertools import permutations
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import pytest
+
+from scenarios.sequences import captures, load_sequence
+from swarm.perception import frame_of
+from tests.bench.test_speed import show
+from voxdepth.odometry import Motion, OdometryConfig, PhotometricOdometry, motion_from_priors
+from voxdepth.photometry import Comparison, reduced, view_of
+from voxdepth.types import FloatArray, Frame, Intrinsics
+
+pytestmark = pytest.mark.bench
+
+CAMERA = Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=86.0)
+RIG = {"rig.width_px": 640, "rig.height_px": 360, "rig.hfov_deg": 86.0, "rig.baseline_m": 0.095}
+SEQUENCES = ("sim-MB", "sim-KTS", "sim-PLW")
+"""A walk along facades, and flights over sunny ground and over snow; each of another seed, so that no two are alike."""
+PLACES, FRAMES = (20, 150, 280), 7
+"""Frames at which a short film of each sequence begins, metres apart, and how many it has."""
+STEPS = (1, 2, 4, 6)
+"""Frames from the first to the second of a pair."""
+GAINS = (1.0, 1.1)
+"""Exposure of the first and of the second frame of a pair."""
+NO_LIMITS = OdometryConfig(max_residual_px=1e9, min_overlap=0)
+
+
+class Pair(NamedTuple):
+    source: Frame
+    target: Frame
+    kinds: tuple[str, ...] = ()
+
+    def truth(self) -> FloatArray:
+        motion = motion_from_priors(self.source, self.target)
+        assert motion is not None
+        return motion.T_target_source
+
+    def error_mm(self, motion: Motion) -> float:
+        return 1e3 * float(np.linalg.norm(motion.T_target_source[:3, 3] - self.truth()[:3, 3]))
+
+
+@cache
+def films() -> list[list[Frame]]:
+    """Gray images with the photon noise of the rig, depth by stereo matching, and the true pose."""
+    return [
+        [frame_of(seen, seen.T_world_cam) for seen in captures(load_sequence(name, seed, RIG), at + FRAMES, start=at)]
+        for seed, name in enumerate(SEQUENCES)
+        for at in PLACES
+    ]
+
+
+@lru_cache(maxsize=2)
+def spoilt(gain: float, holes: float, noise_gray: float) -> list[list[Frame]]:
+    """The films at another exposure, with more holes and more noise."""
+    rng = np.random.default_rng(round(100 * gain))
+
+    def spoil(frame: Frame) -> Frame:
+        gray = np.rint(frame.gray * gain + noise_gray * rng.standard_normal(CAMERA.shape)).clip(0, 255)
+        depth_m = np.where(rng.random(CAMERA.shape) < holes, np.float32(0), frame.depth_m)
+        return replace(frame, gray=gray.astype(np.uint8), depth_m=depth_m)
+
+    return [[spoil(frame) for frame in film] for film in films()]
+
+
+def good_pairs(holes: float = 0.15, noise_gray: float = 0.0) -> list[Pair]:
+    sources, targets = (spoilt(gain, holes, noise_gray) for gain in GAINS)
+    return [
+        Pair(a[i], b[i + step], ("all pairs", f"{step} frames", SEQUENCES[film // len(PLACES)]))
+        for step in STEPS
+        for film, (a, b) in enumerate(zip(sources, targets, strict=True))
+        for i in range(FRAMES - step)
+    ]
+
+
+def bad_pairs() -> list[Pair]:
+    """Of different places: the first, middle and last frames of their films."""
+    both = zip(*(spoilt(gain, 0.15, 0.0) for gain in GAINS), strict=True)
+    return [Pair(a[i], b[i]) for (a, _), (_, b) in permutations(both, 2) for i in (0, 3, 6)]
+
+
+def estimates(pairs: list[Pair], config: OdometryConfig | None = None) -> list[tuple[Pair, Motion]]:
+    odometry = PhotometricOdometry(CAMERA, config)
+    return [(pair, odometry.estimate(pair.source, pair.target)) for pair in pairs]
+
+
+def span(values: list[float]) -> str:
+    """Least, median and greatest."""
+    return " / ".join(f"{x:.2f}" for x in np.percentile(values, [0, 50, 100])) if values else "-"
+
+
+def test_error_by_step_and_sequence() -> None:
+    print()
+    done = estimates(good_pairs())
+    for kind in ("all pairs", *(f"{step} frames" for step in STEPS), *SEQUENCES):
+        chosen = [(pair, motion) for pair, motion in done if kind in pair.kinds]
+        errors_mm = [pair.error_mm(motion) for pair, motion in chosen if motion.ok]
+        longest_m = max(float(np.linalg.norm(pair.truth()[:3, 3])) for pair, _ in chosen)
+        figure = f"error p50 {np.median(errors_mm):5.1f} mm, largest {max(errors_mm):5.1f} mm"
+        show(f"{kind}, up to {longest_m:.2f} m", f"{len(errors_mm):3} of {len(chosen):3} solved, {figure}")
+
+
+@pytest.mark.parametrize(("holes", "noise_gray"), [(0.15, 0), (0.5, 0), (0.15, 5)])
+def test_what_the_images_say_of_estimates(holes: float, noise_gray: float) -> None:
+    done = estimates(good_pairs(holes, noise_gray), NO_LIMITS)
+    for kind, far in (("within", False), ("beyond", True)):
+        motions = [m for pair, m in done if m.ok and (pair.error_mm(m) > 50) == far]
+        residuals_px, overlaps = ([getattr(m, name) for m in motions] for name in ("residual_px", "overlap"))
+        figure = f"{len(motions):3} of {len(done)}, residual_px {span(residuals_px)}, overlap {span(overlaps)}"
+        show(f"estimates {kind} 50 mm, {holes:.0%} more holes, {noise_gray} gray levels of noise", figure)
+
+
+@pytest.mark.parametrize(("offset_mm", "turn_mrad"), [(50, 0), (100, 0), (0, 10)])
+def test_what_the_images_say_of_falsified_motions(offset_mm: float, turn_mrad: float) -> None:
+    T = np.eye(4)
+    T[:3, :3], T[0, 3] = cv2.Rodrigues(np.array([0, turn_mrad / 1e3, 0]))[0], offset_mm / 1e3
+    camera, max_depth_m = reduced(CAMERA, OdometryConfig().max_width_px), OdometryConfig().max_depth_m
+    found = []
+    for pair in good_pairs():
+        comparison = Comparison(view_of(pair.source, camera), view_of(pair.target, camera), camera, max_depth_m)
+        found.append(comparison.residuals(T @ pair.truth()))
+    figure = f"{len(found):3}, residual_px {span([residuals[1] for residuals in found if residuals])}"
+    show(f"true motions falsified by {offset_mm} mm, {turn_mrad} mrad", figure)
+
+
+def test_pairs_of_different_places() -> None:
+    motions = [motion for _, motion in estimates(bad_pairs())]
+    outcomes = Counter(motion.status.value for motion in motions)
+    residuals_px = [motion.residual_px for motion in motions if motion.residual_px is not None]
+    figure = f"{outcomes['ok']:3} of {len(motions)} accepted, {dict(outcomes)}, residual_px {span(residuals_px)}"
+    show("pairs of different places", figure)
+
+
+@pytest.mark.parametrize("width_px", [160, 320, 480, 640])
+def test_width_of_the_images(width_px: int) -> None:
+    pairs = good_pairs()
+    start_s = time.process_time()
+    done = estimates(pairs, OdometryConfig(max_width_px=width_px))
+    spent_ms = 1e3 * (time.process_time() - start_s) / len(pairs)
+    errors_mm = [pair.error_mm(motion) for pair, motion in done if motion.ok]
+    solved = f"{len(errors_mm):3} of {len(pairs)} solved"
+    show(f"max_width_px {width_px}", f"{solved}, CPU mean {spent_ms:5.1f} ms, error p50 {np.median(errors_mm):4.1f} mm")
