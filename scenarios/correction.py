@@ -55,7 +55,8 @@ def correct(job: Job, out: Path, record: Path | None, progress: Progress) -> Cor
     Args:
         job: What to do.
         out: The folder; new, empty, or of the same correction.
-        record: `.rrd` file to write; for it, all frames are corrected again. None if there shall be none.
+        record: `.rrd` file to write, anew if it exists; for it, all frames are corrected again, also those of a
+            finished run. None if there shall be none.
         progress: Told of every frame that is done.
 
     Raises:
@@ -64,12 +65,11 @@ def correct(job: Job, out: Path, record: Path | None, progress: Progress) -> Cor
     """
     with closing(CorrectedFolder.open(out, job.correction, job.dataset)) as output:
         done = len(output.lines)
-        missing = record is not None and not record.exists()
-        if missing or not output.is_finished(job.frames):
+        if record is not None or not output.is_finished(job.frames):
             if done < job.frames:
                 output.unfinish()
             with _recording(record, job) as listener:
-                _run(job, output, listener, 0 if record else done, progress)
+                _run(job, output, listener, done if record is None else 0, progress)
             output.finish(report(job.correction, output.lines))
         progress(job.frames)
         return Corrected(report=report(job.correction, output.lines), new_frames=len(output.lines) - done)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from swarm.priors import PosePriorConfig
 from swarm.types import MissionResult, Outcome
 
 from .config import Run, load_run
@@ -44,8 +45,14 @@ def header() -> list[str]:
     return ["depth", "corrector", "runs", *outcomes, "MAE raw", "MAE corrected", "min clearance"]
 
 
-def row(arm: Arm, results: Sequence[MissionResult]) -> list[str]:
-    """One line of the table. Errors are means over runs, the clearance is the smallest of all runs."""
+def row(arm: Arm, prior: PosePriorConfig, results: Sequence[MissionResult]) -> list[str]:
+    """One line of the table. Errors are means over runs, the clearance is the smallest of all runs.
+
+    Args:
+        arm: Where depth came from.
+        prior: Of its scenario; any but `none` is named, so that nobody takes an oracle's figures for a robot's.
+        results: Of all seeds.
+    """
     counts = [
         str(sum(result.outcome is outcome for result in results))
         for outcome in Outcome
@@ -54,7 +61,7 @@ def row(arm: Arm, results: Sequence[MissionResult]) -> list[str]:
     depth = f"noisy, theta {arm.theta:g}" if arm.depth == "noisy" else arm.depth
     return [
         depth,
-        arm.corrector,
+        arm.corrector if prior.kind == "none" else f"{arm.corrector}, pose prior {prior.label}",
         str(len(results)),
         *counts,
         _mean(results, "depth_raw_mae_m"),

@@ -50,7 +50,5 @@ def nearest_claims(disparity: npt.NDArray[np.int16]) -> npt.NDArray[np.int32]:
     """
     nearest, claimed = np.empty_like(disparity), np.empty_like(disparity)
     view: Any = lambda array: wp.array(array, dtype=wp.int16, copy=False, device="cpu")  # noqa: E731
-    wp.launch(
-        claim, len(disparity), inputs=[view(disparity)], outputs=[view(nearest), view(claimed)], device="cpu"
-    )
+    wp.launch(claim, len(disparity), inputs=[view(disparity)], outputs=[view(nearest), view(claimed)], device="cpu")
     return claimed.astype(np.int32)

@@ -24,9 +24,7 @@ def create_body(body: Body, client: int) -> int:
     x, y, z = body.position_m
     q_world_body_xyzw = frames.quaternion_from_yaw(body.yaw_rad).tolist()
     position = [x, y, z + origin_height_m(body.shape)]
-    return int(
-        pybullet.createMultiBody(0, collision, visual, position, q_world_body_xyzw, physicsClientId=client)
-    )
+    return int(pybullet.createMultiBody(0, collision, visual, position, q_world_body_xyzw, physicsClientId=client))
 
 
 def apply_texture(bodies: Sequence[int], seed: int, client: int) -> None:

@@ -31,7 +31,6 @@ class Measurement:
 class StereoView:
     """What both cameras of one drone show: free of noise, and with that of the cameras."""
 
-
     drone: int
     frame: int
     left: Images

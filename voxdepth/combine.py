@@ -21,32 +21,17 @@ class CombineConfig(Model):
     """Whether a pixel farther than the template is invalid; this also overwrites surfaces that recede."""
 
 
-def combine(raw_m: FloatImage, template_m: FloatImage, rule: CombineConfig) -> tuple[FloatImage, GrayImage]:
+def combine(depth_m: FloatImage, raw_m: FloatImage, rule: CombineConfig, scratch_m: FloatImage) -> GrayImage:
     """Replace the invalid pixels of a frame by those of the template.
 
     A pixel is invalid if it is empty, or beyond a bound that `rule` sets. Where the template is empty the raw pixel
-    stands.
+    stands. It works in place, for large new arrays would take several times as long as the work on them.
 
     Args:
+        depth_m: Template in the frame's pixels [m], shape (H, W), 0 = unknown; overwritten with the result.
         raw_m: Measured depth [m], shape (H, W); 0 = invalid.
-        template_m: Template in the frame's pixels [m], shape (H, W); 0 = unknown.
         rule: The bounds.
-
-    Returns:
-        Depth [m] and one `Source` per pixel, both of shape (H, W).
-    """
-    depth_m = template_m.copy()
-    return depth_m, combine_into(depth_m, raw_m, rule, np.empty_like(raw_m))
-
-
-def combine_into(depth_m: FloatImage, raw_m: FloatImage, rule: CombineConfig, scratch_m: FloatImage) -> GrayImage:
-    """Like `combine`, in place: large new arrays would take several times as long as the work on them.
-
-    Args:
-        depth_m: The template; overwritten with the result.
-        raw_m: Measured depth.
-        rule: The bounds.
-        scratch_m: Overwritten.
+        scratch_m: Of the same shape; overwritten.
 
     Returns:
         One `Source` per pixel, shape (H, W).

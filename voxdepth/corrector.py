@@ -12,7 +12,7 @@ from .epochs import Epochs
 from .errors import FrameError
 from .fusion import Fusion
 from .motion import MOTION_MODELS
-from .odometry import PhotometricOdometry
+from .odometry import PhotometricOdometry, PriorsFirst
 from .registration import Features, OrbRegistration
 from .steps import create_steps
 from .template import Template
@@ -80,9 +80,11 @@ class VoxDepth:
         self._intrinsics = intrinsics
         self._steps = create_steps(config.device, intrinsics, config)
         self._registration = OrbRegistration(config.registration, intrinsics.shape)
-        fusion = Fusion(self._steps, PhotometricOdometry(intrinsics, config.odometry), MOTION_MODELS[config.motion])
+        odometry = PriorsFirst(PhotometricOdometry(intrinsics, config.odometry), config.odometry)
+        fusion = Fusion(self._steps, odometry, MOTION_MODELS[config.motion])
         self._epochs = Epochs(
             fusion.fuse,
+            self._registration.follows,
             window_frames=config.window_frames,
             max_epoch_frames=config.max_epoch_frames,
             lag=config.fusion_lag_frames,
@@ -95,14 +97,18 @@ class VoxDepth:
         self._last_stamp_s = -np.inf
 
     def close(self) -> None:
-        """Wait for a fusion that is under way. Needed by no one but those who want its thread to be gone."""
+        """Wait for a fusion that is under way, and take no more frames.
+
+        Needed by no one but those who want its thread to be gone at once: otherwise it goes with the corrector.
+        """
         self._epochs.close()
 
     def process(self, frame: Frame) -> CorrectedDepth:
         """Correct one frame.
 
         Raises:
-            FrameError: The frame has another size than the camera, or is not later than the one before.
+            FrameError: The frame has another size than the camera, or is not later than the one before; or the
+                corrector is closed.
         """
         return self.combine(self.align(frame))
 

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from .combine import combine_into
+from .combine import combine
 from .config import VoxDepthConfig
 from .projection import project_voxels
 from .types import FloatArray, FloatImage, GrayImage, Intrinsics
@@ -52,7 +52,7 @@ class HostSteps:
 
     def combine(self, raw: FloatImage, template: FloatImage) -> tuple[FloatImage, GrayImage]:
         """See `ImageSteps`."""
-        return template, combine_into(template, raw, self._config.combine, self._scratch)
+        return template, combine(template, raw, self._config.combine, self._scratch)
 
     def unchanged(self, raw: FloatImage) -> tuple[FloatImage, GrayImage]:
         """See `ImageSteps`."""

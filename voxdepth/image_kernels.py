@@ -3,7 +3,6 @@
 # mypy: disable-error-code="no-untyped-def,type-arg,valid-type,untyped-decorator,no-any-return,index,misc"
 import warp as wp
 
-wp.config.quiet = True
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 

@@ -12,7 +12,7 @@ import warp as wp
 
 from .types import Intrinsics
 
-wp.config.quiet = True
+wp.config.log_level = wp.LOG_ERROR  # Warp would greet on the terminal of whoever imports the corrector.
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
@@ -82,18 +82,6 @@ def splat(p: wp.vec3, focal_px: wp.vec2, centre_px: wp.vec2, depth_m: wp.array2d
         inside_row = row >= 0.0 and row < wp.float32(depth_m.shape[0])
         if inside_col and inside_row:
             wp.atomic_min(depth_m, wp.int32(row), wp.int32(col), p[2])
-
-
-@wp.kernel
-def splat_points(
-    points: wp.array(dtype=wp.vec3),
-    focal_px: wp.vec2,
-    centre_px: wp.vec2,
-    # output
-    depth_m: wp.array2d(dtype=wp.float32),
-):
-    """Z-buffer: the nearest point wins its pixel. `depth_m` starts at infinity."""
-    splat(points[wp.tid()], focal_px, centre_px, depth_m)
 
 
 @wp.func

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from .odometry import Motion, Odometry, motion_from_priors
+from .odometry import Odometry
 from .types import FloatArray, Frame
 
 MotionModelName = Literal["constant", "per_frame"]
@@ -20,7 +20,7 @@ def constant_velocity(window: Sequence[Frame], odometry: Odometry) -> list[Float
     Without that motion only the last frame has a place.
     """
     last = len(window) - 1
-    step = _motion(window[0], window[1], odometry) if last else None
+    step = odometry.estimate(window[0], window[1]) if last else None
     if step is None or not step.ok:
         return [*([None] * last), np.eye(4)]
     return [np.linalg.matrix_power(step.T_target_source, last - i) for i in range(len(window))]
@@ -31,7 +31,7 @@ def motion_per_frame(window: Sequence[Frame], odometry: Odometry) -> list[FloatA
     places: list[FloatArray | None] = [None] * len(window)
     T_last_frame = places[-1] = np.eye(4)
     for i in reversed(range(len(window) - 1)):
-        step = _motion(window[i], window[i + 1], odometry)
+        step = odometry.estimate(window[i], window[i + 1])
         if not step.ok:
             break
         T_last_frame = places[i] = T_last_frame @ step.T_target_source
@@ -39,8 +39,3 @@ def motion_per_frame(window: Sequence[Frame], odometry: Odometry) -> list[FloatA
 
 
 MOTION_MODELS: dict[MotionModelName, MotionModel] = {"constant": constant_velocity, "per_frame": motion_per_frame}
-
-
-def _motion(source: Frame, target: Frame, odometry: Odometry) -> Motion:
-    """The caller's own poses if there are any, else an estimate."""
-    return motion_from_priors(source, target) or odometry.estimate(source, target)

@@ -141,7 +141,7 @@ class PhotometricOdometry:
         T_coarse = self._coarse(before, after) if comparison.n_points >= MIN_POINTS else None
         if T_coarse is None:
             return Motion.failed(MotionStatus.NOT_SOLVED)
-        if self._too_far(T_coarse):
+        if _too_far(T_coarse, self._config):
             return Motion.failed(MotionStatus.TOO_FAR)
         return self._judged(comparison, comparison.refined(T_coarse))
 
@@ -154,7 +154,7 @@ class PhotometricOdometry:
 
     def _judged(self, comparison: Comparison, T_target_source: FloatArray) -> Motion:
         """The motion, or the first of the checks that it fails."""
-        if self._too_far(T_target_source):
+        if _too_far(T_target_source, self._config):
             return Motion.failed(MotionStatus.TOO_FAR)
         overlap = comparison.overlap(T_target_source)
         if overlap < self._config.min_overlap:
@@ -167,12 +167,23 @@ class PhotometricOdometry:
             return Motion.failed(MotionStatus.RESIDUAL, residual_gray=gray, residual_px=px, overlap=overlap)
         return Motion(T_target_source=T_target_source, residual_gray=gray, residual_px=px, overlap=overlap)
 
-    def _too_far(self, T: FloatArray) -> bool:
-        """Whether step or turn are beyond the limits, or not numbers at all."""
-        cos_angle = np.clip((np.trace(T[:3, :3]) - 1) / 2, -1, 1)
-        turned_deg = float(np.degrees(np.arccos(cos_angle)))
-        moved_m = float(np.linalg.norm(T[:3, 3]))
-        return not (moved_m <= self._config.max_translation_m and turned_deg <= self._config.max_rotation_deg)
+
+class PriorsFirst:
+    """An odometry that takes the poses which come with both frames, and asks another one where there are none.
+
+    Poses may jump, as when a loop is closed, so their motion has to be believable like any other.
+    """
+
+    def __init__(self, odometry: Odometry, config: OdometryConfig) -> None:
+        self._odometry = odometry
+        self._config = config
+
+    def estimate(self, source: Frame, target: Frame) -> Motion:
+        """Motion from `source` to `target`."""
+        motion = motion_from_priors(source, target)
+        if motion is None:
+            return self._odometry.estimate(source, target)
+        return Motion.failed(MotionStatus.TOO_FAR) if _too_far(motion.T_target_source, self._config) else motion
 
 
 def motion_from_priors(source: Frame, target: Frame) -> Motion | None:
@@ -180,6 +191,14 @@ def motion_from_priors(source: Frame, target: Frame) -> Motion | None:
     if source.T_world_cam is None or target.T_world_cam is None:
         return None
     return Motion(T_target_source=inverse_rigid(target.T_world_cam) @ source.T_world_cam)
+
+
+def _too_far(T: FloatArray, config: OdometryConfig) -> bool:
+    """Whether step or turn are beyond the limits, or not numbers at all."""
+    cos_angle = np.clip((np.trace(T[:3, :3]) - 1) / 2, -1, 1)
+    turned_deg = float(np.degrees(np.arccos(cos_angle)))
+    moved_m = float(np.linalg.norm(T[:3, 3]))
+    return not (moved_m <= config.max_translation_m and turned_deg <= config.max_rotation_deg)
 
 
 def _opencv_images(view: View, camera: Intrinsics) -> tuple[Any, Any]:

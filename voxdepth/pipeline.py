@@ -53,9 +53,10 @@ class CorrectionPipeline:
         corrector: A `StagedCorrector` runs in two threads, any other one whole in a single thread.
         frames: Read in a thread of their own. A generator is also closed there; any other source stays the caller's.
         queue_size: Frames that may wait after each stage, so that at most `queue_size + 1` of them per stage are
-            read ahead of the caller. More evens out stages of varying speed, and adds latency.
-        latest: For live cameras: when correction lags, a frame that waits for it is replaced by a newer one, so that
-            what is delivered is never old. Otherwise reading waits, and no frame is lost.
+            read ahead of the caller. More evens out stages of varying speed, and adds latency. Not for `latest`.
+        latest: For live cameras: behind every stage only the newest frame waits, and replaces one that waits there
+            already, so that what is delivered is never old, whether correction or the caller lags. Otherwise the
+            stages wait for each other and for the caller, and no frame is lost.
 
     Raises:
         ConfigError: `queue_size` is below 1.
@@ -67,9 +68,10 @@ class CorrectionPipeline:
         if queue_size < 1:
             raise ConfigError(f"queue_size must be at least 1 frame, got {queue_size}")
         steps = _steps_of(corrector)
-        self._read: Channel[_Job] = LatestChannel(1) if latest else Channel(queue_size)
-        self._channels = [self._read, *(Channel[_Job](queue_size) for _ in steps)]
-        self._threads = [_thread("reading", _read, frames, self._read)]
+        self._channels: list[Channel[_Job]] = [
+            LatestChannel(1) if latest else Channel(queue_size) for _ in range(1 + len(steps))
+        ]
+        self._threads = [_thread("reading", _read, frames, self._channels[0])]
         for step, source, output in zip(steps, self._channels[:-1], self._channels[1:], strict=True):
             self._threads.append(_thread(step.name, _work, step, source, output))
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
@@ -82,7 +84,7 @@ class CorrectionPipeline:
     @property
     def dropped(self) -> int:
         """Frames that newer ones replaced so far; always 0 without `latest`."""
-        return self._read.dropped
+        return sum(channel.dropped for channel in self._channels)
 
     @property
     def latencies_s(self) -> list[float]:
@@ -94,8 +96,8 @@ class CorrectionPipeline:
 
         Raises:
             PipelineError: The pipeline was iterated before, or is closed. While iterating: a stage failed at a frame,
-                counted from 0; all frames before it were delivered, the threads are stopped as by `close`, and
-                `__cause__` is the original error.
+                counted from 0; all frames before it were delivered or dropped, the threads are stopped as by `close`,
+                and `__cause__` is the original error.
         """
         with self._lock:
             if self._iterated or self._closed:

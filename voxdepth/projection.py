@@ -6,19 +6,7 @@ import warp as wp
 from . import kernels
 from .geometry import PointArray
 from .types import FloatImage, Intrinsics
-from .voxels import Backend, VoxelGrid
-
-
-def project_nearest(points: PointArray, intrinsics: Intrinsics, *, backend: Backend = "warp") -> FloatImage:
-    """Depth image [m], shape (H, W), float32, of points (N, 3) [m] in the camera frame; 0 where none falls.
-
-    A point takes the one pixel that its projection rounds to; a voxel is passed by its centre.
-    """
-    depth_m = np.full(intrinsics.shape, np.inf, np.float32)
-    if points.size:
-        (splat_warp if backend == "warp" else splat_numpy)(points, intrinsics, depth_m)
-    depth_m[np.isinf(depth_m)] = 0
-    return depth_m
+from .voxels import VoxelGrid
 
 
 def project_voxels(grid: VoxelGrid, intrinsics: Intrinsics) -> FloatImage:
@@ -41,22 +29,17 @@ def project_voxels(grid: VoxelGrid, intrinsics: Intrinsics) -> FloatImage:
     return depth_m
 
 
-def splat_warp(points: PointArray, intrinsics: Intrinsics, depth_m: FloatImage) -> None:
-    """Lower `depth_m` to the nearest point of each pixel, by the Warp kernel."""
-    wp.launch(
-        kernels.splat_points,
-        len(points),
-        inputs=[kernels.view(points, wp.vec3), *kernels.lens(intrinsics)],
-        outputs=[kernels.view(depth_m, wp.float32)],
-        device="cpu",
-    )
+def project_nearest(points: PointArray, intrinsics: Intrinsics) -> FloatImage:
+    """Depth image [m], shape (H, W), float32, of points (N, 3) [m] in the camera frame; 0 where none falls.
 
-
-def splat_numpy(points: PointArray, intrinsics: Intrinsics, depth_m: FloatImage) -> None:
-    """Lower `depth_m` to the nearest point of each pixel: the twin of `splat_warp`."""
+    A point takes the one pixel that its projection rounds to. With the centres of voxels, the twin of the kernel.
+    """
+    depth_m = np.full(intrinsics.shape, np.inf, np.float32)
     x, y, z = points[points[:, 2] > 0].T
     half = np.float32(0.5)
     col = np.floor(x / z * np.float32(intrinsics.fx_px) + np.float32(intrinsics.cx_px) + half)
     row = np.floor(y / z * np.float32(intrinsics.fy_px) + np.float32(intrinsics.cy_px) + half)
     inside = (col >= 0) & (col < intrinsics.width_px) & (row >= 0) & (row < intrinsics.height_px)
     np.minimum.at(depth_m, (row[inside].astype(np.intp), col[inside].astype(np.intp)), z[inside])
+    depth_m[np.isinf(depth_m)] = 0
+    return depth_m

@@ -31,6 +31,8 @@ class RegistrationConfig(Model):
     """Good matches below which the template no longer fits the scene. Paper: 5."""
     ransac_px: float = Field(3.0, gt=0)
     """Distance up to which a match supports the affine map, in pixels of the resized image."""
+    max_scale: float = Field(2.0, gt=1)
+    """Largest believable magnification of the template in any direction; its inverse is the smallest."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,8 +57,8 @@ class OrbRegistration:
             scoreType=cv2.ORB_FAST_SCORE,
         )
         height, width = shape
-        self._small_from_full = _resize_map(config.size_px / width, config.size_px / height)
-        self._full_from_small = _resize_map(width / config.size_px, height / config.size_px)
+        self._small_from_full = resize_map(config.size_px / width, config.size_px / height)
+        self._full_from_small = resize_map(width / config.size_px, height / config.size_px)
 
     def describe(self, gray: GrayImage) -> Features:
         """Features of a gray image of shape (H, W)."""
@@ -73,16 +75,29 @@ class OrbRegistration:
         if n_matches < self._config.min_matches:
             return Registration.identity(RegistrationStatus.FEW_MATCHES, n_matches=n_matches)
         source, target = reference.points_px[in_reference], current.points_px[in_current]
-        small, inliers = cv2.estimateAffine2D(source, target, ransacReprojThreshold=self._config.ransac_px)
-        if small is None or not np.isfinite(small).all() or abs(np.linalg.det(small[:, :2])) < 1e-3:
+        found, inliers = cv2.estimateAffine2D(source, target, ransacReprojThreshold=self._config.ransac_px)
+        small = None if found is None else np.asarray(found, np.float64)
+        n_inliers = int(np.count_nonzero(inliers))
+        if small is None or n_inliers < self._config.min_matches or not self._believable(small):
             return Registration.identity(RegistrationStatus.DEGENERATE, n_matches=n_matches)
         full = self._full_from_small @ np.vstack([small, [0, 0, 1]]) @ self._small_from_full
         return Registration(
-            M_frame_template=full[:2],
-            n_matches=n_matches,
-            n_inliers=int(np.count_nonzero(inliers)),
-            status=RegistrationStatus.OK,
+            M_frame_template=full[:2], n_matches=n_matches, n_inliers=n_inliers, status=RegistrationStatus.OK
         )
+
+    def follows(self, earlier: Features, later: Features) -> bool:
+        """Whether two images may show the same scene: not if both have features, and hardly any of them match."""
+        fewest = self._config.min_matches
+        if min(len(earlier.descriptors), len(later.descriptors)) < fewest:
+            return True
+        return len(good_matches(earlier, later, self._config.max_distance)[0]) >= fewest
+
+    def _believable(self, M: FloatArray) -> bool:
+        """Whether a map is no mirror and stretches no direction too much: any three matches have a map, even wrong."""
+        if not np.isfinite(M).all() or np.linalg.det(M[:, :2]) <= 0:
+            return False
+        largest, smallest = np.linalg.svd(M[:, :2], compute_uv=False)
+        return bool(largest <= self._config.max_scale and smallest >= 1 / self._config.max_scale)
 
 
 def good_matches(a: Features, b: Features, max_distance: int) -> tuple[Indices, Indices]:
@@ -104,6 +119,6 @@ def good_matches(a: Features, b: Features, max_distance: int) -> tuple[Indices, 
     return in_a[good], nearest_in_b[good]
 
 
-def _resize_map(scale_x: float, scale_y: float) -> FloatArray:
+def resize_map(scale_x: float, scale_y: float) -> FloatArray:
     """Pixel map of `cv2.resize`: centres at half-integers scale, so integers get an offset."""
     return np.array([[scale_x, 0, (scale_x - 1) / 2], [0, scale_y, (scale_y - 1) / 2], [0, 0, 1]])

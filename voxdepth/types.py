@@ -36,6 +36,10 @@ GrayImage = npt.NDArray[np.uint8]
 MaskImage = npt.NDArray[np.bool_]
 
 
+LARGEST_SIDE_PX = 2**16
+"""No camera has more pixels a side."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Intrinsics:
     """Pinhole camera without distortion: `u = fx x/z + cx`, `v = fy y/z + cy`."""
@@ -50,12 +54,18 @@ class Intrinsics:
     """Distance to the right camera [m]; None for a camera that is not a stereo pair."""
 
     def __post_init__(self) -> None:
-        if min(self.fx_px, self.fy_px) <= 0 or min(self.width_px, self.height_px) < 1:
+        size = f"{self.width_px}x{self.height_px}"
+        lens = (self.fx_px, self.fy_px, self.cx_px, self.cy_px)
+        if min(self.width_px, self.height_px) < 1 or max(self.width_px, self.height_px) > LARGEST_SIDE_PX:
+            raise FrameError(f"an image has 1 to {LARGEST_SIDE_PX} pixels a side, got {size}")
+        if not np.isfinite(lens).all() or min(self.fx_px, self.fy_px) <= 0:
+            raise FrameError(f"focal lengths must be positive, and all numbers finite, got fx, fy, cx, cy = {lens}")
+        if abs(self.cx_px - self.width_px / 2) > self.width_px or abs(self.cy_px - self.height_px / 2) > self.height_px:
             raise FrameError(
-                f"intrinsics need positive focal lengths and an image size of at least 1x1, got fx={self.fx_px}, "
-                f"fy={self.fy_px}, {self.width_px}x{self.height_px}"
+                f"the principal point ({self.cx_px}, {self.cy_px}) is far outside of an image of {size} pixels: is the "
+                "calibration that of another image size?"
             )
-        if self.baseline_m is not None and self.baseline_m <= 0:
+        if self.baseline_m is not None and not 0 < self.baseline_m < np.inf:
             raise FrameError(f"the stereo baseline must be positive, got {self.baseline_m} m")
 
     @classmethod
@@ -116,7 +126,11 @@ class Intrinsics:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Frame:
-    """One measurement as a robot has it: gray image, depth, and perhaps its own pose estimate."""
+    """One measurement as a robot has it: gray image, depth, and perhaps its own pose estimate.
+
+    The arrays are not copied. `DepthCorrector.process` is done with them when it returns; a pipeline is done with them
+    when it delivers the frame.
+    """
 
     stamp_s: float
     """Time of capture [s]; strictly increasing within a stream."""
@@ -193,9 +207,18 @@ class Frame:
                 f"depth_m must be finite and not negative (0 = invalid), got values from {low} to {high} m; "
                 "replace NaN, infinite and negative values by 0, as Frame.from_metres does with the first two"
             )
-        pose = self.T_world_cam
-        if pose is not None and (pose.shape != (4, 4) or not np.isfinite(pose).all()):
-            raise FrameError(f"T_world_cam must be a finite pose of shape (4, 4), got {pose.tolist()}")
+        if self.T_world_cam is not None and not _is_rigid(self.T_world_cam):
+            raise FrameError(
+                f"T_world_cam must be a finite rigid pose of shape (4, 4), got {self.T_world_cam.tolist()}"
+            )
+
+
+def _is_rigid(T: FloatArray) -> bool:
+    """Whether a matrix turns and moves, and does nothing else."""
+    if T.shape != (4, 4) or not np.isfinite(T).all() or (T[3] != (0, 0, 0, 1)).any():
+        return False
+    rotation = T[:3, :3]
+    return bool(np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0)
 
 
 class Source(IntEnum):
@@ -285,7 +308,7 @@ class DepthCorrector(Protocol):
     """Whether the gray images matter; a simulator need not render them otherwise."""
 
     def process(self, frame: Frame) -> CorrectedDepth:
-        """Correct one frame. The input is not modified."""
+        """Correct one frame. The input is neither modified nor kept, and the result has arrays of its own."""
         ...
 
     def reset(self) -> None:

@@ -1,7 +1,6 @@
 """Boolean voxel grid, packed in bits: paper, Algorithm 1 and Eq. voxelor."""
 
 from collections.abc import Iterable
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -9,12 +8,10 @@ import warp as wp
 from pydantic import Field, model_validator
 
 from . import kernels
-from .errors import ConfigError
 from .geometry import PointArray, RayMap
 from .model import Model
 from .types import FloatArray, FloatImage, Intrinsics
 
-Backend = Literal["warp", "numpy"]
 Words = npt.NDArray[np.uint32]
 Cells = npt.NDArray[np.int32]
 
@@ -72,13 +69,9 @@ class VoxelGrid:
     Cells are numbered with x fastest and z slowest, so that neighbouring pixels of a surface share words of memory.
     """
 
-    def __init__(self, config: VoxelConfig, *, backend: Backend = "warp") -> None:
-        if backend not in ("warp", "numpy"):
-            raise ConfigError(f"backend must be 'warp' or 'numpy', got {backend!r}")
+    def __init__(self, config: VoxelConfig) -> None:
         self.config = config
-        self._set_bits = set_bits_warp if backend == "warp" else set_bits_numpy
-        if backend == "warp":
-            wp.load_module(kernels, device="cpu")
+        wp.load_module(kernels, device="cpu")
         self.words: Words = np.zeros(config.n_words, np.uint32)
 
     def clear(self) -> None:
@@ -87,10 +80,7 @@ class VoxelGrid:
 
     def integrate(self, points: PointArray) -> None:
         """OR the voxels of points [m], shape (N, 3), into the grid. Points outside of it, and NaN, are left out."""
-        T = self.config.T_cells_m.astype(np.float32)
-        inside = np.ones(len(points), np.bool_)
-        coordinates = (points[:, k] * T[k, k] + T[k, 3] for k in (2, 1, 0))
-        self._set_bits(_numbered(coordinates, inside, self.config), self.words)
+        set_bits_warp(cells_of_points(points, self.config), self.words)
 
     def integrate_image(self, depth_m: FloatImage, intrinsics: Intrinsics, T_grid_cam: FloatArray) -> None:
         """OR the voxels of all valid pixels of a depth image into the grid: paper, Algorithm 1.
@@ -101,7 +91,7 @@ class VoxelGrid:
             T_grid_cam: Pose of that camera in the frame of the grid, shape (4, 4).
         """
         rays = RayMap.of(intrinsics, self.config.T_cells_m @ T_grid_cam)
-        self._set_bits(cells_of_image(depth_m, rays, self.config).ravel(), self.words)
+        set_bits_warp(cells_of_image(depth_m, rays, self.config).ravel(), self.words)
 
     def occupied_centres(self) -> PointArray:
         """Centres of all occupied voxels [m], shape (N, 3), float32, the farthest last."""
@@ -113,6 +103,13 @@ class VoxelGrid:
         for k, index in enumerate((x - np.int32(nx // 2), y - np.int32(ny // 2), z)):
             centres[:, k] = (index + np.float32(0.5)) * np.float32(self.config.cell_m[k])
         return centres
+
+
+def cells_of_points(points: PointArray, config: VoxelConfig) -> Cells:
+    """Number of each point's cell, shape (N,), int32; -1 beside the grid."""
+    T = config.T_cells_m.astype(np.float32)
+    coordinates = (points[:, k] * T[k, k] + T[k, 3] for k in (2, 1, 0))
+    return _numbered(coordinates, np.ones(len(points), np.bool_), config)
 
 
 def cells_of_image(depth_m: FloatImage, rays: RayMap, config: VoxelConfig) -> Cells:

@@ -77,7 +77,7 @@ def measure_parts(clip: Clip, frames: int) -> Parts:
 
     Args:
         clip: What is played.
-        frames: How many times; 39 give the first fusion that counts.
+        frames: How many times; 38 give the first fusion that counts.
 
     Raises:
         ScenarioError: No frame was corrected.

@@ -39,7 +39,9 @@ def correct(
     corrector: Annotated[str, typer.Option(help="Depth corrector by name.")] = "paper",
     config: Annotated[Path | None, typer.Option(help="TOML file of values that differ from the corrector's.")] = None,
     format: Annotated[Format, typer.Option(help="How the sequence is stored; auto finds out.")] = Format.AUTO,
-    record: Annotated[Path | None, typer.Option(metavar="FILE.rrd", help="Rerun recording to write as well.")] = None,
+    record: Annotated[
+        Path | None, typer.Option(metavar="FILE.rrd", help="Rerun recording to write as well, always anew.")
+    ] = None,
     frames: Annotated[int | None, typer.Option(min=1, help="How many of the first frames. Default: all.")] = None,
 ) -> None:
     """Correct a recorded sequence's depth; goes on where an earlier call was cut short.
@@ -76,8 +78,11 @@ def correct(
 
 def _refuse_mixing(folder: Path, out: Path, record: Path | None) -> None:
     """Refuse to write among the files that are read."""
-    if out.resolve().is_relative_to(folder.resolve()):
-        raise ScenarioError(f"--out {out} lies in the input {folder}, whose files would mix: name a folder outside it")
+    for option, path in (("--out", out), ("--record", record)):
+        if path is not None and path.resolve().is_relative_to(folder.resolve()):
+            raise ScenarioError(
+                f"{option} {path} lies in the input {folder}, whose files would mix: name a place outside it"
+            )
     if record is not None and record.suffix != ".rrd":
         raise ScenarioError(f"--record must name an .rrd file, got {record}")
 

@@ -114,7 +114,7 @@ def tabulate(
         for seed, finished in enumerate(fly_all(runs, workers=workers)):
             results.append(finished.result)
             typer.echo(f"{arm.depth} {arm.theta:g} {arm.corrector}, seed {seed}: {finished.result.outcome}", err=True)
-        typer.echo(markdown_row(row(arm, results)))
+        typer.echo(markdown_row(row(arm, runs[0].scenario.mission.pose_prior, results)))
 
 
 def picture(

@@ -163,7 +163,7 @@ def test_a_clip_on_disk_is_the_clip_and_takes_the_room_of_its_images(clip: Clip,
 
 
 def test_fusions_are_counted_after_the_first_which_is_warm_up(clip: Clip) -> None:
-    parts = measure_parts(clip, 39)
+    parts = measure_parts(clip, 38)
     assert (parts.fusion.n, parts.state.n) == (1, 1)
     assert parts.state.p50_ms < parts.frame.p50_ms
     assert sum(spread.p50_ms for spread in parts.fusion_steps.values()) < parts.fusion.p50_ms

@@ -193,6 +193,7 @@ def test_doctor_finds_what_works_here() -> None:
     assert done.returncode == 0, done.stdout
 
 
+@pytest.mark.slow
 def test_a_picture_is_written(tmp_path: Path) -> None:
     import cv2
 

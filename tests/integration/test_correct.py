@@ -241,6 +241,19 @@ def test_a_rerun_recording_holds_every_frame_and_the_switches(whole: Path, seque
     assert contents(tmp_path / "out") == contents(whole)
 
 
+def test_a_recording_is_made_anew_whenever_it_is_asked_for(sequence: Path, tmp_path: Path) -> None:
+    out, path = tmp_path / "out", tmp_path / "out.rrd"
+    path.write_bytes(b"of another run")
+    assert correct(sequence, "--out", out, *short(sequence), "--frames", "4", "--record", path).exit_code == 0
+    assert rows(path, "/depth/corrected") == 4
+    before = contents(out)
+    path.write_bytes(b"of another run")
+    done = correct(sequence, "--out", out, *short(sequence), "--frames", "4", "--record", path)
+    assert "all 4 frames were finished already" in done.output
+    assert rows(path, "/depth/corrected") == 4
+    assert contents(out) == before
+
+
 def test_a_recording_that_fails_leaves_nothing_behind(sequence: Path, tmp_path: Path) -> None:
     shutil.copytree(sequence, tmp_path / "walk")
     (tmp_path / "walk" / "rgb" / "004.png").write_bytes(b"")
@@ -309,8 +322,26 @@ def test_another_inpainting_method_needs_no_keys_of_the_corrector_s_own(sequence
 def test_results_are_never_written_among_the_input(place: Callable[[Path], Path], sequence: Path) -> None:
     before = sorted(sequence.rglob("*"))
     done = correct(sequence, "--out", place(sequence))
-    assert "lies in the input" in str(done.exception)
+    assert f"--out {place(sequence)} lies in the input" in str(done.exception)
     assert sorted(sequence.rglob("*")) == before
+
+
+@pytest.mark.parametrize("name", ["out.rrd", "depth/out.rrd", "depth/../new/out.rrd"])
+def test_a_recording_is_never_written_among_the_input(name: str, sequence: Path, tmp_path: Path) -> None:
+    before = sorted(sequence.rglob("*"))
+    done = correct(sequence, "--out", tmp_path / "out", "--record", sequence / name)
+    assert isinstance(done.exception, ScenarioError)
+    assert f"--record {sequence / name} lies in the input" in str(done.exception)
+    assert sorted(sequence.rglob("*")) == before
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_may_lie_beside_the_results(sequence: Path, tmp_path: Path) -> None:
+    command = [sequence, "--out", tmp_path / "out", "--frames", "2", "--record", tmp_path / "out" / "depth" / "out.rrd"]
+    for _ in range(2):
+        done = correct(*command)
+        assert done.exit_code == 0, done.exception
+    assert {path.name for path in (tmp_path / "out" / "depth").iterdir()} == {"000.png", "001.png", "out.rrd"}
 
 
 def test_a_folder_above_the_input_is_refused(sequence: Path) -> None:

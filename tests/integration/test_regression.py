@@ -58,6 +58,7 @@ def test_a_changed_parameter_of_the_corrector_fails_with_a_table_and_a_recording
     assert voxdepth("regress", "--corrector", name, "--golden", target.parent).returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("term", "name", "levels"),
     [

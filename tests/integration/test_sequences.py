@@ -37,7 +37,9 @@ def assert_same(a: Capture, b: Capture) -> None:
     assert a.intrinsics == b.intrinsics
 
 
-@pytest.mark.parametrize("name", sequence_names())
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name != "sim-PLF" else name for name in sequence_names()]
+)
 def test_every_sequence_is_recorded_and_read_back_bit_for_bit(name: str, tmp_path: Path) -> None:
     planned = small(name)
     done = record(planned, tmp_path / "r", 3, lambda frames: None)
@@ -65,6 +67,7 @@ def test_the_shipped_sequences_have_the_sizes_and_the_length_of_the_papers() -> 
             assert sum(1 for _, pose in zip(range(500), film.poses(), strict=False)) == 500
 
 
+@pytest.mark.slow
 def test_sunny_and_cloudy_are_the_same_flight() -> None:
     (sunny,), (cloudy,) = (list(captures(small(name), 1)) for name in ("sim-KTS", "sim-KTC"))
     np.testing.assert_array_equal(sunny.depth_true_m, cloudy.depth_true_m)

@@ -76,15 +76,6 @@ def test_the_example_of_a_regression_test_in_the_readme_passes() -> None:
     names["test_flicker_is_removed"]()
 
 
-def test_the_command_line_speaks_the_words_of_the_library() -> None:
-    from scenarios.commands.options import Depth, RendererName
-    from sim.render import RENDERER_NAMES
-    from sim.tiers import TIER_NAMES
-
-    assert tuple(Depth) == TIER_NAMES
-    assert tuple(RendererName) == RENDERER_NAMES
-
-
 def test_the_documents_have_their_pictures_and_no_gaps() -> None:
     import re
 

@@ -149,9 +149,9 @@ def test_a_new_epoch_begins_after_a_cut_and_not_on_a_still_camera() -> None:
 def test_an_epoch_ends_after_its_longest_length() -> None:
     results = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 40, texture(0))
     ends = [i for i, r in enumerate(results) if r.epoch_end is EpochEnd.MAX_FRAMES]
-    assert ends == [23]  # a window of 4 frames that ends with number 3, and 20 more
-    assert {r.phase for r in results[23:26]} == {Phase.FUSING}
-    assert {r.phase for r in results[26:]} == {Phase.CORRECTING}
+    assert ends == [22]  # its template serves the frames 3 to 22: twenty
+    assert {r.phase for r in results[22:25]} == {Phase.FUSING}
+    assert {r.phase for r in results[25:]} == {Phase.CORRECTING}
 
 
 @pytest.mark.parametrize("gray", [np.zeros(CAMERA.shape, np.uint8), np.full(CAMERA.shape, 255, np.uint8)])
@@ -223,6 +223,74 @@ def test_reset_forgets_the_stream() -> None:
     for a, b in zip(first, again, strict=True):
         np.testing.assert_array_equal(a.depth_m, b.depth_m)
         assert a.phase is b.phase
+
+
+@pytest.mark.parametrize("median_size_px", [1, 5])
+@pytest.mark.parametrize("name", ["raw", "paper"])
+def test_results_have_arrays_of_their_own(name: str, median_size_px: int) -> None:
+    config = None if name == "raw" else CONFIG.model_copy(update={"median_size_px": median_size_px})
+    corrector = create_corrector(name, CAMERA, config)
+    depth = flat(10.0)
+    results = []
+    for i in range(8):
+        result = corrector.process(Frame(stamp_s=0.1 * i, gray=texture(0), depth_m=depth))
+        for image in (result.depth_m, result.source, result.confidence):
+            assert not np.shares_memory(image, depth)
+        results.append((result, result.depth_m.copy(), result.source.copy()))
+    for result, depth_m, source in results:
+        np.testing.assert_array_equal(result.depth_m, depth_m)
+        np.testing.assert_array_equal(result.source, source)
+
+
+def approaching(start_m: float, step_m: float, n: int) -> list[Frame]:
+    """A camera that moves straight towards a textured plane."""
+    frames = []
+    for i in range(n):
+        distance_m = start_m - step_m * i
+        scale, (height, width) = start_m / distance_m, CAMERA.shape
+        cx, cy = CAMERA.cx_px, CAMERA.cy_px
+        zoom = np.array([[scale, 0, cx - scale * cx], [0, scale, cy - scale * cy]])
+        gray = cv2.warpAffine(texture(3), zoom, (width, height), borderMode=cv2.BORDER_REFLECT)
+        frames.append(Frame(stamp_s=0.1 * i, gray=gray, depth_m=flat(distance_m)))
+    return frames
+
+
+@pytest.mark.parametrize("motion", ["constant", "per_frame"])
+def test_a_moving_camera_fuses_its_window_into_the_last_frame(motion: str) -> None:
+    config = VoxDepthConfig(window_frames=8, fusion_lag_frames=0, motion=motion)  # type: ignore[arg-type]
+    *window, last = approaching(10.0, 0.1, 8)
+    corrector = VoxDepth(CAMERA, config)
+    for frame in window:
+        corrector.process(frame)
+    hole = np.s_[40:140, 100:220]
+    holed = last.depth_m.copy()
+    holed[hole] = 0
+    # What fills the hole comes from the other frames, moved to where the camera is: 9.3 m from the plane.
+    depth_m = corrector.process(Frame(stamp_s=last.stamp_s, gray=last.gray, depth_m=holed)).depth_m[hole]
+    assert (depth_m > 0).mean() > 0.95
+    assert np.abs(depth_m[depth_m > 0] - 9.3).max() <= CELL_Z_M + 0.02
+
+
+def test_the_template_grows_with_what_the_camera_comes_near_to() -> None:
+    step = flat(10.0)
+    step[:, 160:] = 0
+    corrector = VoxDepth(CAMERA, CONFIG)
+    feed(corrector, [step] * 4, texture(3))
+    scale, (height, width) = 1.2, CAMERA.shape
+    zoom = np.array([[scale, 0, 40 - scale * 40], [0, scale, CAMERA.cy_px - scale * CAMERA.cy_px]])  # about column 40
+    gray = cv2.warpAffine(texture(3), zoom, (width, height), borderMode=cv2.BORDER_REFLECT)
+    result = corrector.process(Frame(stamp_s=9.0, gray=gray, depth_m=flat(0.0)))
+    assert result.registration.ok
+    edge = int((result.depth_m[90] > 0).sum())
+    assert abs(edge - (scale * (160 - 40) + 40)) < 8  # 184, and the dilation; the wrong way it would be 140
+
+
+@pytest.mark.parametrize("cut_at", range(1, 16))
+def test_a_cut_at_any_frame_leaves_no_depth_of_the_other_scene_behind(cut_at: int) -> None:
+    corrector = VoxDepth(CAMERA, VoxDepthConfig(window_frames=6, fusion_lag_frames=2))
+    feed(corrector, [flat(12.0)] * cut_at, texture(0))
+    for result in feed(corrector, [flat(5.0)] * 20, texture(1), start_s=100.0):
+        assert np.abs(result.depth_m - 5.0).max() <= CELL_Z_M
 
 
 def test_the_input_is_not_modified() -> None:

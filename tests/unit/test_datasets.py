@@ -50,9 +50,9 @@ def test_given_intrinsics_count_before_the_calibration_and_that_before_the_forma
         (CALIBRATION.replace("fx_px = 7", "fx_px = true"), "expected a finite number for fx_px"),
         (CALIBRATION.replace("fx_px = 7", "fx_px = 0"), "describes no camera"),
         (CALIBRATION.replace("width_px = 8", "width_px = 8.0"), "expected a whole number for width_px"),
-        (CALIBRATION.replace("width_px = 8", "width_px = 99999999"), "at most 65536 pixels a side"),
-        (CALIBRATION.replace("cx_px = 4.0", "cx_px = 320.0"), "principal point near the image of 8x6"),
-        (CALIBRATION.replace("cy_px = 3.0", "cy_px = -10.0"), "principal point near the image of 8x6"),
+        (CALIBRATION.replace("width_px = 8", "width_px = 99999999"), "1 to 65536 pixels a side"),
+        (CALIBRATION.replace("cx_px = 4.0", "cx_px = 320.0"), "far outside of an image of 8x6"),
+        (CALIBRATION.replace("cy_px = 3.0", "cy_px = -10.0"), "far outside of an image of 8x6"),
         (CALIBRATION + "baseline_m = 0\n", "describes no camera"),
     ],
 )
@@ -61,13 +61,6 @@ def test_a_calibration_that_makes_no_sense_is_refused(folder: Path, text: str, m
     with pytest.raises(DatasetError, match=message) as caught:
         open_dataset(folder)
     assert "calibration.toml" in str(caught.value)
-
-
-def test_given_intrinsics_that_make_no_sense_are_refused_too(folder: Path) -> None:
-    for cx_px, fx_px in ((999.0, 3.0), (float("nan"), 3.0), (4.0, float("nan")), (4.0, float("inf"))):
-        given = Intrinsics(fx_px=fx_px, fy_px=3, cx_px=cx_px, cy_px=3, width_px=8, height_px=6)
-        with pytest.raises(DatasetError, match="the given intrinsics"):
-            open_dataset(folder, intrinsics=given)
 
 
 def test_intrinsics_of_another_size_are_refused_when_a_frame_is_read(folder: Path) -> None:

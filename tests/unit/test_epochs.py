@@ -1,11 +1,14 @@
 """When templates are fused, when they begin to serve, and when they are given up."""
 
 import threading
+import time
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
 from voxdepth.epochs import Epochs, Lag
+from voxdepth.errors import FrameError
 from voxdepth.registration import Features
 from voxdepth.template import Template
 from voxdepth.types import EpochEnd, Frame, Phase, Registration, RegistrationStatus
@@ -34,8 +37,13 @@ class Fuser:
         return Template(depth=len(self.windows), features=features, timings_s={})
 
 
-def epochs_of(fuser: Fuser, lag: Lag, *, window_frames: int = 3, max_epoch_frames: int = 5) -> Epochs:
-    return Epochs(fuser, window_frames=window_frames, max_epoch_frames=max_epoch_frames, lag=lag)
+def epochs_of(
+    fuser: Fuser, lag: Lag, *, window_frames: int = 3, max_epoch_frames: int = 5, cuts: tuple[int, ...] = ()
+) -> Epochs:
+    """Epochs of a camera that sees another scene from the frames `cuts` on."""
+    scenes = iter(range(1_000_000))
+    follows = lambda earlier, later: next(scenes) not in cuts  # noqa: E731
+    return Epochs(fuser, follows, window_frames=window_frames, max_epoch_frames=max_epoch_frames, lag=lag)
 
 
 def run(epochs: Epochs, numbers: range, lost: tuple[int, ...] = ()) -> list[tuple[int | None, EpochEnd | None]]:
@@ -68,8 +76,10 @@ def test_with_the_lag_ready_it_serves_from_the_first_frame_after_it_is_fused() -
     epochs = epochs_of(fuser, "ready")
     assert {template for template, _ in run(epochs, range(20))} == {None}
     fuser.may_run.set()
-    epochs.close()  # waits until it is fused
-    assert [template for template, _ in run(epochs, range(20, 22))] == [1, 1]
+    while not (later := run(epochs, range(20, 21)))[0][0]:
+        time.sleep(0.001)
+    assert later[0][0] == 1
+    epochs.close()
 
 
 def test_the_old_template_serves_until_the_new_one_is_due() -> None:
@@ -78,7 +88,7 @@ def test_the_old_template_serves_until_the_new_one_is_due() -> None:
     assert [template for template, _ in seen] == [None] * 4 + [1] * 6 + [2] * 6
     assert {number: end for number, (_, end) in enumerate(seen) if end} == {
         6: EpochEnd.FEW_MATCHES,
-        15: EpochEnd.MAX_FRAMES,
+        14: EpochEnd.MAX_FRAMES,
     }
     epochs.close()
 
@@ -118,16 +128,56 @@ def test_degenerate_registrations_end_an_epoch_by_their_own_name() -> None:
     assert epochs.end(frame(3), NO_FEATURES, degenerate) is EpochEnd.DEGENERATE
 
 
-def test_a_failed_fusion_reaches_the_caller() -> None:
-    class Broken(Fuser):
+@pytest.mark.parametrize("lag", [0, 2])
+def test_a_failed_fusion_reaches_the_caller_once_and_the_next_window_may_succeed(lag: int) -> None:
+    class FailsFirst(Fuser):
         def __call__(self, window: object, features: Features) -> Template:
-            raise RuntimeError("no memory")
+            template = super().__call__(window, features)
+            if len(self.windows) == 1:
+                raise RuntimeError("no memory")
+            return template
 
-    for lag in (0, 2):
-        epochs = epochs_of(Broken(), lag)
-        with pytest.raises(RuntimeError, match="no memory"):
-            run(epochs, range(9))
-        epochs.close()
+    fuser = FailsFirst()
+    epochs = epochs_of(fuser, lag)
+    run(epochs, range(2 + lag))
+    with pytest.raises(RuntimeError, match="no memory"):
+        run(epochs, range(2 + lag, 3 + lag))
+    served = [template for template, _ in run(epochs, range(3 + lag, 6 + 2 * lag))]
+    assert served == [*[None] * (2 + lag), 2]
+    assert fuser.windows == [[0, 1, 2], [3 + lag, 4 + lag, 5 + lag]]
+    epochs.close()
+
+
+@pytest.mark.parametrize("cut", [1, 2])
+def test_a_cut_within_a_window_begins_it_anew(cut: int) -> None:
+    fuser = Fuser()
+    run(epochs_of(fuser, 0, cuts=(cut - 1,)), range(6))  # the first frame has none before it to be compared with
+    assert fuser.windows == [[cut, cut + 1, cut + 2]]
+
+
+def test_frames_of_a_window_are_copies() -> None:
+    gray, depth_m = np.zeros((2, 2), np.uint8), np.zeros((2, 2), np.float32)
+    seen: list[float] = []
+
+    def fuse(window: Sequence[Frame], features: Features) -> Template:
+        seen.extend(float(f.depth_m[0, 0]) for f in window)
+        return Template(depth=None, features=features, timings_s={})
+
+    epochs = Epochs(fuse, lambda a, b: True, window_frames=3, max_epoch_frames=5, lag=0)
+    for number in range(3):
+        depth_m[...] = number + 1  # one buffer, as camera drivers have it
+        epochs.begin(Frame(stamp_s=float(number), gray=gray, depth_m=depth_m), NO_FEATURES)
+    assert seen == [1, 2, 3]
+
+
+@pytest.mark.parametrize("lag", [0, 2])
+def test_a_closed_corrector_takes_no_frames(lag: int) -> None:
+    epochs = epochs_of(Fuser(), lag)
+    run(epochs, range(2))
+    epochs.close()
+    epochs.close()
+    with pytest.raises(FrameError, match="closed"):
+        run(epochs, range(2, 3))
 
 
 def test_reset_forgets_a_fusion_that_is_under_way() -> None:

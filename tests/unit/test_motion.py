@@ -15,8 +15,8 @@ def shift(x: float) -> np.ndarray:
     return T
 
 
-def frame(number: int, pose: np.ndarray | None = None) -> Frame:
-    return Frame(stamp_s=float(number), gray=IMAGE, depth_m=IMAGE.astype(np.float32), T_world_cam=pose)
+def frame(number: int) -> Frame:
+    return Frame(stamp_s=float(number), gray=IMAGE, depth_m=IMAGE.astype(np.float32))
 
 
 class Growing:
@@ -60,12 +60,4 @@ def test_a_window_of_one_frame_needs_no_odometry() -> None:
     odometry = Growing()
     for model in (constant_velocity, motion_per_frame):
         assert x_of(model([frame(0)], odometry)) == [0]
-    assert not odometry.asked
-
-
-def test_poses_of_the_caller_go_before_odometry() -> None:
-    window = [frame(i, shift(-2.0 * i)) for i in range(3)]
-    odometry = Growing()
-    assert x_of(constant_velocity(window, odometry)) == [4, 2, 0]
-    assert x_of(motion_per_frame(window, odometry)) == [4, 2, 0]
     assert not odometry.asked

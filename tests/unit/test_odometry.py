@@ -171,12 +171,21 @@ def test_black_images_and_images_without_depth_are_not_solved() -> None:
         require_failure(motion)
 
 
-@pytest.mark.parametrize("size", [(32, 24), (33, 200), (640, 480)])
-def test_any_size_of_image_is_taken(size: tuple[int, int]) -> None:
+@pytest.mark.parametrize(
+    ("size", "status"),
+    [((32, 24), MotionStatus.NOT_SOLVED), ((33, 200), MotionStatus.NOT_SOLVED), ((640, 480), MotionStatus.OK)],
+)
+def test_any_size_of_image_is_taken_and_too_small_a_one_is_not_solved(
+    size: tuple[int, int], status: MotionStatus
+) -> None:
     camera = Intrinsics.from_hfov(width_px=size[0], height_px=size[1], hfov_deg=86)
     first, second = frame(camera, holes=0), frame(camera, x=0.02, holes=0, seed=2)
     motion = PhotometricOdometry(camera).estimate(first, second)
-    assert not motion.ok or error_m(motion, first, second) < 0.05
+    assert motion.status is status
+    if status is MotionStatus.OK:
+        assert error_m(motion, first, second) < 0.01
+    else:
+        require_failure(motion)
 
 
 def test_the_inputs_are_not_modified() -> None:

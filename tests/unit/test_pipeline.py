@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from itertools import islice
 
@@ -26,9 +27,15 @@ from tests.fakes import (
     pipeline_threads,
 )
 from voxdepth import VoxDepth, create_corrector
+from voxdepth.config import VoxDepthConfig
 from voxdepth.errors import ConfigError, DatasetError, FrameError, PipelineError
 from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
-from voxdepth.types import DepthCorrector, Frame, Intrinsics
+from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Phase, Source
+
+CAMERA = Intrinsics.from_hfov(width_px=160, height_px=90, hfov_deg=86, baseline_m=0.095)
+SHORT_EPOCHS = VoxDepthConfig.paper().model_copy(
+    update={"window_frames": 3, "max_epoch_frames": 2, "fusion_lag_frames": 2}
+)
 
 
 @pytest.fixture(autouse=True)
@@ -54,21 +61,55 @@ def walk(count: int, camera: Intrinsics) -> list[Frame]:
     return walked
 
 
-@pytest.mark.parametrize("name", ["raw", "paper"])
-def test_it_gives_the_images_of_the_corrector_alone(name: str) -> None:
-    camera = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=86, baseline_m=0.095)
-    stream = walk(16, camera)
-    alone, staged = create_corrector(name, camera), create_corrector(name, camera)
+@pytest.fixture(scope="module")
+def turning() -> tuple[list[Frame], list[CorrectedDepth]]:
+    """A walk, and what the corrector alone makes of it while epoch follows epoch. Read only."""
+    stream = walk(120, CAMERA)
+    alone = VoxDepth(CAMERA, SHORT_EPOCHS)
     expected = [alone.process(f) for f in stream]
-    piped = list(CorrectionPipeline(staged, stream))
-    for corrector in (alone, staged):
-        if isinstance(corrector, VoxDepth):
-            corrector.close()  # its fusion thread would outlive the test by an instant
+    alone.close()
+    return stream, expected
+
+
+def require_equal(got: CorrectedDepth, want: CorrectedDepth) -> None:
+    np.testing.assert_array_equal(got.depth_m, want.depth_m)
+    np.testing.assert_array_equal(got.source, want.source)
+    np.testing.assert_array_equal(got.confidence, want.confidence)
+    assert (got.phase, got.epoch_end) == (want.phase, want.epoch_end)
+    assert got.registration.n_matches == want.registration.n_matches
+
+
+def test_the_walk_has_many_epochs_and_templates_that_serve(
+    turning: tuple[list[Frame], list[CorrectedDepth]],
+) -> None:
+    _, alone = turning
+    assert sum(one.epoch_end is not None for one in alone) >= 10
+    phases = Counter(one.phase for one in alone)
+    assert phases[Phase.CORRECTING] >= 10
+    assert phases[Phase.FUSING] >= 10
+    assert phases[Phase.PASSTHROUGH] < len(alone) / 10
+    assert sum(np.any(one.source == Source.TEMPLATE) for one in alone) > len(alone) / 2
+
+
+@pytest.mark.parametrize("queue_size", [1, 4])
+def test_it_gives_the_images_of_the_corrector_alone(
+    queue_size: int, turning: tuple[list[Frame], list[CorrectedDepth]]
+) -> None:
+    stream, alone = turning
+    staged = VoxDepth(CAMERA, SHORT_EPOCHS)
+    piped = list(CorrectionPipeline(staged, stream, queue_size=queue_size))
+    staged.close()  # its fusion thread would outlive the test by an instant
     assert [f for f, _ in piped] == stream
-    for (_, got), want in zip(piped, expected, strict=True):
-        np.testing.assert_array_equal(got.depth_m, want.depth_m)
-        np.testing.assert_array_equal(got.source, want.source)
-        assert (got.phase, got.registration.n_matches) == (want.phase, want.registration.n_matches)
+    for (_, got), want in zip(piped, alone, strict=True):
+        require_equal(got, want)
+
+
+def test_it_gives_the_images_of_a_corrector_without_halves() -> None:
+    stream, alone = walk(16, CAMERA), create_corrector("raw", CAMERA)
+    piped = list(CorrectionPipeline(create_corrector("raw", CAMERA), stream))
+    assert [f for f, _ in piped] == stream
+    for source, got in piped:
+        require_equal(got, alone.process(source))
 
 
 @settings(max_examples=15)
@@ -179,6 +220,61 @@ def test_a_corrector_that_keeps_up_with_its_camera_skips_nothing() -> None:
         read += indices([pair])
         delivered.release()
     assert (read, pipeline.dropped) == (list(range(20)), 0)
+
+
+@pytest.mark.parametrize("queue_size", [1, 4])
+@pytest.mark.parametrize(("corrector", "n_stages"), [(Staged(), 3), (Whole(), 2)])
+def test_a_slow_caller_of_a_camera_gets_no_old_frame_and_the_newest_in_the_end(
+    corrector: DepthCorrector, n_stages: int, queue_size: int
+) -> None:
+    read_in_step: list[int] = []
+    ages_steps: list[int] = []
+    delivered: list[int] = []
+
+    def camera() -> Iterator[Frame]:
+        for source in frames(100):
+            time.sleep(0.001)
+            read_in_step.append(len(delivered))
+            yield source
+
+    pipeline = CorrectionPipeline(corrector, camera(), queue_size=queue_size, latest=True)
+    for pair in pipeline:
+        (index,) = indices([pair])
+        ages_steps.append(len(delivered) - read_in_step[index])
+        delivered.append(index)
+        time.sleep(0.005)
+    assert max(ages_steps) <= n_stages + 1
+    assert delivered == sorted(delivered)
+    assert delivered[-1] == 99
+    assert 1 < len(delivered) < 100
+    assert pipeline.dropped + len(delivered) == len(read_in_step) == 100
+
+
+@pytest.mark.parametrize("make", [Whole, lambda on_combine: Staged(nothing, on_combine)])
+def test_a_caller_that_comes_back_late_finds_the_newest_frame(
+    make: Callable[[Callable[[Frame], None]], DepthCorrector],
+) -> None:
+    may_read, corrected = threading.Semaphore(1), threading.Semaphore(0)
+
+    def camera() -> Iterator[Frame]:
+        for source in frames(31):
+            may_read.acquire()
+            yield source
+
+    pipeline = CorrectionPipeline(make(lambda source: corrected.release()), camera(), latest=True)
+    results = iter(pipeline)
+    assert indices(islice(results, 1)) == [0]
+    assert corrected.acquire(timeout=2)
+    for newest in range(5, 31, 5):
+        for _ in range(5):
+            may_read.release()
+            assert corrected.acquire(timeout=2), "correction waits for the caller"
+        deadline_s = time.monotonic() + 2
+        while pipeline.dropped < newest * 4 // 5 and time.monotonic() < deadline_s:
+            time.sleep(0.001)
+        assert indices(islice(results, 1)) == [newest]
+    assert list(results) == []
+    assert pipeline.dropped == 24
 
 
 def test_a_slow_caller_of_a_recording_loses_nothing() -> None:

@@ -34,6 +34,26 @@ def test_intrinsics_from_hfov_see_that_angle() -> None:
     assert np.isclose(np.degrees(np.arctan(right) - np.arctan(left)), 86)
 
 
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"fx_px": np.nan},
+        {"fy_px": np.inf},
+        {"fx_px": -1.0},
+        {"cx_px": np.nan},
+        {"cx_px": 999.0},
+        {"cy_px": -150.0},
+        {"width_px": 0},
+        {"height_px": 10**6},
+        {"baseline_m": np.nan},
+    ],
+)
+def test_intrinsics_that_do_not_fit_the_image_are_refused(bad: dict[str, float]) -> None:
+    good = {"fx_px": 80.0, "fy_px": 80.0, "cx_px": 63.5, "cy_px": 47.5, "width_px": 128, "height_px": 96}
+    with pytest.raises(FrameError):
+        Intrinsics(**(good | bad))  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("bad", [{"hfov_deg": 180.0}, {"hfov_deg": -1.0}, {"width_px": 0}, {"baseline_m": 0.0}])
 def test_bad_intrinsics_are_refused(bad: dict[str, float]) -> None:
     with pytest.raises(FrameError):

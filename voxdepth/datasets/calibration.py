@@ -13,7 +13,6 @@ from .files import read_text
 
 CALIBRATION = "calibration.toml"
 """Fields of `Intrinsics` as TOML: `fx_px = 525.0`, ..., `width_px = 640`; `baseline_m` may be left out."""
-_LARGEST_SIDE_PX = 2**16
 
 
 def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callable[[], Intrinsics]) -> Intrinsics:
@@ -25,17 +24,12 @@ def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callabl
         of_format: What the format or its files say, asked last.
 
     Raises:
-        DatasetError: The file is damaged, or the principal point is far outside the image.
+        DatasetError: The file is damaged, or describes no camera.
     """
     path = folder / CALIBRATION
     if given is not None:
-        chosen, source = given, "the given intrinsics"
-    elif path.exists():
-        chosen, source = parse_calibration(read_text(path), path), str(path)
-    else:
-        chosen, source = of_format(), f"the calibration of {folder}"
-    _require_plausible(chosen, source)
-    return chosen
+        return given
+    return parse_calibration(read_text(path), path) if path.exists() else of_format()
 
 
 def parse_calibration(text: str, path: Path) -> Intrinsics:
@@ -87,18 +81,3 @@ def as_number(value: object) -> float | None:
         return float(value) if isfinite(value) else None
     except OverflowError:
         return None
-
-
-def _require_plausible(intrinsics: Intrinsics, source: str) -> None:
-    width_px, height_px = intrinsics.width_px, intrinsics.height_px
-    if max(width_px, height_px) > _LARGEST_SIDE_PX:
-        raise DatasetError(f"expected at most {_LARGEST_SIDE_PX} pixels a side in {source}, got {width_px}x{height_px}")
-    if not all(map(isfinite, (intrinsics.fx_px, intrinsics.fy_px, intrinsics.baseline_m or 0.0))):
-        raise DatasetError(f"expected finite numbers in {source}, got {intrinsics}")
-    inside_x = abs(intrinsics.cx_px - width_px / 2) <= width_px
-    inside_y = abs(intrinsics.cy_px - height_px / 2) <= height_px
-    if not (inside_x and inside_y):
-        raise DatasetError(
-            f"expected a principal point near the image of {width_px}x{height_px} pixels in {source}, got "
-            f"({intrinsics.cx_px}, {intrinsics.cy_px}); is the calibration of another image size?"
-        )

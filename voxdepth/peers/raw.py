@@ -14,7 +14,7 @@ class Raw:
         """The frame's own depth; valid pixels have source SENSOR and confidence 1."""
         valid = frame.depth_m > 0
         return CorrectedDepth(
-            depth_m=frame.depth_m,
+            depth_m=frame.depth_m.copy(),
             source=valid.astype(np.uint8),
             confidence=valid.astype(np.float32),
             phase=Phase.PASSTHROUGH,

@@ -1,0 +1,137 @@
+"""Aligning two images by features and an affine map."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from voxdepth.registration import Features, OrbRegistration, RegistrationConfig, good_matches, resize_map
+from voxdepth.types import RegistrationStatus
+
+SHAPE = (360, 640)
+CENTRE = np.array([(SHAPE[1] - 1) / 2, (SHAPE[0] - 1) / 2])
+
+
+def texture(seed: int) -> np.ndarray:
+    noise = np.random.default_rng(seed).integers(0, 256, SHAPE, dtype=np.uint8)
+    return cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 4), None, 0, 255, cv2.NORM_MINMAX)
+
+
+def about_centre(A: np.ndarray, shift: tuple[float, float] = (0, 0)) -> np.ndarray:
+    """The map that applies A about the image's centre, and then a shift; shape (2, 3)."""
+    return np.hstack([A, (CENTRE + shift - A @ CENTRE)[:, None]])
+
+
+def turned(degrees: float, scale: float = 1.0) -> np.ndarray:
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return scale * np.array([[c, -s], [s, c]])
+
+
+def registered(a: np.ndarray, b: np.ndarray, **changes: float) -> object:
+    registration = OrbRegistration(RegistrationConfig(**changes), SHAPE)  # type: ignore[arg-type]
+    return registration.register(registration.describe(a), registration.describe(b))
+
+
+@pytest.mark.parametrize(
+    "M",
+    [
+        about_centre(np.eye(2)),
+        about_centre(np.eye(2), (17.3, -8.6)),
+        about_centre(turned(0, 1.2)),
+        about_centre(turned(4)),
+        about_centre(np.array([[1.03, 0.04], [-0.01, 0.97]]), (5, 5)),
+    ],
+)
+@pytest.mark.parametrize("size_px", [200, 320])
+def test_a_known_map_is_found_within_two_pixels_of_the_resized_image(M: np.ndarray, size_px: int) -> None:
+    image = texture(0)
+    moved = cv2.warpAffine(image, M, SHAPE[::-1], flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    result = registered(image, moved, size_px=size_px)
+    assert result.ok  # type: ignore[attr-defined]
+    corners = np.array([[0, 0, 1], [639, 0, 1], [0, 359, 1], [639, 359, 1]])
+    off_px = corners @ (result.M_frame_template - M).T  # type: ignore[attr-defined]
+    pixel = np.array([SHAPE[1] / size_px, SHAPE[0] / size_px])  # features lie on pixels of the resized image
+    assert (np.abs(off_px) < 2 * pixel).all()
+
+
+def test_resizing_keeps_the_borders_of_the_image() -> None:
+    resize = resize_map(200 / 640, 200 / 360)
+    borders = np.array([[-0.5, -0.5, 1], [639.5, 359.5, 1], [319.5, 179.5, 1]])
+    np.testing.assert_allclose((borders @ resize.T)[:, :2], [[-0.5, -0.5], [199.5, 199.5], [99.5, 99.5]])
+
+
+def test_a_still_image_gives_the_identity_without_a_shift_by_half_a_pixel() -> None:
+    result = registered(texture(1), texture(1))
+    np.testing.assert_allclose(result.M_frame_template, np.eye(2, 3), atol=1e-6)  # type: ignore[attr-defined]
+
+
+def test_different_scenes_have_few_matches() -> None:
+    assert registered(texture(0), texture(1)).status is RegistrationStatus.FEW_MATCHES  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("gray", [0, 255])
+def test_blank_images_have_no_features(gray: int) -> None:
+    blank = np.full(SHAPE, gray, np.uint8)
+    for pair in ((blank, texture(0)), (texture(0), blank), (blank, blank)):
+        result = registered(*pair)
+        assert result.status is RegistrationStatus.FEW_MATCHES  # type: ignore[attr-defined]
+        assert result.n_matches == 0  # type: ignore[attr-defined]
+
+
+def features(points: np.ndarray) -> Features:
+    """Features that match those of the same number and no others."""
+    descriptors = np.random.default_rng(0).integers(0, 2**63, (len(points), 4), dtype=np.uint64)
+    return Features(points_px=points.astype(np.float32), descriptors=descriptors)
+
+
+GRID = np.stack(np.meshgrid(np.linspace(20, 180, 5), np.linspace(20, 180, 5)), axis=-1).reshape(-1, 2)
+
+
+@pytest.mark.parametrize(
+    "moved",
+    [
+        GRID * [-1, 1] + [200, 0],
+        GRID * [1, -1] + [0, 200],
+        100 + 2.5 * (GRID - 100),
+        100 + 0.3 * (GRID - 100),
+        100 + [3, 1] * (GRID - 100),
+        GRID[:, [0, 0]] + [0, 0.01],
+    ],
+)
+def test_maps_that_mirror_or_stretch_too_much_are_degenerate(moved: np.ndarray) -> None:
+    registration = OrbRegistration(RegistrationConfig(), SHAPE)
+    result = registration.register(features(GRID), features(moved))
+    assert result.status is RegistrationStatus.DEGENERATE
+    assert result.n_matches == len(GRID)
+    np.testing.assert_array_equal(result.M_frame_template, np.eye(2, 3))
+
+
+@given(st.integers(0, 500))
+def test_matches_that_contradict_each_other_are_degenerate(seed: int) -> None:
+    """Any three points have an affine map; that alone must not count."""
+    rng = np.random.default_rng(seed)
+    registration = OrbRegistration(RegistrationConfig(ransac_px=1.0), SHAPE)
+    points = rng.uniform(0, 200, (2, 8, 2))
+    assert not registration.register(features(points[0]), features(points[1])).ok
+
+
+def test_good_matches_are_mutual_and_near() -> None:
+    a = np.zeros((3, 4), np.uint64)
+    a[1], a[2] = 2**64 - 1, 0xFFFF
+    b = a[[2, 0]].copy()
+    b[1, 0] |= np.uint64(0b111)  # three bits off
+    far = Features(points_px=np.zeros((3, 2), np.float32), descriptors=a)
+    near = Features(points_px=np.zeros((2, 2), np.float32), descriptors=b)
+    assert [list(side) for side in good_matches(far, near, 20)] == [[0, 2], [1, 0]]
+    assert [list(side) for side in good_matches(far, near, 2)] == [[2], [0]]
+
+
+def test_a_scene_follows_itself_and_the_dark_but_no_other() -> None:
+    registration = OrbRegistration(RegistrationConfig(), SHAPE)
+    one, other = registration.describe(texture(0)), registration.describe(texture(1))
+    dark = registration.describe(np.zeros(SHAPE, np.uint8))
+    assert registration.follows(one, one)
+    assert not registration.follows(one, other)
+    assert registration.follows(one, dark)
+    assert registration.follows(dark, other)
