@@ -34,7 +34,16 @@ class Channel(Generic[T]):
             self._changed.notify_all()
             return True
 
+    def wait_for_room(self) -> bool:
+        """Block while the channel is full; False if it has ended. With a single giver the room stays until it puts."""
+        with self._changed:
+            self._wait_for_room()
+            return not self._ended
+
     def _make_room(self) -> None:
+        self._wait_for_room()
+
+    def _wait_for_room(self) -> None:
         self._changed.wait_for(lambda: self._ended or len(self._items) < self._capacity)
 
     def __iter__(self) -> "Channel[T]":
@@ -71,3 +80,6 @@ class LatestChannel(Channel[T]):
         if len(self._items) == self._capacity:
             self._items.popleft()
             self.dropped += 1
+
+    def _wait_for_room(self) -> None:
+        """There always is some."""

@@ -52,8 +52,8 @@ class CorrectionPipeline:
     Args:
         corrector: A `StagedCorrector` runs in two threads, any other one whole in a single thread.
         frames: Read in a thread of their own. A generator is also closed there; any other source stays the caller's.
-        queue_size: Frames that may wait after each stage, so that at most `queue_size + 1` of them per stage are
-            read ahead of the caller. More evens out stages of varying speed, and adds latency. Not for `latest`.
+        queue_size: Frames that may wait after each stage; a frame is read when there is room for it. More evens out
+            stages of varying speed, and adds latency. Not for `latest`.
         latest: For live cameras: behind every stage only the newest frame waits, and replaces one that waits there
             already, so that what is delivered is never old, whether correction or the caller lags. Otherwise the
             stages wait for each other and for the caller, and no frame is lost.
@@ -170,6 +170,9 @@ def _steps_of(corrector: DepthCorrector) -> list[_Step]:
     return [_Step("correcting", corrector.process)]
 
 
+_END: Any = object()
+"""What a source gives after its last frame."""
+
 # The threads know the channels and not the pipeline, so that a pipeline nobody holds any more can be collected.
 
 
@@ -178,17 +181,22 @@ def _thread(name: str, target: Callable[..., None], *args: object) -> Thread:
 
 
 def _read(frames: Iterable[Frame], output: Channel[_Job]) -> None:
-    """The first stage: number the frames of a source, until it or the interest in it ends."""
+    """The first stage: number the frames of a source, until it or the interest in it ends.
+
+    A frame is read when there is room for it: the later it is read, the newer it is when it is delivered.
+    """
     index = 0
     iterator: Iterator[Frame] = iter(())
     error = None
     try:
         iterator = iter(frames)
-        for frame in iterator:
+        while output.wait_for_room():
+            frame = next(iterator, _END)
+            if frame is _END:
+                break
             if not isinstance(frame, Frame):
                 raise FrameError(f"expected a Frame, got {type(frame).__name__}")
-            if not output.put(_Job(index, frame, time.perf_counter(), frame)):
-                break
+            output.put(_Job(index, frame, time.perf_counter(), frame))
             index += 1
     except BaseException as cause:
         error = _failure("reading", f"frame {index}", cause)
