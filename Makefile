@@ -36,6 +36,7 @@ regress: setup   ## compare the shipped correctors with their golden figures on 
 	$(BIN)/voxdepth regress --corrector paper
 
 bench: setup     ## measure and print speeds
+	$(BIN)/voxdepth bench
 	$(BIN)/pytest tests/bench -m bench -s -q -p no:xdist
 
 acceptance: setup ## fly every scenario's acceptance check over 20 seeds
