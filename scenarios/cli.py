@@ -5,7 +5,7 @@ import sys
 
 import typer
 
-from .commands import bench, correct, general, sensor, swarm
+from .commands import bench, config, correct, general, sensor, swarm
 from .commands.options import INTERRUPTED
 
 os.environ.setdefault("RERUN_ANALYTICS_ENABLED", "0")
@@ -32,7 +32,7 @@ for panel, commands in (
     ("Swarm", (swarm.run, swarm.accept, swarm.tabulate, swarm.picture)),
     (
         "Sensor and corrector",
-        (sensor.record, correct.correct, bench.bench, sensor.sheet, sensor.scenes, sensor.regress),
+        (sensor.record, correct.correct, config.config, bench.bench, sensor.sheet, sensor.scenes, sensor.regress),
     ),
     ("General", (general.list_, general.view, general.doctor)),
 ):

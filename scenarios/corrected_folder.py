@@ -26,7 +26,7 @@ from .files import to_toml
 CONFIG, FRAMES, REPORT = "config.toml", "frames.jsonl", "report.json"
 DEPTH, CONFIDENCE = "depth", "confidence"
 """Sub-folders, each with one PNG of every frame."""
-ANEW = "correct into a new folder, or name the input that was corrected before"
+ANEW = "correct into a new folder, or repeat what this one was begun with"
 
 
 class Correction(Model):
@@ -84,6 +84,8 @@ class CorrectedFolder:
         Raises:
             ScenarioError: There is something else, it is in use, or it cannot be written.
         """
+        if folder.exists() and not folder.is_dir():
+            raise ScenarioError(f"cannot write {folder}: expected a folder, or a name for a new one, got a file")
         output = cls(folder)
         try:
             with output._writing(folder):
@@ -132,7 +134,7 @@ class CorrectedFolder:
             raise ScenarioError(f"another process is correcting into {self.folder}: wait until it ends") from error
 
     def _begin(self, correction: Correction, dataset: Dataset) -> None:
-        if {path.name for path in self.folder.iterdir()} - {CONFIG + TEMPORARY}:
+        if not self._is_untouched():
             _require_same(self.folder, correction)
         else:
             self._replace(CONFIG, to_toml(correction).encode())
@@ -141,10 +143,19 @@ class CorrectedFolder:
         self._read_lines(dataset)
         self._drop_debris(dataset)
 
+    def _is_untouched(self) -> bool:
+        """Whether the folder holds nothing, or what a correction left that did not finish a single frame."""
+        names = {path.name for path in self.folder.iterdir()} - {CONFIG + TEMPORARY}
+        begun = CONFIG in names and names <= {CONFIG, FRAMES, DEPTH, CONFIDENCE} and _correction_in(self.folder)
+        return not names or (bool(begun) and not self._text_of_frames())
+
+    def _text_of_frames(self) -> bytes:
+        path = self.folder / FRAMES
+        return path.read_bytes() if path.exists() else b""
+
     def _read_lines(self, dataset: Dataset) -> None:
         """Take the finished frames up to the first line that is cut short or whose files are not whole."""
-        path = self.folder / FRAMES
-        text = path.read_bytes() if path.exists() else b""
+        text = self._text_of_frames()
         kept = []
         for data in text.split(b"\n")[:-1]:
             line = _parsed(data)
@@ -228,18 +239,26 @@ def crc32_of(frame: Frame) -> int:
     return zlib.crc32(frame.depth_m.tobytes(), zlib.crc32(frame.gray.tobytes()))
 
 
-def _require_same(folder: Path, here: Correction) -> None:
-    """Refuse a folder of another correction, or of something else."""
+def _correction_in(folder: Path) -> dict[str, Any] | None:
+    """What a folder was begun with, as written there; None if it holds no correction."""
     try:
         there = tomllib.loads((folder / CONFIG).read_text(encoding="utf-8"))
         Correction.model_validate(there)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, pydantic.ValidationError) as error:
-        raise ScenarioError(f"{folder} is not empty and holds no correction: name a new folder") from error
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, pydantic.ValidationError):
+        return None
+    return there
+
+
+def _require_same(folder: Path, here: Correction) -> None:
+    """Refuse a folder of another correction, or of something else."""
+    there = _correction_in(folder)
+    if there is None:
+        raise ScenarioError(f"{folder} is not empty and holds no correction: name a new folder")
     was, now = _flat(there), _flat(tomllib.loads(to_toml(here)))
     for key in [*now, *was]:
         if was.get(key) != now.get(key):
             raise ScenarioError(
-                f"{folder} was made with {key} {was.get(key, 'not set')!r}, not {now.get(key, 'not set')!r}: {ANEW}"
+                f"{folder} was begun with {key} {was.get(key, 'not set')!r}, not {now.get(key, 'not set')!r}: {ANEW}"
             )
 
 

@@ -29,6 +29,7 @@ def report(correction: Correction, lines: Sequence[FrameLine]) -> dict[str, Any]
         "phases": _counts(Phase, [line.phase for line in lines]),
         "registrations": _counts(RegistrationStatus, [line.registration for line in lines]),
         "wall": {
+            "frame_s": _spread([sum(line.wall_s.values()) for line in lines]),
             "steps_s": {step: _spread([line.wall_s[step] for line in lines if step in line.wall_s]) for step in steps},
             "machine": f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}",
         },

@@ -46,7 +46,7 @@ class VoxDepthConfig(Model):
     @classmethod
     def _possible(cls, size_px: int) -> int:
         if size_px not in (1, 3, 5):
-            raise ValueError(f"median_size_px must be 1, 3 or 5, got {size_px}")
+            raise ValueError("the window must be 1, 3 or 5 pixels wide")
         return size_px
 
     @classmethod

@@ -9,7 +9,7 @@ import numpy as np
 
 from .config import VoxDepthConfig
 from .epochs import Epochs
-from .errors import FrameError
+from .errors import ConfigError, FrameError
 from .fusion import Fusion
 from .motion import MOTION_MODELS
 from .odometry import PhotometricOdometry, PriorsFirst
@@ -70,13 +70,16 @@ class VoxDepth:
         config: Defaults to `VoxDepthConfig()`.
 
     Raises:
-        ConfigError: The configuration names a device that is not there.
+        ConfigError: An argument is of another type, or the configuration names a device that is not there.
     """
 
     uses_gray = True
 
     def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig | None = None) -> None:
         config = config or VoxDepthConfig()
+        if not (isinstance(intrinsics, Intrinsics) and isinstance(config, VoxDepthConfig)):
+            given = f"{type(intrinsics).__name__} and {type(config).__name__}"
+            raise ConfigError(f"VoxDepth needs Intrinsics and perhaps a VoxDepthConfig, got {given}")
         self._intrinsics = intrinsics
         self._steps = create_steps(config.device, intrinsics, config)
         self._registration = OrbRegistration(config.registration, intrinsics.shape)
@@ -154,6 +157,8 @@ class VoxDepth:
         )
 
     def _check(self, frame: Frame) -> None:
+        if not isinstance(frame, Frame):
+            raise FrameError(f"expected a Frame, got {type(frame).__name__}")
         if frame.gray.shape != self._intrinsics.shape:
             raise FrameError(f"frames of this camera have shape {self._intrinsics.shape}, got {frame.gray.shape}")
         if not frame.stamp_s > self._last_stamp_s:

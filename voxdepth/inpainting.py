@@ -20,7 +20,7 @@ class _Window(Model):
     @classmethod
     def _odd(cls, size_px: int) -> int:
         if size_px < 1 or size_px % 2 == 0:
-            raise ValueError(f"size_px must be odd and at least 1, got {size_px}")
+            raise ValueError("the window must be odd and at least 1 pixel wide")
         return size_px
 
     @property

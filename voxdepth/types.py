@@ -36,6 +36,13 @@ GrayImage = npt.NDArray[np.uint8]
 MaskImage = npt.NDArray[np.bool_]
 
 
+def _is_cut(info: Any) -> bool:
+    """Whether the region of interest of a CameraInfo is less than the image; all zero means all of it."""
+    roi = getattr(info, "roi", None)
+    size = (getattr(roi, "width", 0), getattr(roi, "height", 0))
+    return size not in ((0, 0), (info.width, info.height))
+
+
 LARGEST_SIDE_PX = 2**16
 """No camera has more pixels a side."""
 
@@ -106,6 +113,8 @@ class Intrinsics:
         fx, _, cx, tx, _, fy, cy = (float(x) for x in projection[:7])
         if fx <= 0 or fy <= 0:
             raise FrameError(f"the CameraInfo has focal lengths {fx}, {fy}: is the camera calibrated?")
+        if max(getattr(info, "binning_x", 0), getattr(info, "binning_y", 0)) > 1 or _is_cut(info):
+            raise FrameError("the CameraInfo is of binned or cut images: pass the Intrinsics of the images themselves")
         if baseline_m is None and tx < 0:
             baseline_m = -tx / fx
         return cls(
@@ -163,8 +172,10 @@ class Frame:
         Raises:
             FrameError: The depth is not uint16, or the images do not belong together.
         """
-        if depth_mm.dtype != np.uint16:
-            raise FrameError(f"expected depth as uint16, got {depth_mm.dtype}; Frame.from_metres takes metres")
+        if _kind(depth_mm) != "uint16":
+            raise FrameError(f"expected depth as a uint16 array, got {_kind(depth_mm)}; Frame.from_metres takes metres")
+        if not 0 < units_per_m < np.inf:
+            raise FrameError(f"units_per_m must be positive, got {units_per_m}")
         depth_m = depth_mm.astype(np.float32) / np.float32(units_per_m)
         return cls(stamp_s=stamp_s, gray=gray, depth_m=depth_m, T_world_cam=T_world_cam)
 
@@ -184,14 +195,16 @@ class Frame:
             FrameError: The depth is not of floating point, a finite one is negative, or the images do not belong
                 together.
         """
-        if not np.issubdtype(depth_m.dtype, np.floating):
-            raise FrameError(f"expected depth in metres as floats, got {depth_m.dtype}; see Frame.from_millimetres")
+        if _kind(depth_m) not in ("float32", "float64"):
+            raise FrameError(f"expected metres as an array of floats, got {_kind(depth_m)}; see Frame.from_millimetres")
         holed_m = np.where(np.isfinite(depth_m), depth_m, 0).astype(np.float32)
         return cls(stamp_s=stamp_s, gray=gray, depth_m=holed_m, T_world_cam=T_world_cam)
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.stamp_s):
             raise FrameError(f"stamp_s must be finite, got {self.stamp_s}")
+        if not (isinstance(self.gray, np.ndarray) and isinstance(self.depth_m, np.ndarray)):
+            raise FrameError(f"gray and depth_m must be arrays, got {_kind(self.gray)} and {_kind(self.depth_m)}")
         if self.gray.ndim != 2 or self.gray.dtype != np.uint8:
             raise FrameError(f"gray must be uint8 of shape (H, W), got {self.gray.dtype} of shape {self.gray.shape}")
         if self.depth_m.shape != self.gray.shape or self.depth_m.dtype != np.float32:
@@ -205,12 +218,17 @@ class Frame:
         if not (low >= 0 and high < np.inf):
             raise FrameError(
                 f"depth_m must be finite and not negative (0 = invalid), got values from {low} to {high} m; "
-                "replace NaN, infinite and negative values by 0, as Frame.from_metres does with the first two"
+                "replace what is not by 0"
             )
         if self.T_world_cam is not None and not _is_rigid(self.T_world_cam):
             raise FrameError(
                 f"T_world_cam must be a finite rigid pose of shape (4, 4), got {self.T_world_cam.tolist()}"
             )
+
+
+def _kind(given: object) -> str:
+    """What something is, for errors: the type of an array's elements, else its own."""
+    return str(given.dtype) if isinstance(given, np.ndarray) else type(given).__name__
 
 
 def _is_rigid(T: FloatArray) -> bool:

@@ -37,7 +37,10 @@ def correct(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the recorded sequence.")],
     out: Annotated[Path, typer.Option(help="Folder of the result: new, or one that was cut short.")],
     corrector: Annotated[str, typer.Option(help="Depth corrector by name.")] = "paper",
-    config: Annotated[Path | None, typer.Option(help="TOML file of values that differ from the corrector's.")] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option(help="TOML file of lines of `voxdepth config` to change, or a result's config.toml."),
+    ] = None,
     format: Annotated[Format, typer.Option(help="How the sequence is stored; auto finds out.")] = Format.AUTO,
     record: Annotated[
         Path | None, typer.Option(metavar="FILE.rrd", help="Rerun recording to write as well, always anew.")
@@ -129,7 +132,10 @@ def _resolved(corrector: str, config: Path | None) -> "VoxDepthConfig | None":
     if config is None:
         return own
     base = own or VoxDepthConfig()  # For a corrector that has none, it is the registry that says so.
-    values = _under(_read(config), base.model_dump(mode="json"))
+    given = _read(config)
+    if isinstance(given.get("config"), dict):  # the config.toml of an earlier result
+        given = given["config"]
+    values = _under(given, base.model_dump(mode="json"))
     try:
         resolved = VoxDepthConfig.model_validate(values)
     except pydantic.ValidationError as error:

@@ -25,6 +25,7 @@ from sim.testing import noisy_sequence
 from sim.types import Capture
 from tests.integration.test_cli import ENVIRONMENT, voxdepth
 from tests.unit.test_correction import contents
+from voxdepth.config import VoxDepthConfig
 from voxdepth.errors import ConfigError, DatasetError
 from voxdepth.registry import create_corrector
 from voxdepth.types import Frame
@@ -294,7 +295,7 @@ def test_bad_options_say_what_is_wrong_and_write_nothing(
         ("[registration]\nsize_mm = 3", "unknown key 'registration.size_mm'"),
         ("window_frames = 'ten'", "mine.toml: window_frames: Input should be a valid integer"),
         ("registration = 3", "mine.toml: registration: Input should be a valid dictionary"),
-        ("median_size_px = 4", "median_size_px must be 1, 3 or 5, got 4"),
+        ("median_size_px = 4", "median_size_px: the window must be 1, 3 or 5 pixels wide, got 4"),
         ("= 3", "mine.toml is not valid TOML"),
         ("fusion_lag_frames = 'ready'", "depends on the clock"),
     ],
@@ -349,3 +350,20 @@ def test_a_folder_above_the_input_is_refused(sequence: Path) -> None:
     done = correct(sequence, "--out", sequence.parent)
     assert "is not empty and holds no correction" in str(done.exception)
     assert sorted(sequence.parent.rglob("*")) == before
+
+
+def test_what_config_prints_is_the_configuration_and_correct_takes_it(sequence: Path, tmp_path: Path) -> None:
+    printed = CliRunner().invoke(app, ["config"])
+    assert printed.exit_code == 0
+    assert VoxDepthConfig.model_validate(tomllib.loads(printed.stdout)) == VoxDepthConfig.paper()
+    file = tmp_path / "all.toml"
+    file.write_text(printed.stdout)
+    for out, arguments in (
+        ("a", ["--config", str(file)]),
+        ("b", []),
+        ("c", ["--config", str(tmp_path / "a/config.toml")]),
+    ):
+        done = CliRunner().invoke(app, ["correct", str(sequence), "--out", str(tmp_path / out), *arguments])
+        assert done.exit_code == 0, done.output
+    assert contents(tmp_path / "a") == contents(tmp_path / "b") == contents(tmp_path / "c")
+    assert CliRunner().invoke(app, ["config", "raw"]).exit_code != 0

@@ -311,16 +311,16 @@ def test_a_bug_in_a_corrector_shows_its_place(tmp_path: Path) -> None:
 def test_another_corrector_config_or_input_is_refused_by_name(whole: Path, tmp_path: Path) -> None:
     shutil.copytree(whole, tmp_path / "out")
     before = contents(tmp_path / "out")
-    with pytest.raises(ScenarioError, match="was made with corrector 'remembering', not 'raw'"):
+    with pytest.raises(ScenarioError, match="was begun with corrector 'remembering', not 'raw'"):
         Bench().run(tmp_path / "out", corrector="raw")
-    with pytest.raises(ScenarioError, match="was made with folder 'walk', not 'run'"):
+    with pytest.raises(ScenarioError, match="was begun with folder 'walk', not 'run'"):
         Bench().run(tmp_path / "out", folder="run")
     bench = Bench()
     bench.config["odometry"]["max_step_m"] = 0.25
-    with pytest.raises(ScenarioError, match=r"was made with config\.odometry\.max_step_m 0\.5, not 0\.25"):
+    with pytest.raises(ScenarioError, match=r"was begun with config\.odometry\.max_step_m 0\.5, not 0\.25"):
         bench.run(tmp_path / "out")
     bench.config = {"window_frames": 10}
-    with pytest.raises(ScenarioError, match=r"was made with config\.odometry\.max_step_m 0\.5, not 'not set'"):
+    with pytest.raises(ScenarioError, match=r"was begun with config\.odometry\.max_step_m 0\.5, not 'not set'"):
         bench.run(tmp_path / "out")
     assert contents(tmp_path / "out") == before
 
@@ -344,6 +344,17 @@ def test_a_folder_of_something_else_is_not_touched(name: str, tmp_path: Path) ->
 
 def test_an_empty_folder_and_one_where_a_start_failed_are_taken(whole: Path, tmp_path: Path) -> None:
     (tmp_path / "config.toml.tmp").write_text("corr")
+    Bench().run(tmp_path)
+    assert contents(tmp_path) == contents(whole)
+
+
+def test_a_folder_that_was_begun_with_something_else_and_has_no_frame_is_taken(whole: Path, tmp_path: Path) -> None:
+    broken = Frames()
+    broken.broken = {0}
+    wrong = Bench(broken)
+    wrong.config = {"window_frames": 99}
+    with pytest.raises(DatasetError):
+        wrong.run(tmp_path)
     Bench().run(tmp_path)
     assert contents(tmp_path) == contents(whole)
 

@@ -309,6 +309,15 @@ def test_raw_returns_the_frame() -> None:
     np.testing.assert_array_equal(result.source, np.where(depth > 0, Source.SENSOR, Source.INVALID))
 
 
+def test_arguments_of_other_types_are_refused_in_one_line() -> None:
+    with pytest.raises(ConfigError, match="got Intrinsics and dict"):
+        VoxDepth(CAMERA, {"window_frames": 3})  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="got str and"):
+        VoxDepth("camera")  # type: ignore[arg-type]
+    with pytest.raises(FrameError, match="expected a Frame, got str"):
+        VoxDepth(CAMERA).process("frame")  # type: ignore[arg-type]
+
+
 def test_unknown_correctors_are_refused_with_the_choice() -> None:
     with pytest.raises(ConfigError, match="raw, paper"):
         create_corrector("magic", CAMERA)

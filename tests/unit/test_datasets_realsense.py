@@ -204,3 +204,17 @@ def test_streams_of_rs_convert_that_never_meet_are_refused(tmp_path: Path) -> No
     write_converted(tmp_path, ["1.00"], ["500.00"])
     with pytest.raises(DatasetError, match="of one recording"):
         open_dataset(tmp_path, intrinsics=CAMERA)
+
+
+def test_a_number_without_its_partner_is_named(tmp_path: Path) -> None:
+    write(tmp_path, ["000000", "000002"], ["000000", "000001", "000002"])
+    with pytest.raises(DatasetError, match=r"000001\.png alone and 0 others"):
+        open_dataset(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["rgb.txt", "depth.txt"])
+def test_a_damaged_tum_folder_is_not_taken_for_one_of_other_units(tmp_path: Path, name: str) -> None:
+    write(tmp_path, ["0"], ["0"], "rgb")
+    (tmp_path / name).write_text("0.0 depth/0.png\n")
+    with pytest.raises(DatasetError, match="TUM RGB-D, whose depth has other units"):
+        open_dataset(tmp_path)

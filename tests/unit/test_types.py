@@ -17,7 +17,7 @@ DEPTH = np.ones((4, 6), np.float32)
         (np.zeros((4, 6, 3), np.uint8), DEPTH, "gray must be uint8"),
         (GRAY, DEPTH[:, :5], "depth_m must be float32 of shape"),
         (GRAY, (1000 * DEPTH).astype(np.uint16), "see Frame.from_millimetres"),
-        (GRAY, np.where(DEPTH > 0, np.nan, DEPTH).astype(np.float32), "replace NaN"),
+        (GRAY, np.where(DEPTH > 0, np.nan, DEPTH).astype(np.float32), "replace what is not by 0"),
         (GRAY, -DEPTH, "negative"),
         (GRAY, DEPTH * np.float32(np.inf), "finite"),
         (GRAY[:0], DEPTH[:0], "empty"),
@@ -26,6 +26,18 @@ DEPTH = np.ones((4, 6), np.float32)
 def test_bad_frames_are_refused(gray: np.ndarray, depth: np.ndarray, message: str) -> None:
     with pytest.raises(FrameError, match=message):
         Frame(stamp_s=0.0, gray=gray, depth_m=depth)
+
+
+@pytest.mark.parametrize("bad", [{"gray": GRAY.tolist()}, {"depth_m": None}])
+def test_what_is_no_array_is_refused(bad: dict[str, object]) -> None:
+    with pytest.raises(FrameError, match="must be arrays"):
+        Frame(**({"stamp_s": 0.0, "gray": GRAY, "depth_m": DEPTH} | bad))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("units_per_m", [0.0, -1.0, np.nan, np.inf])
+def test_depth_has_a_positive_number_of_steps_in_a_metre(units_per_m: float) -> None:
+    with pytest.raises(FrameError, match="units_per_m"):
+        Frame.from_millimetres(stamp_s=0.0, gray=GRAY, depth_mm=DEPTH.astype(np.uint16), units_per_m=units_per_m)
 
 
 def test_intrinsics_from_hfov_see_that_angle() -> None:
@@ -86,7 +98,23 @@ def test_messages_of_ros_1_spell_it_in_capitals() -> None:
     assert Intrinsics.from_camera_info(old).fx_px == 343
 
 
-@pytest.mark.parametrize("bad", [object(), CameraInfo(p=[0.0] * 12), CameraInfo(p=[1.0] * 9), CameraInfo(width=0)])
+class Roi:
+    """Part of an image."""
+
+    width, height = 320, 180
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        object(),
+        CameraInfo(p=[0.0] * 12),
+        CameraInfo(p=[1.0] * 9),
+        CameraInfo(width=0),
+        CameraInfo(binning_x=2, binning_y=2),
+        CameraInfo(roi=Roi()),
+    ],
+)
 def test_other_messages_are_refused(bad: object) -> None:
     with pytest.raises(FrameError):
         Intrinsics.from_camera_info(bad)

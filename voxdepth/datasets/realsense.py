@@ -56,6 +56,9 @@ class RealSenseDataset(PairedImages):
     @classmethod
     def lacking(cls, folder: Path) -> str:
         """What a folder lacks to be of this format, in words; empty if it is."""
+        lists = [name for name in ("rgb.txt", "depth.txt") if (folder / name).exists()]
+        if lists:
+            return f"nothing, but it has {' and '.join(lists)} of TUM RGB-D, whose depth has other units"
         if is_converted(folder) or ((folder / DEPTH).is_dir() and _gray_folder(folder)):
             return ""
         return f"folders {DEPTH} and {' or '.join(GRAYS)} (or *_Depth_*.raw of rs-convert)"
@@ -88,16 +91,27 @@ def _paired(depth_folder: Path, gray_folder: Path, rate_hz: float) -> list[Pair]
     depth, gray = _by_number(depth_folder, (".png",)), _by_number(gray_folder, (".png", ".jpg", ".jpeg"))
     stamps_s = _stamps(depth_folder, depth, rate_hz)
     keys = [(key, key) for key in depth if key in gray]
-    if not keys and all(map(_is_time, [*depth, *gray])):
+    if len(keys) < max(len(depth), len(gray)) and all(map(_is_time, [*depth, *gray])):
         gray_s = _stamps(gray_folder, gray, rate_hz)
         matches = associate(list(stamps_s.values()), list(gray_s.values()), within_s=WITHIN_S)
         keys = [(list(depth)[i], list(gray)[j]) for i, j in matches]
+    elif keys:
+        _require_partners(depth, gray)
     if not keys:
         raise DatasetError(
             f"expected images of the same numbers in {depth_folder} (PNG) and {gray_folder} (PNG or JPEG), got none "
             f"among {len(depth)} and {len(gray)}; name the files of a frame alike"
         )
     return [Pair(stamp_s=stamps_s[i], gray=gray[j], depth=depth[i]) for i, j in keys]
+
+
+def _require_partners(depth: _Numbered, gray: _Numbered) -> None:
+    alone = [depth.get(number) or gray[number] for number in depth.keys() ^ gray.keys()]
+    if alone:
+        raise DatasetError(
+            f"expected a depth and a gray image of each number, got {min(alone)} alone and {len(alone) - 1} others; "
+            "restore what is missing, or move what is alone away"
+        )
 
 
 def _by_number(folder: Path, suffixes: tuple[str, ...]) -> _Numbered:
