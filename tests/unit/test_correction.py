@@ -349,9 +349,8 @@ def test_an_empty_folder_and_one_where_a_start_failed_are_taken(whole: Path, tmp
 
 
 def test_a_folder_that_was_begun_with_something_else_and_has_no_frame_is_taken(whole: Path, tmp_path: Path) -> None:
-    broken = Frames()
-    broken.broken = {0}
-    wrong = Bench(broken)
+    wrong = Bench(Frames())
+    wrong.dataset.broken = {0}
     wrong.config = {"window_frames": 99}
     with pytest.raises(DatasetError):
         wrong.run(tmp_path)
