@@ -1,6 +1,8 @@
 """Settings for all tests."""
 
 import os
+import signal
+import threading
 
 import hypothesis
 
@@ -10,3 +12,6 @@ os.environ.setdefault("RERUN_ANALYTICS_ENABLED", "0")
 hypothesis.settings.register_profile("steady", deadline=None, derandomize=True, max_examples=30)
 hypothesis.settings.load_profile("steady")
 import_noisy_libraries()
+if threading.current_thread() is threading.main_thread():
+    # A shell's background jobs ignore Ctrl-C, and so would everything that the tests start and interrupt.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
