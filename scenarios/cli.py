@@ -5,7 +5,7 @@ import sys
 
 import typer
 
-from .commands import bench, config, correct, general, sensor, swarm
+from .commands import bench, config, correct, evaluate, general, sensor, swarm
 from .commands.options import INTERRUPTED
 
 os.environ.setdefault("RERUN_ANALYTICS_ENABLED", "0")
@@ -21,8 +21,10 @@ app = typer.Typer(
 
 
 @app.callback()
-def start() -> None:
+def start(context: typer.Context) -> None:
     """Depth correction for stereo cameras, tested in a simulated drone swarm that flies by it."""
+    if context.invoked_subcommand == evaluate.evaluate.__name__:
+        evaluate.use_one_thread()
     from .quiet import import_noisy_libraries  # `--help` does not come here
 
     import_noisy_libraries()
@@ -30,10 +32,8 @@ def start() -> None:
 
 for panel, commands in (
     ("Swarm", (swarm.run, swarm.accept, swarm.tabulate, swarm.picture)),
-    (
-        "Sensor and corrector",
-        (sensor.record, correct.correct, config.config, bench.bench, sensor.sheet, sensor.scenes, sensor.regress),
-    ),
+    ("Sensor", (sensor.record, sensor.sheet, sensor.scenes)),
+    ("Corrector", (correct.correct, config.config, evaluate.evaluate, sensor.regress, bench.bench)),
     ("General", (general.list_, general.view, general.doctor)),
 ):
     for command in commands:

@@ -12,7 +12,7 @@ from sim.sensor import RigConfig
 from sim.tiers import DepthTierName
 from swarm.mission import MissionConfig
 from voxdepth.model import Model
-from voxdepth.registry import CORRECTOR_NAMES
+from voxdepth.registry import require_known
 
 from .files import load, shipped_names
 
@@ -53,8 +53,7 @@ class Scenario(Model):
     @pydantic.field_validator("corrector")
     @classmethod
     def _known(cls, name: str) -> str:
-        if name not in CORRECTOR_NAMES:
-            raise ValueError(f"there is no corrector {name!r}; choose one of: {', '.join(CORRECTOR_NAMES)}")
+        require_known(name)
         return name
 
 

@@ -13,7 +13,7 @@ from sim.types import Capture
 from swarm.perception import frame_of
 from voxdepth.metrics import DepthErrors, depth_errors
 from voxdepth.model import Model
-from voxdepth.registry import CORRECTOR_NAMES, create_corrector
+from voxdepth.registry import corrector_names, create_corrector
 from voxdepth.types import CorrectedDepth, DepthCorrector, FloatImage, Frame, Intrinsics
 
 from .errors import ScenarioError
@@ -82,9 +82,9 @@ def find_corrector(name: str) -> CorrectorFactory:
         ScenarioError: The module or the factory is not there.
     """
     if ":" not in name:
-        if name not in CORRECTOR_NAMES:
+        if name not in corrector_names():
             raise ScenarioError(
-                f"there is no corrector {name!r}; choose one of {', '.join(CORRECTOR_NAMES)}, or give your own as "
+                f"there is no corrector {name!r}; choose one of {', '.join(corrector_names())}, or give your own as "
                 "package.module:factory"
             )
         return lambda intrinsics: create_corrector(name, intrinsics)

@@ -1,6 +1,11 @@
-"""Correctors by name: the one vocabulary of the command line, scenarios and evaluation."""
+"""Correctors by name: the one vocabulary of the command line, scenarios and evaluation.
+
+Another distribution adds one through the entry-point group `voxdepth.correctors`, whose entries map a name to a
+`factory(intrinsics)`. It is loaded when its name is asked for, and never instead of one of ours.
+"""
 
 from collections.abc import Callable
+from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
 from .errors import ConfigError
@@ -8,28 +13,119 @@ from .types import DepthCorrector, Intrinsics
 
 if TYPE_CHECKING:
     from .config import VoxDepthConfig
+    from .peers.realsense_holes import HoleFillName
 
-Factory = Callable[[Intrinsics, "VoxDepthConfig | None"], DepthCorrector]
+__all__ = ["CORRECTOR_NAMES", "ENTRY_POINTS", "config_of", "corrector_names", "create_corrector", "require_known"]
+
+ENTRY_POINTS = "voxdepth.correctors"
+"""Group of the entry points by which other distributions add correctors."""
 
 
-def _raw(intrinsics: Intrinsics, config: "VoxDepthConfig | None") -> DepthCorrector:
+Factory = Callable[[Intrinsics], DepthCorrector]
+
+
+def _raw(intrinsics: Intrinsics) -> DepthCorrector:
     from .peers.raw import Raw
 
-    if config is not None:
-        raise ConfigError("the corrector 'raw' takes no configuration; leave it out, or choose 'paper'")
     return Raw()
 
 
-def _paper(intrinsics: Intrinsics, config: "VoxDepthConfig | None") -> DepthCorrector:
-    from .config import VoxDepthConfig
-    from .corrector import VoxDepth
+def _median(intrinsics: Intrinsics) -> DepthCorrector:
+    from .peers.median import Median
 
-    return VoxDepth(intrinsics, config or VoxDepthConfig.paper())
+    return Median()
 
 
-_FACTORIES: dict[str, Factory] = {"raw": _raw, "paper": _paper}
+def _realsense_holes(fill: "HoleFillName") -> Factory:
+    def make(intrinsics: Intrinsics) -> DepthCorrector:
+        from .peers.realsense_holes import RealSenseHoles
 
-CORRECTOR_NAMES = tuple(_FACTORIES)
+        return RealSenseHoles(fill=fill)
+
+    return make
+
+
+def _realsense(intrinsics: Intrinsics) -> DepthCorrector:
+    from .peers.realsense_chain import RealSenseChain
+
+    return RealSenseChain(intrinsics)
+
+
+def _realsense_authors(intrinsics: Intrinsics) -> DepthCorrector:
+    from .peers.authors_max import AuthorsMax
+
+    return AuthorsMax()
+
+
+def _lmeds(intrinsics: Intrinsics) -> DepthCorrector:
+    from .peers.lmeds import LMedS
+
+    return LMedS(intrinsics)
+
+
+def _flow(intrinsics: Intrinsics) -> DepthCorrector:
+    from .peers.optical_flow import FlowFilter
+
+    return FlowFilter(intrinsics)
+
+
+def _ip_basic(intrinsics: Intrinsics) -> DepthCorrector:
+    from .peers.ip_basic import IpBasic
+
+    return IpBasic(intrinsics)
+
+
+def _ip_basic_multiscale(intrinsics: Intrinsics) -> DepthCorrector:
+    from .peers.ip_basic import IpBasic, Multiscale
+
+    return IpBasic(intrinsics, completion=Multiscale())
+
+
+def _telea(intrinsics: Intrinsics) -> DepthCorrector:
+    from .peers.opencv_inpaint import OpenCvInpaint
+
+    return OpenCvInpaint(intrinsics, method="telea")
+
+
+def _navier_stokes(intrinsics: Intrinsics) -> DepthCorrector:
+    from .peers.opencv_inpaint import OpenCvInpaint
+
+    return OpenCvInpaint(intrinsics, method="navier_stokes")
+
+
+def _global_smoother(intrinsics: Intrinsics) -> DepthCorrector:
+    from .peers.global_smoother import GlobalSmoother
+
+    return GlobalSmoother(intrinsics)
+
+
+_PEERS: dict[str, Factory] = {
+    "raw": _raw,
+    "median": _median,
+    "realsense-left": _realsense_holes("left"),
+    "realsense-farthest": _realsense_holes("farthest"),
+    "realsense-nearest": _realsense_holes("nearest"),
+    "realsense": _realsense,
+    "realsense-authors": _realsense_authors,
+    "lmeds": _lmeds,
+    "flow": _flow,
+    "ip-basic": _ip_basic,
+    "ip-basic-multiscale": _ip_basic_multiscale,
+    "telea": _telea,
+    "navier-stokes": _navier_stokes,
+    "global-smoother": _global_smoother,
+}
+PAPER = "paper"
+"""The one corrector that takes a configuration."""
+
+CORRECTOR_NAMES = (*_PEERS, PAPER)
+"""The correctors that come with this library."""
+
+
+def corrector_names() -> tuple[str, ...]:
+    """Ours and those that other distributions offer, which are not loaded for that."""
+    others = {entry.name for entry in entry_points(group=ENTRY_POINTS)}
+    return (*CORRECTOR_NAMES, *sorted(others.difference(CORRECTOR_NAMES)))
 
 
 def config_of(name: str) -> "VoxDepthConfig | None":
@@ -40,25 +136,52 @@ def config_of(name: str) -> "VoxDepthConfig | None":
     """
     from .config import VoxDepthConfig
 
-    _require_known(name)
-    return VoxDepthConfig.paper() if name == "paper" else None
+    require_known(name)
+    return VoxDepthConfig.paper() if name == PAPER else None
 
 
 def create_corrector(name: str, intrinsics: Intrinsics, config: "VoxDepthConfig | None" = None) -> DepthCorrector:
     """A new corrector of that name for one camera.
 
     Args:
-        name: One of `CORRECTOR_NAMES`.
+        name: One of `corrector_names()`.
         intrinsics: Of the camera.
         config: Instead of the one that belongs to the name.
 
     Raises:
-        ConfigError: No corrector has that name, or the one that has it takes no configuration.
+        ConfigError: No corrector has that name, the one that has it takes no configuration or needs a camera with a
+            baseline, or it is another distribution's and cannot be loaded.
     """
-    _require_known(name)
-    return _FACTORIES[name](intrinsics, config)
+    require_known(name)
+    if name == PAPER:
+        from .config import VoxDepthConfig
+        from .corrector import VoxDepth
+
+        return VoxDepth(intrinsics, config or VoxDepthConfig.paper())
+    if config is not None:
+        raise ConfigError(f"the corrector {name!r} takes no configuration; leave it out, or choose {PAPER!r}")
+    make = _PEERS[name] if name in _PEERS else _loaded(name)
+    return make(intrinsics)
 
 
-def _require_known(name: str) -> None:
-    if name not in _FACTORIES:
-        raise ConfigError(f"there is no corrector {name!r}; choose one of: {', '.join(CORRECTOR_NAMES)}")
+def require_known(name: str) -> None:
+    """Refuse a name that no corrector has; nothing is loaded.
+
+    Raises:
+        ConfigError: No corrector has that name.
+    """
+    if name not in CORRECTOR_NAMES and name not in corrector_names():
+        raise ConfigError(f"there is no corrector {name!r}; choose one of: {', '.join(corrector_names())}")
+
+
+def _loaded(name: str) -> Factory:
+    """The factory of another distribution, after its code was loaded."""
+    entry = next(iter(entry_points(group=ENTRY_POINTS, name=name)))
+    try:
+        factory: Factory = entry.load()
+    except Exception as error:  # foreign code may raise anything
+        raise ConfigError(
+            f"the corrector {name!r} cannot be loaded from its entry point {entry.value!r} ({type(error).__name__}: "
+            f"{error}); repair or uninstall the distribution that offers it"
+        ) from error
+    return factory

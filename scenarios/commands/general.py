@@ -14,7 +14,7 @@ def list_() -> None:
 
     from sim.render import RENDERER_NAMES
     from sim.tiers import TIER_NAMES
-    from voxdepth.registry import CORRECTOR_NAMES
+    from voxdepth.registry import corrector_names
 
     from ..config import load_run, scenario_names
     from ..sequences import load_sequence, sequence_names
@@ -31,7 +31,7 @@ def list_() -> None:
     console.print(table)
     console.print(sequences)
     console.print(f"depth tiers: {', '.join(TIER_NAMES)}")
-    console.print(f"correctors:  {', '.join(CORRECTOR_NAMES)}")
+    console.print(f"correctors:  {', '.join(corrector_names())}")
     console.print(f"renderers:   {', '.join(RENDERER_NAMES)}")
 
 

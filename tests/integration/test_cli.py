@@ -70,7 +70,7 @@ def test_two_runs_of_a_seed_are_equal_down_to_the_recording(tmp_path: Path) -> N
     [
         (["run", "atlantis"], "there is no scenario 'atlantis'; choose one of: city"),
         (["run", "city", "--drones", "0"], "mission.drones: Input should be greater than or equal to 1, got 0"),
-        (["run", "city", "--corrector", "magic"], "there is no corrector 'magic'; choose one of: raw, paper"),
+        (["run", "city", "--corrector", "magic"], "there is no corrector 'magic'; choose one of: raw, median"),
         (["run", "city", "--size", "big"], "--size must look like 160x120, got 'big'"),
         (["run", "city", "--theta", "0.5"], "belongs to the depth tier 'noisy'"),
         (["run", "city", "--seed", "-1"], "seed: Input should be greater than or equal to 0"),
@@ -181,7 +181,7 @@ def test_ctrl_c_ends_the_run_and_closes_the_recording(tmp_path: Path) -> None:
 def test_list_names_everything() -> None:
     done = voxdepth("list")
     assert done.returncode == 0
-    for word in ("city", "truth, noisy, stereo", "raw, paper", "raycast, tiny"):
+    for word in ("city", "truth, noisy, stereo", "raw, median", "paper", "raycast, tiny"):
         assert word in done.stdout
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .types import FloatImage
+from ..types import FloatImage
 
 TOO_FAR = 1.1
 """A pixel is too far when it is more than 10 % beyond the truth."""

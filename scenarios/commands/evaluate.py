@@ -1,0 +1,106 @@
+"""The command that compares all methods on the same frames."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .options import Seed
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+
+    from ..evaluation.suite import Done, Plan, Wanted
+
+
+def use_one_thread() -> None:
+    """Keep NumPy's linear algebra on one thread; it has no effect once NumPy is imported."""
+    import os
+
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+
+
+def evaluate(
+    sequences: Annotated[
+        list[str] | None, typer.Argument(help="Shipped sequences. Default: all, unless there is --data.")
+    ] = None,
+    data: Annotated[
+        list[Path] | None, typer.Option(metavar="DIR", help="A recorded sequence of any format; may be repeated.")
+    ] = None,
+    methods: Annotated[
+        str | None, typer.Option(metavar="A,B,C", help="Methods by name. Default: all, and the oracle true-pose.")
+    ] = None,
+    frames: Annotated[int, typer.Option(min=1, help="How many of the first frames of each sequence.")] = 30,
+    seed: Seed = None,
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="DIR",
+            help="Folder of the results; goes on where one was cut short. The report holds what this call names.",
+        ),
+    ] = (Path("evaluation")),
+) -> None:
+    """Compare all methods on the same frames: errors, coverage, flicker, latency; tables, figures and a report.
+
+    Records the shipped sequences below DIR first. A recording with true depth is judged by it; any other by pixels that
+    are taken away in the shape of occlusion shadows. Writes results.csv, results.parquet and report.html.
+    """
+    import cv2
+    from rich.console import Console
+
+    from ..bench.machine import Machine
+    from ..evaluation.page import write_report
+    from ..evaluation.results import write_results
+    from ..evaluation.terminal import print_results
+
+    cv2.setNumThreads(1)
+    # What OpenCV prints about damaged images, our errors say with the name of the file.
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    plan = _planned(sequences or [], data or [], methods, frames, seed, out)
+    console = Console()
+    try:
+        done = _run(console, plan)
+    except KeyboardInterrupt:
+        console.print(f"stopped; the finished cells in {out} are safe, and the same command goes on", soft_wrap=True)
+        raise
+    write_results(out, done.cells)
+    write_report(out, done, Machine.here())
+    print_results(console, done)
+    console.print(f"{len(done.cells)} cells, {done.reused} of them finished before", soft_wrap=True)
+    console.print(f"results.csv, results.parquet and report.html are in {out}", soft_wrap=True)
+
+
+def _planned(
+    sequences: "Sequence[str]", data: "Sequence[Path]", methods: str | None, frames: int, seed: int | None, out: Path
+) -> "Plan":
+    """What is to be done, checked before anything is written."""
+    from ..evaluation.methods import METHOD_NAMES, find_methods
+    from ..evaluation.suite import Folder, Plan, Shipped
+    from ..sequences import load_sequence, sequence_names
+
+    names = sequences or ([] if data else sequence_names())
+    wanted: list[Wanted] = [Shipped(load_sequence(name, seed, {})) for name in names]
+    wanted += [Folder(folder) for folder in data]
+    chosen = METHOD_NAMES if methods is None else [name.strip() for name in methods.split(",")]
+    return Plan(sequences=wanted, methods=find_methods(chosen), frames=frames, out=out)
+
+
+def _run(console: "Console", plan: "Plan") -> "Done":
+    """Do it under a bar that counts cells."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from ..evaluation.suite import evaluate
+
+    columns = (
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("cells"),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("", total=len(plan))
+        return evaluate(plan, lambda what, done: bar.update(task, description=what, completed=done))

@@ -1,0 +1,109 @@
+"""A small sequence whose depth can be worked out by hand, and methods that do one thing each."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenarios.evaluation.groups import TRUE_GROUPS
+from scenarios.evaluation.methods import Method
+from scenarios.evaluation.sources import Judged
+from sim import frames
+from sim.recording import RecordingWriter
+from sim.types import Capture
+from voxdepth.peers.raw import Raw
+from voxdepth.types import CorrectedDepth, DepthCorrector, FloatImage, Frame, Intrinsics, MaskImage
+
+CAMERA = Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80, baseline_m=0.5)
+N = 8
+"""Frames of the recording."""
+Change = Callable[[FloatImage], Any]
+WALL_M, POST_M, HALF_WIDTH_M, STEP_M = 6.0, 2.0, 0.3, 0.05
+
+
+def truth_of(index: int, baseline_m: float = 0.0) -> FloatImage:
+    """A post before a wall, seen by a camera that moves to the right by 5 cm a frame."""
+    x = (np.arange(CAMERA.width_px) - CAMERA.cx_px) / CAMERA.fx_px * POST_M + index * STEP_M + baseline_m
+    row = np.where(np.abs(x) <= HALF_WIDTH_M, np.float32(POST_M), np.float32(WALL_M))
+    return np.repeat(row[None], CAMERA.height_px, axis=0).astype(np.float32)
+
+
+def shadow_of(truth_m: FloatImage) -> MaskImage:
+    """What a camera to the right would not see: as wide as the post's disparity exceeds the wall's, left of it."""
+    width_px = round(CAMERA.fx_px * (CAMERA.baseline_m or 0) * (1 / POST_M - 1 / WALL_M))
+    post = truth_m == POST_M
+    start = np.argmax(post, axis=1)[:, None]
+    col = np.arange(truth_m.shape[1])
+    return ~post & (col < start) & (col >= start - width_px)
+
+
+def capture_of(index: int) -> tuple[Capture, np.ndarray]:
+    """A capture with a hole in the shadow, and 1 % of noise elsewhere; and its attitude."""
+    rng = np.random.default_rng(index)
+    truth_m = truth_of(index)
+    shadow = shadow_of(truth_m)
+    noisy_m = truth_m * (1 + 0.01 * rng.uniform(-1, 1, truth_m.shape))
+    raw_m = np.where(shadow, 0, noisy_m).astype(np.float32)
+    q = np.array([0.0, 0.0, 0.0, 1.0])
+    capture = Capture(
+        stamp_s=index / 30,
+        drone=0,
+        gray_left=np.where(truth_m == POST_M, 200, 60).astype(np.uint8),
+        gray_right=np.zeros(CAMERA.shape, np.uint8),
+        depth_true_m=truth_m,
+        depth_raw_m=raw_m,
+        occluded=shadow,
+        loss=shadow.astype(np.uint8),
+        segment_id=np.where(truth_m == POST_M, 1, 0).astype(np.int32),
+        T_world_cam=frames.pose(frames.rotation_from_quaternion(q), np.array([index * STEP_M, 0, 0])),
+        intrinsics=CAMERA,
+    )
+    return capture, q
+
+
+def write_recording(folder: Path, n_frames: int = N) -> Path:
+    """The sequence as a recording with the truth."""
+    with RecordingWriter.create(folder, intrinsics=CAMERA, config_text="seed = 0\n") as writer:
+        for index in range(n_frames):
+            writer.append(*capture_of(index))
+    return folder
+
+
+def judged_frames(n_frames: int = 4) -> list[Judged]:
+    """Frames whose pixels are all of one kind, judged by the truth."""
+    return list(_judged(n_frames))
+
+
+def _judged(n_frames: int) -> Iterator[Judged]:
+    for index in range(n_frames):
+        capture, _ = capture_of(index)
+        hole = (capture.depth_raw_m == 0).astype(np.uint8)
+        yield Judged(
+            frame=Frame(stamp_s=capture.stamp_s, gray=capture.gray_left, depth_m=capture.depth_raw_m.copy()),
+            T_world_cam=capture.T_world_cam,
+            reference_m=capture.depth_true_m,
+            labels=TRUE_GROUPS.label(capture.depth_true_m, 5 * hole),
+            static=np.full(CAMERA.shape, index > 0),
+            occluded_share=0.1,
+        )
+
+
+class Gives(Raw):
+    """Gives whatever a function makes of the frame's depth."""
+
+    def __init__(self, change: Change) -> None:
+        self._change = change
+
+    def process(self, frame: Frame) -> CorrectedDepth:
+        return replace(super().process(frame), depth_m=self._change(frame.depth_m))
+
+
+def method(name: str, change: Change | None = None, *, sees_true_pose: bool = False) -> Method:
+    """A method that applies a function to the depth; without one it gives the depth as it is."""
+
+    def make(intrinsics: Intrinsics) -> DepthCorrector:
+        return Raw() if change is None else Gives(change)
+
+    return Method(name=name, make=make, sees_true_pose=sees_true_pose)

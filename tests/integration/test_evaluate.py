@@ -1,0 +1,124 @@
+"""`voxdepth evaluate` as a user meets it."""
+
+import csv
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from scenarios.cli import app
+from scenarios.evaluation import suite
+from tests.evaluation_clips import write_recording
+from tests.integration.test_cli import voxdepth
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+
+
+def evaluate(*arguments: str | Path) -> Result:
+    """The command, in this process."""
+    return CliRunner(env={"COLUMNS": "120"}).invoke(app, ["evaluate", *map(str, arguments)])
+
+
+def values(out: Path) -> dict[tuple[str, ...], str]:
+    with (out / "results.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    names = ("sequence", "method", "metric", "mask", "range", "on")
+    return {tuple(row[name] for name in names): row["value"] for row in rows if row["unit"] != "ms"}
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A recording with the truth, and one without."""
+    base = tmp_path_factory.mktemp("data")
+    plain = write_recording(base / "plain")
+    shutil.rmtree(plain / "depth_true")
+    return write_recording(base / "post"), plain
+
+
+def test_everything_is_written_and_a_repetition_takes_it(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    post, plain = folders
+    command = ("--data", post, "--data", plain, "--methods", "raw,ip-basic,true-pose", "--frames", "5")
+    done = evaluate(*command, "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    for words in ("post: 5 frames of 64x48", "judged by the truth", "plain: 5 frames", "held-out pixels",
+                  "plain, true-pose failed: it needs the true pose", "6 cells, 0 of them finished before"):  # fmt: skip
+        assert words in done.output, words
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "cells", "sequences", "results.csv", "results.parquet", "report.html"
+    }  # fmt: skip
+    cell = json.loads((tmp_path / "out" / "cells" / "post" / "raw.json").read_text())
+    assert cell["key"]["frames"] == 5
+    assert set(cell["key"]["versions"]) >= {"voxdepth", "numpy"}
+    before = values(tmp_path / "out")
+    again = evaluate(*command, "--out", tmp_path / "out")
+    assert "6 cells, 5 of them finished before" in again.output, again.output
+    assert values(tmp_path / "out") == before
+    elsewhere = evaluate(*command, "--out", tmp_path / "elsewhere")
+    assert elsewhere.exit_code == 0
+    assert values(tmp_path / "elsewhere") == before, "bit for bit"
+
+
+def test_an_interrupted_evaluation_goes_on(
+    folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = ("--data", folders[0], "--methods", "raw,median", "--frames", "3", "--out", tmp_path)
+    really = suite.judge
+
+    def interrupted(method: suite.Method, *rest: object) -> object:
+        if method.name == "median":
+            raise KeyboardInterrupt
+        return really(method, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(suite, "judge", interrupted)
+    stopped = evaluate(*command)
+    assert stopped.exit_code != 0
+    assert "the same command goes on" in stopped.output
+    assert not list(tmp_path.glob(f"{suite.SCRATCH}*"))
+    monkeypatch.setattr(suite, "judge", really)
+    assert "2 cells, 1 of them finished before" in evaluate(*command).output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["sim-XX"], "there is no sequence 'sim-XX'; choose one of: sim-KTC"),
+        (["--methods", "raw,magic"], "there is no corrector 'magic'; choose one of: raw"),
+        (["--methods", "raw,raw"], "--methods names 'raw' twice"),
+        (["--methods", "nowhere:make"], "cannot find the corrector 'nowhere:make'"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(arguments: list[str], message: str, tmp_path: Path) -> None:
+    done = voxdepth("evaluate", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_a_shipped_sequence_is_recorded_and_judged(tmp_path: Path) -> None:
+    done = voxdepth("evaluate", "sim-LN", "--frames", "1", "--methods", "raw", "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert "sim-LN: 1 frames of 640x360" in done.stdout
+    assert len(list((tmp_path / "out" / "recordings").glob("sim-LN-*/config.toml"))) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+def test_the_report_opens_in_a_browser_without_a_word_on_its_console(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    assert evaluate("--data", folders[0], "--methods", "raw,median,bad:one", "--out", out).exit_code != 0
+    assert evaluate("--data", folders[0], "--methods", "raw,median", "--out", out).exit_code == 0
+    options = ("--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--v=0")
+    shown = subprocess.run(
+        [str(CHROMIUM), *options, f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", f"file://{out}/report.html"],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    assert "Depth correctors compared" in shown.stdout
+    assert shown.stdout.rstrip().endswith("</html>")
+    assert "CONSOLE" not in shown.stderr, shown.stderr

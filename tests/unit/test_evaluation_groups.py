@@ -1,0 +1,87 @@
+"""Groups of pixels: disjoint, and adding up to every mask and range."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scenarios.evaluation.cell import Figure
+from scenarios.evaluation.groups import BINS, HELD_OUT_GROUPS, NONE, RANGES, TRUE_GROUPS, Groups, pairs, split
+from scenarios.evaluation.scoring import READINGS, Score
+from tests.evaluation_clips import CAMERA, judged_frames
+from voxdepth.metrics import Sums, by_range
+
+
+@pytest.mark.parametrize("groups", [TRUE_GROUPS, HELD_OUT_GROUPS])
+@settings(max_examples=5)
+@given(seed=st.integers(0, 2**32))
+def test_the_sums_of_groups_are_those_of_each_mask_and_range(groups: Groups, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    truth_m = rng.choice([0.5, 2, 3, 5, 9, 10, 20, 60, np.inf], (12, 16)).astype(np.float32)
+    depth_m = rng.choice([0, 1, 2, 8, 30], (12, 16)).astype(np.float32)
+    kind = rng.integers(0, len(groups.kinds), (12, 16)).astype(np.uint8)
+    labels = groups.label(truth_m, kind)
+    parts = [
+        Sums.of(depth_m.ravel()[where], truth_m.ravel()[where], np.ones(where.size, bool))
+        for where in split(labels, len(groups))
+    ]
+    for mask, within in pairs(groups):
+        bins = by_range(truth_m)
+        there = np.any([bins[BINS[index]] for index in RANGES[within]], axis=0)
+        of_kind = np.isin(kind, [groups.kinds.index(name) for name in groups.masks[mask]])
+        expected = Sums.of(depth_m, truth_m, there & of_kind)
+        added = sum((parts[member] for member in groups.members(mask, within)), Sums())
+        assert (added.pixels, added.filled, added.too_far) == (expected.pixels, expected.filled, expected.too_far)
+        assert added.abs_error_m == pytest.approx(expected.abs_error_m)
+
+
+def test_pixels_without_a_reference_are_in_no_group() -> None:
+    reference_m = np.array([[0, np.inf, 1, 25]], np.float32)
+    labels = TRUE_GROUPS.label(reference_m, np.array([[0, 0, 3, 5]], np.uint8))
+    assert labels.tolist() == [[NONE, NONE, 3, 4 * 6 + 5]]
+    groups = split(labels, len(TRUE_GROUPS))
+    assert {k: list(where) for k, where in enumerate(groups) if where.size} == {3: [2], 29: [3]}
+
+
+def test_a_frame_without_any_reference_has_empty_groups() -> None:
+    groups = split(np.full((3, 4), NONE, np.uint8), len(TRUE_GROUPS))
+    assert len(groups) == len(TRUE_GROUPS)
+    assert not any(where.size for where in groups)
+
+
+@pytest.mark.parametrize("groups", [TRUE_GROUPS, HELD_OUT_GROUPS])
+def test_every_kind_is_in_all_and_what_is_hidden_is_not_measured(groups: Groups) -> None:
+    assert set(groups.masks["all"]) == set(groups.kinds)
+    assert not set(groups.masks[groups.hidden]) & set(groups.masks["measured"])
+    assert sorted(groups.members("all", "all")) == list(range(len(groups)))
+
+
+def figure(score: Score, *wanted: str) -> Figure:
+    (found,) = (f for f in score.figures() if (f.metric, f.mask, f.range, f.on) == wanted)
+    return found
+
+
+def test_a_frame_given_wholly_empty_leaves_no_figure_after_completion() -> None:
+    score = Score(TRUE_GROUPS)
+    for index, judged in enumerate(judged_frames(3)):
+        score.add(judged, judged.reference_m * np.float32(index != 1))
+    for metric in READINGS:
+        assert figure(score, metric, "all", "0-20 m", "completed").value is None, metric
+        assert figure(score, metric, "all", "0-20 m", "filled").value is not None, metric
+    assert figure(score, "psnr16_mm", "all", "all", "completed").value is None
+    assert score.frame_psnrs_db == (np.inf, None, np.inf)
+
+
+def test_without_the_truth_the_ratio_in_16_bits_is_of_held_out_pixels() -> None:
+    judged = judged_frames(1)[0]
+    kind = np.zeros(CAMERA.shape, np.uint8)
+    kind[:, :10] = 1
+    depth_m = judged.reference_m + np.float32(0.5) * kind
+    score = Score(HELD_OUT_GROUPS)
+    score.add(replace(judged, labels=HELD_OUT_GROUPS.label(judged.reference_m, kind)), depth_m)
+    ratio = figure(score, "psnr16_mm", "held out", "all", "completed")
+    assert ratio.value == pytest.approx(20 * np.log10(65.535 / 0.5), rel=1e-5)
+    assert ratio.n == kind.sum()
+    assert score.frame_psnrs_db == (pytest.approx(ratio.value),)

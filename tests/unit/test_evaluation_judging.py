@@ -1,0 +1,266 @@
+"""Running a method: what it may give, what it may see, and what is scored."""
+
+import threading
+import time
+from dataclasses import replace
+from importlib.metadata import EntryPoint
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scenarios.errors import ScenarioError
+from scenarios.evaluation.cell import Figure
+from scenarios.evaluation.exhibits import decoded
+from scenarios.evaluation.groups import TRUE_GROUPS
+from scenarios.evaluation.judging import MethodError, Verdict, judge, pictured
+from scenarios.evaluation.methods import METHOD_NAMES, ORACLE, WARM_UP_FRAMES, Method, find_method, find_methods
+from scenarios.evaluation.scoring import READINGS, Score
+from tests.evaluation_clips import CAMERA, WALL_M, N, judged_frames, method, truth_of
+from voxdepth import registry
+from voxdepth.errors import ConfigError
+from voxdepth.metrics import completed
+from voxdepth.peers.raw import Raw
+from voxdepth.registry import ENTRY_POINTS
+from voxdepth.types import CorrectedDepth, Frame
+
+
+def judged_by(change: Any, frames: int = 4) -> Verdict:
+    return judge(method("stub", change), judged_frames(frames), TRUE_GROUPS, CAMERA)
+
+
+def figure(verdict: Verdict, *wanted: str) -> Figure:
+    (found,) = (f for f in verdict.figures if (f.metric, f.mask, f.range, f.on) == wanted)
+    return found
+
+
+def test_a_perfect_method_has_no_error() -> None:
+    frames = iter([*range(WARM_UP_FRAMES), *range(4)])
+    verdict = judged_by(lambda depth_m: truth_of(next(frames)))
+    for metric in READINGS:
+        expected = np.inf if metric == "psnr_40m" else 0
+        assert figure(verdict, metric, "all", "all", "completed").value == expected
+    assert verdict.frame_psnrs_db == (np.inf,) * 4
+    assert figure(verdict, "m_rmse_u16_wrap", "occluded", "all", "as given").value == 0
+    assert figure(verdict, "flicker", "static", "0-20 m", "filled").value == 0
+    assert figure(verdict, "coverage", "holes", "0-20 m", "filled").value == 1
+
+
+def test_figures_are_those_of_the_whole_image_at_once() -> None:
+    verdict = judged_by(lambda depth_m: depth_m * np.float32(1.05))
+    given = [judged.frame.depth_m.astype(np.float32) * np.float32(1.05) for judged in judged_frames()]
+    truth = [judged.reference_m for judged in judged_frames()]
+    filled = np.concatenate([np.abs(g - t)[g > 0].astype(np.float64) for g, t in zip(given, truth, strict=True)])
+    everywhere = np.concatenate([np.abs(completed(g) - t).ravel() for g, t in zip(given, truth, strict=True)])
+    on_filled = figure(verdict, "mae", "all", "0-20 m", "filled")
+    assert on_filled.value == pytest.approx(filled.mean(), rel=1e-6)
+    assert on_filled.n == filled.size
+    on_all = figure(verdict, "mae", "all", "0-20 m", "completed")
+    assert on_all.value == pytest.approx(everywhere.mean(), rel=1e-6)
+    assert on_all.n == everywhere.size
+    assert figure(verdict, "coverage", "all", "0-20 m", "filled").value == pytest.approx(filled.size / everywhere.size)
+
+
+def test_unfilled_pixels_do_not_hide() -> None:
+    def only_the_left_column(depth_m: np.ndarray) -> np.ndarray:
+        kept = np.zeros_like(depth_m)
+        kept[:, 0] = WALL_M
+        return kept
+
+    verdict = judged_by(only_the_left_column)
+    assert figure(verdict, "mae", "all", "all", "filled").value == 0
+    assert figure(verdict, "mae", "all", "all", "completed").value > 0.3
+    assert figure(verdict, "mae", "holes", "all", "filled").value is None
+    assert figure(verdict, "coverage", "holes", "all", "filled").value == 0
+
+
+def test_a_wrong_depth_that_stays_does_not_flicker_and_one_that_changes_does() -> None:
+    assert figure(judged_by(lambda d: np.full_like(d, 9)), "switched", "static", "0-20 m", "filled").value == 0
+    signs = iter([1, -1] * N)
+    verdict = judged_by(lambda d: np.full_like(d, 9 + 0.5 * next(signs)))
+    assert figure(verdict, "flicker", "static", "0-20 m", "filled").value > 0.9
+
+
+def test_sequences_judged_by_measured_depth_count_the_change_of_depth() -> None:
+    from scenarios.evaluation.groups import HELD_OUT_GROUPS
+
+    frame = judged_frames(1)[0]
+    labels = HELD_OUT_GROUPS.label(frame.reference_m, np.zeros(CAMERA.shape, np.uint8))
+    score = Score(HELD_OUT_GROUPS)
+    for k in range(3):
+        flickering_m = frame.reference_m + np.float32(0.1 * (k % 2))
+        judged = replace(frame, labels=labels, reference_m=flickering_m, static=np.ones(CAMERA.shape, bool))
+        score.add(judged, flickering_m)
+    (flicker,) = (f for f in score.figures() if f.metric == "flicker")
+    assert flicker.value == pytest.approx(0.1, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            lambda d: d[:-1],
+            r"frame 0: expected depth_m as float32 of shape \(48, 64\), got float32 of shape \(47",
+        ),
+        (lambda d: d.astype(np.float64), "frame 0: expected depth_m as float32 of shape .* got float64"),
+        (lambda d: np.full_like(d, np.nan), "frame 0: expected finite depths .* got 3072 others"),
+        (lambda d: -d, r"frame 0: expected depths of at least 0 m .* got -6"),
+        (lambda d: None, "frame 0: expected a CorrectedDepth with depth_m, got NoneType"),
+        (lambda d: 1 / 0, "frame 0: ZeroDivisionError: division by zero"),
+        (lambda d: exit(3), "frame 0: SystemExit: 3"),
+        (lambda d: d.__setitem__(0, 1), "frame 0: ValueError: assignment destination is read-only"),
+    ],
+)
+def test_a_method_that_gives_no_depth_is_named_with_what_came(change: Any, message: str) -> None:
+    with pytest.raises(MethodError, match=message):
+        judged_by(change)
+
+
+@pytest.mark.parametrize("error", [ConfigError("needs a baseline"), SystemExit("needs a baseline")])
+def test_a_method_that_cannot_be_made_is_an_error_of_the_method(error: BaseException) -> None:
+    def make(intrinsics: object) -> Any:
+        raise error
+
+    with pytest.raises(MethodError, match=r"cannot be made: .*: needs a baseline"):
+        judge(Method(name="x", make=make), judged_frames(1), TRUE_GROUPS, CAMERA)
+
+
+@pytest.mark.parametrize("error", [OSError("stuck"), SystemExit("stuck")])
+@pytest.mark.parametrize("fails_at", ["warm-up", "end"])
+def test_a_method_that_cannot_be_closed_is_an_error_of_the_method(error: BaseException, fails_at: str) -> None:
+    closed: list[object] = []
+
+    class Stuck(Raw):
+        def close(self) -> None:
+            closed.append(self)
+            if fails_at == "warm-up" or len(closed) == 2:
+                raise error
+
+    with pytest.raises(MethodError, match=r"it cannot be closed: .*: stuck"):
+        judge(Method(name="x", make=lambda intrinsics: Stuck()), judged_frames(2), TRUE_GROUPS, CAMERA)
+    assert len(closed) == (1 if fails_at == "warm-up" else 2)
+
+
+@pytest.mark.parametrize("fails_at", [0, WARM_UP_FRAMES])
+def test_every_instance_is_closed_and_the_first_error_is_told(fails_at: int) -> None:
+    made, closed = [], []
+    frames = iter(range(N))
+
+    class Breaks(Raw):
+        def __init__(self) -> None:
+            made.append(self)
+
+        def process(self, frame: Frame) -> CorrectedDepth:
+            if next(frames) == fails_at:
+                raise ValueError("broken")
+            return super().process(frame)
+
+        def close(self) -> None:
+            closed.append(self)
+            raise OSError("stuck")
+
+    class Ends(Breaks):
+        def close(self) -> None:
+            closed.append(self)
+
+    kind = Ends if fails_at else Breaks
+    with pytest.raises(MethodError, match="frame 0: ValueError: broken"):
+        judge(Method(name="x", make=lambda intrinsics: kind()), judged_frames(4), TRUE_GROUPS, CAMERA)
+    assert closed == made
+    assert len(made) == (2 if fails_at else 1)
+
+
+def test_work_of_other_threads_is_counted_apart_from_the_latency() -> None:
+    def burn() -> None:
+        end = time.thread_time() + 0.02
+        while time.thread_time() < end:
+            pass
+
+    def in_a_thread(depth_m: np.ndarray) -> np.ndarray:
+        worker = threading.Thread(target=burn)
+        worker.start()
+        worker.join()
+        return depth_m
+
+    where = ("latency_background", "frames", "frames", "frames")
+    busy, idle = figure(judged_by(in_a_thread), *where), figure(judged_by(lambda d: d), *where)
+    assert (busy.unit, busy.n) == ("ms", 4)
+    assert 20 <= busy.value < 40
+    assert 0 <= idle.value < 5
+
+
+@pytest.mark.parametrize(("asked", "warmed_up"), [(1, 1), (3, 3), (9, 4)])
+def test_the_warm_up_is_as_long_as_the_method_asks_and_the_sequence_allows(asked: int, warmed_up: int) -> None:
+    calls: list[int] = []
+    longer = replace(method("x", lambda d: calls.append(1) or d), warm_up_frames=asked)
+    judge(longer, judged_frames(4), TRUE_GROUPS, CAMERA)
+    assert len(calls) == warmed_up + 4
+
+
+def test_the_warm_up_of_the_paper_reaches_every_stage() -> None:
+    assert find_method("paper").warm_up_frames == 10 + 3 + 2
+    assert find_method("raw").warm_up_frames == WARM_UP_FRAMES
+
+
+def test_only_methods_of_ours_are_not_foreign(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not any(m.is_foreign for m in find_methods(METHOD_NAMES))
+    assert find_method("voxdepth.peers.raw:Raw").is_foreign
+    entries = [EntryPoint(name="theirs", value="theirs:make", group=ENTRY_POINTS)]
+    monkeypatch.setattr(registry, "entry_points", lambda **wanted: entries)
+    assert find_method("theirs").is_foreign
+
+
+def test_only_an_oracle_sees_the_pose_and_nothing_sees_the_truth() -> None:
+    seen = []
+
+    class Spy(Raw):
+        def process(self, frame: Frame) -> CorrectedDepth:
+            seen.append(frame)
+            return super().process(frame)
+
+    for oracle in (False, True):
+        seen.clear()
+        judge(
+            Method(name="spy", make=lambda intrinsics: Spy(), sees_true_pose=oracle),
+            judged_frames(2),
+            TRUE_GROUPS,
+            CAMERA,
+        )
+        assert all((frame.T_world_cam is not None) == oracle for frame in seen)
+        assert not any(np.array_equal(frame.depth_m, truth_of(0)) for frame in seen)
+
+
+def test_the_warm_up_is_not_timed_and_leaves_nothing_behind() -> None:
+    made: list[Raw] = []
+    calls: list[int] = []
+
+    class Counts(Raw):
+        def process(self, frame: Frame) -> CorrectedDepth:
+            calls.append(made.index(self))
+            return super().process(frame)
+
+    def make(intrinsics: object) -> Raw:
+        made.append(Counts())
+        return made[-1]
+
+    verdict = judge(Method(name="x", make=make), judged_frames(4), TRUE_GROUPS, CAMERA)
+    assert calls == [0] * WARM_UP_FRAMES + [1] * 4
+    for name in ("latency_p50", "latency_p95", "latency_max"):
+        latency = figure(verdict, name, "frames", "frames", "frames")
+        assert (latency.n, latency.unit) == (4, "ms")
+        assert latency.value > 0
+
+
+def test_a_picture_is_depth_in_millimetres() -> None:
+    np.testing.assert_allclose(decoded(pictured(truth_of(0))), truth_of(0))
+
+
+def test_methods_are_found_by_name_and_refused_by_name() -> None:
+    assert METHOD_NAMES[-1] == ORACLE
+    assert [m.name for m in find_methods(METHOD_NAMES) if m.sees_true_pose] == [ORACLE]
+    assert find_method("paper").config["window_frames"] == 10
+    assert find_method("voxdepth.peers.raw:Raw").name == "voxdepth.peers.raw:Raw"
+    with pytest.raises(ConfigError, match="there is no corrector 'magic'"):
+        find_methods(["raw", "magic"])
+    with pytest.raises(ScenarioError, match="names 'raw' twice"):
+        find_methods(["raw", "median", "raw"])

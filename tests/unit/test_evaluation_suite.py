@@ -1,0 +1,326 @@
+"""The suite: cells are kept and reused, failures stop nothing else, and a repetition gives the same figures."""
+
+import json
+import os
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scenarios.errors import ScenarioError
+from scenarios.evaluation import suite
+from scenarios.evaluation.cell import Cell, cell_path, read_cell, write_model
+from scenarios.evaluation.methods import Method, find_methods
+from scenarios.evaluation.scratch import Scratch
+from scenarios.evaluation.sources import SimulatedSource, Source, open_source
+from scenarios.evaluation.suite import Done, Folder, Plan, Shipped, evaluate
+from scenarios.sequences import load_sequence
+from tests.evaluation_clips import CAMERA, POST_M, capture_of, method, shadow_of, truth_of, write_recording
+
+GOOD = method("good")
+BAD = method("bad", lambda depth_m: depth_m[:-1])
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_recording(tmp_path_factory.mktemp("data") / "post")
+
+
+def run(out: Path, *folders: Path, methods: tuple[Method, ...] = (GOOD, BAD), frames: int = 4) -> Done:
+    plan = Plan(sequences=[Folder(folder) for folder in folders], methods=methods, frames=frames, out=out)
+    return evaluate(plan, lambda what, done: None)
+
+
+def quality(cell: Cell) -> Any:
+    return [figure for figure in cell.figures if figure.unit != "ms"], cell.frame_psnrs_db, cell.picture
+
+
+def test_one_methods_failure_is_a_cell_that_says_so(recording: Path, tmp_path: Path) -> None:
+    done = run(tmp_path, recording)
+    good, bad = done.cells
+    assert good.error is None
+    assert good.figures
+    assert bad.error == "frame 0: expected depth_m as float32 of shape (48, 64), got float32 of shape (47, 64)"
+    assert not bad.figures
+    assert done.facts["post"].pixels["all"]["all"] == 4 * 48 * 64
+
+
+def test_a_repetition_elsewhere_gives_the_same_quality_bit_for_bit(recording: Path, tmp_path: Path) -> None:
+    methods = tuple(find_methods(["raw", "paper", "median", "flow", "true-pose"]))
+    one, other = (run(tmp_path / name, recording, methods=methods, frames=8) for name in "ab")
+    assert [cell.error for cell in one.cells] == [None] * 5
+    assert [quality(cell) for cell in one.cells] == [quality(cell) for cell in other.cells]
+    assert one.facts == other.facts
+    fewest, most = sorted(
+        cell.figure("mae", "holes", "0-20 m").value for cell in one.cells if cell.key.method in ("raw", "true-pose")
+    )
+    assert fewest < most
+
+
+def test_finished_cells_are_taken_and_failed_ones_tried_again(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = run(tmp_path, recording)
+    ran: list[str] = []
+    really = suite.judge
+
+    def watched(method: Method, *rest: Any) -> Any:
+        ran.append(method.name)
+        return really(method, *rest)
+
+    monkeypatch.setattr(suite, "judge", watched)
+    again = run(tmp_path, recording)
+    assert (again.reused, ran) == (1, ["bad"])
+    assert again.cells == first.cells
+    ran.clear()
+    mended = run(tmp_path, recording, methods=(GOOD, method("bad"), method("new")))
+    assert ran == ["bad", "new"]
+    assert [cell.error for cell in mended.cells] == [None] * 3
+    ran.clear()
+    assert run(tmp_path, recording, methods=(GOOD, method("bad"))).reused == 2
+    assert not ran
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda key: key.model_copy(update={"scoring": 0}), "scoring was 0 and is 1"),
+        (
+            lambda key: key.model_copy(update={"versions": {**key.versions, "numpy": "1.0"}}),
+            f"versions.numpy was 1.0 and is {np.__version__}",
+        ),
+        (
+            lambda key: key.model_copy(update={"versions": {**key.versions, "processor": "abacus"}}),
+            "versions.processor was abacus and is",
+        ),
+        (lambda key: key.model_copy(update={"config": {"size": 3}}), "config.size was 3 and is none"),
+        (lambda key: key.model_copy(update={"digest": "0" * 64}), f"digest was {'0' * 48} and is"),
+    ],
+)
+def test_a_cell_of_another_version_is_worked_out_again_and_says_why(
+    recording: Path, tmp_path: Path, change: Callable[..., Any], reason: str
+) -> None:
+    (cell,) = run(tmp_path, recording, methods=(GOOD,)).cells
+    path = cell_path(tmp_path, "post", "good")
+    write_model(path, cell.model_copy(update={"key": change(cell.key), "figures": ()}))
+    (again,) = run(tmp_path, recording, methods=(GOOD,)).cells
+    assert again.replaced is not None
+    assert again.replaced.startswith(reason)
+    assert quality(again) == quality(cell)
+    assert read_cell(path) == again
+    (later,) = run(tmp_path, recording, methods=(GOOD,)).cells
+    assert later == again.model_copy(update={"replaced": None}), "it is not replaced once more"
+
+
+def test_another_number_of_frames_is_another_cell(recording: Path, tmp_path: Path) -> None:
+    run(tmp_path, recording, methods=(GOOD,))
+    (more,) = run(tmp_path, recording, methods=(GOOD,), frames=5).cells
+    assert more.replaced == "frames was 4 and is 5"
+    (all_there_are,) = run(tmp_path, recording, methods=(GOOD,), frames=500).cells
+    assert all_there_are.key.frames == 8
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda data: data[:300],
+        lambda data: b"\xff",
+        lambda data: json.dumps({**json.loads(data), "colour": "red"}).encode(),
+    ],
+)
+def test_a_damaged_cell_and_one_of_another_layout_are_worked_out_again(
+    recording: Path, tmp_path: Path, change: Callable[[bytes], bytes]
+) -> None:
+    (cell,) = run(tmp_path, recording, methods=(GOOD,)).cells
+    path = cell_path(tmp_path, "post", "good")
+    path.write_bytes(change(path.read_bytes()))
+    (again,) = run(tmp_path, recording, methods=(GOOD,)).cells
+    assert quality(again) == quality(cell)
+    assert again.replaced == "its file is of another version or damaged"
+
+
+def test_foreign_code_is_run_again_every_time(recording: Path, tmp_path: Path) -> None:
+    (first,) = run(tmp_path, recording, methods=(replace(GOOD, is_foreign=True),)).cells
+    changed = replace(method("good", np.zeros_like), is_foreign=True)
+    done = run(tmp_path, recording, methods=(changed,))
+    assert done.reused == 0
+    assert done.cells[0].replaced == "its code is not ours and may have changed"
+    assert quality(done.cells[0]) != quality(first)
+
+
+@pytest.mark.parametrize("has_truth", [True, False])
+def test_a_recording_without_a_whole_frame_is_an_error_of_its_cells(tmp_path: Path, has_truth: bool) -> None:
+    folder = write_recording(tmp_path / "none", 0)
+    (folder / "depth_true").mkdir(exist_ok=True)
+    if not has_truth:
+        (folder / "depth_true").rmdir()
+    done = run(tmp_path / "out", folder, methods=(GOOD,))
+    assert done.cells[0].error is not None
+    assert ("no whole frame" in done.cells[0].error) == has_truth
+
+
+def test_frames_of_a_killed_run_are_deleted_and_nothing_else(recording: Path, tmp_path: Path) -> None:
+    left, ours = tmp_path / f"{suite.SCRATCH}abc", tmp_path / "frames-of-mine"
+    for folder in (left, ours):
+        folder.mkdir()
+        (folder / "000000.npz").touch()
+    run(tmp_path, recording, methods=(GOOD,))
+    assert not left.exists()
+    assert ours.is_dir()
+
+
+def test_a_folder_whose_name_is_no_text_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"caf\xe9")
+    with pytest.raises(ScenarioError, match=r"in UTF-8, got 'caf\\udce9': rename the folder"):
+        run(tmp_path / "out", folder)
+    assert not (tmp_path / "out").exists()
+
+
+def test_frames_that_cannot_be_kept_are_an_error_of_the_cells(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*args: Any, **arrays: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez", full)
+    done = run(tmp_path, recording)
+    assert [(cell.error or "").startswith("cannot keep frame 0 in ") for cell in done.cells] == [True, True]
+    assert all((cell.error or "").endswith(": No space left on device") for cell in done.cells)
+
+
+def test_frames_that_are_gone_are_an_error_of_the_cell_that_needs_them(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    really = suite.judge
+
+    def emptied(method: Method, frames: Scratch, *rest: Any) -> Any:
+        frames._path(3).unlink(missing_ok=True)
+        return really(method, frames, *rest)
+
+    monkeypatch.setattr(suite, "judge", emptied)
+    (cell,) = run(tmp_path, recording, methods=(GOOD,)).cells
+    assert (cell.error or "").startswith("cannot read frame 3 back from ")
+
+
+def test_a_sequence_that_cannot_be_had_fails_in_its_own_cells_alone(recording: Path, tmp_path: Path) -> None:
+    maskless = write_recording(tmp_path / "maskless", 3)
+    for image in (maskless / "occluded").iterdir():
+        image.unlink()
+    (tmp_path / "empty").mkdir()
+    done = run(tmp_path / "out", maskless, tmp_path / "empty", recording)
+    errors = {(cell.key.sequence, cell.key.method): cell.error for cell in done.cells}
+    assert "occluded" in (errors["maskless", "good"] or "")
+    assert errors["maskless", "good"] == errors["maskless", "bad"]
+    assert "holds no dataset" in (errors["empty", "good"] or "")
+    assert errors["post", "good"] is None
+    assert set(done.facts) == {"post"}
+    assert not list((tmp_path / "out").glob(f"{suite.SCRATCH}*")), "nothing is left behind"
+
+
+def test_two_sequences_of_one_name_are_refused(recording: Path, tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match="two sequences are called 'post'"):
+        run(tmp_path, recording, recording)
+
+
+def test_what_depends_on_the_truth_is_worked_out_once(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    splits = []
+    really = suite.open_source
+
+    def opened(folder: Path) -> Source:
+        source = really(folder)
+        judged = source.judged
+
+        def counted(frames: int) -> Any:
+            splits.append(frames)
+            return judged(frames)
+
+        source.judged = counted  # type: ignore[method-assign]
+        return source
+
+    monkeypatch.setattr(suite, "open_source", opened)
+    run(tmp_path, recording, methods=(GOOD, method("b"), method("c")))
+    assert splits == [4]
+
+
+def test_the_truth_splits_pixels_as_worked_out_by_hand(recording: Path) -> None:
+    source = open_source(recording)
+    frames = list(source.judged(3))
+    groups = source.groups
+    for index, judged in enumerate(frames):
+        truth_m = truth_of(index)
+        shadow = shadow_of(truth_m)
+        np.testing.assert_array_equal(np.isin(judged.labels, groups.members("occluded", "all")), shadow)
+        np.testing.assert_array_equal(np.isin(judged.labels, groups.members("holes", "all")), shadow)
+        post = np.isin(judged.labels, groups.members("all", "0-2 m") + groups.members("all", "2-5 m"))
+        np.testing.assert_array_equal(post, truth_m == POST_M)
+        assert judged.occluded_share == pytest.approx(shadow.mean())
+        assert judged.frame.T_world_cam is None
+    assert not np.isin(frames[0].labels, groups.members("holes seen", "all")).any()
+    assert not frames[0].static.any()
+    moved = truth_of(2) != truth_of(1)
+    np.testing.assert_array_equal(frames[2].static, ~moved)
+
+
+def test_a_recording_without_the_truth_is_judged_by_what_is_held_out(tmp_path: Path) -> None:
+    folder = write_recording(tmp_path / "plain", 3)
+    (folder / "depth_true").rename(tmp_path / "elsewhere")
+    source = open_source(folder)
+    assert not source.groups.is_true
+    judged = list(source.judged(3))[1]
+    held_out = np.isin(judged.labels, source.groups.members("held out", "all"))
+    assert 0.02 < held_out.mean() < 0.2
+    assert not judged.frame.depth_m[held_out].any()
+    raw_m = capture_of(1)[0].depth_raw_m
+    np.testing.assert_array_equal(judged.reference_m[held_out], raw_m[held_out])
+    np.testing.assert_array_equal(judged.frame.depth_m[~held_out], raw_m[~held_out])
+    done = run(tmp_path / "out", folder, methods=(GOOD, *find_methods(["ip-basic", "true-pose"])), frames=3)
+    good, filler, oracle = done.cells
+    assert good.figure("coverage", "held out", "0-20 m", "filled").value == 0
+    assert filler.figure("coverage", "held out", "0-20 m", "filled").value == 1
+    assert oracle.error == "it needs the true pose, which this sequence does not have"
+    assert done.facts["plain"].occluded_shares == ()
+
+
+@dataclass(frozen=True)
+class Counted:
+    """A shipped sequence that is recorded by hand."""
+
+    made: list[int]
+
+    def __call__(self, planned: Any, folder: Path, frames: int, progress: Callable[[int], None]) -> None:
+        self.made.append(frames)
+        from scenarios.files import to_toml
+        from sim.recording import RecordingWriter
+
+        with RecordingWriter.create(folder, intrinsics=CAMERA, config_text=to_toml(planned)) as writer:
+            for index in range(frames):
+                writer.append(*capture_of(index))
+                progress(index + 1)
+
+
+def test_a_shipped_sequence_is_recorded_once_and_only_if_it_must_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorded = Counted([])
+    monkeypatch.setattr(suite, "record", recorded)
+    wanted = Shipped(load_sequence("sim-LN", 3, {}))
+    told: list[str] = []
+    source = wanted.open(tmp_path, 4, told.append)
+    assert isinstance(source, SimulatedSource)
+    assert (source.seed, len(source), told[-1]) == (3, 4, "recording sim-LN, frame 4 of 4")
+    wanted.open(tmp_path, 3, told.append)
+    assert recorded.made == [4]
+    other = Shipped(load_sequence("sim-LN", 4, {}))
+    done = evaluate(Plan(sequences=[other], methods=[GOOD], frames=3, out=tmp_path), lambda what, n: None)
+    assert (done.cells[0].error, done.cells[0].key.seed) == (None, 4)
+    assert wanted.open(tmp_path, 4, told.append).seed == 3
+    assert recorded.made == [4, 3], "each seed has a recording of its own"
+    names = [folder.name for folder in (tmp_path / "recordings").iterdir()]
+    assert len(names) == 2
+    assert all(re.fullmatch("sim-LN-[0-9a-f]{12}", name) for name in names)

@@ -1,0 +1,70 @@
+"""Completion by the nearest valid pixel, and range bins."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from voxdepth.metrics import RANGE_BINS_M, by_range, completed
+
+seeds = st.integers(0, 10_000)
+
+
+def sparse(seed: int, valid: float = 0.1) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    depth_m = rng.uniform(1, 20, (17, 23)).astype(np.float32)
+    depth_m[rng.random(depth_m.shape) > valid] = 0
+    depth_m[rng.integers(17), rng.integers(23)] = 3
+    return depth_m
+
+
+@given(seeds)
+def test_valid_pixels_stay_and_no_pixel_stays_empty(seed: int) -> None:
+    depth_m = sparse(seed)
+    kept = depth_m.copy()
+    dense_m = completed(depth_m)
+    np.testing.assert_array_equal(depth_m, kept)
+    np.testing.assert_array_equal(dense_m[depth_m > 0], depth_m[depth_m > 0])
+    assert (dense_m > 0).all()
+    np.testing.assert_array_equal(completed(dense_m), dense_m)
+
+
+@given(seeds)
+def test_every_pixel_takes_the_depth_of_a_valid_one_that_is_nearest_within_4_percent(seed: int) -> None:
+    depth_m = sparse(seed)
+    places, values = np.argwhere(depth_m > 0), depth_m[depth_m > 0]
+    for pixel in np.argwhere(depth_m == 0):
+        distance_px = np.linalg.norm(places - pixel, axis=1)
+        candidates = values[distance_px <= 1.04 * distance_px.min()]
+        assert completed(depth_m)[tuple(pixel)] in candidates
+
+
+def test_a_completion_by_hand() -> None:
+    depth_m = np.array([[0, 5, 0, 0, 0, 0, 9, 0]], np.float32)
+    np.testing.assert_array_equal(completed(depth_m), np.array([[5, 5, 5, 5, 9, 9, 9, 9]], np.float32))
+
+
+def test_an_image_without_depth_stays_without() -> None:
+    empty = np.zeros((3, 4), np.float32)
+    dense_m = completed(empty)
+    assert not dense_m.any()
+    assert dense_m is not empty
+    assert dense_m.dtype == np.float32
+
+
+@given(seeds)
+def test_every_pixel_with_a_surface_is_in_one_bin(seed: int) -> None:
+    truth_m = np.random.default_rng(seed).exponential(8, (9, 9)).astype(np.float32)
+    truth_m[0] = [0, np.inf, np.nan, -1, 0, np.inf, np.nan, -1, 0]
+    bins = np.sum(list(by_range(truth_m).values()), axis=0)
+    np.testing.assert_array_equal(bins, np.isfinite(truth_m) & (truth_m > 0))
+
+
+@pytest.mark.parametrize(
+    ("depth_m", "name"),
+    [(0.1, "0-2 m"), (2, "2-5 m"), (4.999, "2-5 m"), (5, "5-10 m"), (10, "10-20 m"), (20, "20+ m"), (900, "20+ m")],
+)
+def test_a_bin_begins_with_its_first_number(depth_m: float, name: str) -> None:
+    masks = by_range(np.full((1, 1), depth_m, np.float32))
+    assert list(masks) == list(RANGE_BINS_M)
+    assert [key for key, mask in masks.items() if mask.all()] == [name]

@@ -1,0 +1,118 @@
+"""Correctors by name: ours all work, those of other distributions are found and loaded when asked for."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from voxdepth.config import VoxDepthConfig
+from voxdepth.errors import ConfigError
+from voxdepth.registry import CORRECTOR_NAMES, config_of, corrector_names, create_corrector, require_known
+from voxdepth.types import Frame, Intrinsics
+
+CAMERA = Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80, baseline_m=0.1)
+
+
+def holed_frame(stamp_s: float) -> Frame:
+    rng = np.random.default_rng(round(stamp_s * 10))
+    depth_m = rng.uniform(2, 3, CAMERA.shape).astype(np.float32)
+    depth_m[10:20, 30:40] = 0
+    return Frame(stamp_s=stamp_s, gray=rng.integers(0, 256, CAMERA.shape, np.uint8), depth_m=depth_m)
+
+
+@pytest.mark.parametrize("name", CORRECTOR_NAMES)
+def test_every_name_makes_a_corrector_that_gives_depth_and_keeps_the_frame(name: str) -> None:
+    corrector = create_corrector(name, CAMERA)
+    for stamp_s in (0.0, 0.1, 0.2):
+        frame = holed_frame(stamp_s)
+        for given in (frame.gray, frame.depth_m):
+            given.setflags(write=False)
+        result = corrector.process(frame)
+        for image in (result.depth_m, result.confidence):
+            assert image.shape == CAMERA.shape
+            assert image.dtype == np.float32
+            assert np.isfinite(image).all()
+        assert (result.depth_m >= 0).all()
+        assert not np.shares_memory(result.depth_m, frame.depth_m)
+        np.testing.assert_array_equal(result.depth_m > 0, result.source > 0)
+    corrector.reset()
+    corrector.process(holed_frame(0.0))
+
+
+def test_the_oracle_has_no_name_here() -> None:
+    assert "true-pose" not in corrector_names()
+    with pytest.raises(ConfigError, match="there is no corrector 'true-pose'"):
+        require_known("true-pose")
+
+
+@pytest.mark.parametrize("name", CORRECTOR_NAMES)
+def test_only_the_papers_corrector_takes_a_configuration(name: str) -> None:
+    if name == "paper":
+        assert config_of(name) == VoxDepthConfig.paper()
+        create_corrector(name, CAMERA, VoxDepthConfig(median_size_px=3))
+    else:
+        assert config_of(name) is None
+        with pytest.raises(ConfigError, match=f"'{name}' takes no configuration"):
+            create_corrector(name, CAMERA, VoxDepthConfig())
+
+
+def test_an_unknown_name_is_answered_with_all_names() -> None:
+    with pytest.raises(ConfigError, match=r"there is no corrector 'magic'; choose one of: raw, .*paper"):
+        create_corrector("magic", CAMERA)
+
+
+@pytest.fixture
+def foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A distribution that offers a corrector that works, two that do not, and one under a name of ours."""
+    info = tmp_path / "theirs-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        "[voxdepth.correctors]\ntheirs = theirs_good:make\nbroken = theirs_bad:make\ngone = theirs_good:nothing\n"
+        "raw = theirs_bad:make\n"
+    )
+    (tmp_path / "theirs_good.py").write_text(
+        "from voxdepth.peers.raw import Raw\n\n\nclass Theirs(Raw):\n    pass\n\n\n"
+        "def make(intrinsics):\n    return Theirs()\n"
+    )
+    (tmp_path / "theirs_bad.py").write_text("raise RuntimeError('no licence')\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    for module in ("theirs_good", "theirs_bad"):
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    return tmp_path
+
+
+def test_another_distribution_adds_a_corrector(foreign: Path) -> None:
+    assert {"theirs", "broken", "gone"} <= set(corrector_names())
+    assert corrector_names().count("raw") == 1
+    require_known("theirs")
+    assert config_of("theirs") is None
+    assert "theirs_good" not in sys.modules, "naming it does not load it"
+    assert type(create_corrector("theirs", CAMERA)).__name__ == "Theirs"
+    with pytest.raises(ConfigError, match="'theirs' takes no configuration"):
+        create_corrector("theirs", CAMERA, VoxDepthConfig())
+
+
+def test_our_names_win(foreign: Path) -> None:
+    assert type(create_corrector("raw", CAMERA)).__module__ == "voxdepth.peers.raw"
+    assert "theirs_bad" not in sys.modules
+
+
+@pytest.mark.parametrize(
+    ("name", "entry", "reason"),
+    [("broken", "theirs_bad:make", "RuntimeError: no licence"), ("gone", "theirs_good:nothing", "AttributeError")],
+)
+def test_a_corrector_that_cannot_be_loaded_is_named(foreign: Path, name: str, entry: str, reason: str) -> None:
+    with pytest.raises(ConfigError, match=f"'{name}' cannot be loaded from its entry point '{entry}' .{reason}"):
+        create_corrector(name, CAMERA)
+
+
+def test_the_registry_alone_imports_no_library_and_no_peer() -> None:
+    code = (
+        "import sys, voxdepth.registry as r; r.corrector_names(); "
+        "print([m for m in sys.modules if m in ('cv2', 'warp', 'pydantic') or m.startswith('voxdepth.peers')])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,28 @@
+"""Depth against the truth, in metres and over explicit masks. The truth never reaches a corrector."""
+
+from .completion import completed
+from .depth_errors import TOO_FAR, DepthErrors, depth_errors
+from .flicker import Flicker
+from .moving import Share, ghost_share, survival
+from .paper import m_rmse_u16_wrap, psnr16_mm, psnr_minmax8
+from .ranges import RANGE_BINS_M, by_range
+from .seen_before import SeenBefore
+from .sums import Sums
+
+__all__ = [
+    "RANGE_BINS_M",
+    "TOO_FAR",
+    "DepthErrors",
+    "Flicker",
+    "SeenBefore",
+    "Share",
+    "Sums",
+    "by_range",
+    "completed",
+    "depth_errors",
+    "ghost_share",
+    "m_rmse_u16_wrap",
+    "psnr16_mm",
+    "psnr_minmax8",
+    "survival",
+]

@@ -1,0 +1,73 @@
+"""What memory does to moving objects: ghosts where one was, and survival where one is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..types import FloatImage, MaskImage
+from .judged import judged_pixels, require_depth, require_same_shape
+
+SURVIVAL_TOLERANCE = 0.05
+"""A pixel of a moving object survives when its depth is within this part of the truth."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Share:
+    """How many pixels out of how many; frames add up."""
+
+    hits: int = 0
+    of: int = 0
+
+    def __add__(self, other: "Share") -> "Share":
+        return Share(hits=self.hits + other.hits, of=self.of + other.of)
+
+    @property
+    def value(self) -> float | None:
+        """The share, 0..1; None without pixels."""
+        return self.hits / self.of if self.of else None
+
+
+def ghost_share(depth_m: FloatImage, truth_m: FloatImage, departed_m: FloatImage) -> Share:
+    """Filled pixels that show an object which has left, among all filled pixels that it has left.
+
+    A ghost is nearer to the departed object than to the background: its depth is below their geometric mean. "10 % too
+    near" would mostly count stereo noise. Judge it beside `Sums.coverage` and `Sums.too_far_share`: whoever fills
+    nothing, or fills with the farthest, has no ghosts.
+
+    Args:
+        depth_m: Depth under test [m], shape (H, W); 0 = invalid, not counted.
+        truth_m: True depth of what is there now, the background [m], shape (H, W); 0, NaN or infinite is not counted.
+        departed_m: Depth that the object had at the pixel when it was there [m], shape (H, W); 0 where it was not.
+            Pixels where it would be at or behind the background are not counted.
+
+    Raises:
+        FrameError: The shapes differ, or the depth of a pixel that counts is negative, NaN or infinite.
+    """
+    require_same_shape(depth_m=depth_m, truth_m=truth_m, departed_m=departed_m)
+    left = judged_pixels(truth_m, (departed_m > 0) & (departed_m < truth_m))
+    depth, background, object_m = depth_m[left], truth_m[left], departed_m[left]
+    require_depth(depth)
+    filled = depth > 0
+    ghosts = filled & (np.square(depth.astype(np.float64)) < background.astype(np.float64) * object_m)
+    return Share(hits=int(np.count_nonzero(ghosts)), of=int(np.count_nonzero(filled)))
+
+
+def survival(depth_m: FloatImage, truth_m: FloatImage, moving: MaskImage) -> Share:
+    """Pixels of a moving object whose depth is within 5 % of the truth, among all its pixels; a hole does not survive.
+
+    The sensor itself misses some: the share says something only beside that of the raw depth of the same frames.
+
+    Args:
+        depth_m: Depth under test [m], shape (H, W); 0 = invalid.
+        truth_m: True depth [m], shape (H, W); pixels that are 0, NaN or infinite do not count.
+        moving: Pixels of the moving object, shape (H, W).
+
+    Raises:
+        FrameError: The shapes differ, or the depth of a pixel that counts is negative, NaN or infinite.
+    """
+    require_same_shape(depth_m=depth_m, truth_m=truth_m, moving=moving)
+    judged = judged_pixels(truth_m, moving)
+    depth, truth = depth_m[judged], truth_m[judged]
+    require_depth(depth)
+    kept = np.abs(depth - truth) <= np.float32(SURVIVAL_TOLERANCE) * truth
+    return Share(hits=int(np.count_nonzero(kept)), of=depth.size)

@@ -1,0 +1,138 @@
+"""Depth errors as sums over pixels, so that frames, masks and sequences of any size add up to one figure."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..types import FloatImage, MaskImage
+from .depth_errors import TOO_FAR
+from .histogram import BINS, Counts, histogram, median_m
+from .judged import judged_pixels, require_depth, require_same_shape
+
+
+def _no_counts() -> Counts:
+    return np.zeros(BINS, np.int64)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sums:
+    """Sums over pixels with a true surface; errors are over the filled ones of them, and `coverage` says how many.
+
+    Every figure is None when there is no pixel to take it from.
+    """
+
+    pixels: int = 0
+    """Pixels of the mask with a true surface."""
+    filled: int = 0
+    """Those of them that have a depth."""
+    abs_error_m: float = 0.0
+    """Sum of |depth - truth| [m]."""
+    squared_error_m2: float = 0.0
+    """Sum of (depth - truth)^2 [m^2]."""
+    squared_inverse_error_per_m2: float = 0.0
+    """Sum of (1/depth - 1/truth)^2 [1/m^2]; a stereo camera's error is about the same in it at any range."""
+    too_far: int = 0
+    """Pixels with depth > 1.1 truth."""
+    too_near: int = 0
+    """Pixels with depth < truth / 1.1; at range, mostly stereo noise."""
+    magnitudes: Counts = field(default_factory=_no_counts)
+    """Histogram of |depth - truth|, shape (BINS,), for the median."""
+
+    @classmethod
+    def of(cls, depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage) -> "Sums":
+        """The sums of one image.
+
+        The time it takes goes by the pixels of the mask: for many masks of a frame, take disjoint ones and add.
+
+        Args:
+            depth_m: Depth under test [m], shape (H, W); 0 = invalid.
+            truth_m: True depth [m], shape (H, W); pixels that are 0, NaN or infinite do not count.
+            mask: Pixels that count, shape (H, W).
+
+        Raises:
+            FrameError: The shapes differ, or the depth of a pixel that counts is negative, NaN or infinite.
+        """
+        require_same_shape(depth_m=depth_m, truth_m=truth_m, mask=mask)
+        judged = judged_pixels(truth_m, mask)
+        depth, truth = depth_m[judged], truth_m[judged]
+        require_depth(depth)
+        filled = depth > 0
+        near, far = depth[filled], truth[filled]
+        error_m = near.astype(np.float64) - far
+        magnitude_m = np.abs(error_m)
+        inverse_per_m = 1 / near.astype(np.float64) - 1 / far.astype(np.float64)
+        return cls(
+            pixels=depth.size,
+            filled=near.size,
+            abs_error_m=float(magnitude_m.sum()),
+            squared_error_m2=float(np.square(error_m).sum()),
+            squared_inverse_error_per_m2=float(np.square(inverse_per_m).sum()),
+            too_far=int(np.count_nonzero(near > np.float32(TOO_FAR) * far)),
+            too_near=int(np.count_nonzero(np.float32(TOO_FAR) * near < far)),
+            magnitudes=histogram(magnitude_m),
+        )
+
+    def __add__(self, other: "Sums") -> "Sums":
+        return Sums(
+            pixels=self.pixels + other.pixels,
+            filled=self.filled + other.filled,
+            abs_error_m=self.abs_error_m + other.abs_error_m,
+            squared_error_m2=self.squared_error_m2 + other.squared_error_m2,
+            squared_inverse_error_per_m2=self.squared_inverse_error_per_m2 + other.squared_inverse_error_per_m2,
+            too_far=self.too_far + other.too_far,
+            too_near=self.too_near + other.too_near,
+            magnitudes=self.magnitudes + other.magnitudes,
+        )
+
+    @property
+    def coverage(self) -> float | None:
+        """Share of pixels that have a depth, 0..1."""
+        return self.filled / self.pixels if self.pixels else None
+
+    @property
+    def mae_m(self) -> float | None:
+        """Mean absolute error [m]."""
+        return self._mean(self.abs_error_m)
+
+    @property
+    def rmse_m(self) -> float | None:
+        """Root of the mean squared error [m]."""
+        return _root(self._mean(self.squared_error_m2))
+
+    @property
+    def median_abs_m(self) -> float | None:
+        """Median absolute error [m], read within 0.4 %; errors below 0.06 mm read 0."""
+        return median_m(self.magnitudes)
+
+    @property
+    def inverse_rmse_per_m(self) -> float | None:
+        """Root of the mean squared error of inverse depth [1/m]; times focal length and baseline, of disparity [px]."""
+        return _root(self._mean(self.squared_inverse_error_per_m2))
+
+    @property
+    def too_far_share(self) -> float | None:
+        """Share of filled pixels more than 10 % too far, 0..1."""
+        return self._mean(self.too_far)
+
+    @property
+    def too_near_share(self) -> float | None:
+        """Share of filled pixels more than 10 % too near, 0..1."""
+        return self._mean(self.too_near)
+
+    def psnr_db(self, peak_m: float) -> float | None:
+        """Peak signal-to-noise ratio `10 log10(peak^2 / mean squared error)` [dB]; inf without error.
+
+        Args:
+            peak_m: What counts as the largest signal [m]; state it with the figure, for doubling it adds 6 dB.
+        """
+        mean_squared_m2 = self._mean(self.squared_error_m2)
+        if mean_squared_m2 is None:
+            return None
+        return float(10 * np.log10(peak_m**2 / mean_squared_m2)) if mean_squared_m2 > 0 else float("inf")
+
+    def _mean(self, total: float) -> float | None:
+        return total / self.filled if self.filled else None
+
+
+def _root(mean_square: float | None) -> float | None:
+    return None if mean_square is None else float(np.sqrt(mean_square))

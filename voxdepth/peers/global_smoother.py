@@ -1,0 +1,138 @@
+"""Holes filled by the fast global smoother: measured inverse depth spreads where the gray image is smooth.
+
+Min et al. 2014, DOI 10.1109/TIP.2014.2366600: instead of one large system for the whole image, tridiagonal ones along
+rows and columns in turn, with ever less smoothing. OpenCV's own lives in its contrib modules.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import ConfigError
+from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
+from .checks import require_size
+from .inferred import inferred
+
+Stack = npt.NDArray[np.float32]
+
+LEAST_WEIGHT = np.float32(1e-4)
+"""Weight of the strongest gray edges: a hole behind several of them still takes its surroundings."""
+NEAREST_M = np.float32(1e-3)
+"""Depths below this count as this where they are spread: their inverse might have no number."""
+PRIOR = np.float32(1e-30)
+"""Data weight of the frame's mean inverse depth in every pixel: it decides only where no measured pixel reaches."""
+
+
+class GlobalSmoother:
+    """Fills every hole under guidance of the gray image; valid pixels stay.
+
+    Works in inverse depth. Disparity would give the same: the filling is linear, so focal length and baseline drop out.
+    """
+
+    uses_gray = True
+
+    def __init__(
+        self, intrinsics: Intrinsics, *, smoothness: float = 30.0, sigma_gray: float = 3.0, iterations: int = 3
+    ) -> None:
+        """A filler for one camera.
+
+        Args:
+            intrinsics: Frames of another size are refused.
+            smoothness: The paper's lambda; more of it reaches farther for data.
+            sigma_gray: Gray step [gray values] over which the weight falls to 37 %; less trusts edges more.
+            iterations: Pairs of passes along rows and columns; more leave fewer streaks.
+
+        Raises:
+            ConfigError: A number is out of range.
+        """
+        for name, number in {"smoothness": smoothness, "sigma_gray": sigma_gray, "iterations": iterations}.items():
+            if not 0 < number < np.inf:
+                raise ConfigError(f"{name} must be positive, got {number}")
+        self._intrinsics = intrinsics
+        height, width = intrinsics.shape
+        strengths = _strengths(smoothness, iterations)
+        self._weight_of_step = np.maximum(np.exp(-np.arange(256) / sigma_gray).astype(np.float32), LEAST_WEIGHT)
+        self._down, self._along = _Recursion(intrinsics.shape, strengths), _Recursion((width, height), strengths)
+        self._iterations = iterations
+        self._upright, self._turned = np.empty((height, 2, width), np.float32), np.empty((width, 2, height), np.float32)
+
+    def process(self, frame: Frame) -> CorrectedDepth:
+        """The frame without holes; one without any valid pixel stays as it is.
+
+        Raises:
+            FrameError: The frame has another size than the camera.
+        """
+        require_size(frame, self._intrinsics)
+        valid = frame.depth_m > 0
+        if valid.all() or not valid.any():
+            return inferred(frame, frame.depth_m.copy())
+        inverse = np.where(valid, 1 / np.maximum(frame.depth_m, NEAREST_M), np.float32(0))
+        prior = inverse[valid].mean(dtype=np.float64).astype(np.float32)
+        weighted, weight = self._upright[:, 0], self._upright[:, 1]
+        np.add(inverse, PRIOR * prior, out=weighted)
+        np.add(valid, PRIOR, out=weight)
+        self._smooth(frame.gray)
+        return inferred(frame, np.where(valid, frame.depth_m, weight / weighted))
+
+    def reset(self) -> None:
+        """Nothing is remembered."""
+
+    def _smooth(self, gray: GrayImage) -> None:
+        """Smooth both images of the stack, which stay upright, under guidance of the gray image."""
+        self._down.eliminate(self._weights(gray))
+        self._along.eliminate(self._weights(np.ascontiguousarray(gray.T)))
+        for iteration in range(self._iterations):
+            np.copyto(self._turned, self._upright.T)
+            self._along.solve(self._turned, iteration)
+            np.copyto(self._upright, self._turned.T)
+            self._down.solve(self._upright, iteration)
+
+    def _weights(self, gray: GrayImage) -> FloatImage:
+        """How much each row and the next belong together, shape (n - 1, m)."""
+        step = np.maximum(gray[1:], gray[:-1]) - np.minimum(gray[1:], gray[:-1])
+        weights: FloatImage = self._weight_of_step[step]
+        return weights
+
+
+class _Recursion:
+    """All tridiagonal systems along the first axis at once, for all strengths, by symmetric elimination.
+
+    With g the strength times the weight to the next row, `p = 1 + p' g' / (p' + g')` of the row before, and 1 in the
+    first: `p + g` is the pivot.
+    """
+
+    def __init__(self, shape: tuple[int, int], strengths: Stack) -> None:
+        """Room for images of a shape (n, m) and strengths (T,); fresh memory for each would double the time."""
+        self._strengths = strengths
+        self._passed = np.empty((shape[0], len(strengths), shape[1]), np.float32)  # g / (p + g)
+        self._scale = np.empty_like(self._passed)  # 1 / (p + g)
+
+    def eliminate(self, weights: FloatImage) -> None:
+        """Take over the weights between neighbours, shape (n - 1, m)."""
+        np.multiply(weights[:, None], self._strengths[:, None], out=self._passed[:-1])
+        self._passed[-1] = 0
+        p = np.ones_like(self._passed[0])
+        for passed, scale in zip(list(self._passed), list(self._scale), strict=True):
+            np.add(p, passed, out=scale)
+            np.reciprocal(scale, out=scale)
+            np.multiply(passed, scale, out=passed)
+            np.multiply(p, passed, out=p)
+            np.add(p, 1, out=p)
+
+    def solve(self, data: Stack, iteration: int) -> None:
+        """Smooth data of shape (n, K, m) in place, by one of the strengths."""
+        rows = list(data)
+        passed = list(self._passed[:, iteration])
+        step = np.empty_like(data[0])
+        for above, row, factor in zip(rows, rows[1:], passed, strict=False):
+            np.multiply(above, factor, out=step)
+            np.add(row, step, out=row)
+        np.multiply(data, self._scale[:, iteration, None], out=data)
+        for below, row, factor in zip(rows[:0:-1], rows[-2::-1], passed[-2::-1], strict=True):
+            np.multiply(below, factor, out=step)
+            np.add(row, step, out=row)
+
+
+def _strengths(smoothness: float, iterations: int) -> Stack:
+    """What each iteration gets of the smoothness, shape (T,): a quarter of the one before, as in the paper."""
+    powers = 4.0 ** np.arange(iterations - 1, -1, -1)
+    return (1.5 * smoothness * powers / (4.0**iterations - 1)).astype(np.float32)

@@ -1,0 +1,158 @@
+"""IP-Basic: holes filled by morphology on inverted depth, so that the nearer of two neighbours spreads.
+
+Ku, Harakeh and Waslander 2018, DOI 10.1109/CRV.2018.00013, made for sparse lidar images. Here the holes alone take the
+result, for the sensor's pixels are dense and need no completion.
+"""
+
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import ConfigError
+from ..types import CorrectedDepth, FloatImage, Frame, Intrinsics, MaskImage
+from .inferred import inferred
+
+Kernel = npt.NDArray[np.uint8]
+
+EMPTY_M = 0.1
+"""Inverted depths up to this count as empty; it keeps the farthest valid pixels apart from holes."""
+NEAR_M, MEDIUM_M = 15.0, 30.0
+"""Ends of the ranges in which `Multiscale` dilates by its large and by its medium kernel."""
+LARGE_HOLE_STEPS = 6
+"""Dilations by 5 x 5 with which `Multiscale` closes what is left."""
+
+
+class Completion(Protocol):
+    """One of the two published variants."""
+
+    def complete(self, inverted_m: FloatImage, depth_m: FloatImage) -> FloatImage:
+        """A denser inverted image.
+
+        Args:
+            inverted_m: Largest depth minus depth [m], shape (H, W), 0 = empty; not changed.
+            depth_m: Depth [m], shape (H, W), 0 = invalid; not changed.
+        """
+        ...
+
+
+class Fast:
+    """The variant of the paper: one dilation, closing, two fillings and smoothing."""
+
+    def complete(self, inverted_m: FloatImage, depth_m: FloatImage) -> FloatImage:
+        """See `Completion`. Holes wider than about 45 pixels stay open in their middle."""
+        dense_m = _dilated(inverted_m, _diamond(5))
+        dense_m = _closed(dense_m)
+        dense_m = _with_holes_from(dense_m, _dilated(dense_m, _square(7)))
+        dense_m = _extended_to_the_top(dense_m)
+        dense_m = _with_holes_from(dense_m, _dilated(dense_m, _square(31)))
+        smooth_m: FloatImage = cv2.bilateralFilter(cv2.medianBlur(dense_m, 5), 5, 1.5, 2.0)  # type: ignore[assignment]
+        return smooth_m
+
+
+class Multiscale:
+    """The variant of the authors' code that looks better: near things spread farther, outliers are taken out."""
+
+    def complete(self, inverted_m: FloatImage, depth_m: FloatImage) -> FloatImage:
+        """See `Completion`. Holes wider than about 35 pixels stay open in their middle."""
+        dense_m = _closed(_dilated_by_range(inverted_m, depth_m))
+        dense_m = _where_filled(dense_m, cv2.medianBlur(dense_m, 5))
+        filled_m = _with_holes_from(dense_m, _dilated(dense_m, _square(9)))
+        dense_m = np.where(_below_the_top(dense_m), filled_m, dense_m)
+        dense_m = _extended_to_the_top(dense_m)
+        for _ in range(LARGE_HOLE_STEPS):
+            dense_m = _with_holes_from(dense_m, _dilated(dense_m, _square(5)))
+        dense_m = _where_filled(dense_m, cv2.medianBlur(dense_m, 5))
+        return _where_filled(dense_m, cv2.bilateralFilter(dense_m, 5, 0.5, 2.0))
+
+
+class IpBasic:
+    """Fills holes by morphology; valid pixels stay, and holes far from any of them."""
+
+    uses_gray = False
+
+    def __init__(
+        self, intrinsics: Intrinsics, *, completion: Completion | None = None, max_depth_m: float = 100.0
+    ) -> None:
+        """A filler for one camera.
+
+        Args:
+            intrinsics: Not needed; pixels are filled from pixels.
+            completion: `Fast` unless another is named.
+            max_depth_m: Depths are subtracted from this [m]; farther pixels stay, but nothing is filled from them.
+
+        Raises:
+            ConfigError: `max_depth_m` is no depth.
+        """
+        if not EMPTY_M < max_depth_m < np.inf:
+            raise ConfigError(f"max_depth_m must be a depth above {EMPTY_M} m, got {max_depth_m}")
+        self._completion = completion or Fast()
+        self._max_depth_m = np.float32(max_depth_m)
+
+    def process(self, frame: Frame) -> CorrectedDepth:
+        """The frame with fewer holes."""
+        depth_m = frame.depth_m
+        valid = depth_m > 0
+        inverted_m = np.where(valid, np.maximum(self._max_depth_m - depth_m, np.float32(0)), np.float32(0))
+        dense_m = self._completion.complete(inverted_m, depth_m)
+        filled_m = np.where(dense_m > EMPTY_M, np.maximum(self._max_depth_m - dense_m, 0), np.float32(0))
+        return inferred(frame, np.where(valid, depth_m, filled_m))
+
+    def reset(self) -> None:
+        """Nothing is remembered."""
+
+
+def _dilated_by_range(inverted_m: FloatImage, depth_m: FloatImage) -> FloatImage:
+    """Every range dilated by a cross of its own; near ones over far ones."""
+    near, far = depth_m <= NEAR_M, depth_m > MEDIUM_M
+    dense_m = inverted_m
+    for within, size_px in ((far, 3), (~near & ~far, 5), (near, 7)):
+        spread_m = _dilated(np.where(within, inverted_m, np.float32(0)), _cross(size_px))
+        dense_m = np.where(spread_m > EMPTY_M, spread_m, dense_m)
+    return dense_m
+
+
+def _below_the_top(dense_m: FloatImage) -> MaskImage:
+    """Pixels with a filled one above them or in their place, and whole columns without any."""
+    seen: MaskImage = np.logical_or.accumulate(dense_m > EMPTY_M, axis=0)
+    below: MaskImage = seen | ~seen[-1]
+    return below
+
+
+def _extended_to_the_top(dense_m: FloatImage) -> FloatImage:
+    """The uppermost filled pixel of a column fills all above it."""
+    top_m = dense_m[np.argmax(dense_m > EMPTY_M, axis=0), np.arange(dense_m.shape[1])]
+    return np.where(_below_the_top(dense_m), dense_m, top_m)
+
+
+def _with_holes_from(dense_m: FloatImage, filled_m: FloatImage) -> FloatImage:
+    """An image whose empty pixels come from another."""
+    return np.where(dense_m > EMPTY_M, dense_m, filled_m)
+
+
+def _where_filled(dense_m: FloatImage, smoothed_m: Any) -> FloatImage:
+    """An image whose filled pixels come from a smoothed one."""
+    return np.where(dense_m > EMPTY_M, smoothed_m, dense_m)
+
+
+def _dilated(image: FloatImage, kernel: Kernel) -> FloatImage:
+    return cv2.dilate(image, kernel)  # type: ignore[return-value]
+
+
+def _closed(image: FloatImage) -> FloatImage:
+    return cv2.morphologyEx(image, cv2.MORPH_CLOSE, _square(5))  # type: ignore[return-value]
+
+
+def _square(size_px: int) -> Kernel:
+    return np.ones((size_px, size_px), np.uint8)
+
+
+def _cross(size_px: int) -> Kernel:
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_CROSS, (size_px, size_px)), np.uint8)
+
+
+def _diamond(size_px: int) -> Kernel:
+    """Pixels at most half the size away in city blocks."""
+    away_px = np.abs(np.arange(size_px) - size_px // 2)
+    return (away_px[:, None] + away_px <= size_px // 2).astype(np.uint8)

@@ -1,0 +1,142 @@
+"""Least median of squares over neighbours in space and time: "GSmooth-like".
+
+Neither the text nor the code of GSmooth (Islam et al. 2018) is public. Taken from what is said of it elsewhere: a gate
+on depth gradients, the least median of squares in space and time against outliers, and no motion compensation.
+Everything else here, the parameters too, is our own.
+"""
+
+from collections import deque
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import ConfigError
+from ..types import CorrectedDepth, FloatImage, Frame, Intrinsics, MaskImage
+from .checks import require_size
+from .inferred import inferred
+
+Samples = npt.NDArray[np.float32]
+
+DEVIATIONS = 2.5
+"""Robust standard deviations from which on a measured pixel is an outlier: Rousseeuw 1984, as is the estimate."""
+TILE = 8192
+"""Pixels that are worked on at a time: few enough that their samples stay in the cache."""
+
+
+class LMedS:
+    """Replaces outliers near depth edges, and fills holes, by the location of the samples around them."""
+
+    uses_gray = False
+
+    def __init__(
+        self,
+        intrinsics: Intrinsics,
+        *,
+        frames: int = 5,
+        window_px: int = 3,
+        gradient_gate: float = 0.02,
+        min_samples: int = 5,
+    ) -> None:
+        """A filter for one camera.
+
+        Args:
+            intrinsics: Frames of another size are refused.
+            frames: Last frames that are looked at, this one among them; more steady what stands and smear what moves.
+            window_px: Width of the window around a pixel; odd.
+            gradient_gate: Measured pixels change only where a neighbour's depth differs by more than this share; 0
+                examines every pixel that has a differing neighbour.
+            min_samples: A hole with fewer valid samples stays one.
+
+        Raises:
+            ConfigError: A parameter is out of range.
+        """
+        if frames < 1 or window_px < 1 or window_px % 2 == 0 or min_samples < 1 or not 0 <= gradient_gate < np.inf:
+            raise ConfigError(
+                "expected frames and min_samples of 1 or more, an odd window_px and a gradient_gate of 0 or more, got "
+                f"{frames}, {min_samples}, {window_px} and {gradient_gate}"
+            )
+        self._intrinsics = intrinsics
+        self._reach_px = window_px // 2
+        self._gradient_gate = np.float32(gradient_gate)
+        self._min_samples = min_samples
+        self._padded_m: deque[FloatImage] = deque(maxlen=frames)
+
+    def process(self, frame: Frame) -> CorrectedDepth:
+        """The frame with outliers replaced and holes filled where enough samples are.
+
+        Raises:
+            FrameError: The frame has another size than the camera.
+        """
+        require_size(frame, self._intrinsics)
+        self._padded_m.append(np.pad(frame.depth_m, self._reach_px))
+        depth_m = frame.depth_m.copy()
+        examined = np.flatnonzero((depth_m == 0) | (_step_m(depth_m) > self._gradient_gate * depth_m))
+        history_m = np.stack(self._padded_m)
+        for start in range(0, examined.size, TILE):
+            at = examined[start : start + TILE]
+            depth_m.flat[at] = self._estimated(depth_m.flat[at], self._samples(history_m, at))
+        return inferred(frame, depth_m)
+
+    def reset(self) -> None:
+        """Forget the last frames."""
+        self._padded_m.clear()
+
+    def _samples(self, history_m: Samples, at: npt.NDArray[np.intp]) -> Samples:
+        """Depths [m] around some pixels in all frames, shape (N, samples); infinite where invalid."""
+        row, col = np.unravel_index(at, self._intrinsics.shape)
+        padded_width = history_m.shape[2]
+        offset = np.arange(2 * self._reach_px + 1)
+        corner = row * padded_width + col
+        around = corner[:, None] + (offset[:, None] * padded_width + offset).ravel()
+        samples = np.concatenate([image_m.ravel()[around] for image_m in history_m], axis=1)
+        samples[samples == 0] = np.inf
+        return samples
+
+    def _estimated(self, measured_m: Samples, samples_m: Samples) -> Samples:
+        """What pixels shall have [m], shape (N,), given their own depth and the samples around them, (N, samples)."""
+        n = np.isfinite(samples_m).sum(axis=1)
+        location_m, half_width_m = least_median_of_squares(samples_m)
+        with np.errstate(invalid="ignore"):
+            deviation_m = np.float32(1.4826) * (1 + 5 / np.maximum(n - 1, 1)).astype(np.float32) * half_width_m
+            outlier = np.abs(measured_m - location_m) > np.float32(DEVIATIONS) * deviation_m
+        replaced = (n >= self._min_samples) & (outlier | (measured_m == 0))
+        return np.where(replaced, location_m, measured_m)
+
+
+def least_median_of_squares(samples: Samples) -> tuple[Samples, Samples]:
+    """The location whose median squared distance to the samples is least, by row.
+
+    It is the midpoint of the shortest interval that holds `n // 2 + 1` of n samples, and half the length of it the root
+    of that median: Rousseeuw 1984, DOI 10.1080/01621459.1984.10477105. Of intervals of the same length the first wins.
+
+    Args:
+        samples: Shape (N, K); those that are infinite do not count.
+
+    Returns:
+        Location and half the length, both of shape (N,); 0 and infinity in a row without samples.
+    """
+    ordered = np.sort(samples, axis=1)
+    n = np.isfinite(ordered).sum(axis=1)
+    location = np.zeros(len(ordered), np.float32)
+    half_length = np.full(len(ordered), np.inf, np.float32)
+    for half in np.unique(n[n > 0] // 2):
+        rows = np.flatnonzero((n // 2 == half) & (n > 0))
+        of_group = ordered[rows]
+        high = of_group[:, half : 2 * half + 1]
+        length = high - of_group[:, : high.shape[1]]
+        shortest = np.argmin(length, axis=1)[:, None]
+        half_length[rows] = np.float32(0.5) * np.take_along_axis(length, shortest, axis=1)[:, 0]
+        location[rows] = np.take_along_axis(of_group, shortest, axis=1)[:, 0] + half_length[rows]
+    return location, half_length
+
+
+def _step_m(depth_m: FloatImage) -> FloatImage:
+    """Largest difference to one of the four neighbours that are valid [m], shape (H, W); 0 in holes."""
+    steepest = np.zeros_like(depth_m)
+    for axis in (0, 1):
+        near, far = (np.moveaxis(image, axis, 0) for image in (depth_m, steepest))
+        both: MaskImage = (near[1:] > 0) & (near[:-1] > 0)
+        step_m = np.where(both, np.abs(near[1:] - near[:-1]), np.float32(0))
+        np.maximum(far[1:], step_m, out=far[1:])
+        np.maximum(far[:-1], step_m, out=far[:-1])
+    return steepest

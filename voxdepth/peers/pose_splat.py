@@ -1,0 +1,149 @@
+"""ORACLE: holes filled by what the last frames measured, moved by the true pose of the camera.
+
+No corrector has that pose: this is an upper bound for evaluation, and has no name in the registry.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import ConfigError, FrameError
+from ..geometry import PointArray, back_project, inverse_rigid, transform
+from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, Intrinsics
+from .checks import require_size
+from .inferred import inferred
+
+Indices = npt.NDArray[np.intp]
+
+NEAREST_M = 1e-3
+"""Points nearer to the camera than this are not seen."""
+TIE_BITS = 18
+"""So many of the 23 bits of a depth's mantissa do not count: depths in the same step of 1.6 to 3.1 % tie."""
+EMPTY = np.uint64(2**64 - 1)
+"""Rank in a pixel that nothing falls into."""
+LOW_HALF = np.uint64(2**32 - 1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Points:
+    """Measured points, kept where they were and not rounded to pixels from frame to frame."""
+
+    anchor: PointArray
+    """In the camera frame of the first frame [m], shape (N, 3)."""
+    age: npt.NDArray[np.uint64]
+    """Frames since the point was measured, shape (N,)."""
+
+    def followed_by(self, others: Self) -> Self:
+        """These and then others."""
+        return replace(
+            self,
+            anchor=np.concatenate([self.anchor, others.anchor]),
+            age=np.concatenate([self.age, others.age]),
+        )
+
+    def aged(self, limit: int) -> Self:
+        """Those that are not older than the limit after one more frame [frames]."""
+        young = self.age < limit
+        return replace(self, anchor=self.anchor[young], age=self.age[young] + np.uint64(1))
+
+    def at(self, chosen: Indices) -> Self:
+        """Some of them."""
+        return replace(self, anchor=self.anchor[chosen], age=self.age[chosen])
+
+
+class PoseSplat:
+    """ORACLE: fills holes from a z-buffer of the last frames; valid pixels stay.
+
+    The memory has one point per pixel: what the last frame measured and what it already knew. Of points in the same
+    pixel the nearest stays, and of those at about the same depth the newest. What leaves the image, or is hidden by
+    something nearer, is forgotten.
+    """
+
+    uses_gray = False
+
+    def __init__(self, intrinsics: Intrinsics, *, frames: int = 60) -> None:
+        """A filler for one camera.
+
+        Args:
+            intrinsics: Frames of another size are refused.
+            frames: Last frames that are remembered; more fill more, and keep what has moved away for longer.
+
+        Raises:
+            ConfigError: `frames` is below 1, or so large that the points cannot be numbered.
+        """
+        most = 2**32 // (intrinsics.width_px * intrinsics.height_px) - 1
+        if not 1 <= frames <= most:
+            raise ConfigError(f"frames must lie in 1 to {most} for images of this size, got {frames}")
+        self._intrinsics = intrinsics
+        self._frames = frames
+        self._T_world_anchor: FloatArray | None = None
+        self._memory = _no_points()
+
+    def process(self, frame: Frame) -> CorrectedDepth:
+        """The frame with holes filled where the memory has something.
+
+        Raises:
+            FrameError: The frame has another size than the camera, or no pose.
+        """
+        require_size(frame, self._intrinsics)
+        T_cam_anchor = self._T_cam_anchor(frame)
+        known = self._memory.aged(self._frames)
+        moved_m, winner = self._seen(known, T_cam_anchor)
+        kept = (moved_m > 0) & ((frame.depth_m == 0) | (_step(moved_m) < _step(frame.depth_m)))
+        measured_m = np.where(kept, np.float32(0), frame.depth_m)
+        points_cam = back_project(measured_m, self._intrinsics)
+        measured = _Points(
+            anchor=transform(inverse_rigid(T_cam_anchor), points_cam), age=np.zeros(len(points_cam), np.uint64)
+        )
+        self._memory = measured.followed_by(known.at(winner[kept]))
+        return inferred(frame, np.where(frame.depth_m > 0, frame.depth_m, moved_m))
+
+    def reset(self) -> None:
+        """Forget the last frames."""
+        self._T_world_anchor = None
+        self._memory = _no_points()
+
+    def _T_cam_anchor(self, frame: Frame) -> FloatArray:  # noqa: N802
+        """From the first frame's camera to that of this frame, shape (4, 4)."""
+        if frame.T_world_cam is None:
+            raise FrameError("the splat of the last frames needs the true pose T_world_cam in every frame, got none")
+        if self._T_world_anchor is None:
+            self._T_world_anchor = frame.T_world_cam.copy()
+        return inverse_rigid(frame.T_world_cam) @ self._T_world_anchor
+
+    def _seen(self, points: _Points, T_cam_anchor: FloatArray) -> tuple[FloatImage, Indices]:
+        """Depth [m] of the points that a camera sees, 0 = none, and which of them these are; both of shape (H, W)."""
+        z, pixel = self._projected(transform(T_cam_anchor, points.anchor))
+        index = np.flatnonzero(pixel >= 0)
+        order = points.age[index] * np.uint64(len(z)) + index.astype(np.uint64)
+        rank = _step(z[index]).astype(np.uint64) << np.uint64(32) | order
+        best = np.full(self._intrinsics.width_px * self._intrinsics.height_px, EMPTY, np.uint64)
+        np.minimum.at(best, pixel[index], rank)
+        filled = best != EMPTY
+        winner = np.zeros(best.shape, np.intp)
+        winner[filled] = (best[filled] & LOW_HALF) % np.uint64(max(len(z), 1))
+        depth_m = np.zeros(best.shape, np.float32)
+        depth_m[filled] = z[winner[filled]]
+        return depth_m.reshape(self._intrinsics.shape), winner.reshape(self._intrinsics.shape)
+
+    def _projected(self, points_cam: PointArray) -> tuple[npt.NDArray[np.float32], Indices]:
+        """Depth [m] of points, and the number of the pixel that each falls into, -1 beside the image; both (N,)."""
+        camera, (x, y, z) = self._intrinsics, points_cam.T
+        before = z > NEAREST_M
+        divisor = np.where(before, z, np.float32(1))
+        col = np.rint(x / divisor * np.float32(camera.fx_px) + np.float32(camera.cx_px))
+        row = np.rint(y / divisor * np.float32(camera.fy_px) + np.float32(camera.cy_px))
+        inside = before & (col >= 0) & (col < camera.width_px) & (row >= 0) & (row < camera.height_px)
+        number = np.where(inside, row, -1).astype(np.intp) * camera.width_px + np.where(inside, col, 0).astype(np.intp)
+        return z, np.where(inside, number, -1)
+
+
+def _no_points() -> _Points:
+    return _Points(anchor=np.empty((0, 3), np.float32), age=np.empty(0, np.uint64))
+
+
+def _step(depth_m: FloatImage) -> npt.NDArray[np.uint32]:
+    """Depths in steps of like ones, which rise with depth; same shape. Floats above 0 are ordered like their bits."""
+    return np.ascontiguousarray(depth_m).view(np.uint32) >> np.uint32(TIE_BITS)
