@@ -7,6 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from .checks import require_size
 from .config import VoxDepthConfig
 from .epochs import Epochs
 from .errors import ConfigError, FrameError
@@ -159,8 +160,7 @@ class VoxDepth:
     def _check(self, frame: Frame) -> None:
         if not isinstance(frame, Frame):
             raise FrameError(f"expected a Frame, got {type(frame).__name__}")
-        if frame.gray.shape != self._intrinsics.shape:
-            raise FrameError(f"frames of this camera have shape {self._intrinsics.shape}, got {frame.gray.shape}")
+        require_size(frame, self._intrinsics)
         if not frame.stamp_s > self._last_stamp_s:
             raise FrameError(f"time must increase: a frame at {frame.stamp_s} s follows one at {self._last_stamp_s} s")
         self._last_stamp_s = frame.stamp_s

@@ -7,9 +7,9 @@ rows and columns in turn, with ever less smoothing. OpenCV's own lives in its co
 import numpy as np
 import numpy.typing as npt
 
+from ..checks import require_size
 from ..errors import ConfigError
 from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
-from .checks import require_size
 from .inferred import inferred
 
 Stack = npt.NDArray[np.float32]

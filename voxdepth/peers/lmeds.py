@@ -10,9 +10,9 @@ from collections import deque
 import numpy as np
 import numpy.typing as npt
 
+from ..checks import require_size
 from ..errors import ConfigError
 from ..types import CorrectedDepth, FloatImage, Frame, Intrinsics, MaskImage
-from .checks import require_size
 from .inferred import inferred
 
 Samples = npt.NDArray[np.float32]

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from ..checks import require_size
 from ..errors import ConfigError
 from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
-from .checks import require_size
 from .flows import Dis, Flow, FlowImage
 from .inferred import inferred
 

@@ -9,10 +9,10 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from ..checks import require_size
 from ..errors import ConfigError, FrameError
 from ..geometry import PointArray, back_project, inverse_rigid, transform
 from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, Intrinsics
-from .checks import require_size
 from .inferred import inferred
 
 Indices = npt.NDArray[np.intp]

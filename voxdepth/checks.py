@@ -1,7 +1,7 @@
-"""What every peer that remembers frames asks of the next one."""
+"""What every corrector that remembers frames asks of the next one."""
 
-from ..errors import FrameError
-from ..types import Frame, Intrinsics
+from .errors import FrameError
+from .types import Frame, Intrinsics
 
 
 def require_size(frame: Frame, intrinsics: Intrinsics) -> None:
