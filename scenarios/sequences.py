@@ -1,14 +1,15 @@
 """Reference sequences: a scene, a flight through it and a camera, recorded with the truth."""
 
+import tomllib
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ from pydantic import Field
 from sim.errors import SensorError
 from sim.flights import AnyFlight
 from sim.frames import camera_attitude
+from sim.movers import Mover
 from sim.quality import DepthQuality
 from sim.rays import is_inside
 from sim.recording import EncodedFrame, Recording, RecordingWriter, is_startable
@@ -35,6 +37,12 @@ AHEAD = 3
 VERSIONED = ("numpy", "opencv-python-headless", "open3d", "pybullet", "warp-lang", "voxdepth")
 """Packages whose versions may change the bytes of a recording."""
 
+GROUPS = {
+    "reference": ("sim-LN", "sim-MB", "sim-KTS", "sim-KTC", "sim-PLF", "sim-PLW"),
+    "hard": ("sim-hover", "sim-yaw", "sim-cut", "sim-cross", "sim-approach"),
+}
+"""Shipped sequences under one name: those that stand for the paper's, and those that try a corrector's memory."""
+
 Progress = Callable[[int], None]
 """Told how many frames are whole."""
 
@@ -46,6 +54,8 @@ class Sequence(Model):
     description: str
     scene: AnyScene
     flight: AnyFlight
+    movers: Annotated[tuple[Mover, ...], Field(strict=False, min_length=1)] | None = None
+    """Spheres that move through the view; none if left out."""
     rig: RigConfig
     renderer: RendererName = "raycast"
 
@@ -75,10 +85,28 @@ def sequence_names() -> list[str]:
     return shipped_names("sequences")
 
 
+def names_of(names_and_groups: Iterable[str]) -> list[str]:
+    """Names of sequences, with those of a group in place of its name."""
+    return [name for given in names_and_groups for name in GROUPS.get(given, (given,))]
+
+
 def load_sequence(name_or_path: str, seed: int | None, changes: dict[str, Any]) -> SeededSequence:
     """A sequence with its seed: see `files.load`. The versions are those that are installed now."""
     loaded = load(SeededSequence, "sequences", name_or_path, seed, changes)
     return loaded.model_copy(update={"versions": {name: version(name) for name in VERSIONED}})
+
+
+def moving_ids(recording: Recording) -> range:
+    """Segmentation ids of the movers of a recording, as its configuration has them: a world numbers them from 0 on.
+
+    None for a recording that something else made.
+    """
+    try:
+        sequence = tomllib.loads(recording.config_text).get("sequence")
+    except tomllib.TOMLDecodeError:  # whoever made it may describe it in other ways
+        return range(0)
+    movers = sequence.get("movers") if isinstance(sequence, dict) else None
+    return range(len(movers) if isinstance(movers, list) else 0)
 
 
 def captures(planned: SeededSequence, frames: int, *, start: int = 0) -> Iterator[Capture]:
@@ -134,24 +162,33 @@ def _record(planned: SeededSequence, film: "Film", folder: Path, frames: int, pr
 
 @dataclass(frozen=True, kw_only=True)
 class Film:
-    """A world with a camera that flies through it."""
+    """A world with a camera that flies through it, and spheres that move before it."""
 
     world: World
     sensor: StereoSensor
     poses: Callable[[], Iterator[BodyPose]]
+    movers: tuple[Mover, ...]
+    """Those of the world, in its order."""
 
     @property
     def blank_ids(self) -> list[int]:
         """Segmentation ids of the bodies without texture."""
-        return [body_id for body_id, body in self.world.bodies.items() if body.surface.texture == 0]
+        return [body_id for body_id, surface in self.world.surfaces.items() if surface.texture == 0]
 
     def looks(self, start: int, stop: int) -> Iterator[Look]:
         """What the camera sees in the frames `start` to `stop`, rendered one after the other."""
         for frame, pose in enumerate(islice(self.poses(), stop)):
+            if frame == 0:
+                first = pose
             if frame >= start:
+                self._place_movers(pose.stamp_s, first)
                 (look,) = self.sensor.look([Viewpoint(drone=0, pose=pose)], frame)
                 self._require_outside(look)
                 yield look
+
+    def _place_movers(self, time_s: float, first: BodyPose) -> None:
+        for body_id, mover in zip(self.world.movers, self.movers, strict=True):
+            self.world.place(body_id, mover.position_m(time_s, first))
 
     def _require_outside(self, look: Look) -> None:
         left_m, to_right = look.T_world_cam[:3, 3], look.T_world_cam[:3, 0]
@@ -170,14 +207,15 @@ def filming(planned: SeededSequence) -> Iterator[Film]:
     """A sequence that is ready to be filmed. OpenCV runs on one thread, the renderer on two."""
     sequence, seed = planned.sequence, planned.seed
     cv2.setNumThreads(1)
-    scene = sequence.scene.build(seed)
-    with World(scene, np.empty((0, 3))) as world:
+    scene, movers = sequence.scene.build(seed), sequence.movers or ()
+    with World(scene, np.empty((0, 3)), movers=[mover.body(k) for k, mover in enumerate(movers)]) as world:
         renderer = create_renderer(sequence.renderer, world, threads=2)
         sensor = StereoSensor(world, renderer, sequence.rig, seed=seed, right=True)
         yield Film(
             world=world,
             sensor=sensor,
             poses=lambda: sequence.flight.poses(scene.path_m, seed, sequence.rig.rate_hz),
+            movers=movers,
         )
 
 

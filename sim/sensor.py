@@ -16,7 +16,7 @@ from .noise import exposure_gain, occlusion, photon_noise
 from .stereo import NOISE_TEXTURE, StereoConfig
 from .tiers import DepthTier, DepthTierName, NoisyTier, StereoTier, StereoView, TruthTier
 from .types import BodyPose, Camera, Capture, Images, Renderer
-from .world import DRONE_SURFACE, World
+from .world import World
 
 
 class RigConfig(Model):
@@ -189,8 +189,7 @@ def make_tier(config: RigConfig, world: World, *, seed: int) -> DepthTier:
         return TruthTier(config.max_depth_m)
     if config.depth == "stereo":
         return StereoTier(config.intrinsics, config.stereo, max_depth_m=config.max_depth_m)
-    texture_of_body = {body_id: body.surface.texture for body_id, body in world.bodies.items()}
-    texture_of_body |= dict.fromkeys(world.drone_ids, DRONE_SURFACE.texture)
+    texture_of_body = {body_id: surface.texture for body_id, surface in world.surfaces.items()}
     return NoisyTier(
         config.intrinsics,
         config.noise,

@@ -1,4 +1,4 @@
-"""The physical world: one PyBullet client with a scene and a fleet of drones."""
+"""The physical world: one PyBullet client with a scene, a fleet of drones, and bodies that others move."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -42,6 +42,7 @@ class World:
         starts_m: Start positions, shape (n, 3); drones hover there, heading along x.
         airframe: Of every drone.
         start_yaw_rad: Heading of all drones at the start.
+        movers: Bodies that stay where they are until `place` moves them. They have the first body ids, from 0 on.
 
     Raises:
         SceneError: A drone starts inside or in touch with a body or another drone.
@@ -54,6 +55,7 @@ class World:
         airframe: AirframeConfig | None = None,
         *,
         start_yaw_rad: float = 0.0,
+        movers: Sequence[Body] = (),
     ) -> None:
         self.scene = scene
         self.airframe = airframe or AirframeConfig()
@@ -68,6 +70,7 @@ class World:
         self.client = pybullet.connect(pybullet.DIRECT)
         try:
             self._set_up_physics()
+            self.movers: dict[int, Body] = {create_body(body, self.client): body for body in movers}
             self.bodies: dict[int, Body] = {create_body(body, self.client): body for body in scene.bodies}
             q_start = frames.quaternion_from_yaw(start_yaw_rad)
             self.drone_ids = [self._add_drone(start, q_start) for start in starts_m]
@@ -122,6 +125,13 @@ class World:
             self._wanted_velocity[i] = command.velocity_m_s
             self._wanted_yaw[i] = command.yaw_rad
 
+    def place(self, mover: int, position_m: FloatArray) -> None:
+        """Move one of `movers`, by its body id, to a position, shape (3,), at once."""
+        if mover not in self.movers:
+            raise SceneError(f"expected the id of a mover, one of {list(self.movers)}, got {mover}")
+        _, q_xyzw = pybullet.getBasePositionAndOrientation(mover, physicsClientId=self.client)
+        pybullet.resetBasePositionAndOrientation(mover, position_m.tolist(), q_xyzw, physicsClientId=self.client)
+
     def step(self) -> list[Contact]:
         """Advance by 1/240 s and return the contacts that began in this step."""
         force_n, torque_n_m = self._fleet.actuate(
@@ -144,18 +154,34 @@ class World:
         return self._nearest_m(self._position[drone], self.airframe.radius_m, horizon_m, self.drone_ids[drone])
 
     def room_at_m(self, position_m: Sequence[float], horizon_m: float = 5.0) -> float:
-        """Distance from a point to the nearest static body, at most `horizon_m`; negative inside one."""
+        """Distance from a point to the nearest body that is no drone, at most `horizon_m`; negative inside one."""
         return self._nearest_m(np.asarray(position_m, np.float64), 0.0, horizon_m, None)
 
     @property
+    def moving_ids(self) -> list[int]:
+        """Ids of all that may be elsewhere from one moment to the next: drones, then movers."""
+        return [*self.drone_ids, *self.movers]
+
+    @property
+    def described(self) -> dict[int, Body]:
+        """All but the drones, by id: the bodies of the scene, then movers."""
+        return {**self.bodies, **self.movers}
+
+    @property
+    def surfaces(self) -> dict[int, Surface]:
+        """Looks of all bodies by id, drones included."""
+        surfaces = {body_id: body.surface for body_id, body in self.described.items()}
+        return surfaces | dict.fromkeys(self.drone_ids, DRONE_SURFACE)
+
+    @property
     def textured_ids(self) -> list[int]:
-        """Ids of all bodies and drones that are not blank."""
-        return [*(body_id for body_id, body in self.bodies.items() if body.surface.texture > 0), *self.drone_ids]
+        """Ids of all bodies that are not blank."""
+        return [body_id for body_id, surface in self.surfaces.items() if surface.texture > 0]
 
     @property
     def extent_m(self) -> float:
-        """Longest side of the box around all bodies and drones; 0 when there are none."""
-        boxes = [pybullet.getAABB(body, physicsClientId=self.client) for body in [*self.bodies, *self.drone_ids]]
+        """Longest side of the box around all bodies, drones included; 0 when there are none."""
+        boxes = [pybullet.getAABB(body, physicsClientId=self.client) for body in self.surfaces]
         if not boxes:
             return 0.0
         corners = np.array(boxes)
@@ -214,8 +240,8 @@ class World:
             other, kind = f"drone-{drones[1]}", "drone"
             relative -= velocity_before[drones[1]]
         else:
-            static = self.bodies[next(body for body in pair if body in self.bodies)]
-            other, kind = static.name, static.kind
+            hit = self.described[next(body for body in pair if body not in self.drone_ids)]
+            other, kind = hit.name, hit.kind
         return Contact(
             time_s=self.time_s, drone=drone, other=other, kind=kind, speed_m_s=float(np.linalg.norm(relative))
         )

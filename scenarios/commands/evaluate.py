@@ -25,7 +25,11 @@ def use_one_thread() -> None:
 
 def evaluate(
     sequences: Annotated[
-        list[str] | None, typer.Argument(help="Shipped sequences. Default: all, unless there is --data.")
+        list[str] | None,
+        typer.Argument(
+            help="Shipped sequences by name; `reference` and `hard` stand for six and for five of them. "
+            "Default: reference, unless there is --data."
+        ),
     ] = None,
     data: Annotated[
         list[Path] | None, typer.Option(metavar="DIR", help="A recorded sequence of any format; may be repeated.")
@@ -79,9 +83,9 @@ def _planned(
     """What is to be done, checked before anything is written."""
     from ..evaluation.methods import METHOD_NAMES, find_methods
     from ..evaluation.suite import Folder, Plan, Shipped
-    from ..sequences import load_sequence, sequence_names
+    from ..sequences import load_sequence, names_of
 
-    names = sequences or ([] if data else sequence_names())
+    names = names_of(sequences or ([] if data else ["reference"]))
     wanted: list[Wanted] = [Shipped(load_sequence(name, seed, {})) for name in names]
     wanted += [Folder(folder) for folder in data]
     chosen = METHOD_NAMES if methods is None else [name.strip() for name in methods.split(",")]

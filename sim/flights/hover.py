@@ -26,6 +26,8 @@ class InPlace(Flight):
     """Height of the camera above the path [m]."""
     at_m: float = Field(0.0, ge=0)
     """Arc length along the path [m] of the place."""
+    look_deg: float = Field(0.0, ge=-180, le=180)
+    """Heading of the camera from that of the path at the beginning; 90 looks to the left."""
     sway_m: float = Field(0.01, ge=0)
     """Standard deviation of the position along each axis; 0 is perfectly still."""
     sway_deg: float = Field(0.2, ge=0)
@@ -40,7 +42,7 @@ class InPlace(Flight):
         sway_m = Drift(rng, np.full(3, self.sway_m), SWAY_HZ)
         sway_rad = Drift(rng, np.full(3, np.radians(self.sway_deg)), SWAY_HZ)
         place_m = track.position_m(self.at_m) + np.array([0.0, 0.0, self.height_m])
-        heading_rad = track.heading_rad(self.at_m)
+        heading_rad = track.heading_rad(self.at_m) + np.radians(self.look_deg)
 
         def at(time_s: float) -> BodyPose:
             yaw_rad, pitch_rad, roll_rad = sway_rad(time_s)
@@ -56,7 +58,7 @@ class InPlace(Flight):
 
 
 class Hover(InPlace):
-    """On the spot, looking along the path. Goes on for ever."""
+    """On the spot, looking along the path unless told otherwise. Goes on for ever."""
 
     kind: Literal["hover"] = "hover"
 
@@ -66,7 +68,7 @@ class Hover(InPlace):
 
 
 class Yaw(InPlace):
-    """On the spot, turning, at first along the path. Goes on for ever."""
+    """On the spot, turning; at first it looks along the path unless told otherwise. Goes on for ever."""
 
     kind: Literal["yaw"] = "yaw"
     rate_deg_s: float = 90.0

@@ -63,7 +63,7 @@ class EglRenderer:
     """OpenGL without a display, through PyBullet's EGL plugin; on a GPU, or in software on Mesa.
 
     The plugin draws only what is created after it was loaded, so the renderer keeps a client of its own with copies of
-    all bodies and moves the copies of the drones before each batch.
+    all bodies and moves the copies of drones and movers before each batch.
     """
 
     def __init__(self, world: World) -> None:
@@ -74,8 +74,9 @@ class EglRenderer:
         if pybullet.loadPlugin(plugin, PLUGIN_POSTFIX, physicsClientId=self._client) < 0:
             raise RenderError(f"PyBullet does not load its plugin {plugin} a second time: use raycast")
         static = {self._copy(body): real for real, body in world.bodies.items()}
-        self._drones = {self._add_drone(): real for real in world.drone_ids}
-        copies = {**static, **self._drones}
+        drones = {self._add_drone(): real for real in world.drone_ids}
+        self._moving = {self._copy(body): real for real, body in world.movers.items()} | drones
+        copies = {**static, **self._moving}
         textured = set(world.textured_ids)
         apply_texture([copy for copy, real in copies.items() if real in textured], world.scene.seed, self._client)
         self._real = np.full(max(copies, default=-1) + 2, -1, np.int32)
@@ -83,7 +84,7 @@ class EglRenderer:
 
     def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
         """One `Images` per camera, of the world as it is now; `gray` comes anyhow."""
-        for copy, real in self._drones.items():
+        for copy, real in self._moving.items():
             position, q_xyzw = pybullet.getBasePositionAndOrientation(real, physicsClientId=self._world.client)
             pybullet.resetBasePositionAndOrientation(copy, position, q_xyzw, physicsClientId=self._client)
         return [self._render(camera) for camera in cameras]

@@ -31,8 +31,8 @@ def mesh_of_body(world: World, body: int) -> Mesh:
     shapes = pybullet.getVisualShapeData(body, physicsClientId=world.client)
     if not shapes:
         raise RenderError(f"body {body} has no visual shape: give it one, or cameras and collisions would disagree")
-    if body in world.bodies:
-        described = world.bodies[body].shape
+    if body in world.described:
+        described = world.described[body].shape
         if isinstance(described, Mesh | Heightfield):
             return moved(mesh_of_shape(described), np.eye(3), np.array([0, 0, -origin_height_m(described)]))
     return merged([_placed(_mesh_of_visual(shape, body), shape[5], shape[6]) for shape in shapes])

@@ -17,7 +17,7 @@ from ..errors import RenderError
 from ..open3d_import import open3d
 from ..seeds import Purpose, stream
 from ..types import Camera, IdImage, Images
-from ..world import DRONE_SURFACE, World
+from ..world import World
 from . import shading
 from .culling import pixel_bounds
 from .meshes import merged, mesh_of_body, moved
@@ -43,27 +43,27 @@ class Hits(NamedTuple):
 class RaycastRenderer:
     """Mirrors the visual shapes of a PyBullet world and renders a batch of cameras at once.
 
-    Static bodies form one scene that is built once. Drones form a second one, rebuilt with their present poses for
-    every batch, at which only the rays near each drone are cast. All cameras of a batch must have the same intrinsics.
+    Static bodies form one scene that is built once. What may move, drones and movers, forms a second one, rebuilt with
+    their present poses for every batch, at which only the rays near each of them are cast. All cameras of a batch must
+    have the same intrinsics.
     """
 
     def __init__(self, world: World, *, threads: int) -> None:
         self._world = world
         self._threads = threads
         static = list(world.bodies)
-        self._body_ids = [*static, *world.drone_ids]
+        self._body_ids = [*static, *world.moving_ids]
         meshes = [mesh_of_body(world, body) for body in self._body_ids]
         self._n_static = len(static)
-        self._drone_meshes = meshes[self._n_static :]
-        self._drone_radii_m = np.array([np.linalg.norm(m.vertices_m, axis=1).max() for m in self._drone_meshes])
+        self._moving_meshes = meshes[self._n_static :]
+        self._moving_radii_m = np.array([np.linalg.norm(m.vertices_m, axis=1).max() for m in self._moving_meshes])
         index = np.repeat(np.arange(len(meshes), dtype=np.int32), [len(mesh.triangles) for mesh in meshes])
-        first_of_drones = sum(len(mesh.triangles) for mesh in meshes[: self._n_static])
+        first_moving = sum(len(mesh.triangles) for mesh in meshes[: self._n_static])
         placed = [moved(mesh, *self._pose(body)) for mesh, body in zip(meshes, static, strict=False)]
-        self._static = _Target(placed, index[:first_of_drones], len(meshes), threads)
-        self._drone_index = index[first_of_drones:]
+        self._static = _Target(placed, index[:first_moving], len(meshes), threads)
+        self._moving_index = index[first_moving:]
         self._segment_of_index = np.array([*self._body_ids, -1], np.int32)
-        surfaces = [world.bodies[body].surface for body in static] + [DRONE_SURFACE] * world.n_drones
-        self._looks = self._make_looks(surfaces)
+        self._looks = self._make_looks([world.surfaces[body] for body in self._body_ids])
         clouds_seed = int(stream(world.scene.seed, Purpose.SURFACE, 1).integers(1 << 30))
         self._air = shading.air(world.scene.weather, clouds_seed)
         self._directions: dict[Intrinsics, Rays] = {}
@@ -81,7 +81,7 @@ class RaycastRenderer:
         rays = self._ray_buffer((len(cameras), intrinsics.width_px * intrinsics.height_px, 6))
         list(self._pool.map(self._fill_rays, cameras, rays))
         hits = self._static.cast(rays)
-        self._add_drones(cameras, rays, hits)
+        self._add_moving(cameras, rays, hits)
         sunlit = self._sunlit(rays, hits, gray=gray)
         looks = wp.array(self._looks, dtype=shading.BodyLook, device="cpu")
 
@@ -109,24 +109,24 @@ class RaycastRenderer:
         rays[:, :3] = camera.T_world_cam[:3, 3]
         rays[:, 3:] = self._directions[camera.intrinsics] @ camera.T_world_cam[:3, :3].T.astype(np.float32)
 
-    def _add_drones(self, cameras: Sequence[Camera], rays: Rays, hits: Hits) -> None:
-        """Overwrite hits where a drone is nearer; only pixels that its bounding sphere may cover are looked at."""
-        if not self._drone_meshes:
+    def _add_moving(self, cameras: Sequence[Camera], rays: Rays, hits: Hits) -> None:
+        """Overwrite hits where what moves is nearer; only pixels that its bounding sphere may cover are looked at."""
+        if not self._moving_meshes:
             return
-        poses = [self._pose(body) for body in self._world.drone_ids]
+        poses = [self._pose(body) for body in self._body_ids[self._n_static :]]
         for look, (rotation, position_m) in zip(self._looks[self._n_static :], poses, strict=True):
             look["rotation"], look["position"] = rotation, position_m
-        placed = [moved(mesh, *pose) for mesh, pose in zip(self._drone_meshes, poses, strict=True)]
+        placed = [moved(mesh, *pose) for mesh, pose in zip(self._moving_meshes, poses, strict=True)]
         centers_m = np.array([position_m for _, position_m in poses])
-        pixels = _pixels_near(cameras, centers_m, self._drone_radii_m)
+        pixels = _pixels_near(cameras, centers_m, self._moving_radii_m)
         if len(pixels) == 0:
             return
-        target = _Target(placed, self._drone_index, len(self._body_ids), self._threads)
+        target = _Target(placed, self._moving_index, len(self._body_ids), self._threads)
         flat = Hits(hits.depth_m.reshape(-1), hits.normal.reshape(-1, 3), hits.body_index.reshape(-1))
         near = target.cast(rays.reshape(-1, 6)[pixels])
         nearer = near.depth_m < flat.depth_m[pixels]
-        for everywhere, of_drones in zip(flat, near, strict=True):
-            everywhere[pixels[nearer]] = of_drones[nearer]
+        for everywhere, of_moving in zip(flat, near, strict=True):
+            everywhere[pixels[nearer]] = of_moving[nearer]
 
     def _make_looks(self, surfaces: list[Surface]) -> Any:
         looks = np.zeros(len(surfaces), shading.BodyLook.numpy_dtype())  # type: ignore[attr-defined]

@@ -9,8 +9,19 @@ import numpy as np
 import pytest
 
 from scenarios.errors import ScenarioError
+from scenarios.files import to_toml
 from scenarios.images import LOSS_COLORS_BGR
-from scenarios.sequences import SeededSequence, captures, filming, load_sequence, record, sequence_names
+from scenarios.sequences import (
+    GROUPS,
+    SeededSequence,
+    captures,
+    filming,
+    load_sequence,
+    moving_ids,
+    names_of,
+    record,
+    sequence_names,
+)
 from sim.bodies import Body, Box, Scene
 from sim.errors import RecordingError, SceneError, SensorError
 from sim.recording import Recording
@@ -56,9 +67,9 @@ def test_every_sequence_is_recorded_and_read_back_bit_for_bit(name: str, tmp_pat
 @pytest.mark.slow
 def test_the_shipped_sequences_have_the_sizes_and_the_length_of_the_papers() -> None:
     sizes = {name: load_sequence(name, 0, {}).sequence.rig for name in sequence_names()}
-    assert set(sizes) == {"sim-LN", "sim-MB", "sim-KTS", "sim-KTC", "sim-PLF", "sim-PLW"}
+    assert set(sizes) == set(names_of(["reference", "hard"]))
     for name, rig in sizes.items():
-        realsense = name in ("sim-LN", "sim-MB")
+        realsense = name in ("sim-LN", "sim-MB", *GROUPS["hard"])
         assert (rig.width_px, rig.height_px) == ((640, 360) if realsense else (1024, 1024))
         assert rig.intrinsics.fx_px == pytest.approx(343.2 if realsense else 512, abs=0.1)
         assert rig.rate_hz == 30
@@ -73,6 +84,42 @@ def test_sunny_and_cloudy_are_the_same_flight() -> None:
     np.testing.assert_array_equal(sunny.depth_true_m, cloudy.depth_true_m)
     seen = np.isfinite(sunny.depth_true_m)
     assert sunny.gray_left[seen].std() > 1.3 * cloudy.gray_left[seen].std()
+
+
+def test_a_mover_is_in_the_recording_where_its_path_says_and_known_by_its_id(tmp_path: Path) -> None:
+    planned = small("sim-cross", **{"flight.sway_m": 0.0, "flight.sway_deg": 0.0, "rig.depth": "truth"})
+    record(planned, tmp_path / "r", 32, lambda frames: None)
+    recording = Recording.open(tmp_path / "r")
+    assert list(moving_ids(recording)) == [0]
+    (before, during, after) = (recording[index] for index in (0, 27, 31))
+    assert not (before.segment_id == 0).any(), "it begins outside of the view"
+    columns = [np.nonzero(capture.segment_id == 0)[1].mean() for capture in (during, after)]
+    i = recording.intrinsics
+    for column, time_s in zip(columns, (27 / 30, 31 / 30), strict=True):
+        left_m = 2.3 - 2.5 * time_s - (i.baseline_m or 0) / 2
+        assert column == pytest.approx(i.cx_px - i.fx_px * left_m / 2.0, abs=0.7)
+    nearest_m = during.depth_true_m[during.segment_id == 0].min()
+    assert nearest_m == pytest.approx(1.75, abs=0.01)
+    shown = during.depth_true_m[during.segment_id != 0]
+    assert shown.min() > 2.5, "nothing else is so near"
+
+
+def test_a_recording_without_movers_says_what_it_always_said(tmp_path: Path) -> None:
+    planned = small()
+    assert "movers" not in to_toml(planned)
+    record(planned, tmp_path / "r", 1, lambda frames: None)
+    assert not moving_ids(Recording.open(tmp_path / "r"))
+    for text in ("seed = 0", "sequence = 3", "this is = not TOML", "[sequence]\nmovers = 7"):
+        other = Recording(tmp_path, Recording.open(tmp_path / "r").ledger, planned.sequence.rig.intrinsics, text)
+        assert not moving_ids(other), text
+
+
+def test_going_on_with_a_mover_gives_the_frames_of_one_go() -> None:
+    planned = small("sim-approach")
+    whole = list(captures(planned, 4))
+    (last,) = captures(planned, 4, start=3)
+    assert_same(whole[3], last)
+    assert (last.segment_id == 0).any()
 
 
 def test_going_on_gives_the_bytes_of_a_recording_in_one_go(tmp_path: Path) -> None:

@@ -12,8 +12,9 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from sim import frames
-from sim.bodies import Body, Cylinder, Heightfield, Mesh, SceneSpec, Sphere
+from sim.bodies import Body, Cylinder, Heightfield, Mesh, Scene, SceneSpec, Sphere
 from sim.errors import RenderError
+from sim.movers import Mover
 from sim.rays import is_inside
 from sim.render import create_renderer
 from sim.render.meshes import box, mesh_of_body, sphere
@@ -105,6 +106,23 @@ def test_they_agree_on_moved_drones_and_round_shapes() -> None:
     # The two draw round shapes with other facets: up to 5 cm apart on grazed rims, nothing elsewhere.
     assert np.percentile(gap, 95) < 0.01
     assert np.percentile(gap, 99) < 0.05
+
+
+def test_they_agree_on_movers_that_were_placed() -> None:
+    movers = [Mover(radius_m=0.4, from_m=(3, 0, 0), to_m=(3, 1, 0), speed_m_s=1.0).body(k) for k in range(2)]
+    cube = Mesh(box(np.array([0.5, 0.7, 0.9])).vertices_m, box(np.ones(3)).triangles)
+    crate = Body(name="crate", kind="building", shape=cube, position_m=(0.0, 0.0, 0.0), yaw_rad=0.4)
+    scene = Scene(seed=5, bodies=(wall(8.0),))
+    with World(scene, np.array([[4.0, 0.0, 1.0]]), movers=[*movers, crate]) as world:
+        renderers = [create_renderer(name, world) for name in ("raycast", "tiny")]
+        for side_m in (0.8, -0.6):
+            for mover, place_m in zip(world.movers, ([3, side_m, 0], [5, -1.5, 0.5], [4, 1.5, -1]), strict=True):
+                world.place(mover, np.array(place_m, np.float64))
+            a, b = (renderer.render([camera_at(0, 0, 0)])[0] for renderer in renderers)
+            assert set(np.unique(a.segment_id)) == {0, 1, 2, 3, 4}
+            assert (a.segment_id == b.segment_id).mean() > 0.99
+            gap = np.abs(a.depth_m - b.depth_m)[a.segment_id == b.segment_id]
+            assert np.percentile(gap, 95) < 0.01
 
 
 def test_they_agree_on_turned_meshes_and_heightfields() -> None:
