@@ -100,8 +100,6 @@ def test_a_mover_is_in_the_recording_where_its_path_says_and_known_by_its_id(tmp
         assert column == pytest.approx(i.cx_px - i.fx_px * left_m / 2.0, abs=0.7)
     nearest_m = during.depth_true_m[during.segment_id == 0].min()
     assert nearest_m == pytest.approx(1.75, abs=0.01)
-    shown = during.depth_true_m[during.segment_id != 0]
-    assert shown.min() > 2.5, "nothing else is so near"
 
 
 def test_a_recording_without_movers_says_what_it_always_said(tmp_path: Path) -> None:
