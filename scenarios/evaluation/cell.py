@@ -11,8 +11,13 @@ from voxdepth.model import Model
 from ..errors import ScenarioError
 
 CELLS = "cells"
-SCORING = 1
+SCORING = 2
 """Counted up when figures are worked out in another way: older cells are then worked out again."""
+
+FILLED, COMPLETED, AS_GIVEN = "filled", "completed", "as given"
+"""Which of the pixels a figure is of: see `Figure.on`."""
+FRAMES = "frames"
+"""Stands for mask, range and `on` of a figure that is of whole frames."""
 
 
 class Figure(Model):
@@ -23,10 +28,12 @@ class Figure(Model):
     metric: str
     mask: str
     """Which pixels."""
-    range: str
-    """Of their true depth."""
+    within: str
+    """Range of their true depth."""
     on: str
-    """`filled`: the pixels that the method gives a depth. `completed`: all, after completion by the nearest valid."""
+    """`filled`: the pixels that the method gives a depth. `completed`: all, after completion by the nearest valid.
+    `as given`: all, with those that are not filled as they are.
+    """
     value: float | None
     """None if it is not defined, as an error of no pixel; infinite for the PSNR of a perfect image."""
     unit: str
@@ -77,7 +84,7 @@ class Cell(Model):
     def figure(self, metric: str, mask: str = "all", within: str = "all", on: str = "completed") -> Figure | None:
         """One of the figures; None if there is no such."""
         wanted = (metric, mask, within, on)
-        return next((f for f in self.figures if (f.metric, f.mask, f.range, f.on) == wanted), None)
+        return next((f for f in self.figures if (f.metric, f.mask, f.within, f.on) == wanted), None)
 
 
 def cell_path(out: Path, sequence: str, method: str) -> Path:

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .cell import Cell
+from .cell import COMPLETED, FILLED, FRAMES, Cell, Figure
 from .facts import Facts
 from .groups import BINS, NEAR
 from .methods import ORACLE
-from .scoring import COMPLETED, FRAMES
+from .quantities import BACKGROUND
 from .suite import Done
-from .tables import BACKGROUND, count_text
+from .tables import count_text
+from .trust_score import CONFIDENCES, WITHIN
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,6 +28,8 @@ PANEL_COLUMNS = 3
 LEGEND_COLUMNS = 8
 WIDTH_IN, DPI = 13.0, 100
 MARKERS = "os^vD<>phX*dP8"
+GRADED = 2
+"""A confidence is graded when it fills more bins than this: with two it only says measured or filled in."""
 INVISIBLE = "\N{ZERO WIDTH SPACE}"
 
 
@@ -47,10 +50,11 @@ def shown_methods(done: Done) -> list[str]:
 
 
 def all_figures(done: Done) -> list[Picture]:
-    """The figures about numbers; none if nothing succeeded."""
+    """The figures about numbers; none if nothing succeeded, and none of confidence if no method grades it."""
     if not shown_methods(done):
         return []
-    return [error_against_range(done), holes_against_quality(done), error_against_latency(done)]
+    always = [error_against_range(done), holes_against_quality(done), error_against_latency(done)]
+    return [*always, reliability(done)] if graded_methods(done) else always
 
 
 def error_against_range(done: Done) -> Picture:
@@ -136,6 +140,47 @@ def error_against_latency(done: Done) -> Picture:
         f"methods that no other beats in both; {ORACLE} is an oracle and does not compete.",
         png=_panels(done, draw),
     )
+
+
+def graded_methods(done: Done) -> list[str]:
+    """The methods whose confidence has more to say than two values."""
+    graded = [cell for cell in done.cells if len(_by_confidence(cell)) > GRADED]
+    return list(dict.fromkeys(cell.key.method for cell in graded))
+
+
+def reliability(done: Done) -> Picture:
+    """What confidence is worth: how many pixels are right by how sure the method is of them, a panel a sequence."""
+    methods = graded_methods(done)
+
+    def draw(axes: "Axes", facts: Facts) -> None:
+        totals = []
+        for k, cell in _cells(done, facts, methods):
+            bins = _by_confidence(cell)
+            x = [max(0.0, (place - 0.5) / 10) for place in bins]
+            counts = np.array([figure.n for figure in bins.values()])
+            totals.append(int(counts.sum()))
+            right = [100 * figure.value for figure in bins.values() if figure.value is not None]
+            color = f"C{k % 10}"
+            axes.plot(x, right, marker=MARKERS[k % len(MARKERS)], color=color, label=legible(cell.key.method), ms=4)
+            axes.plot(x, 100 * counts / counts.sum(), ":", color=color, lw=1)
+        axes.set_xlim(-0.03, 1)
+        axes.set_ylim(0, 100)
+        axes.set_xlabel(f"confidence, n = {' and '.join(count_text(total) for total in totals) or 0} pixels")
+        axes.set_ylabel("pixels within 5 % of the truth [%]")
+
+    return Picture(
+        title="Confidence against errors",
+        caption=f"Of the pixels that a method gives a depth, {WITHIN}, in bins of its confidence of 0.1 (and 0 alone): "
+        "the share within 5 % of the truth (lines), and the share of the method's pixels that are in the bin (dotted). "
+        "A line that rises is a confidence to go by. Methods whose pixels are in one or two bins are left out.",
+        png=_panels(done, draw),
+    )
+
+
+def _by_confidence(cell: Cell) -> dict[int, Figure]:
+    """The share of right pixels in each bin that has some, by the place of the bin."""
+    figures = {place: cell.figure("close", mask, WITHIN, FILLED) for place, mask in enumerate(CONFIDENCES)}
+    return {place: figure for place, figure in figures.items() if figure is not None}
 
 
 def _occluded_and_psnr(done: Done, facts: Facts, method: str) -> list[tuple[float, float]]:

@@ -9,15 +9,16 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from voxdepth.types import DepthCorrector, FloatImage, Frame, Intrinsics
+from voxdepth.types import DepthCorrector, FloatImage, Frame, GrayImage, Intrinsics
 
 from ..corrected_folder import encode, to_millimetres
 from ..images import picked
-from .cell import Figure
+from .cell import FRAMES, Figure
 from .groups import Groups
 from .methods import Method
-from .scoring import FRAMES, Score, latency_figures
+from .scoring import Score, latency_figures
 from .sources import Frames, Judged
+from .yardstick import yardstick_figures, yardstick_ms
 
 PICTURE_PX = 240
 """Largest width of the picture that is kept of a sequence's last frame."""
@@ -25,6 +26,17 @@ PICTURE_PX = 240
 
 class MethodError(Exception):
     """A method did not give depth, or could not be made or ended; the message says what came."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Given:
+    """What a method gave for a frame, as far as it is judged; images have the shape (H, W)."""
+
+    depth_m: FloatImage
+    confidence: FloatImage | None
+    """None if the method gives none."""
+    source: GrayImage | None
+    """None if the method gives none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,19 +65,22 @@ def judge(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics
     cv2.setNumThreads(1)
     _warm_up(method, frames, intrinsics)
     score, times_s = Score(groups), []
+    yardstick_before_ms = yardstick_ms()
     with _living(method, intrinsics) as corrector:
         before_s = _others_s()
         for index in range(len(frames)):
             judged = frames[index]
             frame = _shown(judged, method)
-            depth_m, time_s = _corrected(corrector, frame, index)
+            given, time_s = _corrected(corrector, frame, index)
             times_s.append(time_s)
-            score.add(judged, depth_m)
+            score.add(judged, given.depth_m, given.confidence, given.source)
         background_s = _others_s() - before_s
+    latencies = latency_figures(times_s)
+    yardsticks = yardstick_figures(yardstick_before_ms, yardstick_ms(), latencies[0])
     return Verdict(
-        figures=(*score.figures(), *latency_figures(times_s), _background(background_s, len(times_s))),
+        figures=(*score.figures(), *latencies, _background(background_s, len(times_s)), *yardsticks),
         frame_psnrs_db=score.frame_psnrs_db,
-        picture=pictured(depth_m),
+        picture=pictured(given.depth_m),
     )
 
 
@@ -90,7 +105,7 @@ def _others_s() -> float:
 def _background(time_s: float, n: int) -> Figure:
     """What the method's own threads worked for each frame, which the time that the caller waits leaves out."""
     value = max(0.0, 1e3 * time_s / n)  # two clocks that are read one after the other
-    return Figure(metric="latency_background", mask=FRAMES, range=FRAMES, on=FRAMES, value=value, unit="ms", n=n)
+    return Figure(metric="latency_background", mask=FRAMES, within=FRAMES, on=FRAMES, value=value, unit="ms", n=n)
 
 
 @contextmanager
@@ -124,19 +139,42 @@ def _shown(judged: Judged, method: Method) -> Frame:
     return replace(judged.frame, T_world_cam=judged.T_world_cam)
 
 
-def _corrected(corrector: DepthCorrector, frame: Frame, index: int) -> tuple[FloatImage, float]:
-    """Corrected depth [m], shape (H, W), float32, and the time it took [s]."""
+def _corrected(corrector: DepthCorrector, frame: Frame, index: int) -> tuple[Given, float]:
+    """What a method gives for a frame, and the time it took [s]."""
     start = time.perf_counter()
     try:
         result = corrector.process(frame)
         time_s = time.perf_counter() - start
-        depth_m = getattr(result, "depth_m", None)
+        depth_m, confidence, source = (getattr(result, name, None) for name in ("depth_m", "confidence", "source"))
     except (Exception, SystemExit) as error:  # a method may be anybody's code
         raise MethodError(f"frame {index}: {_named(error)}") from error
-    problem = _problem(depth_m, frame)
-    if problem or not isinstance(depth_m, np.ndarray):
+    shape = frame.depth_m.shape
+    problem = _problem(depth_m, frame) or _confidence_problem(confidence, shape) or _source_problem(source, shape)
+    if problem or depth_m is None:
         raise MethodError(f"frame {index}: {problem}")
-    return depth_m, time_s
+    return Given(depth_m=depth_m, confidence=confidence, source=source), time_s
+
+
+def _confidence_problem(confidence: object, shape: tuple[int, ...]) -> str:
+    """What is wrong with a method's confidence, in words; empty if nothing is, or if it gives none."""
+    if confidence is None:
+        return ""
+    if not isinstance(confidence, np.ndarray) or confidence.shape != shape or confidence.dtype.kind != "f":
+        return f"expected confidence as floats of shape {shape}, or none, got {_kind(confidence)}"
+    if not ((confidence >= 0) & (confidence <= 1)).all():
+        return f"expected confidence in 0..1, got {confidence.min()} to {confidence.max()}"
+    return ""
+
+
+def _source_problem(source: object, shape: tuple[int, ...]) -> str:
+    """What is wrong with the sources that a method names, in words; empty if nothing is, or if it names none."""
+    if source is None or (isinstance(source, np.ndarray) and source.shape == shape and source.dtype == np.uint8):
+        return ""
+    return f"expected source as uint8 of shape {shape}, or none, got {_kind(source)}"
+
+
+def _kind(given: object) -> str:
+    return f"{given.dtype} of shape {given.shape}" if isinstance(given, np.ndarray) else type(given).__name__
 
 
 def _problem(depth_m: object, frame: Frame) -> str:

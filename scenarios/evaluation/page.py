@@ -8,8 +8,9 @@ from ..files import DATA
 from .cell import write
 from .exhibits import exhibit
 from .figures import all_figures
+from .quantities import FOR_COMPARISON_ONLY, IN_PAPERS_LAYOUT, QUANTITIES
 from .suite import Done
-from .tables import FOR_COMPARISON_ONLY, IN_PAPERS_LAYOUT, QUANTITIES, by_method, in_papers_layout
+from .tables import by_method, has_figures, in_papers_layout
 
 REPORT = "report.html"
 TEMPLATE = "report.html.j2"
@@ -40,7 +41,7 @@ def rendered(done: Done, machine: Machine) -> str:
         machine=machine,
         papers=[in_papers_layout(done, quantity) for quantity in IN_PAPERS_LAYOUT],
         artefacts=[in_papers_layout(done, quantity) for quantity in FOR_COMPARISON_ONLY],
-        tables=[by_method(done, quantity) for quantity in QUANTITIES],
+        tables=[by_method(done, quantity) for quantity in QUANTITIES if has_figures(done, quantity)],
         figures=all_figures(done),
         exhibits=[exhibit(done, facts) for facts in done.facts.values()],
         failures=_failures(done),

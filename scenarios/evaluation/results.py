@@ -7,7 +7,7 @@ from pathlib import Path
 
 from .cell import Cell, write
 
-COLUMNS = ("sequence", "method", "metric", "mask", "range", "on", "value", "unit", "n", "error")
+COLUMNS = ("sequence", "method", "metric", "mask", "within", "on", "value", "unit", "n", "error")
 CSV, PARQUET = "results.csv", "results.parquet"
 
 Row = tuple[str, str, str, str, str, str, float | None, str, int, str]
@@ -21,7 +21,7 @@ def rows(cells: Sequence[Cell]) -> Iterator[Row]:
         if cell.error is not None:
             yield sequence, method, "error", "", "", "", None, "", 0, cell.error
         for f in cell.figures:
-            yield sequence, method, f.metric, f.mask, f.range, f.on, f.value, f.unit, f.n, ""
+            yield sequence, method, f.metric, f.mask, f.within, f.on, f.value, f.unit, f.n, ""
 
 
 def write_results(out: Path, cells: Sequence[Cell]) -> None:

@@ -4,20 +4,21 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from voxdepth.metrics import Flicker, Sums, completed, m_rmse_u16_wrap, psnr_minmax8
+from voxdepth.metrics import Changes, Flicker, Sums, completed, m_rmse_u16_wrap, psnr_minmax8
 from voxdepth.metrics.paper import PEAK16_M
-from voxdepth.types import FloatImage, MaskImage
+from voxdepth.types import FloatImage, GrayImage, MaskImage
 
 from ..corrected_folder import to_millimetres
-from .cell import Figure
-from .groups import ALL, NEAR, NONE, Groups, pairs, split
+from .cell import AS_GIVEN, COMPLETED, FILLED, FRAMES, Figure
+from .groups import ALL, BINS, NONE, RANGES, Groups, pairs, split
+from .moving_score import MovingScore
 from .sources import Judged
+from .trust_score import TrustScore
 
-FILLED, COMPLETED, AS_GIVEN = "filled", "completed", "as given"
+__all__ = ["AS_GIVEN", "COMPLETED", "FILLED", "FRAMES", "PEAK_M", "READINGS", "Score", "latency_figures"]
+
 PEAK_M = 40.0
 """Peak of the signal-to-noise ratio in metres."""
-FRAMES = "frames"
-"""Stands for mask and range of a figure that is of whole frames."""
 
 READINGS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
     "mae": ("m", lambda sums: sums.mae_m),
@@ -26,9 +27,14 @@ READINGS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
     "inverse_rmse": ("1/m", lambda sums: sums.inverse_rmse_per_m),
     "too_far": ("share", lambda sums: sums.too_far_share),
     "too_near": ("share", lambda sums: sums.too_near_share),
+    "off": ("share", lambda sums: sums.off_share),
+    "close": ("share", lambda sums: sums.close_share),
     "psnr_40m": ("dB", lambda sums: sums.psnr_db(PEAK_M)),
 }
-"""Unit of each metric of errors, and how it is read from the sums. A new one is one line here."""
+"""Unit of each metric of errors, and how it is read from the sums. A new one is one line here.
+
+`too_far` and `too_near` are off by more than 10 %, `off` is either of them, and `close` is within 5 % of the truth.
+"""
 
 
 class Score:
@@ -41,7 +47,8 @@ class Score:
         """Without the truth, the other pixels are judged by what the methods were given."""
         self._filled = [Sums()] * len(groups)
         self._completed = [Sums()] * len(groups)
-        self._flicker = Flicker()
+        self._flicker = Flicker(len(BINS))
+        self._moving, self._trust = MovingScore(), TrustScore()
         self._in_16_bits = Sums()
         self._psnrs_db: list[float | None] = []
         self._of_frames: dict[str, list[float]] = {"m_rmse_u16_wrap": [], "psnr_minmax8": []}
@@ -51,20 +58,34 @@ class Score:
         """Peak signal-to-noise ratio of every frame, as in `psnr16_mm`; None where none is defined."""
         return tuple(self._psnrs_db)
 
-    def add(self, judged: Judged, depth_m: FloatImage) -> None:
-        """Take in a frame with its corrected depth [m], shape (H, W); 0 = invalid."""
+    def add(
+        self,
+        judged: Judged,
+        depth_m: FloatImage,
+        confidence: FloatImage | None = None,
+        source: GrayImage | None = None,
+    ) -> None:
+        """Take in a corrected frame.
+
+        Args:
+            judged: The frame with what it is judged by.
+            depth_m: Its corrected depth [m], shape (H, W); 0 = invalid.
+            confidence: Of each pixel, 0..1, shape (H, W); None if the method gives none.
+            source: One `Source` per pixel, shape (H, W); None if the method gives none.
+        """
         whole_m = completed(depth_m)
         self._add_sums(judged, depth_m, whole_m)
-        known = (judged.labels != NONE).astype(np.float32)
-        steady_m = judged.reference_m if self._groups.is_true else known
-        self._flicker.add(depth_m, steady_m, judged.static & self._are(judged, "all", NEAR))
+        self._add_flicker(judged, depth_m)
+        self._moving.add(judged, depth_m)
+        self._trust.add(depth_m, judged.reference_m, self._are(judged, self._fair, ALL), confidence, source)
         self._add_16_bits(judged, whole_m)
         self._add_arithmetic(judged, depth_m)
 
     def figures(self) -> list[Figure]:
         """All that is known after the last frame; figures of no pixel are left out."""
         sums = [figure for mask, within in pairs(self._groups) for figure in self._read(mask, within)]
-        return [*sums, *self._read_flicker(), *self._read_paper()]
+        special = [*self._moving.figures(), *self._trust.figures()]
+        return [*sums, *self._read_flicker(), *special, *self._read_paper()]
 
     def _add_sums(self, judged: Judged, depth_m: FloatImage, whole_m: FloatImage) -> None:
         for group, where in enumerate(split(judged.labels, len(self._groups))):
@@ -77,6 +98,13 @@ class Score:
             if sums.filled < sums.pixels:
                 sums = Sums.of(whole_m.ravel()[where], reference_m, everywhere)
             self._completed[group] += sums
+
+    def _add_flicker(self, judged: Judged, depth_m: FloatImage) -> None:
+        """Without the truth it is the depth that should stay, and not its error."""
+        known = judged.labels != NONE
+        steady_m = judged.reference_m if self._groups.is_true else known.astype(np.float32)
+        bins = np.where(known, judged.labels // np.uint8(len(self._groups.kinds)), np.uint8(0))
+        self._flicker.add(depth_m, steady_m, judged.static & known, bins)
 
     def _add_16_bits(self, judged: Judged, whole_m: FloatImage) -> None:
         """The surfaces that an image in 16 bits and millimetres can hold."""
@@ -119,11 +147,15 @@ class Score:
         return figures
 
     def _read_flicker(self) -> list[Figure]:
-        flicker = self._flicker
-        return [
-            _figure("flicker", "static", NEAR, FILLED, flicker.mean_change_m, "m", flicker.changes),
-            _figure("switched", "static", NEAR, FILLED, flicker.switched_share, "share", flicker.pixels),
-        ]
+        figures = []
+        for within, bins in RANGES.items():
+            changes = sum((self._flicker.groups[index] for index in bins), Changes())
+            if changes.pixels:
+                figures += [
+                    _figure("flicker", "static", within, FILLED, changes.mean_change_m, "m", changes.changes),
+                    _figure("switched", "static", within, FILLED, changes.switched_share, "share", changes.pixels),
+                ]
+        return figures
 
     def _read_paper(self) -> list[Figure]:
         sums, ours = self._in_16_bits, ("psnr16_mm", self._fair, ALL, COMPLETED)
@@ -147,7 +179,7 @@ def latency_figures(times_s: Sequence[float]) -> list[Figure]:
 
 
 def _figure(metric: str, mask: str, within: str, on: str, value: float | None, unit: str, n: int) -> Figure:
-    return Figure(metric=metric, mask=mask, range=within, on=on, value=value, unit=unit, n=n)
+    return Figure(metric=metric, mask=mask, within=within, on=on, value=value, unit=unit, n=n)
 
 
 def _is_complete(sums: Sums) -> bool:

@@ -1,7 +1,7 @@
 """Where frames come from, and what they are judged by: the truth of a recording, or pixels that were held out."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Protocol
@@ -19,6 +19,8 @@ from voxdepth.types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics,
 
 from ..corrected_folder import crc32_of
 from ..errors import ScenarioError
+from ..sequences import moving_ids
+from .departures import Departures
 from .groups import HELD_OUT_GROUPS, TRUE_GROUPS, Groups
 from .held_out import shadows
 
@@ -45,6 +47,12 @@ class Judged:
     """Pixels that show the same as in the frame before, shape (H, W): there the error should not change."""
     occluded_share: float | None
     """Part of the pixels with a reference that the second camera does not see, 0..1; None if it is not known."""
+    moving: MaskImage | None = None
+    """Pixels of things that move, shape (H, W); None if there are none, or if they are not known."""
+    departed_m: FloatImage | None = None
+    """Depth of a thing that moves where it left a pixel `departures.FRAMES_LATER` frames ago [m], shape (H, W); 0 where
+    it did not. None if there are none, or if they are not known.
+    """
 
 
 class Frames(Protocol):
@@ -95,6 +103,7 @@ class SimulatedSource:
         self.intrinsics = recording.intrinsics
         self.seed = seed
         self._recording = recording
+        self._moving_ids = moving_ids(recording)
 
     def __len__(self) -> int:
         """Number of frames."""
@@ -106,12 +115,13 @@ class SimulatedSource:
         return sha256("".join(self._recording.ledger.digests[name] for name in names).encode()).hexdigest()
 
     def judged(self, frames: int) -> Iterator[Judged]:
-        """The frames with the truth, and with the holes told apart by what was seen before."""
-        seen_before = SeenBefore(self.intrinsics)
+        """The frames with the truth, with the holes told apart by what was seen before, and with what moves."""
+        seen_before, departures = SeenBefore(self.intrinsics), Departures()
         before: Capture | None = None
         for index in range(frames):
             capture = self._recording[index]
-            yield _judged(capture, before, seen_before)
+            judged = _judged(capture, before, seen_before)
+            yield _with_movers(judged, capture, self._moving_ids, departures) if self._moving_ids else judged
             before = capture
 
 
@@ -177,6 +187,12 @@ def _judged(capture: Capture, before: Capture | None, seen_before: SeenBefore) -
         static=_same_surface(capture, before),
         occluded_share=float((capture.occluded & known).sum() / max(1, known.sum())),
     )
+
+
+def _with_movers(judged: Judged, capture: Capture, moving_ids: range, departures: Departures) -> Judged:
+    moving: MaskImage = np.isin(capture.segment_id, moving_ids)
+    departed_m = departures.add(moving, capture.depth_true_m)
+    return replace(judged, static=judged.static & ~moving, moving=moving, departed_m=departed_m)
 
 
 def _same_surface(capture: Capture, before: Capture | None) -> MaskImage:

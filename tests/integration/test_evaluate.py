@@ -25,8 +25,8 @@ def evaluate(*arguments: str | Path) -> Result:
 def values(out: Path) -> dict[tuple[str, ...], str]:
     with (out / "results.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    names = ("sequence", "method", "metric", "mask", "range", "on")
-    return {tuple(row[name] for name in names): row["value"] for row in rows if row["unit"] != "ms"}
+    names = ("sequence", "method", "metric", "mask", "within", "on")
+    return {tuple(row[name] for name in names): row["value"] for row in rows if row["on"] != "frames"}
 
 
 @pytest.fixture(scope="module")

@@ -59,7 +59,7 @@ def test_every_kind_is_in_all_and_what_is_hidden_is_not_measured(groups: Groups)
 
 
 def figure(score: Score, *wanted: str) -> Figure:
-    (found,) = (f for f in score.figures() if (f.metric, f.mask, f.range, f.on) == wanted)
+    (found,) = (f for f in score.figures() if (f.metric, f.mask, f.within, f.on) == wanted)
     return found
 
 

@@ -30,7 +30,7 @@ def judged_by(change: Any, frames: int = 4) -> Verdict:
 
 
 def figure(verdict: Verdict, *wanted: str) -> Figure:
-    (found,) = (f for f in verdict.figures if (f.metric, f.mask, f.range, f.on) == wanted)
+    (found,) = (f for f in verdict.figures if (f.metric, f.mask, f.within, f.on) == wanted)
     return found
 
 
@@ -38,7 +38,7 @@ def test_a_perfect_method_has_no_error() -> None:
     frames = iter([*range(WARM_UP_FRAMES), *range(4)])
     verdict = judged_by(lambda depth_m: truth_of(next(frames)))
     for metric in READINGS:
-        expected = np.inf if metric == "psnr_40m" else 0
+        expected = {"psnr_40m": np.inf, "close": 1}.get(metric, 0)
         assert figure(verdict, metric, "all", "all", "completed").value == expected
     assert verdict.frame_psnrs_db == (np.inf,) * 4
     assert figure(verdict, "m_rmse_u16_wrap", "occluded", "all", "as given").value == 0
@@ -91,8 +91,9 @@ def test_sequences_judged_by_measured_depth_count_the_change_of_depth() -> None:
         flickering_m = frame.reference_m + np.float32(0.1 * (k % 2))
         judged = replace(frame, labels=labels, reference_m=flickering_m, static=np.ones(CAMERA.shape, bool))
         score.add(judged, flickering_m)
-    (flicker,) = (f for f in score.figures() if f.metric == "flicker")
-    assert flicker.value == pytest.approx(0.1, rel=1e-4)
+    flicker = [f for f in score.figures() if f.metric == "flicker"]
+    assert {f.within for f in flicker} == {"all", "0-20 m", "2-5 m", "5-10 m"}
+    assert all(f.value == pytest.approx(0.1, rel=1e-4) for f in flicker)
 
 
 @pytest.mark.parametrize(

@@ -23,17 +23,11 @@ from scenarios.evaluation.groups import RANGES
 from scenarios.evaluation.judging import pictured
 from scenarios.evaluation.methods import ORACLE
 from scenarios.evaluation.page import rendered
+from scenarios.evaluation.quantities import IN_PAPERS_LAYOUT, QUANTITIES
+from scenarios.evaluation.quantity import Entry
 from scenarios.evaluation.results import COLUMNS, write_results
 from scenarios.evaluation.suite import Done
-from scenarios.evaluation.tables import (
-    IN_PAPERS_LAYOUT,
-    QUANTITIES,
-    Entry,
-    Table,
-    by_method,
-    count_text,
-    in_papers_layout,
-)
+from scenarios.evaluation.tables import Table, by_method, count_text, has_figures, in_papers_layout
 from scenarios.evaluation.terminal import print_results
 
 NASTY = "<script>alert('x')</script>"
@@ -45,11 +39,11 @@ def key(sequence: str, method: str) -> Key:
 
 def cell(sequence: str, method: str, mae: float, n: int = 1000) -> Cell:
     figures = [
-        *(Figure(metric="mae", mask="all", range=name, on="completed", value=mae, unit="m", n=n) for name in RANGES),
-        Figure(metric="mae", mask="holes", range="0-20 m", on="completed", value=2 * mae, unit="m", n=n),
-        Figure(metric="psnr16_mm", mask="all", range="all", on="completed", value=20 - mae, unit="dB", n=2),
-        Figure(metric="latency_p50", mask="frames", range="frames", on="frames", value=3.0, unit="ms", n=2),
-        Figure(metric="latency_p95", mask="frames", range="frames", on="frames", value=4.0, unit="ms", n=2),
+        *(Figure(metric="mae", mask="all", within=name, on="completed", value=mae, unit="m", n=n) for name in RANGES),
+        Figure(metric="mae", mask="holes", within="0-20 m", on="completed", value=2 * mae, unit="m", n=n),
+        Figure(metric="psnr16_mm", mask="all", within="all", on="completed", value=20 - mae, unit="dB", n=2),
+        Figure(metric="latency_p50", mask="frames", within="frames", on="frames", value=3.0, unit="ms", n=2),
+        Figure(metric="latency_p95", mask="frames", within="frames", on="frames", value=4.0, unit="ms", n=2),
     ]
     picture = pictured(np.full((9, 12), 3, np.float32))
     return Cell(key=key(sequence, method), figures=tuple(figures), frame_psnrs_db=(20.0, math.inf), picture=picture)
@@ -208,9 +202,11 @@ def test_the_page_loads_nothing_and_runs_nothing(html: str) -> None:
     assert html.startswith("<!DOCTYPE html>")
 
 
-def test_the_page_has_every_table_figure_and_what_it_was_measured_on(html: str) -> None:
+def test_the_page_has_every_table_figure_and_what_it_was_measured_on(done: Done, html: str) -> None:
+    assert sum(has_figures(done, quantity) for quantity in QUANTITIES) == 3, "MAE of all, of holes, and time"
     for quantity in (*QUANTITIES, *IN_PAPERS_LAYOUT):
-        assert f"<h3>{escape(quantity.title)}</h3>" in html
+        shown = quantity in IN_PAPERS_LAYOUT or has_figures(done, quantity)
+        assert (f"<h3>{escape(quantity.title)}</h3>" in html) == shown, quantity.title
         assert re.search(r"\[.+\]", quantity.title), "with its unit"
     assert html.count("<img ") == 3 + 2
     for words in (
@@ -262,8 +258,8 @@ def held_out_facts(name: str) -> Facts:
 
 
 def test_without_the_truth_pixels_that_were_given_rank_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
-    held = Figure(metric="mae", mask="held out", range="0-2 m", on="completed", value=0.7, unit="m", n=70)
-    coverage = Figure(metric="coverage", mask="all", range="0-20 m", on="filled", value=0.9, unit="share", n=1000)
+    held = Figure(metric="mae", mask="held out", within="0-2 m", on="completed", value=0.7, unit="m", n=70)
+    coverage = Figure(metric="coverage", mask="all", within="0-20 m", on="filled", value=0.9, unit="share", n=1000)
     raw = cell("real", "raw", 0.0)
     raw = raw.model_copy(update={"figures": (*raw.figures, held, coverage)})
     done = Done(cells=(raw,), facts={"real": held_out_facts("real")}, reused=0)
@@ -295,7 +291,7 @@ def test_names_are_drawn_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_time_in_a_thread_of_its_own_is_shown_apart_and_counts_on_the_front(monkeypatch: pytest.MonkeyPatch) -> None:
-    beside = Figure(metric="latency_background", mask="frames", range="frames", on="frames", value=7.0, unit="ms", n=2)
+    beside = Figure(metric="latency_background", mask="frames", within="frames", on="frames", value=7.0, unit="ms", n=2)
     paper_cell = cell("s", "paper", 0.5)
     paper_cell = paper_cell.model_copy(update={"figures": (*paper_cell.figures, beside)})
     done = Done(cells=(cell("s", "raw", 0.5), paper_cell), facts={"s": facts("s")}, reused=0)
@@ -306,8 +302,9 @@ def test_time_in_a_thread_of_its_own_is_shown_apart_and_counts_on_the_front(monk
 
 
 def test_the_page_says_what_is_not_measured(html: str) -> None:
-    for words in ("<h2>Not measured</h2>", "Flicker by range", "Ghosts", "survives", "yardstick", "thread of its own"):
+    for words in ("<h2>Not measured</h2>", "Ghosts and survival where", "thread of its own"):
         assert words in html, words
+    assert "yardstick, a fixed piece of work" in html
     assert "not measured, or held out [%]" in html
 
 

@@ -36,7 +36,7 @@ def run(out: Path, *folders: Path, methods: tuple[Method, ...] = (GOOD, BAD), fr
 
 
 def quality(cell: Cell) -> Any:
-    return [figure for figure in cell.figures if figure.unit != "ms"], cell.frame_psnrs_db, cell.picture
+    return [figure for figure in cell.figures if figure.on != "frames"], cell.frame_psnrs_db, cell.picture
 
 
 def test_one_methods_failure_is_a_cell_that_says_so(recording: Path, tmp_path: Path) -> None:
@@ -88,7 +88,7 @@ def test_finished_cells_are_taken_and_failed_ones_tried_again(
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (lambda key: key.model_copy(update={"scoring": 0}), "scoring was 0 and is 1"),
+        (lambda key: key.model_copy(update={"scoring": 0}), "scoring was 0 and is 2"),
         (
             lambda key: key.model_copy(update={"versions": {**key.versions, "numpy": "1.0"}}),
             f"versions.numpy was 1.0 and is {np.__version__}",

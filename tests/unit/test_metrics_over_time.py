@@ -6,18 +6,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from voxdepth.errors import FrameError
-from voxdepth.metrics import Flicker, Share, ghost_share, survival
+from voxdepth.metrics import Changes, Flicker, Share, ghost_share, survival
 
 
 def row(*values: float) -> np.ndarray:
     return np.array([values], np.float32)
 
 
-def flicker_of(depths_m: list[np.ndarray], truths_m: list[np.ndarray], statics: list[np.ndarray]) -> Flicker:
+def flicker_of(depths_m: list[np.ndarray], truths_m: list[np.ndarray], statics: list[np.ndarray]) -> Changes:
     flicker = Flicker()
     for images in zip(depths_m, truths_m, statics, strict=True):
         flicker.add(*images)
-    return flicker
+    return flicker.total
 
 
 @given(st.floats(-0.4, 3.0), st.integers(0, 100))
@@ -76,7 +76,24 @@ def test_a_depth_that_is_written_over_afterwards_was_taken_in_as_it_was() -> Non
     flicker.add(depth_m, truth_m, static)
     depth_m[:], truth_m[:] = 7, 6
     flicker.add(depth_m, truth_m, static)
-    assert flicker.mean_change_m == pytest.approx(1.0)
+    assert flicker.total.mean_change_m == pytest.approx(1.0)
+
+
+def test_groups_are_told_apart_and_add_up() -> None:
+    group = np.array([[0, 2, 2, 0]], np.uint8)
+    truth_m, static = row(5, 5, 5, 5), row(5, 5, 5, 5) > 0
+    flicker = Flicker(3)
+    for depth_m in (row(5, 5, 5, 0), row(5.25, 6, 7, 5)):
+        flicker.add(depth_m, truth_m, static, group)
+    near, empty, far = flicker.groups
+    assert (near.pixels, near.changes, near.switched, near.mean_change_m) == (2, 1, 1, 0.25)
+    assert (far.pixels, far.changes, far.switched, far.mean_change_m) == (2, 2, 0, 1.5)
+    assert empty == Changes()
+    assert flicker.total == near + far
+    alone = Flicker()
+    for depth_m in (row(5, 5, 5, 0), row(5.25, 6, 7, 5)):
+        alone.add(depth_m, truth_m, static)
+    assert alone.total == flicker.total
 
 
 def test_flicker_refuses_a_frame_of_another_size_and_a_depth_that_is_none() -> None:

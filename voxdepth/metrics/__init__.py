@@ -2,7 +2,7 @@
 
 from .completion import completed
 from .depth_errors import TOO_FAR, DepthErrors, depth_errors
-from .flicker import Flicker
+from .flicker import Changes, Flicker
 from .moving import Share, ghost_share, survival
 from .paper import m_rmse_u16_wrap, psnr16_mm, psnr_minmax8
 from .ranges import RANGE_BINS_M, by_range
@@ -12,6 +12,7 @@ from .sums import Sums
 __all__ = [
     "RANGE_BINS_M",
     "TOO_FAR",
+    "Changes",
     "DepthErrors",
     "Flicker",
     "SeenBefore",

@@ -1,9 +1,43 @@
 """Flicker: how much the error of static surfaces changes from frame to frame."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from ..types import FloatImage, MaskImage
+from ..types import FloatImage, GrayImage, MaskImage
 from .judged import judged_pixels, require_depth, require_same_shape
+
+
+@dataclass(frozen=True, kw_only=True)
+class Changes:
+    """Sums over pixels that were static from one frame to the next; frames and groups of pixels add up."""
+
+    pixels: int = 0
+    """Static pixels with a true surface in both frames."""
+    changes: int = 0
+    """Those of them with a depth in both."""
+    switched: int = 0
+    """Those of them with a depth in only one."""
+    change_m: float = 0.0
+    """Sum of the changes of the error [m]."""
+
+    def __add__(self, other: "Changes") -> "Changes":
+        return Changes(
+            pixels=self.pixels + other.pixels,
+            changes=self.changes + other.changes,
+            switched=self.switched + other.switched,
+            change_m=self.change_m + other.change_m,
+        )
+
+    @property
+    def mean_change_m(self) -> float | None:
+        """Mean change of the error from one frame to the next [m]; None when no pixel had a depth in both."""
+        return self.change_m / self.changes if self.changes else None
+
+    @property
+    def switched_share(self) -> float | None:
+        """Share of static pixels that gained or lost their depth from one frame to the next, 0..1; None without any."""
+        return self.switched / self.pixels if self.pixels else None
 
 
 class Flicker:
@@ -11,57 +45,62 @@ class Flicker:
 
     The truth taken off, a moving camera does not count as flicker as long as the depth is right. Pixels count that are
     unchanged since the frame before and have a true surface in both frames; the change needs a depth in both as well.
+
+    Args:
+        n_groups: Into how many groups, such as ranges, pixels are told apart.
     """
 
-    def __init__(self) -> None:
-        self.pixels = 0
-        """Pixels that were static from one frame to the next."""
-        self.changes = 0
-        """Those of them with a depth in both."""
-        self.switched = 0
-        """Those of them with a depth in only one."""
-        self._change_m = 0.0
+    def __init__(self, n_groups: int = 1) -> None:
+        self.groups = [Changes()] * n_groups
+        """The sums of each group."""
         self._previous: tuple[FloatImage, FloatImage, MaskImage] | None = None
 
-    def add(self, depth_m: FloatImage, truth_m: FloatImage, static: MaskImage) -> None:
+    @property
+    def total(self) -> Changes:
+        """The sums of all groups together."""
+        return sum(self.groups, Changes())
+
+    def add(self, depth_m: FloatImage, truth_m: FloatImage, static: MaskImage, group: GrayImage | None = None) -> None:
         """Take in the next frame; the first one of a sequence only serves as the start.
 
         Args:
             depth_m: Depth under test [m], shape (H, W); 0 = invalid.
             truth_m: True depth [m], shape (H, W); pixels that are 0, NaN or infinite do not count.
             static: Pixels that show the same as in the frame before, shape (H, W); of the first frame it says nothing.
+            group: The group of each static pixel, shape (H, W), below `n_groups`; None puts all into the first.
 
         Raises:
             FrameError: The shape is not that of the other images or of the frame before, or the depth of a pixel with
                 a true surface is negative, NaN or infinite.
         """
-        require_same_shape(depth_m=depth_m, truth_m=truth_m, static=static)
+        if group is None:
+            group = np.zeros(static.shape, np.uint8)
+        require_same_shape(depth_m=depth_m, truth_m=truth_m, static=static, group=group)
         known = judged_pixels(truth_m, np.ones_like(static))
         require_depth(depth_m[known])
         if self._previous is not None:
-            self._compare(self._previous, (depth_m, truth_m, judged_pixels(truth_m, static)))
+            self._compare(self._previous, (depth_m, truth_m, judged_pixels(truth_m, static)), group)
         self._previous = depth_m.copy(), truth_m.copy(), known
 
-    @property
-    def mean_change_m(self) -> float | None:
-        """Mean change of the error from one frame to the next [m]; None when no pixel had a depth in both."""
-        return self._change_m / self.changes if self.changes else None
-
-    @property
-    def switched_share(self) -> float | None:
-        """Share of static pixels that gained or lost their depth from one frame to the next, 0..1; None without any."""
-        return self.switched / self.pixels if self.pixels else None
-
     def _compare(
-        self, before: tuple[FloatImage, FloatImage, MaskImage], now: tuple[FloatImage, FloatImage, MaskImage]
+        self,
+        before: tuple[FloatImage, FloatImage, MaskImage],
+        now: tuple[FloatImage, FloatImage, MaskImage],
+        group: GrayImage,
     ) -> None:
         require_same_shape(depth_m=now[0], previous_depth_m=before[0])
         both = before[2] & now[2]
-        depth_before, depth_now = before[0][both], now[0][both]
+        depth_before, depth_now, group = before[0][both], now[0][both], group[both]
         filled = (depth_before > 0) & (depth_now > 0)
         error_before_m = depth_before[filled].astype(np.float64) - before[1][both][filled]
         error_now_m = depth_now[filled].astype(np.float64) - now[1][both][filled]
-        self.pixels += filled.size
-        self.changes += error_now_m.size
-        self.switched += int(np.count_nonzero((depth_before > 0) != (depth_now > 0)))
-        self._change_m += float(np.abs(error_now_m - error_before_m).sum())
+        n = len(self.groups)
+        pixels = np.bincount(group, minlength=n)
+        changes = np.bincount(group[filled], minlength=n)
+        switched = np.bincount(group[(depth_before > 0) != (depth_now > 0)], minlength=n)
+        change_m = np.bincount(group[filled], np.abs(error_now_m - error_before_m), minlength=n)
+        added = zip(pixels.tolist(), changes.tolist(), switched.tolist(), change_m.tolist(), strict=True)
+        self.groups = [
+            sums + Changes(pixels=new[0], changes=new[1], switched=new[2], change_m=new[3])
+            for sums, new in zip(self.groups, added, strict=True)
+        ]

@@ -6,9 +6,7 @@ import numpy as np
 
 from ..types import FloatImage, MaskImage
 from .judged import judged_pixels, require_depth, require_same_shape
-
-SURVIVAL_TOLERANCE = 0.05
-"""A pixel of a moving object survives when its depth is within this part of the truth."""
+from .sums import CLOSE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,5 +67,5 @@ def survival(depth_m: FloatImage, truth_m: FloatImage, moving: MaskImage) -> Sha
     judged = judged_pixels(truth_m, moving)
     depth, truth = depth_m[judged], truth_m[judged]
     require_depth(depth)
-    kept = np.abs(depth - truth) <= np.float32(SURVIVAL_TOLERANCE) * truth
+    kept = np.abs(depth - truth) <= np.float32(CLOSE) * truth
     return Share(hits=int(np.count_nonzero(kept)), of=depth.size)

@@ -9,6 +9,9 @@ from .depth_errors import TOO_FAR
 from .histogram import BINS, Counts, histogram, median_m
 from .judged import judged_pixels, require_depth, require_same_shape
 
+CLOSE = 0.05
+"""A pixel is close when it is within this part of the truth."""
+
 
 def _no_counts() -> Counts:
     return np.zeros(BINS, np.int64)
@@ -35,6 +38,8 @@ class Sums:
     """Pixels with depth > 1.1 truth."""
     too_near: int = 0
     """Pixels with depth < truth / 1.1; at range, mostly stereo noise."""
+    close: int = 0
+    """Pixels within 5 % of the truth."""
     magnitudes: Counts = field(default_factory=_no_counts)
     """Histogram of |depth - truth|, shape (BINS,), for the median."""
 
@@ -69,6 +74,7 @@ class Sums:
             squared_inverse_error_per_m2=float(np.square(inverse_per_m).sum()),
             too_far=int(np.count_nonzero(near > np.float32(TOO_FAR) * far)),
             too_near=int(np.count_nonzero(np.float32(TOO_FAR) * near < far)),
+            close=int(np.count_nonzero(np.abs(near - far) <= np.float32(CLOSE) * far)),
             magnitudes=histogram(magnitude_m),
         )
 
@@ -81,6 +87,7 @@ class Sums:
             squared_inverse_error_per_m2=self.squared_inverse_error_per_m2 + other.squared_inverse_error_per_m2,
             too_far=self.too_far + other.too_far,
             too_near=self.too_near + other.too_near,
+            close=self.close + other.close,
             magnitudes=self.magnitudes + other.magnitudes,
         )
 
@@ -118,6 +125,16 @@ class Sums:
     def too_near_share(self) -> float | None:
         """Share of filled pixels more than 10 % too near, 0..1."""
         return self._mean(self.too_near)
+
+    @property
+    def off_share(self) -> float | None:
+        """Share of filled pixels more than 10 % too far or too near, 0..1: neither side can be won by a bias."""
+        return self._mean(self.too_far + self.too_near)
+
+    @property
+    def close_share(self) -> float | None:
+        """Share of filled pixels within 5 % of the truth, 0..1."""
+        return self._mean(self.close)
 
     def psnr_db(self, peak_m: float) -> float | None:
         """Peak signal-to-noise ratio `10 log10(peak^2 / mean squared error)` [dB]; inf without error.

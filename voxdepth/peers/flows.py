@@ -13,6 +13,8 @@ FlowImage = npt.NDArray[np.float32]
 
 DIS_SMALLEST_PX = 96
 """Smaller images get a border: OpenCV refuses those below 12 pixels, and crashes on some that are long and narrow."""
+NEIGHBOURS = np.array([[1, 2, 1], [2, 0, 2], [1, 2, 1]], np.float32) / 12
+"""Weights of the local mean in Horn and Schunck's iteration."""
 
 
 class Flow(Protocol):
@@ -115,10 +117,6 @@ class HornSchunck:
             for pull, flow in zip(pulls, flows, strict=True):
                 np.subtract(flow, np.multiply(pull, excess, out=term), out=flow)
         return np.stack(flows, axis=2)
-
-
-NEIGHBOURS = np.array([[1, 2, 1], [2, 0, 2], [1, 2, 1]], np.float32) / 12
-"""Weights of the local mean in Horn and Schunck's iteration."""
 
 
 def _require_positive(**numbers: float) -> None:

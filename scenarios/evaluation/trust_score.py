@@ -1,0 +1,82 @@
+"""What a method says of its own depth, against the errors: its confidence, and where it has the depth from."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from voxdepth.metrics import Sums
+from voxdepth.types import FloatImage, GrayImage, MaskImage, Source
+
+from .cell import FILLED, Figure
+from .groups import NONE, split
+
+FARTHEST_M = 40.0
+WITHIN = f"0-{FARTHEST_M:g} m"
+"""Range of these figures: beyond it a stereo camera knows nothing."""
+EDGES = np.linspace(0, 1, 11, dtype=np.float32)
+"""Ends of the bins of confidence; each belongs to the bin below it, and 0 is a bin of its own."""
+CONFIDENCES = ("confidence 0", *(f"confidence {k / 10:g}-{(k + 1) / 10:g}" for k in range(10)))
+"""Masks: pixels by confidence."""
+SOURCES = {Source.SENSOR: "source sensor", Source.TEMPLATE: "source template", Source.INPAINTED: "source inpainted"}
+"""Masks: pixels by where their depth is said to come from."""
+
+
+class TrustScore:
+    """Errors of filled pixels by confidence and by source, as far as a method gives these."""
+
+    def __init__(self) -> None:
+        self._by_confidence = [Sums()] * len(CONFIDENCES)
+        self._by_source = [Sums()] * len(SOURCES)
+
+    def add(
+        self,
+        depth_m: FloatImage,
+        reference_m: FloatImage,
+        judged: MaskImage,
+        confidence: FloatImage | None,
+        source: GrayImage | None,
+    ) -> None:
+        """Take in a frame.
+
+        Args:
+            depth_m: Corrected depth [m], shape (H, W); 0 = invalid, which does not count.
+            reference_m: What it is judged by [m], shape (H, W); 0 or +inf = nothing.
+            judged: Pixels that count, shape (H, W).
+            confidence: 0..1, shape (H, W); None if the method gives none.
+            source: One `Source` per pixel, shape (H, W); None if the method gives none.
+        """
+        counted = judged & (depth_m > 0) & (reference_m < np.float32(FARTHEST_M))
+        if confidence is not None:
+            _add(self._by_confidence, np.digitize(confidence, EDGES, right=True), counted, depth_m, reference_m)
+        if source is not None:
+            named = counted & np.isin(source, list(SOURCES))
+            _add(self._by_source, source.astype(np.intp) - min(SOURCES), named, depth_m, reference_m)
+
+    def figures(self) -> list[Figure]:
+        """Errors of every bin and source that has a pixel."""
+        figures = []
+        for mask, sums in (*zip(CONFIDENCES, self._by_confidence, strict=True),
+                           *zip(SOURCES.values(), self._by_source, strict=True)):  # fmt: skip
+            if sums.pixels:
+                figures += [
+                    _figure("mae", mask, sums.mae_m, "m", sums),
+                    _figure("median", mask, sums.median_abs_m, "m", sums),
+                    _figure("close", mask, sums.close_share, "share", sums),
+                ]
+        return figures
+
+
+def _add(
+    totals: list[Sums], label: npt.NDArray[np.intp], counted: MaskImage, depth_m: FloatImage, reference_m: FloatImage
+) -> None:
+    """Add the pixels that count to the sums of their labels."""
+    labels = np.where(counted, label, NONE).astype(np.uint8)
+    parts: Sequence[npt.NDArray[np.intp]] = split(labels, len(totals))
+    for k, where in enumerate(parts):
+        if where.size:
+            totals[k] += Sums.of(depth_m.flat[where], reference_m.flat[where], np.ones(where.size, np.bool_))
+
+
+def _figure(metric: str, mask: str, value: float | None, unit: str, sums: Sums) -> Figure:
+    return Figure(metric=metric, mask=mask, within=WITHIN, on=FILLED, value=value, unit=unit, n=sums.filled)

@@ -1,0 +1,149 @@
+"""Confidence and source: what a method says of its depth, against the errors."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scenarios.evaluation import figures
+from scenarios.evaluation.cell import Cell, Figure, Key
+from scenarios.evaluation.facts import Facts
+from scenarios.evaluation.groups import RANGES, TRUE_GROUPS
+from scenarios.evaluation.judging import MethodError, judge
+from scenarios.evaluation.methods import Method
+from scenarios.evaluation.quantities import QUANTITIES
+from scenarios.evaluation.suite import Done
+from scenarios.evaluation.tables import by_method
+from scenarios.evaluation.trust_score import CONFIDENCES, TrustScore
+from tests.evaluation_clips import CAMERA, judged_frames
+from voxdepth.peers.raw import Raw
+from voxdepth.types import CorrectedDepth, Frame, Source
+
+
+def row(*values: float) -> np.ndarray:
+    return np.array([values], np.float32)
+
+
+def found(score: TrustScore, metric: str) -> dict[str, tuple[float | None, int]]:
+    return {f.mask: (f.value, f.n) for f in score.figures() if f.metric == metric}
+
+
+def test_errors_are_sorted_by_confidence_and_the_end_of_a_bin_belongs_to_it() -> None:
+    confidence = row(0, 0.05, 0.1, 0.3, 0.7, 0.30001, 1, 0.95, 0.5)
+    truth_m = np.full((1, 9), 10, np.float32)
+    depth_m = truth_m + row(0, 1, 3, 2, 0, 4, 0.4, 0.6, 9)
+    score = TrustScore()
+    score.add(depth_m, truth_m, truth_m > 0, confidence, None)
+    mae = found(score, "mae")
+    expected = {
+        "confidence 0": (0, 1), "confidence 0-0.1": (2, 2), "confidence 0.2-0.3": (2, 1), "confidence 0.3-0.4": (4, 1),
+        "confidence 0.4-0.5": (9, 1), "confidence 0.6-0.7": (0, 1), "confidence 0.9-1": (0.5, 2),
+    }  # fmt: skip
+    assert mae == {mask: (pytest.approx(value, abs=1e-6), n) for mask, (value, n) in expected.items()}
+    assert found(score, "close")["confidence 0.9-1"] == (0.5, 2)
+    assert found(score, "median")["confidence 0-0.1"][0] == pytest.approx(2, rel=0.01)
+
+
+def test_every_tenth_falls_into_the_bin_that_it_ends() -> None:
+    for k in range(1, 11):
+        score = TrustScore()
+        one = row(1)
+        score.add(one, one, one > 0, row(k / 10), None)
+        assert list(found(score, "mae")) == [CONFIDENCES[k]]
+
+
+def test_errors_by_source_leave_out_what_does_not_count() -> None:
+    """Not counted: a hole, a pixel that is not judged, one beyond 40 m, the sky, and a source that is none."""
+    source = np.array([[1, 2, 2, 3, 3, 1, 1, 2, 0]], np.uint8)
+    truth_m = row(10, 10, 10, 10, 10, 10, 50, np.inf, 10)
+    depth_m = row(11, 12, 14, 15, 0, 19, 60, 10, 10)
+    judged = row(1, 1, 1, 1, 1, 0, 1, 1, 1) > 0
+    score = TrustScore()
+    score.add(depth_m, truth_m, judged, None, source)
+    assert found(score, "mae") == {"source sensor": (1, 1), "source template": (3, 2), "source inpainted": (5, 1)}
+
+
+def judged_by(**given: Any) -> set[str]:
+    """Masks of the figures of a method that gives this with its depth."""
+
+    class Gives(Raw):
+        def process(self, frame: Frame) -> CorrectedDepth:
+            return replace(super().process(frame), **given)
+
+    verdict = judge(Method(name="x", make=lambda intrinsics: Gives()), judged_frames(2), TRUE_GROUPS, CAMERA)
+    return {f.mask for f in verdict.figures}
+
+
+def test_a_method_may_give_neither() -> None:
+    both = judged_by()
+    assert {"confidence 0.9-1", "source sensor"} <= both
+    assert judged_by(confidence=None, source=None) == both - {"confidence 0.9-1", "source sensor"}
+
+    class Bare(Raw):
+        def process(self, frame: Frame) -> Any:
+            return type("Result", (), {"depth_m": frame.depth_m.copy()})()
+
+    verdict = judge(Method(name="x", make=lambda intrinsics: Bare()), judged_frames(2), TRUE_GROUPS, CAMERA)
+    assert not any(f.mask.startswith(("confidence", "source")) for f in verdict.figures)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (
+            {"confidence": np.ones((3, 4), np.float32)},
+            r"frame 0: expected confidence as floats of shape \(48, 64\), or",
+        ),
+        ({"confidence": np.full(CAMERA.shape, 1.5, np.float32)}, r"expected confidence in 0\.\.1, got 1\.5 to 1\.5"),
+        ({"confidence": np.full(CAMERA.shape, np.nan, np.float32)}, "expected confidence in 0..1, got nan"),
+        ({"confidence": 0.5}, "or none, got float"),
+        ({"source": np.ones(CAMERA.shape)}, "expected source as uint8 of shape .* got float64"),
+        ({"source": Source.SENSOR}, "expected source as uint8 of shape .* got Source"),
+    ],
+)
+def test_what_is_neither_confidence_nor_source_is_refused_with_what_came(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(MethodError, match=message):
+        judged_by(**given)
+
+
+def cell(method: str, shares: dict[str, float]) -> Cell:
+    key = Key(sequence="s", method=method, frames=2, seed=0, digest="d", config=None, versions={})
+    close = [
+        Figure(metric="close", mask=mask, within="0-40 m", on="filled", value=share, unit="share", n=100 * (k + 1))
+        for k, (mask, share) in enumerate(shares.items())
+    ]
+    sources = [
+        Figure(metric="mae", mask=mask, within="0-40 m", on="filled", value=0.25, unit="m", n=7)
+        for mask in ("source sensor", "source inpainted")
+    ]
+    return Cell(key=key, figures=(*close, *sources))
+
+
+@pytest.fixture
+def done() -> Done:
+    facts = Facts(
+        name="s", digest="d", frames=2, seed=0, width_px=12, height_px=9, focal_px=9.0, baseline_m=None, is_true=True,
+        hidden="holes", pixels={mask: dict.fromkeys(RANGES, 9) for mask in ("all", "holes")}, occluded_shares=(),
+    )  # fmt: skip
+    two = cell("two", {"confidence 0.4-0.5": 0.2, "confidence 0.9-1": 0.9})
+    graded = cell("graded", {"confidence 0": 0.1, "confidence 0.4-0.5": 0.5, "confidence 0.9-1": 0.9})
+    return Done(cells=(two, graded), facts={"s": facts}, reused=0)
+
+
+def test_only_a_graded_confidence_is_drawn_with_its_counts(done: Done, monkeypatch: pytest.MonkeyPatch) -> None:
+    canvases: list[Any] = []
+    monkeypatch.setattr(figures, "png_of", lambda canvas: canvases.append(canvas) or "")
+    assert figures.graded_methods(done) == ["graded"]
+    assert [picture.title for picture in figures.all_figures(done)][3:] == ["Confidence against errors"]
+    (axes,) = canvases[3].axes
+    right, counts = axes.lines
+    np.testing.assert_allclose(right.get_xydata(), [[0, 10], [0.45, 50], [0.95, 90]])
+    np.testing.assert_allclose(counts.get_ydata(), [100 / 6, 200 / 6, 300 / 6])
+    assert axes.get_xlabel() == "confidence, n = 600 pixels"
+    assert figures.graded_methods(replace(done, cells=done.cells[:1])) == []
+
+
+def test_sources_stand_side_by_side_and_a_missing_one_stays_open(done: Done) -> None:
+    (quantity,) = (q for q in QUANTITIES if "sensor / template / inpainted" in q.title)
+    assert [entry.text for _, (entry,) in by_method(done, quantity).rows] == ["0.25 / - / 0.25", "0.25 / - / 0.25", "7"]
