@@ -61,6 +61,33 @@ def test_figures_are_those_of_the_whole_image_at_once() -> None:
     assert figure(verdict, "coverage", "all", "0-20 m", "filled").value == pytest.approx(filled.size / everywhere.size)
 
 
+def test_what_correctors_are_compared_by_is_in_every_cell() -> None:
+    verdict = judged_by(lambda depth_m: depth_m * np.float32(1.2))
+    for wanted in (
+        ("mae", "holes", "0-20 m", "completed"),
+        ("off", "holes", "0-20 m", "completed"),
+        ("median", "measured", "0-20 m", "filled"),
+        ("rmse", "measured", "0-20 m", "filled"),
+        ("psnr_40m", "all", "0-20 m", "completed"),
+        ("psnr_40m", "all", "all", "completed"),
+        ("coverage", "all", "0-20 m", "filled"),
+        ("flicker", "static", "5-10 m", "filled"),
+    ):
+        assert figure(verdict, *wanted).n > 0, wanted
+    shares = {name: figure(verdict, name, "measured", "all", "filled").value for name in ("off", "too_far", "close")}
+    assert shares == {"off": 1, "too_far": 1, "close": 0}
+
+
+def test_a_yardstick_is_laid_beside_every_run() -> None:
+    verdict = judged_by(lambda depth_m: depth_m)
+    of_frames = {f.metric: f for f in verdict.figures if f.on == "frames"}
+    before, after = of_frames["yardstick_before"].value, of_frames["yardstick_after"].value
+    assert 0 < min(before, after)
+    in_yardsticks = of_frames["latency_p50"].value / ((before + after) / 2)
+    assert of_frames["latency_p50_yardsticks"].value == pytest.approx(in_yardsticks)
+    assert of_frames["latency_p50_yardsticks"].unit == "yardsticks"
+
+
 def test_unfilled_pixels_do_not_hide() -> None:
     def only_the_left_column(depth_m: np.ndarray) -> np.ndarray:
         kept = np.zeros_like(depth_m)
