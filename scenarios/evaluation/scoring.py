@@ -15,8 +15,6 @@ from .moving_score import MovingScore
 from .sources import Judged
 from .trust_score import TrustScore
 
-__all__ = ["AS_GIVEN", "COMPLETED", "FILLED", "FRAMES", "PEAK_M", "READINGS", "Score", "latency_figures"]
-
 PEAK_M = 40.0
 """Peak of the signal-to-noise ratio in metres."""
 

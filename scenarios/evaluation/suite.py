@@ -10,8 +10,6 @@ from shutil import rmtree
 from tempfile import TemporaryDirectory
 from typing import Protocol
 
-import pydantic
-
 from sim.errors import RecordingError, SimError
 from sim.recording import Recording
 from voxdepth.errors import VoxDepthError
@@ -20,11 +18,12 @@ from ..bench.machine import CPU_INFO, processor_name
 from ..errors import ScenarioError
 from ..files import to_toml
 from ..sequences import SeededSequence, record
-from .cell import Cell, Key, cell_path, read_cell, write_model
-from .facts import Facts, Observer, facts_path, read_facts
+from .cell import Cell, Key
+from .facts import Facts, Observer
 from .judging import MethodError, judge
 from .methods import Method
 from .scratch import Scratch
+from .shelf import Shelf
 from .sources import Judged, SimulatedSource, Source, open_source
 
 VERSIONED = ("voxdepth", "numpy", "opencv-python-headless", "warp-lang")
@@ -33,9 +32,6 @@ RECORDINGS = "recordings"
 """Folder of the shipped sequences, below that of the results."""
 SCRATCH = ".voxdepth-frames-"
 """How the folders of frames begin, of which a run that was killed leaves one behind."""
-NOT_DONE = "not done yet"
-OTHER_FILE = "its file is of another version or damaged"
-FOREIGN = "its code is not ours and may have changed"
 
 Progress = Callable[[str, int], None]
 """Told what is being done, and how many cells are finished."""
@@ -158,11 +154,37 @@ def evaluate(plan: Plan, progress: Progress) -> Done:
     return Done(cells=tuple(cells), facts=facts, reused=reused)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Opened:
+    """A sequence at hand, and what identifies the results on it."""
+
+    source: Source
+    frames: int
+    """How many of the first frames are used."""
+    digest: str
+    """SHA-256 of these."""
+
+    @classmethod
+    def of(cls, wanted: Wanted, out: Path, most_frames: int, tell: Callable[[str], None]) -> "Opened":
+        """What was asked for, with at most so many frames.
+
+        Raises:
+            ScenarioError, SimError, VoxDepthError: It cannot be had, or has no frame.
+        """
+        tell(f"opening {wanted.name}")
+        source = wanted.open(out, most_frames, tell)
+        frames = min(most_frames, len(source))
+        if frames == 0:
+            raise ScenarioError(f"{wanted.name!r} holds no whole frame: expected at least one; record it again")
+        return cls(source=source, frames=frames, digest=source.digest(frames))
+
+
 class Bench:
     """One sequence, on which the methods take their turns."""
 
     def __init__(self, plan: Plan, wanted: Wanted, scratch: Scratch, tell: Callable[[str], None]) -> None:
         self._plan, self._wanted, self._scratch, self._tell = plan, wanted, scratch, tell
+        self._shelf = Shelf(plan.out, wanted.name)
         self._versions = {name: version(name) for name in VERSIONED} | {"processor": _processor()}
         self.facts: Facts | None = None
         """Known once a cell is; None if the sequence cannot be had."""
@@ -171,69 +193,48 @@ class Bench:
 
     def cells(self) -> Iterator[Cell]:
         """The cell of every method, each stored when it is given; all with an error if the sequence cannot be had."""
+        methods = self._plan.methods
         try:
-            source, keys = self._open()
-            stored = [self._stored(method, key) for method, key in zip(self._plan.methods, keys, strict=True)]
-            self._prepare(source, keys[0], everything=all(cell.error is None for cell in stored))
+            opened = Opened.of(self._wanted, self._plan.out, self._plan.frames, self._tell)
+            kept = [
+                self._shelf.cell(self._key(method, opened), may_have_changed=method.is_foreign) for method in methods
+            ]
+            self._prepare(opened, everything=all(cell.error is None for cell in kept))
         except (SimError, VoxDepthError, ScenarioError) as error:
-            yield from (self._failed(method, " ".join(str(error).split())) for method in self._plan.methods)
+            reason = " ".join(str(error).split())
+            yield from (Cell(key=self._key(method, None), error=reason) for method in methods)
             return
-        for method, key, cell in zip(self._plan.methods, keys, stored, strict=True):
+        for method, cell in zip(methods, kept, strict=True):
             if cell.error is None:
                 self.reused += 1
                 yield cell
             else:
-                self._tell(f"{key.sequence}, {key.method}")
-                yield self._run(source, method, key, cell.replaced)
+                self._tell(f"{self._wanted.name}, {method.name}")
+                yield self._run(opened.source, method, cell.key, cell.replaced)
 
-    def _open(self) -> tuple[Source, list[Key]]:
-        self._tell(f"opening {self._wanted.name}")
-        source = self._wanted.open(self._plan.out, self._plan.frames, self._tell)
-        frames = min(self._plan.frames, len(source))
-        if frames == 0:
-            raise ScenarioError(f"{self._wanted.name!r} holds no whole frame: expected at least one; record it again")
-        digest = source.digest(frames)
-        return source, [self._key(method, source.seed, frames, digest) for method in self._plan.methods]
-
-    def _key(self, method: Method, seed: int | None, frames: int, digest: str) -> Key:
+    def _key(self, method: Method, opened: Opened | None) -> Key:
         return Key(
             sequence=self._wanted.name,
             method=method.name,
-            frames=frames,
-            seed=seed,
-            digest=digest,
+            frames=opened.frames if opened else 0,
+            seed=opened.source.seed if opened else None,
+            digest=opened.digest if opened else "",
             config=method.config,
             versions=self._versions,
         )
 
-    def _stored(self, method: Method, key: Key) -> Cell:
-        """The finished cell, or one with an error: why there is none."""
-        try:
-            cell = read_cell(self._path(key.method))
-        except pydantic.ValidationError:
-            return Cell(key=key, error=NOT_DONE, replaced=OTHER_FILE)
-        if cell is None:
-            return Cell(key=key, error=NOT_DONE)
-        difference = key.difference(cell.key) or (FOREIGN if method.is_foreign else "")
-        if difference:
-            return Cell(key=key, error=NOT_DONE, replaced=difference)
-        return cell.model_copy(update={"replaced": None})
-
-    def _prepare(self, source: Source, key: Key, *, everything: bool) -> None:
+    def _prepare(self, opened: Opened, *, everything: bool) -> None:
         """Have the facts and, unless every cell is finished, the frames at hand."""
-        path = facts_path(self._plan.out, key.sequence)
-        facts = read_facts(path)
-        if everything and facts is not None and (facts.digest, facts.frames) == (key.digest, key.frames):
-            self.facts = facts
-            return
-        observer = Observer(source, key.digest)
-        self._scratch.fill(self._told(observer.watching(source.judged(key.frames)), key))
-        self.facts = observer.facts()
-        write_model(path, self.facts)
+        self.facts = self._shelf.facts(opened.digest, opened.frames) if everything else None
+        if self.facts is None:
+            observer = Observer(opened.source, opened.digest)
+            self._scratch.fill(self._told(observer.watching(opened.source.judged(opened.frames)), opened.frames))
+            self.facts = observer.facts()
+            self._shelf.put_facts(self.facts)
 
-    def _told(self, frames: Iterable[Judged], key: Key) -> Iterator[Judged]:
+    def _told(self, frames: Iterable[Judged], total: int) -> Iterator[Judged]:
         for index, judged in enumerate(frames):
-            self._tell(f"{key.sequence}, what frames are judged by, {index + 1} of {key.frames}")
+            self._tell(f"{self._wanted.name}, what frames are judged by, {index + 1} of {total}")
             yield judged
 
     def _run(self, source: Source, method: Method, key: Key, replaced: str | None) -> Cell:
@@ -249,14 +250,8 @@ class Bench:
                 frame_psnrs_db=verdict.frame_psnrs_db,
                 picture=verdict.picture,
             )
-        write_model(self._path(method.name), cell)
+        self._shelf.put(cell)
         return cell
-
-    def _failed(self, method: Method, reason: str) -> Cell:
-        return Cell(key=self._key(method, None, 0, ""), error=reason)
-
-    def _path(self, method: str) -> Path:
-        return cell_path(self._plan.out, self._wanted.name, method)
 
 
 def _require_different(names: Sequence[str]) -> None:

@@ -82,7 +82,7 @@ def test_a_yardstick_is_laid_beside_every_run() -> None:
     verdict = judged_by(lambda depth_m: depth_m)
     of_frames = {f.metric: f for f in verdict.figures if f.on == "frames"}
     before, after = of_frames["yardstick_before"].value, of_frames["yardstick_after"].value
-    assert 0 < min(before, after)
+    assert min(before, after) > 0
     in_yardsticks = of_frames["latency_p50"].value / ((before + after) / 2)
     assert of_frames["latency_p50_yardsticks"].value == pytest.approx(in_yardsticks)
     assert of_frames["latency_p50_yardsticks"].unit == "yardsticks"
