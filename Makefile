@@ -47,7 +47,7 @@ picture: setup   ## render the pictures of the README and of docs/scenes.md
 	$(BIN)/voxdepth scenes --seed 1 --out docs/scenes.jpg
 
 sequences: setup ## record 60 frames of every shipped sequence below build/ and remake the contact sheets of docs/
-	@for name in LN MB KTS KTC PLF PLW hover yaw cut cross approach; do \
+	@for name in LN MB KTS KTC PLF PLW hover yaw cut cross ghost approach; do \
 		test -f build/sequences/sim-$$name.done || $(BIN)/voxdepth record sim-$$name --frames 60 --out build/sequences/sim-$$name || exit 1; \
 		touch build/sequences/sim-$$name.done; \
 		$(BIN)/voxdepth sheet build/sequences/sim-$$name --out docs/sim-$$name.jpg || exit 1; \

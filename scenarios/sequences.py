@@ -39,7 +39,7 @@ VERSIONED = ("numpy", "opencv-python-headless", "open3d", "pybullet", "warp-lang
 
 GROUPS = {
     "reference": ("sim-LN", "sim-MB", "sim-KTS", "sim-KTC", "sim-PLF", "sim-PLW"),
-    "hard": ("sim-hover", "sim-yaw", "sim-cut", "sim-cross", "sim-approach"),
+    "hard": ("sim-hover", "sim-yaw", "sim-cut", "sim-cross", "sim-ghost", "sim-approach"),
 }
 """Shipped sequences under one name: those that stand for the paper's, and those that try a corrector's memory."""
 

@@ -27,7 +27,7 @@ def evaluate(
     sequences: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Shipped sequences by name; `reference` and `hard` stand for six and for five of them. "
+            help="Shipped sequences by name; `reference` and `hard` stand for six of them each. "
             "Default: reference, unless there is --data."
         ),
     ] = None,
