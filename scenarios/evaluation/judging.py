@@ -18,7 +18,7 @@ from .groups import Groups
 from .methods import Method
 from .scoring import Score, latency_figures
 from .sources import Frames, Judged
-from .yardstick import yardstick_figures, yardstick_ms
+from .yardstick import Yardstick
 
 PICTURE_PX = 240
 """Largest width of the picture that is kept of a sequence's last frame."""
@@ -64,8 +64,8 @@ def judge(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics
     """
     cv2.setNumThreads(1)
     _warm_up(method, frames, intrinsics)
-    score, times_s = Score(groups), []
-    yardstick_before_ms = yardstick_ms()
+    score, times_s, yardstick = Score(groups), [], Yardstick()
+    yardstick.lay_before()
     with _living(method, intrinsics) as corrector:
         before_s = _others_s()
         for index in range(len(frames)):
@@ -74,11 +74,13 @@ def judge(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics
             given, time_s = _corrected(corrector, frame, index)
             times_s.append(time_s)
             score.add(judged, given.depth_m, given.confidence, given.source)
+            yardstick.lay_between()
         background_s = _others_s() - before_s
+    yardstick.lay_after()
     latencies = latency_figures(times_s)
-    yardsticks = yardstick_figures(yardstick_before_ms, yardstick_ms(), latencies[0])
+    background = _background(background_s, len(times_s))
     return Verdict(
-        figures=(*score.figures(), *latencies, _background(background_s, len(times_s)), *yardsticks),
+        figures=(*score.figures(), *latencies, background, *yardstick.figures(latencies[0])),
         frame_psnrs_db=score.frame_psnrs_db,
         picture=pictured(given.depth_m),
     )

@@ -176,13 +176,14 @@ QUANTITIES = (
         "mean CPU time of a method's own threads: 'paper' fuses its window in one.",
     ),
     Quantity(
-        title="Median time per frame in yardsticks / yardstick before / after [ms]",
-        metrics=["latency_p50_yardsticks", "yardstick_before", "yardstick_after"],
+        title="Median time per frame in yardsticks / yardstick before / between frames / after [ms]",
+        metrics=["latency_p50_yardsticks", "yardstick_before", "yardstick_during", "yardstick_after"],
         mask=FRAMES,
         within=FRAMES,
         on=FRAMES,
         show=two_places,
-        note="The yardstick is a 5x5 median of 640x360 pixels, timed in the same process right before and right after "
-        "each method's run. Where it differs from that of other runs, something else took time from the machine.",
+        note="The yardstick is a 5x5 median of 640x360 pixels, timed in the same process right before each method's "
+        "run, after each of its frames, and right after it. Where it differs from that of other runs, something else "
+        "took time from the machine.",
     ),
 )  # fmt: skip

@@ -81,9 +81,10 @@ def test_what_correctors_are_compared_by_is_in_every_cell() -> None:
 def test_a_yardstick_is_laid_beside_every_run() -> None:
     verdict = judged_by(lambda depth_m: depth_m)
     of_frames = {f.metric: f for f in verdict.figures if f.on == "frames"}
-    before, after = of_frames["yardstick_before"].value, of_frames["yardstick_after"].value
-    assert min(before, after) > 0
-    in_yardsticks = of_frames["latency_p50"].value / ((before + after) / 2)
+    laid = {when: of_frames[f"yardstick_{when}"] for when in ("before", "during", "after")}
+    assert min(yardstick.value for yardstick in laid.values()) > 0
+    assert laid["during"].n == 4
+    in_yardsticks = of_frames["latency_p50"].value / laid["during"].value
     assert of_frames["latency_p50_yardsticks"].value == pytest.approx(in_yardsticks)
     assert of_frames["latency_p50_yardsticks"].unit == "yardsticks"
 
