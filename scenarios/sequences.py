@@ -198,7 +198,7 @@ class Film:
                 x, y, z = at_m
                 raise SensorError(
                     f"in frame {look.frame} the {name} camera is inside a body, at ({x:.2f}, {y:.2f}, {z:.2f}) m: "
-                    "change the flight's height or the scene"
+                    "change the flight's height, the movers or the scene"
                 )
 
 

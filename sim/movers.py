@@ -19,7 +19,7 @@ Place = Annotated[tuple[float, float, float], Field(strict=False)]
 class Mover(Model):
     """A textured sphere that goes to and fro between two places at a constant speed, without turning.
 
-    Nothing stops it: a path through a wall, or through the camera, is flown.
+    Nothing stops it: a path through a wall is flown. A recording ends with an error where it reaches the camera.
     """
 
     radius_m: float = Field(0.25, gt=0)

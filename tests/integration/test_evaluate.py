@@ -10,7 +10,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from scenarios.cli import app
+from scenarios.commands.evaluate import _planned
 from scenarios.evaluation import suite
+from scenarios.sequences import GROUPS, sequence_names
 from tests.evaluation_clips import write_recording
 from tests.integration.test_cli import voxdepth
 
@@ -79,6 +81,21 @@ def test_an_interrupted_evaluation_goes_on(
     assert not list(tmp_path.glob(f"{suite.SCRATCH}*"))
     monkeypatch.setattr(suite, "judge", really)
     assert "2 cells, 1 of them finished before" in evaluate(*command).output
+
+
+@pytest.mark.parametrize(
+    ("given", "names"),
+    [
+        ([], GROUPS["reference"]),
+        (["hard"], GROUPS["hard"]),
+        (["sim-ghost", "reference"], ("sim-ghost", *GROUPS["reference"])),
+    ],
+)
+def test_a_group_stands_for_its_sequences(given: list[str], names: tuple[str, ...], tmp_path: Path) -> None:
+    plan = _planned(given, [], "raw", 1, None, tmp_path)
+    assert tuple(wanted.name for wanted in plan.sequences) == names
+    assert set(names) <= set(sequence_names())
+    assert [wanted.name for wanted in _planned([], [tmp_path], "raw", 1, None, tmp_path).sequences] == [tmp_path.name]
 
 
 @pytest.mark.parametrize(

@@ -156,6 +156,13 @@ def test_a_camera_inside_a_body_is_refused_and_what_is_written_stays_readable(tm
     Recording.open(tmp_path / "r").verify()
 
 
+def test_a_mover_that_reaches_the_camera_is_refused(tmp_path: Path) -> None:
+    into_the_lens = [{"from_m": [1.0, 0.0, 0.0], "to_m": [-1.0, 0.0, 0.0], "speed_m_s": 5.0}]
+    with pytest.raises(SensorError, match=r"in frame [45] the left camera is inside a body"):
+        record(small("sim-approach", movers=into_the_lens), tmp_path / "r", 9, lambda frames: None)
+    assert len(Recording.open(tmp_path / "r")) >= 3
+
+
 def test_a_flight_that_is_too_short_is_refused_before_anything_is_written(tmp_path: Path) -> None:
     short = small("sim-LN", **{"flight.start_m": 98.0, "flight.speed_m_s": 40.0})
     with pytest.raises(ScenarioError, match=r"ends after \d frames, 20 were asked for: ask for --f") as caught:
