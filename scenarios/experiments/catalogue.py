@@ -5,14 +5,28 @@ from collections.abc import Sequence
 from ..errors import ScenarioError
 from .components import Components
 from .experiment import Experiment
+from .filling import Filling
+from .frame_rate import FrameRate
+from .frame_size import FrameSize
 from .holes import Holes
+from .optical_flow import OpticalFlow
+from .power import Power
 from .quality import Quality
+from .switches import Switches
+from .window import Window
 
 ALL = "all"
 _EXPERIMENTS: tuple[Experiment, ...] = (
     Holes(),
+    FrameSize(),
+    Filling(),
+    OpticalFlow(),
     Quality(),
+    FrameRate(),
     Components(),
+    Power(),
+    Window(),
+    Switches(),
 )
 EXPERIMENT_NAMES = tuple(experiment.name for experiment in _EXPERIMENTS)
 """In the paper's order."""

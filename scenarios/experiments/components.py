@@ -38,7 +38,7 @@ class Components:
 
     name = "components"
     question = "How long does each component of the corrector take (Table componentlatency)?"
-    scope = Scope(sequences=("sim-LN",), frames=300, least_frames=80)
+    scope = Scope(sequences=("sim-LN",), frames=300, width_px=640, least_frames=80)
 
     def run(self, stage: Stage) -> Result:
         """See `Experiment`."""

@@ -113,7 +113,7 @@ class Holes:
 
     name = "rq1"
     question = "How does the quality of depth fall with the share of occluded pixels (RQ1)?"
-    scope = Scope(sequences=tuple(SEQUENCES), frames=30)
+    scope = Scope(sequences=tuple(SEQUENCES), frames=30, width_px=640)
 
     def run(self, stage: Stage) -> Result:
         """See `Experiment`."""

@@ -53,7 +53,7 @@ class Quality:
 
     name = "quality"
     question = "How near to the truth is the depth that each method gives (Table psnr)?"
-    scope = Scope(sequences=tuple(paper.SEQUENCES), frames=30, least_frames=16)
+    scope = Scope(sequences=tuple(paper.SEQUENCES), frames=30, width_px=640, least_frames=16)
 
     def run(self, stage: Stage) -> Result:
         """See `Experiment`."""

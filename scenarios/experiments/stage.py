@@ -65,14 +65,14 @@ class Stage:
         height_px = EVEN_PX * round(self.width_px * rig.height_px / rig.width_px / EVEN_PX)
         return load_sequence(name, self.seed, {"rig.width_px": self.width_px, "rig.height_px": height_px})
 
-    def recording(self, name: str) -> Recording:
-        """The frames of a sequence with the truth, recorded now if they are not there.
+    def recording(self, name: str, frames: int | None = None) -> Recording:
+        """The frames of a sequence with the truth, `self.frames` unless told, recorded now if they are not there.
 
         Raises:
             ScenarioError, SimError: It cannot be recorded.
         """
         planned = self.planned(name)
-        Shipped(planned).open(self.out, self.frames, self.tell)
+        Shipped(planned).open(self.out, frames or self.frames, self.tell)
         for folder in sorted((self.out / RECORDINGS).glob(f"{name}-*")):
             with suppress(RecordingError):
                 recording = Recording.open(folder)
@@ -93,8 +93,8 @@ class Stage:
 
     def clip(self, name: str, images: int) -> Clip:
         """The first images of a sequence, in memory, to be played as long as a measurement lasts."""
-        recording = self.recording(name)
-        captures = [recording[index] for index in range(min(images, self.frames))]
+        recording = self.recording(name, images)
+        captures = [recording[index] for index in range(images)]
         return Clip(
             intrinsics=recording.intrinsics,
             grays=tuple(capture.gray_left for capture in captures),
