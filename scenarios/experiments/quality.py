@@ -29,6 +29,7 @@ class Metric:
     """One block of rows."""
 
     title: str
+    unit: str
     metric: str
     mask: str
     within: str
@@ -37,14 +38,16 @@ class Metric:
     higher_is_better: bool
 
 
-PSNR = Metric(title="PSNR, peak 65535 mm [dB]", metric="psnr16_mm", mask="all", within=ALL, on=COMPLETED,
+PSNR = Metric(title="PSNR", unit="dB", metric="psnr16_mm", mask="all", within=ALL, on=COMPLETED,
               printed=paper.PSNR_DB, higher_is_better=True)  # fmt: skip
-MASKED = Metric(title="masked RMSE within 20 m [m]", metric="rmse", mask="occluded", within=NEAR, on=COMPLETED,
+MASKED = Metric(title="masked RMSE", unit="m", metric="rmse", mask="occluded", within=NEAR, on=COMPLETED,
                 printed=None, higher_is_better=False)  # fmt: skip
-WRAPPED = Metric(title="m_rmse_u16_wrap [1]", metric="m_rmse_u16_wrap", mask="occluded", within=ALL, on=AS_GIVEN,
+WRAPPED = Metric(title="m_rmse_u16_wrap", unit="1", metric="m_rmse_u16_wrap", mask="occluded", within=ALL, on=AS_GIVEN,
                  printed=paper.M_RMSE, higher_is_better=False)  # fmt: skip
-STRETCHED = Metric(title="psnr_minmax8 [dB]", metric="psnr_minmax8", mask="all", within=ALL, on=AS_GIVEN,
+STRETCHED = Metric(title="psnr_minmax8", unit="dB", metric="psnr_minmax8", mask="all", within=ALL, on=AS_GIVEN,
                    printed=paper.PSNR_DB, higher_is_better=True)  # fmt: skip
+TITLES = {"psnr16_mm": "peak 65535 mm, completed", "rmse": "occluded pixels within 20 m, completed"}
+"""Of the panels."""
 METRICS = (PSNR, MASKED, WRAPPED, STRETCHED)
 
 
@@ -60,6 +63,7 @@ class Quality:
         done = stage.judged(find_methods(list(METHODS.values())))
         columns = (
             Column(name="metric"),
+            Column(name="unit"),
             Column(name="sequence"),
             *(Column(name=name) for name in METHODS),
             *(Column(name=f"{name} (paper)") for name in paper.METHODS),
@@ -76,8 +80,9 @@ class Quality:
                 "DeepSmooth (DS) is not built here; the paper's numbers of it stand alone.",
                 "GS is our reconstruction of GSmooth, whose text and code are not public. RS fills from the left, as "
                 "the paper's text describes RealSense.",
-                "PSNR and masked RMSE are after completion by the nearest valid pixel, n is pixels; the two others "
-                "repeat the authors' arithmetic on depth as given, are means over n frames, and rank nothing.",
+                "PSNR (peak 65535 mm, surfaces within that) and masked RMSE (occluded pixels within 20 m) are after "
+                "completion by the nearest valid, and n is pixels. The two others repeat the authors' arithmetic on "
+                "depth as given, are means over n frames, and rank nothing.",
                 f"Of the paper's masked errors {above} of {values} lie above 175; unrelated images score 179.96.",
             ),
             figure=_drawn(done, stage),
@@ -93,7 +98,7 @@ def _figure(cell: Cell, metric: Metric) -> tuple[float | None, int]:
 def _row(done: Done, metric: Metric, sequence: str) -> list[Value]:
     found = [_figure(cell_of(done, sequence, method), metric) for method in METHODS.values()]
     printed = (metric.printed or {}).get(paper.SEQUENCES.get(sequence, ""), (None,) * len(paper.METHODS))
-    return [metric.title, sequence, *(value for value, _ in found), *printed, max(n for _, n in found)]
+    return [metric.title, metric.unit, sequence, *(value for value, _ in found), *printed, max(n for _, n in found)]
 
 
 def _leads(done: Done, stage: Stage, metric: Metric) -> dict[str, float]:
@@ -140,5 +145,5 @@ def _bars(done: Done, stage: Stage, metric: Metric, axes: "Axes") -> None:
         places = [place + (k - (len(METHODS) - 1) / 2) * width for place in range(len(values))]
         axes.bar(places, values, width, label=name)
     axes.set_xticks(range(len(stage.sequences)), stage.sequences, fontsize=7)
-    labelled(axes, metric.title, "sequence", metric.title)
+    labelled(axes, TITLES[metric.metric], "sequence", f"{metric.title} [{metric.unit}]")
     axes.legend(fontsize=7)
