@@ -1,6 +1,6 @@
 """RQ4: registration against dense optical flow, in quality and in time."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -72,9 +72,8 @@ class OpticalFlow:
                 "s for RAFT, which is a network and not built here.",
             ),
             figure=panels(
-                "RQ4: a perfect template moved to later frames, n = up to 4 pairs a point",
-                partial(_draw_gray, measured),
-                partial(_draw_depth, measured),
+                "RQ4: a perfect template moved to later frames",
+                *(partial(_draw_depth, tallies, name) for name, tallies in measured.items()),
                 partial(_draw_times, measured),
             ),
         )
@@ -143,32 +142,22 @@ def _of_quality(measured: Mapping[str, Tallies]) -> Claim:
     )
 
 
-def _methods(measured: Mapping[str, Tallies]) -> Sequence[str]:
-    return list(next(iter(next(iter(measured.values())).values())))
-
-
-def _draw_gray(measured: Mapping[str, Tallies], axes: "Axes") -> None:
-    for k, method in enumerate(_methods(measured)):
-        for line, tallies in enumerate(measured.values()):
-            values = [of_one[method].gray.psnr_db for of_one in tallies.values()]
-            label = method if line == 0 else None
-            axes.plot(list(tallies), [float("nan") if v is None else v for v in values], color=f"C{k}",
-                      marker=MARKERS[line], ms=4, label=label)  # fmt: skip
-    labelled(axes, f"gray image; {_key(measured)}", "distance [frames]", "PSNR, peak 255 [dB]")
+def _draw_depth(tallies: Tallies, name: str, axes: "Axes") -> None:
+    for k, method in enumerate(next(iter(tallies.values()))):
+        values = [of_one[method].depth.mae_m for of_one in tallies.values()]
+        known = [float("nan") if value is None else value for value in values]
+        axes.plot(list(tallies), known, marker=MARKERS[k], ms=4, label=method)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xticks(list(tallies), [str(distance) for distance in tallies])
+    pairs = max(of_one[NONE].pairs for of_one in tallies.values())
+    labelled(axes, f"{name}, surfaces within 20 m, n = {pairs} pairs a point", "distance [frames]", "depth MAE [m]")
     axes.legend(fontsize=7)
 
 
-def _draw_depth(measured: Mapping[str, Tallies], axes: "Axes") -> None:
-    for k, method in enumerate(_methods(measured)):
-        for line, tallies in enumerate(measured.values()):
-            values = [of_one[method].depth.mae_m for of_one in tallies.values()]
-            axes.plot(list(tallies), [float("nan") if v is None else v for v in values], color=f"C{k}",
-                      marker=MARKERS[line], ms=4)  # fmt: skip
-    labelled(axes, "true depth, surfaces within 20 m", "distance [frames]", "MAE [m]")
-
-
 def _draw_times(measured: Mapping[str, Tallies], axes: "Axes") -> None:
-    methods = [method for method in _methods(measured) if method != NONE]
+    first = next(iter(measured.values()))
+    methods = [method for method in next(iter(first.values())) if method != NONE]
     width = 0.8 / len(measured)
     for line, (name, tallies) in enumerate(measured.items()):
         times_ms = [next(iter(tallies.values()))[method].spread.p50_ms for method in methods]
@@ -178,8 +167,3 @@ def _draw_times(measured: Mapping[str, Tallies], axes: "Axes") -> None:
     axes.set_yscale("log")
     labelled(axes, "median time of a frame, one thread", "method", "time [ms]")
     axes.legend(fontsize=7)
-
-
-def _key(measured: Mapping[str, Tallies]) -> str:
-    names = {"o": "circle", "s": "square", "^": "triangle", "v": "inverted", "D": "diamond", "<": "left"}
-    return ", ".join(f"{names.get(MARKERS[k], MARKERS[k])} {name}" for k, name in enumerate(measured))

@@ -55,7 +55,7 @@ def staged(experiment: Experiment, wishes: Wishes, tell: Callable[[str], None]) 
     scope = experiment.scope
     stage = Stage(
         out=wishes.out,
-        sequences=wishes.sequences or scope.sequences,
+        sequences=scope.sequences if wishes.sequences is None else wishes.sequences,
         frames=scope.frames if wishes.frames is None else wishes.frames,
         width_px=scope.width_px if wishes.width_px is None else wishes.width_px,
         seed=wishes.seed,
@@ -96,7 +96,7 @@ def _reported(experiment: Experiment, stage: Stage, wishes: Wishes) -> Report:
         sequences=stage.sequences,
         frames=stage.frames,
         width_px=stage.width_px,
-        seed=wishes.seed or 0,
+        seed=0 if wishes.seed is None else wishes.seed,
         machine=machine,
         result=result,
     )

@@ -72,7 +72,7 @@ class Stage:
             ScenarioError, SimError: It cannot be recorded.
         """
         planned = self.planned(name)
-        Shipped(planned).open(self.out, frames or self.frames, self.tell)
+        Shipped(planned).open(self.out, self.frames if frames is None else frames, self.tell)
         for folder in sorted((self.out / RECORDINGS).glob(f"{name}-*")):
             with suppress(RecordingError):
                 recording = Recording.open(folder)
