@@ -138,7 +138,8 @@ def _of_switches(stage: Stage, ends: Ends) -> Claim:
     fewer = 100 * (1 - synthetic / real)
     return Claim(
         paper=claim,
-        found=f"{abs(fewer):.1f} % {'fewer' if fewer > 0 else 'more'}: {synthetic:.1f} and {real:.1f} per {SWITCHES_FRAMES} frames; all are rendered",
+        found=f"{abs(fewer):.1f} % {'fewer' if fewer > 0 else 'more'}: {synthetic:.1f} and {real:.1f} per "
+        f"{SWITCHES_FRAMES} frames; all of ours are rendered",
         holds=fewer > 0,
     )
 
