@@ -33,8 +33,8 @@ def experiment(
     """Ask the paper's questions again of our rendered sequences: a table and a figure for each.
 
     Writes NAME/table.csv, NAME/figure.png and NAME/result.json below DIR. What is not yet recorded is recorded first,
-    at 0.1 to 1 s a frame. With their defaults most take one to five minutes on two slow cores, and all about half an
-    hour; `switches --frames 500` repeats the paper's table in full and takes half an hour by itself.
+    at 0.1 to 0.5 s a frame. On two slow cores all take some ten minutes with their defaults, half of it recording, and
+    none takes more than four. `switches --frames 500` repeats the paper's table in full, in about five minutes.
     """
     import sys
 

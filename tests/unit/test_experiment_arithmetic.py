@@ -47,3 +47,9 @@ def test_other_percentages(claim: str, percent: float) -> None:
 def test_half_of_the_masked_errors_are_saturated() -> None:
     assert saturated() == (13, 24)
     assert max(max(values) for values in M_RMSE.values()) < 181
+
+
+def test_the_document_has_these_numbers() -> None:
+    text = RESULTS.read_text(encoding="utf-8")
+    for claim, printed, computed, how in TABLE.rows:
+        assert f"| {claim} | {printed:.2f} | {computed:.2f} | {how} |" in text, claim
