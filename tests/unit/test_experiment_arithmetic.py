@@ -1,11 +1,13 @@
 """The paper's percentages follow from its own tables, or do not: docs/results.md says which."""
 
+from itertools import combinations
 from pathlib import Path
 
 import pytest
 
 from scenarios.evaluation.paper import M_RMSE, PSNR_DB
 from scenarios.experiments.arithmetic import by_text, gain, over, saturated
+from scenarios.experiments.paper import SWITCHES
 
 TABLE = by_text()
 COMPUTED = dict(zip(TABLE.column("claim"), TABLE.column("by its tables"), strict=True))
@@ -42,6 +44,14 @@ def test_only_over_realsense_would_it_be_near_31() -> None:
 )
 def test_other_percentages(claim: str, percent: float) -> None:
     assert COMPUTED[claim] == pytest.approx(percent, abs=0.006)
+
+
+def test_no_choice_of_synthetic_datasets_gives_the_printed_share_of_switches() -> None:
+    synthetic = [SWITCHES[name] for name in ("KTS", "KTC", "PLF", "PLW")]
+    for size in range(1, 5):
+        for chosen in combinations(synthetic, size):
+            assert abs(100 * (1 - sum(chosen) / size / 10) - 40.33) > 0.5
+    assert SWITCHES["LN"] == SWITCHES["MB"] == 10
 
 
 def test_half_of_the_masked_errors_are_saturated() -> None:
