@@ -12,7 +12,7 @@ def experiment(
     names: Annotated[
         list[str],
         typer.Argument(
-            metavar="NAME...",
+            metavar="NAME",
             help="rq1, rq2, rq3, rq4, quality, fps, components, window, switches, power, or all.",
         ),
     ],

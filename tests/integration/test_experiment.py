@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from scenarios.cli import app
-from scenarios.experiments.catalogue import find_experiments
+from scenarios.experiments.catalogue import ALL, EXPERIMENT_NAMES, find_experiments
 from scenarios.experiments.components import component_times
 from scenarios.experiments.result import Table
 from tests.experiment_stage import SEQUENCE, WIDTH_PX, small_stage
@@ -47,6 +47,11 @@ def test_two_experiments_in_one_call_share_a_recording(out: Path) -> None:
         stored = json.loads((out / name / "result.json").read_text())
         assert (stored["name"], stored["frames"], stored["sequences"]) == (name, FRAMES, [SEQUENCE])
         assert stored["machine"]["processor"]
+
+
+def test_the_help_names_every_experiment() -> None:
+    text = experiment("--help").output
+    assert all(name in text for name in (*EXPERIMENT_NAMES, ALL))
 
 
 @pytest.mark.parametrize(
