@@ -5,7 +5,7 @@ import sys
 
 import typer
 
-from .commands import bench, config, correct, evaluate, general, sensor, swarm
+from .commands import bench, config, correct, evaluate, experiment, general, sensor, swarm
 from .commands.options import INTERRUPTED
 
 os.environ.setdefault("RERUN_ANALYTICS_ENABLED", "0")
@@ -23,7 +23,7 @@ app = typer.Typer(
 @app.callback()
 def start(context: typer.Context) -> None:
     """Depth correction for stereo cameras, tested in a simulated drone swarm that flies by it."""
-    if context.invoked_subcommand == evaluate.evaluate.__name__:
+    if context.invoked_subcommand in (evaluate.evaluate.__name__, experiment.experiment.__name__):
         evaluate.use_one_thread()
     from .quiet import import_noisy_libraries  # `--help` does not come here
 
@@ -33,7 +33,10 @@ def start(context: typer.Context) -> None:
 for panel, commands in (
     ("Swarm", (swarm.run, swarm.accept, swarm.tabulate, swarm.picture)),
     ("Sensor", (sensor.record, sensor.sheet, sensor.scenes)),
-    ("Corrector", (correct.correct, config.config, evaluate.evaluate, sensor.regress, bench.bench)),
+    (
+        "Corrector",
+        (correct.correct, config.config, evaluate.evaluate, experiment.experiment, sensor.regress, bench.bench),
+    ),
     ("General", (general.list_, general.view, general.doctor)),
 ):
     for command in commands:

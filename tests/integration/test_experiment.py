@@ -1,0 +1,137 @@
+"""`voxdepth experiment` as a user meets it, and what each experiment finds on a few tiny frames."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from scenarios.cli import app
+from scenarios.experiments.catalogue import ALL, EXPERIMENT_NAMES, find_experiments
+from scenarios.experiments.components import component_times
+from scenarios.experiments.result import Table
+from tests.experiment_stage import SEQUENCE, WIDTH_PX, small_stage
+from tests.integration.test_cli import voxdepth
+
+FRAMES = 31
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the recording is shared."""
+    return tmp_path_factory.mktemp("experiments")
+
+
+def experiment(*arguments: str | Path) -> Result:
+    """The command, in this process."""
+    return CliRunner(env={"COLUMNS": "200"}).invoke(app, ["experiment", *map(str, arguments)])
+
+
+def asked(name: str, out: Path, frames: int = FRAMES) -> tuple[Table, ...]:
+    (one,) = find_experiments([name])
+    result = one.run(small_stage(out, frames))
+    assert result.figure.startswith(b"\x89PNG")
+    assert len(result.figure) < 500_000
+    return result.tables
+
+
+def test_two_experiments_in_one_call_share_a_recording(out: Path) -> None:
+    options = ("--sequences", SEQUENCE, "--width", WIDTH_PX, "--frames", FRAMES, "--out", out)
+    done = experiment("rq3", "power", *options)
+    assert done.exit_code == 0, done.output
+    for words in ("Templates of the same windows", "dilation", "Power: not measured", "To measure it", "paper: "):
+        assert words in done.output, words
+    assert len(list((out / "recordings").iterdir())) == 1
+    for name in ("rq3", "power"):
+        assert {"table.csv", "figure.png", "result.json"} <= {path.name for path in (out / name).iterdir()}
+        stored = json.loads((out / name / "result.json").read_text())
+        assert (stored["name"], stored["frames"], stored["sequences"]) == (name, FRAMES, [SEQUENCE])
+        assert stored["machine"]["processor"]
+
+
+def test_the_help_names_every_experiment() -> None:
+    text = experiment("--help").output
+    assert all(name in text for name in (*EXPERIMENT_NAMES, ALL))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["rq5"], "there is no experiment 'rq5'; choose one or more of: rq1, rq2"),
+        (["rq1", "--sequences", "sim-XX"], "there is no sequence 'sim-XX'"),
+        (["window", "--frames", "9"], "window needs at least 17 frames of each sequence, got --frames 9"),
+        (["rq1", "--width", "9999"], "--width must be 64 to 2048 pixels, got 9999"),
+        (["power", "--out", "file/below"], "cannot write"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(arguments: list[str], message: str, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    done = voxdepth("experiment", *arguments, cwd=tmp_path)
+    assert done.returncode == 2, done.stderr
+    assert message in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_rq1_grows_what_is_occluded(out: Path) -> None:
+    table, doses = asked("rq1", out, 3)
+    occluded, psnrs_db = ([float(str(value)) for value in doses.column(name)] for name in ("occluded", "PSNR"))
+    assert occluded == sorted(occluded)
+    assert psnrs_db[-1] < psnrs_db[0]
+    assert table.column("n frames") == [3]
+
+
+def test_rq4_counts_pairs_and_moves_better_than_not_at_all(out: Path) -> None:
+    (table,) = asked("rq4", out)
+    rows = [dict(zip([column.name for column in table.columns], row, strict=True)) for row in table.rows]
+    assert {row["distance"] for row in rows} == {1, 3, 10, 25}
+    ten = {row["method"]: row for row in rows if row["distance"] == 10}
+    assert {row["n pairs"] for row in ten.values()} == {4}
+    assert len({row["n pixels"] for row in ten.values()}) == 1, "all are judged on the same pixels"
+    unmoved = ten.pop("unmoved")
+    assert all(float(row["gray PSNR"]) > float(unmoved["gray PSNR"]) for row in ten.values())
+
+
+def test_components_are_the_steps_of_the_corrector(out: Path) -> None:
+    times = component_times(small_stage(out, 16).clip(SEQUENCE, 16), 80)
+    assert list(times) == ["fusion", "inpainting", "transform", "combine"]
+    assert times["fusion"].n == times["inpainting"].n >= 1
+    assert times["transform"].n == times["combine"].n > times["fusion"].n
+    assert times["fusion"].p50_ms > times["inpainting"].p50_ms
+
+
+@pytest.mark.slow
+def test_rq2_judges_every_size(out: Path) -> None:
+    (table,) = asked("rq2", out)
+    assert table.column("size") == [0, 100, 150, 200, 300, 400, 600]
+    assert table.column("corrected PSNR")[0] is None
+    assert all(isinstance(value, float) for value in table.column("corrected PSNR")[1:])
+
+
+@pytest.mark.slow
+def test_quality_has_the_papers_layout(out: Path) -> None:
+    table, arithmetic = asked("quality", out)
+    assert table.column("VD (paper)") == [17.10, None, 177.61, 17.10], "of the dataset that sim-MB stands for"
+    assert all(isinstance(value, float) for name in ("VD", "RS", "GS") for value in table.column(name))
+    assert len(arithmetic.rows) == 14
+
+
+@pytest.mark.slow
+def test_fps_times_every_way(out: Path) -> None:
+    (table,) = asked("fps", out, 20)
+    assert table.column("method") == ["VD", "VD-Nopipe", "VD-Nopipe, fusing beside", "RS", "GS"]
+    assert all(isinstance(value, float) and value > 0 for value in table.column("median"))
+
+
+@pytest.mark.slow
+def test_window_judges_the_same_frames_for_all_sizes(out: Path) -> None:
+    (table,) = asked("window", out)
+    assert table.column("window") == [2, 4, 6, 8, 10, 12]
+    assert set(table.column("n frames judged")) == {FRAMES - 16}
+
+
+@pytest.mark.slow
+def test_switches_counts_and_pairs(out: Path) -> None:
+    ends, movement = asked("switches", out)
+    assert ends.column("n frames") == [FRAMES]
+    assert movement.column("distance") == [10]

@@ -1,0 +1,64 @@
+"""RQ1's arithmetic: holes cost what the definition of PSNR says."""
+
+import numpy as np
+import pytest
+
+from scenarios.experiments.holes import Dose, Observed, grow, psnr_db, squared_error_m2
+from voxdepth.metrics.paper import PEAK16_M
+from voxdepth.types import FloatImage, MaskImage
+
+SHAPE = (10, 100)
+TRUTH_M: FloatImage = np.full(SHAPE, 8.0, np.float32)
+EVERYWHERE = np.ones(SHAPE, np.bool_)
+
+
+def first_columns(n: int) -> MaskImage:
+    """A patch as wide as a percentage of the image."""
+    return np.broadcast_to(np.arange(SHAPE[1]) < n, SHAPE).copy()
+
+
+def dose_of(percent: int) -> Dose:
+    """Perfect depth with holes."""
+    occluded = first_columns(percent)
+    dose = Dose()
+    dose.add(np.where(occluded, np.float32(0), TRUTH_M), TRUTH_M, occluded, EVERYWHERE)
+    return dose
+
+
+def test_a_hole_is_0_m_and_completion_fills_it() -> None:
+    dose = dose_of(10)
+    assert dose.occluded_percent == 10
+    assert dose.psnr_db == pytest.approx(10 * np.log10(PEAK16_M**2 / (0.1 * 8.0**2)))
+    assert dose.psnr_completed_db == np.inf
+
+
+def test_doubling_the_holes_costs_three_decibels_wherever_it_starts() -> None:
+    for percent in (5, 10, 20, 40):
+        assert dose_of(percent).psnr_db - dose_of(2 * percent).psnr_db == pytest.approx(10 * np.log10(2))
+
+
+def test_the_curve_of_pure_holes_flattens() -> None:
+    observed = Observed(doses={px: dose_of(percent) for px, percent in zip((0, 2, 4, 8), (5, 10, 20, 40), strict=True)})
+    assert observed.bend() > 0
+    loss = observed.loss_percent()
+    start_db, later_db = dose_of(5).psnr_db, np.interp(15, [10, 20], [dose_of(10).psnr_db, dose_of(20).psnr_db])
+    assert loss == pytest.approx(100 * (1 - later_db / start_db))
+
+
+def test_no_loss_is_told_beyond_the_doses() -> None:
+    assert Observed(doses={0: dose_of(5), 2: dose_of(6), 4: dose_of(7)}).loss_percent() is None
+
+
+def test_patches_grow_on_every_side() -> None:
+    mask = np.zeros((9, 9), np.bool_)
+    mask[4, 4] = True
+    assert grow(mask, 0).sum() == 1
+    assert grow(mask, 2).sum() == 25
+
+
+def test_errors_are_of_the_judged_pixels_alone() -> None:
+    truth_m = np.array([[2.0, np.inf, 4.0]], np.float32)
+    depth_m = np.array([[2.5, 7.0, 0.0]], np.float32)
+    judged = truth_m <= 3
+    assert squared_error_m2(depth_m, truth_m, judged) == 0.25
+    assert psnr_db(0.0) == np.inf

@@ -1,0 +1,104 @@
+"""Moving an image by a map or a flow, and judging where it went."""
+
+import cv2
+import numpy as np
+import pytest
+
+from scenarios.experiments.moving import Affine, ByFlow, ByRegistration, Flown, GrayError, Unmoved, covered
+from scenarios.experiments.optical_flow import starts
+from scenarios.experiments.trial import Tally
+from voxdepth.registration import RegistrationConfig
+from voxdepth.types import GrayImage
+
+SHAPE = (90, 160)
+SHIFT = np.array([[1.0, 0.0, 5.0], [0.0, 1.0, 3.0]])
+
+
+def texture(seed: int = 0) -> GrayImage:
+    """Blobs that features can be found on."""
+    noise = np.random.default_rng(seed).uniform(0, 255, SHAPE).astype(np.float32)
+    return cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 2.0), None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+
+
+def test_an_affine_map_moves_by_whole_pixels_and_leaves_the_rest_empty() -> None:
+    image = texture()
+    moved = Affine(SHIFT, ok=True)
+    assert (moved.apply(image)[3:, 5:] == image[:-3, :-5]).all()
+    assert not moved.apply(image)[:3].any()
+    assert covered(moved, SHAPE)[3:, 5:].all()
+    assert not covered(moved, SHAPE)[:, :5].any()
+
+
+def test_a_flow_says_where_each_later_pixel_comes_from() -> None:
+    image = texture()
+    back = np.zeros((*SHAPE, 2), np.float32)
+    back[..., 0], back[..., 1] = -5, -3
+    flown = Flown(back)
+    assert (flown.apply(image) == Affine(SHIFT, ok=True).apply(image)).all()
+    assert (covered(flown, SHAPE) == covered(Affine(SHIFT, ok=True), SHAPE)).all()
+
+
+def test_registration_finds_a_shift_and_reports_what_it_cannot_find() -> None:
+    image = texture()
+    later = Affine(SHIFT, ok=True).apply(image)
+    mover = ByRegistration(RegistrationConfig(), SHAPE)
+    mover.keep(image)
+    found = mover.find(later)
+    assert found.ok
+    score, unmoved = GrayError(), GrayError()
+    where = covered(found, SHAPE) & (later > 0)
+    score.add(found.apply(image), later, where)
+    unmoved.add(image, later, where)
+    assert score.psnr_db is not None and unmoved.psnr_db is not None
+    assert score.psnr_db > unmoved.psnr_db + 6
+    lost = mover.find(np.zeros(SHAPE, np.uint8))
+    assert not lost.ok
+    assert (lost.apply(image) == image).all(), "a registration that fails moves nothing"
+
+
+def test_a_flow_is_asked_from_the_later_image_to_the_reference() -> None:
+    seen: list[tuple[int, int]] = []
+
+    class Asked:
+        def between(self, start: GrayImage, end: GrayImage) -> np.ndarray:
+            seen.append((int(start[0, 0]), int(end[0, 0])))
+            return np.zeros((*SHAPE, 2), np.float32)
+
+    mover = ByFlow(Asked())
+    mover.keep(np.full(SHAPE, 1, np.uint8))
+    mover.find(np.full(SHAPE, 2, np.uint8))
+    assert seen == [(2, 1)]
+
+
+def test_gray_psnr_by_hand() -> None:
+    error = GrayError()
+    assert error.psnr_db is None
+    error.add(np.array([[10, 20]], np.uint8), np.array([[13, 0]], np.uint8), np.array([[True, False]]))
+    error.add(np.array([[5]], np.uint8), np.array([[10]], np.uint8), np.array([[True]]))
+    assert error.pixels == 2
+    assert error.psnr_db == pytest.approx(10 * np.log10(255**2 / ((9 + 25) / 2)))
+
+
+def test_not_moving_is_perfect_on_the_same_image() -> None:
+    image = texture()
+    error = GrayError()
+    error.add(Unmoved().find(image).apply(image), image, np.ones(SHAPE, np.bool_))
+    assert error.psnr_db == np.inf
+
+
+@pytest.mark.parametrize(
+    ("frames", "distance", "most", "expected"),
+    [(30, 10, 4, [0, 6, 13, 19]), (11, 10, 4, [0]), (12, 10, 4, [0, 1]), (30, 1, 1, [0])],
+)
+def test_pairs_are_spread_evenly_and_end_with_the_last_frame(
+    frames: int, distance: int, most: int, expected: list[int]
+) -> None:
+    found = starts(frames, distance, most)
+    assert found == expected
+    assert max(found) + distance < frames
+
+
+def test_a_tally_counts_failures() -> None:
+    tally = Tally(times_s=[0.001, 0.002, 0.003, 0.004], failures=1)
+    assert (tally.pairs, tally.failed_percent) == (4, 25)
+    assert tally.spread.p50_ms == pytest.approx(2.5)
