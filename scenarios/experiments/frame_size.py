@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from voxdepth.config import VoxDepthConfig
 from voxdepth.registration import RegistrationConfig
 
+from ..evaluation.cell import COMPLETED
 from ..evaluation.groups import ALL
-from ..evaluation.scoring import COMPLETED
 from .drawing import MARKERS, labelled, panels
 from .moving import ByRegistration, Mover, Unmoved
 from .optical_flow import starts

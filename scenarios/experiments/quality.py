@@ -7,10 +7,9 @@ from statistics import mean
 from typing import TYPE_CHECKING
 
 from ..evaluation import paper
-from ..evaluation.cell import Cell
+from ..evaluation.cell import AS_GIVEN, COMPLETED, Cell
 from ..evaluation.groups import ALL, NEAR
 from ..evaluation.methods import find_methods
-from ..evaluation.scoring import AS_GIVEN, COMPLETED
 from ..evaluation.suite import Done
 from .arithmetic import by_text, saturated
 from .drawing import labelled, panels

@@ -9,8 +9,7 @@ import numpy as np
 from voxdepth.config import VoxDepthConfig
 from voxdepth.metrics.paper import PEAK16_M
 
-from ..evaluation.cell import Cell
-from ..evaluation.scoring import FRAMES
+from ..evaluation.cell import FRAMES, Cell
 from .drawing import MARKERS, labelled, panels
 from .result import Claim, Column, Result, Table
 from .stage import Scope, Stage, cell_of
