@@ -32,7 +32,6 @@ class Filling:
         self._scale = scale
         self._config = config
         self._planes = Planes(scale, config.planes)
-        self._cols = np.arange(scale.width_px, dtype=np.int32)
 
     def fill(self, disparity_px: FloatImage) -> FloatImage:
         """The image without holes; one without any data stays empty.
@@ -64,17 +63,21 @@ class Filling:
         as wide as their disparities differ.
         """
         config, step = self._config, self._scale.step
-        hole_rows = np.flatnonzero((disparity_px <= 0).any(axis=1))
-        image = disparity_px[hole_rows]
-        valid = image > 0
-        width = image.shape[1]
-        left = np.maximum.accumulate(np.where(valid, self._cols, np.int32(-1)), axis=1)
-        right = np.minimum.accumulate(np.where(valid, self._cols, np.int32(width))[:, ::-1], axis=1)[:, ::-1]
-        row, col = np.nonzero(~valid & (left >= 0) & (right < width))
-        start, end = left[row, col], right[row, col]
-        near_px, rim_px = image[row, end], image[row, start]
-        inner_px = image[row, np.maximum(start - config.inset_px // step, 0)]
+        width = disparity_px.shape[1]
+        # Holes as runs of pixels in the flat image; those that touch its left or right end are no shadows.
+        valid = np.zeros(disparity_px.size + 2, np.bool_)
+        np.greater(disparity_px.ravel(), 0, out=valid[1:-1])
+        edges = np.flatnonzero(valid[1:] != valid[:-1])
+        before, after = edges[1:-1:2] - 1, edges[2::2]
+        one_row = before // width == after // width
+        before, after = before[one_row], after[one_row]
+        flat_px = disparity_px.ravel()
+        near_px, rim_px = flat_px[after], flat_px[before]
+        inset = np.minimum(config.inset_px // step, before % width)
+        inner_px = flat_px[before - inset]
         far_px = np.where(inner_px > 0, np.minimum(inner_px, rim_px), rim_px)
-        width_px = (end - start - 1) * step
-        is_shadow = (near_px > far_px + config.step_px) & (width_px <= near_px - far_px + config.margin_px)
-        filled[hole_rows[row[is_shadow]], col[is_shadow]] = far_px[is_shadow]
+        length = after - before - 1
+        is_shadow = (near_px > far_px + config.step_px) & (length * step <= near_px - far_px + config.margin_px)
+        length = length[is_shadow]
+        first = np.repeat(before[is_shadow] + 1 - np.cumsum(length) + length, length)
+        filled.ravel()[first + np.arange(len(first))] = np.repeat(far_px[is_shadow], length)

@@ -1,8 +1,6 @@
 """Holes filled by planes: moving least squares of first order in disparity, where planes are linear."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -14,10 +12,12 @@ from ..types import FloatImage
 from .scale import Scale
 
 Grid = npt.NDArray[np.float64]
-"""One number per cell, shape (rows, cols)."""
+"""One number per cell, shape (rows, cols), or several, shape (N, rows, cols)."""
 
 N_MOMENTS = 10
-"""Weighted sums per cell: 1, u, v, uu, uv, vv, D, uD, vD, DD."""
+"""Weighted sums per cell: of 1, u, v, uu, uv, vv, D, uD, vD, DD."""
+POWERS = ((0, 0), (0, 1), (1, 0), (0, 2), (1, 1), (2, 0))
+"""Powers of v and of u in the first six of them."""
 
 
 class PlanesConfig(Model):
@@ -60,8 +60,8 @@ class Planes:
         self._padded = (rows * cell, cols * cell)
         self._levels = max(1, int(np.log2(max(rows, cols))))
         # Coordinates are in cells, from the middle of the image.
-        self._v = (np.arange(rows * cell) + 0.5) / cell - rows / 2
-        self._u = (np.arange(cols * cell) + 0.5) / cell - cols / 2
+        self._powers_v = _powers(rows, cell).swapaxes(1, 2)
+        self._powers_u = _powers(cols, cell)
 
     def filled(self, disparity_px: FloatImage, weight: FloatImage) -> FloatImage:
         """Planes through the data, in every pixel [px], shape (h, w).
@@ -83,29 +83,25 @@ class Planes:
         values = cv2.resize(estimate.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
         return np.ascontiguousarray(values[:height, :width])
 
-    def _moments(self, disparity_px: FloatImage, weight: FloatImage) -> Sequence[Grid]:
-        """Weighted sums per cell, N_MOMENTS of them."""
+    def _moments(self, disparity_px: FloatImage, weight: FloatImage) -> Grid:
+        """Weighted sums per cell, shape (N_MOMENTS, rows, cols)."""
         weighted = weight * disparity_px
-        plain, first, second = (self._sums(image) for image in (weight, weighted, weighted * disparity_px))
-        (n, u, uu), (v, uv), (vv,) = plain[0], plain[1][:2], plain[2][:1]
-        return [n, u, v, uu, uv, vv, first[0][0], first[0][1], first[1][0], second[0][0]]
+        plain, first, second = self._sums(weight, 6), self._sums(weighted, 3), self._sums(weighted * disparity_px, 1)
+        return np.concatenate([plain, first, second]).astype(np.float64)
 
-    def _sums(self, image: FloatImage) -> list[list[Grid]]:
-        """Sums per cell of the image times v to the i times u to the k, for i, k = 0, 1, 2."""
-        cell = self._cell_px
+    def _sums(self, image: FloatImage, n: int) -> npt.NDArray[np.float32]:
+        """Sums per cell of the image times 1, u, v, uu, uv, vv: the first n of them, shape (n, rows, cols)."""
+        rows, cell, cols = len(self._powers_v), self._cell_px, len(self._powers_u)
         padded = np.zeros(self._padded, np.float32)
         padded[: self._shape[0], : self._shape[1]] = image
-        rows, cols = self._padded[0] // cell, self._padded[1] // cell
-        powers_u = np.stack([self._u**0, self._u, self._u**2], 1).reshape(cols, cell, 3).astype(np.float32)
-        powers_v = np.stack([self._v**0, self._v, self._v**2], 1).reshape(rows, cell, 3).astype(np.float32)
-        along = np.einsum("hck,cki->hci", padded.reshape(-1, cols, cell), powers_u, optimize=True)
-        sums = np.einsum("rkci,rkj->jirc", along.reshape(rows, cell, cols, 3), powers_v, optimize=True)
-        return [[sums[j, i].astype(np.float64) for i in range(3)] for j in range(3)]
+        along = np.matmul(padded.reshape(-1, cols, 1, cell), self._powers_u)
+        sums = np.matmul(self._powers_v, along.reshape(rows, cell, cols * 3)).reshape(rows, 3, cols, 3)
+        return np.stack([sums[:, of_v, :, of_u] for of_v, of_u in POWERS[:n]])
 
-    def _fitted(self, moments: Sequence[Grid], level: int) -> _Planes:
+    def _fitted(self, moments: Grid, level: int) -> _Planes:
         """The plane of each cell, in its middle."""
         config, size = self._config, 2.0**level
-        n, u, v, uu, uv, vv, d, ud, vd, dd = (_neighbourhood(moment) for moment in moments)
+        n, u, v, uu, uv, vv, d, ud, vd, dd = _neighbourhood(moments)
         density = n / (self._cell_px * size) ** 2
         n = np.maximum(n, 1e-9)
         u, v, d = u / n, v / n, d / n
@@ -123,20 +119,25 @@ class Planes:
         return _Planes(value_px=value, density=np.minimum(density / config.enough, 1))
 
 
-def _neighbourhood(moment: Grid) -> Grid:
+def _powers(cells: int, cell_px: int) -> npt.NDArray[np.float32]:
+    """1, x and x squared of the pixels along one side, in cells from the middle, shape (cells, cell_px, 3)."""
+    x = (np.arange(cells * cell_px) + 0.5) / cell_px - cells / 2
+    return np.stack([x**0, x, x**2], 1).reshape(cells, cell_px, 3).astype(np.float32)
+
+
+def _neighbourhood(moments: Grid) -> Grid:
     """Sums over three by three cells, the outer ones for less; their weights add up to 1."""
-    kernel = np.array([0.25, 0.5, 0.25])
-    return np.asarray(cv2.sepFilter2D(moment, -1, kernel, kernel, borderType=cv2.BORDER_CONSTANT))
+    padded = np.pad(moments, ((0, 0), (1, 1), (1, 1)))
+    rows = 0.25 * (padded[:, :-2] + padded[:, 2:]) + 0.5 * padded[:, 1:-1]
+    around: Grid = 0.25 * (rows[:, :, :-2] + rows[:, :, 2:]) + 0.5 * rows[:, :, 1:-1]
+    return around
 
 
-def _halved(moments: Sequence[Grid]) -> Sequence[Grid]:
+def _halved(moments: Grid) -> Grid:
     """Sums of two by two cells."""
-    rows, cols = moments[0].shape
-    even = ((0, rows % 2), (0, cols % 2))
-    halved = []
-    for moment in moments:
-        padded: Any = np.pad(moment, even)
-        halved.append(padded[::2, ::2] + padded[1::2, ::2] + padded[::2, 1::2] + padded[1::2, 1::2])
+    _, rows, cols = moments.shape
+    padded = np.pad(moments, ((0, 0), (0, rows % 2), (0, cols % 2)))
+    halved: Grid = padded[:, ::2, ::2] + padded[:, 1::2, ::2] + padded[:, ::2, 1::2] + padded[:, 1::2, 1::2]
     return halved
 
 
