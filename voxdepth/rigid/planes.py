@@ -94,8 +94,8 @@ class Planes:
         rows, cell, cols = len(self._powers_v), self._cell_px, len(self._powers_u)
         padded = np.zeros(self._padded, np.float32)
         padded[: self._shape[0], : self._shape[1]] = image
-        along = np.matmul(padded.reshape(-1, cols, 1, cell), self._powers_u)
-        sums = np.matmul(self._powers_v, along.reshape(rows, cell, cols * 3)).reshape(rows, 3, cols, 3)
+        down = np.matmul(self._powers_v, padded.reshape(rows, cell, -1)).reshape(rows * 3, cols, cell)
+        sums = np.einsum("rck,cki->rci", down, self._powers_u, optimize=True).reshape(rows, 3, cols, 3)
         return np.stack([sums[:, of_v, :, of_u] for of_v, of_u in POWERS[:n]])
 
     def _fitted(self, moments: Grid, level: int) -> _Planes:
