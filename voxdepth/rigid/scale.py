@@ -11,7 +11,7 @@ ASSUMED_BASELINE_M = 0.05
 """Makes disparities of the depths of a camera that is no stereo pair: about that of consumer depth cameras."""
 LARGEST_PX = 1000.0
 """Disparities above this are of no surface that any sensor measures; it also keeps fixed-point numbers in range."""
-FULL_UP_TO_PX = 300_000
+FULL_UP_TO_PX = 100_000
 """Images of more pixels are remembered at half their size, or the time per frame would not do for a camera."""
 
 
@@ -69,5 +69,5 @@ class Scale:
 
 
 def chosen_step(camera: Intrinsics) -> int:
-    """1 for images of up to 300 000 pixels, 2 for larger ones."""
+    """1 for images of up to 100 000 pixels, 2 for larger ones."""
     return 1 if camera.width_px * camera.height_px <= FULL_UP_TO_PX else 2
