@@ -15,8 +15,6 @@ SAME_SURFACE_PX = 1.0
 """Pixels whose disparities differ by less are averaged when an image is halved."""
 LEAST_SHARE = 0.2
 """Less than one of four pixels: keeps the division finite where none is valid."""
-FAR_PX = 1e6
-"""Stands for invalid pixels where the farthest is looked for."""
 _WEIGHT_OF_SHARE = np.maximum(1, np.rint(UNIT * (np.arange(256) / 255) ** 4)).astype(np.uint8)
 """Weight by the share of valid neighbours, of 255: its fourth power, for on the ragged rim of holes most are wrong."""
 
@@ -47,7 +45,7 @@ def measured(frame: Frame, full_px: FloatImage, scale: Scale) -> Measurement:
     if scale.step == 1:
         disparity_px, gray = full_px, frame.gray
     else:
-        disparity_px = _halved(full_px, np.asarray(valid, np.uint8), scale)
+        disparity_px = _halved(full_px, frame.depth_m, np.asarray(valid, np.uint8), scale)
         valid = cv2.compare(disparity_px, 0, cv2.CMP_GT)
         cut = frame.gray[: 2 * scale.height_px, : 2 * scale.width_px]
         gray = np.asarray(cv2.resize(cut, scale.shape[::-1], interpolation=cv2.INTER_AREA), np.uint8)
@@ -62,32 +60,27 @@ def measured(frame: Frame, full_px: FloatImage, scale: Scale) -> Measurement:
     )
 
 
-def _halved(full_px: FloatImage, valid: GrayImage, scale: Scale) -> FloatImage:
+def _halved(full_px: FloatImage, depth_m: FloatImage, valid: GrayImage, scale: Scale) -> FloatImage:
     """The mean of each two by two pixels that are of one surface; of two surfaces the one that has more of them."""
     size = (scale.width_px, scale.height_px)
     rows, cols = 2 * scale.height_px, 2 * scale.width_px
-    whole_px, valid = full_px[:rows, :cols], valid[:rows, :cols]
-    share = cv2.resize(valid, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    share = cv2.resize(valid[:rows, :cols], size, interpolation=cv2.INTER_AREA).astype(np.float32)
     share *= np.float32(1 / 255)
     np.maximum(share, np.float32(LEAST_SHARE), out=share)
-    mean_px = cv2.resize(whole_px, size, interpolation=cv2.INTER_AREA)
+    mean_px = cv2.resize(full_px[:rows, :cols], size, interpolation=cv2.INTER_AREA)
     mean_px /= share
-    nearest_px = _of_four(whole_px, np.maximum)
-    filled_px = whole_px.copy()
-    cv2.subtract(filled_px, -FAR_PX, filled_px, cv2.bitwise_not(valid))
-    farthest_px = _of_four(filled_px, np.minimum)
+    nearest_px = _largest(full_px[:rows, :cols])
+    farthest_px = scale.disparity(_largest(depth_m[:rows, :cols]))
     above, below = cv2.subtract(nearest_px, mean_px), cv2.subtract(mean_px, farthest_px)
     halved_px = farthest_px
     cv2.copyTo(nearest_px, cv2.compare(above, below, cv2.CMP_LT), halved_px)
-    np.add(above, below, out=above)
-    # Where nothing is valid the mean is 0, and no other of the three is wanted.
-    cv2.copyTo(mean_px, cv2.compare(cv2.absdiff(above, 0.0), SAME_SURFACE_PX, cv2.CMP_LT), halved_px)
-    cv2.copyTo(mean_px, cv2.compare(nearest_px, 0, cv2.CMP_EQ), halved_px)
+    cv2.add(above, below, above)
+    cv2.copyTo(mean_px, cv2.compare(above, SAME_SURFACE_PX, cv2.CMP_LT), halved_px)
     return np.asarray(halved_px, np.float32)
 
 
-def _of_four(image: FloatImage, choose: np.ufunc) -> FloatImage:
-    """One of each two by two pixels, shape (h, w)."""
-    rows = choose(image[::2], image[1::2])
-    chosen: FloatImage = choose(rows[:, ::2], rows[:, 1::2])
-    return chosen
+def _largest(image: FloatImage) -> FloatImage:
+    """Of each two by two pixels, shape (h, w)."""
+    rows = np.maximum(image[::2], image[1::2])
+    largest: FloatImage = np.maximum(rows[:, ::2], rows[:, 1::2])
+    return largest

@@ -12,7 +12,7 @@ from .scale import Scale
 UNIT = 16
 """Weights are counted in sixteenths of a measurement that has only valid neighbours."""
 
-COARSE = 4
+COARSE = 2
 """Pixels a side of those of the drift, which is the same over a surface."""
 
 

@@ -97,13 +97,13 @@ class RigidMethod:
         )
 
     def combine(self, weighed: Weighed) -> CorrectedDepth:
-        """The second half: fill, bring to full size, smooth. Depends on nothing else."""
+        """The second half: fill, smooth, tell where it is from, bring to full size. Depends on nothing else."""
         timings_s = dict(weighed.timings_s)
         with collected_times(timings_s):
             whole_px = self._fill(weighed.verdict)
-            whole_px = self._merge(weighed, whole_px)
             whole_px = self._smooth(whole_px)
-            depth_m, source, confidence = self._label(whole_px, weighed.verdict)
+            source, confidence = self._label(whole_px, weighed.verdict)
+            depth_m, source, confidence = self._enlarge(weighed, whole_px, source, confidence)
         found = weighed.location.found
         return CorrectedDepth(
             depth_m=depth_m,
@@ -157,36 +157,37 @@ class RigidMethod:
         return self._filling.fill(verdict.disparity_px)
 
     @timed
-    def _merge(self, weighed: Weighed, whole_px: FloatImage) -> FloatImage:
-        if self._scale.step == 1:
-            return whole_px
-        return merged(
-            weighed.full_px, whole_px, weighed.measurement.disparity_px, weighed.verdict.kind, self._scale
-        )
-
-    @timed
     def _smooth(self, whole_px: FloatImage) -> FloatImage:
         if self._config.smooth_size_px == 1:
             return whole_px
         return smoothed(whole_px, self._config.smooth_size_px, self._config.smooth_noise_px)
 
     @timed
-    def _label(self, whole_px: FloatImage, verdict: Verdict) -> tuple[FloatImage, GrayImage, FloatImage]:
-        """Depth, source and confidence at full size."""
-        kind, weight = verdict.kind, verdict.weight
-        if self._scale.step != 1:
-            size = (whole_px.shape[1], whole_px.shape[0])
-            kind, weight = (enlarged(image, size, cv2.INTER_NEAREST) for image in (kind, weight))
-        depth_m = self._scale.depth(whole_px)
-        confidence = confidence_of(whole_px, kind, weight)
-        source = cv2.LUT(kind, _SOURCES)
+    def _label(self, whole_px: FloatImage, verdict: Verdict) -> tuple[GrayImage, FloatImage]:
+        """Source and confidence; empties what is not to be filled, in place."""
         if self._config.fill == "none":
-            depth_m[kind == Kind.NOTHING] = 0
-        empty = cv2.compare(depth_m, 0, cv2.CMP_LE)
-        if cv2.countNonZero(empty):
-            source[empty > 0] = Source.INVALID
-            confidence[empty > 0] = 0
-        return depth_m, np.asarray(source, np.uint8), confidence
+            whole_px[verdict.kind == Kind.NOTHING] = 0
+        source = np.asarray(cv2.LUT(verdict.kind, _SOURCES), np.uint8)
+        confidence = confidence_of(whole_px, verdict.kind, verdict.weight)
+        empty = whole_px <= 0
+        if empty.any():
+            source[empty] = Source.INVALID
+            confidence[empty] = 0
+        return source, confidence
+
+    @timed
+    def _enlarge(
+        self, weighed: Weighed, whole_px: FloatImage, source: GrayImage, confidence: FloatImage
+    ) -> tuple[FloatImage, GrayImage, FloatImage]:
+        """Depth, source and confidence of the size of the frame."""
+        if self._scale.step == 1:
+            return self._scale.depth(whole_px), source, confidence
+        size = weighed.full_px.shape[::-1]
+        return (
+            self._scale.depth(merged(weighed.full_px, whole_px, weighed.verdict.kind)),
+            enlarged(source, size, cv2.INTER_NEAREST),
+            enlarged(confidence, size, cv2.INTER_NEAREST),
+        )
 
 
 _SOURCES = np.zeros(256, np.uint8)

@@ -11,6 +11,8 @@ ASSUMED_BASELINE_M = 0.05
 """Makes disparities of the depths of a camera that is no stereo pair: about that of consumer depth cameras."""
 LARGEST_PX = 1000.0
 """Disparities above this are of no surface that any sensor measures; it also keeps fixed-point numbers in range."""
+SMALLEST_PX = 1e-4
+"""Disparities below this are none: 300 km for the usual cameras."""
 FULL_UP_TO_PX = 100_000
 """Images of more pixels are remembered at half their size, or the time per frame would not do for a camera."""
 
@@ -62,9 +64,10 @@ class Scale:
 
     def depth(self, disparity_px: FloatImage) -> FloatImage:
         """Depth [m], 0 = invalid, of disparity [px], 0 = invalid; same shape."""
-        depth_m: FloatImage = np.maximum(disparity_px, np.float32(1e-6))
+        depth_m: FloatImage = np.maximum(disparity_px, np.float32(SMALLEST_PX / 2))
         np.divide(np.float32(self.focal_baseline_px_m), depth_m, out=depth_m)
-        depth_m[disparity_px <= 0] = 0
+        farthest_m = self.focal_baseline_px_m / SMALLEST_PX
+        cv2.threshold(depth_m, farthest_m, 0, cv2.THRESH_TOZERO_INV, depth_m)
         return depth_m
 
 
