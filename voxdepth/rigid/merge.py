@@ -26,29 +26,35 @@ def merged(full_px: FloatImage, half_px: FloatImage, kind: GrayImage) -> FloatIm
         half_px: What is to be shown, shape (h, w), without holes.
         kind: One `Kind` per pixel, shape (h, w).
     """
-    size = (full_px.shape[1], full_px.shape[0])
+    rows, cols = half_px.shape
     range_px = cv2.subtract(cv2.dilate(half_px, AROUND), cv2.erode(half_px, AROUND))
-    is_edge = enlarged(_mask(cv2.compare(range_px, FLAT_PX, cv2.CMP_GT)), size, cv2.INTER_NEAREST)
-    shown_px = enlarged(half_px, size, cv2.INTER_LINEAR)
-    cv2.copyTo(enlarged(half_px, size, cv2.INTER_NEAREST), is_edge, shown_px)
+    as_measured = kind == Kind.MEASURED
+    at = np.nonzero((range_px > np.float32(FLAT_PX)) | as_measured)
+    value_px = half_px[at][:, None, None]
+    own_px = _fours(full_px[: 2 * rows, : 2 * cols])[at]
+    tolerance_px = np.float32(SAME_SURFACE_SHARE) * value_px + np.float32(SAME_SURFACE_PX)
+    is_own = (own_px > 0) & (as_measured[at][:, None, None] | (np.abs(own_px - value_px) < tolerance_px))
 
-    tolerance_px = shown_px * np.float32(SAME_SURFACE_SHARE)
-    tolerance_px += np.float32(SAME_SURFACE_PX)
-    alike = cv2.compare(cv2.absdiff(full_px, shown_px), tolerance_px, cv2.CMP_LT)
-    as_measured = _mask(cv2.compare(kind, int(Kind.MEASURED), cv2.CMP_EQ))
-    own = cv2.bitwise_or(cv2.bitwise_and(is_edge, alike), enlarged(as_measured, size, cv2.INTER_NEAREST))
-    cv2.copyTo(full_px, cv2.bitwise_and(own, cv2.compare(full_px, 0, cv2.CMP_GT)), shown_px)
-    return np.asarray(shown_px, np.float32)
-
-
-def _mask(image: object) -> GrayImage:
-    return np.asarray(image, np.uint8)
+    shown_px = np.asarray(cv2.resize(half_px, (2 * cols, 2 * rows), interpolation=cv2.INTER_LINEAR), np.float32)
+    _fours(shown_px)[at] = np.where(is_own, own_px, value_px)
+    return _bordered(shown_px, (full_px.shape[1], full_px.shape[0]))
 
 
-def enlarged(image: Image, size: tuple[int, int], how: int) -> Image:
-    """The image at full size; a last odd row or column repeats the one before."""
-    rows, cols = 2 * image.shape[0], 2 * image.shape[1]
-    twice = cv2.resize(image, (cols, rows), interpolation=how)
+def enlarged(image: Image, size: tuple[int, int]) -> Image:
+    """Each pixel as four of them; a last odd row or column of the larger image repeats the one before."""
+    twice = cv2.resize(image, (2 * image.shape[1], 2 * image.shape[0]), interpolation=cv2.INTER_NEAREST)
+    return _bordered(np.asarray(twice), size)
+
+
+def _fours(image: FloatImage) -> FloatImage:
+    """A view of two by two pixels each, shape (h, w, 2, 2), of an image of shape (2 h, 2 w)."""
+    rows, cols = image.shape[0] // 2, image.shape[1] // 2
+    down, along = image.strides
+    return np.lib.stride_tricks.as_strided(image, (rows, cols, 2, 2), (2 * down, 2 * along, down, along))
+
+
+def _bordered(image: Image, size: tuple[int, int]) -> Image:
+    rows, cols = image.shape
     if (cols, rows) == size:
-        return np.asarray(twice)
-    return np.asarray(cv2.copyMakeBorder(twice, 0, size[1] - rows, 0, size[0] - cols, cv2.BORDER_REPLICATE))
+        return image
+    return np.asarray(cv2.copyMakeBorder(image, 0, size[1] - rows, 0, size[0] - cols, cv2.BORDER_REPLICATE))

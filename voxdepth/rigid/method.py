@@ -185,8 +185,8 @@ class RigidMethod:
         size = weighed.full_px.shape[::-1]
         return (
             self._scale.depth(merged(weighed.full_px, whole_px, weighed.verdict.kind)),
-            enlarged(source, size, cv2.INTER_NEAREST),
-            enlarged(confidence, size, cv2.INTER_NEAREST),
+            enlarged(source, size),
+            enlarged(confidence, size),
         )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from ..types import FloatArray
 
 ITERATIONS = 12
-SETTLED = 5e-5
+SETTLED = 1e-4
 """Step [m or rad] below which the fit has converged."""
 LEAST_SPREAD_PX = 0.15
 """Residuals are never taken to be spread less than this, or the last few exact ones would decide alone."""
