@@ -284,11 +284,14 @@ class Registration:
     """Alignment of the template with a frame; failure is a value, not an exception."""
 
     M_frame_template: FloatArray
-    """Affine map from template pixels to frame pixels, shape (2, 3)."""
+    """Affine map from template pixels to frame pixels, shape (2, 3); the identity where `T_frame_before` stands for it."""
     n_matches: int
     """Number of good feature matches."""
     n_inliers: int
     status: RegistrationStatus
+    T_frame_before: FloatArray | None = None
+    """Rigid motion since the last frame that was placed, shape (4, 4), of a method that registers in space; None for
+    others, and where there is none."""
 
     @property
     def ok(self) -> bool:

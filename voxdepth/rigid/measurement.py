@@ -1,0 +1,86 @@
+"""One frame at the size of the memory."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ..types import FloatImage, Frame, GrayImage
+from .memory import UNIT
+from .scale import Scale
+
+NEIGHBOURS_PX = 5
+"""Window in which the valid neighbours of a pixel are counted."""
+SAME_SURFACE_PX = 1.0
+"""Pixels whose disparities differ by less are averaged when an image is halved."""
+LEAST_SHARE = 0.2
+"""Less than one of four pixels: keeps the division finite where none is valid."""
+_WEIGHT_OF_SHARE = np.maximum(1, np.rint(UNIT * (np.arange(256) / 255) ** 4)).astype(np.uint8)
+"""Weight by the share of valid neighbours, of 255: its fourth power, for on the ragged rim of holes most are wrong."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Measurement:
+    """What the sensor says."""
+
+    disparity_px: FloatImage
+    """Shape (h, w), float32; 0 = invalid."""
+    valid: GrayImage
+    """255 where there is a disparity, else 0, shape (h, w), uint8."""
+    weight: GrayImage
+    """In sixteenths, shape (h, w), uint8; 0 where invalid."""
+    gray: GrayImage
+    """Smoothed against the noise of photons, shape (h, w), uint8."""
+
+
+def measured(frame: Frame, full_px: FloatImage, scale: Scale) -> Measurement:
+    """A frame at the size of the memory.
+
+    Args:
+        frame: As the camera gave it.
+        full_px: Its disparity at full size [px], shape (H, W); 0 = invalid.
+        scale: Size of the memory.
+    """
+    valid = cv2.compare(full_px, 0, cv2.CMP_GT)
+    if scale.step == 1:
+        disparity_px, gray = full_px, frame.gray
+    else:
+        disparity_px = _halved(full_px, frame.depth_m, np.asarray(valid, np.uint8), scale)
+        valid = cv2.compare(disparity_px, 0, cv2.CMP_GT)
+        cut = frame.gray[: 2 * scale.height_px, : 2 * scale.width_px]
+        gray = np.asarray(cv2.resize(cut, scale.shape[::-1], interpolation=cv2.INTER_AREA), np.uint8)
+    weight = cv2.LUT(cv2.blur(valid, (NEIGHBOURS_PX, NEIGHBOURS_PX)), _WEIGHT_OF_SHARE)
+    cv2.bitwise_and(weight, valid, weight)
+    smooth = cv2.GaussianBlur(gray, (3, 3), 0)
+    return Measurement(
+        disparity_px=disparity_px,
+        valid=np.asarray(valid, np.uint8),
+        weight=np.asarray(weight, np.uint8),
+        gray=np.asarray(smooth, np.uint8),
+    )
+
+
+def _halved(full_px: FloatImage, depth_m: FloatImage, valid: GrayImage, scale: Scale) -> FloatImage:
+    """The mean of each two by two pixels that are of one surface; of two surfaces the one that has more of them."""
+    size = (scale.width_px, scale.height_px)
+    rows, cols = 2 * scale.height_px, 2 * scale.width_px
+    share = cv2.resize(valid[:rows, :cols], size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    share *= np.float32(1 / 255)
+    np.maximum(share, np.float32(LEAST_SHARE), out=share)
+    mean_px = cv2.resize(full_px[:rows, :cols], size, interpolation=cv2.INTER_AREA)
+    mean_px /= share
+    nearest_px = _largest(full_px[:rows, :cols])
+    farthest_px = scale.disparity(_largest(depth_m[:rows, :cols]))
+    above, below = cv2.subtract(nearest_px, mean_px), cv2.subtract(mean_px, farthest_px)
+    halved_px = farthest_px
+    cv2.copyTo(nearest_px, cv2.compare(above, below, cv2.CMP_LT), halved_px)
+    cv2.add(above, below, above)
+    cv2.copyTo(mean_px, cv2.compare(above, SAME_SURFACE_PX, cv2.CMP_LT), halved_px)
+    return np.asarray(halved_px, np.float32)
+
+
+def _largest(image: FloatImage) -> FloatImage:
+    """Of each two by two pixels, shape (h, w)."""
+    rows = np.maximum(image[::2], image[1::2])
+    largest: FloatImage = np.maximum(rows[:, ::2], rows[:, 1::2])
+    return largest

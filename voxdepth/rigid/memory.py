@@ -1,0 +1,66 @@
+"""What was measured before: disparity, how sure it is, and how it looked; in the pixels of the newest frame."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ..types import FloatArray, FloatImage, GrayImage
+from .reprojection import Reprojection
+from .scale import Scale
+
+UNIT = 16
+"""Weights are counted in sixteenths of a measurement that has only valid neighbours."""
+
+COARSE = 2
+"""Pixels a side of those of the drift, which is the same over a surface."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Memory:
+    """One surface per pixel."""
+
+    disparity_px: FloatImage
+    """Shape (h, w), float32; what it is where the weight is 0 says nothing."""
+    weight: GrayImage
+    """Evidence in sixteenths of a measurement, shape (h, w), uint8; 0 = nothing is remembered."""
+    gray: GrayImage
+    """How the surface looked when it was measured last, shape (h, w), uint8."""
+    drift_px: FloatImage
+    """How far measurements have been nearer than the memory lately, shape (h / 4, w / 4): what comes or goes has some."""
+
+    @classmethod
+    def empty(cls, gray: GrayImage) -> "Memory":
+        """Nothing is remembered; whatever is there looks as it does now."""
+        return cls(disparity_px=np.zeros(gray.shape, np.float32), weight=np.zeros_like(gray), gray=gray, drift_px=np.zeros(coarse_shape(gray.shape), np.float32))
+
+
+def coarse_shape(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Of the drift of a memory of shape (h, w)."""
+    return max(1, shape[0] // COARSE), max(1, shape[1] // COARSE)
+
+
+class Mover:
+    """Moves a memory along with the camera."""
+
+    def __init__(self, scale: Scale) -> None:
+        self._reprojection = Reprojection(scale)
+
+    def move(self, memory: Memory, T_now_before: FloatArray) -> Memory:
+        """The memory as the camera sees it now, after a motion of shape (4, 4)."""
+        moved = self._reprojection.move(memory.disparity_px, memory.weight, T_now_before)
+        gray = cv2.remap(
+            memory.gray, moved.source_x, moved.source_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        size = memory.drift_px.shape[::-1]
+        coarse = [
+            (cv2.resize(source, size, interpolation=cv2.INTER_AREA) + 0.5) / COARSE - 0.5
+            for source in (moved.source_x, moved.source_y)
+        ]
+        drift_px = cv2.remap(memory.drift_px, *coarse, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return Memory(
+            disparity_px=moved.disparity_px,
+            weight=moved.weight,
+            gray=np.asarray(gray, np.uint8),
+            drift_px=np.asarray(drift_px, np.float32),
+        )

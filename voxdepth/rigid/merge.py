@@ -1,0 +1,60 @@
+"""From the memory's size back to the full image."""
+
+from typing import TypeVar
+
+import cv2
+import numpy as np
+
+from ..types import FloatImage, GrayImage
+from .evidence import Kind
+
+Image = TypeVar("Image", FloatImage, GrayImage)
+
+AROUND = np.ones((3, 3), np.uint8)
+FLAT_PX = 1.0
+"""Range of disparity in 3 x 3 px up to which values between pixels are interpolated; across edges they are not."""
+SAME_SURFACE_PX = 1.0
+SAME_SURFACE_SHARE = 0.02
+"""A pixel of the full image that differs by more from what its pixel of memory says is of something else."""
+
+
+def merged(full_px: FloatImage, half_px: FloatImage, kind: GrayImage) -> FloatImage:
+    """Full-size disparity: on surfaces what the memory's size says, at their edges what was measured.
+
+    Args:
+        full_px: As measured, shape (H, W); 0 = invalid.
+        half_px: What is to be shown, shape (h, w), without holes.
+        kind: One `Kind` per pixel, shape (h, w).
+    """
+    rows, cols = half_px.shape
+    range_px = cv2.subtract(cv2.dilate(half_px, AROUND), cv2.erode(half_px, AROUND))
+    as_measured = kind == Kind.MEASURED
+    at = np.nonzero((range_px > np.float32(FLAT_PX)) | as_measured)
+    value_px = half_px[at][:, None, None]
+    own_px = _fours(full_px[: 2 * rows, : 2 * cols])[at]
+    tolerance_px = np.float32(SAME_SURFACE_SHARE) * value_px + np.float32(SAME_SURFACE_PX)
+    is_own = (own_px > 0) & (as_measured[at][:, None, None] | (np.abs(own_px - value_px) < tolerance_px))
+
+    shown_px = np.asarray(cv2.resize(half_px, (2 * cols, 2 * rows), interpolation=cv2.INTER_LINEAR), np.float32)
+    _fours(shown_px)[at] = np.where(is_own, own_px, value_px)
+    return _bordered(shown_px, (full_px.shape[1], full_px.shape[0]))
+
+
+def enlarged(image: Image, size: tuple[int, int]) -> Image:
+    """Each pixel as four of them; a last odd row or column of the larger image repeats the one before."""
+    twice = cv2.resize(image, (2 * image.shape[1], 2 * image.shape[0]), interpolation=cv2.INTER_NEAREST)
+    return _bordered(np.asarray(twice), size)
+
+
+def _fours(image: FloatImage) -> FloatImage:
+    """A view of two by two pixels each, shape (h, w, 2, 2), of an image of shape (2 h, 2 w)."""
+    rows, cols = image.shape[0] // 2, image.shape[1] // 2
+    down, along = image.strides
+    return np.lib.stride_tricks.as_strided(image, (rows, cols, 2, 2), (2 * down, 2 * along, down, along))
+
+
+def _bordered(image: Image, size: tuple[int, int]) -> Image:
+    rows, cols = image.shape
+    if (cols, rows) == size:
+        return image
+    return np.asarray(cv2.copyMakeBorder(image, 0, size[1] - rows, 0, size[0] - cols, cv2.BORDER_REPLICATE))

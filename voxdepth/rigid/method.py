@@ -1,0 +1,194 @@
+"""The default method of `VoxDepth`: memory that moves with the camera, weighed against every measurement."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ..timing import collected_times, timed
+from ..types import (
+    CorrectedDepth,
+    EpochEnd,
+    FloatImage,
+    Frame,
+    GrayImage,
+    Intrinsics,
+    Phase,
+    Registration,
+    RegistrationStatus,
+    Source,
+)
+from .confidence import confidence_of
+from .config import RigidConfig
+from .evidence import Evidence, Kind, Verdict
+from .filling import Filling
+from .localisation import Found, Localisation, Location
+from .measurement import Measurement, measured
+from .memory import Memory, Mover
+from .merge import enlarged, merged
+from .scale import Scale, chosen_step
+from .smoothing import smoothed
+
+SOURCE_OF_KIND = {
+    Kind.NOTHING: Source.INPAINTED,
+    Kind.FUSED: Source.SENSOR,
+    Kind.MEASURED: Source.SENSOR,
+    Kind.REMEMBERED: Source.TEMPLATE,
+}
+STATUS_OF_FOUND = {
+    Found.START: RegistrationStatus.NOT_TRIED,
+    Found.POSE: RegistrationStatus.OK,
+    Found.BLIND: RegistrationStatus.FEW_MATCHES,
+    Found.ELSEWHERE: RegistrationStatus.DEGENERATE,
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Weighed:
+    """A frame with what is to be shown of it: the result of the first half of the work on it."""
+
+    full_px: FloatImage
+    """Disparity as measured, shape (H, W); 0 = invalid."""
+    measurement: Measurement
+    verdict: Verdict
+    location: Location
+    timings_s: Mapping[str, float]
+
+
+class RigidMethod:
+    """Corrects frames by a memory of surfaces, which is moved to every frame and weighed against it.
+
+    Args:
+        camera: Every frame must have its shape.
+        config: See there.
+    """
+
+    def __init__(self, camera: Intrinsics, config: RigidConfig) -> None:
+        step = chosen_step(camera) if config.memory_step == "auto" else config.memory_step
+        self._config = config
+        self._scale = Scale.of(camera, step)
+        self._localisation = Localisation(camera, self._scale, config.localisation)
+        self._mover = Mover(self._scale)
+        self._evidence = Evidence(config.evidence)
+        self._filling = Filling(self._scale, config.filling)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything; the next frame is the first."""
+        self._localisation.reset()
+        self._memory: Memory | None = None
+        self._blind_frames = 0
+
+    def close(self) -> None:
+        """Nothing runs beside the calls."""
+
+    def align(self, frame: Frame) -> Weighed:
+        """The first half: find the camera, weigh the frame against the memory, remember. Holds all state."""
+        timings_s: dict[str, float] = {}
+        with collected_times(timings_s):
+            full_px, measurement = self._measure(frame)
+            location = self._localise(frame)
+            memory = self._recall(location, measurement)
+            verdict, memory = self._weigh(memory, measurement)
+            self._remember(frame, location, memory)
+        return Weighed(
+            full_px=full_px, measurement=measurement, verdict=verdict, location=location, timings_s=timings_s
+        )
+
+    def combine(self, weighed: Weighed) -> CorrectedDepth:
+        """The second half: fill, smooth, tell where it is from, bring to full size. Depends on nothing else."""
+        timings_s = dict(weighed.timings_s)
+        with collected_times(timings_s):
+            whole_px = self._fill(weighed.verdict)
+            whole_px = self._smooth(whole_px)
+            source, confidence = self._label(whole_px, weighed.verdict)
+            depth_m, source, confidence = self._enlarge(weighed, whole_px, source, confidence)
+        found = weighed.location.found
+        return CorrectedDepth(
+            depth_m=depth_m,
+            source=source,
+            confidence=confidence,
+            phase=Phase.CORRECTING if found is Found.POSE else Phase.PASSTHROUGH,
+            registration=Registration(
+                M_frame_template=np.eye(2, 3),
+                n_matches=weighed.location.tracks,
+                n_inliers=weighed.location.inliers,
+                status=STATUS_OF_FOUND[found],
+                T_frame_before=weighed.location.T_now_before if found is Found.POSE else None,
+            ),
+            epoch_end=EpochEnd.FEW_MATCHES if found is Found.ELSEWHERE else None,
+            timings_s=timings_s,
+        )
+
+    @timed
+    def _measure(self, frame: Frame) -> tuple[FloatImage, Measurement]:
+        full_px = self._scale.disparity(frame.depth_m)
+        return full_px, measured(frame, full_px, self._scale)
+
+    @timed
+    def _localise(self, frame: Frame) -> Location:
+        return self._localisation.locate(frame)
+
+    @timed
+    def _recall(self, location: Location, measurement: Measurement) -> Memory:
+        """The memory in the pixels of this frame; an empty one unless the camera was found."""
+        if self._memory is None or location.found is not Found.POSE:
+            return Memory.empty(measurement.gray)
+        return self._mover.move(self._memory, location.T_now_before)
+
+    @timed
+    def _weigh(self, memory: Memory, measurement: Measurement) -> tuple[Verdict, Memory]:
+        return self._evidence.weigh(memory, measurement)
+
+    @timed
+    def _remember(self, frame: Frame, location: Location, memory: Memory) -> None:
+        """Go on from this frame; while it shows nothing to go by, wait for one that follows what is remembered."""
+        if location.found is Found.BLIND and self._blind_frames < self._config.hold_frames:
+            self._blind_frames += 1
+            return
+        self._blind_frames = 0
+        self._memory = memory
+        known = cv2.compare(memory.weight, 0, cv2.CMP_GT)
+        self._localisation.place(frame, np.asarray(cv2.bitwise_and(memory.disparity_px, memory.disparity_px, mask=known)))
+
+    @timed
+    def _fill(self, verdict: Verdict) -> FloatImage:
+        return self._filling.fill(verdict.disparity_px)
+
+    @timed
+    def _smooth(self, whole_px: FloatImage) -> FloatImage:
+        if self._config.smooth_size_px == 1:
+            return whole_px
+        return smoothed(whole_px, self._config.smooth_size_px, self._config.smooth_noise_px)
+
+    @timed
+    def _label(self, whole_px: FloatImage, verdict: Verdict) -> tuple[GrayImage, FloatImage]:
+        """Source and confidence; empties what is not to be filled, in place."""
+        if self._config.fill == "none":
+            whole_px[verdict.kind == Kind.NOTHING] = 0
+        source = np.asarray(cv2.LUT(verdict.kind, _SOURCES), np.uint8)
+        confidence = confidence_of(whole_px, verdict.kind, verdict.weight)
+        empty = whole_px <= 0
+        if empty.any():
+            source[empty] = Source.INVALID
+            confidence[empty] = 0
+        return source, confidence
+
+    @timed
+    def _enlarge(
+        self, weighed: Weighed, whole_px: FloatImage, source: GrayImage, confidence: FloatImage
+    ) -> tuple[FloatImage, GrayImage, FloatImage]:
+        """Depth, source and confidence of the size of the frame."""
+        if self._scale.step == 1:
+            return self._scale.depth(whole_px), source, confidence
+        size = weighed.full_px.shape[::-1]
+        return (
+            self._scale.depth(merged(weighed.full_px, whole_px, weighed.verdict.kind)),
+            enlarged(source, size),
+            enlarged(confidence, size),
+        )
+
+
+_SOURCES = np.zeros(256, np.uint8)
+_SOURCES[list(SOURCE_OF_KIND)] = list(SOURCE_OF_KIND.values())

@@ -1,0 +1,149 @@
+"""Holes filled by planes: moving least squares of first order in disparity, where planes are linear."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from ..model import Model
+from ..types import FloatImage
+from .scale import Scale
+
+Grid = npt.NDArray[np.float64]
+"""One number per cell, shape (rows, cols), or several, shape (N, rows, cols)."""
+
+N_MOMENTS = 10
+"""Weighted sums per cell: of 1, u, v, uu, uv, vv, D, uD, vD, DD."""
+POWERS = ((0, 0), (0, 1), (1, 0), (0, 2), (1, 1), (2, 0))
+"""Powers of v and of u in the first six of them."""
+
+
+class PlanesConfig(Model):
+    """How planes are fitted around holes."""
+
+    cell_px: int = Field(16, ge=4)
+    """Side of the finest cells, in pixels of the full image; smaller follows closer what is near a hole, and costs more."""
+    enough: float = Field(0.08, gt=0)
+    """Part of a cell's neighbourhood that must be measured for its own plane to count in full; what is missing is
+    taken from cells of twice the size, and so on."""
+    ridge: float = Field(0.003, gt=0)
+    """Pulls slopes to 0 against the spread of the data; more extends planes less far."""
+    below: float = Field(1.25, ge=0)
+    """A plane is not extended to farther than so many standard deviations of its data."""
+    above: float = Field(2.5, ge=0)
+    """Nor to nearer than so many."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Planes:
+    """The value in the middle of each cell [px], and how much was measured around it, 0..1."""
+
+    value_px: Grid
+    density: Grid
+
+
+class Planes:
+    """Extends what was measured into holes.
+
+    Every cell has the plane that fits the data in its neighbourhood best (three by three cells, by weight), at every
+    power of two of its size. The smallest size with enough data decides, and blends into the next.
+    """
+
+    def __init__(self, scale: Scale, config: PlanesConfig) -> None:
+        """For images of the memory's size."""
+        self._config = config
+        self._shape = shape = scale.shape
+        self._cell_px = cell = config.cell_px // scale.step
+        rows, cols = -(-shape[0] // cell), -(-shape[1] // cell)
+        self._padded = (rows * cell, cols * cell)
+        self._levels = max(1, int(np.log2(max(rows, cols))))
+        # Coordinates are in cells, from the middle of the image.
+        self._powers_v = _powers(rows, cell).swapaxes(1, 2)
+        self._powers_u = _powers(cols, cell)
+
+    def filled(self, disparity_px: FloatImage, weight: FloatImage) -> FloatImage:
+        """Planes through the data, in every pixel [px], shape (h, w).
+
+        Args:
+            disparity_px: Shape (h, w).
+            weight: Of each pixel, 0..1, shape (h, w), float32; 0 in holes.
+        """
+        pyramid = [self._moments(disparity_px, weight)]
+        for _ in range(self._levels):
+            pyramid.append(_halved(pyramid[-1]))
+        estimate: Grid | None = None
+        for level in range(self._levels, -1, -1):
+            planes = self._fitted(pyramid[level], level)
+            estimate = planes.value_px if estimate is None else _blended(planes, estimate)
+        assert estimate is not None
+        height, width = self._shape
+        size = self._padded[::-1]
+        values = cv2.resize(estimate.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
+        return np.ascontiguousarray(values[:height, :width])
+
+    def _moments(self, disparity_px: FloatImage, weight: FloatImage) -> Grid:
+        """Weighted sums per cell, shape (N_MOMENTS, rows, cols)."""
+        weighted = weight * disparity_px
+        plain, first, second = self._sums(weight, 6), self._sums(weighted, 3), self._sums(weighted * disparity_px, 1)
+        return np.concatenate([plain, first, second]).astype(np.float64)
+
+    def _sums(self, image: FloatImage, n: int) -> npt.NDArray[np.float32]:
+        """Sums per cell of the image times 1, u, v, uu, uv, vv: the first n of them, shape (n, rows, cols)."""
+        rows, cell, cols = len(self._powers_v), self._cell_px, len(self._powers_u)
+        padded = np.zeros(self._padded, np.float32)
+        padded[: self._shape[0], : self._shape[1]] = image
+        down = np.matmul(self._powers_v, padded.reshape(rows, cell, -1)).reshape(rows * 3, cols, cell)
+        sums = np.einsum("rck,cki->rci", down, self._powers_u, optimize=True).reshape(rows, 3, cols, 3)
+        return np.stack([sums[:, of_v, :, of_u] for of_v, of_u in POWERS[:n]])
+
+    def _fitted(self, moments: Grid, level: int) -> _Planes:
+        """The plane of each cell, in its middle."""
+        config, size = self._config, 2.0**level
+        n, u, v, uu, uv, vv, d, ud, vd, dd = _neighbourhood(moments)
+        density = n / (self._cell_px * size) ** 2
+        n = np.maximum(n, 1e-9)
+        u, v, d = u / n, v / n, d / n
+        uu, uv, vv = uu / n - u * u, uv / n - u * v, vv / n - v * v
+        ud, vd = ud / n - u * d, vd / n - v * d
+        ridge = config.ridge * size**2
+        uu, vv = uu + ridge, vv + ridge
+        determinant = uu * vv - uv * uv
+        slope_u, slope_v = (vv * ud - uv * vd) / determinant, (uu * vd - uv * ud) / determinant
+        middle_v = (np.arange(n.shape[0])[:, None] + 0.5) * size - self._padded[0] / self._cell_px / 2
+        middle_u = (np.arange(n.shape[1])[None] + 0.5) * size - self._padded[1] / self._cell_px / 2
+        value = d + slope_u * (middle_u - u) + slope_v * (middle_v - v)
+        spread = np.sqrt(np.maximum(dd / n - d * d, 0))
+        value = np.clip(value, d - config.below * spread, d + config.above * spread)
+        return _Planes(value_px=value, density=np.minimum(density / config.enough, 1))
+
+
+def _powers(cells: int, cell_px: int) -> npt.NDArray[np.float32]:
+    """1, x and x squared of the pixels along one side, in cells from the middle, shape (cells, cell_px, 3)."""
+    x = (np.arange(cells * cell_px) + 0.5) / cell_px - cells / 2
+    return np.stack([x**0, x, x**2], 1).reshape(cells, cell_px, 3).astype(np.float32)
+
+
+def _neighbourhood(moments: Grid) -> Grid:
+    """Sums over three by three cells, the outer ones for less; their weights add up to 1."""
+    padded = np.pad(moments, ((0, 0), (1, 1), (1, 1)))
+    rows = 0.25 * (padded[:, :-2] + padded[:, 2:]) + 0.5 * padded[:, 1:-1]
+    around: Grid = 0.25 * (rows[:, :, :-2] + rows[:, :, 2:]) + 0.5 * rows[:, :, 1:-1]
+    return around
+
+
+def _halved(moments: Grid) -> Grid:
+    """Sums of two by two cells."""
+    _, rows, cols = moments.shape
+    padded = np.pad(moments, ((0, 0), (0, rows % 2), (0, cols % 2)))
+    halved: Grid = padded[:, ::2, ::2] + padded[:, 1::2, ::2] + padded[:, ::2, 1::2] + padded[:, 1::2, 1::2]
+    return halved
+
+
+def _blended(fine: _Planes, coarse_px: Grid) -> Grid:
+    """The fine planes as far as there are data for them, else the coarse ones."""
+    rows, cols = fine.value_px.shape
+    coarse = cv2.resize(coarse_px, (2 * coarse_px.shape[1], 2 * coarse_px.shape[0]), interpolation=cv2.INTER_LINEAR)
+    blended: Grid = fine.density * fine.value_px + (1 - fine.density) * coarse[:rows, :cols]
+    return blended
