@@ -26,8 +26,8 @@ from scenarios.errors import ScenarioError
 from sim.testing import noisy_sequence
 from tests.helpers import CAMERA
 from tests.integration.test_cli import voxdepth
-from voxdepth.config import VoxDepthConfig
 from voxdepth.datasets import open_dataset
+from voxdepth.paper_config import PaperConfig
 from voxdepth.types import CorrectedDepth, FloatImage, GrayImage, Phase, Registration, RegistrationStatus
 
 N_IMAGES = 5
@@ -173,7 +173,7 @@ def test_throughput_is_frames_over_the_time_of_the_whole_run(monkeypatch: pytest
     clock = iter([10.0, 12.0])
     monkeypatch.setattr(throughput, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
     dataset: Any = SimpleNamespace(intrinsics=CAMERA)
-    run = measure_run("stubbed", lambda corrector, frames: [0.1, 0.2, 0.3], dataset, VoxDepthConfig())
+    run = measure_run("stubbed", lambda corrector, frames: [0.1, 0.2, 0.3], dataset, PaperConfig())
     assert (run.frames, run.frames_per_s, run.windows) == (3, 1.5, 0)
     assert run.latency.p50_ms == pytest.approx(200)
 
@@ -182,8 +182,8 @@ def test_every_way_of_running_corrects_every_frame_and_says_how_many_windows_it_
     runs = compare_runs(clip, 24)
     assert [(run.way, run.lag) for run in runs] == [
         ("one by one", 0),
-        ("one by one", VoxDepthConfig().fusion_lag_frames),
-        ("pipelined", VoxDepthConfig().fusion_lag_frames),
+        ("one by one", PaperConfig().fusion_lag_frames),
+        ("pipelined", PaperConfig().fusion_lag_frames),
         ("pipelined", "ready"),
     ]
     assert {run.frames for run in runs} == {24}

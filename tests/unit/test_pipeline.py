@@ -27,13 +27,13 @@ from tests.fakes import (
     pipeline_threads,
 )
 from voxdepth import VoxDepth, create_corrector
-from voxdepth.config import VoxDepthConfig
 from voxdepth.errors import ConfigError, DatasetError, FrameError, PipelineError
+from voxdepth.paper_config import PaperConfig
 from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Phase, Source
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=90, hfov_deg=86, baseline_m=0.095)
-SHORT_EPOCHS = VoxDepthConfig.paper().model_copy(
+SHORT_EPOCHS = PaperConfig().model_copy(
     update={"window_frames": 3, "max_epoch_frames": 2, "fusion_lag_frames": 2}
 )
 
