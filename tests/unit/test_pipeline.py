@@ -104,6 +104,17 @@ def test_it_gives_the_images_of_the_corrector_alone(
         require_equal(got, want)
 
 
+@pytest.mark.parametrize("queue_size", [1, 4])
+def test_it_gives_the_images_of_the_default_corrector_alone(queue_size: int) -> None:
+    stream, alone = walk(40, CAMERA), VoxDepth(CAMERA)
+    expected = [alone.process(f) for f in stream]
+    assert {one.phase for one in expected[1:]} == {Phase.CORRECTING}
+    piped = list(CorrectionPipeline(VoxDepth(CAMERA), stream, queue_size=queue_size))
+    assert [f for f, _ in piped] == stream
+    for (_, got), want in zip(piped, expected, strict=True):
+        require_equal(got, want)
+
+
 def test_it_gives_the_images_of_a_corrector_without_halves() -> None:
     stream, alone = walk(16, CAMERA), create_corrector("raw", CAMERA)
     piped = list(CorrectionPipeline(create_corrector("raw", CAMERA), stream))
