@@ -6,7 +6,7 @@ import pytest
 
 from voxdepth import Frame, Intrinsics, PaperConfig, Source, VoxDepth, create_corrector
 from voxdepth.combine import CombineConfig
-from voxdepth.errors import ConfigError, FrameError
+from voxdepth.errors import ConfigError
 from voxdepth.types import EpochEnd, Phase, RegistrationStatus
 
 CAMERA = Intrinsics.from_hfov(width_px=320, height_px=180, hfov_deg=86)
