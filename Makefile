@@ -19,7 +19,7 @@ $(READY): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,dev]'
 	@touch $@
 
-demo: setup      ## fly the city with the paper's corrector
+demo: setup      ## fly the city by corrected depth
 	$(BIN)/voxdepth run city
 
 test: setup      ## lint and run all tests
@@ -34,6 +34,7 @@ fast: setup      ## run the tests that answer within two minutes
 regress: setup   ## compare the shipped correctors with their golden figures on synthetic noise
 	$(BIN)/voxdepth regress --corrector raw
 	$(BIN)/voxdepth regress --corrector paper
+	$(BIN)/voxdepth regress --corrector voxdepth
 
 bench: setup     ## measure and print speeds
 	$(BIN)/voxdepth bench

@@ -12,7 +12,7 @@ from sim.sensor import RigConfig
 from sim.tiers import DepthTierName
 from swarm.mission import MissionConfig
 from voxdepth.model import Model
-from voxdepth.registry import require_known
+from voxdepth.registry import DEFAULT, require_known
 
 from .files import load, shipped_names
 
@@ -44,7 +44,7 @@ class Scenario(Model):
     mission: MissionConfig = MissionConfig()
     rig: RigConfig = RigConfig()
     airframe: AirframeConfig = AirframeConfig()
-    corrector: str = "paper"
+    corrector: str = DEFAULT
     """Name of the depth corrector of every drone."""
     renderer: RendererName = "raycast"
     recording: RecordingConfig = RecordingConfig()

@@ -1,8 +1,8 @@
-"""Depth correction for stereo cameras: holes filled from a fused voxel cloud, flicker removed.
+"""Depth correction for stereo cameras: holes filled from what was seen before, flicker and outliers removed.
 
 from voxdepth import Frame, Intrinsics, VoxDepth
 
-corrector = VoxDepth(Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=86))
+corrector = VoxDepth(Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=86, baseline_m=0.095))
 corrected = corrector.process(Frame.from_millimetres(stamp_s=0.0, gray=gray, depth_mm=depth_mm))
 """
 
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .config import VoxDepthConfig
     from .corrector import VoxDepth
+    from .paper_config import PaperConfig
     from .pipeline import CorrectionPipeline
     from .registry import create_corrector
     from .types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source
@@ -21,6 +22,7 @@ __all__ = [
     "DepthCorrector",
     "Frame",
     "Intrinsics",
+    "PaperConfig",
     "Source",
     "VoxDepth",
     "VoxDepthConfig",
@@ -30,6 +32,7 @@ __all__ = [
 _HOMES = {
     "VoxDepth": "corrector",
     "VoxDepthConfig": "config",
+    "PaperConfig": "paper_config",
     "create_corrector": "registry",
     "CorrectionPipeline": "pipeline",
     "CorrectedDepth": "types",

@@ -1,74 +1,53 @@
-"""VoxDepth: the two-state depth corrector."""
+"""VoxDepth: the corrector of a stream of frames, by one of two methods."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Protocol
 
-import cv2
 import numpy as np
 
 from .checks import require_size
 from .config import VoxDepthConfig
-from .epochs import Epochs
 from .errors import ConfigError, FrameError
-from .fusion import Fusion
-from .motion import MOTION_MODELS
-from .odometry import PhotometricOdometry, PriorsFirst
-from .registration import Features, OrbRegistration
-from .steps import create_steps
-from .template import Template
-from .timing import collected_times, timed
-from .types import (
-    CorrectedDepth,
-    EpochEnd,
-    FloatImage,
-    Frame,
-    GrayImage,
-    Intrinsics,
-    Phase,
-    Registration,
-    RegistrationStatus,
-    Source,
-)
-
-CONFIDENCES = {Source.INVALID: 0.0, Source.SENSOR: 1.0, Source.TEMPLATE: 0.5, Source.INPAINTED: 0.5}
-"""Confidence of a pixel by its source. Not calibrated: the paper has none."""
-AFTER_FILTER = {
-    Source.INVALID: Source.INPAINTED,
-    Source.SENSOR: Source.SENSOR,
-    Source.TEMPLATE: Source.TEMPLATE,
-}
-"""Source of a pixel that has a depth after the median filter, by its source before."""
-FILLED = 4
-"""Added to the label of a pixel that has a depth."""
+from .paper_config import PaperConfig
+from .paper_method import PaperMethod
+from .rigid.method import RigidMethod
+from .types import CorrectedDepth, Frame, Intrinsics
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Aligned:
-    """A frame with all that is needed to correct it: the result of the first half of the work on it."""
+class Method(Protocol):
+    """What `VoxDepth` does to frames that it has checked."""
 
-    frame: Frame
-    template: Template | None
-    """The template that was in force; None before the first."""
-    registration: Registration
-    phase: Phase
-    epoch_end: EpochEnd | None
-    timings_s: Mapping[str, float]
+    def align(self, frame: Frame) -> Any:
+        """All that depends on earlier frames."""
+        ...
+
+    def combine(self, aligned: Any) -> CorrectedDepth:
+        """The rest, from what `align` returned alone."""
+        ...
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        ...
+
+    def close(self) -> None:
+        """Wait for what runs beside the calls."""
+        ...
+
+
+METHODS: dict[type, Callable[[Intrinsics, Any], Method]] = {VoxDepthConfig: RigidMethod, PaperConfig: PaperMethod}
+"""The methods by the type of their configuration."""
 
 
 class VoxDepth:
-    """Corrects a stream of frames by a template that is fused anew in every epoch.
-
-    An epoch fuses `window_frames` frames into one voxel cloud, projects it to a dense template, and then corrects
-    frame after frame with the registered template until that no longer fits. While a window fills, the previous
-    template serves. Frames must come in order and from one camera.
+    """Corrects the depth of a stream of frames, which must come in order and from one camera.
 
     `process` does it all. `CorrectionPipeline` runs the two halves, `align` and `combine`, side by side for
     successive frames.
 
     Args:
-        intrinsics: Of the camera; every frame must have its shape.
-        config: Defaults to `VoxDepthConfig()`.
+        intrinsics: Of the camera; every frame must have its shape. A stereo camera should name its baseline: the
+            default method works in disparity, and without one it assumes that of a small camera.
+        config: Its type decides on the method: `VoxDepthConfig()` is the default, `VoxDepthConfig.paper()` the paper's.
 
     Raises:
         ConfigError: An argument is of another type, or the configuration names a device that is not there.
@@ -76,36 +55,29 @@ class VoxDepth:
 
     uses_gray = True
 
-    def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig | None = None) -> None:
-        config = config or VoxDepthConfig()
-        if not (isinstance(intrinsics, Intrinsics) and isinstance(config, VoxDepthConfig)):
+    def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig | PaperConfig | None = None) -> None:
+        config = VoxDepthConfig() if config is None else config
+        if not isinstance(intrinsics, Intrinsics) or type(config) not in METHODS:
             given = f"{type(intrinsics).__name__} and {type(config).__name__}"
-            raise ConfigError(f"VoxDepth needs Intrinsics and perhaps a VoxDepthConfig, got {given}")
+            choice = " or a ".join(kind.__name__ for kind in METHODS)
+            raise ConfigError(f"VoxDepth needs Intrinsics and perhaps a {choice}, got {given}")
         self._intrinsics = intrinsics
-        self._steps = create_steps(config.device, intrinsics, config)
-        self._registration = OrbRegistration(config.registration, intrinsics.shape)
-        odometry = PriorsFirst(PhotometricOdometry(intrinsics, config.odometry), config.odometry)
-        fusion = Fusion(self._steps, odometry, MOTION_MODELS[config.motion])
-        self._epochs = Epochs(
-            fusion.fuse,
-            self._registration.follows,
-            window_frames=config.window_frames,
-            max_epoch_frames=config.max_epoch_frames,
-            lag=config.fusion_lag_frames,
-        )
+        self._method = METHODS[type(config)](intrinsics, config)
         self._last_stamp_s = -np.inf
+        self._closed = False
 
     def reset(self) -> None:
-        """Forget template, window and time; the next frame starts a new epoch."""
-        self._epochs.reset()
+        """Forget all frames and the time; the next frame is the first."""
+        self._method.reset()
         self._last_stamp_s = -np.inf
 
     def close(self) -> None:
-        """Wait for a fusion that is under way, and take no more frames.
+        """Wait for work that is under way beside the calls, and take no more frames.
 
-        Needed by no one but those who want its thread to be gone at once: otherwise it goes with the corrector.
+        Needed by no one but those who want its threads to be gone at once: otherwise they go with the corrector.
         """
-        self._epochs.close()
+        self._closed = True
+        self._method.close()
 
     def process(self, frame: Frame) -> CorrectedDepth:
         """Correct one frame.
@@ -116,92 +88,25 @@ class VoxDepth:
         """
         return self.combine(self.align(frame))
 
-    def align(self, frame: Frame) -> Aligned:
-        """The first half: find the template that serves this frame, and where it is. Holds all state.
+    def align(self, frame: Frame) -> Any:
+        """The first half, which holds all state. What it returns is for `combine` alone.
 
         Raises:
             FrameError: As in `process`.
         """
         self._check(frame)
-        timings_s: dict[str, float] = {}
-        with collected_times(timings_s):
-            features = self._describe(frame)
-            template = self._take_template(frame, features)
-            registration = self._register(template, features)
-            epoch_end = self._epochs.end(frame, features, registration)
-        return Aligned(
-            frame=frame,
-            template=template,
-            registration=registration,
-            phase=self._epochs.phase(registration),
-            epoch_end=epoch_end,
-            timings_s=timings_s,
-        )
+        return self._method.align(frame)
 
-    def combine(self, aligned: Aligned) -> CorrectedDepth:
-        """The second half: correct the aligned frame. Depends on nothing else."""
-        timings_s = dict(aligned.timings_s)
-        with collected_times(timings_s):
-            raw = self._steps.upload(aligned.frame.depth_m)
-            template = self._warp(aligned)
-            depth, source = self._merge(raw, template)
-            depth = self._filter(depth)
-            depth_m, source, confidence = self._label(depth, source)
-        return CorrectedDepth(
-            depth_m=depth_m,
-            source=source,
-            confidence=confidence,
-            phase=aligned.phase,
-            registration=aligned.registration,
-            epoch_end=aligned.epoch_end,
-            timings_s=timings_s,
-        )
+    def combine(self, aligned: Any) -> CorrectedDepth:
+        """The second half. Depends on nothing but what `align` returned, and may run beside it."""
+        return self._method.combine(aligned)
 
     def _check(self, frame: Frame) -> None:
+        if self._closed:
+            raise FrameError("this corrector is closed: make a new one for more frames")
         if not isinstance(frame, Frame):
             raise FrameError(f"expected a Frame, got {type(frame).__name__}")
         require_size(frame, self._intrinsics)
         if not frame.stamp_s > self._last_stamp_s:
             raise FrameError(f"time must increase: a frame at {frame.stamp_s} s follows one at {self._last_stamp_s} s")
         self._last_stamp_s = frame.stamp_s
-
-    @timed
-    def _describe(self, frame: Frame) -> Features:
-        return self._registration.describe(frame.gray)
-
-    @timed
-    def _take_template(self, frame: Frame, features: Features) -> Template | None:
-        return self._epochs.begin(frame, features)
-
-    @timed
-    def _register(self, template: Template | None, features: Features) -> Registration:
-        if template is None:
-            return Registration.identity(RegistrationStatus.NOT_TRIED)
-        return self._registration.register(template.features, features)
-
-    @timed
-    def _warp(self, aligned: Aligned) -> Any | None:
-        """The template in the pixels of the frame. Always from the original: repeated warps would mix edges."""
-        if aligned.template is None or not aligned.registration.ok:
-            return None
-        return self._steps.warp(aligned.template.depth, aligned.registration.M_frame_template)
-
-    @timed
-    def _merge(self, raw: Any, template: Any | None) -> tuple[Any, Any]:
-        return self._steps.unchanged(raw) if template is None else self._steps.combine(raw, template)
-
-    @timed
-    def _filter(self, depth: Any) -> Any:
-        return self._steps.filter(depth)
-
-    @timed
-    def _label(self, depth: Any, source: Any) -> tuple[FloatImage, GrayImage, FloatImage]:
-        """Depth, source and confidence as NumPy arrays, after the median has emptied some pixels and filled others."""
-        depth_m, source_before = self._steps.download(depth, source)
-        label = source_before + np.uint8(FILLED) * (depth_m > 0)
-        return depth_m, cv2.LUT(label, _SOURCES), cv2.LUT(label, _CONFIDENCES)  # type: ignore[return-value]
-
-
-_SOURCES = np.zeros(256, np.uint8)
-_SOURCES[FILLED:][list(AFTER_FILTER)] = list(AFTER_FILTER.values())
-_CONFIDENCES = np.array([CONFIDENCES[Source(int(source))] for source in _SOURCES], np.float32)

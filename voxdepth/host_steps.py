@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from .combine import combine
-from .config import VoxDepthConfig
+from .paper_config import PaperConfig
 from .projection import project_voxels
 from .types import FloatArray, FloatImage, GrayImage, Intrinsics
 from .voxels import VoxelGrid
@@ -16,7 +16,7 @@ class HostSteps:
     A warped template, and what is combined into it, lasts until the next one is warped.
     """
 
-    def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig) -> None:
+    def __init__(self, intrinsics: Intrinsics, config: PaperConfig) -> None:
         self._intrinsics = intrinsics
         self._config = config
         self._grid = VoxelGrid(config.voxels)

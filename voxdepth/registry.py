@@ -13,9 +13,18 @@ from .types import DepthCorrector, Intrinsics
 
 if TYPE_CHECKING:
     from .config import VoxDepthConfig
+    from .paper_config import PaperConfig
     from .peers.realsense_holes import HoleFillName
 
-__all__ = ["CORRECTOR_NAMES", "ENTRY_POINTS", "config_of", "corrector_names", "create_corrector", "require_known"]
+__all__ = [
+    "CORRECTOR_NAMES",
+    "DEFAULT",
+    "ENTRY_POINTS",
+    "config_of",
+    "corrector_names",
+    "create_corrector",
+    "require_known",
+]
 
 ENTRY_POINTS = "voxdepth.correctors"
 """Group of the entry points by which other distributions add correctors."""
@@ -115,10 +124,27 @@ _PEERS: dict[str, Factory] = {
     "navier-stokes": _navier_stokes,
     "global-smoother": _global_smoother,
 }
-PAPER = "paper"
-"""The one corrector that takes a configuration."""
 
-CORRECTOR_NAMES = (*_PEERS, PAPER)
+
+def _default_config() -> "VoxDepthConfig":
+    from .config import VoxDepthConfig
+
+    return VoxDepthConfig()
+
+
+def _paper_config() -> "PaperConfig":
+    from .config import VoxDepthConfig
+
+    return VoxDepthConfig.paper()
+
+
+DEFAULT, PAPER = "voxdepth", "paper"
+"""The two methods of `VoxDepth`: the one that is used unless another is named, and the paper's."""
+
+_CONFIGS: "dict[str, Callable[[], VoxDepthConfig | PaperConfig]]" = {PAPER: _paper_config, DEFAULT: _default_config}
+"""The correctors that take a configuration, with their own."""
+
+CORRECTOR_NAMES = (*_PEERS, *_CONFIGS)
 """The correctors that come with this library."""
 
 
@@ -128,40 +154,57 @@ def corrector_names() -> tuple[str, ...]:
     return (*CORRECTOR_NAMES, *sorted(others.difference(CORRECTOR_NAMES)))
 
 
-def config_of(name: str) -> "VoxDepthConfig | None":
+def config_of(name: str) -> "VoxDepthConfig | PaperConfig | None":
     """The configuration that belongs to the name of a corrector; None for one that has none.
 
     Raises:
         ConfigError: No corrector has that name.
     """
-    from .config import VoxDepthConfig
-
     require_known(name)
-    return VoxDepthConfig.paper() if name == PAPER else None
+    return _CONFIGS[name]() if name in _CONFIGS else None
 
 
-def create_corrector(name: str, intrinsics: Intrinsics, config: "VoxDepthConfig | None" = None) -> DepthCorrector:
+def create_corrector(
+    name: str, intrinsics: Intrinsics, config: "VoxDepthConfig | PaperConfig | None" = None
+) -> DepthCorrector:
     """A new corrector of that name for one camera.
 
     Args:
         name: One of `corrector_names()`.
         intrinsics: Of the camera.
-        config: Instead of the one that belongs to the name.
+        config: Instead of the one that belongs to the name, and of the same type.
 
     Raises:
-        ConfigError: No corrector has that name, the one that has it takes no configuration or needs a camera with a
-            baseline, or it is another distribution's and cannot be loaded.
+        ConfigError: No corrector has that name, the one that has it takes no configuration or another one, or needs a
+            camera with a baseline, or it is another distribution's and cannot be loaded.
     """
-    require_known(name)
-    if name == PAPER:
-        from .config import VoxDepthConfig
-        from .corrector import VoxDepth
-
-        return VoxDepth(intrinsics, config or VoxDepthConfig.paper())
+    own = config_of(name)
+    if own is not None:
+        return _configured(name, intrinsics, own, config)
     if config is not None:
-        raise ConfigError(f"the corrector {name!r} takes no configuration; leave it out, or choose {PAPER!r}")
+        raise ConfigError(
+            f"the corrector {name!r} takes no configuration; leave it out, or choose one of: {', '.join(_CONFIGS)}"
+        )
     make = _PEERS[name] if name in _PEERS else _loaded(name)
     return make(intrinsics)
+
+
+def _configured(
+    name: str,
+    intrinsics: Intrinsics,
+    own: "VoxDepthConfig | PaperConfig",
+    given: "VoxDepthConfig | PaperConfig | None",
+) -> DepthCorrector:
+    """The corrector with a configuration of its own type; with its own one if none is given."""
+    from .corrector import VoxDepth
+
+    config = own if given is None else given
+    if type(config) is not type(own):
+        raise ConfigError(
+            f"the corrector {name!r} takes a {type(own).__name__}, got {type(config).__name__}; give one, or choose "
+            "another corrector"
+        )
+    return VoxDepth(intrinsics, config)
 
 
 def require_known(name: str) -> None:

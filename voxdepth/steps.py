@@ -2,8 +2,8 @@
 
 from typing import Any, Protocol
 
-from .config import DeviceName, VoxDepthConfig
 from .errors import ConfigError
+from .paper_config import DeviceName, PaperConfig
 from .types import FloatArray, FloatImage, GrayImage, Intrinsics
 
 
@@ -51,7 +51,7 @@ class ImageSteps(Protocol):
         ...
 
 
-def create_steps(device: DeviceName, intrinsics: Intrinsics, config: VoxDepthConfig) -> ImageSteps:
+def create_steps(device: DeviceName, intrinsics: Intrinsics, config: PaperConfig) -> ImageSteps:
     """The steps on a device.
 
     Raises:

@@ -284,7 +284,8 @@ class Registration:
     """Alignment of the template with a frame; failure is a value, not an exception."""
 
     M_frame_template: FloatArray
-    """Affine map from template pixels to frame pixels, shape (2, 3); the identity where `T_frame_before` stands for it."""
+    """Affine map from template pixels to frame pixels, shape (2, 3); the identity where `T_frame_before` stands for
+    it."""
     n_matches: int
     """Number of good feature matches."""
     n_inliers: int

@@ -7,16 +7,16 @@ import warp as wp
 
 from . import image_kernels, kernels
 from .combine import factors
-from .config import VoxDepthConfig
 from .geometry import RayMap
 from .inpainting import Dilation
+from .paper_config import PaperConfig
 from .types import FloatArray, FloatImage, GrayImage, Intrinsics
 
 
 class WarpSteps:
     """`ImageSteps` on Warp arrays. It also runs on `cpu`, several times slower than `HostSteps`, to be tested there."""
 
-    def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig, *, device: str) -> None:
+    def __init__(self, intrinsics: Intrinsics, config: PaperConfig, *, device: str) -> None:
         for module in (kernels, image_kernels):
             wp.load_module(module, device=device)
         self._intrinsics = intrinsics

@@ -1,1 +1,1 @@
-"""How fast the corrector is on this machine, part by part: measured and printed, never judged."""
+"""How fast the correctors are on this machine, part by part: measured and printed, never judged."""

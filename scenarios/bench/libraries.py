@@ -1,4 +1,4 @@
-"""Which library does a step of the image work faster."""
+"""Which library does a step of the paper's image work faster."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import warp as wp
 
-from voxdepth.config import VoxDepthConfig
 from voxdepth.host_steps import HostSteps
+from voxdepth.paper_config import PaperConfig
 from voxdepth.steps import ImageSteps
 from voxdepth.warp_steps import WarpSteps
 
@@ -32,7 +32,7 @@ PATIENCE_S = 1.0
 def compare_libraries(clip: Clip) -> dict[str, dict[str, Spread]]:
     """Times of every step, by the library that does it and, for Warp, its device."""
     cv2.setNumThreads(1)
-    config = VoxDepthConfig()
+    config = PaperConfig()
     measured = {HOST: measure_steps(HostSteps(clip.intrinsics, config), clip)}
     for device in ("cpu", "cuda") if wp.is_cuda_available() else ("cpu",):
         measured[f"Warp, {device}"] = measure_steps(WarpSteps(clip.intrinsics, config, device=device), clip)

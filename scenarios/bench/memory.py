@@ -11,6 +11,7 @@ import numpy as np
 from voxdepth.config import VoxDepthConfig
 from voxdepth.corrector import VoxDepth
 from voxdepth.model import Model
+from voxdepth.paper_config import PaperConfig
 from voxdepth.types import Intrinsics
 
 from .clip import Clip
@@ -21,14 +22,17 @@ RESET_PEAK = "5"
 N_DISTINCT = 6
 """Frames that are kept, to be played again and again."""
 N_FRAMES = 80
-"""How many are corrected: two windows are fused."""
+"""How many are corrected: the paper's method fuses two windows of them."""
 TINY_PX = (64, 48)
+CONFIGS: dict[str, VoxDepthConfig | PaperConfig] = {"voxdepth": VoxDepthConfig(), "paper": VoxDepthConfig.paper()}
+"""The correctors that are measured, by name."""
 GRAYS, DEPTHS = "grays.npy", "depths_m.npy"
 
 
 class Memory(Model):
     """Memory of a process that corrects frames of one size, in MB (10^6 bytes)."""
 
+    corrector: str
     size: str
     libraries_mb: float
     """Resident after everything was imported and tiny images were corrected."""
@@ -38,8 +42,8 @@ class Memory(Model):
     """What came on top of both, at its peak."""
 
 
-def measure_memory(clip: Clip) -> Memory | None:
-    """Memory for frames of a clip; None where the system does not tell."""
+def measure_memory(corrector: str, clip: Clip) -> Memory | None:
+    """Memory of one of `CONFIGS` for frames of a clip; None where the system does not tell."""
     if not STATUS.exists():
         return None
     with TemporaryDirectory(prefix="voxdepth-bench-") as folder:
@@ -47,22 +51,24 @@ def measure_memory(clip: Clip) -> Memory | None:
         np.save(Path(folder) / GRAYS, np.stack(kept.grays))
         np.save(Path(folder) / DEPTHS, np.stack(kept.depths_m))
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-            return pool.submit(memory_here, Path(folder), clip.intrinsics).result()
+            return pool.submit(memory_here, corrector, Path(folder), clip.intrinsics).result()
 
 
-def memory_here(folder: Path, intrinsics: Intrinsics) -> Memory:
+def memory_here(corrector: str, folder: Path, intrinsics: Intrinsics) -> Memory:
     """The same within this process, which should be new, for the frames that were saved to a folder."""
     from ..quiet import import_noisy_libraries
 
     import_noisy_libraries()
-    correct(blank(*TINY_PX))
+    config = CONFIGS[corrector]
+    correct(blank(*TINY_PX), config)
     gc.collect()
     reset_peak()
     libraries_mb = resident_mb("VmRSS")
     clip = Clip(intrinsics=intrinsics, grays=tuple(np.load(folder / GRAYS)), depths_m=tuple(np.load(folder / DEPTHS)))
-    correct(clip)
+    correct(clip, config)
     frames_mb = clip.n_bytes / 1e6
     return Memory(
+        corrector=corrector,
         size=clip.size,
         libraries_mb=libraries_mb,
         frames_mb=frames_mb,
@@ -77,9 +83,9 @@ def blank(width_px: int, height_px: int) -> Clip:
     return Clip(intrinsics=intrinsics, grays=(gray, gray), depths_m=(depth_m, depth_m))
 
 
-def correct(clip: Clip) -> None:
+def correct(clip: Clip, config: VoxDepthConfig | PaperConfig) -> None:
     """Play a clip through a new corrector, and keep nothing."""
-    corrector = VoxDepth(clip.intrinsics, VoxDepthConfig())
+    corrector = VoxDepth(clip.intrinsics, config)
     for frame in clip.play(N_FRAMES):
         corrector.process(frame)
     corrector.close()

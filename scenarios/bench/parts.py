@@ -1,13 +1,13 @@
-"""How long each part of the corrector takes on one core."""
+"""How long each part of the paper's corrector takes on one core."""
 
 import time
 from collections.abc import Mapping, Sequence
 
 import cv2
 
-from voxdepth.config import VoxDepthConfig
 from voxdepth.corrector import VoxDepth
 from voxdepth.model import Model
+from voxdepth.paper_config import PaperConfig
 from voxdepth.types import CorrectedDepth, Phase
 
 from ..errors import ScenarioError
@@ -21,12 +21,12 @@ AROUND = ("label",)
 """What is done to every frame besides."""
 FUSION = ("place", "voxelise", "project", "inpaint")
 """The steps of a fusion."""
-CONFIG = VoxDepthConfig(max_epoch_frames=20, fusion_lag_frames=0)
+CONFIG = PaperConfig(max_epoch_frames=20, fusion_lag_frames=0)
 """Nothing runs beside what is measured; epochs are short, so that a window is fused every 29 frames."""
 
 
 class Parts(Model):
-    """Times of the corrector's parts on frames of one size."""
+    """Times of the parts of the paper's corrector on frames of one size."""
 
     size: str
     pixels: int

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from rich.console import Console
 from rich.table import Table
 
+from .default import DefaultParts
 from .libraries import STEPS, fastest
 from .machine import Machine
 from .memory import Memory
@@ -20,6 +21,8 @@ REGISTERING = {"describe": "registration, describe", "register": "registration, 
 def print_figures(console: Console, figures: Figures) -> None:
     """All that there is."""
     _print_machine(console, figures.machine)
+    for default in figures.default:
+        _print_default(console, default)
     _print_parts(console, figures.parts)
     _print_libraries(console, figures.libraries, figures.parts.size)
     if figures.sizes:
@@ -39,8 +42,18 @@ def _print_machine(console: Console, machine: Machine) -> None:
     console.print(f"versions: {versions}", soft_wrap=True, highlight=False)
 
 
+def _print_default(console: Console, default: DefaultParts) -> None:
+    table = _table(f"voxdepth, {default.size}, one core", "p50", "p95", "p99", "max")
+    for step, spread in default.steps.items():
+        table.add_row(f"  {step}", *_times(spread))
+    table.add_row("[bold]frame[/bold]", *_times(default.frame))
+    console.print(table)
+    found = default.frame.n - default.lost_frames
+    console.print(f"{default.frame.n} frames were measured; in {found} the camera was found", highlight=False)
+
+
 def _print_parts(console: Console, parts: Parts) -> None:
-    table = _table(f"{parts.size}, one core", "p50", "p95", "max")
+    table = _table(f"paper, {parts.size}, one core", "p50", "p95", "p99", "max")
     for step, spread in parts.steps.items():
         table.add_row(f"  {REGISTERING.get(step, step)}", *_times(spread))
         if step == "filter":
@@ -54,7 +67,7 @@ def _print_parts(console: Console, parts: Parts) -> None:
 
 
 def _print_libraries(console: Console, libraries: Mapping[str, Mapping[str, Spread]], size: str) -> None:
-    table = _table(f"{size}, median of a step by library", *libraries, "fastest")
+    table = _table(f"paper, {size}, median of a step by library", *libraries, "fastest")
     for step in STEPS:
         medians = [f"{measured[step].p50_ms:.2f} ms" for measured in libraries.values()]
         table.add_row(step, *medians, fastest(libraries, step))
@@ -64,7 +77,7 @@ def _print_libraries(console: Console, libraries: Mapping[str, Mapping[str, Spre
 def _print_sizes(console: Console, sizes: Sequence[Parts]) -> None:
     pixels, times_ms = [parts.pixels for parts in sizes], [parts.state.p50_ms for parts in sizes]
     start_ms, pixel_ns = line_through(pixels, times_ms)
-    table = _table("medians by image size", "state", "per pixel", "line", "fusion")
+    table = _table("paper, medians by image size", "state", "per pixel", "line", "fusion")
     for parts in sizes:
         table.add_row(
             parts.size,
@@ -78,7 +91,7 @@ def _print_sizes(console: Console, sizes: Sequence[Parts]) -> None:
 
 
 def _print_throughput(console: Console, runs: Sequence[Throughput], size: str) -> None:
-    title = f"{runs[0].frames} frames of {size} from files"
+    title = f"paper, {runs[0].frames} frames of {size} from files"
     table = _table(title, "lag", "frames/s", "ratio", "p50", "p99", "max", "fused")
     for run in runs:
         table.add_row(
@@ -97,7 +110,7 @@ def _print_memory(console: Console, memory: Sequence[Memory]) -> None:
     table = _table("resident memory", "libraries", "frames kept", "correcting, at the peak")
     for found in memory:
         figures_mb = (found.libraries_mb, found.frames_mb, found.correcting_mb)
-        table.add_row(found.size, *(f"{figure_mb:.0f} MB" for figure_mb in figures_mb))
+        table.add_row(f"{found.corrector}, {found.size}", *(f"{figure_mb:.0f} MB" for figure_mb in figures_mb))
     console.print(table)
 
 
@@ -110,4 +123,4 @@ def _table(title: str, *headings: str) -> Table:
 
 
 def _times(spread: Spread) -> list[str]:
-    return [f"{time_ms:.2f} ms" for time_ms in (spread.p50_ms, spread.p95_ms, spread.max_ms)]
+    return [f"{time_ms:.2f} ms" for time_ms in (spread.p50_ms, spread.p95_ms, spread.p99_ms, spread.max_ms)]

@@ -9,10 +9,11 @@ from voxdepth.model import Model
 
 from ..errors import ScenarioError
 from .clip import Clip
+from .default import DefaultParts, measure_default
 from .film import SIZE_PX
 from .libraries import compare_libraries
 from .machine import Machine
-from .memory import Memory, measure_memory
+from .memory import CONFIGS, Memory, measure_memory
 from .parts import Parts, measure_parts
 from .spread import Spread
 from .throughput import Throughput, compare_runs
@@ -23,7 +24,7 @@ SIZES_PX = ((160, 120), (320, 240), (640, 360), (640, 480), (1280, 720), (1920, 
 N_FRAMES_PER_SIZE = 100
 N_FRAMES_FROM_FILES = 500
 LARGE_PX = (1024, 1024)
-"""Size at which memory is measured besides."""
+"""Size at which the default corrector, and memory, are measured besides."""
 SIDES_PX = range(32, 4097)
 """Possible widths and heights of the images."""
 
@@ -35,7 +36,10 @@ class Figures(Model):
     """All that was measured; what was left out, or cannot be had here, is empty."""
 
     machine: Machine
+    default: list[DefaultParts]
+    """Times of the default corrector, by size."""
     parts: Parts
+    """Times of the paper's corrector."""
     libraries: dict[str, dict[str, Spread]]
     """Times of every step, by library."""
     sizes: list[Parts] = Field(default_factory=list)
@@ -59,16 +63,20 @@ def chosen_size(width_px: int | None, height_px: int | None) -> tuple[int, int]:
 
 
 def measure_quickly(clip: Clip, say: Say) -> Figures:
-    """What takes seconds: the parts of the corrector and the libraries, on the frames of a clip."""
+    """What takes seconds: the parts of both correctors and the libraries, on the frames of a clip."""
     machine = Machine.here()
     say(f"working on images of {clip.size} with each library; what is not yet compiled is compiled")
     libraries = compare_libraries(clip)
-    say(f"correcting {N_FRAMES} frames of {clip.size}")
-    return Figures(machine=machine, parts=measure_parts(clip, N_FRAMES), libraries=libraries)
+    say(f"correcting {N_FRAMES} frames of {clip.size} with each corrector")
+    default, parts = measure_default(clip, N_FRAMES), measure_parts(clip, N_FRAMES)
+    return Figures(machine=machine, default=[default], parts=parts, libraries=libraries)
 
 
 def measure_rest(quick: Figures, clip: Clip, say: Say) -> Figures:
     """The quick figures, with those that take a minute: other sizes, runs through files, and memory."""
+    large = clip.resized(*LARGE_PX)
+    say(f"correcting {N_FRAMES_PER_SIZE} frames of {large.size}")
+    default = [*quick.default, measure_default(large, N_FRAMES_PER_SIZE)]
     sizes = []
     for width_px, height_px in SIZES_PX:
         say(f"correcting {N_FRAMES_PER_SIZE} frames of {width_px}x{height_px}")
@@ -76,9 +84,14 @@ def measure_rest(quick: Figures, clip: Clip, say: Say) -> Figures:
     say(f"correcting {N_FRAMES_FROM_FILES} frames from files, one by one and pipelined")
     throughput = compare_runs(clip, N_FRAMES_FROM_FILES)
     say("measuring memory")
-    memory = [measure_memory(clip), measure_memory(clip.resized(*LARGE_PX))]
+    memory = [measure_memory(corrector, frames) for corrector in CONFIGS for frames in (clip, large)]
     return quick.model_copy(
-        update={"sizes": sizes, "throughput": throughput, "memory": [found for found in memory if found is not None]}
+        update={
+            "default": default,
+            "sizes": sizes,
+            "throughput": throughput,
+            "memory": [found for found in memory if found is not None],
+        }
     )
 
 

@@ -1,4 +1,4 @@
-"""Frames per second from files, one by one and in a pipeline, and how long a frame is on its way."""
+"""Frames per second of the paper's corrector from files, one by one and in a pipeline, and how long a frame takes."""
 
 import tempfile
 import time
@@ -7,10 +7,10 @@ from pathlib import Path
 
 import cv2
 
-from voxdepth.config import VoxDepthConfig
 from voxdepth.corrector import VoxDepth
 from voxdepth.datasets import Dataset, open_dataset
 from voxdepth.model import Model
+from voxdepth.paper_config import PaperConfig
 from voxdepth.pipeline import CorrectionPipeline
 from voxdepth.types import Frame
 
@@ -44,9 +44,9 @@ def compare_runs(clip: Clip, frames: int) -> list[Throughput]:
     """The same frames one by one and pipelined, with different lags; the first run does one thing at a time."""
     cv2.setNumThreads(1)
     alone, default, ready = (
-        VoxDepthConfig(fusion_lag_frames=0),
-        VoxDepthConfig(),
-        VoxDepthConfig(fusion_lag_frames="ready"),
+        PaperConfig(fusion_lag_frames=0),
+        PaperConfig(),
+        PaperConfig(fusion_lag_frames="ready"),
     )
     with tempfile.TemporaryDirectory(prefix="voxdepth-bench-") as folder:
         write_tum(clip, Path(folder) / "tum", frames)
@@ -57,7 +57,7 @@ def compare_runs(clip: Clip, frames: int) -> list[Throughput]:
         ]
 
 
-def measure_run(way: str, run: Run, dataset: Dataset, config: VoxDepthConfig) -> Throughput:
+def measure_run(way: str, run: Run, dataset: Dataset, config: PaperConfig) -> Throughput:
     """Run a new corrector through all frames."""
     corrector = Watched(VoxDepth(dataset.intrinsics, config))
     start = time.perf_counter()

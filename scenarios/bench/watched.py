@@ -1,8 +1,9 @@
-"""Looking over a corrector's shoulder: which windows were fused, and what that took."""
+"""Looking over the paper's corrector's shoulder: which windows were fused, and what that took."""
 
 from collections.abc import Mapping
 
-from voxdepth.corrector import Aligned, VoxDepth
+from voxdepth.corrector import VoxDepth
+from voxdepth.paper_method import Aligned
 from voxdepth.template import Template
 from voxdepth.types import CorrectedDepth, Frame
 
@@ -32,7 +33,7 @@ class Watched:
 
     def align(self, frame: Frame) -> Aligned:
         """See `StagedCorrector`."""
-        aligned = self._corrector.align(frame)
+        aligned: Aligned = self._corrector.align(frame)
         if aligned.template is not None and aligned.template is not self._template:
             self._template = aligned.template
             self.fusions_s.append(aligned.template.timings_s)

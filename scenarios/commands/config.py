@@ -4,6 +4,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .options import DEFAULT_CORRECTOR
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -13,7 +15,7 @@ WIDTH = 110
 
 
 def config(
-    corrector: Annotated[str, typer.Argument(help="Depth corrector by name.")] = "paper",
+    corrector: Annotated[str, typer.Argument(help="Depth corrector by name.")] = DEFAULT_CORRECTOR,
 ) -> None:
     """Print all that can be configured of a corrector, with its values and what they mean, as a TOML file.
 

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import ScenarioError
+from .options import DEFAULT_CORRECTOR
 from .progress import counter
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from voxdepth.config import VoxDepthConfig
+    from voxdepth.paper_config import PaperConfig
 
     from ..correction import Job
 
@@ -36,7 +38,7 @@ class Format(StrEnum):
 def correct(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the recorded sequence.")],
     out: Annotated[Path, typer.Option(help="Folder of the result: new, or one that was cut short.")],
-    corrector: Annotated[str, typer.Option(help="Depth corrector by name.")] = "paper",
+    corrector: Annotated[str, typer.Option(help="Depth corrector by name.")] = DEFAULT_CORRECTOR,
     config: Annotated[
         Path | None,
         typer.Option(help="TOML file of lines of `voxdepth config` to change, or a result's config.toml."),
@@ -119,11 +121,10 @@ def _planned(folder: Path, corrector: str, config: Path | None, format: Format, 
     return Job(correction=correction, dataset=dataset, frames=frames or len(dataset), corrector=made)
 
 
-def _resolved(corrector: str, config: Path | None) -> "VoxDepthConfig | None":
+def _resolved(corrector: str, config: Path | None) -> "VoxDepthConfig | PaperConfig | None":
     """The corrector's own configuration under the values of a file; None if it has none and no file is given."""
     import pydantic
 
-    from voxdepth.config import VoxDepthConfig
     from voxdepth.registry import config_of
 
     from ..files import first_problem
@@ -131,16 +132,20 @@ def _resolved(corrector: str, config: Path | None) -> "VoxDepthConfig | None":
     own = config_of(corrector)
     if config is None:
         return own
-    base = own or VoxDepthConfig()  # For a corrector that has none, it is the registry that says so.
+    if own is None:
+        raise ScenarioError(f"the corrector {corrector!r} takes no configuration: leave --config out")
     given = _read(config)
     if isinstance(given.get("config"), dict):  # the config.toml of an earlier result
+        made_by = given.get("corrector", corrector)
+        if made_by != corrector:
+            raise ScenarioError(f"{config} configures the corrector {made_by!r}: ask for that with --corrector")
         given = given["config"]
-    values = _under(given, base.model_dump(mode="json"))
+    values = _under(given, own.model_dump(mode="json"))
     try:
-        resolved = VoxDepthConfig.model_validate(values)
+        resolved = type(own).model_validate(values)
     except pydantic.ValidationError as error:
         raise ScenarioError(f"{config}: {first_problem(error, 'config')}") from error
-    if resolved.fusion_lag_frames == "ready":
+    if resolved.depends_on_clock:
         raise ScenarioError(
             f"{config}: fusion_lag_frames 'ready' depends on the clock, and what is made of files must be "
             "reproducible: give a number of frames"

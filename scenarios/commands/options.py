@@ -8,6 +8,8 @@ import typer
 
 from ..errors import ScenarioError
 
+DEFAULT_CORRECTOR = "voxdepth"
+"""The same word as in the library, which is not imported for `--help`."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 

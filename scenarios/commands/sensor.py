@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .options import Picture, Renderer, Seed, Size, parsed_size
+from .options import DEFAULT_CORRECTOR, Picture, Renderer, Seed, Size, parsed_size
 from .progress import counter
 
 
@@ -78,7 +78,9 @@ def scenes(
 
 
 def regress(
-    corrector: Annotated[str, typer.Option(help="Corrector by name, or your own as package.module:factory.")] = "paper",
+    corrector: Annotated[
+        str, typer.Option(help="Corrector by name, or your own as package.module:factory.")
+    ] = DEFAULT_CORRECTOR,
     update: Annotated[bool, typer.Option("--update", help="Make the present figures the golden ones.")] = False,
     golden: Annotated[Path, typer.Option(help="Folder of the golden figures.")] = Path("tests/golden"),
     out: Annotated[Path, typer.Option(help="Folder for the recording of the worst case.")] = Path("runs"),

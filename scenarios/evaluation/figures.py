@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
 
-SHOWN = ("raw", "paper", "realsense", "lmeds", "flow", "ip-basic", "global-smoother", ORACLE)
+SHOWN = ("raw", "paper", "voxdepth", "realsense", "lmeds", "flow", "ip-basic", "global-smoother", ORACLE)
 """Methods that lines and points are drawn of, where they took part; other ones if none of these did."""
 N_SHOWN = len(SHOWN)
 PANEL_COLUMNS = 3

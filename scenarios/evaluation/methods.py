@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from voxdepth.registry import CORRECTOR_NAMES, config_of, require_known
 from voxdepth.types import DepthCorrector, Intrinsics
@@ -10,15 +10,12 @@ from voxdepth.types import DepthCorrector, Intrinsics
 from ..errors import ScenarioError
 from ..regression import CorrectorFactory, find_corrector
 
-if TYPE_CHECKING:
-    from voxdepth.config import VoxDepthConfig
-
 ORACLE = "true-pose"
 """The splat of the last frames by the TRUE pose: an upper bound for what memory can give, and no corrector."""
 METHOD_NAMES = (*CORRECTOR_NAMES, ORACLE)
 """All methods that are compared unless some are named."""
 WARM_UP_FRAMES = 3
-"""Frames that a method with neither window nor lag works on before the clock starts."""
+"""Frames that a method without a configuration works on before the clock starts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,14 +63,8 @@ def find_method(name: str) -> Method:
         make=_registered(name),
         config=None if config is None else config.model_dump(mode="json"),
         is_foreign=name not in CORRECTOR_NAMES,
-        warm_up_frames=WARM_UP_FRAMES if config is None else _frames_of_all_stages(config),
+        warm_up_frames=WARM_UP_FRAMES if config is None else config.warm_up_frames,
     )
-
-
-def _frames_of_all_stages(config: "VoxDepthConfig") -> int:
-    """Frames until a fused template is there and was used: a window, its lag, and two more."""
-    lag = config.fusion_lag_frames
-    return config.window_frames + (0 if lag == "ready" else lag) + 2
 
 
 def _registered(name: str) -> CorrectorFactory:

@@ -27,6 +27,7 @@ from tests.integration.test_cli import ENVIRONMENT, voxdepth
 from tests.unit.test_correction import contents
 from voxdepth.config import VoxDepthConfig
 from voxdepth.errors import ConfigError, DatasetError
+from voxdepth.paper_config import PaperConfig
 from voxdepth.registry import create_corrector
 from voxdepth.types import Frame
 
@@ -72,7 +73,7 @@ def whole(sequence: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def short(sequence: Path) -> tuple[str | Path, ...]:
-    return "--config", sequence.parent / "short.toml"
+    return "--corrector", "paper", "--config", sequence.parent / "short.toml"
 
 
 def correct(*arguments: str | Path) -> Result:
@@ -97,10 +98,13 @@ def rows(path: Path, entity: str) -> int:
     return sum(chunk.num_rows for chunk in rr.chunk.RrdReader(path).stream().filter(content=entity).to_chunks())
 
 
-def test_the_images_are_those_of_the_corrector_alone(sequence: Path, captures: list[Capture], tmp_path: Path) -> None:
-    done = correct(sequence, "--out", tmp_path / "out")
+@pytest.mark.parametrize(("options", "name"), [([], "voxdepth"), (["--corrector", "paper"], "paper")])
+def test_the_images_are_those_of_the_corrector_alone(
+    options: list[str], name: str, sequence: Path, captures: list[Capture], tmp_path: Path
+) -> None:
+    done = correct(sequence, "--out", tmp_path / "out", *options)
     assert done.exit_code == 0, done.output
-    alone = create_corrector("paper", captures[0].intrinsics)
+    alone = create_corrector(name, captures[0].intrinsics)
     for index, capture in enumerate(captures):
         depth_mm = cv2.imread(str(tmp_path / "out" / "depth" / f"{index:03d}.png"), cv2.IMREAD_UNCHANGED)
         stored = cv2.imread(str(sequence / "depth" / f"{index:03d}.png"), cv2.IMREAD_UNCHANGED)
@@ -276,6 +280,7 @@ def test_a_recording_that_fails_leaves_nothing_behind(sequence: Path, tmp_path: 
         (["--record", "out.mp4"], "--record must name an .rrd file, got out.mp4"),
         (["--format", "recording"], "holds no dataset that can be read"),
         (["--config", "nowhere.toml"], "cannot read nowhere.toml"),
+        (["--config", "short.toml"], "short.toml: unknown key 'window_frames'"),
     ],
 )
 def test_bad_options_say_what_is_wrong_and_write_nothing(
@@ -302,7 +307,8 @@ def test_bad_options_say_what_is_wrong_and_write_nothing(
 )
 def test_bad_configurations_say_where_and_what(text: str, message: str, sequence: Path, tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(text)
-    done = correct(sequence, "--out", tmp_path / "out", "--config", tmp_path / "mine.toml")
+    options = ["--corrector", "paper", "--config", tmp_path / "mine.toml"]
+    done = correct(sequence, "--out", tmp_path / "out", *options)
     assert isinstance(done.exception, ScenarioError)
     assert message in str(done.exception)
     assert "\n" not in str(done.exception)
@@ -311,7 +317,7 @@ def test_bad_configurations_say_where_and_what(text: str, message: str, sequence
 
 def test_another_inpainting_method_needs_no_keys_of_the_corrector_s_own(sequence: Path, tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text("[inpainting]\nmethod = 'bilinear'\n")
-    options = ["--config", tmp_path / "mine.toml", "--frames", "2"]
+    options = ["--corrector", "paper", "--config", tmp_path / "mine.toml", "--frames", "2"]
     done = correct(sequence, "--out", tmp_path / "out", *options)
     assert done.exit_code == 0, done.exception
     config = tomllib.loads((tmp_path / "out" / "config.toml").read_text())["config"]
@@ -352,18 +358,39 @@ def test_a_folder_above_the_input_is_refused(sequence: Path) -> None:
     assert sorted(sequence.parent.rglob("*")) == before
 
 
-def test_what_config_prints_is_the_configuration_and_correct_takes_it(sequence: Path, tmp_path: Path) -> None:
-    printed = CliRunner().invoke(app, ["config"])
+def test_a_run_of_the_default_corrector_in_two_parts_gives_the_same_bytes(sequence: Path, tmp_path: Path) -> None:
+    for frames in ("7", str(N_FRAMES)):
+        assert correct(sequence, "--out", tmp_path / "parts", "--frames", frames).exit_code == 0
+    assert correct(sequence, "--out", tmp_path / "whole").exit_code == 0
+    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
+    report = json.loads((tmp_path / "whole" / "report.json").read_text())
+    assert report["phases"]["correcting"] == N_FRAMES - 1
+
+
+def test_the_configuration_of_another_corrector_is_refused(whole: Path, sequence: Path, tmp_path: Path) -> None:
+    done = correct(sequence, "--out", tmp_path / "out", "--config", whole / "config.toml")
+    assert isinstance(done.exception, ScenarioError)
+    assert "config.toml configures the corrector 'paper': ask for that with --corrector" in str(done.exception)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("arguments", [[], ["voxdepth"], ["paper"]])
+def test_what_config_prints_is_the_configuration_and_correct_takes_it(
+    arguments: list[str], sequence: Path, tmp_path: Path
+) -> None:
+    printed = CliRunner().invoke(app, ["config", *arguments])
     assert printed.exit_code == 0
-    assert VoxDepthConfig.model_validate(tomllib.loads(printed.stdout)) == VoxDepthConfig.paper()
+    own = PaperConfig() if arguments == ["paper"] else VoxDepthConfig()
+    assert type(own).model_validate(tomllib.loads(printed.stdout)) == own
+    options = ["--corrector", *arguments] if arguments else []
     file = tmp_path / "all.toml"
     file.write_text(printed.stdout)
-    for out, arguments in (
+    for out, more in (
         ("a", ["--config", str(file)]),
         ("b", []),
         ("c", ["--config", str(tmp_path / "a/config.toml")]),
     ):
-        done = CliRunner().invoke(app, ["correct", str(sequence), "--out", str(tmp_path / out), *arguments])
+        done = CliRunner().invoke(app, ["correct", str(sequence), "--out", str(tmp_path / out), *options, *more])
         assert done.exit_code == 0, done.output
     assert contents(tmp_path / "a") == contents(tmp_path / "b") == contents(tmp_path / "c")
     assert CliRunner().invoke(app, ["config", "raw"]).exit_code != 0

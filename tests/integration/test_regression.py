@@ -31,7 +31,7 @@ def table_of(name: str, frames: int = testing.FRAMES) -> dict:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("corrector", ["raw", "paper"])
+@pytest.mark.parametrize("corrector", ["raw", "paper", "voxdepth"])
 def test_the_shipped_correctors_do_what_they_did(corrector: str, tmp_path: Path) -> None:
     done = voxdepth("regress", "--corrector", corrector, "--golden", GOLDEN, "--out", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -52,9 +52,9 @@ def test_the_library_works_without_the_simulator() -> None:
     code = (
         "import sys\nfor m in ('pybullet', 'open3d', 'rerun', 'typer', 'sim', 'swarm', 'scenarios'):\n"
         "    sys.modules[m] = None\n"
-        "import numpy as np\nfrom voxdepth import Frame, Intrinsics, VoxDepth, VoxDepthConfig\n"
+        "import numpy as np\nfrom voxdepth import Frame, Intrinsics, VoxDepth\n"
         "i = Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80)\n"
-        "v = VoxDepth(i, VoxDepthConfig(window_frames=2))\n"
+        "v = VoxDepth(i)\n"
         "for k in range(4): r = v.process(Frame(stamp_s=k, gray=np.zeros((48, 64), np.uint8),"
         " depth_m=np.full((48, 64), 2, np.float32)))\nprint(float(r.depth_m.mean()))"
     )

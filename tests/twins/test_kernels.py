@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from voxdepth import VoxDepthConfig
+from voxdepth import PaperConfig
 from voxdepth.combine import CombineConfig
 from voxdepth.host_steps import HostSteps
 from voxdepth.inpainting import Dilation, Nearest
@@ -59,7 +59,7 @@ def both_words(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def both_steps(**changes: object) -> tuple[HostSteps, WarpSteps]:
-    config = VoxDepthConfig.paper().model_copy(update={"voxels": GRID} | changes)
+    config = PaperConfig().model_copy(update={"voxels": GRID} | changes)
     return HostSteps(CAMERA, config), WarpSteps(CAMERA, config, device="cpu")
 
 

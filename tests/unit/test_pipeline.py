@@ -27,13 +27,13 @@ from tests.fakes import (
     pipeline_threads,
 )
 from voxdepth import VoxDepth, create_corrector
-from voxdepth.config import VoxDepthConfig
 from voxdepth.errors import ConfigError, DatasetError, FrameError, PipelineError
+from voxdepth.paper_config import PaperConfig
 from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Phase, Source
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=90, hfov_deg=86, baseline_m=0.095)
-SHORT_EPOCHS = VoxDepthConfig.paper().model_copy(
+SHORT_EPOCHS = PaperConfig().model_copy(
     update={"window_frames": 3, "max_epoch_frames": 2, "fusion_lag_frames": 2}
 )
 
@@ -101,6 +101,17 @@ def test_it_gives_the_images_of_the_corrector_alone(
     staged.close()  # its fusion thread would outlive the test by an instant
     assert [f for f, _ in piped] == stream
     for (_, got), want in zip(piped, alone, strict=True):
+        require_equal(got, want)
+
+
+@pytest.mark.parametrize("queue_size", [1, 4])
+def test_it_gives_the_images_of_the_default_corrector_alone(queue_size: int) -> None:
+    stream, alone = walk(40, CAMERA), VoxDepth(CAMERA)
+    expected = [alone.process(f) for f in stream]
+    assert {one.phase for one in expected[1:]} == {Phase.CORRECTING}
+    piped = list(CorrectionPipeline(VoxDepth(CAMERA), stream, queue_size=queue_size))
+    assert [f for f, _ in piped] == stream
+    for (_, got), want in zip(piped, expected, strict=True):
         require_equal(got, want)
 
 

@@ -3,12 +3,14 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from voxdepth.config import VoxDepthConfig
 from voxdepth.errors import ConfigError
+from voxdepth.paper_config import PaperConfig
 from voxdepth.registry import CORRECTOR_NAMES, config_of, corrector_names, create_corrector, require_known
 from voxdepth.types import Frame, Intrinsics
 
@@ -48,14 +50,32 @@ def test_the_oracle_has_no_name_here() -> None:
 
 
 @pytest.mark.parametrize("name", CORRECTOR_NAMES)
-def test_only_the_papers_corrector_takes_a_configuration(name: str) -> None:
-    if name == "paper":
-        assert config_of(name) == VoxDepthConfig.paper()
-        create_corrector(name, CAMERA, VoxDepthConfig(median_size_px=3))
-    else:
-        assert config_of(name) is None
-        with pytest.raises(ConfigError, match=f"'{name}' takes no configuration"):
+def test_only_the_methods_of_voxdepth_take_a_configuration(name: str) -> None:
+    own = {"voxdepth": VoxDepthConfig(), "paper": PaperConfig()}.get(name)
+    assert config_of(name) == own
+    if own is None:
+        with pytest.raises(ConfigError, match=f"'{name}' takes no configuration; .*one of: paper, voxdepth"):
             create_corrector(name, CAMERA, VoxDepthConfig())
+
+
+def test_a_configuration_reaches_its_corrector() -> None:
+    frame = holed_frame(0.0)
+    for name, config in (("voxdepth", VoxDepthConfig(fill="none")), ("paper", PaperConfig(median_size_px=1))):
+        own, changed = create_corrector(name, CAMERA), create_corrector(name, CAMERA, config)
+        assert (own.process(frame).depth_m > 0).sum() > (changed.process(frame).depth_m > 0).sum()
+
+
+@pytest.mark.parametrize(
+    ("name", "config", "message"),
+    [
+        ("voxdepth", PaperConfig(), "'voxdepth' takes a VoxDepthConfig, got PaperConfig"),
+        ("paper", VoxDepthConfig(), "'paper' takes a PaperConfig, got VoxDepthConfig"),
+        ("paper", {"window_frames": 3}, "'paper' takes a PaperConfig, got dict"),
+    ],
+)
+def test_a_configuration_of_another_type_is_refused(name: str, config: Any, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        create_corrector(name, CAMERA, config)
 
 
 def test_an_unknown_name_is_answered_with_all_names() -> None:

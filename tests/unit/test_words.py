@@ -3,12 +3,13 @@
 from typing import get_args
 
 from scenarios.commands.correct import Format
-from scenarios.commands.options import Depth, RendererName
+from scenarios.commands.options import DEFAULT_CORRECTOR, Depth, RendererName
 from scenarios.commands.swarm import Prior
 from sim.render import RENDERER_NAMES
 from sim.tiers import TIER_NAMES
 from swarm.priors import PosePriorName
 from voxdepth.datasets import DATASET_FORMATS
+from voxdepth.registry import DEFAULT
 
 
 def test_the_command_line_speaks_the_words_of_the_library() -> None:
@@ -16,3 +17,4 @@ def test_the_command_line_speaks_the_words_of_the_library() -> None:
     assert tuple(Depth) == TIER_NAMES
     assert tuple(RendererName) == RENDERER_NAMES
     assert tuple(Prior) == get_args(PosePriorName)
+    assert DEFAULT_CORRECTOR == DEFAULT
