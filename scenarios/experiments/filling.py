@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swarm.perception import frame_of
-from voxdepth.config import VoxDepthConfig
 from voxdepth.inpainting import Bilinear, Dilation, Erosion, Inpainting, Median, Nearest
 from voxdepth.metrics import Sums, completed
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.motion import MOTION_MODELS
 from voxdepth.odometry import PhotometricOdometry
+from voxdepth.paper_config import PaperConfig
 from voxdepth.steps import create_steps
 from voxdepth.types import FloatImage
 
@@ -31,7 +31,7 @@ METHODS: Mapping[str, Inpainting] = {
     method.method: method for method in (Dilation(), Bilinear(), Erosion(), Median(), Nearest())
 }
 NONE = "as projected"
-CONFIG = VoxDepthConfig()
+CONFIG = PaperConfig()
 ROUNDS = 5
 """How often each window is filled for the clock, after once to warm up."""
 NEAR_M = 20.0

@@ -8,9 +8,9 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING
 
-from voxdepth.config import VoxDepthConfig
 from voxdepth.corrector import VoxDepth
 from voxdepth.datasets import Dataset, open_dataset
+from voxdepth.paper_config import PaperConfig
 from voxdepth.pipeline import CorrectionPipeline
 from voxdepth.registry import create_corrector
 from voxdepth.types import DepthCorrector, Intrinsics
@@ -40,7 +40,7 @@ Make = Callable[[Intrinsics], DepthCorrector]
 
 
 def _voxdepth(lag: int) -> Make:
-    return lambda intrinsics: VoxDepth(intrinsics, VoxDepthConfig(fusion_lag_frames=lag))
+    return lambda intrinsics: VoxDepth(intrinsics, PaperConfig(fusion_lag_frames=lag))
 
 
 def _peer(name: str) -> Make:

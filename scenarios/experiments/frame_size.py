@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
-from voxdepth.config import VoxDepthConfig
+from voxdepth.paper_config import PaperConfig
 from voxdepth.registration import RegistrationConfig
 
 from ..evaluation.cell import COMPLETED
@@ -88,8 +88,8 @@ class FrameSize:
         )
 
 
-def _config(size_px: int) -> VoxDepthConfig:
-    return VoxDepthConfig(registration=RegistrationConfig(size_px=size_px))
+def _config(size_px: int) -> PaperConfig:
+    return PaperConfig(registration=RegistrationConfig(size_px=size_px))
 
 
 def _measure(stage: Stage, name: str) -> Tallies:

@@ -1,12 +1,12 @@
 """The corrector with another configuration, as a method that can be judged beside the others."""
 
-from voxdepth.config import VoxDepthConfig
 from voxdepth.corrector import VoxDepth
+from voxdepth.paper_config import PaperConfig
 
 from ..evaluation.methods import Method
 
 
-def variant(name: str, config: VoxDepthConfig) -> Method:
+def variant(name: str, config: PaperConfig) -> Method:
     """VoxDepth with a configuration. Its name must belong to that alone, for results are kept under it.
 
     Before the clock starts it fuses a window and uses its template once.

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from voxdepth.config import VoxDepthConfig
 from voxdepth.metrics.paper import PEAK16_M
+from voxdepth.paper_config import PaperConfig
 
 from ..evaluation.cell import FRAMES, Cell
 from .drawing import MARKERS, labelled, panels
@@ -37,7 +37,7 @@ class Window:
 
     def run(self, stage: Stage) -> Result:
         """See `Experiment`."""
-        methods = {n: variant(f"window-{n}", VoxDepthConfig(window_frames=n)) for n in WINDOWS}
+        methods = {n: variant(f"window-{n}", PaperConfig(window_frames=n)) for n in WINDOWS}
         done = stage.judged(list(methods.values()))
         cells = {name: {n: cell_of(done, name, methods[n].name) for n in WINDOWS} for name in stage.sequences}
         columns = (
