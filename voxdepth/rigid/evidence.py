@@ -5,16 +5,20 @@ from enum import IntEnum
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from ..model import Model
 from ..types import FloatImage, GrayImage
+from .masks import above, below, both, difference, either, equal, mean_around, put, times, without
 from .measurement import Measurement
 from .memory import UNIT, Memory
 
-WINDOW = (5, 5)
-"""Neighbourhood in which evidence must agree with itself."""
+WINDOW_PX = 5
+"""Side of the neighbourhood in which evidence must agree with itself."""
+DRIFT_WINDOW_PX = 3
+"""The same for the drift, in its own pixels."""
+LEAST_OVERLAP = 0.1
+"""Part of that neighbourhood that counts in full for the drift: a few pixels show none."""
 NOISE_EVERY_PX = 4
 """Of every so many rows and columns the common change of gray is taken."""
 SAME_NOISES = 2.5
@@ -32,8 +36,11 @@ class EvidenceConfig(Model):
     """Added to it, as a part of the disparity."""
     bias_px: float = Field(0.6, gt=0)
     """Mean signed difference over 5 x 5 px up to which they agree: a distant drone must not melt into the wall."""
-    drift_px: float = 0.2
-    drift_gain: float = 0.25
+    drift_px: float = Field(0.2, gt=0)
+    """Mean signed difference over the last frames from which on the memory counts nothing: what comes or goes slowly is
+    followed. Less follows faster, and averages less."""
+    drift_gain: float = Field(0.25, gt=0, le=1)
+    """Part of that mean that is of the newest frame; less is steadier and later."""
     coherent_share: float = Field(0.25, gt=0, le=1)
     """Part of 5 x 5 px that must contradict the memory in the same direction to be more than an outlier."""
     most: float = Field(12.0, gt=0, le=15)
@@ -81,13 +88,10 @@ class Verdict:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Masks:
-    """Where memory and measurement say what: masks of shape (h, w), 255 or 0, of which no two overlap."""
+class _Opinion:
+    """What memory and measurement say together: masks of shape (h, w), of which no two overlap, and trust."""
 
     agree: GrayImage
-    trust: FloatImage
-    """What the memory's weight is worth where they agree, 0..1: less, the more the differences are of one sign."""
-    drift: FloatImage
     nearer: GrayImage
     """Something real is in front of the remembered surface."""
     farther: GrayImage
@@ -98,6 +102,10 @@ class _Masks:
     """Measured where nothing is remembered, or too little to overrule anything."""
     hidden: GrayImage
     """Remembered well enough where nothing is measured."""
+    trust: FloatImage
+    """What the memory's weight is worth where they agree, 0..1, shape (h, w): less where the surface comes or goes."""
+    drift_px: FloatImage
+    """See `Memory`."""
 
 
 class Evidence:
@@ -114,127 +122,120 @@ class Evidence:
             memory: In the pixels of the measurement.
             measurement: Of this frame.
         """
-        change = cv2.blur(cv2.absdiff(memory.gray, measurement.gray), WINDOW)
+        change = mean_around(difference(memory.gray, measurement.gray), WINDOW_PX)
         noise = max(1.0, float(np.median(change[::NOISE_EVERY_PX, ::NOISE_EVERY_PX])))
-        weight = self._without_what_looks_different(memory.weight, measurement.valid, change, noise)
-        memory = replace(memory, weight=weight)
-        masks = self._compare(memory, measurement, change, noise)
-        fused = self._fused(memory, measurement, masks)
-        return self._verdict(fused, measurement, masks), self._remembered(fused, measurement, masks)
+        memory = self._without_what_looks_different(memory, measurement, change, noise)
+        opinion = self._compared(memory, measurement, change, noise)
+        fused = self._fused(memory, measurement, opinion)
+        return self._verdict(fused, measurement, opinion), self._remembered(fused, measurement, opinion)
 
     def _without_what_looks_different(
-        self, weight: GrayImage, valid: GrayImage, change: GrayImage, noise: float
-    ) -> GrayImage:
-        """The memory's weight, 0 where nothing is measured and the surface does not look as it did: it is gone."""
-        gone = cv2.compare(change, max(self._config.other_gray, GONE_NOISES * noise), cv2.CMP_GT)
-        cv2.bitwise_and(gone, cv2.bitwise_not(valid), gone)
-        return _array(cv2.subtract(weight, gone))
+        self, memory: Memory, measurement: Measurement, change: GrayImage, noise: float
+    ) -> Memory:
+        """The memory without surfaces that are gone: nothing is measured there, and it looks otherwise."""
+        gone = without(above(change, max(self._config.other_gray, GONE_NOISES * noise)), measurement.valid)
+        return replace(memory, weight=without(memory.weight, gone))
 
-    def _compare(self, memory: Memory, measurement: Measurement, change: GrayImage, noise: float) -> _Masks:
-        known, valid = cv2.compare(memory.weight, 0, cv2.CMP_GT), measurement.valid
-        both = cv2.bitwise_and(known, valid)
+    def _compared(self, memory: Memory, measurement: Measurement, change: GrayImage, noise: float) -> _Opinion:
+        known, valid = above(memory.weight, 0), measurement.valid
+        overlap = both(known, valid)
         difference_px = measurement.disparity_px - memory.disparity_px
-        agree, inside = self._agree(difference_px, np.maximum(memory.disparity_px, measurement.disparity_px), both)
-        drift, trust = self._drifted(memory, inside, both)
-        contrary = cv2.subtract(both, agree)
-        nearer = self._coherent(cv2.bitwise_and(contrary, cv2.compare(difference_px, 0, cv2.CMP_GT)))
-        farther = self._coherent(cv2.bitwise_and(contrary, cv2.compare(difference_px, 0, cv2.CMP_LT)))
-        sure = cv2.compare(memory.weight, self._enough, cv2.CMP_GE)
-        same_for_near = cv2.bitwise_and(sure, cv2.compare(change, self._config.same_gray_near * noise, cv2.CMP_LT))
-        same_for_far = max(self._config.same_gray, SAME_NOISES * noise) if self._config.same_gray else 0.0
-        nearer = cv2.subtract(nearer, same_for_near)
-        farther = cv2.subtract(farther, cv2.bitwise_and(sure, cv2.compare(change, same_for_far, cv2.CMP_LT)))
-        contrary = cv2.subtract(cv2.subtract(contrary, nearer), farther)
-        unsure = cv2.subtract(contrary, sure)
-        return _Masks(
+        agree, clipped_px = self._agreeing(difference_px, memory, measurement, overlap)
+        contrary = without(overlap, agree)
+        nearer = self._coherent(both(contrary, above(difference_px, 0)))
+        farther = self._coherent(both(contrary, below(difference_px, 0)))
+
+        sure = above(memory.weight, self._enough - 1)
+        config = self._config
+        same_for_far = max(config.same_gray, SAME_NOISES * noise) if config.same_gray else 0.0
+        nearer = without(nearer, both(sure, below(change, config.same_gray_near * noise)))
+        farther = without(farther, both(sure, below(change, same_for_far)))
+        outlier = without(without(contrary, nearer), farther)
+        drift_px, trust = self._drifted(memory, clipped_px, overlap)
+        return _Opinion(
             agree=agree,
             trust=trust,
-            drift=drift,
-            nearer=_array(nearer),
-            farther=_array(farther),
-            overruled=_array(cv2.subtract(contrary, unsure)),
-            unknown=_array(cv2.bitwise_or(cv2.subtract(valid, known), unsure)),
-            hidden=_array(cv2.subtract(sure, valid)),
+            drift_px=drift_px,
+            nearer=nearer,
+            farther=farther,
+            overruled=both(outlier, sure),
+            unknown=either(without(valid, known), without(outlier, sure)),
+            hidden=without(sure, valid),
         )
 
-    def _agree(self, difference_px: FloatImage, larger_px: FloatImage, both: GrayImage) -> tuple[GrayImage, FloatImage]:
-        """Where the difference is small and not of one sign all around, and what the memory is worth by that."""
+    def _agreeing(
+        self, difference_px: FloatImage, memory: Memory, measurement: Measurement, overlap: GrayImage
+    ) -> tuple[GrayImage, FloatImage]:
+        """Where the difference is small, and not of one sign all around; and the difference, cut to what is small."""
         config = self._config
-        tolerance_px = larger_px
+        tolerance_px = np.maximum(memory.disparity_px, measurement.disparity_px)
         tolerance_px *= np.float32(config.tolerance_share)
         tolerance_px += np.float32(config.tolerance_px)
-        close = cv2.compare(cv2.absdiff(difference_px, 0.0), tolerance_px, cv2.CMP_LT)
-        clipped_px = np.minimum(difference_px, tolerance_px)
+        cut_px = np.minimum(difference_px, tolerance_px)
+        small = equal(difference(cut_px, difference_px), 0)
         np.negative(tolerance_px, out=tolerance_px)
-        np.maximum(clipped_px, tolerance_px, out=clipped_px)
-        inside = np.zeros_like(clipped_px)
-        cv2.copyTo(clipped_px, both, inside)
-        share = cv2.blur(both, WINDOW) * np.float32(config.bias_px / 255)
-        bias_px = cv2.absdiff(cv2.blur(inside, WINDOW), 0.0)
-        flat = cv2.compare(bias_px, share, cv2.CMP_LT)
-        return _array(cv2.bitwise_and(both, cv2.bitwise_and(close, flat))), inside
-
-    def _drifted(self, memory: Memory, inside_px, both):
-        size = memory.drift_px.shape[::-1]
-        part = cv2.blur(cv2.resize(both, size, interpolation=cv2.INTER_AREA).astype(np.float32), (3, 3))
-        mean = cv2.blur(cv2.resize(inside_px, size, interpolation=cv2.INTER_AREA), (3, 3)) * np.float32(255)
-        mean /= np.maximum(part, np.float32(25))
-        drift = memory.drift_px + (mean - memory.drift_px) * np.float32(self._config.drift_gain)
-        trust = np.float32(1) - np.square(drift / np.float32(self._config.drift_px))
-        np.maximum(trust, np.float32(0), out=trust)
-        return drift, cv2.resize(trust, both.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        small = both(small, above(difference_px, tolerance_px))
+        np.maximum(cut_px, tolerance_px, out=cut_px)
+        clipped_px = np.zeros_like(cut_px)
+        put(cut_px, overlap, clipped_px)
+        bias_px = np.abs(mean_around(clipped_px, WINDOW_PX))
+        most_px = mean_around(overlap, WINDOW_PX) * np.float32(config.bias_px / 255)
+        return both(overlap, both(small, below(bias_px, most_px))), clipped_px
 
     def _coherent(self, contrary: GrayImage) -> GrayImage:
         """Of the pixels that contradict the memory, those with enough others around them that do, too."""
-        enough = cv2.compare(cv2.blur(contrary, WINDOW), 255 * self._config.coherent_share, cv2.CMP_GE)
-        return _array(cv2.bitwise_and(contrary, enough))
+        return both(contrary, above(mean_around(contrary, WINDOW_PX), 255 * self._config.coherent_share))
 
-    def _fused(self, memory: Memory, measurement: Measurement, masks: _Masks) -> Memory:
+    def _drifted(self, memory: Memory, clipped_px: FloatImage, overlap: GrayImage) -> tuple[FloatImage, FloatImage]:
+        """The drift after this frame, and what the memory is worth by it, 0..1, shape (h, w)."""
+        config, size = self._config, memory.drift_px.shape[::-1]
+        count = np.asarray(cv2.resize(overlap, size, interpolation=cv2.INTER_AREA), np.float32)
+        total_px = np.asarray(cv2.resize(clipped_px, size, interpolation=cv2.INTER_AREA), np.float32)
+        mean_px = mean_around(total_px, DRIFT_WINDOW_PX)
+        mean_px *= np.float32(255)
+        mean_px /= np.maximum(mean_around(count, DRIFT_WINDOW_PX), np.float32(255 * LEAST_OVERLAP))
+        drift_px = memory.drift_px + (mean_px - memory.drift_px) * np.float32(config.drift_gain)
+        trust = np.float32(1) - np.square(drift_px / np.float32(config.drift_px))
+        np.maximum(trust, np.float32(0), out=trust)
+        return drift_px, np.asarray(cv2.resize(trust, overlap.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+
+    def _fused(self, memory: Memory, measurement: Measurement, opinion: _Opinion) -> Memory:
         """The memory, averaged with the measurement by weight where they agree."""
-        known = masks.trust
-        known *= memory.weight
-        new = measurement.weight.astype(np.float32)
-        known += new
+        total = opinion.trust * memory.weight
+        gain = measurement.weight.astype(np.float32)
+        total += gain
         disparity_px, weight = memory.disparity_px.copy(), memory.weight.copy()
-        most = np.minimum(known, np.float32(UNIT * self._config.most))
-        np.rint(most, out=most)
-        cv2.copyTo(_array(most), masks.agree, weight)
-        np.maximum(known, np.float32(1), out=known)
-        new /= known
-        step_px = np.subtract(measurement.disparity_px, memory.disparity_px, out=known)
-        step_px *= new
-        step_px += memory.disparity_px
-        cv2.copyTo(step_px, masks.agree, disparity_px)
+        counted = np.minimum(total, np.float32(UNIT * self._config.most))
+        put(np.rint(counted, out=counted).astype(np.uint8), opinion.agree, weight)
+        np.maximum(total, np.float32(1), out=total)
+        gain /= total
+        value_px = np.subtract(measurement.disparity_px, memory.disparity_px, out=total)
+        value_px *= gain
+        value_px += memory.disparity_px
+        put(value_px, opinion.agree, disparity_px)
         return replace(memory, disparity_px=disparity_px, weight=weight)
 
-    def _verdict(self, fused: Memory, measurement: Measurement, masks: _Masks) -> Verdict:
-        as_measured = cv2.bitwise_or(masks.unknown, cv2.bitwise_or(masks.nearer, masks.farther))
-        remembered = cv2.bitwise_or(masks.overruled, masks.hidden)
+    def _verdict(self, fused: Memory, measurement: Measurement, opinion: _Opinion) -> Verdict:
+        measured = either(opinion.unknown, opinion.nearer, opinion.farther)
+        remembered = either(opinion.overruled, opinion.hidden)
         disparity_px = np.zeros_like(fused.disparity_px)
-        cv2.copyTo(fused.disparity_px, cv2.bitwise_or(masks.agree, remembered), disparity_px)
-        cv2.copyTo(measurement.disparity_px, as_measured, disparity_px)
-        kind = cv2.bitwise_and(masks.agree, int(Kind.FUSED))
-        cv2.bitwise_or(kind, cv2.bitwise_and(as_measured, int(Kind.MEASURED)), kind)
-        cv2.bitwise_or(kind, cv2.bitwise_and(remembered, int(Kind.REMEMBERED)), kind)
+        put(fused.disparity_px, either(opinion.agree, remembered), disparity_px)
+        put(measurement.disparity_px, measured, disparity_px)
+        kind = times(opinion.agree, Kind.FUSED) | times(measured, Kind.MEASURED) | times(remembered, Kind.REMEMBERED)
         weight = fused.weight.copy()
-        cv2.copyTo(measurement.weight, as_measured, weight)
-        return Verdict(disparity_px=disparity_px, kind=_array(kind), weight=weight)
+        put(measurement.weight, measured, weight)
+        return Verdict(disparity_px=disparity_px, kind=kind, weight=weight)
 
-    def _remembered(self, fused: Memory, measurement: Measurement, masks: _Masks) -> Memory:
+    def _remembered(self, fused: Memory, measurement: Measurement, opinion: _Opinion) -> Memory:
         """The memory after this frame: contradicted it fades, and what is new replaces it once nothing is left."""
-        config, weight = self._config, fused.weight
-        weight = cv2.subtract(weight, cv2.bitwise_and(masks.nearer, round(UNIT * config.fade_behind)))
-        weight = cv2.subtract(weight, cv2.bitwise_and(masks.farther, round(UNIT * config.fade_through)))
-        weight = cv2.subtract(weight, cv2.bitwise_and(masks.overruled, round(UNIT * config.fade_overruled)))
-        dead = cv2.bitwise_and(cv2.bitwise_or(masks.nearer, masks.farther), cv2.compare(weight, 0, cv2.CMP_EQ))
-        replaced = cv2.bitwise_or(masks.unknown, dead)
+        config = self._config
+        weight = without(fused.weight, times(opinion.nearer, round(UNIT * config.fade_behind)))
+        weight = without(weight, times(opinion.farther, round(UNIT * config.fade_through)))
+        weight = without(weight, times(opinion.overruled, round(UNIT * config.fade_overruled)))
+        dead = both(either(opinion.nearer, opinion.farther), equal(weight, 0))
+        new = either(opinion.unknown, dead)
         disparity_px, gray = fused.disparity_px.copy(), fused.gray.copy()
-        cv2.copyTo(measurement.disparity_px, replaced, disparity_px)
-        cv2.copyTo(measurement.weight, replaced, weight)
-        cv2.copyTo(measurement.gray, cv2.bitwise_or(masks.agree, replaced), gray)
-        return Memory(disparity_px=disparity_px, weight=_array(weight), gray=gray, drift_px=masks.drift)
-
-
-def _array(image: npt.ArrayLike) -> GrayImage:
-    """An image of whole numbers as uint8."""
-    return np.asarray(image).astype(np.uint8, copy=False)
+        put(measurement.disparity_px, new, disparity_px)
+        put(measurement.weight, new, weight)
+        put(measurement.gray, either(opinion.agree, new), gray)
+        return Memory(disparity_px=disparity_px, weight=weight, gray=gray, drift_px=opinion.drift_px)

@@ -5,7 +5,8 @@ import numpy as np
 from pydantic import Field
 
 from ..model import Model
-from ..types import FloatImage
+from ..types import FloatImage, GrayImage
+from .masks import above, mean_around, put
 from .planes import Planes, PlanesConfig
 from .scale import Scale
 
@@ -39,21 +40,15 @@ class Filling:
         Args:
             disparity_px: Shape (h, w); 0 = hole.
         """
-        valid = cv2.compare(disparity_px, 0, cv2.CMP_GT)
+        valid = above(disparity_px, 0)
         n_valid = cv2.countNonZero(valid)
         if n_valid in (0, valid.size):
             return disparity_px
-        weight = np.zeros(disparity_px.shape, np.float32)
-        share = cv2.blur(valid, (RIM_PX, RIM_PX)).astype(np.float32)
-        share *= np.float32(1 / 255)
-        np.square(share, out=share)
-        np.square(share, out=share)
-        cv2.copyTo(share, valid, weight)
-        filled = self._planes.filled(disparity_px, weight)
+        filled = self._planes.filled(disparity_px, _weights(valid))
         farthest_px = cv2.minMaxLoc(disparity_px, valid)[0]
         np.maximum(filled, np.float32(farthest_px), out=filled)
         self._cast_shadows(disparity_px, filled)
-        cv2.copyTo(disparity_px, valid, filled)
+        put(disparity_px, valid, filled)
         return filled
 
     def _cast_shadows(self, disparity_px: FloatImage, filled: FloatImage) -> None:
@@ -81,3 +76,14 @@ class Filling:
         length = length[is_shadow]
         first = np.repeat(before[is_shadow] + 1 - np.cumsum(length) + length, length)
         filled.ravel()[first + np.arange(len(first))] = np.repeat(far_px[is_shadow], length)
+
+
+def _weights(valid: GrayImage) -> FloatImage:
+    """What a pixel is worth to the planes, 0..1: the fourth power of the share of its valid neighbours."""
+    share = mean_around(valid, RIM_PX).astype(np.float32)
+    share *= np.float32(1 / 255)
+    np.square(share, out=share)
+    np.square(share, out=share)
+    weight = np.zeros(valid.shape, np.float32)
+    put(share, valid, weight)
+    return weight

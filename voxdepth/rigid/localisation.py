@@ -1,4 +1,4 @@
-"""Where the camera is against the last frame that could be placed: tracks first, and what leads back when they are lost."""
+"""Where the camera is against the last frame that could be placed: by tracks, and by what leads back to them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class LocalisationConfig(Model):
     min_tracks: int = Field(12, ge=6)
     """Corners with depth that must be found again; an image with fewer corners shows nothing to go by."""
     min_inlier_share: float = Field(0.5, gt=0, le=1)
-    """Least share of the tracks that one rigid motion explains. Good poses have at least 0.74, wrong ones at most 0.1."""
+    """Least share of the tracks that one rigid motion explains. Good poses have 0.74 and more, wrong ones 0.1."""
     inlier_px: float = Field(1.0, gt=0)
     """Distance up to which a track supports the motion, in pixels of the reduced image."""
     max_residual_px: float = Field(1.5, gt=0)
@@ -145,9 +145,7 @@ class Localisation:
             T_world_cam=frame.T_world_cam,
         )
 
-    def _starts(
-        self, before: _Placed, frame: Frame, prior: FloatArray | None
-    ) -> Iterator[tuple[Points, FloatArray]]:
+    def _starts(self, before: _Placed, frame: Frame, prior: FloatArray | None) -> Iterator[tuple[Points, FloatArray]]:
         """Where the corners may be, the likeliest first; each costs something only when it is asked for."""
         if len(before.corners) < self._config.min_tracks:
             return
@@ -162,8 +160,8 @@ class Localisation:
             moved = np.hstack([full, ones]) @ M.M_frame_template.T
             yield ((moved + 0.5) * small - 0.5).astype(np.float32), np.eye(4)
         assert self._view is not None
-        pair = [view.gray.astype(np.float32) for view in (before.view, self._view)]
-        shift, _ = cv2.phaseCorrelate(*pair, cv2.createHanningWindow(pair[0].shape[::-1], cv2.CV_32F))
+        earlier, later = (view.gray.astype(np.float32) for view in (before.view, self._view))
+        shift, _ = cv2.phaseCorrelate(earlier, later, cv2.createHanningWindow(earlier.shape[::-1], cv2.CV_32F))
         yield before.corners + np.asarray(shift, np.float32), np.eye(4)
 
     def _fit(self, before: _Placed, expected: Points, T_start: FloatArray) -> Fit | None:

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from ..types import FloatImage, Frame, GrayImage
+from .masks import above, below, both, mean_around, put
 from .memory import UNIT
 from .scale import Scale
 
@@ -41,22 +42,20 @@ def measured(frame: Frame, full_px: FloatImage, scale: Scale) -> Measurement:
         full_px: Its disparity at full size [px], shape (H, W); 0 = invalid.
         scale: Size of the memory.
     """
-    valid = cv2.compare(full_px, 0, cv2.CMP_GT)
+    valid = above(full_px, 0)
     if scale.step == 1:
         disparity_px, gray = full_px, frame.gray
     else:
-        disparity_px = _halved(full_px, frame.depth_m, np.asarray(valid, np.uint8), scale)
-        valid = cv2.compare(disparity_px, 0, cv2.CMP_GT)
+        disparity_px = _halved(full_px, frame.depth_m, valid, scale)
+        valid = above(disparity_px, 0)
         cut = frame.gray[: 2 * scale.height_px, : 2 * scale.width_px]
         gray = np.asarray(cv2.resize(cut, scale.shape[::-1], interpolation=cv2.INTER_AREA), np.uint8)
-    weight = cv2.LUT(cv2.blur(valid, (NEIGHBOURS_PX, NEIGHBOURS_PX)), _WEIGHT_OF_SHARE)
-    cv2.bitwise_and(weight, valid, weight)
-    smooth = cv2.GaussianBlur(gray, (3, 3), 0)
+    weight = np.asarray(cv2.LUT(mean_around(valid, NEIGHBOURS_PX), _WEIGHT_OF_SHARE), np.uint8)
     return Measurement(
         disparity_px=disparity_px,
-        valid=np.asarray(valid, np.uint8),
-        weight=np.asarray(weight, np.uint8),
-        gray=np.asarray(smooth, np.uint8),
+        valid=valid,
+        weight=both(weight, valid),
+        gray=np.asarray(cv2.GaussianBlur(gray, (3, 3), 0), np.uint8),
     )
 
 
@@ -67,16 +66,16 @@ def _halved(full_px: FloatImage, depth_m: FloatImage, valid: GrayImage, scale: S
     share = cv2.resize(valid[:rows, :cols], size, interpolation=cv2.INTER_AREA).astype(np.float32)
     share *= np.float32(1 / 255)
     np.maximum(share, np.float32(LEAST_SHARE), out=share)
-    mean_px = cv2.resize(full_px[:rows, :cols], size, interpolation=cv2.INTER_AREA)
+    mean_px = np.asarray(cv2.resize(full_px[:rows, :cols], size, interpolation=cv2.INTER_AREA), np.float32)
     mean_px /= share
     nearest_px = _largest(full_px[:rows, :cols])
     farthest_px = scale.disparity(_largest(depth_m[:rows, :cols]))
-    above, below = cv2.subtract(nearest_px, mean_px), cv2.subtract(mean_px, farthest_px)
+    over_px, under_px = nearest_px - mean_px, mean_px - farthest_px
     halved_px = farthest_px
-    cv2.copyTo(nearest_px, cv2.compare(above, below, cv2.CMP_LT), halved_px)
-    cv2.add(above, below, above)
-    cv2.copyTo(mean_px, cv2.compare(above, SAME_SURFACE_PX, cv2.CMP_LT), halved_px)
-    return np.asarray(halved_px, np.float32)
+    put(nearest_px, below(over_px, under_px), halved_px)
+    over_px += under_px
+    put(mean_px, below(over_px, SAME_SURFACE_PX), halved_px)
+    return halved_px
 
 
 def _largest(image: FloatImage) -> FloatImage:

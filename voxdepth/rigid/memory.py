@@ -12,8 +12,10 @@ from .scale import Scale
 UNIT = 16
 """Weights are counted in sixteenths of a measurement that has only valid neighbours."""
 
-COARSE = 2
+COARSE = np.float32(2)
 """Pixels a side of those of the drift, which is the same over a surface."""
+OFFSET_PX = (COARSE - 1) / 2
+"""Where the middle of the first of those pixels is."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,17 +29,23 @@ class Memory:
     gray: GrayImage
     """How the surface looked when it was measured last, shape (h, w), uint8."""
     drift_px: FloatImage
-    """How far measurements have been nearer than the memory lately, shape (h / 4, w / 4): what comes or goes has some."""
+    """How far measurements have been nearer than the memory lately, shape (h / 2, w / 2): what
+    comes or goes has some."""
 
     @classmethod
     def empty(cls, gray: GrayImage) -> "Memory":
         """Nothing is remembered; whatever is there looks as it does now."""
-        return cls(disparity_px=np.zeros(gray.shape, np.float32), weight=np.zeros_like(gray), gray=gray, drift_px=np.zeros(coarse_shape(gray.shape), np.float32))
+        return cls(
+            disparity_px=np.zeros(gray.shape, np.float32),
+            weight=np.zeros_like(gray),
+            gray=gray,
+            drift_px=np.zeros(_coarse(gray.shape), np.float32),
+        )
 
 
-def coarse_shape(shape: tuple[int, ...]) -> tuple[int, int]:
+def _coarse(shape: tuple[int, ...]) -> tuple[int, int]:
     """Of the drift of a memory of shape (h, w)."""
-    return max(1, shape[0] // COARSE), max(1, shape[1] // COARSE)
+    return max(1, int(shape[0] // COARSE)), max(1, int(shape[1] // COARSE))
 
 
 class Mover:
@@ -49,15 +57,14 @@ class Mover:
     def move(self, memory: Memory, T_now_before: FloatArray) -> Memory:
         """The memory as the camera sees it now, after a motion of shape (4, 4)."""
         moved = self._reprojection.move(memory.disparity_px, memory.weight, T_now_before)
-        gray = cv2.remap(
-            memory.gray, moved.source_x, moved.source_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
+        gray = cv2.remap(memory.gray, moved.source_x, moved.source_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         size = memory.drift_px.shape[::-1]
         coarse = [
-            (cv2.resize(source, size, interpolation=cv2.INTER_AREA) + 0.5) / COARSE - 0.5
+            (np.asarray(cv2.resize(source, size, interpolation=cv2.INTER_AREA), np.float32) - OFFSET_PX) / COARSE
             for source in (moved.source_x, moved.source_y)
         ]
-        drift_px = cv2.remap(memory.drift_px, *coarse, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        x, y = coarse
+        drift_px = cv2.remap(memory.drift_px, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return Memory(
             disparity_px=moved.disparity_px,
             weight=moved.weight,

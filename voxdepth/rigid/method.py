@@ -24,6 +24,7 @@ from .config import RigidConfig
 from .evidence import Evidence, Kind, Verdict
 from .filling import Filling
 from .localisation import Found, Localisation, Location
+from .masks import above, put
 from .measurement import Measurement, measured
 from .memory import Memory, Mover
 from .merge import enlarged, merged
@@ -149,8 +150,9 @@ class RigidMethod:
             return
         self._blind_frames = 0
         self._memory = memory
-        known = cv2.compare(memory.weight, 0, cv2.CMP_GT)
-        self._localisation.place(frame, np.asarray(cv2.bitwise_and(memory.disparity_px, memory.disparity_px, mask=known)))
+        known_px = np.zeros_like(memory.disparity_px)
+        put(memory.disparity_px, above(memory.weight, 0), known_px)
+        self._localisation.place(frame, known_px)
 
     @timed
     def _fill(self, verdict: Verdict) -> FloatImage:

@@ -24,7 +24,8 @@ class PlanesConfig(Model):
     """How planes are fitted around holes."""
 
     cell_px: int = Field(16, ge=4)
-    """Side of the finest cells, in pixels of the full image; smaller follows closer what is near a hole, and costs more."""
+    """Side of the finest cells, in pixels of the full image; smaller follows closer what is near a hole, and costs
+    more."""
     enough: float = Field(0.08, gt=0)
     """Part of a cell's neighbourhood that must be measured for its own plane to count in full; what is missing is
     taken from cells of twice the size, and so on."""

@@ -69,7 +69,7 @@ def fit_pose(points_m: FloatArray, seen_px: FloatArray, lens: Pinhole, T_start: 
         weight = 1 / np.square(1 + np.square(length / (TURNING_POINT * spread_px)))
         weight[moved[:, 2] <= NEAREST_M] = 0
         step = _step(moved, residual, weight, lens)
-        T = _motion(step) @ T
+        T[:] = _motion(step) @ T
         if np.abs(step).max() < SETTLED:
             break
     length = np.hypot(*(lens.project(points_m @ T[:3, :3].T + T[:3, 3]) - seen_px).T)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from ..geometry import inverse_rigid
 from ..types import FloatArray, FloatImage, GrayImage
+from .masks import above, below, both, equal, put
 from .scale import LARGEST_PX, Scale
 
 FRACTION_BITS = 14
@@ -17,7 +18,7 @@ WEIGHT_BITS = 8
 SAME_SURFACE_PX = 0.6
 """A value sampled in the source image counts if it moves to within so much of the disparity that was seen."""
 LEAST_RATIO = 0.75
-"""And if it is not farther than the surface that was seen by more than this: beside nothing, samples are mixed with 0."""
+"""And if it is at least so much of what was seen: beside nothing, samples are mixed with 0."""
 NEAREST = np.float32(1e-3)
 """Points nearer than this part of their former depth are behind the camera, or as good as."""
 BAND_PX = 2**15
@@ -91,7 +92,8 @@ class Reprojection:
             self._splat(motion, disparity_px[band], weight[band], band)
         seen_px, weight = self._seen()
         _close_cracks(seen_px, weight)
-        moved = Moved(disparity_px=seen_px, weight=weight, source_x=np.empty_like(seen_px), source_y=np.empty_like(seen_px))
+        source_x, source_y = np.empty_like(seen_px), np.empty_like(seen_px)
+        moved = Moved(disparity_px=seen_px, weight=weight, source_x=source_x, source_y=source_y)
         for band in self._bands:
             self._trace_back(back, moved, band)
             self._sample(motion, disparity_px, moved, band)
@@ -137,15 +139,14 @@ class Reprojection:
         self._divisor(back, seen_px, inverse, band)
         for axis, source in enumerate((moved.source_x[band], moved.source_y[band])):
             self._linear(back, axis, seen_px, source, band)
-            source *= inverse
+            np.multiply(source, inverse, out=source)
 
     def _sample(self, motion: _Motion, disparity_px: FloatImage, moved: Moved, band: slice) -> None:
         """Take the source's value between its pixels in place of the splatted one, where it is of the same surface."""
         inverse, ratio, scratch = self._room(band, self._inverse, self._a, self._b)
         seen_px = moved.disparity_px[band]
-        sampled_px = cv2.remap(
-            disparity_px, moved.source_x[band], moved.source_y[band], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
-        )
+        source = moved.source_x[band], moved.source_y[band]
+        sampled_px = cv2.remap(disparity_px, *source, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         # Where D differs from the disparity that the position was computed with, so does the ratio of the depths.
         np.multiply(seen_px, inverse, out=ratio)
         np.subtract(sampled_px, ratio, out=ratio)
@@ -153,9 +154,10 @@ class Reprojection:
         ratio += inverse
         np.maximum(ratio, NEAREST, out=ratio)
         value_px = np.divide(sampled_px, ratio, out=ratio)
-        close = cv2.compare(cv2.absdiff(value_px, seen_px, scratch), SAME_SURFACE_PX, cv2.CMP_LT)
+        np.abs(np.subtract(value_px, seen_px, out=scratch), out=scratch)
+        close = below(scratch, SAME_SURFACE_PX)
         np.multiply(seen_px, np.float32(LEAST_RATIO), out=scratch)
-        cv2.copyTo(value_px, cv2.bitwise_and(close, cv2.compare(value_px, scratch, cv2.CMP_GT)), seen_px)
+        put(value_px, both(close, above(value_px, scratch)), seen_px)
 
     def _room(self, band: slice, *buffers: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
         """Buffers for a band."""
@@ -194,6 +196,6 @@ class Reprojection:
 
 def _close_cracks(disparity_px: FloatImage, weight: GrayImage) -> None:
     """Give gaps of one pixel what is around them, in place."""
-    empty = cv2.compare(disparity_px, 0, cv2.CMP_EQ)
-    cv2.copyTo(cv2.morphologyEx(disparity_px, cv2.MORPH_CLOSE, CRACK), empty, disparity_px)
-    cv2.copyTo(cv2.morphologyEx(weight, cv2.MORPH_CLOSE, CRACK), empty, weight)
+    empty = equal(disparity_px, 0)
+    put(np.asarray(cv2.morphologyEx(disparity_px, cv2.MORPH_CLOSE, CRACK), np.float32), empty, disparity_px)
+    put(np.asarray(cv2.morphologyEx(weight, cv2.MORPH_CLOSE, CRACK), np.uint8), empty, weight)

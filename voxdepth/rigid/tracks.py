@@ -57,7 +57,9 @@ class Tracks:
         small = np.asarray(cv2.resize(gray, self._size, interpolation=cv2.INTER_AREA), np.uint8)
         return View(gray=small, corners=self._corners(small))
 
-    def follow(self, earlier: View, later: View, corners: Points, expected: Points) -> tuple[Points, npt.NDArray[np.bool_]]:
+    def follow(
+        self, earlier: View, later: View, corners: Points, expected: Points
+    ) -> tuple[Points, npt.NDArray[np.bool_]]:
         """Where corners of one view are in another.
 
         Args:
@@ -70,7 +72,7 @@ class Tracks:
             Positions in the later view, shape (N, 2), and which of them were found, shape (N,).
         """
         window = (self._config.window_px, self._config.window_px)
-        found, status, _ = cv2.calcOpticalFlowPyrLK(
+        seen, status, _ = cv2.calcOpticalFlowPyrLK(
             earlier.gray,
             later.gray,
             corners,
@@ -80,6 +82,7 @@ class Tracks:
             criteria=LOCATE,
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         )
+        found = np.asarray(seen, np.float32)
         width, height = self._size
         inside = (found >= 0).all(axis=1) & (found[:, 0] <= width - 1) & (found[:, 1] <= height - 1)
         return found, (status.ravel() > 0) & inside
