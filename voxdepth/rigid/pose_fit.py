@@ -69,7 +69,7 @@ def fit_pose(points_m: FloatArray, seen_px: FloatArray, lens: Pinhole, T_start: 
         weight = 1 / np.square(1 + np.square(length / (TURNING_POINT * spread_px)))
         weight[moved[:, 2] <= NEAREST_M] = 0
         step = _step(moved, residual, weight, lens)
-        T[:] = _motion(step) @ T
+        T = _motion(step) @ T
         if np.abs(step).max() < SETTLED:
             break
     length = np.hypot(*(lens.project(points_m @ T[:3, :3].T + T[:3, 3]) - seen_px).T)
@@ -91,8 +91,8 @@ def _step(moved: FloatArray, residual: FloatArray, weight: FloatArray, lens: Pin
     weighted_x, weighted_y = along_x * weight[:, None], along_y * weight[:, None]
     H = weighted_x.T @ along_x + weighted_y.T @ along_y
     g = weighted_x.T @ residual[:, 0] + weighted_y.T @ residual[:, 1]
-    H += (1e-9 * np.trace(H) + 1e-12) * np.eye(6)
-    step: FloatArray = -np.linalg.solve(H, g)
+    damping = (1e-9 * np.trace(H) + 1e-12) * np.eye(6)
+    step: FloatArray = -np.linalg.solve(H + damping, g)
     return step
 
 
