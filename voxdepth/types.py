@@ -243,27 +243,31 @@ class Source(IntEnum):
     """Where the depth of a pixel comes from."""
 
     INVALID = 0
+    """There is no depth."""
     SENSOR = 1
+    """It was measured and believed; it may be averaged with what was seen before."""
     TEMPLATE = 2
+    """It is what was seen before: there is no measurement, or none that is believed."""
     INPAINTED = 3
+    """It is a guess from the pixels around, in this image alone."""
 
 
 class Phase(StrEnum):
     """What a corrector was doing when it returned a frame."""
 
     PASSTHROUGH = "passthrough"
-    """The frame left without a template: raw depth, at most smoothed."""
+    """Nothing that was seen before served: the frame was at most smoothed and filled by itself."""
     FUSING = "fusing"
     """A window is being collected; the previous template corrects meanwhile."""
     CORRECTING = "correcting"
-    """The template of the running epoch corrects."""
+    """What was seen before corrects: the template of the running epoch, or the memory that moves with the camera."""
 
 
 class EpochEnd(StrEnum):
-    """Why a corrector gave its template up and began to fuse anew."""
+    """Why a corrector gave up what it remembered, and began anew."""
 
     FEW_MATCHES = "few_matches"
-    """The scene changed: hardly any feature of the template was found again."""
+    """The scene changed: hardly any feature of what is remembered was found again."""
     DEGENERATE = "degenerate"
     """There were matches, but no usable map came of them."""
     MAX_FRAMES = "max_frames"

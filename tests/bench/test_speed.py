@@ -70,7 +70,7 @@ def test_physics_and_control_at_240_hz(n_drones: int) -> None:
 @pytest.mark.parametrize(
     ("depth", "corrector", "size"),
     [("truth", "raw", (160, 120)), ("stereo", "raw", (160, 120)), ("stereo", "paper", (160, 120)),
-     ("stereo", "paper", (320, 180))],
+     ("stereo", "voxdepth", (160, 120)), ("stereo", "paper", (320, 180)), ("stereo", "voxdepth", (320, 180))],
 )  # fmt: skip
 def test_missions(depth: str, corrector: str, size: tuple[int, int]) -> None:
     changes = {"rig.depth": depth, "corrector": corrector, "rig.width_px": size[0], "rig.height_px": size[1]}

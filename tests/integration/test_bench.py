@@ -34,12 +34,16 @@ from voxdepth.types import CorrectedDepth, FloatImage, GrayImage, Phase, Registr
 N_IMAGES = 5
 QUICK_LINES = (
     "machine: ", "GPU: ", "load in the last minute", "numpy ", "opencv-python-headless ", "warp-lang ", "voxdepth ",
+    "measure", "localise", "recall", "weigh", "remember", "fill", "smooth", "the camera was found",
     "registration, describe", "registration, register", "correction state", "label", "frame without fusion",
     "fusion, place", "fusion, voxelise", "fusion, project", "fusion, inpaint", "fusion of 10 frames",
-    "measure", "localise", "recall", "weigh", "remember", "fill", "smooth", "the camera was found",
-    "OpenCV, NumPy", "Warp, cpu", "integrate", "project", "inpaint", "warp", "combine", "filter", "p50", "p95", "p99", "max",
+    "OpenCV, NumPy", "Warp, cpu", "integrate", "project", "inpaint", "warp", "combine", "filter",
+    "p50", "p95", "p99", "max",
 )  # fmt: skip
-SLOW_LINES = ("medians by image size", "line: ", "one by one", "pipelined", "resident memory", "voxdepth, 1024x1024", "paper, 1024x1024")
+SLOW_LINES = (
+    "medians by image size", "line: ", "one by one", "pipelined", "resident memory",
+    "voxdepth, 1024x1024", "paper, 1024x1024",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -257,15 +261,15 @@ def test_a_whole_run_has_sizes_files_and_memory_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("corrector", ["voxdepth", "paper"])
-def test_memory_is_that_of_a_new_process_and_grows_with_the_images(corrector: str, clip: Clip) -> None:
+@pytest.mark.parametrize(("corrector", "least_mb"), [("voxdepth", 0), ("paper", 5)])
+def test_memory_is_that_of_a_new_process_and_grows_with_the_images(corrector: str, least_mb: float, clip: Clip) -> None:
     held = np.ones(100_000_000, np.uint8)
     small, large = (measure_memory(corrector, one) for one in (clip, clip.resized(1024, 1024)))
     assert small is not None and large is not None
     assert held.nbytes / 1e6 < small.libraries_mb < 500
     assert small.libraries_mb == pytest.approx(large.libraries_mb, abs=20)
     assert large.frames_mb == pytest.approx(N_IMAGES * 1024**2 * 5e-6)
-    assert 0 < small.correcting_mb < large.correcting_mb
+    assert least_mb < small.correcting_mb < large.correcting_mb
 
 
 @pytest.mark.slow

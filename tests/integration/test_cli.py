@@ -181,7 +181,7 @@ def test_ctrl_c_ends_the_run_and_closes_the_recording(tmp_path: Path) -> None:
 def test_list_names_everything() -> None:
     done = voxdepth("list")
     assert done.returncode == 0
-    for word in ("city", "truth, noisy, stereo", "raw, median", "paper", "raycast, tiny"):
+    for word in ("city", "truth, noisy, stereo", "raw, median", "paper, voxdepth", "raycast, tiny"):
         assert word in done.stdout
 
 

@@ -36,9 +36,11 @@ def test_a_short_flight_succeeds_and_reports() -> None:
     np.testing.assert_allclose(result.trajectories[0].position_m[0], [-8, 0, 6], atol=0.01)
 
 
-@pytest.mark.parametrize("depth", ["truth", "noisy", "stereo"])
-def test_the_same_seed_gives_the_same_flight_with_any_number_of_threads(depth: str) -> None:
-    changes = {"rig.depth": depth, "mission.duration_s": 2.5, "corrector": "paper"}
+@pytest.mark.parametrize(
+    ("depth", "corrector"), [("truth", "paper"), ("noisy", "paper"), ("stereo", "paper"), ("stereo", "voxdepth")]
+)
+def test_the_same_seed_gives_the_same_flight_with_any_number_of_threads(depth: str, corrector: str) -> None:
+    changes = {"rig.depth": depth, "mission.duration_s": 2.5, "corrector": corrector}
     if depth == "noisy":
         changes["rig.noise.scale.theta"] = 0.5
     first, second = (fly(short(**changes), threads=n).result for n in (1, 3))

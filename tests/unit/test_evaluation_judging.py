@@ -228,7 +228,7 @@ def test_the_warm_up_is_as_long_as_the_method_asks_and_the_sequence_allows(asked
 
 def test_the_warm_up_of_the_paper_reaches_every_stage() -> None:
     assert find_method("paper").warm_up_frames == 10 + 3 + 2
-    assert find_method("raw").warm_up_frames == WARM_UP_FRAMES
+    assert find_method("raw").warm_up_frames == find_method("voxdepth").warm_up_frames == WARM_UP_FRAMES
 
 
 def test_only_methods_of_ours_are_not_foreign(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -288,6 +288,7 @@ def test_methods_are_found_by_name_and_refused_by_name() -> None:
     assert METHOD_NAMES[-1] == ORACLE
     assert [m.name for m in find_methods(METHOD_NAMES) if m.sees_true_pose] == [ORACLE]
     assert find_method("paper").config["window_frames"] == 10
+    assert find_method("voxdepth").config["memory_step"] == "auto"
     assert find_method("voxdepth.peers.raw:Raw").name == "voxdepth.peers.raw:Raw"
     with pytest.raises(ConfigError, match="there is no corrector 'magic'"):
         find_methods(["raw", "magic"])

@@ -5,11 +5,13 @@ from typing import get_args
 from scenarios.commands.correct import Format
 from scenarios.commands.options import DEFAULT_CORRECTOR, Depth, RendererName
 from scenarios.commands.swarm import Prior
+from scenarios.config import Scenario, load_run
 from sim.render import RENDERER_NAMES
 from sim.tiers import TIER_NAMES
 from swarm.priors import PosePriorName
+from voxdepth.config import VoxDepthConfig
 from voxdepth.datasets import DATASET_FORMATS
-from voxdepth.registry import DEFAULT
+from voxdepth.registry import DEFAULT, config_of
 
 
 def test_the_command_line_speaks_the_words_of_the_library() -> None:
@@ -17,4 +19,9 @@ def test_the_command_line_speaks_the_words_of_the_library() -> None:
     assert tuple(Depth) == TIER_NAMES
     assert tuple(RendererName) == RENDERER_NAMES
     assert tuple(Prior) == get_args(PosePriorName)
-    assert DEFAULT_CORRECTOR == DEFAULT
+
+
+def test_the_default_corrector_is_the_same_everywhere() -> None:
+    assert DEFAULT_CORRECTOR == DEFAULT == load_run("city", None, {}).scenario.corrector
+    assert Scenario.model_fields["corrector"].default == DEFAULT
+    assert type(config_of(DEFAULT)) is VoxDepthConfig
