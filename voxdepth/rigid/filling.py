@@ -1,7 +1,10 @@
 """What neither sensor nor memory knows: occlusion shadows take the background, anything else its surroundings."""
 
+from typing import Literal
+
 import cv2
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field
 
 from ..model import Model
@@ -10,6 +13,10 @@ from .masks import above, mean_around, put
 from .planes import Planes, PlanesConfig
 from .scale import Scale
 
+Indices = npt.NDArray[np.intp]
+
+BACKGROUND_PX = (3, 6)
+"""How far from a hole the background is looked at besides its rim, in pixels of the full image."""
 RIM_PX = 5
 """Window in which the valid neighbours of a pixel are counted: those on the rim of a hole are mostly wrong."""
 
@@ -22,8 +29,9 @@ class FillingConfig(Model):
     """Disparity by which the right end of a hole must be nearer than the left one for it to be an occlusion shadow."""
     margin_px: float = Field(6.0, ge=0)
     """A shadow is as wide as that step of disparity. Holes that are wider by more than this are something else."""
-    inset_px: int = Field(3, ge=0)
-    """The background is taken so many pixels from the hole, if it is farther there: the rim itself may be fattened."""
+    hidden_side: Literal["left", "right"] = "left"
+    """Side of near things on which a strip of what is behind them has no depth: the left one where depth is that of
+    the left one of two cameras; a projector or a second camera on the left side makes it the right one."""
 
 
 class Filling:
@@ -47,7 +55,10 @@ class Filling:
         filled = self._planes.filled(disparity_px, _weights(valid))
         farthest_px = cv2.minMaxLoc(disparity_px, valid)[0]
         np.maximum(filled, np.float32(farthest_px), out=filled)
-        self._cast_shadows(disparity_px, filled)
+        if self._config.hidden_side == "left":
+            self._cast_shadows(disparity_px, filled)
+        else:
+            self._cast_shadows(disparity_px[:, ::-1], filled[:, ::-1])
         put(disparity_px, valid, filled)
         return filled
 
@@ -59,23 +70,37 @@ class Filling:
         """
         config, step = self._config, self._scale.step
         width = disparity_px.shape[1]
-        # Holes as runs of pixels in the flat image; those that touch its left or right end are no shadows.
-        valid = np.zeros(disparity_px.size + 2, np.bool_)
-        np.greater(disparity_px.ravel(), 0, out=valid[1:-1])
+        flat_px = np.ascontiguousarray(disparity_px).ravel()
+        # Holes as runs of pixels in the flat image; those that touch an end of their row are no shadows.
+        valid = np.zeros(flat_px.size + 2, np.bool_)
+        np.greater(flat_px, 0, out=valid[1:-1])
         edges = np.flatnonzero(valid[1:] != valid[:-1])
         before, after = edges[1:-1:2] - 1, edges[2::2]
         one_row = before // width == after // width
         before, after = before[one_row], after[one_row]
-        flat_px = disparity_px.ravel()
-        near_px, rim_px = flat_px[after], flat_px[before]
-        inset = np.minimum(config.inset_px // step, before % width)
-        inner_px = flat_px[before - inset]
-        far_px = np.where(inner_px > 0, np.minimum(inner_px, rim_px), rim_px)
+        near_px, far_px = flat_px[after], _background(flat_px, before, width, step)
         length = after - before - 1
         is_shadow = (near_px > far_px + config.step_px) & (length * step <= near_px - far_px + config.margin_px)
         length = length[is_shadow]
         first = np.repeat(before[is_shadow] + 1 - np.cumsum(length) + length, length)
-        filled.ravel()[first + np.arange(len(first))] = np.repeat(far_px[is_shadow], length)
+        row, col = np.divmod(first + np.arange(len(first)), width)
+        filled[row, col] = np.repeat(far_px[is_shadow], length)
+
+
+def _background(flat_px: FloatImage, rim: Indices, width: int, step: int) -> FloatImage:
+    """Disparity left of holes: the middle one of three pixels, for the rim may be fattened and any one an outlier.
+
+    Args:
+        flat_px: The image, flat.
+        rim: Index of the last pixel before each hole, shape (N,).
+        width: Of the image.
+        step: Pixels of the full image per pixel.
+    """
+    away = np.array([[0], *([pixels // step] for pixels in BACKGROUND_PX)])
+    three_px = flat_px[rim - np.minimum(away, rim % width)]
+    three_px = np.where(three_px > 0, three_px, three_px[0])
+    middle: FloatImage = np.sort(three_px, axis=0)[1]
+    return middle
 
 
 def _weights(valid: GrayImage) -> FloatImage:
