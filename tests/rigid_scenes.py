@@ -5,6 +5,7 @@ Lengths may be in any unit: a scene that is `scale` times as large, seen from `s
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from voxdepth.rigid.method import RigidMethod
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=70, baseline_m=0.1)
-WAVES = 24
+WAVES = 16
 """Of which the texture is made; wavelengths from 0.35 to 1.2 m."""
 
 
@@ -70,7 +71,7 @@ def walk(count: int, *, step_m: float = 0.02, yaw_deg: float = 0.3) -> list[Floa
 def render(
     bodies: Sequence[Body], T_world_cam: FloatArray, camera: Intrinsics = CAMERA, *, scale: float = 1.0
 ) -> tuple[GrayImage, FloatImage]:
-    """Gray and depth [m], shapes (H, W); the depth is 0 where nothing is.
+    """Gray and depth [m], shapes (H, W), not writeable; the depth is 0 where nothing is.
 
     Args:
         bodies: The nearest one is seen.
@@ -78,6 +79,12 @@ def render(
         camera: Whose rays are cast, one through the middle of each pixel.
         scale: All lengths of the bodies are multiplied by it, their texture's, too.
     """
+    return _rendered(tuple(bodies), T_world_cam.tobytes(), camera, scale)
+
+
+@lru_cache(maxsize=256)
+def _rendered(bodies: tuple[Body, ...], pose_bytes: bytes, camera: Intrinsics, scale: float) -> tuple[GrayImage, FloatImage]:
+    T_world_cam = np.frombuffer(pose_bytes, np.float64).reshape(4, 4)
     col, row = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
     x, y = (col - camera.cx_px) / camera.fx_px, (row - camera.cy_px) / camera.fy_px
     rays = np.stack([x, y, np.ones_like(x)], -1) @ T_world_cam[:3, :3].T
@@ -89,7 +96,10 @@ def render(
         centre = np.array(body.centre_m) if isinstance(body, Sphere) else np.zeros(3)
         gray[seen] = _texture(origin + rays[seen] * z[seen, None] - centre, body.seed)
         nearest[seen] = z[seen]
-    return gray.astype(np.uint8), np.where(np.isfinite(nearest), nearest * scale, 0).astype(np.float32)
+    images = gray.astype(np.uint8), np.where(np.isfinite(nearest), nearest * scale, 0).astype(np.float32)
+    for image in images:
+        image.flags.writeable = False
+    return images
 
 
 def frame_of(
@@ -157,6 +167,6 @@ def _texture(points_m: FloatArray, seed: int) -> FloatArray:
     directions = rng.normal(size=(WAVES, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     waves = directions * (2 * np.pi / rng.uniform(0.35, 1.2, (WAVES, 1)))
-    total = np.cos(points_m @ waves.T + rng.uniform(0, 2 * np.pi, WAVES)).sum(1)
-    gray: FloatArray = np.clip(127.5 + 28 * total, 20, 235)
+    phases = (points_m @ waves.T + rng.uniform(0, 2 * np.pi, WAVES)).astype(np.float32)
+    gray: FloatArray = np.clip(127.5 + 34 * np.cos(phases).sum(1), 20, 235)
     return gray

