@@ -83,7 +83,9 @@ def render(
 
 
 @lru_cache(maxsize=256)
-def _rendered(bodies: tuple[Body, ...], pose_bytes: bytes, camera: Intrinsics, scale: float) -> tuple[GrayImage, FloatImage]:
+def _rendered(
+    bodies: tuple[Body, ...], pose_bytes: bytes, camera: Intrinsics, scale: float
+) -> tuple[GrayImage, FloatImage]:
     T_world_cam = np.frombuffer(pose_bytes, np.float64).reshape(4, 4)
     col, row = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
     x, y = (col - camera.cx_px) / camera.fx_px, (row - camera.cy_px) / camera.fy_px

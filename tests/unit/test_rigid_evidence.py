@@ -263,3 +263,27 @@ def test_inputs_are_not_modified_and_results_are_not_shared() -> None:
         array[...] = 7
     for array, copy in zip((a for data in (memory, new) for a in vars(data).values()), before, strict=True):
         np.testing.assert_array_equal(array, copy)
+
+
+def lag_px(**settings: float) -> float:
+    """How far the output is behind a surface that comes nearer by 0.08 px per frame, after twelve frames."""
+    memory = memory_of(image(10))
+    for frame in range(1, 13):
+        new_px = image(10 + 0.08 * frame)
+        verdict, memory = weigh(memory, measured(new_px), **settings)
+    return float((new_px - verdict.disparity_px).mean())
+
+
+def test_memory_gives_way_to_what_comes_nearer_slowly() -> None:
+    assert lag_px() < 0.15
+    assert lag_px(drift_px=1e6) > 0.5  # were drift no reason to trust it less
+
+
+def test_drift_is_forgotten_when_it_ends() -> None:
+    memory = memory_of(image(10))
+    _, memory = weigh(memory, measured(image(10.5)))
+    first_weight = int(memory.weight[20, 20])
+    for _ in range(30):
+        verdict, memory = weigh(memory, measured(memory.disparity_px))
+    assert first_weight < UNIT * MOST  # half a pixel, all of one sign
+    assert (memory.weight == UNIT * MOST).all()

@@ -79,7 +79,9 @@ class TestPlanes:
         filled_px = filling(1, config).fill(holed(plane_px, block(4, top=0, left=0)))
         np.testing.assert_allclose(filled_px, plane_px, atol=0.05)
 
-    @pytest.mark.xfail(strict=True, reason="with few neighbours all cells count as empty, up to the coarsest, flat ones")
+    @pytest.mark.xfail(
+        strict=True, reason="with few neighbours all cells count as empty, up to the coarsest, flat ones"
+    )
     def test_a_plane_of_which_every_other_pixel_is_missing_is_filled_as_well(self) -> None:
         plane_px = slope()
         filled_px = filling(1, FREE).fill(holed(plane_px, scattered(0.5)))

@@ -124,6 +124,12 @@ class TestLocalisation:
         assert location.found is Found.POSE
         assert error_px(location, inverse_rigid(T), first) < 0.5
 
+    def test_a_roll_of_sixteen_degrees_is_bridged_by_features(self) -> None:
+        first, T = frame_of(ROOM, pose()), pose(roll=16)
+        location = placed(first).locate(frame_of(ROOM, T, 1))
+        assert location.found is Found.POSE
+        assert error_px(location, inverse_rigid(T), first) < 0.5
+
     def test_the_same_frames_give_the_same_bytes_whatever_the_threads(self) -> None:
         first, second = frame_of(ROOM, pose()), frame_of(ROOM, pose(0.1, 0, 0.3, yaw=3), 1)
         threads, motions = cv2.getNumThreads(), []
@@ -147,7 +153,7 @@ class TestLocalisation:
         assert location.tracks == 0
 
     def test_frames_are_not_kept(self) -> None:
-        first, second = frame_of(ROOM, pose()), frame_of(ROOM, BY_THE_WAY["aside"], 1)
+        first, second = frame_of(ROOM, pose()), frame_of(ROOM, pose(roll=16), 1)  # so far that features are asked for
         first = replace(first, gray=first.gray.copy())
         expected = placed(first).locate(second).T_now_before
         known = localisation()
@@ -197,6 +203,11 @@ class TestFit:
         assert (fit.inlier_share, fit.inliers) == (1, 60)
         assert fit.residual_px < 1e-4
 
+    def test_a_large_motion_is_found_from_nowhere(self) -> None:
+        T, points = pose(0.4, -0.2, 0.8, yaw=20, pitch=-10, roll=40), self.points()
+        fit = fit_pose(points, self.seen(points, T), LENS, np.eye(4), 1.0)
+        np.testing.assert_allclose(fit.T_target_source, T, atol=1e-5)
+
     def test_a_third_that_moves_by_itself_does_not_matter(self) -> None:
         T, points = BY_THE_WAY["rolled"], self.points()
         seen = self.seen(points, T)
@@ -216,8 +227,8 @@ class TestFit:
     def test_points_behind_the_camera_do_not_count(self) -> None:
         T, points = BY_THE_WAY["forward"], self.points()
         seen = self.seen(points, T)
-        behind = np.array([[0.3, 0.2, -3.0]] * 10)
-        fit = fit_pose(np.vstack([points, behind]), np.vstack([seen, np.full((10, 2), 50.0)]), LENS, np.eye(4), 1.0)
+        behind, there = np.tile([0.0, 0.0, -3.0], (10, 1)), np.tile([LENS.cx_px + 0.5, LENS.cy_px], (10, 1))
+        fit = fit_pose(np.vstack([points, behind]), np.vstack([seen, there]), LENS, np.eye(4), 1.0)
         np.testing.assert_allclose(fit.T_target_source, T, atol=1e-6)
 
     def test_points_on_one_spot_give_something_finite(self) -> None:
@@ -253,8 +264,7 @@ class TestTracks:
         gray, _ = render([WALL, Plane((0.0, 1.0, 0.05), 1.6, seed=2)], pose(), big)
         tracks = Tracks(CAMERA, self.CONFIG)
         here, there = (
-            tracks.view(np.ascontiguousarray(gray[20 - y : 140 - y, 20 - x : 180 - x]))
-            for x, y in ((0, 0), shift)
+            tracks.view(np.ascontiguousarray(gray[20 - y : 140 - y, 20 - x : 180 - x])) for x, y in ((0, 0), shift)
         )
         found, ok = tracks.follow(here, there, here.corners, here.corners)
         assert ok.mean() > 0.85

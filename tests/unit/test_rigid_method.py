@@ -252,14 +252,19 @@ class TestSizes:
 
     @pytest.mark.parametrize(
         "step",
-        [1, pytest.param(2, marks=pytest.mark.xfail(strict=True, reason="they get the correction of their neighbours"))],
+        [
+            1,
+            pytest.param(2, marks=pytest.mark.xfail(strict=True, reason="they get the correction of their neighbours")),
+        ],
     )
     def test_the_last_odd_row_and_column_are_no_worse_than_measured(self, step: int) -> None:
         clean = frames_of(ROOM, walk(8), ODD)
         frames = [noisy(frame, 0, holes=0, camera=ODD) for frame in clean]
         result = run(method(ODD, memory_step=step, smooth_size_px=1), frames)[-1]
         for edge in (np.s_[:, -1], np.s_[-1, :]):
-            ours, raw = (abs(1 / depth_m - 1 / clean[-1].depth_m)[edge] for depth_m in (result.depth_m, frames[-1].depth_m))
+            ours, raw = (
+                abs(1 / depth_m - 1 / clean[-1].depth_m)[edge] for depth_m in (result.depth_m, frames[-1].depth_m)
+            )
             assert ours.mean() < raw.mean()
 
     @pytest.mark.xfail(strict=True, reason="OpenCV takes an image of one pixel for a number; 1 x 1 halved is nothing")

@@ -170,3 +170,17 @@ def test_a_memory_that_moves_looks_as_the_scene_does_from_there(camera: Intrinsi
     assert np.median(change) <= 2 * step  # halving blurs, and not twice in the same way
     assert np.median(unmoved) > 10
     assert np.mean(abs(moved.disparity_px - now.disparity_px)[known] < 0.05) > 0.9
+
+
+@pytest.mark.parametrize("shift_px", [0, 12, -8])
+def test_the_drift_of_a_memory_moves_along(shift_px: int) -> None:
+    scale = Scale.of(CAMERA, 1)
+    gray = np.zeros(CAMERA.shape, np.uint8)
+    empty = Memory.empty(gray)
+    row, col = np.indices(empty.drift_px.shape)
+    drift_px = (0.01 * row - 0.02 * col).astype(np.float32)
+    memory = replace(empty, disparity_px=constant(8), weight=np.full(CAMERA.shape, UNIT, np.uint8), drift_px=drift_px)
+    step_m = shift_px / 8 * 0.1  # a step of a baseline shifts by the disparity
+    moved = Mover(scale).move(memory, inverse_rigid(pose(step_m)))
+    expected_px = 0.01 * row - 0.02 * (col + shift_px / 4)
+    np.testing.assert_allclose(moved.drift_px[:, 4:-4], expected_px[:, 4:-4], atol=1e-3)
