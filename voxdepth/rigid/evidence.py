@@ -61,6 +61,9 @@ class EvidenceConfig(Model):
     """The same where the sensor sees through it: a ghost dies at once."""
     fade_overruled: float = Field(0.125, ge=0)
     """The same where it overrules a measurement: nothing is believed for ever."""
+    fade_doubted: float = Field(1.0, ge=0)
+    """The same, added to it, where what it overrules is coherent and nearer: an obstacle that looks like the wall behind
+    it is shown after some ten frames."""
 
 
 class Kind(IntEnum):
@@ -89,7 +92,7 @@ class Verdict:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Opinion:
-    """What memory and measurement say together: masks of shape (h, w), of which no two overlap, and trust."""
+    """What memory and measurement say together: masks of shape (h, w) and trust. All but `doubted` are disjoint."""
 
     agree: GrayImage
     nearer: GrayImage
@@ -98,6 +101,8 @@ class _Opinion:
     """The sensor sees through the remembered surface."""
     overruled: GrayImage
     """The measurement is an outlier, or wrong as a whole; the memory stands."""
+    doubted: GrayImage
+    """Some of those: coherent and nearer, but nothing looks as if something had come."""
     unknown: GrayImage
     """Measured where nothing is remembered, or too little to overrule anything."""
     hidden: GrayImage
@@ -148,7 +153,8 @@ class Evidence:
         sure = above(memory.weight, self._enough - 1)
         config = self._config
         same_for_far = max(config.same_gray, SAME_NOISES * noise) if config.same_gray else 0.0
-        nearer = without(nearer, both(sure, below(change, config.same_gray_near * noise)))
+        doubted = both(nearer, both(sure, below(change, config.same_gray_near * noise)))
+        nearer = without(nearer, doubted)
         farther = without(farther, both(sure, below(change, same_for_far)))
         outlier = without(without(contrary, nearer), farther)
         drift_px, trust = self._drifted(memory, clipped_px, overlap)
@@ -159,6 +165,7 @@ class Evidence:
             nearer=nearer,
             farther=farther,
             overruled=both(outlier, sure),
+            doubted=doubted,
             unknown=either(without(valid, known), without(outlier, sure)),
             hidden=without(sure, valid),
         )
@@ -232,10 +239,12 @@ class Evidence:
         weight = without(fused.weight, times(opinion.nearer, round(UNIT * config.fade_behind)))
         weight = without(weight, times(opinion.farther, round(UNIT * config.fade_through)))
         weight = without(weight, times(opinion.overruled, round(UNIT * config.fade_overruled)))
+        weight = without(weight, times(opinion.doubted, round(UNIT * config.fade_doubted)))
         dead = both(either(opinion.nearer, opinion.farther), equal(weight, 0))
         new = either(opinion.unknown, dead)
         disparity_px, gray = fused.disparity_px.copy(), fused.gray.copy()
         put(measurement.disparity_px, new, disparity_px)
         put(measurement.weight, new, weight)
         put(measurement.gray, either(opinion.agree, new), gray)
+        put(np.zeros_like(disparity_px), equal(weight, 0), disparity_px)
         return Memory(disparity_px=disparity_px, weight=weight, gray=gray, drift_px=opinion.drift_px)

@@ -52,7 +52,7 @@ class Filling:
         n_valid = cv2.countNonZero(valid)
         if n_valid in (0, valid.size):
             return disparity_px
-        filled = self._planes.filled(disparity_px, _weights(valid))
+        filled = self._planes.filled(disparity_px, _share_of_neighbours(valid))
         farthest_px = cv2.minMaxLoc(disparity_px, valid)[0]
         np.maximum(filled, np.float32(farthest_px), out=filled)
         if self._config.hidden_side == "left":
@@ -103,12 +103,10 @@ def _background(flat_px: FloatImage, rim: Indices, width: int, step: int) -> Flo
     return middle
 
 
-def _weights(valid: GrayImage) -> FloatImage:
-    """What a pixel is worth to the planes, 0..1: the fourth power of the share of its valid neighbours."""
-    share = mean_around(valid, RIM_PX).astype(np.float32)
-    share *= np.float32(1 / 255)
-    np.square(share, out=share)
-    np.square(share, out=share)
-    weight = np.zeros(valid.shape, np.float32)
-    put(share, valid, weight)
-    return weight
+def _share_of_neighbours(valid: GrayImage) -> FloatImage:
+    """Of the pixels around each valid one those that are valid, 0..1, shape (h, w); 0 in holes."""
+    around = mean_around(valid, RIM_PX).astype(np.float32)
+    around *= np.float32(1 / 255)
+    share = np.zeros(valid.shape, np.float32)
+    put(around, valid, share)
+    return share

@@ -23,9 +23,9 @@ class Memory:
     """One surface per pixel."""
 
     disparity_px: FloatImage
-    """Shape (h, w), float32; what it is where the weight is 0 says nothing."""
+    """Shape (h, w), float32; 0 = nothing is remembered."""
     weight: GrayImage
-    """Evidence in sixteenths of a measurement, shape (h, w), uint8; 0 = nothing is remembered."""
+    """Evidence in sixteenths of a measurement, shape (h, w), uint8."""
     gray: GrayImage
     """How the surface looked when it was measured last, shape (h, w), uint8."""
     drift_px: FloatImage

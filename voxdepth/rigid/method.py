@@ -24,7 +24,7 @@ from .config import RigidConfig
 from .evidence import Evidence, Kind, Verdict
 from .filling import Filling
 from .localisation import Found, Localisation, Location
-from .masks import above, put
+from .masks import above, equal, put, times
 from .measurement import Measurement, measured
 from .memory import Memory, Mover
 from .merge import enlarged, merged
@@ -37,6 +37,15 @@ SOURCE_OF_KIND = {
     Kind.MEASURED: Source.SENSOR,
     Kind.REMEMBERED: Source.TEMPLATE,
 }
+SOURCE_BESIDE_SENSOR = {
+    Kind.NOTHING: Source.INPAINTED,
+    Kind.FUSED: Source.TEMPLATE,
+    Kind.MEASURED: Source.INPAINTED,
+    Kind.REMEMBERED: Source.TEMPLATE,
+}
+"""The same for a pixel without a measurement of its own whose neighbours in one pixel of the memory have some."""
+MEASURED, FILLED = 4, 8
+"""Added to the kind of a pixel that the sensor measured, and of one that has a depth."""
 STATUS_OF_FOUND = {
     Found.START: RegistrationStatus.NOT_TRIED,
     Found.POSE: RegistrationStatus.OK,
@@ -103,8 +112,8 @@ class RigidMethod:
         with collected_times(timings_s):
             whole_px = self._fill(weighed.verdict)
             whole_px = self._smooth(whole_px)
-            source, confidence = self._label(whole_px, weighed.verdict)
-            depth_m, source, confidence = self._enlarge(weighed, whole_px, source, confidence)
+            confidence = self._trust(whole_px, weighed.verdict)
+            depth_m, source, confidence = self._enlarge(weighed, whole_px, confidence)
         found = weighed.location.found
         return CorrectedDepth(
             depth_m=depth_m,
@@ -165,32 +174,28 @@ class RigidMethod:
         return smoothed(whole_px, self._config.smooth_size_px, self._config.smooth_noise_px)
 
     @timed
-    def _label(self, whole_px: FloatImage, verdict: Verdict) -> tuple[GrayImage, FloatImage]:
-        """Source and confidence; empties what is not to be filled, in place."""
+    def _trust(self, whole_px: FloatImage, verdict: Verdict) -> FloatImage:
+        """Confidence; empties what is not to be filled, in place."""
         if self._config.fill == "none":
-            whole_px[verdict.kind == Kind.NOTHING] = 0
-        source = np.asarray(cv2.LUT(verdict.kind, _SOURCES), np.uint8)
+            put(np.zeros_like(whole_px), equal(verdict.kind, Kind.NOTHING), whole_px)
         confidence = confidence_of(whole_px, verdict.kind, verdict.weight)
-        empty = whole_px <= 0
-        if empty.any():
-            source[empty] = Source.INVALID
-            confidence[empty] = 0
-        return source, confidence
+        put(np.zeros_like(confidence), equal(whole_px, 0), confidence)
+        return confidence
 
     @timed
     def _enlarge(
-        self, weighed: Weighed, whole_px: FloatImage, source: GrayImage, confidence: FloatImage
+        self, weighed: Weighed, whole_px: FloatImage, confidence: FloatImage
     ) -> tuple[FloatImage, GrayImage, FloatImage]:
         """Depth, source and confidence of the size of the frame."""
-        if self._scale.step == 1:
-            return self._scale.depth(whole_px), source, confidence
-        size = weighed.full_px.shape[::-1]
-        return (
-            self._scale.depth(merged(weighed.full_px, whole_px, weighed.verdict.kind)),
-            enlarged(source, size),
-            enlarged(confidence, size),
-        )
+        kind, full_px, size = weighed.verdict.kind, weighed.full_px, weighed.full_px.shape[::-1]
+        if self._scale.step != 1:
+            whole_px = merged(full_px, whole_px, kind)
+            kind, confidence = enlarged(kind, size), enlarged(confidence, size)
+        depth_m = self._scale.depth(whole_px)
+        code = kind | times(above(full_px, 0), MEASURED) | times(above(depth_m, 0), FILLED)
+        return depth_m, np.asarray(cv2.LUT(code, _SOURCES), np.uint8), confidence
 
 
 _SOURCES = np.zeros(256, np.uint8)
-_SOURCES[list(SOURCE_OF_KIND)] = list(SOURCE_OF_KIND.values())
+_SOURCES[[FILLED + kind for kind in SOURCE_OF_KIND]] = list(SOURCE_BESIDE_SENSOR.values())
+_SOURCES[[FILLED + MEASURED + kind for kind in SOURCE_OF_KIND]] = list(SOURCE_OF_KIND.values())

@@ -1,6 +1,7 @@
 """Holes filled by planes: moving least squares of first order in disparity, where planes are linear."""
 
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -14,8 +15,10 @@ from .scale import Scale
 Grid = npt.NDArray[np.float64]
 """One number per cell, shape (rows, cols), or several, shape (N, rows, cols)."""
 
-N_MOMENTS = 10
-"""Weighted sums per cell: of 1, u, v, uu, uv, vv, D, uD, vD, DD."""
+Values = TypeVar("Values", FloatImage, Grid)
+
+N_MOMENTS = 11
+"""Weighted sums per cell: of 1, u, v, uu, uv, vv, D, uD, vD, DD; and how much is present at all."""
 POWERS = ((0, 0), (0, 1), (1, 0), (0, 2), (1, 1), (2, 0))
 """Powers of v and of u in the first six of them."""
 
@@ -64,14 +67,15 @@ class Planes:
         self._powers_v = _powers(rows, cell).swapaxes(1, 2)
         self._powers_u = _powers(cols, cell)
 
-    def filled(self, disparity_px: FloatImage, weight: FloatImage) -> FloatImage:
+    def filled(self, disparity_px: FloatImage, share: FloatImage) -> FloatImage:
         """Planes through the data, in every pixel [px], shape (h, w).
 
         Args:
             disparity_px: Shape (h, w).
-            weight: Of each pixel, 0..1, shape (h, w), float32; 0 in holes.
+            share: Of the neighbours of each pixel those that are valid, 0..1, shape (h, w), float32; 0 in holes.
         """
-        pyramid = [self._moments(disparity_px, weight)]
+        presence = np.square(share)
+        pyramid = [self._moments(disparity_px, presence)]
         for _ in range(self._levels):
             pyramid.append(_halved(pyramid[-1]))
         estimate: Grid | None = None
@@ -80,15 +84,16 @@ class Planes:
             estimate = planes.value_px if estimate is None else _blended(planes, estimate)
         assert estimate is not None
         height, width = self._shape
-        size = self._padded[::-1]
-        values = cv2.resize(estimate.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
+        values = _enlarged(estimate.astype(np.float32), self._cell_px)
         return np.ascontiguousarray(values[:height, :width])
 
-    def _moments(self, disparity_px: FloatImage, weight: FloatImage) -> Grid:
-        """Weighted sums per cell, shape (N_MOMENTS, rows, cols)."""
+    def _moments(self, disparity_px: FloatImage, presence: FloatImage) -> Grid:
+        """Sums per cell, shape (N_MOMENTS, rows, cols), weighted by the fourth power of the share of neighbours."""
+        weight = np.square(presence)
         weighted = weight * disparity_px
         plain, first, second = self._sums(weight, 6), self._sums(weighted, 3), self._sums(weighted * disparity_px, 1)
-        return np.concatenate([plain, first, second]).astype(np.float64)
+        present = self._sums(presence, 1)
+        return np.concatenate([plain, first, second, present]).astype(np.float64)
 
     def _sums(self, image: FloatImage, n: int) -> npt.NDArray[np.float32]:
         """Sums per cell of the image times 1, u, v, uu, uv, vv: the first n of them, shape (n, rows, cols)."""
@@ -102,8 +107,8 @@ class Planes:
     def _fitted(self, moments: Grid, level: int) -> _Planes:
         """The plane of each cell, in its middle."""
         config, size = self._config, 2.0**level
-        n, u, v, uu, uv, vv, d, ud, vd, dd = _neighbourhood(moments)
-        density = n / (self._cell_px * size) ** 2
+        n, u, v, uu, uv, vv, d, ud, vd, dd, present = _neighbourhood(moments)
+        density = present / (self._cell_px * size) ** 2
         n = np.maximum(n, 1e-9)
         u, v, d = u / n, v / n, d / n
         uu, uv, vv = uu / n - u * u, uv / n - u * v, vv / n - v * v
@@ -145,6 +150,16 @@ def _halved(moments: Grid) -> Grid:
 def _blended(fine: _Planes, coarse_px: Grid) -> Grid:
     """The fine planes as far as there are data for them, else the coarse ones."""
     rows, cols = fine.value_px.shape
-    coarse = cv2.resize(coarse_px, (2 * coarse_px.shape[1], 2 * coarse_px.shape[0]), interpolation=cv2.INTER_LINEAR)
+    coarse = _enlarged(coarse_px, 2)
     blended: Grid = fine.density * fine.value_px + (1 - fine.density) * coarse[:rows, :cols]
     return blended
+
+
+def _enlarged(values: Values, factor: int) -> Values:
+    """The values of cells in smaller ones, linear between their middles and on to the border."""
+    rows, cols = values.shape
+    padded: Any = np.pad(values, [(int(n > 1),) * 2 for n in (rows, cols)], mode="reflect", reflect_type="odd")
+    size = (padded.shape[1] * factor, padded.shape[0] * factor)
+    enlarged = np.asarray(cv2.resize(padded, size, interpolation=cv2.INTER_LINEAR))
+    top, left = (size[1] - rows * factor) // 2, (size[0] - cols * factor) // 2
+    return enlarged[top : top + rows * factor, left : left + cols * factor]

@@ -17,12 +17,14 @@ FRACTION_BITS = 14
 WEIGHT_BITS = 8
 SAME_SURFACE_PX = 0.6
 """A value sampled in the source image counts if it moves to within so much of the disparity that was seen."""
-LEAST_RATIO = 0.75
-"""And if it is at least so much of what was seen: beside nothing, samples are mixed with 0."""
 NEAREST = np.float32(1e-3)
 """Points nearer than this part of their former depth are behind the camera, or as good as."""
+LARGEST_RATIO = 999.0
+"""Of depths before and after: what that leaves is larger."""
 BAND_PX = 2**15
 """Pixels per band: a few images of them fit into the cache of one core."""
+NOTHING_PX = -1e4
+"""Stands for nothing where values are sampled between pixels: what is mixed with it is of no surface."""
 CRACK = np.ones((3, 3), np.uint8)
 """Gaps of one pixel between splatted pixels are closed: magnification tears surfaces open."""
 
@@ -94,9 +96,11 @@ class Reprojection:
         _close_cracks(seen_px, weight)
         source_x, source_y = np.empty_like(seen_px), np.empty_like(seen_px)
         moved = Moved(disparity_px=seen_px, weight=weight, source_x=source_x, source_y=source_y)
+        marked_px = disparity_px.copy()
+        put(np.full_like(disparity_px, NOTHING_PX), equal(disparity_px, 0), marked_px)
         for band in self._bands:
             self._trace_back(back, moved, band)
-            self._sample(motion, disparity_px, moved, band)
+            self._sample(motion, marked_px, moved, band)
         return moved
 
     def _splat(self, motion: _Motion, disparity_px: FloatImage, weight: GrayImage, band: slice) -> None:
@@ -125,11 +129,12 @@ class Reprojection:
         seen = self._buffer[1:-1, 1:-1]
         seen_px, weight = np.empty(seen.shape, np.float32), np.empty(seen.shape, np.uint8)
         for band in self._bands:
-            np.copyto(weight[band], seen[band], casting="unsafe")
             (key,) = self._room(band, self._key)
             np.right_shift(seen[band], np.uint32(WEIGHT_BITS), out=key.view(np.uint32))
             np.copyto(seen_px[band], key, casting="same_kind")
             seen_px[band] *= np.float32(2.0**-FRACTION_BITS)
+            np.copyto(weight[band], seen[band], casting="unsafe")
+            weight[band] &= above(seen_px[band], 0)
         return seen_px, weight
 
     def _trace_back(self, back: _Motion, moved: Moved, band: slice) -> None:
@@ -146,7 +151,9 @@ class Reprojection:
         inverse, ratio, scratch = self._room(band, self._inverse, self._a, self._b)
         seen_px = moved.disparity_px[band]
         source = moved.source_x[band], moved.source_y[band]
-        sampled_px = cv2.remap(disparity_px, *source, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        sampled_px = cv2.remap(
+            disparity_px, *source, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=NOTHING_PX
+        )
         # Where D differs from the disparity that the position was computed with, so does the ratio of the depths.
         np.multiply(seen_px, inverse, out=ratio)
         np.subtract(sampled_px, ratio, out=ratio)
@@ -155,19 +162,18 @@ class Reprojection:
         np.maximum(ratio, NEAREST, out=ratio)
         value_px = np.divide(sampled_px, ratio, out=ratio)
         np.abs(np.subtract(value_px, seen_px, out=scratch), out=scratch)
-        close = below(scratch, SAME_SURFACE_PX)
-        np.multiply(seen_px, np.float32(LEAST_RATIO), out=scratch)
-        put(value_px, both(close, above(value_px, scratch)), seen_px)
+        put(value_px, both(below(scratch, SAME_SURFACE_PX), above(seen_px, 0)), seen_px)
 
     def _room(self, band: slice, *buffers: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
         """Buffers for a band."""
         return [buffer[: band.stop - band.start] for buffer in buffers]
 
     def _divisor(self, motion: _Motion, disparity_px: FloatImage, out: FloatImage, band: slice) -> None:
-        """The inverse of the last row of the map; of points behind the camera a large number."""
+        """The inverse of the last row of the map; 0 for points behind the camera."""
         self._linear(motion, 2, disparity_px, out, band)
         np.maximum(out, NEAREST, out=out)
         np.divide(np.float32(1), out, out=out)
+        cv2.threshold(out, LARGEST_RATIO, 0, cv2.THRESH_TOZERO_INV, out)
 
     def _linear(self, motion: _Motion, axis: int, disparity_px: FloatImage, out: FloatImage, band: slice) -> None:
         """One row of `A (u, v, 1) + e D`."""
