@@ -62,8 +62,8 @@ class EvidenceConfig(Model):
     fade_overruled: float = Field(0.125, ge=0)
     """The same where it overrules a measurement: nothing is believed for ever."""
     fade_doubted: float = Field(1.0, ge=0)
-    """The same, added to it, where what it overrules is coherent and nearer: an obstacle that looks like the wall behind
-    it is shown after some ten frames."""
+    """The same, added to it, where what it overrules is coherent and nearer: an obstacle that looks like the wall
+    behind it is shown after some ten frames."""
 
 
 class Kind(IntEnum):
