@@ -284,6 +284,6 @@ def test_drift_is_forgotten_when_it_ends() -> None:
     _, memory = weigh(memory, measured(image(10.5)))
     first_weight = int(memory.weight[20, 20])
     for _ in range(30):
-        verdict, memory = weigh(memory, measured(memory.disparity_px))
+        _, memory = weigh(memory, measured(memory.disparity_px))
     assert first_weight < UNIT * MOST  # half a pixel, all of one sign
     assert (memory.weight == UNIT * MOST).all()

@@ -225,7 +225,7 @@ class TestFit:
         assert 0.2 < fit.residual_px < 0.6
 
     def test_points_behind_the_camera_do_not_count(self) -> None:
-        T, points = BY_THE_WAY["forward"], self.points()
+        T, points = pose(z=0.08), self.points()
         seen = self.seen(points, T)
         behind, there = np.tile([0.0, 0.0, -3.0], (10, 1)), np.tile([LENS.cx_px + 0.5, LENS.cy_px], (10, 1))
         fit = fit_pose(np.vstack([points, behind]), np.vstack([seen, there]), LENS, np.eye(4), 1.0)
