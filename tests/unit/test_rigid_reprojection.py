@@ -6,7 +6,7 @@ import pytest
 
 from tests.rigid_scenes import CAMERA, ROOM, Body, Plane, Sphere, pose, render
 from voxdepth.geometry import inverse_rigid
-from voxdepth.rigid.reprojection import LEAST_RATIO, SAME_SURFACE_PX, Moved, Reprojection
+from voxdepth.rigid.reprojection import NOTHING_PX, SAME_SURFACE_PX, Moved, Reprojection
 from voxdepth.rigid.scale import Scale
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics
 
@@ -62,7 +62,7 @@ class Twin:
             sampled = self._bilinear(disparity_px, u, v)
             if sampled > 0:
                 value = self._point(u, v, sampled, T_target_source)[2]
-                if abs(value - seen) < SAME_SURFACE_PX and value > LEAST_RATIO * seen:
+                if abs(value - seen) < SAME_SURFACE_PX:
                     value_px[row, col] = value
         return value_px, seen_weight
 
@@ -81,8 +81,9 @@ class Twin:
         total = 0.0
         for row, down in ((top, 1 - (v - top)), (top + 1, v - top)):
             for col, along in ((left, 1 - (u - left)), (left + 1, u - left)):
-                if 0 <= row < image.shape[0] and 0 <= col < image.shape[1]:
-                    total += down * along * float(image[row, col])
+                inside = 0 <= row < image.shape[0] and 0 <= col < image.shape[1]
+                value = float(image[row, col]) if inside else 0.0
+                total += down * along * (value if value > 0 else NOTHING_PX)
         return total
 
 

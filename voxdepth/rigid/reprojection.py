@@ -23,7 +23,7 @@ LARGEST_RATIO = 999.0
 """Of depths before and after: what that leaves is larger."""
 BAND_PX = 2**15
 """Pixels per band: a few images of them fit into the cache of one core."""
-NOTHING_PX = -1e4
+NOTHING_PX = -1e3
 """Stands for nothing where values are sampled between pixels: what is mixed with it is of no surface."""
 CRACK = np.ones((3, 3), np.uint8)
 """Gaps of one pixel between splatted pixels are closed: magnification tears surfaces open."""
