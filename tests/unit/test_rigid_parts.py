@@ -1,0 +1,186 @@
+"""The smaller parts of the default method: halving, merging, smoothing, confidence, moving memory."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.rigid_scenes import CAMERA, ROOM, frame_of, pose, render
+from voxdepth.geometry import inverse_rigid
+from voxdepth.rigid.confidence import confidence_of
+from voxdepth.rigid.evidence import Kind
+from voxdepth.rigid.measurement import Measurement, measured
+from voxdepth.rigid.memory import UNIT, Memory, Mover
+from voxdepth.rigid.merge import merged
+from voxdepth.rigid.scale import Scale
+from voxdepth.rigid.smoothing import smoothed
+from voxdepth.types import FloatImage, Frame, Intrinsics
+
+ODD = Intrinsics.from_hfov(width_px=161, height_px=119, hfov_deg=70, baseline_m=0.1)
+
+
+def measurement_of(full_px: FloatImage, step: int, camera: Intrinsics = CAMERA) -> Measurement:
+    scale = Scale.of(camera, step)
+    frame = Frame(stamp_s=0, gray=np.zeros(camera.shape, np.uint8), depth_m=scale.depth(full_px))
+    return measured(frame, full_px, scale)
+
+
+def constant(value: float, camera: Intrinsics = CAMERA) -> FloatImage:
+    return np.full(camera.shape, value, np.float32)
+
+
+class TestMeasurement:
+    @pytest.mark.parametrize("step", [1, 2])
+    @pytest.mark.parametrize("camera", [CAMERA, ODD], ids=["even", "odd"])
+    def test_constant_stays_constant(self, camera: Intrinsics, step: int) -> None:
+        new = measurement_of(constant(6.5, camera), step, camera)
+        np.testing.assert_array_equal(new.disparity_px, np.full(Scale.of(camera, step).shape, 6.5, np.float32))
+        np.testing.assert_array_equal(new.weight, UNIT)
+        assert new.gray.shape == new.disparity_px.shape
+
+    def test_a_half_pixel_is_the_mean_of_one_surface(self) -> None:
+        full_px = constant(6)
+        full_px[10:12, 20:22] = [[6.0, 6.2], [6.4, 0]]
+        assert measurement_of(full_px, 2).disparity_px[5, 10] == pytest.approx(6.2)
+
+    @pytest.mark.parametrize(("four", "one"), [((4, 4, 4, 9), 4), ((9, 4, 9, 9), 9), ((0, 9, 9, 4), 9)])
+    def test_of_two_surfaces_a_half_pixel_is_the_one_with_more(self, four: tuple[float, ...], one: float) -> None:
+        full_px = constant(6)
+        full_px[10:12, 20:22] = np.array(four).reshape(2, 2)
+        assert measurement_of(full_px, 2).disparity_px[5, 10] == one
+
+    @pytest.mark.parametrize("step", [1, 2])
+    def test_the_rim_of_a_hole_weighs_less(self, step: int) -> None:
+        full_px = constant(6)
+        full_px[40:60, 40:60] = 0
+        weight = measurement_of(full_px, step).weight[50 // step]
+        assert weight[50 // step] == 0
+        beside, away = weight[60 // step], weight[60 // step + 3]
+        assert beside == round(UNIT * 0.6**4)  # two of five columns are missing
+        assert away == UNIT
+
+    @pytest.mark.parametrize("step", [1, 2])
+    def test_what_is_valid_has_a_weight_and_nothing_else(self, step: int) -> None:
+        full_px = np.where(np.random.default_rng(0).random(CAMERA.shape) < 0.8, np.float32(0), constant(6))
+        new = measurement_of(full_px, step)
+        np.testing.assert_array_equal(new.weight > 0, new.disparity_px > 0)
+        np.testing.assert_array_equal(new.valid, np.where(new.disparity_px > 0, 255, 0))
+
+
+class TestMerge:
+    @pytest.mark.parametrize("camera", [CAMERA, ODD], ids=["even", "odd"])
+    def test_what_needs_no_correction_keeps_the_detail_of_the_measurement(self, camera: Intrinsics) -> None:
+        scale = Scale.of(camera, 2)
+        full_px = scale.disparity(render(ROOM, pose(), camera)[1])
+        half_px = measurement_of(full_px, 2, camera).disparity_px
+        kind = np.full(scale.shape, Kind.MEASURED, np.uint8)
+        np.testing.assert_allclose(merged(full_px, half_px, half_px, kind, scale), full_px, atol=1e-5)
+
+    def test_a_correction_is_added_and_a_hole_is_filled(self) -> None:
+        scale, full_px = Scale.of(CAMERA, 2), constant(6)
+        full_px[40:60, 40:60] = 0
+        half_px = measurement_of(full_px, 2).disparity_px
+        kind = np.where(half_px > 0, Kind.FUSED, Kind.REMEMBERED).astype(np.uint8)
+        shown = np.full(scale.shape, 6.25, np.float32)
+        result_px = merged(full_px, shown, half_px, kind, scale)
+        rim = cv2.dilate((full_px == 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        np.testing.assert_allclose(result_px[~rim | (full_px == 0)], 6.25, atol=1e-5)
+        # In the hole there is no correction to interpolate: the innermost pixels around it get three quarters.
+        assert (result_px >= 6.14).all()
+
+    def test_a_pixel_of_something_else_than_its_half_pixel_is_replaced(self) -> None:
+        scale, full_px = Scale.of(CAMERA, 2), constant(6)
+        full_px[41, 41] = 12.0
+        half_px = measurement_of(full_px, 2).disparity_px
+        kind = np.full(scale.shape, Kind.FUSED, np.uint8)
+        np.testing.assert_allclose(merged(full_px, half_px, half_px, kind, scale), 6, atol=1e-5)
+
+
+class TestSmoothing:
+    @pytest.mark.parametrize("size_px", [1, 3, 5, 7])
+    def test_constant_stays_constant_and_an_offset_commutes(self, size_px: int) -> None:
+        np.testing.assert_allclose(smoothed(constant(40), size_px, 0.3), 40, atol=1e-3)
+        noisy_px = np.random.default_rng(0).normal(6, 0.5, CAMERA.shape).astype(np.float32)
+        np.testing.assert_allclose(
+            smoothed(noisy_px + np.float32(2), size_px, 0.3), smoothed(noisy_px, size_px, 0.3) + 2, atol=1e-3
+        )
+
+    def test_a_plane_stays_a_plane_inside(self) -> None:
+        row, col = np.mgrid[: CAMERA.height_px, : CAMERA.width_px]
+        plane_px = np.asarray(5 + 0.1 * row + 0.05 * col, np.float32)
+        np.testing.assert_allclose(smoothed(plane_px, 5, 0.3)[2:-2, 2:-2], plane_px[2:-2, 2:-2], atol=1e-3)
+
+    def test_noise_is_taken_away_and_an_edge_is_kept(self) -> None:
+        step_px = constant(5)
+        step_px[:, 80:] = 12
+        noisy_px = step_px + np.random.default_rng(1).normal(0, 0.1, CAMERA.shape).astype(np.float32)
+        error_px = smoothed(noisy_px, 5, 0.3) - step_px
+        assert np.std(error_px[:, :70]) < 0.04
+        np.testing.assert_allclose(error_px[:, 76:84], 0, atol=0.5)
+
+    def test_one_pixel_switches_it_off(self) -> None:
+        noisy_px = np.random.default_rng(0).normal(6, 0.5, CAMERA.shape).astype(np.float32)
+        np.testing.assert_allclose(smoothed(noisy_px, 1, 0.3), noisy_px, atol=1e-4)
+
+
+class TestConfidence:
+    def test_it_is_a_share_and_0_where_nothing_is(self) -> None:
+        rng = np.random.default_rng(0)
+        disparity_px = np.where(rng.random((50, 60)) < 0.2, 0, rng.uniform(0, 1000, (50, 60))).astype(np.float32)
+        kind = rng.integers(0, len(Kind), (50, 60)).astype(np.uint8)
+        weight = rng.integers(0, 193, (50, 60)).astype(np.uint8)
+        confidence = confidence_of(disparity_px, kind, weight)
+        assert confidence.min() >= 0
+        assert confidence.max() <= 1
+        np.testing.assert_array_equal(confidence[disparity_px == 0], 0)
+        assert (confidence[disparity_px > 1] > 0.05).all()
+
+    @pytest.mark.parametrize("kind", Kind)
+    def test_it_rises_with_evidence_and_nearness(self, kind: Kind) -> None:
+        weights, kinds = np.arange(0, 193, dtype=np.uint8)[None], np.full((1, 193), kind, np.uint8)
+        by_weight = confidence_of(np.full((1, 193), 20, np.float32), kinds, weights)
+        assert (np.diff(by_weight) >= 0).all()
+        assert (by_weight[0, -1] > by_weight[0, 0]) == (kind is not Kind.NOTHING)
+        near_px = np.linspace(0.1, 7, 193, dtype=np.float32)[None]
+        assert (np.diff(confidence_of(near_px, kinds, np.full((1, 193), 64, np.uint8))) > 0).all()
+
+    def test_what_agrees_is_surest_and_what_is_guessed_least(self) -> None:
+        full = np.full((1, 4), 192, np.uint8)
+        by_kind = confidence_of(np.full((1, 4), 20, np.float32), np.array([list(Kind)], np.uint8), full)[0]
+        assert by_kind.argmax() == Kind.FUSED
+        assert by_kind.argmin() == Kind.NOTHING
+
+
+@pytest.mark.parametrize("step", [1, 2])
+@pytest.mark.parametrize("camera", [CAMERA, ODD], ids=["even", "odd"])
+def test_a_memory_that_moves_looks_as_the_scene_does_from_there(camera: Intrinsics, step: int) -> None:
+    scale, there = Scale.of(camera, step), pose(0.1, 0.02, 0.15, yaw=2, roll=1)
+    here, now = (
+        measured(frame, scale.disparity(frame.depth_m), scale)
+        for frame in (frame_of(ROOM, T, camera=camera) for T in (pose(), there))
+    )
+    empty = Memory.empty(here.gray)
+    memory = replace(empty, disparity_px=here.disparity_px, weight=here.weight)
+    moved = Mover(scale).move(memory, inverse_rigid(there))
+    known = cv2.erode((moved.weight > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    assert known.mean() > 0.75
+    change = abs(moved.gray.astype(int) - now.gray)[known]
+    unmoved = abs(here.gray.astype(int) - now.gray)[known]
+    assert np.median(change) <= 2 * step  # halving blurs, and not twice in the same way
+    assert np.median(unmoved) > 10
+    assert np.mean(abs(moved.disparity_px - now.disparity_px)[known] < 0.05) > 0.9
+
+
+@pytest.mark.parametrize("shift_px", [0, 12, -8])
+def test_the_drift_of_a_memory_moves_along(shift_px: int) -> None:
+    scale = Scale.of(CAMERA, 1)
+    gray = np.zeros(CAMERA.shape, np.uint8)
+    empty = Memory.empty(gray)
+    row, col = np.indices(empty.drift_px.shape)
+    drift_px = (0.01 * row - 0.02 * col).astype(np.float32)
+    memory = replace(empty, disparity_px=constant(8), weight=np.full(CAMERA.shape, UNIT, np.uint8), drift_px=drift_px)
+    step_m = shift_px / 8 * 0.1  # a step of a baseline shifts by the disparity
+    moved = Mover(scale).move(memory, inverse_rigid(pose(step_m)))
+    expected_px = 0.01 * row - 0.02 * (col + shift_px / 4)
+    np.testing.assert_allclose(moved.drift_px[:, 4:-4], expected_px[:, 4:-4], atol=1e-3)
