@@ -128,6 +128,11 @@ class TestLaws:
         filled_px = filling().fill(before_px)
         assert filled_px.min() >= before_px[before_px > 0].min()
 
+    def test_not_even_where_a_plane_that_nothing_holds_back_would_be(self) -> None:
+        before_px = holed(slope(), block(50, top=80, left=0))  # the far end of the wall
+        filled_px = filling(1, FREE).fill(before_px)
+        assert filled_px.min() == before_px[before_px > 0].min()
+
     def test_filling_again_changes_nothing(self) -> None:
         once_px = filling().fill(holed(slope(), HOLES["both"]))
         np.testing.assert_array_equal(filling().fill(once_px), once_px)

@@ -26,6 +26,8 @@ from tests.rigid_scenes import (
 from voxdepth.types import EpochEnd, Frame, Phase, RegistrationStatus, Source
 
 STEPS = pytest.mark.parametrize("step", [1, 2])
+MOSTLY = pytest.mark.parametrize("step", [1, pytest.param(2, marks=pytest.mark.slow)])
+"""For long streams."""
 PATH = walk(40)
 NOISY = [noisy(frame, 0) for frame in frames_of(ROOM, PATH[:8])]
 HOLE = np.s_[30:70, 20:70]
@@ -87,7 +89,7 @@ def test_memory_survives_ten_dropped_frames(step: int) -> None:
 class TestCoveredLens:
     SECOND = tuple(dark(16 + i) for i in range(30))
 
-    @STEPS
+    @MOSTLY
     def test_what_is_not_seen_is_not_invented_and_afterwards_memory_serves_again(self, step: int) -> None:
         corrector = method(memory_step=step)
         run(corrector, NOISY)
@@ -174,7 +176,7 @@ class TestPasserBy:
         clean = [frame_of(self.bodies(i), pose(), i, self.CAMERA) for i in indices]
         return [noisy(frame, 3, sigma_px=0.1, holes=0.05, camera=self.CAMERA) for frame in clean]
 
-    @STEPS
+    @MOSTLY
     def test_it_stays_where_it_is_and_leaves_no_ghost(self, step: int) -> None:
         frames = self.frames(*range(10, 22))
         results = run(method(self.CAMERA, memory_step=step), frames)
@@ -185,7 +187,7 @@ class TestPasserBy:
             assert ours > raw - (0.01 if step == 1 else 0.05)
             assert np.mean(result.depth_m[~ball] < 3.9) < 0.002  # nearer to the ball than to the wall
 
-    @STEPS
+    @MOSTLY
     def test_the_wall_behind_it_is_not_forgotten(self, step: int) -> None:
         corrector = method(self.CAMERA, memory_step=step)
         run(corrector, self.frames(*range(16)))
@@ -214,14 +216,14 @@ class TestApproach:
             result = process(corrector, noisy(frame, 3, sigma_px=0.1, holes=0.02, camera=self.CAMERA))
         return float(np.median(result.depth_m[55:65, 75:85] / frame.depth_m[55:65, 75:85])) - 1
 
-    @STEPS
+    @MOSTLY
     def test_it_is_shown_where_it_is(self, step: int) -> None:
         assert abs(self.lag(step, is_blank=False)) < 0.02
 
     @pytest.mark.xfail(
         strict=True, reason="looks as before, so memory overrules it, until it has faded after 96 frames"
     )
-    @STEPS
+    @MOSTLY
     def test_a_blank_one_is_shown_where_it_is_too(self, step: int) -> None:
         assert abs(self.lag(step, is_blank=True)) < 0.02
 
