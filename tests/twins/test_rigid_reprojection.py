@@ -33,7 +33,7 @@ CAMERA = dataclasses.replace(Intrinsics.from_hfov(width_px=640, height_px=360, h
 SCALES = [Scale.of(CAMERA, step) for step in (1, 2)]
 TOLERANCE = 16 * 2.0**-24
 """Part of the largest disparity, before and after it moved, by which values may differ: three roundings, made 3.5 times
-as large a part where the nearest surface of a room comes to 0.28 of its distance, and a margin. Of 90 px: 0.00009 px."""
+as large where the nearest surface of a room comes to 0.28 of its distance, and a margin. Of 90 px it is 0.00009 px."""
 
 both_sizes = pytest.mark.parametrize("scale", SCALES, ids=["640x360", "320x180"])
 each_device = pytest.mark.parametrize(
@@ -58,6 +58,7 @@ MOTIONS = {
     "none": np.eye(4),
     "aside": motion(shift_m=(0.2, -0.1, 0)),
     "a frame": motion(turn_deg=(0.4, -1.1, 0.3), shift_m=(0.03, 0.01, -0.12)),
+    "a step nearer": motion(shift_m=(0, 0, -0.01)),
     "zoom": motion(shift_m=(0, 0, -2.0)),
     "back": motion(shift_m=(0, 0, 2.5)),
     "rolled": motion(turn_deg=(0, 0, 35)),
