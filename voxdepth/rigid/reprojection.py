@@ -44,7 +44,7 @@ class Moved:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Motion:
+class Motion:
     """A point (u, v) of disparity D moves to `A (u, v, 1) + e D`, divided by its last row."""
 
     A: npt.NDArray[np.float32]
@@ -53,7 +53,8 @@ class _Motion:
     """`K t / (f B)`, shape (3,)."""
 
     @classmethod
-    def of(cls, scale: Scale, T_target_source: FloatArray) -> "_Motion":
+    def of(cls, scale: Scale, T_target_source: FloatArray) -> "Motion":
+        """For images of a scale and a motion of shape (4, 4)."""
         A = scale.K @ T_target_source[:3, :3] @ np.linalg.inv(scale.K)
         e = scale.K @ T_target_source[:3, 3] / scale.focal_baseline_px_m
         return cls(A=A.astype(np.float32), e=e.astype(np.float32))
@@ -87,8 +88,8 @@ class Reprojection:
             weight: Of its pixels, shape (H, W), uint8; 0 = nothing. Breaks ties between equal disparities.
             T_target_source: Motion, shape (4, 4).
         """
-        motion = _Motion.of(self._scale, T_target_source)
-        back = _Motion.of(self._scale, inverse_rigid(T_target_source))
+        motion = Motion.of(self._scale, T_target_source)
+        back = Motion.of(self._scale, inverse_rigid(T_target_source))
         self._buffer.fill(0)
         for band in self._bands:
             self._splat(motion, disparity_px[band], weight[band], band)
@@ -103,7 +104,7 @@ class Reprojection:
             self._sample(motion, marked_px, moved, band)
         return moved
 
-    def _splat(self, motion: _Motion, disparity_px: FloatImage, weight: GrayImage, band: slice) -> None:
+    def _splat(self, motion: Motion, disparity_px: FloatImage, weight: GrayImage, band: slice) -> None:
         """Round to whole pixels; of several surfaces the nearest stays, whatever their order."""
         height, width = self._scale.shape
         inverse, row, col = self._room(band, self._inverse, self._a, self._b)
@@ -137,7 +138,7 @@ class Reprojection:
             weight[band] &= above(seen_px[band], 0)
         return seen_px, weight
 
-    def _trace_back(self, back: _Motion, moved: Moved, band: slice) -> None:
+    def _trace_back(self, back: Motion, moved: Moved, band: slice) -> None:
         """Where in the source image each pixel of the target came from; leaves the inverse divisors behind."""
         (inverse,) = self._room(band, self._inverse)
         seen_px = moved.disparity_px[band]
@@ -146,7 +147,7 @@ class Reprojection:
             self._linear(back, axis, seen_px, source, band)
             np.multiply(source, inverse, out=source)
 
-    def _sample(self, motion: _Motion, disparity_px: FloatImage, moved: Moved, band: slice) -> None:
+    def _sample(self, motion: Motion, disparity_px: FloatImage, moved: Moved, band: slice) -> None:
         """Take the source's value between its pixels in place of the splatted one, where it is of the same surface."""
         inverse, ratio, scratch = self._room(band, self._inverse, self._a, self._b)
         seen_px = moved.disparity_px[band]
@@ -168,14 +169,14 @@ class Reprojection:
         """Buffers for a band."""
         return [buffer[: band.stop - band.start] for buffer in buffers]
 
-    def _divisor(self, motion: _Motion, disparity_px: FloatImage, out: FloatImage, band: slice) -> None:
+    def _divisor(self, motion: Motion, disparity_px: FloatImage, out: FloatImage, band: slice) -> None:
         """The inverse of the last row of the map; 0 for points behind the camera."""
         self._linear(motion, 2, disparity_px, out, band)
         np.maximum(out, NEAREST, out=out)
         np.divide(np.float32(1), out, out=out)
         cv2.threshold(out, LARGEST_RATIO, 0, cv2.THRESH_TOZERO_INV, out)
 
-    def _linear(self, motion: _Motion, axis: int, disparity_px: FloatImage, out: FloatImage, band: slice) -> None:
+    def _linear(self, motion: Motion, axis: int, disparity_px: FloatImage, out: FloatImage, band: slice) -> None:
         """One row of `A (u, v, 1) + e D`."""
         along, down, constant = motion.A[axis]
         np.multiply(disparity_px, motion.e[axis], out=out)
@@ -184,7 +185,7 @@ class Reprojection:
 
     def _projected(
         self,
-        motion: _Motion,
+        motion: Motion,
         axis: int,
         disparity_px: FloatImage,
         inverse: FloatImage,

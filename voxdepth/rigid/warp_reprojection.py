@@ -9,7 +9,7 @@ from ..errors import ConfigError, FrameError
 from ..geometry import inverse_rigid
 from ..types import FloatArray, FloatImage, GrayImage
 from . import reprojection_kernels as kernels
-from .reprojection import Moved, _Motion
+from .reprojection import Motion, Moved
 from .scale import Scale
 
 
@@ -40,8 +40,8 @@ class WarpReprojection:
         Raises:
             FrameError: An image has another size than the scale.
         """
-        forth = _Motion.of(self._scale, T_target_source)
-        back = _Motion.of(self._scale, inverse_rigid(T_target_source))
+        forth = Motion.of(self._scale, T_target_source)
+        back = Motion.of(self._scale, inverse_rigid(T_target_source))
         A_back, e_back = wp.mat33(back.A), wp.vec3(back.e)
         self._upload(disparity_px, self._source_px)
         self._upload(weight, self._source_weight)
