@@ -2,8 +2,9 @@
 
 Keys, weights and positions are equal bit for bit. Values are not: OpenCV 5 samples at exact positions (it does not
 round them to 1/32 px), but where the processor can, it rounds once for a product and a sum together, the kernels once
-for each. Three such pairs make a sample, each off by up to 2^-24 of the largest disparity around it. Where the camera
-comes nearer, disparity grows by the ratio of the distances, and such a difference by its square.
+for each. Three such pairs make a sample, each off by up to 2^-24 of the largest number that it is made of: a disparity,
+or what stands for a hole. Where the camera comes nearer, disparity grows by the ratio of the distances, and such a
+difference by its square.
 """
 
 import dataclasses
@@ -18,7 +19,7 @@ from hypothesis import strategies as st
 from voxdepth.errors import ConfigError, FrameError
 from voxdepth.rigid.reprojection import (
     FRACTION_BITS,
-    LEAST_RATIO,
+    NOTHING_PX,
     SAME_SURFACE_PX,
     WEIGHT_BITS,
     Moved,
@@ -32,8 +33,8 @@ from voxdepth.types import Intrinsics
 CAMERA = dataclasses.replace(Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=80), baseline_m=0.095)
 SCALES = [Scale.of(CAMERA, step) for step in (1, 2)]
 TOLERANCE = 16 * 2.0**-24
-"""Part of the largest disparity, before and after it moved, by which values may differ: three roundings, made 3.5 times
-as large where the nearest surface of a room comes to 0.28 of its distance, and a margin. Of 90 px it is 0.00009 px."""
+"""Part of the largest number around by which values may differ: three roundings, made 3.5 times as large where the
+nearest surface of a room comes to 0.28 of its distance, and a margin. 0.00009 px of 90 px, 0.001 px beside a hole."""
 
 both_sizes = pytest.mark.parametrize("scale", SCALES, ids=["640x360", "320x180"])
 each_device = pytest.mark.parametrize(
@@ -126,20 +127,25 @@ def assert_twins_agree(
     for name in ("weight", "source_x", "source_y"):
         np.testing.assert_array_equal(getattr(got, name), getattr(expected, name))
     assert got.disparity_px.dtype == expected.disparity_px.dtype
-    largest_px = max(image[0].max(), seen_px.max())
-    assert_values_agree(got.disparity_px, expected.disparity_px, seen_px, TOLERANCE * largest_px)
+    tolerance_px = TOLERANCE * largest_around(image[0], expected)
+    assert_values_agree(got.disparity_px, expected.disparity_px, seen_px, tolerance_px)
     return expected, seen_px
 
 
-def assert_values_agree(got: np.ndarray, expected: np.ndarray, seen_px: np.ndarray, tolerance_px: float) -> None:
-    """Within the tolerance; if only one of them took the sample, that was as near to a bound of what is accepted."""
-    differ = np.abs(got - expected) > tolerance_px
-    got, expected, seen_px = got[differ], expected[differ], seen_px[differ]
-    assert ((got == seen_px) | (expected == seen_px)).all()
-    sample_px = np.where(got == seen_px, expected, got)
-    to_window = np.abs(np.abs(sample_px - seen_px) - SAME_SURFACE_PX)
-    to_least = np.abs(sample_px - LEAST_RATIO * seen_px)
-    assert (np.minimum(to_window, to_least) <= tolerance_px).all()
+def largest_around(disparity_px: np.ndarray, moved: Moved) -> np.ndarray:
+    """The largest number that the sample of each moved pixel is made of, or that it became."""
+    taps_px = cv2.copyMakeBorder(disparity_px, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+    around_px = cv2.dilate(np.where(taps_px > 0, taps_px, np.float32(abs(NOTHING_PX))), np.ones((3, 3)))
+    row = np.clip(np.rint(moved.source_y).astype(int) + 1, 0, around_px.shape[0] - 1)
+    col = np.clip(np.rint(moved.source_x).astype(int) + 1, 0, around_px.shape[1] - 1)
+    return np.maximum(around_px[row, col], moved.disparity_px)
+
+
+def assert_values_agree(got: np.ndarray, expected: np.ndarray, seen_px: np.ndarray, tolerance_px: np.ndarray) -> None:
+    """Within the tolerance; if only one of them took the sample, that was as near to the bound of what is accepted."""
+    difference_px = np.abs(got - expected)
+    tipped = ((got == seen_px) != (expected == seen_px)) & (np.abs(difference_px - SAME_SURFACE_PX) <= tolerance_px)
+    assert ((difference_px <= tolerance_px) | tipped).all()
 
 
 def both(scale: Scale, device: str) -> tuple[Reprojection, WarpReprojection]:
@@ -154,7 +160,7 @@ def test_rooms_agree(name: str, scale: Scale, device: str) -> None:
     seen = seen_px > 0
     sampled = (moved.disparity_px != seen_px) & seen
     assert seen.mean() > 0.4 or (name in OUT_OF_SIGHT and not seen.any())
-    assert sampled.sum() >= 0.8 * seen.sum()
+    assert sampled.sum() >= 0.7 * seen.sum()
 
 
 @each_device
@@ -174,7 +180,7 @@ def test_without_motion_degenerate_images_stay_but_for_what_is_too_near(image: s
     moved = WarpReprojection(scale, device=device).move(disparity_px, weight, np.eye(4))
     possible_px = np.where(disparity_px > LARGEST_PX, 0, disparity_px)
     np.testing.assert_allclose(moved.disparity_px, possible_px, rtol=0, atol=2.0**-FRACTION_BITS)
-    np.testing.assert_array_equal(moved.weight, weight)
+    np.testing.assert_array_equal(moved.weight, np.where(possible_px > 0, weight, 0))
 
 
 @each_device

@@ -20,7 +20,8 @@ WEIGHT_MASK = wp.constant(wp.uint32(2**twin.WEIGHT_BITS - 1))
 LARGEST_PX = wp.constant(wp.float32(scale.LARGEST_PX))
 NEAREST = wp.constant(wp.float32(twin.NEAREST))
 SAME_SURFACE_PX = wp.constant(wp.float32(twin.SAME_SURFACE_PX))
-LEAST_RATIO = wp.constant(wp.float32(twin.LEAST_RATIO))
+LARGEST_RATIO = wp.constant(wp.float32(twin.LARGEST_RATIO))
+NOTHING_PX = wp.constant(wp.float32(twin.NOTHING_PX))
 
 
 @wp.func
@@ -33,8 +34,11 @@ def linear(A: wp.mat33, e: wp.vec3, axis: wp.int32, row: wp.int32, col: wp.int32
 
 @wp.func
 def inverse_divisor(A: wp.mat33, e: wp.vec3, row: wp.int32, col: wp.int32, disparity_px: wp.float32):
-    """The inverse of the last row of the map; of points behind the camera a large number."""
-    return 1.0 / wp.max(linear(A, e, 2, row, col, disparity_px), NEAREST)
+    """The inverse of the last row of the map; 0 for points behind the camera."""
+    inverse = 1.0 / wp.max(linear(A, e, 2, row, col, disparity_px), NEAREST)
+    if inverse > LARGEST_RATIO:
+        inverse = 0.0
+    return inverse
 
 
 @wp.func
@@ -51,8 +55,11 @@ def disparity_of(key: wp.uint32):
 
 @wp.func
 def weight_of(key: wp.uint32):
-    """Of a key."""
-    return key & WEIGHT_MASK
+    """Of a key; 0 if it has no disparity."""
+    weight = key & WEIGHT_MASK
+    if disparity_of(key) == wp.uint32(0):
+        weight = wp.uint32(0)
+    return weight
 
 
 @wp.kernel
@@ -120,18 +127,20 @@ def close_cracks(
 
 @wp.func
 def pixel(image: wp.array2d(dtype=wp.float32), row: wp.int32, col: wp.int32):
-    """One pixel; 0 beside the image."""
+    """One pixel; `NOTHING_PX` in holes and beside the image."""
     value = wp.float32(0.0)
     inside_rows = row >= 0 and row < image.shape[0]
     inside_cols = col >= 0 and col < image.shape[1]
     if inside_rows and inside_cols:
         value = image[row, col]
+    if value == 0.0:
+        value = NOTHING_PX
     return value
 
 
 @wp.func
 def between(image: wp.array2d(dtype=wp.float32), x: wp.float32, y: wp.float32):
-    """Bilinear sample at column x, row y; 0 beside the image."""
+    """Bilinear sample at column x, row y."""
     x = wp.clamp(x, -2.0, wp.float32(image.shape[1]) + 1.0)
     y = wp.clamp(y, -2.0, wp.float32(image.shape[0]) + 1.0)
     row = wp.int32(wp.floor(y))
@@ -188,5 +197,5 @@ def sample(
     ratio = (sampled_px - seen_px * inverse) * e_z + inverse
     value_px = sampled_px / wp.max(ratio, NEAREST)
     moved_px[row, col] = seen_px
-    if wp.abs(value_px - seen_px) < SAME_SURFACE_PX and value_px > seen_px * LEAST_RATIO:
+    if wp.abs(value_px - seen_px) < SAME_SURFACE_PX and seen_px > 0.0:
         moved_px[row, col] = value_px
