@@ -5,14 +5,13 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator
 
 from .combine import CombineConfig
+from .devices import DeviceName
 from .inpainting import Dilation, Inpainting
 from .model import Model
 from .motion import MotionModelName
 from .odometry import OdometryConfig
 from .registration import RegistrationConfig
 from .voxels import VoxelConfig
-
-DeviceName = Literal["cpu", "cuda"]
 
 
 class PaperConfig(Model):

@@ -2,8 +2,8 @@
 
 from typing import Any, Protocol
 
-from .errors import ConfigError
-from .paper_config import DeviceName, PaperConfig
+from .devices import DeviceName, require_device
+from .paper_config import PaperConfig
 from .types import FloatArray, FloatImage, GrayImage, Intrinsics
 
 
@@ -61,10 +61,7 @@ def create_steps(device: DeviceName, intrinsics: Intrinsics, config: PaperConfig
         from .host_steps import HostSteps
 
         return HostSteps(intrinsics, config)
-    import warp as wp
-
     from .warp_steps import WarpSteps
 
-    if not wp.is_cuda_available():
-        raise ConfigError("device = 'cuda' was asked for, but Warp finds no CUDA device here: choose 'cpu'")
-    return WarpSteps(intrinsics, config, device="cuda")
+    require_device(device)
+    return WarpSteps(intrinsics, config, device=device)

@@ -16,6 +16,8 @@ import warp as wp
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.rigid_scenes import ROOM, frames_of, method, noisy, run, walk
+from voxdepth import VoxDepth, VoxDepthConfig
 from voxdepth.errors import ConfigError, FrameError
 from voxdepth.rigid.reprojection import (
     FRACTION_BITS,
@@ -28,7 +30,7 @@ from voxdepth.rigid.reprojection import (
 )
 from voxdepth.rigid.scale import LARGEST_PX, SMALLEST_PX, Scale
 from voxdepth.rigid.warp_reprojection import WarpReprojection
-from voxdepth.types import Intrinsics
+from voxdepth.types import Intrinsics, RegistrationStatus
 
 CAMERA = dataclasses.replace(Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=80), baseline_m=0.095)
 SCALES = [Scale.of(CAMERA, step) for step in (1, 2)]
@@ -214,7 +216,29 @@ def test_images_of_another_size_are_refused(cut: object) -> None:
         warp.move(disparity_px, weight[cut], np.eye(4))
 
 
+@each_device
+@pytest.mark.parametrize("step", [1, 2])
+def test_a_stream_is_corrected_alike(step: int, device: str) -> None:
+    frames = [noisy(frame, seed=5) for frame in frames_of(ROOM, walk(8))]
+    host, warp = method(memory_step=step), method(memory_step=step)
+    warp._mover._reprojection = WarpReprojection(warp._scale, device=device)
+    for expected, got in zip(run(host, frames), run(warp, frames), strict=True):
+        # Rounding may tip a decision about a pixel here and there.
+        assert np.mean(expected.source != got.source) < 1e-3
+        assert np.mean(abs(expected.depth_m - got.depth_m) > 1e-3) < 1e-3
+    assert expected.registration.status is RegistrationStatus.OK
+
+
+@each_device
+def test_the_configuration_decides_where_the_memory_is_moved(device: str) -> None:
+    corrector = VoxDepth(CAMERA, VoxDepthConfig(device=device))
+    expected = Reprojection if device == "cpu" else WarpReprojection
+    assert type(corrector._method._mover._reprojection) is expected
+
+
 @pytest.mark.skipif(wp.is_cuda_available(), reason="there is a GPU")
 def test_without_a_gpu_cuda_is_refused_in_one_line() -> None:
     with pytest.raises(ConfigError, match="no CUDA device"):
         WarpReprojection(SCALES[1], device="cuda")
+    with pytest.raises(ConfigError, match="no CUDA device"):
+        VoxDepth(CAMERA, VoxDepthConfig(device="cuda"))

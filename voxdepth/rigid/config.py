@@ -4,6 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from ..devices import DeviceName
 from ..model import Model
 from .evidence import EvidenceConfig
 from .filling import FillingConfig
@@ -28,3 +29,6 @@ class RigidConfig(Model):
     """Window of the edge-preserving smoothing; 1 switches it off."""
     smooth_noise_px: float = Field(0.3, gt=0)
     """Disparity noise that it takes away; more takes more, and rounds fine relief."""
+    device: DeviceName = "cpu"
+    """Where the memory is moved along with the camera. Only its disparity and weight are, so far: they go to `cuda` and
+    come back with every frame, and all other steps run on the CPU."""

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from ..devices import DeviceName
 from ..types import FloatArray, FloatImage, GrayImage
-from .reprojection import Reprojection
+from .image_mover import create_image_mover
 from .scale import Scale
 
 UNIT = 16
@@ -49,10 +50,18 @@ def _coarse(shape: tuple[int, ...]) -> tuple[int, int]:
 
 
 class Mover:
-    """Moves a memory along with the camera."""
+    """Moves a memory along with the camera.
 
-    def __init__(self, scale: Scale) -> None:
-        self._reprojection = Reprojection(scale)
+    Args:
+        scale: Of the memory.
+        device: Where disparity and weight are moved; the rest is on the CPU.
+
+    Raises:
+        ConfigError: There is no such device here.
+    """
+
+    def __init__(self, scale: Scale, device: DeviceName = "cpu") -> None:
+        self._reprojection = create_image_mover(device, scale)
 
     def move(self, memory: Memory, T_now_before: FloatArray) -> Memory:
         """The memory as the camera sees it now, after a motion of shape (4, 4)."""

@@ -72,6 +72,9 @@ class RigidMethod:
     Args:
         camera: Every frame must have its shape.
         config: See there.
+
+    Raises:
+        ConfigError: The configuration names a device that is not there.
     """
 
     def __init__(self, camera: Intrinsics, config: RigidConfig) -> None:
@@ -79,7 +82,7 @@ class RigidMethod:
         self._config = config
         self._scale = Scale.of(camera, step)
         self._localisation = Localisation(camera, self._scale, config.localisation)
-        self._mover = Mover(self._scale)
+        self._mover = Mover(self._scale, config.device)
         self._evidence = Evidence(config.evidence)
         self._filling = Filling(self._scale, config.filling)
         self.reset()

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..errors import ConfigError, FrameError
+from ..devices import require_device
+from ..errors import FrameError
 from ..geometry import inverse_rigid
 from ..types import FloatArray, FloatImage, GrayImage
 from . import reprojection_kernels as kernels
@@ -25,8 +26,7 @@ class WarpReprojection:
     """
 
     def __init__(self, scale: Scale, *, device: str) -> None:
-        if device.startswith("cuda") and not wp.is_cuda_available():
-            raise ConfigError("device = 'cuda' was asked for, but Warp finds no CUDA device here: choose 'cpu'")
+        require_device(device)
         wp.load_module(kernels, device=device)
         self._scale = scale
         self._device = device
