@@ -1,6 +1,6 @@
 """What an experiment gives: tables, a figure, and what the paper says beside what was found."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from pydantic import ConfigDict, Field
 
@@ -74,6 +74,8 @@ class Result(Model):
     """What is different from the paper's experiment, and what a reader must know."""
     figure: bytes = Field(exclude=True)
     """PNG."""
+    pictures: Mapping[str, bytes] = Field(default={}, exclude=True)
+    """PNGs beside it, by the names of their files without the suffix."""
 
     @property
     def table(self) -> Table:
