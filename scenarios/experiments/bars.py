@@ -40,7 +40,9 @@ class Bar:
         if value is None:
             return UNKNOWN
         missed = self.bound - value if self.at_least else value - self.bound
-        return HELD if missed <= 0 else f"missed by {missed:.2g}{self._unit}"
+        if missed <= 0:
+            return HELD
+        return f"missed by {missed:.2f}{self._unit}" if missed >= 0.005 else f"missed by {missed:.1g}{self._unit}"
 
     @property
     def _unit(self) -> str:

@@ -71,11 +71,12 @@ def of_seen_holes(standings: Sequence[Standing]) -> Measured:
         if own is not None and best.value is not None and bound is not None:
             errors_m.append((own, best.value, bound))
     of_means = way_percent(*(mean(column) for column in zip(*errors_m, strict=True))) if errors_m else None
-    bar = Bar(what="Holes seen before: way from the best peer to true-pose", bound=60, unit="%", at_least=True)
+    what = "Holes seen before: way from the best peer to true-pose"
+    bar, bar_each = (Bar(what=f"{what}{each}", bound=60, unit="%", at_least=True) for each in ("", ", each"))
     return Measured(
         table=Table.of("MAE in holes whose surface was measured rightly in the last 60 frames, within 20 m, completed",
                        columns, with_mean(rows), "holes-seen"),
-        findings=(Finding(bar=bar, value=of_means, of=f"mean errors of {len(errors_m)}"), worst(bar, ways)),
+        findings=(Finding(bar=bar, value=of_means, of=f"mean errors of {len(errors_m)}"), worst(bar_each, ways)),
     )  # fmt: skip
 
 

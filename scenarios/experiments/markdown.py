@@ -1,7 +1,6 @@
 """Tables as Markdown, to be pasted into a document."""
 
-from .result import Column, Result, Table, Value
-from .terminal import text_of
+from .result import Column, Result, Table, Value, text_of
 
 
 def markdown_of(result: Result, command: str) -> str:

@@ -1,6 +1,6 @@
 """The last frame of each sequence as the sensor gave it, as methods corrected it, as it is, and from what source."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -22,15 +22,17 @@ SHADES = 40
 """Depths that are told apart: fewer make smaller files."""
 GAP_PX, WHITE = 4, 245
 TICKS_M = range(0, int(FAR_M) + 1, 5)
-SCALE_PX = (14, 18)
-"""Height of the colour scale, and of the numbers below it."""
+"""Numbers of the colour scale; the last stands for all beyond."""
+BAR_PX, LINE_PX = 14, 18
+"""Height of the colour scale, and of a line of text."""
+FONT, FONT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.4
 SOURCE_COLORS_BGR = {
     Source.INVALID: (0, 0, 0),
     Source.SENSOR: (190, 190, 190),
     Source.TEMPLATE: (200, 120, 30),
     Source.INPAINTED: (40, 160, 240),
 }
-SOURCES = "source: sensor gray, memory blue, filled orange"
+LEGEND = "top right: the peer with the least error in holes", "source: sensor gray, memory blue, filled orange"
 
 
 def pictures_of(stage: Stage, standings: Sequence[Standing]) -> dict[str, bytes]:
@@ -41,16 +43,17 @@ def pictures_of(stage: Stage, standings: Sequence[Standing]) -> dict[str, bytes]
 def _sheet(at: Standing, sources: Image) -> Image:
     """All panels of a sequence, by one colour scale, which is below them."""
     peer = at.best(HOLES).name
-    methods = {PAPER: PAPER, **({} if peer is None else {f"{peer}, best peer": peer}), DEFAULT: DEFAULT}
+    methods = (PAPER, *([] if peer is None else [peer]), DEFAULT)
     depths_m = {
-        f"{at.sequence}, frame {at.facts.frames - 1}, raw": decoded(at.facts.raw),
-        **{title: decoded(cell_of(at.done, at.sequence, name).picture) for title, name in methods.items()},
+        "as given": decoded(at.facts.raw),
+        **{name: decoded(cell_of(at.done, at.sequence, name).picture) for name in methods},
         "truth": decoded(at.facts.reference),
     }
-    height, width = decoded(at.facts.raw).shape
+    height, width = depths_m["truth"].shape
     width_px = min(width, int((PANEL_PIXELS * width / height) ** 0.5))
     images = {title: colored(in_shades(picked(depth_m, width_px))) for title, depth_m in depths_m.items()}
-    return sheet({**images, SOURCES: picked(sources, width_px)})
+    lines = (f"{at.sequence}, frame {at.facts.frames - 1}; no depth: black", *LEGEND)
+    return sheet({**images, "source": picked(sources, width_px)}, lines)
 
 
 def _sources(stage: Stage, sequence: str) -> Image:
@@ -72,12 +75,13 @@ def in_shades(depth_m: FloatImage) -> FloatImage:
     return rounded_m
 
 
-def sheet(panels: dict[str, Image]) -> Image:
-    """Panels of one size in rows, each below its title, over the scale of depth."""
+def sheet(panels: dict[str, Image], lines: Sequence[str]) -> Image:
+    """Panels of one size in rows, each below its title; then the scale of depth, and lines of text."""
     spaced = [_spaced(titled(title, image)) for title, image in panels.items()]
     spaced += [np.full_like(spaced[0], WHITE)] * (-len(spaced) % ROW)
     rows = [np.hstack(spaced[start : start + ROW]) for start in range(0, len(spaced), ROW)]
-    return np.vstack([*rows, _scale(rows[0].shape[1])])
+    width_px = rows[0].shape[1]
+    return np.vstack([*rows, _scale(width_px), *(_line(width_px, {2: line}) for line in lines)])
 
 
 def encoded(image: Image) -> bytes:
@@ -95,12 +99,16 @@ def _spaced(image: Image) -> Image:
 
 def _scale(width_px: int) -> Image:
     """The colours from 0 m to the farthest, with numbers."""
-    bar_px, text_px = SCALE_PX
-    depth_m = np.tile(np.linspace(0.01, FAR_M, width_px, dtype=np.float32), (bar_px, 1))
-    texts = np.full((text_px, width_px, 3), WHITE, np.uint8)
-    for tick_m in TICKS_M:
-        text = f"{tick_m} m" if tick_m < FAR_M else f">{tick_m} m"
-        (length_px, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)
-        left_px = min(int(tick_m / FAR_M * width_px), width_px - length_px - 2)
-        cv2.putText(texts, text, (left_px, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (30, 30, 30), 1, cv2.LINE_AA)
-    return np.vstack([colored(in_shades(depth_m)), texts])
+    depth_m = np.tile(np.linspace(0.01, FAR_M, width_px, dtype=np.float32), (BAR_PX, 1))
+    ticks = {round(tick_m / FAR_M * width_px): f"{tick_m} m" for tick_m in TICKS_M}
+    return np.vstack([colored(in_shades(depth_m)), _line(width_px, ticks)])
+
+
+def _line(width_px: int, texts: Mapping[int, str]) -> Image:
+    """A line with texts, each by the column where it starts, or where it still fits."""
+    line = np.full((LINE_PX, width_px, 3), WHITE, np.uint8)
+    for start_px, text in texts.items():
+        (length_px, _), _ = cv2.getTextSize(text, FONT, FONT_SCALE, 1)
+        at = (max(0, min(start_px, width_px - length_px - 2)), LINE_PX - 5)
+        cv2.putText(line, text, at, FONT, FONT_SCALE, (30, 30, 30), 1, cv2.LINE_AA)
+    return line

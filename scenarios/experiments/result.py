@@ -6,6 +6,8 @@ from pydantic import ConfigDict, Field
 
 from voxdepth.model import Model
 
+NOTHING = "-"
+"""What people read where there is no value."""
 Value = str | int | float | None
 """One place of a table; None if it is not known or not defined."""
 
@@ -23,6 +25,13 @@ class Column(Model):
     def title(self) -> str:
         """With the unit, as in `time [ms]`."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+def text_of(value: Value, column: Column) -> str:
+    """A value as people read it."""
+    if value is None:
+        return NOTHING
+    return f"{value:.{column.places}f}" if isinstance(value, float) else str(value)
 
 
 class Table(Model):

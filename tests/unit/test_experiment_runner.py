@@ -11,10 +11,9 @@ import pytest
 from scenarios.errors import ScenarioError
 from scenarios.experiments.catalogue import EXPERIMENT_NAMES, find_experiments
 from scenarios.experiments.drawing import labelled, panels
-from scenarios.experiments.result import Claim, Column, Result, Table
+from scenarios.experiments.result import Claim, Column, Result, Table, text_of
 from scenarios.experiments.runner import Report, Wishes, run, staged, verdict
 from scenarios.experiments.stage import Scope, Stage
-from scenarios.experiments.terminal import text_of
 
 COLUMNS = (Column(name="method"), Column(name="time", unit="ms"), Column(name="n", places=0))
 ROWS = [("one", 1.23456, 3), ("two", None, 0)]
