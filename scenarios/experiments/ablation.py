@@ -30,6 +30,8 @@ NEVER = 1e6
 ANY = 1e-6
 """A threshold that everything passes."""
 AS_IT_IS = VoxDepthConfig()
+SEQUENCES = ("sim-LN", "sim-MB", "sim-PLF", "sim-cross", "sim-approach", "sim-hover")
+"""Near and far, with parallax and without, and things that move across and towards the camera: what parts are for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +145,7 @@ class Ablation:
 
     name = "ablation"
     question = "What is each part of the default method worth, and what does it cost?"
-    scope = Scope(sequences=("sim-LN", "sim-MB", "sim-PLF", "sim-cross", "sim-hover"), frames=30, least_frames=2)
+    scope = Scope(sequences=SEQUENCES, frames=30, least_frames=2)
 
     def run(self, stage: Stage) -> Result:
         """See `Experiment`."""
