@@ -15,7 +15,7 @@ from voxdepth.rigid.planes import PlanesConfig
 from ..evaluation.cell import AS_GIVEN, FILLED, FRAMES
 from ..evaluation.groups import ALL
 from ..evaluation.methods import Method, find_method
-from ..evaluation.moving_score import MOVING
+from ..evaluation.moving_score import DEPARTED, MOVING
 from .drawing import labelled, panels
 from .result import Column, Result, Table, Value
 from .stage import Scope, Stage
@@ -110,6 +110,10 @@ def _survival(metric: str) -> Reading:
     return Reading(metric=metric, mask=MOVING, within=ALL, on=AS_GIVEN)
 
 
+def _ghosts(metric: str) -> Reading:
+    return Reading(metric=metric, mask=DEPARTED, within=ALL, on=FILLED)
+
+
 SHOWN = (
     Shown(column=Column(name="holes MAE", unit="m", places=3), reading=HOLES),
     Shown(column=Column(name="seen holes MAE", unit="m", places=3), reading=Reading(metric="mae", mask="holes seen")),
@@ -133,6 +137,12 @@ SHOWN = (
         column=Column(name="survival less raw's", unit="points", places=1),
         reading=_survival("survival"),
         less=_survival("survival_raw"),
+        factor=100,
+    ),
+    Shown(
+        column=Column(name="ghosts less raw's", unit="points", places=1),
+        reading=_ghosts("ghosts"),
+        less=_ghosts("ghosts_raw"),
         factor=100,
     ),
     Shown(column=Column(name="p50", unit="ms", places=1), reading=_of_frames("latency_p50")),
@@ -168,7 +178,7 @@ class Ablation:
             ),
             notes=(
                 "Surfaces within 20 m. Errors in holes and PSNR (peak 40 m) are after completion by the nearest valid; "
-                "off is more than 10 % too far or too near. Survival is of the sequences with things that move.",
+                "off is more than 10 % too far or too near. Survival and ghosts are of the sequences with things that move.",
                 "Times are medians, and means of these over sequences of different sizes; the yardstick is a 5x5 "
                 "median of 640x360 pixels, timed between the frames.",
                 "One seed and a few sequences: a difference of a percent or two says nothing.",
