@@ -38,7 +38,8 @@ def experiment(
     defaults, half of it recording, and none takes more than four. `switches --frames 500` repeats the paper's table in
     full, in about five minutes.
 
-    `default` judges every method on every sequence and takes an hour or more; it goes on where it was cut short.
+    `default` judges every method on every sequence and takes the better part of an hour; it goes on where it was cut
+    short.
     `ablation` judges the default method with one part off, each alone.
     """
     import sys

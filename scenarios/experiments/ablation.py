@@ -178,7 +178,7 @@ class Ablation:
             ),
             notes=(
                 "Surfaces within 20 m. Errors in holes and PSNR (peak 40 m) are after completion by the nearest valid; "
-                "off is more than 10 % too far or too near. Survival and ghosts are of the sequences with things that move.",
+                "off is more than 10 % too far or too near. Survival and ghosts are of sequences where things move.",
                 "Times are medians, and means of these over sequences of different sizes; the yardstick is a 5x5 "
                 "median of 640x360 pixels, timed between the frames.",
                 "One seed and a few sequences: a difference of a percent or two says nothing.",
