@@ -38,7 +38,8 @@ NOTES = (
     "pose, a bound for what memory can know. The best peer is chosen anew for each sequence and each measure.",
     "The default method was tuned on seed 101: results of that seed say nothing. Those of seed 0, the default, and of "
     "any other are fair. Another seed needs another --out, or it replaces the cells that are there.",
-    "Mean over sequences: each sequence counts once. Nothing is left out; a value that is not defined shows as -.",
+    "Mean over sequences: each counts once. A value that is not defined shows as -, and is in no mean; such is also "
+    "the way to true-pose where that is not better than the best peer.",
     "Surfaces beyond the sensor's largest depth (40 m) have no measurement to correct, and their errors, which nobody "
     "can lessen but by chance, rule a PSNR of all surfaces: hence that within 20 m beside it.",
     "Flicker is |change of the error| from frame to frame where the same surface stays, of pixels with a depth in both "

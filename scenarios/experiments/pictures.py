@@ -100,7 +100,8 @@ def _spaced(image: Image) -> Image:
 def _scale(width_px: int) -> Image:
     """The colours from 0 m to the farthest, with numbers."""
     depth_m = np.tile(np.linspace(0.01, FAR_M, width_px, dtype=np.float32), (BAR_PX, 1))
-    ticks = {round(tick_m / FAR_M * width_px): f"{tick_m} m" for tick_m in TICKS_M}
+    ticks = {round(tick_m / FAR_M * width_px): f"{tick_m} m" for tick_m in TICKS_M[:-1]}
+    ticks[width_px] = f">{TICKS_M[-1]} m"
     return np.vstack([colored(in_shades(depth_m)), _line(width_px, ticks)])
 
 
