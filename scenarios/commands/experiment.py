@@ -1,4 +1,4 @@
-"""The command that makes the paper's experiments again."""
+"""The command that makes the paper's experiments again, and those on the default method."""
 
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +13,8 @@ def experiment(
         list[str],
         typer.Argument(
             metavar="NAME",
-            help="rq1, rq2, rq3, rq4, quality, fps, components, window, switches, power, or all.",
+            help="rq1, rq2, rq3, rq4, quality, fps, components, window, switches, power, or all of these; default or "
+            "ablation, which are about the default method.",
         ),
     ],
     sequences: Annotated[
@@ -30,11 +31,16 @@ def experiment(
         Path, typer.Option(metavar="DIR", help="Folder of the results; recordings are shared with `evaluate`.")
     ] = (Path("evaluation")),
 ) -> None:
-    """Ask the paper's questions again of our rendered sequences: a table and a figure for each.
+    """Ask the paper's questions again of our rendered sequences, or what the default method is worth.
 
-    Writes NAME/table.csv, NAME/figure.png and NAME/result.json below DIR. What is not yet recorded is recorded first,
-    at 0.1 to 0.5 s a frame. On two slow cores all take some ten minutes with their defaults, half of it recording, and
-    none takes more than four. `switches --frames 500` repeats the paper's table in full, in about five minutes.
+    Writes tables (NAME/table.csv, NAME/table.md), NAME/figure.png and NAME/result.json below DIR. What is not yet
+    recorded is recorded first, at 0.1 to 0.5 s a frame. On two slow cores all take some ten minutes with their
+    defaults, half of it recording, and none takes more than four. `switches --frames 500` repeats the paper's table in
+    full, in about five minutes.
+
+    `default` judges every method on every sequence and takes the better part of an hour; it goes on where it was cut
+    short.
+    `ablation` judges the default method with one part off, each alone.
     """
     import sys
 

@@ -11,7 +11,7 @@ from voxdepth.model import Model
 from ..errors import ScenarioError
 
 CELLS = "cells"
-SCORING = 2
+SCORING = 3
 """Counted up when figures are worked out in another way: older cells are then worked out again."""
 
 FILLED, COMPLETED, AS_GIVEN = "filled", "completed", "as given"

@@ -1,6 +1,7 @@
 """What one method's depth scores on one sequence: sums over the frames, read as figures in the end."""
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import product
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from .trust_score import TrustScore
 
 PEAK_M = 40.0
 """Peak of the signal-to-noise ratio in metres."""
+STATIC, STATIC_MEASURED = "static", "static measured"
+"""Masks of flicker: pixels that show the same as in the frame before, and those that the sensor measured both times."""
 
 READINGS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
     "mae": ("m", lambda sums: sums.mae_m),
@@ -45,7 +48,8 @@ class Score:
         """Without the truth, the other pixels are judged by what the methods were given."""
         self._filled = [Sums()] * len(groups)
         self._completed = [Sums()] * len(groups)
-        self._flicker = Flicker(len(BINS))
+        self._flicker = {mask: Flicker(len(BINS)) for mask in (STATIC, STATIC_MEASURED)}
+        self._measured_before: MaskImage | None = None
         self._moving, self._trust = MovingScore(), TrustScore()
         self._in_16_bits = Sums()
         self._psnrs_db: list[float | None] = []
@@ -102,7 +106,12 @@ class Score:
         known = judged.labels != NONE
         steady_m = judged.reference_m if self._groups.is_true else known.astype(np.float32)
         bins = np.where(known, judged.labels // np.uint8(len(self._groups.kinds)), np.uint8(0))
-        self._flicker.add(depth_m, steady_m, judged.static & known, bins)
+        static: MaskImage = judged.static & known
+        measured: MaskImage = judged.frame.depth_m > 0
+        both = measured if self._measured_before is None else measured & self._measured_before
+        self._flicker[STATIC].add(depth_m, steady_m, static, bins)
+        self._flicker[STATIC_MEASURED].add(depth_m, steady_m, static & both, bins)
+        self._measured_before = measured
 
     def _add_16_bits(self, judged: Judged, whole_m: FloatImage) -> None:
         """The surfaces that an image in 16 bits and millimetres can hold."""
@@ -146,12 +155,12 @@ class Score:
 
     def _read_flicker(self) -> list[Figure]:
         figures = []
-        for within, bins in RANGES.items():
-            changes = sum((self._flicker.groups[index] for index in bins), Changes())
+        for mask, within in product(self._flicker, RANGES):
+            changes = sum((self._flicker[mask].groups[index] for index in RANGES[within]), Changes())
             if changes.pixels:
                 figures += [
-                    _figure("flicker", "static", within, FILLED, changes.mean_change_m, "m", changes.changes),
-                    _figure("switched", "static", within, FILLED, changes.switched_share, "share", changes.pixels),
+                    _figure("flicker", mask, within, FILLED, changes.mean_change_m, "m", changes.changes),
+                    _figure("switched", mask, within, FILLED, changes.switched_share, "share", changes.pixels),
                 ]
         return figures
 

@@ -1,11 +1,13 @@
 """What an experiment gives: tables, a figure, and what the paper says beside what was found."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from pydantic import ConfigDict, Field
 
 from voxdepth.model import Model
 
+NOTHING = "-"
+"""What people read where there is no value."""
 Value = str | int | float | None
 """One place of a table; None if it is not known or not defined."""
 
@@ -23,6 +25,13 @@ class Column(Model):
     def title(self) -> str:
         """With the unit, as in `time [ms]`."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+def text_of(value: Value, column: Column) -> str:
+    """A value as people read it."""
+    if value is None:
+        return NOTHING
+    return f"{value:.{column.places}f}" if isinstance(value, float) else str(value)
 
 
 class Table(Model):
@@ -74,6 +83,8 @@ class Result(Model):
     """What is different from the paper's experiment, and what a reader must know."""
     figure: bytes = Field(exclude=True)
     """PNG."""
+    pictures: Mapping[str, bytes] = Field(default={}, exclude=True)
+    """PNGs beside it, by the names of their files without the suffix."""
 
     @property
     def table(self) -> Table:

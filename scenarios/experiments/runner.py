@@ -12,10 +12,11 @@ from ..bench.machine import Machine
 from ..errors import ScenarioError
 from ..evaluation.cell import write, write_model
 from .experiment import Experiment
+from .markdown import markdown_of
 from .result import Claim, Result, Table
 from .stage import Stage
 
-FIGURE, REPORT = "figure.png", "result.json"
+FIGURE, REPORT, MARKDOWN = "figure.png", "result.json", "table.md"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +104,10 @@ def _reported(experiment: Experiment, stage: Stage, wishes: Wishes) -> Report:
     folder = wishes.out / experiment.name
     for table in result.tables:
         write(folder / f"{table.name}.csv", csv_of(table))
+    write(folder / MARKDOWN, markdown_of(result, wishes.command).encode())
     write(folder / FIGURE, result.figure)
+    for name, picture in result.pictures.items():
+        write(folder / f"{name}.png", picture)
     write_model(folder / REPORT, report)
     return report
 

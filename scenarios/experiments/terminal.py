@@ -5,10 +5,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Printed
 
-from .result import Column, Table, Value
+from .result import Table, text_of
 from .runner import Report, verdict
 
-NOTHING = "-"
 WIDEST = 400
 """Characters in a line of a table."""
 
@@ -25,13 +24,6 @@ def print_report(console: Console, report: Report) -> None:
     for note in report.result.notes:
         console.print(escape(f"note:  {note}"), soft_wrap=True, highlight=False)
     console.print()
-
-
-def text_of(value: Value, column: Column) -> str:
-    """A value as people read it."""
-    if value is None:
-        return NOTHING
-    return f"{value:.{column.places}f}" if isinstance(value, float) else str(value)
 
 
 def _unsqueezed(console: Console) -> Console:

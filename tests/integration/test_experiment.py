@@ -101,6 +101,26 @@ def test_components_are_the_steps_of_the_corrector(out: Path) -> None:
 
 
 @pytest.mark.slow
+def test_default_has_every_measure_and_a_picture_of_the_sequence(out: Path) -> None:
+    (one,) = find_experiments(["default"])
+    result = one.run(small_stage(out, 3))
+    bars, holes, *_ = result.tables
+    assert all(str(verdict).startswith(("held", "missed by", "not measured")) for verdict in bars.column("verdict"))
+    assert holes.column("sequence") == [SEQUENCE, "mean"]
+    assert result.pictures[SEQUENCE].startswith(b"\x89PNG")
+    assert len(result.pictures[SEQUENCE]) < 300_000
+
+
+@pytest.mark.slow
+def test_ablation_judges_every_variant(out: Path) -> None:
+    means, each = asked("ablation", out, 3)
+    assert means.column("variant") == each.column("variant")
+    assert all(isinstance(value, float) for value in means.column("measured RMSE"))
+    by_variant = dict(zip(means.column("variant"), means.column("measured RMSE"), strict=True))
+    assert by_variant["single-frame"] != by_variant["voxdepth"]
+
+
+@pytest.mark.slow
 def test_rq2_judges_every_size(out: Path) -> None:
     (table,) = asked("rq2", out)
     assert table.column("size") == [0, 100, 150, 200, 300, 400, 600]

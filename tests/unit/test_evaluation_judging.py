@@ -109,6 +109,20 @@ def test_a_wrong_depth_that_stays_does_not_flicker_and_one_that_changes_does() -
     assert figure(verdict, "flicker", "static", "0-20 m", "filled").value > 0.9
 
 
+def test_flicker_of_measured_pixels_leaves_out_what_was_a_hole_in_either_frame() -> None:
+    def flickers_in_holes(depth_m: np.ndarray) -> np.ndarray:
+        filled: np.ndarray = np.where(depth_m > 0, np.float32(WALL_M), np.float32(next(depths_m)))
+        return filled
+
+    depths_m = iter([3, 9] * N)
+    verdict = judged_by(flickers_in_holes)
+    assert figure(verdict, "flicker", "static", "0-20 m", "filled").value > 0.1
+    measured = figure(verdict, "flicker", "static measured", "0-20 m", "filled")
+    raw = figure(judged_by(lambda depth_m: depth_m), "flicker", "static", "0-20 m", "filled")
+    assert measured.n == raw.n, "raw has a change where both frames were measured, and nowhere else"
+    assert measured.n < figure(verdict, "flicker", "static", "0-20 m", "filled").n
+
+
 def test_sequences_judged_by_measured_depth_count_the_change_of_depth() -> None:
     from scenarios.evaluation.groups import HELD_OUT_GROUPS
 

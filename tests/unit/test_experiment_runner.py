@@ -9,12 +9,11 @@ from typing import Any
 import pytest
 
 from scenarios.errors import ScenarioError
-from scenarios.experiments.catalogue import EXPERIMENT_NAMES, find_experiments
+from scenarios.experiments.catalogue import EXPERIMENT_NAMES, PAPER_NAMES, find_experiments
 from scenarios.experiments.drawing import labelled, panels
-from scenarios.experiments.result import Claim, Column, Result, Table
+from scenarios.experiments.result import Claim, Column, Result, Table, text_of
 from scenarios.experiments.runner import Report, Wishes, run, staged, verdict
 from scenarios.experiments.stage import Scope, Stage
-from scenarios.experiments.terminal import text_of
 
 COLUMNS = (Column(name="method"), Column(name="time", unit="ms"), Column(name="n", places=0))
 ROWS = [("one", 1.23456, 3), ("two", None, 0)]
@@ -40,7 +39,8 @@ class Stub:
             raise ScenarioError("it failed")
         table = Table.of("Times", COLUMNS, ROWS)
         claim = Claim(paper="fast", found="slow", holds=False)
-        return Result(tables=(table,), claims=(claim,), notes=(f"{stage.frames} frames",), figure=drawn())
+        notes = (f"{stage.frames} frames",)
+        return Result(tables=(table,), claims=(claim,), notes=notes, figure=drawn(), pictures={"last": PNG})
 
 
 def reports(wishes: Wishes, *experiments: Any) -> list[Report]:
@@ -54,6 +54,11 @@ def test_table_figure_and_report_are_written(tmp_path: Path) -> None:
     with (folder / "table.csv").open(newline="") as file:
         assert list(csv.reader(file)) == [["method", "time [ms]", "n"], ["one", "1.23456", "3"], ["two", "", "0"]]
     assert (folder / "figure.png").read_bytes().startswith(PNG)
+    assert (folder / "last.png").read_bytes() == PNG
+    assert (folder / "table.md").read_text() == (
+        "`voxdepth experiment stub`\n\n**Times**\n\n"
+        "| method | time [ms] | n |\n| --- | ---: | ---: |\n| one | 1.23 | 3 |\n| two | - | 0 |\n"
+    )
     stored = json.loads((folder / "result.json").read_text())
     assert stored["result"]["tables"][0]["rows"] == [list(row) for row in ROWS]
     assert (stored["seed"], stored["frames"], stored["width_px"]) == (7, 4, 160)
@@ -102,11 +107,12 @@ def test_a_file_in_the_way_is_told(tmp_path: Path) -> None:
 
 
 def test_names() -> None:
-    assert EXPERIMENT_NAMES == (
+    assert PAPER_NAMES == (
         "rq1", "rq2", "rq3", "rq4", "quality", "fps", "components", "power", "window", "switches"
     )  # fmt: skip
+    assert list(EXPERIMENT_NAMES) == [*PAPER_NAMES, "default", "ablation"]
     assert [experiment.name for experiment in find_experiments(["fps", "rq1"])] == ["fps", "rq1"]
-    assert [experiment.name for experiment in find_experiments(["all"])] == list(EXPERIMENT_NAMES)
+    assert [experiment.name for experiment in find_experiments(["all"])] == list(PAPER_NAMES)
     with pytest.raises(ScenarioError, match="no experiment 'rq5'; choose one or more of: rq1, rq2"):
         find_experiments(["rq5"])
     with pytest.raises(ScenarioError, match="'rq1' is named twice"):
