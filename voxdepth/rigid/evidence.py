@@ -36,12 +36,12 @@ class EvidenceConfig(Model):
     """Added to it, as a part of the disparity."""
     bias_px: float = Field(0.6, gt=0)
     """Mean signed difference over 5 x 5 px up to which they agree: a distant drone must not melt into the wall."""
-    drift_px: float = Field(0.2, gt=0)
-    """Mean signed difference over the last frames from which on the memory counts nothing: what comes or goes slowly is
-    followed. Less follows faster, and averages less."""
+    drift_px: float = Field(0.15, gt=0)
+    """Mean over the last frames by which measurements are nearer, from which on they are not averaged with the memory:
+    what comes slowly is followed. Less follows faster, and averages less."""
     drift_gain: float = Field(0.25, gt=0, le=1)
     """Part of that mean that is of the newest frame; less is steadier and later."""
-    coherent_share: float = Field(0.25, gt=0, le=1)
+    coherent_share: float = Field(0.1, gt=0, le=1)
     """Part of 5 x 5 px that must contradict the memory in the same direction to be more than an outlier."""
     most: float = Field(12.0, gt=0, le=15)
     """Measurements that a pixel of memory can count; more smooths more, and follows slow change more slowly."""
@@ -108,7 +108,7 @@ class _Opinion:
     hidden: GrayImage
     """Remembered well enough where nothing is measured."""
     trust: FloatImage
-    """What the memory's weight is worth where they agree, 0..1, shape (h, w): less where the surface comes or goes."""
+    """What the memory's weight is worth where they agree, 0..1, shape (h, w): less where the surface comes nearer."""
     drift_px: FloatImage
     """See `Memory`."""
 
@@ -202,18 +202,21 @@ class Evidence:
         mean_px *= np.float32(255)
         mean_px /= np.maximum(mean_around(count, DRIFT_WINDOW_PX), np.float32(255 * LEAST_OVERLAP))
         drift_px = memory.drift_px + (mean_px - memory.drift_px) * np.float32(config.drift_gain)
-        trust = np.float32(1) - np.square(drift_px / np.float32(config.drift_px))
+        trust = np.maximum(drift_px, np.float32(0))
+        trust /= np.float32(config.drift_px)
+        np.square(trust, out=trust)
+        np.subtract(np.float32(1), trust, out=trust)
         np.maximum(trust, np.float32(0), out=trust)
         return drift_px, np.asarray(cv2.resize(trust, overlap.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
 
     def _fused(self, memory: Memory, measurement: Measurement, opinion: _Opinion) -> Memory:
         """The memory, averaged with the measurement by weight where they agree."""
-        total = opinion.trust * memory.weight
         gain = measurement.weight.astype(np.float32)
+        total = opinion.trust * memory.weight
         total += gain
         disparity_px, weight = memory.disparity_px.copy(), memory.weight.copy()
-        counted = np.minimum(total, np.float32(UNIT * self._config.most))
-        put(np.rint(counted, out=counted).astype(np.uint8), opinion.agree, weight)
+        counted = np.minimum(cv2.add(memory.weight, measurement.weight), np.uint8(round(UNIT * self._config.most)))
+        put(counted.astype(np.uint8), opinion.agree, weight)
         np.maximum(total, np.float32(1), out=total)
         gain /= total
         value_px = np.subtract(measurement.disparity_px, memory.disparity_px, out=total)
