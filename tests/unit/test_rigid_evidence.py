@@ -156,6 +156,17 @@ class TestSomethingNearer:
         np.testing.assert_array_equal(verdict.disparity_px, 10)
         np.testing.assert_array_equal(verdict.kind[BLOCK], Kind.REMEMBERED)
 
+    def test_but_not_for_ever(self) -> None:
+        memory, blank = memory_of(image(10)), measured(with_block(20.0))
+        for frame in range(9):  # from 12 measurements to less than 2, by one and an eighth each time
+            np.testing.assert_array_equal(memory.weight[INSIDE], UNIT * SURE - frame * (UNIT + UNIT // 8))
+            verdict, memory = weigh(memory, blank)
+            np.testing.assert_array_equal(verdict.disparity_px[INSIDE], 10)
+        verdict, _ = weigh(memory, blank)
+        np.testing.assert_array_equal(verdict.disparity_px[INSIDE], 20)
+        _, memory = weigh(memory_of(image(10)), blank, fade_doubted=0)
+        np.testing.assert_array_equal(memory.weight[INSIDE], UNIT * SURE - UNIT // 8)
+
     def test_unless_the_setting_says_otherwise(self) -> None:
         verdict, _ = weigh(memory_of(image(10)), measured(with_block(20.0)), same_gray_near=0)
         np.testing.assert_array_equal(verdict.disparity_px[INSIDE], 20)
@@ -208,6 +219,7 @@ class TestHoles:
         np.testing.assert_array_equal(verdict.kind[INSIDE], Kind.NOTHING)
         np.testing.assert_array_equal(verdict.disparity_px[INSIDE], 0)
         np.testing.assert_array_equal(memory.weight[INSIDE], 0)
+        np.testing.assert_array_equal(memory.disparity_px[INSIDE], 0)
 
     def test_another_exposure_forgets_nothing(self) -> None:
         verdict, _ = weigh(memory_of(image(10)), measured(self.HOLED, grays(LOOKS + 30)))

@@ -11,11 +11,11 @@ from voxdepth.geometry import inverse_rigid
 from voxdepth.rigid.confidence import confidence_of
 from voxdepth.rigid.evidence import Kind
 from voxdepth.rigid.measurement import Measurement, measured
-from voxdepth.rigid.memory import UNIT, Memory, Mover
-from voxdepth.rigid.merge import merged
+from voxdepth.rigid.memory import COARSE, UNIT, Memory, Mover
+from voxdepth.rigid.merge import enlarged, merged
 from voxdepth.rigid.scale import Scale
 from voxdepth.rigid.smoothing import smoothed
-from voxdepth.types import FloatImage, Frame, Intrinsics
+from voxdepth.types import FloatImage, Frame, GrayImage, Intrinsics
 
 ODD = Intrinsics.from_hfov(width_px=161, height_px=119, hfov_deg=70, baseline_m=0.1)
 
@@ -39,10 +39,14 @@ class TestMeasurement:
         np.testing.assert_array_equal(new.weight, UNIT)
         assert new.gray.shape == new.disparity_px.shape
 
-    def test_a_half_pixel_is_the_mean_of_one_surface(self) -> None:
+    @pytest.mark.parametrize(
+        ("four", "mean"),
+        [((6, 6.2, 6.4, 0), 6.2), ((6, 6.1, 6.2, 6.3), 6.15), ((0, 150, 150.5, 0), 150.25), ((0, 0, 0, 150), 150)],
+    )
+    def test_a_half_pixel_is_the_mean_of_one_surface(self, four: tuple[float, ...], mean: float) -> None:
         full_px = constant(6)
-        full_px[10:12, 20:22] = [[6.0, 6.2], [6.4, 0]]
-        assert measurement_of(full_px, 2).disparity_px[5, 10] == pytest.approx(6.2)
+        full_px[10:12, 20:22] = np.array(four).reshape(2, 2)
+        assert measurement_of(full_px, 2).disparity_px[5, 10] == pytest.approx(mean, rel=1e-6)
 
     @pytest.mark.parametrize(("four", "one"), [((4, 4, 4, 9), 4), ((9, 4, 9, 9), 9), ((0, 9, 9, 4), 9)])
     def test_of_two_surfaces_a_half_pixel_is_the_one_with_more(self, four: tuple[float, ...], one: float) -> None:
@@ -68,33 +72,74 @@ class TestMeasurement:
         np.testing.assert_array_equal(new.valid, np.where(new.disparity_px > 0, 255, 0))
 
 
+def as_fused(half_px: FloatImage) -> GrayImage:
+    return np.full(half_px.shape, Kind.FUSED, np.uint8)
+
+
 class TestMerge:
+    @staticmethod
+    def stepped() -> tuple[FloatImage, FloatImage]:
+        """Two surfaces at full and half size, the first with noise; their edge goes through the half pixels 40."""
+        clean_px = np.where(np.arange(CAMERA.width_px) < 81, np.float32(5), np.float32(12))
+        half_px = measurement_of(np.broadcast_to(clean_px, CAMERA.shape).copy(), 2).disparity_px
+        noise_px = 0.25 * (-1) ** np.indices(CAMERA.shape).sum(0)
+        return np.asarray(clean_px + noise_px, np.float32), half_px
+
     @pytest.mark.parametrize("camera", [CAMERA, ODD], ids=["even", "odd"])
-    def test_what_needs_no_correction_keeps_the_detail_of_the_measurement(self, camera: Intrinsics) -> None:
+    def test_what_counts_as_measured_is_shown_as_measured(self, camera: Intrinsics) -> None:
         scale = Scale.of(camera, 2)
         full_px = scale.disparity(render(ROOM, pose(), camera)[1])
         half_px = measurement_of(full_px, 2, camera).disparity_px
-        kind = np.full(scale.shape, Kind.MEASURED, np.uint8)
-        np.testing.assert_allclose(merged(full_px, half_px, half_px, kind, scale), full_px, atol=1e-5)
+        shown_px = merged(full_px, half_px, np.full(scale.shape, Kind.MEASURED, np.uint8))
+        rows, cols = 2 * scale.height_px, 2 * scale.width_px
+        np.testing.assert_array_equal(shown_px[:rows, :cols], full_px[:rows, :cols])
+        assert shown_px.shape == full_px.shape
+        # A last odd row or column has no pixel of memory: it repeats the one before.
+        np.testing.assert_array_equal(shown_px[-1], shown_px[rows - 1])
+        np.testing.assert_array_equal(shown_px[:, -1], shown_px[:, cols - 1])
 
-    def test_a_correction_is_added_and_a_hole_is_filled(self) -> None:
-        scale, full_px = Scale.of(CAMERA, 2), constant(6)
-        full_px[40:60, 40:60] = 0
-        half_px = measurement_of(full_px, 2).disparity_px
-        kind = np.where(half_px > 0, Kind.FUSED, Kind.REMEMBERED).astype(np.uint8)
-        shown = np.full(scale.shape, 6.25, np.float32)
-        result_px = merged(full_px, shown, half_px, kind, scale)
-        rim = cv2.dilate((full_px == 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        np.testing.assert_allclose(result_px[~rim | (full_px == 0)], 6.25, atol=1e-5)
-        # In the hole there is no correction to interpolate: the innermost pixels around it get three quarters.
-        assert (result_px >= 6.14).all()
+    @pytest.mark.parametrize("kind", [Kind.NOTHING, Kind.FUSED, Kind.REMEMBERED])
+    def test_a_surface_is_enlarged_linearly_whatever_was_measured(self, kind: Kind) -> None:
+        full_px = np.random.default_rng(0).uniform(0, 20, CAMERA.shape).astype(np.float32)
+        row, col = np.indices(CAMERA.shape)
+        plane_px = np.asarray(5 + 0.1 * row + 0.05 * col, np.float32)
+        half_px = np.asarray(0.5 * (plane_px[::2, ::2] + plane_px[1::2, 1::2]), np.float32)
+        shown_px = merged(full_px, half_px, np.full(half_px.shape, kind, np.uint8))
+        np.testing.assert_allclose(shown_px[1:-1, 1:-1], plane_px[1:-1, 1:-1], atol=1e-5)
+        # Beside the middle of the outermost pixels of memory nothing is extrapolated.
+        np.testing.assert_allclose(shown_px, plane_px, atol=0.5 * (0.1 + 0.05) + 1e-5)
 
-    def test_a_pixel_of_something_else_than_its_half_pixel_is_replaced(self) -> None:
-        scale, full_px = Scale.of(CAMERA, 2), constant(6)
-        full_px[41, 41] = 12.0
-        half_px = measurement_of(full_px, 2).disparity_px
-        kind = np.full(scale.shape, Kind.FUSED, np.uint8)
-        np.testing.assert_allclose(merged(full_px, half_px, half_px, kind, scale), 6, atol=1e-5)
+    def test_at_an_edge_what_was_measured_of_the_same_surface_is_shown(self) -> None:
+        full_px, half_px = self.stepped()
+        full_px[40, 80], full_px[41, 80] = 9.0, 0.0  # an outlier and a hole
+        assert half_px[0, 40] == 5  # of as many pixels of two surfaces the farther one
+        expected_px = np.repeat(np.repeat(half_px, 2, axis=0), 2, axis=1)
+        at_edge = np.s_[:, 80:84]  # half pixels with another surface beside them
+        expected_px[at_edge] = full_px[at_edge]
+        expected_px[:, 81] = expected_px[40:42, 80] = 5  # that was measured of something else, or not at all
+        np.testing.assert_allclose(merged(full_px, half_px, as_fused(half_px)), expected_px, atol=1e-5)
+
+    def test_no_value_is_of_two_surfaces(self) -> None:
+        _, half_px = self.stepped()
+        shown_px = merged(np.zeros(CAMERA.shape, np.float32), half_px, as_fused(half_px))
+        np.testing.assert_array_equal(shown_px, np.repeat(np.repeat(half_px, 2, axis=0), 2, axis=1))
+
+    def test_a_hole_of_the_measurement_is_filled(self) -> None:
+        full_px = constant(6)
+        full_px[40:61, 40:61] = 0
+        half_px = constant(6.25)[::2, ::2]
+        kind = np.full(half_px.shape, Kind.MEASURED, np.uint8)
+        np.testing.assert_array_equal(merged(full_px, half_px, kind), np.where(full_px > 0, full_px, np.float32(6.25)))
+
+    @pytest.mark.parametrize("size", [(120, 160), (121, 160), (120, 161), (121, 161)])
+    def test_an_enlarged_pixel_is_four_of_them_and_the_odd_ones_repeat(self, size: tuple[int, int]) -> None:
+        image = np.random.default_rng(0).integers(0, 256, (60, 80), np.uint8)
+        row, col = np.indices(size)
+        expected = image[np.minimum(row // 2, 59), np.minimum(col // 2, 79)]
+        for each in (image, image.astype(np.float32)):
+            larger = enlarged(each, (size[1], size[0]))
+            np.testing.assert_array_equal(larger, expected)
+            assert larger.dtype == each.dtype
 
 
 class TestSmoothing:
@@ -182,5 +227,6 @@ def test_the_drift_of_a_memory_moves_along(shift_px: int) -> None:
     memory = replace(empty, disparity_px=constant(8), weight=np.full(CAMERA.shape, UNIT, np.uint8), drift_px=drift_px)
     step_m = shift_px / 8 * 0.1  # a step of a baseline shifts by the disparity
     moved = Mover(scale).move(memory, inverse_rigid(pose(step_m)))
-    expected_px = 0.01 * row - 0.02 * (col + shift_px / 4)
-    np.testing.assert_allclose(moved.drift_px[:, 4:-4], expected_px[:, 4:-4], atol=1e-3)
+    source_col = col + shift_px / COARSE
+    seen = (source_col >= 0) & (source_col <= col.max())
+    np.testing.assert_allclose(moved.drift_px[seen], (0.01 * row - 0.02 * source_col)[seen], atol=1e-5)

@@ -79,5 +79,6 @@ def test_a_pixel_of_half_size_looks_between_its_four(width: int, height: int) ->
 
 
 def test_large_images_are_remembered_at_half_their_size() -> None:
-    assert chosen_step(Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=70)) == 1
-    assert chosen_step(Intrinsics.from_hfov(width_px=1024, height_px=1024, hfov_deg=70)) == 2
+    for width_px, height_px, step in ((160, 120, 1), (400, 250, 1), (401, 250, 2), (640, 360, 2), (1024, 1024, 2)):
+        camera = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=70)
+        assert chosen_step(camera) == step, f"{width_px} x {height_px}"  # up to 100 000 pixels at full size

@@ -14,8 +14,8 @@ NEIGHBOURS_PX = 5
 """Window in which the valid neighbours of a pixel are counted."""
 SAME_SURFACE_PX = 1.0
 """Pixels whose disparities differ by less are averaged when an image is halved."""
-LEAST_SHARE = 0.2
-"""Less than one of four pixels: keeps the division finite where none is valid."""
+_SHARE_OF_FOUR = np.maximum(1, np.rint(4 * np.arange(256) / 255)).astype(np.float32) / 4
+"""Share of four pixels that are valid, by its rounded mean of bytes; one of them where none is, to divide by."""
 _WEIGHT_OF_SHARE = np.maximum(1, np.rint(UNIT * (np.arange(256) / 255) ** 4)).astype(np.uint8)
 """Weight by the share of valid neighbours, of 255: its fourth power, for on the ragged rim of holes most are wrong."""
 
@@ -63,9 +63,7 @@ def _halved(full_px: FloatImage, depth_m: FloatImage, valid: GrayImage, scale: S
     """The mean of each two by two pixels that are of one surface; of two surfaces the one that has more of them."""
     size = (scale.width_px, scale.height_px)
     rows, cols = 2 * scale.height_px, 2 * scale.width_px
-    share = cv2.resize(valid[:rows, :cols], size, interpolation=cv2.INTER_AREA).astype(np.float32)
-    share *= np.float32(1 / 255)
-    np.maximum(share, np.float32(LEAST_SHARE), out=share)
+    share = cv2.LUT(cv2.resize(valid[:rows, :cols], size, interpolation=cv2.INTER_AREA), _SHARE_OF_FOUR)
     mean_px = np.asarray(cv2.resize(full_px[:rows, :cols], size, interpolation=cv2.INTER_AREA), np.float32)
     mean_px /= share
     nearest_px = _largest(full_px[:rows, :cols])

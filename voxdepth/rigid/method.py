@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from ..errors import ConfigError
 from ..timing import collected_times, timed
 from ..types import (
     CorrectedDepth,
@@ -46,6 +47,8 @@ SOURCE_BESIDE_SENSOR = {
 """The same for a pixel without a measurement of its own whose neighbours in one pixel of the memory have some."""
 MEASURED, FILLED = 4, 8
 """Added to the kind of a pixel that the sensor measured, and of one that has a depth."""
+LEAST_SIDE_PX = 8
+"""Images with a shorter side are refused: at half size too little is left of them to look around a pixel."""
 STATUS_OF_FOUND = {
     Found.START: RegistrationStatus.NOT_TRIED,
     Found.POSE: RegistrationStatus.OK,
@@ -70,14 +73,19 @@ class RigidMethod:
     """Corrects frames by a memory of surfaces, which is moved to every frame and weighed against it.
 
     Args:
-        camera: Every frame must have its shape.
+        camera: Every frame must have its shape, which is at least `LEAST_SIDE_PX` each way.
         config: See there.
 
     Raises:
-        ConfigError: The configuration names a device that is not there.
+        ConfigError: The configuration names a device that is not there, or the images of the camera are too small.
     """
 
     def __init__(self, camera: Intrinsics, config: RigidConfig) -> None:
+        if min(camera.shape) < LEAST_SIDE_PX:
+            raise ConfigError(
+                f"the default method needs images of at least {LEAST_SIDE_PX}x{LEAST_SIDE_PX} pixels, "
+                f"got {camera.width_px}x{camera.height_px}: use a larger camera"
+            )
         step = chosen_step(camera) if config.memory_step == "auto" else config.memory_step
         self._config = config
         self._scale = Scale.of(camera, step)
@@ -178,25 +186,26 @@ class RigidMethod:
 
     @timed
     def _trust(self, whole_px: FloatImage, verdict: Verdict) -> FloatImage:
-        """Confidence; empties what is not to be filled, in place."""
-        if self._config.fill == "none":
-            put(np.zeros_like(whole_px), equal(verdict.kind, Kind.NOTHING), whole_px)
-        confidence = confidence_of(whole_px, verdict.kind, verdict.weight)
-        put(np.zeros_like(confidence), equal(whole_px, 0), confidence)
-        return confidence
+        return confidence_of(whole_px, verdict.kind, verdict.weight)
 
     @timed
     def _enlarge(
         self, weighed: Weighed, whole_px: FloatImage, confidence: FloatImage
     ) -> tuple[FloatImage, GrayImage, FloatImage]:
-        """Depth, source and confidence of the size of the frame."""
+        """Depth, source and confidence of the size of the frame; no guesses if none are wanted."""
         kind, full_px, size = weighed.verdict.kind, weighed.full_px, weighed.full_px.shape[::-1]
         if self._scale.step != 1:
             whole_px = merged(full_px, whole_px, kind)
             kind, confidence = enlarged(kind, size), enlarged(confidence, size)
         depth_m = self._scale.depth(whole_px)
         code = kind | times(above(full_px, 0), MEASURED) | times(above(depth_m, 0), FILLED)
-        return depth_m, np.asarray(cv2.LUT(code, _SOURCES), np.uint8), confidence
+        source = np.asarray(cv2.LUT(code, _SOURCES), np.uint8)
+        if self._config.fill == "none":
+            put(np.zeros_like(source), equal(source, Source.INPAINTED), source)
+        empty = equal(source, Source.INVALID)
+        for image in (depth_m, confidence):
+            put(np.zeros_like(image), empty, image)
+        return depth_m, source, confidence
 
 
 _SOURCES = np.zeros(256, np.uint8)
