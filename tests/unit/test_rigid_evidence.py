@@ -291,11 +291,21 @@ def test_memory_gives_way_to_what_comes_nearer_slowly() -> None:
     assert lag_px(drift_px=1e6) > 0.5  # were drift no reason to trust it less
 
 
-def test_drift_is_forgotten_when_it_ends() -> None:
+def test_drift_is_forgotten_when_it_ends_and_takes_no_evidence_away() -> None:
     memory = memory_of(image(10))
-    _, memory = weigh(memory, measured(image(10.5)))
-    first_weight = int(memory.weight[20, 20])
+    coming, memory = weigh(memory, measured(image(10.55)))
+    assert (memory.weight == UNIT * MOST).all()
     for _ in range(30):
         _, memory = weigh(memory, measured(memory.disparity_px))
-    assert first_weight < UNIT * MOST  # half a pixel, all of one sign
-    assert (memory.weight == UNIT * MOST).all()
+    assert np.abs(memory.drift_px).max() < 0.01
+    still, _ = weigh(memory, measured(image(float(memory.disparity_px[20, 20]) + 0.3)))
+    followed = (coming.disparity_px[20, 20] - 10) / 0.55
+    averaged = (still.disparity_px[20, 20] - memory.disparity_px[20, 20]) / 0.3
+    assert followed > 3 * averaged
+
+
+def test_what_recedes_does_not_drift() -> None:
+    memory = memory_of(image(10))
+    going, _ = weigh(memory, measured(image(9.7)))
+    coming, _ = weigh(memory, measured(image(10.3)))
+    assert 10 - going.disparity_px[20, 20] < coming.disparity_px[20, 20] - 10
