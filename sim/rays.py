@@ -33,7 +33,7 @@ def within_shells(world: World, points_m: FloatArray) -> npt.NDArray[np.bool_]:
     shells = [body for body, what in world.bodies.items() if isinstance(what.shape, Mesh | Heightfield)]
     if not shells:
         return np.zeros(len(points_m), np.bool_)
-    odd = np.zeros((len(points_m), max(world.bodies, default=0) + 1), bool)
+    odd = np.zeros((len(points_m), max(world.surfaces) + 1), bool)  # a ray may hit a drone
     at_m, rows = points_m.copy(), np.arange(len(points_m))
     while len(rows):
         top_m = at_m + np.array([0, 0, SKY_M])

@@ -179,7 +179,7 @@ def test_the_default_corrector_is_timed_in_all_and_step_by_step(clip: Clip) -> N
     measured = measure_default(clip, 12)
     assert (measured.size, measured.frame.n, measured.lost_frames) == ("160x120", 12, 0)
     assert list(measured.steps) == [
-        "measure", "localise", "recall", "weigh", "remember", "fill", "merge", "smooth", "label"
+        "measure", "localise", "recall", "weigh", "remember", "fill", "smooth", "trust", "enlarge"
     ]  # fmt: skip
     assert {spread.n for spread in measured.steps.values()} == {12}
     assert 0 < max(spread.p50_ms for spread in measured.steps.values()) < measured.frame.p50_ms

@@ -14,7 +14,7 @@ import pytest
 
 from scenarios.errors import ScenarioError
 from scenarios.evaluation import suite
-from scenarios.evaluation.cell import Cell, cell_path, read_cell, write_model
+from scenarios.evaluation.cell import SCORING, Cell, cell_path, read_cell, write_model
 from scenarios.evaluation.methods import Method, find_methods
 from scenarios.evaluation.scratch import Scratch
 from scenarios.evaluation.sources import SimulatedSource, Source, open_source
@@ -99,7 +99,7 @@ def test_finished_cells_are_taken_and_failed_ones_tried_again(
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (lambda key: key.model_copy(update={"scoring": 0}), "scoring was 0 and is 2"),
+        (lambda key: key.model_copy(update={"scoring": 0}), f"scoring was 0 and is {SCORING}"),
         (
             lambda key: key.model_copy(update={"versions": {**key.versions, "numpy": "1.0"}}),
             f"versions.numpy was 1.0 and is {np.__version__}",

@@ -148,10 +148,12 @@ def test_a_stage_may_close_its_own_pipeline(stage: str) -> None:
 
 def test_a_source_that_blocks_is_left_to_itself_after_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("voxdepth.pipeline.READER_PATIENCE_S", 0.02)
-    next_frame = threading.Event()
-    pipeline = CorrectionPipeline(Staged(), endless(lambda index: index == 2 and next_frame.wait() and None))
+    asked, next_frame = threading.Event(), threading.Event()
+    blocks = lambda index: index == 2 and (asked.set() or next_frame.wait()) and None  # noqa: E731
+    pipeline = CorrectionPipeline(Staged(), endless(blocks))
     results = iter(pipeline)
     assert indices(islice(results, 2)) == [0, 1]
+    assert asked.wait(10)
     (reader,) = (t for t in threading.enumerate() if t.name == "voxdepth reading")
     pipeline.close()
     assert pipeline_threads() == ["voxdepth reading"]

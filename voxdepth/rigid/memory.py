@@ -30,8 +30,7 @@ class Memory:
     gray: GrayImage
     """How the surface looked when it was measured last, shape (h, w), uint8."""
     drift_px: FloatImage
-    """How far measurements have been nearer than the memory lately, shape (h / 2, w / 2): what
-    comes or goes has some."""
+    """By how much measurements have been nearer than the memory lately, shape (h / 2, w / 2)."""
 
     @classmethod
     def empty(cls, gray: GrayImage) -> "Memory":
@@ -68,11 +67,10 @@ class Mover:
         moved = self._reprojection.move(memory.disparity_px, memory.weight, T_now_before)
         gray = cv2.remap(memory.gray, moved.source_x, moved.source_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         size = memory.drift_px.shape[::-1]
-        coarse = [
+        x, y = (
             (np.asarray(cv2.resize(source, size, interpolation=cv2.INTER_AREA), np.float32) - OFFSET_PX) / COARSE
             for source in (moved.source_x, moved.source_y)
-        ]
-        x, y = coarse
+        )
         drift_px = cv2.remap(memory.drift_px, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return Memory(
             disparity_px=moved.disparity_px,

@@ -170,9 +170,7 @@ class RigidMethod:
             return
         self._blind_frames = 0
         self._memory = memory
-        known_px = np.zeros_like(memory.disparity_px)
-        put(memory.disparity_px, above(memory.weight, 0), known_px)
-        self._localisation.place(frame, known_px)
+        self._localisation.place(frame, memory.disparity_px)
 
     @timed
     def _fill(self, verdict: Verdict) -> FloatImage:
