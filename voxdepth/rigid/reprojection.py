@@ -23,8 +23,9 @@ LARGEST_RATIO = 999.0
 """Of depths before and after: what that leaves is larger."""
 BAND_PX = 2**15
 """Pixels per band: a few images of them fit into the cache of one core."""
-NOTHING_PX = -1e3
-"""Stands for nothing where values are sampled between pixels: what is mixed with it is of no surface."""
+NOTHING_PX = -1e9
+"""Stands for nothing where values are sampled between pixels: mixed with the least part of it, they are of no
+surface."""
 CRACK = np.ones((3, 3), np.uint8)
 """Gaps of one pixel between splatted pixels are closed: magnification tears surfaces open."""
 
@@ -119,6 +120,7 @@ class Reprojection:
         moved_px = np.multiply(disparity_px, inverse, out=inverse)
         cv2.threshold(moved_px, LARGEST_PX, 0, cv2.THRESH_TOZERO_INV, moved_px)
         moved_px *= np.float32(2**FRACTION_BITS)
+        np.rint(moved_px, out=moved_px)  # cut off, a memory would recede a little in every frame
         np.copyto(key, moved_px, casting="unsafe")
         bits = key.view(np.uint32)
         bits <<= np.uint32(WEIGHT_BITS)
