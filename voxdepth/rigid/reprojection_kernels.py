@@ -83,7 +83,7 @@ def splat(
         moved_px = d * inverse
         if moved_px > LARGEST_PX:
             moved_px = 0.0
-        key = key_of(wp.uint32(wp.int32(moved_px * UNITS_PER_PX)), wp.uint32(weight[row, col]))
+        key = key_of(wp.uint32(wp.int32(wp.rint(moved_px * UNITS_PER_PX))), wp.uint32(weight[row, col]))
         wp.atomic_max(keys, wp.int32(v), wp.int32(u), key)
 
 
