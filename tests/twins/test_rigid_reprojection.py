@@ -128,31 +128,31 @@ def assert_twins_agree(
     for name in ("weight", "source_x", "source_y"):
         np.testing.assert_array_equal(getattr(got, name), getattr(expected, name))
     assert got.disparity_px.dtype == expected.disparity_px.dtype
-    tolerance_px = TOLERANCE * largest_around(image[0], expected)
-    assert_values_agree(got.disparity_px, expected.disparity_px, seen_px, tolerance_px)
+    largest_px, beside_hole = around(image[0], expected)
+    assert_values_agree(got.disparity_px, expected.disparity_px, seen_px, TOLERANCE * largest_px, beside_hole)
     return expected, seen_px
 
 
-def largest_around(disparity_px: np.ndarray, moved: Moved) -> np.ndarray:
-    """The largest number that the sample of each moved pixel is made of, or that it became; infinite beside holes."""
+def around(disparity_px: np.ndarray, moved: Moved) -> tuple[np.ndarray, np.ndarray]:
+    """The largest number that the sample of each moved pixel is made of, or that it became, and if nothing is near."""
     taps_px = cv2.copyMakeBorder(disparity_px, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
-    around_px = cv2.dilate(np.where(taps_px > 0, taps_px, np.float32(np.inf)), np.ones((3, 3)))
-    row = np.clip(np.rint(moved.source_y).astype(int) + 1, 0, around_px.shape[0] - 1)
-    col = np.clip(np.rint(moved.source_x).astype(int) + 1, 0, around_px.shape[1] - 1)
-    return np.maximum(around_px[row, col], moved.disparity_px)
+    row = np.clip(np.rint(moved.source_y).astype(int) + 1, 0, taps_px.shape[0] - 1)
+    col = np.clip(np.rint(moved.source_x).astype(int) + 1, 0, taps_px.shape[1] - 1)
+    largest_px, least_px = (of(taps_px, np.ones((3, 3)))[row, col] for of in (cv2.dilate, cv2.erode))
+    return np.maximum(largest_px, moved.disparity_px), least_px == 0
 
 
-def assert_values_agree(got: np.ndarray, expected: np.ndarray, seen_px: np.ndarray, tolerance_px: np.ndarray) -> None:
+def assert_values_agree(
+    got: np.ndarray, expected: np.ndarray, seen_px: np.ndarray, tolerance_px: np.ndarray, beside_hole: np.ndarray
+) -> None:
     """Within the tolerance; if only one of them took the sample, that was as near to the bound of what is accepted.
 
     Beside a hole, a sample of which next to nothing is mixed with nothing may be refused by one of them alone.
     """
     difference_px = np.abs(got - expected)
-    beside_hole = np.isinf(tolerance_px)
     one_refused = (got == seen_px) != (expected == seen_px)
     tipped = one_refused & (np.abs(difference_px - SAME_SURFACE_PX) <= tolerance_px)
-    close = difference_px <= np.where(beside_hole, TOLERANCE * np.maximum(expected, 1), tolerance_px)
-    assert (close | tipped | (beside_hole & one_refused)).all()
+    assert ((difference_px <= tolerance_px) | tipped | (beside_hole & one_refused)).all()
 
 
 def both(scale: Scale, device: str) -> tuple[Reprojection, WarpReprojection]:
