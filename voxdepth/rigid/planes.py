@@ -17,6 +17,9 @@ Grid = npt.NDArray[np.float64]
 
 Values = TypeVar("Values", FloatImage, Grid)
 
+INSIDE, OUTSIDE = 3.0, 5.0
+"""Squared distances from the data, in their standard deviations, from which on planes are extended less to the far
+side, and not at all: what nobody measured is not made out to be far away."""
 N_MOMENTS = 11
 """Weighted sums per cell: of 1, u, v, uu, uv, vv, D, uD, vD, DD; and how much is present at all."""
 POWERS = ((0, 0), (0, 1), (1, 0), (0, 2), (1, 1), (2, 0))
@@ -35,7 +38,8 @@ class PlanesConfig(Model):
     ridge: float = Field(0.003, gt=0)
     """Pulls slopes to 0 against the spread of the data; more extends planes less far."""
     below: float = Field(1.25, ge=0)
-    """A plane is not extended to farther than so many standard deviations of its data."""
+    """A plane is not extended to farther than so many standard deviations of its data, nor farther than their mean where
+    it leaves them."""
     above: float = Field(2.5, ge=0)
     """Nor to nearer than so many."""
 
@@ -119,9 +123,13 @@ class Planes:
         slope_u, slope_v = (vv * ud - uv * vd) / determinant, (uu * vd - uv * ud) / determinant
         middle_v = (np.arange(n.shape[0])[:, None] + 0.5) * size - self._padded[0] / self._cell_px / 2
         middle_u = (np.arange(n.shape[1])[None] + 0.5) * size - self._padded[1] / self._cell_px / 2
-        value = d + slope_u * (middle_u - u) + slope_v * (middle_v - v)
+        away_u, away_v = middle_u - u, middle_v - v
+        value = d + slope_u * away_u + slope_v * away_v
         spread = np.sqrt(np.maximum(dd / n - d * d, 0))
-        value = np.clip(value, d - config.below * spread, d + config.above * spread)
+        # How far the middle is from the data, in their standard deviations, squared.
+        outside = (vv * away_u**2 - 2 * uv * away_u * away_v + uu * away_v**2) / determinant
+        inside = np.clip((OUTSIDE - outside) / (OUTSIDE - INSIDE), 0, 1)
+        value = np.clip(value, d - config.below * inside * spread, d + config.above * spread)
         return _Planes(value_px=value, density=np.minimum(density / config.enough, 1))
 
 
