@@ -76,7 +76,7 @@ class TestPlanes:
         plane_px = slope(step)
         error_px = filling(step).fill(holed(plane_px, HOLES[name][::step, ::step])) - plane_px
         np.testing.assert_allclose(away_from_the_border(error_px, step), 0, atol=0.01)
-        np.testing.assert_allclose(error_px, 0, atol=0.25)  # at the border data are on one side, and planes do not recede
+        np.testing.assert_allclose(error_px, 0, atol=0.25)  # at the border planes do not recede
 
     @pytest.mark.parametrize("config", [FREE, FillingConfig()], ids=["free", "default"])
     def test_a_plane_is_filled_as_well_at_the_border_of_the_image(self, config: FillingConfig) -> None:

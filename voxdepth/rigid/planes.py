@@ -38,8 +38,8 @@ class PlanesConfig(Model):
     ridge: float = Field(0.003, gt=0)
     """Pulls slopes to 0 against the spread of the data; more extends planes less far."""
     below: float = Field(1.25, ge=0)
-    """A plane is not extended to farther than so many standard deviations of its data, nor farther than their mean where
-    it leaves them."""
+    """A plane is not extended to farther than so many standard deviations of its data, nor than their mean where it
+    leaves them."""
     above: float = Field(2.5, ge=0)
     """Nor to nearer than so many."""
 
