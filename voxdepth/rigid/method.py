@@ -63,7 +63,6 @@ class Weighed:
 
     full_px: FloatImage
     """Disparity as measured, shape (H, W); 0 = invalid."""
-    measurement: Measurement
     verdict: Verdict
     location: Location
     timings_s: Mapping[str, float]
@@ -113,9 +112,7 @@ class RigidMethod:
             memory = self._recall(location, measurement)
             verdict, memory = self._weigh(memory, measurement)
             self._remember(frame, location, memory)
-        return Weighed(
-            full_px=full_px, measurement=measurement, verdict=verdict, location=location, timings_s=timings_s
-        )
+        return Weighed(full_px=full_px, verdict=verdict, location=location, timings_s=timings_s)
 
     def combine(self, weighed: Weighed) -> CorrectedDepth:
         """The second half: fill, smooth, tell where it is from, bring to full size. Depends on nothing else."""
