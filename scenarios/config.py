@@ -10,7 +10,7 @@ from sim.render import RendererName
 from sim.scenes import AnyScene, CitySpec
 from sim.sensor import RigConfig
 from sim.tiers import DepthTierName
-from swarm.mission import MissionConfig
+from swarm.task import MissionConfig
 from voxdepth.model import Model
 from voxdepth.registry import DEFAULT, require_known
 
@@ -46,6 +46,9 @@ class Scenario(Model):
     airframe: AirframeConfig = AirframeConfig()
     corrector: str = DEFAULT
     """Name of the depth corrector of every drone."""
+    corrector_latency_s: dict[str, float] = Field(default_factory=dict)
+    """Simulated time that a corrector takes for a frame, by its name; those that are not named take none. Frozen here,
+    and never the wall clock: results must not depend on the machine."""
     renderer: RendererName = "raycast"
     recording: RecordingConfig = RecordingConfig()
     acceptance: Acceptance = Acceptance()
@@ -55,6 +58,11 @@ class Scenario(Model):
     def _known(cls, name: str) -> str:
         require_known(name)
         return name
+
+    @property
+    def latency_s(self) -> float:
+        """Simulated time from a capture to the moment its result can be flown by."""
+        return self.mission.latency_s + self.corrector_latency_s.get(self.corrector, 0.0)
 
 
 class Run(Model):

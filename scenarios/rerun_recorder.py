@@ -16,6 +16,7 @@ from sim.sensor import RigConfig
 from sim.types import Capture, Contact, DroneState
 from sim.world import DRONE_BODY_HEIGHT_M, World
 from swarm.mission import contact_text
+from swarm.team import Team
 from swarm.types import Decision, Histogram, Outcome
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Source
 
@@ -48,9 +49,10 @@ class RerunRecorder:
         self._image_every = image_every
         self._captures: dict[int, int] = {}
         self._states: dict[int, str] = {}
+        self._leaders: set[int] = set()
         self._stream: rr.RecordingStream | None = None
 
-    def start(self, world: World, goal_m: FloatArray) -> None:
+    def start(self, world: World, teams: Sequence[Team]) -> None:
         """Open the file and write everything that does not move."""
         # Chunks end by size alone: ending them by the clock would make two runs differ.
         batching = rr.ChunkBatcherConfig(flush_tick=3600.0, flush_num_bytes=1 << 20, flush_num_rows=1 << 14)
@@ -59,12 +61,13 @@ class RerunRecorder:
         )
         rr.set_log_time_enabled(False, self._stream)
         rr.set_log_tick_enabled(False, self._stream)
-        self._stream.save(self._path, default_blueprint=blueprint(world.n_drones))
+        self._stream.save(self._path, default_blueprint=blueprint(world.n_drones, {team.leader for team in teams}))
         self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._log_scene(world.scene.bodies)
-        self._log(
-            "world/goal", rr.Points3D([goal_m], radii=[0.6], colors=[(80, 220, 100)], labels=["goal"]), static=True
-        )
+        self._leaders = {team.leader for team in teams}
+        goals_m = [team.goal_m for team in teams]
+        goals = rr.Points3D(goals_m, radii=[0.6], colors=[(80, 220, 100)], labels=["goal"] * len(goals_m))
+        self._log("world/goal", goals, static=True)
         for drone in range(world.n_drones):
             self._log_airframe(drone, world.airframe.radius_m)
             self._log_camera(drone)
@@ -81,7 +84,7 @@ class RerunRecorder:
             )
             self._log(
                 f"world/velocity/{drone}",
-                rr.Arrows3D(origins=[state.position_m], vectors=[state.velocity_m_s], colors=[_drone_color(drone)]),
+                rr.Arrows3D(origins=[state.position_m], vectors=[state.velocity_m_s], colors=[self._color(drone)]),
             )
             self._log_choice(drone, state, decision)
             if self._states.get(drone) != decision.state:
@@ -154,9 +157,12 @@ class RerunRecorder:
             )
             self._log("world/scene", shown, static=True)
 
+    def _color(self, drone: int) -> tuple[int, int, int]:
+        return LEADER_COLOR if drone in self._leaders else FOLLOWER_COLOR
+
     def _log_airframe(self, drone: int, radius_m: float) -> None:
         body = rr.Cylinders3D(
-            lengths=[DRONE_BODY_HEIGHT_M], radii=[radius_m], colors=[_drone_color(drone)], fill_mode="solid"
+            lengths=[DRONE_BODY_HEIGHT_M], radii=[radius_m], colors=[self._color(drone)], fill_mode="solid"
         )
         self._log(f"world/drone/{drone}/body", body, static=True)
 
@@ -170,8 +176,7 @@ class RerunRecorder:
             camera_xyz=rr.ViewCoordinates.RDF,
             image_plane_distance=0.8,
         )
-        mount_m = [self._rig.mount_forward_m, self._rig.baseline_m / 2, 0.0]
-        mount = rr.Transform3D(translation=mount_m, mat3x3=R_BODY_CAM)
+        mount = rr.Transform3D(translation=self._rig.left_mount_m, mat3x3=R_BODY_CAM)
         colors = [rr.AnnotationInfo(id=int(s), label=s.name.lower(), color=c) for s, c in SOURCE_COLORS.items()]
         # One row: the order of several chunks of one entity in the file is left to chance.
         self._log(path, pinhole, mount, rr.AnnotationContext(colors), static=True)
@@ -206,10 +211,6 @@ class RerunRecorder:
         self._log(f"world/drone/{drone}/histogram/chosen", rr.Points2D(marked, radii=[0.3], colors=[(255, 60, 60)]))
 
 
-def _drone_color(drone: int) -> tuple[int, int, int]:
-    return LEADER_COLOR if drone == 0 else FOLLOWER_COLOR
-
-
 def depth_png(depth_m: FloatImage) -> bytes:
     """Depth as a 16-bit PNG in centimetres, rounded to 1 %, which halves its size; 0 stays 0."""
     exponent = np.rint(np.log(np.maximum(depth_m, 0.01)) * 100) / 100
@@ -218,7 +219,7 @@ def depth_png(depth_m: FloatImage) -> bytes:
     return png.tobytes()
 
 
-def blueprint(n_drones: int) -> rrb.Blueprint:
+def blueprint(n_drones: int, leaders: set[int]) -> rrb.Blueprint:
     """The layout that is saved with the recording."""
     # Rerun expands `**` at the end of a path only, so every drone's images are left out by name.
     images = [
@@ -232,7 +233,7 @@ def blueprint(n_drones: int) -> rrb.Blueprint:
             position=(-30.0, -45.0, 50.0), look_target=(25.0, 0.0, 5.0), eye_up=(0.0, 0.0, 1.0)
         ),
     )
-    cameras = rrb.Tabs(*[_camera_views(drone) for drone in range(n_drones)], name="cameras")
+    cameras = rrb.Tabs(*[_camera_views(drone, drone in leaders) for drone in range(n_drones)], name="cameras")
     curves = rrb.Vertical(
         rrb.TimeSeriesView(
             name="clearance and separation [m]", contents=["metrics/clearance_m", "metrics/separation_m"]
@@ -249,8 +250,8 @@ def blueprint(n_drones: int) -> rrb.Blueprint:
     )
 
 
-def _camera_views(drone: int) -> rrb.Vertical:
-    cam, name = f"world/drone/{drone}/cam", "leader" if drone == 0 else f"drone {drone}"
+def _camera_views(drone: int, leads: bool) -> rrb.Vertical:
+    cam, name = f"world/drone/{drone}/cam", f"leader {drone}" if leads else f"drone {drone}"
     return rrb.Vertical(
         rrb.Horizontal(
             rrb.Spatial2DView(name="gray", origin=cam, contents=[f"{cam}/gray"]),

@@ -19,7 +19,7 @@ import numpy as np
 from sim.render import create_renderer
 from sim.rig import StereoRig
 from sim.world import World
-from swarm.mission import Mission
+from swarm.mission import Mission, start_yaws_rad, starts_m
 from swarm.recorder import NullRecorder, Recorder
 from swarm.types import MissionResult, Trajectory
 from voxdepth.registry import create_corrector
@@ -92,6 +92,7 @@ def summary(finished: Finished, run: Run) -> dict[str, Any]:
         "pose_prior": run.scenario.mission.pose_prior.label,
         "outcome": result.outcome.value,
         "metrics": dict(result.metrics),
+        "drones": [dict(figures) for figures in result.drones],
         "contacts": [vars(contact) for contact in result.contacts],
         "versions": {name: version(name) for name in REPORTED_PACKAGES},
         "wall": {
@@ -119,17 +120,25 @@ def flying(run: Run, recorder: Recorder, *, recorded: bool, threads: int | None 
     cv2.setNumThreads(1)
     with (
         World(
-            scenario.scene.build(seed), config.starts_m(), scenario.airframe, start_yaw_rad=config.heading_rad
+            scenario.scene.build(seed), starts_m(config), scenario.airframe, start_yaw_rad=start_yaws_rad(config)
         ) as world,
         ThreadPoolExecutor(threads) as pool,
     ):
         intrinsics = scenario.rig.intrinsics
-        correctors = [create_corrector(scenario.corrector, intrinsics) for _ in range(config.drones)]
+        correctors = [create_corrector(scenario.corrector, intrinsics) for _ in range(world.n_drones)]
         gray = recorded or any(corrector.uses_gray for corrector in correctors)
         renderer = create_renderer(scenario.renderer, world, threads=threads)
         rig = StereoRig(world, renderer, scenario.rig, seed=seed, gray=gray, pool_map=pool.map)
         yield Mission(
-            config, world, rig, correctors, recorder, camera_hz=scenario.rig.rate_hz, seed=seed, pool_map=pool.map
+            config,
+            world,
+            rig,
+            correctors,
+            recorder,
+            camera_hz=scenario.rig.rate_hz,
+            latency_s=scenario.latency_s,
+            seed=seed,
+            pool_map=pool.map,
         )
 
 

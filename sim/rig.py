@@ -37,6 +37,7 @@ class StereoRig:
         self._sensor = StereoSensor(world, renderer, config, seed=seed, gray=gray)
         self._map = pool_map
         self.intrinsics = self._sensor.intrinsics
+        self.mount_m = config.left_mount_m
 
     def capture(self, drones: Sequence[int], frame: int) -> list[Capture]:
         """One capture for each of the named drones, all at the world's present time.

@@ -18,6 +18,8 @@ class Purpose(IntEnum):
     DISPARITY = 7
     FLICKER = 8
     POSE_PRIOR = 9
+    LINK = 10
+    DETECTION = 11
 
 
 def stream(seed: int, purpose: Purpose, *index: int) -> np.random.Generator:

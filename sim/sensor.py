@@ -61,6 +61,11 @@ class RigConfig(Model):
         return self
 
     @property
+    def left_mount_m(self) -> FloatArray:
+        """Where the left camera sits in the body frame, shape (3,); the right one mirrors it."""
+        return np.array([self.mount_forward_m, self.baseline_m / 2, 0.0])
+
+    @property
     def intrinsics(self) -> Intrinsics:
         """Of the left camera."""
         return Intrinsics.from_hfov(
@@ -170,7 +175,7 @@ class StereoSensor:
         )
 
     def _camera(self, viewpoint: Viewpoint, side: float) -> Camera:
-        mount_m = np.array([self._config.mount_forward_m, side * self._config.baseline_m, 0.0])
+        mount_m = self._config.left_mount_m * np.array([1.0, 2 * side, 1.0])
         pose = viewpoint.pose
         T_world_cam = frames.camera_pose(pose.position_m, pose.q_world_body_xyzw, mount_m)
         return Camera(T_world_cam=T_world_cam, intrinsics=self.intrinsics)

@@ -41,7 +41,7 @@ class World:
         scene: Static bodies.
         starts_m: Start positions, shape (n, 3); drones hover there, heading along x.
         airframe: Of every drone.
-        start_yaw_rad: Heading of all drones at the start.
+        start_yaw_rad: Heading of the drones at the start: one for all, or one each, shape (n,).
         movers: Bodies that stay where they are until `place` moves them. They have the first body ids, from 0 on.
 
     Raises:
@@ -54,7 +54,7 @@ class World:
         starts_m: FloatArray,
         airframe: AirframeConfig | None = None,
         *,
-        start_yaw_rad: float = 0.0,
+        start_yaw_rad: float | FloatArray = 0.0,
         movers: Sequence[Body] = (),
     ) -> None:
         self.scene = scene
@@ -72,13 +72,14 @@ class World:
             self._set_up_physics()
             self.movers: dict[int, Body] = {create_body(body, self.client): body for body in movers}
             self.bodies: dict[int, Body] = {create_body(body, self.client): body for body in scene.bodies}
-            q_start = frames.quaternion_from_yaw(start_yaw_rad)
-            self.drone_ids = [self._add_drone(start, q_start) for start in starts_m]
+            yaws_rad = np.full(self.n_drones, start_yaw_rad, np.float64)
+            attitudes = [frames.quaternion_from_yaw(float(yaw)) for yaw in yaws_rad]
+            self.drone_ids = [self._add_drone(*start) for start in zip(starts_m, attitudes, strict=True)]
             apply_texture(self.textured_ids, scene.seed, self.client)
             self._drone_of_body = {body: drone for drone, body in enumerate(self.drone_ids)}
             self._fleet = Fleet(self.n_drones, self.airframe)
             self._wanted_velocity = np.zeros((self.n_drones, 3))
-            self._wanted_yaw = np.full(self.n_drones, start_yaw_rad)
+            self._wanted_yaw = yaws_rad
             self._read_motion()
             self._refuse_bad_starts()
         except BaseException:

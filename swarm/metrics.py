@@ -10,10 +10,13 @@ from sim.world import World
 from voxdepth.metrics import DepthErrors, depth_errors
 from voxdepth.types import CorrectedDepth, FloatArray
 
-from .types import Trajectory
+from .team import Team
+from .types import Figure, Trajectory
 
 JUDGED_RANGE_M = 20.0
 """Depth errors are taken over pixels whose true depth is at most this."""
+STILL_M_S = 0.1
+"""Drones slower than this have no direction."""
 
 
 def separation_m(states: Sequence[DroneState], radius_m: float) -> float:
@@ -45,38 +48,54 @@ class DepthComparison:
         return DepthComparison(raw=self.raw + other.raw, corrected=self.corrected + other.corrected)
 
 
-class MissionMetrics:
-    """Accumulates what the report needs."""
+@dataclass
+class DroneRecord:
+    """What is gathered of one drone."""
 
-    def __init__(self, world: World) -> None:
+    min_clearance_m: float = float("inf")
+    depth: DepthComparison = field(default_factory=DepthComparison)
+
+
+class MissionMetrics:
+    """Accumulates what the report needs.
+
+    Args:
+        world: Of the mission.
+        teams: Whose members are its drones.
+    """
+
+    def __init__(self, world: World, teams: Sequence[Team]) -> None:
         self._world = world
+        self._teams = teams
         self._samples: list[list[DroneState]] = []
         self._times_s: list[float] = []
-        self._formation_errors_m: list[float] = []
+        self._series: dict[str, list[float]] = {"formation_error_m": [], "order": [], "path_deviation_m": []}
         self._min_separation_m = float("inf")
-        self._min_clearance_m = float("inf")
-        self._depth = DepthComparison()
+        self._drones = [DroneRecord() for _ in range(world.n_drones)]
 
-    def sample(self, states: list[DroneState], slots_m: FloatArray) -> dict[str, float]:
+    def sample(self, states: list[DroneState]) -> dict[str, float]:
         """Take in one control tick, and return its figures by name."""
-        radius_m = self._world.airframe.radius_m
-        now: dict[str, float] = {
-            "clearance_m": min(self._world.clearance_m(i) for i in range(self._world.n_drones)),
-        }
-        self._min_clearance_m = min(self._min_clearance_m, now["clearance_m"])
+        positions_m = np.array([s.position_m for s in states])
+        now = {"clearance_m": min(self._clearances_m())}
+        aside_m = [team.aside_m(positions_m) for team in self._teams]
+        now["path_deviation_m"] = max(aside_m)
+        off_m = np.concatenate([team.off_slots_m(positions_m) for team in self._teams])
+        if len(off_m):
+            now["formation_error_m"] = float(off_m.mean())
+            now["order"] = float(np.mean([_order(team, states) for team in self._teams]))
+        for name, values in self._series.items():
+            if name in now:
+                values.append(now[name])
         if len(states) > 1:
-            positions = np.array([s.position_m for s in states[1:]])
-            now["formation_error_m"] = float(np.linalg.norm(positions - slots_m, axis=1).mean())
-            now["separation_m"] = separation_m(states, radius_m)
-            self._formation_errors_m.append(now["formation_error_m"])
+            now["separation_m"] = separation_m(states, self._world.airframe.radius_m)
             self._min_separation_m = min(self._min_separation_m, now["separation_m"])
         self._samples.append(states)
         self._times_s.append(self._world.time_s)
         return now
 
-    def add_depth(self, errors: "DepthComparison") -> None:
+    def add_depth(self, drone: int, errors: "DepthComparison") -> None:
         """Take in the errors of one image."""
-        self._depth += errors
+        self._drones[drone].depth += errors
 
     def trajectories(self) -> tuple[Trajectory, ...]:
         """One per drone."""
@@ -89,9 +108,10 @@ class MissionMetrics:
             for i in range(self._world.n_drones)
         )
 
-    def summary(self, contacts: Sequence[Contact], dropped_frames: int) -> dict[str, float | int | None]:
+    def summary(self, contacts: Sequence[Contact], dropped_frames: Sequence[int]) -> dict[str, Figure]:
         """All figures of the mission; None where there is nothing to say."""
         kinds = [c.kind for c in contacts]
+        depth = sum((record.depth for record in self._drones), start=DepthComparison())
         return {
             "sim_time_s": self._world.time_s,
             "first_contact_s": contacts[0].time_s if contacts else None,
@@ -99,15 +119,64 @@ class MissionMetrics:
             "collisions_building": kinds.count("building"),
             "collisions_ground": kinds.count("ground"),
             "min_separation_m": _finite(self._min_separation_m),
-            "min_clearance_m": _finite(self._min_clearance_m),
-            "formation_error_mean_m": float(np.mean(self._formation_errors_m)) if self._formation_errors_m else None,
-            "dropped_frames": dropped_frames,
-            **_depth_figures("raw", self._depth.raw),
-            **_depth_figures("corrected", self._depth.corrected),
+            "min_clearance_m": _finite(min(record.min_clearance_m for record in self._drones)),
+            "formation_error_mean_m": self._mean("formation_error_m"),
+            "order_mean": self._mean("order"),
+            "path_deviation_mean_m": self._mean("path_deviation_m"),
+            "path_deviation_max_m": max(self._series["path_deviation_m"], default=None),
+            "dropped_frames": sum(dropped_frames),
+            **_depth_figures("raw", depth.raw),
+            **_depth_figures("corrected", depth.corrected),
         }
 
+    def by_drone(self, contacts: Sequence[Contact], dropped_frames: Sequence[int]) -> list[dict[str, Figure]]:
+        """Figures of each drone. A collision of two counts for both."""
+        return [
+            {
+                "drone": drone,
+                "first_contact_s": min((c.time_s for c in contacts if _has_part(drone, c)), default=None),
+                "min_clearance_m": _finite(record.min_clearance_m),
+                "path_length_m": self._path_length_m(drone),
+                "dropped_frames": dropped_frames[drone],
+                **_depth_figures("raw", record.depth.raw),
+                **_depth_figures("corrected", record.depth.corrected),
+            }
+            for drone, record in enumerate(self._drones)
+        ]
 
-def _depth_figures(name: str, errors: DepthErrors) -> dict[str, float | int | None]:
+    def _clearances_m(self) -> list[float]:
+        """Of all drones now."""
+        clearances_m = [self._world.clearance_m(i) for i in range(self._world.n_drones)]
+        for record, clearance_m in zip(self._drones, clearances_m, strict=True):
+            record.min_clearance_m = min(record.min_clearance_m, clearance_m)
+        return clearances_m
+
+    def _path_length_m(self, drone: int) -> float:
+        positions_m = np.array([s[drone].position_m for s in self._samples]).reshape(-1, 3)
+        return float(np.linalg.norm(np.diff(positions_m, axis=0), axis=1).sum())
+
+    def _mean(self, name: str) -> float | None:
+        return float(np.mean(self._series[name])) if self._series[name] else None
+
+
+def _order(team: Team, states: Sequence[DroneState]) -> float:
+    """How much the drones of a swarm fly the same way: the length of the mean of their directions, 0..1.
+
+    Drones that hardly move have no direction; without two that move, the order is 1.
+    """
+    velocities = np.array([states[i].velocity_m_s for i in team.members])
+    speed = np.linalg.norm(velocities, axis=1)
+    moving = speed > STILL_M_S
+    if np.count_nonzero(moving) < 2:
+        return 1.0
+    return float(np.linalg.norm((velocities[moving] / speed[moving, None]).mean(axis=0)))
+
+
+def _has_part(drone: int, contact: Contact) -> bool:
+    return contact.drone == drone or contact.other == f"drone-{drone}"
+
+
+def _depth_figures(name: str, errors: DepthErrors) -> dict[str, Figure]:
     return {
         f"depth_{name}_mae_m": errors.mae_m,
         f"depth_{name}_too_far_share": errors.too_far_share,

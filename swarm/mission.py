@@ -1,90 +1,42 @@
-"""One flight of a leader and its followers, from take-off to an outcome."""
+"""One flight of leaders and their followers, from take-off to an outcome."""
 
 from collections.abc import Sequence
 
 import numpy as np
-from pydantic import Field
 
+from sim.frames import R_BODY_CAM
 from sim.rig import Mapper, StereoRig
 from sim.types import Capture, Contact, DroneState
 from sim.world import PHYSICS_HZ, World
-from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, DepthCorrector, FloatArray
 
-from . import formation
-from .agents import Agent, Follower, Leader
+from .controllers import Agent, Role, load_controller
+from .detection import Detector
 from .errors import MissionError
-from .formation import FormationConfig
-from .link import Link, LinkConfig
+from .histogram import HistogramBuilder
+from .judge import Judge
+from .link import Link
 from .metrics import DepthComparison, MissionMetrics
+from .neighbours import NeighbourSense
 from .perception import Perception
-from .pilot import Pilot, PilotConfig, Situation
-from .priors import PosePriorConfig, make_prior
+from .pilot import Situation
+from .priors import make_prior
 from .recorder import Recorder
-from .rules import RuleWeights
+from .task import MissionConfig
 from .types import MissionResult, Outcome
-
-Point = tuple[float, float, float]
-PROGRESS_M = 0.3
-"""Less than this is no progress."""
-
-
-class MissionConfig(Model):
-    """The task, and the swarm that flies it."""
-
-    drones: int = Field(8, ge=1)
-    """The leader is drone 0; all others follow."""
-    start_m: Point = Field((-8.0, 0.0, 6.0), strict=False)
-    """Where the leader starts; the followers start in their slots."""
-    goal_m: Point = Field((76.0, 0.0, 6.0), strict=False)
-    duration_s: float = Field(75.0, gt=0)
-    """Simulated time after which the mission counts as timed out."""
-    cruise_speed_m_s: float = Field(2.5, gt=0)
-    """Speed of the leader."""
-    follower_speed_m_s: float = Field(3.2, gt=0)
-    """Largest speed of a follower; above the leader's, to catch up."""
-    control_hz: int = Field(20, ge=1)
-    latency_s: float = Field(0.03, ge=0)
-    """Simulated time from a capture to the moment its result can be flown by."""
-    goal_radius_m: float = Field(1.5, gt=0)
-    formation_tolerance_m: float = Field(1.5, gt=0)
-    """Largest distance of any follower from its slot that counts as being in formation."""
-    deadlock_s: float = Field(12.0, gt=0)
-    """Time in which neither leader nor followers get anywhere, after which the mission counts as stuck."""
-    lost_m: float = Field(30.0, gt=0)
-    """Distance from the leader beyond which a follower counts as lost."""
-    aftermath_s: float = Field(1.0, ge=0)
-    """How long the world runs on after the first collision."""
-    formation: FormationConfig = FormationConfig()
-    rules: RuleWeights = RuleWeights()
-    pilot: PilotConfig = PilotConfig()
-    link: LinkConfig = LinkConfig()
-    pose_prior: PosePriorConfig = PosePriorConfig()
-
-    @property
-    def heading_rad(self) -> float:
-        """Direction from start to goal in the horizontal plane."""
-        return float(np.arctan2(self.goal_m[1] - self.start_m[1], self.goal_m[0] - self.start_m[0]))
-
-    def offsets_m(self) -> FloatArray:
-        """Slots of the followers relative to the leader, shape (drones - 1, 3), in the world frame."""
-        return formation.turned(formation.slots(self.drones - 1, self.formation), self.heading_rad)
-
-    def starts_m(self) -> FloatArray:
-        """Start positions of all drones, shape (drones, 3)."""
-        leader = np.array(self.start_m)
-        return np.vstack([leader[None], leader + self.offsets_m()])
 
 
 class Mission:
-    """Runs a swarm in a world, tick by tick.
+    """Runs swarms in a world, tick by tick.
 
     Args:
-        world: With one drone per agent, at `config.starts_m()`.
+        config: The task.
+        world: With one drone per member of the teams, at `starts_m(config)`.
         rig: The drones' cameras.
         correctors: One per drone.
         camera_hz: Captures per second; must divide `config.control_hz`.
-        seed: Master seed of the drones' pose priors.
+        latency_s: Simulated time from a capture to the moment its result can be flown by.
+        seed: Master seed of pose priors, detector and radio.
         recorder: Told of everything; closed by whoever made it.
         pool_map: Runs the drones' perception side by side; the result is the same with any.
     """
@@ -98,37 +50,31 @@ class Mission:
         recorder: Recorder,
         *,
         camera_hz: float,
+        latency_s: float,
         seed: int,
         pool_map: Mapper = map,
     ) -> None:
         self._steps_per_tick = _whole_ratio(PHYSICS_HZ, config.control_hz, "control_hz", "the physics rate")
         self._ticks_per_frame = _whole_ratio(config.control_hz, camera_hz, "rate_hz", "control_hz")
-        if world.room_at_m(config.goal_m) < world.airframe.radius_m:
-            raise MissionError(
-                f"the goal {list(config.goal_m)} m is inside a building or the ground; move it into the open"
-            )
         self._config = config
         self._world = world
+        self._teams = config.teams()
+        self._refuse_bad_goals()
         self._rig = rig
         self._recorder = recorder
         self._map = pool_map
-        self._offsets_m = config.offsets_m()
-        self._agents = self._make_agents()
+        self._latency_s = latency_s
         self._perceptions = [
-            Perception(
-                corrector,
-                rig.intrinsics,
-                config.pilot.avoidance,
-                latency_s=config.latency_s,
-                prior=make_prior(config.pose_prior, seed=seed, drone=drone),
-            )
-            for drone, corrector in enumerate(correctors)
+            self._perception(drone, corrector, seed=seed) for drone, corrector in enumerate(correctors)
         ]
-        self._link = Link(config.link, config.control_hz)
-        self._metrics = MissionMetrics(world)
+        self._senses = [NeighbourSense(config.neighbours, rig.intrinsics, world.n_drones) for _ in correctors]
+        self._team_of = [team for team in self._teams for _ in team.members]
+        leaders = [team.leader for team in self._team_of]
+        self._link = Link(config.link, world.states, config.control_hz, seed=seed, leaders=leaders)
+        self._agents = self._make_agents()
+        self._judge_of = Judge(config, self._teams)
+        self._metrics = MissionMetrics(world, self._teams)
         self._ticks = 0
-        self._least_left_m = np.full(2, np.inf)
-        self._progress_at_s = 0.0
         self.outcome: Outcome | None = None
 
     @property
@@ -145,7 +91,7 @@ class Mission:
     def tick(self) -> None:
         """One control period: look, decide, fly, judge."""
         if self._ticks == 0:
-            self._recorder.start(self._world, np.array(self._config.goal_m))
+            self._recorder.start(self._world, self._teams)
         self._perceive()
         self._decide()
         self._fly()
@@ -160,12 +106,13 @@ class Mission:
         if self.outcome is None:
             raise MissionError("the mission has not ended yet: call tick() until there is an outcome")
         contacts = tuple(self._world.contacts)
-        dropped = sum(p.dropped for p in self._perceptions)
+        dropped = [p.dropped for p in self._perceptions]
         return MissionResult(
             outcome=self.outcome,
             contacts=contacts,
             trajectories=self._metrics.trajectories(),
             metrics=self._metrics.summary(contacts, dropped),
+            drones=self._metrics.by_drone(contacts, dropped),
         )
 
     def _perceive(self) -> None:
@@ -175,8 +122,8 @@ class Mission:
         ready = [i for i, perception in enumerate(self._perceptions) if perception.ready(self.time_s)]
         captures = self._rig.capture(ready, self._ticks // self._ticks_per_frame)
         for capture, (corrected, errors) in zip(captures, self._map(self._see, captures), strict=True):
-            self._metrics.add_depth(errors)
-            histogram = self._perceptions[capture.drone].newest_histogram
+            self._metrics.add_depth(capture.drone, errors)
+            histogram = self._perceptions[capture.drone].newest.histogram
             self._recorder.capture(self._world.steps, capture, corrected, histogram)
 
     def _see(self, capture: Capture) -> tuple[CorrectedDepth, DepthComparison]:
@@ -185,21 +132,24 @@ class Mission:
 
     def _decide(self) -> None:
         states = self._world.states
-        self._link.broadcast(states)
+        self._link.broadcast(states, self.time_s)
         decisions = [agent.decide(self._situation(i, states[i])) for i, agent in enumerate(self._agents)]
         self._world.apply([decision.command for decision in decisions])
-        slots_m = states[0].position_m + self._offsets_m
-        figures = self._metrics.sample(states, slots_m)
+        slots_m = self._slots_m(states)
+        figures = self._metrics.sample(states)
         self._recorder.tick(self._world.steps, self.time_s, states, slots_m, decisions)
         self._recorder.metrics(self._world.steps, self.time_s, figures)
 
     def _situation(self, drone: int, own: DroneState) -> Situation:
+        heard = self._link.heard_by(drone, self.time_s)
+        percept = self._perceptions[drone].latest(self.time_s)
         return Situation(
             time_s=self.time_s,
             own=own,
-            percept=self._perceptions[drone].latest(self.time_s),
-            leader=self._link.leader(),
-            neighbours=self._link.heard_by(drone),
+            percept=percept,
+            leader=self._link.leader_of(drone, self.time_s),
+            mates=heard.among(self._team_of[drone].members),
+            neighbours=self._senses[drone].perceive(percept, heard, self.time_s),
         )
 
     def _fly(self) -> None:
@@ -210,43 +160,57 @@ class Mission:
 
     def _judge(self) -> None:
         """End the mission when one of the outcomes has come about."""
-        c, states = self._config, self._world.states
-        followers = np.array([s.position_m for s in states[1:]]).reshape(-1, 3)
-        off_slot_m = np.linalg.norm(followers - (states[0].position_m + self._offsets_m), axis=1)
-        to_goal_m = float(np.linalg.norm(states[0].position_m - np.array(c.goal_m)))
-        if self._world.contacts:
-            if self.time_s >= self._world.contacts[0].time_s + c.aftermath_s:
-                self._end(Outcome.COLLISION)
-        elif to_goal_m <= c.goal_radius_m and (off_slot_m <= c.formation_tolerance_m).all():
-            self._end(Outcome.SUCCESS)
-        elif (np.linalg.norm(followers - states[0].position_m, axis=1) > c.lost_m).any():
-            self._end(Outcome.LOST)
-        elif self._stuck(to_goal_m, float(off_slot_m.sum())):
-            self._end(Outcome.DEADLOCK)
-        elif self.time_s >= c.duration_s:
-            self._end(Outcome.TIMEOUT)
-
-    def _stuck(self, to_goal_m: float, off_slots_m: float) -> bool:
-        """Whether for `deadlock_s` the leader came no nearer to the goal, nor the followers to their slots."""
-        left_m = np.array([to_goal_m, off_slots_m])
-        if (left_m < self._least_left_m - PROGRESS_M).any():
-            self._least_left_m = np.minimum(self._least_left_m, left_m)
-            self._progress_at_s = self.time_s
-        return self.time_s - self._progress_at_s > self._config.deadlock_s
+        positions_m = np.array([state.position_m for state in self._world.states])
+        outcome = self._judge_of.judge(self.time_s, positions_m, self._world.contacts)
+        if outcome is not None:
+            self._end(outcome)
 
     def _end(self, outcome: Outcome) -> None:
         self.outcome = outcome
         self._recorder.outcome(self._world.steps, self.time_s, outcome)
 
+    def _slots_m(self, states: Sequence[DroneState]) -> FloatArray:
+        """Where all followers belong, shape (n, 3)."""
+        return np.vstack([team.slots_m(states[team.leader].position_m)[1:] for team in self._teams])
+
+    def _perception(self, drone: int, corrector: DepthCorrector, *, seed: int) -> Perception:
+        config, camera, world = self._config, self._rig.intrinsics, self._world
+        return Perception(
+            corrector,
+            HistogramBuilder(camera, config.pilot.avoidance.histogram, R_BODY_CAM.T @ self._rig.mount_m),
+            Detector(
+                config.neighbours.detector,
+                camera,
+                world.drone_ids,
+                radius_m=world.airframe.radius_m,
+                seed=seed,
+                drone=drone,
+            ),
+            latency_s=self._latency_s,
+            prior=make_prior(config.pose_prior, seed=seed, drone=drone),
+        )
+
     def _make_agents(self) -> list[Agent]:
-        c = self._config
+        make, radius_m = load_controller(self._config.controller), self._world.airframe.radius_m
+        roles = [Role(drone=i, team=team, radius_m=radius_m) for i, team in enumerate(self._team_of)]
+        return [make(role, self._config) for role in roles]
 
-        def pilot() -> Pilot:
-            return Pilot(c.pilot, c.control_hz, c.heading_rad)
+    def _refuse_bad_goals(self) -> None:
+        for team in self._teams:
+            if self._world.room_at_m(team.goal_m.tolist()) < self._world.airframe.radius_m:
+                raise MissionError(
+                    f"the goal {team.goal_m.tolist()} m is inside a building or the ground; move it into the open"
+                )
 
-        followers = [Follower(pilot(), c.rules, offset_m, c.follower_speed_m_s) for offset_m in self._offsets_m]
-        leader = Leader(pilot(), c.rules, np.array(c.goal_m), self._offsets_m, c.cruise_speed_m_s)
-        return [leader, *followers]
+
+def starts_m(config: MissionConfig) -> FloatArray:
+    """Start positions of all drones, shape (N, 3)."""
+    return np.vstack([team.starts_m for team in config.teams()])
+
+
+def start_yaws_rad(config: MissionConfig) -> FloatArray:
+    """Headings of all drones at the start, shape (N,)."""
+    return np.repeat([team.heading_rad for team in config.teams()], config.drones)
 
 
 def _whole_ratio(fast_hz: float, slow_hz: float, name: str, of: str) -> int:

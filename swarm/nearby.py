@@ -1,6 +1,5 @@
 """Surfaces seen a moment ago that may have left the image: a camera that looks forward forgets what is beside it."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,14 +9,19 @@ from voxdepth.model import Model
 from voxdepth.types import FloatArray, MaskImage
 
 from .obstacles import braking_speed
-from .types import Histogram, Neighbour
+from .types import Histogram, Neighbours
 
 COS_HALF_CELL = np.cos(np.radians(5.0))
 """A point within this angle of the middle of a cell counts as inside it."""
+DRONE_ROOM_M = 1.0
+"""Surfaces nearer than this to where another drone is taken to be are that drone."""
 
 
 class NearbyConfig(Model):
-    """How long surfaces are remembered, and how near a drone lets them come."""
+    """How long surfaces are remembered, and how near a drone lets them come.
+
+    Clearance is the gap between collision spheres, or between one and a surface.
+    """
 
     memory_s: float = Field(4.0, ge=0)
     """Age at which a remembered surface is forgotten; 0 switches the memory off."""
@@ -25,10 +29,10 @@ class NearbyConfig(Model):
     """Surfaces farther away than this when seen are not remembered."""
     confirm_m: float = Field(0.5, gt=0)
     """A surface is remembered if two histograms in a row show it within this distance."""
-    keep_m: float = Field(0.65, gt=0)
-    """Distance from the drone's centre to a surface that is kept."""
-    keep_drone_m: float = Field(1.0, gt=0)
-    """Distance between the centres of two drones that is kept."""
+    clearance_m: float = Field(0.4, gt=0)
+    """Clearance that is kept to remembered surfaces [m]."""
+    drone_clearance_m: float = Field(0.5, gt=0)
+    """Clearance that is kept to other drones [m]."""
     decel_m_s2: float = Field(2.5, gt=0)
     gain_per_s: float = Field(1.5, gt=0)
 
@@ -48,14 +52,20 @@ class ApproachLimits(NamedTuple):
 
 
 class NearbyMemory:
-    """Points of near surfaces in the world frame, from the drone's own histograms and motion estimate."""
+    """Points of near surfaces in the world frame, from the drone's own histograms and motion estimate.
 
-    def __init__(self, config: NearbyConfig) -> None:
+    Args:
+        config: See there.
+        radius_m: Of the drone's collision sphere.
+    """
+
+    def __init__(self, config: NearbyConfig, radius_m: float) -> None:
         self._config = config
+        self._keep_m = radius_m + config.clearance_m
         self._seen: list[tuple[float, FloatArray]] = []
         self._candidates: FloatArray = np.empty((0, 3))
 
-    def remember(self, stamp_s: float, histogram: Histogram, neighbours: Sequence[Neighbour]) -> None:
+    def remember(self, stamp_s: float, histogram: Histogram, neighbours: Neighbours) -> None:
         """Take in one histogram.
 
         What it shows replaces what was remembered there. Points close to other drones are left out: those move on.
@@ -64,9 +74,9 @@ class NearbyMemory:
         kept = ((at_s, points) for at_s, points in self._seen if at_s >= stamp_s - self._config.memory_s)
         self._seen = [(at_s, points[~_seen_again(points, histogram)]) for at_s, points in kept if len(points)]
         near = ~histogram.unknown & (histogram.range_m < self._config.radius_m)
-        points = histogram.origin_m + histogram.directions_world[near] * histogram.range_m[near][:, None]
-        for neighbour in neighbours:
-            points = points[((points - neighbour.position_m) ** 2).sum(axis=1) > 1.0]
+        points = histogram.surfaces_m[near]
+        to_drones = ((points[:, None] - neighbours.position_m[None]) ** 2).sum(axis=2)
+        points = points[(to_drones > DRONE_ROOM_M**2).all(axis=1)]
         self._seen.append((stamp_s, points[_confirmed(points, self._candidates, self._config.confirm_m)]))
         self._candidates = points
 
@@ -74,16 +84,24 @@ class NearbyMemory:
         """How fast the drone may come nearer to each remembered surface."""
         points = np.concatenate([np.empty((0, 3)), *(points for _, points in self._seen)])
         towards, distance_m, _ = _near(points - position_m, self._config.radius_m)
-        return ApproachLimits(towards, self._config.approach_speed(distance_m - self._config.keep_m))
+        return ApproachLimits(towards, self._config.approach_speed(distance_m - self._keep_m))
 
 
-def neighbour_limits(position_m: FloatArray, neighbours: Sequence[Neighbour], config: NearbyConfig) -> ApproachLimits:
-    """How fast a drone may fly towards each neighbour, whose own motion away counts in favour."""
-    positions = np.array([n.position_m for n in neighbours]).reshape(-1, 3)
-    velocities = np.array([n.velocity_m_s for n in neighbours]).reshape(-1, 3)
-    towards, distance_m, close = _near(positions - position_m, config.radius_m)
-    own_motion = (velocities[close] * towards).sum(axis=1)
-    return ApproachLimits(towards, config.approach_speed(distance_m - config.keep_drone_m) + own_motion)
+def neighbour_limits(
+    position_m: FloatArray, neighbours: Neighbours, config: NearbyConfig, radius_m: float
+) -> ApproachLimits:
+    """How fast a drone may fly towards each neighbour, whose own motion away counts in favour.
+
+    Args:
+        position_m: Of the drone, shape (3,).
+        neighbours: The others.
+        config: See there.
+        radius_m: Of the collision sphere of every drone.
+    """
+    towards, distance_m, close = _near(neighbours.position_m - position_m, config.radius_m)
+    own_motion = (neighbours.velocity_m_s[close] * towards).sum(axis=1)
+    room_m = distance_m - 2 * radius_m - config.drone_clearance_m
+    return ApproachLimits(towards, config.approach_speed(room_m) + own_motion)
 
 
 def restrain(velocity_m_s: FloatArray, *limits: ApproachLimits) -> FloatArray:
@@ -101,7 +119,7 @@ def restrain(velocity_m_s: FloatArray, *limits: ApproachLimits) -> FloatArray:
 
 def _seen_again(points: FloatArray, histogram: Histogram) -> MaskImage:
     """Which points, shape (n, 3), lie in the direction of a cell that is known now."""
-    offsets = points - histogram.origin_m
+    offsets = points - histogram.camera_m
     directions = histogram.directions_world.reshape(-1, 3)
     cosines = offsets @ directions.T
     cell = cosines.argmax(axis=1)

@@ -1,34 +1,26 @@
-"""From a depth image to a way that is free: a polar histogram, a cost per direction and a braking curve."""
+"""From a histogram to a way that is free: a cost per direction and a braking curve."""
 
 import numpy as np
 from pydantic import Field
 
 from voxdepth.model import Model
-from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics
+from voxdepth.types import FloatArray
 
+from .histogram import HistogramConfig
 from .types import Choice, Histogram
 
 WIDEST_BLOCK = 0.7
 """Sine of the widest angle that a surface blocks."""
 FORBIDDEN = 100.0
-"""Cost of a direction in which there is less room than the safe radius."""
+"""Cost of a direction in which there is less room than is kept."""
 
 
 class AvoidanceConfig(Model):
-    """How near a drone goes to things, and what it makes of what it cannot see."""
+    """How near a drone goes to things. Clearance is the gap between its collision sphere and a surface."""
 
-    rows: int = Field(7, ge=1)
-    cols: int = Field(15, ge=1)
-    percentile: float = Field(8.0, ge=0, le=100)
-    """Percentile of a cell's ranges that stands for it; 0 would brake for every noisy pixel."""
-    min_valid_share: float = Field(0.15, gt=0, le=1)
-    """Share of a cell's pixels that must be trusted; cells with fewer are unknown."""
-    min_confidence: float = Field(0.2, ge=0, le=1)
-    """Pixels of less confidence count as holes."""
-    unknown_range_m: float = Field(2.0, gt=0)
-    """Free range that an unknown cell is given: holes are not free, they cap the speed."""
-    safe_radius_m: float = Field(0.9, gt=0)
-    """Distance between the camera and a surface that is kept [m]: airframe and margin."""
+    histogram: HistogramConfig = HistogramConfig()
+    clearance_m: float = Field(0.65, gt=0)
+    """Clearance that is kept to what is seen [m]; more flies around things in a wider arc."""
     horizon_m: float = Field(7.0, gt=0)
     """Directions that are free this far cost nothing."""
     clear_weight: float = Field(15.0, ge=0)
@@ -65,65 +57,24 @@ def braking_speed(distance_m: float | FloatArray, *, decel_m_s2: float, gain_per
     return np.where(x < a / p**2, p * x, outer)
 
 
-class HistogramBuilder:
-    """Reduces depth images of one camera to histograms."""
-
-    def __init__(self, intrinsics: Intrinsics, config: AvoidanceConfig) -> None:
-        self._config = config
-        rows, cols = config.rows, config.cols
-        self._step = max(1, intrinsics.height_px // 120)
-        row = np.arange(0, intrinsics.height_px, self._step)
-        col = np.arange(0, intrinsics.width_px, self._step)
-        row, col = row[: len(row) // rows * rows], col[: len(col) // cols * cols]
-        y = (row - intrinsics.cy_px) / intrinsics.fy_px
-        x = (col - intrinsics.cx_px) / intrinsics.fx_px
-        self._used = (len(row), len(col))
-        self._ray_length = np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2).astype(np.float32)
-        cell_y = y.reshape(rows, -1).mean(axis=1)
-        cell_x = x.reshape(cols, -1).mean(axis=1)
-        grid_y, grid_x = np.meshgrid(cell_y, cell_x, indexing="ij")
-        directions = np.stack([grid_x, grid_y, np.ones_like(grid_x)], axis=-1)
-        self._directions_cam = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
-        flat = self._directions_cam.reshape(-1, 3)
-        self._angle_rad = np.arccos(np.clip(flat @ flat.T, -1, 1))
-
-    def build(self, corrected: CorrectedDepth, T_world_cam: FloatArray) -> Histogram:
-        """The histogram of a corrected image; `T_world_cam`, shape (4, 4), is the drone's own estimate."""
-        c = self._config
-        trusted = np.where(corrected.confidence >= c.min_confidence, corrected.depth_m, np.float32(0))
-        range_m = self._cells(trusted)
-        count = np.count_nonzero(range_m < np.inf, axis=-1)
-        n_pixels = range_m.shape[-1]
-        unknown = count < max(1, c.min_valid_share * n_pixels)
-        at = np.minimum((count * (c.percentile / 100)).astype(np.intp), n_pixels - 1)
-        range_m.sort(axis=-1)
-        nearest_m = np.take_along_axis(range_m, at[..., None], axis=-1)[..., 0].astype(np.float64)
-        nearest_m[unknown] = c.unknown_range_m
-        R_world_cam = T_world_cam[:3, :3]
-        return Histogram(
-            origin_m=T_world_cam[:3, 3],
-            range_m=nearest_m,
-            unknown=unknown,
-            directions_world=self._directions_cam @ R_world_cam.T,
-            angle_rad=self._angle_rad,
-            forward_world=R_world_cam[:, 2],
-        )
-
-    def _cells(self, depth_m: FloatImage) -> FloatImage:
-        """Ranges grouped by cell, shape (rows, cols, pixels); +inf where invalid."""
-        rows, cols = self._config.rows, self._config.cols
-        height, width = self._used
-        used = depth_m[:: self._step, :: self._step][:height, :width]
-        ranges = np.where(used > 0, used * self._ray_length, np.float32(np.inf))
-        blocks = ranges.reshape(rows, height // rows, cols, width // cols).swapaxes(1, 2)
-        return blocks.reshape(rows, cols, -1)
+def stopping_distance_m(speed_m_s: float, *, decel_m_s2: float, gain_per_s: float, reaction_s: float = 0.0) -> float:
+    """Way to a stop along the braking curve, after flying on for `reaction_s`: the inverse of `braking_speed`."""
+    a, p = decel_m_s2, gain_per_s
+    braking_m = speed_m_s / p if speed_m_s < a / p else (speed_m_s**2 + (a / p) ** 2) / (2 * a)
+    return speed_m_s * reaction_s + braking_m
 
 
 class Avoidance:
-    """Bends and brakes a wanted velocity by what the histogram shows."""
+    """Bends and brakes a wanted velocity by what the histogram shows.
 
-    def __init__(self, config: AvoidanceConfig) -> None:
+    Args:
+        config: See there.
+        radius_m: Of the drone's collision sphere.
+    """
+
+    def __init__(self, config: AvoidanceConfig, radius_m: float) -> None:
         self._config = config
+        self._keep_m = radius_m + config.clearance_m
 
     def choose(self, wanted_m_s: FloatArray, histogram: Histogram, previous: FloatArray | None) -> Choice:
         """The velocity nearest to a wanted one that is safe.
@@ -145,7 +96,7 @@ class Avoidance:
                 return Choice(velocity_m_s=np.zeros(3), direction=goal, cell=None, clear_m=0.0)
         directions = histogram.directions_world.reshape(-1, 3)
         clear_m = self._clear(histogram)
-        if (clear_m <= self._config.safe_radius_m).all():
+        if (clear_m <= self._keep_m).all():
             clear_m = histogram.range_m.ravel()
         best = int(np.argmin(self._cost(directions, clear_m, goal, previous)))
         direction = self._refine(goal, directions[best], histogram)
@@ -165,15 +116,16 @@ class Avoidance:
     def _clear(self, histogram: Histogram) -> FloatArray:
         """Free distance in each direction, shape (n,).
 
-        A surface at range r blocks all directions within asin(r_safe / r) of it, but never more than 45 degrees:
+        A surface at range r blocks all directions within asin(keep / r) of it, but never more than 45 degrees:
         what is already too near must not forbid to leave sideways. Unknown cells, and surfaces beyond the horizon,
         block only their own direction.
         """
         range_m = histogram.range_m.ravel()
         blocking = (range_m < self._config.horizon_m) & ~histogram.unknown.ravel()
         near_m = range_m[blocking]
-        blocks_within = np.arcsin(np.minimum(self._config.safe_radius_m / np.maximum(near_m, 1e-6), WIDEST_BLOCK))
-        blocked = histogram.angle_rad[:, blocking] <= blocks_within
+        sine = np.minimum(self._keep_m / np.maximum(near_m, 1e-6), WIDEST_BLOCK)
+        cosine = histogram.directions_world.reshape(-1, 3) @ histogram.to_surface_world.reshape(-1, 3)[blocking].T
+        blocked = cosine >= np.sqrt(1 - sine * sine)
         clear_m: FloatArray = np.where(blocked, near_m, np.inf).min(axis=1, initial=np.inf)
         return np.minimum(clear_m, range_m)
 
@@ -182,7 +134,7 @@ class Avoidance:
     ) -> FloatArray:
         c = self._config
         cost = c.clear_weight * np.maximum(0, 1 - clear_m / c.horizon_m) ** 2
-        cost[clear_m <= c.safe_radius_m] += FORBIDDEN
+        cost[clear_m <= self._keep_m] += FORBIDDEN
         cost += c.goal_weight * np.arccos(np.clip(directions @ goal, -1, 1))
         cost += c.climb_weight * np.abs(
             np.arcsin(np.clip(directions[:, 2], -1, 1)) - np.arcsin(np.clip(goal[2], -1, 1))
@@ -199,6 +151,4 @@ class Avoidance:
 
     def _speed_limit(self, clear_m: float) -> float:
         c = self._config
-        return float(
-            braking_speed(clear_m - c.safe_radius_m, decel_m_s2=c.max_decel_m_s2, gain_per_s=c.brake_gain_per_s)
-        )
+        return float(braking_speed(clear_m - self._keep_m, decel_m_s2=c.max_decel_m_s2, gain_per_s=c.brake_gain_per_s))

@@ -8,11 +8,12 @@ from collections import deque
 from dataclasses import dataclass
 
 from sim.types import Capture
-from voxdepth.types import CorrectedDepth, DepthCorrector, FloatArray, Frame, Intrinsics
+from voxdepth.types import CorrectedDepth, DepthCorrector, FloatArray, Frame
 
-from .obstacles import AvoidanceConfig, HistogramBuilder
+from .detection import Detector
+from .histogram import HistogramBuilder
 from .priors import NO_PRIOR, PosePrior
-from .types import Histogram
+from .types import Detection, Histogram
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -20,8 +21,12 @@ class Percept:
     """What one drone made of one capture."""
 
     stamp_s: float
+    T_world_cam: FloatArray
+    """Pose of the camera by the drone's own motion estimate, shape (4, 4)."""
     corrected: CorrectedDepth
     histogram: Histogram
+    detections: tuple[Detection, ...] = ()
+    """Other drones that were found."""
 
 
 def frame_of(capture: Capture, T_world_cam: FloatArray | None = None) -> Frame:
@@ -30,24 +35,32 @@ def frame_of(capture: Capture, T_world_cam: FloatArray | None = None) -> Frame:
 
 
 class Perception:
-    """One drone's eyes: corrector, histogram and the time that both take.
+    """One drone's eyes: corrector, histogram, detector and the time that they take.
 
     A capture that arrives while an earlier one is still worked on is dropped. `latency_s` is simulated time: results
     never depend on how fast this machine is.
+
+    Args:
+        corrector: The drone's own.
+        builder: Of histograms.
+        detector: Of other drones.
+        latency_s: From a capture to the moment when it can be flown by.
+        prior: What the corrector is told of the camera's pose.
     """
 
     def __init__(
         self,
         corrector: DepthCorrector,
-        intrinsics: Intrinsics,
-        config: AvoidanceConfig,
+        builder: HistogramBuilder,
+        detector: Detector,
         *,
         latency_s: float,
         prior: PosePrior = NO_PRIOR,
     ) -> None:
         self._corrector = corrector
         self._prior = prior
-        self._builder = HistogramBuilder(intrinsics, config)
+        self._builder = builder
+        self._detector = detector
         self._latency_s = latency_s
         self._busy_until_s = 0.0
         self._coming: deque[Percept] = deque()
@@ -62,16 +75,22 @@ class Perception:
         return False
 
     @property
-    def newest_histogram(self) -> Histogram:
+    def newest(self) -> Percept:
         """Of the capture seen last, whether or not the controller knows it yet."""
-        return self._coming[-1].histogram
+        return self._coming[-1]
 
     def see(self, capture: Capture) -> CorrectedDepth:
         """Work on a capture; what comes of it is known to the controller `latency_s` later."""
         corrected = self._corrector.process(frame_of(capture, self._prior(capture)))
-        histogram = self._builder.build(corrected, capture.T_world_cam)
+        percept = Percept(
+            stamp_s=capture.stamp_s,
+            T_world_cam=capture.T_world_cam,
+            corrected=corrected,
+            histogram=self._builder.build(corrected, capture.T_world_cam),
+            detections=self._detector.detect(capture, corrected),
+        )
         self._busy_until_s = capture.stamp_s + self._latency_s
-        self._coming.append(Percept(stamp_s=capture.stamp_s, corrected=corrected, histogram=histogram))
+        self._coming.append(percept)
         return corrected
 
     def latest(self, time_s: float) -> Percept | None:

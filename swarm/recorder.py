@@ -7,20 +7,21 @@ from sim.types import Capture, Contact, DroneState
 from sim.world import World
 from voxdepth.types import CorrectedDepth, FloatArray
 
+from .team import Team
 from .types import Decision, Histogram, Outcome
 
 
 class Recorder(Protocol):
     """Receives everything worth seeing; never changes anything."""
 
-    def start(self, world: World, goal_m: FloatArray) -> None:
-        """The world before the first step."""
+    def start(self, world: World, teams: Sequence[Team]) -> None:
+        """The world before the first step, and who flies in it."""
         ...
 
     def tick(
         self, step: int, time_s: float, states: Sequence[DroneState], slots_m: FloatArray, decisions: Sequence[Decision]
     ) -> None:
-        """All drones after a decision. `slots_m` has shape (n - 1, 3): where the followers belong."""
+        """All drones after a decision. `slots_m` has shape (n, 3): where the followers belong."""
         ...
 
     def capture(self, step: int, capture: Capture, corrected: CorrectedDepth, histogram: Histogram) -> None:
@@ -47,7 +48,7 @@ class Recorder(Protocol):
 class NullRecorder:
     """Forgets everything."""
 
-    def start(self, world: World, goal_m: FloatArray) -> None:
+    def start(self, world: World, teams: Sequence[Team]) -> None:
         """Nothing."""
 
     def tick(

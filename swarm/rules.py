@@ -4,7 +4,7 @@ Their names are those of SmrtSwarm (Drones 2023, 7(9), 573); its weights are not
 shape (3,) in m/s.
 """
 
-from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -12,11 +12,11 @@ from pydantic import Field
 from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
-from .types import Neighbour
+from .types import Neighbours
 
 
 class RuleWeights(Model):
-    """Gains of the rules; 0 switches a rule off."""
+    """Gains of the rules; 0 switches a rule off, and `avoidance = false` the sixth one."""
 
     migration_per_s: float = Field(0.9, ge=0)
     cohesion_per_s: float = Field(0.0, ge=0)
@@ -27,6 +27,10 @@ class RuleWeights(Model):
     confinement_per_s: float = Field(1.0, ge=0)
     min_altitude_m: float = 2.5
     max_altitude_m: float = 9.0
+    max_aside_m: float = Field(30.0, gt=0)
+    """Largest distance from the straight way between start and goal."""
+    avoidance: bool = True
+    """Whether the camera bends and brakes what the other rules want; the other drones are kept off all the same."""
 
 
 def migration(position_m: FloatArray, target_m: FloatArray, target_velocity_m_s: FloatArray, gain: float) -> FloatArray:
@@ -34,37 +38,53 @@ def migration(position_m: FloatArray, target_m: FloatArray, target_velocity_m_s:
     return target_velocity_m_s + gain * (target_m - position_m)
 
 
-def cohesion(position_m: FloatArray, neighbours: Sequence[Neighbour], gain: float) -> FloatArray:
+def cohesion(position_m: FloatArray, neighbours: Neighbours, gain: float) -> FloatArray:
     """Towards the middle of the neighbours."""
-    if not neighbours:
+    if gain == 0 or not len(neighbours):
         return np.zeros(3)
-    middle_m: FloatArray = np.mean([n.position_m for n in neighbours], axis=0)
+    middle_m: FloatArray = neighbours.position_m.mean(axis=0)
     return gain * (middle_m - position_m)
 
 
-def separation(position_m: FloatArray, neighbours: Sequence[Neighbour], gain: float, radius_m: float) -> FloatArray:
+def separation(position_m: FloatArray, neighbours: Neighbours, gain: float, radius_m: float) -> FloatArray:
     """Away from each neighbour nearer than `radius_m`, in proportion to how much nearer: a half-spring."""
-    push = np.zeros(3)
-    for neighbour in neighbours:
-        away = position_m - neighbour.position_m
-        distance_m = float(np.linalg.norm(away))
-        if 0 < distance_m < radius_m:
-            push += gain * (radius_m - distance_m) * away / distance_m
+    away_m = position_m - neighbours.position_m
+    distance_m = np.sqrt((away_m * away_m).sum(axis=1))
+    missing = np.where(distance_m > 0, np.maximum(radius_m - distance_m, 0) / np.maximum(distance_m, 1e-9), 0)
+    push: FloatArray = gain * (missing @ away_m)
     return push
 
 
-def alignment(velocity_m_s: FloatArray, neighbours: Sequence[Neighbour], gain: float) -> FloatArray:
+def alignment(velocity_m_s: FloatArray, neighbours: Neighbours, gain: float) -> FloatArray:
     """Towards the neighbours' mean velocity."""
-    if not neighbours:
+    if gain == 0 or not len(neighbours):
         return np.zeros(3)
-    mean_m_s: FloatArray = np.mean([n.velocity_m_s for n in neighbours], axis=0)
+    mean_m_s: FloatArray = neighbours.velocity_m_s.mean(axis=0)
     return gain * (mean_m_s - velocity_m_s)
 
 
-def confinement(position_m: FloatArray, gain: float, low_m: float, high_m: float) -> FloatArray:
-    """Back into the band of altitudes."""
-    missing = max(0.0, low_m - position_m[2]) - max(0.0, position_m[2] - high_m)
-    return np.array([0.0, 0.0, gain * missing])
+class Zone(NamedTuple):
+    """Where drones may be: a band of altitudes along a straight way."""
+
+    low_m: float
+    """Lowest altitude."""
+    high_m: float
+    """Highest altitude."""
+    aside_m: float
+    """Largest distance from the way, in the horizontal plane."""
+    start_m: FloatArray
+    """A point (x, y) of the way."""
+    along: FloatArray
+    """Its direction (x, y), of length 1."""
+
+
+def confinement(position_m: FloatArray, zone: Zone, gain: float) -> FloatArray:
+    """Back into a zone, in proportion to how far outside."""
+    up_m = max(0.0, zone.low_m - position_m[2]) - max(0.0, position_m[2] - zone.high_m)
+    left = np.array([-zone.along[1], zone.along[0]])
+    aside_m = float((position_m[:2] - zone.start_m) @ left)
+    back_m = -np.sign(aside_m) * max(0.0, abs(aside_m) - zone.aside_m)
+    return gain * np.array([*(back_m * left), up_m])
 
 
 def patience(lag_m: float, *, free_m: float = 3.0, stop_m: float = 8.0) -> float:

@@ -129,18 +129,19 @@ def test_a_file_without_a_name_says_so(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("table", "change", "message"),
     [
-        ("goal_m = [16.3, -3.1, 6.0]", "inside a building"),
-        ("control_hz = 7", "control_hz must divide"),
-        ("start_m = [5.5, 2.6, 6.0]", "in touch with another body"),
+        ("[[mission.routes]]", "goal_m = [16.3, -3.1, 6.0]", "inside a building"),
+        ("[mission]", "control_hz = 7", "control_hz must divide"),
+        ("[[mission.routes]]", "start_m = [5.5, 2.6, 6.0]", "in touch with another body"),
+        ("[mission]", "controller = 'nowhere:nothing'", "cannot be loaded"),
     ],
 )
-def test_missions_that_cannot_be_flown_write_nothing(tmp_path: Path, change: str, message: str) -> None:
+def test_missions_that_cannot_be_flown_write_nothing(tmp_path: Path, table: str, change: str, message: str) -> None:
     text = (DATA / "scenarios" / "city.toml").read_text()
     key = change.split(" = ", maxsplit=1)[0]
     lines = [line for line in text.splitlines() if not line.startswith(key)]
-    at = lines.index("[mission]") + 1
+    at = lines.index(table) + 1
     path = tmp_path / "mine.toml"
     path.write_text("\n".join([*lines[:at], change, *lines[at:]]).replace("drones = 8", "drones = 2"))
     done = voxdepth("run", path, "--out", tmp_path / "runs")

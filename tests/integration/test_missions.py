@@ -12,11 +12,16 @@ from swarm.recorder import NullRecorder
 from swarm.types import Outcome
 
 
+def to(x_m: float, *, y_m: float = 0.0) -> list[dict[str, list[float]]]:
+    """One route along x."""
+    return [{"start_m": [-8.0, y_m, 6.0], "goal_m": [x_m, y_m, 6.0]}]
+
+
 def short(**changes: Any) -> Run:
     """A small, quick mission: three drones towards a goal before the first towers."""
     values: dict[str, Any] = {
         "mission.drones": 3,
-        "mission.goal_m": [-2.0, 0.0, 6.0],
+        "mission.routes": to(-2.0),
         "mission.duration_s": 12.0,
         "rig.width_px": 96,
         "rig.height_px": 64,
@@ -58,7 +63,7 @@ def test_another_seed_gives_another_flight() -> None:
 
 
 def test_a_drone_that_sees_too_late_collides() -> None:
-    across = {"mission.start_m": [-8.0, 2.6, 6.0], "mission.goal_m": [12.0, 2.6, 6.0], "mission.drones": 1}
+    across = {"mission.routes": to(12.0, y_m=2.6), "mission.drones": 1}
     result = fly(short(**across, **{"mission.latency_s": 5.0, "mission.duration_s": 30.0})).result
     assert result.outcome is Outcome.COLLISION
     assert result.contacts[0].kind == "building"
@@ -69,12 +74,12 @@ def test_a_drone_that_sees_too_late_collides() -> None:
 
 
 def test_time_runs_out() -> None:
-    result = fly(short(**{"mission.goal_m": [70.0, 0.0, 6.0], "mission.duration_s": 1.0})).result
+    result = fly(short(**{"mission.routes": to(70.0), "mission.duration_s": 1.0})).result
     assert result.outcome is Outcome.TIMEOUT
 
 
 def test_a_blocked_swarm_is_stuck() -> None:
-    waiting = {"mission.deadlock_s": 1.0, "mission.goal_m": [70.0, 0.0, 6.0]}
+    waiting = {"mission.deadlock_s": 1.0, "mission.routes": to(70.0)}
     result = fly(short(**waiting, **{"mission.cruise_speed_m_s": 1e-6})).result
     assert result.outcome is Outcome.DEADLOCK
 

@@ -33,9 +33,7 @@ from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Phase, Source
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=90, hfov_deg=86, baseline_m=0.095)
-SHORT_EPOCHS = PaperConfig().model_copy(
-    update={"window_frames": 3, "max_epoch_frames": 2, "fusion_lag_frames": 2}
-)
+SHORT_EPOCHS = PaperConfig().model_copy(update={"window_frames": 3, "max_epoch_frames": 2, "fusion_lag_frames": 2})
 
 
 @pytest.fixture(autouse=True)
