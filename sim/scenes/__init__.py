@@ -7,9 +7,12 @@ from pydantic import Field
 from .city import CitySpec
 from .corridor import CorridorSpec
 from .forest import ForestSpec
+from .gap import GapSpec
 from .lawn import LawnSpec
 from .plains import PlainsSpec
 
-AnyScene = Annotated[CitySpec | ForestSpec | CorridorSpec | PlainsSpec | LawnSpec, Field(discriminator="kind")]
+AnyScene = Annotated[
+    CitySpec | ForestSpec | CorridorSpec | GapSpec | PlainsSpec | LawnSpec, Field(discriminator="kind")
+]
 
-__all__ = ["AnyScene", "CitySpec", "CorridorSpec", "ForestSpec", "LawnSpec", "PlainsSpec"]
+__all__ = ["AnyScene", "CitySpec", "CorridorSpec", "ForestSpec", "GapSpec", "LawnSpec", "PlainsSpec"]

@@ -263,6 +263,6 @@ def test_scenes_are_pictured_with_their_difficulty(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     rows = [line.split("|") for line in done.stdout.splitlines() if line.startswith("|")]
     figures = {row[1].strip(): float(row[3]) for row in rows[2:]}
-    assert set(figures) == {"city", "forest", "corridor", "plains", "lawn"}
+    assert set(figures) == {"city", "forest", "corridor", "gap", "plains", "lawn"}
     assert all(1 < figure < 40 for figure in figures.values())
     assert (tmp_path / "scenes.jpg").stat().st_size < 500_000

@@ -18,7 +18,7 @@ from sim.movers import Mover
 from sim.rays import is_inside
 from sim.render import create_renderer
 from sim.render.meshes import box, mesh_of_body, sphere
-from sim.scenes import CitySpec, CorridorSpec, ForestSpec, LawnSpec, PlainsSpec
+from sim.scenes import CitySpec, CorridorSpec, ForestSpec, GapSpec, LawnSpec, PlainsSpec
 from sim.types import Images
 from sim.world import World
 from tests.helpers import camera_at, wall, world_of
@@ -29,6 +29,7 @@ SCENES = (
     CitySpec(),
     CorridorSpec(),
     ForestSpec(length_m=70, width_m=24, bushes=20),
+    GapSpec(),
     LawnSpec(length_m=70),
     PlainsSpec(length_m=150, width_m=70),
 )

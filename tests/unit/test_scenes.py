@@ -13,16 +13,16 @@ from pydantic import TypeAdapter
 from sim.bodies import Body, Box, Cylinder, Heightfield, Mesh, Scene, SceneSpec
 from sim.errors import SceneError
 from sim.render.meshes import heightfield
-from sim.scenes import AnyScene, CitySpec, CorridorSpec, ForestSpec, LawnSpec, PlainsSpec
+from sim.scenes import AnyScene, CitySpec, CorridorSpec, ForestSpec, GapSpec, LawnSpec, PlainsSpec
 from sim.scenes.plains import ground_height_m
 from sim.scenes.plot import Plot
 from sim.scenes.vegetation import TreeRanges, blob, bush, tree
 from sim.world import World
 from voxdepth.types import FloatArray
 
-SPECS = [ForestSpec(), CorridorSpec(), PlainsSpec(), LawnSpec()]
+SPECS = [ForestSpec(), CorridorSpec(), GapSpec(), PlainsSpec(), LawnSpec()]
 EACH_SPEC = pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.kind)
-HEADROOM_M = {"forest": 4.0, "plains": 4.0, "corridor": 2.5, "lawn": 2.5}
+HEADROOM_M = {"forest": 4.0, "plains": 4.0, "corridor": 2.5, "gap": 4.0, "lawn": 2.5}
 
 
 @cache
