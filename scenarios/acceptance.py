@@ -1,7 +1,9 @@
 """Whether a scenario still does what its file promises."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
 
 from swarm.types import Outcome
 
@@ -28,8 +30,8 @@ class Verdict:
         return self.successes >= self.required_share * len(self.outcomes)
 
 
-def acceptance_run(name: str, seed: int) -> Run:
-    """A run of a scenario with the depth, corrector and image size of its acceptance check."""
+def acceptance_run(name: str, seed: int, others: Mapping[str, Any] = MappingProxyType({})) -> Run:
+    """A run of a scenario with the depth, corrector and image size of its acceptance check, but for other changes."""
     check = load_run(name, seed, {}).scenario.acceptance
     changes = {
         "rig.depth": check.depth,
@@ -37,7 +39,7 @@ def acceptance_run(name: str, seed: int) -> Run:
         "rig.width_px": check.width_px,
         "rig.height_px": check.height_px,
     }
-    return load_run(name, seed, changes)
+    return load_run(name, seed, {**changes, **others})
 
 
 def check(name: str, seeds: Sequence[int], report: Callable[[int, Outcome], None], *, workers: int) -> Verdict:

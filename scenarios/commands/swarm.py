@@ -135,6 +135,28 @@ def picture(
     typer.echo(f"written to {out}")
 
 
+def map_(
+    scenario: Scenario,
+    out: Picture = Path("map.jpg"),
+    seed: Seed = None,
+    depth: Annotated[Depth | None, typer.Option(help="Where depth comes from; as in the acceptance check.")] = None,
+    corrector: Annotated[str | None, typer.Option(help="Depth corrector; as in the acceptance check.")] = None,
+) -> None:
+    """Fly a scenario's acceptance check, draw the flight from above, and print how hard the place is."""
+    from ..acceptance import acceptance_run
+    from ..flight_map import draw_flight, place_of
+    from ..images import require_picture
+    from ..runner import fly
+
+    require_picture(out)
+    changes = {"rig.depth": depth.value if depth else None, "corrector": corrector}
+    planned = acceptance_run(scenario, seed or 0, {key: value for key, value in changes.items() if value is not None})
+    place = place_of(planned)
+    draw_flight(out, planned, fly(planned))
+    typer.echo(f"{planned.scenario.name}: {place.bodies} bodies, traversability {place.traversability:.1f}")
+    typer.echo(f"written to {out}")
+
+
 def _progress(console: Any, duration_s: float) -> Any:
     """A bar over simulated time, as a context manager that gives the function to call."""
     from contextlib import contextmanager

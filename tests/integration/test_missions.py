@@ -113,7 +113,6 @@ def test_nothing_is_known_before_the_latency_has_passed() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1, 2])
 @pytest.mark.parametrize("name", scenario_names())
-def test_shipped_scenarios_keep_their_promise(name: str, seed: int) -> None:
-    assert fly(acceptance_run(name, seed)).result.outcome is Outcome.SUCCESS
+def test_shipped_scenarios_keep_their_promise(name: str) -> None:
+    assert fly(acceptance_run(name, 0)).result.outcome is Outcome.SUCCESS

@@ -1,0 +1,135 @@
+"""A flight from above: what stands there, who flew where, and how hard the place is."""
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from sim.bodies import Body, Scene
+from sim.difficulty import traversability
+from sim.frames import quaternion_from_yaw, rotation_from_quaternion
+from sim.render.meshes import mesh_of_shape, moved
+from sim.world import World
+from swarm.team import Team
+from swarm.types import MissionResult
+from voxdepth.types import FloatArray
+
+from .config import Run
+from .images import save_picture
+from .runner import Finished
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+HALF_SIDE_M = 12.0
+"""The difficulty is that of the air up to this far on both sides of the routes, at their height."""
+MARGIN_M = 5.0
+DPI = 100
+SIZE_IN = (11.0, 4.4)
+QUALITY = 85
+LEADER_COLOR, FOLLOWER_COLOR = "#d95f0e", "#2c7fb8"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Where a scenario is flown."""
+
+    bodies: int
+    """Without the ground."""
+    traversability: float
+    """Mean free path along the routes, in diameters of a drone: lower is harder."""
+
+
+def place_of(run: Run) -> Place:
+    """How much stands in a scenario, and how hard it is to fly through."""
+    scene, teams = run.scenario.scene.build(run.seed), run.scenario.mission.teams()
+    ends_m = np.array([[team.start_m, team.goal_m] for team in teams]).reshape(-1, 3)
+    low_m, high_m = ends_m.min(axis=0), ends_m.max(axis=0)
+    with World(scene, np.empty((0, 3))) as world:
+        free = traversability(
+            world,
+            low_m=(float(low_m[0]), float(low_m[1] - HALF_SIDE_M)),
+            high_m=(float(high_m[0]), float(high_m[1] + HALF_SIDE_M)),
+            height_m=float(ends_m[:, 2].mean()),
+            drone_radius_m=run.scenario.airframe.radius_m,
+        )
+    return Place(bodies=sum(body.kind != "ground" for body in scene.bodies), traversability=free)
+
+
+def draw_flight(path: Path, run: Run, finished: Finished) -> None:
+    """Write a map of a flight, a JPEG or PNG.
+
+    Raises:
+        ScenarioError: The file cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    scenario, result = run.scenario, finished.result
+    teams = scenario.mission.teams()
+    figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
+    axes: Any = figure.subplots()
+    _draw_scene(axes, scenario.scene.build(run.seed))
+    for team in teams:
+        _draw_team(axes, team, result)
+    _draw_contacts(axes, result)
+    _frame(axes, teams, result)
+    depth = f"noisy, theta {scenario.rig.noise.scale.theta:g}" if scenario.rig.depth == "noisy" else scenario.rig.depth
+    axes.set_title(
+        f"{scenario.name}, seed {run.seed}: depth {depth}, corrector {scenario.corrector}: "
+        f"{result.outcome} after {float(result.metrics['sim_time_s'] or 0):.1f} s",
+        fontsize=10,
+    )
+    data = io.BytesIO()
+    figure.savefig(data, format="png", bbox_inches="tight")
+    image = cv2.imdecode(np.frombuffer(data.getvalue(), np.uint8), cv2.IMREAD_COLOR)
+    save_picture(path, np.asarray(image, np.uint8), quality=QUALITY)
+
+
+def _draw_scene(axes: "Axes", scene: Scene) -> None:
+    """The outline of every body in plan, darker the higher it is."""
+    from matplotlib.patches import Polygon
+
+    for body in scene.bodies:
+        if body.kind == "ground":
+            continue
+        corners_m = _corners_m(body)
+        plan = np.asarray(cv2.convexHull(corners_m[:, :2].astype(np.float32))).reshape(-1, 2)
+        shade = 0.85 - 0.45 * min(1.0, float(corners_m[:, 2].max()) / 15)
+        axes.add_patch(Polygon(plan.tolist(), closed=True, facecolor=str(shade), edgecolor="0.35", linewidth=0.4))
+
+
+def _corners_m(body: Body) -> FloatArray:
+    rotation = rotation_from_quaternion(quaternion_from_yaw(body.yaw_rad))
+    return moved(mesh_of_shape(body.shape), rotation, np.array(body.position_m)).vertices_m
+
+
+def _draw_team(axes: "Axes", team: Team, result: MissionResult) -> None:
+    for drone in team.members:
+        way_m = result.trajectories[drone].position_m
+        leads = drone == team.leader
+        color = LEADER_COLOR if leads else FOLLOWER_COLOR
+        axes.plot(way_m[:, 0], way_m[:, 1], color=color, linewidth=1.4 if leads else 0.8, zorder=3 if leads else 2)
+    axes.plot(*team.start_m[:2], "o", color=LEADER_COLOR, markersize=6, zorder=4)
+    axes.plot(*team.goal_m[:2], "*", color="#31a354", markersize=13, zorder=4)
+
+
+def _draw_contacts(axes: "Axes", result: MissionResult) -> None:
+    for contact in result.contacts:
+        trajectory = result.trajectories[contact.drone]
+        x, y, _ = trajectory.position_m[int(np.searchsorted(trajectory.time_s, contact.time_s, side="right")) - 1]
+        axes.plot(x, y, "x", color="red", markersize=9, markeredgewidth=2, zorder=5)
+
+
+def _frame(axes: "Axes", teams: Sequence[Team], result: MissionResult) -> None:
+    """The part of the world that was flown through, with its legend."""
+    flown_m = np.concatenate([t.position_m[:, :2] for t in result.trajectories] + [[team.goal_m[:2]] for team in teams])
+    low_m, high_m = flown_m.min(axis=0) - MARGIN_M, flown_m.max(axis=0) + MARGIN_M
+    axes.set_xlim(low_m[0], high_m[0])
+    axes.set_ylim(low_m[1], high_m[1])
+    axes.set_aspect("equal")
+    axes.set_xlabel("x [m]; leaders orange, followers blue, start a dot, goal a star, collisions red crosses")
+    axes.set_ylabel("y [m]")
