@@ -1,5 +1,6 @@
 """A city of towers: the paper's swarm flies between them."""
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -11,6 +12,8 @@ from ..bodies import Body, Box, Cylinder, Scene, SceneSpec, Surface
 from ..seeds import Purpose, stream
 from .plot import PAVED, Range, flat_ground
 
+BLANK = 1
+"""Consumer of random numbers beside the one of the plan."""
 POLE_SHIFT_M = 0.5
 """Largest distance of a pole from the middle of its street."""
 PATH_ROOM_M = 0.5
@@ -33,6 +36,8 @@ class CitySpec(SceneSpec):
     """Range of the towers' heights [m]."""
     jitter_m: float = Field(0.6, ge=0)
     """Largest shift of a tower from the middle of its lot, along each axis [m]."""
+    blank_share: float = Field(0.0, ge=0, le=1)
+    """Share of the towers without texture, as behind glass or plaster, which a stereo camera cannot match."""
     poles: int = Field(16, ge=0)
     """Thin vertical poles in the streets."""
     pole_radius_m: float = Field(0.12, gt=0)
@@ -48,6 +53,9 @@ class CitySpec(SceneSpec):
         ground = flat_ground(self.columns * self.pitch_m / 2, PAVED)
         towers = [_tower(self, rng, column, row) for column in range(self.columns) for row in range(self.rows)]
         poles = [_pole(self, rng, i) for i in range(self.poles)]
+        order = stream(seed, Purpose.SCENE, BLANK).permutation(len(towers))
+        for index in np.flatnonzero(order < round(self.blank_share * len(towers))):
+            towers[index] = replace(towers[index], surface=replace(towers[index].surface, texture=0.0))
         return Scene(seed=seed, bodies=(ground, *towers, *poles), weather=self.weather, path_m=self._path_m())
 
     def _path_m(self) -> FloatArray:
