@@ -64,6 +64,13 @@ class TestMeasurement:
         assert beside == round(UNIT * 0.6**4)  # two of five columns are missing
         assert away == UNIT
 
+    @pytest.mark.parametrize(("count", "share"), [(1, 0.25), (2, 0.5), (3, 0.75), (4, 1.0)])
+    def test_a_half_pixel_weighs_by_how_many_of_four_are_valid(self, count: int, share: float) -> None:
+        full_px = np.zeros(CAMERA.shape, np.float32)
+        for row, col in ((0, 0), (1, 1), (0, 1), (1, 0))[:count]:
+            full_px[row::2, col::2] = 6
+        np.testing.assert_allclose(measurement_of(full_px, 2).weight, UNIT * share**2, atol=0.6)
+
     @pytest.mark.parametrize("step", [1, 2])
     def test_what_is_valid_has_a_weight_and_nothing_else(self, step: int) -> None:
         full_px = np.where(np.random.default_rng(0).random(CAMERA.shape) < 0.8, np.float32(0), constant(6))

@@ -109,18 +109,7 @@ class TestCoveredLens:
         made_up_m = [np.where(rng.random(CAMERA.shape) < 0.3, rng.uniform(0.5, 9, CAMERA.shape), 0) for _ in frames]
         return [replace(frame, depth_m=m.astype(np.float32)) for frame, m in zip(frames, made_up_m, strict=True)]
 
-    @pytest.mark.parametrize(
-        "step",
-        [
-            1,
-            pytest.param(
-                2,
-                marks=pytest.mark.xfail(
-                    strict=True, reason="a pixel of memory weighs as much by one valid pixel of four as by all"
-                ),
-            ),
-        ],
-    )
+    @STEPS
     def test_what_the_sensor_makes_up_in_the_dark_is_never_confident(self, step: int) -> None:
         corrector = method(memory_step=step)
         run(corrector, NOISY[:6])
