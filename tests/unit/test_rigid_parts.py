@@ -138,6 +138,18 @@ class TestMerge:
         kind = np.full(half_px.shape, Kind.MEASURED, np.uint8)
         np.testing.assert_array_equal(merged(full_px, half_px, kind), np.where(full_px > 0, full_px, np.float32(6.25)))
 
+    def test_at_an_edge_a_pixel_without_measurement_belongs_to_the_hole_beside_it(self) -> None:
+        full_px = constant(5)
+        full_px[:, 60:71], full_px[:, 71:] = 0, 12  # a near surface begins in the right half of half pixel 35
+        half_px = measurement_of(full_px, 2).disparity_px
+        kind = np.where(half_px > 0, Kind.FUSED, Kind.NOTHING).astype(np.uint8)
+        filled_px = np.where(half_px > 0, half_px, np.float32(5))
+        assert half_px[0, 35] == 12
+        np.testing.assert_allclose(merged(full_px, filled_px, kind), np.where(full_px > 5, full_px, 5), atol=1e-5)
+        # Where the hole beside it is remembered, its own pixel of memory knows better than a guess.
+        kind[kind == Kind.NOTHING] = Kind.REMEMBERED
+        assert (merged(full_px, filled_px, kind)[:, 70] == 12).all()
+
     @pytest.mark.parametrize("size", [(120, 160), (121, 160), (120, 161), (121, 161)])
     def test_an_enlarged_pixel_is_four_of_them_and_the_odd_ones_repeat(self, size: tuple[int, int]) -> None:
         image = np.random.default_rng(0).integers(0, 256, (60, 80), np.uint8)
