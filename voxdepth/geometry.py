@@ -1,6 +1,7 @@
 """Back-projection, projection and rigid motion of points."""
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -8,6 +9,7 @@ import numpy.typing as npt
 from .types import FloatArray, FloatImage, Intrinsics
 
 PointArray = npt.NDArray[np.float32]
+Position = TypeVar("Position", float, FloatArray, PointArray)
 
 
 def back_project(depth_m: FloatImage, intrinsics: Intrinsics) -> PointArray:
@@ -80,3 +82,13 @@ def inverse_rigid(T_a_b: FloatArray) -> FloatArray:
     T_b_a[:3, :3] = T_a_b[:3, :3].T
     T_b_a[:3, 3] = -T_a_b[:3, :3].T @ T_a_b[:3, 3]
     return T_b_a
+
+
+def resized(position_px: Position, factor: float) -> Position:
+    """Where pixels of an image are after `cv2.resize` by a factor: it keeps the borders, half a pixel outside.
+
+    Args:
+        position_px: Columns or rows, a number or an array of any shape; the middle of the first pixel is 0.
+        factor: New size by old size.
+    """
+    return (position_px + 0.5) * factor - 0.5

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from .geometry import resized
 from .model import Model
 from .types import FloatArray, GrayImage, Registration, RegistrationStatus
 
@@ -121,4 +122,4 @@ def good_matches(a: Features, b: Features, max_distance: int) -> tuple[Indices, 
 
 def resize_map(scale_x: float, scale_y: float) -> FloatArray:
     """Pixel map of `cv2.resize`: centres at half-integers scale, so integers get an offset."""
-    return np.array([[scale_x, 0, (scale_x - 1) / 2], [0, scale_y, (scale_y - 1) / 2], [0, 0, 1]])
+    return np.array([[scale_x, 0, resized(0.0, scale_x)], [0, scale_y, resized(0.0, scale_y)], [0, 0, 1]])

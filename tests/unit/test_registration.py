@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from voxdepth.geometry import resized
 from voxdepth.registration import Features, OrbRegistration, RegistrationConfig, good_matches, resize_map
 from voxdepth.types import RegistrationStatus
 
@@ -59,6 +60,15 @@ def test_resizing_keeps_the_borders_of_the_image() -> None:
     resize = resize_map(200 / 640, 200 / 360)
     borders = np.array([[-0.5, -0.5, 1], [639.5, 359.5, 1], [319.5, 179.5, 1]])
     np.testing.assert_allclose((borders @ resize.T)[:, :2], [[-0.5, -0.5], [199.5, 199.5], [99.5, 99.5]])
+
+
+@pytest.mark.parametrize("size_px", [160, 320, 480])
+def test_positions_are_resized_as_images_are(size_px: int) -> None:
+    ramp = np.tile(np.arange(320, dtype=np.float32), (4, 1))
+    sampled = cv2.resize(ramp, (size_px, 4), interpolation=cv2.INTER_LINEAR)[0]
+    inside = np.arange(2, size_px - 2, dtype=np.float64)
+    np.testing.assert_allclose(sampled[2:-2], resized(inside, 320 / size_px), atol=1e-4)
+    np.testing.assert_allclose(resized(resized(inside, 0.3125), 3.2), inside)
 
 
 def test_a_still_image_gives_the_identity_without_a_shift_by_half_a_pixel() -> None:

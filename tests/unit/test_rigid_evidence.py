@@ -230,6 +230,22 @@ class TestHoles:
         np.testing.assert_array_equal(verdict.kind, Kind.FUSED)
         np.testing.assert_array_equal(memory.weight, UNIT * MOST)
 
+    @pytest.mark.parametrize(("measurements", "kind"), [(5, Kind.NOTHING), (7, Kind.REMEMBERED)])
+    @pytest.mark.parametrize("block_px", [12.0, 8.0, 0.0])
+    def test_beside_a_step_more_is_asked_of_the_memory(self, block_px: float, measurements: float, kind: Kind) -> None:
+        verdict, memory = weigh(memory_of(with_block(block_px), measurements), measured(image(0)))
+        top, left = BLOCK[0].start, BLOCK[1].start
+        beside = verdict.kind[top + 6, left - 4 : left]
+        np.testing.assert_array_equal(beside, [Kind.REMEMBERED] * 2 + [kind] * 2)
+        assert (verdict.kind[INSIDE] == (Kind.REMEMBERED if block_px else Kind.NOTHING)).all()
+        # What is not shown is not forgotten.
+        np.testing.assert_array_equal(memory.disparity_px, with_block(block_px))
+
+    def test_a_slope_is_no_step(self) -> None:
+        slope_px = np.asarray(8 + 0.2 * np.indices(SHAPE)[0], np.float32)
+        verdict, _ = weigh(memory_of(slope_px, 3), measured(image(0)))
+        assert (verdict.kind == Kind.REMEMBERED).all()
+
     def test_what_is_nowhere_stays_nothing(self) -> None:
         verdict, memory = weigh(Memory.empty(grays()), measured(image(0)))
         assert not verdict.disparity_px.any()

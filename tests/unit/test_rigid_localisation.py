@@ -32,14 +32,15 @@ def localisation(camera: Intrinsics = CAMERA, step: int = 1) -> Localisation:
 def placed(frame: Frame, camera: Intrinsics = CAMERA, step: int = 1) -> Localisation:
     """A localisation that knows one frame."""
     known = localisation(camera, step)
-    assert known.locate(frame).found is Found.START
-    place(known, frame, camera, step)
+    assert place(known, frame, camera, step).found is Found.START
     return known
 
 
-def place(known: Localisation, frame: Frame, camera: Intrinsics = CAMERA, step: int = 1) -> None:
-    scale = Scale.of(camera, step)
-    known.place(frame, scale.disparity(np.ascontiguousarray(frame.depth_m[::step, ::step])))
+def place(known: Localisation, frame: Frame, camera: Intrinsics = CAMERA, step: int = 1) -> Location:
+    """Locate a frame and make it the last that is known."""
+    scale, location = Scale.of(camera, step), known.locate(frame)
+    known.place(frame, location, scale.disparity(np.ascontiguousarray(frame.depth_m[::step, ::step])))
+    return location
 
 
 def error_px(location: Location, T_now_before: FloatArray, before: Frame) -> float:
@@ -112,7 +113,6 @@ class TestLocalisation:
         poses = walk(12, step_m=step_m)
         first, second = (frame_of(ROOM, T, i) for i, T in enumerate(poses[:2]))
         known = placed(first)
-        known.locate(second)
         place(known, second)
         location = known.locate(frame_of(ROOM, poses[11], 11))
         assert location.found is Found.POSE
@@ -157,9 +157,8 @@ class TestLocalisation:
         first = replace(first, gray=first.gray.copy())
         expected = placed(first).locate(second).T_now_before
         known = localisation()
-        known.locate(first)
         disparity_px = Scale.of(CAMERA, 1).disparity(first.depth_m)
-        known.place(first, disparity_px)
+        known.place(first, known.locate(first), disparity_px)
         first.gray[:] = 0
         disparity_px[:] = 1
         np.testing.assert_array_equal(known.locate(second).T_now_before, expected)

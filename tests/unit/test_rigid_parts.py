@@ -64,6 +64,13 @@ class TestMeasurement:
         assert beside == round(UNIT * 0.6**4)  # two of five columns are missing
         assert away == UNIT
 
+    @pytest.mark.parametrize(("count", "share"), [(1, 0.25), (2, 0.5), (3, 0.75), (4, 1.0)])
+    def test_a_half_pixel_weighs_by_how_many_of_four_are_valid(self, count: int, share: float) -> None:
+        full_px = np.zeros(CAMERA.shape, np.float32)
+        for row, col in ((0, 0), (1, 1), (0, 1), (1, 0))[:count]:
+            full_px[row::2, col::2] = 6
+        np.testing.assert_allclose(measurement_of(full_px, 2).weight, UNIT * share**2, atol=0.6)
+
     @pytest.mark.parametrize("step", [1, 2])
     def test_what_is_valid_has_a_weight_and_nothing_else(self, step: int) -> None:
         full_px = np.where(np.random.default_rng(0).random(CAMERA.shape) < 0.8, np.float32(0), constant(6))
@@ -130,6 +137,18 @@ class TestMerge:
         half_px = constant(6.25)[::2, ::2]
         kind = np.full(half_px.shape, Kind.MEASURED, np.uint8)
         np.testing.assert_array_equal(merged(full_px, half_px, kind), np.where(full_px > 0, full_px, np.float32(6.25)))
+
+    def test_at_an_edge_a_pixel_without_measurement_belongs_to_the_hole_beside_it(self) -> None:
+        full_px = constant(5)
+        full_px[:, 60:71], full_px[:, 71:] = 0, 12  # a near surface begins in the right half of half pixel 35
+        half_px = measurement_of(full_px, 2).disparity_px
+        kind = np.where(half_px > 0, Kind.FUSED, Kind.NOTHING).astype(np.uint8)
+        filled_px = np.where(half_px > 0, half_px, np.float32(5))
+        assert half_px[0, 35] == 12
+        np.testing.assert_allclose(merged(full_px, filled_px, kind), np.where(full_px > 5, full_px, 5), atol=1e-5)
+        # Where the hole beside it is remembered, its own pixel of memory knows better than a guess.
+        kind[kind == Kind.NOTHING] = Kind.REMEMBERED
+        assert (merged(full_px, filled_px, kind)[:, 70] == 12).all()
 
     @pytest.mark.parametrize("size", [(120, 160), (121, 160), (120, 161), (121, 161)])
     def test_an_enlarged_pixel_is_four_of_them_and_the_odd_ones_repeat(self, size: tuple[int, int]) -> None:

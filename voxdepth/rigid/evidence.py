@@ -15,6 +15,9 @@ from .memory import UNIT, Memory
 
 WINDOW_PX = 5
 """Side of the neighbourhood in which evidence must agree with itself."""
+AROUND = np.ones((WINDOW_PX, WINDOW_PX), np.uint8)
+STEP_PX = 1.0
+"""A memory that spans more in that neighbourhood shows two surfaces there, or one that ends."""
 DRIFT_WINDOW_PX = 3
 """The same for the drift, in its own pixels."""
 LEAST_OVERLAP = 0.1
@@ -39,7 +42,7 @@ class EvidenceConfig(Model):
     drift_px: float = Field(0.15, gt=0)
     """Mean over the last frames by which measurements are nearer, from which on they are not averaged with the memory:
     what comes slowly is followed. Less follows faster, and averages less."""
-    drift_gain: float = Field(0.25, gt=0, le=1)
+    drift_gain: float = Field(0.3, gt=0, le=1)
     """Part of that mean that is of the newest frame; less is steadier and later."""
     coherent_share: float = Field(0.1, gt=0, le=1)
     """Part of 5 x 5 px that must contradict the memory in the same direction to be more than an outlier."""
@@ -47,6 +50,9 @@ class EvidenceConfig(Model):
     """Measurements that a pixel of memory can count; more smooths more, and follows slow change more slowly."""
     enough: float = Field(2.0, gt=0)
     """Measurements that the memory must count to fill a hole or to overrule a measurement."""
+    enough_at_steps: float = Field(6.0, gt=0)
+    """The same to fill a hole within 2 px of a step in the memory, or of its end: what is remembered there may be a
+    fattened rim. More leaves more to filling."""
     same_gray: float = Field(3.0, ge=0)
     """Change of gray up to which the remembered surface still looks as it did, mean over 5 x 5 px. A measurement
     that is farther than such a surface is wrong: nothing sees through it. 0 believes every coherent measurement."""
@@ -119,6 +125,7 @@ class Evidence:
     def __init__(self, config: EvidenceConfig) -> None:
         self._config = config
         self._enough = round(UNIT * config.enough)
+        self._enough_at_steps = round(UNIT * config.enough_at_steps)
 
     def weigh(self, memory: Memory, measurement: Measurement) -> tuple[Verdict, Memory]:
         """What to show, and what to remember.
@@ -167,7 +174,7 @@ class Evidence:
             overruled=both(outlier, sure),
             doubted=doubted,
             unknown=either(without(valid, known), without(outlier, sure)),
-            hidden=without(sure, valid),
+            hidden=without(self._fit_to_fill(memory, sure), valid),
         )
 
     def _agreeing(
@@ -192,6 +199,12 @@ class Evidence:
     def _coherent(self, contrary: GrayImage) -> GrayImage:
         """Of the pixels that contradict the memory, those with enough others around them that do, too."""
         return both(contrary, above(mean_around(contrary, WINDOW_PX), 255 * self._config.coherent_share))
+
+    def _fit_to_fill(self, memory: Memory, sure: GrayImage) -> GrayImage:
+        """Of the sure pixels those that may fill a hole: more is asked beside a step, where a rim may be fattened."""
+        span_px = np.asarray(cv2.morphologyEx(memory.disparity_px, cv2.MORPH_GRADIENT, AROUND), np.float32)
+        weak = below(memory.weight, self._enough_at_steps)
+        return without(sure, both(weak, above(span_px, STEP_PX)))
 
     def _drifted(self, memory: Memory, clipped_px: FloatImage, overlap: GrayImage) -> tuple[FloatImage, FloatImage]:
         """The drift after this frame, and what the memory is worth by it, 0..1, shape (h, w)."""

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from pydantic import Field
 
-from ..geometry import inverse_rigid
+from ..geometry import inverse_rigid, resized
 from ..model import Model
 from ..registration import OrbRegistration, RegistrationConfig
 from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics
@@ -49,6 +49,8 @@ class Location:
     """Where the camera is."""
 
     found: Found
+    view: View
+    """What was looked at."""
     T_now_before: FloatArray
     """Motion since the last frame that was placed, shape (4, 4); the identity unless `found` is `POSE`."""
     tracks: int = 0
@@ -67,6 +69,8 @@ class _Placed:
     """Of the corners that have a depth, in its camera, shape (N, 3)."""
     corners: Points
     T_world_cam: FloatArray | None
+    T_now_before: FloatArray
+    """Motion that led to it; the identity if none is known. The next one may be much like it."""
 
 
 class Localisation:
@@ -85,8 +89,8 @@ class Localisation:
         self._lens = Pinhole(
             fx_px=camera.fx_px * small,
             fy_px=camera.fy_px * small,
-            cx_px=(camera.cx_px + 0.5) * small - 0.5,
-            cy_px=(camera.cy_px + 0.5) * small - 0.5,
+            cx_px=resized(camera.cx_px, small),
+            cy_px=resized(camera.cy_px, small),
         )
         self._features = OrbRegistration(RegistrationConfig(), camera.shape)
         self.reset()
@@ -94,81 +98,71 @@ class Localisation:
     def reset(self) -> None:
         """Forget all frames."""
         self._before: _Placed | None = None
-        self._view: View | None = None
-        self._T_last = np.eye(4)
 
     def locate(self, frame: Frame) -> Location:
         """Where the camera is. Nothing is kept until `place`."""
-        self._view = self._tracks.view(frame.gray)
-        before = self._before
+        view, before = self._tracks.view(frame.gray), self._before
         if before is None:
-            return Location(found=Found.START, T_now_before=np.eye(4))
-        prior = _relative(before, frame)
-        for expected, T_start in self._starts(before, frame, prior):
-            fit = self._fit(before, expected, T_start)
+            return Location(found=Found.START, view=view, T_now_before=np.eye(4))
+        tracks, prior = len(before.corners), _relative(before, frame)
+        for expected, T_start in self._starts(before, frame, view, prior):
+            fit = self._fit(before, view, expected, T_start)
             if fit is not None:
-                self._T_last = fit.T_target_source
-                return Location(
-                    found=Found.POSE,
-                    T_now_before=fit.T_target_source,
-                    tracks=len(before.corners),
-                    inliers=fit.inliers,
-                )
+                T, inliers = fit.T_target_source, fit.inliers
+                return Location(found=Found.POSE, view=view, T_now_before=T, tracks=tracks, inliers=inliers)
         if prior is not None:
-            return Location(found=Found.POSE, T_now_before=prior, tracks=len(before.corners))
-        blind = len(self._view.corners) < self._config.min_tracks
-        return Location(
-            found=Found.BLIND if blind else Found.ELSEWHERE, T_now_before=np.eye(4), tracks=len(before.corners)
-        )
+            return Location(found=Found.POSE, view=view, T_now_before=prior, tracks=tracks)
+        found = Found.BLIND if len(view.corners) < self._config.min_tracks else Found.ELSEWHERE
+        return Location(found=found, view=view, T_now_before=np.eye(4), tracks=tracks)
 
-    def place(self, frame: Frame, disparity_px: FloatImage) -> None:
-        """Make the frame that was located the one that the next is compared with.
+    def place(self, frame: Frame, location: Location, disparity_px: FloatImage) -> None:
+        """Make a frame the one that the next is compared with.
 
         Args:
-            frame: The one of the last `locate`.
+            frame: Copied as far as it is kept.
+            location: What `locate` said of it.
             disparity_px: What is known of its depth, at the memory's size; 0 = nothing.
         """
-        assert self._view is not None, "a frame is located before it is placed"
         scale, small = self._scale, self._tracks.scale * self._scale.step
-        corners = self._view.corners
-        col, row = np.rint((corners + np.float32(0.5)) / np.float32(small) - np.float32(0.5)).astype(np.intp).T
+        corners = location.view.corners
+        col, row = np.rint(resized(corners, 1 / small)).astype(np.intp).T
         known_px = disparity_px[np.clip(row, 0, scale.height_px - 1), np.clip(col, 0, scale.width_px - 1)]
         corners, known_px = corners[known_px > 0], known_px[known_px > 0]
         z = scale.focal_baseline_px_m / known_px.astype(np.float64)
         lens = self._lens
         x, y = (corners[:, 0] - lens.cx_px) * z / lens.fx_px, (corners[:, 1] - lens.cy_px) * z / lens.fy_px
         self._before = _Placed(
-            view=self._view,
+            view=location.view,
             gray=frame.gray.copy(),
             points_m=np.stack([x, y, z], axis=1),
             corners=corners,
             T_world_cam=frame.T_world_cam,
+            T_now_before=location.T_now_before,
         )
 
-    def _starts(self, before: _Placed, frame: Frame, prior: FloatArray | None) -> Iterator[tuple[Points, FloatArray]]:
+    def _starts(
+        self, before: _Placed, frame: Frame, view: View, prior: FloatArray | None
+    ) -> Iterator[tuple[Points, FloatArray]]:
         """Where the corners may be, the likeliest first; each costs something only when it is asked for."""
         if len(before.corners) < self._config.min_tracks:
             return
-        for T in [self._T_last, np.eye(4)] if prior is None else [prior]:
+        for T in [before.T_now_before, np.eye(4)] if prior is None else [prior]:
             moved = before.points_m @ T[:3, :3].T + T[:3, 3]
             yield self._lens.project(moved).astype(np.float32), T
         ones = np.ones((len(before.corners), 1))
         M = self._features.register(self._features.describe(before.gray), self._features.describe(frame.gray))
         if M.ok:
             small = self._tracks.scale
-            full = (before.corners + 0.5) / small - 0.5
-            moved = np.hstack([full, ones]) @ M.M_frame_template.T
-            yield ((moved + 0.5) * small - 0.5).astype(np.float32), np.eye(4)
-        assert self._view is not None
-        earlier, later = (view.gray.astype(np.float32) for view in (before.view, self._view))
+            moved = np.hstack([resized(before.corners, 1 / small), ones]) @ M.M_frame_template.T
+            yield resized(moved, small).astype(np.float32), np.eye(4)
+        earlier, later = (each.gray.astype(np.float32) for each in (before.view, view))
         shift, _ = cv2.phaseCorrelate(earlier, later, cv2.createHanningWindow(earlier.shape[::-1], cv2.CV_32F))
         yield before.corners + np.asarray(shift, np.float32), np.eye(4)
 
-    def _fit(self, before: _Placed, expected: Points, T_start: FloatArray) -> Fit | None:
+    def _fit(self, before: _Placed, view: View, expected: Points, T_start: FloatArray) -> Fit | None:
         """The motion that the tracks show; None if it cannot be believed."""
-        assert self._view is not None
         config = self._config
-        seen, found = self._tracks.follow(before.view, self._view, before.corners, expected)
+        seen, found = self._tracks.follow(before.view, view, before.corners, expected)
         if np.count_nonzero(found) < config.min_tracks:
             return None
         fit = fit_pose(before.points_m[found], seen[found].astype(np.float64), self._lens, T_start, config.inlier_px)

@@ -1,14 +1,16 @@
 """From the memory's size back to the full image."""
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from ..types import FloatImage, GrayImage
 from .evidence import Kind
 
 Image = TypeVar("Image", FloatImage, GrayImage)
+Indices = npt.NDArray[np.intp]
 
 AROUND = np.ones((3, 3), np.uint8)
 FLAT_PX = 1.0
@@ -21,6 +23,9 @@ SAME_SURFACE_SHARE = 0.02
 def merged(full_px: FloatImage, half_px: FloatImage, kind: GrayImage) -> FloatImage:
     """Full-size disparity: on surfaces what the memory's size says, at their edges what was measured.
 
+    At edges a pixel without a measurement belongs to the hole beside it, if there is one on its side: the rest of its
+    pixel of memory may be of a fattened rim.
+
     Args:
         full_px: As measured, shape (H, W); 0 = invalid.
         half_px: What is to be shown, shape (h, w), without holes.
@@ -30,8 +35,9 @@ def merged(full_px: FloatImage, half_px: FloatImage, kind: GrayImage) -> FloatIm
     range_px = cv2.subtract(cv2.dilate(half_px, AROUND), cv2.erode(half_px, AROUND))
     as_measured = kind == Kind.MEASURED
     at = np.nonzero((range_px > np.float32(FLAT_PX)) | as_measured)
-    value_px = half_px[at][:, None, None]
     own_px = _fours(full_px[: 2 * rows, : 2 * cols])[at]
+    in_hole = (own_px == 0) & _beside(kind == Kind.NOTHING, at)
+    value_px = np.where(in_hole, _beside(half_px, at), half_px[at][:, None, None])
     tolerance_px = np.float32(SAME_SURFACE_SHARE) * value_px + np.float32(SAME_SURFACE_PX)
     is_own = (own_px > 0) & (as_measured[at][:, None, None] | (np.abs(own_px - value_px) < tolerance_px))
 
@@ -51,6 +57,13 @@ def _fours(image: FloatImage) -> FloatImage:
     rows, cols = image.shape[0] // 2, image.shape[1] // 2
     down, along = image.strides
     return np.lib.stride_tricks.as_strided(image, (rows, cols, 2, 2), (2 * down, 2 * along, down, along))
+
+
+def _beside(image: npt.NDArray[Any], at: tuple[Indices, ...]) -> npt.NDArray[Any]:
+    """What is to the left and to the right of some pixels, shape (N, 1, 2); at the ends of a row the pixel itself."""
+    row, col = at
+    left, right = np.maximum(col - 1, 0), np.minimum(col + 1, image.shape[1] - 1)
+    return np.stack([image[row, left], image[row, right]], axis=1)[:, None]
 
 
 def _bordered(image: Image, size: tuple[int, int]) -> Image:

@@ -167,7 +167,7 @@ class RigidMethod:
             return
         self._blind_frames = 0
         self._memory = memory
-        self._localisation.place(frame, memory.disparity_px)
+        self._localisation.place(frame, location, memory.disparity_px)
 
     @timed
     def _fill(self, verdict: Verdict) -> FloatImage:

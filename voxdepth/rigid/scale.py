@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from ..geometry import resized
 from ..types import FloatArray, FloatImage, Intrinsics
 
 ASSUMED_BASELINE_M = 0.05
@@ -33,14 +34,8 @@ class Scale:
     @classmethod
     def of(cls, camera: Intrinsics, step: int) -> "Scale":
         """For a camera. Odd rows and columns at the end have no half pixel and are left out."""
-        offset = (step - 1) / 2
-        K = np.array(
-            [
-                [camera.fx_px / step, 0, (camera.cx_px - offset) / step],
-                [0, camera.fy_px / step, (camera.cy_px - offset) / step],
-                [0, 0, 1],
-            ]
-        )
+        cx_px, cy_px = (resized(position_px, 1 / step) for position_px in (camera.cx_px, camera.cy_px))
+        K = np.array([[camera.fx_px / step, 0, cx_px], [0, camera.fy_px / step, cy_px], [0, 0, 1]])
         return cls(
             focal_baseline_px_m=camera.fx_px * (camera.baseline_m or ASSUMED_BASELINE_M),
             step=step,
