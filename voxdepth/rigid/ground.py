@@ -121,5 +121,5 @@ def _refined(plane: Vector, u: Vector, v: Vector, disparity_px: Vector, toleranc
         weighted = points * (below_horizon / np.square(1 + off * off) / ground_px)[:, None]
         normal = points.T @ weighted
         normal += np.eye(3) * (1e-9 * np.trace(normal) + 1e-12)
-        plane = np.linalg.solve(normal, disparity_px @ weighted)
+        plane = np.asarray(np.linalg.solve(normal, disparity_px @ weighted), np.float64)
     return plane

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from ..model import Model
 from ..types import FloatImage, MaskImage
-from .ground import Ground
+from .ground import Ground, Vector
 from .scale import Scale
 
 Grid = npt.NDArray[np.float64]
@@ -18,26 +18,22 @@ ROW_PX = 4
 """Of the full image every so many rows are looked at."""
 FEET = 5
 """Of so many columns side by side the middle foot is taken."""
+BETWEEN = 2
+"""Measured rows between a foot and a hole that do not yet part them: ground is ragged where its texture ends."""
 FAR_LEVEL = 2
 """Cells of 2**this times the smallest size take what stands there even behind other things; the smallest ones only what
 nothing is before."""
+LEAST_FAR_SHARE, LEAST_BARE_SHARE = 0.25, 0.5
+"""Part of a large cell that must have something upright in it, and of a smallest one that must be a hole above a foot."""
 
 
 class StandingConfig(Model):
-    """How feet and tops are known."""
+    """What counts as on the ground."""
 
     tolerance_px: float = Field(0.5, ge=0)
     """A measurement is on the ground if it is off by no more than this, plus `tolerance` of its disparity."""
     tolerance: float = Field(0.05, ge=0)
-    """See `tolerance_px`."""
-    farther: int = Field(3, ge=1)
-    """Rows of something farther that must be seen above a foot: there the upright thing ends."""
-    between: int = Field(1, ge=0)
-    """Measured rows between a foot and a hole that do not yet part them."""
-    least_share: float = Field(0.25, gt=0, le=1)
-    """Part of a large cell that must have something upright."""
-    least_near_share: float = Field(0.5, gt=0, le=1)
-    """Part of a smallest cell that must be a hole above a foot."""
+    """See `tolerance_px`. Something farther is seen if it is farther by `tolerance_px` and twice this part."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,9 +72,9 @@ class Feet:
         rows, cols = -(-height // cell_px), -(-width // cell_px)
         self._shape = (rows, cols)
         from_top = np.arange(0, height, self._row_step)
-        self._v = (from_top[::-1] + 0.5) / cell_px - rows / 2
+        self._v = np.asarray((from_top[::-1] + 0.5) / cell_px - rows / 2, np.float64)
         self._height = np.arange(1, len(from_top) + 1, dtype=np.int16)[:, None]
-        self._u = (np.arange(width) + 0.5) / cell_px - cols / 2
+        self._u = np.asarray((np.arange(width) + 0.5) / cell_px - cols / 2, np.float64)
 
     def standing(self, disparity_px: FloatImage, ground: Ground) -> Standing:
         """What stands on the ground.
@@ -99,14 +95,13 @@ class Feet:
         least_px = foot_px - (config.tolerance_px + 2 * np.float32(config.tolerance) * foot_px)
         above = self._height > np.where(foot_px > 0, foot, len(image_px))
         measured &= above
-        upright = above & (_met_below(measured & (image_px < least_px)) < config.farther)
-        bare = above & (_met_below(measured) <= config.between)
+        upright = above & (_met_below(measured & (image_px < least_px)) == 0)
+        bare = above & (_met_below(measured) <= BETWEEN)
         rows, cols = self._shape
-        cell_v, cell_u = np.arange(rows) + 0.5 - rows / 2, np.arange(cols) + 0.5 - cols / 2
         return Standing(
-            behind_px=self._in_cells(foot_px, upright, 2**FAR_LEVEL, config.least_share),
-            bare_px=self._in_cells(foot_px, bare, 1, config.least_near_share),
-            ground_px=ground.at(cell_u[None], cell_v[:, None]),
+            behind_px=self._in_cells(foot_px, upright, 2**FAR_LEVEL, LEAST_FAR_SHARE),
+            bare_px=self._in_cells(foot_px, bare, 1, LEAST_BARE_SHARE),
+            ground_px=ground.at(_middles(cols), _middles(rows)[:, None]),
         )
 
     def _in_cells(self, foot_px: FloatImage, where: MaskImage, size: int, least_share: float) -> Grid:
@@ -124,3 +119,8 @@ class Feet:
 def _met_below(where: MaskImage) -> npt.NDArray[np.int16]:
     """How many pixels of a mask each one has in its column, itself and those below it; from the bottom up."""
     return np.cumsum(where, axis=0, dtype=np.int16)
+
+
+def _middles(cells: int) -> Vector:
+    """Of the cells along one side, in cells from the middle of the image."""
+    return np.arange(cells, dtype=np.float64) - (cells - 1) / 2
