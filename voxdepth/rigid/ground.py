@@ -32,7 +32,7 @@ class GroundConfig(Model):
     """Part of its disparity by which a cell may be off the plane and still be ground."""
     least_share: float = Field(0.03, ge=0)
     """Part of the cells that must be ground. More than 1 looks for no ground."""
-    least_range: float = Field(1.6, ge=1)
+    least_range: float = Field(1.25, ge=1)
     """How many times as near as its far end the near end of the ground must be; less may be a wall."""
     most_farther: float = Field(0.3, ge=0)
     """Cells farther than the plane, at most, through the number of those on it: nothing is seen through the ground."""

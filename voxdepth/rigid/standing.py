@@ -24,7 +24,10 @@ FAR_LEVEL = 2
 """Cells of 2**this times the smallest size take what stands there even behind other things; the smallest ones only what
 nothing is before."""
 LEAST_FAR_SHARE, LEAST_BARE_SHARE = 0.25, 0.5
-"""Part of a large cell that must have something upright in it, and of a smallest one that must be a hole above a foot."""
+"""Part of a large cell that must have something upright, and of a smallest one that must be a hole above a foot."""
+
+THROUGH = 0.97
+"""Part of the disparity of the ground that is left to what is filled there: the plane is not exact."""
 
 
 class StandingConfig(Model):
@@ -52,7 +55,7 @@ class Standing:
         if level == FAR_LEVEL:
             return np.where(self.behind_px > 0, self.behind_px, estimate_px)
         if level == 0:
-            return np.maximum(np.where(self.bare_px > 0, self.bare_px, estimate_px), self.ground_px)
+            return np.maximum(np.where(self.bare_px > 0, self.bare_px, estimate_px), THROUGH * self.ground_px)
         return estimate_px
 
 
