@@ -73,11 +73,14 @@ class Planes:
     def __init__(self, scale: Scale, config: PlanesConfig) -> None:
         """For images of the memory's size."""
         self._config = config
-        self._shape = shape = scale.shape
+        shape = scale.shape
         self.cell_px = cell = config.cell_px // scale.step
         rows, cols = -(-shape[0] // cell), -(-shape[1] // cell)
         self.rows = rows
         self._padded = (rows * cell, cols * cell)
+        # Cells stick out as far to the left as to the right: those of the mirror image are their mirror image.
+        left = (cols * cell - shape[1]) // 2
+        self._inside = (slice(shape[0]), slice(left, left + shape[1]))
         self._levels = max(1, int(np.log2(max(rows, cols))))
         # Coordinates are in cells, from the middle of the image.
         self._powers_v = _powers(rows, cell).swapaxes(1, 2)
@@ -117,9 +120,8 @@ class Planes:
             if standing is not None:
                 estimate = standing.put(estimate, level)
         assert estimate is not None
-        height, width = self._shape
         values = _enlarged(estimate.astype(np.float32), self.cell_px)
-        return np.ascontiguousarray(values[:height, :width])
+        return np.ascontiguousarray(values[self._inside])
 
     def _moments(self, disparity_px: FloatImage, presence: FloatImage) -> Grid:
         """Sums per cell, shape (N_MOMENTS, rows, cols), weighted by the fourth power of the share of neighbours."""
@@ -133,7 +135,7 @@ class Planes:
         """Sums per cell of the image times 1, u, v, uu, uv, vv: the first n of them, shape (n, rows, cols)."""
         rows, cell, cols = len(self._powers_v), self.cell_px, len(self._powers_u)
         padded = np.zeros(self._padded, np.float32)
-        padded[: self._shape[0], : self._shape[1]] = image
+        padded[self._inside] = image
         down = np.matmul(self._powers_v, padded.reshape(rows, cell, -1)).reshape(rows * 3, cols, cell)
         sums = np.matmul(down.swapaxes(0, 1), self._powers_u).reshape(cols, rows, 3, 3)
         return np.stack([sums[:, :, of_v, of_u].T for of_v, of_u in POWERS[:n]])

@@ -74,10 +74,11 @@ class Feet:
         height, width = scale.shape
         rows, cols = -(-height // cell_px), -(-width // cell_px)
         self._shape = (rows, cols)
+        self._left = (cols * cell_px - width) // 2
         from_top = np.arange(0, height, self._row_step)
         self._v = np.asarray((from_top[::-1] + 0.5) / cell_px - rows / 2, np.float64)
         self._height = np.arange(1, len(from_top) + 1, dtype=np.int16)[:, None]
-        self._u = np.asarray((np.arange(width) + 0.5) / cell_px - cols / 2, np.float64)
+        self._u = np.asarray((np.arange(width) + 0.5 - width / 2) / cell_px, np.float64)
 
     def standing(self, disparity_px: FloatImage, ground: Ground) -> Standing:
         """What stands on the ground.
@@ -112,9 +113,10 @@ class Feet:
         rows, cols = -(-self._shape[0] // size), -(-self._shape[1] // size)
         height, width = self._cell_px * size // self._row_step, self._cell_px * size
         covered = np.zeros((rows * height, cols * width), np.float32)
-        covered[: where.shape[0], : where.shape[1]] = where[::-1]
+        inside = np.s_[self._left : self._left + where.shape[1]]
+        covered[: where.shape[0], inside] = where[::-1]
         feet_px = covered.copy()
-        feet_px[:, : where.shape[1]] *= foot_px
+        feet_px[:, inside] *= foot_px
         share, mean_px = (cv2.resize(i, (cols, rows), interpolation=cv2.INTER_AREA) for i in (covered, feet_px))
         return np.where(share >= least_share, mean_px / np.maximum(share, np.float32(1e-6)), np.float32(0))
 
