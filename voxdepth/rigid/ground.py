@@ -78,7 +78,7 @@ def found_ground(u: Vector, v: Vector, disparity_px: Vector, rows: int, config: 
     on_it = (np.abs(off) < config.tolerance) & (ground_px > 0)
     farther = (off < -2 * config.tolerance) & (ground_px > 0)
     n = np.count_nonzero(on_it)
-    if plane[1] <= 0 or n < max(LEAST_CELLS / 2, config.least_share * len(u)):
+    if plane[1] <= abs(plane[0]) or n < max(LEAST_CELLS / 2, config.least_share * len(u)):
         return None
     if np.count_nonzero(farther) > config.most_farther * n:
         return None
