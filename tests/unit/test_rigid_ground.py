@@ -127,6 +127,15 @@ class TestStanding:
         np.testing.assert_allclose(filled_px[80:120], true_px[80:120], rtol=0.15)
         assert filled_px[:30].max() < 1
 
+    def test_a_wrong_match_in_the_distance_is_no_foot(self) -> None:
+        true_px, _ = self.seen(FLOOR, WALL)
+        border_px = true_px.copy()
+        border_px[:, :20] = 0  # what the second camera does not see
+        junk_px = border_px.copy()
+        junk_px[140, :20] = 1.7  # on the ground far behind the wall, if the floor went on
+        ours_px, theirs_px = self.filled(border_px, 1), self.filled(junk_px, 1)
+        np.testing.assert_allclose(theirs_px[:100, :20], ours_px[:100, :20], rtol=0.02)
+
     def test_nothing_is_filled_below_the_ground(self) -> None:
         true_px, measured = self.seen(FLOOR, WALL)
         holes_px = np.where(measured, true_px, np.float32(0))

@@ -18,6 +18,8 @@ ROW_PX = 4
 """Of the full image every so many rows are looked at."""
 FEET = 5
 """Of so many columns side by side the middle foot is taken."""
+LEAST_ROWS = 8
+"""Rows of a column that must be on the ground, or at least half of those up to a foot, or it is a wrong match."""
 BETWEEN = 2
 """Measured rows between a foot and a hole that do not yet part them: ground is ragged where its texture ends."""
 FAR_LEVEL = 2
@@ -94,6 +96,7 @@ class Feet:
         off_px = cv2.absdiff(image_px, ground_px)
         on_it = (off_px < config.tolerance_px + np.float32(config.tolerance) * ground_px) & measured & (ground_px > 0)
         foot = np.max(on_it * self._height, axis=0)
+        foot[np.count_nonzero(on_it, axis=0) < np.minimum(LEAST_ROWS, foot / 2)] = 0
         foot_px = np.where(foot > 0, image_px[foot - 1, np.arange(len(foot))], np.float32(0))
         foot_px = np.asarray(cv2.medianBlur(foot_px[None], FEET), np.float32)
         least_px = foot_px - (config.tolerance_px + 2 * np.float32(config.tolerance) * foot_px)
