@@ -9,9 +9,11 @@ from pydantic import Field
 
 from ..model import Model
 from ..types import FloatImage, GrayImage
+from .ground import GroundConfig, found_ground
 from .masks import above, mean_around, put
 from .planes import Planes, PlanesConfig
 from .scale import Scale
+from .standing import Feet, StandingConfig
 
 Indices = npt.NDArray[np.intp]
 
@@ -25,6 +27,8 @@ class FillingConfig(Model):
     """How holes are filled."""
 
     planes: PlanesConfig = PlanesConfig()
+    ground: GroundConfig = GroundConfig()
+    standing: StandingConfig = StandingConfig()
     step_px: float = Field(1.0, gt=0)
     """Disparity by which the right end of a hole must be nearer than the left one for it to be an occlusion shadow."""
     margin_px: float = Field(6.0, ge=0)
@@ -41,6 +45,7 @@ class Filling:
         self._scale = scale
         self._config = config
         self._planes = Planes(scale, config.planes)
+        self._feet = Feet(scale, self._planes.cell_px, config.standing)
 
     def fill(self, disparity_px: FloatImage) -> FloatImage:
         """The image without holes; one without any data stays empty.
@@ -52,7 +57,10 @@ class Filling:
         n_valid = cv2.countNonZero(valid)
         if n_valid in (0, valid.size):
             return disparity_px
-        filled = self._planes.filled(disparity_px, _share_of_neighbours(valid))
+        sums = self._planes.summed(disparity_px, _share_of_neighbours(valid))
+        ground = found_ground(*self._planes.cells(sums), self._planes.rows, self._config.ground)
+        standing = None if ground is None else self._feet.standing(disparity_px, ground)
+        filled = self._planes.filled(sums, standing)
         farthest_px = cv2.minMaxLoc(disparity_px, valid)[0]
         np.maximum(filled, np.float32(farthest_px), out=filled)
         if self._config.hidden_side == "left":

@@ -10,10 +10,15 @@ from pydantic import Field
 
 from ..model import Model
 from ..types import FloatImage
+from .ground import Vector
 from .scale import Scale
+from .standing import Standing
 
 Grid = npt.NDArray[np.float64]
 """One number per cell, shape (rows, cols), or several, shape (N, rows, cols)."""
+
+Sums = list[Grid]
+"""Sums around each cell, shape (N_MOMENTS, rows, cols), for each size of cells, the smallest first."""
 
 Values = TypeVar("Values", FloatImage, Grid)
 
@@ -22,6 +27,12 @@ INSIDE, OUTSIDE = 3.0, 5.0
 side, and not at all: what nobody measured is not made out to be far away."""
 N_MOMENTS = 11
 """Weighted sums per cell: of 1, u, v, uu, uv, vv, D, uD, vD, DD; and how much is present at all."""
+OF_DISPARITY = 6
+"""Which of them is that of D."""
+LEAST_PRESENT = 0.1
+"""Part of a cell that must be measured for its mean to count."""
+MOST_ROWS = 32
+"""Rows of cells whose means are looked at."""
 POWERS = ((0, 0), (0, 1), (1, 0), (0, 2), (1, 1), (2, 0))
 """Powers of v and of u in the first six of them."""
 
@@ -62,34 +73,55 @@ class Planes:
     def __init__(self, scale: Scale, config: PlanesConfig) -> None:
         """For images of the memory's size."""
         self._config = config
-        self._shape = shape = scale.shape
-        self._cell_px = cell = config.cell_px // scale.step
+        shape = scale.shape
+        self.cell_px = cell = config.cell_px // scale.step
         rows, cols = -(-shape[0] // cell), -(-shape[1] // cell)
+        self.rows = rows
         self._padded = (rows * cell, cols * cell)
+        # Cells stick out as far to the left as to the right: those of the mirror image are their mirror image.
+        left = (cols * cell - shape[1]) // 2
+        self._inside = (slice(shape[0]), slice(left, left + shape[1]))
         self._levels = max(1, int(np.log2(max(rows, cols))))
         # Coordinates are in cells, from the middle of the image.
         self._powers_v = _powers(rows, cell).swapaxes(1, 2)
         self._powers_u = _powers(cols, cell)
 
-    def filled(self, disparity_px: FloatImage, share: FloatImage) -> FloatImage:
-        """Planes through the data, in every pixel [px], shape (h, w).
+    def summed(self, disparity_px: FloatImage, share: FloatImage) -> Sums:
+        """What the planes are fitted to.
 
         Args:
             disparity_px: Shape (h, w).
             share: Of the neighbours of each pixel those that are valid, 0..1, shape (h, w), float32; 0 in holes.
         """
         presence = np.square(share)
-        pyramid = [self._moments(disparity_px, presence)]
+        moments = self._moments(disparity_px, presence)
+        sums = [_neighbourhood(moments)]
         for _ in range(self._levels):
-            pyramid.append(_halved(pyramid[-1]))
+            moments = _halved(moments)
+            sums.append(_neighbourhood(moments))
+        return sums
+
+    def cells(self, sums: Sums) -> tuple[Vector, Vector, Vector]:
+        """Column and row, in cells from the middle of the image, and mean disparity [px] of measured cells.
+
+        Of images with many rows of cells every second one, or every third, ...
+        """
+        n, u, v, *_ = rows = sums[0][:, :: -(-sums[0].shape[1] // MOST_ROWS)]
+        known = rows[-1] > LEAST_PRESENT * self.cell_px**2
+        n = n[known]
+        return u[known] / n, v[known] / n, rows[OF_DISPARITY][known] / n
+
+    def filled(self, sums: Sums, standing: Standing | None = None) -> FloatImage:
+        """Planes through the data, in every pixel [px], shape (h, w); far from the data what stands on the ground."""
         estimate: Grid | None = None
         for level in range(self._levels, -1, -1):
-            planes = self._fitted(pyramid[level], level)
+            planes = self._fitted(sums[level], level)
             estimate = planes.value_px if estimate is None else _blended(planes, estimate)
+            if standing is not None:
+                estimate = standing.put(estimate, level)
         assert estimate is not None
-        height, width = self._shape
-        values = _enlarged(estimate.astype(np.float32), self._cell_px)
-        return np.ascontiguousarray(values[:height, :width])
+        values = _enlarged(estimate.astype(np.float32), self.cell_px)
+        return np.ascontiguousarray(values[self._inside])
 
     def _moments(self, disparity_px: FloatImage, presence: FloatImage) -> Grid:
         """Sums per cell, shape (N_MOMENTS, rows, cols), weighted by the fourth power of the share of neighbours."""
@@ -101,18 +133,18 @@ class Planes:
 
     def _sums(self, image: FloatImage, n: int) -> npt.NDArray[np.float32]:
         """Sums per cell of the image times 1, u, v, uu, uv, vv: the first n of them, shape (n, rows, cols)."""
-        rows, cell, cols = len(self._powers_v), self._cell_px, len(self._powers_u)
+        rows, cell, cols = len(self._powers_v), self.cell_px, len(self._powers_u)
         padded = np.zeros(self._padded, np.float32)
-        padded[: self._shape[0], : self._shape[1]] = image
+        padded[self._inside] = image
         down = np.matmul(self._powers_v, padded.reshape(rows, cell, -1)).reshape(rows * 3, cols, cell)
-        sums = np.einsum("rck,cki->rci", down, self._powers_u, optimize=True).reshape(rows, 3, cols, 3)
-        return np.stack([sums[:, of_v, :, of_u] for of_v, of_u in POWERS[:n]])
+        sums = np.matmul(down.swapaxes(0, 1), self._powers_u).reshape(cols, rows, 3, 3)
+        return np.stack([sums[:, :, of_v, of_u].T for of_v, of_u in POWERS[:n]])
 
-    def _fitted(self, moments: Grid, level: int) -> _Planes:
-        """The plane of each cell, in its middle."""
+    def _fitted(self, sums: Grid, level: int) -> _Planes:
+        """The plane of each cell, in its middle, by the sums around it."""
         config, size = self._config, 2.0**level
-        n, u, v, uu, uv, vv, d, ud, vd, dd, present = _neighbourhood(moments)
-        density = present / (self._cell_px * size) ** 2
+        n, u, v, uu, uv, vv, d, ud, vd, dd, present = sums
+        density = present / (self.cell_px * size) ** 2
         n = np.maximum(n, 1e-9)
         u, v, d = u / n, v / n, d / n
         uu, uv, vv = uu / n - u * u, uv / n - u * v, vv / n - v * v
@@ -121,8 +153,8 @@ class Planes:
         uu, vv = uu + ridge, vv + ridge
         determinant = uu * vv - uv * uv
         slope_u, slope_v = (vv * ud - uv * vd) / determinant, (uu * vd - uv * ud) / determinant
-        middle_v = (np.arange(n.shape[0])[:, None] + 0.5) * size - self._padded[0] / self._cell_px / 2
-        middle_u = (np.arange(n.shape[1])[None] + 0.5) * size - self._padded[1] / self._cell_px / 2
+        middle_v = (np.arange(n.shape[0])[:, None] + 0.5) * size - self._padded[0] / self.cell_px / 2
+        middle_u = (np.arange(n.shape[1])[None] + 0.5) * size - self._padded[1] / self.cell_px / 2
         away_u, away_v = middle_u - u, middle_v - v
         value = d + slope_u * away_u + slope_v * away_v
         spread = np.sqrt(np.maximum(dd / n - d * d, 0))
@@ -141,16 +173,24 @@ def _powers(cells: int, cell_px: int) -> npt.NDArray[np.float32]:
 
 def _neighbourhood(moments: Grid) -> Grid:
     """Sums over three by three cells, the outer ones for less; their weights add up to 1."""
-    padded = np.pad(moments, ((0, 0), (1, 1), (1, 1)))
+    padded = _framed(moments, 1, 1, 1)
     rows = 0.25 * (padded[:, :-2] + padded[:, 2:]) + 0.5 * padded[:, 1:-1]
     around: Grid = 0.25 * (rows[:, :, :-2] + rows[:, :, 2:]) + 0.5 * rows[:, :, 1:-1]
     return around
 
 
+def _framed(moments: Grid, before: int, rows_after: int, cols_after: int) -> Grid:
+    """Moments with zeros around."""
+    n, rows, cols = moments.shape
+    framed = np.zeros((n, before + rows + rows_after, before + cols + cols_after))
+    framed[:, before : before + rows, before : before + cols] = moments
+    return framed
+
+
 def _halved(moments: Grid) -> Grid:
     """Sums of two by two cells."""
     _, rows, cols = moments.shape
-    padded = np.pad(moments, ((0, 0), (0, rows % 2), (0, cols % 2)))
+    padded = _framed(moments, 0, rows % 2, cols % 2)
     halved: Grid = padded[:, ::2, ::2] + padded[:, 1::2, ::2] + padded[:, ::2, 1::2] + padded[:, 1::2, 1::2]
     return halved
 
@@ -163,10 +203,18 @@ def _blended(fine: _Planes, coarse_px: Grid) -> Grid:
     return blended
 
 
+def _extended(values: Values) -> Values:
+    """One more row at both ends, in line with the outermost two; a single one stays as it is."""
+    if len(values) == 1:
+        return values
+    extended: Values = np.concatenate([2 * values[:1] - values[1:2], values, 2 * values[-1:] - values[-2:-1]])
+    return extended
+
+
 def _enlarged(values: Values, factor: int) -> Values:
     """The values of cells in smaller ones, linear between their middles and on to the border."""
     rows, cols = values.shape
-    padded: Any = np.pad(values, [(int(n > 1),) * 2 for n in (rows, cols)], mode="reflect", reflect_type="odd")
+    padded: Any = _extended(_extended(values).T).T
     size = (padded.shape[1] * factor, padded.shape[0] * factor)
     enlarged = np.asarray(cv2.resize(padded, size, interpolation=cv2.INTER_LINEAR))
     top, left = (size[1] - rows * factor) // 2, (size[0] - cols * factor) // 2
