@@ -10,6 +10,7 @@ from voxdepth.registry import DEFAULT
 from voxdepth.rigid.evidence import EvidenceConfig
 from voxdepth.rigid.filling import FillingConfig
 from voxdepth.rigid.localisation import LocalisationConfig
+from voxdepth.rigid.ground import GroundConfig
 from voxdepth.rigid.planes import PlanesConfig
 
 from ..evaluation.cell import AS_GIVEN, FILLED, FRAMES
@@ -74,6 +75,11 @@ VARIANTS = (
         name="no-slope",
         off="holes are filled by values, not by planes",
         config=VoxDepthConfig(filling=FillingConfig(planes=PlanesConfig(ridge=NEVER))),
+    ),
+    Variant(
+        name="no-ground",
+        off="no ground is looked for, so nothing stands on it",
+        config=VoxDepthConfig(filling=FillingConfig(ground=GroundConfig(least_share=NEVER))),
     ),
     Variant(
         name="no-shadows",

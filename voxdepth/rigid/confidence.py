@@ -42,7 +42,7 @@ class Reliability:
 
 RELIABILITY = {
     Kind.NOTHING: Reliability(
-        surface=Curve(start=0.29, end=0.29, measurements=1), error_px=Curve(start=0.1, end=0.1, measurements=1)
+        surface=Curve(start=0.48, end=0.48, measurements=1), error_px=Curve(start=0.2, end=0.2, measurements=1)
     ),
     Kind.FUSED: Reliability(
         surface=Curve(start=0.45, end=0.995, measurements=1.1), error_px=Curve(start=0.32, end=0.12, measurements=2.5)
