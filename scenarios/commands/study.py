@@ -95,6 +95,57 @@ def status(out: Folder) -> None:
 
 
 @app.command()
+def export(
+    out: Folder,
+    to: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of the tables. Default: OUT.")] = None,
+) -> None:
+    """Write all runs that have a result as runs.csv and runs.parquet, a row for each."""
+    from ..study.export import export as write_tables
+    from ..study.store import Store
+
+    with Store.existing(out) as store:
+        contents = store.read()
+    for path in write_tables(contents, to or out):
+        typer.echo(f"written to {path}")
+
+
+@app.command()
+def report(
+    out: Folder,
+    record: Annotated[
+        bool, typer.Option("--record", help="Fly the first collision of each arm again, with a Rerun recording.")
+    ] = False,
+) -> None:
+    """Write report.html: collisions, outcomes, paired comparisons and growth, of what is flown so far."""
+    from rich.console import Console
+
+    from ..study.page import write_report
+    from ..study.store import Store
+
+    with Store.existing(out) as store:
+        contents = store.read()
+    console = Console()
+    if record:
+        _record_collisions(console, contents, out)
+    console.print(
+        f"{len(contents.records)} of {len(contents.keys)} runs; written to {write_report(contents, out)}",
+        soft_wrap=True,
+    )
+
+
+def _record_collisions(console: "Console", contents: "Contents", out: Path) -> None:
+    """Make the recordings that are not yet there."""
+    from ..study.analysis import first_collisions
+    from ..study.page import recording_folder, recording_of
+    from ..study.replay import fly_again
+
+    for spec in first_collisions(contents):
+        if recording_of(out, spec) is None:
+            again = fly_again(contents, spec, recording_folder(out, spec), record=True)
+            console.print(f"{spec.label}: {again.verdict}", soft_wrap=True, markup=False)
+
+
+@app.command()
 def replay(
     out: Folder,
     key: Annotated[str, typer.Argument(metavar="KEY", help="Key of a run, or how it begins.")],
