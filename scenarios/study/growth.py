@@ -16,7 +16,7 @@ from .statistics import Interval, percentiles
 RESAMPLES = 1000
 SEED = 20240601
 """Of the bootstrap."""
-LOG_A_BOUNDS, B_BOUNDS = (-15.0, 5.0), (0.0, 30.0)
+LOG_A_BOUNDS, B_BOUNDS = (-15.0, 5.0), (0.0, 12.0)
 """Where the fit looks. Nothing in the data may speak against an infinite b; then it ends at a bound, and says so."""
 LOW, HIGH = 0.5, 1.0
 """Noise ratios whose collision ratios are compared, as in the paper."""
@@ -96,7 +96,8 @@ def fit(thetas: Sequence[float], collisions: Sequence[int], runs: Sequence[int],
     if near is None:
         near = Curve(a=-np.log1p(-k.sum() / n.sum()), b=1.0)
     start = np.array([np.log(near.a), near.b])
-    found = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=[LOG_A_BOUNDS, B_BOUNDS])
+    bounds, fine = [LOG_A_BOUNDS, B_BOUNDS], {"ftol": 1e-13, "gtol": 1e-7}
+    found = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds, options=fine)
     return Curve(a=float(np.exp(found.x[0])), b=float(found.x[1]))
 
 
