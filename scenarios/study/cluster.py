@@ -6,6 +6,7 @@ import uuid
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 from ..errors import ScenarioError
@@ -44,21 +45,32 @@ class Cluster:
         """See `Executor`."""
         from distributed import as_completed
 
+        waiting = iter(specs)
         with self._client() as client:
             client.run(import_noisy_libraries)
             _require_equal_versions(client)
-            # Keys are new for every attempt: a cluster remembers the results of old ones.
-            pending = {
-                client.submit(
-                    _attempt, self.fly_one, spec, self.time_limit_s, key=f"{spec.key}-{uuid.uuid4()}", pure=False
-                ): spec
-                for spec in specs
-            }
+            pending: dict[Any, RunSpec] = {}
+            ended = as_completed()
             try:
-                for future in as_completed(list(pending)):
+                self._submit(client, waiting, pending, ended)
+                for future in ended:
                     yield self._result(future, pending.pop(future))
+                    self._submit(client, waiting, pending, ended)
             finally:
                 client.cancel(list(pending), force=True)
+
+    def _submit(self, client: Any, waiting: Iterator[RunSpec], pending: dict[Any, RunSpec], ended: Any) -> None:
+        """Keep one run in the air for each thread of the cluster, which may have grown.
+
+        No more: a run that waits at a worker for another to end would count as failed if that one killed the worker.
+        """
+        threads = max(1, sum(client.nthreads().values()))
+        for spec in islice(waiting, max(0, threads - len(pending))):
+            # The key is new for every attempt: a cluster remembers the results of old ones.
+            key = f"{spec.key}-{uuid.uuid4()}"
+            future = client.submit(_attempt, self.fly_one, spec, self.time_limit_s, key=key, pure=False)
+            pending[future] = spec
+            ended.add(future)
 
     def _result(self, future: Any, spec: RunSpec) -> Done:
         if future.cancelled():

@@ -107,7 +107,7 @@ class Store:
         store = cls._connect(folder)
         try:
             if not store._has_tables():
-                raise ScenarioError(f"{folder / FILE} holds no study: it was cut short when it began; start it again")
+                raise ScenarioError(f"{folder / FILE} holds no study yet: it is about to begin, or was cut short then")
             store._require_schema()
         except BaseException:
             store.close()
