@@ -16,7 +16,7 @@ FIRST_PILOT_SEED = 1000
 """Seeds from here on are for pilots: scenes and controllers may have been chosen by looking at them."""
 OWN_KEYS = ("rig.depth", "rig.noise.scale.theta", "corrector", "rig.width_px", "rig.height_px")
 """Keys of a scenario that an arm sets by a field of its own."""
-NAME = r"^[A-Za-z0-9][A-Za-z0-9._ -]*$"
+NAME = r"^[A-Za-z0-9][A-Za-z0-9,._ -]*$"
 
 
 class Seeds(Model):
