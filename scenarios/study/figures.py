@@ -43,6 +43,7 @@ def all_figures(points: Sequence[Point], curves: Mapping[tuple[str, str], Growth
 def _against_theta(scenario: str, points: Sequence[Point], curves: Mapping[tuple[str, str], Growth]) -> Picture:
     """The paper's figure."""
     canvas, axes = _canvas(4.2)
+    fitted = False
     for k, arm in enumerate(dict.fromkeys(point.arm for point in points)):
         own = [point for point in points if point.arm == arm]
         x = [point.theta for point in own if point.theta is not None]
@@ -54,6 +55,7 @@ def _against_theta(scenario: str, points: Sequence[Point], curves: Mapping[tuple
         style = {"marker": "o", "ms": 4, "capsize": 3, "color": f"C{k}"}
         axes.errorbar(x, y, yerr=_errors(own), label=legible(f"{arm}, n = {n} each"), **style)
         if (growth := curves.get((scenario, arm))) is not None:
+            fitted = True
             fine = np.linspace(0.01, 1, 100)
             axes.plot(fine, [100 * growth.curve.at(theta) for theta in fine], ":", color=f"C{k}", lw=1)
     axes.set_xlabel("noise ratio theta")
@@ -64,8 +66,8 @@ def _against_theta(scenario: str, points: Sequence[Point], curves: Mapping[tuple
         text.set_parse_math(False)
     return Picture(
         title=f"{scenario}: collisions against noise",
-        caption="Share of runs that ended in a collision, with Wilson 95 % intervals; n is the number of runs. The "
-        "dotted line is 1 - exp(-a theta^b), fitted by likelihood.",
+        caption="Share of runs that ended in a collision, with Wilson 95 % intervals; n is the number of runs."
+        + (" The dotted line is 1 - exp(-a theta^b), fitted by likelihood." if fitted else ""),
         png=png_of(canvas),
     )
 

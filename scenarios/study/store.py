@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from sim.types import Contact
 from swarm.types import Outcome
@@ -85,7 +85,7 @@ class Store:
         """
         store = cls._connect(folder)
         try:
-            with store._transaction():
+            with store._transaction("IMMEDIATE"):
                 if not store._has_tables():
                     store._create(study, specs)
             store._require_schema()
@@ -132,7 +132,7 @@ class Store:
         """
         now = datetime.now().astimezone().isoformat(timespec="seconds")
         try:
-            with self._transaction():
+            with self._transaction("IMMEDIATE"):
                 if isinstance(done, Failure):
                     row = (done.key, done.kind, done.text, now)
                     self._database.execute("INSERT INTO failures (key, kind, text, ended_at) VALUES (?, ?, ?, ?)", row)
@@ -145,7 +145,7 @@ class Store:
 
     def read(self) -> Contents:
         """All of it, as of one moment."""
-        with self._transaction():
+        with self._transaction("DEFERRED"):
             meta = self._meta()
             runs = {key: Run.model_validate_json(text) for key, text in self._rows("SELECT key, run FROM runs")}
             cells = self._rows("SELECT scenario, arm, theta, key FROM cells ORDER BY place")
@@ -176,8 +176,9 @@ class Store:
         return cls(folder, database)
 
     @contextmanager
-    def _transaction(self) -> Iterator[None]:
-        self._database.execute("BEGIN IMMEDIATE")
+    def _transaction(self, mode: Literal["DEFERRED", "IMMEDIATE"]) -> Iterator[None]:
+        """All or nothing. Deferred is for reading: it waits for no other reader, and needs no right to write."""
+        self._database.execute(f"BEGIN {mode}")
         try:
             yield
         except BaseException:

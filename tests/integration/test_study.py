@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow.parquet
@@ -19,7 +20,7 @@ from scenarios.study.conduct import Wishes, fly_study
 from scenarios.study.executor import Executor, Serial
 from scenarios.study.matrix import expand
 from scenarios.study.processes import Processes
-from scenarios.study.record import Failure
+from scenarios.study.record import Done, Failure
 from scenarios.study.store import FILE
 from swarm.types import Outcome
 from tests.integration.test_cli import ENVIRONMENT, voxdepth
@@ -67,8 +68,12 @@ def test_all_executors_give_the_same_records_bit_by_bit() -> None:
     serial, processes, cluster = ({done.key: done for done in executor.run(specs)} for executor in executors)
     assert len(serial) == 6
     assert not any(isinstance(done, Failure) for done in serial.values())
-    assert repr(sorted(serial)) == repr(sorted(processes)) == repr(sorted(cluster))
-    assert serial == processes == cluster
+    assert written(serial) == written(processes) == written(cluster)
+
+
+def written(done: dict[str, Done]) -> list[str]:
+    """Records digit by digit, but for their wall-clock time."""
+    return [repr(replace(done[key], wall_s=0.0)) for key in sorted(done)]
 
 
 @pytest.mark.slow
@@ -149,6 +154,26 @@ def test_a_study_from_its_file_to_its_report(tiny: Path, tmp_path: Path) -> None
     assert len(list(out.glob("recordings/*/*/run.rrd"))) == 1
     voxdepth("study", "report", out, "--record")
     assert len(list(out.glob("recordings/*/*/run.rrd"))) == 1, "a recording is made once"
+
+
+@pytest.mark.slow
+def test_runs_that_failed_are_told_and_flown_again_when_asked(tiny: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    tiny.write_text(TINY.replace("time_limit_s = 60", "time_limit_s = 0.05").replace("count = 2", "count = 1"))
+    flown = voxdepth("study", tiny, "--out", out, "--workers", "1")
+    assert flown.returncode == 1
+    assert "0 of 2 runs, 2 errors" in flown.stdout
+    assert "stopped at its time limit of 0.05 s" in flown.stdout
+    assert voxdepth("study", "report", out).returncode == 0
+    assert "<td>timeout</td>" in (out / "report.html").read_text()
+    resumed = voxdepth("study", tiny, "--out", out, "--resume", "--workers", "0")
+    assert resumed.returncode == 1, "errors stay until they are asked for"
+    retried = voxdepth("study", tiny, "--out", out, "--resume", "--retry-errors", "--workers", "0")
+    assert retried.returncode == 0, retried.stderr
+    assert "2 of 2 runs" in retried.stdout
+    alone = voxdepth("study", tiny, "--out", out, "--retry-errors")
+    assert alone.returncode == 2
+    assert "--retry-errors goes with --resume" in alone.stderr
 
 
 def check_tables(out: Path) -> None:

@@ -159,7 +159,7 @@ def test_the_page_of_a_noise_study_has_the_papers_figure_and_the_fit() -> None:
     assert text.count("<figure>") == 3
     assert "city: collisions against noise" in text
     assert re.search(r"<td>5</td><td>\d\.\d{3} \[", text), "the seeds that are complete, and a with its interval"
-    assert "1000 resamples, seed 20240601" in text or "resamples, seed 20240601" in text
+    assert re.search(r"<td>\d+ resamples, seed 20240601", text)
 
 
 def test_the_page_of_a_study_that_has_just_begun_has_no_figures() -> None:
