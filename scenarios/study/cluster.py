@@ -15,6 +15,7 @@ from .executor import attempt
 from .matrix import RunSpec
 from .provenance import installed_versions
 from .record import Done, Failure, FlyOne, run_one
+from .worker import leave_interrupts
 
 LOCAL = "local"
 """Instead of an address: a cluster of processes on this machine, for trying it out."""
@@ -102,6 +103,7 @@ class Cluster:
             ) as cluster,
             Client(cluster) as client,
         ):
+            client.run(leave_interrupts)
             yield client
 
     @contextmanager

@@ -20,7 +20,7 @@ def serve(pipe: "Connection") -> None:
     Args:
         pipe: Brings pairs of a function and its argument, takes READY and then one `Done` for each pair.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the parent too, which stops its workers.
+    leave_interrupts()
     threading.Thread(target=_end_with_parent, daemon=True).start()
     from ..quiet import import_noisy_libraries
 
@@ -34,6 +34,11 @@ def serve(pipe: "Connection") -> None:
         except EOFError:
             return
         pipe.send(attempt(fly_one, spec))
+
+
+def leave_interrupts() -> None:
+    """A terminal sends Ctrl-C to all, but it is for the parent, which stops its workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager
