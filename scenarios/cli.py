@@ -5,7 +5,7 @@ import sys
 
 import typer
 
-from .commands import bench, config, correct, evaluate, experiment, general, sensor, swarm
+from .commands import bench, config, correct, evaluate, experiment, general, sensor, study, swarm
 from .commands.options import INTERRUPTED
 
 os.environ.setdefault("RERUN_ANALYTICS_ENABLED", "0")
@@ -23,7 +23,7 @@ app = typer.Typer(
 @app.callback()
 def start(context: typer.Context) -> None:
     """Depth correction for stereo cameras, tested in a simulated drone swarm that flies by it."""
-    if context.invoked_subcommand in (evaluate.evaluate.__name__, experiment.experiment.__name__):
+    if context.invoked_subcommand in (evaluate.evaluate.__name__, experiment.experiment.__name__, study.app.info.name):
         evaluate.use_one_thread()
     from .quiet import import_noisy_libraries  # `--help` does not come here
 
@@ -41,6 +41,7 @@ for panel, commands in (
 ):
     for command in commands:
         app.command(name=command.__name__.rstrip("_"), rich_help_panel=panel)(command)
+app.add_typer(study.app, rich_help_panel="Swarm")
 
 
 def main() -> None:

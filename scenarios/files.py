@@ -11,6 +11,9 @@ from .errors import ScenarioError
 
 DATA = Path(__file__).parent / "data"
 
+SINGULAR = {"scenarios": "scenario", "sequences": "sequence", "studies": "study"}
+"""What one file of each kind is called."""
+
 Loaded = TypeVar("Loaded", bound=pydantic.BaseModel)
 
 
@@ -32,12 +35,8 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
     Raises:
         ScenarioError: There is no such file, or a value in it is impossible.
     """
-    path, text = _read(kind, name_or_path)
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{path} is not valid TOML: {error}") from error
-    field = kind.removesuffix("s")
+    path, data = _read_table(kind, name_or_path)
+    field = SINGULAR[kind]
     if field not in data:
         data = {field: data, "seed": 0}
     if not isinstance(data[field], dict):
@@ -46,15 +45,37 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
         _set(data[field], key, value)
     if seed is not None:
         data["seed"] = seed
+    return _validated(model, path, data, field)
+
+
+def load_alone(model: type[Loaded], kind: str, name_or_path: str) -> tuple[Path, Loaded]:
+    """A configuration that has no single seed, and where it was: a shipped file by name, or a TOML file.
+
+    Raises:
+        ScenarioError: There is no such file, or a value in it is impossible.
+    """
+    path, data = _read_table(kind, name_or_path)
+    return path, _validated(model, path, data, SINGULAR[kind])
+
+
+def to_toml(configuration: pydantic.BaseModel) -> str:
+    """The resolved configuration as text that `load` reads."""
+    return tomli_w.dumps(configuration.model_dump(mode="json", exclude_none=True))
+
+
+def _validated(model: type[Loaded], path: Path, data: dict[str, Any], field: str) -> Loaded:
     try:
         return model.model_validate(data)
     except pydantic.ValidationError as error:
         raise ScenarioError(f"{path}: {first_problem(error, field)}") from error
 
 
-def to_toml(configuration: pydantic.BaseModel) -> str:
-    """The resolved configuration as text that `load` reads."""
-    return tomli_w.dumps(configuration.model_dump(mode="json", exclude_none=True))
+def _read_table(kind: str, name_or_path: str) -> tuple[Path, dict[str, Any]]:
+    path, text = _read(kind, name_or_path)
+    try:
+        return path, tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{path} is not valid TOML: {error}") from error
 
 
 def _read(kind: str, name_or_path: str) -> tuple[Path, str]:
@@ -63,7 +84,7 @@ def _read(kind: str, name_or_path: str) -> tuple[Path, str]:
         names = shipped_names(kind)
         if name_or_path not in names:
             raise ScenarioError(
-                f"there is no {kind.removesuffix('s')} {name_or_path!r}; choose one of: {', '.join(names)}, "
+                f"there is no {SINGULAR[kind]} {name_or_path!r}; choose one of: {', '.join(names)}, "
                 "or give the path of a .toml file"
             )
         path = DATA / kind / f"{name_or_path}.toml"

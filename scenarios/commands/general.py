@@ -8,7 +8,7 @@ import typer
 
 
 def list_() -> None:
-    """List scenarios, sequences, correctors, depth tiers and renderers."""
+    """List scenarios, sequences, studies, correctors, depth tiers and renderers."""
     from rich.console import Console
     from rich.table import Table
 
@@ -18,6 +18,7 @@ def list_() -> None:
 
     from ..config import load_run, scenario_names
     from ..sequences import load_sequence, sequence_names
+    from ..study.study import study_names
 
     table = Table("scenario", "drones", "what it is")
     for name in scenario_names():
@@ -30,6 +31,7 @@ def list_() -> None:
     console = Console()
     console.print(table)
     console.print(sequences)
+    console.print(f"studies:     {', '.join(study_names())}")
     console.print(f"depth tiers: {', '.join(TIER_NAMES)}")
     console.print(f"correctors:  {', '.join(corrector_names())}")
     console.print(f"renderers:   {', '.join(RENDERER_NAMES)}")

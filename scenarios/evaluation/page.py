@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from .. import html
 from ..bench.machine import Machine
-from ..files import DATA
 from .cell import write
 from .exhibits import exhibit
 from .figures import all_figures
@@ -27,16 +27,8 @@ def write_report(out: Path, done: Done, machine: Machine) -> None:
 
 def rendered(done: Done, machine: Machine) -> str:
     """The text of the report; all that comes from outside is escaped."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(DATA / "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template(TEMPLATE).render(
+    return html.rendered(
+        TEMPLATE,
         facts=list(done.facts.values()),
         machine=machine,
         papers=[in_papers_layout(done, quantity) for quantity in IN_PAPERS_LAYOUT],

@@ -1,0 +1,262 @@
+"""Studies as a user meets them: flown, killed, resumed, looked at."""
+
+import csv
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pyarrow.parquet
+import pytest
+from typer.testing import CliRunner, Result
+
+from scenarios.cli import app
+from scenarios.errors import ScenarioError
+from scenarios.study.cluster import LOCAL, Cluster
+from scenarios.study.conduct import Wishes, fly_study
+from scenarios.study.executor import Executor, Serial
+from scenarios.study.matrix import expand
+from scenarios.study.processes import Processes
+from scenarios.study.record import Done, Failure
+from scenarios.study.store import FILE
+from swarm.types import Outcome
+from tests.integration.test_cli import ENVIRONMENT, voxdepth
+from tests.studies import PIDS, Unseen, arm, fake, killable, noisy, results_of, study
+
+TINY = """
+name = "tiny"
+description = "A study for tests."
+scenarios = ["city"]
+time_limit_s = 60
+seeds = { count = 2 }
+[changes]
+"mission.drones" = 1
+"mission.start_m" = [-8.0, 2.6, 6.0]
+"mission.goal_m" = [12.0, 2.6, 6.0]
+"mission.duration_s" = 12.0
+[declared]
+arm = "truth"
+against = "late"
+[[arms]]
+name = "truth"
+depth = "truth"
+corrector = "raw"
+size = "96x64"
+[[arms]]
+name = "late"
+depth = "truth"
+corrector = "raw"
+size = "96x64"
+changes = { "mission.latency_s" = 5.0 }
+"""
+
+
+@pytest.fixture
+def tiny(tmp_path: Path) -> Path:
+    (tmp_path / "tiny.toml").write_text(TINY)
+    return tmp_path / "tiny.toml"
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # of the libraries below Dask
+def test_all_executors_give_the_same_records_bit_by_bit() -> None:
+    specs = expand(study(arm("truth"), noisy("paper", 0.5, corrector="paper"), arm("stereo", depth="stereo")))
+    executors: list[Executor] = [Serial(), Processes(2, 60.0), Cluster(LOCAL, 1, 60.0)]
+    serial, processes, cluster = ({done.key: done for done in executor.run(specs)} for executor in executors)
+    assert len(serial) == 6
+    assert not any(isinstance(done, Failure) for done in serial.values())
+    assert written(serial) == written(processes) == written(cluster)
+
+
+def written(done: dict[str, Done]) -> list[str]:
+    """Records digit by digit, but for their wall-clock time."""
+    return [repr(replace(done[key], wall_s=0.0)) for key in sorted(done)]
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # of the libraries below Dask
+def test_runs_that_raise_die_or_hang_on_a_cluster_stop_no_other() -> None:
+    specs = expand(study(arm("a"), arm("dies"), arm("raises"), arm("hangs"), seeds=1))
+    done = {one.key: one for one in Cluster(LOCAL, 1, 3.0, fake).run(specs)}
+    kinds = {spec.arm: getattr(done[spec.key], "kind", "record") for spec in specs}
+    assert kinds == {"a": "record", "dies": "died", "raises": "error", "hangs": "died"}
+
+
+@pytest.mark.slow
+def test_a_study_killed_again_and_again_loses_nothing_and_repeats_nothing(tmp_path: Path) -> None:
+    out, pids = tmp_path / "out", tmp_path / "pids"
+    pids.mkdir()
+    command = [sys.executable, "-m", "tests.studies", str(out)]
+    environment = ENVIRONMENT | {PIDS: str(pids)}
+    moments = random.Random(4)
+    for _ in range(4):
+        before = results_so_far(out)
+        child = subprocess.Popen(command, env=environment)
+        wait_until(lambda before=before: results_so_far(out) > before)  # type: ignore[misc]
+        time.sleep(moments.uniform(0, 0.5))
+        child.kill()
+        child.wait()
+        wait_until(lambda: not any(is_running(int(path.name)) for path in pids.iterdir()))
+    killed = results_of(out)
+    assert 4 <= len(killed) < 40, "it was killed in the middle of its work"
+    assert subprocess.run(command, env=environment, check=False, timeout=120).returncode == 0
+    undisturbed = fly_study(killable(), tmp_path / "undisturbed", Serial(fake), Wishes(), Unseen())
+    assert results_of(out) == undisturbed.records
+    assert not undisturbed.failures
+    assert len(undisturbed.records) == 40
+
+
+def results_so_far(out: Path) -> int:
+    """Of a study that may not have begun."""
+    try:
+        return len(results_of(out))
+    except ScenarioError:
+        return 0
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def is_running(pid: int) -> bool:
+    """Whether a process is there and no zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def study_command(*arguments: str | Path) -> Result:
+    """A command in this process, which is quicker."""
+    return CliRunner().invoke(app, ["study", *map(str, arguments)])
+
+
+@pytest.mark.slow
+def test_a_study_from_its_file_to_its_report(tiny: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    flown = voxdepth("study", tiny, "--out", out)
+    assert flown.returncode == 0, flown.stderr
+    assert "4 of 4 runs" in flown.stdout
+    assert "late 2 of 2 collided" in flown.stdout
+    assert "go on with --resume, or use another --out" in str(study_command(tiny, "--out", out).exception)
+    assert study_command("run", tiny, "--out", out, "--resume").exit_code == 0
+    assert "4 of 4 runs" in study_command("status", out).stdout
+    check_tables(out)
+    reported = study_command("report", out, "--record")
+    assert reported.exit_code == 0, reported.output
+    assert "arm late, seed 0: collision: the same as in the study, figure by figure" in reported.stdout
+    page = (out / "report.html").read_text()
+    assert "This study is not complete" not in page
+    assert "/run.rrd</td>" in page
+    assert len(list(out.glob("recordings/*/*/run.rrd"))) == 1
+    study_command("report", out, "--record")
+    assert len(list(out.glob("recordings/*/*/run.rrd"))) == 1, "a recording is made once"
+
+
+@pytest.mark.slow
+def test_runs_that_failed_are_told_and_flown_again_when_asked(tiny: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    tiny.write_text(TINY.replace("time_limit_s = 60", "time_limit_s = 0.05").replace("count = 2", "count = 1"))
+    flown = study_command(tiny, "--out", out, "--workers", "1")
+    assert flown.exit_code == 1
+    assert "0 of 2 runs, 2 errors" in flown.stdout
+    assert "stopped at its time limit of 0.05 s" in flown.stdout
+    assert study_command("report", out).exit_code == 0
+    assert "<td>timeout</td>" in (out / "report.html").read_text()
+    resumed = study_command(tiny, "--out", out, "--resume", "--workers", "0")
+    assert resumed.exit_code == 1, "errors stay until they are asked for"
+    retried = study_command(tiny, "--out", out, "--resume", "--retry-errors", "--workers", "0")
+    assert retried.exit_code == 0, retried.output
+    assert "2 of 2 runs" in retried.stdout
+    alone = study_command(tiny, "--out", out, "--retry-errors")
+    assert "--retry-errors goes with --resume" in str(alone.exception)
+
+
+def check_tables(out: Path) -> None:
+    exported = study_command("export", out)
+    assert exported.exit_code == 0, exported.output
+    with (out / "runs.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    table = pyarrow.parquet.read_table(out / "runs.parquet").to_pylist()
+    assert [row["outcome"] for row in rows] == [row["outcome"] for row in table]
+    records = results_of(out)
+    assert {row["key"]: Outcome(row["outcome"]) for row in rows} == {k: r.outcome for k, r in records.items()}
+    for row in table:
+        assert row["min_clearance_m"] == records[row["key"]].metrics["min_clearance_m"]
+
+
+@pytest.mark.slow
+def test_a_replay_says_whether_it_ended_the_same(tiny: Path, tmp_path: Path) -> None:
+    import sqlite3
+
+    out = tmp_path / "out"
+    assert study_command(tiny, "--out", out, "--workers", "0").exit_code == 0
+    key = next(key for key, record in results_of(out).items() if record.outcome is Outcome.COLLISION)
+    again = study_command("replay", out, key[:10], "--record")
+    assert again.exit_code == 0, again.output
+    assert "collision: the same as in the study, figure by figure" in again.stdout
+    assert len(list(out.glob("replays/*/run.rrd"))) == 1
+    database = sqlite3.connect(out / FILE)
+    with database:
+        changed = "json_set(metrics, '$.min_clearance_m', 7.0)"
+        database.execute(f"UPDATE results SET outcome = 'lost', metrics = {changed} WHERE key = ?", (key,))
+    database.close()
+    other = study_command("replay", out, key)
+    assert other.exit_code == 1
+    assert "collision, in the study lost: NOT the same; other figures: min_clearance_m; other versions: none" in (
+        other.stdout
+    )
+    for prefix, message in (("nothing", "no run's key begins with 'nothing'"), ("", "runs' keys begin with ''")):
+        assert message in str(study_command("replay", out, prefix).exception)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", ["0", "2"])
+def test_ctrl_c_ends_cleanly_and_keeps_what_is_done(tmp_path: Path, workers: str) -> None:
+    (tmp_path / "tiny.toml").write_text(TINY.replace("count = 2", "count = 50"))
+    out = tmp_path / "out"
+    command = [sys.executable, "-c", "from scenarios.cli import main; main()", "study", str(tmp_path / "tiny.toml")]
+    child = subprocess.Popen(
+        [*command, "--out", str(out), "--workers", workers],
+        env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    try:
+        wait_until(lambda: results_so_far(out) > 1)
+        os.killpg(child.pid, signal.SIGINT)  # as a terminal does: to the workers too
+        stdout, stderr = child.communicate(timeout=60)
+    finally:
+        child.kill()
+    assert child.returncode == 130, stderr
+    assert "are safe, go on with --resume" in stdout
+    assert "Traceback" not in stderr
+    kept = results_of(out)
+    assert 1 < len(kept) < 100
+    assert all(record.outcome is not Outcome.INTERRUPTED for record in kept.values())
+
+
+@pytest.mark.slow
+def test_a_second_study_on_the_same_folder_is_refused_and_status_is_not(tmp_path: Path) -> None:
+    (tmp_path / "tiny.toml").write_text(TINY.replace("count = 2", "count = 50"))
+    out = tmp_path / "out"
+    command = [sys.executable, "-c", "from scenarios.cli import main; main()", "study", str(tmp_path / "tiny.toml")]
+    child = subprocess.Popen([*command, "--out", str(out), "--workers", "1"], env=ENVIRONMENT, stdout=subprocess.PIPE)
+    try:
+        wait_until(lambda: results_so_far(out) > 0)
+        second = voxdepth("study", tmp_path / "tiny.toml", "--out", out, "--resume")
+        assert second.returncode == 2
+        assert "another process is flying the study in" in second.stderr
+        assert " of 100 runs" in voxdepth("study", "status", out).stdout
+        partial = voxdepth("study", "report", out)
+        assert partial.returncode == 0, partial.stderr
+        assert "This study is not complete: " in (out / "report.html").read_text()
+    finally:
+        child.kill()
+        child.communicate()

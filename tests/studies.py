@@ -1,0 +1,122 @@
+"""Small studies, and stand-ins for flying whose behaviour follows from the name of the arm."""
+
+import hashlib
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from scenarios.study.conduct import Wishes, fly_study
+from scenarios.study.matrix import RunSpec, expand
+from scenarios.study.processes import Processes
+from scenarios.study.progress import Pace
+from scenarios.study.record import Done, RunRecord
+from scenarios.study.store import Contents, Store
+from scenarios.study.study import Study
+from scenarios.study.tally import Tally
+from sim.types import Contact
+from swarm.types import Outcome
+
+HIT = Contact(time_s=1.5, drone=0, other="tower-0-5", kind="building", speed_m_s=0.1 + 0.2)
+PIDS = "VOXDEPTH_TEST_PIDS"
+"""Names a folder in which workers leave their process ids."""
+ONE_DRONE = {
+    "mission.drones": 1,
+    "mission.start_m": [-8.0, 2.6, 6.0],
+    "mission.goal_m": [12.0, 2.6, 6.0],
+    "mission.duration_s": 1.0,
+    "rig.width_px": 96,
+    "rig.height_px": 64,
+}
+"""Values of the city that make a mission of a fraction of a second."""
+
+
+def arm(name: str, **values: Any) -> dict[str, Any]:
+    return {"name": name, "depth": "truth", "corrector": "raw", **values}
+
+
+def noisy(name: str, *thetas: float, **values: Any) -> dict[str, Any]:
+    return {"name": name, "depth": "noisy", "corrector": "raw", "theta": thetas, **values}
+
+
+def study(*arms: dict[str, Any], seeds: int = 2, first: int = 0, **values: Any) -> Study:
+    """A study of the city with one drone; each arm has an own latency, so that no two share their runs."""
+    own = [{"changes": {"mission.latency_s": 0.03 + k / 1000}} | values for k, values in enumerate(arms)]
+    file = {
+        "name": "tiny", "description": "A study for tests.", "scenarios": ["city"], "time_limit_s": 60.0,
+        "seeds": {"count": seeds, "first": first}, "changes": ONE_DRONE, "arms": own,
+    }  # fmt: skip
+    return Study.model_validate(file | values)
+
+
+def fake(spec: RunSpec) -> RunRecord:
+    """A record that follows from the key alone; with `raises`, `dies` or `hangs` in the arm's name, what that says."""
+    if PIDS in os.environ:
+        (Path(os.environ[PIDS]) / str(os.getpid())).touch()
+    if "raises" in spec.arm:
+        raise ZeroDivisionError(f"seed {spec.seed}")
+    if "dies" in spec.arm:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if "hangs" in spec.arm:
+        time.sleep(600)
+    return record(spec)
+
+
+def record(spec: RunSpec, outcome: Outcome | None = None, **metrics: float | int | None) -> RunRecord:
+    digit = hashlib.sha256(spec.key.encode()).digest()[0]
+    if outcome is None:
+        outcome = Outcome.COLLISION if digit < 100 else Outcome.SUCCESS
+    contacts = (HIT,) if outcome is Outcome.COLLISION else ()
+    figures = {"sim_time_s": digit / 3, "first_contact_s": None, "collisions_drone": 0} | metrics
+    return RunRecord(key=spec.key, outcome=outcome, metrics=figures, contacts=contacts, wall_s=1.0)
+
+
+def slow_fake(spec: RunSpec) -> RunRecord:
+    time.sleep(0.1)
+    return fake(spec)
+
+
+class Unseen:
+    """Shows nothing."""
+
+    def update(self, tally: Tally, pace: Pace) -> None:
+        pass
+
+
+class Scripted:
+    """An executor that gives what it was told to."""
+
+    def __init__(self, done: Sequence[Done | BaseException]) -> None:
+        self._done = done
+
+    def run(self, specs: Any) -> Iterator[Done]:
+        for done in self._done:
+            if isinstance(done, BaseException):
+                raise done
+            yield done
+
+
+def contents_of(study: Study, outcomes: dict[tuple[str, float | None, int], Outcome]) -> Contents:
+    """A study with the results of some cells, by arm, theta and seed."""
+    specs = expand(study)
+    found = {(s.arm, s.theta, s.seed): s for s in specs}
+    records = {found[cell].key: record(found[cell], outcome) for cell, outcome in outcomes.items()}
+    return Contents(
+        study=study, cells=specs, records=records, failures={}, versions={"numpy": "2"}, machine="a machine"
+    )
+
+
+def results_of(out: Path) -> dict[str, RunRecord]:
+    with Store.existing(out) as store:
+        return dict(store.read().records)
+
+
+def killable() -> Study:
+    return study(arm("a"), arm("b"), seeds=20)
+
+
+if __name__ == "__main__":
+    fly_study(killable(), Path(sys.argv[1]), Processes(2, 60.0, slow_fake), Wishes(resume=True), Unseen())

@@ -1,0 +1,118 @@
+"""Runs that raise, die or hang, in worker processes."""
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from scenarios.errors import ScenarioError
+from scenarios.study import processes
+from scenarios.study.executor import Serial
+from scenarios.study.matrix import RunSpec, expand
+from scenarios.study.processes import Processes
+from scenarios.study.record import Failure, RunRecord
+from tests.studies import PIDS, arm, fake, slow_fake, study
+
+
+def flown(executor: Processes | Serial, specs: list[RunSpec]) -> dict[str, RunRecord | Failure]:
+    done = list(executor.run(specs))
+    assert sorted(one.key for one in done) == sorted(spec.key for spec in specs), "each once"
+    return {one.key: one for one in done}
+
+
+def test_what_raises_is_a_failure_and_stops_no_other() -> None:
+    specs = expand(study(arm("a"), arm("raises")))
+    done = flown(Serial(fake), specs)
+    for spec in specs:
+        if spec.arm == "a":
+            assert done[spec.key] == fake(spec)
+        else:
+            failure = done[spec.key]
+            assert isinstance(failure, Failure)
+            assert failure.kind == "error"
+            assert failure.text.startswith("Traceback")
+            assert failure.text.endswith(f"ZeroDivisionError: seed {spec.seed}\n")
+
+
+@pytest.mark.slow
+def test_workers_that_raise_die_or_hang_take_nothing_but_their_run_with_them() -> None:
+    specs = expand(study(arm("a"), arm("dies"), arm("raises"), arm("hangs")))
+    start = time.monotonic()
+    done = flown(Processes(2, 2.0, fake), specs)
+    assert time.monotonic() - start < 60
+    for spec in specs:
+        one = done[spec.key]
+        if spec.arm == "a":
+            assert one == fake(spec)
+            continue
+        assert isinstance(one, Failure)
+        kind, text = {
+            "dies": ("died", "its process ended without a word, with exit code -9"),
+            "raises": ("error", "ZeroDivisionError"),
+            "hangs": ("timeout", "stopped at its time limit of 2 s"),
+        }[spec.arm]
+        assert one.kind == kind
+        assert text in one.text
+    assert not multiprocessing.active_children()
+
+
+def kill_when(condition: Callable[[], list[int]]) -> threading.Thread:
+    def wait_and_kill() -> None:
+        end = time.monotonic() + 60
+        while not (pids := condition()) and time.monotonic() < end:
+            time.sleep(0.01)
+        for pid in pids:
+            os.kill(pid, signal.SIGKILL)
+
+    thread = threading.Thread(target=wait_and_kill)
+    thread.start()
+    return thread
+
+
+@pytest.mark.slow
+def test_a_worker_killed_from_outside_while_it_starts_costs_no_run() -> None:
+    specs = expand(study(arm("a")))
+    killer = kill_when(lambda: [child.pid for child in multiprocessing.active_children() if child.pid])
+    assert flown(Processes(1, 60.0, fake), specs) == {spec.key: fake(spec) for spec in specs}
+    killer.join()
+
+
+@pytest.mark.slow
+def test_a_worker_killed_from_outside_while_it_flies_costs_one_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(PIDS, str(tmp_path))
+    specs = expand(study(arm("a"), seeds=6))
+    killer = kill_when(lambda: [int(path.name) for path in tmp_path.iterdir()])
+    done = flown(Processes(1, 60.0, slow_fake), specs)
+    killer.join()
+    assert sum(isinstance(one, Failure) and one.kind == "died" for one in done.values()) == 1
+
+
+@pytest.mark.slow
+def test_workers_are_replaced_after_some_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(PIDS, str(tmp_path))
+    monkeypatch.setattr(processes, "RUNS_PER_WORKER", 2)
+    flown(Processes(1, 60.0, fake), expand(study(arm("a"), seeds=5)))
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+@pytest.mark.slow
+def test_closing_stops_what_is_in_the_air() -> None:
+    specs = expand(study(arm("a"), arm("hangs"), seeds=1))
+    with closing(Processes(2, 600.0, fake).run(specs)) as runs:
+        assert next(runs) == fake(specs[0])
+        assert multiprocessing.active_children()
+    assert not multiprocessing.active_children()
+
+
+def test_workers_that_never_get_ready_are_not_started_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "serve", os._exit)
+    with pytest.raises(ScenarioError, match="3 workers in a row ended before they were ready"):
+        list(Processes(1, 60.0, fake).run(expand(study(arm("a")))))

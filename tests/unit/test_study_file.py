@@ -1,0 +1,147 @@
+"""What a study's file says, and the matrix that it makes."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from scenarios.config import load_run
+from scenarios.errors import ScenarioError
+from scenarios.study.matrix import digest, expand, key_of
+from scenarios.study.study import load_study, study_names
+from tests.studies import arm, noisy, study
+
+TEXT = """
+name = "mine"
+description = "A study."
+scenarios = ["city"]
+time_limit_s = 60
+seeds = { count = 3 }
+[[arms]]
+name = "a"
+depth = "truth"
+corrector = "raw"
+size = "96x64"
+seeds = 2
+changes = { "mission.pilot.avoidance.min_confidence" = 0 }
+[[arms]]
+name = "b"
+depth = "noisy"
+corrector = "raw"
+theta = [0.5, 1.0]
+"""
+
+
+def saved(tmp_path: Path, text: str = TEXT) -> str:
+    (tmp_path / "mine.toml").write_text(text)
+    return str(tmp_path / "mine.toml")
+
+
+def test_the_matrix_has_every_cell_once_and_whole_pairs_first(tmp_path: Path) -> None:
+    specs = expand(load_study(saved(tmp_path)))
+    cells = [(spec.seed, spec.arm, spec.theta) for spec in specs]
+    assert cells == [
+        (0, "a", None), (0, "b", 0.5), (0, "b", 1.0),
+        (1, "a", None), (1, "b", 0.5), (1, "b", 1.0),
+        (2, "b", 0.5), (2, "b", 1.0),
+    ]  # fmt: skip
+    first, second = specs[0].run.scenario, specs[1].run.scenario
+    assert (first.rig.width_px, first.rig.height_px, first.mission.pilot.avoidance.min_confidence) == (96, 64, 0)
+    assert (second.rig.depth, second.rig.noise.scale.theta) == ("noisy", 0.5)
+
+
+def test_equal_runs_have_equal_keys_whatever_their_arms_are_called() -> None:
+    same = {"changes": {"mission.latency_s": 0.0}}
+    a, b, c = expand(study(arm("a", **same), arm("b", changes={"mission.latency_s": 0}), arm("c"), seeds=1))
+    assert a.key == b.key
+    assert a.key != c.key
+    assert len(a.key) == 64
+    assert a.key != key_of(a.run.model_copy(update={"seed": 1}))
+
+
+def test_a_key_is_the_same_tomorrow() -> None:
+    """The canonical text of a run, hashed by hand."""
+    import hashlib
+    import json
+
+    run = load_run("city", 7, {})
+    text = json.dumps({"run": json.loads(run.model_dump_json()), "format": 1}, sort_keys=True, separators=(",", ":"))
+    assert key_of(run) == hashlib.sha256(text.encode()).hexdigest()
+
+
+def test_a_study_is_the_same_wherever_its_scenarios_lie(tmp_path: Path) -> None:
+    digests = []
+    for name in ("here", "there"):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "own.toml").write_text('name = "own"\ndescription = "Mine."\n[mission]\ndrones = 2\n')
+        found = load_study(saved(folder, TEXT.replace('["city"]', '["own.toml"]')))
+        specs = expand(found)
+        assert specs[0].scenario == "own"
+        assert specs[0].run.scenario.mission.drones == 2
+        digests.append(digest(found, specs))
+    assert digests[0] == digests[1]
+    assert digests[0] != digest(load_study(saved(tmp_path)), expand(load_study(saved(tmp_path))))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("count = 3", "count = 3, first = 998", "reach into those of pilots, which are 1000 and up"),
+        ("time_limit_s", "pilot = true\ntime_limit_s", "a pilot's seeds are 1000 and up, got 0"),
+        ("seeds = 2", "seeds = 4", "arm 'a' has 4 seeds, the study only 3"),
+        ('name = "b"', 'name = "a"', "every arm may be named once, got 'a' more than once"),
+        ('"city"', '"city", "city"', "every scenario may be named once, got 'city'"),
+        ("theta = [0.5, 1.0]", "", "the depth tier 'noisy' needs theta, and no other has one"),
+        ('depth = "truth"', 'depth = "truth"\ntheta = 0.5', "the depth tier 'noisy' needs theta, and no other has one"),
+        ("[0.5, 1.0]", "[0.5, 0.5]", "every theta may be named once"),
+        ('"mission.pilot.avoidance.min_confidence"', '"rig.depth"', "changes must not set rig.depth"),
+        ('"96x64"', '"big"', "arms.0.size"),
+        ('name = "mine"', 'name = "../mine"', "name: String should match pattern"),
+        ("[[arms]]", '[declared]\narm = "a"\nagainst = "c"\n[[arms]]', "names no arm of the study: 'c'"),
+        ("[[arms]]", '[declared]\narm = "a"\nagainst = "b"\n[[arms]]', "needs arms of one theta, 'b' has 2"),
+        ("[[arms]]", '[declared]\narm = "a"\nagainst = "a"\n[[arms]]', "must name two arms, got 'a' twice"),
+        ("time_limit_s = 60", "time_limit_s = 60\nspeed = 1", "unknown key 'speed'"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_said(tmp_path: Path, old: str, new: str, message: str) -> None:
+    with pytest.raises(ScenarioError, match=r"mine\.toml") as caught:
+        load_study(saved(tmp_path, TEXT.replace(old, new, 1)))
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"scenarios": ["nowhere"]}, "there is no scenario 'nowhere'"),
+        ({"changes": {"mission.drones": 0}}, "mission.drones"),
+        ({"changes": {"mission.wings": 2}}, "unknown key 'mission.wings'"),
+    ],
+)
+def test_what_is_wrong_with_a_cell_is_said_before_anything_flies(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
+        expand(study(arm("a"), **changes))
+
+
+def test_a_pilot_flies_pilot_seeds() -> None:
+    (spec,) = expand(study(noisy("a", 0.5), pilot=True, seeds=1, first=1000))
+    assert spec.seed == 1000
+
+
+def test_there_is_no_such_study() -> None:
+    with pytest.raises(ScenarioError, match="there is no study 'big'; choose one of: "):
+        load_study("big")
+
+
+@pytest.mark.parametrize("name", study_names())
+def test_shipped_studies_resolve(name: str) -> None:
+    found = load_study(name)
+    assert found.name == name
+    specs = expand(found)
+    assert len({spec.key for spec in specs}) == len(specs)
+
+
+def test_the_example_in_the_documents_resolves(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "study.md").read_text()
+    found = load_study(saved(tmp_path, text.split("```toml\n")[1].split("```")[0]))
+    assert len(expand(found)) == 100 + 100 + 3 * 50

@@ -1,0 +1,229 @@
+"""From outcomes to points, comparisons and a page."""
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from scenarios.errors import ScenarioError
+from scenarios.study.analysis import comparisons, first_collisions, grown, points
+from scenarios.study.export import export, rows
+from scenarios.study.growth import Growth
+from scenarios.study.matrix import expand
+from scenarios.study.page import rendered
+from scenarios.study.progress import Pace, as_line, as_table, duration, shown
+from scenarios.study.record import Failure
+from scenarios.study.statistics import mcnemar
+from scenarios.study.store import Contents
+from scenarios.study.tally import Tally
+from swarm.types import Outcome
+from tests.studies import arm, contents_of, noisy, record, study
+
+HIT, MISS, LOST = Outcome.COLLISION, Outcome.SUCCESS, Outcome.LOST
+DECLARED = {"declared": {"arm": "b", "against": "a"}}
+
+
+def two_arms(a: str, b: str, **values: object) -> Contents:
+    """Outcomes of two arms and one more by seed: `x` is a collision, `o` none, a blank a run that is missing."""
+    letters = {"x": HIT, "o": MISS, "l": LOST}
+    outcomes = {("a", None, seed): letters[letter] for seed, letter in enumerate(a) if letter != " "}
+    outcomes |= {("b", None, seed): letters[letter] for seed, letter in enumerate(b) if letter != " "}
+    outcomes |= {("c", None, seed): MISS for seed in range(len(a))}
+    return contents_of(study(arm("a"), arm("b"), arm("c"), seeds=len(a), **values), outcomes)
+
+
+def test_points_count_every_run_once() -> None:
+    a, b, _ = points(two_arms("xxol ", "ooooo"))
+    assert (a.n, a.planned, a.collisions, a.ratio) == (4, 5, 2, 0.5)
+    assert [a.count(outcome) for outcome in Outcome] == [1, 2, 0, 1, 0, 0]
+    assert (a.contacts("building"), a.contacts("drone")) == (2, 0)
+    assert (b.collisions, b.ratio) == (0, 0.0)
+    succeeded = [r.metrics["sim_time_s"] for r in b.records]
+    mean_s, n = b.mean("sim_time_s", MISS)
+    assert (mean_s, n) == (pytest.approx(sum(float(value or 0) for value in succeeded) / 5), 5)
+    assert b.mean("first_contact_s") == (None, 0)
+
+
+def test_a_point_without_runs_claims_nothing() -> None:
+    a, *_ = points(two_arms("   ", "ooo"))
+    assert (a.n, a.ratio, a.wilson, a.clopper_pearson) == (0, None, None, None)
+
+
+def test_the_declared_comparison_stands_first_and_alone() -> None:
+    declared, *others = comparisons(two_arms("xxxxxxo x", "ooooooxx ", **DECLARED))
+    assert (declared.first, declared.second, declared.declared) == ("b", "a", True)
+    assert (declared.pairs.n, declared.pairs.first_only, declared.pairs.second_only) == (7, 1, 6)
+    assert declared.pairs.difference == pytest.approx(-5 / 7)
+    assert declared.p == pytest.approx(2 * (1 + 7) / 2**7)
+    assert [(other.first, other.second) for other in others] == [("a", "c"), ("b", "c")]
+    assert [other.p_holm for other in others] == pytest.approx([min(1, 2 * mcnemar(7, 0)), mcnemar(2, 0)])
+    assert declared.p_holm is None
+
+
+def test_without_a_declared_comparison_all_are_adjusted() -> None:
+    found = comparisons(two_arms("xxo", "oox"))
+    assert len(found) == 3
+    assert not any(comparison.declared for comparison in found)
+
+
+def test_pairs_keep_scenario_and_seed(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text('name = "own"\ndescription = "Mine."\n')
+    both = study(arm("a"), arm("b"), seeds=1, scenarios=["city", str(tmp_path / "own.toml")])
+    specs = expand(both)
+    outcome = {("city", "a"): HIT, ("city", "b"): MISS, ("own", "a"): MISS, ("own", "b"): HIT}
+    records = {s.key: record(s, outcome[s.scenario, s.arm]) for s in specs}
+    contents = Contents(study=both, cells=specs, records=records, failures={}, versions={}, machine="")
+    (comparison,) = comparisons(contents)
+    assert (comparison.pairs.first_only, comparison.pairs.second_only) == (1, 1)
+    assert [(p.scenario, p.collisions) for p in points(contents) if p.arm == "a"] == [("city", 1), ("own", 0)]
+
+
+def test_noise_ratios_are_compared_with_their_like_alone() -> None:
+    mixed = study(arm("t"), noisy("a", 0.5, 1.0), noisy("b", 0.5, 1.0), seeds=1)
+    found = comparisons(contents_of(mixed, {(s.arm, s.theta, 0): MISS for s in expand(mixed)}))
+    assert [(c.first, c.second) for c in found] == [
+        ("t", "a, theta 0.5"), ("t", "a, theta 1"), ("t", "b, theta 0.5"), ("t", "b, theta 1"),
+        ("a, theta 0.5", "b, theta 0.5"), ("a, theta 1", "b, theta 1"),
+    ]  # fmt: skip
+
+
+def noise_study(seeds: int = 6) -> Contents:
+    """Seed k collides from a noise ratio on that grows with k; one run is missing."""
+    thetas = (0.0, 0.4, 0.7, 1.0)
+    outcomes = {
+        ("raw", theta, seed): HIT if theta > 0.3 + 0.15 * seed else MISS for theta in thetas for seed in range(seeds)
+    }
+    outcomes.pop(("raw", 0.4, 5))
+    return contents_of(study(noisy("raw", *thetas), seeds=seeds), outcomes)
+
+
+def test_growth_is_fitted_to_the_seeds_that_are_complete() -> None:
+    ((scenario, name, growth),) = grown(noise_study())
+    assert (scenario, name) == ("city", "raw")
+    assert isinstance(growth, Growth)
+    assert growth.seeds == 5
+    assert growth.thetas == (0.4, 0.7, 1.0)
+    assert growth.curve.b > 1
+
+
+def test_growth_that_cannot_be_fitted_says_why() -> None:
+    quiet = study(noisy("raw", 0.4, 0.7, 1.0), seeds=2)
+    (_, _, growth), *_ = grown(contents_of(quiet, {(s.arm, s.theta, s.seed): MISS for s in expand(quiet)}))
+    assert "needs runs at two noise ratios above 0" in str(growth)
+
+
+def test_the_first_collision_of_each_arm_is_that_of_the_lowest_seed() -> None:
+    assert [(spec.arm, spec.seed) for spec in first_collisions(two_arms("oxx", "oox"))] == [("a", 1), ("b", 2)]
+
+
+class Page(HTMLParser):
+    """Collects what a browser would fetch, and checks that tags are closed in order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.fetched: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in ("meta", "link", "img"):
+            self.open.append(tag)
+        self.fetched += [value or "" for name, value in attrs if name in ("src", "href", "srcset", "data")]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_the_page_loads_nothing_and_says_what_there_is() -> None:
+    text = rendered(two_arms("xxo ", "oooo", **DECLARED), Path("out"))
+    page = Page(text)
+    assert not page.open
+    assert page.fetched
+    assert all(address.startswith("data:") for address in page.fetched)
+    assert "<script" not in text
+    assert "11 of 12 runs have a result. Seeds 0 to 3" in text
+    assert "This study is not complete: 1 of 12 runs are missing." in text
+    assert "Declared here: b against a." in text
+    assert "<tr><td>b - a</td><td>declared</td><td>3</td><td>0</td><td>2</td><td>-0.667</td>" in text
+    key = first_collisions(two_arms("xxo ", "oooo"))[0].key[:12]
+    assert f"voxdepth study replay out {key} --record" in text
+    assert text.count("<figure>") == 2, "nothing is drawn against noise if there is none"
+    assert "Growth with noise" not in text
+
+
+def test_the_page_of_a_noise_study_has_the_papers_figure_and_the_fit() -> None:
+    text = rendered(noise_study(), Path("out"))
+    assert text.count("<figure>") == 3
+    assert "city: collisions against noise" in text
+    assert re.search(r"<td>5</td><td>\d\.\d{3} \[", text), "the seeds that are complete, and a with its interval"
+    assert re.search(r"<td>\d+ resamples, seed 20240601", text)
+
+
+def test_the_page_of_a_study_that_has_just_begun_has_no_figures() -> None:
+    contents = replace(two_arms("x", "x"), records={})
+    text = rendered(contents, Path("out"))
+    assert "0 of 3 runs have a result" in text
+    assert "There is nothing to compare yet." in text
+    assert "<figure>" not in text
+
+
+def test_what_comes_from_outside_is_escaped_and_failures_are_told() -> None:
+    contents = two_arms("x", "o", description="<script>alert(1)</script>")
+    key = contents.cells[0].key
+    failures = {key: Failure(key=key, kind="error", text="Traceback\nValueError: <b>bad</b>")}
+    text = rendered(replace(contents, records={}, failures=failures), Path("out"))
+    assert "<script>" not in text
+    assert f"<tr><td>error</td><td>{key[:12]}</td><td>ValueError: &lt;b&gt;bad&lt;/b&gt;</td></tr>" in text
+
+
+def test_tables_have_a_row_for_each_cell_with_a_result(tmp_path: Path) -> None:
+    contents = two_arms("xo ", "oox")
+    listed = rows(contents)
+    assert [(row["arm"], row["seed"]) for row in listed][:3] == [("a", 0), ("b", 0), ("c", 0)]
+    assert len(listed) == 8
+    export(contents, tmp_path)
+    before = (tmp_path / "runs.csv").read_bytes(), (tmp_path / "runs.parquet").read_bytes()
+    export(contents, tmp_path)
+    assert before == ((tmp_path / "runs.csv").read_bytes(), (tmp_path / "runs.parquet").read_bytes())
+    with pytest.raises(ScenarioError, match="has no result yet: fly it first"):
+        export(replace(contents, records={}), tmp_path)
+
+
+def test_a_tally_counts_what_was_there_and_what_comes() -> None:
+    contents = two_arms("xo ", "o  ")
+    tally = Tally(contents)
+    assert (tally.done, tally.total) == (6, 9)
+    missing = contents.missing(retry_errors=False)
+    assert tally.time_left_s(missing, 10.0) is None, "nothing was flown in this call"
+    tally.add(replace(record(missing[0], HIT), wall_s=4.0))
+    tally.add(Failure(key=missing[1].key, kind="died", text="gone"))
+    assert (tally.done, tally.flown, len(tally.failed)) == (7, 2, 1)
+    assert tally.arms["b"].collisions + tally.arms["a"].collisions == 2
+    # Two runs at a time: 4 s of flying in 2 s. The one that waits takes as long as its arm does on average.
+    mean_s = tally.arms[missing[2].arm].mean_wall_s
+    assert mean_s is not None
+    assert tally.time_left_s(missing[2:], 2.0) == pytest.approx(mean_s / 2)
+    line = as_line(tally, Pace(elapsed_s=3600.0, left_s=5400.0))
+    assert "7 of 9 runs, 2 runs per hour, 1 h 30 min left, 1 errors; " in line
+    assert duration(125) == "2 min"
+
+
+def test_progress_is_lines_now_and_then_where_there_is_no_terminal() -> None:
+    tally = Tally(two_arms("xo ", "o  "))
+    console = Console(record=True, force_terminal=False, width=200)
+    with shown(console) as show:
+        for elapsed_s in (0.0, 10.0, 20.0, 31.0, 40.0):
+            show.update(tally, Pace(elapsed_s=elapsed_s, left_s=None))
+    assert console.export_text().count("6 of 9 runs") == 2
+
+
+def test_progress_is_a_table_on_a_terminal() -> None:
+    tally = Tally(two_arms("xo ", "o  "))
+    console = Console(record=True, force_terminal=True, width=120)
+    with shown(console) as show:
+        show.update(tally, Pace(elapsed_s=1.0, left_s=None))
+    assert "collision ratio" in console.export_text()
+    assert as_table(tally).row_count == 3

@@ -1,0 +1,135 @@
+"""Intervals, pairs and growth against numbers that were worked out by hand or are printed in the sources."""
+
+import math
+
+import numpy as np
+import pytest
+
+from scenarios.errors import ScenarioError
+from scenarios.study.growth import Curve, fit, growth
+from scenarios.study.statistics import (
+    Interval,
+    Pairs,
+    clopper_pearson,
+    holm,
+    mcnemar,
+    newcombe,
+    pairs_of,
+    percentiles,
+    wilson,
+)
+
+THETAS = [0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]
+
+
+def close(interval: Interval, low: float, high: float, within: float = 5e-5) -> bool:
+    return abs(interval.low - low) <= within and abs(interval.high - high) <= within
+
+
+def test_wilson_by_its_formula() -> None:
+    z = 1.959964
+    assert close(wilson(0, 100), 0, z**2 / (100 + z**2))
+    middle, half = (
+        (0.3 + z**2 / 200) / (1 + z**2 / 100),
+        z * math.sqrt(0.3 * 0.7 / 100 + z**2 / 40000) / (1 + z**2 / 100),
+    )
+    assert close(wilson(30, 100), middle - half, middle + half, 1e-6)
+    assert close(wilson(30, 100), 0.219, 0.396, 5e-4)
+
+
+def test_clopper_pearson_of_none_is_a_power() -> None:
+    assert close(clopper_pearson(0, 100), 0, 1 - 0.025 ** (1 / 100), 1e-9)
+    assert close(clopper_pearson(100, 100), 0.025 ** (1 / 100), 1, 1e-9)
+    assert close(clopper_pearson(30, 100), 0.212, 0.400, 5e-4)
+
+
+def test_mcnemar_is_a_sum_of_binomials() -> None:
+    tail = sum(math.comb(12, k) for k in range(3)) / 2**12
+    assert mcnemar(2, 10) == pytest.approx(2 * tail)
+    assert mcnemar(10, 2) == pytest.approx(2 * tail)
+    assert mcnemar(0, 0) == 1
+    assert mcnemar(5, 5) == pytest.approx(1)
+
+
+def test_holm_multiplies_by_what_is_left_and_never_falls() -> None:
+    assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
+    assert holm([0.04, 0.01, 0.03, 0.5]) == pytest.approx([0.09, 0.04, 0.09, 0.5])
+    assert holm([0.9, 0.8]) == [1.0, 1.0]
+    assert holm([]) == []
+
+
+def test_newcombe_as_printed_in_his_paper() -> None:
+    """Table of the methods compared, method 10, for 20, 12, 2 and 16 pairs."""
+    assert close(newcombe(Pairs(both=20, first_only=12, second_only=2, neither=16)), 0.0562, 0.3292)
+
+
+def test_newcombe_changes_sign_with_the_order_and_holds_without_variation() -> None:
+    there = newcombe(Pairs(both=5, first_only=7, second_only=1, neither=9))
+    back = newcombe(Pairs(both=5, first_only=1, second_only=7, neither=9))
+    assert close(back, -there.high, -there.low, 1e-12)
+    nothing = newcombe(Pairs(both=0, first_only=0, second_only=0, neither=16))
+    assert nothing.low == pytest.approx(-wilson(0, 16).high)
+    assert nothing.high == pytest.approx(wilson(0, 16).high)
+
+
+def test_pairs_are_counted_once_each() -> None:
+    pairs = pairs_of([(True, True), (True, False), (True, False), (False, True), (False, False)])
+    assert (pairs.both, pairs.first_only, pairs.second_only, pairs.neither, pairs.n) == (1, 2, 1, 1, 5)
+    assert pairs.difference == pytest.approx(0.2)
+
+
+def test_percentiles_leave_out_a_fortieth_at_each_end() -> None:
+    assert close(percentiles([float(k) for k in range(41)]), 1.0, 39.0, 1e-9)
+
+
+def test_two_noise_ratios_are_fitted_exactly() -> None:
+    """Two unknowns and two shares: 1 - exp(-a) = 0.5 and 1 - exp(-a / 2^b) = 0.1."""
+    curve = fit([0.5, 1.0], [10, 50], [100, 100])
+    assert curve.a == pytest.approx(math.log(2), rel=1e-4)
+    assert curve.b == pytest.approx(math.log2(math.log(2) / -math.log(0.9)), rel=1e-4)
+    assert curve.ratio == pytest.approx(5, rel=1e-4)
+
+
+def test_the_fit_is_the_most_likely_of_a_fine_grid() -> None:
+    k, n = np.array([0, 1, 1, 4, 3, 9, 14, 15]), 30
+    theta = np.array(THETAS)
+
+    def likelihood(a: float, b: float) -> float:
+        p = 1 - np.exp(-a * theta**b)
+        return float((k * np.log(p) + (n - k) * np.log(1 - p)).sum())
+
+    curve = fit(THETAS, k.tolist(), [n] * 8)
+    around = [(curve.a * f, curve.b + d) for f in (0.98, 1.0, 1.02) for d in (-0.05, 0.0, 0.05)]
+    assert max(around, key=lambda ab: likelihood(*ab)) == (curve.a, curve.b)
+
+
+def test_growth_finds_the_curve_that_made_the_runs_and_repeats_itself() -> None:
+    truth = Curve(a=0.8, b=3.0)
+    rng = np.random.default_rng(1)
+    rows = rng.random((200, 9)) < [truth.at(theta) for theta in [0.0, *THETAS]]
+    found = growth([0.0, *THETAS], rows, resamples=60)
+    assert found.a.low < 0.8 < found.a.high
+    assert found.b.low < 3.0 < found.b.high
+    assert found.ratio.low < truth.ratio < found.ratio.high
+    assert found.thetas == tuple(THETAS)
+    assert found.seeds == 200
+    assert found == growth([0.0, *THETAS], rows, resamples=60)
+    assert found != growth([0.0, *THETAS], rows, resamples=60, seed=2)
+
+
+def test_the_bootstrap_draws_rows_not_cells() -> None:
+    """Seeds that collide everywhere or nowhere: the shares of all thetas rise and fall together."""
+    rows = np.repeat(np.arange(20) < 10, 2).reshape(20, 2)
+    found = growth([0.5, 1.0], rows, resamples=60)
+    assert found.b.low == pytest.approx(0, abs=1e-3)
+    assert found.b.high == pytest.approx(0, abs=1e-3)
+    assert found.a.high > 1.5 * found.a.low
+
+
+def test_what_cannot_be_told_is_said() -> None:
+    steep = growth([0.5, 1.0], np.array([[False, True], [False, False]]), resamples=20)
+    assert steep.curve.at_bound
+    assert steep.resamples < 20, "draws of the second row alone have nothing to fit"
+    for collisions in ([0, 0], [4, 4]):
+        with pytest.raises(ScenarioError, match="needs runs at two noise ratios above 0"):
+            fit([0.5, 1.0], collisions, [4, 4])

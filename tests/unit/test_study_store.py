@@ -1,0 +1,153 @@
+"""The store of a study: nothing lost, nothing twice, and nothing mixed."""
+
+import shutil
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from scenarios.errors import ScenarioError
+from scenarios.study.conduct import Wishes, fly_study
+from scenarios.study.executor import Serial
+from scenarios.study.matrix import expand
+from scenarios.study.record import Failure
+from scenarios.study.store import FILE, Store, lock
+from swarm.types import Outcome
+from tests.studies import HIT, Scripted, Unseen, arm, fake, noisy, record, results_of, study
+
+AGAIN, RETRY = Wishes(resume=True), Wishes(resume=True, retry_errors=True)
+
+
+def test_what_is_stored_comes_back_to_the_last_bit(tmp_path: Path) -> None:
+    tiny = study(arm("a"), noisy("b", 0.5, 1.0))
+    specs = expand(tiny)
+    odd = record(specs[0], Outcome.COLLISION, min_clearance_m=0.1 + 0.2, dropped_frames=3, depth_mae_m=None)
+    failure = Failure(key=specs[1].key, kind="error", text="Traceback\nZeroDivisionError: a % ' \" one")
+    with Store.begin(tmp_path, tiny, specs, resume=False) as store:
+        store.add(odd)
+        store.add(failure)
+    with Store.existing(tmp_path) as store:
+        contents = store.read()
+    assert contents.study == tiny
+    assert list(contents.cells) == specs
+    assert contents.records == {odd.key: odd}
+    assert contents.records[odd.key].contacts == (HIT,)
+    assert contents.failures == {failure.key: failure}
+    assert [type(value) for value in contents.records[odd.key].metrics.values()] == [
+        type(value) for value in odd.metrics.values()
+    ]
+
+
+def test_a_result_cannot_be_there_twice(tmp_path: Path) -> None:
+    tiny = study(arm("a"))
+    specs = expand(tiny)
+    with Store.begin(tmp_path, tiny, specs, resume=False) as store:
+        store.add(record(specs[0]))
+        with pytest.raises(sqlite3.IntegrityError):
+            store.add(record(specs[0]))
+        store.add(record(specs[1]))
+    assert len(results_of(tmp_path)) == 2
+
+
+def test_arms_that_set_the_same_share_their_runs(tmp_path: Path) -> None:
+    same = {"changes": {"mission.latency_s": 0.01}}
+    twins = study(arm("a", **same), arm("b", **same))
+    contents = fly_study(twins, tmp_path, Serial(fake), Wishes(), Unseen())
+    assert (len(contents.cells), len(contents.records)) == (4, 2)
+
+
+def test_only_what_is_missing_is_flown_again(tmp_path: Path) -> None:
+    tiny = study(arm("a"), arm("raises"))
+    flown = []
+
+    def counted(spec):  # type: ignore[no-untyped-def]
+        flown.append(spec.key)
+        return fake(spec)
+
+    first = fly_study(tiny, tmp_path, Serial(counted), Wishes(), Unseen())
+    assert [failure.kind for failure in first.failures.values()] == ["error", "error"]
+    assert "ZeroDivisionError: seed 0" in next(iter(first.failures.values())).text
+    assert len(first.records) == 2, "a failure is no outcome"
+    with pytest.raises(ScenarioError, match="go on with --resume, or use another --out"):
+        fly_study(tiny, tmp_path, Serial(counted), Wishes(), Unseen())
+    assert len(flown) == 4
+    assert fly_study(tiny, tmp_path, Serial(counted), AGAIN, Unseen()) == first
+    assert len(flown) == 4
+    mended = fly_study(tiny, tmp_path, Serial(record), RETRY, Unseen())
+    assert not mended.failures
+    assert len(mended.records) == 4
+    with closing(sqlite3.connect(tmp_path / FILE)) as database:
+        assert database.execute("SELECT count(*) FROM failures").fetchone() == (2,), "what went wrong stays on record"
+
+
+def test_ctrl_c_keeps_what_is_done(tmp_path: Path) -> None:
+    tiny = study(arm("a"), arm("b"))
+    specs = expand(tiny)
+    with pytest.raises(KeyboardInterrupt):
+        fly_study(tiny, tmp_path, Scripted([fake(specs[2]), KeyboardInterrupt()]), Wishes(), Unseen())
+    assert results_of(tmp_path) == {specs[2].key: fake(specs[2])}
+    assert fly_study(tiny, tmp_path, Serial(fake), AGAIN, Unseen()).records == {s.key: fake(s) for s in specs}
+
+
+def test_another_study_is_refused(tmp_path: Path) -> None:
+    fly_study(study(arm("a")), tmp_path, Serial(fake), Wishes(), Unseen())
+    for other in (study(arm("a"), seeds=3), study(arm("b")), study(arm("a", corrector="median"))):
+        with pytest.raises(ScenarioError, match=r"is\s+another; use another --out"):
+            fly_study(other, tmp_path, Serial(fake), AGAIN, Unseen())
+
+
+def changed(folder: Path, statement: str) -> None:
+    with closing(sqlite3.connect(folder / FILE)) as database, database:
+        database.execute(statement)
+
+
+def test_a_store_of_another_version_is_refused(tmp_path: Path) -> None:
+    tiny = study(arm("a"))
+    fly_study(tiny, tmp_path, Serial(fake), Wishes(), Unseen())
+    changed(tmp_path, "UPDATE meta SET value = '99' WHERE name = 'schema'")
+    with pytest.raises(ScenarioError, match="has the format 99, this version reads 1: use another --out"):
+        fly_study(tiny, tmp_path, Serial(fake), AGAIN, Unseen())
+    with pytest.raises(ScenarioError, match="has the format 99"):
+        Store.existing(tmp_path)
+
+
+def test_a_store_of_other_packages_is_refused(tmp_path: Path) -> None:
+    tiny = study(arm("a"))
+    fly_study(tiny, tmp_path, Serial(fake), Wishes(), Unseen())
+    changed(tmp_path, "UPDATE meta SET value = json_set(value, '$.numpy', '1.0') WHERE name = 'versions'")
+    with pytest.raises(ScenarioError, match=r"begun with other versions \(numpy 1\.0 -> 2"):
+        fly_study(tiny, tmp_path, Serial(fake), AGAIN, Unseen())
+
+
+def test_what_is_no_store_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match="there is no study in"):
+        Store.existing(tmp_path)
+    (tmp_path / FILE).write_bytes(b"something else " * 1000)
+    with pytest.raises(ScenarioError, match="use another --out"):
+        fly_study(study(arm("a")), tmp_path, Serial(fake), Wishes(), Unseen())
+    shutil.rmtree(tmp_path)
+    tmp_path.write_text("a file")
+    with pytest.raises(ScenarioError, match="expected a folder that you may write to"):
+        fly_study(study(arm("a")), tmp_path, Serial(fake), Wishes(), Unseen())
+
+
+def test_a_second_study_on_the_same_store_is_refused(tmp_path: Path) -> None:
+    with lock(tmp_path), pytest.raises(ScenarioError, match=r"wait for it, or look at it with voxdepth study status"):
+        fly_study(study(arm("a")), tmp_path, Serial(fake), Wishes(), Unseen())
+    fly_study(study(arm("a")), tmp_path, Serial(fake), Wishes(), Unseen())
+
+
+def test_a_full_disk_is_said_and_what_was_written_is_safe(tmp_path: Path) -> None:
+    tiny = study(arm("a"), seeds=40)
+    specs = expand(tiny)
+    with Store.begin(tmp_path, tiny, specs, resume=False) as store:
+        store.add(record(specs[0]))
+        pages = store._database.execute("PRAGMA page_count").fetchone()[0]
+        store._database.execute(f"PRAGMA max_page_count = {pages}")
+        with pytest.raises(ScenarioError, match="what was written before is safe"):
+            for spec in specs[1:]:
+                store.add(record(spec))
+        kept = store.read().records
+    assert results_of(tmp_path) == kept
+    assert 0 < len(kept) < 40
