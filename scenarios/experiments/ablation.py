@@ -9,8 +9,8 @@ from voxdepth.config import VoxDepthConfig
 from voxdepth.registry import DEFAULT
 from voxdepth.rigid.evidence import EvidenceConfig
 from voxdepth.rigid.filling import FillingConfig
-from voxdepth.rigid.localisation import LocalisationConfig
 from voxdepth.rigid.ground import GroundConfig
+from voxdepth.rigid.localisation import LocalisationConfig
 from voxdepth.rigid.planes import PlanesConfig
 
 from ..evaluation.cell import AS_GIVEN, FILLED, FRAMES
