@@ -23,7 +23,7 @@ depth = "truth"
 corrector = "raw"
 size = "96x64"
 seeds = 2
-changes = { "mission.pilot.avoidance.min_confidence" = 0 }
+changes = { "mission.pilot.avoidance.histogram.min_confidence" = 0 }
 [[arms]]
 name = "b"
 depth = "noisy"
@@ -46,7 +46,7 @@ def test_the_matrix_has_every_cell_once_and_whole_pairs_first(tmp_path: Path) ->
         (2, "b", 0.5), (2, "b", 1.0),
     ]  # fmt: skip
     first, second = specs[0].run.scenario, specs[1].run.scenario
-    assert (first.rig.width_px, first.rig.height_px, first.mission.pilot.avoidance.min_confidence) == (96, 64, 0)
+    assert (first.rig.width_px, first.rig.height_px, first.mission.pilot.avoidance.histogram.min_confidence) == (96, 64, 0)
     assert (second.rig.depth, second.rig.noise.scale.theta) == ("noisy", 0.5)
 
 
@@ -95,7 +95,7 @@ def test_a_study_is_the_same_wherever_its_scenarios_lie(tmp_path: Path) -> None:
         ("theta = [0.5, 1.0]", "", "the depth tier 'noisy' needs theta, and no other has one"),
         ('depth = "truth"', 'depth = "truth"\ntheta = 0.5', "the depth tier 'noisy' needs theta, and no other has one"),
         ("[0.5, 1.0]", "[0.5, 0.5]", "every theta may be named once"),
-        ('"mission.pilot.avoidance.min_confidence"', '"rig.depth"', "changes must not set rig.depth"),
+        ('"mission.pilot.avoidance.histogram.min_confidence"', '"rig.depth"', "changes must not set rig.depth"),
         ('"96x64"', '"big"', "arms.0.size"),
         ('name = "mine"', 'name = "../mine"', "name: String should match pattern"),
         ("[[arms]]", '[declared]\narm = "a"\nagainst = "c"\n[[arms]]', "names no arm of the study: 'c'"),
