@@ -144,10 +144,14 @@ class Avoidance:
         return cost
 
     def _refine(self, goal: FloatArray, cell_direction: FloatArray, histogram: Histogram) -> FloatArray:
-        """The wanted direction itself where the chosen cell contains it, else the cell's."""
+        """The wanted direction itself, shape (3,), where the chosen cell contains it, else the cell's.
+
+        Of a direction outside of the image some cell is the nearest too, but that one says nothing about it.
+        """
         directions = histogram.directions_world.reshape(-1, 3)
         own_cell = directions[int(np.argmax(directions @ goal))]
-        return goal if np.array_equal(own_cell, cell_direction) else cell_direction
+        contained = np.array_equal(own_cell, cell_direction) and self._in_view(goal, histogram)
+        return goal if contained else cell_direction
 
     def _speed_limit(self, clear_m: float) -> float:
         c = self._config
