@@ -98,7 +98,7 @@ class HistogramBuilder:
 
 
 def _used(n_pixels: int, step: int, n_cells: int) -> npt.NDArray[np.intp]:
-    """Every `step`-th pixel along one side of the image, as many for each cell; what is left over is so at both ends."""
+    """Every `step`-th pixel along a side of the image, as many for each cell; what is left over lies at both ends."""
     n_used = len(range(0, n_pixels, step)) // n_cells * n_cells
     first = (n_pixels - 1 - step * (n_used - 1)) // 2
     return np.arange(first, first + step * n_used, step)

@@ -16,7 +16,7 @@ COS_HALF_CELL = np.cos(np.radians(5.0))
 DRONE_ROOM_M = 1.0
 """Surfaces nearer than this to where another drone is taken to be are that drone."""
 ROUNDS = 32
-"""Most offences that are mended. With 4, a speed of 3 m/s broke the limits of some corners by half a metre per second."""
+"""Most offences that are mended; fewer leave more of them in the corners between several surfaces."""
 
 
 class NearbyConfig(Model):
