@@ -161,7 +161,7 @@ class TestChoice:
 
     def test_in_a_dead_end_it_stands_and_turns_to_where_there_is_most_room(self) -> None:
         depth = flat(0.05)
-        depth[:, :40] = 0.5
+        depth[:, :40] = 0.45
         choice = AVOIDANCE.choose(2 * FORWARD, histogram(depth), None)
         assert not choice.velocity_m_s.any()
         assert choice.direction[1] > 0.3
