@@ -65,7 +65,7 @@ class TestLoading:
 
     @pytest.mark.parametrize("name", ["", "swarm.agents", "swarm.agents:", ":create_agent"])
     def test_half_a_name_is_refused_with_an_example(self, name: str) -> None:
-        with pytest.raises(MissionError, match="'module:factory', as in 'swarm.agents:create_agent', got"):
+        with pytest.raises(MissionError, match=r"'module:factory', as in 'swarm.agents:create_agent', got"):
             load_controller(name)
 
     @pytest.mark.parametrize("name", ["no_such_module:create", "tests.tiny_controller:no_such_name"])
@@ -84,30 +84,31 @@ class TestLoading:
             load_controller("broken_controller:create")
 
 
+SITUATIONS = {
+    "migration_per_s": situation(leader=((12.6, -1.3, 0.0), STILL)),
+    "cohesion_per_s": situation(neighbours=near(((0, 4, 0), STILL))),
+    "separation_per_s": situation(neighbours=near(((0, 1, 0), STILL))),
+    "alignment": situation(neighbours=near(((0, 4, 0), (0, 0, 1)))),
+    "confinement_per_s": situation(at=(0.0, 40.0, 0.0), leader=((2.6, 38.7, 0.0), STILL)),
+}
+ALL_ON = {"cohesion_per_s": 0.5}
+
+
 class TestSwitches:
     """Each rule of a follower moves it where the rule applies, and can be switched off from the file."""
 
-    SITUATIONS = {
-        "migration_per_s": situation(leader=((12.6, -1.3, 0.0), STILL)),
-        "cohesion_per_s": situation(neighbours=near(((0, 4, 0), STILL))),
-        "separation_per_s": situation(neighbours=near(((0, 1, 0), STILL))),
-        "alignment": situation(neighbours=near(((0, 4, 0), (0, 0, 1)))),
-        "confinement_per_s": situation(at=(0.0, 40.0, 0.0), leader=((2.6, 38.7, 0.0), STILL)),
-    }
-    ALL_ON = {"cohesion_per_s": 0.5}
-
     def wanted(self, rule: str, **rules: Any) -> np.ndarray:
-        follower = agent(1, mission(**{**self.ALL_ON, **rules}))
+        follower = agent(1, mission(**{**ALL_ON, **rules}))
         assert isinstance(follower, Follower)
-        return follower.wanted(self.SITUATIONS[rule])
+        return follower.wanted(SITUATIONS[rule])
 
     @pytest.mark.parametrize("rule", list(SITUATIONS))
     def test_a_gain_of_0_switches_a_rule_of_the_follower_off(self, rule: str) -> None:
-        others_off = {name: 0.0 for name in self.SITUATIONS if name != rule}
+        others_off = {name: 0.0 for name in SITUATIONS if name != rule}
         alone = self.wanted(rule, **others_off)
         assert np.linalg.norm(alone) > 0.1
         np.testing.assert_allclose(self.wanted(rule) - self.wanted(rule, **{rule: 0.0}), alone, atol=1e-12)
-        np.testing.assert_array_equal(self.wanted(rule, **dict.fromkeys(self.SITUATIONS, 0.0)), 0)
+        np.testing.assert_array_equal(self.wanted(rule, **dict.fromkeys(SITUATIONS, 0.0)), 0)
 
     @pytest.mark.parametrize("rule", [*SITUATIONS, "avoidance"])
     def test_the_file_sets_every_switch(self, rule: str) -> None:
