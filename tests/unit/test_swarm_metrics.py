@@ -163,6 +163,16 @@ class TestSums:
         assert [summary[f"collisions_{kind}"] for kind in ("drone", "building", "ground")] == [1, 2, 1]
         assert [drone["first_contact_s"] for drone in drones] == [1.0, None, 1.0]
 
+    def test_who_touched_something_had_no_clearance_even_if_no_tick_saw_it(self) -> None:
+        summary, drones = self.summed()
+        assert [drone["min_clearance_m"] == 0 for drone in drones] == [True, False, True]
+        assert summary["min_clearance_m"] == summary["min_separation_m"] == 0
+        with metrics_of(swarm(2)) as (world, metrics):
+            metrics.sample(world.states)
+            summary = metrics.summary((contact(1.0, 0, "tower", "building"),), [0, 0])
+        assert summary["min_clearance_m"] == 0
+        assert summary["min_separation_m"] == pytest.approx(np.hypot(2.6, 1.3) - 0.5, abs=1e-3)
+
     def test_drone_1_has_no_part_in_the_collision_of_drone_10(self) -> None:
         with metrics_of(swarm(2)) as (world, metrics):
             metrics.sample(world.states)
