@@ -82,15 +82,18 @@ def median_error(scenario: Scenario, distance_m: float) -> float:
 
 
 def sight_needed_m(scenario: Scenario, speed_m_s: float) -> float:
-    """How far the camera has to see for a drone to stop before what it keeps off: reaction, braking, clearance."""
-    avoidance = scenario.mission.pilot.avoidance
+    """How far the camera has to see for a drone to stop before what it keeps off: reaction, braking, clearance.
+
+    To the reaction belongs the time by which the airframe follows its commands late.
+    """
+    avoidance, airframe = scenario.mission.pilot.avoidance, scenario.airframe
     stop_m = stopping_distance_m(
         speed_m_s,
         decel_m_s2=avoidance.max_decel_m_s2,
         gain_per_s=avoidance.brake_gain_per_s,
-        reaction_s=1 / scenario.rig.rate_hz + scenario.latency_s,
+        reaction_s=1 / scenario.rig.rate_hz + scenario.latency_s + 1 / airframe.velocity_gain_per_s,
     )
-    return stop_m + scenario.airframe.radius_m + avoidance.clearance_m - scenario.rig.mount_forward_m
+    return stop_m + airframe.radius_m + avoidance.clearance_m - scenario.rig.mount_forward_m
 
 
 @pytest.mark.parametrize("name", scenario_names())
