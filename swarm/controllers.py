@@ -33,7 +33,9 @@ class Role:
     """What one drone is to do."""
 
     drone: int
+    """Its number in the mission."""
     team: Team
+    """Its swarm."""
     radius_m: float
     """Of the collision sphere of every drone."""
 

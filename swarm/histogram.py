@@ -16,7 +16,9 @@ class HistogramConfig(Model):
     """What a drone makes of what it sees, and of what it cannot see."""
 
     rows: int = Field(7, ge=1)
+    """Cells from the top to the bottom of the image."""
     cols: int = Field(15, ge=1)
+    """Cells from its left to its right."""
     percentile: float = Field(8.0, ge=0, le=100)
     """Percentile of a cell's ranges that stands for it; 0 would brake for every noisy pixel."""
     min_valid_share: float = Field(0.15, gt=0, le=1)

@@ -36,10 +36,15 @@ class NearbyConfig(Model):
     drone_clearance_m: float = Field(0.5, gt=0)
     """Clearance that is kept to other drones [m]."""
     decel_m_s2: float = Field(2.5, gt=0)
+    """Deceleration that the approach counts on, as in `braking_speed`."""
     gain_per_s: float = Field(1.5, gt=0)
+    """Speed per distance in the last, linear part of braking, and of backing off."""
 
     def approach_speed(self, room_m: FloatArray) -> FloatArray:
-        """Largest speed towards things with `room_m` left: the braking curve; negative, so back off, without room."""
+        """Largest speeds [m/s] towards things with `room_m` left, both of shape (n,).
+
+        The braking curve; negative, so that the drone backs off, where there is less room than is kept.
+        """
         braking = braking_speed(room_m, decel_m_s2=self.decel_m_s2, gain_per_s=self.gain_per_s)
         return np.where(room_m < 0, self.gain_per_s * room_m, braking)
 
@@ -72,6 +77,11 @@ class NearbyMemory:
 
         What it shows replaces what was remembered there. Points close to other drones are left out: those move on.
         So are points that the histogram before did not show: flicker must not become a wall.
+
+        Args:
+            stamp_s: Of the image; later than that of every histogram before.
+            histogram: What the image showed.
+            neighbours: Where the other drones are taken to be.
         """
         kept = ((at_s, points) for at_s, points in self._seen if at_s >= stamp_s - self._config.memory_s)
         self._seen = [(at_s, points[~_seen_again(points, histogram)]) for at_s, points in kept if len(points)]
@@ -83,7 +93,7 @@ class NearbyMemory:
         self._candidates = points
 
     def limits(self, position_m: FloatArray) -> ApproachLimits:
-        """How fast the drone may come nearer to each remembered surface."""
+        """How fast the drone at a position, shape (3,), may come nearer to each remembered surface."""
         points = np.concatenate([np.empty((0, 3)), *(points for _, points in self._seen)])
         towards, distance_m, _ = _near(points - position_m, self._config.radius_m)
         return ApproachLimits(towards, self._config.approach_speed(distance_m - self._keep_m))

@@ -124,7 +124,9 @@ class TestSwitches:
         assert seeing.choice is not None
         assert np.linalg.norm(seeing.command.velocity_m_s) < 0.01
         assert blind.choice is None
+        assert seeing.state != "blind"
         if drone == 1:
+            assert blind.state == "blind"
             assert blind.command.velocity_m_s[0] > 2
 
     def test_the_leader_confines_and_migrates_by_the_same_switches(self) -> None:
