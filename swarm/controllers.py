@@ -5,6 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
+import numpy as np
+
 from voxdepth.types import FloatArray
 
 from .errors import MissionError
@@ -31,7 +33,9 @@ class Role:
     """What one drone is to do."""
 
     drone: int
+    """Its number in the mission."""
     team: Team
+    """Its swarm."""
     radius_m: float
     """Of the collision sphere of every drone."""
 
@@ -42,8 +46,8 @@ class Role:
 
     @property
     def offset_m(self) -> FloatArray:
-        """Slot of a follower relative to its leader, shape (3,), world frame."""
-        offset_m: FloatArray = self.team.offsets_m[self.drone - self.team.leader - 1]
+        """Its slot relative to the leader, shape (3,), world frame; 0 for the leader itself."""
+        offset_m: FloatArray = self.team.slots_m(np.zeros(3))[self.drone - self.team.leader]
         return offset_m
 
 

@@ -54,10 +54,11 @@ class Detector:
         self._camera = camera
         self._drone_ids = drone_ids
         self._radius_m = radius_m
+        self._drone = drone
         self._rng = stream(seed, Purpose.DETECTION, drone)
 
     def detect(self, capture: Capture, corrected: CorrectedDepth) -> tuple[Detection, ...]:
-        """The drones in an image, one call per image in order."""
+        """The other drones in an image, one call per image in order."""
         missed = self._rng.random(len(self._drone_ids)) < self._config.miss_rate
         row, col = np.nonzero(capture.segment_id >= self._drone_ids[0])
         if not len(row):
@@ -65,10 +66,10 @@ class Detector:
         ids, depth_m = capture.segment_id[row, col], corrected.depth_m[row, col].astype(np.float64)
         found = []
         for drone, body in enumerate(self._drone_ids):
-            own = ids == body
-            if missed[drone] or np.count_nonzero(own) < self._config.min_pixels:
+            its = ids == body
+            if drone == self._drone or missed[drone] or np.count_nonzero(its) < self._config.min_pixels:
                 continue
-            detection = self._detection(drone, row[own], col[own], depth_m[own])
+            detection = self._detection(drone, row[its], col[its], depth_m[its])
             if detection is not None and detection.range_m <= self._config.max_range_m:
                 found.append(detection)
         return tuple(found)

@@ -3,6 +3,7 @@
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field
 
 from voxdepth.model import Model
@@ -15,7 +16,9 @@ class HistogramConfig(Model):
     """What a drone makes of what it sees, and of what it cannot see."""
 
     rows: int = Field(7, ge=1)
+    """Cells from the top to the bottom of the image."""
     cols: int = Field(15, ge=1)
+    """Cells from its left to its right."""
     percentile: float = Field(8.0, ge=0, le=100)
     """Percentile of a cell's ranges that stands for it; 0 would brake for every noisy pixel."""
     min_valid_share: float = Field(0.15, gt=0, le=1)
@@ -44,9 +47,9 @@ class HistogramBuilder:
         self._mount_cam_m = mount_cam_m
         rows, cols = config.rows, config.cols
         self._step = max(1, intrinsics.height_px // 120)
-        row = np.arange(0, intrinsics.height_px, self._step)
-        col = np.arange(0, intrinsics.width_px, self._step)
-        row, col = row[: len(row) // rows * rows], col[: len(col) // cols * cols]
+        row = _used(intrinsics.height_px, self._step, rows)
+        col = _used(intrinsics.width_px, self._step, cols)
+        self._first = (int(row[0]), int(col[0]))
         y = (row - intrinsics.cy_px) / intrinsics.fy_px
         x = (col - intrinsics.cx_px) / intrinsics.fx_px
         self._used = (len(row), len(col))
@@ -89,8 +92,15 @@ class HistogramBuilder:
     def _cells(self, depth_m: FloatImage) -> FloatImage:
         """Ranges grouped by cell, shape (rows, cols, pixels); +inf where invalid."""
         rows, cols = self._config.rows, self._config.cols
-        height, width = self._used
-        used = depth_m[:: self._step, :: self._step][:height, :width]
+        (row, col), (height, width) = self._first, self._used
+        used = depth_m[row :: self._step, col :: self._step][:height, :width]
         ranges = np.where(used > 0, used * self._ray_length, np.float32(np.inf))
         blocks = ranges.reshape(rows, height // rows, cols, width // cols).swapaxes(1, 2)
         return blocks.reshape(rows, cols, -1)
+
+
+def _used(n_pixels: int, step: int, n_cells: int) -> npt.NDArray[np.intp]:
+    """Every `step`-th pixel along a side of the image, as many for each cell; what is left over lies at both ends."""
+    n_used = len(range(0, n_pixels, step)) // n_cells * n_cells
+    first = (n_pixels - 1 - step * (n_used - 1)) // 2
+    return np.arange(first, first + step * n_used, step)

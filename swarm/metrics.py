@@ -118,8 +118,8 @@ class MissionMetrics:
             "collisions_drone": kinds.count("drone"),
             "collisions_building": kinds.count("building"),
             "collisions_ground": kinds.count("ground"),
-            "min_separation_m": _finite(self._min_separation_m),
-            "min_clearance_m": _finite(min(record.min_clearance_m for record in self._drones)),
+            "min_separation_m": _least(self._min_separation_m, touched="drone" in kinds),
+            "min_clearance_m": _least(min(r.min_clearance_m for r in self._drones), touched=bool(contacts)),
             "formation_error_mean_m": self._mean("formation_error_m"),
             "order_mean": self._mean("order"),
             "path_deviation_mean_m": self._mean("path_deviation_m"),
@@ -135,7 +135,9 @@ class MissionMetrics:
             {
                 "drone": drone,
                 "first_contact_s": min((c.time_s for c in contacts if _has_part(drone, c)), default=None),
-                "min_clearance_m": _finite(record.min_clearance_m),
+                "min_clearance_m": _least(
+                    record.min_clearance_m, touched=any(_has_part(drone, contact) for contact in contacts)
+                ),
                 "path_length_m": self._path_length_m(drone),
                 "dropped_frames": dropped_frames[drone],
                 **_depth_figures("raw", record.depth.raw),
@@ -185,5 +187,7 @@ def _depth_figures(name: str, errors: DepthErrors) -> dict[str, Figure]:
     }
 
 
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
+def _least(sampled_m: float, *, touched: bool) -> float | None:
+    """The smallest gap of the control ticks; at most 0 after a contact, which mostly falls between two of them."""
+    least_m = min(sampled_m, 0.0) if touched else sampled_m
+    return least_m if np.isfinite(least_m) else None

@@ -15,6 +15,8 @@ COS_HALF_CELL = np.cos(np.radians(5.0))
 """A point within this angle of the middle of a cell counts as inside it."""
 DRONE_ROOM_M = 1.0
 """Surfaces nearer than this to where another drone is taken to be are that drone."""
+ROUNDS = 32
+"""Most offences that are mended; fewer leave more of them in the corners between several surfaces."""
 
 
 class NearbyConfig(Model):
@@ -34,10 +36,15 @@ class NearbyConfig(Model):
     drone_clearance_m: float = Field(0.5, gt=0)
     """Clearance that is kept to other drones [m]."""
     decel_m_s2: float = Field(2.5, gt=0)
+    """Deceleration that the approach counts on, as in `braking_speed`."""
     gain_per_s: float = Field(1.5, gt=0)
+    """Speed per distance in the last, linear part of braking, and of backing off."""
 
     def approach_speed(self, room_m: FloatArray) -> FloatArray:
-        """Largest speed towards things with `room_m` left: the braking curve; negative, so back off, without room."""
+        """Largest speeds [m/s] towards things with `room_m` left, both of shape (n,).
+
+        The braking curve; negative, so that the drone backs off, where there is less room than is kept.
+        """
         braking = braking_speed(room_m, decel_m_s2=self.decel_m_s2, gain_per_s=self.gain_per_s)
         return np.where(room_m < 0, self.gain_per_s * room_m, braking)
 
@@ -70,6 +77,11 @@ class NearbyMemory:
 
         What it shows replaces what was remembered there. Points close to other drones are left out: those move on.
         So are points that the histogram before did not show: flicker must not become a wall.
+
+        Args:
+            stamp_s: Of the image; later than that of every histogram before.
+            histogram: What the image showed.
+            neighbours: Where the other drones are taken to be.
         """
         kept = ((at_s, points) for at_s, points in self._seen if at_s >= stamp_s - self._config.memory_s)
         self._seen = [(at_s, points[~_seen_again(points, histogram)]) for at_s, points in kept if len(points)]
@@ -81,7 +93,7 @@ class NearbyMemory:
         self._candidates = points
 
     def limits(self, position_m: FloatArray) -> ApproachLimits:
-        """How fast the drone may come nearer to each remembered surface."""
+        """How fast the drone at a position, shape (3,), may come nearer to each remembered surface."""
         points = np.concatenate([np.empty((0, 3)), *(points for _, points in self._seen)])
         towards, distance_m, _ = _near(points - position_m, self._config.radius_m)
         return ApproachLimits(towards, self._config.approach_speed(distance_m - self._keep_m))
@@ -105,10 +117,14 @@ def neighbour_limits(
 
 
 def restrain(velocity_m_s: FloatArray, *limits: ApproachLimits) -> FloatArray:
-    """The velocity without what breaks a limit. The worst offence is mended first; a few rounds settle corners."""
+    """The velocity, shape (3,), without what breaks a limit.
+
+    The worst offence is mended first, again and again: mending one can break another. In acute corners, and between
+    limits that contradict each other, a rest remains.
+    """
     towards = np.concatenate([limit.towards for limit in limits])
     allowed = np.concatenate([limit.speed_m_s for limit in limits])
-    for _ in range(4 if len(towards) else 0):
+    for _ in range(ROUNDS if len(towards) else 0):
         excess = towards @ velocity_m_s - allowed
         worst = int(np.argmax(excess))
         if excess[worst] <= 1e-6:

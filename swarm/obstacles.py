@@ -24,6 +24,7 @@ class AvoidanceConfig(Model):
     horizon_m: float = Field(7.0, gt=0)
     """Directions that are free this far cost nothing."""
     clear_weight: float = Field(15.0, ge=0)
+    """Cost of a direction without any room; it falls with the square of what is missing to the horizon."""
     goal_weight: float = Field(2.0, ge=0)
     """Cost per radian away from the wanted direction."""
     previous_weight: float = Field(0.6, ge=0)
@@ -31,6 +32,7 @@ class AvoidanceConfig(Model):
     climb_weight: float = Field(1.0, ge=0)
     """Cost per radian of climbing or sinking away from the wanted slope."""
     max_decel_m_s2: float = Field(2.5, gt=0)
+    """Deceleration that braking counts on; less starts earlier."""
     brake_gain_per_s: float = Field(1.5, gt=0)
     """Speed per distance in the last, linear part of braking."""
     blind_speed_m_s: float = Field(0.4, ge=0)
@@ -144,10 +146,14 @@ class Avoidance:
         return cost
 
     def _refine(self, goal: FloatArray, cell_direction: FloatArray, histogram: Histogram) -> FloatArray:
-        """The wanted direction itself where the chosen cell contains it, else the cell's."""
+        """The wanted direction itself, shape (3,), where the chosen cell contains it, else the cell's.
+
+        Of a direction outside of the image some cell is the nearest too, but that one says nothing about it.
+        """
         directions = histogram.directions_world.reshape(-1, 3)
         own_cell = directions[int(np.argmax(directions @ goal))]
-        return goal if np.array_equal(own_cell, cell_direction) else cell_direction
+        contained = np.array_equal(own_cell, cell_direction) and self._in_view(goal, histogram)
+        return goal if contained else cell_direction
 
     def _speed_limit(self, clear_m: float) -> float:
         c = self._config

@@ -30,6 +30,7 @@ class Situation:
     """All that a drone may base a decision on."""
 
     time_s: float
+    """Simulated time since the start."""
     own: DroneState
     """Its own estimate of its motion."""
     percept: Percept | None

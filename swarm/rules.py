@@ -1,7 +1,7 @@
 """The rules that move a follower: pure functions of positions and velocities, in the world frame.
 
 Their names are those of SmrtSwarm (Drones 2023, 7(9), 573); its weights are not public. Each rule returns a velocity of
-shape (3,) in m/s.
+shape (3,) in m/s. Positions [m] and velocities [m/s] that it takes have that shape, too.
 """
 
 from typing import NamedTuple
@@ -19,12 +19,17 @@ class RuleWeights(Model):
     """Gains of the rules; 0 switches a rule off, and `avoidance = false` the sixth one."""
 
     migration_per_s: float = Field(0.9, ge=0)
+    """Speed towards the goal, or the slot, per distance from it."""
     cohesion_per_s: float = Field(0.0, ge=0)
+    """Speed towards the middle of the neighbours per distance from it."""
     separation_per_s: float = Field(2.0, ge=0)
+    """Speed away from a neighbour per distance by which it is too near."""
     separation_radius_m: float = Field(1.8, gt=0)
     """Drones nearer than this push each other away."""
     alignment: float = Field(0.2, ge=0)
+    """Share of the difference to the neighbours' mean velocity that is taken over."""
     confinement_per_s: float = Field(1.0, ge=0)
+    """Speed back into the zone per distance outside of it."""
     min_altitude_m: float = 2.5
     max_altitude_m: float = 9.0
     max_aside_m: float = Field(30.0, gt=0)

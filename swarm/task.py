@@ -27,9 +27,11 @@ class MissionConfig(Model):
     follower_speed_m_s: float = Field(3.2, gt=0)
     """Largest speed of a follower; above the leader's, to catch up."""
     control_hz: int = Field(20, ge=1)
+    """Decisions of each drone per second; must divide the rate of the physics."""
     latency_s: float = Field(0.03, ge=0)
     """Simulated time from a capture to the moment its raw depth is there; that of the corrector comes on top."""
     goal_radius_m: float = Field(1.5, gt=0)
+    """Distance from its goal within which a leader has arrived."""
     formation_tolerance_m: float = Field(1.5, gt=0)
     """Largest distance of any follower from its slot that counts as being in formation."""
     deadlock_s: float = Field(12.0, gt=0)

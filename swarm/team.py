@@ -20,11 +20,15 @@ class Route(Model):
     start_m: Point = Field((-8.0, 0.0, 6.0), strict=False)
     """Where the leader starts; the followers start in their slots."""
     goal_m: Point = Field((76.0, 0.0, 6.0), strict=False)
+    """Where the leader is to go."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Team:
-    """One swarm of a mission: `members[0]` leads, all others follow."""
+    """One swarm of a mission: `members[0]` leads, all others follow.
+
+    `positions_m` are always those of all drones of the mission, shape (N, 3), in the world frame.
+    """
 
     members: range
     """Numbers of its drones."""
@@ -62,7 +66,7 @@ class Team:
         return leader_m + np.vstack([np.zeros(3), self.offsets_m])
 
     def off_slots_m(self, positions_m: FloatArray) -> FloatArray:
-        """How far each follower is from its slot, shape (n - 1,); `positions_m` are those of all drones, (N, 3)."""
+        """How far each follower is from its slot, shape (n - 1,)."""
         own_m = positions_m[self.members.start : self.members.stop]
         off_m: FloatArray = np.linalg.norm(own_m[1:] - own_m[0] - self.offsets_m, axis=1)
         return off_m

@@ -132,9 +132,12 @@ class Decision:
 
     @property
     def state(self) -> str:
-        """What the drone is doing, in one word: `waiting`, `blind`, `avoiding`, `braking` or `free`."""
+        """What the drone is doing, in one word: `waiting`, `blind`, `avoiding`, `braking` or `free`.
+
+        Whoever flies without a choice, because nothing is avoided, is `blind`, too.
+        """
         if self.choice is None:
-            return "waiting"
+            return "blind" if self.command.velocity_m_s.any() else "waiting"
         if self.choice.cell is None:
             return "blind"
         wanted = float(np.linalg.norm(self.wanted_velocity_m_s))

@@ -1,0 +1,79 @@
+"""Drones, images and situations that the tests of the swarm share."""
+
+from typing import Any
+
+import numpy as np
+
+from sim.frames import R_BODY_CAM, pose
+from sim.types import Capture, DroneState
+from swarm.histogram import HistogramBuilder, HistogramConfig
+from swarm.types import Histogram, Motion, Neighbours
+from tests.helpers import CAMERA
+from voxdepth.peers.raw import Raw
+from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Frame
+
+RADIUS_M = 0.25
+MOUNT_CAM_M = np.array([0.0, 0.0, 0.27])
+AT_ORIGIN = pose(R_BODY_CAM, np.zeros(3))
+"""A camera at the origin that looks along x."""
+FORWARD = np.array([1.0, 0.0, 0.0])
+NOBODY = Neighbours.of({})
+
+Vector = tuple[float, float, float]
+
+
+def state(x: float, y: float, z: float, velocity_m_s: Any = (0.0, 0.0, 0.0)) -> DroneState:
+    """A drone that looks along x."""
+    return DroneState(
+        position_m=np.array([x, y, z], np.float64),
+        velocity_m_s=np.array(velocity_m_s, np.float64),
+        q_world_body_xyzw=np.array([0.0, 0, 0, 1]),
+        rates_rad_s=np.zeros(3),
+    )
+
+
+def near(*others: tuple[Vector, Vector]) -> Neighbours:
+    """Drones 1, 2, ... with their positions and velocities."""
+    return Neighbours.of({i: Motion(np.array(at), np.array(v)) for i, (at, v) in enumerate(others, start=1)})
+
+
+def turn(yaw_rad: float) -> FloatArray:
+    """Rotation about the vertical, shape (3, 3)."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def flat(depth_m: float) -> FloatImage:
+    """The same depth everywhere."""
+    return np.full(CAMERA.shape, depth_m, np.float32)
+
+
+def corrected(depth_m: FloatImage) -> CorrectedDepth:
+    """Depth as it comes from a corrector that changes nothing."""
+    return Raw().process(Frame(stamp_s=0, gray=np.zeros(depth_m.shape, np.uint8), depth_m=depth_m))
+
+
+def histogram(
+    depth_m: FloatImage, T_world_cam: FloatArray = AT_ORIGIN, config: HistogramConfig | None = None
+) -> Histogram:
+    """What a drone makes of a depth image."""
+    builder = HistogramBuilder(CAMERA, config or HistogramConfig(), MOUNT_CAM_M)
+    return builder.build(corrected(depth_m), T_world_cam)
+
+
+def capture(stamp_s: float, **changes: Any) -> Capture:
+    """An image of a wall at 3 m that is measured at 4 m, without drones."""
+    fields: dict[str, Any] = {
+        "stamp_s": stamp_s,
+        "drone": 0,
+        "gray_left": np.zeros(CAMERA.shape, np.uint8),
+        "gray_right": None,
+        "depth_true_m": flat(3.0),
+        "depth_raw_m": flat(4.0),
+        "occluded": np.zeros(CAMERA.shape, np.bool_),
+        "loss": np.zeros(CAMERA.shape, np.uint8),
+        "segment_id": np.zeros(CAMERA.shape, np.int32),
+        "T_world_cam": AT_ORIGIN,
+        "intrinsics": CAMERA,
+    }
+    return Capture(**fields | changes)

@@ -1,0 +1,29 @@
+"""A controller of somebody else, as small as can be: `tests.tiny_controller:create`."""
+
+import numpy as np
+
+from sim.types import VelocityCommand
+from swarm.controllers import Role
+from swarm.pilot import Situation
+from swarm.task import MissionConfig
+from swarm.types import Decision
+
+NOT_A_FUNCTION = 3
+
+
+class Straight:
+    """Flies along the way of its team at the cruise speed and looks at nothing."""
+
+    def __init__(self, role: Role, config: MissionConfig) -> None:
+        way_m = role.team.goal_m - role.team.start_m
+        self._velocity_m_s = config.cruise_speed_m_s * way_m / np.linalg.norm(way_m)
+        self._yaw_rad = role.team.heading_rad
+
+    def decide(self, situation: Situation) -> Decision:
+        command = VelocityCommand(velocity_m_s=self._velocity_m_s, yaw_rad=self._yaw_rad)
+        return Decision(command=command, wanted_velocity_m_s=self._velocity_m_s, choice=None)
+
+
+def create(role: Role, config: MissionConfig) -> Straight:
+    """The agent of one drone."""
+    return Straight(role, config)

@@ -1,0 +1,117 @@
+"""Clearance has one definition, and what a drone sees reaches as far as it needs to stop."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from scenarios.config import Scenario, load_run, scenario_names
+from sim.render import create_renderer
+from sim.rig import StereoRig
+from sim.sensor import RigConfig
+from swarm.formation import FormationConfig
+from swarm.metrics import MissionMetrics, separation_m
+from swarm.nearby import NearbyConfig, neighbour_limits
+from swarm.obstacles import Avoidance, AvoidanceConfig, braking_speed, stopping_distance_m
+from swarm.team import Route, Team
+from tests.helpers import wall, world_of
+from tests.swarm_scenes import FORWARD, RADIUS_M, flat, histogram, near, state
+
+AVOIDANCE = AvoidanceConfig()
+NEARBY = NearbyConfig()
+TRUTH = RigConfig(width_px=160, height_px=120, depth="truth")
+WRONG = 0.1
+"""Relative error of depth beyond which a drone should not have to rely on it."""
+
+
+def speed_m_s(clearance_m: float) -> float:
+    """What the controller allows towards a surface at a clearance."""
+    room_m = clearance_m - AVOIDANCE.clearance_m
+    return float(braking_speed(room_m, decel_m_s2=AVOIDANCE.max_decel_m_s2, gain_per_s=AVOIDANCE.brake_gain_per_s))
+
+
+@pytest.mark.parametrize("gap_m", [0.3, 0.6, 0.64, 0.66, 0.7, 1.0, 2.0, 4.0])
+def test_world_report_and_controller_mean_the_same_by_clearance(gap_m: float) -> None:
+    team = Team.of(Route(start_m=(0.0, 0.0, 0.0), goal_m=(30.0, 0.0, 0.0)), range(1), FormationConfig())
+    with world_of(wall(gap_m + RADIUS_M), starts_m=team.starts_m) as world:
+        (image,) = StereoRig(world, create_renderer("raycast", world, threads=1), TRUTH, seed=0).capture([0], 0)
+        assert world.clearance_m(0) == pytest.approx(gap_m, abs=1e-3)
+        metrics = MissionMetrics(world, [team])
+        assert metrics.sample(world.states)["clearance_m"] == world.clearance_m(0)
+        assert metrics.summary((), [0])["min_clearance_m"] == world.clearance_m(0)
+    straight_on = Avoidance(AVOIDANCE.model_copy(update={"goal_weight": 1000.0}), RADIUS_M)
+    choice = straight_on.choose(5 * FORWARD, histogram(image.depth_raw_m), None)
+    assert choice.clear_m - RADIUS_M == pytest.approx(gap_m, rel=0.01)
+    assert np.linalg.norm(choice.velocity_m_s) == pytest.approx(speed_m_s(gap_m), abs=0.06)
+    assert bool(choice.velocity_m_s.any()) is (gap_m > AVOIDANCE.clearance_m)
+
+
+@given(st.floats(0.0, 6.0))
+def test_the_controller_stands_still_exactly_at_its_clearance(clearance_m: float) -> None:
+    """All around the drone there is a sphere of surfaces at one clearance."""
+    h = histogram(flat(9.0))
+    around = type(h)(**{**vars(h), "range_m": np.full_like(h.range_m, clearance_m + RADIUS_M)})
+    speed = float(np.linalg.norm(Avoidance(AVOIDANCE, RADIUS_M).choose(9 * FORWARD, around, None).velocity_m_s))
+    assert speed == pytest.approx(speed_m_s(clearance_m), abs=1e-9)
+    assert (speed < 1e-9) == (clearance_m <= AVOIDANCE.clearance_m + 1e-9)
+
+
+@given(st.floats(0.0, 1.9))
+def test_drones_stop_before_each_other_at_the_separation_that_is_reported(gap_m: float) -> None:
+    apart_m = gap_m + 2 * RADIUS_M
+    limits = neighbour_limits(np.zeros(3), near(((apart_m, 0, 0), (0, 0, 0))), NEARBY, RADIUS_M)
+    (speed,) = limits.speed_m_s
+    reported_m = separation_m([state(0, 0, 0), state(apart_m, 0, 0)], RADIUS_M)
+    assert reported_m == pytest.approx(gap_m)
+    assert np.sign(round(float(speed), 6)) == np.sign(round(reported_m - NEARBY.drone_clearance_m, 6))
+
+
+def test_two_drones_in_the_world_have_the_clearance_that_is_their_separation() -> None:
+    with world_of(starts_m=[[0, 0, 5.0], [1.7, 0, 5.0]]) as world:
+        assert world.clearance_m(0) == pytest.approx(separation_m(world.states, RADIUS_M), abs=1e-6)
+
+
+def median_error(scenario: Scenario, distance_m: float) -> float:
+    """Median relative error of the raw stereo depth of a textured wall that the camera looks at; a hole is wrong."""
+    rig_config = scenario.rig.model_copy(update={"depth": "stereo", "noise": RigConfig().noise})
+    with world_of(wall(distance_m + rig_config.mount_forward_m), starts_m=[[0, 0, 0.0]]) as world:
+        rig = StereoRig(world, create_renderer("raycast", world, threads=1), rig_config, seed=0)
+        (image,) = rig.capture([0], 0)
+    error = np.abs(image.depth_raw_m - image.depth_true_m) / image.depth_true_m
+    return float(np.median(np.where(image.depth_raw_m > 0, error, np.inf)))
+
+
+def sight_needed_m(scenario: Scenario, speed_m_s: float) -> float:
+    """How far the camera has to see for a drone to stop before what it keeps off: reaction, braking, clearance.
+
+    To the reaction belongs the time by which the airframe follows its commands late.
+    """
+    avoidance, airframe = scenario.mission.pilot.avoidance, scenario.airframe
+    stop_m = stopping_distance_m(
+        speed_m_s,
+        decel_m_s2=avoidance.max_decel_m_s2,
+        gain_per_s=avoidance.brake_gain_per_s,
+        reaction_s=1 / scenario.rig.rate_hz + scenario.latency_s + 1 / airframe.velocity_gain_per_s,
+    )
+    return stop_m + airframe.radius_m + avoidance.clearance_m - scenario.rig.mount_forward_m
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_a_drone_can_stop_within_the_range_at_which_its_camera_is_right(name: str) -> None:
+    scenario = load_run(name, 0, {}).scenario
+    fastest_m_s = max(scenario.mission.cruise_speed_m_s, scenario.mission.follower_speed_m_s)
+    needed_m = sight_needed_m(scenario, fastest_m_s)
+    errors = {d: median_error(scenario, d) for d in np.linspace(1.0, needed_m, 7).round(2).tolist()}
+    assert max(errors.values()) < WRONG, errors
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_a_drone_brakes_no_harder_than_it_can_and_looks_as_far_as_it_must(name: str) -> None:
+    scenario = load_run(name, 0, {}).scenario
+    mission = scenario.mission
+    fastest_m_s = max(mission.cruise_speed_m_s, mission.follower_speed_m_s)
+    assert fastest_m_s <= scenario.airframe.max_speed_m_s
+    assert mission.cruise_speed_m_s < mission.follower_speed_m_s
+    assert mission.pilot.avoidance.max_decel_m_s2 <= scenario.airframe.max_accel_m_s2
+    assert mission.pilot.nearby.decel_m_s2 <= scenario.airframe.max_accel_m_s2
+    assert sight_needed_m(scenario, fastest_m_s) <= mission.pilot.avoidance.horizon_m

@@ -1,0 +1,197 @@
+"""Who decides for a drone, and what the rules ask for."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scenarios.config import load_run
+from swarm.agents import Follower, Leader, create_agent
+from swarm.controllers import DEFAULT_CONTROLLER, Agent, Role, load_controller
+from swarm.errors import MissionError
+from swarm.perception import Percept
+from swarm.pilot import BlindPilot, Heading, PilotConfig, SeeingPilot, Situation
+from swarm.task import MissionConfig
+from swarm.team import Route
+from swarm.types import Motion, Neighbours
+from tests import tiny_controller
+from tests.swarm_scenes import AT_ORIGIN, FORWARD, NOBODY, RADIUS_M, corrected, flat, histogram, near, state
+
+OPEN = Percept(stamp_s=0.0, T_world_cam=AT_ORIGIN, corrected=corrected(flat(40.0)), histogram=histogram(flat(40.0)))
+WALL = Percept(stamp_s=0.0, T_world_cam=AT_ORIGIN, corrected=corrected(flat(0.3)), histogram=histogram(flat(0.3)))
+STILL = (0.0, 0.0, 0.0)
+
+
+def mission(**rules: Any) -> MissionConfig:
+    """A leader and two followers that fly along x at an altitude of 0, which their zone allows."""
+    zone = {"min_altitude_m": -5.0, "max_altitude_m": 5.0}
+    route = Route(start_m=(0.0, 0.0, 0.0), goal_m=(50.0, 0.0, 0.0))
+    return MissionConfig.model_validate({"routes": [route], "drones": 3, "rules": zone | rules})
+
+
+def agent(drone: int, config: MissionConfig) -> Agent:
+    (team,) = config.teams()
+    return create_agent(Role(drone=drone, team=team, radius_m=RADIUS_M), config)
+
+
+def situation(
+    *,
+    at: Any = (0.0, 0.0, 0.0),
+    velocity: Any = STILL,
+    leader: tuple[Any, Any] = ((2.6, -1.3, 0.0), STILL),
+    neighbours: Neighbours = NOBODY,
+    mates: Neighbours = NOBODY,
+    percept: Percept | None = OPEN,
+) -> Situation:
+    """Drone 1 in its slot, if the leader is where it is by default."""
+    return Situation(
+        time_s=0.0,
+        own=state(*at, velocity),
+        percept=percept,
+        leader=Motion(np.array(leader[0]), np.array(leader[1])),
+        mates=mates,
+        neighbours=neighbours,
+    )
+
+
+class TestLoading:
+    def test_ours_is_the_default(self) -> None:
+        assert MissionConfig().controller == DEFAULT_CONTROLLER
+        assert load_controller(DEFAULT_CONTROLLER) is create_agent
+
+    def test_one_of_yours_is_found_by_its_name(self) -> None:
+        assert load_controller("tests.tiny_controller:create") is tiny_controller.create
+
+    @pytest.mark.parametrize("name", ["", "swarm.agents", "swarm.agents:", ":create_agent"])
+    def test_half_a_name_is_refused_with_an_example(self, name: str) -> None:
+        with pytest.raises(MissionError, match=r"'module:factory', as in 'swarm.agents:create_agent', got"):
+            load_controller(name)
+
+    @pytest.mark.parametrize("name", ["no_such_module:create", "tests.tiny_controller:no_such_name"])
+    def test_what_is_not_there_is_refused_with_the_reason(self, name: str) -> None:
+        with pytest.raises(MissionError, match=r"cannot be loaded: .*no_such.*importable from where you are"):
+            load_controller(name)
+
+    def test_what_cannot_be_called_is_refused(self) -> None:
+        with pytest.raises(MissionError, match=r"must be a function factory\(role, config\), got 3"):
+            load_controller("tests.tiny_controller:NOT_A_FUNCTION")
+
+    def test_an_error_inside_of_the_module_is_not_hidden(self, tmp_path: Path, monkeypatch: Any) -> None:
+        (tmp_path / "broken_controller.py").write_text("1 / 0\n", encoding="utf-8")
+        monkeypatch.syspath_prepend(tmp_path)
+        with pytest.raises(ZeroDivisionError):
+            load_controller("broken_controller:create")
+
+
+SITUATIONS = {
+    "migration_per_s": situation(leader=((12.6, -1.3, 0.0), STILL)),
+    "cohesion_per_s": situation(neighbours=near(((0, 4, 0), STILL))),
+    "separation_per_s": situation(neighbours=near(((0, 1, 0), STILL))),
+    "alignment": situation(neighbours=near(((0, 4, 0), (0, 0, 1)))),
+    "confinement_per_s": situation(at=(0.0, 40.0, 0.0), leader=((2.6, 38.7, 0.0), STILL)),
+}
+ALL_ON = {"cohesion_per_s": 0.5}
+
+
+class TestSwitches:
+    """Each rule of a follower moves it where the rule applies, and can be switched off from the file."""
+
+    def wanted(self, rule: str, **rules: Any) -> np.ndarray:
+        follower = agent(1, mission(**{**ALL_ON, **rules}))
+        assert isinstance(follower, Follower)
+        return follower.wanted(SITUATIONS[rule])
+
+    @pytest.mark.parametrize("rule", list(SITUATIONS))
+    def test_a_gain_of_0_switches_a_rule_of_the_follower_off(self, rule: str) -> None:
+        others_off = {name: 0.0 for name in SITUATIONS if name != rule}
+        alone = self.wanted(rule, **others_off)
+        assert np.linalg.norm(alone) > 0.1
+        np.testing.assert_allclose(self.wanted(rule) - self.wanted(rule, **{rule: 0.0}), alone, atol=1e-12)
+        np.testing.assert_array_equal(self.wanted(rule, **dict.fromkeys(SITUATIONS, 0.0)), 0)
+
+    @pytest.mark.parametrize("rule", [*SITUATIONS, "avoidance"])
+    def test_the_file_sets_every_switch(self, rule: str) -> None:
+        off = False if rule == "avoidance" else 0.0
+        rules = load_run("city", 0, {f"mission.rules.{rule}": off}).scenario.mission.rules
+        assert getattr(rules, rule) == off
+
+    @pytest.mark.parametrize("drone", [0, 1])
+    def test_without_avoidance_a_drone_flies_blind(self, drone: int) -> None:
+        ahead = situation(percept=WALL, leader=((9.0, -1.3, 0.0), STILL), mates=near(((-2.6, 1.3, 0), STILL)))
+        seeing = agent(drone, mission()).decide(ahead)
+        blind = agent(drone, mission(avoidance=False)).decide(ahead)
+        assert seeing.choice is not None
+        assert np.linalg.norm(seeing.command.velocity_m_s) < 0.01
+        assert blind.choice is None
+        assert seeing.state != "blind"
+        if drone == 1:
+            assert blind.state == "blind"
+            assert blind.command.velocity_m_s[0] > 2
+
+    def test_the_leader_confines_and_migrates_by_the_same_switches(self) -> None:
+        both = near(((-2.6, 1.3, 0), STILL), ((-3.2, -1.3, 0), STILL))
+        off = {"migration_per_s": 0.0, "confinement_per_s": 0.0}
+        for rules, at, expected in (
+            (off, STILL, np.zeros(3)),
+            ({"confinement_per_s": 0.0}, STILL, 2.5 * FORWARD),
+            ({"migration_per_s": 0.0}, (0, 0, 6.0), np.array([0, 0, -1.0])),
+        ):
+            mates = Neighbours(drone=both.drone, position_m=both.position_m + at, velocity_m_s=both.velocity_m_s)
+            decision = agent(0, mission(avoidance=False, **rules)).decide(situation(at=at, mates=mates))
+            np.testing.assert_allclose(decision.wanted_velocity_m_s, expected, atol=1e-9)
+
+
+class TestAgents:
+    def test_the_first_one_leads(self) -> None:
+        assert [type(agent(i, mission())) for i in range(3)] == [Leader, Follower, Follower]
+
+    def test_a_leader_waits_for_a_follower_that_it_does_not_hear(self) -> None:
+        decision = agent(0, mission()).decide(situation(mates=near(((-2.6, 1.3, 0), STILL))))
+        assert not decision.wanted_velocity_m_s.any()
+
+    @pytest.mark.parametrize(("lag_m", "share"), [(0.0, 1), (2.9, 1), (5.5, 0.5), (9.0, 0)])
+    def test_a_leader_slows_down_for_the_last_one(self, lag_m: float, share: float) -> None:
+        mates = near(((-2.6 - lag_m, 1.3, 0), STILL), ((-3.2, -1.3, 0), STILL))
+        decision = agent(0, mission()).decide(situation(mates=mates))
+        np.testing.assert_allclose(decision.wanted_velocity_m_s, 2.5 * share * FORWARD, atol=1e-9)
+
+    def test_nobody_wants_more_than_its_top_speed(self) -> None:
+        far = situation(leader=((99.0, 0, 0), STILL), mates=near(((-2.6, 1.3, 0), STILL), ((-3.2, -1.3, 0), STILL)))
+        for drone, most_m_s in ((0, 2.5), (1, 3.2)):
+            decision = agent(drone, mission()).decide(far)
+            assert np.linalg.norm(decision.wanted_velocity_m_s) == pytest.approx(most_m_s)
+
+    def test_followers_are_drawn_by_their_own_swarm_alone_and_pushed_by_all(self) -> None:
+        other_swarm = Neighbours.of({7: Motion(np.array([0, 1.0, 0]), np.array([0, 0, 3.0]))})
+        follower = agent(1, mission(cohesion_per_s=1.0))
+        assert isinstance(follower, Follower)
+        wanted = follower.wanted(situation(neighbours=other_swarm))
+        np.testing.assert_allclose(wanted, [0, -2.0 * 0.8, 0], atol=1e-9)
+
+    def test_without_an_image_a_drone_hovers_and_waits(self) -> None:
+        decision = agent(1, mission()).decide(situation(percept=None, leader=((99.0, 0, 0), STILL)))
+        assert not decision.command.velocity_m_s.any()
+        assert decision.state == "waiting"
+
+    @pytest.mark.parametrize("pilot", [SeeingPilot, BlindPilot])
+    def test_no_pilot_flies_into_a_neighbour(self, pilot: type[SeeingPilot] | type[BlindPilot]) -> None:
+        ahead = situation(neighbours=near(((1.0, 0, 0), STILL)))
+        command = pilot(PilotConfig(), 20, 0.0, RADIUS_M).fly(2 * FORWARD, ahead).command
+        assert abs(command.velocity_m_s[0]) < 1e-6
+
+
+class TestHeading:
+    def heading(self) -> Heading:
+        return Heading(PilotConfig(yaw_rate_rad_s=1.0), 20, 0.0)
+
+    def test_it_turns_the_short_way_and_no_faster_than_allowed(self) -> None:
+        heading = Heading(PilotConfig(yaw_rate_rad_s=1.0), 20, 3.0)
+        assert heading.towards(np.array([np.cos(-3.0), np.sin(-3.0), 0]), 2.0) == pytest.approx(3.05)
+        turned = [heading.towards(np.array([np.cos(-3.0), np.sin(-3.0), 0]), 2.0) for _ in range(20)]
+        assert turned[-1] == pytest.approx(2 * np.pi - 3.0)
+
+    def test_it_stays_when_there_is_no_wish_or_no_horizontal_way(self) -> None:
+        assert self.heading().towards(np.array([0.0, 1, 0]), 0.3) == 0
+        assert self.heading().towards(np.array([0.05, 0, 1.0]), 2.0) == 0
+        assert self.heading().towards(np.array([0.0, -1, 0]), 2.0) == pytest.approx(-0.05)

@@ -1,0 +1,163 @@
+"""How a mission ends: exactly one outcome, at the right time."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sim.types import Contact
+from swarm.judge import PROGRESS_M, Judge
+from swarm.task import MissionConfig
+from swarm.team import Route
+from swarm.types import Outcome
+
+HIT = Contact(time_s=3.0, drone=0, other="tower", kind="building", speed_m_s=1.0)
+GOALS = ((20.0, 0.0, 5.0), (20.0, 50.0, 5.0))
+
+
+def config(*, n_routes: int = 1, **changes: Any) -> MissionConfig:
+    """Swarms of three, that fly 20 m along x."""
+    routes = tuple(Route(start_m=(0.0, y, z), goal_m=(x, y, z)) for x, y, z in GOALS[:n_routes])
+    values: dict[str, Any] = {"duration_s": 60.0, "deadlock_s": 5.0, "lost_m": 30.0, "aftermath_s": 1.0}
+    return MissionConfig(routes=routes, drones=3, **values | changes)
+
+
+class Flight:
+    """Swarms in perfect formation, whose leaders are put somewhere along their ways."""
+
+    def __init__(self, n_routes: int = 1, **changes: Any) -> None:
+        self._config = config(n_routes=n_routes, **changes)
+        self._teams = self._config.teams()
+        self._judge = Judge(self._config, self._teams)
+
+    def at(self, time_s: float, *along_m: float, off_m: Any = 0.0, contacts: tuple[Contact, ...] = ()) -> Any:
+        """The outcome with the leaders at `along_m`; `off_m` is added to the place of the last drone."""
+        positions = np.vstack(
+            [team.slots_m(team.start_m + np.array([x, 0, 0])) for team, x in zip(self._teams, along_m, strict=True)]
+        )
+        positions[-1] += off_m
+        return self._judge.judge(time_s, positions, contacts)
+
+
+def test_on_the_way_there_is_no_outcome() -> None:
+    assert Flight().at(1.0, 5.0) is None
+
+
+@pytest.mark.parametrize(("along_m", "outcome"), [(18.4, None), (18.6, Outcome.SUCCESS), (20.0, Outcome.SUCCESS)])
+def test_success_is_at_the_goal(along_m: float, outcome: Outcome | None) -> None:
+    assert Flight().at(1.0, along_m) is outcome
+
+
+@pytest.mark.parametrize(("off_m", "outcome"), [(1.4, Outcome.SUCCESS), (1.6, None)])
+def test_success_is_in_formation(off_m: float, outcome: Outcome | None) -> None:
+    assert Flight().at(1.0, 20.0, off_m=[0, 0, off_m]) is outcome
+
+
+def test_a_drone_alone_succeeds_without_formation() -> None:
+    alone = MissionConfig(routes=config().routes, drones=1)
+    assert Judge(alone, alone.teams()).judge(1.0, np.array([GOALS[0]]), ()) is Outcome.SUCCESS
+
+
+def test_two_swarms_may_arrive_one_after_the_other_and_need_not_stay() -> None:
+    flight = Flight(2)
+    assert flight.at(1.0, 20.0, 5.0) is None
+    assert flight.at(2.0, 12.0, 10.0) is None
+    assert flight.at(3.0, 12.0, 20.0) is Outcome.SUCCESS
+
+
+def test_one_of_two_swarms_is_not_enough() -> None:
+    flight = Flight(2)
+    assert flight.at(1.0, 20.0, 5.0) is None
+    assert flight.at(60.0, 20.0, 16.0) is Outcome.TIMEOUT
+
+
+def test_a_collision_ends_the_mission_after_its_aftermath() -> None:
+    flight = Flight()
+    assert flight.at(3.0, 5.0, contacts=(HIT,)) is None
+    assert flight.at(3.9, 5.0, contacts=(HIT,)) is None
+    assert flight.at(4.0, 5.0, contacts=(HIT,)) is Outcome.COLLISION
+
+
+def test_further_contacts_do_not_prolong_the_aftermath() -> None:
+    later = Contact(time_s=3.9, drone=1, other="tower", kind="building", speed_m_s=1.0)
+    assert Flight().at(4.0, 5.0, contacts=(HIT, later)) is Outcome.COLLISION
+
+
+def test_without_aftermath_a_collision_ends_it_at_once() -> None:
+    assert Flight(aftermath_s=0.0).at(3.0, 5.0, contacts=(HIT,)) is Outcome.COLLISION
+
+
+@pytest.mark.parametrize("along_m", [5.0, 20.0])
+@pytest.mark.parametrize("off_m", [0.0, 99.0])
+def test_after_a_contact_it_is_a_collision_whatever_else_comes_about(along_m: float, off_m: float) -> None:
+    flight = Flight(duration_s=3.5)
+    assert flight.at(3.6, along_m, off_m=[off_m, 0, 0], contacts=(HIT,)) is None
+    assert flight.at(60.0, along_m, off_m=[off_m, 0, 0], contacts=(HIT,)) is Outcome.COLLISION
+
+
+def test_a_follower_too_far_away_is_lost() -> None:
+    assert Flight().at(1.0, 5.0, off_m=[-25.0, 0, 0]) is None
+    assert Flight().at(1.0, 5.0, off_m=[-35.0, 0, 0]) is Outcome.LOST
+
+
+def test_a_swarm_that_has_arrived_can_still_lose_a_follower() -> None:
+    flight = Flight(2)
+    assert flight.at(1.0, 5.0, 20.0) is None
+    assert flight.at(2.0, 6.0, 20.0, off_m=[0, 40.0, 0]) is Outcome.LOST
+
+
+def test_without_progress_it_is_a_deadlock_after_the_configured_time() -> None:
+    flight = Flight(deadlock_s=5.0)
+    assert flight.at(0.0, 5.0) is None
+    assert flight.at(5.0, 5.0) is None
+    assert flight.at(5.05, 5.0) is Outcome.DEADLOCK
+
+
+def test_progress_starts_the_time_anew_and_jitter_does_not() -> None:
+    flight = Flight(deadlock_s=5.0)
+    flight.at(0.0, 5.0)
+    assert flight.at(4.0, 5.0 + 1.1 * PROGRESS_M) is None
+    assert flight.at(8.9, 5.0 + 2.0 * PROGRESS_M) is None
+    assert flight.at(9.1, 5.0) is Outcome.DEADLOCK
+
+
+def test_slow_progress_adds_up() -> None:
+    flight = Flight(deadlock_s=5.0)
+    assert [flight.at(float(second), 0.1 * second) for second in range(40)] == [None] * 40
+
+
+def test_a_way_back_is_no_progress() -> None:
+    flight = Flight(deadlock_s=5.0)
+    flight.at(0.0, 10.0)
+    assert flight.at(4.0, 5.0) is None
+    assert flight.at(5.1, 9.9) is Outcome.DEADLOCK
+
+
+def test_followers_that_catch_up_are_progress() -> None:
+    flight = Flight(deadlock_s=5.0)
+    flight.at(0.0, 5.0, off_m=[-9.0, 0, 0])
+    assert flight.at(4.0, 5.0, off_m=[-6.0, 0, 0]) is None
+    assert flight.at(8.0, 5.0, off_m=[-6.0, 0, 0]) is None
+    assert flight.at(9.1, 5.0, off_m=[-6.0, 0, 0]) is Outcome.DEADLOCK
+
+
+def test_progress_of_one_swarm_is_enough() -> None:
+    flight = Flight(2, deadlock_s=5.0)
+    assert [flight.at(float(second), 3.0, 0.4 * second) for second in range(15)] == [None] * 15
+
+
+@pytest.mark.parametrize(("time_s", "outcome"), [(59.9, None), (60.0, Outcome.TIMEOUT)])
+def test_time_runs_out(time_s: float, outcome: Outcome | None) -> None:
+    flight = Flight(deadlock_s=999.0)
+    assert flight.at(time_s, 5.0) is outcome
+
+
+def test_success_at_the_last_moment_is_success() -> None:
+    flight = Flight(deadlock_s=5.0)
+    flight.at(0.0, 20.0, off_m=[0, 0, 3.0])
+    assert flight.at(60.0, 20.0) is Outcome.SUCCESS
+
+
+def test_success_with_a_follower_in_formation_beats_a_small_lost_distance() -> None:
+    assert Flight(lost_m=1.0).at(1.0, 20.0) is Outcome.SUCCESS
+    assert Flight(lost_m=1.0).at(1.0, 5.0) is Outcome.LOST

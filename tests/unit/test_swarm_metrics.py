@@ -1,0 +1,194 @@
+"""The figures of a mission."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sim.types import Contact, VelocityCommand
+from sim.world import World
+from swarm.formation import FormationConfig
+from swarm.metrics import DepthComparison, MissionMetrics, separation_m
+from swarm.team import Route, Team
+from tests.helpers import wall, world_of
+from tests.swarm_scenes import RADIUS_M, capture, corrected, flat, state
+
+ROUTE = Route(start_m=(0.0, 0.0, 0.0), goal_m=(30.0, 0.0, 0.0))
+
+
+def swarm(n: int = 3) -> Team:
+    return Team.of(ROUTE, range(n), FormationConfig())
+
+
+@contextmanager
+def metrics_of(*teams: Team, wall_m: float = 50.0) -> Iterator[tuple[World, MissionMetrics]]:
+    """A world with the teams in their slots before a wall, and its metrics."""
+    with world_of(wall(wall_m), starts_m=np.vstack([team.starts_m for team in teams])) as world:
+        yield world, MissionMetrics(world, teams)
+
+
+def order_of(*velocities: tuple[float, float, float]) -> float:
+    """The order of one swarm whose drones fly like that."""
+    team = swarm(len(velocities))
+    with metrics_of(team) as (_, metrics):
+        states = [state(*at, v) for at, v in zip(team.starts_m, velocities, strict=True)]
+        return metrics.sample(states)["order"]
+
+
+class TestOrder:
+    def test_all_the_same_way_is_1_however_fast(self) -> None:
+        assert order_of((1, 2, 0), (2, 4, 0), (0.5, 1, 0)) == pytest.approx(1)
+
+    def test_two_opposite_ways_are_0(self) -> None:
+        assert order_of((2, 0, 0), (-0.5, 0, 0)) == pytest.approx(0)
+
+    def test_a_right_angle_is_between(self) -> None:
+        assert order_of((1, 0, 0), (0, 3, 0)) == pytest.approx(np.sqrt(0.5))
+
+    def test_those_that_stand_have_no_say(self) -> None:
+        assert order_of((1, 0, 0), (2, 0, 0), (-0.05, 0, 0)) == pytest.approx(1)
+        assert order_of((1, 0, 0), (0, 0, 0), (0, 0, 0)) == 1
+
+    def test_two_swarms_that_cross_are_each_in_order(self) -> None:
+        one = swarm(2)
+        route = Route(start_m=(0.0, 9.0, 0.0), goal_m=(0.0, -9.0, 0.0))
+        other = Team.of(route, range(2, 4), FormationConfig())
+        with metrics_of(one, other) as (_, metrics):
+            velocities = [(1, 0, 0), (1, 0, 0), (0, -1, 0), (0, -1, 0)]
+            starts = np.vstack([one.starts_m, other.starts_m])
+            states = [state(*at, v) for at, v in zip(starts, velocities, strict=True)]
+            assert metrics.sample(states)["order"] == pytest.approx(1)
+
+
+class TestDistances:
+    @pytest.mark.parametrize(("apart_m", "gap_m"), [(3.0, 2.5), (0.5, 0.0), (0.4, -0.1)])
+    def test_separation_is_the_gap_between_spheres(self, apart_m: float, gap_m: float) -> None:
+        states = [state(0, 0, 0), state(0, apart_m, 0), state(9, 9, 9)]
+        assert separation_m(states, RADIUS_M) == pytest.approx(gap_m)
+
+    def test_one_drone_is_separate_from_nobody(self) -> None:
+        assert separation_m([state(0, 0, 0)], RADIUS_M) == np.inf
+        with metrics_of(swarm(1)) as (world, metrics):
+            now = metrics.sample(world.states)
+            assert set(now) == {"clearance_m", "path_deviation_m"}
+            summary = metrics.summary((), [0])
+        assert summary["min_separation_m"] is None
+        assert summary["order_mean"] is None
+        assert summary["formation_error_mean_m"] is None
+
+    def test_path_deviation_is_that_of_the_leader_and_the_largest_of_all_swarms(self) -> None:
+        one = swarm(2)
+        other = Team.of(Route(start_m=(0.0, 20.0, 0.0), goal_m=(30.0, 20.0, 0.0)), range(2, 4), FormationConfig())
+        with metrics_of(one, other) as (world, metrics):
+            for aside in ((1.0, -0.5), (0.2, 3.0), (0.0, 0.0)):
+                states = world.states
+                for leader, y in zip((0, 2), aside, strict=True):
+                    states[leader].position_m[1] += y
+                metrics.sample(states)
+            summary = metrics.summary((), [0] * 4)
+        assert summary["path_deviation_max_m"] == pytest.approx(3.0, abs=1e-6)
+        assert summary["path_deviation_mean_m"] == pytest.approx((1.0 + 3.0 + 0.0) / 3, abs=1e-6)
+
+    def test_formation_error_is_the_mean_over_the_followers(self) -> None:
+        with metrics_of(swarm(3)) as (world, metrics):
+            states = world.states
+            states[2].position_m[:] += [0, 3.0, 4.0]
+            assert metrics.sample(states)["formation_error_m"] == pytest.approx(2.5, abs=1e-6)
+            assert metrics.sample(world.states)["formation_error_m"] == pytest.approx(0, abs=1e-6)
+            assert metrics.summary((), [0] * 3)["formation_error_mean_m"] == pytest.approx(1.25, abs=1e-6)
+
+    def test_the_smallest_clearance_is_kept_and_the_nearest_drone_counts(self) -> None:
+        with metrics_of(swarm(1), wall_m=2.0) as (world, metrics):
+            clearances = []
+            for velocity in (1.0, -1.0):
+                world.apply([VelocityCommand(velocity_m_s=np.array([velocity, 0, 0]), yaw_rad=0.0)])
+                for _ in range(120):
+                    world.step()
+                clearances.append(metrics.sample(world.states)["clearance_m"])
+            summary, (drone,) = metrics.summary((), [0]), metrics.by_drone((), [0])
+        assert clearances[0] != clearances[1]
+        assert summary["min_clearance_m"] == drone["min_clearance_m"] == min(clearances)
+
+    def test_path_length_adds_up(self) -> None:
+        with metrics_of(swarm(1)) as (_, metrics):
+            for x, y in ((0, 0), (3, 4), (3, 5), (3, 4)):
+                metrics.sample([state(x, y, 0)])
+            (drone,) = metrics.by_drone((), [0])
+            (trajectory,) = metrics.trajectories()
+        assert drone["path_length_m"] == pytest.approx(7)
+        assert trajectory.position_m.shape == (4, 3)
+
+
+def contact(time_s: float, drone: int, other: str, kind: str) -> Contact:
+    return Contact(time_s=time_s, drone=drone, other=other, kind=kind, speed_m_s=1.0)
+
+
+CONTACTS = (
+    contact(1.0, 0, "drone-2", "drone"),
+    contact(1.5, 2, "tower", "building"),
+    contact(2.0, 2, "ground", "ground"),
+    contact(2.5, 0, "pole", "building"),
+)
+
+
+class TestSums:
+    def summed(self) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+        """Figures of three drones that saw images of different depth."""
+        with metrics_of(swarm(3)) as (world, metrics):
+            metrics.sample(world.states)
+            for drone, raw_m in ((0, 4.0), (1, 3.5), (1, 0.0), (2, 3.1)):
+                image = capture(0.0, depth_raw_m=flat(raw_m))
+                metrics.add_depth(drone, DepthComparison.of(image, corrected(flat(3.2))))
+            dropped = [1, 0, 5]
+            return metrics.summary(CONTACTS, dropped), metrics.by_drone(CONTACTS, dropped)
+
+    def test_the_drones_add_up_to_the_summary(self) -> None:
+        summary, drones = self.summed()
+        assert sum(drone["dropped_frames"] for drone in drones) == summary["dropped_frames"] == 6
+        assert min(drone["min_clearance_m"] for drone in drones) == summary["min_clearance_m"]
+        assert min(d["first_contact_s"] for d in drones if d["first_contact_s"]) == summary["first_contact_s"] == 1.0
+        for name in ("raw", "corrected"):
+            pixels = [drone[f"depth_{name}_pixels"] for drone in drones]
+            assert sum(pixels) == summary[f"depth_{name}_pixels"] == 4 * capture(0.0).depth_raw_m.size
+            holes = [n * drone[f"depth_{name}_hole_share"] for n, drone in zip(pixels, drones, strict=True)]
+            assert sum(holes) == pytest.approx(sum(pixels) * summary[f"depth_{name}_hole_share"])
+        assert summary["depth_raw_hole_share"] == pytest.approx(0.25)
+        assert summary["depth_raw_mae_m"] == pytest.approx((1.0 + 0.5 + 0.1) / 3, rel=1e-5)
+        assert summary["depth_corrected_mae_m"] == pytest.approx(0.2, rel=1e-5)
+
+    def test_collisions_are_counted_by_kind_and_of_two_drones_for_both(self) -> None:
+        summary, drones = self.summed()
+        assert [summary[f"collisions_{kind}"] for kind in ("drone", "building", "ground")] == [1, 2, 1]
+        assert [drone["first_contact_s"] for drone in drones] == [1.0, None, 1.0]
+
+    def test_who_touched_something_had_no_clearance_even_if_no_tick_saw_it(self) -> None:
+        summary, drones = self.summed()
+        assert [drone["min_clearance_m"] == 0 for drone in drones] == [True, False, True]
+        assert summary["min_clearance_m"] == summary["min_separation_m"] == 0
+        with metrics_of(swarm(2)) as (world, metrics):
+            metrics.sample(world.states)
+            summary = metrics.summary((contact(1.0, 0, "tower", "building"),), [0, 0])
+        assert summary["min_clearance_m"] == 0
+        assert summary["min_separation_m"] == pytest.approx(np.hypot(2.6, 1.3) - 0.5, abs=1e-3)
+
+    def test_drone_1_has_no_part_in_the_collision_of_drone_10(self) -> None:
+        with metrics_of(swarm(2)) as (world, metrics):
+            metrics.sample(world.states)
+            drones = metrics.by_drone((contact(1.0, 0, "drone-10", "drone"),), [0, 0])
+        assert [drone["first_contact_s"] for drone in drones] == [1.0, None]
+
+    def test_without_images_there_is_nothing_to_say_of_depth(self) -> None:
+        with metrics_of(swarm(1)) as (world, metrics):
+            metrics.sample(world.states)
+            summary = metrics.summary((), [0])
+        assert summary["depth_raw_mae_m"] is None
+        assert summary["depth_raw_pixels"] == 0
+        assert summary["first_contact_s"] is None
+
+    def test_a_corrector_that_changes_nothing_has_the_errors_of_the_raw_depth(self) -> None:
+        image = capture(0.0)
+        same = DepthComparison.of(image, corrected(image.depth_raw_m))
+        assert same.raw == same.corrected
+        assert same.raw.mae_m == pytest.approx(1)

@@ -1,0 +1,60 @@
+"""From a capture to what a controller may know."""
+
+import numpy as np
+import pytest
+
+from swarm.detection import Detector, DetectorConfig
+from swarm.histogram import HistogramBuilder, HistogramConfig
+from swarm.perception import Perception, frame_of
+from tests.helpers import CAMERA
+from tests.swarm_scenes import MOUNT_CAM_M, RADIUS_M, capture, flat
+from voxdepth.peers.raw import Raw
+
+
+def eyes_with(latency_s: float) -> Perception:
+    detector = Detector(DetectorConfig(miss_rate=0), CAMERA, [7, 8], radius_m=RADIUS_M, seed=0, drone=0)
+    return Perception(Raw(), HistogramBuilder(CAMERA, HistogramConfig(), MOUNT_CAM_M), detector, latency_s=latency_s)
+
+
+def test_the_truth_is_dropped_before_correction() -> None:
+    frame = frame_of(capture(1.0))
+    np.testing.assert_array_equal(frame.depth_m, flat(4.0))
+    assert frame.T_world_cam is None
+    assert not any("true" in name for name in vars(frame))
+
+
+def test_another_truth_changes_nothing_that_is_perceived() -> None:
+    ids = np.full(CAMERA.shape, 8, np.int32)
+    seen = []
+    for true_m in (3.0, 30.0):
+        eyes = eyes_with(0.0)
+        eyes.see(capture(0.0, depth_true_m=flat(true_m), segment_id=ids))
+        seen.append(eyes.newest)
+    np.testing.assert_array_equal(seen[0].histogram.range_m, seen[1].histogram.range_m)
+    assert seen[0].detections[0].range_m == seen[1].detections[0].range_m
+
+
+def test_latency_delays_percepts_and_drops_frames_meanwhile() -> None:
+    eyes = eyes_with(0.15)
+    assert eyes.ready(0.0)
+    eyes.see(capture(0.0))
+    assert eyes.latest(0.1) is None
+    assert not eyes.ready(0.1)
+    assert eyes.ready(0.2)
+    percept = eyes.latest(0.15)
+    assert percept is not None
+    assert percept.stamp_s == 0.0
+    assert eyes.dropped == 1
+
+
+@pytest.mark.parametrize("latency_s", [0.0, 0.03, 0.1])
+def test_a_latency_within_a_frame_drops_nothing_and_the_newest_is_known_in_time(latency_s: float) -> None:
+    eyes = eyes_with(latency_s)
+    for frame in range(5):
+        stamp_s = frame / 10
+        assert eyes.ready(stamp_s)
+        eyes.see(capture(stamp_s))
+        percept = eyes.latest(stamp_s + latency_s)
+        assert percept is not None
+        assert percept.stamp_s == stamp_s
+    assert eyes.dropped == 0
