@@ -19,6 +19,10 @@ ROUNDS = 32
 """Most offences that are mended; fewer leave more of them in the corners between several surfaces."""
 
 
+STILL: FloatArray = np.zeros(3)
+"""No motion at all."""
+
+
 class NearbyConfig(Model):
     """How long surfaces are remembered, and how near a drone lets them come.
 
@@ -92,15 +96,27 @@ class NearbyMemory:
         self._seen.append((stamp_s, points[_confirmed(points, self._candidates, self._config.confirm_m)]))
         self._candidates = points
 
-    def limits(self, position_m: FloatArray) -> ApproachLimits:
-        """How fast the drone at a position, shape (3,), may come nearer to each remembered surface."""
+    def limits(self, position_m: FloatArray, drift_m: FloatArray = STILL) -> ApproachLimits:
+        """How fast the drone may come nearer to each remembered surface.
+
+        Args:
+            position_m: Of the drone, shape (3,).
+            drift_m: How far it goes on before a command takes hold, shape (3,).
+        """
         points = np.concatenate([np.empty((0, 3)), *(points for _, points in self._seen)])
         towards, distance_m, _ = _near(points - position_m, self._config.radius_m)
-        return ApproachLimits(towards, self._config.approach_speed(distance_m - self._keep_m))
+        room_m = distance_m - self._keep_m - np.maximum(towards @ drift_m, 0)
+        return ApproachLimits(towards, self._config.approach_speed(room_m))
 
 
 def neighbour_limits(
-    position_m: FloatArray, neighbours: Neighbours, config: NearbyConfig, radius_m: float
+    position_m: FloatArray,
+    neighbours: Neighbours,
+    config: NearbyConfig,
+    radius_m: float,
+    *,
+    drift_m: FloatArray = STILL,
+    response_s: float = 0.0,
 ) -> ApproachLimits:
     """How fast a drone may fly towards each neighbour, whose own motion away counts in favour.
 
@@ -109,11 +125,14 @@ def neighbour_limits(
         neighbours: The others.
         config: See there.
         radius_m: Of the collision sphere of every drone.
+        drift_m: How far the drone goes on before a command takes hold, shape (3,).
+        response_s: The time in which it does.
     """
     towards, distance_m, close = _near(neighbours.position_m - position_m, config.radius_m)
-    own_motion = (neighbours.velocity_m_s[close] * towards).sum(axis=1)
-    room_m = distance_m - 2 * radius_m - config.drone_clearance_m
-    return ApproachLimits(towards, config.approach_speed(room_m) + own_motion)
+    their_motion = (neighbours.velocity_m_s[close] * towards).sum(axis=1)
+    closing_m = np.maximum(towards @ drift_m - response_s * their_motion, 0)
+    room_m = distance_m - 2 * radius_m - config.drone_clearance_m - closing_m
+    return ApproachLimits(towards, config.approach_speed(room_m) + their_motion)
 
 
 def restrain(velocity_m_s: FloatArray, *limits: ApproachLimits) -> FloatArray:

@@ -78,7 +78,9 @@ class Avoidance:
         self._config = config
         self._keep_m = radius_m + config.clearance_m
 
-    def choose(self, wanted_m_s: FloatArray, histogram: Histogram, previous: FloatArray | None) -> Choice:
+    def choose(
+        self, wanted_m_s: FloatArray, histogram: Histogram, previous: FloatArray | None, at_m: FloatArray | None = None
+    ) -> Choice:
         """The velocity nearest to a wanted one that is safe.
 
         A wish to go where the camera does not look is granted if it is slow. Else the drone flies by what it sees, and
@@ -88,6 +90,8 @@ class Avoidance:
             wanted_m_s: Wanted velocity, shape (3,).
             histogram: What is free around.
             previous: Direction chosen last, shape (3,), or None.
+            at_m: Where the drone will be when a command takes hold, shape (3,); None if it is still where the
+                histogram was taken. The way to there is no room to brake.
         """
         speed = float(np.linalg.norm(wanted_m_s))
         goal = wanted_m_s / speed if speed > 1e-3 else histogram.forward_world
@@ -102,7 +106,8 @@ class Avoidance:
             clear_m = histogram.range_m.ravel()
         best = int(np.argmin(self._cost(directions, clear_m, goal, previous)))
         direction = self._refine(goal, directions[best], histogram)
-        limit = self._speed_limit(float(clear_m[best]))
+        gone_m = 0.0 if at_m is None else max(0.0, float((at_m - histogram.origin_m) @ direction))
+        limit = self._speed_limit(float(clear_m[best]) - gone_m)
         cols = histogram.range_m.shape[1]
         return Choice(
             velocity_m_s=min(speed, limit) * direction,

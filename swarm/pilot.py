@@ -10,7 +10,7 @@ from sim.types import DroneState, VelocityCommand
 from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
-from .nearby import NearbyConfig, NearbyMemory, neighbour_limits, restrain
+from .nearby import ApproachLimits, NearbyConfig, NearbyMemory, neighbour_limits, restrain
 from .obstacles import Avoidance, AvoidanceConfig
 from .perception import Percept
 from .types import Choice, Decision, Histogram, Motion, Neighbours
@@ -21,8 +21,15 @@ class PilotConfig(Model):
 
     yaw_rate_rad_s: float = Field(1.5, gt=0)
     """Fastest turn of the heading."""
+    response_s: float = Field(0.4, ge=0)
+    """Time by which the airframe follows its commands late, 1 / velocity gain. How far a drone goes on meanwhile is no
+    room to brake: with that the braking curve does not swing over. More brakes earlier."""
     avoidance: AvoidanceConfig = AvoidanceConfig()
     nearby: NearbyConfig = NearbyConfig()
+
+    def drift_m(self, own: DroneState) -> FloatArray:
+        """How far a drone goes on before a command takes hold, shape (3,)."""
+        return self.response_s * own.velocity_m_s
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,11 +84,12 @@ class SeeingPilot:
             command = VelocityCommand(velocity_m_s=np.zeros(3), yaw_rad=self._heading.yaw_rad)
             return Decision(command=command, wanted_velocity_m_s=wanted_m_s, choice=None)
         self._remember(percept, situation)
-        choice = self._avoid(wanted_m_s, percept.histogram)
+        own_m, drift_m = situation.own.position_m, self._config.drift_m(situation.own)
+        choice = self._avoid(wanted_m_s, percept.histogram, own_m + drift_m)
         velocity_m_s = restrain(
             choice.velocity_m_s,
-            self._nearby.limits(situation.own.position_m),
-            neighbour_limits(situation.own.position_m, situation.neighbours, self._config.nearby, self._radius_m),
+            self._nearby.limits(own_m, drift_m),
+            drone_limits(situation, self._config, self._radius_m),
         )
         yaw_rad = self._heading.towards(choice.direction, float(np.linalg.norm(wanted_m_s)))
         command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=yaw_rad)
@@ -92,8 +100,8 @@ class SeeingPilot:
             self._last_stamp_s = percept.stamp_s
             self._nearby.remember(percept.stamp_s, percept.histogram, situation.neighbours)
 
-    def _avoid(self, wanted_m_s: FloatArray, histogram: Histogram) -> Choice:
-        choice = self._avoidance.choose(wanted_m_s, histogram, self._previous)
+    def _avoid(self, wanted_m_s: FloatArray, histogram: Histogram, at_m: FloatArray) -> Choice:
+        choice = self._avoidance.choose(wanted_m_s, histogram, self._previous, at_m)
         self._previous = choice.direction
         return choice
 
@@ -108,11 +116,22 @@ class BlindPilot:
 
     def fly(self, wanted_m_s: FloatArray, situation: Situation) -> Decision:
         """The wanted velocity, shape (3,), but for what would lead into a neighbour."""
-        own_m = situation.own.position_m
-        limits = neighbour_limits(own_m, situation.neighbours, self._config.nearby, self._radius_m)
+        limits = drone_limits(situation, self._config, self._radius_m)
         yaw_rad = self._heading.towards(wanted_m_s, float(np.linalg.norm(wanted_m_s)))
         command = VelocityCommand(velocity_m_s=restrain(wanted_m_s, limits), yaw_rad=yaw_rad)
         return Decision(command=command, wanted_velocity_m_s=wanted_m_s, choice=None)
+
+
+def drone_limits(situation: Situation, config: PilotConfig, radius_m: float) -> ApproachLimits:
+    """How fast a drone may fly towards each of the others."""
+    return neighbour_limits(
+        situation.own.position_m,
+        situation.neighbours,
+        config.nearby,
+        radius_m,
+        drift_m=config.drift_m(situation.own),
+        response_s=config.response_s,
+    )
 
 
 class Heading:

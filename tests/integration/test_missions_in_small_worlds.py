@@ -40,7 +40,6 @@ def test_a_drone_stops_before_a_wall(speed_m_s: float) -> None:
     assert float(result.metrics["min_clearance_m"] or 0) > 0.1
 
 
-@pytest.mark.xfail(strict=True, reason="the braking curve leaves out that a drone follows its commands 0.4 s late")
 def test_a_drone_keeps_its_clearance_before_a_wall() -> None:
     task = config(route(-3, 0, 12, 0))
     result = fly_at_a_wall()
