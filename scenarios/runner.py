@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from sim.render import create_renderer
-from sim.rig import StereoRig
+from sim.rig import Mapper, StereoRig
 from sim.world import World
 from swarm.mission import Mission, start_yaws_rad, starts_m
 from swarm.recorder import NullRecorder, Recorder
@@ -122,13 +122,13 @@ def flying(run: Run, recorder: Recorder, *, recorded: bool, threads: int | None 
         World(
             scenario.scene.build(seed), starts_m(config), scenario.airframe, start_yaw_rad=start_yaws_rad(config)
         ) as world,
-        ThreadPoolExecutor(threads) as pool,
+        _side_by_side(threads) as pool_map,
     ):
         intrinsics = scenario.rig.intrinsics
         correctors = [create_corrector(scenario.corrector, intrinsics) for _ in range(world.n_drones)]
         gray = recorded or any(corrector.uses_gray for corrector in correctors)
         renderer = create_renderer(scenario.renderer, world, threads=threads)
-        rig = StereoRig(world, renderer, scenario.rig, seed=seed, gray=gray, pool_map=pool.map)
+        rig = StereoRig(world, renderer, scenario.rig, seed=seed, gray=gray, pool_map=pool_map)
         yield Mission(
             config,
             world,
@@ -138,8 +138,18 @@ def flying(run: Run, recorder: Recorder, *, recorded: bool, threads: int | None 
             camera_hz=scenario.rig.rate_hz,
             latency_s=scenario.latency_s,
             seed=seed,
-            pool_map=pool.map,
+            pool_map=pool_map,
         )
+
+
+@contextmanager
+def _side_by_side(threads: int) -> Iterator[Mapper]:
+    """Something like `map` on so many threads; a single one is this one, which spares the handing over."""
+    if threads == 1:
+        yield map
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        yield pool.map
 
 
 def _ticks(mission: Mission, progress: Progress | None) -> float:

@@ -76,8 +76,6 @@ class NoisyTier:
         seed: Master seed.
     """
 
-    needs_right = True
-
     def __init__(
         self,
         intrinsics: Intrinsics,
@@ -89,6 +87,7 @@ class NoisyTier:
     ) -> None:
         self._intrinsics = intrinsics
         self._terms = noise.terms
+        self.needs_right = noise.occlusion.active
         self._max_depth_m = np.float32(max_depth_m)
         self._texture_of_body = texture_of_body
         self._seed = seed
