@@ -73,6 +73,7 @@ class Mission:
         self._team_of = [team for team in self._teams for _ in team.members]
         leaders = [team.leader for team in self._team_of]
         self._link = Link(config.link, world.states, config.control_hz, seed=seed, leaders=leaders)
+        self._link.broadcast(world.states, self.time_s)
         self._agents = self._make_agents(make_agent or load_controller(config.controller))
         self._judge_of = Judge(config, self._teams)
         self._metrics = MissionMetrics(world, self._teams)
@@ -138,7 +139,6 @@ class Mission:
 
     def _decide(self) -> None:
         states = self._world.states
-        self._link.broadcast(states, self.time_s)
         decisions = [agent.decide(self._situation(i, states[i])) for i, agent in enumerate(self._agents)]
         self._world.apply([decision.command for decision in decisions])
         slots_m = self._slots_m(states)
@@ -163,6 +163,7 @@ class Mission:
             for contact in self._world.step():
                 self._recorder.contact(self._world.steps, contact)
         self._ticks += 1
+        self._link.broadcast(self._world.states, self.time_s)
 
     def _judge(self) -> None:
         """End the mission when one of the outcomes has come about."""

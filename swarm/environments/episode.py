@@ -15,6 +15,7 @@ from voxdepth.types import FloatArray
 from ..controllers import Agent, Role, load_controller
 from ..errors import MissionError
 from ..mission import Mission, start_yaws_rad, starts_m
+from ..pilot import Situation
 from ..recorder import NullRecorder, Recorder
 from ..task import MissionConfig
 from ..types import Outcome
@@ -78,9 +79,13 @@ class Episode:
         ended = {} if self.outcome is None else {"outcome": self.outcome.value}
         return {"seed": self.seed, "time_s": self._mission.time_s, **ended}
 
+    def situation(self, drone: int) -> Situation:
+        """All that a drone knows now, as the rules would be given it; an expert to learn from may decide on it."""
+        return self._mission.situation(drone)
+
     def observe(self, drone: int) -> Observation:
-        """What a learner knows now."""
-        return observe(self._mission.situation(drone), self._roles[drone], self._limits)
+        """What a learner is shown of that."""
+        return observe(self.situation(drone), self._roles[drone], self._limits)
 
     def step(self, actions: Mapping[int, npt.ArrayLike]) -> dict[int, Verdict]:
         """Fly one camera period, or to the end of the mission if that comes first.
@@ -131,7 +136,7 @@ class Episode:
         return self._learners[role.drone]
 
     def _await_first_image(self) -> None:
-        while any(self._mission.situation(drone).percept is None for drone in self._learners):
+        while any(self.situation(drone).percept is None for drone in self._learners):
             self._mission.tick()
             if self.outcome is not None:
                 raise MissionError(
