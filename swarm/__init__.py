@@ -3,6 +3,6 @@
 import sys
 
 if "gymnasium" in sys.modules:  # for `gymnasium.make("swarm:voxdepth/LeaderFollower-v0")`; others pay nothing
-    from . import environments as environments
+    from . import gym as gym
 
 del sys

@@ -16,7 +16,8 @@ from swarm.environments.view import GOAL, LEADER, LEARNER, SCRIPTED, colored
 from swarm.errors import MissionError
 from tests.learning import DIVE, FORWARD, QUICK_RIG, TURN, quick
 
-NAME = "swarm:voxdepth/LeaderFollower-v0"
+NAME = "swarm.gym:voxdepth/LeaderFollower-v0"
+SHORT_NAME = "swarm:voxdepth/LeaderFollower-v0"
 
 
 def array(action: list[float]) -> np.ndarray:
@@ -36,8 +37,11 @@ def test_gymnasium_finds_nothing_to_warn_of_in_the_default() -> None:
     env.close()
 
 
-def test_its_name_is_found_where_only_gymnasium_was_imported_before() -> None:
-    code = f"import gymnasium; print(type(gymnasium.make({NAME!r}).unwrapped).__name__)"
+@pytest.mark.parametrize(
+    ("before", "name"), [("gymnasium", SHORT_NAME), ("gymnasium", NAME), ("swarm.environments.task, gymnasium", NAME)]
+)
+def test_its_name_is_found(before: str, name: str) -> None:
+    code = f"import {before}; print(type(gymnasium.make({name!r}).unwrapped).__name__)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "LeaderFollowerEnv"
 
