@@ -35,7 +35,7 @@ class Episode:
         task: What is flown.
         learners: Numbers of the followers that are steered from outside.
         seed: Of the scene and of all noise: the same seed and actions give the same observations, bit for bit.
-        recorder: Told of everything, gray images included; without one, those are rendered only if something needs them.
+        recorder: Told of everything, gray images included; None if nobody is.
 
     Raises:
         MissionError: A learner is no follower of the task, or the task cannot be flown.

@@ -13,7 +13,7 @@ from swarm.controllers import Role
 from swarm.environments.episode import Episode
 from swarm.environments.observation import Limits, observe
 from swarm.environments.reward import RewardConfig
-from swarm.environments.steering import Direct, heading_frame
+from swarm.environments.steering import Direct, SteeringName, heading_frame
 from swarm.environments.task import LearningTask
 from swarm.errors import MissionError
 from swarm.perception import Percept
@@ -206,7 +206,7 @@ def test_the_time_running_out_cuts_short() -> None:
 
 
 @pytest.mark.parametrize(("steering", "hits"), [("direct", True), ("shielded", False)])
-def test_the_avoidance_layer_keeps_a_reckless_drone_off_the_tower(steering: str, hits: bool) -> None:
+def test_the_avoidance_layer_keeps_a_reckless_drone_off_the_tower(steering: SteeringName, hits: bool) -> None:
     options = quick(x_m=30.0, y_m=2.6, duration_s=8.0)
     episode = Episode(LearningTask(**options | {"steering": steering}), [1], seed=0)
     start_m = episode.world.states[1].position_m
@@ -214,6 +214,21 @@ def test_the_avoidance_layer_keeps_a_reckless_drone_off_the_tower(steering: str,
         episode.step({1: FORWARD})
     assert np.linalg.norm(episode.world.states[1].position_m - start_m) > 3
     assert (episode.outcome is Outcome.COLLISION) == hits
+    episode.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("steering", "outcome"), [("direct", Outcome.COLLISION), ("shielded", Outcome.SUCCESS)])
+def test_the_default_task_asks_for_eyes(steering: SteeringName, outcome: Outcome) -> None:
+    """Who flies to its slot without a look at the depth hits a tower; a look is enough to arrive."""
+    depth = LearningTask().rig.model_copy(update={"depth": "truth"})
+    task = LearningTask(rig=depth, corrector="raw", steering=steering)
+    episode = Episode(task, [1], seed=0)
+    while episode.outcome is None:
+        to_slot = 1.5 * episode.observe(1)["slot_m"] / task.mission.follower_speed_m_s
+        episode.step({1: [*to_slot, 0.0]})
+    assert episode.outcome is outcome
+    assert [contact.kind for contact in episode.world.contacts] == ["building"] * (steering == "direct")
     episode.close()
 
 
