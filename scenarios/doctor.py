@@ -11,7 +11,7 @@ import numpy as np
 OUR_PACKAGES = ("voxdepth", "sim", "swarm", "scenarios")
 DISTRIBUTIONS = (
     "numpy", "opencv-python-headless", "pydantic", "warp-lang", "pybullet", "open3d", "rerun-sdk", "typer", "rich",
-    "gymnasium", "matplotlib", "jinja2", "pyarrow",
+    "gymnasium", "pettingzoo", "matplotlib", "jinja2", "pyarrow",
 )  # fmt: skip
 
 

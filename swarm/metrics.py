@@ -134,9 +134,9 @@ class MissionMetrics:
         return [
             {
                 "drone": drone,
-                "first_contact_s": min((c.time_s for c in contacts if _has_part(drone, c)), default=None),
+                "first_contact_s": min((c.time_s for c in contacts if has_part(drone, c)), default=None),
                 "min_clearance_m": _least(
-                    record.min_clearance_m, touched=any(_has_part(drone, contact) for contact in contacts)
+                    record.min_clearance_m, touched=any(has_part(drone, contact) for contact in contacts)
                 ),
                 "path_length_m": self._path_length_m(drone),
                 "dropped_frames": dropped_frames[drone],
@@ -174,7 +174,8 @@ def _order(team: Team, states: Sequence[DroneState]) -> float:
     return float(np.linalg.norm((velocities[moving] / speed[moving, None]).mean(axis=0)))
 
 
-def _has_part(drone: int, contact: Contact) -> bool:
+def has_part(drone: int, contact: Contact) -> bool:
+    """Whether a drone hit something there, or was hit."""
     return contact.drone == drone or contact.other == f"drone-{drone}"
 
 

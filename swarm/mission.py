@@ -10,7 +10,7 @@ from sim.types import Capture, Contact, DroneState
 from sim.world import PHYSICS_HZ, World
 from voxdepth.types import CorrectedDepth, DepthCorrector, FloatArray
 
-from .controllers import Agent, Role, load_controller
+from .controllers import Agent, Factory, Role, load_controller
 from .detection import Detector
 from .errors import MissionError
 from .histogram import HistogramBuilder
@@ -39,6 +39,7 @@ class Mission:
         seed: Master seed of pose priors, detector and radio.
         recorder: Told of everything; closed by whoever made it.
         pool_map: Runs the drones' perception side by side; the result is the same with any.
+        make_agent: Makes the drones' agents; without it, `config.controller` names who does.
     """
 
     def __init__(
@@ -53,6 +54,7 @@ class Mission:
         latency_s: float,
         seed: int,
         pool_map: Mapper = map,
+        make_agent: Factory | None = None,
     ) -> None:
         self._steps_per_tick = _whole_ratio(PHYSICS_HZ, config.control_hz, "control_hz", "the physics rate")
         self._ticks_per_frame = _whole_ratio(config.control_hz, camera_hz, "rate_hz", "control_hz")
@@ -71,7 +73,8 @@ class Mission:
         self._team_of = [team for team in self._teams for _ in team.members]
         leaders = [team.leader for team in self._team_of]
         self._link = Link(config.link, world.states, config.control_hz, seed=seed, leaders=leaders)
-        self._agents = self._make_agents()
+        self._link.broadcast(world.states, self.time_s)
+        self._agents = self._make_agents(make_agent or load_controller(config.controller))
         self._judge_of = Judge(config, self._teams)
         self._metrics = MissionMetrics(world, self._teams)
         self._ticks = 0
@@ -100,6 +103,10 @@ class Mission:
     def interrupt(self) -> None:
         """End the mission from outside."""
         self._end(Outcome.INTERRUPTED)
+
+    def situation(self, drone: int) -> Situation:
+        """What a drone knows now, before the next tick; asking changes nothing."""
+        return self._situation(drone, self._world.states[drone])
 
     def result(self) -> MissionResult:
         """What became of the mission; it must have ended."""
@@ -132,7 +139,6 @@ class Mission:
 
     def _decide(self) -> None:
         states = self._world.states
-        self._link.broadcast(states, self.time_s)
         decisions = [agent.decide(self._situation(i, states[i])) for i, agent in enumerate(self._agents)]
         self._world.apply([decision.command for decision in decisions])
         slots_m = self._slots_m(states)
@@ -157,6 +163,7 @@ class Mission:
             for contact in self._world.step():
                 self._recorder.contact(self._world.steps, contact)
         self._ticks += 1
+        self._link.broadcast(self._world.states, self.time_s)
 
     def _judge(self) -> None:
         """End the mission when one of the outcomes has come about."""
@@ -190,8 +197,8 @@ class Mission:
             prior=make_prior(config.pose_prior, seed=seed, drone=drone),
         )
 
-    def _make_agents(self) -> list[Agent]:
-        make, radius_m = load_controller(self._config.controller), self._world.airframe.radius_m
+    def _make_agents(self, make: Factory) -> list[Agent]:
+        radius_m = self._world.airframe.radius_m
         roles = [Role(drone=i, team=team, radius_m=radius_m) for i, team in enumerate(self._team_of)]
         return [make(role, self._config) for role in roles]
 

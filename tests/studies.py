@@ -25,8 +25,7 @@ PIDS = "VOXDEPTH_TEST_PIDS"
 """Names a folder in which workers leave their process ids."""
 ONE_DRONE = {
     "mission.drones": 1,
-    "mission.start_m": [-8.0, 2.6, 6.0],
-    "mission.goal_m": [12.0, 2.6, 6.0],
+    "mission.routes": [{"start_m": [-8.0, 2.6, 6.0], "goal_m": [12.0, 2.6, 6.0]}],
     "mission.duration_s": 1.0,
     "rig.width_px": 96,
     "rig.height_px": 64,

@@ -22,7 +22,8 @@ from sim.sensor import RigConfig
 from sim.stereo import StereoConfig, StereoMatcher
 from sim.types import VelocityCommand
 from sim.world import World
-from swarm.mission import MissionConfig
+from swarm.mission import starts_m
+from swarm.task import MissionConfig
 from tests.helpers import camera_at
 from voxdepth.types import Intrinsics
 
@@ -54,7 +55,7 @@ def test_machine() -> None:
 
 @pytest.mark.parametrize("n_drones", [2, 4, 8, 16, 32])
 def test_physics_and_control_at_240_hz(n_drones: int) -> None:
-    starts = MissionConfig(drones=n_drones).starts_m()
+    starts = starts_m(MissionConfig(drones=n_drones))
     with World(CITY.build(0), starts) as world:
         world.apply([VelocityCommand(velocity_m_s=np.array([0.3, 0, 0]), yaw_rad=0.0)] * n_drones)
         start = time.perf_counter()
@@ -94,7 +95,7 @@ def test_a_whole_mission_by_number_of_drones(n_drones: int) -> None:
 @pytest.mark.parametrize("renderer", ["raycast", "tiny"])
 def test_rendering(renderer: str, width: int, height: int, drones: int) -> None:
     intrinsics = Intrinsics.from_hfov(width_px=width, height_px=height, hfov_deg=86, baseline_m=0.095)
-    starts = MissionConfig(drones=8).starts_m()
+    starts = starts_m(MissionConfig(drones=8))
     with World(CITY.build(0), starts) as world:
         cameras = [camera_at(x + 0.27, y, z, intrinsics=intrinsics) for x, y, z in starts[:drones] for _ in range(2)]
         view = create_renderer(renderer, world, threads=2)

@@ -36,8 +36,7 @@ time_limit_s = 60
 seeds = { count = 2 }
 [changes]
 "mission.drones" = 1
-"mission.start_m" = [-8.0, 2.6, 6.0]
-"mission.goal_m" = [12.0, 2.6, 6.0]
+"mission.routes" = [{ start_m = [-8.0, 2.6, 6.0], goal_m = [12.0, 2.6, 6.0] }]
 "mission.duration_s" = 12.0
 [declared]
 arm = "truth"

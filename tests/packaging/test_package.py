@@ -93,3 +93,13 @@ def test_the_example_of_a_sequence_can_be_loaded(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(text.split("```toml\n")[1].split("```")[0])
     planned = load_sequence(str(tmp_path / "mine.toml"), 0, {})
     assert planned.sequence.rig.noise.flicker.dropout == 0.05
+
+
+@pytest.mark.slow
+def test_the_example_of_an_environment_flies_to_its_end() -> None:
+    (example,) = (ROOT / "docs" / "environments.md").read_text().split("```python\n")[1:]
+    code = example.split("```")[0] + "print(picture.shape[2], info['outcome'])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    channels, outcome = done.stdout.splitlines()[-1].split()
+    assert channels == "3"
+    assert outcome in ("collision", "deadlock", "lost", "success", "timeout")

@@ -1,0 +1,89 @@
+"""A Gymnasium environment: one follower learns, all others fly by their rules."""
+
+from typing import Any, SupportsFloat
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+
+from .episode import Episode, require_followers, running
+from .observation import Observation
+from .spaces import action_space, observation_space
+from .task import LearningTask
+from .view import RENDER_MODES, Image, cameras_for, picture
+
+Action = npt.NDArray[np.float32]
+"""Shape (4,), within -1..1: forward, left, up, turn to the left."""
+
+
+class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
+    """Learn to follow a leader through a world seen by a corrected depth camera.
+
+    `gymnasium.make("swarm:voxdepth/LeaderFollower-v0", **options)` makes one. Observations are described at
+    `observation.Observation`, actions at `steering.Direct`, rewards at `reward.RewardConfig`, and what ends an episode
+    at `reward.Verdict`. `info` holds the `seed` of the episode, `time_s`, and when it has ended the `outcome`.
+
+    Args:
+        learner: Number of the drone that learns; None takes the first follower.
+        render_mode: `rgb_array`, or None for no pictures.
+        task: Fields of `LearningTask`, by name.
+
+    Raises:
+        MissionError: There is no such render mode, or the learner is no follower.
+        pydantic.ValidationError: A field of the task is unknown or impossible.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
+
+    def __init__(self, *, learner: int | None = None, render_mode: str | None = None, **task: Any) -> None:
+        self._task = LearningTask(**task)
+        self._learner = self._task.followers[0] if learner is None else learner
+        require_followers(self._task, [self._learner])
+        self._cameras = cameras_for(render_mode)
+        self.render_mode = render_mode
+        self.metadata = {**type(self).metadata, "render_fps": round(self._task.rig.rate_hz)}
+        self.observation_space = observation_space(self._task)
+        self.action_space = action_space()
+        self._episode: Episode | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: Of its world and noise; None draws the next one from `np_random`, so that episodes differ.
+            options: Has no effect.
+        """
+        super().reset(seed=seed)
+        episode_seed = int(self.np_random.integers(2**32)) if seed is None else seed
+        self.close()
+        self._episode = Episode(self._task, [self._learner], seed=episode_seed, recorder=self._cameras)
+        return self._episode.observe(self._learner), self._episode.info()
+
+    def step(self, action: Action) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Fly for one camera period.
+
+        Raises:
+            MissionError: There is no episode, it is over, or the action is unusable.
+        """
+        episode = running(self._episode)
+        verdict = episode.step({self._learner: action})[self._learner]
+        observation = episode.observe(self._learner)
+        return observation, verdict.reward, verdict.terminated, verdict.truncated, episode.info()
+
+    def render(self) -> Image | None:
+        """What the learner sees, over a map; shape (H, W, 3), RGB. None without a render mode.
+
+        Raises:
+            MissionError: There is no episode.
+        """
+        if self._cameras is None:
+            return None
+        return picture(self._cameras, running(self._episode).world, self._task, [self._learner])
+
+    def close(self) -> None:
+        """Free the world; a second call does nothing."""
+        if self._episode is not None:
+            self._episode.close()
+            self._episode = None

@@ -1,0 +1,129 @@
+"""A PettingZoo environment: all followers learn at once, behind leaders that fly by their rules."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import seeding
+from pettingzoo import ParallelEnv
+
+from ..errors import MissionError
+from .episode import Episode, running
+from .gym_env import Action
+from .observation import Observation
+from .spaces import action_space, observation_space
+from .task import LearningTask
+from .view import RENDER_MODES, Image, cameras_for, picture
+
+
+def parallel_env(**options: Any) -> "FollowersEnv":
+    """The environment, by the name that PettingZoo's tools expect; see `FollowersEnv` for the options."""
+    return FollowersEnv(**options)
+
+
+class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no types
+    """Learn to follow a leader, all followers of all swarms together.
+
+    Agents are called `drone_1`, `drone_2` and so on, by the number of the drone. Observations, actions, rewards and
+    infos of each are those of `LeaderFollowerEnv`. An episode ends for all of them at once, with the mission.
+
+    Args:
+        render_mode: `rgb_array`, or None for no pictures.
+        task: Fields of `LearningTask`, by name.
+
+    Raises:
+        MissionError: There is no such render mode.
+        pydantic.ValidationError: A field of the task is unknown or impossible.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "name": "voxdepth_followers_v0",
+        "render_modes": list(RENDER_MODES),
+        "render_fps": 10,
+        "is_parallelizable": True,
+    }
+
+    def __init__(self, *, render_mode: str | None = None, **task: Any) -> None:
+        self._task = LearningTask(**task)
+        self._cameras = cameras_for(render_mode)
+        self.render_mode = render_mode
+        self.metadata = {**type(self).metadata, "render_fps": round(self._task.rig.rate_hz)}
+        self._drone_of = {f"drone_{drone}": drone for drone in self._task.followers}
+        self.possible_agents = list(self._drone_of)
+        self.agents: list[str] = []
+        self._observation_spaces = {agent: observation_space(self._task) for agent in self._drone_of}
+        self._action_spaces = {agent: action_space() for agent in self._drone_of}
+        self._np_random: np.random.Generator | None = None
+        self._episode: Episode | None = None
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """Of one agent; always the same object."""
+        return self._observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """Of one agent; always the same object."""
+        return self._action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
+        """Begin an episode.
+
+        Args:
+            seed: Of its world and noise; None draws the next one, so that episodes differ.
+            options: Has no effect.
+        """
+        if seed is not None or self._np_random is None:
+            self._np_random, _ = seeding.np_random(seed)
+        episode_seed = int(self._np_random.integers(2**32)) if seed is None else seed
+        self.close()
+        episode = Episode(self._task, list(self._drone_of.values()), seed=episode_seed, recorder=self._cameras)
+        self._episode = episode
+        self.agents = list(self.possible_agents)
+        return self._observations(episode), {agent: episode.info() for agent in self.agents}
+
+    def step(
+        self, actions: Mapping[str, Action]
+    ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
+        """Fly for one camera period: observations, rewards, terminated, truncated and infos by agent.
+
+        Args:
+            actions: One for each agent.
+
+        Raises:
+            MissionError: There is no episode, it is over, or an action is missing or unusable.
+        """
+        episode = running(self._episode)
+        if set(actions) != set(self._drone_of):
+            raise MissionError(f"expected an action for each of {self.possible_agents}, got them for {sorted(actions)}")
+        by_drone = episode.step({self._drone_of[agent]: action for agent, action in actions.items()})
+        verdicts = {agent: by_drone[drone] for agent, drone in self._drone_of.items()}
+        self.agents = [] if episode.outcome is not None else self.agents
+        return (
+            self._observations(episode),
+            {agent: verdict.reward for agent, verdict in verdicts.items()},
+            {agent: verdict.terminated for agent, verdict in verdicts.items()},
+            {agent: verdict.truncated for agent, verdict in verdicts.items()},
+            {agent: episode.info() for agent in verdicts},
+        )
+
+    def render(self) -> Image | None:
+        """What the first agent sees, over a map; shape (H, W, 3), RGB. None without a render mode.
+
+        Raises:
+            MissionError: There is no episode.
+        """
+        if self._cameras is None:
+            return None
+        return picture(self._cameras, running(self._episode).world, self._task, self._task.followers)
+
+    def close(self) -> None:
+        """Free the world; a second call does nothing."""
+        if self._episode is not None:
+            self._episode.close()
+            self._episode = None
+        self.agents = []
+
+    def _observations(self, episode: Episode) -> dict[str, Observation]:
+        return {agent: episode.observe(drone) for agent, drone in self._drone_of.items()}

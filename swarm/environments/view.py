@@ -1,0 +1,133 @@
+"""Pictures of an episode: what a learner sees, and the swarm from above."""
+
+from collections.abc import Collection, Sequence
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from sim import frames
+from sim.bodies import Body, Box, Cylinder, Sphere
+from sim.types import Capture
+from sim.world import World
+from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, GrayImage
+
+from ..errors import MissionError
+from ..recorder import NullRecorder
+from ..team import Team
+from ..types import Histogram
+from .task import LearningTask
+
+Image = npt.NDArray[np.uint8]
+"""Shape (H, W, 3), RGB."""
+
+RENDER_MODES = ("rgb_array",)
+PANEL_HEIGHT_PX = 240
+FAREST = 25
+"""Place of the largest depth in the colour map, whose beginning is too dark to be told from black."""
+MAP_MARGIN_M = 8.0
+DRONE_RADIUS_PX = 4
+GROUND, BUILDING, GOAL = (238, 238, 232), (160, 160, 165), (40, 160, 60)
+SCRIPTED, LEADER, LEARNER = (60, 60, 60), (30, 90, 220), (220, 40, 40)
+
+
+class Cameras(NullRecorder):
+    """Remembers the newest image of each drone."""
+
+    def __init__(self) -> None:
+        self._newest: dict[int, tuple[GrayImage, FloatImage]] = {}
+
+    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth, histogram: Histogram) -> None:
+        """Keep the gray image and its corrected depth."""
+        self._newest[capture.drone] = capture.gray_left, corrected.depth_m
+
+    def panel(self, drone: int, max_depth_m: float) -> Image:
+        """The gray image beside its corrected depth, near red and far blue, holes black; 240 rows."""
+        gray, depth_m = self._newest[drone]
+        width_px = round(PANEL_HEIGHT_PX * gray.shape[1] / gray.shape[0])
+        images = np.repeat(gray[..., None], 3, axis=2), colored(depth_m, max_depth_m)
+        size = (width_px, PANEL_HEIGHT_PX)
+        return np.hstack([cv2.resize(image, size, interpolation=cv2.INTER_NEAREST) for image in images]).astype(
+            np.uint8
+        )
+
+
+class Map:
+    """The world from above, x to the right and y up, around the ways of all swarms.
+
+    Args:
+        world: What is drawn.
+        teams: Who flies in it.
+        width_px: Of the picture.
+    """
+
+    def __init__(self, world: World, teams: Sequence[Team], width_px: int) -> None:
+        self._world = world
+        self._teams = teams
+        ends_m = np.vstack([[team.start_m[:2], team.goal_m[:2]] for team in teams])
+        self._low_m, high_m = ends_m.min(axis=0) - MAP_MARGIN_M, ends_m.max(axis=0) + MAP_MARGIN_M
+        width_m, height_m = high_m - self._low_m
+        self._px_per_m = width_px / width_m
+        self._empty: Image = np.full((round(height_m * self._px_per_m), width_px, 3), GROUND, np.uint8)
+        for body in world.described.values():
+            if body.kind == "building":
+                self._draw_body(body)
+        for team in teams:
+            cv2.drawMarker(self._empty, self._at(team.goal_m), GOAL, cv2.MARKER_CROSS, 12, 2)
+
+    def draw(self, learners: Collection[int]) -> Image:
+        """Leaders are blue, learners red, other drones dark; goals are green crosses."""
+        image, states = self._empty.copy(), self._world.states
+        leaders = {team.leader for team in self._teams}
+        for drone, state in enumerate(states):
+            color = LEARNER if drone in learners else LEADER if drone in leaders else SCRIPTED
+            yaw_rad = frames.yaw_from_quaternion(state.q_world_body_xyzw)
+            ahead_m = state.position_m[:2] + 1.2 * np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
+            cv2.line(image, self._at(state.position_m), self._at(ahead_m), color, 1, cv2.LINE_AA)
+            cv2.circle(image, self._at(state.position_m), DRONE_RADIUS_PX, color, cv2.FILLED, cv2.LINE_AA)
+        return image
+
+    def _draw_body(self, body: Body) -> None:
+        """The outline of a box, and a circle for all that is round; other shapes are left out."""
+        match body.shape:
+            case Box(size_m=(x_m, y_m, _)):
+                turn = frames.rotation_from_quaternion(frames.quaternion_from_yaw(body.yaw_rad))[:2, :2]
+                corners_m = np.array([[x_m, y_m], [-x_m, y_m], [-x_m, -y_m], [x_m, -y_m]]) / 2 @ turn.T
+                corners = np.array([self._at(corner + body.position_m[:2]) for corner in corners_m], np.int32)
+                cv2.fillPoly(self._empty, [corners], BUILDING)
+            case Cylinder(radius_m=radius_m) | Sphere(radius_m=radius_m):
+                radius_px = max(2, round(radius_m * self._px_per_m))
+                cv2.circle(self._empty, self._at(np.array(body.position_m)), radius_px, BUILDING, cv2.FILLED)
+            case _:
+                pass
+
+    def _at(self, position_m: FloatArray) -> tuple[int, int]:
+        """Column and row of a position, of which x and y count."""
+        x, y = (position_m[:2] - self._low_m) * self._px_per_m
+        return round(x), len(self._empty) - 1 - round(y)
+
+
+def colored(depth_m: FloatImage, far_m: float) -> Image:
+    """Depth in colours, near red, `far_m` and beyond blue, holes black; shape (H, W, 3)."""
+    scaled = FAREST + (255 - FAREST) * (1 - np.sqrt(np.minimum(depth_m, far_m) / far_m))
+    image: Image = cv2.applyColorMap(scaled.astype(np.uint8), cv2.COLORMAP_TURBO).astype(np.uint8)[..., ::-1].copy()
+    image[depth_m <= 0] = 0
+    return image
+
+
+def picture(cameras: Cameras, world: World, task: LearningTask, learners: Sequence[int]) -> Image:
+    """What the first of the learners sees, over the map of the world; shape (H, W, 3), RGB."""
+    panel = cameras.panel(learners[0], task.rig.max_depth_m)
+    image: Image = np.vstack([panel, Map(world, task.mission.teams(), panel.shape[1]).draw(learners)])
+    return image
+
+
+def cameras_for(render_mode: str | None) -> Cameras | None:
+    """What remembers images for pictures; None where there are to be none.
+
+    Raises:
+        MissionError: There is no such render mode.
+    """
+    if render_mode is not None and render_mode not in RENDER_MODES:
+        raise MissionError(f"render_mode must be one of {list(RENDER_MODES)} or None, got {render_mode!r}")
+    return None if render_mode is None else Cameras()

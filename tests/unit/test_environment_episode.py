@@ -1,0 +1,251 @@
+"""Episodes: what is seen, what is flown, and what it is worth."""
+
+import numpy as np
+import pybullet
+import pytest
+
+from scenarios.config import Run, Scenario
+from scenarios.runner import fly
+from sim.frames import quaternion_from_yaw
+from sim.types import Capture, DroneState
+from swarm.agents import Follower, create_agent
+from swarm.controllers import Role
+from swarm.environments.episode import Episode
+from swarm.environments.observation import Limits, observe
+from swarm.environments.reward import RewardConfig
+from swarm.environments.steering import Direct, SteeringName, heading_frame
+from swarm.environments.task import LearningTask
+from swarm.errors import MissionError
+from swarm.perception import Percept
+from swarm.pilot import Situation
+from swarm.recorder import NullRecorder
+from swarm.types import Histogram, Motion, Neighbours, Outcome
+from tests.learning import DIVE, FORWARD, HOVER, TURN, quick, quick_task
+from voxdepth.peers.raw import Raw
+from voxdepth.types import CorrectedDepth, Frame
+
+LIMITS = Limits(depth_m=40.0, speed_m_s=5.0, distance_m=30.0)
+DT_S = 0.1
+
+
+def role_of(task: LearningTask, drone: int) -> Role:
+    return Role(drone=drone, team=task.mission.teams()[0], radius_m=0.25)
+
+
+def situation(yaw_rad: float, *, leader_m: tuple[float, float, float], depth_m: float = 7.0) -> Situation:
+    """Of a drone at (1, 2, 3) m that flies along the world's x axis at 2 m/s."""
+    frame = Frame(stamp_s=0, gray=np.zeros((4, 6), np.uint8), depth_m=np.full((4, 6), depth_m, np.float32))
+    nothing = np.zeros((1, 1))
+    histogram = Histogram(
+        camera_m=np.zeros(3),
+        origin_m=np.zeros(3),
+        range_m=nothing,
+        unknown=nothing > 0,
+        directions_world=np.zeros((1, 1, 3)),
+        to_surface_world=np.zeros((1, 1, 3)),
+        forward_world=np.zeros(3),
+    )
+    return Situation(
+        time_s=0.0,
+        own=DroneState(
+            position_m=np.array([1.0, 2.0, 3.0]),
+            velocity_m_s=np.array([2.0, 0.0, 0.0]),
+            q_world_body_xyzw=quaternion_from_yaw(yaw_rad),
+            rates_rad_s=np.zeros(3),
+        ),
+        percept=Percept(stamp_s=0, T_world_cam=np.eye(4), corrected=Raw().process(frame), histogram=histogram),
+        leader=Motion(np.array(leader_m), np.zeros(3)),
+        mates=Neighbours.of({}),
+        neighbours=Neighbours.of({}),
+    )
+
+
+class TestObservation:
+    def test_vectors_are_in_the_heading_frame(self) -> None:
+        role = role_of(quick_task(), 1)
+        seen = observe(situation(np.pi / 2, leader_m=(5.0, 2.0, 4.0)), role, LIMITS)
+        np.testing.assert_allclose(seen["leader_m"], [0, -4, 1], atol=1e-6)
+        np.testing.assert_allclose(seen["velocity_m_s"], [0, -2, 0], atol=1e-6)
+        x, y, _ = role.offset_m
+        np.testing.assert_allclose(seen["slot_m"], [y, -4 - x, 1], atol=1e-6)
+
+    def test_what_is_beyond_the_limits_is_clipped(self) -> None:
+        seen = observe(situation(0.0, leader_m=(90.0, 2.0, 3.0), depth_m=55.0), role_of(quick_task(), 1), LIMITS)
+        assert seen["leader_m"][0] == 30
+        assert (seen["depth_m"] == 40).all()
+
+    def test_there_is_nothing_to_see_without_an_image(self) -> None:
+        blind = Situation(**{**vars(situation(0.0, leader_m=(0.0, 0.0, 0.0))), "percept": None})
+        with pytest.raises(MissionError, match="before the first image"):
+            observe(blind, role_of(quick_task(), 1), LIMITS)
+
+
+class TestDirect:
+    @pytest.mark.parametrize(
+        ("yaw_rad", "action", "expected_m_s"),
+        [
+            (0.0, [1, 0, 0, 0], [3.2, 0, 0]),
+            (np.pi / 2, [0.5, 0, 0, 0], [0, 1.6, 0]),
+            (np.pi / 2, [0, 1, 0, 0], [-3.2, 0, 0]),
+            (0.3, [0, 0, -0.25, 0], [0, 0, -0.8]),
+            (0.0, [1, 1, 0, 0], [3.2 / np.sqrt(2), 3.2 / np.sqrt(2), 0]),
+        ],
+    )
+    def test_an_action_is_a_velocity_in_the_heading_frame(
+        self, yaw_rad: float, action: list[float], expected_m_s: list[float]
+    ) -> None:
+        task = quick_task()
+        steering = Direct(role_of(task, 1), task.mission)
+        decision = steering.steer(np.array(action, np.float64), situation(yaw_rad, leader_m=(0.0, 0.0, 0.0)))
+        np.testing.assert_allclose(decision.command.velocity_m_s, expected_m_s, atol=1e-9)
+
+    def test_it_turns_at_most_at_the_yaw_rate(self) -> None:
+        task = quick_task()
+        with_turn = Direct(role_of(task, 1), task.mission)
+        here = situation(0.0, leader_m=(0.0, 0.0, 0.0))
+        yaw_rad = [with_turn.steer(np.array(TURN), here).command.yaw_rad for _ in range(20)][-1]
+        assert yaw_rad == pytest.approx(task.mission.pilot.yaw_rate_rad_s)  # 20 ticks are a second
+
+
+class Images(NullRecorder):
+    """Keeps what the corrector made of drone 1's images, by the time they were taken."""
+
+    def __init__(self) -> None:
+        self.depth_m: dict[float, np.ndarray] = {}
+        self.differs_from_truth = False
+
+    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth, histogram: Histogram) -> None:
+        if capture.drone == 1:
+            self.depth_m[capture.stamp_s] = corrected.depth_m
+            self.differs_from_truth |= not np.array_equal(corrected.depth_m, capture.depth_true_m)
+
+
+@pytest.mark.parametrize("latency_s", [0.0, 0.03, 0.09])
+def test_the_depth_is_the_corrected_one_and_known_only_after_its_latency(latency_s: float) -> None:
+    options = quick(latency_s=latency_s)
+    rig = options["rig"].model_copy(update={"depth": "stereo"})
+    images = Images()
+    episode = Episode(LearningTask(**options | {"rig": rig, "corrector": "median"}), [1], seed=0, recorder=images)
+    for _ in range(3):
+        now_s = episode.info()["time_s"]
+        newest_s = max(stamp_s for stamp_s in images.depth_m if stamp_s + latency_s <= now_s + 1e-9)
+        expected_m = np.clip(images.depth_m[newest_s], 0, rig.max_depth_m)
+        np.testing.assert_array_equal(episode.observe(1)["depth_m"], expected_m)
+        episode.step({1: FORWARD})
+    assert images.differs_from_truth
+    episode.close()
+
+
+def test_a_follower_steered_by_the_rules_flies_as_in_the_mission() -> None:
+    options = quick(control_hz=10)  # one decision per image, in both
+    task = LearningTask(**options)
+    mission = fly(Run(scenario=Scenario(name="same", description="the same", **options), seed=4), threads=1).result
+    episode = Episode(task, [1], seed=4)
+    rules = create_agent(role_of(task, 1), task.mission)
+    assert isinstance(rules, Follower)
+    path_m, yaw_rad, rewards, verdict = [], 0.0, [], None
+    max_turn_rad = task.mission.pilot.yaw_rate_rad_s / task.mission.control_hz
+    while episode.outcome is None:
+        path_m.append(episode.world.states[1].position_m)
+        known = episode.situation(1)
+        command = rules.decide(known).command
+        velocity = heading_frame(known).T @ command.velocity_m_s / task.mission.follower_speed_m_s
+        verdict = episode.step({1: [*velocity, (command.yaw_rad - yaw_rad) / max_turn_rad]})[1]
+        yaw_rad = command.yaw_rad
+        rewards.append(verdict.reward)
+    episode.close()
+    assert episode.outcome is mission.outcome is Outcome.SUCCESS
+    flown_m = mission.trajectories[1].position_m[1:]  # the first tick was flown before the first observation
+    np.testing.assert_allclose(path_m, flown_m, atol=1e-6)
+    assert np.linalg.norm(path_m[-1] - path_m[0]) > 3.5
+    assert verdict is not None
+    assert verdict.terminated
+    assert rewards[-1] == pytest.approx(task.reward.arrival, abs=0.05)
+    assert max(rewards[:-1]) <= 0
+
+
+def test_a_dive_into_the_ground_costs_the_collision_and_the_way_from_the_slot() -> None:
+    task = quick_task()
+    episode = Episode(task, [1, 2], seed=0)
+    verdicts = {}
+    while episode.outcome is None:
+        verdicts = episode.step({1: DIVE, 2: HOVER})
+    positions_m = [state.position_m for state in episode.world.states]
+    off_m = [np.linalg.norm(positions_m[i] - positions_m[0] - role_of(task, i).offset_m) for i in (1, 2)]
+    assert episode.outcome is Outcome.COLLISION
+    assert episode.world.contacts[0].kind == "ground"
+    assert verdicts[1].terminated
+    assert not verdicts[1].truncated
+    assert verdicts[1].reward == pytest.approx(-50 - min(off_m[0] / 8, 1) * DT_S)
+    assert verdicts[2].truncated
+    assert not verdicts[2].terminated
+    assert verdicts[2].reward == pytest.approx(-min(off_m[1] / 8, 1) * DT_S)
+    with pytest.raises(MissionError, match="ended with 'collision'"):
+        episode.step({1: HOVER, 2: HOVER})
+    episode.close()
+
+
+def test_one_that_flies_away_is_lost_and_the_other_is_cut_short() -> None:
+    task = quick_task(lost_m=5.0)
+    episode = Episode(task, [1, 2], seed=0)
+    verdicts = {}
+    while episode.outcome is None:
+        verdicts = episode.step({1: [-1, 0, 0, 0], 2: HOVER})
+    assert episode.outcome is Outcome.LOST
+    assert (verdicts[1].terminated, verdicts[2].terminated, verdicts[2].truncated) == (True, False, True)
+    assert verdicts[1].reward == pytest.approx(-50, abs=DT_S)
+    episode.close()
+
+
+def test_the_time_running_out_cuts_short() -> None:
+    episode = Episode(quick_task(duration_s=0.5), [1], seed=0)
+    verdicts = [episode.step({1: HOVER})[1] for _ in range(5)]
+    assert episode.outcome is Outcome.TIMEOUT
+    assert [(v.terminated, v.truncated) for v in verdicts] == [(False, False)] * 4 + [(False, True)]
+    episode.close()
+
+
+@pytest.mark.parametrize(("steering", "hits"), [("direct", True), ("shielded", False)])
+def test_the_avoidance_layer_keeps_a_reckless_drone_off_the_tower(steering: SteeringName, hits: bool) -> None:
+    options = quick(x_m=30.0, y_m=2.6, duration_s=8.0)
+    episode = Episode(LearningTask(**options | {"steering": steering}), [1], seed=0)
+    start_m = episode.world.states[1].position_m
+    while episode.outcome is None:
+        episode.step({1: FORWARD})
+    assert np.linalg.norm(episode.world.states[1].position_m - start_m) > 3
+    assert (episode.outcome is Outcome.COLLISION) == hits
+    episode.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("steering", "outcome"), [("direct", Outcome.COLLISION), ("shielded", Outcome.SUCCESS)])
+def test_the_default_task_asks_for_eyes(steering: SteeringName, outcome: Outcome) -> None:
+    """Who flies to its slot without a look at the depth hits a tower; a look is enough to arrive."""
+    depth = LearningTask().rig.model_copy(update={"depth": "truth"})
+    task = LearningTask(rig=depth, corrector="raw", steering=steering)
+    episode = Episode(task, [1], seed=0)
+    while episode.outcome is None:
+        to_slot = 1.5 * episode.observe(1)["slot_m"] / task.mission.follower_speed_m_s
+        episode.step({1: [*to_slot, 0.0]})
+    assert episode.outcome is outcome
+    assert [contact.kind for contact in episode.world.contacts] == ["building"] * (steering == "direct")
+    episode.close()
+
+
+def test_crashing_early_never_pays_by_default() -> None:
+    task, reward = LearningTask(), RewardConfig()
+    assert min(reward.collision, reward.lost) >= reward.slot_per_s * task.mission.duration_s
+
+
+def test_closing_frees_the_world_also_after_an_error() -> None:
+    before = pybullet.connect(pybullet.DIRECT)
+    pybullet.disconnect(before)
+    episode = Episode(quick_task(), [1], seed=0)
+    assert pybullet.isConnected(episode.world.client)
+    client = episode.world.client
+    episode.close()
+    episode.close()
+    assert not pybullet.isConnected(client)
+    with pytest.raises(MissionError, match="before the first image was known: shorten"):
+        Episode(quick_task(latency_s=3.0, duration_s=1.0), [1], seed=0)
+    assert not pybullet.isConnected(client)

@@ -1,0 +1,197 @@
+"""The environment as Gymnasium knows it."""
+
+import subprocess
+import sys
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pydantic
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from sim.sensor import RigConfig
+from swarm.environments.gym_env import LeaderFollowerEnv
+from swarm.environments.view import GOAL, LEADER, LEARNER, SCRIPTED, colored
+from swarm.errors import MissionError
+from tests.learning import DIVE, FORWARD, QUICK_RIG, TURN, quick
+
+NAME = "swarm.gym:voxdepth/LeaderFollower-v0"
+SHORT_NAME = "swarm:voxdepth/LeaderFollower-v0"
+
+
+def array(action: list[float]) -> np.ndarray:
+    return np.array(action, np.float32)
+
+
+def test_gymnasium_finds_nothing_to_warn_of() -> None:
+    env = gymnasium.make(NAME, render_mode="rgb_array", **quick())
+    check_env(env.unwrapped)
+    env.close()
+
+
+@pytest.mark.slow
+def test_gymnasium_finds_nothing_to_warn_of_in_the_default() -> None:
+    env = gymnasium.make(NAME)
+    check_env(env.unwrapped)
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("before", "name"), [("gymnasium", SHORT_NAME), ("gymnasium", NAME), ("swarm.environments.task, gymnasium", NAME)]
+)
+def test_its_name_is_found(before: str, name: str) -> None:
+    code = f"import {before}; print(type(gymnasium.make({name!r}).unwrapped).__name__)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "LeaderFollowerEnv"
+
+
+def test_the_swarm_costs_nothing_without_gymnasium() -> None:
+    code = "import sys, swarm; print([m for m in sys.modules if m == 'numpy' or m.startswith(('gymnasium', 'swarm.'))])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def steps(env: LeaderFollowerEnv, seed: int | None, n: int = 4) -> list[Any]:
+    """All that comes out of an episode's first steps."""
+    actions = [FORWARD, TURN, [0.3, -0.2, 0.1, 0.5], FORWARD]
+    return [env.reset(seed=seed), *(env.step(array(actions[k % 4])) for k in range(n))]
+
+
+def same(first: Any, second: Any) -> bool:
+    """Whether all observations are the same, bit for bit, and so is all that comes with them."""
+    return all(
+        all(np.array_equal(a[0][name], b[0][name]) for name in a[0]) and a[1:] == b[1:]
+        for a, b in zip(first, second, strict=True)
+    )
+
+
+@pytest.mark.parametrize(("depth", "corrector"), [("noisy", "median"), ("stereo", "voxdepth")])
+def test_the_same_seed_and_actions_give_the_same_episode(depth: Any, corrector: str) -> None:
+    options = quick() | {"rig": RigConfig(width_px=48, height_px=36, depth=depth), "corrector": corrector}
+    env, other = LeaderFollowerEnv(**options), LeaderFollowerEnv(**options)
+    first = steps(env, 7)
+    assert same(first, steps(env, 7))
+    assert same(first, steps(other, 7))
+    assert not np.array_equal(first[1][0]["depth_m"], steps(env, 8)[1][0]["depth_m"])
+
+
+def test_episodes_without_a_seed_differ_and_can_be_repeated() -> None:
+    env = LeaderFollowerEnv(**quick())
+    seeds = [env.reset(seed=5)[1]["seed"], *(env.reset()[1]["seed"] for _ in range(2))]
+    assert seeds[0] == 5
+    assert len(set(seeds)) == 3
+    assert [env.reset(seed=5)[1]["seed"], *(env.reset()[1]["seed"] for _ in range(2))] == seeds
+    last = steps(env, None)
+    assert same(last, steps(env, last[0][1]["seed"]))
+
+
+def test_a_step_lasts_one_camera_period() -> None:
+    env = LeaderFollowerEnv(**quick() | {"rig": QUICK_RIG.model_copy(update={"rate_hz": 5.0})})
+    times_s = [out[-1]["time_s"] for out in steps(env, 0)]
+    np.testing.assert_allclose(np.diff(times_s), 0.2)
+    assert env.metadata["render_fps"] == 5
+
+
+def test_a_collision_terminates_and_says_so() -> None:
+    env = LeaderFollowerEnv(**quick())
+    env.reset(seed=0)
+    done = False
+    while not done:
+        _, reward, terminated, truncated, info = env.step(array(DIVE))
+        done = terminated or truncated
+    assert (terminated, truncated, info["outcome"]) == (True, False, "collision")
+    assert float(reward) == pytest.approx(-50, abs=0.1)
+
+
+def test_beyond_the_range_an_action_is_clipped() -> None:
+    env = LeaderFollowerEnv(**quick())
+    within, beyond = ([env.reset(seed=0), *(env.step(array(a)) for _ in range(5))] for a in (FORWARD, [9, 0, 0, 0]))
+    assert same(within, beyond)
+    assert np.linalg.norm(within[-1][0]["velocity_m_s"]) > 1
+
+
+class TestPicture:
+    def test_it_shows_what_the_learner_sees_and_where_everybody_is(self) -> None:
+        rig = QUICK_RIG.model_copy(update={"height_px": 40})  # a sixth of the picture's 240 rows
+        env = LeaderFollowerEnv(render_mode="rgb_array", **quick() | {"rig": rig})
+        observation, _ = env.reset(seed=0)
+        picture = env.render()
+        assert picture is not None
+        assert picture.dtype == np.uint8
+        assert picture.shape[1:] == (2 * 6 * 48, 3)
+        gray, depth, above = picture[3:240:6, 3:288:6], picture[3:240:6, 291::6], picture[240:]
+        np.testing.assert_array_equal(depth, colored(observation["depth_m"], rig.max_depth_m))
+        assert (gray == gray[..., :1]).all()
+        assert gray.std() > 10
+        for color in (LEARNER, LEADER, SCRIPTED, GOAL):
+            assert (above == color).all(axis=2).any(), color
+
+    def test_there_is_none_without_a_render_mode(self) -> None:
+        env = LeaderFollowerEnv(**quick())
+        env.reset(seed=0)
+        assert env.render() is None
+
+
+class TestVectors:
+    def test_several_run_side_by_side(self) -> None:
+        envs = gymnasium.make_vec(NAME, num_envs=2, vectorization_mode="sync", **quick())
+        observations, infos = envs.reset(seed=[3, 4])
+        assert observations["depth_m"].shape == (2, 32, 48)
+        assert list(infos["seed"]) == [3, 4]
+        for _ in range(3):
+            observations, rewards, *_ = envs.step(envs.action_space.sample())
+        assert rewards.shape == (2,)
+        assert observations["leader_m"].shape == (2, 3)
+        envs.close()
+
+    @pytest.mark.slow
+    def test_several_run_in_processes_of_their_own(self) -> None:
+        context = {"context": "spawn"}
+        envs = gymnasium.make_vec(NAME, num_envs=2, vectorization_mode="async", vector_kwargs=context, **quick())
+        observations, _ = envs.reset(seed=[3, 4])
+        alone = LeaderFollowerEnv(**quick())
+        np.testing.assert_array_equal(observations["depth_m"][1], alone.reset(seed=4)[0]["depth_m"])
+        observations, *_ = envs.step(np.array([DIVE, FORWARD], np.float32))
+        np.testing.assert_array_equal(observations["velocity_m_s"][1], alone.step(array(FORWARD))[0]["velocity_m_s"])
+        envs.close()
+
+
+class TestMistakes:
+    @pytest.mark.parametrize("learner", [0, 3, -1])
+    def test_only_followers_learn(self, learner: int) -> None:
+        with pytest.raises(MissionError, match=r"must be a follower, one of \[1, 2\], got"):
+            LeaderFollowerEnv(learner=learner, **quick())
+
+    def test_there_must_be_followers(self) -> None:
+        with pytest.raises(pydantic.ValidationError, match="drones must be 2 or more, got 1"):
+            LeaderFollowerEnv(**quick(drones=1))
+
+    def test_options_must_be_known(self) -> None:
+        with pytest.raises(pydantic.ValidationError, match="Extra inputs are not permitted"):
+            LeaderFollowerEnv(renderrer="tiny")
+        with pytest.raises(Exception, match="there is no corrector 'magic'; choose one of"):
+            LeaderFollowerEnv(corrector="magic")
+
+    def test_pictures_come_as_arrays_only(self) -> None:
+        with pytest.raises(MissionError, match=r"one of \['rgb_array'\] or None, got 'human'"):
+            LeaderFollowerEnv(render_mode="human")
+
+    def test_the_camera_must_keep_time_with_the_controller(self) -> None:
+        env = LeaderFollowerEnv(**quick() | {"rig": QUICK_RIG.model_copy(update={"rate_hz": 7.0})})
+        with pytest.raises(MissionError, match="rate_hz must divide control_hz"):
+            env.reset(seed=0)
+
+    @pytest.mark.parametrize("action", [[0.0] * 3, [[0.0] * 4], [0, 0, 0, np.nan]])
+    def test_an_action_has_four_finite_numbers(self, action: Any) -> None:
+        env = LeaderFollowerEnv(**quick())
+        env.reset(seed=0)
+        with pytest.raises(MissionError, match="four finite numbers"):
+            env.step(np.array(action, np.float32))
+
+    def test_an_episode_must_have_begun(self) -> None:
+        env = LeaderFollowerEnv(render_mode="rgb_array", **quick())
+        for call in (lambda: env.step(array(FORWARD)), env.render):
+            with pytest.raises(MissionError, match=r"call reset\(\) first"):
+                call()
+        env.close()
