@@ -11,11 +11,13 @@ from scenarios.runner import Finished, flying, summary
 from sim import frames
 from sim.seeds import Purpose
 from sim.types import Capture
+from swarm.detection import Detector, DetectorConfig
+from swarm.histogram import HistogramBuilder, HistogramConfig
 from swarm.perception import Perception, frame_of
-from swarm.pilot import PilotConfig
 from swarm.priors import DriftingPrior, NoPrior, PosePrior, PosePriorConfig, TruePrior, make_prior
 from swarm.recorder import NullRecorder
 from tests.helpers import CAMERA
+from tests.swarm_scenes import MOUNT_CAM_M, RADIUS_M
 from voxdepth.peers.raw import Raw
 from voxdepth.types import CorrectedDepth, FloatArray, Frame
 
@@ -147,7 +149,9 @@ class TestInFlight:
     def test_a_corrector_is_given_the_pose_that_was_asked_for(self, kind: Any) -> None:
         listener, seen = Listener(), [capture(0.0), capture(1.0, 2.0)]
         prior = make_prior(PosePriorConfig(kind=kind), seed=0, drone=0)
-        eyes = Perception(listener, CAMERA, PilotConfig().avoidance, latency_s=0.0, prior=prior)
+        detector = Detector(DetectorConfig(), CAMERA, [1], radius_m=RADIUS_M, seed=0, drone=0)
+        builder = HistogramBuilder(CAMERA, HistogramConfig(), MOUNT_CAM_M)
+        eyes = Perception(listener, builder, detector, latency_s=0.0, prior=prior)
         for c in seen:
             eyes.see(c)
         for frame, c in zip(listener.frames, seen, strict=True):

@@ -141,6 +141,14 @@ def test_followers_that_catch_up_are_progress() -> None:
     assert flight.at(9.1, 5.0, off_m=[-6.0, 0, 0]) is Outcome.DEADLOCK
 
 
+def test_a_way_that_was_gone_before_is_no_progress_even_if_the_followers_made_some_meanwhile() -> None:
+    flight = Flight(deadlock_s=5.0)
+    flight.at(0.0, 10.0, off_m=[-9.0, 0, 0])
+    assert flight.at(1.0, 5.0, off_m=[-6.0, 0, 0]) is None
+    assert flight.at(5.9, 9.5, off_m=[-6.0, 0, 0]) is None
+    assert flight.at(6.1, 9.5, off_m=[-6.0, 0, 0]) is Outcome.DEADLOCK
+
+
 def test_progress_of_one_swarm_is_enough() -> None:
     flight = Flight(2, deadlock_s=5.0)
     assert [flight.at(float(second), 3.0, 0.4 * second) for second in range(15)] == [None] * 15
