@@ -62,15 +62,21 @@ def test_another_seed_gives_another_flight() -> None:
     assert fly(run).result.metrics != fly(other).result.metrics
 
 
-def test_a_drone_that_sees_too_late_collides() -> None:
+def test_a_drone_that_avoids_nothing_collides() -> None:
     across = {"mission.routes": to(12.0, y_m=2.6), "mission.drones": 1}
-    result = fly(short(**across, **{"mission.latency_s": 5.0, "mission.duration_s": 30.0})).result
+    result = fly(short(**across, **{"mission.rules.avoidance": False, "mission.duration_s": 30.0})).result
     assert result.outcome is Outcome.COLLISION
     assert result.contacts[0].kind == "building"
     assert result.contacts[0].other == "tower-0-5"
     assert result.contacts[0].speed_m_s > 1
     assert result.metrics["collisions_building"] == 1
     assert result.metrics["first_contact_s"] == result.contacts[0].time_s
+
+
+def test_a_drone_that_sees_late_knows_how_far_it_has_come_since() -> None:
+    across = {"mission.routes": to(12.0, y_m=2.6), "mission.drones": 1}
+    result = fly(short(**across, **{"mission.latency_s": 1.0, "mission.duration_s": 12.0})).result
+    assert not result.contacts
 
 
 def test_time_runs_out() -> None:
