@@ -17,7 +17,7 @@ class RigidConfig(Model):
     localisation: LocalisationConfig = LocalisationConfig()
     evidence: EvidenceConfig = EvidenceConfig()
     memory_step: Literal["auto", 1, 2] = "auto"
-    """Pixels of the image per pixel of memory along each side. 2 takes a third of the time, and costs thin things;
+    """Pixels of the image per pixel of memory along each side. 2 takes about half of the time, and costs thin things;
     `auto` takes it for images of more than 100 000 pixels."""
     hold_frames: int = Field(60, ge=0)
     """Frames without anything to go by (darkness, a covered lens) after which the memory is given up."""

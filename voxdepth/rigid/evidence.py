@@ -16,10 +16,11 @@ from .memory import UNIT, Memory
 WINDOW_PX = 5
 """Side of the neighbourhood in which evidence must agree with itself."""
 AROUND = np.ones((WINDOW_PX, WINDOW_PX), np.uint8)
+"""That neighbourhood."""
 STEP_PX = 1.0
-"""A memory that spans more in that neighbourhood shows two surfaces there, or one that ends."""
+"""A memory that spans more disparity in it shows two surfaces there, or one that ends."""
 DRIFT_WINDOW_PX = 3
-"""The same for the drift, in its own pixels."""
+"""Side of the neighbourhood over which the drift is taken, in its own pixels."""
 LEAST_OVERLAP = 0.1
 """Part of that neighbourhood that counts in full for the drift: a few pixels show none."""
 NOISE_EVERY_PX = 4
@@ -51,8 +52,8 @@ class EvidenceConfig(Model):
     enough: float = Field(2.0, gt=0)
     """Measurements that the memory must count to fill a hole or to overrule a measurement."""
     enough_at_steps: float = Field(6.0, gt=0)
-    """The same to fill a hole within 2 px of a step in the memory, or of its end: what is remembered there may be a
-    fattened rim. More leaves more to filling."""
+    """The same to fill a hole within 2 px of a step in the memory, or of its end, in its pixels: what is remembered
+    there may be a fattened rim. More leaves more to filling."""
     same_gray: float = Field(3.0, ge=0)
     """Change of gray up to which the remembered surface still looks as it did, mean over 5 x 5 px. A measurement
     that is farther than such a surface is wrong: nothing sees through it. 0 believes every coherent measurement."""

@@ -1,4 +1,4 @@
-"""What neither sensor nor memory knows: occlusion shadows take the background, anything else its surroundings."""
+"""What neither sensor nor memory knows: shadows of occlusion, planes, the ground and what stands on it."""
 
 from typing import Literal
 

@@ -9,11 +9,14 @@ from pydantic import Field
 from ..model import Model
 
 Vector = npt.NDArray[np.float64]
+"""One number per cell, shape (N,)."""
 
 HORIZONS = np.linspace(-1.0, 0.4, 16)
-"""Where horizons are tried, in image heights below the middle of the image."""
+"""Where horizons are tried: rows in image heights below the middle of the image, above it below 0."""
 BELOW = 0.12
 """Share of the cells below a horizon that may be farther than the ground: wrong matches, and dips."""
+NEAREST_RANK = 0.98
+"""Share of the cells that are farther than the nearest ones that count as such: some are wrong matches."""
 DEEPEST = 5.0
 """Cells of less than the largest disparity through this are left out: ground matters, and is a plane, where it is
 near."""
@@ -23,6 +26,7 @@ FARTHER = 6.0
 """How much more tolerance cells farther than the ground have, by which they keep their say: they contradict it, while
 nearer ones stand on it."""
 LEAST_CELLS = 20
+"""With fewer measured cells none is looked for; of half as many it must consist."""
 
 
 class GroundConfig(Model):
@@ -35,22 +39,26 @@ class GroundConfig(Model):
     least_range: float = Field(1.25, ge=1)
     """How many times as near as its far end the near end of the ground must be; less may be a wall."""
     most_farther: float = Field(0.3, ge=0)
-    """Cells farther than the plane, at most, through the number of those on it: nothing is seen through the ground."""
+    """Most cells that are farther than the plane by twice the tolerance, through the number of those on it: nothing is
+    seen through the ground."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ground:
-    """Its disparity [px], linear in the image, as that of all planes."""
+    """Its disparity, linear in the image, as that of all planes."""
 
     slope_u: float
-    """Change of disparity per cell to the right."""
+    """Change of disparity [px] per cell to the right."""
     slope_v: float
-    """Change per cell downward, above 0."""
+    """Change [px] per cell downward, above that to either side."""
     middle_px: float
     """Disparity in the middle of the image, below 0 where that is above the horizon."""
 
     def at(self, u: Vector, v: Vector) -> Vector:
-        """Disparity [px] at columns and rows in cells from the middle of the image; above the horizon below 0."""
+        """Disparity [px] at columns and rows in cells from the middle of the image; above the horizon below 0.
+
+        `u` and `v` have shapes that broadcast, and the outcome has the shape of both.
+        """
         ground_px: Vector = self.slope_u * u + self.slope_v * v + self.middle_px
         return ground_px
 
@@ -59,18 +67,18 @@ def found_ground(u: Vector, v: Vector, disparity_px: Vector, rows: int, config: 
     """The plane with hardly anything below it and as much as possible on it; None if there is no such plane.
 
     Blank ground shows only where things touch it. So what is looked for is no surface, but what bounds all surfaces
-    from below. Each half octave of disparity has about the same say, for of far things there are more.
+    from below. The more cells a half octave of disparity has, the less each one counts: of far things there are more.
 
     Args:
         u: Columns of measured cells, from the middle of the image, in cells, shape (N,).
-        v: Rows, likewise.
-        disparity_px: Their mean disparities, above 0.
+        v: Their rows, likewise, shape (N,).
+        disparity_px: Their mean disparities, above 0, shape (N,).
         rows: Cells along the height of the image.
         config: See there.
     """
     if len(u) < LEAST_CELLS:
         return None
-    near = disparity_px > _ranked(disparity_px, 0.98) / DEEPEST
+    near = disparity_px > _ranked(disparity_px, NEAREST_RANK) / DEEPEST
     u, v, disparity_px = u[near], v[near], disparity_px[near]
     plane = _refined(_level_plane(v, disparity_px, rows, config.tolerance), u, v, disparity_px, config.tolerance)
     ground_px = plane[0] * u + plane[1] * v + plane[2]
@@ -88,19 +96,19 @@ def found_ground(u: Vector, v: Vector, disparity_px: Vector, rows: int, config: 
 
 
 def _ranked(values: Vector, share: float) -> float:
-    """The value that this share of the others is below."""
+    """The value that this share of all is below."""
     return float(np.sort(values)[int(share * (len(values) - 1))])
 
 
 def _level_plane(v: Vector, disparity_px: Vector, rows: int, tolerance: float) -> Vector:
-    """The best of some planes without a slope to the side, as slopes to the right and down, and the middle."""
+    """The best of some planes without a slope to the side: slopes to the right and down, and the middle, shape (3,)."""
     octave = np.floor(2 * np.log2(disparity_px)).astype(np.intp)
     octave -= octave.min()
     say = 1 / np.sqrt(np.bincount(octave)[octave])
-    depth = v - rows * HORIZONS[:, None]
+    rows_below = v - rows * HORIZONS[:, None]
     with np.errstate(divide="ignore"):
-        slope = np.where(depth > 0.5, disparity_px / np.maximum(depth, 0.5), np.inf)
-    rank = (BELOW * np.count_nonzero(depth > 0.5, axis=1)).astype(np.intp) + 1
+        slope = np.where(rows_below > 0.5, disparity_px / np.maximum(rows_below, 0.5), np.inf)
+    rank = (BELOW * np.count_nonzero(rows_below > 0.5, axis=1)).astype(np.intp) + 1
     lowest = np.sort(slope, axis=1)[np.arange(len(rank)), np.minimum(rank, len(v) - 1)]
     lowest = np.where(np.isfinite(lowest), lowest, 0)
     over = slope - lowest[:, None] * (1 - 1.5 * tolerance)
@@ -110,7 +118,10 @@ def _level_plane(v: Vector, disparity_px: Vector, rows: int, tolerance: float) -
 
 
 def _refined(plane: Vector, u: Vector, v: Vector, disparity_px: Vector, tolerance: float) -> Vector:
-    """Reweighted least squares of relative errors: what is nearer soon counts nothing, what is farther still does."""
+    """Reweighted least squares of relative errors: what is nearer soon counts nothing, what is farther still does.
+
+    Planes are slopes to the right and down, and the middle, shape (3,).
+    """
     points = np.stack([u, v, np.ones_like(u)], 1)
     for turn in range(ROUNDS):
         ground_px = points @ plane

@@ -32,7 +32,7 @@ OF_DISPARITY = 6
 LEAST_PRESENT = 0.1
 """Part of a cell that must be measured for its mean to count."""
 MOST_ROWS = 32
-"""Rows of cells whose means are looked at."""
+"""Rows of cells whose means are looked at, at most."""
 POWERS = ((0, 0), (0, 1), (1, 0), (0, 2), (1, 1), (2, 0))
 """Powers of v and of u in the first six of them."""
 
@@ -102,9 +102,9 @@ class Planes:
         return sums
 
     def cells(self, sums: Sums) -> tuple[Vector, Vector, Vector]:
-        """Column and row, in cells from the middle of the image, and mean disparity [px] of measured cells.
+        """Column and row, in cells from the middle of the image, and mean disparity [px] of measured cells, shape (N,).
 
-        Of images with many rows of cells every second one, or every third, ...
+        Of images with more than `MOST_ROWS` rows of cells every second one, or every third, ...
         """
         n, u, v, *_ = rows = sums[0][:, :: -(-sums[0].shape[1] // MOST_ROWS)]
         known = rows[-1] > LEAST_PRESENT * self.cell_px**2
@@ -112,13 +112,18 @@ class Planes:
         return u[known] / n, v[known] / n, rows[OF_DISPARITY][known] / n
 
     def filled(self, sums: Sums, standing: Standing | None = None) -> FloatImage:
-        """Planes through the data, in every pixel [px], shape (h, w); far from the data what stands on the ground."""
+        """Planes through the data, in every pixel [px], shape (h, w); far from the data what stands on the ground.
+
+        Args:
+            sums: See `summed`.
+            standing: What stands on the ground; None if no ground was found.
+        """
         estimate: Grid | None = None
         for level in range(self._levels, -1, -1):
             planes = self._fitted(sums[level], level)
             estimate = planes.value_px if estimate is None else _blended(planes, estimate)
             if standing is not None:
-                estimate = standing.put(estimate, level)
+                estimate = standing.laid_over(estimate, level)
         assert estimate is not None
         values = _enlarged(estimate.astype(np.float32), self.cell_px)
         return np.ascontiguousarray(values[self._inside])

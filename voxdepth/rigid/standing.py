@@ -13,6 +13,7 @@ from .ground import Ground, Vector
 from .scale import Scale
 
 Grid = npt.NDArray[np.float64]
+"""One number per cell, shape (rows, cols)."""
 
 ROW_PX = 4
 """Of the full image every so many rows are looked at."""
@@ -23,13 +24,12 @@ LEAST_ROWS = 8
 BETWEEN = 2
 """Measured rows between a foot and a hole that do not yet part them: ground is ragged where its texture ends."""
 FAR_LEVEL = 2
-"""Cells of 2**this times the smallest size take what stands there even behind other things; the smallest ones only what
-nothing is before."""
+"""Cells of 2 to the power of this times the smallest size take what stands there even behind other things; the smallest
+ones only what nothing is before."""
 LEAST_FAR_SHARE, LEAST_BARE_SHARE = 0.25, 0.5
 """Part of a large cell that must have something upright, and of a smallest one that must be a hole above a foot."""
-
 THROUGH = 0.97
-"""Part of the disparity of the ground that is left to what is filled there: the plane is not exact."""
+"""Part of the disparity of the ground that what is filled there has at least: the plane is not exact."""
 
 
 class StandingConfig(Model):
@@ -43,17 +43,22 @@ class StandingConfig(Model):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Standing:
-    """Disparity of what stands on the ground, in cells [px]; 0 = nothing does."""
+    """Disparity [px] of what stands on the ground, in cells; 0 = nothing does."""
 
     behind_px: Grid
-    """In cells of `FAR_LEVEL`, whatever is before it."""
+    """Whatever is before it, in cells of `FAR_LEVEL`."""
     bare_px: Grid
-    """In the smallest cells, in holes that begin at its foot."""
+    """In holes that begin at its foot, in the smallest cells, shape (rows, cols)."""
     ground_px: Grid
-    """Of the ground itself in the smallest cells, below 0 above the horizon."""
+    """Of the ground itself, in the smallest cells, shape (rows, cols); below 0 above the horizon."""
 
-    def put(self, estimate_px: Grid, level: int) -> Grid:
-        """An estimate of cells of a level [px] with what stands there instead; nothing is farther than the ground."""
+    def laid_over(self, estimate_px: Grid, level: int) -> Grid:
+        """An estimate [px] in cells of a level, with what stands there instead; in the end nothing below the ground.
+
+        Args:
+            estimate_px: One disparity per cell; of the same shape as the outcome.
+            level: Cells are `2**level` times the smallest size.
+        """
         if level == FAR_LEVEL:
             return np.where(self.behind_px > 0, self.behind_px, estimate_px)
         if level == 0:
@@ -112,7 +117,14 @@ class Feet:
         )
 
     def _in_cells(self, foot_px: FloatImage, where: MaskImage, size: int, least_share: float) -> Grid:
-        """Mean over cells of a size in smallest cells of the feet of all pixels of a mask; 0 where it covers little."""
+        """Mean of the feet of all pixels of a mask, by cells [px]; 0 where it covers less than `least_share` of a cell.
+
+        Args:
+            foot_px: Of each column, shape (w,).
+            where: From the bottom up, one of `ROW_PX` rows, shape (N, w).
+            size: Of the cells, in smallest ones.
+            least_share: 0..1.
+        """
         rows, cols = -(-self._shape[0] // size), -(-self._shape[1] // size)
         height, width = self._cell_px * size // self._row_step, self._cell_px * size
         covered = np.zeros((rows * height, cols * width), np.float32)
