@@ -29,7 +29,8 @@ class Cluster:
     """Workers of a Dask scheduler. Each must fly one run at a time: `dask worker ADDRESS --nthreads 1`.
 
     A run past its limit ends its worker, which Dask replaces. A worker that ends is tried again as often as the
-    scheduler's `allowed-failures` says; then the run becomes a failure of kind `died`.
+    scheduler's `allowed-failures` says; then the run becomes a failure of kind `died`. Closing the iterator ends the
+    workers of a local cluster; others fly on to the end of their run, whose result is thrown away.
 
     Args:
         address: Of the scheduler, as in tcp://10.0.0.1:8786, or `local`.
