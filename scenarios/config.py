@@ -1,6 +1,6 @@
 """Scenarios: everything a run depends on, in one TOML file."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import pydantic
 from pydantic import Field
@@ -46,7 +46,7 @@ class Scenario(Model):
     airframe: AirframeConfig = AirframeConfig()
     corrector: str = DEFAULT
     """Name of the depth corrector of every drone."""
-    corrector_latency_s: dict[str, float] = Field(default_factory=dict)
+    corrector_latency_s: dict[str, Annotated[float, Field(ge=0)]] = Field(default_factory=dict)
     """Simulated time that a corrector takes for a frame, by its name; those that are not named take none. Frozen here,
     and never the wall clock: results must not depend on the machine."""
     renderer: RendererName = "raycast"
@@ -58,6 +58,13 @@ class Scenario(Model):
     def _known(cls, name: str) -> str:
         require_known(name)
         return name
+
+    @pydantic.field_validator("corrector_latency_s")
+    @classmethod
+    def _all_known(cls, latency_s: dict[str, float]) -> dict[str, float]:
+        for name in latency_s:
+            require_known(name)
+        return latency_s
 
     @property
     def latency_s(self) -> float:

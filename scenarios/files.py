@@ -1,6 +1,7 @@
 """Configurations in TOML files: shipped ones by name, others by path."""
 
 import tomllib
+from copy import deepcopy
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -100,7 +101,7 @@ def _set(data: dict[str, Any], key: str, value: Any) -> None:
         data = data.setdefault(table, {})
         if not isinstance(data, dict):
             raise ScenarioError(f"{table} must be a table of keys, got {data!r}")
-    data[last] = value
+    data[last] = deepcopy(value)  # A later key may set something inside of it, which must not reach whoever gave it.
 
 
 def first_problem(error: pydantic.ValidationError, field: str) -> str:

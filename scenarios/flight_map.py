@@ -41,7 +41,7 @@ class Place:
     bodies: int
     """Without the ground."""
     traversability: float
-    """Mean free path along the routes, in diameters of a drone: lower is harder."""
+    """Mean free path in the air around the routes, in diameters of a drone: lower is harder."""
 
 
 def place_of(run: Run) -> Place:

@@ -68,8 +68,8 @@ def load_controller(name: str) -> Factory:
         factory = getattr(importlib.import_module(module_name), attribute)
     except (ImportError, AttributeError) as error:
         raise MissionError(
-            f"controller {name!r} cannot be loaded: {error}; the module must be importable from where you are, and "
-            "have a function factory(role, config) that returns an agent"
+            f"controller {name!r} cannot be loaded: {error}; the module must be installed or in a folder that "
+            "PYTHONPATH names, and have a function factory(role, config) that returns an agent"
         ) from error
     if not callable(factory):
         raise MissionError(f"controller {name!r} must be a function factory(role, config), got {factory!r}")

@@ -75,10 +75,11 @@ def run(
         with shown(console) as show:
             contents = fly_study(study, folder, executor, Wishes(resume=resume, retry_errors=retry_errors), show)
     except KeyboardInterrupt:
-        console.print(f"stopped; the finished runs in {folder} are safe, go on with --resume", soft_wrap=True)
+        safe = f"stopped; the finished runs in {folder} are safe, go on with --resume"
+        console.print(safe, soft_wrap=True, markup=False)
         raise typer.Exit(INTERRUPTED) from None
     _print_status(console, contents)
-    console.print(f"the report: voxdepth study report {folder}", soft_wrap=True)
+    console.print(f"the report: voxdepth study report {folder}", soft_wrap=True, markup=False)
     if contents.failures:
         raise typer.Exit(1)
 
@@ -99,7 +100,7 @@ def export(
     out: Folder,
     to: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of the tables. Default: OUT.")] = None,
 ) -> None:
-    """Write all runs that have a result as runs.csv and runs.parquet, a row for each."""
+    """Write all runs that have a result as runs.csv and runs.parquet, a row for each run of each arm."""
     from ..study.export import export as write_tables
     from ..study.store import Store
 
@@ -130,6 +131,7 @@ def report(
     console.print(
         f"{len(contents.records)} of {len(contents.keys)} runs; written to {write_report(contents, out)}",
         soft_wrap=True,
+        markup=False,
     )
 
 
@@ -168,7 +170,7 @@ def replay(
     console.print(f"run {spec.key[:12]}: {spec.label}", soft_wrap=True, markup=False)
     again = fly_again(contents, spec, to or out / "replays", record=record)
     console.print(again.verdict, soft_wrap=True)
-    console.print(f"its files are in {again.folder}", soft_wrap=True)
+    console.print(f"its files are in {again.folder}", soft_wrap=True, markup=False)
     if again.is_same is False:
         raise typer.Exit(1)
 
@@ -188,7 +190,7 @@ def _print_status(console: "Console", contents: "Contents") -> None:
     from ..study.progress import as_table
     from ..study.tally import Tally
 
-    console.print(f"study {contents.study.name}: {contents.study.description}", soft_wrap=True)
+    console.print(f"study {contents.study.name}: {contents.study.description}", soft_wrap=True, markup=False)
     console.print(as_table(Tally(contents)))
     for failure in list(contents.failures.values())[:5]:
         last = failure.text.strip().splitlines()[-1]

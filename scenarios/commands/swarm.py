@@ -150,7 +150,8 @@ def map_(
 
     require_picture(out)
     changes = {"rig.depth": depth.value if depth else None, "corrector": corrector}
-    planned = acceptance_run(scenario, seed or 0, {key: value for key, value in changes.items() if value is not None})
+    given = {key: value for key, value in changes.items() if value is not None}
+    planned = acceptance_run(scenario, 0 if seed is None else seed, given)
     place = place_of(planned)
     draw_flight(out, planned, fly(planned))
     typer.echo(f"{planned.scenario.name}: {place.bodies} bodies, traversability {place.traversability:.1f}")

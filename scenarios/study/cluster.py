@@ -1,9 +1,10 @@
 """Runs on a cluster of machines, by dask.distributed."""
 
 import os
+import platform
 import threading
 import uuid
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
@@ -28,7 +29,8 @@ class Cluster:
     """Workers of a Dask scheduler. Each must fly one run at a time: `dask worker ADDRESS --nthreads 1`.
 
     A run past its limit ends its worker, which Dask replaces. A worker that ends is tried again as often as the
-    scheduler's `allowed-failures` says; then the run becomes a failure of kind `died`.
+    scheduler's `allowed-failures` says; then the run becomes a failure of kind `died`. Closing the iterator ends the
+    workers of a local cluster; others fly on to the end of their run, whose result is thrown away.
 
     Args:
         address: Of the scheduler, as in tcp://10.0.0.1:8786, or `local`.
@@ -48,7 +50,6 @@ class Cluster:
 
         waiting = iter(specs)
         with self._client() as client:
-            client.run(import_noisy_libraries)
             _require_equal_versions(client)
             pending: dict[Any, RunSpec] = {}
             ended = as_completed()
@@ -69,7 +70,8 @@ class Cluster:
         for spec in islice(waiting, max(0, threads - len(pending))):
             # The key is new for every attempt: a cluster remembers the results of old ones.
             key = f"{spec.key}-{uuid.uuid4()}"
-            future = client.submit(_attempt, self.fly_one, spec, self.time_limit_s, key=key, pure=False)
+            call = (_attempt, self.fly_one, spec, self.time_limit_s, installed_versions())
+            future = client.submit(*call, key=key, pure=False)
             pending[future] = spec
             ended.add(future)
 
@@ -77,6 +79,8 @@ class Cluster:
         if future.cancelled():
             raise ScenarioError(f"the cluster at {self.address} has gone: what is done is safe, go on with --resume")
         error = future.exception()
+        if isinstance(error, ScenarioError):
+            raise error  # Of the worker, and of no run: those are caught in `attempt`.
         if error is None:
             done: Done = future.result()
             return done
@@ -122,17 +126,27 @@ class Cluster:
 
 def _require_equal_versions(client: Any) -> None:
     """Refuse a cluster whose results could differ from ours."""
-    ours = installed_versions()
     for worker, theirs in client.run(installed_versions).items():
-        for name, version in ours.items():
-            if theirs[name] != version:
-                raise ScenarioError(
-                    f"the worker {worker} has {name} {theirs[name]}, here it is {version}: install the same there"
-                )
+        _require_equal(worker, theirs, installed_versions())
 
 
-def _attempt(fly_one: FlyOne, spec: RunSpec, time_limit_s: float) -> Done:
-    """In the worker: fly a run, or end the whole process at the limit, for a thread cannot be stopped."""
+def _require_equal(worker: str, theirs: Mapping[str, str], ours: Mapping[str, str]) -> None:
+    for name, version in ours.items():
+        if theirs.get(name) != version:
+            raise ScenarioError(
+                f"the worker {worker} has {name} {theirs.get(name)}, where the study was started it is {version}: "
+                "install the same there, and go on with --resume"
+            )
+
+
+def _attempt(fly_one: FlyOne, spec: RunSpec, time_limit_s: float, versions: Mapping[str, str]) -> Done:
+    """In the worker: fly a run, or end the whole process at the limit, for a thread cannot be stopped.
+
+    Raises:
+        ScenarioError: The worker, which may have joined late, has other versions.
+    """
+    _require_equal(platform.node(), installed_versions(), versions)
+    import_noisy_libraries()
     watchdog = threading.Timer(time_limit_s, os._exit, [1])
     watchdog.daemon = True
     watchdog.start()

@@ -4,7 +4,6 @@ import hashlib
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 from ..config import Run, load_run
 from ..errors import ScenarioError
@@ -23,11 +22,9 @@ class RunSpec:
     theta: float | None
     """Noise ratio of the depth tier `noisy`; None for the other tiers."""
     run: Run
-
-    @cached_property
-    def key(self) -> str:
-        """SHA-256 of the run, 64 hexadecimal digits: equal runs have equal keys, whatever their arms are called."""
-        return key_of(self.run)
+    key: str
+    """`key_of` the run when the study was begun. It is kept and not computed again, for a later version of this program
+    may know more keys of a scenario, and what was flown must still be found."""
 
     @property
     def label(self) -> str:
@@ -42,7 +39,10 @@ class RunSpec:
 
 
 def key_of(run: Run) -> str:
-    """SHA-256 over the canonical JSON of a run and the format of the key."""
+    """SHA-256 over the canonical JSON of a run and the format of the key, 64 hexadecimal digits.
+
+    Equal runs have equal keys, whatever their arms are called.
+    """
     content = {"format": KEY_FORMAT, "run": run.model_dump(mode="json")}
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
@@ -75,5 +75,8 @@ def _of_seed(study: Study, seed: int) -> Iterator[RunSpec]:
 
 def _of_arm(study: Study, scenario: str, arm: Arm, seed: int) -> Iterator[RunSpec]:
     for theta in arm.levels:
-        run = load_run(scenario, seed, {**study.changes, **arm.changes_at(theta)})
-        yield RunSpec(scenario=run.scenario.name, arm=arm.name, theta=theta, run=run)
+        try:
+            run = load_run(scenario, seed, {**study.changes, **arm.changes_at(theta)})
+        except ScenarioError as error:
+            raise ScenarioError(f"arm {arm.name!r} of the study {study.name!r}: {error}") from error
+        yield RunSpec(scenario=run.scenario.name, arm=arm.name, theta=theta, run=run, key=key_of(run))

@@ -105,11 +105,12 @@ class _Crew:
         """Wait until something happens, and yield the runs that have ended by then."""
         first_s = min(worker.deadline_s for worker in self._workers)
         speaking = connection.wait([w.pipe for w in self._workers], timeout=max(0.0, first_s - time.monotonic()))
+        now_s = time.monotonic()  # Not asked again below: whoever takes what is yielded may take their time.
         for worker in list(self._workers):
             done = None
             if worker.pipe in speaking:
                 done = self._hear(worker)
-            elif time.monotonic() >= worker.deadline_s:
+            elif now_s >= worker.deadline_s:
                 done = self._lose(worker, "timeout")
             if done is not None:
                 yield done

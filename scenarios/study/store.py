@@ -11,11 +11,14 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal, Self
 
+import pydantic
+
 from sim.types import Contact
 from swarm.types import Outcome
 
 from ..config import Run
 from ..errors import ScenarioError
+from ..files import Loaded, first_problem, to_toml
 from .matrix import RunSpec, digest
 from .provenance import installed_versions, machine
 from .record import Done, Failure, RunRecord
@@ -70,7 +73,7 @@ class Contents:
 
 
 class Store:
-    """The store of a study. Made by `begun` or `existing`; close it, or use it in a `with`."""
+    """The store of a study. Made by `begin` or `existing`; close it, or use it in a `with`."""
 
     def __init__(self, folder: Path, database: sqlite3.Connection) -> None:
         self.folder = folder
@@ -144,18 +147,26 @@ class Store:
             ) from error
 
     def read(self) -> Contents:
-        """All of it, as of one moment."""
+        """All of it, as of one moment.
+
+        Raises:
+            ScenarioError: It says what this version of VoxDepth does not know.
+        """
         with self._transaction("DEFERRED"):
             meta = self._meta()
-            runs = {key: Run.model_validate_json(text) for key, text in self._rows("SELECT key, run FROM runs")}
+            runs = self._rows("SELECT key, run FROM runs")
             cells = self._rows("SELECT scenario, arm, theta, key FROM cells ORDER BY place")
             results = self._rows("SELECT key, outcome, metrics, contacts, wall_s FROM results")
             failures = self._rows("SELECT key, kind, text FROM failures ORDER BY place")
         records = {row[0]: _record(row) for row in results}
         last = {key: Failure(key=key, kind=kind, text=text) for key, kind, text in failures if key not in records}
+        resolved = {key: self._known(Run, text) for key, text in runs}
         return Contents(
-            study=Study.model_validate_json(meta["study"]),
-            cells=[RunSpec(scenario=name, arm=arm, theta=theta, run=runs[key]) for name, arm, theta, key in cells],
+            study=self._known(Study, meta["study"]),
+            cells=[
+                RunSpec(scenario=name, arm=arm, theta=theta, run=resolved[key], key=key)
+                for name, arm, theta, key in cells
+            ],
             records=records,
             failures=last,
             versions=json.loads(meta["versions"]),
@@ -186,6 +197,15 @@ class Store:
             raise
         self._database.execute("COMMIT")
 
+    def _known(self, model: type[Loaded], text: str) -> Loaded:
+        try:
+            return model.model_validate_json(text)
+        except pydantic.ValidationError as error:
+            raise ScenarioError(
+                f"{self.folder / FILE} was written by a version of voxdepth with other keys "
+                f"({first_problem(error, 'scenario')}): use that one"
+            ) from error
+
     def _rows(self, query: str) -> list[tuple[Any, ...]]:
         return self._database.execute(query).fetchall()
 
@@ -196,8 +216,6 @@ class Store:
         return bool(self._rows("SELECT 1 FROM sqlite_master LIMIT 1"))
 
     def _create(self, study: Study, specs: Sequence[RunSpec]) -> None:
-        from ..files import to_toml
-
         for statement in TABLES.split(";")[:-1]:
             self._database.execute(statement)
         meta = {
@@ -227,7 +245,7 @@ class Store:
 
     def _require_same(self, study: Study, specs: Sequence[RunSpec], *, resume: bool) -> None:
         meta = self._meta()
-        name = Study.model_validate_json(meta["study"]).name
+        name = self._known(Study, meta["study"]).name
         if meta["digest"] != digest(study, specs):
             raise ScenarioError(
                 f"{self.folder} holds the study {name!r} as it was asked before: this one, or a scenario of it, is "

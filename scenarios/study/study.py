@@ -16,6 +16,8 @@ FIRST_PILOT_SEED = 1000
 """Seeds from here on are for pilots: scenes and controllers may have been chosen by looking at them."""
 OWN_KEYS = ("rig.depth", "rig.noise.scale.theta", "corrector", "rig.width_px", "rig.height_px")
 """Keys of a scenario that an arm sets by a field of its own."""
+ALWAYS_SET = ("rig.depth", "corrector")
+"""Those of them that every arm sets, so that they would have no effect in the changes of a study."""
 NAME = r"^[A-Za-z0-9][A-Za-z0-9,._ -]*$"
 
 
@@ -109,6 +111,8 @@ class Study(Model):
     def _check(self) -> "Study":
         _require_unique("scenario", self.scenarios)
         _require_unique("arm", [arm.name for arm in self.arms])
+        if taken := [key for key in self.changes if key in ALWAYS_SET]:
+            raise ValueError(f"changes must not set {taken[0]}, for every arm sets it: name it in the arms")
         self._check_seeds()
         self._check_declared()
         return self

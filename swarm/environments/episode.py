@@ -53,7 +53,7 @@ class Episode:
         self._limits = limits_of(task)
         config = task.mission.model_copy(update={"aftermath_s": 0.0})
         self._ticks_per_step = round(config.control_hz / task.rig.rate_hz)
-        self._step_s = self._ticks_per_step / config.control_hz
+        self._control_hz = config.control_hz
         self.world = World(
             task.scene.build(seed), starts_m(config), task.airframe, start_yaw_rad=start_yaws_rad(config)
         )
@@ -103,12 +103,12 @@ class Episode:
             raise MissionError(f"the episode has ended with {self.outcome.value!r}; call reset() to begin another one")
         for drone, learner in self._learners.items():
             learner.action = checked(actions[drone])
-        for _ in range(self._ticks_per_step):
-            if self._mission.outcome is None:
-                self._mission.tick()
-        return {
-            drone: self._referee.verdict(self._roles[drone], self.outcome, self._step_s) for drone in self._learners
-        }
+        ticks = 0
+        while ticks < self._ticks_per_step and self.outcome is None:
+            self._mission.tick()
+            ticks += 1
+        step_s = ticks / self._control_hz
+        return {drone: self._referee.verdict(self._roles[drone], self.outcome, step_s) for drone in self._learners}
 
     def _new_mission(self, config: MissionConfig, recorder: Recorder, *, gray: bool) -> Mission:
         task, world = self._task, self.world

@@ -40,18 +40,18 @@ seeds = { count = 2 }
 "mission.duration_s" = 12.0
 [declared]
 arm = "truth"
-against = "late"
+against = "blind"
 [[arms]]
 name = "truth"
 depth = "truth"
 corrector = "raw"
 size = "96x64"
 [[arms]]
-name = "late"
+name = "blind"
 depth = "truth"
 corrector = "raw"
 size = "96x64"
-changes = { "mission.latency_s" = 5.0 }
+changes = { "mission.rules.avoidance" = false }
 """
 
 
@@ -144,14 +144,14 @@ def test_a_study_from_its_file_to_its_report(tiny: Path, tmp_path: Path) -> None
     flown = voxdepth("study", tiny, "--out", out)
     assert flown.returncode == 0, flown.stderr
     assert "4 of 4 runs" in flown.stdout
-    assert "late 2 of 2 collided" in flown.stdout
+    assert "blind 2 of 2 collided" in flown.stdout
     assert "go on with --resume, or use another --out" in str(study_command(tiny, "--out", out).exception)
     assert study_command("run", tiny, "--out", out, "--resume").exit_code == 0
     assert "4 of 4 runs" in study_command("status", out).stdout
     check_tables(out)
     reported = study_command("report", out, "--record")
     assert reported.exit_code == 0, reported.output
-    assert "arm late, seed 0: collision: the same as in the study, figure by figure" in reported.stdout
+    assert "arm blind, seed 0: collision: the same as in the study, figure by figure" in reported.stdout
     page = (out / "report.html").read_text()
     assert "This study is not complete" not in page
     assert "/run.rrd</td>" in page

@@ -205,6 +205,17 @@ def test_the_time_running_out_cuts_short() -> None:
     episode.close()
 
 
+def test_a_step_that_is_cut_short_costs_the_time_that_was_flown() -> None:
+    task = quick_task(duration_s=0.2)  # One tick of 0.05 s before the first observation, then steps of two ticks.
+    episode = Episode(task, [1], seed=0)
+    costs = [episode.step({1: FORWARD})[1].reward for _ in range(2)]
+    assert episode.outcome is Outcome.TIMEOUT
+    positions_m = [state.position_m for state in episode.world.states]
+    off_m = float(np.linalg.norm(positions_m[1] - positions_m[0] - role_of(task, 1).offset_m))
+    assert costs[1] == pytest.approx(-off_m / 8 * DT_S / 2)
+    episode.close()
+
+
 @pytest.mark.parametrize(("steering", "hits"), [("direct", True), ("shielded", False)])
 def test_the_avoidance_layer_keeps_a_reckless_drone_off_the_tower(steering: SteeringName, hits: bool) -> None:
     options = quick(x_m=30.0, y_m=2.6, duration_s=8.0)

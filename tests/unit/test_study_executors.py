@@ -6,13 +6,15 @@ import signal
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from scenarios.errors import ScenarioError
-from scenarios.study import processes
+from scenarios.study import cluster, processes
+from scenarios.study.cluster import Cluster
 from scenarios.study.executor import Serial
 from scenarios.study.matrix import RunSpec, expand
 from scenarios.study.processes import Processes
@@ -116,3 +118,37 @@ def test_workers_that_never_get_ready_are_not_started_for_ever(monkeypatch: pyte
     monkeypatch.setattr(processes, "serve", os._exit)
     with pytest.raises(ScenarioError, match="3 workers in a row ended before they were ready"):
         list(Processes(1, 60.0, fake).run(expand(study(arm("a")))))
+
+
+def test_a_run_that_ended_while_nobody_listened_is_not_late() -> None:
+    """Writing the result of one run to a slow disk must not cost another one its own."""
+    specs = expand(study(arm("a")))
+    crew = processes._Crew(Processes(2, 60.0, fake), [])
+    ends = []
+    for spec in specs:
+        worker = object.__new__(processes._Worker)
+        worker.pipe, theirs = multiprocessing.Pipe()
+        worker.process = multiprocessing.Process()
+        worker.spec, worker.runs, worker.deadline_s = spec, 1, time.monotonic() + 0.05
+        worker.stop = lambda: -9  # type: ignore[method-assign]
+        crew._workers.append(worker)
+        ends.append(theirs)
+    ends[0].send(fake(specs[0]))
+    done = []
+    while crew.has_work:
+        for one in crew.wait():
+            done.append(one)
+            ends[1].send(fake(specs[1]))
+            time.sleep(0.1)
+    assert done == [fake(spec) for spec in specs]
+
+
+def test_a_worker_of_another_version_that_joins_late_ends_the_study() -> None:
+    (spec,) = expand(study(arm("a"), seeds=1))
+    joined: Future[RunRecord | Failure] = Future()
+    try:
+        cluster._attempt(fake, spec, 60.0, {"numpy": "0.1"})
+    except ScenarioError as error:
+        joined.set_exception(error)
+    with pytest.raises(ScenarioError, match=r"has numpy .*, where the study was started it is 0\.1: install the same"):
+        Cluster("tcp://somewhere:8786", 1, 60.0)._result(joined, spec)

@@ -9,7 +9,7 @@ from scenarios.config import load_run
 from scenarios.errors import ScenarioError
 from scenarios.study.matrix import digest, expand, key_of
 from scenarios.study.study import load_study, study_names
-from tests.studies import arm, noisy, study
+from tests.studies import ONE_DRONE, arm, noisy, study
 
 TEXT = """
 name = "mine"
@@ -98,6 +98,7 @@ def test_a_study_is_the_same_wherever_its_scenarios_lie(tmp_path: Path) -> None:
         ("[0.5, 1.0]", "[0.5, 0.5]", "every theta may be named once"),
         ('"mission.pilot.avoidance.histogram.min_confidence"', '"rig.depth"', "changes must not set rig.depth"),
         ('"96x64"', '"big"', "arms.0.size"),
+        ("seeds = {", 'changes = { "corrector" = "median" }\nseeds = {', "changes must not set corrector"),
         ('name = "mine"', 'name = "../mine"', "name: String should match pattern"),
         ("[[arms]]", '[declared]\narm = "a"\nagainst = "c"\n[[arms]]', "names no arm of the study: 'c'"),
         ("[[arms]]", '[declared]\narm = "a"\nagainst = "b"\n[[arms]]', "needs arms of one theta, 'b' has 2"),
@@ -117,11 +118,21 @@ def test_what_is_wrong_with_a_file_is_said(tmp_path: Path, old: str, new: str, m
         ({"scenarios": ["nowhere"]}, "there is no scenario 'nowhere'"),
         ({"changes": {"mission.drones": 0}}, "mission.drones"),
         ({"changes": {"mission.wings": 2}}, "unknown key 'mission.wings'"),
+        ({"arms": [arm("a"), arm("odd", size="0x60")]}, "arm 'odd' of the study 'tiny': .*rig.width_px"),
     ],
 )
 def test_what_is_wrong_with_a_cell_is_said_before_anything_flies(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ScenarioError, match=message):
         expand(study(arm("a"), **changes))
+
+
+def test_what_one_arm_sets_inside_a_table_of_the_study_reaches_no_other() -> None:
+    inside = arm("a", changes={"mission.rules.cohesion_per_s": 1.0})
+    tables = {**ONE_DRONE, "mission.rules": {"alignment": 0.0}}
+    found = [(spec.arm, spec.run.scenario.mission.rules) for spec in expand(study(inside, arm("b"), changes=tables))]
+    assert [(name, rules.cohesion_per_s) for name, rules in found] == [("a", 1.0), ("b", 0.0)] * 2
+    assert all(rules.alignment == 0 for _, rules in found)
+    assert tables["mission.rules"] == {"alignment": 0.0}
 
 
 def test_a_pilot_flies_pilot_seeds() -> None:

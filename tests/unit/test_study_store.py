@@ -151,3 +151,20 @@ def test_a_full_disk_is_said_and_what_was_written_is_safe(tmp_path: Path) -> Non
         kept = store.read().records
     assert results_of(tmp_path) == kept
     assert 0 < len(kept) < 40
+
+
+def test_a_store_of_a_version_that_knew_fewer_keys_still_has_its_results(tmp_path: Path) -> None:
+    tiny = study(arm("a"))
+    before = fly_study(tiny, tmp_path, Serial(fake), Wishes(), Unseen())
+    changed(tmp_path, "UPDATE runs SET run = json_remove(run, '$.scenario.recording')")
+    with Store.existing(tmp_path) as store:
+        contents = store.read()
+    assert [contents.records[spec.key] for spec in contents.cells] == list(before.records.values())
+    assert contents.missing(retry_errors=True) == []
+
+
+def test_a_store_of_a_version_that_knew_other_keys_is_refused(tmp_path: Path) -> None:
+    fly_study(study(arm("a")), tmp_path, Serial(fake), Wishes(), Unseen())
+    changed(tmp_path, "UPDATE runs SET run = json_set(run, '$.scenario.wings', 2)")
+    with Store.existing(tmp_path) as store, pytest.raises(ScenarioError, match=r"other keys \(unknown key 'wings'\)"):
+        store.read()

@@ -70,7 +70,7 @@ class TestLoading:
 
     @pytest.mark.parametrize("name", ["no_such_module:create", "tests.tiny_controller:no_such_name"])
     def test_what_is_not_there_is_refused_with_the_reason(self, name: str) -> None:
-        with pytest.raises(MissionError, match=r"cannot be loaded: .*no_such.*importable from where you are"):
+        with pytest.raises(MissionError, match=r"cannot be loaded: .*no_such.*must be installed or in a folder"):
             load_controller(name)
 
     def test_what_cannot_be_called_is_refused(self) -> None:
