@@ -24,7 +24,7 @@ class NeighbourSense:
 
     Inside the field of view the camera decides, and one that is not found there (missed, hidden, without depth) is not
     there once the memory has passed. Outside, and beyond the detector's range, it is the radio. Velocities come by
-    radio.
+    radio; a drone that is seen and not heard counts as still.
 
     Args:
         config: See there.
@@ -55,7 +55,13 @@ class NeighbourSense:
         which = heard.drone[by_camera]
         position_m[by_camera] = self._seen_m[which] + age_s[by_camera, None] * heard.velocity_m_s[by_camera]
         kept = by_camera | ~in_view
-        return Neighbours(drone=heard.drone[kept], position_m=position_m[kept], velocity_m_s=heard.velocity_m_s[kept])
+        unheard = time_s - self._seen_at_s <= self._config.memory_s
+        unheard[heard.drone] = False
+        return Neighbours(
+            drone=np.concatenate([heard.drone[kept], np.flatnonzero(unheard)]),
+            position_m=np.concatenate([position_m[kept], self._seen_m[unheard]]),
+            velocity_m_s=np.concatenate([heard.velocity_m_s[kept], np.zeros_like(self._seen_m[unheard])]),
+        )
 
     def _take_in(self, percept: Percept) -> None:
         pose = percept.T_world_cam

@@ -116,8 +116,17 @@ def test_many_are_told_apart() -> None:
     np.testing.assert_allclose(around.position_m, [[-3, 0, 0], [6, 1, 0]], atol=1e-9)
 
 
-def test_nobody_heard_is_nobody_around() -> None:
+def test_nobody_seen_or_heard_is_nobody_around() -> None:
     assert len(sense().perceive(percept(0.0), NOBODY, 0.0)) == 0
+
+
+def test_who_is_seen_and_not_heard_is_around_and_still() -> None:
+    watched = sense()
+    around = watched.perceive(percept(0.0, seen_at(2, np.array([4.0, 0.5, 0.0]))), NOBODY, 0.1)
+    np.testing.assert_array_equal(around.drone, [2])
+    np.testing.assert_allclose(around.position_m, [[4.0, 0.5, 0.0]], atol=1e-9)
+    assert not around.velocity_m_s.any()
+    assert len(watched.perceive(percept(0.0), NOBODY, 9.0)) == 0
 
 
 @given(st.integers(0, 10_000))
