@@ -230,6 +230,7 @@ def test_a_processor_without_a_name_goes_by_its_architecture(monkeypatch: pytest
     assert processor_name("processor\t: 0\n") == processor_name("") == "riscv64"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short")
 def test_a_quick_run_prints_every_part_and_writes_positive_figures(tmp_path: Path) -> None:
     done = bench("--quick", "--size", "160x120", "--json", tmp_path / "figures.json")

@@ -29,6 +29,7 @@ def only_run(out: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_run_writes_what_it_promises(tmp_path: Path) -> None:
     done = voxdepth("run", "city", *QUICK, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
@@ -132,9 +133,11 @@ def test_a_file_without_a_name_says_so(tmp_path: Path) -> None:
     ("table", "change", "message"),
     [
         ("[[mission.routes]]", "goal_m = [16.3, -3.1, 6.0]", "inside a building"),
-        ("[mission]", "control_hz = 7", "control_hz must divide"),
-        ("[[mission.routes]]", "start_m = [5.5, 2.6, 6.0]", "in touch with another body"),
-        ("[mission]", "controller = 'nowhere:nothing'", "cannot be loaded"),
+        pytest.param("[mission]", "control_hz = 7", "control_hz must divide", marks=pytest.mark.slow),
+        pytest.param(
+            "[[mission.routes]]", "start_m = [5.5, 2.6, 6.0]", "in touch with another body", marks=pytest.mark.slow
+        ),
+        pytest.param("[mission]", "controller = 'nowhere:nothing'", "cannot be loaded", marks=pytest.mark.slow),
     ],
 )
 def test_missions_that_cannot_be_flown_write_nothing(tmp_path: Path, table: str, change: str, message: str) -> None:
@@ -158,6 +161,7 @@ def test_an_output_folder_that_is_a_file_is_refused(tmp_path: Path) -> None:
     assert (tmp_path / "file").read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_the_run_and_closes_the_recording(tmp_path: Path) -> None:
     command = [sys.executable, "-c", "from scenarios.cli import main; main()", "run", "city", "--drones", "2"]
     process = subprocess.Popen(
@@ -186,6 +190,7 @@ def test_list_names_everything() -> None:
         assert word in done.stdout
 
 
+@pytest.mark.slow
 def test_doctor_finds_what_works_here() -> None:
     done = voxdepth("doctor")
     assert "ok renderer raycast" in done.stdout

@@ -40,6 +40,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return write_recording(base / "post"), plain
 
 
+@pytest.mark.slow
 def test_everything_is_written_and_a_repetition_takes_it(folders: tuple[Path, Path], tmp_path: Path) -> None:
     post, plain = folders
     command = ("--data", post, "--data", plain, "--methods", "raw,ip-basic,true-pose", "--frames", "5")
