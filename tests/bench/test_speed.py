@@ -15,6 +15,8 @@ import pytest
 from scenarios.config import load_run
 from scenarios.runner import fly
 from scenarios.sequences import load_sequence, record
+from scenarios.study.matrix import expand
+from scenarios.study.study import load_study
 from sim.noise import photon_noise
 from sim.render import create_renderer
 from sim.scenes import CitySpec
@@ -79,6 +81,14 @@ def test_missions(depth: str, corrector: str, size: tuple[int, int]) -> None:
     finished = fly(load_run("city", 0, changes | {"mission.duration_s": 10.0}))
     what = f"mission, 8 drones, {depth} {size[0]}x{size[1]} at 10 Hz, {corrector}, not recorded"
     show(what, f"real-time factor {finished.real_time_factor:6.2f}")
+
+
+def test_a_mission_of_the_noise_study() -> None:
+    (spec, *_) = expand(load_study("noise"))
+    scenario = spec.run.scenario
+    short = scenario.model_copy(update={"mission": scenario.mission.model_copy(update={"duration_s": 10.0})})
+    finished = fly(spec.run.model_copy(update={"scenario": short}), threads=1)
+    show("mission of the study noise, theta 0, one thread", f"real-time factor {finished.real_time_factor:6.2f}")
 
 
 @pytest.mark.parametrize("n_drones", [2, 4, 8, 16, 32])
