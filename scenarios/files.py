@@ -8,6 +8,8 @@ from typing import Any, TypeVar
 import pydantic
 import tomli_w
 
+from sim.recording.files import replace
+
 from .errors import ScenarioError
 
 DATA = Path(__file__).parent / "data"
@@ -120,3 +122,18 @@ def first_problem(error: pydantic.ValidationError, field: str) -> str:
         shown = f", got {got!r}" if isinstance(got, str | int | float | bool | list) else ""
         text = f"{where}: {first['msg'].removeprefix('Value error, ')}{shown}"
     return text + (f" (and {len(others)} more {'problem' if len(others) == 1 else 'problems'})" if others else "")
+
+
+def write(path: Path, data: bytes) -> None:
+    """Make a file and its folders, or replace it, in one step; what was finished before stays as it is.
+
+    Raises:
+        ScenarioError: It cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        replace(path, data)
+    except OSError as error:
+        raise ScenarioError(
+            f"cannot write {path}: {error.strerror or error}; what was finished before is safe"
+        ) from error

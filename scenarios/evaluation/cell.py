@@ -5,10 +5,10 @@ from typing import Any
 
 from pydantic import ConfigDict
 
-from sim.recording.files import replace
 from voxdepth.model import Model
 
 from ..errors import ScenarioError
+from ..files import write
 
 CELLS = "cells"
 SCORING = 3
@@ -114,19 +114,6 @@ def write_model(path: Path, model: Model) -> None:
         ScenarioError: It cannot be written.
     """
     write(path, f"{model.model_dump_json(indent=1)}\n".encode())
-
-
-def write(path: Path, data: bytes) -> None:
-    """Make a file, or replace it, in one step.
-
-    Raises:
-        ScenarioError: It cannot be written.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        replace(path, data)
-    except OSError as error:
-        raise ScenarioError(f"cannot write {path}: {error.strerror or error}; the finished cells are safe") from error
 
 
 def _flat(values: dict[str, Any], before: str = "") -> dict[str, Any]:

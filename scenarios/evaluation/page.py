@@ -5,7 +5,7 @@ from pathlib import Path
 
 from .. import html
 from ..bench.machine import Machine
-from .cell import write
+from ..files import write
 from .exhibits import exhibit
 from .figures import all_figures
 from .quantities import FOR_COMPARISON_ONLY, IN_PAPERS_LAYOUT, QUANTITIES

@@ -5,7 +5,8 @@ import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from .cell import Cell, write
+from ..files import write
+from .cell import Cell
 
 COLUMNS = ("sequence", "method", "metric", "mask", "within", "on", "value", "unit", "n", "error")
 CSV, PARQUET = "results.csv", "results.parquet"

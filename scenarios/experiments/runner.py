@@ -10,7 +10,8 @@ from voxdepth.model import Model
 
 from ..bench.machine import Machine
 from ..errors import ScenarioError
-from ..evaluation.cell import write, write_model
+from ..evaluation.cell import write_model
+from ..files import write
 from .experiment import Experiment
 from .markdown import markdown_of
 from .result import Claim, Result, Table

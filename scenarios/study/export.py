@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from sim.recording.files import replace
-
 from ..errors import ScenarioError
+from ..files import write
 from .store import Contents
 
 CSV, PARQUET = "runs.csv", "runs.parquet"
@@ -50,19 +49,6 @@ def export(contents: Contents, out: Path) -> list[Path]:
     write(out / CSV, _csv(listed))
     write(out / PARQUET, _parquet(listed))
     return [out / CSV, out / PARQUET]
-
-
-def write(path: Path, data: bytes) -> None:
-    """Make a file, or replace it, in one step.
-
-    Raises:
-        ScenarioError: It cannot be written.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        replace(path, data)
-    except OSError as error:
-        raise ScenarioError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 def _csv(listed: Sequence[Row]) -> bytes:

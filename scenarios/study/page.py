@@ -7,8 +7,8 @@ from pathlib import Path
 from swarm.types import Outcome
 
 from .. import html
+from ..files import write
 from .analysis import CONTACT_KINDS, Comparison, Point, comparisons, first_collisions, grown, points
-from .export import write
 from .figures import COLORS, all_figures
 from .growth import B_BOUNDS, Growth
 from .matrix import RunSpec
