@@ -11,6 +11,7 @@ from sim.scenes import AnyScene, CitySpec
 from sim.sensor import RigConfig
 from sim.tiers import DepthTierName
 from swarm.task import MissionConfig
+from voxdepth.corrector_name import CorrectorName
 from voxdepth.model import Model
 from voxdepth.registry import DEFAULT, require_known
 
@@ -44,7 +45,7 @@ class Scenario(Model):
     mission: MissionConfig = MissionConfig()
     rig: RigConfig = RigConfig()
     airframe: AirframeConfig = AirframeConfig()
-    corrector: str = DEFAULT
+    corrector: CorrectorName = DEFAULT
     """Name of the depth corrector of every drone."""
     corrector_latency_s: dict[str, Annotated[float, Field(ge=0)]] = Field(default_factory=dict)
     """Simulated time that a corrector takes for a frame, by its name; those that are not named take none. Frozen here,
@@ -52,12 +53,6 @@ class Scenario(Model):
     renderer: RendererName = "raycast"
     recording: RecordingConfig = RecordingConfig()
     acceptance: Acceptance = Acceptance()
-
-    @pydantic.field_validator("corrector")
-    @classmethod
-    def _known(cls, name: str) -> str:
-        require_known(name)
-        return name
 
     @pydantic.field_validator("corrector_latency_s")
     @classmethod

@@ -7,8 +7,9 @@ from sim.drone import AirframeConfig
 from sim.render import RendererName
 from sim.scenes import AnyScene, CitySpec
 from sim.sensor import RigConfig
+from voxdepth.corrector_name import CorrectorName
 from voxdepth.model import Model
-from voxdepth.registry import DEFAULT, require_known
+from voxdepth.registry import DEFAULT
 
 from ..task import MissionConfig
 from ..team import Route
@@ -30,7 +31,7 @@ class LearningTask(Model):
     rig: RigConfig = SMALL_RIG
     """The cameras; a step lasts one period of theirs."""
     airframe: AirframeConfig = AirframeConfig()
-    corrector: str = DEFAULT
+    corrector: CorrectorName = DEFAULT
     """Name of the depth corrector of every drone."""
     corrector_latency_s: float = Field(0.0, ge=0)
     """Simulated time that the corrector takes for a frame, on top of `mission.latency_s`."""
@@ -38,12 +39,6 @@ class LearningTask(Model):
     steering: SteeringName = "direct"
     """What lies between an action and the drone: nothing, or its avoidance layer."""
     reward: RewardConfig = RewardConfig()
-
-    @pydantic.field_validator("corrector")
-    @classmethod
-    def _known(cls, name: str) -> str:
-        require_known(name)
-        return name
 
     @pydantic.field_validator("mission")
     @classmethod
