@@ -229,7 +229,9 @@ def shade(
     footprint_m = t / focal_px / wp.sqrt(wp.max(facing, 0.05))
     to_body = wp.transpose(look.rotation)
     p = to_body * (origin + t * direction - look.position)
-    detail = pattern_detail(look.pattern, p, to_body * normal, footprint_m, look.seed)
+    detail = float(0.0)
+    if look.texture > 0.0:
+        detail = pattern_detail(look.pattern, p, to_body * normal, footprint_m, look.seed)
     overhead = 0.8 + 0.2 * normal[2]
     lit = air.ambient * overhead + (1.0 - air.ambient) * sunlit[i] * wp.max(0.0, wp.dot(normal, air.sun))
     surface = wp.clamp(air.exposure * look.albedo * lit * (1.0 + 2.0 * look.texture * detail), 0.0, 1.0)
