@@ -50,7 +50,7 @@ class Scenario(Model):
     corrector_latency_s: dict[str, Annotated[float, Field(ge=0)]] = Field(default_factory=dict)
     """Simulated time that a corrector takes for a frame, by its name; those that are not named take none. Frozen here,
     and never the wall clock: results must not depend on the machine."""
-    renderer: RendererName = "raycast"
+    renderer: RendererName = "raster"
     recording: RecordingConfig = RecordingConfig()
     acceptance: Acceptance = Acceptance()
 

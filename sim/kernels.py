@@ -1,11 +1,11 @@
 """Warp kernels of the sensor."""
 
 # mypy: disable-error-code="no-untyped-def,type-arg,valid-type,untyped-decorator,no-any-return,index,misc"
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 import warp as wp
+
+from .memory import on_cpu
 
 wp.set_module_options({"enable_backward": False})
 
@@ -49,6 +49,11 @@ def nearest_claims(disparity: npt.NDArray[np.int16]) -> npt.NDArray[np.int32]:
         Shape (H, W) [1/16 px]; 32767 where the pixel has no disparity or maps outside of the right image.
     """
     nearest, claimed = np.empty_like(disparity), np.empty_like(disparity)
-    view: Any = lambda array: wp.array(array, dtype=wp.int16, copy=False, device="cpu")  # noqa: E731
-    wp.launch(claim, len(disparity), inputs=[view(disparity)], outputs=[view(nearest), view(claimed)], device="cpu")
+    wp.launch(
+        claim,
+        len(disparity),
+        inputs=[on_cpu(disparity, wp.int16)],
+        outputs=[on_cpu(nearest, wp.int16), on_cpu(claimed, wp.int16)],
+        device="cpu",
+    )
     return claimed.astype(np.int32)

@@ -25,6 +25,7 @@ class Depth(StrEnum):
 class RendererName(StrEnum):
     """Renderers; the same words as in a scenario."""
 
+    RASTER = "raster"
     RAYCAST = "raycast"
     TINY = "tiny"
     EGL = "egl"

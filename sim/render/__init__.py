@@ -9,9 +9,21 @@ from ..world import World
 
 
 def _raycast(world: World, threads: int) -> Renderer:
-    from .raycast import RaycastRenderer
+    from .mirror import Mirror
+    from .raycast import RayCaster
+    from .shaded import ShadedRenderer
 
-    return RaycastRenderer(world, threads=threads)
+    mirror = Mirror(world)
+    return ShadedRenderer(world, mirror, RayCaster(mirror, threads=threads), threads=threads)
+
+
+def _raster(world: World, threads: int) -> Renderer:
+    from .mirror import Mirror
+    from .raster import Rasteriser
+    from .shaded import ShadedRenderer
+
+    mirror = Mirror(world)
+    return ShadedRenderer(world, mirror, Rasteriser(mirror, threads=threads), threads=threads)
 
 
 def _tiny(world: World, threads: int) -> Renderer:
@@ -26,9 +38,14 @@ def _egl(world: World, threads: int) -> Renderer:
     return EglRenderer(world)
 
 
-RendererName = Literal["raycast", "tiny", "egl"]
+RendererName = Literal["raster", "raycast", "tiny", "egl"]
 
-_FACTORIES: dict[str, Callable[[World, int], Renderer]] = {"raycast": _raycast, "tiny": _tiny, "egl": _egl}
+_FACTORIES: dict[str, Callable[[World, int], Renderer]] = {
+    "raster": _raster,
+    "raycast": _raycast,
+    "tiny": _tiny,
+    "egl": _egl,
+}
 
 RENDERER_NAMES = tuple(_FACTORIES)
 

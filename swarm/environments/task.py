@@ -35,7 +35,7 @@ class LearningTask(Model):
     """Name of the depth corrector of every drone."""
     corrector_latency_s: float = Field(0.0, ge=0)
     """Simulated time that the corrector takes for a frame, on top of `mission.latency_s`."""
-    renderer: RendererName = "raycast"
+    renderer: RendererName = "raster"
     steering: SteeringName = "direct"
     """What lies between an action and the drone: nothing, or its avoidance layer."""
     reward: RewardConfig = RewardConfig()

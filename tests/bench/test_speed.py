@@ -102,7 +102,7 @@ def test_a_whole_mission_by_number_of_drones(n_drones: int) -> None:
 
 
 @pytest.mark.parametrize(("width", "height", "drones"), [(160, 120, 8), (320, 180, 8), (640, 360, 1)])
-@pytest.mark.parametrize("renderer", ["raycast", "tiny"])
+@pytest.mark.parametrize("renderer", ["raster", "raycast", "tiny"])
 def test_rendering(renderer: str, width: int, height: int, drones: int) -> None:
     intrinsics = Intrinsics.from_hfov(width_px=width, height_px=height, hfov_deg=86, baseline_m=0.095)
     starts = starts_m(MissionConfig(drones=8))

@@ -186,13 +186,14 @@ def test_ctrl_c_ends_the_run_and_closes_the_recording(tmp_path: Path) -> None:
 def test_list_names_everything() -> None:
     done = voxdepth("list")
     assert done.returncode == 0
-    for word in ("city", "truth, noisy, stereo", "raw, median", "paper, voxdepth", "raycast, tiny"):
+    for word in ("city", "truth, noisy, stereo", "raw, median", "paper, voxdepth", "raster, raycast, tiny"):
         assert word in done.stdout
 
 
 @pytest.mark.slow
 def test_doctor_finds_what_works_here() -> None:
     done = voxdepth("doctor")
+    assert "ok renderer raster" in done.stdout
     assert "ok renderer raycast" in done.stdout
     assert "ok renderer tiny" in done.stdout
     assert "ok package sim" in done.stdout

@@ -91,6 +91,53 @@ def test_they_agree_in_every_scene_rolled_pitched_and_close_to_walls(spec: Scene
     assert len(tried) >= 4, "hardly any view was outside of bodies"
 
 
+@pytest.mark.parametrize("spec", SCENES, ids=lambda spec: spec.kind)
+def test_rasterising_and_ray_casting_show_the_same(spec: SceneSpec) -> None:
+    scene = spec.build(3)
+    rng = np.random.default_rng(0)
+    with World(scene, scene.path_m[len(scene.path_m) // 2][None] + [0.0, 0.0, 2.5]) as world:
+        places_m = scene.path_m[rng.integers(len(scene.path_m), size=30)] + rng.uniform(
+            (0, -6, 0.1), (0, 6, 6), (30, 3)
+        )
+        angles = rng.uniform((-0.5, -0.4, -3.1), (0.5, 0.4, 3.1), (30, 3))
+        cameras = [
+            camera_at(*at_m, quaternion(*angle), CAMERA)
+            for at_m, angle in zip(places_m, angles, strict=True)
+            if world.room_at_m(at_m.tolist()) > 0.05 and not is_inside(world, at_m)
+        ]
+        drawn, cast = (create_renderer(name, world).render(cameras) for name in ("raster", "raycast"))
+    assert len(cameras) >= 10, "hardly any view is outside of bodies"
+    for a, b in zip(drawn, cast, strict=True):
+        same = a.segment_id == b.segment_id
+        assert same.mean() > 0.9995
+        np.testing.assert_allclose(a.depth_m[same], b.depth_m[same], rtol=1e-3)
+        assert np.quantile(np.abs(a.gray[same].astype(int) - b.gray[same]), 0.999) <= 1
+
+
+def test_nothing_shines_through_where_triangles_meet() -> None:
+    """Seen straight on, edges and diagonals of these walls run exactly through the centres of pixels."""
+    even = Intrinsics(width_px=81, height_px=81, fx_px=40.0, fy_px=40.0, cx_px=40.0, cy_px=40.0)
+    shape = box(np.array([1.0, 2.0, 2.0]))
+    tiles = [
+        Body(name=f"tile {y} {z}", kind="building", shape=shape, position_m=(4.5, float(y), float(z)))
+        for y in range(-6, 7, 2)
+        for z in range(-6, 7, 2)
+    ]
+    with world_of(*tiles) as world:
+        (image,) = create_renderer("raster", world).render([camera_at(0, 0, 0, intrinsics=even)])
+    np.testing.assert_allclose(image.depth_m, 4.0, rtol=1e-6)
+
+
+def test_rasterising_is_the_same_on_any_number_of_threads() -> None:
+    with world_of(wall(5.0), starts_m=[(2.5, 0.3, 0.0)]) as world:
+        cameras = [camera_at(0, 0.1 * i, 0) for i in range(5)]
+        one, three = (create_renderer("raster", world, threads=n).render(cameras) for n in (1, 3))
+    for a, b in zip(one, three, strict=True):
+        np.testing.assert_array_equal(a.gray, b.gray)
+        np.testing.assert_array_equal(a.depth_m, b.depth_m)
+        np.testing.assert_array_equal(a.segment_id, b.segment_id)
+
+
 def test_they_agree_on_moved_drones_and_round_shapes() -> None:
     shapes = [
         Body(name="pole", kind="building", shape=Cylinder(0.3, 4.0), position_m=(3.0, 1.0, 0.0)),
@@ -99,7 +146,7 @@ def test_they_agree_on_moved_drones_and_round_shapes() -> None:
     with world_of(*shapes, wall(8.0), starts_m=[(2.5, 0.0, 0.0)]) as world:
         for _ in range(120):
             world.step()
-        a, b = (create_renderer(name, world).render([camera_at(0, 0, 0)])[0] for name in ("raycast", "tiny"))
+        a, b = (create_renderer(name, world).render([camera_at(0, 0, 0)])[0] for name in ("raster", "tiny"))
     assert len(np.unique(a.segment_id)) == 4
     assert (a.segment_id == b.segment_id).mean() > 0.99
     same = a.segment_id == b.segment_id
@@ -115,15 +162,16 @@ def test_they_agree_on_movers_that_were_placed() -> None:
     crate = Body(name="crate", kind="building", shape=cube, position_m=(0.0, 0.0, 0.0), yaw_rad=0.4)
     scene = Scene(seed=5, bodies=(wall(8.0),))
     with World(scene, np.array([[4.0, 0.0, 1.0]]), movers=[*movers, crate]) as world:
-        renderers = [create_renderer(name, world) for name in ("raycast", "tiny")]
+        renderers = [create_renderer(name, world) for name in ("raster", "raycast", "tiny")]
         for side_m in (0.8, -0.6):
             for mover, place_m in zip(world.movers, ([3, side_m, 0], [5, -1.5, 0.5], [4, 1.5, -1]), strict=True):
                 world.place(mover, np.array(place_m, np.float64))
-            a, b = (renderer.render([camera_at(0, 0, 0)])[0] for renderer in renderers)
-            assert set(np.unique(a.segment_id)) == {0, 1, 2, 3, 4}
-            assert (a.segment_id == b.segment_id).mean() > 0.99
-            gap = np.abs(a.depth_m - b.depth_m)[a.segment_id == b.segment_id]
-            assert np.percentile(gap, 95) < 0.01
+            *ours, b = (renderer.render([camera_at(0, 0, 0)])[0] for renderer in renderers)
+            for a in ours:
+                assert set(np.unique(a.segment_id)) == {0, 1, 2, 3, 4}
+                assert (a.segment_id == b.segment_id).mean() > 0.99
+                gap = np.abs(a.depth_m - b.depth_m)[a.segment_id == b.segment_id]
+                assert np.percentile(gap, 95) < 0.01
 
 
 def test_they_agree_on_turned_meshes_and_heightfields() -> None:
@@ -247,7 +295,7 @@ def test_bodies_that_cannot_be_drawn_are_named() -> None:
 
 
 def test_unknown_renderers_are_refused_with_the_choice() -> None:
-    with world_of(wall(5.0)) as world, pytest.raises(RenderError, match="raycast, tiny, egl"):
+    with world_of(wall(5.0)) as world, pytest.raises(RenderError, match="raster, raycast, tiny, egl"):
         create_renderer("pathtracer", world)
 
 

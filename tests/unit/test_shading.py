@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from sim.bodies import Body, Box, Scene, Surface, Weather
 from sim.render import create_renderer
 from sim.render.culling import pixel_bounds
-from sim.render.raycast import _unit_depth_directions
+from sim.render.hits import unit_depth_directions
 from sim.world import World
 from tests.helpers import CAMERA, block, camera_at, wall, world_of
 
@@ -89,7 +89,7 @@ def test_a_sphere_is_within_its_pixel_bounds(
     center: tuple[float, float, float], radius_m: float, q: tuple[float, float, float]
 ) -> None:
     camera = camera_at(0.3, -0.2, 0.1, (*q, 1.0))
-    T, directions = camera.T_world_cam, _unit_depth_directions(CAMERA).astype(np.float64)
+    T, directions = camera.T_world_cam, unit_depth_directions(CAMERA).astype(np.float64)
     c = (np.array(center) - T[:3, 3]) @ T[:3, :3]
     a, half_b = (directions**2).sum(axis=1), directions @ c
     hit = (half_b**2 - a * (c @ c - radius_m**2) > 0) & (half_b + np.sqrt(a) * radius_m > 0)
