@@ -1,21 +1,18 @@
-"""The report of a study: one HTML file that loads nothing from elsewhere and needs no script."""
+"""The report of a study: one HTML file that loads nothing from elsewhere; and its tables as Markdown."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarm.types import Outcome
-
 from .. import html
 from ..files import write
-from .analysis import CONTACT_KINDS, Comparison, Point, comparisons, first_collisions, grown, points
-from .figures import COLORS, all_figures
-from .growth import B_BOUNDS, Growth
+from . import tables
+from .analysis import comparisons, first_collisions, grown, points
+from .figures import all_figures
+from .growth import Growth
 from .matrix import RunSpec
-from .statistics import Interval
 from .store import Contents
 
-REPORT, TEMPLATE = "report.html", "study.html.j2"
+REPORT, SUMMARY, TEMPLATE = "report.html", "report.md", "study.html.j2"
 SHORT = 12
 """Digits of a key that are shown: enough to name a run."""
 
@@ -32,13 +29,25 @@ class Shown:
 
 
 def write_report(contents: Contents, out: Path) -> Path:
-    """Write `report.html` in one step.
+    """Write `report.html`, and its tables as `report.md`, each in one step; the path of the former.
 
     Raises:
-        ScenarioError: It cannot be written.
+        ScenarioError: They cannot be written.
     """
+    write(out / SUMMARY, summary(contents).encode())
     write(out / REPORT, rendered(contents, out).encode())
     return out / REPORT
+
+
+def summary(contents: Contents) -> str:
+    """The tables of the report, to be pasted into a document."""
+    parts = [
+        ("Comparisons of arms", tables.of_comparisons(comparisons(contents))),
+        ("Growth with noise", tables.of_growths(grown(contents))),
+        ("All arms", tables.of_points(points(contents))),
+    ]
+    head = f"Study {contents.study.name}, {len(contents.records)} of {len(contents.keys)} runs\n"
+    return "\n".join([head, *(f"**{title}**\n\n{table.markdown}" for title, table in parts if table.rows)])
 
 
 def rendered(contents: Contents, out: Path) -> str:
@@ -56,9 +65,9 @@ def rendered(contents: Contents, out: Path) -> str:
         total=len(contents.keys),
         done=len(contents.records),
         failures=[(f.kind, key[:SHORT], last_line(f.text)) for key, f in contents.failures.items()],
-        points=[_point_row(point) for point in found],
-        comparisons=[_comparison_row(comparison) for comparison in comparisons(contents)],
-        growths=[(scenario, arm, *_growth_row(growth)) for scenario, arm, growth in growths],
+        points=tables.of_points(found),
+        comparisons=tables.of_comparisons(comparisons(contents)),
+        growths=tables.of_growths(growths),
         figures=all_figures(found, curves),
         shown=[_shown(spec, out) for spec in first_collisions(contents)],
         versions=contents.versions,
@@ -90,64 +99,3 @@ def _shown(spec: RunSpec, out: Path) -> Shown:
         command=f"voxdepth study replay {out} {spec.key[:SHORT]} --record",
         recording="" if recording is None else str(recording.relative_to(out)),
     )
-
-
-def _point_row(point: Point) -> Sequence[str]:
-    time_s, n_time = point.mean("sim_time_s", Outcome.SUCCESS)
-    mae_m, n_mae = point.mean("depth_corrected_mae_m")
-    return [
-        point.scenario,
-        point.label,
-        f"{point.n} of {point.planned}",
-        f"{point.collisions}",
-        "-" if point.ratio is None else f"{point.ratio:.3f}",
-        _interval(point.wilson),
-        _interval(point.clopper_pearson),
-        *(str(point.count(outcome)) for outcome in COLORS if outcome is not Outcome.COLLISION),
-        *(str(point.contacts(kind)) for kind in CONTACT_KINDS),
-        "-" if time_s is None else f"{time_s:.1f} (n = {n_time})",
-        "-" if mae_m is None else f"{mae_m:.3f} (n = {n_mae})",
-    ]
-
-
-def _comparison_row(comparison: Comparison) -> Sequence[str]:
-    pairs = comparison.pairs
-    return [
-        f"{comparison.first} - {comparison.second}",
-        "declared" if comparison.declared else "other",
-        str(pairs.n),
-        str(pairs.first_only),
-        str(pairs.second_only),
-        f"{pairs.difference:+.3f}",
-        _interval(comparison.difference, signed=True),
-        p_text(comparison.p),
-        "-" if comparison.p_holm is None else p_text(comparison.p_holm),
-    ]
-
-
-def _growth_row(growth: Growth | str) -> Sequence[str]:
-    if isinstance(growth, str):
-        return ["-"] * 4 + [f"no fit: {growth}"]
-    curve = growth.curve
-    notes = [f"{growth.resamples} resamples, seed {growth.bootstrap_seed}"]
-    if curve.at_bound:
-        notes.append(f"b ends at a bound of the search ({B_BOUNDS[0]:g} to {B_BOUNDS[1]:g}): not told by these runs")
-    return [
-        str(growth.seeds),
-        f"{curve.a:.3f} {_interval(growth.a)}",
-        f"{curve.b:.2f} {_interval(growth.b)}",
-        f"{curve.ratio:.3g} {_interval(growth.ratio)}",
-        "; ".join(notes),
-    ]
-
-
-def _interval(interval: Interval | None, *, signed: bool = False) -> str:
-    if interval is None:
-        return "-"
-    kind = "+.3f" if signed else ".3f" if interval.high < 100 else ".3g"
-    return f"[{interval.low:{kind}}, {interval.high:{kind}}]"
-
-
-def p_text(p: float) -> str:
-    """A p-value with as many digits as matter."""
-    return "< 0.0001" if p < 0.0001 else f"{p:.4f}"

@@ -13,7 +13,7 @@ from scenarios.study.analysis import comparisons, first_collisions, grown, point
 from scenarios.study.export import export, rows
 from scenarios.study.growth import Growth
 from scenarios.study.matrix import expand
-from scenarios.study.page import rendered
+from scenarios.study.page import rendered, write_report
 from scenarios.study.progress import Pace, as_line, as_table, duration, shown
 from scenarios.study.record import Failure
 from scenarios.study.statistics import mcnemar
@@ -152,6 +152,19 @@ def test_the_page_loads_nothing_and_says_what_there_is() -> None:
     assert f"voxdepth study replay out {key} --record" in text
     assert text.count("<figure>") == 2, "nothing is drawn against noise if there is none"
     assert "Growth with noise" not in text
+
+
+def test_the_tables_are_the_same_in_markdown_and_stand_beside_the_page(tmp_path: Path) -> None:
+    contents = two_arms("xxol ", "ooooo", **DECLARED)
+    write_report(contents, tmp_path)
+    text = (tmp_path / "report.md").read_text()
+    row = next(line for line in text.splitlines() if line.startswith("| city | a |"))
+    assert row.split(" | ")[2:5] == ["4 of 5", "2", "0.500"]
+    assert "| b - a | declared | 4 | 0 | 2 | -0.500 |" in text
+    assert "Growth" not in text
+    for line in text.splitlines():
+        if line.startswith("| city"):
+            assert all(cell in rendered(contents, tmp_path) for cell in line.strip("| ").split(" | "))
 
 
 def test_the_page_of_a_noise_study_has_the_papers_figure_and_the_fit() -> None:
