@@ -148,6 +148,28 @@ def _record_collisions(console: "Console", contents: "Contents", out: Path) -> N
 
 
 @app.command()
+def explain(
+    out: Folder,
+    workers: Annotated[int, typer.Option(min=1, help="Missions flown side by side.")] = 2,
+) -> None:
+    """Fly all runs again that ended in a collision, and say what the drone had seen of what it hit."""
+    from rich.console import Console
+
+    from ..study.autopsy import Cause, as_table, causes
+    from ..study.matrix import RunSpec
+    from ..study.store import Store
+
+    with Store.existing(out) as store:
+        contents = store.read()
+    console = Console()
+
+    def tell(spec: RunSpec, cause: Cause) -> None:
+        console.print(f"run {spec.key[:12]}: {spec.label}: {cause}", soft_wrap=True, markup=False)
+
+    console.print(as_table(causes(contents, workers, tell)).markdown, soft_wrap=True, markup=False)
+
+
+@app.command()
 def replay(
     out: Folder,
     key: Annotated[str, typer.Argument(metavar="KEY", help="Key of a run, or how it begins.")],

@@ -158,6 +158,9 @@ def test_a_study_from_its_file_to_its_report(tiny: Path, tmp_path: Path) -> None
     assert len(list(out.glob("recordings/*/*/run.rrd"))) == 1
     study_command("report", out, "--record")
     assert len(list(out.glob("recordings/*/*/run.rrd"))) == 1, "a recording is made once"
+    explained = voxdepth("study", "explain", out)
+    assert "arm blind, seed 0: where it was" in explained.stdout, "true depth shows what is there"
+    assert "| blind | 2 | 0 | 0 | 0 | 0 | 2 |" in explained.stdout
 
 
 @pytest.mark.slow
