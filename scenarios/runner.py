@@ -16,8 +16,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from sim.parallel import Mapper
 from sim.render import create_renderer
-from sim.rig import Mapper, StereoRig
+from sim.rig import StereoRig
 from sim.world import World
 from swarm.mission import Mission, start_yaws_rad, starts_m
 from swarm.recorder import NullRecorder, Recorder

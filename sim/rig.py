@@ -1,14 +1,11 @@
 """The stereo cameras of the drones of a world."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Sequence
 
+from .parallel import Mapper
 from .sensor import RigConfig, StereoSensor, Viewpoint
 from .types import BodyPose, Capture, DroneState, Renderer
 from .world import World
-
-Mapper = Callable[[Callable[..., Any], Iterable[Any]], Iterator[Any]]
-"""`map`, or the `map` of an executor: results in order either way."""
 
 
 class StereoRig:

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sim.frames import R_BODY_CAM
-from sim.rig import Mapper, StereoRig
+from sim.parallel import Mapper
+from sim.rig import StereoRig
 from sim.types import Capture, Contact, DroneState
 from sim.world import PHYSICS_HZ, World
 from voxdepth.types import CorrectedDepth, DepthCorrector, FloatArray

@@ -1,9 +1,7 @@
 """Why swarms collided: their runs are flown again, and the drone is asked what it had seen of what it hit."""
 
-import multiprocessing
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -17,9 +15,9 @@ from swarm.types import Histogram, Outcome
 from voxdepth.geometry import back_project
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, MaskImage
 
+from ..batch import in_processes
 from ..config import Run
 from ..errors import ScenarioError
-from ..quiet import import_noisy_libraries
 from ..runner import flying
 from .matrix import RunSpec
 from .store import Contents
@@ -147,16 +145,15 @@ def causes(contents: Contents, workers: int, tell: Callable[[RunSpec, Cause], No
         if spec.key in contents.records and contents.records[spec.key].outcome is Outcome.COLLISION
     ]
     found: dict[str, Counter[Cause]] = {arm.name: Counter() for arm in contents.study.arms}
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=import_noisy_libraries) as pool:
-        for spec, (cause, contacts) in zip(collided, pool.map(_fly, [spec.run for spec in collided]), strict=True):
-            if cause is None or contacts != contents.records[spec.key].contacts:
-                raise ScenarioError(
-                    f"{spec.label} did not collide as in the study, which was flown with {contents.versions}: compare "
-                    f"with voxdepth study replay OUT {spec.key[:12]}"
-                )
-            found[spec.arm][cause] += 1
-            tell(spec, cause)
+    flown = in_processes(_fly, [spec.run for spec in collided], workers=workers)
+    for spec, (cause, contacts) in zip(collided, flown, strict=True):
+        if cause is None or contacts != contents.records[spec.key].contacts:
+            raise ScenarioError(
+                f"{spec.label} did not collide as in the study, which was flown with {contents.versions}: compare "
+                f"with voxdepth study replay OUT {spec.key[:12]}"
+            )
+        found[spec.arm][cause] += 1
+        tell(spec, cause)
     return found
 
 

@@ -9,21 +9,17 @@ from ..world import World
 
 
 def _raycast(world: World, threads: int) -> Renderer:
-    from .mirror import Mirror
     from .raycast import RayCaster
     from .shaded import ShadedRenderer
 
-    mirror = Mirror(world)
-    return ShadedRenderer(world, mirror, RayCaster(mirror, threads=threads), threads=threads)
+    return ShadedRenderer(world, RayCaster, threads=threads)
 
 
 def _raster(world: World, threads: int) -> Renderer:
-    from .mirror import Mirror
     from .raster import Rasteriser
     from .shaded import ShadedRenderer
 
-    mirror = Mirror(world)
-    return ShadedRenderer(world, mirror, Rasteriser(mirror, threads=threads), threads=threads)
+    return ShadedRenderer(world, Rasteriser, threads=threads)
 
 
 def _tiny(world: World, threads: int) -> Renderer:

@@ -1,7 +1,6 @@
 """Rasterising on a CPU: the fast way to find what cameras of few pixels see."""
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -13,6 +12,7 @@ from voxdepth.types import FloatArray
 
 from ..bodies import Mesh
 from ..memory import on_cpu
+from ..parallel import mapper
 from ..types import Camera
 from . import triangles
 from .hits import Hits, Rays
@@ -23,10 +23,10 @@ from .mirror import Mirror
 class Rasteriser:
     """Finds what cameras see by drawing every triangle that may be in the image."""
 
-    def __init__(self, mirror: Mirror, *, threads: int) -> None:
+    def __init__(self, mirror: Mirror, threads: int) -> None:
         self._mirror = mirror
         self._threads = threads
-        self._map = map if threads == 1 else ThreadPoolExecutor(threads).map
+        self._map = mapper(threads)
         meshes = [*mirror.fixed, *mirror.moving]
         scene = merged(meshes)
         self._vertices_m = np.ascontiguousarray(scene.vertices_m)

@@ -23,7 +23,7 @@ class RayCaster:
     only the rays near each of them are cast.
     """
 
-    def __init__(self, mirror: Mirror, *, threads: int) -> None:
+    def __init__(self, mirror: Mirror, threads: int) -> None:
         self._mirror = mirror
         self._threads = threads
         self._radii_m = np.array([np.linalg.norm(mesh.vertices_m, axis=1).max() for mesh in mirror.moving])

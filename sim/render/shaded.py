@@ -1,7 +1,6 @@
 """From what is seen to images: shading, shadows of the sun, depth and labels."""
 
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from voxdepth.types import FloatImage, GrayImage, Intrinsics
 from ..bodies import Surface
 from ..errors import RenderError
 from ..memory import on_cpu
+from ..parallel import mapper
 from ..seeds import Purpose, stream
 from ..types import Camera, Images
 from ..world import World
@@ -30,14 +30,13 @@ class ShadedRenderer:
 
     Args:
         world: What to show.
-        mirror: Its meshes.
-        sight: Finds what each pixel shows.
+        make_sight: Makes, for its meshes and a number of threads, what finds the surface behind each pixel.
         threads: To work with; changes the speed alone.
     """
 
-    def __init__(self, world: World, mirror: Mirror, sight: Sight, *, threads: int) -> None:
-        self._mirror = mirror
-        self._sight = sight
+    def __init__(self, world: World, make_sight: Callable[[Mirror, int], Sight], *, threads: int) -> None:
+        self._mirror = mirror = Mirror(world)
+        self._sight = make_sight(mirror, threads)
         self._segment_of_index = np.array([*mirror.body_ids, -1], np.int32)
         self._looks = _make_looks(world.scene.seed, [world.surfaces[body] for body in mirror.body_ids], mirror)
         weather = world.scene.weather
@@ -45,7 +44,7 @@ class ShadedRenderer:
         self._casts_shadows = Target(mirror.fixed, np.empty(0, np.int32), 0, threads) if weather.shadows else None
         self._directions: dict[Intrinsics, Rays] = {}
         self._buffer: Rays = np.empty((0, 0, 6), np.float32)
-        self._map = map if threads == 1 else ThreadPoolExecutor(threads).map  # handing over to one thread costs time
+        self._map = mapper(threads)
         wp.load_module(shading, device="cpu")
 
     def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
