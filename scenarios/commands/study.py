@@ -117,7 +117,7 @@ def report(
         bool, typer.Option("--record", help="Fly the first collision of each arm again, with a Rerun recording.")
     ] = False,
 ) -> None:
-    """Write report.html, and its tables as report.md: collisions, outcomes, paired comparisons and growth so far."""
+    """Write report.html: collisions, outcomes, comparisons and growth so far; also report.md and figures/*.png."""
     from rich.console import Console
 
     from ..study.page import write_report

@@ -1,7 +1,6 @@
 """Rasterising on a CPU: the fast way to find what cameras of few pixels see."""
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +11,7 @@ from voxdepth.types import FloatArray
 
 from ..bodies import Mesh
 from ..memory import on_cpu
-from ..parallel import mapper
+from ..parallel import mapper, slices
 from ..types import Camera
 from . import triangles
 from .hits import Hits, Rays
@@ -55,7 +54,7 @@ class Rasteriser:
             scratch = _Scratch._make(array[part] for array in self._scratch)
             self._draw(views[part], scratch, Hits._make(array[part] for array in hits))
 
-        list(self._map(draw, _parts(n, self._threads)))
+        list(self._map(draw, slices(n, self._threads)))
         return hits
 
     def _place_moving(self) -> None:
@@ -142,9 +141,3 @@ def _views(cameras: Sequence[Camera]) -> Any:
     inward = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]])
     views["inward"] = inward / np.linalg.norm(inward, axis=1, keepdims=True)
     return views
-
-
-def _parts(n: int, parts: int) -> list[slice]:
-    """Consecutive slices that cover n things, of nearly equal lengths."""
-    bounds = np.linspace(0, n, min(n, parts) + 1).astype(int).tolist()
-    return [slice(*ends) for ends in pairwise(bounds)]

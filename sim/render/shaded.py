@@ -12,7 +12,7 @@ from voxdepth.types import FloatImage, GrayImage, Intrinsics
 from ..bodies import Surface
 from ..errors import RenderError
 from ..memory import on_cpu
-from ..parallel import mapper
+from ..parallel import mapper, slices
 from ..seeds import Purpose, stream
 from ..types import Camera, Images
 from ..world import World
@@ -44,6 +44,7 @@ class ShadedRenderer:
         self._casts_shadows = Target(mirror.fixed, np.empty(0, np.int32), 0, threads) if weather.shadows else None
         self._directions: dict[Intrinsics, Rays] = {}
         self._buffer: Rays = np.empty((0, 0, 6), np.float32)
+        self._threads = threads
         self._map = mapper(threads)
         wp.load_module(shading, device="cpu")
 
@@ -57,19 +58,15 @@ class ShadedRenderer:
         rays = self._ray_buffer((len(cameras), intrinsics.width_px * intrinsics.height_px, 6))
         list(self._map(self._fill_rays, cameras, rays))
         hits = self._sight.look(cameras, rays)
-        sunlit = self._sunlit(rays, hits, gray=gray)
-        looks = self._looks_now()
-
-        def finish(i: int) -> Images:
-            hit = Hits(*(array[i] for array in hits))
-            lit = self._shade(intrinsics, rays[i], hit, sunlit[i], looks) if gray else np.zeros(len(rays[i]), np.uint8)
-            return Images(
-                gray=lit.reshape(intrinsics.shape),
-                depth_m=hit.depth_m.reshape(intrinsics.shape).copy(),  # of its own, not a view of the whole batch
-                segment_id=self._segment_of_index[hit.body_index].reshape(intrinsics.shape),
+        lit = self._shade(intrinsics, rays, hits) if gray else np.zeros(rays.shape[:2], np.uint8)
+        return [
+            Images(
+                gray=lit[i].reshape(intrinsics.shape).copy(),  # of their own, not views of the whole batch
+                depth_m=hits.depth_m[i].reshape(intrinsics.shape).copy(),
+                segment_id=self._segment_of_index[hits.body_index[i]].reshape(intrinsics.shape),
             )
-
-        return list(self._map(finish, range(len(cameras))))
+            for i in range(len(cameras))
+        ]
 
     def _ray_buffer(self, shape: tuple[int, int, int]) -> Rays:
         """Memory for the rays of a batch, kept between batches of one size."""
@@ -91,10 +88,10 @@ class ShadedRenderer:
             look["rotation"], look["position"] = rotation, position_m
         return wp.array(self._looks, dtype=shading.BodyLook, device="cpu")
 
-    def _sunlit(self, rays: Rays, hits: Hits, *, gray: bool) -> FloatImage:
+    def _sunlit(self, rays: Rays, hits: Hits) -> FloatImage:
         """1 where the sun reaches what was hit, 0 in the shadow of a fixed body; shape like the depths."""
         sunlit = np.ones(hits.depth_m.shape, np.float32)
-        if gray and self._casts_shadows is not None:
+        if self._casts_shadows is not None:
             cameras = list(self._map(self._shadow_rays, rays, hits.depth_m, hits.normal))
             blocked = self._casts_shadows.blocked(np.concatenate([towards_sun for _, towards_sun in cameras]))
             ends = np.cumsum([len(pixels) for pixels, _ in cameras])
@@ -111,25 +108,30 @@ class ShadedRenderer:
         towards_sun[:, 3:] = to_sun
         return pixels, towards_sun
 
-    def _shade(self, intrinsics: Intrinsics, rays: Rays, hit: Hits, sunlit: FloatImage, looks: Any) -> GrayImage:
-        gray = np.empty(len(rays), np.uint8)
-        wp.launch(
-            shading.shade,
-            len(rays),
-            inputs=[
-                on_cpu(rays, wp.float32),
-                intrinsics.fx_px,
-                self._air,
-                on_cpu(hit.depth_m, wp.float32),
-                on_cpu(hit.normal, wp.vec3),
-                on_cpu(hit.body_index, wp.int32),
-                on_cpu(sunlit, wp.float32),
-                looks,
-            ],
-            outputs=[on_cpu(gray, wp.uint8)],
-            device="cpu",
-        )
-        return gray
+    def _shade(self, intrinsics: Intrinsics, rays: Rays, hits: Hits) -> GrayImage:
+        """Brightness of every ray, shape (cameras, H * W)."""
+        inputs = [
+            (rays.reshape(-1, 6), wp.float32),
+            (hits.depth_m.reshape(-1), wp.float32),
+            (hits.normal.reshape(-1, 3), wp.vec3),
+            (hits.body_index.reshape(-1), wp.int32),
+            (self._sunlit(rays, hits).reshape(-1), wp.float32),
+        ]
+        looks = self._looks_now()
+        gray = np.empty(hits.depth_m.size, np.uint8)
+
+        def shade(part: slice) -> None:
+            arrays = [on_cpu(array[part], kind) for array, kind in inputs]
+            wp.launch(
+                shading.shade,
+                len(gray[part]),
+                inputs=[intrinsics.fx_px, self._air, looks, *arrays],
+                outputs=[on_cpu(gray[part], wp.uint8)],
+                device="cpu",
+            )
+
+        list(self._map(shade, slices(len(gray), self._threads)))
+        return gray.reshape(hits.depth_m.shape)
 
 
 def _make_looks(seed: int, surfaces: Sequence[Surface], mirror: Mirror) -> Any:

@@ -200,14 +200,14 @@ def sky(direction: wp.vec3, footprint: wp.float32, air: Air):
 
 @wp.kernel
 def shade(
-    rays: wp.array2d(dtype=wp.float32),
     focal_px: wp.float32,
     air: Air,
+    looks: wp.array(dtype=BodyLook),
+    rays: wp.array2d(dtype=wp.float32),
     depth_m: wp.array(dtype=wp.float32),
     normals: wp.array(dtype=wp.vec3),
     body_index: wp.array(dtype=wp.int32),
     sunlit: wp.array(dtype=wp.float32),
-    looks: wp.array(dtype=BodyLook),
     # output
     gray: wp.array(dtype=wp.uint8),
 ):

@@ -5,6 +5,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import cv2
 import pytest
 from rich.console import Console
 
@@ -13,7 +14,7 @@ from scenarios.study.analysis import comparisons, first_collisions, grown, point
 from scenarios.study.export import export, rows
 from scenarios.study.growth import Growth
 from scenarios.study.matrix import expand
-from scenarios.study.page import rendered, write_report
+from scenarios.study.page import Findings, rendered, write_report
 from scenarios.study.progress import Pace, as_line, as_table, duration, shown
 from scenarios.study.record import Failure
 from scenarios.study.statistics import mcnemar
@@ -119,6 +120,10 @@ def test_the_first_collision_of_each_arm_is_that_of_the_lowest_seed() -> None:
     assert [(spec.arm, spec.seed) for spec in first_collisions(two_arms("oxx", "oox"))] == [("a", 1), ("b", 2)]
 
 
+def page_of(contents: Contents) -> str:
+    return rendered(contents, Findings.of(contents), Path("out"))
+
+
 class Page(HTMLParser):
     """Collects what a browser would fetch, and checks that tags are closed in order."""
 
@@ -138,7 +143,7 @@ class Page(HTMLParser):
 
 
 def test_the_page_loads_nothing_and_says_what_there_is() -> None:
-    text = rendered(two_arms("xxo ", "oooo", **DECLARED), Path("out"))
+    text = page_of(two_arms("xxo ", "oooo", **DECLARED))
     page = Page(text)
     assert not page.open
     assert page.fetched
@@ -164,11 +169,14 @@ def test_the_tables_are_the_same_in_markdown_and_stand_beside_the_page(tmp_path:
     assert "Growth" not in text
     for line in text.splitlines():
         if line.startswith("| city"):
-            assert all(cell in rendered(contents, tmp_path) for cell in line.strip("| ").split(" | "))
+            assert all(cell in page_of(contents) for cell in line.strip("| ").split(" | "))
+    figures = sorted((tmp_path / "figures").iterdir())
+    assert [path.name for path in figures] == ["city-collisions-by-arm.png", "city-how-runs-ended.png"]
+    assert all(cv2.imread(str(path)) is not None for path in figures)
 
 
 def test_the_page_of_a_noise_study_has_the_papers_figure_and_the_fit() -> None:
-    text = rendered(noise_study(), Path("out"))
+    text = page_of(noise_study())
     assert text.count("<figure>") == 3
     assert "city: collisions against noise" in text
     assert re.search(r"<td>5</td><td>\d\.\d{3} \[", text), "the seeds that are complete, and a with its interval"
@@ -177,7 +185,7 @@ def test_the_page_of_a_noise_study_has_the_papers_figure_and_the_fit() -> None:
 
 def test_the_page_of_a_study_that_has_just_begun_has_no_figures() -> None:
     contents = replace(two_arms("x", "x"), records={})
-    text = rendered(contents, Path("out"))
+    text = page_of(contents)
     assert "0 of 3 runs have a result" in text
     assert "There is nothing to compare yet." in text
     assert "<figure>" not in text
@@ -187,7 +195,7 @@ def test_what_comes_from_outside_is_escaped_and_failures_are_told() -> None:
     contents = two_arms("x", "o", description="<script>alert(1)</script>")
     key = contents.cells[0].key
     failures = {key: Failure(key=key, kind="error", text="Traceback\nValueError: <b>bad</b>")}
-    text = rendered(replace(contents, records={}, failures=failures), Path("out"))
+    text = page_of(replace(contents, records={}, failures=failures))
     assert "<script>" not in text
     assert f"<tr><td>error</td><td>{key[:12]}</td><td>ValueError: &lt;b&gt;bad&lt;/b&gt;</td></tr>" in text
 

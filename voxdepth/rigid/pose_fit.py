@@ -16,6 +16,7 @@ TURNING_POINT = 2.0
 """Residuals count for a quarter at this many spreads."""
 MEDIAN_TO_SPREAD = 1.26
 """The spread of one coordinate over the median length of a residual of two: Rayleigh's distribution has 0.85."""
+IDENTITY = np.eye(6)
 NEAREST_M = 0.05
 """Points nearer than this, or behind the camera, do not count."""
 
@@ -32,7 +33,10 @@ class Pinhole:
     def project(self, points_m: FloatArray) -> FloatArray:
         """Pixels, shape (N, 2), of points in the camera frame, shape (N, 3)."""
         z = np.maximum(points_m[:, 2], NEAREST_M)
-        return np.stack([self.fx_px * points_m[:, 0] / z + self.cx_px, self.fy_px * points_m[:, 1] / z + self.cy_px], 1)
+        at_px = np.empty((len(points_m), 2))
+        at_px[:, 0] = self.fx_px * points_m[:, 0] / z + self.cx_px
+        at_px[:, 1] = self.fy_px * points_m[:, 1] / z + self.cy_px
+        return at_px
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,7 +69,7 @@ def fit_pose(points_m: FloatArray, seen_px: FloatArray, lens: Pinhole, T_start: 
         moved = points_m @ T[:3, :3].T + T[:3, 3]
         residual = lens.project(moved) - seen_px
         length = np.hypot(*residual.T)
-        spread_px = max(LEAST_SPREAD_PX, min(spread_px, MEDIAN_TO_SPREAD * float(np.median(length))))
+        spread_px = max(LEAST_SPREAD_PX, min(spread_px, MEDIAN_TO_SPREAD * _median(length)))
         weight = 1 / np.square(1 + np.square(length / (TURNING_POINT * spread_px)))
         weight[moved[:, 2] <= NEAREST_M] = 0
         step = _step(moved, residual, weight, lens)
@@ -76,7 +80,7 @@ def fit_pose(points_m: FloatArray, seen_px: FloatArray, lens: Pinhole, T_start: 
     return Fit(
         T_target_source=T,
         inlier_share=float(np.mean(length < inlier_px)),
-        residual_px=float(np.median(length)),
+        residual_px=_median(length),
         inliers=int(np.count_nonzero(length < inlier_px)),
     )
 
@@ -85,15 +89,28 @@ def _step(moved: FloatArray, residual: FloatArray, weight: FloatArray, lens: Pin
     """Small motion (translation, rotation), shape (6,), that reduces the weighted residuals most."""
     inverse_z = 1 / np.maximum(moved[:, 2], NEAREST_M)
     x, y = moved[:, 0] * inverse_z, moved[:, 1] * inverse_z
-    zero = np.zeros_like(x)
-    along_x = lens.fx_px * np.stack([inverse_z, zero, -x * inverse_z, -x * y, 1 + x * x, -y], 1)
-    along_y = lens.fy_px * np.stack([zero, inverse_z, -y * inverse_z, -1 - y * y, x * y, x], 1)
+    along_x, along_y = np.zeros((2, len(moved), 6))
+    for column, values in zip((0, 2, 3, 4, 5), (inverse_z, -x * inverse_z, -x * y, 1 + x * x, -y), strict=True):
+        along_x[:, column] = values
+    for column, values in zip((1, 2, 3, 4, 5), (inverse_z, -y * inverse_z, -1 - y * y, x * y, x), strict=True):
+        along_y[:, column] = values
+    along_x *= lens.fx_px
+    along_y *= lens.fy_px
     weighted_x, weighted_y = along_x * weight[:, None], along_y * weight[:, None]
     H = weighted_x.T @ along_x + weighted_y.T @ along_y
     g = weighted_x.T @ residual[:, 0] + weighted_y.T @ residual[:, 1]
-    damping = (1e-9 * np.trace(H) + 1e-12) * np.eye(6)
+    damping = (1e-9 * H.trace() + 1e-12) * IDENTITY
     step: FloatArray = -np.linalg.solve(H + damping, g)
     return step
+
+
+def _median(values: FloatArray) -> float:
+    """What `np.median` gives, at a third of the time: a fit takes ten of them."""
+    middle = len(values) // 2
+    if len(values) % 2:
+        return float(np.partition(values, middle)[middle])
+    low, high = np.partition(values, (middle - 1, middle))[middle - 1 : middle + 1]
+    return float((low + high) / 2)
 
 
 def _motion(step: FloatArray) -> FloatArray:
