@@ -3,9 +3,11 @@
 import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
 from .config import Run
+from .errors import ScenarioError
 from .quiet import import_noisy_libraries
 from .runner import Finished, fly
 
@@ -21,10 +23,19 @@ def fly_all(runs: Sequence[Run], *, workers: int) -> Iterator[Finished]:
 
 
 def in_processes(function: Callable[[Run], T], runs: Sequence[Run], *, workers: int) -> Iterator[T]:
-    """What a function of a module makes of each run, in order."""
+    """What a function of a module makes of each run, in order.
+
+    Raises:
+        ScenarioError: A process died.
+    """
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=context, initializer=import_noisy_libraries) as pool:
-        yield from pool.map(function, runs)
+        try:
+            yield from pool.map(function, runs)
+        except BrokenProcessPool as error:
+            raise ScenarioError(
+                "a process that flew a run died without a word, perhaps for want of memory: try fewer workers"
+            ) from error
 
 
 def _fly_alone(run: Run) -> Finished:

@@ -68,19 +68,19 @@ def shown(console: Console) -> Iterator[Show]:
 
 def as_line(tally: Tally, pace: Pace) -> str:
     """All in one line."""
-    arms = ", ".join(f"{name} {arm.collisions} of {arm.done} collided" for name, arm in tally.arms.items() if arm.done)
+    rows = ", ".join(f"{name} {row.collisions} of {row.done} collided" for name, row in tally.rows.items() if row.done)
     clock = time.strftime("%H:%M:%S")
-    return f"{clock} {_head(tally, pace)}" + (f"; {arms}" if arms else "")
+    return f"{clock} {_head(tally, pace)}" + (f"; {rows}" if rows else "")
 
 
 def as_table(tally: Tally, pace: Pace | None = None) -> Table:
-    """One row for each arm."""
+    """One row for each arm in each scenario at each theta."""
     title = _head(tally, pace)
     table = Table("arm", "runs", "collisions", "collision ratio", "time of a run", title=title, title_justify="left")
-    for name, arm in tally.arms.items():
-        ratio = f"{arm.collisions / arm.done:.2f}" if arm.done else "-"
-        mean_s = f"{arm.mean_wall_s:.1f} s" if arm.mean_wall_s is not None else "-"
-        table.add_row(name, f"{arm.done} of {arm.cells}", str(arm.collisions), ratio, mean_s)
+    for name, row in tally.rows.items():
+        ratio = f"{row.collisions / row.done:.2f}" if row.done else "-"
+        mean_s = f"{row.mean_wall_s:.1f} s" if row.mean_wall_s is not None else "-"
+        table.add_row(name, f"{row.done} of {row.cells}", str(row.collisions), ratio, mean_s)
     return table
 
 

@@ -222,14 +222,19 @@ def test_a_tally_counts_what_was_there_and_what_comes() -> None:
     tally.add(replace(record(missing[0], HIT), wall_s=4.0))
     tally.add(Failure(key=missing[1].key, kind="died", text="gone"))
     assert (tally.done, tally.flown, len(tally.failed)) == (7, 2, 1)
-    assert tally.arms["b"].collisions + tally.arms["a"].collisions == 2
-    # Two runs at a time: 4 s of flying in 2 s. The one that waits takes as long as its arm does on average.
-    mean_s = tally.arms[missing[2].arm].mean_wall_s
+    assert tally.rows["b"].collisions + tally.rows["a"].collisions == 2
+    # Two runs at a time: 4 s of flying in 2 s. The one that waits takes as long as its row does on average.
+    mean_s = tally.rows[tally.row_of(missing[2])].mean_wall_s
     assert mean_s is not None
     assert tally.time_left_s(missing[2:], 2.0) == pytest.approx(mean_s / 2)
     line = as_line(tally, Pace(elapsed_s=3600.0, left_s=5400.0))
     assert "7 of 9 runs, 2 runs per hour, 1 h 30 min left, 1 errors; " in line
     assert duration(125) == "2 min"
+
+
+def test_a_tally_has_a_row_for_every_theta() -> None:
+    rows = Tally(noise_study()).rows
+    assert list(rows) == [f"raw, theta {theta:g}" for theta in (0, 0.4, 0.7, 1)]
 
 
 def test_progress_is_lines_now_and_then_where_there_is_no_terminal() -> None:

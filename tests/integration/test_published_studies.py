@@ -1,0 +1,35 @@
+"""The documents say what the published stores say."""
+
+import lzma
+from pathlib import Path
+
+import pytest
+
+from scenarios.study.page import Findings, summary
+from scenarios.study.store import FILE, Contents, Store
+
+DOCS = Path(__file__).parents[2] / "docs"
+PACKED = sorted((DOCS / "study").glob("*.sqlite.xz"))
+
+pytestmark = pytest.mark.slow
+
+
+def contents_of(packed: Path, folder: Path) -> Contents:
+    (folder / FILE).write_bytes(lzma.decompress(packed.read_bytes()))
+    with Store.existing(folder) as store:
+        return store.read()
+
+
+@pytest.mark.parametrize("packed", PACKED, ids=lambda path: path.name.split(".")[0])
+def test_every_row_of_a_published_study_stands_in_the_documents(packed: Path, tmp_path: Path) -> None:
+    contents = contents_of(packed, tmp_path)
+    assert not contents.failures
+    documents = "".join((DOCS / name).read_text() for name in ("study.md", "scenarios.md"))
+    lines = summary(contents, Findings.of(contents)).splitlines()
+    rows = [line for line in lines if line.startswith("| ")]
+    assert len(rows) > len(contents.study.arms)
+    assert [row for row in rows if row not in documents] == []
+
+
+def test_there_are_published_studies() -> None:
+    assert {path.name for path in PACKED} >= {"noise.sqlite.xz", "pilot.sqlite.xz"}
