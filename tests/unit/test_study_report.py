@@ -187,7 +187,7 @@ def test_the_page_of_a_study_that_has_just_begun_has_no_figures() -> None:
     contents = replace(two_arms("x", "x"), records={})
     text = page_of(contents)
     assert "0 of 3 runs have a result" in text
-    assert "There is nothing to compare yet." in text
+    assert "Nothing to compare: that takes two arms with results." in text
     assert "<figure>" not in text
 
 
