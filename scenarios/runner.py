@@ -5,7 +5,6 @@ import os
 import platform
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -16,7 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from sim.parallel import Mapper
+from sim.parallel import mapper
 from sim.render import create_renderer
 from sim.rig import StereoRig
 from sim.world import World
@@ -119,12 +118,8 @@ def flying(run: Run, recorder: Recorder, *, recorded: bool, threads: int | None 
     scenario, seed = run.scenario, run.seed
     config = scenario.mission
     cv2.setNumThreads(1)
-    with (
-        World(
-            scenario.scene.build(seed), starts_m(config), scenario.airframe, start_yaw_rad=start_yaws_rad(config)
-        ) as world,
-        _side_by_side(threads) as pool_map,
-    ):
+    scene, pool_map = scenario.scene.build(seed), mapper(threads)
+    with World(scene, starts_m(config), scenario.airframe, start_yaw_rad=start_yaws_rad(config)) as world:
         intrinsics = scenario.rig.intrinsics
         correctors = [create_corrector(scenario.corrector, intrinsics) for _ in range(world.n_drones)]
         gray = recorded or any(corrector.uses_gray for corrector in correctors)
@@ -141,16 +136,6 @@ def flying(run: Run, recorder: Recorder, *, recorded: bool, threads: int | None 
             seed=seed,
             pool_map=pool_map,
         )
-
-
-@contextmanager
-def _side_by_side(threads: int) -> Iterator[Mapper]:
-    """Something like `map` on so many threads; a single one is this one, which spares the handing over."""
-    if threads == 1:
-        yield map
-        return
-    with ThreadPoolExecutor(threads) as pool:
-        yield pool.map
 
 
 def _ticks(mission: Mission, progress: Progress | None) -> float:

@@ -10,7 +10,7 @@ from swarm.types import Outcome
 
 from ..errors import ScenarioError
 from .growth import Growth, growth
-from .matrix import RunSpec
+from .matrix import RunSpec, arm_label
 from .record import RunRecord
 from .statistics import Interval, Pairs, clopper_pearson, holm, mcnemar, newcombe, pairs_of, wilson
 from .store import Contents
@@ -32,7 +32,7 @@ class Point:
     @property
     def label(self) -> str:
         """The arm, with its noise ratio if it has one."""
-        return self.arm if self.theta is None else f"{self.arm}, theta {self.theta:g}"
+        return arm_label(self.arm, self.theta)
 
     @property
     def n(self) -> int:
@@ -167,18 +167,13 @@ def _declared(contents: Contents) -> tuple[Line, Line] | None:
 
 def _comparison(first: Line, second: Line, pairs: Pairs, p_holm: float | None) -> Comparison:
     return Comparison(
-        first=_label(first),
-        second=_label(second),
+        first=arm_label(*first),
+        second=arm_label(*second),
         pairs=pairs,
         difference=newcombe(pairs),
         p=mcnemar(pairs.first_only, pairs.second_only),
         p_holm=p_holm,
     )
-
-
-def _label(line: Line) -> str:
-    arm, theta = line
-    return arm if theta is None else f"{arm}, theta {theta:g}"
 
 
 def _all_pairs(contents: Contents) -> list[tuple[Line, Line]]:

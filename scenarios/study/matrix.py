@@ -29,13 +29,17 @@ class RunSpec:
     @property
     def label(self) -> str:
         """The cell in words."""
-        theta = "" if self.theta is None else f", theta {self.theta:g}"
-        return f"scenario {self.scenario}, arm {self.arm}{theta}, seed {self.seed}"
+        return f"scenario {self.scenario}, arm {arm_label(self.arm, self.theta)}, seed {self.seed}"
 
     @property
     def seed(self) -> int:
         """Of everything random in the run."""
         return self.run.seed
+
+
+def arm_label(arm: str, theta: float | None) -> str:
+    """An arm, with its noise ratio if it has one."""
+    return arm if theta is None else f"{arm}, theta {theta:g}"
 
 
 def key_of(run: Run) -> str:

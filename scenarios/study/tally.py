@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from swarm.types import Outcome
 
-from .matrix import RunSpec
+from .matrix import RunSpec, arm_label
 from .record import Done, Failure, RunRecord
 from .store import Contents
 
@@ -59,8 +59,7 @@ class Tally:
     def row_of(self, spec: RunSpec) -> str:
         """Name of the row that a cell counts in; the scenario is left out where there is but one."""
         scenario = f"{spec.scenario}, " if len(self.contents.study.scenarios) > 1 else ""
-        theta = "" if spec.theta is None else f", theta {spec.theta:g}"
-        return f"{scenario}{spec.arm}{theta}"
+        return scenario + arm_label(spec.arm, spec.theta)
 
     def add(self, done: Done) -> None:
         """Count a run that has just ended."""

@@ -16,9 +16,9 @@ TURNING_POINT = 2.0
 """Residuals count for a quarter at this many spreads."""
 MEDIAN_TO_SPREAD = 1.26
 """The spread of one coordinate over the median length of a residual of two: Rayleigh's distribution has 0.85."""
-IDENTITY = np.eye(6)
 NEAREST_M = 0.05
 """Points nearer than this, or behind the camera, do not count."""
+IDENTITY = np.eye(6)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,7 +69,7 @@ def fit_pose(points_m: FloatArray, seen_px: FloatArray, lens: Pinhole, T_start: 
         moved = points_m @ T[:3, :3].T + T[:3, 3]
         residual = lens.project(moved) - seen_px
         length = np.hypot(*residual.T)
-        spread_px = max(LEAST_SPREAD_PX, min(spread_px, MEDIAN_TO_SPREAD * _median(length)))
+        spread_px = max(LEAST_SPREAD_PX, min(spread_px, MEDIAN_TO_SPREAD * float(np.median(length))))
         weight = 1 / np.square(1 + np.square(length / (TURNING_POINT * spread_px)))
         weight[moved[:, 2] <= NEAREST_M] = 0
         step = _step(moved, residual, weight, lens)
@@ -80,7 +80,7 @@ def fit_pose(points_m: FloatArray, seen_px: FloatArray, lens: Pinhole, T_start: 
     return Fit(
         T_target_source=T,
         inlier_share=float(np.mean(length < inlier_px)),
-        residual_px=_median(length),
+        residual_px=float(np.median(length)),
         inliers=int(np.count_nonzero(length < inlier_px)),
     )
 
@@ -102,15 +102,6 @@ def _step(moved: FloatArray, residual: FloatArray, weight: FloatArray, lens: Pin
     damping = (1e-9 * H.trace() + 1e-12) * IDENTITY
     step: FloatArray = -np.linalg.solve(H + damping, g)
     return step
-
-
-def _median(values: FloatArray) -> float:
-    """What `np.median` gives, at a third of the time: a fit takes ten of them."""
-    middle = len(values) // 2
-    if len(values) % 2:
-        return float(np.partition(values, middle)[middle])
-    low, high = np.partition(values, (middle - 1, middle))[middle - 1 : middle + 1]
-    return float((low + high) / 2)
 
 
 def _motion(step: FloatArray) -> FloatArray:
