@@ -43,6 +43,8 @@ def _is_cut(info: Any) -> bool:
     return size not in ((0, 0), (info.width, info.height))
 
 
+ASSUMED_BASELINE_M = 0.05
+"""Makes disparities of the depths of a camera that is no stereo pair: about that of consumer depth cameras."""
 LARGEST_SIDE_PX = 2**16
 """No camera has more pixels a side."""
 
@@ -74,6 +76,13 @@ class Intrinsics:
             )
         if self.baseline_m is not None and not 0 < self.baseline_m < np.inf:
             raise FrameError(f"the stereo baseline must be positive, got {self.baseline_m} m")
+
+    @property
+    def focal_baseline_px_m(self) -> float:
+        """Focal length times baseline: depth [m] times disparity [px]. A camera that is not a stereo pair is taken for
+        one of `ASSUMED_BASELINE_M`.
+        """
+        return self.fx_px * (self.baseline_m or ASSUMED_BASELINE_M)
 
     @classmethod
     def from_hfov(

@@ -150,12 +150,14 @@ def _record_collisions(console: "Console", contents: "Contents", out: Path) -> N
 @app.command()
 def explain(
     out: Folder,
+    arm: Annotated[list[str] | None, typer.Option(metavar="NAME", help="Of this arm only; may be repeated.")] = None,
+    most: Annotated[int | None, typer.Option(min=1, help="Only the first so many of each arm.")] = None,
     workers: Annotated[int, typer.Option(min=1, help="Missions flown side by side.")] = 2,
 ) -> None:
-    """Fly all runs again that ended in a collision, and say what the drone had seen of what it hit."""
+    """Fly the runs again that ended in a collision, and say what the drone had seen of what it hit."""
     from rich.console import Console
 
-    from ..study.autopsy import Cause, as_table, causes
+    from ..study.autopsy import Cause, as_table, causes, collided
     from ..study.matrix import RunSpec
     from ..study.store import Store
 
@@ -166,7 +168,8 @@ def explain(
     def tell(spec: RunSpec, cause: Cause) -> None:
         console.print(f"run {spec.key[:12]}: {spec.label}: {cause}", soft_wrap=True, markup=False)
 
-    console.print(as_table(causes(contents, workers, tell)).markdown, soft_wrap=True, markup=False)
+    found = causes(contents, collided(contents, arm or [], most), workers, tell)
+    console.print(as_table(found).markdown, soft_wrap=True, markup=False)
 
 
 @app.command()

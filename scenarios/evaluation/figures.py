@@ -166,12 +166,13 @@ def reliability(done: Done) -> Picture:
         axes.set_xlim(-0.03, 1)
         axes.set_ylim(0, 100)
         axes.set_xlabel(f"confidence, n = {' and '.join(count_text(total) for total in totals) or 0} pixels")
-        axes.set_ylabel("pixels within 5 % of the truth [%]")
+        axes.set_ylabel("pixels that are right [%]")
 
     return Picture(
         title="Confidence against errors",
         caption=f"Of the pixels that a method gives a depth, {WITHIN}, in bins of its confidence of 0.1 (and 0 alone): "
-        "the share within 5 % of the truth (lines), and the share of the method's pixels that are in the bin (dotted). "
+        "the share that is right, within 5 % or a quarter of a pixel of disparity (lines), and the share of the "
+        "method's pixels that are in the bin (dotted). "
         "A line that rises is a confidence to go by. Methods whose pixels are in one or two bins are left out.",
         png=_panels(done, draw),
     )
@@ -179,7 +180,7 @@ def reliability(done: Done) -> Picture:
 
 def _by_confidence(cell: Cell) -> dict[int, Figure]:
     """The share of right pixels in each bin that has some, by the place of the bin."""
-    figures = {place: cell.figure("close", mask, WITHIN, FILLED) for place, mask in enumerate(CONFIDENCES)}
+    figures = {place: cell.figure("right", mask, WITHIN, FILLED) for place, mask in enumerate(CONFIDENCES)}
     return {place: figure for place, figure in figures.items() if figure is not None}
 
 

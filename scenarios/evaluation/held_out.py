@@ -10,8 +10,6 @@ import numpy.typing as npt
 
 from voxdepth.types import FloatImage, Intrinsics, MaskImage
 
-BASELINE_M = 0.05
-"""Of the imagined camera where the real one has none."""
 SMOOTHING_PX = 5
 """Window of the median that keeps outliers of the sensor from casting shadows."""
 
@@ -34,7 +32,7 @@ def shadows(depth_m: FloatImage, intrinsics: Intrinsics) -> MaskImage:
         Shape (H, W); without what is narrower than three pixels.
     """
     valid = depth_m > 0
-    focal_baseline_px_m = np.float32(intrinsics.fx_px * (intrinsics.baseline_m or BASELINE_M))
+    focal_baseline_px_m = np.float32(intrinsics.focal_baseline_px_m)
     disparity_px = np.divide(focal_baseline_px_m, depth_m, out=np.zeros_like(depth_m), where=valid)
     disparity_px = cv2.medianBlur(disparity_px, SMOOTHING_PX).astype(np.float32)
     valid &= disparity_px > 0

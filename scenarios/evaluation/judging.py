@@ -64,7 +64,7 @@ def judge(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics
     """
     cv2.setNumThreads(1)
     _warm_up(method, frames, intrinsics)
-    score, times_s, yardstick = Score(groups), [], Yardstick()
+    score, times_s, yardstick = Score(groups, intrinsics), [], Yardstick()
     yardstick.lay_before()
     with _living(method, intrinsics) as corrector:
         before_s = _others_s()

@@ -7,7 +7,7 @@ import numpy as np
 
 from voxdepth.metrics import Changes, Flicker, Sums, completed, m_rmse_u16_wrap, psnr_minmax8
 from voxdepth.metrics.paper import PEAK16_M
-from voxdepth.types import FloatImage, GrayImage, MaskImage
+from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
 from ..corrected_folder import to_millimetres
 from .cell import AS_GIVEN, COMPLETED, FILLED, FRAMES, Figure
@@ -41,7 +41,7 @@ READINGS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
 class Score:
     """Takes in the corrected frames of a sequence one by one; keeps no image but the last."""
 
-    def __init__(self, groups: Groups) -> None:
+    def __init__(self, groups: Groups, intrinsics: Intrinsics) -> None:
         self._groups = groups
         self._masked = "occluded" if "occluded" in groups.masks else groups.hidden
         self._fair = "all" if groups.is_true else groups.hidden
@@ -50,7 +50,7 @@ class Score:
         self._completed = [Sums()] * len(groups)
         self._flicker = {mask: Flicker(len(BINS)) for mask in (STATIC, STATIC_MEASURED)}
         self._measured_before: MaskImage | None = None
-        self._moving, self._trust = MovingScore(), TrustScore()
+        self._moving, self._trust = MovingScore(), TrustScore(intrinsics)
         self._in_16_bits = Sums()
         self._psnrs_db: list[float | None] = []
         self._of_frames: dict[str, list[float]] = {"m_rmse_u16_wrap": [], "psnr_minmax8": []}

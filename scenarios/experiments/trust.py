@@ -41,7 +41,7 @@ def largest_fall(shares: Sequence[tuple[float | None, int]]) -> float | None:
 
 
 def _by_confidence(standings: Sequence[Standing]) -> Measured:
-    shares = [pooled(standings, "close", mask) for mask in CONFIDENCES]
+    shares = [pooled(standings, "right", mask) for mask in CONFIDENCES]
     bar = Bar(what="Largest fall of the share of right pixels where confidence rises", bound=0, unit="points")
     finding = Finding(bar=bar, value=largest_fall(shares), of=f"bins of {LEAST_PIXELS} pixels and more")
     title = f"Pixels by confidence, {WITHIN}, all sequences"
@@ -54,12 +54,12 @@ def _by_source(standings: Sequence[Standing]) -> Measured:
 
 
 def _table(standings: Sequence[Standing], masks: Sequence[str], title: str, name: str) -> Table:
-    columns = (Column(name=name), Column(name="within 5 % of the truth", unit="%", places=1),
+    columns = (Column(name=name), Column(name="right", unit="%", places=1),
                Column(name="MAE", unit="m", places=3), Column(name="pixels", unit="%"), Column(name="n"))  # fmt: skip
-    counts = [pooled(standings, "close", mask)[1] for mask in masks]
+    counts = [pooled(standings, "right", mask)[1] for mask in masks]
     rows = []
     for mask, n in zip(masks, counts, strict=True):
-        share = pooled(standings, "close", mask)[0]
+        share = pooled(standings, "right", mask)[0]
         part = 100 * n / sum(counts) if n else 0.0
         right = None if share is None else 100 * share
         rows.append((mask.removeprefix(f"{name} "), right, pooled(standings, "mae", mask)[0], part, n))

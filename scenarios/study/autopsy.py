@@ -133,20 +133,40 @@ def cause_of(looks: Sequence[Look], body: int, point_m: FloatArray) -> Cause:
     return Cause.TOO_FAR if np.median(trusted_m[known] / true_m[known]) > TOO_FAR else Cause.SEEN
 
 
-def causes(contents: Contents, workers: int, tell: Callable[[RunSpec, Cause], None]) -> Mapping[str, Counter[Cause]]:
-    """Fly all runs again that ended in a collision, and count the causes by arm; `tell` hears of each.
+def collided(contents: Contents, arms: Sequence[str], most: int | None) -> list[RunSpec]:
+    """Cells whose runs ended in a collision, arm by arm, in the order of the seeds.
+
+    Args:
+        contents: The study.
+        arms: Their names; all if there are none.
+        most: The first so many of each arm; None for all.
 
     Raises:
-        ScenarioError: A run does not end as it did.
+        ScenarioError: An arm is not one of the study.
     """
-    collided = [
+    names = [arm.name for arm in contents.study.arms]
+    for arm in arms:
+        if arm not in names:
+            raise ScenarioError(f"the study has no arm {arm!r}: choose from {', '.join(names)}")
+    ended = [
         spec
         for spec in contents.cells
         if spec.key in contents.records and contents.records[spec.key].outcome is Outcome.COLLISION
     ]
-    found: dict[str, Counter[Cause]] = {arm.name: Counter() for arm in contents.study.arms}
-    flown = in_processes(_fly, [spec.run for spec in collided], workers=workers)
-    for spec, (cause, contacts) in zip(collided, flown, strict=True):
+    return [spec for arm in arms or names for spec in [spec for spec in ended if spec.arm == arm][:most]]
+
+
+def causes(
+    contents: Contents, cells: Sequence[RunSpec], workers: int, tell: Callable[[RunSpec, Cause], None]
+) -> Mapping[str, Counter[Cause]]:
+    """Fly runs again that ended in a collision, and count the causes by arm; `tell` hears of each.
+
+    Raises:
+        ScenarioError: A run does not end as it did.
+    """
+    found: dict[str, Counter[Cause]] = {spec.arm: Counter() for spec in cells}
+    flown = in_processes(_fly, [spec.run for spec in cells], workers=workers)
+    for spec, (cause, contacts) in zip(cells, flown, strict=True):
         if cause is None or contacts != contents.records[spec.key].contacts:
             raise ScenarioError(
                 f"{spec.label} did not collide as in the study, which was flown with {contents.versions}: compare "

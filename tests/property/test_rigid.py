@@ -73,10 +73,11 @@ def test_filling_keeps_what_is_known_and_invents_nothing_farther(seed: int, hole
     rng, scale = np.random.default_rng(seed), Scale.of(CAMERA, step)
     before_px = patches(rng, scale.shape, holes)
     valid = before_px > 0
-    filled_px = Filling(scale, FillingConfig()).fill(before_px)
-    np.testing.assert_array_equal(filled_px[valid], before_px[valid])
-    assert filled_px.min() >= before_px[valid].min()
-    assert np.isfinite(filled_px).all()
+    filled = Filling(scale, FillingConfig()).fill(before_px)
+    np.testing.assert_array_equal(filled.disparity_px[valid], before_px[valid])
+    assert filled.disparity_px.min() >= before_px[valid].min()
+    assert np.isfinite(filled.disparity_px).all()
+    assert 0 <= filled.chance.min() <= filled.chance.max() <= 1
 
 
 @given(seeds, st.floats(0.02, 0.98), st.sampled_from([1, 2]))
@@ -91,9 +92,10 @@ def test_the_mirrored_image_of_mirrored_cameras_is_filled_with_the_mirror_image(
     for row, col in rng.integers(0, scale.shape, (6, 2)):
         before_px[row : row + 12, col : col + rng.integers(2, 20)] = 0
     ours, theirs = (Filling(scale, FillingConfig(hidden_side=side)) for side in ("left", "right"))
-    mirrored_px = theirs.fill(np.ascontiguousarray(before_px[:, ::-1]))[:, ::-1]
+    mirror_image, image = theirs.fill(np.ascontiguousarray(before_px[:, ::-1])), ours.fill(before_px)
     # Sums over cells round otherwise in another order.
-    np.testing.assert_allclose(mirrored_px, ours.fill(before_px), rtol=1e-4)
+    np.testing.assert_allclose(mirror_image.disparity_px[:, ::-1], image.disparity_px, rtol=1e-4)
+    np.testing.assert_allclose(mirror_image.chance[:, ::-1], image.chance, atol=1e-4)
 
 
 @given(seeds, st.floats(0, 0.9), st.floats(0, 0.9))

@@ -64,7 +64,7 @@ def figure(score: Score, *wanted: str) -> Figure:
 
 
 def test_a_frame_given_wholly_empty_leaves_no_figure_after_completion() -> None:
-    score = Score(TRUE_GROUPS)
+    score = Score(TRUE_GROUPS, CAMERA)
     for index, judged in enumerate(judged_frames(3)):
         score.add(judged, judged.reference_m * np.float32(index != 1))
     for metric in READINGS:
@@ -79,7 +79,7 @@ def test_without_the_truth_the_ratio_in_16_bits_is_of_held_out_pixels() -> None:
     kind = np.zeros(CAMERA.shape, np.uint8)
     kind[:, :10] = 1
     depth_m = judged.reference_m + np.float32(0.5) * kind
-    score = Score(HELD_OUT_GROUPS)
+    score = Score(HELD_OUT_GROUPS, CAMERA)
     score.add(replace(judged, labels=HELD_OUT_GROUPS.label(judged.reference_m, kind)), depth_m)
     ratio = figure(score, "psnr16_mm", "held out", "all", "completed")
     assert ratio.value == pytest.approx(20 * np.log10(65.535 / 0.5), rel=1e-5)

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenarios.evaluation.held_out import BASELINE_M, shadows
+from scenarios.evaluation.held_out import shadows
 from tests.evaluation_clips import CAMERA, POST_M, WALL_M, truth_of
+from voxdepth.types import ASSUMED_BASELINE_M
 
 
 def test_a_shadow_lies_to_the_right_of_a_post_and_is_as_wide_as_the_step_in_disparity() -> None:
@@ -50,7 +51,7 @@ def test_holes_cast_no_shadow_and_are_not_taken() -> None:
 
 def test_a_camera_without_a_baseline_gets_one() -> None:
     imagined = shadows(truth_of(0), replace(CAMERA, baseline_m=None))
-    np.testing.assert_array_equal(imagined, shadows(truth_of(0), replace(CAMERA, baseline_m=BASELINE_M)))
+    np.testing.assert_array_equal(imagined, shadows(truth_of(0), replace(CAMERA, baseline_m=ASSUMED_BASELINE_M)))
 
 
 def test_the_depth_is_not_changed() -> None:

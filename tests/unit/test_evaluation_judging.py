@@ -128,7 +128,7 @@ def test_sequences_judged_by_measured_depth_count_the_change_of_depth() -> None:
 
     frame = judged_frames(1)[0]
     labels = HELD_OUT_GROUPS.label(frame.reference_m, np.zeros(CAMERA.shape, np.uint8))
-    score = Score(HELD_OUT_GROUPS)
+    score = Score(HELD_OUT_GROUPS, CAMERA)
     for k in range(3):
         flickering_m = frame.reference_m + np.float32(0.1 * (k % 2))
         judged = replace(frame, labels=labels, reference_m=flickering_m, static=np.ones(CAMERA.shape, bool))

@@ -120,7 +120,7 @@ def test_survival_and_ghosts_by_hand_beside_those_of_raw_depth() -> None:
 
 
 def test_without_movers_there_are_no_such_figures() -> None:
-    score = Score(TRUE_GROUPS)
+    score = Score(TRUE_GROUPS, CAMERA)
     for judged in judged_frames(2):
         score.add(judged, judged.reference_m)
     assert not {f.metric for f in score.figures()} & {"survival", "survival_raw", "ghosts", "ghosts_raw"}

@@ -18,7 +18,10 @@ from scenarios.evaluation.tables import by_method
 from scenarios.evaluation.trust_score import CONFIDENCES, TrustScore
 from tests.evaluation_clips import CAMERA, judged_frames
 from voxdepth.peers.raw import Raw
-from voxdepth.types import CorrectedDepth, Frame, Source
+from voxdepth.types import CorrectedDepth, Frame, Intrinsics, Source
+
+TELE = Intrinsics(fx_px=1000, fy_px=1000, cx_px=320, cy_px=180, width_px=640, height_px=360, baseline_m=0.1)
+"""A disparity of 10 px at 10 m: there 5 % decide."""
 
 
 def row(*values: float) -> np.ndarray:
@@ -33,7 +36,7 @@ def test_errors_are_sorted_by_confidence_and_the_end_of_a_bin_belongs_to_it() ->
     confidence = row(0, 0.05, 0.1, 0.3, 0.7, 0.30001, 1, 0.95, 0.5)
     truth_m = np.full((1, 9), 10, np.float32)
     depth_m = truth_m + row(0, 1, 3, 2, 0, 4, 0.4, 0.6, 9)
-    score = TrustScore()
+    score = TrustScore(TELE)
     score.add(depth_m, truth_m, truth_m > 0, confidence, None)
     mae = found(score, "mae")
     expected = {
@@ -41,13 +44,13 @@ def test_errors_are_sorted_by_confidence_and_the_end_of_a_bin_belongs_to_it() ->
         "confidence 0.4-0.5": (9, 1), "confidence 0.6-0.7": (0, 1), "confidence 0.9-1": (0.5, 2),
     }  # fmt: skip
     assert mae == {mask: (pytest.approx(value, abs=1e-6), n) for mask, (value, n) in expected.items()}
-    assert found(score, "close")["confidence 0.9-1"] == (0.5, 2)
+    assert found(score, "right")["confidence 0.9-1"] == (0.5, 2)
     assert found(score, "median")["confidence 0-0.1"][0] == pytest.approx(2, rel=0.01)
 
 
 def test_every_tenth_falls_into_the_bin_that_it_ends() -> None:
     for k in range(1, 11):
-        score = TrustScore()
+        score = TrustScore(TELE)
         one = row(1)
         score.add(one, one, one > 0, row(k / 10), None)
         assert list(found(score, "mae")) == [CONFIDENCES[k]]
@@ -59,7 +62,7 @@ def test_errors_by_source_leave_out_what_does_not_count() -> None:
     truth_m = row(10, 10, 10, 10, 10, 10, 50, np.inf, 10)
     depth_m = row(11, 12, 14, 15, 0, 19, 60, 10, 10)
     judged = row(1, 1, 1, 1, 1, 0, 1, 1, 1) > 0
-    score = TrustScore()
+    score = TrustScore(TELE)
     score.add(depth_m, truth_m, judged, None, source)
     assert found(score, "mae") == {"source sensor": (1, 1), "source template": (3, 2), "source inpainted": (5, 1)}
 
@@ -110,7 +113,7 @@ def test_what_is_neither_confidence_nor_source_is_refused_with_what_came(given: 
 def cell(method: str, shares: dict[str, float]) -> Cell:
     key = Key(sequence="s", method=method, frames=2, seed=0, digest="d", config=None, versions={})
     close = [
-        Figure(metric="close", mask=mask, within="0-40 m", on="filled", value=share, unit="share", n=100 * (k + 1))
+        Figure(metric="right", mask=mask, within="0-40 m", on="filled", value=share, unit="share", n=100 * (k + 1))
         for k, (mask, share) in enumerate(shares.items())
     ]
     sources = [

@@ -250,7 +250,7 @@ def test_a_confidence_that_rises_with_the_share_of_right_pixels_falls_nowhere() 
 
 
 def test_confidence_is_pooled_by_pixels() -> None:
-    share, mae = "close__confidence_0.1-0.2__0-40_m__filled", "mae__confidence_0.1-0.2__0-40_m__filled"
+    share, mae = "right__confidence_0.1-0.2__0-40_m__filled", "mae__confidence_0.1-0.2__0-40_m__filled"
     cells = {
         "sim-LN": {"voxdepth": {share: 0.4, mae: 2.0}},
         "sim-MB": {"voxdepth": {share: 0.2, mae: 1.0}},

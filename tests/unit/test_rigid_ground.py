@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.rigid_scenes import Plane, Sphere, pose, render
+from voxdepth.rigid.confidence import CHANCES
 from voxdepth.rigid.filling import Filling, FillingConfig
 from voxdepth.rigid.ground import Ground, GroundConfig, Vector, found_ground
 from voxdepth.rigid.scale import Scale
@@ -95,7 +96,7 @@ class TestStanding:
     @staticmethod
     def filled(disparity_px: FloatImage, step: int, config: FillingConfig | None = None) -> FloatImage:
         image_px = np.ascontiguousarray(disparity_px[::step, ::step])
-        return Filling(Scale.of(CAMERA, step), config or FillingConfig()).fill(image_px)
+        return Filling(Scale.of(CAMERA, step), config or FillingConfig()).fill(image_px).disparity_px
 
     @pytest.mark.parametrize("step", [1, 2])
     @pytest.mark.parametrize("wall", [WALL, SLANTED], ids=["across", "slanted"])
@@ -108,6 +109,16 @@ class TestStanding:
         blind = FillingConfig(ground=GroundConfig(least_share=2.0))
         off = abs(self.filled(holes_px, step, blind) / true_px[::step, ::step] - 1)[holes_px[::step, ::step] == 0]
         assert np.median(off) > 0.3  # planes alone recede with the floor
+
+    def test_ground_and_wall_are_surer_than_planes(self) -> None:
+        true_px, measured = self.seen(FLOOR, WALL)
+        holes_px = np.where(measured, true_px, np.float32(0))
+        holes_px[210:] = 0
+        chance = Filling(Scale.of(CAMERA, 1), FillingConfig()).fill(holes_px).chance
+        np.testing.assert_allclose(chance[40:100, 40:280], CHANCES.bare, rtol=0.01)
+        np.testing.assert_allclose(chance[220:, 40:280], CHANCES.ground, rtol=0.01)
+        blind = FillingConfig(ground=GroundConfig(least_share=2.0))
+        assert Filling(Scale.of(CAMERA, 1), blind).fill(holes_px).chance.max() <= 1.3 * CHANCES.plane(0)
 
     @pytest.mark.parametrize("step", [1, 2])
     def test_so_it_is_above_what_hangs_before_it(self, step: int) -> None:

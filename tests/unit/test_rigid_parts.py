@@ -8,7 +8,7 @@ import pytest
 
 from tests.rigid_scenes import CAMERA, ROOM, frame_of, pose, render
 from voxdepth.geometry import inverse_rigid
-from voxdepth.rigid.confidence import confidence_of
+from voxdepth.rigid.confidence import CHANCES, confidence_of
 from voxdepth.rigid.evidence import Kind
 from voxdepth.rigid.measurement import Measurement, measured
 from voxdepth.rigid.memory import COARSE, UNIT, Memory, Mover
@@ -189,31 +189,41 @@ class TestSmoothing:
 
 
 class TestConfidence:
-    def test_it_is_a_share_and_0_where_nothing_is(self) -> None:
+    def test_it_is_a_share(self) -> None:
         rng = np.random.default_rng(0)
-        disparity_px = np.where(rng.random((50, 60)) < 0.2, 0, rng.uniform(0, 1000, (50, 60))).astype(np.float32)
+        disparity_px = rng.uniform(0, 1000, (50, 60)).astype(np.float32)
         kind = rng.integers(0, len(Kind), (50, 60)).astype(np.uint8)
         weight = rng.integers(0, 193, (50, 60)).astype(np.uint8)
-        confidence = confidence_of(disparity_px, kind, weight)
+        confidence = confidence_of(disparity_px, kind, weight, np.full((50, 60), 0.5, np.float32))
         assert confidence.min() >= 0
         assert confidence.max() <= 1
-        np.testing.assert_array_equal(confidence[disparity_px == 0], 0)
-        assert (confidence[disparity_px > 1] > 0.05).all()
+        assert (confidence > 0.05).all()
 
     @pytest.mark.parametrize("kind", Kind)
     def test_it_rises_with_evidence_and_nearness(self, kind: Kind) -> None:
         weights, kinds = np.arange(0, 193, dtype=np.uint8)[None], np.full((1, 193), kind, np.uint8)
-        by_weight = confidence_of(np.full((1, 193), 20, np.float32), kinds, weights)
+        chance = np.full((1, 193), 0.5, np.float32)
+        by_weight = confidence_of(np.full((1, 193), 20, np.float32), kinds, weights, chance)
         assert (np.diff(by_weight) >= 0).all()
         assert (by_weight[0, -1] > by_weight[0, 0]) == (kind is not Kind.NOTHING)
-        near_px = np.linspace(0.1, 7, 193, dtype=np.float32)[None]
-        assert (np.diff(confidence_of(near_px, kinds, np.full((1, 193), 64, np.uint8))) > 0).all()
+        sixty_four = np.full((1, 193), 64, np.uint8)
+        near_px = np.linspace(5, 12, 193, dtype=np.float32)[None]
+        assert (np.diff(confidence_of(near_px, kinds, sixty_four, chance)) > 0).all()
+        far_px = np.linspace(0.1, 5, 193, dtype=np.float32)[None]  # a quarter of a pixel is 5 % of 5 px
+        assert np.ptp(confidence_of(far_px, kinds, sixty_four, chance)) == 0
 
     def test_what_agrees_is_surest_and_what_is_guessed_least(self) -> None:
         full = np.full((1, 4), 192, np.uint8)
-        by_kind = confidence_of(np.full((1, 4), 20, np.float32), np.array([list(Kind)], np.uint8), full)[0]
+        kinds, near_px = np.array([list(Kind)], np.uint8), np.full((1, 4), 20, np.float32)
+        by_kind = confidence_of(near_px, kinds, full, np.full((1, 4), CHANCES.ground, np.float32))[0]
         assert by_kind.argmax() == Kind.FUSED
         assert by_kind.argmin() == Kind.NOTHING
+
+    def test_that_of_fills_is_their_chance_far_beyond_what_5_percent_is(self) -> None:
+        chance = np.linspace(0, 1, 20, dtype=np.float32)[None]
+        nothing, no_weight = np.full((1, 20), Kind.NOTHING, np.uint8), np.zeros((1, 20), np.uint8)
+        near = confidence_of(np.full((1, 20), 200, np.float32), nothing, no_weight, chance)
+        np.testing.assert_allclose(near, chance, atol=1e-6)
 
 
 @pytest.mark.parametrize("step", [1, 2])

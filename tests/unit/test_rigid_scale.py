@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tests.rigid_scenes import CAMERA
-from voxdepth.rigid.scale import ASSUMED_BASELINE_M, LARGEST_PX, Scale, chosen_step
-from voxdepth.types import Intrinsics
+from voxdepth.rigid.scale import LARGEST_PX, Scale, chosen_step
+from voxdepth.types import ASSUMED_BASELINE_M, Intrinsics
 
 FOCAL_BASELINE = CAMERA.fx_px * 0.1
 

@@ -1,5 +1,6 @@
 """What neither sensor nor memory knows: shadows of occlusion, planes, the ground and what stands on it."""
 
+from dataclasses import dataclass
 from typing import Literal
 
 import cv2
@@ -9,6 +10,7 @@ from pydantic import Field
 
 from ..model import Model
 from ..types import FloatImage, GrayImage
+from .confidence import CHANCES
 from .ground import GroundConfig, found_ground
 from .masks import above, mean_around, put
 from .planes import Planes, PlanesConfig
@@ -38,6 +40,16 @@ class FillingConfig(Model):
     the left one of two cameras; a projector or a second camera on the left side makes it the right one."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Filled:
+    """An image without holes."""
+
+    disparity_px: FloatImage
+    """Shape (h, w); 0 only if nothing at all was measured."""
+    chance: FloatImage
+    """Chance in 0..1 that what was filled is of the right surface, shape (h, w); anything where it was measured."""
+
+
 class Filling:
     """Fills all holes of an image of disparity."""
 
@@ -47,7 +59,7 @@ class Filling:
         self._planes = Planes(scale, config.planes)
         self._feet = Feet(scale, self._planes.cell_px, config.standing)
 
-    def fill(self, disparity_px: FloatImage) -> FloatImage:
+    def fill(self, disparity_px: FloatImage) -> Filled:
         """The image without holes; one without any data stays empty.
 
         Args:
@@ -56,21 +68,21 @@ class Filling:
         valid = above(disparity_px, 0)
         n_valid = cv2.countNonZero(valid)
         if n_valid in (0, valid.size):
-            return disparity_px
+            return Filled(disparity_px=disparity_px, chance=np.zeros_like(disparity_px))
         sums = self._planes.summed(disparity_px, _share_of_neighbours(valid))
         ground = found_ground(*self._planes.cells(sums), self._planes.rows, self._config.ground)
         standing = None if ground is None else self._feet.standing(disparity_px, ground)
-        filled = self._planes.filled(sums, standing)
+        filled_px, chance = self._planes.filled(sums, standing)
         farthest_px = cv2.minMaxLoc(disparity_px, valid)[0]
-        np.maximum(filled, np.float32(farthest_px), out=filled)
+        np.maximum(filled_px, np.float32(farthest_px), out=filled_px)
         if self._config.hidden_side == "left":
-            self._cast_shadows(disparity_px, filled)
+            self._cast_shadows(disparity_px, filled_px, chance)
         else:
-            self._cast_shadows(disparity_px[:, ::-1], filled[:, ::-1])
-        put(disparity_px, valid, filled)
-        return filled
+            self._cast_shadows(disparity_px[:, ::-1], filled_px[:, ::-1], chance[:, ::-1])
+        put(disparity_px, valid, filled_px)
+        return Filled(disparity_px=filled_px, chance=chance)
 
-    def _cast_shadows(self, disparity_px: FloatImage, filled: FloatImage) -> None:
+    def _cast_shadows(self, disparity_px: FloatImage, filled_px: FloatImage, chance: FloatImage) -> None:
         """Give holes that are occlusion shadows of a stereo pair what is to the left of them, in place.
 
         Of two surfaces the second camera, to the right, sees a strip less of the farther one, left of the nearer one:
@@ -92,7 +104,8 @@ class Filling:
         length = length[is_shadow]
         first = np.repeat(before[is_shadow] + 1 - np.cumsum(length) + length, length)
         row, col = np.divmod(first + np.arange(len(first)), width)
-        filled[row, col] = np.repeat(far_px[is_shadow], length)
+        filled_px[row, col] = np.repeat(far_px[is_shadow], length)
+        chance[row, col] = CHANCES.shadow
 
 
 def _background(flat_px: FloatImage, rim: Indices, width: int, step: int) -> FloatImage:

@@ -23,7 +23,7 @@ from ..types import (
 from .confidence import confidence_of
 from .config import RigidConfig
 from .evidence import Evidence, Kind, Verdict
-from .filling import Filling
+from .filling import Filled, Filling
 from .localisation import Found, Localisation, Location
 from .masks import above, equal, put, times
 from .measurement import Measurement, measured
@@ -118,9 +118,9 @@ class RigidMethod:
         """The second half: fill, smooth, tell where it is from, bring to full size. Depends on nothing else."""
         timings_s = dict(weighed.timings_s)
         with collected_times(timings_s):
-            whole_px = self._fill(weighed.verdict)
-            whole_px = self._smooth(whole_px)
-            confidence = self._trust(whole_px, weighed.verdict)
+            filled = self._fill(weighed.verdict)
+            whole_px = self._smooth(filled.disparity_px)
+            confidence = self._trust(whole_px, weighed.verdict, filled.chance)
             depth_m, source, confidence = self._enlarge(weighed, whole_px, confidence)
         found = weighed.location.found
         return CorrectedDepth(
@@ -170,7 +170,7 @@ class RigidMethod:
         self._localisation.place(frame, location, memory.disparity_px)
 
     @timed
-    def _fill(self, verdict: Verdict) -> FloatImage:
+    def _fill(self, verdict: Verdict) -> Filled:
         return self._filling.fill(verdict.disparity_px)
 
     @timed
@@ -180,8 +180,8 @@ class RigidMethod:
         return smoothed(whole_px, self._config.smooth_size_px, self._config.smooth_noise_px)
 
     @timed
-    def _trust(self, whole_px: FloatImage, verdict: Verdict) -> FloatImage:
-        return confidence_of(whole_px, verdict.kind, verdict.weight)
+    def _trust(self, whole_px: FloatImage, verdict: Verdict, chance: FloatImage) -> FloatImage:
+        return confidence_of(whole_px, verdict.kind, verdict.weight, chance)
 
     @timed
     def _enlarge(

@@ -10,9 +10,10 @@ from pydantic import Field
 
 from ..model import Model
 from ..types import FloatImage
+from .confidence import CHANCES
 from .ground import Vector
 from .scale import Scale
-from .standing import Standing
+from .standing import Estimate, Standing
 
 Grid = npt.NDArray[np.float64]
 """One number per cell, shape (rows, cols), or several, shape (N, rows, cols)."""
@@ -57,10 +58,12 @@ class PlanesConfig(Model):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Planes:
-    """The value in the middle of each cell [px], and how much was measured around it, 0..1."""
+    """What the planes of cells of one size say."""
 
-    value_px: Grid
+    estimate: Estimate
+    """In the middle of each cell, with the chance of planes of that size."""
     density: Grid
+    """How much was measured around it, 0..1, shape (rows, cols)."""
 
 
 class Planes:
@@ -111,22 +114,25 @@ class Planes:
         n = n[known]
         return u[known] / n, v[known] / n, rows[OF_DISPARITY][known] / n
 
-    def filled(self, sums: Sums, standing: Standing | None = None) -> FloatImage:
-        """Planes through the data, in every pixel [px], shape (h, w); far from the data what stands on the ground.
+    def filled(self, sums: Sums, standing: Standing | None = None) -> tuple[FloatImage, FloatImage]:
+        """Planes through the data, in every pixel; far from the data what stands on the ground.
 
         Args:
             sums: See `summed`.
             standing: What stands on the ground; None if no ground was found.
+
+        Returns:
+            Disparity [px], and the chance in 0..1 that it is of the right surface, both of shape (h, w).
         """
-        estimate: Grid | None = None
+        estimate: Estimate | None = None
         for level in range(self._levels, -1, -1):
             planes = self._fitted(sums[level], level)
-            estimate = planes.value_px if estimate is None else _blended(planes, estimate)
+            estimate = planes.estimate if estimate is None else _blended(planes, estimate)
             if standing is not None:
                 estimate = standing.laid_over(estimate, level)
         assert estimate is not None
-        values = _enlarged(estimate.astype(np.float32), self.cell_px)
-        return np.ascontiguousarray(values[self._inside])
+        disparity_px, chance = cv2.split(_enlarged(estimate.astype(np.float32), self.cell_px)[self._inside])
+        return np.asarray(disparity_px, np.float32), np.clip(chance, 0, 1)
 
     def _moments(self, disparity_px: FloatImage, presence: FloatImage) -> Grid:
         """Sums per cell, shape (N_MOMENTS, rows, cols), weighted by the fourth power of the share of neighbours."""
@@ -167,7 +173,8 @@ class Planes:
         outside = (vv * away_u**2 - 2 * uv * away_u * away_v + uu * away_v**2) / determinant
         inside = np.clip((OUTSIDE - outside) / (OUTSIDE - INSIDE), 0, 1)
         value = np.clip(value, d - config.below * inside * spread, d + config.above * spread)
-        return _Planes(value_px=value, density=np.minimum(density / config.enough, 1))
+        chance = np.full_like(value, CHANCES.plane(level))
+        return _Planes(estimate=np.stack([value, chance], axis=-1), density=np.minimum(density / config.enough, 1))
 
 
 def _powers(cells: int, cell_px: int) -> npt.NDArray[np.float32]:
@@ -200,11 +207,11 @@ def _halved(moments: Grid) -> Grid:
     return halved
 
 
-def _blended(fine: _Planes, coarse_px: Grid) -> Grid:
+def _blended(fine: _Planes, coarse: Estimate) -> Estimate:
     """The fine planes as far as there are data for them, else the coarse ones."""
-    rows, cols = fine.value_px.shape
-    coarse = _enlarged(coarse_px, 2)
-    blended: Grid = fine.density * fine.value_px + (1 - fine.density) * coarse[:rows, :cols]
+    rows, cols = fine.density.shape
+    share = fine.density[..., None]
+    blended: Estimate = share * fine.estimate + (1 - share) * _enlarged(coarse, 2)[:rows, :cols]
     return blended
 
 
@@ -217,9 +224,9 @@ def _extended(values: Values) -> Values:
 
 
 def _enlarged(values: Values, factor: int) -> Values:
-    """The values of cells in smaller ones, linear between their middles and on to the border."""
-    rows, cols = values.shape
-    padded: Any = _extended(_extended(values).T).T
+    """The values of cells, shape (rows, cols, N), in smaller ones, linear between middles and on to the border."""
+    rows, cols = values.shape[:2]
+    padded: Any = _extended(_extended(values).swapaxes(0, 1)).swapaxes(0, 1)
     size = (padded.shape[1] * factor, padded.shape[0] * factor)
     enlarged = np.asarray(cv2.resize(padded, size, interpolation=cv2.INTER_LINEAR))
     top, left = (size[1] - rows * factor) // 2, (size[0] - cols * factor) // 2

@@ -8,8 +8,6 @@ import numpy as np
 from ..geometry import resized
 from ..types import FloatArray, FloatImage, Intrinsics
 
-ASSUMED_BASELINE_M = 0.05
-"""Makes disparities of the depths of a camera that is no stereo pair: about that of consumer depth cameras."""
 LARGEST_PX = 1000.0
 """Disparities above this are of no surface that any sensor measures; it also keeps fixed-point numbers in range."""
 SMALLEST_PX = 1e-4
@@ -37,7 +35,7 @@ class Scale:
         cx_px, cy_px = (resized(position_px, 1 / step) for position_px in (camera.cx_px, camera.cy_px))
         K = np.array([[camera.fx_px / step, 0, cx_px], [0, camera.fy_px / step, cy_px], [0, 0, 1]])
         return cls(
-            focal_baseline_px_m=camera.fx_px * (camera.baseline_m or ASSUMED_BASELINE_M),
+            focal_baseline_px_m=camera.focal_baseline_px_m,
             step=step,
             width_px=camera.width_px // step,
             height_px=camera.height_px // step,

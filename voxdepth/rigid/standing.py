@@ -9,11 +9,14 @@ from pydantic import Field
 
 from ..model import Model
 from ..types import FloatImage, MaskImage
+from .confidence import CHANCES
 from .ground import Ground, Vector
 from .scale import Scale
 
 Grid = npt.NDArray[np.float64]
 """One number per cell, shape (rows, cols)."""
+Estimate = npt.NDArray[np.float64]
+"""Disparity [px] of each cell, and the chance that it is of the right surface, shape (rows, cols, 2)."""
 
 ROW_PX = 4
 """Of the full image every so many rows are looked at."""
@@ -30,6 +33,8 @@ LEAST_FAR_SHARE, LEAST_BARE_SHARE = 0.25, 0.5
 """Part of a large cell that must have something upright, and of a smallest one that must be a hole above a foot."""
 THROUGH = 0.97
 """Part of the disparity of the ground that what is filled there has at least: the plane is not exact."""
+ON_GROUND = 1.05
+"""What is filled with no more than this part of the disparity of the ground is taken for the ground."""
 
 
 class StandingConfig(Model):
@@ -52,18 +57,21 @@ class Standing:
     ground_px: Grid
     """Of the ground itself, in the smallest cells, shape (rows, cols); below 0 above the horizon."""
 
-    def laid_over(self, estimate_px: Grid, level: int) -> Grid:
-        """An estimate [px] in cells of a level, with what stands there instead; in the end nothing below the ground.
+    def laid_over(self, estimate: Estimate, level: int) -> Estimate:
+        """An estimate with what stands there instead; in the end nothing below the ground.
 
         Args:
-            estimate_px: One disparity per cell; of the same shape as the outcome.
+            estimate: Of cells of a level.
             level: Cells are `2**level` times the smallest size.
         """
         if level == FAR_LEVEL:
-            return np.where(self.behind_px > 0, self.behind_px, estimate_px)
+            return _put(self.behind_px, CHANCES.behind, self.behind_px > 0, estimate)
         if level == 0:
-            return np.maximum(np.where(self.bare_px > 0, self.bare_px, estimate_px), THROUGH * self.ground_px)
-        return estimate_px
+            estimate = _put(self.bare_px, CHANCES.bare, self.bare_px > 0, estimate)
+            value_px = np.maximum(estimate[..., 0], THROUGH * self.ground_px)
+            chance = np.where(value_px < ON_GROUND * self.ground_px, CHANCES.ground, estimate[..., 1])
+            return np.stack([value_px, chance], axis=-1)
+        return estimate
 
 
 class Feet:
@@ -144,3 +152,8 @@ def _met_below(where: MaskImage) -> npt.NDArray[np.int16]:
 def _middles(cells: int) -> Vector:
     """Of the cells along one side, in cells from the middle of the image."""
     return np.arange(cells, dtype=np.float64) - (cells - 1) / 2
+
+
+def _put(value_px: Grid, chance: float, where: npt.NDArray[np.bool_], estimate: Estimate) -> Estimate:
+    """The estimate with other values, of one chance, in some cells."""
+    return np.where(where[..., None], np.stack([value_px, np.full_like(value_px, chance)], axis=-1), estimate)

@@ -1,0 +1,24 @@
+"""What counts as a right depth: errors of stereo are errors of disparity."""
+
+import numpy as np
+
+from ..types import FloatArray, FloatImage
+
+RIGHT_SHARE = 0.05
+"""A depth is right if its disparity is wrong by no more than this part of it ..."""
+RIGHT_PX = 0.25
+"""... or by no more than this: no stereo matching is much more exact, however far a surface is."""
+
+
+def is_right(
+    depth_m: FloatImage | FloatArray, reference_m: FloatImage | FloatArray, focal_baseline_px_m: float
+) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Where a depth is within 5 %, or within a quarter of a pixel of disparity; of the shape of the arguments.
+
+    Args:
+        depth_m: Depth [m]; > 0.
+        reference_m: The truth [m], of the same shape; > 0.
+        focal_baseline_px_m: Of the camera, see `Intrinsics`.
+    """
+    disparity_px, true_px = focal_baseline_px_m / depth_m, focal_baseline_px_m / reference_m
+    return np.abs(disparity_px - true_px) <= np.maximum(RIGHT_SHARE * true_px, RIGHT_PX)
