@@ -43,6 +43,10 @@ def _is_cut(info: Any) -> bool:
     return size not in ((0, 0), (info.width, info.height))
 
 
+RIGHT_SHARE = 0.05
+"""A depth is right if its disparity is wrong by no more than this part of it ..."""
+RIGHT_PX = 0.25
+"""... or by no more than this: no stereo matching is much more exact, however far a surface is."""
 ASSUMED_BASELINE_M = 0.05
 """Makes disparities of the depths of a camera that is no stereo pair: about that of consumer depth cameras."""
 LARGEST_SIDE_PX = 2**16
@@ -327,7 +331,8 @@ class CorrectedDepth:
     source: GrayImage
     """One `Source` per pixel, shape (H, W), uint8."""
     confidence: FloatImage
-    """Trust per pixel in 0..1, shape (H, W), float32; 0 where invalid."""
+    """Trust per pixel in 0..1, shape (H, W), float32; 0 where invalid. That of the default method is the chance that
+    the depth is right, see `RIGHT_SHARE`; those of other methods only rank."""
     phase: Phase
     registration: Registration
     epoch_end: EpochEnd | None = None

@@ -11,7 +11,7 @@ from ..errors import ScenarioError
 from ..files import write
 
 CELLS = "cells"
-SCORING = 3
+SCORING = 4
 """Counted up when figures are worked out in another way: older cells are then worked out again."""
 
 FILLED, COMPLETED, AS_GIVEN = "filled", "completed", "as given"

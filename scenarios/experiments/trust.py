@@ -44,12 +44,12 @@ def _by_confidence(standings: Sequence[Standing]) -> Measured:
     shares = [pooled(standings, "right", mask) for mask in CONFIDENCES]
     bar = Bar(what="Largest fall of the share of right pixels where confidence rises", bound=0, unit="points")
     finding = Finding(bar=bar, value=largest_fall(shares), of=f"bins of {LEAST_PIXELS} pixels and more")
-    title = f"Pixels by confidence, {WITHIN}, all sequences"
+    title = f"Pixels by confidence, and how many are right (5 % or 0.25 px), {WITHIN}, all sequences"
     return Measured(table=_table(standings, CONFIDENCES, title, "confidence"), findings=(finding,))
 
 
 def _by_source(standings: Sequence[Standing]) -> Measured:
-    title = f"Pixels by where the depth is from, {WITHIN}, all sequences"
+    title = f"Pixels by where the depth is from, and how many are right, {WITHIN}, all sequences"
     return Measured(table=_table(standings, list(SOURCES.values()), title, "source"))
 
 

@@ -133,8 +133,8 @@ def cause_of(looks: Sequence[Look], body: int, point_m: FloatArray) -> Cause:
     return Cause.TOO_FAR if np.median(trusted_m[known] / true_m[known]) > TOO_FAR else Cause.SEEN
 
 
-def collided(contents: Contents, arms: Sequence[str], most: int | None) -> list[RunSpec]:
-    """Cells whose runs ended in a collision, arm by arm, in the order of the seeds.
+def collided(contents: Contents, arms: Sequence[str], most: int | None) -> Mapping[str, Sequence[RunSpec]]:
+    """Cells whose runs ended in a collision, by arm, in the order of the seeds.
 
     Args:
         contents: The study.
@@ -144,29 +144,31 @@ def collided(contents: Contents, arms: Sequence[str], most: int | None) -> list[
     Raises:
         ScenarioError: An arm is not one of the study.
     """
-    names = [arm.name for arm in contents.study.arms]
+    found: dict[str, list[RunSpec]] = {arm.name: [] for arm in contents.study.arms}
     for arm in arms:
-        if arm not in names:
-            raise ScenarioError(f"the study has no arm {arm!r}: choose from {', '.join(names)}")
-    ended = [
-        spec
-        for spec in contents.cells
-        if spec.key in contents.records and contents.records[spec.key].outcome is Outcome.COLLISION
-    ]
-    return [spec for arm in arms or names for spec in [spec for spec in ended if spec.arm == arm][:most]]
+        if arm not in found:
+            raise ScenarioError(f"the study has no arm {arm!r}: choose from {', '.join(found)}")
+    for spec in contents.cells:
+        if spec.key in contents.records and contents.records[spec.key].outcome is Outcome.COLLISION:
+            found[spec.arm].append(spec)
+    return {arm: specs[:most] for arm, specs in found.items() if not arms or arm in arms}
 
 
 def causes(
-    contents: Contents, cells: Sequence[RunSpec], workers: int, tell: Callable[[RunSpec, Cause], None]
+    contents: Contents,
+    cells: Mapping[str, Sequence[RunSpec]],
+    workers: int,
+    tell: Callable[[RunSpec, Cause], None],
 ) -> Mapping[str, Counter[Cause]]:
     """Fly runs again that ended in a collision, and count the causes by arm; `tell` hears of each.
 
     Raises:
         ScenarioError: A run does not end as it did.
     """
-    found: dict[str, Counter[Cause]] = {spec.arm: Counter() for spec in cells}
-    flown = in_processes(_fly, [spec.run for spec in cells], workers=workers)
-    for spec, (cause, contacts) in zip(cells, flown, strict=True):
+    listed = [spec for specs in cells.values() for spec in specs]
+    found: dict[str, Counter[Cause]] = {arm: Counter() for arm in cells}
+    flown = in_processes(_fly, [spec.run for spec in listed], workers=workers)
+    for spec, (cause, contacts) in zip(listed, flown, strict=True):
         if cause is None or contacts != contents.records[spec.key].contacts:
             raise ScenarioError(
                 f"{spec.label} did not collide as in the study, which was flown with {contents.versions}: compare "

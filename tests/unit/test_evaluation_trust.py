@@ -45,6 +45,9 @@ def test_errors_are_sorted_by_confidence_and_the_end_of_a_bin_belongs_to_it() ->
     }  # fmt: skip
     assert mae == {mask: (pytest.approx(value, abs=1e-6), n) for mask, (value, n) in expected.items()}
     assert found(score, "right")["confidence 0.9-1"] == (0.5, 2)
+    score = TrustScore(replace(TELE, baseline_m=0.02))  # 2 px at 10 m: there a quarter of a pixel decides
+    score.add(depth_m, truth_m, truth_m > 0, confidence, None)
+    assert found(score, "right")["confidence 0.9-1"] == (1, 2)
     assert found(score, "median")["confidence 0-0.1"][0] == pytest.approx(2, rel=0.01)
 
 
@@ -112,7 +115,7 @@ def test_what_is_neither_confidence_nor_source_is_refused_with_what_came(given: 
 
 def cell(method: str, shares: dict[str, float]) -> Cell:
     key = Key(sequence="s", method=method, frames=2, seed=0, digest="d", config=None, versions={})
-    close = [
+    right = [
         Figure(metric="right", mask=mask, within="0-40 m", on="filled", value=share, unit="share", n=100 * (k + 1))
         for k, (mask, share) in enumerate(shares.items())
     ]
@@ -120,7 +123,7 @@ def cell(method: str, shares: dict[str, float]) -> Cell:
         Figure(metric="mae", mask=mask, within="0-40 m", on="filled", value=0.25, unit="m", n=7)
         for mask in ("source sensor", "source inpainted")
     ]
-    return Cell(key=key, figures=(*close, *sources))
+    return Cell(key=key, figures=(*right, *sources))
 
 
 @pytest.fixture

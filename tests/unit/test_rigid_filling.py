@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 
 from tests.rigid_scenes import CAMERA, WALL, Plane, Sphere, pose, render
-from voxdepth.rigid.confidence import CHANCES
+from voxdepth.rigid.estimate import CHANCES
 from voxdepth.rigid.filling import Filling, FillingConfig
 from voxdepth.rigid.planes import PlanesConfig
 from voxdepth.rigid.scale import Scale
@@ -245,8 +245,14 @@ class TestChance:
     def test_it_is_a_chance_all_over(self, name: str, step: int) -> None:
         chance = filling(step).fill(holed(slope(step), HOLES[name][::step, ::step])).chance
         assert chance.dtype == np.float32
-        assert chance.min() >= 0
-        assert chance.max() <= 1
+        assert chance.min() > 0
+        assert chance.max() <= CHANCES.shadow
+
+    def test_at_a_blank_border_it_is_the_less_the_wider_that_is(self) -> None:
+        widths = range(8, 80, 8)
+        chance = [filling().fill(holed(slope(), np.arange(160) < width)).chance[60, 0] for width in widths]
+        assert (np.diff(chance) < 1e-3).all()
+        assert chance[-1] < CHANCES.plane(1)
 
     @pytest.mark.parametrize("hidden_side", ["left", "right"])
     def test_shadows_have_their_own(self, hidden_side: Literal["left", "right"]) -> None:

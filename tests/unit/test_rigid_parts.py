@@ -1,6 +1,6 @@
 """The smaller parts of the default method: halving, merging, smoothing, confidence, moving memory."""
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import cv2
 import numpy as np
@@ -8,7 +8,8 @@ import pytest
 
 from tests.rigid_scenes import CAMERA, ROOM, frame_of, pose, render
 from voxdepth.geometry import inverse_rigid
-from voxdepth.rigid.confidence import CHANCES, confidence_of
+from voxdepth.rigid.confidence import confidence_of
+from voxdepth.rigid.estimate import CHANCES
 from voxdepth.rigid.evidence import Kind
 from voxdepth.rigid.measurement import Measurement, measured
 from voxdepth.rigid.memory import COARSE, UNIT, Memory, Mover
@@ -79,6 +80,11 @@ class TestMeasurement:
         np.testing.assert_array_equal(new.valid, np.where(new.disparity_px > 0, 255, 0))
 
 
+def merged_px(full_px: FloatImage, half_px: FloatImage, kind: GrayImage) -> FloatImage:
+    """Disparity alone."""
+    return merged(full_px, half_px, np.ones_like(half_px), kind)[0]
+
+
 def as_fused(half_px: FloatImage) -> GrayImage:
     return np.full(half_px.shape, Kind.FUSED, np.uint8)
 
@@ -97,7 +103,7 @@ class TestMerge:
         scale = Scale.of(camera, 2)
         full_px = scale.disparity(render(ROOM, pose(), camera)[1])
         half_px = measurement_of(full_px, 2, camera).disparity_px
-        shown_px = merged(full_px, half_px, np.full(scale.shape, Kind.MEASURED, np.uint8))
+        shown_px = merged_px(full_px, half_px, np.full(scale.shape, Kind.MEASURED, np.uint8))
         rows, cols = 2 * scale.height_px, 2 * scale.width_px
         np.testing.assert_array_equal(shown_px[:rows, :cols], full_px[:rows, :cols])
         assert shown_px.shape == full_px.shape
@@ -111,7 +117,7 @@ class TestMerge:
         row, col = np.indices(CAMERA.shape)
         plane_px = np.asarray(5 + 0.1 * row + 0.05 * col, np.float32)
         half_px = np.asarray(0.5 * (plane_px[::2, ::2] + plane_px[1::2, 1::2]), np.float32)
-        shown_px = merged(full_px, half_px, np.full(half_px.shape, kind, np.uint8))
+        shown_px = merged_px(full_px, half_px, np.full(half_px.shape, kind, np.uint8))
         np.testing.assert_allclose(shown_px[1:-1, 1:-1], plane_px[1:-1, 1:-1], atol=1e-5)
         # Beside the middle of the outermost pixels of memory nothing is extrapolated.
         np.testing.assert_allclose(shown_px, plane_px, atol=0.5 * (0.1 + 0.05) + 1e-5)
@@ -124,11 +130,11 @@ class TestMerge:
         at_edge = np.s_[:, 80:84]  # half pixels with another surface beside them
         expected_px[at_edge] = full_px[at_edge]
         expected_px[:, 81] = expected_px[40:42, 80] = 5  # that was measured of something else, or not at all
-        np.testing.assert_allclose(merged(full_px, half_px, as_fused(half_px)), expected_px, atol=1e-5)
+        np.testing.assert_allclose(merged_px(full_px, half_px, as_fused(half_px)), expected_px, atol=1e-5)
 
     def test_no_value_is_of_two_surfaces(self) -> None:
         _, half_px = self.stepped()
-        shown_px = merged(np.zeros(CAMERA.shape, np.float32), half_px, as_fused(half_px))
+        shown_px = merged_px(np.zeros(CAMERA.shape, np.float32), half_px, as_fused(half_px))
         np.testing.assert_array_equal(shown_px, np.repeat(np.repeat(half_px, 2, axis=0), 2, axis=1))
 
     def test_a_hole_of_the_measurement_is_filled(self) -> None:
@@ -136,7 +142,9 @@ class TestMerge:
         full_px[40:61, 40:61] = 0
         half_px = constant(6.25)[::2, ::2]
         kind = np.full(half_px.shape, Kind.MEASURED, np.uint8)
-        np.testing.assert_array_equal(merged(full_px, half_px, kind), np.where(full_px > 0, full_px, np.float32(6.25)))
+        np.testing.assert_array_equal(
+            merged_px(full_px, half_px, kind), np.where(full_px > 0, full_px, np.float32(6.25))
+        )
 
     def test_at_an_edge_a_pixel_without_measurement_belongs_to_the_hole_beside_it(self) -> None:
         full_px = constant(5)
@@ -145,10 +153,15 @@ class TestMerge:
         kind = np.where(half_px > 0, Kind.FUSED, Kind.NOTHING).astype(np.uint8)
         filled_px = np.where(half_px > 0, half_px, np.float32(5))
         assert half_px[0, 35] == 12
-        np.testing.assert_allclose(merged(full_px, filled_px, kind), np.where(full_px > 5, full_px, 5), atol=1e-5)
+        trust = np.where(half_px > 0, np.float32(0.9), np.float32(0.3))
+        shown_px, confidence = merged(full_px, filled_px, trust, kind)
+        np.testing.assert_allclose(shown_px, np.where(full_px > 5, full_px, 5), atol=1e-5)
+        assert (confidence[:, 70] == np.float32(0.3)).all()
+        confidence[:, 70] = 0.9
+        np.testing.assert_array_equal(confidence, enlarged(trust, (160, 120)))
         # Where the hole beside it is remembered, its own pixel of memory knows better than a guess.
         kind[kind == Kind.NOTHING] = Kind.REMEMBERED
-        assert (merged(full_px, filled_px, kind)[:, 70] == 12).all()
+        assert (merged_px(full_px, filled_px, kind)[:, 70] == 12).all()
 
     @pytest.mark.parametrize("size", [(120, 160), (121, 160), (120, 161), (121, 161)])
     def test_an_enlarged_pixel_is_four_of_them_and_the_odd_ones_repeat(self, size: tuple[int, int]) -> None:
@@ -215,11 +228,11 @@ class TestConfidence:
     def test_what_agrees_is_surest_and_what_is_guessed_least(self) -> None:
         full = np.full((1, 4), 192, np.uint8)
         kinds, near_px = np.array([list(Kind)], np.uint8), np.full((1, 4), 20, np.float32)
-        by_kind = confidence_of(near_px, kinds, full, np.full((1, 4), CHANCES.ground, np.float32))[0]
+        by_kind = confidence_of(near_px, kinds, full, np.full((1, 4), max(astuple(CHANCES)), np.float32))[0]
         assert by_kind.argmax() == Kind.FUSED
         assert by_kind.argmin() == Kind.NOTHING
 
-    def test_that_of_fills_is_their_chance_far_beyond_what_5_percent_is(self) -> None:
+    def test_that_of_near_fills_is_their_chance(self) -> None:
         chance = np.linspace(0, 1, 20, dtype=np.float32)[None]
         nothing, no_weight = np.full((1, 20), Kind.NOTHING, np.uint8), np.zeros((1, 20), np.uint8)
         near = confidence_of(np.full((1, 20), 200, np.float32), nothing, no_weight, chance)

@@ -6,14 +6,12 @@ from .flicker import Changes, Flicker
 from .moving import Share, ghost_share, survival
 from .paper import m_rmse_u16_wrap, psnr16_mm, psnr_minmax8
 from .ranges import RANGE_BINS_M, by_range
-from .right import RIGHT_PX, RIGHT_SHARE, is_right
+from .right import is_right
 from .seen_before import SeenBefore
 from .sums import Sums
 
 __all__ = [
     "RANGE_BINS_M",
-    "RIGHT_PX",
-    "RIGHT_SHARE",
     "TOO_FAR",
     "Changes",
     "DepthErrors",

@@ -2,18 +2,15 @@
 
 import numpy as np
 
-from ..types import FloatArray, FloatImage
-
-RIGHT_SHARE = 0.05
-"""A depth is right if its disparity is wrong by no more than this part of it ..."""
-RIGHT_PX = 0.25
-"""... or by no more than this: no stereo matching is much more exact, however far a surface is."""
+from ..types import RIGHT_PX, RIGHT_SHARE, FloatArray, FloatImage
 
 
 def is_right(
     depth_m: FloatImage | FloatArray, reference_m: FloatImage | FloatArray, focal_baseline_px_m: float
 ) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
     """Where a depth is within 5 %, or within a quarter of a pixel of disparity; of the shape of the arguments.
+
+    Surfaces of less disparity than that are right however far away they are said to be: count what is nearer.
 
     Args:
         depth_m: Depth [m]; > 0.

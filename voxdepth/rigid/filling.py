@@ -10,7 +10,7 @@ from pydantic import Field
 
 from ..model import Model
 from ..types import FloatImage, GrayImage
-from .confidence import CHANCES
+from .estimate import CHANCES
 from .ground import GroundConfig, found_ground
 from .masks import above, mean_around, put
 from .planes import Planes, PlanesConfig

@@ -20,8 +20,10 @@ SAME_SURFACE_SHARE = 0.02
 """A pixel of the full image that differs by more from what its pixel of memory says is of something else."""
 
 
-def merged(full_px: FloatImage, half_px: FloatImage, kind: GrayImage) -> FloatImage:
-    """Full-size disparity: on surfaces what the memory's size says, at their edges what was measured.
+def merged(
+    full_px: FloatImage, half_px: FloatImage, confidence: FloatImage, kind: GrayImage
+) -> tuple[FloatImage, FloatImage]:
+    """Full-size disparity: on surfaces what the memory's size says, at their edges what was measured; its confidence.
 
     At edges a pixel without a measurement belongs to the hole beside it, if there is one on its side: the rest of its
     pixel of memory may be of a fattened rim.
@@ -29,6 +31,7 @@ def merged(full_px: FloatImage, half_px: FloatImage, kind: GrayImage) -> FloatIm
     Args:
         full_px: As measured, shape (H, W); 0 = invalid.
         half_px: What is to be shown, shape (h, w), without holes.
+        confidence: Of that, shape (h, w).
         kind: One `Kind` per pixel, shape (h, w).
     """
     rows, cols = half_px.shape
@@ -38,18 +41,26 @@ def merged(full_px: FloatImage, half_px: FloatImage, kind: GrayImage) -> FloatIm
     own_px = _fours(full_px[: 2 * rows, : 2 * cols])[at]
     in_hole = (own_px == 0) & _beside(kind == Kind.NOTHING, at)
     value_px = np.where(in_hole, _beside(half_px, at), half_px[at][:, None, None])
+    trust = np.where(in_hole, _beside(confidence, at), confidence[at][:, None, None])
     tolerance_px = np.float32(SAME_SURFACE_SHARE) * value_px + np.float32(SAME_SURFACE_PX)
     is_own = (own_px > 0) & (as_measured[at][:, None, None] | (np.abs(own_px - value_px) < tolerance_px))
 
     shown_px = np.asarray(cv2.resize(half_px, (2 * cols, 2 * rows), interpolation=cv2.INTER_LINEAR), np.float32)
     _fours(shown_px)[at] = np.where(is_own, own_px, value_px)
-    return _bordered(shown_px, (full_px.shape[1], full_px.shape[0]))
+    trusted = _twice(confidence)
+    _fours(trusted)[at] = trust
+    size = (full_px.shape[1], full_px.shape[0])
+    return _bordered(shown_px, size), _bordered(trusted, size)
 
 
 def enlarged(image: Image, size: tuple[int, int]) -> Image:
     """Each pixel as four of them; a last odd row or column of the larger image repeats the one before."""
-    twice = cv2.resize(image, (2 * image.shape[1], 2 * image.shape[0]), interpolation=cv2.INTER_NEAREST)
-    return _bordered(np.asarray(twice), size)
+    return _bordered(_twice(image), size)
+
+
+def _twice(image: Image) -> Image:
+    size = (2 * image.shape[1], 2 * image.shape[0])
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_NEAREST))
 
 
 def _fours(image: FloatImage) -> FloatImage:

@@ -190,8 +190,8 @@ class RigidMethod:
         """Depth, source and confidence of the size of the frame; no guesses if none are wanted."""
         kind, full_px, size = weighed.verdict.kind, weighed.full_px, weighed.full_px.shape[::-1]
         if self._scale.step != 1:
-            whole_px = merged(full_px, whole_px, kind)
-            kind, confidence = enlarged(kind, size), enlarged(confidence, size)
+            whole_px, confidence = merged(full_px, whole_px, confidence, kind)
+            kind = enlarged(kind, size)
         depth_m = self._scale.depth(whole_px)
         code = kind | times(above(full_px, 0), MEASURED) | times(above(depth_m, 0), FILLED)
         source = np.asarray(cv2.LUT(code, _SOURCES), np.uint8)

@@ -10,10 +10,10 @@ from pydantic import Field
 
 from ..model import Model
 from ..types import FloatImage
-from .confidence import CHANCES
+from .estimate import CHANCES, Estimate
 from .ground import Vector
 from .scale import Scale
-from .standing import Estimate, Standing
+from .standing import Standing
 
 Grid = npt.NDArray[np.float64]
 """One number per cell, shape (rows, cols), or several, shape (N, rows, cols)."""
@@ -63,7 +63,7 @@ class _Planes:
     estimate: Estimate
     """In the middle of each cell, with the chance of planes of that size."""
     density: Grid
-    """How much was measured around it, 0..1, shape (rows, cols)."""
+    """How much was measured around each cell, 0..1, shape (rows, cols)."""
 
 
 class Planes:
@@ -131,8 +131,9 @@ class Planes:
             if standing is not None:
                 estimate = standing.laid_over(estimate, level)
         assert estimate is not None
-        disparity_px, chance = cv2.split(_enlarged(estimate.astype(np.float32), self.cell_px)[self._inside])
-        return np.asarray(disparity_px, np.float32), np.clip(chance, 0, 1)
+        disparity_px = _enlarged(estimate.value_px.astype(np.float32), self.cell_px)
+        chance = _resized(estimate.chance.astype(np.float32), self.cell_px)
+        return np.ascontiguousarray(disparity_px[self._inside]), np.ascontiguousarray(chance[self._inside])
 
     def _moments(self, disparity_px: FloatImage, presence: FloatImage) -> Grid:
         """Sums per cell, shape (N_MOMENTS, rows, cols), weighted by the fourth power of the share of neighbours."""
@@ -174,7 +175,8 @@ class Planes:
         inside = np.clip((OUTSIDE - outside) / (OUTSIDE - INSIDE), 0, 1)
         value = np.clip(value, d - config.below * inside * spread, d + config.above * spread)
         chance = np.full_like(value, CHANCES.plane(level))
-        return _Planes(estimate=np.stack([value, chance], axis=-1), density=np.minimum(density / config.enough, 1))
+        estimate = Estimate(value_px=value, chance=chance)
+        return _Planes(estimate=estimate, density=np.minimum(density / config.enough, 1))
 
 
 def _powers(cells: int, cell_px: int) -> npt.NDArray[np.float32]:
@@ -210,9 +212,11 @@ def _halved(moments: Grid) -> Grid:
 def _blended(fine: _Planes, coarse: Estimate) -> Estimate:
     """The fine planes as far as there are data for them, else the coarse ones."""
     rows, cols = fine.density.shape
-    share = fine.density[..., None]
-    blended: Estimate = share * fine.estimate + (1 - share) * _enlarged(coarse, 2)[:rows, :cols]
-    return blended
+    value_px, chance = _enlarged(coarse.value_px, 2)[:rows, :cols], _resized(coarse.chance, 2)[:rows, :cols]
+    return Estimate(
+        value_px=fine.density * fine.estimate.value_px + (1 - fine.density) * value_px,
+        chance=fine.density * fine.estimate.chance + (1 - fine.density) * chance,
+    )
 
 
 def _extended(values: Values) -> Values:
@@ -224,10 +228,15 @@ def _extended(values: Values) -> Values:
 
 
 def _enlarged(values: Values, factor: int) -> Values:
-    """The values of cells, shape (rows, cols, N), in smaller ones, linear between middles and on to the border."""
-    rows, cols = values.shape[:2]
-    padded: Any = _extended(_extended(values).swapaxes(0, 1)).swapaxes(0, 1)
-    size = (padded.shape[1] * factor, padded.shape[0] * factor)
-    enlarged = np.asarray(cv2.resize(padded, size, interpolation=cv2.INTER_LINEAR))
-    top, left = (size[1] - rows * factor) // 2, (size[0] - cols * factor) // 2
+    """The values of cells in smaller ones, linear between their middles and on to the border."""
+    rows, cols = values.shape
+    enlarged = _resized(_extended(_extended(values).T).T, factor)
+    top, left = (enlarged.shape[0] - rows * factor) // 2, (enlarged.shape[1] - cols * factor) // 2
     return enlarged[top : top + rows * factor, left : left + cols * factor]
+
+
+def _resized(values: Values, factor: int) -> Values:
+    """The same, but level from the outermost middles on."""
+    size = (values.shape[1] * factor, values.shape[0] * factor)
+    resized: Any = cv2.resize(values, size, interpolation=cv2.INTER_LINEAR)
+    return resized  # type: ignore[no-any-return]

@@ -9,14 +9,9 @@ from pydantic import Field
 
 from ..model import Model
 from ..types import FloatImage, MaskImage
-from .confidence import CHANCES
+from .estimate import CHANCES, Estimate, Grid
 from .ground import Ground, Vector
 from .scale import Scale
-
-Grid = npt.NDArray[np.float64]
-"""One number per cell, shape (rows, cols)."""
-Estimate = npt.NDArray[np.float64]
-"""Disparity [px] of each cell, and the chance that it is of the right surface, shape (rows, cols, 2)."""
 
 ROW_PX = 4
 """Of the full image every so many rows are looked at."""
@@ -65,12 +60,12 @@ class Standing:
             level: Cells are `2**level` times the smallest size.
         """
         if level == FAR_LEVEL:
-            return _put(self.behind_px, CHANCES.behind, self.behind_px > 0, estimate)
+            return estimate.replaced(self.behind_px, CHANCES.behind, self.behind_px > 0)
         if level == 0:
-            estimate = _put(self.bare_px, CHANCES.bare, self.bare_px > 0, estimate)
-            value_px = np.maximum(estimate[..., 0], THROUGH * self.ground_px)
-            chance = np.where(value_px < ON_GROUND * self.ground_px, CHANCES.ground, estimate[..., 1])
-            return np.stack([value_px, chance], axis=-1)
+            estimate = estimate.replaced(self.bare_px, CHANCES.bare, self.bare_px > 0)
+            value_px = np.maximum(estimate.value_px, THROUGH * self.ground_px)
+            on_ground = value_px < ON_GROUND * self.ground_px
+            return Estimate(value_px=value_px, chance=np.where(on_ground, CHANCES.ground, estimate.chance))
         return estimate
 
 
@@ -152,8 +147,3 @@ def _met_below(where: MaskImage) -> npt.NDArray[np.int16]:
 def _middles(cells: int) -> Vector:
     """Of the cells along one side, in cells from the middle of the image."""
     return np.arange(cells, dtype=np.float64) - (cells - 1) / 2
-
-
-def _put(value_px: Grid, chance: float, where: npt.NDArray[np.bool_], estimate: Estimate) -> Estimate:
-    """The estimate with other values, of one chance, in some cells."""
-    return np.where(where[..., None], np.stack([value_px, np.full_like(value_px, chance)], axis=-1), estimate)
