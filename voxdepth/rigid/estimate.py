@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 Grid = npt.NDArray[np.float64]
-"""One number per cell, shape (rows, cols)."""
+"""One number per cell, shape (rows, cols), or several, shape (N, rows, cols)."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,13 +10,10 @@ from pydantic import Field
 
 from ..model import Model
 from ..types import FloatImage
-from .estimate import CHANCES, Estimate
+from .estimate import CHANCES, Estimate, Grid
 from .ground import Vector
 from .scale import Scale
 from .standing import Standing
-
-Grid = npt.NDArray[np.float64]
-"""One number per cell, shape (rows, cols), or several, shape (N, rows, cols)."""
 
 Sums = list[Grid]
 """Sums around each cell, shape (N_MOMENTS, rows, cols), for each size of cells, the smallest first."""
