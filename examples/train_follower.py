@@ -21,7 +21,7 @@ ENVIRONMENT = "swarm:voxdepth/LeaderFollower-v0"
 
 
 class Nearness(gymnasium.ObservationWrapper):
-    """Gives depth as an image that stable-baselines3 knows as one: uint8, shape (1, H, W), 0 = far or unknown."""
+    """Gives depth as an image that stable-baselines3 knows as one: uint8, shape (1, H, W), 0 = unknown."""
 
     NEAR_M = 0.5
     """Depth that reads 255; the value falls with 1 / depth, as disparity does."""

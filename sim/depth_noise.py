@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
 from .model import Model
-from .noise import focal_baseline_px_m
+from .noise import stereo_focal_baseline_px_m
 from .seeds import Purpose, stream
 from .types import IdImage, Loss
 
@@ -103,7 +103,7 @@ class Disparity(NoiseTerm):
 
     def apply(self, image: NoisyDepth) -> None:
         """Disturb valid depths; disparities at or below 0 are infinitely far."""
-        focal_baseline = focal_baseline_px_m(image.intrinsics)
+        focal_baseline = stereo_focal_baseline_px_m(image.intrinsics)
         noise_px = self.sigma_px * image.draws(Purpose.DISPARITY).standard_normal(image.depth_m.shape)
         valid = image.depth_m > 0
         disparity_px = focal_baseline / np.where(valid, image.depth_m, 1.0) + noise_px

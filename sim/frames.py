@@ -27,6 +27,12 @@ def quaternion_from_yaw(yaw_rad: float) -> FloatArray:
     return np.array([0.0, 0.0, np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)])
 
 
+def rotation_from_yaw(yaw_rad: float) -> FloatArray:
+    """Rotation matrix, shape (3, 3), of a turn about the vertical."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
 def quaternion_from_angles(yaw_rad: float, pitch_rad: float, roll_rad: float) -> FloatArray:
     """Unit quaternion (xyzw) of a body that turns by its heading, then its pitch, then its roll.
 

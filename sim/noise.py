@@ -33,14 +33,14 @@ def occlusion(left_depth_m: FloatImage, right_depth_m: FloatImage, intrinsics: I
     that a pixel could show, and a slanted surface differs by as much within half a pixel.
     """
     width = left_depth_m.shape[1]
-    disparity_px = focal_baseline_px_m(intrinsics) / left_depth_m
+    disparity_px = stereo_focal_baseline_px_m(intrinsics) / left_depth_m
     col = np.rint(np.arange(width, dtype=np.float32)[None, :] - disparity_px).astype(np.intp)
-    seen_px = focal_baseline_px_m(intrinsics) / np.take_along_axis(right_depth_m, np.maximum(col, 0), axis=1)
+    seen_px = stereo_focal_baseline_px_m(intrinsics) / np.take_along_axis(right_depth_m, np.maximum(col, 0), axis=1)
     return np.isfinite(left_depth_m) & ((col < 0) | (seen_px - disparity_px > HIDDEN_PX))
 
 
-def focal_baseline_px_m(intrinsics: Intrinsics) -> float:
-    """`f B`: the product of disparity [px] and depth [m].
+def stereo_focal_baseline_px_m(intrinsics: Intrinsics) -> float:
+    """`f B` of a stereo camera: the product of disparity [px] and depth [m].
 
     Raises:
         SensorError: The camera has no baseline.

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from .noise import focal_baseline_px_m
+from .noise import stereo_focal_baseline_px_m
 from .types import Capture, Loss
 
 RANGES_M = (0.6, 2.0, 5.0, 8.0, 15.0, 30.0)
@@ -57,7 +57,7 @@ class DepthQuality:
         self._add_plain(capture, true_m[plain], raw_m[plain])
 
     def _add_plain(self, capture: Capture, true_m: npt.NDArray[Any], raw_m: npt.NDArray[Any]) -> None:
-        focal_baseline = focal_baseline_px_m(capture.intrinsics)
+        focal_baseline = stereo_focal_baseline_px_m(capture.intrinsics)
         n, n_steps = self._errors.shape
         which = np.digitize(true_m, self.ranges_m) - 1
         filled = raw_m > 0

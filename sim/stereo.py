@@ -13,7 +13,7 @@ from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
 from .errors import SensorError
 from .model import Model
-from .noise import focal_baseline_px_m
+from .noise import stereo_focal_baseline_px_m
 from .types import Loss
 
 Disparity = npt.NDArray[np.int16]
@@ -63,7 +63,7 @@ class StereoConfig(Model):
 
     def n_disparities(self, intrinsics: Intrinsics) -> int:
         """Disparities to search, a multiple of 16 as the matcher wants it."""
-        widest_px = focal_baseline_px_m(intrinsics) / self.min_depth_m
+        widest_px = stereo_focal_baseline_px_m(intrinsics) / self.min_depth_m
         n = 16 * int(np.ceil(widest_px / 16))
         if n >= intrinsics.width_px:
             raise SensorError(
@@ -101,7 +101,7 @@ class StereoMatcher:
         self._config = config
         self._max_depth_m = max_depth_m
         self._n = config.n_disparities(intrinsics)
-        self._focal_baseline_px_m = focal_baseline_px_m(intrinsics)
+        self._focal_baseline_px_m = stereo_focal_baseline_px_m(intrinsics)
         self._own = threading.local()
 
     @property

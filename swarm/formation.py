@@ -3,6 +3,7 @@
 import numpy as np
 from pydantic import Field
 
+from sim.frames import rotation_from_yaw
 from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
@@ -35,6 +36,5 @@ def slots(n_followers: int, config: FormationConfig) -> FloatArray:
 
 def turned(offsets_m: FloatArray, heading_rad: float) -> FloatArray:
     """The same offsets for a flight along another heading, shape (n, 3)."""
-    c, s = np.cos(heading_rad), np.sin(heading_rad)
-    rotated: FloatArray = offsets_m @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    rotated: FloatArray = offsets_m @ rotation_from_yaw(heading_rad).T
     return rotated

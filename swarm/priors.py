@@ -89,7 +89,7 @@ class DriftingPrior:
 
     def _turn(self) -> FloatArray:
         """The error of the heading as a rotation about the vertical, shape (3, 3)."""
-        return frames.rotation_from_quaternion(frames.quaternion_from_yaw(self._yaw_error_rad))
+        return frames.rotation_from_yaw(self._yaw_error_rad)
 
     def _drift(self, elapsed_s: float) -> None:
         steps = np.sqrt(elapsed_s) * self._rng.standard_normal(4)

@@ -157,7 +157,7 @@ def explain(
     """Fly the runs again that ended in a collision, and say what the drone had seen of what it hit."""
     from rich.console import Console
 
-    from ..study.autopsy import Cause, as_table, causes, collided
+    from ..study.explain import Finding, as_table, collided, findings
     from ..study.matrix import RunSpec
     from ..study.store import Store
 
@@ -165,10 +165,10 @@ def explain(
         contents = store.read()
     console = Console()
 
-    def tell(spec: RunSpec, cause: Cause) -> None:
-        console.print(f"run {spec.key[:12]}: {spec.label}: {cause}", soft_wrap=True, markup=False)
+    def tell(spec: RunSpec, finding: Finding) -> None:
+        console.print(f"run {spec.short_key}: {spec.label}: {finding}", soft_wrap=True, markup=False)
 
-    found = causes(contents, collided(contents, arm or [], most), workers, tell)
+    found = findings(contents, collided(contents, arm or [], most), workers, tell)
     console.print(as_table(found).markdown, soft_wrap=True, markup=False)
 
 
@@ -192,7 +192,7 @@ def replay(
         contents = store.read()
     spec = find(contents, key)
     console = Console()
-    console.print(f"run {spec.key[:12]}: {spec.label}", soft_wrap=True, markup=False)
+    console.print(f"run {spec.short_key}: {spec.label}", soft_wrap=True, markup=False)
     again = fly_again(contents, spec, to or out / "replays", record=record)
     console.print(again.verdict, soft_wrap=True)
     console.print(f"its files are in {again.folder}", soft_wrap=True, markup=False)
@@ -212,13 +212,14 @@ def _executor(study: "Study", workers: int, cluster: str | None) -> "Executor":
 
 
 def _print_status(console: "Console", contents: "Contents") -> None:
+    from ..study.matrix import shortened
     from ..study.progress import as_table
     from ..study.tally import Tally
 
     console.print(f"study {contents.study.name}: {contents.study.description}", soft_wrap=True, markup=False)
     console.print(as_table(Tally(contents)))
     for failure in list(contents.failures.values())[:5]:
-        last = failure.text.strip().splitlines()[-1]
-        console.print(f"{failure.kind} in run {failure.key[:12]}: {last}", soft_wrap=True, markup=False)
+        where = shortened(failure.key)
+        console.print(f"{failure.kind} in run {where}: {failure.last_line}", soft_wrap=True, markup=False)
     if contents.failures:
         console.print("fly them again with --resume --retry-errors", soft_wrap=True)

@@ -5,7 +5,7 @@ import platform
 import threading
 import uuid
 from collections.abc import Generator, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any
@@ -46,10 +46,10 @@ class Cluster:
 
     def run(self, specs: Iterable[RunSpec]) -> Generator[Done]:
         """See `Executor`."""
-        from distributed import as_completed
-
         waiting = iter(specs)
         with self._client() as client:
+            from distributed import as_completed
+
             _require_equal_versions(client)
             pending: dict[Any, RunSpec] = {}
             ended = as_completed()
@@ -62,12 +62,18 @@ class Cluster:
                 client.cancel(list(pending), force=True)
 
     def _submit(self, client: Any, waiting: Iterator[RunSpec], pending: dict[Any, RunSpec], ended: Any) -> None:
-        """Keep one run in the air for each thread of the cluster, which may have grown.
+        """Keep one run in the air for each worker of the cluster, which may have grown.
 
         No more: a run that waits at a worker for another to end would count as failed if that one killed the worker.
+
+        Raises:
+            ScenarioError: A worker has more than one thread: a run past its limit would end the others with it.
         """
-        threads = max(1, sum(client.nthreads().values()))
-        for spec in islice(waiting, max(0, threads - len(pending))):
+        threads = client.nthreads()
+        for worker, n in threads.items():
+            if n != 1:
+                raise ScenarioError(f"the worker {worker} has {n} threads, expected one: start it with --nthreads 1")
+        for spec in islice(waiting, max(0, max(1, len(threads)) - len(pending))):
             # The key is new for every attempt: a cluster remembers the results of old ones.
             key = f"{spec.key}-{uuid.uuid4()}"
             call = (_attempt, self.fly_one, spec, self.time_limit_s, installed_versions())
@@ -112,15 +118,15 @@ class Cluster:
 
     @contextmanager
     def _connected(self, make: Any) -> Iterator[Any]:
-        try:
-            client = make(self.address)
-            client.wait_for_workers(1, timeout=JOIN_LIMIT_S)
-        except (OSError, TimeoutError, ValueError) as error:
-            raise ScenarioError(
-                f"there is no cluster with a worker at {self.address} ({error}): start one with `dask scheduler` and "
-                "`dask worker ADDRESS --nthreads 1`"
-            ) from error
-        with client:
+        with ExitStack() as opened:
+            try:
+                client = opened.enter_context(make(self.address))
+                client.wait_for_workers(1, timeout=JOIN_LIMIT_S)
+            except (OSError, TimeoutError, ValueError) as error:
+                raise ScenarioError(
+                    f"there is no cluster with a worker at {self.address} ({error}): start one with `dask scheduler` "
+                    "and `dask worker ADDRESS --nthreads 1`"
+                ) from error
             yield client
 
 

@@ -11,8 +11,6 @@ from ..files import write
 from .store import Contents
 
 CSV, PARQUET = "runs.csv", "runs.parquet"
-LEADING = ("scenario", "arm", "theta", "seed", "key", "outcome", "contacts", "wall_s")
-"""Columns before the figures: texts, but for theta, seed, contacts and wall_s."""
 
 Row = dict[str, Any]
 

@@ -12,6 +12,9 @@ from .study import Arm, Study
 KEY_FORMAT = 1
 """Goes into every key; raised when equal runs would not have equal results any more."""
 
+SHORT = 12
+"""Digits of a key that are shown."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class RunSpec:
@@ -27,6 +30,11 @@ class RunSpec:
     may know more keys of a scenario, and what was flown must still be found."""
 
     @property
+    def short_key(self) -> str:
+        """How the key begins: enough to name the run."""
+        return shortened(self.key)
+
+    @property
     def label(self) -> str:
         """The cell in words."""
         return f"scenario {self.scenario}, arm {arm_label(self.arm, self.theta)}, seed {self.seed}"
@@ -35,6 +43,11 @@ class RunSpec:
     def seed(self) -> int:
         """Of everything random in the run."""
         return self.run.seed
+
+
+def shortened(key: str) -> str:
+    """The first digits of a key, which people read and type."""
+    return key[:SHORT]
 
 
 def arm_label(arm: str, theta: float | None) -> str:

@@ -15,19 +15,16 @@ from . import tables
 from .analysis import Comparison, Point, comparisons, first_collisions, grown, points
 from .figures import all_figures
 from .growth import Growth
-from .matrix import RunSpec
+from .matrix import RunSpec, shortened
 from .store import Contents
 
 REPORT, SUMMARY, FIGURES, TEMPLATE = "report.html", "report.md", "figures", "study.html.j2"
-SHORT = 12
-"""Digits of a key that are shown: enough to name a run."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shown:
     """A run to look at."""
 
-    arm: str
     cell: str
     command: str
     recording: str
@@ -90,7 +87,7 @@ def rendered(contents: Contents, found: Findings, out: Path) -> str:
         seeds=f"{seeds[0]} to {seeds[-1]}",
         total=len(contents.keys),
         done=len(contents.records),
-        failures=[(f.kind, key[:SHORT], last_line(f.text)) for key, f in contents.failures.items()],
+        failures=[(f.kind, shortened(key), f.last_line) for key, f in contents.failures.items()],
         points=tables.of_points(found.points),
         comparisons=tables.of_comparisons(found.comparisons),
         growths=tables.of_growths(found.growths),
@@ -104,7 +101,7 @@ def rendered(contents: Contents, found: Findings, out: Path) -> str:
 
 def recording_folder(out: Path, spec: RunSpec) -> Path:
     """Where recordings of a run for the report are kept."""
-    return out / "recordings" / spec.key[:SHORT]
+    return out / "recordings" / spec.short_key
 
 
 def recording_of(out: Path, spec: RunSpec) -> Path | None:
@@ -112,17 +109,11 @@ def recording_of(out: Path, spec: RunSpec) -> Path | None:
     return max(recording_folder(out, spec).glob("*/run.rrd"), default=None)
 
 
-def last_line(text: str) -> str:
-    """Of a traceback: what went wrong."""
-    return text.strip().rpartition("\n")[2]
-
-
 def _shown(spec: RunSpec, out: Path) -> Shown:
     recording = recording_of(out, spec)
     return Shown(
-        arm=spec.arm,
         cell=spec.label,
-        command=f"voxdepth study replay {out} {spec.key[:SHORT]} --record",
+        command=f"voxdepth study replay {out} {spec.short_key} --record",
         recording="" if recording is None else str(recording.relative_to(out)),
     )
 

@@ -1,16 +1,36 @@
 """What results were made with."""
 
+import hashlib
 import os
 import platform
+from functools import cache
 from importlib.metadata import version
+from importlib.resources import as_file, files
 
 from ..bench.machine import CPU_INFO, processor_name
 from ..runner import REPORTED_PACKAGES
 
+FLYING_PACKAGES = ("voxdepth", "sim", "swarm")
+"""Whose code decides how a run ends; what scenarios say is part of its key."""
+DIGITS = 12
+
 
 def installed_versions() -> dict[str, str]:
-    """Versions of Python and of the packages that may change a result."""
-    return {"python": platform.python_version(), **{name: version(name) for name in REPORTED_PACKAGES}}
+    """Versions of Python, of the packages that may change a result, and of the code that flies."""
+    packages = {name: version(name) for name in REPORTED_PACKAGES}
+    return {"python": platform.python_version(), **packages, "code": code_digest()}
+
+
+@cache
+def code_digest() -> str:
+    """How the SHA-256 of the sources of `FLYING_PACKAGES` begins, wherever they are installed."""
+    content = hashlib.sha256()
+    for package in FLYING_PACKAGES:
+        with as_file(files(package)) as folder:
+            for path in sorted(folder.rglob("*.py")):
+                content.update(f"{package}/{path.relative_to(folder).as_posix()}\0".encode())
+                content.update(path.read_bytes() + b"\0")
+    return content.hexdigest()[:DIGITS]
 
 
 def machine() -> str:

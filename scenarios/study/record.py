@@ -39,6 +39,11 @@ class Failure:
     text: str
     """A traceback, or what else is known."""
 
+    @property
+    def last_line(self) -> str:
+        """What went wrong."""
+        return self.text.strip().rpartition("\n")[2]
+
 
 Done = RunRecord | Failure
 FlyOne = Callable[[RunSpec], RunRecord]

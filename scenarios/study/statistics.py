@@ -4,6 +4,8 @@ Sources:
     [1] Wilson, J. Am. Stat. Assoc. 22 (1927) 209, doi:10.1080/01621459.1927.10502953.
     [2] Newcombe, Stat. Med. 17 (1998) 2635, method 10 (paired differences).
     [3] Holm, Scand. J. Stat. 6 (1979) 65.
+    [4] Clopper, Pearson, Biometrika 26 (1934) 404, doi:10.1093/biomet/26.4.404.
+    [5] McNemar, Psychometrika 12 (1947) 153, doi:10.1007/BF02295996; here exact, by the binomial distribution.
 """
 
 import math
@@ -28,7 +30,7 @@ def wilson(k: int, n: int) -> Interval:
 
 
 def clopper_pearson(k: int, n: int) -> Interval:
-    """The exact interval of a share `k / n`, n > 0, never too short: for claims about safety."""
+    """The exact interval of a share `k / n`, n > 0, never too short, for claims about safety: [4]."""
     return _proportion(k, n, "exact")
 
 
@@ -65,7 +67,7 @@ def pairs_of(outcomes: Sequence[tuple[bool, bool]]) -> Pairs:
 
 
 def mcnemar(b: int, c: int) -> float:
-    """Exact two-sided p-value of McNemar's test: of b + c pairs that differ, b to one side; 1 if none differs."""
+    """Exact two-sided p-value of McNemar's test [5]: of b + c pairs that differ, b to one side; 1 if none differs."""
     from scipy.stats import binomtest
 
     return float(binomtest(b, b + c, 0.5).pvalue) if b + c else 1.0

@@ -257,7 +257,8 @@ class Store:
                 f"{self.folder} holds runs of the study {name!r}: go on with --resume, or use another --out"
             )
         before, now = json.loads(meta["versions"]), installed_versions()
-        changed = [f"{name} {old} -> {now.get(name)}" for name, old in before.items() if now.get(name) != old]
+        names = [name for name in before | now if before.get(name) != now.get(name)]
+        changed = [f"{name} {before.get(name, 'unknown')} -> {now.get(name, 'unknown')}" for name in names]
         if changed:
             raise ScenarioError(
                 f"{self.folder} was begun with other versions ({', '.join(changed)}), which may fly differently: "

@@ -35,7 +35,7 @@ def of_points(points: Iterable[Point]) -> Table:
     head = ["scenario", "arm", "runs", "collisions", "ratio", "Wilson", "Clopper-Pearson"]
     head += [outcome.value for outcome in OTHER_OUTCOMES]
     head += [f"contacts: {kind}" for kind in CONTACT_KINDS]
-    head += ["mission time [s]", "depth error, MAE [m]"]
+    head += ["mission time [s]", "depth error, MAE [m]", "without depth [%]"]
     return Table(head, [_point_row(point) for point in points])
 
 
@@ -54,6 +54,7 @@ def of_growths(growths: Iterable[tuple[str, str, Growth | str]]) -> Table:
 def _point_row(point: Point) -> Sequence[str]:
     time_s, n_time = point.mean("sim_time_s", Outcome.SUCCESS)
     mae_m, n_mae = point.mean("depth_corrected_mae_m")
+    hole_share, _ = point.mean("depth_corrected_hole_share")
     return [
         point.scenario,
         point.label,
@@ -66,6 +67,7 @@ def _point_row(point: Point) -> Sequence[str]:
         *(str(point.contacts(kind)) for kind in CONTACT_KINDS),
         "-" if time_s is None else f"{time_s:.1f} (n = {n_time})",
         "-" if mae_m is None else f"{mae_m:.3f} (n = {n_mae})",
+        "-" if hole_share is None else f"{100 * hole_share:.1f}",
     ]
 
 

@@ -9,7 +9,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from sim.frames import yaw_from_quaternion
+from sim.frames import rotation_from_yaw, yaw_from_quaternion
 from sim.types import VelocityCommand
 from voxdepth.types import FloatArray
 
@@ -84,9 +84,7 @@ def wanted_m_s(action: FloatArray, situation: Situation, max_speed_m_s: float) -
 
 def heading_frame(situation: Situation) -> FloatArray:
     """Rotation, shape (3, 3), from the drone's heading frame (x forward, y left, z up, never tilted) to the world."""
-    yaw_rad = yaw_from_quaternion(situation.own.q_world_body_xyzw)
-    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return rotation_from_yaw(yaw_from_quaternion(situation.own.q_world_body_xyzw))
 
 
 _STEERINGS: dict[str, Callable[[Role, MissionConfig], Steering]] = {"direct": Direct, "shielded": Shielded}

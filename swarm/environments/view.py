@@ -23,7 +23,7 @@ Image = npt.NDArray[np.uint8]
 
 RENDER_MODES = ("rgb_array",)
 PANEL_HEIGHT_PX = 240
-FAREST = 25
+FAR_INDEX = 25
 """Place of the largest depth in the colour map, whose beginning is too dark to be told from black."""
 MAP_MARGIN_M = 8.0
 DRONE_RADIUS_PX = 4
@@ -91,7 +91,7 @@ class Map:
         """The outline of a box, and a circle for all that is round; other shapes are left out."""
         match body.shape:
             case Box(size_m=(x_m, y_m, _)):
-                turn = frames.rotation_from_quaternion(frames.quaternion_from_yaw(body.yaw_rad))[:2, :2]
+                turn = frames.rotation_from_yaw(body.yaw_rad)[:2, :2]
                 corners_m = np.array([[x_m, y_m], [-x_m, y_m], [-x_m, -y_m], [x_m, -y_m]]) / 2 @ turn.T
                 corners = np.array([self._at(corner + body.position_m[:2]) for corner in corners_m], np.int32)
                 cv2.fillPoly(self._empty, [corners], BUILDING)
@@ -109,7 +109,7 @@ class Map:
 
 def colored(depth_m: FloatImage, far_m: float) -> Image:
     """Depth in colours, near red, `far_m` and beyond blue, holes black; shape (H, W, 3)."""
-    scaled = FAREST + (255 - FAREST) * (1 - np.sqrt(np.minimum(depth_m, far_m) / far_m))
+    scaled = FAR_INDEX + (255 - FAR_INDEX) * (1 - np.sqrt(np.minimum(depth_m, far_m) / far_m))
     image: Image = cv2.applyColorMap(scaled.astype(np.uint8), cv2.COLORMAP_TURBO).astype(np.uint8)[..., ::-1].copy()
     image[depth_m <= 0] = 0
     return image

@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -141,6 +142,23 @@ def test_a_run_that_ended_while_nobody_listened_is_not_late() -> None:
             ends[1].send(fake(specs[1]))
             time.sleep(0.1)
     assert done == [fake(spec) for spec in specs]
+
+
+def test_without_dask_a_cluster_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ScenarioError, match=r"pip install 'voxdepth\[cluster\]'"):
+        list(Cluster("tcp://somewhere:8786", 1, 60.0).run(expand(study(arm("a")))))
+
+
+def test_a_worker_of_many_threads_is_refused() -> None:
+    """One run past its limit would end the others of its process."""
+
+    class Client:
+        def nthreads(self) -> dict[str, int]:
+            return {"tcp://one:1": 1, "tcp://four:1": 4}
+
+    with pytest.raises(ScenarioError, match="tcp://four:1 has 4 threads, expected one: start it with --nthreads 1"):
+        Cluster("tcp://somewhere:8786", 1, 60.0)._submit(Client(), iter(expand(study(arm("a")))), {}, None)
 
 
 def test_a_worker_of_another_version_that_joins_late_ends_the_study() -> None:

@@ -112,11 +112,19 @@ def test_a_store_of_another_version_is_refused(tmp_path: Path) -> None:
         Store.existing(tmp_path)
 
 
-def test_a_store_of_other_packages_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("json_set(value, '$.numpy', '1.0')", r"\(numpy 1\.0 -> 2"),
+        ("json_set(value, '$.code', 'abc')", r"\(code abc -> [0-9a-f]{12}\)"),
+        ("json_remove(value, '$.code')", r"\(code unknown -> [0-9a-f]{12}\)"),
+    ],
+)
+def test_a_store_of_other_packages_or_code_is_refused(tmp_path: Path, change: str, message: str) -> None:
     tiny = study(arm("a"))
     fly_study(tiny, tmp_path, Serial(fake), Wishes(), Unseen())
-    changed(tmp_path, "UPDATE meta SET value = json_set(value, '$.numpy', '1.0') WHERE name = 'versions'")
-    with pytest.raises(ScenarioError, match=r"begun with other versions \(numpy 1\.0 -> 2"):
+    changed(tmp_path, f"UPDATE meta SET value = {change} WHERE name = 'versions'")
+    with pytest.raises(ScenarioError, match=f"begun with other versions {message}"):
         fly_study(tiny, tmp_path, Serial(fake), AGAIN, Unseen())
 
 

@@ -8,7 +8,7 @@ from ..types import RIGHT_PX, RIGHT_SHARE, FloatArray, FloatImage
 def is_right(
     depth_m: FloatImage | FloatArray, reference_m: FloatImage | FloatArray, focal_baseline_px_m: float
 ) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Where a depth is within 5 %, or within a quarter of a pixel of disparity; of the shape of the arguments.
+    """Where the disparity of a depth is within 5 %, or a quarter of a pixel; of the shape of the arguments.
 
     Surfaces of less disparity than that are right however far away they are said to be: count what is nearer.
 

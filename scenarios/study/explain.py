@@ -2,7 +2,7 @@
 
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -13,6 +13,7 @@ from swarm.recorder import NullRecorder
 from swarm.team import Team
 from swarm.types import Histogram, Outcome
 from voxdepth.geometry import back_project
+from voxdepth.metrics import TOO_FAR
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, MaskImage
 
 from ..batch import in_processes
@@ -29,8 +30,6 @@ NEAR_M = 1.0
 """How far a surface may be from the middle of the drone at the touch to belong to what was hit."""
 LOOKED_SHARE = 0.2
 """Share of the images of that time in which it must be visible, or the drone looked elsewhere."""
-TOO_FAR = 1.1
-"""Ratio of corrected to true depth above which a surface was seen too far away."""
 
 
 class Cause(StrEnum):
@@ -38,9 +37,27 @@ class Cause(StrEnum):
 
     DRONE = "another drone"
     UNSEEN = "not in view"
-    HOLE = "a hole"
+    EMPTY = "no depth"
+    DOUBTED = "depth not trusted"
     TOO_FAR = "too far away"
     SEEN = "where it was"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """What is known of one collision."""
+
+    cause: Cause
+    on_blank: bool = False
+    """Whether what was hit has no texture."""
+    true_m: float | None = None
+    """Median distance of the pixels that were trusted; None where the cause is another one than theirs."""
+    shown_m: float | None = None
+    """Median of their corrected depth."""
+
+    def __str__(self) -> str:
+        distance = "" if self.true_m is None else f", shown at {self.shown_m:.2f} m instead of {self.true_m:.2f} m"
+        return f"{self.cause}{distance}{'; it has no texture' if self.on_blank else ''}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,8 +67,10 @@ class Look:
     stamp_s: float
     true_m: FloatImage
     """Shape (H, W); 0 where there is nothing."""
-    trusted_m: FloatImage
-    """Corrected depth, shape (H, W); 0 where there is none or its confidence is too low."""
+    shown_m: FloatImage
+    """Corrected depth, shape (H, W); 0 where there is none."""
+    trusted: MaskImage
+    """Where its confidence is high enough, shape (H, W)."""
     segment_id: IdImage
     T_world_cam: FloatArray
     intrinsics: Intrinsics
@@ -69,14 +88,14 @@ class Witness(NullRecorder):
     """Remembers what every camera showed of late, until the first collision.
 
     Args:
-        min_confidence: Pixels of less count as holes.
+        min_confidence: Pixels of less are not trusted.
     """
 
     def __init__(self, min_confidence: float) -> None:
         self._min_confidence = min_confidence
         self._looks: defaultdict[int, deque[Look]] = defaultdict(deque)
         self._world: World | None = None
-        self.cause: Cause | None = None
+        self.finding: Finding | None = None
         """Of the first collision; None before."""
 
     def start(self, world: World, teams: Sequence[Team]) -> None:
@@ -86,12 +105,12 @@ class Witness(NullRecorder):
     def capture(self, step: int, capture: Capture, corrected: CorrectedDepth, histogram: Histogram) -> None:
         """Keep it for a while."""
         looks = self._looks[capture.drone]
-        trusted = corrected.confidence >= self._min_confidence
         looks.append(
             Look(
                 stamp_s=capture.stamp_s,
                 true_m=np.where(np.isfinite(capture.depth_true_m), capture.depth_true_m, np.float32(0)),
-                trusted_m=np.where(trusted, corrected.depth_m, np.float32(0)),
+                shown_m=corrected.depth_m,
+                trusted=corrected.confidence >= self._min_confidence,
                 segment_id=capture.segment_id,
                 T_world_cam=capture.T_world_cam,
                 intrinsics=capture.intrinsics,
@@ -102,20 +121,21 @@ class Witness(NullRecorder):
 
     def contact(self, step: int, contact: Contact) -> None:
         """Judge the first one."""
-        if self.cause is None:
+        if self.finding is None:
             assert self._world is not None, "start comes first"
-            self.cause = self._judge(contact, self._world)
+            self.finding = self._judge(contact, self._world)
 
-    def _judge(self, contact: Contact, world: World) -> Cause:
+    def _judge(self, contact: Contact, world: World) -> Finding:
         if contact.kind == "drone":
-            return Cause.DRONE
-        body = next(body_id for body_id, body in world.described.items() if body.name == contact.other)
+            return Finding(cause=Cause.DRONE)
+        hit, body = next((hit, body) for hit, body in world.described.items() if body.name == contact.other)
         recent = [look for look in self._looks[contact.drone] if look.stamp_s >= contact.time_s - LOOKBACK_S]
-        return cause_of(recent, body, world.states[contact.drone].position_m)
+        found = finding_of(recent, hit, world.states[contact.drone].position_m)
+        return replace(found, on_blank=body.surface.texture == 0)
 
 
-def cause_of(looks: Sequence[Look], body: int, point_m: FloatArray) -> Cause:
-    """What most pixels of what was hit looked like, over all images that showed it.
+def finding_of(looks: Sequence[Look], body: int, point_m: FloatArray) -> Finding:
+    """What most pixels of what was hit looked like, over all images that showed it; not whether it has a texture.
 
     Args:
         looks: Those of the last seconds.
@@ -124,13 +144,20 @@ def cause_of(looks: Sequence[Look], body: int, point_m: FloatArray) -> Cause:
     """
     masks = [look.of_body_near(body, point_m) for look in looks]
     if sum(bool(mask.any()) for mask in masks) < max(1, LOOKED_SHARE * len(looks)):
-        return Cause.UNSEEN
+        return Finding(cause=Cause.UNSEEN)
     true_m = np.concatenate([look.true_m[mask] for look, mask in zip(looks, masks, strict=True)])
-    trusted_m = np.concatenate([look.trusted_m[mask] for look, mask in zip(looks, masks, strict=True)])
-    if np.mean(trusted_m > 0) < 0.5:
-        return Cause.HOLE
-    known = trusted_m > 0
-    return Cause.TOO_FAR if np.median(trusted_m[known] / true_m[known]) > TOO_FAR else Cause.SEEN
+    shown_m = np.concatenate([look.shown_m[mask] for look, mask in zip(looks, masks, strict=True)])
+    trusted = np.concatenate([look.trusted[mask] for look, mask in zip(looks, masks, strict=True)]) & (shown_m > 0)
+    if np.mean(shown_m > 0) < 0.5:
+        return Finding(cause=Cause.EMPTY)
+    if np.mean(trusted) < 0.5:
+        return Finding(cause=Cause.DOUBTED)
+    true_m, shown_m = true_m[trusted], shown_m[trusted]
+    return Finding(
+        cause=Cause.TOO_FAR if np.median(shown_m / true_m) > TOO_FAR else Cause.SEEN,
+        true_m=float(np.median(true_m)),
+        shown_m=float(np.median(shown_m)),
+    )
 
 
 def collided(contents: Contents, arms: Sequence[str], most: int | None) -> Mapping[str, Sequence[RunSpec]]:
@@ -154,43 +181,47 @@ def collided(contents: Contents, arms: Sequence[str], most: int | None) -> Mappi
     return {arm: specs[:most] for arm, specs in found.items() if not arms or arm in arms}
 
 
-def causes(
+def findings(
     contents: Contents,
     cells: Mapping[str, Sequence[RunSpec]],
     workers: int,
-    tell: Callable[[RunSpec, Cause], None],
-) -> Mapping[str, Counter[Cause]]:
-    """Fly runs again that ended in a collision, and count the causes by arm; `tell` hears of each.
+    tell: Callable[[RunSpec, Finding], None],
+) -> Mapping[str, Sequence[Finding]]:
+    """Fly runs again that ended in a collision, and find the cause of each, by arm; `tell` hears of each.
 
     Raises:
         ScenarioError: A run does not end as it did.
     """
     listed = [spec for specs in cells.values() for spec in specs]
-    found: dict[str, Counter[Cause]] = {arm: Counter() for arm in cells}
+    found: dict[str, list[Finding]] = {arm: [] for arm in cells}
     flown = in_processes(_fly, [spec.run for spec in listed], workers=workers)
-    for spec, (cause, contacts) in zip(listed, flown, strict=True):
-        if cause is None or contacts != contents.records[spec.key].contacts:
+    for spec, (finding, contacts) in zip(listed, flown, strict=True):
+        if finding is None or contacts != contents.records[spec.key].contacts:
             raise ScenarioError(
                 f"{spec.label} did not collide as in the study, which was flown with {contents.versions}: compare "
-                f"with voxdepth study replay OUT {spec.key[:12]}"
+                f"with voxdepth study replay OUT {spec.short_key}"
             )
-        found[spec.arm][cause] += 1
-        tell(spec, cause)
+        found[spec.arm].append(finding)
+        tell(spec, finding)
     return found
 
 
-def as_table(found: Mapping[str, Counter[Cause]]) -> Table:
+def as_table(found: Mapping[str, Sequence[Finding]]) -> Table:
     """A row for each arm."""
-    head = ["arm", "collisions", *(f"hit: {cause}" if cause is Cause.DRONE else f"seen: {cause}" for cause in Cause)]
-    return Table(head, [_row(arm, counts) for arm, counts in found.items()])
+    seen = [f"seen: {cause}" for cause in Cause if cause is not Cause.DRONE]
+    head = ["arm", "collisions", f"hit: {Cause.DRONE}", "hit: without texture", *seen]
+    return Table(head, [_row(arm, listed) for arm, listed in found.items()])
 
 
-def _row(arm: str, counts: Counter[Cause]) -> list[str]:
-    return [arm, str(counts.total()), *(str(counts[cause]) for cause in Cause)]
+def _row(arm: str, found: Sequence[Finding]) -> list[str]:
+    causes = Counter(finding.cause for finding in found)
+    counts = [len(found), causes[Cause.DRONE], sum(finding.on_blank for finding in found)]
+    counts += [causes[cause] for cause in Cause if cause is not Cause.DRONE]
+    return [arm, *map(str, counts)]
 
 
-def _fly(run: Run) -> tuple[Cause | None, tuple[Contact, ...]]:
+def _fly(run: Run) -> tuple[Finding | None, tuple[Contact, ...]]:
     witness = Witness(run.scenario.mission.pilot.avoidance.histogram.min_confidence)
     with flying(run, witness, recorded=False, threads=1) as mission:
         result = mission.run()
-    return witness.cause, result.contacts
+    return witness.finding, result.contacts

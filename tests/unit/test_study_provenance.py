@@ -1,0 +1,41 @@
+"""What a study remembers of the code that flew it."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from scenarios.study import provenance
+
+
+def write_package(root: Path, name: str, **modules: str) -> None:
+    (root / name).mkdir(parents=True)
+    for module, text in {"__init__": "", **modules}.items():
+        (root / name / f"{module}.py").write_text(text)
+
+
+@pytest.fixture
+def digest_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., str]:
+    """The digest of a made-up package `flying` with these modules."""
+
+    def digest(folder: str, **modules: str) -> str:
+        write_package(tmp_path / folder, "flying", **modules)
+        monkeypatch.setattr(provenance, "FLYING_PACKAGES", ("flying",))
+        monkeypatch.setattr(provenance, "files", lambda package: tmp_path / folder / package)
+        return provenance.code_digest.__wrapped__()
+
+    return digest
+
+
+def test_the_digest_is_of_the_sources_and_not_of_their_place(digest_of: Callable[..., str]) -> None:
+    one = digest_of("here", fly="speed = 1\n")
+    assert digest_of("there", fly="speed = 1\n") == one
+    assert digest_of("other_text", fly="speed = 2\n") != one
+    assert digest_of("other_name", flies="speed = 1\n") != one
+    assert digest_of("one_more", fly="speed = 1\n", rest="") != one
+
+
+def test_versions_name_the_code() -> None:
+    code = provenance.installed_versions()["code"]
+    assert len(code) == provenance.DIGITS
+    assert set(code) <= set("0123456789abcdef")
