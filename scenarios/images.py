@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sim.types import Loss
+from swarm import colors
 from voxdepth.types import FloatImage, GrayImage
 
 from .errors import ScenarioError
@@ -16,8 +17,6 @@ Image = npt.NDArray[np.uint8]
 
 FAR_M = 25.0
 """Depth at the blue end of the colours."""
-FAR_INDEX = 25
-"""Place of that depth in the colour map, whose beginning is too dark to be told from black."""
 TEXT_HEIGHT_PX = 26
 LOSS_COLORS_BGR = {
     Loss.OCCLUDED: (60, 60, 230),
@@ -31,10 +30,7 @@ LOSS_COLORS_BGR = {
 
 def colored(depth_m: FloatImage) -> Image:
     """Depth in colours, near red and far blue, holes black; shape (H, W, 3), BGR. What has no surface counts as far."""
-    scaled = FAR_INDEX + (255 - FAR_INDEX) * (1 - np.sqrt(np.minimum(depth_m, FAR_M) / FAR_M))
-    image: Image = cv2.applyColorMap(scaled.astype(np.uint8), cv2.COLORMAP_TURBO).astype(np.uint8)
-    image[depth_m <= 0] = 0
-    return image
+    return colors.colored(depth_m, FAR_M)
 
 
 def loss_colored(loss: GrayImage) -> Image:

@@ -5,6 +5,8 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+from swarm.controllers import load_controller
+
 from .executor import Executor
 from .matrix import RunSpec, expand
 from .progress import Pace, Show
@@ -38,9 +40,12 @@ def fly_study(study: Study, out: Path, executor: Executor, wishes: Wishes, show:
 
     Raises:
         ScenarioError: The study cannot be resolved, its store cannot be used, or no run can be flown.
+        MissionError: A controller cannot be loaded.
         KeyboardInterrupt: Ctrl-C; what has ended is kept.
     """
     specs = expand(study)
+    for controller in sorted({spec.run.scenario.mission.controller for spec in specs}):
+        load_controller(controller)
     with lock(out), Store.begin(out, study, specs, resume=wishes.resume) as store:
         contents = store.read()
         missing = contents.missing(retry_errors=wishes.retry_errors)

@@ -12,6 +12,7 @@ from sim.types import Capture
 from sim.world import World
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, GrayImage
 
+from ..colors import colored
 from ..errors import MissionError
 from ..recorder import NullRecorder
 from ..team import Team
@@ -23,8 +24,6 @@ Image = npt.NDArray[np.uint8]
 
 RENDER_MODES = ("rgb_array",)
 PANEL_HEIGHT_PX = 240
-FAR_INDEX = 25
-"""Place of the largest depth in the colour map, whose beginning is too dark to be told from black."""
 MAP_MARGIN_M = 8.0
 DRONE_RADIUS_PX = 4
 GROUND, BUILDING, GOAL = (238, 238, 232), (160, 160, 165), (40, 160, 60)
@@ -45,7 +44,7 @@ class Cameras(NullRecorder):
         """The gray image beside its corrected depth, near red and far blue, holes black; 240 rows."""
         gray, depth_m = self._newest[drone]
         width_px = round(PANEL_HEIGHT_PX * gray.shape[1] / gray.shape[0])
-        images = np.repeat(gray[..., None], 3, axis=2), colored(depth_m, max_depth_m)
+        images = np.repeat(gray[..., None], 3, axis=2), colored(depth_m, max_depth_m)[..., ::-1]
         size = (width_px, PANEL_HEIGHT_PX)
         return np.hstack([cv2.resize(image, size, interpolation=cv2.INTER_NEAREST) for image in images]).astype(
             np.uint8
@@ -105,14 +104,6 @@ class Map:
         """Column and row of a position, of which x and y count."""
         x, y = (position_m[:2] - self._low_m) * self._px_per_m
         return round(x), len(self._empty) - 1 - round(y)
-
-
-def colored(depth_m: FloatImage, far_m: float) -> Image:
-    """Depth in colours, near red, `far_m` and beyond blue, holes black; shape (H, W, 3)."""
-    scaled = FAR_INDEX + (255 - FAR_INDEX) * (1 - np.sqrt(np.minimum(depth_m, far_m) / far_m))
-    image: Image = cv2.applyColorMap(scaled.astype(np.uint8), cv2.COLORMAP_TURBO).astype(np.uint8)[..., ::-1].copy()
-    image[depth_m <= 0] = 0
-    return image
 
 
 def picture(cameras: Cameras, world: World, task: LearningTask, learners: Sequence[int]) -> Image:

@@ -11,8 +11,9 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from sim.sensor import RigConfig
+from swarm.colors import colored
 from swarm.environments.gym_env import LeaderFollowerEnv
-from swarm.environments.view import GOAL, LEADER, LEARNER, SCRIPTED, colored
+from swarm.environments.view import GOAL, LEADER, LEARNER, SCRIPTED
 from swarm.errors import MissionError
 from tests.learning import DIVE, FORWARD, QUICK_RIG, TURN, quick
 
@@ -121,7 +122,7 @@ class TestPicture:
         assert picture.dtype == np.uint8
         assert picture.shape[1:] == (2 * 6 * 48, 3)
         gray, depth, above = picture[3:240:6, 3:288:6], picture[3:240:6, 291::6], picture[240:]
-        np.testing.assert_array_equal(depth, colored(observation["depth_m"], rig.max_depth_m))
+        np.testing.assert_array_equal(depth, colored(observation["depth_m"], rig.max_depth_m)[..., ::-1])
         assert (gray == gray[..., :1]).all()
         assert gray.std() > 10
         for color in (LEARNER, LEADER, SCRIPTED, GOAL):

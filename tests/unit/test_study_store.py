@@ -13,6 +13,7 @@ from scenarios.study.executor import Serial
 from scenarios.study.matrix import expand
 from scenarios.study.record import Failure
 from scenarios.study.store import FILE, Store, lock
+from swarm.errors import MissionError
 from swarm.types import Outcome
 from tests.studies import HIT, Scripted, Unseen, arm, fake, noisy, record, results_of, study
 
@@ -126,6 +127,13 @@ def test_a_store_of_other_packages_or_code_is_refused(tmp_path: Path, change: st
     changed(tmp_path, f"UPDATE meta SET value = {change} WHERE name = 'versions'")
     with pytest.raises(ScenarioError, match=f"begun with other versions {message}"):
         fly_study(tiny, tmp_path, Serial(fake), AGAIN, Unseen())
+
+
+def test_a_controller_that_cannot_be_loaded_is_refused_before_anything_flies(tmp_path: Path) -> None:
+    lost = study(arm("a", changes={"mission.controller": "nowhere:factory"}))
+    with pytest.raises(MissionError, match="controller 'nowhere:factory' cannot be loaded"):
+        fly_study(lost, tmp_path / "out", Serial(fake), Wishes(), Unseen())
+    assert not (tmp_path / "out").exists()
 
 
 def test_what_is_no_store_is_refused(tmp_path: Path) -> None:

@@ -1,0 +1,18 @@
+"""Depth in colours."""
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from voxdepth.types import FloatImage
+
+FAR_INDEX = 25
+"""Place of the farthest depth in the colour map, whose beginning is too dark to be told from black."""
+
+
+def colored(depth_m: FloatImage, far_m: float) -> npt.NDArray[np.uint8]:
+    """Near red, `far_m` and beyond blue, holes black; shape (H, W, 3), BGR."""
+    scaled = FAR_INDEX + (255 - FAR_INDEX) * (1 - np.sqrt(np.minimum(depth_m, far_m) / far_m))
+    image = cv2.applyColorMap(scaled.astype(np.uint8), cv2.COLORMAP_TURBO).astype(np.uint8)
+    image[depth_m <= 0] = 0
+    return image
