@@ -79,7 +79,8 @@ class ShadedRenderer:
         if camera.intrinsics not in self._directions:
             self._directions[camera.intrinsics] = unit_depth_directions(camera.intrinsics)
         rays[:, :3] = camera.T_world_cam[:3, 3]
-        rays[:, 3:] = self._directions[camera.intrinsics] @ camera.T_world_cam[:3, :3].T.astype(np.float32)
+        rotation = camera.T_world_cam[:3, :3].astype(np.float32)
+        np.matmul(self._directions[camera.intrinsics], rotation.T, out=rays[:, 3:])
 
     def _looks_now(self) -> Any:
         """How every body looks and where it is, as a Warp array."""

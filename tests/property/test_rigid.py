@@ -13,7 +13,7 @@ from voxdepth.rigid.evidence import Evidence, EvidenceConfig, Kind
 from voxdepth.rigid.filling import Filling, FillingConfig
 from voxdepth.rigid.measurement import Measurement
 from voxdepth.rigid.memory import UNIT, Memory
-from voxdepth.rigid.pose_fit import Pinhole, fit_pose
+from voxdepth.rigid.pose_fit import Pinhole, fit_pose, median
 from voxdepth.rigid.reprojection import Reprojection
 from voxdepth.rigid.scale import Scale
 from voxdepth.types import FloatImage, Frame, Intrinsics, Source
@@ -125,6 +125,11 @@ def test_every_pixel_is_one_kind_of_thing(seed: int, holes: float, forgotten: fl
     assert (kind[valid > 0] != Kind.NOTHING).all()
     assert after.weight.max() <= MOST
     np.testing.assert_array_equal(after.weight > 0, after.disparity_px > 0)
+
+
+@given(st.lists(st.floats(0, 1e6), min_size=1, max_size=40))
+def test_the_median_is_that_of_numpy(values: list[float]) -> None:
+    assert median(np.array(values)) == np.median(values)
 
 
 @given(seeds, angle, angle, length, length, length)

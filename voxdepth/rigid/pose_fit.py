@@ -69,7 +69,7 @@ def fit_pose(points_m: FloatArray, seen_px: FloatArray, lens: Pinhole, T_start: 
         moved = points_m @ T[:3, :3].T + T[:3, 3]
         residual = lens.project(moved) - seen_px
         length = np.hypot(*residual.T)
-        spread_px = max(LEAST_SPREAD_PX, min(spread_px, MEDIAN_TO_SPREAD * float(np.median(length))))
+        spread_px = max(LEAST_SPREAD_PX, min(spread_px, MEDIAN_TO_SPREAD * median(length)))
         weight = 1 / np.square(1 + np.square(length / (TURNING_POINT * spread_px)))
         weight[moved[:, 2] <= NEAREST_M] = 0
         step = _step(moved, residual, weight, lens)
@@ -80,7 +80,7 @@ def fit_pose(points_m: FloatArray, seen_px: FloatArray, lens: Pinhole, T_start: 
     return Fit(
         T_target_source=T,
         inlier_share=float(np.mean(length < inlier_px)),
-        residual_px=float(np.median(length)),
+        residual_px=median(length),
         inliers=int(np.count_nonzero(length < inlier_px)),
     )
 
@@ -102,6 +102,15 @@ def _step(moved: FloatArray, residual: FloatArray, weight: FloatArray, lens: Pin
     damping = (1e-9 * H.trace() + 1e-12) * IDENTITY
     step: FloatArray = -np.linalg.solve(H + damping, g)
     return step
+
+
+def median(values: FloatArray) -> float:
+    """The median of at least one finite number, shape (N,): that of NumPy, which takes six times as long for so few."""
+    after = len(values) // 2
+    if len(values) % 2:
+        return float(np.partition(values, after)[after])
+    ordered = np.partition(values, (after - 1, after))
+    return float((ordered[after - 1] + ordered[after]) / 2)
 
 
 def _motion(step: FloatArray) -> FloatArray:
