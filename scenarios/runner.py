@@ -106,7 +106,7 @@ def summary(finished: Finished, run: Run) -> dict[str, Any]:
 
 @contextmanager
 def flying(run: Run, recorder: Recorder, *, recorded: bool, threads: int | None = None) -> Iterator[Mission]:
-    """A mission that is ready to fly. Libraries run on one thread each; the drones' images run side by side.
+    """A mission that is ready to fly. Libraries run on one thread each; the drones' images are made side by side.
 
     Args:
         run: What to fly.
@@ -118,13 +118,13 @@ def flying(run: Run, recorder: Recorder, *, recorded: bool, threads: int | None 
     scenario, seed = run.scenario, run.seed
     config = scenario.mission
     cv2.setNumThreads(1)
-    scene, pool_map = scenario.scene.build(seed), mapper(threads)
+    scene = scenario.scene.build(seed)
     with World(scene, starts_m(config), scenario.airframe, start_yaw_rad=start_yaws_rad(config)) as world:
         intrinsics = scenario.rig.intrinsics
         correctors = [create_corrector(scenario.corrector, intrinsics) for _ in range(world.n_drones)]
         gray = recorded or any(corrector.uses_gray for corrector in correctors)
         renderer = create_renderer(scenario.renderer, world, threads=threads)
-        rig = StereoRig(world, renderer, scenario.rig, seed=seed, gray=gray, pool_map=pool_map)
+        rig = StereoRig(world, renderer, scenario.rig, seed=seed, gray=gray, pool_map=mapper(threads))
         yield Mission(
             config,
             world,
@@ -134,7 +134,6 @@ def flying(run: Run, recorder: Recorder, *, recorded: bool, threads: int | None 
             camera_hz=scenario.rig.rate_hz,
             latency_s=scenario.latency_s,
             seed=seed,
-            pool_map=pool_map,
         )
 
 

@@ -1,6 +1,6 @@
 """The stereo cameras of the drones of a world."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from .parallel import Mapper
 from .sensor import RigConfig, StereoSensor, Viewpoint
@@ -17,7 +17,7 @@ class StereoRig:
         config: Of every camera.
         seed: Master seed of all noise.
         gray: Whether the gray images are wanted; without them they are black, unless the depth tier needs them.
-        pool_map: Runs the drones' depth side by side; the result is the same with any.
+        pool_map: Makes the captures of several drones side by side; the result is the same with any.
     """
 
     def __init__(
@@ -36,8 +36,9 @@ class StereoRig:
         self.intrinsics = self._sensor.intrinsics
         self.mount_m = config.left_mount_m
 
-    def capture(self, drones: Sequence[int], frame: int) -> list[Capture]:
-        """One capture for each of the named drones, all at the world's present time.
+    def capture(self, drones: Sequence[int], frame: int) -> Iterator[Capture]:
+        """One capture for each of the named drones in their order, all at the world's present time. With threads, those
+        ahead are made while the caller works on one.
 
         Args:
             drones: Indices of drones.
@@ -45,7 +46,7 @@ class StereoRig:
         """
         states = self._world.states
         looks = self._sensor.look([self._viewpoint(drone, states[drone]) for drone in drones], frame)
-        return list(self._map(self._sensor.capture, looks))
+        return self._map(self._sensor.capture, looks)
 
     def _viewpoint(self, drone: int, state: DroneState) -> Viewpoint:
         pose = BodyPose(

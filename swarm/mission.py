@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from sim.frames import R_BODY_CAM
-from sim.parallel import Mapper
 from sim.rig import StereoRig
 from sim.types import Capture, Contact, DroneState
 from sim.world import PHYSICS_HZ, World
@@ -39,7 +38,6 @@ class Mission:
         latency_s: Simulated time from a capture to the moment its result can be flown by.
         seed: Master seed of pose priors, detector and radio.
         recorder: Told of everything; closed by whoever made it.
-        pool_map: Runs the drones' perception side by side; the result is the same with any.
         make_agent: Makes the drones' agents; without it, `config.controller` names who does.
     """
 
@@ -54,7 +52,6 @@ class Mission:
         camera_hz: float,
         latency_s: float,
         seed: int,
-        pool_map: Mapper = map,
         make_agent: Factory | None = None,
     ) -> None:
         self._steps_per_tick = _whole_ratio(PHYSICS_HZ, config.control_hz, "control_hz", "the physics rate")
@@ -65,7 +62,6 @@ class Mission:
         self._refuse_bad_goals()
         self._rig = rig
         self._recorder = recorder
-        self._map = pool_map
         self._latency_s = latency_s
         self._perceptions = [
             self._perception(drone, corrector, seed=seed) for drone, corrector in enumerate(correctors)
@@ -128,8 +124,9 @@ class Mission:
         if self._ticks % self._ticks_per_frame:
             return
         ready = [i for i, perception in enumerate(self._perceptions) if perception.ready(self.time_s)]
-        captures = self._rig.capture(ready, self._ticks // self._ticks_per_frame)
-        for capture, (corrected, errors) in zip(captures, self._map(self._see, captures), strict=True):
+        # One by one: correctors hold Python's lock too much to gain by threads. The next captures are made meanwhile.
+        for capture in self._rig.capture(ready, self._ticks // self._ticks_per_frame):
+            corrected, errors = self._see(capture)
             self._metrics.add_depth(capture.drone, errors)
             histogram = self._perceptions[capture.drone].newest.histogram
             self._recorder.capture(self._world.steps, capture, corrected, histogram)

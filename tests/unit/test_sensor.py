@@ -108,7 +108,7 @@ def test_captures_of_the_same_seed_are_the_same_bytes(depth: str) -> None:
         for pool_map in (map, pool.map):
             with world_of(wall(4.0), starts_m=starts) as world:
                 rig = StereoRig(world, create_renderer("raycast", world), config, seed=3, pool_map=pool_map)
-                captures.append(rig.capture([0, 1, 2], frame=5))
+                captures.append(list(rig.capture([0, 1, 2], frame=5)))
     for one, other in zip(*captures, strict=True):
         np.testing.assert_array_equal(one.depth_raw_m, other.depth_raw_m)
         np.testing.assert_array_equal(one.gray_left, other.gray_left)
@@ -118,14 +118,14 @@ def test_a_capture_of_some_drones_is_part_of_the_capture_of_all() -> None:
     config = RigConfig(width_px=96, height_px=64, depth="noisy", noise=THETA)
     with world_of(wall(4.0), starts_m=[(0, 0, 0), (-1, 1.5, 0), (-2, -1.5, 0.5)]) as world:
         rig = StereoRig(world, create_renderer("raycast", world), config, seed=3)
-        alone, together = rig.capture([2], frame=1)[0], rig.capture([0, 1, 2], frame=1)[2]
+        (alone,), (*_, together) = rig.capture([2], frame=1), rig.capture([0, 1, 2], frame=1)
     np.testing.assert_array_equal(alone.depth_raw_m, together.depth_raw_m)
 
 
 def test_the_noisy_tier_has_holes_where_the_right_camera_is_blocked() -> None:
     config = RigConfig(width_px=160, height_px=120, depth="noisy")
     with world_of(wall(6.0), block(2.0, 1.0), starts_m=[(0, 0, 0)]) as world:
-        capture = StereoRig(world, create_renderer("raycast", world), config, seed=0).capture([0], 0)[0]
+        (capture,) = StereoRig(world, create_renderer("raycast", world), config, seed=0).capture([0], 0)
     np.testing.assert_array_equal(capture.depth_raw_m == 0, capture.occluded)
     assert 0.01 < capture.occluded.mean() < 0.2
     seen = ~capture.occluded
@@ -186,7 +186,7 @@ def test_the_sky_keeps_its_depth_under_noise_and_nothing_reads_farther() -> None
     noise = DepthNoise(scale=Scale(theta=0.5), disparity=Disparity(sigma_px=0.05))
     config = RigConfig(width_px=160, height_px=120, depth="noisy", noise=noise, max_depth_m=40.0)
     with world_of(wall(30.0, side_m=20.0), starts_m=[(0, 0, 0)]) as world:
-        capture = StereoRig(world, create_renderer("raycast", world), config, seed=1).capture([0], 0)[0]
+        (capture,) = StereoRig(world, create_renderer("raycast", world), config, seed=1).capture([0], 0)
     sky = np.isinf(capture.depth_true_m)
     assert sky.mean() > 0.2
     assert capture.depth_raw_m.max() <= 40.0
