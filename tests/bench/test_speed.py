@@ -20,13 +20,14 @@ from scenarios.study.study import load_study
 from sim.noise import photon_noise
 from sim.render import create_renderer
 from sim.scenes import CitySpec
-from sim.sensor import RigConfig
+from sim.sensor import RigConfig, StereoSensor
 from sim.stereo import StereoConfig, StereoMatcher
 from sim.types import VelocityCommand
 from sim.world import World
-from swarm.mission import starts_m
+from swarm.mission import Mission, starts_m
 from swarm.task import MissionConfig
 from tests.helpers import camera_at
+from voxdepth import VoxDepth
 from voxdepth.types import Intrinsics
 
 pytestmark = pytest.mark.bench
@@ -81,6 +82,41 @@ def test_missions(depth: str, corrector: str, size: tuple[int, int]) -> None:
     finished = fly(load_run("city", 0, changes | {"mission.duration_s": 10.0}))
     what = f"mission, 8 drones, {depth} {size[0]}x{size[1]} at 10 Hz, {corrector}, not recorded"
     show(what, f"real-time factor {finished.real_time_factor:6.2f}")
+
+
+PARTS = {
+    "drawing": (StereoSensor, "look"),
+    "noise and matching": (StereoSensor, "capture"),
+    "correction": (VoxDepth, "process"),
+    "deciding": (Mission, "_decide"),
+    "physics": (Mission, "_fly"),
+}
+
+
+@pytest.mark.parametrize("size", [(160, 120), (320, 180)])
+def test_where_the_time_of_a_mission_goes(size: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    """On one thread, where nothing overlaps."""
+    spent_s = dict.fromkeys(PARTS, 0.0)
+
+    def timed(part: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        def measured(*arguments: Any, **options: Any) -> Any:
+            start = time.perf_counter()
+            result = call(*arguments, **options)
+            spent_s[part] += time.perf_counter() - start
+            return result
+
+        return measured
+
+    changes = {"corrector": "voxdepth", "rig.width_px": size[0], "rig.height_px": size[1]}
+    fly(load_run("city", 0, changes | {"mission.duration_s": 1.5}), threads=1)
+    for part, (owner, name) in PARTS.items():
+        monkeypatch.setattr(owner, name, timed(part, getattr(owner, name)))
+    finished = fly(load_run("city", 0, changes | {"mission.duration_s": 5.0}), threads=1)
+    shares = {part: spent / finished.wall_s for part, spent in spent_s.items()} | {
+        "rest": 1 - sum(spent_s.values()) / finished.wall_s
+    }
+    what = f"where the time goes, voxdepth, stereo {size[0]}x{size[1]}, one thread"
+    show(what, ", ".join(f"{part} {100 * share:.0f} %" for part, share in shares.items()))
 
 
 def test_a_mission_of_the_noise_study() -> None:
