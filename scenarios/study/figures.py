@@ -113,11 +113,12 @@ def _canvas(height_in: float) -> tuple[Any, Any]:
 
 
 def _name_rows(axes: Any, points: Sequence[Point]) -> None:
+    """A row for each point, the first one at the top, with half a row of room around."""
     names = [f"{point.label}, n = {point.n}" for point in points]
     axes.set_yticks(np.arange(len(points)), names, fontsize=8)
     for label in axes.get_yticklabels():
         label.set_parse_math(False)
-    axes.invert_yaxis()
+    axes.set_ylim(len(points) - 0.5, -0.5)
 
 
 def _percent_axis(axis: Any, set_limits: Any) -> None:
