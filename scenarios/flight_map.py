@@ -11,7 +11,7 @@ import numpy as np
 
 from sim.bodies import Body, Scene
 from sim.difficulty import traversability
-from sim.frames import quaternion_from_yaw, rotation_from_quaternion
+from sim.frames import rotation_from_yaw
 from sim.render.meshes import mesh_of_shape, moved
 from sim.world import World
 from swarm.team import Team
@@ -103,7 +103,7 @@ def _draw_scene(axes: "Axes", scene: Scene) -> None:
 
 
 def _corners_m(body: Body) -> FloatArray:
-    rotation = rotation_from_quaternion(quaternion_from_yaw(body.yaw_rad))
+    rotation = rotation_from_yaw(body.yaw_rad)
     return moved(mesh_of_shape(body.shape), rotation, np.array(body.position_m)).vertices_m
 
 

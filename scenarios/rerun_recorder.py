@@ -10,7 +10,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from sim.bodies import Body
-from sim.frames import R_BODY_CAM, quaternion_from_yaw, rotation_from_quaternion
+from sim.frames import R_BODY_CAM, rotation_from_yaw
 from sim.render.meshes import mesh_of_shape, moved
 from sim.sensor import RigConfig
 from sim.types import Capture, Contact, DroneState
@@ -141,7 +141,7 @@ class RerunRecorder:
         """All static bodies as triangles with a normal and a gray value each."""
         corners, grays = [], []
         for body in bodies:
-            rotation = rotation_from_quaternion(quaternion_from_yaw(body.yaw_rad))
+            rotation = rotation_from_yaw(body.yaw_rad)
             mesh = moved(mesh_of_shape(body.shape), rotation, np.array(body.position_m))
             corners.append(mesh.vertices_m[mesh.triangles])
             grays.append(np.full(len(mesh.triangles), 255 * body.surface.albedo))

@@ -37,8 +37,9 @@ class StereoRig:
         self.mount_m = config.left_mount_m
 
     def capture(self, drones: Sequence[int], frame: int) -> Iterator[Capture]:
-        """One capture for each of the named drones in their order, all at the world's present time. With threads, those
-        ahead are made while the caller works on one.
+        """One capture for each of the named drones in their order, all at the world's present time.
+
+        Each is made when it is asked for; with threads, the next ones are made meanwhile.
 
         Args:
             drones: Indices of drones.

@@ -11,7 +11,12 @@ FAR_INDEX = 25
 
 
 def colored(depth_m: FloatImage, far_m: float) -> npt.NDArray[np.uint8]:
-    """Near red, `far_m` and beyond blue, holes black; shape (H, W, 3), BGR."""
+    """Near red, `far_m` and beyond blue, holes black; shape (H, W, 3), BGR.
+
+    Args:
+        depth_m: Along the optical axis [m], shape (H, W); 0 = invalid, infinity where there is no surface.
+        far_m: Depth of the last colour [m], > 0.
+    """
     scaled = FAR_INDEX + (255 - FAR_INDEX) * (1 - np.sqrt(np.minimum(depth_m, far_m) / far_m))
     image = cv2.applyColorMap(scaled.astype(np.uint8), cv2.COLORMAP_TURBO).astype(np.uint8)
     image[depth_m <= 0] = 0

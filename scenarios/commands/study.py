@@ -157,7 +157,7 @@ def explain(
     """Fly the runs again that ended in a collision, and say what the drone had seen of what it hit."""
     from rich.console import Console
 
-    from ..study.explain import Finding, as_table, collided, findings
+    from ..study.explain import Explanation, as_table, collided, explanations
     from ..study.matrix import RunSpec
     from ..study.store import Store
 
@@ -165,10 +165,10 @@ def explain(
         contents = store.read()
     console = Console()
 
-    def tell(spec: RunSpec, finding: Finding) -> None:
-        console.print(f"run {spec.short_key}: {spec.label}: {finding}", soft_wrap=True, markup=False)
+    def tell(spec: RunSpec, explanation: Explanation) -> None:
+        console.print(f"run {spec.short_key}: {spec.label}: {explanation}", soft_wrap=True, markup=False)
 
-    found = findings(contents, collided(contents, arm or [], most), workers, tell)
+    found = explanations(contents, collided(contents, arm or [], most), workers, tell)
     console.print(as_table(found).markdown, soft_wrap=True, markup=False)
 
 

@@ -141,7 +141,7 @@ def _require_equal(worker: str, theirs: Mapping[str, str], ours: Mapping[str, st
         if theirs.get(name) != version:
             raise ScenarioError(
                 f"the worker {worker} has {name} {theirs.get(name)}, where the study was started it is {version}: "
-                "install the same there, and go on with --resume"
+                "install the same there, start the worker anew, and go on with --resume"
             )
 
 

@@ -44,14 +44,14 @@ class Cause(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Finding:
+class Explanation:
     """What is known of one collision."""
 
     cause: Cause
     on_blank: bool = False
     """Whether what was hit has no texture."""
     true_m: float | None = None
-    """Median distance of the pixels that were trusted; None where the cause is another one than theirs."""
+    """Median distance of the pixels that were trusted; None unless the cause is `TOO_FAR` or `SEEN`."""
     shown_m: float | None = None
     """Median of their corrected depth."""
 
@@ -95,7 +95,7 @@ class Witness(NullRecorder):
         self._min_confidence = min_confidence
         self._looks: defaultdict[int, deque[Look]] = defaultdict(deque)
         self._world: World | None = None
-        self.finding: Finding | None = None
+        self.explanation: Explanation | None = None
         """Of the first collision; None before."""
 
     def start(self, world: World, teams: Sequence[Team]) -> None:
@@ -121,20 +121,20 @@ class Witness(NullRecorder):
 
     def contact(self, step: int, contact: Contact) -> None:
         """Judge the first one."""
-        if self.finding is None:
+        if self.explanation is None:
             assert self._world is not None, "start comes first"
-            self.finding = self._judge(contact, self._world)
+            self.explanation = self._judge(contact, self._world)
 
-    def _judge(self, contact: Contact, world: World) -> Finding:
+    def _judge(self, contact: Contact, world: World) -> Explanation:
         if contact.kind == "drone":
-            return Finding(cause=Cause.DRONE)
+            return Explanation(cause=Cause.DRONE)
         hit, body = next((hit, body) for hit, body in world.described.items() if body.name == contact.other)
         recent = [look for look in self._looks[contact.drone] if look.stamp_s >= contact.time_s - LOOKBACK_S]
-        found = finding_of(recent, hit, world.states[contact.drone].position_m)
+        found = explanation_of(recent, hit, world.states[contact.drone].position_m)
         return replace(found, on_blank=body.surface.texture == 0)
 
 
-def finding_of(looks: Sequence[Look], body: int, point_m: FloatArray) -> Finding:
+def explanation_of(looks: Sequence[Look], body: int, point_m: FloatArray) -> Explanation:
     """What most pixels of what was hit looked like, over all images that showed it; not whether it has a texture.
 
     Args:
@@ -144,16 +144,16 @@ def finding_of(looks: Sequence[Look], body: int, point_m: FloatArray) -> Finding
     """
     masks = [look.of_body_near(body, point_m) for look in looks]
     if sum(bool(mask.any()) for mask in masks) < max(1, LOOKED_SHARE * len(looks)):
-        return Finding(cause=Cause.UNSEEN)
+        return Explanation(cause=Cause.UNSEEN)
     true_m = np.concatenate([look.true_m[mask] for look, mask in zip(looks, masks, strict=True)])
     shown_m = np.concatenate([look.shown_m[mask] for look, mask in zip(looks, masks, strict=True)])
     trusted = np.concatenate([look.trusted[mask] for look, mask in zip(looks, masks, strict=True)]) & (shown_m > 0)
     if np.mean(shown_m > 0) < 0.5:
-        return Finding(cause=Cause.EMPTY)
+        return Explanation(cause=Cause.EMPTY)
     if np.mean(trusted) < 0.5:
-        return Finding(cause=Cause.DOUBTED)
+        return Explanation(cause=Cause.DOUBTED)
     true_m, shown_m = true_m[trusted], shown_m[trusted]
-    return Finding(
+    return Explanation(
         cause=Cause.TOO_FAR if np.median(shown_m / true_m) > TOO_FAR else Cause.SEEN,
         true_m=float(np.median(true_m)),
         shown_m=float(np.median(shown_m)),
@@ -181,47 +181,47 @@ def collided(contents: Contents, arms: Sequence[str], most: int | None) -> Mappi
     return {arm: specs[:most] for arm, specs in found.items() if not arms or arm in arms}
 
 
-def findings(
+def explanations(
     contents: Contents,
     cells: Mapping[str, Sequence[RunSpec]],
     workers: int,
-    tell: Callable[[RunSpec, Finding], None],
-) -> Mapping[str, Sequence[Finding]]:
+    tell: Callable[[RunSpec, Explanation], None],
+) -> Mapping[str, Sequence[Explanation]]:
     """Fly runs again that ended in a collision, and find the cause of each, by arm; `tell` hears of each.
 
     Raises:
         ScenarioError: A run does not end as it did.
     """
     listed = [spec for specs in cells.values() for spec in specs]
-    found: dict[str, list[Finding]] = {arm: [] for arm in cells}
+    found: dict[str, list[Explanation]] = {arm: [] for arm in cells}
     flown = in_processes(_fly, [spec.run for spec in listed], workers=workers)
-    for spec, (finding, contacts) in zip(listed, flown, strict=True):
-        if finding is None or contacts != contents.records[spec.key].contacts:
+    for spec, (explanation, contacts) in zip(listed, flown, strict=True):
+        if explanation is None or contacts != contents.records[spec.key].contacts:
             raise ScenarioError(
                 f"{spec.label} did not collide as in the study, which was flown with {contents.versions}: compare "
                 f"with voxdepth study replay OUT {spec.short_key}"
             )
-        found[spec.arm].append(finding)
-        tell(spec, finding)
+        found[spec.arm].append(explanation)
+        tell(spec, explanation)
     return found
 
 
-def as_table(found: Mapping[str, Sequence[Finding]]) -> Table:
+def as_table(found: Mapping[str, Sequence[Explanation]]) -> Table:
     """A row for each arm."""
     seen = [f"seen: {cause}" for cause in Cause if cause is not Cause.DRONE]
     head = ["arm", "collisions", f"hit: {Cause.DRONE}", "hit: without texture", *seen]
     return Table(head, [_row(arm, listed) for arm, listed in found.items()])
 
 
-def _row(arm: str, found: Sequence[Finding]) -> list[str]:
-    causes = Counter(finding.cause for finding in found)
-    counts = [len(found), causes[Cause.DRONE], sum(finding.on_blank for finding in found)]
+def _row(arm: str, found: Sequence[Explanation]) -> list[str]:
+    causes = Counter(explanation.cause for explanation in found)
+    counts = [len(found), causes[Cause.DRONE], sum(explanation.on_blank for explanation in found)]
     counts += [causes[cause] for cause in Cause if cause is not Cause.DRONE]
     return [arm, *map(str, counts)]
 
 
-def _fly(run: Run) -> tuple[Finding | None, tuple[Contact, ...]]:
+def _fly(run: Run) -> tuple[Explanation | None, tuple[Contact, ...]]:
     witness = Witness(run.scenario.mission.pilot.avoidance.histogram.min_confidence)
     with flying(run, witness, recorded=False, threads=1) as mission:
         result = mission.run()
-    return witness.finding, result.contacts
+    return witness.explanation, result.contacts

@@ -10,8 +10,10 @@ from importlib.resources import as_file, files
 from ..bench.machine import CPU_INFO, processor_name
 from ..runner import REPORTED_PACKAGES
 
-FLYING_PACKAGES = ("voxdepth", "sim", "swarm")
-"""Whose code decides how a run ends; what scenarios say is part of its key."""
+ALL = "**/*.py"
+FLYING = (("voxdepth", ALL), ("sim", ALL), ("swarm", ALL), ("scenarios", "config.py"), ("scenarios", "runner.py"))
+"""Packages and which of their files decide how a run ends. What scenarios say is part of its key; a controller of your
+own is part of neither."""
 DIGITS = 12
 
 
@@ -23,11 +25,11 @@ def installed_versions() -> dict[str, str]:
 
 @cache
 def code_digest() -> str:
-    """How the SHA-256 of the sources of `FLYING_PACKAGES` begins, wherever they are installed."""
+    """How the SHA-256 of the sources in `FLYING` begins, wherever they are installed."""
     content = hashlib.sha256()
-    for package in FLYING_PACKAGES:
+    for package, pattern in FLYING:
         with as_file(files(package)) as folder:
-            for path in sorted(folder.rglob("*.py")):
+            for path in sorted(folder.glob(pattern)):
                 content.update(f"{package}/{path.relative_to(folder).as_posix()}\0".encode())
                 content.update(path.read_bytes() + b"\0")
     return content.hexdigest()[:DIGITS]

@@ -57,6 +57,7 @@ class Contents:
     failures: Mapping[str, Failure]
     """The last failure of each run that has no result, by key."""
     versions: Mapping[str, str]
+    """Of Python, packages and code when the study was begun, see `installed_versions`; older stores know no code."""
     machine: str
     """On which the study was begun."""
 
@@ -262,7 +263,7 @@ class Store:
         if changed:
             raise ScenarioError(
                 f"{self.folder} was begun with other versions ({', '.join(changed)}), which may fly differently: "
-                "install those again, or use another --out"
+                "install those again (code: check out what flew it), or use another --out"
             )
 
 

@@ -48,6 +48,13 @@ def test_yaw_survives_the_quaternion(yaw: float) -> None:
     assert np.isclose(frames.yaw_from_quaternion(frames.quaternion_from_yaw(yaw)), yaw)
 
 
+@given(angle)
+def test_a_turn_is_the_same_as_matrix_and_as_quaternion(yaw: float) -> None:
+    R = frames.rotation_from_yaw(yaw)
+    np.testing.assert_allclose(R, frames.rotation_from_quaternion(frames.quaternion_from_yaw(yaw)), atol=1e-12)
+    np.testing.assert_allclose(R @ [1, 0, 0], [np.cos(yaw), np.sin(yaw), 0], atol=1e-12)
+
+
 @given(st.integers(0, 1000))
 def test_voxel_centres_are_within_half_a_cell(seed: int) -> None:
     config = VoxelConfig(half_width_m=6, half_height_m=6, depth_m=10)

@@ -1,11 +1,15 @@
 """What a drone had seen of what it hit."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from scenarios.study.explain import Cause, Finding, Look, as_table, finding_of
+from scenarios.study.explain import Cause, Explanation, Look, Witness, as_table, explanation_of
+from sim.bodies import Surface
+from sim.types import Contact
+from tests.helpers import wall, world_of
 from voxdepth.types import FloatArray, Intrinsics
 
 CAMERA = Intrinsics(width_px=40, height_px=30, fx_px=20.0, fy_px=20.0, cx_px=19.5, cy_px=14.5)
@@ -32,7 +36,7 @@ def look(ratio: float, *, trusted: bool = True, shows: int = WALL, shift_m: floa
 
 
 def cause_of(looks: Sequence[Look], point_m: FloatArray = AHEAD_M) -> Cause:
-    return finding_of(looks, WALL, point_m).cause
+    return explanation_of(looks, WALL, point_m).cause
 
 
 @pytest.mark.parametrize(
@@ -72,15 +76,33 @@ def test_only_the_part_that_was_hit_counts() -> None:
     assert cause_of([look(1.0, shift_m=5.0)] * 5, ASIDE_M) is Cause.SEEN
 
 
+@pytest.mark.parametrize(("texture", "on_blank"), [(0.0, True), (1.25, False)])
+def test_what_was_hit_is_blank_if_its_surface_is(texture: float, on_blank: bool) -> None:
+    witness = Witness(min_confidence=0.2)
+    with world_of(replace(wall(2.0, name="hit"), surface=Surface(texture=texture)), starts_m=[(0, 0, 0)]) as world:
+        witness.start(world, [])
+        witness.contact(0, Contact(time_s=1.0, drone=0, other="hit", kind="building", speed_m_s=1.0))
+    assert witness.explanation == Explanation(cause=Cause.UNSEEN, on_blank=on_blank)
+
+
+def test_the_first_collision_alone_is_explained() -> None:
+    witness = Witness(min_confidence=0.2)
+    with world_of(wall(2.0, name="hit"), starts_m=[(0, 0, 0)]) as world:
+        witness.start(world, [])
+        for kind in ("drone", "building"):
+            witness.contact(0, Contact(time_s=1.0, drone=0, other="hit", kind=kind, speed_m_s=1.0))
+    assert witness.explanation == Explanation(cause=Cause.DRONE)
+
+
 def test_distances_are_of_what_was_trusted() -> None:
-    found = finding_of([look(1.3)] * 3 + [look(5.0, trusted=False)] * 2, WALL, AHEAD_M)
+    found = explanation_of([look(1.3)] * 3 + [look(5.0, trusted=False)] * 2, WALL, AHEAD_M)
     assert (found.true_m, found.shown_m) == (pytest.approx(2.0), pytest.approx(2.6))
     assert str(found) == "too far away, shown at 2.60 m instead of 2.00 m"
-    assert str(Finding(cause=Cause.EMPTY, on_blank=True)) == "no depth; it has no texture"
+    assert str(Explanation(cause=Cause.EMPTY, on_blank=True)) == "no depth; it has no texture"
 
 
 def test_the_table_has_a_row_for_each_arm() -> None:
-    empty, drone = Finding(cause=Cause.EMPTY, on_blank=True), Finding(cause=Cause.DRONE)
+    empty, drone = Explanation(cause=Cause.EMPTY, on_blank=True), Explanation(cause=Cause.DRONE)
     table = as_table({"a": [empty, drone, empty], "b": []})
     assert [len(row) for row in table.rows] == [len(table.head)] * 2
     assert dict(zip(table.head, table.rows[0], strict=True)) == {

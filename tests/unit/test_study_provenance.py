@@ -1,6 +1,7 @@
 """What a study remembers of the code that flew it."""
 
 from collections.abc import Callable
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,7 @@ def digest_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
 
     def digest(folder: str, **modules: str) -> str:
         write_package(tmp_path / folder, "flying", **modules)
-        monkeypatch.setattr(provenance, "FLYING_PACKAGES", ("flying",))
+        monkeypatch.setattr(provenance, "FLYING", (("flying", provenance.ALL),))
         monkeypatch.setattr(provenance, "files", lambda package: tmp_path / folder / package)
         return provenance.code_digest.__wrapped__()
 
@@ -39,3 +40,8 @@ def test_versions_name_the_code() -> None:
     code = provenance.installed_versions()["code"]
     assert len(code) == provenance.DIGITS
     assert set(code) <= set("0123456789abcdef")
+
+
+def test_every_pattern_finds_its_files() -> None:
+    for package, pattern in provenance.FLYING:
+        assert list(Path(str(files(package))).glob(pattern)), f"{package} has no {pattern}"
