@@ -145,9 +145,11 @@ def explanation_of(looks: Sequence[Look], body: int, point_m: FloatArray) -> Exp
     masks = [look.of_body_near(body, point_m) for look in looks]
     if sum(bool(mask.any()) for mask in masks) < max(1, LOOKED_SHARE * len(looks)):
         return Explanation(cause=Cause.UNSEEN)
-    true_m = np.concatenate([look.true_m[mask] for look, mask in zip(looks, masks, strict=True)])
-    shown_m = np.concatenate([look.shown_m[mask] for look, mask in zip(looks, masks, strict=True)])
-    trusted = np.concatenate([look.trusted[mask] for look, mask in zip(looks, masks, strict=True)]) & (shown_m > 0)
+    pixels = [
+        (look.true_m[mask], look.shown_m[mask], look.trusted[mask]) for look, mask in zip(looks, masks, strict=True)
+    ]
+    true_m, shown_m, trusted = (np.concatenate(parts) for parts in zip(*pixels, strict=True))
+    trusted &= shown_m > 0
     if np.mean(shown_m > 0) < 0.5:
         return Explanation(cause=Cause.EMPTY)
     if np.mean(trusted) < 0.5:

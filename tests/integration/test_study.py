@@ -3,7 +3,6 @@
 import csv
 import os
 import random
-import re
 import signal
 import subprocess
 import sys
@@ -161,10 +160,10 @@ def test_a_study_from_its_file_to_its_report(tiny: Path, tmp_path: Path) -> None
     assert len(list(out.glob("recordings/*/*/run.rrd"))) == 1, "a recording is made once"
     explained = voxdepth("study", "explain", out)
     assert "arm blind, seed 0: where it was" in explained.stdout, "true depth shows what is there"
-    assert re.search(r"\| blind \| 2 \| 0 \| \d \| 0 \| 0 \| 0 \| 0 \| 2 \|", explained.stdout)
+    assert "| blind | 2 | 0 | 0 | 0 | 0 | 0 | 0 | 2 |" in explained.stdout
     assert "| truth | 0 | 0 | 0 | 0 | 0 | 0 | 0 | 0 |" in explained.stdout
     first = voxdepth("study", "explain", out, "--arm", "blind", "--most", "1")
-    assert re.search(r"\| blind \| 1 \| 0 \| \d \| 0 \| 0 \| 0 \| 0 \| 1 \|", first.stdout)
+    assert "| blind | 1 | 0 | 0 | 0 | 0 | 0 | 0 | 1 |" in first.stdout
     assert "truth" not in first.stdout
     assert "the study has no arm 'deaf'" in str(study_command("explain", out, "--arm", "deaf").exception)
 
