@@ -9,7 +9,7 @@ from sim.drone import AirframeConfig
 from sim.render import RendererName
 from sim.scenes import AnyScene, CitySpec
 from sim.sensor import RigConfig
-from sim.tiers import DepthTierName
+from sim.sensor_models import DepthTierName
 from swarm.task import MissionConfig
 from voxdepth.corrector_name import CorrectorName
 from voxdepth.model import Model

@@ -13,8 +13,8 @@ from .depth_noise import DepthNoise
 from .errors import SensorError
 from .model import Model
 from .noise import exposure_gain, occlusion, photon_noise
+from .sensor_models import DepthTier, DepthTierName, NoisyTier, StereoTier, StereoView, TruthTier
 from .stereo import NOISE_TEXTURE, StereoConfig
-from .tiers import DepthTier, DepthTierName, NoisyTier, StereoTier, StereoView, TruthTier
 from .types import BodyPose, Camera, Capture, Images, Renderer
 from .world import World
 

@@ -13,7 +13,7 @@ from sim.world import World
 from swarm.mission import Mission, start_yaws_rad, starts_m
 from swarm.recorder import NullRecorder
 from swarm.task import MissionConfig
-from voxdepth.peers.raw import Raw
+from voxdepth.baselines.raw import Raw
 
 RIG = RigConfig(width_px=96, height_px=64, depth="truth")
 

@@ -9,7 +9,7 @@ from sim.types import Capture, DroneState
 from swarm.histogram import HistogramBuilder, HistogramConfig
 from swarm.types import Histogram, Motion, Neighbours
 from tests.helpers import CAMERA
-from voxdepth.peers.raw import Raw
+from voxdepth.baselines.raw import Raw
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Frame
 
 RADIUS_M = 0.25

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .config import VoxDepthConfig
     from .corrector import VoxDepth
-    from .paper_config import PaperConfig
+    from .paper.config import PaperConfig
     from .pipeline import CorrectionPipeline
     from .registry import create_corrector
     from .types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source
@@ -32,7 +32,7 @@ __all__ = [
 _HOMES = {
     "VoxDepth": "corrector",
     "VoxDepthConfig": "config",
-    "PaperConfig": "paper_config",
+    "PaperConfig": "paper.config",
     "create_corrector": "registry",
     "CorrectionPipeline": "pipeline",
     "CorrectedDepth": "types",

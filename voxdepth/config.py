@@ -1,7 +1,7 @@
 """The configuration of the corrector."""
 
-from .paper_config import PaperConfig
-from .rigid.config import RigidConfig
+from .paper.config import PaperConfig
+from .temporal.config import RigidConfig
 
 
 class VoxDepthConfig(RigidConfig):

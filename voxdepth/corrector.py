@@ -8,9 +8,9 @@ import numpy as np
 from .checks import require_size
 from .config import VoxDepthConfig
 from .errors import ConfigError, FrameError
-from .paper_config import PaperConfig
-from .paper_method import PaperMethod
-from .rigid.method import RigidMethod
+from .paper.config import PaperConfig
+from .paper.method import PaperMethod
+from .temporal.method import RigidMethod
 from .types import CorrectedDepth, Frame, Intrinsics
 
 

@@ -12,9 +12,9 @@ from .errors import ConfigError
 from .types import DepthCorrector, Intrinsics
 
 if TYPE_CHECKING:
+    from .baselines.realsense_holes import HoleFillName
     from .config import VoxDepthConfig
-    from .paper_config import PaperConfig
-    from .peers.realsense_holes import HoleFillName
+    from .paper.config import PaperConfig
 
 __all__ = [
     "CORRECTOR_NAMES",
@@ -34,20 +34,20 @@ Factory = Callable[[Intrinsics], DepthCorrector]
 
 
 def _raw(intrinsics: Intrinsics) -> DepthCorrector:
-    from .peers.raw import Raw
+    from .baselines.raw import Raw
 
     return Raw()
 
 
 def _median(intrinsics: Intrinsics) -> DepthCorrector:
-    from .peers.median import Median
+    from .baselines.median import Median
 
     return Median()
 
 
 def _realsense_holes(fill: "HoleFillName") -> Factory:
     def make(intrinsics: Intrinsics) -> DepthCorrector:
-        from .peers.realsense_holes import RealSenseHoles
+        from .baselines.realsense_holes import RealSenseHoles
 
         return RealSenseHoles(fill=fill)
 
@@ -55,55 +55,55 @@ def _realsense_holes(fill: "HoleFillName") -> Factory:
 
 
 def _realsense(intrinsics: Intrinsics) -> DepthCorrector:
-    from .peers.realsense_chain import RealSenseChain
+    from .baselines.realsense_chain import RealSenseChain
 
     return RealSenseChain(intrinsics)
 
 
 def _realsense_authors(intrinsics: Intrinsics) -> DepthCorrector:
-    from .peers.authors_max import AuthorsMax
+    from .baselines.authors_max import AuthorsMax
 
     return AuthorsMax()
 
 
 def _lmeds(intrinsics: Intrinsics) -> DepthCorrector:
-    from .peers.lmeds import LMedS
+    from .baselines.lmeds import LMedS
 
     return LMedS(intrinsics)
 
 
 def _flow(intrinsics: Intrinsics) -> DepthCorrector:
-    from .peers.optical_flow import FlowFilter
+    from .baselines.optical_flow import FlowFilter
 
     return FlowFilter(intrinsics)
 
 
 def _ip_basic(intrinsics: Intrinsics) -> DepthCorrector:
-    from .peers.ip_basic import IpBasic
+    from .baselines.ip_basic import IpBasic
 
     return IpBasic(intrinsics)
 
 
 def _ip_basic_multiscale(intrinsics: Intrinsics) -> DepthCorrector:
-    from .peers.ip_basic import IpBasic, Multiscale
+    from .baselines.ip_basic import IpBasic, Multiscale
 
     return IpBasic(intrinsics, completion=Multiscale())
 
 
 def _telea(intrinsics: Intrinsics) -> DepthCorrector:
-    from .peers.opencv_inpaint import OpenCvInpaint
+    from .baselines.opencv_inpaint import OpenCvInpaint
 
     return OpenCvInpaint(intrinsics, method="telea")
 
 
 def _navier_stokes(intrinsics: Intrinsics) -> DepthCorrector:
-    from .peers.opencv_inpaint import OpenCvInpaint
+    from .baselines.opencv_inpaint import OpenCvInpaint
 
     return OpenCvInpaint(intrinsics, method="navier_stokes")
 
 
 def _global_smoother(intrinsics: Intrinsics) -> DepthCorrector:
-    from .peers.global_smoother import GlobalSmoother
+    from .baselines.global_smoother import GlobalSmoother
 
     return GlobalSmoother(intrinsics)
 

@@ -17,9 +17,9 @@ def bench(
     """Measure how fast the corrector is here: its steps, by library and by image size, pipelined, and its memory."""
     from rich.console import Console
 
-    from ..bench.film import filmed
-    from ..bench.report import print_figures
-    from ..bench.suite import chosen_size, measure_quickly, measure_rest
+    from ..benchmark.film import filmed
+    from ..benchmark.report import print_figures
+    from ..benchmark.suite import chosen_size, measure_quickly, measure_rest
 
     width_px, height_px = chosen_size(*parsed_size(size))
     if json is not None and (json.is_dir() or not json.parent.is_dir()):

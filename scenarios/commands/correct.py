@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from voxdepth.config import VoxDepthConfig
-    from voxdepth.paper_config import PaperConfig
+    from voxdepth.paper.config import PaperConfig
 
     from ..correction import Job
 

@@ -55,7 +55,7 @@ def evaluate(
     import cv2
     from rich.console import Console
 
-    from ..bench.machine import Machine
+    from ..benchmark.machine import Machine
     from ..evaluation.page import write_report
     from ..evaluation.results import write_results
     from ..evaluation.terminal import print_results

@@ -13,7 +13,7 @@ def list_() -> None:
     from rich.table import Table
 
     from sim.render import RENDERER_NAMES
-    from sim.tiers import TIER_NAMES
+    from sim.sensor_models import TIER_NAMES
     from voxdepth.registry import corrector_names
 
     from ..config import load_run, scenario_names

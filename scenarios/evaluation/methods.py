@@ -74,6 +74,6 @@ def _registered(name: str) -> CorrectorFactory:
 
 
 def _oracle(intrinsics: Intrinsics) -> DepthCorrector:
-    from voxdepth.peers.pose_splat import PoseSplat
+    from voxdepth.baselines.pose_splat import PoseSplat
 
     return PoseSplat(intrinsics)

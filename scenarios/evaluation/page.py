@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from .. import html
-from ..bench.machine import Machine
+from ..benchmark.machine import Machine
 from ..files import write
 from .exhibits import exhibit
 from .figures import all_figures

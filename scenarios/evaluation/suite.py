@@ -14,7 +14,7 @@ from sim.errors import RecordingError, SimError
 from sim.recording import Recording
 from voxdepth.errors import VoxDepthError
 
-from ..bench.machine import CPU_INFO, processor_name
+from ..benchmark.machine import CPU_INFO, processor_name
 from ..errors import ScenarioError
 from ..files import to_toml
 from ..sequences import SeededSequence, record

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from voxdepth.config import VoxDepthConfig
 from voxdepth.registry import DEFAULT
-from voxdepth.rigid.evidence import EvidenceConfig
-from voxdepth.rigid.filling import FillingConfig
-from voxdepth.rigid.ground import GroundConfig
-from voxdepth.rigid.localisation import LocalisationConfig
-from voxdepth.rigid.planes import PlanesConfig
+from voxdepth.temporal.fusion import EvidenceConfig
+from voxdepth.temporal.ground import GroundConfig
+from voxdepth.temporal.inpainting import FillingConfig
+from voxdepth.temporal.odometry import LocalisationConfig
+from voxdepth.temporal.planes import PlanesConfig
 
 from ..evaluation.cell import AS_GIVEN, FILLED, FRAMES
 from ..evaluation.groups import ALL

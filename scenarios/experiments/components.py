@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 from voxdepth.corrector import VoxDepth
 from voxdepth.types import Phase
 
-from ..bench.clip import Clip
-from ..bench.parts import CONFIG
-from ..bench.spread import Spread
-from ..bench.watched import Watched
+from ..benchmark.clip import Clip
+from ..benchmark.parts import CONFIG
+from ..benchmark.spread import Spread
+from ..benchmark.watched import Watched
 from ..errors import ScenarioError
 from .drawing import labelled, panels
 from .paper import COMPONENTS_MS

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swarm.perception import frame_of
-from voxdepth.inpainting import Bilinear, Dilation, Erosion, Inpainting, Median, Nearest
 from voxdepth.metrics import Sums, completed
 from voxdepth.metrics.paper import PEAK16_M
-from voxdepth.motion import MOTION_MODELS
-from voxdepth.odometry import PhotometricOdometry
-from voxdepth.paper_config import PaperConfig
-from voxdepth.steps import create_steps
+from voxdepth.paper.config import PaperConfig
+from voxdepth.paper.inpainting import Bilinear, Dilation, Erosion, Inpainting, Median, Nearest
+from voxdepth.paper.motion import MOTION_MODELS
+from voxdepth.paper.odometry import PhotometricOdometry
+from voxdepth.paper.steps import create_steps
 from voxdepth.types import FloatImage
 
-from ..bench.spread import Spread
+from ..benchmark.spread import Spread
 from .drawing import MARKERS, labelled, panels
 from .paper import INPAINTING
 from .result import Claim, Column, Result, Table

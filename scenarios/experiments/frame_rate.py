@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 from voxdepth.corrector import VoxDepth
 from voxdepth.datasets import Dataset, open_dataset
-from voxdepth.paper_config import PaperConfig
+from voxdepth.paper.config import PaperConfig
 from voxdepth.pipeline import CorrectionPipeline
 from voxdepth.registry import create_corrector
 from voxdepth.types import DepthCorrector, Intrinsics
 
-from ..bench.throughput import read
-from ..bench.tum import write_tum
+from ..benchmark.throughput import read
+from ..benchmark.tum import write_tum
 from .drawing import labelled, panels
 from .paper import FRAMES_PER_S
 from .result import Claim, Column, Result, Table

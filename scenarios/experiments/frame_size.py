@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
-from voxdepth.paper_config import PaperConfig
-from voxdepth.registration import RegistrationConfig
+from voxdepth.paper.config import PaperConfig
+from voxdepth.paper.registration import RegistrationConfig
 
 from ..evaluation.cell import COMPLETED
 from ..evaluation.groups import ALL

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim.types import Capture
+from voxdepth.baselines.flows import Dis
 from voxdepth.geometry import back_project, inverse_rigid, transform
-from voxdepth.peers.flows import Dis
-from voxdepth.registration import RegistrationConfig
+from voxdepth.paper.registration import RegistrationConfig
 
 from .moving import ByRegistration, GrayError, covered
 from .optical_flow import starts

@@ -5,8 +5,8 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
-from voxdepth.peers.flows import Flow, FlowImage
-from voxdepth.registration import Features, OrbRegistration, RegistrationConfig
+from voxdepth.baselines.flows import Flow, FlowImage
+from voxdepth.paper.registration import Features, OrbRegistration, RegistrationConfig
 from voxdepth.types import FloatArray, GrayImage, MaskImage
 
 PEAK_GRAY = 255.0

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
-from voxdepth.peers.flows import Dis, Farneback, HornSchunck
-from voxdepth.registration import RegistrationConfig
+from voxdepth.baselines.flows import Dis, Farneback, HornSchunck
+from voxdepth.paper.registration import RegistrationConfig
 
 from .drawing import MARKERS, labelled, panels
 from .moving import ByFlow, ByRegistration, Mover, Unmoved

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from voxdepth.registry import create_corrector
 from voxdepth.types import DepthCorrector
 
-from ..bench.clip import Clip
+from ..benchmark.clip import Clip
 from .drawing import labelled, panels
 from .meters import REMEDY, FindMeter, Meter, NoMeterError, find_meter
 from .quality import METHODS

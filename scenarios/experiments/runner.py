@@ -8,7 +8,7 @@ from pathlib import Path
 
 from voxdepth.model import Model
 
-from ..bench.machine import Machine
+from ..benchmark.machine import Machine
 from ..errors import ScenarioError
 from ..evaluation.cell import write_model
 from ..files import write

@@ -11,7 +11,7 @@ from sim.types import Capture
 from swarm.perception import frame_of
 from voxdepth.types import Frame
 
-from ..bench.clip import Clip
+from ..benchmark.clip import Clip
 from ..errors import ScenarioError
 from ..evaluation.cell import Cell
 from ..evaluation.methods import Method

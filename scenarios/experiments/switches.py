@@ -7,7 +7,7 @@ from statistics import mean
 from typing import TYPE_CHECKING
 
 from voxdepth.corrector import VoxDepth
-from voxdepth.paper_config import PaperConfig
+from voxdepth.paper.config import PaperConfig
 from voxdepth.types import EpochEnd
 
 from ..evaluation.paper import SEQUENCES

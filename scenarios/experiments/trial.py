@@ -10,7 +10,7 @@ from sim.types import Capture
 from voxdepth.metrics import Sums
 from voxdepth.types import MaskImage
 
-from ..bench.spread import Spread
+from ..benchmark.spread import Spread
 from .moving import GrayError, Moved, Mover, covered
 
 NEAR_M = 20.0

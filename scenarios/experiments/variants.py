@@ -2,7 +2,7 @@
 
 from voxdepth.config import VoxDepthConfig
 from voxdepth.corrector import VoxDepth
-from voxdepth.paper_config import PaperConfig
+from voxdepth.paper.config import PaperConfig
 from voxdepth.registry import DEFAULT
 
 from ..evaluation.methods import Method

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from voxdepth.metrics.paper import PEAK16_M
-from voxdepth.paper_config import PaperConfig
+from voxdepth.paper.config import PaperConfig
 
 from ..evaluation.cell import FRAMES, Cell
 from .drawing import MARKERS, labelled, panels

@@ -7,7 +7,7 @@ from functools import cache
 from importlib.metadata import version
 from importlib.resources import as_file, files
 
-from ..bench.machine import CPU_INFO, processor_name
+from ..benchmark.machine import CPU_INFO, processor_name
 from ..runner import REPORTED_PACKAGES
 
 ALL = "**/*.py"

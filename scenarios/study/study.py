@@ -7,7 +7,7 @@ from typing import Any
 import pydantic
 from pydantic import Field
 
-from sim.tiers import DepthTierName
+from sim.sensor_models import DepthTierName
 from voxdepth.model import Model
 
 from ..files import load_alone, shipped_names

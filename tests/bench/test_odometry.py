@@ -1,4 +1,4 @@
-"""How exact the odometry is, printed by `make bench` and never judged; `voxdepth/odometry.py` states the figures."""
+"""How exact the paper's odometry is, printed by `make bench`; `voxdepth/paper/odometry.py` states the figures."""
 
 import time
 from collections import Counter
@@ -14,8 +14,8 @@ import pytest
 from scenarios.sequences import captures, load_sequence
 from swarm.perception import frame_of
 from tests.bench.test_speed import show
-from voxdepth.odometry import Motion, OdometryConfig, PhotometricOdometry, motion_from_priors
-from voxdepth.photometry import Comparison, reduced, view_of
+from voxdepth.paper.odometry import Motion, OdometryConfig, PhotometricOdometry, motion_from_priors
+from voxdepth.paper.photometry import Comparison, reduced, view_of
 from voxdepth.types import FloatArray, Frame, Intrinsics
 
 pytestmark = pytest.mark.bench

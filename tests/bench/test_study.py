@@ -7,8 +7,7 @@ import pytest
 from scenarios.study.matrix import expand
 from scenarios.study.processes import Processes
 from scenarios.study.study import load_study
-
-from .test_speed import show
+from tests.bench.test_speed import show
 
 pytestmark = pytest.mark.bench
 

@@ -11,24 +11,24 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from scenarios.bench import film, suite, throughput
-from scenarios.bench.clip import Clip, resized
-from scenarios.bench.default import measure_default
-from scenarios.bench.libraries import fastest
-from scenarios.bench.machine import processor_name
-from scenarios.bench.memory import measure_memory
-from scenarios.bench.parts import STATE, Tally, measure_parts
-from scenarios.bench.spread import Spread
-from scenarios.bench.suite import line_through
-from scenarios.bench.throughput import compare_runs, measure_run
-from scenarios.bench.tum import write_tum
+from scenarios.benchmark import film, suite, throughput
+from scenarios.benchmark.clip import Clip, resized
+from scenarios.benchmark.default import measure_default
+from scenarios.benchmark.libraries import fastest
+from scenarios.benchmark.machine import processor_name
+from scenarios.benchmark.memory import measure_memory
+from scenarios.benchmark.parts import STATE, Tally, measure_parts
+from scenarios.benchmark.spread import Spread
+from scenarios.benchmark.suite import line_through
+from scenarios.benchmark.throughput import compare_runs, measure_run
+from scenarios.benchmark.tum import write_tum
 from scenarios.cli import app
 from scenarios.errors import ScenarioError
 from sim.testing import noisy_sequence
 from tests.helpers import CAMERA
 from tests.integration.test_cli import voxdepth
 from voxdepth.datasets import open_dataset
-from voxdepth.paper_config import PaperConfig
+from voxdepth.paper.config import PaperConfig
 from voxdepth.types import CorrectedDepth, FloatImage, GrayImage, Phase, Registration, RegistrationStatus
 
 N_IMAGES = 5

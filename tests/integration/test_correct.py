@@ -27,7 +27,7 @@ from tests.integration.test_cli import ENVIRONMENT, voxdepth
 from tests.unit.test_correction import contents
 from voxdepth.config import VoxDepthConfig
 from voxdepth.errors import ConfigError, DatasetError
-from voxdepth.paper_config import PaperConfig
+from voxdepth.paper.config import PaperConfig
 from voxdepth.registry import create_corrector
 from voxdepth.types import Frame
 

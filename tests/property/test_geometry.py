@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 
 from sim import frames
 from voxdepth.geometry import back_project, inverse_rigid, transform
-from voxdepth.projection import project_nearest
+from voxdepth.paper.projection import project_nearest
+from voxdepth.paper.voxels import VoxelConfig, VoxelGrid
 from voxdepth.types import Intrinsics
-from voxdepth.voxels import VoxelConfig, VoxelGrid
 
 CAMERA = Intrinsics.from_hfov(width_px=40, height_px=30, hfov_deg=70)
 angle = st.floats(-3, 3)

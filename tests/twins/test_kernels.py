@@ -6,13 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from voxdepth import PaperConfig
-from voxdepth.combine import CombineConfig
-from voxdepth.host_steps import HostSteps
-from voxdepth.inpainting import Dilation, Nearest
-from voxdepth.projection import project_nearest, project_voxels
+from voxdepth.paper.combine import CombineConfig
+from voxdepth.paper.host_steps import HostSteps
+from voxdepth.paper.inpainting import Dilation, Nearest
+from voxdepth.paper.projection import project_nearest, project_voxels
+from voxdepth.paper.voxels import VoxelConfig, VoxelGrid, cells_of_points, set_bits_numpy, set_bits_warp
+from voxdepth.paper.warp_steps import WarpSteps
 from voxdepth.types import Intrinsics
-from voxdepth.voxels import VoxelConfig, VoxelGrid, cells_of_points, set_bits_numpy, set_bits_warp
-from voxdepth.warp_steps import WarpSteps
 
 GRID = VoxelConfig(half_width_m=6.0, half_height_m=4.0, depth_m=10.0)
 CAMERA = Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80)

@@ -21,7 +21,7 @@ from swarm.pilot import Situation
 from swarm.recorder import NullRecorder
 from swarm.types import Histogram, Motion, Neighbours, Outcome
 from tests.learning import DIVE, FORWARD, HOVER, TURN, quick, quick_task
-from voxdepth.peers.raw import Raw
+from voxdepth.baselines.raw import Raw
 from voxdepth.types import CorrectedDepth, Frame
 
 LIMITS = Limits(depth_m=40.0, speed_m_s=5.0, distance_m=30.0)

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from voxdepth.epochs import Epochs, Lag
 from voxdepth.errors import FrameError
-from voxdepth.registration import Features
-from voxdepth.template import Template
+from voxdepth.paper.epochs import Epochs, Lag
+from voxdepth.paper.registration import Features
+from voxdepth.paper.template import Template
 from voxdepth.types import EpochEnd, Frame, Phase, Registration, RegistrationStatus
 
 NO_FEATURES = Features(points_px=np.empty((0, 2), np.float32), descriptors=np.empty((0, 4), np.uint64))

@@ -18,9 +18,9 @@ from scenarios.evaluation.methods import METHOD_NAMES, ORACLE, WARM_UP_FRAMES, M
 from scenarios.evaluation.scoring import READINGS, Score
 from tests.evaluation_clips import CAMERA, WALL_M, N, judged_frames, method, truth_of
 from voxdepth import registry
+from voxdepth.baselines.raw import Raw
 from voxdepth.errors import ConfigError
 from voxdepth.metrics import completed
-from voxdepth.peers.raw import Raw
 from voxdepth.registry import ENTRY_POINTS
 from voxdepth.types import CorrectedDepth, Frame
 
@@ -247,7 +247,7 @@ def test_the_warm_up_of_the_paper_reaches_every_stage() -> None:
 
 def test_only_methods_of_ours_are_not_foreign(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not any(m.is_foreign for m in find_methods(METHOD_NAMES))
-    assert find_method("voxdepth.peers.raw:Raw").is_foreign
+    assert find_method("voxdepth.baselines.raw:Raw").is_foreign
     entries = [EntryPoint(name="theirs", value="theirs:make", group=ENTRY_POINTS)]
     monkeypatch.setattr(registry, "entry_points", lambda **wanted: entries)
     assert find_method("theirs").is_foreign
@@ -303,7 +303,7 @@ def test_methods_are_found_by_name_and_refused_by_name() -> None:
     assert [m.name for m in find_methods(METHOD_NAMES) if m.sees_true_pose] == [ORACLE]
     assert find_method("paper").config["window_frames"] == 10
     assert find_method("voxdepth").config["memory_step"] == "auto"
-    assert find_method("voxdepth.peers.raw:Raw").name == "voxdepth.peers.raw:Raw"
+    assert find_method("voxdepth.baselines.raw:Raw").name == "voxdepth.baselines.raw:Raw"
     with pytest.raises(ConfigError, match="there is no corrector 'magic'"):
         find_methods(["raw", "magic"])
     with pytest.raises(ScenarioError, match="names 'raw' twice"):

@@ -13,7 +13,7 @@ import pytest
 from markupsafe import escape
 from rich.console import Console
 
-from scenarios.bench.machine import Machine
+from scenarios.benchmark.machine import Machine
 from scenarios.evaluation import figures, paper
 from scenarios.evaluation.cell import Cell, Figure, Key
 from scenarios.evaluation.exhibits import EMPTY_M, error_map, exhibit

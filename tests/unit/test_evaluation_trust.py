@@ -17,7 +17,7 @@ from scenarios.evaluation.suite import Done
 from scenarios.evaluation.tables import by_method
 from scenarios.evaluation.trust_score import CONFIDENCES, TrustScore
 from tests.evaluation_clips import CAMERA, judged_frames
-from voxdepth.peers.raw import Raw
+from voxdepth.baselines.raw import Raw
 from voxdepth.types import CorrectedDepth, Frame, Intrinsics, Source
 
 TELE = Intrinsics(fx_px=1000, fy_px=1000, cx_px=320, cy_px=180, width_px=640, height_px=360, baseline_m=0.1)

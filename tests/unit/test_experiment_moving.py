@@ -7,7 +7,7 @@ import pytest
 from scenarios.experiments.moving import Affine, ByFlow, ByRegistration, Flown, GrayError, Unmoved, covered
 from scenarios.experiments.optical_flow import starts
 from scenarios.experiments.trial import Tally
-from voxdepth.registration import RegistrationConfig
+from voxdepth.paper.registration import RegistrationConfig
 from voxdepth.types import GrayImage
 
 SHAPE = (90, 160)

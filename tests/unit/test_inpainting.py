@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from voxdepth.inpainting import Bilinear, Dilation, Erosion, Inpainting, Median, Nearest
+from voxdepth.paper.inpainting import Bilinear, Dilation, Erosion, Inpainting, Median, Nearest
 
 METHODS: list[type] = [Dilation, Erosion, Median, Bilinear, Nearest]
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from voxdepth.motion import constant_velocity, motion_per_frame
-from voxdepth.odometry import Motion, MotionStatus
+from voxdepth.paper.motion import constant_velocity, motion_per_frame
+from voxdepth.paper.odometry import Motion, MotionStatus
 from voxdepth.types import Frame
 
 IMAGE = np.zeros((2, 2), np.uint8)

@@ -11,7 +11,7 @@ from sim.noise import photon_noise
 from sim.render import create_renderer
 from sim.types import Images
 from tests.helpers import block, camera_at, wall, world_of
-from voxdepth.odometry import Motion, MotionStatus, OdometryConfig, PhotometricOdometry, motion_from_priors
+from voxdepth.paper.odometry import Motion, MotionStatus, OdometryConfig, PhotometricOdometry, motion_from_priors
 from voxdepth.types import FloatArray, Frame, Intrinsics
 
 SMALL = Intrinsics.from_hfov(width_px=320, height_px=180, hfov_deg=86)

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from voxdepth import Frame, Intrinsics, PaperConfig, Source, VoxDepth, create_corrector
-from voxdepth.combine import CombineConfig
 from voxdepth.errors import ConfigError
+from voxdepth.paper.combine import CombineConfig
 from voxdepth.types import EpochEnd, Phase, RegistrationStatus
 
 CAMERA = Intrinsics.from_hfov(width_px=320, height_px=180, hfov_deg=86)

@@ -28,7 +28,7 @@ from tests.fakes import (
 )
 from voxdepth import VoxDepth, create_corrector
 from voxdepth.errors import ConfigError, DatasetError, FrameError, PipelineError
-from voxdepth.paper_config import PaperConfig
+from voxdepth.paper.config import PaperConfig
 from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Phase, Source
 

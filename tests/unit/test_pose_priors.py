@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from voxdepth.errors import FrameError
-from voxdepth.odometry import Motion, MotionStatus, OdometryConfig, PriorsFirst
+from voxdepth.paper.odometry import Motion, MotionStatus, OdometryConfig, PriorsFirst
 from voxdepth.types import Frame
 
 IMAGE = np.zeros((2, 2), np.uint8)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from voxdepth.geometry import resized
-from voxdepth.registration import Features, OrbRegistration, RegistrationConfig, good_matches, resize_map
+from voxdepth.paper.registration import Features, OrbRegistration, RegistrationConfig, good_matches, resize_map
 from voxdepth.types import RegistrationStatus
 
 SHAPE = (360, 640)

@@ -10,7 +10,7 @@ import pytest
 
 from voxdepth.config import VoxDepthConfig
 from voxdepth.errors import ConfigError
-from voxdepth.paper_config import PaperConfig
+from voxdepth.paper.config import PaperConfig
 from voxdepth.registry import CORRECTOR_NAMES, config_of, corrector_names, create_corrector, require_known
 from voxdepth.types import Frame, Intrinsics
 
@@ -94,7 +94,7 @@ def foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "raw = theirs_bad:make\n"
     )
     (tmp_path / "theirs_good.py").write_text(
-        "from voxdepth.peers.raw import Raw\n\n\nclass Theirs(Raw):\n    pass\n\n\n"
+        "from voxdepth.baselines.raw import Raw\n\n\nclass Theirs(Raw):\n    pass\n\n\n"
         "def make(intrinsics):\n    return Theirs()\n"
     )
     (tmp_path / "theirs_bad.py").write_text("raise RuntimeError('no licence')\n")
@@ -116,7 +116,7 @@ def test_another_distribution_adds_a_corrector(foreign: Path) -> None:
 
 
 def test_our_names_win(foreign: Path) -> None:
-    assert type(create_corrector("raw", CAMERA)).__module__ == "voxdepth.peers.raw"
+    assert type(create_corrector("raw", CAMERA)).__module__ == "voxdepth.baselines.raw"
     assert "theirs_bad" not in sys.modules
 
 
@@ -132,7 +132,7 @@ def test_a_corrector_that_cannot_be_loaded_is_named(foreign: Path, name: str, en
 def test_the_registry_alone_imports_no_library_and_no_peer() -> None:
     code = (
         "import sys, voxdepth.registry as r; r.corrector_names(); "
-        "print([m for m in sys.modules if m in ('cv2', 'warp', 'pydantic') or m.startswith('voxdepth.peers')])"
+        "print([m for m in sys.modules if m in ('cv2', 'warp', 'pydantic') or m.startswith('voxdepth.baselines')])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from voxdepth.geometry import RayMap, back_project, transform
+from voxdepth.paper.voxels import VoxelConfig, VoxelGrid
 from voxdepth.types import Intrinsics
-from voxdepth.voxels import VoxelConfig, VoxelGrid
 
 SMALL = VoxelConfig(half_width_m=6.0, half_height_m=4.0, depth_m=10.0)
 CAMERA = Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80)

@@ -7,7 +7,7 @@ from scenarios.commands.options import DEFAULT_CORRECTOR, Depth, RendererName
 from scenarios.commands.swarm import Prior
 from scenarios.config import Scenario, load_run
 from sim.render import RENDERER_NAMES
-from sim.tiers import TIER_NAMES
+from sim.sensor_models import TIER_NAMES
 from swarm.priors import PosePriorName
 from voxdepth.config import VoxDepthConfig
 from voxdepth.datasets import DATASET_FORMATS

@@ -1,0 +1,172 @@
+"""Laws of the default method that hold for anything, drawn at random."""
+
+from dataclasses import astuple, replace
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.temporal_scenes import CAMERA, method, pose, run
+from voxdepth.geometry import inverse_rigid
+from voxdepth.temporal.estimate import CHANCES
+from voxdepth.temporal.forward_warp import Reprojection
+from voxdepth.temporal.fusion import Evidence, EvidenceConfig, Kind
+from voxdepth.temporal.inpainting import Filling, FillingConfig
+from voxdepth.temporal.measurement import Measurement
+from voxdepth.temporal.memory import UNIT, Memory
+from voxdepth.temporal.pose_fit import Pinhole, fit_pose, median
+from voxdepth.temporal.working_resolution import Scale
+from voxdepth.types import FloatImage, Frame, Intrinsics, Source
+
+seeds = st.integers(0, 10_000)
+angle = st.floats(-6, 6)
+length = st.floats(-0.25, 0.25)
+SCALE = Scale.of(CAMERA, 1)
+MOST = UNIT * EvidenceConfig().most
+
+
+def patches(rng: np.random.Generator, shape: tuple[int, int], holes: float) -> FloatImage:
+    """Disparity of a few rectangles [px], noisy, with holes."""
+    disparity_px = np.full(shape, rng.uniform(1, 20))
+    for _ in range(4):
+        top, left = rng.integers(0, shape[0]), rng.integers(0, shape[1])
+        disparity_px[top : top + 12, left : left + 15] = rng.uniform(1, 40)
+    disparity_px += rng.normal(0, 0.3, shape)
+    return np.where(rng.random(shape) < holes, 0, np.maximum(disparity_px, 0.2)).astype(np.float32)
+
+
+@given(seeds, st.floats(0.05, 2), st.floats(20, 900), st.sampled_from([1, 2]))
+def test_depth_survives_the_way_through_disparity(seed: int, baseline_m: float, focal_px: float, step: int) -> None:
+    camera = replace(CAMERA, baseline_m=baseline_m, fx_px=focal_px, fy_px=focal_px)
+    scale, rng = Scale.of(camera, step), np.random.default_rng(seed)
+    depth_m = rng.uniform(scale.focal_baseline_px_m / 900, 200, CAMERA.shape).astype(np.float32)
+    depth_m[rng.random(depth_m.shape) < 0.2] = 0
+    np.testing.assert_allclose(scale.depth(scale.disparity(depth_m)), depth_m, rtol=1e-6)
+
+
+@given(angle, angle, angle, length, length, length)
+@settings(max_examples=15)
+def test_a_plane_that_moves_stays_that_plane(
+    yaw: float, pitch: float, roll: float, x: float, y: float, z: float
+) -> None:
+    there, normal, offset_m = pose(x, y, z, yaw=yaw, pitch=pitch, roll=roll), np.array([0.2, -0.3, 1.0]), 5.0
+
+    def seen_from(T_world_cam: np.ndarray) -> np.ndarray:
+        """Disparity is linear in the pixel: `f B n . K^-1 (u, v, 1) / d`, with the plane in the camera's frame."""
+        col, row = np.meshgrid(np.arange(SCALE.width_px), np.arange(SCALE.height_px))
+        rays = np.stack([col, row, np.ones_like(col)], -1) @ np.linalg.inv(SCALE.K).T
+        facing = T_world_cam[:3, :3].T @ normal
+        return SCALE.focal_baseline_px_m * (rays @ facing) / (offset_m - normal @ T_world_cam[:3, 3])
+
+    here_px = seen_from(pose()).astype(np.float32)
+    moved = Reprojection(SCALE).move(here_px, np.full(here_px.shape, 16, np.uint8), inverse_rigid(there))
+    # The outermost samples are taken half beside the image, and mixed with nothing.
+    x_px, y_px = moved.source_x, moved.source_y
+    inside = (x_px >= 0) & (x_px <= SCALE.width_px - 1) & (y_px >= 0) & (y_px <= SCALE.height_px - 1)
+    known = (moved.weight > 0) & inside
+    assert known.mean() > 0.4
+    np.testing.assert_allclose(moved.disparity_px[known], seen_from(there)[known], atol=5e-3)
+
+
+@given(seeds, st.floats(0.02, 0.98), st.sampled_from([1, 2]))
+@settings(max_examples=20)
+def test_filling_keeps_what_is_known_and_invents_nothing_farther(seed: int, holes: float, step: int) -> None:
+    rng, scale = np.random.default_rng(seed), Scale.of(CAMERA, step)
+    before_px = patches(rng, scale.shape, holes)
+    valid = before_px > 0
+    filled = Filling(scale, FillingConfig()).fill(before_px)
+    np.testing.assert_array_equal(filled.disparity_px[valid], before_px[valid])
+    assert filled.disparity_px.min() >= before_px[valid].min()
+    assert np.isfinite(filled.disparity_px).all()
+    assert 0 < filled.chance.min() <= filled.chance.max() <= max(astuple(CHANCES))
+
+
+@given(seeds, st.floats(0.02, 0.98), st.sampled_from([1, 2]))
+@settings(max_examples=20)
+def test_the_mirrored_image_of_mirrored_cameras_is_filled_with_the_mirror_image(
+    seed: int, holes: float, step: int
+) -> None:
+    # Eight cells wide, and all their halves are whole: else the coarser cells are not those of the mirror image.
+    camera = Intrinsics.from_hfov(width_px=128, height_px=96, hfov_deg=70, baseline_m=0.1)
+    rng, scale = np.random.default_rng(seed), Scale.of(camera, step)
+    before_px = patches(rng, scale.shape, holes)
+    for row, col in rng.integers(0, scale.shape, (6, 2)):
+        before_px[row : row + 12, col : col + rng.integers(2, 20)] = 0
+    ours, theirs = (Filling(scale, FillingConfig(hidden_side=side)) for side in ("left", "right"))
+    mirror_image, image = theirs.fill(np.ascontiguousarray(before_px[:, ::-1])), ours.fill(before_px)
+    # Sums over cells round otherwise in another order.
+    np.testing.assert_allclose(mirror_image.disparity_px[:, ::-1], image.disparity_px, rtol=1e-4)
+    np.testing.assert_allclose(mirror_image.chance[:, ::-1], image.chance, atol=1e-4)
+
+
+@given(seeds, st.floats(0, 0.9), st.floats(0, 0.9))
+@settings(max_examples=20)
+def test_every_pixel_is_one_kind_of_thing(seed: int, holes: float, forgotten: float) -> None:
+    rng, shape = np.random.default_rng(seed), (48, 64)
+    old_px, new_px = patches(rng, shape, forgotten), patches(rng, shape, holes)
+    new_px = np.where(rng.random(shape) < 0.5, new_px, old_px + (new_px > 0) * rng.normal(0, 0.3, shape))
+    new_px = np.where(rng.random(shape) < holes, 0, np.maximum(new_px, 0)).astype(np.float32)
+    weight = np.where(old_px > 0, rng.integers(1, MOST + 1, shape), 0).astype(np.uint8)
+    old_gray, new_gray = (rng.integers(60, 140, shape, np.uint8) for _ in range(2))
+    memory = replace(Memory.empty(old_gray), disparity_px=old_px, weight=weight)
+    valid = np.where(new_px > 0, 255, 0).astype(np.uint8)
+    new_weight = np.where(new_px > 0, rng.integers(1, UNIT + 1, shape), 0).astype(np.uint8)
+    new = Measurement(disparity_px=new_px, valid=valid, weight=new_weight, gray=new_gray)
+    verdict, after = Evidence(EvidenceConfig()).weigh(memory, new)
+    kind, shown_px = verdict.kind, verdict.disparity_px
+    np.testing.assert_array_equal(kind == Kind.NOTHING, shown_px == 0)
+    assert (kind <= max(Kind)).all()
+    np.testing.assert_array_equal(shown_px[kind == Kind.MEASURED], new_px[kind == Kind.MEASURED])
+    np.testing.assert_array_equal(shown_px[kind == Kind.REMEMBERED], old_px[kind == Kind.REMEMBERED])
+    assert (weight[kind == Kind.REMEMBERED] >= UNIT * EvidenceConfig().enough).all()
+    fused = kind == Kind.FUSED
+    assert (shown_px[fused] >= np.minimum(old_px, new_px)[fused] - 1e-4).all()
+    assert (shown_px[fused] <= np.maximum(old_px, new_px)[fused] + 1e-4).all()
+    assert (kind[valid > 0] != Kind.NOTHING).all()
+    assert after.weight.max() <= MOST
+    np.testing.assert_array_equal(after.weight > 0, after.disparity_px > 0)
+
+
+@given(st.lists(st.floats(0, 1e6), min_size=1, max_size=40))
+def test_the_median_is_that_of_numpy(values: list[float]) -> None:
+    assert median(np.array(values)) == np.median(values)
+
+
+@given(seeds, angle, angle, length, length, length)
+def test_a_third_of_wrong_points_does_not_move_the_camera(
+    seed: int, yaw: float, pitch: float, x: float, y: float, z: float
+) -> None:
+    rng, lens = np.random.default_rng(seed), Pinhole(fx_px=200, fy_px=200, cx_px=160, cy_px=90)
+    T, points_m = pose(x, y, z, yaw=yaw / 2, pitch=pitch / 2), rng.uniform([-2, -1.5, 2], [2, 1.5, 8], (90, 3))
+    right_px = lens.project(points_m @ T[:3, :3].T + T[:3, 3])
+    seen_px = right_px.copy()
+    seen_px[:30] += rng.uniform(20, 60, (30, 2)) * rng.choice([-1, 1], (30, 2))
+    fit = fit_pose(points_m, seen_px, lens, np.eye(4), 1.0)
+    found_px = lens.project(points_m @ fit.T_target_source[:3, :3].T + fit.T_target_source[:3, 3])
+    assert np.hypot(*(found_px - right_px).T).mean() < 0.05
+    assert fit.inliers == 60
+
+
+@given(seeds, st.integers(8, 70), st.integers(8, 60), st.sampled_from([1, 2]), st.sampled_from(["guided", "none"]))
+@settings(max_examples=25)
+def test_whatever_comes_in_what_comes_out_is_well_formed(
+    seed: int, width_px: int, height_px: int, step: int, fill: str
+) -> None:
+    rng = np.random.default_rng(seed)
+    camera = Intrinsics.from_hfov(
+        width_px=width_px, height_px=height_px, hfov_deg=70, baseline_m=[None, 0.1][int(rng.integers(2))]
+    )
+    frames = []
+    for index in range(4):
+        depth_m = rng.choice([1e-3, 0.5, 3.0, 80.0, 1e5], camera.shape) * rng.uniform(0.5, 2, camera.shape)
+        depth_m[rng.random(camera.shape) < rng.choice([0, 0.5, 1])] = 0
+        gray = rng.integers(0, 256, camera.shape, np.uint8) // np.uint8(rng.choice([1, 200]))
+        frames.append(Frame(stamp_s=float(index), gray=gray, depth_m=depth_m.astype(np.float32)))
+    for result in run(method(camera, memory_step=step, fill=fill), frames):
+        assert result.depth_m.shape == camera.shape
+        assert np.isfinite(result.depth_m).all()
+        assert (result.depth_m >= 0).all()
+        assert 0 <= result.confidence.min() <= result.confidence.max() <= 1
+        np.testing.assert_array_equal(result.source == Source.INVALID, result.depth_m == 0)
+        np.testing.assert_array_equal(result.confidence == 0, result.depth_m == 0)
+        assert not (fill == "none" and (result.source == Source.INPAINTED).any())

@@ -1,0 +1,165 @@
+"""Dense optical flow, and the temporal filter that follows it."""
+
+import numpy as np
+import pytest
+
+from tests.baseline_frames import camera, frame, scene, texture
+from voxdepth.baselines.flows import Dis, Farneback, Flow, FlowImage, HornSchunck
+from voxdepth.baselines.optical_flow import FlowFilter
+from voxdepth.errors import ConfigError
+from voxdepth.types import GrayImage, Source
+
+SHAPE = (96, 128)
+METHODS: dict[str, Flow] = {"dis": Dis(), "farneback": Farneback(), "horn-schunck": HornSchunck()}
+WITHIN_PX = {"dis": 0.6, "farneback": 0.01, "horn-schunck": 0.2}
+"""Median error that is expected of each; the preset of DIS works on a quarter of the pixels."""
+INSIDE = (slice(16, -16), slice(16, -16))
+
+
+class Known:
+    """A flow that is told: what is at column u in the frame before is `step_px` further right in the next."""
+
+    def __init__(self, step_px: int) -> None:
+        self.step_px = step_px
+        self.forwards = False
+
+    def between(self, start: GrayImage, end: GrayImage) -> FlowImage:
+        """To the frame before and back, in turn."""
+        flow_px = np.zeros((*start.shape, 2), np.float32)
+        flow_px[..., 0] = self.step_px if self.forwards else -self.step_px
+        self.forwards = not self.forwards
+        return flow_px
+
+
+class Torn(Known):
+    """A flow that does not come back to where it started."""
+
+    def between(self, start: GrayImage, end: GrayImage) -> FlowImage:
+        return np.full((*start.shape, 2), 2, np.float32)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_an_image_flows_nowhere_to_itself(name: str) -> None:
+    image = texture(0, SHAPE)
+    assert np.abs(METHODS[name].between(image, image.copy())[INSIDE]).max() < 1e-3
+
+
+@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize(("down", "right"), [(0, 2), (-1, 0), (2, -1)])
+def test_a_shifted_image_flows_by_the_shift(name: str, down: int, right: int) -> None:
+    large = texture(1, (SHAPE[0] + 16, SHAPE[1] + 16))
+    start = large[8:-8, 8:-8]
+    end = large[8 - down : -8 - down, 8 - right : -8 - right]
+    flow_px = METHODS[name].between(start, end)
+    error_px = np.hypot(flow_px[..., 0] - right, flow_px[..., 1] - down)[INSIDE]
+    assert np.median(error_px) < WITHIN_PX[name]
+    assert np.mean(error_px < 1) > 0.9
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_flows_neither_change_nor_keep_their_images_and_repeat_themselves(name: str) -> None:
+    start, end = texture(2, SHAPE), texture(3, SHAPE)
+    before = start.copy(), end.copy()
+    first = METHODS[name].between(start, end)
+    again = first.copy()
+    METHODS[name].between(end, start)
+    np.testing.assert_array_equal(start, before[0])
+    np.testing.assert_array_equal(end, before[1])
+    np.testing.assert_array_equal(first, again)
+    np.testing.assert_array_equal(METHODS[name].between(start, end), again)
+
+
+def horn_schunck_by_pixels(start: np.ndarray, end: np.ndarray, alpha: float, iterations: int) -> np.ndarray:
+    """Slow reference: the classical iteration on one level, pixel by pixel, inside the border."""
+    height, width = start.shape
+    flow = np.zeros((height, width, 2))
+    mean_gray = (start + end) / 2
+    tent = np.array([1, 2, 1])
+    for _ in range(iterations):
+        padded, last = np.pad(flow, ((1, 1), (1, 1), (0, 0)), mode="edge"), flow
+        flow = last.copy()
+        for row in range(1, height - 1):
+            for col in range(1, width - 1):
+                around = mean_gray[row - 1 : row + 2, col - 1 : col + 2]
+                iu = ((around[:, 2] - around[:, 0]) * tent).sum() / 8
+                iv = ((around[2] - around[0]) * tent).sum() / 8
+                p = padded[row : row + 3, col : col + 3]
+                sides, corners = p[0, 1] + p[2, 1] + p[1, 0] + p[1, 2], p[0, 0] + p[0, 2] + p[2, 0] + p[2, 2]
+                mean = sides / 6 + corners / 12
+                excess = iu * mean[0] + iv * mean[1] + end[row, col] - start[row, col]
+                flow[row, col] = mean - np.array([iu, iv]) * excess / (alpha**2 + iu**2 + iv**2)
+    return flow
+
+
+def test_horn_and_schunck_iterate_as_they_wrote() -> None:
+    large = texture(4, (20, 24)).astype(np.float32) / 2
+    start, end = large[:-2, :-2], 0.5 * (large[:-2, :-2] + large[:-2, 1:-1])
+    flow_px = HornSchunck(alpha_gray=5.0, iterations=3)._refined(np.zeros((18, 22, 2), np.float32), start, end)
+    expected_px = horn_schunck_by_pixels(start, end, 5.0, 3)
+    assert np.abs(expected_px).max() > 0.1
+    np.testing.assert_allclose(flow_px[4:-4, 4:-4], expected_px[4:-4, 4:-4], atol=1e-4)
+
+
+def test_depth_moves_with_the_image_and_is_never_mixed() -> None:
+    before_m = np.where(np.arange(40) < 20, np.float32(2), np.float32(8)) * np.ones((30, 1), np.float32)
+    peer = FlowFilter(camera((30, 40)), flow=Known(3))
+    peer.process(frame(before_m))
+    result = peer.process(frame(np.zeros((30, 40), np.float32), index=1))
+    np.testing.assert_array_equal(result.depth_m[:, 3:], before_m[:, :-3])
+    assert not result.depth_m[:, :3].any()
+    assert (result.source[:, 3:] == Source.INPAINTED).all()
+
+
+def test_depths_that_agree_are_blended_and_others_are_shown_as_measured() -> None:
+    peer = FlowFilter(camera((1, 3)), flow=Known(0), alpha=0.25, agreement=0.05)
+    peer.process(frame(np.array([[4.0, 4.0, 0.0]], np.float32)))
+    result = peer.process(frame(np.array([[4.1, 5.0, 6.0]], np.float32), index=1))
+    np.testing.assert_allclose(result.depth_m, [[4.025, 5.0, 6.0]], rtol=1e-6)
+
+
+def test_a_flow_that_does_not_come_back_moves_nothing() -> None:
+    peer = FlowFilter(camera((30, 40)), flow=Torn(0))
+    peer.process(frame(np.full((30, 40), 4.0, np.float32)))
+    assert not peer.process(frame(np.zeros((30, 40), np.float32), index=1)).depth_m.any()
+
+
+def test_a_hole_is_filled_for_as_long_as_the_age_allows() -> None:
+    peer = FlowFilter(camera((3, 3)), flow=Known(0), max_age_frames=2)
+    peer.process(frame(np.full((3, 3), 4.0, np.float32)))
+    middles = [peer.process(frame(np.zeros((3, 3), np.float32), index=index)).depth_m[1, 1] for index in (1, 2, 3)]
+    assert middles == [4.0, 4.0, 0.0]
+
+
+def test_a_flow_far_out_of_the_image_or_without_bound_lands_nowhere() -> None:
+    class Wild(Known):
+        def between(self, start: GrayImage, end: GrayImage) -> FlowImage:
+            self.forwards = not self.forwards
+            return np.full((*start.shape, 2), 1e9 if self.forwards else -1e9, np.float32)
+
+    peer = FlowFilter(camera((3, 3)), flow=Wild(0))
+    peer.process(frame(np.full((3, 3), 4.0, np.float32)))
+    assert not peer.process(frame(np.zeros((3, 3), np.float32), index=1)).depth_m.any()
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_translating_scene_is_filled_by_every_method(name: str) -> None:
+    large, depth_m = texture(6, (SHAPE[0], SHAPE[1] + 8)), scene(0, (SHAPE[0], SHAPE[1] + 8))
+    peer = FlowFilter(camera(SHAPE), flow=METHODS[name])
+    peer.process(frame(np.ascontiguousarray(depth_m[:, 4:-4]), np.ascontiguousarray(large[:, 4:-4])))
+    moved = np.ascontiguousarray(large[:, 2:-6])
+    result = peer.process(frame(np.zeros(SHAPE, np.float32), moved, index=1))
+    known = (result.depth_m > 0) & (depth_m[:, 2:-6] > 0)
+    assert known[INSIDE].mean() > 0.7
+    assert np.median(np.abs(result.depth_m - depth_m[:, 2:-6])[known]) < 0.05
+
+
+@pytest.mark.parametrize("wrong", [{"alpha": 0.0}, {"alpha": 1.5}, {"agreement": -0.1}, {"max_age_frames": 0}])
+def test_parameters_out_of_range_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match="alpha in"):
+        FlowFilter(camera((9, 9)), **wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("method", [Farneback, HornSchunck])
+def test_flows_need_positive_numbers(method: type) -> None:
+    with pytest.raises(ConfigError, match="levels must be positive, got 0"):
+        method(levels=0)

@@ -1,0 +1,71 @@
+"""IP-Basic, fast and multiscale."""
+
+import numpy as np
+import pytest
+
+from tests.baseline_frames import camera, frame
+from voxdepth.baselines.ip_basic import Completion, Fast, IpBasic, Multiscale
+from voxdepth.errors import ConfigError
+
+BOTH = [Fast(), Multiscale()]
+
+
+def filled(depth_m: np.ndarray, completion: Completion, max_depth_m: float = 100.0) -> np.ndarray:
+    peer = IpBasic(camera(depth_m.shape), completion=completion, max_depth_m=max_depth_m)
+    return peer.process(frame(depth_m)).depth_m
+
+
+@pytest.mark.parametrize("completion", BOTH)
+def test_between_a_near_and_a_far_surface_the_near_one_spreads(completion: Completion) -> None:
+    depth_m = np.zeros((30, 30), np.float32)
+    depth_m[:, :14], depth_m[:, 16:] = 2.0, 9.0
+    np.testing.assert_allclose(filled(depth_m, completion)[8:-8, 14:16], 2.0, atol=1e-3)
+
+
+def test_one_pixel_becomes_a_diamond_then_a_square() -> None:
+    depth_m = np.zeros((81, 81), np.float32)
+    depth_m[:] = 50.0
+    depth_m[20:61, 20:61] = 0
+    depth_m[40, 40] = 2.0
+    result = filled(depth_m, Fast())
+    assert result[40, 36] == pytest.approx(2.0, abs=1e-2)
+    assert result[30, 30] == pytest.approx(2.0, abs=1e-2)  # 31 x 31 takes the nearest of all in reach
+    assert result[22, 22] == pytest.approx(50.0, abs=1e-2)
+
+
+@pytest.mark.parametrize("completion", BOTH)
+def test_columns_are_extended_upwards(completion: Completion) -> None:
+    depth_m = np.zeros((120, 20), np.float32)
+    depth_m[100:] = 4.0
+    np.testing.assert_allclose(filled(depth_m, completion), 4.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("completion", BOTH)
+def test_the_middle_of_a_large_hole_below_something_stays_open(completion: Completion) -> None:
+    depth_m = np.full((140, 140), 4.0, np.float32)
+    depth_m[20:120, 20:120] = 0
+    result = filled(depth_m, completion)
+    assert result[70, 70] == 0
+    assert result[25, 70] == pytest.approx(4.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(("depth", "first_px"), [(5.0, 3), (15.0, 3), (20.0, 2), (30.0, 2), (40.0, 1)])
+def test_near_things_spread_farther_than_far_ones_at_first(depth: float, first_px: int) -> None:
+    depth_m = np.zeros((70, 70), np.float32)
+    depth_m[30:40, 30:40] = depth
+    result = filled(depth_m, Multiscale())
+    left_px = 30 - int(np.flatnonzero(result[35]).min())
+    assert left_px == first_px + 4 + 6 * 2  # its cross, 9 x 9, six times 5 x 5
+
+
+@pytest.mark.parametrize("completion", BOTH)
+def test_pixels_beyond_the_largest_depth_stay_and_fill_nothing(completion: Completion) -> None:
+    depth_m = np.full((20, 20), 30.0, np.float32)
+    depth_m[10, 10] = 0
+    result = filled(depth_m, completion, max_depth_m=20.0)
+    np.testing.assert_array_equal(result, depth_m)
+
+
+def test_the_largest_depth_must_be_a_depth() -> None:
+    with pytest.raises(ConfigError, match="max_depth_m"):
+        IpBasic(camera((9, 9)), max_depth_m=0.0)

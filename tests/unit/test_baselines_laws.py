@@ -1,0 +1,187 @@
+"""What holds for every peer of these files, whatever its method."""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import pytest
+
+from tests.baseline_frames import camera, frame, holed, scene, texture
+from voxdepth.baselines.flows import Farneback, HornSchunck
+from voxdepth.baselines.global_smoother import GlobalSmoother
+from voxdepth.baselines.ip_basic import IpBasic, Multiscale
+from voxdepth.baselines.lmeds import LMedS
+from voxdepth.baselines.opencv_inpaint import OpenCvInpaint
+from voxdepth.baselines.optical_flow import FlowFilter
+from voxdepth.baselines.pose_splat import PoseSplat
+from voxdepth.errors import FrameError
+from voxdepth.types import CorrectedDepth, DepthCorrector, Intrinsics, Source
+
+Make = Callable[[Intrinsics], DepthCorrector]
+
+FILLERS: dict[str, Make] = {
+    "ip-basic": IpBasic,
+    "ip-basic-multiscale": partial(IpBasic, completion=Multiscale()),
+    "telea": OpenCvInpaint,
+    "navier-stokes": partial(OpenCvInpaint, method="navier_stokes"),
+    "global-smoother": GlobalSmoother,
+    "pose-splat": PoseSplat,
+}
+"""Those that never change a valid pixel."""
+SINGLE_FRAME = [name for name in FILLERS if name != "pose-splat"]
+WITH_MEMORY: dict[str, Make] = {
+    "lmeds": LMedS,
+    "flow": FlowFilter,
+    "flow-farneback": partial(FlowFilter, flow=Farneback()),
+    "flow-horn-schunck": partial(FlowFilter, flow=HornSchunck()),
+    "pose-splat": PoseSplat,
+}
+PEERS = FILLERS | WITH_MEMORY
+SHAPES = [(1, 1), (1, 9), (7, 1), (3, 200), (60, 80)]
+
+
+def run(name: str, seed: int = 0, shape: tuple[int, int] = (30, 40), frames: int = 3) -> list[CorrectedDepth]:
+    """What a new peer makes of a short stream."""
+    peer = PEERS[name](camera(shape))
+    return [
+        peer.process(frame(scene(seed + index, shape), texture(seed, shape), index=index)) for index in range(frames)
+    ]
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_a_constant_stays_constant(name: str) -> None:
+    peer = PEERS[name](camera((30, 40)))
+    for index in range(3):
+        depth_m = holed(np.full((30, 40), 7.25, np.float32), index)
+        result = peer.process(frame(depth_m, texture(0, depth_m.shape), index=index))
+        assert (result.depth_m[depth_m > 0] > 0).all()
+        np.testing.assert_allclose(result.depth_m[result.depth_m > 0], 7.25, rtol=1e-4)
+    assert np.count_nonzero(result.depth_m) > np.count_nonzero(depth_m)
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_a_smooth_frame_without_holes_comes_back_as_it_is(name: str) -> None:
+    depth_m = (5 + np.arange(1200).reshape(30, 40) / 1000).astype(np.float32)
+    result = PEERS[name](camera((30, 40))).process(frame(depth_m, texture(0, (30, 40))))
+    np.testing.assert_array_equal(result.depth_m, depth_m)
+    assert not np.shares_memory(result.depth_m, depth_m)
+
+
+@pytest.mark.parametrize("name", FILLERS)
+def test_fillers_keep_every_valid_pixel(name: str) -> None:
+    for index, result in enumerate(run(name)):
+        measured_m = scene(index, (30, 40))
+        np.testing.assert_array_equal(result.depth_m[measured_m > 0], measured_m[measured_m > 0])
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_all_invalid_stays_invalid(name: str) -> None:
+    peer = PEERS[name](camera((30, 40)))
+    for index in range(2):
+        result = peer.process(frame(np.zeros((30, 40), np.float32), index=index))
+        assert not result.depth_m.any() and not result.source.any() and not result.confidence.any()
+
+
+@pytest.mark.parametrize("name", PEERS)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_images_of_any_size_are_worked_on(name: str, shape: tuple[int, int]) -> None:
+    for index, result in enumerate(run(name, shape=shape)):
+        measured_m = scene(index, shape)
+        assert result.depth_m.shape == shape and result.depth_m.dtype == np.float32
+        assert np.isfinite(result.depth_m).all() and (result.depth_m >= 0).all()
+        assert ((result.source == Source.SENSOR) <= (measured_m > 0)).all()
+        np.testing.assert_array_equal(result.source > 0, result.depth_m > 0)
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_the_smallest_and_the_largest_depths_that_a_frame_may_have_do_no_harm(name: str) -> None:
+    peer = PEERS[name](camera((30, 40)))
+    for index in range(3):
+        depth_m = scene(index, (30, 40))
+        depth_m[5:25:4, 5], depth_m[5:25:4, 30] = 1e-42, 3e38
+        result = peer.process(frame(depth_m, texture(0, (30, 40)), index=index))
+        assert np.isfinite(result.depth_m).all() and (result.depth_m >= 0).all()
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_what_is_filled_lies_between_what_was_measured(name: str) -> None:
+    results = run(name)
+    measured_m = np.concatenate([scene(index, (30, 40)).ravel() for index in range(3)])
+    filled_m = np.concatenate([result.depth_m[result.depth_m > 0] for result in results])
+    assert measured_m[measured_m > 0].min() * 0.999 <= filled_m.min()
+    assert filled_m.max() <= measured_m.max() * 1.001
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_the_input_is_neither_changed_nor_kept(name: str) -> None:
+    peer, kept = PEERS[name](camera((30, 40))), PEERS[name](camera((30, 40)))
+    for index in range(3):
+        depth_m, gray = scene(index, (30, 40)), texture(index, (30, 40))
+        buffers = depth_m.copy(), gray.copy()
+        result = peer.process(frame(*buffers, index=index))
+        np.testing.assert_array_equal(buffers[0], depth_m)
+        np.testing.assert_array_equal(buffers[1], gray)
+        buffers[0][:], buffers[1][:] = 1.0, 0  # a camera driver that uses its buffers again
+        np.testing.assert_array_equal(result.depth_m, kept.process(frame(depth_m, gray, index=index)).depth_m)
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_a_result_is_not_changed_by_later_frames(name: str) -> None:
+    peer = PEERS[name](camera((30, 40)))
+    first = peer.process(frame(scene(0, (30, 40)), texture(0, (30, 40))))
+    before = first.depth_m.copy()
+    first_again = first.depth_m
+    peer.process(frame(scene(1, (30, 40)), texture(0, (30, 40)), index=1))
+    np.testing.assert_array_equal(first_again, before)
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_a_result_that_is_written_to_does_not_reach_the_next_one(name: str) -> None:
+    peer = PEERS[name](camera((30, 40)))
+    for index, expected in enumerate(run(name)):
+        result = peer.process(frame(scene(index, (30, 40)), texture(0, (30, 40)), index=index))
+        np.testing.assert_array_equal(result.depth_m, expected.depth_m)
+        result.depth_m[:] = 99.0
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_reset_makes_a_peer_like_new_and_the_same_frames_give_the_same_bits(name: str) -> None:
+    peer = PEERS[name](camera((30, 40)))
+    peer.process(frame(np.full((30, 40), 2.0, np.float32), texture(5, (30, 40))))
+    peer.reset()
+    for index, expected in enumerate(run(name)):
+        result = peer.process(frame(scene(index, (30, 40)), texture(0, (30, 40)), index=index))
+        np.testing.assert_array_equal(result.depth_m, expected.depth_m)
+
+
+@pytest.mark.parametrize("name", SINGLE_FRAME)
+def test_single_frame_fillers_remember_nothing(name: str) -> None:
+    np.testing.assert_array_equal(run(name)[1].depth_m, PEERS[name](camera((30, 40))).process(
+        frame(scene(1, (30, 40)), texture(0, (30, 40)))
+    ).depth_m)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["telea", "navier-stokes", "global-smoother", "lmeds", "flow", "pose-splat"])
+def test_a_scene_twice_as_far_is_filled_twice_as_far(name: str) -> None:
+    near, far = PEERS[name](camera((30, 40))), PEERS[name](camera((30, 40)))
+    for index in range(3):
+        depth_m, gray = scene(index, (30, 40)), texture(0, (30, 40))
+        expected_m = 2 * near.process(frame(depth_m, gray, index=index)).depth_m
+        np.testing.assert_allclose(far.process(frame(2 * depth_m, gray, index=index)).depth_m, expected_m, rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["lmeds", "ip-basic", "ip-basic-multiscale"])
+def test_a_small_offset_in_depth_passes_through(name: str) -> None:
+    near, far = PEERS[name](camera((30, 40))), PEERS[name](camera((30, 40)))
+    for index in range(3):
+        depth_m = scene(index, (30, 40))
+        expected_m = near.process(frame(depth_m, index=index)).depth_m
+        moved_m = np.where(depth_m > 0, depth_m + np.float32(0.125), np.float32(0))
+        shifted_m = far.process(frame(moved_m, index=index)).depth_m
+        np.testing.assert_allclose(shifted_m[expected_m > 0], expected_m[expected_m > 0] + 0.125, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", [*WITH_MEMORY, "global-smoother"])
+def test_frames_of_another_size_are_refused(name: str) -> None:
+    with pytest.raises(FrameError, match=r"shape \(30, 40\), got \(31, 40\)"):
+        PEERS[name](camera((30, 40))).process(frame(scene(0, (31, 40))))

@@ -1,0 +1,87 @@
+"""Least median of squares in space and time."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.baseline_frames import camera, frame
+from voxdepth.baselines.lmeds import LMedS, least_median_of_squares
+from voxdepth.errors import ConfigError
+from voxdepth.types import Source
+
+
+def by_definition(samples: np.ndarray) -> tuple[float, float]:
+    """Slow reference: the best of all midpoints of two samples, and the root of its median squared distance."""
+    values = samples[np.isfinite(samples)].astype(np.float64)
+    middles = [(a + b) / 2 for a in values for b in values]
+    medians = [np.sort((values - middle) ** 2)[len(values) // 2] for middle in middles]
+    return middles[int(np.argmin(medians))], float(np.sqrt(min(medians)))
+
+
+@given(st.integers(0, 1000), st.integers(1, 9))
+def test_the_shortest_half_has_the_least_median_of_squares(seed: int, n: int) -> None:
+    samples = np.full((1, 9), np.inf, np.float32)
+    samples[0, :n] = np.random.default_rng(seed).uniform(1, 20, n)
+    location, half_length = least_median_of_squares(samples)
+    _, root = by_definition(samples)
+    distance = np.sort(np.abs(samples[0, :n].astype(np.float64) - location[0]))[n // 2]
+    assert distance == pytest.approx(root, abs=1e-5)
+    assert half_length[0] == pytest.approx(root, abs=1e-5)
+
+
+def test_rows_of_any_number_of_samples_are_worked_on_together() -> None:
+    inf = np.inf
+    samples = np.array([[1, 2, 4, 4.5, 9], [9, 4, inf, 1, inf], [inf, 3, inf, inf, inf], [inf] * 5], np.float32)
+    location, half_length = least_median_of_squares(samples)
+    np.testing.assert_allclose(location, [3.25, 2.5, 3, 0])
+    np.testing.assert_allclose(half_length, [1.25, 1.5, 0, inf])
+
+
+def test_less_than_half_of_the_samples_may_lie_anywhere() -> None:
+    samples = np.array([[5.0, 5.1, 5.2, 5.3, 5.4, 900, 0.1, 700, 800]], np.float32)
+    assert 5.0 <= least_median_of_squares(samples)[0][0] <= 5.4
+
+
+def test_an_outlier_is_replaced_and_its_neighbours_stay() -> None:
+    depth_m = np.full((9, 9), 4.0, np.float32)
+    depth_m[4, 4] = 9.0
+    result = LMedS(camera((9, 9))).process(frame(depth_m))
+    np.testing.assert_array_equal(result.depth_m, np.full((9, 9), 4.0, np.float32))
+    assert result.source[4, 4] == Source.SENSOR
+
+
+def test_a_straight_step_of_depth_stays_where_it_is() -> None:
+    depth_m = np.full((12, 12), 8.0, np.float32)
+    depth_m[:, 6:] = 3.0
+    np.testing.assert_array_equal(LMedS(camera((12, 12))).process(frame(depth_m)).depth_m, depth_m)
+
+
+def test_the_gate_lets_small_steps_pass_unexamined() -> None:
+    depth_m = np.full((9, 9), 4.0, np.float32)
+    depth_m[4, 4] = 4.04
+    np.testing.assert_array_equal(LMedS(camera((9, 9))).process(frame(depth_m)).depth_m, depth_m)
+    examined = LMedS(camera((9, 9)), gradient_gate=0.001).process(frame(depth_m))
+    assert examined.depth_m[4, 4] == 4.0
+
+
+def test_a_hole_is_filled_from_the_frames_before_and_only_from_so_many() -> None:
+    peer = LMedS(camera((9, 9)), frames=3)
+    hole_m = np.full((9, 9), 4.0, np.float32)
+    hole_m[2:7, 2:7] = 0
+    peer.process(frame(np.full((9, 9), 4.0, np.float32)))
+    middles = [peer.process(frame(hole_m, index=index)).depth_m[4, 4] for index in (1, 2, 3)]
+    assert middles == [4.0, 4.0, 0.0]
+
+
+def test_a_hole_with_too_few_samples_stays_one() -> None:
+    depth_m = np.zeros((9, 9), np.float32)
+    depth_m[3, 3:6] = 5.0
+    assert LMedS(camera((9, 9)), min_samples=4).process(frame(depth_m)).depth_m[4, 4] == 0
+    assert LMedS(camera((9, 9)), min_samples=3).process(frame(depth_m)).depth_m[4, 4] == 5.0
+
+
+@pytest.mark.parametrize("wrong", [{"frames": 0}, {"window_px": 2}, {"gradient_gate": -1.0}, {"min_samples": 0}])
+def test_parameters_out_of_range_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match="odd window_px"):
+        LMedS(camera((9, 9)), **wrong)  # type: ignore[arg-type]

@@ -1,0 +1,394 @@
+"""The RealSense comparators: their laws, the twins of their kernels, and equality with librealsense itself."""
+
+import ctypes
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from voxdepth.baselines.authors_max import AuthorsMax
+from voxdepth.baselines.realsense_chain import RealSenseChain, disparity_factor
+from voxdepth.baselines.realsense_holes import (
+    RealSenseHoles,
+    fill_farthest,
+    fill_farthest_numpy,
+    fill_from_left,
+    fill_nearest,
+    fill_nearest_numpy,
+)
+from voxdepth.baselines.realsense_spatial import SpatialFilter, smooth_rows_numpy, smooth_rows_warp
+from voxdepth.baselines.realsense_temporal import TemporalConfig, TemporalFilter
+from voxdepth.errors import ConfigError, FrameError
+from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source
+
+CAMERA = Intrinsics.from_hfov(width_px=96, height_px=72, hfov_deg=86, baseline_m=0.095)
+FILLS = ["left", "farthest", "nearest"]
+PEERS: dict[str, Callable[[Intrinsics], DepthCorrector]] = {
+    "left": lambda _: RealSenseHoles(fill="left"),
+    "farthest": lambda _: RealSenseHoles(),
+    "nearest": lambda _: RealSenseHoles(fill="nearest"),
+    "chain": RealSenseChain,
+    "authors": lambda _: AuthorsMax(),
+}
+SHAPES = [(1, 1), (1, 7), (7, 1), (3, 200), (120, 160)]
+
+
+def frame_of(depth_m: Any, stamp_s: float = 0.0) -> Frame:
+    image = np.array(depth_m, np.float32)
+    return Frame(stamp_s=stamp_s, gray=np.zeros(image.shape, np.uint8), depth_m=image)
+
+
+def camera_of(shape: tuple[int, int]) -> Intrinsics:
+    return Intrinsics.from_hfov(width_px=shape[1], height_px=shape[0], hfov_deg=86, baseline_m=0.095)
+
+
+def holed(seed: int, shape: tuple[int, int] = (19, 23), holes: float = 0.4) -> np.ndarray:
+    """Smooth enough that filters act, with steps and holes."""
+    rng = np.random.default_rng(seed)
+    image = rng.normal(60, 8, shape).astype(np.float32)
+    image[5:12, 8:15] += 300
+    image[rng.random(shape) < holes] = 0
+    return image
+
+
+def moving_scene(n_frames: int, units_per_m: float = 1000) -> list[np.ndarray]:
+    """Depth [units], uint16, of a slanted wall behind a moving box with its shadow, with noise, flicker and gaps."""
+    rng = np.random.default_rng(7)
+    row, col = np.mgrid[0:72, 0:96]
+    frames = []
+    for k in range(n_frames):
+        z = 3 + 0.05 * col + 0.02 * row
+        z[20:50, 30 + 2 * k : 60 + 2 * k] = 1.5
+        z += rng.normal(0, 0.006, z.shape) * z**2
+        z[rng.random(z.shape) < 0.15] = 0
+        z[20:50, 20 + 2 * k : 30 + 2 * k] = 0
+        z[:, :8] = 0
+        z[60:64] = 0
+        z[66:, 50:] = rng.uniform(0, 65, (6, 46))
+        z[:3, 50:] = 65.535
+        frames.append(np.clip(np.rint(z * units_per_m), 0, 65535).astype(np.uint16))
+    frames[-3][:] = 0
+    return frames
+
+
+# Laws
+
+
+@pytest.mark.parametrize("name", ["left", "farthest", "nearest", "chain"])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_constant_image_stays_constant(name: str, shape: tuple[int, int]) -> None:
+    result = PEERS[name](camera_of(shape)).process(frame_of(np.full(shape, 3.0)))
+    np.testing.assert_array_equal(result.depth_m, np.full(shape, 3, np.float32))
+    assert (result.source == Source.SENSOR).all()
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_invalid_frames_stay_invalid(name: str) -> None:
+    result = PEERS[name](CAMERA).process(frame_of(np.zeros(CAMERA.shape)))
+    assert not result.depth_m.any() and not result.source.any() and not result.confidence.any()
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_a_frame_is_not_changed_and_the_result_has_its_own_arrays(name: str) -> None:
+    frame = frame_of(moving_scene(3)[1] / 1000)
+    before = frame.depth_m.copy()
+    result = PEERS[name](CAMERA).process(frame)
+    assert result.depth_m.dtype == result.confidence.dtype == np.float32 and result.source.dtype == np.uint8
+    result.depth_m[:] = -1
+    np.testing.assert_array_equal(frame.depth_m, before)
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_a_stream_gives_the_same_again_after_a_reset(name: str) -> None:
+    peer = PEERS[name](CAMERA)
+
+    def results() -> list[CorrectedDepth]:
+        peer.reset()
+        return [peer.process(frame_of(units / 1000, k)) for k, units in enumerate(moving_scene(5))]
+
+    for first, second in zip(results(), results(), strict=True):
+        np.testing.assert_array_equal(first.depth_m, second.depth_m)
+        np.testing.assert_array_equal(first.source, second.source)
+
+
+# Hole filling
+
+
+@pytest.mark.parametrize("fill", FILLS)
+def test_hole_filling_keeps_what_was_measured_and_says_what_it_filled(fill: Any) -> None:
+    depth_m = holed(0)
+    result = RealSenseHoles(fill=fill).process(frame_of(depth_m))
+    valid = depth_m > 0
+    filled = ~valid & (result.depth_m > 0)
+    np.testing.assert_array_equal(result.depth_m[valid], depth_m[valid])
+    assert filled.sum() > 100
+    np.testing.assert_array_equal(result.source, valid * Source.SENSOR + filled * Source.INPAINTED)
+    np.testing.assert_array_equal(result.confidence, valid + 0.5 * filled)
+
+
+def test_the_left_mode_takes_the_nearest_depth_to_the_left() -> None:
+    depth_m = np.array([[0, 0, 3, 0, 0, 2, 0]], np.float32)
+    np.testing.assert_array_equal(fill_from_left(depth_m), [[0, 0, 3, 3, 3, 2, 2]])
+
+
+def test_the_farthest_mode_propagates_in_raster_order_between_borders() -> None:
+    depth_m = np.array([[0, 1, 0, 9], [0, 0, 0, 0], [5, 0, 0, 0], [0, 7, 0, 0]], np.float32)
+    expected = [[0, 1, 0, 9], [0, 5, 5, 9], [5, 7, 7, 9], [0, 7, 0, 0]]
+    np.testing.assert_array_equal(fill_farthest(depth_m), expected)
+
+
+def test_the_nearest_mode_needs_a_depth_above() -> None:
+    depth_m = np.array([[0, 4, 0, 9], [0, 0, 0, 0], [5, 0, 0, 0], [0, 2, 0, 0]], np.float32)
+    expected = [[0, 4, 0, 9], [0, 4, 0, 9], [5, 2, 0, 9], [0, 2, 0, 0]]
+    np.testing.assert_array_equal(fill_nearest(depth_m), expected)
+
+
+@given(st.integers(0, 1000), st.integers(1, 9), st.integers(1, 9))
+def test_hole_filling_kernels_and_their_twins_agree(seed: int, height: int, width: int) -> None:
+    depth_m = holed(seed, (height, width), holes=0.6)
+    np.testing.assert_array_equal(fill_farthest(depth_m), fill_farthest_numpy(depth_m))
+    np.testing.assert_array_equal(fill_nearest(depth_m), fill_nearest_numpy(depth_m))
+
+
+def test_images_that_are_no_whole_blocks_of_memory_are_filled_alike() -> None:
+    depth_m = np.repeat(holed(3), 2, axis=1)[:, ::2]
+    for fill in (fill_from_left, fill_farthest, fill_nearest):
+        np.testing.assert_array_equal(fill(depth_m), fill(depth_m.copy()))
+
+
+def test_unknown_modes_are_refused() -> None:
+    with pytest.raises(ConfigError, match="'right'; choose one of: left, farthest, nearest"):
+        RealSenseHoles(fill="right")  # type: ignore[arg-type]
+
+
+# Spatial filter
+
+
+def test_spatial_smoothing_worked_out_by_hand() -> None:
+    row = np.array([[100, 110, 0, 50, 80, 70]], np.float32)
+    smooth_rows_warp(row, alpha=0.5, delta=20)
+    # To the right: 110 becomes 105 and 70 becomes 75; 50 to 80 is an edge. Back: 100 meets 105, 80 meets 75.
+    np.testing.assert_array_equal(row, [[102.5, 105, 0, 50, 77.5, 75]])
+
+
+def test_spatial_smoothing_keeps_holes_and_commutes_with_a_doubling_of_values_and_threshold() -> None:
+    image = holed(1)
+    smooth = SpatialFilter(delta=10).smooth(image)
+    np.testing.assert_array_equal(smooth > 0, image > 0)
+    assert (smooth != image).mean() > 0.2
+    np.testing.assert_array_equal(SpatialFilter(delta=20).smooth(2 * image), 2 * smooth)
+
+
+def test_spatial_smoothing_keeps_steps_above_the_threshold() -> None:
+    image = np.full((8, 10), 50, np.float32)
+    image[:, 5:] = 70
+    np.testing.assert_array_equal(SpatialFilter(delta=20).smooth(image), image)
+    assert (SpatialFilter(delta=21).smooth(image) != image).any()
+
+
+@given(st.integers(0, 1000), st.integers(1, 9), st.integers(1, 9), st.sampled_from([0.25, 0.5, 0.6]))
+def test_the_spatial_kernel_and_its_twin_agree(seed: int, height: int, width: int, alpha: float) -> None:
+    warp, numpy = (holed(seed, (height, width)) for _ in range(2))
+    smooth_rows_warp(warp, alpha=alpha, delta=12)
+    smooth_rows_numpy(numpy, alpha=alpha, delta=12)
+    np.testing.assert_array_equal(warp, numpy)
+
+
+# Temporal filter
+
+
+def pixel_through(filtered: TemporalFilter, values: Iterable[float]) -> list[float]:
+    return [filtered.smooth(np.full((1, 1), value, np.float32)).item() for value in values]
+
+
+def test_temporal_smoothing_is_a_running_mean_that_starts_anew_at_steps() -> None:
+    filtered = TemporalFilter(TemporalConfig(alpha=0.5))
+    assert pixel_through(filtered, [100, 110, 100, 122.5, 132.5]) == [100, 105, 102.5, 122.5, 127.5]
+    filtered.reset()
+    assert pixel_through(filtered, [90]) == [90]
+
+
+@pytest.mark.parametrize(
+    ("persistence", "n_filled"), [(0, 0), (1, 1), (2, 2), (3, 3), (4, 7), (5, 2), (6, 5), (7, 8), (8, 12)]
+)
+def test_after_eight_valid_frames_a_hole_is_filled_as_long_as_the_persistence_says(
+    persistence: int, n_filled: int
+) -> None:
+    values = pixel_through(TemporalFilter(TemporalConfig(persistence=persistence)), [50] * 8 + [0] * 12)
+    assert values[8:] == [50] * n_filled + [0] * (12 - n_filled)
+
+
+def test_a_pixel_without_a_past_stays_a_hole() -> None:
+    assert pixel_through(TemporalFilter(TemporalConfig(persistence=8)), [0, 0, 50, 0]) == [0, 0, 50, 50]
+
+
+# Chain
+
+
+def test_the_chain_needs_the_baseline() -> None:
+    camera = Intrinsics.from_hfov(width_px=96, height_px=72, hfov_deg=86)
+    with pytest.raises(ConfigError, match="name it as baseline_m"):
+        RealSenseChain(camera)
+
+
+def test_the_chain_refuses_units_and_frames_that_do_not_fit() -> None:
+    with pytest.raises(ConfigError, match="units_per_m must be positive"):
+        RealSenseChain(CAMERA, units_per_m=0)
+    with pytest.raises(FrameError, match=r"expected frames of shape \(72, 96\)"):
+        RealSenseChain(CAMERA).process(frame_of(np.ones((72, 95))))
+
+
+@pytest.mark.parametrize("beyond_m", [65.6, 90.0, 3e38])
+def test_the_chain_cuts_depths_that_16_bits_cannot_hold(beyond_m: float) -> None:
+    depth_m = RealSenseChain(CAMERA).process(frame_of(np.full(CAMERA.shape, beyond_m))).depth_m
+    np.testing.assert_allclose(depth_m, 65.535, rtol=1e-6)
+
+
+def test_the_chain_smooths_noise_and_fills_what_flickers_from_the_past() -> None:
+    chain = RealSenseChain(CAMERA)
+    rng = np.random.default_rng(3)
+    for _ in range(6):
+        noisy_m = 3 + rng.normal(0, 0.05, CAMERA.shape)
+        noisy_m[rng.random(CAMERA.shape) < 0.2] = 0
+        result = chain.process(frame_of(noisy_m))
+    assert np.abs(result.depth_m[1:-1, 1:] - 3).std() < 0.2 * 0.05
+    assert (result.source[noisy_m == 0] == Source.INPAINTED).mean() > 0.99
+
+
+# The authors' maximum
+
+
+def test_the_authors_maximum_is_that_of_five_neighbours_of_the_median_without_the_last_row_and_column() -> None:
+    depth_m = holed(4)
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(depth_m, 2, "edge"), (5, 5))
+    median_m = np.median(windows, axis=(2, 3))
+    expected = np.zeros_like(depth_m)
+    for row, col in np.ndindex(18, 22):
+        neighbours = [(row, col - 1), (row - 1, col), (row - 1, col - 1), (row, col + 1), (row - 1, col + 1)]
+        expected[row, col] = max(median_m[at] for at in neighbours)  # -1 is the opposite side, as for the authors
+    np.testing.assert_array_equal(AuthorsMax().process(frame_of(depth_m)).depth_m, expected)
+
+
+# librealsense
+
+
+class Sdk:
+    """librealsense with a camera that shows what it is given.
+
+    Args:
+        camera: Its lens and baseline.
+        units_per_m: Steps of its depth in a metre.
+    """
+
+    def __init__(self, camera: Intrinsics, units_per_m: float = 1000) -> None:
+        self.rs = imported_sdk()
+        self._camera = camera
+        self._n_frames = 0
+        self._device = self.rs.software_device()
+        self._sensor = self._device.add_sensor("depth")
+        self._profile = self._sensor.add_video_stream(self._stream())
+        self._sensor.add_read_only_option(self.rs.option.depth_units, 1 / units_per_m)
+        self._sensor.add_read_only_option(self.rs.option.stereo_baseline, camera.baseline_m * 1000)
+        self._queue = self.rs.frame_queue(1, True)
+        self._sensor.open(self._profile)
+        self._sensor.start(self._queue)
+
+    def through(self, units: np.ndarray, blocks: Iterable[Any]) -> np.ndarray:
+        """What filters make of an image of uint16: depth, uint16, or disparity, float32."""
+        frame = self.rs.software_video_frame()
+        frame.stride, frame.bpp = 2 * units.shape[1], 2
+        frame.frame_number, frame.timestamp = self._n_frames, 33.0 * self._n_frames
+        frame.domain = self.rs.timestamp_domain.hardware_clock
+        frame.profile = self._profile.as_video_stream_profile()
+        frame.pixels = np.ascontiguousarray(units)
+        self._n_frames += 1
+        self._sensor.on_video_frame(frame)
+        shown = self._queue.wait_for_frame(5000)
+        for block in blocks:
+            shown = block.process(shown)
+        image = np.array(shown.get_data())
+        return image.view(np.float32) if image.itemsize == 4 else image
+
+    def _stream(self) -> Any:
+        lens = self.rs.intrinsics()
+        lens.width, lens.height = self._camera.width_px, self._camera.height_px
+        lens.fx, lens.fy = self._camera.fx_px, self._camera.fy_px
+        lens.ppx, lens.ppy = self._camera.cx_px, self._camera.cy_px
+        lens.model, lens.coeffs = self.rs.distortion.none, [0.0] * 5
+        stream = self.rs.video_stream()
+        stream.type, stream.fmt, stream.bpp, stream.fps = self.rs.stream.depth, self.rs.format.z16, 2, 30
+        stream.index, stream.uid, stream.width, stream.height = 0, 0, lens.width, lens.height
+        stream.intrinsics = lens
+        return stream
+
+
+def imported_sdk() -> Any:
+    """The module, where its wheel is installed; it needs a libusb, which many machines lack."""
+    libusb = pytest.importorskip("libusb_package")
+    ctypes.CDLL(str(libusb.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+    return pytest.importorskip("pyrealsense2", exc_type=ImportError)
+
+
+@pytest.mark.parametrize("mode", range(3))
+def test_hole_filling_equals_that_of_librealsense(mode: int) -> None:
+    sdk = Sdk(CAMERA)
+    block = sdk.rs.hole_filling_filter(mode)
+    peer = RealSenseHoles(fill=FILLS[mode])  # type: ignore[arg-type]
+    for units in moving_scene(5):
+        expected = sdk.through(units, [block])
+        np.testing.assert_array_equal(np.rint(peer.process(frame_of(units / 1000)).depth_m * 1000), expected)
+        assert (expected != units).any() == units.any()
+
+
+@pytest.mark.parametrize(("alpha", "delta", "iterations"), [(0.5, 20, 2), (0.25, 50, 1), (0.6, 3, 3)])
+def test_spatial_smoothing_equals_that_of_librealsense(alpha: float, delta: int, iterations: int) -> None:
+    sdk = Sdk(CAMERA)
+    blocks = sdk.rs.disparity_transform(True), sdk.rs.spatial_filter(alpha, delta, iterations, 0)
+    for units in moving_scene(4):
+        disparity = sdk.through(units, blocks[:1])
+        smooth = SpatialFilter(alpha=alpha, delta=delta, iterations=iterations).smooth(disparity)
+        np.testing.assert_array_equal(smooth, sdk.through(units, blocks))
+        assert (smooth != disparity).any() == units.any()
+
+
+@pytest.mark.parametrize("persistence", [0, 2, 3, 4, 5, 6, 7, 8])  # 1, eight of eight, is too rare in this scene
+def test_temporal_smoothing_equals_that_of_librealsense(persistence: int) -> None:
+    sdk = Sdk(CAMERA)
+    to_disparity, temporal = sdk.rs.disparity_transform(True), sdk.rs.temporal_filter(0.4, 20, persistence)
+    filtered = TemporalFilter(TemporalConfig(persistence=persistence))
+    n_mixed, n_persisting = 0, 0
+    for units in moving_scene(14):
+        disparity = sdk.through(units, [to_disparity])
+        smooth = filtered.smooth(disparity)
+        np.testing.assert_array_equal(smooth, sdk.through(units, [to_disparity, temporal]))
+        n_mixed += ((disparity > 0) & (smooth != disparity)).sum()
+        n_persisting += ((disparity == 0) & (smooth > 0)).sum()
+    assert n_mixed > 10_000
+    assert (n_persisting > 1000) == (persistence != 0)
+
+
+@pytest.mark.parametrize("units_per_m", [1000, 5000, 10000])
+def test_the_chain_equals_that_of_librealsense(units_per_m: float) -> None:
+    sdk = Sdk(CAMERA, units_per_m)
+    rs = sdk.rs
+    blocks = (
+        rs.disparity_transform(True),
+        rs.spatial_filter(),
+        rs.temporal_filter(),
+        rs.disparity_transform(False),
+        rs.hole_filling_filter(),
+    )
+    chain = RealSenseChain(CAMERA, units_per_m=units_per_m)
+    for units in moving_scene(12, units_per_m):
+        result_m = chain.process(frame_of(units / units_per_m)).depth_m
+        np.testing.assert_array_equal(np.rint(result_m * np.float32(units_per_m)), sdk.through(units, blocks))
+
+
+def test_disparity_equals_that_of_librealsense() -> None:
+    sdk = Sdk(CAMERA)
+    units = np.full(CAMERA.shape, 1, np.uint16)
+    disparity = sdk.through(units, [sdk.rs.disparity_transform(True)])
+    assert (disparity == disparity_factor(CAMERA, 1000)).all()

@@ -1,0 +1,94 @@
+"""The gray-guided fast global smoother."""
+
+import numpy as np
+import pytest
+
+from tests.baseline_frames import camera, frame, holed, scene, texture
+from voxdepth.baselines.global_smoother import LEAST_WEIGHT, GlobalSmoother
+from voxdepth.errors import ConfigError
+
+
+def by_matrices(depth_m: np.ndarray, gray: np.ndarray, smoothness: float, sigma: float, iterations: int) -> np.ndarray:
+    """Slow reference: dense systems along each row and column, in float64."""
+    valid = depth_m > 0
+    images = [np.divide(1, depth_m, out=np.zeros(depth_m.shape), where=valid), valid.astype(np.float64)]
+    guide = gray.astype(np.float64)
+
+    def line(values: np.ndarray, guide_line: np.ndarray, strength: float) -> np.ndarray:
+        weight = np.maximum(np.exp(-np.abs(np.diff(guide_line)) / sigma), LEAST_WEIGHT) * strength
+        system = np.eye(len(values))
+        for k, w in enumerate(weight):
+            system[k, k] += w
+            system[k + 1, k + 1] += w
+            system[k, k + 1] -= w
+            system[k + 1, k] -= w
+        return np.linalg.solve(system, values)
+
+    for t in range(1, iterations + 1):
+        strength = 1.5 * 4.0 ** (iterations - t) / (4.0**iterations - 1) * smoothness
+        for image in images:
+            for row in range(len(image)):
+                image[row] = line(image[row], guide[row], strength)
+            for col in range(image.shape[1]):
+                image[:, col] = line(image[:, col], guide[:, col], strength)
+    return np.where(valid, depth_m, images[1] / images[0])
+
+
+@pytest.mark.parametrize("iterations", [1, 3])
+@pytest.mark.parametrize("shape", [(20, 31), (1, 25), (25, 1)])
+def test_recursions_solve_the_systems(iterations: int, shape: tuple[int, int]) -> None:
+    depth_m, gray = scene(0, shape), texture(1, shape)
+    peer = GlobalSmoother(camera(shape), smoothness=50.0, sigma_gray=10.0, iterations=iterations)
+    expected_m = by_matrices(depth_m, gray, 50.0, 10.0, iterations)
+    np.testing.assert_allclose(peer.process(frame(depth_m, gray)).depth_m, expected_m, rtol=2e-4)
+
+
+def test_the_shares_of_the_iterations_fall_by_four_and_sum_to_half_the_smoothness() -> None:
+    from voxdepth.baselines.global_smoother import _strengths
+
+    shares = _strengths(30.0, 3)
+    np.testing.assert_allclose(shares[:-1] / shares[1:], 4.0, rtol=1e-6)
+    assert shares.sum() == pytest.approx(15.0)
+
+
+def test_a_hole_takes_the_side_that_looks_like_it() -> None:
+    gray = np.full((40, 60), 40, np.uint8)
+    gray[:, 35:] = 200
+    depth_m = np.full((40, 60), 2.0, np.float32)
+    depth_m[:, 35:] = 9.0
+    whole_m = depth_m.copy()
+    depth_m[:, 25:40] = 0
+    result = GlobalSmoother(camera((40, 60))).process(frame(depth_m, gray)).depth_m
+    np.testing.assert_allclose(result, whole_m, rtol=0.02)
+
+
+def test_without_guidance_a_hole_in_a_plane_of_even_disparity_is_nearly_even() -> None:
+    inverse = np.broadcast_to(np.linspace(0.1, 0.3, 60), (40, 60)).astype(np.float32)
+    depth_m = np.array(1 / inverse)
+    depth_m[15:25, 25:35] = 0
+    result = GlobalSmoother(camera((40, 60))).process(frame(depth_m)).depth_m
+    np.testing.assert_allclose(1 / result, inverse, atol=0.01)
+
+
+def test_an_offset_in_inverse_depth_passes_through() -> None:
+    inverse = np.random.default_rng(0).uniform(0.1, 0.5, (30, 40)).astype(np.float32)
+    valid, gray, peer = holed(inverse, 1) > 0, texture(0, (30, 40)), GlobalSmoother(camera((30, 40)))
+    plain, shifted = (
+        1 / peer.process(frame(np.where(valid, 1 / (inverse + by), 0).astype(np.float32), gray)).depth_m
+        for by in (np.float32(0), np.float32(0.25))
+    )
+    np.testing.assert_allclose(shifted, plain + 0.25, atol=1e-5)
+
+
+def test_a_hole_out_of_reach_of_all_data_takes_the_mean_disparity() -> None:
+    depth_m = np.zeros((3, 2000), np.float32)
+    depth_m[:, 0], depth_m[:, 1] = 1.0, 3.0
+    result = GlobalSmoother(camera((3, 2000))).process(frame(depth_m)).depth_m
+    assert (result > 0).all()
+    assert result[1, -1] == pytest.approx(1.5, rel=1e-4)
+
+
+@pytest.mark.parametrize("wrong", ["smoothness", "sigma_gray", "iterations"])
+def test_parameters_must_be_positive(wrong: str) -> None:
+    with pytest.raises(ConfigError, match=f"{wrong} must be positive, got 0"):
+        GlobalSmoother(camera((9, 9)), **{wrong: 0})  # type: ignore[arg-type]

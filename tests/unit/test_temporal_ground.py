@@ -1,0 +1,155 @@
+"""The ground bounds what is seen from below; what stands on it stands upright."""
+
+import numpy as np
+import pytest
+
+from tests.temporal_scenes import Plane, Sphere, pose, render
+from voxdepth.temporal.estimate import CHANCES
+from voxdepth.temporal.ground import Ground, GroundConfig, Vector, found_ground
+from voxdepth.temporal.inpainting import Filling, FillingConfig
+from voxdepth.temporal.working_resolution import Scale
+from voxdepth.types import FloatImage, Intrinsics, MaskImage
+
+CAMERA = Intrinsics.from_hfov(width_px=320, height_px=240, hfov_deg=70, baseline_m=0.1)
+FLOOR = Plane((0.0, 1.0, 0.0), 1.2)
+WALL = Plane((0.0, 0.0, 1.0), 5.0)
+SLANTED = Plane((0.3, 0.0, 1.0), 5.0)
+BALL = Sphere((0.2, -0.1, 3.0), 0.35)
+ROWS, COLS = 24, 40
+LEVEL = Ground(slope_u=0.0, slope_v=0.9, middle_px=1.5)
+ROLLED = Ground(slope_u=0.1, slope_v=0.9, middle_px=2.0)
+
+
+def cells(ground: Ground, *, nearer: float = 0.0, seed: int = 0) -> tuple[Vector, Vector, Vector]:
+    """Cells of an image that shows ground, and instead of this share of it something nearer."""
+    rng = np.random.default_rng(seed)
+    v, u = (x.ravel() + 0.5 for x in np.mgrid[-ROWS // 2 : ROWS // 2, -COLS // 2 : COLS // 2])
+    disparity_px = ground.at(u, v)
+    hidden = rng.random(u.shape) < nearer
+    disparity_px = np.where(hidden, disparity_px * rng.uniform(1.3, 4, u.shape), disparity_px)
+    seen = disparity_px > 0.5
+    return u[seen], v[seen], disparity_px[seen]
+
+
+def found(points: tuple[Vector, Vector, Vector], **config: float) -> Ground | None:
+    return found_ground(*points, ROWS, GroundConfig.model_validate(config))
+
+
+def assert_same(one: Ground | None, other: Ground, *, rtol: float) -> None:
+    assert one is not None
+    corners = np.array([-15.0, 15.0, -15.0, 15.0]), np.array([3.0, 3.0, 11.0, 11.0])
+    np.testing.assert_allclose(one.at(*corners), other.at(*corners), rtol=rtol)
+
+
+class TestGround:
+    @pytest.mark.parametrize("ground", [LEVEL, ROLLED], ids=["level", "rolled"])
+    def test_it_is_found(self, ground: Ground) -> None:
+        assert_same(found(cells(ground)), ground, rtol=1e-3)
+
+    @pytest.mark.parametrize("seed", range(4))
+    @pytest.mark.parametrize("nearer", [0.1, 0.3, 0.5])
+    def test_what_stands_before_it_does_not_lift_it(self, nearer: float, seed: int) -> None:
+        assert_same(found(cells(LEVEL, nearer=nearer, seed=seed)), LEVEL, rtol=0.03)
+
+    @pytest.mark.parametrize("factor", [0.25, 4.0])
+    def test_with_twice_the_disparity_it_has_twice_as_much(self, factor: float) -> None:
+        u, v, disparity_px = cells(ROLLED, nearer=0.4)
+        once, scaled = found((u, v, disparity_px)), found((u, v, disparity_px * factor))
+        assert once is not None
+        expected = Ground(
+            slope_u=once.slope_u * factor, slope_v=once.slope_v * factor, middle_px=once.middle_px * factor
+        )
+        assert_same(scaled, expected, rtol=1e-6)
+
+    def test_in_the_mirror_it_leans_to_the_other_side(self) -> None:
+        u, v, disparity_px = cells(ROLLED, nearer=0.4)
+        ours, theirs = found((u, v, disparity_px)), found((-u, v, disparity_px))
+        assert ours is not None
+        mirrored = Ground(slope_u=-ours.slope_u, slope_v=ours.slope_v, middle_px=ours.middle_px)
+        assert_same(theirs, mirrored, rtol=1e-6)
+
+    @pytest.mark.parametrize("slope_u", [0.0, 0.1, -0.2])
+    def test_a_wall_is_none(self, slope_u: float) -> None:
+        assert found(cells(Ground(slope_u=slope_u, slope_v=0.0, middle_px=6.0))) is None
+
+    def test_a_ceiling_is_none(self) -> None:
+        assert found(cells(Ground(slope_u=0.0, slope_v=-0.9, middle_px=1.5))) is None
+
+    def test_none_is_looked_for_if_more_than_all_cells_must_be_ground(self) -> None:
+        assert found(cells(LEVEL), least_share=2.0) is None
+
+    def test_a_few_cells_are_not_enough(self) -> None:
+        u, v, disparity_px = cells(LEVEL)
+        assert found((u[:19], v[:19], disparity_px[:19])) is None
+
+
+class TestStanding:
+    """A floor with a texture, and blank walls on it."""
+
+    @staticmethod
+    def seen(*bodies: Plane | Sphere) -> tuple[FloatImage, MaskImage]:
+        """Disparity [px], and where the floor or a ball is."""
+        disparity_px = Scale.of(CAMERA, 1).disparity(render(bodies, pose(), CAMERA)[1])
+        walls = Scale.of(CAMERA, 1).disparity(render([b for b in bodies if b in (WALL, SLANTED)], pose(), CAMERA)[1])
+        return disparity_px, disparity_px > walls + 0.01
+
+    @staticmethod
+    def filled(disparity_px: FloatImage, step: int, config: FillingConfig | None = None) -> FloatImage:
+        image_px = np.ascontiguousarray(disparity_px[::step, ::step])
+        return Filling(Scale.of(CAMERA, step), config or FillingConfig()).fill(image_px).disparity_px
+
+    @pytest.mark.parametrize("step", [1, 2])
+    @pytest.mark.parametrize("wall", [WALL, SLANTED], ids=["across", "slanted"])
+    def test_a_blank_wall_is_as_far_as_its_foot(self, wall: Plane, step: int) -> None:
+        true_px, measured = self.seen(FLOOR, wall)
+        holes_px = np.where(measured, true_px, np.float32(0))
+        off = abs(self.filled(holes_px, step) / true_px[::step, ::step] - 1)[holes_px[::step, ::step] == 0]
+        assert np.median(off) < 0.05
+        assert np.quantile(off, 0.9) < 0.08
+        blind = FillingConfig(ground=GroundConfig(least_share=2.0))
+        off = abs(self.filled(holes_px, step, blind) / true_px[::step, ::step] - 1)[holes_px[::step, ::step] == 0]
+        assert np.median(off) > 0.3  # planes alone recede with the floor
+
+    def test_ground_and_wall_are_surer_than_planes(self) -> None:
+        true_px, measured = self.seen(FLOOR, WALL)
+        holes_px = np.where(measured, true_px, np.float32(0))
+        holes_px[210:] = 0
+        chance = Filling(Scale.of(CAMERA, 1), FillingConfig()).fill(holes_px).chance
+        np.testing.assert_allclose(chance[40:100, 40:280], CHANCES.bare, rtol=0.01)
+        np.testing.assert_allclose(chance[220:, 40:280], CHANCES.ground, rtol=0.01)
+        blind = FillingConfig(ground=GroundConfig(least_share=2.0))
+        assert Filling(Scale.of(CAMERA, 1), blind).fill(holes_px).chance.max() <= CHANCES.shadow
+
+    @pytest.mark.parametrize("step", [1, 2])
+    def test_so_it_is_above_what_hangs_before_it(self, step: int) -> None:
+        true_px, measured = self.seen(FLOOR, WALL, BALL)
+        filled_px = self.filled(np.where(measured, true_px, np.float32(0)), step)
+        ball = render([BALL], pose(), CAMERA)[1][::step, ::step] > 0
+        top = np.argwhere(ball).min(axis=0)[0]
+        above = filled_px[: top - 64 // step, ball.any(axis=0)]  # closer to it the ball has a say
+        assert above.size > 200 // step**2
+        np.testing.assert_allclose(above, true_px[0, 0], rtol=0.1)
+
+    def test_it_ends_where_something_farther_is_seen(self) -> None:
+        true_px, measured = self.seen(FLOOR, WALL)
+        holes_px = np.where(measured, true_px, np.float32(0))
+        holes_px[40:60] = 0.7  # hills far behind a wall that ends here
+        filled_px = self.filled(holes_px, 1)
+        np.testing.assert_allclose(filled_px[80:120], true_px[80:120], rtol=0.15)
+        assert filled_px[:30].max() < 1
+
+    def test_a_wrong_match_in_the_distance_is_no_foot(self) -> None:
+        true_px, _ = self.seen(FLOOR, WALL)
+        border_px = true_px.copy()
+        border_px[:, :20] = 0  # what the second camera does not see
+        junk_px = border_px.copy()
+        junk_px[140, :20] = 2.3  # on the ground far behind the wall, if the floor went on
+        ours_px, theirs_px = self.filled(border_px, 1), self.filled(junk_px, 1)
+        np.testing.assert_allclose(theirs_px[:100, :20], ours_px[:100, :20], rtol=0.02)
+
+    def test_nothing_is_filled_below_the_ground(self) -> None:
+        true_px, measured = self.seen(FLOOR, WALL)
+        holes_px = np.where(measured, true_px, np.float32(0))
+        holes_px[200:, 100:] = 0  # blank ground at the border of the image, near the camera
+        filled_px = self.filled(holes_px, 1)
+        assert (filled_px[200:] / true_px[200:]).min() > 0.95

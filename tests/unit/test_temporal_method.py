@@ -1,0 +1,311 @@
+"""Laws of the default method as a whole."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.temporal_scenes import CAMERA, ROOM, dark, frames_of, method, noisy, process, run, walk
+from voxdepth import VoxDepth
+from voxdepth.errors import ConfigError
+from voxdepth.temporal import pose_fit
+from voxdepth.temporal.method import LEAST_SIDE_PX
+from voxdepth.temporal.working_resolution import Scale
+from voxdepth.types import CorrectedDepth, FloatImage, Frame, Intrinsics, MaskImage, Phase, RegistrationStatus, Source
+
+STEPS = pytest.mark.parametrize("step", [1, 2])
+ODD = Intrinsics.from_hfov(width_px=161, height_px=119, hfov_deg=70, baseline_m=0.1)
+FOCAL_BASELINE = CAMERA.fx_px * 0.1
+CLEAN = frames_of(ROOM, walk(8))
+NOISY = [noisy(frame, 0) for frame in CLEAN]
+
+
+def assert_well_formed(result: CorrectedDepth, camera: Intrinsics = CAMERA) -> None:
+    """What every result keeps to, whatever the frame."""
+    assert result.depth_m.shape == result.source.shape == result.confidence.shape == camera.shape
+    assert (result.depth_m.dtype, result.source.dtype, result.confidence.dtype) == (np.float32, np.uint8, np.float32)
+    assert np.isfinite(result.depth_m).all()
+    assert (result.depth_m >= 0).all()
+    assert result.confidence.min() >= 0
+    assert result.confidence.max() <= 1
+    np.testing.assert_array_equal(result.source == Source.INVALID, result.depth_m == 0)
+    np.testing.assert_array_equal(result.confidence == 0, result.depth_m == 0)
+
+
+def disparity_error_px(result: CorrectedDepth, frame: Frame) -> FloatImage:
+    return np.asarray(abs(FOCAL_BASELINE / result.depth_m - FOCAL_BASELINE / frame.depth_m), np.float32)
+
+
+def flat(frame: Frame, reach_px: int) -> MaskImage:
+    """Where disparity is linear as far as that to each side, and the image goes on."""
+    disparity_px = Scale.of(CAMERA, 1).disparity(frame.depth_m)
+    bent_px = abs(cv2.Laplacian(disparity_px, cv2.CV_32F))
+    window = np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8)
+    inside = np.zeros(CAMERA.shape, bool)
+    inside[2 * reach_px : -2 * reach_px, 2 * reach_px : -2 * reach_px] = True
+    return inside & ~(cv2.dilate((bent_px > 0.001).astype(np.uint8), window) > 0)
+
+
+@pytest.fixture
+def usual_threads() -> Iterator[None]:
+    before = cv2.getNumThreads()
+    yield
+    cv2.setNumThreads(before)
+
+
+class TestNothingToCorrect:
+    def test_a_still_camera_without_noise_gets_back_what_it_measured(self) -> None:
+        still = [replace(CLEAN[0], stamp_s=float(i)) for i in range(4)]
+        for result in run(method(memory_step=1, smooth_size_px=1), still):
+            assert disparity_error_px(result, CLEAN[0]).max() < 2**-14  # disparities move in steps of that
+            assert (result.source == Source.SENSOR).all()
+
+    @STEPS
+    def test_smoothing_changes_only_what_is_bent(self, step: int) -> None:
+        still = [replace(CLEAN[0], stamp_s=float(i)) for i in range(3)]
+        where = flat(still[0], 3 * step)
+        assert where.mean() > (0.6 if step == 1 else 0.4)
+        for result in run(method(memory_step=step), still):
+            error_px = disparity_error_px(result, still[0])
+            assert error_px[where].max() < 1e-5
+            assert np.median(error_px) < 1e-5
+
+    def test_half_size_memory_without_smoothing_changes_only_what_is_bent(self) -> None:
+        still = [replace(CLEAN[0], stamp_s=float(i)) for i in range(3)]
+        where = flat(still[0], 2)
+        disparity_px = Scale.of(CAMERA, 1).disparity(CLEAN[0].depth_m)
+        edge = cv2.morphologyEx(disparity_px, cv2.MORPH_GRADIENT, np.ones((5, 5), np.uint8)) > 1
+        assert where.mean() > 0.7
+        assert 0.01 < edge.mean() < 0.1
+        for result in run(method(memory_step=2, smooth_size_px=1), still):
+            error_px = disparity_error_px(result, still[0])
+            assert error_px[where].max() < 1e-5
+            # The outermost pixels take what is half a pixel farther inside, by half of the slope of 0.06 px.
+            assert error_px[~edge].max() < 0.04
+
+    @STEPS
+    def test_a_moving_camera_without_noise_gets_back_what_it_measured(self, step: int) -> None:
+        for frame, result in zip(CLEAN, run(method(memory_step=step), CLEAN), strict=True):
+            error_px = disparity_error_px(result, frame)
+            assert np.percentile(error_px, [50, 90]) == pytest.approx([0, 0], abs=0.1)
+            assert error_px[flat(frame, 3 * step)].max() < 0.01
+            assert_well_formed(result)
+
+
+class TestNoise:
+    @STEPS
+    def test_it_brings_back_what_noise_has_hidden(self, step: int) -> None:
+        result = run(method(memory_step=step), NOISY)[-1]
+        measured = NOISY[-1].depth_m > 0
+        raw_px = abs(FOCAL_BASELINE / np.where(measured, NOISY[-1].depth_m, 1) - FOCAL_BASELINE / CLEAN[-1].depth_m)
+        error_px = disparity_error_px(result, CLEAN[-1])
+        assert np.median(error_px[measured]) < 0.5 * np.median(raw_px[measured])
+        known = result.source == Source.TEMPLATE
+        # At half size the rims of holes, half of the pixels of these small ones, take the source of their neighbours.
+        assert np.mean(known[~measured]) > (0.95 if step == 1 else 0.6)
+        assert np.median(error_px[known]) < 0.1
+
+    @STEPS
+    def test_every_result_is_well_formed(self, step: int) -> None:
+        for settings in ({}, {"fill": "none"}, {"smooth_size_px": 1}):
+            for result in run(method(memory_step=step, **settings), [*NOISY[:4], dark(4), *NOISY[5:]]):
+                assert_well_formed(result)
+
+    @STEPS
+    def test_without_filling_only_what_is_known_has_a_depth(self, step: int) -> None:
+        filled, bare = (run(method(memory_step=step, fill=fill), NOISY) for fill in ("guided", "none"))
+        assert [result.source.tobytes() for result in bare] != [result.source.tobytes() for result in filled]
+        for full, result in zip(filled, bare, strict=True):
+            assert set(np.unique(result.source)) <= {Source.INVALID, Source.SENSOR, Source.TEMPLATE}
+            np.testing.assert_array_equal(result.source == Source.INVALID, full.source == Source.INPAINTED)
+            known = result.source != Source.INVALID
+            np.testing.assert_array_equal(result.depth_m[known], full.depth_m[known])
+
+    @STEPS
+    def test_the_sensor_is_named_only_where_it_measured(self, step: int) -> None:
+        for frame, result in zip(NOISY, run(method(memory_step=step), NOISY), strict=True):
+            assert (frame.depth_m[result.source == Source.SENSOR] > 0).all()
+
+    @pytest.mark.parametrize(("frames", "beside"), [(1, Source.INPAINTED), (3, Source.TEMPLATE)])
+    def test_what_is_missing_beside_measured_pixels_is_of_the_memory_or_a_guess(
+        self, frames: int, beside: Source
+    ) -> None:
+        missing = np.zeros(CAMERA.shape, bool)
+        missing[::6, ::6] = True  # one pixel of the four that one of the memory stands for
+        depth_m = np.where(missing, np.float32(0), CLEAN[0].depth_m)
+        still = [replace(CLEAN[0], depth_m=depth_m, stamp_s=float(i)) for i in range(frames)]
+        source = run(method(memory_step=2), still)[-1].source
+        np.testing.assert_array_equal(source, np.where(missing, beside, Source.SENSOR))
+
+
+class TestSymmetries:
+    @STEPS
+    @pytest.mark.parametrize("scale", [0.5, 4.0])  # powers of two, which round nothing otherwise
+    def test_a_larger_world_seen_by_a_larger_camera_is_larger(
+        self, scale: float, step: int, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        # The fit of the motion stops at an absolute step, which is all that knows of metres; here it never does.
+        monkeypatch.setattr(pose_fit, "SETTLED", 0.0)
+        for one, other in self.of_both_sizes(scale, step):
+            np.testing.assert_allclose(other.depth_m / scale, one.depth_m, rtol=1e-6)
+            np.testing.assert_array_equal(one.source, other.source)
+            np.testing.assert_allclose(one.confidence, other.confidence, atol=1e-6)
+
+    @STEPS
+    @pytest.mark.parametrize("scale", [0.5, 3.0])
+    def test_that_the_fit_stops_earlier_in_a_smaller_world_matters_little(self, scale: float, step: int) -> None:
+        for one, other in self.of_both_sizes(scale, step):
+            relative = abs(other.depth_m / scale / one.depth_m - 1)
+            # Poses differ in the fifth digit: one step of the fit more or less. It may tip a decision here and there.
+            assert np.percentile(relative, [50, 99]) == pytest.approx([0, 0], abs=5e-4)
+            assert np.mean(relative > 0.01) < 1e-3
+            assert np.mean(one.source != other.source) < 1e-3
+            assert np.mean(abs(one.confidence - other.confidence) > 0.02) < 1e-3
+
+    @staticmethod
+    def of_both_sizes(scale: float, step: int) -> Iterator[tuple[CorrectedDepth, CorrectedDepth]]:
+        """Results for our world, and for one that is `scale` times as large."""
+        larger = replace(CAMERA, baseline_m=0.1 * scale)
+        grown = [replace(frame, depth_m=frame.depth_m * np.float32(scale)) for frame in NOISY]
+        yield from zip(run(method(memory_step=step), NOISY), run(method(larger, memory_step=step), grown), strict=True)
+
+    @STEPS
+    @pytest.mark.parametrize("width_px", [160, 168])
+    def test_a_mirrored_world_gives_the_mirrored_result(self, width_px: int, step: int) -> None:
+        # 168 px are ten cells and a half: other corners are tracked in the mirror, so poses differ a little.
+        camera = Intrinsics(
+            fx_px=115, fy_px=115, cx_px=70, cy_px=59.5, width_px=width_px, height_px=120, baseline_m=0.1
+        )
+        mirrored = replace(camera, cx_px=width_px - 1 - camera.cx_px)
+        frames = [noisy(frame, 0, camera=camera) for frame in frames_of(ROOM, walk(8), camera)]
+        flipped = [replace(frame, gray=_flipped(frame.gray), depth_m=_flipped(frame.depth_m)) for frame in frames]
+        ours = run(method(camera, memory_step=step), frames)
+        theirs = run(method(mirrored, memory_step=step, filling={"hidden_side": "right"}), flipped)
+        for one, other in zip(ours, theirs, strict=True):
+            assert np.mean(one.source == _flipped(other.source)) > 0.9995
+            difference_px = abs(11.5 / one.depth_m - 11.5 / _flipped(other.depth_m))
+            assert np.percentile(difference_px, 98) < (0.002 if width_px == 160 else 0.02)
+            assert np.mean(difference_px > 0.3) < (1e-5 if width_px == 160 else 5e-4)
+
+    @STEPS
+    def test_the_number_of_threads_does_not_matter(self, step: int, usual_threads: None) -> None:
+        streams = []
+        for threads in (1, 2):
+            cv2.setNumThreads(threads)
+            streams.append(run(method(memory_step=step), NOISY))
+        for one, other in zip(*streams, strict=True):
+            assert _bytes(one) == _bytes(other)
+
+
+def _flipped(image: FloatImage) -> FloatImage:
+    return np.ascontiguousarray(image[:, ::-1])
+
+
+def _bytes(result: CorrectedDepth) -> tuple[bytes, ...]:
+    arrays = (result.depth_m, result.source, result.confidence, result.registration.T_frame_before)
+    return tuple(b"" if array is None else array.tobytes() for array in arrays)
+
+
+class TestArrays:
+    @STEPS
+    @pytest.mark.parametrize("smooth_size_px", [1, 5])
+    def test_inputs_are_neither_modified_nor_kept_and_results_are_the_callers_own(
+        self, smooth_size_px: int, step: int
+    ) -> None:
+        expected = run(method(memory_step=step, smooth_size_px=smooth_size_px), NOISY)
+        corrector = method(memory_step=step, smooth_size_px=smooth_size_px)
+        for frame, clean in zip(NOISY, expected, strict=True):
+            given = Frame(stamp_s=frame.stamp_s, gray=frame.gray.copy(), depth_m=frame.depth_m.copy())
+            result = process(corrector, given)
+            np.testing.assert_array_equal(given.gray, frame.gray)
+            np.testing.assert_array_equal(given.depth_m, frame.depth_m)
+            assert _bytes(result) == _bytes(clean)
+            for array in (given.gray, given.depth_m, result.depth_m, result.source, result.confidence):
+                array[...] = 77
+
+    @STEPS
+    def test_the_halves_may_run_apart(self, step: int) -> None:
+        corrector = method(memory_step=step)
+        aligned = [corrector.align(frame) for frame in NOISY]
+        late = [corrector.combine(one) for one in reversed(aligned)][::-1]
+        expected = run(method(memory_step=step), NOISY)
+        assert [_bytes(one) for one in late] == [_bytes(one) for one in expected]
+
+    def test_it_is_what_a_corrector_does_by_default(self) -> None:
+        corrector = VoxDepth(CAMERA)
+        assert [_bytes(corrector.process(frame)) for frame in NOISY] == [_bytes(one) for one in run(method(), NOISY)]
+
+    @STEPS
+    def test_after_a_reset_it_is_as_new(self, step: int) -> None:
+        corrector = method(memory_step=step)
+        run(corrector, NOISY)
+        corrector.reset()
+        again = run(corrector, NOISY)
+        assert [_bytes(one) for one in again] == [_bytes(one) for one in run(method(memory_step=step), NOISY)]
+
+    def test_what_it_says_of_the_first_and_the_next_frame(self) -> None:
+        first, second = run(method(), NOISY[:2])
+        assert (first.phase, second.phase) == (Phase.PASSTHROUGH, Phase.CORRECTING)
+        assert first.registration.status is RegistrationStatus.NOT_TRIED
+        assert first.registration.T_frame_before is None
+        assert second.registration.status is RegistrationStatus.OK
+        assert second.registration.n_inliers > 40
+        assert second.registration.T_frame_before is not None
+        np.testing.assert_allclose(second.registration.T_frame_before, np.linalg.inv(walk(2)[1]), atol=0.005)
+        assert first.epoch_end is None
+        assert second.epoch_end is None
+        assert {"measure", "localise", "recall", "weigh", "remember", "fill"} <= set(second.timings_s)
+
+
+class TestSizes:
+    SIZES = ((161, 119), (32, 24), (33, 25), (15, 9), (64, 8), (9, 40), (8, 8))
+
+    @STEPS
+    @pytest.mark.parametrize("baseline_m", [0.1, None])
+    @pytest.mark.parametrize(("width_px", "height_px"), SIZES)
+    def test_any_size_is_corrected(self, width_px: int, height_px: int, baseline_m: float | None, step: int) -> None:
+        camera = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=70, baseline_m=baseline_m)
+        frames = frames_of(ROOM, walk(5), camera)
+        holed = [_with_a_hole(frame) for frame in frames]
+        corrector = method(camera, memory_step=step, smooth_size_px=1)
+        for frame, result in zip(frames, run(corrector, holed), strict=True):
+            assert_well_formed(result, camera)
+            assert (result.depth_m > 0).all()
+            assert np.median(abs(result.depth_m / frame.depth_m - 1)) < 0.01
+        assert result.registration.ok == (width_px == 161)  # twelve corners, one in each cell of 16 px, are needed
+
+    @STEPS
+    def test_an_odd_size_is_remembered_like_an_even_one(self, step: int) -> None:
+        frames = [noisy(frame, 0, camera=ODD) for frame in frames_of(ROOM, walk(8), ODD)]
+        result = run(method(ODD, memory_step=step), frames)[-1]
+        hole = frames[-1].depth_m == 0
+        assert np.mean(result.source[hole] == Source.TEMPLATE) > (0.95 if step == 1 else 0.6)
+        true_m = frames_of(ROOM, walk(8)[-1:], ODD)[0].depth_m
+        assert np.median(abs(result.depth_m / true_m - 1)) < 0.02
+
+    @STEPS
+    def test_the_last_odd_row_and_column_are_no_worse_than_measured(self, step: int) -> None:
+        clean = frames_of(ROOM, walk(8), ODD)
+        frames = [noisy(frame, 0, holes=0, camera=ODD) for frame in clean]
+        result = run(method(ODD, memory_step=step, smooth_size_px=1), frames)[-1]
+        for edge in (np.s_[:, -1], np.s_[-1, :]):
+            ours, raw = (
+                abs(1 / depth_m - 1 / clean[-1].depth_m)[edge] for depth_m in (result.depth_m, frames[-1].depth_m)
+            )
+            assert ours.mean() < raw.mean()
+
+    @STEPS
+    @pytest.mark.parametrize(("width_px", "height_px"), [(7, 8), (8, 7), (64, 3), (1, 1)])
+    def test_too_small_images_are_refused(self, width_px: int, height_px: int, step: int) -> None:
+        camera = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=70, baseline_m=0.1)
+        assert LEAST_SIDE_PX == 8
+        with pytest.raises(ConfigError, match=f"at least 8x8 pixels, got {width_px}x{height_px}"):
+            method(camera, memory_step=step)
+
+
+def _with_a_hole(frame: Frame) -> Frame:
+    depth_m = frame.depth_m.copy()
+    depth_m[1:3, 2:4] = 0
+    return replace(frame, depth_m=depth_m)

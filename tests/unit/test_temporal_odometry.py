@@ -1,0 +1,300 @@
+"""Where the camera is: tracks, the fit of a motion to them, and what is refused."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.temporal_scenes import (
+    CAMERA,
+    OTHER_ROOM,
+    ROOM,
+    WALL,
+    Body,
+    Plane,
+    Sphere,
+    dark,
+    frame_of,
+    pose,
+    render,
+    walk,
+)
+from voxdepth.geometry import inverse_rigid
+from voxdepth.temporal.feature_tracker import Tracks, TracksConfig
+from voxdepth.temporal.odometry import Found, Localisation, LocalisationConfig, Location
+from voxdepth.temporal.pose_fit import Pinhole, fit_pose
+from voxdepth.temporal.working_resolution import Scale
+from voxdepth.types import FloatArray, Frame, Intrinsics
+
+LENS = Pinhole(fx_px=120, fy_px=118, cx_px=80.2, cy_px=59.1)
+BY_THE_WAY = {
+    "still": pose(),
+    "forward": pose(0.01, -0.02, 0.08),
+    "aside": pose(0.08, 0.03),
+    "turned": pose(yaw=2.0, pitch=-1.0),
+    "rolled": pose(0.02, 0, 0.03, roll=4, yaw=-1),
+}
+"""`T_world_cam` of the second frame; the first is at the origin."""
+
+
+def localisation(camera: Intrinsics = CAMERA, step: int = 1) -> Localisation:
+    return Localisation(camera, Scale.of(camera, step), LocalisationConfig())
+
+
+def placed(frame: Frame, camera: Intrinsics = CAMERA, step: int = 1) -> Localisation:
+    """A localisation that knows one frame."""
+    known = localisation(camera, step)
+    assert place(known, frame, camera, step).found is Found.START
+    return known
+
+
+def place(known: Localisation, frame: Frame, camera: Intrinsics = CAMERA, step: int = 1) -> Location:
+    """Locate a frame and make it the last that is known."""
+    scale, location = Scale.of(camera, step), known.locate(frame)
+    known.place(frame, location, scale.disparity(np.ascontiguousarray(frame.depth_m[::step, ::step])))
+    return location
+
+
+def error_px(location: Location, T_now_before: FloatArray, before: Frame) -> float:
+    """How far off the pixels of the earlier frame land, on average."""
+    row, col = np.mgrid[4:116:8, 4:156:8].reshape(2, -1)
+    z = before.depth_m[row, col].astype(np.float64)
+    x, y = (col - CAMERA.cx_px) / CAMERA.fx_px * z, (row - CAMERA.cy_px) / CAMERA.fy_px * z
+    points = np.stack([x, y, z], 1)
+    lens = Pinhole(fx_px=CAMERA.fx_px, fy_px=CAMERA.fy_px, cx_px=CAMERA.cx_px, cy_px=CAMERA.cy_px)
+    ours, right = (lens.project(points @ T[:3, :3].T + T[:3, 3]) for T in (location.T_now_before, T_now_before))
+    return float(np.hypot(*(ours - right).T).mean())
+
+
+class TestLocalisation:
+    @pytest.mark.parametrize("step", [1, 2])
+    @pytest.mark.parametrize("name", BY_THE_WAY)
+    def test_a_known_motion_is_found(self, name: str, step: int) -> None:
+        T, first = BY_THE_WAY[name], frame_of(ROOM, pose())
+        location = placed(first, step=step).locate(frame_of(ROOM, T, 1))
+        assert location.found is Found.POSE
+        assert error_px(location, inverse_rigid(T), first) < 0.05
+        assert location.inliers > 0.85 * location.tracks > 40
+
+    def test_a_moving_ball_drops_out(self) -> None:
+        ball, T = Sphere((0.2, 0.1, 2.4), 0.5, seed=5), BY_THE_WAY["forward"]
+        first = frame_of([*ROOM, ball], pose())
+        moved = [*ROOM, replace(ball, centre_m=(0.3, 0.05, 2.4))]
+        location = placed(first).locate(frame_of(moved, T, 1))
+        assert location.found is Found.POSE
+        assert error_px(location, inverse_rigid(T), frame_of(ROOM, pose())) < 0.08
+        assert 0.6 < location.inliers / location.tracks < 0.93  # those on the ball are not explained
+
+    @pytest.mark.parametrize("seed", range(6))
+    def test_another_scene_is_refused(self, seed: int) -> None:
+        there = [replace(body, seed=body.seed + 100 * seed) for body in OTHER_ROOM]
+        location = placed(frame_of(ROOM, pose())).locate(frame_of(there, pose(yaw=3 * seed), 1))
+        assert location.found is Found.ELSEWHERE
+        np.testing.assert_array_equal(location.T_now_before, np.eye(4))
+        assert location.tracks > 40
+        assert location.inliers == 0
+
+    def test_the_same_shapes_of_other_looks_are_another_scene(self) -> None:
+        repainted = [replace(body, seed=body.seed + 50) for body in ROOM]
+        location = placed(frame_of(ROOM, pose())).locate(frame_of(repainted, pose(), 1))
+        assert location.found is Found.ELSEWHERE
+
+    @pytest.mark.parametrize("gray", [0, 130, 255])
+    def test_a_blank_image_shows_nothing_to_go_by(self, gray: int) -> None:
+        blank = replace(dark(1), gray=np.full(CAMERA.shape, gray, np.uint8))
+        location = placed(frame_of(ROOM, pose())).locate(blank)
+        assert location.found is Found.BLIND
+        np.testing.assert_array_equal(location.T_now_before, np.eye(4))
+
+    def test_the_noise_of_photons_in_the_dark_is_nothing_to_go_by(self) -> None:
+        noise = np.random.default_rng(0).poisson(2.0, CAMERA.shape).astype(np.uint8)
+        location = placed(frame_of(ROOM, pose())).locate(replace(dark(1), gray=noise))
+        assert location.found is Found.BLIND
+
+    def test_dark_frames_that_are_not_placed_do_not_matter(self) -> None:
+        first, T = frame_of(ROOM, pose()), BY_THE_WAY["forward"]
+        known = placed(first)
+        for index in range(1, 5):
+            known.locate(dark(index))
+        location = known.locate(frame_of(ROOM, T, 5))
+        assert location.found is Found.POSE
+        assert error_px(location, inverse_rigid(T), first) < 0.05
+
+    @pytest.mark.parametrize("step_m", [0.02, 0.05])
+    def test_a_gap_of_ten_frames_is_bridged(self, step_m: float) -> None:
+        poses = walk(12, step_m=step_m)
+        first, second = (frame_of(ROOM, T, i) for i, T in enumerate(poses[:2]))
+        known = placed(first)
+        place(known, second)
+        location = known.locate(frame_of(ROOM, poses[11], 11))
+        assert location.found is Found.POSE
+        assert error_px(location, inverse_rigid(poses[11]) @ poses[1], second) < 0.2
+
+    def test_a_turn_by_a_quarter_of_the_view_is_bridged(self) -> None:
+        first, T = frame_of(ROOM, pose()), pose(yaw=-17)
+        location = placed(first).locate(frame_of(ROOM, T, 1))
+        assert location.found is Found.POSE
+        assert error_px(location, inverse_rigid(T), first) < 0.5
+
+    def test_a_roll_of_sixteen_degrees_is_bridged_by_features(self) -> None:
+        first, T = frame_of(ROOM, pose()), pose(roll=16)
+        location = placed(first).locate(frame_of(ROOM, T, 1))
+        assert location.found is Found.POSE
+        assert error_px(location, inverse_rigid(T), first) < 0.5
+
+    def test_the_same_frames_give_the_same_bytes_whatever_the_threads(self) -> None:
+        first, second = frame_of(ROOM, pose()), frame_of(ROOM, pose(0.1, 0, 0.3, yaw=3), 1)
+        threads, motions = cv2.getNumThreads(), []
+        try:
+            for count in (1, 2, 1):
+                cv2.setNumThreads(count)
+                motions.append(placed(first).locate(second).T_now_before.tobytes())
+        finally:
+            cv2.setNumThreads(threads)
+        assert len(set(motions)) == 1
+
+    def test_after_a_reset_the_next_frame_is_the_first(self) -> None:
+        known = placed(frame_of(ROOM, pose()))
+        known.reset()
+        assert known.locate(frame_of(ROOM, pose(), 1)).found is Found.START
+
+    def test_where_nothing_has_a_depth_nothing_can_be_found(self) -> None:
+        first = replace(frame_of(ROOM, pose()), depth_m=np.zeros(CAMERA.shape, np.float32))
+        location = placed(first).locate(frame_of(ROOM, pose(), 1))
+        assert location.found is Found.ELSEWHERE
+        assert location.tracks == 0
+
+    def test_frames_are_not_kept(self) -> None:
+        first, second = frame_of(ROOM, pose()), frame_of(ROOM, pose(roll=16), 1)  # so far that features are asked for
+        first = replace(first, gray=first.gray.copy())
+        expected = placed(first).locate(second).T_now_before
+        known = localisation()
+        disparity_px = Scale.of(CAMERA, 1).disparity(first.depth_m)
+        known.place(first, known.locate(first), disparity_px)
+        first.gray[:] = 0
+        disparity_px[:] = 1
+        np.testing.assert_array_equal(known.locate(second).T_now_before, expected)
+
+
+class TestPosesOfTheCaller:
+    @staticmethod
+    def located(T_said: FloatArray, second: Frame) -> Location:
+        origin = pose(4.0, -2.0, 7.0, yaw=40)  # where the world begins does not matter
+        first = replace(frame_of(ROOM, pose()), T_world_cam=origin)
+        return placed(first).locate(replace(second, T_world_cam=origin @ T_said))
+
+    def test_they_stand_where_the_image_shows_nothing(self) -> None:
+        T = pose(0.1, 0, 0.2, yaw=2)
+        location = self.located(T, dark(1))
+        assert location.found is Found.POSE
+        np.testing.assert_allclose(location.T_now_before, inverse_rigid(T), atol=1e-9)
+        assert location.inliers == 0
+
+    @pytest.mark.parametrize("said", [pose(0.3, 0.2, 0.1, yaw=5), pose(30.0, yaw=80)], ids=["off", "absurd"])
+    def test_the_image_corrects_them(self, said: FloatArray) -> None:
+        T = BY_THE_WAY["forward"]
+        location = self.located(said, frame_of(ROOM, T, 1))
+        assert error_px(location, inverse_rigid(T), frame_of(ROOM, pose())) < 0.05
+
+
+class TestFit:
+    @staticmethod
+    def points(count: int = 60) -> FloatArray:
+        return np.random.default_rng(0).uniform([-2, -1.5, 2], [2, 1.5, 8], (count, 3))
+
+    @staticmethod
+    def seen(points_m: FloatArray, T: FloatArray) -> FloatArray:
+        return LENS.project(points_m @ T[:3, :3].T + T[:3, 3])
+
+    @pytest.mark.parametrize("name", BY_THE_WAY)
+    def test_exact_points_give_the_exact_motion(self, name: str) -> None:
+        T, points = BY_THE_WAY[name], self.points()
+        fit = fit_pose(points, self.seen(points, T), LENS, np.eye(4), 1.0)
+        np.testing.assert_allclose(fit.T_target_source, T, atol=1e-6)
+        assert (fit.inlier_share, fit.inliers) == (1, 60)
+        assert fit.residual_px < 1e-4
+
+    def test_a_large_motion_is_found_from_nowhere(self) -> None:
+        T, points = pose(0.4, -0.2, 0.8, yaw=20, pitch=-10, roll=40), self.points()
+        fit = fit_pose(points, self.seen(points, T), LENS, np.eye(4), 1.0)
+        np.testing.assert_allclose(fit.T_target_source, T, atol=1e-5)
+
+    def test_a_third_that_moves_by_itself_does_not_matter(self) -> None:
+        T, points = BY_THE_WAY["rolled"], self.points()
+        seen = self.seen(points, T)
+        seen[:20] += [6.0, -4.0]
+        fit = fit_pose(points, seen, LENS, np.eye(4), 1.0)
+        # Their weight falls with the fourth power of the distance, and is never 0.
+        np.testing.assert_allclose(self.seen(points, fit.T_target_source), self.seen(points, T), atol=0.01)
+        assert fit.inliers == 40
+
+    def test_noise_averages_out(self) -> None:
+        T, points = BY_THE_WAY["forward"], self.points(400)
+        seen = self.seen(points, T) + np.random.default_rng(1).normal(0, 0.3, (400, 2))
+        fit = fit_pose(points, seen, LENS, np.eye(4), 1.0)
+        assert np.hypot(*(self.seen(points, fit.T_target_source) - self.seen(points, T)).T).mean() < 0.08
+        assert 0.2 < fit.residual_px < 0.6
+
+    def test_points_behind_the_camera_do_not_count(self) -> None:
+        T, points = pose(z=0.08), self.points()
+        seen = self.seen(points, T)
+        behind, there = np.tile([0.0, 0.0, -3.0], (10, 1)), np.tile([LENS.cx_px + 0.5, LENS.cy_px], (10, 1))
+        fit = fit_pose(np.vstack([points, behind]), np.vstack([seen, there]), LENS, np.eye(4), 1.0)
+        np.testing.assert_allclose(fit.T_target_source, T, atol=1e-6)
+
+    def test_points_on_one_spot_give_something_finite(self) -> None:
+        points = np.tile([0.1, 0.2, 4.0], (12, 1))
+        fit = fit_pose(points, self.seen(points, pose(0.1)), LENS, np.eye(4), 1.0)
+        assert np.isfinite(fit.T_target_source).all()
+        np.testing.assert_allclose(self.seen(points, fit.T_target_source), self.seen(points, pose(0.1)), atol=0.01)
+
+    def test_what_it_finds_is_rigid(self) -> None:
+        points = self.points()
+        seen = np.random.default_rng(2).uniform(0, 160, (60, 2))
+        R = fit_pose(points, seen, LENS, np.eye(4), 1.0).T_target_source[:3, :3]
+        np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-9)
+
+
+class TestTracks:
+    CONFIG = TracksConfig()
+
+    def test_there_is_at_most_one_corner_in_a_cell(self) -> None:
+        corners = Tracks(CAMERA, self.CONFIG).view(render(ROOM, pose())[0]).corners
+        cells = {(int(x) // 16, int(y) // 16) for x, y in corners}
+        assert len(cells) == len(corners) > 50
+
+    def test_a_blank_image_has_none_and_neither_has_one_below_the_size_of_a_cell(self) -> None:
+        assert not len(Tracks(CAMERA, self.CONFIG).view(np.full(CAMERA.shape, 90, np.uint8)).corners)
+        tiny = Intrinsics.from_hfov(width_px=15, height_px=15, hfov_deg=70)
+        noise = np.random.default_rng(0).integers(0, 255, tiny.shape, np.uint8)
+        assert Tracks(tiny, self.CONFIG).view(noise).corners.shape == (0, 2)
+
+    @pytest.mark.parametrize("shift", [(0, 0), (5, -3), (-9, 6)])
+    def test_what_is_shifted_is_found_shifted(self, shift: tuple[int, int]) -> None:
+        big = Intrinsics.from_hfov(width_px=200, height_px=160, hfov_deg=75)
+        gray, _ = render([WALL, Plane((0.0, 1.0, 0.05), 1.6, seed=2)], pose(), big)
+        tracks = Tracks(CAMERA, self.CONFIG)
+        here, there = (
+            tracks.view(np.ascontiguousarray(gray[20 - y : 140 - y, 20 - x : 180 - x])) for x, y in ((0, 0), shift)
+        )
+        found, ok = tracks.follow(here, there, here.corners, here.corners)
+        assert ok.mean() > 0.85
+        error = np.hypot(*(found[ok] - here.corners[ok] - shift).T)
+        assert np.median(error) < 0.02
+        assert np.mean(error < 0.3) > 0.9
+
+    def test_large_images_are_reduced(self) -> None:
+        large = Intrinsics.from_hfov(width_px=640, height_px=480, hfov_deg=70)
+        tracks = Tracks(large, self.CONFIG)
+        assert tracks.scale == 0.5
+        assert tracks.view(np.zeros(large.shape, np.uint8)).gray.shape == (240, 320)
+
+
+def test_a_reduced_image_finds_the_same_motion() -> None:
+    large = Intrinsics.from_hfov(width_px=480, height_px=360, hfov_deg=70, baseline_m=0.1)
+    bodies: list[Body] = [Plane((0.3, 0.0, 1.0), 3.0, seed=1), Plane((0.0, 1.0, 0.05), 0.9, seed=2)]
+    T, first = BY_THE_WAY["rolled"], frame_of(bodies, pose(), camera=large)
+    location = placed(first, large, step=2).locate(frame_of(bodies, T, 1, large))
+    assert location.found is Found.POSE
+    np.testing.assert_allclose(location.T_now_before, inverse_rigid(T), atol=2e-3)

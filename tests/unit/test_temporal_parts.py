@@ -1,0 +1,274 @@
+"""The smaller parts of the default method: halving, merging, smoothing, confidence, moving memory."""
+
+from dataclasses import astuple, replace
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.temporal_scenes import CAMERA, ROOM, frame_of, pose, render
+from voxdepth.geometry import inverse_rigid
+from voxdepth.temporal.confidence import confidence_of
+from voxdepth.temporal.estimate import CHANCES
+from voxdepth.temporal.fusion import Kind
+from voxdepth.temporal.measurement import Measurement, measured
+from voxdepth.temporal.memory import COARSE, UNIT, Memory, Mover
+from voxdepth.temporal.smoothing import smoothed
+from voxdepth.temporal.upsampling import enlarged, merged
+from voxdepth.temporal.working_resolution import Scale
+from voxdepth.types import FloatImage, Frame, GrayImage, Intrinsics
+
+ODD = Intrinsics.from_hfov(width_px=161, height_px=119, hfov_deg=70, baseline_m=0.1)
+
+
+def measurement_of(full_px: FloatImage, step: int, camera: Intrinsics = CAMERA) -> Measurement:
+    scale = Scale.of(camera, step)
+    frame = Frame(stamp_s=0, gray=np.zeros(camera.shape, np.uint8), depth_m=scale.depth(full_px))
+    return measured(frame, full_px, scale)
+
+
+def constant(value: float, camera: Intrinsics = CAMERA) -> FloatImage:
+    return np.full(camera.shape, value, np.float32)
+
+
+class TestMeasurement:
+    @pytest.mark.parametrize("step", [1, 2])
+    @pytest.mark.parametrize("camera", [CAMERA, ODD], ids=["even", "odd"])
+    def test_constant_stays_constant(self, camera: Intrinsics, step: int) -> None:
+        new = measurement_of(constant(6.5, camera), step, camera)
+        np.testing.assert_array_equal(new.disparity_px, np.full(Scale.of(camera, step).shape, 6.5, np.float32))
+        np.testing.assert_array_equal(new.weight, UNIT)
+        assert new.gray.shape == new.disparity_px.shape
+
+    @pytest.mark.parametrize(
+        ("four", "mean"),
+        [((6, 6.2, 6.4, 0), 6.2), ((6, 6.1, 6.2, 6.3), 6.15), ((0, 150, 150.5, 0), 150.25), ((0, 0, 0, 150), 150)],
+    )
+    def test_a_half_pixel_is_the_mean_of_one_surface(self, four: tuple[float, ...], mean: float) -> None:
+        full_px = constant(6)
+        full_px[10:12, 20:22] = np.array(four).reshape(2, 2)
+        assert measurement_of(full_px, 2).disparity_px[5, 10] == pytest.approx(mean, rel=1e-6)
+
+    @pytest.mark.parametrize(("four", "one"), [((4, 4, 4, 9), 4), ((9, 4, 9, 9), 9), ((0, 9, 9, 4), 9)])
+    def test_of_two_surfaces_a_half_pixel_is_the_one_with_more(self, four: tuple[float, ...], one: float) -> None:
+        full_px = constant(6)
+        full_px[10:12, 20:22] = np.array(four).reshape(2, 2)
+        assert measurement_of(full_px, 2).disparity_px[5, 10] == one
+
+    @pytest.mark.parametrize("step", [1, 2])
+    def test_the_rim_of_a_hole_weighs_less(self, step: int) -> None:
+        full_px = constant(6)
+        full_px[40:60, 40:60] = 0
+        weight = measurement_of(full_px, step).weight[50 // step]
+        assert weight[50 // step] == 0
+        beside, away = weight[60 // step], weight[60 // step + 3]
+        assert beside == round(UNIT * 0.6**4)  # two of five columns are missing
+        assert away == UNIT
+
+    @pytest.mark.parametrize(("count", "share"), [(1, 0.25), (2, 0.5), (3, 0.75), (4, 1.0)])
+    def test_a_half_pixel_weighs_by_how_many_of_four_are_valid(self, count: int, share: float) -> None:
+        full_px = np.zeros(CAMERA.shape, np.float32)
+        for row, col in ((0, 0), (1, 1), (0, 1), (1, 0))[:count]:
+            full_px[row::2, col::2] = 6
+        np.testing.assert_allclose(measurement_of(full_px, 2).weight, UNIT * share**2, atol=0.6)
+
+    @pytest.mark.parametrize("step", [1, 2])
+    def test_what_is_valid_has_a_weight_and_nothing_else(self, step: int) -> None:
+        full_px = np.where(np.random.default_rng(0).random(CAMERA.shape) < 0.8, np.float32(0), constant(6))
+        new = measurement_of(full_px, step)
+        np.testing.assert_array_equal(new.weight > 0, new.disparity_px > 0)
+        np.testing.assert_array_equal(new.valid, np.where(new.disparity_px > 0, 255, 0))
+
+
+def merged_px(full_px: FloatImage, half_px: FloatImage, kind: GrayImage) -> FloatImage:
+    """Disparity alone."""
+    return merged(full_px, half_px, np.ones_like(half_px), kind)[0]
+
+
+def as_fused(half_px: FloatImage) -> GrayImage:
+    return np.full(half_px.shape, Kind.FUSED, np.uint8)
+
+
+class TestMerge:
+    @staticmethod
+    def stepped() -> tuple[FloatImage, FloatImage]:
+        """Two surfaces at full and half size, the first with noise; their edge goes through the half pixels 40."""
+        clean_px = np.where(np.arange(CAMERA.width_px) < 81, np.float32(5), np.float32(12))
+        half_px = measurement_of(np.broadcast_to(clean_px, CAMERA.shape).copy(), 2).disparity_px
+        noise_px = 0.25 * (-1) ** np.indices(CAMERA.shape).sum(0)
+        return np.asarray(clean_px + noise_px, np.float32), half_px
+
+    @pytest.mark.parametrize("camera", [CAMERA, ODD], ids=["even", "odd"])
+    def test_what_counts_as_measured_is_shown_as_measured(self, camera: Intrinsics) -> None:
+        scale = Scale.of(camera, 2)
+        full_px = scale.disparity(render(ROOM, pose(), camera)[1])
+        half_px = measurement_of(full_px, 2, camera).disparity_px
+        shown_px = merged_px(full_px, half_px, np.full(scale.shape, Kind.MEASURED, np.uint8))
+        rows, cols = 2 * scale.height_px, 2 * scale.width_px
+        np.testing.assert_array_equal(shown_px[:rows, :cols], full_px[:rows, :cols])
+        assert shown_px.shape == full_px.shape
+        # A last odd row or column has no pixel of memory: it repeats the one before.
+        np.testing.assert_array_equal(shown_px[-1], shown_px[rows - 1])
+        np.testing.assert_array_equal(shown_px[:, -1], shown_px[:, cols - 1])
+
+    @pytest.mark.parametrize("kind", [Kind.NOTHING, Kind.FUSED, Kind.REMEMBERED])
+    def test_a_surface_is_enlarged_linearly_whatever_was_measured(self, kind: Kind) -> None:
+        full_px = np.random.default_rng(0).uniform(0, 20, CAMERA.shape).astype(np.float32)
+        row, col = np.indices(CAMERA.shape)
+        plane_px = np.asarray(5 + 0.1 * row + 0.05 * col, np.float32)
+        half_px = np.asarray(0.5 * (plane_px[::2, ::2] + plane_px[1::2, 1::2]), np.float32)
+        shown_px = merged_px(full_px, half_px, np.full(half_px.shape, kind, np.uint8))
+        np.testing.assert_allclose(shown_px[1:-1, 1:-1], plane_px[1:-1, 1:-1], atol=1e-5)
+        # Beside the middle of the outermost pixels of memory nothing is extrapolated.
+        np.testing.assert_allclose(shown_px, plane_px, atol=0.5 * (0.1 + 0.05) + 1e-5)
+
+    def test_at_an_edge_what_was_measured_of_the_same_surface_is_shown(self) -> None:
+        full_px, half_px = self.stepped()
+        full_px[40, 80], full_px[41, 80] = 9.0, 0.0  # an outlier and a hole
+        assert half_px[0, 40] == 5  # of as many pixels of two surfaces the farther one
+        expected_px = np.repeat(np.repeat(half_px, 2, axis=0), 2, axis=1)
+        at_edge = np.s_[:, 80:84]  # half pixels with another surface beside them
+        expected_px[at_edge] = full_px[at_edge]
+        expected_px[:, 81] = expected_px[40:42, 80] = 5  # that was measured of something else, or not at all
+        np.testing.assert_allclose(merged_px(full_px, half_px, as_fused(half_px)), expected_px, atol=1e-5)
+
+    def test_no_value_is_of_two_surfaces(self) -> None:
+        _, half_px = self.stepped()
+        shown_px = merged_px(np.zeros(CAMERA.shape, np.float32), half_px, as_fused(half_px))
+        np.testing.assert_array_equal(shown_px, np.repeat(np.repeat(half_px, 2, axis=0), 2, axis=1))
+
+    def test_a_hole_of_the_measurement_is_filled(self) -> None:
+        full_px = constant(6)
+        full_px[40:61, 40:61] = 0
+        half_px = constant(6.25)[::2, ::2]
+        kind = np.full(half_px.shape, Kind.MEASURED, np.uint8)
+        np.testing.assert_array_equal(
+            merged_px(full_px, half_px, kind), np.where(full_px > 0, full_px, np.float32(6.25))
+        )
+
+    def test_at_an_edge_a_pixel_without_measurement_belongs_to_the_hole_beside_it(self) -> None:
+        full_px = constant(5)
+        full_px[:, 60:71], full_px[:, 71:] = 0, 12  # a near surface begins in the right half of half pixel 35
+        half_px = measurement_of(full_px, 2).disparity_px
+        kind = np.where(half_px > 0, Kind.FUSED, Kind.NOTHING).astype(np.uint8)
+        filled_px = np.where(half_px > 0, half_px, np.float32(5))
+        assert half_px[0, 35] == 12
+        trust = np.where(half_px > 0, np.float32(0.9), np.float32(0.3))
+        shown_px, confidence = merged(full_px, filled_px, trust, kind)
+        np.testing.assert_allclose(shown_px, np.where(full_px > 5, full_px, 5), atol=1e-5)
+        assert (confidence[:, 70] == np.float32(0.3)).all()
+        confidence[:, 70] = 0.9
+        np.testing.assert_array_equal(confidence, enlarged(trust, (160, 120)))
+        # Where the hole beside it is remembered, its own pixel of memory knows better than a guess.
+        kind[kind == Kind.NOTHING] = Kind.REMEMBERED
+        assert (merged_px(full_px, filled_px, kind)[:, 70] == 12).all()
+
+    @pytest.mark.parametrize("size", [(120, 160), (121, 160), (120, 161), (121, 161)])
+    def test_an_enlarged_pixel_is_four_of_them_and_the_odd_ones_repeat(self, size: tuple[int, int]) -> None:
+        image = np.random.default_rng(0).integers(0, 256, (60, 80), np.uint8)
+        row, col = np.indices(size)
+        expected = image[np.minimum(row // 2, 59), np.minimum(col // 2, 79)]
+        for each in (image, image.astype(np.float32)):
+            larger = enlarged(each, (size[1], size[0]))
+            np.testing.assert_array_equal(larger, expected)
+            assert larger.dtype == each.dtype
+
+
+class TestSmoothing:
+    @pytest.mark.parametrize("size_px", [1, 3, 5, 7])
+    def test_constant_stays_constant_and_an_offset_commutes(self, size_px: int) -> None:
+        np.testing.assert_allclose(smoothed(constant(40), size_px, 0.3), 40, atol=1e-3)
+        noisy_px = np.random.default_rng(0).normal(6, 0.5, CAMERA.shape).astype(np.float32)
+        np.testing.assert_allclose(
+            smoothed(noisy_px + np.float32(2), size_px, 0.3), smoothed(noisy_px, size_px, 0.3) + 2, atol=1e-3
+        )
+
+    def test_a_plane_stays_a_plane_inside(self) -> None:
+        row, col = np.mgrid[: CAMERA.height_px, : CAMERA.width_px]
+        plane_px = np.asarray(5 + 0.1 * row + 0.05 * col, np.float32)
+        np.testing.assert_allclose(smoothed(plane_px, 5, 0.3)[2:-2, 2:-2], plane_px[2:-2, 2:-2], atol=1e-3)
+
+    def test_noise_is_taken_away_and_an_edge_is_kept(self) -> None:
+        step_px = constant(5)
+        step_px[:, 80:] = 12
+        noisy_px = step_px + np.random.default_rng(1).normal(0, 0.1, CAMERA.shape).astype(np.float32)
+        error_px = smoothed(noisy_px, 5, 0.3) - step_px
+        assert np.std(error_px[:, :70]) < 0.04
+        np.testing.assert_allclose(error_px[:, 76:84], 0, atol=0.5)
+
+    def test_one_pixel_switches_it_off(self) -> None:
+        noisy_px = np.random.default_rng(0).normal(6, 0.5, CAMERA.shape).astype(np.float32)
+        np.testing.assert_allclose(smoothed(noisy_px, 1, 0.3), noisy_px, atol=1e-4)
+
+
+class TestConfidence:
+    def test_it_is_a_share(self) -> None:
+        rng = np.random.default_rng(0)
+        disparity_px = rng.uniform(0, 1000, (50, 60)).astype(np.float32)
+        kind = rng.integers(0, len(Kind), (50, 60)).astype(np.uint8)
+        weight = rng.integers(0, 193, (50, 60)).astype(np.uint8)
+        confidence = confidence_of(disparity_px, kind, weight, np.full((50, 60), 0.5, np.float32))
+        assert confidence.min() >= 0
+        assert confidence.max() <= 1
+        assert (confidence > 0.05).all()
+
+    @pytest.mark.parametrize("kind", Kind)
+    def test_it_rises_with_evidence_and_nearness(self, kind: Kind) -> None:
+        weights, kinds = np.arange(0, 193, dtype=np.uint8)[None], np.full((1, 193), kind, np.uint8)
+        chance = np.full((1, 193), 0.5, np.float32)
+        by_weight = confidence_of(np.full((1, 193), 20, np.float32), kinds, weights, chance)
+        assert (np.diff(by_weight) >= 0).all()
+        assert (by_weight[0, -1] > by_weight[0, 0]) == (kind is not Kind.NOTHING)
+        sixty_four = np.full((1, 193), 64, np.uint8)
+        near_px = np.linspace(5, 12, 193, dtype=np.float32)[None]
+        assert (np.diff(confidence_of(near_px, kinds, sixty_four, chance)) > 0).all()
+        far_px = np.linspace(0.1, 5, 193, dtype=np.float32)[None]  # a quarter of a pixel is 5 % of 5 px
+        assert np.ptp(confidence_of(far_px, kinds, sixty_four, chance)) == 0
+
+    def test_what_agrees_is_surest_and_what_is_guessed_least(self) -> None:
+        full = np.full((1, 4), 192, np.uint8)
+        kinds, near_px = np.array([list(Kind)], np.uint8), np.full((1, 4), 20, np.float32)
+        by_kind = confidence_of(near_px, kinds, full, np.full((1, 4), max(astuple(CHANCES)), np.float32))[0]
+        assert by_kind.argmax() == Kind.FUSED
+        assert by_kind.argmin() == Kind.NOTHING
+
+    def test_that_of_near_fills_is_their_chance(self) -> None:
+        chance = np.linspace(0, 1, 20, dtype=np.float32)[None]
+        nothing, no_weight = np.full((1, 20), Kind.NOTHING, np.uint8), np.zeros((1, 20), np.uint8)
+        near = confidence_of(np.full((1, 20), 200, np.float32), nothing, no_weight, chance)
+        np.testing.assert_allclose(near, chance, atol=1e-6)
+
+
+@pytest.mark.parametrize("step", [1, 2])
+@pytest.mark.parametrize("camera", [CAMERA, ODD], ids=["even", "odd"])
+def test_a_memory_that_moves_looks_as_the_scene_does_from_there(camera: Intrinsics, step: int) -> None:
+    scale, there = Scale.of(camera, step), pose(0.1, 0.02, 0.15, yaw=2, roll=1)
+    here, now = (
+        measured(frame, scale.disparity(frame.depth_m), scale)
+        for frame in (frame_of(ROOM, T, camera=camera) for T in (pose(), there))
+    )
+    empty = Memory.empty(here.gray)
+    memory = replace(empty, disparity_px=here.disparity_px, weight=here.weight)
+    moved = Mover(scale).move(memory, inverse_rigid(there))
+    known = cv2.erode((moved.weight > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    assert known.mean() > 0.75
+    change = abs(moved.gray.astype(int) - now.gray)[known]
+    unmoved = abs(here.gray.astype(int) - now.gray)[known]
+    assert np.median(change) <= 2 * step  # halving blurs, and not twice in the same way
+    assert np.median(unmoved) > 10
+    assert np.mean(abs(moved.disparity_px - now.disparity_px)[known] < 0.05) > 0.9
+
+
+@pytest.mark.parametrize("shift_px", [0, 12, -8])
+def test_the_drift_of_a_memory_moves_along(shift_px: int) -> None:
+    scale = Scale.of(CAMERA, 1)
+    gray = np.zeros(CAMERA.shape, np.uint8)
+    empty = Memory.empty(gray)
+    row, col = np.indices(empty.drift_px.shape)
+    drift_px = (0.01 * row - 0.02 * col).astype(np.float32)
+    memory = replace(empty, disparity_px=constant(8), weight=np.full(CAMERA.shape, UNIT, np.uint8), drift_px=drift_px)
+    step_m = shift_px / 8 * 0.1  # a step of a baseline shifts by the disparity
+    moved = Mover(scale).move(memory, inverse_rigid(pose(step_m)))
+    source_col = col + shift_px / COARSE
+    seen = (source_col >= 0) & (source_col <= col.max())
+    np.testing.assert_allclose(moved.drift_px[seen], (0.01 * row - 0.02 * source_col)[seen], atol=1e-5)

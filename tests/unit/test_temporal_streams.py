@@ -1,0 +1,256 @@
+"""The default method on streams that do not simply go on: cuts, gaps, darkness, standstill, passers-by."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from tests.temporal_scenes import (
+    CAMERA,
+    OTHER_ROOM,
+    ROOM,
+    WALL,
+    Body,
+    Sphere,
+    dark,
+    frame_of,
+    frames_of,
+    method,
+    noisy,
+    pose,
+    process,
+    run,
+    walk,
+)
+from voxdepth.temporal.estimate import CHANCES
+from voxdepth.types import EpochEnd, FloatArray, Frame, Phase, RegistrationStatus, Source
+
+STEPS = pytest.mark.parametrize("step", [1, 2])
+MOSTLY = pytest.mark.parametrize("step", [1, pytest.param(2, marks=pytest.mark.slow)])
+"""For long streams."""
+PATH = walk(40)
+NOISY = [noisy(frame, 0) for frame in frames_of(ROOM, PATH[:8])]
+HOLE = np.s_[30:70, 20:70]
+INSIDE = np.s_[32:68, 22:68]
+
+
+def holed(frame: Frame, index: int) -> Frame:
+    """The frame at another time, with a hole that nothing but memory can fill so well."""
+    depth_m = frame.depth_m.copy()
+    depth_m[HOLE] = 0
+    return replace(frame, stamp_s=index / 30, depth_m=depth_m)
+
+
+class TestCut:
+    @STEPS
+    def test_the_result_is_that_of_a_fresh_corrector(self, step: int) -> None:
+        after = [noisy(frame, 1) for frame in frames_of(OTHER_ROOM, walk(4), first=16)]
+        used, fresh = method(memory_step=step), method(memory_step=step)
+        run(used, NOISY)
+        ours, theirs = run(used, after), run(fresh, after)
+        assert ours[0].epoch_end is EpochEnd.FEW_MATCHES
+        assert ours[0].registration.status is RegistrationStatus.DEGENERATE
+        assert ours[0].phase is Phase.PASSTHROUGH
+        for one, other in zip(ours, theirs, strict=True):
+            for quantity in ("depth_m", "source", "confidence"):
+                assert getattr(one, quantity).tobytes() == getattr(other, quantity).tobytes()
+        assert all(result.registration.ok for result in ours[1:])
+
+    @STEPS
+    def test_nothing_of_the_old_scene_is_shown(self, step: int) -> None:
+        used = method(memory_step=step, fill="none")
+        run(used, NOISY)
+        result = process(used, holed(frame_of(OTHER_ROOM, pose()), 16))
+        assert not (result.source == Source.TEMPLATE).any()
+        assert not result.depth_m[INSIDE].any()
+
+    @STEPS
+    def test_and_back_again_nothing_is_left_either(self, step: int) -> None:
+        used = method(memory_step=step, fill="none")
+        run(used, NOISY)
+        process(used, frame_of(OTHER_ROOM, pose(), 16))
+        result = process(used, holed(frame_of(ROOM, PATH[7]), 17))
+        assert not result.depth_m[INSIDE].any()
+
+
+@STEPS
+def test_memory_survives_ten_dropped_frames(step: int) -> None:
+    corrector = method(memory_step=step)
+    run(corrector, NOISY)
+    true = frame_of(ROOM, PATH[18], 18)
+    result = process(corrector, holed(noisy(true, 0), 18))
+    assert result.registration.ok
+    assert np.mean(result.source[INSIDE] == Source.TEMPLATE) > 0.95
+    assert np.median(abs(result.depth_m / true.depth_m - 1)[INSIDE]) < 0.01
+
+
+class TestCoveredLens:
+    SECOND = tuple(dark(16 + i) for i in range(30))
+
+    @MOSTLY
+    def test_what_is_not_seen_is_not_invented_and_afterwards_memory_serves_again(self, step: int) -> None:
+        corrector = method(memory_step=step)
+        run(corrector, NOISY)
+        for result in run(corrector, self.SECOND):
+            assert not result.depth_m.any()
+            assert not result.confidence.any()
+            assert (result.source == Source.INVALID).all()
+            assert result.registration.status is RegistrationStatus.FEW_MATCHES
+            assert result.phase is Phase.PASSTHROUGH
+        true = frame_of(ROOM, PATH[9], 46)
+        result = process(corrector, holed(true, 46))
+        assert result.registration.ok
+        assert np.mean(result.source[INSIDE] == Source.TEMPLATE) > 0.95
+        assert np.median(abs(result.depth_m / true.depth_m - 1)[INSIDE]) < 0.01
+
+    def made_up(self) -> list[Frame]:
+        """Nothing but depths at random in three of ten pixels."""
+        rng, frames = np.random.default_rng(0), self.SECOND[:5]
+        made_up_m = [np.where(rng.random(CAMERA.shape) < 0.3, rng.uniform(0.5, 9, CAMERA.shape), 0) for _ in frames]
+        return [replace(frame, depth_m=m.astype(np.float32)) for frame, m in zip(frames, made_up_m, strict=True)]
+
+    @STEPS
+    def test_what_the_sensor_makes_up_in_the_dark_is_never_confident(self, step: int) -> None:
+        corrector = method(memory_step=step)
+        run(corrector, NOISY[:6])
+        for result in run(corrector, self.made_up()):
+            assert result.confidence.max() <= CHANCES.shadow  # of what is found without memory and ground
+
+    @STEPS
+    def test_what_the_sensor_makes_up_in_the_dark_is_hardly_believed_and_not_remembered(self, step: int) -> None:
+        corrector = method(memory_step=step)
+        run(corrector, NOISY[:6])
+        for result in run(corrector, self.made_up()):
+            assert result.confidence.mean() < 0.25
+        true = frame_of(ROOM, PATH[6], 30)
+        result = process(corrector, holed(true, 30))
+        assert np.median(abs(result.depth_m / true.depth_m - 1)[INSIDE]) < 0.01
+
+    @STEPS
+    @pytest.mark.parametrize(("hold_frames", "is_held"), [(5, True), (4, False), (0, False)])
+    def test_it_is_held_for_so_many_frames_and_no_more(self, hold_frames: int, is_held: bool, step: int) -> None:
+        corrector = method(memory_step=step, hold_frames=hold_frames)
+        run(corrector, [*NOISY[:4], *self.SECOND[:5]])
+        result = process(corrector, holed(frame_of(ROOM, PATH[5]), 46))
+        assert result.registration.ok == is_held
+        assert (result.source[INSIDE] == Source.TEMPLATE).any() == is_held
+
+    def test_one_frame_that_shows_something_starts_the_count_anew(self) -> None:
+        corrector = method(hold_frames=5)
+        run(corrector, [*NOISY[:4], *self.SECOND[:4], NOISY[4], *self.SECOND[5:9]])
+        assert process(corrector, holed(frame_of(ROOM, PATH[5]), 46)).registration.ok
+
+    @STEPS
+    def test_a_stream_may_begin_in_the_dark(self, step: int) -> None:
+        corrector = method(memory_step=step)
+        for result in run(corrector, [dark(i) for i in range(3)]):
+            assert not result.depth_m.any()
+        results = run(corrector, [replace(frame, stamp_s=1 + frame.stamp_s) for frame in NOISY])
+        assert results[-1].registration.ok
+        assert (results[-1].source == Source.TEMPLATE).any()
+
+
+@STEPS
+def test_identical_frames_converge_without_flicker_and_grow_surer(step: int) -> None:
+    still = [replace(NOISY[3], stamp_s=i / 30) for i in range(25)]
+    results = run(method(memory_step=step), still)
+    for before, after in pairwise(results[1:]):  # the second frame is the first that memory has a say in
+        np.testing.assert_allclose(after.depth_m, before.depth_m, rtol=1e-5)
+        assert (after.confidence >= before.confidence - 1e-6).all()
+    assert results[-1].confidence.mean() > results[1].confidence.mean() > results[0].confidence.mean()
+    np.testing.assert_allclose(results[-1].confidence, results[-2].confidence, atol=0.005)
+
+
+@STEPS
+def test_at_standstill_noise_averages_out(step: int) -> None:
+    true = frame_of(ROOM, pose())
+    errors_m = [
+        abs(result.depth_m / true.depth_m - 1)
+        for result in run(method(memory_step=step), [noisy(replace(true, stamp_s=i / 30), 2) for i in range(15)])
+    ]
+    # Half-size memory averages the noise of four pixels together; what they differ by is left to the smoothing.
+    assert np.median(errors_m[-1]) < (0.4 if step == 1 else 0.7) * np.median(errors_m[0])
+
+
+class TestPasserBy:
+    """A ball passes from the left to the right before a wall, seen with a baseline of 0.3 m: 12 px against 7 px."""
+
+    CAMERA = replace(CAMERA, baseline_m=0.3)
+
+    @staticmethod
+    def bodies(index: int) -> list[Body]:
+        return [WALL, Sphere((-3.2 + 0.2 * index, 0.0, 3.0), 0.4, seed=5)]
+
+    def frames(self, *indices: int) -> list[Frame]:
+        clean = [frame_of(self.bodies(i), pose(), i, self.CAMERA) for i in indices]
+        return [noisy(frame, 3, sigma_px=0.1, holes=0.05, camera=self.CAMERA) for frame in clean]
+
+    @MOSTLY
+    def test_it_stays_where_it_is_and_leaves_no_ghost(self, step: int) -> None:
+        frames = self.frames(*range(10, 22))
+        results = run(method(self.CAMERA, memory_step=step), frames)
+        for index, frame, result in zip(range(10, 22), frames, results, strict=True):
+            true_m = frame_of(self.bodies(index), pose()).depth_m
+            ball = true_m < 4
+            ours, raw = (np.mean(abs(depth_m / true_m - 1)[ball] < 0.05) for depth_m in (result.depth_m, frame.depth_m))
+            assert ours > raw - (0.01 if step == 1 else 0.05)
+            assert np.mean(result.depth_m[~ball] < 3.9) < 0.002  # nearer to the ball than to the wall
+
+    @MOSTLY
+    def test_the_wall_behind_it_is_not_forgotten(self, step: int) -> None:
+        corrector = method(self.CAMERA, memory_step=step)
+        run(corrector, self.frames(*range(16)))
+        ball = frame_of(self.bodies(15), pose()).depth_m < 4
+        gone = frame_of([WALL], pose(), 16, self.CAMERA)
+        result = process(corrector, replace(gone, depth_m=np.where(ball, np.float32(0), gone.depth_m)))
+        assert ball.sum() > 600
+        # Around the rim of the ball something is forgotten: twice as much at half size.
+        assert np.mean(result.source[ball] == Source.TEMPLATE) > (0.75 if step == 1 else 0.45)
+        np.testing.assert_allclose(result.depth_m[ball], 5, rtol=0.05)
+
+
+class TestApproach:
+    """A ball comes nearer before a wall, by half a pixel of disparity per frame, from 2.9 to 1.9 m in 12 frames."""
+
+    CAMERA = replace(CAMERA, baseline_m=0.3)
+    FIRST, LAST = 12, 24
+    """Frames in which it comes nearer."""
+
+    def lags(self, step: int, *, is_blank: bool) -> FloatArray:
+        """How much farther than it is the middle of the ball is shown while it comes, as parts of its depth."""
+        corrector, lags = method(self.CAMERA, memory_step=step), []
+        for index in range(self.LAST):
+            z = self.CAMERA.fx_px * 0.3 / (12 + 0.5 * max(0, index - self.FIRST + 1))
+            frame = frame_of([WALL, Sphere((0.0, 0.0, z + 0.4), 0.4, seed=5)], pose(), index, self.CAMERA)
+            if is_blank:
+                frame = replace(frame, gray=np.where(frame.depth_m < 4.5, np.uint8(128), frame.gray))
+            result = process(corrector, noisy(frame, 3, sigma_px=0.1, holes=0.02, camera=self.CAMERA))
+            lags.append(np.median(result.depth_m[55:65, 75:85] / frame.depth_m[55:65, 75:85]) - 1)
+        return np.array(lags[self.FIRST :])
+
+    @MOSTLY
+    def test_it_is_shown_where_it_is_after_two_frames(self, step: int) -> None:
+        lags = self.lags(step, is_blank=False)
+        assert (abs(lags[2:]) < 0.02).all()
+        assert (abs(lags) < 0.1).all()
+
+    @MOSTLY
+    def test_a_blank_one_is_shown_where_it_is_after_ten_frames(self, step: int) -> None:
+        # It looks as before, so the surest memory overrules it until it has faded: from 12 measurements to less than
+        # 2, by 1.125 in every frame.
+        lags = self.lags(step, is_blank=True)
+        assert (abs(lags[10:]) < 0.02).all()
+        assert (lags[:10] > -0.02).all()
+
+
+@STEPS
+def test_poses_of_the_caller_carry_the_memory_through_the_dark(step: int) -> None:
+    corrector = method(memory_step=step)
+    frames = [replace(frame, T_world_cam=T) for frame, T in zip(NOISY, PATH, strict=False)]
+    run(corrector, frames)
+    result = process(corrector, replace(dark(10), T_world_cam=PATH[10]))
+    true_m = frame_of(ROOM, PATH[10]).depth_m
+    known = result.source == Source.TEMPLATE
+    assert known.mean() > 0.5
+    assert np.median(abs(result.depth_m / true_m - 1)[known]) < 0.01

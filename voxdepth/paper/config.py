@@ -1,0 +1,59 @@
+"""The configuration of the method as the paper writes it, put together from those of its parts."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from ..devices import DeviceName
+from ..model import Model
+from .combine import CombineConfig
+from .inpainting import Dilation, Inpainting
+from .motion import MotionModelName
+from .odometry import OdometryConfig
+from .registration import RegistrationConfig
+from .voxels import VoxelConfig
+
+
+class PaperConfig(Model):
+    """All parameters of the paper's method. The defaults are the paper's."""
+
+    window_frames: int = Field(10, ge=1)
+    """Frames that are fused at the start of an epoch, n in the paper. More fill more and smear more."""
+    max_epoch_frames: int = Field(60, ge=1)
+    """Frames after which an epoch ends even if registration still succeeds."""
+    fusion_lag_frames: Annotated[int, Field(ge=0)] | Literal["ready"] = 3
+    """Frames from the last one of a window to the first one that its template corrects, while it is fused beside.
+
+    A number gives the same results on every machine: 3 frames are 100 ms at 30 Hz, a little more than fusing takes;
+    0 waits for it within the call. `ready` switches as soon as it is done, for live cameras.
+    """
+    motion: MotionModelName = "constant"
+    """`constant`: the motion between the first two frames of a window holds for all, as in the paper. `per_frame`: it
+    is measured between all neighbours, which is slower and follows turns."""
+    voxels: VoxelConfig = VoxelConfig()
+    odometry: OdometryConfig = OdometryConfig()
+    inpainting: Inpainting = Dilation()
+    """What makes the projected cloud dense."""
+    registration: RegistrationConfig = RegistrationConfig()
+    combine: CombineConfig = CombineConfig()
+    median_size_px: int = 5
+    """Window of the median filter against flicker: 1 (off), 3 or 5."""
+    device: DeviceName = "cpu"
+    """Where images are worked on."""
+
+    @field_validator("median_size_px")
+    @classmethod
+    def _possible(cls, size_px: int) -> int:
+        if size_px not in (1, 3, 5):
+            raise ValueError("the window must be 1, 3 or 5 pixels wide")
+        return size_px
+
+    @property
+    def warm_up_frames(self) -> int:
+        """Frames until a fused template is there and was used: a window, its lag, and two more."""
+        return self.window_frames + (0 if self.depends_on_clock else int(self.fusion_lag_frames)) + 2
+
+    @property
+    def depends_on_clock(self) -> bool:
+        """Whether results depend on how fast the machine is."""
+        return self.fusion_lag_frames == "ready"

@@ -1,0 +1,143 @@
+"""Which template serves, and when the next one is fused: paper, Sec. Epoch Transition."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from ..errors import FrameError
+from ..types import EpochEnd, Frame, Phase, Registration, RegistrationStatus
+from .registration import Features
+from .template import Template
+
+Fuse = Callable[[Sequence[Frame], Features], Template]
+"""Makes a template of a window of frames, given the features of the last."""
+Follows = Callable[[Features, Features], bool]
+"""Whether two successive images show the same scene."""
+Lag = int | Literal["ready"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Job:
+    """A window that is being fused."""
+
+    template: Future[Template]
+    due: int
+    """Number of the frame from which the template serves, if the lag is fixed."""
+
+
+class Epochs:
+    """Collects windows, has them fused, and switches templates between two frames, never within one.
+
+    A window is begun anew when the scene changes within it: a cloud of two scenes would fit neither.
+
+    Args:
+        fuse: Makes a template of a window.
+        follows: Tells whether the scene changed.
+        window_frames: Frames in a window.
+        max_epoch_frames: Frames after which an epoch ends.
+        lag: Frames between the last of a window and the first that its template serves, or `ready`.
+    """
+
+    def __init__(self, fuse: Fuse, follows: Follows, *, window_frames: int, max_epoch_frames: int, lag: Lag) -> None:
+        self._fuse = fuse
+        self._follows = follows
+        self._window_frames = window_frames
+        self._max_epoch_frames = max_epoch_frames
+        self._lag = lag
+        self._executor: Executor = Inline() if lag == 0 else ThreadPoolExecutor(1, "voxdepth-fusion")
+        self._closed = False
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget template and window; the next frame opens a new one."""
+        self.template: Template | None = None
+        self._window: list[Frame] | None = []
+        self._last_features: Features | None = None
+        self._job: Job | None = None
+        self._frames = 0
+        self._epoch_frames = 0
+
+    def close(self) -> None:
+        """Wait until nothing is being fused any more; no frame can begin after that."""
+        self._closed = True
+        self._executor.shutdown(cancel_futures=True)
+
+    def begin(self, frame: Frame, features: Features) -> Template | None:
+        """The template for a frame, which joins the window if one is open. Frames come in order.
+
+        Raises:
+            FrameError: `close` was called.
+            Exception: What fusing raised; the next frame opens a new window.
+        """
+        if self._closed:
+            raise FrameError("this corrector is closed: make a new one for more frames")
+        self._frames += 1
+        self._collect(frame, features)
+        if self._job is not None and self._is_due(self._job):
+            self._adopt(self._job)
+        return self.template
+
+    def end(self, frame: Frame, features: Features, registration: Registration) -> EpochEnd | None:
+        """Open a new window, beginning with this frame, when the template no longer serves it."""
+        self._epoch_frames += 1
+        if self.template is None or self.is_fusing:
+            return None
+        reason = self._reason_to_end(registration)
+        if reason is not None:
+            self._window = []
+            self._collect(frame, features)
+        return reason
+
+    @property
+    def is_fusing(self) -> bool:
+        """Whether a window is open or being fused."""
+        return self._window is not None or self._job is not None
+
+    def phase(self, registration: Registration) -> Phase:
+        """What becomes of a frame that was registered like this."""
+        if self.template is None or not registration.ok:
+            return Phase.PASSTHROUGH
+        return Phase.FUSING if self.is_fusing else Phase.CORRECTING
+
+    def _collect(self, frame: Frame, features: Features) -> None:
+        """Add a frame to the open window, as a copy: the caller may use its arrays again before they are fused."""
+        if self._window is None:
+            return
+        if self._window and self._last_features is not None and not self._follows(self._last_features, features):
+            self._window = []
+        self._last_features = features
+        self._window.append(replace(frame, gray=frame.gray.copy(), depth_m=frame.depth_m.copy()))
+        if len(self._window) == self._window_frames:
+            future = self._executor.submit(self._fuse, self._window, features)
+            self._job = Job(template=future, due=self._frames + (0 if self._lag == "ready" else self._lag))
+            self._window = None
+
+    def _adopt(self, job: Job) -> None:
+        """Switch to the template of a job; if fusing failed, the next frame opens a new window."""
+        self._job, self._window = None, []
+        self.template = job.template.result()
+        self._window = None
+        self._epoch_frames = 0
+
+    def _is_due(self, job: Job) -> bool:
+        return job.template.done() if self._lag == "ready" else self._frames >= job.due
+
+    def _reason_to_end(self, registration: Registration) -> EpochEnd | None:
+        if registration.status is RegistrationStatus.FEW_MATCHES:
+            return EpochEnd.FEW_MATCHES
+        if not registration.ok:
+            return EpochEnd.DEGENERATE
+        return EpochEnd.MAX_FRAMES if self._epoch_frames >= self._max_epoch_frames else None
+
+
+class Inline(Executor):
+    """Runs what it is given at once, in the thread that asks."""
+
+    def submit(self, fn, /, *args, **kwargs):  # type: ignore[no-untyped-def]  # noqa: D102
+        future: Future[object] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future

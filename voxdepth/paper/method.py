@@ -1,0 +1,168 @@
+"""The method as the paper writes it: templates that are fused in one state and correct in the other."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ..timing import collected_times, timed
+from ..types import (
+    CorrectedDepth,
+    EpochEnd,
+    FloatImage,
+    Frame,
+    GrayImage,
+    Intrinsics,
+    Phase,
+    Registration,
+    RegistrationStatus,
+    Source,
+)
+from .config import PaperConfig
+from .epochs import Epochs
+from .fusion import Fusion
+from .motion import MOTION_MODELS
+from .odometry import PhotometricOdometry, PriorsFirst
+from .registration import Features, OrbRegistration
+from .steps import create_steps
+from .template import Template
+
+CONFIDENCES = {Source.INVALID: 0.0, Source.SENSOR: 1.0, Source.TEMPLATE: 0.5, Source.INPAINTED: 0.5}
+"""Confidence of a pixel by its source. Not calibrated: the paper has none."""
+AFTER_FILTER = {
+    Source.INVALID: Source.INPAINTED,
+    Source.SENSOR: Source.SENSOR,
+    Source.TEMPLATE: Source.TEMPLATE,
+}
+"""Source of a pixel that has a depth after the median filter, by its source before."""
+FILLED = 4
+"""Added to the label of a pixel that has a depth."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Aligned:
+    """A frame with all that is needed to correct it: the result of the first half of the work on it."""
+
+    frame: Frame
+    template: Template | None
+    """The template that was in force; None before the first."""
+    registration: Registration
+    phase: Phase
+    epoch_end: EpochEnd | None
+    timings_s: Mapping[str, float]
+
+
+class PaperMethod:
+    """Corrects frames by a template that is fused anew in every epoch.
+
+    An epoch fuses `window_frames` frames into one voxel cloud, projects it to a dense template, and then corrects
+    frame after frame with the registered template until that no longer fits. While a window fills, the previous
+    template serves.
+
+    Args:
+        camera: Every frame must have its shape.
+        config: See there.
+
+    Raises:
+        ConfigError: The configuration names a device that is not there.
+    """
+
+    def __init__(self, camera: Intrinsics, config: PaperConfig) -> None:
+        self._steps = create_steps(config.device, camera, config)
+        self._registration = OrbRegistration(config.registration, camera.shape)
+        odometry = PriorsFirst(PhotometricOdometry(camera, config.odometry), config.odometry)
+        fusion = Fusion(self._steps, odometry, MOTION_MODELS[config.motion])
+        self._epochs = Epochs(
+            fusion.fuse,
+            self._registration.follows,
+            window_frames=config.window_frames,
+            max_epoch_frames=config.max_epoch_frames,
+            lag=config.fusion_lag_frames,
+        )
+
+    def reset(self) -> None:
+        """Forget template and window; the next frame starts a new epoch."""
+        self._epochs.reset()
+
+    def close(self) -> None:
+        """Wait for a fusion that is under way."""
+        self._epochs.close()
+
+    def align(self, frame: Frame) -> Aligned:
+        """The first half: find the template that serves this frame, and where it is. Holds all state."""
+        timings_s: dict[str, float] = {}
+        with collected_times(timings_s):
+            features = self._describe(frame)
+            template = self._take_template(frame, features)
+            registration = self._register(template, features)
+            epoch_end = self._epochs.end(frame, features, registration)
+        return Aligned(
+            frame=frame,
+            template=template,
+            registration=registration,
+            phase=self._epochs.phase(registration),
+            epoch_end=epoch_end,
+            timings_s=timings_s,
+        )
+
+    def combine(self, aligned: Aligned) -> CorrectedDepth:
+        """The second half: correct the aligned frame. Depends on nothing else."""
+        timings_s = dict(aligned.timings_s)
+        with collected_times(timings_s):
+            raw = self._steps.upload(aligned.frame.depth_m)
+            template = self._warp(aligned)
+            depth, source = self._merge(raw, template)
+            depth = self._filter(depth)
+            depth_m, source, confidence = self._label(depth, source)
+        return CorrectedDepth(
+            depth_m=depth_m,
+            source=source,
+            confidence=confidence,
+            phase=aligned.phase,
+            registration=aligned.registration,
+            epoch_end=aligned.epoch_end,
+            timings_s=timings_s,
+        )
+
+    @timed
+    def _describe(self, frame: Frame) -> Features:
+        return self._registration.describe(frame.gray)
+
+    @timed
+    def _take_template(self, frame: Frame, features: Features) -> Template | None:
+        return self._epochs.begin(frame, features)
+
+    @timed
+    def _register(self, template: Template | None, features: Features) -> Registration:
+        if template is None:
+            return Registration.identity(RegistrationStatus.NOT_TRIED)
+        return self._registration.register(template.features, features)
+
+    @timed
+    def _warp(self, aligned: Aligned) -> Any | None:
+        """The template in the pixels of the frame. Always from the original: repeated warps would mix edges."""
+        if aligned.template is None or not aligned.registration.ok:
+            return None
+        return self._steps.warp(aligned.template.depth, aligned.registration.M_frame_template)
+
+    @timed
+    def _merge(self, raw: Any, template: Any | None) -> tuple[Any, Any]:
+        return self._steps.unchanged(raw) if template is None else self._steps.combine(raw, template)
+
+    @timed
+    def _filter(self, depth: Any) -> Any:
+        return self._steps.filter(depth)
+
+    @timed
+    def _label(self, depth: Any, source: Any) -> tuple[FloatImage, GrayImage, FloatImage]:
+        """Depth, source and confidence as NumPy arrays, after the median has emptied some pixels and filled others."""
+        depth_m, source_before = self._steps.download(depth, source)
+        label = source_before + np.uint8(FILLED) * (depth_m > 0)
+        return depth_m, cv2.LUT(label, _SOURCES), cv2.LUT(label, _CONFIDENCES)  # type: ignore[return-value]
+
+
+_SOURCES = np.zeros(256, np.uint8)
+_SOURCES[FILLED:][list(AFTER_FILTER)] = list(AFTER_FILTER.values())
+_CONFIDENCES = np.array([CONFIDENCES[Source(int(source))] for source in _SOURCES], np.float32)

@@ -1,0 +1,125 @@
+"""Aligning the template with the current frame: ORB features and an affine map (paper, Sec. Template Registration)."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from ..geometry import resized
+from ..model import Model
+from ..types import FloatArray, GrayImage, Registration, RegistrationStatus
+
+Indices = npt.NDArray[np.intp]
+
+PYRAMID_LEVELS = 6
+"""Sizes at which features are looked for, each 1.2 times smaller than the one before."""
+EDGE_PX = 15
+"""Border without features. OpenCV's 31 would leave out half of a 200 x 200 image, and a third of the good matches."""
+
+
+class RegistrationConfig(Model):
+    """How features are found and which matches count as good."""
+
+    size_px: int = Field(200, ge=64)
+    """Width and height that the gray image is resized to. Paper: 200 x 200. Larger is more exact and slower."""
+    n_features: int = Field(200, ge=10)
+    """Features per image, at most. More find the template again for longer, and cost more than linearly."""
+    max_distance: int = Field(20, ge=0, le=256)
+    """Hamming distance up to which a match is good. Paper: 20 (whose "exceeds" can only mean "at most")."""
+    min_matches: int = Field(5, ge=3)
+    """Good matches below which the template no longer fits the scene. Paper: 5."""
+    ransac_px: float = Field(3.0, gt=0)
+    """Distance up to which a match supports the affine map, in pixels of the resized image."""
+    max_scale: float = Field(2.0, gt=1)
+    """Largest believable magnification of the template in any direction; its inverse is the smallest."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Features:
+    """Key points of one image, in pixels of the resized image, and their binary descriptors."""
+
+    points_px: npt.NDArray[np.float32]
+    """Shape (N, 2)."""
+    descriptors: npt.NDArray[np.uint64]
+    """256 bits each, shape (N, 4)."""
+
+
+class OrbRegistration:
+    """Finds the 2 x 3 affine map between two images of one size."""
+
+    def __init__(self, config: RegistrationConfig, shape: tuple[int, int]) -> None:
+        self._config = config
+        self._orb = cv2.ORB_create(  # type: ignore[attr-defined]
+            nfeatures=config.n_features,
+            nlevels=PYRAMID_LEVELS,
+            edgeThreshold=EDGE_PX,
+            scoreType=cv2.ORB_FAST_SCORE,
+        )
+        height, width = shape
+        self._small_from_full = resize_map(config.size_px / width, config.size_px / height)
+        self._full_from_small = resize_map(width / config.size_px, height / config.size_px)
+
+    def describe(self, gray: GrayImage) -> Features:
+        """Features of a gray image of shape (H, W)."""
+        size = (self._config.size_px, self._config.size_px)
+        key_points, descriptors = self._orb.detectAndCompute(cv2.resize(gray, size), None)
+        if descriptors is None:
+            return Features(points_px=np.empty((0, 2), np.float32), descriptors=np.empty((0, 4), np.uint64))
+        return Features(points_px=np.asarray(cv2.KeyPoint.convert(key_points)), descriptors=descriptors.view(np.uint64))
+
+    def register(self, reference: Features, current: Features) -> Registration:
+        """Affine map from the full-size pixels of `reference` to those of `current`."""
+        in_reference, in_current = good_matches(reference, current, self._config.max_distance)
+        n_matches = len(in_reference)
+        if n_matches < self._config.min_matches:
+            return Registration.identity(RegistrationStatus.FEW_MATCHES, n_matches=n_matches)
+        source, target = reference.points_px[in_reference], current.points_px[in_current]
+        found, inliers = cv2.estimateAffine2D(source, target, ransacReprojThreshold=self._config.ransac_px)
+        small = None if found is None else np.asarray(found, np.float64)
+        n_inliers = int(np.count_nonzero(inliers))
+        if small is None or n_inliers < self._config.min_matches or not self._believable(small):
+            return Registration.identity(RegistrationStatus.DEGENERATE, n_matches=n_matches)
+        full = self._full_from_small @ np.vstack([small, [0, 0, 1]]) @ self._small_from_full
+        return Registration(
+            M_frame_template=full[:2], n_matches=n_matches, n_inliers=n_inliers, status=RegistrationStatus.OK
+        )
+
+    def follows(self, earlier: Features, later: Features) -> bool:
+        """Whether two images may show the same scene: not if both have features, and hardly any of them match."""
+        fewest = self._config.min_matches
+        if min(len(earlier.descriptors), len(later.descriptors)) < fewest:
+            return True
+        return len(good_matches(earlier, later, self._config.max_distance)[0]) >= fewest
+
+    def _believable(self, M: FloatArray) -> bool:
+        """Whether a map is no mirror and stretches no direction too much: any three matches have a map, even wrong."""
+        if not np.isfinite(M).all() or np.linalg.det(M[:, :2]) <= 0:
+            return False
+        largest, smallest = np.linalg.svd(M[:, :2], compute_uv=False)
+        return bool(largest <= self._config.max_scale and smallest >= 1 / self._config.max_scale)
+
+
+def good_matches(a: Features, b: Features, max_distance: int) -> tuple[Indices, Indices]:
+    """Pairs of features that are each other's nearest, at a Hamming distance of at most `max_distance`.
+
+    Brute force; three times as fast as OpenCV's with its cross check.
+
+    Returns:
+        Indices into `a` and into `b`, of one length.
+    """
+    if not (len(a.descriptors) and len(b.descriptors)):
+        return np.empty(0, np.intp), np.empty(0, np.intp)
+    distance = np.zeros((len(a.descriptors), len(b.descriptors)), np.uint16)
+    for word_of_a, word_of_b in zip(a.descriptors.T, b.descriptors.T, strict=True):
+        distance += np.bitwise_count(word_of_a[:, None] ^ word_of_b)
+    in_a, nearest_in_b = np.arange(len(distance)), distance.argmin(axis=1)
+    mutual = distance.argmin(axis=0)[nearest_in_b] == in_a
+    good = mutual & (distance[in_a, nearest_in_b] <= max_distance)
+    return in_a[good], nearest_in_b[good]
+
+
+def resize_map(scale_x: float, scale_y: float) -> FloatArray:
+    """Pixel map of `cv2.resize`: centres at half-integers scale, so integers get an offset."""
+    return np.array([[scale_x, 0, resized(0.0, scale_x)], [0, scale_y, resized(0.0, scale_y)], [0, 0, 1]])

@@ -1,0 +1,164 @@
+"""Boolean voxel grid, packed in bits: paper, Algorithm 1 and Eq. voxelor."""
+
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+from pydantic import Field, model_validator
+
+from ..geometry import PointArray, RayMap
+from ..model import Model
+from ..types import FloatArray, FloatImage, Intrinsics
+from . import kernels
+
+Words = npt.NDArray[np.uint32]
+Cells = npt.NDArray[np.int32]
+
+TILE_PX = 40_000
+"""Pixels that are worked on at a time: few enough that intermediate results stay in the cache."""
+
+
+class VoxelConfig(Model):
+    """Cells and extents of the grid. Smaller cells keep more detail and need more memory."""
+
+    cell_m: tuple[float, float, float] = Field((0.1, 0.1, 0.065), strict=False)
+    """Size of a voxel along x, y and z of the camera [m]. Paper: 0.1, 0.1, 0.065."""
+    half_width_m: float = Field(40.0, gt=0)
+    """Extent to the left and to the right of the optical axis [m]."""
+    half_height_m: float = Field(16.0, gt=0)
+    """Extent above and below the optical axis [m]."""
+    depth_m: float = Field(41.0, gt=0)
+    """Extent along the optical axis [m]."""
+
+    @model_validator(mode="after")
+    def _check(self) -> "VoxelConfig":
+        if min(self.cell_m) <= 0:
+            raise ValueError(f"cell sizes must be positive, got {self.cell_m} m")
+        if np.prod(self.shape, dtype=np.float64) >= 2**31:
+            raise ValueError(f"a grid of {self.shape} cells has more than 2^31: enlarge cell_m or shrink the extents")
+        return self
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of cells along x, y and z."""
+        cx, cy, cz = self.cell_m
+        return (
+            2 * int(np.ceil(self.half_width_m / cx)),
+            2 * int(np.ceil(self.half_height_m / cy)),
+            int(np.ceil(self.depth_m / cz)),
+        )
+
+    @property
+    def n_words(self) -> int:
+        """Number of 32-bit words that hold the grid."""
+        return -(-int(np.prod(self.shape, dtype=np.int64)) // 32)
+
+    @property
+    def T_cells_m(self) -> FloatArray:  # noqa: N802
+        """Affine map from metres in the camera frame to cells, whose floor is the index of a cell; shape (4, 4)."""
+        nx, ny, _ = self.shape
+        T = np.diag([*(1 / np.array(self.cell_m)), 1.0])
+        T[:2, 3] = nx // 2, ny // 2
+        return T
+
+
+class VoxelGrid:
+    """A set of occupied voxels in the camera frame. Adding a cloud is the Boolean OR of the paper.
+
+    Cells are numbered with x fastest and z slowest, so that neighbouring pixels of a surface share words of memory.
+    """
+
+    def __init__(self, config: VoxelConfig) -> None:
+        self.config = config
+        wp.load_module(kernels, device="cpu")
+        self.words: Words = np.zeros(config.n_words, np.uint32)
+
+    def clear(self) -> None:
+        """Empty the grid."""
+        self.words.fill(0)
+
+    def integrate(self, points: PointArray) -> None:
+        """OR the voxels of points [m], shape (N, 3), into the grid. Points outside of it, and NaN, are left out."""
+        set_bits_warp(cells_of_points(points, self.config), self.words)
+
+    def integrate_image(self, depth_m: FloatImage, intrinsics: Intrinsics, T_grid_cam: FloatArray) -> None:
+        """OR the voxels of all valid pixels of a depth image into the grid: paper, Algorithm 1.
+
+        Args:
+            depth_m: Shape (H, W); 0 = invalid.
+            intrinsics: Of its camera.
+            T_grid_cam: Pose of that camera in the frame of the grid, shape (4, 4).
+        """
+        rays = RayMap.of(intrinsics, self.config.T_cells_m @ T_grid_cam)
+        set_bits_warp(cells_of_image(depth_m, rays, self.config).ravel(), self.words)
+
+    def occupied_centres(self) -> PointArray:
+        """Centres of all occupied voxels [m], shape (N, 3), float32, the farthest last."""
+        nx, ny, _ = self.config.shape
+        cells = set_bits_of(self.words)
+        row, x = np.divmod(cells, np.int32(nx))
+        z, y = np.divmod(row, np.int32(ny))
+        centres = np.empty((len(cells), 3), np.float32)
+        for k, index in enumerate((x - np.int32(nx // 2), y - np.int32(ny // 2), z)):
+            centres[:, k] = (index + np.float32(0.5)) * np.float32(self.config.cell_m[k])
+        return centres
+
+
+def cells_of_points(points: PointArray, config: VoxelConfig) -> Cells:
+    """Number of each point's cell, shape (N,), int32; -1 beside the grid."""
+    T = config.T_cells_m.astype(np.float32)
+    coordinates = (points[:, k] * T[k, k] + T[k, 3] for k in (2, 1, 0))
+    return _numbered(coordinates, np.ones(len(points), np.bool_), config)
+
+
+def cells_of_image(depth_m: FloatImage, rays: RayMap, config: VoxelConfig) -> Cells:
+    """Number of each pixel's cell, shape (H, W), int32; -1 where the pixel is invalid or falls beside the grid."""
+    cells = np.empty(depth_m.shape, np.int32)
+    tile_rows = max(1, TILE_PX // depth_m.shape[1])
+    for top in range(0, len(depth_m), tile_rows):
+        rows = slice(top, top + tile_rows)
+        z = depth_m[rows]
+        coordinates = (rays.coordinate(k, rows, z) for k in (2, 1, 0))
+        cells[rows] = _numbered(coordinates, z > 0, config)
+    return cells
+
+
+def _numbered(coordinates: Iterable[FloatImage], inside: npt.NDArray[np.bool_], config: VoxelConfig) -> Cells:
+    """Numbers of the cells with coordinates along z, y and x; -1 unless `inside`, which is narrowed to the grid."""
+    number = np.zeros(inside.shape, np.int32)
+    with np.errstate(invalid="ignore", over="ignore"):  # of coordinates that are not inside
+        for coordinate, n in zip(coordinates, reversed(config.shape), strict=True):
+            if not (coordinate.min(initial=0) >= 0 and coordinate.max(initial=0) < n):  # most tiles are all inside
+                inside &= (coordinate >= 0) & (coordinate < n)
+            number *= np.int32(n)
+            number += coordinate.astype(np.int32)
+    number |= inside.astype(np.int32) - 1  # all bits of -1 where outside; several times faster than a masked copy
+    return number
+
+
+def set_bits_warp(cells: Cells, words: Words) -> None:
+    """Set the bits of numbered cells, by the Warp kernel; -1 is left out."""
+    if cells.size:
+        wp.launch(
+            kernels.set_bits,
+            cells.size,
+            inputs=[kernels.view(cells, wp.int32)],
+            outputs=[kernels.view(words, wp.uint32)],
+            device="cpu",
+        )
+
+
+def set_bits_numpy(cells: Cells, words: Words) -> None:
+    """Set the bits of numbered cells: the twin of `set_bits_warp`."""
+    inside = cells[cells >= 0]
+    np.bitwise_or.at(words, inside >> 5, np.uint32(1) << (inside & 31).astype(np.uint32))
+
+
+def set_bits_of(words: Words) -> Cells:
+    """Numbers of all bits that are set, in order, int32."""
+    at = np.flatnonzero(words != 0)  # four times as fast as without the comparison
+    bits = np.unpackbits(words[at].view(np.uint8).reshape(-1, 4), axis=1, bitorder="little")
+    set_at = np.flatnonzero(bits)
+    cells: Cells = (at[set_at >> 5] * 32 + (set_at & 31)).astype(np.int32)
+    return cells

@@ -1,1 +1,0 @@
-"""Comparators: one file each, all behind `voxdepth.types.DepthCorrector`."""
