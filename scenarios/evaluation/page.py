@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from .. import html
 from ..benchmark.machine import Machine
 from ..files import write
+from ..results.page import render_page
 from .exhibits import exhibit
 from .figures import all_figures
 from .quantities import FOR_COMPARISON_ONLY, IN_PAPERS_LAYOUT, QUANTITIES
@@ -27,7 +27,7 @@ def write_report(out: Path, done: Done, machine: Machine) -> None:
 
 def rendered(done: Done, machine: Machine) -> str:
     """The text of the report; all that comes from outside is escaped."""
-    return html.rendered(
+    return render_page(
         TEMPLATE,
         facts=list(done.facts.values()),
         machine=machine,

@@ -8,9 +8,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Self
 
-from .. import html
 from ..evaluation.figures import Picture
 from ..files import write
+from ..results.page import render_page
 from . import tables
 from .analysis import Comparison, Point, comparisons, first_collisions, grown, points
 from .figures import all_figures
@@ -80,7 +80,7 @@ def rendered(contents: Contents, found: Findings, out: Path) -> str:
     """The text of the report."""
     study = contents.study
     seeds = study.seeds.listed()
-    return html.rendered(
+    return render_page(
         TEMPLATE,
         study=study,
         scenarios=list(dict.fromkeys(spec.scenario for spec in contents.cells)),

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from .files import DATA
+from ..files import DATA
 
 
-def rendered(template: str, **values: Any) -> str:
+def render_page(template: str, **values: Any) -> str:
     """The text of a page; a value that the template needs and does not get is an error."""
     import jinja2
 

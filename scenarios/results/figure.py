@@ -1,0 +1,101 @@
+"""Figures as PNG: one style, axes with units, sample sizes in the titles."""
+
+import base64
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+DPI = 110
+PANEL_IN = (5.2, 3.8)
+"""Width and height of a panel."""
+MARKERS = "os^vD<>phX*dP8"
+"""Marker of the k-th line or point."""
+LEGEND_COLUMNS = 8
+INVISIBLE = "\N{ZERO WIDTH SPACE}"
+
+Draw = Callable[["Axes"], None]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Picture:
+    """A PNG with a title and a caption, as pages show it."""
+
+    title: str
+    caption: str
+    png: bytes
+
+    @property
+    def base64(self) -> str:
+        """The PNG as text for an HTML page."""
+        return base64.b64encode(self.png).decode()
+
+
+def panels(
+    title: str,
+    draws: Sequence[Draw],
+    *,
+    columns: int | None = None,
+    panel_in: tuple[float, float] = PANEL_IN,
+    shared_legend: bool = False,
+) -> bytes:
+    """Draw one panel per function and return the figure as PNG.
+
+    Args:
+        title: Above all panels; empty for none.
+        draws: Each draws one panel.
+        columns: Panels side by side; None puts all into one row.
+        panel_in: Width and height of a panel [inch].
+        shared_legend: Whether all panels share one legend below the figure.
+    """
+    from matplotlib.figure import Figure
+
+    columns = len(draws) if columns is None else min(columns, len(draws))
+    rows = -(-len(draws) // columns)
+    figure = Figure(figsize=(panel_in[0] * columns, panel_in[1] * rows), dpi=DPI, layout="constrained")
+    grid: Any = figure.subplots(rows, columns, squeeze=False)
+    for draw, axes in zip(draws, grid.flat, strict=False):
+        draw(axes)
+    for axes in list(grid.flat)[len(draws) :]:
+        axes.set_visible(False)
+    if title:
+        figure.suptitle(title, fontsize=10)
+    if shared_legend:
+        add_shared_legend(figure)
+    return png_of(figure)
+
+
+def label_axes(axes: "Axes", title: str, x: str, y: str) -> None:
+    """Set the title, both axis labels (with their units) and a grid."""
+    axes.set_title(title, fontsize=9, parse_math=False)
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.grid(alpha=0.3)
+
+
+def add_shared_legend(figure: "Figure") -> None:
+    """Add one legend of all panels below them; a dollar sign in a name begins no formula."""
+    labels: dict[str, Any] = {}
+    for axes in figure.axes:
+        handles, names = axes.get_legend_handles_labels()
+        labels |= dict(zip(names, handles, strict=True))
+    if labels:
+        place: dict[str, Any] = {"loc": "outside lower center", "ncols": LEGEND_COLUMNS, "fontsize": 8}
+        for text in figure.legend(list(labels.values()), list(labels), **place).get_texts():
+            text.set_parse_math(False)
+
+
+def legend_label(name: str) -> str:
+    """A name as a legend shows it: matplotlib leaves out labels that begin with an underscore."""
+    return f"{INVISIBLE}{name}" if name.startswith("_") else name
+
+
+def png_of(figure: "Figure") -> bytes:
+    """A figure as PNG, without anything that changes from call to call."""
+    data = io.BytesIO()
+    figure.savefig(data, format="png", metadata={"Software": None})
+    return data.getvalue()

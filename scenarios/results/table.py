@@ -1,0 +1,172 @@
+"""Tables with units: one DataFrame, from which CSV, Markdown, terminal text and HTML are made."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self
+
+import pandas as pd
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table as RichTable
+
+Value = str | int | float | None
+"""One entry of a table; None if it is unknown or undefined."""
+MISSING = "-"
+"""Text of an entry that is None or NaN."""
+TERMINAL_WIDTH = 400
+"""Characters in a line of a printed table: squeezing it into a terminal would cut its numbers."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table: its name, its unit, and how its numbers are written."""
+
+    name: str
+    unit: str = ""
+    """Empty for a name, a count or a ratio."""
+    number: str | Callable[[float], str] = ".2f"
+    """Format specification of floating-point numbers, or a function that writes one; files keep all digits."""
+
+    @property
+    def heading(self) -> str:
+        """The name with the unit, as in `time [ms]`."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+    def text(self, value: Value) -> str:
+        """A value as people read it."""
+        if pd.isna(value):
+            return MISSING
+        if isinstance(value, float):
+            return self.number(value) if callable(self.number) else f"{value:{self.number}}"
+        return str(value)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Table:
+    """Values with their units, and how they are presented.
+
+    A table without rows is valid: pages leave it out.
+    """
+
+    title: str
+    columns: tuple[Column, ...]
+    values: pd.DataFrame
+    """One column per entry of `columns`, in their order, headed by `Column.heading`, of raw values."""
+    note: str = ""
+    """What a reader must know beside the title."""
+    name: str = "table"
+    """Stem of its file."""
+    classes: pd.DataFrame | None = None
+    """CSS class of every entry, same shape as `values`; None if no entry is marked."""
+
+    @classmethod
+    def of(
+        cls,
+        title: str,
+        columns: Sequence[Column | str],
+        rows: Sequence[Sequence[Value]],
+        *,
+        note: str = "",
+        name: str = "table",
+        classes: Sequence[Sequence[str]] | None = None,
+    ) -> Self:
+        """Build a table from rows of values.
+
+        Args:
+            title: Of the table.
+            columns: A plain name stands for a column without a unit.
+            rows: Each as long as `columns`.
+            note: What a reader must know beside the title.
+            name: Stem of its file.
+            classes: CSS class of every entry, in the shape of `rows`.
+
+        Raises:
+            ValueError: A row is of another length.
+        """
+        named = tuple(Column(column) if isinstance(column, str) else column for column in columns)
+        for row in rows:
+            if len(row) != len(named):
+                raise ValueError(f"expected {len(named)} values in a row of {title!r}, got {len(row)}")
+        return cls(
+            title=title,
+            columns=named,
+            values=_frame(rows, named),
+            note=note,
+            name=name,
+            classes=None if classes is None else _frame(classes, named),
+        )
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(self.values)
+
+    @property
+    def headings(self) -> list[str]:
+        """Names of the columns with their units."""
+        return [column.heading for column in self.columns]
+
+    @property
+    def rows(self) -> list[list[Value]]:
+        """The raw values."""
+        return [list(row) for row in self.values.itertuples(index=False, name=None)]
+
+    @property
+    def texts(self) -> list[list[str]]:
+        """The values as people read them."""
+        return [[c.text(value) for c, value in zip(self.columns, row, strict=True)] for row in self.rows]
+
+    @property
+    def cells(self) -> list[list[tuple[str, str]]]:
+        """Text and CSS class of every entry, for HTML templates."""
+        marks = [[""] * len(self.columns)] * len(self) if self.classes is None else self.classes.to_numpy().tolist()
+        return [list(zip(texts, row, strict=True)) for texts, row in zip(self.texts, marks, strict=True)]
+
+    def column(self, name: str) -> list[Value]:
+        """The raw values of a column, by its name without the unit."""
+        place = [column.name for column in self.columns].index(name)
+        return [row[place] for row in self.rows]
+
+    def is_numeric(self, place: int) -> bool:
+        """Whether a column holds a number."""
+        return any(isinstance(row[place], int | float) for row in self.rows)
+
+    def csv(self) -> bytes:
+        """The raw values below the headings; an entry that is unknown is empty."""
+        return bytes(self.values.to_csv(index=False, lineterminator="\n").encode())
+
+    def markdown(self) -> str:
+        """The table as GitHub Markdown, without its title; numbers are aligned to the right."""
+        sides = ["---:" if self.is_numeric(place) else "---" for place in range(len(self.columns))]
+        rows = [[text.replace("|", "\\|") for text in row] for row in self.texts]
+        return "".join(f"| {' | '.join(line)} |\n" for line in (self.headings, sides, *rows))
+
+    def as_json(self) -> dict[str, Any]:
+        """What JSON files hold of it."""
+        return {"name": self.name, "title": self.title, "columns": self.headings, "rows": self.rows}
+
+    def print(self, console: "Console") -> None:
+        """Print the table at its full width."""
+        from rich.console import Console
+
+        wide = Console(file=console.file, force_terminal=console.is_terminal, width=TERMINAL_WIDTH)
+        wide.print(self.rich(), highlight=False)
+
+    def rich(self) -> "RichTable":
+        """The table for a terminal: headings broken into words, numbers aligned to the right."""
+        from rich.box import SIMPLE_HEAD
+        from rich.markup import escape
+        from rich.table import Table as RichTable
+
+        printed = RichTable(title=escape(self.title), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        for place, column in enumerate(self.columns):
+            heading = column.name.replace(" ", "\n") + (f"\n[{column.unit}]" if column.unit else "")
+            printed.add_column(escape(heading), justify="right" if self.is_numeric(place) else "left", no_wrap=True)
+        for row in self.texts:
+            printed.add_row(*(escape(text) for text in row))
+        return printed
+
+
+def _frame(rows: Sequence[Sequence[Any]], columns: Sequence[Column]) -> pd.DataFrame:
+    """Rows as they are: the type object keeps an int an int beside a missing value."""
+    return pd.DataFrame(list(map(list, rows)), columns=[column.heading for column in columns], dtype=object)

@@ -1,0 +1,64 @@
+"""One table becomes CSV, Markdown, terminal text and HTML cells."""
+
+import csv
+import io
+import math
+
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from scenarios.results.measurements import write_frame
+from scenarios.results.table import Column, Table
+
+
+def table() -> Table:
+    columns = ("method", Column("MAE", "m", ".3f"), Column("share", "%", lambda x: f"{100 * x:.0f}"), "n")
+    rows = [("raw|x", 0.12345, 0.5, 3), ("paper", None, math.nan, 12)]
+    return Table.of("errors", columns, rows, note="why")
+
+
+def test_people_read_rounded_numbers_and_files_keep_all_digits() -> None:
+    assert table().texts == [["raw|x", "0.123", "50", "3"], ["paper", "-", "-", "12"]]
+    read = list(csv.reader(io.StringIO(table().csv().decode())))
+    assert read == [["method", "MAE [m]", "share [%]", "n"], ["raw|x", "0.12345", "0.5", "3"], ["paper", "", "", "12"]]
+
+
+def test_markdown_aligns_numbers_to_the_right_and_escapes_bars() -> None:
+    assert table().markdown().splitlines() == [
+        "| method | MAE [m] | share [%] | n |",
+        "| --- | ---: | ---: | ---: |",
+        "| raw\\|x | 0.123 | 50 | 3 |",
+        "| paper | - | - | 12 |",
+    ]
+
+
+def test_a_printed_table_is_never_squeezed() -> None:
+    text = io.StringIO()
+    table().print(Console(file=text, width=12))
+    assert "0.123" in text.getvalue() and "raw|x" in text.getvalue()
+
+
+def test_entries_can_be_marked_for_a_page() -> None:
+    marked = Table.of("t", ("a", "b"), [(1, 2), (3, 4)], classes=[("", "best"), ("", "")])
+    assert marked.cells == [[("1", ""), ("2", "best")], [("3", ""), ("4", "")]]
+    assert Table.of("t", ("a",), [(1,)]).cells == [[("1", "")]]
+
+
+def test_a_row_of_another_length_is_refused() -> None:
+    with pytest.raises(ValueError, match="expected 2"):
+        Table.of("t", ("a", "b"), [(1,)])
+
+
+def test_columns_are_found_by_name_and_integers_stay_integers() -> None:
+    assert table().column("n") == [3, 12] and all(type(n) is int for n in table().column("n"))
+    assert table().as_json()["rows"][0] == ["raw|x", 0.12345, 0.5, 3]
+    assert len(Table.of("empty", ("a",), [])) == 0
+
+
+def test_a_frame_is_the_same_in_both_files(tmp_path) -> None:
+    frame = pd.DataFrame({"name": ["a", "b"], "value": [0.1, math.inf], "n": [1, 2]})
+    paths = write_frame(tmp_path / "results", frame)
+    assert [path.name for path in paths] == ["results.csv", "results.parquet"]
+    pd.testing.assert_frame_equal(pd.read_csv(paths[0]), frame)
+    assert pd.read_parquet(paths[1]).equals(frame)
