@@ -11,7 +11,7 @@ from sim.scenes import AnyScene, CitySpec
 from sim.sensor import RigConfig
 from sim.sensor_models import DepthTierName
 from swarm.task import MissionConfig
-from voxdepth.corrector_name import CorrectorName
+from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.model import Model
 from voxdepth.registry import DEFAULT, require_known
 
@@ -45,8 +45,8 @@ class Scenario(Model):
     mission: MissionConfig = MissionConfig()
     rig: RigConfig = RigConfig()
     airframe: AirframeConfig = AirframeConfig()
-    corrector: CorrectorName = DEFAULT
-    """Name of the depth corrector of every drone."""
+    corrector: CorrectorSpec = CorrectorSpec(name=DEFAULT)
+    """Depth corrector of every drone: its name, or a table with `name` and `config`."""
     corrector_latency_s: dict[str, Annotated[float, Field(ge=0)]] = Field(default_factory=dict)
     """Simulated time that a corrector takes for a frame, by its name; those that are not named take none. Frozen here,
     and never the wall clock: results must not depend on the machine."""
@@ -64,7 +64,7 @@ class Scenario(Model):
     @property
     def latency_s(self) -> float:
         """Simulated time from a capture to the moment its result can be flown by."""
-        return self.mission.latency_s + self.corrector_latency_s.get(self.corrector, 0.0)
+        return self.mission.latency_s + self.corrector_latency_s.get(self.corrector.name, 0.0)
 
 
 class Run(Model):

@@ -22,7 +22,6 @@ from sim.world import World
 from swarm.mission import Mission, start_yaws_rad, starts_m
 from swarm.recorder import NullRecorder, Recorder
 from swarm.types import MissionResult, Trajectory
-from voxdepth.registry import create_corrector
 
 from .config import Run
 from .errors import ScenarioError
@@ -88,7 +87,7 @@ def summary(finished: Finished, run: Run) -> dict[str, Any]:
         "seed": run.seed,
         "depth": run.scenario.rig.depth,
         "theta": run.scenario.rig.noise.scale.theta,
-        "corrector": run.scenario.corrector,
+        "corrector": str(run.scenario.corrector),
         "pose_prior": run.scenario.mission.pose_prior.label,
         "outcome": result.outcome.value,
         "metrics": dict(result.metrics),
@@ -121,7 +120,7 @@ def flying(run: Run, recorder: Recorder, *, recorded: bool, threads: int | None 
     scene = scenario.scene.build(seed)
     with World(scene, starts_m(config), scenario.airframe, start_yaw_rad=start_yaws_rad(config)) as world:
         intrinsics = scenario.rig.intrinsics
-        correctors = [create_corrector(scenario.corrector, intrinsics) for _ in range(world.n_drones)]
+        correctors = [scenario.corrector.create(intrinsics) for _ in range(world.n_drones)]
         gray = recorded or any(corrector.uses_gray for corrector in correctors)
         renderer = create_renderer(scenario.renderer, world, threads=threads)
         rig = StereoRig(world, renderer, scenario.rig, seed=seed, gray=gray, pool_map=mapper(threads))

@@ -9,7 +9,6 @@ import numpy.typing as npt
 from sim.render import create_renderer
 from sim.rig import StereoRig
 from sim.world import World
-from voxdepth.registry import create_corrector
 from voxdepth.types import FloatArray
 
 from ..controllers import Agent, Role, load_controller
@@ -112,7 +111,7 @@ class Episode:
 
     def _new_mission(self, config: MissionConfig, recorder: Recorder, *, gray: bool) -> Mission:
         task, world = self._task, self.world
-        correctors = [create_corrector(task.corrector, task.rig.intrinsics) for _ in range(world.n_drones)]
+        correctors = [task.corrector.create(task.rig.intrinsics) for _ in range(world.n_drones)]
         gray = gray or any(corrector.uses_gray for corrector in correctors)
         renderer = create_renderer(task.renderer, world, threads=1)
         return Mission(

@@ -7,7 +7,7 @@ from sim.drone import AirframeConfig
 from sim.render import RendererName
 from sim.scenes import AnyScene, CitySpec
 from sim.sensor import RigConfig
-from voxdepth.corrector_name import CorrectorName
+from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.model import Model
 from voxdepth.registry import DEFAULT
 
@@ -31,8 +31,8 @@ class LearningTask(Model):
     rig: RigConfig = SMALL_RIG
     """The cameras; a step lasts one period of theirs."""
     airframe: AirframeConfig = AirframeConfig()
-    corrector: CorrectorName = DEFAULT
-    """Name of the depth corrector of every drone."""
+    corrector: CorrectorSpec = CorrectorSpec(name=DEFAULT)
+    """Depth corrector of every drone: its name, or its name and configuration."""
     corrector_latency_s: float = Field(0.0, ge=0)
     """Simulated time that the corrector takes for a frame, on top of `mission.latency_s`."""
     renderer: RendererName = "raster"

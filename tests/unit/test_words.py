@@ -22,6 +22,6 @@ def test_the_command_line_speaks_the_words_of_the_library() -> None:
 
 
 def test_the_default_corrector_is_the_same_everywhere() -> None:
-    assert DEFAULT_CORRECTOR == DEFAULT == load_run("city", None, {}).scenario.corrector
-    assert Scenario.model_fields["corrector"].default == DEFAULT
+    assert DEFAULT_CORRECTOR == DEFAULT == load_run("city", None, {}).scenario.corrector.name
+    assert Scenario.model_fields["corrector"].default.name == DEFAULT
     assert type(config_of(DEFAULT)) is VoxDepthConfig

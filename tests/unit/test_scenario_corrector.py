@@ -1,0 +1,69 @@
+"""The corrector of a scenario: its configuration, and the simulated time that it takes."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from scenarios.config import Run, load_run
+from scenarios.errors import ScenarioError
+from scenarios.files import to_toml
+from voxdepth.config import VoxDepthConfig
+
+
+def test_the_latency_of_the_corrector_comes_on_top_of_that_of_the_sensor() -> None:
+    frozen = {"mission.latency_s": 0.03, "corrector_latency_s": {"voxdepth": 0.04, "median": 0.01}}
+    latencies_s = [
+        load_run("city", 0, {**frozen, "corrector": name}).scenario.latency_s for name in ("voxdepth", "median", "raw")
+    ]
+    assert latencies_s == pytest.approx([0.07, 0.04, 0.03])
+
+
+@pytest.mark.parametrize(
+    ("latency_s", "message"),
+    [({"voxdept": 0.04}, "there is no corrector 'voxdept'"), ({"voxdepth": -0.01}, "corrector_latency_s.voxdepth")],
+)
+def test_a_latency_that_would_have_no_effect_is_refused(latency_s: dict[str, float], message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
+        load_run("city", 0, {"corrector_latency_s": latency_s})
+
+
+CONFIG = {"hold_frames": 30}
+
+
+def with_corrector(corrector: Any) -> Run:
+    return load_run("city", 0, {"corrector": corrector})
+
+
+def test_a_bare_name_stays_a_bare_name() -> None:
+    run = with_corrector("median")
+    assert run.model_dump(mode="json")["scenario"]["corrector"] == "median"
+    assert 'corrector = "median"' in to_toml(run)
+    assert str(run.scenario.corrector) == "median"
+    assert with_corrector({"name": "median"}) == run
+
+
+def test_a_configuration_reaches_the_corrector_and_the_written_file(tmp_path: Path) -> None:
+    run = with_corrector({"name": "voxdepth", "config": CONFIG})
+    assert run.scenario.corrector.resolved_config() == VoxDepthConfig(hold_frames=30)
+    assert run != with_corrector("voxdepth")
+    path = tmp_path / "config.toml"
+    path.write_text(to_toml(run))
+    assert load_run(str(path), None, {}) == run
+    assert load_run(str(path), None, {"corrector": "voxdepth"}) == with_corrector("voxdepth")
+
+
+@pytest.mark.parametrize(
+    ("corrector", "message"),
+    [
+        ("magic", "there is no corrector 'magic'"),
+        ({"name": "median", "config": {"window": 5}}, "'median' takes no configuration"),
+        ({"name": "voxdepth", "config": {"windov": 5}}, "config of the corrector 'voxdepth': windov"),
+        ({"name": "voxdepth", "confg": {}}, "corrector.confg"),
+    ],
+)
+def test_a_corrector_that_cannot_be_created_is_refused_when_the_scenario_is_loaded(
+    corrector: Any, message: str
+) -> None:
+    with pytest.raises(ScenarioError, match=message):
+        with_corrector(corrector)

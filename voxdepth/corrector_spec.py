@@ -1,0 +1,69 @@
+"""A corrector and its configuration, as a field of a scenario, a study arm or a learning task."""
+
+import json
+from typing import Any
+
+from pydantic import Field, ValidationError, field_validator, model_serializer, model_validator
+
+from .errors import ConfigError
+from .model import Model
+from .registry import config_of, create_corrector, require_known
+from .types import DepthCorrector, Intrinsics
+
+
+class CorrectorSpec(Model):
+    """A corrector by name, with the values of its configuration that differ from the defaults.
+
+    A bare string is a corrector with its default configuration. It is written as a bare string again, so that
+    configurations that never set `config` keep their text.
+    """
+
+    name: str
+    """Name that `create_corrector` knows."""
+    config: dict[str, Any] = Field(default_factory=dict)
+    """Values of the corrector's own configuration. They are validated with it when this is loaded."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_name(cls, value: Any) -> Any:
+        return {"name": value} if isinstance(value, str) else value
+
+    @field_validator("name")
+    @classmethod
+    def _require_known(cls, name: str) -> str:
+        require_known(name)
+        return name
+
+    @model_validator(mode="after")
+    def _require_valid_config(self) -> "CorrectorSpec":
+        self.resolved_config()
+        return self
+
+    @model_serializer
+    def _bare_or_table(self) -> str | dict[str, Any]:
+        return {"name": self.name, "config": self.config} if self.config else self.name
+
+    def __str__(self) -> str:
+        return f"{self.name} {json.dumps(self.config, sort_keys=True)}" if self.config else self.name
+
+    def resolved_config(self) -> Any:
+        """Return the whole configuration of the corrector, or None where only the name is given.
+
+        Raises:
+            ConfigError: The corrector takes no configuration, or a key or value is wrong.
+        """
+        if not self.config:
+            return None
+        default = config_of(self.name)
+        if default is None:
+            raise ConfigError(f"the corrector {self.name!r} takes no configuration, got {self.config}")
+        try:  # As JSON, in which a list may stand for a tuple and a string for an enumeration.
+            return type(default).model_validate_json(json.dumps(self.config))
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(key) for key in first["loc"])
+            raise ConfigError(f"config of the corrector {self.name!r}: {where}: {first['msg']}") from error
+
+    def create(self, intrinsics: Intrinsics) -> DepthCorrector:
+        """Create the corrector for one camera."""
+        return create_corrector(self.name, intrinsics, self.resolved_config())
