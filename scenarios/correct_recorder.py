@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 from sim.recording.files import TEMPORARY
 from voxdepth.types import CorrectedDepth, FloatImage, Frame
 
-from .corrected_folder import encode, to_gray
+from .correction import encode, to_gray
 from .errors import ScenarioError
 from .rerun_recorder import CENTIMETRE, JPEG_QUALITY, SOURCE_COLORS, depth_png
 

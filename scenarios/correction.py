@@ -1,109 +1,234 @@
-"""Correcting a recorded sequence into a folder, in such a way that a run that was cut short can go on.
+"""Correcting a recorded sequence into a folder that appears when it is complete."""
 
-What the corrector remembers is rebuilt by showing it the finished frames again; their files stay as they are.
-"""
-
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+import csv
+import json
+import os
+import platform
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
+
+import cv2
+import numpy as np
+import numpy.typing as npt
 
 from voxdepth.datasets.dataset import Dataset
 from voxdepth.errors import PipelineError
-from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
-from voxdepth.types import CorrectedDepth, DepthCorrector, Frame
+from voxdepth.model import Model
+from voxdepth.pipeline import CorrectionPipeline
+from voxdepth.types import CorrectedDepth, DepthCorrector, FloatImage, Frame, GrayImage, Source
 
-from .corrected_folder import ANEW, CorrectedFolder, Correction, FrameLine, crc32_of
-from .correction_report import report
 from .errors import ScenarioError
+from .files import atomic, to_toml
+
+CONFIG, FRAMES, REPORT = "config.toml", "frames.csv", "report.json"
+DEPTH, CONFIDENCE = "depth", "confidence"
+"""Sub-folders with one PNG of every frame."""
 
 Progress = Callable[[int], None]
-"""Told how many frames are done."""
+"""Receives the number of corrected frames."""
 Listener = Callable[[int, Frame, CorrectedDepth], None]
-"""Told of every corrected frame with its number."""
+"""Receives the index of a frame, the frame and its correction."""
+Fact = str | int | float
+
+
+class CorrectionConfig(Model):
+    """Everything that a result depends on, except the images themselves."""
+
+    corrector: str
+    folder: str
+    """Name of the input folder without its path, since a folder may be moved."""
+    format: str
+    intrinsics: dict[str, int | float]
+    versions: dict[str, str]
+    config: dict[str, Any] | None = None
+    """Resolved configuration of the corrector; None for a corrector without one."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Job:
-    """A correction that can start."""
+class Correction:
+    """A correction that is ready to run."""
 
-    correction: Correction
+    config: CorrectionConfig
     dataset: Dataset
     frames: int
-    """How many of the first frames are corrected."""
+    """The first frames of the dataset are corrected, this many."""
     corrector: DepthCorrector
-    """As it is before the first frame."""
+
+    def run(self, out: Path, record: Path | None, progress: Progress) -> dict[str, Any]:
+        """Correct the frames into a new folder, which appears when all frames are done.
+
+        Args:
+            out: The folder; it does not exist, or is empty.
+            record: `.rrd` file to write or to replace; None writes no recording.
+            progress: Receives the number of corrected frames after each frame.
+
+        Returns:
+            The content of `report.json`.
+
+        Raises:
+            ScenarioError: The folder exists, or a file cannot be written.
+            VoxDepthError: A frame cannot be read or corrected.
+        """
+        require_absent(out)
+        with atomic(out) as folder, _recording(record, self.config) as listener:
+            for kind in (DEPTH, CONFIDENCE):
+                (folder / kind).mkdir(parents=True)
+            (folder / CONFIG).write_text(to_toml(self.config), encoding="utf-8")
+            lines = list(self._correct(folder, listener, progress))
+            report = _report(self.config, lines)
+            _write_csv(folder / FRAMES, [line.columns() for line in lines])
+            (folder / REPORT).write_text(json.dumps(report, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        return report
+
+    def _correct(self, folder: Path, listener: Listener, progress: Progress) -> Iterator["FrameLine"]:
+        """Correct all frames, write their images and yield their lines."""
+        frames = (self.dataset[index] for index in range(self.frames))
+        with _original_errors(), CorrectionPipeline(self.corrector, frames) as pipeline:
+            for index, (frame, corrected) in enumerate(pipeline):
+                name = self.dataset.name(index)
+                for kind, image in (
+                    (DEPTH, to_millimetres(corrected.depth_m)),
+                    (CONFIDENCE, to_gray(corrected.confidence)),
+                ):
+                    (folder / kind / f"{name}.png").write_bytes(encode(image))
+                listener(index, frame, corrected)
+                progress(index + 1)
+                yield FrameLine.of(name, frame, corrected)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Corrected:
-    """A correction that has ended."""
+class FrameLine:
+    """One line of `frames.csv`."""
 
-    report: dict[str, Any]
-    new_frames: int
-    """Frames that were not finished before."""
+    name: str
+    stamp_s: float
+    raw_pixels: int
+    """Number of pixels with a depth from the sensor."""
+    pixels: Mapping[str, int]
+    """Number of corrected pixels by source."""
+    facts: Mapping[str, Fact]
+    """Diagnostics of the corrector by name."""
+    wall_s: Mapping[str, float]
+    """Wall-clock time by step [s]."""
+
+    @classmethod
+    def of(cls, name: str, frame: Frame, corrected: CorrectedDepth) -> Self:
+        """Count the pixels of a frame and keep the facts about it."""
+        return cls(
+            name=name,
+            stamp_s=frame.stamp_s,
+            raw_pixels=int(np.count_nonzero(frame.depth_m)),
+            pixels={source.name.lower(): int(np.count_nonzero(corrected.source == source)) for source in Source},
+            facts=_facts(corrected),
+            wall_s=dict(corrected.timings_s),
+        )
+
+    def columns(self) -> dict[str, Fact]:
+        """The values by the name of their column."""
+        return {
+            "name": self.name,
+            "stamp_s": self.stamp_s,
+            "raw_pixels": self.raw_pixels,
+            **{f"{source}_pixels": n for source, n in self.pixels.items()},
+            **self.facts,
+            **{f"wall_{step}_s": time_s for step, time_s in self.wall_s.items()},
+        }
 
 
-def correct(job: Job, out: Path, record: Path | None, progress: Progress) -> Corrected:
-    """Correct frames into a folder, or go on with a correction of the same frames that was cut short.
-
-    Files appear whole or not at all. Those of an interrupted and resumed run are, byte for byte, those of an
-    uninterrupted one, but for `wall` in `report.json` and `wall_s` in `frames.jsonl`.
-
-    Args:
-        job: What to do.
-        out: The folder; new, empty, or of the same correction.
-        record: `.rrd` file to write, anew if it exists; for it, all frames are corrected again, also those of a
-            finished run. None if there shall be none.
-        progress: Told of every frame that is done.
+def require_absent(out: Path) -> None:
+    """Refuse an output folder that exists already, unless it is empty.
 
     Raises:
-        ScenarioError: The folder holds something else, is in use, or cannot be written; a finished frame has changed.
-        VoxDepthError: A frame cannot be read or corrected; the frames before it are finished.
+        ScenarioError: There is a file or a folder with content.
     """
-    with closing(CorrectedFolder.open(out, job.correction, job.dataset)) as output:
-        done = len(output.lines)
-        if record is not None or not output.is_finished(job.frames):
-            if done < job.frames:
-                output.unfinish()
-            with _recording(record, job) as listener:
-                _run(job, output, listener, done if record is None else 0, progress)
-            output.finish(report(job.correction, output.lines))
-        progress(job.frames)
-        return Corrected(report=report(job.correction, output.lines), new_frames=len(output.lines) - done)
+    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+        raise ScenarioError(f"{out} exists already: name a new folder, or delete that one")
 
 
-def _run(job: Job, output: CorrectedFolder, listener: Listener, first: int, progress: Progress) -> None:
-    """Show the corrector the frames before `first`; correct those from there on, and write what is not yet there."""
-    corrector, frames = job.corrector, _frames(job, output.lines[:])
-    show = corrector.align if isinstance(corrector, StagedCorrector) else corrector.process
-    for index, frame in enumerate(islice(frames, first)):
-        show(frame)
-        progress(index + 1)
-    with _causes(), CorrectionPipeline(corrector, frames) as pipeline:
-        for index, (frame, corrected) in enumerate(pipeline, first):
-            if index == len(output.lines):
-                output.add(job.dataset.name(index), frame, corrected)
-            listener(index, frame, corrected)
-            progress(index + 1)
+def to_millimetres(depth_m: FloatImage) -> npt.NDArray[np.uint16]:
+    """Convert depth to millimetres, shape (H, W): 0 where invalid, 65535 for everything beyond 65.535 m."""
+    return np.where(depth_m > 0, np.rint(np.clip(depth_m, 0.001, 65.535) * 1000), 0).astype(np.uint16)
 
 
-def _frames(job: Job, finished: Sequence[FrameLine]) -> Iterator[Frame]:
-    """All frames, in order; the finished ones must be what they were."""
-    for index in range(job.frames):
-        frame, name = job.dataset[index], job.dataset.name(index)
-        if index < len(finished):
-            was = finished[index]
-            if (was.stamp_s, was.input_crc32) != (frame.stamp_s, crc32_of(frame)):
-                raise ScenarioError(f"frame {name} of the input is not what it was when it was corrected: {ANEW}")
-        yield frame
+def to_gray(confidence: FloatImage) -> GrayImage:
+    """Convert confidence in 0..1 to gray levels in 0..255, shape (H, W)."""
+    gray: GrayImage = np.rint(confidence * 255).astype(np.uint8)
+    return gray
+
+
+def encode(image: npt.NDArray[Any]) -> bytes:
+    """Encode a PNG without row filters: depth is quantised, so this is smaller and faster than OpenCV's default."""
+    options = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE)
+    return cv2.imencode(".png", image, options)[1].tobytes()
+
+
+def _facts(corrected: CorrectedDepth) -> Mapping[str, Fact]:
+    """What the corrector says about a frame, by name."""
+    end = {} if corrected.epoch_end is None else {"epoch_end": corrected.epoch_end.value}
+    registration = corrected.registration
+    return {
+        "phase": corrected.phase.value,
+        "registration": registration.status.value,
+        "matches": registration.n_matches,
+        "inliers": registration.n_inliers,
+        **end,
+    }
+
+
+def _write_csv(path: Path, rows: Sequence[Mapping[str, Fact]]) -> None:
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, names, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _report(config: CorrectionConfig, lines: Sequence[FrameLine]) -> dict[str, Any]:
+    """Summarise all frames. Everything that depends on the clock or the machine is below the key `wall`."""
+    pixels = sum((Counter(line.pixels) for line in lines), Counter[str]())
+    n_pixels, n_raw = sum(pixels.values()), sum(line.raw_pixels for line in lines)
+    return {
+        **config.model_dump(mode="json"),
+        "frames": len(lines),
+        "pixel_shares": {source.name.lower(): pixels[source.name.lower()] / n_pixels for source in Source},
+        "coverage": {"raw": n_raw / n_pixels, "corrected": 1 - pixels["invalid"] / n_pixels},
+        "facts": {name: _summary(values) for name, values in _by_name([line.facts for line in lines]).items()},
+        "wall": {
+            "frame_s": _spread([sum(line.wall_s.values()) for line in lines]),
+            "steps_s": {step: _spread(times_s) for step, times_s in _by_name([line.wall_s for line in lines]).items()},
+            "machine": f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}",
+        },
+    }
+
+
+def _by_name(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    """All values of each name, in the order of the frames; a frame may lack a name."""
+    found: dict[str, list[Any]] = {}
+    for row in rows:
+        for name, value in row.items():
+            found.setdefault(name, []).append(value)
+    return found
+
+
+def _summary(values: Sequence[Fact]) -> dict[str, int] | dict[str, float]:
+    """The number of frames by word, or the spread of numbers."""
+    if isinstance(values[0], str):
+        return dict(Counter(map(str, values)))
+    return _spread([float(value) for value in values])
+
+
+def _spread(values: Sequence[float]) -> dict[str, float]:
+    p50, p95 = np.percentile(values, (50, 95))
+    return {"p50": float(p50), "p95": float(p95), "max": max(values)}
 
 
 @contextmanager
-def _causes() -> Iterator[None]:
-    """Raise what went wrong in a stage as it was raised there: an error of ours names the file, a bug its place."""
+def _original_errors() -> Iterator[None]:
+    """Raise the original error of a pipeline stage, which names the file or shows the faulty line."""
     try:
         yield
         return
@@ -112,9 +237,9 @@ def _causes() -> Iterator[None]:
     raise cause
 
 
-def _recording(path: Path | None, job: Job) -> AbstractContextManager[Listener]:
+def _recording(path: Path | None, config: CorrectionConfig) -> AbstractContextManager[Listener]:
     if path is None:
         return nullcontext(lambda index, frame, corrected: None)
     from .correct_recorder import recording
 
-    return recording(path, f"{job.correction.folder}-{job.correction.corrector}")
+    return recording(path, f"{config.folder}-{config.corrector}")

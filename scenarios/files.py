@@ -1,14 +1,17 @@
 """Configurations in TOML files: shipped ones by name, others by path."""
 
+import fcntl
+import os
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from copy import deepcopy
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 import pydantic
 import tomli_w
-
-from sim.recording.files import replace
 
 from .errors import ScenarioError
 
@@ -74,14 +77,6 @@ def _validated(model: type[Loaded], path: Path, data: dict[str, Any], field: str
 
 
 def _read_table(kind: str, name_or_path: str) -> tuple[Path, dict[str, Any]]:
-    path, text = _read(kind, name_or_path)
-    try:
-        return path, tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{path} is not valid TOML: {error}") from error
-
-
-def _read(kind: str, name_or_path: str) -> tuple[Path, str]:
     path = Path(name_or_path)
     if path.suffix != ".toml":
         names = shipped_names(kind)
@@ -91,8 +86,19 @@ def _read(kind: str, name_or_path: str) -> tuple[Path, str]:
                 "or give the path of a .toml file"
             )
         path = DATA / kind / f"{name_or_path}.toml"
+    return path, read_toml(path)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises:
+        ScenarioError: It cannot be read, or is not valid TOML.
+    """
     try:
-        return path, path.read_text(encoding="utf-8")
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{path} is not valid TOML: {error}") from error
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(f"cannot read {path}: {error}") from error
 
@@ -124,16 +130,60 @@ def first_problem(error: pydantic.ValidationError, field: str) -> str:
     return text + (f" (and {len(others)} more {'problem' if len(others) == 1 else 'problems'})" if others else "")
 
 
-def write(path: Path, data: bytes) -> None:
-    """Make a file and its folders, or replace it, in one step; what was finished before stays as it is.
+@contextmanager
+def atomic(path: Path) -> Iterator[Path]:
+    """Give a temporary path beside `path` that is renamed to `path` when the block ends without an error.
+
+    The block makes a file or a folder there, and it appears as a whole or not at all. A file replaces an existing file;
+    a folder replaces only an empty folder. Missing parent folders are made.
 
     Raises:
-        ScenarioError: It cannot be written.
+        ScenarioError: The operating system refuses to write.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        replace(path, data)
+        with TemporaryDirectory(dir=path.parent, prefix=f".{path.name}-") as holder:
+            temporary = Path(holder) / path.name
+            yield temporary
+            temporary.replace(path)
     except OSError as error:
         raise ScenarioError(
             f"cannot write {path}: {error.strerror or error}; what was finished before is safe"
         ) from error
+
+
+def write(path: Path, data: bytes) -> None:
+    """Make or replace a file and make its missing parent folders, see `atomic`.
+
+    Raises:
+        ScenarioError: The file cannot be written.
+    """
+    with atomic(path) as temporary:
+        temporary.write_bytes(data)
+
+
+@contextmanager
+def locked(folder: Path, busy: str) -> Iterator[None]:
+    """Make a folder and hold its write lock, which the system releases when the process ends in any way.
+
+    Args:
+        folder: The folder.
+        busy: Message of the error when another process holds the lock.
+
+    Raises:
+        ScenarioError: Another process holds the lock, or the folder cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise ScenarioError(
+            f"cannot write to {folder}: {error.strerror}; expected a folder that you may write to"
+        ) from error
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    except BlockingIOError as error:
+        raise ScenarioError(busy) from error
+    finally:
+        os.close(handle)

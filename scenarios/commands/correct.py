@@ -1,4 +1,4 @@
-"""The command that corrects a recorded sequence: what it is given, and what a person reads in the end."""
+"""The command that corrects a recorded sequence."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from voxdepth.config import VoxDepthConfig
     from voxdepth.paper.config import PaperConfig
 
-    from ..correction import Job
+    from ..correction import Correction
 
 VERSIONED = ("voxdepth", "numpy", "opencv-python-headless", "warp-lang")
 """Packages whose versions may change the bytes of a result."""
@@ -37,7 +37,7 @@ class Format(StrEnum):
 
 def correct(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the recorded sequence.")],
-    out: Annotated[Path, typer.Option(help="Folder of the result: new, or one that was cut short.")],
+    out: Annotated[Path, typer.Option(help="New folder of the result.")],
     corrector: Annotated[str, typer.Option(help="Depth corrector by name.")] = DEFAULT_CORRECTOR,
     config: Annotated[
         Path | None,
@@ -45,38 +45,30 @@ def correct(
     ] = None,
     format: Annotated[Format, typer.Option(help="How the sequence is stored; auto finds out.")] = Format.AUTO,
     record: Annotated[
-        Path | None, typer.Option(metavar="FILE.rrd", help="Rerun recording to write as well, always anew.")
+        Path | None, typer.Option(metavar="FILE.rrd", help="Rerun recording to write or to replace.")
     ] = None,
     frames: Annotated[int | None, typer.Option(min=1, help="How many of the first frames. Default: all.")] = None,
 ) -> None:
-    """Correct a recorded sequence's depth; goes on where an earlier call was cut short.
+    """Correct the depth of a recorded sequence; the folder of the result appears when it is complete.
 
     Writes depth/NAME.png in 16 bits and millimetres (0 is invalid, farther than 65.535 m is 65535), confidence/NAME.png
-    in 0..255, report.json, and config.toml with all that the result depends on.
+    in 0..255, frames.csv, report.json, and config.toml with everything that the result depends on.
     """
     import time
 
     from rich.console import Console
 
-    from ..correction import correct
+    from ..correction import require_absent
 
     _refuse_mixing(folder, out, record)
-    job = _planned(folder, corrector, config, format, frames)
+    require_absent(out)
+    correction = _planned(folder, corrector, config, format, frames)
     console, start = Console(), time.perf_counter()
-    try:
-        with counter(console, "correcting", job.frames) as update:
-            done = correct(job, out, record, update)
-    except KeyboardInterrupt:
-        console.print(f"stopped; the finished frames in {out} are safe, and the same command goes on", soft_wrap=True)
-        raise
-    wall_s = time.perf_counter() - start
-    _print_report(console, done.report)
-    if done.new_frames:
-        rate = done.new_frames / wall_s
-        console.print(f"{done.new_frames} new frames, {rate:.1f} frames per second", soft_wrap=True)
-    else:
-        console.print(f"all {done.report['frames']} frames were finished already", soft_wrap=True)
-    console.print(f"depth, confidence and report.json are in {out}", soft_wrap=True)
+    with counter(console, "correcting", correction.frames) as update:
+        report = correction.run(out, record, update)
+    rate = correction.frames / (time.perf_counter() - start)
+    _print_report(console, report)
+    console.print(f"{rate:.1f} frames per second; depth, confidence and report.json are in {out}", soft_wrap=True)
     if record is not None:
         console.print(f"look at it with: voxdepth view {record}", soft_wrap=True)
 
@@ -88,29 +80,30 @@ def _refuse_mixing(folder: Path, out: Path, record: Path | None) -> None:
             raise ScenarioError(
                 f"{option} {path} lies in the input {folder}, whose files would mix: name a place outside it"
             )
+    if record is not None and record.resolve().is_relative_to(out.resolve()):
+        raise ScenarioError(f"--record {record} lies in --out {out}, which must be new: name a place outside it")
     if record is not None and record.suffix != ".rrd":
         raise ScenarioError(f"--record must name an .rrd file, got {record}")
 
 
-def _planned(folder: Path, corrector: str, config: Path | None, format: Format, frames: int | None) -> "Job":
-    """What is to be done, resolved and checked before anything is written. OpenCV is kept to one thread and quiet."""
+def _planned(folder: Path, corrector: str, config: Path | None, format: Format, frames: int | None) -> "Correction":
+    """Resolve and check everything before anything is written; restrict OpenCV to one thread and to silence."""
     import cv2
 
     from voxdepth.datasets import open_dataset
     from voxdepth.registry import create_corrector
 
-    from ..corrected_folder import Correction
-    from ..correction import Job
+    from ..correction import Correction, CorrectionConfig
 
     cv2.setNumThreads(1)
-    # What OpenCV prints about damaged images, our errors say with the name of the file.
+    # Our errors report damaged images with the name of the file; OpenCV would print to the terminal.
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     dataset = open_dataset(folder, format.value)
     if len(dataset) < (frames or 1):
         raise ScenarioError(f"{folder} has {len(dataset)} frames, {frames or 1} were asked for")
     resolved = _resolved(corrector, config)
     made = create_corrector(corrector, dataset.intrinsics, resolved)
-    correction = Correction(
+    planned = CorrectionConfig(
         corrector=corrector,
         folder=folder.resolve().name,
         format=dataset.format,
@@ -118,7 +111,7 @@ def _planned(folder: Path, corrector: str, config: Path | None, format: Format, 
         versions={name: version(name) for name in VERSIONED},
         config=None if resolved is None else resolved.model_dump(mode="json", exclude_none=True),
     )
-    return Job(correction=correction, dataset=dataset, frames=frames or len(dataset), corrector=made)
+    return Correction(config=planned, dataset=dataset, frames=frames or len(dataset), corrector=made)
 
 
 def _resolved(corrector: str, config: Path | None) -> "VoxDepthConfig | PaperConfig | None":
@@ -127,14 +120,14 @@ def _resolved(corrector: str, config: Path | None) -> "VoxDepthConfig | PaperCon
 
     from voxdepth.registry import config_of
 
-    from ..files import first_problem
+    from ..files import first_problem, read_toml
 
     own = config_of(corrector)
     if config is None:
         return own
     if own is None:
         raise ScenarioError(f"the corrector {corrector!r} takes no configuration: leave --config out")
-    given = _read(config)
+    given = read_toml(config)
     if isinstance(given.get("config"), dict):  # the config.toml of an earlier result
         made_by = given.get("corrector", corrector)
         if made_by != corrector:
@@ -151,17 +144,6 @@ def _resolved(corrector: str, config: Path | None) -> "VoxDepthConfig | PaperCon
             "reproducible: give a number of frames"
         )
     return resolved
-
-
-def _read(path: Path) -> dict[str, Any]:
-    import tomllib
-
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{path} is not valid TOML: {error}") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"cannot read {path}: {error}") from error
 
 
 def _under(given: Mapping[str, Any], base: Mapping[str, Any]) -> dict[str, Any]:
@@ -190,10 +172,8 @@ def _print_report(console: "Console", report: Mapping[str, Any]) -> None:
     table.add_row("pixels with depth", f"{raw:.1%} raw, [bold]{corrected:.1%} corrected[/bold]")
     shares = ", ".join(f"{source} {share:.1%}" for source, share in report["pixel_shares"].items())
     table.add_row("all pixels", shares)
-    table.add_row("phases", _counted(report["phases"]))
-    table.add_row("registrations", _counted(report["registrations"]))
-    switches = report["epochs"]["switches"]
-    table.add_row("epochs ended", f"{switches}: {_counted(report['epochs']['causes'])}" if switches else "0")
+    for fact, summary in report["facts"].items():
+        table.add_row(_words(fact), ", ".join(f"{_words(name)} {value:g}" for name, value in summary.items()))
     console.print(table)
     times = Table(title="time per frame", title_justify="left")
     for heading in ("", "median", "95 %", "longest"):
@@ -203,5 +183,5 @@ def _print_report(console: "Console", report: Mapping[str, Any]) -> None:
     console.print(times)
 
 
-def _counted(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count)
+def _words(name: str) -> str:
+    return name.replace("_", " ")

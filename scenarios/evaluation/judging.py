@@ -11,7 +11,7 @@ import numpy as np
 
 from voxdepth.types import DepthCorrector, FloatImage, Frame, GrayImage, Intrinsics
 
-from ..corrected_folder import encode, to_millimetres
+from ..correction import encode, to_millimetres
 from ..images import picked
 from .cell import FRAMES, Figure
 from .groups import Groups

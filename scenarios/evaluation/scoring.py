@@ -9,7 +9,7 @@ from voxdepth.metrics import Changes, Flicker, Sums, completed, m_rmse_u16_wrap,
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
-from ..corrected_folder import to_millimetres
+from ..correction import to_millimetres
 from .cell import AS_GIVEN, COMPLETED, FILLED, FRAMES, Figure
 from .groups import ALL, BINS, NONE, RANGES, Groups, pairs, split
 from .moving_score import MovingScore

@@ -1,11 +1,9 @@
 """The file that keeps a study: what it asks, what is done, and what failed."""
 
-import fcntl
 import json
-import os
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
@@ -18,13 +16,13 @@ from swarm.types import Outcome
 
 from ..config import Run
 from ..errors import ScenarioError
-from ..files import Loaded, first_problem, to_toml
+from ..files import Loaded, first_problem, locked, to_toml
 from .matrix import RunSpec, digest
 from .provenance import installed_versions, machine
 from .record import Done, Failure, RunRecord
 from .study import Study
 
-FILE, LOCK = "study.sqlite", "study.lock"
+FILE = "study.sqlite"
 SCHEMA = 1
 """Version of the tables; a store of another version is refused."""
 BUSY_S = 60.0
@@ -267,32 +265,13 @@ class Store:
             )
 
 
-@contextmanager
-def lock(folder: Path) -> Iterator[None]:
-    """Be the only one that writes to a store; the system lets go of it when the process ends, however it ends.
-
-    Raises:
-        ScenarioError: Another process is, or the folder cannot be written.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        raise ScenarioError(
-            f"cannot write to {folder}: {error.strerror}; expected a folder that you may write to"
-        ) from error
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        os.close(handle)
-        raise ScenarioError(
-            f"another process is flying the study in {folder}: wait for it, or look at it with voxdepth study status "
-            f"{folder}"
-        ) from error
-    try:
-        yield
-    finally:
-        os.close(handle)
+def lock(folder: Path) -> AbstractContextManager[None]:
+    """Become the only process that writes to a store, see `locked`."""
+    return locked(
+        folder,
+        f"another process is flying the study in {folder}: wait for it, or look at it with voxdepth study status "
+        f"{folder}",
+    )
 
 
 def _row(record: RunRecord) -> tuple[str, str, str, str, float]:

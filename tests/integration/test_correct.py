@@ -86,14 +86,6 @@ def started(*arguments: str | Path) -> "subprocess.Popen[str]":
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT)
 
 
-def wait_for_lines(process: "subprocess.Popen[str]", out: Path, n_lines: int) -> None:
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline and process.poll() is None:
-        if (out / "frames.jsonl").exists() and (out / "frames.jsonl").read_bytes().count(b"\n") >= n_lines:
-            return
-        time.sleep(0.002)
-
-
 def rows(path: Path, entity: str) -> int:
     return sum(chunk.num_rows for chunk in rr.chunk.RrdReader(path).stream().filter(content=entity).to_chunks())
 
@@ -115,14 +107,14 @@ def test_the_images_are_those_of_the_corrector_alone(
         np.testing.assert_allclose(depth_mm / 1000, expected_m, atol=0.00051)
         np.testing.assert_array_equal(depth_mm > 0, expected_m > 0)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "config.toml", "frames.jsonl", "report.json", "depth", "confidence"
+        "config.toml", "frames.csv", "report.json", "depth", "confidence"
     }  # fmt: skip
 
 
 def test_the_resolved_configuration_and_a_table_say_what_was_done(sequence: Path, tmp_path: Path) -> None:
     done = correct(sequence, "--out", tmp_path / "out", *short(sequence), "--frames", "12")
-    for words in ("walk, tum: 12 frames, corrector paper", "pixels with depth", "% corrected", "epochs ended",
-                  "median", "12 new frames", f"report.json are in {tmp_path / 'out'}"):  # fmt: skip
+    for words in ("walk, tum: 12 frames, corrector paper", "pixels with depth", "% corrected", "epoch end",
+                  "median", "frames per second", f"report.json are in {tmp_path / 'out'}"):  # fmt: skip
         assert words in done.output, words
     config = tomllib.loads((tmp_path / "out" / "config.toml").read_text())
     assert (config["corrector"], config["folder"], config["format"]) == ("paper", "walk", "tum")
@@ -131,66 +123,41 @@ def test_the_resolved_configuration_and_a_table_say_what_was_done(sequence: Path
     assert config["config"]["max_epoch_frames"] == 5
     assert config["config"]["registration"]["size_px"] == 200
     report = json.loads((tmp_path / "out" / "report.json").read_text())
-    assert report["epochs"]["causes"]["max_frames"] >= 1
-    assert sum(report["phases"].values()) == report["frames"] == 12
+    assert report["facts"]["epoch_end"]["max_frames"] >= 1
+    assert sum(report["facts"]["phase"].values()) == report["frames"] == 12
     assert report["wall"]["steps_s"]["register"]["max"] > 0
 
 
-def test_the_same_command_on_a_finished_run_says_so(whole: Path, sequence: Path) -> None:
+def test_a_folder_that_exists_is_refused_and_stays(whole: Path, sequence: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in whole.rglob("*.*")}
-    done = correct(sequence, "--out", whole, *short(sequence), "--format", "tum")
-    assert done.exit_code == 0
-    assert f"all {N_FRAMES} frames were finished already" in done.output
+    done = correct(sequence, "--out", whole, *short(sequence))
+    assert isinstance(done.exception, ScenarioError)
+    assert "exists already" in str(done.exception)
     assert {path: path.stat().st_mtime_ns for path in whole.rglob("*.*")} == before
 
 
-@pytest.mark.parametrize("done", [3, 7, 11])
-def test_a_run_in_two_parts_gives_the_same_bytes(done: int, whole: Path, sequence: Path, tmp_path: Path) -> None:
-    correct(sequence, "--out", tmp_path / "out", *short(sequence), "--frames", str(done))
-    correct(sequence, "--out", tmp_path / "out", *short(sequence))
-    assert contents(tmp_path / "out") == contents(whole)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("record", [False, True])
-def test_a_killed_run_goes_on_to_the_same_bytes(record: bool, captures: list[Capture], tmp_path: Path) -> None:
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL])
+def test_a_run_that_is_stopped_leaves_no_result(sent: signal.Signals, captures: list[Capture], tmp_path: Path) -> None:
     write_tum(tmp_path / "walk", captures * 6)
-    options = ["--record", tmp_path / "out.rrd"] if record else []
-    command = [tmp_path / "walk", "--out", tmp_path / "out", *options]
-    for n_lines in (9, 40):
-        process = started(*command)
-        wait_for_lines(process, tmp_path / "out", n_lines)
-        process.kill()
-        process.communicate()
-        assert process.returncode == -signal.SIGKILL, "it ended before it was killed"
-        assert not (tmp_path / "out" / "report.json").exists()
-        assert not (tmp_path / "out.rrd").exists()
-    done = correct(*command)
-    assert done.exit_code == 0, done.output
-    assert f"{6 * N_FRAMES} new frames" not in done.output
-    assert correct(tmp_path / "walk", "--out", tmp_path / "whole").exit_code == 0
-    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
-    if record:
-        assert rows(tmp_path / "out.rrd", "/depth/corrected") == 6 * N_FRAMES
-        assert not (tmp_path / "out.rrd.tmp").exists()
-
-
-@pytest.mark.slow
-def test_ctrl_c_says_that_the_same_command_goes_on(captures: list[Capture], tmp_path: Path) -> None:
-    write_tum(tmp_path / "walk", captures * 6)
-    process = started(tmp_path / "walk", "--out", tmp_path / "out")
-    wait_for_lines(process, tmp_path / "out", 5)
-    process.send_signal(signal.SIGINT)
-    output, errors = process.communicate(timeout=60)
-    assert process.returncode == 130, errors
-    assert f"the finished frames in {tmp_path / 'out'} are safe, and the same command goes on" in output
+    command = [tmp_path / "walk", "--out", tmp_path / "made" / "out", "--record", tmp_path / "made" / "out.rrd"]
+    process = started(*command)
+    deadline = time.monotonic() + 60
+    while len(list((tmp_path / "made").glob(".out-*/out/depth/*.png"))) < 5 and time.monotonic() < deadline:
+        time.sleep(0.002)
+    process.send_signal(sent)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == {signal.SIGINT: 130, signal.SIGKILL: -signal.SIGKILL}[sent], errors
     assert errors == ""
-    assert correct(tmp_path / "walk", "--out", tmp_path / "out").exit_code == 0
+    assert not (tmp_path / "made" / "out").exists()
+    assert not (tmp_path / "made" / "out.rrd").exists()
+    if sent == signal.SIGINT:
+        assert not list((tmp_path / "made").iterdir())
+    assert correct(*command).exit_code == 0
+    assert rows(tmp_path / "made" / "out.rrd", "/depth/corrected") == 6 * N_FRAMES
 
 
-def test_a_truncated_image_keeps_the_frames_before_it_and_can_be_mended(
-    whole: Path, sequence: Path, tmp_path: Path
-) -> None:
+def test_a_truncated_image_is_named_and_leaves_nothing_behind(whole: Path, sequence: Path, tmp_path: Path) -> None:
     broken = tmp_path / "walk"
     shutil.copytree(sequence, broken)
     image = broken / "depth" / "006.png"
@@ -201,10 +168,9 @@ def test_a_truncated_image_keeps_the_frames_before_it_and_can_be_mended(
     assert done.returncode == 2
     assert str(image) in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
-    assert len(list((tmp_path / "out" / "depth").iterdir())) == 6
+    assert [path.name for path in tmp_path.iterdir()] == ["walk"]
     image.write_bytes(good)
-    again = correct(*command[1:])
-    assert f"{N_FRAMES - 6} new frames" in again.output
+    assert correct(*command[1:]).exit_code == 0
     assert contents(tmp_path / "out") == contents(whole)
 
 
@@ -225,8 +191,9 @@ def test_a_recording_of_the_simulator_is_corrected_without_its_truth(captures: l
     np.testing.assert_allclose(depth_mm / 1000, captures[2].depth_raw_m, atol=0.00051)
 
 
-def test_a_rerun_recording_holds_every_frame_and_the_switches(whole: Path, sequence: Path, tmp_path: Path) -> None:
-    shutil.copytree(whole, tmp_path / "out")
+def test_a_rerun_recording_holds_every_frame_and_the_ends_of_epochs(
+    whole: Path, sequence: Path, tmp_path: Path
+) -> None:
     path = tmp_path / "made" / "out.rrd"
     rr.set_strict_mode(True)
     try:
@@ -240,23 +207,18 @@ def test_a_rerun_recording_holds_every_frame_and_the_switches(whole: Path, seque
     assert {entity: rows(path, f"/{entity}") for entity in entities} == dict.fromkeys(entities, N_FRAMES)
     assert rows(path, "/source") == N_FRAMES + 1, "every frame and the labels"
     report = json.loads((tmp_path / "out" / "report.json").read_text())
-    assert rows(path, "/epochs") == report["epochs"]["switches"] >= 1
+    assert rows(path, "/epochs") == sum(report["facts"]["epoch_end"].values()) >= 1
     verify = [sys.executable, "-m", "rerun", "rrd", "verify", str(path)]
     assert subprocess.run(verify, capture_output=True, env=ENVIRONMENT, check=False).returncode == 0
     assert contents(tmp_path / "out") == contents(whole)
 
 
-def test_a_recording_is_made_anew_whenever_it_is_asked_for(sequence: Path, tmp_path: Path) -> None:
-    out, path = tmp_path / "out", tmp_path / "out.rrd"
+def test_a_recording_replaces_an_earlier_one(sequence: Path, tmp_path: Path) -> None:
+    path = tmp_path / "out.rrd"
     path.write_bytes(b"of another run")
-    assert correct(sequence, "--out", out, *short(sequence), "--frames", "4", "--record", path).exit_code == 0
+    options = [*short(sequence), "--frames", "4", "--record", path]
+    assert correct(sequence, "--out", tmp_path / "out", *options).exit_code == 0
     assert rows(path, "/depth/corrected") == 4
-    before = contents(out)
-    path.write_bytes(b"of another run")
-    done = correct(sequence, "--out", out, *short(sequence), "--frames", "4", "--record", path)
-    assert "all 4 frames were finished already" in done.output
-    assert rows(path, "/depth/corrected") == 4
-    assert contents(out) == before
 
 
 def test_a_recording_that_fails_leaves_nothing_behind(sequence: Path, tmp_path: Path) -> None:
@@ -343,28 +305,18 @@ def test_a_recording_is_never_written_among_the_input(name: str, sequence: Path,
     assert not list(tmp_path.iterdir())
 
 
-def test_a_recording_may_lie_beside_the_results(sequence: Path, tmp_path: Path) -> None:
-    command = [sequence, "--out", tmp_path / "out", "--frames", "2", "--record", tmp_path / "out" / "depth" / "out.rrd"]
-    for _ in range(2):
-        done = correct(*command)
-        assert done.exit_code == 0, done.exception
-    assert {path.name for path in (tmp_path / "out" / "depth").iterdir()} == {"000.png", "001.png", "out.rrd"}
+def test_a_recording_in_the_folder_of_the_result_is_refused(sequence: Path, tmp_path: Path) -> None:
+    done = correct(sequence, "--out", tmp_path / "out", "--record", tmp_path / "out" / "out.rrd")
+    assert isinstance(done.exception, ScenarioError)
+    assert "--record" in str(done.exception)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_above_the_input_is_refused(sequence: Path) -> None:
     before = sorted(sequence.parent.rglob("*"))
     done = correct(sequence, "--out", sequence.parent)
-    assert "is not empty and holds no correction" in str(done.exception)
+    assert "exists already" in str(done.exception)
     assert sorted(sequence.parent.rglob("*")) == before
-
-
-def test_a_run_of_the_default_corrector_in_two_parts_gives_the_same_bytes(sequence: Path, tmp_path: Path) -> None:
-    for frames in ("7", str(N_FRAMES)):
-        assert correct(sequence, "--out", tmp_path / "parts", "--frames", frames).exit_code == 0
-    assert correct(sequence, "--out", tmp_path / "whole").exit_code == 0
-    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
-    report = json.loads((tmp_path / "whole" / "report.json").read_text())
-    assert report["phases"]["correcting"] == N_FRAMES - 1
 
 
 def test_the_configuration_of_another_corrector_is_refused(whole: Path, sequence: Path, tmp_path: Path) -> None:
@@ -375,7 +327,7 @@ def test_the_configuration_of_another_corrector_is_refused(whole: Path, sequence
 
 
 @pytest.mark.parametrize("arguments", [[], ["voxdepth"], ["paper"]])
-def test_what_config_prints_is_the_configuration_and_correct_takes_it(
+def test_the_command_config_prints_the_configuration_and_correct_takes_it(
     arguments: list[str], sequence: Path, tmp_path: Path
 ) -> None:
     printed = CliRunner().invoke(app, ["config", *arguments])

@@ -1,7 +1,8 @@
-"""Correcting into a folder: what is written, what a second run does, and what is refused."""
+"""Correcting into a folder: what is written, that it is whole or absent, and what is refused."""
 
+import csv
+import io
 import json
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.corrected_folder import Correction
-from scenarios.correction import Corrected, Job, correct
+from scenarios.correction import Correction, CorrectionConfig, to_gray, to_millimetres
 from scenarios.errors import ScenarioError
 from voxdepth.errors import DatasetError
 from voxdepth.types import CorrectedDepth, EpochEnd, Frame, Intrinsics, Phase, Registration, RegistrationStatus
@@ -94,57 +94,38 @@ class Whole:
         self._inner.reset()
 
 
-class Bench:
-    """Runs corrections of one input, and keeps the correctors that were made."""
+def planned(dataset: Frames | None = None, make: Callable[[], Any] = Remembering, frames: int = N_FRAMES) -> Correction:
+    """A correction of the first frames of a dataset."""
+    config = CorrectionConfig(
+        corrector="remembering",
+        folder="walk",
+        format="tum",
+        intrinsics={"fx_px": 14.5, "width_px": 24},
+        versions={"numpy": "2"},
+        config={"window_frames": 10, "odometry": {"max_step_m": 0.5}},
+    )
+    return Correction(config=config, dataset=dataset or Frames(), frames=frames, corrector=make())
 
-    def __init__(self, dataset: Frames | None = None, make: Callable[[], object] = Remembering) -> None:
-        self.dataset = dataset or Frames()
-        self.made: list = []
-        self._make = make
-        self.config: dict = {"window_frames": 10, "odometry": {"max_step_m": 0.5}}
 
-    def job(self, frames: int = N_FRAMES, *, corrector: str = "remembering", folder: str = "walk") -> Job:
-        correction = Correction(
-            corrector=corrector,
-            folder=folder,
-            format="tum",
-            intrinsics={"fx_px": 14.5, "width_px": 24},
-            versions={"numpy": "2"},
-            config=self.config,
-        )
-        return Job(correction=correction, dataset=self.dataset, frames=frames, corrector=self._create())
-
-    def run(self, out: Path, frames: int = N_FRAMES, record: Path | None = None, **named: str) -> Corrected:
-        return correct(self.job(frames, **named), out, record, lambda done: None)
-
-    def _create(self) -> Any:
-        self.made.append(self._make())
-        return self.made[-1]
+def ignore(done: int) -> None:
+    """Progress that nobody watches."""
 
 
 def contents(out: Path) -> dict[str, bytes]:
-    """All files but for what depends on the clock."""
+    """All files without what depends on the clock."""
     files = {str(path.relative_to(out)): path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()}
-    lines = [json.loads(line) for line in files.pop("frames.jsonl").splitlines()]
-    report = json.loads(files.pop("report.json")) if "report.json" in files else {}
-    report.pop("wall", None)
-    timeless = [{key: value for key, value in line.items() if key != "wall_s"} for line in lines]
-    return {**files, "frames.jsonl": json.dumps(timeless).encode(), "report.json": json.dumps(report).encode()}
-
-
-def stop_after(done: int, error: BaseException) -> Callable[[int], None]:
-    def progress(frames: int) -> None:
-        if frames == done:
-            raise error
-
-    return progress
+    rows = list(csv.DictReader(io.StringIO(files.pop("frames.csv").decode())))
+    report = json.loads(files.pop("report.json"))
+    report.pop("wall")
+    timeless = [{key: value for key, value in row.items() if not key.startswith("wall_")} for row in rows]
+    return {**files, "frames.csv": json.dumps(timeless).encode(), "report.json": json.dumps(report).encode()}
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of an uninterrupted run. Read only."""
+    """The folder of a correction. Read only."""
     out = tmp_path_factory.mktemp("whole") / "out"
-    Bench().run(out)
+    planned().run(out, None, ignore)
     return out
 
 
@@ -176,126 +157,49 @@ def test_the_report_counts_what_happened(whole: Path) -> None:
     assert list(shares) == ["invalid", "sensor", "template", "inpainted"]
     assert sum(shares.values()) == pytest.approx(1)
     assert shares["template"] == pytest.approx(np.mean([one.source == 2 for one in made]))
-    assert report["epochs"] == {"switches": 1, "causes": {"few_matches": 1, "degenerate": 0, "max_frames": 0}}
-    assert report["phases"] == {"passthrough": 1, "fusing": 0, "correcting": 6}
-    assert report["registrations"] == {"not_tried": 1, "ok": 6, "few_matches": 0, "degenerate": 0}
+    assert report["facts"]["epoch_end"] == {"few_matches": 1}
+    assert report["facts"]["phase"] == {"passthrough": 1, "correcting": 6}
+    assert report["facts"]["registration"] == {"not_tried": 1, "ok": 6}
+    assert report["facts"]["matches"] == pytest.approx({"p50": 3, "p95": 5.7, "max": 6})
     assert report["wall"]["steps_s"]["warp"] == pytest.approx({"p50": 0.004, "p95": 0.0067, "max": 0.007})
 
 
-@pytest.mark.parametrize("make", [Remembering, Whole])
-@pytest.mark.parametrize("done", [1, 4, N_FRAMES])
-def test_a_run_that_was_interrupted_goes_on_to_the_same_bytes(
-    done: int, make: Callable[[], object], whole: Path, tmp_path: Path
-) -> None:
-    bench = Bench(make=make)
-    with pytest.raises(KeyboardInterrupt):
-        correct(bench.job(), tmp_path / "out", None, stop_after(done, KeyboardInterrupt()))
-    assert not (tmp_path / "out" / "report.json").exists()
-    assert len((tmp_path / "out" / "frames.jsonl").read_text().splitlines()) == done
-    assert bench.run(tmp_path / "out").new_frames == N_FRAMES - done
+def test_every_frame_has_a_line_with_the_facts_of_the_corrector(whole: Path) -> None:
+    rows = list(csv.DictReader((whole / "frames.csv").read_text().splitlines()))
+    assert [row["name"] for row in rows] == [f"{index:06d}" for index in range(N_FRAMES)]
+    assert [row["phase"] for row in rows] == ["passthrough"] + ["correcting"] * 6
+    assert [row["epoch_end"] for row in rows] == ["", "", "", "few_matches", "", "", ""]
+    assert [int(row["matches"]) for row in rows] == list(range(N_FRAMES))
+    for row in rows:
+        pixels = [int(row[f"{source}_pixels"]) for source in ("invalid", "sensor", "template", "inpainted")]
+        assert sum(pixels) == CAMERA.height_px * CAMERA.width_px
+        assert int(row["raw_pixels"]) == pixels[1]
+
+
+def test_a_corrector_without_stages_gives_the_same_files(whole: Path, tmp_path: Path) -> None:
+    planned(make=Whole).run(tmp_path / "out", None, ignore)
     assert contents(tmp_path / "out") == contents(whole)
 
 
-def test_finished_frames_are_aligned_again_but_not_combined(tmp_path: Path) -> None:
-    Bench().run(tmp_path / "out", frames=3)
-    bench = Bench()
-    bench.run(tmp_path / "out")
-    (corrector,) = bench.made
-    assert (corrector.aligned, corrector.combined) == (N_FRAMES, N_FRAMES - 3)
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(28, "No space left on device")])
+def test_a_correction_that_stops_leaves_nothing_behind(error: BaseException, whole: Path, tmp_path: Path) -> None:
+    def stop(done: int) -> None:
+        if done == 4:
+            raise error
 
-
-def test_more_frames_of_a_finished_run_give_what_all_at_once_give(whole: Path, tmp_path: Path) -> None:
-    assert Bench().run(tmp_path / "out", frames=2).new_frames == 2
-    assert Bench().run(tmp_path / "out").new_frames == N_FRAMES - 2
+    with pytest.raises((KeyboardInterrupt, ScenarioError)):
+        planned().run(tmp_path / "out", None, stop)
+    assert not list(tmp_path.iterdir())
+    planned().run(tmp_path / "out", None, ignore)
     assert contents(tmp_path / "out") == contents(whole)
 
 
-def test_a_finished_run_is_left_as_it_is(whole: Path, tmp_path: Path) -> None:
-    shutil.copytree(whole, tmp_path / "out")
-    bench = Bench()
-    before = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in (tmp_path / "out").rglob("*.*")}
-    done = bench.run(tmp_path / "out")
-    assert done.new_frames == 0
-    assert done.report == json.loads((whole / "report.json").read_text())
-    assert bench.made[0].aligned == 0
-    assert {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in (tmp_path / "out").rglob("*.*")} == before
-
-
-def test_a_run_killed_while_it_was_extended_is_not_taken_for_finished(whole: Path, tmp_path: Path) -> None:
-    Bench().run(tmp_path / "out", frames=2)
-    with pytest.raises(KeyboardInterrupt):
-        correct(Bench().job(), tmp_path / "out", None, stop_after(N_FRAMES, KeyboardInterrupt()))
-    assert not (tmp_path / "out" / "report.json").exists()
-    assert Bench().run(tmp_path / "out").new_frames == 0
-    assert contents(tmp_path / "out") == contents(whole)
-
-
-def test_a_recording_that_fails_leaves_a_finished_run_finished(whole: Path, tmp_path: Path) -> None:
-    shutil.copytree(whole, tmp_path / "out")
-    (tmp_path / "file").write_text("mine")
-    with pytest.raises(ScenarioError, match="cannot write the recording"):
-        correct(Bench().job(), tmp_path / "out", tmp_path / "file" / "out.rrd", lambda done: None)
-    assert contents(tmp_path / "out") == contents(whole)
-
-
-def damage_torn(out: Path) -> None:
-    text = (out / "frames.jsonl").read_bytes()
-    (out / "frames.jsonl").write_bytes(text[:-9])
-
-
-def damage_zeroed(out: Path) -> None:
-    lines = (out / "frames.jsonl").read_bytes().split(b"\n")
-    lines[4] = b"\0" * len(lines[4])
-    (out / "frames.jsonl").write_bytes(b"\n".join(lines))
-
-
-def damage_image(out: Path) -> None:
-    (out / "depth" / "000002.png").write_bytes(b"")
-
-
-def damage_missing(out: Path) -> None:
-    (out / "confidence" / "000005.png").unlink()
-
-
-def damage_debris(out: Path) -> None:
-    lines = (out / "frames.jsonl").read_bytes().split(b"\n")
-    (out / "frames.jsonl").write_bytes(b"\n".join(lines[:3]) + b"\n")
-    (out / "depth" / "000006.png.tmp").write_bytes(b"half")
-
-
-@pytest.mark.parametrize(
-    ("damage", "kept"),
-    [(damage_torn, 6), (damage_zeroed, 4), (damage_image, 2), (damage_missing, 5), (damage_debris, 3)],
-)
-def test_frames_that_are_not_whole_are_made_again(
-    damage: Callable[[Path], None], kept: int, whole: Path, tmp_path: Path
-) -> None:
-    shutil.copytree(whole, tmp_path / "out")
-    damage(tmp_path / "out")
-    assert Bench().run(tmp_path / "out").new_frames == N_FRAMES - kept
-    assert contents(tmp_path / "out") == contents(whole)
-
-
-def test_images_of_frames_that_were_never_finished_are_taken_away(whole: Path, tmp_path: Path) -> None:
-    shutil.copytree(whole, tmp_path / "out")
-    damage_debris(tmp_path / "out")
-    (tmp_path / "out" / "depth" / "mine.png").write_bytes(b"mine")
-    Bench().run(tmp_path / "out", frames=3)
-    names = {path.name for path in (tmp_path / "out" / "depth").iterdir()}
-    assert names == {"000000.png", "000001.png", "000002.png", "mine.png"}
-
-
-@pytest.mark.parametrize("frames", [2, 5])
-def test_a_bad_frame_keeps_those_before_it_and_can_be_mended(frames: int, whole: Path, tmp_path: Path) -> None:
-    bench = Bench()
-    bench.dataset.broken = {frames}
-    for _ in range(2):
-        with pytest.raises(DatasetError, match=f"depth/{frames}.png is cut short"):
-            bench.run(tmp_path / "out")
-        assert len((tmp_path / "out" / "frames.jsonl").read_text().splitlines()) == frames
-    bench.dataset.broken = set()
-    bench.run(tmp_path / "out")
-    assert contents(tmp_path / "out") == contents(whole)
+def test_a_frame_that_cannot_be_read_is_named_and_leaves_nothing_behind(tmp_path: Path) -> None:
+    dataset = Frames()
+    dataset.broken = {5}
+    with pytest.raises(DatasetError, match=r"depth/5\.png"):
+        planned(dataset).run(tmp_path / "out", None, ignore)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_bug_in_a_corrector_shows_its_place(tmp_path: Path) -> None:
@@ -304,97 +208,60 @@ def test_a_bug_in_a_corrector_shows_its_place(tmp_path: Path) -> None:
             raise KeyError("template")
 
     with pytest.raises(KeyError, match="template") as caught:
-        Bench(make=Wrong).run(tmp_path / "out")
+        planned(make=Wrong).run(tmp_path / "out", None, ignore)
     assert caught.traceback[-1].name == "combine"
 
 
-def test_another_corrector_config_or_input_is_refused_by_name(whole: Path, tmp_path: Path) -> None:
-    shutil.copytree(whole, tmp_path / "out")
-    before = contents(tmp_path / "out")
-    with pytest.raises(ScenarioError, match="was begun with corrector 'remembering', not 'raw'"):
-        Bench().run(tmp_path / "out", corrector="raw")
-    with pytest.raises(ScenarioError, match="was begun with folder 'walk', not 'run'"):
-        Bench().run(tmp_path / "out", folder="run")
-    bench = Bench()
-    bench.config["odometry"]["max_step_m"] = 0.25
-    with pytest.raises(ScenarioError, match=r"was begun with config\.odometry\.max_step_m 0\.5, not 0\.25"):
-        bench.run(tmp_path / "out")
-    bench.config = {"window_frames": 10}
-    with pytest.raises(ScenarioError, match=r"was begun with config\.odometry\.max_step_m 0\.5, not 'not set'"):
-        bench.run(tmp_path / "out")
-    assert contents(tmp_path / "out") == before
+def test_a_folder_that_exists_is_not_touched(tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(ScenarioError, match="exists already"):
+        planned().run(tmp_path, None, ignore)
+    with pytest.raises(ScenarioError, match="exists already"):
+        planned().run(tmp_path / "thesis.txt", None, ignore)
+    assert (tmp_path / "thesis.txt").read_text() == "mine"
 
 
-def test_an_input_whose_images_changed_is_refused(tmp_path: Path) -> None:
-    Bench().run(tmp_path / "out", frames=3)
-    with pytest.raises(ScenarioError, match="frame 000000 of the input is not what it was"):
-        Bench(Frames(seed=1)).run(tmp_path / "out")
-    with pytest.raises(ScenarioError, match="has a frame 000002 where the input has none"):
-        Bench(Frames(2)).run(tmp_path / "out", frames=2)
-
-
-@pytest.mark.parametrize("name", ["thesis.txt", "config.toml", "frames.jsonl"])
-def test_a_folder_of_something_else_is_not_touched(name: str, tmp_path: Path) -> None:
-    (tmp_path / name).write_text("seed = 3\n")
-    with pytest.raises(ScenarioError, match="is not empty and holds no correction"):
-        Bench().run(tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == [name]
-    assert (tmp_path / name).read_text() == "seed = 3\n"
-
-
-def test_an_empty_folder_and_one_where_a_start_failed_are_taken(whole: Path, tmp_path: Path) -> None:
-    (tmp_path / "config.toml.tmp").write_text("corr")
-    Bench().run(tmp_path)
+def test_an_empty_folder_is_taken(whole: Path, tmp_path: Path) -> None:
+    planned().run(tmp_path, None, ignore)
     assert contents(tmp_path) == contents(whole)
 
 
-def test_a_folder_that_was_begun_with_something_else_and_has_no_frame_is_taken(whole: Path, tmp_path: Path) -> None:
-    wrong = Bench(Frames())
-    wrong.dataset.broken = {0}
-    wrong.config = {"window_frames": 99}
-    with pytest.raises(DatasetError):
-        wrong.run(tmp_path)
-    Bench().run(tmp_path)
-    assert contents(tmp_path) == contents(whole)
-
-
-def test_a_second_writer_is_refused_while_the_first_is_at_work(tmp_path: Path) -> None:
-    refused: list[str] = []
-
+def test_of_two_writers_of_one_folder_the_later_one_fails(tmp_path: Path) -> None:
     def meanwhile(done: int) -> None:
-        with pytest.raises(ScenarioError) as caught:
-            Bench().run(tmp_path / "out")
-        refused.append(str(caught.value))
+        if done == 2:
+            planned().run(tmp_path / "out", None, ignore)
 
-    correct(Bench().job(frames=1), tmp_path / "out", None, meanwhile)
-    assert set(refused) == {f"another process is correcting into {tmp_path / 'out'}: wait until it ends"}
-    assert Bench().run(tmp_path / "out").new_frames == N_FRAMES - 1
+    with pytest.raises(ScenarioError, match="cannot write"):
+        planned(frames=3).run(tmp_path / "out", None, meanwhile)
+    assert len(list((tmp_path / "out" / "depth").iterdir())) == N_FRAMES
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(ScenarioError, match=r"cannot write .*file"):
-        Bench().run(tmp_path / "file")
     with pytest.raises(ScenarioError, match=r"cannot write .*file/out"):
-        Bench().run(tmp_path / "file" / "out")
+        planned().run(tmp_path / "file" / "out", None, ignore)
     assert (tmp_path / "file").read_text() == "mine"
 
 
-def test_a_full_disk_says_what_is_safe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    Bench().run(tmp_path / "out", frames=2)
-
-    def full(path: Path, data: bytes) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("scenarios.corrected_folder.replace", full)
-    with pytest.raises(ScenarioError, match=r"000002\.png: No space left on device; 2 finished frames are safe in"):
-        Bench().run(tmp_path / "out")
-    monkeypatch.undo()
-    assert Bench().run(tmp_path / "out").new_frames == N_FRAMES - 2
+def test_a_recording_that_fails_leaves_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(ScenarioError, match="recording"):
+        planned().run(tmp_path / "out", tmp_path / "file" / "out.rrd", ignore)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_progress_counts_every_frame_in_order(tmp_path: Path) -> None:
-    Bench().run(tmp_path / "out", frames=3)
     told: list[int] = []
-    correct(Bench().job(), tmp_path / "out", None, told.append)
-    assert told == [*range(1, N_FRAMES + 1), N_FRAMES]
+    planned().run(tmp_path / "out", None, told.append)
+    assert told == list(range(1, N_FRAMES + 1))
+
+
+def test_depth_is_stored_in_millimetres_and_stays_valid_or_invalid() -> None:
+    depth_m = np.array([[0, 1e-5, 0.0004, 1.2344, 1.2346, 65.535, 65.6, 3e38]], np.float32)
+    stored = to_millimetres(depth_m)
+    assert stored.dtype == np.uint16
+    assert stored.tolist() == [[0, 1, 1, 1234, 1235, 65535, 65535, 65535]]
+
+
+def test_confidence_is_stored_from_none_to_full() -> None:
+    assert to_gray(np.array([[0, 0.5, 0.999, 1]], np.float32)).tolist() == [[0, 128, 255, 255]]
