@@ -7,6 +7,13 @@ from .errors import ConfigError
 DeviceName = Literal["cpu", "cuda"]
 
 
+def quiet_warp() -> None:
+    """Let Warp report nothing but errors. Call this before Warp starts, which is when it first loads a kernel."""
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_ERROR
+
+
 def require_device(device: str) -> None:
     """Refuse a device that is not there.
 
@@ -17,5 +24,6 @@ def require_device(device: str) -> None:
         return
     import warp as wp
 
+    quiet_warp()
     if not wp.is_cuda_available():
         raise ConfigError(f"device = {device!r} was asked for, but Warp finds no CUDA device here: choose 'cpu'")

@@ -1,7 +1,7 @@
 """Wall-clock times of steps, collected beside the steps themselves."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import wraps
@@ -38,3 +38,24 @@ def timed(step: Callable[P, R]) -> Callable[P, R]:
                 times_s[name] = times_s.get(name, 0.0) + time.perf_counter() - start
 
     return run
+
+
+class StepTimer:
+    """Adds up the wall-clock times of named steps: `with timer("track"): ...`.
+
+    Args:
+        times_s: Times [s] that were taken before, by name. They are copied.
+    """
+
+    def __init__(self, times_s: Mapping[str, float] | None = None) -> None:
+        self.times_s = dict(times_s or {})
+        """Time of each step [s], by name, in the order of the first calls."""
+
+    @contextmanager
+    def __call__(self, name: str) -> Iterator[None]:
+        """Add the time that the block takes to the step of that name."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.times_s[name] = self.times_s.get(name, 0.0) + time.perf_counter() - start

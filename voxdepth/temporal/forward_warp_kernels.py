@@ -11,7 +11,6 @@ import warp as wp
 from . import forward_warp as twin
 from . import working_resolution as scale
 
-wp.config.log_level = wp.LOG_ERROR  # Or Warp would greet on the terminal.
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 UNITS_PER_PX = wp.constant(wp.float32(2**twin.FRACTION_BITS))

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..devices import require_device
+from ..devices import quiet_warp, require_device
 from ..errors import FrameError
 from ..geometry import inverse_rigid
 from ..types import FloatArray, FloatImage, GrayImage
@@ -27,6 +27,7 @@ class WarpReprojection:
 
     def __init__(self, scale: Scale, *, device: str) -> None:
         require_device(device)
+        quiet_warp()
         wp.load_module(kernels, device=device)
         self._scale = scale
         self._device = device
