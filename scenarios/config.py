@@ -9,7 +9,7 @@ from sim.drone import AirframeConfig
 from sim.render import RendererName
 from sim.scenes import AnyScene, CitySpec
 from sim.sensor import RigConfig
-from sim.sensor_models import DepthTierName
+from sim.sensor_models import SensorModelName
 from swarm.task import MissionConfig
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.model import Model
@@ -21,7 +21,7 @@ from .files import load, shipped_names
 class Acceptance(Model):
     """What a scenario promises, and with which depth."""
 
-    depth: DepthTierName = "truth"
+    depth: SensorModelName = "truth"
     corrector: str = "raw"
     width_px: int = Field(160, ge=32)
     height_px: int = Field(120, ge=32)

@@ -63,7 +63,7 @@ def _picture(world: World, seed: int) -> Image:
     sensor = StereoSensor(world, create_renderer("raycast", world), rig, seed=seed)
     poses = list(Walk(height_m=CAMERA_HEIGHT_M).poses(world.scene.path_m, seed, 1.0))
     viewpoints = [Viewpoint(drone=0, pose=poses[int(share * len(poses))]) for share in SHOTS]
-    shots = [gray_bgr(sensor.capture(look).gray_left) for look in sensor.look(viewpoints, 0)]
+    shots = [gray_bgr(sensor.capture(pair).gray_left) for pair in sensor.render(viewpoints, 0)]
     return np.hstack([narrowed(shot, SHOT_PX) for shot in shots])
 
 

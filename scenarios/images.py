@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from sim.types import Loss
+from sim.types import InvalidReason
 from swarm import colors
 from voxdepth.types import FloatImage, GrayImage
 
@@ -18,13 +18,13 @@ Image = npt.NDArray[np.uint8]
 FAR_M = 25.0
 """Depth at the blue end of the colours."""
 TEXT_HEIGHT_PX = 26
-LOSS_COLORS_BGR = {
-    Loss.OCCLUDED: (60, 60, 230),
-    Loss.OUT_OF_RANGE: (200, 60, 200),
-    Loss.BLANK: (230, 140, 40),
-    Loss.AMBIGUOUS: (40, 200, 230),
-    Loss.SPECKLE: (80, 200, 80),
-    Loss.FLICKER: (200, 130, 255),
+INVALID_REASON_COLORS_BGR = {
+    InvalidReason.OCCLUDED: (60, 60, 230),
+    InvalidReason.OUT_OF_RANGE: (200, 60, 200),
+    InvalidReason.TEXTURELESS: (230, 140, 40),
+    InvalidReason.AMBIGUOUS: (40, 200, 230),
+    InvalidReason.SPECKLE: (80, 200, 80),
+    InvalidReason.FLICKER: (200, 130, 255),
 }
 
 
@@ -33,12 +33,12 @@ def colored(depth_m: FloatImage) -> Image:
     return colors.colored(depth_m, FAR_M)
 
 
-def loss_colored(loss: GrayImage) -> Image:
+def color_invalid_reasons(reasons: GrayImage) -> Image:
     """Reasons of holes in colours, depth black; shape (H, W, 3), BGR."""
-    table = np.zeros((len(Loss), 3), np.uint8)
-    for reason, color in LOSS_COLORS_BGR.items():
+    table = np.zeros((len(InvalidReason), 3), np.uint8)
+    for reason, color in INVALID_REASON_COLORS_BGR.items():
         table[reason] = color
-    image: Image = table[loss]
+    image: Image = table[reasons]
     return image
 
 

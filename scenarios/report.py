@@ -82,7 +82,7 @@ def print_quality(console: Console, quality: DepthQuality, title: str) -> None:
         if holes is not None:
             console.print(f"pixels {what}: {_percent(holes)} without depth, {_percent(wrong)} off by more than 5 %")
     losses = ", ".join(
-        f"{reason.name.lower().replace('_', ' ')} {_percent(share)}" for reason, share in quality.loss_shares.items()
+        f"{reason.name.lower().replace('_', ' ')} {_percent(share)}" for reason, share in quality.invalid_shares.items()
     )
     console.print(f"without depth, of all pixels, the sky included: {losses}")
 

@@ -18,13 +18,13 @@ from pydantic import Field
 from sim.errors import SensorError
 from sim.flights import AnyFlight
 from sim.frames import camera_attitude
-from sim.movers import Mover
+from sim.movers import MovingSphere
 from sim.quality import DepthQuality
 from sim.rays import is_inside
 from sim.recording import EncodedFrame, Recording, RecordingWriter, is_startable
 from sim.render import RendererName, create_renderer
 from sim.scenes import AnyScene
-from sim.sensor import Look, RigConfig, StereoSensor, Viewpoint
+from sim.sensor import RenderedPair, RigConfig, StereoSensor, Viewpoint
 from sim.types import BodyPose, Capture
 from sim.world import World
 from voxdepth.model import Model
@@ -54,7 +54,7 @@ class Sequence(Model):
     description: str
     scene: AnyScene
     flight: AnyFlight
-    movers: Annotated[tuple[Mover, ...], Field(strict=False, min_length=1)] | None = None
+    movers: Annotated[tuple[MovingSphere, ...], Field(strict=False, min_length=1)] | None = None
     """Spheres that move through the view; none if left out."""
     rig: RigConfig
     renderer: RendererName = "raycast"
@@ -112,8 +112,8 @@ def moving_ids(recording: Recording) -> range:
 def captures(planned: SeededSequence, frames: int, *, start: int = 0) -> Iterator[Capture]:
     """The captures of a sequence from frame `start` on, in order, without writing anything."""
     with filming(planned) as film:
-        for look in film.looks(start, frames):
-            yield film.sensor.capture(look)
+        for pair in film.rendered(start, frames):
+            yield film.sensor.capture(pair)
 
 
 def record(planned: SeededSequence, folder: Path, frames: int, progress: Progress) -> Recorded:
@@ -151,8 +151,8 @@ def _record(planned: SeededSequence, film: "Film", folder: Path, frames: int, pr
         progress(start)
         with ThreadPoolExecutor(2) as pool:
             waiting: deque[Future[tuple[Capture, EncodedFrame]]] = deque()
-            for look in film.looks(start, frames):
-                waiting.append(pool.submit(_measure, film.sensor, writer, look))
+            for pair in film.rendered(start, frames):
+                waiting.append(pool.submit(_measure, film.sensor, writer, pair))
                 if len(waiting) >= AHEAD:
                     _commit(writer, quality, waiting.popleft(), progress)
             while waiting:
@@ -167,7 +167,7 @@ class Film:
     world: World
     sensor: StereoSensor
     poses: Callable[[], Iterator[BodyPose]]
-    movers: tuple[Mover, ...]
+    movers: tuple[MovingSphere, ...]
     """Those of the world, in its order."""
 
     @property
@@ -175,29 +175,29 @@ class Film:
         """Segmentation ids of the bodies without texture."""
         return [body_id for body_id, surface in self.world.surfaces.items() if surface.texture == 0]
 
-    def looks(self, start: int, stop: int) -> Iterator[Look]:
+    def rendered(self, start: int, stop: int) -> Iterator[RenderedPair]:
         """What the camera sees in the frames `start` to `stop`, rendered one after the other."""
         for frame, pose in enumerate(islice(self.poses(), stop)):
             if frame == 0:
                 first = pose
             if frame >= start:
                 self._place_movers(pose.stamp_s, first)
-                (look,) = self.sensor.look([Viewpoint(drone=0, pose=pose)], frame)
-                self._require_outside(look)
-                yield look
+                (pair,) = self.sensor.render([Viewpoint(drone=0, pose=pose)], frame)
+                self._require_outside(pair)
+                yield pair
 
     def _place_movers(self, time_s: float, first: BodyPose) -> None:
         for body_id, mover in zip(self.world.movers, self.movers, strict=True):
             self.world.place(body_id, mover.position_m(time_s, first))
 
-    def _require_outside(self, look: Look) -> None:
-        left_m, to_right = look.T_world_cam[:3, 3], look.T_world_cam[:3, 0]
+    def _require_outside(self, pair: RenderedPair) -> None:
+        left_m, to_right = pair.T_world_cam[:3, 3], pair.T_world_cam[:3, 0]
         baseline_m = self.sensor.intrinsics.baseline_m or 0.0
         for name, at_m in (("left", left_m), ("right", left_m + baseline_m * to_right)):
             if is_inside(self.world, at_m):
                 x, y, z = at_m
                 raise SensorError(
-                    f"in frame {look.frame} the {name} camera is inside a body, at ({x:.2f}, {y:.2f}, {z:.2f}) m: "
+                    f"in frame {pair.frame} the {name} camera is inside a body, at ({x:.2f}, {y:.2f}, {z:.2f}) m: "
                     "change the flight's height, the movers or the scene"
                 )
 
@@ -225,10 +225,10 @@ def _open(planned: SeededSequence, folder: Path, intrinsics: Any) -> RecordingWr
     return make(folder, intrinsics=intrinsics, config_text=to_toml(planned))
 
 
-def _measure(sensor: StereoSensor, writer: RecordingWriter, look: Look) -> tuple[Capture, EncodedFrame]:
-    capture = sensor.capture(look)
-    q_world_cam_xyzw = camera_attitude(look.viewpoint.pose.q_world_body_xyzw)
-    return capture, writer.encode(look.frame, capture, q_world_cam_xyzw)
+def _measure(sensor: StereoSensor, writer: RecordingWriter, pair: RenderedPair) -> tuple[Capture, EncodedFrame]:
+    capture = sensor.capture(pair)
+    q_world_cam_xyzw = camera_attitude(pair.viewpoint.pose.q_world_body_xyzw)
+    return capture, writer.encode(pair.frame, capture, q_world_cam_xyzw)
 
 
 def _commit(

@@ -5,15 +5,15 @@ from pathlib import Path
 import numpy as np
 
 from sim.recording import Recording
-from sim.types import Capture, Loss
+from sim.types import Capture, InvalidReason
 
 from .errors import ScenarioError
 from .images import (
-    LOSS_COLORS_BGR,
+    INVALID_REASON_COLORS_BGR,
     Image,
+    color_invalid_reasons,
     colored,
     gray_bgr,
-    loss_colored,
     narrowed,
     picked,
     require_picture,
@@ -47,8 +47,10 @@ def _row(capture: Capture, frame: int) -> Image:
         f"gray, frame {frame}": narrowed(gray_bgr(capture.gray_left), PANEL_PX),
         "depth, true": colored(picked(capture.depth_true_m, PANEL_PX)),
         "depth, raw": colored(picked(capture.depth_raw_m, PANEL_PX)),
-        "hidden from the right camera": loss_colored(picked(capture.occluded * np.uint8(Loss.OCCLUDED), PANEL_PX)),
-        "why there is no depth": loss_colored(picked(capture.loss, PANEL_PX)),
+        "hidden from the right camera": color_invalid_reasons(
+            picked(capture.occluded * np.uint8(InvalidReason.OCCLUDED), PANEL_PX)
+        ),
+        "why there is no depth": color_invalid_reasons(picked(capture.invalid_reason, PANEL_PX)),
     }
     return np.hstack([_spaced(titled(name, image)) for name, image in panels.items()])
 
@@ -62,9 +64,9 @@ def _spaced(image: Image) -> Image:
 
 def _legend(width_px: int) -> Image:
     """One coloured field per reason."""
-    n = len(LOSS_COLORS_BGR)
+    n = len(INVALID_REASON_COLORS_BGR)
     fields = []
-    for k, (reason, color) in enumerate(LOSS_COLORS_BGR.items()):
+    for k, (reason, color) in enumerate(INVALID_REASON_COLORS_BGR.items()):
         field = np.full((12, (k + 1) * width_px // n - k * width_px // n, 3), color, np.uint8)
         fields.append(titled(reason.name.lower().replace("_", " "), field))
     return np.hstack(fields)

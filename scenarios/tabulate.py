@@ -30,7 +30,7 @@ class Arm:
 
 
 def arms(depths: Sequence[str], thetas: Sequence[float], correctors: Sequence[str]) -> list[Arm]:
-    """All combinations; theta varies only for the tier that has it."""
+    """All combinations; theta varies only for the sensor model that has it."""
     return [
         Arm(depth=depth, theta=theta, corrector=corrector)
         for depth in depths

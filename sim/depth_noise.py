@@ -1,4 +1,4 @@
-"""The noise terms of the depth tier `noisy`. Each is switchable alone and has the statistics of its configuration.
+"""The noise terms of the sensor model `noisy`. Each is switchable alone and has the statistics of its configuration.
 
 Every draw is keyed by seed, purpose, drone and frame, and within a frame by pixel or by object id: what else is seen
 never shifts it.
@@ -17,7 +17,7 @@ from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 from .model import Model
 from .noise import stereo_focal_baseline_px_m
 from .seeds import Purpose, stream
-from .types import IdImage, Loss
+from .types import IdImage, InvalidReason
 
 ScaleUnit = Literal["object", "frame", "pixel"]
 
@@ -28,8 +28,8 @@ class NoisyDepth:
 
     depth_m: FloatImage
     """Shape (H, W), float32; 0 = invalid, +inf where there is no surface."""
-    loss: GrayImage
-    """One `Loss` per pixel."""
+    invalid_reason: GrayImage
+    """One `InvalidReason` per pixel."""
     segment_id: IdImage
     occluded: MaskImage
     texture_of_body: Mapping[int, float]
@@ -43,9 +43,9 @@ class NoisyDepth:
         """The stream of one purpose for this drone and frame."""
         return stream(self.seed, purpose, *self.key)
 
-    def lose(self, lost: MaskImage, reason: Loss) -> None:
+    def lose(self, lost: MaskImage, reason: InvalidReason) -> None:
         """Invalidate pixels; those without a depth keep their first reason."""
-        self.loss[lost & (self.depth_m > 0)] = reason
+        self.invalid_reason[lost & (self.depth_m > 0)] = reason
         self.depth_m[lost] = 0
 
 
@@ -145,7 +145,7 @@ class Flicker(NoiseTerm):
         fate, sign = (patches.repeat(p, axis=0).repeat(p, axis=1)[:height, :width] for patches in (fate, sign))
         jumps = fate > 1 - self.jump
         image.depth_m[jumps] *= np.where(sign < 0.5, 1 - self.jump_ratio, 1 + self.jump_ratio)[jumps]
-        image.lose(fate < self.dropout, Loss.FLICKER)
+        image.lose(fate < self.dropout, InvalidReason.FLICKER)
 
 
 class Blank(NoiseTerm):
@@ -162,7 +162,7 @@ class Blank(NoiseTerm):
     def apply(self, image: NoisyDepth) -> None:
         """Invalidate blank surfaces."""
         blank = [body for body, texture in image.texture_of_body.items() if texture < self.below_texture]
-        image.lose(np.isin(image.segment_id, blank), Loss.BLANK)
+        image.lose(np.isin(image.segment_id, blank), InvalidReason.TEXTURELESS)
 
 
 class Occlusion(NoiseTerm):
@@ -177,7 +177,7 @@ class Occlusion(NoiseTerm):
 
     def apply(self, image: NoisyDepth) -> None:
         """Invalidate what is hidden."""
-        image.lose(image.occluded, Loss.OCCLUDED)
+        image.lose(image.occluded, InvalidReason.OCCLUDED)
 
 
 class DepthNoise(Model):

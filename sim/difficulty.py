@@ -50,7 +50,7 @@ def traversability(
     x = np.arange(low_m[0], high_m[0] + 1e-9, grid_m)
     y = np.arange(low_m[1], high_m[1] + 1e-9, grid_m)
     points_m = np.array([(*at, height_m) for at in product(x, y)])
-    room_m = np.array([world.room_at_m(point, drone_radius_m) for point in points_m.tolist()])
+    room_m = np.array([world.clearance_at_m(point, drone_radius_m) for point in points_m.tolist()])
     free_m = points_m[(room_m >= drone_radius_m) & ~within_shells(world, points_m)]
     if len(free_m) == 0:
         return 0.0

@@ -16,7 +16,7 @@ Place = Annotated[tuple[float, float, float], Field(strict=False)]
 """Ahead, to the left and above of the place where the camera begins [m]; level, by its first heading."""
 
 
-class Mover(Model):
+class MovingSphere(Model):
     """A textured sphere that goes to and fro between two places at a constant speed, without turning.
 
     Nothing stops it: a path through a wall is flown. A recording ends with an error where it reaches the camera.
@@ -34,7 +34,7 @@ class Mover(Model):
     """Strength of its texture; 0 is blank, which a stereo camera cannot match."""
 
     @model_validator(mode="after")
-    def _check(self) -> "Mover":
+    def _check(self) -> "MovingSphere":
         if self.from_m == self.to_m:
             raise ValueError(f"expected two places, but from_m and to_m are both {list(self.from_m)}: change one")
         return self

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .noise import stereo_focal_baseline_px_m
-from .types import Capture, Loss
+from .types import Capture, InvalidReason
 
 RANGES_M = (0.6, 2.0, 5.0, 8.0, 15.0, 30.0)
 WRONG = 0.05
@@ -39,12 +39,12 @@ class DepthQuality:
         self._errors: Counts = np.zeros((n, round(LARGEST_PX / STEP_PX) + 1), np.int64)
         self._unknowable = {"hidden": np.zeros(3, np.int64), "blank": np.zeros(3, np.int64)}
         """Pixels whose depth the camera cannot know: all, without depth, with a wrong one."""
-        self._losses: Counts = np.zeros(len(Loss), np.int64)
+        self._losses: Counts = np.zeros(len(InvalidReason), np.int64)
 
     def add(self, capture: Capture) -> None:
         """Count the pixels of one capture."""
         true_m, raw_m = capture.depth_true_m, capture.depth_raw_m
-        self._losses += np.bincount(capture.loss.ravel(), minlength=len(Loss))
+        self._losses += np.bincount(capture.invalid_reason.ravel(), minlength=len(InvalidReason))
         judged = (true_m >= self.ranges_m[0]) & (true_m < self.ranges_m[-1])
         blank = judged & np.isin(capture.segment_id, self._blank_ids) & ~capture.occluded
         hidden = judged & capture.occluded
@@ -100,10 +100,10 @@ class DepthQuality:
         return _share(holes, pixels), _share(wrong, pixels)
 
     @property
-    def loss_shares(self) -> dict[Loss, float]:
+    def invalid_shares(self) -> dict[InvalidReason, float]:
         """Share of all pixels that were lost, by reason."""
         total = max(1, int(self._losses.sum()))
-        return {reason: int(self._losses[reason]) / total for reason in Loss if reason is not Loss.NONE}
+        return {reason: int(self._losses[reason]) / total for reason in InvalidReason if reason}
 
 
 def _share(part: Any, whole: Any) -> float | None:

@@ -22,7 +22,7 @@ BEYOND_M = 1e-3
 
 def is_inside(world: World, point_m: FloatArray) -> bool:
     """Whether a point, shape (3,), is inside a static body, or below a heightfield."""
-    return world.room_at_m(point_m.tolist(), 1.0) < 0 or bool(within_shells(world, point_m[None])[0])
+    return world.clearance_at_m(point_m.tolist(), 1.0) < 0 or bool(within_shells(world, point_m[None])[0])
 
 
 def within_shells(world: World, points_m: FloatArray) -> npt.NDArray[np.bool_]:

@@ -16,7 +16,7 @@ class StereoRig:
         renderer: Made for the same world.
         config: Of every camera.
         seed: Master seed of all noise.
-        gray: Whether the gray images are wanted; without them they are black, unless the depth tier needs them.
+        gray: Whether the gray images are wanted; without them they are black, unless the sensor model needs them.
         pool_map: Makes the captures of several drones side by side; the result is the same with any.
     """
 
@@ -46,8 +46,8 @@ class StereoRig:
             frame: Number of the frame; noise is keyed by drone and frame.
         """
         states = self._world.states
-        looks = self._sensor.look([self._viewpoint(drone, states[drone]) for drone in drones], frame)
-        return self._map(self._sensor.capture, looks)
+        pairs = self._sensor.render([self._viewpoint(drone, states[drone]) for drone in drones], frame)
+        return self._map(self._sensor.capture, pairs)
 
     def _viewpoint(self, drone: int, state: DroneState) -> Viewpoint:
         pose = BodyPose(

@@ -13,7 +13,7 @@ from .depth_noise import DepthNoise
 from .errors import SensorError
 from .model import Model
 from .noise import exposure_gain, occlusion, photon_noise
-from .sensor_models import DepthTier, DepthTierName, NoisyTier, StereoTier, StereoView, TruthTier
+from .sensor_models import NoisyModel, SensorModel, SensorModelName, StereoModel, StereoView, TruthModel
 from .stereo import NOISE_TEXTURE, StereoConfig
 from .types import BodyPose, Camera, Capture, Images, Renderer
 from .world import World
@@ -30,10 +30,10 @@ class RigConfig(Model):
     """Captures per second, at most as many as steps of physics."""
     mount_forward_m: float = Field(0.27, ge=0)
     """Camera ahead of the drone's centre [m]; outside of the airframe, or it would see its own drone."""
-    depth: DepthTierName = "stereo"
+    depth: SensorModelName = "stereo"
     """Where depth comes from: `truth`, `noisy` or `stereo`."""
     noise: DepthNoise = DepthNoise()
-    """Terms of the tier `noisy`."""
+    """Terms of the sensor model `noisy`."""
     max_depth_m: float = Field(40.0, gt=0)
     """Depth at which surfaces farther away, and the sky, read."""
     photon_sigma: float = Field(1.5, ge=0)
@@ -46,7 +46,7 @@ class RigConfig(Model):
     def _check(self) -> "RigConfig":
         if self.noise != DepthNoise() and self.depth != "noisy":
             raise ValueError(
-                f"depth noise, theta included, belongs to the depth tier 'noisy', got it with {self.depth!r}"
+                f"depth noise, theta included, belongs to the sensor model 'noisy', got it with {self.depth!r}"
             )
         if self.max_depth_m <= self.stereo.min_depth_m:
             raise ValueError(
@@ -84,7 +84,7 @@ class Viewpoint:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Look:
+class RenderedPair:
     """What the lenses of one stereo camera show, before any noise."""
 
     viewpoint: Viewpoint
@@ -103,8 +103,8 @@ class StereoSensor:
         renderer: Made for the same world.
         config: Of every camera.
         seed: Master seed of all noise.
-        gray: Whether the gray images are wanted; without them they are black, unless the depth tier needs them.
-        right: Whether the right images are wanted even if the depth tier does not need them.
+        gray: Whether the gray images are wanted; without them they are black, unless the sensor model needs them.
+        right: Whether the right images are wanted even if the sensor model does not need them.
 
     Raises:
         SensorError: The baseline does not fit into the scene, or needs more disparities than the image has columns.
@@ -130,47 +130,47 @@ class StereoSensor:
         self._seed = seed
         self.intrinsics = config.intrinsics
         self._gray = gray or config.depth == "stereo"
-        self._tier = make_tier(config, world, seed=seed)
-        self._right = right or self._tier.needs_right
+        self._model = create_sensor_model(config, world, seed=seed)
+        self._right = right or self._model.needs_right
 
-    def look(self, viewpoints: Sequence[Viewpoint], frame: int) -> list[Look]:
+    def render(self, viewpoints: Sequence[Viewpoint], frame: int) -> list[RenderedPair]:
         """Render all cameras in one batch. Not for several threads at once."""
         lefts = [self._camera(viewpoint, +0.5) for viewpoint in viewpoints]
         rights = [self._camera(viewpoint, -0.5) for viewpoint in viewpoints] if self._right else []
         images = self._renderer.render([*lefts, *rights], gray=self._gray)
         seen: list[Images | None] = [*images[len(lefts) :]] or [None] * len(lefts)
         return [
-            Look(viewpoint=viewpoint, frame=frame, T_world_cam=camera.T_world_cam, left=left, right=right)
+            RenderedPair(viewpoint=viewpoint, frame=frame, T_world_cam=camera.T_world_cam, left=left, right=right)
             for viewpoint, camera, left, right in zip(viewpoints, lefts, images, seen, strict=False)
         ]
 
-    def capture(self, look: Look) -> Capture:
-        """Add the noise of the cameras and measure depth; threads may work on several looks at once."""
-        drone, frame = look.viewpoint.drone, look.frame
-        if look.right is None:
-            occluded = np.zeros(look.left.depth_m.shape, np.bool_)
+    def capture(self, pair: RenderedPair) -> Capture:
+        """Add the noise of the cameras and measure depth; threads may work on several pairs at once."""
+        drone, frame = pair.viewpoint.drone, pair.frame
+        if pair.right is None:
+            occluded = np.zeros(pair.left.depth_m.shape, np.bool_)
         else:
-            occluded = occlusion(look.left.depth_m, look.right.depth_m, self.intrinsics)
+            occluded = occlusion(pair.left.depth_m, pair.right.depth_m, self.intrinsics)
         view = StereoView(
             drone=drone,
             frame=frame,
-            left=look.left,
-            gray_left=self._exposed(look.left, drone, frame, 0),
-            gray_right=None if look.right is None else self._exposed(look.right, drone, frame, 1),
+            left=pair.left,
+            gray_left=self._exposed(pair.left, drone, frame, 0),
+            gray_right=None if pair.right is None else self._exposed(pair.right, drone, frame, 1),
             occluded=occluded,
         )
-        measured = self._tier.measure(view)
+        measured = self._model.measure(view)
         return Capture(
-            stamp_s=look.viewpoint.pose.stamp_s,
+            stamp_s=pair.viewpoint.pose.stamp_s,
             drone=drone,
             gray_left=view.gray_left,
             gray_right=view.gray_right,
-            depth_true_m=look.left.depth_m,
+            depth_true_m=pair.left.depth_m,
             depth_raw_m=measured.depth_m,
             occluded=occluded,
-            loss=measured.loss,
-            segment_id=look.left.segment_id,
-            T_world_cam=look.T_world_cam,
+            invalid_reason=measured.invalid_reason,
+            segment_id=pair.left.segment_id,
+            T_world_cam=pair.T_world_cam,
             intrinsics=self.intrinsics,
         )
 
@@ -188,14 +188,14 @@ class StereoSensor:
         return photon_noise(images.gray, self._config.photon_sigma, drone, frame, side, seed=self._seed, gain=gain)
 
 
-def make_tier(config: RigConfig, world: World, *, seed: int) -> DepthTier:
-    """The depth tier that a configuration names."""
+def create_sensor_model(config: RigConfig, world: World, *, seed: int) -> SensorModel:
+    """The sensor model that a configuration names."""
     if config.depth == "truth":
-        return TruthTier(config.max_depth_m)
+        return TruthModel(config.max_depth_m)
     if config.depth == "stereo":
-        return StereoTier(config.intrinsics, config.stereo, max_depth_m=config.max_depth_m)
+        return StereoModel(config.intrinsics, config.stereo, max_depth_m=config.max_depth_m)
     texture_of_body = {body_id: surface.texture for body_id, surface in world.surfaces.items()}
-    return NoisyTier(
+    return NoisyModel(
         config.intrinsics,
         config.noise,
         max_depth_m=config.max_depth_m,

@@ -1,4 +1,4 @@
-"""The three depth tiers: how much a stereo camera is idealised. All behind one interface."""
+"""The three sensor models: how much a stereo camera is idealised. All behind one interface."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,20 +11,20 @@ from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 from .depth_noise import DepthNoise, NoisyDepth
 from .errors import SensorError
 from .stereo import StereoConfig, StereoMatcher
-from .types import Images, Loss
+from .types import Images, InvalidReason
 
-DepthTierName = Literal["truth", "noisy", "stereo"]
-TIER_NAMES: tuple[DepthTierName, ...] = get_args(DepthTierName)
+SensorModelName = Literal["truth", "noisy", "stereo"]
+SENSOR_MODEL_NAMES: tuple[SensorModelName, ...] = get_args(SensorModelName)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measurement:
-    """Depth as a tier measures it."""
+    """Depth as a sensor model measures it."""
 
     depth_m: FloatImage
     """Shape (H, W), float32; 0 = invalid."""
-    loss: GrayImage
-    """One `Loss` per pixel, shape (H, W), uint8."""
+    invalid_reason: GrayImage
+    """One `InvalidReason` per pixel, shape (H, W), uint8."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,7 +40,7 @@ class StereoView:
     """Pixels hidden from the right camera, shape (H, W); all False without a right camera."""
 
 
-class DepthTier(Protocol):
+class SensorModel(Protocol):
     """Makes a depth image of what a drone's cameras see. Threads may share it."""
 
     needs_right: bool
@@ -51,7 +51,7 @@ class DepthTier(Protocol):
         ...
 
 
-class TruthTier:
+class TruthModel:
     """Exact depth, capped at the largest depth of the camera; sky reads that depth."""
 
     needs_right = False
@@ -62,10 +62,10 @@ class TruthTier:
     def measure(self, view: StereoView) -> Measurement:
         """The true depth."""
         depth_m = np.minimum(view.left.depth_m, self._max_depth_m)
-        return Measurement(depth_m=depth_m, loss=np.zeros(depth_m.shape, np.uint8))
+        return Measurement(depth_m=depth_m, invalid_reason=np.zeros(depth_m.shape, np.uint8))
 
 
-class NoisyTier:
+class NoisyModel:
     """Truth with noise terms; as configured by default, without the pixels that the second camera cannot see.
 
     Args:
@@ -96,7 +96,7 @@ class NoisyTier:
         """The true depth after all terms, then capped."""
         image = NoisyDepth(
             depth_m=view.left.depth_m.copy(),
-            loss=np.zeros(view.left.depth_m.shape, np.uint8),
+            invalid_reason=np.zeros(view.left.depth_m.shape, np.uint8),
             segment_id=view.left.segment_id,
             occluded=view.occluded,
             texture_of_body=self._texture_of_body,
@@ -106,10 +106,10 @@ class NoisyTier:
         )
         for term in self._terms:
             term.apply(image)
-        return Measurement(depth_m=np.minimum(image.depth_m, self._max_depth_m), loss=image.loss)
+        return Measurement(depth_m=np.minimum(image.depth_m, self._max_depth_m), invalid_reason=image.invalid_reason)
 
 
-class StereoTier:
+class StereoModel:
     """Depth by matching the two gray images."""
 
     needs_right = True
@@ -120,10 +120,10 @@ class StereoTier:
     def measure(self, view: StereoView) -> Measurement:
         """Depth with the holes and errors that matching makes; the truth only names the reasons of holes."""
         if view.gray_right is None:
-            raise SensorError("the stereo tier needs the gray image of the right camera, got none")
+            raise SensorError("the sensor model stereo needs the gray image of the right camera, got none")
         match = self._matcher.match(view.gray_left, view.gray_right)
-        loss, lost = match.loss, match.loss != Loss.NONE
-        loss[lost & (view.left.depth_m < self._matcher.min_depth_m)] = Loss.OUT_OF_RANGE
-        loss[lost & view.occluded] = Loss.OCCLUDED
+        reason, lost = match.invalid_reason, match.invalid_reason != InvalidReason.NONE
+        reason[lost & (view.left.depth_m < self._matcher.min_depth_m)] = InvalidReason.OUT_OF_RANGE
+        reason[lost & view.occluded] = InvalidReason.OCCLUDED
         depth_m = self._matcher.depth_from_disparity(match.disparity_px)
-        return Measurement(depth_m=depth_m, loss=loss)
+        return Measurement(depth_m=depth_m, invalid_reason=reason)

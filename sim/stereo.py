@@ -14,7 +14,7 @@ from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 from .errors import SensorError
 from .model import Model
 from .noise import stereo_focal_baseline_px_m
-from .types import Loss
+from .types import InvalidReason
 
 Disparity = npt.NDArray[np.int16]
 """In 1/16 px, shape (H, W); negative = invalid."""
@@ -79,8 +79,8 @@ class Match:
 
     disparity_px: FloatImage
     """Of the left image, shape (H, W), float32; negative = invalid."""
-    loss: GrayImage
-    """`Loss` per pixel, shape (H, W), uint8, as far as the images tell: `BLANK`, `AMBIGUOUS` or `SPECKLE`."""
+    invalid_reason: GrayImage
+    """`InvalidReason` per pixel, shape (H, W), uint8, as far as the images tell: `BLANK`, `AMBIGUOUS` or `SPECKLE`."""
 
 
 class StereoMatcher:
@@ -118,11 +118,11 @@ class StereoMatcher:
         checked = kept.copy()
         cv2.filterSpeckles(checked, int(INVALID), self._config.speckle_px, 16)
 
-        loss = np.zeros(raw.shape, np.uint8)
-        loss[checked != kept] = Loss.SPECKLE
-        loss[ambiguous] = Loss.AMBIGUOUS
-        loss[blank] = Loss.BLANK
-        return Match(disparity_px=checked.astype(np.float32) / np.float32(16), loss=loss)
+        reason = np.zeros(raw.shape, np.uint8)
+        reason[checked != kept] = InvalidReason.SPECKLE
+        reason[ambiguous] = InvalidReason.AMBIGUOUS
+        reason[blank] = InvalidReason.TEXTURELESS
+        return Match(disparity_px=checked.astype(np.float32) / np.float32(16), invalid_reason=reason)
 
     def depth_from_disparity(self, disparity_px: FloatImage) -> FloatImage:
         """`z = f B / d`, capped at the largest depth; negative disparities become 0."""

@@ -103,8 +103,8 @@ def _captures(config: RigConfig, seed: int, frames: int) -> Iterator[Capture]:
         world.apply([VelocityCommand(velocity_m_s=np.array([0.0, DRONE_SPEED_M_S, 0.0]), yaw_rad=np.pi / 2)])
         sensor = StereoSensor(world, create_renderer("raycast", world), config, seed=seed, right=True)
         for frame, pose in enumerate(islice(poses, frames)):
-            (look,) = sensor.look([Viewpoint(drone=0, pose=pose)], frame)
-            yield sensor.capture(look)
+            (pair,) = sensor.render([Viewpoint(drone=0, pose=pose)], frame)
+            yield sensor.capture(pair)
             for _ in range(PHYSICS_HZ // RATE_HZ):
                 world.step()
 

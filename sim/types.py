@@ -18,7 +18,7 @@ __all__ = [
     "DroneState",
     "IdImage",
     "Images",
-    "Loss",
+    "InvalidReason",
     "Renderer",
     "VelocityCommand",
 ]
@@ -104,7 +104,7 @@ class Renderer(Protocol):
         ...
 
 
-class Loss(IntEnum):
+class InvalidReason(IntEnum):
     """Why a pixel of a depth image is invalid."""
 
     NONE = 0
@@ -113,7 +113,7 @@ class Loss(IntEnum):
     """The second camera does not see the surface."""
     OUT_OF_RANGE = 2
     """The surface is nearer than the smallest depth that is searched."""
-    BLANK = 3
+    TEXTURELESS = 3
     """Too little texture to be matched."""
     AMBIGUOUS = 4
     """Matching found no clear winner, or the left and the right image disagree."""
@@ -131,15 +131,15 @@ class Capture:
     drone: int
     gray_left: GrayImage
     gray_right: GrayImage | None
-    """None when the depth tier needs no second image."""
+    """None when the sensor model needs no second image."""
     depth_true_m: FloatImage
     """Shape (H, W), float32; +inf where there is no surface."""
     depth_raw_m: FloatImage
     """Shape (H, W), float32; 0 = invalid."""
     occluded: MaskImage
     """Pixels that the right camera does not see, shape (H, W); all False without a second camera."""
-    loss: GrayImage
-    """One `Loss` per pixel, shape (H, W), uint8: why there is no depth."""
+    invalid_reason: GrayImage
+    """One `InvalidReason` per pixel, shape (H, W), uint8: why there is no depth."""
     segment_id: IdImage
     T_world_cam: FloatArray
     """True pose of the left camera, shape (4, 4)."""

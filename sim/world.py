@@ -154,7 +154,7 @@ class World:
         """Distance from the drone's collision sphere to the nearest body or drone, at most `horizon_m`."""
         return self._nearest_m(self._position[drone], self.airframe.radius_m, horizon_m, self.drone_ids[drone])
 
-    def room_at_m(self, position_m: Sequence[float], horizon_m: float = 5.0) -> float:
+    def clearance_at_m(self, position_m: Sequence[float], horizon_m: float = 5.0) -> float:
         """Distance from a point to the nearest body that is no drone, at most `horizon_m`; negative inside one."""
         return self._nearest_m(np.asarray(position_m, np.float64), 0.0, horizon_m, None)
 

@@ -202,7 +202,7 @@ class Mission:
 
     def _refuse_bad_goals(self) -> None:
         for team in self._teams:
-            if self._world.room_at_m(team.goal_m.tolist()) < self._world.airframe.radius_m:
+            if self._world.clearance_at_m(team.goal_m.tolist()) < self._world.airframe.radius_m:
                 raise MissionError(
                     f"the goal {team.goal_m.tolist()} m is inside a building or the ground; move it into the open"
                 )

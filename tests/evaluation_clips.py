@@ -55,7 +55,7 @@ def capture_of(index: int) -> tuple[Capture, np.ndarray]:
         depth_true_m=truth_m,
         depth_raw_m=raw_m,
         occluded=shadow,
-        loss=shadow.astype(np.uint8),
+        invalid_reason=shadow.astype(np.uint8),
         segment_id=np.where(truth_m == POST_M, 1, 0).astype(np.int32),
         T_world_cam=frames.pose(frames.rotation_from_quaternion(q), np.array([index * STEP_M, 0, 0])),
         intrinsics=CAMERA,

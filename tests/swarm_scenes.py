@@ -71,7 +71,7 @@ def capture(stamp_s: float, **changes: Any) -> Capture:
         "depth_true_m": flat(3.0),
         "depth_raw_m": flat(4.0),
         "occluded": np.zeros(CAMERA.shape, np.bool_),
-        "loss": np.zeros(CAMERA.shape, np.uint8),
+        "invalid_reason": np.zeros(CAMERA.shape, np.uint8),
         "segment_id": np.zeros(CAMERA.shape, np.int32),
         "T_world_cam": AT_ORIGIN,
         "intrinsics": CAMERA,

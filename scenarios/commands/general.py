@@ -8,12 +8,12 @@ import typer
 
 
 def list_() -> None:
-    """List scenarios, sequences, studies, correctors, depth tiers and renderers."""
+    """List scenarios, sequences, studies, correctors, sensor models and renderers."""
     from rich.console import Console
     from rich.table import Table
 
     from sim.render import RENDERER_NAMES
-    from sim.sensor_models import TIER_NAMES
+    from sim.sensor_models import SENSOR_MODEL_NAMES
     from voxdepth.registry import corrector_names
 
     from ..config import load_run, scenario_names
@@ -32,7 +32,7 @@ def list_() -> None:
     console.print(table)
     console.print(sequences)
     console.print(f"studies:     {', '.join(study_names())}")
-    console.print(f"depth tiers: {', '.join(TIER_NAMES)}")
+    console.print(f"sensor models: {', '.join(SENSOR_MODEL_NAMES)}")
     console.print(f"correctors:  {', '.join(corrector_names())}")
     console.print(f"renderers:   {', '.join(RENDERER_NAMES)}")
 

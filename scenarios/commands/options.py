@@ -15,7 +15,7 @@ INTERRUPTED = 130
 
 
 class Depth(StrEnum):
-    """Depth tiers; the same words as in a scenario."""
+    """Sensor models; the same words as in a scenario."""
 
     TRUTH = "truth"
     NOISY = "noisy"

@@ -95,8 +95,8 @@ def accept(
 
 def tabulate(
     scenario: Scenario,
-    depth: Annotated[list[Depth] | None, typer.Option(help="Depth tier; may be repeated.")] = None,
-    theta: Annotated[list[float] | None, typer.Option(help="Noise ratio of the tier noisy; may be repeated.")] = None,
+    depth: Annotated[list[Depth] | None, typer.Option(help="Sensor model; may be repeated.")] = None,
+    theta: Annotated[list[float] | None, typer.Option(help="Noise ratio, with depth noisy; may be repeated.")] = None,
     corrector: Annotated[list[str] | None, typer.Option(help="Corrector; may be repeated.")] = None,
     seeds: Seeds = 10,
     workers: Workers = 2,

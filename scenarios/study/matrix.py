@@ -23,7 +23,7 @@ class RunSpec:
     scenario: str
     arm: str
     theta: float | None
-    """Noise ratio of the depth tier `noisy`; None for the other tiers."""
+    """Noise ratio of the sensor model `noisy`; None for the other sensor models."""
     run: Run
     key: str
     """`key_of` the run when the study was begun. It is kept and not computed again, for a later version of this program

@@ -7,7 +7,7 @@ from typing import Any
 import pydantic
 from pydantic import Field
 
-from sim.sensor_models import DepthTierName
+from sim.sensor_models import SensorModelName
 from voxdepth.model import Model
 
 from ..files import load_alone, shipped_names
@@ -36,10 +36,10 @@ class Arm(Model):
     """One way to fly a scenario: where depth comes from, who corrects it, and what else differs."""
 
     name: str = Field(pattern=NAME)
-    depth: DepthTierName
+    depth: SensorModelName
     corrector: str
     theta: tuple[float, ...] = ()
-    """Noise ratios of the depth tier `noisy`, one or a list; a cell of the matrix for each."""
+    """Noise ratios of the sensor model `noisy`, one or a list; a cell of the matrix for each."""
     size: str | None = Field(None, pattern=r"^\d+x\d+$")
     """Image size, as in 160x120. Default: the scenario's."""
     seeds: int | None = Field(None, ge=1)
@@ -56,7 +56,7 @@ class Arm(Model):
     def _check(self) -> "Arm":
         if (self.depth == "noisy") != bool(self.theta):
             raise ValueError(
-                f"arm {self.name!r}: the depth tier 'noisy' needs theta, and no other has one; got depth "
+                f"arm {self.name!r}: the sensor model 'noisy' needs theta, and no other has one; got depth "
                 f"{self.depth!r} with theta {list(self.theta)}"
             )
         if len(set(self.theta)) < len(self.theta):
@@ -69,7 +69,7 @@ class Arm(Model):
 
     @property
     def levels(self) -> tuple[float | None, ...]:
-        """Its noise ratios; a single None for a tier that has none."""
+        """Its noise ratios; a single None for a sensor model that has none."""
         return self.theta or (None,)
 
     def changes_at(self, theta: float | None) -> dict[str, Any]:

@@ -113,6 +113,6 @@ CHANNELS = (
     Channel(folder="depth_true", field="depth_true_m", dtype=np.float32, suffix=".tiff", options=TIFF_SMOOTH),
     Channel(folder="occluded", field="occluded", dtype=np.bool_, pack=_mask_to_gray, unpack=_gray_to_mask),
     Channel(folder="segment", field="segment_id", dtype=np.int32, pack=_id_to_label, unpack=_label_to_id),
-    Channel(folder="loss", field="loss", dtype=np.uint8),
+    Channel(folder="invalid_reason", field="invalid_reason", dtype=np.uint8),
 )
 """All images of a frame, in the order of their checksums."""

@@ -85,7 +85,7 @@ def test_missions(depth: str, corrector: str, size: tuple[int, int]) -> None:
 
 
 PARTS = {
-    "drawing": (StereoSensor, "look"),
+    "drawing": (StereoSensor, "render"),
     "noise and matching": (StereoSensor, "capture"),
     "correction": (VoxDepth, "process"),
     "deciding": (Mission, "_decide"),

@@ -73,7 +73,7 @@ def test_two_runs_of_a_seed_are_equal_down_to_the_recording(tmp_path: Path) -> N
         (["run", "city", "--drones", "0"], "mission.drones: Input should be greater than or equal to 1, got 0"),
         (["run", "city", "--corrector", "magic"], "there is no corrector 'magic'; choose one of: raw, median"),
         (["run", "city", "--size", "big"], "--size must look like 160x120, got 'big'"),
-        (["run", "city", "--theta", "0.5"], "belongs to the depth tier 'noisy'"),
+        (["run", "city", "--theta", "0.5"], "belongs to the sensor model 'noisy'"),
         (["run", "city", "--seed", "-1"], "seed: Input should be greater than or equal to 0"),
         (["run", "missing.toml"], "cannot read missing.toml"),
         (["run", "city", "--seed", str(2**32)], "seed: Input should be less than 4294967296"),

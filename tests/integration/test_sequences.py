@@ -10,7 +10,7 @@ import pytest
 
 from scenarios.errors import ScenarioError
 from scenarios.files import to_toml
-from scenarios.images import LOSS_COLORS_BGR
+from scenarios.images import INVALID_REASON_COLORS_BGR
 from scenarios.sequences import (
     GROUPS,
     SeededSequence,
@@ -32,7 +32,16 @@ from sim.world import World
 from tests.integration.test_cli import voxdepth
 
 SMALL = {"rig.width_px": 128, "rig.height_px": 96}
-IMAGES = ("gray_left", "gray_right", "depth_raw_m", "depth_true_m", "occluded", "segment_id", "loss", "T_world_cam")
+IMAGES = (
+    "gray_left",
+    "gray_right",
+    "depth_raw_m",
+    "depth_true_m",
+    "occluded",
+    "segment_id",
+    "invalid_reason",
+    "T_world_cam",
+)
 
 
 def small(name: str = "sim-LN", seed: int = 0, **changes: object) -> SeededSequence:
@@ -211,7 +220,7 @@ def test_record_and_sheet_as_commands(tmp_path: Path) -> None:
     picture = cv2.imread(str(tmp_path / "s.png"))
     assert picture.shape[1] == 5 * 306
     colors = {tuple(color) for color in picture.reshape(-1, 3).tolist()}
-    assert set(LOSS_COLORS_BGR.values()) <= colors, "the legend names every reason"
+    assert set(INVALID_REASON_COLORS_BGR.values()) <= colors, "the legend names every reason"
     repeated = voxdepth("record", folder / "config.toml", "--out", tmp_path / "again", "--frames", "3")
     assert repeated.returncode == 0, repeated.stderr
     assert (tmp_path / "again" / "checksums.txt").read_bytes() == (folder / "checksums.txt").read_bytes()

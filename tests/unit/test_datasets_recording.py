@@ -17,7 +17,7 @@ from voxdepth.types import Intrinsics
 
 CAMERA = Intrinsics(fx_px=9, fy_px=9, cx_px=4, cy_px=3, width_px=9, height_px=7, baseline_m=0.095)
 N = 3
-TRUTH = ("gray_right", "depth_true", "occluded", "segment", "loss")
+TRUTH = ("gray_right", "depth_true", "occluded", "segment", "invalid_reason")
 
 
 def capture_of(index: int) -> tuple[Capture, np.ndarray]:
@@ -33,7 +33,7 @@ def capture_of(index: int) -> tuple[Capture, np.ndarray]:
         depth_true_m=rng.uniform(0.5, 40, CAMERA.shape).astype(np.float32),
         depth_raw_m=depth_raw_m,
         occluded=rng.random(CAMERA.shape) < 0.5,
-        loss=rng.integers(0, 7, CAMERA.shape, np.uint8),
+        invalid_reason=rng.integers(0, 7, CAMERA.shape, np.uint8),
         segment_id=rng.integers(-1, 50, CAMERA.shape, np.int32),
         T_world_cam=frames.pose(frames.rotation_from_quaternion(q), np.ones(3)),
         intrinsics=CAMERA,

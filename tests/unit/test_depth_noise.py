@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.depth_noise import Blank, DepthNoise, Disparity, Flicker, NoiseTerm, NoisyDepth, Occlusion, Scale
-from sim.types import Loss
+from sim.types import InvalidReason
 from tests.helpers import CAMERA
 
 FOCAL_BASELINE = CAMERA.fx_px * 0.095
@@ -24,7 +24,7 @@ def image(
 ) -> NoisyDepth:
     return NoisyDepth(
         depth_m=np.broadcast_to(np.asarray(depth_m, np.float32), shape).copy(),
-        loss=np.zeros(shape, np.uint8),
+        invalid_reason=np.zeros(shape, np.uint8),
         segment_id=np.broadcast_to(np.asarray(ids, np.int32), shape).copy(),
         occluded=np.broadcast_to(np.asarray(occluded, np.bool_), shape).copy(),
         texture_of_body=texture or {},
@@ -94,21 +94,21 @@ def test_flicker_drops_and_moves_its_shares_of_patches_for_one_frame() -> None:
     np.testing.assert_allclose(np.unique(np.stack([f.depth_m for f in frames])), [0, 6, 8, 10], rtol=1e-6)
     assert (dropped[0, ::3, ::3] == dropped[0, 2::3, 2::3]).all(), "patches of 3 x 3 px share their fate"
     assert (dropped[0] & dropped[1]).mean() == pytest.approx(0.01, abs=0.005), "frames are independent"
-    assert ((frames[0].loss == Loss.FLICKER) == dropped[0]).all()
+    assert ((frames[0].invalid_reason == InvalidReason.FLICKER) == dropped[0]).all()
 
 
 def test_blank_takes_surfaces_below_its_texture_alone() -> None:
     ids = np.repeat([0, 1, 2, -1], 10)[None, :].repeat(5, axis=0)
     noisy = after(Blank(below_texture=0.5), ids=ids, shape=(5, 40), texture={0: 0.0, 1: 0.49, 2: 0.5})
     np.testing.assert_array_equal(noisy.depth_m == 0, (ids == 0) | (ids == 1))
-    np.testing.assert_array_equal(noisy.loss == Loss.BLANK, noisy.depth_m == 0)
+    np.testing.assert_array_equal(noisy.invalid_reason == InvalidReason.TEXTURELESS, noisy.depth_m == 0)
 
 
 def test_occlusion_takes_what_is_hidden_alone() -> None:
     hidden = np.arange(50) < 7
     noisy = after(Occlusion(), occluded=hidden)
     np.testing.assert_array_equal(noisy.depth_m == 0, np.broadcast_to(hidden, (40, 50)))
-    np.testing.assert_array_equal(noisy.loss == Loss.OCCLUDED, noisy.depth_m == 0)
+    np.testing.assert_array_equal(noisy.invalid_reason == InvalidReason.OCCLUDED, noisy.depth_m == 0)
 
 
 TERMS = (
@@ -126,7 +126,7 @@ def test_holes_stay_holes_and_the_same_draws_give_the_same_bytes(term: NoiseTerm
     one, other = after(term, depth_m, frame=3), after(term, depth_m, frame=3)
     np.testing.assert_array_equal(one.depth_m, other.depth_m)
     assert (one.depth_m[:, :10] == 0).all()
-    assert (one.loss[:, :10] == Loss.NONE).all(), "a term is not to blame for holes that were there"
+    assert (one.invalid_reason[:, :10] == InvalidReason.NONE).all(), "a term is not to blame for holes that were there"
 
 
 @pytest.mark.parametrize("term", [type(term)() for term in TERMS[:-1]], ids=lambda term: type(term).__name__)

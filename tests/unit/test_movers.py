@@ -7,13 +7,13 @@ from pydantic import ValidationError
 from sim import frames
 from sim.bodies import Scene
 from sim.errors import SceneError
-from sim.movers import Mover
+from sim.movers import MovingSphere
 from sim.render import create_renderer
 from sim.types import BodyPose, VelocityCommand
 from sim.world import World
 from tests.helpers import camera_at, wall
 
-MOVER = Mover(from_m=(4.0, 3.0, 0.5), to_m=(4.0, -1.0, 0.5), speed_m_s=2.0)
+MOVER = MovingSphere(from_m=(4.0, 3.0, 0.5), to_m=(4.0, -1.0, 0.5), speed_m_s=2.0)
 
 
 def pose(yaw_rad: float = 0.0, pitch_rad: float = 0.0, roll_rad: float = 0.0) -> BodyPose:
@@ -35,7 +35,7 @@ def test_its_places_turn_with_the_heading_of_the_camera_and_stay_level() -> None
 @pytest.mark.parametrize("bad", [{"to_m": (4.0, 3.0, 0.5)}, {"speed_m_s": 0.0}, {"radius_m": -1.0}, {"texture": -1.0}])
 def test_impossible_movers_are_refused(bad: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
-        Mover.model_validate({**MOVER.model_dump(), **bad})
+        MovingSphere.model_validate({**MOVER.model_dump(), **bad})
 
 
 def test_a_mover_is_seen_and_felt_where_it_was_placed_last() -> None:
@@ -46,8 +46,8 @@ def test_a_mover_is_seen_and_felt_where_it_was_placed_last() -> None:
             world.place(0, np.array([distance_m, 0.0, 0.0]))
             (image,) = renderer.render([camera_at(0, 0, 0)])
             assert image.depth_m[image.segment_id == 0].min() == pytest.approx(distance_m - 0.25, abs=0.01)
-            assert world.room_at_m((distance_m, 0.0, 0.0)) == pytest.approx(-0.25, abs=0.01)
-            assert world.room_at_m((distance_m - 1.25, 0.0, 0.0)) == pytest.approx(1.0, abs=0.01)
+            assert world.clearance_at_m((distance_m, 0.0, 0.0)) == pytest.approx(-0.25, abs=0.01)
+            assert world.clearance_at_m((distance_m - 1.25, 0.0, 0.0)) == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_drone_that_runs_into_a_mover_has_a_contact() -> None:

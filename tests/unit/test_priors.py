@@ -34,7 +34,7 @@ def capture(stamp_s: float = 0.0, x_m: float = 0.0, yaw_rad: float = 0.0) -> Cap
         depth_true_m=zeros.astype(np.float32),
         depth_raw_m=zeros.astype(np.float32),
         occluded=zeros.astype(np.bool_),
-        loss=zeros.astype(np.uint8),
+        invalid_reason=zeros.astype(np.uint8),
         segment_id=zeros.astype(np.int32),
         T_world_cam=frames.camera_pose(np.array([x_m, 2.0, 6.0]), frames.quaternion_from_yaw(yaw_rad), np.zeros(3)),
         intrinsics=CAMERA,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim.quality import DepthQuality
-from sim.types import Capture, Loss
+from sim.types import Capture, InvalidReason
 from tests.helpers import CAMERA
 
 FOCAL_BASELINE = CAMERA.fx_px * 0.095
@@ -21,7 +21,7 @@ def capture(true_m: object, raw_m: object, **fields: object) -> Capture:
         depth_true_m=full(true_m, np.float32),
         depth_raw_m=full(raw_m, np.float32),
         occluded=full(fields.get("occluded", False), np.bool_),
-        loss=full(fields.get("loss", 0), np.uint8),
+        invalid_reason=full(fields.get("invalid_reason", 0), np.uint8),
         segment_id=full(fields.get("segment_id", 0), np.int32),
         T_world_cam=np.eye(4),
         intrinsics=CAMERA,
@@ -50,13 +50,15 @@ def test_errors_are_told_by_range_in_pixels_of_disparity() -> None:
 
 def test_holes_count_as_not_within_a_pixel_and_captures_add_up() -> None:
     quality = DepthQuality(ranges_m=(1, 5))
-    quality.add(capture(3.0, np.where(np.arange(CAMERA.width_px) < 40, 0.0, 3.0), loss=Loss.BLANK))
+    quality.add(
+        capture(3.0, np.where(np.arange(CAMERA.width_px) < 40, 0.0, 3.0), invalid_reason=InvalidReason.TEXTURELESS)
+    )
     assert quality.hole_shares == [0.25]
     assert quality.within_1_px_shares == [0.75]
-    assert quality.loss_shares[Loss.BLANK] == 1
+    assert quality.invalid_shares[InvalidReason.TEXTURELESS] == 1
     quality.add(capture(3.0, 3.0))
     assert quality.hole_shares == [0.125]
-    assert quality.loss_shares[Loss.BLANK] == 0.5
+    assert quality.invalid_shares[InvalidReason.TEXTURELESS] == 0.5
 
 
 def test_hidden_and_blank_pixels_are_judged_apart() -> None:

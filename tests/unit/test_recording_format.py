@@ -30,7 +30,7 @@ SMALL = Intrinsics(
 )
 CONFIG = "seed = 3\r\n# Straße\n"
 N = 4
-FOLDERS = ("gray_left", "gray_right", "depth_raw", "depth_true", "occluded", "segment", "loss")
+FOLDERS = ("gray_left", "gray_right", "depth_raw", "depth_true", "occluded", "segment", "invalid_reason")
 TEXTS = ("checksums.txt", "groundtruth.txt")
 
 
@@ -54,7 +54,7 @@ def any_capture(seed: int, stamp_s: float, intrinsics: Intrinsics = SMALL) -> tu
         depth_true_m=true,
         depth_raw_m=raw,
         occluded=rng.random(shape) < 0.5,
-        loss=rng.integers(0, 7, shape, np.uint8),
+        invalid_reason=rng.integers(0, 7, shape, np.uint8),
         segment_id=segment,
         T_world_cam=frames.pose(frames.rotation_from_quaternion(q), rng.normal(scale=100, size=3)),
         intrinsics=intrinsics,
@@ -275,7 +275,7 @@ def test_a_cut_recording_is_resumed_after_its_last_whole_frame(
             (folder / name).unlink()
         for name in data.draw(st.sets(st.sampled_from([*images, *TEXTS]), max_size=3)):
             (folder / f"{name}.tmp").write_bytes(full[name][:20])
-        (folder / "loss" / "000017.png").write_bytes(b"of a later frame")
+        (folder / "invalid_reason" / "000017.png").write_bytes(b"of a later frame")
         writer = resume(folder)
         assert writer.frames == min([written, *(int(Path(name).stem) for name in lost)])
         assert reads_back(folder, writer.frames)
@@ -300,16 +300,16 @@ def test_no_flipped_bit_goes_unseen(data: st.DataObject, whole: Path) -> None:
 
 def test_a_damaged_or_missing_image_spoils_its_own_frame_alone(whole: Path) -> None:
     with copy_of(whole) as folder:
-        (folder / "loss/000001.png").unlink()
+        (folder / "invalid_reason/000001.png").unlink()
         (folder / "depth_true/000002.tiff").write_bytes(b"")
         recording = Recording.open(folder)
         assert same(recording[0], FRAMES[0][0])
-        with pytest.raises(RecordingError, match=r"loss/000001\.png: No such file"):
+        with pytest.raises(RecordingError, match=r"invalid_reason/000001\.png: No such file"):
             recording[1]
         with pytest.raises(RecordingError, match=r"depth_true/000002\.tiff is damaged"):
             recording[2]
         assert same(recording[3], FRAMES[3][0])
-        with pytest.raises(RecordingError, match=r"loss/000001\.png"):
+        with pytest.raises(RecordingError, match=r"invalid_reason/000001\.png"):
             recording.verify()
 
 
@@ -368,7 +368,7 @@ def test_a_killed_process_leaves_whole_frames(tmp_path: Path) -> None:
     )
     folder = tmp_path / "killed"
     with subprocess.Popen([sys.executable, "-c", code, folder], cwd=Path(__file__).parents[2]) as process:
-        while not (folder / "loss" / "000020.png").exists() and process.poll() is None:
+        while not (folder / "invalid_reason" / "000020.png").exists() and process.poll() is None:
             time.sleep(0.001)
         process.send_signal(signal.SIGKILL)
     n_frames = len(Recording.open(folder))

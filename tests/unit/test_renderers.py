@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from sim import frames
 from sim.bodies import Body, Cylinder, Heightfield, Mesh, Scene, SceneSpec, Sphere
 from sim.errors import RenderError
-from sim.movers import Mover
+from sim.movers import MovingSphere
 from sim.rays import is_inside
 from sim.render import create_renderer
 from sim.render.meshes import box, mesh_of_body, sphere
@@ -80,7 +80,7 @@ def test_they_agree_in_every_scene_rolled_pitched_and_close_to_walls(spec: Scene
         def check(angles: tuple[float, float, float], place: tuple[float, float, float]) -> None:
             along, side, height = place
             at = scene.path_m[int(along * (len(scene.path_m) - 1))] + np.array([0.0, side, height])
-            if is_inside(world, at) or world.room_at_m(at.tolist()) < 0.12:
+            if is_inside(world, at) or world.clearance_at_m(at.tolist()) < 0.12:
                 return
             tried.append(True)
             camera = camera_at(*at, quaternion(*(angle + 0.013 for angle in angles)), CAMERA)
@@ -103,7 +103,7 @@ def test_rasterising_and_ray_casting_show_the_same(spec: SceneSpec) -> None:
         cameras = [
             camera_at(*at_m, quaternion(*angle), CAMERA)
             for at_m, angle in zip(places_m, angles, strict=True)
-            if world.room_at_m(at_m.tolist()) > 0.05 and not is_inside(world, at_m)
+            if world.clearance_at_m(at_m.tolist()) > 0.05 and not is_inside(world, at_m)
         ]
         drawn, cast = (create_renderer(name, world).render(cameras) for name in ("raster", "raycast"))
     assert len(cameras) >= 10, "hardly any view is outside of bodies"
@@ -157,7 +157,7 @@ def test_they_agree_on_moved_drones_and_round_shapes() -> None:
 
 
 def test_they_agree_on_movers_that_were_placed() -> None:
-    movers = [Mover(radius_m=0.4, from_m=(3, 0, 0), to_m=(3, 1, 0), speed_m_s=1.0).body(k) for k in range(2)]
+    movers = [MovingSphere(radius_m=0.4, from_m=(3, 0, 0), to_m=(3, 1, 0), speed_m_s=1.0).body(k) for k in range(2)]
     cube = Mesh(box(np.array([0.5, 0.7, 0.9])).vertices_m, box(np.ones(3)).triangles)
     crate = Body(name="crate", kind="building", shape=cube, position_m=(0.0, 0.0, 0.0), yaw_rad=0.4)
     scene = Scene(seed=5, bodies=(wall(8.0),))

@@ -99,7 +99,7 @@ def test_a_way_is_free_and_has_things_beside_it(spec: SceneSpec, seed: int) -> N
 def test_the_world_agrees_that_the_way_is_free(spec: SceneSpec) -> None:
     scene = built(spec, 1)
     with World(scene, np.zeros((0, 3))) as world:
-        room = [world.room_at_m((x, y, z + 1.5), 1.5) for x, y, z in along(scene.path_m, 1.0)]
+        room = [world.clearance_at_m((x, y, z + 1.5), 1.5) for x, y, z in along(scene.path_m, 1.0)]
     assert min(room) >= 1.2
 
 
@@ -108,7 +108,7 @@ def test_the_way_through_a_city_is_free(street_width_m: float) -> None:
     for seed in range(3):
         scene = CitySpec(street_width_m=street_width_m, poles=60).build(seed)
         with World(scene, np.zeros((0, 3))) as world:
-            room = [world.room_at_m((x, y, z + 1.5), 1.5) for x, y, z in along(scene.path_m)]
+            room = [world.clearance_at_m((x, y, z + 1.5), 1.5) for x, y, z in along(scene.path_m)]
         assert min(room) >= 0.5
 
 
@@ -216,7 +216,7 @@ def test_a_corridor_is_as_wide_as_asked_for_and_has_a_roof() -> None:
         assert width_m / 2 <= min(inner) < max(inner) <= width_m / 2 + 1
     with World(scene, np.zeros((0, 3))) as world:
         middle = scene.path_m[len(scene.path_m) // 2]
-        assert world.room_at_m((middle[0], middle[1], 2.6)) == pytest.approx(0.4, abs=0.01)
+        assert world.clearance_at_m((middle[0], middle[1], 2.6)) == pytest.approx(0.4, abs=0.01)
     assert len(named(CorridorSpec(passage_m=0.0, pillars=3).build(1), "pillar")) == 3
     assert not named(CorridorSpec(passage_m=0.0).build(1), "passage")
 

@@ -176,7 +176,7 @@ def test_every_tier_knows_what_is_hidden_if_it_has_a_right_image() -> None:
         for depth in ("truth", "noisy", "stereo"):
             config = RigConfig(depth=depth, mount_forward_m=0.0)
             sensor = StereoSensor(world, create_renderer("raycast", world), config, seed=0, right=True)
-            masks.append(sensor.capture(sensor.look([Viewpoint(drone=0, pose=pose)], 0)[0]).occluded)
+            masks.append(sensor.capture(sensor.render([Viewpoint(drone=0, pose=pose)], 0)[0]).occluded)
     assert masks[0].sum() > 100
     np.testing.assert_array_equal(masks[0], masks[1])
     np.testing.assert_array_equal(masks[0], masks[2])

@@ -18,7 +18,7 @@ from sim.render import create_renderer
 from sim.rig import StereoRig
 from sim.sensor import RigConfig
 from sim.stereo import StereoConfig, StereoMatcher, texture
-from sim.types import Loss
+from sim.types import InvalidReason
 from tests.helpers import block, camera_at, wall, world_of
 from voxdepth.types import Intrinsics
 
@@ -51,12 +51,12 @@ def test_every_hole_has_a_reason_and_every_reason_a_hole() -> None:
     config = RigConfig(depth="stereo", mount_forward_m=0.27)
     with world_of(wall(6.0), plain, starts_m=[(0, 0, 0)]) as world:
         (capture,) = StereoRig(world, create_renderer("raycast", world), config, seed=0).capture([0], 0)
-    np.testing.assert_array_equal(capture.loss != Loss.NONE, capture.depth_raw_m == 0)
+    np.testing.assert_array_equal(capture.invalid_reason != InvalidReason.NONE, capture.depth_raw_m == 0)
     blank_id = 1
     on_block = (capture.segment_id == blank_id) & ~capture.occluded
-    assert (capture.loss[on_block] == Loss.BLANK).mean() > 0.7
+    assert (capture.invalid_reason[on_block] == InvalidReason.TEXTURELESS).mean() > 0.7
     hidden_holes = capture.occluded & (capture.depth_raw_m == 0)
-    assert (capture.loss[hidden_holes] == Loss.OCCLUDED).all()
+    assert (capture.invalid_reason[hidden_holes] == InvalidReason.OCCLUDED).all()
 
 
 def test_surfaces_nearer_than_the_search_are_out_of_range_not_right() -> None:
@@ -65,8 +65,8 @@ def test_surfaces_nearer_than_the_search_are_out_of_range_not_right() -> None:
         (capture,) = StereoRig(world, create_renderer("raycast", world), config, seed=0).capture([0], 0)
     lost = capture.depth_raw_m == 0
     assert lost.mean() > 0.5
-    reasons = capture.loss[lost & ~capture.occluded]
-    assert (reasons == Loss.OUT_OF_RANGE).all()
+    reasons = capture.invalid_reason[lost & ~capture.occluded]
+    assert (reasons == InvalidReason.OUT_OF_RANGE).all()
 
 
 def test_threads_share_a_matcher_and_get_the_same_bytes() -> None:

@@ -5,10 +5,17 @@ import pytest
 
 from sim.errors import SensorError
 from sim.testing import LEVELS, TERMS, Level, Term, noisy_sequence, sensor_config
-from sim.types import Loss
+from sim.types import InvalidReason
 from voxdepth.testing import assert_depth_close
 
 DEPTH = np.full((20, 30), 4.0, np.float32)
+
+ALLOWED = {
+    "occlusion": {InvalidReason.OCCLUDED},
+    "flicker": {InvalidReason.FLICKER},
+    "blank": {InvalidReason.TEXTURELESS},
+}
+"""Reasons for holes that a noise term may give."""
 
 
 def test_a_sequence_is_the_same_for_the_same_arguments_and_another_for_another_seed() -> None:
@@ -31,8 +38,8 @@ def test_each_term_acts_alone_and_grows_with_its_level(term: Term) -> None:
         wrong = np.abs(capture.depth_raw_m - true_m) > 1e-4
         lost = capture.depth_raw_m == 0
         harm.append(np.abs(capture.depth_raw_m - true_m).mean())
-        allowed = {"occlusion": {Loss.OCCLUDED}, "flicker": {Loss.FLICKER}, "blank": {Loss.BLANK}}.get(term, set())
-        assert set(np.unique(capture.loss)) <= {Loss.NONE, *allowed}
+        allowed = ALLOWED.get(term, set())
+        assert set(np.unique(capture.invalid_reason)) <= {InvalidReason.NONE, *allowed}
         assert lost.any() == bool(allowed)
         if term in ("occlusion", "blank"):
             np.testing.assert_array_equal(wrong, lost)

@@ -7,7 +7,7 @@ from scenarios.commands.options import DEFAULT_CORRECTOR, Depth, RendererName
 from scenarios.commands.swarm import Prior
 from scenarios.config import Scenario, load_run
 from sim.render import RENDERER_NAMES
-from sim.sensor_models import TIER_NAMES
+from sim.sensor_models import SENSOR_MODEL_NAMES
 from swarm.priors import PosePriorName
 from voxdepth.config import VoxDepthConfig
 from voxdepth.datasets import DATASET_FORMATS
@@ -16,7 +16,7 @@ from voxdepth.registry import DEFAULT, config_of
 
 def test_the_command_line_speaks_the_words_of_the_library() -> None:
     assert tuple(Format) == ("auto", *DATASET_FORMATS)
-    assert tuple(Depth) == TIER_NAMES
+    assert tuple(Depth) == SENSOR_MODEL_NAMES
     assert tuple(RendererName) == RENDERER_NAMES
     assert tuple(Prior) == get_args(PosePriorName)
 

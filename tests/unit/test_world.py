@@ -67,9 +67,9 @@ def test_contacts_are_recorded_once_with_what_was_hit() -> None:
 def test_clearance_is_the_gap_to_the_collision_sphere() -> None:
     with world_of(GROUND, wall(3.0), starts_m=[(0, 0, 2), (0, 1.5, 2)]) as world:
         assert world.clearance_m(0) == pytest.approx(1.5 - 0.5, abs=0.01)
-        assert world.room_at_m((0.0, 0.0, 2.0)) == pytest.approx(2.0, abs=0.01)
-        assert world.room_at_m((-20.0, 0.0, 20.0)) == 5.0
-        assert world.room_at_m((3.5, 0.0, 2.0)) < 0
+        assert world.clearance_at_m((0.0, 0.0, 2.0)) == pytest.approx(2.0, abs=0.01)
+        assert world.clearance_at_m((-20.0, 0.0, 20.0)) == 5.0
+        assert world.clearance_at_m((3.5, 0.0, 2.0)) < 0
 
 
 def test_bad_starts_are_refused() -> None:
