@@ -1,6 +1,7 @@
 """A corrector and its configuration, as a field of a scenario, a study arm or a learning task."""
 
 import json
+from collections.abc import Mapping
 from typing import Any
 
 from pydantic import Field, ValidationError, field_validator, model_serializer, model_validator
@@ -21,7 +22,8 @@ class CorrectorSpec(Model):
     name: str
     """Name that `create_corrector` knows."""
     config: dict[str, Any] = Field(default_factory=dict)
-    """Values of the corrector's own configuration. They are validated with it when this is loaded."""
+    """Values of the corrector's own configuration, over its defaults key by key; a table that names another `method`
+    than the default replaces the default table. They are validated when this is loaded."""
 
     @model_validator(mode="before")
     @classmethod
@@ -50,20 +52,41 @@ class CorrectorSpec(Model):
         """Return the whole configuration of the corrector, or None where only the name is given.
 
         Raises:
-            ConfigError: The corrector takes no configuration, or a key or value is wrong.
+            ConfigError: The corrector takes no configuration, a key or value is wrong, or results would depend on the
+                speed of the machine.
         """
         if not self.config:
             return None
         default = config_of(self.name)
         if default is None:
             raise ConfigError(f"the corrector {self.name!r} takes no configuration, got {self.config}")
+        merged = _merged(self.config, default.model_dump(mode="json"))
         try:  # As JSON, in which a list may stand for a tuple and a string for an enumeration.
-            return type(default).model_validate_json(json.dumps(self.config))
+            resolved = type(default).model_validate_json(json.dumps(merged))
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(str(key) for key in first["loc"])
             raise ConfigError(f"config of the corrector {self.name!r}: {where}: {first['msg']}") from error
+        if resolved.depends_on_clock:
+            raise ConfigError(
+                f"config of the corrector {self.name!r}: with fusion_lag_frames 'ready' results depend on the speed of "
+                "the machine: give a number of frames"
+            )
+        return resolved
 
     def create(self, intrinsics: Intrinsics) -> DepthCorrector:
         """Create the corrector for one camera."""
         return create_corrector(self.name, intrinsics, self.resolved_config())
+
+
+def _merged(given: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the given values over the default ones, table by table."""
+    merged = dict(default)
+    for key, value in given.items():
+        below = default.get(key)
+        tables = isinstance(value, dict) and isinstance(below, dict)
+        if tables and value.get("method", below.get("method")) == below.get("method"):
+            merged[key] = _merged(value, below)
+        else:
+            merged[key] = value
+    return merged

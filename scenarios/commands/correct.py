@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import asdict
 from enum import StrEnum
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,13 +15,9 @@ from .progress import counter
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from voxdepth.config import VoxDepthConfig
-    from voxdepth.paper.config import PaperConfig
+    from voxdepth.corrector_spec import CorrectorSpec
 
     from ..correction import Correction
-
-VERSIONED = ("voxdepth", "numpy", "opencv-python-headless", "warp-lang")
-"""Packages whose versions may change the bytes of a result."""
 
 
 class Format(StrEnum):
@@ -91,9 +86,10 @@ def _planned(folder: Path, corrector: str, config: Path | None, format: Format, 
     import cv2
 
     from voxdepth.datasets import open_dataset
-    from voxdepth.registry import create_corrector
+    from voxdepth.registry import config_of
 
     from ..correction import Correction, CorrectionConfig
+    from ..results.provenance import CORRECTION, versions
 
     cv2.setNumThreads(1)
     # Our errors report damaged images with the name of the file; OpenCV would print to the terminal.
@@ -101,66 +97,39 @@ def _planned(folder: Path, corrector: str, config: Path | None, format: Format, 
     dataset = open_dataset(folder, format.value)
     if len(dataset) < (frames or 1):
         raise ScenarioError(f"{folder} has {len(dataset)} frames, {frames or 1} were asked for")
-    resolved = _resolved(corrector, config)
-    made = create_corrector(corrector, dataset.intrinsics, resolved)
+    spec = _spec(corrector, config)
+    resolved = spec.resolved_config() or config_of(corrector)
     planned = CorrectionConfig(
         corrector=corrector,
         folder=folder.resolve().name,
         format=dataset.format,
         intrinsics={key: value for key, value in asdict(dataset.intrinsics).items() if value is not None},
-        versions={name: version(name) for name in VERSIONED},
+        versions=versions(CORRECTION),
         config=None if resolved is None else resolved.model_dump(mode="json", exclude_none=True),
     )
-    return Correction(config=planned, dataset=dataset, frames=frames or len(dataset), corrector=made)
+    return Correction(
+        config=planned, dataset=dataset, frames=frames or len(dataset), corrector=spec.create(dataset.intrinsics)
+    )
 
 
-def _resolved(corrector: str, config: Path | None) -> "VoxDepthConfig | PaperConfig | None":
-    """The corrector's own configuration under the values of a file; None if it has none and no file is given."""
+def _spec(corrector: str, config: Path | None) -> "CorrectorSpec":
+    """The corrector with the configuration of a TOML file, which may be the `config.toml` of an earlier result."""
     import pydantic
 
-    from voxdepth.registry import config_of
+    from voxdepth.corrector_spec import CorrectorSpec
 
     from ..files import first_problem, read_toml
 
-    own = config_of(corrector)
-    if config is None:
-        return own
-    if own is None:
-        raise ScenarioError(f"the corrector {corrector!r} takes no configuration: leave --config out")
-    given = read_toml(config)
-    if isinstance(given.get("config"), dict):  # the config.toml of an earlier result
+    given = {} if config is None else read_toml(config)
+    if isinstance(given.get("config"), dict):
         made_by = given.get("corrector", corrector)
         if made_by != corrector:
             raise ScenarioError(f"{config} configures the corrector {made_by!r}: ask for that with --corrector")
         given = given["config"]
-    values = _under(given, own.model_dump(mode="json"))
     try:
-        resolved = type(own).model_validate(values)
+        return CorrectorSpec(name=corrector, config=given)
     except pydantic.ValidationError as error:
-        raise ScenarioError(f"{config}: {first_problem(error, 'config')}") from error
-    if resolved.depends_on_clock:
-        raise ScenarioError(
-            f"{config}: fusion_lag_frames 'ready' depends on the clock, and what is made of files must be "
-            "reproducible: give a number of frames"
-        )
-    return resolved
-
-
-def _under(given: Mapping[str, Any], base: Mapping[str, Any]) -> dict[str, Any]:
-    """The given values over those of the base, table by table; a table that names another method stands alone."""
-    merged = dict(base)
-    for key, value in given.items():
-        below = base.get(key)
-        if isinstance(value, dict) and isinstance(below, dict) and _has_method_of(value, below):
-            merged[key] = _under(value, below)
-        else:
-            merged[key] = value
-    return merged
-
-
-def _has_method_of(given: Mapping[str, Any], base: Mapping[str, Any]) -> bool:
-    own = base.get("method")
-    return bool(given.get("method", own) == own)
+        raise ScenarioError(f"{config or '--corrector'}: {first_problem(error, 'corrector')}") from error
 
 
 def _print_report(console: "Console", report: Mapping[str, Any]) -> None:
