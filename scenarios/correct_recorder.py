@@ -1,4 +1,4 @@
-"""A Rerun recording of a correction: what came in, what came out, where each pixel is from, and when epochs end."""
+"""A Rerun recording of a correction: input, output, the source of each pixel, and what the corrector reports."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -66,9 +66,6 @@ class _Frames:
         self._stream.set_time("time", duration=frame.stamp_s - self._began_s)
         self._log_images(frame, corrected)
         self._log_figures(corrected)
-        if corrected.epoch_end is not None:
-            text = f"frame {index}: the epoch ended, {_words(corrected.epoch_end)}"
-            self._log("epochs", rr.TextLog(text, level=rr.TextLogLevel.INFO))
 
     def _log_images(self, frame: Frame, corrected: CorrectedDepth) -> None:
         _, jpeg = cv2.imencode(".jpg", frame.gray, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
@@ -89,11 +86,12 @@ class _Frames:
         self._log(path, depth)
 
     def _log_figures(self, corrected: CorrectedDepth) -> None:
-        registration = corrected.registration
-        self._log("registration/matches", rr.Scalars([float(registration.n_matches)]))
-        self._log("registration/inliers", rr.Scalars([float(registration.n_inliers)]))
-        self._log("state/phase", rr.StateChange(state=corrected.phase.value))
-        self._log("state/registration", rr.StateChange(state=_words(registration.status)))
+        facts = {} if corrected.diagnostics is None else corrected.diagnostics.facts()
+        for name, value in facts.items():
+            if isinstance(value, str):
+                self._log(f"state/{name}", rr.StateChange(state=value.replace("_", " ")))
+            else:
+                self._log(f"diagnostics/{name}", rr.Scalars([float(value)]))
         for step, time_s in corrected.timings_s.items():
             self._log(f"timings/{step}", rr.Scalars([time_s * MILLISECONDS]))
 
@@ -116,13 +114,12 @@ def _opened(path: Path, recording_id: str) -> rr.RecordingStream:
 
 
 def blueprint() -> rrb.Blueprint:
-    """The layout that is saved with the recording: images above, curves and epochs below."""
+    """The layout that is saved with the recording: images above, curves and states below."""
     images = [rrb.Spatial2DView(name=", ".join(name.split("/")), origin=name) for name in IMAGES]
     curves = rrb.Horizontal(
-        rrb.TimeSeriesView(name="matches", origin="registration"),
+        rrb.TimeSeriesView(name="diagnostics", origin="diagnostics"),
         rrb.TimeSeriesView(name="time per step [ms]", origin="timings"),
         rrb.StateTimelineView(name="states", origin="state"),
-        rrb.TextLogView(name="epochs", origin="epochs"),
     )
     return rrb.Blueprint(
         rrb.Vertical(rrb.Grid(*images, grid_columns=3), curves, row_shares=[3, 1]),
@@ -130,10 +127,6 @@ def blueprint() -> rrb.Blueprint:
         rrb.SelectionPanel(state="hidden"),
         auto_views=False,
     )
-
-
-def _words(name: str) -> str:
-    return name.replace("_", " ")
 
 
 @contextmanager

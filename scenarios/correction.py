@@ -123,7 +123,7 @@ class FrameLine:
             stamp_s=frame.stamp_s,
             raw_pixels=int(np.count_nonzero(frame.depth_m)),
             pixels={source.name.lower(): int(np.count_nonzero(corrected.source == source)) for source in Source},
-            facts=_facts(corrected),
+            facts={} if corrected.diagnostics is None else corrected.diagnostics.facts(),
             wall_s=dict(corrected.timings_s),
         )
 
@@ -164,19 +164,6 @@ def encode(image: npt.NDArray[Any]) -> bytes:
     """Encode a PNG without row filters: depth is quantised, so this is smaller and faster than OpenCV's default."""
     options = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE)
     return cv2.imencode(".png", image, options)[1].tobytes()
-
-
-def _facts(corrected: CorrectedDepth) -> Mapping[str, Fact]:
-    """What the corrector says about a frame, by name."""
-    end = {} if corrected.epoch_end is None else {"epoch_end": corrected.epoch_end.value}
-    registration = corrected.registration
-    return {
-        "phase": corrected.phase.value,
-        "registration": registration.status.value,
-        "matches": registration.n_matches,
-        "inliers": registration.n_inliers,
-        **end,
-    }
 
 
 def _write_csv(path: Path, rows: Sequence[Mapping[str, Fact]]) -> None:

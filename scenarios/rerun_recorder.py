@@ -26,7 +26,7 @@ JPEG_QUALITY = 75
 SOURCE_COLORS = {
     Source.INVALID: (0, 0, 0),
     Source.SENSOR: (90, 160, 90),
-    Source.TEMPLATE: (240, 150, 40),
+    Source.MEMORY: (240, 150, 40),
     Source.INPAINTED: (90, 110, 220),
 }
 LEADER_COLOR, FOLLOWER_COLOR = (255, 120, 40), (90, 170, 250)

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from voxdepth.types import CorrectedDepth, Frame, Phase, Registration, RegistrationStatus
+from voxdepth.types import CorrectedDepth, Frame
 
 STUCK_S = 20.0
 """No test takes a second, so one that takes this long is in a deadlock."""
@@ -53,8 +53,6 @@ def corrected(source: Frame) -> CorrectedDepth:
         depth_m=source.depth_m + 100,
         source=np.ones((2, 2), np.uint8),
         confidence=np.ones((2, 2), np.float32),
-        phase=Phase.PASSTHROUGH,
-        registration=Registration.identity(RegistrationStatus.NOT_TRIED),
     )
 
 

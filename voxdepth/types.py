@@ -6,7 +6,7 @@ z forward; pixel centres lie at integer coordinates; depth is along the optical 
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import IntEnum, StrEnum
+from enum import IntEnum
 from typing import Any, Protocol
 
 import numpy as np
@@ -17,16 +17,13 @@ from .errors import FrameError
 __all__ = [
     "CorrectedDepth",
     "DepthCorrector",
-    "EpochEnd",
+    "Diagnostics",
     "FloatArray",
     "FloatImage",
     "Frame",
     "GrayImage",
     "Intrinsics",
     "MaskImage",
-    "Phase",
-    "Registration",
-    "RegistrationStatus",
     "Source",
 ]
 
@@ -259,67 +256,18 @@ class Source(IntEnum):
     """There is no depth."""
     SENSOR = 1
     """It was measured and believed; it may be averaged with what was seen before."""
-    TEMPLATE = 2
-    """It is what was seen before: there is no measurement, or none that is believed."""
+    MEMORY = 2
+    """It comes from earlier frames: there is no measurement, or the method rejected it."""
     INPAINTED = 3
     """It is a guess from the pixels around, in this image alone."""
 
 
-class Phase(StrEnum):
-    """What a corrector was doing when it returned a frame."""
+class Diagnostics(Protocol):
+    """What a method reports about its work on one frame, beyond the result that all methods share."""
 
-    PASSTHROUGH = "passthrough"
-    """Nothing that was seen before served: the frame was at most smoothed and filled by itself."""
-    FUSING = "fusing"
-    """A window is being collected; the previous template corrects meanwhile."""
-    CORRECTING = "correcting"
-    """What was seen before corrects: the template of the running epoch, or the memory that moves with the camera."""
-
-
-class EpochEnd(StrEnum):
-    """Why a corrector gave up what it remembered, and began anew."""
-
-    FEW_MATCHES = "few_matches"
-    """The scene changed: hardly any feature of what is remembered was found again."""
-    DEGENERATE = "degenerate"
-    """There were matches, but no usable map came of them."""
-    MAX_FRAMES = "max_frames"
-    """The epoch was as long as an epoch may be."""
-
-
-class RegistrationStatus(StrEnum):
-    """How the alignment of the template with the frame went."""
-
-    NOT_TRIED = "not_tried"
-    OK = "ok"
-    FEW_MATCHES = "few_matches"
-    DEGENERATE = "degenerate"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Registration:
-    """Alignment of the template with a frame; failure is a value, not an exception."""
-
-    M_frame_template: FloatArray
-    """Affine map from template pixels to frame pixels, shape (2, 3); the identity where `T_frame_before` stands for
-    it."""
-    n_matches: int
-    """Number of good feature matches."""
-    n_inliers: int
-    status: RegistrationStatus
-    T_frame_before: FloatArray | None = None
-    """Rigid motion since the last frame that was placed, shape (4, 4), of a method that registers in space; None for
-    others, and where there is none."""
-
-    @property
-    def ok(self) -> bool:
-        """True if the template may be used."""
-        return self.status is RegistrationStatus.OK
-
-    @classmethod
-    def identity(cls, status: RegistrationStatus, *, n_matches: int = 0) -> "Registration":
-        """A registration that moves nothing."""
-        return cls(M_frame_template=np.eye(2, 3), n_matches=n_matches, n_inliers=0, status=status)
+    def facts(self) -> Mapping[str, str | int | float]:
+        """Scalars for logs and reports, by name."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -333,12 +281,10 @@ class CorrectedDepth:
     confidence: FloatImage
     """Trust per pixel in 0..1, shape (H, W), float32; 0 where invalid. That of the default method is the chance that
     the depth is right, see `RIGHT_SHARE`; those of other methods only rank."""
-    phase: Phase
-    registration: Registration
-    epoch_end: EpochEnd | None = None
-    """Why the epoch ended with this frame; None if it did not."""
     timings_s: Mapping[str, float] = field(default_factory=dict)
     """Wall-clock time of each step [s], for benchmarks; never part of a result."""
+    diagnostics: Diagnostics | None = None
+    """What the method reports about its work on this frame; None for methods that report nothing."""
 
 
 class DepthCorrector(Protocol):

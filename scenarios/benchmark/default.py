@@ -9,7 +9,9 @@ import cv2
 from voxdepth.config import VoxDepthConfig
 from voxdepth.corrector import VoxDepth
 from voxdepth.model import Model
-from voxdepth.types import CorrectedDepth, Phase
+from voxdepth.temporal.method import TemporalDiagnostics
+from voxdepth.temporal.odometry import TrackingStatus
+from voxdepth.types import CorrectedDepth
 
 from ..errors import ScenarioError
 from .clip import Clip
@@ -48,7 +50,9 @@ def measure_default(clip: Clip, frames: int) -> DefaultParts:
     for corrected, wall_s in islice(_clocked(corrector, clip, WARM_UP_FRAMES + frames), WARM_UP_FRAMES, None):
         timings_s.append(corrected.timings_s)
         frames_s.append(wall_s)
-        lost_frames += corrected.phase is not Phase.CORRECTING
+        diagnostics = corrected.diagnostics
+        is_tracked = isinstance(diagnostics, TemporalDiagnostics) and diagnostics.tracking is TrackingStatus.OK
+        lost_frames += not is_tracked
     if lost_frames == len(frames_s):
         raise ScenarioError(f"at {clip.size} pixels the corrector found its camera in no frame: name a larger --size")
     return DefaultParts(

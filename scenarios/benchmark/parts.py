@@ -8,12 +8,12 @@ import cv2
 from voxdepth.corrector import VoxDepth
 from voxdepth.model import Model
 from voxdepth.paper.config import PaperConfig
-from voxdepth.types import CorrectedDepth, Phase
+from voxdepth.types import CorrectedDepth
 
 from ..errors import ScenarioError
 from .clip import Clip
 from .spread import Spread, spreads
-from .watched import Watched
+from .watched import Watched, is_correcting
 
 STATE = ("describe", "register", "warp", "merge", "filter")
 """The steps of the correction state as the corrector names them: registration is the first two."""
@@ -49,7 +49,7 @@ class Tally:
 
     def add(self, corrected: CorrectedDepth, wall_s: float) -> None:
         """Note the times of a frame, and not its images: memory that is new in every frame would be measured, too."""
-        if corrected.phase is Phase.CORRECTING:
+        if is_correcting(corrected):
             self._timings_s.append(corrected.timings_s)
             self._frames_s.append(wall_s - corrected.timings_s["take_template"])
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from voxdepth.corrector import VoxDepth
+from voxdepth.paper.diagnostics import PaperDiagnostics, Phase
 from voxdepth.paper.method import Aligned
 from voxdepth.paper.template import Template
 from voxdepth.types import CorrectedDepth, Frame
@@ -42,3 +43,9 @@ class Watched:
     def combine(self, aligned: Aligned) -> CorrectedDepth:
         """See `StagedCorrector`."""
         return self._corrector.combine(aligned)
+
+
+def is_correcting(corrected: CorrectedDepth) -> bool:
+    """Whether the paper's method was in the correction state when it returned a frame."""
+    diagnostics = corrected.diagnostics
+    return isinstance(diagnostics, PaperDiagnostics) and diagnostics.phase is Phase.CORRECTING

@@ -157,7 +157,7 @@ QUANTITIES = (
         note="Nearer by the geometric mean. Who leaves such pixels empty has no ghosts: see the sample sizes.",
     ),
     SideBySide(
-        title=f"MAE by where a method says that it has the depth from: sensor / template / inpainted, {WITHIN} [m]",
+        title=f"MAE by where a method says that it has the depth from: sensor / memory / inpainted, {WITHIN} [m]",
         metrics=["mae"],
         masks=list(SOURCES.values()),
         within=WITHIN,

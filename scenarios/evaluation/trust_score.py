@@ -19,7 +19,7 @@ EDGES = np.linspace(0, 1, 11, dtype=np.float32)
 """Ends of the bins of confidence; each belongs to the bin below it, and 0 is a bin of its own."""
 CONFIDENCES = ("confidence 0", *(f"confidence {k / 10:g}-{(k + 1) / 10:g}" for k in range(10)))
 """Masks: pixels by confidence."""
-SOURCES = {Source.SENSOR: "source sensor", Source.TEMPLATE: "source template", Source.INPAINTED: "source inpainted"}
+SOURCES = {Source.SENSOR: "source sensor", Source.MEMORY: "source memory", Source.INPAINTED: "source inpainted"}
 """Masks: pixels by where their depth is said to come from."""
 
 

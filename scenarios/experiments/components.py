@@ -5,12 +5,11 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from voxdepth.corrector import VoxDepth
-from voxdepth.types import Phase
 
 from ..benchmark.clip import Clip
 from ..benchmark.parts import CONFIG
 from ..benchmark.spread import Spread
-from ..benchmark.watched import Watched
+from ..benchmark.watched import Watched, is_correcting
 from ..errors import ScenarioError
 from .drawing import labelled, panels
 from .paper import COMPONENTS_MS
@@ -83,7 +82,7 @@ def component_times(clip: Clip, frames: int) -> dict[str, Spread]:
     of_frames: list[Mapping[str, float]] = []
     for frame in clip.play(frames):
         corrected = corrector.process(frame)
-        if len(corrector.fusions_s) > 1 and corrected.phase is Phase.CORRECTING:
+        if len(corrector.fusions_s) > 1 and is_correcting(corrected):
             of_frames.append(corrected.timings_s)
     corrector.close()
     of_fusions = corrector.fusions_s[1:]

@@ -29,7 +29,7 @@ FONT, FONT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.4
 SOURCE_COLORS_BGR = {
     Source.INVALID: (0, 0, 0),
     Source.SENSOR: (190, 190, 190),
-    Source.TEMPLATE: (200, 120, 30),
+    Source.MEMORY: (200, 120, 30),
     Source.INPAINTED: (40, 160, 240),
 }
 LEGEND = "top right: the peer with the least error in holes", "source: sensor gray, memory blue, filled orange"

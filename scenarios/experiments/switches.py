@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from voxdepth.corrector import VoxDepth
 from voxdepth.paper.config import PaperConfig
-from voxdepth.types import EpochEnd
+from voxdepth.paper.diagnostics import EpochEnd
 
 from ..evaluation.paper import SEQUENCES
 from .drawing import MARKERS, labelled, panels
@@ -83,7 +83,7 @@ def _count(stage: Stage, name: str) -> tuple[Counter[EpochEnd], Counter[EpochEnd
     ends: tuple[Counter[EpochEnd], Counter[EpochEnd]] = (Counter(), Counter())
     for frame in stage.frames_of(name):
         for corrector, counter in zip((by_rule, limited), ends, strict=True):
-            end = corrector.align(frame).epoch_end
+            end = corrector.align(frame).diagnostics.epoch_end
             if end is not None:
                 counter[end] += 1
     by_rule.close()

@@ -29,7 +29,8 @@ from tests.helpers import CAMERA
 from tests.integration.test_cli import voxdepth
 from voxdepth.datasets import open_dataset
 from voxdepth.paper.config import PaperConfig
-from voxdepth.types import CorrectedDepth, FloatImage, GrayImage, Phase, Registration, RegistrationStatus
+from voxdepth.paper.diagnostics import PaperDiagnostics, Phase, Registration, RegistrationStatus
+from voxdepth.types import CorrectedDepth, FloatImage, GrayImage
 
 N_IMAGES = 5
 QUICK_LINES = (
@@ -86,9 +87,8 @@ def corrected(phase: Phase, **timings_s: float) -> CorrectedDepth:
     nothing: GrayImage = np.zeros((1, 1), np.uint8)
     empty: FloatImage = np.zeros((1, 1), np.float32)
     registration = Registration.identity(RegistrationStatus.OK)
-    return CorrectedDepth(
-        depth_m=empty, source=nothing, confidence=empty, phase=phase, registration=registration, timings_s=timings_s
-    )
+    diagnostics = PaperDiagnostics(phase=phase, registration=registration)
+    return CorrectedDepth(depth_m=empty, source=nothing, confidence=empty, timings_s=timings_s, diagnostics=diagnostics)
 
 
 def test_percentiles_are_linear_between_the_samples_in_any_order() -> None:

@@ -27,9 +27,10 @@ from voxdepth.temporal.forward_warp import (
     Reprojection,
     _close_cracks,
 )
+from voxdepth.temporal.odometry import TrackingStatus
 from voxdepth.temporal.warp_forward_warp import WarpReprojection
 from voxdepth.temporal.working_resolution import LARGEST_PX, SMALLEST_PX, Scale
-from voxdepth.types import Intrinsics, RegistrationStatus
+from voxdepth.types import Intrinsics
 
 CAMERA = dataclasses.replace(Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=80), baseline_m=0.095)
 SCALES = [Scale.of(CAMERA, step) for step in (1, 2)]
@@ -231,7 +232,7 @@ def test_a_stream_is_corrected_alike(step: int, device: str) -> None:
         # Rounding may tip a decision about a pixel here and there.
         assert np.mean(expected.source != got.source) < 1e-3
         assert np.mean(abs(expected.depth_m - got.depth_m) > 1e-3) < 1e-3
-    assert expected.registration.status is RegistrationStatus.OK
+    assert expected.diagnostics.tracking is TrackingStatus.OK
 
 
 @each_device

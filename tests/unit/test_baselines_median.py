@@ -5,7 +5,7 @@ import pytest
 
 from voxdepth.baselines.median import Median
 from voxdepth.errors import ConfigError
-from voxdepth.types import Frame, Phase, RegistrationStatus, Source
+from voxdepth.types import Frame, Source
 
 
 def frame_of(depth_m: object) -> Frame:
@@ -55,7 +55,7 @@ def test_a_pixel_says_where_its_depth_comes_from() -> None:
     assert result.source[3, 3] == Source.INPAINTED and result.confidence[3, 3] == 0.5
     assert result.source[3, 11] == Source.INVALID and result.confidence[3, 11] == 0
     assert result.source[3, 1] == Source.SENSOR and result.confidence[3, 1] == 1
-    assert result.phase is Phase.PASSTHROUGH and result.registration.status is RegistrationStatus.NOT_TRIED
+    assert result.diagnostics is None
 
 
 def test_the_frame_is_not_changed_and_the_result_has_its_own_arrays() -> None:

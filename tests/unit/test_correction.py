@@ -14,7 +14,8 @@ import pytest
 from scenarios.correction import Correction, CorrectionConfig, to_gray, to_millimetres
 from scenarios.errors import ScenarioError
 from voxdepth.errors import DatasetError
-from voxdepth.types import CorrectedDepth, EpochEnd, Frame, Intrinsics, Phase, Registration, RegistrationStatus
+from voxdepth.paper.diagnostics import EpochEnd, PaperDiagnostics, Phase, Registration, RegistrationStatus
+from voxdepth.types import CorrectedDepth, Frame, Intrinsics
 
 CAMERA = Intrinsics.from_hfov(width_px=24, height_px=16, hfov_deg=80)
 N_FRAMES = 7
@@ -69,10 +70,12 @@ class Remembering:
             depth_m=depth_m,
             source=np.where(raw_m > 0, 1, 2 * (depth_m > 0)).astype(np.uint8),
             confidence=np.where(raw_m > 0, 1, 0.5 * (depth_m > 0)).astype(np.float32),
-            phase=Phase.CORRECTING if index else Phase.PASSTHROUGH,
-            registration=Registration.identity(status, n_matches=index),
-            epoch_end=EpochEnd.FEW_MATCHES if index == 3 else None,
             timings_s={"warp": 0.001 * (index + 1)},
+            diagnostics=PaperDiagnostics(
+                phase=Phase.CORRECTING if index else Phase.PASSTHROUGH,
+                registration=Registration.identity(status, n_matches=index),
+                epoch_end=EpochEnd.FEW_MATCHES if index == 3 else None,
+            ),
         )
 
     def process(self, frame: Frame) -> CorrectedDepth:
@@ -154,13 +157,13 @@ def test_the_report_counts_what_happened(whole: Path) -> None:
     assert report["coverage"]["raw"] == pytest.approx(np.mean([dataset[i].depth_m > 0 for i in range(N_FRAMES)]))
     assert report["coverage"]["corrected"] == pytest.approx(np.mean([one.depth_m > 0 for one in made]))
     shares = report["pixel_shares"]
-    assert list(shares) == ["invalid", "sensor", "template", "inpainted"]
+    assert list(shares) == ["invalid", "sensor", "memory", "inpainted"]
     assert sum(shares.values()) == pytest.approx(1)
-    assert shares["template"] == pytest.approx(np.mean([one.source == 2 for one in made]))
-    assert report["facts"]["epoch_end"] == {"few_matches": 1}
-    assert report["facts"]["phase"] == {"passthrough": 1, "correcting": 6}
+    assert shares["memory"] == pytest.approx(np.mean([one.source == 2 for one in made]))
+    assert report["facts"]["epoch_end"] == {"few_matches": 1, "none": 6}
+    assert report["facts"]["phase"] == {"correcting": 6, "passthrough": 1}
     assert report["facts"]["registration"] == {"not_tried": 1, "ok": 6}
-    assert report["facts"]["matches"] == pytest.approx({"p50": 3, "p95": 5.7, "max": 6})
+    assert report["facts"]["n_matches"] == pytest.approx({"p50": 3, "p95": 5.7, "max": 6})
     assert report["wall"]["steps_s"]["warp"] == pytest.approx({"p50": 0.004, "p95": 0.0067, "max": 0.007})
 
 
@@ -168,7 +171,7 @@ def test_every_frame_has_a_line_with_the_facts_of_the_corrector(whole: Path) -> 
     rows = list(csv.DictReader((whole / "frames.csv").read_text().splitlines()))
     assert [row["name"] for row in rows] == [f"{index:06d}" for index in range(N_FRAMES)]
     assert [row["phase"] for row in rows] == ["passthrough"] + ["correcting"] * 6
-    assert [row["epoch_end"] for row in rows] == ["", "", "", "few_matches", "", "", ""]
+    assert [row["epoch_end"] for row in rows] == ["none"] * 3 + ["few_matches"] + ["none"] * 3
     assert [int(row["matches"]) for row in rows] == list(range(N_FRAMES))
     for row in rows:
         pixels = [int(row[f"{source}_pixels"]) for source in ("invalid", "sensor", "template", "inpainted")]

@@ -8,7 +8,8 @@ import pytest
 
 from voxdepth import CorrectedDepth, Frame, Intrinsics, PaperConfig, Source, VoxDepth, VoxDepthConfig
 from voxdepth.errors import ConfigError, FrameError
-from voxdepth.types import Phase, RegistrationStatus
+from voxdepth.paper.diagnostics import PaperDiagnostics, Phase, RegistrationStatus
+from voxdepth.temporal.method import TemporalDiagnostics
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=86, baseline_m=0.095)
 DEPTH_M = 4.0
@@ -37,22 +38,24 @@ def require_equal(got: Sequence[CorrectedDepth], want: Sequence[CorrectedDepth])
     for a, b in zip(got, want, strict=True):
         for image in ("depth_m", "source", "confidence"):
             np.testing.assert_array_equal(getattr(a, image), getattr(b, image))
-        assert (a.phase, a.epoch_end, a.registration.status) == (b.phase, b.epoch_end, b.registration.status)
+        assert a.diagnostics.facts() == b.diagnostics.facts()
 
 
 def test_the_default_method_is_the_rigid_one() -> None:
     results = [VoxDepth(CAMERA).process(walk(1)[0]), VoxDepth(CAMERA, VoxDepthConfig()).process(walk(1)[0])]
     require_equal(results[:1], results[1:])
     corrector = VoxDepth(CAMERA)
-    found = [corrector.process(frame).registration for frame in walk(3)]
-    assert [one.T_frame_before is not None for one in found] == [False, True, True]
+    found = [corrector.process(frame).diagnostics for frame in walk(3)]
+    assert all(isinstance(one, TemporalDiagnostics) for one in found)
+    assert [one.T_frame_previous is not None for one in found] == [False, True, True]
 
 
 def test_the_papers_configuration_makes_the_papers_method() -> None:
     corrector = VoxDepth(CAMERA, VoxDepthConfig.paper())
     results = [corrector.process(frame) for frame in walk(13)]
-    assert [one.phase for one in results] == [Phase.PASSTHROUGH] * 12 + [Phase.CORRECTING]
-    assert all(one.registration.T_frame_before is None for one in results)
+    assert [one.diagnostics.phase for one in results] == [Phase.PASSTHROUGH] * 12 + [Phase.CORRECTING]
+    assert isinstance(results[0].diagnostics, PaperDiagnostics)
+    assert results[0].diagnostics.registration.status is RegistrationStatus.NOT_TRIED
     assert VoxDepthConfig.paper() == PaperConfig()
 
 
@@ -94,7 +97,6 @@ def test_reset_forgets_the_stream(config: VoxDepthConfig | PaperConfig) -> None:
     first = [corrector.process(frame) for frame in walk(8)]
     corrector.reset()
     require_equal([corrector.process(frame) for frame in walk(8)], first)
-    assert first[0].registration.status is RegistrationStatus.NOT_TRIED
 
 
 @both

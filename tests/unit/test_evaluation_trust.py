@@ -67,7 +67,7 @@ def test_errors_by_source_leave_out_what_does_not_count() -> None:
     judged = row(1, 1, 1, 1, 1, 0, 1, 1, 1) > 0
     score = TrustScore(TELE)
     score.add(depth_m, truth_m, judged, None, source)
-    assert found(score, "mae") == {"source sensor": (1, 1), "source template": (3, 2), "source inpainted": (5, 1)}
+    assert found(score, "mae") == {"source sensor": (1, 1), "source memory": (3, 2), "source inpainted": (5, 1)}
 
 
 def judged_by(**given: Any) -> set[str]:
@@ -151,5 +151,5 @@ def test_only_a_graded_confidence_is_drawn_with_its_counts(done: Done, monkeypat
 
 
 def test_sources_stand_side_by_side_and_a_missing_one_stays_open(done: Done) -> None:
-    (quantity,) = (q for q in QUANTITIES if "sensor / template / inpainted" in q.title)
+    (quantity,) = (q for q in QUANTITIES if "sensor / memory / inpainted" in q.title)
     assert [entry.text for _, (entry,) in by_method(done, quantity).rows] == ["0.25 / - / 0.25", "0.25 / - / 0.25", "7"]

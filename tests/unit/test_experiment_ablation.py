@@ -48,7 +48,7 @@ def test_names_and_configurations_are_each_one_of_a_kind() -> None:
 
 @pytest.mark.parametrize(
     ("name", "source"),
-    [(DEFAULT, Source.TEMPLATE), ("single-frame", Source.INPAINTED), ("never-sure", Source.INPAINTED)],
+    [(DEFAULT, Source.MEMORY), ("single-frame", Source.INPAINTED), ("never-sure", Source.INPAINTED)],
 )
 def test_a_hole_is_filled_by_memory_only_where_there_is_one(name: str, source: Source) -> None:
     result = corrected(name, *[wall()] * 5, holed())

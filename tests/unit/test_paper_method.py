@@ -7,7 +7,7 @@ import pytest
 from voxdepth import Frame, Intrinsics, PaperConfig, Source, VoxDepth, create_corrector
 from voxdepth.errors import ConfigError
 from voxdepth.paper.combine import CombineConfig
-from voxdepth.types import EpochEnd, Phase, RegistrationStatus
+from voxdepth.paper.diagnostics import EpochEnd, Phase, RegistrationStatus
 
 CAMERA = Intrinsics.from_hfov(width_px=320, height_px=180, hfov_deg=86)
 CONFIG = PaperConfig(window_frames=4, max_epoch_frames=20, fusion_lag_frames=0)
@@ -35,8 +35,8 @@ def feed_still(corrector: VoxDepth, depths: list[np.ndarray]) -> list:
 
 def test_it_passes_frames_through_until_the_first_template_is_there() -> None:
     results = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 6, texture(0))
-    assert [r.phase for r in results] == [Phase.PASSTHROUGH] * 3 + [Phase.CORRECTING] * 3
-    assert results[0].registration.status is RegistrationStatus.NOT_TRIED
+    assert [r.diagnostics.phase for r in results] == [Phase.PASSTHROUGH] * 3 + [Phase.CORRECTING] * 3
+    assert results[0].diagnostics.registration.status is RegistrationStatus.NOT_TRIED
 
 
 @pytest.mark.parametrize("depth_m", [3.0, 10.0, 25.0])
@@ -51,7 +51,7 @@ def test_a_hole_is_filled_from_the_template_within_a_voxel() -> None:
     result = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 5 + [holed], texture(0))[-1]
     hole = np.s_[63:117, 103:197]
     assert np.abs(result.depth_m[hole] - 10.0).max() <= CELL_Z_M
-    assert (result.source[hole] == Source.TEMPLATE).all()
+    assert (result.source[hole] == Source.MEMORY).all()
     assert (result.confidence[hole] < 1).all()
 
 
@@ -88,7 +88,7 @@ def test_scaling_depth_and_voxels_together_scales_the_output() -> None:
 @pytest.mark.parametrize("depth_m", [10.0, 17.3, 25.0, 40.0])
 def test_static_noise_free_planes_come_back_within_a_voxel(depth_m: float) -> None:
     result = feed(VoxDepth(CAMERA, CONFIG), [flat(depth_m)] * 5, texture(0))[-1]
-    assert result.phase is Phase.CORRECTING
+    assert result.diagnostics.phase is Phase.CORRECTING
     assert np.abs(result.depth_m - depth_m).max() <= CELL_Z_M
     empty = Frame(stamp_s=9.0, gray=texture(0), depth_m=flat(0.0))
     template_alone = VoxDepth(CAMERA, CONFIG)
@@ -122,7 +122,7 @@ def test_a_receding_surface_is_overwritten_which_is_a_known_fault() -> None:
     receding = [flat(10.0)] * 5 + [flat(10.5)]
     result = feed(VoxDepth(CAMERA, CONFIG), receding, texture(0))[-1]
     assert np.abs(result.depth_m - 10.0).max() <= CELL_Z_M
-    assert (result.source == Source.TEMPLATE).all()
+    assert (result.source == Source.MEMORY).all()
 
 
 def test_both_faults_can_be_switched_off() -> None:
@@ -136,28 +136,28 @@ def test_both_faults_can_be_switched_off() -> None:
 def test_a_new_epoch_begins_after_a_cut_and_not_on_a_still_camera() -> None:
     corrector = VoxDepth(CAMERA, CONFIG)
     still = feed(corrector, [flat(10.0)] * 15, texture(0))
-    assert {r.phase for r in still[3:]} == {Phase.CORRECTING}
+    assert {r.diagnostics.phase for r in still[3:]} == {Phase.CORRECTING}
     cut = feed(corrector, [flat(5.0)] * 8, texture(1), start_s=100.0)
-    assert cut[0].registration.status is RegistrationStatus.FEW_MATCHES
-    assert cut[0].phase is Phase.PASSTHROUGH
-    assert [r.epoch_end for r in still] == [None] * 15
-    assert [r.epoch_end for r in cut] == [EpochEnd.FEW_MATCHES, *[None] * 7]
-    assert cut[-1].phase is Phase.CORRECTING
+    assert cut[0].diagnostics.registration.status is RegistrationStatus.FEW_MATCHES
+    assert cut[0].diagnostics.phase is Phase.PASSTHROUGH
+    assert [r.diagnostics.epoch_end for r in still] == [None] * 15
+    assert [r.diagnostics.epoch_end for r in cut] == [EpochEnd.FEW_MATCHES, *[None] * 7]
+    assert cut[-1].diagnostics.phase is Phase.CORRECTING
     assert np.abs(cut[-1].depth_m - 5.0).max() <= CELL_Z_M
 
 
 def test_an_epoch_ends_after_its_longest_length() -> None:
     results = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 40, texture(0))
-    ends = [i for i, r in enumerate(results) if r.epoch_end is EpochEnd.MAX_FRAMES]
+    ends = [i for i, r in enumerate(results) if r.diagnostics.epoch_end is EpochEnd.MAX_FRAMES]
     assert ends == [22]  # its template serves the frames 3 to 22: twenty
-    assert {r.phase for r in results[22:25]} == {Phase.FUSING}
-    assert {r.phase for r in results[25:]} == {Phase.CORRECTING}
+    assert {r.diagnostics.phase for r in results[22:25]} == {Phase.FUSING}
+    assert {r.diagnostics.phase for r in results[25:]} == {Phase.CORRECTING}
 
 
 @pytest.mark.parametrize("gray", [np.zeros(CAMERA.shape, np.uint8), np.full(CAMERA.shape, 255, np.uint8)])
 def test_featureless_images_end_in_a_status(gray: np.ndarray) -> None:
     result = feed(VoxDepth(CAMERA, CONFIG), [flat(10.0)] * 6, gray)[-1]
-    assert result.registration.status is RegistrationStatus.FEW_MATCHES
+    assert result.diagnostics.registration.status is RegistrationStatus.FEW_MATCHES
     np.testing.assert_array_equal(result.depth_m, flat(10.0))
 
 
@@ -173,15 +173,15 @@ def test_registration_follows_a_shifted_image() -> None:
     feed(corrector, [flat(10.0)] * 5, texture(0))
     shifted = np.roll(texture(0), 8, axis=1)
     result = corrector.process(Frame(stamp_s=9.0, gray=shifted, depth_m=flat(10.0)))
-    assert result.registration.ok
-    np.testing.assert_allclose(result.registration.M_frame_template, [[1, 0, 8], [0, 1, 0]], atol=0.3)
+    assert result.diagnostics.registration.ok
+    np.testing.assert_allclose(result.diagnostics.registration.M_frame_template, [[1, 0, 8], [0, 1, 0]], atol=0.3)
 
 
 def test_the_lag_delays_the_template_and_changes_nothing_else() -> None:
     depths = [(flat(10.0) + 0.01 * i).astype(np.float32) for i in range(12)]
     at_once = feed(VoxDepth(CAMERA, CONFIG), depths, texture(0))
     later = feed(VoxDepth(CAMERA, CONFIG.model_copy(update={"fusion_lag_frames": 2})), depths, texture(0))
-    assert [r.phase for r in later] == [Phase.PASSTHROUGH] * 5 + [Phase.CORRECTING] * 7
+    assert [r.diagnostics.phase for r in later] == [Phase.PASSTHROUGH] * 5 + [Phase.CORRECTING] * 7
     for a, b in zip(at_once[5:], later[5:], strict=True):
         np.testing.assert_array_equal(a.depth_m, b.depth_m)
 
@@ -194,7 +194,7 @@ def test_the_halves_together_are_the_whole() -> None:
     for a, b in zip(expected, reversed([halves.combine(one) for one in reversed(aligned)]), strict=True):
         np.testing.assert_array_equal(a.depth_m, b.depth_m)
         np.testing.assert_array_equal(a.source, b.source)
-        assert a.phase is b.phase
+        assert a.diagnostics.phase is b.diagnostics.phase
 
 
 def test_without_a_gpu_cuda_is_refused_in_one_line() -> None:
@@ -213,7 +213,7 @@ def test_reset_forgets_the_stream() -> None:
     again = feed(corrector, [flat(10.0)] * 6, texture(0))
     for a, b in zip(first, again, strict=True):
         np.testing.assert_array_equal(a.depth_m, b.depth_m)
-        assert a.phase is b.phase
+        assert a.diagnostics.phase is b.diagnostics.phase
 
 
 @pytest.mark.parametrize("median_size_px", [1, 5])
@@ -271,7 +271,7 @@ def test_the_template_grows_with_what_the_camera_comes_near_to() -> None:
     zoom = np.array([[scale, 0, 40 - scale * 40], [0, scale, CAMERA.cy_px - scale * CAMERA.cy_px]])  # about column 40
     gray = cv2.warpAffine(texture(3), zoom, (width, height), borderMode=cv2.BORDER_REFLECT)
     result = corrector.process(Frame(stamp_s=9.0, gray=gray, depth_m=flat(0.0)))
-    assert result.registration.ok
+    assert result.diagnostics.registration.ok
     edge = int((result.depth_m[90] > 0).sum())
     assert abs(edge - (scale * (160 - 40) + 40)) < 8  # 184, and the dilation; the wrong way it would be 140
 

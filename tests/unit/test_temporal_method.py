@@ -12,8 +12,9 @@ from voxdepth import VoxDepth
 from voxdepth.errors import ConfigError
 from voxdepth.temporal import pose_fit
 from voxdepth.temporal.method import LEAST_SIDE_PX
+from voxdepth.temporal.odometry import TrackingStatus
 from voxdepth.temporal.working_resolution import Scale
-from voxdepth.types import CorrectedDepth, FloatImage, Frame, Intrinsics, MaskImage, Phase, RegistrationStatus, Source
+from voxdepth.types import CorrectedDepth, FloatImage, Frame, Intrinsics, MaskImage, Source
 
 STEPS = pytest.mark.parametrize("step", [1, 2])
 ODD = Intrinsics.from_hfov(width_px=161, height_px=119, hfov_deg=70, baseline_m=0.1)
@@ -102,7 +103,7 @@ class TestNoise:
         raw_px = abs(FOCAL_BASELINE / np.where(measured, NOISY[-1].depth_m, 1) - FOCAL_BASELINE / CLEAN[-1].depth_m)
         error_px = disparity_error_px(result, CLEAN[-1])
         assert np.median(error_px[measured]) < 0.5 * np.median(raw_px[measured])
-        known = result.source == Source.TEMPLATE
+        known = result.source == Source.MEMORY
         # At half size the rims of holes, half of the pixels of these small ones, take the source of their neighbours.
         assert np.mean(known[~measured]) > (0.95 if step == 1 else 0.6)
         assert np.median(error_px[known]) < 0.1
@@ -118,7 +119,7 @@ class TestNoise:
         filled, bare = (run(method(memory_step=step, fill=fill), NOISY) for fill in ("guided", "none"))
         assert [result.source.tobytes() for result in bare] != [result.source.tobytes() for result in filled]
         for full, result in zip(filled, bare, strict=True):
-            assert set(np.unique(result.source)) <= {Source.INVALID, Source.SENSOR, Source.TEMPLATE}
+            assert set(np.unique(result.source)) <= {Source.INVALID, Source.SENSOR, Source.MEMORY}
             np.testing.assert_array_equal(result.source == Source.INVALID, full.source == Source.INPAINTED)
             known = result.source != Source.INVALID
             np.testing.assert_array_equal(result.depth_m[known], full.depth_m[known])
@@ -128,7 +129,7 @@ class TestNoise:
         for frame, result in zip(NOISY, run(method(memory_step=step), NOISY), strict=True):
             assert (frame.depth_m[result.source == Source.SENSOR] > 0).all()
 
-    @pytest.mark.parametrize(("frames", "beside"), [(1, Source.INPAINTED), (3, Source.TEMPLATE)])
+    @pytest.mark.parametrize(("frames", "beside"), [(1, Source.INPAINTED), (3, Source.MEMORY)])
     def test_what_is_missing_beside_measured_pixels_is_of_the_memory_or_a_guess(
         self, frames: int, beside: Source
     ) -> None:
@@ -204,7 +205,7 @@ def _flipped(image: FloatImage) -> FloatImage:
 
 
 def _bytes(result: CorrectedDepth) -> tuple[bytes, ...]:
-    arrays = (result.depth_m, result.source, result.confidence, result.registration.T_frame_before)
+    arrays = (result.depth_m, result.source, result.confidence, result.diagnostics.T_frame_previous)
     return tuple(b"" if array is None else array.tobytes() for array in arrays)
 
 
@@ -247,15 +248,18 @@ class TestArrays:
 
     def test_what_it_says_of_the_first_and_the_next_frame(self) -> None:
         first, second = run(method(), NOISY[:2])
-        assert (first.phase, second.phase) == (Phase.PASSTHROUGH, Phase.CORRECTING)
-        assert first.registration.status is RegistrationStatus.NOT_TRIED
-        assert first.registration.T_frame_before is None
-        assert second.registration.status is RegistrationStatus.OK
-        assert second.registration.n_inliers > 40
-        assert second.registration.T_frame_before is not None
-        np.testing.assert_allclose(second.registration.T_frame_before, np.linalg.inv(walk(2)[1]), atol=0.005)
-        assert first.epoch_end is None
-        assert second.epoch_end is None
+        assert first.diagnostics.facts() == {
+            "tracking": "first_frame",
+            "n_tracks": 0,
+            "n_inliers": 0,
+            "memory_reset": 0,
+        }
+        assert first.diagnostics.T_frame_previous is None
+        assert second.diagnostics.tracking is TrackingStatus.OK
+        assert second.diagnostics.n_inliers > 40
+        assert second.diagnostics.T_frame_previous is not None
+        np.testing.assert_allclose(second.diagnostics.T_frame_previous, np.linalg.inv(walk(2)[1]), atol=0.005)
+        assert not second.diagnostics.memory_reset
         assert {"measure", "localise", "recall", "weigh", "remember", "fill"} <= set(second.timings_s)
 
 
@@ -274,14 +278,16 @@ class TestSizes:
             assert_well_formed(result, camera)
             assert (result.depth_m > 0).all()
             assert np.median(abs(result.depth_m / frame.depth_m - 1)) < 0.01
-        assert result.registration.ok == (width_px == 161)  # twelve corners, one in each cell of 16 px, are needed
+        assert (result.diagnostics.tracking is TrackingStatus.OK) == (
+            width_px == 161
+        )  # twelve corners, one in each cell of 16 px, are needed
 
     @STEPS
     def test_an_odd_size_is_remembered_like_an_even_one(self, step: int) -> None:
         frames = [noisy(frame, 0, camera=ODD) for frame in frames_of(ROOM, walk(8), ODD)]
         result = run(method(ODD, memory_step=step), frames)[-1]
         hole = frames[-1].depth_m == 0
-        assert np.mean(result.source[hole] == Source.TEMPLATE) > (0.95 if step == 1 else 0.6)
+        assert np.mean(result.source[hole] == Source.MEMORY) > (0.95 if step == 1 else 0.6)
         true_m = frames_of(ROOM, walk(8)[-1:], ODD)[0].depth_m
         assert np.median(abs(result.depth_m / true_m - 1)) < 0.02
 

@@ -22,7 +22,7 @@ from tests.temporal_scenes import (
 )
 from voxdepth.geometry import inverse_rigid
 from voxdepth.temporal.feature_tracker import Tracks, TracksConfig
-from voxdepth.temporal.odometry import Found, Localisation, LocalisationConfig, Location
+from voxdepth.temporal.odometry import Localisation, LocalisationConfig, Location, TrackingStatus
 from voxdepth.temporal.pose_fit import Pinhole, fit_pose
 from voxdepth.temporal.working_resolution import Scale
 from voxdepth.types import FloatArray, Frame, Intrinsics
@@ -45,7 +45,7 @@ def localisation(camera: Intrinsics = CAMERA, step: int = 1) -> Localisation:
 def placed(frame: Frame, camera: Intrinsics = CAMERA, step: int = 1) -> Localisation:
     """A localisation that knows one frame."""
     known = localisation(camera, step)
-    assert place(known, frame, camera, step).found is Found.START
+    assert place(known, frame, camera, step).found is TrackingStatus.FIRST_FRAME
     return known
 
 
@@ -73,7 +73,7 @@ class TestLocalisation:
     def test_a_known_motion_is_found(self, name: str, step: int) -> None:
         T, first = BY_THE_WAY[name], frame_of(ROOM, pose())
         location = placed(first, step=step).locate(frame_of(ROOM, T, 1))
-        assert location.found is Found.POSE
+        assert location.found is TrackingStatus.OK
         assert error_px(location, inverse_rigid(T), first) < 0.05
         assert location.inliers > 0.85 * location.tracks > 40
 
@@ -82,7 +82,7 @@ class TestLocalisation:
         first = frame_of([*ROOM, ball], pose())
         moved = [*ROOM, replace(ball, centre_m=(0.3, 0.05, 2.4))]
         location = placed(first).locate(frame_of(moved, T, 1))
-        assert location.found is Found.POSE
+        assert location.found is TrackingStatus.OK
         assert error_px(location, inverse_rigid(T), frame_of(ROOM, pose())) < 0.08
         assert 0.6 < location.inliers / location.tracks < 0.93  # those on the ball are not explained
 
@@ -90,7 +90,7 @@ class TestLocalisation:
     def test_another_scene_is_refused(self, seed: int) -> None:
         there = [replace(body, seed=body.seed + 100 * seed) for body in OTHER_ROOM]
         location = placed(frame_of(ROOM, pose())).locate(frame_of(there, pose(yaw=3 * seed), 1))
-        assert location.found is Found.ELSEWHERE
+        assert location.found is TrackingStatus.LOST
         np.testing.assert_array_equal(location.T_now_before, np.eye(4))
         assert location.tracks > 40
         assert location.inliers == 0
@@ -98,19 +98,19 @@ class TestLocalisation:
     def test_the_same_shapes_of_other_looks_are_another_scene(self) -> None:
         repainted = [replace(body, seed=body.seed + 50) for body in ROOM]
         location = placed(frame_of(ROOM, pose())).locate(frame_of(repainted, pose(), 1))
-        assert location.found is Found.ELSEWHERE
+        assert location.found is TrackingStatus.LOST
 
     @pytest.mark.parametrize("gray", [0, 130, 255])
     def test_a_blank_image_shows_nothing_to_go_by(self, gray: int) -> None:
         blank = replace(dark(1), gray=np.full(CAMERA.shape, gray, np.uint8))
         location = placed(frame_of(ROOM, pose())).locate(blank)
-        assert location.found is Found.BLIND
+        assert location.found is TrackingStatus.NO_FEATURES
         np.testing.assert_array_equal(location.T_now_before, np.eye(4))
 
     def test_the_noise_of_photons_in_the_dark_is_nothing_to_go_by(self) -> None:
         noise = np.random.default_rng(0).poisson(2.0, CAMERA.shape).astype(np.uint8)
         location = placed(frame_of(ROOM, pose())).locate(replace(dark(1), gray=noise))
-        assert location.found is Found.BLIND
+        assert location.found is TrackingStatus.NO_FEATURES
 
     def test_dark_frames_that_are_not_placed_do_not_matter(self) -> None:
         first, T = frame_of(ROOM, pose()), BY_THE_WAY["forward"]
@@ -118,7 +118,7 @@ class TestLocalisation:
         for index in range(1, 5):
             known.locate(dark(index))
         location = known.locate(frame_of(ROOM, T, 5))
-        assert location.found is Found.POSE
+        assert location.found is TrackingStatus.OK
         assert error_px(location, inverse_rigid(T), first) < 0.05
 
     @pytest.mark.parametrize("step_m", [0.02, 0.05])
@@ -128,19 +128,19 @@ class TestLocalisation:
         known = placed(first)
         place(known, second)
         location = known.locate(frame_of(ROOM, poses[11], 11))
-        assert location.found is Found.POSE
+        assert location.found is TrackingStatus.OK
         assert error_px(location, inverse_rigid(poses[11]) @ poses[1], second) < 0.2
 
     def test_a_turn_by_a_quarter_of_the_view_is_bridged(self) -> None:
         first, T = frame_of(ROOM, pose()), pose(yaw=-17)
         location = placed(first).locate(frame_of(ROOM, T, 1))
-        assert location.found is Found.POSE
+        assert location.found is TrackingStatus.OK
         assert error_px(location, inverse_rigid(T), first) < 0.5
 
     def test_a_roll_of_sixteen_degrees_is_bridged_by_features(self) -> None:
         first, T = frame_of(ROOM, pose()), pose(roll=16)
         location = placed(first).locate(frame_of(ROOM, T, 1))
-        assert location.found is Found.POSE
+        assert location.found is TrackingStatus.OK
         assert error_px(location, inverse_rigid(T), first) < 0.5
 
     def test_the_same_frames_give_the_same_bytes_whatever_the_threads(self) -> None:
@@ -157,12 +157,12 @@ class TestLocalisation:
     def test_after_a_reset_the_next_frame_is_the_first(self) -> None:
         known = placed(frame_of(ROOM, pose()))
         known.reset()
-        assert known.locate(frame_of(ROOM, pose(), 1)).found is Found.START
+        assert known.locate(frame_of(ROOM, pose(), 1)).found is TrackingStatus.FIRST_FRAME
 
     def test_where_nothing_has_a_depth_nothing_can_be_found(self) -> None:
         first = replace(frame_of(ROOM, pose()), depth_m=np.zeros(CAMERA.shape, np.float32))
         location = placed(first).locate(frame_of(ROOM, pose(), 1))
-        assert location.found is Found.ELSEWHERE
+        assert location.found is TrackingStatus.LOST
         assert location.tracks == 0
 
     def test_frames_are_not_kept(self) -> None:
@@ -187,7 +187,7 @@ class TestPosesOfTheCaller:
     def test_they_stand_where_the_image_shows_nothing(self) -> None:
         T = pose(0.1, 0, 0.2, yaw=2)
         location = self.located(T, dark(1))
-        assert location.found is Found.POSE
+        assert location.found is TrackingStatus.OK
         np.testing.assert_allclose(location.T_now_before, inverse_rigid(T), atol=1e-9)
         assert location.inliers == 0
 
@@ -296,5 +296,5 @@ def test_a_reduced_image_finds_the_same_motion() -> None:
     bodies: list[Body] = [Plane((0.3, 0.0, 1.0), 3.0, seed=1), Plane((0.0, 1.0, 0.05), 0.9, seed=2)]
     T, first = BY_THE_WAY["rolled"], frame_of(bodies, pose(), camera=large)
     location = placed(first, large, step=2).locate(frame_of(bodies, T, 1, large))
-    assert location.found is Found.POSE
+    assert location.found is TrackingStatus.OK
     np.testing.assert_allclose(location.T_now_before, inverse_rigid(T), atol=2e-3)

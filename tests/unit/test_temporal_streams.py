@@ -24,7 +24,8 @@ from tests.temporal_scenes import (
     walk,
 )
 from voxdepth.temporal.estimate import CHANCES
-from voxdepth.types import EpochEnd, FloatArray, Frame, Phase, RegistrationStatus, Source
+from voxdepth.temporal.odometry import TrackingStatus
+from voxdepth.types import FloatArray, Frame, Source
 
 STEPS = pytest.mark.parametrize("step", [1, 2])
 MOSTLY = pytest.mark.parametrize("step", [1, pytest.param(2, marks=pytest.mark.slow)])
@@ -49,20 +50,19 @@ class TestCut:
         used, fresh = method(memory_step=step), method(memory_step=step)
         run(used, NOISY)
         ours, theirs = run(used, after), run(fresh, after)
-        assert ours[0].epoch_end is EpochEnd.FEW_MATCHES
-        assert ours[0].registration.status is RegistrationStatus.DEGENERATE
-        assert ours[0].phase is Phase.PASSTHROUGH
+        assert ours[0].diagnostics.tracking is TrackingStatus.LOST
+        assert ours[0].diagnostics.memory_reset
         for one, other in zip(ours, theirs, strict=True):
             for quantity in ("depth_m", "source", "confidence"):
                 assert getattr(one, quantity).tobytes() == getattr(other, quantity).tobytes()
-        assert all(result.registration.ok for result in ours[1:])
+        assert all(result.diagnostics.tracking is TrackingStatus.OK for result in ours[1:])
 
     @STEPS
     def test_nothing_of_the_old_scene_is_shown(self, step: int) -> None:
         used = method(memory_step=step, fill="none")
         run(used, NOISY)
         result = process(used, holed(frame_of(OTHER_ROOM, pose()), 16))
-        assert not (result.source == Source.TEMPLATE).any()
+        assert not (result.source == Source.MEMORY).any()
         assert not result.depth_m[INSIDE].any()
 
     @STEPS
@@ -80,8 +80,8 @@ def test_memory_survives_ten_dropped_frames(step: int) -> None:
     run(corrector, NOISY)
     true = frame_of(ROOM, PATH[18], 18)
     result = process(corrector, holed(noisy(true, 0), 18))
-    assert result.registration.ok
-    assert np.mean(result.source[INSIDE] == Source.TEMPLATE) > 0.95
+    assert result.diagnostics.tracking is TrackingStatus.OK
+    assert np.mean(result.source[INSIDE] == Source.MEMORY) > 0.95
     assert np.median(abs(result.depth_m / true.depth_m - 1)[INSIDE]) < 0.01
 
 
@@ -96,12 +96,11 @@ class TestCoveredLens:
             assert not result.depth_m.any()
             assert not result.confidence.any()
             assert (result.source == Source.INVALID).all()
-            assert result.registration.status is RegistrationStatus.FEW_MATCHES
-            assert result.phase is Phase.PASSTHROUGH
+            assert result.diagnostics.tracking is TrackingStatus.NO_FEATURES
         true = frame_of(ROOM, PATH[9], 46)
         result = process(corrector, holed(true, 46))
-        assert result.registration.ok
-        assert np.mean(result.source[INSIDE] == Source.TEMPLATE) > 0.95
+        assert result.diagnostics.tracking is TrackingStatus.OK
+        assert np.mean(result.source[INSIDE] == Source.MEMORY) > 0.95
         assert np.median(abs(result.depth_m / true.depth_m - 1)[INSIDE]) < 0.01
 
     def made_up(self) -> list[Frame]:
@@ -133,13 +132,13 @@ class TestCoveredLens:
         corrector = method(memory_step=step, hold_frames=hold_frames)
         run(corrector, [*NOISY[:4], *self.SECOND[:5]])
         result = process(corrector, holed(frame_of(ROOM, PATH[5]), 46))
-        assert result.registration.ok == is_held
-        assert (result.source[INSIDE] == Source.TEMPLATE).any() == is_held
+        assert (result.diagnostics.tracking is TrackingStatus.OK) == is_held
+        assert (result.source[INSIDE] == Source.MEMORY).any() == is_held
 
     def test_one_frame_that_shows_something_starts_the_count_anew(self) -> None:
         corrector = method(hold_frames=5)
         run(corrector, [*NOISY[:4], *self.SECOND[:4], NOISY[4], *self.SECOND[5:9]])
-        assert process(corrector, holed(frame_of(ROOM, PATH[5]), 46)).registration.ok
+        assert process(corrector, holed(frame_of(ROOM, PATH[5]), 46)).diagnostics.tracking is TrackingStatus.OK
 
     @STEPS
     def test_a_stream_may_begin_in_the_dark(self, step: int) -> None:
@@ -147,8 +146,8 @@ class TestCoveredLens:
         for result in run(corrector, [dark(i) for i in range(3)]):
             assert not result.depth_m.any()
         results = run(corrector, [replace(frame, stamp_s=1 + frame.stamp_s) for frame in NOISY])
-        assert results[-1].registration.ok
-        assert (results[-1].source == Source.TEMPLATE).any()
+        assert results[-1].diagnostics.tracking is TrackingStatus.OK
+        assert (results[-1].source == Source.MEMORY).any()
 
 
 @STEPS
@@ -206,7 +205,7 @@ class TestPasserBy:
         result = process(corrector, replace(gone, depth_m=np.where(ball, np.float32(0), gone.depth_m)))
         assert ball.sum() > 600
         # Around the rim of the ball something is forgotten: twice as much at half size.
-        assert np.mean(result.source[ball] == Source.TEMPLATE) > (0.75 if step == 1 else 0.45)
+        assert np.mean(result.source[ball] == Source.MEMORY) > (0.75 if step == 1 else 0.45)
         np.testing.assert_allclose(result.depth_m[ball], 5, rtol=0.05)
 
 
@@ -251,6 +250,6 @@ def test_poses_of_the_caller_carry_the_memory_through_the_dark(step: int) -> Non
     run(corrector, frames)
     result = process(corrector, replace(dark(10), T_world_cam=PATH[10]))
     true_m = frame_of(ROOM, PATH[10]).depth_m
-    known = result.source == Source.TEMPLATE
+    known = result.source == Source.MEMORY
     assert known.mean() > 0.5
     assert np.median(abs(result.depth_m / true_m - 1)[known]) < 0.01

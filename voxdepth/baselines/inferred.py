@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..types import CorrectedDepth, FloatImage, Frame, Phase, Registration, RegistrationStatus, Source
+from ..types import CorrectedDepth, FloatImage, Frame, Source
 
 CONFIDENCE_INPAINTED = 0.5
 """Trust in a depth that the sensor did not see: between a measured one (1) and none (0)."""
@@ -24,10 +24,4 @@ def inferred(frame: Frame, depth_m: FloatImage) -> CorrectedDepth:
     confidence = np.where(seen, np.float32(1), np.float32(CONFIDENCE_INPAINTED))
     source *= valid
     confidence *= valid
-    return CorrectedDepth(
-        depth_m=depth_m,
-        source=source,
-        confidence=confidence,
-        phase=Phase.PASSTHROUGH,
-        registration=Registration.identity(RegistrationStatus.NOT_TRIED),
-    )
+    return CorrectedDepth(depth_m=depth_m, source=source, confidence=confidence)

@@ -43,7 +43,7 @@ def combine(depth_m: FloatImage, raw_m: FloatImage, rule: CombineConfig, scratch
     stands: GrayImage = cv2.inRange(depth_m, nearest_m, farthest_m)  # type: ignore[assignment]
     stands[...] |= depth_m == 0
     cv2.copyTo(raw_m, stands, depth_m)
-    source: GrayImage = np.uint8(Source.TEMPLATE) - (stands & np.uint8(1))
+    source: GrayImage = np.uint8(Source.MEMORY) - (stands & np.uint8(1))
     source[...] *= depth_m > 0
     return source
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from ..errors import FrameError
-from ..types import EpochEnd, Frame, Phase, Registration, RegistrationStatus
+from ..types import Frame
+from .diagnostics import EpochEnd, Phase, Registration, RegistrationStatus
 from .registration import Features
 from .template import Template
 

@@ -8,19 +8,9 @@ import cv2
 import numpy as np
 
 from ..timing import collected_times, timed
-from ..types import (
-    CorrectedDepth,
-    EpochEnd,
-    FloatImage,
-    Frame,
-    GrayImage,
-    Intrinsics,
-    Phase,
-    Registration,
-    RegistrationStatus,
-    Source,
-)
+from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics, Source
 from .config import PaperConfig
+from .diagnostics import PaperDiagnostics, Registration, RegistrationStatus
 from .epochs import Epochs
 from .fusion import Fusion
 from .motion import MOTION_MODELS
@@ -29,12 +19,12 @@ from .registration import Features, OrbRegistration
 from .steps import create_steps
 from .template import Template
 
-CONFIDENCES = {Source.INVALID: 0.0, Source.SENSOR: 1.0, Source.TEMPLATE: 0.5, Source.INPAINTED: 0.5}
+CONFIDENCES = {Source.INVALID: 0.0, Source.SENSOR: 1.0, Source.MEMORY: 0.5, Source.INPAINTED: 0.5}
 """Confidence of a pixel by its source. Not calibrated: the paper has none."""
 AFTER_FILTER = {
     Source.INVALID: Source.INPAINTED,
     Source.SENSOR: Source.SENSOR,
-    Source.TEMPLATE: Source.TEMPLATE,
+    Source.MEMORY: Source.MEMORY,
 }
 """Source of a pixel that has a depth after the median filter, by its source before."""
 FILLED = 4
@@ -48,9 +38,7 @@ class Aligned:
     frame: Frame
     template: Template | None
     """The template that was in force; None before the first."""
-    registration: Registration
-    phase: Phase
-    epoch_end: EpochEnd | None
+    diagnostics: PaperDiagnostics
     timings_s: Mapping[str, float]
 
 
@@ -101,9 +89,9 @@ class PaperMethod:
         return Aligned(
             frame=frame,
             template=template,
-            registration=registration,
-            phase=self._epochs.phase(registration),
-            epoch_end=epoch_end,
+            diagnostics=PaperDiagnostics(
+                phase=self._epochs.phase(registration), registration=registration, epoch_end=epoch_end
+            ),
             timings_s=timings_s,
         )
 
@@ -120,10 +108,8 @@ class PaperMethod:
             depth_m=depth_m,
             source=source,
             confidence=confidence,
-            phase=aligned.phase,
-            registration=aligned.registration,
-            epoch_end=aligned.epoch_end,
             timings_s=timings_s,
+            diagnostics=aligned.diagnostics,
         )
 
     @timed
@@ -143,9 +129,10 @@ class PaperMethod:
     @timed
     def _warp(self, aligned: Aligned) -> Any | None:
         """The template in the pixels of the frame. Always from the original: repeated warps would mix edges."""
-        if aligned.template is None or not aligned.registration.ok:
+        registration = aligned.diagnostics.registration
+        if aligned.template is None or not registration.ok:
             return None
-        return self._steps.warp(aligned.template.depth, aligned.registration.M_frame_template)
+        return self._steps.warp(aligned.template.depth, registration.M_frame_template)
 
     @timed
     def _merge(self, raw: Any, template: Any | None) -> tuple[Any, Any]:

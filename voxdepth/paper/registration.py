@@ -9,7 +9,8 @@ from pydantic import Field
 
 from ..geometry import resized
 from ..model import Model
-from ..types import FloatArray, GrayImage, Registration, RegistrationStatus
+from ..types import FloatArray, GrayImage
+from .diagnostics import Registration, RegistrationStatus
 
 Indices = npt.NDArray[np.intp]
 

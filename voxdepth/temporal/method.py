@@ -8,18 +8,7 @@ import numpy as np
 
 from ..errors import ConfigError
 from ..timing import collected_times, timed
-from ..types import (
-    CorrectedDepth,
-    EpochEnd,
-    FloatImage,
-    Frame,
-    GrayImage,
-    Intrinsics,
-    Phase,
-    Registration,
-    RegistrationStatus,
-    Source,
-)
+from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
 from .confidence import confidence_of
 from .config import RigidConfig
 from .fusion import Evidence, Kind, Verdict
@@ -27,7 +16,7 @@ from .inpainting import Filled, Filling
 from .masks import above, equal, put, times
 from .measurement import Measurement, measured
 from .memory import Memory, Mover
-from .odometry import Found, Localisation, Location
+from .odometry import Localisation, Location, TrackingStatus
 from .smoothing import smoothed
 from .upsampling import enlarged, merged
 from .working_resolution import Scale, chosen_step
@@ -36,25 +25,43 @@ SOURCE_OF_KIND = {
     Kind.NOTHING: Source.INPAINTED,
     Kind.FUSED: Source.SENSOR,
     Kind.MEASURED: Source.SENSOR,
-    Kind.REMEMBERED: Source.TEMPLATE,
+    Kind.REMEMBERED: Source.MEMORY,
 }
 SOURCE_BESIDE_SENSOR = {
     Kind.NOTHING: Source.INPAINTED,
-    Kind.FUSED: Source.TEMPLATE,
+    Kind.FUSED: Source.MEMORY,
     Kind.MEASURED: Source.INPAINTED,
-    Kind.REMEMBERED: Source.TEMPLATE,
+    Kind.REMEMBERED: Source.MEMORY,
 }
 """The same for a pixel without a measurement of its own whose neighbours in one pixel of the memory have some."""
 MEASURED, FILLED = 4, 8
 """Added to the kind of a pixel that the sensor measured, and of one that has a depth."""
 LEAST_SIDE_PX = 8
 """Images with a shorter side are refused: at half size too little is left of them to look around a pixel."""
-STATUS_OF_FOUND = {
-    Found.START: RegistrationStatus.NOT_TRIED,
-    Found.POSE: RegistrationStatus.OK,
-    Found.BLIND: RegistrationStatus.FEW_MATCHES,
-    Found.ELSEWHERE: RegistrationStatus.DEGENERATE,
-}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TemporalDiagnostics:
+    """What the default method reports about one frame."""
+
+    tracking: TrackingStatus
+    n_tracks: int
+    """Corners that were searched for."""
+    n_inliers: int
+    """Corners that support the motion."""
+    T_frame_previous: FloatArray | None
+    """Rigid motion since the keyframe, shape (4, 4); None unless the camera was tracked."""
+    memory_reset: bool
+    """Whether the memory was discarded because tracking was lost."""
+
+    def facts(self) -> Mapping[str, str | int | float]:
+        """See `Diagnostics`."""
+        return {
+            "tracking": self.tracking.value,
+            "n_tracks": self.n_tracks,
+            "n_inliers": self.n_inliers,
+            "memory_reset": int(self.memory_reset),
+        }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -127,16 +134,14 @@ class RigidMethod:
             depth_m=depth_m,
             source=source,
             confidence=confidence,
-            phase=Phase.CORRECTING if found is Found.POSE else Phase.PASSTHROUGH,
-            registration=Registration(
-                M_frame_template=np.eye(2, 3),
-                n_matches=weighed.location.tracks,
-                n_inliers=weighed.location.inliers,
-                status=STATUS_OF_FOUND[found],
-                T_frame_before=weighed.location.T_now_before if found is Found.POSE else None,
-            ),
-            epoch_end=EpochEnd.FEW_MATCHES if found is Found.ELSEWHERE else None,
             timings_s=timings_s,
+            diagnostics=TemporalDiagnostics(
+                tracking=found,
+                n_tracks=weighed.location.tracks,
+                n_inliers=weighed.location.inliers,
+                T_frame_previous=weighed.location.T_now_before if found is TrackingStatus.OK else None,
+                memory_reset=found is TrackingStatus.LOST,
+            ),
         )
 
     @timed
@@ -151,7 +156,7 @@ class RigidMethod:
     @timed
     def _recall(self, location: Location, measurement: Measurement) -> Memory:
         """The memory in the pixels of this frame; an empty one unless the camera was found."""
-        if self._memory is None or location.found is not Found.POSE:
+        if self._memory is None or location.found is not TrackingStatus.OK:
             return Memory.empty(measurement.gray)
         return self._mover.move(self._memory, location.T_now_before)
 
@@ -162,7 +167,7 @@ class RigidMethod:
     @timed
     def _remember(self, frame: Frame, location: Location, memory: Memory) -> None:
         """Go on from this frame; while it shows nothing to go by, wait for one that follows what is remembered."""
-        if location.found is Found.BLIND and self._blind_frames < self._config.hold_frames:
+        if location.found is TrackingStatus.NO_FEATURES and self._blind_frames < self._config.hold_frames:
             self._blind_frames += 1
             return
         self._blind_frames = 0

@@ -31,16 +31,16 @@ class LocalisationConfig(Model):
     """Largest median distance of the tracks. Good poses have at most 1, wrong ones at least 14."""
 
 
-class Found(StrEnum):
-    """What came of looking for the camera."""
+class TrackingStatus(StrEnum):
+    """How the search for the camera went."""
 
-    START = "start"
+    FIRST_FRAME = "first_frame"
     """There is no earlier frame."""
-    POSE = "pose"
+    OK = "ok"
     """Its motion since the last frame that was placed is known."""
-    BLIND = "blind"
+    NO_FEATURES = "no_features"
     """Too few corners to tell anything: darkness, fog, a covered lens, a blank wall."""
-    ELSEWHERE = "elsewhere"
+    LOST = "lost"
     """There are corners, and they are not those of the earlier frame: a cut, or too long a gap."""
 
 
@@ -48,11 +48,11 @@ class Found(StrEnum):
 class Location:
     """Where the camera is."""
 
-    found: Found
+    found: TrackingStatus
     view: View
     """What was looked at."""
     T_now_before: FloatArray
-    """Motion since the last frame that was placed, shape (4, 4); the identity unless `found` is `POSE`."""
+    """Motion since the last frame that was placed, shape (4, 4); the identity unless `found` is `OK`."""
     tracks: int = 0
     """Corners that were looked for."""
     inliers: int = 0
@@ -103,16 +103,16 @@ class Localisation:
         """Where the camera is. Nothing is kept until `place`."""
         view, before = self._tracks.view(frame.gray), self._before
         if before is None:
-            return Location(found=Found.START, view=view, T_now_before=np.eye(4))
+            return Location(found=TrackingStatus.FIRST_FRAME, view=view, T_now_before=np.eye(4))
         tracks, prior = len(before.corners), _relative(before, frame)
         for expected, T_start in self._starts(before, frame, view, prior):
             fit = self._fit(before, view, expected, T_start)
             if fit is not None:
                 T, inliers = fit.T_target_source, fit.inliers
-                return Location(found=Found.POSE, view=view, T_now_before=T, tracks=tracks, inliers=inliers)
+                return Location(found=TrackingStatus.OK, view=view, T_now_before=T, tracks=tracks, inliers=inliers)
         if prior is not None:
-            return Location(found=Found.POSE, view=view, T_now_before=prior, tracks=tracks)
-        found = Found.BLIND if len(view.corners) < self._config.min_tracks else Found.ELSEWHERE
+            return Location(found=TrackingStatus.OK, view=view, T_now_before=prior, tracks=tracks)
+        found = TrackingStatus.NO_FEATURES if len(view.corners) < self._config.min_tracks else TrackingStatus.LOST
         return Location(found=found, view=view, T_now_before=np.eye(4), tracks=tracks)
 
     def place(self, frame: Frame, location: Location, disparity_px: FloatImage) -> None:
