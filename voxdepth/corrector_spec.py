@@ -84,9 +84,8 @@ def _merged(given: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, A
     merged = dict(default)
     for key, value in given.items():
         below = default.get(key)
-        tables = isinstance(value, dict) and isinstance(below, dict)
-        if tables and value.get("method", below.get("method")) == below.get("method"):
-            merged[key] = _merged(value, below)
-        else:
-            merged[key] = value
+        merged[key] = value
+        if isinstance(value, dict) and isinstance(below, dict):
+            method = below.get("method")
+            merged[key] = _merged(value, below) if value.get("method", method) == method else value
     return merged
