@@ -172,7 +172,7 @@ def test_every_frame_has_a_line_with_the_facts_of_the_corrector(whole: Path) -> 
     assert [row["name"] for row in rows] == [f"{index:06d}" for index in range(N_FRAMES)]
     assert [row["phase"] for row in rows] == ["passthrough"] + ["correcting"] * 6
     assert [row["epoch_end"] for row in rows] == ["none"] * 3 + ["few_matches"] + ["none"] * 3
-    assert [int(row["matches"]) for row in rows] == list(range(N_FRAMES))
+    assert [int(row["n_matches"]) for row in rows] == list(range(N_FRAMES))
     for row in rows:
         pixels = [int(row[f"{source}_pixels"]) for source in ("invalid", "sensor", "template", "inpainted")]
         assert sum(pixels) == CAMERA.height_px * CAMERA.width_px
