@@ -174,7 +174,7 @@ def test_every_frame_has_a_line_with_the_facts_of_the_corrector(whole: Path) -> 
     assert [row["epoch_end"] for row in rows] == ["none"] * 3 + ["few_matches"] + ["none"] * 3
     assert [int(row["n_matches"]) for row in rows] == list(range(N_FRAMES))
     for row in rows:
-        pixels = [int(row[f"{source}_pixels"]) for source in ("invalid", "sensor", "template", "inpainted")]
+        pixels = [int(row[f"{source}_pixels"]) for source in ("invalid", "sensor", "memory", "inpainted")]
         assert sum(pixels) == CAMERA.height_px * CAMERA.width_px
         assert int(row["raw_pixels"]) == pixels[1]
 
