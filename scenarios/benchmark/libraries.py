@@ -1,4 +1,4 @@
-"""Which library does a step of the paper's image work faster."""
+"""Times of the image operations of the paper's method by library."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -13,47 +13,47 @@ from voxdepth.paper.host_steps import HostSteps
 from voxdepth.paper.steps import ImageSteps
 from voxdepth.paper.warp_steps import WarpSteps
 
-from .clip import Clip
-from .spread import Spread, spreads
+from .frames import FrameLoop
+from .timings import Latency, step_latencies
 
 STEPS = ("integrate", "project", "inpaint", "warp", "combine", "filter")
 HOST = "OpenCV, NumPy"
-"""What runs on the CPU as shipped; scattered writes, in integrate and project, are Warp's there, too."""
+"""The shipped CPU path; integrate and project scatter, which is done by Warp there, too."""
 WINDOW_FRAMES = 10
 FORWARD_M = 0.03
-"""How far the camera moves from frame to frame: as far as the cloud tells, for the images are taken as they are."""
+"""Assumed motion of the camera from frame to frame."""
 M_FRAME_TEMPLATE = np.array([[0.999, -0.01, 3.0], [0.01, 0.999, -2.0]])
 """An affine map as registration finds it."""
-ROUNDS = range(3, 30)
-"""How often each step is measured: within that, until the time is over."""
-PATIENCE_S = 1.0
+REPETITIONS = range(3, 30)
+"""Least and largest number of repetitions; within these bounds the time limit decides."""
+TIME_LIMIT_S = 1.0
 
 
-def compare_libraries(clip: Clip) -> dict[str, dict[str, Spread]]:
-    """Times of every step, by the library that does it and, for Warp, its device."""
+def compare_libraries(loop: FrameLoop) -> dict[str, dict[str, Latency]]:
+    """Times of every step by library and, for Warp, by device."""
     cv2.setNumThreads(1)
     config = PaperConfig()
-    measured = {HOST: measure_steps(HostSteps(clip.intrinsics, config), clip)}
+    measured = {HOST: measure_steps(HostSteps(loop.intrinsics, config), loop)}
     for device in ("cpu", "cuda") if wp.is_cuda_available() else ("cpu",):
-        measured[f"Warp, {device}"] = measure_steps(WarpSteps(clip.intrinsics, config, device=device), clip)
+        measured[f"Warp, {device}"] = measure_steps(WarpSteps(loop.intrinsics, config, device=device), loop)
     return measured
 
 
-def measure_steps(steps: ImageSteps, clip: Clip) -> dict[str, Spread]:
+def measure_steps(steps: ImageSteps, loop: FrameLoop) -> dict[str, Latency]:
     """Times of every step on the grid of a window and its last frame, after a warm-up."""
     steps.clear()
-    for k, frame in enumerate(clip.play(WINDOW_FRAMES)):
+    for k, frame in enumerate(loop.play(WINDOW_FRAMES)):
         steps.integrate(frame.depth_m, forward(FORWARD_M * (WINDOW_FRAMES - 1 - k)))
-    _round(steps, clip)
-    rounds: list[Mapping[str, float]] = []
-    end_s = time.perf_counter() + PATIENCE_S
-    while len(rounds) < ROUNDS.start or (time.perf_counter() < end_s and len(rounds) < ROUNDS.stop):
-        rounds.append(_round(steps, clip))
-    return spreads(rounds, STEPS)
+    _time_steps(steps, loop)
+    timings_s: list[Mapping[str, float]] = []
+    end_s = time.perf_counter() + TIME_LIMIT_S
+    while len(timings_s) < REPETITIONS.start or (time.perf_counter() < end_s and len(timings_s) < REPETITIONS.stop):
+        timings_s.append(_time_steps(steps, loop))
+    return step_latencies(timings_s, STEPS)
 
 
-def fastest(measured: Mapping[str, Mapping[str, Spread]], step: str) -> str:
-    """Which library does a step in the least time, by the median."""
+def fastest(measured: Mapping[str, Mapping[str, Latency]], step: str) -> str:
+    """The library with the lowest median time of a step."""
     return min(measured, key=lambda library: measured[library][step].p50_ms)
 
 
@@ -64,22 +64,22 @@ def forward(distance_m: float) -> Any:
     return T_grid_cam
 
 
-def _round(steps: ImageSteps, clip: Clip) -> dict[str, float]:
-    """Every step once, in the corrector's order; the upload of a frame belongs to none of them."""
+def _time_steps(steps: ImageSteps, loop: FrameLoop) -> dict[str, float]:
+    """Run every step once, in the corrector's order; the upload of a frame belongs to none of them."""
     times_s: dict[str, float] = {}
-    raw_m = clip.depths_m[-1]
-    _clocked(times_s, "integrate", lambda: steps.integrate(raw_m, forward(FORWARD_M)))
-    sparse = _clocked(times_s, "project", steps.project)
-    dense = _clocked(times_s, "inpaint", lambda: steps.inpaint(sparse))
+    raw_m = loop.depths_m[-1]
+    _time(times_s, "integrate", lambda: steps.integrate(raw_m, forward(FORWARD_M)))
+    sparse = _time(times_s, "project", steps.project)
+    dense = _time(times_s, "inpaint", lambda: steps.inpaint(sparse))
     raw = steps.upload(raw_m)
-    warped = _clocked(times_s, "warp", lambda: steps.warp(dense, M_FRAME_TEMPLATE))
-    depth, _ = _clocked(times_s, "combine", lambda: steps.combine(raw, warped))
-    _clocked(times_s, "filter", lambda: steps.filter(depth))
+    warped = _time(times_s, "warp", lambda: steps.warp(dense, M_FRAME_TEMPLATE))
+    depth, _ = _time(times_s, "combine", lambda: steps.combine(raw, warped))
+    _time(times_s, "filter", lambda: steps.filter(depth))
     return times_s
 
 
-def _clocked(times_s: dict[str, float], step: str, action: Callable[[], Any]) -> Any:
-    """Do something, to its end on the device, and note its time [s]."""
+def _time(times_s: dict[str, float], step: str, action: Callable[[], Any]) -> Any:
+    """Run an action until the device has finished it, and record its time [s]."""
     wp.synchronize()
     start = time.perf_counter()
     result = action()

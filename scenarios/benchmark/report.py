@@ -1,126 +1,113 @@
-"""The figures as tables."""
+"""Printed tables of the benchmark."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from rich.console import Console
-from rich.table import Table
 
-from .default import DefaultParts
+from ..results.provenance import Provenance
+from ..results.table import Column, Table, Value
 from .libraries import STEPS, fastest
-from .machine import Machine
 from .memory import Memory
-from .parts import Parts
-from .spread import Spread
-from .suite import Figures, line_through
+from .suite import BenchmarkResults, fit_line
 from .throughput import Throughput
+from .timings import DefaultTimings, Latency, PaperTimings
 
-REGISTERING = {"describe": "registration, describe", "register": "registration, register"}
-"""Names of steps that say too little by themselves."""
-
-
-def print_figures(console: Console, figures: Figures) -> None:
-    """All that there is."""
-    _print_machine(console, figures.machine)
-    for default in figures.default:
-        _print_default(console, default)
-    _print_parts(console, figures.parts)
-    _print_libraries(console, figures.libraries, figures.parts.size)
-    if figures.sizes:
-        _print_sizes(console, figures.sizes)
-    if figures.throughput:
-        _print_throughput(console, figures.throughput, figures.parts.size)
-    if figures.memory:
-        _print_memory(console, figures.memory)
+REGISTRATION = ("describe", "register")
+"""Steps that are printed as parts of the registration."""
+PERCENTILES = tuple(Column(name, "ms") for name in ("p50", "p95", "p99", "max"))
 
 
-def _print_machine(console: Console, machine: Machine) -> None:
-    where = f"{machine.processor}, {machine.processors} processors, Python {machine.python}"
-    console.print(f"machine: {where}", soft_wrap=True, highlight=False)
-    console.print(f"GPU: {', '.join(machine.gpus) or 'none'}", soft_wrap=True, highlight=False)
-    versions = ", ".join(f"{name} {version}" for name, version in machine.versions.items())
-    console.print(f"load in the last minute, before: {machine.load:.1f}", highlight=False)
-    console.print(f"versions: {versions}", soft_wrap=True, highlight=False)
+def print_results(console: Console, results: BenchmarkResults) -> None:
+    """Print the machine and a table for each measurement that was made."""
+    for line in _machine(results.provenance):
+        console.print(line, soft_wrap=True, highlight=False)
+    for default in results.default:
+        _print(console, *_default(default))
+    size = results.paper.size
+    _print(console, *_paper(results.paper))
+    _print(console, _libraries(results.libraries, size))
+    if results.sizes:
+        _print(console, *_sizes(results.sizes))
+    if results.throughput:
+        _print(console, *_throughput(results.throughput, size))
+    if results.memory:
+        _print(console, _memory(results.memory))
 
 
-def _print_default(console: Console, default: DefaultParts) -> None:
-    table = _table(f"voxdepth, {default.size}, one core", "p50", "p95", "p99", "max")
-    for step, spread in default.steps.items():
-        table.add_row(f"  {step}", *_times(spread))
-    table.add_row("[bold]frame[/bold]", *_times(default.frame))
-    console.print(table)
-    found = default.frame.n - default.lost_frames
-    console.print(f"{default.frame.n} frames were measured; in {found} the camera was found", highlight=False)
+def _print(console: Console, table: Table, remark: str = "") -> None:
+    table.print(console)
+    if remark:
+        console.print(remark, soft_wrap=True, highlight=False)
 
 
-def _print_parts(console: Console, parts: Parts) -> None:
-    table = _table(f"paper, {parts.size}, one core", "p50", "p95", "p99", "max")
-    for step, spread in parts.steps.items():
-        table.add_row(f"  {REGISTERING.get(step, step)}", *_times(spread))
+def _machine(provenance: Provenance) -> Iterator[str]:
+    processors = f"{provenance.logical_processors} processors"
+    yield f"machine: {provenance.processor}, {processors}, Python {provenance.python}"
+    yield f"GPU: {', '.join(provenance.gpus) or 'none'}"
+    yield f"load in the last minute, before: {provenance.load:.1f}"
+    yield f"versions: {', '.join(f'{name} {version}' for name, version in provenance.versions.items())}"
+
+
+def _default(timings: DefaultTimings) -> tuple[Table, str]:
+    rows = [_row(step, latency) for step, latency in timings.steps.items()] + [_row("whole frame", timings.frame)]
+    table = Table.of(f"voxdepth, {timings.size}, one core", ("step", *PERCENTILES), rows)
+    tracked = timings.frame.n - timings.lost_frames
+    return table, f"{timings.frame.n} frames were measured; in {tracked} the camera was found"
+
+
+def _paper(timings: PaperTimings) -> tuple[Table, str]:
+    rows = []
+    for step, latency in timings.steps.items():
+        rows.append(_row(f"registration, {step}" if step in REGISTRATION else step, latency))
         if step == "filter":
-            table.add_row("[bold]correction state, sum of the above[/bold]", *_times(parts.state))
-    table.add_row("frame without fusion", *_times(parts.frame), end_section=True)
-    for step, spread in parts.fusion_steps.items():
-        table.add_row(f"  fusion, {step}", *_times(spread))
-    table.add_row("[bold]fusion of 10 frames[/bold]", *_times(parts.fusion))
-    console.print(table)
-    console.print(f"{parts.state.n} frames and {parts.fusion.n} fusions were measured", highlight=False)
+            rows.append(_row("correction state, sum of the above", timings.correction))
+    rows.append(_row("frame without fusion", timings.frame))
+    rows += [_row(f"fusion, {step}", latency) for step, latency in timings.fusion_steps.items()]
+    rows.append(_row("fusion of 10 frames", timings.fusion))
+    table = Table.of(f"paper, {timings.size}, one core", ("step", *PERCENTILES), rows)
+    return table, f"{timings.correction.n} frames and {timings.fusion.n} fusions were measured"
 
 
-def _print_libraries(console: Console, libraries: Mapping[str, Mapping[str, Spread]], size: str) -> None:
-    table = _table(f"paper, {size}, median of a step by library", *libraries, "fastest")
-    for step in STEPS:
-        medians = [f"{measured[step].p50_ms:.2f} ms" for measured in libraries.values()]
-        table.add_row(step, *medians, fastest(libraries, step))
-    console.print(table)
+def _libraries(libraries: Mapping[str, Mapping[str, Latency]], size: str) -> Table:
+    columns = [Column("step"), *(Column(library, "ms") for library in libraries), Column("fastest")]
+    rows: list[Sequence[Value]] = [
+        (step, *(times[step].p50_ms for times in libraries.values()), fastest(libraries, step)) for step in STEPS
+    ]
+    return Table.of(f"paper, {size}, median of a step by library", columns, rows)
 
 
-def _print_sizes(console: Console, sizes: Sequence[Parts]) -> None:
-    pixels, times_ms = [parts.pixels for parts in sizes], [parts.state.p50_ms for parts in sizes]
-    start_ms, pixel_ns = line_through(pixels, times_ms)
-    table = _table("paper, medians by image size", "state", "per pixel", "line", "fusion")
-    for parts in sizes:
-        table.add_row(
-            parts.size,
-            f"{parts.state.p50_ms:.2f} ms",
-            f"{1e6 * parts.state.p50_ms / parts.pixels:.1f} ns",
-            f"{start_ms + 1e-6 * pixel_ns * parts.pixels:.2f} ms",
-            f"{parts.fusion.p50_ms:.1f} ms",
-        )
-    console.print(table)
-    console.print(f"line: {start_ms:.2f} ms a frame and {pixel_ns:.1f} ns a pixel", highlight=False)
+def _sizes(sizes: Sequence[PaperTimings]) -> tuple[Table, str]:
+    start_ms, pixel_ns = fit_line([one.pixels for one in sizes], [one.correction.p50_ms for one in sizes])
+    columns = ("size", Column("correction state", "ms"), Column("per pixel", "ns", ".1f"), Column("line", "ms"),
+               Column("fusion", "ms", ".1f"))  # fmt: skip
+    rows = [
+        (one.size, one.correction.p50_ms, 1e6 * one.correction.p50_ms / one.pixels,
+         start_ms + 1e-6 * pixel_ns * one.pixels, one.fusion.p50_ms)
+        for one in sizes
+    ]  # fmt: skip
+    remark = f"line: {start_ms:.2f} ms a frame and {pixel_ns:.1f} ns a pixel"
+    return Table.of("paper, medians by image size", columns, rows), remark
 
 
-def _print_throughput(console: Console, runs: Sequence[Throughput], size: str) -> None:
-    title = f"paper, {runs[0].frames} frames of {size} from files"
-    table = _table(title, "lag", "frames/s", "ratio", "p50", "p99", "max", "fused")
-    for run in runs:
-        table.add_row(
-            run.way,
-            str(run.lag),
-            f"{run.frames_per_s:.1f}",
-            f"{run.frames_per_s / runs[0].frames_per_s:.2f}",
-            *(f"{time_ms:.1f} ms" for time_ms in (run.latency.p50_ms, run.latency.p99_ms, run.latency.max_ms)),
-            str(run.windows),
-        )
-    console.print(table)
-    console.print("times: from the end of reading to delivery; fused: windows that became templates", soft_wrap=True)
+def _throughput(runs: Sequence[Throughput], size: str) -> tuple[Table, str]:
+    times = (Column(name, "ms", ".1f") for name in ("p50", "p99", "max"))
+    rate = Column("throughput", "frames/s", ".1f")
+    columns = [Column("mode"), Column("lag"), rate, Column("ratio"), *times, Column("fused windows")]
+    rows = [
+        (run.mode, run.lag, run.frames_per_s, run.frames_per_s / runs[0].frames_per_s,
+         run.latency.p50_ms, run.latency.p99_ms, run.latency.max_ms, run.windows)
+        for run in runs
+    ]  # fmt: skip
+    remark = "times: from the end of reading to delivery; fused windows: those that became templates"
+    return Table.of(f"paper, {runs[0].frames} frames of {size} from files", columns, rows), remark
 
 
-def _print_memory(console: Console, memory: Sequence[Memory]) -> None:
-    table = _table("resident memory", "libraries", "frames kept", "correcting, at the peak")
-    for found in memory:
-        figures_mb = (found.libraries_mb, found.frames_mb, found.correcting_mb)
-        table.add_row(f"{found.corrector}, {found.size}", *(f"{figure_mb:.0f} MB" for figure_mb in figures_mb))
-    console.print(table)
+def _memory(memory: Sequence[Memory]) -> Table:
+    values = (Column(name, "MB", ".0f") for name in ("libraries", "frames kept", "peak of correcting"))
+    columns = [Column("corrector and size"), *values]
+    rows = [(f"{one.corrector}, {one.size}", one.libraries_mb, one.frames_mb, one.correcting_mb) for one in memory]
+    return Table.of("resident memory", columns, rows)
 
 
-def _table(title: str, *headings: str) -> Table:
-    table = Table(title=title, title_justify="left")
-    table.add_column("")
-    for heading in headings:
-        table.add_column(heading, justify="right")
-    return table
-
-
-def _times(spread: Spread) -> list[str]:
-    return [f"{time_ms:.2f} ms" for time_ms in (spread.p50_ms, spread.p95_ms, spread.p99_ms, spread.max_ms)]
+def _row(step: str, latency: Latency) -> Sequence[Value]:
+    return step, latency.p50_ms, latency.p95_ms, latency.p99_ms, latency.max_ms

@@ -1,4 +1,4 @@
-"""Frames per second of the paper's corrector from files, one by one and in a pipeline, and how long a frame takes."""
+"""Throughput and latency of the paper's method on frames from files, sequential and pipelined."""
 
 import tempfile
 import time
@@ -14,67 +14,62 @@ from voxdepth.paper.config import PaperConfig
 from voxdepth.pipeline import CorrectionPipeline
 from voxdepth.types import Frame
 
-from .clip import Clip
-from .spread import Spread
-from .tum import write_tum
-from .watched import Watched
+from .frames import FrameLoop, write_tum
+from .timings import FusionRecorder, Latency
 
 
 class Throughput(Model):
-    """How fast a run through a folder of frames was."""
+    """Speed of one run through a folder of frames."""
 
-    way: str
+    mode: str
     """`one by one` or `pipelined`."""
     lag: int | str
-    """`fusion_lag_frames`; without one, fusing stops everything else."""
+    """`fusion_lag_frames`; if it is 0, a fusion blocks the frame that completes its window."""
     frames: int
     frames_per_s: float
-    """Reading included."""
+    """Frame rate with reading included."""
     windows: int
-    """Windows that were fused and came into force."""
-    latency: Spread
-    """From the end of reading a frame to its delivery."""
+    """Fused windows whose template came into force."""
+    latency: Latency
+    """Time from the end of reading a frame to its delivery."""
 
 
-Run = Callable[[Watched, Dataset], list[float]]
-"""Corrects all frames; gives their latencies [s]."""
+Run = Callable[[FusionRecorder, Dataset], list[float]]
+"""Corrects all frames and returns their latencies [s]."""
 
 
-def compare_runs(clip: Clip, frames: int) -> list[Throughput]:
-    """The same frames one by one and pipelined, with different lags; the first run does one thing at a time."""
+def compare_runs(loop: FrameLoop, frames: int) -> list[Throughput]:
+    """Correct the same frames one by one and pipelined, with different lags; nothing overlaps in the first run."""
     cv2.setNumThreads(1)
-    alone, default, ready = (
-        PaperConfig(fusion_lag_frames=0),
-        PaperConfig(),
-        PaperConfig(fusion_lag_frames="ready"),
-    )
+    blocking, default = PaperConfig(fusion_lag_frames=0), PaperConfig()
+    ready = PaperConfig(fusion_lag_frames="ready")
     with tempfile.TemporaryDirectory(prefix="voxdepth-bench-") as folder:
-        write_tum(clip, Path(folder) / "tum", frames)
+        write_tum(loop, Path(folder) / "tum", frames)
         dataset = open_dataset(Path(folder) / "tum", "tum")
         return [
-            *(measure_run("one by one", one_by_one, dataset, config) for config in (alone, default)),
+            *(measure_run("one by one", one_by_one, dataset, config) for config in (blocking, default)),
             *(measure_run("pipelined", pipelined, dataset, config) for config in (default, ready)),
         ]
 
 
-def measure_run(way: str, run: Run, dataset: Dataset, config: PaperConfig) -> Throughput:
-    """Run a new corrector through all frames."""
-    corrector = Watched(VoxDepth(dataset.intrinsics, config))
+def measure_run(mode: str, run: Run, dataset: Dataset, config: PaperConfig) -> Throughput:
+    """Correct all frames with a new corrector."""
+    corrector = FusionRecorder(VoxDepth(dataset.intrinsics, config))
     start = time.perf_counter()
     latencies_s = run(corrector, dataset)
     wall_s = time.perf_counter() - start
     corrector.close()
     return Throughput(
-        way=way,
+        mode=mode,
         lag=config.fusion_lag_frames,
         frames=len(latencies_s),
         frames_per_s=len(latencies_s) / wall_s,
         windows=len(corrector.fusions_s),
-        latency=Spread.of(latencies_s),
+        latency=Latency.of(latencies_s),
     )
 
 
-def one_by_one(corrector: Watched, dataset: Dataset) -> list[float]:
+def one_by_one(corrector: FusionRecorder, dataset: Dataset) -> list[float]:
     """Read a frame, correct it, and only then read the next."""
     latencies_s = []
     for frame in read(dataset):
@@ -84,8 +79,8 @@ def one_by_one(corrector: Watched, dataset: Dataset) -> list[float]:
     return latencies_s
 
 
-def pipelined(corrector: Watched, dataset: Dataset) -> list[float]:
-    """Reading, registering and combining in threads."""
+def pipelined(corrector: FusionRecorder, dataset: Dataset) -> list[float]:
+    """Read, register and combine in threads."""
     with CorrectionPipeline(corrector, read(dataset)) as pipeline:
         for _ in pipeline:
             pass
@@ -93,5 +88,5 @@ def pipelined(corrector: Watched, dataset: Dataset) -> list[float]:
 
 
 def read(dataset: Dataset) -> Iterator[Frame]:
-    """All frames, each when it is asked for."""
+    """Iterate over all frames; each is read when it is requested."""
     return (dataset[index] for index in range(len(dataset)))

@@ -17,28 +17,22 @@ def bench(
     """Measure how fast the corrector is here: its steps, by library and by image size, pipelined, and its memory."""
     from rich.console import Console
 
-    from ..benchmark.film import filmed
-    from ..benchmark.report import print_figures
-    from ..benchmark.suite import chosen_size, measure_quickly, measure_rest
+    from ..benchmark.frames import render_frames
+    from ..benchmark.report import print_results
+    from ..benchmark.suite import measure_quickly, measure_rest, valid_size
+    from ..files import write
 
-    width_px, height_px = chosen_size(*parsed_size(size))
+    width_px, height_px = valid_size(*parsed_size(size))
     if json is not None and (json.is_dir() or not json.parent.is_dir()):
-        raise ScenarioError(f"--json must name a file in a folder that is there, got {json}")
+        raise ScenarioError(f"--json must name a file in an existing folder, got {json}")
     console = Console()
     with console.status("") as status:
         status.update("rendering frames")
-        clip = filmed().resized(width_px, height_px)
-        figures = measure_quickly(clip, status.update)
+        loop = render_frames().resized(width_px, height_px)
+        results = measure_quickly(loop, status.update)
         if not quick:
-            figures = measure_rest(figures, clip, status.update)
-    print_figures(console, figures)
+            results = measure_rest(results, loop, status.update)
+    print_results(console, results)
     if json is not None:
-        _write(json, figures.model_dump_json(indent=2) + "\n")
+        write(json, f"{results.model_dump_json(indent=2)}\n".encode())
         console.print(f"all figures are in {json}", soft_wrap=True)
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ScenarioError(f"cannot write {path}: {error.strerror or error}") from error

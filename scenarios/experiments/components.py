@@ -4,13 +4,8 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from voxdepth.corrector import VoxDepth
-
-from ..benchmark.clip import Clip
-from ..benchmark.parts import CONFIG
-from ..benchmark.spread import Spread
-from ..benchmark.watched import Watched, is_correcting
-from ..errors import ScenarioError
+from ..benchmark.frames import FrameLoop
+from ..benchmark.timings import Latency, time_paper
 from .drawing import labelled, panels
 from .paper import COMPONENTS_MS
 from .result import Claim, Column, Result, Table
@@ -72,32 +67,23 @@ class Components:
         )
 
 
-def component_times(clip: Clip, frames: int) -> dict[str, Spread]:
+def component_times(clip: FrameLoop, frames: int) -> dict[str, Latency]:
     """Times of each component over the frames in the correction state, and over all fusions but the first.
 
     Raises:
         ScenarioError: No frame was corrected, or no second window was fused.
     """
-    corrector = Watched(VoxDepth(clip.intrinsics, CONFIG))
-    of_frames: list[Mapping[str, float]] = []
-    for frame in clip.play(frames):
-        corrected = corrector.process(frame)
-        if len(corrector.fusions_s) > 1 and is_correcting(corrected):
-            of_frames.append(corrected.timings_s)
-    corrector.close()
-    of_fusions = corrector.fusions_s[1:]
-    if not (of_frames and of_fusions):
-        raise ScenarioError(
-            f"no second template came in {frames} frames of {clip.size}: ask for more --frames or a larger --width"
-        )
-    return {part: _spread(of_fusions if part in PER_EPOCH else of_frames, steps) for part, steps in STEPS.items()}
+    times = time_paper(clip, frames)
+    return {
+        part: _spread(times.fusions_s if part in PER_EPOCH else times.steps_s, steps) for part, steps in STEPS.items()
+    }
 
 
-def _spread(times_s: Sequence[Mapping[str, float]], steps: Sequence[str]) -> Spread:
-    return Spread.of([sum(of_one[step] for step in steps) for of_one in times_s])
+def _spread(times_s: Sequence[Mapping[str, float]], steps: Sequence[str]) -> Latency:
+    return Latency.of([sum(of_one[step] for step in steps) for of_one in times_s])
 
 
-def _claim(where: str, spreads: Mapping[str, Spread]) -> Claim:
+def _claim(where: str, spreads: Mapping[str, Latency]) -> Claim:
     medians_ms = {part: spread.p50_ms for part, spread in spreads.items()}
     fusion_ms = medians_ms.pop("fusion")
     second = max(medians_ms, key=lambda part: medians_ms[part])
@@ -108,7 +94,7 @@ def _claim(where: str, spreads: Mapping[str, Spread]) -> Claim:
     )
 
 
-def _draw(measured: Mapping[str, Mapping[str, Spread]], axes: "Axes") -> None:
+def _draw(measured: Mapping[str, Mapping[str, Latency]], axes: "Axes") -> None:
     series: dict[str, list[float]] = {where: [s.p50_ms for s in found.values()] for where, found in measured.items()}
     series |= {
         f"paper, {name}": [COMPONENTS_MS[part][k] for part in STEPS]

@@ -18,7 +18,7 @@ from voxdepth.paper.odometry import PhotometricOdometry
 from voxdepth.paper.steps import create_steps
 from voxdepth.types import FloatImage
 
-from ..benchmark.spread import Spread
+from ..benchmark.timings import Latency
 from .drawing import MARKERS, labelled, panels
 from .paper import INPAINTING
 from .result import Claim, Column, Result, Table
@@ -86,7 +86,7 @@ class Filling:
         rows = []
         for name, tallies in measured.items():
             for method, tally in tallies.items():
-                spread = Spread.of(tally.times_s) if tally.times_s else None
+                spread = Latency.of(tally.times_s) if tally.times_s else None
                 rows.append(
                     (name, method, *_figures(tally), spread and spread.p50_ms, spread and spread.p95_ms,
                      len(tally.times_s), tally.filled.pixels, *INPAINTING.get(method, (None, None)))
@@ -165,7 +165,7 @@ def _of_quality(measured: Mapping[str, Tallies]) -> Claim:
 
 def _of_time(measured: Mapping[str, Tallies]) -> Claim:
     times = {
-        name: (Spread.of(tallies["dilation"].times_s).p50_ms, Spread.of(tallies["bilinear"].times_s).p50_ms)
+        name: (Latency.of(tallies["dilation"].times_s).p50_ms, Latency.of(tallies["bilinear"].times_s).p50_ms)
         for name, tallies in measured.items()
     }
     told = ", ".join(f"{name} {dilated:.2f} and {bilinear:.2f} ms" for name, (dilated, bilinear) in times.items())
@@ -181,7 +181,7 @@ def _draw(measured: Mapping[str, Tallies], axes: "Axes") -> None:
         for k, method in enumerate(METHODS):
             tally = tallies[method]
             label = f"{method}" if line == 0 else None
-            axes.scatter([Spread.of(tally.times_s).p50_ms], [tally.completed.psnr_db(PEAK16_M) or float("nan")],
+            axes.scatter([Latency.of(tally.times_s).p50_ms], [tally.completed.psnr_db(PEAK16_M) or float("nan")],
                          marker=MARKERS[line], color=f"C{k}", s=24, label=label)  # fmt: skip
         axes.scatter([], [], marker=MARKERS[line], color="0.4", s=24, label=name)
     axes.set_xscale("log")

@@ -15,8 +15,8 @@ from voxdepth.pipeline import CorrectionPipeline
 from voxdepth.registry import create_corrector
 from voxdepth.types import DepthCorrector, Intrinsics
 
+from ..benchmark.frames import write_tum
 from ..benchmark.throughput import read
-from ..benchmark.tum import write_tum
 from .drawing import labelled, panels
 from .paper import FRAMES_PER_S
 from .result import Claim, Column, Result, Table

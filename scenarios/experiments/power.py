@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from voxdepth.registry import create_corrector
 from voxdepth.types import DepthCorrector
 
-from ..benchmark.clip import Clip
+from ..benchmark.frames import FrameLoop
 from .drawing import labelled, panels
 from .meters import REMEDY, FindMeter, Meter, NoMeterError, find_meter
 from .quality import METHODS
@@ -90,7 +90,7 @@ def _idle(meter: Meter, seconds: float) -> Consumption:
     return Consumption(frames=0, time_s=time.perf_counter() - start_s, energy_j=meter.energy_j() - start_j)
 
 
-def _working(meter: Meter, corrector: DepthCorrector, clip: Clip, seconds: float) -> Consumption:
+def _working(meter: Meter, corrector: DepthCorrector, clip: FrameLoop, seconds: float) -> Consumption:
     """After a warm-up, as many frames as it can within the time."""
     frames = clip.play(2**31)
     for frame, _ in zip(frames, range(WARM_UP_FRAMES), strict=False):

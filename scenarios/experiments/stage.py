@@ -11,7 +11,7 @@ from sim.types import Capture
 from swarm.perception import frame_of
 from voxdepth.types import Frame
 
-from ..benchmark.clip import Clip
+from ..benchmark.frames import FrameLoop
 from ..errors import ScenarioError
 from ..evaluation.cell import Cell
 from ..evaluation.methods import Method
@@ -91,15 +91,10 @@ class Stage:
         """The same as a corrector sees them."""
         return (frame_of(capture) for capture in self.captures(name))
 
-    def clip(self, name: str, images: int) -> Clip:
+    def clip(self, name: str, images: int) -> FrameLoop:
         """The first images of a sequence, in memory, to be played as long as a measurement lasts."""
         recording = self.recording(name, images)
-        captures = [recording[index] for index in range(images)]
-        return Clip(
-            intrinsics=recording.intrinsics,
-            grays=tuple(capture.gray_left for capture in captures),
-            depths_m=tuple(capture.depth_raw_m for capture in captures),
-        )
+        return FrameLoop.of([recording[index] for index in range(images)])
 
     def judged(self, methods: Sequence[Method]) -> Done:
         """Methods on all sequences, as `voxdepth evaluate` compares them; what is done is taken from its cells.

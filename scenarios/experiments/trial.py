@@ -10,7 +10,7 @@ from sim.types import Capture
 from voxdepth.metrics import Sums
 from voxdepth.types import MaskImage
 
-from ..benchmark.spread import Spread
+from ..benchmark.timings import Latency
 from .moving import GrayError, Moved, Mover, covered
 
 NEAR_M = 20.0
@@ -39,9 +39,9 @@ class Tally:
         return 100 * self.failures / self.pairs
 
     @property
-    def spread(self) -> Spread:
+    def spread(self) -> Latency:
         """Of the times."""
-        return Spread.of(self.times_s)
+        return Latency.of(self.times_s)
 
 
 def try_pair(movers: Mapping[str, Mover], reference: Capture, current: Capture, tallies: Mapping[str, Tally]) -> None:

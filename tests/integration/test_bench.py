@@ -1,5 +1,6 @@
 """`voxdepth bench`: what it measures, and what a user reads."""
 
+import itertools
 import json
 from collections.abc import Iterator
 from dataclasses import replace
@@ -11,17 +12,22 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from scenarios.benchmark import film, suite, throughput
-from scenarios.benchmark.clip import Clip, resized
-from scenarios.benchmark.default import measure_default
+from scenarios.benchmark import frames as frames_module
+from scenarios.benchmark import suite, throughput, timings
+from scenarios.benchmark.frames import FrameLoop, resized, write_tum
 from scenarios.benchmark.libraries import fastest
-from scenarios.benchmark.machine import processor_name
 from scenarios.benchmark.memory import measure_memory
-from scenarios.benchmark.parts import STATE, Tally, measure_parts
-from scenarios.benchmark.spread import Spread
-from scenarios.benchmark.suite import line_through
+from scenarios.benchmark.suite import fit_line
 from scenarios.benchmark.throughput import compare_runs, measure_run
-from scenarios.benchmark.tum import write_tum
+from scenarios.benchmark.timings import (
+    CORRECTION,
+    Latency,
+    PaperTimes,
+    PaperTimings,
+    measure_default,
+    measure_paper,
+    time_paper,
+)
 from scenarios.cli import app
 from scenarios.errors import ScenarioError
 from sim.testing import noisy_sequence
@@ -29,8 +35,6 @@ from tests.helpers import CAMERA
 from tests.integration.test_cli import voxdepth
 from voxdepth.datasets import open_dataset
 from voxdepth.paper.config import PaperConfig
-from voxdepth.paper.diagnostics import PaperDiagnostics, Phase, Registration, RegistrationStatus
-from voxdepth.types import CorrectedDepth, FloatImage, GrayImage
 
 N_IMAGES = 5
 QUICK_LINES = (
@@ -38,7 +42,7 @@ QUICK_LINES = (
     "measure", "localise", "recall", "weigh", "remember", "fill", "smooth", "the camera was found",
     "registration, describe", "registration, register", "correction state", "label", "frame without fusion",
     "fusion, place", "fusion, voxelise", "fusion, project", "fusion, inpaint", "fusion of 10 frames",
-    "OpenCV, NumPy", "Warp, cpu", "integrate", "project", "inpaint", "warp", "combine", "filter",
+    "OpenCV", "Warp", "integrate", "project", "inpaint", "warp", "combine", "filter",
     "p50", "p95", "p99", "max",
 )  # fmt: skip
 SLOW_LINES = (
@@ -48,10 +52,10 @@ SLOW_LINES = (
 
 
 @pytest.fixture(scope="module")
-def clip() -> Clip:
+def loop() -> FrameLoop:
     """A short walk at 160x120. Read only."""
     walk = list(noisy_sequence("flicker", "medium", frames=N_IMAGES))
-    return Clip(
+    return FrameLoop(
         intrinsics=walk[0].intrinsics,
         grays=tuple(capture.gray_left for capture in walk),
         depths_m=tuple(capture.depth_raw_m for capture in walk),
@@ -59,9 +63,9 @@ def clip() -> Clip:
 
 
 @pytest.fixture
-def short(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+def short(loop: FrameLoop, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same measurements on few and small frames."""
-    monkeypatch.setattr(film, "filmed", lambda: clip)
+    monkeypatch.setattr(frames_module, "render_frames", lambda: loop)
     monkeypatch.setattr(suite, "N_FRAMES", 45)
     monkeypatch.setattr(suite, "N_FRAMES_PER_SIZE", 45)
     monkeypatch.setattr(suite, "N_FRAMES_FROM_FILES", 30)
@@ -82,55 +86,54 @@ def numbers(value: Any) -> Iterator[float]:
         yield value
 
 
-def corrected(phase: Phase, **timings_s: float) -> CorrectedDepth:
-    """A result of which only the times matter."""
-    nothing: GrayImage = np.zeros((1, 1), np.uint8)
-    empty: FloatImage = np.zeros((1, 1), np.float32)
-    registration = Registration.identity(RegistrationStatus.OK)
-    diagnostics = PaperDiagnostics(phase=phase, registration=registration)
-    return CorrectedDepth(depth_m=empty, source=nothing, confidence=empty, timings_s=timings_s, diagnostics=diagnostics)
-
-
 def test_percentiles_are_linear_between_the_samples_in_any_order() -> None:
     times_s = np.random.default_rng(0).permutation(np.arange(101)) / 1000
-    spread = Spread.of(list(times_s))
+    spread = Latency.of(list(times_s))
     assert (spread.n, spread.p50_ms, spread.p95_ms, spread.p99_ms, spread.max_ms) == pytest.approx(
         (101, 50, 95, 99, 100)
     )
-    assert Spread.of([0.001, 0.002]).p50_ms == pytest.approx(1.5)
-    assert Spread.of([0.003]).p95_ms == pytest.approx(3)
+    assert Latency.of([0.001, 0.002]).p50_ms == pytest.approx(1.5)
+    assert Latency.of([0.003]).p95_ms == pytest.approx(3)
 
 
-def test_the_state_is_the_sum_of_its_steps_frame_by_frame_and_only_of_frames_in_it(clip: Clip) -> None:
-    tally = Tally()
-    one = dict.fromkeys((*STATE, "label", "take_template"), 0.001)
-    tally.add(corrected(Phase.CORRECTING, **one | {"describe": 0.011}), 0.030)
-    tally.add(corrected(Phase.CORRECTING, **one | {"filter": 0.021}), 0.040)
-    tally.add(corrected(Phase.CORRECTING, **one), 0.020)
-    tally.add(corrected(Phase.FUSING, **dict.fromkeys(one, 9.0)), 9.0)
-    tally.add(corrected(Phase.PASSTHROUGH, describe=9.0), 9.0)
+def test_the_correction_state_is_the_sum_of_its_steps_frame_by_frame(loop: FrameLoop) -> None:
+    one_s = dict.fromkeys((*CORRECTION, "label"), 0.001)
+    steps_s = [one_s | {"describe": 0.011}, one_s | {"filter": 0.021}, one_s]
     fusion_s = {"place": 0.02, "voxelise": 0.03, "project": 0.01, "inpaint": 0.001, "fused": 0.07}
-    parts = tally.parts(clip, [fusion_s])
-    assert parts.state.n == 3
-    assert parts.state.p50_ms == pytest.approx(15)  # of 15, 25 and 5; the medians of the steps sum to 5
-    assert parts.state.max_ms == pytest.approx(25)
-    assert parts.steps["describe"].p50_ms == pytest.approx(1)
-    assert parts.frame.p50_ms == pytest.approx(29)  # without the fusion in take_template
-    assert parts.fusion.p50_ms == pytest.approx(70)
-    assert parts.fusion_steps["voxelise"].max_ms == pytest.approx(30)
+    times = PaperTimes(steps_s=steps_s, frames_s=[0.03, 0.02, 0.01], fusions_s=[fusion_s])
+    result = PaperTimings.of(loop, times)
+    assert result.correction.n == 3
+    assert result.correction.p50_ms == pytest.approx(15)  # of 15, 25 and 5; the medians of the steps sum to 5
+    assert result.correction.max_ms == pytest.approx(25)
+    assert result.steps["describe"].p50_ms == pytest.approx(1)
+    assert result.frame.p50_ms == pytest.approx(20)
+    assert result.fusion.p50_ms == pytest.approx(70)
+    assert result.fusion_steps["voxelise"].max_ms == pytest.approx(30)
 
 
-def test_without_a_corrected_frame_there_are_no_figures(clip: Clip) -> None:
-    with pytest.raises(ScenarioError, match="at 160x120 pixels the corrector found no template again"):
-        Tally().parts(clip, [])
+def test_only_frames_in_the_correction_state_are_timed_and_without_their_fusion(
+    loop: FrameLoop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = itertools.count(0.0, 0.5)
+    monkeypatch.setattr(timings, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
+    times = time_paper(loop, 45)
+    assert len(times.steps_s) == len(times.frames_s) < 45
+    for steps_s, frame_s in zip(times.steps_s, times.frames_s, strict=True):
+        assert {*CORRECTION} <= {*steps_s}
+        assert frame_s == pytest.approx(0.5 - steps_s["take_template"])
 
 
-def test_a_clip_is_played_back_and_forth_one_image_at_a_time(clip: Clip) -> None:
-    assert list(clip.indices(12)) == [0, 1, 2, 3, 4, 3, 2, 1, 0, 1, 2, 3]
-    frames = list(clip.play(12))
+def test_without_a_corrected_frame_there_are_no_figures(loop: FrameLoop) -> None:
+    with pytest.raises(ScenarioError, match="160x120 pixels no second template came in 5 frames"):
+        time_paper(loop, 5)
+
+
+def test_a_loop_is_played_back_and_forth_one_image_at_a_time(loop: FrameLoop) -> None:
+    assert list(loop.indices(12)) == [0, 1, 2, 3, 4, 3, 2, 1, 0, 1, 2, 3]
+    frames = list(loop.play(12))
     assert np.diff([frame.stamp_s for frame in frames]) == pytest.approx([1 / 30] * 11)
-    assert frames[8].gray is clip.grays[0]
-    assert frames[5].depth_m is clip.depths_m[3]
+    assert frames[8].gray is loop.grays[0]
+    assert frames[5].depth_m is loop.depths_m[3]
 
 
 def test_a_resized_camera_sees_every_point_where_the_resized_image_has_it() -> None:
@@ -143,20 +146,20 @@ def test_a_resized_camera_sees_every_point_where_the_resized_image_has_it() -> N
     assert resized(small, 160, 120) == CAMERA
 
 
-def test_a_resized_clip_has_no_depth_that_was_not_there(clip: Clip) -> None:
-    small = clip.resized(96, 64)
+def test_a_resized_loop_has_no_depth_that_was_not_there(loop: FrameLoop) -> None:
+    small = loop.resized(96, 64)
     assert small.size == "96x64"
-    assert np.isin(small.depths_m[0], clip.depths_m[0]).all()
+    assert np.isin(small.depths_m[0], loop.depths_m[0]).all()
     assert small.n_bytes == N_IMAGES * 96 * 64 * 5
 
 
-def test_a_clip_on_disk_is_the_clip_and_takes_the_room_of_its_images(clip: Clip, tmp_path: Path) -> None:
-    far_m = clip.depths_m[1].copy()
+def test_a_loop_on_disk_is_the_loop_and_takes_the_room_of_its_images(loop: FrameLoop, tmp_path: Path) -> None:
+    far_m = loop.depths_m[1].copy()
     far_m[0, 0] = 13.2
-    short = replace(clip, depths_m=(clip.depths_m[0], far_m, *clip.depths_m[2:]))
+    short = replace(loop, depths_m=(loop.depths_m[0], far_m, *loop.depths_m[2:]))
     write_tum(short, tmp_path / "walk", 12)
     dataset = open_dataset(tmp_path / "walk", "tum")
-    assert dataset.intrinsics == clip.intrinsics
+    assert dataset.intrinsics == loop.intrinsics
     assert len(dataset) == 12
     for k, frame in enumerate(short.play(12)):
         read = dataset[k]
@@ -168,15 +171,15 @@ def test_a_clip_on_disk_is_the_clip_and_takes_the_room_of_its_images(clip: Clip,
     assert len({path.stat().st_ino for path in (tmp_path / "walk" / "rgb").iterdir()}) == N_IMAGES
 
 
-def test_fusions_are_counted_after_the_first_which_is_warm_up(clip: Clip) -> None:
-    parts = measure_parts(clip, 38)
-    assert (parts.fusion.n, parts.state.n) == (1, 1)
-    assert parts.state.p50_ms < parts.frame.p50_ms
-    assert sum(spread.p50_ms for spread in parts.fusion_steps.values()) < parts.fusion.p50_ms
+def test_fusions_are_counted_after_the_first_which_is_warm_up(loop: FrameLoop) -> None:
+    measured = measure_paper(loop, 38)
+    assert (measured.fusion.n, measured.correction.n) == (1, 1)
+    assert measured.correction.p50_ms < measured.frame.p50_ms
+    assert sum(latency.p50_ms for latency in measured.fusion_steps.values()) < measured.fusion.p50_ms
 
 
-def test_the_default_corrector_is_timed_in_all_and_step_by_step(clip: Clip) -> None:
-    measured = measure_default(clip, 12)
+def test_the_default_corrector_is_timed_in_all_and_step_by_step(loop: FrameLoop) -> None:
+    measured = measure_default(loop, 12)
     assert (measured.size, measured.frame.n, measured.lost_frames) == ("160x120", 12, 0)
     assert list(measured.steps) == [
         "measure", "localise", "recall", "weigh", "remember", "fill", "smooth", "trust", "enlarge"
@@ -185,8 +188,8 @@ def test_the_default_corrector_is_timed_in_all_and_step_by_step(clip: Clip) -> N
     assert 0 < max(spread.p50_ms for spread in measured.steps.values()) < measured.frame.p50_ms
 
 
-def test_a_default_corrector_that_is_lost_all_the_time_has_no_figures(clip: Clip) -> None:
-    dark = replace(clip, grays=tuple(np.zeros_like(gray) for gray in clip.grays))
+def test_a_default_corrector_that_is_lost_all_the_time_has_no_figures(loop: FrameLoop) -> None:
+    dark = replace(loop, grays=tuple(np.zeros_like(gray) for gray in loop.grays))
     with pytest.raises(ScenarioError, match="at 160x120 pixels the corrector found its camera in no frame"):
         measure_default(dark, 3)
 
@@ -200,9 +203,9 @@ def test_throughput_is_frames_over_the_time_of_the_whole_run(monkeypatch: pytest
     assert run.latency.p50_ms == pytest.approx(200)
 
 
-def test_every_way_of_running_corrects_every_frame_and_says_how_many_windows_it_fused(clip: Clip) -> None:
-    runs = compare_runs(clip, 24)
-    assert [(run.way, run.lag) for run in runs] == [
+def test_every_mode_corrects_every_frame_and_says_how_many_windows_it_fused(loop: FrameLoop) -> None:
+    runs = compare_runs(loop, 24)
+    assert [(run.mode, run.lag) for run in runs] == [
         ("one by one", 0),
         ("one by one", PaperConfig().fusion_lag_frames),
         ("pipelined", PaperConfig().fusion_lag_frames),
@@ -214,20 +217,14 @@ def test_every_way_of_running_corrects_every_frame_and_says_how_many_windows_it_
 
 
 def test_the_fastest_library_has_the_least_median() -> None:
-    steady, uneven = Spread.of([0.002, 0.002, 0.002]), Spread.of([0.001, 0.001, 0.009])
+    steady, uneven = Latency.of([0.002, 0.002, 0.002]), Latency.of([0.001, 0.001, 0.009])
     assert fastest({"a": {"warp": steady}, "b": {"warp": uneven}}, "warp") == "b"
 
 
 def test_a_line_is_found_again() -> None:
     pixels = [19_200, 230_400, 2_073_600]
-    start_ms, pixel_ns = line_through(pixels, [1.5 + 2e-6 * n for n in pixels])
+    start_ms, pixel_ns = fit_line(pixels, [1.5 + 2e-6 * n for n in pixels])
     assert (start_ms, pixel_ns) == pytest.approx((1.5, 2.0))
-
-
-def test_a_processor_without_a_name_goes_by_its_architecture(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert processor_name("processor\t: 0\nmodel name\t: Some CPU @ 2.40GHz\nmodel name\t: x\n") == "Some CPU @ 2.40GHz"
-    monkeypatch.setattr("platform.machine", lambda: "riscv64")
-    assert processor_name("processor\t: 0\n") == processor_name("") == "riscv64"
 
 
 @pytest.mark.slow
@@ -238,9 +235,9 @@ def test_a_quick_run_prints_every_part_and_writes_positive_figures(tmp_path: Pat
     assert [line for line in QUICK_LINES if line not in done.output] == []
     assert [line for line in SLOW_LINES if line in done.output] == []
     figures = json.loads((tmp_path / "figures.json").read_text())
-    assert figures["parts"]["size"] == "160x120"
+    assert figures["paper"]["size"] == "160x120"
     assert [default["size"] for default in figures["default"]] == ["160x120"]
-    found = list(numbers({key: figures[key] for key in ("parts", "libraries")}))
+    found = list(numbers({key: figures[key] for key in ("paper", "libraries")}))
     assert len(found) > 100
     assert min(found) > 0
     assert (figures["sizes"], figures["throughput"], figures["memory"]) == ([], [], [])
@@ -253,7 +250,7 @@ def test_a_whole_run_has_sizes_files_and_memory_too(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.exception
     assert [line for line in (*QUICK_LINES, *SLOW_LINES) if line not in done.output] == []
     figures = json.loads((tmp_path / "figures.json").read_text())
-    assert [parts["size"] for parts in figures["sizes"]] == ["160x120", "200x150"]
+    assert [one["size"] for one in figures["sizes"]] == ["160x120", "200x150"]
     assert [run["frames"] for run in figures["throughput"]] == [30] * 4
     assert [default["size"] for default in figures["default"]] == ["160x120", "1024x1024"]
     assert [(memory["corrector"], memory["size"]) for memory in figures["memory"]] == [
@@ -263,9 +260,11 @@ def test_a_whole_run_has_sizes_files_and_memory_too(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("corrector", "least_mb"), [("voxdepth", 0), ("paper", 5)])
-def test_memory_is_that_of_a_new_process_and_grows_with_the_images(corrector: str, least_mb: float, clip: Clip) -> None:
+def test_memory_is_that_of_a_new_process_and_grows_with_the_images(
+    corrector: str, least_mb: float, loop: FrameLoop
+) -> None:
     held = np.ones(100_000_000, np.uint8)
-    small, large = (measure_memory(corrector, one) for one in (clip, clip.resized(1024, 1024)))
+    small, large = (measure_memory(corrector, one) for one in (loop, loop.resized(1024, 1024)))
     assert small is not None and large is not None
     assert held.nbytes / 1e6 < small.libraries_mb < 500
     assert small.libraries_mb == pytest.approx(large.libraries_mb, abs=20)
@@ -287,15 +286,15 @@ def test_the_command_renders_its_frames_and_is_silent_besides() -> None:
         (["--size", "8x600"], "--size must have 32 to 4096 pixels on each side, got 8x600"),
         (["--size", "640x9999"], "got 640x9999"),
         (["--size", "large"], "--size must look like 160x120, got 'large'"),
-        (["--json", "nowhere/figures.json"], "must name a file in a folder that is there, got nowhere/figures.json"),
-        (["--json", "."], "must name a file in a folder that is there, got ."),
+        (["--json", "nowhere/figures.json"], "must name a file in an existing folder, got nowhere/figures.json"),
+        (["--json", "."], "must name a file in an existing folder, got ."),
     ],
 )
 def test_bad_options_are_refused_before_anything_is_measured(
     options: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(film, "filmed", lambda: pytest.fail("it went on"))
+    monkeypatch.setattr(frames_module, "render_frames", lambda: pytest.fail("it went on"))
     done = bench(*options)
     assert isinstance(done.exception, ScenarioError)
     assert message in str(done.exception)

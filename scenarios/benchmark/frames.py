@@ -1,0 +1,135 @@
+"""A few frames that a measurement plays for as long as it lasts, from memory or from files."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, cycle, islice
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from sim.recording.calibration import CALIBRATION, calibration_toml
+from sim.types import Capture
+from voxdepth.types import FloatImage, Frame, GrayImage, Intrinsics
+
+from ..sequences import captures, load_sequence
+
+SEQUENCE = "sim-LN"
+"""A walk over a lawn, with depth by stereo matching."""
+SIZE_PX = (640, 360)
+"""Width and height of the rendered images."""
+N_RENDERED = 16
+"""Number of rendered frames; each takes half a second."""
+RATE_HZ = 30.0
+UNITS_PER_M = 5000.0
+"""Depth scale of the TUM RGB-D format."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrameLoop:
+    """Images of one camera, which are played forwards and backwards in turn."""
+
+    intrinsics: Intrinsics
+    grays: tuple[GrayImage, ...]
+    """Each of shape (H, W), uint8."""
+    depths_m: tuple[FloatImage, ...]
+    """Depth along the optical axis [m], each of shape (H, W), float32; 0 = invalid."""
+
+    @classmethod
+    def of(cls, frames: Sequence[Capture]) -> "FrameLoop":
+        """A loop of the left images and raw depths of rendered frames, of which there must be at least one."""
+        return cls(
+            intrinsics=frames[0].intrinsics,
+            grays=tuple(frame.gray_left for frame in frames),
+            depths_m=tuple(frame.depth_raw_m for frame in frames),
+        )
+
+    @property
+    def size(self) -> str:
+        """Width and height, as in 640x360."""
+        return f"{self.intrinsics.width_px}x{self.intrinsics.height_px}"
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory of the images."""
+        return sum(gray.nbytes + depth_m.nbytes for gray, depth_m in zip(self.grays, self.depths_m, strict=True))
+
+    def first(self, frames: int) -> "FrameLoop":
+        """A loop of the first images alone."""
+        return replace(self, grays=self.grays[:frames], depths_m=self.depths_m[:frames])
+
+    def resized(self, width_px: int, height_px: int) -> "FrameLoop":
+        """A loop of images of another size; gray is interpolated, depth is not."""
+        size = (width_px, height_px)
+        grays = [cv2.resize(gray, size, interpolation=cv2.INTER_LINEAR) for gray in self.grays]
+        depths_m = [cv2.resize(depth_m, size, interpolation=cv2.INTER_NEAREST) for depth_m in self.depths_m]
+        return FrameLoop(
+            intrinsics=resized(self.intrinsics, width_px, height_px),
+            grays=tuple(grays),  # type: ignore[arg-type]
+            depths_m=tuple(depths_m),  # type: ignore[arg-type]
+        )
+
+    def play(self, frames: int) -> Iterator[Frame]:
+        """Yield that many frames at 30 Hz, in continuous motion; they share the images of the loop."""
+        for k, index in enumerate(self.indices(frames)):
+            yield Frame(stamp_s=k / RATE_HZ, gray=self.grays[index], depth_m=self.depths_m[index])
+
+    def indices(self, frames: int) -> Iterator[int]:
+        """Numbers of the images in the order in which they are played."""
+        n = len(self.grays)
+        return islice(cycle(chain(range(n), range(n - 2, 0, -1))), frames)
+
+
+def render_frames() -> FrameLoop:
+    """Render the beginning of a shipped sequence."""
+    width_px, height_px = SIZE_PX
+    planned = load_sequence(SEQUENCE, 0, {"rig.width_px": width_px, "rig.height_px": height_px})
+    return FrameLoop.of(list(captures(planned, N_RENDERED)))
+
+
+def resized(intrinsics: Intrinsics, width_px: int, height_px: int) -> Intrinsics:
+    """The camera whose images `cv2.resize` makes of those of another: centres at half-integers scale."""
+    scale_x, scale_y = width_px / intrinsics.width_px, height_px / intrinsics.height_px
+    return replace(
+        intrinsics,
+        fx_px=scale_x * intrinsics.fx_px,
+        fy_px=scale_y * intrinsics.fy_px,
+        cx_px=scale_x * (intrinsics.cx_px + 0.5) - 0.5,
+        cy_px=scale_y * (intrinsics.cy_px + 0.5) - 0.5,
+        width_px=width_px,
+        height_px=height_px,
+    )
+
+
+def write_tum(loop: FrameLoop, folder: Path, frames: int) -> None:
+    """Write what `FrameLoop.play` yields in the TUM RGB-D format, whose depth ends at 13.1 m; farther pixels are empty.
+
+    Every image is written once; the frames that repeat it are hard links to its file.
+
+    Args:
+        loop: Frames of a camera with a baseline.
+        folder: Path that does not exist yet.
+        frames: How many frames are written.
+    """
+    units = [depth_units(depth_m) for depth_m in loop.depths_m]
+    kinds: dict[str, Sequence[npt.NDArray[Any]]] = {"rgb": loop.grays, "depth": units}
+    for kind, images in kinds.items():
+        (folder / kind).mkdir(parents=True)
+        lines = []
+        for k, index in enumerate(loop.indices(frames)):
+            name = f"{kind}/{k:06d}.png"
+            if k == index:
+                cv2.imwrite(str(folder / name), images[index])
+            else:
+                (folder / name).hardlink_to(folder / kind / f"{index:06d}.png")
+            lines.append(f"{k / RATE_HZ:.6f} {name}\n")
+        (folder / f"{kind}.txt").write_text("".join(lines), encoding="utf-8")
+    (folder / CALIBRATION).write_text(calibration_toml(loop.intrinsics), encoding="utf-8")
+
+
+def depth_units(depth_m: FloatImage) -> npt.NDArray[np.uint16]:
+    """Depth in units of 1/5000 m, shape (H, W); 0 where it is invalid or does not fit into 16 bits."""
+    units = np.rint(depth_m * np.float32(UNITS_PER_M))
+    return np.where(units < 2**16, units, 0).astype(np.uint16)

@@ -1,0 +1,218 @@
+"""Latency of both correctors on one core, per frame and per processing step."""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from voxdepth.config import VoxDepthConfig
+from voxdepth.corrector import VoxDepth
+from voxdepth.model import Model
+from voxdepth.paper.config import PaperConfig
+from voxdepth.paper.diagnostics import PaperDiagnostics, Phase
+from voxdepth.paper.method import Aligned
+from voxdepth.paper.template import Template
+from voxdepth.temporal.method import TemporalDiagnostics
+from voxdepth.temporal.odometry import TrackingStatus
+from voxdepth.types import CorrectedDepth, Frame
+
+from ..errors import ScenarioError
+from .frames import FrameLoop
+
+WARM_UP_FRAMES = 10
+"""Frames of the default corrector before the clock starts: caches and clock rates need them, the method does not."""
+CORRECTION = ("describe", "register", "warp", "merge", "filter")
+"""Steps of the correction state of the paper's method; registration is the first two."""
+OTHER = ("label",)
+"""Steps that every frame takes besides."""
+FUSION = ("place", "voxelise", "project", "inpaint")
+"""Steps of a fusion."""
+CONFIG = PaperConfig(max_epoch_frames=20, fusion_lag_frames=0)
+"""Nothing runs in parallel to what is measured; epochs are short, so that a window is fused every 29 frames."""
+
+
+class Latency(Model):
+    """Percentiles of a series of times, in milliseconds, linear between the samples."""
+
+    n: int
+    """Sample size."""
+    p50_ms: float
+    p95_ms: float
+    p99_ms: float
+    max_ms: float
+
+    @classmethod
+    def of(cls, times_s: Sequence[float]) -> "Latency":
+        """Percentiles of at least one time in seconds."""
+        p50, p95, p99, largest = (float(ms) for ms in 1e3 * np.percentile(times_s, (50, 95, 99, 100)))
+        return cls(n=len(times_s), p50_ms=p50, p95_ms=p95, p99_ms=p99, max_ms=largest)
+
+
+def step_latencies(timings_s: Sequence[Mapping[str, float]], steps: Sequence[str]) -> dict[str, Latency]:
+    """Percentiles of each step over many repetitions, each of which has a time [s] of every step."""
+    return {step: Latency.of([times_s[step] for times_s in timings_s]) for step in steps}
+
+
+class DefaultTimings(Model):
+    """Latency of the default corrector on frames of one size."""
+
+    size: str
+    frame: Latency
+    """Latency of a whole frame."""
+    steps: dict[str, Latency]
+    """Latency of each step that the corrector reports, in order."""
+    lost_frames: int
+    """Frames without a camera pose: some of their steps had less to do."""
+
+
+def measure_default(loop: FrameLoop, frames: int) -> DefaultTimings:
+    """Correct frames one after the other with the default configuration.
+
+    Args:
+        loop: Frames to correct.
+        frames: How many frames are timed; 10 more come before.
+
+    Raises:
+        ScenarioError: Tracking failed in every frame.
+    """
+    cv2.setNumThreads(1)
+    corrector = VoxDepth(loop.intrinsics, VoxDepthConfig())
+    timings_s: list[Mapping[str, float]] = []
+    frames_s, lost_frames = [], 0
+    for k, frame in enumerate(loop.play(WARM_UP_FRAMES + frames)):
+        start = time.perf_counter()
+        corrected = corrector.process(frame)
+        frame_s = time.perf_counter() - start
+        if k >= WARM_UP_FRAMES:
+            timings_s.append(corrected.timings_s)
+            frames_s.append(frame_s)
+            lost_frames += not _is_tracked(corrected)
+    if lost_frames == len(frames_s):
+        raise ScenarioError(f"at {loop.size} pixels the corrector found its camera in no frame: name a larger --size")
+    steps = step_latencies(timings_s, list(timings_s[0]))
+    return DefaultTimings(size=loop.size, frame=Latency.of(frames_s), steps=steps, lost_frames=lost_frames)
+
+
+class FusionRecorder:
+    """A `StagedCorrector` that delegates to the paper's method and records every template that comes into force."""
+
+    uses_gray = True
+
+    def __init__(self, corrector: VoxDepth) -> None:
+        self._corrector = corrector
+        self._template: Template | None = None
+        self.fusions_s: list[Mapping[str, float]] = []
+        """Times of the steps of each fusion [s], in order."""
+
+    def process(self, frame: Frame) -> CorrectedDepth:
+        """See `DepthCorrector`."""
+        return self.combine(self.align(frame))
+
+    def reset(self) -> None:
+        """See `DepthCorrector`."""
+        self._corrector.reset()
+
+    def close(self) -> None:
+        """Wait for the fusion that runs in the background."""
+        self._corrector.close()
+
+    def align(self, frame: Frame) -> Aligned:
+        """See `StagedCorrector`."""
+        aligned: Aligned = self._corrector.align(frame)
+        if aligned.template is not None and aligned.template is not self._template:
+            self._template = aligned.template
+            self.fusions_s.append(aligned.template.timings_s)
+        return aligned
+
+    def combine(self, aligned: Aligned) -> CorrectedDepth:
+        """See `StagedCorrector`."""
+        return self._corrector.combine(aligned)
+
+
+@dataclass(kw_only=True)
+class PaperTimes:
+    """Raw times of the paper's method after its second template, which ends the warm-up."""
+
+    steps_s: list[Mapping[str, float]] = field(default_factory=list)
+    """Times of the steps of each frame in the correction state [s]; other states do other work."""
+    frames_s: list[float] = field(default_factory=list)
+    """Wall-clock time of each of these frames without the fusion of a window that it may complete [s]."""
+    fusions_s: list[Mapping[str, float]] = field(default_factory=list)
+    """Times of the steps of each fusion but the first [s]."""
+
+
+def time_paper(loop: FrameLoop, frames: int) -> PaperTimes:
+    """Correct frames one after the other with the paper's method.
+
+    Args:
+        loop: Frames to correct.
+        frames: How many; 38 give the first fusion that counts.
+
+    Raises:
+        ScenarioError: No frame was corrected after a second template.
+    """
+    cv2.setNumThreads(1)
+    corrector = FusionRecorder(VoxDepth(loop.intrinsics, CONFIG))
+    times = PaperTimes()
+    for frame in loop.play(frames):
+        start = time.perf_counter()
+        corrected = corrector.process(frame)
+        frame_s = time.perf_counter() - start
+        # Only times are kept: memory that is new in every frame would be measured, too.
+        if len(corrector.fusions_s) > 1 and _is_correcting(corrected):
+            times.steps_s.append(corrected.timings_s)
+            times.frames_s.append(frame_s - corrected.timings_s["take_template"])
+    corrector.close()
+    times.fusions_s = corrector.fusions_s[1:]
+    if not (times.steps_s and times.fusions_s):
+        raise ScenarioError(
+            f"at {loop.size} pixels no second template came in {frames} frames: ask for more frames or larger images"
+        )
+    return times
+
+
+class PaperTimings(Model):
+    """Latency of the paper's method on frames of one size."""
+
+    size: str
+    pixels: int
+    correction: Latency
+    """Latency of the correction state: the sum of its steps, frame by frame."""
+    steps: dict[str, Latency]
+    frame: Latency
+    """Latency of a whole frame without the fusion of a window that it may complete."""
+    fusion: Latency
+    """Time of making a template of a window of 10 frames."""
+    fusion_steps: dict[str, Latency]
+
+    @classmethod
+    def of(cls, loop: FrameLoop, times: PaperTimes) -> "PaperTimings":
+        """Percentiles of raw times."""
+        return cls(
+            size=loop.size,
+            pixels=loop.intrinsics.width_px * loop.intrinsics.height_px,
+            correction=Latency.of([sum(steps_s[step] for step in CORRECTION) for steps_s in times.steps_s]),
+            steps=step_latencies(times.steps_s, (*CORRECTION, *OTHER)),
+            frame=Latency.of(times.frames_s),
+            fusion=Latency.of([steps_s["fused"] for steps_s in times.fusions_s]),
+            fusion_steps=step_latencies(times.fusions_s, FUSION),
+        )
+
+
+def measure_paper(loop: FrameLoop, frames: int) -> PaperTimings:
+    """Latency of the paper's method; see `time_paper`."""
+    return PaperTimings.of(loop, time_paper(loop, frames))
+
+
+def _is_tracked(corrected: CorrectedDepth) -> bool:
+    """Whether the default method found the pose of the camera."""
+    diagnostics = corrected.diagnostics
+    return isinstance(diagnostics, TemporalDiagnostics) and diagnostics.tracking is TrackingStatus.OK
+
+
+def _is_correcting(corrected: CorrectedDepth) -> bool:
+    """Whether the paper's method was in the correction state."""
+    diagnostics = corrected.diagnostics
+    return isinstance(diagnostics, PaperDiagnostics) and diagnostics.phase is Phase.CORRECTING
