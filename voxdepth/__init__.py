@@ -1,4 +1,4 @@
-"""Depth correction for stereo cameras: holes filled from what was seen before, flicker and outliers removed.
+"""Depth correction for stereo cameras: it fills holes from earlier frames and removes flicker and outliers.
 
 from voxdepth import Frame, Intrinsics, VoxDepth
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .config import VoxDepthConfig
-    from .corrector import VoxDepth
+    from .corrector import PaperVoxDepth, VoxDepth
     from .paper.config import PaperConfig
     from .pipeline import CorrectionPipeline
     from .registry import create_corrector
@@ -23,6 +23,7 @@ __all__ = [
     "Frame",
     "Intrinsics",
     "PaperConfig",
+    "PaperVoxDepth",
     "Source",
     "VoxDepth",
     "VoxDepthConfig",
@@ -31,6 +32,7 @@ __all__ = [
 
 _HOMES = {
     "VoxDepth": "corrector",
+    "PaperVoxDepth": "corrector",
     "VoxDepthConfig": "config",
     "PaperConfig": "paper.config",
     "create_corrector": "registry",

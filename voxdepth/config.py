@@ -1,16 +1,10 @@
 """The configuration of the corrector."""
 
-from .paper.config import PaperConfig
 from .temporal.config import RigidConfig
 
 
 class VoxDepthConfig(RigidConfig):
-    """All parameters of the default method; `paper()` gives those of the paper's."""
-
-    @classmethod
-    def paper(cls) -> PaperConfig:
-        """The method as the paper writes it, with the paper's parameters."""
-        return PaperConfig()
+    """All parameters of the default method."""
 
     @property
     def warm_up_frames(self) -> int:

@@ -1,28 +1,29 @@
-"""VoxDepth: the corrector of a stream of frames, by one of two methods."""
+"""The two correctors of this library that use earlier frames: the default method and the method of the paper."""
 
-from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from .checks import require_size
 from .config import VoxDepthConfig
 from .errors import ConfigError, FrameError
+from .model import Model
 from .paper.config import PaperConfig
 from .paper.method import PaperMethod
 from .temporal.method import RigidMethod
 from .types import CorrectedDepth, Frame, Intrinsics
 
+Config = TypeVar("Config", bound=Model)
+
 
 class Method(Protocol):
-    """What `VoxDepth` does to frames that it has checked."""
+    """The work on frames that `StreamCorrector` has checked."""
 
     def align(self, frame: Frame) -> Any:
-        """All that depends on earlier frames."""
+        """Do everything that depends on earlier frames."""
         ...
 
     def combine(self, aligned: Any) -> CorrectedDepth:
-        """The rest, from what `align` returned alone."""
+        """Do the rest, which depends on the result of `align` alone."""
         ...
 
     def reset(self) -> None:
@@ -30,51 +31,34 @@ class Method(Protocol):
         ...
 
     def close(self) -> None:
-        """Wait for what runs beside the calls."""
+        """Wait for work in other threads."""
         ...
 
 
-METHODS: dict[type, Callable[[Intrinsics, Any], Method]] = {VoxDepthConfig: RigidMethod, PaperConfig: PaperMethod}
-"""The methods by the type of their configuration."""
-
-
-class VoxDepth:
+class StreamCorrector:
     """Corrects the depth of a stream of frames, which must come in order and from one camera.
 
-    `process` does it all. `CorrectionPipeline` runs the two halves, `align` and `combine`, side by side for
+    `process` does all work on a frame. `CorrectionPipeline` runs the two halves, `align` and `combine`, in parallel for
     successive frames.
-
-    Args:
-        intrinsics: Of the camera; every frame must have its shape. A stereo camera should name its baseline: the
-            default method works in disparity, and without one it assumes that of a small camera.
-        config: Its type decides on the method: `VoxDepthConfig()` is the default, `VoxDepthConfig.paper()` the paper's.
-
-    Raises:
-        ConfigError: An argument is of another type, or the configuration names a device that is not there.
     """
 
     uses_gray = True
 
-    def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig | PaperConfig | None = None) -> None:
-        config = VoxDepthConfig() if config is None else config
-        if not isinstance(intrinsics, Intrinsics) or type(config) not in METHODS:
-            given = f"{type(intrinsics).__name__} and {type(config).__name__}"
-            choice = " or a ".join(kind.__name__ for kind in METHODS)
-            raise ConfigError(f"VoxDepth needs Intrinsics and perhaps a {choice}, got {given}")
+    def __init__(self, intrinsics: Intrinsics, method: Method) -> None:
         self._intrinsics = intrinsics
-        self._method = METHODS[type(config)](intrinsics, config)
+        self._method = method
         self._last_stamp_s = -np.inf
         self._closed = False
 
     def reset(self) -> None:
-        """Forget all frames and the time; the next frame is the first."""
+        """Forget all frames and their time stamps."""
         self._method.reset()
         self._last_stamp_s = -np.inf
 
     def close(self) -> None:
-        """Wait for work that is under way beside the calls, and take no more frames.
+        """Wait for work in other threads, and accept no more frames.
 
-        Needed by no one but those who want its threads to be gone at once: otherwise they go with the corrector.
+        A call is needed only to end the threads at a certain time: otherwise they end with the corrector.
         """
         self._closed = True
         self._method.close()
@@ -89,7 +73,7 @@ class VoxDepth:
         return self.combine(self.align(frame))
 
     def align(self, frame: Frame) -> Any:
-        """The first half, which holds all state. What it returns is for `combine` alone.
+        """Do the first half of the work, which holds all state. Only `combine` may use the result.
 
         Raises:
             FrameError: As in `process`.
@@ -98,7 +82,7 @@ class VoxDepth:
         return self._method.align(frame)
 
     def combine(self, aligned: Any) -> CorrectedDepth:
-        """The second half. Depends on nothing but what `align` returned, and may run beside it."""
+        """Do the second half of the work, which depends on the result of `align` alone."""
         return self._method.combine(aligned)
 
     def _check(self, frame: Frame) -> None:
@@ -106,7 +90,53 @@ class VoxDepth:
             raise FrameError("this corrector is closed: make a new one for more frames")
         if not isinstance(frame, Frame):
             raise FrameError(f"expected a Frame, got {type(frame).__name__}")
-        require_size(frame, self._intrinsics)
+        frame.require_shape(self._intrinsics.shape)
         if not frame.stamp_s > self._last_stamp_s:
             raise FrameError(f"time must increase: a frame at {frame.stamp_s} s follows one at {self._last_stamp_s} s")
         self._last_stamp_s = frame.stamp_s
+
+
+class VoxDepth(StreamCorrector):
+    """The default method: a memory of surfaces that moves with the camera.
+
+    Args:
+        intrinsics: Intrinsics of the camera. Those of a stereo camera should have a baseline: the method works in
+            disparity, and assumes the baseline of a small camera without one.
+        config: Parameters; None for the defaults.
+
+    Raises:
+        ConfigError: An argument has another type, the images are too small, or the configured device does not exist.
+    """
+
+    def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig | None = None) -> None:
+        config = _checked(intrinsics, config, VoxDepthConfig)
+        super().__init__(intrinsics, RigidMethod(intrinsics, config))
+
+
+class PaperVoxDepth(StreamCorrector):
+    """The method of the paper: templates fused from voxels, registered by an affine map, and a median filter.
+
+    Args:
+        intrinsics: Intrinsics of the camera.
+        config: Parameters; None for those of the paper.
+
+    Raises:
+        ConfigError: An argument has another type, or the configured device does not exist.
+    """
+
+    def __init__(self, intrinsics: Intrinsics, config: PaperConfig | None = None) -> None:
+        config = _checked(intrinsics, config, PaperConfig)
+        super().__init__(intrinsics, PaperMethod(intrinsics, config))
+
+
+def _checked(intrinsics: Intrinsics, config: Config | None, kind: type[Config]) -> Config:
+    """The configuration, or the default of that type.
+
+    Raises:
+        ConfigError: An argument has another type.
+    """
+    config = kind() if config is None else config
+    if not isinstance(intrinsics, Intrinsics) or type(config) is not kind:
+        given = f"{type(intrinsics).__name__} and {type(config).__name__}"
+        raise ConfigError(f"this corrector takes Intrinsics and a {kind.__name__}, got {given}")
+    return config

@@ -1,14 +1,13 @@
 """A corrector and its configuration, as a field of a scenario, a study arm or a learning task."""
 
 import json
-from collections.abc import Mapping
 from typing import Any
 
-from pydantic import Field, ValidationError, field_validator, model_serializer, model_validator
+from pydantic import Field, field_validator, model_serializer, model_validator
 
 from .errors import ConfigError
 from .model import Model
-from .registry import config_of, create_corrector, require_known
+from .registry import create_corrector, require_known, resolve_config
 from .types import DepthCorrector, Intrinsics
 
 
@@ -57,16 +56,7 @@ class CorrectorSpec(Model):
         """
         if not self.config:
             return None
-        default = config_of(self.name)
-        if default is None:
-            raise ConfigError(f"the corrector {self.name!r} takes no configuration, got {self.config}")
-        merged = _merged(self.config, default.model_dump(mode="json"))
-        try:  # As JSON, in which a list may stand for a tuple and a string for an enumeration.
-            resolved = type(default).model_validate_json(json.dumps(merged))
-        except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(str(key) for key in first["loc"])
-            raise ConfigError(f"config of the corrector {self.name!r}: {where}: {first['msg']}") from error
+        resolved = resolve_config(self.name, self.config)
         if resolved.depends_on_clock:
             raise ConfigError(
                 f"config of the corrector {self.name!r}: with fusion_lag_frames 'ready' results depend on the speed of "
@@ -77,15 +67,3 @@ class CorrectorSpec(Model):
     def create(self, intrinsics: Intrinsics) -> DepthCorrector:
         """Create the corrector for one camera."""
         return create_corrector(self.name, intrinsics, self.resolved_config())
-
-
-def _merged(given: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the given values over the default ones, table by table."""
-    merged = dict(default)
-    for key, value in given.items():
-        below = default.get(key)
-        merged[key] = value
-        if isinstance(value, dict) and isinstance(below, dict):
-            method = below.get("method")
-            merged[key] = _merged(value, below) if value.get("method", method) == method else value
-    return merged

@@ -1,18 +1,21 @@
-"""Correctors by name: the one vocabulary of the command line, scenarios and evaluation.
+"""Correctors by name, as the command line, scenarios and the evaluation use them.
 
-Another distribution adds one through the entry-point group `voxdepth.correctors`, whose entries map a name to a
-`factory(intrinsics)`. It is loaded when its name is asked for, and never instead of one of ours.
+Another distribution adds a corrector through the entry-point group `voxdepth.correctors`, whose entries map a name to a
+`factory(intrinsics)`. The factory may have an attribute `latency_s`, see the function of that name. Its code is loaded
+when its name is used, and it cannot replace a corrector of this library.
 """
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .errors import ConfigError
 from .types import DepthCorrector, Intrinsics
 
 if TYPE_CHECKING:
-    from .baselines.realsense_holes import HoleFillName
     from .config import VoxDepthConfig
     from .paper.config import PaperConfig
 
@@ -23,192 +26,87 @@ __all__ = [
     "config_of",
     "corrector_names",
     "create_corrector",
+    "latency_s",
     "require_known",
+    "resolve_config",
 ]
 
 ENTRY_POINTS = "voxdepth.correctors"
 """Group of the entry points by which other distributions add correctors."""
+DEFAULT, PAPER = "voxdepth", "paper"
+"""The corrector that is used unless another is named, and the method of the paper."""
+
+Factory = Callable[..., DepthCorrector]
 
 
-Factory = Callable[[Intrinsics], DepthCorrector]
+def _imported(path: str) -> Any:
+    """Import `module:name` of this library."""
+    module, name = path.split(":")
+    return getattr(import_module(f".{module}", __package__), name)
 
 
-def _raw(intrinsics: Intrinsics) -> DepthCorrector:
-    from .baselines.raw import Raw
+def _lazy(path: str, *, camera: bool = True, **options: Any) -> Factory:
+    """Return a factory that imports its class on the first call, so that the registry alone imports no library.
 
-    return Raw()
-
-
-def _median(intrinsics: Intrinsics) -> DepthCorrector:
-    from .baselines.median import Median
-
-    return Median()
-
-
-def _realsense_holes(fill: "HoleFillName") -> Factory:
-    def make(intrinsics: Intrinsics) -> DepthCorrector:
-        from .baselines.realsense_holes import RealSenseHoles
-
-        return RealSenseHoles(fill=fill)
-
-    return make
+    Args:
+        path: The class, as `module:name`.
+        camera: Whether the class takes the intrinsics.
+        options: Keyword arguments of the class.
+    """
+    return lambda *given: _imported(path)(*(given if camera else given[1:]), **options)
 
 
-def _realsense(intrinsics: Intrinsics) -> DepthCorrector:
-    from .baselines.realsense_chain import RealSenseChain
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """A corrector of this library."""
 
-    return RealSenseChain(intrinsics)
-
-
-def _realsense_authors(intrinsics: Intrinsics) -> DepthCorrector:
-    from .baselines.authors_max import AuthorsMax
-
-    return AuthorsMax()
-
-
-def _lmeds(intrinsics: Intrinsics) -> DepthCorrector:
-    from .baselines.lmeds import LMedS
-
-    return LMedS(intrinsics)
+    create: Factory
+    """Takes the intrinsics, and the configuration if there is one."""
+    latency_s: float
+    """See `latency_s`."""
+    config: str | None = None
+    """Path of the type of its configuration; None for a corrector without one."""
 
 
-def _flow(intrinsics: Intrinsics) -> DepthCorrector:
-    from .baselines.optical_flow import FlowFilter
-
-    return FlowFilter(intrinsics)
-
-
-def _ip_basic(intrinsics: Intrinsics) -> DepthCorrector:
-    from .baselines.ip_basic import IpBasic
-
-    return IpBasic(intrinsics)
-
-
-def _ip_basic_multiscale(intrinsics: Intrinsics) -> DepthCorrector:
-    from .baselines.ip_basic import IpBasic, Multiscale
-
-    return IpBasic(intrinsics, completion=Multiscale())
-
-
-def _telea(intrinsics: Intrinsics) -> DepthCorrector:
-    from .baselines.opencv_inpaint import OpenCvInpaint
-
-    return OpenCvInpaint(intrinsics, method="telea")
-
-
-def _navier_stokes(intrinsics: Intrinsics) -> DepthCorrector:
-    from .baselines.opencv_inpaint import OpenCvInpaint
-
-    return OpenCvInpaint(intrinsics, method="navier_stokes")
-
-
-def _global_smoother(intrinsics: Intrinsics) -> DepthCorrector:
-    from .baselines.global_smoother import GlobalSmoother
-
-    return GlobalSmoother(intrinsics)
-
-
-_PEERS: dict[str, Factory] = {
-    "raw": _raw,
-    "median": _median,
-    "realsense-left": _realsense_holes("left"),
-    "realsense-farthest": _realsense_holes("farthest"),
-    "realsense-nearest": _realsense_holes("nearest"),
-    "realsense": _realsense,
-    "realsense-authors": _realsense_authors,
-    "lmeds": _lmeds,
-    "flow": _flow,
-    "ip-basic": _ip_basic,
-    "ip-basic-multiscale": _ip_basic_multiscale,
-    "telea": _telea,
-    "navier-stokes": _navier_stokes,
-    "global-smoother": _global_smoother,
+_REGISTRY = {
+    "raw": Entry(create=_lazy("baselines.raw:Raw", camera=False), latency_s=0.0),
+    "median": Entry(create=_lazy("baselines.median:Median", camera=False), latency_s=0.0002),
+    "realsense-left": Entry(
+        create=_lazy("baselines.realsense_holes:RealSenseHoles", camera=False, fill="left"), latency_s=0.0007
+    ),
+    "realsense-farthest": Entry(
+        create=_lazy("baselines.realsense_holes:RealSenseHoles", camera=False, fill="farthest"), latency_s=0.0005
+    ),
+    "realsense-nearest": Entry(
+        create=_lazy("baselines.realsense_holes:RealSenseHoles", camera=False, fill="nearest"), latency_s=0.0005
+    ),
+    "realsense": Entry(create=_lazy("baselines.realsense_chain:RealSenseChain"), latency_s=0.0035),
+    "realsense-authors": Entry(create=_lazy("baselines.authors_max:AuthorsMax", camera=False), latency_s=0.0005),
+    "lmeds": Entry(create=_lazy("baselines.lmeds:LMedS"), latency_s=0.0161),
+    "flow": Entry(create=_lazy("baselines.optical_flow:FlowFilter"), latency_s=0.0020),
+    "ip-basic": Entry(create=_lazy("baselines.ip_basic:IpBasic"), latency_s=0.0013),
+    "ip-basic-multiscale": Entry(create=_lazy("baselines.ip_basic:multiscale"), latency_s=0.0022),
+    "telea": Entry(create=_lazy("baselines.opencv_inpaint:OpenCvInpaint", method="telea"), latency_s=0.0075),
+    "navier-stokes": Entry(
+        create=_lazy("baselines.opencv_inpaint:OpenCvInpaint", method="navier_stokes"), latency_s=0.0035
+    ),
+    "global-smoother": Entry(create=_lazy("baselines.global_smoother:GlobalSmoother"), latency_s=0.0064),
+    PAPER: Entry(create=_lazy("corrector:PaperVoxDepth"), latency_s=0.0034, config="paper.config:PaperConfig"),
+    DEFAULT: Entry(create=_lazy("corrector:VoxDepth"), latency_s=0.0087, config="config:VoxDepthConfig"),
 }
 
-
-def _default_config() -> "VoxDepthConfig":
-    from .config import VoxDepthConfig
-
-    return VoxDepthConfig()
-
-
-def _paper_config() -> "PaperConfig":
-    from .config import VoxDepthConfig
-
-    return VoxDepthConfig.paper()
-
-
-DEFAULT, PAPER = "voxdepth", "paper"
-"""The two methods of `VoxDepth`: the one that is used unless another is named, and the paper's."""
-
-_CONFIGS: "dict[str, Callable[[], VoxDepthConfig | PaperConfig]]" = {PAPER: _paper_config, DEFAULT: _default_config}
-"""The correctors that take a configuration, with their own."""
-
-CORRECTOR_NAMES = (*_PEERS, *_CONFIGS)
-"""The correctors that come with this library."""
+CORRECTOR_NAMES = tuple(_REGISTRY)
+"""The correctors of this library."""
 
 
 def corrector_names() -> tuple[str, ...]:
-    """Ours and those that other distributions offer, which are not loaded for that."""
+    """The correctors of this library and those of other distributions, which are not loaded for that."""
     others = {entry.name for entry in entry_points(group=ENTRY_POINTS)}
     return (*CORRECTOR_NAMES, *sorted(others.difference(CORRECTOR_NAMES)))
 
 
-def config_of(name: str) -> "VoxDepthConfig | PaperConfig | None":
-    """The configuration that belongs to the name of a corrector; None for one that has none.
-
-    Raises:
-        ConfigError: No corrector has that name.
-    """
-    require_known(name)
-    return _CONFIGS[name]() if name in _CONFIGS else None
-
-
-def create_corrector(
-    name: str, intrinsics: Intrinsics, config: "VoxDepthConfig | PaperConfig | None" = None
-) -> DepthCorrector:
-    """A new corrector of that name for one camera.
-
-    Args:
-        name: One of `corrector_names()`.
-        intrinsics: Of the camera.
-        config: Instead of the one that belongs to the name, and of the same type.
-
-    Raises:
-        ConfigError: No corrector has that name, the one that has it takes no configuration or another one, or needs a
-            camera with a baseline, or it is another distribution's and cannot be loaded.
-    """
-    own = config_of(name)
-    if own is not None:
-        return _configured(name, intrinsics, own, config)
-    if config is not None:
-        raise ConfigError(
-            f"the corrector {name!r} takes no configuration; leave it out, or choose one of: {', '.join(_CONFIGS)}"
-        )
-    make = _PEERS[name] if name in _PEERS else _loaded(name)
-    return make(intrinsics)
-
-
-def _configured(
-    name: str,
-    intrinsics: Intrinsics,
-    own: "VoxDepthConfig | PaperConfig",
-    given: "VoxDepthConfig | PaperConfig | None",
-) -> DepthCorrector:
-    """The corrector with a configuration of its own type; with its own one if none is given."""
-    from .corrector import VoxDepth
-
-    config = own if given is None else given
-    if type(config) is not type(own):
-        raise ConfigError(
-            f"the corrector {name!r} takes a {type(own).__name__}, got {type(config).__name__}; give one, or choose "
-            "another corrector"
-        )
-    return VoxDepth(intrinsics, config)
-
-
 def require_known(name: str) -> None:
-    """Refuse a name that no corrector has; nothing is loaded.
+    """Refuse a name that no corrector has. Nothing is loaded.
 
     Raises:
         ConfigError: No corrector has that name.
@@ -217,8 +115,114 @@ def require_known(name: str) -> None:
         raise ConfigError(f"there is no corrector {name!r}; choose one of: {', '.join(corrector_names())}")
 
 
-def _loaded(name: str) -> Factory:
-    """The factory of another distribution, after its code was loaded."""
+def config_of(name: str) -> "VoxDepthConfig | PaperConfig | None":
+    """The default configuration of a corrector; None for a corrector without one.
+
+    Raises:
+        ConfigError: No corrector has that name.
+    """
+    require_known(name)
+    entry = _REGISTRY.get(name)
+    if entry is None or entry.config is None:
+        return None
+    default: VoxDepthConfig | PaperConfig = _imported(entry.config)()
+    return default
+
+
+def resolve_config(name: str, given: Mapping[str, Any]) -> "VoxDepthConfig | PaperConfig":
+    """The configuration of a corrector with the given values over its defaults.
+
+    Args:
+        name: Name of the corrector.
+        given: Values by key. A table replaces the default values key by key, or as a whole if it names another
+            `method` than the default table.
+
+    Raises:
+        ConfigError: The corrector takes no configuration, or a key or a value is wrong.
+    """
+    from pydantic import ValidationError
+
+    default = config_of(name)
+    if default is None:
+        raise _takes_no_config(name)
+    merged = _merged(given, default.model_dump(mode="json"))
+    try:  # As JSON, in which a list may stand for a tuple and a string for an enumeration.
+        return type(default).model_validate_json(json.dumps(merged))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(key) for key in first["loc"])
+        raise ConfigError(f"config of the corrector {name!r}: {where}: {first['msg']}") from error
+
+
+def create_corrector(
+    name: str, intrinsics: Intrinsics, config: "VoxDepthConfig | PaperConfig | Mapping[str, Any] | None" = None
+) -> DepthCorrector:
+    """Create the corrector of that name for one camera.
+
+    Args:
+        name: One of `corrector_names()`.
+        intrinsics: Intrinsics of the camera.
+        config: A configuration of the corrector's own type, or the values that differ from its default, see
+            `resolve_config`. None is the default configuration.
+
+    Raises:
+        ConfigError: No corrector has that name, it takes no configuration or another one, it needs a camera with a
+            baseline, or it belongs to another distribution and cannot be loaded.
+    """
+    require_known(name)
+    entry = _REGISTRY.get(name)
+    if entry is not None and entry.config is not None:
+        resolved = resolve_config(name, config) if isinstance(config, Mapping) else config
+        return entry.create(intrinsics, resolved)
+    if config is not None:
+        raise _takes_no_config(name)
+    return (_load(name) if entry is None else entry.create)(intrinsics)
+
+
+def latency_s(name: str) -> float:
+    """The simulated time that a corrector takes for a frame [s].
+
+    That of a corrector of this library is its median time per frame at 160 x 120 pixels on one core, rounded. It is a
+    constant, so that results of simulations do not depend on the machine.
+
+    Raises:
+        ConfigError: No corrector has that name, or it belongs to another distribution and its factory has no attribute
+            `latency_s`.
+    """
+    require_known(name)
+    if name in _REGISTRY:
+        return _REGISTRY[name].latency_s
+    latency = getattr(_load(name), "latency_s", None)
+    if latency is None:
+        raise ConfigError(
+            f"the corrector {name!r} has no latency: set it in the scenario, or give its factory an attribute latency_s"
+        )
+    return float(latency)
+
+
+def _takes_no_config(name: str) -> ConfigError:
+    configurable = ", ".join(other for other, entry in _REGISTRY.items() if entry.config is not None)
+    return ConfigError(f"the corrector {name!r} takes no configuration; leave it out, or choose one of: {configurable}")
+
+
+def _merged(given: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the given values over the default ones, table by table."""
+    merged = dict(default)
+    for key, value in given.items():
+        below = default.get(key)
+        if (
+            isinstance(value, dict)
+            and isinstance(below, dict)
+            and value.get("method", below.get("method")) == below.get("method")
+        ):
+            merged[key] = _merged(value, below)
+        else:
+            merged[key] = value
+    return merged
+
+
+def _load(name: str) -> Factory:
+    """Load the factory of another distribution."""
     entry = next(iter(entry_points(group=ENTRY_POINTS, name=name)))
     try:
         factory: Factory = entry.load()

@@ -235,6 +235,15 @@ class Frame:
                 f"T_world_cam must be a finite rigid pose of shape (4, 4), got {self.T_world_cam.tolist()}"
             )
 
+    def require_shape(self, shape: tuple[int, int]) -> None:
+        """Refuse a frame of another camera.
+
+        Raises:
+            FrameError: The images have another shape (rows, columns).
+        """
+        if self.depth_m.shape != shape:
+            raise FrameError(f"frames of this camera have shape {shape}, got {self.depth_m.shape}")
+
 
 def _kind(given: object) -> str:
     """What something is, for errors: the type of an array's elements, else its own."""

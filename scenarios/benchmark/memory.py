@@ -8,10 +8,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from voxdepth.config import VoxDepthConfig
-from voxdepth.corrector import VoxDepth
+from voxdepth.corrector import PaperVoxDepth, VoxDepth
 from voxdepth.model import Model
-from voxdepth.paper.config import PaperConfig
 from voxdepth.types import Intrinsics
 
 from .frames import FrameLoop
@@ -24,8 +22,8 @@ N_DISTINCT = 6
 N_FRAMES = 80
 """Frames that are corrected: the paper's method fuses two windows of them."""
 TINY_PX = (64, 48)
-CONFIGS: dict[str, VoxDepthConfig | PaperConfig] = {"voxdepth": VoxDepthConfig(), "paper": VoxDepthConfig.paper()}
-"""Configurations of the measured correctors by name."""
+CORRECTORS: dict[str, type[PaperVoxDepth] | type[VoxDepth]] = {"voxdepth": VoxDepth, "paper": PaperVoxDepth}
+"""The measured correctors by name."""
 GRAYS, DEPTHS = "grays.npy", "depths_m.npy"
 
 
@@ -43,7 +41,7 @@ class Memory(Model):
 
 
 def measure_memory(corrector: str, loop: FrameLoop) -> Memory | None:
-    """Memory of one of `CONFIGS` on the frames of a loop; None on a system other than Linux."""
+    """Memory of one of `CORRECTORS` on the frames of a loop; None on a system other than Linux."""
     if not STATUS.exists():
         return None
     with TemporaryDirectory(prefix="voxdepth-bench-") as folder:
@@ -55,19 +53,18 @@ def measure_memory(corrector: str, loop: FrameLoop) -> Memory | None:
 
 
 def memory_here(corrector: str, folder: Path, intrinsics: Intrinsics) -> Memory:
-    """Memory of one of `CONFIGS` in this process, which should be new, on the frames that were saved to a folder."""
+    """Memory of one of `CORRECTORS` in this process, which should be new, on the frames that were saved to a folder."""
     from ..quiet import import_noisy_libraries
 
     import_noisy_libraries()
-    config = CONFIGS[corrector]
-    correct(blank(*TINY_PX), config)
+    correct(blank(*TINY_PX), corrector)
     gc.collect()
     reset_peak()
     libraries_mb = resident_mb("VmRSS")
     loop = FrameLoop(
         intrinsics=intrinsics, grays=tuple(np.load(folder / GRAYS)), depths_m=tuple(np.load(folder / DEPTHS))
     )
-    correct(loop, config)
+    correct(loop, corrector)
     frames_mb = loop.n_bytes / 1e6
     return Memory(
         corrector=corrector,
@@ -85,9 +82,9 @@ def blank(width_px: int, height_px: int) -> FrameLoop:
     return FrameLoop(intrinsics=intrinsics, grays=(gray, gray), depths_m=(depth_m, depth_m))
 
 
-def correct(loop: FrameLoop, config: VoxDepthConfig | PaperConfig) -> None:
+def correct(loop: FrameLoop, name: str) -> None:
     """Correct the frames of a loop with a new corrector and discard the results."""
-    corrector = VoxDepth(loop.intrinsics, config)
+    corrector = CORRECTORS[name](loop.intrinsics)
     for frame in loop.play(N_FRAMES):
         corrector.process(frame)
     corrector.close()

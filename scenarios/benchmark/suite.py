@@ -11,7 +11,7 @@ from ..errors import ScenarioError
 from ..results.provenance import CORRECTION, Provenance
 from .frames import SIZE_PX, FrameLoop
 from .libraries import compare_libraries
-from .memory import CONFIGS, Memory, measure_memory
+from .memory import CORRECTORS, Memory, measure_memory
 from .throughput import Throughput, compare_runs
 from .timings import DefaultTimings, Latency, PaperTimings, measure_default, measure_paper
 
@@ -81,7 +81,7 @@ def measure_rest(quick: BenchmarkResults, loop: FrameLoop, report: Report) -> Be
     report(f"correcting {N_FRAMES_FROM_FILES} frames from files, one by one and pipelined")
     throughput = compare_runs(loop, N_FRAMES_FROM_FILES)
     report("measuring memory")
-    memory = [measure_memory(corrector, frames) for corrector in CONFIGS for frames in (loop, large)]
+    memory = [measure_memory(corrector, frames) for corrector in CORRECTORS for frames in (loop, large)]
     known = [found for found in memory if found is not None]
     return quick.model_copy(update={"default": default, "sizes": sizes, "throughput": throughput, "memory": known})
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import cv2
 
-from voxdepth.corrector import VoxDepth
+from voxdepth.corrector import PaperVoxDepth
 from voxdepth.datasets import Dataset, open_dataset
 from voxdepth.model import Model
 from voxdepth.paper.config import PaperConfig
@@ -54,7 +54,7 @@ def compare_runs(loop: FrameLoop, frames: int) -> list[Throughput]:
 
 def measure_run(mode: str, run: Run, dataset: Dataset, config: PaperConfig) -> Throughput:
     """Correct all frames with a new corrector."""
-    corrector = FusionRecorder(VoxDepth(dataset.intrinsics, config))
+    corrector = FusionRecorder(PaperVoxDepth(dataset.intrinsics, config))
     start = time.perf_counter()
     latencies_s = run(corrector, dataset)
     wall_s = time.perf_counter() - start

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from voxdepth.config import VoxDepthConfig
-from voxdepth.corrector import VoxDepth
+from voxdepth.corrector import PaperVoxDepth, VoxDepth
 from voxdepth.model import Model
 from voxdepth.paper.config import PaperConfig
 from voxdepth.paper.diagnostics import PaperDiagnostics, Phase
@@ -100,7 +100,7 @@ class FusionRecorder:
 
     uses_gray = True
 
-    def __init__(self, corrector: VoxDepth) -> None:
+    def __init__(self, corrector: PaperVoxDepth) -> None:
         self._corrector = corrector
         self._template: Template | None = None
         self.fusions_s: list[Mapping[str, float]] = []
@@ -154,7 +154,7 @@ def time_paper(loop: FrameLoop, frames: int) -> PaperTimes:
         ScenarioError: No frame was corrected after a second template.
     """
     cv2.setNumThreads(1)
-    corrector = FusionRecorder(VoxDepth(loop.intrinsics, CONFIG))
+    corrector = FusionRecorder(PaperVoxDepth(loop.intrinsics, CONFIG))
     times = PaperTimes()
     for frame in loop.play(frames):
         start = time.perf_counter()

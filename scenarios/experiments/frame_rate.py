@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING
 
-from voxdepth.corrector import VoxDepth
+from voxdepth.corrector import PaperVoxDepth
 from voxdepth.datasets import Dataset, open_dataset
 from voxdepth.paper.config import PaperConfig
 from voxdepth.pipeline import CorrectionPipeline
@@ -40,7 +40,7 @@ Make = Callable[[Intrinsics], DepthCorrector]
 
 
 def _voxdepth(lag: int) -> Make:
-    return lambda intrinsics: VoxDepth(intrinsics, PaperConfig(fusion_lag_frames=lag))
+    return lambda intrinsics: PaperVoxDepth(intrinsics, PaperConfig(fusion_lag_frames=lag))
 
 
 def _peer(name: str) -> Make:

@@ -6,7 +6,7 @@ from functools import partial
 from statistics import mean
 from typing import TYPE_CHECKING
 
-from voxdepth.corrector import VoxDepth
+from voxdepth.corrector import PaperVoxDepth
 from voxdepth.paper.config import PaperConfig
 from voxdepth.paper.diagnostics import EpochEnd
 
@@ -78,8 +78,8 @@ Ends = Mapping[str, tuple[Counter[EpochEnd], Counter[EpochEnd]]]
 
 def _count(stage: Stage, name: str) -> tuple[Counter[EpochEnd], Counter[EpochEnd]]:
     intrinsics = stage.recording(name).intrinsics
-    by_rule = VoxDepth(intrinsics, PaperConfig(max_epoch_frames=NEVER))
-    limited = VoxDepth(intrinsics, PaperConfig())
+    by_rule = PaperVoxDepth(intrinsics, PaperConfig(max_epoch_frames=NEVER))
+    limited = PaperVoxDepth(intrinsics, PaperConfig())
     ends: tuple[Counter[EpochEnd], Counter[EpochEnd]] = (Counter(), Counter())
     for frame in stage.frames_of(name):
         for corrector, counter in zip((by_rule, limited), ends, strict=True):

@@ -1,7 +1,7 @@
 """The corrector with another configuration, as a method that can be judged beside the others."""
 
 from voxdepth.config import VoxDepthConfig
-from voxdepth.corrector import VoxDepth
+from voxdepth.corrector import PaperVoxDepth, VoxDepth
 from voxdepth.paper.config import PaperConfig
 from voxdepth.registry import DEFAULT
 
@@ -13,12 +13,11 @@ def variant(name: str, config: PaperConfig) -> Method:
 
     Before the clock starts it fuses a window and uses its template once.
     """
-    lag = config.fusion_lag_frames
     return Method(
         name=f"paper-{name}",
-        make=lambda intrinsics: VoxDepth(intrinsics, config),
+        make=lambda intrinsics: PaperVoxDepth(intrinsics, config),
         config=config.model_dump(mode="json"),
-        warm_up_frames=config.window_frames + (0 if lag == "ready" else lag) + 2,
+        warm_up_frames=config.warm_up_frames,
     )
 
 

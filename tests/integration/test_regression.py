@@ -15,7 +15,7 @@ from scenarios.errors import ScenarioError
 from scenarios.regression import compare, corrected, find_corrector, golden_path, measure, read_golden, write_golden
 from sim import testing
 from tests.integration.test_cli import voxdepth
-from voxdepth import VoxDepth, VoxDepthConfig
+from voxdepth import PaperConfig, PaperVoxDepth
 from voxdepth.types import DepthCorrector, Frame, Intrinsics
 
 GOLDEN = Path(__file__).parents[1] / "golden"
@@ -23,7 +23,7 @@ GOLDEN = Path(__file__).parents[1] / "golden"
 
 def smoother(intrinsics: Intrinsics) -> DepthCorrector:
     """The paper's corrector with one parameter changed."""
-    return VoxDepth(intrinsics, VoxDepthConfig.paper().model_copy(update={"median_size_px": 3}))
+    return PaperVoxDepth(intrinsics, PaperConfig(median_size_px=3))
 
 
 def table_of(name: str, frames: int = testing.FRAMES) -> dict:

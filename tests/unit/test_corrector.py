@@ -1,20 +1,24 @@
-"""What `VoxDepth` does whichever method it is configured with."""
+"""What both correctors that use earlier frames do."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
 import pytest
 
-from voxdepth import CorrectedDepth, Frame, Intrinsics, PaperConfig, Source, VoxDepth, VoxDepthConfig
+from voxdepth import CorrectedDepth, Frame, Intrinsics, PaperConfig, PaperVoxDepth, Source, VoxDepth, VoxDepthConfig
+from voxdepth.corrector import StreamCorrector
 from voxdepth.errors import ConfigError, FrameError
 from voxdepth.paper.diagnostics import PaperDiagnostics, Phase, RegistrationStatus
 from voxdepth.temporal.method import TemporalDiagnostics
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=86, baseline_m=0.095)
 DEPTH_M = 4.0
-CONFIGS = (VoxDepthConfig(), PaperConfig(window_frames=4, fusion_lag_frames=0))
-both = pytest.mark.parametrize("config", CONFIGS, ids=["default", "paper"])
+Create = Callable[[], StreamCorrector]
+PAPER = PaperConfig(window_frames=4, fusion_lag_frames=0)
+both = pytest.mark.parametrize(
+    "create", [lambda: VoxDepth(CAMERA), lambda: PaperVoxDepth(CAMERA, PAPER)], ids=["default", "paper"]
+)
 
 
 def texture(seed: int) -> np.ndarray:
@@ -50,18 +54,17 @@ def test_the_default_method_is_the_rigid_one() -> None:
     assert [one.T_frame_previous is not None for one in found] == [False, True, True]
 
 
-def test_the_papers_configuration_makes_the_papers_method() -> None:
-    corrector = VoxDepth(CAMERA, VoxDepthConfig.paper())
+def test_the_papers_corrector_uses_the_papers_method_and_parameters() -> None:
+    corrector = PaperVoxDepth(CAMERA)
     results = [corrector.process(frame) for frame in walk(13)]
     assert [one.diagnostics.phase for one in results] == [Phase.PASSTHROUGH] * 12 + [Phase.CORRECTING]
     assert isinstance(results[0].diagnostics, PaperDiagnostics)
     assert results[0].diagnostics.registration.status is RegistrationStatus.NOT_TRIED
-    assert VoxDepthConfig.paper() == PaperConfig()
 
 
 @both
-def test_a_surface_is_kept_its_noise_is_not_raised_and_holes_are_filled(config: VoxDepthConfig | PaperConfig) -> None:
-    corrector, frames = VoxDepth(CAMERA, config), walk(8)
+def test_a_surface_is_kept_its_noise_is_not_raised_and_holes_are_filled(create: Create) -> None:
+    corrector, frames = create(), walk(8)
     results = [corrector.process(frame) for frame in frames]
     last, raw_m = results[-1], frames[-1].depth_m
     seen = raw_m > 0
@@ -72,8 +75,8 @@ def test_a_surface_is_kept_its_noise_is_not_raised_and_holes_are_filled(config: 
 
 
 @both
-def test_every_pixel_says_where_it_is_from_and_how_sure_it_is(config: VoxDepthConfig | PaperConfig) -> None:
-    corrector = VoxDepth(CAMERA, config)
+def test_every_pixel_says_where_it_is_from_and_how_sure_it_is(create: Create) -> None:
+    corrector = create()
     for frame in walk(8):
         result = corrector.process(frame)
         np.testing.assert_array_equal(result.source == Source.INVALID, result.depth_m == 0)
@@ -83,8 +86,8 @@ def test_every_pixel_says_where_it_is_from_and_how_sure_it_is(config: VoxDepthCo
 
 
 @both
-def test_the_halves_together_are_the_whole(config: VoxDepthConfig | PaperConfig) -> None:
-    whole, halves = VoxDepth(CAMERA, config), VoxDepth(CAMERA, config)
+def test_the_halves_together_are_the_whole(create: Create) -> None:
+    whole, halves = create(), create()
     frames = walk(8)
     aligned = [halves.align(frame) for frame in frames]
     backwards = [halves.combine(one) for one in reversed(aligned)]
@@ -92,16 +95,16 @@ def test_the_halves_together_are_the_whole(config: VoxDepthConfig | PaperConfig)
 
 
 @both
-def test_reset_forgets_the_stream(config: VoxDepthConfig | PaperConfig) -> None:
-    corrector = VoxDepth(CAMERA, config)
+def test_reset_forgets_the_stream(create: Create) -> None:
+    corrector = create()
     first = [corrector.process(frame) for frame in walk(8)]
     corrector.reset()
     require_equal([corrector.process(frame) for frame in walk(8)], first)
 
 
 @both
-def test_time_must_increase_and_sizes_must_stay(config: VoxDepthConfig | PaperConfig) -> None:
-    corrector, (first, second) = VoxDepth(CAMERA, config), walk(2)
+def test_time_must_increase_and_sizes_must_stay(create: Create) -> None:
+    corrector, (first, second) = create(), walk(2)
     corrector.process(second)
     for earlier in (first, second):
         with pytest.raises(FrameError, match="time must increase"):
@@ -113,8 +116,8 @@ def test_time_must_increase_and_sizes_must_stay(config: VoxDepthConfig | PaperCo
 
 
 @both
-def test_a_closed_corrector_takes_no_more_frames(config: VoxDepthConfig | PaperConfig) -> None:
-    corrector, (first, second) = VoxDepth(CAMERA, config), walk(2)
+def test_a_closed_corrector_takes_no_more_frames(create: Create) -> None:
+    corrector, (first, second) = create(), walk(2)
     corrector.process(first)
     corrector.close()
     for _ in range(2):
@@ -124,8 +127,8 @@ def test_a_closed_corrector_takes_no_more_frames(config: VoxDepthConfig | PaperC
 
 
 @both
-def test_the_input_is_neither_modified_nor_kept(config: VoxDepthConfig | PaperConfig) -> None:
-    kept, overwritten = VoxDepth(CAMERA, config), VoxDepth(CAMERA, config)
+def test_the_input_is_neither_modified_nor_kept(create: Create) -> None:
+    kept, overwritten = create(), create()
     results = []
     for frame in walk(8):
         depth_m, gray = frame.depth_m.copy(), frame.gray.copy()
@@ -140,8 +143,10 @@ def test_the_input_is_neither_modified_nor_kept(config: VoxDepthConfig | PaperCo
 
 
 def test_arguments_of_other_types_are_refused_in_one_line() -> None:
-    with pytest.raises(ConfigError, match="perhaps a VoxDepthConfig or a PaperConfig, got Intrinsics and dict"):
+    with pytest.raises(ConfigError, match="VoxDepthConfig, got Intrinsics and dict"):
         VoxDepth(CAMERA, {"window_frames": 3})  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="PaperConfig, got Intrinsics and VoxDepthConfig"):
+        PaperVoxDepth(CAMERA, VoxDepthConfig())  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match="got str and"):
         VoxDepth("camera")  # type: ignore[arg-type]
 

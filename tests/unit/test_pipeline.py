@@ -26,7 +26,7 @@ from tests.fakes import (
     nothing,
     pipeline_threads,
 )
-from voxdepth import VoxDepth, create_corrector
+from voxdepth import PaperVoxDepth, VoxDepth, create_corrector
 from voxdepth.errors import ConfigError, DatasetError, FrameError, PipelineError
 from voxdepth.paper.config import PaperConfig
 from voxdepth.paper.diagnostics import Phase
@@ -65,7 +65,7 @@ def walk(count: int, camera: Intrinsics) -> list[Frame]:
 def turning() -> tuple[list[Frame], list[CorrectedDepth]]:
     """A walk, and what the corrector alone makes of it while epoch follows epoch. Read only."""
     stream = walk(120, CAMERA)
-    alone = VoxDepth(CAMERA, SHORT_EPOCHS)
+    alone = PaperVoxDepth(CAMERA, SHORT_EPOCHS)
     expected = [alone.process(f) for f in stream]
     alone.close()
     return stream, expected
@@ -96,7 +96,7 @@ def test_it_gives_the_images_of_the_corrector_alone(
     queue_size: int, turning: tuple[list[Frame], list[CorrectedDepth]]
 ) -> None:
     stream, alone = turning
-    staged = VoxDepth(CAMERA, SHORT_EPOCHS)
+    staged = PaperVoxDepth(CAMERA, SHORT_EPOCHS)
     piped = list(CorrectionPipeline(staged, stream, queue_size=queue_size))
     staged.close()  # its fusion thread would outlive the test by an instant
     assert [f for f, _ in piped] == stream

@@ -11,7 +11,7 @@ import pytest
 from voxdepth.config import VoxDepthConfig
 from voxdepth.errors import ConfigError
 from voxdepth.paper.config import PaperConfig
-from voxdepth.registry import CORRECTOR_NAMES, config_of, corrector_names, create_corrector, require_known
+from voxdepth.registry import CORRECTOR_NAMES, config_of, corrector_names, create_corrector, latency_s, require_known
 from voxdepth.types import Frame, Intrinsics
 
 CAMERA = Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80, baseline_m=0.1)
@@ -68,14 +68,31 @@ def test_a_configuration_reaches_its_corrector() -> None:
 @pytest.mark.parametrize(
     ("name", "config", "message"),
     [
-        ("voxdepth", PaperConfig(), "'voxdepth' takes a VoxDepthConfig, got PaperConfig"),
-        ("paper", VoxDepthConfig(), "'paper' takes a PaperConfig, got VoxDepthConfig"),
-        ("paper", {"window_frames": 3}, "'paper' takes a PaperConfig, got dict"),
+        ("voxdepth", PaperConfig(), "VoxDepthConfig, got .* PaperConfig"),
+        ("paper", VoxDepthConfig(), "PaperConfig, got .* VoxDepthConfig"),
+        ("paper", {"window_frames": 0}, "'paper': window_frames: "),
+        ("voxdepth", {"windows": 3}, "'voxdepth': windows: "),
     ],
 )
-def test_a_configuration_of_another_type_is_refused(name: str, config: Any, message: str) -> None:
+def test_a_wrong_configuration_is_refused(name: str, config: Any, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         create_corrector(name, CAMERA, config)
+
+
+def test_a_mapping_changes_single_values_of_the_default() -> None:
+    frame = holed_frame(0.0)
+    by_type = create_corrector("voxdepth", CAMERA, VoxDepthConfig(fill="none")).process(frame)
+    by_values = create_corrector("voxdepth", CAMERA, {"fill": "none"}).process(frame)
+    np.testing.assert_array_equal(by_values.depth_m, by_type.depth_m)
+    with pytest.raises(ConfigError, match="'raw' takes no configuration"):
+        create_corrector("raw", CAMERA, {})
+
+
+def test_every_corrector_has_a_simulated_latency() -> None:
+    assert latency_s("raw") == 0
+    assert all(0 < latency_s(name) < 0.1 for name in CORRECTOR_NAMES if name != "raw")
+    with pytest.raises(ConfigError, match="there is no corrector 'magic'"):
+        latency_s("magic")
 
 
 def test_an_unknown_name_is_answered_with_all_names() -> None:
@@ -104,12 +121,16 @@ def foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_another_distribution_adds_a_corrector(foreign: Path) -> None:
+def test_another_distribution_adds_a_corrector(foreign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert {"theirs", "broken", "gone"} <= set(corrector_names())
     assert corrector_names().count("raw") == 1
     require_known("theirs")
     assert config_of("theirs") is None
     assert "theirs_good" not in sys.modules, "naming it does not load it"
+    with pytest.raises(ConfigError, match="'theirs' has no latency"):
+        latency_s("theirs")
+    monkeypatch.setattr(sys.modules["theirs_good"].make, "latency_s", 0.25, raising=False)
+    assert latency_s("theirs") == 0.25
     assert type(create_corrector("theirs", CAMERA)).__name__ == "Theirs"
     with pytest.raises(ConfigError, match="'theirs' takes no configuration"):
         create_corrector("theirs", CAMERA, VoxDepthConfig())

@@ -7,7 +7,6 @@ rows and columns in turn, with ever less smoothing. OpenCV's own lives in its co
 import numpy as np
 import numpy.typing as npt
 
-from ..checks import require_size
 from ..errors import ConfigError
 from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
 from .inferred import inferred
@@ -61,7 +60,7 @@ class GlobalSmoother:
         Raises:
             FrameError: The frame has another size than the camera.
         """
-        require_size(frame, self._intrinsics)
+        frame.require_shape(self._intrinsics.shape)
         valid = frame.depth_m > 0
         if valid.all() or not valid.any():
             return inferred(frame, frame.depth_m.copy())

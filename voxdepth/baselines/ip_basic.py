@@ -103,6 +103,11 @@ class IpBasic:
         """Nothing is remembered."""
 
 
+def multiscale(intrinsics: Intrinsics) -> IpBasic:
+    """Create the multi-scale variant."""
+    return IpBasic(intrinsics, completion=Multiscale())
+
+
 def _dilated_by_range(inverted_m: FloatImage, depth_m: FloatImage) -> FloatImage:
     """Every range dilated by a cross of its own; near ones over far ones."""
     near, far = depth_m <= NEAR_M, depth_m > MEDIUM_M

@@ -10,7 +10,6 @@ from collections import deque
 import numpy as np
 import numpy.typing as npt
 
-from ..checks import require_size
 from ..errors import ConfigError
 from ..types import CorrectedDepth, FloatImage, Frame, Intrinsics, MaskImage
 from .inferred import inferred
@@ -67,7 +66,7 @@ class LMedS:
         Raises:
             FrameError: The frame has another size than the camera.
         """
-        require_size(frame, self._intrinsics)
+        frame.require_shape(self._intrinsics.shape)
         self._padded_m.append(np.pad(frame.depth_m, self._reach_px))
         depth_m = frame.depth_m.copy()
         examined = np.flatnonzero((depth_m == 0) | (_step_m(depth_m) > self._gradient_gate * depth_m))

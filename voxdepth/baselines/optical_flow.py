@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ..checks import require_size
 from ..errors import ConfigError
 from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
 from .flows import Dis, Flow, FlowImage
@@ -82,7 +81,7 @@ class FlowFilter:
         Raises:
             FrameError: The frame has another size than the camera.
         """
-        require_size(frame, self._intrinsics)
+        frame.require_shape(self._intrinsics.shape)
         moved_m, age = self._moved(frame.gray)
         depth_m = self._blended(frame.depth_m, moved_m)
         age[frame.depth_m > 0] = 0

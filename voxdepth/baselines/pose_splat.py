@@ -9,7 +9,6 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from ..checks import require_size
 from ..errors import ConfigError, FrameError
 from ..geometry import PointArray, back_project, inverse_rigid, transform
 from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, Intrinsics
@@ -87,7 +86,7 @@ class PoseSplat:
         Raises:
             FrameError: The frame has another size than the camera, or no pose.
         """
-        require_size(frame, self._intrinsics)
+        frame.require_shape(self._intrinsics.shape)
         T_cam_anchor = self._T_cam_anchor(frame)
         known = self._memory.aged(self._frames)
         moved_m, winner = self._seen(known, T_cam_anchor)
