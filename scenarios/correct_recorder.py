@@ -9,7 +9,6 @@ import cv2
 import rerun as rr
 import rerun.blueprint as rrb
 
-from sim.recording.files import TEMPORARY
 from voxdepth.types import CorrectedDepth, FloatImage, Frame
 
 from .correction import encode, to_gray
@@ -33,7 +32,7 @@ def recording(path: Path, recording_id: str) -> Iterator[Callable[[int, Frame, C
     Raises:
         ScenarioError: The file cannot be written.
     """
-    temporary = path.with_name(path.name + TEMPORARY)
+    temporary = path.with_name(path.name + ".tmp")
     with _writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary.touch()

@@ -17,11 +17,10 @@ from pydantic import Field
 
 from sim.errors import SensorError
 from sim.flights import AnyFlight
-from sim.frames import camera_attitude
 from sim.movers import MovingSphere
 from sim.quality import DepthQuality
 from sim.rays import is_inside
-from sim.recording import EncodedFrame, Recording, RecordingWriter, is_startable
+from sim.recording import Recording, RecordingWriter
 from sim.render import RendererName, create_renderer
 from sim.scenes import AnyScene
 from sim.sensor import RenderedPair, RigConfig, StereoSensor, Viewpoint
@@ -143,14 +142,14 @@ def record(planned: SeededSequence, folder: Path, frames: int, progress: Progres
 
 
 def _record(planned: SeededSequence, film: "Film", folder: Path, frames: int, progress: Progress) -> Recorded:
-    with _open(planned, folder, film.sensor.intrinsics) as writer:
+    with RecordingWriter(folder, intrinsics=film.sensor.intrinsics, config_text=to_toml(planned)) as writer:
         start = writer.frames
         quality = DepthQuality(film.blank_ids)
         for capture in Recording.open(folder) if start else ():
             quality.add(capture)
         progress(start)
         with ThreadPoolExecutor(2) as pool:
-            waiting: deque[Future[tuple[Capture, EncodedFrame]]] = deque()
+            waiting: deque[Future[Capture]] = deque()
             for pair in film.rendered(start, frames):
                 waiting.append(pool.submit(_measure, film.sensor, writer, pair))
                 if len(waiting) >= AHEAD:
@@ -219,22 +218,14 @@ def filming(planned: SeededSequence) -> Iterator[Film]:
         )
 
 
-def _open(planned: SeededSequence, folder: Path, intrinsics: Any) -> RecordingWriter:
-    """A new recording, or the one that is there."""
-    make = RecordingWriter.create if not folder.is_dir() or is_startable(folder) else RecordingWriter.resume
-    return make(folder, intrinsics=intrinsics, config_text=to_toml(planned))
-
-
-def _measure(sensor: StereoSensor, writer: RecordingWriter, pair: RenderedPair) -> tuple[Capture, EncodedFrame]:
+def _measure(sensor: StereoSensor, writer: RecordingWriter, pair: RenderedPair) -> Capture:
     capture = sensor.capture(pair)
-    q_world_cam_xyzw = camera_attitude(pair.viewpoint.pose.q_world_body_xyzw)
-    return capture, writer.encode(pair.frame, capture, q_world_cam_xyzw)
+    writer.write_images(pair.frame, capture)
+    return capture
 
 
-def _commit(
-    writer: RecordingWriter, quality: DepthQuality, done: "Future[tuple[Capture, EncodedFrame]]", progress: Progress
-) -> None:
-    capture, encoded = done.result()
-    writer.commit(encoded)
+def _commit(writer: RecordingWriter, quality: DepthQuality, measured: "Future[Capture]", progress: Progress) -> None:
+    capture = measured.result()
+    writer.append_row(capture)
     quality.add(capture)
     progress(writer.frames)

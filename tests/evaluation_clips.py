@@ -39,15 +39,14 @@ def shadow_of(truth_m: FloatImage) -> MaskImage:
     return ~post & (col < start) & (col >= start - width_px)
 
 
-def capture_of(index: int) -> tuple[Capture, np.ndarray]:
-    """A capture with a hole in the shadow, and 1 % of noise elsewhere; and its attitude."""
+def capture_of(index: int) -> Capture:
+    """A capture with a hole in the shadow, and 1 % of noise elsewhere."""
     rng = np.random.default_rng(index)
     truth_m = truth_of(index)
     shadow = shadow_of(truth_m)
     noisy_m = truth_m * (1 + 0.01 * rng.uniform(-1, 1, truth_m.shape))
     raw_m = np.where(shadow, 0, noisy_m).astype(np.float32)
-    q = np.array([0.0, 0.0, 0.0, 1.0])
-    capture = Capture(
+    return Capture(
         stamp_s=index / 30,
         drone=0,
         gray_left=np.where(truth_m == POST_M, 200, 60).astype(np.uint8),
@@ -57,17 +56,16 @@ def capture_of(index: int) -> tuple[Capture, np.ndarray]:
         occluded=shadow,
         invalid_reason=shadow.astype(np.uint8),
         segment_id=np.where(truth_m == POST_M, 1, 0).astype(np.int32),
-        T_world_cam=frames.pose(frames.rotation_from_quaternion(q), np.array([index * STEP_M, 0, 0])),
+        T_world_cam=frames.pose(np.eye(3), np.array([index * STEP_M, 0, 0])),
         intrinsics=CAMERA,
     )
-    return capture, q
 
 
 def write_recording(folder: Path, n_frames: int = N) -> Path:
     """The sequence as a recording with the truth."""
-    with RecordingWriter.create(folder, intrinsics=CAMERA, config_text="seed = 0\n") as writer:
+    with RecordingWriter(folder, intrinsics=CAMERA, config_text="seed = 0\n") as writer:
         for index in range(n_frames):
-            writer.append(*capture_of(index))
+            writer.append(capture_of(index))
     return folder
 
 
@@ -78,7 +76,7 @@ def judged_frames(n_frames: int = 4) -> list[Judged]:
 
 def _judged(n_frames: int) -> Iterator[Judged]:
     for index in range(n_frames):
-        capture, _ = capture_of(index)
+        capture = capture_of(index)
         hole = (capture.depth_raw_m == 0).astype(np.uint8)
         yield Judged(
             frame=Frame(stamp_s=capture.stamp_s, gray=capture.gray_left, depth_m=capture.depth_raw_m.copy()),

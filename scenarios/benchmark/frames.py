@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from sim.recording.calibration import CALIBRATION, calibration_toml
+from sim.recording import CALIBRATION, calibration_toml
 from sim.types import Capture
 from voxdepth.types import FloatImage, Frame, GrayImage, Intrinsics
 

@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 
 from sim.recording import Recording
-from sim.recording.ledger import DESCRIPTION, image_paths, pose_name
 from sim.types import Capture
 from swarm.perception import frame_of
 from voxdepth.datasets import Dataset, open_dataset
@@ -110,9 +109,8 @@ class SimulatedSource:
         return len(self._recording)
 
     def digest(self, frames: int) -> str:
-        """Of the checksums of all files."""
-        names = [*DESCRIPTION, *(name for k in range(frames) for name in (*image_paths(k), pose_name(k)))]
-        return sha256("".join(self._recording.ledger.digests[name] for name in names).encode()).hexdigest()
+        """SHA-256 of all files of the first frames."""
+        return self._recording.digest(frames)
 
     def judged(self, frames: int) -> Iterator[Judged]:
         """The frames with the truth, with the holes told apart by what was seen before, and with what moves."""

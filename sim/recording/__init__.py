@@ -1,12 +1,12 @@
-"""Stereo recordings with truth, on disk: what is true of every frame beside what the camera measured.
+"""Stereo recordings on disk, with the true depth and pose of every frame.
 
-A recording is a folder. Frame 7 is the images `gray_left/000007.png`, `gray_right`, `depth_raw`, `depth_true`,
-`occluded`, `segment` and `invalid_reason` of that name, a line of `groundtruth.txt` and its lines of
-`checksums.txt`. The checksums come last and are the commit of the frame: whatever stops the
-writer, all frames before are whole.
+A recording is a folder. Frame 7 consists of the images `gray_left/000007.png`, `gray_right`, `depth_raw`, `depth_true`,
+`occluded`, `segment` and `invalid_reason` with that name, and of row 7 of `frames.csv`, which holds its time and its
+pose. The writer adds the row after the images: whatever stops it, a frame with a row is complete.
 """
 
+from .format import CALIBRATION, calibration_toml
 from .reader import Recording
-from .writer import EncodedFrame, RecordingWriter, is_startable
+from .writer import RecordingWriter
 
-__all__ = ["EncodedFrame", "Recording", "RecordingWriter", "is_startable"]
+__all__ = ["CALIBRATION", "Recording", "RecordingWriter", "calibration_toml"]

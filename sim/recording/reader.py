@@ -1,93 +1,77 @@
 """Reading a recording back, exactly as it was written."""
 
 from collections.abc import Iterator
+from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-from voxdepth.types import Intrinsics
+from voxdepth.types import FloatArray, Intrinsics
 
 from ..errors import RecordingError
 from ..types import Capture
-from .calibration import CALIBRATION, parse_calibration
-from .files import read
-from .images import CHANNELS, Channel, Image
-from .ledger import CONFIG, DESCRIPTION, Ledger, digest, image_paths, read_ledger
-from .poses import parse_pose
+from .format import CALIBRATION, CHANNELS, CONFIG, FRAMES, parse_row, read_bytes, read_calibration, read_rows
 
 
 class Recording:
-    """The whole frames of a recording, as captures of drone 0. Every file is checked before it is used.
+    """The complete frames of a recording, as captures of drone 0.
 
-    A file that is damaged or gone stops nothing but the frame that it belongs to.
+    An image that is damaged or missing makes only its own frame unreadable.
     """
 
-    def __init__(self, folder: Path, ledger: Ledger, intrinsics: Intrinsics, config_text: str) -> None:
+    def __init__(
+        self, folder: Path, poses: list[tuple[float, FloatArray]], intrinsics: Intrinsics, config_text: str
+    ) -> None:
         self.folder = folder
-        self.ledger = ledger
+        self._poses = poses
         self.intrinsics = intrinsics
-        """Of the left camera."""
+        """Camera model of the left camera."""
         self.config_text = config_text
-        """What the recording was made with, as its maker wrote it."""
+        """The configuration of the recording, as its writer was given it."""
 
     @classmethod
-    def open(cls, folder: Path | str) -> "Recording":
-        """The recording in a folder, as far as it is whole at this moment.
+    def open(cls, folder: Path | str) -> Self:
+        """The frames that a recording holds at this moment.
 
         Raises:
-            RecordingError: The folder is no recording, or what describes its frames is damaged.
+            RecordingError: The folder is no recording, or one of its tables is damaged.
         """
         folder = Path(folder)
-        if not (folder / CALIBRATION).is_file():
-            raise RecordingError(f"{folder} is not a recording: expected a folder with a {CALIBRATION}")
-        ledger = read_ledger(folder)
-        texts = {name: _checked(folder, name, ledger).decode(errors="replace") for name in DESCRIPTION}
-        return cls(folder, ledger, parse_calibration(texts[CALIBRATION]), texts[CONFIG])
+        if not (folder / FRAMES).is_file():
+            raise RecordingError(f"{folder} is not a recording: expected a folder with a {FRAMES}")
+        poses = [parse_row(row, folder / FRAMES) for row in read_rows(folder)]
+        return cls(folder, poses, read_calibration(folder), read_bytes(folder / CONFIG).decode(errors="replace"))
 
     def __len__(self) -> int:
         """Number of frames."""
-        return len(self.ledger.poses)
+        return len(self._poses)
 
     def __getitem__(self, index: int) -> Capture:
-        """One frame, counted from the end if negative.
+        """One frame; a negative index counts from the end.
 
         Raises:
-            IndexError: There are not so many.
-            RecordingError: A file of it is damaged or missing.
+            IndexError: The recording has no such frame.
+            RecordingError: An image of the frame is damaged or missing.
         """
         index = range(len(self))[index]
-        stamp_s, T_world_cam = parse_pose(self.ledger.poses[index])
-        images: dict[str, Any] = {channel.field: self._image(channel, index) for channel in CHANNELS}
+        stamp_s, T_world_cam = self._poses[index]
+        images: dict[str, Any] = {
+            channel.field: channel.read(self.folder, index, self.intrinsics.shape) for channel in CHANNELS
+        }
         return Capture(stamp_s=stamp_s, drone=0, T_world_cam=T_world_cam, intrinsics=self.intrinsics, **images)
 
     def __iter__(self) -> Iterator[Capture]:
         """All frames in order."""
         return (self[index] for index in range(len(self)))
 
-    def verify(self) -> None:
-        """Read every file of every frame, as it is now, and compare it with its checksum.
+    def digest(self, frames: int) -> str:
+        """SHA-256, hexadecimal, of the configuration, the calibration and everything in the first frames.
 
         Raises:
-            RecordingError: One is damaged or missing; the message names the first.
+            RecordingError: A file is missing.
         """
-        ledger = read_ledger(self.folder)
-        frames = (name for index in range(len(ledger.poses)) for name in image_paths(index))
-        for name in (*DESCRIPTION, *frames):
-            _checked(self.folder, name, ledger)
-
-    def _image(self, channel: Channel, index: int) -> Image:
-        name = channel.path(index)
-        image = channel.decode(_checked(self.folder, name, self.ledger))
-        if image is None or not channel.fits(image, self.intrinsics.shape):
-            raise RecordingError(
-                f"expected {channel.field} of shape {self.intrinsics.shape} in {self.folder / name}, got something "
-                "else; record again"
-            )
-        return image
-
-
-def _checked(folder: Path, name: str, ledger: Ledger) -> bytes:
-    """A file whose checksum is right, or not yet written."""
-    data = read(folder / name)
-    if ledger.digests.get(name, digest(data)) != digest(data):
-        raise RecordingError(f"{folder / name} is damaged (wrong checksum); restore it from a copy or record again")
-    return data
+        total = sha256()
+        for name in (CONFIG, CALIBRATION, *(channel.path(k) for k in range(frames) for channel in CHANNELS)):
+            total.update(sha256(read_bytes(self.folder / name)).digest())
+        for stamp_s, T_world_cam in self._poses[:frames]:
+            total.update(f"{stamp_s!r} {T_world_cam.tolist()}".encode())
+        return total.hexdigest()

@@ -8,7 +8,6 @@ import sys
 import time
 import tomllib
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -19,7 +18,6 @@ from typer.testing import CliRunner, Result
 
 from scenarios.cli import app
 from scenarios.errors import ScenarioError
-from sim.frames import pose, quaternion_from_yaw, rotation_from_quaternion
 from sim.recording import RecordingWriter
 from sim.testing import noisy_sequence
 from sim.types import Capture
@@ -175,12 +173,10 @@ def test_a_truncated_image_is_named_and_leaves_nothing_behind(whole: Path, seque
 
 
 def test_a_recording_of_the_simulator_is_corrected_without_its_truth(captures: list[Capture], tmp_path: Path) -> None:
-    q_xyzw = quaternion_from_yaw(0.3)
-    T_world_cam = pose(rotation_from_quaternion(q_xyzw), np.zeros(3))
     folder = tmp_path / "recorded"
-    with RecordingWriter.create(folder, intrinsics=captures[0].intrinsics, config_text="seed = 0\n") as writer:
+    with RecordingWriter(folder, intrinsics=captures[0].intrinsics, config_text="seed = 0\n") as writer:
         for capture in captures[:3]:
-            writer.append(replace(capture, T_world_cam=T_world_cam), q_xyzw)
+            writer.append(capture)
     shutil.rmtree(folder / "depth_true")
     done = correct(folder, "--out", tmp_path / "out", "--corrector", "raw")
     assert done.exit_code == 0, done.output

@@ -82,7 +82,7 @@ def test_an_empty_folder_is_told_what_every_format_needs(tmp_path: Path) -> None
         open_dataset(tmp_path)
     message = str(caught.value)
     assert all(f"{name} lacks " in message for name in DATASET_FORMATS)
-    assert all(word in message for word in ("rgb.txt", "color_left", "depth", "checksums.txt"))
+    assert all(word in message for word in ("rgb.txt", "color_left", "depth", "frames.csv"))
 
 
 @pytest.mark.parametrize("format", DATASET_FORMATS)

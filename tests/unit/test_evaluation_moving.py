@@ -30,11 +30,11 @@ MOVERS = "[sequence]\nmovers = [{ radius_m = 0.3 }, { radius_m = 0.3 }]\n"
 
 def moving_recording(folder: Path, n_frames: int) -> Path:
     """The post moves, and a wall that is no mover has the id 7."""
-    with RecordingWriter.create(folder, intrinsics=CAMERA, config_text=MOVERS) as writer:
+    with RecordingWriter(folder, intrinsics=CAMERA, config_text=MOVERS) as writer:
         for index in range(n_frames):
-            capture, q = capture_of(index)
+            capture = capture_of(index)
             ids = np.where(capture.segment_id == 1, 1, 7).astype(np.int32)
-            writer.append(replace(capture, segment_id=ids), q)
+            writer.append(replace(capture, segment_id=ids))
     return folder
 
 

@@ -287,7 +287,7 @@ def test_a_recording_without_the_truth_is_judged_by_what_is_held_out(tmp_path: P
     held_out = np.isin(judged.labels, source.groups.members("held out", "all"))
     assert 0.02 < held_out.mean() < 0.2
     assert not judged.frame.depth_m[held_out].any()
-    raw_m = capture_of(1)[0].depth_raw_m
+    raw_m = capture_of(1).depth_raw_m
     np.testing.assert_array_equal(judged.reference_m[held_out], raw_m[held_out])
     np.testing.assert_array_equal(judged.frame.depth_m[~held_out], raw_m[~held_out])
     done = run(tmp_path / "out", folder, methods=(GOOD, *find_methods(["ip-basic", "true-pose"])), frames=3)
@@ -309,9 +309,9 @@ class Counted:
         from scenarios.files import to_toml
         from sim.recording import RecordingWriter
 
-        with RecordingWriter.create(folder, intrinsics=CAMERA, config_text=to_toml(planned)) as writer:
+        with RecordingWriter(folder, intrinsics=CAMERA, config_text=to_toml(planned)) as writer:
             for index in range(frames):
-                writer.append(*capture_of(index))
+                writer.append(capture_of(index))
                 progress(index + 1)
 
 

@@ -12,8 +12,7 @@ from tests.evaluation_clips import CAMERA, STEP_M, WALL_M, capture_of
 
 def wall_seen_from(index: int) -> Capture:
     """A flat wall, from a place that is so many steps to the right."""
-    capture, _ = capture_of(index)
-    return replace(capture, depth_true_m=np.full(CAMERA.shape, WALL_M, np.float32))
+    return replace(capture_of(index), depth_true_m=np.full(CAMERA.shape, WALL_M, np.float32))
 
 
 def test_a_camera_that_stays_sees_nothing_move() -> None:

@@ -1,0 +1,199 @@
+"""The files of a recording: the images of a frame, the table of frames and the calibration. All values are exact."""
+
+import tomllib
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import tomli_w
+
+from voxdepth.types import FloatArray, Intrinsics
+
+from ..errors import RecordingError
+from ..types import Capture
+
+Image = npt.NDArray[Any]
+
+CONFIG, CALIBRATION, FRAMES = "config.toml", "calibration.toml", "frames.csv"
+COLUMNS = ("timestamp_s", *["r11", "r12", "r13", "tx_m", "r21", "r22", "r23", "ty_m", "r31", "r32", "r33", "tz_m"])
+"""Columns of `frames.csv`: the time, and the first three rows of `T_world_cam`, rotation and translation."""
+HEADER = ",".join(COLUMNS)
+
+LARGEST_ID = np.iinfo(np.uint16).max - 1
+"""Largest segment id that a recording can hold; ids are stored plus one."""
+
+PNG = (
+    cv2.IMWRITE_PNG_COMPRESSION,
+    1,
+    cv2.IMWRITE_PNG_STRATEGY,
+    cv2.IMWRITE_PNG_STRATEGY_RLE,
+    cv2.IMWRITE_PNG_FILTER,
+    cv2.IMWRITE_PNG_FILTER_UP,
+)
+"""Run-length encoded differences to the row above: the fastest setting here, with files no larger than most."""
+
+LZW = (cv2.IMWRITE_TIFF_COMPRESSION, cv2.IMWRITE_TIFF_COMPRESSION_LZW)
+TIFF_SMOOTH = (*LZW, cv2.IMWRITE_TIFF_PREDICTOR, cv2.IMWRITE_TIFF_PREDICTOR_FLOATINGPOINT)
+"""For smooth depth, whose neighbouring values are close. Deflate packs it 20 % smaller in twice the time."""
+TIFF_STEPPED = (*LZW, cv2.IMWRITE_TIFF_PREDICTOR, cv2.IMWRITE_TIFF_PREDICTOR_NONE)
+"""For depth with few distinct values, as from disparities in sixteenths of a pixel, which repeat."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Channel:
+    """One image of every frame."""
+
+    folder: str
+    """Sub-folder of the recording."""
+    field: str
+    """Name in `Capture`."""
+    dtype: type[np.generic]
+    """Type of the image in `Capture`."""
+    suffix: str = ".png"
+    options: tuple[int, ...] = PNG
+    """Options of OpenCV's encoder."""
+
+    def path(self, index: int) -> str:
+        """The path of the image of a frame, relative to the recording."""
+        return f"{self.folder}/{index:06d}{self.suffix}"
+
+    def encode(self, capture: Capture) -> bytes:
+        """The bytes of the image file of a capture.
+
+        Raises:
+            RecordingError: The image has a wrong shape or type, or values that the file cannot hold.
+        """
+        image, shape = getattr(capture, self.field), capture.intrinsics.shape
+        if image is None or image.shape != shape or image.dtype != self.dtype:
+            got = "none" if image is None else f"{image.dtype} of shape {image.shape}"
+            raise RecordingError(f"{self.field} must be {self.dtype.__name__} of shape {shape}, got {got}")
+        done, data = cv2.imencode(self.suffix, np.ascontiguousarray(_to_stored(image)), self.options)
+        if not done:
+            raise RecordingError(f"OpenCV cannot encode {self.field} as {self.suffix}; install a build that can")
+        return data.tobytes()
+
+    def read(self, folder: Path, index: int, shape: tuple[int, int]) -> Image:
+        """The image of a frame, as it was in the capture.
+
+        Raises:
+            RecordingError: The file is missing or is not such an image.
+        """
+        path = folder / self.path(index)
+        stored = cv2.imdecode(np.frombuffer(read_bytes(path) or b"\0", np.uint8), cv2.IMREAD_UNCHANGED)
+        image = None if stored is None else _from_stored(stored, self.dtype)
+        if image is None or image.shape != shape or image.dtype != self.dtype:
+            raise RecordingError(f"{path} is damaged: expected {self.field} of shape {shape}; record it again")
+        return image
+
+
+CHANNELS = (
+    Channel(folder="gray_left", field="gray_left", dtype=np.uint8),
+    Channel(folder="gray_right", field="gray_right", dtype=np.uint8),
+    Channel(folder="depth_raw", field="depth_raw_m", dtype=np.float32, suffix=".tiff", options=TIFF_STEPPED),
+    Channel(folder="depth_true", field="depth_true_m", dtype=np.float32, suffix=".tiff", options=TIFF_SMOOTH),
+    Channel(folder="occluded", field="occluded", dtype=np.bool_),
+    Channel(folder="segment", field="segment_id", dtype=np.int32),
+    Channel(folder="invalid_reason", field="invalid_reason", dtype=np.uint8),
+)
+
+
+def _to_stored(image: Image) -> Image:
+    """Masks are stored as 0 and 255, segment ids plus one in 16 bits, all other images as they are."""
+    if image.dtype == np.bool_:
+        return image.astype(np.uint8) * np.uint8(255)
+    if image.dtype != np.int32:
+        return image
+    low, high = int(image.min()), int(image.max())
+    if low < -1 or high > LARGEST_ID:
+        raise RecordingError(f"segment_id must lie in -1..{LARGEST_ID} to be recorded, got ids from {low} to {high}")
+    return (image + 1).astype(np.uint16)
+
+
+def _from_stored(stored: Image, dtype: type[np.generic]) -> Image:
+    """The inverse of `_to_stored`."""
+    if dtype is np.bool_:
+        return stored.astype(np.bool_)
+    return stored.astype(np.int32) - np.int32(1) if dtype is np.int32 else stored
+
+
+def calibration_toml(intrinsics: Intrinsics) -> str:
+    """The fields of a stereo camera as TOML, with all digits that are needed to read them back exactly.
+
+    Raises:
+        RecordingError: The camera has no baseline.
+    """
+    if intrinsics.baseline_m is None:
+        raise RecordingError("only a stereo camera can be recorded: expected intrinsics with a baseline_m, got none")
+    types = {field.name: int if field.type is int else float for field in fields(intrinsics)}
+    return tomli_w.dumps({name: to(getattr(intrinsics, name)) for name, to in types.items()})
+
+
+def read_calibration(folder: Path) -> Intrinsics:
+    """The camera of a recording.
+
+    Raises:
+        RecordingError: The file is missing or damaged.
+    """
+    try:
+        return Intrinsics(**tomllib.loads(read_bytes(folder / CALIBRATION).decode()))
+    except (ValueError, TypeError) as error:
+        raise RecordingError(f"{folder / CALIBRATION} is damaged ({error}); restore it from a copy") from error
+
+
+def frame_row(capture: Capture) -> str:
+    """The row of `frames.csv` of a capture, without its line break.
+
+    Raises:
+        RecordingError: The time or the pose is not finite, or the pose is not a float64 array of shape (4, 4).
+    """
+    T = capture.T_world_cam
+    if T.shape != (4, 4) or T.dtype != np.float64 or not np.isfinite(T).all() or not np.isfinite(capture.stamp_s):
+        raise RecordingError(
+            f"expected a finite time and a finite float64 pose of shape (4, 4), got {capture.stamp_s} s and {T}"
+        )
+    return ",".join(repr(float(number)) for number in (capture.stamp_s, *T[:3].ravel()))
+
+
+def read_rows(folder: Path) -> list[str]:
+    """The complete rows of `frames.csv`. A last row without a line break was being written, and is left out.
+
+    Raises:
+        RecordingError: The file is missing, or it starts with another header.
+    """
+    header, *rows = read_bytes(folder / FRAMES).decode(errors="replace").split("\n")[:-1] or [HEADER]
+    if header != HEADER:
+        raise RecordingError(f"{folder / FRAMES} is damaged: expected the header {HEADER!r}, got {header[:80]!r}")
+    return rows
+
+
+def parse_row(row: str, path: Path) -> tuple[float, FloatArray]:
+    """Time of capture [s] and `T_world_cam`, shape (4, 4), of a row.
+
+    Raises:
+        RecordingError: The row is damaged; the message names the `path` of the table.
+    """
+    try:
+        numbers = np.array([float(word) for word in row.split(",")])
+        pose = numbers[1:].reshape(3, 4)
+    except ValueError as error:
+        raise RecordingError(
+            f"{path} is damaged: expected {len(COLUMNS)} numbers in a row, got {row[:80]!r}"
+        ) from error
+    return float(numbers[0]), np.vstack([pose, [0.0, 0.0, 0.0, 1.0]])
+
+
+def read_bytes(path: Path) -> bytes:
+    """The content of a file.
+
+    Raises:
+        RecordingError: The file is missing or cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise RecordingError(
+            f"cannot read {path}: {error.strerror or error}; restore it from a copy or record again"
+        ) from error
