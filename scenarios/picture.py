@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from sim.types import Capture
-from swarm.recorder import NullRecorder
+from swarm.recorder import Recorder
 from swarm.types import Histogram
 from voxdepth.types import CorrectedDepth
 
@@ -15,7 +15,7 @@ from .images import colored, gray_bgr, require_picture, save_picture, titled
 from .runner import flying
 
 
-class Snapshot(NullRecorder):
+class Snapshot(Recorder):
     """Keeps the last capture of one drone."""
 
     def __init__(self, drone: int) -> None:

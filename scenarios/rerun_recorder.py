@@ -16,6 +16,7 @@ from sim.sensor import RigConfig
 from sim.types import Capture, Contact, DroneState
 from sim.world import DRONE_BODY_HEIGHT_M, World
 from swarm.mission import contact_text
+from swarm.recorder import Recorder
 from swarm.team import Team
 from swarm.types import Decision, Histogram, Outcome
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Source
@@ -32,7 +33,7 @@ SOURCE_COLORS = {
 LEADER_COLOR, FOLLOWER_COLOR = (255, 120, 40), (90, 170, 250)
 
 
-class RerunRecorder:
+class RerunRecorder(Recorder):
     """Writes one `.rrd` file with a blueprint. The same run gives the same data: no wall-clock time gets in.
 
     Args:

@@ -15,12 +15,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from sim.parallel import mapper
-from sim.render import create_renderer
-from sim.rig import StereoRig
-from sim.world import World
-from swarm.mission import Mission, start_yaws_rad, starts_m
-from swarm.recorder import NullRecorder, Recorder
+from swarm.compose import composed_mission
+from swarm.mission import Mission
+from swarm.recorder import Recorder
 from swarm.types import MissionResult, Trajectory
 
 from .config import Run
@@ -50,7 +47,7 @@ class Finished:
 
 def fly(run: Run, *, threads: int | None = None) -> Finished:
     """Fly a mission without writing anything; the number of threads changes the speed alone."""
-    with flying(run, NullRecorder(), recorded=False, threads=threads) as mission:
+    with flying(run, Recorder(), recorded=False, threads=threads) as mission:
         wall_s = _ticks(mission, None)
         return Finished(result=mission.result(), wall_s=wall_s, folder=None)
 
@@ -65,7 +62,7 @@ def fly_and_write(run: Run, out: Path, *, record: bool, progress: Progress | Non
     """
     _refuse_unwritable(out)
     folder = _free_folder(out, run)
-    recorder = _make_recorder(run, folder / "run.rrd") if record else NullRecorder()
+    recorder = _make_recorder(run, folder / "run.rrd") if record else Recorder()
     try:
         with flying(run, recorder, recorded=record) as mission:
             _create(folder)
@@ -105,35 +102,18 @@ def summary(finished: Finished, run: Run) -> dict[str, Any]:
 
 @contextmanager
 def flying(run: Run, recorder: Recorder, *, recorded: bool, threads: int | None = None) -> Iterator[Mission]:
-    """A mission that is ready to fly. Libraries run on one thread each; the drones' images are made side by side.
+    """Create a mission that is ready to fly. OpenCV uses one thread; the images of the drones are made in parallel.
 
     Args:
-        run: What to fly.
-        recorder: Told of everything.
-        recorded: Whether the gray images are wanted even if nothing else needs them.
-        threads: For the drones' images; None takes one per processor.
+        run: The scenario and its seed.
+        recorder: Receives everything that happens.
+        recorded: Whether gray images are needed even if nothing else needs them.
+        threads: Number of threads for the images; None takes one per processor.
     """
-    threads = threads or os.cpu_count() or 1
-    scenario, seed = run.scenario, run.seed
-    config = scenario.mission
     cv2.setNumThreads(1)
-    scene = scenario.scene.build(seed)
-    with World(scene, starts_m(config), scenario.airframe, start_yaw_rad=start_yaws_rad(config)) as world:
-        intrinsics = scenario.rig.intrinsics
-        correctors = [scenario.corrector.create(intrinsics) for _ in range(world.n_drones)]
-        gray = recorded or any(corrector.uses_gray for corrector in correctors)
-        renderer = create_renderer(scenario.renderer, world, threads=threads)
-        rig = StereoRig(world, renderer, scenario.rig, seed=seed, gray=gray, pool_map=mapper(threads))
-        yield Mission(
-            config,
-            world,
-            rig,
-            correctors,
-            recorder,
-            camera_hz=scenario.rig.rate_hz,
-            latency_s=scenario.latency_s,
-            seed=seed,
-        )
+    threads = threads or os.cpu_count() or 1
+    with composed_mission(run.scenario, recorder, seed=run.seed, gray=recorded, threads=threads) as mission:
+        yield mission
 
 
 def _ticks(mission: Mission, progress: Progress | None) -> float:

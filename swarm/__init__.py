@@ -1,8 +1,8 @@
-"""A leader and its followers, flying by what their cameras see."""
+"""A leader and its followers that fly by the depth of their cameras."""
 
 import sys
 
-if "gymnasium" in sys.modules:  # for `gymnasium.make("swarm:voxdepth/LeaderFollower-v0")`; others pay nothing
+if "gymnasium" in sys.modules:  # `gymnasium.make("swarm:voxdepth/LeaderFollower-v0")` imports this module to register
     from . import gym as gym
 
 del sys

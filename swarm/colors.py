@@ -1,4 +1,4 @@
-"""Depth in colours."""
+"""Depth as false colours."""
 
 import cv2
 import numpy as np
@@ -7,14 +7,14 @@ import numpy.typing as npt
 from voxdepth.types import FloatImage
 
 FAR_INDEX = 25
-"""Place of the farthest depth in the colour map, whose beginning is too dark to be told from black."""
+"""Index of the farthest depth in the colour map; lower ones look like the black of holes."""
 
 
 def colored(depth_m: FloatImage, far_m: float) -> npt.NDArray[np.uint8]:
-    """Near red, `far_m` and beyond blue, holes black; shape (H, W, 3), BGR.
+    """Return depth in colours, near red, `far_m` and beyond blue, holes black; shape (H, W, 3), BGR.
 
     Args:
-        depth_m: Along the optical axis [m], shape (H, W); 0 = invalid, infinity where there is no surface.
+        depth_m: Depth along the optical axis [m], shape (H, W); 0 = invalid, infinity where there is no surface.
         far_m: Depth of the last colour [m], > 0.
     """
     scaled = FAR_INDEX + (255 - FAR_INDEX) * (1 - np.sqrt(np.minimum(depth_m, far_m) / far_m))

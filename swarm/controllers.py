@@ -1,4 +1,4 @@
-"""Who decides for a drone: ours, or one of yours by its name `module:factory`."""
+"""The interface of controllers, and loading one by its name `module:factory`."""
 
 import importlib
 from collections.abc import Callable
@@ -24,42 +24,42 @@ class Agent(Protocol):
     """Decides for one drone, once per control tick."""
 
     def decide(self, situation: Situation) -> Decision:
-        """The command until the next tick."""
+        """Return the command until the next tick."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Role:
-    """What one drone is to do."""
+    """The place of one drone in its swarm."""
 
     drone: int
-    """Its number in the mission."""
+    """Number of the drone in the mission."""
     team: Team
-    """Its swarm."""
+    """Swarm of the drone."""
     radius_m: float
-    """Of the collision sphere of every drone."""
+    """Radius of the collision sphere of every drone."""
 
     @property
     def leads(self) -> bool:
-        """Whether it is the leader: only that one may look at the goal of the team."""
+        """Whether the drone is the leader; only the leader may use the goal of the team."""
         return self.drone == self.team.leader
 
     @property
     def offset_m(self) -> FloatArray:
-        """Its slot relative to the leader, shape (3,), world frame; 0 for the leader itself."""
+        """Slot relative to the leader, shape (3,), world frame; 0 for the leader itself."""
         offset_m: FloatArray = self.team.slots_m(np.zeros(3))[self.drone - self.team.leader]
         return offset_m
 
 
 Factory = Callable[[Role, "MissionConfig"], Agent]
-"""Makes the agent of one drone."""
+"""Creates the agent of one drone."""
 
 
 def load_controller(name: str) -> Factory:
-    """The factory that `module:factory` names. Importing the module runs its code.
+    """Import the module of `module:factory` and return its factory; the import runs the code of the module.
 
     Raises:
-        MissionError: There is no such module, or nothing in it of that name can be called.
+        MissionError: There is no such module, or it has no callable of that name.
     """
     module_name, colon, attribute = name.partition(":")
     if not (module_name and colon and attribute):
@@ -73,5 +73,5 @@ def load_controller(name: str) -> Factory:
         ) from error
     if not callable(factory):
         raise MissionError(f"controller {name!r} must be a function factory(role, config), got {factory!r}")
-    made: Factory = factory
-    return made
+    loaded: Factory = factory
+    return loaded

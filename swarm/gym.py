@@ -1,8 +1,8 @@
-"""Importing this registers our environment with Gymnasium."""
+"""Importing this module registers the environment with Gymnasium."""
 
 import gymnasium
 
 ID = "voxdepth/LeaderFollower-v0"
-"""Found by `gymnasium.make("swarm:" + ID)` where Gymnasium was imported before us, by `"swarm.gym:" + ID` anywhere."""
+"""`gymnasium.make("swarm.gym:" + ID)` always finds it, `"swarm:" + ID` if Gymnasium was imported before `swarm`."""
 
 gymnasium.register(id=ID, entry_point="swarm.environments.gym_env:LeaderFollowerEnv")

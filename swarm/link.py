@@ -1,4 +1,4 @@
-"""Broadcast of the drones' own states: what each one knows of the others beyond its camera."""
+"""The radio link by which the drones broadcast their positions and velocities."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -18,21 +18,21 @@ class LinkConfig(Model):
     """Quality of the radio link."""
 
     delay_s: float = Field(0.05, ge=0)
-    """Age of what is received; rounded to control ticks."""
+    """Age of a message when it is received; rounded to control ticks."""
     loss: float = Field(0.1, ge=0, lt=1)
-    """Share of messages that a receiver misses, each by itself."""
+    """Probability that a receiver misses a message, independent of the other receivers and messages."""
     range_m: float = Field(40.0, gt=0)
-    """Drones farther away are not heard; a leader's signal is relayed to all of its swarm."""
+    """Range of the radio; a leader's messages are relayed to its whole swarm."""
     memory_s: float = Field(1.0, ge=0)
-    """How long a drone is taken to go on as it last said; then it counts as not heard."""
+    """Time for which a drone is extrapolated from its last message; after that it counts as not heard."""
 
 
 class Link:
-    """Delivers each drone's position and velocity to all others: late, and not always.
+    """Delivers the position and velocity of each drone to all others, with delay and losses.
 
     Args:
-        config: See there.
-        states: Of all drones at the start, which everybody knows.
+        config: Quality of the link.
+        states: States of all drones at the start, which every drone knows.
         control_hz: Messages per second of each drone.
         seed: Master seed of the losses.
         leaders: Number of the leader of each drone.
@@ -45,27 +45,29 @@ class Link:
         self._config = config
         self._leaders = np.asarray(leaders, np.intp)
         self._rng = stream(seed, Purpose.LINK)
-        self._coming: deque[tuple[float, FloatArray, FloatArray]] = deque(maxlen=1 + round(config.delay_s * control_hz))
-        # What every drone (first axis) last heard of every other one (second axis), and when that was said.
+        self._pending: deque[tuple[float, FloatArray, FloatArray]] = deque(
+            maxlen=1 + round(config.delay_s * control_hz)
+        )
+        # The last message that every drone (first axis) received from every other one (second axis), and its time.
         self._position_m, self._velocity_m_s = (np.tile(array, (n, 1, 1)) for array in _motions(states))
-        self._said_at_s = np.zeros((n, n))
+        self._sent_at_s = np.zeros((n, n))
         self._relayed = np.zeros((n, n), np.bool_)
         self._relayed[np.arange(n), self._leaders] = True
 
     def broadcast(self, states: Sequence[DroneState], time_s: float) -> None:
-        """Send everyone's state and deliver what was sent before; call once per control tick."""
-        self._coming.append((time_s, *_motions(states)))
-        said_at_s, position_m, velocity_m_s = self._coming[0]
+        """Send the states of all drones and deliver the messages that are due; call it once per control tick."""
+        self._pending.append((time_s, *_motions(states)))
+        sent_at_s, position_m, velocity_m_s = self._pending[0]
         apart_m = np.linalg.norm(position_m[:, None] - position_m[None], axis=2)
         heard = (apart_m <= self._config.range_m) | self._relayed
         heard &= self._rng.random(heard.shape) >= self._config.loss
         np.copyto(self._position_m, position_m, where=heard[..., None])
         np.copyto(self._velocity_m_s, velocity_m_s, where=heard[..., None])
-        self._said_at_s[heard] = said_at_s
+        self._sent_at_s[heard] = sent_at_s
 
     def heard_by(self, drone: int, time_s: float) -> Neighbours:
-        """The others that are still heard, where they are now if they went on as they said."""
-        age_s = time_s - self._said_at_s[drone]
+        """Return the other drones that are still heard, extrapolated to `time_s` at constant velocity."""
+        age_s = time_s - self._sent_at_s[drone]
         known = age_s <= self._config.delay_s + self._config.memory_s + 1e-9
         known[drone] = False
         velocity_m_s = self._velocity_m_s[drone, known]
@@ -73,13 +75,13 @@ class Link:
         return Neighbours(drone=np.flatnonzero(known), position_m=position_m, velocity_m_s=velocity_m_s)
 
     def leader_of(self, drone: int, time_s: float) -> Motion:
-        """Its leader, by the last that was heard of it, however long ago."""
+        """Return the motion of a drone's leader, extrapolated from its last message however old that is."""
         leader = self._leaders[drone]
         velocity_m_s = self._velocity_m_s[drone, leader]
-        age_s = min(time_s - self._said_at_s[drone, leader], self._config.delay_s + self._config.memory_s)
+        age_s = min(time_s - self._sent_at_s[drone, leader], self._config.delay_s + self._config.memory_s)
         return Motion(self._position_m[drone, leader] + age_s * velocity_m_s, velocity_m_s)
 
 
 def _motions(states: Sequence[DroneState]) -> tuple[FloatArray, FloatArray]:
-    """Positions and velocities, each of shape (n, 3)."""
+    """Return positions and velocities, each of shape (n, 3)."""
     return np.array([s.position_m for s in states]), np.array([s.velocity_m_s for s in states])

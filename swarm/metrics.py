@@ -1,4 +1,4 @@
-"""Figures of a mission, gathered while it runs. Clearance has one definition: from collision sphere to surface."""
+"""Metrics of a mission, accumulated while it runs. Clearance is the gap from a collision sphere to a surface."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,16 +11,16 @@ from voxdepth.metrics import DepthErrors, depth_errors
 from voxdepth.types import CorrectedDepth, FloatArray
 
 from .team import Team
-from .types import Figure, Trajectory
+from .types import MetricValue, Trajectory
 
-JUDGED_RANGE_M = 20.0
-"""Depth errors are taken over pixels whose true depth is at most this."""
-STILL_M_S = 0.1
+EVALUATED_RANGE_M = 20.0
+"""Depth errors are evaluated on pixels up to this true depth."""
+MIN_SPEED_M_S = 0.1
 """Drones slower than this have no direction."""
 
 
 def separation_m(states: Sequence[DroneState], radius_m: float) -> float:
-    """Smallest gap between the collision spheres of any two drones [m]; +inf for a single one."""
+    """Return the smallest gap between the collision spheres of two drones [m]; +inf for a single drone."""
     positions = np.array([s.position_m for s in states])
     if len(positions) < 2:
         return float("inf")
@@ -31,18 +31,20 @@ def separation_m(states: Sequence[DroneState], radius_m: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class DepthComparison:
-    """Errors before and after correction."""
+    """Depth errors before and after correction."""
 
     raw: DepthErrors = field(default_factory=DepthErrors)
     corrected: DepthErrors = field(default_factory=DepthErrors)
 
     @classmethod
     def of(cls, capture: Capture, corrected: CorrectedDepth) -> "DepthComparison":
-        """Of one image. A corrector that changed nothing is not judged twice."""
-        raw = depth_errors(capture.depth_raw_m, capture.depth_true_m, max_range_m=JUDGED_RANGE_M)
+        """Evaluate one image; depth that the corrector did not change is evaluated once."""
+        raw = depth_errors(capture.depth_raw_m, capture.depth_true_m, max_range_m=EVALUATED_RANGE_M)
         if corrected.depth_m is capture.depth_raw_m:
             return cls(raw=raw, corrected=raw)
-        return cls(raw=raw, corrected=depth_errors(corrected.depth_m, capture.depth_true_m, max_range_m=JUDGED_RANGE_M))
+        return cls(
+            raw=raw, corrected=depth_errors(corrected.depth_m, capture.depth_true_m, max_range_m=EVALUATED_RANGE_M)
+        )
 
     def __add__(self, other: "DepthComparison") -> "DepthComparison":
         return DepthComparison(raw=self.raw + other.raw, corrected=self.corrected + other.corrected)
@@ -50,18 +52,18 @@ class DepthComparison:
 
 @dataclass
 class DroneRecord:
-    """What is gathered of one drone."""
+    """Smallest clearance and depth errors of one drone."""
 
     min_clearance_m: float = float("inf")
     depth: DepthComparison = field(default_factory=DepthComparison)
 
 
 class MissionMetrics:
-    """Accumulates what the report needs.
+    """Accumulates the metrics of a mission.
 
     Args:
-        world: Of the mission.
-        teams: Whose members are its drones.
+        world: World of the mission.
+        teams: Swarms of the mission.
     """
 
     def __init__(self, world: World, teams: Sequence[Team]) -> None:
@@ -74,15 +76,14 @@ class MissionMetrics:
         self._drones = [DroneRecord() for _ in range(world.n_drones)]
 
     def sample(self, states: list[DroneState]) -> dict[str, float]:
-        """Take in one control tick, and return its figures by name."""
+        """Add one control tick and return its metrics by name."""
         positions_m = np.array([s.position_m for s in states])
         now = {"clearance_m": min(self._clearances_m())}
-        aside_m = [team.aside_m(positions_m) for team in self._teams]
-        now["path_deviation_m"] = max(aside_m)
-        off_m = np.concatenate([team.off_slots_m(positions_m) for team in self._teams])
-        if len(off_m):
-            now["formation_error_m"] = float(off_m.mean())
-            now["order"] = float(np.mean([_order(team, states) for team in self._teams]))
+        now["path_deviation_m"] = max(team.cross_track_error_m(positions_m) for team in self._teams)
+        slot_errors_m = np.concatenate([team.slot_errors_m(positions_m) for team in self._teams])
+        if len(slot_errors_m):
+            now["formation_error_m"] = float(slot_errors_m.mean())
+            now["order"] = float(np.mean([_polarization(team, states) for team in self._teams]))
         for name, values in self._series.items():
             if name in now:
                 values.append(now[name])
@@ -93,12 +94,12 @@ class MissionMetrics:
         self._times_s.append(self._world.time_s)
         return now
 
-    def add_depth(self, drone: int, errors: "DepthComparison") -> None:
-        """Take in the errors of one image."""
+    def add_depth(self, drone: int, errors: DepthComparison) -> None:
+        """Add the errors of one image."""
         self._drones[drone].depth += errors
 
     def trajectories(self) -> tuple[Trajectory, ...]:
-        """One per drone."""
+        """Return one trajectory per drone."""
         return tuple(
             Trajectory(
                 time_s=np.array(self._times_s),
@@ -108,8 +109,8 @@ class MissionMetrics:
             for i in range(self._world.n_drones)
         )
 
-    def summary(self, contacts: Sequence[Contact], dropped_frames: Sequence[int]) -> dict[str, Figure]:
-        """All figures of the mission; None where there is nothing to say."""
+    def summary(self, contacts: Sequence[Contact], dropped_frames: Sequence[int]) -> dict[str, MetricValue]:
+        """Return all metrics of the mission; None where one is undefined."""
         kinds = [c.kind for c in contacts]
         depth = sum((record.depth for record in self._drones), start=DepthComparison())
         return {
@@ -118,36 +119,36 @@ class MissionMetrics:
             "collisions_drone": kinds.count("drone"),
             "collisions_building": kinds.count("building"),
             "collisions_ground": kinds.count("ground"),
-            "min_separation_m": _least(self._min_separation_m, touched="drone" in kinds),
-            "min_clearance_m": _least(min(r.min_clearance_m for r in self._drones), touched=bool(contacts)),
+            "min_separation_m": _min_gap_m(self._min_separation_m, touched="drone" in kinds),
+            "min_clearance_m": _min_gap_m(min(r.min_clearance_m for r in self._drones), touched=bool(contacts)),
             "formation_error_mean_m": self._mean("formation_error_m"),
             "order_mean": self._mean("order"),
             "path_deviation_mean_m": self._mean("path_deviation_m"),
             "path_deviation_max_m": max(self._series["path_deviation_m"], default=None),
             "dropped_frames": sum(dropped_frames),
-            **_depth_figures("raw", depth.raw),
-            **_depth_figures("corrected", depth.corrected),
+            **_depth_metrics("raw", depth.raw),
+            **_depth_metrics("corrected", depth.corrected),
         }
 
-    def by_drone(self, contacts: Sequence[Contact], dropped_frames: Sequence[int]) -> list[dict[str, Figure]]:
-        """Figures of each drone. A collision of two counts for both."""
+    def by_drone(self, contacts: Sequence[Contact], dropped_frames: Sequence[int]) -> list[dict[str, MetricValue]]:
+        """Return the metrics of each drone; a collision of two drones counts for both."""
         return [
             {
                 "drone": drone,
-                "first_contact_s": min((c.time_s for c in contacts if has_part(drone, c)), default=None),
-                "min_clearance_m": _least(
-                    record.min_clearance_m, touched=any(has_part(drone, contact) for contact in contacts)
+                "first_contact_s": min((c.time_s for c in contacts if is_involved(drone, c)), default=None),
+                "min_clearance_m": _min_gap_m(
+                    record.min_clearance_m, touched=any(is_involved(drone, contact) for contact in contacts)
                 ),
                 "path_length_m": self._path_length_m(drone),
                 "dropped_frames": dropped_frames[drone],
-                **_depth_figures("raw", record.depth.raw),
-                **_depth_figures("corrected", record.depth.corrected),
+                **_depth_metrics("raw", record.depth.raw),
+                **_depth_metrics("corrected", record.depth.corrected),
             }
             for drone, record in enumerate(self._drones)
         ]
 
     def _clearances_m(self) -> list[float]:
-        """Of all drones now."""
+        """Return the present clearance of every drone, and update the smallest ones."""
         clearances_m = [self._world.clearance_m(i) for i in range(self._world.n_drones)]
         for record, clearance_m in zip(self._drones, clearances_m, strict=True):
             record.min_clearance_m = min(record.min_clearance_m, clearance_m)
@@ -161,25 +162,25 @@ class MissionMetrics:
         return float(np.mean(self._series[name])) if self._series[name] else None
 
 
-def _order(team: Team, states: Sequence[DroneState]) -> float:
-    """How much the drones of a swarm fly the same way: the length of the mean of their directions, 0..1.
+def _polarization(team: Team, states: Sequence[DroneState]) -> float:
+    """Return the polarization of a swarm: the length of the mean direction of its drones, 0..1.
 
-    Drones that hardly move have no direction; without two that move, the order is 1.
+    Drones that hardly move have no direction; with fewer than two moving drones the polarization is 1.
     """
     velocities = np.array([states[i].velocity_m_s for i in team.members])
     speed = np.linalg.norm(velocities, axis=1)
-    moving = speed > STILL_M_S
+    moving = speed > MIN_SPEED_M_S
     if np.count_nonzero(moving) < 2:
         return 1.0
     return float(np.linalg.norm((velocities[moving] / speed[moving, None]).mean(axis=0)))
 
 
-def has_part(drone: int, contact: Contact) -> bool:
-    """Whether a drone hit something there, or was hit."""
+def is_involved(drone: int, contact: Contact) -> bool:
+    """Return whether a drone is one of the two bodies of a collision."""
     return contact.drone == drone or contact.other == f"drone-{drone}"
 
 
-def _depth_figures(name: str, errors: DepthErrors) -> dict[str, Figure]:
+def _depth_metrics(name: str, errors: DepthErrors) -> dict[str, MetricValue]:
     return {
         f"depth_{name}_mae_m": errors.mae_m,
         f"depth_{name}_too_far_share": errors.too_far_share,
@@ -188,7 +189,7 @@ def _depth_figures(name: str, errors: DepthErrors) -> dict[str, Figure]:
     }
 
 
-def _least(sampled_m: float, *, touched: bool) -> float | None:
-    """The smallest gap of the control ticks; at most 0 after a contact, which mostly falls between two of them."""
-    least_m = min(sampled_m, 0.0) if touched else sampled_m
-    return least_m if np.isfinite(least_m) else None
+def _min_gap_m(sampled_m: float, *, touched: bool) -> float | None:
+    """Return the smallest gap of all ticks; at most 0 after a contact, which may fall between two ticks."""
+    gap_m = min(sampled_m, 0.0) if touched else sampled_m
+    return gap_m if np.isfinite(gap_m) else None

@@ -6,24 +6,26 @@ import numpy as np
 
 from sim.frames import R_BODY_CAM
 from sim.rig import StereoRig
-from sim.types import Capture, Contact, DroneState
+from sim.types import Contact, DroneState
 from sim.world import PHYSICS_HZ, World
-from voxdepth.types import CorrectedDepth, DepthCorrector, FloatArray
+from voxdepth.types import DepthCorrector, FloatArray
 
-from .controllers import Agent, Factory, Role, load_controller
-from .detection import Detector
+from .controllers import Factory, Role, load_controller
 from .errors import MissionError
-from .histogram import HistogramBuilder
-from .judge import Judge
 from .link import Link
 from .metrics import DepthComparison, MissionMetrics
-from .neighbours import NeighbourSense
+from .neighbours import Detector, NeighbourTracker
+from .obstacles import HistogramBuilder
 from .perception import Perception
 from .pilot import Situation
 from .priors import make_prior
 from .recorder import Recorder
 from .task import MissionConfig
-from .types import MissionResult, Outcome
+from .team import Team
+from .types import Decision, MissionResult, Outcome
+
+MIN_PROGRESS_M = 0.3
+"""A smaller approach to the goal or the slots is no progress."""
 
 
 class Mission:
@@ -31,14 +33,17 @@ class Mission:
 
     Args:
         config: The task.
-        world: With one drone per member of the teams, at `starts_m(config)`.
-        rig: The drones' cameras.
-        correctors: One per drone.
+        world: World with one drone per member of the teams, at `config.starts_m()`.
+        rig: Cameras of the drones.
+        correctors: One corrector per drone.
+        recorder: Receives everything that happens; whoever created it closes it.
         camera_hz: Captures per second; must divide `config.control_hz`.
-        latency_s: Simulated time from a capture to the moment its result can be flown by.
-        seed: Master seed of pose priors, detector and radio.
-        recorder: Told of everything; closed by whoever made it.
-        make_agent: Makes the drones' agents; without it, `config.controller` names who does.
+        latency_s: Simulated time from a capture until the controller knows its percept.
+        seed: Master seed of pose priors, detectors and radio.
+        make_agent: Creates the agents of the drones; None takes the factory that `config.controller` names.
+
+    Raises:
+        MissionError: The rates do not divide each other, or a goal is inside of a body.
     """
 
     def __init__(
@@ -56,23 +61,25 @@ class Mission:
     ) -> None:
         self._steps_per_tick = _whole_ratio(PHYSICS_HZ, config.control_hz, "control_hz", "the physics rate")
         self._ticks_per_frame = _whole_ratio(config.control_hz, camera_hz, "rate_hz", "control_hz")
-        self._config = config
-        self._world = world
+        self.world = world
         self._teams = config.teams()
-        self._refuse_bad_goals()
+        self._require_free_goals()
+        self._config = config
         self._rig = rig
         self._recorder = recorder
-        self._latency_s = latency_s
         self._perceptions = [
-            self._perception(drone, corrector, seed=seed) for drone, corrector in enumerate(correctors)
+            self._create_perception(drone, corrector, latency_s=latency_s, seed=seed)
+            for drone, corrector in enumerate(correctors)
         ]
-        self._senses = [NeighbourSense(config.neighbours, rig.intrinsics, world.n_drones) for _ in correctors]
+        self._trackers = [NeighbourTracker(config.neighbours, rig.intrinsics, world.n_drones) for _ in correctors]
         self._team_of = [team for team in self._teams for _ in team.members]
         leaders = [team.leader for team in self._team_of]
         self._link = Link(config.link, world.states, config.control_hz, seed=seed, leaders=leaders)
         self._link.broadcast(world.states, self.time_s)
-        self._agents = self._make_agents(make_agent or load_controller(config.controller))
-        self._judge_of = Judge(config, self._teams)
+        create_agent, radius_m = make_agent or load_controller(config.controller), world.airframe.radius_m
+        roles = [Role(drone=i, team=team, radius_m=radius_m) for i, team in enumerate(self._team_of)]
+        self._agents = [create_agent(role, config) for role in roles]
+        self._termination = TerminationConditions(config, self._teams)
         self._metrics = MissionMetrics(world, self._teams)
         self._ticks = 0
         self.outcome: Outcome | None = None
@@ -80,7 +87,7 @@ class Mission:
     @property
     def time_s(self) -> float:
         """Simulated time [s]."""
-        return self._world.time_s
+        return self.world.time_s
 
     def run(self) -> MissionResult:
         """Fly to the end."""
@@ -89,27 +96,37 @@ class Mission:
         return self.result()
 
     def tick(self) -> None:
-        """One control period: look, decide, fly, judge."""
+        """Fly one control period."""
         if self._ticks == 0:
-            self._recorder.start(self._world, self._teams)
-        self._perceive()
-        self._decide()
-        self._fly()
-        self._judge()
+            self._recorder.start(self.world, self._teams)
+        if self._ticks % self._ticks_per_frame == 0:
+            self._perceive()
+        states = self.world.states
+        decisions = self._decide(states)
+        self.world.apply([decision.command for decision in decisions])
+        self._log(states, decisions)
+        self._step_physics()
+        self._link.broadcast(self.world.states, self.time_s)
+        self._check_termination()
+        self._ticks += 1
 
     def interrupt(self) -> None:
         """End the mission from outside."""
         self._end(Outcome.INTERRUPTED)
 
     def situation(self, drone: int) -> Situation:
-        """What a drone knows now, before the next tick; asking changes nothing."""
-        return self._situation(drone, self._world.states[drone])
+        """Return what a drone knows before the next tick; the call changes nothing."""
+        return self._situation(drone, self.world.states[drone])
 
     def result(self) -> MissionResult:
-        """What became of the mission; it must have ended."""
+        """Return the result of a mission that has ended.
+
+        Raises:
+            MissionError: The mission has not ended.
+        """
         if self.outcome is None:
             raise MissionError("the mission has not ended yet: call tick() until there is an outcome")
-        contacts = tuple(self._world.contacts)
+        contacts = tuple(self.world.contacts)
         dropped = [p.dropped for p in self._perceptions]
         return MissionResult(
             outcome=self.outcome,
@@ -120,29 +137,16 @@ class Mission:
         )
 
     def _perceive(self) -> None:
-        """Capture and correct, for every drone that is not still busy with an earlier image."""
-        if self._ticks % self._ticks_per_frame:
-            return
+        """Capture and process an image of every drone that is not busy with an earlier one."""
         ready = [i for i, perception in enumerate(self._perceptions) if perception.ready(self.time_s)]
         # One by one: correctors hold Python's lock too much to gain by threads. The next captures are made meanwhile.
         for capture in self._rig.capture(ready, self._ticks // self._ticks_per_frame):
-            corrected, errors = self._see(capture)
-            self._metrics.add_depth(capture.drone, errors)
-            histogram = self._perceptions[capture.drone].newest.histogram
-            self._recorder.capture(self._world.steps, capture, corrected, histogram)
+            percept = self._perceptions[capture.drone].see(capture)
+            self._metrics.add_depth(capture.drone, DepthComparison.of(capture, percept.corrected))
+            self._recorder.capture(self.world.steps, capture, percept.corrected, percept.histogram)
 
-    def _see(self, capture: Capture) -> tuple[CorrectedDepth, DepthComparison]:
-        corrected = self._perceptions[capture.drone].see(capture)
-        return corrected, DepthComparison.of(capture, corrected)
-
-    def _decide(self) -> None:
-        states = self._world.states
-        decisions = [agent.decide(self._situation(i, states[i])) for i, agent in enumerate(self._agents)]
-        self._world.apply([decision.command for decision in decisions])
-        slots_m = self._slots_m(states)
-        figures = self._metrics.sample(states)
-        self._recorder.tick(self._world.steps, self.time_s, states, slots_m, decisions)
-        self._recorder.metrics(self._world.steps, self.time_s, figures)
+    def _decide(self, states: Sequence[DroneState]) -> list[Decision]:
+        return [agent.decide(self._situation(i, states[i])) for i, agent in enumerate(self._agents)]
 
     def _situation(self, drone: int, own: DroneState) -> Situation:
         heard = self._link.heard_by(drone, self.time_s)
@@ -153,69 +157,109 @@ class Mission:
             percept=percept,
             leader=self._link.leader_of(drone, self.time_s),
             mates=heard.among(self._team_of[drone].members),
-            neighbours=self._senses[drone].perceive(percept, heard, self.time_s),
+            neighbours=self._trackers[drone].update(percept, heard, self.time_s),
         )
 
-    def _fly(self) -> None:
-        for _ in range(self._steps_per_tick):
-            for contact in self._world.step():
-                self._recorder.contact(self._world.steps, contact)
-        self._ticks += 1
-        self._link.broadcast(self._world.states, self.time_s)
+    def _log(self, states: list[DroneState], decisions: Sequence[Decision]) -> None:
+        """Add the tick to the metrics and the recording."""
+        step, time_s = self.world.steps, self.time_s
+        slots_m = np.vstack([team.slots_m(states[team.leader].position_m)[1:] for team in self._teams])
+        metrics = self._metrics.sample(states)
+        self._recorder.tick(step, time_s, states, slots_m, decisions)
+        self._recorder.metrics(step, time_s, metrics)
 
-    def _judge(self) -> None:
-        """End the mission when one of the outcomes has come about."""
-        positions_m = np.array([state.position_m for state in self._world.states])
-        outcome = self._judge_of.judge(self.time_s, positions_m, self._world.contacts)
+    def _step_physics(self) -> None:
+        for _ in range(self._steps_per_tick):
+            for contact in self.world.step():
+                self._recorder.contact(self.world.steps, contact)
+
+    def _check_termination(self) -> None:
+        positions_m = np.array([state.position_m for state in self.world.states])
+        outcome = self._termination.check(self.time_s, positions_m, self.world.contacts)
         if outcome is not None:
             self._end(outcome)
 
     def _end(self, outcome: Outcome) -> None:
         self.outcome = outcome
-        self._recorder.outcome(self._world.steps, self.time_s, outcome)
+        self._recorder.outcome(self.world.steps, self.time_s, outcome)
 
-    def _slots_m(self, states: Sequence[DroneState]) -> FloatArray:
-        """Where all followers belong, shape (n, 3)."""
-        return np.vstack([team.slots_m(states[team.leader].position_m)[1:] for team in self._teams])
-
-    def _perception(self, drone: int, corrector: DepthCorrector, *, seed: int) -> Perception:
-        config, camera, world = self._config, self._rig.intrinsics, self._world
+    def _create_perception(self, drone: int, corrector: DepthCorrector, *, latency_s: float, seed: int) -> Perception:
+        config, camera, world = self._config, self._rig.intrinsics, self.world
+        detector = Detector(
+            config.neighbours.detector,
+            camera,
+            world.drone_ids,
+            radius_m=world.airframe.radius_m,
+            seed=seed,
+            drone=drone,
+        )
         return Perception(
             corrector,
             HistogramBuilder(camera, config.pilot.avoidance.histogram, R_BODY_CAM.T @ self._rig.mount_m),
-            Detector(
-                config.neighbours.detector,
-                camera,
-                world.drone_ids,
-                radius_m=world.airframe.radius_m,
-                seed=seed,
-                drone=drone,
-            ),
-            latency_s=self._latency_s,
+            detector,
+            latency_s=latency_s,
             prior=make_prior(config.pose_prior, seed=seed, drone=drone),
         )
 
-    def _make_agents(self, make: Factory) -> list[Agent]:
-        radius_m = self._world.airframe.radius_m
-        roles = [Role(drone=i, team=team, radius_m=radius_m) for i, team in enumerate(self._team_of)]
-        return [make(role, self._config) for role in roles]
-
-    def _refuse_bad_goals(self) -> None:
+    def _require_free_goals(self) -> None:
         for team in self._teams:
-            if self._world.clearance_at_m(team.goal_m.tolist()) < self._world.airframe.radius_m:
+            if self.world.clearance_at_m(team.goal_m.tolist()) < self.world.airframe.radius_m:
                 raise MissionError(
                     f"the goal {team.goal_m.tolist()} m is inside a building or the ground; move it into the open"
                 )
 
 
-def starts_m(config: MissionConfig) -> FloatArray:
-    """Start positions of all drones, shape (N, 3)."""
-    return np.vstack([team.starts_m for team in config.teams()])
+class TerminationConditions:
+    """Decides from the positions of all drones, tick by tick, whether and how a mission ends."""
 
+    def __init__(self, config: MissionConfig, teams: Sequence[Team]) -> None:
+        self._config = config
+        self._teams = teams
+        self._arrived = [False] * len(teams)
+        self._least_left_m = np.full(2 * len(teams), np.inf)
+        self._progress_at_s = 0.0
 
-def start_yaws_rad(config: MissionConfig) -> FloatArray:
-    """Headings of all drones at the start, shape (N,)."""
-    return np.repeat([team.heading_rad for team in config.teams()], config.drones)
+    def check(self, time_s: float, positions_m: FloatArray, contacts: Sequence[Contact]) -> Outcome | None:
+        """Return the outcome if the mission has ended.
+
+        Args:
+            time_s: Simulated time.
+            positions_m: Positions of all drones, shape (N, 3).
+            contacts: All collisions up to now.
+        """
+        if contacts:
+            return Outcome.COLLISION if time_s >= contacts[0].time_s + self._config.aftermath_s else None
+        self._arrived = [
+            before or self._has_arrived(team, positions_m)
+            for before, team in zip(self._arrived, self._teams, strict=True)
+        ]
+        if all(self._arrived):
+            return Outcome.SUCCESS
+        if any(team.spread_m(positions_m) > self._config.lost_m for team in self._teams):
+            return Outcome.LOST
+        if self._is_stuck(time_s, positions_m):
+            return Outcome.DEADLOCK
+        return Outcome.TIMEOUT if time_s >= self._config.duration_s else None
+
+    def _has_arrived(self, team: Team, positions_m: FloatArray) -> bool:
+        """Return whether the leader is at its goal and all its followers are in formation."""
+        c = self._config
+        in_formation = (team.slot_errors_m(positions_m) <= c.formation_tolerance_m).all()
+        return bool(in_formation) and team.distance_to_goal_m(positions_m) <= c.goal_radius_m
+
+    def _is_stuck(self, time_s: float, positions_m: FloatArray) -> bool:
+        """Return whether no leader approached its goal, and no followers their slots, for `deadlock_s`."""
+        left_m = np.array(
+            [
+                left
+                for team in self._teams
+                for left in (team.distance_to_goal_m(positions_m), team.slot_errors_m(positions_m).sum())
+            ]
+        )
+        if (left_m < self._least_left_m - MIN_PROGRESS_M).any():
+            self._least_left_m = np.minimum(self._least_left_m, left_m)
+            self._progress_at_s = time_s
+        return time_s - self._progress_at_s > self._config.deadlock_s
 
 
 def _whole_ratio(fast_hz: float, slow_hz: float, name: str, of: str) -> int:
@@ -226,5 +270,5 @@ def _whole_ratio(fast_hz: float, slow_hz: float, name: str, of: str) -> int:
 
 
 def contact_text(contact: Contact) -> str:
-    """A collision in one line."""
+    """Describe a collision in one line."""
     return f"drone {contact.drone} hit {contact.other} ({contact.kind}) at {contact.speed_m_s:.1f} m/s"

@@ -1,46 +1,142 @@
-"""From a histogram to a way that is free: a cost per direction and a braking curve."""
+"""Obstacle avoidance by a polar histogram: the free range per direction, a cost per direction and a braking curve."""
+
+from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field
 
 from voxdepth.model import Model
-from voxdepth.types import FloatArray
+from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, MaskImage
 
-from .histogram import HistogramConfig
 from .types import Choice, Histogram
 
-WIDEST_BLOCK = 0.7
+MAX_BLOCKED_SINE = 0.7
 """Sine of the widest angle that a surface blocks."""
-FORBIDDEN = 100.0
-"""Cost of a direction in which there is less room than is kept."""
+TOO_NEAR_COST = 100.0
+"""Cost of a direction in which a surface is nearer than the clearance."""
+
+
+class HistogramConfig(Model):
+    """Cells of the histogram, and the range of those without depth."""
+
+    rows: int = Field(7, ge=1)
+    """Number of cells from the top to the bottom of the image."""
+    cols: int = Field(15, ge=1)
+    """Number of cells from the left to the right of the image."""
+    percentile: float = Field(8.0, ge=0, le=100)
+    """Percentile of the ranges in a cell that is the range of the cell; 0 would brake for every noisy pixel."""
+    min_valid_share: float = Field(0.15, gt=0, le=1)
+    """Share of a cell's pixels that must be trusted; cells with fewer are unknown."""
+    min_confidence: float = Field(0.2, ge=0, le=1)
+    """Pixels of less confidence count as holes; 0 ignores confidence."""
+    unknown: Literal["blocked", "free"] = "blocked"
+    """Unknown cells count as `blocked` at `unknown_range_m`, which caps the speed, or as `free`."""
+    unknown_range_m: float = Field(2.0, gt=0)
+    """Range of unknown cells that count as blocked."""
+    free_range_m: float = Field(40.0, gt=0)
+    """Range of unknown cells that count as free."""
 
 
 class AvoidanceConfig(Model):
-    """How near a drone goes to things. Clearance is the gap between its collision sphere and a surface."""
+    """Distances and costs of obstacle avoidance. Clearance is the gap between the collision sphere and a surface."""
 
     histogram: HistogramConfig = HistogramConfig()
     clearance_m: float = Field(0.65, gt=0)
-    """Clearance that is kept to what is seen [m]; more flies around things in a wider arc."""
+    """Clearance that is kept to surfaces in view [m]; more of it flies around obstacles in a wider arc."""
     horizon_m: float = Field(7.0, gt=0)
-    """Directions that are free this far cost nothing."""
+    """Directions that are free up to this distance cost nothing."""
     clear_weight: float = Field(15.0, ge=0)
-    """Cost of a direction without any room; it falls with the square of what is missing to the horizon."""
+    """Cost of a blocked direction; the cost falls with the square of the distance missing to the horizon."""
     goal_weight: float = Field(2.0, ge=0)
     """Cost per radian away from the wanted direction."""
     previous_weight: float = Field(0.6, ge=0)
     """Cost per radian away from the direction chosen last; more swerves less."""
     climb_weight: float = Field(1.0, ge=0)
-    """Cost per radian of climbing or sinking away from the wanted slope."""
+    """Cost per radian of climbing or sinking away from the wanted elevation."""
     max_decel_m_s2: float = Field(2.5, gt=0)
-    """Deceleration that braking counts on; less starts earlier."""
+    """Deceleration that braking assumes; less of it brakes earlier."""
     brake_gain_per_s: float = Field(1.5, gt=0)
     """Speed per distance in the last, linear part of braking."""
     blind_speed_m_s: float = Field(0.4, ge=0)
-    """Speed up to which a drone shifts in directions outside of the image without turning there first."""
+    """Speed up to which a drone moves in directions outside of the image without turning there first."""
+
+
+class HistogramBuilder:
+    """Reduces depth images of one camera to histograms.
+
+    Args:
+        intrinsics: Intrinsics of the camera.
+        config: Cells and thresholds.
+        mount_cam_m: Position of the camera relative to the centre of the drone, in the camera frame, shape (3,).
+    """
+
+    def __init__(self, intrinsics: Intrinsics, config: HistogramConfig, mount_cam_m: FloatArray) -> None:
+        self._config = config
+        self._mount_cam_m = mount_cam_m
+        rows, cols = config.rows, config.cols
+        self._step = max(1, intrinsics.height_px // 120)
+        row = _sampled_pixels(intrinsics.height_px, self._step, rows)
+        col = _sampled_pixels(intrinsics.width_px, self._step, cols)
+        self._first = (int(row[0]), int(col[0]))
+        y = (row - intrinsics.cy_px) / intrinsics.fy_px
+        x = (col - intrinsics.cx_px) / intrinsics.fx_px
+        self._sampled = (len(row), len(col))
+        self._ray_length = np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2).astype(np.float32)
+        cell_y = y.reshape(rows, -1).mean(axis=1)
+        cell_x = x.reshape(cols, -1).mean(axis=1)
+        grid_y, grid_x = np.meshgrid(cell_y, cell_x, indexing="ij")
+        directions = np.stack([grid_x, grid_y, np.ones_like(grid_x)], axis=-1)
+        self._directions_cam = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+
+    def build(self, corrected: CorrectedDepth, T_world_cam: FloatArray) -> Histogram:
+        """Return the histogram of a corrected image; `T_world_cam` is the pose of the camera, shape (4, 4)."""
+        c = self._config
+        trusted = np.where(corrected.confidence >= c.min_confidence, corrected.depth_m, np.float32(0))
+        range_m = self._cells(trusted)
+        count = np.count_nonzero(range_m < np.inf, axis=-1)
+        n_pixels = range_m.shape[-1]
+        unknown = count < max(1, c.min_valid_share * n_pixels)
+        rank = np.minimum((count * (c.percentile / 100)).astype(np.intp), n_pixels - 1)
+        range_m.sort(axis=-1)
+        nearest_m = np.take_along_axis(range_m, rank[..., None], axis=-1)[..., 0].astype(np.float64)
+        nearest_m[unknown] = c.unknown_range_m if c.unknown == "blocked" else c.free_range_m
+        return self._from_drone_centre(nearest_m, unknown, T_world_cam)
+
+    def _from_drone_centre(self, nearest_m: FloatArray, unknown: MaskImage, T_world_cam: FloatArray) -> Histogram:
+        """Convert ranges from the camera, shape (rows, cols), to ranges from the centre of the drone."""
+        surface_cam_m = nearest_m[..., None] * self._directions_cam + self._mount_cam_m
+        range_m = np.sqrt((surface_cam_m * surface_cam_m).sum(axis=-1))
+        R_world_cam = T_world_cam[:3, :3]
+        return Histogram(
+            camera_m=T_world_cam[:3, 3],
+            origin_m=T_world_cam[:3, 3] - R_world_cam @ self._mount_cam_m,
+            range_m=range_m,
+            unknown=unknown,
+            directions_world=self._directions_cam @ R_world_cam.T,
+            to_surface_world=surface_cam_m / np.maximum(range_m, 1e-9)[..., None] @ R_world_cam.T,
+            forward_world=R_world_cam[:, 2],
+        )
+
+    def _cells(self, depth_m: FloatImage) -> FloatImage:
+        """Return the ranges grouped by cell, shape (rows, cols, pixels); +inf where invalid."""
+        rows, cols = self._config.rows, self._config.cols
+        (row, col), (height, width) = self._first, self._sampled
+        sampled = depth_m[row :: self._step, col :: self._step][:height, :width]
+        ranges = np.where(sampled > 0, sampled * self._ray_length, np.float32(np.inf))
+        blocks = ranges.reshape(rows, height // rows, cols, width // cols).swapaxes(1, 2)
+        return blocks.reshape(rows, cols, -1)
+
+
+def _sampled_pixels(n_pixels: int, step: int, n_cells: int) -> npt.NDArray[np.intp]:
+    """Return every `step`-th pixel along a side of the image, equally many per cell; the rest lies at both ends."""
+    n_sampled = len(range(0, n_pixels, step)) // n_cells * n_cells
+    first = (n_pixels - 1 - step * (n_sampled - 1)) // 2
+    return np.arange(first, first + step * n_sampled, step)
 
 
 def braking_speed(distance_m: float | FloatArray, *, decel_m_s2: float, gain_per_s: float) -> FloatArray:
-    """Speed from which a drone can stop within a distance: linear when close, a square root beyond.
+    """Return the speed from which a drone can stop within a distance: linear when close, a square root beyond.
 
     `D(x) = 0 for x <= 0; p x for x < a/p^2; sqrt(2 a x - a^2/p^2) otherwise` is smooth where its parts meet
     (Vasarhelyi et al. 2018, Sci. Robot. 3, eaat3536).
@@ -60,88 +156,91 @@ def braking_speed(distance_m: float | FloatArray, *, decel_m_s2: float, gain_per
 
 
 def stopping_distance_m(speed_m_s: float, *, decel_m_s2: float, gain_per_s: float, reaction_s: float = 0.0) -> float:
-    """Way to a stop along the braking curve, after flying on for `reaction_s`: the inverse of `braking_speed`."""
+    """Return the distance to a stop along the braking curve after `reaction_s` at constant speed.
+
+    Without a reaction time this is the inverse of `braking_speed`.
+    """
     a, p = decel_m_s2, gain_per_s
     braking_m = speed_m_s / p if speed_m_s < a / p else (speed_m_s**2 + (a / p) ** 2) / (2 * a)
     return speed_m_s * reaction_s + braking_m
 
 
 class Avoidance:
-    """Bends and brakes a wanted velocity by what the histogram shows.
+    """Bends and brakes a wanted velocity by the free ranges of a histogram.
 
     Args:
-        config: See there.
-        radius_m: Of the drone's collision sphere.
+        config: Distances and costs.
+        radius_m: Radius of the drone's collision sphere.
     """
 
     def __init__(self, config: AvoidanceConfig, radius_m: float) -> None:
         self._config = config
-        self._keep_m = radius_m + config.clearance_m
+        self._safety_radius_m = radius_m + config.clearance_m
 
     def choose(
         self, wanted_m_s: FloatArray, histogram: Histogram, previous: FloatArray | None, at_m: FloatArray | None = None
     ) -> Choice:
-        """The velocity nearest to a wanted one that is safe.
+        """Return the safe velocity that is nearest to a wanted one.
 
-        A wish to go where the camera does not look is granted if it is slow. Else the drone flies by what it sees, and
-        stops and turns when the way leads backwards. In a dead end it turns to where there is most room.
+        A slow velocity out of the field of view is granted. Otherwise the drone flies by the histogram, and stops and
+        turns when the wanted direction leads backwards. In a dead end it turns to the direction of the longest range.
 
         Args:
             wanted_m_s: Wanted velocity, shape (3,).
-            histogram: What is free around.
+            histogram: Free range by direction.
             previous: Direction chosen last, shape (3,), or None.
-            at_m: Where the drone will be when a command takes hold, shape (3,); None if it is still where the
-                histogram was taken. The way to there is no room to brake.
+            at_m: Position of the drone when a command takes effect, shape (3,); None if it has not moved since the
+                histogram was taken. The distance to that position is not available for braking.
         """
         speed = float(np.linalg.norm(wanted_m_s))
         goal = wanted_m_s / speed if speed > 1e-3 else histogram.forward_world
         if not self._in_view(goal, histogram):
             if speed <= self._config.blind_speed_m_s:
-                return Choice(velocity_m_s=wanted_m_s, direction=goal, cell=None, clear_m=0.0)
+                return Choice(velocity_m_s=wanted_m_s, direction=goal, cell=None, free_m=0.0)
             if float(goal @ histogram.forward_world) < 0:
-                return Choice(velocity_m_s=np.zeros(3), direction=goal, cell=None, clear_m=0.0)
+                return Choice(velocity_m_s=np.zeros(3), direction=goal, cell=None, free_m=0.0)
         directions = histogram.directions_world.reshape(-1, 3)
-        clear_m = self._clear(histogram)
-        if (clear_m <= self._keep_m).all():
-            clear_m = histogram.range_m.ravel()
-        best = int(np.argmin(self._cost(directions, clear_m, goal, previous)))
+        free_m = self._free_distances_m(histogram)
+        if (free_m <= self._safety_radius_m).all():
+            free_m = histogram.range_m.ravel()
+        best = int(np.argmin(self._cost(directions, free_m, goal, previous)))
         direction = self._refine(goal, directions[best], histogram)
-        gone_m = 0.0 if at_m is None else max(0.0, float((at_m - histogram.origin_m) @ direction))
-        limit = self._speed_limit(float(clear_m[best]) - gone_m)
+        travelled_m = 0.0 if at_m is None else max(0.0, float((at_m - histogram.origin_m) @ direction))
+        limit = self._speed_limit(float(free_m[best]) - travelled_m)
         cols = histogram.range_m.shape[1]
         return Choice(
             velocity_m_s=min(speed, limit) * direction,
             direction=direction,
             cell=divmod(best, cols),
-            clear_m=float(clear_m[best]),
+            free_m=float(free_m[best]),
         )
 
     def _in_view(self, goal: FloatArray, histogram: Histogram) -> bool:
         cos_to_cells = histogram.directions_world.reshape(-1, 3) @ goal
         return bool(cos_to_cells.max() > np.cos(np.radians(8.0)))
 
-    def _clear(self, histogram: Histogram) -> FloatArray:
-        """Free distance in each direction, shape (n,).
+    def _free_distances_m(self, histogram: Histogram) -> FloatArray:
+        """Return the free distance in each direction, shape (n,).
 
-        A surface at range r blocks all directions within asin(keep / r) of it, but never more than 45 degrees:
-        what is already too near must not forbid to leave sideways. Unknown cells, and surfaces beyond the horizon,
-        block only their own direction.
+        A surface at range r blocks all directions within asin(safety radius / r) of it, but never more than 45 degrees,
+        so that a drone can leave a surface sideways that is already too near. Unknown cells, and surfaces beyond the
+        horizon, block only their own direction.
         """
         range_m = histogram.range_m.ravel()
         blocking = (range_m < self._config.horizon_m) & ~histogram.unknown.ravel()
         near_m = range_m[blocking]
-        sine = np.minimum(self._keep_m / np.maximum(near_m, 1e-6), WIDEST_BLOCK)
+        sine = np.minimum(self._safety_radius_m / np.maximum(near_m, 1e-6), MAX_BLOCKED_SINE)
         cosine = histogram.directions_world.reshape(-1, 3) @ histogram.to_surface_world.reshape(-1, 3)[blocking].T
         blocked = cosine >= np.sqrt(1 - sine * sine)
-        clear_m: FloatArray = np.where(blocked, near_m, np.inf).min(axis=1, initial=np.inf)
-        return np.minimum(clear_m, range_m)
+        free_m: FloatArray = np.where(blocked, near_m, np.inf).min(axis=1, initial=np.inf)
+        return np.minimum(free_m, range_m)
 
     def _cost(
-        self, directions: FloatArray, clear_m: FloatArray, goal: FloatArray, previous: FloatArray | None
+        self, directions: FloatArray, free_m: FloatArray, goal: FloatArray, previous: FloatArray | None
     ) -> FloatArray:
         c = self._config
-        cost = c.clear_weight * np.maximum(0, 1 - clear_m / c.horizon_m) ** 2
-        cost[clear_m <= self._keep_m] += FORBIDDEN
+        cost = c.clear_weight * np.maximum(0, 1 - free_m / c.horizon_m) ** 2
+        cost[free_m <= self._safety_radius_m] += TOO_NEAR_COST
         cost += c.goal_weight * np.arccos(np.clip(directions @ goal, -1, 1))
         cost += c.climb_weight * np.abs(
             np.arcsin(np.clip(directions[:, 2], -1, 1)) - np.arcsin(np.clip(goal[2], -1, 1))
@@ -151,15 +250,17 @@ class Avoidance:
         return cost
 
     def _refine(self, goal: FloatArray, cell_direction: FloatArray, histogram: Histogram) -> FloatArray:
-        """The wanted direction itself, shape (3,), where the chosen cell contains it, else the cell's.
+        """Return the wanted direction, shape (3,), if the chosen cell contains it, else the direction of the cell.
 
-        Of a direction outside of the image some cell is the nearest too, but that one says nothing about it.
+        A direction outside of the image has a nearest cell as well, but that cell does not contain it.
         """
         directions = histogram.directions_world.reshape(-1, 3)
         own_cell = directions[int(np.argmax(directions @ goal))]
         contained = np.array_equal(own_cell, cell_direction) and self._in_view(goal, histogram)
         return goal if contained else cell_direction
 
-    def _speed_limit(self, clear_m: float) -> float:
+    def _speed_limit(self, free_m: float) -> float:
         c = self._config
-        return float(braking_speed(clear_m - self._keep_m, decel_m_s2=c.max_decel_m_s2, gain_per_s=c.brake_gain_per_s))
+        return float(
+            braking_speed(free_m - self._safety_radius_m, decel_m_s2=c.max_decel_m_s2, gain_per_s=c.brake_gain_per_s)
+        )

@@ -1,4 +1,4 @@
-"""Pose priors: what a drone says about its own camera's pose along with a frame."""
+"""Pose priors: the camera poses that a drone passes to its corrector along with the frames."""
 
 from typing import Literal, Protocol
 
@@ -15,57 +15,57 @@ PosePriorName = Literal["none", "drift", "true"]
 
 
 class PosePriorConfig(Model):
-    """Where the pose comes from that a drone passes to its corrector.
+    """Source of the poses that a drone passes to its corrector.
 
-    `none`: nowhere, the corrector has the images alone. `drift`: the drone's own estimate, which wanders off the true
-    pose. `true`: the true pose, an ORACLE that no robot has, as an upper bound for comparisons.
+    With `none` the corrector has the images alone. With `drift` the pose is an estimate that drifts off the true pose.
+    With `true` it is the true pose: an ORACLE that no robot has, as an upper bound for comparisons.
     """
 
     kind: PosePriorName = "none"
     drift_m_per_sqrt_s: float = Field(0.02, ge=0)
-    """Of `drift`: deviation of each coordinate of a drone at rest after one second; it grows with the root of time."""
+    """Standard deviation of each coordinate after one second at rest, for `drift`; it grows with the root of time."""
     drift_yaw_deg_per_sqrt_s: float = Field(0.1, ge=0)
-    """Of `drift`: the same for the heading, which also turns every way flown from then on."""
+    """Standard deviation of the heading after one second, for `drift`; its error rotates all later motion."""
 
     @property
     def label(self) -> str:
-        """The kind as results name it: an oracle says that it is one."""
+        """Name of the kind in results, which marks the oracle."""
         return "true (oracle)" if self.kind == "true" else self.kind
 
 
 class PosePrior(Protocol):
-    """One drone's source of poses; asked once for every capture, in order."""
+    """Source of the poses of one drone; it is called once for every capture, in order."""
 
     def __call__(self, capture: Capture) -> FloatArray | None:
-        """`T_world_cam` as the drone believes it to be, shape (4, 4); None if it has no belief."""
+        """Return the estimate of `T_world_cam`, shape (4, 4); None if there is none."""
         ...
 
 
 class NoPrior:
-    """A drone that does not know where it is."""
+    """No estimate of the pose."""
 
     def __call__(self, capture: Capture) -> None:
-        """No pose."""
+        """Return no pose."""
 
 
 class TruePrior:
-    """The ORACLE: the true pose, as no robot has it."""
+    """The ORACLE: the true pose, which no robot has."""
 
     def __call__(self, capture: Capture) -> FloatArray:
-        """The pose of the capture itself."""
+        """Return the true pose of the capture."""
         return capture.T_world_cam.copy()
 
 
 class DriftingPrior:
-    """An estimate like that of visual-inertial odometry: right at first, then a random walk away from the truth.
+    """An estimate like that of visual-inertial odometry: true at first, then with a random walk added.
 
-    True motion from capture to capture is added up, turned by the error of the heading so far, so that the motion
-    between two captures close in time stays nearly true. Roll and pitch have no error: gravity shows them.
+    The true motion from capture to capture is accumulated, rotated by the present error of the heading, so that the
+    motion between two captures close in time stays nearly true. Roll and pitch have no error: gravity shows them.
 
     Args:
         config: Rates of the drift.
         seed: Master seed.
-        drone: Whose estimate; every drone drifts in its own way.
+        drone: Number of the drone; the drifts of different drones are independent.
     """
 
     def __init__(self, config: PosePriorConfig, *, seed: int, drone: int) -> None:
@@ -76,19 +76,19 @@ class DriftingPrior:
         self._yaw_error_rad = 0.0
 
     def __call__(self, capture: Capture) -> FloatArray:
-        """The drone's estimate; the first one is true."""
+        """Return the estimate; the first one is true."""
         true_m = capture.T_world_cam[:3, 3].copy()
         if self._before is None:
             self._position_m = true_m
         else:
             stamp_s, before_m = self._before
-            self._position_m = self._position_m + self._turn() @ (true_m - before_m)
+            self._position_m = self._position_m + self._yaw_error() @ (true_m - before_m)
             self._drift(capture.stamp_s - stamp_s)
         self._before = (capture.stamp_s, true_m)
-        return frames.pose(self._turn() @ capture.T_world_cam[:3, :3], self._position_m)
+        return frames.pose(self._yaw_error() @ capture.T_world_cam[:3, :3], self._position_m)
 
-    def _turn(self) -> FloatArray:
-        """The error of the heading as a rotation about the vertical, shape (3, 3)."""
+    def _yaw_error(self) -> FloatArray:
+        """Return the error of the heading as a rotation about the vertical, shape (3, 3)."""
         return frames.rotation_from_yaw(self._yaw_error_rad)
 
     def _drift(self, elapsed_s: float) -> None:
@@ -101,7 +101,7 @@ NO_PRIOR = NoPrior()
 
 
 def make_prior(config: PosePriorConfig, *, seed: int, drone: int) -> PosePrior:
-    """The prior of one drone that a configuration names."""
+    """Create the pose prior of one drone."""
     if config.kind == "drift":
         return DriftingPrior(config, seed=seed, drone=drone)
     return TruePrior() if config.kind == "true" else NO_PRIOR

@@ -1,17 +1,18 @@
 """The task of a mission, and the swarms that fly it."""
 
+import numpy as np
 from pydantic import Field
 
 from voxdepth.model import Model
+from voxdepth.types import FloatArray
 
 from .controllers import DEFAULT_CONTROLLER
-from .formation import FormationConfig
 from .link import LinkConfig
 from .neighbours import NeighbourConfig
 from .pilot import PilotConfig
 from .priors import PosePriorConfig
 from .rules import RuleWeights
-from .team import Route, Team
+from .team import FormationConfig, Route, Team
 
 
 class MissionConfig(Model):
@@ -19,7 +20,7 @@ class MissionConfig(Model):
 
     routes: tuple[Route, ...] = Field((Route(),), min_length=1, strict=False)
     drones: int = Field(8, ge=1)
-    """Of each swarm. Its first one leads, all others follow."""
+    """Number of drones of each swarm. Its first one leads, all others follow."""
     duration_s: float = Field(75.0, gt=0)
     """Simulated time after which the mission counts as timed out."""
     cruise_speed_m_s: float = Field(2.5, gt=0)
@@ -29,19 +30,19 @@ class MissionConfig(Model):
     control_hz: int = Field(20, ge=1)
     """Decisions of each drone per second; must divide the rate of the physics."""
     latency_s: float = Field(0.03, ge=0)
-    """Simulated time from a capture to the moment its raw depth is there; that of the corrector comes on top."""
+    """Simulated time from a capture until its raw depth is available; the corrector's latency is added to it."""
     goal_radius_m: float = Field(1.5, gt=0)
     """Distance from its goal within which a leader has arrived."""
     formation_tolerance_m: float = Field(1.5, gt=0)
     """Largest distance of any follower from its slot that counts as being in formation."""
     deadlock_s: float = Field(12.0, gt=0)
-    """Time in which neither leaders nor followers get anywhere, after which the mission counts as stuck."""
+    """Time without progress of any leader or follower, after which the mission counts as stuck."""
     lost_m: float = Field(30.0, gt=0)
     """Distance from its leader beyond which a follower counts as lost."""
     aftermath_s: float = Field(1.0, ge=0)
-    """How long the world runs on after the first collision."""
+    """Simulated time that the mission goes on after the first collision."""
     controller: str = DEFAULT_CONTROLLER
-    """Who decides for each drone: `module:factory`, where factory(role, config) returns an agent."""
+    """Controller of each drone: `module:factory`, where factory(role, config) returns an agent."""
     formation: FormationConfig = FormationConfig()
     rules: RuleWeights = RuleWeights()
     pilot: PilotConfig = PilotConfig()
@@ -50,6 +51,14 @@ class MissionConfig(Model):
     pose_prior: PosePriorConfig = PosePriorConfig()
 
     def teams(self) -> list[Team]:
-        """One per route."""
+        """Return one swarm per route."""
         n = self.drones
         return [Team.of(route, range(i * n, (i + 1) * n), self.formation) for i, route in enumerate(self.routes)]
+
+    def starts_m(self) -> FloatArray:
+        """Return the start positions of all drones, shape (N, 3)."""
+        return np.vstack([team.starts_m for team in self.teams()])
+
+    def start_yaws_rad(self) -> FloatArray:
+        """Return the headings of all drones at the start, shape (N,)."""
+        return np.repeat([team.heading_rad for team in self.teams()], self.drones)

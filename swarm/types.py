@@ -9,27 +9,28 @@ import numpy as np
 import numpy.typing as npt
 
 from sim.types import Contact, VelocityCommand
-from voxdepth.types import FloatArray, MaskImage
+from voxdepth.types import CorrectedDepth, FloatArray, MaskImage
 
 __all__ = [
     "Choice",
     "Decision",
     "Detection",
-    "Figure",
     "Histogram",
+    "MetricValue",
     "MissionResult",
     "Motion",
     "Neighbours",
     "Outcome",
+    "Percept",
     "Trajectory",
 ]
 
-Figure = float | int | None
-"""A figure of a mission; None where there is nothing to say."""
+MetricValue = float | int | None
+"""A metric of a mission; None where it is undefined."""
 
 
 class Motion(NamedTuple):
-    """Where something is and where it goes, in the world frame."""
+    """Position and velocity in the world frame."""
 
     position_m: FloatArray
     """Shape (3,)."""
@@ -39,10 +40,10 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Neighbours:
-    """Other drones as one of them knows of them."""
+    """Positions and velocities of other drones, as one drone knows them."""
 
     drone: npt.NDArray[np.intp]
-    """Whose row it is, shape (n,)."""
+    """Number of the drone in each row, shape (n,)."""
     position_m: FloatArray
     """Shape (n, 3), world frame."""
     velocity_m_s: FloatArray
@@ -50,7 +51,7 @@ class Neighbours:
 
     @classmethod
     def of(cls, motions: Mapping[int, Motion]) -> "Neighbours":
-        """By number of the drone."""
+        """Create it from motions by number of the drone."""
         return cls(
             drone=np.array(list(motions), np.intp),
             position_m=np.array([m.position_m for m in motions.values()], np.float64).reshape(-1, 3),
@@ -61,7 +62,7 @@ class Neighbours:
         return len(self.drone)
 
     def among(self, drones: range) -> "Neighbours":
-        """Those of some drones."""
+        """Return the part that belongs to a range of drones."""
         kept = (self.drone >= drones.start) & (self.drone < drones.stop)
         return Neighbours(
             drone=self.drone[kept], position_m=self.position_m[kept], velocity_m_s=self.velocity_m_s[kept]
@@ -70,25 +71,25 @@ class Neighbours:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Detection:
-    """Another drone as it was found in an image."""
+    """Another drone that was found in an image."""
 
     drone: int
     bearing_cam: FloatArray
     """Unit vector towards it in the camera frame, shape (3,)."""
     range_m: float
-    """Distance to its centre, by the corrected depth."""
+    """Distance to its centre by the corrected depth."""
     deviation_m: float
     """Spread of the depth over its pixels: 1.48 times the median deviation from the median."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Histogram:
-    """Free range by direction, as a coarse grid over the image, from the centre of the drone."""
+    """Free range by direction from the centre of the drone, on a coarse grid over the image."""
 
     camera_m: FloatArray
-    """The camera by the drone's own motion estimate, world frame, shape (3,)."""
+    """Position of the camera, world frame, shape (3,)."""
     origin_m: FloatArray
-    """The centre of the drone by its own motion estimate, world frame, shape (3,)."""
+    """Centre of the drone, world frame, shape (3,)."""
     range_m: FloatArray
     """Distance from the centre to the nearest surface of each cell, shape (rows, cols)."""
     unknown: MaskImage
@@ -96,45 +97,58 @@ class Histogram:
     directions_world: FloatArray
     """Unit vector through each cell in the world frame at the time of capture, shape (rows, cols, 3)."""
     to_surface_world: FloatArray
-    """Unit vector from the centre to the surface of each cell, shape (rows, cols, 3): the camera sits before it."""
+    """Unit vector from the centre of the drone, which lies behind the camera, to the surface of each cell."""
     forward_world: FloatArray
     """Optical axis in the world frame, shape (3,)."""
 
     @property
     def surfaces_m(self) -> FloatArray:
-        """The nearest surface of each cell, world frame, shape (rows, cols, 3)."""
+        """Point of the nearest surface of each cell, world frame, shape (rows, cols, 3)."""
         return self.origin_m + self.range_m[..., None] * self.to_surface_world
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Percept:
+    """Result of the perception of one drone for one capture."""
+
+    stamp_s: float
+    true_T_world_cam: FloatArray
+    """True pose of the camera in the simulator, shape (4, 4): controllers fly with perfect localisation."""
+    corrected: CorrectedDepth
+    histogram: Histogram
+    detections: tuple[Detection, ...] = ()
+    """Other drones that were found in the image."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Choice:
-    """Where the avoidance layer lets a drone go."""
+    """Direction and velocity that obstacle avoidance chose."""
 
     velocity_m_s: FloatArray
     """Shape (3,), world frame."""
     direction: FloatArray
-    """Unit vector of the way that was chosen, also when the speed is 0; shape (3,)."""
+    """Unit vector of the chosen direction, also when the speed is 0; shape (3,)."""
     cell: tuple[int, int] | None
-    """Cell of the histogram that was chosen; None when the wanted direction is outside of the image."""
-    clear_m: float
-    """Way that the centre of the drone can go in that direction before something is in touch with it."""
+    """Chosen cell of the histogram; None when the wanted direction is outside of the image."""
+    free_m: float
+    """Distance that the centre of the drone can travel in that direction before the drone touches a surface."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Decision:
-    """A command and how it came about."""
+    """A command, and the steps that led to it."""
 
     command: VelocityCommand
     wanted_velocity_m_s: FloatArray
-    """Before avoidance, shape (3,)."""
+    """Velocity before avoidance, shape (3,)."""
     choice: Choice | None
-    """None as long as nothing has been seen, and where nothing is avoided."""
+    """None before the first percept, and when obstacle avoidance is off."""
 
     @property
     def state(self) -> str:
-        """What the drone is doing, in one word: `waiting`, `blind`, `avoiding`, `braking` or `free`.
+        """State of the drone in one word: `waiting`, `blind`, `avoiding`, `braking` or `free`.
 
-        Whoever flies without a choice, because nothing is avoided, is `blind`, too.
+        A drone that flies with obstacle avoidance off is `blind`, too.
         """
         if self.choice is None:
             return "blind" if self.command.velocity_m_s.any() else "waiting"
@@ -147,7 +161,7 @@ class Decision:
 
 
 class Outcome(StrEnum):
-    """How a mission ended; exactly one."""
+    """The one way in which a mission ended."""
 
     SUCCESS = "success"
     """Every leader reached its goal with all its followers in formation."""
@@ -158,7 +172,7 @@ class Outcome(StrEnum):
     """A follower left its swarm."""
     TIMEOUT = "timeout"
     INTERRUPTED = "interrupted"
-    """Ended from outside, by Ctrl-C; counts as no result."""
+    """Ctrl-C ended the mission; it has no result."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -175,12 +189,12 @@ class Trajectory:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MissionResult:
-    """What became of a mission."""
+    """Outcome, collisions, paths and metrics of a mission."""
 
     outcome: Outcome
     contacts: tuple[Contact, ...]
     trajectories: tuple[Trajectory, ...]
-    metrics: Mapping[str, Figure] = field(default_factory=dict)
-    """Figures of the run by name; the unit is the end of the name."""
-    drones: Sequence[Mapping[str, Figure]] = ()
-    """The same for each drone."""
+    metrics: Mapping[str, MetricValue] = field(default_factory=dict)
+    """Metrics of the run by name; the unit is the end of the name."""
+    drones: Sequence[Mapping[str, MetricValue]] = ()
+    """Metrics of each drone by name."""

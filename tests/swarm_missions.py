@@ -3,15 +3,13 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import numpy as np
-
 from sim.bodies import Body, Scene
 from sim.render import create_renderer
 from sim.rig import StereoRig
 from sim.sensor import RigConfig
 from sim.world import World
-from swarm.mission import Mission, start_yaws_rad, starts_m
-from swarm.recorder import NullRecorder
+from swarm.mission import Mission
+from swarm.recorder import Recorder
 from swarm.task import MissionConfig
 from voxdepth.baselines.raw import Raw
 
@@ -22,14 +20,14 @@ RIG = RigConfig(width_px=96, height_px=64, depth="truth")
 def mission_among(*bodies: Body, config: MissionConfig, seed: int = 0) -> Iterator[Mission]:
     """A mission of drones that see the true depth of a few bodies, and of each other."""
     scene = Scene(seed=5, bodies=bodies)
-    with World(scene, starts_m(config), start_yaw_rad=start_yaws_rad(config)) as world:
+    with World(scene, config.starts_m(), start_yaw_rad=config.start_yaws_rad()) as world:
         rig = StereoRig(world, create_renderer("raycast", world, threads=1), RIG, seed=seed, gray=False)
         yield Mission(
             config,
             world,
             rig,
-            [Raw() for _ in range(np.shape(starts_m(config))[0])],
-            NullRecorder(),
+            [Raw() for _ in range(world.n_drones)],
+            Recorder(),
             camera_hz=RIG.rate_hz,
             latency_s=config.latency_s,
             seed=seed,

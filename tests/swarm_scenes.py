@@ -6,7 +6,7 @@ import numpy as np
 
 from sim.frames import R_BODY_CAM, pose
 from sim.types import Capture, DroneState
-from swarm.histogram import HistogramBuilder, HistogramConfig
+from swarm.obstacles import HistogramBuilder, HistogramConfig
 from swarm.types import Histogram, Motion, Neighbours
 from tests.helpers import CAMERA
 from voxdepth.baselines.raw import Raw

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.types import Capture, Contact, IdImage
 from sim.world import World
-from swarm.recorder import NullRecorder
+from swarm.recorder import Recorder
 from swarm.team import Team
 from swarm.types import Histogram, Outcome
 from voxdepth.geometry import back_project
@@ -84,7 +84,7 @@ class Look:
         return shown
 
 
-class Witness(NullRecorder):
+class Witness(Recorder):
     """Remembers what every camera showed of late, until the first collision.
 
     Args:

@@ -1,4 +1,4 @@
-"""Environments for learning: followers that are steered from outside, between drones that fly by their rules.
+"""Environments for learning: followers are steered from outside, all other drones fly by the mission's controller.
 
-Nothing here needs Gymnasium or PettingZoo but `spaces`, `gym_env` and `pettingzoo_env`.
+Only `gym_env` and `pettingzoo_env` need Gymnasium or PettingZoo.
 """

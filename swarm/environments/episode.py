@@ -1,40 +1,50 @@
-"""One mission in which some drones are steered from outside, image by image: what both environments are made of."""
+"""One mission in which some drones are steered from outside, image by image; both environments are made of it."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from sim.render import create_renderer
-from sim.rig import StereoRig
 from sim.world import World
 from voxdepth.types import FloatArray
 
+from ..compose import composed_mission
 from ..controllers import Agent, Role, load_controller
 from ..errors import MissionError
-from ..mission import Mission, start_yaws_rad, starts_m
+from ..metrics import is_involved
 from ..pilot import Situation
-from ..recorder import NullRecorder, Recorder
+from ..recorder import Recorder
 from ..task import MissionConfig
 from ..types import Outcome
-from .observation import Limits, Observation, observe
-from .reward import Referee, Verdict
-from .steering import ACTION_SIZE, Learner, create_learner
+from .learner import ACTION_SIZE, Learner, Observation, ObservationLimits, observe
 from .task import LearningTask
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepResult:
+    """Reward of one drone for a step, and whether its episode is over."""
+
+    reward: float
+    terminated: bool
+    """The drone collided or got lost, or its mission succeeded."""
+    truncated: bool
+    """The mission ended in another way: time ran out, nobody made progress, or another drone collided or got lost."""
 
 
 class Episode:
     """A mission from take-off to its outcome; a step lasts one camera period.
 
-    All drones hover until the first image is known to them, as scripted ones do anyway; there the first observation is
-    made. From then on every observation is made that long after an image was taken.
+    All drones hover until the first image is known, as drones with a controller do. The first observation is made at
+    that time, and every later one as long after the capture of an image.
 
     Args:
-        task: What is flown.
+        task: World, mission and reward.
         learners: Numbers of the followers that are steered from outside.
-        seed: Of the scene and of all noise: the same seed and actions give the same observations, bit for bit.
-        recorder: Told of everything, gray images included; None if nobody is.
+        seed: Seed of the scene and of all noise: the same seed and actions give the same observations, bit for bit.
+        recorder: Receives everything that happens, gray images included; None records nothing.
 
     Raises:
         MissionError: A learner is no follower of the task, or the task cannot be flown.
@@ -45,20 +55,19 @@ class Episode:
     ) -> None:
         require_followers(task, learners)
         self.seed = seed
-        self._task = task
+        config = task.mission.model_copy(update={"aftermath_s": 0.0})
+        self._task = task.model_copy(update={"mission": config})
         self._roles: dict[int, Role] = {}
         self._learners: dict[int, Learner] = {}
-        self._wanted = frozenset(learners)
+        self._learning = frozenset(learners)
         self._limits = limits_of(task)
-        config = task.mission.model_copy(update={"aftermath_s": 0.0})
         self._ticks_per_step = round(config.control_hz / task.rig.rate_hz)
-        self._control_hz = config.control_hz
-        self.world = World(
-            task.scene.build(seed), starts_m(config), task.airframe, start_yaw_rad=start_yaws_rad(config)
+        self._resources = ExitStack()
+        mission = composed_mission(
+            self._task, recorder or Recorder(), seed=seed, gray=recorder is not None, make_agent=self._create_agent
         )
         try:
-            self._mission = self._new_mission(config, recorder or NullRecorder(), gray=recorder is not None)
-            self._referee = Referee(task.reward, config, self.world)
+            self._mission = self._resources.enter_context(mission)
             self._await_first_image()
         except BaseException:
             self.close()
@@ -66,34 +75,36 @@ class Episode:
 
     def close(self) -> None:
         """Free the world; a second call does nothing."""
-        self.world.close()
+        self._resources.close()
+
+    @property
+    def world(self) -> World:
+        """The world of the mission."""
+        return self._mission.world
 
     @property
     def outcome(self) -> Outcome | None:
-        """Of the mission; None while it goes on."""
+        """Outcome of the mission; None while it goes on."""
         return self._mission.outcome
 
     def info(self) -> dict[str, Any]:
-        """The seed and the simulated time, and the outcome once there is one; nothing of the truth beyond that."""
+        """Return the seed, the simulated time and the outcome if there is one, and nothing else of the truth."""
         ended = {} if self.outcome is None else {"outcome": self.outcome.value}
         return {"seed": self.seed, "time_s": self._mission.time_s, **ended}
 
     def situation(self, drone: int) -> Situation:
-        """All that a drone knows now, as the rules would be given it; an expert to learn from may decide on it."""
+        """Return what a drone knows, as a controller would get it; an expert to learn from may decide on it."""
         return self._mission.situation(drone)
 
     def observe(self, drone: int) -> Observation:
-        """What a learner is shown of that."""
+        """Return the observation of a learner."""
         return observe(self.situation(drone), self._roles[drone], self._limits)
 
-    def step(self, actions: Mapping[int, npt.ArrayLike]) -> dict[int, Verdict]:
+    def step(self, actions: Mapping[int, npt.ArrayLike]) -> dict[int, StepResult]:
         """Fly one camera period, or to the end of the mission if that comes first.
 
         Args:
-            actions: One for each learner, of shape (4,) and within -1..1; what is beyond is clipped.
-
-        Returns:
-            The verdict on each learner.
+            actions: One action for each learner, of shape (4,); values beyond -1..1 are clipped.
 
         Raises:
             MissionError: The episode is over, or an action is unusable.
@@ -101,37 +112,35 @@ class Episode:
         if self.outcome is not None:
             raise MissionError(f"the episode has ended with {self.outcome.value!r}; call reset() to begin another one")
         for drone, learner in self._learners.items():
-            learner.action = checked(actions[drone])
+            learner.action = clipped_action(actions[drone])
         ticks = 0
         while ticks < self._ticks_per_step and self.outcome is None:
             self._mission.tick()
             ticks += 1
-        step_s = ticks / self._control_hz
-        return {drone: self._referee.verdict(self._roles[drone], self.outcome, step_s) for drone in self._learners}
+        dt_s = ticks / self._task.mission.control_hz
+        return {drone: self._result(self._roles[drone], dt_s) for drone in self._learners}
 
-    def _new_mission(self, config: MissionConfig, recorder: Recorder, *, gray: bool) -> Mission:
-        task, world = self._task, self.world
-        correctors = [task.corrector.create(task.rig.intrinsics) for _ in range(world.n_drones)]
-        gray = gray or any(corrector.uses_gray for corrector in correctors)
-        renderer = create_renderer(task.renderer, world, threads=1)
-        return Mission(
-            config,
-            world,
-            StereoRig(world, renderer, task.rig, seed=self.seed, gray=gray),
-            correctors,
-            recorder,
-            camera_hz=task.rig.rate_hz,
-            latency_s=task.latency_s,
-            seed=self.seed,
-            make_agent=self._make_agent,
-        )
+    def _result(self, role: Role, dt_s: float) -> StepResult:
+        """Evaluate the last step of one drone, which took the simulated time `dt_s`, by the true positions."""
+        c, states, outcome = self._task.reward, self.world.states, self.outcome
+        from_leader_m = states[role.drone].position_m - states[role.team.leader].position_m
+        slot_error_m = float(np.linalg.norm(from_leader_m - role.offset_m))
+        reward = -c.slot_per_s * min(slot_error_m / c.slot_scale_m, 1.0) * dt_s
+        if outcome is None:
+            return StepResult(reward=reward, terminated=False, truncated=False)
+        collided = outcome is Outcome.COLLISION and any(is_involved(role.drone, hit) for hit in self.world.contacts)
+        lost = outcome is Outcome.LOST and float(np.linalg.norm(from_leader_m)) > self._task.mission.lost_m
+        arrived = outcome is Outcome.SUCCESS
+        reward += c.arrival * arrived - c.collision * collided - c.lost * lost
+        terminated = collided or lost or arrived
+        return StepResult(reward=reward, terminated=terminated, truncated=not terminated)
 
-    def _make_agent(self, role: Role, config: MissionConfig) -> Agent:
-        """A learner where one is wanted, and elsewhere what the mission asks for."""
+    def _create_agent(self, role: Role, config: MissionConfig) -> Agent:
+        """Create a learner for a learning drone, and the agent of the mission's controller for any other."""
         self._roles[role.drone] = role
-        if role.drone not in self._wanted:
+        if role.drone not in self._learning:
             return load_controller(config.controller)(role, config)
-        self._learners[role.drone] = create_learner(self._task.steering, role, config)
+        self._learners[role.drone] = Learner(self._task.steering, role, config)
         return self._learners[role.drone]
 
     def _await_first_image(self) -> None:
@@ -144,13 +153,15 @@ class Episode:
                 )
 
 
-def limits_of(task: LearningTask) -> Limits:
-    """The limits of what can be observed in a task."""
-    return Limits(depth_m=task.rig.max_depth_m, speed_m_s=task.airframe.max_speed_m_s, distance_m=task.mission.lost_m)
+def limits_of(task: LearningTask) -> ObservationLimits:
+    """Return the largest values of the observations of a task."""
+    return ObservationLimits(
+        depth_m=task.rig.max_depth_m, speed_m_s=task.airframe.max_speed_m_s, distance_m=task.mission.lost_m
+    )
 
 
 def require_followers(task: LearningTask, drones: Sequence[int]) -> None:
-    """Refuse to let others than followers learn.
+    """Require that all learners are followers.
 
     Raises:
         MissionError: One of them is no follower of the task.
@@ -160,8 +171,8 @@ def require_followers(task: LearningTask, drones: Sequence[int]) -> None:
             raise MissionError(f"a learner must be a follower, one of {list(task.followers)}, got {drone}")
 
 
-def checked(action: npt.ArrayLike) -> FloatArray:
-    """An action as shape (4,), clipped to -1..1.
+def clipped_action(action: npt.ArrayLike) -> FloatArray:
+    """Return an action as an array of shape (4,), clipped to -1..1.
 
     Raises:
         MissionError: It has another shape, or is not finite.
@@ -175,8 +186,8 @@ def checked(action: npt.ArrayLike) -> FloatArray:
     return np.clip(given, -1, 1)
 
 
-def running(episode: Episode | None) -> Episode:
-    """The episode that there must be.
+def require_running(episode: Episode | None) -> Episode:
+    """Return the episode of an environment.
 
     Raises:
         MissionError: There is none.

@@ -1,30 +1,49 @@
-"""A Gymnasium environment: one follower learns, all others fly by their rules."""
+"""A Gymnasium environment: one follower learns, all others fly by the mission's controller."""
 
 from typing import Any, SupportsFloat
 
 import gymnasium
 import numpy as np
 import numpy.typing as npt
+from gymnasium import spaces
 
-from .episode import Episode, require_followers, running
-from .observation import Observation
-from .spaces import action_space, observation_space
+from .episode import Episode, limits_of, require_followers, require_running
+from .learner import ACTION_SIZE, Observation
 from .task import LearningTask
-from .view import RENDER_MODES, Image, cameras_for, picture
+from .view import RENDER_MODES, Image, image_recorder, picture
 
 Action = npt.NDArray[np.float32]
-"""Shape (4,), within -1..1: forward, left, up, turn to the left."""
+"""Speeds forward, left and up, and the turn to the left, within -1..1, shape (4,)."""
+
+
+def observation_space(task: LearningTask) -> spaces.Space[Any]:
+    """Return the space of `learner.Observation`."""
+    limits = limits_of(task)
+    image = (task.rig.height_px, task.rig.width_px)
+    return spaces.Dict(
+        {
+            "depth_m": spaces.Box(0.0, limits.depth_m, image, np.float32),
+            "velocity_m_s": spaces.Box(-limits.speed_m_s, limits.speed_m_s, (3,), np.float32),
+            "leader_m": spaces.Box(-limits.distance_m, limits.distance_m, (3,), np.float32),
+            "slot_m": spaces.Box(-limits.distance_m, limits.distance_m, (3,), np.float32),
+        }
+    )
+
+
+def action_space() -> spaces.Space[Any]:
+    """Return the space of actions: forward, left, up and the turn to the left; see `learner.Direct`."""
+    return spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
 
 
 class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
     """Learn to follow a leader through a world seen by a corrected depth camera.
 
     `gymnasium.make("swarm:voxdepth/LeaderFollower-v0", **options)` makes one. Observations are described at
-    `observation.Observation`, actions at `steering.Direct`, rewards at `reward.RewardConfig`, and what ends an episode
-    at `reward.Verdict`. `info` holds the `seed` of the episode, `time_s`, and when it has ended the `outcome`.
+    `learner.Observation`, actions at `learner.Direct`, rewards at `task.RewardConfig`, and the end of an episode at
+    `episode.StepResult`. `info` holds the `seed` of the episode, `time_s`, and when it has ended the `outcome`.
 
     Args:
-        learner: Number of the drone that learns; None takes the first follower.
+        learner: Number of the learning drone; None takes the first follower.
         render_mode: `rgb_array`, or None for no pictures.
         task: Fields of `LearningTask`, by name.
 
@@ -39,7 +58,7 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
         self._task = LearningTask(**task)
         self._learner = self._task.followers[0] if learner is None else learner
         require_followers(self._task, [self._learner])
-        self._cameras = cameras_for(render_mode)
+        self._images = image_recorder(render_mode)
         self.render_mode = render_mode
         self.metadata = {**type(self).metadata, "render_fps": round(self._task.rig.rate_hz)}
         self.observation_space = observation_space(self._task)
@@ -52,13 +71,13 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
         """Begin an episode.
 
         Args:
-            seed: Of its world and noise; None draws the next one from `np_random`, so that episodes differ.
+            seed: Seed of its world and noise; None draws the next one from `np_random`, so that episodes differ.
             options: Has no effect.
         """
         super().reset(seed=seed)
         episode_seed = int(self.np_random.integers(2**32)) if seed is None else seed
         self.close()
-        self._episode = Episode(self._task, [self._learner], seed=episode_seed, recorder=self._cameras)
+        self._episode = Episode(self._task, [self._learner], seed=episode_seed, recorder=self._images)
         return self._episode.observe(self._learner), self._episode.info()
 
     def step(self, action: Action) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
@@ -67,20 +86,20 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
         Raises:
             MissionError: There is no episode, it is over, or the action is unusable.
         """
-        episode = running(self._episode)
-        verdict = episode.step({self._learner: action})[self._learner]
+        episode = require_running(self._episode)
+        result = episode.step({self._learner: action})[self._learner]
         observation = episode.observe(self._learner)
-        return observation, verdict.reward, verdict.terminated, verdict.truncated, episode.info()
+        return observation, result.reward, result.terminated, result.truncated, episode.info()
 
     def render(self) -> Image | None:
-        """What the learner sees, over a map; shape (H, W, 3), RGB. None without a render mode.
+        """Return the image of the learner over a map, shape (H, W, 3), RGB; None without a render mode.
 
         Raises:
             MissionError: There is no episode.
         """
-        if self._cameras is None:
+        if self._images is None:
             return None
-        return picture(self._cameras, running(self._episode).world, self._task, [self._learner])
+        return picture(self._images, require_running(self._episode).world, self._task, [self._learner])
 
     def close(self) -> None:
         """Free the world; a second call does nothing."""

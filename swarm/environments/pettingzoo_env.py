@@ -1,4 +1,4 @@
-"""A PettingZoo environment: all followers learn at once, behind leaders that fly by their rules."""
+"""A PettingZoo environment: all followers learn at once, behind leaders that fly by the mission's controller."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,16 +9,15 @@ from gymnasium.utils import seeding
 from pettingzoo import ParallelEnv
 
 from ..errors import MissionError
-from .episode import Episode, running
-from .gym_env import Action
-from .observation import Observation
-from .spaces import action_space, observation_space
+from .episode import Episode, require_running
+from .gym_env import Action, action_space, observation_space
+from .learner import Observation
 from .task import LearningTask
-from .view import RENDER_MODES, Image, cameras_for, picture
+from .view import RENDER_MODES, Image, image_recorder, picture
 
 
 def parallel_env(**options: Any) -> "FollowersEnv":
-    """The environment, by the name that PettingZoo's tools expect; see `FollowersEnv` for the options."""
+    """Create the environment, under the name that PettingZoo's tools expect; see `FollowersEnv` for the options."""
     return FollowersEnv(**options)
 
 
@@ -46,7 +45,7 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
 
     def __init__(self, *, render_mode: str | None = None, **task: Any) -> None:
         self._task = LearningTask(**task)
-        self._cameras = cameras_for(render_mode)
+        self._images = image_recorder(render_mode)
         self.render_mode = render_mode
         self.metadata = {**type(self).metadata, "render_fps": round(self._task.rig.rate_hz)}
         self._drone_of = {f"drone_{drone}": drone for drone in self._task.followers}
@@ -58,11 +57,11 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
         self._episode: Episode | None = None
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
-        """Of one agent; always the same object."""
+        """Return the observation space of one agent, always the same object."""
         return self._observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Space[Any]:
-        """Of one agent; always the same object."""
+        """Return the action space of one agent, always the same object."""
         return self._action_spaces[agent]
 
     def reset(
@@ -71,14 +70,14 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
         """Begin an episode.
 
         Args:
-            seed: Of its world and noise; None draws the next one, so that episodes differ.
+            seed: Seed of its world and noise; None draws the next one, so that episodes differ.
             options: Has no effect.
         """
         if seed is not None or self._np_random is None:
             self._np_random, _ = seeding.np_random(seed)
         episode_seed = int(self._np_random.integers(2**32)) if seed is None else seed
         self.close()
-        episode = Episode(self._task, list(self._drone_of.values()), seed=episode_seed, recorder=self._cameras)
+        episode = Episode(self._task, list(self._drone_of.values()), seed=episode_seed, recorder=self._images)
         self._episode = episode
         self.agents = list(self.possible_agents)
         return self._observations(episode), {agent: episode.info() for agent in self.agents}
@@ -86,37 +85,37 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
     def step(
         self, actions: Mapping[str, Action]
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Fly for one camera period: observations, rewards, terminated, truncated and infos by agent.
+        """Fly for one camera period; return observations, rewards, terminated, truncated and infos by agent.
 
         Args:
-            actions: One for each agent.
+            actions: One action for each agent.
 
         Raises:
             MissionError: There is no episode, it is over, or an action is missing or unusable.
         """
-        episode = running(self._episode)
+        episode = require_running(self._episode)
         if set(actions) != set(self._drone_of):
             raise MissionError(f"expected an action for each of {self.possible_agents}, got them for {sorted(actions)}")
         by_drone = episode.step({self._drone_of[agent]: action for agent, action in actions.items()})
-        verdicts = {agent: by_drone[drone] for agent, drone in self._drone_of.items()}
+        results = {agent: by_drone[drone] for agent, drone in self._drone_of.items()}
         self.agents = [] if episode.outcome is not None else self.agents
         return (
             self._observations(episode),
-            {agent: verdict.reward for agent, verdict in verdicts.items()},
-            {agent: verdict.terminated for agent, verdict in verdicts.items()},
-            {agent: verdict.truncated for agent, verdict in verdicts.items()},
-            {agent: episode.info() for agent in verdicts},
+            {agent: result.reward for agent, result in results.items()},
+            {agent: result.terminated for agent, result in results.items()},
+            {agent: result.truncated for agent, result in results.items()},
+            {agent: episode.info() for agent in results},
         )
 
     def render(self) -> Image | None:
-        """What the first agent sees, over a map; shape (H, W, 3), RGB. None without a render mode.
+        """Return the image of the first agent over a map, shape (H, W, 3), RGB; None without a render mode.
 
         Raises:
             MissionError: There is no episode.
         """
-        if self._cameras is None:
+        if self._images is None:
             return None
-        return picture(self._cameras, running(self._episode).world, self._task, self._task.followers)
+        return picture(self._images, require_running(self._episode).world, self._task, self._task.followers)
 
     def close(self) -> None:
         """Free the world; a second call does nothing."""

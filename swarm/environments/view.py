@@ -1,4 +1,4 @@
-"""Pictures of an episode: what a learner sees, and the swarm from above."""
+"""Pictures of an episode: the image of a learner, and a map of the swarm."""
 
 from collections.abc import Collection, Sequence
 
@@ -14,7 +14,7 @@ from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, GrayImage
 
 from ..colors import colored
 from ..errors import MissionError
-from ..recorder import NullRecorder
+from ..recorder import Recorder
 from ..team import Team
 from ..types import Histogram
 from .task import LearningTask
@@ -30,8 +30,8 @@ GROUND, BUILDING, GOAL = (238, 238, 232), (160, 160, 165), (40, 160, 60)
 SCRIPTED, LEADER, LEARNER = (60, 60, 60), (30, 90, 220), (220, 40, 40)
 
 
-class Cameras(NullRecorder):
-    """Remembers the newest image of each drone."""
+class ImageRecorder(Recorder):
+    """Keeps the newest image of each drone."""
 
     def __init__(self) -> None:
         self._newest: dict[int, tuple[GrayImage, FloatImage]] = {}
@@ -41,7 +41,7 @@ class Cameras(NullRecorder):
         self._newest[capture.drone] = capture.gray_left, corrected.depth_m
 
     def panel(self, drone: int, max_depth_m: float) -> Image:
-        """The gray image beside its corrected depth, near red and far blue, holes black; 240 rows."""
+        """Return the gray image beside its corrected depth in colours, near red, far blue, holes black; 240 rows."""
         gray, depth_m = self._newest[drone]
         width_px = round(PANEL_HEIGHT_PX * gray.shape[1] / gray.shape[0])
         images = np.repeat(gray[..., None], 3, axis=2), colored(depth_m, max_depth_m)[..., ::-1]
@@ -52,12 +52,12 @@ class Cameras(NullRecorder):
 
 
 class Map:
-    """The world from above, x to the right and y up, around the ways of all swarms.
+    """A map of the world, x to the right and y up, around the routes of all swarms.
 
     Args:
-        world: What is drawn.
-        teams: Who flies in it.
-        width_px: Of the picture.
+        world: World of the mission.
+        teams: Swarms of the mission.
+        width_px: Width of the map.
     """
 
     def __init__(self, world: World, teams: Sequence[Team], width_px: int) -> None:
@@ -75,7 +75,7 @@ class Map:
             cv2.drawMarker(self._empty, self._at(team.goal_m), GOAL, cv2.MARKER_CROSS, 12, 2)
 
     def draw(self, learners: Collection[int]) -> Image:
-        """Leaders are blue, learners red, other drones dark; goals are green crosses."""
+        """Draw leaders blue, learners red, other drones dark and goals as green crosses."""
         image, states = self._empty.copy(), self._world.states
         leaders = {team.leader for team in self._teams}
         for drone, state in enumerate(states):
@@ -87,7 +87,7 @@ class Map:
         return image
 
     def _draw_body(self, body: Body) -> None:
-        """The outline of a box, and a circle for all that is round; other shapes are left out."""
+        """Draw a box as its outline and a round body as a circle; other shapes are left out."""
         match body.shape:
             case Box(size_m=(x_m, y_m, _)):
                 turn = frames.rotation_from_yaw(body.yaw_rad)[:2, :2]
@@ -101,24 +101,24 @@ class Map:
                 pass
 
     def _at(self, position_m: FloatArray) -> tuple[int, int]:
-        """Column and row of a position, of which x and y count."""
+        """Return column and row of a position, of which x and y are used."""
         x, y = (position_m[:2] - self._low_m) * self._px_per_m
         return round(x), len(self._empty) - 1 - round(y)
 
 
-def picture(cameras: Cameras, world: World, task: LearningTask, learners: Sequence[int]) -> Image:
-    """What the first of the learners sees, over the map of the world; shape (H, W, 3), RGB."""
-    panel = cameras.panel(learners[0], task.rig.max_depth_m)
+def picture(images: ImageRecorder, world: World, task: LearningTask, learners: Sequence[int]) -> Image:
+    """Return the image of the first learner over the map of the world, shape (H, W, 3), RGB."""
+    panel = images.panel(learners[0], task.rig.max_depth_m)
     image: Image = np.vstack([panel, Map(world, task.mission.teams(), panel.shape[1]).draw(learners)])
     return image
 
 
-def cameras_for(render_mode: str | None) -> Cameras | None:
-    """What remembers images for pictures; None where there are to be none.
+def image_recorder(render_mode: str | None) -> ImageRecorder | None:
+    """Create the recorder that pictures need; None without a render mode.
 
     Raises:
         MissionError: There is no such render mode.
     """
     if render_mode is not None and render_mode not in RENDER_MODES:
         raise MissionError(f"render_mode must be one of {list(RENDER_MODES)} or None, got {render_mode!r}")
-    return None if render_mode is None else Cameras()
+    return None if render_mode is None else ImageRecorder()

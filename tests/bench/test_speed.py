@@ -24,7 +24,7 @@ from sim.sensor import RigConfig, StereoSensor
 from sim.stereo import StereoConfig, StereoMatcher
 from sim.types import VelocityCommand
 from sim.world import World
-from swarm.mission import Mission, starts_m
+from swarm.mission import Mission
 from swarm.task import MissionConfig
 from tests.helpers import camera_at
 from voxdepth import VoxDepth
@@ -58,7 +58,7 @@ def test_machine() -> None:
 
 @pytest.mark.parametrize("n_drones", [2, 4, 8, 16, 32])
 def test_physics_and_control_at_240_hz(n_drones: int) -> None:
-    starts = starts_m(MissionConfig(drones=n_drones))
+    starts = MissionConfig(drones=n_drones).starts_m()
     with World(CITY.build(0), starts) as world:
         world.apply([VelocityCommand(velocity_m_s=np.array([0.3, 0, 0]), yaw_rad=0.0)] * n_drones)
         start = time.perf_counter()
@@ -89,7 +89,7 @@ PARTS = {
     "noise and matching": (StereoSensor, "capture"),
     "correction": (VoxDepth, "process"),
     "deciding": (Mission, "_decide"),
-    "physics": (Mission, "_fly"),
+    "physics": (Mission, "_step_physics"),
 }
 
 
@@ -141,7 +141,7 @@ def test_a_whole_mission_by_number_of_drones(n_drones: int) -> None:
 @pytest.mark.parametrize("renderer", ["raster", "raycast", "tiny"])
 def test_rendering(renderer: str, width: int, height: int, drones: int) -> None:
     intrinsics = Intrinsics.from_hfov(width_px=width, height_px=height, hfov_deg=86, baseline_m=0.095)
-    starts = starts_m(MissionConfig(drones=8))
+    starts = MissionConfig(drones=8).starts_m()
     with World(CITY.build(0), starts) as world:
         cameras = [camera_at(x + 0.27, y, z, intrinsics=intrinsics) for x, y, z in starts[:drones] for _ in range(2)]
         view = create_renderer(renderer, world, threads=2)

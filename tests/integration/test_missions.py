@@ -8,7 +8,7 @@ import pytest
 from scenarios.acceptance import acceptance_run
 from scenarios.config import Run, load_run, scenario_names
 from scenarios.runner import fly, flying
-from swarm.recorder import NullRecorder
+from swarm.recorder import Recorder
 from swarm.types import Outcome
 
 
@@ -104,7 +104,7 @@ def test_dropped_frames_are_counted() -> None:
     assert result.metrics["dropped_frames"] == 3 * 13
 
 
-class Watcher(NullRecorder):
+class Watcher(Recorder):
     """Checks that no decision is based on an image that is younger than the latency."""
 
     def __init__(self) -> None:

@@ -11,20 +11,17 @@ from sim.types import Capture, DroneState
 from swarm.agents import Follower, create_agent
 from swarm.controllers import Role
 from swarm.environments.episode import Episode
-from swarm.environments.observation import Limits, observe
-from swarm.environments.reward import RewardConfig
-from swarm.environments.steering import Direct, SteeringName, heading_frame
-from swarm.environments.task import LearningTask
+from swarm.environments.learner import Direct, ObservationLimits, SteeringName, heading_frame, observe
+from swarm.environments.task import LearningTask, RewardConfig
 from swarm.errors import MissionError
-from swarm.perception import Percept
 from swarm.pilot import Situation
-from swarm.recorder import NullRecorder
-from swarm.types import Histogram, Motion, Neighbours, Outcome
+from swarm.recorder import Recorder
+from swarm.types import Histogram, Motion, Neighbours, Outcome, Percept
 from tests.learning import DIVE, FORWARD, HOVER, TURN, quick, quick_task
 from voxdepth.baselines.raw import Raw
 from voxdepth.types import CorrectedDepth, Frame
 
-LIMITS = Limits(depth_m=40.0, speed_m_s=5.0, distance_m=30.0)
+LIMITS = ObservationLimits(depth_m=40.0, speed_m_s=5.0, distance_m=30.0)
 DT_S = 0.1
 
 
@@ -53,7 +50,7 @@ def situation(yaw_rad: float, *, leader_m: tuple[float, float, float], depth_m: 
             q_world_body_xyzw=quaternion_from_yaw(yaw_rad),
             rates_rad_s=np.zeros(3),
         ),
-        percept=Percept(stamp_s=0, T_world_cam=np.eye(4), corrected=Raw().process(frame), histogram=histogram),
+        percept=Percept(stamp_s=0, true_T_world_cam=np.eye(4), corrected=Raw().process(frame), histogram=histogram),
         leader=Motion(np.array(leader_m), np.zeros(3)),
         mates=Neighbours.of({}),
         neighbours=Neighbours.of({}),
@@ -107,7 +104,7 @@ class TestDirect:
         assert yaw_rad == pytest.approx(task.mission.pilot.yaw_rate_rad_s)  # 20 ticks are a second
 
 
-class Images(NullRecorder):
+class Images(Recorder):
     """Keeps what the corrector made of drone 1's images, by the time they were taken."""
 
     def __init__(self) -> None:

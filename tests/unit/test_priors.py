@@ -11,11 +11,11 @@ from scenarios.runner import Finished, flying, summary
 from sim import frames
 from sim.seeds import Purpose
 from sim.types import Capture
-from swarm.detection import Detector, DetectorConfig
-from swarm.histogram import HistogramBuilder, HistogramConfig
+from swarm.neighbours import Detector, DetectorConfig
+from swarm.obstacles import HistogramBuilder, HistogramConfig
 from swarm.perception import Perception, frame_of
 from swarm.priors import DriftingPrior, NoPrior, PosePrior, PosePriorConfig, TruePrior, make_prior
-from swarm.recorder import NullRecorder
+from swarm.recorder import Recorder
 from tests.helpers import CAMERA
 from tests.swarm_scenes import MOUNT_CAM_M, RADIUS_M
 from voxdepth.baselines.raw import Raw
@@ -198,5 +198,5 @@ def planned(kind: str) -> Run:
 
 
 def flown(run: Run) -> Finished:
-    with flying(run, NullRecorder(), recorded=False, threads=2) as mission:
+    with flying(run, Recorder(), recorded=False, threads=2) as mission:
         return Finished(result=mission.run(), wall_s=1.0, folder=None)

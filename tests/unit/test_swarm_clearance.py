@@ -9,11 +9,10 @@ from scenarios.config import Scenario, load_run, scenario_names
 from sim.render import create_renderer
 from sim.rig import StereoRig
 from sim.sensor import RigConfig
-from swarm.formation import FormationConfig
 from swarm.metrics import MissionMetrics, separation_m
 from swarm.nearby import NearbyConfig, neighbour_limits
 from swarm.obstacles import Avoidance, AvoidanceConfig, braking_speed, stopping_distance_m
-from swarm.team import Route, Team
+from swarm.team import FormationConfig, Route, Team
 from tests.helpers import wall, world_of
 from tests.swarm_scenes import FORWARD, RADIUS_M, flat, histogram, near, state
 
@@ -41,7 +40,7 @@ def test_world_report_and_controller_mean_the_same_by_clearance(gap_m: float) ->
         assert metrics.summary((), [0])["min_clearance_m"] == world.clearance_m(0)
     straight_on = Avoidance(AVOIDANCE.model_copy(update={"goal_weight": 1000.0}), RADIUS_M)
     choice = straight_on.choose(5 * FORWARD, histogram(image.depth_raw_m), None)
-    assert choice.clear_m - RADIUS_M == pytest.approx(gap_m, rel=0.01)
+    assert choice.free_m - RADIUS_M == pytest.approx(gap_m, rel=0.01)
     assert np.linalg.norm(choice.velocity_m_s) == pytest.approx(speed_m_s(gap_m), abs=0.06)
     assert bool(choice.velocity_m_s.any()) is (gap_m > AVOIDANCE.clearance_m)
 

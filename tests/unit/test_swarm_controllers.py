@@ -10,16 +10,17 @@ from scenarios.config import load_run
 from swarm.agents import Follower, Leader, create_agent
 from swarm.controllers import DEFAULT_CONTROLLER, Agent, Role, load_controller
 from swarm.errors import MissionError
-from swarm.perception import Percept
 from swarm.pilot import BlindPilot, Heading, PilotConfig, SeeingPilot, Situation
 from swarm.task import MissionConfig
 from swarm.team import Route
-from swarm.types import Motion, Neighbours
+from swarm.types import Motion, Neighbours, Percept
 from tests import tiny_controller
 from tests.swarm_scenes import AT_ORIGIN, FORWARD, NOBODY, RADIUS_M, corrected, flat, histogram, near, state
 
-OPEN = Percept(stamp_s=0.0, T_world_cam=AT_ORIGIN, corrected=corrected(flat(40.0)), histogram=histogram(flat(40.0)))
-WALL = Percept(stamp_s=0.0, T_world_cam=AT_ORIGIN, corrected=corrected(flat(0.3)), histogram=histogram(flat(0.3)))
+OPEN = Percept(
+    stamp_s=0.0, true_T_world_cam=AT_ORIGIN, corrected=corrected(flat(40.0)), histogram=histogram(flat(40.0))
+)
+WALL = Percept(stamp_s=0.0, true_T_world_cam=AT_ORIGIN, corrected=corrected(flat(0.3)), histogram=histogram(flat(0.3)))
 STILL = (0.0, 0.0, 0.0)
 
 
@@ -187,11 +188,11 @@ class TestHeading:
 
     def test_it_turns_the_short_way_and_no_faster_than_allowed(self) -> None:
         heading = Heading(PilotConfig(yaw_rate_rad_s=1.0), 20, 3.0)
-        assert heading.towards(np.array([np.cos(-3.0), np.sin(-3.0), 0]), 2.0) == pytest.approx(3.05)
-        turned = [heading.towards(np.array([np.cos(-3.0), np.sin(-3.0), 0]), 2.0) for _ in range(20)]
+        assert heading.turn_towards(np.array([np.cos(-3.0), np.sin(-3.0), 0]), 2.0) == pytest.approx(3.05)
+        turned = [heading.turn_towards(np.array([np.cos(-3.0), np.sin(-3.0), 0]), 2.0) for _ in range(20)]
         assert turned[-1] == pytest.approx(2 * np.pi - 3.0)
 
     def test_it_stays_when_there_is_no_wish_or_no_horizontal_way(self) -> None:
-        assert self.heading().towards(np.array([0.0, 1, 0]), 0.3) == 0
-        assert self.heading().towards(np.array([0.05, 0, 1.0]), 2.0) == 0
-        assert self.heading().towards(np.array([0.0, -1, 0]), 2.0) == pytest.approx(-0.05)
+        assert self.heading().turn_towards(np.array([0.0, 1, 0]), 0.3) == 0
+        assert self.heading().turn_towards(np.array([0.05, 0, 1.0]), 2.0) == 0
+        assert self.heading().turn_towards(np.array([0.0, -1, 0]), 2.0) == pytest.approx(-0.05)

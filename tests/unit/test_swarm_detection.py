@@ -11,7 +11,7 @@ from sim.frames import R_BODY_CAM
 from sim.render import create_renderer
 from sim.rig import StereoRig
 from sim.sensor import RigConfig
-from swarm.detection import Detector, DetectorConfig
+from swarm.neighbours import Detector, DetectorConfig
 from swarm.types import Detection
 from tests.helpers import CAMERA, wall, world_of
 from tests.swarm_scenes import RADIUS_M, capture, corrected, flat

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.frames import R_BODY_CAM, pose
-from swarm.histogram import HistogramBuilder, HistogramConfig
+from swarm.obstacles import HistogramBuilder, HistogramConfig
 from tests.helpers import CAMERA
 from tests.swarm_scenes import AT_ORIGIN, MOUNT_CAM_M, corrected, flat, histogram, turn
 from voxdepth.types import Intrinsics

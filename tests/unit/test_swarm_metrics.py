@@ -9,9 +9,8 @@ import pytest
 
 from sim.types import Contact, VelocityCommand
 from sim.world import World
-from swarm.formation import FormationConfig
 from swarm.metrics import DepthComparison, MissionMetrics, separation_m
-from swarm.team import Route, Team
+from swarm.team import FormationConfig, Route, Team
 from tests.helpers import wall, world_of
 from tests.swarm_scenes import RADIUS_M, capture, corrected, flat, state
 

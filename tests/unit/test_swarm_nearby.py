@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.frames import R_BODY_CAM, pose
-from swarm.nearby import ApproachLimits, NearbyConfig, NearbyMemory, neighbour_limits, restrain
+from swarm.nearby import ApproachLimits, NearbyConfig, SurfaceMemory, clamp_to_limits, neighbour_limits
 from swarm.types import Neighbours
 from tests.swarm_scenes import FORWARD, NOBODY, RADIUS_M, flat, histogram, near, turn
 
@@ -15,8 +15,8 @@ SEEDS = st.integers(0, 10_000)
 STILL = (0.0, 0.0, 0.0)
 
 
-def memory_of_a_wall(neighbours: Neighbours = NOBODY) -> NearbyMemory:
-    memory = NearbyMemory(CONFIG, RADIUS_M)
+def memory_of_a_wall(neighbours: Neighbours = NOBODY) -> SurfaceMemory:
+    memory = SurfaceMemory(CONFIG, RADIUS_M)
     for stamp_s in (0.0, 0.1):
         memory.remember(stamp_s, histogram(flat(1.5)), neighbours)
     return memory
@@ -35,7 +35,7 @@ def compatible(seed: int) -> tuple[np.ndarray, ApproachLimits, np.ndarray]:
 
 class TestMemory:
     def test_what_is_seen_once_is_not_believed(self) -> None:
-        memory = NearbyMemory(CONFIG, RADIUS_M)
+        memory = SurfaceMemory(CONFIG, RADIUS_M)
         memory.remember(0.0, histogram(flat(1.5)), NOBODY)
         memory.remember(0.1, histogram(flat(30.0)), NOBODY)
         assert len(memory.limits(np.zeros(3)).towards) == 0
@@ -48,13 +48,13 @@ class TestMemory:
 
     def test_a_wall_that_left_the_view_still_stops_the_drone(self) -> None:
         at = np.array([0.9, 0.0, 0.0])
-        velocity = restrain(2 * FORWARD, memory_of_a_wall().limits(at))
+        velocity = clamp_to_limits(2 * FORWARD, memory_of_a_wall().limits(at))
         assert velocity[0] < 0.1
-        away = restrain(-2 * FORWARD, memory_of_a_wall().limits(at))
+        away = clamp_to_limits(-2 * FORWARD, memory_of_a_wall().limits(at))
         np.testing.assert_allclose(away, -2 * FORWARD, atol=0.2)
 
     def test_too_near_it_backs_off(self) -> None:
-        velocity = restrain(np.zeros(3), memory_of_a_wall().limits(np.array([1.2, 0.0, 0.0])))
+        velocity = clamp_to_limits(np.zeros(3), memory_of_a_wall().limits(np.array([1.2, 0.0, 0.0])))
         assert velocity[0] < -0.1
 
     def test_it_forgets(self) -> None:
@@ -65,7 +65,7 @@ class TestMemory:
             assert bool(len(memory.limits(np.array([1.2, 0, 0])).towards)) is remembered
 
     def test_without_memory_nothing_outlives_its_image(self) -> None:
-        memory = NearbyMemory(NearbyConfig(memory_s=0.0), RADIUS_M)
+        memory = SurfaceMemory(NearbyConfig(memory_s=0.0), RADIUS_M)
         backwards = histogram(flat(30.0), pose(np.diag([-1.0, -1.0, 1.0]) @ R_BODY_CAM, np.zeros(3)))
         for stamp_s, seen in ((0.0, histogram(flat(1.5))), (0.1, histogram(flat(1.5))), (0.2, backwards)):
             memory.remember(stamp_s, seen, NOBODY)
@@ -73,7 +73,7 @@ class TestMemory:
 
     def test_the_far_and_the_unknown_are_not_remembered(self) -> None:
         for depth in (flat(CONFIG.radius_m + 0.5), flat(0.0)):
-            memory = NearbyMemory(CONFIG, RADIUS_M)
+            memory = SurfaceMemory(CONFIG, RADIUS_M)
             for stamp_s in (0.0, 0.1):
                 memory.remember(stamp_s, histogram(depth), NOBODY)
             assert len(memory.limits(FORWARD).towards) == 0
@@ -82,7 +82,7 @@ class TestMemory:
         depth = flat(30.0)
         depth[50:70, 70:90] = 1.5
         for others, remembered in ((NOBODY, True), (near(((1.7, 0, 0), STILL)), False)):
-            memory = NearbyMemory(CONFIG, RADIUS_M)
+            memory = SurfaceMemory(CONFIG, RADIUS_M)
             for stamp_s in (0.0, 0.1):
                 memory.remember(stamp_s, histogram(depth), others)
             assert bool(len(memory.limits(np.zeros(3)).towards)) is remembered
@@ -91,17 +91,17 @@ class TestMemory:
 class TestNeighbourLimits:
     def test_neighbours_are_not_approached_but_followed(self) -> None:
         still = neighbour_limits(np.zeros(3), near(((1.0, 0, 0), STILL)), CONFIG, RADIUS_M)
-        assert restrain(2 * FORWARD, still)[0] == pytest.approx(0.0, abs=1e-9)
+        assert clamp_to_limits(2 * FORWARD, still)[0] == pytest.approx(0.0, abs=1e-9)
         moving = neighbour_limits(np.zeros(3), near(((1.0, 0, 0), (2, 0, 0))), CONFIG, RADIUS_M)
-        assert restrain(2 * FORWARD, moving)[0] == pytest.approx(2.0)
+        assert clamp_to_limits(2 * FORWARD, moving)[0] == pytest.approx(2.0)
 
     def test_one_that_comes_nearer_is_fled(self) -> None:
         coming = neighbour_limits(np.zeros(3), near(((1.0, 0, 0), (-1, 0, 0))), CONFIG, RADIUS_M)
-        assert restrain(np.zeros(3), coming)[0] == pytest.approx(-1.0)
+        assert clamp_to_limits(np.zeros(3), coming)[0] == pytest.approx(-1.0)
 
     def test_the_far_do_not_matter(self) -> None:
         far = neighbour_limits(np.zeros(3), near(((CONFIG.radius_m + 0.1, 0, 0), (-9, 0, 0))), CONFIG, RADIUS_M)
-        np.testing.assert_array_equal(restrain(2 * FORWARD, far), 2 * FORWARD)
+        np.testing.assert_array_equal(clamp_to_limits(2 * FORWARD, far), 2 * FORWARD)
 
     @given(st.floats(0.3, 2.9), st.floats(-np.pi, np.pi))
     def test_they_do_not_know_north(self, distance_m: float, angle: float) -> None:
@@ -111,42 +111,42 @@ class TestNeighbourLimits:
         there = neighbour_limits(np.zeros(3), near(*((tuple(rotation @ at), STILL) for at in others)), CONFIG, RADIUS_M)
         np.testing.assert_allclose(there.speed_m_s, limits.speed_m_s, atol=1e-9)
         np.testing.assert_allclose(
-            restrain(rotation @ (2 * FORWARD), there), rotation @ restrain(2 * FORWARD, limits), atol=1e-4
+            clamp_to_limits(rotation @ (2 * FORWARD), there), rotation @ clamp_to_limits(2 * FORWARD, limits), atol=1e-4
         )
 
 
 class TestRestrain:
     def test_without_limits_nothing_changes(self) -> None:
-        np.testing.assert_array_equal(restrain(FORWARD, ApproachLimits(np.empty((0, 3)), np.empty(0))), FORWARD)
+        np.testing.assert_array_equal(clamp_to_limits(FORWARD, ApproachLimits(np.empty((0, 3)), np.empty(0))), FORWARD)
 
     @given(SEEDS)
     def test_what_keeps_all_limits_is_left_alone(self, seed: int) -> None:
         _, limits, allowed_m_s = compatible(seed)
-        np.testing.assert_array_equal(restrain(allowed_m_s, limits), allowed_m_s)
+        np.testing.assert_array_equal(clamp_to_limits(allowed_m_s, limits), allowed_m_s)
 
     def test_one_limit_is_kept_and_the_rest_of_the_velocity_with_it(self) -> None:
         limit = ApproachLimits(FORWARD[None], np.array([0.5]))
-        np.testing.assert_allclose(restrain(np.array([2.0, 1.0, -1.0]), limit), [0.5, 1, -1])
+        np.testing.assert_allclose(clamp_to_limits(np.array([2.0, 1.0, -1.0]), limit), [0.5, 1, -1])
 
     @given(SEEDS)
     def test_it_only_comes_nearer_to_what_is_allowed(self, seed: int) -> None:
         wanted, limits, allowed_m_s = compatible(seed)
-        mended = restrain(wanted, limits)
+        mended = clamp_to_limits(wanted, limits)
         assert np.linalg.norm(mended - allowed_m_s) <= np.linalg.norm(wanted - allowed_m_s) + 1e-9
 
     def test_limits_that_can_all_be_kept_are_kept(self) -> None:
         excess = []
         for seed in range(500):
             wanted, limits, _ = compatible(seed)
-            excess.append(float((limits.towards @ restrain(wanted, limits) - limits.speed_m_s).max()))
+            excess.append(float((limits.towards @ clamp_to_limits(wanted, limits) - limits.speed_m_s).max()))
         assert max(excess) < 0.25
         assert np.quantile(excess, 0.95) < 0.02
 
     def test_a_corner_of_two_walls_stops_a_drone(self) -> None:
         towards = np.array([[np.cos(1.0), np.sin(1.0), 0], [np.cos(1.0), -np.sin(1.0), 0]])
-        mended = restrain(3 * FORWARD, ApproachLimits(towards, np.zeros(2)))
+        mended = clamp_to_limits(3 * FORWARD, ApproachLimits(towards, np.zeros(2)))
         assert (towards @ mended < 0.01).all()
 
     def test_limits_that_contradict_each_other_do_not_run_away(self) -> None:
         squeezed = ApproachLimits(np.array([FORWARD, -FORWARD]), np.array([-0.5, -0.5]))
-        assert np.linalg.norm(restrain(np.array([0.0, 1.0, 0.0]), squeezed)) < 1.5
+        assert np.linalg.norm(clamp_to_limits(np.array([0.0, 1.0, 0.0]), squeezed)) < 1.5

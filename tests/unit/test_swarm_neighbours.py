@@ -6,9 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.frames import R_BODY_CAM, pose
-from swarm.neighbours import NeighbourConfig, NeighbourSense
-from swarm.perception import Percept
-from swarm.types import Detection, Motion, Neighbours
+from swarm.neighbours import NeighbourConfig, NeighbourTracker
+from swarm.types import Detection, Motion, Neighbours, Percept
 from tests.helpers import CAMERA
 from tests.swarm_scenes import AT_ORIGIN, NOBODY, corrected, flat, histogram
 
@@ -18,8 +17,8 @@ IMAGE = corrected(flat(5.0))
 HISTOGRAM = histogram(flat(5.0))
 
 
-def sense(n_drones: int = 4, **config: float) -> NeighbourSense:
-    return NeighbourSense(NeighbourConfig(**config), CAMERA, n_drones)
+def tracker(n_drones: int = 4, **config: float) -> NeighbourTracker:
+    return NeighbourTracker(NeighbourConfig(**config), CAMERA, n_drones)
 
 
 def seen_at(drone: int, at_m: object, T_world_cam: np.ndarray = AT_ORIGIN) -> Detection:
@@ -30,7 +29,9 @@ def seen_at(drone: int, at_m: object, T_world_cam: np.ndarray = AT_ORIGIN) -> De
 
 
 def percept(stamp_s: float, *found: Detection, T_world_cam: np.ndarray = AT_ORIGIN) -> Percept:
-    return Percept(stamp_s=stamp_s, T_world_cam=T_world_cam, corrected=IMAGE, histogram=HISTOGRAM, detections=found)
+    return Percept(
+        stamp_s=stamp_s, true_T_world_cam=T_world_cam, corrected=IMAGE, histogram=HISTOGRAM, detections=found
+    )
 
 
 def heard(**drones: tuple[object, object]) -> Neighbours:
@@ -42,91 +43,91 @@ def heard(**drones: tuple[object, object]) -> Neighbours:
 
 def test_before_the_first_image_it_is_the_radio() -> None:
     radio = heard(d1=((5, 0, 0), STILL))
-    assert sense().perceive(None, radio, 0.0) is radio
+    assert tracker().update(None, radio, 0.0) is radio
 
 
 def test_in_view_it_is_the_camera_and_its_error_with_it() -> None:
-    around = sense().perceive(percept(0.0, seen_at(1, (7, 0, 0))), heard(d1=((5, 0, 0), STILL)), 0.0)
+    around = tracker().update(percept(0.0, seen_at(1, (7, 0, 0))), heard(d1=((5, 0, 0), STILL)), 0.0)
     np.testing.assert_array_equal(around.drone, [1])
     np.testing.assert_allclose(around.position_m, [[7, 0, 0]], atol=1e-9)
 
 
 def test_in_view_but_not_found_is_not_there() -> None:
-    assert len(sense().perceive(percept(0.0), heard(d1=((5, 0, 0), STILL)), 0.0)) == 0
+    assert len(tracker().update(percept(0.0), heard(d1=((5, 0, 0), STILL)), 0.0)) == 0
 
 
 @pytest.mark.parametrize("at", [(-5, 0, 0), (0, 5, 0), (1, 5, 0), (1, 0, 5), (12.5, 0, 0), (9, 8, 0)])
 def test_out_of_view_and_out_of_range_it_is_the_radio(at: tuple[float, float, float]) -> None:
-    around = sense().perceive(percept(0.0), heard(d1=(at, (1, 2, 3))), 0.0)
+    around = tracker().update(percept(0.0), heard(d1=(at, (1, 2, 3))), 0.0)
     np.testing.assert_array_equal(around.position_m, [at])
     np.testing.assert_array_equal(around.velocity_m_s, [(1, 2, 3)])
 
 
 def test_one_that_leaves_the_view_is_taken_over_by_the_radio() -> None:
-    eyes, velocity = sense(), (0, 4, 0)
+    eyes, velocity = tracker(), (0, 4, 0)
     seen = percept(0.0, seen_at(1, (6, 0, 0)))
-    inside = eyes.perceive(seen, heard(d1=((5, 0, 0), velocity)), 0.0)
+    inside = eyes.update(seen, heard(d1=((5, 0, 0), velocity)), 0.0)
     np.testing.assert_allclose(inside.position_m, [[6, 0, 0]], atol=1e-9)
-    outside = eyes.perceive(seen, heard(d1=((5, 6, 0), velocity)), 0.2)
+    outside = eyes.update(seen, heard(d1=((5, 6, 0), velocity)), 0.2)
     np.testing.assert_allclose(outside.position_m, [[5, 6, 0]])
 
 
 @pytest.mark.parametrize(("now_s", "known"), [(0.1, True), (0.5, True), (0.6, False), (5.0, False)])
 def test_one_that_is_not_found_again_is_remembered_for_a_short_while(now_s: float, known: bool) -> None:
-    eyes, radio = sense(memory_s=0.5), heard(d1=((5, 0, 0), STILL))
-    eyes.perceive(percept(0.0, seen_at(1, (6, 0, 0))), radio, 0.0)
-    around = eyes.perceive(percept(now_s), radio, now_s)
+    eyes, radio = tracker(memory_s=0.5), heard(d1=((5, 0, 0), STILL))
+    eyes.update(percept(0.0, seen_at(1, (6, 0, 0))), radio, 0.0)
+    around = eyes.update(percept(now_s), radio, now_s)
     assert bool(len(around)) is known
     if known:
         np.testing.assert_allclose(around.position_m, [[6, 0, 0]], atol=1e-9)
 
 
 def test_one_that_is_found_again_is_where_it_was_found_last() -> None:
-    eyes, radio = sense(), heard(d1=((5, 0, 0), STILL))
+    eyes, radio = tracker(), heard(d1=((5, 0, 0), STILL))
     for stamp_s, x in ((0.0, 6.0), (0.3, 4.0)):
-        around = eyes.perceive(percept(stamp_s, seen_at(1, (x, 0, 0))), radio, stamp_s)
+        around = eyes.update(percept(stamp_s, seen_at(1, (x, 0, 0))), radio, stamp_s)
         np.testing.assert_allclose(around.position_m, [[x, 0, 0]], atol=1e-9)
 
 
 def test_since_the_image_it_went_on_as_the_radio_says() -> None:
-    eyes, radio = sense(), heard(d1=((5, 0, 0), (1, -2, 0.5)))
-    around = eyes.perceive(percept(1.0, seen_at(1, (6, 0, 0))), radio, 1.4)
+    eyes, radio = tracker(), heard(d1=((5, 0, 0), (1, -2, 0.5)))
+    around = eyes.update(percept(1.0, seen_at(1, (6, 0, 0))), radio, 1.4)
     np.testing.assert_allclose(around.position_m, [[6.4, -0.8, 0.2]], atol=1e-9)
     np.testing.assert_array_equal(around.velocity_m_s, [(1, -2, 0.5)])
 
 
 def test_the_same_image_is_taken_in_once() -> None:
-    eyes, radio = sense(memory_s=0.5), heard(d1=((5, 0, 0), STILL))
+    eyes, radio = tracker(memory_s=0.5), heard(d1=((5, 0, 0), STILL))
     image = percept(0.0, seen_at(1, (6, 0, 0)))
-    assert [len(eyes.perceive(image, radio, now_s)) for now_s in (0.0, 0.4, 0.8)] == [1, 1, 0]
+    assert [len(eyes.update(image, radio, now_s)) for now_s in (0.0, 0.4, 0.8)] == [1, 1, 0]
 
 
 def test_a_percept_is_placed_by_the_pose_of_its_own_camera() -> None:
     left = pose(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]) @ R_BODY_CAM, np.array([10.0, 0.0, 3.0]))
     found = seen_at(2, (10, 6, 3), left)
     np.testing.assert_allclose(found.bearing_cam, [0, 0, 1], atol=1e-12)
-    around = sense().perceive(percept(0.0, found, T_world_cam=left), heard(d2=((10, 5, 3), STILL)), 0.0)
+    around = tracker().update(percept(0.0, found, T_world_cam=left), heard(d2=((10, 5, 3), STILL)), 0.0)
     np.testing.assert_allclose(around.position_m, [[10, 6, 3]], atol=1e-9)
 
 
 def test_many_are_told_apart() -> None:
     radio = heard(d0=((-3, 0, 0), STILL), d2=((5, 0, 0), STILL), d3=((5, 1, 0), STILL))
-    around = sense().perceive(percept(0.0, seen_at(3, (6, 1, 0))), radio, 0.0)
+    around = tracker().update(percept(0.0, seen_at(3, (6, 1, 0))), radio, 0.0)
     assert around.drone.tolist() == [0, 3]
     np.testing.assert_allclose(around.position_m, [[-3, 0, 0], [6, 1, 0]], atol=1e-9)
 
 
 def test_nobody_seen_or_heard_is_nobody_around() -> None:
-    assert len(sense().perceive(percept(0.0), NOBODY, 0.0)) == 0
+    assert len(tracker().update(percept(0.0), NOBODY, 0.0)) == 0
 
 
 def test_who_is_seen_and_not_heard_is_around_and_still() -> None:
-    watched = sense()
-    around = watched.perceive(percept(0.0, seen_at(2, np.array([4.0, 0.5, 0.0]))), NOBODY, 0.1)
+    watched = tracker()
+    around = watched.update(percept(0.0, seen_at(2, np.array([4.0, 0.5, 0.0]))), NOBODY, 0.1)
     np.testing.assert_array_equal(around.drone, [2])
     np.testing.assert_allclose(around.position_m, [[4.0, 0.5, 0.0]], atol=1e-9)
     assert not around.velocity_m_s.any()
-    assert len(watched.perceive(percept(0.0), NOBODY, 9.0)) == 0
+    assert len(watched.update(percept(0.0), NOBODY, 9.0)) == 0
 
 
 @given(st.integers(0, 10_000))
@@ -138,7 +139,7 @@ def test_the_mirrored_situation_gives_the_mirrored_neighbours(seed: int) -> None
     for mirror in (np.ones(3), MIRROR):
         radio = Neighbours(drone=np.arange(1, 4), position_m=at * mirror, velocity_m_s=speed * mirror)
         image = percept(0.0, *(seen_at(i + 1, at[i] * mirror * 1.1) for i in found))
-        around.append(sense().perceive(image, radio, 0.2))
+        around.append(tracker().update(image, radio, 0.2))
     np.testing.assert_array_equal(around[0].drone, around[1].drone)
     np.testing.assert_allclose(around[0].position_m * MIRROR, around[1].position_m, atol=1e-9)
     np.testing.assert_allclose(around[0].velocity_m_s * MIRROR, around[1].velocity_m_s)

@@ -99,8 +99,8 @@ class TestChoice:
         speed = float(np.linalg.norm(choice.velocity_m_s))
         assert speed <= np.linalg.norm(wanted) + 1e-9
         if choice.cell is not None:
-            assert speed <= limit_m_s(choice.clear_m) + 1e-9
-            assert choice.clear_m <= h.range_m[choice.cell] + 1e-9
+            assert speed <= limit_m_s(choice.free_m) + 1e-9
+            assert choice.free_m <= h.range_m[choice.cell] + 1e-9
             np.testing.assert_allclose(choice.velocity_m_s, speed * choice.direction, atol=1e-9)
         else:
             assert speed <= CONFIG.blind_speed_m_s
@@ -108,7 +108,7 @@ class TestChoice:
     @given(st.floats(0.3, 30))
     def test_the_speed_towards_a_wall_allows_to_stop(self, depth_m: float) -> None:
         choice = AVOIDANCE.choose(5 * FORWARD, histogram(flat(depth_m)), None)
-        assert np.linalg.norm(choice.velocity_m_s) <= limit_m_s(choice.clear_m) + 1e-9
+        assert np.linalg.norm(choice.velocity_m_s) <= limit_m_s(choice.free_m) + 1e-9
         assert choice.velocity_m_s[0] <= limit_m_s((depth_m + 0.27) * 1.35)
 
     @given(SEEDS)
@@ -119,7 +119,7 @@ class TestChoice:
         other = AVOIDANCE.choose(wanted * MIRROR, mirrored(h), previous * MIRROR)
         np.testing.assert_allclose(other.velocity_m_s, one.velocity_m_s * MIRROR, atol=1e-9)
         np.testing.assert_allclose(other.direction, one.direction * MIRROR, atol=1e-9)
-        assert other.clear_m == pytest.approx(one.clear_m)
+        assert other.free_m == pytest.approx(one.free_m)
 
     @pytest.mark.parametrize("side", [-1, 1])
     def test_it_goes_around_on_the_open_side(self, side: int) -> None:
@@ -127,7 +127,7 @@ class TestChoice:
         depth[:, 60:] = 3.0
         choice = AVOIDANCE.choose(2.5 * FORWARD, histogram(depth[:, ::side].copy()), None)
         assert side * choice.velocity_m_s[1] > 0.3
-        assert choice.clear_m > 20
+        assert choice.free_m > 20
 
     def test_it_stays_on_the_side_that_it_chose(self) -> None:
         depth = flat(30.0)

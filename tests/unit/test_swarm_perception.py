@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from swarm.detection import Detector, DetectorConfig
-from swarm.histogram import HistogramBuilder, HistogramConfig
+from swarm.neighbours import Detector, DetectorConfig
+from swarm.obstacles import HistogramBuilder, HistogramConfig
 from swarm.perception import Perception, frame_of
 from tests.helpers import CAMERA
 from tests.swarm_scenes import MOUNT_CAM_M, RADIUS_M, capture, flat
@@ -28,8 +28,7 @@ def test_another_truth_changes_nothing_that_is_perceived() -> None:
     seen = []
     for true_m in (3.0, 30.0):
         eyes = eyes_with(0.0)
-        eyes.see(capture(0.0, depth_true_m=flat(true_m), segment_id=ids))
-        seen.append(eyes.newest)
+        seen.append(eyes.see(capture(0.0, depth_true_m=flat(true_m), segment_id=ids)))
     np.testing.assert_array_equal(seen[0].histogram.range_m, seen[1].histogram.range_m)
     assert seen[0].detections[0].range_m == seen[1].detections[0].range_m
 

@@ -9,7 +9,7 @@ from swarm import rules
 from swarm.types import Neighbours
 from tests.swarm_scenes import FORWARD, NOBODY, near, turn
 
-ZONE = rules.Zone(low_m=2.5, high_m=9.0, aside_m=30.0, start_m=np.zeros(2), along=np.array([1.0, 0]))
+ZONE = rules.Corridor(low_m=2.5, high_m=9.0, half_width_m=30.0, start_m=np.zeros(2), along=np.array([1.0, 0]))
 ANGLES = st.floats(-np.pi, np.pi)
 SEEDS = st.integers(0, 10_000)
 
@@ -73,14 +73,14 @@ def test_confinement_holds_the_way(y: float, back: float) -> None:
 
 @given(st.floats(0, 50))
 def test_patience_is_a_share(lag_m: float) -> None:
-    assert 0 <= rules.patience(lag_m) <= 1
-    assert rules.patience(lag_m + 1) <= rules.patience(lag_m)
+    assert 0 <= rules.lag_speed_factor(lag_m) <= 1
+    assert rules.lag_speed_factor(lag_m + 1) <= rules.lag_speed_factor(lag_m)
 
 
 def test_patience_is_1_while_all_are_near_and_0_when_one_is_far() -> None:
-    assert rules.patience(3.0, free_m=3.0, stop_m=8.0) == 1
-    assert rules.patience(5.5, free_m=3.0, stop_m=8.0) == 0.5
-    assert rules.patience(8.0, free_m=3.0, stop_m=8.0) == 0
+    assert rules.lag_speed_factor(3.0, free_m=3.0, stop_m=8.0) == 1
+    assert rules.lag_speed_factor(5.5, free_m=3.0, stop_m=8.0) == 0.5
+    assert rules.lag_speed_factor(8.0, free_m=3.0, stop_m=8.0) == 0
 
 
 @given(SEEDS, st.floats(0.1, 5))

@@ -7,11 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm.controllers import Role
-from swarm.formation import FormationConfig, slots, turned
 from swarm.metrics import separation_m
-from swarm.mission import start_yaws_rad, starts_m
 from swarm.task import MissionConfig
-from swarm.team import Route, Team
+from swarm.team import FormationConfig, Route, Team
 from tests.swarm_scenes import RADIUS_M, state, turn
 
 ANGLES = st.floats(-np.pi, np.pi)
@@ -23,19 +21,19 @@ def team_to(goal_m: tuple[float, float, float], *, members: range = range(4)) ->
 
 
 def test_slots_are_apart_and_behind() -> None:
-    offsets = slots(7, FormationConfig())
+    offsets = FormationConfig().offsets_m(7)
     assert (offsets[:, 0] < 0).all()
     assert separation_m([state(*o) for o in [*offsets, (0, 0, 0)]], RADIUS_M) > 1.5
-    quarter = turned(offsets, np.pi / 2)
+    quarter = team_to((0.0, 10.0, 5.0), members=range(8)).offsets_m
     np.testing.assert_allclose(quarter[:, 1], offsets[:, 0], atol=1e-12)
 
 
 def test_more_followers_change_no_slot_of_the_first() -> None:
-    np.testing.assert_array_equal(slots(7, FormationConfig())[:4], slots(4, FormationConfig()))
+    np.testing.assert_array_equal(FormationConfig().offsets_m(7)[:4], FormationConfig().offsets_m(4))
 
 
 def test_rows_climb_by_their_step() -> None:
-    np.testing.assert_allclose(slots(4, FormationConfig(height_step_m=0.5))[:, 2], [0.5, 0.5, 1.0, 1.0])
+    np.testing.assert_allclose(FormationConfig(height_step_m=0.5).offsets_m(4)[:, 2], [0.5, 0.5, 1.0, 1.0])
 
 
 @given(ANGLES)
@@ -50,11 +48,11 @@ def test_a_swarm_starts_and_flies_in_its_slots() -> None:
     team = team_to((0.0, 30.0, 5.0))
     np.testing.assert_array_equal(team.starts_m[0], [0, 0, 5])
     np.testing.assert_allclose(team.starts_m[1], [-1.3, -2.6, 5], atol=1e-9)
-    np.testing.assert_allclose(team.off_slots_m(team.starts_m), 0, atol=1e-12)
+    np.testing.assert_allclose(team.slot_errors_m(team.starts_m), 0, atol=1e-12)
     moved = team.starts_m + np.array([3.0, 4.0, 1.0])
-    np.testing.assert_allclose(team.off_slots_m(moved), 0, atol=1e-12)
+    np.testing.assert_allclose(team.slot_errors_m(moved), 0, atol=1e-12)
     moved[2] += [0.0, 3.0, 4.0]
-    np.testing.assert_allclose(team.off_slots_m(moved), [0, 5, 0], atol=1e-12)
+    np.testing.assert_allclose(team.slot_errors_m(moved), [0, 5, 0], atol=1e-12)
 
 
 def test_only_its_own_drones_count() -> None:
@@ -62,9 +60,9 @@ def test_only_its_own_drones_count() -> None:
     assert team.leader == 2
     positions = np.array([[99.0, 99, 99], [99, 99, 99], [6, 3, 5], [6, -1, 5]])
     assert team.spread_m(positions) == pytest.approx(4)
-    assert team.to_goal_m(positions) == pytest.approx(np.hypot(24, 3))
-    assert team.aside_m(positions) == pytest.approx(3)
-    assert team.off_slots_m(positions).shape == (1,)
+    assert team.distance_to_goal_m(positions) == pytest.approx(np.hypot(24, 3))
+    assert team.cross_track_error_m(positions) == pytest.approx(3)
+    assert team.slot_errors_m(positions).shape == (1,)
 
 
 def test_spread_is_that_of_the_farthest_and_0_for_a_leader_alone() -> None:
@@ -73,7 +71,7 @@ def test_spread_is_that_of_the_farthest_and_0_for_a_leader_alone() -> None:
     alone = team_to((9.0, 0.0, 0.0), members=range(1))
     assert alone.spread_m(positions) == 0
     assert alone.offsets_m.shape == (0, 3)
-    assert alone.off_slots_m(positions).shape == (0,)
+    assert alone.slot_errors_m(positions).shape == (0,)
 
 
 @given(ANGLES, st.floats(-20, 20), st.floats(-20, 20))
@@ -83,14 +81,14 @@ def test_aside_is_the_distance_from_the_line_however_far_along(angle: float, alo
         Route(start_m=(1.0, 2.0, 3.0), goal_m=tuple(rotation @ [10.0, 0, 0] + [1.0, 2, 3])), range(1), FormationConfig()
     )
     at = rotation @ [along, aside, 0] + [1.0, 2, 3]
-    assert team.aside_m(at[None]) == pytest.approx(abs(aside), abs=1e-6)
+    assert team.cross_track_error_m(at[None]) == pytest.approx(abs(aside), abs=1e-6)
 
 
 def test_a_way_straight_up_and_no_way_at_all_have_a_heading() -> None:
     for goal_m in ((0.0, 0.0, 9.0), (0.0, 0.0, 5.0)):
         team = team_to(goal_m)
         assert team.heading_rad == 0
-        assert np.isfinite(team.aside_m(team.starts_m))
+        assert np.isfinite(team.cross_track_error_m(team.starts_m))
 
 
 def test_roles_know_their_slots() -> None:
@@ -109,8 +107,8 @@ def test_two_routes_make_two_swarms() -> None:
     config = MissionConfig(routes=routes, drones=3)
     first, second = config.teams()
     assert (first.members, second.members) == (range(3), range(3, 6))
-    np.testing.assert_array_equal(starts_m(config), np.vstack([first.starts_m, second.starts_m]))
-    np.testing.assert_allclose(start_yaws_rad(config), [0, 0, 0, np.pi, np.pi, np.pi])
+    np.testing.assert_array_equal(config.starts_m(), np.vstack([first.starts_m, second.starts_m]))
+    np.testing.assert_allclose(config.start_yaws_rad(), [0, 0, 0, np.pi, np.pi, np.pi])
     np.testing.assert_allclose(second.starts_m[1:, 0] > 30, True)
 
 

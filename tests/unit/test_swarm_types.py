@@ -11,7 +11,7 @@ LEFT = np.array([0.0, 1.0, 0.0])
 
 
 def choice(velocity_m_s: np.ndarray, direction: np.ndarray, cell: tuple[int, int] | None = (3, 7)) -> Choice:
-    return Choice(velocity_m_s=velocity_m_s, direction=direction, cell=cell, clear_m=9.0)
+    return Choice(velocity_m_s=velocity_m_s, direction=direction, cell=cell, free_m=9.0)
 
 
 @pytest.mark.parametrize(

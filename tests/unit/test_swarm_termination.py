@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim.types import Contact
-from swarm.judge import PROGRESS_M, Judge
+from swarm.mission import MIN_PROGRESS_M, TerminationConditions
 from swarm.task import MissionConfig
 from swarm.team import Route
 from swarm.types import Outcome
@@ -28,7 +28,7 @@ class Flight:
     def __init__(self, n_routes: int = 1, **changes: Any) -> None:
         self._config = config(n_routes=n_routes, **changes)
         self._teams = self._config.teams()
-        self._judge = Judge(self._config, self._teams)
+        self._conditions = TerminationConditions(self._config, self._teams)
 
     def at(self, time_s: float, *along_m: float, off_m: Any = 0.0, contacts: tuple[Contact, ...] = ()) -> Any:
         """The outcome with the leaders at `along_m`; `off_m` is added to the place of the last drone."""
@@ -36,7 +36,7 @@ class Flight:
             [team.slots_m(team.start_m + np.array([x, 0, 0])) for team, x in zip(self._teams, along_m, strict=True)]
         )
         positions[-1] += off_m
-        return self._judge.judge(time_s, positions, contacts)
+        return self._conditions.check(time_s, positions, contacts)
 
 
 def test_on_the_way_there_is_no_outcome() -> None:
@@ -55,7 +55,7 @@ def test_success_is_in_formation(off_m: float, outcome: Outcome | None) -> None:
 
 def test_a_drone_alone_succeeds_without_formation() -> None:
     alone = MissionConfig(routes=config().routes, drones=1)
-    assert Judge(alone, alone.teams()).judge(1.0, np.array([GOALS[0]]), ()) is Outcome.SUCCESS
+    assert TerminationConditions(alone, alone.teams()).check(1.0, np.array([GOALS[0]]), ()) is Outcome.SUCCESS
 
 
 def test_two_swarms_may_arrive_one_after_the_other_and_need_not_stay() -> None:
@@ -113,11 +113,11 @@ def test_without_progress_it_is_a_deadlock_after_the_configured_time() -> None:
     assert flight.at(5.05, 5.0) is Outcome.DEADLOCK
 
 
-def test_progress_starts_the_time_anew_and_jitter_does_not() -> None:
+def test_progress_restarts_the_time_and_jitter_does_not() -> None:
     flight = Flight(deadlock_s=5.0)
     flight.at(0.0, 5.0)
-    assert flight.at(4.0, 5.0 + 1.1 * PROGRESS_M) is None
-    assert flight.at(8.9, 5.0 + 2.0 * PROGRESS_M) is None
+    assert flight.at(4.0, 5.0 + 1.1 * MIN_PROGRESS_M) is None
+    assert flight.at(8.9, 5.0 + 2.0 * MIN_PROGRESS_M) is None
     assert flight.at(9.1, 5.0) is Outcome.DEADLOCK
 
 

@@ -1,0 +1,94 @@
+"""Composing a mission from its parts: world, renderer, cameras, correctors and controllers."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+from sim.drone import AirframeConfig
+from sim.parallel import mapper
+from sim.render import RendererName, create_renderer
+from sim.rig import StereoRig
+from sim.scenes import AnyScene
+from sim.sensor import RigConfig
+from sim.world import World
+from voxdepth.corrector_spec import CorrectorSpec
+
+from .controllers import Factory
+from .mission import Mission
+from .recorder import Recorder
+from .task import MissionConfig
+
+
+class MissionSetup(Protocol):
+    """Everything that a mission depends on besides its seed; scenarios and learning tasks are such setups."""
+
+    @property
+    def scene(self) -> AnyScene:
+        """The scene, which is built from the seed."""
+
+    @property
+    def mission(self) -> MissionConfig:
+        """The task, and the swarms that fly it."""
+
+    @property
+    def rig(self) -> RigConfig:
+        """Cameras of every drone."""
+
+    @property
+    def airframe(self) -> AirframeConfig:
+        """Size and dynamics of every drone."""
+
+    @property
+    def corrector(self) -> CorrectorSpec:
+        """Depth corrector of every drone."""
+
+    @property
+    def renderer(self) -> RendererName:
+        """Renderer of the images."""
+
+    @property
+    def latency_s(self) -> float:
+        """Simulated time from a capture until the controller knows its percept."""
+
+
+@contextmanager
+def composed_mission(
+    setup: MissionSetup,
+    recorder: Recorder,
+    *,
+    seed: int,
+    gray: bool,
+    threads: int = 1,
+    make_agent: Factory | None = None,
+) -> Iterator[Mission]:
+    """Create a mission that is ready to fly, and free its world at the end.
+
+    Args:
+        setup: Everything that the mission depends on besides its seed.
+        recorder: Receives everything that happens; the caller closes it.
+        seed: Master seed of the scene and of all noise.
+        gray: Whether gray images are needed even if neither the corrector nor the depth tier needs them.
+        threads: Number of threads that make the images; it changes the speed only.
+        make_agent: Creates the agents of the drones; None takes the factory that the mission's `controller` names.
+
+    Raises:
+        MissionError: The mission cannot be flown as configured.
+    """
+    config, rig_config = setup.mission, setup.rig
+    scene = setup.scene.build(seed)
+    with World(scene, config.starts_m(), setup.airframe, start_yaw_rad=config.start_yaws_rad()) as world:
+        correctors = [setup.corrector.create(rig_config.intrinsics) for _ in range(world.n_drones)]
+        gray = gray or any(corrector.uses_gray for corrector in correctors)
+        renderer = create_renderer(setup.renderer, world, threads=threads)
+        rig = StereoRig(world, renderer, rig_config, seed=seed, gray=gray, pool_map=mapper(threads))
+        yield Mission(
+            config,
+            world,
+            rig,
+            correctors,
+            recorder,
+            camera_hz=rig_config.rate_hz,
+            latency_s=setup.latency_s,
+            seed=seed,
+            make_agent=make_agent,
+        )

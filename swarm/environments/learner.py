@@ -1,0 +1,140 @@
+"""The interface of a drone that learns: its observation and its action.
+
+An observation holds what the drone's own camera and radio told it. An action is four numbers in -1..1: the speeds
+forward, left and up, and the turn to the left. The turn is needed because the camera looks forward: a drone that could
+not turn would never see its direction of flight.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+
+from sim.frames import rotation_from_yaw, yaw_from_quaternion
+from sim.types import VelocityCommand
+from voxdepth.types import FloatArray, FloatImage
+
+from .. import rules
+from ..controllers import Role
+from ..errors import MissionError
+from ..pilot import SeeingPilot, Situation
+from ..task import MissionConfig
+from ..types import Decision
+
+ACTION_SIZE = 4
+
+SteeringName = Literal["direct", "shielded"]
+
+Observation = dict[str, FloatImage]
+"""Arrays of float32 by name; all vectors are in the drone's heading frame (x forward, y left, z up, never tilted).
+
+- `depth_m`: corrected depth along the optical axis [m], shape (H, W); 0 = unknown, `max_depth_m` = that far or farther.
+- `velocity_m_s`: own velocity, shape (3,).
+- `leader_m`: from the drone to its leader, as heard by radio, shape (3,).
+- `slot_m`: from the drone to its slot, which moves with the leader as it is heard, shape (3,).
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObservationLimits:
+    """Largest values of an observation; larger ones are clipped."""
+
+    depth_m: float
+    speed_m_s: float
+    """Largest speed along each axis."""
+    distance_m: float
+    """Largest distance along each axis."""
+
+
+def observe(situation: Situation, role: Role, limits: ObservationLimits) -> Observation:
+    """Return the observation of a follower.
+
+    Args:
+        situation: Knowledge of the drone, with a percept.
+        role: Role of the follower.
+        limits: Largest values.
+
+    Raises:
+        MissionError: The situation has no percept yet.
+    """
+    if situation.percept is None:
+        raise MissionError("there is nothing to observe before the first image is known: fly on until then")
+    own, to_own = situation.own, heading_frame(situation).T
+    leader_m = to_own @ (situation.leader.position_m - own.position_m)
+    return {
+        "depth_m": _clipped(situation.percept.corrected.depth_m, 0.0, limits.depth_m),
+        "velocity_m_s": _clipped(to_own @ own.velocity_m_s, -limits.speed_m_s, limits.speed_m_s),
+        "leader_m": _clipped(leader_m, -limits.distance_m, limits.distance_m),
+        "slot_m": _clipped(leader_m + to_own @ role.offset_m, -limits.distance_m, limits.distance_m),
+    }
+
+
+def _clipped(values: FloatImage | FloatArray, low: float, high: float) -> FloatImage:
+    return np.clip(values, low, high).astype(np.float32)
+
+
+class Steering(Protocol):
+    """Turns an action into a command, once per control tick."""
+
+    def steer(self, action: FloatArray, situation: Situation) -> Decision:
+        """Return the command until the next tick for an action of shape (4,): forward, left, up, turn to the left."""
+        ...
+
+
+class Direct:
+    """Flies exactly as the action says, into obstacles too.
+
+    An action of length 1 is the follower's largest speed, and so is any longer one; a turn of 1 is the largest yaw rate
+    of `config.pilot`.
+    """
+
+    def __init__(self, role: Role, config: MissionConfig) -> None:
+        self._max_speed_m_s = config.follower_speed_m_s
+        self._max_turn_rad = config.pilot.yaw_rate_rad_s / config.control_hz
+        self._yaw_rad = role.team.heading_rad
+
+    def steer(self, action: FloatArray, situation: Situation) -> Decision:
+        """Return the velocity of the action in the world frame, with the heading turned by the action."""
+        velocity_m_s = action_velocity_m_s(action, situation, self._max_speed_m_s)
+        self._yaw_rad += float(action[3]) * self._max_turn_rad
+        command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=self._yaw_rad)
+        return Decision(command=command, wanted_velocity_m_s=velocity_m_s, choice=None)
+
+
+class Shielded:
+    """Passes the action through obstacle avoidance, which also turns the camera: `action[3]` has no effect."""
+
+    def __init__(self, role: Role, config: MissionConfig) -> None:
+        self._max_speed_m_s = config.follower_speed_m_s
+        self._pilot = SeeingPilot(config.pilot, config.control_hz, role.team.heading_rad, role.radius_m)
+
+    def steer(self, action: FloatArray, situation: Situation) -> Decision:
+        """Return the safe velocity that is nearest to that of the action."""
+        return self._pilot.fly(action_velocity_m_s(action, situation, self._max_speed_m_s), situation)
+
+
+_STEERINGS: dict[str, Callable[[Role, MissionConfig], Steering]] = {"direct": Direct, "shielded": Shielded}
+
+
+class Learner:
+    """The agent of a drone that is steered from outside; it hovers until its first action."""
+
+    def __init__(self, steering: SteeringName, role: Role, config: MissionConfig) -> None:
+        self._steering = _STEERINGS[steering](role, config)
+        self.action: FloatArray = np.zeros(ACTION_SIZE)
+        """Action that is held until the next one, shape (4,)."""
+
+    def decide(self, situation: Situation) -> Decision:
+        """Return the command for the action."""
+        return self._steering.steer(self.action, situation)
+
+
+def action_velocity_m_s(action: FloatArray, situation: Situation, max_speed_m_s: float) -> FloatArray:
+    """Return the velocity of an action in the world frame, shape (3,), at most `max_speed_m_s`."""
+    return rules.limit(heading_frame(situation) @ (max_speed_m_s * action[:3]), max_speed_m_s)
+
+
+def heading_frame(situation: Situation) -> FloatArray:
+    """Return the rotation, shape (3, 3), from the heading frame (x forward, y left, z up, level) to the world."""
+    return rotation_from_yaw(yaw_from_quaternion(situation.own.q_world_body_xyzw))
