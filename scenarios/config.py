@@ -1,4 +1,4 @@
-"""Scenarios: everything a run depends on, in one TOML file."""
+"""Scenarios: everything that a run depends on, in one TOML file."""
 
 from typing import Annotated, Any
 
@@ -11,33 +11,33 @@ from sim.scenes import AnyScene, CitySpec
 from sim.sensor import RigConfig
 from sim.sensor_models import SensorModelName
 from swarm.task import MissionConfig
+from voxdepth import registry
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.model import Model
-from voxdepth.registry import DEFAULT, require_known
 
 from .files import load, shipped_names
 
 
 class Acceptance(Model):
-    """What a scenario promises, and with which depth."""
+    """The success rate that a scenario guarantees, and the depth with which it does."""
 
     depth: SensorModelName = "truth"
     corrector: str = "raw"
     width_px: int = Field(160, ge=32)
     height_px: int = Field(120, ge=32)
     min_success_share: float = Field(0.9, ge=0, le=1)
-    """Least share of seeds that end in success."""
+    """Smallest share of seeds that end in success."""
 
 
 class RecordingConfig(Model):
-    """What the recording keeps."""
+    """Contents of the Rerun recording."""
 
     image_every: int = Field(4, ge=1)
-    """Of how many captures of a drone one is kept with its images; everything else is kept in full."""
+    """Every n-th capture of a drone is recorded with its images; everything else is recorded in full."""
 
 
 class Scenario(Model):
-    """One experiment, but for its seed."""
+    """Everything that a run depends on besides its seed."""
 
     name: str
     description: str
@@ -45,40 +45,58 @@ class Scenario(Model):
     mission: MissionConfig = MissionConfig()
     rig: RigConfig = RigConfig()
     airframe: AirframeConfig = AirframeConfig()
-    corrector: CorrectorSpec = CorrectorSpec(name=DEFAULT)
+    corrector: CorrectorSpec = CorrectorSpec(name=registry.DEFAULT)
     """Depth corrector of every drone: its name, or a table with `name` and `config`."""
     corrector_latency_s: dict[str, Annotated[float, Field(ge=0)]] = Field(default_factory=dict)
-    """Simulated time that a corrector takes for a frame, by its name; those that are not named take none. Frozen here,
-    and never the wall clock: results must not depend on the machine."""
+    """Simulated time that a corrector takes for a frame, by its name, instead of its registered latency. It
+    is a constant and never measured: results must not depend on the machine."""
     renderer: RendererName = "raster"
     recording: RecordingConfig = RecordingConfig()
     acceptance: Acceptance = Acceptance()
 
     @pydantic.field_validator("corrector_latency_s")
     @classmethod
-    def _all_known(cls, latency_s: dict[str, float]) -> dict[str, float]:
+    def _require_known_names(cls, latency_s: dict[str, float]) -> dict[str, float]:
         for name in latency_s:
-            require_known(name)
+            registry.require_known(name)
         return latency_s
+
+    @pydantic.model_validator(mode="after")
+    def _require_latency(self) -> "Scenario":
+        self.latency_of_corrector_s  # noqa: B018  # A missing latency is an error.
+        return self
+
+    @property
+    def latency_of_corrector_s(self) -> float:
+        """Simulated time that the corrector takes for a frame."""
+        name = self.corrector.name
+        override_s = self.corrector_latency_s.get(name)
+        return registry.latency_s(name) if override_s is None else override_s
 
     @property
     def latency_s(self) -> float:
-        """Simulated time from a capture to the moment its result can be flown by."""
-        return self.mission.latency_s + self.corrector_latency_s.get(self.corrector.name, 0.0)
+        """Simulated time from a capture until the controller knows its percept."""
+        return self.mission.latency_s + self.latency_of_corrector_s
+
+    def with_fixed_latency(self) -> "Scenario":
+        """Return the scenario with the latency of its corrector written out, for results that can be repeated."""
+        latency_s = {**self.corrector_latency_s, self.corrector.name: self.latency_of_corrector_s}
+        return self.model_copy(update={"corrector_latency_s": latency_s})
 
 
 class Run(Model):
-    """A scenario with its seed: all that is needed to repeat a run."""
+    """A scenario with its seed: everything that is needed to repeat a run."""
 
     scenario: Scenario
     seed: int = Field(ge=0, lt=2**32)
 
 
 def scenario_names() -> list[str]:
-    """Names of the shipped scenarios."""
+    """Return the names of the shipped scenarios."""
     return shipped_names("scenarios")
 
 
 def load_run(name_or_path: str, seed: int | None, changes: dict[str, Any]) -> Run:
-    """A run of a scenario: see `files.load`."""
-    return load(Run, "scenarios", name_or_path, seed, changes)
+    """Return a run of a scenario, with the latency of its corrector written out; see `files.load`."""
+    run = load(Run, "scenarios", name_or_path, seed, changes)
+    return run.model_copy(update={"scenario": run.scenario.with_fixed_latency()})

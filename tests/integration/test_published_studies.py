@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from scenarios.study.matrix import key_of
 from scenarios.study.page import Findings, summary
 from scenarios.study.store import FILE, Contents, Store
 
@@ -24,6 +25,7 @@ def contents_of(packed: Path, folder: Path) -> Contents:
 def test_every_row_of_a_published_study_stands_in_the_documents(packed: Path, tmp_path: Path) -> None:
     contents = contents_of(packed, tmp_path)
     assert not contents.failures
+    assert all(key_of(cell.run) == cell.key for cell in contents.cells)
     documents = "".join((DOCS / name).read_text() for name in ("study.md", "scenarios.md"))
     lines = summary(contents, Findings.of(contents)).splitlines()
     rows = [line for line in lines if line.startswith("| ")]

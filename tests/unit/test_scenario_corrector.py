@@ -5,10 +5,12 @@ from typing import Any
 
 import pytest
 
-from scenarios.config import Run, load_run
+from scenarios.config import Run, Scenario, load_run
 from scenarios.errors import ScenarioError
 from scenarios.files import to_toml
+from voxdepth import registry
 from voxdepth.config import VoxDepthConfig
+from voxdepth.errors import ConfigError
 
 
 def test_the_latency_of_the_corrector_comes_on_top_of_that_of_the_sensor() -> None:
@@ -17,6 +19,32 @@ def test_the_latency_of_the_corrector_comes_on_top_of_that_of_the_sensor() -> No
         load_run("city", 0, {**frozen, "corrector": name}).scenario.latency_s for name in ("voxdepth", "median", "raw")
     ]
     assert latencies_s == pytest.approx([0.07, 0.04, 0.03])
+
+
+def test_the_registered_latency_is_written_out_and_can_be_overridden() -> None:
+    scenario = load_run("city", 0, {"corrector": "telea"}).scenario
+    assert scenario.latency_s == pytest.approx(scenario.mission.latency_s + registry.latency_s("telea"))
+    assert scenario.corrector_latency_s == {"telea": registry.latency_s("telea")}
+    fixed = load_run("city", 0, {"corrector": "telea", "corrector_latency_s": {"telea": 0.0}}).scenario
+    assert fixed.latency_s == fixed.mission.latency_s
+
+
+def test_a_missing_latency_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> float:
+        raise ConfigError(f"the corrector {name!r} has no latency")
+
+    monkeypatch.setattr(registry, "latency_s", missing)
+    with pytest.raises(ScenarioError, match="'telea' has no latency"):
+        load_run("city", 0, {"corrector": "telea"})
+    load_run("city", 0, {"corrector": "telea", "corrector_latency_s": {"telea": 0.01}})
+
+
+def test_a_published_run_keeps_its_text_and_its_latency() -> None:
+    published = {"corrector": "voxdepth", "corrector_latency_s": {"median": 0.0002, "voxdepth": 0.0087}}
+    run = Run(scenario=Scenario.model_validate({"name": "city", "description": "", **published}), seed=0)
+    assert run.model_dump(mode="json")["scenario"]["corrector_latency_s"] == published["corrector_latency_s"]
+    assert run.model_dump(mode="json")["scenario"]["corrector"] == "voxdepth"
+    assert run.scenario.latency_s == 0.03 + 0.0087
 
 
 @pytest.mark.parametrize(
