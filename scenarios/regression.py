@@ -11,10 +11,10 @@ import numpy as np
 from sim.testing import FRAMES, LEVELS, TERMS, Level, Term, noisy_sequence
 from sim.types import Capture
 from swarm.perception import frame_of
-from voxdepth.metrics import DepthErrors, depth_errors
+from voxdepth.metrics import DepthErrors, Flicker, depth_errors
 from voxdepth.model import Model
 from voxdepth.registry import corrector_names, create_corrector
-from voxdepth.types import CorrectedDepth, DepthCorrector, FloatImage, Frame, Intrinsics
+from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics
 
 from .errors import ScenarioError
 
@@ -144,22 +144,16 @@ def _named(error: Exception) -> str:
 
 
 def _measure_case(make: CorrectorFactory, term: Term, level: Level, frames: int) -> dict[str, float | None]:
-    errors, change_m, changes = DepthErrors(), 0.0, 0
-    previous_m: FloatImage | None = None
+    errors, flicker = DepthErrors(), Flicker()
     for capture, result in corrected(make, term, level, frames):
         errors += depth_errors(result.depth_m, capture.depth_true_m, max_range_m=MAX_RANGE_M)
-        judged = (result.depth_m > 0) & (capture.depth_true_m <= MAX_RANGE_M)
-        error_m = np.where(judged, result.depth_m - capture.depth_true_m, np.float32(np.nan))
-        if previous_m is not None:
-            step_m = np.abs(error_m - previous_m)
-            change_m += float(np.nansum(step_m, dtype=np.float64))
-            changes += int(np.count_nonzero(np.isfinite(step_m)))
-        previous_m = error_m
+        in_range = capture.depth_true_m <= MAX_RANGE_M
+        flicker.add(result.depth_m, np.where(in_range, capture.depth_true_m, np.float32(0)), in_range)
     return {
         "mae_m": errors.mae_m,
         "too_far_share": errors.too_far_share,
         "hole_share": errors.hole_share,
-        "flicker_m": change_m / changes if changes else None,
+        "flicker_m": flicker.total.mean_change_m,
     }
 
 

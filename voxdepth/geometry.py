@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import TypeVar
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -84,11 +85,46 @@ def inverse_rigid(T_a_b: FloatArray) -> FloatArray:
     return T_b_a
 
 
+def exp_se3(step: FloatArray) -> FloatArray:
+    """The rigid motion of a translation [m] and a rotation vector [rad], shape (6,), as a matrix of shape (4, 4).
+
+    The translation is taken as it is, which is the exponential map of SE(3) to first order: enough for iterations that
+    converge to a step of zero.
+    """
+    T = np.eye(4)
+    T[:3, :3] = cv2.Rodrigues(step[3:])[0]
+    T[:3, 3] = step[:3]
+    return T
+
+
 def resized(position_px: Position, factor: float) -> Position:
-    """Where pixels of an image are after `cv2.resize` by a factor: it keeps the borders, half a pixel outside.
+    """Pixel positions after `cv2.resize`, which keeps the image borders, half a pixel outside the pixel centres.
 
     Args:
-        position_px: Columns or rows, a number or an array of any shape; the middle of the first pixel is 0.
-        factor: New size by old size.
+        position_px: Columns or rows, a number or an array of any shape; the centre of the first pixel is 0.
+        factor: New size divided by old size.
     """
     return (position_px + 0.5) * factor - 0.5
+
+
+def fill_from_nearest(depth_m: FloatImage, max_distance_px: float = np.inf) -> FloatImage:
+    """Fill invalid pixels with the depth of the nearest valid pixel, shape (H, W), float32.
+
+    Distances are 5 x 5 chamfer distances [1]_: the chosen pixel may be up to 4 % farther away than the nearest one. An
+    image without any valid pixel stays empty.
+
+    Args:
+        depth_m: Depth [m], shape (H, W); 0 = invalid.
+        max_distance_px: Pixels farther than this from all valid ones stay invalid.
+
+    .. [1] G. Borgefors, Distance transformations in digital images, 1986. DOI 10.1016/S0734-189X(86)80047-0
+    """
+    valid = depth_m > 0
+    if not valid.any():
+        return depth_m.copy()
+    distance_px, nearest = cv2.distanceTransformWithLabels(
+        (~valid).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    depth_of = np.zeros(int(nearest.max()) + 1, np.float32)
+    depth_of[nearest[valid]] = depth_m[valid]
+    return np.where(distance_px <= max_distance_px, depth_of[nearest], np.float32(0))

@@ -5,7 +5,7 @@ z forward; pixel centres lie at integer coordinates; depth is along the optical 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any, Protocol
 
@@ -141,6 +141,21 @@ class Intrinsics:
     def shape(self) -> tuple[int, int]:
         """Image shape (H, W)."""
         return self.height_px, self.width_px
+
+    def scaled(self, width_px: int, height_px: int) -> "Intrinsics":
+        """The camera of the images that `cv2.resize` makes of the images of this one."""
+        from .geometry import resized
+
+        a, b = width_px / self.width_px, height_px / self.height_px
+        return replace(
+            self,
+            fx_px=self.fx_px * a,
+            fy_px=self.fy_px * b,
+            cx_px=resized(self.cx_px, a),
+            cy_px=resized(self.cy_px, b),
+            width_px=width_px,
+            height_px=height_px,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -66,7 +66,7 @@ class FrameLoop:
         grays = [cv2.resize(gray, size, interpolation=cv2.INTER_LINEAR) for gray in self.grays]
         depths_m = [cv2.resize(depth_m, size, interpolation=cv2.INTER_NEAREST) for depth_m in self.depths_m]
         return FrameLoop(
-            intrinsics=resized(self.intrinsics, width_px, height_px),
+            intrinsics=self.intrinsics.scaled(width_px, height_px),
             grays=tuple(grays),  # type: ignore[arg-type]
             depths_m=tuple(depths_m),  # type: ignore[arg-type]
         )
@@ -87,20 +87,6 @@ def render_frames() -> FrameLoop:
     width_px, height_px = SIZE_PX
     planned = load_sequence(SEQUENCE, 0, {"rig.width_px": width_px, "rig.height_px": height_px})
     return FrameLoop.of(list(captures(planned, N_RENDERED)))
-
-
-def resized(intrinsics: Intrinsics, width_px: int, height_px: int) -> Intrinsics:
-    """The camera whose images `cv2.resize` makes of those of another: centres at half-integers scale."""
-    scale_x, scale_y = width_px / intrinsics.width_px, height_px / intrinsics.height_px
-    return replace(
-        intrinsics,
-        fx_px=scale_x * intrinsics.fx_px,
-        fy_px=scale_y * intrinsics.fy_px,
-        cx_px=scale_x * (intrinsics.cx_px + 0.5) - 0.5,
-        cy_px=scale_y * (intrinsics.cy_px + 0.5) - 0.5,
-        width_px=width_px,
-        height_px=height_px,
-    )
 
 
 def write_tum(loop: FrameLoop, folder: Path, frames: int) -> None:

@@ -5,7 +5,8 @@ from itertools import product
 
 import numpy as np
 
-from voxdepth.metrics import Changes, Flicker, Sums, completed, m_rmse_u16_wrap, psnr_minmax8
+from voxdepth.geometry import fill_from_nearest
+from voxdepth.metrics import Changes, Flicker, Sums, m_rmse_u16_wrap, psnr_minmax8
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
@@ -57,7 +58,7 @@ class Score:
 
     @property
     def frame_psnrs_db(self) -> tuple[float | None, ...]:
-        """Peak signal-to-noise ratio of every frame, as in `psnr16_mm`; None where none is defined."""
+        """Peak signal-to-noise ratio of every frame, see the metric of that name; None where none is defined."""
         return tuple(self._psnrs_db)
 
     def add(
@@ -75,7 +76,7 @@ class Score:
             confidence: Of each pixel, 0..1, shape (H, W); None if the method gives none.
             source: One `Source` per pixel, shape (H, W); None if the method gives none.
         """
-        whole_m = completed(depth_m)
+        whole_m = fill_from_nearest(depth_m)
         self._add_sums(judged, depth_m, whole_m)
         self._add_flicker(judged, depth_m)
         self._moving.add(judged, depth_m)

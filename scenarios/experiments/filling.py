@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swarm.perception import frame_of
-from voxdepth.metrics import Sums, completed
+from voxdepth.geometry import fill_from_nearest
+from voxdepth.metrics import Sums
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.paper.config import PaperConfig
 from voxdepth.paper.inpainting import Bilinear, Dilation, Erosion, Inpainting, Median, Nearest
@@ -50,7 +51,7 @@ class Tally:
     def add(self, template_m: FloatImage, truth_m: FloatImage) -> None:
         """Take in a template, shape (H, W), and what is true where it was made."""
         self.filled += Sums.of(template_m, truth_m, truth_m <= np.float32(NEAR_M))
-        self.completed += Sums.of(completed(template_m), truth_m, truth_m <= np.float32(PEAK16_M))
+        self.completed += Sums.of(fill_from_nearest(template_m), truth_m, truth_m <= np.float32(PEAK16_M))
 
 
 Tallies = Mapping[str, Tally]

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 
 from sim.types import Capture
-from voxdepth.metrics import TOO_FAR, completed
+from voxdepth.geometry import fill_from_nearest
+from voxdepth.metrics import TOO_FAR, psnr_db
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.types import FloatImage, MaskImage
 
@@ -43,7 +44,7 @@ class Dose:
         self.pixels += int(np.count_nonzero(judged))
         self.occluded += int(np.count_nonzero(occluded & judged))
         self.squared_m2 += squared_error_m2(depth_m, truth_m, judged)
-        self.squared_completed_m2 += squared_error_m2(completed(depth_m), truth_m, judged)
+        self.squared_completed_m2 += squared_error_m2(fill_from_nearest(depth_m), truth_m, judged)
 
     @property
     def occluded_percent(self) -> float:
@@ -53,12 +54,12 @@ class Dose:
     @property
     def psnr_db(self) -> float:
         """Of the depth as it stands."""
-        return psnr_db(self.squared_m2 / self.pixels)
+        return psnr_db(self.squared_m2 / self.pixels, PEAK16_M)
 
     @property
     def psnr_completed_db(self) -> float:
         """After completion."""
-        return psnr_db(self.squared_completed_m2 / self.pixels)
+        return psnr_db(self.squared_completed_m2 / self.pixels, PEAK16_M)
 
 
 @dataclass(kw_only=True)
@@ -82,7 +83,7 @@ class Observed:
         self.occluded_percent.append(100 * float(np.count_nonzero(occluded & judged) / n))
         self.empty_percent.append(100 * float(np.count_nonzero(judged & (raw_m == 0)) / n))
         self.wrong_percent.append(100 * float(np.count_nonzero(judged & off) / n))
-        self.psnr_db.append(psnr_db(squared_error_m2(raw_m, truth_m, judged) / n))
+        self.psnr_db.append(psnr_db(squared_error_m2(raw_m, truth_m, judged) / n, PEAK16_M))
         for grown_px, dose in self.doses.items():
             grown = grow(occluded, grown_px)
             dose.add(np.where(grown & ~occluded, np.float32(0), raw_m), truth_m, grown, judged)
@@ -146,11 +147,6 @@ def squared_error_m2(depth_m: FloatImage, truth_m: FloatImage, judged: MaskImage
     """Sum of squared errors over some pixels [m^2]; images of shape (H, W), and a hole is 0 m."""
     error_m = depth_m[judged].astype(np.float64) - truth_m[judged]
     return float(np.square(error_m).sum())
-
-
-def psnr_db(mean_squared_m2: float) -> float:
-    """Peak signal-to-noise ratio with the peak of 16 bits in millimetres [dB]; inf without error."""
-    return float(10 * np.log10(PEAK16_M**2 / mean_squared_m2)) if mean_squared_m2 > 0 else float("inf")
 
 
 def grow(mask: MaskImage, by_px: int) -> MaskImage:

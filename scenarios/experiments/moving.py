@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from voxdepth.baselines.flows import Flow, FlowImage
+from voxdepth.metrics import psnr_db
 from voxdepth.paper.registration import Features, OrbRegistration, RegistrationConfig
 from voxdepth.types import FloatArray, GrayImage, MaskImage
 
@@ -132,5 +133,4 @@ class GrayError:
         """Quality of registration: the paper's PSNR of two gray images, peak 255 [dB]; None without a pixel."""
         if not self.pixels:
             return None
-        mean = self._squared / self.pixels
-        return float(10 * np.log10(PEAK_GRAY**2 / mean)) if mean > 0 else float("inf")
+        return psnr_db(self._squared / self.pixels, PEAK_GRAY)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from voxdepth.metrics import psnr_db
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.paper.config import PaperConfig
 
@@ -74,11 +75,11 @@ class Window:
 
 def later_psnr_db(psnrs_db: Sequence[float | None]) -> float | None:
     """PSNR of the frames from `FIRST` on, as one: by the mean of their mean squared errors; None if one has none."""
-    later = [psnr_db for psnr_db in psnrs_db[FIRST:] if psnr_db is not None]
+    later = [value for value in psnrs_db[FIRST:] if value is not None]
     if len(later) < len(psnrs_db[FIRST:]) or not later:
         return None
-    squared_m2 = float(np.mean([PEAK16_M**2 / 10 ** (psnr_db / 10) for psnr_db in later]))
-    return float(10 * np.log10(PEAK16_M**2 / squared_m2)) if squared_m2 > 0 else float("inf")
+    squared_m2 = float(np.mean([PEAK16_M**2 / 10 ** (value / 10) for value in later]))
+    return psnr_db(squared_m2, PEAK16_M)
 
 
 def frame_ms(cell: Cell) -> float:

@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 
 from scenarios.benchmark import frames as frames_module
 from scenarios.benchmark import suite, throughput, timings
-from scenarios.benchmark.frames import FrameLoop, resized, write_tum
+from scenarios.benchmark.frames import FrameLoop, write_tum
 from scenarios.benchmark.libraries import fastest
 from scenarios.benchmark.memory import measure_memory
 from scenarios.benchmark.suite import fit_line
@@ -137,13 +137,13 @@ def test_a_loop_is_played_back_and_forth_one_image_at_a_time(loop: FrameLoop) ->
 
 
 def test_a_resized_camera_sees_every_point_where_the_resized_image_has_it() -> None:
-    small = resized(CAMERA, 40, 60)
+    small = CAMERA.scaled(40, 60)
     x, y = 0.3, -0.2
     u, v = CAMERA.fx_px * x + CAMERA.cx_px, CAMERA.fy_px * y + CAMERA.cy_px
     assert small.fx_px * x + small.cx_px == pytest.approx((u + 0.5) / 4 - 0.5)
     assert small.fy_px * y + small.cy_px == pytest.approx((v + 0.5) / 2 - 0.5)
     assert small.shape == (60, 40)
-    assert resized(small, 160, 120) == CAMERA
+    assert small.scaled(160, 120) == CAMERA
 
 
 def test_a_resized_loop_has_no_depth_that_was_not_there(loop: FrameLoop) -> None:

@@ -20,7 +20,7 @@ from tests.evaluation_clips import CAMERA, WALL_M, N, judged_frames, method, tru
 from voxdepth import registry
 from voxdepth.baselines.raw import Raw
 from voxdepth.errors import ConfigError
-from voxdepth.metrics import completed
+from voxdepth.geometry import fill_from_nearest
 from voxdepth.registry import ENTRY_POINTS
 from voxdepth.types import CorrectedDepth, Frame
 
@@ -51,7 +51,7 @@ def test_figures_are_those_of_the_whole_image_at_once() -> None:
     given = [judged.frame.depth_m.astype(np.float32) * np.float32(1.05) for judged in judged_frames()]
     truth = [judged.reference_m for judged in judged_frames()]
     filled = np.concatenate([np.abs(g - t)[g > 0].astype(np.float64) for g, t in zip(given, truth, strict=True)])
-    everywhere = np.concatenate([np.abs(completed(g) - t).ravel() for g, t in zip(given, truth, strict=True)])
+    everywhere = np.concatenate([np.abs(fill_from_nearest(g) - t).ravel() for g, t in zip(given, truth, strict=True)])
     on_filled = figure(verdict, "mae", "all", "0-20 m", "filled")
     assert on_filled.value == pytest.approx(filled.mean(), rel=1e-6)
     assert on_filled.n == filled.size

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from scenarios.experiments.holes import Dose, Observed, grow, psnr_db, squared_error_m2
+from scenarios.experiments.holes import Dose, Observed, grow, squared_error_m2
+from voxdepth.metrics import psnr_db
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.types import FloatImage, MaskImage
 
@@ -61,4 +62,4 @@ def test_errors_are_of_the_judged_pixels_alone() -> None:
     depth_m = np.array([[2.5, 7.0, 0.0]], np.float32)
     judged = truth_m <= 3
     assert squared_error_m2(depth_m, truth_m, judged) == 0.25
-    assert psnr_db(0.0) == np.inf
+    assert psnr_db(0.0, PEAK16_M) == np.inf

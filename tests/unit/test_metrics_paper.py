@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from voxdepth.errors import FrameError
-from voxdepth.metrics import Sums, m_rmse_u16_wrap, psnr16_mm, psnr_minmax8
+from voxdepth.metrics import Sums, m_rmse_u16_wrap, psnr_minmax8
 from voxdepth.metrics.paper import PEAK16_M
 
 ALL = np.ones((300, 400), bool)
@@ -116,10 +116,10 @@ def test_the_ratio_of_the_text_by_hand() -> None:
     truth_m = np.array([[5.0, 8.0, 9.0, np.inf]], np.float32)
     depth_m = np.array([[5.1, 7.7, 0.0, 3.0]], np.float32)
     mask = depth_m >= 0
-    assert psnr16_mm(depth_m, truth_m, mask) == pytest.approx(10 * np.log10(65.535**2 / 0.05), abs=1e-5)
-    assert psnr16_mm(depth_m, truth_m, mask) == Sums.of(depth_m, truth_m, mask).psnr_db(PEAK16_M)
-    assert psnr16_mm(truth_m, truth_m, np.isfinite(truth_m)) == np.inf
-    assert psnr16_mm(0 * depth_m, truth_m, mask) is None
+    assert Sums.of(depth_m, truth_m, mask).psnr_db(PEAK16_M) == pytest.approx(10 * np.log10(65.535**2 / 0.05), abs=1e-5)
+    assert Sums.of(depth_m, truth_m, mask).psnr_db(PEAK16_M) == Sums.of(depth_m, truth_m, mask).psnr_db(PEAK16_M)
+    assert Sums.of(truth_m, truth_m, np.isfinite(truth_m)).psnr_db(PEAK16_M) == np.inf
+    assert Sums.of(0 * depth_m, truth_m, mask).psnr_db(PEAK16_M) is None
 
 
 def test_metres_are_refused_where_millimetres_wrap() -> None:

@@ -1,14 +1,13 @@
 """Depth against the truth, in metres and over explicit masks. The truth never reaches a corrector."""
 
-from .completion import completed
 from .depth_errors import TOO_FAR, DepthErrors, depth_errors
 from .flicker import Changes, Flicker
 from .moving import Share, ghost_share, survival
-from .paper import m_rmse_u16_wrap, psnr16_mm, psnr_minmax8
+from .paper import m_rmse_u16_wrap, psnr_minmax8
 from .ranges import RANGE_BINS_M, by_range
 from .right import is_right
 from .seen_before import SeenBefore
-from .sums import Sums
+from .sums import Sums, psnr_db
 
 __all__ = [
     "RANGE_BINS_M",
@@ -20,12 +19,11 @@ __all__ = [
     "Share",
     "Sums",
     "by_range",
-    "completed",
     "depth_errors",
     "ghost_share",
     "is_right",
     "m_rmse_u16_wrap",
-    "psnr16_mm",
+    "psnr_db",
     "psnr_minmax8",
     "survival",
 ]

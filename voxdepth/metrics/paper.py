@@ -1,6 +1,6 @@
-"""The paper's metrics: one as its text defines it, and two as its figures were computed.
+"""The paper's metrics: the peak of its PSNR, and two metrics as its figures were computed.
 
-The last two repeat the arithmetic of the authors' evaluation scripts, mistakes included, to show where the printed
+The two repeat the arithmetic of the authors' evaluation scripts, mistakes included, to show where the printed
 numbers come from. They are no measure of quality: never rank by them.
 """
 
@@ -9,32 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FrameError
-from ..types import FloatImage, MaskImage
+from ..types import MaskImage
 from .judged import require_mask, require_same_shape
-from .sums import Sums
 
 MillimetreImage = npt.NDArray[np.uint16]
 
 PEAK16_M = 65.535
-"""The largest 16-bit pixel in millimetres."""
-
-
-def psnr16_mm(depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage) -> float | None:
-    """Peak signal-to-noise ratio with the peak 65535 mm [dB]: paper, section PSNR, which gives the formula in words.
-
-    Args:
-        depth_m: Depth under test [m], shape (H, W), not rounded to millimetres; 0 = invalid, not counted.
-        truth_m: True depth [m], shape (H, W); pixels that are 0, NaN or infinite do not count.
-        mask: Pixels that count, shape (H, W).
-
-    Returns:
-        None when no pixel of the mask is filled, inf without error. For a sequence add `Sums` and ask them for
-        `psnr_db(PEAK16_M)`: a mean of decibels is not the ratio of a sequence.
-
-    Raises:
-        FrameError: The shapes differ, or the depth of a pixel that counts is negative, NaN or infinite.
-    """
-    return Sums.of(depth_m, truth_m, mask).psnr_db(PEAK16_M)
+"""Peak of the PSNR in the paper, the largest 16-bit pixel in millimetres: `Sums.psnr_db(PEAK16_M)` [dB]."""
 
 
 def m_rmse_u16_wrap(depth_mm: MillimetreImage, truth_mm: MillimetreImage, mask: MaskImage) -> float | None:

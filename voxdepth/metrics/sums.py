@@ -137,18 +137,22 @@ class Sums:
         return self._mean(self.close)
 
     def psnr_db(self, peak_m: float) -> float | None:
-        """Peak signal-to-noise ratio `10 log10(peak^2 / mean squared error)` [dB]; inf without error.
-
-        Args:
-            peak_m: What counts as the largest signal [m]; state it with the figure, for doubling it adds 6 dB.
-        """
+        """Peak signal-to-noise ratio [dB]; see the function of that name."""
         mean_squared_m2 = self._mean(self.squared_error_m2)
-        if mean_squared_m2 is None:
-            return None
-        return float(10 * np.log10(peak_m**2 / mean_squared_m2)) if mean_squared_m2 > 0 else float("inf")
+        return None if mean_squared_m2 is None else psnr_db(mean_squared_m2, peak_m)
 
     def _mean(self, total: float) -> float | None:
         return total / self.filled if self.filled else None
+
+
+def psnr_db(mean_squared_error: float, peak: float) -> float:
+    """Peak signal-to-noise ratio `10 log10(peak^2 / mean squared error)` [dB]; inf without error.
+
+    Args:
+        mean_squared_error: Mean of squared errors, in the square of the unit of the peak.
+        peak: Largest signal. State it with the figure: twice the peak adds 6 dB.
+    """
+    return float(10 * np.log10(peak**2 / mean_squared_error)) if mean_squared_error > 0 else float("inf")
 
 
 def _root(mean_square: float | None) -> float | None:

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from pydantic import Field, field_validator
 
+from ..geometry import fill_from_nearest
 from ..model import Model
 from ..types import FloatImage
 
@@ -107,16 +108,7 @@ class Nearest(_Window):
 
     def fill(self, sparse_m: FloatImage) -> FloatImage:
         """Dense depth [m] of sparse depth [m], both of shape (H, W); 0 = unknown."""
-        filled = sparse_m > 0
-        if not filled.any():
-            return sparse_m.copy()
-        empty = np.logical_not(filled).astype(np.uint8)
-        distance_px, label = cv2.distanceTransformWithLabels(
-            empty, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-        )
-        depth_of = np.zeros(int(label.max()) + 1, np.float32)
-        depth_of[label[filled]] = sparse_m[filled]
-        return np.where(distance_px <= self._reach_px, depth_of[label], np.float32(0))
+        return fill_from_nearest(sparse_m, self._reach_px)
 
 
 Inpainting = Annotated[Dilation | Erosion | Median | Bilinear | Nearest, Field(discriminator="method")]

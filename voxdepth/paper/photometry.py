@@ -6,7 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..geometry import PointArray, back_project, transform
+from ..geometry import PointArray, back_project, exp_se3, transform
 from ..types import FloatArray, FloatImage, Frame, Intrinsics
 
 DESPECKLE_PX = 3
@@ -70,7 +70,7 @@ class Comparison:
             step = self._step(T)
             if step is None:
                 break
-            T = _exponential(step) @ T
+            T = exp_se3(step) @ T
             if np.linalg.norm(step) < SETTLED:
                 break
         return T
@@ -147,18 +147,10 @@ def view_of(frame: Frame, camera: Intrinsics) -> View:
 
 
 def reduced(camera: Intrinsics, max_width_px: int) -> Intrinsics:
-    """The camera of an image that was made smaller; pixel centres lie at integers, so edges at halves."""
+    """The camera of an image of at most that width and of the same aspect ratio."""
     width_px = min(camera.width_px, max_width_px)
     height_px = max(round(camera.height_px * width_px / camera.width_px), 1)
-    a, b = width_px / camera.width_px, height_px / camera.height_px
-    return Intrinsics(
-        fx_px=camera.fx_px * a,
-        fy_px=camera.fy_px * b,
-        cx_px=(camera.cx_px + 0.5) * a - 0.5,
-        cy_px=(camera.cy_px + 0.5) * b - 0.5,
-        width_px=width_px,
-        height_px=height_px,
-    )
+    return camera.scaled(width_px, height_px)
 
 
 def _subsampled(camera: Intrinsics, every_px: int) -> Intrinsics:
@@ -182,11 +174,3 @@ def _weights(difference: Any) -> Any:
     """Cauchy weights, shape (N,): what differs much is occluded or shiny."""
     deviation = 1.4826 * np.median(np.abs(difference)) + 1e-3
     return 1 / (1 + (difference / np.float32(OUTLIER_DEVIATIONS * deviation)) ** 2)
-
-
-def _exponential(step: FloatArray) -> FloatArray:
-    """The rigid motion of a small translation and a rotation vector, shape (4, 4)."""
-    T = np.eye(4)
-    T[:3, :3], _ = cv2.Rodrigues(step[3:])
-    T[:3, 3] = step[:3]
-    return T

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
+from ..geometry import exp_se3
 from ..types import FloatArray
 
 ITERATIONS = 12
@@ -73,7 +73,7 @@ def fit_pose(points_m: FloatArray, seen_px: FloatArray, lens: Pinhole, T_start: 
         weight = 1 / np.square(1 + np.square(length / (TURNING_POINT * spread_px)))
         weight[moved[:, 2] <= NEAREST_M] = 0
         step = _step(moved, residual, weight, lens)
-        T = _motion(step) @ T
+        T = exp_se3(step) @ T
         if np.abs(step).max() < SETTLED:
             break
     length = np.hypot(*(lens.project(points_m @ T[:3, :3].T + T[:3, 3]) - seen_px).T)
@@ -111,10 +111,3 @@ def median(values: FloatArray) -> float:
         return float(np.partition(values, after)[after])
     ordered = np.partition(values, (after - 1, after))
     return float((ordered[after - 1] + ordered[after]) / 2)
-
-
-def _motion(step: FloatArray) -> FloatArray:
-    T = np.eye(4)
-    T[:3, :3] = cv2.Rodrigues(step[3:])[0]
-    T[:3, 3] = step[:3]
-    return T
