@@ -227,6 +227,6 @@ def _original_errors() -> Iterator[None]:
 def _recording(path: Path | None, config: CorrectionConfig) -> AbstractContextManager[Listener]:
     if path is None:
         return nullcontext(lambda index, frame, corrected: None)
-    from .correct_recorder import recording
+    from .rerun.frames import recording
 
     return recording(path, f"{config.folder}-{config.corrector}")

@@ -131,10 +131,12 @@ def _ticks(mission: Mission, progress: Progress | None) -> float:
 
 
 def _make_recorder(run: Run, path: Path) -> Recorder:
-    from .rerun_recorder import RerunRecorder
+    from .rerun.mission import MissionRecorder
 
     identity = f"{run.scenario.name}-{run.seed}-{run.scenario.rig.depth}-{run.scenario.corrector}"
-    return RerunRecorder(path, run.scenario.rig, recording_id=identity, image_every=run.scenario.recording.image_every)
+    return MissionRecorder(
+        path, run.scenario.rig, recording_id=identity, image_every=run.scenario.recording.image_every
+    )
 
 
 def _refuse_unwritable(out: Path) -> None:

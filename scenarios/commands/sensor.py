@@ -89,8 +89,8 @@ def regress(
     from rich.console import Console
 
     from .. import regression
-    from ..case_recorder import record_case
     from ..report import print_differences, print_regression
+    from ..rerun.frames import record_case
 
     console = Console()
     make = regression.find_corrector(corrector)

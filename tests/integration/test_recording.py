@@ -6,7 +6,8 @@ import numpy as np
 import rerun as rr
 
 from scenarios.config import load_run
-from scenarios.rerun_recorder import RerunRecorder, depth_png
+from scenarios.rerun.mission import MissionRecorder
+from scenarios.rerun.stream import depth_png
 from scenarios.runner import flying
 
 
@@ -18,7 +19,7 @@ def test_the_tree_is_there_and_nothing_is_dropped(tmp_path: Path) -> None:
     changes = {"mission.drones": 2, "mission.duration_s": 1.0, "rig.width_px": 96, "rig.height_px": 64}
     run = load_run("city", 0, changes)
     path = tmp_path / "run.rrd"
-    recorder = RerunRecorder(path, run.scenario.rig, recording_id="test", image_every=2)
+    recorder = MissionRecorder(path, run.scenario.rig, recording_id="test", image_every=2)
     rr.set_strict_mode(True)
     try:
         with flying(run, recorder, recorded=True) as mission:

@@ -1,10 +1,9 @@
-"""Recording a mission to a Rerun file: world, drones, images, histograms, states, metrics and events."""
+"""Recordings of missions: world, drones, images, histograms, states, metrics and events."""
 
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -19,28 +18,21 @@ from swarm.mission import contact_text
 from swarm.recorder import Recorder
 from swarm.team import Team
 from swarm.types import Decision, Histogram, Outcome
-from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Source
+from voxdepth.types import CorrectedDepth, FloatArray
 
-CENTIMETRE = 100.0
-"""Depth images are stored as 16-bit PNG in centimetres, to 1 %: finer than any of the sensors measures."""
-JPEG_QUALITY = 75
-SOURCE_COLORS = {
-    Source.INVALID: (0, 0, 0),
-    Source.SENSOR: (90, 160, 90),
-    Source.MEMORY: (240, 150, 40),
-    Source.INPAINTED: (90, 110, 220),
-}
+from .stream import depth_image, finite, gray_image, layout, open_stream, source_labels
+
 LEADER_COLOR, FOLLOWER_COLOR = (255, 120, 40), (90, 170, 250)
 
 
-class RerunRecorder(Recorder):
-    """Writes one `.rrd` file with a blueprint. The same run gives the same data: no wall-clock time gets in.
+class MissionRecorder(Recorder):
+    """Writes one `.rrd` file with a blueprint. The same run gives the same data, without wall-clock times.
 
     Args:
         path: File to write; created when the mission starts.
-        rig: The drones' cameras.
-        recording_id: Fixed per scenario and seed, so that two runs can be compared.
-        image_every: Images of every how many captures of a drone are kept; histograms are kept of all.
+        rig: Cameras of the drones.
+        recording_id: Equal for runs of the same scenario and seed, so that they can be compared.
+        image_every: Every n-th capture of a drone is recorded with its images, every capture with its histogram.
     """
 
     def __init__(self, path: Path, rig: RigConfig, *, recording_id: str, image_every: int) -> None:
@@ -54,18 +46,19 @@ class RerunRecorder(Recorder):
         self._stream: rr.RecordingStream | None = None
 
     def start(self, world: World, teams: Sequence[Team]) -> None:
-        """Open the file and write everything that does not move."""
+        """Open the file and record everything that does not move."""
         # Chunks end by size alone: ending them by the clock would make two runs differ.
         batching = rr.ChunkBatcherConfig(flush_tick=3600.0, flush_num_bytes=1 << 20, flush_num_rows=1 << 14)
-        self._stream = rr.RecordingStream(
-            "voxdepth", recording_id=self._recording_id, send_properties=False, batcher_config=batching
+        self._leaders = {team.leader for team in teams}
+        self._stream = open_stream(
+            "voxdepth",
+            self._path,
+            self._recording_id,
+            blueprint(world.n_drones, self._leaders),
+            batcher_config=batching,
         )
-        rr.set_log_time_enabled(False, self._stream)
-        rr.set_log_tick_enabled(False, self._stream)
-        self._stream.save(self._path, default_blueprint=blueprint(world.n_drones, {team.leader for team in teams}))
         self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._log_scene(world.scene.bodies)
-        self._leaders = {team.leader for team in teams}
         goals_m = [team.goal_m for team in teams]
         goals = rr.Points3D(goals_m, radii=[0.6], colors=[(80, 220, 100)], labels=["goal"] * len(goals_m))
         self._log("world/goal", goals, static=True)
@@ -76,7 +69,7 @@ class RerunRecorder(Recorder):
     def tick(
         self, step: int, time_s: float, states: Sequence[DroneState], slots_m: FloatArray, decisions: Sequence[Decision]
     ) -> None:
-        """Poses, velocities, slots and changes of state."""
+        """Record poses, velocities, slots and changes of state."""
         self._at(step, time_s)
         for drone, (state, decision) in enumerate(zip(states, decisions, strict=True)):
             self._log(
@@ -95,7 +88,7 @@ class RerunRecorder(Recorder):
             self._log("world/slots", rr.Points3D(slots_m, radii=[0.12], colors=[(200, 200, 90)]))
 
     def capture(self, step: int, capture: Capture, corrected: CorrectedDepth, histogram: Histogram) -> None:
-        """The histogram of every capture, and the images of some."""
+        """Record the histogram of every capture, and the images of some."""
         self._at(step, capture.stamp_s)
         self._log_histogram(capture.drone, histogram)
         count = self._captures.get(capture.drone, 0)
@@ -104,26 +97,26 @@ class RerunRecorder(Recorder):
             self._log_images(capture, corrected)
 
     def metrics(self, step: int, time_s: float, values: dict[str, float]) -> None:
-        """One curve per figure."""
+        """Record one curve per metric."""
         self._at(step, time_s)
         for name, value in values.items():
             self._log(f"metrics/{name}", rr.Scalars([float(value)]))
 
     def contact(self, step: int, contact: Contact) -> None:
-        """A line in the events, and the drone's state."""
+        """Record an event and the new state of the drone."""
         self._at(step, contact.time_s)
         self._log("events", rr.TextLog(contact_text(contact), level=rr.TextLogLevel.ERROR))
         self._states[contact.drone] = "collided"
         self._log(f"drone/{contact.drone}/state", rr.StateChange(state="collided"))
 
     def outcome(self, step: int, time_s: float, outcome: Outcome) -> None:
-        """The last line of the events."""
+        """Record the last event."""
         self._at(step, time_s)
         level = rr.TextLogLevel.INFO if outcome is Outcome.SUCCESS else rr.TextLogLevel.WARN
         self._log("events", rr.TextLog(f"outcome: {outcome}", level=level))
 
     def close(self) -> None:
-        """Write what is left and end the file."""
+        """Write buffered data and close the file; a second call does nothing."""
         if self._stream is not None:
             self._stream.flush()
             self._stream.disconnect()
@@ -139,7 +132,7 @@ class RerunRecorder(Recorder):
             self._stream.set_time("sim_time", duration=time_s)
 
     def _log_scene(self, bodies: Sequence[Body]) -> None:
-        """All static bodies as triangles with a normal and a gray value each."""
+        """Record all static bodies as triangles with a normal and a gray value each."""
         corners, grays = [], []
         for body in bodies:
             rotation = rotation_from_yaw(body.yaw_rad)
@@ -168,7 +161,7 @@ class RerunRecorder(Recorder):
         self._log(f"world/drone/{drone}/body", body, static=True)
 
     def _log_camera(self, drone: int) -> None:
-        """Lens and mount, once per drone: the camera's pose relative to the airframe never changes."""
+        """Record intrinsics and mount, once per drone: the camera is fixed to the airframe."""
         i, path = self._rig.intrinsics, f"world/drone/{drone}/cam"
         pinhole = rr.Pinhole(
             focal_length=[i.fx_px, i.fy_px],
@@ -178,24 +171,19 @@ class RerunRecorder(Recorder):
             image_plane_distance=0.8,
         )
         mount = rr.Transform3D(translation=self._rig.left_mount_m, mat3x3=R_BODY_CAM)
-        colors = [rr.AnnotationInfo(id=int(s), label=s.name.lower(), color=c) for s, c in SOURCE_COLORS.items()]
-        # One row: the order of several chunks of one entity in the file is left to chance.
-        self._log(path, pinhole, mount, rr.AnnotationContext(colors), static=True)
+        # One row, since the order of several chunks of one entity in the file is random.
+        self._log(path, pinhole, mount, source_labels(), static=True)
 
     def _log_images(self, capture: Capture, corrected: CorrectedDepth) -> None:
         path = f"world/drone/{capture.drone}/cam"
-        _, jpeg = cv2.imencode(".jpg", capture.gray_left, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-        self._log(f"{path}/gray", rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg"))
-        true_m = np.where(np.isfinite(capture.depth_true_m), capture.depth_true_m, np.float32(0))
+        true_m = finite(capture.depth_true_m)
+        self._log(f"{path}/gray", gray_image(capture.gray_left))
         for name, depth_m in (("true", true_m), ("raw", capture.depth_raw_m), ("corrected", corrected.depth_m)):
-            depth = rr.EncodedDepthImage(
-                blob=depth_png(depth_m), media_type="image/png", meter=CENTIMETRE, depth_range=(0, 20 * CENTIMETRE)
-            )
-            self._log(f"{path}/depth/{name}", depth)
+            self._log(f"{path}/depth/{name}", depth_image(depth_m))
         self._log(f"{path}/source", rr.SegmentationImage(corrected.source))
 
     def _log_histogram(self, drone: int, histogram: Histogram) -> None:
-        """Free range by direction as an image of the camera's grid: bright is free, unknown is dark."""
+        """Record the free ranges as an image: free cells are bright, unknown ones dark."""
         free = np.clip(histogram.range_m / 15.0, 0.05, 1)
         shown = np.where(histogram.unknown, 0, 255 * free).astype(np.uint8)
         self._log(f"world/drone/{drone}/histogram", rr.Image(shown, color_model="L"))
@@ -212,16 +200,8 @@ class RerunRecorder(Recorder):
         self._log(f"world/drone/{drone}/histogram/chosen", rr.Points2D(marked, radii=[0.3], colors=[(255, 60, 60)]))
 
 
-def depth_png(depth_m: FloatImage) -> bytes:
-    """Depth as a 16-bit PNG in centimetres, rounded to 1 %, which halves its size; 0 stays 0."""
-    exponent = np.rint(np.log(np.maximum(depth_m, 0.01)) * 100) / 100
-    rounded = np.where(depth_m > 0, np.exp(exponent) * CENTIMETRE, 0)
-    _, png = cv2.imencode(".png", np.minimum(rounded, 65535).astype(np.uint16), [cv2.IMWRITE_PNG_COMPRESSION, 2])
-    return png.tobytes()
-
-
 def blueprint(n_drones: int, leaders: set[int]) -> rrb.Blueprint:
-    """The layout that is saved with the recording."""
+    """Return the layout that is saved with the recording."""
     # Rerun expands `**` at the end of a path only, so every drone's images are left out by name.
     images = [
         f"- world/drone/{i}/{name}/**" for i in range(n_drones) for name in ("cam/depth", "cam/source", "histogram")
@@ -243,28 +223,21 @@ def blueprint(n_drones: int, leaders: set[int]) -> rrb.Blueprint:
         rrb.StateTimelineView(name="states", origin="drone"),
         rrb.TextLogView(name="events", origin="events"),
     )
-    return rrb.Blueprint(
-        rrb.Horizontal(rrb.Vertical(world, curves, row_shares=[3, 2]), cameras, column_shares=[3, 2]),
-        rrb.TimePanel(timeline="sim_time", state="collapsed"),
-        rrb.SelectionPanel(state="hidden"),
-        auto_views=False,
+    return layout(
+        rrb.Horizontal(rrb.Vertical(world, curves, row_shares=[3, 2]), cameras, column_shares=[3, 2]), "sim_time"
     )
 
 
 def _camera_views(drone: int, leads: bool) -> rrb.Vertical:
-    cam, name = f"world/drone/{drone}/cam", f"leader {drone}" if leads else f"drone {drone}"
+    cam = f"world/drone/{drone}/cam"
+
+    def view(name: str, path: str) -> rrb.Spatial2DView:
+        return rrb.Spatial2DView(name=name, origin=cam, contents=[f"{cam}/{path}"])
+
+    histogram = rrb.Spatial2DView(name="obstacle histogram", origin=f"world/drone/{drone}/histogram")
     return rrb.Vertical(
-        rrb.Horizontal(
-            rrb.Spatial2DView(name="gray", origin=cam, contents=[f"{cam}/gray"]),
-            rrb.Spatial2DView(name="depth, true", origin=cam, contents=[f"{cam}/depth/true"]),
-        ),
-        rrb.Horizontal(
-            rrb.Spatial2DView(name="depth, raw", origin=cam, contents=[f"{cam}/depth/raw"]),
-            rrb.Spatial2DView(name="depth, corrected", origin=cam, contents=[f"{cam}/depth/corrected"]),
-        ),
-        rrb.Horizontal(
-            rrb.Spatial2DView(name="source", origin=cam, contents=[f"{cam}/source"]),
-            rrb.Spatial2DView(name="obstacle histogram", origin=f"world/drone/{drone}/histogram"),
-        ),
-        name=name,
+        rrb.Horizontal(view("gray", "gray"), view("depth, true", "depth/true")),
+        rrb.Horizontal(view("depth, raw", "depth/raw"), view("depth, corrected", "depth/corrected")),
+        rrb.Horizontal(view("source", "source"), histogram),
+        name=f"leader {drone}" if leads else f"drone {drone}",
     )

@@ -1,0 +1,1 @@
+"""Rerun recordings: `mission` records a flight, `frames` a corrected sequence or a case of the regression."""
