@@ -11,7 +11,7 @@ BIN := $(VENV)/bin
 help:            ## list the targets
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 14
 
-setup: $(READY)  ## create .venv and install everything, pinned
+setup: $(READY)  ## create .venv and install everything with pinned versions
 
 $(READY): pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "make: python3.11 not found; install Python 3.11 (PyBullet has no wheels for later versions)" >&2; exit 1; }
@@ -19,10 +19,10 @@ $(READY): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,dev]'
 	@touch $@
 
-demo: setup      ## fly the city by corrected depth
+demo: setup      ## fly the city scenario by corrected depth
 	$(BIN)/voxdepth run city
 
-test: setup      ## lint and run all tests
+test: setup      ## run lint, types, layers and all tests
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
@@ -31,23 +31,23 @@ test: setup      ## lint and run all tests
 fast: setup      ## run the tests that answer within two minutes
 	$(BIN)/pytest -n 2 -m "not slow"
 
-regress: setup   ## compare the shipped correctors with their golden figures on synthetic noise
+regress: setup   ## compare the shipped correctors with golden values on synthetic noise
 	$(BIN)/voxdepth regress --corrector raw
 	$(BIN)/voxdepth regress --corrector paper
 	$(BIN)/voxdepth regress --corrector voxdepth
 
-bench: setup     ## measure and print speeds
+bench: setup     ## measure and print the speed of correctors and simulator
 	$(BIN)/voxdepth bench
 	$(BIN)/pytest tests/bench -m bench -s -q -p no:xdist
 
 acceptance: setup ## fly every scenario's acceptance check over 20 seeds
 	$(BIN)/voxdepth accept --seeds 20
 
-picture: setup   ## render the pictures of the README and of docs/scenes.md
+picture: setup   ## make the pictures of README.md and docs/scenes.md
 	$(BIN)/voxdepth picture city --seed 1 --drone 4 --at 7 --out docs/city.jpg
 	$(BIN)/voxdepth scenes --seed 1 --out docs/scenes.jpg
 
-sequences: setup ## record 60 frames of every shipped sequence below build/ and remake the contact sheets of docs/
+sequences: setup ## record 60 frames of every shipped sequence into build/ and make the contact sheets in docs/
 	@for name in LN MB KTS KTC PLF PLW hover yaw cut cross ghost approach; do \
 		test -f build/sequences/sim-$$name.done || $(BIN)/voxdepth record sim-$$name --frames 60 --out build/sequences/sim-$$name || exit 1; \
 		touch build/sequences/sim-$$name.done; \

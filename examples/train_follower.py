@@ -1,11 +1,11 @@
-"""Train a follower with stable-baselines3, and compare it with one that only hovers.
+"""Train a follower with stable-baselines3, and compare it with a follower that only hovers.
 
-Needs stable-baselines3, which brings PyTorch, beside this project:
+The script needs stable-baselines3, which brings PyTorch:
 
     pip install -c constraints.txt -e '.[all]' stable-baselines3
     python examples/train_follower.py --steps 100000 --out follower.zip
 
-A few hundred steps show that everything works, not that anything was learnt.
+A few hundred steps show that the script works; they teach the follower nothing.
 """
 
 import argparse
@@ -21,10 +21,10 @@ ENVIRONMENT = "swarm:voxdepth/LeaderFollower-v0"
 
 
 class Nearness(gymnasium.ObservationWrapper):
-    """Gives depth as an image that stable-baselines3 knows as one: uint8, shape (1, H, W), 0 = unknown."""
+    """Converts depth to an image that stable-baselines3 accepts: uint8, shape (1, H, W), 0 = unknown."""
 
     NEAR_M = 0.5
-    """Depth that reads 255; the value falls with 1 / depth, as disparity does."""
+    """Depth that becomes 255; the value falls with 1 / depth, as disparity does."""
 
     def __init__(self, env: gymnasium.Env) -> None:
         super().__init__(env)
@@ -33,14 +33,14 @@ class Nearness(gymnasium.ObservationWrapper):
         self.observation_space = gymnasium.spaces.Dict({**env.observation_space.spaces, "depth_m": image})
 
     def observation(self, observation: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
-        """The same with the image in place of the depth."""
+        """Return the observation with the image in place of the depth."""
         depth_m = observation["depth_m"]
         nearness = np.where(depth_m > 0, self.NEAR_M / np.maximum(depth_m, self.NEAR_M), 0)
         return {**observation, "depth_m": np.uint8(255 * nearness)[None]}
 
 
-def flown(model: PPO | None, env: gymnasium.Env, seeds: range) -> None:
-    """Fly one episode per seed, by a model or else without moving, and print how each one went."""
+def fly(model: PPO | None, env: gymnasium.Env, seeds: range) -> None:
+    """Fly one episode per seed with the model, or hover without one, and print the outcome of each."""
     for seed in seeds:
         observation, _ = env.reset(seed=seed)
         total, done = 0.0, False
@@ -52,13 +52,13 @@ def flown(model: PPO | None, env: gymnasium.Env, seeds: range) -> None:
 
 
 def main() -> None:
-    """Train, write the model, and fly a few episodes in worlds that were not trained in."""
+    """Train, write the model, and fly a few episodes in worlds that the training did not use."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=100_000, help="steps of the environment to train for")
-    parser.add_argument("--seed", type=int, default=0, help="of the network, and of the first world")
+    parser.add_argument("--steps", type=int, default=100_000, help="number of training steps of the environment")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the network and of the first world")
     parser.add_argument("--corrector", default="voxdepth", help="name of the depth corrector, as in `voxdepth run`")
-    parser.add_argument("--episodes", type=int, default=3, help="to fly for the comparison")
-    parser.add_argument("--out", default="follower.zip", help="where to write the model")
+    parser.add_argument("--episodes", type=int, default=3, help="number of episodes to compare")
+    parser.add_argument("--out", default="follower.zip", help="file of the trained model")
     options = parser.parse_args()
 
     env = Monitor(Nearness(gymnasium.make(ENVIRONMENT, corrector=options.corrector)))
@@ -68,9 +68,9 @@ def main() -> None:
 
     seeds = range(1_000_000, 1_000_000 + options.episodes)
     print("hovering:")
-    flown(None, env, seeds)
+    fly(None, env, seeds)
     print(f"after {model.num_timesteps} steps of training:")
-    flown(model, env, seeds)
+    fly(model, env, seeds)
     env.close()
 
 

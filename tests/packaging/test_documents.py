@@ -1,0 +1,171 @@
+"""The documents: pictures and links exist, named files exist, commands accept their options, and examples run."""
+
+import ast
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import typer
+
+ROOT = Path(__file__).parents[2]
+DOCUMENTS = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+PATH = re.compile(r"(?<![\w:/])(?:voxdepth|sim|swarm|scenarios|tests|examples)/[\w./-]*\w(?:\.\w+)?")
+CODE = re.compile(r"```sh\n(.*?)```|`([^`\n]+)`|^    (\S[^\n]*)$", re.DOTALL | re.MULTILINE)
+
+named = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+
+
+def blocks(document: Path, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", document.read_text(), re.DOTALL | re.MULTILINE)
+
+
+def anchors(document: Path) -> set[str]:
+    headings = re.findall(r"^#+ (.+)$", document.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def commands(document: Path) -> Iterator[list[str]]:
+    """Words of every use of the command line, without comments."""
+    for found in CODE.finditer(document.read_text()):
+        for line in next(text for text in found.groups() if text is not None).splitlines():
+            if line.strip().startswith("voxdepth "):
+                yield shlex.split(line.split("#")[0].split(";")[0])
+
+
+@named
+def test_links_and_pictures_exist(document: Path) -> None:
+    for link in LINK.findall(document.read_text()):
+        if "://" in link:
+            continue
+        path, _, anchor = link.partition("#")
+        target = (document.parent / path).resolve() if path else document
+        assert target.exists(), link
+        if anchor:
+            assert anchor in anchors(target), link
+        if target.suffix in (".jpg", ".png"):
+            assert target.stat().st_size < 500_000, link
+
+
+@named
+def test_files_that_are_named_exist(document: Path) -> None:
+    for code in re.findall(r"`([^`\n]+)`", document.read_text()):
+        for path in PATH.findall(code):
+            assert "NAME" in path or (ROOT / path).exists(), path
+
+
+@named
+def test_names_of_the_code_that_are_named_exist(document: Path) -> None:
+    for path, names in re.findall(r"`([\w/]+\.py)::([\w.]+)`", document.read_text()):
+        scope = ast.parse((ROOT / path).read_text())
+        for name in names.split("."):
+            scope = next(node for node in ast.walk(scope) if getattr(node, "name", None) == name)
+
+
+@named
+def test_commands_accept_their_options(document: Path) -> None:
+    from scenarios.cli import app
+
+    for words in commands(document):
+        command: Any = typer.main.get_command(app)
+        for word in words[1:]:
+            below = getattr(command, "commands", {})
+            if word.startswith("--"):
+                command = below.get("run", command)  # `study FILE` is short for `study run FILE`
+                options = {name for option in command.params for name in (*option.opts, *option.secondary_opts)}
+                assert word in options or word == "--help", words
+            elif word in below:
+                command = below[word]
+            else:
+                assert words[1] == "study" or not below, words
+
+
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 200
+
+
+def test_there_are_no_gaps() -> None:
+    for document in DOCUMENTS:
+        assert not re.search(r"^[A-Z]{4,}$|@@", document.read_text(), re.MULTILINE), document
+
+
+def test_python_examples_are_valid() -> None:
+    for document in DOCUMENTS:
+        for example in blocks(document, "python"):
+            ast.parse(example)
+
+
+@pytest.mark.parametrize(("name", "word"), [("README.md", "from_millimetres"), ("docs/paper.md", "PaperVoxDepth")])
+def test_the_examples_of_the_library_run(name: str, word: str) -> None:
+    (example,) = [block for block in blocks(ROOT / name, "python") if word in block]
+    names: dict = {}
+    exec(example, names)
+    if "corrected" in names:
+        assert names["corrected"].depth_m.shape == names["gray"].shape
+
+
+def test_the_example_of_a_regression_test_passes() -> None:
+    (example,) = [block for block in blocks(ROOT / "docs" / "evaluation.md", "python") if "noisy_sequence" in block]
+    names: dict = {}
+    exec(example, names)
+    names["test_flicker_is_removed"]()
+
+
+def test_the_examples_of_configurations_are_accepted() -> None:
+    import tomllib
+
+    from voxdepth.registry import resolve_config
+
+    default, paper = blocks(ROOT / "docs" / "cameras.md", "toml")
+    assert resolve_config("voxdepth", tomllib.loads(default)).fill == "none"
+    assert resolve_config("paper", tomllib.loads(paper)).motion == "per_frame"
+
+
+def test_the_example_of_a_sequence_can_be_loaded(tmp_path: Path) -> None:
+    from scenarios.sequences import load_sequence
+
+    (text,) = blocks(ROOT / "docs" / "sequences.md", "toml")
+    (tmp_path / "mine.toml").write_text(text)
+    planned = load_sequence(str(tmp_path / "mine.toml"), 0, {})
+    assert planned.sequence.rig.noise.flicker.dropout == 0.05
+
+
+def test_the_example_of_a_study_can_be_loaded(tmp_path: Path) -> None:
+    from scenarios.study.study import load_study
+
+    (text,) = blocks(ROOT / "docs" / "study.md", "toml")
+    (tmp_path / "mine.toml").write_text(text)
+    assert len(load_study(str(tmp_path / "mine.toml")).arms) == 3
+
+
+@pytest.mark.slow
+def test_the_example_of_an_environment_flies_to_its_end() -> None:
+    (example,) = blocks(ROOT / "docs" / "environments.md", "python")
+    code = example + "print(picture.shape[2], info['outcome'])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    channels, outcome = done.stdout.splitlines()[-1].split()
+    assert channels == "3"
+    assert outcome in ("collision", "deadlock", "lost", "success", "timeout")
+
+
+def test_the_example_of_occlusion_shadows_compares_correctors(tmp_path: Path) -> None:
+    depth_mm = np.full((60, 80), 4000, np.uint16)
+    depth_mm[20:40, 30:45] = 1000
+    for folder, image in (("depth", depth_mm), ("infra1", (depth_mm // 20).astype(np.uint8))):
+        (tmp_path / "mine" / folder).mkdir(parents=True)
+        cv2.imwrite(str(tmp_path / "mine" / folder / "000000.png"), image)
+    (tmp_path / "mine" / "calibration.toml").write_text(
+        "fx_px = 80.0\nfy_px = 80.0\ncx_px = 40.0\ncy_px = 30.0\nwidth_px = 80\nheight_px = 60\nbaseline_m = 0.1\n"
+    )
+    script = [sys.executable, str(ROOT / "examples" / "occlusion_shadows.py"), str(tmp_path / "mine")]
+    done = subprocess.run(
+        [*script, "--methods", "realsense-left"], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    assert re.search(r"realsense-left is right for 100.0 % of [1-9]\d* pixels", done.stdout), done.stdout
