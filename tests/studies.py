@@ -9,14 +9,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from scenarios.study.conduct import Wishes, fly_study
-from scenarios.study.matrix import RunSpec, expand
-from scenarios.study.processes import Processes
-from scenarios.study.progress import Pace
-from scenarios.study.record import Done, RunRecord
-from scenarios.study.store import Contents, Store
-from scenarios.study.study import Study
-from scenarios.study.tally import Tally
+from scenarios.study.design import RunSpec, Study, expand
+from scenarios.study.executors import Processes
+from scenarios.study.run import Progress, RunOptions, run_study
+from scenarios.study.store import Completion, RunRecord, Store, StudyData
 from sim.types import Contact
 from swarm.types import Outcome
 
@@ -81,35 +77,35 @@ def slow_fake(spec: RunSpec) -> RunRecord:
 class Unseen:
     """Shows nothing."""
 
-    def update(self, tally: Tally, pace: Pace) -> None:
+    def update(self, progress: Progress) -> None:
         pass
 
 
 class Scripted:
     """An executor that gives what it was told to."""
 
-    def __init__(self, done: Sequence[Done | BaseException]) -> None:
+    def __init__(self, done: Sequence[Completion | BaseException]) -> None:
         self._done = done
 
-    def run(self, specs: Any) -> Iterator[Done]:
+    def run(self, specs: Any) -> Iterator[Completion]:
         for done in self._done:
             if isinstance(done, BaseException):
                 raise done
             yield done
 
 
-def contents_of(study: Study, outcomes: dict[tuple[str, float | None, int], Outcome]) -> Contents:
+def contents_of(study: Study, outcomes: dict[tuple[str, float | None, int], Outcome]) -> StudyData:
     """A study with the results of some cells, by arm, theta and seed."""
     specs = expand(study)
     found = {(s.arm, s.theta, s.seed): s for s in specs}
     records = {found[cell].key: record(found[cell], outcome) for cell, outcome in outcomes.items()}
-    return Contents(
-        study=study, cells=specs, records=records, failures={}, versions={"numpy": "2"}, machine="a machine"
+    return StudyData(
+        study=study, specs=specs, records=records, failures={}, versions={"numpy": "2"}, machine="a machine"
     )
 
 
 def results_of(out: Path) -> dict[str, RunRecord]:
-    with Store.existing(out) as store:
+    with Store.open(out) as store:
         return dict(store.read().records)
 
 
@@ -118,4 +114,4 @@ def killable() -> Study:
 
 
 if __name__ == "__main__":
-    fly_study(killable(), Path(sys.argv[1]), Processes(2, 60.0, slow_fake), Wishes(resume=True), Unseen())
+    run_study(killable(), Path(sys.argv[1]), Processes(2, 60.0, slow_fake), RunOptions(resume=True), Unseen())

@@ -18,7 +18,7 @@ def list_() -> None:
 
     from ..config import load_run, scenario_names
     from ..sequences import load_sequence, sequence_names
-    from ..study.study import study_names
+    from ..study.design import study_names
 
     table = Table("scenario", "drones", "what it is")
     for name in scenario_names():

@@ -1,4 +1,4 @@
-"""Commands about studies: flying one, and what becomes of it."""
+"""Commands that run a study, report it, and fly single runs of it again."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,9 +11,9 @@ from .options import INTERRUPTED
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ..study.executor import Executor
-    from ..study.store import Contents
-    from ..study.study import Study
+    from ..study.design import Study
+    from ..study.executors import Executor
+    from ..study.store import StudyData
 
 DEFAULT_OUT = Path("runs/studies")
 
@@ -21,10 +21,10 @@ Folder = Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a study."
 
 
 class RunByDefault(TyperGroup):
-    """A group in which `study FILE` means `study run FILE`."""
+    """A command group in which `study FILE` means `study run FILE`."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Put in the command that was left out."""
+        """Insert the command `run` if no command is given."""
         if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
             args = ["run", *args]
         return super().parse_args(ctx, args)
@@ -57,13 +57,12 @@ def run(
         Path | None, typer.Option(metavar="DIR", help=f"Folder of the study. Default: {DEFAULT_OUT}/NAME.")
     ] = None,
 ) -> None:
-    """Fly the runs of a study and keep each as it ends. Exits 1 if some of them failed."""
+    """Fly the runs of a study and store each as it ends. Exits 1 if a run failed."""
     from rich.console import Console
 
     from ..errors import ScenarioError
-    from ..study.conduct import Wishes, fly_study
-    from ..study.progress import shown
-    from ..study.study import load_study
+    from ..study.design import load_study
+    from ..study.run import RunOptions, display_on, run_study
 
     if retry_errors and not resume:
         raise ScenarioError("--retry-errors goes with --resume: give both")
@@ -72,26 +71,27 @@ def run(
     console = Console()
     executor = _executor(study, workers, cluster)
     try:
-        with shown(console) as show:
-            contents = fly_study(study, folder, executor, Wishes(resume=resume, retry_errors=retry_errors), show)
+        with display_on(console) as display:
+            options = RunOptions(resume=resume, retry_errors=retry_errors)
+            data = run_study(study, folder, executor, options, display)
     except KeyboardInterrupt:
         safe = f"stopped; the finished runs in {folder} are safe, go on with --resume"
         console.print(safe, soft_wrap=True, markup=False)
         raise typer.Exit(INTERRUPTED) from None
-    _print_status(console, contents)
+    _print_status(console, data)
     console.print(f"the report: voxdepth study report {folder}", soft_wrap=True, markup=False)
-    if contents.failures:
+    if data.failures:
         raise typer.Exit(1)
 
 
 @app.command()
 def status(out: Folder) -> None:
-    """Say how far a study is; it may be flying."""
+    """Print the progress of a study, which may be running."""
     from rich.console import Console
 
     from ..study.store import Store
 
-    with Store.existing(out) as store:
+    with Store.open(out) as store:
         _print_status(Console(), store.read())
 
 
@@ -100,13 +100,13 @@ def export(
     out: Folder,
     to: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of the tables. Default: OUT.")] = None,
 ) -> None:
-    """Write all runs that have a result as runs.csv and runs.parquet, a row for each run of each arm."""
-    from ..study.export import export as write_tables
+    """Write all runs with a result as runs.csv and runs.parquet, with a row for each run of each arm."""
+    from ..study.report import export as write_tables
     from ..study.store import Store
 
-    with Store.existing(out) as store:
-        contents = store.read()
-    for path in write_tables(contents, to or out):
+    with Store.open(out) as store:
+        data = store.read()
+    for path in write_tables(data, to or out):
         typer.echo(f"written to {path}")
 
 
@@ -117,59 +117,61 @@ def report(
         bool, typer.Option("--record", help="Fly the first collision of each arm again, with a Rerun recording.")
     ] = False,
 ) -> None:
-    """Write report.html: collisions, outcomes, comparisons and growth so far; also report.md and figures/*.png."""
+    """Write report.html with the results so far, its tables as report.md, and its figures as figures/*.png."""
     from rich.console import Console
 
-    from ..study.page import write_report
+    from ..study.report import write_report
     from ..study.store import Store
 
-    with Store.existing(out) as store:
-        contents = store.read()
+    with Store.open(out) as store:
+        data = store.read()
     console = Console()
     if record:
-        _record_collisions(console, contents, out)
+        _record_collisions(console, data, out)
     console.print(
-        f"{len(contents.records)} of {len(contents.keys)} runs; written to {write_report(contents, out)}",
+        f"{len(data.records)} of {len(data.keys)} runs; written to {write_report(data, out)}",
         soft_wrap=True,
         markup=False,
     )
 
 
-def _record_collisions(console: "Console", contents: "Contents", out: Path) -> None:
-    """Make the recordings that are not yet there."""
+def _record_collisions(console: "Console", data: "StudyData", out: Path) -> None:
+    """Make the recordings that do not exist yet."""
     from ..study.analysis import first_collisions
-    from ..study.page import recording_folder, recording_of
     from ..study.replay import fly_again
+    from ..study.report import recording_folder, recording_of
 
-    for spec in first_collisions(contents):
+    for spec in first_collisions(data):
         if recording_of(out, spec) is None:
-            again = fly_again(contents, spec, recording_folder(out, spec), record=True)
+            again = fly_again(data, spec, recording_folder(out, spec), record=True)
             console.print(f"{spec.label}: {again.verdict}", soft_wrap=True, markup=False)
 
 
 @app.command()
-def explain(
+def diagnose(
     out: Folder,
-    arm: Annotated[list[str] | None, typer.Option(metavar="NAME", help="Of this arm only; may be repeated.")] = None,
-    most: Annotated[int | None, typer.Option(min=1, help="Only the first so many of each arm.")] = None,
+    arm: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Only this arm; may be repeated. Default: all arms.")
+    ] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="Largest number of runs of each arm. Default: all.")] = None,
     workers: Annotated[int, typer.Option(min=1, help="Missions flown side by side.")] = 2,
 ) -> None:
-    """Fly the runs again that ended in a collision, and say what the drone had seen of what it hit."""
+    """Fly the runs again that ended in a collision, and say what the drone had seen of the object that it hit."""
     from rich.console import Console
 
-    from ..study.explain import Explanation, as_table, collided, explanations
-    from ..study.matrix import RunSpec
+    from ..study.design import RunSpec
+    from ..study.diagnose import Diagnosis, cause_table, colliding_runs, diagnose_runs
     from ..study.store import Store
 
-    with Store.existing(out) as store:
-        contents = store.read()
+    with Store.open(out) as store:
+        data = store.read()
     console = Console()
 
-    def tell(spec: RunSpec, explanation: Explanation) -> None:
-        console.print(f"run {spec.short_key}: {spec.label}: {explanation}", soft_wrap=True, markup=False)
+    def show(spec: RunSpec, diagnosis: Diagnosis) -> None:
+        console.print(f"run {spec.short_key}: {spec.label}: {diagnosis}", soft_wrap=True, markup=False)
 
-    found = explanations(contents, collided(contents, arm or [], most), workers, tell)
-    console.print(as_table(found).markdown, soft_wrap=True, markup=False)
+    found = diagnose_runs(data, colliding_runs(data, arm or [], limit), workers, show)
+    console.print(cause_table(found).markdown(), soft_wrap=True, markup=False)
 
 
 @app.command()
@@ -182,18 +184,18 @@ def replay(
     ] = None,
     record: Annotated[bool, typer.Option("--record", help="Write a Rerun recording.")] = False,
 ) -> None:
-    """Fly one run of a study again and say whether it ends the same. Exits 1 if it does not."""
+    """Fly one run of a study again and compare its result with that of the study. Exits 1 if they differ."""
     from rich.console import Console
 
     from ..study.replay import find, fly_again
     from ..study.store import Store
 
-    with Store.existing(out) as store:
-        contents = store.read()
-    spec = find(contents, key)
+    with Store.open(out) as store:
+        data = store.read()
+    spec = find(data, key)
     console = Console()
     console.print(f"run {spec.short_key}: {spec.label}", soft_wrap=True, markup=False)
-    again = fly_again(contents, spec, to or out / "replays", record=record)
+    again = fly_again(data, spec, to or out / "replays", record=record)
     console.print(again.verdict, soft_wrap=True)
     console.print(f"its files are in {again.folder}", soft_wrap=True, markup=False)
     if again.is_same is False:
@@ -205,21 +207,19 @@ def _executor(study: "Study", workers: int, cluster: str | None) -> "Executor":
         from ..study.cluster import Cluster
 
         return Cluster(cluster, workers, study.time_limit_s)
-    from ..study.executor import Serial
-    from ..study.processes import Processes
+    from ..study.executors import Processes, Serial
 
     return Processes(workers, study.time_limit_s) if workers else Serial()
 
 
-def _print_status(console: "Console", contents: "Contents") -> None:
-    from ..study.matrix import shortened
-    from ..study.progress import as_table
-    from ..study.tally import Tally
+def _print_status(console: "Console", data: "StudyData") -> None:
+    from ..study.design import shortened
+    from ..study.run import Progress
 
-    console.print(f"study {contents.study.name}: {contents.study.description}", soft_wrap=True, markup=False)
-    console.print(as_table(Tally(contents)))
-    for failure in list(contents.failures.values())[:5]:
+    console.print(f"study {data.study.name}: {data.study.description}", soft_wrap=True, markup=False)
+    console.print(Progress(data).table().rich())
+    for failure in list(data.failures.values())[:5]:
         where = shortened(failure.key)
         console.print(f"{failure.kind} in run {where}: {failure.last_line}", soft_wrap=True, markup=False)
-    if contents.failures:
+    if data.failures:
         console.print("fly them again with --resume --retry-errors", soft_wrap=True)

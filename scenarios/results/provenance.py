@@ -1,11 +1,13 @@
 """What a result was made with: versions of packages, the machine, and the commit of the source."""
 
+import hashlib
 import os
 import platform
 import subprocess
 from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Self
 
@@ -17,6 +19,18 @@ SIMULATION = (*CORRECTION, "open3d", "pybullet")
 """Packages whose versions may change a rendered image or a flight."""
 ALL = (*SIMULATION, "rerun-sdk")
 """Packages whose versions are written beside every mission."""
+
+ALL_SOURCES = "**/*.py"
+FLIGHT_SOURCES = (
+    ("voxdepth", ALL_SOURCES),
+    ("sim", ALL_SOURCES),
+    ("swarm", ALL_SOURCES),
+    ("scenarios", "config.py"),
+    ("scenarios", "runner.py"),
+)
+"""Packages and the patterns of those of their files that determine the result of a run. The settings of a scenario are
+part of the key of a run instead; a user's own controller is part of neither."""
+DIGEST_DIGITS = 12
 
 CPU_INFO = Path("/proc/cpuinfo")
 
@@ -57,6 +71,23 @@ class Provenance(Model):
 def versions(packages: Sequence[str] = ALL) -> dict[str, str]:
     """Installed versions by the name of a distribution; `not installed` for one that is missing."""
     return {name: _version(name) for name in packages}
+
+
+def simulation_versions() -> dict[str, str]:
+    """Versions of Python, of the packages that may change a flight, and of the source that flies, as `code`."""
+    return {"python": platform.python_version(), **versions(ALL), "code": code_digest()}
+
+
+@cache
+def code_digest() -> str:
+    """The first digits of the SHA-256 of `FLIGHT_SOURCES`, which does not depend on where they are installed."""
+    content = hashlib.sha256()
+    for package, pattern in FLIGHT_SOURCES:
+        with as_file(files(package)) as folder:
+            for path in sorted(folder.glob(pattern)):
+                content.update(f"{package}/{path.relative_to(folder).as_posix()}\0".encode())
+                content.update(path.read_bytes() + b"\0")
+    return content.hexdigest()[:DIGEST_DIGITS]
 
 
 def machine() -> str:

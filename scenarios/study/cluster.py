@@ -1,4 +1,4 @@
-"""Runs on a cluster of machines, by dask.distributed."""
+"""Flying runs on a cluster of machines with dask.distributed."""
 
 import os
 import platform
@@ -12,31 +12,31 @@ from typing import Any
 
 from ..errors import ScenarioError
 from ..quiet import import_noisy_libraries
-from .executor import attempt
-from .matrix import RunSpec
-from .provenance import installed_versions
-from .record import Done, Failure, FlyOne, run_one
-from .worker import leave_interrupts
+from ..results.provenance import simulation_versions
+from .design import RunSpec
+from .executors import FlyOne, attempt, run_one
+from .store import Completion, Failure
+from .worker import ignore_interrupts
 
 LOCAL = "local"
-"""Instead of an address: a cluster of processes on this machine, for trying it out."""
-JOIN_LIMIT_S = 60.0
-"""How long to wait for the first worker."""
+"""Stands for a cluster of processes on this machine, instead of an address."""
+JOIN_TIMEOUT_S = 60.0
+"""Longest time to wait for the first worker."""
 
 
 @dataclass(frozen=True)
 class Cluster:
-    """Workers of a Dask scheduler. Each must fly one run at a time: `dask worker ADDRESS --nthreads 1`.
+    """Flies runs on the workers of a Dask scheduler, one at a time on each: `dask worker ADDRESS --nthreads 1`.
 
-    A run past its limit ends its worker, which Dask replaces. A worker that ends is tried again as often as the
-    scheduler's `allowed-failures` says; then the run becomes a failure of kind `died`. Closing the iterator ends the
-    workers of a local cluster; others fly on to the end of their run, whose result is thrown away.
+    A run that exceeds its time limit ends its worker, which Dask replaces. The scheduler repeats a run whose worker
+    ended as often as its `allowed-failures` says; then the run becomes a failure of kind `died`. Closing the iterator
+    ends the workers of a local cluster; other workers finish their run, and its result is discarded.
 
     Args:
-        address: Of the scheduler, as in tcp://10.0.0.1:8786, or `local`.
-        workers: Processes of a local cluster.
+        address: Address of the scheduler, as in tcp://10.0.0.1:8786, or `local`.
+        workers: Number of processes of a local cluster.
         time_limit_s: Wall-clock time after which a run is stopped.
-        fly_one: What a worker does with a run; a function of a module that the workers can import.
+        fly_one: The function that flies a run; the workers must be able to import it.
     """
 
     address: str
@@ -44,7 +44,7 @@ class Cluster:
     time_limit_s: float
     fly_one: FlyOne = run_one
 
-    def run(self, specs: Iterable[RunSpec]) -> Generator[Done]:
+    def run(self, specs: Iterable[RunSpec]) -> Generator[Completion]:
         """See `Executor`."""
         waiting = iter(specs)
         with self._client() as client:
@@ -62,40 +62,40 @@ class Cluster:
                 client.cancel(list(pending), force=True)
 
     def _submit(self, client: Any, waiting: Iterator[RunSpec], pending: dict[Any, RunSpec], ended: Any) -> None:
-        """Keep one run in the air for each worker of the cluster, which may have grown.
+        """Keep one run in progress for each worker of the cluster; workers may have joined.
 
-        No more: a run that waits at a worker for another to end would count as failed if that one killed the worker.
+        A second run that waits at a worker would count as failed if the first one ended the worker.
 
         Raises:
-            ScenarioError: A worker has more than one thread: a run past its limit would end the others with it.
+            ScenarioError: A worker has more than one thread, so a run past its limit would end other runs.
         """
         threads = client.nthreads()
         for worker, n in threads.items():
             if n != 1:
                 raise ScenarioError(f"the worker {worker} has {n} threads, expected one: start it with --nthreads 1")
         for spec in islice(waiting, max(0, max(1, len(threads)) - len(pending))):
-            # The key is new for every attempt: a cluster remembers the results of old ones.
+            # Every attempt gets a new key, since a cluster caches the results of old keys.
             key = f"{spec.key}-{uuid.uuid4()}"
-            call = (_attempt, self.fly_one, spec, self.time_limit_s, installed_versions())
+            call = (_attempt, self.fly_one, spec, self.time_limit_s, simulation_versions())
             future = client.submit(*call, key=key, pure=False)
             pending[future] = spec
             ended.add(future)
 
-    def _result(self, future: Any, spec: RunSpec) -> Done:
+    def _result(self, future: Any, spec: RunSpec) -> Completion:
         if future.cancelled():
             raise ScenarioError(f"the cluster at {self.address} has gone: what is done is safe, go on with --resume")
         error = future.exception()
         if isinstance(error, ScenarioError):
-            raise error  # Of the worker, and of no run: those are caught in `attempt`.
+            raise error  # This is an error of the worker; `attempt` catches the errors of a run.
         if error is None:
-            done: Done = future.result()
+            done: Completion = future.result()
             return done
         text = f"its worker ended: it died, or the run passed its time limit of {self.time_limit_s:g} s ({error})"
         return Failure(key=spec.key, kind="died", text=text)
 
     @contextmanager
     def _client(self) -> Iterator[Any]:
-        """A connection to the cluster, which is made here if it is a local one."""
+        """Connect to the cluster, or start a local one."""
         try:
             import dask.config
             from distributed import Client, LocalCluster
@@ -105,7 +105,7 @@ class Cluster:
             with self._connected(Client) as client:
                 yield client
             return
-        # A run that kills its worker would kill the next one as well.
+        # A run that ends its worker would also end the next one.
         with (
             dask.config.set({"distributed.scheduler.allowed-failures": 0}),
             LocalCluster(
@@ -113,7 +113,7 @@ class Cluster:
             ) as cluster,
             Client(cluster) as client,
         ):
-            client.run(leave_interrupts)
+            client.run(ignore_interrupts)
             yield client
 
     @contextmanager
@@ -121,7 +121,7 @@ class Cluster:
         with ExitStack() as opened:
             try:
                 client = opened.enter_context(make(self.address))
-                client.wait_for_workers(1, timeout=JOIN_LIMIT_S)
+                client.wait_for_workers(1, timeout=JOIN_TIMEOUT_S)
             except (OSError, TimeoutError, ValueError) as error:
                 raise ScenarioError(
                     f"there is no cluster with a worker at {self.address} ({error}): start one with `dask scheduler` "
@@ -131,9 +131,9 @@ class Cluster:
 
 
 def _require_equal_versions(client: Any) -> None:
-    """Refuse a cluster whose results could differ from ours."""
-    for worker, theirs in client.run(installed_versions).items():
-        _require_equal(worker, theirs, installed_versions())
+    """Refuse a cluster with other versions, since its results could differ."""
+    for worker, theirs in client.run(simulation_versions).items():
+        _require_equal(worker, theirs, simulation_versions())
 
 
 def _require_equal(worker: str, theirs: Mapping[str, str], ours: Mapping[str, str]) -> None:
@@ -141,17 +141,17 @@ def _require_equal(worker: str, theirs: Mapping[str, str], ours: Mapping[str, st
         if theirs.get(name) != version:
             raise ScenarioError(
                 f"the worker {worker} has {name} {theirs.get(name)}, where the study was started it is {version}: "
-                "install the same there, start the worker anew, and go on with --resume"
+                "install the same there, restart the worker, and go on with --resume"
             )
 
 
-def _attempt(fly_one: FlyOne, spec: RunSpec, time_limit_s: float, versions: Mapping[str, str]) -> Done:
-    """In the worker: fly a run, or end the whole process at the limit, for a thread cannot be stopped.
+def _attempt(fly_one: FlyOne, spec: RunSpec, time_limit_s: float, versions: Mapping[str, str]) -> Completion:
+    """Fly a run in a worker, and end the process at the time limit, since a thread cannot be stopped.
 
     Raises:
-        ScenarioError: The worker, which may have joined late, has other versions.
+        ScenarioError: The worker has other versions; it may have joined after the check.
     """
-    _require_equal(platform.node(), installed_versions(), versions)
+    _require_equal(platform.node(), simulation_versions(), versions)
     import_noisy_libraries()
     watchdog = threading.Timer(time_limit_s, os._exit, [1])
     watchdog.daemon = True

@@ -1,4 +1,4 @@
-"""Flying a run of a study once more, by its key: to look at it, and to see whether it ends the same."""
+"""Flying one run of a study again, to watch it and to check that it ends in the same way."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,31 +6,30 @@ from pathlib import Path
 from swarm.types import Outcome
 
 from ..errors import ScenarioError
+from ..results.provenance import simulation_versions
 from ..runner import Finished, fly_and_write
-from .matrix import RunSpec
-from .provenance import installed_versions
-from .record import RunRecord
-from .store import Contents
+from .design import RunSpec
+from .store import RunRecord, StudyData
 
 
 @dataclass(frozen=True, kw_only=True)
 class Replay:
-    """A run that was flown again."""
+    """The result of flying a run again."""
 
     folder: Path
     is_same: bool | None
-    """Whether outcome, figures and contacts are those of the study; None if it has no result of the run."""
+    """Whether outcome, metrics and contacts equal those of the study; None if the study has no result of the run."""
     verdict: str
-    """The same for people."""
+    """The comparison in words."""
 
 
-def find(contents: Contents, prefix: str) -> RunSpec:
-    """The run whose key begins so.
+def find(data: StudyData, prefix: str) -> RunSpec:
+    """Return the run whose key begins with a prefix.
 
     Raises:
-        ScenarioError: There is none, or more than one.
+        ScenarioError: No key or more than one key begins with it.
     """
-    found = {spec.key: spec for spec in reversed(contents.cells) if spec.key.startswith(prefix.lower())}
+    found = {spec.key: spec for spec in reversed(data.specs) if spec.key.startswith(prefix.lower())}
     if not found:
         raise ScenarioError(
             f"no run's key begins with {prefix!r}: take one from the report, or from voxdepth study export"
@@ -40,19 +39,19 @@ def find(contents: Contents, prefix: str) -> RunSpec:
     return next(iter(found.values()))
 
 
-def fly_again(contents: Contents, spec: RunSpec, out: Path, *, record: bool) -> Replay:
-    """Fly a run and compare it with the study's.
+def fly_again(data: StudyData, spec: RunSpec, out: Path, *, record: bool) -> Replay:
+    """Fly a run again and compare its result with that of the study.
 
     Raises:
         ScenarioError: The folder cannot be written.
-        KeyboardInterrupt: Ctrl-C.
+        KeyboardInterrupt: Ctrl-C was pressed.
     """
     finished = fly_and_write(spec.run, out, record=record)
     result = finished.result
     if result.outcome is Outcome.INTERRUPTED:
         raise KeyboardInterrupt
     assert finished.folder is not None  # fly_and_write always writes
-    before = contents.records.get(spec.key)
+    before = data.records.get(spec.key)
     if before is None:
         verdict = f"{result.outcome}; the study has no result of this run"
         return Replay(folder=finished.folder, is_same=None, verdict=verdict)
@@ -64,15 +63,15 @@ def fly_again(contents: Contents, spec: RunSpec, out: Path, *, record: bool) -> 
     if same:
         verdict = f"{result.outcome}: the same as in the study, figure by figure"
     else:
-        difference = _difference(before, finished, contents)
+        difference = _difference(before, finished, data)
         verdict = f"{result.outcome}, in the study {before.outcome}: NOT the same; {difference}"
     return Replay(folder=finished.folder, is_same=same, verdict=verdict)
 
 
-def _difference(before: RunRecord, finished: Finished, contents: Contents) -> str:
-    """Which figures and which versions are others."""
+def _difference(before: RunRecord, finished: Finished, data: StudyData) -> str:
+    """List the metrics and the versions that differ."""
     now = finished.result.metrics
-    figures = [name for name in before.metrics if before.metrics[name] != now.get(name)]
-    versions = [name for name, version in installed_versions().items() if contents.versions.get(name) != version]
-    text = f"other figures: {', '.join(figures) or 'none'}; other versions: {', '.join(versions) or 'none'}"
-    return text + f"; the study was begun on {contents.machine}"
+    metrics = [name for name in before.metrics if before.metrics[name] != now.get(name)]
+    versions = [name for name, version in simulation_versions().items() if data.versions.get(name) != version]
+    text = f"other figures: {', '.join(metrics) or 'none'}; other versions: {', '.join(versions) or 'none'}"
+    return text + f"; the study was begun on {data.machine}"

@@ -1,4 +1,6 @@
-"""Shares of runs with their intervals, and pairs of runs compared. Runs are the unit; small pure functions.
+"""Statistics of runs: intervals of proportions, paired comparisons, and the dose response to the noise ratio.
+
+The unit of analysis is the run. All functions are pure.
 
 Sources:
     [1] Wilson, J. Am. Stat. Assoc. 22 (1927) 209, doi:10.1080/01621459.1927.10502953.
@@ -6,14 +8,27 @@ Sources:
     [3] Holm, Scand. J. Stat. 6 (1979) 65.
     [4] Clopper, Pearson, Biometrika 26 (1934) 404, doi:10.1093/biomet/26.4.404.
     [5] McNemar, Psychometrika 12 (1947) 153, doi:10.1007/BF02295996; here exact, by the binomial distribution.
+    [6] McCullagh, Nelder, Generalized Linear Models (1989), Section 4.3: the complementary log-log link.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from voxdepth.types import FloatArray, MaskImage
+
+from ..errors import ScenarioError
+
 LEVEL = 0.95
 """Confidence level of every interval."""
+RESAMPLES = 1000
+BOOTSTRAP_SEED = 20240601
+LOG_A_BOUNDS, B_BOUNDS = (-15.0, 5.0), (0.0, 12.0)
+"""Bounds of the fit. The likelihood may grow with b without limit; then the fit ends at a bound and reports it."""
+LOW_DOSE, HIGH_DOSE = 0.5, 1.0
+"""Noise ratios whose collision ratios are compared, as in the paper."""
 
 
 @dataclass(frozen=True)
@@ -25,18 +40,18 @@ class Interval:
 
 
 def wilson(k: int, n: int) -> Interval:
-    """Wilson's score interval of a share `k / n`, n > 0: [1]."""
+    """Return Wilson's score interval of a proportion `k / n` with n > 0 [1]."""
     return _proportion(k, n, "wilson")
 
 
 def clopper_pearson(k: int, n: int) -> Interval:
-    """The exact interval of a share `k / n`, n > 0, never too short, for claims about safety: [4]."""
+    """Return the exact interval of a proportion `k / n` with n > 0 [4]. Its coverage is never below the level."""
     return _proportion(k, n, "exact")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pairs:
-    """Two ways to fly the same runs: how many collided with both, one, or neither."""
+    """Counts of matched pairs of runs, by which of the two collided."""
 
     both: int
     first_only: int
@@ -47,12 +62,12 @@ class Pairs:
 
     @property
     def n(self) -> int:
-        """Pairs."""
+        """Number of pairs."""
         return self.both + self.first_only + self.second_only + self.neither
 
     @property
     def difference(self) -> float:
-        """Share of the first minus share of the second; n > 0."""
+        """Collision ratio of the first minus that of the second; n > 0."""
         return (self.first_only - self.second_only) / self.n
 
 
@@ -67,14 +82,14 @@ def pairs_of(outcomes: Sequence[tuple[bool, bool]]) -> Pairs:
 
 
 def mcnemar(b: int, c: int) -> float:
-    """Exact two-sided p-value of McNemar's test [5]: of b + c pairs that differ, b to one side; 1 if none differs."""
+    """Return the exact two-sided p-value of McNemar's test [5] for b and c discordant pairs; 1 if there are none."""
     from scipy.stats import binomtest
 
     return float(binomtest(b, b + c, 0.5).pvalue) if b + c else 1.0
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """P-values adjusted for their number after Holm [3], in the order given."""
+    """Adjust p-values for multiple comparisons after Holm [3], in the given order."""
     adjusted = [0.0] * len(p_values)
     largest = 0.0
     for rank, i in enumerate(sorted(range(len(p_values)), key=lambda i: p_values[i])):
@@ -84,7 +99,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 def newcombe(pairs: Pairs) -> Interval:
-    """Interval of the difference of two paired shares: Newcombe's square-and-add method with correlation [2]; n > 0."""
+    """Return Newcombe's interval of the difference of two paired proportions, method 10 [2]; n > 0."""
     n, first, second = pairs.n, pairs.both + pairs.first_only, pairs.both + pairs.second_only
     phi = _correlation(pairs)
     p1, p2 = first / n, second / n
@@ -95,12 +110,136 @@ def newcombe(pairs: Pairs) -> Interval:
 
 
 def percentiles(values: Sequence[float]) -> Interval:
-    """The middle 95 % of at least one value."""
-    import numpy as np
-
+    """Return the percentile interval of at least one value at the confidence level."""
     tail = 50 * (1 - LEVEL)
     low, high = np.percentile(np.asarray(values, np.float64), [tail, 100 - tail])
     return Interval(float(low), float(high))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DoseCurve:
+    """Collision ratio as a function of the noise ratio: `p = 1 - exp(-a theta^b)`.
+
+    This is the complementary log-log model `log(-log(1 - p)) = log a + b log theta` [6]. The ratio grows faster than
+    linearly if b > 1.
+    """
+
+    a: float
+    b: float
+
+    def at(self, theta: float) -> float:
+        """Return the collision ratio at a noise ratio."""
+        return float(-np.expm1(-self.a * theta**self.b))
+
+    @property
+    def ratio(self) -> float:
+        """Collision ratio of the curve at theta 1 divided by that at theta 0.5."""
+        return self.at(HIGH_DOSE) / self.at(LOW_DOSE)
+
+    @property
+    def at_bound(self) -> bool:
+        """Whether b lies at a bound of the fit, so that the data do not determine it."""
+        return not B_BOUNDS[0] + 1e-6 < self.b < B_BOUNDS[1] - 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class DoseResponse:
+    """The maximum-likelihood curve with percentile intervals of a bootstrap."""
+
+    curve: DoseCurve
+    thetas: tuple[float, ...]
+    """Noise ratios of the fit. The ratio 0 is left out, since the curve is 0 there for all parameters."""
+    seeds: int
+    """Number of seeds that were flown at every noise ratio."""
+    a: Interval
+    b: Interval
+    ratio: Interval
+    """Interval of `DoseCurve.ratio`."""
+    resamples: int
+    """Number of bootstrap samples that could be fitted; samples without any collision could not."""
+    bootstrap_seed: int
+
+
+def fit_dose_curve(
+    thetas: Sequence[float], collisions: Sequence[int], runs: Sequence[int], start: DoseCurve | None = None
+) -> DoseCurve:
+    """Fit the curve by maximum likelihood.
+
+    Args:
+        thetas: At least two noise ratios above 0.
+        collisions: Number of runs with a collision at each noise ratio.
+        runs: Number of runs at each noise ratio, above 0.
+        start: Start of the optimisation. It affects the speed, and the result only by rounding errors.
+
+    Raises:
+        ScenarioError: The data do not determine a curve.
+    """
+    from scipy.optimize import minimize
+
+    theta, k = np.asarray(thetas, np.float64), np.asarray(collisions, np.float64)
+    n = np.asarray(runs, np.float64)
+    if len(theta) < 2 or (theta <= 0).any() or (n <= 0).any() or k.sum() == 0 or (k == n).all():
+        raise ScenarioError(
+            "a dose response needs runs at two noise ratios above 0, and both runs with and runs without a collision; "
+            f"got {k.astype(int).tolist()} of {n.astype(int).tolist()} at theta {theta.tolist()}"
+        )
+    log_theta = np.log(theta)
+
+    def loss(parameters: FloatArray) -> tuple[float, FloatArray]:
+        """Return the negative log-likelihood and its gradient in log a and b, in which it is convex."""
+        rate = np.exp(parameters[0] + parameters[1] * log_theta)
+        p = -np.expm1(-rate)
+        slope = (n - k) * rate - k * rate * np.exp(-rate) / p
+        value = ((n - k) * rate - k * np.log(p)).sum()
+        return float(value), np.array([slope.sum(), (slope * log_theta).sum()])
+
+    if start is None:
+        start = DoseCurve(a=-np.log1p(-k.sum() / n.sum()), b=1.0)
+    first = np.array([np.log(start.a), start.b])
+    # L-BFGS-B would wake all threads of OpenBLAS for tiny products, which is up to 50 times slower on a busy machine.
+    bounds, fine = [LOG_A_BOUNDS, B_BOUNDS], {"ftol": 1e-13, "gtol": 1e-7, "maxfun": 1000}
+    found = minimize(loss, first, jac=True, method="TNC", bounds=bounds, options=fine)
+    return DoseCurve(a=float(np.exp(found.x[0])), b=float(found.x[1]))
+
+
+def dose_response(
+    thetas: Sequence[float], collided: MaskImage, *, seed: int = BOOTSTRAP_SEED, resamples: int = RESAMPLES
+) -> DoseResponse:
+    """Fit the curve, and estimate its intervals by a bootstrap over seeds.
+
+    All noise ratios share the seeds, so the bootstrap resamples seeds, which are the rows of the data.
+
+    Args:
+        thetas: Noise ratios.
+        collided: Whether each run collided, shape (seeds, thetas).
+        seed: Seed of the bootstrap.
+        resamples: Number of bootstrap samples.
+
+    Raises:
+        ScenarioError: The data do not determine a curve.
+    """
+    above = [i for i, theta in enumerate(thetas) if theta > 0]
+    kept, rows = [thetas[i] for i in above], collided[:, above]
+    n = [len(rows)] * len(kept)
+    curve = fit_dose_curve(kept, rows.sum(axis=0).tolist(), n)
+    rng = np.random.default_rng(seed)
+    curves = []
+    for _ in range(resamples):
+        counts = rows[rng.integers(0, len(rows), len(rows))].sum(axis=0)
+        if 0 < counts.sum() < sum(n):
+            curves.append(fit_dose_curve(kept, counts.tolist(), n, start=curve))
+    if not curves:
+        raise ScenarioError("no bootstrap sample had both runs with and runs without a collision: fly more seeds")
+    return DoseResponse(
+        curve=curve,
+        thetas=tuple(kept),
+        seeds=len(rows),
+        a=percentiles([c.a for c in curves]),
+        b=percentiles([c.b for c in curves]),
+        ratio=percentiles([c.ratio for c in curves]),
+        resamples=len(curves),
+        bootstrap_seed=seed,
+    )
 
 
 def _proportion(k: int, n: int, method: str) -> Interval:
@@ -111,7 +250,7 @@ def _proportion(k: int, n: int, method: str) -> Interval:
 
 
 def _correlation(pairs: Pairs) -> float:
-    """Of the two outcomes, corrected for continuity; 0 if one of them never varies."""
+    """Return the phi coefficient with continuity correction; 0 if one of the outcomes is constant."""
     e, f, g, h = pairs.both, pairs.first_only, pairs.second_only, pairs.neither
     spread = (e + f) * (g + h) * (e + g) * (f + h)
     if spread == 0:

@@ -1,10 +1,10 @@
-"""The file that keeps a study: what it asks, what is done, and what failed."""
+"""The SQLite file of a study: its design, the records of its runs, and the failures."""
 
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -17,16 +17,14 @@ from swarm.types import Outcome
 from ..config import Run
 from ..errors import ScenarioError
 from ..files import Loaded, first_problem, locked, to_toml
-from .matrix import RunSpec, digest
-from .provenance import installed_versions, machine
-from .record import Done, Failure, RunRecord
-from .study import Study
+from ..results.provenance import machine, simulation_versions
+from .design import RunSpec, Study, digest
 
 FILE = "study.sqlite"
 SCHEMA = 1
 """Version of the tables; a store of another version is refused."""
-BUSY_S = 60.0
-"""How long a reader or the writer waits for the other."""
+BUSY_TIMEOUT_S = 60.0
+"""Longest time for which a reader or the writer waits for the other."""
 TABLES = """
 CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT;
 CREATE TABLE runs (key TEXT PRIMARY KEY, run TEXT NOT NULL) STRICT;
@@ -44,35 +42,71 @@ CREATE TABLE failures (
 """
 
 
+FailureKind = Literal["error", "timeout", "died"]
+
+
 @dataclass(frozen=True, kw_only=True)
-class Contents:
-    """All that a store holds."""
+class RunRecord:
+    """The result of a run. Records are equal when the results are equal; the wall-clock time does not count."""
+
+    key: str
+    outcome: Outcome
+    metrics: Mapping[str, float | int | None]
+    """Values by name; the name ends in the unit."""
+    contacts: tuple[Contact, ...]
+    """All collisions, ordered by time."""
+    wall_s: float = field(compare=False)
+    """Wall-clock time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failure:
+    """A run without a result, because the program failed. A failure of the swarm is an outcome of a `RunRecord`."""
+
+    key: str
+    kind: FailureKind
+    """`error`: an exception. `timeout`: stopped at the time limit. `died`: the process ended unexpectedly."""
+    text: str
+    """A traceback, or another description."""
+
+    @property
+    def last_line(self) -> str:
+        """The last line of the text, which names the error."""
+        return self.text.strip().rpartition("\n")[2]
+
+
+Completion = RunRecord | Failure
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyData:
+    """The whole content of a store."""
 
     study: Study
-    cells: Sequence[RunSpec]
+    specs: Sequence[RunSpec]
     records: Mapping[str, RunRecord]
     """Results by key."""
     failures: Mapping[str, Failure]
     """The last failure of each run that has no result, by key."""
     versions: Mapping[str, str]
-    """Of Python, packages and code when the study was begun, see `installed_versions`; older stores know no code."""
+    """`simulation_versions` when the study began; older stores have no entry for the code."""
     machine: str
-    """On which the study was begun."""
+    """The machine on which the study began."""
 
     @property
     def keys(self) -> list[str]:
-        """Of all runs, each once, in the order of the cells: arms that set the same share their runs."""
-        return list(dict.fromkeys(spec.key for spec in self.cells))
+        """The key of every run once, in the order of the specs. Arms with equal settings share their runs."""
+        return list(dict.fromkeys(spec.key for spec in self.specs))
 
     def missing(self, *, retry_errors: bool) -> list[RunSpec]:
-        """One cell for each run that is still to be flown."""
-        specs = {spec.key: spec for spec in reversed(self.cells)}
+        """Return one spec for each run that has not been flown."""
+        specs = {spec.key: spec for spec in reversed(self.specs)}
         passed = self.records.keys() if retry_errors else self.records.keys() | self.failures.keys()
         return [specs[key] for key in self.keys if key not in passed]
 
 
 class Store:
-    """The store of a study. Made by `begin` or `existing`; close it, or use it in a `with`."""
+    """The store of a study. `begin` and `open` create it; close it, or use it as a context manager."""
 
     def __init__(self, folder: Path, database: sqlite3.Connection) -> None:
         self.folder = folder
@@ -80,10 +114,10 @@ class Store:
 
     @classmethod
     def begin(cls, folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool) -> Self:
-        """Create the store of a study in a folder, or open the one that is there. Call it under `lock`.
+        """Create the store of a study in a folder, or open an existing one. The caller must hold `lock`.
 
         Raises:
-            ScenarioError: It is of another version or study, or has results and `resume` is not set.
+            ScenarioError: The store belongs to another version or study, or contains runs and `resume` is not set.
         """
         store = cls._connect(folder)
         try:
@@ -98,11 +132,11 @@ class Store:
         return store
 
     @classmethod
-    def existing(cls, folder: Path) -> Self:
-        """Open a store to read it; a study may be writing to it meanwhile.
+    def open(cls, folder: Path) -> Self:
+        """Open a store for reading; another process may write to it at the same time.
 
         Raises:
-            ScenarioError: There is none, or it is of another version.
+            ScenarioError: There is no store, or it belongs to another version.
         """
         if not (folder / FILE).is_file():
             raise ScenarioError(f"there is no study in {folder}: expected a folder with the file {FILE}")
@@ -123,14 +157,14 @@ class Store:
         self.close()
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._database.close()
 
-    def add(self, done: Done) -> None:
-        """Keep one run, in one transaction: after a crash it is there as a whole or not at all.
+    def add(self, done: Completion) -> None:
+        """Store one run in one transaction, so that a crash leaves it complete or absent.
 
         Raises:
-            ScenarioError: It cannot be written.
+            ScenarioError: The file cannot be written.
         """
         now = datetime.now().astimezone().isoformat(timespec="seconds")
         try:
@@ -145,11 +179,11 @@ class Store:
                 f"cannot write {self.folder / FILE}: {error}; what was written before is safe"
             ) from error
 
-    def read(self) -> Contents:
-        """All of it, as of one moment.
+    def read(self) -> StudyData:
+        """Read the whole content in one transaction.
 
         Raises:
-            ScenarioError: It says what this version of VoxDepth does not know.
+            ScenarioError: The store contains keys that this version of VoxDepth does not know.
         """
         with self._transaction("DEFERRED"):
             meta = self._meta()
@@ -159,10 +193,10 @@ class Store:
             failures = self._rows("SELECT key, kind, text FROM failures ORDER BY place")
         records = {row[0]: _record(row) for row in results}
         last = {key: Failure(key=key, kind=kind, text=text) for key, kind, text in failures if key not in records}
-        resolved = {key: self._known(Run, text) for key, text in runs}
-        return Contents(
-            study=self._known(Study, meta["study"]),
-            cells=[
+        resolved = {key: self._parsed(Run, text) for key, text in runs}
+        return StudyData(
+            study=self._parsed(Study, meta["study"]),
+            specs=[
                 RunSpec(scenario=name, arm=arm, theta=theta, run=resolved[key], key=key)
                 for name, arm, theta, key in cells
             ],
@@ -175,9 +209,9 @@ class Store:
     @classmethod
     def _connect(cls, folder: Path) -> Self:
         try:
-            database = sqlite3.connect(folder / FILE, timeout=BUSY_S, isolation_level=None)
-            # A rollback journal, not WAL: whoever copies the one file has all of it, and a network disk will do. A run
-            # takes seconds to minutes, so waiting for the disk after each costs nothing.
+            database = sqlite3.connect(folder / FILE, timeout=BUSY_TIMEOUT_S, isolation_level=None)
+            # A rollback journal instead of WAL: the single file is complete whenever it is copied, and it may lie on a
+            # network disk. A run takes seconds to minutes, so the slower commit does not matter.
             database.execute("PRAGMA journal_mode=DELETE")
             database.execute("PRAGMA synchronous=EXTRA")
             database.execute("PRAGMA foreign_keys=ON")
@@ -187,7 +221,7 @@ class Store:
 
     @contextmanager
     def _transaction(self, mode: Literal["DEFERRED", "IMMEDIATE"]) -> Iterator[None]:
-        """All or nothing. Deferred is for reading: it waits for no other reader, and needs no right to write."""
+        """Commit the block as a whole or not at all. `DEFERRED` is for reading: it needs no permission to write."""
         self._database.execute(f"BEGIN {mode}")
         try:
             yield
@@ -196,7 +230,7 @@ class Store:
             raise
         self._database.execute("COMMIT")
 
-    def _known(self, model: type[Loaded], text: str) -> Loaded:
+    def _parsed(self, model: type[Loaded], text: str) -> Loaded:
         try:
             return model.model_validate_json(text)
         except pydantic.ValidationError as error:
@@ -222,7 +256,7 @@ class Store:
             "study": study.model_dump_json(),
             "study_toml": to_toml(study),
             "digest": digest(study, specs),
-            "versions": json.dumps(installed_versions()),
+            "versions": json.dumps(simulation_versions()),
             "machine": machine(),
         }
         runs = {spec.key: spec.run.model_dump_json() for spec in specs}
@@ -244,7 +278,7 @@ class Store:
 
     def _require_same(self, study: Study, specs: Sequence[RunSpec], *, resume: bool) -> None:
         meta = self._meta()
-        name = self._known(Study, meta["study"]).name
+        name = self._parsed(Study, meta["study"]).name
         if meta["digest"] != digest(study, specs):
             raise ScenarioError(
                 f"{self.folder} holds the study {name!r} as it was asked before: this one, or a scenario of it, is "
@@ -255,7 +289,7 @@ class Store:
             raise ScenarioError(
                 f"{self.folder} holds runs of the study {name!r}: go on with --resume, or use another --out"
             )
-        before, now = json.loads(meta["versions"]), installed_versions()
+        before, now = json.loads(meta["versions"]), simulation_versions()
         names = [name for name in before | now if before.get(name) != now.get(name)]
         changed = [f"{name} {before.get(name, 'unknown')} -> {now.get(name, 'unknown')}" for name in names]
         if changed:

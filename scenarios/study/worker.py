@@ -1,4 +1,4 @@
-"""The inside of a worker process: waits for runs at its end of a pipe. Imports nothing heavy by itself."""
+"""The code of a worker process, which receives runs through a pipe. This module imports nothing heavy."""
 
 import os
 import signal
@@ -9,23 +9,23 @@ from multiprocessing import connection, parent_process
 from multiprocessing.connection import Connection
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""What libraries read when they are imported. OpenCV is told by the run itself, Embree by the renderer."""
+"""Variables that libraries read when they are imported. The run itself restricts OpenCV, and the renderer Embree."""
 READY = "ready"
-"""First word of a worker that has imported what it needs."""
+"""First message of a worker that has imported its libraries."""
 
 
 def serve(pipe: "Connection") -> None:
-    """Fly what comes through the pipe until it is closed or the parent is gone.
+    """Fly the runs that come through the pipe until the pipe is closed or the parent process has ended.
 
     Args:
-        pipe: Brings pairs of a function and its argument, takes READY and then one `Done` for each pair.
+        pipe: Delivers pairs of a function and its argument, and takes READY and then one `Completion` for each pair.
     """
-    leave_interrupts()
+    ignore_interrupts()
     threading.Thread(target=_end_with_parent, daemon=True).start()
     from ..quiet import import_noisy_libraries
 
     import_noisy_libraries()
-    from .executor import attempt
+    from .executors import attempt
 
     pipe.send(READY)
     while True:
@@ -36,14 +36,14 @@ def serve(pipe: "Connection") -> None:
         pipe.send(attempt(fly_one, spec))
 
 
-def leave_interrupts() -> None:
-    """A terminal sends Ctrl-C to all, but it is for the parent, which stops its workers."""
+def ignore_interrupts() -> None:
+    """Ignore Ctrl-C, which a terminal sends to all processes: the parent handles it and stops its workers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager
-def one_thread_each() -> Iterator[None]:
-    """While it lasts, new processes begin with one thread for each library."""
+def one_thread_per_library() -> Iterator[None]:
+    """Let processes that start within the block use one thread for each numerical library."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(ONE_THREAD)
     try:
@@ -57,7 +57,7 @@ def one_thread_each() -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
-    """A parent that was killed can stop nobody: its workers see to that."""
+    """End this process when its parent has ended, since a killed parent cannot stop its workers."""
     parent = parent_process()
     if parent is not None:
         connection.wait([parent.sentinel])

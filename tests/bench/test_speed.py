@@ -15,8 +15,7 @@ import pytest
 from scenarios.config import load_run
 from scenarios.runner import fly
 from scenarios.sequences import load_sequence, record
-from scenarios.study.matrix import expand
-from scenarios.study.study import load_study
+from scenarios.study.design import expand, load_study
 from sim.noise import photon_noise
 from sim.render import create_renderer
 from sim.scenes import CitySpec

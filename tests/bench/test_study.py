@@ -4,9 +4,8 @@ import time
 
 import pytest
 
-from scenarios.study.matrix import expand
-from scenarios.study.processes import Processes
-from scenarios.study.study import load_study
+from scenarios.study.design import expand, load_study
+from scenarios.study.executors import Processes
 from tests.bench.test_speed import show
 
 pytestmark = pytest.mark.bench

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.study.matrix import key_of
-from scenarios.study.page import Findings, summary
-from scenarios.study.store import FILE, Contents, Store
+from scenarios.study.design import key_of
+from scenarios.study.report import Findings, summary
+from scenarios.study.store import FILE, Store, StudyData
 
 DOCS = Path(__file__).parents[2] / "docs"
 PACKED = sorted((DOCS / "study").glob("*.sqlite.xz"))
@@ -15,9 +15,9 @@ PACKED = sorted((DOCS / "study").glob("*.sqlite.xz"))
 pytestmark = pytest.mark.slow
 
 
-def contents_of(packed: Path, folder: Path) -> Contents:
+def contents_of(packed: Path, folder: Path) -> StudyData:
     (folder / FILE).write_bytes(lzma.decompress(packed.read_bytes()))
-    with Store.existing(folder) as store:
+    with Store.open(folder) as store:
         return store.read()
 
 
@@ -25,10 +25,10 @@ def contents_of(packed: Path, folder: Path) -> Contents:
 def test_every_row_of_a_published_study_stands_in_the_documents(packed: Path, tmp_path: Path) -> None:
     contents = contents_of(packed, tmp_path)
     assert not contents.failures
-    assert all(key_of(cell.run) == cell.key for cell in contents.cells)
+    assert all(key_of(spec.run) == spec.key for spec in contents.specs)
     documents = "".join((DOCS / name).read_text() for name in ("study.md", "scenarios.md"))
     lines = summary(contents, Findings.of(contents)).splitlines()
-    rows = [line for line in lines if line.startswith("| ")]
+    rows = [line for line in lines if line.startswith("| ") and "---" not in line]
     assert len(rows) > len(contents.study.arms)
     assert [row for row in rows if row not in documents] == []
 

@@ -18,12 +18,10 @@ from typer.testing import CliRunner, Result
 from scenarios.cli import app
 from scenarios.errors import ScenarioError
 from scenarios.study.cluster import LOCAL, Cluster
-from scenarios.study.conduct import Wishes, fly_study
-from scenarios.study.executor import Executor, Serial
-from scenarios.study.matrix import expand
-from scenarios.study.processes import Processes
-from scenarios.study.record import Done, Failure
-from scenarios.study.store import FILE
+from scenarios.study.design import expand
+from scenarios.study.executors import Executor, Processes, Serial
+from scenarios.study.run import RunOptions, run_study
+from scenarios.study.store import FILE, Completion, Failure
 from swarm.types import Outcome
 from tests.integration.test_cli import ENVIRONMENT, voxdepth
 from tests.studies import PIDS, Unseen, arm, fake, killable, noisy, results_of, study
@@ -72,7 +70,7 @@ def test_all_executors_give_the_same_records_bit_by_bit() -> None:
     assert written(serial) == written(processes) == written(cluster)
 
 
-def written(done: dict[str, Done]) -> list[str]:
+def written(done: dict[str, Completion]) -> list[str]:
     """Records digit by digit, but for their wall-clock time."""
     return [repr(replace(done[key], wall_s=0.0)) for key in sorted(done)]
 
@@ -104,7 +102,7 @@ def test_a_study_killed_again_and_again_loses_nothing_and_repeats_nothing(tmp_pa
     killed = results_of(out)
     assert 4 <= len(killed) < 40, "it was killed in the middle of its work"
     assert subprocess.run(command, env=environment, check=False, timeout=120).returncode == 0
-    undisturbed = fly_study(killable(), tmp_path / "undisturbed", Serial(fake), Wishes(), Unseen())
+    undisturbed = run_study(killable(), tmp_path / "undisturbed", Serial(fake), RunOptions(), Unseen())
     assert results_of(out) == undisturbed.records
     assert not undisturbed.failures
     assert len(undisturbed.records) == 40
@@ -158,14 +156,14 @@ def test_a_study_from_its_file_to_its_report(tiny: Path, tmp_path: Path) -> None
     assert len(list(out.glob("recordings/*/*/run.rrd"))) == 1
     study_command("report", out, "--record")
     assert len(list(out.glob("recordings/*/*/run.rrd"))) == 1, "a recording is made once"
-    explained = voxdepth("study", "explain", out)
-    assert "arm blind, seed 0: where it was" in explained.stdout, "true depth shows what is there"
-    assert "| blind | 2 | 0 | 0 | 0 | 0 | 0 | 0 | 2 |" in explained.stdout
-    assert "| truth | 0 | 0 | 0 | 0 | 0 | 0 | 0 | 0 |" in explained.stdout
-    first = voxdepth("study", "explain", out, "--arm", "blind", "--most", "1")
+    diagnosed = voxdepth("study", "diagnose", out)
+    assert "arm blind, seed 0: where it was" in diagnosed.stdout, "true depth shows what is there"
+    assert "| blind | 2 | 0 | 0 | 0 | 0 | 0 | 0 | 2 |" in diagnosed.stdout
+    assert "| truth | 0 | 0 | 0 | 0 | 0 | 0 | 0 | 0 |" in diagnosed.stdout
+    first = voxdepth("study", "diagnose", out, "--arm", "blind", "--limit", "1")
     assert "| blind | 1 | 0 | 0 | 0 | 0 | 0 | 0 | 1 |" in first.stdout
     assert "truth" not in first.stdout
-    assert "the study has no arm 'deaf'" in str(study_command("explain", out, "--arm", "deaf").exception)
+    assert "the study has no arm 'deaf'" in str(study_command("diagnose", out, "--arm", "deaf").exception)
 
 
 @pytest.mark.slow

@@ -14,12 +14,11 @@ from pathlib import Path
 import pytest
 
 from scenarios.errors import ScenarioError
-from scenarios.study import cluster, processes
+from scenarios.study import cluster, executors
 from scenarios.study.cluster import Cluster
-from scenarios.study.executor import Serial
-from scenarios.study.matrix import RunSpec, expand
-from scenarios.study.processes import Processes
-from scenarios.study.record import Failure, RunRecord
+from scenarios.study.design import RunSpec, expand
+from scenarios.study.executors import Processes, Serial
+from scenarios.study.store import Failure, RunRecord
 from tests.studies import PIDS, arm, fake, slow_fake, study
 
 
@@ -56,7 +55,7 @@ def test_workers_that_raise_die_or_hang_take_nothing_but_their_run_with_them() -
             continue
         assert isinstance(one, Failure)
         kind, text = {
-            "dies": ("died", "its process ended without a word, with exit code -9"),
+            "dies": ("died", "its process ended without a message, with exit code -9"),
             "raises": ("error", "ZeroDivisionError"),
             "hangs": ("timeout", "stopped at its time limit of 2 s"),
         }[spec.arm]
@@ -101,7 +100,7 @@ def test_a_worker_killed_from_outside_while_it_flies_costs_one_run(
 @pytest.mark.slow
 def test_workers_are_replaced_after_some_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(PIDS, str(tmp_path))
-    monkeypatch.setattr(processes, "RUNS_PER_WORKER", 2)
+    monkeypatch.setattr(executors, "RUNS_PER_WORKER", 2)
     flown(Processes(1, 60.0, fake), expand(study(arm("a"), seeds=5)))
     assert len(list(tmp_path.iterdir())) == 3
 
@@ -116,7 +115,7 @@ def test_closing_stops_what_is_in_the_air() -> None:
 
 
 def test_workers_that_never_get_ready_are_not_started_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(processes, "serve", os._exit)
+    monkeypatch.setattr(executors, "serve", os._exit)
     with pytest.raises(ScenarioError, match="3 workers in a row ended before they were ready"):
         list(Processes(1, 60.0, fake).run(expand(study(arm("a")))))
 
@@ -124,20 +123,20 @@ def test_workers_that_never_get_ready_are_not_started_for_ever(monkeypatch: pyte
 def test_a_run_that_ended_while_nobody_listened_is_not_late() -> None:
     """Writing the result of one run to a slow disk must not cost another one its own."""
     specs = expand(study(arm("a")))
-    crew = processes._Crew(Processes(2, 60.0, fake), [])
+    pool = executors._WorkerPool(Processes(2, 60.0, fake), [])
     ends = []
     for spec in specs:
-        worker = object.__new__(processes._Worker)
+        worker = object.__new__(executors._Worker)
         worker.pipe, theirs = multiprocessing.Pipe()
         worker.process = multiprocessing.Process()
         worker.spec, worker.runs, worker.deadline_s = spec, 1, time.monotonic() + 0.05
         worker.stop = lambda: -9  # type: ignore[method-assign]
-        crew._workers.append(worker)
+        pool._workers.append(worker)
         ends.append(theirs)
     ends[0].send(fake(specs[0]))
     done = []
-    while crew.has_work:
-        for one in crew.wait():
+    while pool.has_work:
+        for one in pool.wait():
             done.append(one)
             ends[1].send(fake(specs[1]))
             time.sleep(0.1)

@@ -7,8 +7,7 @@ import pytest
 
 from scenarios.config import load_run
 from scenarios.errors import ScenarioError
-from scenarios.study.matrix import digest, expand, key_of
-from scenarios.study.study import load_study, study_names
+from scenarios.study.design import digest, expand, key_of, load_study, study_names
 from tests.studies import ONE_DRONE, arm, noisy, study
 
 TEXT = """

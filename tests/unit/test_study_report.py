@@ -10,16 +10,12 @@ import pytest
 from rich.console import Console
 
 from scenarios.errors import ScenarioError
-from scenarios.study.analysis import comparisons, first_collisions, grown, points
-from scenarios.study.export import export, rows
-from scenarios.study.growth import Growth
-from scenarios.study.matrix import expand
-from scenarios.study.page import Findings, rendered, write_report
-from scenarios.study.progress import Pace, as_line, as_table, duration, shown
-from scenarios.study.record import Failure
-from scenarios.study.statistics import mcnemar
-from scenarios.study.store import Contents
-from scenarios.study.tally import Tally
+from scenarios.study.analysis import compare_arms, dose_responses, first_collisions, summarise_arms
+from scenarios.study.design import expand
+from scenarios.study.report import Findings, export, render, run_table, write_report
+from scenarios.study.run import Progress, display_on, duration
+from scenarios.study.statistics import DoseResponse, mcnemar
+from scenarios.study.store import Failure, StudyData
 from swarm.types import Outcome
 from tests.studies import arm, contents_of, noisy, record, study
 
@@ -27,7 +23,7 @@ HIT, MISS, LOST = Outcome.COLLISION, Outcome.SUCCESS, Outcome.LOST
 DECLARED = {"declared": {"arm": "b", "against": "a"}}
 
 
-def two_arms(a: str, b: str, **values: object) -> Contents:
+def two_arms(a: str, b: str, **values: object) -> StudyData:
     """Outcomes of two arms and one more by seed: `x` is a collision, `o` none, a blank a run that is missing."""
     letters = {"x": HIT, "o": MISS, "l": LOST}
     outcomes = {("a", None, seed): letters[letter] for seed, letter in enumerate(a) if letter != " "}
@@ -37,7 +33,7 @@ def two_arms(a: str, b: str, **values: object) -> Contents:
 
 
 def test_points_count_every_run_once() -> None:
-    a, b, _ = points(two_arms("xxol ", "ooooo"))
+    a, b, _ = summarise_arms(two_arms("xxol ", "ooooo"))
     assert (a.n, a.planned, a.collisions, a.ratio) == (4, 5, 2, 0.5)
     assert [a.count(outcome) for outcome in Outcome] == [1, 2, 0, 1, 0, 0]
     assert (a.contacts("building"), a.contacts("drone")) == (2, 0)
@@ -49,13 +45,13 @@ def test_points_count_every_run_once() -> None:
 
 
 def test_a_point_without_runs_claims_nothing() -> None:
-    a, *_ = points(two_arms("   ", "ooo"))
+    a, *_ = summarise_arms(two_arms("   ", "ooo"))
     assert (a.n, a.ratio, a.wilson, a.clopper_pearson) == (0, None, None, None)
 
 
 def test_the_declared_comparison_stands_first_and_alone() -> None:
-    declared, *others = comparisons(two_arms("xxxxxxo x", "ooooooxx ", **DECLARED))
-    assert (declared.first, declared.second, declared.declared) == ("b", "a", True)
+    declared, *others = compare_arms(two_arms("xxxxxxo x", "ooooooxx ", **DECLARED))
+    assert (declared.first, declared.second, declared.primary) == ("b", "a", True)
     assert (declared.pairs.n, declared.pairs.first_only, declared.pairs.second_only) == (7, 1, 6)
     assert declared.pairs.difference == pytest.approx(-5 / 7)
     assert declared.p == pytest.approx(2 * (1 + 7) / 2**7)
@@ -65,9 +61,9 @@ def test_the_declared_comparison_stands_first_and_alone() -> None:
 
 
 def test_without_a_declared_comparison_all_are_adjusted() -> None:
-    found = comparisons(two_arms("xxo", "oox"))
+    found = compare_arms(two_arms("xxo", "oox"))
     assert len(found) == 3
-    assert not any(comparison.declared for comparison in found)
+    assert not any(comparison.primary for comparison in found)
 
 
 def test_pairs_keep_scenario_and_seed(tmp_path: Path) -> None:
@@ -76,22 +72,22 @@ def test_pairs_keep_scenario_and_seed(tmp_path: Path) -> None:
     specs = expand(both)
     outcome = {("city", "a"): HIT, ("city", "b"): MISS, ("own", "a"): MISS, ("own", "b"): HIT}
     records = {s.key: record(s, outcome[s.scenario, s.arm]) for s in specs}
-    contents = Contents(study=both, cells=specs, records=records, failures={}, versions={}, machine="")
-    (comparison,) = comparisons(contents)
+    contents = StudyData(study=both, specs=specs, records=records, failures={}, versions={}, machine="")
+    (comparison,) = compare_arms(contents)
     assert (comparison.pairs.first_only, comparison.pairs.second_only) == (1, 1)
-    assert [(p.scenario, p.collisions) for p in points(contents) if p.arm == "a"] == [("city", 1), ("own", 0)]
+    assert [(p.scenario, p.collisions) for p in summarise_arms(contents) if p.arm == "a"] == [("city", 1), ("own", 0)]
 
 
 def test_noise_ratios_are_compared_with_their_like_alone() -> None:
     mixed = study(arm("t"), noisy("a", 0.5, 1.0), noisy("b", 0.5, 1.0), seeds=1)
-    found = comparisons(contents_of(mixed, {(s.arm, s.theta, 0): MISS for s in expand(mixed)}))
+    found = compare_arms(contents_of(mixed, {(s.arm, s.theta, 0): MISS for s in expand(mixed)}))
     assert [(c.first, c.second) for c in found] == [
         ("t", "a, theta 0.5"), ("t", "a, theta 1"), ("t", "b, theta 0.5"), ("t", "b, theta 1"),
         ("a, theta 0.5", "b, theta 0.5"), ("a, theta 1", "b, theta 1"),
     ]  # fmt: skip
 
 
-def noise_study(seeds: int = 6) -> Contents:
+def noise_study(seeds: int = 6) -> StudyData:
     """Seed k collides from a noise ratio on that grows with k; one run is missing."""
     thetas = (0.0, 0.4, 0.7, 1.0)
     outcomes = {
@@ -102,9 +98,9 @@ def noise_study(seeds: int = 6) -> Contents:
 
 
 def test_growth_is_fitted_to_the_seeds_that_are_complete() -> None:
-    ((scenario, name, growth),) = grown(noise_study())
+    ((scenario, name, growth),) = dose_responses(noise_study())
     assert (scenario, name) == ("city", "raw")
-    assert isinstance(growth, Growth)
+    assert isinstance(growth, DoseResponse)
     assert growth.seeds == 5
     assert growth.thetas == (0.4, 0.7, 1.0)
     assert growth.curve.b > 1
@@ -112,7 +108,7 @@ def test_growth_is_fitted_to_the_seeds_that_are_complete() -> None:
 
 def test_growth_that_cannot_be_fitted_says_why() -> None:
     quiet = study(noisy("raw", 0.4, 0.7, 1.0), seeds=2)
-    (_, _, growth), *_ = grown(contents_of(quiet, {(s.arm, s.theta, s.seed): MISS for s in expand(quiet)}))
+    (_, _, growth), *_ = dose_responses(contents_of(quiet, {(s.arm, s.theta, s.seed): MISS for s in expand(quiet)}))
     assert "needs runs at two noise ratios above 0" in str(growth)
 
 
@@ -120,8 +116,8 @@ def test_the_first_collision_of_each_arm_is_that_of_the_lowest_seed() -> None:
     assert [(spec.arm, spec.seed) for spec in first_collisions(two_arms("oxx", "oox"))] == [("a", 1), ("b", 2)]
 
 
-def page_of(contents: Contents) -> str:
-    return rendered(contents, Findings.of(contents), Path("out"))
+def page_of(contents: StudyData) -> str:
+    return render(contents, Findings.of(contents), Path("out"))
 
 
 class Page(HTMLParser):
@@ -156,7 +152,7 @@ def test_the_page_loads_nothing_and_says_what_there_is() -> None:
     key = first_collisions(two_arms("xxo ", "oooo"))[0].key[:12]
     assert f"voxdepth study replay out {key} --record" in text
     assert text.count("<figure>") == 2, "nothing is drawn against noise if there is none"
-    assert "Growth with noise" not in text
+    assert "Dose response" not in text
 
 
 def test_the_tables_are_the_same_in_markdown_and_stand_beside_the_page(tmp_path: Path) -> None:
@@ -166,7 +162,7 @@ def test_the_tables_are_the_same_in_markdown_and_stand_beside_the_page(tmp_path:
     row = next(line for line in text.splitlines() if line.startswith("| city | a |"))
     assert row.split(" | ")[2:5] == ["4 of 5", "2", "0.500"]
     assert "| b - a | declared | 4 | 0 | 2 | -0.500 |" in text
-    assert "Growth" not in text
+    assert "Dose response" not in text
     for line in text.splitlines():
         if line.startswith("| city"):
             assert all(cell in page_of(contents) for cell in line.strip("| ").split(" | "))
@@ -193,7 +189,7 @@ def test_the_page_of_a_study_that_has_just_begun_has_no_figures() -> None:
 
 def test_what_comes_from_outside_is_escaped_and_failures_are_told() -> None:
     contents = two_arms("x", "o", description="<script>alert(1)</script>")
-    key = contents.cells[0].key
+    key = contents.specs[0].key
     failures = {key: Failure(key=key, kind="error", text="Traceback\nValueError: <b>bad</b>")}
     text = page_of(replace(contents, records={}, failures=failures))
     assert "<script>" not in text
@@ -202,8 +198,8 @@ def test_what_comes_from_outside_is_escaped_and_failures_are_told() -> None:
 
 def test_tables_have_a_row_for_each_cell_with_a_result(tmp_path: Path) -> None:
     contents = two_arms("xo ", "oox")
-    listed = rows(contents)
-    assert [(row["arm"], row["seed"]) for row in listed][:3] == [("a", 0), ("b", 0), ("c", 0)]
+    listed = run_table(contents)
+    assert list(zip(listed["arm"], listed["seed"], strict=True))[:3] == [("a", 0), ("b", 0), ("c", 0)]
     assert len(listed) == 8
     export(contents, tmp_path)
     before = (tmp_path / "runs.csv").read_bytes(), (tmp_path / "runs.parquet").read_bytes()
@@ -213,43 +209,46 @@ def test_tables_have_a_row_for_each_cell_with_a_result(tmp_path: Path) -> None:
         export(replace(contents, records={}), tmp_path)
 
 
-def test_a_tally_counts_what_was_there_and_what_comes() -> None:
-    contents = two_arms("xo ", "o  ")
-    tally = Tally(contents)
-    assert (tally.done, tally.total) == (6, 9)
-    missing = contents.missing(retry_errors=False)
-    assert tally.time_left_s(missing, 10.0) is None, "nothing was flown in this call"
-    tally.add(replace(record(missing[0], HIT), wall_s=4.0))
-    tally.add(Failure(key=missing[1].key, kind="died", text="gone"))
-    assert (tally.done, tally.flown, len(tally.failed)) == (7, 2, 1)
-    assert tally.rows["b"].collisions + tally.rows["a"].collisions == 2
-    # Two runs at a time: 4 s of flying in 2 s. The one that waits takes as long as its row does on average.
-    mean_s = tally.rows[tally.row_of(missing[2])].mean_wall_s
+def test_progress_counts_what_was_there_and_what_comes() -> None:
+    data = two_arms("xo ", "o  ")
+    progress = Progress(data)
+    assert (progress.done, progress.total) == (6, 9)
+    missing = data.missing(retry_errors=False)
+    progress.set_time(10.0, missing)
+    assert progress.left_s is None, "nothing was flown in this call"
+    progress.add(replace(record(missing[0], HIT), wall_s=4.0))
+    progress.add(Failure(key=missing[1].key, kind="died", text="gone"))
+    assert (progress.done, progress.flown, len(progress.failed)) == (7, 2, 1)
+    assert progress.arms["b"].collisions + progress.arms["a"].collisions == 2
+    # Two runs at a time: 4 s of flying in 2 s. The waiting run takes the mean time of its arm.
+    mean_s = progress.arms[progress.name_of(missing[2])].mean_wall_s
     assert mean_s is not None
-    assert tally.time_left_s(missing[2:], 2.0) == pytest.approx(mean_s / 2)
-    line = as_line(tally, Pace(elapsed_s=3600.0, left_s=5400.0))
-    assert "7 of 9 runs, 2 runs per hour, 1 h 30 min left, 1 errors; " in line
+    progress.set_time(2.0, missing[2:])
+    assert progress.left_s == pytest.approx(mean_s / 2)
+    progress.elapsed_s, progress.left_s = 3600.0, 5400.0
+    assert "7 of 9 runs, 2 runs per hour, 1 h 30 min left, 1 errors; " in progress.line()
     assert duration(125) == "2 min"
 
 
-def test_a_tally_has_a_row_for_every_theta() -> None:
-    rows = Tally(noise_study()).rows
-    assert list(rows) == [f"raw, theta {theta:g}" for theta in (0, 0.4, 0.7, 1)]
+def test_progress_has_a_row_for_every_theta() -> None:
+    assert list(Progress(noise_study()).arms) == [f"raw, theta {theta:g}" for theta in (0, 0.4, 0.7, 1)]
 
 
-def test_progress_is_lines_now_and_then_where_there_is_no_terminal() -> None:
-    tally = Tally(two_arms("xo ", "o  "))
+def test_progress_is_a_line_every_half_minute_without_a_terminal() -> None:
+    progress = Progress(two_arms("xo ", "o  "))
     console = Console(record=True, force_terminal=False, width=200)
-    with shown(console) as show:
+    with display_on(console) as display:
         for elapsed_s in (0.0, 10.0, 20.0, 31.0, 40.0):
-            show.update(tally, Pace(elapsed_s=elapsed_s, left_s=None))
+            progress.elapsed_s = elapsed_s
+            display.update(progress)
     assert console.export_text().count("6 of 9 runs") == 2
 
 
 def test_progress_is_a_table_on_a_terminal() -> None:
-    tally = Tally(two_arms("xo ", "o  "))
+    progress = Progress(two_arms("xo ", "o  "))
     console = Console(record=True, force_terminal=True, width=120)
-    with shown(console) as show:
-        show.update(tally, Pace(elapsed_s=1.0, left_s=None))
-    assert "collision ratio" in console.export_text()
-    assert as_table(tally).row_count == 3
+    with display_on(console) as display:
+        display.update(progress)
+    assert "6 of 9 runs" in console.export_text()
+    assert len(progress.table()) == 3
+    assert progress.table().column("collision ratio") == [0.5, 0.0, 0.0]

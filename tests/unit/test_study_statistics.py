@@ -1,4 +1,4 @@
-"""Intervals, pairs and growth against numbers that were worked out by hand or are printed in the sources."""
+"""Intervals, pairs and dose responses against numbers that were worked out by hand or are printed in the sources."""
 
 import math
 
@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from scenarios.errors import ScenarioError
-from scenarios.study.growth import Curve, fit, growth
 from scenarios.study.statistics import (
+    DoseCurve,
     Interval,
     Pairs,
     clopper_pearson,
+    dose_response,
+    fit_dose_curve,
     holm,
     mcnemar,
     newcombe,
@@ -84,7 +86,7 @@ def test_percentiles_leave_out_a_fortieth_at_each_end() -> None:
 
 def test_two_noise_ratios_are_fitted_exactly() -> None:
     """Two unknowns and two shares: 1 - exp(-a) = 0.5 and 1 - exp(-a / 2^b) = 0.1."""
-    curve = fit([0.5, 1.0], [10, 50], [100, 100])
+    curve = fit_dose_curve([0.5, 1.0], [10, 50], [100, 100])
     assert curve.a == pytest.approx(math.log(2), rel=1e-4)
     assert curve.b == pytest.approx(math.log2(math.log(2) / -math.log(0.9)), rel=1e-4)
     assert curve.ratio == pytest.approx(5, rel=1e-4)
@@ -98,38 +100,38 @@ def test_the_fit_is_the_most_likely_of_a_fine_grid() -> None:
         p = 1 - np.exp(-a * theta**b)
         return float((k * np.log(p) + (n - k) * np.log(1 - p)).sum())
 
-    curve = fit(THETAS, k.tolist(), [n] * 8)
+    curve = fit_dose_curve(THETAS, k.tolist(), [n] * 8)
     around = [(curve.a * f, curve.b + d) for f in (0.98, 1.0, 1.02) for d in (-0.05, 0.0, 0.05)]
     assert max(around, key=lambda ab: likelihood(*ab)) == (curve.a, curve.b)
 
 
-def test_growth_finds_the_curve_that_made_the_runs_and_repeats_itself() -> None:
-    truth = Curve(a=0.8, b=3.0)
+def test_the_dose_response_finds_the_curve_that_made_the_runs_and_repeats_itself() -> None:
+    truth = DoseCurve(a=0.8, b=3.0)
     rng = np.random.default_rng(1)
     rows = rng.random((200, 9)) < [truth.at(theta) for theta in [0.0, *THETAS]]
-    found = growth([0.0, *THETAS], rows, resamples=60)
+    found = dose_response([0.0, *THETAS], rows, resamples=60)
     assert found.a.low < 0.8 < found.a.high
     assert found.b.low < 3.0 < found.b.high
     assert found.ratio.low < truth.ratio < found.ratio.high
     assert found.thetas == tuple(THETAS)
     assert found.seeds == 200
-    assert found == growth([0.0, *THETAS], rows, resamples=60)
-    assert found != growth([0.0, *THETAS], rows, resamples=60, seed=2)
+    assert found == dose_response([0.0, *THETAS], rows, resamples=60)
+    assert found != dose_response([0.0, *THETAS], rows, resamples=60, seed=2)
 
 
 def test_the_bootstrap_draws_rows_not_cells() -> None:
     """Seeds that collide everywhere or nowhere: the shares of all thetas rise and fall together."""
     rows = np.repeat(np.arange(20) < 10, 2).reshape(20, 2)
-    found = growth([0.5, 1.0], rows, resamples=60)
+    found = dose_response([0.5, 1.0], rows, resamples=60)
     assert found.b.low == pytest.approx(0, abs=1e-3)
     assert found.b.high == pytest.approx(0, abs=1e-3)
     assert found.a.high > 1.5 * found.a.low
 
 
 def test_what_cannot_be_told_is_said() -> None:
-    steep = growth([0.5, 1.0], np.array([[False, True], [False, False]]), resamples=20)
+    steep = dose_response([0.5, 1.0], np.array([[False, True], [False, False]]), resamples=20)
     assert steep.curve.at_bound
     assert steep.resamples < 20, "draws of the second row alone have nothing to fit"
     for collisions in ([0, 0], [4, 4]):
         with pytest.raises(ScenarioError, match="needs runs at two noise ratios above 0"):
-            fit([0.5, 1.0], collisions, [4, 4])
+            fit_dose_curve([0.5, 1.0], collisions, [4, 4])

@@ -8,16 +8,15 @@ from pathlib import Path
 import pytest
 
 from scenarios.errors import ScenarioError
-from scenarios.study.conduct import Wishes, fly_study
-from scenarios.study.executor import Serial
-from scenarios.study.matrix import expand
-from scenarios.study.record import Failure
-from scenarios.study.store import FILE, Store, lock
+from scenarios.study.design import expand
+from scenarios.study.executors import Serial
+from scenarios.study.run import RunOptions, run_study
+from scenarios.study.store import FILE, Failure, Store, lock
 from swarm.errors import MissionError
 from swarm.types import Outcome
 from tests.studies import HIT, Scripted, Unseen, arm, fake, noisy, record, results_of, study
 
-AGAIN, RETRY = Wishes(resume=True), Wishes(resume=True, retry_errors=True)
+AGAIN, RETRY = RunOptions(resume=True), RunOptions(resume=True, retry_errors=True)
 
 
 def test_what_is_stored_comes_back_to_the_last_bit(tmp_path: Path) -> None:
@@ -28,10 +27,10 @@ def test_what_is_stored_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     with Store.begin(tmp_path, tiny, specs, resume=False) as store:
         store.add(odd)
         store.add(failure)
-    with Store.existing(tmp_path) as store:
+    with Store.open(tmp_path) as store:
         contents = store.read()
     assert contents.study == tiny
-    assert list(contents.cells) == specs
+    assert list(contents.specs) == specs
     assert contents.records == {odd.key: odd}
     assert contents.records[odd.key].contacts == (HIT,)
     assert contents.failures == {failure.key: failure}
@@ -54,8 +53,8 @@ def test_a_result_cannot_be_there_twice(tmp_path: Path) -> None:
 def test_arms_that_set_the_same_share_their_runs(tmp_path: Path) -> None:
     same = {"changes": {"mission.latency_s": 0.01}}
     twins = study(arm("a", **same), arm("b", **same))
-    contents = fly_study(twins, tmp_path, Serial(fake), Wishes(), Unseen())
-    assert (len(contents.cells), len(contents.records)) == (4, 2)
+    contents = run_study(twins, tmp_path, Serial(fake), RunOptions(), Unseen())
+    assert (len(contents.specs), len(contents.records)) == (4, 2)
 
 
 def test_only_what_is_missing_is_flown_again(tmp_path: Path) -> None:
@@ -66,16 +65,16 @@ def test_only_what_is_missing_is_flown_again(tmp_path: Path) -> None:
         flown.append(spec.key)
         return fake(spec)
 
-    first = fly_study(tiny, tmp_path, Serial(counted), Wishes(), Unseen())
+    first = run_study(tiny, tmp_path, Serial(counted), RunOptions(), Unseen())
     assert [failure.kind for failure in first.failures.values()] == ["error", "error"]
     assert "ZeroDivisionError: seed 0" in next(iter(first.failures.values())).text
     assert len(first.records) == 2, "a failure is no outcome"
     with pytest.raises(ScenarioError, match="go on with --resume, or use another --out"):
-        fly_study(tiny, tmp_path, Serial(counted), Wishes(), Unseen())
+        run_study(tiny, tmp_path, Serial(counted), RunOptions(), Unseen())
     assert len(flown) == 4
-    assert fly_study(tiny, tmp_path, Serial(counted), AGAIN, Unseen()) == first
+    assert run_study(tiny, tmp_path, Serial(counted), AGAIN, Unseen()) == first
     assert len(flown) == 4
-    mended = fly_study(tiny, tmp_path, Serial(record), RETRY, Unseen())
+    mended = run_study(tiny, tmp_path, Serial(record), RETRY, Unseen())
     assert not mended.failures
     assert len(mended.records) == 4
     with closing(sqlite3.connect(tmp_path / FILE)) as database:
@@ -86,16 +85,16 @@ def test_ctrl_c_keeps_what_is_done(tmp_path: Path) -> None:
     tiny = study(arm("a"), arm("b"))
     specs = expand(tiny)
     with pytest.raises(KeyboardInterrupt):
-        fly_study(tiny, tmp_path, Scripted([fake(specs[2]), KeyboardInterrupt()]), Wishes(), Unseen())
+        run_study(tiny, tmp_path, Scripted([fake(specs[2]), KeyboardInterrupt()]), RunOptions(), Unseen())
     assert results_of(tmp_path) == {specs[2].key: fake(specs[2])}
-    assert fly_study(tiny, tmp_path, Serial(fake), AGAIN, Unseen()).records == {s.key: fake(s) for s in specs}
+    assert run_study(tiny, tmp_path, Serial(fake), AGAIN, Unseen()).records == {s.key: fake(s) for s in specs}
 
 
 def test_another_study_is_refused(tmp_path: Path) -> None:
-    fly_study(study(arm("a")), tmp_path, Serial(fake), Wishes(), Unseen())
+    run_study(study(arm("a")), tmp_path, Serial(fake), RunOptions(), Unseen())
     for other in (study(arm("a"), seeds=3), study(arm("b")), study(arm("a", corrector="median"))):
         with pytest.raises(ScenarioError, match=r"is\s+another; use another --out"):
-            fly_study(other, tmp_path, Serial(fake), AGAIN, Unseen())
+            run_study(other, tmp_path, Serial(fake), AGAIN, Unseen())
 
 
 def changed(folder: Path, statement: str) -> None:
@@ -105,12 +104,12 @@ def changed(folder: Path, statement: str) -> None:
 
 def test_a_store_of_another_version_is_refused(tmp_path: Path) -> None:
     tiny = study(arm("a"))
-    fly_study(tiny, tmp_path, Serial(fake), Wishes(), Unseen())
+    run_study(tiny, tmp_path, Serial(fake), RunOptions(), Unseen())
     changed(tmp_path, "UPDATE meta SET value = '99' WHERE name = 'schema'")
     with pytest.raises(ScenarioError, match="has the format 99, this version reads 1: use another --out"):
-        fly_study(tiny, tmp_path, Serial(fake), AGAIN, Unseen())
+        run_study(tiny, tmp_path, Serial(fake), AGAIN, Unseen())
     with pytest.raises(ScenarioError, match="has the format 99"):
-        Store.existing(tmp_path)
+        Store.open(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -123,35 +122,35 @@ def test_a_store_of_another_version_is_refused(tmp_path: Path) -> None:
 )
 def test_a_store_of_other_packages_or_code_is_refused(tmp_path: Path, change: str, message: str) -> None:
     tiny = study(arm("a"))
-    fly_study(tiny, tmp_path, Serial(fake), Wishes(), Unseen())
+    run_study(tiny, tmp_path, Serial(fake), RunOptions(), Unseen())
     changed(tmp_path, f"UPDATE meta SET value = {change} WHERE name = 'versions'")
     with pytest.raises(ScenarioError, match=f"begun with other versions {message}"):
-        fly_study(tiny, tmp_path, Serial(fake), AGAIN, Unseen())
+        run_study(tiny, tmp_path, Serial(fake), AGAIN, Unseen())
 
 
 def test_a_controller_that_cannot_be_loaded_is_refused_before_anything_flies(tmp_path: Path) -> None:
     lost = study(arm("a", changes={"mission.controller": "nowhere:factory"}))
     with pytest.raises(MissionError, match="controller 'nowhere:factory' cannot be loaded"):
-        fly_study(lost, tmp_path / "out", Serial(fake), Wishes(), Unseen())
+        run_study(lost, tmp_path / "out", Serial(fake), RunOptions(), Unseen())
     assert not (tmp_path / "out").exists()
 
 
 def test_what_is_no_store_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="there is no study in"):
-        Store.existing(tmp_path)
+        Store.open(tmp_path)
     (tmp_path / FILE).write_bytes(b"something else " * 1000)
     with pytest.raises(ScenarioError, match="use another --out"):
-        fly_study(study(arm("a")), tmp_path, Serial(fake), Wishes(), Unseen())
+        run_study(study(arm("a")), tmp_path, Serial(fake), RunOptions(), Unseen())
     shutil.rmtree(tmp_path)
     tmp_path.write_text("a file")
     with pytest.raises(ScenarioError, match="expected a folder that you may write to"):
-        fly_study(study(arm("a")), tmp_path, Serial(fake), Wishes(), Unseen())
+        run_study(study(arm("a")), tmp_path, Serial(fake), RunOptions(), Unseen())
 
 
 def test_a_second_study_on_the_same_store_is_refused(tmp_path: Path) -> None:
     with lock(tmp_path), pytest.raises(ScenarioError, match=r"wait for it, or look at it with voxdepth study status"):
-        fly_study(study(arm("a")), tmp_path, Serial(fake), Wishes(), Unseen())
-    fly_study(study(arm("a")), tmp_path, Serial(fake), Wishes(), Unseen())
+        run_study(study(arm("a")), tmp_path, Serial(fake), RunOptions(), Unseen())
+    run_study(study(arm("a")), tmp_path, Serial(fake), RunOptions(), Unseen())
 
 
 def test_a_full_disk_is_said_and_what_was_written_is_safe(tmp_path: Path) -> None:
@@ -171,16 +170,16 @@ def test_a_full_disk_is_said_and_what_was_written_is_safe(tmp_path: Path) -> Non
 
 def test_a_store_of_a_version_that_knew_fewer_keys_still_has_its_results(tmp_path: Path) -> None:
     tiny = study(arm("a"))
-    before = fly_study(tiny, tmp_path, Serial(fake), Wishes(), Unseen())
+    before = run_study(tiny, tmp_path, Serial(fake), RunOptions(), Unseen())
     changed(tmp_path, "UPDATE runs SET run = json_remove(run, '$.scenario.recording')")
-    with Store.existing(tmp_path) as store:
+    with Store.open(tmp_path) as store:
         contents = store.read()
-    assert [contents.records[spec.key] for spec in contents.cells] == list(before.records.values())
+    assert [contents.records[spec.key] for spec in contents.specs] == list(before.records.values())
     assert contents.missing(retry_errors=True) == []
 
 
 def test_a_store_of_a_version_that_knew_other_keys_is_refused(tmp_path: Path) -> None:
-    fly_study(study(arm("a")), tmp_path, Serial(fake), Wishes(), Unseen())
+    run_study(study(arm("a")), tmp_path, Serial(fake), RunOptions(), Unseen())
     changed(tmp_path, "UPDATE runs SET run = json_set(run, '$.scenario.wings', 2)")
-    with Store.existing(tmp_path) as store, pytest.raises(ScenarioError, match=r"other keys \(unknown key 'wings'\)"):
+    with Store.open(tmp_path) as store, pytest.raises(ScenarioError, match=r"other keys \(unknown key 'wings'\)"):
         store.read()

@@ -1,4 +1,4 @@
-"""What a study remembers of the code that flew it."""
+"""The versions of packages and code that a study stores."""
 
 from collections.abc import Callable
 from importlib.resources import files
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.study import provenance
+from scenarios.results import provenance
 
 
 def write_package(root: Path, name: str, **modules: str) -> None:
@@ -21,7 +21,7 @@ def digest_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
 
     def digest(folder: str, **modules: str) -> str:
         write_package(tmp_path / folder, "flying", **modules)
-        monkeypatch.setattr(provenance, "FLYING", (("flying", provenance.ALL),))
+        monkeypatch.setattr(provenance, "FLIGHT_SOURCES", (("flying", provenance.ALL_SOURCES),))
         monkeypatch.setattr(provenance, "files", lambda package: tmp_path / folder / package)
         return provenance.code_digest.__wrapped__()
 
@@ -37,11 +37,11 @@ def test_the_digest_is_of_the_sources_and_not_of_their_place(digest_of: Callable
 
 
 def test_versions_name_the_code() -> None:
-    code = provenance.installed_versions()["code"]
-    assert len(code) == provenance.DIGITS
+    code = provenance.simulation_versions()["code"]
+    assert len(code) == provenance.DIGEST_DIGITS
     assert set(code) <= set("0123456789abcdef")
 
 
 def test_every_pattern_finds_its_files() -> None:
-    for package, pattern in provenance.FLYING:
+    for package, pattern in provenance.FLIGHT_SOURCES:
         assert list(Path(str(files(package))).glob(pattern)), f"{package} has no {pattern}"

@@ -1,0 +1,262 @@
+"""The design of a study: its scenarios, the arms that it compares, its seeds, and the runs that follow from them."""
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pydantic
+from pydantic import Field
+
+from sim.sensor_models import SensorModelName
+from voxdepth.corrector_spec import CorrectorSpec
+from voxdepth.model import Model
+
+from ..config import Run, load_run
+from ..errors import ScenarioError
+from ..files import load_alone, shipped_names
+
+FIRST_PILOT_SEED = 1000
+"""Seeds from here on belong to pilots, which may be used to choose scenes and controllers."""
+OWN_KEYS = ("rig.depth", "rig.noise.scale.theta", "corrector", "rig.width_px", "rig.height_px")
+"""Keys of a scenario that an arm sets by a field of its own."""
+ALWAYS_SET = ("rig.depth", "corrector")
+"""Keys that every arm sets, so that the changes of a study could not affect them."""
+NAME = r"^[A-Za-z0-9][A-Za-z0-9,._ -]*$"
+KEY_FORMAT = 1
+"""Part of every key. It is raised when equal runs no longer have equal results."""
+SHORT = 12
+"""Number of digits of a key that are shown."""
+
+
+class Seeds(Model):
+    """The seeds with which every arm flies every scenario."""
+
+    count: int = Field(ge=1)
+    first: int = Field(0, ge=0)
+
+    def first_seeds(self, count: int | None = None) -> range:
+        """Return the first `count` seeds; None returns all."""
+        return range(self.first, self.first + (self.count if count is None else count))
+
+
+class Arm(Model):
+    """One way to fly a scenario: the source of depth, the corrector, and further differences."""
+
+    name: str = Field(pattern=NAME)
+    depth: SensorModelName
+    corrector: CorrectorSpec
+    """The corrector's name, or a table with `name` and `config`."""
+    theta: tuple[float, ...] = ()
+    """Noise ratios of the sensor model `noisy`, one or a list; each makes runs of its own."""
+    size: str | None = Field(None, pattern=r"^\d+x\d+$")
+    """Image size, as in 160x120. Default: the scenario's."""
+    seeds: int | None = Field(None, ge=1)
+    """How many seeds of the study this arm uses. They are the first ones, so that runs of two arms still form pairs.
+    Default: all."""
+    changes: Mapping[str, Any] = Field({}, strict=False)
+    """Values of the scenario to set, by dotted key."""
+
+    @pydantic.field_validator("theta", mode="before")
+    @classmethod
+    def _as_tuple(cls, theta: Any) -> Any:
+        return tuple(theta) if isinstance(theta, list | tuple) else (theta,)
+
+    @pydantic.model_validator(mode="after")
+    def _check(self) -> "Arm":
+        if (self.depth == "noisy") != bool(self.theta):
+            raise ValueError(
+                f"arm {self.name!r}: the sensor model 'noisy' needs theta, and no other has one; got depth "
+                f"{self.depth!r} with theta {list(self.theta)}"
+            )
+        if len(set(self.theta)) < len(self.theta):
+            raise ValueError(f"arm {self.name!r}: every theta may be named once, got {list(self.theta)}")
+        if taken := [key for key in self.changes if key in OWN_KEYS]:
+            raise ValueError(
+                f"arm {self.name!r}: changes must not set {taken[0]}; use the arm's depth, theta, corrector or size"
+            )
+        return self
+
+    @property
+    def levels(self) -> tuple[float | None, ...]:
+        """The noise ratios; a single None for a sensor model without one."""
+        return self.theta or (None,)
+
+    def changes_at(self, theta: float | None) -> dict[str, Any]:
+        """Return all values of the scenario that the arm sets at one noise ratio, by dotted key."""
+        changes = {**self.changes, "rig.depth": self.depth, "corrector": self.corrector.model_dump()}
+        if theta is not None:
+            changes["rig.noise.scale.theta"] = theta
+        if self.size is not None:
+            width, height = self.size.split("x")
+            changes |= {"rig.width_px": int(width), "rig.height_px": int(height)}
+        return changes
+
+
+class PrimaryComparison(Model):
+    """The pre-registered primary comparison. It is fixed before the first run, so its p-value is not adjusted."""
+
+    arm: str
+    against: str
+
+
+class Study(Model):
+    """A study as its file describes it."""
+
+    name: str = Field(pattern=NAME)
+    description: str
+    scenarios: tuple[str, ...] = Field(strict=False, min_length=1)
+    """Shipped scenarios by name, or paths of TOML files, relative to the study's file."""
+    seeds: Seeds
+    pilot: bool = False
+    """Whether this is a pilot, which may be used to choose scenes and controllers. Its seeds start at 1000."""
+    time_limit_s: float = Field(gt=0)
+    """Wall-clock time after which a run is stopped and counts as an error."""
+    changes: Mapping[str, Any] = Field({}, strict=False)
+    """Values to set in every scenario for every arm, by dotted key."""
+    declared: PrimaryComparison | None = None
+    """The pre-registered primary comparison; None if there is none."""
+    arms: tuple[Arm, ...] = Field(strict=False, min_length=1)
+
+    @pydantic.model_validator(mode="after")
+    def _check(self) -> "Study":
+        _require_unique("scenario", self.scenarios)
+        _require_unique("arm", [arm.name for arm in self.arms])
+        if taken := [key for key in self.changes if key in ALWAYS_SET]:
+            raise ValueError(f"changes must not set {taken[0]}, for every arm sets it: name it in the arms")
+        self._check_seeds()
+        self._check_primary_comparison()
+        return self
+
+    def _check_seeds(self) -> None:
+        first, last = self.seeds.first, self.seeds.first + self.seeds.count - 1
+        if not self.pilot and last >= FIRST_PILOT_SEED:
+            raise ValueError(
+                f"seeds {first} to {last} reach into those of pilots, which are {FIRST_PILOT_SEED} and up: take lower "
+                "ones, or say pilot = true"
+            )
+        if self.pilot and first < FIRST_PILOT_SEED:
+            raise ValueError(f"a pilot's seeds are {FIRST_PILOT_SEED} and up, got {first}: set seeds.first")
+        for arm in self.arms:
+            if arm.seeds is not None and arm.seeds > self.seeds.count:
+                raise ValueError(f"arm {arm.name!r} has {arm.seeds} seeds, the study only {self.seeds.count}")
+
+    def _check_primary_comparison(self) -> None:
+        if self.declared is None:
+            return
+        arms = {arm.name: arm for arm in self.arms}
+        for name in (self.declared.arm, self.declared.against):
+            if name not in arms:
+                raise ValueError(f"the declared comparison names no arm of the study: {name!r}; it has {list(arms)}")
+            if len(arms[name].levels) > 1:
+                raise ValueError(
+                    f"a declared comparison needs arms of one theta, {name!r} has {len(arms[name].levels)}"
+                )
+        if self.declared.arm == self.declared.against:
+            raise ValueError(f"the declared comparison must name two arms, got {self.declared.arm!r} twice")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSpec:
+    """One run of a study: an arm flies a scenario at a noise ratio with a seed."""
+
+    scenario: str
+    arm: str
+    theta: float | None
+    """Noise ratio of the sensor model `noisy`; None for other sensor models."""
+    run: Run
+    key: str
+    """`key_of` the run when the study began. A later version of the program may know more keys of a scenario and would
+    compute another key, so a stored key is never computed again."""
+
+    @property
+    def short_key(self) -> str:
+        """The first digits of the key, which identify the run."""
+        return shortened(self.key)
+
+    @property
+    def label(self) -> str:
+        """The run in words."""
+        return f"scenario {self.scenario}, arm {arm_label(self.arm, self.theta)}, seed {self.seed}"
+
+    @property
+    def seed(self) -> int:
+        """Master seed of everything random in the run."""
+        return self.run.seed
+
+
+def shortened(key: str) -> str:
+    """Return the first digits of a key, which people read and type."""
+    return key[:SHORT]
+
+
+def arm_label(arm: str, theta: float | None) -> str:
+    """Return the name of an arm, with its noise ratio if it has one."""
+    return arm if theta is None else f"{arm}, theta {theta:g}"
+
+
+def study_names() -> list[str]:
+    """Return the names of the shipped studies."""
+    return shipped_names("studies")
+
+
+def load_study(name_or_path: str) -> Study:
+    """Load a study by name or path, and make the paths of its scenarios absolute.
+
+    Raises:
+        ScenarioError: There is no such file, or a value in it is invalid.
+    """
+    path, study = load_alone(Study, "studies", name_or_path)
+    scenarios = [str((path.parent / name).resolve()) if name.endswith(".toml") else name for name in study.scenarios]
+    return study.model_copy(update={"scenarios": tuple(scenarios)})
+
+
+def key_of(run: Run) -> str:
+    """Return the SHA-256 of the canonical JSON of a run, as 64 hexadecimal digits.
+
+    Equal runs have equal keys, whatever their arms are called.
+    """
+    content = {"format": KEY_FORMAT, "run": run.model_dump(mode="json")}
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def expand(study: Study) -> list[RunSpec]:
+    """List all runs of a study. Seeds vary slowest, so that a study that stops early has complete pairs.
+
+    Raises:
+        ScenarioError: A scenario does not exist, two have one name, or an arm sets an invalid value.
+    """
+    names = [load_run(scenario, 0, {}).scenario.name for scenario in study.scenarios]
+    if len(set(names)) < len(names):
+        raise ScenarioError(f"the scenarios of a study must have different names, got {', '.join(names)}")
+    return [spec for seed in study.seeds.first_seeds() for spec in _specs_of_seed(study, seed)]
+
+
+def digest(study: Study, specs: Sequence[RunSpec]) -> str:
+    """Return a SHA-256 of a study with its resolved scenarios; the place of their files does not matter."""
+    runs = [f"{spec.scenario} {spec.arm} {spec.theta} {spec.key}" for spec in specs]
+    return hashlib.sha256("\n".join([study.model_dump_json(exclude={"scenarios"}), *runs]).encode()).hexdigest()
+
+
+def _specs_of_seed(study: Study, seed: int) -> Iterator[RunSpec]:
+    for scenario in study.scenarios:
+        for arm in study.arms:
+            if seed in study.seeds.first_seeds(arm.seeds):
+                yield from _specs_of_arm(study, scenario, arm, seed)
+
+
+def _specs_of_arm(study: Study, scenario: str, arm: Arm, seed: int) -> Iterator[RunSpec]:
+    for theta in arm.levels:
+        try:
+            run = load_run(scenario, seed, {**study.changes, **arm.changes_at(theta)})
+        except ScenarioError as error:
+            raise ScenarioError(f"arm {arm.name!r} of the study {study.name!r}: {error}") from error
+        yield RunSpec(scenario=run.scenario.name, arm=arm.name, theta=theta, run=run, key=key_of(run))
+
+
+def _require_unique(what: str, names: Sequence[str]) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"every {what} may be named once, got {name!r} more than once")

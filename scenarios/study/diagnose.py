@@ -1,0 +1,228 @@
+"""Diagnosing collisions: runs are flown again, and a probe records what the drone saw of the object that it hit."""
+
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from sim.types import Capture, Contact, IdImage
+from sim.world import World
+from swarm.recorder import Recorder
+from swarm.team import Team
+from swarm.types import Histogram, Outcome
+from voxdepth.geometry import back_project
+from voxdepth.metrics import TOO_FAR
+from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, MaskImage
+
+from ..batch import in_processes
+from ..config import Run
+from ..errors import ScenarioError
+from ..results.table import Table, Value
+from ..runner import flying
+from .design import RunSpec
+from .store import StudyData
+
+LOOKBACK_S = 3.0
+"""Time before the collision from which images are used."""
+NEAR_M = 1.0
+"""Largest distance from the drone at the collision of the surface that counts as hit."""
+MIN_VISIBLE_SHARE = 0.2
+"""Smallest share of the images that must show this surface; otherwise it counts as not in view."""
+
+
+class Cause(StrEnum):
+    """What the depth images showed of the object that the drone hit."""
+
+    DRONE = "another drone"
+    NOT_IN_VIEW = "not in view"
+    NO_DEPTH = "no depth"
+    UNTRUSTED = "depth not trusted"
+    TOO_FAR = "too far away"
+    CORRECT = "where it was"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Diagnosis:
+    """The cause of one collision."""
+
+    cause: Cause
+    textureless: bool = False
+    """Whether the object that was hit has no texture."""
+    true_m: float | None = None
+    """Median true depth of the trusted pixels [m]; None unless the cause is `TOO_FAR` or `CORRECT`."""
+    corrected_m: float | None = None
+    """Median corrected depth of the same pixels [m]."""
+
+    def __str__(self) -> str:
+        distance = "" if self.true_m is None else f", shown at {self.corrected_m:.2f} m instead of {self.true_m:.2f} m"
+        return f"{self.cause}{distance}{'; it has no texture' if self.textureless else ''}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Observation:
+    """One image with its true depth and its corrected depth."""
+
+    stamp_s: float
+    true_m: FloatImage
+    """True depth [m], shape (H, W); 0 = no surface."""
+    corrected_m: FloatImage
+    """Corrected depth [m], shape (H, W); 0 = invalid."""
+    trusted: MaskImage
+    """Pixels with enough confidence, shape (H, W)."""
+    segment_id: IdImage
+    T_world_cam: FloatArray
+    intrinsics: Intrinsics
+
+    def pixels_of(self, body: int, point_m: FloatArray) -> MaskImage:
+        """Return the pixels of a body within `NEAR_M` of a point of the world, shape (H, W)."""
+        shown: MaskImage = (self.segment_id == body) & (self.true_m > 0)
+        points_m = back_project(np.where(shown, self.true_m, np.float32(0)), self.intrinsics)
+        in_world_m = points_m @ self.T_world_cam[:3, :3].T + self.T_world_cam[:3, 3]
+        shown[shown] = np.linalg.norm(in_world_m - point_m, axis=1) < NEAR_M
+        return shown
+
+
+class CollisionProbe(Recorder):
+    """Keeps the recent images of every camera, and diagnoses the first collision.
+
+    Args:
+        min_confidence: Smallest confidence of a trusted pixel.
+    """
+
+    def __init__(self, min_confidence: float) -> None:
+        self._min_confidence = min_confidence
+        self._observations: defaultdict[int, deque[Observation]] = defaultdict(deque)
+        self._world: World | None = None
+        self.diagnosis: Diagnosis | None = None
+        """Diagnosis of the first collision; None before it."""
+
+    def start(self, world: World, teams: Sequence[Team]) -> None:
+        """Keep the world of the mission."""
+        self._world = world
+
+    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth, histogram: Histogram) -> None:
+        """Keep an image for `LOOKBACK_S`."""
+        recent = self._observations[capture.drone]
+        recent.append(
+            Observation(
+                stamp_s=capture.stamp_s,
+                true_m=np.where(np.isfinite(capture.depth_true_m), capture.depth_true_m, np.float32(0)),
+                corrected_m=corrected.depth_m,
+                trusted=corrected.confidence >= self._min_confidence,
+                segment_id=capture.segment_id,
+                T_world_cam=capture.T_world_cam,
+                intrinsics=capture.intrinsics,
+            )
+        )
+        while recent[0].stamp_s < capture.stamp_s - LOOKBACK_S:
+            recent.popleft()
+
+    def contact(self, step: int, contact: Contact) -> None:
+        """Diagnose the first collision."""
+        if self.diagnosis is None:
+            assert self._world is not None, "start comes first"
+            self.diagnosis = self._diagnose(contact, self._world)
+
+    def _diagnose(self, contact: Contact, world: World) -> Diagnosis:
+        if contact.kind == "drone":
+            return Diagnosis(cause=Cause.DRONE)
+        hit, body = next((hit, body) for hit, body in world.described.items() if body.name == contact.other)
+        recent = [seen for seen in self._observations[contact.drone] if seen.stamp_s >= contact.time_s - LOOKBACK_S]
+        found = diagnose(recent, hit, world.states[contact.drone].position_m)
+        return replace(found, textureless=body.surface.texture == 0)
+
+
+def diagnose(observations: Sequence[Observation], body: int, point_m: FloatArray) -> Diagnosis:
+    """Find the cause by a majority of the pixels of the surface that was hit, over all images; texture is left out.
+
+    Args:
+        observations: The images of the last seconds.
+        body: The body that was hit.
+        point_m: Position of the drone [m], shape (3,).
+    """
+    masks = [seen.pixels_of(body, point_m) for seen in observations]
+    if sum(bool(mask.any()) for mask in masks) < max(1, MIN_VISIBLE_SHARE * len(observations)):
+        return Diagnosis(cause=Cause.NOT_IN_VIEW)
+    pixels = [
+        (seen.true_m[mask], seen.corrected_m[mask], seen.trusted[mask])
+        for seen, mask in zip(observations, masks, strict=True)
+    ]
+    true_m, corrected_m, trusted = (np.concatenate(parts) for parts in zip(*pixels, strict=True))
+    trusted &= corrected_m > 0
+    if np.mean(corrected_m > 0) < 0.5:
+        return Diagnosis(cause=Cause.NO_DEPTH)
+    if np.mean(trusted) < 0.5:
+        return Diagnosis(cause=Cause.UNTRUSTED)
+    true_m, corrected_m = true_m[trusted], corrected_m[trusted]
+    return Diagnosis(
+        cause=Cause.TOO_FAR if np.median(corrected_m / true_m) > TOO_FAR else Cause.CORRECT,
+        true_m=float(np.median(true_m)),
+        corrected_m=float(np.median(corrected_m)),
+    )
+
+
+def colliding_runs(data: StudyData, arms: Sequence[str], limit: int | None) -> Mapping[str, Sequence[RunSpec]]:
+    """Return the runs that ended in a collision by arm, ordered by seed.
+
+    Args:
+        data: The study.
+        arms: Names of arms; an empty sequence stands for all.
+        limit: Largest number of runs of each arm; None for all.
+
+    Raises:
+        ScenarioError: The study has no such arm.
+    """
+    found: dict[str, list[RunSpec]] = {arm.name: [] for arm in data.study.arms}
+    for arm in arms:
+        if arm not in found:
+            raise ScenarioError(f"the study has no arm {arm!r}: choose from {', '.join(found)}")
+    for spec in data.specs:
+        if spec.key in data.records and data.records[spec.key].outcome is Outcome.COLLISION:
+            found[spec.arm].append(spec)
+    return {arm: specs[:limit] for arm, specs in found.items() if not arms or arm in arms}
+
+
+def diagnose_runs(
+    data: StudyData,
+    specs: Mapping[str, Sequence[RunSpec]],
+    workers: int,
+    progress: Callable[[RunSpec, Diagnosis], None],
+) -> Mapping[str, Sequence[Diagnosis]]:
+    """Fly runs again that ended in a collision, and return the diagnosis of each by arm.
+
+    Raises:
+        ScenarioError: A run does not collide as in the study.
+    """
+    listed = [spec for own in specs.values() for spec in own]
+    found: dict[str, list[Diagnosis]] = {arm: [] for arm in specs}
+    flown = in_processes(_fly, [spec.run for spec in listed], workers=workers)
+    for spec, (diagnosis, contacts) in zip(listed, flown, strict=True):
+        if diagnosis is None or contacts != data.records[spec.key].contacts:
+            raise ScenarioError(
+                f"{spec.label} did not collide as in the study, which was flown with {data.versions}: compare "
+                f"with voxdepth study replay OUT {spec.short_key}"
+            )
+        found[spec.arm].append(diagnosis)
+        progress(spec, diagnosis)
+    return found
+
+
+def cause_table(found: Mapping[str, Sequence[Diagnosis]]) -> Table:
+    """Count the causes in a row for each arm."""
+    seen = [cause for cause in Cause if cause is not Cause.DRONE]
+    head = ["arm", "collisions", f"hit: {Cause.DRONE}", "hit: without texture"]
+    rows: list[list[Value]] = []
+    for arm, diagnoses in found.items():
+        causes = Counter(diagnosis.cause for diagnosis in diagnoses)
+        textureless = sum(diagnosis.textureless for diagnosis in diagnoses)
+        rows.append([arm, len(diagnoses), causes[Cause.DRONE], textureless, *(causes[cause] for cause in seen)])
+    return Table.of("Causes of collisions", [*head, *(f"seen: {cause}" for cause in seen)], rows)
+
+
+def _fly(run: Run) -> tuple[Diagnosis | None, tuple[Contact, ...]]:
+    probe = CollisionProbe(run.scenario.mission.pilot.avoidance.histogram.min_confidence)
+    with flying(run, probe, recorded=False, threads=1) as mission:
+        result = mission.run()
+    return probe.diagnosis, result.contacts

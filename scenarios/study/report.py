@@ -1,0 +1,274 @@
+"""The report of a study: a self-contained page, its tables and figures as files, and the table of all runs."""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import pandas as pd
+
+from swarm.types import Outcome
+
+from ..errors import ScenarioError
+from ..files import write
+from ..results.figure import Picture
+from ..results.measurements import write_frame
+from ..results.page import render_page
+from ..results.table import Column, Table, Value
+from .analysis import (
+    CONTACT_KINDS,
+    ArmSummary,
+    Comparison,
+    compare_arms,
+    dose_responses,
+    first_collisions,
+    summarise_arms,
+)
+from .design import RunSpec, shortened
+from .figures import COLORS, all_figures
+from .statistics import B_BOUNDS, DoseResponse, Interval
+from .store import StudyData
+
+REPORT, SUMMARY, FIGURES, TEMPLATE, RUNS = "report.html", "report.md", "figures", "study.html.j2", "runs"
+OTHER_OUTCOMES = tuple(outcome for outcome in COLORS if outcome is not Outcome.COLLISION)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Example:
+    """A run that readers of the report may want to watch."""
+
+    run: str
+    command: str
+    recording: str
+    """Path relative to the report; empty if there is no recording yet."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Findings:
+    """The analysis of all results so far. It includes a bootstrap, so it is computed once."""
+
+    arms: Sequence[ArmSummary]
+    comparisons: Sequence[Comparison]
+    dose_responses: Sequence[tuple[str, str, DoseResponse | str]]
+
+    @classmethod
+    def of(cls, data: StudyData) -> Self:
+        """Analyse all results of a study."""
+        return cls(arms=summarise_arms(data), comparisons=compare_arms(data), dose_responses=list(dose_responses(data)))
+
+    @cached_property
+    def tables(self) -> dict[str, Table]:
+        """The tables of the report by their name in the template, in the order of `report.md`."""
+        return {
+            "comparisons": comparison_table(self.comparisons),
+            "dose_responses": dose_response_table(self.dose_responses),
+            "arms": arm_table(self.arms),
+        }
+
+    @cached_property
+    def pictures(self) -> list[Picture]:
+        """The figures of the report."""
+        fitted = {(scenario, arm): fit for scenario, arm, fit in self.dose_responses if isinstance(fit, DoseResponse)}
+        return all_figures(self.arms, fitted)
+
+
+def write_report(data: StudyData, out: Path) -> Path:
+    """Write `report.html`, its tables as `report.md` and its figures as PNG; return the path of the first.
+
+    Raises:
+        ScenarioError: A file cannot be written.
+    """
+    findings = Findings.of(data)
+    write(out / SUMMARY, summary(data, findings).encode())
+    for picture in findings.pictures:
+        name = re.sub(r"\W+", "-", picture.title.lower())
+        write(out / FIGURES / f"{name}.png", picture.png)
+    write(out / REPORT, render(data, findings, out).encode())
+    return out / REPORT
+
+
+def summary(data: StudyData, findings: Findings) -> str:
+    """Return the tables of the report as Markdown."""
+    head = f"Study {data.study.name}, {len(data.records)} of {len(data.keys)} runs\n"
+    tables = [table for table in findings.tables.values() if len(table)]
+    return "\n".join([head, *(f"**{table.title}**\n\n{table.markdown()}" for table in tables)])
+
+
+def render(data: StudyData, findings: Findings, out: Path) -> str:
+    """Return the text of the page."""
+    study = data.study
+    seeds = study.seeds.first_seeds()
+    return render_page(
+        TEMPLATE,
+        study=study,
+        scenarios=list(dict.fromkeys(spec.scenario for spec in data.specs)),
+        seeds=f"{seeds[0]} to {seeds[-1]}",
+        total=len(data.keys),
+        done=len(data.records),
+        failures=[(f.kind, shortened(key), f.last_line) for key, f in data.failures.items()],
+        **findings.tables,
+        figures=findings.pictures,
+        examples=[_example(spec, out) for spec in first_collisions(data)],
+        versions=data.versions,
+        machine=data.machine,
+        out=out,
+    )
+
+
+def recording_folder(out: Path, spec: RunSpec) -> Path:
+    """Return the folder for the recordings of a run that the report links."""
+    return out / "recordings" / spec.short_key
+
+
+def recording_of(out: Path, spec: RunSpec) -> Path | None:
+    """Return the newest recording of a run that was made for the report; None if there is none."""
+    return max(recording_folder(out, spec).glob("*/run.rrd"), default=None)
+
+
+def run_table(data: StudyData) -> pd.DataFrame:
+    """Return a row for each run of each arm with a result, in the order of the study.
+
+    Integer columns may have missing entries; metrics that are integers in all runs stay integers.
+    """
+    names = list(dict.fromkeys(name for record in data.records.values() for name in record.metrics))
+    frame = pd.DataFrame(
+        [
+            {
+                "scenario": spec.scenario,
+                "arm": spec.arm,
+                "theta": spec.theta,
+                "seed": spec.seed,
+                "key": spec.key,
+                "outcome": record.outcome.value,
+                "contacts": len(record.contacts),
+                "wall_s": record.wall_s,
+                **{name: record.metrics.get(name) for name in names},
+            }
+            for spec in data.specs
+            if (record := data.records.get(spec.key)) is not None
+        ],
+        dtype=object,
+    )
+    return frame.astype({name: _dtype(frame[name]) for name in frame})
+
+
+def export(data: StudyData, out: Path) -> list[Path]:
+    """Write `run_table` as `runs.csv` and `runs.parquet`; return their paths.
+
+    Raises:
+        ScenarioError: There is no result yet, or a file cannot be written.
+    """
+    if not data.records:
+        raise ScenarioError(f"the study {data.study.name!r} has no result yet: fly it first")
+    return write_frame(out / RUNS, run_table(data))
+
+
+def arm_table(arms: Iterable[ArmSummary]) -> Table:
+    """Return a row for each arm at each noise ratio in each scenario."""
+    columns: tuple[Column | str, ...] = (
+        *("scenario", "arm", "runs", "collisions", Column("ratio", number=".3f"), "Wilson", "Clopper-Pearson"),
+        *(outcome.value for outcome in OTHER_OUTCOMES),
+        *(f"contacts: {kind}" for kind in CONTACT_KINDS),
+        *(Column("mission time", "s"), Column("depth error, MAE", "m"), Column("without depth", "%", ".1f")),
+    )
+    return Table.of("All arms", columns, [_arm_row(arm) for arm in arms])
+
+
+def comparison_table(comparisons: Iterable[Comparison]) -> Table:
+    """Return a row for each pair of arms."""
+    columns = (
+        *("first - second", "", "pairs", "b", "c", Column("difference", number="+.3f"), "95 % interval"),
+        *(Column("p", number=_p_text), Column("p after Holm", number=_p_text)),
+    )
+    return Table.of("Comparisons of arms", columns, [_comparison_row(comparison) for comparison in comparisons])
+
+
+def dose_response_table(found: Iterable[tuple[str, str, DoseResponse | str]]) -> Table:
+    """Return a row for each arm with at least three noise ratios in each scenario."""
+    columns = ("scenario", "arm", "seeds", "a", "b", "p(1.0) / p(0.5)", "")
+    rows = [[scenario, arm, *_dose_response_row(fit)] for scenario, arm, fit in found]
+    return Table.of("Dose response: collisions against noise", columns, rows)
+
+
+def _arm_row(arm: ArmSummary) -> Sequence[Value]:
+    hole_share, _ = arm.mean("depth_corrected_hole_share")
+    return [
+        arm.scenario,
+        arm.label,
+        f"{arm.n} of {arm.planned}",
+        arm.collisions,
+        arm.ratio,
+        _interval(arm.wilson),
+        _interval(arm.clopper_pearson),
+        *(arm.count(outcome) for outcome in OTHER_OUTCOMES),
+        *(arm.contacts(kind) for kind in CONTACT_KINDS),
+        _mean(*arm.mean("sim_time_s", Outcome.SUCCESS), ".1f"),
+        _mean(*arm.mean("depth_corrected_mae_m"), ".3f"),
+        None if hole_share is None else 100 * hole_share,
+    ]
+
+
+def _comparison_row(comparison: Comparison) -> Sequence[Value]:
+    pairs = comparison.pairs
+    return [
+        f"{comparison.first} - {comparison.second}",
+        "declared" if comparison.primary else "other",
+        pairs.n,
+        pairs.first_only,
+        pairs.second_only,
+        pairs.difference,
+        _interval(comparison.difference, signed=True),
+        comparison.p,
+        comparison.p_holm,
+    ]
+
+
+def _dose_response_row(fit: DoseResponse | str) -> Sequence[Value]:
+    if isinstance(fit, str):
+        return [None] * 4 + [f"no fit: {fit}"]
+    curve = fit.curve
+    notes = [f"{fit.resamples} resamples, seed {fit.bootstrap_seed}"]
+    if curve.at_bound:
+        notes.append(f"b ends at a bound of the search ({B_BOUNDS[0]:g} to {B_BOUNDS[1]:g}): not told by these runs")
+    return [
+        fit.seeds,
+        f"{curve.a:.3f} {_interval(fit.a)}",
+        f"{curve.b:.2f} {_interval(fit.b)}",
+        f"{curve.ratio:.3g} {_interval(fit.ratio)}",
+        "; ".join(notes),
+    ]
+
+
+def _interval(interval: Interval | None, *, signed: bool = False) -> str | None:
+    if interval is None:
+        return None
+    kind = "+.3f" if signed else ".3f" if interval.high < 100 else ".3g"
+    return f"[{interval.low:{kind}}, {interval.high:{kind}}]"
+
+
+def _mean(mean: float | None, n: int, kind: str) -> str | None:
+    return None if mean is None else f"{mean:{kind}} (n = {n})"
+
+
+def _p_text(p: float) -> str:
+    """Return a p-value with the digits that matter."""
+    return "< 0.0001" if p < 0.0001 else f"{p:.4f}"
+
+
+def _dtype(values: "pd.Series[Any]") -> str:
+    """Return the type of a column: text, integers with or without missing entries, or floating-point numbers."""
+    known = values.dropna()
+    if len(known) and known.map(lambda value: isinstance(value, str)).all():
+        return "object"
+    return "Int64" if len(known) and known.map(lambda value: isinstance(value, int)).all() else "float64"
+
+
+def _example(spec: RunSpec, out: Path) -> Example:
+    recording = recording_of(out, spec)
+    return Example(
+        run=spec.label,
+        command=f"voxdepth study replay {out} {spec.short_key} --record",
+        recording="" if recording is None else str(recording.relative_to(out)),
+    )

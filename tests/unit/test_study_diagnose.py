@@ -1,0 +1,120 @@
+"""What a drone had seen of what it hit."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scenarios.study.diagnose import Cause, CollisionProbe, Diagnosis, Observation, cause_table, diagnose
+from sim.bodies import Surface
+from sim.types import Contact
+from tests.helpers import wall, world_of
+from voxdepth.types import FloatArray, Intrinsics
+
+CAMERA = Intrinsics(width_px=40, height_px=30, fx_px=20.0, fy_px=20.0, cx_px=19.5, cy_px=14.5)
+WALL, OTHER = 7, 8
+AHEAD_M = np.array([0.0, 0.0, 2.0])
+"""On the wall; cameras here stand in the world's origin and look along z."""
+ASIDE_M = np.array([5.0, 0.0, 2.0])
+
+
+def seen(
+    ratio: float, *, trusted: bool = True, shows: int = WALL, shift_m: float = 0.0, true_m: float = 2.0
+) -> Observation:
+    """A wall straight ahead that is shown `ratio` times as far as it is; 0 is a hole."""
+    T_world_cam = np.eye(4)
+    T_world_cam[0, 3] = shift_m
+    true = np.full(CAMERA.shape, true_m, np.float32)
+    return Observation(
+        stamp_s=0.0,
+        true_m=true,
+        corrected_m=np.float32(ratio) * true,
+        trusted=np.full(CAMERA.shape, trusted),
+        segment_id=np.full(CAMERA.shape, shows, np.int32),
+        T_world_cam=T_world_cam,
+        intrinsics=CAMERA,
+    )
+
+
+def cause_of(observations: Sequence[Observation], point_m: FloatArray = AHEAD_M) -> Cause:
+    return diagnose(observations, WALL, point_m).cause
+
+
+@pytest.mark.parametrize(
+    ("ratio", "cause"),
+    [(0.0, Cause.NO_DEPTH), (1.0, Cause.CORRECT), (0.8, Cause.CORRECT), (1.05, Cause.CORRECT), (1.3, Cause.TOO_FAR)],
+)
+def test_the_cause_is_what_the_wall_looked_like(ratio: float, cause: Cause) -> None:
+    assert cause_of([seen(ratio)] * 5) is cause
+
+
+def test_a_depth_that_was_not_trusted_is_no_hole() -> None:
+    assert cause_of([seen(1.0, trusted=False)] * 5) is Cause.UNTRUSTED
+    assert cause_of([seen(0.0, trusted=False)] * 5) is Cause.NO_DEPTH
+
+
+def test_a_hole_is_not_trusted_whatever_its_confidence() -> None:
+    """Confidence means nothing where there is no depth; an arm that ignores it trusts every pixel."""
+    assert cause_of([seen(0.0)] * 2 + [seen(1.0, trusted=False)] * 3) is Cause.UNTRUSTED
+
+
+def test_what_most_images_showed_decides() -> None:
+    assert cause_of([seen(0.0)] * 3 + [seen(1.0)] * 2) is Cause.NO_DEPTH
+    assert cause_of([seen(0.0)] * 2 + [seen(1.0)] * 3) is Cause.CORRECT
+    assert cause_of([seen(1.0, trusted=False)] * 2 + [seen(1.3)] * 3) is Cause.TOO_FAR
+
+
+def test_a_wall_that_few_images_showed_was_not_in_view() -> None:
+    away = seen(1.0, shows=OTHER)
+    assert cause_of([away] * 9 + [seen(1.0)]) is Cause.NOT_IN_VIEW
+    assert cause_of([away] * 7 + [seen(1.0)] * 3) is Cause.CORRECT
+    assert cause_of([]) is Cause.NOT_IN_VIEW
+
+
+def test_only_the_part_that_was_hit_counts() -> None:
+    """A drone that slides sideways along a wall sees other parts of it well."""
+    assert cause_of([seen(1.0)] * 5, ASIDE_M) is Cause.NOT_IN_VIEW
+    assert cause_of([seen(1.0, shift_m=5.0)] * 5, ASIDE_M) is Cause.CORRECT
+
+
+@pytest.mark.parametrize(("texture", "textureless"), [(0.0, True), (1.25, False)])
+def test_what_was_hit_is_blank_if_its_surface_is(texture: float, textureless: bool) -> None:
+    probe = CollisionProbe(min_confidence=0.2)
+    with world_of(replace(wall(2.0, name="hit"), surface=Surface(texture=texture)), starts_m=[(0, 0, 0)]) as world:
+        probe.start(world, [])
+        probe.contact(0, Contact(time_s=1.0, drone=0, other="hit", kind="building", speed_m_s=1.0))
+    assert probe.diagnosis == Diagnosis(cause=Cause.NOT_IN_VIEW, textureless=textureless)
+
+
+def test_the_first_collision_alone_is_explained() -> None:
+    probe = CollisionProbe(min_confidence=0.2)
+    with world_of(wall(2.0, name="hit"), starts_m=[(0, 0, 0)]) as world:
+        probe.start(world, [])
+        for kind in ("drone", "building"):
+            probe.contact(0, Contact(time_s=1.0, drone=0, other="hit", kind=kind, speed_m_s=1.0))
+    assert probe.diagnosis == Diagnosis(cause=Cause.DRONE)
+
+
+def test_distances_are_of_what_was_trusted() -> None:
+    found = diagnose([seen(1.3)] * 3 + [seen(5.0, trusted=False)] * 2, WALL, AHEAD_M)
+    assert (found.true_m, found.corrected_m) == (pytest.approx(2.0), pytest.approx(2.6))
+    assert str(found) == "too far away, shown at 2.60 m instead of 2.00 m"
+    assert str(Diagnosis(cause=Cause.NO_DEPTH, textureless=True)) == "no depth; it has no texture"
+
+
+def test_the_table_has_a_row_for_each_arm() -> None:
+    empty, drone = Diagnosis(cause=Cause.NO_DEPTH, textureless=True), Diagnosis(cause=Cause.DRONE)
+    table = cause_table({"a": [empty, drone, empty], "b": []})
+    assert dict(zip(table.headings, table.texts[0], strict=True)) == {
+        "arm": "a",
+        "collisions": "3",
+        "hit: another drone": "1",
+        "hit: without texture": "2",
+        "seen: not in view": "0",
+        "seen: no depth": "2",
+        "seen: depth not trusted": "0",
+        "seen: too far away": "0",
+        "seen: where it was": "0",
+    }
+    assert set(table.texts[1][1:]) == {"0"}
