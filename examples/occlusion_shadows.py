@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from scenarios.evaluation.held_out import shadows
+from scenarios.evaluation.sources import shadows
 from voxdepth import Frame, Intrinsics, create_corrector
 from voxdepth.datasets import open_dataset
 from voxdepth.datasets.dataset import Dataset

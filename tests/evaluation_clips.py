@@ -9,7 +9,7 @@ import numpy as np
 
 from scenarios.evaluation.groups import TRUE_GROUPS
 from scenarios.evaluation.methods import Method
-from scenarios.evaluation.sources import Judged
+from scenarios.evaluation.sources import EvaluationFrame
 from sim import frames
 from sim.recording import RecordingWriter
 from sim.types import Capture
@@ -69,16 +69,16 @@ def write_recording(folder: Path, n_frames: int = N) -> Path:
     return folder
 
 
-def judged_frames(n_frames: int = 4) -> list[Judged]:
+def evaluation_frames(n_frames: int = 4) -> list[EvaluationFrame]:
     """Frames whose pixels are all of one kind, judged by the truth."""
     return list(_judged(n_frames))
 
 
-def _judged(n_frames: int) -> Iterator[Judged]:
+def _judged(n_frames: int) -> Iterator[EvaluationFrame]:
     for index in range(n_frames):
         capture = capture_of(index)
         hole = (capture.depth_raw_m == 0).astype(np.uint8)
-        yield Judged(
+        yield EvaluationFrame(
             frame=Frame(stamp_s=capture.stamp_s, gray=capture.gray_left, depth_m=capture.depth_raw_m.copy()),
             T_world_cam=capture.T_world_cam,
             reference_m=capture.depth_true_m,

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from ..evaluation.suite import Done, Plan, Wanted
+    from ..evaluation.suite import Evaluation, Plan, Requested
 
 
 def use_one_thread() -> None:
@@ -49,51 +49,48 @@ def evaluate(
 ) -> None:
     """Compare all methods on the same frames: errors, coverage, flicker, latency; tables, figures and a report.
 
-    Records the shipped sequences below DIR first. A recording with true depth is judged by it; any other by pixels that
-    are taken away in the shape of occlusion shadows. Writes results.csv, results.parquet and report.html.
+    Records the shipped sequences below DIR first. Methods are scored by the true depth of a recording that has it, and
+    otherwise by measured pixels that are held out in the shape of occlusion shadows. Writes results.csv,
+    results.parquet and report.html.
     """
     import cv2
     from rich.console import Console
 
-    from ..benchmark.machine import Machine
-    from ..evaluation.page import write_report
-    from ..evaluation.results import write_results
-    from ..evaluation.terminal import print_results
+    from ..evaluation.report import print_results, write_report
 
     cv2.setNumThreads(1)
-    # What OpenCV prints about damaged images, our errors say with the name of the file.
+    # Our own errors about damaged images name the file, which OpenCV's messages do not.
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     plan = _planned(sequences or [], data or [], methods, frames, seed, out)
     console = Console()
     try:
-        done = _run(console, plan)
+        evaluation = _run(console, plan)
     except KeyboardInterrupt:
-        console.print(f"stopped; the finished cells in {out} are safe, and the same command goes on", soft_wrap=True)
+        console.print(f"stopped; the finished results in {out} are safe, and the same command goes on", soft_wrap=True)
         raise
-    write_results(out, done.cells)
-    write_report(out, done, Machine.here())
-    print_results(console, done)
-    console.print(f"{len(done.cells)} cells, {done.reused} of them finished before", soft_wrap=True)
+    write_report(out, evaluation)
+    print_results(console, evaluation)
+    console.print(f"{len(evaluation.results)} results, {evaluation.reused} of them finished before", soft_wrap=True)
     console.print(f"results.csv, results.parquet and report.html are in {out}", soft_wrap=True)
 
 
 def _planned(
     sequences: "Sequence[str]", data: "Sequence[Path]", methods: str | None, frames: int, seed: int | None, out: Path
 ) -> "Plan":
-    """What is to be done, checked before anything is written."""
+    """Make the plan, and check it before anything is written."""
     from ..evaluation.methods import METHOD_NAMES, find_methods
     from ..evaluation.suite import Folder, Plan, Shipped
     from ..sequences import load_sequence, names_of
 
     names = names_of(sequences or ([] if data else ["reference"]))
-    wanted: list[Wanted] = [Shipped(load_sequence(name, seed, {})) for name in names]
-    wanted += [Folder(folder) for folder in data]
+    requested: list[Requested] = [Shipped(load_sequence(name, seed, {})) for name in names]
+    requested += [Folder(folder) for folder in data]
     chosen = METHOD_NAMES if methods is None else [name.strip() for name in methods.split(",")]
-    return Plan(sequences=wanted, methods=find_methods(chosen), frames=frames, out=out)
+    return Plan(sequences=requested, methods=find_methods(chosen), frames=frames, out=out)
 
 
-def _run(console: "Console", plan: "Plan") -> "Done":
-    """Do it under a bar that counts cells."""
+def _run(console: "Console", plan: "Plan") -> "Evaluation":
+    """Run the plan under a bar that counts results."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from ..evaluation.suite import evaluate
@@ -101,7 +98,7 @@ def _run(console: "Console", plan: "Plan") -> "Done":
     columns = (
         BarColumn(),
         MofNCompleteColumn(),
-        TextColumn("cells"),
+        TextColumn("results"),
         TimeElapsedColumn(),
         TextColumn("{task.description}"),
     )

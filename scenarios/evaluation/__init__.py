@@ -1,6 +1,17 @@
-"""Comparing correctors: all methods on the same frames, judged by the truth or by held-out pixels.
+"""Compares correctors on the same frames, by the truth or by pixels that are held out.
 
-`sources` gives frames with what they are judged by, `methods` what is compared, `judging` runs one method on one
-sequence, which `scoring` makes the figures of a `cell` of. `suite` runs them all, and the `shelf` keeps what is done.
-`results` makes the tidy table of all figures, `quantities` say what tables are about, `page` has them.
+| module | what it holds |
+|---|---|
+| `methods` | what is compared |
+| `sources` | sequences of frames with their references |
+| `frame_cache` | these frames on disk while all methods run |
+| `groups` | masks and ranges of pixels |
+| `running` | runs one method on one sequence |
+| `scoring` | scores its depth |
+| `measurements` | the long table of all numbers, and queries on it |
+| `result_cache` | finished results in files |
+| `suite` | runs all methods on all sequences |
+| `quantities` | what each table shows |
+| `report`, `figures` | tables, page and terminal output; figures |
+| `paper` | numbers that the paper prints |
 """

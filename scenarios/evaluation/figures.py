@@ -1,79 +1,71 @@
-"""The figures of the report, as PNG in base64: every axis with its unit, every panel with its sample size."""
+"""The figures of the report: every axis has its unit, every panel its sample size."""
 
-import base64
-import io
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
+import pandas as pd
 
-from .cell import COMPLETED, FILLED, FRAMES, Cell, Figure
-from .facts import Facts
+from voxdepth.types import FloatImage
+
+from ..images import FAR_M, colored
+from ..results.figure import MARKERS, Draw, Picture, legend_label, panels
 from .groups import BINS, NEAR
+from .measurements import FILLED, Selector, of_frames
 from .methods import ORACLE
-from .quantities import BACKGROUND
-from .suite import Done
-from .tables import count_text
-from .trust_score import CONFIDENCES, WITHIN
+from .result_cache import SequenceInfo, decoded_thumbnail
+from .scoring import CALIBRATION_RANGE, CONFIDENCES
+from .suite import Evaluation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Canvas
 
 SHOWN = ("raw", "paper", "voxdepth", "realsense", "lmeds", "flow", "ip-basic", "global-smoother", ORACLE)
-"""Methods that lines and points are drawn of, where they took part; other ones if none of these did."""
-N_SHOWN = len(SHOWN)
-PANEL_COLUMNS = 3
-LEGEND_COLUMNS = 8
-WIDTH_IN, DPI = 13.0, 100
-MARKERS = "os^vD<>phX*dP8"
+"""Methods that lines and points are drawn of; if none of them took part, the first ones that did."""
+PANEL_COLUMNS, PANEL_IN = 3, (4.3, 3.5)
+WIDE_PANEL_IN = (13.0, 4.5)
 GRADED = 2
-"""A confidence is graded when it fills more bins than this: with two it only says measured or filled in."""
-INVISIBLE = "\N{ZERO WIDTH SPACE}"
+"""A confidence is graded if it fills more bins than this; with two it only tells measured from filled pixels."""
+ERROR_MAP_COLUMNS, ERROR_MAP_WIDTH_IN = 4, 2.6
+ERROR_M = 2.0
+"""End of the scale of error maps."""
+EMPTY_M = -2 * ERROR_M
+"""Value of a pixel without depth in an error map, which is below the scale."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Picture:
-    """A figure of the report."""
-
-    title: str
-    caption: str
-    png: str
-    """Base64."""
-
-
-def shown_methods(done: Done) -> list[str]:
-    """The methods that figures are drawn of."""
-    there = list(dict.fromkeys(cell.key.method for cell in done.cells if cell.error is None))
-    return [name for name in SHOWN if name in there] or there[:N_SHOWN]
-
-
-def all_figures(done: Done) -> list[Picture]:
-    """The figures about numbers; none if nothing succeeded, and none of confidence if no method grades it."""
-    if not shown_methods(done):
+def all_figures(evaluation: Evaluation) -> list[Picture]:
+    """Draw the figures about numbers: none if nothing succeeded, and none of confidence if no method grades it."""
+    if not shown_methods(evaluation):
         return []
-    always = [error_against_range(done), holes_against_quality(done), error_against_latency(done)]
-    return [*always, reliability(done)] if graded_methods(done) else always
+    always = [error_against_range(evaluation), holes_against_quality(evaluation), error_against_latency(evaluation)]
+    return [*always, reliability(evaluation)] if graded_methods(evaluation) else always
 
 
-def error_against_range(done: Done) -> Picture:
-    """Mean absolute error by range bin, a panel for each sequence."""
-    methods = shown_methods(done)
+def shown_methods(evaluation: Evaluation) -> list[str]:
+    """Return the methods that figures are drawn of."""
+    present = list(dict.fromkeys(result.key.method for result in evaluation.results if result.error is None))
+    return [name for name in SHOWN if name in present] or present[: len(SHOWN)]
 
-    def draw(axes: "Axes", facts: Facts) -> None:
-        mask = "all" if facts.is_true else facts.hidden
-        for k, cell in _cells(done, facts, methods):
-            figures = [cell.figure("mae", mask, name, COMPLETED) for name in BINS]
-            places = [i for i, figure in enumerate(figures) if figure is not None and figure.value]
-            values = [figure.value for figure in figures if figure is not None and figure.value]
-            axes.plot(
-                places, values, marker=MARKERS[k % len(MARKERS)], color=f"C{k}", label=legible(cell.key.method), ms=4
-            )
-        counts = [f"{name}\n{count_text(facts.pixels[mask].get(name, 0))}" for name in BINS]
+
+def error_against_range(evaluation: Evaluation) -> Picture:
+    """Draw the mean absolute error by range, one panel per sequence."""
+    methods = shown_methods(evaluation)
+
+    def draw(axes: "Axes", info: SequenceInfo) -> None:
+        mask = "all" if info.is_true else info.hidden
+        bins = [_of_sequence(evaluation, info, Selector("mae", mask, name))["value"] for name in BINS]
+        values = pd.concat(bins, axis=1, keys=range(len(BINS)))
+        values = values[values > 0]
+        for k, name in enumerate(methods):
+            if name in values.index:
+                line = values.loc[name].dropna()
+                axes.plot(line.index, line, color=f"C{k}", ms=4, **_labelled(k, name))
+        counts = [f"{name}\n{count_text(info.pixels[mask].get(name, 0))}" for name in BINS]
         axes.set_xticks(range(len(BINS)), counts, fontsize=7)
         axes.set_yscale("log")
-        depth = "true depth" if facts.is_true else f"depth of {facts.hidden} pixels"
+        depth = "true depth" if info.is_true else f"depth of {info.hidden} pixels"
         axes.set_xlabel(f"{depth}, and number of pixels n")
         axes.set_ylabel("MAE [m]")
 
@@ -82,55 +74,53 @@ def error_against_range(done: Done) -> Picture:
         caption="Mean absolute error after completion by the nearest valid: of all pixels by their true depth, or, "
         "without the truth, of held-out pixels by the depth that was measured; n is the number of pixels of a bin over "
         "all frames.",
-        png=_panels(done, draw),
+        png=_panels(evaluation, draw),
     )
 
 
-def holes_against_quality(done: Done) -> Picture:
-    """RQ1: the quality of every frame against how much of it is occluded, all sequences in one panel."""
-    from matplotlib.figure import Figure as Canvas
+def holes_against_quality(evaluation: Evaluation) -> Picture:
+    """Draw the quality of every frame against its share of occluded pixels, with all sequences in one panel (RQ1)."""
+    known = [info for info in evaluation.sequences.values() if info.occluded_shares]
 
-    canvas = Canvas(figsize=(WIDTH_IN, 4.5), dpi=DPI, layout="constrained")
-    axes = canvas.subplots()
-    known = [facts for facts in done.facts.values() if facts.occluded_shares]
-    for k, name in enumerate(shown_methods(done)):
-        points = [point for facts in known for point in _occluded_and_psnr(done, facts, name)]
-        x, y = np.reshape(points, (-1, 2)).T
-        axes.scatter(x, y, s=10, marker=MARKERS[k % len(MARKERS)], color=f"C{k}", label=legible(name))
-    for facts in known:
-        where = (100 * float(np.mean(facts.occluded_shares)), 0.02)
-        label = axes.annotate(facts.name, where, xycoords=("data", "axes fraction"), rotation=90, fontsize=7)
-        label.set_parse_math(False)
-        label.set_in_layout(False)
-    axes.set_xlabel(f"occluded pixels of a frame [%], n = {sum(facts.frames for facts in known)} frames")
-    axes.set_ylabel("PSNR, peak 65535 mm [dB]")
-    axes.grid(alpha=0.3)
-    _add_legend(canvas, *axes.get_legend_handles_labels())
+    def draw(axes: "Axes") -> None:
+        for k, name in enumerate(shown_methods(evaluation)):
+            points = [point for info in known for point in _occluded_and_psnr(evaluation, info, name)]
+            x, y = np.reshape(points, (-1, 2)).T
+            axes.scatter(x, y, s=10, color=f"C{k}", **_labelled(k, name))
+        for info in known:
+            where = (100 * float(np.mean(info.occluded_shares)), 0.02)
+            label = axes.annotate(info.name, where, xycoords=("data", "axes fraction"), rotation=90, fontsize=7)
+            label.set_parse_math(False)
+            label.set_in_layout(False)
+        axes.set_xlabel(f"occluded pixels of a frame [%], n = {sum(info.frames for info in known)} frames")
+        axes.set_ylabel("PSNR, peak 65535 mm [dB]")
+        axes.grid(alpha=0.3)
+
     return Picture(
         title="RQ1: holes against quality",
         caption="One point for each frame and method: how much of the frame the second camera does not see, and the "
         "PSNR of the surfaces within 65.5 m after completion. Sequences without an occlusion mask are left out.",
-        png=png_of(canvas),
+        png=panels("", [draw], panel_in=WIDE_PANEL_IN, shared_legend=True),
     )
 
 
-def error_against_latency(done: Done) -> Picture:
-    """What error costs in time, a panel for each sequence, with the front of the methods that nothing beats in both."""
-    methods = list(dict.fromkeys(cell.key.method for cell in done.cells))
+def error_against_latency(evaluation: Evaluation) -> Picture:
+    """Draw error against time, one panel per sequence, with the Pareto front."""
 
-    def draw(axes: "Axes", facts: Facts) -> None:
-        points = _latency_and_error(done, facts)
-        for name, (x, y) in points.items():
-            k = methods.index(name)
-            axes.scatter([x], [y], s=22, marker=MARKERS[k % len(MARKERS)], color=f"C{k % 10}", label=legible(name))
-        front = pareto_front([point for name, point in points.items() if name != ORACLE])
+    def draw(axes: "Axes", info: SequenceInfo) -> None:
+        points = _latency_and_error(evaluation, info)
+        for k, name in enumerate(evaluation.methods):
+            if name in points.index:
+                x_ms, y_m = points.loc[name]
+                axes.scatter([x_ms], [y_m], s=22, color=f"C{k % 10}", **_labelled(k, name))
+        front = pareto_front(list(points.drop(ORACLE, errors="ignore").itertuples(index=False, name=None)))
         if front:
             axes.plot(*zip(*front, strict=True), color="0.6", lw=1, zorder=0)
         axes.set_xscale("log")
         axes.set_yscale("log")
-        n = facts.pixels[facts.hidden].get(NEAR, 0)
-        axes.set_xlabel(f"time per frame of {facts.size} [ms], n = {facts.frames}")
-        axes.set_ylabel(f"MAE in {facts.hidden} [m], n = {count_text(n)} pixels")
+        n = info.pixels[info.hidden].get(NEAR, 0)
+        axes.set_xlabel(f"time per frame of {info.size} [ms], n = {info.frames}")
+        axes.set_ylabel(f"MAE in {info.hidden} [m], n = {count_text(n)} pixels")
 
     return Picture(
         title="Error against latency",
@@ -138,31 +128,24 @@ def error_against_latency(done: Done) -> Picture:
         "after completion, against the median time per frame, OpenCV on one thread, plus the mean CPU time of the "
         "method's own threads. The grey line joins the "
         f"methods that no other beats in both; {ORACLE} is an oracle and does not compete.",
-        png=_panels(done, draw),
+        png=_panels(evaluation, draw),
     )
 
 
-def graded_methods(done: Done) -> list[str]:
-    """The methods whose confidence has more to say than two values."""
-    graded = [cell for cell in done.cells if len(_by_confidence(cell)) > GRADED]
-    return list(dict.fromkeys(cell.key.method for cell in graded))
+def reliability(evaluation: Evaluation) -> Picture:
+    """Draw the share of correct pixels by confidence, one panel per sequence."""
+    methods, right = graded_methods(evaluation), _right_by_confidence(evaluation)
 
-
-def reliability(done: Done) -> Picture:
-    """What confidence is worth: how many pixels are right by how sure the method is of them, a panel a sequence."""
-    methods = graded_methods(done)
-
-    def draw(axes: "Axes", facts: Facts) -> None:
+    def draw(axes: "Axes", info: SequenceInfo) -> None:
         totals = []
-        for k, cell in _cells(done, facts, methods):
-            bins = _by_confidence(cell)
-            x = [max(0.0, (place - 0.5) / 10) for place in bins]
-            counts = np.array([figure.n for figure in bins.values()])
+        for k, name in enumerate(methods):
+            bins = right[(right["sequence"] == info.name) & (right["method"] == name)]
+            if bins.empty:
+                continue
+            x, counts = np.maximum(0, (bins["bin"] - 0.5) / 10), bins["n"]
             totals.append(int(counts.sum()))
-            right = [100 * figure.value for figure in bins.values() if figure.value is not None]
-            color = f"C{k % 10}"
-            axes.plot(x, right, marker=MARKERS[k % len(MARKERS)], color=color, label=legible(cell.key.method), ms=4)
-            axes.plot(x, 100 * counts / counts.sum(), ":", color=color, lw=1)
+            axes.plot(x, 100 * bins["value"], color=f"C{k % 10}", ms=4, **_labelled(k, name))
+            axes.plot(x, 100 * counts / counts.sum(), ":", color=f"C{k % 10}", lw=1)
         axes.set_xlim(-0.03, 1)
         axes.set_ylim(0, 100)
         axes.set_xlabel(f"confidence, n = {' and '.join(count_text(total) for total in totals) or 0} pixels")
@@ -170,31 +153,58 @@ def reliability(done: Done) -> Picture:
 
     return Picture(
         title="Confidence against errors",
-        caption=f"Of the pixels that a method gives a depth, {WITHIN}, in bins of its confidence of 0.1 (and 0 alone): "
-        "the share that is right, within 5 % or a quarter of a pixel of disparity (lines), and the share of the "
-        "method's pixels that are in the bin (dotted). "
+        caption=f"Of the pixels that a method gives a depth, {CALIBRATION_RANGE}, in bins of its confidence of 0.1 "
+        "(and 0 alone): the share that is right, within 5 % or a quarter of a pixel of disparity (lines), and the "
+        "share of the method's pixels that are in the bin (dotted). "
         "A line that rises is a confidence to go by. Methods whose pixels are in one or two bins are left out.",
-        png=_panels(done, draw),
+        png=_panels(evaluation, draw),
     )
 
 
-def _by_confidence(cell: Cell) -> dict[int, Figure]:
-    """The share of right pixels in each bin that has some, by the place of the bin."""
-    figures = {place: cell.figure("right", mask, WITHIN, FILLED) for place, mask in enumerate(CONFIDENCES)}
-    return {place: figure for place, figure in figures.items() if figure is not None}
+def graded_methods(evaluation: Evaluation) -> list[str]:
+    """Return the methods whose confidence takes more than two values on some sequence."""
+    bins = _right_by_confidence(evaluation).groupby(["sequence", "method"]).size()
+    graded = set(bins[bins > GRADED].index.get_level_values("method"))
+    return [name for name in evaluation.methods if name in graded]
 
 
-def _occluded_and_psnr(done: Done, facts: Facts, method: str) -> list[tuple[float, float]]:
-    """Share of occluded pixels [%] and PSNR [dB] of each frame of a sequence that has one."""
-    psnrs_db = next((cell.frame_psnrs_db for cell in _done_cells(done, facts) if cell.key.method == method), ())
-    if len(psnrs_db) != len(facts.occluded_shares):
-        return []
-    pairs = zip(facts.occluded_shares, psnrs_db, strict=True)
-    return [(100 * share, psnr_db) for share, psnr_db in pairs if psnr_db is not None]
+def error_maps(evaluation: Evaluation, info: SequenceInfo) -> Picture:
+    """Draw raw, reference and corrected depth of the last frame of a sequence, each with its error map."""
+    reference_m = decoded_thumbnail(info.reference)
+    thumbnails = {
+        result.key.method: result.thumbnail
+        for result in evaluation.results
+        if result.key.sequence == info.name and result.thumbnail
+    }
+    shown = {"raw, as given to the methods": info.raw}
+    shown |= {name: thumbnails[name] for name in shown_methods(evaluation) if name in thumbnails and name != "raw"}
+    name, against = ("truth", "the truth") if info.is_true else ("reference", "the measured depth, partly held out")
+    draws: list[Draw] = [partial(_draw_depth, f"{name}, {FAR_M:g} m and farther blue", reference_m), _draw_scale]
+    for title, png in shown.items():
+        depth_m = decoded_thumbnail(png)
+        draws.append(partial(_draw_depth, title, depth_m))
+        draws.append(partial(_draw_error, f"error of {title}", error_map(depth_m, reference_m)))
+    height_in = ERROR_MAP_WIDTH_IN * reference_m.shape[0] / reference_m.shape[1] + 0.3
+    n = int(np.count_nonzero(reference_m))
+    return Picture(
+        title=f"{info.name}, frame {info.frames - 1}",
+        caption=f"Depth (near red, far blue, none black) and its error [m] against {against}: red is too far, blue too "
+        f"near, white right, black without depth, grey without reference; n = {n} pixels of a narrowed image.",
+        png=panels("", draws, columns=ERROR_MAP_COLUMNS, panel_in=(ERROR_MAP_WIDTH_IN, height_in)),
+    )
+
+
+def error_map(depth_m: FloatImage, reference_m: FloatImage) -> npt.NDArray[np.float32]:
+    """Return depth minus reference [m], shape (H, W), cut to the scale of error maps.
+
+    Pixels without depth are `EMPTY_M`, those without a reference NaN.
+    """
+    error_m = np.where(depth_m > 0, np.clip(depth_m - reference_m, -ERROR_M, ERROR_M), np.float32(EMPTY_M))
+    return np.where(reference_m > 0, error_m, np.float32(np.nan)).astype(np.float32)
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """The points that no other one is below in one coordinate and not above in the other, by the first coordinate."""
+    """Return the points that no other point is below in one coordinate and not above in the other, by the first one."""
     front: list[tuple[float, float]] = []
     for point in sorted(points):
         if not front or point[1] < front[-1][1]:
@@ -202,64 +212,85 @@ def pareto_front(points: Sequence[tuple[float, float]]) -> list[tuple[float, flo
     return front
 
 
-def _latency_and_error(done: Done, facts: Facts) -> dict[str, tuple[float, float]]:
-    mask = facts.hidden
-    points = {}
-    for cell in _done_cells(done, facts):
-        latency = cell.figure("latency_p50", FRAMES, FRAMES, FRAMES)
-        error = cell.figure("mae", mask, NEAR, COMPLETED)
-        if latency and error and latency.value is not None and error.value is not None:
-            beside = cell.figure(BACKGROUND, FRAMES, FRAMES, FRAMES)
-            beside_ms = beside.value if beside and beside.value is not None else 0.0
-            points[cell.key.method] = latency.value + beside_ms, error.value
-    return points
+def count_text(count: int) -> str:
+    """Write a number of pixels as people read it."""
+    for size, letter in ((10**6, "M"), (10**3, "k")):
+        if count >= size:
+            return f"{count / size:.1f} {letter}"
+    return str(count)
 
 
-def _done_cells(done: Done, facts: Facts) -> list[Cell]:
-    return [cell for cell in done.cells if cell.key.sequence == facts.name and cell.error is None]
+def _of_sequence(evaluation: Evaluation, info: SequenceInfo, selector: Selector) -> pd.DataFrame:
+    """Select the values and sample sizes of one sequence by method."""
+    found = evaluation.measurements.select(selector)
+    return found[found.index.get_level_values("sequence") == info.name].droplevel("sequence")
 
 
-def _cells(done: Done, facts: Facts, methods: Sequence[str]) -> list[tuple[int, Cell]]:
-    """Those of some methods on a sequence, each with the place of its method, by which it has its colour."""
-    there = {cell.key.method: cell for cell in _done_cells(done, facts)}
-    return [(k, there[name]) for k, name in enumerate(methods) if name in there]
+def _latency_and_error(evaluation: Evaluation, info: SequenceInfo) -> pd.DataFrame:
+    """Return the time per frame with that of other threads [ms], and the error in hidden pixels [m], by method."""
+    selectors = [of_frames("latency_p50"), of_frames("latency_background"), Selector("mae", info.hidden)]
+    waiting_ms, background_ms, error_m = (_of_sequence(evaluation, info, one)["value"] for one in selectors)
+    latency_ms = waiting_ms.add(background_ms, fill_value=0)
+    return pd.concat([latency_ms, error_m], axis=1).dropna()
 
 
-def _panels(done: Done, draw: Callable[["Axes", Facts], None]) -> str:
-    """A panel for each sequence, and one legend for all."""
-    from matplotlib.figure import Figure as Canvas
+def _right_by_confidence(evaluation: Evaluation) -> pd.DataFrame:
+    """Return the share of correct pixels (`value`) of each sequence, method and bin of confidence."""
+    selectors = [Selector("right", mask, CALIBRATION_RANGE, FILLED) for mask in CONFIDENCES]
+    parts = [evaluation.measurements.select(selector).reset_index() for selector in selectors]
+    return pd.concat([part.assign(bin=k) for k, part in enumerate(parts)])
 
-    rows = -(-len(done.facts) // PANEL_COLUMNS)
-    canvas = Canvas(figsize=(WIDTH_IN, 3.4 * rows + 0.4), dpi=DPI, layout="constrained")
-    grid: Any = canvas.subplots(rows, min(PANEL_COLUMNS, len(done.facts)), squeeze=False)
-    labels: dict[str, Any] = {}
-    for axes, facts in zip(grid.flat, done.facts.values(), strict=False):
-        draw(axes, facts)
-        axes.set_title(facts.name, fontsize=10, parse_math=False)
+
+def _occluded_and_psnr(evaluation: Evaluation, info: SequenceInfo, method: str) -> list[tuple[float, float]]:
+    """Return the share of occluded pixels [%] and the PSNR [dB] of each frame that has one."""
+    psnrs_db = evaluation.result(info.name, method).frame_psnrs_db
+    if len(psnrs_db) != len(info.occluded_shares):
+        return []
+    pairs = zip(info.occluded_shares, psnrs_db, strict=True)
+    return [(100 * share, psnr_db) for share, psnr_db in pairs if psnr_db is not None]
+
+
+def _panels(evaluation: Evaluation, draw: Callable[["Axes", SequenceInfo], None]) -> bytes:
+    """Draw one panel per sequence, and one legend for all."""
+
+    def titled(info: SequenceInfo, axes: "Axes") -> None:
+        draw(axes, info)
+        axes.set_title(info.name, fontsize=10, parse_math=False)
         axes.grid(alpha=0.3)
-        handles, names = axes.get_legend_handles_labels()
-        labels |= dict(zip(names, handles, strict=True))
-    for axes in list(grid.flat)[len(done.facts) :]:
-        axes.set_visible(False)
-    if labels:
-        _add_legend(canvas, list(labels.values()), list(labels))
-    return png_of(canvas)
+
+    draws = [partial(titled, info) for info in evaluation.sequences.values()]
+    return panels("", draws, columns=PANEL_COLUMNS, panel_in=PANEL_IN, shared_legend=True)
 
 
-def legible(name: str) -> str:
-    """A name as a label: matplotlib leaves labels that begin with an underscore out of legends."""
-    return f"{INVISIBLE}{name}" if name.startswith("_") else name
+def _labelled(k: int, name: str) -> dict[str, Any]:
+    return {"marker": MARKERS[k % len(MARKERS)], "label": legend_label(name)}
 
 
-def _add_legend(canvas: "Canvas", handles: Sequence[Any], names: Sequence[str]) -> None:
-    """Below all panels, with names as they are: a dollar sign in one begins no formula."""
-    legend = canvas.legend(handles, names, loc="outside lower center", ncols=LEGEND_COLUMNS, fontsize=8)
-    for text in legend.get_texts():
-        text.set_parse_math(False)
+def _draw_depth(title: str, depth_m: FloatImage, axes: "Axes") -> None:
+    axes.imshow(colored(depth_m)[..., ::-1])
+    axes.set_title(title, fontsize=8, parse_math=False)
+    axes.set_axis_off()
 
 
-def png_of(canvas: "Canvas") -> str:
-    """A figure as PNG, in base64."""
-    data = io.BytesIO()
-    canvas.savefig(data, format="png", metadata={"Software": None})
-    return base64.b64encode(data.getvalue()).decode()
+def _draw_error(title: str, error_m: npt.NDArray[np.float32], axes: "Axes") -> None:
+    axes.imshow(error_m, **_error_scale())
+    axes.set_title(title, fontsize=8, parse_math=False)
+    axes.set_axis_off()
+
+
+def _draw_scale(axes: "Axes") -> None:
+    from matplotlib.cm import ScalarMappable
+
+    axes.set_axis_off()
+    mappable = ScalarMappable(**_error_scale())
+    bar = axes.figure.colorbar(mappable, ax=axes, orientation="horizontal", fraction=0.4)
+    bar.set_label("error: depth minus reference [m]", fontsize=8)
+
+
+def _error_scale() -> dict[str, Any]:
+    """Return the colours of error maps and the range that they stand for."""
+    from matplotlib import colormaps
+    from matplotlib.colors import Normalize
+
+    colors = colormaps["seismic"].with_extremes(under="black", bad="0.7")
+    return {"cmap": colors, "norm": Normalize(-ERROR_M, ERROR_M)}

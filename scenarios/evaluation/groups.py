@@ -1,4 +1,4 @@
-"""Disjoint groups of pixels, whose sums add up to every mask and range that a table asks for."""
+"""Disjoint groups of pixels, whose sums add up to every mask and range of the measurements."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,16 +10,16 @@ from voxdepth.metrics import RANGE_BINS_M
 from voxdepth.types import FloatImage, GrayImage
 
 BINS = tuple(RANGE_BINS_M)
-"""Ranges of true depth, rising."""
+"""Ranges of the reference depth, in rising order."""
 ALL, NEAR = "all", "0-20 m"
 RANGES: dict[str, tuple[int, ...]] = {
     ALL: (0, 1, 2, 3, 4),
     NEAR: (0, 1, 2, 3),
     **{name: (index,) for index, name in enumerate(BINS)},
 }
-"""Bins by the name of a range; NEAR is what a drone flies by, and what the tables are about."""
+"""Bins by the name of a range. Most tables are about `NEAR`, the depths that a drone avoids obstacles by."""
 NONE = 255
-"""Label of a pixel without anything to judge it by."""
+"""Label of a pixel without a reference."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,23 +27,23 @@ class Groups:
     """The kinds of pixels of a sequence, and the masks that they make up."""
 
     kinds: tuple[str, ...]
-    """No pixel is of two kinds."""
+    """Names of disjoint kinds."""
     masks: Mapping[str, tuple[str, ...]]
     """Kinds by the name of a mask."""
     hidden: str
-    """The mask of what only a correction can know: what tables about filling are about."""
+    """Mask of the pixels that methods are given no depth of, which tables about filling are about."""
     is_true: bool
-    """Whether the reference is the truth, and not depth that was measured and flickers itself."""
+    """Whether the reference is the true depth, and not a measurement, which flickers itself."""
 
     def __len__(self) -> int:
         """Number of groups: one for each kind in each bin."""
         return len(BINS) * len(self.kinds)
 
     def label(self, reference_m: FloatImage, kind: GrayImage) -> GrayImage:
-        """The group of each pixel, shape (H, W), uint8; `NONE` without a reference.
+        """Return the group of each pixel, shape (H, W), uint8; `NONE` without a reference.
 
         Args:
-            reference_m: What depth is judged by [m], shape (H, W); 0 or +inf = nothing.
+            reference_m: Reference depth [m], shape (H, W); 0 or +inf = none.
             kind: Index into `kinds` of each pixel, shape (H, W), uint8.
         """
         bins = np.zeros(reference_m.shape, np.uint8)
@@ -53,22 +53,22 @@ class Groups:
         labels[~((reference_m > 0) & (reference_m < np.inf))] = NONE
         return labels
 
-    def members(self, mask: str, within: str) -> list[int]:
-        """The groups that make up a mask within a range."""
+    def members(self, mask: str, range_name: str) -> list[int]:
+        """Return the groups that make up a mask within a range."""
         kinds = [self.kinds.index(kind) for kind in self.masks[mask]]
-        return [index * len(self.kinds) + kind for index in RANGES[within] for kind in kinds]
+        return [index * len(self.kinds) + kind for index in RANGES[range_name] for kind in kinds]
 
 
 def split(labels: GrayImage, n_groups: int) -> Sequence[npt.NDArray[np.intp]]:
-    """The flat indices of each group's pixels, in raster order."""
+    """Return the flat indices of each group's pixels, in raster order."""
     order = np.argsort(labels, axis=None, kind="stable")
     ends = np.cumsum(np.bincount(labels.ravel(), minlength=n_groups)[:n_groups])
     return np.split(order[: ends[-1]], ends[:-1])
 
 
 def pairs(groups: Groups) -> Iterator[tuple[str, str]]:
-    """Every mask with every range."""
-    return ((mask, within) for mask in groups.masks for within in RANGES)
+    """Yield every mask with every range."""
+    return ((mask, range_name) for mask in groups.masks for range_name in RANGES)
 
 
 TRUE_GROUPS = Groups(
@@ -84,12 +84,13 @@ TRUE_GROUPS = Groups(
     hidden="holes",
     is_true=True,
 )
-"""With the truth known. Holes are pixels that the sensor has no depth for; they are seen where the sensor measured
-the same surface rightly within the last 60 frames. Occluded is what the second camera does not see."""
+"""Groups of sequences with the truth. Holes are pixels that the sensor has no depth for. They are seen if the sensor
+measured the same surface correctly within the last 60 frames. Occluded pixels are those that the second camera does not
+see."""
 HELD_OUT_GROUPS = Groups(
     kinds=("measured", "held out"),
     masks={"all": ("measured", "held out"), "measured": ("measured",), "held out": ("held out",)},
     hidden="held out",
     is_true=False,
 )
-"""Without the truth: what was taken away from the methods, and what they were given."""
+"""Groups of sequences without the truth: the pixels that methods were given, and those that were held out."""

@@ -1,4 +1,4 @@
-"""What is compared: correctors by name, and one oracle that exists only here."""
+"""The methods that are compared: correctors by name, and an oracle that exists only here."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ from ..errors import ScenarioError
 from ..regression import CorrectorFactory, find_corrector
 
 ORACLE = "true-pose"
-"""The splat of the last frames by the TRUE pose: an upper bound for what memory can give, and no corrector."""
+"""Splats the last frames by their TRUE poses: an upper bound of what memory can achieve, and not a corrector."""
 METHOD_NAMES = (*CORRECTOR_NAMES, ORACLE)
-"""All methods that are compared unless some are named."""
+"""All methods that are compared by default."""
 WARM_UP_FRAMES = 3
-"""Frames that a method without a configuration works on before the clock starts."""
+"""Warm-up of a method without a configuration."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,20 +25,20 @@ class Method:
     name: str
     make: CorrectorFactory
     sees_true_pose: bool = False
-    """Whether it is an oracle that is told the true pose of every frame."""
+    """Whether it is an oracle that is given the true pose of every frame."""
     config: dict[str, Any] | None = None
-    """Resolved configuration; None for one that has none."""
+    """Resolved configuration; None for a method that has none."""
     is_foreign: bool = False
-    """Whether its code is not ours: it may change while every version stays, so its results are never reused."""
+    """Whether its code may change while every version stays the same, so that its results are never reused."""
     warm_up_frames: int = WARM_UP_FRAMES
-    """Frames that another instance works on before the clock starts, so that every stage has run once."""
+    """Frames that another instance processes before the measurement, so that every stage has run once."""
 
 
 def find_methods(names: Sequence[str]) -> list[Method]:
-    """Methods by name; `package.module:factory` is one of your own.
+    """Find methods by name; `package.module:factory` is one of your own.
 
     Raises:
-        ConfigError, ScenarioError: There is none of that name, or one is named twice.
+        ConfigError, ScenarioError: A name is unknown or is given twice.
     """
     for name in names:
         if names.count(name) > 1:
@@ -47,10 +47,10 @@ def find_methods(names: Sequence[str]) -> list[Method]:
 
 
 def find_method(name: str) -> Method:
-    """One method by name.
+    """Find one method by name.
 
     Raises:
-        ConfigError, ScenarioError: There is none of that name.
+        ConfigError, ScenarioError: The name is unknown.
     """
     if name == ORACLE:
         return Method(name=name, make=_oracle, sees_true_pose=True)
@@ -60,17 +60,11 @@ def find_method(name: str) -> Method:
     config = config_of(name)
     return Method(
         name=name,
-        make=_registered(name),
+        make=find_corrector(name),
         config=None if config is None else config.model_dump(mode="json"),
         is_foreign=name not in CORRECTOR_NAMES,
         warm_up_frames=WARM_UP_FRAMES if config is None else config.warm_up_frames,
     )
-
-
-def _registered(name: str) -> CorrectorFactory:
-    from voxdepth.registry import create_corrector
-
-    return lambda intrinsics: create_corrector(name, intrinsics)
 
 
 def _oracle(intrinsics: Intrinsics) -> DepthCorrector:

@@ -1,28 +1,50 @@
-"""What one method's depth scores on one sequence: sums over the frames, read as figures in the end."""
+"""Scores of one method on one sequence: sums over the frames, which the last frame turns into measurements."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
+import numpy.typing as npt
 
 from voxdepth.geometry import fill_from_nearest
-from voxdepth.metrics import Changes, Flicker, Sums, m_rmse_u16_wrap, psnr_minmax8
+from voxdepth.metrics import (
+    Changes,
+    Flicker,
+    Share,
+    Sums,
+    ghost_share,
+    is_right,
+    m_rmse_u16_wrap,
+    psnr_minmax8,
+    survival,
+)
 from voxdepth.metrics.paper import PEAK16_M
-from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
+from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage, Source
 
 from ..correction import to_millimetres
-from .cell import AS_GIVEN, COMPLETED, FILLED, FRAMES, Figure
 from .groups import ALL, BINS, NONE, RANGES, Groups, pairs, split
-from .moving_score import MovingScore
-from .sources import Judged
-from .trust_score import TrustScore
+from .measurements import AS_GIVEN, COMPLETED, FILLED, Measurement
+from .sources import EvaluationFrame
 
 PEAK_M = 40.0
-"""Peak of the signal-to-noise ratio in metres."""
+"""Peak of the PSNR `psnr_40m` [m]."""
 STATIC, STATIC_MEASURED = "static", "static measured"
-"""Masks of flicker: pixels that show the same as in the frame before, and those that the sensor measured both times."""
+"""Masks of flicker: pixels that show the same surface as in the frame before, and those of them that the sensor
+measured in both frames."""
+MOVING, DEPARTED = "moving", "departed"
+"""Masks: the pixels of moving objects, and those that one left some frames ago."""
+FARTHEST_M = 40.0
+CALIBRATION_RANGE = f"0-{FARTHEST_M:g} m"
+"""Range of errors by confidence and by source: a stereo camera measures nothing beyond it."""
+EDGES = np.linspace(0, 1, 11, dtype=np.float32)
+"""Upper ends of the bins of confidence, which belong to their bins; 0 is a bin by itself."""
+CONFIDENCES = ("confidence 0", *(f"confidence {k / 10:g}-{(k + 1) / 10:g}" for k in range(10)))
+"""Masks: pixels by confidence."""
+SOURCES = {Source.SENSOR: "source sensor", Source.MEMORY: "source memory", Source.INPAINTED: "source inpainted"}
+"""Masks: pixels by the source that a method names."""
 
-READINGS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
+METRICS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
     "mae": ("m", lambda sums: sums.mae_m),
     "rmse": ("m", lambda sums: sums.rmse_m),
     "median": ("m", lambda sums: sums.median_abs_m),
@@ -33,167 +55,258 @@ READINGS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
     "close": ("share", lambda sums: sums.close_share),
     "psnr_40m": ("dB", lambda sums: sums.psnr_db(PEAK_M)),
 }
-"""Unit of each metric of errors, and how it is read from the sums. A new one is one line here.
+"""Unit of each metric of errors, and how it follows from the sums. A new metric is one line here.
 
 `too_far` and `too_near` are off by more than 10 %, `off` is either of them, and `close` is within 5 % of the truth.
 """
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Errors:
+    """Errors of the pixels of one bin or source."""
+
+    sums: Sums = field(default_factory=Sums)
+    right: int = 0
+    """Pixels whose depth `is_right`."""
+
+
 class Score:
-    """Takes in the corrected frames of a sequence one by one; keeps no image but the last."""
+    """Scores the corrected frames of a sequence one by one; keeps no image but the last.
+
+    Args:
+        groups: Pixel groups of the sequence.
+        intrinsics: Intrinsics of its camera.
+    """
 
     def __init__(self, groups: Groups, intrinsics: Intrinsics) -> None:
         self._groups = groups
-        self._masked = "occluded" if "occluded" in groups.masks else groups.hidden
+        self._occluded = "occluded" if "occluded" in groups.masks else groups.hidden
         self._fair = "all" if groups.is_true else groups.hidden
-        """Without the truth, the other pixels are judged by what the methods were given."""
+        """Mask of the pixels whose reference is not what the methods were given."""
         self._filled = [Sums()] * len(groups)
         self._completed = [Sums()] * len(groups)
         self._flicker = {mask: Flicker(len(BINS)) for mask in (STATIC, STATIC_MEASURED)}
         self._measured_before: MaskImage | None = None
-        self._moving, self._trust = MovingScore(), TrustScore(intrinsics)
+        self._moving, self._calibration = MovingScore(), CalibrationScore(intrinsics)
         self._in_16_bits = Sums()
         self._psnrs_db: list[float | None] = []
-        self._of_frames: dict[str, list[float]] = {"m_rmse_u16_wrap": [], "psnr_minmax8": []}
+        self._paper: dict[str, list[float]] = {"m_rmse_u16_wrap": [], "psnr_minmax8": []}
 
     @property
     def frame_psnrs_db(self) -> tuple[float | None, ...]:
-        """Peak signal-to-noise ratio of every frame, see the metric of that name; None where none is defined."""
+        """PSNR of every frame as in `psnr16_mm` [dB]; None if it is undefined."""
         return tuple(self._psnrs_db)
 
     def add(
         self,
-        judged: Judged,
+        frame: EvaluationFrame,
         depth_m: FloatImage,
         confidence: FloatImage | None = None,
         source: GrayImage | None = None,
     ) -> None:
-        """Take in a corrected frame.
+        """Add a corrected frame.
 
         Args:
-            judged: The frame with what it is judged by.
-            depth_m: Its corrected depth [m], shape (H, W); 0 = invalid.
-            confidence: Of each pixel, 0..1, shape (H, W); None if the method gives none.
+            frame: The frame with its reference.
+            depth_m: Corrected depth [m], shape (H, W); 0 = invalid.
+            confidence: Confidence of each pixel, 0..1, shape (H, W); None if the method gives none.
             source: One `Source` per pixel, shape (H, W); None if the method gives none.
         """
-        whole_m = fill_from_nearest(depth_m)
-        self._add_sums(judged, depth_m, whole_m)
-        self._add_flicker(judged, depth_m)
-        self._moving.add(judged, depth_m)
-        self._trust.add(depth_m, judged.reference_m, self._are(judged, self._fair, ALL), confidence, source)
-        self._add_16_bits(judged, whole_m)
-        self._add_arithmetic(judged, depth_m)
+        completed_m = fill_from_nearest(depth_m)
+        self._add_sums(frame, depth_m, completed_m)
+        self._add_flicker(frame, depth_m)
+        self._moving.add(frame, depth_m)
+        fair = self._pixels(frame, self._fair)
+        self._calibration.add(depth_m, frame.reference_m, fair, confidence, source)
+        self._add_16_bits(frame, completed_m, fair)
+        self._add_paper(frame, depth_m)
 
-    def figures(self) -> list[Figure]:
-        """All that is known after the last frame; figures of no pixel are left out."""
-        sums = [figure for mask, within in pairs(self._groups) for figure in self._read(mask, within)]
-        special = [*self._moving.figures(), *self._trust.figures()]
-        return [*sums, *self._read_flicker(), *special, *self._read_paper()]
+    def measurements(self) -> list[Measurement]:
+        """Return everything that is known after the last frame; measurements of no pixel are left out."""
+        errors = [m for mask, range_name in pairs(self._groups) for m in self._measured_errors(mask, range_name)]
+        others = (self._measured_flicker(), self._moving.measurements(), self._calibration.measurements())
+        return [*errors, *(m for part in others for m in part), *self._measured_paper()]
 
-    def _add_sums(self, judged: Judged, depth_m: FloatImage, whole_m: FloatImage) -> None:
-        for group, where in enumerate(split(judged.labels, len(self._groups))):
+    def _add_sums(self, frame: EvaluationFrame, depth_m: FloatImage, completed_m: FloatImage) -> None:
+        for group, where in enumerate(split(frame.labels, len(self._groups))):
             if not where.size:
                 continue
-            reference_m, given_m = judged.reference_m.ravel()[where], depth_m.ravel()[where]
+            reference_m, given_m = frame.reference_m.ravel()[where], depth_m.ravel()[where]
             everywhere = np.ones(where.size, np.bool_)
             sums = Sums.of(given_m, reference_m, everywhere)
             self._filled[group] += sums
             if sums.filled < sums.pixels:
-                sums = Sums.of(whole_m.ravel()[where], reference_m, everywhere)
+                sums = Sums.of(completed_m.ravel()[where], reference_m, everywhere)
             self._completed[group] += sums
 
-    def _add_flicker(self, judged: Judged, depth_m: FloatImage) -> None:
-        """Without the truth it is the depth that should stay, and not its error."""
-        known = judged.labels != NONE
-        steady_m = judged.reference_m if self._groups.is_true else known.astype(np.float32)
-        bins = np.where(known, judged.labels // np.uint8(len(self._groups.kinds)), np.uint8(0))
-        static: MaskImage = judged.static & known
-        measured: MaskImage = judged.frame.depth_m > 0
+    def _add_flicker(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
+        """Without the truth the depth itself, and not its error, should stay the same."""
+        known = frame.labels != NONE
+        steady_m = frame.reference_m if self._groups.is_true else known.astype(np.float32)
+        bins = np.where(known, frame.labels // np.uint8(len(self._groups.kinds)), np.uint8(0))
+        static: MaskImage = frame.static & known
+        measured: MaskImage = frame.frame.depth_m > 0
         both = measured if self._measured_before is None else measured & self._measured_before
         self._flicker[STATIC].add(depth_m, steady_m, static, bins)
         self._flicker[STATIC_MEASURED].add(depth_m, steady_m, static & both, bins)
         self._measured_before = measured
 
-    def _add_16_bits(self, judged: Judged, whole_m: FloatImage) -> None:
-        """The surfaces that an image in 16 bits and millimetres can hold."""
-        held = (judged.reference_m <= np.float32(PEAK16_M)) & self._are(judged, self._fair, ALL)
-        sums = Sums.of(whole_m, judged.reference_m, held)
+    def _add_16_bits(self, frame: EvaluationFrame, completed_m: FloatImage, fair: MaskImage) -> None:
+        """Score the surfaces that an image in 16 bits and millimetres can hold."""
+        sums = Sums.of(completed_m, frame.reference_m, (frame.reference_m <= np.float32(PEAK16_M)) & fair)
         self._in_16_bits += sums
         self._psnrs_db.append(sums.psnr_db(PEAK16_M))
 
-    def _add_arithmetic(self, judged: Judged, depth_m: FloatImage) -> None:
-        """What repeats the arithmetic of the paper's authors; without a surface the truth is 0, as depth is."""
-        reference_m = np.where(judged.labels == NONE, np.float32(0), judged.reference_m)
+    def _add_paper(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
+        """Score by the arithmetic of the paper's authors; a pixel without a surface counts as 0 mm."""
+        reference_m = np.where(frame.labels == NONE, np.float32(0), frame.reference_m)
         depth_mm, reference_mm = to_millimetres(depth_m), to_millimetres(reference_m)
         scores = {
-            "m_rmse_u16_wrap": m_rmse_u16_wrap(depth_mm, reference_mm, self._are(judged, self._masked, ALL)),
+            "m_rmse_u16_wrap": m_rmse_u16_wrap(depth_mm, reference_mm, self._pixels(frame, self._occluded)),
             "psnr_minmax8": psnr_minmax8(depth_mm, reference_mm),
         }
         for name, score in scores.items():
             if score is not None:
-                self._of_frames[name].append(score)
+                self._paper[name].append(score)
 
-    def _are(self, judged: Judged, mask: str, within: str) -> MaskImage:
-        """The pixels of a mask within a range, shape (H, W)."""
+    def _pixels(self, frame: EvaluationFrame, mask: str) -> MaskImage:
+        """Return the pixels of a mask, shape (H, W)."""
         chosen = np.zeros(256, np.bool_)
-        chosen[self._groups.members(mask, within)] = True
-        pixels: MaskImage = chosen[judged.labels]
+        chosen[self._groups.members(mask, ALL)] = True
+        pixels: MaskImage = chosen[frame.labels]
         return pixels
 
-    def _read(self, mask: str, within: str) -> list[Figure]:
-        members = self._groups.members(mask, within)
-        figures = []
+    def _measured_errors(self, mask: str, range_name: str) -> Iterator[Measurement]:
+        members = self._groups.members(mask, range_name)
         for on, groups in ((FILLED, self._filled), (COMPLETED, self._completed)):
             sums = sum((groups[member] for member in members), Sums())
             if not sums.pixels:
                 continue
             if on == FILLED:
-                figures.append(_figure("coverage", mask, within, on, sums.coverage, "share", sums.pixels))
-            for metric, (unit, read) in READINGS.items():
-                value = None if on == COMPLETED and not _is_complete(sums) else read(sums)
-                figures.append(_figure(metric, mask, within, on, value, unit, sums.filled))
-        return figures
+                yield _measurement("coverage", mask, range_name, on, sums.coverage, "share", sums.pixels)
+            for metric, (unit, value_of) in METRICS.items():
+                value = None if on == COMPLETED and not _is_complete(sums) else value_of(sums)
+                yield _measurement(metric, mask, range_name, on, value, unit, sums.filled)
 
-    def _read_flicker(self) -> list[Figure]:
-        figures = []
-        for mask, within in product(self._flicker, RANGES):
-            changes = sum((self._flicker[mask].groups[index] for index in RANGES[within]), Changes())
+    def _measured_flicker(self) -> Iterator[Measurement]:
+        for mask, range_name in product(self._flicker, RANGES):
+            changes = sum((self._flicker[mask].groups[index] for index in RANGES[range_name]), Changes())
             if changes.pixels:
-                figures += [
-                    _figure("flicker", mask, within, FILLED, changes.mean_change_m, "m", changes.changes),
-                    _figure("switched", mask, within, FILLED, changes.switched_share, "share", changes.pixels),
-                ]
-        return figures
+                where = (mask, range_name, FILLED)
+                yield _measurement("flicker", *where, changes.mean_change_m, "m", changes.changes)
+                yield _measurement("switched", *where, changes.switched_share, "share", changes.pixels)
 
-    def _read_paper(self) -> list[Figure]:
-        sums, ours = self._in_16_bits, ("psnr16_mm", self._fair, ALL, COMPLETED)
+    def _measured_paper(self) -> Iterator[Measurement]:
+        sums = self._in_16_bits
         psnr_db = sums.psnr_db(PEAK16_M) if _is_complete(sums) else None
-        masked, whole = self._of_frames["m_rmse_u16_wrap"], self._of_frames["psnr_minmax8"]
+        yield _measurement("psnr16_mm", self._fair, ALL, COMPLETED, psnr_db, "dB", sums.filled)
+        for (metric, scores), mask, unit in zip(self._paper.items(), (self._occluded, "all"), ("1", "dB"), strict=True):
+            mean = float(np.mean(scores)) if scores else None
+            yield _measurement(metric, mask, ALL, AS_GIVEN, mean, unit, len(scores))
+
+
+class MovingScore:
+    """How much of moving objects survives a correction, and how much stays behind as ghosts.
+
+    The shares say little without those of the raw depth of the same frames, which are scored too.
+    """
+
+    def __init__(self) -> None:
+        self._survival = {"survival": Share(), "survival_raw": Share()}
+        self._ghosts = {"ghosts": Share(), "ghosts_raw": Share()}
+
+    def add(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
+        """Add a frame with its corrected depth [m], shape (H, W); frames without known moving objects are ignored."""
+        if frame.moving is None or frame.departed_m is None:
+            return
+        for name, given_m in (("survival", depth_m), ("survival_raw", frame.frame.depth_m)):
+            self._survival[name] += survival(given_m, frame.reference_m, frame.moving)
+        for name, given_m in (("ghosts", depth_m), ("ghosts_raw", frame.frame.depth_m)):
+            self._ghosts[name] += ghost_share(given_m, frame.reference_m, frame.departed_m)
+
+    def measurements(self) -> list[Measurement]:
+        """Return all shares; those of no pixel are left out."""
+        shares = [(name, MOVING, AS_GIVEN, share) for name, share in self._survival.items()]
+        shares += [(name, DEPARTED, FILLED, share) for name, share in self._ghosts.items()]
         return [
-            _figure(*ours, psnr_db, "dB", sums.filled),
-            _figure("m_rmse_u16_wrap", self._masked, ALL, AS_GIVEN, _mean(masked), "1", len(masked)),
-            _figure("psnr_minmax8", "all", ALL, AS_GIVEN, _mean(whole), "dB", len(whole)),
+            _measurement(name, mask, ALL, on, share.value, "share", share.of)
+            for name, mask, on, share in shares
+            if share.of
         ]
 
 
-def latency_figures(times_s: Sequence[float]) -> list[Figure]:
-    """Median, 95th percentile and maximum of the time that a frame took."""
-    ms = 1e3 * np.percentile(times_s, (50, 95, 100))
-    names = ("latency_p50", "latency_p95", "latency_max")
-    return [
-        _figure(name, FRAMES, FRAMES, FRAMES, float(value), "ms", len(times_s))
-        for name, value in zip(names, ms, strict=True)
-    ]
+class CalibrationScore:
+    """Errors of filled pixels by confidence and by source, as far as a method gives these.
+
+    Args:
+        intrinsics: Intrinsics of the camera.
+    """
+
+    def __init__(self, intrinsics: Intrinsics) -> None:
+        self._focal_baseline_px_m = intrinsics.focal_baseline_px_m
+        self._by_confidence = [_Errors()] * len(CONFIDENCES)
+        self._by_source = [_Errors()] * len(SOURCES)
+
+    def add(
+        self,
+        depth_m: FloatImage,
+        reference_m: FloatImage,
+        scored: MaskImage,
+        confidence: FloatImage | None,
+        source: GrayImage | None,
+    ) -> None:
+        """Add a frame.
+
+        Args:
+            depth_m: Corrected depth [m], shape (H, W); 0 = invalid, which does not count.
+            reference_m: Reference depth [m], shape (H, W); 0 or +inf = none.
+            scored: Pixels that count, shape (H, W).
+            confidence: 0..1, shape (H, W); None if the method gives none.
+            source: One `Source` per pixel, shape (H, W); None if the method gives none.
+        """
+        counted = scored & (depth_m > 0) & (reference_m < np.float32(FARTHEST_M))
+        if confidence is not None:
+            label = np.digitize(confidence, EDGES, right=True)
+            self._add(self._by_confidence, label, counted, depth_m, reference_m)
+        if source is not None:
+            named = counted & np.isin(source, list(SOURCES))
+            self._add(self._by_source, source.astype(np.intp) - min(SOURCES), named, depth_m, reference_m)
+
+    def measurements(self) -> Iterator[Measurement]:
+        """Yield the errors of every bin and source that has a pixel."""
+        for mask, errors in zip(
+            (*CONFIDENCES, *SOURCES.values()), (*self._by_confidence, *self._by_source), strict=True
+        ):
+            if n := errors.sums.filled:
+                where = (mask, CALIBRATION_RANGE, FILLED)
+                yield _measurement("mae", *where, errors.sums.mae_m, "m", n)
+                yield _measurement("median", *where, errors.sums.median_abs_m, "m", n)
+                yield _measurement("right", *where, errors.right / n, "share", n)
+
+    def _add(
+        self,
+        totals: list[_Errors],
+        label: npt.NDArray[np.intp],
+        counted: MaskImage,
+        depth_m: FloatImage,
+        reference_m: FloatImage,
+    ) -> None:
+        """Add the pixels that count to the errors of their labels."""
+        labels = np.where(counted, label, NONE).astype(np.uint8)
+        for k, where in enumerate(split(labels, len(totals))):
+            if where.size:
+                given_m, true_m = depth_m.flat[where], reference_m.flat[where]
+                right = int(np.count_nonzero(is_right(given_m, true_m, self._focal_baseline_px_m)))
+                sums = Sums.of(given_m, true_m, np.ones(where.size, np.bool_))
+                totals[k] = _Errors(sums=totals[k].sums + sums, right=totals[k].right + right)
 
 
-def _figure(metric: str, mask: str, within: str, on: str, value: float | None, unit: str, n: int) -> Figure:
-    return Figure(metric=metric, mask=mask, within=within, on=on, value=value, unit=unit, n=n)
+def _measurement(
+    metric: str, mask: str, range_name: str, on: str, value: float | None, unit: str, n: int
+) -> Measurement:
+    return Measurement(metric=metric, mask=mask, range=range_name, on=on, value=value, unit=unit, n=n)
 
 
 def _is_complete(sums: Sums) -> bool:
     """Whether completion filled every pixel; it cannot fill a frame that was given wholly empty."""
     return sums.filled == sums.pixels
-
-
-def _mean(values: Sequence[float]) -> float | None:
-    return float(np.mean(values)) if values else None

@@ -1,6 +1,7 @@
-"""Where frames come from, and what they are judged by: the truth of a recording, or pixels that were held out."""
+"""Where the frames of an evaluation come from, each with its reference: true depth, or pixels that are held out."""
 
 import zlib
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from hashlib import sha256
@@ -9,6 +10,7 @@ from typing import Protocol
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from sim.recording import Recording
 from sim.types import Capture
@@ -19,75 +21,79 @@ from voxdepth.types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics,
 
 from ..errors import ScenarioError
 from ..sequences import moving_ids
-from .departures import Departures
 from .groups import HELD_OUT_GROUPS, TRUE_GROUPS, Groups
-from .held_out import shadows
 
 SAME_SURFACE = 0.02
-"""A pixel shows the same thing as in the frame before if its true depth changed by at most this part."""
+"""Largest relative change of the true depth of a static pixel from the frame before."""
 SAME_GRAY = 3
-"""The same without the truth: its smoothed gray changed by at most so many levels."""
+"""Largest change of the smoothed gray value of a static pixel, where the truth is unknown."""
 TRUE_DEPTH = "depth_true"
-"""Folder of a recording that has the truth."""
+"""Folder that only recordings with the truth have."""
+GHOST_FRAMES = 5
+"""Ghosts are counted this many frames after a moving object left a pixel, so once per departure."""
+MEDIAN_PX = 5
+"""Window of the median that keeps outliers of the sensor from casting shadows."""
+VIRTUAL_WIDTH = 2
+"""Width of the virtual camera's image in widths of the real one, because it looks further to the right."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Judged:
-    """A frame with what its correction is judged by. Methods see `frame` alone; an oracle sees the pose as well."""
+class EvaluationFrame:
+    """A frame with its reference. Methods see only `frame`; an oracle sees the pose too."""
 
     frame: Frame
     T_world_cam: FloatArray | None
-    """True pose, shape (4, 4), for oracles; None if it is not known."""
+    """True pose, shape (4, 4), for oracles; None if it is unknown."""
     reference_m: FloatImage
-    """What depth is judged by [m], shape (H, W), float32; +inf = nothing. It is the truth, or measured."""
+    """True or measured depth [m], shape (H, W), float32; +inf = none."""
     labels: GrayImage
-    """The group of each pixel, shape (H, W), uint8."""
+    """Pixel group of each pixel, shape (H, W), uint8."""
     static: MaskImage
-    """Pixels that show the same as in the frame before, shape (H, W): there the error should not change."""
+    """Pixels that show the same surface as in the frame before, shape (H, W)."""
     occluded_share: float | None
-    """Part of the pixels with a reference that the second camera does not see, 0..1; None if it is not known."""
+    """Share of the pixels with a reference that the second camera does not see, 0..1; None if it is unknown."""
     moving: MaskImage | None = None
-    """Pixels of things that move, shape (H, W); None if there are none, or if they are not known."""
+    """Pixels of moving objects, shape (H, W); None if there are none or they are unknown."""
     departed_m: FloatImage | None = None
-    """Depth of a thing that moves where it left a pixel `departures.FRAMES_LATER` frames ago [m], shape (H, W); 0 where
-    it did not. None if there are none, or if they are not known.
+    """Depth of the moving object that left a pixel `GHOST_FRAMES` frames ago [m], shape (H, W); 0 elsewhere.
+    None if there are no moving objects or they are unknown.
     """
 
 
 class Frames(Protocol):
-    """Frames at hand, each of which can be read again and again."""
+    """Frames that can be read repeatedly."""
 
     def __len__(self) -> int:
         """Number of frames."""
         ...
 
-    def __getitem__(self, index: int) -> Judged:
-        """One of them, read when it is asked for."""
+    def __getitem__(self, index: int) -> EvaluationFrame:
+        """Read one frame."""
         ...
 
 
-class Source(Protocol):
+class FrameSource(Protocol):
     """A sequence that methods can be compared on."""
 
     name: str
     intrinsics: Intrinsics
     groups: Groups
     seed: int | None
-    """Of a rendered sequence; None for one that was measured, or whose maker did not say."""
+    """Seed of a rendered sequence; None for a measured one, or if it is unknown."""
 
     def __len__(self) -> int:
         """Number of frames."""
         ...
 
     def digest(self, frames: int) -> str:
-        """SHA-256 of all that the first frames hold: another one means other figures."""
+        """Return a SHA-256 of the contents of the first frames."""
         ...
 
-    def judged(self, frames: int) -> Iterator[Judged]:
-        """The first frames in order, each read when it is asked for.
+    def frames(self, frames: int) -> Iterator[EvaluationFrame]:
+        """Read the first frames in order.
 
         Raises:
-            RecordingError, DatasetError: A file of one is missing or damaged.
+            RecordingError, DatasetError: A file is missing or damaged.
         """
         ...
 
@@ -109,22 +115,22 @@ class SimulatedSource:
         return len(self._recording)
 
     def digest(self, frames: int) -> str:
-        """SHA-256 of all files of the first frames."""
+        """Return a SHA-256 of all files of the first frames."""
         return self._recording.digest(frames)
 
-    def judged(self, frames: int) -> Iterator[Judged]:
-        """The frames with the truth, with the holes told apart by what was seen before, and with what moves."""
+    def frames(self, frames: int) -> Iterator[EvaluationFrame]:
+        """Read the first frames; holes are split by what was measured before, and moving objects are marked."""
         seen_before, departures = SeenBefore(self.intrinsics), Departures()
         before: Capture | None = None
         for index in range(frames):
             capture = self._recording[index]
-            judged = _judged(capture, before, seen_before)
-            yield _with_movers(judged, capture, self._moving_ids, departures) if self._moving_ids else judged
+            frame = _with_truth(capture, before, seen_before)
+            yield _with_movers(frame, capture, self._moving_ids, departures) if self._moving_ids else frame
             before = capture
 
 
 class HeldOutSource:
-    """A recording without the truth: what is taken away from the methods is what they are judged by."""
+    """A recording without the truth. Some measured pixels are withheld from the methods, which are scored by them."""
 
     groups = HELD_OUT_GROUPS
     seed: int | None = None
@@ -139,7 +145,7 @@ class HeldOutSource:
         return len(self._dataset)
 
     def digest(self, frames: int) -> str:
-        """Of the camera and of the images of all frames, which are read for it."""
+        """Return a SHA-256 of the camera and of all images, which are read for it."""
         total = sha256(repr(self.intrinsics).encode())
         for index in range(frames):
             frame = self._dataset[index]
@@ -147,22 +153,22 @@ class HeldOutSource:
             total.update(f"{frame.stamp_s} {crc32}".encode())
         return total.hexdigest()
 
-    def judged(self, frames: int) -> Iterator[Judged]:
-        """The frames without the pixels that are held out."""
+    def frames(self, frames: int) -> Iterator[EvaluationFrame]:
+        """Read the first frames without the pixels that are held out."""
         gray_before: GrayImage | None = None
         for index in range(frames):
             frame = self._dataset[index]
             gray = cv2.blur(frame.gray, (5, 5)).astype(np.uint8)
-            yield _held_out(frame, shadows(frame.depth_m, self.intrinsics), _unmoved(gray, gray_before))
+            yield _with_held_out(frame, shadows(frame.depth_m, self.intrinsics), _same_gray(gray, gray_before))
             gray_before = gray
 
 
-def open_source(folder: Path) -> Source:
-    """The sequence in a folder of any format; with the truth if it is a recording that has it.
+def open_source(folder: Path) -> FrameSource:
+    """Open the sequence in a folder of any format.
 
     Raises:
-        ScenarioError: The folder has no name of its own.
-        RecordingError, DatasetError: It holds nothing that can be read.
+        ScenarioError: The folder has no name.
+        RecordingError, DatasetError: The folder holds nothing readable.
     """
     name = folder.resolve().name
     if not name:
@@ -172,13 +178,82 @@ def open_source(folder: Path) -> Source:
     return HeldOutSource(name, open_dataset(folder))
 
 
-def _judged(capture: Capture, before: Capture | None, seen_before: SeenBefore) -> Judged:
+class Departures:
+    """Follows the frames of a sequence and finds the pixels that moving objects have left."""
+
+    def __init__(self) -> None:
+        self._past_m: deque[FloatImage] = deque(maxlen=GHOST_FRAMES)
+
+    def add(self, moving: MaskImage, truth_m: FloatImage) -> FloatImage:
+        """Add the next frame.
+
+        Args:
+            moving: Pixels of moving objects, shape (H, W).
+            truth_m: True depth [m], shape (H, W).
+
+        Returns:
+            True depth of the moving object that was last at a pixel `GHOST_FRAMES` frames ago [m], shape (H, W),
+            float32; 0 where none was, or where one has been since.
+        """
+        moving_m = np.where(moving, truth_m, np.float32(0)).astype(np.float32)
+        departed_m = np.zeros_like(moving_m)
+        if len(self._past_m) == GHOST_FRAMES:
+            first_m, *later_m = self._past_m
+            departed_m = np.where(np.any([*later_m, moving_m], axis=0), np.float32(0), first_m)
+        self._past_m.append(moving_m)
+        return departed_m
+
+
+def shadows(depth_m: FloatImage, intrinsics: Intrinsics) -> MaskImage:
+    """Find the measured pixels that a virtual camera, one baseline to the left, would not see.
+
+    A second camera to the right of the first hides what lies to the left of a near object. The shadows of a camera to
+    the left have the same shape and move with the scene, but fall where there is depth. From that camera a pixel in
+    column u with the disparity d appears in column u + d, and is hidden if one with more than a pixel more disparity
+    appears in the same column. A longer baseline makes wider shadows, up to the width of the object.
+
+    Args:
+        depth_m: Measured depth [m], shape (H, W); 0 = invalid, which neither casts nor receives a shadow.
+        intrinsics: Intrinsics of the camera that measured it.
+
+    Returns:
+        Shape (H, W); shadows narrower than three pixels are left out.
+    """
+    valid = depth_m > 0
+    focal_baseline_px_m = np.float32(intrinsics.focal_baseline_px_m)
+    disparity_px = np.divide(focal_baseline_px_m, depth_m, out=np.zeros_like(depth_m), where=valid)
+    disparity_px = cv2.medianBlur(disparity_px, MEDIAN_PX).astype(np.float32)
+    valid &= disparity_px > 0
+    virtual_col = np.rint(np.arange(depth_m.shape[1], dtype=np.float32) + disparity_px)
+    valid &= virtual_col < VIRTUAL_WIDTH * depth_m.shape[1]
+    row, col = np.nonzero(valid)
+    at, disparity_px = virtual_col[valid].astype(np.intp), disparity_px[valid]
+    hidden = np.zeros(depth_m.shape, np.bool_)
+    hidden[row, col] = _nearest_px(row, at, disparity_px, depth_m.shape)[row, at] > disparity_px + 1
+    opened = cv2.morphologyEx(hidden.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    return opened.astype(np.bool_)
+
+
+def _nearest_px(
+    row: npt.NDArray[np.intp], at: npt.NDArray[np.intp], disparity_px: FloatImage, shape: tuple[int, ...]
+) -> FloatImage:
+    """Return the largest disparity in each pixel of the virtual camera [px], shape (H, VIRTUAL_WIDTH W).
+
+    Stretched surfaces leave gaps; gaps of a single column are closed.
+    """
+    nearest_px = np.zeros((shape[0], VIRTUAL_WIDTH * shape[1]), np.float32)
+    np.maximum.at(nearest_px, (row, at), disparity_px)
+    closed = cv2.morphologyEx(nearest_px, cv2.MORPH_CLOSE, np.ones((1, 3), np.uint8))
+    return closed.astype(np.float32)
+
+
+def _with_truth(capture: Capture, before: Capture | None, seen_before: SeenBefore) -> EvaluationFrame:
     truth_m = capture.depth_true_m
     known = np.isfinite(truth_m)
     hole = (capture.depth_raw_m == 0) & known
     seen, never = seen_before.split(hole, truth_m, capture.T_world_cam, capture.depth_raw_m)
     kind = capture.occluded + np.uint8(2) * seen + np.uint8(4) * never
-    return Judged(
+    return EvaluationFrame(
         frame=frame_of(capture),
         T_world_cam=capture.T_world_cam,
         reference_m=truth_m,
@@ -188,10 +263,12 @@ def _judged(capture: Capture, before: Capture | None, seen_before: SeenBefore) -
     )
 
 
-def _with_movers(judged: Judged, capture: Capture, moving_ids: range, departures: Departures) -> Judged:
+def _with_movers(
+    frame: EvaluationFrame, capture: Capture, moving_ids: range, departures: Departures
+) -> EvaluationFrame:
     moving: MaskImage = np.isin(capture.segment_id, moving_ids)
     departed_m = departures.add(moving, capture.depth_true_m)
-    return replace(judged, static=judged.static & ~moving, moving=moving, departed_m=departed_m)
+    return replace(frame, static=frame.static & ~moving, moving=moving, departed_m=departed_m)
 
 
 def _same_surface(capture: Capture, before: Capture | None) -> MaskImage:
@@ -205,21 +282,21 @@ def _same_surface(capture: Capture, before: Capture | None) -> MaskImage:
     return same
 
 
-def _unmoved(gray: GrayImage, before: GrayImage | None) -> MaskImage:
+def _same_gray(gray: GrayImage, before: GrayImage | None) -> MaskImage:
     if before is None:
         return np.zeros(gray.shape, np.bool_)
-    unmoved: MaskImage = cv2.absdiff(gray, before) <= SAME_GRAY
-    return unmoved
+    same: MaskImage = cv2.absdiff(gray, before) <= SAME_GRAY
+    return same
 
 
-def _held_out(frame: Frame, taken: MaskImage, unmoved: MaskImage) -> Judged:
+def _with_held_out(frame: Frame, held_out: MaskImage, static: MaskImage) -> EvaluationFrame:
     reference_m = np.where(frame.depth_m > 0, frame.depth_m, np.float32(np.inf))
-    shown_m = np.where(taken, np.float32(0), frame.depth_m)
-    return Judged(
-        frame=Frame(stamp_s=frame.stamp_s, gray=frame.gray, depth_m=shown_m),
+    given_m = np.where(held_out, np.float32(0), frame.depth_m)
+    return EvaluationFrame(
+        frame=Frame(stamp_s=frame.stamp_s, gray=frame.gray, depth_m=given_m),
         T_world_cam=None,
         reference_m=reference_m,
-        labels=HELD_OUT_GROUPS.label(reference_m, taken.astype(np.uint8)),
-        static=unmoved,
+        labels=HELD_OUT_GROUPS.label(reference_m, held_out.astype(np.uint8)),
+        static=static,
         occluded_share=None,
     )

@@ -1,55 +1,55 @@
-"""All methods on all sequences, one at a time; what is done is kept, and what fails stops nothing else."""
+"""All methods on all sequences, one at a time; finished results are reused, and a failure stops nothing else."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from hashlib import sha256
-from importlib.metadata import version
 from pathlib import Path
 from shutil import rmtree
 from tempfile import TemporaryDirectory
-from typing import Protocol
+from typing import Any, Protocol
+
+import numpy as np
 
 from sim.errors import RecordingError, SimError
 from sim.recording import Recording
 from voxdepth.errors import VoxDepthError
 
-from ..benchmark.machine import CPU_INFO, processor_name
 from ..errors import ScenarioError
 from ..files import to_toml
+from ..results.provenance import CORRECTION, processor_name, versions
 from ..sequences import SeededSequence, record
-from .cell import Cell, Key
-from .facts import Facts, Observer
-from .judging import MethodError, judge
+from .frame_cache import FrameCache
+from .groups import RANGES
+from .measurements import Measurements
 from .methods import Method
-from .scratch import Scratch
-from .shelf import Shelf
-from .sources import Judged, SimulatedSource, Source, open_source
+from .result_cache import Key, Result, ResultCache, SequenceInfo, encoded_thumbnail
+from .running import MethodError, run
+from .sources import EvaluationFrame, FrameSource, SimulatedSource, open_source
 
-VERSIONED = ("voxdepth", "numpy", "opencv-python-headless", "warp-lang")
-"""Packages whose versions may change a figure."""
 RECORDINGS = "recordings"
 """Folder of the shipped sequences, below that of the results."""
-SCRATCH = ".voxdepth-frames-"
-"""How the folders of frames begin, of which a run that was killed leaves one behind."""
+FRAME_CACHE = ".voxdepth-frames-"
+"""Prefix of the temporary folders of frames, of which a killed run leaves one behind."""
 
 Progress = Callable[[str, int], None]
-"""Told what is being done, and how many cells are finished."""
+"""Called with the present activity and the number of finished results."""
 
 
-class Wanted(Protocol):
-    """A sequence that was asked for."""
+class Requested(Protocol):
+    """A sequence to compare methods on."""
 
     @property
     def name(self) -> str:
-        """Names its results; no other may have the same."""
+        """Name of its results, unique among the sequences of a plan."""
         ...
 
-    def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> Source:
-        """The sequence, recorded first if it must be.
+    def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
+        """Open the sequence, and record it first if necessary.
 
         Raises:
-            ScenarioError, SimError, VoxDepthError: It cannot be had.
+            ScenarioError, SimError, VoxDepthError: The sequence cannot be opened or recorded.
         """
         ...
 
@@ -62,18 +62,18 @@ class Shipped:
 
     @property
     def name(self) -> str:
-        """Of the sequence."""
+        """Name of the sequence."""
         return self.planned.sequence.name
 
-    def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> Source:
-        """Its recording, made now if there is none of the same configuration with enough frames."""
+    def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
+        """Open its recording, which is made if there is none of the same configuration with enough frames."""
         digest = sha256(to_toml(self.planned).encode()).hexdigest()
         folder = out / RECORDINGS / f"{self.name}-{digest[:12]}"
-        if not self._is_whole(folder, frames):
+        if not self._is_complete(folder, frames):
             record(self.planned, folder, frames, lambda done: tell(f"recording {self.name}, frame {done} of {frames}"))
         return SimulatedSource(self.name, Recording.open(folder), self.planned.seed)
 
-    def _is_whole(self, folder: Path, frames: int) -> bool:
+    def _is_complete(self, folder: Path, frames: int) -> bool:
         try:
             recording = Recording.open(folder)
         except RecordingError:
@@ -83,178 +83,234 @@ class Shipped:
 
 @dataclass(frozen=True)
 class Folder:
-    """A sequence that is there, of any format."""
+    """An existing sequence of any format."""
 
     path: Path
 
     @property
     def name(self) -> str:
-        """Of the folder."""
+        """Name of the folder."""
         return self.path.resolve().name
 
-    def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> Source:
-        """The sequence in the folder."""
+    def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
+        """Open the sequence in the folder."""
         return open_source(self.path)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """What is to be compared, and where it is kept."""
+    """What shall be compared, and where the results are kept."""
 
-    sequences: Sequence[Wanted]
+    sequences: Sequence[Requested]
     methods: Sequence[Method]
     frames: int
-    """How many of the first frames of each sequence; all of a folder that has fewer.
+    """Number of the first frames of each sequence; a folder that has fewer gives all of its frames.
 
     A shipped sequence whose flight is shorter is an error.
     """
     out: Path
 
     def __len__(self) -> int:
-        """Number of cells."""
+        """Number of results."""
         return len(self.sequences) * len(self.methods)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Done:
-    """What came of a plan."""
+class Evaluation:
+    """The results of a plan."""
 
-    cells: tuple[Cell, ...]
-    """By sequence, and by method within."""
-    facts: dict[str, Facts]
-    """By the name of a sequence; those that could not be had are missing."""
+    results: tuple[Result, ...]
+    """Results by sequence, and by method within."""
+    sequences: dict[str, SequenceInfo]
+    """Descriptions by the name of a sequence; sequences that could not be opened are missing."""
     reused: int
-    """Cells that were finished before."""
+    """Number of results that had been finished before."""
+
+    @cached_property
+    def measurements(self) -> Measurements:
+        """All measurements as the long table, with one row of the metric `error` per failed result."""
+        return Measurements(row for result in self.results for row in _rows(result))
+
+    @property
+    def methods(self) -> list[str]:
+        """Names of all methods in their order."""
+        return list(dict.fromkeys(result.key.method for result in self.results))
+
+    @property
+    def failures(self) -> list[Result]:
+        """Results without measurements."""
+        return [result for result in self.results if result.error is not None]
+
+    def result(self, sequence: str, method: str) -> Result:
+        """Return the result of one method on one sequence."""
+        return next(result for result in self.results if (result.key.sequence, result.key.method) == (sequence, method))
 
 
-def evaluate(plan: Plan, progress: Progress) -> Done:
-    """Finish all cells. A repetition takes those that are finished, and tries again those that failed.
-
-    Args:
-        plan: What to do.
-        progress: Told of every step.
+def evaluate(plan: Plan, progress: Progress) -> Evaluation:
+    """Compute all results. A repetition reuses those that are finished, and tries those that failed again.
 
     Raises:
-        ScenarioError: Two sequences have one name, one has a name that is no text, or a result cannot be written.
+        ScenarioError: Two sequences have the same name, the name of one is not UTF-8, or a result cannot be written.
     """
-    _require_different([wanted.name for wanted in plan.sequences])
-    _clear(plan.out)
-    cells: list[Cell] = []
-    facts: dict[str, Facts] = {}
+    _require_distinct([requested.name for requested in plan.sequences])
+    for abandoned in plan.out.glob(f"{FRAME_CACHE}*"):
+        rmtree(abandoned, ignore_errors=True)
+    results: list[Result] = []
+    sequences: dict[str, SequenceInfo] = {}
     reused = 0
-    for wanted in plan.sequences:
-        with _scratch(plan.out) as scratch:
-            bench = Bench(plan, wanted, scratch, lambda what: progress(what, len(cells)))
-            for cell in bench.cells():
-                cells.append(cell)
-                progress(f"{wanted.name}, {cell.key.method}", len(cells))
-            reused += bench.reused
-            if bench.facts is not None:
-                facts[wanted.name] = bench.facts
-    return Done(cells=tuple(cells), facts=facts, reused=reused)
+    for requested in plan.sequences:
+        with _frame_cache(plan.out) as frames:
+            one = _SequenceEvaluation(plan, requested, frames, lambda what: progress(what, len(results)))
+            for result in one.results():
+                results.append(result)
+                progress(f"{requested.name}, {result.key.method}", len(results))
+            reused += one.reused
+            if one.info is not None:
+                sequences[requested.name] = one.info
+    return Evaluation(results=tuple(results), sequences=sequences, reused=reused)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Opened:
-    """A sequence at hand, and what identifies the results on it."""
+class _SequenceEvaluation:
+    """Runs the methods of a plan on one sequence."""
 
-    source: Source
-    frames: int
-    """How many of the first frames are used."""
-    digest: str
-    """SHA-256 of these."""
-
-    @classmethod
-    def of(cls, wanted: Wanted, out: Path, most_frames: int, tell: Callable[[str], None]) -> "Opened":
-        """What was asked for, with at most so many frames.
-
-        Raises:
-            ScenarioError, SimError, VoxDepthError: It cannot be had, or has no frame.
-        """
-        tell(f"opening {wanted.name}")
-        source = wanted.open(out, most_frames, tell)
-        frames = min(most_frames, len(source))
-        if frames == 0:
-            raise ScenarioError(f"{wanted.name!r} holds no whole frame: expected at least one; record it again")
-        return cls(source=source, frames=frames, digest=source.digest(frames))
-
-
-class Bench:
-    """One sequence, on which the methods take their turns."""
-
-    def __init__(self, plan: Plan, wanted: Wanted, scratch: Scratch, tell: Callable[[str], None]) -> None:
-        self._plan, self._wanted, self._scratch, self._tell = plan, wanted, scratch, tell
-        self._shelf = Shelf(plan.out, wanted.name)
-        self._versions = {name: version(name) for name in VERSIONED} | {"processor": _processor()}
-        self.facts: Facts | None = None
-        """Known once a cell is; None if the sequence cannot be had."""
+    def __init__(self, plan: Plan, requested: Requested, frames: FrameCache, tell: Callable[[str], None]) -> None:
+        self._plan, self._requested, self._frames, self._tell = plan, requested, frames, tell
+        self._cache = ResultCache(plan.out, requested.name)
+        self._versions = versions(CORRECTION) | {"processor": processor_name()}
+        self.info: SequenceInfo | None = None
+        """Known with the first result; None if the sequence cannot be opened."""
         self.reused = 0
-        """Cells that were finished before."""
 
-    def cells(self) -> Iterator[Cell]:
-        """The cell of every method, each stored when it is given; all with an error if the sequence cannot be had."""
+    def results(self) -> Iterator[Result]:
+        """Yield the stored result of every method; all have an error if the sequence cannot be opened."""
         methods = self._plan.methods
         try:
-            opened = Opened.of(self._wanted, self._plan.out, self._plan.frames, self._tell)
-            kept = [
-                self._shelf.cell(self._key(method, opened), may_have_changed=method.is_foreign) for method in methods
+            source, frames = self._opened()
+            digest = source.digest(frames)
+            cached = [
+                self._cache.load(self._key(method, source, frames, digest), may_have_changed=method.is_foreign)
+                for method in methods
             ]
-            self._prepare(opened, everything=all(cell.error is None for cell in kept))
+            self._prepare(source, frames, digest, is_finished=all(result.error is None for result in cached))
         except (SimError, VoxDepthError, ScenarioError) as error:
             reason = " ".join(str(error).split())
-            yield from (Cell(key=self._key(method, None), error=reason) for method in methods)
+            yield from (Result(key=self._key(method, None, 0, ""), error=reason) for method in methods)
             return
-        for method, cell in zip(methods, kept, strict=True):
-            if cell.error is None:
+        for method, result in zip(methods, cached, strict=True):
+            if result.error is None:
                 self.reused += 1
-                yield cell
+                yield result
             else:
-                self._tell(f"{self._wanted.name}, {method.name}")
-                yield self._run(opened.source, method, cell.key, cell.replaced)
+                self._tell(f"{self._requested.name}, {method.name}")
+                yield self._computed(source, method, result.key, result.replaced)
 
-    def _key(self, method: Method, opened: Opened | None) -> Key:
+    def _opened(self) -> tuple[FrameSource, int]:
+        """Open the sequence; return it with the number of frames that are used."""
+        name, most = self._requested.name, self._plan.frames
+        self._tell(f"opening {name}")
+        source = self._requested.open(self._plan.out, most, self._tell)
+        if len(source) == 0:
+            raise ScenarioError(f"{name!r} holds no whole frame: expected at least one; record it again")
+        return source, min(most, len(source))
+
+    def _key(self, method: Method, source: FrameSource | None, frames: int, digest: str) -> Key:
         return Key(
-            sequence=self._wanted.name,
+            sequence=self._requested.name,
             method=method.name,
-            frames=opened.frames if opened else 0,
-            seed=opened.source.seed if opened else None,
-            digest=opened.digest if opened else "",
+            frames=frames,
+            seed=source.seed if source else None,
+            digest=digest,
             config=method.config,
             versions=self._versions,
         )
 
-    def _prepare(self, opened: Opened, *, everything: bool) -> None:
-        """Have the facts and, unless every cell is finished, the frames at hand."""
-        self.facts = self._shelf.facts(opened.digest, opened.frames) if everything else None
-        if self.facts is None:
-            observer = Observer(opened.source, opened.digest)
-            self._scratch.fill(self._told(observer.watching(opened.source.judged(opened.frames)), opened.frames))
-            self.facts = observer.facts()
-            self._shelf.put_facts(self.facts)
+    def _prepare(self, source: FrameSource, frames: int, digest: str, *, is_finished: bool) -> None:
+        """Load or compute the description and, unless every result is finished, the frames."""
+        self.info = self._cache.load_info(digest, frames) if is_finished else None
+        if self.info is None:
+            observer = SequenceObserver(source, digest)
+            self._frames.fill(self._told(observer.observed(source.frames(frames)), frames))
+            self.info = observer.info()
+            self._cache.store_info(self.info)
 
-    def _told(self, frames: Iterable[Judged], total: int) -> Iterator[Judged]:
-        for index, judged in enumerate(frames):
-            self._tell(f"{self._wanted.name}, what frames are judged by, {index + 1} of {total}")
-            yield judged
+    def _told(self, frames: Iterable[EvaluationFrame], total: int) -> Iterator[EvaluationFrame]:
+        for index, frame in enumerate(frames):
+            self._tell(f"{self._requested.name}, references, frame {index + 1} of {total}")
+            yield frame
 
-    def _run(self, source: Source, method: Method, key: Key, replaced: str | None) -> Cell:
+    def _computed(self, source: FrameSource, method: Method, key: Key, replaced: str | None) -> Result:
         try:
-            verdict = judge(method, self._scratch, source.groups, source.intrinsics)
+            done = run(method, self._frames, source.groups, source.intrinsics)
         except (MethodError, ScenarioError) as error:
-            cell = Cell(key=key, error=str(error), replaced=replaced)
+            result = Result(key=key, error=str(error), replaced=replaced)
         else:
-            cell = Cell(
+            result = Result(
                 key=key,
                 replaced=replaced,
-                figures=verdict.figures,
-                frame_psnrs_db=verdict.frame_psnrs_db,
-                picture=verdict.picture,
+                measurements=done.measurements,
+                frame_psnrs_db=done.frame_psnrs_db,
+                thumbnail=done.thumbnail,
             )
-        self._shelf.put(cell)
-        return cell
+        self._cache.store(result)
+        return result
 
 
-def _require_different(names: Sequence[str]) -> None:
+class SequenceObserver:
+    """Counts the pixels of frames that pass, and describes the sequence in the end."""
+
+    def __init__(self, source: FrameSource, digest: str) -> None:
+        self._source, self._digest = source, digest
+        self._counts = np.zeros(256, np.int64)
+        self._occluded_shares: list[float] = []
+        self._frames = 0
+        self._last: EvaluationFrame | None = None
+
+    def observed(self, frames: Iterable[EvaluationFrame]) -> Iterator[EvaluationFrame]:
+        """Pass frames on."""
+        for frame in frames:
+            self._counts += np.bincount(frame.labels.ravel(), minlength=256)
+            if frame.occluded_share is not None:
+                self._occluded_shares.append(frame.occluded_share)
+            self._frames += 1
+            self._last = frame
+            yield frame
+
+    def info(self) -> SequenceInfo:
+        """Describe the frames that have passed, at least one."""
+        assert self._last is not None
+        source, reference_m = self._source, self._last.reference_m
+        groups, camera = source.groups, source.intrinsics
+        return SequenceInfo(
+            name=source.name,
+            digest=self._digest,
+            frames=self._frames,
+            seed=source.seed,
+            width_px=camera.width_px,
+            height_px=camera.height_px,
+            focal_px=camera.fx_px,
+            baseline_m=camera.baseline_m,
+            is_true=groups.is_true,
+            hidden=groups.hidden,
+            pixels={
+                mask: {name: int(self._counts[groups.members(mask, name)].sum()) for name in RANGES}
+                for mask in groups.masks
+            },
+            occluded_shares=tuple(self._occluded_shares),
+            reference=encoded_thumbnail(np.where(np.isfinite(reference_m), reference_m, np.float32(0))),
+            raw=encoded_thumbnail(self._last.frame.depth_m),
+        )
+
+
+def _rows(result: Result) -> Iterator[tuple[Any, ...]]:
+    """Yield the rows of a result, by `MEASUREMENT_COLUMNS`."""
+    where = result.key.sequence, result.key.method
+    if result.error is not None:
+        yield *where, "error", "", "", "", None, "", 0, result.error
+    for m in result.measurements:
+        yield *where, m.metric, m.mask, m.range, m.on, m.value, m.unit, m.n, ""
+
+
+def _require_distinct(names: Sequence[str]) -> None:
     for name in names:
         if name.encode(errors="replace").decode() != name:
             raise ScenarioError(f"expected the name of a folder in UTF-8, got {name!a}: rename the folder")
@@ -262,24 +318,13 @@ def _require_different(names: Sequence[str]) -> None:
             raise ScenarioError(f"two sequences are called {name!r}, whose results would mix: rename a folder")
 
 
-def _processor() -> str:
-    """Its name: times of another one are other times."""
-    return processor_name(CPU_INFO.read_text(encoding="utf-8") if CPU_INFO.exists() else "")
-
-
-def _clear(out: Path) -> None:
-    """Delete the frames of a run that was killed."""
-    for left in out.glob(f"{SCRATCH}*"):
-        rmtree(left, ignore_errors=True)
-
-
 @contextmanager
-def _scratch(out: Path) -> Iterator[Scratch]:
-    """An empty place for frames, gone in the end."""
+def _frame_cache(out: Path) -> Iterator[FrameCache]:
+    """Make an empty temporary cache of frames."""
     try:
         out.mkdir(parents=True, exist_ok=True)
-        folder = TemporaryDirectory(dir=out, prefix=SCRATCH, ignore_cleanup_errors=True)
+        folder = TemporaryDirectory(dir=out, prefix=FRAME_CACHE, ignore_cleanup_errors=True)
     except OSError as error:
         raise ScenarioError(f"cannot make a folder in {out}: {error.strerror or error}") from error
     with folder as path:
-        yield Scratch(Path(path))
+        yield FrameCache(Path(path))

@@ -13,10 +13,10 @@ from voxdepth.temporal.inpainting import FillingConfig
 from voxdepth.temporal.odometry import LocalisationConfig
 from voxdepth.temporal.planes import PlanesConfig
 
-from ..evaluation.cell import AS_GIVEN, FILLED, FRAMES
 from ..evaluation.groups import ALL
+from ..evaluation.measurements import AS_GIVEN, FILLED, FRAMES
 from ..evaluation.methods import Method, find_method
-from ..evaluation.moving_score import DEPARTED, MOVING
+from ..evaluation.scoring import DEPARTED, MOVING
 from .drawing import labelled, panels
 from .result import Column, Result, Table, Value
 from .stage import Scope, Stage
@@ -152,7 +152,7 @@ SHOWN = (
         factor=100,
     ),
     Shown(column=Column(name="p50", unit="ms", places=1), reading=_of_frames("latency_p50")),
-    Shown(column=Column(name="p50", unit="yardsticks", places=1), reading=_of_frames("latency_p50_yardsticks")),
+    Shown(column=Column(name="p50", unit="workloads", places=1), reading=_of_frames("latency_p50_workloads")),
 )
 
 
@@ -185,8 +185,8 @@ class Ablation:
             notes=(
                 "Surfaces within 20 m. Errors in holes and PSNR (peak 40 m) are after completion by the nearest valid; "
                 "off is more than 10 % too far or too near. Survival and ghosts are of sequences where things move.",
-                "Times are medians, and means of these over sequences of different sizes; the yardstick is a 5x5 "
-                "median of 640x360 pixels, timed between the frames.",
+                "Times are medians, and means of these over sequences of different sizes; the reference workload is a "
+                "5x5 median of 640x360 pixels, timed between the frames.",
                 "One seed and a few sequences: a difference of a percent or two says nothing.",
             ),
             figure=panels(

@@ -45,9 +45,9 @@ NOTES = (
     "Flicker is |change of the error| from frame to frame where the same surface stays, of pixels with a depth in both "
     "frames. Raw has none in holes: `measured` compares the two on the same pixels.",
     "A camera that turns on the spot (sim-yaw) has no parallax; it is asked the same as those that move.",
-    "Times are those of this machine, whatever else it did meanwhile: the yardstick (a 5x5 median of 640x360 pixels) "
-    "tells, unless it is short enough to slip between others. `voxdepth bench`, alone on the machine, is what measures "
-    "speed, p99 and memory.",
+    "Times are those of this machine, whatever else it did meanwhile: the reference workload (a 5x5 median of 640x360 "
+    "pixels) tells, unless it is short enough to slip between others. `voxdepth bench`, alone on the "
+    "machine, measures speed, p99 and memory.",
 )
 
 

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 
 from voxdepth.registry import DEFAULT, PAPER
 
-from ..evaluation.cell import AS_GIVEN, FILLED, FRAMES
 from ..evaluation.groups import ALL
-from ..evaluation.moving_score import DEPARTED, MOVING
-from ..evaluation.scoring import STATIC, STATIC_MEASURED
+from ..evaluation.measurements import AS_GIVEN, FILLED, FRAMES
+from ..evaluation.scoring import DEPARTED, MOVING, STATIC, STATIC_MEASURED
 from .bars import Bar, Values, average, worst
 from .hole_measures import SEQUENCE, Measured, N
 from .result import Column, Table, Value
@@ -132,11 +131,11 @@ def of_movers(standings: Sequence[Standing]) -> Measured:
 
 
 def of_time(standings: Sequence[Standing]) -> Measured:
-    """Time per frame beside the yardstick that was laid between the frames."""
-    names = ("latency_p50", "latency_p95", "latency_max", "yardstick_during", "latency_p50_yardsticks")
+    """Time per frame beside the reference workload that was timed between the frames."""
+    names = ("latency_p50", "latency_p95", "latency_max", "reference_workload_during", "latency_p50_workloads")
     columns = (SEQUENCE, Column(name="size"), Column(name="p50", unit="ms"), Column(name="p95", unit="ms"),
-               Column(name="largest", unit="ms"), Column(name="yardstick", unit="ms"),
-               Column(name="p50", unit="yardsticks"), N)  # fmt: skip
+               Column(name="largest", unit="ms"), Column(name="workload", unit="ms"),
+               Column(name="p50", unit="workloads"), N)  # fmt: skip
     p50, *others = (Reading(metric=name, mask=FRAMES, within=FRAMES, on=FRAMES) for name in names)
     rows: list[list[Value]] = [
         [at.sequence, at.facts.size, *(at.value(reading) for reading in (p50, *others)), at.count(p50)]

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 from voxdepth.paper.config import PaperConfig
 from voxdepth.paper.registration import RegistrationConfig
 
-from ..evaluation.cell import COMPLETED
 from ..evaluation.groups import ALL
+from ..evaluation.measurements import COMPLETED, Selector
 from .drawing import MARKERS, labelled, panels
 from .moving import ByRegistration, Mover, Unmoved
 from .optical_flow import starts
 from .result import Claim, Column, Result, Table
-from .stage import Scope, Stage, cell_of
+from .stage import Scope, Stage
 from .trial import Tally, try_pair, warm_up
 from .variants import variant
 
@@ -50,8 +50,8 @@ class FrameSize:
         psnrs_db: dict[tuple[str, int], float | None] = {}
         for name in stage.sequences:
             for size_px, method in zip(SIZES_PX, methods, strict=True):
-                figure = cell_of(done, name, method.name).figure("psnr16_mm", "all", ALL, COMPLETED)
-                psnrs_db[name, size_px] = None if figure is None else figure.value
+                selector = Selector("psnr16_mm", "all", ALL, COMPLETED)
+                psnrs_db[name, size_px] = done.measurements.value(name, method.name, selector)
         columns = (
             Column(name="sequence"),
             Column(name="size", unit="px", places=0),

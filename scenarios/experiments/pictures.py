@@ -9,9 +9,9 @@ from voxdepth.registry import DEFAULT, PAPER, create_corrector
 from voxdepth.types import FloatImage, Source
 
 from ..errors import ScenarioError
-from ..evaluation.exhibits import decoded
+from ..evaluation.result_cache import decoded_thumbnail as decoded
 from ..images import FAR_M, Image, colored, picked, titled
-from .stage import Stage, cell_of
+from .stage import Stage
 from .standing import HOLES, Standing
 
 ROW = 3
@@ -46,7 +46,7 @@ def _sheet(at: Standing, sources: Image) -> Image:
     methods = (PAPER, *([] if peer is None else [peer]), DEFAULT)
     depths_m = {
         "as given": decoded(at.facts.raw),
-        **{name: decoded(cell_of(at.done, at.sequence, name).picture) for name in methods},
+        **{name: decoded(at.done.result(at.sequence, name).thumbnail) for name in methods},
         "truth": decoded(at.facts.reference),
     }
     height, width = depths_m["truth"].shape

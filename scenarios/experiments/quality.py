@@ -7,14 +7,14 @@ from statistics import mean
 from typing import TYPE_CHECKING
 
 from ..evaluation import paper
-from ..evaluation.cell import AS_GIVEN, COMPLETED, Cell
 from ..evaluation.groups import ALL, NEAR
+from ..evaluation.measurements import AS_GIVEN, COMPLETED, Selector
 from ..evaluation.methods import find_methods
-from ..evaluation.suite import Done
+from ..evaluation.suite import Evaluation
 from .arithmetic import by_text, saturated
 from .drawing import labelled, panels
 from .result import Claim, Column, Result, Table, Value
-from .stage import Scope, Stage, cell_of
+from .stage import Scope, Stage
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,30 +88,30 @@ class Quality:
         )  # fmt: skip
 
 
-def _figure(cell: Cell, metric: Metric) -> tuple[float | None, int]:
+def _figure(done: Evaluation, sequence: str, method: str, metric: Metric) -> tuple[float | None, int]:
     """The value and how many pixels or frames it is of."""
-    figure = cell.figure(metric.metric, metric.mask, metric.within, metric.on)
-    return (None, 0) if figure is None else (figure.value, figure.n)
+    where = sequence, method, Selector(metric.metric, metric.mask, metric.within, metric.on)
+    return done.measurements.value(*where), done.measurements.count(*where)
 
 
-def _row(done: Done, metric: Metric, sequence: str) -> list[Value]:
-    found = [_figure(cell_of(done, sequence, method), metric) for method in METHODS.values()]
+def _row(done: Evaluation, metric: Metric, sequence: str) -> list[Value]:
+    found = [_figure(done, sequence, method, metric) for method in METHODS.values()]
     printed = (metric.printed or {}).get(paper.SEQUENCES.get(sequence, ""), (None,) * len(paper.METHODS))
     return [metric.title, metric.unit, sequence, *(value for value, _ in found), *printed, max(n for _, n in found)]
 
 
-def _leads(done: Done, stage: Stage, metric: Metric) -> dict[str, float]:
+def _leads(done: Evaluation, stage: Stage, metric: Metric) -> dict[str, float]:
     """VoxDepth's value over that of the best other of the paper's methods, by sequence."""
     leads = {}
     for sequence in stage.sequences:
-        value, *others = (_figure(cell_of(done, sequence, METHODS[name]), metric)[0] for name in ("VD", "RS", "GS"))
+        value, *others = (_figure(done, sequence, METHODS[name], metric)[0] for name in ("VD", "RS", "GS"))
         known = [other for other in others if other is not None]
         if value is not None and known:
             leads[sequence] = value / (max(known) if metric.higher_is_better else min(known))
     return leads
 
 
-def _of_psnr(done: Done, stage: Stage) -> Claim:
+def _of_psnr(done: Evaluation, stage: Stage) -> Claim:
     gains = {name: 100 * (lead - 1) for name, lead in _leads(done, stage, PSNR).items()}
     return Claim(
         paper="VD has the highest PSNR of VD, RS and GS in five of six datasets; 31 % above the best in LN and MB",
@@ -121,7 +121,7 @@ def _of_psnr(done: Done, stage: Stage) -> Claim:
     )
 
 
-def _of_mask(done: Done, stage: Stage) -> Claim:
+def _of_mask(done: Evaluation, stage: Stage) -> Claim:
     leads = {name: 100 * (1 - lead) for name, lead in _leads(done, stage, MASKED).items()}
     return Claim(
         paper="VD has the lowest masked RMSE in four of six datasets, by 25.23 % on average; 2.08 % behind in two",
@@ -132,15 +132,15 @@ def _of_mask(done: Done, stage: Stage) -> Claim:
     )
 
 
-def _drawn(done: Done, stage: Stage) -> bytes:
+def _drawn(done: Evaluation, stage: Stage) -> bytes:
     title = f"Quality of depth, n = {stage.frames} frames of each sequence"
     return panels(title, *(partial(_bars, done, stage, metric) for metric in (PSNR, MASKED)))
 
 
-def _bars(done: Done, stage: Stage, metric: Metric, axes: "Axes") -> None:
+def _bars(done: Evaluation, stage: Stage, metric: Metric, axes: "Axes") -> None:
     width = 0.8 / len(METHODS)
     for k, (name, method) in enumerate(METHODS.items()):
-        values = [_figure(cell_of(done, sequence, method), metric)[0] or 0.0 for sequence in stage.sequences]
+        values = [_figure(done, sequence, method, metric)[0] or 0.0 for sequence in stage.sequences]
         places = [place + (k - (len(METHODS) - 1) / 2) * width for place in range(len(values))]
         axes.bar(places, values, width, label=name)
     axes.set_xticks(range(len(stage.sequences)), stage.sequences, fontsize=7)

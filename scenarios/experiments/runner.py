@@ -10,7 +10,6 @@ from voxdepth.model import Model
 
 from ..benchmark.machine import Machine
 from ..errors import ScenarioError
-from ..evaluation.cell import write_model
 from ..files import write
 from .experiment import Experiment
 from .markdown import markdown_of
@@ -109,7 +108,7 @@ def _reported(experiment: Experiment, stage: Stage, wishes: Wishes) -> Report:
     write(folder / FIGURE, result.figure)
     for name, picture in result.pictures.items():
         write(folder / f"{name}.png", picture)
-    write_model(folder / REPORT, report)
+    write(folder / REPORT, f"{report.model_dump_json(indent=1)}\n".encode())
     return report
 
 

@@ -13,9 +13,8 @@ from voxdepth.types import Frame
 
 from ..benchmark.frames import FrameLoop
 from ..errors import ScenarioError
-from ..evaluation.cell import Cell
 from ..evaluation.methods import Method
-from ..evaluation.suite import RECORDINGS, Done, Plan, Shipped, evaluate
+from ..evaluation.suite import RECORDINGS, Evaluation, Plan, Shipped, evaluate
 from ..files import to_toml
 from ..sequences import SeededSequence, load_sequence
 
@@ -96,21 +95,15 @@ class Stage:
         recording = self.recording(name, images)
         return FrameLoop.of([recording[index] for index in range(images)])
 
-    def judged(self, methods: Sequence[Method]) -> Done:
-        """Methods on all sequences, as `voxdepth evaluate` compares them; what is done is taken from its cells.
+    def judged(self, methods: Sequence[Method]) -> Evaluation:
+        """Methods on all sequences, as `voxdepth evaluate` compares them; what is done is taken from its results.
 
         Raises:
             ScenarioError: One of them failed.
         """
         wanted = [Shipped(self.planned(name)) for name in self.sequences]
         plan = Plan(sequences=wanted, methods=methods, frames=self.frames, out=self.out)
-        done = evaluate(plan, lambda what, cells: self.tell(f"{what}; {cells} of {len(plan)} done"))
-        for cell in done.cells:
-            if cell.error is not None:
-                raise ScenarioError(f"{cell.key.method} failed on {cell.key.sequence}: {cell.error}")
+        done = evaluate(plan, lambda what, results: self.tell(f"{what}; {results} of {len(plan)} done"))
+        for failed in done.failures:
+            raise ScenarioError(f"{failed.key.method} failed on {failed.key.sequence}: {failed.error}")
         return done
-
-
-def cell_of(done: Done, sequence: str, method: str) -> Cell:
-    """What came of one method on one sequence."""
-    return next(cell for cell in done.cells if (cell.key.sequence, cell.key.method) == (sequence, method))

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 
 from voxdepth.registry import DEFAULT, PAPER
 
-from ..evaluation.cell import COMPLETED, FILLED
-from ..evaluation.facts import Facts
 from ..evaluation.groups import NEAR
+from ..evaluation.measurements import COMPLETED, FILLED, Selector
 from ..evaluation.methods import ORACLE
-from ..evaluation.suite import Done
+from ..evaluation.result_cache import SequenceInfo
+from ..evaluation.suite import Evaluation
 from .result import Value
-from .stage import cell_of
 
 RAW, SMOOTHER = "raw", "global-smoother"
 NO_PEERS = (DEFAULT, PAPER, ORACLE)
@@ -45,33 +44,28 @@ class Best:
 class Standing:
     """All methods on one sequence."""
 
-    done: Done
+    done: Evaluation
     sequence: str
 
     @property
-    def facts(self) -> Facts:
+    def facts(self) -> SequenceInfo:
         """Of the sequence."""
-        return self.done.facts[self.sequence]
+        return self.done.sequences[self.sequence]
 
     @property
     def peers(self) -> list[str]:
         """The methods that the default is compared with, in the order they were run."""
-        methods = [cell.key.method for cell in self.done.cells if cell.key.sequence == self.sequence]
-        return [name for name in methods if name not in NO_PEERS]
+        return [name for name in self.done.methods if name not in NO_PEERS]
 
     def value(self, reading: Reading, method: str = DEFAULT) -> float | None:
         """What a method scored; None if that is not defined."""
-        figure = cell_of(self.done, self.sequence, method).figure(
-            reading.metric, reading.mask, reading.within, reading.on
-        )
-        return None if figure is None else figure.value
+        selector = Selector(reading.metric, reading.mask, reading.within, reading.on)
+        return self.done.measurements.value(self.sequence, method, selector)
 
     def count(self, reading: Reading, method: str = DEFAULT) -> int:
         """Pixels or frames that it is of."""
-        figure = cell_of(self.done, self.sequence, method).figure(
-            reading.metric, reading.mask, reading.within, reading.on
-        )
-        return 0 if figure is None else figure.n
+        selector = Selector(reading.metric, reading.mask, reading.within, reading.on)
+        return self.done.measurements.count(self.sequence, method, selector)
 
     def best(self, reading: Reading, *, without: Sequence[str] = (), covering: float = 0.0) -> Best:
         """The peer with the lowest number.

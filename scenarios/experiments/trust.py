@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from itertools import pairwise
 
-from ..evaluation.cell import FILLED
-from ..evaluation.trust_score import CONFIDENCES, SOURCES, WITHIN
+from ..evaluation.measurements import FILLED
+from ..evaluation.scoring import CALIBRATION_RANGE as WITHIN
+from ..evaluation.scoring import CONFIDENCES, SOURCES
 from .bars import Bar, Finding
 from .hole_measures import Measured
 from .result import Column, Table

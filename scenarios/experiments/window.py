@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -10,10 +10,11 @@ from voxdepth.metrics import psnr_db
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.paper.config import PaperConfig
 
-from ..evaluation.cell import FRAMES, Cell
+from ..evaluation.measurements import of_frames
+from ..evaluation.suite import Evaluation
 from .drawing import MARKERS, labelled, panels
 from .result import Claim, Column, Result, Table
-from .stage import Scope, Stage, cell_of
+from .stage import Scope, Stage
 from .variants import variant
 
 if TYPE_CHECKING:
@@ -29,6 +30,19 @@ FIRST = WINDOWS[-1] + 4
 """Frames from this number on are judged: by then every window has given its first template."""
 
 
+class Cell(NamedTuple):
+    """One window size on one sequence."""
+
+    done: Evaluation
+    sequence: str
+    method: str
+
+    @property
+    def frame_psnrs_db(self) -> Sequence[float | None]:
+        """See `Result.frame_psnrs_db`."""
+        return self.done.result(self.sequence, self.method).frame_psnrs_db
+
+
 class Window:
     """The corrector with every window size on the same frames."""
 
@@ -40,7 +54,7 @@ class Window:
         """See `Experiment`."""
         methods = {n: variant(f"window-{n}", PaperConfig(window_frames=n)) for n in WINDOWS}
         done = stage.judged(list(methods.values()))
-        cells = {name: {n: cell_of(done, name, methods[n].name) for n in WINDOWS} for name in stage.sequences}
+        cells = {name: {n: Cell(done, name, methods[n].name) for n in WINDOWS} for name in stage.sequences}
         columns = (
             Column(name="sequence"),
             Column(name="window", unit="frames", places=0),
@@ -88,9 +102,9 @@ def frame_ms(cell: Cell) -> float:
 
 
 def _ms(cell: Cell, which: str) -> float:
-    figure = cell.figure(f"latency_{which}", FRAMES, FRAMES, FRAMES)
-    assert figure is not None and figure.value is not None, f"every cell has a latency_{which}"
-    return figure.value
+    value = cell.done.measurements.value(cell.sequence, cell.method, of_frames(f"latency_{which}"))
+    assert value is not None, f"every result has a latency_{which}"
+    return value
 
 
 def _claim(cells: Mapping[str, Mapping[int, Cell]]) -> Claim:

@@ -128,8 +128,8 @@ class Table:
         return [row[place] for row in self.rows]
 
     def is_numeric(self, place: int) -> bool:
-        """Whether a column holds a number."""
-        return any(isinstance(row[place], int | float) for row in self.rows)
+        """Whether a column has a unit or holds a number."""
+        return bool(self.columns[place].unit) or any(isinstance(row[place], int | float) for row in self.rows)
 
     def csv(self) -> bytes:
         """The raw values below the headings; an entry that is unknown is empty."""

@@ -27,7 +27,7 @@ def evaluate(*arguments: str | Path) -> Result:
 def values(out: Path) -> dict[tuple[str, ...], str]:
     with (out / "results.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    names = ("sequence", "method", "metric", "mask", "within", "on")
+    names = ("sequence", "method", "metric", "mask", "range", "on")
     return {tuple(row[name] for name in names): row["value"] for row in rows if row["on"] != "frames"}
 
 
@@ -46,18 +46,18 @@ def test_everything_is_written_and_a_repetition_takes_it(folders: tuple[Path, Pa
     command = ("--data", post, "--data", plain, "--methods", "raw,ip-basic,true-pose", "--frames", "5")
     done = evaluate(*command, "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
-    for words in ("post: 5 frames of 64x48", "judged by the truth", "plain: 5 frames", "held-out pixels",
-                  "plain, true-pose failed: it needs the true pose", "6 cells, 0 of them finished before"):  # fmt: skip
+    for words in ("post: 5 frames of 64x48", "scored by the truth", "plain: 5 frames", "held-out pixels",
+                  "plain, true-pose failed: it needs the true pose", "0 of them finished before"):  # fmt: skip
         assert words in done.output, words
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "cells", "sequences", "results.csv", "results.parquet", "report.html"
+        "results", "sequences", "results.csv", "results.parquet", "report.html"
     }  # fmt: skip
-    cell = json.loads((tmp_path / "out" / "cells" / "post" / "raw.json").read_text())
-    assert cell["key"]["frames"] == 5
-    assert set(cell["key"]["versions"]) >= {"voxdepth", "numpy"}
+    result = json.loads((tmp_path / "out" / "results" / "post" / "raw.json").read_text())
+    assert result["key"]["frames"] == 5
+    assert set(result["key"]["versions"]) >= {"voxdepth", "numpy"}
     before = values(tmp_path / "out")
     again = evaluate(*command, "--out", tmp_path / "out")
-    assert "6 cells, 5 of them finished before" in again.output, again.output
+    assert "6 results, 5 of them finished before" in again.output, again.output
     assert values(tmp_path / "out") == before
     elsewhere = evaluate(*command, "--out", tmp_path / "elsewhere")
     assert elsewhere.exit_code == 0
@@ -68,20 +68,20 @@ def test_an_interrupted_evaluation_goes_on(
     folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     command = ("--data", folders[0], "--methods", "raw,median", "--frames", "3", "--out", tmp_path)
-    really = suite.judge
+    really = suite.run
 
     def interrupted(method: suite.Method, *rest: object) -> object:
         if method.name == "median":
             raise KeyboardInterrupt
         return really(method, *rest)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(suite, "judge", interrupted)
+    monkeypatch.setattr(suite, "run", interrupted)
     stopped = evaluate(*command)
     assert stopped.exit_code != 0
     assert "the same command goes on" in stopped.output
-    assert not list(tmp_path.glob(f"{suite.SCRATCH}*"))
-    monkeypatch.setattr(suite, "judge", really)
-    assert "2 cells, 1 of them finished before" in evaluate(*command).output
+    assert not list(tmp_path.glob(f"{suite.FRAME_CACHE}*"))
+    monkeypatch.setattr(suite, "run", really)
+    assert "2 results, 1 of them finished before" in evaluate(*command).output
 
 
 @pytest.mark.parametrize(
@@ -94,9 +94,11 @@ def test_an_interrupted_evaluation_goes_on(
 )
 def test_a_group_stands_for_its_sequences(given: list[str], names: tuple[str, ...], tmp_path: Path) -> None:
     plan = _planned(given, [], "raw", 1, None, tmp_path)
-    assert tuple(wanted.name for wanted in plan.sequences) == names
+    assert tuple(requested.name for requested in plan.sequences) == names
     assert set(names) <= set(sequence_names())
-    assert [wanted.name for wanted in _planned([], [tmp_path], "raw", 1, None, tmp_path).sequences] == [tmp_path.name]
+    assert [requested.name for requested in _planned([], [tmp_path], "raw", 1, None, tmp_path).sequences] == [
+        tmp_path.name
+    ]
 
 
 @pytest.mark.parametrize(
@@ -117,7 +119,7 @@ def test_bad_input_is_one_line_and_exit_2(arguments: list[str], message: str, tm
 
 
 @pytest.mark.slow
-def test_a_shipped_sequence_is_recorded_and_judged(tmp_path: Path) -> None:
+def test_a_shipped_sequence_is_recorded_and_scored(tmp_path: Path) -> None:
     done = voxdepth("evaluate", "sim-LN", "--frames", "1", "--methods", "raw", "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     assert "sim-LN: 1 frames of 640x360" in done.stdout

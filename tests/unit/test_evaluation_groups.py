@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenarios.evaluation.cell import Figure
 from scenarios.evaluation.groups import BINS, HELD_OUT_GROUPS, NONE, RANGES, TRUE_GROUPS, Groups, pairs, split
-from scenarios.evaluation.scoring import READINGS, Score
-from tests.evaluation_clips import CAMERA, judged_frames
+from scenarios.evaluation.measurements import Measurement
+from scenarios.evaluation.scoring import METRICS, Score
+from tests.evaluation_clips import CAMERA, evaluation_frames
 from voxdepth.metrics import Sums, by_range
 
 
@@ -58,30 +58,30 @@ def test_every_kind_is_in_all_and_what_is_hidden_is_not_measured(groups: Groups)
     assert sorted(groups.members("all", "all")) == list(range(len(groups)))
 
 
-def figure(score: Score, *wanted: str) -> Figure:
-    (found,) = (f for f in score.figures() if (f.metric, f.mask, f.within, f.on) == wanted)
+def measurement(score: Score, *wanted: str) -> Measurement:
+    (found,) = (f for f in score.measurements() if (f.metric, f.mask, f.range, f.on) == wanted)
     return found
 
 
 def test_a_frame_given_wholly_empty_leaves_no_figure_after_completion() -> None:
     score = Score(TRUE_GROUPS, CAMERA)
-    for index, judged in enumerate(judged_frames(3)):
-        score.add(judged, judged.reference_m * np.float32(index != 1))
-    for metric in READINGS:
-        assert figure(score, metric, "all", "0-20 m", "completed").value is None, metric
-        assert figure(score, metric, "all", "0-20 m", "filled").value is not None, metric
-    assert figure(score, "psnr16_mm", "all", "all", "completed").value is None
+    for index, frame in enumerate(evaluation_frames(3)):
+        score.add(frame, frame.reference_m * np.float32(index != 1))
+    for metric in METRICS:
+        assert measurement(score, metric, "all", "0-20 m", "completed").value is None, metric
+        assert measurement(score, metric, "all", "0-20 m", "filled").value is not None, metric
+    assert measurement(score, "psnr16_mm", "all", "all", "completed").value is None
     assert score.frame_psnrs_db == (np.inf, None, np.inf)
 
 
 def test_without_the_truth_the_ratio_in_16_bits_is_of_held_out_pixels() -> None:
-    judged = judged_frames(1)[0]
+    frame = evaluation_frames(1)[0]
     kind = np.zeros(CAMERA.shape, np.uint8)
     kind[:, :10] = 1
-    depth_m = judged.reference_m + np.float32(0.5) * kind
+    depth_m = frame.reference_m + np.float32(0.5) * kind
     score = Score(HELD_OUT_GROUPS, CAMERA)
-    score.add(replace(judged, labels=HELD_OUT_GROUPS.label(judged.reference_m, kind)), depth_m)
-    ratio = figure(score, "psnr16_mm", "held out", "all", "completed")
+    score.add(replace(frame, labels=HELD_OUT_GROUPS.label(frame.reference_m, kind)), depth_m)
+    ratio = measurement(score, "psnr16_mm", "held out", "all", "completed")
     assert ratio.value == pytest.approx(20 * np.log10(65.535 / 0.5), rel=1e-5)
     assert ratio.n == kind.sum()
     assert score.frame_psnrs_db == (pytest.approx(ratio.value),)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenarios.evaluation.held_out import shadows
+from scenarios.evaluation.sources import shadows
 from tests.evaluation_clips import CAMERA, POST_M, WALL_M, truth_of
 from voxdepth.types import ASSUMED_BASELINE_M
 

@@ -8,21 +8,17 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from scenarios.evaluation.cell import Cell, Figure, Key
-from scenarios.evaluation.departures import FRAMES_LATER, Departures
-from scenarios.evaluation.facts import Facts
+from scenarios.evaluation.frame_cache import FrameCache
 from scenarios.evaluation.groups import RANGES, TRUE_GROUPS
-from scenarios.evaluation.moving_score import MovingScore
+from scenarios.evaluation.measurements import Measurement
 from scenarios.evaluation.quantities import QUANTITIES
-from scenarios.evaluation.quantity import AgainstRaw
-from scenarios.evaluation.scoring import Score
-from scenarios.evaluation.scratch import Scratch
-from scenarios.evaluation.sources import Judged, open_source
-from scenarios.evaluation.suite import Done
-from scenarios.evaluation.tables import by_method
-from scenarios.evaluation.terminal import print_results
+from scenarios.evaluation.report import method_table, print_results
+from scenarios.evaluation.result_cache import Key, Result, SequenceInfo
+from scenarios.evaluation.scoring import MovingScore, Score
+from scenarios.evaluation.sources import GHOST_FRAMES, Departures, EvaluationFrame, open_source
+from scenarios.evaluation.suite import Evaluation
 from sim.recording import RecordingWriter
-from tests.evaluation_clips import CAMERA, POST_M, WALL_M, capture_of, judged_frames, truth_of, write_recording
+from tests.evaluation_clips import CAMERA, POST_M, WALL_M, capture_of, evaluation_frames, truth_of, write_recording
 
 MOVERS = "[sequence]\nmovers = [{ radius_m = 0.3 }, { radius_m = 0.3 }]\n"
 """The post has the segmentation id 1: it is the second of two movers. The first one, id 0, is the wall's."""
@@ -38,8 +34,8 @@ def moving_recording(folder: Path, n_frames: int) -> Path:
     return folder
 
 
-def figure(score: MovingScore | Score, *wanted: str) -> Figure:
-    (found,) = (f for f in score.figures() if (f.metric, f.mask, f.within, f.on) == wanted)
+def measurement(score: MovingScore | Score, *wanted: str) -> Measurement:
+    (found,) = (f for f in score.measurements() if (f.metric, f.mask, f.range, f.on) == wanted)
     return found
 
 
@@ -55,59 +51,59 @@ def test_a_pixel_is_left_once_and_five_frames_later() -> None:
         depth_m[moving] = 2 + index
         left.append(departures.add(moving, depth_m)[0].tolist())
     expected = np.zeros((9, 5))
-    expected[0 + FRAMES_LATER, 1] = 2
-    expected[2 + FRAMES_LATER, 2] = 4
-    expected[1 + FRAMES_LATER, 4] = 3
+    expected[0 + GHOST_FRAMES, 1] = 2
+    expected[2 + GHOST_FRAMES, 2] = 4
+    expected[1 + GHOST_FRAMES, 4] = 3
     np.testing.assert_array_equal(left, expected)
 
 
 def test_a_recording_tells_what_moves_and_it_is_never_static(tmp_path: Path) -> None:
-    frames = list(open_source(moving_recording(tmp_path / "post", 8)).judged(8))
-    still = list(open_source(write_recording(tmp_path / "still", 8)).judged(8))
-    for index, (judged, unmoved) in enumerate(zip(frames, still, strict=True)):
+    frames = list(open_source(moving_recording(tmp_path / "post", 8)).frames(8))
+    still = list(open_source(write_recording(tmp_path / "still", 8)).frames(8))
+    for index, (frame, unmoved) in enumerate(zip(frames, still, strict=True)):
         post = truth_of(index) == POST_M
-        np.testing.assert_array_equal(judged.moving, post)
-        np.testing.assert_array_equal(judged.static, unmoved.static & ~post)
+        np.testing.assert_array_equal(frame.moving, post)
+        np.testing.assert_array_equal(frame.static, unmoved.static & ~post)
         assert unmoved.moving is None
         assert unmoved.departed_m is None
-    (first,) = (np.unique(judged.departed_m[judged.departed_m > 0]).tolist() for judged in frames[5:6])
+    (first,) = (np.unique(frame.departed_m[frame.departed_m > 0]).tolist() for frame in frames[5:6])
     assert first == [POST_M], "the post has moved to the left by then"
-    assert not any(judged.departed_m.any() for judged in frames[:5])
+    assert not any(frame.departed_m.any() for frame in frames[:5])
     last = truth_of(7)
     assert (last[frames[7].departed_m > 0] == WALL_M).all()
 
 
 def test_what_moves_is_kept_with_the_frames(tmp_path: Path) -> None:
-    frames = list(open_source(moving_recording(tmp_path / "post", 7)).judged(7))
-    scratch = Scratch(tmp_path)
-    scratch.fill(frames)
-    np.testing.assert_array_equal(scratch[6].moving, frames[6].moving)
-    np.testing.assert_array_equal(scratch[6].departed_m, frames[6].departed_m)
-    scratch.fill(judged_frames(1))
-    assert (scratch[0].moving, scratch[0].departed_m) == (None, None)
+    frames = list(open_source(moving_recording(tmp_path / "post", 7)).frames(7))
+    cache = FrameCache(tmp_path)
+    cache.fill(frames)
+    np.testing.assert_array_equal(cache[6].moving, frames[6].moving)
+    np.testing.assert_array_equal(cache[6].departed_m, frames[6].departed_m)
+    cache.fill(evaluation_frames(1))
+    assert (cache[0].moving, cache[0].departed_m) == (None, None)
 
 
-def moving_frame() -> Judged:
+def moving_frame() -> EvaluationFrame:
     """Ten columns of the post move, ten columns of the wall were left by it; raw has a hole in half of each."""
-    judged = judged_frames(1)[0]
+    frame = evaluation_frames(1)[0]
     reference_m = np.full(CAMERA.shape, np.float32(WALL_M))
     moving, departed_m = np.zeros(CAMERA.shape, bool), np.zeros(CAMERA.shape, np.float32)
     moving[:, :10], departed_m[:, 10:20] = True, POST_M
     reference_m[moving] = POST_M
     raw_m = reference_m.copy()
     raw_m[:, [0, 1, 2, 3, 4, 10, 11, 12, 13, 14]] = 0
-    frame = replace(judged.frame, depth_m=raw_m)
-    return replace(judged, frame=frame, reference_m=reference_m, moving=moving, departed_m=departed_m)
+    given = replace(frame.frame, depth_m=raw_m)
+    return replace(frame, frame=given, reference_m=reference_m, moving=moving, departed_m=departed_m)
 
 
 def test_survival_and_ghosts_by_hand_beside_those_of_raw_depth() -> None:
-    judged = moving_frame()
-    remembered_m = judged.reference_m.copy()
+    frame = moving_frame()
+    remembered_m = frame.reference_m.copy()
     remembered_m[:, :2] = WALL_M  # a memory of the wall over the post
     remembered_m[:, 10:13] = POST_M  # and one of the post over the wall
     remembered_m[:, 13] = 0
     score = MovingScore()
-    score.add(judged, remembered_m)
+    score.add(frame, remembered_m)
     height = CAMERA.height_px
     for wanted, value, n in (
         (("survival", "moving", "all", "as given"), 0.8, 10),
@@ -115,44 +111,45 @@ def test_survival_and_ghosts_by_hand_beside_those_of_raw_depth() -> None:
         (("ghosts", "departed", "all", "filled"), 3 / 9, 9),
         (("ghosts_raw", "departed", "all", "filled"), 0.0, 5),
     ):
-        assert figure(score, *wanted).value == pytest.approx(value), wanted
-        assert figure(score, *wanted).n == n * height, wanted
+        assert measurement(score, *wanted).value == pytest.approx(value), wanted
+        assert measurement(score, *wanted).n == n * height, wanted
 
 
 def test_without_movers_there_are_no_such_figures() -> None:
     score = Score(TRUE_GROUPS, CAMERA)
-    for judged in judged_frames(2):
-        score.add(judged, judged.reference_m)
-    assert not {f.metric for f in score.figures()} & {"survival", "survival_raw", "ghosts", "ghosts_raw"}
+    for frame in evaluation_frames(2):
+        score.add(frame, frame.reference_m)
+    assert not {f.metric for f in score.measurements()} & {"survival", "survival_raw", "ghosts", "ghosts_raw"}
     seen_by_nobody = replace(
-        judged_frames(1)[0], moving=np.zeros(CAMERA.shape, bool), departed_m=np.zeros(CAMERA.shape)
+        evaluation_frames(1)[0], moving=np.zeros(CAMERA.shape, bool), departed_m=np.zeros(CAMERA.shape)
     )
     score.add(seen_by_nobody, seen_by_nobody.reference_m)
-    assert not any(f.metric == "survival" for f in score.figures()), "a share of no pixel is left out"
+    assert not any(f.metric == "survival" for f in score.measurements()), "a share of no pixel is left out"
 
 
-def done_with_movers() -> Done:
+def done_with_movers() -> Evaluation:
     key = Key(sequence="s", method="m", frames=2, seed=0, digest="d", config=None, versions={})
     score = MovingScore()
-    judged = moving_frame()
-    score.add(judged, np.where(judged.frame.depth_m > 0, judged.frame.depth_m, np.float32(POST_M)))
-    facts = Facts(
+    frame = moving_frame()
+    score.add(frame, np.where(frame.frame.depth_m > 0, frame.frame.depth_m, np.float32(POST_M)))
+    info = SequenceInfo(
         name="s", digest="d", frames=2, seed=0, width_px=64, height_px=48, focal_px=9.0, baseline_m=None, is_true=True,
         hidden="holes", pixels={mask: dict.fromkeys(RANGES, 9) for mask in ("all", "holes")}, occluded_shares=(),
     )  # fmt: skip
-    return Done(cells=(Cell(key=key, figures=tuple(score.figures())),), facts={"s": facts}, reused=0)
+    result = Result(key=key, measurements=tuple(score.measurements()))
+    return Evaluation(results=(result,), sequences={"s": info}, reused=0)
 
 
 def test_tables_show_raw_and_the_difference() -> None:
-    survival, ghosts = (quantity for quantity in QUANTITIES if isinstance(quantity, AgainstRaw))
-    tables = [by_method(done_with_movers(), quantity) for quantity in (survival, ghosts)]
-    assert [dict(table.rows)["m"][0].text for table in tables] == ["50.0 +50.0", "0.0 +50.0"]
-    assert [dict(table.rows)["n"][0].text for table in tables] == ["480", "240 to 480"]
+    survival, ghosts = (quantity for quantity in QUANTITIES if quantity.against_raw)
+    tables = [method_table(done_with_movers(), quantity) for quantity in (survival, ghosts)]
+    assert [table.rows[0] for table in tables] == [["m", "50.0 +50.0"], ["m", "0.0 +50.0"]]
+    assert [table.rows[1] for table in tables] == [["n", "480"], ["n", "240 to 480"]]
 
 
 def test_the_terminal_has_a_table_of_its_own_for_them() -> None:
-    console = Console(width=80, record=True, file=io.StringIO())
+    text = io.StringIO()
+    console = Console(width=80, file=text)
     print_results(console, done_with_movers())
-    text = console.export_text()
-    assert "survival of what moves" in text
-    assert "50.0 +50.0" in text
+    assert "survival" in text.getvalue()
+    assert "50.0 +50.0" in text.getvalue()

@@ -13,22 +13,18 @@ import pytest
 from markupsafe import escape
 from rich.console import Console
 
-from scenarios.benchmark.machine import Machine
-from scenarios.evaluation import figures, paper
-from scenarios.evaluation.cell import Cell, Figure, Key
-from scenarios.evaluation.exhibits import EMPTY_M, error_map, exhibit
-from scenarios.evaluation.facts import Facts
-from scenarios.evaluation.figures import all_figures, pareto_front
+from scenarios.evaluation import paper
+from scenarios.evaluation.figures import EMPTY_M, all_figures, count_text, error_map, error_maps, pareto_front
 from scenarios.evaluation.groups import RANGES
-from scenarios.evaluation.judging import pictured
+from scenarios.evaluation.measurements import Measurement
 from scenarios.evaluation.methods import ORACLE
-from scenarios.evaluation.page import rendered
-from scenarios.evaluation.quantities import IN_PAPERS_LAYOUT, QUANTITIES
-from scenarios.evaluation.quantity import Entry
-from scenarios.evaluation.results import COLUMNS, write_results
-from scenarios.evaluation.suite import Done
-from scenarios.evaluation.tables import Table, by_method, count_text, has_figures, in_papers_layout
-from scenarios.evaluation.terminal import print_results
+from scenarios.evaluation.quantities import PAPER_LAYOUT, QUANTITIES, is_measured
+from scenarios.evaluation.report import method_table, paper_table, print_results, rendered
+from scenarios.evaluation.result_cache import Key, Result, SequenceInfo, encoded_thumbnail
+from scenarios.evaluation.suite import Evaluation
+from scenarios.results import figure
+from scenarios.results.measurements import MEASUREMENT_COLUMNS, write_frame
+from scenarios.results.table import Table
 
 NASTY = "<script>alert('x')</script>"
 
@@ -37,20 +33,25 @@ def key(sequence: str, method: str) -> Key:
     return Key(sequence=sequence, method=method, frames=2, seed=0, digest="d", config=None, versions={"numpy": "2"})
 
 
-def cell(sequence: str, method: str, mae: float, n: int = 1000) -> Cell:
+def cell(sequence: str, method: str, mae: float, n: int = 1000) -> Result:
     figures = [
-        *(Figure(metric="mae", mask="all", within=name, on="completed", value=mae, unit="m", n=n) for name in RANGES),
-        Figure(metric="mae", mask="holes", within="0-20 m", on="completed", value=2 * mae, unit="m", n=n),
-        Figure(metric="psnr16_mm", mask="all", within="all", on="completed", value=20 - mae, unit="dB", n=2),
-        Figure(metric="latency_p50", mask="frames", within="frames", on="frames", value=3.0, unit="ms", n=2),
-        Figure(metric="latency_p95", mask="frames", within="frames", on="frames", value=4.0, unit="ms", n=2),
+        *(
+            Measurement(metric="mae", mask="all", range=name, on="completed", value=mae, unit="m", n=n)
+            for name in RANGES
+        ),
+        Measurement(metric="mae", mask="holes", range="0-20 m", on="completed", value=2 * mae, unit="m", n=n),
+        Measurement(metric="psnr16_mm", mask="all", range="all", on="completed", value=20 - mae, unit="dB", n=2),
+        Measurement(metric="latency_p50", mask="frames", range="frames", on="frames", value=3.0, unit="ms", n=2),
+        Measurement(metric="latency_p95", mask="frames", range="frames", on="frames", value=4.0, unit="ms", n=2),
     ]
-    picture = pictured(np.full((9, 12), 3, np.float32))
-    return Cell(key=key(sequence, method), figures=tuple(figures), frame_psnrs_db=(20.0, math.inf), picture=picture)
+    thumbnail = encoded_thumbnail(np.full((9, 12), 3, np.float32))
+    return Result(
+        key=key(sequence, method), measurements=tuple(figures), frame_psnrs_db=(20.0, math.inf), thumbnail=thumbnail
+    )
 
 
-def facts(name: str) -> Facts:
-    return Facts(
+def facts(name: str) -> SequenceInfo:
+    return SequenceInfo(
         name=name,
         digest="d",
         frames=2,
@@ -63,70 +64,70 @@ def facts(name: str) -> Facts:
         hidden="holes",
         pixels={mask: dict.fromkeys(RANGES, 1000) for mask in ("all", "holes")},
         occluded_shares=(0.1, 0.2),
-        reference=pictured(np.full((9, 12), 3, np.float32)),
-        raw=pictured(np.zeros((9, 12), np.float32)),
+        reference=encoded_thumbnail(np.full((9, 12), 3, np.float32)),
+        raw=encoded_thumbnail(np.zeros((9, 12), np.float32)),
     )
 
 
 @pytest.fixture(scope="module")
-def done() -> Done:
+def done() -> Evaluation:
     cells = (
         cell("sim-MB", "raw", 0.5),
         cell("sim-MB", "good", 0.3, n=2000),
         cell("sim-MB", ORACLE, 0.1),
-        Cell(key=key("sim-MB", "bad"), error=f"frame 0: {NASTY}", replaced="numpy was 1 and is 2"),
+        Result(key=key("sim-MB", "bad"), error=f"frame 0: {NASTY}", replaced="numpy was 1 and is 2"),
         cell("other", "raw", 0.2),
         cell("other", "good", 0.4),
         cell("other", ORACLE, 0.1),
         cell("other", "bad", 9.0),
     )
-    return Done(cells=cells, facts={name: facts(name) for name in ("sim-MB", "other")}, reused=0)
+    return Evaluation(results=cells, sequences={name: facts(name) for name in ("sim-MB", "other")}, reused=0)
 
 
 @pytest.fixture(scope="module")
-def html(done: Done) -> str:
+def html(done: Evaluation) -> str:
     """The page, made once: drawing takes seconds."""
-    return rendered(done, Machine.here())
+    return rendered(done)
 
 
 def mae() -> Any:
-    return next(q for q in QUANTITIES if q.metrics == ["mae"] and q.mask == "all" and q.on == "completed")
+    return next(q for q in QUANTITIES if q.metrics == ["mae"] and q.masks == ("all",) and q.on == "completed")
 
 
-def row(table: Table, name: str) -> list[Entry]:
-    return list(dict(table.rows)[name])
+def row(table: Table, name: str) -> list[tuple[str, str]]:
+    """Text and CSS class of the entries of a row."""
+    return next(entries[1:] for entries in table.cells if entries[0][0] == name)
 
 
-def test_the_best_is_marked_in_each_sequence_and_an_oracle_does_not_compete(done: Done) -> None:
-    table = by_method(done, mae())
-    assert table.columns == ["sim-MB", "other"]
-    assert [entry.text for entry in row(table, "good")] == ["0.300", "0.400"]
-    kinds = {name: [entry.kind for entry in entries] for name, entries in table.rows}
+def test_the_best_is_marked_in_each_sequence_and_an_oracle_does_not_compete(done: Evaluation) -> None:
+    table = method_table(done, mae())
+    assert table.headings == ["method", "sim-MB", "other"]
+    assert [text for text, _ in row(table, "good")] == ["0.300", "0.400"]
+    kinds = {entries[0][0]: [kind for _, kind in entries[1:]] for entries in table.cells}
     assert kinds == {
         "raw": ["", "best"], "good": ["best", ""], ORACLE: ["", ""], "bad": ["failed", ""], "n": ["n", "n"]
     }  # fmt: skip
 
 
-def test_a_failed_method_has_no_number_and_is_in_no_sample_size(done: Done) -> None:
-    table = by_method(done, mae())
-    assert row(table, "bad")[0].text == "failed"
-    assert [entry.text for entry in row(table, "n")] == ["1.0 k to 2.0 k", "1.0 k"]
+def test_a_failed_method_has_no_number_and_is_in_no_sample_size(done: Evaluation) -> None:
+    table = method_table(done, mae())
+    assert row(table, "bad")[0] == ("failed", "failed")
+    assert [text for text, _ in row(table, "n")] == ["1.0 k to 2.0 k", "1.0 k"]
 
 
-def test_figures_that_a_sequence_does_not_have_are_left_open(done: Done) -> None:
-    (seen,) = (q for q in QUANTITIES if q.mask == "holes seen")
-    assert {entry.text for name, entries in by_method(done, seen).rows for entry in entries} == {"-", "failed"}
+def test_figures_that_a_sequence_does_not_have_are_left_open(done: Evaluation) -> None:
+    (seen,) = (q for q in QUANTITIES if q.masks == ["holes seen"])
+    assert {text for entries in method_table(done, seen).cells for text, _ in entries[1:]} == {"-", "failed"}
 
 
-def test_the_papers_layout_has_its_rows_and_its_numbers_beside_ours(done: Done) -> None:
-    table = in_papers_layout(done, IN_PAPERS_LAYOUT[0])
-    assert [name for name, _ in table.rows] == ["MB", "other"]
-    assert table.columns == [*(f"{m} (paper)" for m in paper.METHODS), "raw", "good", ORACLE, "bad", "n"]
-    texts = [entry.text for entry in row(table, "MB")]
+def test_the_papers_layout_has_its_rows_and_its_numbers_beside_ours(done: Evaluation) -> None:
+    table = paper_table(done, PAPER_LAYOUT[0])
+    assert table.column("sequence") == ["MB", "other"]
+    assert table.headings == ["sequence", *(f"{m} (paper)" for m in paper.METHODS), "raw", "good", ORACLE, "bad", "n"]
+    texts = [text for text, _ in row(table, "MB")]
     assert texts == ["17.10", "13.17", "15.36", "10.51", "19.50", "19.70", "19.90", "failed", "2"]
-    assert [entry.text for entry in row(table, "other")][:4] == [""] * 4
-    assert all(len(entries) == len(table.columns) for _, entries in table.rows)
-    assert [entry.kind for entry in row(table, "MB")][4:6] == ["", "best"], "more decibels are better"
+    assert [text for text, _ in row(table, "other")][:4] == [""] * 4
+    assert [kind for _, kind in row(table, "MB")][4:6] == ["", "best"], "more decibels are better"
 
 
 def test_the_papers_numbers_are_those_of_its_table() -> None:
@@ -137,14 +138,14 @@ def test_the_papers_numbers_are_those_of_its_table() -> None:
     assert sum(value > 175 for values in paper.M_RMSE.values() for value in values) == 13
 
 
-def test_results_are_tidy_and_the_same_in_both_files(done: Done, tmp_path: Path) -> None:
+def test_results_are_tidy_and_the_same_in_both_files(done: Evaluation, tmp_path: Path) -> None:
     import pyarrow.parquet
 
-    write_results(tmp_path, done.cells)
+    write_frame(tmp_path / "results", done.measurements.frame)
     with (tmp_path / "results.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     table = pyarrow.parquet.read_table(tmp_path / "results.parquet").to_pylist()
-    assert tuple(rows[0]) == COLUMNS
+    assert tuple(rows[0]) == MEASUREMENT_COLUMNS
     assert len(rows) == len(table) == 7 * (len(RANGES) + 4) + 1
     for one, other in zip(rows, table, strict=True):
         assert one["metric"] == other["metric"]
@@ -157,9 +158,9 @@ def test_results_are_tidy_and_the_same_in_both_files(done: Done, tmp_path: Path)
 def test_no_results_are_a_table_without_rows(tmp_path: Path) -> None:
     import pyarrow.parquet
 
-    write_results(tmp_path, [])
-    assert (tmp_path / "results.csv").read_text() == ",".join(COLUMNS) + "\n"
-    assert pyarrow.parquet.read_table(tmp_path / "results.parquet").column_names == list(COLUMNS)
+    write_frame(tmp_path / "results", Evaluation(results=(), sequences={}, reused=0).measurements.frame)
+    assert (tmp_path / "results.csv").read_text() == ",".join(MEASUREMENT_COLUMNS) + "\n"
+    assert pyarrow.parquet.read_table(tmp_path / "results.parquet").column_names == list(MEASUREMENT_COLUMNS)
 
 
 def test_the_front_has_no_point_that_another_one_beats() -> None:
@@ -202,15 +203,15 @@ def test_the_page_loads_nothing_and_runs_nothing(html: str) -> None:
     assert html.startswith("<!DOCTYPE html>")
 
 
-def test_the_page_has_every_table_figure_and_what_it_was_measured_on(done: Done, html: str) -> None:
-    assert sum(has_figures(done, quantity) for quantity in QUANTITIES) == 3, "MAE of all, of holes, and time"
-    for quantity in (*QUANTITIES, *IN_PAPERS_LAYOUT):
-        shown = quantity in IN_PAPERS_LAYOUT or has_figures(done, quantity)
-        assert (f"<h3>{escape(quantity.title)}</h3>" in html) == shown, quantity.title
-        assert re.search(r"\[.+\]", quantity.title), "with its unit"
+def test_the_page_has_every_table_figure_and_what_it_was_measured_on(done: Evaluation, html: str) -> None:
+    assert sum(is_measured(done, quantity) for quantity in QUANTITIES) == 3, "MAE of all, of holes, and time"
+    for quantity in (*QUANTITIES, *PAPER_LAYOUT):
+        shown = quantity in PAPER_LAYOUT or is_measured(done, quantity)
+        assert (f"<h3>{escape(quantity.heading)}</h3>" in html) == shown, quantity.title
+        assert re.search(r"\[.+\]", quantity.heading), "with its unit"
     assert html.count("<img ") == 3 + 2
     for words in (
-        "What failed",
+        "Failures",
         "numpy was 1 and is 2",
         "one thread",
         "measured on other data",
@@ -220,17 +221,19 @@ def test_the_page_has_every_table_figure_and_what_it_was_measured_on(done: Done,
         assert words in html, words
 
 
-def test_a_page_of_failures_alone_is_a_page(done: Done) -> None:
-    failed = Done(cells=(done.cells[3],), facts={}, reused=0)
-    html = rendered(failed, Machine.here())
-    assert "What failed" in html
+def test_a_page_of_failures_alone_is_a_page(done: Evaluation) -> None:
+    failed = Evaluation(results=(done.results[3],), sequences={}, reused=0)
+    html = rendered(failed)
+    assert "Failures" in html
     assert "<img" not in html
     assert all_figures(failed) == []
 
 
-def test_every_axis_has_its_unit_and_every_panel_its_sample_size(done: Done, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_axis_has_its_unit_and_every_panel_its_sample_size(
+    done: Evaluation, monkeypatch: pytest.MonkeyPatch
+) -> None:
     canvases: list[Any] = []
-    monkeypatch.setattr(figures, "png_of", lambda canvas: canvases.append(canvas) or "")
+    monkeypatch.setattr(figure, "png_of", lambda canvas: canvases.append(canvas) or b"")
     all_figures(done)
     assert len(canvases) == 3
     for canvas in canvases:
@@ -243,79 +246,82 @@ def test_every_axis_has_its_unit_and_every_panel_its_sample_size(done: Done, mon
             assert re.search(r"\bn\b", axes.get_xlabel())
 
 
-def canvases_of(done: Done, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+def canvases_of(done: Evaluation, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """What the figures are, before they become images."""
     canvases: list[Any] = []
-    monkeypatch.setattr(figures, "png_of", lambda canvas: canvases.append(canvas) or "")
+    monkeypatch.setattr(figure, "png_of", lambda canvas: canvases.append(canvas) or b"")
     all_figures(done)
     return canvases
 
 
-def held_out_facts(name: str) -> Facts:
+def held_out_facts(name: str) -> SequenceInfo:
     pixels = {"all": dict.fromkeys(RANGES, 1000), "held out": dict.fromkeys(RANGES, 70)}
     changed = {"is_true": False, "hidden": "held out", "pixels": pixels, "occluded_shares": ()}
     return facts(name).model_copy(update=changed)
 
 
 def test_without_the_truth_pixels_that_were_given_rank_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
-    held = Figure(metric="mae", mask="held out", within="0-2 m", on="completed", value=0.7, unit="m", n=70)
-    coverage = Figure(metric="coverage", mask="all", within="0-20 m", on="filled", value=0.9, unit="share", n=1000)
+    held = Measurement(metric="mae", mask="held out", range="0-2 m", on="completed", value=0.7, unit="m", n=70)
+    coverage = Measurement(metric="coverage", mask="all", range="0-20 m", on="filled", value=0.9, unit="share", n=1000)
     raw = cell("real", "raw", 0.0)
-    raw = raw.model_copy(update={"figures": (*raw.figures, held, coverage)})
-    done = Done(cells=(raw,), facts={"real": held_out_facts("real")}, reused=0)
-    for quantity in (*QUANTITIES, *IN_PAPERS_LAYOUT):
-        if quantity.mask == "all":
+    raw = raw.model_copy(update={"measurements": (*raw.measurements, held, coverage)})
+    done = Evaluation(results=(raw,), sequences={"real": held_out_facts("real")}, reused=0)
+    for quantity in (*QUANTITIES, *PAPER_LAYOUT):
+        if quantity.masks == ("all",):
             expected = "90.0" if quantity.metrics == ["coverage"] else "-"
-            assert row(by_method(done, quantity), "raw")[0].text == expected, quantity.title
+            assert row(method_table(done, quantity), "raw")[0][0] == expected, quantity.title
     axes = canvases_of(done, monkeypatch)[0].axes[0]
-    assert axes.lines[0].get_ydata() == [0.7]
+    assert list(axes.lines[0].get_ydata()) == [0.7]
     assert axes.get_xlabel() == "depth of held out pixels, and number of pixels n"
     assert axes.get_xticklabels()[0].get_text() == "0-2 m\n70"
 
 
 def test_a_frame_without_a_ratio_is_left_out_and_its_method_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     raw = cell("s", "raw", 0.5).model_copy(update={"frame_psnrs_db": (None, 20.0)})
-    canvas = canvases_of(Done(cells=(raw,), facts={"s": facts("s")}, reused=0), monkeypatch)[1]
+    canvas = canvases_of(Evaluation(results=(raw,), sequences={"s": facts("s")}, reused=0), monkeypatch)[1]
     np.testing.assert_allclose(canvas.axes[0].collections[0].get_offsets(), [[20, 20]])
-    assert Cell.model_validate_json(raw.model_dump_json()) == raw
+    assert Result.model_validate_json(raw.model_dump_json()) == raw
 
 
 def test_names_are_drawn_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
     sequence, methods = r"a$\frac$", (r"m$\frac$", "_hidden")
     cells = tuple(cell(sequence, name, 0.5) for name in methods)
-    odd = Done(cells=cells, facts={sequence: facts(sequence)}, reused=0)
-    assert all(picture.png for picture in (*all_figures(odd), exhibit(odd, odd.facts[sequence])))
+    odd = Evaluation(results=cells, sequences={sequence: facts(sequence)}, reused=0)
+    assert all(picture.png for picture in (*all_figures(odd), error_maps(odd, odd.sequences[sequence])))
     for canvas in canvases_of(odd, monkeypatch):
         (legend,) = canvas.legends
-        assert [text.get_text().lstrip(figures.INVISIBLE) for text in legend.get_texts()] == list(methods)
+        assert [text.get_text().lstrip(figure.INVISIBLE) for text in legend.get_texts()] == list(methods)
 
 
 def test_time_in_a_thread_of_its_own_is_shown_apart_and_counts_on_the_front(monkeypatch: pytest.MonkeyPatch) -> None:
-    beside = Figure(metric="latency_background", mask="frames", within="frames", on="frames", value=7.0, unit="ms", n=2)
+    beside = Measurement(
+        metric="latency_background", mask="frames", range="frames", on="frames", value=7.0, unit="ms", n=2
+    )
     paper_cell = cell("s", "paper", 0.5)
-    paper_cell = paper_cell.model_copy(update={"figures": (*paper_cell.figures, beside)})
-    done = Done(cells=(cell("s", "raw", 0.5), paper_cell), facts={"s": facts("s")}, reused=0)
-    table = by_method(done, next(q for q in QUANTITIES if "latency_p50" in q.metrics))
-    assert [row(table, name)[0].text for name in ("raw", "paper")] == ["3.0 / 4.0", "3.0 / 4.0 / 7.0"]
+    paper_cell = paper_cell.model_copy(update={"measurements": (*paper_cell.measurements, beside)})
+    done = Evaluation(results=(cell("s", "raw", 0.5), paper_cell), sequences={"s": facts("s")}, reused=0)
+    table = method_table(done, next(q for q in QUANTITIES if "latency_p50" in q.metrics))
+    assert [row(table, name)[0][0] for name in ("raw", "paper")] == ["3.0 / 4.0 / -", "3.0 / 4.0 / 7.0"]
     points = canvases_of(done, monkeypatch)[2].axes[0].collections
     assert [point.get_offsets()[0][0] for point in points] == [3.0, 10.0]
 
 
 def test_the_page_says_what_is_not_measured(html: str) -> None:
-    for words in ("<h2>Not measured</h2>", "Ghosts and survival where", "thread of its own"):
+    for words in ("<h2>Not measured</h2>", "Ghosts and survival in", "thread of its own"):
         assert words in html, words
-    assert "yardstick, a fixed piece of work" in html
+    assert "reference workload, a fixed computation" in html
     assert "not measured, or held out [%]" in html
 
 
-def test_the_terminal_shows_every_sequence_in_80_columns_and_what_failed(done: Done) -> None:
-    console = Console(width=80, record=True, file=io.StringIO())
+def test_the_terminal_shows_every_sequence_in_80_columns_and_what_failed(done: Evaluation) -> None:
+    text = io.StringIO()
+    console = Console(width=80, file=text)
     longest = cell("sim-MB", "ip-basic-multiscale", 99.99)
-    print_results(console, Done(cells=(longest, *done.cells), facts=done.facts, reused=0))
-    text = console.export_text()
-    assert re.search(r"ip-basic-multiscale\s+-\s+-\s+99.99", text)
-    assert "sim-MB: 2 frames of 12x9, 1,000 pixels within 20 m, judged by the truth" in text
-    assert re.search(r"good\s+-\s+-\s+0.30\s+0.60", text)
-    assert f"sim-MB, bad failed: frame 0: {NASTY}" in text
-    assert "an older result was not taken, for numpy was 1 and is 2" in text
-    assert "…" not in text
+    print_results(console, Evaluation(results=(longest, *done.results), sequences=done.sequences, reused=0))
+    assert re.search(r"ip-basic-multiscale\s+-\s+-\s+99.99", text.getvalue())
+    assert "sim-MB: 2 frames of 12x9, 1,000 pixels within 20 m, scored by the truth" in text.getvalue()
+    assert re.search(r"good\s+-\s+-\s+0.30\s+0.60", text.getvalue())
+    assert f"sim-MB, bad failed: frame 0: {NASTY}" in text.getvalue()
+    assert "an older result was discarded: numpy was 1 and is 2" in text.getvalue()
+    rows = [line for line in text.getvalue().splitlines() if re.match(r"\s*(method|good|raw|ip-basic)", line)]
+    assert max(map(len, map(str.rstrip, rows))) <= 80

@@ -1,4 +1,4 @@
-"""The suite: cells are kept and reused, failures stop nothing else, and a repetition gives the same figures."""
+"""The suite: results are kept and reused, failures stop nothing else, and a repetition gives the same figures."""
 
 import json
 import os
@@ -14,11 +14,12 @@ import pytest
 
 from scenarios.errors import ScenarioError
 from scenarios.evaluation import suite
-from scenarios.evaluation.cell import SCORING, Cell, cell_path, read_cell, write_model
+from scenarios.evaluation.frame_cache import FrameCache
+from scenarios.evaluation.measurements import Selector
 from scenarios.evaluation.methods import Method, find_methods
-from scenarios.evaluation.scratch import Scratch
-from scenarios.evaluation.sources import SimulatedSource, Source, open_source
-from scenarios.evaluation.suite import Done, Folder, Plan, Shipped, evaluate
+from scenarios.evaluation.result_cache import SCORING, Result, ResultCache
+from scenarios.evaluation.sources import FrameSource, SimulatedSource, open_source
+from scenarios.evaluation.suite import Evaluation, Folder, Plan, Shipped, evaluate
 from scenarios.sequences import load_sequence
 from tests.evaluation_clips import CAMERA, POST_M, capture_of, method, shadow_of, truth_of, write_recording
 
@@ -31,66 +32,66 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_recording(tmp_path_factory.mktemp("data") / "post")
 
 
-def run(out: Path, *folders: Path, methods: tuple[Method, ...] = (GOOD, BAD), frames: int = 4) -> Done:
+def run(out: Path, *folders: Path, methods: tuple[Method, ...] = (GOOD, BAD), frames: int = 4) -> Evaluation:
     plan = Plan(sequences=[Folder(folder) for folder in folders], methods=methods, frames=frames, out=out)
     return evaluate(plan, lambda what, done: None)
 
 
-def quality(cell: Cell) -> Any:
-    return [figure for figure in cell.figures if figure.on != "frames"], cell.frame_psnrs_db, cell.picture
+def quality(result: Result) -> Any:
+    return [m for m in result.measurements if m.on != "frames"], result.frame_psnrs_db, result.thumbnail
 
 
-def differences(one: Done, other: Done) -> list[str]:
+def differences(one: Evaluation, other: Evaluation) -> list[str]:
     """What differs in two results but for times, in words."""
     found = []
-    for a, b in zip(one.cells, other.cells, strict=True):
-        (figures_a, *rest_a), (figures_b, *rest_b) = quality(a), quality(b)
-        pairs = zip_longest(figures_a, figures_b)
+    for a, b in zip(one.results, other.results, strict=True):
+        (numbers_a, *rest_a), (numbers_b, *rest_b) = quality(a), quality(b)
+        pairs = zip_longest(numbers_a, numbers_b)
         found += [f"{a.key.method}: {f!r} or {g!r}" for f, g in pairs if f != g]
-        found += [f"{a.key.method}: PSNR of frames or picture"] if rest_a != rest_b else []
-    return found + ([] if one.facts == other.facts else [f"{one.facts!r} or {other.facts!r}"])
+        found += [f"{a.key.method}: PSNR of frames or thumbnail"] if rest_a != rest_b else []
+    return found + ([] if one.sequences == other.sequences else [f"{one.sequences!r} or {other.sequences!r}"])
 
 
-def test_one_methods_failure_is_a_cell_that_says_so(recording: Path, tmp_path: Path) -> None:
+def test_one_methods_failure_is_a_result_that_says_so(recording: Path, tmp_path: Path) -> None:
     done = run(tmp_path, recording)
-    good, bad = done.cells
+    good, bad = done.results
     assert good.error is None
-    assert good.figures
+    assert good.measurements
     assert bad.error == "frame 0: expected depth_m as float32 of shape (48, 64), got float32 of shape (47, 64)"
-    assert not bad.figures
-    assert done.facts["post"].pixels["all"]["all"] == 4 * 48 * 64
+    assert not bad.measurements
+    assert done.sequences["post"].pixels["all"]["all"] == 4 * 48 * 64
 
 
 def test_a_repetition_elsewhere_gives_the_same_quality_bit_for_bit(recording: Path, tmp_path: Path) -> None:
     methods = tuple(find_methods(["raw", "paper", "median", "flow", "true-pose"]))
     one, other = (run(tmp_path / name, recording, methods=methods, frames=8) for name in "ab")
-    assert [cell.error for cell in one.cells] == [None] * 5
+    assert [result.error for result in one.results] == [None] * 5
     assert differences(one, other) == []
     fewest, most = sorted(
-        cell.figure("mae", "holes", "0-20 m").value for cell in one.cells if cell.key.method in ("raw", "true-pose")
+        one.measurements.value("post", method, Selector("mae", "holes")) for method in ("raw", "true-pose")
     )
     assert fewest < most
 
 
-def test_finished_cells_are_taken_and_failed_ones_tried_again(
+def test_finished_results_are_taken_and_failed_ones_tried_again(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = run(tmp_path, recording)
     ran: list[str] = []
-    really = suite.judge
+    really = suite.run
 
     def watched(method: Method, *rest: Any) -> Any:
         ran.append(method.name)
         return really(method, *rest)
 
-    monkeypatch.setattr(suite, "judge", watched)
+    monkeypatch.setattr(suite, "run", watched)
     again = run(tmp_path, recording)
     assert (again.reused, ran) == (1, ["bad"])
-    assert again.cells == first.cells
+    assert again.results == first.results
     ran.clear()
     mended = run(tmp_path, recording, methods=(GOOD, method("bad"), method("new")))
     assert ran == ["bad", "new"]
-    assert [cell.error for cell in mended.cells] == [None] * 3
+    assert [result.error for result in mended.results] == [None] * 3
     ran.clear()
     assert run(tmp_path, recording, methods=(GOOD, method("bad"))).reused == 2
     assert not ran
@@ -112,26 +113,26 @@ def test_finished_cells_are_taken_and_failed_ones_tried_again(
         (lambda key: key.model_copy(update={"digest": "0" * 64}), f"digest was {'0' * 48} and is"),
     ],
 )
-def test_a_cell_of_another_version_is_worked_out_again_and_says_why(
+def test_a_result_of_another_version_is_worked_out_again_and_says_why(
     recording: Path, tmp_path: Path, change: Callable[..., Any], reason: str
 ) -> None:
-    (cell,) = run(tmp_path, recording, methods=(GOOD,)).cells
-    path = cell_path(tmp_path, "post", "good")
-    write_model(path, cell.model_copy(update={"key": change(cell.key), "figures": ()}))
-    (again,) = run(tmp_path, recording, methods=(GOOD,)).cells
+    (result,) = run(tmp_path, recording, methods=(GOOD,)).results
+    cache = ResultCache(tmp_path, "post")
+    cache.store(result.model_copy(update={"key": change(result.key), "measurements": ()}))
+    (again,) = run(tmp_path, recording, methods=(GOOD,)).results
     assert again.replaced is not None
     assert again.replaced.startswith(reason)
-    assert quality(again) == quality(cell)
-    assert read_cell(path) == again
-    (later,) = run(tmp_path, recording, methods=(GOOD,)).cells
+    assert quality(again) == quality(result)
+    assert Result.model_validate_json(cache.path("good").read_bytes()) == again
+    (later,) = run(tmp_path, recording, methods=(GOOD,)).results
     assert later == again.model_copy(update={"replaced": None}), "it is not replaced once more"
 
 
-def test_another_number_of_frames_is_another_cell(recording: Path, tmp_path: Path) -> None:
+def test_another_number_of_frames_is_another_result(recording: Path, tmp_path: Path) -> None:
     run(tmp_path, recording, methods=(GOOD,))
-    (more,) = run(tmp_path, recording, methods=(GOOD,), frames=5).cells
+    (more,) = run(tmp_path, recording, methods=(GOOD,), frames=5).results
     assert more.replaced == "frames was 4 and is 5"
-    (all_there_are,) = run(tmp_path, recording, methods=(GOOD,), frames=500).cells
+    (all_there_are,) = run(tmp_path, recording, methods=(GOOD,), frames=500).results
     assert all_there_are.key.frames == 8
 
 
@@ -143,39 +144,39 @@ def test_another_number_of_frames_is_another_cell(recording: Path, tmp_path: Pat
         lambda data: json.dumps({**json.loads(data), "colour": "red"}).encode(),
     ],
 )
-def test_a_damaged_cell_and_one_of_another_layout_are_worked_out_again(
+def test_a_damaged_result_and_one_of_another_layout_are_worked_out_again(
     recording: Path, tmp_path: Path, change: Callable[[bytes], bytes]
 ) -> None:
-    (cell,) = run(tmp_path, recording, methods=(GOOD,)).cells
-    path = cell_path(tmp_path, "post", "good")
+    (result,) = run(tmp_path, recording, methods=(GOOD,)).results
+    path = ResultCache(tmp_path, "post").path("good")
     path.write_bytes(change(path.read_bytes()))
-    (again,) = run(tmp_path, recording, methods=(GOOD,)).cells
-    assert quality(again) == quality(cell)
+    (again,) = run(tmp_path, recording, methods=(GOOD,)).results
+    assert quality(again) == quality(result)
     assert again.replaced == "its file is of another version or damaged"
 
 
 def test_foreign_code_is_run_again_every_time(recording: Path, tmp_path: Path) -> None:
-    (first,) = run(tmp_path, recording, methods=(replace(GOOD, is_foreign=True),)).cells
+    (first,) = run(tmp_path, recording, methods=(replace(GOOD, is_foreign=True),)).results
     changed = replace(method("good", np.zeros_like), is_foreign=True)
     done = run(tmp_path, recording, methods=(changed,))
     assert done.reused == 0
-    assert done.cells[0].replaced == "its code is not ours and may have changed"
-    assert quality(done.cells[0]) != quality(first)
+    assert done.results[0].replaced == "its code is not part of this project and may have changed"
+    assert quality(done.results[0]) != quality(first)
 
 
 @pytest.mark.parametrize("has_truth", [True, False])
-def test_a_recording_without_a_whole_frame_is_an_error_of_its_cells(tmp_path: Path, has_truth: bool) -> None:
+def test_a_recording_without_a_whole_frame_is_an_error_of_its_results(tmp_path: Path, has_truth: bool) -> None:
     folder = write_recording(tmp_path / "none", 0)
     (folder / "depth_true").mkdir(exist_ok=True)
     if not has_truth:
         (folder / "depth_true").rmdir()
     done = run(tmp_path / "out", folder, methods=(GOOD,))
-    assert done.cells[0].error is not None
-    assert ("no whole frame" in done.cells[0].error) == has_truth
+    assert done.results[0].error is not None
+    assert ("no whole frame" in done.results[0].error) == has_truth
 
 
 def test_frames_of_a_killed_run_are_deleted_and_nothing_else(recording: Path, tmp_path: Path) -> None:
-    left, ours = tmp_path / f"{suite.SCRATCH}abc", tmp_path / "frames-of-mine"
+    left, ours = tmp_path / f"{suite.FRAME_CACHE}abc", tmp_path / "frames-of-mine"
     for folder in (left, ours):
         folder.mkdir()
         (folder / "000000.npz").touch()
@@ -191,7 +192,7 @@ def test_a_folder_whose_name_is_no_text_is_refused_before_anything_is_written(tm
     assert not (tmp_path / "out").exists()
 
 
-def test_frames_that_cannot_be_kept_are_an_error_of_the_cells(
+def test_frames_that_cannot_be_kept_are_an_error_of_the_results(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*args: Any, **arrays: Any) -> None:
@@ -199,37 +200,37 @@ def test_frames_that_cannot_be_kept_are_an_error_of_the_cells(
 
     monkeypatch.setattr(np, "savez", full)
     done = run(tmp_path, recording)
-    assert [(cell.error or "").startswith("cannot keep frame 0 in ") for cell in done.cells] == [True, True]
-    assert all((cell.error or "").endswith(": No space left on device") for cell in done.cells)
+    assert [(result.error or "").startswith("cannot keep frame 0 in ") for result in done.results] == [True, True]
+    assert all((result.error or "").endswith(": No space left on device") for result in done.results)
 
 
-def test_frames_that_are_gone_are_an_error_of_the_cell_that_needs_them(
+def test_frames_that_are_gone_are_an_error_of_the_result_that_needs_them(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    really = suite.judge
+    really = suite.run
 
-    def emptied(method: Method, frames: Scratch, *rest: Any) -> Any:
-        frames._path(3).unlink(missing_ok=True)
+    def emptied(method: Method, frames: FrameCache, *rest: Any) -> Any:
+        frames.path(3).unlink(missing_ok=True)
         return really(method, frames, *rest)
 
-    monkeypatch.setattr(suite, "judge", emptied)
-    (cell,) = run(tmp_path, recording, methods=(GOOD,)).cells
-    assert (cell.error or "").startswith("cannot read frame 3 back from ")
+    monkeypatch.setattr(suite, "run", emptied)
+    (result,) = run(tmp_path, recording, methods=(GOOD,)).results
+    assert (result.error or "").startswith("cannot read frame 3 back from ")
 
 
-def test_a_sequence_that_cannot_be_had_fails_in_its_own_cells_alone(recording: Path, tmp_path: Path) -> None:
+def test_a_sequence_that_cannot_be_had_fails_in_its_own_results_alone(recording: Path, tmp_path: Path) -> None:
     maskless = write_recording(tmp_path / "maskless", 3)
     for image in (maskless / "occluded").iterdir():
         image.unlink()
     (tmp_path / "empty").mkdir()
     done = run(tmp_path / "out", maskless, tmp_path / "empty", recording)
-    errors = {(cell.key.sequence, cell.key.method): cell.error for cell in done.cells}
+    errors = {(result.key.sequence, result.key.method): result.error for result in done.results}
     assert "occluded" in (errors["maskless", "good"] or "")
     assert errors["maskless", "good"] == errors["maskless", "bad"]
     assert "holds no dataset" in (errors["empty", "good"] or "")
     assert errors["post", "good"] is None
-    assert set(done.facts) == {"post"}
-    assert not list((tmp_path / "out").glob(f"{suite.SCRATCH}*")), "nothing is left behind"
+    assert set(done.sequences) == {"post"}
+    assert not list((tmp_path / "out").glob(f"{suite.FRAME_CACHE}*")), "nothing is left behind"
 
 
 def test_two_sequences_of_one_name_are_refused(recording: Path, tmp_path: Path) -> None:
@@ -243,15 +244,15 @@ def test_what_depends_on_the_truth_is_worked_out_once(
     splits = []
     really = suite.open_source
 
-    def opened(folder: Path) -> Source:
+    def opened(folder: Path) -> FrameSource:
         source = really(folder)
-        judged = source.judged
+        really_read = source.frames
 
         def counted(frames: int) -> Any:
             splits.append(frames)
-            return judged(frames)
+            return really_read(frames)
 
-        source.judged = counted  # type: ignore[method-assign]
+        source.frames = counted  # type: ignore[method-assign]
         return source
 
     monkeypatch.setattr(suite, "open_source", opened)
@@ -261,41 +262,42 @@ def test_what_depends_on_the_truth_is_worked_out_once(
 
 def test_the_truth_splits_pixels_as_worked_out_by_hand(recording: Path) -> None:
     source = open_source(recording)
-    frames = list(source.judged(3))
+    frames = list(source.frames(3))
     groups = source.groups
-    for index, judged in enumerate(frames):
+    for index, frame in enumerate(frames):
         truth_m = truth_of(index)
         shadow = shadow_of(truth_m)
-        np.testing.assert_array_equal(np.isin(judged.labels, groups.members("occluded", "all")), shadow)
-        np.testing.assert_array_equal(np.isin(judged.labels, groups.members("holes", "all")), shadow)
-        post = np.isin(judged.labels, groups.members("all", "0-2 m") + groups.members("all", "2-5 m"))
+        np.testing.assert_array_equal(np.isin(frame.labels, groups.members("occluded", "all")), shadow)
+        np.testing.assert_array_equal(np.isin(frame.labels, groups.members("holes", "all")), shadow)
+        post = np.isin(frame.labels, groups.members("all", "0-2 m") + groups.members("all", "2-5 m"))
         np.testing.assert_array_equal(post, truth_m == POST_M)
-        assert judged.occluded_share == pytest.approx(shadow.mean())
-        assert judged.frame.T_world_cam is None
+        assert frame.occluded_share == pytest.approx(shadow.mean())
+        assert frame.frame.T_world_cam is None
     assert not np.isin(frames[0].labels, groups.members("holes seen", "all")).any()
     assert not frames[0].static.any()
     moved = truth_of(2) != truth_of(1)
     np.testing.assert_array_equal(frames[2].static, ~moved)
 
 
-def test_a_recording_without_the_truth_is_judged_by_what_is_held_out(tmp_path: Path) -> None:
+def test_a_recording_without_the_truth_is_scored_by_what_is_held_out(tmp_path: Path) -> None:
     folder = write_recording(tmp_path / "plain", 3)
     (folder / "depth_true").rename(tmp_path / "elsewhere")
     source = open_source(folder)
     assert not source.groups.is_true
-    judged = list(source.judged(3))[1]
-    held_out = np.isin(judged.labels, source.groups.members("held out", "all"))
+    frame = list(source.frames(3))[1]
+    held_out = np.isin(frame.labels, source.groups.members("held out", "all"))
     assert 0.02 < held_out.mean() < 0.2
-    assert not judged.frame.depth_m[held_out].any()
+    assert not frame.frame.depth_m[held_out].any()
     raw_m = capture_of(1).depth_raw_m
-    np.testing.assert_array_equal(judged.reference_m[held_out], raw_m[held_out])
-    np.testing.assert_array_equal(judged.frame.depth_m[~held_out], raw_m[~held_out])
+    np.testing.assert_array_equal(frame.reference_m[held_out], raw_m[held_out])
+    np.testing.assert_array_equal(frame.frame.depth_m[~held_out], raw_m[~held_out])
     done = run(tmp_path / "out", folder, methods=(GOOD, *find_methods(["ip-basic", "true-pose"])), frames=3)
-    good, filler, oracle = done.cells
-    assert good.figure("coverage", "held out", "0-20 m", "filled").value == 0
-    assert filler.figure("coverage", "held out", "0-20 m", "filled").value == 1
+    coverage = Selector("coverage", "held out", on="filled")
+    *_, oracle = done.results
+    assert done.measurements.value("plain", "good", coverage) == 0
+    assert done.measurements.value("plain", "ip-basic", coverage) == 1
     assert oracle.error == "it needs the true pose, which this sequence does not have"
-    assert done.facts["plain"].occluded_shares == ()
+    assert done.sequences["plain"].occluded_shares == ()
 
 
 @dataclass(frozen=True)
@@ -320,17 +322,17 @@ def test_a_shipped_sequence_is_recorded_once_and_only_if_it_must_be(
 ) -> None:
     recorded = Counted([])
     monkeypatch.setattr(suite, "record", recorded)
-    wanted = Shipped(load_sequence("sim-LN", 3, {}))
+    shipped = Shipped(load_sequence("sim-LN", 3, {}))
     told: list[str] = []
-    source = wanted.open(tmp_path, 4, told.append)
+    source = shipped.open(tmp_path, 4, told.append)
     assert isinstance(source, SimulatedSource)
     assert (source.seed, len(source), told[-1]) == (3, 4, "recording sim-LN, frame 4 of 4")
-    wanted.open(tmp_path, 3, told.append)
+    shipped.open(tmp_path, 3, told.append)
     assert recorded.made == [4]
     other = Shipped(load_sequence("sim-LN", 4, {}))
     done = evaluate(Plan(sequences=[other], methods=[GOOD], frames=3, out=tmp_path), lambda what, n: None)
-    assert (done.cells[0].error, done.cells[0].key.seed) == (None, 4)
-    assert wanted.open(tmp_path, 4, told.append).seed == 3
+    assert (done.results[0].error, done.results[0].key.seed) == (None, 4)
+    assert shipped.open(tmp_path, 4, told.append).seed == 3
     assert recorded.made == [4, 3], "each seed has a recording of its own"
     names = [folder.name for folder in (tmp_path / "recordings").iterdir()]
     assert len(names) == 2

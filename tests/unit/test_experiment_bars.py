@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
-from scenarios.evaluation.cell import Cell, Figure, Key
-from scenarios.evaluation.facts import Facts
-from scenarios.evaluation.suite import Done
+from scenarios.evaluation.measurements import Measurement
+from scenarios.evaluation.result_cache import Key, Result, SequenceInfo
+from scenarios.evaluation.suite import Evaluation
 from scenarios.experiments.bars import Bar, Finding, average, bars_table, worst
 from scenarios.experiments.default import MEASURES
 from scenarios.experiments.frame_measures import of_flicker, of_measured_pixels, of_movers, of_psnr, of_time
@@ -19,29 +19,29 @@ AT_LEAST = Bar(what="gain", bound=3, unit="dB", at_least=True)
 NEAR, ALL = "0-20 m", "all"
 
 
-def figures(**values: float | None) -> tuple[Figure, ...]:
+def figures(**values: float | None) -> tuple[Measurement, ...]:
     """Figures by `metric__mask__within__on` with the spaces of names as one underscore."""
     parts = {name: [part.replace("_", " ") for part in name.split("__")] for name in values}
     return tuple(
-        Figure(metric=name.split("__")[0], mask=parts[name][1], within=parts[name][2].replace("near", NEAR),
+        Measurement(metric=name.split("__")[0], mask=parts[name][1], range=parts[name][2].replace("near", NEAR),
                on=parts[name][3], value=value, unit="", n=2000)
         for name, value in values.items()
     )  # fmt: skip
 
 
-def done(cells: dict[str, dict[str, dict[str, Any]]], size: tuple[int, int] = (640, 360)) -> Done:
+def done(cells: dict[str, dict[str, dict[str, Any]]], size: tuple[int, int] = (640, 360)) -> Evaluation:
     """Made-up cells: the figures by sequence and method."""
     made = []
     for sequence, methods in cells.items():
         for method, values in methods.items():
             key = Key(sequence=sequence, method=method, frames=2, seed=0, digest="d", config=None, versions={})
-            made.append(Cell(key=key, figures=figures(**values)))
+            made.append(Result(key=key, measurements=figures(**values)))
     facts = {
-        name: Facts(name=name, digest="d", frames=2, seed=0, width_px=size[0], height_px=size[1], focal_px=300.0,
+        name: SequenceInfo(name=name, digest="d", frames=2, seed=0, width_px=size[0], height_px=size[1], focal_px=300.0,
                     baseline_m=0.1, is_true=True, hidden="holes", pixels={}, occluded_shares=())
         for name in cells
     }  # fmt: skip
-    return Done(cells=tuple(made), facts=facts, reused=0)
+    return Evaluation(results=tuple(made), sequences=facts, reused=0)
 
 
 def standings(cells: dict[str, dict[str, dict[str, Any]]], size: tuple[int, int] = (640, 360)) -> list[Standing]:

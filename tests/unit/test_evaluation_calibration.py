@@ -7,16 +7,17 @@ import numpy as np
 import pytest
 
 from scenarios.evaluation import figures
-from scenarios.evaluation.cell import Cell, Figure, Key
-from scenarios.evaluation.facts import Facts
 from scenarios.evaluation.groups import RANGES, TRUE_GROUPS
-from scenarios.evaluation.judging import MethodError, judge
+from scenarios.evaluation.measurements import Measurement
 from scenarios.evaluation.methods import Method
 from scenarios.evaluation.quantities import QUANTITIES
-from scenarios.evaluation.suite import Done
-from scenarios.evaluation.tables import by_method
-from scenarios.evaluation.trust_score import CONFIDENCES, TrustScore
-from tests.evaluation_clips import CAMERA, judged_frames
+from scenarios.evaluation.report import method_table
+from scenarios.evaluation.result_cache import Key, Result, SequenceInfo
+from scenarios.evaluation.running import MethodError, run
+from scenarios.evaluation.scoring import CONFIDENCES, CalibrationScore
+from scenarios.evaluation.suite import Evaluation
+from scenarios.results import figure
+from tests.evaluation_clips import CAMERA, evaluation_frames
 from voxdepth.baselines.raw import Raw
 from voxdepth.types import CorrectedDepth, Frame, Intrinsics, Source
 
@@ -28,15 +29,15 @@ def row(*values: float) -> np.ndarray:
     return np.array([values], np.float32)
 
 
-def found(score: TrustScore, metric: str) -> dict[str, tuple[float | None, int]]:
-    return {f.mask: (f.value, f.n) for f in score.figures() if f.metric == metric}
+def found(score: CalibrationScore, metric: str) -> dict[str, tuple[float | None, int]]:
+    return {f.mask: (f.value, f.n) for f in score.measurements() if f.metric == metric}
 
 
 def test_errors_are_sorted_by_confidence_and_the_end_of_a_bin_belongs_to_it() -> None:
     confidence = row(0, 0.05, 0.1, 0.3, 0.7, 0.30001, 1, 0.95, 0.5)
     truth_m = np.full((1, 9), 10, np.float32)
     depth_m = truth_m + row(0, 1, 3, 2, 0, 4, 0.4, 0.6, 9)
-    score = TrustScore(TELE)
+    score = CalibrationScore(TELE)
     score.add(depth_m, truth_m, truth_m > 0, confidence, None)
     mae = found(score, "mae")
     expected = {
@@ -45,7 +46,7 @@ def test_errors_are_sorted_by_confidence_and_the_end_of_a_bin_belongs_to_it() ->
     }  # fmt: skip
     assert mae == {mask: (pytest.approx(value, abs=1e-6), n) for mask, (value, n) in expected.items()}
     assert found(score, "right")["confidence 0.9-1"] == (0.5, 2)
-    score = TrustScore(replace(TELE, baseline_m=0.02))  # 2 px at 10 m: there a quarter of a pixel decides
+    score = CalibrationScore(replace(TELE, baseline_m=0.02))  # 2 px at 10 m: there a quarter of a pixel decides
     score.add(depth_m, truth_m, truth_m > 0, confidence, None)
     assert found(score, "right")["confidence 0.9-1"] == (1, 2)
     assert found(score, "median")["confidence 0-0.1"][0] == pytest.approx(2, rel=0.01)
@@ -53,45 +54,45 @@ def test_errors_are_sorted_by_confidence_and_the_end_of_a_bin_belongs_to_it() ->
 
 def test_every_tenth_falls_into_the_bin_that_it_ends() -> None:
     for k in range(1, 11):
-        score = TrustScore(TELE)
+        score = CalibrationScore(TELE)
         one = row(1)
         score.add(one, one, one > 0, row(k / 10), None)
         assert list(found(score, "mae")) == [CONFIDENCES[k]]
 
 
 def test_errors_by_source_leave_out_what_does_not_count() -> None:
-    """Not counted: a hole, a pixel that is not judged, one beyond 40 m, the sky, and a source that is none."""
+    """Not counted: a hole, a pixel that is not scored, one beyond 40 m, the sky, and a source that is none."""
     source = np.array([[1, 2, 2, 3, 3, 1, 1, 2, 0]], np.uint8)
     truth_m = row(10, 10, 10, 10, 10, 10, 50, np.inf, 10)
     depth_m = row(11, 12, 14, 15, 0, 19, 60, 10, 10)
-    judged = row(1, 1, 1, 1, 1, 0, 1, 1, 1) > 0
-    score = TrustScore(TELE)
-    score.add(depth_m, truth_m, judged, None, source)
+    counted = row(1, 1, 1, 1, 1, 0, 1, 1, 1) > 0
+    score = CalibrationScore(TELE)
+    score.add(depth_m, truth_m, counted, None, source)
     assert found(score, "mae") == {"source sensor": (1, 1), "source memory": (3, 2), "source inpainted": (5, 1)}
 
 
-def judged_by(**given: Any) -> set[str]:
+def scored(**given: Any) -> set[str]:
     """Masks of the figures of a method that gives this with its depth."""
 
     class Gives(Raw):
         def process(self, frame: Frame) -> CorrectedDepth:
             return replace(super().process(frame), **given)
 
-    verdict = judge(Method(name="x", make=lambda intrinsics: Gives()), judged_frames(2), TRUE_GROUPS, CAMERA)
-    return {f.mask for f in verdict.figures}
+    done = run(Method(name="x", make=lambda intrinsics: Gives()), evaluation_frames(2), TRUE_GROUPS, CAMERA)
+    return {f.mask for f in done.measurements}
 
 
 def test_a_method_may_give_neither() -> None:
-    both = judged_by()
+    both = scored()
     assert {"confidence 0.9-1", "source sensor"} <= both
-    assert judged_by(confidence=None, source=None) == both - {"confidence 0.9-1", "source sensor"}
+    assert scored(confidence=None, source=None) == both - {"confidence 0.9-1", "source sensor"}
 
     class Bare(Raw):
         def process(self, frame: Frame) -> Any:
             return type("Result", (), {"depth_m": frame.depth_m.copy()})()
 
-    verdict = judge(Method(name="x", make=lambda intrinsics: Bare()), judged_frames(2), TRUE_GROUPS, CAMERA)
-    assert not any(f.mask.startswith(("confidence", "source")) for f in verdict.figures)
+    done = run(Method(name="x", make=lambda intrinsics: Bare()), evaluation_frames(2), TRUE_GROUPS, CAMERA)
+    assert not any(f.mask.startswith(("confidence", "source")) for f in done.measurements)
 
 
 @pytest.mark.parametrize(
@@ -110,36 +111,36 @@ def test_a_method_may_give_neither() -> None:
 )
 def test_what_is_neither_confidence_nor_source_is_refused_with_what_came(given: dict[str, Any], message: str) -> None:
     with pytest.raises(MethodError, match=message):
-        judged_by(**given)
+        scored(**given)
 
 
-def cell(method: str, shares: dict[str, float]) -> Cell:
+def result(method: str, shares: dict[str, float]) -> Result:
     key = Key(sequence="s", method=method, frames=2, seed=0, digest="d", config=None, versions={})
     right = [
-        Figure(metric="right", mask=mask, within="0-40 m", on="filled", value=share, unit="share", n=100 * (k + 1))
+        Measurement(metric="right", mask=mask, range="0-40 m", on="filled", value=share, unit="share", n=100 * (k + 1))
         for k, (mask, share) in enumerate(shares.items())
     ]
     sources = [
-        Figure(metric="mae", mask=mask, within="0-40 m", on="filled", value=0.25, unit="m", n=7)
+        Measurement(metric="mae", mask=mask, range="0-40 m", on="filled", value=0.25, unit="m", n=7)
         for mask in ("source sensor", "source inpainted")
     ]
-    return Cell(key=key, figures=(*right, *sources))
+    return Result(key=key, measurements=(*right, *sources))
 
 
 @pytest.fixture
-def done() -> Done:
-    facts = Facts(
+def done() -> Evaluation:
+    info = SequenceInfo(
         name="s", digest="d", frames=2, seed=0, width_px=12, height_px=9, focal_px=9.0, baseline_m=None, is_true=True,
         hidden="holes", pixels={mask: dict.fromkeys(RANGES, 9) for mask in ("all", "holes")}, occluded_shares=(),
     )  # fmt: skip
-    two = cell("two", {"confidence 0.4-0.5": 0.2, "confidence 0.9-1": 0.9})
-    graded = cell("graded", {"confidence 0": 0.1, "confidence 0.4-0.5": 0.5, "confidence 0.9-1": 0.9})
-    return Done(cells=(two, graded), facts={"s": facts}, reused=0)
+    two = result("two", {"confidence 0.4-0.5": 0.2, "confidence 0.9-1": 0.9})
+    graded = result("graded", {"confidence 0": 0.1, "confidence 0.4-0.5": 0.5, "confidence 0.9-1": 0.9})
+    return Evaluation(results=(two, graded), sequences={"s": info}, reused=0)
 
 
-def test_only_a_graded_confidence_is_drawn_with_its_counts(done: Done, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_a_graded_confidence_is_drawn_with_its_counts(done: Evaluation, monkeypatch: pytest.MonkeyPatch) -> None:
     canvases: list[Any] = []
-    monkeypatch.setattr(figures, "png_of", lambda canvas: canvases.append(canvas) or "")
+    monkeypatch.setattr(figure, "png_of", lambda canvas: canvases.append(canvas) or b"")
     assert figures.graded_methods(done) == ["graded"]
     assert [picture.title for picture in figures.all_figures(done)][3:] == ["Confidence against errors"]
     (axes,) = canvases[3].axes
@@ -147,9 +148,13 @@ def test_only_a_graded_confidence_is_drawn_with_its_counts(done: Done, monkeypat
     np.testing.assert_allclose(right.get_xydata(), [[0, 10], [0.45, 50], [0.95, 90]])
     np.testing.assert_allclose(counts.get_ydata(), [100 / 6, 200 / 6, 300 / 6])
     assert axes.get_xlabel() == "confidence, n = 600 pixels"
-    assert figures.graded_methods(replace(done, cells=done.cells[:1])) == []
+    assert figures.graded_methods(replace(done, results=done.results[:1])) == []
 
 
-def test_sources_stand_side_by_side_and_a_missing_one_stays_open(done: Done) -> None:
+def test_sources_stand_side_by_side_and_a_missing_one_stays_open(done: Evaluation) -> None:
     (quantity,) = (q for q in QUANTITIES if "sensor / memory / inpainted" in q.title)
-    assert [entry.text for _, (entry,) in by_method(done, quantity).rows] == ["0.25 / - / 0.25", "0.25 / - / 0.25", "7"]
+    assert method_table(done, quantity).column("s") == [
+        "0.25 / - / 0.25",
+        "0.25 / - / 0.25",
+        "7",
+    ]

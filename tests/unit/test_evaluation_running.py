@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from scenarios.errors import ScenarioError
-from scenarios.evaluation.cell import Figure
-from scenarios.evaluation.exhibits import decoded
 from scenarios.evaluation.groups import TRUE_GROUPS
-from scenarios.evaluation.judging import MethodError, Verdict, judge, pictured
+from scenarios.evaluation.measurements import Measurement
 from scenarios.evaluation.methods import METHOD_NAMES, ORACLE, WARM_UP_FRAMES, Method, find_method, find_methods
-from scenarios.evaluation.scoring import READINGS, Score
-from tests.evaluation_clips import CAMERA, WALL_M, N, judged_frames, method, truth_of
+from scenarios.evaluation.result_cache import decoded_thumbnail, encoded_thumbnail
+from scenarios.evaluation.running import MethodError, Run, run
+from scenarios.evaluation.scoring import METRICS, Score
+from tests.evaluation_clips import CAMERA, WALL_M, N, evaluation_frames, method, truth_of
 from voxdepth import registry
 from voxdepth.baselines.raw import Raw
 from voxdepth.errors import ConfigError
@@ -25,44 +25,46 @@ from voxdepth.registry import ENTRY_POINTS
 from voxdepth.types import CorrectedDepth, Frame
 
 
-def judged_by(change: Any, frames: int = 4) -> Verdict:
-    return judge(method("stub", change), judged_frames(frames), TRUE_GROUPS, CAMERA)
+def scored(change: Any, frames: int = 4) -> Run:
+    return run(method("stub", change), evaluation_frames(frames), TRUE_GROUPS, CAMERA)
 
 
-def figure(verdict: Verdict, *wanted: str) -> Figure:
-    (found,) = (f for f in verdict.figures if (f.metric, f.mask, f.within, f.on) == wanted)
+def measurement(done: Run, *wanted: str) -> Measurement:
+    (found,) = (f for f in done.measurements if (f.metric, f.mask, f.range, f.on) == wanted)
     return found
 
 
 def test_a_perfect_method_has_no_error() -> None:
     frames = iter([*range(WARM_UP_FRAMES), *range(4)])
-    verdict = judged_by(lambda depth_m: truth_of(next(frames)))
-    for metric in READINGS:
+    done = scored(lambda depth_m: truth_of(next(frames)))
+    for metric in METRICS:
         expected = {"psnr_40m": np.inf, "close": 1}.get(metric, 0)
-        assert figure(verdict, metric, "all", "all", "completed").value == expected
-    assert verdict.frame_psnrs_db == (np.inf,) * 4
-    assert figure(verdict, "m_rmse_u16_wrap", "occluded", "all", "as given").value == 0
-    assert figure(verdict, "flicker", "static", "0-20 m", "filled").value == 0
-    assert figure(verdict, "coverage", "holes", "0-20 m", "filled").value == 1
+        assert measurement(done, metric, "all", "all", "completed").value == expected
+    assert done.frame_psnrs_db == (np.inf,) * 4
+    assert measurement(done, "m_rmse_u16_wrap", "occluded", "all", "as given").value == 0
+    assert measurement(done, "flicker", "static", "0-20 m", "filled").value == 0
+    assert measurement(done, "coverage", "holes", "0-20 m", "filled").value == 1
 
 
 def test_figures_are_those_of_the_whole_image_at_once() -> None:
-    verdict = judged_by(lambda depth_m: depth_m * np.float32(1.05))
-    given = [judged.frame.depth_m.astype(np.float32) * np.float32(1.05) for judged in judged_frames()]
-    truth = [judged.reference_m for judged in judged_frames()]
+    done = scored(lambda depth_m: depth_m * np.float32(1.05))
+    given = [frame.frame.depth_m.astype(np.float32) * np.float32(1.05) for frame in evaluation_frames()]
+    truth = [frame.reference_m for frame in evaluation_frames()]
     filled = np.concatenate([np.abs(g - t)[g > 0].astype(np.float64) for g, t in zip(given, truth, strict=True)])
     everywhere = np.concatenate([np.abs(fill_from_nearest(g) - t).ravel() for g, t in zip(given, truth, strict=True)])
-    on_filled = figure(verdict, "mae", "all", "0-20 m", "filled")
+    on_filled = measurement(done, "mae", "all", "0-20 m", "filled")
     assert on_filled.value == pytest.approx(filled.mean(), rel=1e-6)
     assert on_filled.n == filled.size
-    on_all = figure(verdict, "mae", "all", "0-20 m", "completed")
+    on_all = measurement(done, "mae", "all", "0-20 m", "completed")
     assert on_all.value == pytest.approx(everywhere.mean(), rel=1e-6)
     assert on_all.n == everywhere.size
-    assert figure(verdict, "coverage", "all", "0-20 m", "filled").value == pytest.approx(filled.size / everywhere.size)
+    assert measurement(done, "coverage", "all", "0-20 m", "filled").value == pytest.approx(
+        filled.size / everywhere.size
+    )
 
 
 def test_what_correctors_are_compared_by_is_in_every_cell() -> None:
-    verdict = judged_by(lambda depth_m: depth_m * np.float32(1.2))
+    done = scored(lambda depth_m: depth_m * np.float32(1.2))
     for wanted in (
         ("mae", "holes", "0-20 m", "completed"),
         ("off", "holes", "0-20 m", "completed"),
@@ -73,20 +75,20 @@ def test_what_correctors_are_compared_by_is_in_every_cell() -> None:
         ("coverage", "all", "0-20 m", "filled"),
         ("flicker", "static", "5-10 m", "filled"),
     ):
-        assert figure(verdict, *wanted).n > 0, wanted
-    shares = {name: figure(verdict, name, "measured", "all", "filled").value for name in ("off", "too_far", "close")}
+        assert measurement(done, *wanted).n > 0, wanted
+    shares = {name: measurement(done, name, "measured", "all", "filled").value for name in ("off", "too_far", "close")}
     assert shares == {"off": 1, "too_far": 1, "close": 0}
 
 
-def test_a_yardstick_is_laid_beside_every_run() -> None:
-    verdict = judged_by(lambda depth_m: depth_m)
-    of_frames = {f.metric: f for f in verdict.figures if f.on == "frames"}
-    laid = {when: of_frames[f"yardstick_{when}"] for when in ("before", "during", "after")}
-    assert min(yardstick.value for yardstick in laid.values()) > 0
-    assert laid["during"].n == 4
-    in_yardsticks = of_frames["latency_p50"].value / laid["during"].value
-    assert of_frames["latency_p50_yardsticks"].value == pytest.approx(in_yardsticks)
-    assert of_frames["latency_p50_yardsticks"].unit == "yardsticks"
+def test_a_reference_workload_is_timed_beside_every_run() -> None:
+    done = scored(lambda depth_m: depth_m)
+    of_frames = {f.metric: f for f in done.measurements if f.on == "frames"}
+    times = {when: of_frames[f"reference_workload_{when}"] for when in ("before", "during", "after")}
+    assert min(time.value for time in times.values()) > 0
+    assert times["during"].n == 4
+    multiple = of_frames["latency_p50"].value / times["during"].value
+    assert of_frames["latency_p50_workloads"].value == pytest.approx(multiple)
+    assert of_frames["latency_p50_workloads"].unit == "workloads"
 
 
 def test_unfilled_pixels_do_not_hide() -> None:
@@ -95,18 +97,18 @@ def test_unfilled_pixels_do_not_hide() -> None:
         kept[:, 0] = WALL_M
         return kept
 
-    verdict = judged_by(only_the_left_column)
-    assert figure(verdict, "mae", "all", "all", "filled").value == 0
-    assert figure(verdict, "mae", "all", "all", "completed").value > 0.3
-    assert figure(verdict, "mae", "holes", "all", "filled").value is None
-    assert figure(verdict, "coverage", "holes", "all", "filled").value == 0
+    done = scored(only_the_left_column)
+    assert measurement(done, "mae", "all", "all", "filled").value == 0
+    assert measurement(done, "mae", "all", "all", "completed").value > 0.3
+    assert measurement(done, "mae", "holes", "all", "filled").value is None
+    assert measurement(done, "coverage", "holes", "all", "filled").value == 0
 
 
 def test_a_wrong_depth_that_stays_does_not_flicker_and_one_that_changes_does() -> None:
-    assert figure(judged_by(lambda d: np.full_like(d, 9)), "switched", "static", "0-20 m", "filled").value == 0
+    assert measurement(scored(lambda d: np.full_like(d, 9)), "switched", "static", "0-20 m", "filled").value == 0
     signs = iter([1, -1] * N)
-    verdict = judged_by(lambda d: np.full_like(d, 9 + 0.5 * next(signs)))
-    assert figure(verdict, "flicker", "static", "0-20 m", "filled").value > 0.9
+    done = scored(lambda d: np.full_like(d, 9 + 0.5 * next(signs)))
+    assert measurement(done, "flicker", "static", "0-20 m", "filled").value > 0.9
 
 
 def test_flicker_of_measured_pixels_leaves_out_what_was_a_hole_in_either_frame() -> None:
@@ -115,26 +117,26 @@ def test_flicker_of_measured_pixels_leaves_out_what_was_a_hole_in_either_frame()
         return filled
 
     depths_m = iter([3, 9] * N)
-    verdict = judged_by(flickers_in_holes)
-    assert figure(verdict, "flicker", "static", "0-20 m", "filled").value > 0.1
-    measured = figure(verdict, "flicker", "static measured", "0-20 m", "filled")
-    raw = figure(judged_by(lambda depth_m: depth_m), "flicker", "static", "0-20 m", "filled")
+    done = scored(flickers_in_holes)
+    assert measurement(done, "flicker", "static", "0-20 m", "filled").value > 0.1
+    measured = measurement(done, "flicker", "static measured", "0-20 m", "filled")
+    raw = measurement(scored(lambda depth_m: depth_m), "flicker", "static", "0-20 m", "filled")
     assert measured.n == raw.n, "raw has a change where both frames were measured, and nowhere else"
-    assert measured.n < figure(verdict, "flicker", "static", "0-20 m", "filled").n
+    assert measured.n < measurement(done, "flicker", "static", "0-20 m", "filled").n
 
 
 def test_sequences_judged_by_measured_depth_count_the_change_of_depth() -> None:
     from scenarios.evaluation.groups import HELD_OUT_GROUPS
 
-    frame = judged_frames(1)[0]
+    frame = evaluation_frames(1)[0]
     labels = HELD_OUT_GROUPS.label(frame.reference_m, np.zeros(CAMERA.shape, np.uint8))
     score = Score(HELD_OUT_GROUPS, CAMERA)
     for k in range(3):
         flickering_m = frame.reference_m + np.float32(0.1 * (k % 2))
-        judged = replace(frame, labels=labels, reference_m=flickering_m, static=np.ones(CAMERA.shape, bool))
-        score.add(judged, flickering_m)
-    flicker = [f for f in score.figures() if f.metric == "flicker"]
-    assert {f.within for f in flicker} == {"all", "0-20 m", "2-5 m", "5-10 m"}
+        changed = replace(frame, labels=labels, reference_m=flickering_m, static=np.ones(CAMERA.shape, bool))
+        score.add(changed, flickering_m)
+    flicker = [f for f in score.measurements() if f.metric == "flicker"]
+    assert {f.range for f in flicker} == {"all", "0-20 m", "2-5 m", "5-10 m"}
     assert all(f.value == pytest.approx(0.1, rel=1e-4) for f in flicker)
 
 
@@ -156,7 +158,7 @@ def test_sequences_judged_by_measured_depth_count_the_change_of_depth() -> None:
 )
 def test_a_method_that_gives_no_depth_is_named_with_what_came(change: Any, message: str) -> None:
     with pytest.raises(MethodError, match=message):
-        judged_by(change)
+        scored(change)
 
 
 @pytest.mark.parametrize("error", [ConfigError("needs a baseline"), SystemExit("needs a baseline")])
@@ -165,7 +167,7 @@ def test_a_method_that_cannot_be_made_is_an_error_of_the_method(error: BaseExcep
         raise error
 
     with pytest.raises(MethodError, match=r"cannot be made: .*: needs a baseline"):
-        judge(Method(name="x", make=make), judged_frames(1), TRUE_GROUPS, CAMERA)
+        run(Method(name="x", make=make), evaluation_frames(1), TRUE_GROUPS, CAMERA)
 
 
 @pytest.mark.parametrize("error", [OSError("stuck"), SystemExit("stuck")])
@@ -180,7 +182,7 @@ def test_a_method_that_cannot_be_closed_is_an_error_of_the_method(error: BaseExc
                 raise error
 
     with pytest.raises(MethodError, match=r"it cannot be closed: .*: stuck"):
-        judge(Method(name="x", make=lambda intrinsics: Stuck()), judged_frames(2), TRUE_GROUPS, CAMERA)
+        run(Method(name="x", make=lambda intrinsics: Stuck()), evaluation_frames(2), TRUE_GROUPS, CAMERA)
     assert len(closed) == (1 if fails_at == "warm-up" else 2)
 
 
@@ -208,7 +210,7 @@ def test_every_instance_is_closed_and_the_first_error_is_told(fails_at: int) -> 
 
     kind = Ends if fails_at else Breaks
     with pytest.raises(MethodError, match="frame 0: ValueError: broken"):
-        judge(Method(name="x", make=lambda intrinsics: kind()), judged_frames(4), TRUE_GROUPS, CAMERA)
+        run(Method(name="x", make=lambda intrinsics: kind()), evaluation_frames(4), TRUE_GROUPS, CAMERA)
     assert closed == made
     assert len(made) == (2 if fails_at else 1)
 
@@ -226,7 +228,7 @@ def test_work_of_other_threads_is_counted_apart_from_the_latency() -> None:
         return depth_m
 
     where = ("latency_background", "frames", "frames", "frames")
-    busy, idle = figure(judged_by(in_a_thread), *where), figure(judged_by(lambda d: d), *where)
+    busy, idle = measurement(scored(in_a_thread), *where), measurement(scored(lambda d: d), *where)
     assert (busy.unit, busy.n) == ("ms", 4)
     assert 20 <= busy.value < 40
     assert 0 <= idle.value < 5
@@ -236,7 +238,7 @@ def test_work_of_other_threads_is_counted_apart_from_the_latency() -> None:
 def test_the_warm_up_is_as_long_as_the_method_asks_and_the_sequence_allows(asked: int, warmed_up: int) -> None:
     calls: list[int] = []
     longer = replace(method("x", lambda d: calls.append(1) or d), warm_up_frames=asked)
-    judge(longer, judged_frames(4), TRUE_GROUPS, CAMERA)
+    run(longer, evaluation_frames(4), TRUE_GROUPS, CAMERA)
     assert len(calls) == warmed_up + 4
 
 
@@ -263,9 +265,9 @@ def test_only_an_oracle_sees_the_pose_and_nothing_sees_the_truth() -> None:
 
     for oracle in (False, True):
         seen.clear()
-        judge(
+        run(
             Method(name="spy", make=lambda intrinsics: Spy(), sees_true_pose=oracle),
-            judged_frames(2),
+            evaluation_frames(2),
             TRUE_GROUPS,
             CAMERA,
         )
@@ -286,16 +288,16 @@ def test_the_warm_up_is_not_timed_and_leaves_nothing_behind() -> None:
         made.append(Counts())
         return made[-1]
 
-    verdict = judge(Method(name="x", make=make), judged_frames(4), TRUE_GROUPS, CAMERA)
+    done = run(Method(name="x", make=make), evaluation_frames(4), TRUE_GROUPS, CAMERA)
     assert calls == [0] * WARM_UP_FRAMES + [1] * 4
     for name in ("latency_p50", "latency_p95", "latency_max"):
-        latency = figure(verdict, name, "frames", "frames", "frames")
+        latency = measurement(done, name, "frames", "frames", "frames")
         assert (latency.n, latency.unit) == (4, "ms")
         assert latency.value > 0
 
 
 def test_a_picture_is_depth_in_millimetres() -> None:
-    np.testing.assert_allclose(decoded(pictured(truth_of(0))), truth_of(0))
+    np.testing.assert_allclose(decoded_thumbnail(encoded_thumbnail(truth_of(0))), truth_of(0))
 
 
 def test_methods_are_found_by_name_and_refused_by_name() -> None:

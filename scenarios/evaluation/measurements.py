@@ -1,0 +1,83 @@
+"""The long table of an evaluation: one row per number, with queries by metric, mask, range and pixels."""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import pandas as pd
+from pydantic import ConfigDict
+
+from voxdepth.model import Model
+
+from ..results.measurements import MEASUREMENT_COLUMNS
+from .groups import NEAR
+
+FILLED, COMPLETED, AS_GIVEN = "filled", "completed", "as given"
+"""Values of `Measurement.on`."""
+FRAMES = "frames"
+"""Mask, range and `on` of a measurement of whole frames, such as a latency."""
+COLUMN_TYPES = dict.fromkeys(MEASUREMENT_COLUMNS, "str") | {"value": "float64", "n": "int64"}
+
+
+class Measurement(Model):
+    """One number with its unit and its sample size."""
+
+    model_config = ConfigDict(allow_inf_nan=True, ser_json_inf_nan="constants")
+
+    metric: str
+    mask: str
+    """Which pixels the number is of."""
+    range: str
+    """Range of the reference depth of these pixels."""
+    on: str
+    """`filled`: the pixels that the method gives a depth. `completed`: all pixels, after completion by the nearest
+    valid. `as given`: all pixels, those without depth included.
+    """
+    value: float | None
+    """None if it is undefined, such as an error of no pixel; infinite for the PSNR of a perfect image."""
+    unit: str
+    n: int
+    """Number of pixels or frames."""
+
+
+class Selector(NamedTuple):
+    """Selects one quantity of the long table, for all methods on all sequences."""
+
+    metric: str
+    mask: str = "all"
+    range: str = NEAR
+    on: str = COMPLETED
+
+
+def of_frames(metric: str) -> Selector:
+    """Select a metric of whole frames."""
+    return Selector(metric, FRAMES, FRAMES, FRAMES)
+
+
+class Measurements:
+    """The long table with an index.
+
+    Args:
+        rows: Values of `MEASUREMENT_COLUMNS`, at most one row per sequence, method and `Selector`.
+    """
+
+    def __init__(self, rows: Iterable[tuple[Any, ...]]) -> None:
+        self.frame = pd.DataFrame(list(rows), columns=list(MEASUREMENT_COLUMNS)).astype(COLUMN_TYPES)
+        """The rows in their order; an undefined value is NaN."""
+        indexed = self.frame.set_index([*Selector._fields, "sequence", "method"])[["value", "n"]]
+        self._indexed = indexed.sort_index()
+
+    def select(self, selector: Selector) -> pd.DataFrame:
+        """Return the columns `value` and `n` by sequence and method; the frame has no row if nothing was measured."""
+        try:
+            return self._indexed.loc[tuple(selector)]
+        except KeyError:
+            return self._indexed.iloc[:0].droplevel(list(Selector._fields))
+
+    def value(self, sequence: str, method: str, selector: Selector) -> float | None:
+        """Return one value, or None if it was not measured or is undefined."""
+        value = self.select(selector)["value"].get((sequence, method))
+        return None if pd.isna(value) else float(value)
+
+    def count(self, sequence: str, method: str, selector: Selector) -> int:
+        """Return the sample size of one value, or 0 if it was not measured."""
+        return int(self.select(selector)["n"].get((sequence, method), 0))

@@ -1,0 +1,161 @@
+"""The output of an evaluation: tables, a page without scripts or external parts, and the terminal output."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pandas as pd
+
+from ..files import write
+from ..results.measurements import write_frame
+from ..results.page import render_page
+from ..results.provenance import CORRECTION, Provenance
+from ..results.table import MISSING, Column, Table, Value
+from . import paper
+from .figures import all_figures, count_text, error_maps
+from .groups import ALL, NEAR
+from .methods import ORACLE
+from .quantities import (
+    MOVING_COLUMNS,
+    PAPER_ARITHMETIC,
+    PAPER_LAYOUT,
+    QUANTITIES,
+    TERMINAL_COLUMNS,
+    Quantity,
+    is_measured,
+    select,
+)
+from .result_cache import SequenceInfo
+from .suite import Evaluation
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+FAILED = "failed"
+REPORT, RESULTS = "report.html", "results"
+"""The page, and the stem of the files with the long table."""
+TEMPLATE = "report.html.j2"
+
+
+def write_report(out: Path, evaluation: Evaluation) -> None:
+    """Write `results.csv`, `results.parquet` and `report.html`, each in one step.
+
+    Raises:
+        ScenarioError: A file cannot be written.
+    """
+    write_frame(out / RESULTS, evaluation.measurements.frame)
+    write(out / REPORT, rendered(evaluation).encode())
+
+
+def rendered(evaluation: Evaluation) -> str:
+    """Return the text of the page."""
+    replaced = [result for result in evaluation.results if result.replaced is not None]
+    return render_page(
+        TEMPLATE,
+        failures=[(result.key.sequence, result.key.method, result.error) for result in evaluation.failures],
+        replaced=[(result.key.sequence, result.key.method, result.replaced) for result in replaced],
+        paper=[paper_table(evaluation, quantity) for quantity in PAPER_LAYOUT],
+        arithmetic=[paper_table(evaluation, quantity) for quantity in PAPER_ARITHMETIC],
+        tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
+        figures=all_figures(evaluation),
+        error_maps=[error_maps(evaluation, info) for info in evaluation.sequences.values()],
+        sequences=_sequence_table(list(evaluation.sequences.values())),
+        machine=Provenance.here(CORRECTION),
+    )
+
+
+def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
+    """Return a table with one row per method, one column per sequence, and the sample sizes in the last row."""
+    texts, classes, counts = _texts(evaluation, quantity)
+    rows = [[method, *texts.loc[method]] for method in texts.index] + [["n", *counts.values()]]
+    marks = [["", *classes.loc[method]] for method in texts.index] + [["", *["n"] * len(counts)]]
+    return Table.of(quantity.heading, ["method", *texts.columns], rows, note=quantity.note, classes=marks)
+
+
+def paper_table(evaluation: Evaluation, quantity: Quantity) -> Table:
+    """Return a table with one row per sequence and one column per method, beside the numbers that the paper prints."""
+    texts, classes, counts = _texts(evaluation, quantity)
+    published = paper.PUBLISHED.get(quantity.metrics[0], {})
+    names = [f"{method} (paper)" for method in paper.METHODS if published]
+    rows: list[list[Value]] = []
+    marks: list[list[str]] = []
+    for name in sorted(texts.columns, key=_paper_order):
+        abbreviation = paper.SEQUENCES.get(name, "")
+        values = published.get(abbreviation, [""] * len(names))
+        rows.append([abbreviation or name, *values, *texts[name], counts[name]])
+        marks.append(["", *["printed"] * len(names), *classes[name], "n"])
+    return Table.of(quantity.heading, ["sequence", *names, *texts.index, "n"], rows, note=quantity.note, classes=marks)
+
+
+def print_results(console: "Console", evaluation: Evaluation) -> None:
+    """Print a table for each sequence, and say which results were replaced or failed."""
+    texts = {q.heading: _texts(evaluation, q)[0] for q in (*TERMINAL_COLUMNS, *MOVING_COLUMNS)}
+    for info in evaluation.sequences.values():
+        pixels = info.pixels[ALL].get(NEAR, 0)
+        title = f"{info.name}: {info.frames} frames of {info.size}, {pixels:,} pixels within 20 m"
+        console.print(f"{title}, scored by {info.reference_name}", soft_wrap=True, markup=False)
+        for quantities in (TERMINAL_COLUMNS, MOVING_COLUMNS):
+            shown = pd.DataFrame({q.heading: texts[q.heading][info.name] for q in quantities})
+            if quantities is TERMINAL_COLUMNS or not shown.isin([MISSING, FAILED]).all(axis=None):
+                columns = [Column("method"), *(Column(q.title, q.unit) for q in quantities)]
+                Table.of("", columns, list(shown.itertuples(name=None))).print(console)
+    console.print(
+        "surfaces within 20 m; errors of all, and in holes, are after completion by the nearest valid, and far/near "
+        "is the share of holes that is more than 10 % off then; survival and ghosts are those of moving objects; times "
+        "are with OpenCV on one thread",
+        soft_wrap=True,
+    )
+    for result in evaluation.results:
+        where = f"{result.key.sequence}, {result.key.method}"
+        if result.replaced is not None:
+            console.print(f"{where}: an older result was discarded: {result.replaced}", soft_wrap=True, markup=False)
+        if result.error is not None:
+            console.print(f"{where} failed: {result.error}", soft_wrap=True, markup=False, style="red")
+
+
+def _texts(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, str]]:
+    """Return text and CSS class of every result (rows: methods; columns: sequences), and the sample sizes."""
+    values, counts = select(evaluation, quantity)
+    texts = dict(zip(values.index, map(quantity.text, values.itertuples(index=False, name=None)), strict=True))
+    classes = dict.fromkeys(_best(quantity, values[0]), "best")
+    for result in evaluation.failures:
+        place = result.key.sequence, result.key.method
+        texts[place] = classes[place] = FAILED
+    methods, sequences = evaluation.methods, list(dict.fromkeys(result.key.sequence for result in evaluation.results))
+    frames = (
+        pd.DataFrame([[entries.get((s, m), missing) for s in sequences] for m in methods], methods, sequences)
+        for entries, missing in ((texts, MISSING), (classes, ""))
+    )
+    by_sequence = counts.stack().groupby("sequence").agg(["min", "max"]).astype(int)
+    return *frames, dict.fromkeys(sequences, MISSING) | {
+        name: count_text(low) if low == high else f"{count_text(low)} to {count_text(high)}"
+        for name, low, high in by_sequence.itertuples(name=None)
+    }
+
+
+def _best(quantity: Quantity, values: pd.Series) -> list[tuple[str, str]]:
+    """Return sequence and method of the best values of each sequence. An oracle does not compete."""
+    if not quantity.best:
+        return []
+    competing = values[values.index.get_level_values("method") != ORACLE]
+    best = competing.groupby("sequence").transform("min" if quantity.best == "low" else "max")
+    return list(competing.index[competing == best])
+
+
+def _sequence_table(sequences: Sequence[SequenceInfo]) -> Table:
+    columns: list[Column | str] = [
+        "sequence", "scored by", "frames", Column("image", "px"), Column("focal length", "px", ".1f"),
+        Column("baseline", "m", "g"), "seed", "scored pixels", Column("not measured, or held out", "%", ".1f"),
+        "SHA-256",
+    ]  # fmt: skip
+    rows = [
+        (info.name, info.reference_name, info.frames, info.size, info.focal_px, info.baseline_m, info.seed,
+         info.pixels[ALL][ALL], 100 * info.pixels[info.hidden][ALL] / max(1, info.pixels[ALL][ALL]), info.digest[:16])
+        for info in sequences
+    ]  # fmt: skip
+    return Table.of("Sequences", columns, rows)
+
+
+def _paper_order(sequence: str) -> tuple[int, str]:
+    names = list(paper.SEQUENCES)
+    return (names.index(sequence), "") if sequence in names else (len(names), sequence)

@@ -1,0 +1,207 @@
+"""What is kept of finished work: the result of each method on each sequence, and a description of each sequence."""
+
+import base64
+from pathlib import Path
+from typing import Any, TypeVar
+
+import cv2
+import numpy as np
+import pydantic
+from pydantic import ConfigDict
+
+from voxdepth.model import Model
+from voxdepth.types import FloatImage
+
+from ..correction import encode, to_millimetres
+from ..errors import ScenarioError
+from ..files import write
+from ..images import picked
+from .measurements import Measurement
+
+RESULTS, SEQUENCES = "results", "sequences"
+"""Folders of the files."""
+SCORING = 5
+"""Version of the definitions of all metrics. Results of an earlier version are computed again."""
+THUMBNAIL_PX = 240
+"""Largest width of the depth image that is kept of the last frame of a sequence."""
+NOT_DONE = "not done yet"
+OTHER_FILE = "its file is of another version or damaged"
+FOREIGN = "its code is not part of this project and may have changed"
+
+Stored = TypeVar("Stored", bound=Model)
+
+
+class Key(Model):
+    """Everything that the measurements of a result depend on."""
+
+    sequence: str
+    method: str
+    frames: int
+    seed: int | None
+    """Seed of a rendered sequence; None for a measured one."""
+    digest: str
+    """SHA-256 of the images and poses of the sequence."""
+    config: dict[str, Any] | None
+    """Configuration of the method; None if it has none."""
+    versions: dict[str, str]
+    scoring: int = SCORING
+
+    def difference(self, other: "Key") -> str:
+        """Describe the first entry in which `other` differs; return an empty string if both are equal."""
+        was, now = _flat(other.model_dump()), _flat(self.model_dump())
+        for name in [*now, *was]:
+            if was.get(name) != now.get(name):
+                return f"{name} was {_short(was.get(name))} and is {_short(now.get(name))}"
+        return ""
+
+
+class Result(Model):
+    """The result of one method on one sequence."""
+
+    model_config = ConfigDict(allow_inf_nan=True, ser_json_inf_nan="constants")
+
+    key: Key
+    error: str | None = None
+    """Why there are no measurements; None if there are."""
+    replaced: str | None = None
+    """Why an older result was discarded; None if there was none."""
+    measurements: tuple[Measurement, ...] = ()
+    frame_psnrs_db: tuple[float | None, ...] = ()
+    """PSNR of every frame after completion, peak 65535 mm [dB]; None if it is undefined."""
+    thumbnail: str = ""
+    """Depth of the last frame, as `encoded_thumbnail` gives it."""
+
+
+class SequenceInfo(Model):
+    """The part of a sequence that methods were compared on."""
+
+    name: str
+    digest: str
+    """SHA-256 of its images and poses."""
+    frames: int
+    seed: int | None
+    width_px: int
+    height_px: int
+    focal_px: float
+    baseline_m: float | None
+    is_true: bool
+    """Whether the reference is the true depth, and not held-out measurements."""
+    hidden: str
+    """Mask of the pixels that methods are given no depth of."""
+    pixels: dict[str, dict[str, int]]
+    """Number of pixels of all frames, by mask and range."""
+    occluded_shares: tuple[float, ...]
+    """Share of each frame that the second camera does not see, 0..1; empty if it is unknown."""
+    reference: str = ""
+    """Thumbnail of the reference depth of the last frame."""
+    raw: str = ""
+    """Thumbnail of the depth of the last frame that methods were given."""
+
+    @property
+    def size(self) -> str:
+        """Width and height of the images, such as `640x360`."""
+        return f"{self.width_px}x{self.height_px}"
+
+    @property
+    def reference_name(self) -> str:
+        """What methods are scored by."""
+        return "the truth" if self.is_true else "held-out pixels"
+
+
+class ResultCache:
+    """Files of the results on one sequence.
+
+    Args:
+        out: Folder of all results.
+        sequence: Name of the sequence.
+    """
+
+    def __init__(self, out: Path, sequence: str) -> None:
+        self._results = out / RESULTS / sequence
+        self._info = out / SEQUENCES / f"{sequence}.json"
+
+    def path(self, method: str) -> Path:
+        """Return the file of the result of a method."""
+        return self._results / f"{method.replace(':', '-').replace('/', '-')}.json"
+
+    def load(self, key: Key, *, may_have_changed: bool) -> Result:
+        """Load the finished result of a key, or one with the error `NOT_DONE` and why an older one is discarded.
+
+        Args:
+            key: What the result shall depend on.
+            may_have_changed: Whether the method may have changed although its key is the same.
+
+        Raises:
+            ScenarioError: The file of the result cannot be read.
+        """
+        try:
+            result = _read(Result, self.path(key.method))
+        except pydantic.ValidationError:
+            return Result(key=key, error=NOT_DONE, replaced=OTHER_FILE)
+        if result is None:
+            return Result(key=key, error=NOT_DONE)
+        difference = key.difference(result.key) or (FOREIGN if may_have_changed else "")
+        if difference:
+            return Result(key=key, error=NOT_DONE, replaced=difference)
+        return result.model_copy(update={"replaced": None})
+
+    def store(self, result: Result) -> None:
+        """Write the file of a result in one step.
+
+        Raises:
+            ScenarioError: The file cannot be written.
+        """
+        _write(self.path(result.key.method), result)
+
+    def load_info(self, digest: str, frames: int) -> SequenceInfo | None:
+        """Return the description of the sequence, or None if there is none of these frames."""
+        try:
+            info = _read(SequenceInfo, self._info)
+        except (ScenarioError, pydantic.ValidationError):
+            return None
+        return info if info is not None and (info.digest, info.frames) == (digest, frames) else None
+
+    def store_info(self, info: SequenceInfo) -> None:
+        """Write the file of the description in one step.
+
+        Raises:
+            ScenarioError: The file cannot be written.
+        """
+        _write(self._info, info)
+
+
+def encoded_thumbnail(depth_m: FloatImage) -> str:
+    """Encode depth [m], shape (H, W), as a narrowed PNG with 16 bits and millimetres, in base64."""
+    narrow = picked(to_millimetres(depth_m), min(THUMBNAIL_PX, depth_m.shape[1]))
+    return base64.b64encode(encode(narrow)).decode()
+
+
+def decoded_thumbnail(png: str) -> FloatImage:
+    """Decode a thumbnail to depth [m], shape (H, W)."""
+    data = np.frombuffer(base64.b64decode(png), np.uint8)
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED)).astype(np.float32) / np.float32(1000)
+
+
+def _read(kind: type[Stored], path: Path) -> Stored | None:
+    try:
+        return kind.model_validate_json(path.read_bytes())
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        raise ScenarioError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def _write(path: Path, model: Model) -> None:
+    write(path, f"{model.model_dump_json(indent=1)}\n".encode())
+
+
+def _flat(values: dict[str, Any], before: str = "") -> dict[str, Any]:
+    """Return the values by dotted name."""
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        flat |= _flat(value, f"{before}{name}.") if isinstance(value, dict) else {before + name: value}
+    return flat
+
+
+def _short(value: Any) -> str:
+    return "none" if value is None else str(value)[:48]

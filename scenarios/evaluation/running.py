@@ -1,0 +1,227 @@
+"""Runs one method on one sequence: warm-up, time per frame, validation of its output, and scores."""
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from voxdepth.types import DepthCorrector, FloatImage, Frame, GrayImage, Intrinsics
+
+from .groups import Groups
+from .measurements import FRAMES, Measurement
+from .methods import Method
+from .result_cache import encoded_thumbnail
+from .scoring import Score
+from .sources import EvaluationFrame, Frames
+
+SEED, SHAPE = 0, (360, 640)
+REPEATS = 30
+WINDOW_PX = 5
+
+
+class MethodError(Exception):
+    """A method could not be made or closed, or gave no valid depth; the message says what it gave."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Output:
+    """The scored part of a method's output for a frame; images have the shape (H, W)."""
+
+    depth_m: FloatImage
+    confidence: FloatImage | None
+    """None if the method gives none."""
+    source: GrayImage | None
+    """None if the method gives none."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """What was measured of a method on a sequence."""
+
+    measurements: tuple[Measurement, ...]
+    frame_psnrs_db: tuple[float | None, ...]
+    thumbnail: str
+    """Depth of the last frame, see `encoded_thumbnail`."""
+
+
+class ReferenceWorkload:
+    """A fixed computation that is timed beside every run: if it takes longer, the run had less of the machine as well.
+
+    The computation is a 5x5 median of 16-bit noise of 640x360 pixels.
+    """
+
+    def __init__(self) -> None:
+        self._noise = np.random.default_rng(SEED).integers(0, 1 << 16, SHAPE, dtype=np.uint16)
+        self._times_s: dict[str, list[float]] = {"before": [], "during": [], "after": []}
+        self._time_s()
+
+    def time(self, when: str, repeats: int = 1) -> None:
+        """Time the computation `before`, `during` or `after` a run."""
+        self._times_s[when] += [self._time_s() for _ in range(repeats)]
+
+    def measurements(self, latency_ms: float) -> Iterator[Measurement]:
+        """Yield the median times, and a median latency as a multiple of the median time during the run."""
+        medians_ms = {when: 1e3 * float(np.median(times_s)) for when, times_s in self._times_s.items()}
+        for when, time_ms in medians_ms.items():
+            yield _of_frames(f"reference_workload_{when}", time_ms, "ms", len(self._times_s[when]))
+        multiple, n = latency_ms / medians_ms["during"], len(self._times_s["during"])
+        yield _of_frames("latency_p50_workloads", multiple, "workloads", n)
+
+    def _time_s(self) -> float:
+        start = time.perf_counter()
+        cv2.medianBlur(self._noise, WINDOW_PX)
+        return time.perf_counter() - start
+
+
+def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) -> Run:
+    """Run a method on all frames in order, with OpenCV on one thread.
+
+    Args:
+        method: A new instance is made.
+        frames: At least one; each is read just before it is processed, which is not timed.
+        groups: Pixel groups of the sequence.
+        intrinsics: Intrinsics of its camera.
+
+    Raises:
+        MethodError: The method raised an exception or gave no valid depth; the message names the frame.
+        ScenarioError: A frame cannot be read.
+    """
+    cv2.setNumThreads(1)
+    _warm_up(method, frames, intrinsics)
+    score, times_s, workload = Score(groups, intrinsics), [], ReferenceWorkload()
+    workload.time("before", REPEATS)
+    with _instance(method, intrinsics) as corrector:
+        start_s = _other_threads_s()
+        for index in range(len(frames)):
+            frame = frames[index]
+            output, time_s = _processed(corrector, _visible(frame, method), index)
+            times_s.append(time_s)
+            score.add(frame, output.depth_m, output.confidence, output.source)
+            workload.time("during")
+        background_s = _other_threads_s() - start_s
+    workload.time("after", REPEATS)
+    return Run(
+        measurements=(*score.measurements(), *_latencies(times_s, background_s, workload)),
+        frame_psnrs_db=score.frame_psnrs_db,
+        thumbnail=encoded_thumbnail(output.depth_m),
+    )
+
+
+def _latencies(times_s: Sequence[float], background_s: float, workload: ReferenceWorkload) -> Iterator[Measurement]:
+    """Yield median, 95th percentile and maximum of the time per frame, and the CPU time of other threads per frame."""
+    n = len(times_s)
+    percentiles_ms = [float(value) for value in 1e3 * np.percentile(times_s, (50, 95, 100))]
+    for name, value_ms in zip(("p50", "p95", "max"), percentiles_ms, strict=True):
+        yield _of_frames(f"latency_{name}", value_ms, "ms", n)
+    # The two clocks are read one after the other, so their difference may be negative.
+    yield _of_frames("latency_background", max(0.0, 1e3 * background_s / n), "ms", n)
+    yield from workload.measurements(percentiles_ms[0])
+
+
+def _of_frames(metric: str, value: float, unit: str, n: int) -> Measurement:
+    return Measurement(metric=metric, mask=FRAMES, range=FRAMES, on=FRAMES, value=value, unit=unit, n=n)
+
+
+def _warm_up(method: Method, frames: Frames, intrinsics: Intrinsics) -> None:
+    """Load and compile what is loaded and compiled at first use, and fill the caches."""
+    with _instance(method, intrinsics) as corrector:
+        for index in range(min(method.warm_up_frames, len(frames))):
+            _processed(corrector, _visible(frames[index], method), index)
+
+
+def _other_threads_s() -> float:
+    """Return the CPU time of all threads of this process but the calling one [s]."""
+    return time.process_time() - time.thread_time()
+
+
+@contextmanager
+def _instance(method: Method, intrinsics: Intrinsics) -> Iterator[DepthCorrector]:
+    """Make an instance and close it after the block; an error of the block takes precedence."""
+    try:
+        corrector = method.make(intrinsics)
+    except (Exception, SystemExit) as error:  # The code of a method may be anybody's.
+        raise MethodError(f"it cannot be made: {_named(error)}") from error
+    try:
+        yield corrector
+    except BaseException:
+        with suppress(MethodError):
+            _close(corrector)
+        raise
+    _close(corrector)
+
+
+def _close(corrector: DepthCorrector) -> None:
+    """End the threads of a corrector that has some."""
+    try:
+        close = getattr(corrector, "close", None)
+        if close is not None:
+            close()
+    except (Exception, SystemExit) as error:  # The code of a method may be anybody's.
+        raise MethodError(f"it cannot be closed: {_named(error)}") from error
+
+
+def _visible(frame: EvaluationFrame, method: Method) -> Frame:
+    """Return the part of a frame that a method sees: read-only arrays, and the pose only for oracles."""
+    for image in (frame.frame.gray, frame.frame.depth_m):
+        image.setflags(write=False)
+    if not method.sees_true_pose:
+        return frame.frame
+    if frame.T_world_cam is None:
+        raise MethodError("it needs the true pose, which this sequence does not have")
+    return replace(frame.frame, T_world_cam=frame.T_world_cam)
+
+
+def _processed(corrector: DepthCorrector, frame: Frame, index: int) -> tuple[Output, float]:
+    """Return the validated output of a method for a frame, and the time it took [s]."""
+    start = time.perf_counter()
+    try:
+        result = corrector.process(frame)
+        time_s = time.perf_counter() - start
+        depth_m, confidence, source = (getattr(result, name, None) for name in ("depth_m", "confidence", "source"))
+    except (Exception, SystemExit) as error:  # The code of a method may be anybody's.
+        raise MethodError(f"frame {index}: {_named(error)}") from error
+    shape = frame.depth_m.shape
+    problem = _depth_problem(depth_m, shape) or _confidence_problem(confidence, shape) or _source_problem(source, shape)
+    if problem or depth_m is None:
+        raise MethodError(f"frame {index}: {problem}")
+    return Output(depth_m=depth_m, confidence=confidence, source=source), time_s
+
+
+def _depth_problem(depth_m: object, shape: tuple[int, ...]) -> str:
+    """Say what is wrong with a method's depth; return an empty string if nothing is."""
+    if not isinstance(depth_m, np.ndarray):
+        return f"expected a CorrectedDepth with depth_m, got {_kind(depth_m)}"
+    if depth_m.shape != shape or depth_m.dtype != np.float32:
+        return f"expected depth_m as float32 of shape {shape}, got {_kind(depth_m)}"
+    if not np.isfinite(depth_m).all():
+        return f"expected finite depths (0 = invalid), got {np.count_nonzero(~np.isfinite(depth_m))} others"
+    if (depth_m < 0).any():
+        return f"expected depths of at least 0 m (0 = invalid), got {depth_m.min()} m"
+    return ""
+
+
+def _confidence_problem(confidence: object, shape: tuple[int, ...]) -> str:
+    if confidence is None:
+        return ""
+    if not isinstance(confidence, np.ndarray) or confidence.shape != shape or confidence.dtype.kind != "f":
+        return f"expected confidence as floats of shape {shape}, or none, got {_kind(confidence)}"
+    if not ((confidence >= 0) & (confidence <= 1)).all():
+        return f"expected confidence in 0..1, got {confidence.min()} to {confidence.max()}"
+    return ""
+
+
+def _source_problem(source: object, shape: tuple[int, ...]) -> str:
+    if source is None or (isinstance(source, np.ndarray) and source.shape == shape and source.dtype == np.uint8):
+        return ""
+    return f"expected source as uint8 of shape {shape}, or none, got {_kind(source)}"
+
+
+def _kind(given: object) -> str:
+    return f"{given.dtype} of shape {given.shape}" if isinstance(given, np.ndarray) else type(given).__name__
+
+
+def _named(error: BaseException) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())
