@@ -1,4 +1,4 @@
-"""What a study's file says, and the matrix that it makes."""
+"""The file of a study and the runs that follow from it."""
 
 from pathlib import Path
 from typing import Any
@@ -7,8 +7,9 @@ import pytest
 
 from scenarios.config import load_run
 from scenarios.errors import ScenarioError
-from scenarios.study.design import digest, expand, key_of, load_study, study_names
+from scenarios.study.design import Study, digest, expand, key_of, load_study, study_names
 from tests.studies import ONE_DRONE, arm, noisy, study
+from voxdepth.config import VoxDepthConfig
 
 TEXT = """
 name = "mine"
@@ -136,6 +137,21 @@ def test_what_one_arm_sets_inside_a_table_of_the_study_reaches_no_other() -> Non
     assert [(name, rules.cohesion_per_s) for name, rules in found] == [("a", 1.0), ("b", 0.0)] * 2
     assert all(rules.alignment == 0 for _, rules in found)
     assert tables["mission.rules"] == {"alignment": 0.0}
+
+
+def test_an_arm_flies_a_configured_corrector(tmp_path: Path) -> None:
+    """An ablation: the same corrector with and without one of its steps, and the bare name."""
+    text = TEXT.replace('corrector = "raw"', 'corrector = { name = "voxdepth", config = { hold_frames = 30 } }', 1)
+    found = load_study(saved(tmp_path, text))
+    first, second, *_ = expand(found)
+    assert first.run.scenario.corrector.resolved_config() == VoxDepthConfig(hold_frames=30)
+    assert str(second.run.scenario.corrector) == "raw"
+    assert Study.model_validate_json(found.model_dump_json()) == found
+    plain = load_study(saved(tmp_path, text.replace(", config = { hold_frames = 30 }", "")))
+    assert plain.arms[0].model_dump(mode="json")["corrector"] == "voxdepth"
+    assert expand(plain)[0].key != first.key
+    with pytest.raises(ScenarioError, match="hold_frame"):
+        load_study(saved(tmp_path, text.replace("hold_frames", "hold_frame")))
 
 
 def test_a_pilot_flies_pilot_seeds() -> None:
