@@ -1,21 +1,29 @@
-"""Flying many missions, side by side in processes."""
+"""Flying many runs: in parallel, as the acceptance check of a scenario, or as a table of outcomes."""
 
 import multiprocessing
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from typing import TypeVar
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, TypeVar
 
-from .config import Run
+from swarm.priors import PosePriorConfig
+from swarm.types import MissionResult, Outcome
+
+from .config import Run, load_run
 from .errors import ScenarioError
 from .quiet import import_noisy_libraries
+from .results.table import Column, Table, Value
 from .runner import Finished, fly
 
 T = TypeVar("T")
 
+OUTCOMES = [outcome for outcome in Outcome if outcome is not Outcome.INTERRUPTED]
+
 
 def fly_all(runs: Sequence[Run], *, workers: int) -> Iterator[Finished]:
-    """Fly all runs and yield their results in order; the number of workers changes the speed alone."""
+    """Fly all runs and yield their results in order; the number of workers changes the speed only."""
     if workers == 1:
         yield from map(fly, runs)
     else:
@@ -23,7 +31,7 @@ def fly_all(runs: Sequence[Run], *, workers: int) -> Iterator[Finished]:
 
 
 def in_processes(function: Callable[[Run], T], runs: Sequence[Run], *, workers: int) -> Iterator[T]:
-    """What a function of a module makes of each run, in order.
+    """Call a module-level function for each run in worker processes, and yield its results in order.
 
     Raises:
         ScenarioError: A process died.
@@ -34,10 +42,149 @@ def in_processes(function: Callable[[Run], T], runs: Sequence[Run], *, workers: 
             yield from pool.map(function, runs)
         except BrokenProcessPool as error:
             raise ScenarioError(
-                "a process that flew a run died without a word, perhaps for want of memory: try fewer workers"
+                "a worker process died without an error message, perhaps for lack of memory: try fewer workers"
             ) from error
 
 
 def _fly_alone(run: Run) -> Finished:
-    """One thread per process: the processes already fill the machine."""
+    """Fly a run with one thread, since the worker processes already use all processors."""
     return fly(run, threads=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AcceptanceResult:
+    """Outcomes of one scenario over seeds."""
+
+    outcomes: tuple[Outcome, ...]
+    required_share: float
+
+    @property
+    def successes(self) -> int:
+        """Number of runs that ended in success."""
+        return self.outcomes.count(Outcome.SUCCESS)
+
+    @property
+    def accepted(self) -> bool:
+        """Whether enough runs succeeded."""
+        return self.successes >= self.required_share * len(self.outcomes)
+
+
+def acceptance_run(name: str, seed: int, changes: Mapping[str, Any] = MappingProxyType({})) -> Run:
+    """Return a run with the depth, corrector and image size of the scenario's acceptance check, and further changes."""
+    check = load_run(name, seed, {}).scenario.acceptance
+    settings = {
+        "rig.depth": check.depth,
+        "corrector": check.corrector,
+        "rig.width_px": check.width_px,
+        "rig.height_px": check.height_px,
+    }
+    return load_run(name, seed, {**settings, **changes})
+
+
+def check_acceptance(
+    name: str, seeds: Sequence[int], report: Callable[[int, Outcome], None], *, workers: int
+) -> AcceptanceResult:
+    """Fly the acceptance check of a scenario; `report` is called with the seed and outcome of every run."""
+    runs = [acceptance_run(name, seed) for seed in seeds]
+    outcomes = []
+    for run, finished in zip(runs, fly_all(runs, workers=workers), strict=True):
+        outcomes.append(finished.result.outcome)
+        report(run.seed, outcomes[-1])
+    required = load_run(name, 0, {}).scenario.acceptance.min_success_share
+    return AcceptanceResult(outcomes=tuple(outcomes), required_share=required)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthSource:
+    """A sensor model and a corrector."""
+
+    depth: str
+    theta: float
+    """Noise ratio of the sensor model `noisy`."""
+    corrector: str
+
+    @property
+    def label(self) -> str:
+        """The sensor model, with its noise ratio if it has one."""
+        return f"noisy, theta {self.theta:g}" if self.depth == "noisy" else self.depth
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """Values of the scenario, by dotted key."""
+        return {"rig.depth": self.depth, "rig.noise.scale.theta": self.theta, "corrector": self.corrector}
+
+
+def depth_sources(depths: Sequence[str], thetas: Sequence[float], correctors: Sequence[str]) -> list[DepthSource]:
+    """Return all combinations; only the sensor model `noisy` is combined with every theta."""
+    return [
+        DepthSource(depth=depth, theta=theta, corrector=corrector)
+        for depth in depths
+        for theta in (thetas if depth == "noisy" else [0.0])
+        for corrector in correctors
+    ]
+
+
+def tabulate(
+    scenario: str,
+    sources: Sequence[DepthSource],
+    seeds: Sequence[int],
+    changes: Mapping[str, Any],
+    report: Callable[[str], None],
+    *,
+    workers: int,
+) -> Table:
+    """Fly a scenario with every depth source and seed, and return the table of the outcomes.
+
+    Args:
+        scenario: Name or path of the scenario.
+        sources: One row of the table each.
+        seeds: Seeds of the runs.
+        changes: Further values of the scenario, by dotted key.
+        report: Called with one line of text per run.
+        workers: Number of runs in parallel.
+    """
+    rows = []
+    for source in sources:
+        runs = [load_run(scenario, seed, {**source.changes, **changes}) for seed in seeds]
+        results = []
+        for run, finished in zip(runs, fly_all(runs, workers=workers), strict=True):
+            results.append(finished.result)
+            report(f"{source.label}, {source.corrector}, seed {run.seed}: {finished.result.outcome}")
+        rows.append(outcome_row(source, runs[0].scenario.mission.pose_prior, results))
+    return Table.of(scenario, OUTCOME_COLUMNS, rows)
+
+
+OUTCOME_COLUMNS: tuple[Column | str, ...] = (
+    "depth",
+    "corrector",
+    "runs",
+    *(outcome.value for outcome in OUTCOMES),
+    Column("MAE raw", "m"),
+    Column("MAE corrected", "m"),
+    Column("min clearance", "m"),
+)
+
+
+def outcome_row(source: DepthSource, prior: PosePriorConfig, results: Sequence[MissionResult]) -> list[Value]:
+    """Return one row of the table: errors are means over runs, the clearance is the smallest of all runs.
+
+    Args:
+        source: Depth source of the runs.
+        prior: Pose prior of the scenario; the row names any but `none`, so that an oracle can be recognised.
+        results: Results of all seeds.
+    """
+    outcomes = [result.outcome for result in results]
+    return [
+        source.label,
+        source.corrector if prior.kind == "none" else f"{source.corrector}, pose prior {prior.label}",
+        len(results),
+        *(outcomes.count(outcome) for outcome in OUTCOMES),
+        _mean(results, "depth_raw_mae_m"),
+        _mean(results, "depth_corrected_mae_m"),
+        min(float(result.metrics["min_clearance_m"] or 0) for result in results),
+    ]
+
+
+def _mean(results: Sequence[MissionResult], name: str) -> float | None:
+    values = [value for result in results if (value := result.metrics[name]) is not None]
+    return sum(values) / len(values) if values else None

@@ -1,4 +1,4 @@
-"""Running one mission: threads, folders, progress and files around what `swarm` does."""
+"""Running one mission: threads, progress and files."""
 
 import json
 import os
@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +22,10 @@ from swarm.types import MissionResult, Trajectory
 from .config import Run
 from .errors import ScenarioError
 from .files import to_toml
+from .results.provenance import machine, versions
 
 Progress = Callable[[float, float], None]
 """Called after every tick with simulated time and real-time factor."""
-
-REPORTED_PACKAGES = ("voxdepth", "numpy", "opencv-python-headless", "open3d", "pybullet", "warp-lang", "rerun-sdk")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +35,7 @@ class Finished:
     result: MissionResult
     wall_s: float
     folder: Path | None
-    """Where its files are; None if nothing was written."""
+    """Folder of its files; None if nothing was written."""
 
     @property
     def real_time_factor(self) -> float:
@@ -46,7 +44,7 @@ class Finished:
 
 
 def fly(run: Run, *, threads: int | None = None) -> Finished:
-    """Fly a mission without writing anything; the number of threads changes the speed alone."""
+    """Fly a mission without writing anything; the number of threads changes the speed only."""
     with flying(run, Recorder(), recorded=False, threads=threads) as mission:
         wall_s = _ticks(mission, None)
         return Finished(result=mission.result(), wall_s=wall_s, folder=None)
@@ -55,7 +53,7 @@ def fly(run: Run, *, threads: int | None = None) -> Finished:
 def fly_and_write(run: Run, out: Path, *, record: bool, progress: Progress | None = None) -> Finished:
     """Fly a mission and write its configuration, metrics, trajectories and recording to a new folder below `out`.
 
-    Ctrl-C ends the mission with the outcome `interrupted`; everything is written all the same.
+    Ctrl-C ends the mission with the outcome `interrupted`; its files are written nevertheless.
 
     Raises:
         ScenarioError: The folder cannot be written.
@@ -77,7 +75,7 @@ def fly_and_write(run: Run, out: Path, *, record: bool, progress: Progress | Non
 
 
 def summary(finished: Finished, run: Run) -> dict[str, Any]:
-    """What `metrics.json` holds. All that depends on the clock or the machine is below the key `wall`."""
+    """Return the content of `metrics.json`; everything that depends on clock or machine is below the key `wall`."""
     result = finished.result
     return {
         "scenario": run.scenario.name,
@@ -90,12 +88,12 @@ def summary(finished: Finished, run: Run) -> dict[str, Any]:
         "metrics": dict(result.metrics),
         "drones": [dict(figures) for figures in result.drones],
         "contacts": [vars(contact) for contact in result.contacts],
-        "versions": {name: version(name) for name in REPORTED_PACKAGES},
+        "versions": versions(),
         "wall": {
             "seconds": finished.wall_s,
             "real_time_factor": finished.real_time_factor,
             "ended_at": datetime.now().astimezone().isoformat(timespec="seconds"),
-            "machine": f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}",
+            "machine": f"{machine()}, Python {platform.python_version()}",
         },
     }
 
@@ -140,14 +138,14 @@ def _make_recorder(run: Run, path: Path) -> Recorder:
 
 
 def _refuse_unwritable(out: Path) -> None:
-    """Fail before anything is computed if no folder can be made below `out`."""
+    """Raise an error before anything is computed if no folder can be created below `out`."""
     existing = next((path for path in [out, *out.absolute().parents] if path.exists()), Path("/"))
     if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
         raise ScenarioError(f"cannot write to the output folder {out}: expected a folder that you may write to")
 
 
 def _free_folder(out: Path, run: Run) -> Path:
-    """A name below `out` that is not taken."""
+    """Return the path of a new folder below `out`."""
     base = f"{datetime.now():%Y%m%d-%H%M%S}-{run.scenario.name}-{run.seed}"
     names = [base, *(f"{base}-{k}" for k in range(2, 1000))]
     return next(out / name for name in names if not (out / name).exists())
@@ -170,6 +168,6 @@ def _write_results(finished: Finished, run: Run, folder: Path) -> None:
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
-    """A trajectory in the TUM RGB-D format: `timestamp tx ty tz qx qy qz qw`, one line per sample."""
+    """Write a trajectory in the TUM RGB-D format: `timestamp tx ty tz qx qy qz qw`, one line per sample."""
     rows = np.column_stack([trajectory.time_s, trajectory.position_m, trajectory.q_world_body_xyzw])
     np.savetxt(path, rows, fmt="%.6f", header="timestamp tx ty tz qx qy qz qw")

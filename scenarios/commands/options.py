@@ -1,8 +1,9 @@
-"""Options that several commands share, and how their texts are read."""
+"""Options that several commands share, and the parsing of their texts."""
 
-from enum import StrEnum
+from collections.abc import Mapping
+from enum import Enum, StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -50,3 +51,16 @@ def parsed_size(text: str | None) -> tuple[int | None, int | None]:
     if not (cross and width.isdecimal() and height.isdecimal()):
         raise ScenarioError(f"--size must look like 160x120, got {text!r}")
     return int(width), int(height)
+
+
+def size_changes(text: str | None) -> dict[str, Any]:
+    """Return the values of a scenario that set an image size, by dotted key; none without a size."""
+    width, height = parsed_size(text)
+    return given({"rig.width_px": width, "rig.height_px": height})
+
+
+def given(changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options that are not None, with enumerations replaced by their values."""
+    return {
+        key: value.value if isinstance(value, Enum) else value for key, value in changes.items() if value is not None
+    }

@@ -64,15 +64,13 @@ def scenes(
     """Picture every kind of scene and print how hard it is to fly through, as a Markdown table."""
     from ..gallery import exhibits, write_gallery
     from ..images import require_picture
-    from ..tabulate import markdown_head, markdown_row
+    from ..results.table import Column, Table
 
     require_picture(out)
-    shown = []
-    for line in markdown_head(["scene", "bodies", "traversability"]):
-        typer.echo(line)
-    for exhibit in exhibits(seed):
-        shown.append(exhibit)
-        typer.echo(markdown_row([exhibit.kind, str(exhibit.bodies), f"{exhibit.traversability:.1f}"]))
+    shown = list(exhibits(seed))
+    rows = [(exhibit.kind, exhibit.bodies, exhibit.traversability) for exhibit in shown]
+    table = Table.of("scenes", ("scene", "bodies", Column("traversability", number=".1f")), rows)
+    typer.echo(table.markdown(), nl=False)
     write_gallery(out, shown)
     typer.echo(f"written to {out}", err=True)
 

@@ -1,14 +1,18 @@
 """Commands about missions of the swarm."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .general import open_viewer
-from .options import INTERRUPTED, Depth, Picture, Renderer, Scenario, Seed, Seeds, Size, Workers, parsed_size
+from .options import INTERRUPTED, Depth, Picture, Renderer, Scenario, Seed, Seeds, Size, Workers, given, size_changes
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 class Prior(StrEnum):
@@ -43,19 +47,16 @@ def run(
     from ..report import print_summary
     from ..runner import fly_and_write
 
-    width, height = parsed_size(size)
     changes = {
         "mission.drones": drones,
         "mission.duration_s": duration,
-        "rig.depth": depth.value if depth else None,
+        "rig.depth": depth,
         "rig.noise.scale.theta": theta,
         "corrector": corrector,
-        "mission.pose_prior.kind": prior.value if prior else None,
-        "renderer": renderer.value if renderer else None,
-        "rig.width_px": width,
-        "rig.height_px": height,
+        "mission.pose_prior.kind": prior,
+        "renderer": renderer,
     }
-    planned = load_run(scenario, seed, {key: value for key, value in changes.items() if value is not None})
+    planned = load_run(scenario, seed, given(changes) | size_changes(size))
     console = Console()
     with _progress(console, planned.scenario.mission.duration_s) as progress:
         finished = fly_and_write(planned, out, record=record, progress=progress)
@@ -72,24 +73,20 @@ def accept(
     workers: Workers = 2,
 ) -> None:
     """Fly the acceptance checks of scenarios; exit 1 if one is missed."""
-    from rich.console import Console
-
-    from ..acceptance import check
+    from ..batch import check_acceptance
     from ..config import scenario_names
 
-    console = Console()
-    verdicts = []
+    all_accepted = True
     for name in scenarios or scenario_names():
-        verdict = check(
-            name, range(seeds), lambda seed, outcome: console.print(f"  seed {seed}: {outcome}"), workers=workers
+        result = check_acceptance(
+            name, range(seeds), lambda seed, outcome: typer.echo(f"  seed {seed}: {outcome}"), workers=workers
         )
-        word = "accepted" if verdict.accepted else "MISSED"
-        console.print(
-            f"{name}: {verdict.successes} of {len(verdict.outcomes)} succeeded, "
-            f"{verdict.required_share:.0%} required: {word}"
+        typer.echo(
+            f"{name}: {result.successes} of {len(result.outcomes)} succeeded, {result.required_share:.0%} required: "
+            f"{'accepted' if result.accepted else 'MISSED'}"
         )
-        verdicts.append(verdict)
-    if not all(verdict.accepted for verdict in verdicts):
+        all_accepted = all_accepted and result.accepted
+    if not all_accepted:
         raise typer.Exit(1)
 
 
@@ -103,35 +100,30 @@ def tabulate(
     size: Size = None,
 ) -> None:
     """Fly a scenario over depth sources and seeds, and print the outcomes as a Markdown table."""
-    from ..batch import fly_all
-    from ..tabulate import arms, header, markdown_head, markdown_row, row
+    from .. import batch
 
-    for line in markdown_head(header()):
-        typer.echo(line)
-    for arm in arms([d.value for d in depth or [Depth.STEREO]], theta or [0.0], corrector or ["raw"]):
-        runs = [arm.run(scenario, seed, parsed_size(size)) for seed in range(seeds)]
-        results = []
-        for seed, finished in enumerate(fly_all(runs, workers=workers)):
-            results.append(finished.result)
-            typer.echo(f"{arm.depth} {arm.theta:g} {arm.corrector}, seed {seed}: {finished.result.outcome}", err=True)
-        typer.echo(markdown_row(row(arm, runs[0].scenario.mission.pose_prior, results)))
+    sources = batch.depth_sources(
+        [model.value for model in depth or [Depth.STEREO]], theta or [0.0], corrector or ["raw"]
+    )
+    table = batch.tabulate(
+        scenario, sources, range(seeds), size_changes(size), lambda line: typer.echo(line, err=True), workers=workers
+    )
+    typer.echo(table.markdown(), nl=False)
 
 
 def picture(
     scenario: Scenario,
     out: Picture = Path("picture.jpg"),
     seed: Seed = None,
-    drone: Annotated[int, typer.Option(min=0, help="Whose camera; 0 is the leader.")] = 0,
+    drone: Annotated[int, typer.Option(min=0, help="Number of the drone; 0 is the leader.")] = 0,
     at: Annotated[float, typer.Option(help="Simulated time of the picture [s].")] = 12.0,
     size: Size = "640x360",
 ) -> None:
     """Render gray, true, raw and corrected depth of one drone side by side."""
     from ..config import load_run
-    from ..picture import take_picture
+    from ..mission_pictures import take_picture
 
-    width, height = parsed_size(size)
-    planned = load_run(scenario, seed, {"rig.width_px": width, "rig.height_px": height})
-    take_picture(planned, out, drone=drone, at_s=at)
+    take_picture(load_run(scenario, seed, size_changes(size)), out, drone=drone, at_s=at)
     typer.echo(f"written to {out}")
 
 
@@ -142,39 +134,29 @@ def map_(
     depth: Annotated[Depth | None, typer.Option(help="Where depth comes from; as in the acceptance check.")] = None,
     corrector: Annotated[str | None, typer.Option(help="Depth corrector; as in the acceptance check.")] = None,
 ) -> None:
-    """Fly a scenario's acceptance check, draw the flight from above, and print how hard the place is."""
-    from ..acceptance import acceptance_run
-    from ..flight_map import draw_flight, place_of
+    """Fly a scenario's acceptance check, draw the flight from above, and print how hard the scenario is."""
+    from ..batch import acceptance_run
     from ..images import require_picture
+    from ..mission_pictures import difficulty_of, draw_flight
     from ..runner import fly
 
     require_picture(out)
-    changes = {"rig.depth": depth.value if depth else None, "corrector": corrector}
-    given = {key: value for key, value in changes.items() if value is not None}
-    planned = acceptance_run(scenario, 0 if seed is None else seed, given)
-    place = place_of(planned)
+    planned = acceptance_run(scenario, 0 if seed is None else seed, given({"rig.depth": depth, "corrector": corrector}))
+    difficulty = difficulty_of(planned)
     draw_flight(out, planned, fly(planned))
-    typer.echo(f"{planned.scenario.name}: {place.bodies} bodies, traversability {place.traversability:.1f}")
+    typer.echo(f"{planned.scenario.name}: {difficulty.bodies} bodies, traversability {difficulty.traversability:.1f}")
     typer.echo(f"written to {out}")
 
 
-def _progress(console: Any, duration_s: float) -> Any:
-    """A bar over simulated time, as a context manager that gives the function to call."""
-    from contextlib import contextmanager
-
+@contextmanager
+def _progress(console: "Console", duration_s: float) -> Iterator[Callable[[float, float], None]]:
+    """Show a bar over simulated time; give the function that takes the simulated time and the real-time factor."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    @contextmanager
-    def shown() -> Any:
-        columns = (
-            TextColumn("flying"), BarColumn(), TextColumn("{task.completed:5.1f} of at most {task.total:.0f} s"),
-            TextColumn("real-time factor {task.fields[factor]:.2f}"), TimeElapsedColumn(),
-        )  # fmt: skip
-        with Progress(*columns, console=console) as bar:
-            task = bar.add_task("", total=duration_s, factor=0.0)
-            update: Callable[[float, float], None] = lambda time_s, factor: bar.update(  # noqa: E731
-                task, completed=time_s, factor=factor
-            )
-            yield update
-
-    return shown()
+    columns = (
+        TextColumn("flying"), BarColumn(), TextColumn("{task.completed:5.1f} of at most {task.total:.0f} s"),
+        TextColumn("real-time factor {task.fields[factor]:.2f}"), TimeElapsedColumn(),
+    )  # fmt: skip
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("", total=duration_s, factor=0.0)
+        yield lambda time_s, factor: bar.update(task, completed=time_s, factor=factor)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.acceptance import acceptance_run
+from scenarios.batch import acceptance_run
 from scenarios.config import Run, load_run, scenario_names
 from scenarios.runner import fly, flying
 from swarm.recorder import Recorder

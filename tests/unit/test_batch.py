@@ -21,5 +21,5 @@ def die(run: Run) -> int:
 def test_results_come_in_order_and_a_process_that_dies_is_told() -> None:
     runs = [load_run("city", seed, {}) for seed in range(5)]
     assert list(in_processes(seed_of, runs, workers=2)) == [0, 1, 2, 3, 4]
-    with pytest.raises(ScenarioError, match=r"died without a word, .* try fewer"):
+    with pytest.raises(ScenarioError, match="fewer workers"):
         list(in_processes(die, runs, workers=2))

@@ -1,4 +1,4 @@
-"""Tables of missions, and that no arm hides what it was given."""
+"""Tables of outcomes."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -6,14 +6,15 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from scenarios.batch import OUTCOME_COLUMNS, DepthSource, outcome_row
 from scenarios.cli import app
 from scenarios.config import Run
+from scenarios.results.table import Table
 from scenarios.runner import Finished
-from scenarios.tabulate import Arm, header, row
 from swarm.priors import PosePriorConfig, PosePriorName
 from swarm.types import MissionResult, Outcome
 
-ARM = Arm(depth="noisy", theta=0.5, corrector="paper")
+SOURCE = DepthSource(depth="noisy", theta=0.5, corrector="paper")
 
 
 def result(outcome: Outcome = Outcome.SUCCESS, mae_m: float | None = 2.0, clearance_m: float = 0.5) -> MissionResult:
@@ -23,11 +24,12 @@ def result(outcome: Outcome = Outcome.SUCCESS, mae_m: float | None = 2.0, cleara
 
 def test_a_line_has_a_cell_for_every_title_and_counts_every_run_once() -> None:
     flights = [result(mae_m=1.0), result(clearance_m=0.2), result(Outcome.COLLISION, mae_m=None)]
-    line = dict(zip(header(), row(ARM, PosePriorConfig(), flights), strict=True))
+    table = Table.of("", OUTCOME_COLUMNS, [outcome_row(SOURCE, PosePriorConfig(), flights)])
+    line = dict(zip(table.headings, table.texts[0], strict=True))
     assert line == {
         "depth": "noisy, theta 0.5", "corrector": "paper", "runs": "3", "success": "2", "collision": "1",
-        "deadlock": "0", "lost": "0", "timeout": "0", "MAE raw": "1.50 m", "MAE corrected": "1.50 m",
-        "min clearance": "0.20 m",
+        "deadlock": "0", "lost": "0", "timeout": "0", "MAE raw [m]": "1.50", "MAE corrected [m]": "1.50",
+        "min clearance [m]": "0.20",
     }  # fmt: skip
 
 
@@ -35,8 +37,8 @@ def test_a_line_has_a_cell_for_every_title_and_counts_every_run_once() -> None:
     ("kind", "cell"),
     [("none", "paper"), ("drift", "paper, pose prior drift"), ("true", "paper, pose prior true (oracle)")],
 )
-def test_an_arm_with_a_pose_prior_says_so(kind: PosePriorName, cell: str) -> None:
-    assert row(ARM, PosePriorConfig(kind=kind), [result()])[1] == cell
+def test_a_row_with_a_pose_prior_says_so(kind: PosePriorName, cell: str) -> None:
+    assert outcome_row(SOURCE, PosePriorConfig(kind=kind), [result()])[1] == cell
 
 
 def test_the_command_names_the_prior_of_the_scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""A flight from above: what stands there, who flew where, and how hard the place is."""
+"""Pictures of missions: a map of the flight, and the images and depth of one drone."""
 
 import io
 from collections.abc import Sequence
@@ -13,20 +13,23 @@ from sim.bodies import Body, Scene
 from sim.difficulty import traversability
 from sim.frames import rotation_from_yaw
 from sim.render.meshes import mesh_of_shape, moved
+from sim.types import Capture
 from sim.world import World
+from swarm.recorder import Recorder
 from swarm.team import Team
-from swarm.types import MissionResult
-from voxdepth.types import FloatArray
+from swarm.types import Histogram, MissionResult
+from voxdepth.types import CorrectedDepth, FloatArray
 
 from .config import Run
-from .images import save_picture
-from .runner import Finished
+from .errors import ScenarioError
+from .images import colored, gray_bgr, require_picture, save_picture, titled
+from .runner import Finished, flying
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 HALF_SIDE_M = 12.0
-"""The difficulty is that of the air up to this far on both sides of the routes, at their height."""
+"""The difficulty is measured up to this distance on both sides of the routes, at their height."""
 MARGIN_M = 5.0
 DPI = 100
 SIZE_IN = (11.0, 4.4)
@@ -35,17 +38,17 @@ LEADER_COLOR, FOLLOWER_COLOR = "#d95f0e", "#2c7fb8"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Place:
-    """Where a scenario is flown."""
+class Difficulty:
+    """Obstacles of a scenario."""
 
     bodies: int
-    """Without the ground."""
+    """Number of bodies without the ground."""
     traversability: float
-    """Mean free path in the air around the routes, in diameters of a drone: lower is harder."""
+    """Mean free path in the air around the routes, in diameters of a drone; a lower one is harder."""
 
 
-def place_of(run: Run) -> Place:
-    """How much stands in a scenario, and how hard it is to fly through."""
+def difficulty_of(run: Run) -> Difficulty:
+    """Measure how hard a scenario is to fly through."""
     scene, teams = run.scenario.scene.build(run.seed), run.scenario.mission.teams()
     ends_m = np.array([[team.start_m, team.goal_m] for team in teams]).reshape(-1, 3)
     low_m, high_m = ends_m.min(axis=0), ends_m.max(axis=0)
@@ -57,7 +60,7 @@ def place_of(run: Run) -> Place:
             height_m=float(ends_m[:, 2].mean()),
             drone_radius_m=run.scenario.airframe.radius_m,
         )
-    return Place(bodies=sum(body.kind != "ground" for body in scene.bodies), traversability=free)
+    return Difficulty(bodies=sum(body.kind != "ground" for body in scene.bodies), traversability=free)
 
 
 def draw_flight(path: Path, run: Run, finished: Finished) -> None:
@@ -90,7 +93,7 @@ def draw_flight(path: Path, run: Run, finished: Finished) -> None:
 
 
 def _draw_scene(axes: "Axes", scene: Scene) -> None:
-    """The outline of every body in plan, darker the higher it is."""
+    """Draw the outline of every body in plan; higher bodies are darker."""
     from matplotlib.patches import Polygon
 
     for body in scene.bodies:
@@ -109,10 +112,10 @@ def _corners_m(body: Body) -> FloatArray:
 
 def _draw_team(axes: "Axes", team: Team, result: MissionResult) -> None:
     for drone in team.members:
-        way_m = result.trajectories[drone].position_m
+        path_m = result.trajectories[drone].position_m
         leads = drone == team.leader
         color = LEADER_COLOR if leads else FOLLOWER_COLOR
-        axes.plot(way_m[:, 0], way_m[:, 1], color=color, linewidth=1.4 if leads else 0.8, zorder=3 if leads else 2)
+        axes.plot(path_m[:, 0], path_m[:, 1], color=color, linewidth=1.4 if leads else 0.8, zorder=3 if leads else 2)
     axes.plot(*team.start_m[:2], "o", color=LEADER_COLOR, markersize=6, zorder=4)
     axes.plot(*team.goal_m[:2], "*", color="#31a354", markersize=13, zorder=4)
 
@@ -125,7 +128,7 @@ def _draw_contacts(axes: "Axes", result: MissionResult) -> None:
 
 
 def _frame(axes: "Axes", teams: Sequence[Team], result: MissionResult) -> None:
-    """The part of the world that was flown through, with its legend."""
+    """Show the part of the world that was flown through, with a legend."""
     flown_m = np.concatenate([t.position_m[:, :2] for t in result.trajectories] + [[team.goal_m[:2]] for team in teams])
     low_m, high_m = flown_m.min(axis=0) - MARGIN_M, flown_m.max(axis=0) + MARGIN_M
     axes.set_xlim(low_m[0], high_m[0])
@@ -133,3 +136,40 @@ def _frame(axes: "Axes", teams: Sequence[Team], result: MissionResult) -> None:
     axes.set_aspect("equal")
     axes.set_xlabel("x [m]; leaders orange, followers blue, start a dot, goal a star, collisions red crosses")
     axes.set_ylabel("y [m]")
+
+
+class _LastCapture(Recorder):
+    """Keeps the last capture of one drone."""
+
+    def __init__(self, drone: int) -> None:
+        self._drone = drone
+        self.last: tuple[Capture, CorrectedDepth] | None = None
+
+    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth, histogram: Histogram) -> None:
+        """Keep a capture of the drone."""
+        if capture.drone == self._drone:
+            self.last = (capture, corrected)
+
+
+def take_picture(run: Run, path: Path, *, drone: int, at_s: float) -> None:
+    """Fly until `at_s` and write the gray image and true, raw and corrected depth of one drone side by side.
+
+    Raises:
+        ScenarioError: The mission ended earlier, or the file cannot be written.
+    """
+    require_picture(path)
+    recorder = _LastCapture(drone)
+    with flying(run, recorder, recorded=True) as mission:
+        while mission.outcome is None and mission.time_s < at_s:
+            mission.tick()
+    if recorder.last is None or mission.time_s < at_s:
+        raise ScenarioError(f"the mission ended at {mission.time_s:.1f} s, before the picture at {at_s:.1f} s")
+    capture, corrected = recorder.last
+    panels = [
+        titled("gray, left camera", gray_bgr(capture.gray_left)),
+        titled("depth, true", colored(capture.depth_true_m)),
+        titled("depth, raw", colored(capture.depth_raw_m)),
+        titled(f"depth, corrected by '{run.scenario.corrector}'", colored(corrected.depth_m)),
+    ]
+    sheet = np.vstack([np.hstack(panels[:2]), np.hstack(panels[2:])])
+    save_picture(path, sheet)

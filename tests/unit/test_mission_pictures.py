@@ -6,7 +6,7 @@ import cv2
 import pytest
 
 from scenarios.config import Run, load_run
-from scenarios.flight_map import draw_flight, place_of
+from scenarios.mission_pictures import difficulty_of, draw_flight
 from scenarios.runner import fly
 
 QUICK = {"mission.drones": 2, "mission.duration_s": 0.5, "rig.width_px": 32, "rig.height_px": 32, "rig.depth": "truth"}
@@ -17,7 +17,7 @@ def run(name: str, **changes: object) -> Run:
 
 
 def test_more_things_on_the_way_make_a_place_harder() -> None:
-    many, few = (place_of(run("city", **{"scene.columns": n, "scene.poles": 2})) for n in (6, 1))
+    many, few = (difficulty_of(run("city", **{"scene.columns": n, "scene.poles": 2})) for n in (6, 1))
     assert many.bodies == 62
     assert few.bodies == 12
     assert many.traversability < few.traversability < 40
