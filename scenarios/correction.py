@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from voxdepth.datasets.dataset import Dataset
+from voxdepth.datasets import Dataset
 from voxdepth.errors import PipelineError
 from voxdepth.model import Model
 from voxdepth.pipeline import CorrectionPipeline

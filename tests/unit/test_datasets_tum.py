@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from voxdepth.datasets import open_dataset
-from voxdepth.datasets.stamps import associate
+from voxdepth.datasets.pairs import associate
 from voxdepth.datasets.tum import TumDataset
 from voxdepth.errors import DatasetError
 from voxdepth.types import Intrinsics

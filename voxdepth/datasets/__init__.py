@@ -1,4 +1,4 @@
-"""Recorded frames on disk, one file per format, all read as frames of one camera in order of time.
+"""Recorded frames on disk in several formats, which are read as frames of one camera in order of time.
 
 from voxdepth.datasets import open_dataset
 
@@ -7,11 +7,10 @@ for frame in open_dataset(Path("rgbd_dataset_freiburg1_desk")):
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from ..errors import ConfigError, DatasetError
-from ..types import Intrinsics
-from .dataset import Dataset
+from ..types import Frame, Intrinsics
 
 if TYPE_CHECKING:
     from .pairs import PairedImages
@@ -22,18 +21,47 @@ DATASET_FORMATS = ("tum", "midair", "realsense", "recording")
 """All formats, in the order in which they are tried."""
 
 
+class Dataset(Protocol):
+    """Frames of one camera on disk, in order of time. An image is read when its frame is requested."""
+
+    format: str
+    """One of `DATASET_FORMATS`."""
+    intrinsics: Intrinsics
+    """Intrinsics of the camera; every frame has its shape."""
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        ...
+
+    def name(self, index: int) -> str:
+        """Name of a frame without a suffix, unique in the dataset, usable as a file name; sorts like the frames.
+
+        It may contain dots.
+        """
+        ...
+
+    def __getitem__(self, index: int) -> Frame:
+        """Read one frame. It has a pose only where the dataset has an estimate of the camera; never the true one.
+
+        Raises:
+            IndexError: There is no frame of that index.
+            DatasetError: A file of the frame is missing, damaged or does not fit; the message names it.
+        """
+        ...
+
+
 def open_dataset(folder: Path, format: str = "auto", *, intrinsics: Intrinsics | None = None) -> Dataset:
-    """The dataset in a folder.
+    """Open the dataset in a folder.
 
     Args:
-        folder: What the archive of the dataset unpacked to, or the camera's tool exported to.
+        folder: The unpacked archive of the dataset, or the folder that the camera's tool exported to.
         format: One of `DATASET_FORMATS`; `auto` takes the first whose files are there.
-        intrinsics: Of the camera. They count before a `calibration.toml` in the folder, which has the fields of
-            `Intrinsics`, and this before what the format itself says.
+        intrinsics: Intrinsics of the camera. They take precedence over a `calibration.toml` in the folder, which has
+            the fields of `Intrinsics`, and that over the intrinsics of the format.
 
     Raises:
         ConfigError: There is no such format.
-        DatasetError: The folder is missing or of no known format, or what describes its frames is damaged.
+        DatasetError: The folder is missing or of no known format, or a list or calibration in it is damaged.
     """
     from .files import require_folder
 

@@ -1,95 +1,89 @@
-"""Images of a dataset, checked before they are decoded: the file's own header must fit the camera and the purpose."""
+"""Images of a dataset. Their headers are checked against the camera and the purpose before they are decoded.
 
-from collections.abc import Callable
+A damaged or hostile file can claim any size: the check keeps the decoder from reserving that much memory.
+"""
+
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from PIL.Image import Image
+from PIL.JpegImagePlugin import JpegImageFile
+from PIL.PngImagePlugin import PngImageFile
+from PIL.TiffImagePlugin import TiffImageFile
 
 from ..errors import DatasetError
 from ..types import FloatImage, GrayImage, MaskImage
 from .files import read_bytes
-from .headers import ImageHeader, parse_header
 
 LARGEST_IMAGE_PX = 2**26
-"""Larger images than 67 million pixels are refused unread."""
+"""Images of more than 67 million pixels are refused."""
+_READERS = (
+    (b"\x89PNG", PngImageFile),
+    (b"\xff\xd8", JpegImageFile),
+    (b"II*\0", TiffImageFile),
+    (b"MM\0*", TiffImageFile),
+)
+"""Readers by the first bytes of a file. `PIL.Image.open` would raise errors of its own about large images."""
 
 Depth16 = npt.NDArray[np.uint16]
 Shape = tuple[int, int]
 
 
 def image_shape(path: Path) -> Shape:
-    """Shape (H, W) that an image claims to have; it is not decoded.
+    """Read the shape (H, W) of an image from its header.
 
     Raises:
-        DatasetError: It cannot be read, is no image, or is unreasonably large.
+        DatasetError: The file cannot be read, is no image, or is unreasonably large.
     """
-    return _header(read_bytes(path), path).shape
+    return _open(read_bytes(path), path).size[::-1]
 
 
 def read_gray(path: Path, shape: Shape) -> GrayImage:
-    """A gray image, or a colour image made gray.
+    """Read a gray image; a colour image is converted to gray.
 
     Args:
         path: A PNG or JPEG of 8 bits in one channel or three.
-        shape: Shape (H, W) that it must have.
+        shape: Expected shape (H, W).
 
     Returns:
         Shape (H, W), uint8.
 
     Raises:
-        DatasetError: The file is missing, damaged, of another kind or size.
+        DatasetError: The file is missing, damaged, or of another kind or size.
     """
-    return decode_gray(read_bytes(path), path, shape)
-
-
-def decode_gray(data: bytes, path: Path, shape: Shape) -> GrayImage:
-    """The same, of bytes that were read from `path`.
-
-    Raises:
-        DatasetError: They are damaged, of another kind or size.
-    """
-    image = _decode(
-        data,
-        path,
-        shape,
-        "a gray or colour image of 8 bits as PNG or JPEG",
-        lambda header: header.kind != "TIFF" and header.bits == 8 and header.channels in (1, 3),
-    )
+    wanted = "a gray or colour image of 8 bits as PNG or JPEG"
+    image = _decode(path, shape, wanted, {("PNG", "L"), ("PNG", "RGB"), ("PNG", "P"), ("JPEG", "L"), ("JPEG", "RGB")})
+    if image.dtype != np.uint8:
+        raise DatasetError(f"expected {wanted} in {path}, got {image.dtype}")
     return np.asarray(image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
 def read_depth_16(path: Path, shape: Shape) -> Depth16:
-    """A depth image of 16 bits, as stored.
+    """Read a depth image of 16 bits in the units of the file.
 
     Args:
         path: A PNG of 16 bits in one channel.
-        shape: Shape (H, W) that it must have.
+        shape: Expected shape (H, W).
 
     Returns:
         Shape (H, W), uint16.
 
     Raises:
-        DatasetError: The file is missing, damaged, of another kind or size.
+        DatasetError: The file is missing, damaged, or of another kind or size.
     """
-    image = _decode(
-        read_bytes(path),
-        path,
-        shape,
-        "depth as a PNG of 16 bits in 1 channel",
-        lambda header: (header.kind, header.bits, header.channels) == ("PNG", 16, 1),
-    )
-    return np.asarray(image, np.uint16)
+    return np.asarray(_decode(path, shape, "depth as a PNG of 16 bits in 1 channel", {("PNG", "I;16")}), np.uint16)
 
 
 def read_depth_raw(path: Path, shape: Shape) -> Depth16:
-    """A depth image of 16 bits without a header: rows of little-endian numbers.
+    """Read a depth image of 16 bits that is stored as rows of little-endian numbers without a header.
 
     Args:
         path: A file of 2 H W bytes.
-        shape: Shape (H, W) that it must have.
+        shape: Expected shape (H, W).
 
     Returns:
         Shape (H, W), uint16.
@@ -107,57 +101,42 @@ def read_depth_raw(path: Path, shape: Shape) -> Depth16:
 
 
 def read_mask(path: Path, shape: Shape) -> MaskImage:
-    """A mask: True where the image is not 0.
+    """Read a mask, which is True where the image is not 0.
 
     Args:
         path: A PNG of up to 8 bits in one channel.
-        shape: Shape (H, W) that it must have.
+        shape: Expected shape (H, W).
 
     Returns:
         Shape (H, W), bool.
 
     Raises:
-        DatasetError: The file is missing, damaged, of another kind or size.
+        DatasetError: The file is missing, damaged, or of another kind or size.
     """
-    image = _decode(
-        read_bytes(path),
-        path,
-        shape,
-        "a mask as a PNG of up to 8 bits in 1 channel",
-        lambda header: header.kind == "PNG" and header.bits <= 8 and header.channels == 1,
-    )
-    return np.asarray(image != 0)
+    wanted = "a mask as a PNG of up to 8 bits in 1 channel"
+    return np.asarray(_decode(path, shape, wanted, {("PNG", "1"), ("PNG", "L")}) != 0)
 
 
-def decode_depth_m(data: bytes, path: Path, shape: Shape) -> FloatImage:
-    """A depth image in metres.
+def read_depth_m(path: Path, shape: Shape) -> FloatImage:
+    """Read a depth image in metres.
 
     Args:
-        data: Of a TIFF of 32-bit floats in one channel.
-        path: Where it was read, for the error.
-        shape: Shape (H, W) that it must have.
+        path: A TIFF of 32-bit floats in one channel.
+        shape: Expected shape (H, W).
 
     Returns:
         Shape (H, W), float32 [m], finite and not negative.
 
     Raises:
-        DatasetError: It is damaged, of another kind or size, or holds values that are no depth.
+        DatasetError: The file is missing, damaged, of another kind or size, or holds invalid depths.
     """
-    image = _decode(
-        data,
-        path,
-        shape,
-        "depth as a TIFF of 32 bits in 1 channel",
-        lambda header: (header.kind, header.bits, header.channels) == ("TIFF", 32, 1),
-    )
-    if image.dtype != np.float32:
-        raise DatasetError(f"expected depth in metres as float32 in {path}, got {image.dtype}; export it again")
+    image = np.asarray(_decode(path, shape, "depth as a TIFF of float32 in 1 channel", {("TIFF", "F")}), np.float32)
     require_depths(image, path)
-    return np.asarray(image, np.float32)
+    return image
 
 
 def require_depths(depth: npt.NDArray[np.floating[Any]], path: Path) -> None:
-    """Refuse what no camera measures.
+    """Refuse values that no camera measures.
 
     Raises:
         DatasetError: There are values that are NaN, infinite or negative.
@@ -169,29 +148,34 @@ def require_depths(depth: npt.NDArray[np.floating[Any]], path: Path) -> None:
         )
 
 
-def _header(data: bytes, path: Path) -> ImageHeader:
-    header = parse_header(data)
-    if header is None:
+def _open(data: bytes, path: Path) -> Image:
+    """Read the header of an image of a reasonable size."""
+    image: Image | None = None
+    try:
+        reader = next((reader for start, reader in _READERS.items() if data.startswith(start)), None)
+        image = None if reader is None else reader(BytesIO(data))
+    except Exception:  # Pillow raises errors of many types for damaged headers
+        image = None
+    if image is None or min(image.size) <= 0:
         raise DatasetError(f"expected an image in {path}, got {len(data)} bytes of something else; restore the file")
-    if header.width_px * header.height_px > LARGEST_IMAGE_PX:
+    if image.width * image.height > LARGEST_IMAGE_PX:
         raise DatasetError(
-            f"{path} claims to be {header.width_px}x{header.height_px} pixels, of which at most {LARGEST_IMAGE_PX} "
+            f"{path} claims to be {image.width}x{image.height} pixels, of which at most {LARGEST_IMAGE_PX} "
             "are read; restore the file"
         )
-    return header
+    return image
 
 
-def _decode(
-    data: bytes, path: Path, shape: Shape, wanted: str, fits: Callable[[ImageHeader], bool]
-) -> npt.NDArray[Any]:
-    """The pixels, once the header says what is wanted; `wanted` is for the error."""
-    header = _header(data, path)
-    if not fits(header):
-        raise DatasetError(f"expected {wanted} in {path}, got {header}")
-    if header.shape != shape:
+def _decode(path: Path, shape: Shape, wanted: str, kinds: set[tuple[str, str]]) -> npt.NDArray[Any]:
+    """Decode an image whose format and mode, as Pillow names them, are among `kinds`; errors say `wanted`."""
+    data = read_bytes(path)
+    header = _open(data, path)
+    if (header.format, header.mode) not in kinds:
+        raise DatasetError(f"expected {wanted} in {path}, got a {header.format} with mode {header.mode}")
+    if header.size[::-1] != shape:
         raise DatasetError(
             f"expected {shape[1]}x{shape[0]} pixels in {path}, as the camera's intrinsics say, got "
-            f"{header.width_px}x{header.height_px}; correct the intrinsics, or export all images in one size"
+            f"{header.width}x{header.height}; correct the intrinsics, or export all images in one size"
         )
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)

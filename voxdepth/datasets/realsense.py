@@ -1,15 +1,18 @@
 """RealSense exports: depth of 16 bits that is aligned with a colour or infrared image, as other tools store it.
 
-Two layouts are read. The first is a folder `depth` of 16-bit PNG beside one of gray or colour images: `color`, `rgb`,
-`infra1` or `ir`, whichever is there first. Open3D's recorder and its bag reader write it, with the camera in
-`camera_intrinsic.json` or `intrinsic.json`: `width`, `height`, `intrinsic_matrix` by columns, and perhaps
-`depth_scale` (units in a metre, or RealSense's metres in a unit, which are below 1) and `fps`. Otherwise a unit is
-1 mm, the cameras' default, except for the D405, whose own default is 0.1 mm. Files of one frame have one number in
-their names. A number with a decimal point or of 13 digits and more is a time, in s, ms, us or ns by its size, and a
-shorter one counts frames, at `fps` or else 30 a second. Streams with different times are matched within 20 ms.
+Two layouts are read. Open3D's recorder and its bag reader write the first: a folder `depth` of 16-bit PNG beside one of
+gray or colour images, `color`, `rgb`, `infra1` or `ir` in this order of precedence. `camera_intrinsic.json` or
+`intrinsic.json` describes the camera by `width`, `height`, `intrinsic_matrix` by columns, and perhaps `fps` and
+`depth_scale` (units in a metre, or RealSense's metres in a unit, which are below 1). The default unit is 1 mm, as in
+all cameras but the D405, whose unit is 0.1 mm. Files of one frame have the same number in their names. A number with a
+decimal point or of at least 13 digits is a time, in s, ms, us or ns by its size; a shorter one counts frames, at `fps`
+or else 30 a second. Streams with different times are matched within 20 ms.
 
-The second is the output of `rs-convert` (see `rs_convert`), which says nothing of the camera: write a
-`calibration.toml`. Single frames that the Viewer saves are no stream and are not read.
+The second is the output of `rs-convert -r P -p P`, the converter of RealSense recordings (tools/convert in librealsense):
+`P_Depth_MS.raw` (16-bit depth), `P_Infrared 1_MS.png` (gray) and more, where MS is the time of capture in milliseconds.
+It does not describe the camera: write a `calibration.toml`. Depth and the left infrared image, `Infrared 1` or
+`Infrared`, have the same view and size. Colour has another view, since the converter aligns nothing, and the PNG of
+depth is in false colours: neither can be used. Single frames that the Viewer saves are no stream and are not read.
 """
 
 import json
@@ -23,11 +26,9 @@ import numpy as np
 from ..errors import DatasetError
 from ..types import FloatImage, Intrinsics
 from .calibration import CALIBRATION, as_number, choose_intrinsics, intrinsics_from
-from .files import list_images, read_text
+from .files import list_folder, list_images, read_text
 from .images import image_shape, read_depth_16, read_depth_raw
-from .pairs import Pair, PairedImages
-from .rs_convert import converted_pairs, is_converted
-from .stamps import associate, require_increasing
+from .pairs import Pair, PairedImages, associate, require_increasing
 
 DEPTH = "depth"
 GRAYS = ("color", "rgb", "infra1", "ir")
@@ -41,6 +42,11 @@ _UNITS_PER_S = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3))
 
 _Numbered = dict[str, Path]
 """Files by the number in their names."""
+_CONVERTED = re.compile(r".*_(Depth|Infrared|Infrared 1|Color)_([0-9]+(?:\.[0-9]+)?)\.(raw|png)", re.DOTALL)
+_DEPTH, _INFRARED = [("Depth", "raw")], [("Infrared", "png"), ("Infrared 1", "png")]
+
+_Stream = list[tuple[float, Path]]
+"""Times [s] and files, in order."""
 
 
 class RealSenseDataset(PairedImages):
@@ -59,7 +65,7 @@ class RealSenseDataset(PairedImages):
         lists = [name for name in ("rgb.txt", "depth.txt") if (folder / name).exists()]
         if lists:
             return f"nothing, but it has {' and '.join(lists)} of TUM RGB-D, whose depth has other units"
-        if is_converted(folder) or ((folder / DEPTH).is_dir() and _gray_folder(folder)):
+        if _is_converted(folder) or ((folder / DEPTH).is_dir() and _gray_folder(folder)):
             return ""
         return f"folders {DEPTH} and {' or '.join(GRAYS)} (or *_Depth_*.raw of rs-convert)"
 
@@ -72,7 +78,7 @@ class RealSenseDataset(PairedImages):
         """
         path, metadata = _read_metadata(folder)
         gray = _gray_folder(folder)
-        pairs = converted_pairs(folder) if gray is None else _paired(folder / DEPTH, gray, _rate_hz(path, metadata))
+        pairs = _converted_pairs(folder) if gray is None else _paired(folder / DEPTH, gray, _rate_hz(path, metadata))
         chosen = choose_intrinsics(folder, intrinsics, lambda: _described(folder, path, metadata))
         _require_aligned(pairs[0])
         return cls(folder, pairs, chosen, _units_per_m(path, metadata))
@@ -202,3 +208,35 @@ def _require_aligned(pair: Pair) -> None:
             f"{pair.depth} is {depth[1]}x{depth[0]} and {pair.gray} is {gray[1]}x{gray[0]}; "
             "align depth with the other stream when exporting"
         )
+
+
+def _is_converted(folder: Path) -> bool:
+    """Whether there is a file in the folder that the converter could have written."""
+    return any(_CONVERTED.fullmatch(path.name) for path in list_folder(folder))
+
+
+def _converted_pairs(folder: Path) -> list[Pair]:
+    """Depth and infrared images of nearest time.
+
+    Raises:
+        DatasetError: There is no depth, no infrared, or none of one time.
+    """
+    depth, infrared = _stream(folder, _DEPTH), _stream(folder, _INFRARED)
+    if not depth:
+        raise DatasetError(f"expected *_Depth_*.raw in {folder}, got none; run rs-convert with -r: its PNG is no depth")
+    if not infrared:
+        raise DatasetError(
+            f"expected *_Infrared*_*.png in {folder}, got none; run rs-convert with -p. Colour is not aligned with the "
+            "depth: to use it, align when exporting, and store the images in folders depth and color"
+        )
+    matches = associate([s for s, _ in depth], [s for s, _ in infrared], within_s=WITHIN_S)
+    if not matches:
+        raise DatasetError(f"expected depth and infrared within {WITHIN_S} s in {folder}; are they of one recording?")
+    return [Pair(stamp_s=depth[i][0], gray=infrared[j][1], depth=depth[i][1]) for i, j in matches]
+
+
+def _stream(folder: Path, kinds: Sequence[tuple[str, str]]) -> _Stream:
+    matches = ((path, _CONVERTED.fullmatch(path.name)) for path in list_folder(folder))
+    stream = sorted((float(m[2]) / 1000, path) for path, m in matches if m and (m[1], m[3]) in kinds)
+    require_increasing([stamp_s for stamp_s, _ in stream], f"the file names of {kinds[0][0]} in {folder}")
+    return stream

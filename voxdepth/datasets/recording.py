@@ -11,10 +11,9 @@ from typing import Self
 from ..errors import DatasetError
 from ..types import FloatImage, Intrinsics
 from .calibration import CALIBRATION, choose_intrinsics
-from .files import read_bytes, read_text
-from .images import decode_depth_m
-from .pairs import Pair, PairedImages
-from .stamps import parse_stamp
+from .files import read_text
+from .images import read_depth_m
+from .pairs import Pair, PairedImages, parse_stamp
 
 FRAMES, GRAY, DEPTH = "frames.csv", "gray_left", "depth_raw"
 _HEADER = "timestamp_s,r11,r12,r13,tx_m,r21,r22,r23,ty_m,r31,r32,r33,tz_m"
@@ -44,7 +43,7 @@ class RecordingDataset(PairedImages):
         return cls(folder, pairs, choose_intrinsics(folder, intrinsics, lambda: _no_camera(folder)))
 
     def _read_depth_m(self, pair: Pair) -> FloatImage:
-        return decode_depth_m(read_bytes(pair.depth), pair.depth, self.intrinsics.shape)
+        return read_depth_m(pair.depth, self.intrinsics.shape)
 
 
 def _no_camera(folder: Path) -> Intrinsics:

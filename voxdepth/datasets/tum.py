@@ -19,8 +19,7 @@ from ..types import FloatImage, Intrinsics
 from .calibration import CALIBRATION, choose_intrinsics
 from .files import path_inside, read_text
 from .images import Shape, image_shape, read_depth_16
-from .pairs import Pair, PairedImages
-from .stamps import associate, parse_stamp, require_increasing
+from .pairs import Pair, PairedImages, associate, parse_stamp, require_increasing
 
 COLOUR_LIST, DEPTH_LIST, ASSOCIATIONS = "rgb.txt", "depth.txt", "associations.txt"
 UNITS_PER_M = 5000
