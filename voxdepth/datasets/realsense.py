@@ -8,7 +8,7 @@ all cameras but the D405, whose unit is 0.1 mm. Files of one frame have the same
 decimal point or of at least 13 digits is a time, in s, ms, us or ns by its size; a shorter one counts frames, at `fps`
 or else 30 a second. Streams with different times are matched within 20 ms.
 
-The second is the output of `rs-convert -r P -p P`, the converter of RealSense recordings (tools/convert in librealsense):
+The second is the output of `rs-convert -r P -p P`, the converter of recordings (tools/convert in librealsense):
 `P_Depth_MS.raw` (16-bit depth), `P_Infrared 1_MS.png` (gray) and more, where MS is the time of capture in milliseconds.
 It does not describe the camera: write a `calibration.toml`. Depth and the left infrared image, `Infrared 1` or
 `Infrared`, have the same view and size. Colour has another view, since the converter aligns nothing, and the PNG of
