@@ -20,19 +20,15 @@ class Method(Protocol):
 
     def align(self, frame: Frame) -> Any:
         """Do everything that depends on earlier frames."""
-        ...
 
     def combine(self, aligned: Any) -> CorrectedDepth:
         """Do the rest, which depends on the result of `align` alone."""
-        ...
 
     def reset(self) -> None:
         """Forget all frames."""
-        ...
 
     def close(self) -> None:
         """Wait for work in other threads."""
-        ...
 
 
 class StreamCorrector:

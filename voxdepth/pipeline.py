@@ -9,11 +9,10 @@ import weakref
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from threading import RLock, Thread, current_thread
+from threading import Condition, RLock, Thread, current_thread
 from types import TracebackType
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
 
-from .channel import Channel, LatestChannel
 from .errors import ConfigError, FrameError, PipelineError
 from .types import CorrectedDepth, DepthCorrector, Frame
 
@@ -29,17 +28,18 @@ WORKER_PATIENCE_S = 10.0
 """How long `close` waits for the frame that another stage has in work: much longer than any frame should take."""
 
 
+T = TypeVar("T")
+
+
 @runtime_checkable
 class StagedCorrector(DepthCorrector, Protocol):
     """A corrector whose `process(frame)` is `combine(align(frame))`, so that the halves may overlap."""
 
     def align(self, frame: Frame) -> Any:
         """All that depends on earlier frames. Called in the order of the frames, never twice at once."""
-        ...
 
     def combine(self, aligned: Any) -> CorrectedDepth:
         """The rest, from what `align` returned alone; it may run while `align` works on a later frame."""
-        ...
 
 
 class CorrectionPipeline:
@@ -143,6 +143,84 @@ class CorrectionPipeline:
             if not self._closed:
                 for thread in self._threads:
                     thread.start()
+
+
+class Channel(Generic[T]):
+    """Items in order: `put` blocks while it is full, iteration blocks while it is empty, ending wakes both at once.
+
+    Args:
+        capacity: Most items held at a time, at least 1.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self._items: deque[T] = deque()
+        self._capacity = capacity
+        self._ended = False
+        self._changed = Condition()
+        self.dropped = 0
+        """Items that were given up to make room for newer ones."""
+        self.error: Exception | None = None
+        """Why the items ended; None while they last, after a regular end and after `close`."""
+
+    def put(self, item: T) -> bool:
+        """Append an item as soon as there is room; False if the channel has ended, and the item is not wanted."""
+        with self._changed:
+            self._make_room()
+            if self._ended:
+                return False
+            self._items.append(item)
+            self._changed.notify_all()
+            return True
+
+    def wait_for_room(self) -> bool:
+        """Block while the channel is full; False if it has ended. With a single giver the room stays until it puts."""
+        with self._changed:
+            self._wait_for_room()
+            return not self._ended
+
+    def _make_room(self) -> None:
+        self._wait_for_room()
+
+    def _wait_for_room(self) -> None:
+        self._changed.wait_for(lambda: self._ended or len(self._items) < self._capacity)
+
+    def __iter__(self) -> "Channel[T]":
+        return self
+
+    def __next__(self) -> T:
+        with self._changed:
+            self._changed.wait_for(lambda: self._ended or self._items)
+            if not self._items:
+                raise StopIteration
+            item = self._items.popleft()
+            self._changed.notify_all()
+            return item
+
+    def end(self, error: Exception | None = None) -> None:
+        """Called by the giver: nothing more will come; what lies here may still be taken, and `error` says why."""
+        with self._changed:
+            if not self._ended:
+                self._ended, self.error = True, error
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Called by anyone: nothing more is wanted, what lies here is thrown away."""
+        with self._changed:
+            self._ended, self.error = True, None
+            self._items.clear()
+            self._changed.notify_all()
+
+
+class LatestChannel(Channel[T]):
+    """A mailbox: where a `Channel` would block, the oldest item makes room for the newest."""
+
+    def _make_room(self) -> None:
+        if len(self._items) == self._capacity:
+            self._items.popleft()
+            self.dropped += 1
+
+    def _wait_for_room(self) -> None:
+        """There always is some."""
 
 
 @dataclass(frozen=True, eq=False)

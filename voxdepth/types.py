@@ -291,7 +291,6 @@ class Diagnostics(Protocol):
 
     def facts(self) -> Mapping[str, str | int | float]:
         """Scalars for logs and reports, by name."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -319,8 +318,6 @@ class DepthCorrector(Protocol):
 
     def process(self, frame: Frame) -> CorrectedDepth:
         """Correct one frame. The input is neither modified nor kept, and the result has arrays of its own."""
-        ...
 
     def reset(self) -> None:
         """Forget the stream; the next frame starts a new one."""
-        ...

@@ -9,8 +9,7 @@ import numpy as np
 import warp as wp
 
 from voxdepth.paper.config import PaperConfig
-from voxdepth.paper.host_steps import HostSteps
-from voxdepth.paper.steps import ImageSteps
+from voxdepth.paper.steps import HostSteps, ImageSteps
 from voxdepth.paper.warp_steps import WarpSteps
 
 from .frames import FrameLoop

@@ -11,9 +11,8 @@ from voxdepth.config import VoxDepthConfig
 from voxdepth.corrector import PaperVoxDepth, VoxDepth
 from voxdepth.model import Model
 from voxdepth.paper.config import PaperConfig
-from voxdepth.paper.diagnostics import PaperDiagnostics, Phase
+from voxdepth.paper.epochs import PaperDiagnostics, Phase, Template
 from voxdepth.paper.method import Aligned
-from voxdepth.paper.template import Template
 from voxdepth.temporal.method import TemporalDiagnostics
 from voxdepth.temporal.odometry import TrackingStatus
 from voxdepth.types import CorrectedDepth, Frame

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from voxdepth.corrector import PaperVoxDepth
 from voxdepth.paper.config import PaperConfig
-from voxdepth.paper.diagnostics import EpochEnd
+from voxdepth.paper.epochs import EpochEnd
 
 from ..evaluation.paper import SEQUENCES
 from .drawing import MARKERS, labelled, panels

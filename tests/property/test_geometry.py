@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 
 from sim import frames
 from voxdepth.geometry import back_project, inverse_rigid, transform
-from voxdepth.paper.projection import project_nearest
-from voxdepth.paper.voxels import VoxelConfig, VoxelGrid
+from voxdepth.paper.voxels import VoxelConfig, VoxelGrid, project_nearest
 from voxdepth.types import Intrinsics
 
 CAMERA = Intrinsics.from_hfov(width_px=40, height_px=30, hfov_deg=70)

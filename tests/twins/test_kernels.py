@@ -6,11 +6,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from voxdepth import PaperConfig
-from voxdepth.paper.combine import CombineConfig
-from voxdepth.paper.host_steps import HostSteps
+from voxdepth.paper.config import CombineConfig
 from voxdepth.paper.inpainting import Dilation, Nearest
-from voxdepth.paper.projection import project_nearest, project_voxels
-from voxdepth.paper.voxels import VoxelConfig, VoxelGrid, cells_of_points, set_bits_numpy, set_bits_warp
+from voxdepth.paper.steps import HostSteps
+from voxdepth.paper.voxels import (
+    VoxelConfig,
+    VoxelGrid,
+    cells_of_points,
+    project_nearest,
+    project_voxels,
+    set_bits_numpy,
+    set_bits_warp,
+)
 from voxdepth.paper.warp_steps import WarpSteps
 from voxdepth.types import Intrinsics
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from tests.fakes import BROKEN, no_deadlock_and_no_thread_left
-from voxdepth.channel import Channel, LatestChannel
+from voxdepth.pipeline import Channel, LatestChannel
 
 
 @pytest.fixture(autouse=True)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from voxdepth.paper.combine import CombineConfig
-from voxdepth.paper.combine import combine as combine_in_place
+from voxdepth.paper.config import CombineConfig
+from voxdepth.paper.steps import combine as combine_in_place
 
 TEMPLATE = np.array([[10.0, 10, 10, 10, 10, 0, 0]], np.float32)
 RAW = np.array([[0.0, 4.9, 5.0, 10.0, 10.1, 3, 0]], np.float32)

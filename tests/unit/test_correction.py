@@ -14,7 +14,8 @@ import pytest
 from scenarios.correction import Correction, CorrectionConfig, to_gray, to_millimetres
 from scenarios.errors import ScenarioError
 from voxdepth.errors import DatasetError
-from voxdepth.paper.diagnostics import EpochEnd, PaperDiagnostics, Phase, Registration, RegistrationStatus
+from voxdepth.paper.epochs import EpochEnd, PaperDiagnostics, Phase
+from voxdepth.paper.registration import Registration, RegistrationStatus
 from voxdepth.types import CorrectedDepth, Frame, Intrinsics
 
 CAMERA = Intrinsics.from_hfov(width_px=24, height_px=16, hfov_deg=80)

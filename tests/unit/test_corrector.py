@@ -9,7 +9,8 @@ import pytest
 from voxdepth import CorrectedDepth, Frame, Intrinsics, PaperConfig, PaperVoxDepth, Source, VoxDepth, VoxDepthConfig
 from voxdepth.corrector import StreamCorrector
 from voxdepth.errors import ConfigError, FrameError
-from voxdepth.paper.diagnostics import PaperDiagnostics, Phase, RegistrationStatus
+from voxdepth.paper.epochs import PaperDiagnostics, Phase
+from voxdepth.paper.registration import RegistrationStatus
 from voxdepth.temporal.method import TemporalDiagnostics
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=86, baseline_m=0.095)

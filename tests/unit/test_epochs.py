@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from voxdepth.errors import FrameError
-from voxdepth.paper.diagnostics import EpochEnd, Phase, Registration, RegistrationStatus
-from voxdepth.paper.epochs import Epochs, Lag
-from voxdepth.paper.registration import Features
-from voxdepth.paper.template import Template
+from voxdepth.paper.epochs import EpochEnd, Epochs, Lag, Phase, Template
+from voxdepth.paper.registration import Features, Registration, RegistrationStatus
 from voxdepth.types import Frame
 
 NO_FEATURES = Features(points_px=np.empty((0, 2), np.float32), descriptors=np.empty((0, 4), np.uint64))

@@ -6,8 +6,9 @@ import pytest
 
 from voxdepth import Frame, Intrinsics, PaperConfig, PaperVoxDepth, Source, create_corrector
 from voxdepth.errors import ConfigError
-from voxdepth.paper.combine import CombineConfig
-from voxdepth.paper.diagnostics import EpochEnd, Phase, RegistrationStatus
+from voxdepth.paper.config import CombineConfig
+from voxdepth.paper.epochs import EpochEnd, Phase
+from voxdepth.paper.registration import RegistrationStatus
 
 CAMERA = Intrinsics.from_hfov(width_px=320, height_px=180, hfov_deg=86)
 CONFIG = PaperConfig(window_frames=4, max_epoch_frames=20, fusion_lag_frames=0)

@@ -29,7 +29,7 @@ from tests.fakes import (
 from voxdepth import PaperVoxDepth, VoxDepth, create_corrector
 from voxdepth.errors import ConfigError, DatasetError, FrameError, PipelineError
 from voxdepth.paper.config import PaperConfig
-from voxdepth.paper.diagnostics import Phase
+from voxdepth.paper.epochs import Phase
 from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
 from voxdepth.temporal.odometry import TrackingStatus
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source

@@ -7,8 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from voxdepth.geometry import resized
-from voxdepth.paper.diagnostics import RegistrationStatus
-from voxdepth.paper.registration import Features, OrbRegistration, RegistrationConfig, good_matches, resize_map
+from voxdepth.paper.registration import (
+    Features,
+    OrbRegistration,
+    RegistrationConfig,
+    RegistrationStatus,
+    good_matches,
+    resize_map,
+)
 
 SHAPE = (360, 640)
 CENTRE = np.array([(SHAPE[1] - 1) / 2, (SHAPE[0] - 1) / 2])

@@ -30,7 +30,6 @@ class Flow(Protocol):
         Returns:
             Columns and rows to go [px], shape (H, W, 2), float32, finite.
         """
-        ...
 
 
 class Dis:

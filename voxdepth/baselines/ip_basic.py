@@ -34,7 +34,6 @@ class Completion(Protocol):
             inverted_m: Largest depth minus depth [m], shape (H, W), 0 = empty; not changed.
             depth_m: Depth [m], shape (H, W), 0 = invalid; not changed.
         """
-        ...
 
 
 class Fast:

@@ -31,14 +31,12 @@ class Dataset(Protocol):
 
     def __len__(self) -> int:
         """Number of frames."""
-        ...
 
     def name(self, index: int) -> str:
         """Name of a frame without a suffix, unique in the dataset, usable as a file name; sorts like the frames.
 
         It may contain dots.
         """
-        ...
 
     def __getitem__(self, index: int) -> Frame:
         """Read one frame. It has a pose only where the dataset has an estimate of the camera; never the true one.
@@ -47,7 +45,6 @@ class Dataset(Protocol):
             IndexError: There is no frame of that index.
             DatasetError: A file of the frame is missing, damaged or does not fit; the message names it.
         """
-        ...
 
 
 def open_dataset(folder: Path, format: str = "auto", *, intrinsics: Intrinsics | None = None) -> Dataset:

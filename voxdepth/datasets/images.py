@@ -3,6 +3,7 @@
 A damaged or hostile file can claim any size: the check keeps the decoder from reserving that much memory.
 """
 
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,6 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-from PIL.Image import Image
 from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
 from PIL.TiffImagePlugin import TiffImageFile
@@ -21,12 +21,12 @@ from .files import read_bytes
 
 LARGEST_IMAGE_PX = 2**26
 """Images of more than 67 million pixels are refused."""
-_READERS = (
-    (b"\x89PNG", PngImageFile),
-    (b"\xff\xd8", JpegImageFile),
-    (b"II*\0", TiffImageFile),
-    (b"MM\0*", TiffImageFile),
-)
+_READERS: dict[bytes, Any] = {
+    b"\x89PNG": PngImageFile,
+    b"\xff\xd8": JpegImageFile,
+    b"II*\0": TiffImageFile,
+    b"MM\0*": TiffImageFile,
+}
 """Readers by the first bytes of a file. `PIL.Image.open` would raise errors of its own about large images."""
 
 Depth16 = npt.NDArray[np.uint16]
@@ -39,7 +39,8 @@ def image_shape(path: Path) -> Shape:
     Raises:
         DatasetError: The file cannot be read, is no image, or is unreasonably large.
     """
-    return _open(read_bytes(path), path).size[::-1]
+    height_px, width_px = _open(read_bytes(path), path).size[::-1]
+    return height_px, width_px
 
 
 def read_gray(path: Path, shape: Shape) -> GrayImage:
@@ -148,14 +149,11 @@ def require_depths(depth: npt.NDArray[np.floating[Any]], path: Path) -> None:
         )
 
 
-def _open(data: bytes, path: Path) -> Image:
+def _open(data: bytes, path: Path) -> Any:
     """Read the header of an image of a reasonable size."""
-    image: Image | None = None
-    try:
-        reader = next((reader for start, reader in _READERS.items() if data.startswith(start)), None)
-        image = None if reader is None else reader(BytesIO(data))
-    except Exception:  # Pillow raises errors of many types for damaged headers
-        image = None
+    image: Any = None
+    with suppress(Exception):  # Pillow raises errors of many types for damaged headers
+        image = next((reader(BytesIO(data)) for start, reader in _READERS.items() if data.startswith(start)), None)
     if image is None or min(image.size) <= 0:
         raise DatasetError(f"expected an image in {path}, got {len(data)} bytes of something else; restore the file")
     if image.width * image.height > LARGEST_IMAGE_PX:

@@ -6,12 +6,23 @@ from pydantic import Field, field_validator
 
 from ..devices import DeviceName
 from ..model import Model
-from .combine import CombineConfig
 from .inpainting import Dilation, Inpainting
-from .motion import MotionModelName
 from .odometry import OdometryConfig
 from .registration import RegistrationConfig
 from .voxels import VoxelConfig
+
+MotionModelName = Literal["constant", "per_frame"]
+
+
+class CombineConfig(Model):
+    """What makes a measured pixel invalid beside being empty. Both conditions are the paper's."""
+
+    reject_near: bool = True
+    """Whether a pixel much nearer than the template is invalid; this also erases things that move before it."""
+    near_share: float = Field(0.5, gt=0, lt=1)
+    """Share of the template's depth below which a pixel is too near. Paper: "less than half"."""
+    reject_far: bool = True
+    """Whether a pixel farther than the template is invalid; this also overwrites surfaces that recede."""
 
 
 class PaperConfig(Model):

@@ -1,15 +1,69 @@
 """Which template serves, and when the next one is fused: paper, Sec. Epoch Transition."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Literal
+from enum import StrEnum
+from typing import Any, Literal
 
 from ..errors import FrameError
 from ..types import Frame
-from .diagnostics import EpochEnd, Phase, Registration, RegistrationStatus
-from .registration import Features
-from .template import Template
+from .registration import Features, Registration, RegistrationStatus
+
+
+class Phase(StrEnum):
+    """What the method was doing when it returned a frame."""
+
+    PASSTHROUGH = "passthrough"
+    """No template was used: the frame was at most smoothed and filled from its own pixels."""
+    FUSING = "fusing"
+    """A window is being collected or fused; the previous template corrects meanwhile."""
+    CORRECTING = "correcting"
+    """The template of the running epoch corrects."""
+
+
+class EpochEnd(StrEnum):
+    """Why an epoch ended."""
+
+    FEW_MATCHES = "few_matches"
+    """The scene changed: hardly any feature of the template was found again."""
+    DEGENERATE = "degenerate"
+    """There were matches, but no usable map came of them."""
+    MAX_FRAMES = "max_frames"
+    """The epoch reached its maximum length."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PaperDiagnostics:
+    """The state of the paper's method after one frame."""
+
+    phase: Phase
+    registration: Registration
+    epoch_end: EpochEnd | None = None
+    """Why the epoch ended with this frame; None if it did not."""
+
+    def facts(self) -> Mapping[str, str | int | float]:
+        """See `Diagnostics`."""
+        return {
+            "phase": self.phase.value,
+            "registration": self.registration.status.value,
+            "n_matches": self.registration.n_matches,
+            "n_inliers": self.registration.n_inliers,
+            "epoch_end": "none" if self.epoch_end is None else self.epoch_end.value,
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Template:
+    """Dense depth of the scene as seen by the last frame of a fusion window."""
+
+    depth: Any
+    """Depth [m], shape (H, W), 0 = unknown, in the memory of the `ImageSteps` that made it."""
+    features: Features
+    """Of the gray image that the depth belongs to."""
+    timings_s: Mapping[str, float]
+    """Wall-clock time of fusing [s], by step."""
+
 
 Fuse = Callable[[Sequence[Frame], Features], Template]
 """Makes a template of a window of frames, given the features of the last."""

@@ -12,7 +12,6 @@ import warp as wp
 
 from ..types import Intrinsics
 
-wp.config.log_level = wp.LOG_ERROR  # Warp would greet on the terminal of whoever imports the corrector.
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 

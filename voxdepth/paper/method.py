@@ -1,4 +1,4 @@
-"""The method as the paper writes it: templates that are fused in one state and correct in the other."""
+"""The method of the paper: templates that are fused in one state and correct frames in the other."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,17 +7,14 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..timing import collected_times, timed
+from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics, Source
 from .config import PaperConfig
-from .diagnostics import PaperDiagnostics, Registration, RegistrationStatus
-from .epochs import Epochs
-from .fusion import Fusion
-from .motion import MOTION_MODELS
+from .epochs import Epochs, PaperDiagnostics, Template
+from .fusion import MOTION_MODELS, Fusion
 from .odometry import PhotometricOdometry, PriorsFirst
-from .registration import Features, OrbRegistration
+from .registration import Features, OrbRegistration, Registration, RegistrationStatus
 from .steps import create_steps
-from .template import Template
 
 CONFIDENCES = {Source.INVALID: 0.0, Source.SENSOR: 1.0, Source.MEMORY: 0.5, Source.INPAINTED: 0.5}
 """Confidence of a pixel by its source. Not calibrated: the paper has none."""
@@ -33,28 +30,28 @@ FILLED = 4
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Aligned:
-    """A frame with all that is needed to correct it: the result of the first half of the work on it."""
+    """A frame with everything that its correction needs: the result of the first half of the work."""
 
     frame: Frame
     template: Template | None
-    """The template that was in force; None before the first."""
+    """The current template; None before the first."""
     diagnostics: PaperDiagnostics
     timings_s: Mapping[str, float]
 
 
 class PaperMethod:
-    """Corrects frames by a template that is fused anew in every epoch.
+    """Corrects frames by a template, a new one in every epoch.
 
     An epoch fuses `window_frames` frames into one voxel cloud, projects it to a dense template, and then corrects
     frame after frame with the registered template until that no longer fits. While a window fills, the previous
-    template serves.
+    template corrects.
 
     Args:
         camera: Every frame must have its shape.
-        config: See there.
+        config: Parameters of the method.
 
     Raises:
-        ConfigError: The configuration names a device that is not there.
+        ConfigError: The configured device does not exist.
     """
 
     def __init__(self, camera: Intrinsics, config: PaperConfig) -> None:
@@ -79,70 +76,55 @@ class PaperMethod:
         self._epochs.close()
 
     def align(self, frame: Frame) -> Aligned:
-        """The first half: find the template that serves this frame, and where it is. Holds all state."""
-        timings_s: dict[str, float] = {}
-        with collected_times(timings_s):
-            features = self._describe(frame)
-            template = self._take_template(frame, features)
+        """Find the template for this frame and register it. This half holds all state."""
+        timer = StepTimer()
+        with timer("describe"):
+            features = self._registration.describe(frame.gray)
+        with timer("take_template"):
+            template = self._epochs.begin(frame, features)
+        with timer("register"):
             registration = self._register(template, features)
-            epoch_end = self._epochs.end(frame, features, registration)
+        epoch_end = self._epochs.end(frame, features, registration)
+        phase = self._epochs.phase(registration)
         return Aligned(
             frame=frame,
             template=template,
-            diagnostics=PaperDiagnostics(
-                phase=self._epochs.phase(registration), registration=registration, epoch_end=epoch_end
-            ),
-            timings_s=timings_s,
+            diagnostics=PaperDiagnostics(phase=phase, registration=registration, epoch_end=epoch_end),
+            timings_s=timer.times_s,
         )
 
     def combine(self, aligned: Aligned) -> CorrectedDepth:
-        """The second half: correct the aligned frame. Depends on nothing else."""
-        timings_s = dict(aligned.timings_s)
-        with collected_times(timings_s):
-            raw = self._steps.upload(aligned.frame.depth_m)
+        """Correct the aligned frame, which depends on nothing else."""
+        timer = StepTimer(aligned.timings_s)
+        raw = self._steps.upload(aligned.frame.depth_m)
+        with timer("warp"):
             template = self._warp(aligned)
-            depth, source = self._merge(raw, template)
-            depth = self._filter(depth)
+        with timer("merge"):
+            depth, source = self._steps.unchanged(raw) if template is None else self._steps.combine(raw, template)
+        with timer("filter"):
+            depth = self._steps.filter(depth)
+        with timer("label"):
             depth_m, source, confidence = self._label(depth, source)
         return CorrectedDepth(
             depth_m=depth_m,
             source=source,
             confidence=confidence,
-            timings_s=timings_s,
+            timings_s=timer.times_s,
             diagnostics=aligned.diagnostics,
         )
 
-    @timed
-    def _describe(self, frame: Frame) -> Features:
-        return self._registration.describe(frame.gray)
-
-    @timed
-    def _take_template(self, frame: Frame, features: Features) -> Template | None:
-        return self._epochs.begin(frame, features)
-
-    @timed
     def _register(self, template: Template | None, features: Features) -> Registration:
         if template is None:
             return Registration.identity(RegistrationStatus.NOT_TRIED)
         return self._registration.register(template.features, features)
 
-    @timed
     def _warp(self, aligned: Aligned) -> Any | None:
-        """The template in the pixels of the frame. Always from the original: repeated warps would mix edges."""
+        """The template in the pixels of the frame. It is warped from the original: repeated warps would mix edges."""
         registration = aligned.diagnostics.registration
         if aligned.template is None or not registration.ok:
             return None
         return self._steps.warp(aligned.template.depth, registration.M_frame_template)
 
-    @timed
-    def _merge(self, raw: Any, template: Any | None) -> tuple[Any, Any]:
-        return self._steps.unchanged(raw) if template is None else self._steps.combine(raw, template)
-
-    @timed
-    def _filter(self, depth: Any) -> Any:
-        return self._steps.filter(depth)
-
-    @timed
     def _label(self, depth: Any, source: Any) -> tuple[FloatImage, GrayImage, FloatImage]:
         """Depth, source and confidence as NumPy arrays, after the median has emptied some pixels and filled others."""
         depth_m, source_before = self._steps.download(depth, source)

@@ -78,7 +78,6 @@ class Odometry(Protocol):
 
     def estimate(self, source: Frame, target: Frame) -> Motion:
         """Motion from `source` to `target`; a failure is a status, not an exception."""
-        ...
 
 
 class OdometryConfig(Model):

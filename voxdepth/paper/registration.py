@@ -1,6 +1,7 @@
 """Aligning the template with the current frame: ORB features and an affine map (paper, Sec. Template Registration)."""
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import cv2
 import numpy as np
@@ -10,7 +11,6 @@ from pydantic import Field
 from ..geometry import resized
 from ..model import Model
 from ..types import FloatArray, GrayImage
-from .diagnostics import Registration, RegistrationStatus
 
 Indices = npt.NDArray[np.intp]
 
@@ -35,6 +35,38 @@ class RegistrationConfig(Model):
     """Distance up to which a match supports the affine map, in pixels of the resized image."""
     max_scale: float = Field(2.0, gt=1)
     """Largest believable magnification of the template in any direction; its inverse is the smallest."""
+
+
+class RegistrationStatus(StrEnum):
+    """How the alignment of the template with the frame went."""
+
+    NOT_TRIED = "not_tried"
+    OK = "ok"
+    FEW_MATCHES = "few_matches"
+    DEGENERATE = "degenerate"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Registration:
+    """Alignment of the template with a frame; failure is a value, not an exception."""
+
+    M_frame_template: FloatArray
+    """Affine map from template pixels to frame pixels, shape (2, 3)."""
+    n_matches: int
+    """Number of good feature matches."""
+    n_inliers: int
+    """Number of matches that support the map."""
+    status: RegistrationStatus
+
+    @property
+    def ok(self) -> bool:
+        """True if the template may be used."""
+        return self.status is RegistrationStatus.OK
+
+    @classmethod
+    def identity(cls, status: RegistrationStatus, *, n_matches: int = 0) -> "Registration":
+        """A registration with the identity map."""
+        return cls(M_frame_template=np.eye(2, 3), n_matches=n_matches, n_inliers=0, status=status)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,10 +1,16 @@
-"""The image work of the corrector, step by step, on the CPU or on a GPU."""
+"""The image operations of the paper's method, on the CPU (here) or on a GPU (`warp_steps`)."""
 
 from typing import Any, Protocol
 
+import cv2
+import numpy as np
+
 from ..devices import DeviceName, require_device
-from ..types import FloatArray, FloatImage, GrayImage, Intrinsics
-from .config import PaperConfig
+from ..types import FloatArray, FloatImage, GrayImage, Intrinsics, Source
+from .config import CombineConfig, PaperConfig
+from .voxels import VoxelGrid, project_voxels
+
+LARGEST = float(np.finfo(np.float32).max)
 
 
 class ImageSteps(Protocol):
@@ -12,43 +18,91 @@ class ImageSteps(Protocol):
 
     def clear(self) -> None:
         """Empty the voxel grid."""
-        ...
 
     def integrate(self, depth_m: FloatImage, T_grid_cam: FloatArray) -> None:
         """OR the voxels of a depth image, shape (H, W), taken at a pose in the grid's frame, into the grid."""
-        ...
 
     def project(self) -> Any:
         """Sparse depth of the grid's voxels in the camera at its origin."""
-        ...
 
     def inpaint(self, sparse: Any) -> Any:
         """Dense depth of sparse depth."""
-        ...
 
     def upload(self, depth_m: FloatImage) -> Any:
         """A depth image [m], shape (H, W), in this object's memory."""
-        ...
 
     def warp(self, template: Any, M_frame_template: FloatArray) -> Any:
         """The template in the pixels of the frame, sampled at the nearest pixel; 0 beside it."""
-        ...
 
     def combine(self, raw: Any, template: Any) -> tuple[Any, Any]:
         """Depth and `Source` after the invalid pixels of a frame are replaced by those of the warped template."""
-        ...
 
     def unchanged(self, raw: Any) -> tuple[Any, Any]:
         """Depth and `Source` of a frame without a template."""
-        ...
 
     def filter(self, depth: Any) -> Any:
         """Median filter against flicker."""
-        ...
 
     def download(self, depth: Any, source: Any) -> tuple[FloatImage, GrayImage]:
         """Depth [m] and `Source`, shape (H, W), as NumPy arrays of their own."""
-        ...
+
+
+class HostSteps:
+    """`ImageSteps` on NumPy arrays. Which library does a step was decided by `voxdepth bench`.
+
+    A warped template, and what is combined into it, lasts until the next one is warped.
+    """
+
+    def __init__(self, intrinsics: Intrinsics, config: PaperConfig) -> None:
+        self._intrinsics = intrinsics
+        self._config = config
+        self._grid = VoxelGrid(config.voxels)
+        self._warped = np.empty(intrinsics.shape, np.float32)
+        self._scratch = np.empty(intrinsics.shape, np.float32)
+
+    def clear(self) -> None:
+        """See `ImageSteps`."""
+        self._grid.clear()
+
+    def integrate(self, depth_m: FloatImage, T_grid_cam: FloatArray) -> None:
+        """See `ImageSteps`."""
+        self._grid.integrate_image(depth_m, self._intrinsics, T_grid_cam)
+
+    def project(self) -> FloatImage:
+        """See `ImageSteps`."""
+        return project_voxels(self._grid, self._intrinsics)
+
+    def inpaint(self, sparse: FloatImage) -> FloatImage:
+        """See `ImageSteps`."""
+        return self._config.inpainting.fill(sparse)
+
+    def upload(self, depth_m: FloatImage) -> FloatImage:
+        """See `ImageSteps`."""
+        return depth_m
+
+    def warp(self, template: FloatImage, M_frame_template: FloatArray) -> FloatImage:
+        """See `ImageSteps`."""
+        height, width = self._intrinsics.shape
+        return cv2.warpAffine(  # type: ignore[return-value]
+            template, M_frame_template, (width, height), dst=self._warped, flags=cv2.INTER_NEAREST
+        )
+
+    def combine(self, raw: FloatImage, template: FloatImage) -> tuple[FloatImage, GrayImage]:
+        """See `ImageSteps`."""
+        return template, combine(template, raw, self._config.combine, self._scratch)
+
+    def unchanged(self, raw: FloatImage) -> tuple[FloatImage, GrayImage]:
+        """See `ImageSteps`."""
+        return raw, (raw > 0).view(np.uint8)
+
+    def filter(self, depth: FloatImage) -> FloatImage:
+        """See `ImageSteps`."""
+        filtered: FloatImage = cv2.medianBlur(depth, self._config.median_size_px)  # type: ignore[assignment]
+        return filtered
+
+    def download(self, depth: FloatImage, source: GrayImage) -> tuple[FloatImage, GrayImage]:
+        """See `ImageSteps`."""
+        return depth, source
 
 
 def create_steps(device: DeviceName, intrinsics: Intrinsics, config: PaperConfig) -> ImageSteps:
@@ -58,10 +112,40 @@ def create_steps(device: DeviceName, intrinsics: Intrinsics, config: PaperConfig
         ConfigError: There is no such device here.
     """
     if device == "cpu":
-        from .host_steps import HostSteps
-
         return HostSteps(intrinsics, config)
     from .warp_steps import WarpSteps
 
     require_device(device)
     return WarpSteps(intrinsics, config, device=device)
+
+
+def combine(depth_m: FloatImage, raw_m: FloatImage, rule: CombineConfig, scratch_m: FloatImage) -> GrayImage:
+    """Replace the invalid pixels of a frame by those of the template.
+
+    A pixel is invalid if it is empty, or beyond a bound that `rule` sets. Where the template is empty the raw pixel
+    stands. It works in place, for large new arrays would take several times as long as the work on them.
+
+    Args:
+        depth_m: Template in the frame's pixels [m], shape (H, W), 0 = unknown; overwritten with the result.
+        raw_m: Measured depth [m], shape (H, W); 0 = invalid.
+        rule: The bounds.
+        scratch_m: Of the same shape; overwritten.
+
+    Returns:
+        One `Source` per pixel, shape (H, W).
+    """
+    _, high = factors(rule)
+    with np.errstate(over="ignore"):
+        farthest_m = np.multiply(raw_m, np.float32(high), out=scratch_m)
+    nearest_m = raw_m if rule.reject_far else np.zeros_like(raw_m)
+    stands: GrayImage = cv2.inRange(depth_m, nearest_m, farthest_m)  # type: ignore[assignment]
+    stands[...] |= depth_m == 0
+    cv2.copyTo(raw_m, stands, depth_m)
+    source: GrayImage = np.uint8(Source.MEMORY) - (stands & np.uint8(1))
+    source[...] *= depth_m > 0
+    return source
+
+
+def factors(rule: CombineConfig) -> tuple[float, float]:
+    """A pixel z stands against a template t if `low z <= t <= high z`; an empty one never does."""
+    return (1.0 if rule.reject_far else 0.0), (1 / rule.near_share if rule.reject_near else LARGEST)

@@ -1,4 +1,4 @@
-"""Boolean voxel grid, packed in bits: paper, Algorithm 1 and Eq. voxelor."""
+"""Boolean voxel grid, packed in bits, and its projection to a depth image: paper, Algorithm 1 and Eq. voxelor."""
 
 from collections.abc import Iterable
 
@@ -7,6 +7,7 @@ import numpy.typing as npt
 import warp as wp
 from pydantic import Field, model_validator
 
+from ..devices import quiet_warp
 from ..geometry import PointArray, RayMap
 from ..model import Model
 from ..types import FloatArray, FloatImage, Intrinsics
@@ -71,6 +72,7 @@ class VoxelGrid:
 
     def __init__(self, config: VoxelConfig) -> None:
         self.config = config
+        quiet_warp()
         wp.load_module(kernels, device="cpu")
         self.words: Words = np.zeros(config.n_words, np.uint32)
 
@@ -162,3 +164,39 @@ def set_bits_of(words: Words) -> Cells:
     set_at = np.flatnonzero(bits)
     cells: Cells = (at[set_at >> 5] * 32 + (set_at & 31)).astype(np.int32)
     return cells
+
+
+def project_voxels(grid: VoxelGrid, intrinsics: Intrinsics) -> FloatImage:
+    """Depth image [m], shape (H, W), float32, of the centres of a grid's voxels; 0 where none falls.
+
+    The same as `project_nearest(grid.occupied_centres(), intrinsics)`, without making a list of them.
+    """
+    depth_m = np.full(intrinsics.shape, np.inf, np.float32)
+    occupied = np.flatnonzero(grid.words != 0).astype(np.int32)
+    if occupied.size:
+        words = [kernels.view(occupied, wp.int32), kernels.view(grid.words, wp.uint32)]
+        wp.launch(
+            kernels.splat_listed_voxels,
+            len(occupied),
+            inputs=[*words, *kernels.cells(grid.config.cell_m, grid.config.shape), *kernels.lens(intrinsics)],
+            outputs=[kernels.view(depth_m, wp.float32)],
+            device="cpu",
+        )
+    depth_m[np.isinf(depth_m)] = 0
+    return depth_m
+
+
+def project_nearest(points: PointArray, intrinsics: Intrinsics) -> FloatImage:
+    """Depth image [m], shape (H, W), float32, of points (N, 3) [m] in the camera frame; 0 where none falls.
+
+    A point takes the one pixel that its projection rounds to. With the centres of voxels, the twin of the kernel.
+    """
+    depth_m = np.full(intrinsics.shape, np.inf, np.float32)
+    x, y, z = points[points[:, 2] > 0].T
+    half = np.float32(0.5)
+    col = np.floor(x / z * np.float32(intrinsics.fx_px) + np.float32(intrinsics.cx_px) + half)
+    row = np.floor(y / z * np.float32(intrinsics.fy_px) + np.float32(intrinsics.cy_px) + half)
+    inside = (col >= 0) & (col < intrinsics.width_px) & (row >= 0) & (row < intrinsics.height_px)
+    np.minimum.at(depth_m, (row[inside].astype(np.intp), col[inside].astype(np.intp)), z[inside])
+    depth_m[np.isinf(depth_m)] = 0
+    return depth_m

@@ -8,9 +8,9 @@ import warp as wp
 from ..geometry import RayMap
 from ..types import FloatArray, FloatImage, GrayImage, Intrinsics
 from . import image_kernels, kernels
-from .combine import factors
 from .config import PaperConfig
 from .inpainting import Dilation
+from .steps import factors
 
 
 class WarpSteps:
