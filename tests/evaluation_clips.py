@@ -13,7 +13,7 @@ from scenarios.evaluation.sources import EvaluationFrame
 from sim import frames
 from sim.recording import RecordingWriter
 from sim.types import Capture
-from voxdepth.baselines.raw import Raw
+from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, DepthCorrector, FloatImage, Frame, Intrinsics, MaskImage
 
 CAMERA = Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80, baseline_m=0.5)

@@ -11,7 +11,7 @@ from sim.world import World
 from swarm.mission import Mission
 from swarm.recorder import Recorder
 from swarm.task import MissionConfig
-from voxdepth.baselines.raw import Raw
+from voxdepth.baselines.single_frame import Raw
 
 RIG = RigConfig(width_px=96, height_px=64, depth="truth")
 

@@ -9,7 +9,7 @@ from sim.types import Capture, DroneState
 from swarm.obstacles import HistogramBuilder, HistogramConfig
 from swarm.types import Histogram, Motion, Neighbours
 from tests.helpers import CAMERA
-from voxdepth.baselines.raw import Raw
+from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Frame
 
 RADIUS_M = 0.25

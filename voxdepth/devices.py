@@ -1,5 +1,6 @@
 """Where images are worked on."""
 
+from types import ModuleType
 from typing import Literal
 
 from .errors import ConfigError
@@ -12,6 +13,14 @@ def quiet_warp() -> None:
     import warp as wp
 
     wp.config.log_level = wp.LOG_ERROR
+
+
+def load_kernels(module: ModuleType, device: str) -> None:
+    """Load a module of Warp kernels on a device, so that the first launch does not compile them."""
+    import warp as wp
+
+    quiet_warp()
+    wp.load_module(module, device=device)
 
 
 def require_device(device: str) -> None:

@@ -69,26 +69,28 @@ class Entry:
 
 
 _REGISTRY = {
-    "raw": Entry(create=_lazy("baselines.raw:Raw", camera=False), latency_s=0.0),
-    "median": Entry(create=_lazy("baselines.median:Median", camera=False), latency_s=0.0002),
+    "raw": Entry(create=_lazy("baselines.single_frame:Raw", camera=False), latency_s=0.0),
+    "median": Entry(create=_lazy("baselines.single_frame:Median", camera=False), latency_s=0.0002),
     "realsense-left": Entry(
-        create=_lazy("baselines.realsense_holes:RealSenseHoles", camera=False, fill="left"), latency_s=0.0007
+        create=_lazy("baselines.realsense:RealSenseHoles", camera=False, fill="left"), latency_s=0.0007
     ),
     "realsense-farthest": Entry(
-        create=_lazy("baselines.realsense_holes:RealSenseHoles", camera=False, fill="farthest"), latency_s=0.0005
+        create=_lazy("baselines.realsense:RealSenseHoles", camera=False, fill="farthest"), latency_s=0.0005
     ),
     "realsense-nearest": Entry(
-        create=_lazy("baselines.realsense_holes:RealSenseHoles", camera=False, fill="nearest"), latency_s=0.0005
+        create=_lazy("baselines.realsense:RealSenseHoles", camera=False, fill="nearest"), latency_s=0.0005
     ),
-    "realsense": Entry(create=_lazy("baselines.realsense_chain:RealSenseChain"), latency_s=0.0035),
-    "realsense-authors": Entry(create=_lazy("baselines.authors_max:AuthorsMax", camera=False), latency_s=0.0005),
+    "realsense": Entry(create=_lazy("baselines.realsense:RealSenseChain"), latency_s=0.0035),
+    "realsense-authors": Entry(create=_lazy("baselines.single_frame:AuthorsMax", camera=False), latency_s=0.0005),
     "lmeds": Entry(create=_lazy("baselines.lmeds:LMedS"), latency_s=0.0161),
     "flow": Entry(create=_lazy("baselines.optical_flow:FlowFilter"), latency_s=0.0020),
-    "ip-basic": Entry(create=_lazy("baselines.ip_basic:IpBasic"), latency_s=0.0013),
-    "ip-basic-multiscale": Entry(create=_lazy("baselines.ip_basic:multiscale"), latency_s=0.0022),
-    "telea": Entry(create=_lazy("baselines.opencv_inpaint:OpenCvInpaint", method="telea"), latency_s=0.0075),
+    "ip-basic": Entry(create=_lazy("baselines.ip_basic:IpBasic", camera=False), latency_s=0.0013),
+    "ip-basic-multiscale": Entry(create=_lazy("baselines.ip_basic:multiscale", camera=False), latency_s=0.0022),
+    "telea": Entry(
+        create=_lazy("baselines.single_frame:OpenCvInpaint", camera=False, method="telea"), latency_s=0.0075
+    ),
     "navier-stokes": Entry(
-        create=_lazy("baselines.opencv_inpaint:OpenCvInpaint", method="navier_stokes"), latency_s=0.0035
+        create=_lazy("baselines.single_frame:OpenCvInpaint", camera=False, method="navier_stokes"), latency_s=0.0035
     ),
     "global-smoother": Entry(create=_lazy("baselines.global_smoother:GlobalSmoother"), latency_s=0.0064),
     PAPER: Entry(create=_lazy("corrector:PaperVoxDepth"), latency_s=0.0034, config="paper.config:PaperConfig"),

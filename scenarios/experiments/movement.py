@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim.types import Capture
-from voxdepth.baselines.flows import Dis
+from voxdepth.baselines.optical_flow import Dis
 from voxdepth.geometry import back_project, inverse_rigid, transform
 from voxdepth.paper.registration import RegistrationConfig
 

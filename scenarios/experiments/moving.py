@@ -5,7 +5,7 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
-from voxdepth.baselines.flows import Flow, FlowImage
+from voxdepth.baselines.optical_flow import Flow, FlowImage
 from voxdepth.metrics import psnr_db
 from voxdepth.paper.registration import Features, OrbRegistration, RegistrationConfig
 from voxdepth.types import FloatArray, GrayImage, MaskImage

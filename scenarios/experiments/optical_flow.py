@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
-from voxdepth.baselines.flows import Dis, Farneback, HornSchunck
+from voxdepth.baselines.optical_flow import Dis, Farneback, HornSchunck
 from voxdepth.paper.registration import RegistrationConfig
 
 from .drawing import MARKERS, labelled, panels

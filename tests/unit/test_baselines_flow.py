@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tests.baseline_frames import camera, frame, scene, texture
-from voxdepth.baselines.flows import Dis, Farneback, Flow, FlowImage, HornSchunck
-from voxdepth.baselines.optical_flow import FlowFilter
+from voxdepth.baselines.optical_flow import Dis, Farneback, Flow, FlowFilter, FlowImage, HornSchunck
 from voxdepth.errors import ConfigError
 from voxdepth.types import GrayImage, Source
 

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from tests.baseline_frames import camera, frame
-from voxdepth.baselines.opencv_inpaint import METHODS, Method, OpenCvInpaint
+from tests.baseline_frames import frame
+from voxdepth.baselines.single_frame import INPAINTING, InpaintingName, OpenCvInpaint
 from voxdepth.errors import ConfigError
 from voxdepth.types import Source
 
 
-def filled(depth_m: np.ndarray, method: Method) -> np.ndarray:
-    return OpenCvInpaint(camera(depth_m.shape), method=method).process(frame(depth_m)).depth_m
+def filled(depth_m: np.ndarray, method: InpaintingName) -> np.ndarray:
+    return OpenCvInpaint(method=method).process(frame(depth_m)).depth_m
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_a_hole_in_a_plane_of_even_disparity_is_filled_within_a_few_percent(method: Method) -> None:
+@pytest.mark.parametrize("method", INPAINTING)
+def test_a_hole_in_a_plane_of_even_disparity_is_filled_within_a_few_percent(method: InpaintingName) -> None:
     inverse = np.broadcast_to(np.linspace(0.1, 0.3, 60), (40, 60))
     depth_m = (1 / inverse).astype(np.float32)
     depth_m[15:22, 25:32] = 0
@@ -23,9 +23,9 @@ def test_a_hole_in_a_plane_of_even_disparity_is_filled_within_a_few_percent(meth
     assert np.abs(error).mean() < 0.02
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", INPAINTING)
 @pytest.mark.parametrize("depth", [0.75, 19.99, 150.0])
-def test_a_filled_pixel_is_right_within_two_steps_of_16_bits(method: Method, depth: float) -> None:
+def test_a_filled_pixel_is_right_within_two_steps_of_16_bits(method: InpaintingName, depth: float) -> None:
     depth_m = np.full((20, 20), depth, np.float32)
     depth_m[8:12, 8:12] = 0
     depth_m[0, 0] = 0.5
@@ -33,8 +33,8 @@ def test_a_filled_pixel_is_right_within_two_steps_of_16_bits(method: Method, dep
     np.testing.assert_allclose(filled(depth_m, method)[8:12, 8:12], depth, atol=2.5 * step_m)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_one_speck_before_the_lens_does_not_coarsen_the_rest(method: Method) -> None:
+@pytest.mark.parametrize("method", INPAINTING)
+def test_one_speck_before_the_lens_does_not_coarsen_the_rest(method: InpaintingName) -> None:
     depth_m = np.full((20, 20), 10.0, np.float32)
     depth_m[8:12, 8:12] = 0
     depth_m[0, 0] = 1e-6
@@ -43,17 +43,17 @@ def test_one_speck_before_the_lens_does_not_coarsen_the_rest(method: Method) -> 
     assert result[0, 0] == np.float32(1e-6)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_no_hole_is_left_not_even_at_the_border(method: Method) -> None:
+@pytest.mark.parametrize("method", INPAINTING)
+def test_no_hole_is_left_not_even_at_the_border(method: InpaintingName) -> None:
     depth_m = np.zeros((50, 70), np.float32)
     depth_m[20:30, 30:40] = 6.0
-    result = OpenCvInpaint(camera((50, 70)), method=method).process(frame(depth_m))
+    result = OpenCvInpaint(method=method).process(frame(depth_m))
     np.testing.assert_allclose(result.depth_m, 6.0, rtol=1e-4)
     assert (result.source == Source.INPAINTED).sum() == 50 * 70 - 100
 
 
 def test_parameters_out_of_range_are_refused() -> None:
     with pytest.raises(ConfigError, match="telea, navier_stokes, got 'magic'"):
-        OpenCvInpaint(camera((9, 9)), method="magic")  # type: ignore[arg-type]
+        OpenCvInpaint(method="magic")  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match="radius_px"):
-        OpenCvInpaint(camera((9, 9)), radius_px=0)
+        OpenCvInpaint(radius_px=0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.baseline_frames import camera, frame
+from tests.baseline_frames import frame
 from voxdepth.baselines.ip_basic import Completion, Fast, IpBasic, Multiscale
 from voxdepth.errors import ConfigError
 
@@ -11,7 +11,7 @@ BOTH = [Fast(), Multiscale()]
 
 
 def filled(depth_m: np.ndarray, completion: Completion, max_depth_m: float = 100.0) -> np.ndarray:
-    peer = IpBasic(camera(depth_m.shape), completion=completion, max_depth_m=max_depth_m)
+    peer = IpBasic(completion=completion, max_depth_m=max_depth_m)
     return peer.process(frame(depth_m)).depth_m
 
 
@@ -68,4 +68,4 @@ def test_pixels_beyond_the_largest_depth_stay_and_fill_nothing(completion: Compl
 
 def test_the_largest_depth_must_be_a_depth() -> None:
     with pytest.raises(ConfigError, match="max_depth_m"):
-        IpBasic(camera((9, 9)), max_depth_m=0.0)
+        IpBasic(max_depth_m=0.0)

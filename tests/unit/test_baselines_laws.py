@@ -7,23 +7,22 @@ import numpy as np
 import pytest
 
 from tests.baseline_frames import camera, frame, holed, scene, texture
-from voxdepth.baselines.flows import Farneback, HornSchunck
 from voxdepth.baselines.global_smoother import GlobalSmoother
 from voxdepth.baselines.ip_basic import IpBasic, Multiscale
 from voxdepth.baselines.lmeds import LMedS
-from voxdepth.baselines.opencv_inpaint import OpenCvInpaint
-from voxdepth.baselines.optical_flow import FlowFilter
+from voxdepth.baselines.optical_flow import Farneback, FlowFilter, HornSchunck
 from voxdepth.baselines.pose_splat import PoseSplat
+from voxdepth.baselines.single_frame import OpenCvInpaint
 from voxdepth.errors import FrameError
 from voxdepth.types import CorrectedDepth, DepthCorrector, Intrinsics, Source
 
 Make = Callable[[Intrinsics], DepthCorrector]
 
 FILLERS: dict[str, Make] = {
-    "ip-basic": IpBasic,
-    "ip-basic-multiscale": partial(IpBasic, completion=Multiscale()),
-    "telea": OpenCvInpaint,
-    "navier-stokes": partial(OpenCvInpaint, method="navier_stokes"),
+    "ip-basic": lambda camera: IpBasic(),
+    "ip-basic-multiscale": lambda camera: IpBasic(completion=Multiscale()),
+    "telea": lambda camera: OpenCvInpaint(),
+    "navier-stokes": lambda camera: OpenCvInpaint(method="navier_stokes"),
     "global-smoother": GlobalSmoother,
     "pose-splat": PoseSplat,
 }

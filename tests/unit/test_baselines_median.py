@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from voxdepth.baselines.median import Median
+from voxdepth.baselines.single_frame import Median
 from voxdepth.errors import ConfigError
 from voxdepth.types import Frame, Source
 

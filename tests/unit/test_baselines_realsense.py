@@ -9,18 +9,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from voxdepth.baselines.authors_max import AuthorsMax
-from voxdepth.baselines.realsense_chain import RealSenseChain, disparity_factor
-from voxdepth.baselines.realsense_holes import (
+from voxdepth.baselines.realsense import (
+    RealSenseChain,
     RealSenseHoles,
+    SpatialFilter,
+    TemporalConfig,
+    TemporalFilter,
+    disparity_factor,
     fill_farthest,
     fill_farthest_numpy,
     fill_from_left,
     fill_nearest,
     fill_nearest_numpy,
+    smooth_rows_numpy,
+    smooth_rows_warp,
 )
-from voxdepth.baselines.realsense_spatial import SpatialFilter, smooth_rows_numpy, smooth_rows_warp
-from voxdepth.baselines.realsense_temporal import TemporalConfig, TemporalFilter
+from voxdepth.baselines.single_frame import AuthorsMax
 from voxdepth.errors import ConfigError, FrameError
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source
 
@@ -237,7 +241,7 @@ def test_the_chain_needs_the_baseline() -> None:
 def test_the_chain_refuses_units_and_frames_that_do_not_fit() -> None:
     with pytest.raises(ConfigError, match="units_per_m must be positive"):
         RealSenseChain(CAMERA, units_per_m=0)
-    with pytest.raises(FrameError, match=r"expected frames of shape \(72, 96\)"):
+    with pytest.raises(FrameError, match=r"have shape \(72, 96\)"):
         RealSenseChain(CAMERA).process(frame_of(np.ones((72, 95))))
 
 

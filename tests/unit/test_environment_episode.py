@@ -18,7 +18,7 @@ from swarm.pilot import Situation
 from swarm.recorder import Recorder
 from swarm.types import Histogram, Motion, Neighbours, Outcome, Percept
 from tests.learning import DIVE, FORWARD, HOVER, TURN, quick, quick_task
-from voxdepth.baselines.raw import Raw
+from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, Frame
 
 LIMITS = ObservationLimits(depth_m=40.0, speed_m_s=5.0, distance_m=30.0)

@@ -18,7 +18,7 @@ from scenarios.evaluation.scoring import CONFIDENCES, CalibrationScore
 from scenarios.evaluation.suite import Evaluation
 from scenarios.results import figure
 from tests.evaluation_clips import CAMERA, evaluation_frames
-from voxdepth.baselines.raw import Raw
+from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, Frame, Intrinsics, Source
 
 TELE = Intrinsics(fx_px=1000, fy_px=1000, cx_px=320, cy_px=180, width_px=640, height_px=360, baseline_m=0.1)

@@ -18,7 +18,7 @@ from scenarios.evaluation.running import MethodError, Run, run
 from scenarios.evaluation.scoring import METRICS, Score
 from tests.evaluation_clips import CAMERA, WALL_M, N, evaluation_frames, method, truth_of
 from voxdepth import registry
-from voxdepth.baselines.raw import Raw
+from voxdepth.baselines.single_frame import Raw
 from voxdepth.errors import ConfigError
 from voxdepth.geometry import fill_from_nearest
 from voxdepth.registry import ENTRY_POINTS
@@ -249,7 +249,7 @@ def test_the_warm_up_of_the_paper_reaches_every_stage() -> None:
 
 def test_only_methods_of_ours_are_not_foreign(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not any(m.is_foreign for m in find_methods(METHOD_NAMES))
-    assert find_method("voxdepth.baselines.raw:Raw").is_foreign
+    assert find_method("voxdepth.baselines.single_frame:Raw").is_foreign
     entries = [EntryPoint(name="theirs", value="theirs:make", group=ENTRY_POINTS)]
     monkeypatch.setattr(registry, "entry_points", lambda **wanted: entries)
     assert find_method("theirs").is_foreign
@@ -305,7 +305,7 @@ def test_methods_are_found_by_name_and_refused_by_name() -> None:
     assert [m.name for m in find_methods(METHOD_NAMES) if m.sees_true_pose] == [ORACLE]
     assert find_method("paper").config["window_frames"] == 10
     assert find_method("voxdepth").config["memory_step"] == "auto"
-    assert find_method("voxdepth.baselines.raw:Raw").name == "voxdepth.baselines.raw:Raw"
+    assert find_method("voxdepth.baselines.single_frame:Raw").name == "voxdepth.baselines.single_frame:Raw"
     with pytest.raises(ConfigError, match="there is no corrector 'magic'"):
         find_methods(["raw", "magic"])
     with pytest.raises(ScenarioError, match="names 'raw' twice"):

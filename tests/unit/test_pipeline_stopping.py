@@ -277,7 +277,7 @@ def test_the_interpreter_stops_a_pipeline_before_it_ends() -> None:
     program = """
 import numpy as np
 from itertools import count
-from voxdepth.baselines.raw import Raw
+from voxdepth.baselines.single_frame import Raw
 from voxdepth.pipeline import CorrectionPipeline
 from voxdepth.types import Frame
 

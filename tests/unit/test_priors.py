@@ -18,7 +18,7 @@ from swarm.priors import DriftingPrior, NoPrior, PosePrior, PosePriorConfig, Tru
 from swarm.recorder import Recorder
 from tests.helpers import CAMERA
 from tests.swarm_scenes import MOUNT_CAM_M, RADIUS_M
-from voxdepth.baselines.raw import Raw
+from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, FloatArray, Frame
 
 DRIFT = PosePriorConfig(kind="drift")

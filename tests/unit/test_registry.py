@@ -111,7 +111,7 @@ def foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "raw = theirs_bad:make\n"
     )
     (tmp_path / "theirs_good.py").write_text(
-        "from voxdepth.baselines.raw import Raw\n\n\nclass Theirs(Raw):\n    pass\n\n\n"
+        "from voxdepth.baselines.single_frame import Raw\n\n\nclass Theirs(Raw):\n    pass\n\n\n"
         "def make(intrinsics):\n    return Theirs()\n"
     )
     (tmp_path / "theirs_bad.py").write_text("raise RuntimeError('no licence')\n")
@@ -137,7 +137,7 @@ def test_another_distribution_adds_a_corrector(foreign: Path, monkeypatch: pytes
 
 
 def test_our_names_win(foreign: Path) -> None:
-    assert type(create_corrector("raw", CAMERA)).__module__ == "voxdepth.baselines.raw"
+    assert type(create_corrector("raw", CAMERA)).__module__ == "voxdepth.baselines.single_frame"
     assert "theirs_bad" not in sys.modules
 
 

@@ -8,7 +8,7 @@ from swarm.obstacles import HistogramBuilder, HistogramConfig
 from swarm.perception import Perception, frame_of
 from tests.helpers import CAMERA
 from tests.swarm_scenes import MOUNT_CAM_M, RADIUS_M, capture, flat
-from voxdepth.baselines.raw import Raw
+from voxdepth.baselines.single_frame import Raw
 
 
 def eyes_with(latency_s: float) -> Perception:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ..errors import ConfigError
 from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
-from .inferred import inferred
+from .single_frame import labelled
 
 Stack = npt.NDArray[np.float32]
 
@@ -63,14 +63,14 @@ class GlobalSmoother:
         frame.require_shape(self._intrinsics.shape)
         valid = frame.depth_m > 0
         if valid.all() or not valid.any():
-            return inferred(frame, frame.depth_m.copy())
+            return labelled(frame, frame.depth_m.copy())
         inverse = np.where(valid, 1 / np.maximum(frame.depth_m, NEAREST_M), np.float32(0))
         prior = inverse[valid].mean(dtype=np.float64).astype(np.float32)
         weighted, weight = self._upright[:, 0], self._upright[:, 1]
         np.add(inverse, PRIOR * prior, out=weighted)
         np.add(valid, PRIOR, out=weight)
         self._smooth(frame.gray)
-        return inferred(frame, np.where(valid, frame.depth_m, weight / weighted))
+        return labelled(frame, np.where(valid, frame.depth_m, weight / weighted))
 
     def reset(self) -> None:
         """Nothing is remembered."""

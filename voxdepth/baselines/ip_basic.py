@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import ConfigError
-from ..types import CorrectedDepth, FloatImage, Frame, Intrinsics, MaskImage
-from .inferred import inferred
+from ..types import FloatImage, MaskImage
+from .single_frame import SingleFrameFilter
 
 Kernel = npt.NDArray[np.uint8]
 
@@ -66,18 +66,13 @@ class Multiscale:
         return _where_filled(dense_m, cv2.bilateralFilter(dense_m, 5, 0.5, 2.0))
 
 
-class IpBasic:
+class IpBasic(SingleFrameFilter):
     """Fills holes by morphology; valid pixels stay, and holes far from any of them."""
 
-    uses_gray = False
-
-    def __init__(
-        self, intrinsics: Intrinsics, *, completion: Completion | None = None, max_depth_m: float = 100.0
-    ) -> None:
-        """A filler for one camera.
+    def __init__(self, *, completion: Completion | None = None, max_depth_m: float = 100.0) -> None:
+        """Create the filter.
 
         Args:
-            intrinsics: Not needed; pixels are filled from pixels.
             completion: `Fast` unless another is named.
             max_depth_m: Depths are subtracted from this [m]; farther pixels stay, but nothing is filled from them.
 
@@ -89,22 +84,18 @@ class IpBasic:
         self._completion = completion or Fast()
         self._max_depth_m = np.float32(max_depth_m)
 
-    def process(self, frame: Frame) -> CorrectedDepth:
-        """The frame with fewer holes."""
-        depth_m = frame.depth_m
+    def filtered(self, depth_m: FloatImage) -> FloatImage:
+        """See `SingleFrameFilter`."""
         valid = depth_m > 0
         inverted_m = np.where(valid, np.maximum(self._max_depth_m - depth_m, np.float32(0)), np.float32(0))
         dense_m = self._completion.complete(inverted_m, depth_m)
         filled_m = np.where(dense_m > EMPTY_M, np.maximum(self._max_depth_m - dense_m, 0), np.float32(0))
-        return inferred(frame, np.where(valid, depth_m, filled_m))
-
-    def reset(self) -> None:
-        """Nothing is remembered."""
+        return np.where(valid, depth_m, filled_m)
 
 
-def multiscale(intrinsics: Intrinsics) -> IpBasic:
+def multiscale() -> IpBasic:
     """Create the multi-scale variant."""
-    return IpBasic(intrinsics, completion=Multiscale())
+    return IpBasic(completion=Multiscale())
 
 
 def _dilated_by_range(inverted_m: FloatImage, depth_m: FloatImage) -> FloatImage:

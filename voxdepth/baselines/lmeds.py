@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ..errors import ConfigError
 from ..types import CorrectedDepth, FloatImage, Frame, Intrinsics, MaskImage
-from .inferred import inferred
+from .single_frame import labelled
 
 Samples = npt.NDArray[np.float32]
 
@@ -74,7 +74,7 @@ class LMedS:
         for start in range(0, examined.size, TILE):
             at = examined[start : start + TILE]
             depth_m.flat[at] = self._estimated(depth_m.flat[at], self._samples(history_m, at))
-        return inferred(frame, depth_m)
+        return labelled(frame, depth_m)
 
     def reset(self) -> None:
         """Forget the last frames."""

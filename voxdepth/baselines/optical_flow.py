@@ -1,11 +1,11 @@
-"""A temporal filter that follows the image: the previous corrected depth is moved by dense optical flow.
+"""Dense optical flow by interchangeable methods (paper, RQ4), and a temporal filter that follows it.
 
-In the manner of the temporal depth filters that the paper cites (Matyunin et al. 2011, Avetisyan et al. 2016). It
-follows moving things, too, but knows nothing of how depth itself changes on the way.
+The filter moves the previous corrected depth by the flow, like the temporal filters that the paper cites (Matyunin et
+al. 2011, Avetisyan et al. 2016). It follows moving objects, but not the change of their depth.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -13,17 +13,158 @@ import numpy.typing as npt
 
 from ..errors import ConfigError
 from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
-from .flows import Dis, Flow, FlowImage
-from .inferred import inferred
+from .single_frame import labelled
 
+FlowImage = npt.NDArray[np.float32]
+
+DIS_SMALLEST_PX = 96
+"""Smaller images get a border: OpenCV refuses those below 12 pixels, and crashes on some that are long and narrow."""
+NEIGHBOURS = np.array([[1, 2, 1], [2, 0, 2], [1, 2, 1]], np.float32) / 12
+"""Weights of the local mean in Horn and Schunck's iteration."""
 MAX_CIRCLE_PX = 1.0
 """Flow there and back may miss its start by this; farther off, one of the two is wrong or the point is hidden."""
-
-
 LAST_PX = 32767
 """Columns and rows are given to OpenCV in 16 bits."""
 
 AgeImage = npt.NDArray[np.int16]
+
+
+class Flow(Protocol):
+    """A method of dense optical flow."""
+
+    def between(self, start: GrayImage, end: GrayImage) -> FlowImage:
+        """Where each pixel of one image is in another, relative to itself.
+
+        Args:
+            start: Shape (H, W), uint8; not changed.
+            end: Shape (H, W), uint8; not changed.
+
+        Returns:
+            Columns and rows to go [px], shape (H, W, 2), float32, finite.
+        """
+
+
+class Dis:
+    """Inverse search of patches, then variational refinement: Kroeger et al. 2016, DOI 10.1007/978-3-319-46493-0_29."""
+
+    def __init__(self, *, preset: int = cv2.DISOPTICAL_FLOW_PRESET_FAST) -> None:
+        """A method with one of OpenCV's presets; the result depends a little on OpenCV's number of threads."""
+        self._dis = cv2.DISOpticalFlow.create(preset)
+
+    def between(self, start: GrayImage, end: GrayImage) -> FlowImage:
+        """See `Flow`."""
+        height, width = start.shape
+        flow_px: Any = self._dis.calc(_padded(start), _padded(end), None)  # type: ignore[call-overload]
+        return np.ascontiguousarray(flow_px[:height, :width])
+
+
+class Farneback:
+    """Polynomial expansion: Farneback 2003, DOI 10.1007/3-540-45103-X_50."""
+
+    def __init__(self, *, levels: int = 3, window_px: int = 15, iterations: int = 3) -> None:
+        """A method with a pyramid; a larger window is steadier and blurs the flow at edges.
+
+        Raises:
+            ConfigError: A number is below 1.
+        """
+        _require_positive(levels=levels, window_px=window_px, iterations=iterations)
+        self._levels, self._window_px, self._iterations = levels, window_px, iterations
+
+    def between(self, start: GrayImage, end: GrayImage) -> FlowImage:
+        """See `Flow`."""
+        flow_px: Any = cv2.calcOpticalFlowFarneback(
+            start, end, None, 0.5, self._levels, self._window_px, self._iterations, 5, 1.2, 0
+        )  # type: ignore[call-overload]
+        return np.asarray(flow_px, np.float32)
+
+
+class HornSchunck:
+    """Brightness constancy with a smooth flow: Horn and Schunck 1981, DOI 10.1016/0004-3702(81)90024-2.
+
+    The classical iteration, from coarse to fine in a pyramid because it sees one or two pixels far; at each level the
+    end is warped by the flow so far and the remainder is estimated.
+    """
+
+    def __init__(self, *, levels: int = 3, iterations: int = 30, alpha_gray: float = 8.0) -> None:
+        """A method with a pyramid.
+
+        Args:
+            levels: Images of it, each half as large; one more doubles the motion that can be followed.
+            iterations: Of each level; more carry the flow farther into blank areas.
+            alpha_gray: Weight of smoothness against brightness [gray values per pixel]; more is smoother.
+
+        Raises:
+            ConfigError: A number is out of range.
+        """
+        _require_positive(levels=levels, iterations=iterations, alpha_gray=alpha_gray)
+        self._levels, self._iterations, self._alpha_gray = levels, iterations, np.float32(alpha_gray)
+
+    def between(self, start: GrayImage, end: GrayImage) -> FlowImage:
+        """See `Flow`."""
+        pyramid = [(_smooth(start), _smooth(end))]
+        while len(pyramid) < self._levels and min(pyramid[-1][0].shape) >= 2:
+            pyramid.append((_halved(pyramid[-1][0]), _halved(pyramid[-1][1])))
+        flow_px = np.zeros((*pyramid[-1][0].shape, 2), np.float32)
+        for start_level, end_level in reversed(pyramid):
+            flow_px = self._refined(_enlarged(flow_px, start_level.shape), start_level, end_level)
+        return flow_px
+
+    def _refined(self, flow_px: FlowImage, start: FloatImage, end: FloatImage) -> FlowImage:
+        """A better flow [px], shape (h, w, 2), of one level."""
+        arrived = _warped(end, flow_px)
+        slopes = [cv2.Sobel(0.5 * (start + arrived), cv2.CV_32F, *axis, scale=1 / 8) for axis in ((1, 0), (0, 1))]
+        flows: list[Any] = [np.ascontiguousarray(flow_px[..., axis]) for axis in (0, 1)]
+        rest = arrived - start  # the brightness that no flow at all would leave
+        for slope, flow in zip(slopes, flows, strict=True):
+            rest -= slope * flow
+        stiffness = self._alpha_gray**2 + slopes[0] * slopes[0] + slopes[1] * slopes[1]
+        pulls = [slope / stiffness for slope in slopes]
+        excess, term = np.empty_like(rest), np.empty_like(rest)
+        for _ in range(self._iterations):
+            np.copyto(excess, rest)
+            for slope, flow in zip(slopes, flows, strict=True):
+                cv2.filter2D(flow, -1, NEIGHBOURS, dst=flow, borderType=cv2.BORDER_REPLICATE)
+                np.add(excess, np.multiply(slope, flow, out=term), out=excess)
+            for pull, flow in zip(pulls, flows, strict=True):
+                np.subtract(flow, np.multiply(pull, excess, out=term), out=flow)
+        return np.stack(flows, axis=2)
+
+
+def _require_positive(**numbers: float) -> None:
+    for name, number in numbers.items():
+        if not 0 < number < np.inf:
+            raise ConfigError(f"{name} must be positive, got {number}")
+
+
+def _padded(gray: GrayImage) -> GrayImage:
+    """At least as large as DIS asks for, by repeating the last row and column."""
+    below, right = (max(DIS_SMALLEST_PX - side, 0) for side in gray.shape)
+    return np.pad(gray, ((0, below), (0, right)), mode="edge") if below or right else gray
+
+
+def _smooth(gray: GrayImage) -> FloatImage:
+    return cv2.GaussianBlur(gray.astype(np.float32), (5, 5), 0.8)  # type: ignore[return-value]
+
+
+def _halved(image: FloatImage) -> FloatImage:
+    """Half as large, rounded up."""
+    return cv2.pyrDown(image)  # type: ignore[return-value]
+
+
+def _enlarged(flow_px: FlowImage, shape: tuple[int, ...]) -> FlowImage:
+    """The flow of a level in the pixels of the next finer one, shape (*shape, 2); of the same one, itself."""
+    height, width = shape
+    factor = np.array([width / flow_px.shape[1], height / flow_px.shape[0]], np.float32)
+    larger: Any = cv2.resize(flow_px, (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(larger * factor, np.float32)
+
+
+def _warped(end: FloatImage, flow_px: FlowImage) -> FloatImage:
+    """The end as seen from the start, shape (h, w): each pixel shows what it flows to."""
+    height, width = end.shape
+    col = np.arange(width, dtype=np.float32) + flow_px[..., 0]
+    row = np.arange(height, dtype=np.float32)[:, None] + flow_px[..., 1]
+    return cv2.remap(end, col, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,7 +227,7 @@ class FlowFilter:
         depth_m = self._blended(frame.depth_m, moved_m)
         age[frame.depth_m > 0] = 0
         self._memory = _Memory(gray=frame.gray.copy(), depth_m=depth_m.copy(), age=age)
-        return inferred(frame, depth_m)
+        return labelled(frame, depth_m)
 
     def reset(self) -> None:
         """Forget the last frame."""

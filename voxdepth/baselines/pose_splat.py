@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ..errors import ConfigError, FrameError
 from ..geometry import PointArray, back_project, inverse_rigid, transform
 from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, Intrinsics
-from .inferred import inferred
+from .single_frame import labelled
 
 Indices = npt.NDArray[np.intp]
 
@@ -97,7 +97,7 @@ class PoseSplat:
             anchor=transform(inverse_rigid(T_cam_anchor), points_cam), age=np.zeros(len(points_cam), np.uint64)
         )
         self._memory = measured.followed_by(known.at(winner[kept]))
-        return inferred(frame, np.where(frame.depth_m > 0, frame.depth_m, moved_m))
+        return labelled(frame, np.where(frame.depth_m > 0, frame.depth_m, moved_m))
 
     def reset(self) -> None:
         """Forget the last frames."""

@@ -7,7 +7,7 @@ import numpy.typing as npt
 import warp as wp
 from pydantic import Field, model_validator
 
-from ..devices import quiet_warp
+from ..devices import load_kernels
 from ..geometry import PointArray, RayMap
 from ..model import Model
 from ..types import FloatArray, FloatImage, Intrinsics
@@ -72,8 +72,7 @@ class VoxelGrid:
 
     def __init__(self, config: VoxelConfig) -> None:
         self.config = config
-        quiet_warp()
-        wp.load_module(kernels, device="cpu")
+        load_kernels(kernels, "cpu")
         self.words: Words = np.zeros(config.n_words, np.uint32)
 
     def clear(self) -> None:

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from ..devices import load_kernels
 from ..geometry import RayMap
 from ..types import FloatArray, FloatImage, GrayImage, Intrinsics
 from . import image_kernels, kernels
@@ -18,7 +19,7 @@ class WarpSteps:
 
     def __init__(self, intrinsics: Intrinsics, config: PaperConfig, *, device: str) -> None:
         for module in (kernels, image_kernels):
-            wp.load_module(module, device=device)
+            load_kernels(module, device)
         self._intrinsics = intrinsics
         self._config = config
         self._device = device

@@ -1,0 +1,358 @@
+"""The post-processing filters of librealsense: disparity, spatial, temporal, depth, hole filling.
+
+Parameters, neighbours, borders and rounding are those of librealsense 2.59 (`src/proc`); the tests compare the results
+bit by bit with it.
+"""
+
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+from pydantic import Field
+
+from ..devices import load_kernels
+from ..errors import ConfigError
+from ..model import Model
+from ..paper import kernels
+from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics, MaskImage
+from . import realsense_kernels
+from .single_frame import SingleFrameFilter, labelled
+
+STEPS_PER_PX = 32
+"""The SDK counts disparity in these."""
+LARGEST_UNITS = 2**16 - 1
+"""Depth has 16 bits in the SDK."""
+HISTORY_FRAMES = 8
+"""A pixel's past is one bit per frame, the last one lowest."""
+
+HoleFillName = Literal["left", "farthest", "nearest"]
+Holes = npt.NDArray[np.int32]
+HoleFill = Callable[[FloatImage], FloatImage]
+
+
+class SpatialFilter(Model):
+    """Recursive smoothing along rows and columns that stops at edges, forwards and backwards, repeated.
+
+    It is the recursive filter of the domain transform (Gastal and Oliveira 2011, DOI 10.1145/2010324.1964964) with an
+    edge threshold instead of a weight by distance.
+    """
+
+    alpha: float = Field(0.5, ge=0.25, le=1)
+    """Weight of a pixel against what came before it. 1 changes nothing, less smooths more."""
+    delta: int = Field(20, ge=1, le=50)
+    """Step between neighbours that is an edge, in 1/32 px of disparity. More smooths over larger steps."""
+    iterations: int = Field(2, ge=1, le=5)
+    """How often rows and columns are gone through. More smooths wider."""
+
+    def smooth(self, disparity: FloatImage) -> FloatImage:
+        """A smoothed copy of disparity [1/32 px], shape (H, W); holes (0) stay, and nothing is mixed across them."""
+        rows = np.array(disparity, order="C")
+        cols = np.empty(rows.shape[::-1], np.float32)
+        for _ in range(self.iterations):
+            smooth_rows_warp(rows, alpha=self.alpha, delta=self.delta)
+            cv2.transpose(rows, dst=cols)
+            smooth_rows_warp(cols, alpha=self.alpha, delta=self.delta)
+            cv2.transpose(cols, dst=rows)
+        return rows
+
+
+def smooth_rows_warp(image: FloatImage, *, alpha: float, delta: float) -> None:
+    """Smooth each row of a contiguous image to the right and then to the left, in place, by the Warp kernel."""
+    wp.launch(
+        realsense_kernels.smooth_rows,
+        len(image),
+        inputs=[alpha, delta],
+        outputs=[kernels.view(image, wp.float32)],
+        device="cpu",
+    )
+
+
+def smooth_rows_numpy(image: FloatImage, *, alpha: float, delta: float) -> None:
+    """Smooth each row of an image to the right and then to the left, in place: the twin of `smooth_rows_warp`."""
+    weight = np.float32(alpha)
+    for cols in (image.T, image.T[::-1]):
+        state = before = cols[0].copy()
+        for col in cols[1:]:
+            value = col.copy()
+            near = (before > 0) & (value > 0) & (np.abs(before - value) < delta)
+            state = np.where(near, value * weight + state * (np.float32(1) - weight), value)
+            col[:] = state
+            before = value
+
+
+class Persistence(NamedTuple):
+    """When a hole is filled by the last mean: `valid` of the last `frames` frames had a depth that agreed."""
+
+    valid: int
+    frames: int
+
+
+PERSISTENCES = (
+    Persistence(1, 0),  # never
+    Persistence(8, 8),
+    Persistence(2, 3),
+    Persistence(2, 4),
+    Persistence(2, 8),
+    Persistence(1, 2),
+    Persistence(1, 5),
+    Persistence(1, 8),
+    Persistence(0, 0),  # always
+)
+"""The SDK's, by its number."""
+
+
+class TemporalConfig(Model):
+    """Parameters of `TemporalFilter`; the defaults are the SDK's."""
+
+    alpha: float = Field(0.4, ge=0, le=1)
+    """Weight of the new frame. 1 changes nothing, less smooths longer."""
+    delta: int = Field(20, ge=1, le=100)
+    """Step from the mean that starts it anew, in 1/32 px of disparity. More smooths over larger changes."""
+    persistence: int = Field(3, ge=0, le=8)
+    """Number of one of `PERSISTENCES`: 0 fills no hole, 3 where 2 of the last 4 frames had a depth, 8 wherever there
+    ever was one."""
+
+
+class TemporalFilter:
+    """Running mean of each pixel of a stream of images; it restarts at edges and fills short holes.
+
+    It does not compensate for the motion of the camera.
+
+    Args:
+        config: Parameters; None for those of the SDK.
+    """
+
+    def __init__(self, config: TemporalConfig | None = None) -> None:
+        self._config = config or TemporalConfig()
+        self._persists = persisting(PERSISTENCES[self._config.persistence])
+        self._mean: FloatImage | None = None
+        self._history: GrayImage = np.empty((0, 0), np.uint8)
+
+    def reset(self) -> None:
+        """Forget the stream."""
+        self._mean = None
+
+    def smooth(self, disparity: FloatImage) -> FloatImage:
+        """The mean of a new image and the past where both agree, the new value where they do not.
+
+        Args:
+            disparity: In 1/32 px, shape (H, W); 0 = invalid.
+
+        Returns:
+            Disparity [1/32 px], shape (H, W). A hole takes the last mean if that persists, and else stays.
+        """
+        if self._mean is None:
+            self._mean = np.zeros_like(disparity)
+            self._history = np.zeros(disparity.shape, np.uint8)
+        alpha = np.float32(self._config.alpha)
+        valid = disparity > 0
+        agrees = valid & (self._mean > 0) & (np.abs(disparity - self._mean) < self._config.delta)
+        renewed = np.where(agrees, alpha * disparity + (np.float32(1) - alpha) * self._mean, disparity)
+        self._mean = np.where(valid, renewed, self._mean)
+        persists = self._persists[self._history]
+        self._history <<= 1
+        self._history |= valid
+        self._history[valid & ~agrees] = 1
+        return np.where(valid | persists, self._mean, np.float32(0))
+
+
+def persisting(persistence: Persistence) -> MaskImage:
+    """Whether a mean persists, by the history of its pixel, shape (256,)."""
+    past = np.arange(2**HISTORY_FRAMES) & (2**persistence.frames - 1)
+    persists: MaskImage = np.bitwise_count(past) >= persistence.valid
+    return persists
+
+
+class RealSenseHoles(SingleFrameFilter):
+    """Fills holes as librealsense's `hole_filling_filter` does; a measured depth stays.
+
+    Args:
+        fill: `left` is mode 0, which the paper describes, `farthest` mode 1, the SDK's default, `nearest` mode 2.
+
+    Raises:
+        ConfigError: There is no such mode.
+    """
+
+    def __init__(self, *, fill: HoleFillName = "farthest") -> None:
+        load_kernels(realsense_kernels, "cpu")
+        self._fill = hole_fill(fill)
+
+    def filtered(self, depth_m: FloatImage) -> FloatImage:
+        """See `SingleFrameFilter`."""
+        return self._fill(depth_m)
+
+
+def fill_from_left(depth_m: FloatImage) -> FloatImage:
+    """Mode 0: a hole takes the nearest depth to its left; without one it stays.
+
+    Args:
+        depth_m: Depth [m], shape (H, W); 0 = invalid.
+    """
+    col = np.arange(depth_m.shape[1], dtype=np.int32)
+    from_col = np.maximum.accumulate(np.where(depth_m > 0, col, np.int32(0)), axis=1)
+    return np.take_along_axis(depth_m, from_col, axis=1)
+
+
+def fill_farthest(depth_m: FloatImage) -> FloatImage:
+    """Mode 1: a hole takes the largest of the depths above, above left, left, below left and below.
+
+    The first and the last row and the first column stay as they are, as in the SDK.
+
+    Args:
+        depth_m: Depth [m], shape (H, W); 0 = invalid.
+    """
+    return _filled(depth_m, realsense_kernels.fill_farthest)
+
+
+def fill_nearest(depth_m: FloatImage) -> FloatImage:
+    """Mode 2: a hole takes the smallest valid of the same five depths, but stays if the one above is invalid.
+
+    The first and the last row and the first column stay as they are, as in the SDK.
+
+    Args:
+        depth_m: Depth [m], shape (H, W); 0 = invalid.
+    """
+    return _filled(depth_m, realsense_kernels.fill_nearest)
+
+
+_FILLS: dict[str, HoleFill] = {"left": fill_from_left, "farthest": fill_farthest, "nearest": fill_nearest}
+
+
+def hole_fill(name: str) -> HoleFill:
+    """The mode of that name.
+
+    Raises:
+        ConfigError: There is none.
+    """
+    if name not in _FILLS:
+        raise ConfigError(f"there is no hole filling {name!r}; choose one of: {', '.join(_FILLS)}")
+    return _FILLS[name]
+
+
+def _filled(depth_m: FloatImage, kernel: Any) -> FloatImage:
+    """A copy whose holes the kernel has filled in raster order."""
+    filled_m = np.array(depth_m, order="C")
+    holes = holes_in_order(depth_m)
+    if holes.size:
+        wp.launch(
+            kernel,
+            1,
+            inputs=[kernels.view(holes, wp.int32), depth_m.shape[1]],
+            outputs=[kernels.view(filled_m.reshape(-1), wp.float32)],
+            device="cpu",
+        )
+    return filled_m
+
+
+def holes_in_order(depth_m: FloatImage) -> Holes:
+    """Flat numbers of the invalid pixels that have all five neighbours, in raster order."""
+    hole = depth_m == 0
+    hole[[0, -1]] = False
+    hole[:, 0] = False
+    return np.flatnonzero(hole).astype(np.int32)
+
+
+def fill_farthest_numpy(depth_m: FloatImage) -> FloatImage:
+    """The twin of the kernel of `fill_farthest`."""
+    return _filled_numpy(depth_m, lambda around_m: around_m.max())
+
+
+def fill_nearest_numpy(depth_m: FloatImage) -> FloatImage:
+    """The twin of the kernel of `fill_nearest`."""
+    return _filled_numpy(depth_m, lambda around_m: around_m[around_m > 0].min() if around_m[0] > 0 else around_m[0])
+
+
+def _filled_numpy(depth_m: FloatImage, chosen: Callable[[FloatImage], np.float32]) -> FloatImage:
+    """A copy whose holes are filled in raster order by what is chosen of the neighbours, the one above first."""
+    width = depth_m.shape[1]
+    filled_m = depth_m.flatten()
+    for at in holes_in_order(depth_m):
+        filled_m[at] = chosen(filled_m[at + np.array([-width, -width - 1, -1, width - 1, width])])
+    return filled_m.reshape(depth_m.shape)
+
+
+class RealSenseChain:
+    """librealsense's filters in the order that its documentation recommends, each with the SDK's parameters.
+
+    Depth is rounded to the camera's units, as the SDK has it in 16 bits: depths beyond the largest (65.5 m in
+    millimetres) are cut to that, those below half a unit are invalid. Measured pixels change, too.
+
+    Args:
+        intrinsics: Of the camera, with the baseline; every frame must have its shape.
+        spatial: The spatial filter.
+        temporal: Parameters of the temporal filter.
+        fill: Mode of the hole filling.
+        units_per_m: Steps of the depth in a metre.
+
+    Raises:
+        ConfigError: The baseline is not known, there is no such hole filling, or the units are not positive.
+    """
+
+    uses_gray = False
+
+    def __init__(
+        self,
+        intrinsics: Intrinsics,
+        *,
+        spatial: SpatialFilter | None = None,
+        temporal: TemporalConfig | None = None,
+        fill: HoleFillName = "farthest",
+        units_per_m: float = 1000.0,
+    ) -> None:
+        if not 0 < units_per_m < np.inf:
+            raise ConfigError(f"units_per_m must be positive and finite (1000 for millimetres), got {units_per_m}")
+        load_kernels(realsense_kernels, "cpu")
+        self._shape = intrinsics.shape
+        self._units_per_m = np.float32(units_per_m)
+        self._factor = disparity_factor(intrinsics, units_per_m)
+        self._spatial = spatial or SpatialFilter()
+        self._temporal = TemporalFilter(temporal)
+        self._fill = hole_fill(fill)
+
+    def process(self, frame: Frame) -> CorrectedDepth:
+        """The smoothed and filled frame; filled pixels, also those that the past filled, have source INPAINTED.
+
+        Raises:
+            FrameError: The frame does not have the camera's shape.
+        """
+        frame.require_shape(self._shape)
+        disparity = self._divided(self._rounded(frame.depth_m))
+        disparity = self._spatial.smooth(disparity)
+        disparity = self._temporal.smooth(disparity)
+        units = self._divided(disparity)
+        units += np.float32(0.5)
+        np.floor(units, out=units)
+        units /= self._units_per_m
+        return labelled(frame, self._fill(units))
+
+    def reset(self) -> None:
+        """Forget the stream."""
+        self._temporal.reset()
+
+    def _rounded(self, depth_m: FloatImage) -> FloatImage:
+        """Depth [units] that 16 bits can hold."""
+        units: FloatImage = np.minimum(depth_m, LARGEST_UNITS / self._units_per_m)
+        units *= self._units_per_m
+        return np.rint(units, out=units)
+
+    def _divided(self, image: FloatImage) -> FloatImage:
+        """Depth [units] of disparity [1/32 px], and the other way round; 0 stays 0."""
+        return np.divide(self._factor, image, out=np.zeros_like(image), where=image > 0)
+
+
+def disparity_factor(intrinsics: Intrinsics, units_per_m: float) -> np.float32:
+    """Product of depth [units] and disparity [1/32 px], in the SDK's single precision.
+
+    Raises:
+        ConfigError: The baseline is not known.
+    """
+    if intrinsics.baseline_m is None:
+        raise ConfigError(
+            "the RealSense filters work on disparity and need the stereo baseline; name it as baseline_m of the "
+            "intrinsics (0.095 for a D455, 0.05 for a D435)"
+        )
+    baseline_m = np.float32(intrinsics.baseline_m * 1000) * np.float32(0.001)  # cameras report it in millimetres
+    return baseline_m * np.float32(intrinsics.fx_px) * np.float32(STEPS_PER_PX) / np.float32(1 / units_per_m)

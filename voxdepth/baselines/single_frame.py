@@ -1,0 +1,150 @@
+"""Baselines that correct every frame by itself: the raw depth, a median, OpenCV's inpainting, the authors' maximum."""
+
+from abc import ABC, abstractmethod
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from ..errors import ConfigError
+from ..types import CorrectedDepth, FloatImage, Frame, Source
+
+SIZES_PX = (3, 5)
+"""Windows of the median."""
+AUTHORS_MEDIAN_PX = 5
+AUTHORS_NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (0, -1), (1, -1))
+"""Shifts (rows, columns) of the neighbours on the left, above, above left, on the right, and above right."""
+InpaintingName = Literal["telea", "navier_stokes"]
+
+INPAINTING: dict[InpaintingName, int] = {"telea": cv2.INPAINT_TELEA, "navier_stokes": cv2.INPAINT_NS}
+"""Telea 2004 (DOI 10.1080/10867651.2004.10487596) and Bertalmio et al. 2001 (DOI 10.1109/CVPR.2001.990497)."""
+
+NEAREST_M = 0.1
+"""Depths below this count as this where they are spread: they set the finest step of everything else."""
+FULL_SCALE = 65535
+"""16-bit images are inpainted as they are; of float32 ones OpenCV rounds what it fills to integers."""
+CONFIDENCE_INPAINTED = 0.5
+"""Confidence of a depth that the sensor did not measure: between a measured one (1) and none (0)."""
+
+
+def labelled(frame: Frame, depth_m: FloatImage) -> CorrectedDepth:
+    """Derive source and confidence from the depth alone.
+
+    Args:
+        frame: The frame that was corrected.
+        depth_m: The corrected depth [m], shape (H, W), float32, 0 = invalid; kept, so not the frame's own array.
+
+    Returns:
+        Source SENSOR and confidence 1 where both have a depth, INPAINTED and 0.5 where only the result has one, INVALID
+        and 0 elsewhere, also where a filter took the frame's depth away.
+    """
+    seen, valid = frame.depth_m > 0, depth_m > 0
+    source = np.where(seen, np.uint8(Source.SENSOR), np.uint8(Source.INPAINTED))
+    confidence = np.where(seen, np.float32(1), np.float32(CONFIDENCE_INPAINTED))
+    source *= valid
+    confidence *= valid
+    return CorrectedDepth(depth_m=depth_m, source=source, confidence=confidence)
+
+
+class SingleFrameFilter(ABC):
+    """Corrects every frame by itself and without its gray image."""
+
+    uses_gray = False
+
+    @abstractmethod
+    def filtered(self, depth_m: FloatImage) -> FloatImage:
+        """Corrected depth [m], shape (H, W), in a new array; 0 = invalid."""
+
+    def process(self, frame: Frame) -> CorrectedDepth:
+        """Correct a frame; a pixel that gains a depth has source INPAINTED."""
+        return labelled(frame, self.filtered(frame.depth_m))
+
+    def reset(self) -> None:  # noqa: B027
+        """Do nothing, since there is no state."""
+
+
+class Raw(SingleFrameFilter):
+    """Returns every frame unchanged."""
+
+    def filtered(self, depth_m: FloatImage) -> FloatImage:
+        """See `SingleFrameFilter`."""
+        return depth_m.copy()
+
+
+class Median(SingleFrameFilter):
+    """Every pixel takes the median of its window: paper, Eq. median. Invalid pixels count as 0, borders repeat.
+
+    Holes that fill less than half a window are closed, and depths that fill less than half of one are lost.
+
+    Args:
+        size_px: Width of the window, 3 or 5. More smooths more.
+
+    Raises:
+        ConfigError: The window has another width.
+    """
+
+    def __init__(self, *, size_px: Literal[3, 5] = 5) -> None:
+        if size_px not in SIZES_PX:
+            raise ConfigError(f"the median's size_px must be 3 or 5, got {size_px}")
+        self._size_px = size_px
+
+    def filtered(self, depth_m: FloatImage) -> FloatImage:
+        """See `SingleFrameFilter`."""
+        return cv2.medianBlur(depth_m, self._size_px)  # type: ignore[return-value]
+
+
+class AuthorsMax(SingleFrameFilter):
+    """The "RealSense" of the paper's authors, named so, for comparison with their figures. It is not librealsense's.
+
+    Their `utils/realsenseHoleFilling.py` (repository Akanksha-Dixit/Voxdepthcode) takes a 5 x 5 median and then gives
+    every pixel, measured or not, the maximum of its neighbours on the left, on the right and in the row above, its own
+    value left out. librealsense looks below instead of to the right, only fills holes, and has no median. As there, the
+    first row and column take their missing neighbours from the opposite side, and the last row and column, where the
+    authors leave their marker of invalid pixels, are invalid.
+    """
+
+    def filtered(self, depth_m: FloatImage) -> FloatImage:
+        """See `SingleFrameFilter`."""
+        median_m: FloatImage = cv2.medianBlur(depth_m, AUTHORS_MEDIAN_PX)  # type: ignore[assignment]
+        largest_m = np.zeros_like(median_m)
+        for shift in AUTHORS_NEIGHBOURS:
+            np.maximum(largest_m, np.roll(median_m, shift, axis=(0, 1)), out=largest_m)
+        largest_m[-1] = 0
+        largest_m[:, -1] = 0
+        return largest_m
+
+
+class OpenCvInpaint(SingleFrameFilter):
+    """Fills every hole from its rim; valid pixels stay.
+
+    Works on the inverse of depth, in which stereo errors are alike at any range, with the nearest depth of a frame as
+    the largest of 16 bits: one step is 0.2 mm at 2 m and 11 mm at 15 m if that nearest depth is 0.3 m.
+    """
+
+    def __init__(self, *, method: InpaintingName = "telea", radius_px: float = 3.0) -> None:
+        """Create the filter.
+
+        Args:
+            method: `telea` marches inwards with weighted means, `navier_stokes` goes on along lines of equal depth.
+            radius_px: Neighbourhood of a pixel that is filled; a larger one is smoother and slower.
+
+        Raises:
+            ConfigError: There is no such method, or the radius is not positive.
+        """
+        if method not in INPAINTING:
+            raise ConfigError(f"expected one of the inpainting methods {', '.join(INPAINTING)}, got {method!r}")
+        if not 0 < radius_px < np.inf:
+            raise ConfigError(f"radius_px must be positive, got {radius_px}")
+        self._method = INPAINTING[method]
+        self._radius_px = radius_px
+
+    def filtered(self, depth_m: FloatImage) -> FloatImage:
+        """See `SingleFrameFilter`; an image without any valid pixel stays as it is."""
+        valid = depth_m > 0
+        if valid.all() or not valid.any():
+            return depth_m.copy()
+        scale_m = np.float32(FULL_SCALE) * max(depth_m[valid].min(), np.float32(NEAREST_M))
+        inverse = np.where(valid, scale_m / np.maximum(depth_m, np.float32(NEAREST_M)), np.float32(0))
+        holed = np.rint(np.clip(inverse, 1, FULL_SCALE)).astype(np.uint16)
+        whole = cv2.inpaint(holed, (~valid).astype(np.uint8), self._radius_px, self._method)
+        return np.where(valid, depth_m, scale_m / np.maximum(whole, 1).astype(np.float32))
