@@ -13,11 +13,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from voxdepth.datasets.dataset import Dataset
 
 from scenarios.evaluation.sources import shadows
 from voxdepth import Frame, Intrinsics, create_corrector
-from voxdepth.datasets import open_dataset
+from voxdepth.datasets import Dataset, open_dataset
 
 LARGEST_M = 20.0
 """Removed pixels beyond this depth do not count."""
