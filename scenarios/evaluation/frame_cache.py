@@ -40,7 +40,6 @@ class FrameCache:
             self._frames = index + 1
 
     def __len__(self) -> int:
-        """Number of frames."""
         return self._frames
 
     def __getitem__(self, index: int) -> EvaluationFrame:

@@ -75,7 +75,7 @@ def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
 def paper_table(evaluation: Evaluation, quantity: Quantity) -> Table:
     """Return a table with one row per sequence and one column per method, beside the numbers that the paper prints."""
     texts, classes, counts = _texts(evaluation, quantity)
-    published = paper.PUBLISHED.get(quantity.metrics[0], {})
+    published = paper.PUBLISHED.get(quantity.selectors[0].metric, {})
     names = [f"{method} (paper)" for method in paper.METHODS if published]
     rows: list[list[Value]] = []
     marks: list[list[str]] = []

@@ -55,21 +55,26 @@ class Key(Model):
         return ""
 
 
-class Result(Model):
-    """The result of one method on one sequence."""
+class Scores(Model):
+    """What was measured of one method on one sequence."""
 
     model_config = ConfigDict(allow_inf_nan=True, ser_json_inf_nan="constants")
+
+    measurements: tuple[Measurement, ...] = ()
+    frame_psnrs_db: tuple[float | None, ...] = ()
+    """PSNR of every frame after completion, peak 65535 mm [dB]; None if it is undefined."""
+    thumbnail: str = ""
+    """Depth of the last frame, as `encoded_thumbnail` gives it."""
+
+
+class Result(Scores):
+    """The result of one method on one sequence."""
 
     key: Key
     error: str | None = None
     """Why there are no measurements; None if there are."""
     replaced: str | None = None
     """Why an older result was discarded; None if there was none."""
-    measurements: tuple[Measurement, ...] = ()
-    frame_psnrs_db: tuple[float | None, ...] = ()
-    """PSNR of every frame after completion, peak 65535 mm [dB]; None if it is undefined."""
-    thumbnail: str = ""
-    """Depth of the last frame, as `encoded_thumbnail` gives it."""
 
 
 class SequenceInfo(Model):

@@ -3,7 +3,8 @@
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -13,38 +14,27 @@ from voxdepth.types import DepthCorrector, FloatImage, Frame, GrayImage, Intrins
 from .groups import Groups
 from .measurements import FRAMES, Measurement
 from .methods import Method
-from .result_cache import encoded_thumbnail
+from .result_cache import Scores, encoded_thumbnail
 from .scoring import Score
 from .sources import EvaluationFrame, Frames
 
 SEED, SHAPE = 0, (360, 640)
 REPEATS = 30
 WINDOW_PX = 5
+WORKLOAD_PHASES = ("before", "during", "after")
+"""When the reference workload is timed, relative to a run."""
 
 
 class MethodError(Exception):
     """A method could not be made or closed, or gave no valid depth; the message says what it gave."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Output:
+class Output(NamedTuple):
     """The scored part of a method's output for a frame; images have the shape (H, W)."""
 
     depth_m: FloatImage
     confidence: FloatImage | None
-    """None if the method gives none."""
     source: GrayImage | None
-    """None if the method gives none."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Run:
-    """What was measured of a method on a sequence."""
-
-    measurements: tuple[Measurement, ...]
-    frame_psnrs_db: tuple[float | None, ...]
-    thumbnail: str
-    """Depth of the last frame, see `encoded_thumbnail`."""
 
 
 class ReferenceWorkload:
@@ -55,18 +45,18 @@ class ReferenceWorkload:
 
     def __init__(self) -> None:
         self._noise = np.random.default_rng(SEED).integers(0, 1 << 16, SHAPE, dtype=np.uint16)
-        self._times_s: dict[str, list[float]] = {"before": [], "during": [], "after": []}
+        self._times_s: dict[str, list[float]] = {phase: [] for phase in WORKLOAD_PHASES}
         self._time_s()
 
-    def time(self, when: str, repeats: int = 1) -> None:
-        """Time the computation `before`, `during` or `after` a run."""
-        self._times_s[when] += [self._time_s() for _ in range(repeats)]
+    def time(self, phase: str, repeats: int = 1) -> None:
+        """Time the computation in one of `WORKLOAD_PHASES`."""
+        self._times_s[phase] += [self._time_s() for _ in range(repeats)]
 
     def measurements(self, latency_ms: float) -> Iterator[Measurement]:
         """Yield the median times, and a median latency as a multiple of the median time during the run."""
-        medians_ms = {when: 1e3 * float(np.median(times_s)) for when, times_s in self._times_s.items()}
-        for when, time_ms in medians_ms.items():
-            yield _of_frames(f"reference_workload_{when}", time_ms, "ms", len(self._times_s[when]))
+        medians_ms = {phase: 1e3 * float(np.median(times_s)) for phase, times_s in self._times_s.items()}
+        for phase, time_ms in medians_ms.items():
+            yield _of_frames(f"reference_workload_{phase}", time_ms, "ms", len(self._times_s[phase]))
         multiple, n = latency_ms / medians_ms["during"], len(self._times_s["during"])
         yield _of_frames("latency_p50_workloads", multiple, "workloads", n)
 
@@ -76,7 +66,7 @@ class ReferenceWorkload:
         return time.perf_counter() - start
 
 
-def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) -> Run:
+def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) -> Scores:
     """Run a method on all frames in order, with OpenCV on one thread.
 
     Args:
@@ -99,11 +89,11 @@ def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) 
             frame = frames[index]
             output, time_s = _processed(corrector, _visible(frame, method), index)
             times_s.append(time_s)
-            score.add(frame, output.depth_m, output.confidence, output.source)
+            score.add(frame, *output)
             workload.time("during")
         background_s = _other_threads_s() - start_s
     workload.time("after", REPEATS)
-    return Run(
+    return Scores(
         measurements=(*score.measurements(), *_latencies(times_s, background_s, workload)),
         frame_psnrs_db=score.frame_psnrs_db,
         thumbnail=encoded_thumbnail(output.depth_m),
@@ -187,7 +177,7 @@ def _processed(corrector: DepthCorrector, frame: Frame, index: int) -> tuple[Out
     problem = _depth_problem(depth_m, shape) or _confidence_problem(confidence, shape) or _source_problem(source, shape)
     if problem or depth_m is None:
         raise MethodError(f"frame {index}: {problem}")
-    return Output(depth_m=depth_m, confidence=confidence, source=source), time_s
+    return Output(depth_m, confidence, source), time_s
 
 
 def _depth_problem(depth_m: object, shape: tuple[int, ...]) -> str:

@@ -63,13 +63,9 @@ class EvaluationFrame:
 class Frames(Protocol):
     """Frames that can be read repeatedly."""
 
-    def __len__(self) -> int:
-        """Number of frames."""
-        ...
+    def __len__(self) -> int: ...
 
-    def __getitem__(self, index: int) -> EvaluationFrame:
-        """Read one frame."""
-        ...
+    def __getitem__(self, index: int) -> EvaluationFrame: ...
 
 
 class FrameSource(Protocol):
@@ -81,9 +77,7 @@ class FrameSource(Protocol):
     seed: int | None
     """Seed of a rendered sequence; None for a measured one, or if it is unknown."""
 
-    def __len__(self) -> int:
-        """Number of frames."""
-        ...
+    def __len__(self) -> int: ...
 
     def digest(self, frames: int) -> str:
         """Return a SHA-256 of the contents of the first frames."""
@@ -111,7 +105,6 @@ class SimulatedSource:
         self._moving_ids = moving_ids(recording)
 
     def __len__(self) -> int:
-        """Number of frames."""
         return len(self._recording)
 
     def digest(self, frames: int) -> str:
@@ -141,7 +134,6 @@ class HeldOutSource:
         self._dataset = dataset
 
     def __len__(self) -> int:
-        """Number of frames."""
         return len(self._dataset)
 
     def digest(self, frames: int) -> str:

@@ -1,6 +1,6 @@
 """All methods on all sequences, one at a time; finished results are reused, and a failure stops nothing else."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,7 +8,7 @@ from hashlib import sha256
 from pathlib import Path
 from shutil import rmtree
 from tempfile import TemporaryDirectory
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from .measurements import Measurements
 from .methods import Method
 from .result_cache import Key, Result, ResultCache, SequenceInfo, encoded_thumbnail
 from .running import MethodError, run
-from .sources import EvaluationFrame, FrameSource, SimulatedSource, open_source
+from .sources import EvaluationFrame, Frames, FrameSource, SimulatedSource, open_source
 
 RECORDINGS = "recordings"
 """Folder of the shipped sequences, below that of the results."""
@@ -35,23 +35,6 @@ FRAME_CACHE = ".voxdepth-frames-"
 
 Progress = Callable[[str, int], None]
 """Called with the present activity and the number of finished results."""
-
-
-class Requested(Protocol):
-    """A sequence to compare methods on."""
-
-    @property
-    def name(self) -> str:
-        """Name of its results, unique among the sequences of a plan."""
-        ...
-
-    def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
-        """Open the sequence, and record it first if necessary.
-
-        Raises:
-            ScenarioError, SimError, VoxDepthError: The sequence cannot be opened or recorded.
-        """
-        ...
 
 
 @dataclass(frozen=True)
@@ -66,7 +49,11 @@ class Shipped:
         return self.planned.sequence.name
 
     def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
-        """Open its recording, which is made if there is none of the same configuration with enough frames."""
+        """Open its recording, which is made if there is none of the same configuration with enough frames.
+
+        Raises:
+            ScenarioError, SimError: The sequence cannot be recorded.
+        """
         digest = sha256(to_toml(self.planned).encode()).hexdigest()
         folder = out / RECORDINGS / f"{self.name}-{digest[:12]}"
         if not self._is_complete(folder, frames):
@@ -93,8 +80,16 @@ class Folder:
         return self.path.resolve().name
 
     def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
-        """Open the sequence in the folder."""
+        """Open the sequence in the folder.
+
+        Raises:
+            ScenarioError, SimError, VoxDepthError: The folder holds nothing readable.
+        """
         return open_source(self.path)
+
+
+Requested = Shipped | Folder
+"""A sequence to compare methods on. No two in a plan may have the same name."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,77 +223,53 @@ class _SequenceEvaluation:
         """Load or compute the description and, unless every result is finished, the frames."""
         self.info = self._cache.load_info(digest, frames) if is_finished else None
         if self.info is None:
-            observer = SequenceObserver(source, digest)
-            self._frames.fill(self._told(observer.observed(source.frames(frames)), frames))
-            self.info = observer.info()
+            self._frames.fill(self._told(source.frames(frames), frames))
+            self.info = describe(source, self._frames, digest)
             self._cache.store_info(self.info)
 
-    def _told(self, frames: Iterable[EvaluationFrame], total: int) -> Iterator[EvaluationFrame]:
+    def _told(self, frames: Iterator[EvaluationFrame], total: int) -> Iterator[EvaluationFrame]:
         for index, frame in enumerate(frames):
             self._tell(f"{self._requested.name}, references, frame {index + 1} of {total}")
             yield frame
 
     def _computed(self, source: FrameSource, method: Method, key: Key, replaced: str | None) -> Result:
         try:
-            done = run(method, self._frames, source.groups, source.intrinsics)
+            scores = run(method, self._frames, source.groups, source.intrinsics)
+            result = Result(key=key, replaced=replaced, **dict(scores))
         except (MethodError, ScenarioError) as error:
             result = Result(key=key, error=str(error), replaced=replaced)
-        else:
-            result = Result(
-                key=key,
-                replaced=replaced,
-                measurements=done.measurements,
-                frame_psnrs_db=done.frame_psnrs_db,
-                thumbnail=done.thumbnail,
-            )
         self._cache.store(result)
         return result
 
 
-class SequenceObserver:
-    """Counts the pixels of frames that pass, and describes the sequence in the end."""
-
-    def __init__(self, source: FrameSource, digest: str) -> None:
-        self._source, self._digest = source, digest
-        self._counts = np.zeros(256, np.int64)
-        self._occluded_shares: list[float] = []
-        self._frames = 0
-        self._last: EvaluationFrame | None = None
-
-    def observed(self, frames: Iterable[EvaluationFrame]) -> Iterator[EvaluationFrame]:
-        """Pass frames on."""
-        for frame in frames:
-            self._counts += np.bincount(frame.labels.ravel(), minlength=256)
-            if frame.occluded_share is not None:
-                self._occluded_shares.append(frame.occluded_share)
-            self._frames += 1
-            self._last = frame
-            yield frame
-
-    def info(self) -> SequenceInfo:
-        """Describe the frames that have passed, at least one."""
-        assert self._last is not None
-        source, reference_m = self._source, self._last.reference_m
-        groups, camera = source.groups, source.intrinsics
-        return SequenceInfo(
-            name=source.name,
-            digest=self._digest,
-            frames=self._frames,
-            seed=source.seed,
-            width_px=camera.width_px,
-            height_px=camera.height_px,
-            focal_px=camera.fx_px,
-            baseline_m=camera.baseline_m,
-            is_true=groups.is_true,
-            hidden=groups.hidden,
-            pixels={
-                mask: {name: int(self._counts[groups.members(mask, name)].sum()) for name in RANGES}
-                for mask in groups.masks
-            },
-            occluded_shares=tuple(self._occluded_shares),
-            reference=encoded_thumbnail(np.where(np.isfinite(reference_m), reference_m, np.float32(0))),
-            raw=encoded_thumbnail(self._last.frame.depth_m),
-        )
+def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
+    """Describe the frames of a sequence, at least one, whose contents have a digest."""
+    groups, camera = source.groups, source.intrinsics
+    counts = np.zeros(256, np.int64)
+    occluded_shares = []
+    for index in range(len(frames)):
+        frame = frames[index]
+        counts += np.bincount(frame.labels.ravel(), minlength=256)
+        if frame.occluded_share is not None:
+            occluded_shares.append(frame.occluded_share)
+    return SequenceInfo(
+        name=source.name,
+        digest=digest,
+        frames=len(frames),
+        seed=source.seed,
+        width_px=camera.width_px,
+        height_px=camera.height_px,
+        focal_px=camera.fx_px,
+        baseline_m=camera.baseline_m,
+        is_true=groups.is_true,
+        hidden=groups.hidden,
+        pixels={
+            mask: {name: int(counts[groups.members(mask, name)].sum()) for name in RANGES} for mask in groups.masks
+        },
+        occluded_shares=tuple(occluded_shares),
+        reference=encoded_thumbnail(np.where(np.isfinite(frame.reference_m), frame.reference_m, np.float32(0))),
+        raw=encoded_thumbnail(frame.frame.depth_m),
+    )
 
 
 def _rows(result: Result) -> Iterator[tuple[Any, ...]]:

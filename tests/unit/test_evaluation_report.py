@@ -16,7 +16,7 @@ from rich.console import Console
 from scenarios.evaluation import paper
 from scenarios.evaluation.figures import EMPTY_M, all_figures, count_text, error_map, error_maps, pareto_front
 from scenarios.evaluation.groups import RANGES
-from scenarios.evaluation.measurements import Measurement
+from scenarios.evaluation.measurements import Measurement, Selector, of_frames
 from scenarios.evaluation.methods import ORACLE
 from scenarios.evaluation.quantities import PAPER_LAYOUT, QUANTITIES, is_measured
 from scenarios.evaluation.report import method_table, paper_table, print_results, rendered
@@ -91,7 +91,7 @@ def html(done: Evaluation) -> str:
 
 
 def mae() -> Any:
-    return next(q for q in QUANTITIES if q.metrics == ["mae"] and q.masks == ("all",) and q.on == "completed")
+    return next(q for q in QUANTITIES if q.selectors == [Selector("mae")])
 
 
 def row(table: Table, name: str) -> list[tuple[str, str]]:
@@ -116,7 +116,7 @@ def test_a_failed_method_has_no_number_and_is_in_no_sample_size(done: Evaluation
 
 
 def test_figures_that_a_sequence_does_not_have_are_left_open(done: Evaluation) -> None:
-    (seen,) = (q for q in QUANTITIES if q.masks == ["holes seen"])
+    (seen,) = (q for q in QUANTITIES if q.selectors[0].mask == "holes seen")
     assert {text for entries in method_table(done, seen).cells for text, _ in entries[1:]} == {"-", "failed"}
 
 
@@ -267,8 +267,8 @@ def test_without_the_truth_pixels_that_were_given_rank_nobody(monkeypatch: pytes
     raw = raw.model_copy(update={"measurements": (*raw.measurements, held, coverage)})
     done = Evaluation(results=(raw,), sequences={"real": held_out_facts("real")}, reused=0)
     for quantity in (*QUANTITIES, *PAPER_LAYOUT):
-        if quantity.masks == ("all",):
-            expected = "90.0" if quantity.metrics == ["coverage"] else "-"
+        if quantity.selectors[0].mask == "all":
+            expected = "90.0" if quantity.selectors[0].metric == "coverage" else "-"
             assert row(method_table(done, quantity), "raw")[0][0] == expected, quantity.title
     axes = canvases_of(done, monkeypatch)[0].axes[0]
     assert list(axes.lines[0].get_ydata()) == [0.7]
@@ -300,7 +300,7 @@ def test_time_in_a_thread_of_its_own_is_shown_apart_and_counts_on_the_front(monk
     paper_cell = cell("s", "paper", 0.5)
     paper_cell = paper_cell.model_copy(update={"measurements": (*paper_cell.measurements, beside)})
     done = Evaluation(results=(cell("s", "raw", 0.5), paper_cell), sequences={"s": facts("s")}, reused=0)
-    table = method_table(done, next(q for q in QUANTITIES if "latency_p50" in q.metrics))
+    table = method_table(done, next(q for q in QUANTITIES if of_frames("latency_p50") in q.selectors))
     assert [row(table, name)[0][0] for name in ("raw", "paper")] == ["3.0 / 4.0 / -", "3.0 / 4.0 / 7.0"]
     points = canvases_of(done, monkeypatch)[2].axes[0].collections
     assert [point.get_offsets()[0][0] for point in points] == [3.0, 10.0]

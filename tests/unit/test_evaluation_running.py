@@ -13,8 +13,8 @@ from scenarios.errors import ScenarioError
 from scenarios.evaluation.groups import TRUE_GROUPS
 from scenarios.evaluation.measurements import Measurement
 from scenarios.evaluation.methods import METHOD_NAMES, ORACLE, WARM_UP_FRAMES, Method, find_method, find_methods
-from scenarios.evaluation.result_cache import decoded_thumbnail, encoded_thumbnail
-from scenarios.evaluation.running import MethodError, Run, run
+from scenarios.evaluation.result_cache import Scores, decoded_thumbnail, encoded_thumbnail
+from scenarios.evaluation.running import MethodError, run
 from scenarios.evaluation.scoring import METRICS, Score
 from tests.evaluation_clips import CAMERA, WALL_M, N, evaluation_frames, method, truth_of
 from voxdepth import registry
@@ -25,11 +25,11 @@ from voxdepth.registry import ENTRY_POINTS
 from voxdepth.types import CorrectedDepth, Frame
 
 
-def scored(change: Any, frames: int = 4) -> Run:
+def scored(change: Any, frames: int = 4) -> Scores:
     return run(method("stub", change), evaluation_frames(frames), TRUE_GROUPS, CAMERA)
 
 
-def measurement(done: Run, *wanted: str) -> Measurement:
+def measurement(done: Scores, *wanted: str) -> Measurement:
     (found,) = (f for f in done.measurements if (f.metric, f.mask, f.range, f.on) == wanted)
     return found
 
