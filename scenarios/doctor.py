@@ -1,35 +1,38 @@
-"""What works on this machine, and how to mend what does not."""
+"""Checks of the installation on this machine, with a remedy for each problem."""
 
 import platform
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, packages_distributions, version
+from importlib.metadata import PackageNotFoundError, packages_distributions, requires, version
 
 import numpy as np
 
 OUR_PACKAGES = ("voxdepth", "sim", "swarm", "scenarios")
-DISTRIBUTIONS = (
-    "numpy", "opencv-python-headless", "pydantic", "warp-lang", "pybullet", "open3d", "rerun-sdk", "typer", "rich",
-    "gymnasium", "pettingzoo", "matplotlib", "jinja2", "pyarrow",
-)  # fmt: skip
+REQUIREMENT = re.compile(r"""([\w.-]+)[^;]*(?:; extra == "(\w+)")?$""")
+"""Name of a required distribution, and the extra that requires it."""
+EXTRAS = (None, "sim", "gym")
+"""Extras whose distributions must be installed; None stands for the library itself."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """The result of one examination."""
+    """The result of one check."""
 
     what: str
     state: str
-    """What was found."""
+    """A version, a name, or an error."""
     ok: bool
     remedy: str = ""
-    """What to do if it is not ok."""
+    """How to solve the problem; empty if there is none."""
 
 
 def examine() -> list[Finding]:
-    """All examinations, in the order of the report."""
-    return [_python(), *map(_distribution, DISTRIBUTIONS), _cuda(), *_renderers(), *_names(), _opencv_twins()]
+    """Run all checks, in the order of the report."""
+    required = [match.groups() for text in requires("voxdepth") or () if (match := REQUIREMENT.match(text))]
+    distributions = [name for name, extra in required if extra in EXTRAS]
+    return [_python(), *map(_distribution, distributions), _cuda(), *_renderers(), *_names(), _opencv_wheels()]
 
 
 def _python() -> Finding:
@@ -66,7 +69,7 @@ def _renderers() -> list[Finding]:
 
 
 def _render(name: str) -> str:
-    """Render a box 3 m ahead and read its depth back."""
+    """Render a box 3 m ahead and check its depth."""
     from sim import frames
     from sim.bodies import Body, Box, Scene
     from sim.render import create_renderer
@@ -85,7 +88,7 @@ def _render(name: str) -> str:
 
 
 def _egl() -> Finding:
-    """OpenGL is a matter of taste: nothing needs it."""
+    """Check the optional renderer with OpenGL."""
     from sim.errors import RenderError
     from sim.render.bullet import egl_plugin
 
@@ -99,12 +102,12 @@ def _egl() -> Finding:
 def _attempt(what: str, action: Callable[[], str]) -> Finding:
     try:
         return Finding(what=what, state=action(), ok=True)
-    except Exception as error:  # an examination must report whatever is wrong, not end with it
+    except Exception as error:  # A check reports any error instead of ending with it.
         return Finding(what=what, state=f"{type(error).__name__}: {error}", ok=False, remedy="install the extra 'sim'")
 
 
 def _names() -> list[Finding]:
-    """Other distributions that own one of our package names would shadow us or be shadowed."""
+    """Check that no other distribution owns one of our package names, since one would shadow the other."""
     owners = packages_distributions()
     findings = []
     for name in OUR_PACKAGES:
@@ -116,9 +119,9 @@ def _names() -> list[Finding]:
     return findings
 
 
-def _opencv_twins() -> Finding:
-    """Several OpenCV wheels overwrite each other's `cv2`."""
-    twins = sorted(set(packages_distributions().get("cv2", [])))
-    ok = twins == ["opencv-python-headless"]
+def _opencv_wheels() -> Finding:
+    """Check that only one OpenCV wheel is installed, since several overwrite each other's `cv2`."""
+    wheels = sorted(set(packages_distributions().get("cv2", [])))
+    ok = wheels == ["opencv-python-headless"]
     remedy = "" if ok else "uninstall all opencv wheels, then install opencv-python-headless alone"
-    return Finding(what="cv2 comes from", state=", ".join(twins) or "nothing", ok=ok, remedy=remedy)
+    return Finding(what="cv2 comes from", state=", ".join(wheels) or "nothing", ok=ok, remedy=remedy)

@@ -1,8 +1,8 @@
-"""Regression of a depth corrector on synthetic noise: each term alone at three levels, against golden figures."""
+"""Regression test of a depth corrector: errors under each noise term alone, at three levels, against golden values."""
 
 import importlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,8 @@ from voxdepth.registry import corrector_names, create_corrector
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics
 
 from .errors import ScenarioError
+from .files import write
+from .results.table import Column, Table
 
 MAX_RANGE_M = 20.0
 SEED = 0
@@ -26,36 +28,38 @@ TOLERANCES = {
     "hole_share": (0.002, 0.02),
     "flicker_m": (0.002, 0.02),
 }
-"""By metric, how far a figure may be from the golden one: an absolute part and a part of the golden figure."""
+"""Largest difference from the golden value by metric: an absolute part, and a part relative to the golden value."""
 
-Table = dict[str, dict[str, float | None]]
-"""Figures by metric, by case, as in `scale/low`."""
+Metrics = dict[str, float | None]
+"""Values by metric; smaller is better."""
+Cases = dict[str, Metrics]
+"""Metrics by case, as in `scale/low`."""
 CorrectorFactory = Callable[[Intrinsics], DepthCorrector]
 
 
-class Figures(Model):
-    """What is measured of one case; smaller is better. None when no pixel had a depth."""
+class GoldenMetrics(Model):
+    """The metrics of one case; None where no pixel had a depth."""
 
     mae_m: float | None
     """Mean absolute error."""
     too_far_share: float | None
-    """Share of pixels more than 10 % too far."""
+    """Share of pixels that are more than 10 % too far."""
     hole_share: float | None
     flicker_m: float | None
-    """Mean absolute change of the error from frame to frame."""
+    """Mean absolute change of the error between two frames."""
 
 
 class Golden(Model):
-    """A file of golden figures."""
+    """The content of a golden file."""
 
     seed: int
     frames: int
-    cases: dict[str, Figures]
+    cases: dict[str, GoldenMetrics]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """A figure that is not what it was."""
+    """A metric that differs from its golden value."""
 
     case: str
     metric: str
@@ -64,22 +68,25 @@ class Difference:
 
     @property
     def excess(self) -> float:
-        """Difference over tolerance: above 1 by definition, infinite where one of the figures is missing."""
-        return _excess(self.metric, self.golden, self.measured)
+        """The difference divided by its tolerance; infinite if one of the values is missing."""
+        if self.golden is None or self.measured is None:
+            return 0.0 if self.golden is self.measured else float("inf")
+        absolute, relative = TOLERANCES[self.metric]
+        return abs(self.measured - self.golden) / (absolute + relative * abs(self.golden))
 
     @property
     def worse(self) -> bool:
-        """Whether it went the wrong way; all metrics are better when smaller."""
+        """Whether the metric became worse; all metrics are better when smaller."""
         if self.measured is None or self.golden is None:
             return self.measured is None
         return self.measured > self.golden
 
 
 def find_corrector(name: str) -> CorrectorFactory:
-    """A corrector by its registered name, or your own as `package.module:factory`.
+    """Return the factory of a registered corrector, or of your own as `package.module:factory`.
 
     Raises:
-        ScenarioError: The module or the factory is not there.
+        ScenarioError: The module or the factory does not exist.
     """
     if ":" not in name:
         if name not in corrector_names():
@@ -89,7 +96,7 @@ def find_corrector(name: str) -> CorrectorFactory:
             )
         return lambda intrinsics: create_corrector(name, intrinsics)
     module_name, _, attribute = name.partition(":")
-    sys.path.insert(0, str(Path.cwd()))  # as `python -m` does; an installed command has its own folder there
+    sys.path.insert(0, str(Path.cwd()))  # An installed command has its own folder there instead.
     try:
         factory: CorrectorFactory = getattr(importlib.import_module(module_name), attribute)
     except (ImportError, AttributeError, ValueError) as error:
@@ -100,20 +107,20 @@ def find_corrector(name: str) -> CorrectorFactory:
     return factory
 
 
-def measure(make: CorrectorFactory, progress: Callable[[str], None], *, frames: int = FRAMES) -> Table:
-    """The figures of all cases; `progress` is told of each case before it runs."""
-    table: Table = {}
+def measure(make: CorrectorFactory, progress: Callable[[str], None], *, frames: int = FRAMES) -> Cases:
+    """Measure all cases; `progress` receives the name of each case before it runs."""
+    cases: Cases = {}
     for term in TERMS:
         for level in LEVELS:
             progress(f"{term}/{level}")
-            table[f"{term}/{level}"] = _measure_case(make, term, level, frames)
-    return table
+            cases[f"{term}/{level}"] = _measure_case(make, term, level, frames)
+    return cases
 
 
 def corrected(
     make: CorrectorFactory, term: Term, level: Level, frames: int = FRAMES
 ) -> Iterator[tuple[Capture, CorrectedDepth]]:
-    """The captures of a case with what a new corrector makes of them."""
+    """Yield the captures of a case with their corrections by a new corrector."""
     corrector: DepthCorrector | None = None
     for k, capture in enumerate(noisy_sequence(term, level, SEED, frames=frames)):
         frame = frame_of(capture)
@@ -123,8 +130,9 @@ def corrected(
             corrector = corrector or make(capture.intrinsics)
             result = corrector.process(frame)
             _require_depth(result, frame)
-        except Exception as error:  # whatever a corrector of yours does, say where it did it
-            raise ScenarioError(f"the corrector failed on {term}/{level}, frame {k}: {_named(error)}") from error
+        except Exception as error:  # A user's corrector may raise anything; the message says where.
+            text = str(error) if isinstance(error, ScenarioError) else f"{type(error).__name__}: {error}"
+            raise ScenarioError(f"the corrector failed on {term}/{level}, frame {k}: {text}") from error
         yield capture, result
 
 
@@ -139,11 +147,7 @@ def _require_depth(result: CorrectedDepth, frame: Frame) -> None:
         raise ScenarioError("expected depths that are finite and not negative (0 = invalid), got others")
 
 
-def _named(error: Exception) -> str:
-    return str(error) if isinstance(error, ScenarioError) else f"{type(error).__name__}: {error}"
-
-
-def _measure_case(make: CorrectorFactory, term: Term, level: Level, frames: int) -> dict[str, float | None]:
+def _measure_case(make: CorrectorFactory, term: Term, level: Level, frames: int) -> Metrics:
     errors, flicker = DepthErrors(), Flicker()
     for capture, result in corrected(make, term, level, frames):
         errors += depth_errors(result.depth_m, capture.depth_true_m, max_range_m=MAX_RANGE_M)
@@ -157,73 +161,91 @@ def _measure_case(make: CorrectorFactory, term: Term, level: Level, frames: int)
     }
 
 
-def compare(golden: Table, measured: Table) -> list[Difference]:
-    """All figures outside of their tolerances, the farthest first.
+def compare(golden: Cases, measured: Cases) -> list[Difference]:
+    """Return all metrics outside of their tolerances, the largest excess first.
 
     Raises:
-        ScenarioError: The golden figures are of other cases.
+        ScenarioError: The golden file has other cases.
     """
     if golden.keys() != measured.keys():
         raise ScenarioError(
-            f"the golden figures are of other cases than the measured ones ({len(golden)} and {len(measured)}): "
+            f"the golden metrics are of other cases than the measured ones ({len(golden)} and {len(measured)}): "
             "write new ones with --update"
         )
     differences = [
         Difference(case=case, metric=metric, golden=golden[case][metric], measured=value)
-        for case, figures in measured.items()
-        for metric, value in figures.items()
+        for case, metrics in measured.items()
+        for metric, value in metrics.items()
     ]
     return sorted((d for d in differences if d.excess > 1), key=lambda d: -d.excess)
 
 
-def _excess(metric: str, golden: float | None, measured: float | None) -> float:
-    if golden is None or measured is None:
-        return 0.0 if golden is measured else float("inf")
-    absolute, relative = TOLERANCES[metric]
-    return abs(measured - golden) / (absolute + relative * abs(golden))
+def metric_table(cases: Cases, corrector: str) -> Table:
+    """Return the metrics of all cases."""
+    metric, percent = ".4f", ".1f"
+    columns = (
+        "noise",
+        Column("MAE", "m", metric),
+        Column("more than 10 % too far", "%", percent),
+        Column("holes", "%", percent),
+        Column("flicker", "m", metric),
+    )
+    rows = [
+        [case, m["mae_m"], _percent(m["too_far_share"]), _percent(m["hole_share"]), m["flicker_m"]]
+        for case, m in cases.items()
+    ]
+    return Table.of(f"corrector {corrector}, one noise term at a time", columns, rows)
+
+
+def difference_table(differences: Sequence[Difference]) -> Table:
+    """Return the metrics outside of their tolerances."""
+    golden, now = Column("golden", number=".4f"), Column("now", number=".4f")
+    rows = [[d.case, d.metric, d.golden, d.measured, "worse" if d.worse else "better", d.excess] for d in differences]
+    title = "outside of the tolerance; the excess is the difference divided by the tolerance"
+    return Table.of(title, ["noise", "metric", golden, now, "", Column("excess", number=".1f")], rows)
+
+
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 100 * share
 
 
 def golden_path(folder: Path, corrector: str) -> Path:
-    """File of the golden figures of a corrector."""
+    """Return the path of the golden file of a corrector."""
     return folder / f"{corrector.replace(':', '-')}.json"
 
 
-def read_golden(path: Path) -> Table:
-    """Golden figures.
+def read_golden(path: Path) -> Cases:
+    """Read a golden file.
 
     Raises:
-        ScenarioError: There are none, they are not what `write_golden` writes, or of other sequences than today's.
+        ScenarioError: There is no such file, it is damaged, or it belongs to other sequences.
     """
     try:
         golden = Golden.model_validate_json(path.read_bytes(), strict=True)
     except FileNotFoundError as error:
-        raise ScenarioError(f"there are no golden figures at {path}: write them with --update") from error
+        raise ScenarioError(f"there are no golden metrics at {path}: write them with --update") from error
     except (OSError, ValueError) as error:
         reason = " ".join(str(error).split())[:160]
-        raise ScenarioError(f"cannot read the golden figures {path}: {reason}; write new ones with --update") from error
+        raise ScenarioError(f"cannot read the golden metrics {path}: {reason}; write new ones with --update") from error
     if (golden.seed, golden.frames) != (SEED, FRAMES):
         raise ScenarioError(
-            f"the golden figures {path} are of seed {golden.seed} and {golden.frames} frames, expected {SEED} and "
+            f"the golden metrics {path} are of seed {golden.seed} and {golden.frames} frames, expected {SEED} and "
             f"{FRAMES}: write new ones with --update"
         )
-    return {case: dict(figures) for case, figures in golden.cases.items()}
+    return {case: dict(metrics) for case, metrics in golden.cases.items()}
 
 
-def write_golden(path: Path, table: Table) -> None:
-    """Write golden figures, with what they were measured on.
+def write_golden(path: Path, cases: Cases) -> None:
+    """Write a golden file.
 
     Raises:
         ScenarioError: The file cannot be written.
     """
-    golden = Golden(seed=SEED, frames=FRAMES, cases={case: Figures(**figures) for case, figures in table.items()})
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(golden.model_dump_json(indent=1) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise ScenarioError(f"cannot write the golden figures {path}: {error.strerror}") from error
+    golden = Golden(seed=SEED, frames=FRAMES, cases={case: GoldenMetrics(**m) for case, m in cases.items()})
+    write(path, (golden.model_dump_json(indent=1) + "\n").encode())
 
 
 def split_case(case: str) -> tuple[Term, Level]:
-    """Term and level of a case."""
+    """Return the term and the level of a case."""
     term, level = case.split("/")
     return next(t for t in TERMS if t == term), next(one for one in LEVELS if one == level)

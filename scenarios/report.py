@@ -1,6 +1,6 @@
-"""What a person reads at the end of a run, a recording or a regression."""
+"""The tables that the command line prints at the end of a run or a recording."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from rich.console import Console
 from rich.table import Table
@@ -9,8 +9,6 @@ from sim.quality import DepthQuality
 from swarm.mission import contact_text
 
 from .config import Run
-from .regression import Difference
-from .regression import Table as RegressionTable
 from .runner import Finished
 
 Value = float | int | None
@@ -85,34 +83,3 @@ def print_quality(console: Console, quality: DepthQuality, title: str) -> None:
         f"{reason.name.lower().replace('_', ' ')} {_percent(share)}" for reason, share in quality.invalid_shares.items()
     )
     console.print(f"without depth, of all pixels, the sky included: {losses}")
-
-
-def print_regression(console: Console, table: RegressionTable, corrector: str) -> None:
-    """All figures of all cases."""
-    shown = Table(title=f"corrector {corrector}, one noise term at a time", title_justify="left")
-    for heading in ("noise", "MAE", "more than 10 % too far", "holes", "flicker"):
-        shown.add_column(heading, justify="left" if heading == "noise" else "right")
-    for case, m in table.items():
-        shown.add_row(
-            case,
-            _fine(m["mae_m"], "m"),
-            _percent(m["too_far_share"]),
-            _percent(m["hole_share"]),
-            _fine(m["flicker_m"], "m"),
-        )
-    console.print(shown)
-
-
-def print_differences(console: Console, differences: Sequence[Difference]) -> None:
-    """Figures that are not what they were, the farthest first."""
-    table = Table(title="outside of the tolerance", title_justify="left")
-    for heading in ("noise", "figure", "golden", "now", "", "times the tolerance"):
-        table.add_column(heading, justify="right" if heading in ("golden", "now", "times the tolerance") else "left")
-    for d in differences:
-        word = "[red]worse[/red]" if d.worse else "[green]better[/green]"
-        table.add_row(d.case, d.metric, _fine(d.golden), _fine(d.measured), word, f"{d.excess:.1f}")
-    console.print(table)
-
-
-def _fine(value: Value, unit: str = "") -> str:
-    return "-" if value is None else f"{value:.4f} {unit}".rstrip()

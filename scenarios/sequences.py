@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
@@ -30,12 +29,10 @@ from voxdepth.model import Model
 
 from .errors import ScenarioError
 from .files import load, shipped_names, to_toml
+from .results.provenance import SIMULATION, versions
 
 AHEAD = 3
 """Frames that may wait to be measured and written while the next one is rendered."""
-VERSIONED = ("numpy", "opencv-python-headless", "open3d", "pybullet", "warp-lang", "voxdepth")
-"""Packages whose versions may change the bytes of a recording."""
-
 GROUPS = {
     "reference": ("sim-LN", "sim-MB", "sim-KTS", "sim-KTC", "sim-PLF", "sim-PLW"),
     "hard": ("sim-hover", "sim-yaw", "sim-cut", "sim-cross", "sim-ghost", "sim-approach"),
@@ -92,7 +89,7 @@ def names_of(names_and_groups: Iterable[str]) -> list[str]:
 def load_sequence(name_or_path: str, seed: int | None, changes: dict[str, Any]) -> SeededSequence:
     """A sequence with its seed: see `files.load`. The versions are those that are installed now."""
     loaded = load(SeededSequence, "sequences", name_or_path, seed, changes)
-    return loaded.model_copy(update={"versions": {name: version(name) for name in VERSIONED}})
+    return loaded.model_copy(update={"versions": versions(SIMULATION)})
 
 
 def moving_ids(recording: Recording) -> range:

@@ -79,15 +79,14 @@ def regress(
     corrector: Annotated[
         str, typer.Option(help="Corrector by name, or your own as package.module:factory.")
     ] = DEFAULT_CORRECTOR,
-    update: Annotated[bool, typer.Option("--update", help="Make the present figures the golden ones.")] = False,
-    golden: Annotated[Path, typer.Option(help="Folder of the golden figures.")] = Path("tests/golden"),
+    update: Annotated[bool, typer.Option("--update", help="Make the present metrics the golden ones.")] = False,
+    golden: Annotated[Path, typer.Option(help="Folder of the golden metrics.")] = Path("tests/golden"),
     out: Annotated[Path, typer.Option(help="Folder for the recording of the worst case.")] = Path("runs"),
 ) -> None:
-    """Run a corrector on every noise term alone and compare its errors with golden figures; exit 1 on a difference."""
+    """Run a corrector on every noise term alone and compare its errors with golden metrics; exit 1 on a difference."""
     from rich.console import Console
 
     from .. import regression
-    from ..report import print_differences, print_regression
     from ..rerun.frames import record_case
 
     console = Console()
@@ -96,16 +95,16 @@ def regress(
     before = None if update else regression.read_golden(path)
     with console.status("") as status:
         measured = regression.measure(make, lambda case: status.update(f"running {corrector} on {case}"))
-    print_regression(console, measured, corrector)
+    regression.metric_table(measured, corrector).print(console)
     if before is None:
         regression.write_golden(path, measured)
-        console.print(f"golden figures written to {path}", soft_wrap=True)
+        console.print(f"golden metrics written to {path}", soft_wrap=True)
         return
     differences = regression.compare(before, measured)
     if not differences:
-        console.print(f"no figure differs from {path} by more than its tolerance", soft_wrap=True)
+        console.print(f"no metric differs from {path} by more than its tolerance", soft_wrap=True)
         return
-    print_differences(console, differences)
+    regression.difference_table(differences).print(console)
     worst = differences[0].case
     recording = out / f"regress-{path.stem}.rrd"
     record_case(recording, worst, regression.corrected(make, *regression.split_case(worst)))
