@@ -1,9 +1,9 @@
 """The configuration of the corrector."""
 
-from .temporal.config import RigidConfig
+from .temporal.config import TemporalConfig
 
 
-class VoxDepthConfig(RigidConfig):
+class VoxDepthConfig(TemporalConfig):
     """All parameters of the default method."""
 
     @property

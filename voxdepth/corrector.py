@@ -9,7 +9,7 @@ from .errors import ConfigError, FrameError
 from .model import Model
 from .paper.config import PaperConfig
 from .paper.method import PaperMethod
-from .temporal.method import RigidMethod
+from .temporal.method import TemporalMethod
 from .types import CorrectedDepth, Frame, Intrinsics
 
 Config = TypeVar("Config", bound=Model)
@@ -106,7 +106,7 @@ class VoxDepth(StreamCorrector):
 
     def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig | None = None) -> None:
         config = _checked(intrinsics, config, VoxDepthConfig)
-        super().__init__(intrinsics, RigidMethod(intrinsics, config))
+        super().__init__(intrinsics, TemporalMethod(intrinsics, config))
 
 
 class PaperVoxDepth(StreamCorrector):

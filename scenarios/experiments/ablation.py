@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from voxdepth.config import VoxDepthConfig
 from voxdepth.registry import DEFAULT
-from voxdepth.temporal.fusion import EvidenceConfig
+from voxdepth.temporal.fusion import TemporalFusionConfig
 from voxdepth.temporal.ground import GroundConfig
-from voxdepth.temporal.inpainting import FillingConfig
-from voxdepth.temporal.odometry import LocalisationConfig
+from voxdepth.temporal.inpainting import InpaintingConfig
+from voxdepth.temporal.odometry import VisualOdometryConfig
 from voxdepth.temporal.planes import PlanesConfig
 
 from ..evaluation.groups import ALL
@@ -54,8 +54,8 @@ class Variant:
         return default_variant(self.name, self.config, sees_true_pose=self.sees_true_pose)
 
 
-def _evidence(name: str, off: str, **changes: float) -> Variant:
-    return Variant(name=name, off=off, config=VoxDepthConfig(evidence=EvidenceConfig.model_validate(changes)))
+def _fusion(name: str, off: str, **changes: float) -> Variant:
+    return Variant(name=name, off=off, config=VoxDepthConfig(fusion=TemporalFusionConfig.model_validate(changes)))
 
 
 VARIANTS = (
@@ -63,32 +63,38 @@ VARIANTS = (
     Variant(
         name="single-frame",
         off="no pose is looked for, and nothing remembered: filling and smoothing alone",
-        config=VoxDepthConfig(localisation=LocalisationConfig(min_tracks=int(NEVER))),
+        config=VoxDepthConfig(odometry=VisualOdometryConfig(min_tracks=int(NEVER))),
     ),
-    _evidence("never-sure", "memory averages what it agrees with, and never fills or overrules", enough=16),
-    _evidence("no-gray", "changes of gray say nothing", same_gray=0, same_gray_near=0, other_gray=255),
-    _evidence("no-drift", "slow drift of measurements against the memory does not count", drift_px=NEVER),
-    _evidence("no-bias", "differences of one sign over 5 x 5 px still agree", bias_px=NEVER),
-    _evidence("no-coherence", "every pixel may contradict the memory by itself", coherent_share=ANY),
-    _evidence("no-patience", "a wall is forgotten as soon as something passes before it", fade_behind=15),
+    _fusion("never-sure", "memory averages what it agrees with, and never fills or overrules", min_evidence=16),
+    _fusion(
+        "no-gray",
+        "changes of gray say nothing",
+        min_gray_change_free_space=0,
+        min_gray_change_occluding=0,
+        max_gray_change_hole=255,
+    ),
+    _fusion("no-drift", "slow drift of measurements against the memory does not count", max_drift_px=NEVER),
+    _fusion("no-bias", "differences of one sign over 5 x 5 px still agree", max_bias_px=NEVER),
+    _fusion("no-coherence", "every pixel may contradict the memory by itself", min_coherence=ANY),
+    _fusion("no-patience", "a wall is forgotten as soon as something passes before it", decay_occluded=15),
     Variant(
         name="no-slope",
         off="holes are filled by values, not by planes",
-        config=VoxDepthConfig(filling=FillingConfig(planes=PlanesConfig(ridge=NEVER))),
+        config=VoxDepthConfig(inpainting=InpaintingConfig(planes=PlanesConfig(ridge=NEVER))),
     ),
     Variant(
         name="no-ground",
         off="no ground is looked for, so nothing stands on it",
-        config=VoxDepthConfig(filling=FillingConfig(ground=GroundConfig(least_share=NEVER))),
+        config=VoxDepthConfig(inpainting=InpaintingConfig(ground=GroundConfig(min_inlier_ratio=NEVER))),
     ),
     Variant(
         name="no-shadows",
         off="occlusion shadows are filled like any hole",
-        config=VoxDepthConfig(filling=FillingConfig(step_px=NEVER)),
+        config=VoxDepthConfig(inpainting=InpaintingConfig(min_shadow_step_px=NEVER)),
     ),
-    Variant(name="no-fill", off="holes that memory does not know stay empty", config=VoxDepthConfig(fill="none")),
-    Variant(name="no-smoothing", off="no smoothing", config=VoxDepthConfig(smooth_size_px=1)),
-    Variant(name="full-size", off="memory at full size, not half", config=VoxDepthConfig(memory_step=1)),
+    Variant(name="no-fill", off="holes that memory does not know stay empty", config=VoxDepthConfig(inpaint=False)),
+    Variant(name="no-smoothing", off="no smoothing", config=VoxDepthConfig(smoothing_window_px=1)),
+    Variant(name="full-size", off="memory at full size, not half", config=VoxDepthConfig(decimation=1)),
     Variant(name="true-prior", off="told the true pose (an oracle)", sees_true_pose=True),
 )
 

@@ -155,12 +155,12 @@ def test_arguments_of_other_types_are_refused_in_one_line() -> None:
 @pytest.mark.parametrize(
     "bad",
     [
-        {"memory_step": 3},
-        {"smooth_size_px": 4},
-        {"hold_frames": -1},
+        {"decimation": 3},
+        {"smoothing_window_px": 4},
+        {"max_featureless_frames": -1},
         {"window_frames": 3},
-        {"evidence": {"most": 16.0}},
-        {"localisation": {"min_tracks": 5}},
+        {"fusion": {"max_evidence": 16.0}},
+        {"odometry": {"min_tracks": 5}},
     ],
 )
 def test_bad_configurations_of_the_default_method_are_refused(bad: dict[str, object]) -> None:

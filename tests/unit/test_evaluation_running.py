@@ -304,7 +304,7 @@ def test_methods_are_found_by_name_and_refused_by_name() -> None:
     assert METHOD_NAMES[-1] == ORACLE
     assert [m.name for m in find_methods(METHOD_NAMES) if m.sees_true_pose] == [ORACLE]
     assert find_method("paper").config["window_frames"] == 10
-    assert find_method("voxdepth").config["memory_step"] == "auto"
+    assert find_method("voxdepth").config["decimation"] == "auto"
     assert find_method("voxdepth.baselines.single_frame:Raw").name == "voxdepth.baselines.single_frame:Raw"
     with pytest.raises(ConfigError, match="there is no corrector 'magic'"):
         find_methods(["raw", "magic"])

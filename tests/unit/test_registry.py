@@ -60,7 +60,7 @@ def test_only_the_methods_of_voxdepth_take_a_configuration(name: str) -> None:
 
 def test_a_configuration_reaches_its_corrector() -> None:
     frame = holed_frame(0.0)
-    for name, config in (("voxdepth", VoxDepthConfig(fill="none")), ("paper", PaperConfig(median_size_px=1))):
+    for name, config in (("voxdepth", VoxDepthConfig(inpaint=False)), ("paper", PaperConfig(median_size_px=1))):
         own, changed = create_corrector(name, CAMERA), create_corrector(name, CAMERA, config)
         assert (own.process(frame).depth_m > 0).sum() > (changed.process(frame).depth_m > 0).sum()
 

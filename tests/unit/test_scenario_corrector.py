@@ -56,7 +56,7 @@ def test_a_latency_that_would_have_no_effect_is_refused(latency_s: dict[str, flo
         load_run("city", 0, {"corrector_latency_s": latency_s})
 
 
-CONFIG = {"hold_frames": 30}
+CONFIG = {"max_featureless_frames": 30}
 
 
 def with_corrector(corrector: Any) -> Run:
@@ -73,7 +73,7 @@ def test_a_bare_name_stays_a_bare_name() -> None:
 
 def test_a_configuration_reaches_the_corrector_and_the_written_file(tmp_path: Path) -> None:
     run = with_corrector({"name": "voxdepth", "config": CONFIG})
-    assert run.scenario.corrector.resolved_config() == VoxDepthConfig(hold_frames=30)
+    assert run.scenario.corrector.resolved_config() == VoxDepthConfig(max_featureless_frames=30)
     assert run != with_corrector("voxdepth")
     path = tmp_path / "config.toml"
     path.write_text(to_toml(run))

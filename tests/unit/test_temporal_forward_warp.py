@@ -1,4 +1,4 @@
-"""Memory moved along with the camera: laws, a slow twin, and scenes seen from two places."""
+"""Memory warped along with the camera: laws, a slow twin, and scenes seen from two places."""
 
 import cv2
 import numpy as np
@@ -6,8 +6,8 @@ import pytest
 
 from tests.temporal_scenes import CAMERA, ROOM, Body, Plane, Sphere, pose, render
 from voxdepth.geometry import inverse_rigid
-from voxdepth.temporal.forward_warp import NOTHING_PX, SAME_SURFACE_PX, Moved, Reprojection
-from voxdepth.temporal.working_resolution import Scale
+from voxdepth.temporal.forward_warp import HOLE_PX, MAX_RESAMPLING_CHANGE_PX, ForwardWarp, Warped
+from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics
 
 SMALL = Intrinsics(fx_px=40, fy_px=38, cx_px=21.3, cy_px=14.8, width_px=44, height_px=31, baseline_m=0.1)
@@ -19,7 +19,7 @@ MOTIONS = {
     "turned": pose(yaw=4, pitch=-2, roll=3),
     "all": pose(0.1, -0.04, 0.2, yaw=-3, pitch=2, roll=7),
 }
-"""`T_source_target`: how the camera moved."""
+"""`T_source_target`: how the camera warped."""
 
 
 def image(camera: Intrinsics, seed: int = 0, *, holes: float = 0.15) -> tuple[FloatImage, GrayImage]:
@@ -38,18 +38,18 @@ def image(camera: Intrinsics, seed: int = 0, *, holes: float = 0.15) -> tuple[Fl
 class Twin:
     """The same with a loop over pixels, by points in space, in double precision."""
 
-    def __init__(self, scale: Scale) -> None:
-        self._scale = scale
+    def __init__(self, resolution: WorkingResolution) -> None:
+        self._resolution = resolution
 
-    def move(
+    def warp(
         self, disparity_px: FloatImage, weight: GrayImage, T_target_source: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        shape = self._scale.shape
+        shape = self._resolution.shape
         best: list[list[tuple[float, int]]] = [[(0.0, 0)] * shape[1] for _ in range(shape[0])]
         for row, col in zip(*np.nonzero(weight), strict=True):
-            u, v, moved_px = self._point(col, row, float(disparity_px[row, col]), T_target_source)
-            if moved_px > 0 and 0 <= round(v) < shape[0] and 0 <= round(u) < shape[1]:
-                one = (moved_px, int(weight[row, col]))
+            u, v, warped_px = self._point(col, row, float(disparity_px[row, col]), T_target_source)
+            if warped_px > 0 and 0 <= round(v) < shape[0] and 0 <= round(u) < shape[1]:
+                one = (warped_px, int(weight[row, col]))
                 best[round(v)][round(u)] = max(best[round(v)][round(u)], one)
         seen_px, seen_weight = (np.array([[pixel[k] for pixel in line] for line in best], np.float32) for k in (0, 1))
         empty = seen_px == 0
@@ -62,13 +62,13 @@ class Twin:
             sampled = self._bilinear(disparity_px, u, v)
             if sampled > 0:
                 value = self._point(u, v, sampled, T_target_source)[2]
-                if abs(value - seen) < SAME_SURFACE_PX:
+                if abs(value - seen) < MAX_RESAMPLING_CHANGE_PX:
                     value_px[row, col] = value
         return value_px, seen_weight
 
     def _point(self, u: float, v: float, disparity_px: float, T: FloatArray) -> tuple[float, float, float]:
         """Where a pixel goes, and its disparity there; the latter is 0 behind the camera."""
-        K, focal_baseline = self._scale.K, self._scale.focal_baseline_px_m
+        K, focal_baseline = self._resolution.K, self._resolution.focal_baseline_px_m
         z = focal_baseline / disparity_px
         x, y, z, _ = T @ [(u - K[0, 2]) * z / K[0, 0], (v - K[1, 2]) * z / K[1, 1], z, 1]
         if z <= 0:
@@ -83,13 +83,13 @@ class Twin:
             for col, along in ((left, 1 - (u - left)), (left + 1, u - left)):
                 inside = 0 <= row < image.shape[0] and 0 <= col < image.shape[1]
                 value = float(image[row, col]) if inside else 0.0
-                total += down * along * (value if value > 0 else NOTHING_PX)
+                total += down * along * (value if value > 0 else HOLE_PX)
         return total
 
 
 def plane_px(plane: Plane, T_world_cam: FloatArray, camera: Intrinsics = CAMERA) -> FloatImage:
     """Disparity of a plane."""
-    return Scale.of(camera, 1).disparity(render([plane], T_world_cam, camera)[1])
+    return WorkingResolution.of(camera, 1).disparity(render([plane], T_world_cam, camera)[1])
 
 
 def ones(disparity_px: FloatImage) -> GrayImage:
@@ -97,70 +97,70 @@ def ones(disparity_px: FloatImage) -> GrayImage:
     return np.where(disparity_px > 0, 16, 0).astype(np.uint8)
 
 
-def turned_round(moved: Moved) -> tuple[FloatImage, GrayImage]:
-    return moved.disparity_px[::-1, ::-1], moved.weight[::-1, ::-1]
+def turned_round(warped: Warped) -> tuple[FloatImage, GrayImage]:
+    return warped.disparity_px[::-1, ::-1], warped.weight[::-1, ::-1]
 
 
 @pytest.mark.parametrize("step", [1, 2])
 def test_standing_still_changes_nothing(step: int) -> None:
-    scale = Scale.of(CAMERA, step)
+    resolution = WorkingResolution.of(CAMERA, step)
     full_px, full_weight = image(CAMERA)
     disparity_px, weight = (np.ascontiguousarray(whole[::step, ::step]) for whole in (full_px, full_weight))
     lonely = cv2.morphologyEx(disparity_px, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) != disparity_px
     assert 0.05 < lonely.mean() < 0.2  # holes of one pixel are closed: they look like cracks
-    moved = Reprojection(scale).move(disparity_px, weight, np.eye(4))
-    np.testing.assert_allclose(moved.disparity_px[~lonely], disparity_px[~lonely], atol=1e-4)
-    np.testing.assert_array_equal(moved.weight[~lonely], weight[~lonely])
-    assert (moved.disparity_px[lonely] > 0).all()
+    warped = ForwardWarp(resolution).warp(disparity_px, weight, np.eye(4))
+    np.testing.assert_allclose(warped.disparity_px[~lonely], disparity_px[~lonely], atol=1e-4)
+    np.testing.assert_array_equal(warped.weight[~lonely], weight[~lonely])
+    assert (warped.disparity_px[lonely] > 0).all()
     known = disparity_px > 0
-    col, row = np.meshgrid(np.arange(scale.width_px), np.arange(scale.height_px))
-    np.testing.assert_allclose(moved.source_x[known], col[known], atol=1e-3)
-    np.testing.assert_allclose(moved.source_y[known], row[known], atol=1e-3)
+    col, row = np.meshgrid(np.arange(resolution.width_px), np.arange(resolution.height_px))
+    np.testing.assert_allclose(warped.source_x[known], col[known], atol=1e-3)
+    np.testing.assert_allclose(warped.source_y[known], row[known], atol=1e-3)
 
 
 @pytest.mark.parametrize("name", MOTIONS)
 def test_it_equals_its_slow_twin(name: str) -> None:
-    scale, T = Scale.of(SMALL, 1), inverse_rigid(MOTIONS[name])
+    resolution, T = WorkingResolution.of(SMALL, 1), inverse_rigid(MOTIONS[name])
     disparity_px, weight = image(SMALL)
-    moved = Reprojection(scale).move(disparity_px, weight, T)
-    twin_px, twin_weight = Twin(scale).move(disparity_px, weight, T)
+    warped = ForwardWarp(resolution).warp(disparity_px, weight, T)
+    twin_px, twin_weight = Twin(resolution).warp(disparity_px, weight, T)
     assert 0.5 < (twin_px > 0).mean() < 1
     # Single precision may round a position to the other pixel.
-    assert np.mean(moved.weight == twin_weight) > 0.99
-    assert np.mean(abs(moved.disparity_px - twin_px) < 1e-3) > 0.98
+    assert np.mean(warped.weight == twin_weight) > 0.99
+    assert np.mean(abs(warped.disparity_px - twin_px) < 1e-3) > 0.98
 
 
 @pytest.mark.parametrize("name", MOTIONS)
 def test_a_plane_moved_is_the_plane_seen_from_there(name: str) -> None:
     plane, there = Plane((0.3, -0.2, 1.0), 5.0), MOTIONS[name]
-    moved = Reprojection(Scale.of(CAMERA, 1)).move(
+    warped = ForwardWarp(WorkingResolution.of(CAMERA, 1)).warp(
         here_px := plane_px(plane, pose()), ones(here_px), inverse_rigid(there)
     )
     expected_px = plane_px(plane, there)
     # Where the plane comes into view, samples are taken beside the image: there the splatted value stays.
-    inner = cv2.erode((moved.weight > 0).astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0) > 0
+    inner = cv2.erode((warped.weight > 0).astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0) > 0
     assert inner.mean() > 0.6
-    np.testing.assert_allclose(moved.disparity_px[inner], expected_px[inner], atol=2e-3)
+    np.testing.assert_allclose(warped.disparity_px[inner], expected_px[inner], atol=2e-3)
 
 
 @pytest.mark.parametrize("name", MOTIONS)
 def test_memory_moved_agrees_with_what_is_seen_from_there(name: str) -> None:
-    scale, there = Scale.of(CAMERA, 1), MOTIONS[name]
-    here_px, there_px = (scale.disparity(render(ROOM, T)[1]) for T in (pose(), there))
-    moved = Reprojection(scale).move(here_px, ones(here_px), inverse_rigid(there))
-    known = moved.weight > 0
+    resolution, there = WorkingResolution.of(CAMERA, 1), MOTIONS[name]
+    here_px, there_px = (resolution.disparity(render(ROOM, T)[1]) for T in (pose(), there))
+    warped = ForwardWarp(resolution).warp(here_px, ones(here_px), inverse_rigid(there))
+    known = warped.weight > 0
     assert known.mean() > 0.6
-    error_px = abs(moved.disparity_px - there_px)[known]
+    error_px = abs(warped.disparity_px - there_px)[known]
     assert np.mean(error_px < 0.01) > 0.93
     assert np.mean(error_px < 0.3) > 0.985  # the rest is beside the ball, where rounding decides what is seen
 
 
 @pytest.mark.parametrize("name", MOTIONS)
 def test_there_and_back_again(name: str) -> None:
-    scale, T = Scale.of(CAMERA, 1), inverse_rigid(MOTIONS[name])
-    reprojection, disparity_px = Reprojection(scale), scale.disparity(render(ROOM, pose())[1])
-    there = reprojection.move(disparity_px, ones(disparity_px), T)
-    back = reprojection.move(there.disparity_px, there.weight, inverse_rigid(T))
+    resolution, T = WorkingResolution.of(CAMERA, 1), inverse_rigid(MOTIONS[name])
+    reprojection, disparity_px = ForwardWarp(resolution), resolution.disparity(render(ROOM, pose())[1])
+    there = reprojection.warp(disparity_px, ones(disparity_px), T)
+    back = reprojection.warp(there.disparity_px, there.weight, inverse_rigid(T))
     known = cv2.erode((back.weight > 0).astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0) > 0
     assert known.mean() > 0.5
     error_px = abs(back.disparity_px - disparity_px)[known]
@@ -168,36 +168,36 @@ def test_there_and_back_again(name: str) -> None:
 
 
 def test_a_plane_moved_in_ten_steps_is_not_worn_out() -> None:
-    plane, reprojection = Plane((0.3, -0.2, 1.0), 5.0), Reprojection(Scale.of(CAMERA, 1))
+    plane, reprojection = Plane((0.3, -0.2, 1.0), 5.0), ForwardWarp(WorkingResolution.of(CAMERA, 1))
     disparity_px, step = plane_px(plane, pose()), pose(0.013, 0.004, 0.03, yaw=0.2)
     weight, there = ones(disparity_px), np.eye(4)
     for _ in range(10):
-        moved = reprojection.move(disparity_px, weight, inverse_rigid(step))
-        disparity_px, weight, there = moved.disparity_px, moved.weight, there @ step
+        warped = reprojection.warp(disparity_px, weight, inverse_rigid(step))
+        disparity_px, weight, there = warped.disparity_px, warped.weight, there @ step
     inner = cv2.erode((weight > 0).astype(np.uint8), np.ones((25, 25), np.uint8), borderValue=0) > 0
     assert inner.mean() > 0.4
     np.testing.assert_allclose(disparity_px[inner], plane_px(plane, there)[inner], atol=0.01)
 
 
 def test_a_camera_that_hardly_trembles_wears_nothing_out() -> None:
-    scale, (blocks_px, weight) = Scale.of(CAMERA, 1), image(CAMERA)
+    resolution, (blocks_px, weight) = WorkingResolution.of(CAMERA, 1), image(CAMERA)
     disparity_px = np.where(blocks_px > 0, plane_px(Plane((0.3, -0.2, 1.0), 5.0), pose()), np.float32(0))
-    reprojection, there = Reprojection(scale), pose(1e-6, 1e-6, 1e-6)
-    first = last = reprojection.move(disparity_px, weight, np.eye(4))  # closes holes of one pixel
+    reprojection, there = ForwardWarp(resolution), pose(1e-6, 1e-6, 1e-6)
+    first = last = reprojection.warp(disparity_px, weight, np.eye(4))  # closes holes of one pixel
     for T in [there, inverse_rigid(there)] * 100:
-        last = reprojection.move(last.disparity_px, last.weight, T)
+        last = reprojection.warp(last.disparity_px, last.weight, T)
     np.testing.assert_array_equal(last.weight, first.weight)
     np.testing.assert_allclose(last.disparity_px, first.disparity_px, atol=5e-4)
 
 
 def test_the_order_of_the_points_does_not_matter() -> None:
     # Turned half round, image and motion are the same but for the order in which the pixels are splatted.
-    scale, half_turn = Scale.of(CENTRED, 1), pose(roll=180)
+    resolution, half_turn = WorkingResolution.of(CENTRED, 1), pose(roll=180)
     disparity_px, weight = image(CENTRED, seed=4)
     T = inverse_rigid(pose(0.05, 0.02, -0.8))  # far points fall onto each other
-    ours = Reprojection(scale).move(disparity_px, weight, T)
+    ours = ForwardWarp(resolution).warp(disparity_px, weight, T)
     theirs_px, their_weight = turned_round(
-        Reprojection(scale).move(
+        ForwardWarp(resolution).warp(
             np.ascontiguousarray(disparity_px[::-1, ::-1]),
             np.ascontiguousarray(weight[::-1, ::-1]),
             half_turn @ T @ half_turn.T,
@@ -209,15 +209,15 @@ def test_the_order_of_the_points_does_not_matter() -> None:
 
 
 def test_neither_threads_nor_what_was_moved_before_matter() -> None:
-    scale, T = Scale.of(CAMERA, 1), inverse_rigid(MOTIONS["all"])
+    resolution, T = WorkingResolution.of(CAMERA, 1), inverse_rigid(MOTIONS["all"])
     disparity_px, weight = image(CAMERA, seed=1)
     threads, results = cv2.getNumThreads(), []
-    used = Reprojection(scale)
+    used = ForwardWarp(resolution)
     try:
         for count in (1, 2):
             cv2.setNumThreads(count)
-            used.move(*image(CAMERA, seed=2), inverse_rigid(MOTIONS["back"]))
-            results += [used.move(disparity_px, weight, T), Reprojection(scale).move(disparity_px, weight, T)]
+            used.warp(*image(CAMERA, seed=2), inverse_rigid(MOTIONS["back"]))
+            results += [used.warp(disparity_px, weight, T), ForwardWarp(resolution).warp(disparity_px, weight, T)]
     finally:
         cv2.setNumThreads(threads)
     for other in results[1:]:
@@ -227,93 +227,95 @@ def test_neither_threads_nor_what_was_moved_before_matter() -> None:
 
 @pytest.mark.parametrize("near_is_first", [True, False])
 def test_the_nearest_wins(near_is_first: bool) -> None:
-    scale, near_px, far_px = Scale.of(CENTRED, 1), 16.0, 4.0  # 0.5 m and 2 m
-    disparity_px, weight = np.zeros(scale.shape, np.float32), np.zeros(scale.shape, np.uint8)
+    resolution, near_px, far_px = WorkingResolution.of(CENTRED, 1), 16.0, 4.0  # 0.5 m and 2 m
+    disparity_px, weight = np.zeros(resolution.shape, np.float32), np.zeros(resolution.shape, np.uint8)
     # A step of 0.125 m to the right moves the near point by 16 px, the far one by 4 px, both to the left.
     right = near_is_first
     step_m, near_col, far_col = (0.125, 46, 34) if right else (-0.125, 14, 26)
     disparity_px[10, near_col], disparity_px[10, far_col] = near_px, far_px
     weight[10, near_col], weight[10, far_col] = 3, 200
-    moved = Reprojection(scale).move(disparity_px, weight, inverse_rigid(pose(step_m)))
-    assert np.argwhere(moved.weight).tolist() == [[10, 30]]
-    assert moved.weight[10, 30] == 3
-    np.testing.assert_allclose(moved.disparity_px[10, 30], near_px, atol=1e-3)
+    warped = ForwardWarp(resolution).warp(disparity_px, weight, inverse_rigid(pose(step_m)))
+    assert np.argwhere(warped.weight).tolist() == [[10, 30]]
+    assert warped.weight[10, 30] == 3
+    np.testing.assert_allclose(warped.disparity_px[10, 30], near_px, atol=1e-3)
 
 
 def test_of_points_equally_near_the_surer_one_wins() -> None:
-    scale = Scale.of(CENTRED, 1)
+    resolution = WorkingResolution.of(CENTRED, 1)
     for order in (1, -1):
-        disparity_px, weight = np.zeros(scale.shape, np.float32), np.zeros(scale.shape, np.uint8)
+        disparity_px, weight = np.zeros(resolution.shape, np.float32), np.zeros(resolution.shape, np.uint8)
         disparity_px[20, 40:42], weight[20, 40:42] = 8.0, (20, 90)[::order]
-        moved = Reprojection(scale).move(disparity_px, weight, inverse_rigid(pose(z=-1.0)))  # all shrinks to a half
-        assert moved.weight.max() == 90
+        warped = ForwardWarp(resolution).warp(
+            disparity_px, weight, inverse_rigid(pose(z=-1.0))
+        )  # all shrinks to a half
+        assert warped.weight.max() == 90
 
 
 def test_cracks_are_closed_and_wide_holes_are_not() -> None:
-    scale = Scale.of(CAMERA, 1)
-    disparity_px = np.full(scale.shape, 5.0, np.float32)
+    resolution = WorkingResolution.of(CAMERA, 1)
+    disparity_px = np.full(resolution.shape, 5.0, np.float32)
     disparity_px[50:60, 70:80] = 0
-    moved = Reprojection(scale).move(disparity_px, ones(disparity_px), inverse_rigid(pose(z=0.5)))
-    seen = moved.weight > 0
+    warped = ForwardWarp(resolution).warp(disparity_px, ones(disparity_px), inverse_rigid(pose(z=0.5)))
+    seen = warped.weight > 0
     assert 60 < (~seen).sum() < 200
     assert seen[:40].all() and seen[80:].all()
 
 
 def test_what_leaves_the_image_or_is_behind_the_camera_is_gone() -> None:
-    scale = Scale.of(CAMERA, 1)
-    disparity_px = np.full(scale.shape, 5.0, np.float32)
+    resolution = WorkingResolution.of(CAMERA, 1)
+    disparity_px = np.full(resolution.shape, 5.0, np.float32)
     for T in (pose(x=100.0), pose(yaw=120), pose(z=5.0)):
-        moved = Reprojection(scale).move(disparity_px, ones(disparity_px), inverse_rigid(T))
-        assert not moved.disparity_px.any()
+        warped = ForwardWarp(resolution).warp(disparity_px, ones(disparity_px), inverse_rigid(T))
+        assert not warped.disparity_px.any()
 
 
 def test_the_input_is_not_modified_and_the_result_is_not_reused() -> None:
-    reprojection, (disparity_px, weight) = Reprojection(Scale.of(CAMERA, 1)), image(CAMERA)
+    reprojection, (disparity_px, weight) = ForwardWarp(WorkingResolution.of(CAMERA, 1)), image(CAMERA)
     before = disparity_px.copy(), weight.copy()
-    first = reprojection.move(disparity_px, weight, inverse_rigid(MOTIONS["all"]))
+    first = reprojection.warp(disparity_px, weight, inverse_rigid(MOTIONS["all"]))
     np.testing.assert_array_equal(disparity_px, before[0])
     np.testing.assert_array_equal(weight, before[1])
     kept = [array.copy() for array in vars(first).values()]
-    reprojection.move(*image(CAMERA, seed=9), inverse_rigid(MOTIONS["back"]))
+    reprojection.warp(*image(CAMERA, seed=9), inverse_rigid(MOTIONS["back"]))
     for array, copy in zip(vars(first).values(), kept, strict=True):
         np.testing.assert_array_equal(array, copy)
 
 
 @pytest.mark.parametrize("shift_px", [1e-6, 1e-5, 1e-4, 3e-4, 0.01, 0.1, 0.2])
 def test_a_hole_does_not_push_its_rim_away(shift_px: float) -> None:
-    scale = Scale.of(CAMERA, 1)
-    disparity_px = np.full(scale.shape, 2.0, np.float32)
+    resolution = WorkingResolution.of(CAMERA, 1)
+    disparity_px = np.full(resolution.shape, 2.0, np.float32)
     disparity_px[50:60, 70:80] = 0
     step_m = shift_px / 2.0 * 0.1  # a baseline is a disparity
-    moved = Reprojection(scale).move(disparity_px, ones(disparity_px), inverse_rigid(pose(step_m)))
-    known = moved.disparity_px[moved.weight > 0]
+    warped = ForwardWarp(resolution).warp(disparity_px, ones(disparity_px), inverse_rigid(pose(step_m)))
+    known = warped.disparity_px[warped.weight > 0]
     np.testing.assert_allclose(known, 2.0, atol=1e-4)
 
 
 def test_nothing_behind_the_camera_is_seen() -> None:
-    scale = Scale.of(CAMERA, 1)
-    disparity_px = np.full(scale.shape, 5.0, np.float32)
-    moved = Reprojection(scale).move(disparity_px, ones(disparity_px), inverse_rigid(pose(yaw=180)))
-    assert not moved.disparity_px.any()
+    resolution = WorkingResolution.of(CAMERA, 1)
+    disparity_px = np.full(resolution.shape, 5.0, np.float32)
+    warped = ForwardWarp(resolution).warp(disparity_px, ones(disparity_px), inverse_rigid(pose(yaw=180)))
+    assert not warped.disparity_px.any()
 
 
 def test_what_comes_too_near_leaves_no_weight() -> None:
-    scale = Scale.of(CENTRED, 1)
-    disparity_px, weight = np.zeros(scale.shape, np.float32), np.zeros(scale.shape, np.uint8)
+    resolution = WorkingResolution.of(CENTRED, 1)
+    disparity_px, weight = np.zeros(resolution.shape, np.float32), np.zeros(resolution.shape, np.uint8)
     disparity_px[24, 32], weight[24, 32] = 600.0, 16
-    nearness_m = scale.focal_baseline_px_m / 600
-    moved = Reprojection(scale).move(disparity_px, weight, inverse_rigid(pose(z=0.5 * nearness_m)))
-    np.testing.assert_array_equal(moved.weight > 0, moved.disparity_px > 0)
+    nearness_m = resolution.focal_baseline_px_m / 600
+    warped = ForwardWarp(resolution).warp(disparity_px, weight, inverse_rigid(pose(z=0.5 * nearness_m)))
+    np.testing.assert_array_equal(warped.weight > 0, warped.disparity_px > 0)
 
 
 def test_a_ball_hides_what_is_behind_it_from_there() -> None:
-    scale, ball, wall = Scale.of(CAMERA, 1), Sphere((0.0, 0.0, 2.0), 0.4), Plane((0.0, 0.0, 1.0), 6.0)
+    resolution, ball, wall = WorkingResolution.of(CAMERA, 1), Sphere((0.0, 0.0, 2.0), 0.4), Plane((0.0, 0.0, 1.0), 6.0)
     bodies: list[Body] = [wall, ball]
     there = pose(0.3)
-    here_px, there_px = (scale.disparity(render(bodies, T)[1]) for T in (pose(), there))
-    moved = Reprojection(scale).move(here_px, ones(here_px), inverse_rigid(there))
+    here_px, there_px = (resolution.disparity(render(bodies, T)[1]) for T in (pose(), there))
+    warped = ForwardWarp(resolution).warp(here_px, ones(here_px), inverse_rigid(there))
     ball_there = there_px > 3
     rim = cv2.morphologyEx(ball_there.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((5, 5), np.uint8)) > 0
-    inside = ball_there & ~rim & (moved.weight > 0)
+    inside = ball_there & ~rim & (warped.weight > 0)
     assert inside.sum() > 300
-    assert (moved.disparity_px[inside] > 3).all()  # no wall shines through
+    assert (warped.disparity_px[inside] > 3).all()  # no wall shines through

@@ -6,16 +6,16 @@ import cv2
 import numpy as np
 import pytest
 
-from voxdepth.temporal.fusion import Evidence, EvidenceConfig, Kind, Verdict
+from voxdepth.temporal.fusion import Fused, PixelClass, TemporalFusion, TemporalFusionConfig
 from voxdepth.temporal.measurement import Measurement
-from voxdepth.temporal.memory import UNIT, Memory
+from voxdepth.temporal.memory import WEIGHT_UNIT, Memory
 from voxdepth.types import FloatImage, GrayImage
 
 SHAPE = (40, 56)
 BLOCK = np.s_[14:26, 20:36]
 INSIDE = np.s_[17:23, 23:33]
 """Of the block, what is farther from its border than evidence reaches."""
-SURE, MOST = 12, 12
+SURE, MAX_EVIDENCE = 12, 12
 LOOKS, LOOKS_DIFFERENT = 100, 140
 
 
@@ -29,14 +29,14 @@ def grays(value: int = LOOKS) -> GrayImage:
 
 def memory_of(disparity_px: FloatImage, measurements: float = SURE, gray: GrayImage | None = None) -> Memory:
     """A memory that counts so many measurements wherever it has a disparity."""
-    weight = np.where(disparity_px > 0, round(UNIT * measurements), 0).astype(np.uint8)
+    weight = np.where(disparity_px > 0, round(WEIGHT_UNIT * measurements), 0).astype(np.uint8)
     return replace(Memory.empty(grays() if gray is None else gray), disparity_px=disparity_px.copy(), weight=weight)
 
 
-def measured(disparity_px: FloatImage, gray: GrayImage | None = None) -> Measurement:
+def measurement_of(disparity_px: FloatImage, gray: GrayImage | None = None) -> Measurement:
     """A measurement whose pixels count fully."""
     valid = cv2.compare(disparity_px, 0, cv2.CMP_GT).astype(np.uint8)
-    weight = np.where(valid > 0, UNIT, 0).astype(np.uint8)
+    weight = np.where(valid > 0, WEIGHT_UNIT, 0).astype(np.uint8)
     return Measurement(
         disparity_px=disparity_px.copy(), valid=valid, weight=weight, gray=grays() if gray is None else gray
     )
@@ -55,8 +55,8 @@ def other_look() -> GrayImage:
     return gray
 
 
-def weigh(memory: Memory, measurement: Measurement, **settings: float) -> tuple[Verdict, Memory]:
-    return Evidence(EvidenceConfig.model_validate(settings)).weigh(memory, measurement)
+def fuse(memory: Memory, measurement: Measurement, **settings: float) -> tuple[Fused, Memory]:
+    return TemporalFusion(TemporalFusionConfig.model_validate(settings)).fuse(memory, measurement)
 
 
 def checks(amplitude_px: float) -> FloatImage:
@@ -67,37 +67,37 @@ def checks(amplitude_px: float) -> FloatImage:
 @pytest.mark.parametrize("measurements", [1, 3, 7.5])
 def test_what_agrees_is_averaged_by_weight(measurements: float) -> None:
     noise_px = checks(0.4)
-    verdict, memory = weigh(memory_of(image(10), measurements), measured(image(10) + noise_px))
-    np.testing.assert_allclose(verdict.disparity_px, 10 + noise_px / (measurements + 1), atol=1e-4)
-    np.testing.assert_array_equal(verdict.kind, Kind.FUSED)
-    np.testing.assert_array_equal(memory.disparity_px, verdict.disparity_px)
-    np.testing.assert_array_equal(memory.weight, round(UNIT * (measurements + 1)))
+    fused, memory = fuse(memory_of(image(10), measurements), measurement_of(image(10) + noise_px))
+    np.testing.assert_allclose(fused.disparity_px, 10 + noise_px / (measurements + 1), atol=1e-4)
+    np.testing.assert_array_equal(fused.pixel_class, PixelClass.FUSED)
+    np.testing.assert_array_equal(memory.disparity_px, fused.disparity_px)
+    np.testing.assert_array_equal(memory.weight, round(WEIGHT_UNIT * (measurements + 1)))
 
 
 def test_what_is_the_same_stays_the_same_and_grows_surer_up_to_a_limit() -> None:
     memory = Memory.empty(grays())
     for count in range(1, 20):
-        verdict, memory = weigh(memory, measured(image(7.25)))
-        np.testing.assert_allclose(verdict.disparity_px, 7.25, rtol=1e-6)
-        np.testing.assert_array_equal(memory.weight, UNIT * min(count, MOST))
-    np.testing.assert_array_equal(verdict.kind, Kind.FUSED)
+        fused, memory = fuse(memory, measurement_of(image(7.25)))
+        np.testing.assert_allclose(fused.disparity_px, 7.25, rtol=1e-6)
+        np.testing.assert_array_equal(memory.weight, WEIGHT_UNIT * min(count, MAX_EVIDENCE))
+    np.testing.assert_array_equal(fused.pixel_class, PixelClass.FUSED)
 
 
 def test_noise_averages_out() -> None:
     rng, memory = np.random.default_rng(0), Memory.empty(grays())
     for _ in range(30):
-        verdict, memory = weigh(memory, measured(image(10) + rng.normal(0, 0.25, SHAPE).astype(np.float32)))
-    assert np.std(verdict.disparity_px - 10) < 0.25 / 3
-    assert abs(np.mean(verdict.disparity_px - 10)) < 0.02
+        fused, memory = fuse(memory, measurement_of(image(10) + rng.normal(0, 0.25, SHAPE).astype(np.float32)))
+    assert np.std(fused.disparity_px - 10) < 0.25 / 3
+    assert abs(np.mean(fused.disparity_px - 10)) < 0.02
 
 
 def test_a_new_surface_is_shown_and_remembered() -> None:
-    verdict, memory = weigh(Memory.empty(grays(0)), measured(with_block(0, 10)))
+    fused, memory = fuse(Memory.empty(grays(0)), measurement_of(with_block(0, 10)))
     expected_px = with_block(0, 10)
-    np.testing.assert_array_equal(verdict.disparity_px, expected_px)
-    np.testing.assert_array_equal(verdict.kind, np.where(expected_px > 0, Kind.MEASURED, Kind.NOTHING))
+    np.testing.assert_array_equal(fused.disparity_px, expected_px)
+    np.testing.assert_array_equal(fused.pixel_class, np.where(expected_px > 0, PixelClass.MEASURED, PixelClass.UNKNOWN))
     np.testing.assert_array_equal(memory.disparity_px[expected_px > 0], 10)
-    np.testing.assert_array_equal(memory.weight, np.where(expected_px > 0, UNIT, 0))
+    np.testing.assert_array_equal(memory.weight, np.where(expected_px > 0, WEIGHT_UNIT, 0))
     assert (memory.gray[expected_px > 0] == LOOKS).all()
 
 
@@ -106,188 +106,194 @@ def test_an_isolated_contradiction_is_replaced_by_memory(outlier_px: float) -> N
     new_px = image(10)
     spots = (np.array([8, 20, 30]), np.array([9, 30, 47]))
     new_px[spots] = outlier_px
-    verdict, memory = weigh(memory_of(image(10)), measured(new_px))
-    np.testing.assert_array_equal(verdict.disparity_px, 10)
-    assert (verdict.kind[spots] == Kind.REMEMBERED).all()
+    fused, memory = fuse(memory_of(image(10)), measurement_of(new_px))
+    np.testing.assert_array_equal(fused.disparity_px, 10)
+    assert (fused.pixel_class[spots] == PixelClass.REMEMBERED).all()
     np.testing.assert_array_equal(memory.disparity_px, 10)
-    assert (memory.weight[spots] == UNIT * SURE - UNIT / 8).all()  # nothing is believed for ever
+    assert (memory.weight[spots] == WEIGHT_UNIT * SURE - WEIGHT_UNIT / 8).all()  # nothing is believed for ever
 
 
 def test_a_memory_of_one_measurement_overrules_nothing() -> None:
     new_px = image(10)
     new_px[20, 30] = 18.0
-    verdict, memory = weigh(memory_of(image(10), 1), measured(new_px))
-    assert verdict.kind[20, 30] == Kind.MEASURED
-    assert verdict.disparity_px[20, 30] == memory.disparity_px[20, 30] == 18.0
+    fused, memory = fuse(memory_of(image(10), 1), measurement_of(new_px))
+    assert fused.pixel_class[20, 30] == PixelClass.MEASURED
+    assert fused.disparity_px[20, 30] == memory.disparity_px[20, 30] == 18.0
 
 
 class TestSomethingNearer:
-    NEAR = measured(with_block(20.0), other_look())
+    NEAR = measurement_of(with_block(20.0), other_look())
 
     def test_it_is_shown_as_measured_at_once(self) -> None:
-        verdict, _ = weigh(memory_of(image(10)), self.NEAR)
-        np.testing.assert_array_equal(verdict.disparity_px[INSIDE], 20)
-        np.testing.assert_array_equal(verdict.kind[INSIDE], Kind.MEASURED)
+        fused, _ = fuse(memory_of(image(10)), self.NEAR)
+        np.testing.assert_array_equal(fused.disparity_px[INSIDE], 20)
+        np.testing.assert_array_equal(fused.pixel_class[INSIDE], PixelClass.MEASURED)
 
     def test_the_wall_behind_is_remembered_and_fades(self) -> None:
         memory = memory_of(image(10))
-        for frame in range(1, 2 * MOST):
-            _, memory = weigh(memory, self.NEAR)
+        for frame in range(1, 2 * MAX_EVIDENCE):
+            _, memory = fuse(memory, self.NEAR)
             np.testing.assert_array_equal(memory.disparity_px[INSIDE], 10)
-            np.testing.assert_array_equal(memory.weight[INSIDE], UNIT * SURE - frame * UNIT // 2)
-        _, memory = weigh(memory, self.NEAR)
+            np.testing.assert_array_equal(memory.weight[INSIDE], WEIGHT_UNIT * SURE - frame * WEIGHT_UNIT // 2)
+        _, memory = fuse(memory, self.NEAR)
         np.testing.assert_array_equal(memory.disparity_px[INSIDE], 20)
 
     def test_the_wall_is_there_again_after_it(self) -> None:
         memory = memory_of(image(10))
         for _ in range(6):
-            _, memory = weigh(memory, self.NEAR)
-        verdict, _ = weigh(memory, measured(with_block(0.0, 10.0)))  # gone, and its shadow is not measured
-        np.testing.assert_array_equal(verdict.disparity_px[INSIDE], 10)
-        np.testing.assert_array_equal(verdict.kind[INSIDE], Kind.REMEMBERED)
+            _, memory = fuse(memory, self.NEAR)
+        fused, _ = fuse(memory, measurement_of(with_block(0.0, 10.0)))  # gone, and its shadow is not measured
+        np.testing.assert_array_equal(fused.disparity_px[INSIDE], 10)
+        np.testing.assert_array_equal(fused.pixel_class[INSIDE], PixelClass.REMEMBERED)
 
     def test_how_fast_the_wall_fades_is_a_setting(self) -> None:
-        _, memory = weigh(memory_of(image(10)), self.NEAR, fade_behind=3)
-        np.testing.assert_array_equal(memory.weight[INSIDE], UNIT * (SURE - 3))
-        np.testing.assert_array_equal(memory.weight[:8], UNIT * MOST)
+        _, memory = fuse(memory_of(image(10)), self.NEAR, decay_occluded=3)
+        np.testing.assert_array_equal(memory.weight[INSIDE], WEIGHT_UNIT * (SURE - 3))
+        np.testing.assert_array_equal(memory.weight[:8], WEIGHT_UNIT * MAX_EVIDENCE)
 
     def test_it_is_an_error_of_the_sensor_if_nothing_looks_different(self) -> None:
-        verdict, _ = weigh(memory_of(image(10)), measured(with_block(20.0)))
-        np.testing.assert_array_equal(verdict.disparity_px, 10)
-        np.testing.assert_array_equal(verdict.kind[BLOCK], Kind.REMEMBERED)
+        fused, _ = fuse(memory_of(image(10)), measurement_of(with_block(20.0)))
+        np.testing.assert_array_equal(fused.disparity_px, 10)
+        np.testing.assert_array_equal(fused.pixel_class[BLOCK], PixelClass.REMEMBERED)
 
     def test_but_not_for_ever(self) -> None:
-        memory, blank = memory_of(image(10)), measured(with_block(20.0))
+        memory, blank = memory_of(image(10)), measurement_of(with_block(20.0))
         for frame in range(9):  # from 12 measurements to less than 2, by one and an eighth each time
-            np.testing.assert_array_equal(memory.weight[INSIDE], UNIT * SURE - frame * (UNIT + UNIT // 8))
-            verdict, memory = weigh(memory, blank)
-            np.testing.assert_array_equal(verdict.disparity_px[INSIDE], 10)
-        verdict, _ = weigh(memory, blank)
-        np.testing.assert_array_equal(verdict.disparity_px[INSIDE], 20)
-        _, memory = weigh(memory_of(image(10)), blank, fade_doubted=0)
-        np.testing.assert_array_equal(memory.weight[INSIDE], UNIT * SURE - UNIT // 8)
+            np.testing.assert_array_equal(
+                memory.weight[INSIDE], WEIGHT_UNIT * SURE - frame * (WEIGHT_UNIT + WEIGHT_UNIT // 8)
+            )
+            fused, memory = fuse(memory, blank)
+            np.testing.assert_array_equal(fused.disparity_px[INSIDE], 10)
+        fused, _ = fuse(memory, blank)
+        np.testing.assert_array_equal(fused.disparity_px[INSIDE], 20)
+        _, memory = fuse(memory_of(image(10)), blank, decay_unconfirmed=0)
+        np.testing.assert_array_equal(memory.weight[INSIDE], WEIGHT_UNIT * SURE - WEIGHT_UNIT // 8)
 
     def test_unless_the_setting_says_otherwise(self) -> None:
-        verdict, _ = weigh(memory_of(image(10)), measured(with_block(20.0)), same_gray_near=0)
-        np.testing.assert_array_equal(verdict.disparity_px[INSIDE], 20)
+        fused, _ = fuse(memory_of(image(10)), measurement_of(with_block(20.0)), min_gray_change_occluding=0)
+        np.testing.assert_array_equal(fused.disparity_px[INSIDE], 20)
 
 
 class TestSeenThrough:
-    FAR = measured(image(10), grays())
+    FAR = measurement_of(image(10), grays())
 
     def ghost(self, measurements: float = SURE) -> Memory:
         return memory_of(with_block(20.0), measurements, other_look())
 
     def test_a_ghost_is_not_shown_at_all(self) -> None:
-        verdict, _ = weigh(self.ghost(), self.FAR)
-        np.testing.assert_array_equal(verdict.disparity_px[INSIDE], 10)
-        np.testing.assert_array_equal(verdict.kind[INSIDE], Kind.MEASURED)
+        fused, _ = fuse(self.ghost(), self.FAR)
+        np.testing.assert_array_equal(fused.disparity_px[INSIDE], 10)
+        np.testing.assert_array_equal(fused.pixel_class[INSIDE], PixelClass.MEASURED)
 
     def test_a_ghost_seen_twice_is_forgotten_at_once(self) -> None:
-        _, memory = weigh(self.ghost(2), self.FAR)
+        _, memory = fuse(self.ghost(2), self.FAR)
         np.testing.assert_array_equal(memory.disparity_px[INSIDE], 10)
-        np.testing.assert_array_equal(memory.weight[INSIDE], UNIT)
+        np.testing.assert_array_equal(memory.weight[INSIDE], WEIGHT_UNIT)
 
     def test_the_surest_ghost_is_forgotten_after_six_frames(self) -> None:
         memory = self.ghost()
         for frame in range(6):
-            assert (memory.weight[INSIDE] == UNIT * (SURE - 2 * frame)).all()
+            assert (memory.weight[INSIDE] == WEIGHT_UNIT * (SURE - 2 * frame)).all()
             np.testing.assert_array_equal(memory.disparity_px[INSIDE], 20)
-            _, memory = weigh(memory, self.FAR)
+            _, memory = fuse(memory, self.FAR)
         np.testing.assert_array_equal(memory.disparity_px[INSIDE], 10)
 
     def test_nothing_sees_through_what_still_looks_as_it_did(self) -> None:
-        verdict, memory = weigh(memory_of(with_block(20.0)), self.FAR)
-        np.testing.assert_array_equal(verdict.disparity_px, with_block(20.0))
+        fused, memory = fuse(memory_of(with_block(20.0)), self.FAR)
+        np.testing.assert_array_equal(fused.disparity_px, with_block(20.0))
         np.testing.assert_array_equal(memory.disparity_px, with_block(20.0))
-        verdict, _ = weigh(memory_of(with_block(20.0)), self.FAR, same_gray=0)
-        np.testing.assert_array_equal(verdict.disparity_px[INSIDE], 10)
+        fused, _ = fuse(memory_of(with_block(20.0)), self.FAR, min_gray_change_free_space=0)
+        np.testing.assert_array_equal(fused.disparity_px[INSIDE], 10)
 
 
 class TestHoles:
     HOLED = with_block(0.0, 10.0)
 
-    @pytest.mark.parametrize(("measurements", "kind"), [(1.9, Kind.NOTHING), (2, Kind.REMEMBERED)])
-    def test_a_hole_takes_memory_only_when_it_is_sure(self, measurements: float, kind: Kind) -> None:
-        verdict, memory = weigh(memory_of(image(10), measurements), measured(self.HOLED))
-        np.testing.assert_array_equal(verdict.kind[BLOCK], kind)
-        np.testing.assert_array_equal(verdict.disparity_px[BLOCK], 10 if kind is Kind.REMEMBERED else 0)
-        assert (memory.weight[BLOCK] == round(UNIT * measurements)).all()  # unseen, it is neither surer nor less sure
+    @pytest.mark.parametrize(("measurements", "kind"), [(1.9, PixelClass.UNKNOWN), (2, PixelClass.REMEMBERED)])
+    def test_a_hole_takes_memory_only_when_it_is_sure(self, measurements: float, kind: PixelClass) -> None:
+        fused, memory = fuse(memory_of(image(10), measurements), measurement_of(self.HOLED))
+        np.testing.assert_array_equal(fused.pixel_class[BLOCK], kind)
+        np.testing.assert_array_equal(fused.disparity_px[BLOCK], 10 if kind is PixelClass.REMEMBERED else 0)
+        assert (
+            memory.weight[BLOCK] == round(WEIGHT_UNIT * measurements)
+        ).all()  # unseen, it is neither surer nor less sure
 
     def test_a_surface_that_looks_different_is_forgotten(self) -> None:
-        verdict, memory = weigh(memory_of(image(10)), measured(self.HOLED, other_look()))
-        np.testing.assert_array_equal(verdict.kind[INSIDE], Kind.NOTHING)
-        np.testing.assert_array_equal(verdict.disparity_px[INSIDE], 0)
+        fused, memory = fuse(memory_of(image(10)), measurement_of(self.HOLED, other_look()))
+        np.testing.assert_array_equal(fused.pixel_class[INSIDE], PixelClass.UNKNOWN)
+        np.testing.assert_array_equal(fused.disparity_px[INSIDE], 0)
         np.testing.assert_array_equal(memory.weight[INSIDE], 0)
         np.testing.assert_array_equal(memory.disparity_px[INSIDE], 0)
 
     def test_another_exposure_forgets_nothing(self) -> None:
-        verdict, _ = weigh(memory_of(image(10)), measured(self.HOLED, grays(LOOKS + 30)))
-        np.testing.assert_array_equal(verdict.kind[BLOCK], Kind.REMEMBERED)
+        fused, _ = fuse(memory_of(image(10)), measurement_of(self.HOLED, grays(LOOKS + 30)))
+        np.testing.assert_array_equal(fused.pixel_class[BLOCK], PixelClass.REMEMBERED)
 
     def test_where_there_is_a_measurement_looks_alone_forget_nothing(self) -> None:
-        verdict, memory = weigh(memory_of(image(10)), measured(image(10), other_look()))
-        np.testing.assert_array_equal(verdict.kind, Kind.FUSED)
-        np.testing.assert_array_equal(memory.weight, UNIT * MOST)
+        fused, memory = fuse(memory_of(image(10)), measurement_of(image(10), other_look()))
+        np.testing.assert_array_equal(fused.pixel_class, PixelClass.FUSED)
+        np.testing.assert_array_equal(memory.weight, WEIGHT_UNIT * MAX_EVIDENCE)
 
-    @pytest.mark.parametrize(("measurements", "kind"), [(5, Kind.NOTHING), (7, Kind.REMEMBERED)])
+    @pytest.mark.parametrize(("measurements", "kind"), [(5, PixelClass.UNKNOWN), (7, PixelClass.REMEMBERED)])
     @pytest.mark.parametrize("block_px", [12.0, 8.0, 0.0])
-    def test_beside_a_step_more_is_asked_of_the_memory(self, block_px: float, measurements: float, kind: Kind) -> None:
-        verdict, memory = weigh(memory_of(with_block(block_px), measurements), measured(image(0)))
+    def test_beside_a_step_more_is_asked_of_the_memory(
+        self, block_px: float, measurements: float, kind: PixelClass
+    ) -> None:
+        fused, memory = fuse(memory_of(with_block(block_px), measurements), measurement_of(image(0)))
         top, left = BLOCK[0].start, BLOCK[1].start
-        beside = verdict.kind[top + 6, left - 4 : left]
-        np.testing.assert_array_equal(beside, [Kind.REMEMBERED] * 2 + [kind] * 2)
-        assert (verdict.kind[INSIDE] == (Kind.REMEMBERED if block_px else Kind.NOTHING)).all()
+        beside = fused.pixel_class[top + 6, left - 4 : left]
+        np.testing.assert_array_equal(beside, [PixelClass.REMEMBERED] * 2 + [kind] * 2)
+        assert (fused.pixel_class[INSIDE] == (PixelClass.REMEMBERED if block_px else PixelClass.UNKNOWN)).all()
         # What is not shown is not forgotten.
         np.testing.assert_array_equal(memory.disparity_px, with_block(block_px))
 
     def test_a_slope_is_no_step(self) -> None:
         slope_px = np.asarray(8 + 0.2 * np.indices(SHAPE)[0], np.float32)
-        verdict, _ = weigh(memory_of(slope_px, 3), measured(image(0)))
-        assert (verdict.kind == Kind.REMEMBERED).all()
+        fused, _ = fuse(memory_of(slope_px, 3), measurement_of(image(0)))
+        assert (fused.pixel_class == PixelClass.REMEMBERED).all()
 
     def test_what_is_nowhere_stays_nothing(self) -> None:
-        verdict, memory = weigh(Memory.empty(grays()), measured(image(0)))
-        assert not verdict.disparity_px.any()
-        assert not verdict.kind.any()
+        fused, memory = fuse(Memory.empty(grays()), measurement_of(image(0)))
+        assert not fused.disparity_px.any()
+        assert not fused.pixel_class.any()
         assert not memory.weight.any()
 
 
 def test_a_distant_thing_does_not_melt_into_the_wall() -> None:
     """All its differences are of one sign, though each alone would be tolerated."""
-    new = measured(with_block(10.9), other_look())
-    verdict, memory = weigh(memory_of(image(10)), new)
-    np.testing.assert_array_equal(verdict.disparity_px[INSIDE], np.float32(10.9))
+    new = measurement_of(with_block(10.9), other_look())
+    fused, memory = fuse(memory_of(image(10)), new)
+    np.testing.assert_array_equal(fused.disparity_px[INSIDE], np.float32(10.9))
     np.testing.assert_array_equal(memory.disparity_px[INSIDE], 10)
 
 
 def test_the_tolerance_grows_with_the_disparity() -> None:
-    for disparity_px, kind in ((10.0, Kind.REMEMBERED), (60.0, Kind.FUSED)):
+    for disparity_px, kind in ((10.0, PixelClass.REMEMBERED), (60.0, PixelClass.FUSED)):
         new_px = image(disparity_px)
         new_px[20, 30] += 1.7
-        verdict, _ = weigh(memory_of(image(disparity_px)), measured(new_px))
-        assert verdict.kind[20, 30] == kind
+        fused, _ = fuse(memory_of(image(disparity_px)), measurement_of(new_px))
+        assert fused.pixel_class[20, 30] == kind
 
 
 def test_pixels_far_apart_do_not_influence_each_other() -> None:
     rng = np.random.default_rng(3)
-    old, new = memory_of(image(10)), measured(image(10) + rng.normal(0, 0.3, SHAPE).astype(np.float32))
-    plain, _ = weigh(old, new)
+    old, new = memory_of(image(10)), measurement_of(image(10) + rng.normal(0, 0.3, SHAPE).astype(np.float32))
+    plain, _ = fuse(old, new)
     changed_px = new.disparity_px.copy()
     changed_px[BLOCK] = 0
-    other, _ = weigh(old, measured(changed_px))
+    other, _ = fuse(old, measurement_of(changed_px))
     np.testing.assert_array_equal(other.disparity_px[:, 50:], plain.disparity_px[:, 50:])
-    np.testing.assert_array_equal(other.kind[:4], plain.kind[:4])
+    np.testing.assert_array_equal(other.pixel_class[:4], plain.pixel_class[:4])
 
 
 def test_inputs_are_not_modified_and_results_are_not_shared() -> None:
     rng = np.random.default_rng(5)
     memory = memory_of(with_block(20.0) + rng.normal(0, 0.5, SHAPE).astype(np.float32))
     new_px = np.where(rng.random(SHAPE) < 0.2, 0, with_block(20.0)).astype(np.float32)
-    new = measured(new_px, other_look())
+    new = measurement_of(new_px, other_look())
     before = [array.copy() for data in (memory, new) for array in vars(data).values()]
-    verdict, after = weigh(memory, new)
-    for array in (*vars(verdict).values(), *vars(after).values()):
+    fused, after = fuse(memory, new)
+    for array in (*vars(fused).values(), *vars(after).values()):
         array[...] = 7
     for array, copy in zip((a for data in (memory, new) for a in vars(data).values()), before, strict=True):
         np.testing.assert_array_equal(array, copy)
@@ -298,23 +304,23 @@ def lag_px(**settings: float) -> float:
     memory = memory_of(image(10))
     for frame in range(1, 13):
         new_px = image(10 + 0.08 * frame)
-        verdict, memory = weigh(memory, measured(new_px), **settings)
-    return float((new_px - verdict.disparity_px).mean())
+        fused, memory = fuse(memory, measurement_of(new_px), **settings)
+    return float((new_px - fused.disparity_px).mean())
 
 
 def test_memory_gives_way_to_what_comes_nearer_slowly() -> None:
     assert lag_px() < 0.15
-    assert lag_px(drift_px=1e6) > 0.5  # were drift no reason to trust it less
+    assert lag_px(max_drift_px=1e6) > 0.5  # were drift no reason to trust it less
 
 
 def test_drift_is_forgotten_when_it_ends_and_takes_no_evidence_away() -> None:
     memory = memory_of(image(10))
-    coming, memory = weigh(memory, measured(image(10.55)))
-    assert (memory.weight == UNIT * MOST).all()
+    coming, memory = fuse(memory, measurement_of(image(10.55)))
+    assert (memory.weight == WEIGHT_UNIT * MAX_EVIDENCE).all()
     for _ in range(30):
-        _, memory = weigh(memory, measured(memory.disparity_px))
+        _, memory = fuse(memory, measurement_of(memory.disparity_px))
     assert np.abs(memory.drift_px).max() < 0.01
-    still, _ = weigh(memory, measured(image(float(memory.disparity_px[20, 20]) + 0.3)))
+    still, _ = fuse(memory, measurement_of(image(float(memory.disparity_px[20, 20]) + 0.3)))
     followed = (coming.disparity_px[20, 20] - 10) / 0.55
     averaged = (still.disparity_px[20, 20] - memory.disparity_px[20, 20]) / 0.3
     assert followed > 3 * averaged
@@ -322,6 +328,6 @@ def test_drift_is_forgotten_when_it_ends_and_takes_no_evidence_away() -> None:
 
 def test_what_recedes_does_not_drift() -> None:
     memory = memory_of(image(10))
-    going, _ = weigh(memory, measured(image(9.7)))
-    coming, _ = weigh(memory, measured(image(10.3)))
+    going, _ = fuse(memory, measurement_of(image(9.7)))
+    coming, _ = fuse(memory, measurement_of(image(10.3)))
     assert 10 - going.disparity_px[20, 20] < coming.disparity_px[20, 20] - 10

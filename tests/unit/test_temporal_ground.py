@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from tests.temporal_scenes import Plane, Sphere, pose, render
-from voxdepth.temporal.estimate import CHANCES
-from voxdepth.temporal.ground import Ground, GroundConfig, Vector, found_ground
-from voxdepth.temporal.inpainting import Filling, FillingConfig
-from voxdepth.temporal.working_resolution import Scale
-from voxdepth.types import FloatImage, Intrinsics, MaskImage
+from voxdepth.temporal.confidence import INPAINTING
+from voxdepth.temporal.ground import GroundConfig, GroundPlane, find_ground
+from voxdepth.temporal.inpainting import Inpainter, InpaintingConfig
+from voxdepth.temporal.working_resolution import WorkingResolution
+from voxdepth.types import FloatArray, FloatImage, Intrinsics, MaskImage
 
 CAMERA = Intrinsics.from_hfov(width_px=320, height_px=240, hfov_deg=70, baseline_m=0.1)
 FLOOR = Plane((0.0, 1.0, 0.0), 1.2)
@@ -16,71 +16,71 @@ WALL = Plane((0.0, 0.0, 1.0), 5.0)
 SLANTED = Plane((0.3, 0.0, 1.0), 5.0)
 BALL = Sphere((0.2, -0.1, 3.0), 0.35)
 ROWS, COLS = 24, 40
-LEVEL = Ground(slope_u=0.0, slope_v=0.9, middle_px=1.5)
-ROLLED = Ground(slope_u=0.1, slope_v=0.9, middle_px=2.0)
+LEVEL = GroundPlane(slope_u=0.0, slope_v=0.9, middle_px=1.5)
+ROLLED = GroundPlane(slope_u=0.1, slope_v=0.9, middle_px=2.0)
 
 
-def cells(ground: Ground, *, nearer: float = 0.0, seed: int = 0) -> tuple[Vector, Vector, Vector]:
+def cells(ground: GroundPlane, *, nearer: float = 0.0, seed: int = 0) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Cells of an image that shows ground, and instead of this share of it something nearer."""
     rng = np.random.default_rng(seed)
     v, u = (x.ravel() + 0.5 for x in np.mgrid[-ROWS // 2 : ROWS // 2, -COLS // 2 : COLS // 2])
-    disparity_px = ground.at(u, v)
+    disparity_px = ground.disparity(u, v)
     hidden = rng.random(u.shape) < nearer
     disparity_px = np.where(hidden, disparity_px * rng.uniform(1.3, 4, u.shape), disparity_px)
     seen = disparity_px > 0.5
     return u[seen], v[seen], disparity_px[seen]
 
 
-def found(points: tuple[Vector, Vector, Vector], **config: float) -> Ground | None:
-    return found_ground(*points, ROWS, GroundConfig.model_validate(config))
+def find(points: tuple[FloatArray, FloatArray, FloatArray], **config: float) -> GroundPlane | None:
+    return find_ground(*points, ROWS, GroundConfig.model_validate(config))
 
 
-def assert_same(one: Ground | None, other: Ground, *, rtol: float) -> None:
+def assert_same(one: GroundPlane | None, other: GroundPlane, *, rtol: float) -> None:
     assert one is not None
     corners = np.array([-15.0, 15.0, -15.0, 15.0]), np.array([3.0, 3.0, 11.0, 11.0])
-    np.testing.assert_allclose(one.at(*corners), other.at(*corners), rtol=rtol)
+    np.testing.assert_allclose(one.disparity(*corners), other.disparity(*corners), rtol=rtol)
 
 
 class TestGround:
     @pytest.mark.parametrize("ground", [LEVEL, ROLLED], ids=["level", "rolled"])
-    def test_it_is_found(self, ground: Ground) -> None:
-        assert_same(found(cells(ground)), ground, rtol=1e-3)
+    def test_it_is_found(self, ground: GroundPlane) -> None:
+        assert_same(find(cells(ground)), ground, rtol=1e-3)
 
     @pytest.mark.parametrize("seed", range(4))
     @pytest.mark.parametrize("nearer", [0.1, 0.3, 0.5])
     def test_what_stands_before_it_does_not_lift_it(self, nearer: float, seed: int) -> None:
-        assert_same(found(cells(LEVEL, nearer=nearer, seed=seed)), LEVEL, rtol=0.03)
+        assert_same(find(cells(LEVEL, nearer=nearer, seed=seed)), LEVEL, rtol=0.03)
 
     @pytest.mark.parametrize("factor", [0.25, 4.0])
     def test_with_twice_the_disparity_it_has_twice_as_much(self, factor: float) -> None:
         u, v, disparity_px = cells(ROLLED, nearer=0.4)
-        once, scaled = found((u, v, disparity_px)), found((u, v, disparity_px * factor))
+        once, scaled = find((u, v, disparity_px)), find((u, v, disparity_px * factor))
         assert once is not None
-        expected = Ground(
+        expected = GroundPlane(
             slope_u=once.slope_u * factor, slope_v=once.slope_v * factor, middle_px=once.middle_px * factor
         )
         assert_same(scaled, expected, rtol=1e-6)
 
     def test_in_the_mirror_it_leans_to_the_other_side(self) -> None:
         u, v, disparity_px = cells(ROLLED, nearer=0.4)
-        ours, theirs = found((u, v, disparity_px)), found((-u, v, disparity_px))
+        ours, theirs = find((u, v, disparity_px)), find((-u, v, disparity_px))
         assert ours is not None
-        mirrored = Ground(slope_u=-ours.slope_u, slope_v=ours.slope_v, middle_px=ours.middle_px)
+        mirrored = GroundPlane(slope_u=-ours.slope_u, slope_v=ours.slope_v, middle_px=ours.middle_px)
         assert_same(theirs, mirrored, rtol=1e-6)
 
     @pytest.mark.parametrize("slope_u", [0.0, 0.1, -0.2])
     def test_a_wall_is_none(self, slope_u: float) -> None:
-        assert found(cells(Ground(slope_u=slope_u, slope_v=0.0, middle_px=6.0))) is None
+        assert find(cells(GroundPlane(slope_u=slope_u, slope_v=0.0, middle_px=6.0))) is None
 
     def test_a_ceiling_is_none(self) -> None:
-        assert found(cells(Ground(slope_u=0.0, slope_v=-0.9, middle_px=1.5))) is None
+        assert find(cells(GroundPlane(slope_u=0.0, slope_v=-0.9, middle_px=1.5))) is None
 
     def test_none_is_looked_for_if_more_than_all_cells_must_be_ground(self) -> None:
-        assert found(cells(LEVEL), least_share=2.0) is None
+        assert find(cells(LEVEL), min_inlier_ratio=2.0) is None
 
     def test_a_few_cells_are_not_enough(self) -> None:
         u, v, disparity_px = cells(LEVEL)
-        assert found((u[:19], v[:19], disparity_px[:19])) is None
+        assert find((u[:19], v[:19], disparity_px[:19])) is None
 
 
 class TestStanding:
@@ -89,14 +89,18 @@ class TestStanding:
     @staticmethod
     def seen(*bodies: Plane | Sphere) -> tuple[FloatImage, MaskImage]:
         """Disparity [px], and where the floor or a ball is."""
-        disparity_px = Scale.of(CAMERA, 1).disparity(render(bodies, pose(), CAMERA)[1])
-        walls = Scale.of(CAMERA, 1).disparity(render([b for b in bodies if b in (WALL, SLANTED)], pose(), CAMERA)[1])
+        disparity_px = WorkingResolution.of(CAMERA, 1).disparity(render(bodies, pose(), CAMERA)[1])
+        walls = WorkingResolution.of(CAMERA, 1).disparity(
+            render([b for b in bodies if b in (WALL, SLANTED)], pose(), CAMERA)[1]
+        )
         return disparity_px, disparity_px > walls + 0.01
 
     @staticmethod
-    def filled(disparity_px: FloatImage, step: int, config: FillingConfig | None = None) -> FloatImage:
+    def filled(disparity_px: FloatImage, step: int, config: InpaintingConfig | None = None) -> FloatImage:
         image_px = np.ascontiguousarray(disparity_px[::step, ::step])
-        return Filling(Scale.of(CAMERA, step), config or FillingConfig()).fill(image_px).disparity_px
+        return (
+            Inpainter(WorkingResolution.of(CAMERA, step), config or InpaintingConfig()).inpaint(image_px).disparity_px
+        )
 
     @pytest.mark.parametrize("step", [1, 2])
     @pytest.mark.parametrize("wall", [WALL, SLANTED], ids=["across", "slanted"])
@@ -106,7 +110,7 @@ class TestStanding:
         off = abs(self.filled(holes_px, step) / true_px[::step, ::step] - 1)[holes_px[::step, ::step] == 0]
         assert np.median(off) < 0.05
         assert np.quantile(off, 0.9) < 0.08
-        blind = FillingConfig(ground=GroundConfig(least_share=2.0))
+        blind = InpaintingConfig(ground=GroundConfig(min_inlier_ratio=2.0))
         off = abs(self.filled(holes_px, step, blind) / true_px[::step, ::step] - 1)[holes_px[::step, ::step] == 0]
         assert np.median(off) > 0.3  # planes alone recede with the floor
 
@@ -114,11 +118,14 @@ class TestStanding:
         true_px, measured = self.seen(FLOOR, WALL)
         holes_px = np.where(measured, true_px, np.float32(0))
         holes_px[210:] = 0
-        chance = Filling(Scale.of(CAMERA, 1), FillingConfig()).fill(holes_px).chance
-        np.testing.assert_allclose(chance[40:100, 40:280], CHANCES.bare, rtol=0.01)
-        np.testing.assert_allclose(chance[220:, 40:280], CHANCES.ground, rtol=0.01)
-        blind = FillingConfig(ground=GroundConfig(least_share=2.0))
-        assert Filling(Scale.of(CAMERA, 1), blind).fill(holes_px).chance.max() <= CHANCES.shadow
+        probability = Inpainter(WorkingResolution.of(CAMERA, 1), InpaintingConfig()).inpaint(holes_px).probability
+        np.testing.assert_allclose(probability[40:100, 40:280], INPAINTING.stixel, rtol=0.01)
+        np.testing.assert_allclose(probability[220:, 40:280], INPAINTING.ground, rtol=0.01)
+        blind = InpaintingConfig(ground=GroundConfig(min_inlier_ratio=2.0))
+        assert (
+            Inpainter(WorkingResolution.of(CAMERA, 1), blind).inpaint(holes_px).probability.max()
+            <= INPAINTING.occlusion_shadow
+        )
 
     @pytest.mark.parametrize("step", [1, 2])
     def test_so_it_is_above_what_hangs_before_it(self, step: int) -> None:

@@ -7,20 +7,20 @@ import numpy.typing as npt
 import pytest
 
 from tests.temporal_scenes import CAMERA, WALL, Plane, Sphere, pose, render
-from voxdepth.temporal.estimate import CHANCES
-from voxdepth.temporal.inpainting import Filling, FillingConfig
+from voxdepth.temporal.confidence import INPAINTING
+from voxdepth.temporal.inpainting import Inpainter, InpaintingConfig
 from voxdepth.temporal.planes import PlanesConfig
-from voxdepth.temporal.working_resolution import Scale
+from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatImage, MaskImage
 
 CELL_PX = 16
-FREE = FillingConfig(planes=PlanesConfig(ridge=1e-9, below=100, above=100))
+FREE = InpaintingConfig(planes=PlanesConfig(ridge=1e-9, max_deviations_far=100, max_deviations_near=100))
 """Planes that nothing holds back."""
-RIGHT = FillingConfig(hidden_side="right")
+RIGHT = InpaintingConfig(hidden_side="right")
 
 
-def filling(step: int = 1, config: FillingConfig | None = None) -> Filling:
-    return Filling(Scale.of(CAMERA, step), config or FillingConfig())
+def inpainter(step: int = 1, config: InpaintingConfig | None = None) -> Inpainter:
+    return Inpainter(WorkingResolution.of(CAMERA, step), config or InpaintingConfig())
 
 
 def slope(step: int = 1) -> FloatImage:
@@ -71,35 +71,35 @@ class TestPlanes:
         plane_px = slope(step)
         before_px = holed(plane_px, HOLES[name][::step, ::step])
         expected_px = np.maximum(plane_px, before_px[before_px > 0].min())  # nothing is farther than what was measured
-        np.testing.assert_allclose(filling(step, FREE).fill(before_px).disparity_px, expected_px, atol=1e-4)
+        np.testing.assert_allclose(inpainter(step, FREE).inpaint(before_px).disparity_px, expected_px, atol=1e-4)
 
     @pytest.mark.parametrize("step", [1, 2])
     @pytest.mark.parametrize("name", HOLES)
     def test_and_within_a_hundredth_of_a_pixel_with_what_holds_planes_back(self, name: str, step: int) -> None:
         plane_px = slope(step)
-        error_px = filling(step).fill(holed(plane_px, HOLES[name][::step, ::step])).disparity_px - plane_px
+        error_px = inpainter(step).inpaint(holed(plane_px, HOLES[name][::step, ::step])).disparity_px - plane_px
         np.testing.assert_allclose(away_from_the_border(error_px, step), 0, atol=0.01)
         np.testing.assert_allclose(error_px, 0, atol=0.25)  # at the border planes do not recede
 
-    @pytest.mark.parametrize("config", [FREE, FillingConfig()], ids=["free", "default"])
-    def test_a_plane_is_filled_as_well_at_the_border_of_the_image(self, config: FillingConfig) -> None:
+    @pytest.mark.parametrize("config", [FREE, InpaintingConfig()], ids=["free", "default"])
+    def test_a_plane_is_filled_as_well_at_the_border_of_the_image(self, config: InpaintingConfig) -> None:
         plane_px = slope()
-        filled_px = filling(1, config).fill(holed(plane_px, block(4, top=0, left=0))).disparity_px
+        filled_px = inpainter(1, config).inpaint(holed(plane_px, block(4, top=0, left=0))).disparity_px
         np.testing.assert_allclose(filled_px, plane_px, atol=0.005)
 
     @pytest.mark.parametrize("step", [1, 2])
-    @pytest.mark.parametrize("config", [FREE, FillingConfig()], ids=["free", "default"])
+    @pytest.mark.parametrize("config", [FREE, InpaintingConfig()], ids=["free", "default"])
     def test_a_plane_of_which_every_other_pixel_is_missing_is_filled_as_well(
-        self, config: FillingConfig, step: int
+        self, config: InpaintingConfig, step: int
     ) -> None:
         plane_px = slope(step)
-        filled_px = filling(step, config).fill(holed(plane_px, scattered(0.5)[::step, ::step])).disparity_px
+        filled_px = inpainter(step, config).inpaint(holed(plane_px, scattered(0.5)[::step, ::step])).disparity_px
         np.testing.assert_allclose(away_from_the_border(filled_px - plane_px, step), 0, atol=0.01)
 
     def test_what_is_near_a_hole_decides(self) -> None:
         wall_px = np.full(CAMERA.shape, 5, np.float32)
         wall_px[:, 110:] = 20
-        filled_px = filling().fill(holed(wall_px, block(12, left=30))).disparity_px
+        filled_px = inpainter().inpaint(holed(wall_px, block(12, left=30))).disparity_px
         np.testing.assert_allclose(filled_px, wall_px, atol=1e-3)
 
 
@@ -108,23 +108,23 @@ class TestLaws:
     @pytest.mark.parametrize("share", [0.01, 0.5, 0.99, 0.9999])
     def test_constant_stays_constant(self, share: float, step: int) -> None:
         whole_px = np.full(CAMERA.shape, 7.3, np.float32)[::step, ::step]
-        filled_px = filling(step).fill(holed(whole_px, scattered(share)[::step, ::step])).disparity_px
+        filled_px = inpainter(step).inpaint(holed(whole_px, scattered(share)[::step, ::step])).disparity_px
         np.testing.assert_allclose(filled_px, 7.3, atol=1e-3)
 
     @pytest.mark.parametrize("factor", [0.25, 4.0])
     def test_twice_the_disparity_is_filled_with_twice_as_much(self, factor: float) -> None:
-        # Planes only: a shadow is told by its width in pixels, which does not scale along.
-        config = FillingConfig(step_px=1e6)
+        # Planes only: a shadow is told by its width in pixels, which does not resolution along.
+        config = InpaintingConfig(min_shadow_step_px=1e6)
         once_px = holed(slope(), HOLES["both"])
-        filled_px = filling(1, config).fill(once_px).disparity_px
-        scaled_px = filling(1, config).fill(once_px * np.float32(factor)).disparity_px
+        filled_px = inpainter(1, config).inpaint(once_px).disparity_px
+        scaled_px = inpainter(1, config).inpaint(once_px * np.float32(factor)).disparity_px
         np.testing.assert_allclose(scaled_px, filled_px * factor, rtol=1e-4)
 
     @pytest.mark.parametrize("share", [0.05, 0.5, 0.97])
     def test_what_is_valid_is_not_touched_and_no_hole_is_left(self, share: float) -> None:
         before_px = holed(slope(), scattered(share))
         kept_px = before_px.copy()
-        filled_px = filling().fill(before_px).disparity_px
+        filled_px = inpainter().inpaint(before_px).disparity_px
         np.testing.assert_array_equal(before_px, kept_px)
         np.testing.assert_array_equal(filled_px[before_px > 0], before_px[before_px > 0])
         assert (filled_px > 0).all()
@@ -134,25 +134,25 @@ class TestLaws:
         rng = np.random.default_rng(seed)
         disparity_px = slope() + rng.normal(0, 0.5, CAMERA.shape).astype(np.float32)
         before_px = holed(disparity_px, block(70, top=20, left=60) | block(40, top=0, left=0))
-        filled_px = filling().fill(before_px).disparity_px
+        filled_px = inpainter().inpaint(before_px).disparity_px
         assert filled_px.min() >= before_px[before_px > 0].min()
 
     def test_not_even_where_a_plane_that_nothing_holds_back_would_be(self) -> None:
         before_px = holed(slope(), block(50, top=80, left=0))  # the far end of the wall
-        filled_px = filling(1, FREE).fill(before_px).disparity_px
+        filled_px = inpainter(1, FREE).inpaint(before_px).disparity_px
         assert filled_px.min() == before_px[before_px > 0].min()
 
     def test_filling_again_changes_nothing(self) -> None:
-        once_px = filling().fill(holed(slope(), HOLES["both"])).disparity_px
-        np.testing.assert_array_equal(filling().fill(once_px).disparity_px, once_px)
+        once_px = inpainter().inpaint(holed(slope(), HOLES["both"])).disparity_px
+        np.testing.assert_array_equal(inpainter().inpaint(once_px).disparity_px, once_px)
 
     def test_where_nothing_is_known_nothing_is_invented(self) -> None:
-        assert not filling().fill(np.zeros(CAMERA.shape, np.float32)).disparity_px.any()
+        assert not inpainter().inpaint(np.zeros(CAMERA.shape, np.float32)).disparity_px.any()
 
     def test_one_pixel_fills_all(self) -> None:
         lonely_px = np.zeros(CAMERA.shape, np.float32)
         lonely_px[100, 3] = 4.0
-        np.testing.assert_allclose(filling().fill(lonely_px).disparity_px, 4.0, rtol=1e-5)
+        np.testing.assert_allclose(inpainter().inpaint(lonely_px).disparity_px, 4.0, rtol=1e-5)
 
 
 class TestShadows:
@@ -168,63 +168,63 @@ class TestShadows:
     @pytest.mark.parametrize("step", [1, 2])
     def test_an_occlusion_shadow_takes_the_background(self, step: int) -> None:
         before_px = self.shadow(step)
-        filled_px = filling(step).fill(before_px).disparity_px
+        filled_px = inpainter(step).inpaint(before_px).disparity_px
         np.testing.assert_array_equal(filled_px[before_px == 0], 5)
 
     @pytest.mark.parametrize("step", [1, 2])
     def test_behind_a_fattened_rim_it_takes_what_is_farther(self, step: int) -> None:
         before_px = self.shadow(step)
         before_px[30 // step : 90 // step, (70 - 2) // step : 70 // step] = 8
-        filled_px = filling(step).fill(before_px).disparity_px
+        filled_px = inpainter(step).inpaint(before_px).disparity_px
         np.testing.assert_array_equal(filled_px[before_px == 0], 5)
 
     @pytest.mark.parametrize("step", [1, 2])
     def test_a_hole_wider_than_any_shadow_is_none(self, step: int) -> None:
         before_px = self.shadow(step, width_px=24)  # a shadow has 10 columns, and a margin of 6
-        filled_px = filling(step).fill(before_px).disparity_px
+        filled_px = inpainter(step).inpaint(before_px).disparity_px
         assert filled_px[60 // step, 78 // step] > 6  # the near thing has a say
 
     def test_on_its_other_side_a_thing_casts_none(self) -> None:
-        assert filling().fill(mirrored(self.shadow())).disparity_px[60, 80] > 8
-        assert filling(1, RIGHT).fill(self.shadow()).disparity_px[60, 79] > 8
+        assert inpainter().inpaint(mirrored(self.shadow())).disparity_px[60, 80] > 8
+        assert inpainter(1, RIGHT).inpaint(self.shadow()).disparity_px[60, 79] > 8
 
     @pytest.mark.parametrize("step", [1, 2])
     @pytest.mark.parametrize("fattened_px", [0, 2])
     def test_the_other_one_of_two_cameras_sees_them_mirrored(self, fattened_px: int, step: int) -> None:
         before_px = np.ascontiguousarray(self.shadow(step))
         before_px[30 // step : 90 // step, (70 - fattened_px) // step : 70 // step] = 8
-        filled_px = mirrored(filling(step, RIGHT).fill(mirrored(before_px)).disparity_px)
-        np.testing.assert_array_equal(filled_px, filling(step).fill(before_px).disparity_px)
+        filled_px = mirrored(inpainter(step, RIGHT).inpaint(mirrored(before_px)).disparity_px)
+        np.testing.assert_array_equal(filled_px, inpainter(step).inpaint(before_px).disparity_px)
         assert (filled_px[before_px == 0] == 5).all()
 
     def test_a_step_below_the_least_casts_none(self) -> None:
         before_px = self.shadow(near_px=5.8, width_px=4)
-        filled_px = filling().fill(before_px).disparity_px
+        filled_px = inpainter().inpaint(before_px).disparity_px
         assert (filled_px[40:80, 79] > 5.1).all()
 
     def test_a_shadow_at_the_left_border_is_none(self) -> None:
         disparity_px = np.full(CAMERA.shape, 15, np.float32)
         disparity_px[:, :10] = 0
-        np.testing.assert_allclose(filling().fill(disparity_px).disparity_px, 15, atol=1e-3)
+        np.testing.assert_allclose(inpainter().inpaint(disparity_px).disparity_px, 15, atol=1e-3)
 
 
 def test_the_shadow_of_a_ball_before_a_wall_is_filled() -> None:
-    scale = Scale.of(CAMERA, 1)
+    resolution = WorkingResolution.of(CAMERA, 1)
     bodies = [WALL, Sphere((0.0, 0.0, 2.0), 0.5)]
-    true_px = scale.disparity(render(bodies, pose())[1])
-    right_px = scale.disparity(render(bodies, pose(0.1))[1])
-    row, col = np.mgrid[: scale.height_px, : scale.width_px]
+    true_px = resolution.disparity(render(bodies, pose())[1])
+    right_px = resolution.disparity(render(bodies, pose(0.1))[1])
+    row, col = np.mgrid[: resolution.height_px, : resolution.width_px]
     there = np.rint(col - true_px).astype(int)
     seen_there_px = np.where(there >= 0, right_px[row, np.maximum(there, 0)], true_px)
     occluded = seen_there_px > true_px + 1
     assert 150 < occluded.sum() < 600
-    filled_px = filling().fill(holed(true_px, occluded)).disparity_px
+    filled_px = inpainter().inpaint(holed(true_px, occluded)).disparity_px
     assert np.mean(abs(filled_px - true_px)[occluded] < 0.1) > 0.97
 
 
 def test_a_slanted_plane_of_a_scene_is_filled() -> None:
-    true_px = Scale.of(CAMERA, 1).disparity(render([Plane((0.5, -0.3, 1.0), 5.0)], pose())[1])
-    filled_px = filling().fill(holed(true_px, block(28, top=60))).disparity_px
+    true_px = WorkingResolution.of(CAMERA, 1).disparity(render([Plane((0.5, -0.3, 1.0), 5.0)], pose())[1])
+    filled_px = inpainter().inpaint(holed(true_px, block(28, top=60))).disparity_px
     np.testing.assert_allclose(filled_px, true_px, atol=0.01)
 
 
@@ -232,34 +232,36 @@ class TestChance:
     """How likely what was filled is of the right surface."""
 
     def test_it_falls_with_the_way_to_the_next_measurement(self) -> None:
-        chance = filling().fill(holed(slope(), block(120, top=0, left=20))).chance
-        assert chance[2, 22] > 2 * chance[60, 80]
-        assert chance[60, 80] < CHANCES.plane(1)
+        probability = inpainter().inpaint(holed(slope(), block(120, top=0, left=20))).probability
+        assert probability[2, 22] > 2 * probability[60, 80]
+        assert probability[60, 80] < INPAINTING.plane(1)
 
     def test_a_small_hole_is_nearly_as_sure_as_a_plane_can_be(self) -> None:
-        chance = filling().fill(holed(slope(), block(4))).chance
-        np.testing.assert_allclose(chance[40:44, 50:54], CHANCES.plane(0), rtol=0.01)
+        probability = inpainter().inpaint(holed(slope(), block(4))).probability
+        np.testing.assert_allclose(probability[40:44, 50:54], INPAINTING.plane(0), rtol=0.01)
 
     @pytest.mark.parametrize("step", [1, 2])
     @pytest.mark.parametrize("name", HOLES)
     def test_it_is_a_chance_all_over(self, name: str, step: int) -> None:
-        chance = filling(step).fill(holed(slope(step), HOLES[name][::step, ::step])).chance
-        assert chance.dtype == np.float32
-        assert chance.min() > 0
-        assert chance.max() <= CHANCES.shadow
+        probability = inpainter(step).inpaint(holed(slope(step), HOLES[name][::step, ::step])).probability
+        assert probability.dtype == np.float32
+        assert probability.min() > 0
+        assert probability.max() <= INPAINTING.occlusion_shadow
 
     def test_at_a_blank_border_it_is_the_less_the_wider_that_is(self) -> None:
         widths = range(8, 80, 8)
-        chance = [filling().fill(holed(slope(), np.arange(160) < width)).chance[60, 0] for width in widths]
-        assert (np.diff(chance) < 1e-3).all()
-        assert chance[-1] < CHANCES.plane(1)
+        probability = [
+            inpainter().inpaint(holed(slope(), np.arange(160) < width)).probability[60, 0] for width in widths
+        ]
+        assert (np.diff(probability) < 1e-3).all()
+        assert probability[-1] < INPAINTING.plane(1)
 
     @pytest.mark.parametrize("hidden_side", ["left", "right"])
     def test_shadows_have_their_own(self, hidden_side: Literal["left", "right"]) -> None:
         before_px = TestShadows.shadow()
         if hidden_side == "right":
             before_px = mirrored(before_px)
-        filled = filling(1, FillingConfig(hidden_side=hidden_side)).fill(before_px)
-        at = (filled.chance == np.float32(CHANCES.shadow)) & (before_px == 0)
+        filled = inpainter(1, InpaintingConfig(hidden_side=hidden_side)).inpaint(before_px)
+        at = (filled.probability == np.float32(INPAINTING.occlusion_shadow)) & (before_px == 0)
         assert at.sum() > 100
         np.testing.assert_allclose(filled.disparity_px[at], 5, atol=0.1)

@@ -11,9 +11,9 @@ from tests.temporal_scenes import CAMERA, ROOM, dark, frames_of, method, noisy, 
 from voxdepth import VoxDepth
 from voxdepth.errors import ConfigError
 from voxdepth.temporal import pose_fit
-from voxdepth.temporal.method import LEAST_SIDE_PX
+from voxdepth.temporal.method import MIN_SIDE_PX
 from voxdepth.temporal.odometry import TrackingStatus
-from voxdepth.temporal.working_resolution import Scale
+from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import CorrectedDepth, FloatImage, Frame, Intrinsics, MaskImage, Source
 
 STEPS = pytest.mark.parametrize("step", [1, 2])
@@ -41,7 +41,7 @@ def disparity_error_px(result: CorrectedDepth, frame: Frame) -> FloatImage:
 
 def flat(frame: Frame, reach_px: int) -> MaskImage:
     """Where disparity is linear as far as that to each side, and the image goes on."""
-    disparity_px = Scale.of(CAMERA, 1).disparity(frame.depth_m)
+    disparity_px = WorkingResolution.of(CAMERA, 1).disparity(frame.depth_m)
     bent_px = abs(cv2.Laplacian(disparity_px, cv2.CV_32F))
     window = np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8)
     inside = np.zeros(CAMERA.shape, bool)
@@ -59,7 +59,7 @@ def usual_threads() -> Iterator[None]:
 class TestNothingToCorrect:
     def test_a_still_camera_without_noise_gets_back_what_it_measured(self) -> None:
         still = [replace(CLEAN[0], stamp_s=float(i)) for i in range(4)]
-        for result in run(method(memory_step=1, smooth_size_px=1), still):
+        for result in run(method(decimation=1, smoothing_window_px=1), still):
             assert disparity_error_px(result, CLEAN[0]).max() < 2**-14  # disparities move in steps of that
             assert (result.source == Source.SENSOR).all()
 
@@ -68,7 +68,7 @@ class TestNothingToCorrect:
         still = [replace(CLEAN[0], stamp_s=float(i)) for i in range(3)]
         where = flat(still[0], 3 * step)
         assert where.mean() > (0.6 if step == 1 else 0.4)
-        for result in run(method(memory_step=step), still):
+        for result in run(method(decimation=step), still):
             error_px = disparity_error_px(result, still[0])
             assert error_px[where].max() < 1e-5
             assert np.median(error_px) < 1e-5
@@ -76,11 +76,11 @@ class TestNothingToCorrect:
     def test_half_size_memory_without_smoothing_changes_only_what_is_bent(self) -> None:
         still = [replace(CLEAN[0], stamp_s=float(i)) for i in range(3)]
         where = flat(still[0], 2)
-        disparity_px = Scale.of(CAMERA, 1).disparity(CLEAN[0].depth_m)
+        disparity_px = WorkingResolution.of(CAMERA, 1).disparity(CLEAN[0].depth_m)
         edge = cv2.morphologyEx(disparity_px, cv2.MORPH_GRADIENT, np.ones((5, 5), np.uint8)) > 1
         assert where.mean() > 0.7
         assert 0.01 < edge.mean() < 0.1
-        for result in run(method(memory_step=2, smooth_size_px=1), still):
+        for result in run(method(decimation=2, smoothing_window_px=1), still):
             error_px = disparity_error_px(result, still[0])
             assert error_px[where].max() < 1e-5
             # The outermost pixels take what is half a pixel farther inside, by half of the slope of 0.06 px.
@@ -88,7 +88,7 @@ class TestNothingToCorrect:
 
     @STEPS
     def test_a_moving_camera_without_noise_gets_back_what_it_measured(self, step: int) -> None:
-        for frame, result in zip(CLEAN, run(method(memory_step=step), CLEAN), strict=True):
+        for frame, result in zip(CLEAN, run(method(decimation=step), CLEAN), strict=True):
             error_px = disparity_error_px(result, frame)
             assert np.percentile(error_px, [50, 90]) == pytest.approx([0, 0], abs=0.1)
             assert error_px[flat(frame, 3 * step)].max() < 0.01
@@ -98,7 +98,7 @@ class TestNothingToCorrect:
 class TestNoise:
     @STEPS
     def test_it_brings_back_what_noise_has_hidden(self, step: int) -> None:
-        result = run(method(memory_step=step), NOISY)[-1]
+        result = run(method(decimation=step), NOISY)[-1]
         measured = NOISY[-1].depth_m > 0
         raw_px = abs(FOCAL_BASELINE / np.where(measured, NOISY[-1].depth_m, 1) - FOCAL_BASELINE / CLEAN[-1].depth_m)
         error_px = disparity_error_px(result, CLEAN[-1])
@@ -110,13 +110,13 @@ class TestNoise:
 
     @STEPS
     def test_every_result_is_well_formed(self, step: int) -> None:
-        for settings in ({}, {"fill": "none"}, {"smooth_size_px": 1}):
-            for result in run(method(memory_step=step, **settings), [*NOISY[:4], dark(4), *NOISY[5:]]):
+        for settings in ({}, {"inpaint": False}, {"smoothing_window_px": 1}):
+            for result in run(method(decimation=step, **settings), [*NOISY[:4], dark(4), *NOISY[5:]]):
                 assert_well_formed(result)
 
     @STEPS
     def test_without_filling_only_what_is_known_has_a_depth(self, step: int) -> None:
-        filled, bare = (run(method(memory_step=step, fill=fill), NOISY) for fill in ("guided", "none"))
+        filled, bare = (run(method(decimation=step, inpaint=inpaint), NOISY) for inpaint in (True, False))
         assert [result.source.tobytes() for result in bare] != [result.source.tobytes() for result in filled]
         for full, result in zip(filled, bare, strict=True):
             assert set(np.unique(result.source)) <= {Source.INVALID, Source.SENSOR, Source.MEMORY}
@@ -126,7 +126,7 @@ class TestNoise:
 
     @STEPS
     def test_the_sensor_is_named_only_where_it_measured(self, step: int) -> None:
-        for frame, result in zip(NOISY, run(method(memory_step=step), NOISY), strict=True):
+        for frame, result in zip(NOISY, run(method(decimation=step), NOISY), strict=True):
             assert (frame.depth_m[result.source == Source.SENSOR] > 0).all()
 
     @pytest.mark.parametrize(("frames", "beside"), [(1, Source.INPAINTED), (3, Source.MEMORY)])
@@ -137,7 +137,7 @@ class TestNoise:
         missing[::6, ::6] = True  # one pixel of the four that one of the memory stands for
         depth_m = np.where(missing, np.float32(0), CLEAN[0].depth_m)
         still = [replace(CLEAN[0], depth_m=depth_m, stamp_s=float(i)) for i in range(frames)]
-        source = run(method(memory_step=2), still)[-1].source
+        source = run(method(decimation=2), still)[-1].source
         np.testing.assert_array_equal(source, np.where(missing, beside, Source.SENSOR))
 
 
@@ -148,7 +148,7 @@ class TestSymmetries:
         self, scale: float, step: int, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         # The fit of the motion stops at an absolute step, which is all that knows of metres; here it never does.
-        monkeypatch.setattr(pose_fit, "SETTLED", 0.0)
+        monkeypatch.setattr(pose_fit, "CONVERGENCE_STEP", 0.0)
         for one, other in self.of_both_sizes(scale, step):
             np.testing.assert_allclose(other.depth_m / scale, one.depth_m, rtol=1e-6)
             np.testing.assert_array_equal(one.source, other.source)
@@ -170,7 +170,7 @@ class TestSymmetries:
         """Results for our world, and for one that is `scale` times as large."""
         larger = replace(CAMERA, baseline_m=0.1 * scale)
         grown = [replace(frame, depth_m=frame.depth_m * np.float32(scale)) for frame in NOISY]
-        yield from zip(run(method(memory_step=step), NOISY), run(method(larger, memory_step=step), grown), strict=True)
+        yield from zip(run(method(decimation=step), NOISY), run(method(larger, decimation=step), grown), strict=True)
 
     @STEPS
     @pytest.mark.parametrize("width_px", [160, 168])
@@ -182,8 +182,8 @@ class TestSymmetries:
         mirrored = replace(camera, cx_px=width_px - 1 - camera.cx_px)
         frames = [noisy(frame, 0, camera=camera) for frame in frames_of(ROOM, walk(8), camera)]
         flipped = [replace(frame, gray=_flipped(frame.gray), depth_m=_flipped(frame.depth_m)) for frame in frames]
-        ours = run(method(camera, memory_step=step), frames)
-        theirs = run(method(mirrored, memory_step=step, filling={"hidden_side": "right"}), flipped)
+        ours = run(method(camera, decimation=step), frames)
+        theirs = run(method(mirrored, decimation=step, inpainting={"hidden_side": "right"}), flipped)
         for one, other in zip(ours, theirs, strict=True):
             assert np.mean(one.source == _flipped(other.source)) > 0.9995
             difference_px = abs(11.5 / one.depth_m - 11.5 / _flipped(other.depth_m))
@@ -195,7 +195,7 @@ class TestSymmetries:
         streams = []
         for threads in (1, 2):
             cv2.setNumThreads(threads)
-            streams.append(run(method(memory_step=step), NOISY))
+            streams.append(run(method(decimation=step), NOISY))
         for one, other in zip(*streams, strict=True):
             assert _bytes(one) == _bytes(other)
 
@@ -211,12 +211,12 @@ def _bytes(result: CorrectedDepth) -> tuple[bytes, ...]:
 
 class TestArrays:
     @STEPS
-    @pytest.mark.parametrize("smooth_size_px", [1, 5])
+    @pytest.mark.parametrize("smoothing_window_px", [1, 5])
     def test_inputs_are_neither_modified_nor_kept_and_results_are_the_callers_own(
-        self, smooth_size_px: int, step: int
+        self, smoothing_window_px: int, step: int
     ) -> None:
-        expected = run(method(memory_step=step, smooth_size_px=smooth_size_px), NOISY)
-        corrector = method(memory_step=step, smooth_size_px=smooth_size_px)
+        expected = run(method(decimation=step, smoothing_window_px=smoothing_window_px), NOISY)
+        corrector = method(decimation=step, smoothing_window_px=smoothing_window_px)
         for frame, clean in zip(NOISY, expected, strict=True):
             given = Frame(stamp_s=frame.stamp_s, gray=frame.gray.copy(), depth_m=frame.depth_m.copy())
             result = process(corrector, given)
@@ -228,10 +228,10 @@ class TestArrays:
 
     @STEPS
     def test_the_halves_may_run_apart(self, step: int) -> None:
-        corrector = method(memory_step=step)
+        corrector = method(decimation=step)
         aligned = [corrector.align(frame) for frame in NOISY]
         late = [corrector.combine(one) for one in reversed(aligned)][::-1]
-        expected = run(method(memory_step=step), NOISY)
+        expected = run(method(decimation=step), NOISY)
         assert [_bytes(one) for one in late] == [_bytes(one) for one in expected]
 
     def test_it_is_what_a_corrector_does_by_default(self) -> None:
@@ -240,11 +240,11 @@ class TestArrays:
 
     @STEPS
     def test_after_a_reset_it_is_as_new(self, step: int) -> None:
-        corrector = method(memory_step=step)
+        corrector = method(decimation=step)
         run(corrector, NOISY)
         corrector.reset()
         again = run(corrector, NOISY)
-        assert [_bytes(one) for one in again] == [_bytes(one) for one in run(method(memory_step=step), NOISY)]
+        assert [_bytes(one) for one in again] == [_bytes(one) for one in run(method(decimation=step), NOISY)]
 
     def test_what_it_says_of_the_first_and_the_next_frame(self) -> None:
         first, second = run(method(), NOISY[:2])
@@ -260,7 +260,7 @@ class TestArrays:
         assert second.diagnostics.T_frame_previous is not None
         np.testing.assert_allclose(second.diagnostics.T_frame_previous, np.linalg.inv(walk(2)[1]), atol=0.005)
         assert not second.diagnostics.memory_reset
-        assert {"measure", "localise", "recall", "weigh", "remember", "fill"} <= set(second.timings_s)
+        assert {"measure", "track", "warp", "fuse", "remember", "inpaint"} <= set(second.timings_s)
 
 
 class TestSizes:
@@ -273,7 +273,7 @@ class TestSizes:
         camera = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=70, baseline_m=baseline_m)
         frames = frames_of(ROOM, walk(5), camera)
         holed = [_with_a_hole(frame) for frame in frames]
-        corrector = method(camera, memory_step=step, smooth_size_px=1)
+        corrector = method(camera, decimation=step, smoothing_window_px=1)
         for frame, result in zip(frames, run(corrector, holed), strict=True):
             assert_well_formed(result, camera)
             assert (result.depth_m > 0).all()
@@ -285,7 +285,7 @@ class TestSizes:
     @STEPS
     def test_an_odd_size_is_remembered_like_an_even_one(self, step: int) -> None:
         frames = [noisy(frame, 0, camera=ODD) for frame in frames_of(ROOM, walk(8), ODD)]
-        result = run(method(ODD, memory_step=step), frames)[-1]
+        result = run(method(ODD, decimation=step), frames)[-1]
         hole = frames[-1].depth_m == 0
         assert np.mean(result.source[hole] == Source.MEMORY) > (0.95 if step == 1 else 0.6)
         true_m = frames_of(ROOM, walk(8)[-1:], ODD)[0].depth_m
@@ -295,7 +295,7 @@ class TestSizes:
     def test_the_last_odd_row_and_column_are_no_worse_than_measured(self, step: int) -> None:
         clean = frames_of(ROOM, walk(8), ODD)
         frames = [noisy(frame, 0, holes=0, camera=ODD) for frame in clean]
-        result = run(method(ODD, memory_step=step, smooth_size_px=1), frames)[-1]
+        result = run(method(ODD, decimation=step, smoothing_window_px=1), frames)[-1]
         for edge in (np.s_[:, -1], np.s_[-1, :]):
             ours, raw = (
                 abs(1 / depth_m - 1 / clean[-1].depth_m)[edge] for depth_m in (result.depth_m, frames[-1].depth_m)
@@ -306,9 +306,9 @@ class TestSizes:
     @pytest.mark.parametrize(("width_px", "height_px"), [(7, 8), (8, 7), (64, 3), (1, 1)])
     def test_too_small_images_are_refused(self, width_px: int, height_px: int, step: int) -> None:
         camera = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=70, baseline_m=0.1)
-        assert LEAST_SIDE_PX == 8
+        assert MIN_SIDE_PX == 8
         with pytest.raises(ConfigError, match=f"at least 8x8 pixels, got {width_px}x{height_px}"):
-            method(camera, memory_step=step)
+            method(camera, decimation=step)
 
 
 def _with_a_hole(frame: Frame) -> Frame:

@@ -21,10 +21,10 @@ from tests.temporal_scenes import (
     walk,
 )
 from voxdepth.geometry import inverse_rigid
-from voxdepth.temporal.feature_tracker import Tracks, TracksConfig
-from voxdepth.temporal.odometry import Localisation, LocalisationConfig, Location, TrackingStatus
+from voxdepth.temporal.feature_tracker import FeatureTracker, FeatureTrackerConfig
+from voxdepth.temporal.odometry import TrackingResult, TrackingStatus, VisualOdometry, VisualOdometryConfig
 from voxdepth.temporal.pose_fit import Pinhole, fit_pose
-from voxdepth.temporal.working_resolution import Scale
+from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatArray, Frame, Intrinsics
 
 LENS = Pinhole(fx_px=120, fy_px=118, cx_px=80.2, cy_px=59.1)
@@ -38,110 +38,112 @@ BY_THE_WAY = {
 """`T_world_cam` of the second frame; the first is at the origin."""
 
 
-def localisation(camera: Intrinsics = CAMERA, step: int = 1) -> Localisation:
-    return Localisation(camera, Scale.of(camera, step), LocalisationConfig())
+def odometry(camera: Intrinsics = CAMERA, step: int = 1) -> VisualOdometry:
+    return VisualOdometry(camera, WorkingResolution.of(camera, step), VisualOdometryConfig())
 
 
-def placed(frame: Frame, camera: Intrinsics = CAMERA, step: int = 1) -> Localisation:
+def with_keyframe(frame: Frame, camera: Intrinsics = CAMERA, step: int = 1) -> VisualOdometry:
     """A localisation that knows one frame."""
-    known = localisation(camera, step)
-    assert place(known, frame, camera, step).found is TrackingStatus.FIRST_FRAME
+    known = odometry(camera, step)
+    assert set_keyframe(known, frame, camera, step).status is TrackingStatus.FIRST_FRAME
     return known
 
 
-def place(known: Localisation, frame: Frame, camera: Intrinsics = CAMERA, step: int = 1) -> Location:
+def set_keyframe(known: VisualOdometry, frame: Frame, camera: Intrinsics = CAMERA, step: int = 1) -> TrackingResult:
     """Locate a frame and make it the last that is known."""
-    scale, location = Scale.of(camera, step), known.locate(frame)
-    known.place(frame, location, scale.disparity(np.ascontiguousarray(frame.depth_m[::step, ::step])))
-    return location
+    resolution, tracking = WorkingResolution.of(camera, step), known.track(frame)
+    known.set_keyframe(frame, tracking, resolution.disparity(np.ascontiguousarray(frame.depth_m[::step, ::step])))
+    return tracking
 
 
-def error_px(location: Location, T_now_before: FloatArray, before: Frame) -> float:
+def error_px(tracking: TrackingResult, T_frame_keyframe: FloatArray, before: Frame) -> float:
     """How far off the pixels of the earlier frame land, on average."""
     row, col = np.mgrid[4:116:8, 4:156:8].reshape(2, -1)
     z = before.depth_m[row, col].astype(np.float64)
     x, y = (col - CAMERA.cx_px) / CAMERA.fx_px * z, (row - CAMERA.cy_px) / CAMERA.fy_px * z
     points = np.stack([x, y, z], 1)
-    lens = Pinhole(fx_px=CAMERA.fx_px, fy_px=CAMERA.fy_px, cx_px=CAMERA.cx_px, cy_px=CAMERA.cy_px)
-    ours, right = (lens.project(points @ T[:3, :3].T + T[:3, 3]) for T in (location.T_now_before, T_now_before))
+    camera = Pinhole(fx_px=CAMERA.fx_px, fy_px=CAMERA.fy_px, cx_px=CAMERA.cx_px, cy_px=CAMERA.cy_px)
+    ours, right = (
+        camera.project(points @ T[:3, :3].T + T[:3, 3]) for T in (tracking.T_frame_keyframe, T_frame_keyframe)
+    )
     return float(np.hypot(*(ours - right).T).mean())
 
 
-class TestLocalisation:
+class TestVisualOdometry:
     @pytest.mark.parametrize("step", [1, 2])
     @pytest.mark.parametrize("name", BY_THE_WAY)
     def test_a_known_motion_is_found(self, name: str, step: int) -> None:
         T, first = BY_THE_WAY[name], frame_of(ROOM, pose())
-        location = placed(first, step=step).locate(frame_of(ROOM, T, 1))
-        assert location.found is TrackingStatus.OK
-        assert error_px(location, inverse_rigid(T), first) < 0.05
-        assert location.inliers > 0.85 * location.tracks > 40
+        tracking = with_keyframe(first, step=step).track(frame_of(ROOM, T, 1))
+        assert tracking.status is TrackingStatus.OK
+        assert error_px(tracking, inverse_rigid(T), first) < 0.05
+        assert tracking.n_inliers > 0.85 * tracking.n_tracks > 40
 
     def test_a_moving_ball_drops_out(self) -> None:
         ball, T = Sphere((0.2, 0.1, 2.4), 0.5, seed=5), BY_THE_WAY["forward"]
         first = frame_of([*ROOM, ball], pose())
-        moved = [*ROOM, replace(ball, centre_m=(0.3, 0.05, 2.4))]
-        location = placed(first).locate(frame_of(moved, T, 1))
-        assert location.found is TrackingStatus.OK
-        assert error_px(location, inverse_rigid(T), frame_of(ROOM, pose())) < 0.08
-        assert 0.6 < location.inliers / location.tracks < 0.93  # those on the ball are not explained
+        warped = [*ROOM, replace(ball, centre_m=(0.3, 0.05, 2.4))]
+        tracking = with_keyframe(first).track(frame_of(warped, T, 1))
+        assert tracking.status is TrackingStatus.OK
+        assert error_px(tracking, inverse_rigid(T), frame_of(ROOM, pose())) < 0.08
+        assert 0.6 < tracking.n_inliers / tracking.n_tracks < 0.93  # those on the ball are not explained
 
     @pytest.mark.parametrize("seed", range(6))
     def test_another_scene_is_refused(self, seed: int) -> None:
         there = [replace(body, seed=body.seed + 100 * seed) for body in OTHER_ROOM]
-        location = placed(frame_of(ROOM, pose())).locate(frame_of(there, pose(yaw=3 * seed), 1))
-        assert location.found is TrackingStatus.LOST
-        np.testing.assert_array_equal(location.T_now_before, np.eye(4))
-        assert location.tracks > 40
-        assert location.inliers == 0
+        tracking = with_keyframe(frame_of(ROOM, pose())).track(frame_of(there, pose(yaw=3 * seed), 1))
+        assert tracking.status is TrackingStatus.LOST
+        np.testing.assert_array_equal(tracking.T_frame_keyframe, np.eye(4))
+        assert tracking.n_tracks > 40
+        assert tracking.n_inliers == 0
 
     def test_the_same_shapes_of_other_looks_are_another_scene(self) -> None:
         repainted = [replace(body, seed=body.seed + 50) for body in ROOM]
-        location = placed(frame_of(ROOM, pose())).locate(frame_of(repainted, pose(), 1))
-        assert location.found is TrackingStatus.LOST
+        tracking = with_keyframe(frame_of(ROOM, pose())).track(frame_of(repainted, pose(), 1))
+        assert tracking.status is TrackingStatus.LOST
 
     @pytest.mark.parametrize("gray", [0, 130, 255])
     def test_a_blank_image_shows_nothing_to_go_by(self, gray: int) -> None:
         blank = replace(dark(1), gray=np.full(CAMERA.shape, gray, np.uint8))
-        location = placed(frame_of(ROOM, pose())).locate(blank)
-        assert location.found is TrackingStatus.NO_FEATURES
-        np.testing.assert_array_equal(location.T_now_before, np.eye(4))
+        tracking = with_keyframe(frame_of(ROOM, pose())).track(blank)
+        assert tracking.status is TrackingStatus.NO_FEATURES
+        np.testing.assert_array_equal(tracking.T_frame_keyframe, np.eye(4))
 
     def test_the_noise_of_photons_in_the_dark_is_nothing_to_go_by(self) -> None:
         noise = np.random.default_rng(0).poisson(2.0, CAMERA.shape).astype(np.uint8)
-        location = placed(frame_of(ROOM, pose())).locate(replace(dark(1), gray=noise))
-        assert location.found is TrackingStatus.NO_FEATURES
+        tracking = with_keyframe(frame_of(ROOM, pose())).track(replace(dark(1), gray=noise))
+        assert tracking.status is TrackingStatus.NO_FEATURES
 
     def test_dark_frames_that_are_not_placed_do_not_matter(self) -> None:
         first, T = frame_of(ROOM, pose()), BY_THE_WAY["forward"]
-        known = placed(first)
+        known = with_keyframe(first)
         for index in range(1, 5):
-            known.locate(dark(index))
-        location = known.locate(frame_of(ROOM, T, 5))
-        assert location.found is TrackingStatus.OK
-        assert error_px(location, inverse_rigid(T), first) < 0.05
+            known.track(dark(index))
+        tracking = known.track(frame_of(ROOM, T, 5))
+        assert tracking.status is TrackingStatus.OK
+        assert error_px(tracking, inverse_rigid(T), first) < 0.05
 
     @pytest.mark.parametrize("step_m", [0.02, 0.05])
     def test_a_gap_of_ten_frames_is_bridged(self, step_m: float) -> None:
         poses = walk(12, step_m=step_m)
         first, second = (frame_of(ROOM, T, i) for i, T in enumerate(poses[:2]))
-        known = placed(first)
-        place(known, second)
-        location = known.locate(frame_of(ROOM, poses[11], 11))
-        assert location.found is TrackingStatus.OK
-        assert error_px(location, inverse_rigid(poses[11]) @ poses[1], second) < 0.2
+        known = with_keyframe(first)
+        set_keyframe(known, second)
+        tracking = known.track(frame_of(ROOM, poses[11], 11))
+        assert tracking.status is TrackingStatus.OK
+        assert error_px(tracking, inverse_rigid(poses[11]) @ poses[1], second) < 0.2
 
     def test_a_turn_by_a_quarter_of_the_view_is_bridged(self) -> None:
         first, T = frame_of(ROOM, pose()), pose(yaw=-17)
-        location = placed(first).locate(frame_of(ROOM, T, 1))
-        assert location.found is TrackingStatus.OK
-        assert error_px(location, inverse_rigid(T), first) < 0.5
+        tracking = with_keyframe(first).track(frame_of(ROOM, T, 1))
+        assert tracking.status is TrackingStatus.OK
+        assert error_px(tracking, inverse_rigid(T), first) < 0.5
 
     def test_a_roll_of_sixteen_degrees_is_bridged_by_features(self) -> None:
         first, T = frame_of(ROOM, pose()), pose(roll=16)
-        location = placed(first).locate(frame_of(ROOM, T, 1))
-        assert location.found is TrackingStatus.OK
-        assert error_px(location, inverse_rigid(T), first) < 0.5
+        tracking = with_keyframe(first).track(frame_of(ROOM, T, 1))
+        assert tracking.status is TrackingStatus.OK
+        assert error_px(tracking, inverse_rigid(T), first) < 0.5
 
     def test_the_same_frames_give_the_same_bytes_whatever_the_threads(self) -> None:
         first, second = frame_of(ROOM, pose()), frame_of(ROOM, pose(0.1, 0, 0.3, yaw=3), 1)
@@ -149,53 +151,53 @@ class TestLocalisation:
         try:
             for count in (1, 2, 1):
                 cv2.setNumThreads(count)
-                motions.append(placed(first).locate(second).T_now_before.tobytes())
+                motions.append(with_keyframe(first).track(second).T_frame_keyframe.tobytes())
         finally:
             cv2.setNumThreads(threads)
         assert len(set(motions)) == 1
 
     def test_after_a_reset_the_next_frame_is_the_first(self) -> None:
-        known = placed(frame_of(ROOM, pose()))
+        known = with_keyframe(frame_of(ROOM, pose()))
         known.reset()
-        assert known.locate(frame_of(ROOM, pose(), 1)).found is TrackingStatus.FIRST_FRAME
+        assert known.track(frame_of(ROOM, pose(), 1)).status is TrackingStatus.FIRST_FRAME
 
     def test_where_nothing_has_a_depth_nothing_can_be_found(self) -> None:
         first = replace(frame_of(ROOM, pose()), depth_m=np.zeros(CAMERA.shape, np.float32))
-        location = placed(first).locate(frame_of(ROOM, pose(), 1))
-        assert location.found is TrackingStatus.LOST
-        assert location.tracks == 0
+        tracking = with_keyframe(first).track(frame_of(ROOM, pose(), 1))
+        assert tracking.status is TrackingStatus.LOST
+        assert tracking.n_tracks == 0
 
     def test_frames_are_not_kept(self) -> None:
         first, second = frame_of(ROOM, pose()), frame_of(ROOM, pose(roll=16), 1)  # so far that features are asked for
         first = replace(first, gray=first.gray.copy())
-        expected = placed(first).locate(second).T_now_before
-        known = localisation()
-        disparity_px = Scale.of(CAMERA, 1).disparity(first.depth_m)
-        known.place(first, known.locate(first), disparity_px)
+        expected = with_keyframe(first).track(second).T_frame_keyframe
+        known = odometry()
+        disparity_px = WorkingResolution.of(CAMERA, 1).disparity(first.depth_m)
+        known.set_keyframe(first, known.track(first), disparity_px)
         first.gray[:] = 0
         disparity_px[:] = 1
-        np.testing.assert_array_equal(known.locate(second).T_now_before, expected)
+        np.testing.assert_array_equal(known.track(second).T_frame_keyframe, expected)
 
 
 class TestPosesOfTheCaller:
     @staticmethod
-    def located(T_said: FloatArray, second: Frame) -> Location:
+    def tracked(T_said: FloatArray, second: Frame) -> TrackingResult:
         origin = pose(4.0, -2.0, 7.0, yaw=40)  # where the world begins does not matter
         first = replace(frame_of(ROOM, pose()), T_world_cam=origin)
-        return placed(first).locate(replace(second, T_world_cam=origin @ T_said))
+        return with_keyframe(first).track(replace(second, T_world_cam=origin @ T_said))
 
     def test_they_stand_where_the_image_shows_nothing(self) -> None:
         T = pose(0.1, 0, 0.2, yaw=2)
-        location = self.located(T, dark(1))
-        assert location.found is TrackingStatus.OK
-        np.testing.assert_allclose(location.T_now_before, inverse_rigid(T), atol=1e-9)
-        assert location.inliers == 0
+        tracking = self.tracked(T, dark(1))
+        assert tracking.status is TrackingStatus.OK
+        np.testing.assert_allclose(tracking.T_frame_keyframe, inverse_rigid(T), atol=1e-9)
+        assert tracking.n_inliers == 0
 
     @pytest.mark.parametrize("said", [pose(0.3, 0.2, 0.1, yaw=5), pose(30.0, yaw=80)], ids=["off", "absurd"])
     def test_the_image_corrects_them(self, said: FloatArray) -> None:
         T = BY_THE_WAY["forward"]
-        location = self.located(said, frame_of(ROOM, T, 1))
-        assert error_px(location, inverse_rigid(T), frame_of(ROOM, pose())) < 0.05
+        tracking = self.tracked(said, frame_of(ROOM, T, 1))
+        assert error_px(tracking, inverse_rigid(T), frame_of(ROOM, pose())) < 0.05
 
 
 class TestFit:
@@ -212,8 +214,8 @@ class TestFit:
         T, points = BY_THE_WAY[name], self.points()
         fit = fit_pose(points, self.seen(points, T), LENS, np.eye(4), 1.0)
         np.testing.assert_allclose(fit.T_target_source, T, atol=1e-6)
-        assert (fit.inlier_share, fit.inliers) == (1, 60)
-        assert fit.residual_px < 1e-4
+        assert fit.n_inliers == 60
+        assert fit.median_residual_px < 1e-4
 
     def test_a_large_motion_is_found_from_nowhere(self) -> None:
         T, points = pose(0.4, -0.2, 0.8, yaw=20, pitch=-10, roll=40), self.points()
@@ -227,14 +229,14 @@ class TestFit:
         fit = fit_pose(points, seen, LENS, np.eye(4), 1.0)
         # Their weight falls with the fourth power of the distance, and is never 0.
         np.testing.assert_allclose(self.seen(points, fit.T_target_source), self.seen(points, T), atol=0.01)
-        assert fit.inliers == 40
+        assert fit.n_inliers == 40
 
     def test_noise_averages_out(self) -> None:
         T, points = BY_THE_WAY["forward"], self.points(400)
         seen = self.seen(points, T) + np.random.default_rng(1).normal(0, 0.3, (400, 2))
         fit = fit_pose(points, seen, LENS, np.eye(4), 1.0)
         assert np.hypot(*(self.seen(points, fit.T_target_source) - self.seen(points, T)).T).mean() < 0.08
-        assert 0.2 < fit.residual_px < 0.6
+        assert 0.2 < fit.median_residual_px < 0.6
 
     def test_points_behind_the_camera_do_not_count(self) -> None:
         T, points = pose(z=0.08), self.points()
@@ -256,29 +258,29 @@ class TestFit:
         np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-9)
 
 
-class TestTracks:
-    CONFIG = TracksConfig()
+class TestFeatureTracker:
+    CONFIG = FeatureTrackerConfig()
 
     def test_there_is_at_most_one_corner_in_a_cell(self) -> None:
-        corners = Tracks(CAMERA, self.CONFIG).view(render(ROOM, pose())[0]).corners
+        corners = FeatureTracker(CAMERA, self.CONFIG).detect(render(ROOM, pose())[0]).corners
         cells = {(int(x) // 16, int(y) // 16) for x, y in corners}
         assert len(cells) == len(corners) > 50
 
     def test_a_blank_image_has_none_and_neither_has_one_below_the_size_of_a_cell(self) -> None:
-        assert not len(Tracks(CAMERA, self.CONFIG).view(np.full(CAMERA.shape, 90, np.uint8)).corners)
+        assert not len(FeatureTracker(CAMERA, self.CONFIG).detect(np.full(CAMERA.shape, 90, np.uint8)).corners)
         tiny = Intrinsics.from_hfov(width_px=15, height_px=15, hfov_deg=70)
         noise = np.random.default_rng(0).integers(0, 255, tiny.shape, np.uint8)
-        assert Tracks(tiny, self.CONFIG).view(noise).corners.shape == (0, 2)
+        assert FeatureTracker(tiny, self.CONFIG).detect(noise).corners.shape == (0, 2)
 
     @pytest.mark.parametrize("shift", [(0, 0), (5, -3), (-9, 6)])
     def test_what_is_shifted_is_found_shifted(self, shift: tuple[int, int]) -> None:
         big = Intrinsics.from_hfov(width_px=200, height_px=160, hfov_deg=75)
         gray, _ = render([WALL, Plane((0.0, 1.0, 0.05), 1.6, seed=2)], pose(), big)
-        tracks = Tracks(CAMERA, self.CONFIG)
+        tracker = FeatureTracker(CAMERA, self.CONFIG)
         here, there = (
-            tracks.view(np.ascontiguousarray(gray[20 - y : 140 - y, 20 - x : 180 - x])) for x, y in ((0, 0), shift)
+            tracker.detect(np.ascontiguousarray(gray[20 - y : 140 - y, 20 - x : 180 - x])) for x, y in ((0, 0), shift)
         )
-        found, ok = tracks.follow(here, there, here.corners, here.corners)
+        found, ok = tracker.track(here, there, here.corners, here.corners)
         assert ok.mean() > 0.85
         error = np.hypot(*(found[ok] - here.corners[ok] - shift).T)
         assert np.median(error) < 0.02
@@ -286,15 +288,15 @@ class TestTracks:
 
     def test_large_images_are_reduced(self) -> None:
         large = Intrinsics.from_hfov(width_px=640, height_px=480, hfov_deg=70)
-        tracks = Tracks(large, self.CONFIG)
-        assert tracks.scale == 0.5
-        assert tracks.view(np.zeros(large.shape, np.uint8)).gray.shape == (240, 320)
+        tracker = FeatureTracker(large, self.CONFIG)
+        assert tracker.scale == 0.5
+        assert tracker.detect(np.zeros(large.shape, np.uint8)).gray.shape == (240, 320)
 
 
 def test_a_reduced_image_finds_the_same_motion() -> None:
     large = Intrinsics.from_hfov(width_px=480, height_px=360, hfov_deg=70, baseline_m=0.1)
     bodies: list[Body] = [Plane((0.3, 0.0, 1.0), 3.0, seed=1), Plane((0.0, 1.0, 0.05), 0.9, seed=2)]
     T, first = BY_THE_WAY["rolled"], frame_of(bodies, pose(), camera=large)
-    location = placed(first, large, step=2).locate(frame_of(bodies, T, 1, large))
-    assert location.found is TrackingStatus.OK
-    np.testing.assert_allclose(location.T_now_before, inverse_rigid(T), atol=2e-3)
+    tracking = with_keyframe(first, large, step=2).track(frame_of(bodies, T, 1, large))
+    assert tracking.status is TrackingStatus.OK
+    np.testing.assert_allclose(tracking.T_frame_keyframe, inverse_rigid(T), atol=2e-3)

@@ -8,23 +8,22 @@ import pytest
 
 from tests.temporal_scenes import CAMERA, ROOM, frame_of, pose, render
 from voxdepth.geometry import inverse_rigid
-from voxdepth.temporal.confidence import confidence_of
-from voxdepth.temporal.estimate import CHANCES
-from voxdepth.temporal.fusion import Kind
-from voxdepth.temporal.measurement import Measurement, measured
-from voxdepth.temporal.memory import COARSE, UNIT, Memory, Mover
-from voxdepth.temporal.smoothing import smoothed
-from voxdepth.temporal.upsampling import enlarged, merged
-from voxdepth.temporal.working_resolution import Scale
+from voxdepth.temporal.confidence import INPAINTING, estimate_confidence
+from voxdepth.temporal.fusion import PixelClass
+from voxdepth.temporal.measurement import Measurement, measure
+from voxdepth.temporal.memory import DRIFT_DECIMATION, WEIGHT_UNIT, Memory, MemoryWarper
+from voxdepth.temporal.smoothing import smooth_guided
+from voxdepth.temporal.upsampling import upsample_guided, upsample_nearest
+from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatImage, Frame, GrayImage, Intrinsics
 
 ODD = Intrinsics.from_hfov(width_px=161, height_px=119, hfov_deg=70, baseline_m=0.1)
 
 
 def measurement_of(full_px: FloatImage, step: int, camera: Intrinsics = CAMERA) -> Measurement:
-    scale = Scale.of(camera, step)
-    frame = Frame(stamp_s=0, gray=np.zeros(camera.shape, np.uint8), depth_m=scale.depth(full_px))
-    return measured(frame, full_px, scale)
+    resolution = WorkingResolution.of(camera, step)
+    frame = Frame(stamp_s=0, gray=np.zeros(camera.shape, np.uint8), depth_m=resolution.depth(full_px))
+    return measure(frame, full_px, resolution)
 
 
 def constant(value: float, camera: Intrinsics = CAMERA) -> FloatImage:
@@ -36,8 +35,10 @@ class TestMeasurement:
     @pytest.mark.parametrize("camera", [CAMERA, ODD], ids=["even", "odd"])
     def test_constant_stays_constant(self, camera: Intrinsics, step: int) -> None:
         new = measurement_of(constant(6.5, camera), step, camera)
-        np.testing.assert_array_equal(new.disparity_px, np.full(Scale.of(camera, step).shape, 6.5, np.float32))
-        np.testing.assert_array_equal(new.weight, UNIT)
+        np.testing.assert_array_equal(
+            new.disparity_px, np.full(WorkingResolution.of(camera, step).shape, 6.5, np.float32)
+        )
+        np.testing.assert_array_equal(new.weight, WEIGHT_UNIT)
         assert new.gray.shape == new.disparity_px.shape
 
     @pytest.mark.parametrize(
@@ -62,15 +63,15 @@ class TestMeasurement:
         weight = measurement_of(full_px, step).weight[50 // step]
         assert weight[50 // step] == 0
         beside, away = weight[60 // step], weight[60 // step + 3]
-        assert beside == round(UNIT * 0.6**4)  # two of five columns are missing
-        assert away == UNIT
+        assert beside == round(WEIGHT_UNIT * 0.6**4)  # two of five columns are missing
+        assert away == WEIGHT_UNIT
 
     @pytest.mark.parametrize(("count", "share"), [(1, 0.25), (2, 0.5), (3, 0.75), (4, 1.0)])
     def test_a_half_pixel_weighs_by_how_many_of_four_are_valid(self, count: int, share: float) -> None:
         full_px = np.zeros(CAMERA.shape, np.float32)
         for row, col in ((0, 0), (1, 1), (0, 1), (1, 0))[:count]:
             full_px[row::2, col::2] = 6
-        np.testing.assert_allclose(measurement_of(full_px, 2).weight, UNIT * share**2, atol=0.6)
+        np.testing.assert_allclose(measurement_of(full_px, 2).weight, WEIGHT_UNIT * share**2, atol=0.6)
 
     @pytest.mark.parametrize("step", [1, 2])
     def test_what_is_valid_has_a_weight_and_nothing_else(self, step: int) -> None:
@@ -82,11 +83,11 @@ class TestMeasurement:
 
 def merged_px(full_px: FloatImage, half_px: FloatImage, kind: GrayImage) -> FloatImage:
     """Disparity alone."""
-    return merged(full_px, half_px, np.ones_like(half_px), kind)[0]
+    return upsample_guided(full_px, half_px, np.ones_like(half_px), kind)[0]
 
 
 def as_fused(half_px: FloatImage) -> GrayImage:
-    return np.full(half_px.shape, Kind.FUSED, np.uint8)
+    return np.full(half_px.shape, PixelClass.FUSED, np.uint8)
 
 
 class TestMerge:
@@ -100,19 +101,19 @@ class TestMerge:
 
     @pytest.mark.parametrize("camera", [CAMERA, ODD], ids=["even", "odd"])
     def test_what_counts_as_measured_is_shown_as_measured(self, camera: Intrinsics) -> None:
-        scale = Scale.of(camera, 2)
-        full_px = scale.disparity(render(ROOM, pose(), camera)[1])
+        resolution = WorkingResolution.of(camera, 2)
+        full_px = resolution.disparity(render(ROOM, pose(), camera)[1])
         half_px = measurement_of(full_px, 2, camera).disparity_px
-        shown_px = merged_px(full_px, half_px, np.full(scale.shape, Kind.MEASURED, np.uint8))
-        rows, cols = 2 * scale.height_px, 2 * scale.width_px
+        shown_px = merged_px(full_px, half_px, np.full(resolution.shape, PixelClass.MEASURED, np.uint8))
+        rows, cols = 2 * resolution.height_px, 2 * resolution.width_px
         np.testing.assert_array_equal(shown_px[:rows, :cols], full_px[:rows, :cols])
         assert shown_px.shape == full_px.shape
         # A last odd row or column has no pixel of memory: it repeats the one before.
         np.testing.assert_array_equal(shown_px[-1], shown_px[rows - 1])
         np.testing.assert_array_equal(shown_px[:, -1], shown_px[:, cols - 1])
 
-    @pytest.mark.parametrize("kind", [Kind.NOTHING, Kind.FUSED, Kind.REMEMBERED])
-    def test_a_surface_is_enlarged_linearly_whatever_was_measured(self, kind: Kind) -> None:
+    @pytest.mark.parametrize("kind", [PixelClass.UNKNOWN, PixelClass.FUSED, PixelClass.REMEMBERED])
+    def test_a_surface_is_enlarged_linearly_whatever_was_measured(self, kind: PixelClass) -> None:
         full_px = np.random.default_rng(0).uniform(0, 20, CAMERA.shape).astype(np.float32)
         row, col = np.indices(CAMERA.shape)
         plane_px = np.asarray(5 + 0.1 * row + 0.05 * col, np.float32)
@@ -141,7 +142,7 @@ class TestMerge:
         full_px = constant(6)
         full_px[40:61, 40:61] = 0
         half_px = constant(6.25)[::2, ::2]
-        kind = np.full(half_px.shape, Kind.MEASURED, np.uint8)
+        kind = np.full(half_px.shape, PixelClass.MEASURED, np.uint8)
         np.testing.assert_array_equal(
             merged_px(full_px, half_px, kind), np.where(full_px > 0, full_px, np.float32(6.25))
         )
@@ -150,17 +151,17 @@ class TestMerge:
         full_px = constant(5)
         full_px[:, 60:71], full_px[:, 71:] = 0, 12  # a near surface begins in the right half of half pixel 35
         half_px = measurement_of(full_px, 2).disparity_px
-        kind = np.where(half_px > 0, Kind.FUSED, Kind.NOTHING).astype(np.uint8)
+        kind = np.where(half_px > 0, PixelClass.FUSED, PixelClass.UNKNOWN).astype(np.uint8)
         filled_px = np.where(half_px > 0, half_px, np.float32(5))
         assert half_px[0, 35] == 12
         trust = np.where(half_px > 0, np.float32(0.9), np.float32(0.3))
-        shown_px, confidence = merged(full_px, filled_px, trust, kind)
+        shown_px, confidence = upsample_guided(full_px, filled_px, trust, kind)
         np.testing.assert_allclose(shown_px, np.where(full_px > 5, full_px, 5), atol=1e-5)
         assert (confidence[:, 70] == np.float32(0.3)).all()
         confidence[:, 70] = 0.9
-        np.testing.assert_array_equal(confidence, enlarged(trust, (160, 120)))
+        np.testing.assert_array_equal(confidence, upsample_nearest(trust, (120, 160)))
         # Where the hole beside it is remembered, its own pixel of memory knows better than a guess.
-        kind[kind == Kind.NOTHING] = Kind.REMEMBERED
+        kind[kind == PixelClass.UNKNOWN] = PixelClass.REMEMBERED
         assert (merged_px(full_px, filled_px, kind)[:, 70] == 12).all()
 
     @pytest.mark.parametrize("size", [(120, 160), (121, 160), (120, 161), (121, 161)])
@@ -169,7 +170,7 @@ class TestMerge:
         row, col = np.indices(size)
         expected = image[np.minimum(row // 2, 59), np.minimum(col // 2, 79)]
         for each in (image, image.astype(np.float32)):
-            larger = enlarged(each, (size[1], size[0]))
+            larger = upsample_nearest(each, size)
             np.testing.assert_array_equal(larger, expected)
             assert larger.dtype == each.dtype
 
@@ -177,98 +178,100 @@ class TestMerge:
 class TestSmoothing:
     @pytest.mark.parametrize("size_px", [1, 3, 5, 7])
     def test_constant_stays_constant_and_an_offset_commutes(self, size_px: int) -> None:
-        np.testing.assert_allclose(smoothed(constant(40), size_px, 0.3), 40, atol=1e-3)
+        np.testing.assert_allclose(smooth_guided(constant(40), size_px, 0.3), 40, atol=1e-3)
         noisy_px = np.random.default_rng(0).normal(6, 0.5, CAMERA.shape).astype(np.float32)
         np.testing.assert_allclose(
-            smoothed(noisy_px + np.float32(2), size_px, 0.3), smoothed(noisy_px, size_px, 0.3) + 2, atol=1e-3
+            smooth_guided(noisy_px + np.float32(2), size_px, 0.3), smooth_guided(noisy_px, size_px, 0.3) + 2, atol=1e-3
         )
 
     def test_a_plane_stays_a_plane_inside(self) -> None:
         row, col = np.mgrid[: CAMERA.height_px, : CAMERA.width_px]
         plane_px = np.asarray(5 + 0.1 * row + 0.05 * col, np.float32)
-        np.testing.assert_allclose(smoothed(plane_px, 5, 0.3)[2:-2, 2:-2], plane_px[2:-2, 2:-2], atol=1e-3)
+        np.testing.assert_allclose(smooth_guided(plane_px, 5, 0.3)[2:-2, 2:-2], plane_px[2:-2, 2:-2], atol=1e-3)
 
     def test_noise_is_taken_away_and_an_edge_is_kept(self) -> None:
         step_px = constant(5)
         step_px[:, 80:] = 12
         noisy_px = step_px + np.random.default_rng(1).normal(0, 0.1, CAMERA.shape).astype(np.float32)
-        error_px = smoothed(noisy_px, 5, 0.3) - step_px
+        error_px = smooth_guided(noisy_px, 5, 0.3) - step_px
         assert np.std(error_px[:, :70]) < 0.04
         np.testing.assert_allclose(error_px[:, 76:84], 0, atol=0.5)
 
     def test_one_pixel_switches_it_off(self) -> None:
         noisy_px = np.random.default_rng(0).normal(6, 0.5, CAMERA.shape).astype(np.float32)
-        np.testing.assert_allclose(smoothed(noisy_px, 1, 0.3), noisy_px, atol=1e-4)
+        np.testing.assert_allclose(smooth_guided(noisy_px, 1, 0.3), noisy_px, atol=1e-4)
 
 
 class TestConfidence:
     def test_it_is_a_share(self) -> None:
         rng = np.random.default_rng(0)
         disparity_px = rng.uniform(0, 1000, (50, 60)).astype(np.float32)
-        kind = rng.integers(0, len(Kind), (50, 60)).astype(np.uint8)
+        kind = rng.integers(0, len(PixelClass), (50, 60)).astype(np.uint8)
         weight = rng.integers(0, 193, (50, 60)).astype(np.uint8)
-        confidence = confidence_of(disparity_px, kind, weight, np.full((50, 60), 0.5, np.float32))
+        confidence = estimate_confidence(disparity_px, kind, weight, np.full((50, 60), 0.5, np.float32))
         assert confidence.min() >= 0
         assert confidence.max() <= 1
         assert (confidence > 0.05).all()
 
-    @pytest.mark.parametrize("kind", Kind)
-    def test_it_rises_with_evidence_and_nearness(self, kind: Kind) -> None:
+    @pytest.mark.parametrize("kind", PixelClass)
+    def test_it_rises_with_evidence_and_nearness(self, kind: PixelClass) -> None:
         weights, kinds = np.arange(0, 193, dtype=np.uint8)[None], np.full((1, 193), kind, np.uint8)
-        chance = np.full((1, 193), 0.5, np.float32)
-        by_weight = confidence_of(np.full((1, 193), 20, np.float32), kinds, weights, chance)
+        probability = np.full((1, 193), 0.5, np.float32)
+        by_weight = estimate_confidence(np.full((1, 193), 20, np.float32), kinds, weights, probability)
         assert (np.diff(by_weight) >= 0).all()
-        assert (by_weight[0, -1] > by_weight[0, 0]) == (kind is not Kind.NOTHING)
+        assert (by_weight[0, -1] > by_weight[0, 0]) == (kind is not PixelClass.UNKNOWN)
         sixty_four = np.full((1, 193), 64, np.uint8)
         near_px = np.linspace(5, 12, 193, dtype=np.float32)[None]
-        assert (np.diff(confidence_of(near_px, kinds, sixty_four, chance)) > 0).all()
+        assert (np.diff(estimate_confidence(near_px, kinds, sixty_four, probability)) > 0).all()
         far_px = np.linspace(0.1, 5, 193, dtype=np.float32)[None]  # a quarter of a pixel is 5 % of 5 px
-        assert np.ptp(confidence_of(far_px, kinds, sixty_four, chance)) == 0
+        assert np.ptp(estimate_confidence(far_px, kinds, sixty_four, probability)) == 0
 
     def test_what_agrees_is_surest_and_what_is_guessed_least(self) -> None:
         full = np.full((1, 4), 192, np.uint8)
-        kinds, near_px = np.array([list(Kind)], np.uint8), np.full((1, 4), 20, np.float32)
-        by_kind = confidence_of(near_px, kinds, full, np.full((1, 4), max(astuple(CHANCES)), np.float32))[0]
-        assert by_kind.argmax() == Kind.FUSED
-        assert by_kind.argmin() == Kind.NOTHING
+        kinds, near_px = np.array([list(PixelClass)], np.uint8), np.full((1, 4), 20, np.float32)
+        by_kind = estimate_confidence(near_px, kinds, full, np.full((1, 4), max(astuple(INPAINTING)), np.float32))[0]
+        assert by_kind.argmax() == PixelClass.FUSED
+        assert by_kind.argmin() == PixelClass.UNKNOWN
 
     def test_that_of_near_fills_is_their_chance(self) -> None:
-        chance = np.linspace(0, 1, 20, dtype=np.float32)[None]
-        nothing, no_weight = np.full((1, 20), Kind.NOTHING, np.uint8), np.zeros((1, 20), np.uint8)
-        near = confidence_of(np.full((1, 20), 200, np.float32), nothing, no_weight, chance)
-        np.testing.assert_allclose(near, chance, atol=1e-6)
+        probability = np.linspace(0, 1, 20, dtype=np.float32)[None]
+        nothing, no_weight = np.full((1, 20), PixelClass.UNKNOWN, np.uint8), np.zeros((1, 20), np.uint8)
+        near = estimate_confidence(np.full((1, 20), 200, np.float32), nothing, no_weight, probability)
+        np.testing.assert_allclose(near, probability, atol=1e-6)
 
 
 @pytest.mark.parametrize("step", [1, 2])
 @pytest.mark.parametrize("camera", [CAMERA, ODD], ids=["even", "odd"])
 def test_a_memory_that_moves_looks_as_the_scene_does_from_there(camera: Intrinsics, step: int) -> None:
-    scale, there = Scale.of(camera, step), pose(0.1, 0.02, 0.15, yaw=2, roll=1)
+    resolution, there = WorkingResolution.of(camera, step), pose(0.1, 0.02, 0.15, yaw=2, roll=1)
     here, now = (
-        measured(frame, scale.disparity(frame.depth_m), scale)
+        measure(frame, resolution.disparity(frame.depth_m), resolution)
         for frame in (frame_of(ROOM, T, camera=camera) for T in (pose(), there))
     )
     empty = Memory.empty(here.gray)
     memory = replace(empty, disparity_px=here.disparity_px, weight=here.weight)
-    moved = Mover(scale).move(memory, inverse_rigid(there))
-    known = cv2.erode((moved.weight > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    warped = MemoryWarper(resolution).warp(memory, inverse_rigid(there))
+    known = cv2.erode((warped.weight > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     assert known.mean() > 0.75
-    change = abs(moved.gray.astype(int) - now.gray)[known]
+    change = abs(warped.gray.astype(int) - now.gray)[known]
     unmoved = abs(here.gray.astype(int) - now.gray)[known]
     assert np.median(change) <= 2 * step  # halving blurs, and not twice in the same way
     assert np.median(unmoved) > 10
-    assert np.mean(abs(moved.disparity_px - now.disparity_px)[known] < 0.05) > 0.9
+    assert np.mean(abs(warped.disparity_px - now.disparity_px)[known] < 0.05) > 0.9
 
 
 @pytest.mark.parametrize("shift_px", [0, 12, -8])
 def test_the_drift_of_a_memory_moves_along(shift_px: int) -> None:
-    scale = Scale.of(CAMERA, 1)
+    resolution = WorkingResolution.of(CAMERA, 1)
     gray = np.zeros(CAMERA.shape, np.uint8)
     empty = Memory.empty(gray)
     row, col = np.indices(empty.drift_px.shape)
     drift_px = (0.01 * row - 0.02 * col).astype(np.float32)
-    memory = replace(empty, disparity_px=constant(8), weight=np.full(CAMERA.shape, UNIT, np.uint8), drift_px=drift_px)
+    memory = replace(
+        empty, disparity_px=constant(8), weight=np.full(CAMERA.shape, WEIGHT_UNIT, np.uint8), drift_px=drift_px
+    )
     step_m = shift_px / 8 * 0.1  # a step of a baseline shifts by the disparity
-    moved = Mover(scale).move(memory, inverse_rigid(pose(step_m)))
-    source_col = col + shift_px / COARSE
+    warped = MemoryWarper(resolution).warp(memory, inverse_rigid(pose(step_m)))
+    source_col = col + shift_px / DRIFT_DECIMATION
     seen = (source_col >= 0) & (source_col <= col.max())
-    np.testing.assert_allclose(moved.drift_px[seen], (0.01 * row - 0.02 * source_col)[seen], atol=1e-5)
+    np.testing.assert_allclose(warped.drift_px[seen], (0.01 * row - 0.02 * source_col)[seen], atol=1e-5)

@@ -23,7 +23,7 @@ from tests.temporal_scenes import (
     run,
     walk,
 )
-from voxdepth.temporal.estimate import CHANCES
+from voxdepth.temporal.confidence import INPAINTING
 from voxdepth.temporal.odometry import TrackingStatus
 from voxdepth.types import FloatArray, Frame, Source
 
@@ -47,7 +47,7 @@ class TestCut:
     @STEPS
     def test_the_result_is_that_of_a_fresh_corrector(self, step: int) -> None:
         after = [noisy(frame, 1) for frame in frames_of(OTHER_ROOM, walk(4), first=16)]
-        used, fresh = method(memory_step=step), method(memory_step=step)
+        used, fresh = method(decimation=step), method(decimation=step)
         run(used, NOISY)
         ours, theirs = run(used, after), run(fresh, after)
         assert ours[0].diagnostics.tracking is TrackingStatus.LOST
@@ -59,7 +59,7 @@ class TestCut:
 
     @STEPS
     def test_nothing_of_the_old_scene_is_shown(self, step: int) -> None:
-        used = method(memory_step=step, fill="none")
+        used = method(decimation=step, inpaint=False)
         run(used, NOISY)
         result = process(used, holed(frame_of(OTHER_ROOM, pose()), 16))
         assert not (result.source == Source.MEMORY).any()
@@ -67,7 +67,7 @@ class TestCut:
 
     @STEPS
     def test_and_back_again_nothing_is_left_either(self, step: int) -> None:
-        used = method(memory_step=step, fill="none")
+        used = method(decimation=step, inpaint=False)
         run(used, NOISY)
         process(used, frame_of(OTHER_ROOM, pose(), 16))
         result = process(used, holed(frame_of(ROOM, PATH[7]), 17))
@@ -76,7 +76,7 @@ class TestCut:
 
 @STEPS
 def test_memory_survives_ten_dropped_frames(step: int) -> None:
-    corrector = method(memory_step=step)
+    corrector = method(decimation=step)
     run(corrector, NOISY)
     true = frame_of(ROOM, PATH[18], 18)
     result = process(corrector, holed(noisy(true, 0), 18))
@@ -90,7 +90,7 @@ class TestCoveredLens:
 
     @MOSTLY
     def test_what_is_not_seen_is_not_invented_and_afterwards_memory_serves_again(self, step: int) -> None:
-        corrector = method(memory_step=step)
+        corrector = method(decimation=step)
         run(corrector, NOISY)
         for result in run(corrector, self.SECOND):
             assert not result.depth_m.any()
@@ -111,14 +111,14 @@ class TestCoveredLens:
 
     @STEPS
     def test_what_the_sensor_makes_up_in_the_dark_is_never_confident(self, step: int) -> None:
-        corrector = method(memory_step=step)
+        corrector = method(decimation=step)
         run(corrector, NOISY[:6])
         for result in run(corrector, self.made_up()):
-            assert result.confidence.max() <= CHANCES.shadow  # of what is found without memory and ground
+            assert result.confidence.max() <= INPAINTING.occlusion_shadow  # of what is found without memory and ground
 
     @STEPS
     def test_what_the_sensor_makes_up_in_the_dark_is_hardly_believed_and_not_remembered(self, step: int) -> None:
-        corrector = method(memory_step=step)
+        corrector = method(decimation=step)
         run(corrector, NOISY[:6])
         for result in run(corrector, self.made_up()):
             assert result.confidence.mean() < 0.25
@@ -127,22 +127,24 @@ class TestCoveredLens:
         assert np.median(abs(result.depth_m / true.depth_m - 1)[INSIDE]) < 0.01
 
     @STEPS
-    @pytest.mark.parametrize(("hold_frames", "is_held"), [(5, True), (4, False), (0, False)])
-    def test_it_is_held_for_so_many_frames_and_no_more(self, hold_frames: int, is_held: bool, step: int) -> None:
-        corrector = method(memory_step=step, hold_frames=hold_frames)
+    @pytest.mark.parametrize(("max_featureless_frames", "is_held"), [(5, True), (4, False), (0, False)])
+    def test_it_is_held_for_so_many_frames_and_no_more(
+        self, max_featureless_frames: int, is_held: bool, step: int
+    ) -> None:
+        corrector = method(decimation=step, max_featureless_frames=max_featureless_frames)
         run(corrector, [*NOISY[:4], *self.SECOND[:5]])
         result = process(corrector, holed(frame_of(ROOM, PATH[5]), 46))
         assert (result.diagnostics.tracking is TrackingStatus.OK) == is_held
         assert (result.source[INSIDE] == Source.MEMORY).any() == is_held
 
     def test_one_frame_that_shows_something_starts_the_count_anew(self) -> None:
-        corrector = method(hold_frames=5)
+        corrector = method(max_featureless_frames=5)
         run(corrector, [*NOISY[:4], *self.SECOND[:4], NOISY[4], *self.SECOND[5:9]])
         assert process(corrector, holed(frame_of(ROOM, PATH[5]), 46)).diagnostics.tracking is TrackingStatus.OK
 
     @STEPS
     def test_a_stream_may_begin_in_the_dark(self, step: int) -> None:
-        corrector = method(memory_step=step)
+        corrector = method(decimation=step)
         for result in run(corrector, [dark(i) for i in range(3)]):
             assert not result.depth_m.any()
         results = run(corrector, [replace(frame, stamp_s=1 + frame.stamp_s) for frame in NOISY])
@@ -153,7 +155,7 @@ class TestCoveredLens:
 @STEPS
 def test_identical_frames_converge_without_flicker_and_grow_surer(step: int) -> None:
     still = [replace(NOISY[3], stamp_s=i / 30) for i in range(25)]
-    results = run(method(memory_step=step), still)
+    results = run(method(decimation=step), still)
     for before, after in pairwise(results[1:]):  # the second frame is the first that memory has a say in
         np.testing.assert_allclose(after.depth_m, before.depth_m, rtol=1e-5)
         assert (after.confidence >= before.confidence - 1e-6).all()
@@ -166,7 +168,7 @@ def test_at_standstill_noise_averages_out(step: int) -> None:
     true = frame_of(ROOM, pose())
     errors_m = [
         abs(result.depth_m / true.depth_m - 1)
-        for result in run(method(memory_step=step), [noisy(replace(true, stamp_s=i / 30), 2) for i in range(15)])
+        for result in run(method(decimation=step), [noisy(replace(true, stamp_s=i / 30), 2) for i in range(15)])
     ]
     # Half-size memory averages the noise of four pixels together; what they differ by is left to the smoothing.
     assert np.median(errors_m[-1]) < (0.4 if step == 1 else 0.7) * np.median(errors_m[0])
@@ -188,7 +190,7 @@ class TestPasserBy:
     @MOSTLY
     def test_it_stays_where_it_is_and_leaves_no_ghost(self, step: int) -> None:
         frames = self.frames(*range(10, 22))
-        results = run(method(self.CAMERA, memory_step=step), frames)
+        results = run(method(self.CAMERA, decimation=step), frames)
         for index, frame, result in zip(range(10, 22), frames, results, strict=True):
             true_m = frame_of(self.bodies(index), pose()).depth_m
             ball = true_m < 4
@@ -198,7 +200,7 @@ class TestPasserBy:
 
     @MOSTLY
     def test_the_wall_behind_it_is_not_forgotten(self, step: int) -> None:
-        corrector = method(self.CAMERA, memory_step=step)
+        corrector = method(self.CAMERA, decimation=step)
         run(corrector, self.frames(*range(16)))
         ball = frame_of(self.bodies(15), pose()).depth_m < 4
         gone = frame_of([WALL], pose(), 16, self.CAMERA)
@@ -216,13 +218,13 @@ class TestApproach:
     FIRST, LAST = 12, 24
     """Frames in which it comes nearer."""
 
-    def lags(self, step: int, *, is_blank: bool) -> FloatArray:
+    def lags(self, step: int, *, is_textureless: bool) -> FloatArray:
         """How much farther than it is the middle of the ball is shown while it comes, as parts of its depth."""
-        corrector, lags = method(self.CAMERA, memory_step=step), []
+        corrector, lags = method(self.CAMERA, decimation=step), []
         for index in range(self.LAST):
             z = self.CAMERA.fx_px * 0.3 / (12 + 0.5 * max(0, index - self.FIRST + 1))
             frame = frame_of([WALL, Sphere((0.0, 0.0, z + 0.4), 0.4, seed=5)], pose(), index, self.CAMERA)
-            if is_blank:
+            if is_textureless:
                 frame = replace(frame, gray=np.where(frame.depth_m < 4.5, np.uint8(128), frame.gray))
             result = process(corrector, noisy(frame, 3, sigma_px=0.1, holes=0.02, camera=self.CAMERA))
             lags.append(np.median(result.depth_m[55:65, 75:85] / frame.depth_m[55:65, 75:85]) - 1)
@@ -230,22 +232,22 @@ class TestApproach:
 
     @MOSTLY
     def test_it_is_shown_where_it_is_after_two_frames(self, step: int) -> None:
-        lags = self.lags(step, is_blank=False)
+        lags = self.lags(step, is_textureless=False)
         assert (abs(lags[2:]) < 0.02).all()
         assert (abs(lags) < 0.1).all()
 
     @MOSTLY
-    def test_a_blank_one_is_shown_where_it_is_after_ten_frames(self, step: int) -> None:
+    def test_a_textureless_one_is_shown_where_it_is_after_ten_frames(self, step: int) -> None:
         # It looks as before, so the surest memory overrules it until it has faded: from 12 measurements to less than
         # 2, by 1.125 in every frame.
-        lags = self.lags(step, is_blank=True)
+        lags = self.lags(step, is_textureless=True)
         assert (abs(lags[10:]) < 0.02).all()
         assert (lags[:10] > -0.02).all()
 
 
 @STEPS
 def test_poses_of_the_caller_carry_the_memory_through_the_dark(step: int) -> None:
-    corrector = method(memory_step=step)
+    corrector = method(decimation=step)
     frames = [replace(frame, T_world_cam=T) for frame, T in zip(NOISY, PATH, strict=False)]
     run(corrector, frames)
     result = process(corrector, replace(dark(10), T_world_cam=PATH[10]))

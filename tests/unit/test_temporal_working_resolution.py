@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.temporal_scenes import CAMERA
-from voxdepth.temporal.working_resolution import LARGEST_PX, Scale, chosen_step
+from voxdepth.temporal.working_resolution import MAX_DISPARITY_PX, WorkingResolution, default_decimation
 from voxdepth.types import ASSUMED_BASELINE_M, Intrinsics
 
 FOCAL_BASELINE = CAMERA.fx_px * 0.1
@@ -22,48 +22,51 @@ def depths(seed: int = 0) -> np.ndarray:
 
 @pytest.mark.parametrize("step", [1, 2])
 def test_depth_survives_the_way_through_disparity(step: int) -> None:
-    scale, depth_m = Scale.of(CAMERA, step), depths()
-    np.testing.assert_allclose(scale.depth(scale.disparity(depth_m)), depth_m, rtol=3e-7)
+    resolution, depth_m = WorkingResolution.of(CAMERA, step), depths()
+    np.testing.assert_allclose(resolution.depth(resolution.disparity(depth_m)), depth_m, rtol=3e-7)
 
 
 def test_disparity_is_focal_length_times_baseline_over_depth() -> None:
     depth_m = np.full(CAMERA.shape, 4, np.float32)
-    np.testing.assert_allclose(Scale.of(CAMERA, 1).disparity(depth_m), FOCAL_BASELINE / 4, rtol=1e-6)
+    np.testing.assert_allclose(WorkingResolution.of(CAMERA, 1).disparity(depth_m), FOCAL_BASELINE / 4, rtol=1e-6)
 
 
 def test_what_is_invalid_stays_invalid_both_ways() -> None:
-    scale, depth_m = Scale.of(CAMERA, 1), depths()
-    disparity_px = scale.disparity(depth_m)
+    resolution, depth_m = WorkingResolution.of(CAMERA, 1), depths()
+    disparity_px = resolution.disparity(depth_m)
     np.testing.assert_array_equal(disparity_px == 0, depth_m == 0)
-    np.testing.assert_array_equal(scale.depth(disparity_px) == 0, depth_m == 0)
+    np.testing.assert_array_equal(resolution.depth(disparity_px) == 0, depth_m == 0)
 
 
 def test_what_is_nearer_than_any_sensor_sees_is_invalid() -> None:
-    nearest_m = FOCAL_BASELINE / LARGEST_PX
+    nearest_m = FOCAL_BASELINE / MAX_DISPARITY_PX
     depth_m = np.array([[0.2, 0.5, 0.9, 1.1]], np.float32) * np.float32(nearest_m)
-    disparity_px = Scale.of(CAMERA, 1).disparity(depth_m)
-    np.testing.assert_allclose(disparity_px, [[0, 0, 0, LARGEST_PX / 1.1]], rtol=1e-5)
+    disparity_px = WorkingResolution.of(CAMERA, 1).disparity(depth_m)
+    np.testing.assert_allclose(disparity_px, [[0, 0, 0, MAX_DISPARITY_PX / 1.1]], rtol=1e-5)
 
 
 def test_longer_depths_on_a_longer_baseline_are_the_same_disparities() -> None:
     longer = replace(CAMERA, baseline_m=0.4)
     depth_m = depths()
-    ours, theirs = Scale.of(CAMERA, 1).disparity(depth_m), Scale.of(longer, 1).disparity(4 * depth_m)
+    ours, theirs = (
+        WorkingResolution.of(CAMERA, 1).disparity(depth_m),
+        WorkingResolution.of(longer, 1).disparity(4 * depth_m),
+    )
     np.testing.assert_array_equal(ours, theirs)  # a factor of four is exact
 
 
 def test_a_camera_without_a_baseline_gets_an_assumed_one() -> None:
     alone = replace(CAMERA, baseline_m=None)
-    assert Scale.of(alone, 1).focal_baseline_px_m == CAMERA.fx_px * ASSUMED_BASELINE_M
+    assert WorkingResolution.of(alone, 1).focal_baseline_px_m == CAMERA.fx_px * ASSUMED_BASELINE_M
 
 
 def test_the_input_is_not_modified() -> None:
-    scale, depth_m = Scale.of(CAMERA, 1), depths()
+    resolution, depth_m = WorkingResolution.of(CAMERA, 1), depths()
     before = depth_m.copy()
-    disparity_px = scale.disparity(depth_m)
+    disparity_px = resolution.disparity(depth_m)
     np.testing.assert_array_equal(depth_m, before)
     before = disparity_px.copy()
-    scale.depth(disparity_px)
+    resolution.depth(disparity_px)
     np.testing.assert_array_equal(disparity_px, before)
 
 
@@ -71,7 +74,7 @@ def test_the_input_is_not_modified() -> None:
 def test_a_pixel_of_half_size_looks_between_its_four(width: int, height: int) -> None:
     middle = {"cx_px": 0.44 * width, "cy_px": 0.51 * height}
     camera = Intrinsics(fx_px=100, fy_px=90, width_px=width, height_px=height, **middle)
-    full, half = Scale.of(camera, 1), Scale.of(camera, 2)
+    full, half = WorkingResolution.of(camera, 1), WorkingResolution.of(camera, 2)
     assert half.shape == (height // 2, width // 2)
     for row, col in ((0, 0), (3, 5), (11, 15)):
         ray = np.linalg.solve(half.K, [col, row, 1])
@@ -81,4 +84,4 @@ def test_a_pixel_of_half_size_looks_between_its_four(width: int, height: int) ->
 def test_large_images_are_remembered_at_half_their_size() -> None:
     for width_px, height_px, step in ((160, 120, 1), (400, 250, 1), (401, 250, 2), (640, 360, 2), (1024, 1024, 2)):
         camera = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=70)
-        assert chosen_step(camera) == step, f"{width_px} x {height_px}"  # up to 100 000 pixels at full size
+        assert default_decimation(camera) == step, f"{width_px} x {height_px}"  # up to 100 000 pixels at full size

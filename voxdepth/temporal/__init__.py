@@ -1,5 +1,5 @@
-"""The default method: rigid poses, memory in inverse depth, evidence instead of rules, guided filling.
+"""The default method: visual odometry, a depth memory that is warped to every frame, temporal fusion and inpainting.
 
-Images of depth are worked on as disparity D = f B / z [px of the full image], whatever measured them: there the noise
-of stereo is about the same everywhere, and planes are linear.
+All images of depth are processed as disparity `D = f B / z` in pixels of the full image, whatever sensor measured them:
+the noise of stereo matching is roughly constant in disparity, and planes are linear in it.
 """

@@ -1,4 +1,4 @@
-"""Corners of one gray image found again in another."""
+"""Sparse feature tracking: one corner per grid cell, tracked by pyramidal Lucas-Kanade optical flow."""
 
 from dataclasses import dataclass
 
@@ -11,91 +11,95 @@ from ..model import Model
 from ..types import GrayImage, Intrinsics
 
 Points = npt.NDArray[np.float32]
-"""Pixels of the reduced image, shape (N, 2): column, row."""
+"""Column and row of points in the tracking image, shape (N, 2)."""
 
 CORNER_WINDOW_PX = 5
-MIN_CORNER = 2e-4
-"""Least smaller eigenvalue of a corner's gradients: photon noise alone stays below."""
-LOCATE = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 8, 0.03)
+MIN_EIGENVALUE = 2e-4
+"""Corners have a larger minimal eigenvalue of the gradient matrix (Shi and Tomasi 1994); photon noise stays below."""
+TERMINATION = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 8, 0.03)
 
 
-class TracksConfig(Model):
-    """Where corners are looked for, and how they are followed."""
+class FeatureTrackerConfig(Model):
+    """How corners are detected and tracked."""
 
     width_px: int = Field(320, ge=64)
-    """Width that the gray image is reduced to. Larger is more exact and slower."""
+    """Width of the tracking image, to which the gray image is reduced. More is more accurate and slower."""
     cell_px: int = Field(16, ge=4)
-    """The best corner of each cell of so many pixels a side is followed; smaller cells give more tracks."""
+    """Side of the grid cells. The best corner of each cell is tracked, so smaller cells give more tracks."""
     window_px: int = Field(11, ge=5)
-    """Side of what is compared around a corner."""
-    levels: int = Field(2, ge=0)
-    """Halvings of the image over which a corner is looked for: each doubles the motion that can be followed."""
+    """Side of the window that is compared around a corner."""
+    pyramid_levels: int = Field(2, ge=0)
+    """Halvings of the tracking image. Each one doubles the motion that can be tracked."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class View:
-    """A gray image at the size that is tracked on."""
+class TrackingImage:
+    """A gray image reduced for tracking, with its corners."""
 
     gray: GrayImage
-    """Shape (h, w), uint8."""
+    """Gray image, shape (h, w), uint8."""
     corners: Points
-    """One per cell, where there is one."""
+    """At most one corner per grid cell."""
 
 
-class Tracks:
-    """Finds corners, and follows them by the pyramidal method of Lucas and Kanade (Bouguet 2000)."""
+class FeatureTracker:
+    """Detects corners, and tracks them by the pyramidal method of Lucas and Kanade (Bouguet 2000).
 
-    def __init__(self, camera: Intrinsics, config: TracksConfig) -> None:
+    Args:
+        camera: Camera of the gray images.
+        config: Parameters of detection and tracking.
+    """
+
+    def __init__(self, camera: Intrinsics, config: FeatureTrackerConfig) -> None:
         self._config = config
         width = min(config.width_px, camera.width_px)
         self.scale = width / camera.width_px
-        """Of the reduced image against the full one."""
+        """Size of the tracking image by that of the full image."""
         self._size = (width, max(1, round(camera.height_px * self.scale)))
 
-    def view(self, gray: GrayImage) -> View:
-        """An image with its corners, from a gray image of shape (H, W)."""
-        small = np.asarray(cv2.resize(gray, self._size, interpolation=cv2.INTER_AREA), np.uint8)
-        return View(gray=small, corners=self._corners(small))
+    def detect(self, gray: GrayImage) -> TrackingImage:
+        """The tracking image and its corners, from a gray image of shape (H, W)."""
+        reduced = np.asarray(cv2.resize(gray, self._size, interpolation=cv2.INTER_AREA), np.uint8)
+        return TrackingImage(gray=reduced, corners=self._detect_corners(reduced))
 
-    def follow(
-        self, earlier: View, later: View, corners: Points, expected: Points
+    def track(
+        self, source: TrackingImage, target: TrackingImage, corners: Points, initial: Points
     ) -> tuple[Points, npt.NDArray[np.bool_]]:
-        """Where corners of one view are in another.
+        """Track corners from one image to another.
 
         Args:
-            earlier: Where the corners are known.
-            later: Where they are looked for.
-            corners: In the earlier view, shape (N, 2).
-            expected: Where the search starts in the later view, shape (N, 2).
+            source: Image in which the corners are known.
+            target: Image in which they are searched for.
+            corners: Positions in the source image, shape (N, 2).
+            initial: Positions in the target image where the search starts, shape (N, 2).
 
         Returns:
-            Positions in the later view, shape (N, 2), and which of them were found, shape (N,).
+            Positions in the target image, shape (N, 2), and which of the corners were found, shape (N,).
         """
-        window = (self._config.window_px, self._config.window_px)
-        seen, status, _ = cv2.calcOpticalFlowPyrLK(
-            earlier.gray,
-            later.gray,
+        positions, status, _ = cv2.calcOpticalFlowPyrLK(
+            source.gray,
+            target.gray,
             corners,
-            expected.copy(),
-            winSize=window,
-            maxLevel=self._config.levels,
-            criteria=LOCATE,
+            initial.copy(),
+            winSize=(self._config.window_px, self._config.window_px),
+            maxLevel=self._config.pyramid_levels,
+            criteria=TERMINATION,
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         )
-        found = np.asarray(seen, np.float32)
-        width, height = self._size
-        inside = (found >= 0).all(axis=1) & (found[:, 0] <= width - 1) & (found[:, 1] <= height - 1)
-        return found, (status.ravel() > 0) & inside
+        tracked = np.asarray(positions, np.float32)
+        inside = (tracked >= 0).all(axis=1) & (tracked <= np.array(self._size) - 1).all(axis=1)
+        return tracked, (status.ravel() > 0) & inside
 
-    def _corners(self, gray: GrayImage) -> Points:
+    def _detect_corners(self, gray: GrayImage) -> Points:
+        """The pixel with the largest minimal eigenvalue of each cell, unless that is below `MIN_EIGENVALUE`."""
         cell = self._config.cell_px
         rows, cols = gray.shape[0] // cell, gray.shape[1] // cell
         if not rows * cols:
             return np.empty((0, 2), np.float32)
-        strength = cv2.cornerMinEigenVal(gray, CORNER_WINDOW_PX)[: rows * cell, : cols * cell]
-        cells = strength.reshape(rows, cell, cols, cell).swapaxes(1, 2).reshape(rows * cols, cell * cell)
-        best = cells.argmax(axis=1)
-        number = np.flatnonzero(cells[np.arange(len(cells)), best] > MIN_CORNER)
-        down, along = np.divmod(best[number], cell)
-        corner = np.stack([number % cols * cell + along, number // cols * cell + down], axis=1)
-        return corner.astype(np.float32)
+        eigenvalue = cv2.cornerMinEigenVal(gray, CORNER_WINDOW_PX)[: rows * cell, : cols * cell]
+        by_cell = eigenvalue.reshape(rows, cell, cols, cell).swapaxes(1, 2).reshape(rows * cols, cell * cell)
+        best = by_cell.argmax(axis=1)
+        textured = np.flatnonzero(by_cell[np.arange(len(by_cell)), best] > MIN_EIGENVALUE)
+        row, col = np.divmod(best[textured], cell)
+        corners = np.stack([textured % cols * cell + col, textured // cols * cell + row], axis=1)
+        return corners.astype(np.float32)

@@ -1,4 +1,4 @@
-"""What memory and measurement say together: one decision per pixel, for the output and for the memory apart."""
+"""Temporal fusion: each pixel is classified by how memory and measurement compare, and both are fused accordingly."""
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -9,259 +9,287 @@ from pydantic import Field
 
 from ..model import Model
 from ..types import FloatImage, GrayImage
-from .masks import above, below, both, difference, either, equal, mean_around, put, times, without
+from .masks import (
+    above,
+    absolute_difference,
+    and_not,
+    below,
+    box_mean,
+    clear_where,
+    copy_where,
+    equal,
+    subtract_saturated,
+)
 from .measurement import Measurement
-from .memory import UNIT, Memory
+from .memory import WEIGHT_UNIT, Memory
 
 WINDOW_PX = 5
-"""Side of the neighbourhood in which evidence must agree with itself."""
-AROUND = np.ones((WINDOW_PX, WINDOW_PX), np.uint8)
-"""That neighbourhood."""
-STEP_PX = 1.0
-"""A memory that spans more disparity in it shows two surfaces there, or one that ends."""
+"""Side of the neighbourhood over which differences of disparity and gray value are averaged."""
+WINDOW_KERNEL = np.ones((WINDOW_PX, WINDOW_PX), np.uint8)
+MIN_DISCONTINUITY_PX = 1.0
+"""A memory that spans more disparity within that neighbourhood has a depth discontinuity there, or ends."""
 DRIFT_WINDOW_PX = 3
-"""Side of the neighbourhood over which the drift is taken, in its own pixels."""
-LEAST_OVERLAP = 0.1
-"""Part of that neighbourhood that counts in full for the drift: a few pixels show none."""
-NOISE_EVERY_PX = 4
-"""Of every so many rows and columns the common change of gray is taken."""
-SAME_NOISES = 2.5
-"""Changes of gray below so many medians over the image are none, whatever the thresholds say."""
-GONE_NOISES = 5.0
-"""Changes of gray below so many medians over the image never mean that a surface is gone."""
+"""Side of the window over which the drift is averaged, in decimated pixels."""
+MIN_OVERLAP = 0.1
+"""Fraction of that window, measured and remembered, below which the drift counts only in part."""
+NOISE_STRIDE_PX = 4
+"""Stride of the rows and columns that the gray noise is estimated from."""
+MIN_SIGNIFICANT_CHANGE = 2.5
+"""Change of gray, in units of its median over the image, below which a farther measurement is never confirmed."""
+MIN_DISAPPEARANCE_CHANGE = 5.0
+"""Change of gray, in units of its median over the image, below which a surface is never taken to have disappeared."""
 
 
-class EvidenceConfig(Model):
-    """When memory and measurement agree, and which of them is believed where they do not."""
+class TemporalFusionConfig(Model):
+    """When memory and measurement agree, and which of them is kept where they do not."""
 
     tolerance_px: float = Field(1.0, gt=0)
-    """Disparities that differ by less may be of one surface; more averages more, and melts thin things away."""
-    tolerance_share: float = Field(0.02, ge=0)
-    """Added to it, as a part of the disparity."""
-    bias_px: float = Field(0.6, gt=0)
-    """Mean signed difference over 5 x 5 px up to which they agree: a distant drone must not melt into the wall."""
-    drift_px: float = Field(0.15, gt=0)
-    """Mean over the last frames by which measurements are nearer, from which on they are not averaged with the memory:
-    what comes slowly is followed. Less follows faster, and averages less."""
+    """Difference of disparity up to which memory and measurement may show one surface. More averages more, and merges
+    thin objects with their background."""
+    relative_tolerance: float = Field(0.02, ge=0)
+    """Fraction of the disparity that is added to the tolerance."""
+    max_bias_px: float = Field(0.6, gt=0)
+    """Absolute mean difference over 5 x 5 px up to which they agree. It keeps a distant drone apart from the wall
+    behind it."""
+    max_drift_px: float = Field(0.15, gt=0)
+    """Running mean of measured minus remembered disparity at which the memory has no weight in the average any more.
+    Less follows approaching surfaces faster, and averages less."""
     drift_gain: float = Field(0.3, gt=0, le=1)
-    """Part of that mean that is of the newest frame; less is steadier and later."""
-    coherent_share: float = Field(0.1, gt=0, le=1)
-    """Part of 5 x 5 px that must contradict the memory in the same direction to be more than an outlier."""
-    most: float = Field(12.0, gt=0, le=15)
-    """Measurements that a pixel of memory can count; more smooths more, and follows slow change more slowly."""
-    enough: float = Field(2.0, gt=0)
-    """Measurements that the memory must count to fill a hole or to overrule a measurement."""
-    enough_at_steps: float = Field(6.0, gt=0)
-    """The same to fill a hole within 2 px of a step in the memory, or of its end, in its pixels: what is remembered
-    there may be a fattened rim. More leaves more to filling."""
-    same_gray: float = Field(3.0, ge=0)
-    """Change of gray up to which the remembered surface still looks as it did, mean over 5 x 5 px. A measurement
-    that is farther than such a surface is wrong: nothing sees through it. 0 believes every coherent measurement."""
-    same_gray_near: float = Field(1.2, ge=0)
-    """The same for a measurement that is nearer, in medians of the change over the image: what is near is believed
-    unless hardly anything changed. 0 always believes it."""
-    other_gray: float = Field(8.0, gt=0)
-    """Change of gray from which on the remembered surface is no longer there, where there is no measurement."""
-    fade_behind: float = Field(0.5, ge=0)
-    """Measurements that the memory loses per frame behind something nearer: a wall outlives what passes before it."""
-    fade_through: float = Field(2.0, ge=0)
-    """The same where the sensor sees through it: a ghost dies at once."""
-    fade_overruled: float = Field(0.125, ge=0)
-    """The same where it overrules a measurement: nothing is believed for ever."""
-    fade_doubted: float = Field(1.0, ge=0)
-    """The same, added to it, where what it overrules is coherent and nearer: an obstacle that looks like the wall
-    behind it is shown after some ten frames."""
+    """Weight of the newest frame in that running mean. Less is smoother and slower."""
+    min_coherence: float = Field(0.1, gt=0, le=1)
+    """Fraction of 5 x 5 px that must contradict the memory in the same direction; fewer pixels are outliers."""
+    max_evidence: float = Field(12.0, gt=0, le=15)
+    """Largest number of measurements that the memory of a pixel counts. More averages more, and follows slow changes
+    more slowly."""
+    min_evidence: float = Field(2.0, gt=0)
+    """Number of measurements that the memory must count to fill a hole or to reject a measurement."""
+    min_evidence_at_discontinuities: float = Field(6.0, gt=0)
+    """Number of measurements to fill a hole within 2 px of a depth discontinuity in the memory, or of its end, where it
+    may be affected by foreground fattening. More leaves more to inpainting."""
+    min_gray_change_free_space: float = Field(3.0, ge=0)
+    """Change of gray, averaged over 5 x 5 px, that confirms a measurement farther than the memory. With less change the
+    remembered surface is still there, and the measurement an outlier. 0 accepts every coherent measurement."""
+    min_gray_change_occluding: float = Field(1.2, ge=0)
+    """Change of gray that confirms a measurement nearer than the memory, in units of the median change over the image.
+    With less change the measurement is unconfirmed. 0 accepts every coherent measurement."""
+    max_gray_change_hole: float = Field(8.0, gt=0)
+    """Change of gray up to which a remembered surface is still there where nothing is measured."""
+    decay_occluded: float = Field(0.5, ge=0)
+    """Measurements that the memory loses per frame behind an occluding surface. It remembers a wall for a while."""
+    decay_free_space: float = Field(2.0, ge=0)
+    """Measurements that the memory loses per frame where the sensor sees through it."""
+    decay_outlier: float = Field(0.125, ge=0)
+    """Measurements that the memory loses per frame where it rejects a measurement, so that no memory lasts for ever."""
+    decay_unconfirmed: float = Field(1.0, ge=0)
+    """Measurements that the memory loses in addition where it rejects an unconfirmed measurement. An obstacle that
+    looks like the wall behind it appears after about ten frames."""
 
 
-class Kind(IntEnum):
-    """What the output of a pixel is."""
+class PixelClass(IntEnum):
+    """What the fused disparity of a pixel is."""
 
-    NOTHING = 0
+    UNKNOWN = 0
+    """There is neither a measurement nor enough memory."""
     FUSED = 1
-    """Memory and measurement, which agree."""
+    """The weighted mean of memory and measurement, which agree."""
     MEASURED = 2
-    """The measurement as it is: the memory knows nothing, or is contradicted."""
+    """The measurement: the memory is empty, or is contradicted."""
     REMEMBERED = 3
-    """The memory: there is no measurement, or it is an outlier."""
+    """The memory: there is no measurement, or it is rejected."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Verdict:
-    """What is to be shown of a frame."""
+class Fused:
+    """The fused disparity of a frame, shape (h, w)."""
 
     disparity_px: FloatImage
-    """Shape (h, w), float32; 0 = nothing."""
-    kind: GrayImage
-    """One `Kind` per pixel, shape (h, w), uint8."""
+    """Disparity, float32; 0 = unknown."""
+    pixel_class: GrayImage
+    """One `PixelClass` per pixel, uint8."""
     weight: GrayImage
-    """Evidence behind it, in sixteenths of a measurement, shape (h, w), uint8."""
+    """Weight of the measurements behind it in units of `1 / WEIGHT_UNIT`, uint8."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Opinion:
-    """What memory and measurement say together: masks of shape (h, w) and trust. All but `doubted` are disjoint."""
+class _Comparison:
+    """Masks of how memory and measurement compare, shape (h, w). All but `unconfirmed` are disjoint."""
 
-    agree: GrayImage
-    nearer: GrayImage
-    """Something real is in front of the remembered surface."""
-    farther: GrayImage
-    """The sensor sees through the remembered surface."""
-    overruled: GrayImage
-    """The measurement is an outlier, or wrong as a whole; the memory stands."""
-    doubted: GrayImage
-    """Some of those: coherent and nearer, but nothing looks as if something had come."""
-    unknown: GrayImage
-    """Measured where nothing is remembered, or too little to overrule anything."""
-    hidden: GrayImage
-    """Remembered well enough where nothing is measured."""
-    trust: FloatImage
-    """What the memory's weight is worth where they agree, 0..1, shape (h, w): less where the surface comes nearer."""
+    agreeing: GrayImage
+    """Both are of the same surface."""
+    occluding: GrayImage
+    """The measurement shows another surface in front of the remembered one."""
+    free_space_violation: GrayImage
+    """The sensor sees through the remembered surface, which must be gone."""
+    outlier: GrayImage
+    """The measurement is rejected, and the memory kept."""
+    unconfirmed: GrayImage
+    """Those outliers that are coherent and nearer, where the image shows no change."""
+    new: GrayImage
+    """Measured where the memory is empty, or has too little evidence to reject anything."""
+    hole: GrayImage
+    """Nothing is measured, and the memory has enough evidence."""
+    memory_factor: FloatImage
+    """Factor 0..1 of the memory's weight in the average; it falls where the surface comes nearer."""
     drift_px: FloatImage
-    """See `Memory`."""
+    """Updated drift of the memory; see `Memory`."""
 
 
-class Evidence:
-    """Weighs measurements against memory."""
+class TemporalFusion:
+    """Fuses the measurement of each frame with the memory."""
 
-    def __init__(self, config: EvidenceConfig) -> None:
+    def __init__(self, config: TemporalFusionConfig) -> None:
         self._config = config
-        self._enough = round(UNIT * config.enough)
-        self._enough_at_steps = round(UNIT * config.enough_at_steps)
+        self._min_weight = round(WEIGHT_UNIT * config.min_evidence)
+        self._min_weight_at_discontinuities = round(WEIGHT_UNIT * config.min_evidence_at_discontinuities)
 
-    def weigh(self, memory: Memory, measurement: Measurement) -> tuple[Verdict, Memory]:
-        """What to show, and what to remember.
+    def fuse(self, memory: Memory, measurement: Measurement) -> tuple[Fused, Memory]:
+        """The fused disparity, and the memory for the next frame.
 
         Args:
-            memory: In the pixels of the measurement.
-            measurement: Of this frame.
+            memory: Memory, warped to the pixels of the measurement.
+            measurement: Measurement of the frame.
         """
-        change = mean_around(difference(memory.gray, measurement.gray), WINDOW_PX)
-        noise = max(1.0, float(np.median(change[::NOISE_EVERY_PX, ::NOISE_EVERY_PX])))
-        memory = self._without_what_looks_different(memory, measurement, change, noise)
-        opinion = self._compared(memory, measurement, change, noise)
-        fused = self._fused(memory, measurement, opinion)
-        return self._verdict(fused, measurement, opinion), self._remembered(fused, measurement, opinion)
+        gray_change = box_mean(absolute_difference(memory.gray, measurement.gray), WINDOW_PX)
+        noise = max(1.0, float(np.median(gray_change[::NOISE_STRIDE_PX, ::NOISE_STRIDE_PX])))
+        memory = self._forget_disappeared(memory, measurement, gray_change, noise)
+        comparison = self._compare(memory, measurement, gray_change, noise)
+        memory = self._average(memory, measurement, comparison)
+        return _output(memory, measurement, comparison), self._update(memory, measurement, comparison)
 
-    def _without_what_looks_different(
-        self, memory: Memory, measurement: Measurement, change: GrayImage, noise: float
+    def _forget_disappeared(
+        self, memory: Memory, measurement: Measurement, gray_change: GrayImage, noise: float
     ) -> Memory:
-        """The memory without surfaces that are gone: nothing is measured there, and it looks otherwise."""
-        gone = without(above(change, max(self._config.other_gray, GONE_NOISES * noise)), measurement.valid)
-        return replace(memory, weight=without(memory.weight, gone))
+        """Remove the memory of surfaces that are not measured and look different now."""
+        max_change = max(self._config.max_gray_change_hole, MIN_DISAPPEARANCE_CHANGE * noise)
+        disappeared = and_not(above(gray_change, max_change), measurement.valid)
+        return replace(memory, weight=and_not(memory.weight, disappeared))
 
-    def _compared(self, memory: Memory, measurement: Measurement, change: GrayImage, noise: float) -> _Opinion:
-        known, valid = above(memory.weight, 0), measurement.valid
-        overlap = both(known, valid)
+    def _compare(self, memory: Memory, measurement: Measurement, gray_change: GrayImage, noise: float) -> _Comparison:
+        """Classify all pixels by disparity first and by the change of gray where the disparities contradict."""
+        config, known, valid = self._config, above(memory.weight, 0), measurement.valid
+        overlap = known & valid
         difference_px = measurement.disparity_px - memory.disparity_px
-        agree, clipped_px = self._agreeing(difference_px, memory, measurement, overlap)
-        contrary = without(overlap, agree)
-        nearer = self._coherent(both(contrary, above(difference_px, 0)))
-        farther = self._coherent(both(contrary, below(difference_px, 0)))
+        agreeing, clipped_px = self._agreement(difference_px, memory, measurement, overlap)
+        contradicting = and_not(overlap, agreeing)
+        nearer = self._coherent(contradicting & above(difference_px, 0))
+        farther = self._coherent(contradicting & below(difference_px, 0))
 
-        sure = above(memory.weight, self._enough - 1)
-        config = self._config
-        same_for_far = max(config.same_gray, SAME_NOISES * noise) if config.same_gray else 0.0
-        doubted = both(nearer, both(sure, below(change, config.same_gray_near * noise)))
-        nearer = without(nearer, doubted)
-        farther = without(farther, both(sure, below(change, same_for_far)))
-        outlier = without(without(contrary, nearer), farther)
-        drift_px, trust = self._drifted(memory, clipped_px, overlap)
-        return _Opinion(
-            agree=agree,
-            trust=trust,
+        evident = above(memory.weight, self._min_weight - 1)
+        min_change = config.min_gray_change_free_space
+        if min_change > 0:
+            min_change = max(min_change, MIN_SIGNIFICANT_CHANGE * noise)
+        unconfirmed = nearer & evident & below(gray_change, config.min_gray_change_occluding * noise)
+        occluding = and_not(nearer, unconfirmed)
+        free_space_violation = and_not(farther, evident & below(gray_change, min_change))
+        rejected = and_not(and_not(contradicting, occluding), free_space_violation)
+        drift_px, memory_factor = self._drift(memory, clipped_px, overlap)
+        return _Comparison(
+            agreeing=agreeing,
+            occluding=occluding,
+            free_space_violation=free_space_violation,
+            outlier=rejected & evident,
+            unconfirmed=unconfirmed,
+            new=and_not(valid, known) | and_not(rejected, evident),
+            hole=and_not(self._may_fill_holes(memory, evident), valid),
+            memory_factor=memory_factor,
             drift_px=drift_px,
-            nearer=nearer,
-            farther=farther,
-            overruled=both(outlier, sure),
-            doubted=doubted,
-            unknown=either(without(valid, known), without(outlier, sure)),
-            hidden=without(self._fit_to_fill(memory, sure), valid),
         )
 
-    def _agreeing(
+    def _agreement(
         self, difference_px: FloatImage, memory: Memory, measurement: Measurement, overlap: GrayImage
     ) -> tuple[GrayImage, FloatImage]:
-        """Where the difference is small, and not of one sign all around; and the difference, cut to what is small."""
+        """Where the difference is within the tolerance and unbiased; and the difference, clipped to the tolerance."""
         config = self._config
         tolerance_px = np.maximum(memory.disparity_px, measurement.disparity_px)
-        tolerance_px *= np.float32(config.tolerance_share)
+        tolerance_px *= np.float32(config.relative_tolerance)
         tolerance_px += np.float32(config.tolerance_px)
-        cut_px = np.minimum(difference_px, tolerance_px)
-        small = equal(difference(cut_px, difference_px), 0)
+        bounded_px = np.minimum(difference_px, tolerance_px)
+        within = equal(absolute_difference(bounded_px, difference_px), 0)
         np.negative(tolerance_px, out=tolerance_px)
-        small = both(small, above(difference_px, tolerance_px))
-        np.maximum(cut_px, tolerance_px, out=cut_px)
-        clipped_px = np.zeros_like(cut_px)
-        put(cut_px, overlap, clipped_px)
-        bias_px = np.abs(mean_around(clipped_px, WINDOW_PX))
-        most_px = mean_around(overlap, WINDOW_PX) * np.float32(config.bias_px / 255)
-        return both(overlap, both(small, below(bias_px, most_px))), clipped_px
+        within &= above(difference_px, tolerance_px)
+        np.maximum(bounded_px, tolerance_px, out=bounded_px)
+        clipped_px = np.zeros_like(bounded_px)
+        copy_where(overlap, bounded_px, clipped_px)
+        bias_px = np.abs(box_mean(clipped_px, WINDOW_PX))
+        max_bias_px = box_mean(overlap, WINDOW_PX) * np.float32(config.max_bias_px / 255)
+        return overlap & within & below(bias_px, max_bias_px), clipped_px
 
-    def _coherent(self, contrary: GrayImage) -> GrayImage:
-        """Of the pixels that contradict the memory, those with enough others around them that do, too."""
-        return both(contrary, above(mean_around(contrary, WINDOW_PX), 255 * self._config.coherent_share))
+    def _coherent(self, contradicting: GrayImage) -> GrayImage:
+        """The pixels of a mask that have enough pixels of it around them."""
+        return contradicting & above(box_mean(contradicting, WINDOW_PX), 255 * self._config.min_coherence)
 
-    def _fit_to_fill(self, memory: Memory, sure: GrayImage) -> GrayImage:
-        """Of the sure pixels those that may fill a hole: more is asked beside a step, where a rim may be fattened."""
-        span_px = np.asarray(cv2.morphologyEx(memory.disparity_px, cv2.MORPH_GRADIENT, AROUND), np.float32)
-        weak = below(memory.weight, self._enough_at_steps)
-        return without(sure, both(weak, above(span_px, STEP_PX)))
+    def _may_fill_holes(self, memory: Memory, evident: GrayImage) -> GrayImage:
+        """Where the memory has enough evidence to fill a hole; at depth discontinuities it needs more."""
+        span_px = np.asarray(cv2.morphologyEx(memory.disparity_px, cv2.MORPH_GRADIENT, WINDOW_KERNEL), np.float32)
+        weak = below(memory.weight, self._min_weight_at_discontinuities)
+        return and_not(evident, weak & above(span_px, MIN_DISCONTINUITY_PX))
 
-    def _drifted(self, memory: Memory, clipped_px: FloatImage, overlap: GrayImage) -> tuple[FloatImage, FloatImage]:
-        """The drift after this frame, and what the memory is worth by it, 0..1, shape (h, w)."""
+    def _drift(self, memory: Memory, clipped_px: FloatImage, overlap: GrayImage) -> tuple[FloatImage, FloatImage]:
+        """The updated drift, and the factor 0..1 of the memory's weight that follows from it, shape (h, w)."""
         config, size = self._config, memory.drift_px.shape[::-1]
         count = np.asarray(cv2.resize(overlap, size, interpolation=cv2.INTER_AREA), np.float32)
         total_px = np.asarray(cv2.resize(clipped_px, size, interpolation=cv2.INTER_AREA), np.float32)
-        mean_px = mean_around(total_px, DRIFT_WINDOW_PX)
+        mean_px = box_mean(total_px, DRIFT_WINDOW_PX)
         mean_px *= np.float32(255)
-        mean_px /= np.maximum(mean_around(count, DRIFT_WINDOW_PX), np.float32(255 * LEAST_OVERLAP))
+        mean_px /= np.maximum(box_mean(count, DRIFT_WINDOW_PX), np.float32(255 * MIN_OVERLAP))
         drift_px = memory.drift_px + (mean_px - memory.drift_px) * np.float32(config.drift_gain)
-        trust = np.maximum(drift_px, np.float32(0))
-        trust /= np.float32(config.drift_px)
-        np.square(trust, out=trust)
-        np.subtract(np.float32(1), trust, out=trust)
-        np.maximum(trust, np.float32(0), out=trust)
-        return drift_px, np.asarray(cv2.resize(trust, overlap.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+        factor = np.maximum(drift_px, np.float32(0))
+        factor /= np.float32(config.max_drift_px)
+        np.square(factor, out=factor)
+        np.subtract(np.float32(1), factor, out=factor)
+        np.maximum(factor, np.float32(0), out=factor)
+        full_factor = cv2.resize(factor, overlap.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        return drift_px, np.asarray(full_factor, np.float32)
 
-    def _fused(self, memory: Memory, measurement: Measurement, opinion: _Opinion) -> Memory:
-        """The memory, averaged with the measurement by weight where they agree."""
+    def _average(self, memory: Memory, measurement: Measurement, comparison: _Comparison) -> Memory:
+        """The memory with the measurement averaged into it, by weight, where they agree."""
         gain = measurement.weight.astype(np.float32)
-        total = opinion.trust * memory.weight
+        total = comparison.memory_factor * memory.weight
         total += gain
         disparity_px, weight = memory.disparity_px.copy(), memory.weight.copy()
-        counted = np.minimum(cv2.add(memory.weight, measurement.weight), np.uint8(round(UNIT * self._config.most)))
-        put(counted.astype(np.uint8), opinion.agree, weight)
+        max_weight = np.uint8(round(WEIGHT_UNIT * self._config.max_evidence))
+        summed = np.minimum(cv2.add(memory.weight, measurement.weight), max_weight)
+        copy_where(comparison.agreeing, summed.astype(np.uint8), weight)
         np.maximum(total, np.float32(1), out=total)
         gain /= total
-        value_px = np.subtract(measurement.disparity_px, memory.disparity_px, out=total)
-        value_px *= gain
-        value_px += memory.disparity_px
-        put(value_px, opinion.agree, disparity_px)
+        mean_px = np.subtract(measurement.disparity_px, memory.disparity_px, out=total)
+        mean_px *= gain
+        mean_px += memory.disparity_px
+        copy_where(comparison.agreeing, mean_px, disparity_px)
         return replace(memory, disparity_px=disparity_px, weight=weight)
 
-    def _verdict(self, fused: Memory, measurement: Measurement, opinion: _Opinion) -> Verdict:
-        measured = either(opinion.unknown, opinion.nearer, opinion.farther)
-        remembered = either(opinion.overruled, opinion.hidden)
-        disparity_px = np.zeros_like(fused.disparity_px)
-        put(fused.disparity_px, either(opinion.agree, remembered), disparity_px)
-        put(measurement.disparity_px, measured, disparity_px)
-        kind = times(opinion.agree, Kind.FUSED) | times(measured, Kind.MEASURED) | times(remembered, Kind.REMEMBERED)
-        weight = fused.weight.copy()
-        put(measurement.weight, measured, weight)
-        return Verdict(disparity_px=disparity_px, kind=kind, weight=weight)
+    def _update(self, memory: Memory, measurement: Measurement, comparison: _Comparison) -> Memory:
+        """The memory after this frame: it decays where it is contradicted, and new surfaces replace what is gone."""
+        config, weight = self._config, memory.weight
+        for contradicting, decay in (
+            (comparison.occluding, config.decay_occluded),
+            (comparison.free_space_violation, config.decay_free_space),
+            (comparison.outlier, config.decay_outlier),
+            (comparison.unconfirmed, config.decay_unconfirmed),
+        ):
+            weight = subtract_saturated(weight, contradicting & np.uint8(round(WEIGHT_UNIT * decay)))
+        decayed = (comparison.occluding | comparison.free_space_violation) & equal(weight, 0)
+        replaced = comparison.new | decayed
+        disparity_px, gray = memory.disparity_px.copy(), memory.gray.copy()
+        copy_where(replaced, measurement.disparity_px, disparity_px)
+        copy_where(replaced, measurement.weight, weight)
+        copy_where(comparison.agreeing | replaced, measurement.gray, gray)
+        clear_where(equal(weight, 0), disparity_px)
+        return Memory(disparity_px=disparity_px, weight=weight, gray=gray, drift_px=comparison.drift_px)
 
-    def _remembered(self, fused: Memory, measurement: Measurement, opinion: _Opinion) -> Memory:
-        """The memory after this frame: contradicted it fades, and what is new replaces it once nothing is left."""
-        config = self._config
-        weight = without(fused.weight, times(opinion.nearer, round(UNIT * config.fade_behind)))
-        weight = without(weight, times(opinion.farther, round(UNIT * config.fade_through)))
-        weight = without(weight, times(opinion.overruled, round(UNIT * config.fade_overruled)))
-        weight = without(weight, times(opinion.doubted, round(UNIT * config.fade_doubted)))
-        dead = both(either(opinion.nearer, opinion.farther), equal(weight, 0))
-        new = either(opinion.unknown, dead)
-        disparity_px, gray = fused.disparity_px.copy(), fused.gray.copy()
-        put(measurement.disparity_px, new, disparity_px)
-        put(measurement.weight, new, weight)
-        put(measurement.gray, either(opinion.agree, new), gray)
-        put(np.zeros_like(disparity_px), equal(weight, 0), disparity_px)
-        return Memory(disparity_px=disparity_px, weight=weight, gray=gray, drift_px=opinion.drift_px)
+
+def _output(memory: Memory, measurement: Measurement, comparison: _Comparison) -> Fused:
+    """The fused frame: memory where it agrees or is kept, the measurement where it is new or contradicts."""
+    measured = comparison.new | comparison.occluding | comparison.free_space_violation
+    remembered = comparison.outlier | comparison.hole
+    disparity_px = np.zeros_like(memory.disparity_px)
+    copy_where(comparison.agreeing | remembered, memory.disparity_px, disparity_px)
+    copy_where(measured, measurement.disparity_px, disparity_px)
+    pixel_class = (
+        (comparison.agreeing & np.uint8(PixelClass.FUSED))
+        | (measured & np.uint8(PixelClass.MEASURED))
+        | (remembered & np.uint8(PixelClass.REMEMBERED))
+    )
+    weight = memory.weight.copy()
+    copy_where(measured, measurement.weight, weight)
+    return Fused(disparity_px=disparity_px, pixel_class=pixel_class, weight=weight)

@@ -1,136 +1,143 @@
-"""The ground: the plane that everything stands on, and that nothing is seen through."""
+"""Detection of the ground plane, which bounds all measured surfaces from below."""
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from ..model import Model
-
-Vector = npt.NDArray[np.float64]
-"""One number per cell, shape (N,)."""
+from ..types import FloatArray
 
 HORIZONS = np.linspace(-1.0, 0.4, 16)
-"""Where horizons are tried: rows in image heights below the middle of the image, above it below 0."""
-BELOW = 0.12
-"""Share of the cells below a horizon that may be farther than the ground: wrong matches, and dips."""
-NEAREST_RANK = 0.98
-"""Share of the cells that are farther than the nearest ones that count as such: some are wrong matches."""
-DEEPEST = 5.0
-"""Cells of less than the largest disparity through this are left out: ground matters, and is a plane, where it is
-near."""
-ROUNDS = 5
-"""Of the refinement; the first ones tolerate more."""
-FARTHER = 6.0
-"""How much more tolerance cells farther than the ground have, by which they keep their say: they contradict it, while
-nearer ones stand on it."""
-LEAST_CELLS = 20
-"""With fewer measured cells none is looked for; of half as many it must consist."""
+"""Candidate rows of the horizon, in image heights below the middle of the image; above it they are negative."""
+MAX_OUTLIER_RATIO = 0.12
+"""Fraction of the cells below the horizon that may be farther than a candidate: wrong matches and dips."""
+NEAR_QUANTILE = 0.98
+"""Quantile of disparity that stands for the nearest cells; those above it may be wrong matches."""
+MAX_DISPARITY_RATIO = 5.0
+"""Cells of less than the largest disparity through this are ignored: the ground is a plane only near the camera."""
+ITERATIONS = 5
+"""Iterations of the refinement, of which the first two tolerate larger errors."""
+FARTHER_TOLERANCE = 6.0
+"""Factor of the tolerance for cells farther than the ground. They contradict it, while nearer cells are objects on it,
+so they keep their weight."""
+MIN_CELLS = 20
+"""Smallest number of measured cells; half as many must be on the ground."""
 
 
 class GroundConfig(Model):
-    """When a plane is the ground."""
+    """When a plane is accepted as the ground."""
 
     tolerance: float = Field(0.08, gt=0)
-    """Part of its disparity by which a cell may be off the plane and still be ground."""
-    least_share: float = Field(0.03, ge=0)
-    """Part of the cells that must be ground. More than 1 looks for no ground."""
-    least_range: float = Field(1.25, ge=1)
-    """How many times as near as its far end the near end of the ground must be; less may be a wall."""
-    most_farther: float = Field(0.3, ge=0)
-    """Most cells that are farther than the plane by twice the tolerance, through the number of those on it: nothing is
-    seen through the ground."""
+    """Relative error of disparity up to which a cell is on the plane."""
+    min_inlier_ratio: float = Field(0.03, ge=0)
+    """Fraction of the cells that must be on the plane. More than 1 disables the detection of the ground."""
+    min_disparity_ratio: float = Field(1.25, ge=1)
+    """Smallest ratio of the disparities of the near end and the far end; a plane with less may be a wall."""
+    max_farther_ratio: float = Field(0.3, ge=0)
+    """Largest number of cells farther than the plane by twice the tolerance, by the number of those on it."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ground:
-    """Its disparity, linear in the image, as that of all planes."""
+class GroundPlane:
+    """The ground as a linear function of disparity."""
 
     slope_u: float
     """Change of disparity [px] per cell to the right."""
     slope_v: float
-    """Change [px] per cell downward, above that to either side."""
+    """Change of disparity [px] per cell downward. It is larger than that to either side."""
     middle_px: float
-    """Disparity in the middle of the image, below 0 where that is above the horizon."""
+    """Disparity at the middle of the image [px], negative where that lies above the horizon."""
 
-    def at(self, u: Vector, v: Vector) -> Vector:
-        """Disparity [px] at columns and rows in cells from the middle of the image; above the horizon below 0.
+    def disparity(self, u: FloatArray, v: FloatArray) -> FloatArray:
+        """Disparity [px], negative above the horizon, at columns and rows in cells from the middle of the image.
 
-        `u` and `v` have shapes that broadcast, and the outcome has the shape of both.
+        The shapes of `u` and `v` are broadcast.
         """
-        ground_px: Vector = self.slope_u * u + self.slope_v * v + self.middle_px
+        ground_px: FloatArray = self.slope_u * u + self.slope_v * v + self.middle_px
         return ground_px
 
 
-def found_ground(u: Vector, v: Vector, disparity_px: Vector, rows: int, config: GroundConfig) -> Ground | None:
-    """The plane with hardly anything below it and as much as possible on it; None if there is no such plane.
+def find_ground(
+    u: FloatArray, v: FloatArray, disparity_px: FloatArray, rows: int, config: GroundConfig
+) -> GroundPlane | None:
+    """Find the plane with as many cells as possible on it, and hardly any below it.
 
-    Blank ground shows only where things touch it. So what is looked for is no surface, but what bounds all surfaces
-    from below. The more cells a half octave of disparity has, the less each one counts: of far things there are more.
+    A textureless ground is measured only where objects touch it. The search is therefore not for a surface, but for the
+    lower bound of all surfaces. The candidates are planes without roll; the best one is refined by reweighted least
+    squares.
 
     Args:
-        u: Columns of measured cells, from the middle of the image, in cells, shape (N,).
-        v: Their rows, likewise, shape (N,).
-        disparity_px: Their mean disparities, above 0, shape (N,).
-        rows: Cells along the height of the image.
-        config: See there.
+        u: Columns of the measured cells, from the middle of the image, in cells, shape (N,).
+        v: Rows of the measured cells, from the middle of the image, in cells, shape (N,).
+        disparity_px: Their mean disparities, positive, shape (N,).
+        rows: Number of rows of cells of the image.
+        config: When a plane is accepted.
+
+    Returns:
+        The ground plane; None if no plane is accepted.
     """
-    if len(u) < LEAST_CELLS:
+    if len(u) < MIN_CELLS:
         return None
-    near = disparity_px > _ranked(disparity_px, NEAREST_RANK) / DEEPEST
+    near = disparity_px > _quantile(disparity_px, NEAR_QUANTILE) / MAX_DISPARITY_RATIO
     u, v, disparity_px = u[near], v[near], disparity_px[near]
-    plane = _refined(_level_plane(v, disparity_px, rows, config.tolerance), u, v, disparity_px, config.tolerance)
+    candidate = _best_level_plane(v, disparity_px, rows, config.tolerance)
+    plane = _refine(candidate, u, v, disparity_px, config.tolerance)
     ground_px = plane[0] * u + plane[1] * v + plane[2]
-    off = disparity_px / np.maximum(ground_px, 1e-6) - 1
-    on_it = (np.abs(off) < config.tolerance) & (ground_px > 0)
-    farther = (off < -2 * config.tolerance) & (ground_px > 0)
-    n = np.count_nonzero(on_it)
-    if plane[1] <= abs(plane[0]) or n < max(LEAST_CELLS / 2, config.least_share * len(u)):
+    error = disparity_px / np.maximum(ground_px, 1e-6) - 1
+    inliers = (np.abs(error) < config.tolerance) & (ground_px > 0)
+    n_farther = np.count_nonzero((error < -2 * config.tolerance) & (ground_px > 0))
+    n_inliers = np.count_nonzero(inliers)
+    if plane[1] <= abs(plane[0]) or n_inliers < max(MIN_CELLS / 2, config.min_inlier_ratio * len(u)):
         return None
-    if np.count_nonzero(farther) > config.most_farther * n:
+    if n_farther > config.max_farther_ratio * n_inliers:
         return None
-    if _ranked(ground_px[on_it], 0.9) < config.least_range * _ranked(ground_px[on_it], 0.1):
+    if _quantile(ground_px[inliers], 0.9) < config.min_disparity_ratio * _quantile(ground_px[inliers], 0.1):
         return None
-    return Ground(slope_u=float(plane[0]), slope_v=float(plane[1]), middle_px=float(plane[2]))
+    return GroundPlane(slope_u=float(plane[0]), slope_v=float(plane[1]), middle_px=float(plane[2]))
 
 
-def _ranked(values: Vector, share: float) -> float:
-    """The value that this share of all is below."""
-    return float(np.sort(values)[int(share * (len(values) - 1))])
+def _quantile(values: FloatArray, q: float) -> float:
+    """The q-quantile, without interpolation between the values."""
+    return float(np.sort(values)[int(q * (len(values) - 1))])
 
 
-def _level_plane(v: Vector, disparity_px: Vector, rows: int, tolerance: float) -> Vector:
-    """The best of some planes without a slope to the side: slopes to the right and down, and the middle, shape (3,)."""
-    octave = np.floor(2 * np.log2(disparity_px)).astype(np.intp)
-    octave -= octave.min()
-    say = 1 / np.sqrt(np.bincount(octave)[octave])
-    rows_below = v - rows * HORIZONS[:, None]
-    with np.errstate(divide="ignore"):
-        slope = np.where(rows_below > 0.5, disparity_px / np.maximum(rows_below, 0.5), np.inf)
-    rank = (BELOW * np.count_nonzero(rows_below > 0.5, axis=1)).astype(np.intp) + 1
-    lowest = np.sort(slope, axis=1)[np.arange(len(rank)), np.minimum(rank, len(v) - 1)]
-    lowest = np.where(np.isfinite(lowest), lowest, 0)
-    over = slope - lowest[:, None] * (1 - 1.5 * tolerance)
-    on_it = (over > 0) & (over < lowest[:, None] * 3 * tolerance)
-    best = np.argmax((on_it.astype(np.float64) - (over <= 0)) @ say)
-    return np.array([0.0, lowest[best], -lowest[best] * rows * HORIZONS[best]])
+def _best_level_plane(v: FloatArray, disparity_px: FloatArray, rows: int, tolerance: float) -> FloatArray:
+    """Slopes to the right and downward, and middle, shape (3,), of the best candidate without roll.
 
-
-def _refined(plane: Vector, u: Vector, v: Vector, disparity_px: Vector, tolerance: float) -> Vector:
-    """Reweighted least squares of relative errors: what is nearer soon counts nothing, what is farther still does.
-
-    Planes are slopes to the right and down, and the middle, shape (3,).
+    For each horizon the candidate is the steepest plane that leaves `MAX_OUTLIER_RATIO` of the cells below it. It is
+    rated by the cells on it minus those below it. Cells weigh less the more of them share half an octave of disparity,
+    since distant surfaces fill more cells.
     """
-    points = np.stack([u, v, np.ones_like(u)], 1)
-    for turn in range(ROUNDS):
-        ground_px = points @ plane
+    half_octave = np.floor(2 * np.log2(disparity_px)).astype(np.intp)
+    half_octave -= half_octave.min()
+    weight = 1 / np.sqrt(np.bincount(half_octave)[half_octave])
+    below_horizon = v - rows * HORIZONS[:, None]
+    with np.errstate(divide="ignore"):
+        slope = np.where(below_horizon > 0.5, disparity_px / np.maximum(below_horizon, 0.5), np.inf)
+    rank = (MAX_OUTLIER_RATIO * np.count_nonzero(below_horizon > 0.5, axis=1)).astype(np.intp) + 1
+    candidate = np.sort(slope, axis=1)[np.arange(len(rank)), np.minimum(rank, len(v) - 1)]
+    candidate = np.where(np.isfinite(candidate), candidate, 0)
+    above = slope - candidate[:, None] * (1 - 1.5 * tolerance)
+    on_plane = (above > 0) & (above < candidate[:, None] * 3 * tolerance)
+    best = np.argmax((on_plane.astype(np.float64) - (above <= 0)) @ weight)
+    return np.array([0.0, candidate[best], -candidate[best] * rows * HORIZONS[best]])
+
+
+def _refine(plane: FloatArray, u: FloatArray, v: FloatArray, disparity_px: FloatArray, tolerance: float) -> FloatArray:
+    """Reweighted least squares of the relative error. Nearer cells soon lose their weight, farther ones keep it.
+
+    Planes are slopes to the right and downward, and the middle, shape (3,).
+    """
+    A = np.stack([u, v, np.ones_like(u)], 1)
+    for iteration in range(ITERATIONS):
+        ground_px = A @ plane
         below_horizon = ground_px > 0
         ground_px = np.maximum(ground_px, 1e-6)
-        off = (disparity_px / ground_px - 1) / (tolerance * max(1, 3 - turn))
-        off[off < 0] /= FARTHER
-        weighted = points * (below_horizon / np.square(1 + off * off) / ground_px)[:, None]
-        normal = points.T @ weighted
+        error = (disparity_px / ground_px - 1) / (tolerance * max(1, 3 - iteration))
+        error[error < 0] /= FARTHER_TOLERANCE
+        weighted = A * (below_horizon / np.square(1 + error * error) / ground_px)[:, None]
+        normal = A.T @ weighted
         normal += np.eye(3) * (1e-9 * np.trace(normal) + 1e-12)
         plane = np.asarray(np.linalg.solve(normal, disparity_px @ weighted), np.float64)
     return plane

@@ -1,4 +1,4 @@
-"""What neither sensor nor memory knows: shadows of occlusion, planes, the ground and what stands on it."""
+"""Inpainting of pixels without measurement and memory: planes, the ground, stixels on it, and occlusion shadows."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -10,124 +10,137 @@ from pydantic import Field
 
 from ..model import Model
 from ..types import FloatImage, GrayImage
-from .estimate import CHANCES
-from .ground import GroundConfig, found_ground
-from .masks import above, mean_around, put
-from .planes import Planes, PlanesConfig
-from .stixels import Feet, StandingConfig
-from .working_resolution import Scale
+from .confidence import INPAINTING
+from .ground import GroundConfig, find_ground
+from .masks import above, box_mean, copy_where
+from .planes import CellEstimate, MomentPyramid, PlaneFitter, PlanesConfig
+from .stixels import StixelEstimator, Stixels, StixelsConfig
+from .working_resolution import WorkingResolution
 
 Indices = npt.NDArray[np.intp]
 
-BACKGROUND_PX = (3, 6)
-"""How far from a hole the background is looked at besides its rim, in pixels of the full image."""
-RIM_PX = 5
-"""Window in which the valid neighbours of a pixel are counted: those on the rim of a hole are mostly wrong."""
+BACKGROUND_OFFSETS_PX = (0, 3, 6)
+"""Distances from a hole at which the background is sampled, in pixels of the full image."""
+VALIDITY_WINDOW_PX = 5
+"""Window in which the valid neighbours of a pixel are counted: most pixels at the border of holes are wrong."""
 
 
-class FillingConfig(Model):
-    """How holes are filled."""
+class InpaintingConfig(Model):
+    """How holes are inpainted."""
 
     planes: PlanesConfig = PlanesConfig()
     ground: GroundConfig = GroundConfig()
-    standing: StandingConfig = StandingConfig()
-    step_px: float = Field(1.0, gt=0)
+    stixels: StixelsConfig = StixelsConfig()
+    min_shadow_step_px: float = Field(1.0, gt=0)
     """Disparity by which the right end of a hole must be nearer than the left one for it to be an occlusion shadow."""
-    margin_px: float = Field(6.0, ge=0)
-    """A shadow is as wide as that step of disparity. Holes that are wider by more than this are something else."""
+    shadow_margin_px: float = Field(6.0, ge=0)
+    """A shadow is as wide as that difference of disparity. A hole wider by more than this is no shadow."""
     hidden_side: Literal["left", "right"] = "left"
-    """Side of near things on which a strip of what is behind them has no depth: the left one where depth is that of
-    the left one of two cameras; a projector or a second camera on the left side makes it the right one."""
+    """Side of near objects on which the background has no depth: the left one if depth belongs to the left one of two
+    cameras, the right one if a projector or the second camera is on the left."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Filled:
-    """An image without holes."""
+class Inpainted:
+    """A disparity image without holes, shape (h, w)."""
 
     disparity_px: FloatImage
-    """Shape (h, w); 0 only if nothing at all was measured."""
-    chance: FloatImage
-    """Chance in 0..1 that what was filled is of the right surface, shape (h, w); anything where it was measured."""
+    """Disparity; 0 only if the whole image is empty."""
+    probability: FloatImage
+    """Probability in 0..1 that an inpainted disparity is of the right surface; arbitrary in other pixels."""
 
 
-class Filling:
-    """Fills all holes of an image of disparity."""
+class Inpainter:
+    """Fills all holes of a disparity image from the image itself.
 
-    def __init__(self, scale: Scale, config: FillingConfig) -> None:
-        self._scale = scale
+    Args:
+        resolution: Resolution of the images.
+        config: Parameters of the models.
+    """
+
+    def __init__(self, resolution: WorkingResolution, config: InpaintingConfig) -> None:
+        self._decimation = resolution.decimation
         self._config = config
-        self._planes = Planes(scale, config.planes)
-        self._feet = Feet(scale, self._planes.cell_px, config.standing)
+        self._planes = PlaneFitter(resolution, config.planes)
+        self._stixels = StixelEstimator(resolution, self._planes.cell_px, config.stixels)
 
-    def fill(self, disparity_px: FloatImage) -> Filled:
-        """The image without holes; one without any data stays empty.
+    def inpaint(self, disparity_px: FloatImage) -> Inpainted:
+        """The image without holes; an empty image stays empty.
+
+        Nothing is inpainted farther than the farthest measurement.
 
         Args:
-            disparity_px: Shape (h, w); 0 = hole.
+            disparity_px: Disparity, shape (h, w); 0 = hole.
         """
         valid = above(disparity_px, 0)
-        n_valid = cv2.countNonZero(valid)
-        if n_valid in (0, valid.size):
-            return Filled(disparity_px=disparity_px, chance=np.zeros_like(disparity_px))
-        sums = self._planes.summed(disparity_px, _share_of_neighbours(valid))
-        ground = found_ground(*self._planes.cells(sums), self._planes.rows, self._config.ground)
-        standing = None if ground is None else self._feet.standing(disparity_px, ground)
-        filled_px, chance = self._planes.filled(sums, standing)
-        farthest_px = cv2.minMaxLoc(disparity_px, valid)[0]
-        np.maximum(filled_px, np.float32(farthest_px), out=filled_px)
-        if self._config.hidden_side == "left":
-            self._cast_shadows(disparity_px, filled_px, chance)
-        else:
-            self._cast_shadows(disparity_px[:, ::-1], filled_px[:, ::-1], chance[:, ::-1])
-        put(disparity_px, valid, filled_px)
-        return Filled(disparity_px=filled_px, chance=chance)
+        if cv2.countNonZero(valid) in (0, valid.size):
+            return Inpainted(disparity_px=disparity_px, probability=np.zeros_like(disparity_px))
+        moments = self._planes.moments(disparity_px, _validity(valid))
+        ground = find_ground(*self._planes.cell_means(moments), self._planes.rows, self._config.ground)
+        stixels = None if ground is None else self._stixels.estimate(disparity_px, ground)
+        filled_px, probability = self._planes.upsample(self._estimate_cells(moments, stixels))
+        min_px = cv2.minMaxLoc(disparity_px, valid)[0]
+        np.maximum(filled_px, np.float32(min_px), out=filled_px)
+        side = np.s_[:, :: 1 if self._config.hidden_side == "left" else -1]
+        self._fill_occlusion_shadows(disparity_px[side], filled_px[side], probability[side])
+        copy_where(valid, disparity_px, filled_px)
+        return Inpainted(disparity_px=filled_px, probability=probability)
 
-    def _cast_shadows(self, disparity_px: FloatImage, filled_px: FloatImage, chance: FloatImage) -> None:
-        """Give holes that are occlusion shadows of a stereo pair what is to the left of them, in place.
+    def _estimate_cells(self, moments: MomentPyramid, stixels: Stixels | None) -> CellEstimate:
+        """The estimate of the finest cells, from the coarsest to the finest level."""
+        estimate = None
+        for level in reversed(range(self._planes.levels)):
+            estimate = self._planes.fit(moments[level], level, estimate)
+            if stixels is not None:
+                estimate = stixels.overlay(estimate, level)
+        assert estimate is not None
+        return estimate
 
-        Of two surfaces the second camera, to the right, sees a strip less of the farther one, left of the nearer one:
-        as wide as their disparities differ.
+    def _fill_occlusion_shadows(self, disparity_px: FloatImage, filled_px: FloatImage, probability: FloatImage) -> None:
+        """Fill holes that are occlusion shadows of a stereo pair, in place, with the background to their left.
+
+        The right camera does not see a strip of the background to the left of a near object, as wide as their
+        difference of disparity.
         """
-        config, step = self._config, self._scale.step
-        width = disparity_px.shape[1]
+        config, width = self._config, disparity_px.shape[1]
         flat_px = np.ascontiguousarray(disparity_px).ravel()
-        # Holes as runs of pixels in the flat image; those that touch an end of their row are no shadows.
+        # Holes are runs in the flat image; those that touch an end of their row are no shadows.
         valid = np.zeros(flat_px.size + 2, np.bool_)
         np.greater(flat_px, 0, out=valid[1:-1])
         edges = np.flatnonzero(valid[1:] != valid[:-1])
         before, after = edges[1:-1:2] - 1, edges[2::2]
-        one_row = before // width == after // width
-        before, after = before[one_row], after[one_row]
-        near_px, far_px = flat_px[after], _background(flat_px, before, width, step)
-        length = after - before - 1
-        is_shadow = (near_px > far_px + config.step_px) & (length * step <= near_px - far_px + config.margin_px)
+        within_row = before // width == after // width
+        before, after = before[within_row], after[within_row]
+        near_px, background_px = flat_px[after], self._background(flat_px, before, width)
+        step_px, length = near_px - background_px, after - before - 1
+        is_shadow = (near_px > background_px + config.min_shadow_step_px) & (
+            length * self._decimation <= step_px + config.shadow_margin_px
+        )
         length = length[is_shadow]
         first = np.repeat(before[is_shadow] + 1 - np.cumsum(length) + length, length)
         row, col = np.divmod(first + np.arange(len(first)), width)
-        filled_px[row, col] = np.repeat(far_px[is_shadow], length)
-        chance[row, col] = CHANCES.shadow
+        filled_px[row, col] = np.repeat(background_px[is_shadow], length)
+        probability[row, col] = INPAINTING.occlusion_shadow
+
+    def _background(self, flat_px: FloatImage, before: Indices, width: int) -> FloatImage:
+        """Disparity left of holes: the median of three pixels, of which one may be an outlier or a fattened foreground.
+
+        Args:
+            flat_px: Disparity of the flattened image.
+            before: Index of the last pixel before each hole, shape (N,).
+            width: Width of the image.
+        """
+        offsets = np.array(BACKGROUND_OFFSETS_PX)[:, None] // self._decimation
+        samples_px = flat_px[before - np.minimum(offsets, before % width)]
+        samples_px = np.where(samples_px > 0, samples_px, samples_px[0])
+        median_px: FloatImage = np.sort(samples_px, axis=0)[1]
+        return median_px
 
 
-def _background(flat_px: FloatImage, rim: Indices, width: int, step: int) -> FloatImage:
-    """Disparity left of holes: the middle one of three pixels, for the rim may be fattened and any one an outlier.
-
-    Args:
-        flat_px: The image, flat.
-        rim: Index of the last pixel before each hole, shape (N,).
-        width: Of the image.
-        step: Pixels of the full image per pixel.
-    """
-    away = np.array([[0], *([pixels // step] for pixels in BACKGROUND_PX)])
-    three_px = flat_px[rim - np.minimum(away, rim % width)]
-    three_px = np.where(three_px > 0, three_px, three_px[0])
-    middle: FloatImage = np.sort(three_px, axis=0)[1]
-    return middle
-
-
-def _share_of_neighbours(valid: GrayImage) -> FloatImage:
-    """Of the pixels around each valid one those that are valid, 0..1, shape (h, w); 0 in holes."""
-    around = mean_around(valid, RIM_PX).astype(np.float32)
+def _validity(valid: GrayImage) -> FloatImage:
+    """Fraction of the neighbours of each valid pixel that are valid, 0..1, shape (h, w); 0 in holes."""
+    around = box_mean(valid, VALIDITY_WINDOW_PX).astype(np.float32)
     around *= np.float32(1 / 255)
-    share = np.zeros(valid.shape, np.float32)
-    put(around, valid, share)
-    return share
+    validity = np.zeros(valid.shape, np.float32)
+    copy_where(valid, around, validity)
+    return validity

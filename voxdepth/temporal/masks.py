@@ -1,6 +1,6 @@
-"""Masks and masked images by OpenCV, which works on many pixels at once where NumPy takes them one by one.
+"""Masks and masked copies with OpenCV, which is several times as fast as boolean indexing in NumPy.
 
-A mask is an image of bytes, 255 where it holds and 0 elsewhere.
+A mask is an image of bytes that is 255 where the mask holds and 0 elsewhere. The operators `&` and `|` combine masks.
 """
 
 from typing import Any, TypeVar
@@ -14,59 +14,51 @@ Image = TypeVar("Image", FloatImage, GrayImage)
 
 
 def above(image: FloatImage | GrayImage, bound: FloatImage | float) -> GrayImage:
-    """Where an image is greater than a number or another image, shape (h, w)."""
-    return _compared(image, bound, cv2.CMP_GT)
+    """Mask of the pixels that are greater than a number or than another image, shape (h, w)."""
+    return _compare(image, bound, cv2.CMP_GT)
 
 
 def below(image: FloatImage | GrayImage, bound: FloatImage | float) -> GrayImage:
-    """Where an image is less than a number or another image, shape (h, w)."""
-    return _compared(image, bound, cv2.CMP_LT)
+    """Mask of the pixels that are less than a number or than another image, shape (h, w)."""
+    return _compare(image, bound, cv2.CMP_LT)
 
 
 def equal(image: FloatImage | GrayImage, number: float) -> GrayImage:
-    """Where an image is a number, shape (h, w)."""
-    return _compared(image, number, cv2.CMP_EQ)
+    """Mask of the pixels that equal a number, shape (h, w)."""
+    return _compare(image, number, cv2.CMP_EQ)
 
 
-def both(one: GrayImage, other: GrayImage) -> GrayImage:
-    """Where two masks hold."""
-    return np.asarray(cv2.bitwise_and(one, other), np.uint8)
+def and_not(image: GrayImage, mask: GrayImage) -> GrayImage:
+    """The image, or the mask, with 0 wherever another mask holds."""
+    return np.asarray(cv2.subtract(image, mask), np.uint8)
 
 
-def either(*masks: GrayImage) -> GrayImage:
-    """Where at least one of several masks holds."""
-    union: Any = masks[0]
-    for mask in masks[1:]:
-        union = cv2.bitwise_or(union, mask)
-    return np.asarray(union, np.uint8)
+def subtract_saturated(image: GrayImage, amount: GrayImage) -> GrayImage:
+    """The difference of two images of bytes, or 0 where it would be negative."""
+    return np.asarray(cv2.subtract(image, amount), np.uint8)
 
 
-def without(one: GrayImage, other: GrayImage) -> GrayImage:
-    """Where one mask holds and another one does not. Also the difference of two images of bytes, at least 0."""
-    return np.asarray(cv2.subtract(one, other), np.uint8)
-
-
-def times(mask: GrayImage, number: int) -> GrayImage:
-    """An image that has a number, 0 to 255, where the mask holds, and 0 elsewhere."""
-    return np.bitwise_and(mask, np.uint8(number))
-
-
-def put(values: Image, mask: GrayImage, image: Image) -> None:
-    """Write the values into an image where the mask holds."""
+def copy_where(mask: GrayImage, values: Image, image: Image) -> None:
+    """Copy the values into an image, in place, where the mask holds."""
     cv2.copyTo(values, mask, image)
 
 
-def mean_around(image: Image, size_px: int) -> Image:
-    """Mean over a window, shape (h, w)."""
-    mean: Any = cv2.blur(image, (size_px, size_px))
+def clear_where(mask: GrayImage, image: FloatImage | GrayImage) -> None:
+    """Set an image to 0, in place, where the mask holds."""
+    cv2.copyTo(np.zeros_like(image), mask, image)
+
+
+def box_mean(image: Image, window_px: int) -> Image:
+    """The mean over a square window around each pixel, shape (h, w)."""
+    mean: Any = cv2.blur(image, (window_px, window_px))
     return mean  # type: ignore[no-any-return]
 
 
-def difference(one: Image, other: Image) -> Image:
-    """Absolute difference of two images, same shape."""
-    result: Any = cv2.absdiff(one, other)
-    return result  # type: ignore[no-any-return]
+def absolute_difference(one: Image, other: Image) -> Image:
+    """The absolute difference of two images of one shape."""
+    difference: Any = cv2.absdiff(one, other)
+    return difference  # type: ignore[no-any-return]
 
 
-def _compared(image: FloatImage | GrayImage, bound: Any, how: int) -> GrayImage:
-    return np.asarray(cv2.compare(image, bound, how), np.uint8)
+def _compare(image: FloatImage | GrayImage, bound: Any, operation: int) -> GrayImage:
+    return np.asarray(cv2.compare(image, bound, operation), np.uint8)

@@ -1,80 +1,95 @@
-"""What was measured before: disparity, how sure it is, and how it looked; in the pixels of the newest frame."""
+"""The memory: what earlier frames measured, in the pixels of the newest frame."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
 from ..devices import DeviceName
 from ..types import FloatArray, FloatImage, GrayImage
-from .memory_warper import create_image_mover
-from .working_resolution import Scale
+from .forward_warp import ForwardWarp
+from .masks import Image
+from .working_resolution import WorkingResolution
 
-UNIT = 16
-"""Weights are counted in sixteenths of a measurement that has only valid neighbours."""
+if TYPE_CHECKING:
+    from .forward_warp_gpu import GpuForwardWarp
 
-COARSE = np.float32(2)
-"""Pixels a side of those of the drift, which is the same over a surface."""
-OFFSET_PX = (COARSE - 1) / 2
-"""Where the middle of the first of those pixels is."""
+WEIGHT_UNIT = 16
+"""Weight of one measurement whose neighbours are all valid."""
+DRIFT_DECIMATION = 2
+"""Pixels of the memory per pixel of the drift along each side; drift varies little over a surface."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Memory:
-    """One surface per pixel."""
+    """One remembered surface per pixel, shape (h, w)."""
 
     disparity_px: FloatImage
-    """Shape (h, w), float32; 0 = nothing is remembered."""
+    """Disparity, float32; 0 = nothing is remembered."""
     weight: GrayImage
-    """Evidence in sixteenths of a measurement, shape (h, w), uint8."""
+    """Accumulated weight of the measurements in units of `1 / WEIGHT_UNIT`, uint8."""
     gray: GrayImage
-    """How the surface looked when it was measured last, shape (h, w), uint8."""
+    """Gray value of the surface when it was last measured, uint8."""
     drift_px: FloatImage
-    """By how much measurements have been nearer than the memory lately, shape (h / 2, w / 2)."""
+    """Running mean of measured minus remembered disparity, shape (h, w) / `DRIFT_DECIMATION`, float32. It is positive
+    where surfaces come nearer."""
 
     @classmethod
     def empty(cls, gray: GrayImage) -> "Memory":
-        """Nothing is remembered; whatever is there looks as it does now."""
+        """A memory of no surface, with the gray values of the current image."""
+        coarse = [max(1, side // DRIFT_DECIMATION) for side in gray.shape]
         return cls(
             disparity_px=np.zeros(gray.shape, np.float32),
             weight=np.zeros_like(gray),
             gray=gray,
-            drift_px=np.zeros(_coarse(gray.shape), np.float32),
+            drift_px=np.zeros(coarse, np.float32),
         )
 
 
-def _coarse(shape: tuple[int, ...]) -> tuple[int, int]:
-    """Of the drift of a memory of shape (h, w)."""
-    return max(1, int(shape[0] // COARSE)), max(1, int(shape[1] // COARSE))
-
-
-class Mover:
-    """Moves a memory along with the camera.
+class MemoryWarper:
+    """Warps a memory to the pose of a new frame.
 
     Args:
-        scale: Of the memory.
-        device: Where disparity and weight are moved; the rest is on the CPU.
+        resolution: Resolution of the memory.
+        device: Device that warps disparity and weight; everything else runs on the CPU.
 
     Raises:
-        ConfigError: There is no such device here.
+        ConfigError: The device does not exist on this machine.
     """
 
-    def __init__(self, scale: Scale, device: DeviceName = "cpu") -> None:
-        self._reprojection = create_image_mover(device, scale)
+    def __init__(self, resolution: WorkingResolution, device: DeviceName = "cpu") -> None:
+        self._forward_warp = _create_forward_warp(resolution, device)
 
-    def move(self, memory: Memory, T_now_before: FloatArray) -> Memory:
-        """The memory as the camera sees it now, after a motion of shape (4, 4)."""
-        moved = self._reprojection.move(memory.disparity_px, memory.weight, T_now_before)
-        gray = cv2.remap(memory.gray, moved.source_x, moved.source_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        size = memory.drift_px.shape[::-1]
-        x, y = (
-            (np.asarray(cv2.resize(source, size, interpolation=cv2.INTER_AREA), np.float32) - OFFSET_PX) / COARSE
-            for source in (moved.source_x, moved.source_y)
+    def warp(self, memory: Memory, T_frame_memory: FloatArray) -> Memory:
+        """The memory as the new frame sees it, after a motion of shape (4, 4)."""
+        warped = self._forward_warp.warp(memory.disparity_px, memory.weight, T_frame_memory)
+        coarse_x, coarse_y = (
+            _coarse_position(source, memory.drift_px.shape) for source in (warped.source_x, warped.source_y)
         )
-        drift_px = cv2.remap(memory.drift_px, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return Memory(
-            disparity_px=moved.disparity_px,
-            weight=moved.weight,
-            gray=np.asarray(gray, np.uint8),
-            drift_px=np.asarray(drift_px, np.float32),
+            disparity_px=warped.disparity_px,
+            weight=warped.weight,
+            gray=_sample(memory.gray, warped.source_x, warped.source_y),
+            drift_px=_sample(memory.drift_px, coarse_x, coarse_y),
         )
+
+
+def _create_forward_warp(resolution: WorkingResolution, device: DeviceName) -> "ForwardWarp | GpuForwardWarp":
+    if device == "cpu":
+        return ForwardWarp(resolution)
+    from .forward_warp_gpu import GpuForwardWarp
+
+    return GpuForwardWarp(resolution, device=device)
+
+
+def _sample(image: Image, x: FloatImage, y: FloatImage) -> Image:
+    """Bilinear samples of an image at columns x and rows y, with the border replicated."""
+    samples: Any = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return samples  # type: ignore[no-any-return]
+
+
+def _coarse_position(position: FloatImage, shape: tuple[int, ...]) -> FloatImage:
+    """Columns or rows of the memory as those of the decimated drift, averaged to its shape."""
+    mean: FloatImage = np.asarray(cv2.resize(position, shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
+    return (mean - np.float32((DRIFT_DECIMATION - 1) / 2)) / np.float32(DRIFT_DECIMATION)

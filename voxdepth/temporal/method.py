@@ -1,4 +1,4 @@
-"""The default method of `VoxDepth`: memory that moves with the camera, weighed against every measurement."""
+"""The default method of `VoxDepth`: a depth memory follows the camera, and is fused with every measurement."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,37 +7,32 @@ import cv2
 import numpy as np
 
 from ..errors import ConfigError
-from ..timing import collected_times, timed
+from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
-from .confidence import confidence_of
-from .config import RigidConfig
-from .fusion import Evidence, Kind, Verdict
-from .inpainting import Filled, Filling
-from .masks import above, equal, put, times
-from .measurement import Measurement, measured
-from .memory import Memory, Mover
-from .odometry import Localisation, Location, TrackingStatus
-from .smoothing import smoothed
-from .upsampling import enlarged, merged
-from .working_resolution import Scale, chosen_step
+from .confidence import estimate_confidence
+from .config import TemporalConfig
+from .fusion import Fused, PixelClass, TemporalFusion
+from .inpainting import Inpainter
+from .masks import above, clear_where, equal
+from .measurement import measure
+from .memory import Memory, MemoryWarper
+from .odometry import TrackingResult, TrackingStatus, VisualOdometry
+from .smoothing import smooth_guided
+from .upsampling import upsample_guided, upsample_nearest
+from .working_resolution import WorkingResolution, default_decimation
 
-SOURCE_OF_KIND = {
-    Kind.NOTHING: Source.INPAINTED,
-    Kind.FUSED: Source.SENSOR,
-    Kind.MEASURED: Source.SENSOR,
-    Kind.REMEMBERED: Source.MEMORY,
+MIN_SIDE_PX = 8
+"""Smallest side of an image: at half resolution, a smaller one leaves no neighbourhood to work on."""
+SOURCES_OF_CLASS = {
+    PixelClass.UNKNOWN: (Source.INPAINTED, Source.INPAINTED),
+    PixelClass.FUSED: (Source.SENSOR, Source.MEMORY),
+    PixelClass.MEASURED: (Source.SENSOR, Source.INPAINTED),
+    PixelClass.REMEMBERED: (Source.MEMORY, Source.MEMORY),
 }
-SOURCE_BESIDE_SENSOR = {
-    Kind.NOTHING: Source.INPAINTED,
-    Kind.FUSED: Source.MEMORY,
-    Kind.MEASURED: Source.INPAINTED,
-    Kind.REMEMBERED: Source.MEMORY,
-}
-"""The same for a pixel without a measurement of its own whose neighbours in one pixel of the memory have some."""
-MEASURED, FILLED = 4, 8
-"""Added to the kind of a pixel that the sensor measured, and of one that has a depth."""
-LEAST_SIDE_PX = 8
-"""Images with a shorter side are refused: at half size too little is left of them to look around a pixel."""
+"""Source of a full pixel by its pixel class: if the sensor measured the pixel, and if it measured only other pixels of
+the same working pixel."""
+MEASURED_BIT, VALID_BIT = 4, 8
+"""Bits that are added to a pixel class where the sensor measured the pixel, and where it has a depth."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,149 +60,142 @@ class TemporalDiagnostics:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Weighed:
-    """A frame with what is to be shown of it: the result of the first half of the work on it."""
+class FusedFrame:
+    """The result of the first half of the method, which depends on earlier frames."""
 
-    full_px: FloatImage
-    """Disparity as measured, shape (H, W); 0 = invalid."""
-    verdict: Verdict
-    location: Location
+    measured_px: FloatImage
+    """Measured disparity, shape (H, W); 0 = invalid."""
+    fused: Fused
+    tracking: TrackingResult
     timings_s: Mapping[str, float]
 
 
-class RigidMethod:
-    """Corrects frames by a memory of surfaces, which is moved to every frame and weighed against it.
+class TemporalMethod:
+    """Corrects frames with a depth memory, which is warped to every frame and fused with its measurement.
 
     Args:
-        camera: Every frame must have its shape, which is at least `LEAST_SIDE_PX` each way.
-        config: See there.
+        camera: Camera of the frames, whose images have at least `MIN_SIDE_PX` pixels a side.
+        config: Parameters of all steps.
 
     Raises:
-        ConfigError: The configuration names a device that is not there, or the images of the camera are too small.
+        ConfigError: The device does not exist on this machine, or the images of the camera are too small.
     """
 
-    def __init__(self, camera: Intrinsics, config: RigidConfig) -> None:
-        if min(camera.shape) < LEAST_SIDE_PX:
+    def __init__(self, camera: Intrinsics, config: TemporalConfig) -> None:
+        if min(camera.shape) < MIN_SIDE_PX:
             raise ConfigError(
-                f"the default method needs images of at least {LEAST_SIDE_PX}x{LEAST_SIDE_PX} pixels, "
+                f"the default method needs images of at least {MIN_SIDE_PX}x{MIN_SIDE_PX} pixels, "
                 f"got {camera.width_px}x{camera.height_px}: use a larger camera"
             )
-        step = chosen_step(camera) if config.memory_step == "auto" else config.memory_step
+        decimation = default_decimation(camera) if config.decimation == "auto" else config.decimation
         self._config = config
-        self._scale = Scale.of(camera, step)
-        self._localisation = Localisation(camera, self._scale, config.localisation)
-        self._mover = Mover(self._scale, config.device)
-        self._evidence = Evidence(config.evidence)
-        self._filling = Filling(self._scale, config.filling)
+        self._resolution = WorkingResolution.of(camera, decimation)
+        self._odometry = VisualOdometry(camera, self._resolution, config.odometry)
+        self._warper = MemoryWarper(self._resolution, config.device)
+        self._fusion = TemporalFusion(config.fusion)
+        self._inpainter = Inpainter(self._resolution, config.inpainting)
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything; the next frame is the first."""
-        self._localisation.reset()
+        """Forget all frames; the next one is the first."""
+        self._odometry.reset()
         self._memory: Memory | None = None
-        self._blind_frames = 0
+        self._featureless_frames = 0
 
     def close(self) -> None:
-        """Nothing runs beside the calls."""
+        """Do nothing: the method has no threads."""
 
-    def align(self, frame: Frame) -> Weighed:
-        """The first half: find the camera, weigh the frame against the memory, remember. Holds all state."""
-        timings_s: dict[str, float] = {}
-        with collected_times(timings_s):
-            full_px, measurement = self._measure(frame)
-            location = self._localise(frame)
-            memory = self._recall(location, measurement)
-            verdict, memory = self._weigh(memory, measurement)
-            self._remember(frame, location, memory)
-        return Weighed(full_px=full_px, verdict=verdict, location=location, timings_s=timings_s)
+    def align(self, frame: Frame) -> FusedFrame:
+        """Run the first half, which holds all state: track the camera, and fuse the frame with the memory."""
+        timer = StepTimer()
+        with timer("measure"):
+            measured_px = self._resolution.disparity(frame.depth_m)
+            measurement = measure(frame, measured_px, self._resolution)
+        with timer("track"):
+            tracking = self._odometry.track(frame)
+        with timer("warp"):
+            memory = self._recall(tracking, measurement.gray)
+        with timer("fuse"):
+            fused, memory = self._fusion.fuse(memory, measurement)
+        with timer("remember"):
+            self._remember(frame, tracking, memory)
+        return FusedFrame(measured_px=measured_px, fused=fused, tracking=tracking, timings_s=timer.times_s)
 
-    def combine(self, weighed: Weighed) -> CorrectedDepth:
-        """The second half: fill, smooth, tell where it is from, bring to full size. Depends on nothing else."""
-        timings_s = dict(weighed.timings_s)
-        with collected_times(timings_s):
-            filled = self._fill(weighed.verdict)
-            whole_px = self._smooth(filled.disparity_px)
-            confidence = self._trust(whole_px, weighed.verdict, filled.chance)
-            depth_m, source, confidence = self._enlarge(weighed, whole_px, confidence)
-        found = weighed.location.found
+    def combine(self, frame: FusedFrame) -> CorrectedDepth:
+        """Run the second half, which depends on nothing but its argument: inpaint, smooth, and upsample."""
+        timer, fused, config = StepTimer(frame.timings_s), frame.fused, self._config
+        with timer("inpaint"):
+            inpainted = self._inpainter.inpaint(fused.disparity_px)
+        with timer("smooth"):
+            disparity_px = smooth_guided(inpainted.disparity_px, config.smoothing_window_px, config.smoothing_noise_px)
+        with timer("confidence"):
+            confidence = estimate_confidence(disparity_px, fused.pixel_class, fused.weight, inpainted.probability)
+        with timer("upsample"):
+            depth_m, source, confidence = self._upsample(frame, disparity_px, confidence)
         return CorrectedDepth(
             depth_m=depth_m,
             source=source,
             confidence=confidence,
-            timings_s=timings_s,
-            diagnostics=TemporalDiagnostics(
-                tracking=found,
-                n_tracks=weighed.location.tracks,
-                n_inliers=weighed.location.inliers,
-                T_frame_previous=weighed.location.T_now_before if found is TrackingStatus.OK else None,
-                memory_reset=found is TrackingStatus.LOST,
-            ),
+            timings_s=timer.times_s,
+            diagnostics=_diagnostics(frame.tracking),
         )
 
-    @timed
-    def _measure(self, frame: Frame) -> tuple[FloatImage, Measurement]:
-        full_px = self._scale.disparity(frame.depth_m)
-        return full_px, measured(frame, full_px, self._scale)
+    def _recall(self, tracking: TrackingResult, gray: GrayImage) -> Memory:
+        """The memory in the pixels of this frame; an empty one unless the camera is tracked."""
+        if self._memory is None or tracking.status is not TrackingStatus.OK:
+            return Memory.empty(gray)
+        return self._warper.warp(self._memory, tracking.T_frame_keyframe)
 
-    @timed
-    def _localise(self, frame: Frame) -> Location:
-        return self._localisation.locate(frame)
-
-    @timed
-    def _recall(self, location: Location, measurement: Measurement) -> Memory:
-        """The memory in the pixels of this frame; an empty one unless the camera was found."""
-        if self._memory is None or location.found is not TrackingStatus.OK:
-            return Memory.empty(measurement.gray)
-        return self._mover.move(self._memory, location.T_now_before)
-
-    @timed
-    def _weigh(self, memory: Memory, measurement: Measurement) -> tuple[Verdict, Memory]:
-        return self._evidence.weigh(memory, measurement)
-
-    @timed
-    def _remember(self, frame: Frame, location: Location, memory: Memory) -> None:
-        """Go on from this frame; while it shows nothing to go by, wait for one that follows what is remembered."""
-        if location.found is TrackingStatus.NO_FEATURES and self._blind_frames < self._config.hold_frames:
-            self._blind_frames += 1
+    def _remember(self, frame: Frame, tracking: TrackingResult, memory: Memory) -> None:
+        """Make this frame the keyframe, unless it has no features: then the old keyframe and its memory are kept."""
+        if (
+            tracking.status is TrackingStatus.NO_FEATURES
+            and self._featureless_frames < self._config.max_featureless_frames
+        ):
+            self._featureless_frames += 1
             return
-        self._blind_frames = 0
+        self._featureless_frames = 0
         self._memory = memory
-        self._localisation.place(frame, location, memory.disparity_px)
+        self._odometry.set_keyframe(frame, tracking, memory.disparity_px)
 
-    @timed
-    def _fill(self, verdict: Verdict) -> Filled:
-        return self._filling.fill(verdict.disparity_px)
-
-    @timed
-    def _smooth(self, whole_px: FloatImage) -> FloatImage:
-        if self._config.smooth_size_px == 1:
-            return whole_px
-        return smoothed(whole_px, self._config.smooth_size_px, self._config.smooth_noise_px)
-
-    @timed
-    def _trust(self, whole_px: FloatImage, verdict: Verdict, chance: FloatImage) -> FloatImage:
-        return confidence_of(whole_px, verdict.kind, verdict.weight, chance)
-
-    @timed
-    def _enlarge(
-        self, weighed: Weighed, whole_px: FloatImage, confidence: FloatImage
+    def _upsample(
+        self, frame: FusedFrame, disparity_px: FloatImage, confidence: FloatImage
     ) -> tuple[FloatImage, GrayImage, FloatImage]:
-        """Depth, source and confidence of the size of the frame; no guesses if none are wanted."""
-        kind, full_px, size = weighed.verdict.kind, weighed.full_px, weighed.full_px.shape[::-1]
-        if self._scale.step != 1:
-            whole_px, confidence = merged(full_px, whole_px, confidence, kind)
-            kind = enlarged(kind, size)
-        depth_m = self._scale.depth(whole_px)
-        code = kind | times(above(full_px, 0), MEASURED) | times(above(depth_m, 0), FILLED)
-        source = np.asarray(cv2.LUT(code, _SOURCES), np.uint8)
-        if self._config.fill == "none":
-            put(np.zeros_like(source), equal(source, Source.INPAINTED), source)
-        empty = equal(source, Source.INVALID)
-        for image in (depth_m, confidence):
-            put(np.zeros_like(image), empty, image)
+        """Depth, source and confidence at full resolution, shape (H, W)."""
+        measured_px, pixel_class = frame.measured_px, frame.fused.pixel_class
+        if self._resolution.decimation == 2:
+            disparity_px, confidence = upsample_guided(measured_px, disparity_px, confidence, pixel_class)
+            pixel_class = upsample_nearest(pixel_class, measured_px.shape)
+        depth_m = self._resolution.depth(disparity_px)
+        measured = above(measured_px, 0) & np.uint8(MEASURED_BIT)
+        valid = above(depth_m, 0) & np.uint8(VALID_BIT)
+        source = np.asarray(cv2.LUT(pixel_class | measured | valid, _SOURCES), np.uint8)
+        if not self._config.inpaint:
+            clear_where(equal(source, Source.INPAINTED), source)
+        invalid = equal(source, Source.INVALID)
+        clear_where(invalid, depth_m)
+        clear_where(invalid, confidence)
         return depth_m, source, confidence
 
 
-_SOURCES = np.zeros(256, np.uint8)
-_SOURCES[[FILLED + kind for kind in SOURCE_OF_KIND]] = list(SOURCE_BESIDE_SENSOR.values())
-_SOURCES[[FILLED + MEASURED + kind for kind in SOURCE_OF_KIND]] = list(SOURCE_OF_KIND.values())
+def _diagnostics(tracking: TrackingResult) -> TemporalDiagnostics:
+    is_tracked = tracking.status is TrackingStatus.OK
+    return TemporalDiagnostics(
+        tracking=tracking.status,
+        n_tracks=tracking.n_tracks,
+        n_inliers=tracking.n_inliers,
+        T_frame_previous=tracking.T_frame_keyframe if is_tracked else None,
+        memory_reset=tracking.status is TrackingStatus.LOST,
+    )
+
+
+def _source_table() -> GrayImage:
+    """Source of each code of pixel class, `MEASURED_BIT` and `VALID_BIT`, shape (256,)."""
+    table = np.zeros(256, np.uint8)
+    for pixel_class, (measured, unmeasured) in SOURCES_OF_CLASS.items():
+        table[pixel_class | VALID_BIT] = unmeasured
+        table[pixel_class | VALID_BIT | MEASURED_BIT] = measured
+    return table
+
+
+_SOURCES = _source_table()

@@ -1,7 +1,7 @@
-"""Where the camera is against the last frame that could be placed: by tracks, and by what leads back to them."""
+"""Visual odometry: the motion of the camera since the keyframe, from tracked corners with known depth."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import cv2
@@ -12,167 +12,183 @@ from ..geometry import inverse_rigid, resized
 from ..model import Model
 from ..paper.registration import OrbRegistration, RegistrationConfig
 from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics
-from .feature_tracker import Points, Tracks, TracksConfig, View
-from .pose_fit import Fit, Pinhole, fit_pose
-from .working_resolution import Scale
+from .feature_tracker import FeatureTracker, FeatureTrackerConfig, Points, TrackingImage
+from .pose_fit import Pinhole, PoseFit, fit_pose, transform_points
+from .working_resolution import WorkingResolution
 
 
-class LocalisationConfig(Model):
-    """When a pose is believed."""
+class VisualOdometryConfig(Model):
+    """How corners are tracked, and when an estimated motion is accepted."""
 
-    tracks: TracksConfig = TracksConfig()
+    tracker: FeatureTrackerConfig = FeatureTrackerConfig()
     min_tracks: int = Field(12, ge=6)
-    """Corners with depth that must be found again; an image with fewer corners shows nothing to go by."""
-    min_inlier_share: float = Field(0.5, gt=0, le=1)
-    """Least share of the tracks that one rigid motion explains. Good poses have 0.74 and more, wrong ones 0.1."""
+    """Corners with known depth that must be tracked. An image with fewer corners has no features."""
+    min_inlier_ratio: float = Field(0.5, gt=0, le=1)
+    """Fraction of the tracks that must be inliers. Correct motions have 0.74 and more, wrong ones 0.1."""
     inlier_px: float = Field(1.0, gt=0)
-    """Distance up to which a track supports the motion, in pixels of the reduced image."""
-    max_residual_px: float = Field(1.5, gt=0)
-    """Largest median distance of the tracks. Good poses have at most 1, wrong ones at least 14."""
+    """Reprojection error below which a track is an inlier, in pixels of the tracking image."""
+    max_median_residual_px: float = Field(1.5, gt=0)
+    """Largest median reprojection error. Correct motions have at most 1 px, wrong ones at least 14 px."""
 
 
 class TrackingStatus(StrEnum):
-    """How the search for the camera went."""
+    """Result of tracking the camera."""
 
     FIRST_FRAME = "first_frame"
-    """There is no earlier frame."""
+    """There is no keyframe."""
     OK = "ok"
-    """Its motion since the last frame that was placed is known."""
+    """The motion since the keyframe is known."""
     NO_FEATURES = "no_features"
-    """Too few corners to tell anything: darkness, fog, a covered lens, a blank wall."""
+    """The image has too few corners: darkness, fog, a covered lens or a textureless wall."""
     LOST = "lost"
-    """There are corners, and they are not those of the earlier frame: a cut, or too long a gap."""
+    """The image has corners, but they do not match the keyframe: a cut, or too long a gap."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Location:
-    """Where the camera is."""
+class TrackingResult:
+    """The motion of the camera since the keyframe."""
 
-    found: TrackingStatus
-    view: View
-    """What was looked at."""
-    T_now_before: FloatArray
-    """Motion since the last frame that was placed, shape (4, 4); the identity unless `found` is `OK`."""
-    tracks: int = 0
-    """Corners that were looked for."""
-    inliers: int = 0
-    """Those that support the motion."""
+    status: TrackingStatus
+    image: TrackingImage
+    """Tracking image of the frame."""
+    T_frame_keyframe: FloatArray = field(default_factory=lambda: np.eye(4))
+    """Motion since the keyframe, shape (4, 4); the identity unless the status is `OK`."""
+    n_tracks: int = 0
+    """Corners of the keyframe that were searched for."""
+    n_inliers: int = 0
+    """Corners that support the motion."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Placed:
-    """The last frame whose place is known."""
+class _Keyframe:
+    """The last frame whose motion is known, with the depth of its corners."""
 
-    view: View
+    image: TrackingImage
     gray: GrayImage
-    points_m: FloatArray
-    """Of the corners that have a depth, in its camera, shape (N, 3)."""
     corners: Points
+    """Corners that have a depth, shape (N, 2)."""
+    points_m: FloatArray
+    """The same corners in the camera frame, shape (N, 3)."""
     T_world_cam: FloatArray | None
-    T_now_before: FloatArray
-    """Motion that led to it; the identity if none is known. The next one may be much like it."""
+    T_keyframe_previous: FloatArray
+    """Motion since the keyframe before; it predicts the next one."""
 
 
-class Localisation:
-    """Finds the motion between frames.
+class VisualOdometry:
+    """Tracks the camera from keyframe to frame.
 
-    Corners start where the last motion would take them, then where they were, then where features (ORB) and then where
-    phase correlation say that the image went. Those only say where to look: what is believed is decided by the fit.
-    A caller's pose, if there is one, is where the search starts, and stands if the image shows nothing to go by.
+    The search for the corners starts from several hypotheses: the previous motion, no motion, a match of ORB features,
+    and phase correlation. The first one from which the tracks fit a rigid motion is accepted. If the caller provides
+    poses, the search starts from their relative motion instead, which also replaces the estimate when none is accepted.
+
+    Args:
+        camera: Camera of the frames.
+        resolution: Resolution of the disparity that `set_keyframe` takes.
+        config: Parameters of the tracking.
     """
 
-    def __init__(self, camera: Intrinsics, scale: Scale, config: LocalisationConfig) -> None:
+    def __init__(self, camera: Intrinsics, resolution: WorkingResolution, config: VisualOdometryConfig) -> None:
         self._config = config
-        self._scale = scale
-        self._tracks = Tracks(camera, config.tracks)
-        small = self._tracks.scale
-        self._lens = Pinhole(
-            fx_px=camera.fx_px * small,
-            fy_px=camera.fy_px * small,
-            cx_px=resized(camera.cx_px, small),
-            cy_px=resized(camera.cy_px, small),
+        self._resolution = resolution
+        self._tracker = FeatureTracker(camera, config.tracker)
+        scale = self._tracker.scale
+        self._camera = Pinhole(
+            fx_px=camera.fx_px * scale,
+            fy_px=camera.fy_px * scale,
+            cx_px=resized(camera.cx_px, scale),
+            cy_px=resized(camera.cy_px, scale),
         )
-        self._features = OrbRegistration(RegistrationConfig(), camera.shape)
+        self._orb = OrbRegistration(RegistrationConfig(), camera.shape)
         self.reset()
 
     def reset(self) -> None:
-        """Forget all frames."""
-        self._before: _Placed | None = None
+        """Forget the keyframe; the next frame is the first."""
+        self._keyframe: _Keyframe | None = None
 
-    def locate(self, frame: Frame) -> Location:
-        """Where the camera is. Nothing is kept until `place`."""
-        view, before = self._tracks.view(frame.gray), self._before
-        if before is None:
-            return Location(found=TrackingStatus.FIRST_FRAME, view=view, T_now_before=np.eye(4))
-        tracks, prior = len(before.corners), _relative(before, frame)
-        for expected, T_start in self._starts(before, frame, view, prior):
-            fit = self._fit(before, view, expected, T_start)
+    def track(self, frame: Frame) -> TrackingResult:
+        """Estimate the motion since the keyframe. The frame is not kept; see `set_keyframe`."""
+        image, keyframe = self._tracker.detect(frame.gray), self._keyframe
+        if keyframe is None:
+            return TrackingResult(status=TrackingStatus.FIRST_FRAME, image=image)
+        n_tracks, prior = len(keyframe.corners), _motion_prior(keyframe, frame)
+        for initial, T_initial in self._hypotheses(keyframe, frame, image, prior):
+            fit = self._fit(keyframe, image, initial, T_initial)
             if fit is not None:
-                T, inliers = fit.T_target_source, fit.inliers
-                return Location(found=TrackingStatus.OK, view=view, T_now_before=T, tracks=tracks, inliers=inliers)
+                return TrackingResult(
+                    status=TrackingStatus.OK,
+                    image=image,
+                    T_frame_keyframe=fit.T_target_source,
+                    n_tracks=n_tracks,
+                    n_inliers=fit.n_inliers,
+                )
         if prior is not None:
-            return Location(found=TrackingStatus.OK, view=view, T_now_before=prior, tracks=tracks)
-        found = TrackingStatus.NO_FEATURES if len(view.corners) < self._config.min_tracks else TrackingStatus.LOST
-        return Location(found=found, view=view, T_now_before=np.eye(4), tracks=tracks)
+            return TrackingResult(status=TrackingStatus.OK, image=image, T_frame_keyframe=prior, n_tracks=n_tracks)
+        has_features = len(image.corners) >= self._config.min_tracks
+        status = TrackingStatus.LOST if has_features else TrackingStatus.NO_FEATURES
+        return TrackingResult(status=status, image=image, n_tracks=n_tracks)
 
-    def place(self, frame: Frame, location: Location, disparity_px: FloatImage) -> None:
-        """Make a frame the one that the next is compared with.
+    def set_keyframe(self, frame: Frame, tracking: TrackingResult, disparity_px: FloatImage) -> None:
+        """Make a frame the keyframe for the next ones.
 
         Args:
-            frame: Copied as far as it is kept.
-            location: What `locate` said of it.
-            disparity_px: What is known of its depth, at the memory's size; 0 = nothing.
+            frame: Frame of the keyframe; what is kept of it is copied.
+            tracking: Result of `track` for the frame.
+            disparity_px: Disparity of the frame at the working resolution, shape (h, w); 0 = unknown.
         """
-        scale, small = self._scale, self._tracks.scale * self._scale.step
-        corners = location.view.corners
-        col, row = np.rint(resized(corners, 1 / small)).astype(np.intp).T
-        known_px = disparity_px[np.clip(row, 0, scale.height_px - 1), np.clip(col, 0, scale.width_px - 1)]
-        corners, known_px = corners[known_px > 0], known_px[known_px > 0]
-        z = scale.focal_baseline_px_m / known_px.astype(np.float64)
-        lens = self._lens
-        x, y = (corners[:, 0] - lens.cx_px) * z / lens.fx_px, (corners[:, 1] - lens.cy_px) * z / lens.fy_px
-        self._before = _Placed(
-            view=location.view,
+        resolution, corners = self._resolution, tracking.image.corners
+        working_scale = self._tracker.scale * resolution.decimation
+        col, row = np.rint(resized(corners, 1 / working_scale)).astype(np.intp).T
+        corner_px = disparity_px[np.clip(row, 0, resolution.height_px - 1), np.clip(col, 0, resolution.width_px - 1)]
+        corners, corner_px = corners[corner_px > 0], corner_px[corner_px > 0]
+        z = resolution.focal_baseline_px_m / corner_px.astype(np.float64)
+        camera = self._camera
+        x = (corners[:, 0] - camera.cx_px) * z / camera.fx_px
+        y = (corners[:, 1] - camera.cy_px) * z / camera.fy_px
+        self._keyframe = _Keyframe(
+            image=tracking.image,
             gray=frame.gray.copy(),
-            points_m=np.stack([x, y, z], axis=1),
             corners=corners,
-            T_world_cam=frame.T_world_cam,
-            T_now_before=location.T_now_before,
+            points_m=np.stack([x, y, z], axis=1),
+            T_world_cam=None if frame.T_world_cam is None else frame.T_world_cam.copy(),
+            T_keyframe_previous=tracking.T_frame_keyframe,
         )
 
-    def _starts(
-        self, before: _Placed, frame: Frame, view: View, prior: FloatArray | None
+    def _hypotheses(
+        self, keyframe: _Keyframe, frame: Frame, image: TrackingImage, prior: FloatArray | None
     ) -> Iterator[tuple[Points, FloatArray]]:
-        """Where the corners may be, the likeliest first; each costs something only when it is asked for."""
-        if len(before.corners) < self._config.min_tracks:
+        """Initial positions of the corners and initial motions, the most probable first, each computed on demand."""
+        if len(keyframe.corners) < self._config.min_tracks:
             return
-        for T in [before.T_now_before, np.eye(4)] if prior is None else [prior]:
-            moved = before.points_m @ T[:3, :3].T + T[:3, 3]
-            yield self._lens.project(moved).astype(np.float32), T
-        ones = np.ones((len(before.corners), 1))
-        M = self._features.register(self._features.describe(before.gray), self._features.describe(frame.gray))
-        if M.ok:
-            small = self._tracks.scale
-            moved = np.hstack([resized(before.corners, 1 / small), ones]) @ M.M_frame_template.T
-            yield resized(moved, small).astype(np.float32), np.eye(4)
-        earlier, later = (each.gray.astype(np.float32) for each in (before.view, view))
-        shift, _ = cv2.phaseCorrelate(earlier, later, cv2.createHanningWindow(earlier.shape[::-1], cv2.CV_32F))
-        yield before.corners + np.asarray(shift, np.float32), np.eye(4)
+        for T in [keyframe.T_keyframe_previous, np.eye(4)] if prior is None else [prior]:
+            yield self._camera.project(transform_points(T, keyframe.points_m)).astype(np.float32), T
+        registration = self._orb.register(self._orb.describe(keyframe.gray), self._orb.describe(frame.gray))
+        if registration.ok:
+            scale = self._tracker.scale
+            homogeneous = np.hstack([resized(keyframe.corners, 1 / scale), np.ones((len(keyframe.corners), 1))])
+            yield resized(homogeneous @ registration.M_frame_template.T, scale).astype(np.float32), np.eye(4)
+        source, target = (each.gray.astype(np.float32) for each in (keyframe.image, image))
+        shift, _ = cv2.phaseCorrelate(source, target, cv2.createHanningWindow(source.shape[::-1], cv2.CV_32F))
+        yield keyframe.corners + np.asarray(shift, np.float32), np.eye(4)
 
-    def _fit(self, before: _Placed, view: View, expected: Points, T_start: FloatArray) -> Fit | None:
-        """The motion that the tracks show; None if it cannot be believed."""
+    def _fit(self, keyframe: _Keyframe, image: TrackingImage, initial: Points, T_initial: FloatArray) -> PoseFit | None:
+        """The motion that the tracks agree on; None if it is not accepted."""
         config = self._config
-        seen, found = self._tracks.follow(before.view, view, before.corners, expected)
-        if np.count_nonzero(found) < config.min_tracks:
+        tracked, found = self._tracker.track(keyframe.image, image, keyframe.corners, initial)
+        n_found = np.count_nonzero(found)
+        if n_found < config.min_tracks:
             return None
-        fit = fit_pose(before.points_m[found], seen[found].astype(np.float64), self._lens, T_start, config.inlier_px)
-        good = fit.inlier_share >= config.min_inlier_share and fit.residual_px <= config.max_residual_px
-        return fit if good and fit.inliers >= config.min_tracks else None
+        observed_px = tracked[found].astype(np.float64)
+        fit = fit_pose(keyframe.points_m[found], observed_px, self._camera, T_initial, config.inlier_px)
+        accepted = (
+            fit.n_inliers >= max(config.min_tracks, config.min_inlier_ratio * n_found)
+            and fit.median_residual_px <= config.max_median_residual_px
+        )
+        return fit if accepted else None
 
 
-def _relative(before: _Placed, frame: Frame) -> FloatArray | None:
-    """The motion by the caller's poses; None unless both frames have one."""
-    if before.T_world_cam is None or frame.T_world_cam is None:
+def _motion_prior(keyframe: _Keyframe, frame: Frame) -> FloatArray | None:
+    """The motion since the keyframe by the caller's poses; None unless both frames have one."""
+    if keyframe.T_world_cam is None or frame.T_world_cam is None:
         return None
-    T: FloatArray = inverse_rigid(frame.T_world_cam) @ before.T_world_cam
-    return T
+    T_frame_keyframe: FloatArray = inverse_rigid(frame.T_world_cam) @ keyframe.T_world_cam
+    return T_frame_keyframe

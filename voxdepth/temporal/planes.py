@@ -1,4 +1,4 @@
-"""Holes filled by planes: moving least squares of first order in disparity, where planes are linear."""
+"""Planes for inpainting: a moving least-squares fit of first order to disparity, in which planes are linear."""
 
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -9,151 +9,160 @@ import numpy.typing as npt
 from pydantic import Field
 
 from ..model import Model
-from ..types import FloatImage
-from .estimate import CHANCES, Estimate, Grid
-from .ground import Vector
-from .stixels import Standing
-from .working_resolution import Scale
+from ..types import FloatArray, FloatImage, MaskImage
+from .confidence import INPAINTING
+from .working_resolution import WorkingResolution
 
-Sums = list[Grid]
-"""Sums around each cell, shape (N_MOMENTS, rows, cols), for each size of cells, the smallest first."""
-
-Values = TypeVar("Values", FloatImage, Grid)
+MomentPyramid = list[FloatArray]
+"""Weighted moments around each cell, shape (N_MOMENTS, rows, cols), for each level of cell sizes, the finest first."""
+Values = TypeVar("Values", FloatImage, FloatArray)
 
 INSIDE, OUTSIDE = 3.0, 5.0
-"""Squared distances from the data, in their standard deviations, from which on planes are extended less to the far
-side, and not at all: what nobody measured is not made out to be far away."""
+"""Squared Mahalanobis distances from the data: extrapolation to the far side shrinks from the first one on, and stops
+at the second, so that planes do not recede where nothing was measured."""
 N_MOMENTS = 11
-"""Weighted sums per cell: of 1, u, v, uu, uv, vv, D, uD, vD, DD; and how much is present at all."""
-OF_DISPARITY = 6
-"""Which of them is that of D."""
-LEAST_PRESENT = 0.1
-"""Part of a cell that must be measured for its mean to count."""
-MOST_ROWS = 32
-"""Rows of cells whose means are looked at, at most."""
+"""Moments of each cell: weighted sums of 1, u, v, uu, uv, vv, D, uD, vD and DD; and the sum of the validities."""
+DISPARITY_MOMENT = 6
+MIN_COVERAGE = 0.1
+"""Fraction of a cell that must be measured for its mean to be used."""
+MAX_CELL_ROWS = 32
+"""Largest number of rows of cells whose means are used."""
 POWERS = ((0, 0), (0, 1), (1, 0), (0, 2), (1, 1), (2, 0))
-"""Powers of v and of u in the first six of them."""
+"""Powers of v and u in the first six moments."""
 
 
 class PlanesConfig(Model):
     """How planes are fitted around holes."""
 
     cell_px: int = Field(16, ge=4)
-    """Side of the finest cells, in pixels of the full image; smaller follows closer what is near a hole, and costs
-    more."""
-    enough: float = Field(0.08, gt=0)
-    """Part of a cell's neighbourhood that must be measured for its own plane to count in full; what is missing is
-    taken from cells of twice the size, and so on."""
+    """Side of the finest cells, in pixels of the full image. Smaller cells follow the surroundings of a hole more
+    closely, and cost more."""
+    min_coverage: float = Field(0.08, gt=0)
+    """Fraction of a cell's neighbourhood that must be measured for its own plane to have full weight. The remaining
+    weight goes to cells of twice the size, and so on."""
     ridge: float = Field(0.003, gt=0)
-    """Pulls slopes to 0 against the spread of the data; more extends planes less far."""
-    below: float = Field(1.25, ge=0)
-    """A plane is not extended to farther than so many standard deviations of its data, nor than their mean where it
-    leaves them."""
-    above: float = Field(2.5, ge=0)
-    """Nor to nearer than so many."""
+    """Regularisation of the slopes against the spread of the data. More extrapolates less."""
+    max_deviations_far: float = Field(1.25, ge=0)
+    """Largest extrapolation to the far side, in standard deviations of the data. It shrinks to 0 outside of the
+    data."""
+    max_deviations_near: float = Field(2.5, ge=0)
+    """Largest extrapolation to the near side, in standard deviations of the data."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Planes:
-    """What the planes of cells of one size say."""
+class CellEstimate:
+    """Estimated disparity of the cells of one level, shape (rows, cols)."""
 
-    estimate: Estimate
-    """In the middle of each cell, with the chance of planes of that size."""
-    density: Grid
-    """How much was measured around each cell, 0..1, shape (rows, cols)."""
+    disparity_px: FloatArray
+    """Disparity at the middle of each cell."""
+    probability: FloatArray
+    """Probability in 0..1 that it is of the right surface."""
+
+    def replace(self, where: MaskImage, disparity_px: FloatArray, probability: float) -> "CellEstimate":
+        """The estimate with other disparities, of one probability, in some cells."""
+        return CellEstimate(
+            disparity_px=np.where(where, disparity_px, self.disparity_px),
+            probability=np.where(where, probability, self.probability),
+        )
 
 
-class Planes:
-    """Extends what was measured into holes.
+class PlaneFitter:
+    """Fits a plane to the neighbourhood of every cell, on levels of cells that double in size.
 
-    Every cell has the plane that fits the data in its neighbourhood best (three by three cells, by weight), at every
-    power of two of its size. The smallest size with enough data decides, and blends into the next.
+    The neighbourhood is three by three cells. A cell without enough data blends its plane with that of the next level.
+
+    Args:
+        resolution: Resolution of the images.
+        config: Parameters of the fit.
     """
 
-    def __init__(self, scale: Scale, config: PlanesConfig) -> None:
-        """For images of the memory's size."""
+    def __init__(self, resolution: WorkingResolution, config: PlanesConfig) -> None:
         self._config = config
-        shape = scale.shape
-        self.cell_px = cell = config.cell_px // scale.step
-        rows, cols = -(-shape[0] // cell), -(-shape[1] // cell)
+        height, width = resolution.shape
+        self.cell_px = cell = config.cell_px // resolution.decimation
+        """Side of the finest cells, in working pixels."""
+        rows, cols = -(-height // cell), -(-width // cell)
         self.rows = rows
-        self._padded = (rows * cell, cols * cell)
-        # Cells stick out as far to the left as to the right: those of the mirror image are their mirror image.
-        left = (cols * cell - shape[1]) // 2
-        self._inside = (slice(shape[0]), slice(left, left + shape[1]))
-        self._levels = max(1, int(np.log2(max(rows, cols))))
+        """Rows of the finest cells."""
+        self._padded_shape = (rows * cell, cols * cell)
+        # The columns are centred, so that a mirrored image has mirrored cells.
+        left = (cols * cell - width) // 2
+        self._inside = (slice(height), slice(left, left + width))
+        self.levels = 1 + max(1, int(np.log2(max(rows, cols))))
+        """Number of levels of cell sizes."""
         # Coordinates are in cells, from the middle of the image.
         self._powers_v = _powers(rows, cell).swapaxes(1, 2)
         self._powers_u = _powers(cols, cell)
 
-    def summed(self, disparity_px: FloatImage, share: FloatImage) -> Sums:
-        """What the planes are fitted to.
+    def moments(self, disparity_px: FloatImage, validity: FloatImage) -> MomentPyramid:
+        """The moments that planes are fitted to.
 
         Args:
-            disparity_px: Shape (h, w).
-            share: Of the neighbours of each pixel those that are valid, 0..1, shape (h, w), float32; 0 in holes.
+            disparity_px: Disparity, shape (h, w).
+            validity: Fraction of the neighbours of each pixel that are valid, 0..1, shape (h, w), float32; 0 in holes.
         """
-        presence = np.square(share)
-        moments = self._moments(disparity_px, presence)
-        sums = [_neighbourhood(moments)]
-        for _ in range(self._levels):
-            moments = _halved(moments)
-            sums.append(_neighbourhood(moments))
-        return sums
+        moments = self._cell_moments(disparity_px, np.square(validity))
+        pyramid = [_sum_neighbourhood(moments)]
+        for _ in range(self.levels - 1):
+            moments = _sum_blocks(moments)
+            pyramid.append(_sum_neighbourhood(moments))
+        return pyramid
 
-    def cells(self, sums: Sums) -> tuple[Vector, Vector, Vector]:
+    def cell_means(self, pyramid: MomentPyramid) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Column and row, in cells from the middle of the image, and mean disparity [px] of measured cells, shape (N,).
 
-        Of images with more than `MOST_ROWS` rows of cells every second one, or every third, ...
+        Only every k-th row is used, such that there are at most `MAX_CELL_ROWS`.
         """
-        n, u, v, *_ = rows = sums[0][:, :: -(-sums[0].shape[1] // MOST_ROWS)]
-        known = rows[-1] > LEAST_PRESENT * self.cell_px**2
-        n = n[known]
-        return u[known] / n, v[known] / n, rows[OF_DISPARITY][known] / n
+        n, u, v, *_ = rows = pyramid[0][:, :: -(-pyramid[0].shape[1] // MAX_CELL_ROWS)]
+        measured = rows[-1] > MIN_COVERAGE * self.cell_px**2
+        n = n[measured]
+        return u[measured] / n, v[measured] / n, rows[DISPARITY_MOMENT][measured] / n
 
-    def filled(self, sums: Sums, standing: Standing | None = None) -> tuple[FloatImage, FloatImage]:
-        """Planes through the data, in every pixel; far from the data what stands on the ground.
+    def fit(self, moments: FloatArray, level: int, coarser: CellEstimate | None) -> CellEstimate:
+        """The planes of all cells of a level, blended with the estimate of the next coarser level if there is one."""
+        planes, weight = self._fit_planes(moments, level)
+        if coarser is None:
+            return planes
+        rows, cols = weight.shape
+        disparity_px = _upsample_linear(coarser.disparity_px, 2)[:rows, :cols]
+        probability = _resize(coarser.probability, 2)[:rows, :cols]
+        return CellEstimate(
+            disparity_px=weight * planes.disparity_px + (1 - weight) * disparity_px,
+            probability=weight * planes.probability + (1 - weight) * probability,
+        )
 
-        Args:
-            sums: See `summed`.
-            standing: What stands on the ground; None if no ground was found.
+    def upsample(self, estimate: CellEstimate) -> tuple[FloatImage, FloatImage]:
+        """Disparity [px] and probability of the finest cells in every pixel, both of shape (h, w)."""
+        disparity_px = _upsample_linear(estimate.disparity_px.astype(np.float32), self.cell_px)
+        probability = _resize(estimate.probability.astype(np.float32), self.cell_px)
+        return np.ascontiguousarray(disparity_px[self._inside]), np.ascontiguousarray(probability[self._inside])
 
-        Returns:
-            Disparity [px], and the chance in 0..1 that it is of the right surface, both of shape (h, w).
-        """
-        estimate: Estimate | None = None
-        for level in range(self._levels, -1, -1):
-            planes = self._fitted(sums[level], level)
-            estimate = planes.estimate if estimate is None else _blended(planes, estimate)
-            if standing is not None:
-                estimate = standing.laid_over(estimate, level)
-        assert estimate is not None
-        disparity_px = _enlarged(estimate.value_px.astype(np.float32), self.cell_px)
-        chance = _resized(estimate.chance.astype(np.float32), self.cell_px)
-        return np.ascontiguousarray(disparity_px[self._inside]), np.ascontiguousarray(chance[self._inside])
-
-    def _moments(self, disparity_px: FloatImage, presence: FloatImage) -> Grid:
-        """Sums per cell, shape (N_MOMENTS, rows, cols), weighted by the fourth power of the share of neighbours."""
-        weight = np.square(presence)
-        weighted = weight * disparity_px
-        plain, first, second = self._sums(weight, 6), self._sums(weighted, 3), self._sums(weighted * disparity_px, 1)
-        present = self._sums(presence, 1)
-        return np.concatenate([plain, first, second, present]).astype(np.float64)
+    def _cell_moments(self, disparity_px: FloatImage, squared_validity: FloatImage) -> FloatArray:
+        """Moments of the finest cells, shape (N_MOMENTS, rows, cols), weighted by the fourth power of the validity."""
+        weight = np.square(squared_validity)
+        weighted_px = weight * disparity_px
+        moments = [
+            self._sums(weight, 6),
+            self._sums(weighted_px, 3),
+            self._sums(weighted_px * disparity_px, 1),
+            self._sums(squared_validity, 1),
+        ]
+        return np.concatenate(moments).astype(np.float64)
 
     def _sums(self, image: FloatImage, n: int) -> npt.NDArray[np.float32]:
-        """Sums per cell of the image times 1, u, v, uu, uv, vv: the first n of them, shape (n, rows, cols)."""
+        """Sums per cell of the image times the first n of 1, u, v, uu, uv and vv, shape (n, rows, cols)."""
         rows, cell, cols = len(self._powers_v), self.cell_px, len(self._powers_u)
-        padded = np.zeros(self._padded, np.float32)
+        padded = np.zeros(self._padded_shape, np.float32)
         padded[self._inside] = image
-        down = np.matmul(self._powers_v, padded.reshape(rows, cell, -1)).reshape(rows * 3, cols, cell)
-        sums = np.matmul(down.swapaxes(0, 1), self._powers_u).reshape(cols, rows, 3, 3)
+        by_row = np.matmul(self._powers_v, padded.reshape(rows, cell, -1)).reshape(rows * 3, cols, cell)
+        sums = np.matmul(by_row.swapaxes(0, 1), self._powers_u).reshape(cols, rows, 3, 3)
         return np.stack([sums[:, :, of_v, of_u].T for of_v, of_u in POWERS[:n]])
 
-    def _fitted(self, sums: Grid, level: int) -> _Planes:
-        """The plane of each cell, in its middle, by the sums around it."""
+    def _fit_planes(self, moments: FloatArray, level: int) -> tuple[CellEstimate, FloatArray]:
+        """The plane of each cell at its middle, and the weight 0..1 of the cell against coarser ones."""
         config, size = self._config, 2.0**level
-        n, u, v, uu, uv, vv, d, ud, vd, dd, present = sums
-        density = present / (self.cell_px * size) ** 2
+        n, u, v, uu, uv, vv, d, ud, vd, dd, coverage = moments
+        weight = np.minimum(coverage / (self.cell_px * size) ** 2 / config.min_coverage, 1)
         n = np.maximum(n, 1e-9)
         u, v, d = u / n, v / n, d / n
         uu, uv, vv = uu / n - u * u, uv / n - u * v, vv / n - v * v
@@ -162,18 +171,17 @@ class Planes:
         uu, vv = uu + ridge, vv + ridge
         determinant = uu * vv - uv * uv
         slope_u, slope_v = (vv * ud - uv * vd) / determinant, (uu * vd - uv * ud) / determinant
-        middle_v = (np.arange(n.shape[0])[:, None] + 0.5) * size - self._padded[0] / self.cell_px / 2
-        middle_u = (np.arange(n.shape[1])[None] + 0.5) * size - self._padded[1] / self.cell_px / 2
-        away_u, away_v = middle_u - u, middle_v - v
-        value = d + slope_u * away_u + slope_v * away_v
-        spread = np.sqrt(np.maximum(dd / n - d * d, 0))
-        # How far the middle is from the data, in their standard deviations, squared.
-        outside = (vv * away_u**2 - 2 * uv * away_u * away_v + uu * away_v**2) / determinant
-        inside = np.clip((OUTSIDE - outside) / (OUTSIDE - INSIDE), 0, 1)
-        value = np.clip(value, d - config.below * inside * spread, d + config.above * spread)
-        chance = np.full_like(value, CHANCES.plane(level))
-        estimate = Estimate(value_px=value, chance=chance)
-        return _Planes(estimate=estimate, density=np.minimum(density / config.enough, 1))
+        middle_v = (np.arange(n.shape[0])[:, None] + 0.5) * size - self._padded_shape[0] / self.cell_px / 2
+        middle_u = (np.arange(n.shape[1])[None] + 0.5) * size - self._padded_shape[1] / self.cell_px / 2
+        offset_u, offset_v = middle_u - u, middle_v - v
+        value = d + slope_u * offset_u + slope_v * offset_v
+        deviation = np.sqrt(np.maximum(dd / n - d * d, 0))
+        mahalanobis = (vv * offset_u**2 - 2 * uv * offset_u * offset_v + uu * offset_v**2) / determinant
+        inside = np.clip((OUTSIDE - mahalanobis) / (OUTSIDE - INSIDE), 0, 1)
+        min_value = d - config.max_deviations_far * inside * deviation
+        value = np.clip(value, min_value, d + config.max_deviations_near * deviation)
+        probability = np.full_like(value, INPAINTING.plane(level))
+        return CellEstimate(disparity_px=value, probability=probability), weight
 
 
 def _powers(cells: int, cell_px: int) -> npt.NDArray[np.float32]:
@@ -182,58 +190,48 @@ def _powers(cells: int, cell_px: int) -> npt.NDArray[np.float32]:
     return np.stack([x**0, x, x**2], 1).reshape(cells, cell_px, 3).astype(np.float32)
 
 
-def _neighbourhood(moments: Grid) -> Grid:
-    """Sums over three by three cells, the outer ones for less; their weights add up to 1."""
-    padded = _framed(moments, 1, 1, 1)
+def _sum_neighbourhood(moments: FloatArray) -> FloatArray:
+    """Sums over three by three cells with binomial weights, which add up to 1."""
+    padded = _pad(moments, 1, 1, 1)
     rows = 0.25 * (padded[:, :-2] + padded[:, 2:]) + 0.5 * padded[:, 1:-1]
-    around: Grid = 0.25 * (rows[:, :, :-2] + rows[:, :, 2:]) + 0.5 * rows[:, :, 1:-1]
+    around: FloatArray = 0.25 * (rows[:, :, :-2] + rows[:, :, 2:]) + 0.5 * rows[:, :, 1:-1]
     return around
 
 
-def _framed(moments: Grid, before: int, rows_after: int, cols_after: int) -> Grid:
-    """Moments with zeros around."""
-    n, rows, cols = moments.shape
-    framed = np.zeros((n, before + rows + rows_after, before + cols + cols_after))
-    framed[:, before : before + rows, before : before + cols] = moments
-    return framed
-
-
-def _halved(moments: Grid) -> Grid:
+def _sum_blocks(moments: FloatArray) -> FloatArray:
     """Sums of two by two cells."""
     _, rows, cols = moments.shape
-    padded = _framed(moments, 0, rows % 2, cols % 2)
-    halved: Grid = padded[:, ::2, ::2] + padded[:, 1::2, ::2] + padded[:, ::2, 1::2] + padded[:, 1::2, 1::2]
-    return halved
+    padded = _pad(moments, 0, rows % 2, cols % 2)
+    blocks: FloatArray = padded[:, ::2, ::2] + padded[:, 1::2, ::2] + padded[:, ::2, 1::2] + padded[:, 1::2, 1::2]
+    return blocks
 
 
-def _blended(fine: _Planes, coarse: Estimate) -> Estimate:
-    """The fine planes as far as there are data for them, else the coarse ones."""
-    rows, cols = fine.density.shape
-    value_px, chance = _enlarged(coarse.value_px, 2)[:rows, :cols], _resized(coarse.chance, 2)[:rows, :cols]
-    return Estimate(
-        value_px=fine.density * fine.estimate.value_px + (1 - fine.density) * value_px,
-        chance=fine.density * fine.estimate.chance + (1 - fine.density) * chance,
-    )
+def _pad(moments: FloatArray, before: int, rows_after: int, cols_after: int) -> FloatArray:
+    """Moments with zeros around."""
+    n, rows, cols = moments.shape
+    padded = np.zeros((n, before + rows + rows_after, before + cols + cols_after))
+    padded[:, before : before + rows, before : before + cols] = moments
+    return padded
 
 
-def _extended(values: Values) -> Values:
-    """One more row at both ends, in line with the outermost two; a single one stays as it is."""
+def _upsample_linear(values: Values, factor: int) -> Values:
+    """Cell values interpolated to smaller cells, and extrapolated linearly to the border."""
+    rows, cols = values.shape
+    enlarged = _resize(_extrapolate(_extrapolate(values).T).T, factor)
+    top, left = (enlarged.shape[0] - rows * factor) // 2, (enlarged.shape[1] - cols * factor) // 2
+    return enlarged[top : top + rows * factor, left : left + cols * factor]
+
+
+def _extrapolate(values: Values) -> Values:
+    """Values with one more row at both ends, in line with the outermost two; a single row stays as it is."""
     if len(values) == 1:
         return values
     extended: Values = np.concatenate([2 * values[:1] - values[1:2], values, 2 * values[-1:] - values[-2:-1]])
     return extended
 
 
-def _enlarged(values: Values, factor: int) -> Values:
-    """The values of cells in smaller ones, linear between their middles and on to the border."""
-    rows, cols = values.shape
-    enlarged = _resized(_extended(_extended(values).T).T, factor)
-    top, left = (enlarged.shape[0] - rows * factor) // 2, (enlarged.shape[1] - cols * factor) // 2
-    return enlarged[top : top + rows * factor, left : left + cols * factor]
-
-
-def _resized(values: Values, factor: int) -> Values:
-    """The same, but level from the outermost middles on."""
+def _resize(values: Values, factor: int) -> Values:
+    """Cell values interpolated to smaller cells, and constant beyond the outermost middles."""
     size = (values.shape[1] * factor, values.shape[0] * factor)
     resized: Any = cv2.resize(values, size, interpolation=cv2.INTER_LINEAR)
     return resized  # type: ignore[no-any-return]

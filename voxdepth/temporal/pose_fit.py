@@ -1,4 +1,4 @@
-"""A camera's motion from points and where they are seen, robust against what moves by itself."""
+"""Robust estimation of a camera's motion from 3D points and their projections."""
 
 from dataclasses import dataclass
 
@@ -7,23 +7,22 @@ import numpy as np
 from ..geometry import exp_se3
 from ..types import FloatArray
 
-ITERATIONS = 12
-SETTLED = 1e-4
-"""Step [m or rad] below which the fit has converged."""
-LEAST_SPREAD_PX = 0.15
-"""Residuals are never taken to be spread less than this, or the last few exact ones would decide alone."""
-TURNING_POINT = 2.0
-"""Residuals count for a quarter at this many spreads."""
-MEDIAN_TO_SPREAD = 1.26
-"""The spread of one coordinate over the median length of a residual of two: Rayleigh's distribution has 0.85."""
-NEAREST_M = 0.05
-"""Points nearer than this, or behind the camera, do not count."""
-IDENTITY = np.eye(6)
+MAX_ITERATIONS = 12
+CONVERGENCE_STEP = 1e-4
+"""Step [m or rad] below which the iteration has converged."""
+MIN_SCALE_PX = 0.15
+"""Lower bound of the residual scale; without it, the last few exact points would decide alone."""
+KERNEL_WIDTH = 2.0
+"""Residual, in units of the scale, at which a point has a quarter of the full weight."""
+MEDIAN_TO_SCALE = 1.26
+"""Factor from the median residual to the scale. For residuals with Rayleigh's distribution it would be 0.85."""
+MIN_DEPTH_M = 0.05
+"""Points nearer than this, or behind the camera, have no weight."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pinhole:
-    """Focal lengths and principal point of the image that is tracked on [px]."""
+    """Focal lengths and principal point of the tracking image [px]."""
 
     fx_px: float
     fy_px: float
@@ -32,82 +31,87 @@ class Pinhole:
 
     def project(self, points_m: FloatArray) -> FloatArray:
         """Pixels, shape (N, 2), of points in the camera frame, shape (N, 3)."""
-        z = np.maximum(points_m[:, 2], NEAREST_M)
-        at_px = np.empty((len(points_m), 2))
-        at_px[:, 0] = self.fx_px * points_m[:, 0] / z + self.cx_px
-        at_px[:, 1] = self.fy_px * points_m[:, 1] / z + self.cy_px
-        return at_px
+        z = np.maximum(points_m[:, 2], MIN_DEPTH_M)
+        pixels = np.empty((len(points_m), 2))
+        pixels[:, 0] = self.fx_px * points_m[:, 0] / z + self.cx_px
+        pixels[:, 1] = self.fy_px * points_m[:, 1] / z + self.cy_px
+        return pixels
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Fit:
-    """A motion, and how well it explains the points."""
+class PoseFit:
+    """An estimated motion, and how well it explains the points."""
 
     T_target_source: FloatArray
-    """Shape (4, 4)."""
-    inlier_share: float
-    """Of all points, those that are seen within `inlier_px` of where they should be, 0..1."""
-    residual_px: float
-    """Median distance of all points."""
-    inliers: int
+    """Rigid motion, shape (4, 4)."""
+    median_residual_px: float
+    """Median reprojection error of all points."""
+    n_inliers: int
+    """Points whose reprojection error is below the threshold."""
 
 
-def fit_pose(points_m: FloatArray, seen_px: FloatArray, lens: Pinhole, T_start: FloatArray, inlier_px: float) -> Fit:
-    """Gauss-Newton on the reprojection error, with weights that fall with the residual (Geman-McClure).
+def fit_pose(
+    points_m: FloatArray, observed_px: FloatArray, camera: Pinhole, T_initial: FloatArray, inlier_px: float
+) -> PoseFit:
+    """Minimise the reprojection error by Gauss-Newton steps with the weights of Geman and McClure.
 
-    Deterministic: no sampling. The spread of the residuals is estimated anew in every step and never grows.
+    The estimate is deterministic: there is no random sampling. The scale of the residuals is estimated in every
+    iteration, and never grows.
 
     Args:
-        points_m: In the source camera [m], shape (N, 3), N >= 3.
-        seen_px: Where the target camera sees them, shape (N, 2).
-        lens: Of the target camera.
-        T_start: First guess of the motion, shape (4, 4).
-        inlier_px: Distance up to which a point supports the motion.
+        points_m: Points in the source camera [m], shape (N, 3), N >= 3.
+        observed_px: Their pixels in the target camera, shape (N, 2).
+        camera: Target camera.
+        T_initial: Initial guess of the motion, shape (4, 4).
+        inlier_px: Reprojection error below which a point is an inlier.
     """
-    T, spread_px = T_start.copy(), np.inf
-    for _ in range(ITERATIONS):
-        moved = points_m @ T[:3, :3].T + T[:3, 3]
-        residual = lens.project(moved) - seen_px
+    T, scale_px = T_initial.copy(), np.inf
+    for _ in range(MAX_ITERATIONS):
+        target_m = transform_points(T, points_m)
+        residual = camera.project(target_m) - observed_px
         length = np.hypot(*residual.T)
-        spread_px = max(LEAST_SPREAD_PX, min(spread_px, MEDIAN_TO_SPREAD * median(length)))
-        weight = 1 / np.square(1 + np.square(length / (TURNING_POINT * spread_px)))
-        weight[moved[:, 2] <= NEAREST_M] = 0
-        step = _step(moved, residual, weight, lens)
+        scale_px = max(MIN_SCALE_PX, min(scale_px, MEDIAN_TO_SCALE * median(length)))
+        weight = 1 / np.square(1 + np.square(length / (KERNEL_WIDTH * scale_px)))
+        weight[target_m[:, 2] <= MIN_DEPTH_M] = 0
+        step = _gauss_newton_step(target_m, residual, weight, camera)
         T = exp_se3(step) @ T
-        if np.abs(step).max() < SETTLED:
+        if np.abs(step).max() < CONVERGENCE_STEP:
             break
-    length = np.hypot(*(lens.project(points_m @ T[:3, :3].T + T[:3, 3]) - seen_px).T)
-    return Fit(
-        T_target_source=T,
-        inlier_share=float(np.mean(length < inlier_px)),
-        residual_px=median(length),
-        inliers=int(np.count_nonzero(length < inlier_px)),
+    length = np.hypot(*(camera.project(transform_points(T, points_m)) - observed_px).T)
+    return PoseFit(
+        T_target_source=T, median_residual_px=median(length), n_inliers=int(np.count_nonzero(length < inlier_px))
     )
 
 
-def _step(moved: FloatArray, residual: FloatArray, weight: FloatArray, lens: Pinhole) -> FloatArray:
-    """Small motion (translation, rotation), shape (6,), that reduces the weighted residuals most."""
-    inverse_z = 1 / np.maximum(moved[:, 2], NEAREST_M)
-    x, y = moved[:, 0] * inverse_z, moved[:, 1] * inverse_z
-    along_x, along_y = np.zeros((2, len(moved), 6))
-    for column, values in zip((0, 2, 3, 4, 5), (inverse_z, -x * inverse_z, -x * y, 1 + x * x, -y), strict=True):
-        along_x[:, column] = values
-    for column, values in zip((1, 2, 3, 4, 5), (inverse_z, -y * inverse_z, -1 - y * y, x * y, x), strict=True):
-        along_y[:, column] = values
-    along_x *= lens.fx_px
-    along_y *= lens.fy_px
-    weighted_x, weighted_y = along_x * weight[:, None], along_y * weight[:, None]
-    H = weighted_x.T @ along_x + weighted_y.T @ along_y
-    g = weighted_x.T @ residual[:, 0] + weighted_y.T @ residual[:, 1]
-    damping = (1e-9 * H.trace() + 1e-12) * IDENTITY
-    step: FloatArray = -np.linalg.solve(H + damping, g)
-    return step
+def transform_points(T_a_b: FloatArray, points_b: FloatArray) -> FloatArray:
+    """Points of frame b in the coordinates of frame a, shape (N, 3), in double precision."""
+    points_a: FloatArray = points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
+    return points_a
 
 
 def median(values: FloatArray) -> float:
-    """The median of at least one finite number, shape (N,): that of NumPy, which takes six times as long for so few."""
-    after = len(values) // 2
+    """The median of at least one finite number, shape (N,). NumPy's takes six times as long for a few hundred."""
+    middle = len(values) // 2
     if len(values) % 2:
-        return float(np.partition(values, after)[after])
-    ordered = np.partition(values, (after - 1, after))
-    return float((ordered[after - 1] + ordered[after]) / 2)
+        return float(np.partition(values, middle)[middle])
+    ordered = np.partition(values, (middle - 1, middle))
+    return float((ordered[middle - 1] + ordered[middle]) / 2)
+
+
+def _gauss_newton_step(target_m: FloatArray, residual: FloatArray, weight: FloatArray, camera: Pinhole) -> FloatArray:
+    """Translation and rotation vector, shape (6,), that minimise the linearised weighted residuals."""
+    inverse_z = 1 / np.maximum(target_m[:, 2], MIN_DEPTH_M)
+    x, y = target_m[:, 0] * inverse_z, target_m[:, 1] * inverse_z
+    J_col, J_row = np.zeros((2, len(target_m), 6))
+    for parameter, values in zip((0, 2, 3, 4, 5), (inverse_z, -x * inverse_z, -x * y, 1 + x * x, -y), strict=True):
+        J_col[:, parameter] = values
+    for parameter, values in zip((1, 2, 3, 4, 5), (inverse_z, -y * inverse_z, -1 - y * y, x * y, x), strict=True):
+        J_row[:, parameter] = values
+    J_col *= camera.fx_px
+    J_row *= camera.fy_px
+    weighted_col, weighted_row = J_col * weight[:, None], J_row * weight[:, None]
+    H = weighted_col.T @ J_col + weighted_row.T @ J_row
+    gradient = weighted_col.T @ residual[:, 0] + weighted_row.T @ residual[:, 1]
+    damping = (1e-9 * H.trace() + 1e-12) * np.eye(6)
+    step: FloatArray = -np.linalg.solve(H + damping, gradient)
+    return step

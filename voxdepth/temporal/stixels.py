@@ -1,4 +1,4 @@
-"""What stands on the ground stands upright: the disparity that it has at its foot, it has all the way up."""
+"""Stixels: upright surfaces on the ground, one per image column, with the disparity of their ground contact."""
 
 from dataclasses import dataclass
 
@@ -8,142 +8,151 @@ import numpy.typing as npt
 from pydantic import Field
 
 from ..model import Model
-from ..types import FloatImage, MaskImage
-from .estimate import CHANCES, Estimate, Grid
-from .ground import Ground, Vector
-from .working_resolution import Scale
+from ..types import FloatArray, FloatImage, MaskImage
+from .confidence import INPAINTING
+from .ground import GroundPlane
+from .planes import CellEstimate
+from .working_resolution import WorkingResolution
 
-ROW_PX = 4
-"""Of the full image every so many rows are looked at."""
-FEET = 5
-"""Of so many columns side by side the middle foot is taken."""
-LEAST_ROWS = 8
-"""Rows of a column that must be on the ground, or at least half of those up to a foot, or it is a wrong match."""
-BETWEEN = 2
-"""Measured rows between a foot and a hole that do not yet part them: ground is ragged where its texture ends."""
-FAR_LEVEL = 2
-"""Cells of 2 to the power of this times the smallest size take what stands there even behind other things; the smallest
-ones only what nothing is before."""
-LEAST_FAR_SHARE, LEAST_BARE_SHARE = 0.25, 0.5
-"""Part of a large cell that must have something upright, and of a smallest one that must be a hole above a foot."""
-THROUGH = 0.97
-"""Part of the disparity of the ground that what is filled there has at least: the plane is not exact."""
+ROW_STRIDE_PX = 4
+"""Stride of the rows that are searched, in pixels of the full image."""
+MEDIAN_COLUMNS = 5
+"""Number of adjacent columns whose median ground contact is used."""
+MIN_GROUND_ROWS = 8
+"""Rows of a column that must be on the ground, or half of those up to the contact; otherwise it is a wrong match."""
+MAX_ROWS_BETWEEN = 2
+"""Measured rows between contact and hole that do not separate them, since texture ends raggedly."""
+OCCLUDED_LEVEL = 2
+"""Level of the cells that take occluded stixels; the finest cells only take those directly above their contact."""
+MIN_OCCLUDED_COVERAGE, MIN_COVERAGE = 0.25, 0.5
+"""Fraction of a cell that a stixel must cover, for occluded stixels in large cells and for others in the finest
+cells."""
+GROUND_TOLERANCE = 0.97
+"""Estimates have at least this fraction of the disparity of the ground, whose plane is not exact."""
 ON_GROUND = 1.05
-"""What is filled with no more than this part of the disparity of the ground is taken for the ground."""
+"""Estimates with at most this multiple of the disparity of the ground are taken for the ground."""
 
 
-class StandingConfig(Model):
-    """What counts as on the ground."""
+class StixelsConfig(Model):
+    """When a measurement is on the ground."""
 
     tolerance_px: float = Field(0.5, ge=0)
-    """A measurement is on the ground if it is off by no more than this, plus `tolerance` of its disparity."""
-    tolerance: float = Field(0.05, ge=0)
-    """See `tolerance_px`. Something farther is seen if it is farther by `tolerance_px` and twice this part."""
+    """Difference to the disparity of the ground up to which a measurement is on it, besides the relative tolerance."""
+    relative_tolerance: float = Field(0.05, ge=0)
+    """Fraction of the disparity that is added to the tolerance. A stixel ends below a measurement that is farther by
+    `tolerance_px` and twice this fraction."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Standing:
-    """Disparity [px] of what stands on the ground, in cells; 0 = nothing does."""
+class Stixels:
+    """Disparity [px] of the stixels and the ground, by cells of the planes; 0 = no stixel."""
 
-    behind_px: Grid
-    """Whatever is before it, in cells of `FAR_LEVEL`."""
-    bare_px: Grid
-    """In holes that begin at its foot, in the smallest cells, shape (rows, cols)."""
-    ground_px: Grid
-    """Of the ground itself, in the smallest cells, shape (rows, cols); below 0 above the horizon."""
+    occluded_px: FloatArray
+    """All stixels, even behind other surfaces, in cells of `OCCLUDED_LEVEL`."""
+    visible_px: FloatArray
+    """Stixels in holes directly above their ground contact, in the finest cells, shape (rows, cols)."""
+    ground_px: FloatArray
+    """Ground in the finest cells, shape (rows, cols); negative above the horizon."""
 
-    def laid_over(self, estimate: Estimate, level: int) -> Estimate:
-        """An estimate with what stands there instead; in the end nothing below the ground.
-
-        Args:
-            estimate: Of cells of a level.
-            level: Cells are `2**level` times the smallest size.
-        """
-        if level == FAR_LEVEL:
-            return estimate.replaced(self.behind_px, CHANCES.behind, self.behind_px > 0)
-        if level == 0:
-            estimate = estimate.replaced(self.bare_px, CHANCES.bare, self.bare_px > 0)
-            value_px = np.maximum(estimate.value_px, THROUGH * self.ground_px)
-            on_ground = value_px < ON_GROUND * self.ground_px
-            return Estimate(value_px=value_px, chance=np.where(on_ground, CHANCES.ground, estimate.chance))
-        return estimate
+    def overlay(self, estimate: CellEstimate, level: int) -> CellEstimate:
+        """The estimate of a level with stixels where there are some; at level 0 also with nothing below the ground."""
+        if level == OCCLUDED_LEVEL:
+            return estimate.replace(self.occluded_px > 0, self.occluded_px, INPAINTING.occluded_stixel)
+        if level > 0:
+            return estimate
+        estimate = estimate.replace(self.visible_px > 0, self.visible_px, INPAINTING.stixel)
+        disparity_px = np.maximum(estimate.disparity_px, GROUND_TOLERANCE * self.ground_px)
+        on_ground = disparity_px < ON_GROUND * self.ground_px
+        probability = np.where(on_ground, INPAINTING.ground, estimate.probability)
+        return CellEstimate(disparity_px=disparity_px, probability=probability)
 
 
-class Feet:
-    """Finds what stands on the ground in images of one size.
+class StixelEstimator:
+    """Finds the stixels of images of one size.
 
-    In every column the highest measurement that is on the ground is the foot of what is above it. That one is upright:
-    the holes above have the disparity of the foot, until something farther is seen above it.
+    The ground contact of a column is its highest measurement on the ground. The holes above have the disparity of the
+    contact, up to the first measurement that is farther.
+
+    Args:
+        resolution: Resolution of the images.
+        cell_px: Side of the finest cells of `PlaneFitter`, in working pixels.
+        config: When a measurement is on the ground.
     """
 
-    def __init__(self, scale: Scale, cell_px: int, config: StandingConfig) -> None:
-        """With the cells of `Planes`: `cell_px` pixels of the memory wide and high."""
+    def __init__(self, resolution: WorkingResolution, cell_px: int, config: StixelsConfig) -> None:
         self._config = config
-        self._row_step = ROW_PX // scale.step
+        self._row_stride = ROW_STRIDE_PX // resolution.decimation
         self._cell_px = cell_px
-        height, width = scale.shape
+        height, width = resolution.shape
         rows, cols = -(-height // cell_px), -(-width // cell_px)
         self._shape = (rows, cols)
         self._left = (cols * cell_px - width) // 2
-        from_top = np.arange(0, height, self._row_step)
+        from_top = np.arange(0, height, self._row_stride)
         self._v = np.asarray((from_top[::-1] + 0.5) / cell_px - rows / 2, np.float64)
         self._height = np.arange(1, len(from_top) + 1, dtype=np.int16)[:, None]
         self._u = np.asarray((np.arange(width) + 0.5 - width / 2) / cell_px, np.float64)
 
-    def standing(self, disparity_px: FloatImage, ground: Ground) -> Standing:
-        """What stands on the ground.
+    def estimate(self, disparity_px: FloatImage, ground: GroundPlane) -> Stixels:
+        """The stixels of an image.
 
         Args:
-            disparity_px: Shape (h, w); 0 = hole.
-            ground: See there.
+            disparity_px: Disparity, shape (h, w); 0 = hole.
+            ground: Ground plane of the image.
         """
         config = self._config
-        image_px = np.ascontiguousarray(disparity_px[:: self._row_step][::-1])  # from the bottom up
-        measured = image_px > 0
-        ground_px = ground.at(self._u, self._v[:, None]).astype(np.float32)
-        off_px = cv2.absdiff(image_px, ground_px)
-        on_it = (off_px < config.tolerance_px + np.float32(config.tolerance) * ground_px) & measured & (ground_px > 0)
-        foot = np.max(on_it * self._height, axis=0)
-        foot[np.count_nonzero(on_it, axis=0) < np.minimum(LEAST_ROWS, foot / 2)] = 0
-        foot_px = np.where(foot > 0, image_px[foot - 1, np.arange(len(foot))], np.float32(0))
-        foot_px = np.asarray(cv2.medianBlur(foot_px[None], FEET), np.float32)
-        least_px = foot_px - (config.tolerance_px + 2 * np.float32(config.tolerance) * foot_px)
-        above = self._height > np.where(foot_px > 0, foot, len(image_px))
-        measured &= above
-        upright = above & (_met_below(measured & (image_px < least_px)) == 0)
-        bare = above & (_met_below(measured) <= BETWEEN)
+        image_px = np.ascontiguousarray(disparity_px[:: self._row_stride][::-1])  # from the bottom up
+        contact, contact_px = self._ground_contact(image_px, ground)
+        above = self._height > np.where(contact_px > 0, contact, len(image_px))
+        measured = (image_px > 0) & above
+        min_px = contact_px - (config.tolerance_px + 2 * np.float32(config.relative_tolerance) * contact_px)
+        all_holes = above & (_count_up_to(measured & (image_px < min_px)) == 0)
+        visible = above & (_count_up_to(measured) <= MAX_ROWS_BETWEEN)
         rows, cols = self._shape
-        return Standing(
-            behind_px=self._in_cells(foot_px, upright, 2**FAR_LEVEL, LEAST_FAR_SHARE),
-            bare_px=self._in_cells(foot_px, bare, 1, LEAST_BARE_SHARE),
-            ground_px=ground.at(_middles(cols), _middles(rows)[:, None]),
+        return Stixels(
+            occluded_px=self._cell_means(contact_px, all_holes, 2**OCCLUDED_LEVEL, MIN_OCCLUDED_COVERAGE),
+            visible_px=self._cell_means(contact_px, visible, 1, MIN_COVERAGE),
+            ground_px=ground.disparity(_middles(cols), _middles(rows)[:, None]),
         )
 
-    def _in_cells(self, foot_px: FloatImage, where: MaskImage, size: int, least_share: float) -> Grid:
-        """Mean of the feet of all pixels of a mask, by cells [px]; 0 where it covers less than `least_share` of a cell.
+    def _ground_contact(self, image_px: FloatImage, ground: GroundPlane) -> tuple[npt.NDArray[np.int16], FloatImage]:
+        """Row of the ground contact of each column, counted from 1 at the bottom, and its disparity; 0 = no contact.
+
+        Both have shape (w,). The disparity is a median over adjacent columns.
+        """
+        config = self._config
+        ground_px = ground.disparity(self._u, self._v[:, None]).astype(np.float32)
+        tolerance_px = config.tolerance_px + np.float32(config.relative_tolerance) * ground_px
+        on_ground = (cv2.absdiff(image_px, ground_px) < tolerance_px) & (image_px > 0) & (ground_px > 0)
+        contact = np.max(on_ground * self._height, axis=0)
+        contact[np.count_nonzero(on_ground, axis=0) < np.minimum(MIN_GROUND_ROWS, contact / 2)] = 0
+        contact_px = np.where(contact > 0, image_px[contact - 1, np.arange(len(contact))], np.float32(0))
+        return contact, np.asarray(cv2.medianBlur(contact_px[None], MEDIAN_COLUMNS), np.float32)[0]
+
+    def _cell_means(self, contact_px: FloatImage, mask: MaskImage, size: int, min_coverage: float) -> FloatArray:
+        """Mean ground contact of the pixels of a mask, by cells [px]; 0 where it covers too little of a cell.
 
         Args:
-            foot_px: Of each column, shape (w,).
-            where: From the bottom up, one of `ROW_PX` rows, shape (N, w).
-            size: Of the cells, in smallest ones.
-            least_share: 0..1.
+            contact_px: Disparity of the contact of each column, shape (w,).
+            mask: Pixels in rows from the bottom up, one of `ROW_STRIDE_PX`, shape (N, w).
+            size: Side of the cells, in finest cells.
+            min_coverage: Fraction of a cell that the mask must cover.
         """
         rows, cols = -(-self._shape[0] // size), -(-self._shape[1] // size)
-        height, width = self._cell_px * size // self._row_step, self._cell_px * size
+        height, width = self._cell_px * size // self._row_stride, self._cell_px * size
         covered = np.zeros((rows * height, cols * width), np.float32)
-        inside = np.s_[self._left : self._left + where.shape[1]]
-        covered[: where.shape[0], inside] = where[::-1]
-        feet_px = covered.copy()
-        feet_px[:, inside] *= foot_px
-        share, mean_px = (cv2.resize(i, (cols, rows), interpolation=cv2.INTER_AREA) for i in (covered, feet_px))
-        return np.where(share >= least_share, mean_px / np.maximum(share, np.float32(1e-6)), np.float32(0))
+        inside = np.s_[self._left : self._left + mask.shape[1]]
+        covered[: mask.shape[0], inside] = mask[::-1]
+        weighted_px = covered.copy()
+        weighted_px[:, inside] *= contact_px
+        coverage, mean_px = (cv2.resize(i, (cols, rows), interpolation=cv2.INTER_AREA) for i in (covered, weighted_px))
+        return np.where(coverage >= min_coverage, mean_px / np.maximum(coverage, np.float32(1e-6)), np.float32(0))
 
 
-def _met_below(where: MaskImage) -> npt.NDArray[np.int16]:
-    """How many pixels of a mask each one has in its column, itself and those below it; from the bottom up."""
-    return np.cumsum(where, axis=0, dtype=np.int16)
+def _count_up_to(mask: MaskImage) -> npt.NDArray[np.int16]:
+    """Number of pixels of a mask in each column up to each row, itself included."""
+    return np.cumsum(mask, axis=0, dtype=np.int16)
 
 
-def _middles(cells: int) -> Vector:
-    """Of the cells along one side, in cells from the middle of the image."""
+def _middles(cells: int) -> FloatArray:
+    """Middles of the cells along one side, in cells from the middle of the image."""
     return np.arange(cells, dtype=np.float64) - (cells - 1) / 2

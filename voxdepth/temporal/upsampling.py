@@ -1,84 +1,91 @@
-"""From the memory's size back to the full image."""
+"""Upsampling from the working resolution to that of the frame."""
 
-from typing import Any, TypeVar
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from ..types import FloatImage, GrayImage
-from .fusion import Kind
+from .fusion import PixelClass
+from .masks import Image
 
-Image = TypeVar("Image", FloatImage, GrayImage)
 Indices = npt.NDArray[np.intp]
 
-AROUND = np.ones((3, 3), np.uint8)
-FLAT_PX = 1.0
-"""Range of disparity in 3 x 3 px up to which values between pixels are interpolated; across edges they are not."""
-SAME_SURFACE_PX = 1.0
-SAME_SURFACE_SHARE = 0.02
-"""A pixel of the full image that differs by more from what its pixel of memory says is of something else."""
+KERNEL = np.ones((3, 3), np.uint8)
+MAX_SURFACE_SPAN_PX = 1.0
+"""Span of disparity over 3 x 3 px up to which disparity is interpolated. Pixels that span more lie at a
+discontinuity."""
+TOLERANCE_PX = 1.0
+RELATIVE_TOLERANCE = 0.02
+"""A full pixel whose measurement differs by more from its working pixel shows another surface."""
 
 
-def merged(
-    full_px: FloatImage, half_px: FloatImage, confidence: FloatImage, kind: GrayImage
+def upsample_guided(
+    measured_px: FloatImage, disparity_px: FloatImage, confidence: FloatImage, pixel_class: GrayImage
 ) -> tuple[FloatImage, FloatImage]:
-    """Full-size disparity: on surfaces what the memory's size says, at their edges what was measured; its confidence.
+    """Double the resolution of disparity and confidence, guided by the measurement at full resolution.
 
-    At edges a pixel without a measurement belongs to the hole beside it, if there is one on its side: the rest of its
-    pixel of memory may be of a fattened rim.
+    Disparity is interpolated on surfaces. At depth discontinuities, each full pixel keeps its measurement if it is of
+    the same surface, and otherwise takes its working pixel without interpolation. If it has no measurement, and the
+    next working pixel on its side is unknown, it belongs to that hole: the rest of its own working pixel may be
+    affected by foreground fattening.
 
     Args:
-        full_px: As measured, shape (H, W); 0 = invalid.
-        half_px: What is to be shown, shape (h, w), without holes.
-        confidence: Of that, shape (h, w).
-        kind: One `Kind` per pixel, shape (h, w).
+        measured_px: Measured disparity, shape (H, W); 0 = invalid.
+        disparity_px: Resulting disparity at the working resolution, shape (h, w), without holes.
+        confidence: Confidence of that disparity, shape (h, w).
+        pixel_class: One `PixelClass` per pixel, shape (h, w).
+
+    Returns:
+        Disparity and confidence, both of shape (H, W).
     """
-    rows, cols = half_px.shape
-    range_px = cv2.subtract(cv2.dilate(half_px, AROUND), cv2.erode(half_px, AROUND))
-    as_measured = kind == Kind.MEASURED
-    at = np.nonzero((range_px > np.float32(FLAT_PX)) | as_measured)
-    own_px = _fours(full_px[: 2 * rows, : 2 * cols])[at]
-    in_hole = (own_px == 0) & _beside(kind == Kind.NOTHING, at)
-    value_px = np.where(in_hole, _beside(half_px, at), half_px[at][:, None, None])
-    trust = np.where(in_hole, _beside(confidence, at), confidence[at][:, None, None])
-    tolerance_px = np.float32(SAME_SURFACE_SHARE) * value_px + np.float32(SAME_SURFACE_PX)
-    is_own = (own_px > 0) & (as_measured[at][:, None, None] | (np.abs(own_px - value_px) < tolerance_px))
+    rows, cols = disparity_px.shape
+    span_px = cv2.subtract(cv2.dilate(disparity_px, KERNEL), cv2.erode(disparity_px, KERNEL))
+    measured = pixel_class == PixelClass.MEASURED
+    at = np.nonzero((span_px > np.float32(MAX_SURFACE_SPAN_PX)) | measured)
+    block_px = _blocks(measured_px[: 2 * rows, : 2 * cols])[at]
+    in_hole = (block_px == 0) & _neighbours(pixel_class == PixelClass.UNKNOWN, at)
+    value_px = np.where(in_hole, _neighbours(disparity_px, at), disparity_px[at][:, None, None])
+    value_confidence = np.where(in_hole, _neighbours(confidence, at), confidence[at][:, None, None])
+    tolerance_px = np.float32(RELATIVE_TOLERANCE) * value_px + np.float32(TOLERANCE_PX)
+    keeps = (block_px > 0) & (measured[at][:, None, None] | (np.abs(block_px - value_px) < tolerance_px))
 
-    shown_px = np.asarray(cv2.resize(half_px, (2 * cols, 2 * rows), interpolation=cv2.INTER_LINEAR), np.float32)
-    _fours(shown_px)[at] = np.where(is_own, own_px, value_px)
-    trusted = _twice(confidence)
-    _fours(trusted)[at] = trust
-    size = (full_px.shape[1], full_px.shape[0])
-    return _bordered(shown_px, size), _bordered(trusted, size)
-
-
-def enlarged(image: Image, size: tuple[int, int]) -> Image:
-    """Each pixel as four of them; a last odd row or column of the larger image repeats the one before."""
-    return _bordered(_twice(image), size)
+    full_px = np.asarray(cv2.resize(disparity_px, (2 * cols, 2 * rows), interpolation=cv2.INTER_LINEAR), np.float32)
+    _blocks(full_px)[at] = np.where(keeps, block_px, value_px)
+    full_confidence = _double(confidence)
+    _blocks(full_confidence)[at] = value_confidence
+    return _pad(full_px, measured_px.shape), _pad(full_confidence, measured_px.shape)
 
 
-def _twice(image: Image) -> Image:
+def upsample_nearest(image: Image, shape: tuple[int, ...]) -> Image:
+    """Repeat each pixel in a block of two by two; a last odd row or column of the result repeats the one before."""
+    return _pad(_double(image), shape)
+
+
+def _double(image: Image) -> Image:
     size = (2 * image.shape[1], 2 * image.shape[0])
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_NEAREST))
 
 
-def _fours(image: FloatImage) -> FloatImage:
-    """A view of two by two pixels each, shape (h, w, 2, 2), of an image of shape (2 h, 2 w)."""
+def _pad(image: Image, shape: tuple[int, ...]) -> Image:
+    """Repeat the last row and column as far as the shape needs."""
+    bottom, right = shape[0] - image.shape[0], shape[1] - image.shape[1]
+    if not (bottom or right):
+        return image
+    return np.asarray(cv2.copyMakeBorder(image, 0, bottom, 0, right, cv2.BORDER_REPLICATE))
+
+
+def _blocks(image: FloatImage) -> FloatImage:
+    """A view of an image of shape (2 h, 2 w) as blocks of two by two pixels, shape (h, w, 2, 2)."""
     rows, cols = image.shape[0] // 2, image.shape[1] // 2
-    down, along = image.strides
-    return np.lib.stride_tricks.as_strided(image, (rows, cols, 2, 2), (2 * down, 2 * along, down, along))
+    row_stride, col_stride = image.strides
+    strides = (2 * row_stride, 2 * col_stride, row_stride, col_stride)
+    return np.lib.stride_tricks.as_strided(image, (rows, cols, 2, 2), strides)
 
 
-def _beside(image: npt.NDArray[Any], at: tuple[Indices, ...]) -> npt.NDArray[Any]:
-    """What is to the left and to the right of some pixels, shape (N, 1, 2); at the ends of a row the pixel itself."""
+def _neighbours(image: npt.NDArray[Any], at: tuple[Indices, ...]) -> npt.NDArray[Any]:
+    """The left and right neighbours of some pixels, shape (N, 1, 2), or the pixel itself at the ends of its row."""
     row, col = at
     left, right = np.maximum(col - 1, 0), np.minimum(col + 1, image.shape[1] - 1)
     return np.stack([image[row, left], image[row, right]], axis=1)[:, None]
-
-
-def _bordered(image: Image, size: tuple[int, int]) -> Image:
-    rows, cols = image.shape
-    if (cols, rows) == size:
-        return image
-    return np.asarray(cv2.copyMakeBorder(image, 0, size[1] - rows, 0, size[0] - cols, cv2.BORDER_REPLICATE))
