@@ -81,8 +81,8 @@ def test_a_wrong_configuration_is_refused(name: str, config: Any, message: str) 
 
 def test_a_mapping_changes_single_values_of_the_default() -> None:
     frame = holed_frame(0.0)
-    by_type = create_corrector("voxdepth", CAMERA, VoxDepthConfig(fill="none")).process(frame)
-    by_values = create_corrector("voxdepth", CAMERA, {"fill": "none"}).process(frame)
+    by_type = create_corrector("voxdepth", CAMERA, VoxDepthConfig(inpaint=False)).process(frame)
+    by_values = create_corrector("voxdepth", CAMERA, {"inpaint": False}).process(frame)
     np.testing.assert_array_equal(by_values.depth_m, by_type.depth_m)
     with pytest.raises(ConfigError, match="'raw' takes no configuration"):
         create_corrector("raw", CAMERA, {})

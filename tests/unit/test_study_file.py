@@ -141,17 +141,17 @@ def test_what_one_arm_sets_inside_a_table_of_the_study_reaches_no_other() -> Non
 
 def test_an_arm_flies_a_configured_corrector(tmp_path: Path) -> None:
     """An ablation: the same corrector with and without one of its steps, and the bare name."""
-    text = TEXT.replace('corrector = "raw"', 'corrector = { name = "voxdepth", config = { hold_frames = 30 } }', 1)
+    text = TEXT.replace('corrector = "raw"', 'corrector = { name = "voxdepth", config = { max_featureless_frames = 30 } }', 1)
     found = load_study(saved(tmp_path, text))
     first, second, *_ = expand(found)
-    assert first.run.scenario.corrector.resolved_config() == VoxDepthConfig(hold_frames=30)
+    assert first.run.scenario.corrector.resolved_config() == VoxDepthConfig(max_featureless_frames=30)
     assert str(second.run.scenario.corrector) == "raw"
     assert Study.model_validate_json(found.model_dump_json()) == found
-    plain = load_study(saved(tmp_path, text.replace(", config = { hold_frames = 30 }", "")))
+    plain = load_study(saved(tmp_path, text.replace(", config = { max_featureless_frames = 30 }", "")))
     assert plain.arms[0].model_dump(mode="json")["corrector"] == "voxdepth"
     assert expand(plain)[0].key != first.key
-    with pytest.raises(ScenarioError, match="hold_frame"):
-        load_study(saved(tmp_path, text.replace("hold_frames", "hold_frame")))
+    with pytest.raises(ScenarioError, match="max_featureless_frame"):
+        load_study(saved(tmp_path, text.replace("max_featureless_frames", "max_featureless_frame")))
 
 
 def test_a_pilot_flies_pilot_seeds() -> None:
