@@ -141,7 +141,8 @@ def test_what_one_arm_sets_inside_a_table_of_the_study_reaches_no_other() -> Non
 
 def test_an_arm_flies_a_configured_corrector(tmp_path: Path) -> None:
     """An ablation: the same corrector with and without one of its steps, and the bare name."""
-    text = TEXT.replace('corrector = "raw"', 'corrector = { name = "voxdepth", config = { max_featureless_frames = 30 } }', 1)
+    configured = 'corrector = { name = "voxdepth", config = { max_featureless_frames = 30 } }'
+    text = TEXT.replace('corrector = "raw"', configured, 1)
     found = load_study(saved(tmp_path, text))
     first, second, *_ = expand(found)
     assert first.run.scenario.corrector.resolved_config() == VoxDepthConfig(max_featureless_frames=30)
