@@ -5,14 +5,9 @@ from typing import Annotated, Any
 import pydantic
 from pydantic import Field
 
-from sim.drone import AirframeConfig
-from sim.render import RendererName
-from sim.scenes import AnyScene, CitySpec
-from sim.sensor import RigConfig
 from sim.sensor_models import SensorModelName
-from swarm.task import MissionConfig
+from swarm.compose import MissionSetup
 from voxdepth import registry
-from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.model import Model
 
 from .files import load, shipped_names
@@ -36,21 +31,14 @@ class RecordingConfig(Model):
     """Every n-th capture of a drone is recorded with its images; everything else is recorded in full."""
 
 
-class Scenario(Model):
+class Scenario(MissionSetup):
     """Everything that a run depends on besides its seed."""
 
     name: str
     description: str
-    scene: AnyScene = CitySpec()
-    mission: MissionConfig = MissionConfig()
-    rig: RigConfig = RigConfig()
-    airframe: AirframeConfig = AirframeConfig()
-    corrector: CorrectorSpec = CorrectorSpec(name=registry.DEFAULT)
-    """Depth corrector of every drone: its name, or a table with `name` and `config`."""
     corrector_latency_s: dict[str, Annotated[float, Field(ge=0)]] = Field(default_factory=dict)
     """Simulated time that a corrector takes for a frame, by its name, instead of its registered latency. It
     is a constant and never measured: results must not depend on the machine."""
-    renderer: RendererName = "raster"
     recording: RecordingConfig = RecordingConfig()
     acceptance: Acceptance = Acceptance()
 

@@ -110,7 +110,10 @@ def flying(run: Run, recorder: Recorder, *, recorded: bool, threads: int | None 
     """
     cv2.setNumThreads(1)
     threads = threads or os.cpu_count() or 1
-    with composed_mission(run.scenario, recorder, seed=run.seed, gray=recorded, threads=threads) as mission:
+    latency_s = run.scenario.latency_s
+    with composed_mission(
+        run.scenario, recorder, latency_s=latency_s, seed=run.seed, gray=recorded, threads=threads
+    ) as mission:
         yield mission
 
 

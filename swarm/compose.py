@@ -2,16 +2,17 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Protocol
 
 from sim.drone import AirframeConfig
 from sim.parallel import mapper
 from sim.render import RendererName, create_renderer
 from sim.rig import StereoRig
-from sim.scenes import AnyScene
+from sim.scenes import AnyScene, CitySpec
 from sim.sensor import RigConfig
 from sim.world import World
 from voxdepth.corrector_spec import CorrectorSpec
+from voxdepth.model import Model
+from voxdepth.registry import DEFAULT
 
 from .controllers import Factory
 from .mission import Mission
@@ -19,36 +20,21 @@ from .recorder import Recorder
 from .task import MissionConfig
 
 
-class MissionSetup(Protocol):
-    """Everything that a mission depends on besides its seed; scenarios and learning tasks are such setups."""
+class MissionSetup(Model):
+    """The parts of a mission: what scenarios and learning tasks have in common."""
 
-    @property
-    def scene(self) -> AnyScene:
-        """The scene, which is built from the seed."""
-
-    @property
-    def mission(self) -> MissionConfig:
-        """The task, and the swarms that fly it."""
-
-    @property
-    def rig(self) -> RigConfig:
-        """Cameras of every drone."""
-
-    @property
-    def airframe(self) -> AirframeConfig:
-        """Size and dynamics of every drone."""
-
-    @property
-    def corrector(self) -> CorrectorSpec:
-        """Depth corrector of every drone."""
-
-    @property
-    def renderer(self) -> RendererName:
-        """Renderer of the images."""
-
-    @property
-    def latency_s(self) -> float:
-        """Simulated time from a capture until the controller knows its percept."""
+    scene: AnyScene = CitySpec()
+    """The scene; every seed builds another one."""
+    mission: MissionConfig = MissionConfig()
+    """The task, and the swarms that fly it."""
+    rig: RigConfig = RigConfig()
+    """Cameras of every drone."""
+    airframe: AirframeConfig = AirframeConfig()
+    """Size and dynamics of every drone."""
+    corrector: CorrectorSpec = CorrectorSpec(name=DEFAULT)
+    """Depth corrector of every drone: its name, or a table with `name` and `config`."""
+    renderer: RendererName = "raster"
+    """Renderer of the images."""
 
 
 @contextmanager
@@ -56,6 +42,7 @@ def composed_mission(
     setup: MissionSetup,
     recorder: Recorder,
     *,
+    latency_s: float,
     seed: int,
     gray: bool,
     threads: int = 1,
@@ -64,8 +51,9 @@ def composed_mission(
     """Create a mission that is ready to fly, and free its world at the end.
 
     Args:
-        setup: Everything that the mission depends on besides its seed.
+        setup: Parts of the mission.
         recorder: Receives everything that happens; the caller closes it.
+        latency_s: Simulated time from a capture until the controller knows its percept.
         seed: Master seed of the scene and of all noise.
         gray: Whether gray images are needed even if neither the corrector nor the depth tier needs them.
         threads: Number of threads that make the images; it changes the speed only.
@@ -88,7 +76,7 @@ def composed_mission(
             correctors,
             recorder,
             camera_hz=rig_config.rate_hz,
-            latency_s=setup.latency_s,
+            latency_s=latency_s,
             seed=seed,
             make_agent=make_agent,
         )

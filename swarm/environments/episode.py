@@ -19,7 +19,7 @@ from ..pilot import Situation
 from ..recorder import Recorder
 from ..task import MissionConfig
 from ..types import Outcome
-from .learner import ACTION_SIZE, Learner, Observation, ObservationLimits, observe
+from .learner import ACTION_SIZE, Learner, Observation, ShieldedLearner, observe
 from .task import LearningTask
 
 
@@ -60,11 +60,15 @@ class Episode:
         self._roles: dict[int, Role] = {}
         self._learners: dict[int, Learner] = {}
         self._learning = frozenset(learners)
-        self._limits = limits_of(task)
         self._ticks_per_step = round(config.control_hz / task.rig.rate_hz)
         self._resources = ExitStack()
         mission = composed_mission(
-            self._task, recorder or Recorder(), seed=seed, gray=recorder is not None, make_agent=self._create_agent
+            self._task,
+            recorder or Recorder(),
+            latency_s=task.latency_s,
+            seed=seed,
+            gray=recorder is not None,
+            make_agent=self._create_agent,
         )
         try:
             self._mission = self._resources.enter_context(mission)
@@ -98,7 +102,7 @@ class Episode:
 
     def observe(self, drone: int) -> Observation:
         """Return the observation of a learner."""
-        return observe(self.situation(drone), self._roles[drone], self._limits)
+        return observe(self.situation(drone), self._roles[drone], self._task)
 
     def step(self, actions: Mapping[int, npt.ArrayLike]) -> dict[int, StepResult]:
         """Fly one camera period, or to the end of the mission if that comes first.
@@ -140,7 +144,8 @@ class Episode:
         self._roles[role.drone] = role
         if role.drone not in self._learning:
             return load_controller(config.controller)(role, config)
-        self._learners[role.drone] = Learner(self._task.steering, role, config)
+        create = ShieldedLearner if self._task.steering == "shielded" else Learner
+        self._learners[role.drone] = create(role, config)
         return self._learners[role.drone]
 
     def _await_first_image(self) -> None:
@@ -151,13 +156,6 @@ class Episode:
                     f"the mission ended with {self.outcome.value!r} before the first image was known: shorten "
                     "mission.latency_s or corrector_latency_s, or move the starts apart"
                 )
-
-
-def limits_of(task: LearningTask) -> ObservationLimits:
-    """Return the largest values of the observations of a task."""
-    return ObservationLimits(
-        depth_m=task.rig.max_depth_m, speed_m_s=task.airframe.max_speed_m_s, distance_m=task.mission.lost_m
-    )
 
 
 def require_followers(task: LearningTask, drones: Sequence[int]) -> None:

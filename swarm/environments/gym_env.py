@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from .episode import Episode, limits_of, require_followers, require_running
+from .episode import Episode, require_followers, require_running
 from .learner import ACTION_SIZE, Observation
 from .task import LearningTask
 from .view import RENDER_MODES, Image, image_recorder, picture
@@ -18,20 +18,19 @@ Action = npt.NDArray[np.float32]
 
 def observation_space(task: LearningTask) -> spaces.Space[Any]:
     """Return the space of `learner.Observation`."""
-    limits = limits_of(task)
-    image = (task.rig.height_px, task.rig.width_px)
+    max_speed_m_s, lost_m = task.airframe.max_speed_m_s, task.mission.lost_m
     return spaces.Dict(
         {
-            "depth_m": spaces.Box(0.0, limits.depth_m, image, np.float32),
-            "velocity_m_s": spaces.Box(-limits.speed_m_s, limits.speed_m_s, (3,), np.float32),
-            "leader_m": spaces.Box(-limits.distance_m, limits.distance_m, (3,), np.float32),
-            "slot_m": spaces.Box(-limits.distance_m, limits.distance_m, (3,), np.float32),
+            "depth_m": spaces.Box(0.0, task.rig.max_depth_m, (task.rig.height_px, task.rig.width_px), np.float32),
+            "velocity_m_s": spaces.Box(-max_speed_m_s, max_speed_m_s, (3,), np.float32),
+            "leader_m": spaces.Box(-lost_m, lost_m, (3,), np.float32),
+            "slot_m": spaces.Box(-lost_m, lost_m, (3,), np.float32),
         }
     )
 
 
 def action_space() -> spaces.Space[Any]:
-    """Return the space of actions: forward, left, up and the turn to the left; see `learner.Direct`."""
+    """Return the space of actions: forward, left, up and the turn to the left; see `learner.Learner`."""
     return spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
 
 
@@ -39,7 +38,7 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
     """Learn to follow a leader through a world seen by a corrected depth camera.
 
     `gymnasium.make("swarm:voxdepth/LeaderFollower-v0", **options)` makes one. Observations are described at
-    `learner.Observation`, actions at `learner.Direct`, rewards at `task.RewardConfig`, and the end of an episode at
+    `learner.Observation`, actions at `learner.Learner`, rewards at `task.RewardConfig`, and the end of an episode at
     `episode.StepResult`. `info` holds the `seed` of the episode, `time_s`, and when it has ended the `outcome`.
 
     Args:

@@ -5,10 +5,6 @@ forward, left and up, and the turn to the left. The turn is needed because the c
 not turn would never see its direction of flight.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal, Protocol
-
 import numpy as np
 
 from sim.frames import rotation_from_yaw, yaw_from_quaternion
@@ -21,10 +17,9 @@ from ..errors import MissionError
 from ..pilot import SeeingPilot, Situation
 from ..task import MissionConfig
 from ..types import Decision
+from .task import LearningTask
 
 ACTION_SIZE = 4
-
-SteeringName = Literal["direct", "shielded"]
 
 Observation = dict[str, FloatImage]
 """Arrays of float32 by name; all vectors are in the drone's heading frame (x forward, y left, z up, never tilted).
@@ -36,24 +31,13 @@ Observation = dict[str, FloatImage]
 """
 
 
-@dataclass(frozen=True, kw_only=True)
-class ObservationLimits:
-    """Largest values of an observation; larger ones are clipped."""
-
-    depth_m: float
-    speed_m_s: float
-    """Largest speed along each axis."""
-    distance_m: float
-    """Largest distance along each axis."""
-
-
-def observe(situation: Situation, role: Role, limits: ObservationLimits) -> Observation:
+def observe(situation: Situation, role: Role, task: LearningTask) -> Observation:
     """Return the observation of a follower.
 
     Args:
         situation: Knowledge of the drone, with a percept.
         role: Role of the follower.
-        limits: Largest values.
+        task: Task whose largest depth, speed and distance clip the observation.
 
     Raises:
         MissionError: The situation has no percept yet.
@@ -61,12 +45,13 @@ def observe(situation: Situation, role: Role, limits: ObservationLimits) -> Obse
     if situation.percept is None:
         raise MissionError("there is nothing to observe before the first image is known: fly on until then")
     own, to_own = situation.own, heading_frame(situation).T
+    max_speed_m_s, lost_m = task.airframe.max_speed_m_s, task.mission.lost_m
     leader_m = to_own @ (situation.leader.position_m - own.position_m)
     return {
-        "depth_m": _clipped(situation.percept.corrected.depth_m, 0.0, limits.depth_m),
-        "velocity_m_s": _clipped(to_own @ own.velocity_m_s, -limits.speed_m_s, limits.speed_m_s),
-        "leader_m": _clipped(leader_m, -limits.distance_m, limits.distance_m),
-        "slot_m": _clipped(leader_m + to_own @ role.offset_m, -limits.distance_m, limits.distance_m),
+        "depth_m": _clipped(situation.percept.corrected.depth_m, 0.0, task.rig.max_depth_m),
+        "velocity_m_s": _clipped(to_own @ own.velocity_m_s, -max_speed_m_s, max_speed_m_s),
+        "leader_m": _clipped(leader_m, -lost_m, lost_m),
+        "slot_m": _clipped(leader_m + to_own @ role.offset_m, -lost_m, lost_m),
     }
 
 
@@ -74,65 +59,42 @@ def _clipped(values: FloatImage | FloatArray, low: float, high: float) -> FloatI
     return np.clip(values, low, high).astype(np.float32)
 
 
-class Steering(Protocol):
-    """Turns an action into a command, once per control tick."""
-
-    def steer(self, action: FloatArray, situation: Situation) -> Decision:
-        """Return the command until the next tick for an action of shape (4,): forward, left, up, turn to the left."""
-        ...
-
-
-class Direct:
-    """Flies exactly as the action says, into obstacles too.
+class Learner:
+    """The agent of a drone that learns; it flies exactly as its action says, into obstacles too.
 
     An action of length 1 is the follower's largest speed, and so is any longer one; a turn of 1 is the largest yaw rate
-    of `config.pilot`.
+    of `config.pilot`. The drone hovers until its first action.
     """
 
     def __init__(self, role: Role, config: MissionConfig) -> None:
         self._max_speed_m_s = config.follower_speed_m_s
         self._max_turn_rad = config.pilot.yaw_rate_rad_s / config.control_hz
         self._yaw_rad = role.team.heading_rad
+        self.action: FloatArray = np.zeros(ACTION_SIZE)
+        """Action that is held until the next one, shape (4,): forward, left, up, turn to the left."""
 
-    def steer(self, action: FloatArray, situation: Situation) -> Decision:
+    def decide(self, situation: Situation) -> Decision:
         """Return the velocity of the action in the world frame, with the heading turned by the action."""
-        velocity_m_s = action_velocity_m_s(action, situation, self._max_speed_m_s)
-        self._yaw_rad += float(action[3]) * self._max_turn_rad
+        velocity_m_s = self._velocity_m_s(situation)
+        self._yaw_rad += float(self.action[3]) * self._max_turn_rad
         command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=self._yaw_rad)
         return Decision(command=command, wanted_velocity_m_s=velocity_m_s, choice=None)
 
+    def _velocity_m_s(self, situation: Situation) -> FloatArray:
+        velocity_m_s = heading_frame(situation) @ (self._max_speed_m_s * self.action[:3])
+        return rules.limit(velocity_m_s, self._max_speed_m_s)
 
-class Shielded:
+
+class ShieldedLearner(Learner):
     """Passes the action through obstacle avoidance, which also turns the camera: `action[3]` has no effect."""
 
     def __init__(self, role: Role, config: MissionConfig) -> None:
-        self._max_speed_m_s = config.follower_speed_m_s
+        super().__init__(role, config)
         self._pilot = SeeingPilot(config.pilot, config.control_hz, role.team.heading_rad, role.radius_m)
 
-    def steer(self, action: FloatArray, situation: Situation) -> Decision:
-        """Return the safe velocity that is nearest to that of the action."""
-        return self._pilot.fly(action_velocity_m_s(action, situation, self._max_speed_m_s), situation)
-
-
-_STEERINGS: dict[str, Callable[[Role, MissionConfig], Steering]] = {"direct": Direct, "shielded": Shielded}
-
-
-class Learner:
-    """The agent of a drone that is steered from outside; it hovers until its first action."""
-
-    def __init__(self, steering: SteeringName, role: Role, config: MissionConfig) -> None:
-        self._steering = _STEERINGS[steering](role, config)
-        self.action: FloatArray = np.zeros(ACTION_SIZE)
-        """Action that is held until the next one, shape (4,)."""
-
     def decide(self, situation: Situation) -> Decision:
-        """Return the command for the action."""
-        return self._steering.steer(self.action, situation)
-
-
-def action_velocity_m_s(action: FloatArray, situation: Situation, max_speed_m_s: float) -> FloatArray:
-    """Return the velocity of an action in the world frame, shape (3,), at most `max_speed_m_s`."""
-    return rules.limit(heading_frame(situation) @ (max_speed_m_s * action[:3]), max_speed_m_s)
+        """Return the safe velocity that is nearest to that of the action."""
+        return self._pilot.fly(self._velocity_m_s(situation), situation)
 
 
 def heading_frame(situation: Situation) -> FloatArray:

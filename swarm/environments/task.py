@@ -1,19 +1,19 @@
 """The task of learning: the world, the mission and the reward."""
 
+from typing import Literal
+
 import pydantic
 from pydantic import Field
 
-from sim.drone import AirframeConfig
-from sim.render import RendererName
 from sim.scenes import AnyScene, CitySpec
 from sim.sensor import RigConfig
-from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.model import Model
-from voxdepth.registry import DEFAULT
 
+from ..compose import MissionSetup
 from ..task import MissionConfig
 from ..team import Route
-from .learner import SteeringName
+
+SteeringName = Literal["direct", "shielded"]
 
 SMALL_CITY = CitySpec(columns=2, rows=4, poles=4)
 SHORT_MISSION = MissionConfig(drones=4, routes=(Route(goal_m=(30.0, 0.0, 6.0)),), duration_s=40.0)
@@ -41,21 +41,16 @@ class RewardConfig(Model):
     arrival: float = Field(10.0, ge=0)
 
 
-class LearningTask(Model):
+class LearningTask(MissionSetup):
     """Everything that an episode depends on besides its seed and the actions."""
 
     scene: AnyScene = SMALL_CITY
-    """The scene; every seed builds a new one."""
     mission: MissionConfig = SHORT_MISSION
     """The mission without its `aftermath_s`: an episode ends with the first collision."""
     rig: RigConfig = SMALL_RIG
     """The cameras; a step lasts one period of theirs."""
-    airframe: AirframeConfig = AirframeConfig()
-    corrector: CorrectorSpec = CorrectorSpec(name=DEFAULT)
-    """Depth corrector of every drone: its name, or its name and configuration."""
     corrector_latency_s: float = Field(0.0, ge=0)
     """Simulated time that the corrector takes for a frame, on top of `mission.latency_s`."""
-    renderer: RendererName = "raster"
     steering: SteeringName = "direct"
     """Steering between an action and the drone: `direct`, or `shielded` by obstacle avoidance."""
     reward: RewardConfig = RewardConfig()

@@ -11,8 +11,8 @@ from sim.types import Capture, DroneState
 from swarm.agents import Follower, create_agent
 from swarm.controllers import Role
 from swarm.environments.episode import Episode
-from swarm.environments.learner import Direct, ObservationLimits, SteeringName, heading_frame, observe
-from swarm.environments.task import LearningTask, RewardConfig
+from swarm.environments.learner import Learner, heading_frame, observe
+from swarm.environments.task import LearningTask, RewardConfig, SteeringName
 from swarm.errors import MissionError
 from swarm.pilot import Situation
 from swarm.recorder import Recorder
@@ -21,7 +21,6 @@ from tests.learning import DIVE, FORWARD, HOVER, TURN, quick, quick_task
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, Frame
 
-LIMITS = ObservationLimits(depth_m=40.0, speed_m_s=5.0, distance_m=30.0)
 DT_S = 0.1
 
 
@@ -60,24 +59,24 @@ def situation(yaw_rad: float, *, leader_m: tuple[float, float, float], depth_m: 
 class TestObservation:
     def test_vectors_are_in_the_heading_frame(self) -> None:
         role = role_of(quick_task(), 1)
-        seen = observe(situation(np.pi / 2, leader_m=(5.0, 2.0, 4.0)), role, LIMITS)
+        seen = observe(situation(np.pi / 2, leader_m=(5.0, 2.0, 4.0)), role, quick_task())
         np.testing.assert_allclose(seen["leader_m"], [0, -4, 1], atol=1e-6)
         np.testing.assert_allclose(seen["velocity_m_s"], [0, -2, 0], atol=1e-6)
         x, y, _ = role.offset_m
         np.testing.assert_allclose(seen["slot_m"], [y, -4 - x, 1], atol=1e-6)
 
     def test_what_is_beyond_the_limits_is_clipped(self) -> None:
-        seen = observe(situation(0.0, leader_m=(90.0, 2.0, 3.0), depth_m=55.0), role_of(quick_task(), 1), LIMITS)
+        seen = observe(situation(0.0, leader_m=(90.0, 2.0, 3.0), depth_m=55.0), role_of(quick_task(), 1), quick_task())
         assert seen["leader_m"][0] == 30
         assert (seen["depth_m"] == 40).all()
 
     def test_there_is_nothing_to_see_without_an_image(self) -> None:
         blind = Situation(**{**vars(situation(0.0, leader_m=(0.0, 0.0, 0.0))), "percept": None})
         with pytest.raises(MissionError, match="before the first image"):
-            observe(blind, role_of(quick_task(), 1), LIMITS)
+            observe(blind, role_of(quick_task(), 1), quick_task())
 
 
-class TestDirect:
+class TestLearner:
     @pytest.mark.parametrize(
         ("yaw_rad", "action", "expected_m_s"),
         [
@@ -92,15 +91,17 @@ class TestDirect:
         self, yaw_rad: float, action: list[float], expected_m_s: list[float]
     ) -> None:
         task = quick_task()
-        steering = Direct(role_of(task, 1), task.mission)
-        decision = steering.steer(np.array(action, np.float64), situation(yaw_rad, leader_m=(0.0, 0.0, 0.0)))
+        learner = Learner(role_of(task, 1), task.mission)
+        learner.action = np.array(action, np.float64)
+        decision = learner.decide(situation(yaw_rad, leader_m=(0.0, 0.0, 0.0)))
         np.testing.assert_allclose(decision.command.velocity_m_s, expected_m_s, atol=1e-9)
 
     def test_it_turns_at_most_at_the_yaw_rate(self) -> None:
         task = quick_task()
-        with_turn = Direct(role_of(task, 1), task.mission)
+        learner = Learner(role_of(task, 1), task.mission)
+        learner.action = np.array(TURN)
         here = situation(0.0, leader_m=(0.0, 0.0, 0.0))
-        yaw_rad = [with_turn.steer(np.array(TURN), here).command.yaw_rad for _ in range(20)][-1]
+        yaw_rad = [learner.decide(here).command.yaw_rad for _ in range(20)][-1]
         assert yaw_rad == pytest.approx(task.mission.pilot.yaw_rate_rad_s)  # 20 ticks are a second
 
 
