@@ -12,7 +12,7 @@ from voxdepth.types import DepthCorrector, FloatArray, Frame
 
 from .neighbours import Detector
 from .obstacles import HistogramBuilder
-from .priors import NO_PRIOR, PosePrior
+from .priors import PosePrior, no_prior
 from .types import Percept
 
 
@@ -42,7 +42,7 @@ class Perception:
         detector: Detector,
         *,
         latency_s: float,
-        prior: PosePrior = NO_PRIOR,
+        prior: PosePrior = no_prior,
     ) -> None:
         self._corrector = corrector
         self._prior = prior

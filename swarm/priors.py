@@ -1,6 +1,7 @@
 """Pose priors: the camera poses that a drone passes to its corrector along with the frames."""
 
-from typing import Literal, Protocol
+from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -33,27 +34,20 @@ class PosePriorConfig(Model):
         return "true (oracle)" if self.kind == "true" else self.kind
 
 
-class PosePrior(Protocol):
-    """Source of the poses of one drone; it is called once for every capture, in order."""
+PosePrior = Callable[[Capture], FloatArray | None]
+"""Source of the poses of one drone, called once for every capture in order.
 
-    def __call__(self, capture: Capture) -> FloatArray | None:
-        """Return the estimate of `T_world_cam`, shape (4, 4); None if there is none."""
-        ...
-
-
-class NoPrior:
-    """No estimate of the pose."""
-
-    def __call__(self, capture: Capture) -> None:
-        """Return no pose."""
+It returns the estimate of `T_world_cam`, shape (4, 4), or None if there is none.
+"""
 
 
-class TruePrior:
-    """The ORACLE: the true pose, which no robot has."""
+def no_prior(capture: Capture) -> None:
+    """Return no pose."""
 
-    def __call__(self, capture: Capture) -> FloatArray:
-        """Return the true pose of the capture."""
-        return capture.T_world_cam.copy()
+
+def true_prior(capture: Capture) -> FloatArray:
+    """Return the true pose of the capture: an ORACLE, which no robot has."""
+    return capture.T_world_cam.copy()
 
 
 class DriftingPrior:
@@ -97,11 +91,8 @@ class DriftingPrior:
         self._yaw_error_rad += float(np.radians(self._config.drift_yaw_deg_per_sqrt_s) * steps[3])
 
 
-NO_PRIOR = NoPrior()
-
-
 def make_prior(config: PosePriorConfig, *, seed: int, drone: int) -> PosePrior:
     """Create the pose prior of one drone."""
     if config.kind == "drift":
         return DriftingPrior(config, seed=seed, drone=drone)
-    return TruePrior() if config.kind == "true" else NO_PRIOR
+    return true_prior if config.kind == "true" else no_prior

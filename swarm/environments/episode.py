@@ -182,14 +182,3 @@ def clipped_action(action: npt.ArrayLike) -> FloatArray:
             f"{given.tolist()}"
         )
     return np.clip(given, -1, 1)
-
-
-def require_running(episode: Episode | None) -> Episode:
-    """Return the episode of an environment.
-
-    Raises:
-        MissionError: There is none.
-    """
-    if episode is None:
-        raise MissionError("there is no episode: call reset() first, also after close()")
-    return episode

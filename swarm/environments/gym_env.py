@@ -7,10 +7,10 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from .episode import Episode, require_followers, require_running
+from .episode import require_followers
 from .learner import ACTION_SIZE, Observation
 from .task import LearningTask
-from .view import RENDER_MODES, Image, image_recorder, picture
+from .view import RENDER_MODES, EpisodeView, Image
 
 Action = npt.NDArray[np.float32]
 """Speeds forward, left and up, and the turn to the left, within -1..1, shape (4,)."""
@@ -57,12 +57,11 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
         self._task = LearningTask(**task)
         self._learner = self._task.followers[0] if learner is None else learner
         require_followers(self._task, [self._learner])
-        self._images = image_recorder(render_mode)
+        self._view = EpisodeView(self._task, render_mode)
         self.render_mode = render_mode
         self.metadata = {**type(self).metadata, "render_fps": round(self._task.rig.rate_hz)}
         self.observation_space = observation_space(self._task)
         self.action_space = action_space()
-        self._episode: Episode | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -75,9 +74,8 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
         """
         super().reset(seed=seed)
         episode_seed = int(self.np_random.integers(2**32)) if seed is None else seed
-        self.close()
-        self._episode = Episode(self._task, [self._learner], seed=episode_seed, recorder=self._images)
-        return self._episode.observe(self._learner), self._episode.info()
+        episode = self._view.begin([self._learner], episode_seed)
+        return episode.observe(self._learner), episode.info()
 
     def step(self, action: Action) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
         """Fly for one camera period.
@@ -85,7 +83,7 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
         Raises:
             MissionError: There is no episode, it is over, or the action is unusable.
         """
-        episode = require_running(self._episode)
+        episode = self._view.episode
         result = episode.step({self._learner: action})[self._learner]
         observation = episode.observe(self._learner)
         return observation, result.reward, result.terminated, result.truncated, episode.info()
@@ -96,12 +94,8 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
         Raises:
             MissionError: There is no episode.
         """
-        if self._images is None:
-            return None
-        return picture(self._images, require_running(self._episode).world, self._task, [self._learner])
+        return self._view.render()
 
     def close(self) -> None:
         """Free the world; a second call does nothing."""
-        if self._episode is not None:
-            self._episode.close()
-            self._episode = None
+        self._view.close()

@@ -9,11 +9,11 @@ from gymnasium.utils import seeding
 from pettingzoo import ParallelEnv
 
 from ..errors import MissionError
-from .episode import Episode, require_running
+from .episode import Episode
 from .gym_env import Action, action_space, observation_space
 from .learner import Observation
 from .task import LearningTask
-from .view import RENDER_MODES, Image, image_recorder, picture
+from .view import RENDER_MODES, EpisodeView, Image
 
 
 def parallel_env(**options: Any) -> "FollowersEnv":
@@ -45,7 +45,7 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
 
     def __init__(self, *, render_mode: str | None = None, **task: Any) -> None:
         self._task = LearningTask(**task)
-        self._images = image_recorder(render_mode)
+        self._view = EpisodeView(self._task, render_mode)
         self.render_mode = render_mode
         self.metadata = {**type(self).metadata, "render_fps": round(self._task.rig.rate_hz)}
         self._drone_of = {f"drone_{drone}": drone for drone in self._task.followers}
@@ -54,7 +54,6 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
         self._observation_spaces = {agent: observation_space(self._task) for agent in self._drone_of}
         self._action_spaces = {agent: action_space() for agent in self._drone_of}
         self._np_random: np.random.Generator | None = None
-        self._episode: Episode | None = None
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """Return the observation space of one agent, always the same object."""
@@ -76,9 +75,7 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
         if seed is not None or self._np_random is None:
             self._np_random, _ = seeding.np_random(seed)
         episode_seed = int(self._np_random.integers(2**32)) if seed is None else seed
-        self.close()
-        episode = Episode(self._task, list(self._drone_of.values()), seed=episode_seed, recorder=self._images)
-        self._episode = episode
+        episode = self._view.begin(self._task.followers, episode_seed)
         self.agents = list(self.possible_agents)
         return self._observations(episode), {agent: episode.info() for agent in self.agents}
 
@@ -93,7 +90,7 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
         Raises:
             MissionError: There is no episode, it is over, or an action is missing or unusable.
         """
-        episode = require_running(self._episode)
+        episode = self._view.episode
         if set(actions) != set(self._drone_of):
             raise MissionError(f"expected an action for each of {self.possible_agents}, got them for {sorted(actions)}")
         by_drone = episode.step({self._drone_of[agent]: action for agent, action in actions.items()})
@@ -113,15 +110,11 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
         Raises:
             MissionError: There is no episode.
         """
-        if self._images is None:
-            return None
-        return picture(self._images, require_running(self._episode).world, self._task, self._task.followers)
+        return self._view.render()
 
     def close(self) -> None:
         """Free the world; a second call does nothing."""
-        if self._episode is not None:
-            self._episode.close()
-            self._episode = None
+        self._view.close()
         self.agents = []
 
     def _observations(self, episode: Episode) -> dict[str, Observation]:

@@ -17,6 +17,7 @@ from ..errors import MissionError
 from ..recorder import Recorder
 from ..team import Team
 from ..types import Histogram
+from .episode import Episode
 from .task import LearningTask
 
 Image = npt.NDArray[np.uint8]
@@ -106,19 +107,58 @@ class Map:
         return round(x), len(self._empty) - 1 - round(y)
 
 
-def picture(images: ImageRecorder, world: World, task: LearningTask, learners: Sequence[int]) -> Image:
-    """Return the image of the first learner over the map of the world, shape (H, W, 3), RGB."""
-    panel = images.panel(learners[0], task.rig.max_depth_m)
-    image: Image = np.vstack([panel, Map(world, task.mission.teams(), panel.shape[1]).draw(learners)])
-    return image
+class EpisodeView:
+    """The present episode of an environment, and its pictures.
 
-
-def image_recorder(render_mode: str | None) -> ImageRecorder | None:
-    """Create the recorder that pictures need; None without a render mode.
+    Args:
+        task: World, mission and reward.
+        render_mode: `rgb_array`, or None for no pictures.
 
     Raises:
         MissionError: There is no such render mode.
     """
-    if render_mode is not None and render_mode not in RENDER_MODES:
-        raise MissionError(f"render_mode must be one of {list(RENDER_MODES)} or None, got {render_mode!r}")
-    return None if render_mode is None else ImageRecorder()
+
+    def __init__(self, task: LearningTask, render_mode: str | None) -> None:
+        if render_mode is not None and render_mode not in RENDER_MODES:
+            raise MissionError(f"render_mode must be one of {list(RENDER_MODES)} or None, got {render_mode!r}")
+        self._task = task
+        self._images = None if render_mode is None else ImageRecorder()
+        self._learners: Sequence[int] = ()
+        self._episode: Episode | None = None
+
+    @property
+    def episode(self) -> Episode:
+        """The present episode.
+
+        Raises:
+            MissionError: There is none.
+        """
+        if self._episode is None:
+            raise MissionError("there is no episode: call reset() first, also after close()")
+        return self._episode
+
+    def begin(self, learners: Sequence[int], seed: int) -> Episode:
+        """Close the present episode and begin another one."""
+        self.close()
+        self._learners = learners
+        self._episode = Episode(self._task, learners, seed=seed, recorder=self._images)
+        return self._episode
+
+    def render(self) -> Image | None:
+        """Return the image of the first learner over a map, shape (H, W, 3), RGB; None without a render mode.
+
+        Raises:
+            MissionError: There is no episode.
+        """
+        if self._images is None:
+            return None
+        world = self.episode.world
+        panel = self._images.panel(self._learners[0], self._task.rig.max_depth_m)
+        world_map = Map(world, self._task.mission.teams(), panel.shape[1])
+        return np.vstack([panel, world_map.draw(self._learners)])
+
+    def close(self) -> None:
+        """Free the world; a second call does nothing."""
+        if self._episode is not None:
+            self._episode.close()
+            self._episode = None
