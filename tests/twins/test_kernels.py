@@ -5,19 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.voxel_twins import cells_of_points, integrate_points, occupied_centres, project_nearest, set_bits_numpy
 from voxdepth import PaperConfig
 from voxdepth.paper.config import CombineConfig
 from voxdepth.paper.inpainting import Dilation, Nearest
 from voxdepth.paper.steps import HostSteps
-from voxdepth.paper.voxels import (
-    VoxelConfig,
-    VoxelGrid,
-    cells_of_points,
-    project_nearest,
-    project_voxels,
-    set_bits_numpy,
-    set_bits_warp,
-)
+from voxdepth.paper.voxels import VoxelConfig, VoxelGrid, project_voxels, set_bits
 from voxdepth.paper.warp_steps import WarpSteps
 from voxdepth.types import Intrinsics
 
@@ -60,7 +53,7 @@ def depth_image(seed: int) -> np.ndarray:
 def both_words(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     cells = cells_of_points(points, GRID)
     words = np.zeros(GRID.n_words, np.uint32), np.zeros(GRID.n_words, np.uint32)
-    set_bits_warp(cells, words[0])
+    set_bits(cells, words[0])
     set_bits_numpy(cells, words[1])
     return words
 
@@ -103,23 +96,23 @@ def test_voxels_of_degenerate_images_agree(name: str, T: np.ndarray) -> None:
     for steps in (host, warp):
         steps.integrate(DEPTHS[name], T)
     np.testing.assert_array_equal(host._grid.words, warp._words.numpy())
-    assert len(host._grid.occupied_centres()) == (name == "one pixel")
+    assert len(occupied_centres(host._grid)) == (name == "one pixel")
     np.testing.assert_array_equal(host.project(), warp.project().numpy())
 
 
 @given(st.integers(0, 1000), st.integers(1, 3000))
 def test_projecting_the_grid_equals_projecting_its_centres(seed: int, n: int) -> None:
     grid = VoxelGrid(GRID)
-    grid.integrate(cloud(seed, n))
-    np.testing.assert_array_equal(project_voxels(grid, CAMERA), project_nearest(grid.occupied_centres(), CAMERA))
+    integrate_points(grid, cloud(seed, n))
+    np.testing.assert_array_equal(project_voxels(grid, CAMERA), project_nearest(occupied_centres(grid), CAMERA))
 
 
 def test_projections_of_empty_grids_and_of_voxels_beside_the_image_agree() -> None:
     grid = VoxelGrid(GRID)
     assert not project_voxels(grid, CAMERA).any()
-    assert not project_nearest(grid.occupied_centres(), CAMERA).any()
-    grid.integrate(np.array([[5.9, 0, 1.0], [0, -3.9, 0.5]], np.float32))
-    assert len(grid.occupied_centres()) == 2
+    assert not project_nearest(occupied_centres(grid), CAMERA).any()
+    integrate_points(grid, np.array([[5.9, 0, 1.0], [0, -3.9, 0.5]], np.float32))
+    assert len(occupied_centres(grid)) == 2
     assert not project_voxels(grid, CAMERA).any()
 
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.realsense_twins import fill_farthest_numpy, fill_nearest_numpy, smooth_rows_numpy
 from voxdepth.baselines.realsense import (
     RealSenseChain,
     RealSenseHoles,
@@ -17,11 +18,8 @@ from voxdepth.baselines.realsense import (
     TemporalFilter,
     disparity_factor,
     fill_farthest,
-    fill_farthest_numpy,
     fill_from_left,
     fill_nearest,
-    fill_nearest_numpy,
-    smooth_rows_numpy,
     smooth_rows_warp,
 )
 from voxdepth.baselines.single_frame import AuthorsMax

@@ -74,7 +74,7 @@ class Remembering:
             timings_s={"warp": 0.001 * (index + 1)},
             diagnostics=PaperDiagnostics(
                 phase=Phase.CORRECTING if index else Phase.PASSTHROUGH,
-                registration=Registration.identity(status, n_matches=index),
+                registration=Registration(status=status, n_matches=index),
                 epoch_end=EpochEnd.FEW_MATCHES if index == 3 else None,
             ),
         )

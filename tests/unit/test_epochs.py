@@ -13,8 +13,8 @@ from voxdepth.paper.registration import Features, Registration, RegistrationStat
 from voxdepth.types import Frame
 
 NO_FEATURES = Features(points_px=np.empty((0, 2), np.float32), descriptors=np.empty((0, 4), np.uint64))
-OK = Registration.identity(RegistrationStatus.OK)
-LOST = Registration.identity(RegistrationStatus.FEW_MATCHES)
+OK = Registration(status=RegistrationStatus.OK)
+LOST = Registration(status=RegistrationStatus.FEW_MATCHES)
 
 
 def frame(number: int) -> Frame:
@@ -123,7 +123,7 @@ def test_phases_follow_template_and_window() -> None:
 def test_degenerate_registrations_end_an_epoch_by_their_own_name() -> None:
     epochs = epochs_of(Fuser(), 0)
     run(epochs, range(3))
-    degenerate = Registration.identity(RegistrationStatus.DEGENERATE)
+    degenerate = Registration(status=RegistrationStatus.DEGENERATE)
     assert epochs.end(frame(3), NO_FEATURES, degenerate) is EpochEnd.DEGENERATE
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from voxdepth.errors import FrameError
 from voxdepth.metrics import Sums
-from voxdepth.metrics.histogram import BINS, histogram, median_m
+from voxdepth.metrics.sums import BINS, histogram, median_m
 
 TRUTH = np.array([[1.0, 2.0, 4.0, 10.0, np.inf, 0.0, 8.0, 5.0]], np.float32)
 DEPTH = np.array([[1.0, 2.5, 0.0, 8.0, 5.0, 5.0, 8.5, 40.0]], np.float32)

@@ -30,7 +30,7 @@ class Growing:
         i = int(source.stamp_s)
         self.asked.append(i)
         if i in self.fails_at:
-            return Motion.failed(MotionStatus.NOT_SOLVED)
+            return Motion(status=MotionStatus.NOT_SOLVED)
         return Motion(T_target_source=shift(i + 1.0), status=MotionStatus.OK)
 
 

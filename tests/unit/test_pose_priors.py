@@ -27,7 +27,7 @@ class Asked:
 
     def estimate(self, source: Frame, target: Frame) -> Motion:
         self.times += 1
-        return Motion.failed(MotionStatus.NOT_SOLVED)
+        return Motion(status=MotionStatus.NOT_SOLVED)
 
 
 def test_poses_of_both_frames_go_before_odometry() -> None:

@@ -1,13 +1,11 @@
 """Depth against the truth, in metres and over explicit masks. The truth never reaches a corrector."""
 
-from .depth_errors import TOO_FAR, DepthErrors, depth_errors
 from .flicker import Changes, Flicker
 from .moving import Share, ghost_share, survival
 from .paper import m_rmse_u16_wrap, psnr_minmax8
-from .ranges import RANGE_BINS_M, by_range
-from .right import is_right
+from .pixels import RANGE_BINS_M, by_range, is_right
 from .seen_before import SeenBefore
-from .sums import Sums, psnr_db
+from .sums import TOO_FAR, DepthErrors, Sums, depth_errors, psnr_db
 
 __all__ = [
     "RANGE_BINS_M",

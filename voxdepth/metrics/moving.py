@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..types import FloatImage, MaskImage
-from .judged import judged_pixels, require_depth, require_same_shape
+from .pixels import judged_pixels, require_depth, require_same_shape
 from .sums import CLOSE
 
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..errors import FrameError
 from ..types import MaskImage
-from .judged import require_mask, require_same_shape
+from .pixels import require_mask, require_same_shape
 
 MillimetreImage = npt.NDArray[np.uint16]
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ..errors import FrameError
 from ..geometry import inverse_rigid
 from ..types import FloatArray, FloatImage, Intrinsics, MaskImage
-from .judged import judged_pixels, require_same_shape
+from .pixels import judged_pixels, require_same_shape
 
 RAW_TOLERANCE = 0.05
 """A pixel was measured correctly when its raw depth is within this part of the truth."""

@@ -1,16 +1,87 @@
-"""Depth errors as sums over pixels, so that frames, masks and sequences of any size add up to one figure."""
+"""Depth errors as sums over pixels, so that frames, masks and sequences of any size add up to one figure.
+
+The median is read from a histogram of error magnitudes, so that no pixel has to be kept. Each octave from 2^-14 m
+(0.06 mm) to 2^10 m (1024 m) has 128 bins of the same width, so that the middle of a bin is within 0.4 % of the value.
+These bins are the leading bits of a float32: without a logarithm, they are the same on any machine.
+"""
 
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
-from ..types import FloatImage, MaskImage
-from .depth_errors import TOO_FAR
-from .histogram import BINS, Counts, histogram, median_m
-from .judged import judged_pixels, require_depth, require_same_shape
+from ..types import FloatArray, FloatImage, MaskImage
+from .pixels import judged_pixels, require_depth, require_same_shape
 
+TOO_FAR = 1.1
+"""A pixel is too far when it is more than 10 % beyond the truth."""
 CLOSE = 0.05
 """A pixel is close when it is within this part of the truth."""
+Counts = npt.NDArray[np.int64]
+
+BINS_PER_OCTAVE = 128
+SMALLEST_M = 2.0**-14
+LARGEST_M = 2.0**10
+BINS = 24 * BINS_PER_OCTAVE + 2
+"""The first bin holds all that is smaller, the last all that is larger."""
+_DROPPED_BITS = 16
+"""Of the 23 bits of a float32's fraction; the 7 kept ones count 128 bins."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthErrors:
+    """Sums over pixels, so that frames of any size add up to one figure."""
+
+    pixels: int = 0
+    """Pixels with a true surface within the range that was asked for."""
+    filled: int = 0
+    """Those of them that have a depth."""
+    abs_error_m: float = 0.0
+    """Sum of absolute errors over filled pixels [m]."""
+    too_far: int = 0
+    """Filled pixels more than 10 % too far."""
+
+    def __add__(self, other: "DepthErrors") -> "DepthErrors":
+        return DepthErrors(
+            pixels=self.pixels + other.pixels,
+            filled=self.filled + other.filled,
+            abs_error_m=self.abs_error_m + other.abs_error_m,
+            too_far=self.too_far + other.too_far,
+        )
+
+    @property
+    def mae_m(self) -> float | None:
+        """Mean absolute error of filled pixels [m]; None when nothing is filled."""
+        return self.abs_error_m / self.filled if self.filled else None
+
+    @property
+    def too_far_share(self) -> float | None:
+        """Share of filled pixels more than 10 % too far, 0..1; None when nothing is filled."""
+        return self.too_far / self.filled if self.filled else None
+
+    @property
+    def hole_share(self) -> float | None:
+        """Share of pixels without a depth, 0..1; None without pixels."""
+        return 1 - self.filled / self.pixels if self.pixels else None
+
+
+def depth_errors(depth_m: FloatImage, truth_m: FloatImage, *, max_range_m: float) -> DepthErrors:
+    """Errors of one image over the pixels whose true depth is at most `max_range_m`.
+
+    Args:
+        depth_m: Depth under test [m], shape (H, W); 0 = invalid.
+        truth_m: True depth [m], shape (H, W); +inf where there is no surface.
+        max_range_m: Limits the pixels that count; a stereo camera knows nothing far beyond its range.
+    """
+    judged = truth_m <= max_range_m
+    filled = judged & (depth_m > 0)
+    depth, truth = depth_m[filled], truth_m[filled]
+    return DepthErrors(
+        pixels=int(np.count_nonzero(judged)),
+        filled=len(depth),
+        abs_error_m=float(np.abs(depth - truth).sum(dtype=np.float64)),
+        too_far=int(np.count_nonzero(depth > np.float32(TOO_FAR) * truth)),
+    )
 
 
 def _no_counts() -> Counts:
@@ -157,3 +228,46 @@ def psnr_db(mean_squared_error: float, peak: float) -> float:
 
 def _root(mean_square: float | None) -> float | None:
     return None if mean_square is None else float(np.sqrt(mean_square))
+
+
+def _leading_bits(values_m: FloatArray) -> npt.NDArray[np.int32]:
+    return values_m.astype(np.float32).view(np.int32) >> _DROPPED_BITS
+
+
+_FIRST = int(_leading_bits(np.array([SMALLEST_M]))[0]) - 1
+
+
+def histogram(magnitudes_m: FloatArray) -> Counts:
+    """Number of magnitudes per bin, shape (BINS,).
+
+    Args:
+        magnitudes_m: Finite and not negative [m], shape (N,).
+    """
+    bins = np.clip(_leading_bits(magnitudes_m) - _FIRST, 0, BINS - 1)
+    return np.bincount(bins, minlength=BINS)
+
+
+def median_m(counts: Counts) -> float | None:
+    """The median of what was counted [m], within 0.4 % (half a bin).
+
+    Of an even number it is the mean of the two in the middle. What is below `SMALLEST_M` reads 0 and what is above
+    `LARGEST_M` reads `LARGEST_M`.
+
+    Returns:
+        None when nothing was counted.
+    """
+    ends = np.cumsum(counts)
+    total = int(ends[-1])
+    if total == 0:
+        return None
+    lower, upper = np.searchsorted(ends, [(total - 1) // 2, total // 2], side="right")
+    return (_reading_m(int(lower)) + _reading_m(int(upper))) / 2
+
+
+def _reading_m(place: int) -> float:
+    if place == 0:
+        return 0.0
+    if place == BINS - 1:
+        return LARGEST_M
+    octave, step = divmod(place - 1, BINS_PER_OCTAVE)
+    return SMALLEST_M * 2.0**octave * (1 + (step + 0.5) / BINS_PER_OCTAVE)

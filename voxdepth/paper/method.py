@@ -115,7 +115,7 @@ class PaperMethod:
 
     def _register(self, template: Template | None, features: Features) -> Registration:
         if template is None:
-            return Registration.identity(RegistrationStatus.NOT_TRIED)
+            return Registration(status=RegistrationStatus.NOT_TRIED)
         return self._registration.register(template.features, features)
 
     def _warp(self, aligned: Aligned) -> Any | None:

@@ -1,6 +1,6 @@
 """Camera motion between two RGB-D frames, and whether it may be believed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Protocol
 
@@ -39,7 +39,7 @@ class MotionStatus(StrEnum):
 class Motion:
     """Result of an odometry; when not `ok`, `T_target_source` is the identity and must not be used."""
 
-    T_target_source: FloatArray
+    T_target_source: FloatArray = field(default_factory=lambda: np.eye(4))
     """Maps points of the source camera into the target camera, shape (4, 4)."""
     status: MotionStatus = MotionStatus.OK
     residual_gray: float | None = None
@@ -53,24 +53,6 @@ class Motion:
     def ok(self) -> bool:
         """True if the motion may be used."""
         return self.status is MotionStatus.OK
-
-    @classmethod
-    def failed(
-        cls,
-        status: MotionStatus,
-        *,
-        residual_gray: float | None = None,
-        residual_px: float | None = None,
-        overlap: float | None = None,
-    ) -> "Motion":
-        """No motion, and why; with what was measured by then."""
-        return cls(
-            T_target_source=np.eye(4),
-            status=status,
-            residual_gray=residual_gray,
-            residual_px=residual_px,
-            overlap=overlap,
-        )
 
 
 class Odometry(Protocol):
@@ -139,9 +121,9 @@ class PhotometricOdometry:
         comparison = Comparison(before, after, self._camera, self._config.max_depth_m)
         T_coarse = self._coarse(before, after) if comparison.n_points >= MIN_POINTS else None
         if T_coarse is None:
-            return Motion.failed(MotionStatus.NOT_SOLVED)
+            return Motion(status=MotionStatus.NOT_SOLVED)
         if _too_far(T_coarse, self._config):
-            return Motion.failed(MotionStatus.TOO_FAR)
+            return Motion(status=MotionStatus.TOO_FAR)
         return self._judged(comparison, comparison.refined(T_coarse))
 
     def _coarse(self, source: View, target: View) -> FloatArray | None:
@@ -154,16 +136,16 @@ class PhotometricOdometry:
     def _judged(self, comparison: Comparison, T_target_source: FloatArray) -> Motion:
         """The motion, or the first of the checks that it fails."""
         if _too_far(T_target_source, self._config):
-            return Motion.failed(MotionStatus.TOO_FAR)
+            return Motion(status=MotionStatus.TOO_FAR)
         overlap = comparison.overlap(T_target_source)
         if overlap < self._config.min_overlap:
-            return Motion.failed(MotionStatus.OVERLAP, overlap=overlap)
+            return Motion(status=MotionStatus.OVERLAP, overlap=overlap)
         residuals = comparison.residuals(T_target_source)
         if residuals is None:
-            return Motion.failed(MotionStatus.OVERLAP, overlap=overlap)
+            return Motion(status=MotionStatus.OVERLAP, overlap=overlap)
         gray, px = residuals
         if px > self._config.max_residual_px:
-            return Motion.failed(MotionStatus.RESIDUAL, residual_gray=gray, residual_px=px, overlap=overlap)
+            return Motion(status=MotionStatus.RESIDUAL, residual_gray=gray, residual_px=px, overlap=overlap)
         return Motion(T_target_source=T_target_source, residual_gray=gray, residual_px=px, overlap=overlap)
 
 
@@ -182,7 +164,7 @@ class PriorsFirst:
         motion = motion_from_priors(source, target)
         if motion is None:
             return self._odometry.estimate(source, target)
-        return Motion.failed(MotionStatus.TOO_FAR) if _too_far(motion.T_target_source, self._config) else motion
+        return Motion(status=MotionStatus.TOO_FAR) if _too_far(motion.T_target_source, self._config) else motion
 
 
 def motion_from_priors(source: Frame, target: Frame) -> Motion | None:

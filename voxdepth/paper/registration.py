@@ -1,6 +1,6 @@
 """Aligning the template with the current frame: ORB features and an affine map (paper, Sec. Template Registration)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import cv2
@@ -50,23 +50,18 @@ class RegistrationStatus(StrEnum):
 class Registration:
     """Alignment of the template with a frame; failure is a value, not an exception."""
 
-    M_frame_template: FloatArray
-    """Affine map from template pixels to frame pixels, shape (2, 3)."""
-    n_matches: int
-    """Number of good feature matches."""
-    n_inliers: int
-    """Number of matches that support the map."""
     status: RegistrationStatus
+    M_frame_template: FloatArray = field(default_factory=lambda: np.eye(2, 3))
+    """Affine map from template pixels to frame pixels, shape (2, 3); the identity after a failure."""
+    n_matches: int = 0
+    """Number of good feature matches."""
+    n_inliers: int = 0
+    """Number of matches that support the map."""
 
     @property
     def ok(self) -> bool:
         """True if the template may be used."""
         return self.status is RegistrationStatus.OK
-
-    @classmethod
-    def identity(cls, status: RegistrationStatus, *, n_matches: int = 0) -> "Registration":
-        """A registration with the identity map."""
-        return cls(M_frame_template=np.eye(2, 3), n_matches=n_matches, n_inliers=0, status=status)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -107,13 +102,13 @@ class OrbRegistration:
         in_reference, in_current = good_matches(reference, current, self._config.max_distance)
         n_matches = len(in_reference)
         if n_matches < self._config.min_matches:
-            return Registration.identity(RegistrationStatus.FEW_MATCHES, n_matches=n_matches)
+            return Registration(status=RegistrationStatus.FEW_MATCHES, n_matches=n_matches)
         source, target = reference.points_px[in_reference], current.points_px[in_current]
         found, inliers = cv2.estimateAffine2D(source, target, ransacReprojThreshold=self._config.ransac_px)
         small = None if found is None else np.asarray(found, np.float64)
         n_inliers = int(np.count_nonzero(inliers))
         if small is None or n_inliers < self._config.min_matches or not self._believable(small):
-            return Registration.identity(RegistrationStatus.DEGENERATE, n_matches=n_matches)
+            return Registration(status=RegistrationStatus.DEGENERATE, n_matches=n_matches)
         full = self._full_from_small @ np.vstack([small, [0, 0, 1]]) @ self._small_from_full
         return Registration(
             M_frame_template=full[:2], n_matches=n_matches, n_inliers=n_inliers, status=RegistrationStatus.OK

@@ -66,7 +66,7 @@ class HostSteps:
 
     def integrate(self, depth_m: FloatImage, T_grid_cam: FloatArray) -> None:
         """See `ImageSteps`."""
-        self._grid.integrate_image(depth_m, self._intrinsics, T_grid_cam)
+        self._grid.integrate(depth_m, self._intrinsics, T_grid_cam)
 
     def project(self) -> FloatImage:
         """See `ImageSteps`."""

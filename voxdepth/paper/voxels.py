@@ -8,7 +8,7 @@ import warp as wp
 from pydantic import Field, model_validator
 
 from ..devices import load_kernels
-from ..geometry import PointArray, RayMap
+from ..geometry import RayMap
 from ..model import Model
 from ..types import FloatArray, FloatImage, Intrinsics
 from . import kernels
@@ -79,11 +79,7 @@ class VoxelGrid:
         """Empty the grid."""
         self.words.fill(0)
 
-    def integrate(self, points: PointArray) -> None:
-        """OR the voxels of points [m], shape (N, 3), into the grid. Points outside of it, and NaN, are left out."""
-        set_bits_warp(cells_of_points(points, self.config), self.words)
-
-    def integrate_image(self, depth_m: FloatImage, intrinsics: Intrinsics, T_grid_cam: FloatArray) -> None:
+    def integrate(self, depth_m: FloatImage, intrinsics: Intrinsics, T_grid_cam: FloatArray) -> None:
         """OR the voxels of all valid pixels of a depth image into the grid: paper, Algorithm 1.
 
         Args:
@@ -92,25 +88,7 @@ class VoxelGrid:
             T_grid_cam: Pose of that camera in the frame of the grid, shape (4, 4).
         """
         rays = RayMap.of(intrinsics, self.config.T_cells_m @ T_grid_cam)
-        set_bits_warp(cells_of_image(depth_m, rays, self.config).ravel(), self.words)
-
-    def occupied_centres(self) -> PointArray:
-        """Centres of all occupied voxels [m], shape (N, 3), float32, the farthest last."""
-        nx, ny, _ = self.config.shape
-        cells = set_bits_of(self.words)
-        row, x = np.divmod(cells, np.int32(nx))
-        z, y = np.divmod(row, np.int32(ny))
-        centres = np.empty((len(cells), 3), np.float32)
-        for k, index in enumerate((x - np.int32(nx // 2), y - np.int32(ny // 2), z)):
-            centres[:, k] = (index + np.float32(0.5)) * np.float32(self.config.cell_m[k])
-        return centres
-
-
-def cells_of_points(points: PointArray, config: VoxelConfig) -> Cells:
-    """Number of each point's cell, shape (N,), int32; -1 beside the grid."""
-    T = config.T_cells_m.astype(np.float32)
-    coordinates = (points[:, k] * T[k, k] + T[k, 3] for k in (2, 1, 0))
-    return _numbered(coordinates, np.ones(len(points), np.bool_), config)
+        set_bits(cells_of_image(depth_m, rays, self.config).ravel(), self.words)
 
 
 def cells_of_image(depth_m: FloatImage, rays: RayMap, config: VoxelConfig) -> Cells:
@@ -121,11 +99,11 @@ def cells_of_image(depth_m: FloatImage, rays: RayMap, config: VoxelConfig) -> Ce
         rows = slice(top, top + tile_rows)
         z = depth_m[rows]
         coordinates = (rays.coordinate(k, rows, z) for k in (2, 1, 0))
-        cells[rows] = _numbered(coordinates, z > 0, config)
+        cells[rows] = _cell_numbers(coordinates, z > 0, config)
     return cells
 
 
-def _numbered(coordinates: Iterable[FloatImage], inside: npt.NDArray[np.bool_], config: VoxelConfig) -> Cells:
+def _cell_numbers(coordinates: Iterable[FloatImage], inside: npt.NDArray[np.bool_], config: VoxelConfig) -> Cells:
     """Numbers of the cells with coordinates along z, y and x; -1 unless `inside`, which is narrowed to the grid."""
     number = np.zeros(inside.shape, np.int32)
     with np.errstate(invalid="ignore", over="ignore"):  # of coordinates that are not inside
@@ -138,8 +116,8 @@ def _numbered(coordinates: Iterable[FloatImage], inside: npt.NDArray[np.bool_], 
     return number
 
 
-def set_bits_warp(cells: Cells, words: Words) -> None:
-    """Set the bits of numbered cells, by the Warp kernel; -1 is left out."""
+def set_bits(cells: Cells, words: Words) -> None:
+    """Set the bits of cells by their numbers; -1 is left out."""
     if cells.size:
         wp.launch(
             kernels.set_bits,
@@ -150,26 +128,8 @@ def set_bits_warp(cells: Cells, words: Words) -> None:
         )
 
 
-def set_bits_numpy(cells: Cells, words: Words) -> None:
-    """Set the bits of numbered cells: the twin of `set_bits_warp`."""
-    inside = cells[cells >= 0]
-    np.bitwise_or.at(words, inside >> 5, np.uint32(1) << (inside & 31).astype(np.uint32))
-
-
-def set_bits_of(words: Words) -> Cells:
-    """Numbers of all bits that are set, in order, int32."""
-    at = np.flatnonzero(words != 0)  # four times as fast as without the comparison
-    bits = np.unpackbits(words[at].view(np.uint8).reshape(-1, 4), axis=1, bitorder="little")
-    set_at = np.flatnonzero(bits)
-    cells: Cells = (at[set_at >> 5] * 32 + (set_at & 31)).astype(np.int32)
-    return cells
-
-
 def project_voxels(grid: VoxelGrid, intrinsics: Intrinsics) -> FloatImage:
-    """Depth image [m], shape (H, W), float32, of the centres of a grid's voxels; 0 where none falls.
-
-    The same as `project_nearest(grid.occupied_centres(), intrinsics)`, without making a list of them.
-    """
+    """Depth image [m], shape (H, W), float32, of the centres of a grid's voxels; 0 where none falls."""
     depth_m = np.full(intrinsics.shape, np.inf, np.float32)
     occupied = np.flatnonzero(grid.words != 0).astype(np.int32)
     if occupied.size:
@@ -181,21 +141,5 @@ def project_voxels(grid: VoxelGrid, intrinsics: Intrinsics) -> FloatImage:
             outputs=[kernels.view(depth_m, wp.float32)],
             device="cpu",
         )
-    depth_m[np.isinf(depth_m)] = 0
-    return depth_m
-
-
-def project_nearest(points: PointArray, intrinsics: Intrinsics) -> FloatImage:
-    """Depth image [m], shape (H, W), float32, of points (N, 3) [m] in the camera frame; 0 where none falls.
-
-    A point takes the one pixel that its projection rounds to. With the centres of voxels, the twin of the kernel.
-    """
-    depth_m = np.full(intrinsics.shape, np.inf, np.float32)
-    x, y, z = points[points[:, 2] > 0].T
-    half = np.float32(0.5)
-    col = np.floor(x / z * np.float32(intrinsics.fx_px) + np.float32(intrinsics.cx_px) + half)
-    row = np.floor(y / z * np.float32(intrinsics.fy_px) + np.float32(intrinsics.cy_px) + half)
-    inside = (col >= 0) & (col < intrinsics.width_px) & (row >= 0) & (row < intrinsics.height_px)
-    np.minimum.at(depth_m, (row[inside].astype(np.intp), col[inside].astype(np.intp)), z[inside])
     depth_m[np.isinf(depth_m)] = 0
     return depth_m

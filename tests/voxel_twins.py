@@ -1,0 +1,62 @@
+"""NumPy twins of the Warp kernels of voxel grids, and what else tests ask of a grid."""
+
+import numpy as np
+
+from voxdepth.geometry import PointArray
+from voxdepth.paper.voxels import Cells, VoxelConfig, VoxelGrid, Words, _cell_numbers, set_bits
+from voxdepth.types import FloatImage, Intrinsics
+
+
+def integrate_points(grid: VoxelGrid, points: PointArray) -> None:
+    """OR the voxels of points [m], shape (N, 3), into the grid. Points outside of it, and NaN, are left out."""
+    set_bits(cells_of_points(points, grid.config), grid.words)
+
+
+def occupied_centres(grid: VoxelGrid) -> PointArray:
+    """Centres of all occupied voxels [m], shape (N, 3), float32, the farthest last."""
+    nx, ny, _ = grid.config.shape
+    cells = set_bits_of(grid.words)
+    row, x = np.divmod(cells, np.int32(nx))
+    z, y = np.divmod(row, np.int32(ny))
+    centres = np.empty((len(cells), 3), np.float32)
+    for k, index in enumerate((x - np.int32(nx // 2), y - np.int32(ny // 2), z)):
+        centres[:, k] = (index + np.float32(0.5)) * np.float32(grid.config.cell_m[k])
+    return centres
+
+
+def cells_of_points(points: PointArray, config: VoxelConfig) -> Cells:
+    """Number of each point's cell, shape (N,), int32; -1 beside the grid."""
+    T = config.T_cells_m.astype(np.float32)
+    coordinates = (points[:, k] * T[k, k] + T[k, 3] for k in (2, 1, 0))
+    return _cell_numbers(coordinates, np.ones(len(points), np.bool_), config)
+
+
+def set_bits_numpy(cells: Cells, words: Words) -> None:
+    """Set the bits of numbered cells: the twin of `set_bits`."""
+    inside = cells[cells >= 0]
+    np.bitwise_or.at(words, inside >> 5, np.uint32(1) << (inside & 31).astype(np.uint32))
+
+
+def set_bits_of(words: Words) -> Cells:
+    """Numbers of all bits that are set, in order, int32."""
+    at = np.flatnonzero(words != 0)  # four times as fast as without the comparison
+    bits = np.unpackbits(words[at].view(np.uint8).reshape(-1, 4), axis=1, bitorder="little")
+    set_at = np.flatnonzero(bits)
+    cells: Cells = (at[set_at >> 5] * 32 + (set_at & 31)).astype(np.int32)
+    return cells
+
+
+def project_nearest(points: PointArray, intrinsics: Intrinsics) -> FloatImage:
+    """Depth image [m], shape (H, W), float32, of points (N, 3) [m] in the camera frame; 0 where none falls.
+
+    A point takes the one pixel that its projection rounds to. With the centres of voxels, the twin of the kernel.
+    """
+    depth_m = np.full(intrinsics.shape, np.inf, np.float32)
+    x, y, z = points[points[:, 2] > 0].T
+    half = np.float32(0.5)
+    col = np.floor(x / z * np.float32(intrinsics.fx_px) + np.float32(intrinsics.cx_px) + half)
+    row = np.floor(y / z * np.float32(intrinsics.fy_px) + np.float32(intrinsics.cy_px) + half)
+    inside = (col >= 0) & (col < intrinsics.width_px) & (row >= 0) & (row < intrinsics.height_px)
+    np.minimum.at(depth_m, (row[inside].astype(np.intp), col[inside].astype(np.intp)), z[inside])
+    depth_m[np.isinf(depth_m)] = 0
+    return depth_m
