@@ -1,4 +1,4 @@
-"""The command that makes the paper's experiments again, and those on the default method."""
+"""The command that repeats the experiments of the paper, and those on the default method."""
 
 from pathlib import Path
 from typing import Annotated
@@ -31,28 +31,25 @@ def experiment(
         Path, typer.Option(metavar="DIR", help="Folder of the results; recordings are shared with `evaluate`.")
     ] = (Path("evaluation")),
 ) -> None:
-    """Ask the paper's questions again of our rendered sequences, or what the default method is worth.
+    """Repeat the paper's experiments on rendered sequences, or compare the default method with others.
 
-    Writes tables (NAME/table.csv, NAME/table.md), NAME/figure.png and NAME/result.json below DIR. What is not yet
-    recorded is recorded first, at 0.1 to 0.5 s a frame. On two slow cores all take some ten minutes with their
+    Writes tables (NAME/table.csv, NAME/table.md), NAME/figure.png and NAME/result.json below DIR. Missing recordings
+    are made first, at 0.1 to 0.5 s a frame. On two slow cores all experiments take some ten minutes with their
     defaults, half of it recording, and none takes more than four. `switches --frames 500` repeats the paper's table in
     full, in about five minutes.
 
-    `default` judges every method on every sequence and takes the better part of an hour; it goes on where it was cut
-    short.
-    `ablation` judges the default method with one part off, each alone.
+    `default` evaluates every method on every sequence and takes almost an hour; an interrupted run is resumed.
+    `ablation` evaluates the default method with one part off at a time.
     """
     import sys
 
     import cv2
     from rich.console import Console
 
-    from ..experiments.catalogue import find_experiments
-    from ..experiments.runner import Wishes, run
-    from ..experiments.terminal import print_report
+    from ..experiments.runner import RunOptions, find_experiments, run
 
     cv2.setNumThreads(1)
-    wishes = Wishes(
+    options = RunOptions(
         out=out,
         sequences=None if sequences is None else tuple(name.strip() for name in sequences.split(",")),
         frames=frames,
@@ -62,6 +59,6 @@ def experiment(
     )
     console = Console()
     with console.status("") as status:
-        for report in run(find_experiments(names), wishes, status.update):
-            print_report(console, report)
-            console.print(f"table, figure and result.json are in {out / report.name}", soft_wrap=True)
+        for report in run(find_experiments(names), options, status.update):
+            report.print(console)
+            console.print(f"table, figure and result.json are in {out / report.experiment.name}", soft_wrap=True)

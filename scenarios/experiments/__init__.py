@@ -1,1 +1,1 @@
-"""The experiments of the paper by name, asked again of our rendered sequences: each makes a table and a figure."""
+"""Experiments: each module asks one question of rendered sequences and answers it with tables and a figure."""

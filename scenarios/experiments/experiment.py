@@ -1,33 +1,171 @@
-"""What all experiments have in common."""
+"""An experiment: a question, the frames that it is asked of, and a function that answers it."""
 
-from typing import Protocol
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
 
-from .result import Result
-from .stage import Scope, Stage
+from sim.errors import RecordingError
+from sim.recording import Recording
+from sim.types import Capture
+from swarm.perception import frame_of
+from voxdepth.corrector import PaperVoxDepth
+from voxdepth.paper.config import PaperConfig
+from voxdepth.types import Frame
+
+from ..benchmark.frames import FrameLoop
+from ..errors import ScenarioError
+from ..evaluation.methods import Method
+from ..evaluation.suite import RECORDINGS, Evaluation, Plan, Shipped, evaluate
+from ..files import to_toml
+from ..results.table import Table
+from ..sequences import SeededSequence, load_sequence
+
+WIDTHS_PX = range(64, 2049)
+"""Valid widths of images."""
+EVEN_PX = 2
+"""Heights are rounded to multiples of this."""
 
 
-class Experiment(Protocol):
-    """A question of the paper that can be asked again."""
+@dataclass(frozen=True, kw_only=True)
+class Claim:
+    """A statement of the paper and the corresponding finding."""
+
+    paper: str
+    found: str
+    holds: bool | None
+    """Whether the finding agrees; None if it neither confirms nor refutes the statement."""
 
     @property
-    def name(self) -> str:
-        """By which it is called, and its folder."""
-        ...
+    def verdict(self) -> str:
+        """The agreement in one word."""
+        return {True: "agrees", False: "differs", None: "open"}[self.holds]
 
-    @property
-    def question(self) -> str:
-        """The paper's question in one sentence."""
-        ...
 
-    @property
-    def scope(self) -> Scope:
-        """What it works on unless the user says otherwise."""
-        ...
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Findings:
+    """The answer to the question of an experiment."""
 
-    def run(self, stage: Stage) -> Result:
-        """Ask it.
+    tables: tuple[Table, ...]
+    """The first one answers the question."""
+    claims: tuple[Claim, ...] = ()
+    notes: tuple[str, ...] = ()
+    """Differences to the paper's experiment and other remarks that a reader needs."""
+    figure: bytes
+    """PNG."""
+    pictures: Mapping[str, bytes] = field(default_factory=dict)
+    """Further PNGs by the stems of their files."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExperimentContext:
+    """The frames that an experiment works on; recordings and results are shared with `voxdepth evaluate`."""
+
+    out: Path
+    sequences: tuple[str, ...]
+    frames: int
+    width_px: int | None
+    """Width of the images; None for that of each sequence."""
+    seed: int | None
+    report: Callable[[str], None]
+    """Is called with a description of each step when it begins."""
+
+    def sequence(self, name: str) -> SeededSequence:
+        """A sequence at the requested width; its field of view stays the same.
 
         Raises:
-            ScenarioError, SimError, VoxDepthError: A sequence cannot be had, or a method failed.
+            ScenarioError: No sequence has that name, or the width is invalid.
         """
-        ...
+        sequence = load_sequence(name, self.seed, {})
+        if self.width_px is None:
+            return sequence
+        if self.width_px not in WIDTHS_PX:
+            raise ScenarioError(
+                f"--width must be {WIDTHS_PX.start} to {WIDTHS_PX.stop - 1} pixels, got {self.width_px}"
+            )
+        rig = sequence.sequence.rig
+        height_px = EVEN_PX * round(self.width_px * rig.height_px / rig.width_px / EVEN_PX)
+        return load_sequence(name, self.seed, {"rig.width_px": self.width_px, "rig.height_px": height_px})
+
+    def recording(self, name: str, frames: int | None = None) -> Recording:
+        """The recording of a sequence, which is made now if it does not exist.
+
+        Args:
+            name: Name of the sequence.
+            frames: Least number of frames; None for `self.frames`.
+
+        Raises:
+            ScenarioError, SimError: The sequence cannot be recorded.
+        """
+        sequence = self.sequence(name)
+        Shipped(sequence).open(self.out, self.frames if frames is None else frames, self.report)
+        for folder in sorted((self.out / RECORDINGS).glob(f"{name}-*")):
+            with suppress(RecordingError):
+                recording = Recording.open(folder)
+                if recording.config_text == to_toml(sequence):
+                    return recording
+        raise ScenarioError(f"the recording of {name!r} below {self.out} is gone: run the command again")
+
+    def captures(self, name: str) -> Iterator[Capture]:
+        """The first frames of a sequence with the truth; each is read when it is requested."""
+        recording = self.recording(name)
+        for index in range(self.frames):
+            self.report(f"{name}, frame {index + 1} of {self.frames}")
+            yield recording[index]
+
+    def frames_of(self, name: str) -> Iterator[Frame]:
+        """The first frames of a sequence as a corrector receives them."""
+        return (frame_of(capture) for capture in self.captures(name))
+
+    def frame_loop(self, name: str, images: int) -> FrameLoop:
+        """The first images of a sequence in memory, which are played as long as a measurement lasts."""
+        recording = self.recording(name, images)
+        return FrameLoop.of([recording[index] for index in range(images)])
+
+    def evaluate(self, methods: Sequence[Method]) -> Evaluation:
+        """Evaluate methods on all sequences as `voxdepth evaluate` does; finished results are reused.
+
+        Raises:
+            ScenarioError: A method failed.
+        """
+        sequences = [Shipped(self.sequence(name)) for name in self.sequences]
+        plan = Plan(sequences=sequences, methods=methods, frames=self.frames, out=self.out)
+        evaluation = evaluate(plan, lambda what, results: self.report(f"{what}; {results} of {len(plan)} done"))
+        for failed in evaluation.failures:
+            raise ScenarioError(f"{failed.key.method} failed on {failed.key.sequence}: {failed.error}")
+        return evaluation
+
+
+def paper_method(name: str, config: PaperConfig) -> Method:
+    """The paper's method with a configuration, as a method to compare.
+
+    Args:
+        name: A name that belongs to this configuration alone, because results are stored under it.
+        config: The configuration.
+    """
+    return Method(
+        name=f"paper-{name}",
+        make=lambda intrinsics: PaperVoxDepth(intrinsics, config),
+        config=config.model_dump(mode="json"),
+        warm_up_frames=config.warm_up_frames,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """A question that can be asked of rendered sequences."""
+
+    name: str
+    """Its word on the command line, and the name of its folder."""
+    question: str
+    """One sentence."""
+    answer: Callable[[ExperimentContext], Findings]
+    """Raises `ScenarioError`, `SimError` or `VoxDepthError` if a sequence cannot be recorded or a method fails."""
+    sequences: tuple[str, ...]
+    """Default sequences."""
+    frames: int
+    """Default number of frames of each sequence."""
+    min_frames: int = 1
+    """Least number of frames that gives an answer."""
+    width_px: int | None = None
+    """Default width of the images; None for that of each sequence."""

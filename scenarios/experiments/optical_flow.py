@@ -7,163 +7,136 @@ from typing import TYPE_CHECKING
 from voxdepth.baselines.optical_flow import Dis, Farneback, HornSchunck
 from voxdepth.paper.registration import RegistrationConfig
 
-from .drawing import MARKERS, labelled, panels
-from .moving import ByFlow, ByRegistration, Mover, Unmoved
-from .paper import FLOW_S
-from .result import Claim, Column, Result, Table
-from .stage import Scope, Stage
-from .trial import Tally, try_pair, warm_up
+from ..results.figure import MARKERS, grouped_bars, label_axes, panels
+from ..results.table import Column, Table
+from .experiment import Claim, Experiment, ExperimentContext, Findings
+from .image_motion import AffineEstimator, FlowEstimator, MotionEstimator, MotionScore, NoMotion, score_pairs
+from .paper_results import FLOW_S
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 DISTANCES = (1, 3, 10, 25)
 """Frames between the reference and the later frame."""
-STARTS = 4
-"""References in a sequence, evenly spread."""
-REGISTRATION, HORN_SCHUNCK, NONE = "registration", "Horn-Schunck", "unmoved"
+MAX_PAIRS = 4
+"""Pairs of each distance in a sequence."""
+REGISTRATION, DIS, NO_MOTION = "registration", "DIS flow", "unmoved"
 BUDGET_MS = 50.0
 """The paper's limit for a frame: 20 frames per second."""
+COLUMNS = (
+    "sequence", Column("distance", "frames"), "method", Column("gray PSNR", "dB"), Column("depth MAE", "m", ".3f"),
+    Column("depth median error", "m", ".3f"), Column("failed", "%", ".0f"), Column("p50", "ms"), Column("p95", "ms"),
+    "n pairs", "n pixels",
+)  # fmt: skip
 
-Tallies = Mapping[int, Mapping[str, Tally]]
-"""By distance and mover."""
-
-
-class OpticalFlow:
-    """A perfect template, which is the true depth of a frame, is moved to later frames in every way."""
-
-    name = "rq4"
-    question = "Does optical flow move a template better than registration, and what does it cost (RQ4)?"
-    scope = Scope(sequences=("sim-LN", "sim-MB", "sim-PLF"), frames=30, width_px=640, least_frames=2)
-
-    def run(self, stage: Stage) -> Result:
-        """See `Experiment`."""
-        measured = {name: _measure(stage, name) for name in stage.sequences}
-        columns = (
-            Column(name="sequence"),
-            Column(name="distance", unit="frames", places=0),
-            Column(name="method"),
-            Column(name="gray PSNR", unit="dB"),
-            Column(name="depth MAE", unit="m", places=3),
-            Column(name="depth median error", unit="m", places=3),
-            Column(name="failed", unit="%", places=0),
-            Column(name="p50", unit="ms"),
-            Column(name="p95", unit="ms"),
-            Column(name="n pairs", places=0),
-            Column(name="n pixels", places=0),
-        )
-        rows = [
-            (name, distance, method, tally.gray.psnr_db, tally.depth.mae_m, tally.depth.median_abs_m,
-             tally.failed_percent, tally.spread.p50_ms, tally.spread.p95_ms, tally.pairs, tally.gray.pixels)
-            for name, tallies in measured.items()
-            for distance, by_method in tallies.items()
-            for method, tally in by_method.items()
-        ]  # fmt: skip
-        return Result(
-            tables=(Table.of("A perfect template moved to later frames", columns, rows),),
-            claims=(_of_time(measured), _of_quality(measured)),
-            notes=(
-                "The template is the true depth of the reference, so that only the motion is judged: against the true "
-                "depth of the later frame within 20 m, and against its gray image, on the pixels that all methods "
-                "reach. Neither way changes depth itself as the camera comes nearer.",
-                "Where registration fails it moves nothing, which is judged, too. Times are of finding the motion and "
-                "moving one depth image, on one thread; the features of the template are found once, before.",
-                f"On a Jetson Nano the paper measured {FLOW_S['Horn-Schunck']} s for Horn-Schunck and {FLOW_S['RAFT']} "
-                "s for RAFT, which is a network and not built here.",
-            ),
-            figure=panels(
-                "RQ4: a perfect template moved to later frames",
-                *(partial(_draw_depth, tallies, name) for name, tallies in measured.items()),
-                partial(_draw_times, measured),
-            ),
-        )
+Scores = Mapping[int, Mapping[str, MotionScore]]
+"""Scores by distance and method."""
 
 
-def starts(frames: int, distance: int, most: int) -> list[int]:
-    """First frames of pairs that far apart, evenly spread over a sequence, at most so many."""
-    last = frames - 1 - distance
-    n = min(most, last + 1)
-    return sorted({round(k * last / max(1, n - 1)) for k in range(n)})
-
-
-def _measure(stage: Stage, name: str) -> Tallies:
-    recording = stage.recording(name)
-    shape = recording.intrinsics.shape
-    movers: dict[str, Mover] = {
-        NONE: Unmoved(),
-        REGISTRATION: ByRegistration(RegistrationConfig(), shape),
-        "DIS flow": ByFlow(Dis()),
-        "Farneback": ByFlow(Farneback()),
-        HORN_SCHUNCK: ByFlow(HornSchunck()),
+def compare_flow(context: ExperimentContext) -> Findings:
+    """Warp a perfect template, which is the true depth of a frame, to later frames with every method."""
+    measured = {name: _measure(context, name) for name in context.sequences}
+    rows = [
+        (name, distance, method, score.gray.psnr_db, score.depth.mae_m, score.depth.median_abs_m,
+         score.failed_percent, score.latency.p50_ms, score.latency.p95_ms, score.pairs, score.gray.pixels)
+        for name, scores in measured.items()
+        for distance, by_method in scores.items()
+        for method, score in by_method.items()
+    ]  # fmt: skip
+    # Times do not depend on the distance: those of the shortest one stand for all.
+    times_ms = {
+        name: {method: score.latency.p50_ms for method, score in scores[DISTANCES[0]].items() if method != NO_MOTION}
+        for name, scores in measured.items()
     }
-    warm_up(movers, recording[0], recording[1])
-    tallies: dict[int, dict[str, Tally]] = {}
-    for distance in (distance for distance in DISTANCES if distance < stage.frames):
-        tallies[distance] = {method: Tally() for method in movers}
-        for start in starts(stage.frames, distance, STARTS):
-            stage.tell(f"{name}, frame {start} to frame {start + distance}")
-            reference = recording[start]
-            for mover in movers.values():
-                mover.keep(reference.gray_left)
-            try_pair(movers, reference, recording[start + distance], tallies[distance])
-    return tallies
-
-
-def _of_time(measured: Mapping[str, Tallies]) -> Claim:
-    medians = {
-        name: {method: tally.spread.p50_ms for method, tally in next(iter(tallies.values())).items() if method != NONE}
-        for name, tallies in measured.items()
-    }
-    told = "; ".join(
-        f"{name} " + ", ".join(f"{method} {ms:.1f} ms" for method, ms in of_one.items())
-        for name, of_one in medians.items()
+    return Findings(
+        tables=(Table.of("A perfect template warped to later frames", COLUMNS, rows),),
+        claims=(_time_claim(times_ms), _quality_claim(measured)),
+        notes=(
+            "The template is the true depth of the reference, so that only the motion is scored: against the true "
+            "depth of the later frame within 20 m, and against its gray image, on the pixels that all methods "
+            "cover. Neither way changes depth itself as the camera comes nearer.",
+            "A registration that fails warps nothing, which is scored, too. Times are of finding the motion and "
+            "warping one depth image, on one thread; the features of the template are found once, before.",
+            f"On a Jetson Nano the paper measured {FLOW_S['Horn-Schunck']} s for Horn-Schunck and {FLOW_S['RAFT']} "
+            "s for RAFT, which is a network and not built here.",
+        ),
+        figure=panels(
+            "RQ4: a perfect template warped to later frames",
+            [
+                *(partial(_draw_depth, scores, name) for name, scores in measured.items()),
+                partial(_draw_times, times_ms),
+            ],
+        ),
     )
-    flows_ms = [ms for of_one in medians.values() for method, ms in of_one.items() if method != REGISTRATION]
+
+
+def _measure(context: ExperimentContext, name: str) -> Scores:
+    estimators: dict[str, MotionEstimator] = {
+        NO_MOTION: NoMotion(),
+        REGISTRATION: AffineEstimator(RegistrationConfig(), context.recording(name).intrinsics.shape),
+        DIS: FlowEstimator(Dis()),
+        "Farneback": FlowEstimator(Farneback()),
+        "Horn-Schunck": FlowEstimator(HornSchunck()),
+    }
+    distances = [distance for distance in DISTANCES if distance < context.frames]
+    return {distance: score_pairs(context, name, estimators, distance, MAX_PAIRS) for distance in distances}
+
+
+def _time_claim(times_ms: Mapping[str, Mapping[str, float]]) -> Claim:
+    found = "; ".join(
+        f"{name} " + ", ".join(f"{method} {ms:.1f} ms" for method, ms in by_method.items())
+        for name, by_method in times_ms.items()
+    )
+    flows_ms = [ms for by_method in times_ms.values() for method, ms in by_method.items() if method != REGISTRATION]
     return Claim(
         paper="optical flow takes far longer than the 50 ms of a frame: Horn-Schunck 2.45 s, RAFT 15.5 s",
-        found=f"{told} (median); {sum(ms > BUDGET_MS for ms in flows_ms)} of {len(flows_ms)} flows take over 50 ms",
+        found=f"{found} (median); {sum(ms > BUDGET_MS for ms in flows_ms)} of {len(flows_ms)} flows take over 50 ms",
         holds=all(ms > BUDGET_MS for ms in flows_ms),
     )
 
 
-def _of_quality(measured: Mapping[str, Tallies]) -> Claim:
-    better, places = 0, 0
-    for tallies in measured.values():
-        for of_one in tallies.values():
-            errors_m = {method: tally.depth.mae_m for method, tally in of_one.items()}
-            registered_m, flown_m = errors_m[REGISTRATION], errors_m["DIS flow"]
-            if registered_m is not None and flown_m is not None:
-                places += 1
-                better += flown_m < registered_m
+def _quality_claim(measured: Mapping[str, Scores]) -> Claim:
+    is_better = []
+    for scores in measured.values():
+        for by_method in scores.values():
+            registered_m, flow_m = by_method[REGISTRATION].depth.mae_m, by_method[DIS].depth.mae_m
+            if registered_m is not None and flow_m is not None:
+                is_better.append(flow_m < registered_m)
     return Claim(
         paper="flow predicts the movement of objects at a pixel level, more amenable to motion than registration",
-        found=f"DIS flow leaves the smaller mean error of depth in {better} of {places} sequences and distances",
-        holds=better > places / 2 if places else None,
+        found=f"DIS flow leaves the smaller mean error of depth in {sum(is_better)} of {len(is_better)} sequences and "
+        "distances",
+        holds=sum(is_better) > len(is_better) / 2 if is_better else None,
     )
 
 
-def _draw_depth(tallies: Tallies, name: str, axes: "Axes") -> None:
-    for k, method in enumerate(next(iter(tallies.values()))):
-        values = [of_one[method].depth.mae_m for of_one in tallies.values()]
-        known = [float("nan") if value is None else value for value in values]
-        axes.plot(list(tallies), known, marker=MARKERS[k], ms=4, label=method)
+def _draw_depth(scores: Scores, name: str, axes: "Axes") -> None:
+    for k, method in enumerate(scores[DISTANCES[0]]):
+        errors_m = [by_method[method].depth.mae_m for by_method in scores.values()]
+        known = [float("nan") if error_m is None else error_m for error_m in errors_m]
+        axes.plot(list(scores), known, marker=MARKERS[k], ms=4, label=method)
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.set_xticks(list(tallies), [str(distance) for distance in tallies])
-    pairs = max(of_one[NONE].pairs for of_one in tallies.values())
-    labelled(axes, f"{name}, surfaces within 20 m, n = {pairs} pairs a point", "distance [frames]", "depth MAE [m]")
+    axes.set_xticks(list(scores), [str(distance) for distance in scores])
+    pairs = max(by_method[NO_MOTION].pairs for by_method in scores.values())
+    label_axes(axes, f"{name}, surfaces within 20 m, n = {pairs} pairs a point", "distance [frames]", "depth MAE [m]")
     axes.legend(fontsize=7)
 
 
-def _draw_times(measured: Mapping[str, Tallies], axes: "Axes") -> None:
-    first = next(iter(measured.values()))
-    methods = [method for method in next(iter(first.values())) if method != NONE]
-    width = 0.8 / len(measured)
-    for line, (name, tallies) in enumerate(measured.items()):
-        times_ms = [next(iter(tallies.values()))[method].spread.p50_ms for method in methods]
-        axes.bar([place + line * width for place in range(len(methods))], times_ms, width, label=name)
+def _draw_times(times_ms: Mapping[str, Mapping[str, float]], axes: "Axes") -> None:
     axes.axhline(BUDGET_MS, color="0.4", ls="--", lw=1, label="20 frames/s")
-    axes.set_xticks(range(len(methods)), methods, fontsize=7)
     axes.set_yscale("log")
-    labelled(axes, "median time of a frame, one thread", "method", "time [ms]")
-    axes.legend(fontsize=7)
+    label_axes(axes, "median time of a frame, one thread", "method", "time [ms]")
+    methods = list(next(iter(times_ms.values())))
+    grouped_bars(axes, methods, {name: list(by_method.values()) for name, by_method in times_ms.items()})
+
+
+OPTICAL_FLOW = Experiment(
+    name="rq4",
+    question="Does optical flow move a template better than registration, and what does it cost (RQ4)?",
+    answer=compare_flow,
+    sequences=("sim-LN", "sim-MB", "sim-PLF"),
+    frames=30,
+    width_px=640,
+    min_frames=2,
+)

@@ -1,27 +1,44 @@
-"""Running experiments one after the other, each into a folder of its own."""
+"""Runs experiments one after the other, each into a folder of its own."""
 
-import csv
-import io
+import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from voxdepth.model import Model
-
-from ..benchmark.machine import Machine
 from ..errors import ScenarioError
 from ..files import write
-from .experiment import Experiment
-from .markdown import markdown_of
-from .result import Claim, Result, Table
-from .stage import Stage
+from ..results.provenance import SIMULATION, Provenance
+from .ablation import ABLATION
+from .components import COMPONENTS
+from .default import DEFAULT_METHOD
+from .experiment import Experiment, ExperimentContext, Findings
+from .frame_rate import FRAME_RATE
+from .frame_size import FRAME_SIZE
+from .inpainting import INPAINTING
+from .occlusion import OCCLUSION
+from .optical_flow import OPTICAL_FLOW
+from .power import POWER
+from .quality import QUALITY
+from .switches import STATE_SWITCHES
+from .window import WINDOW
 
-FIGURE, REPORT, MARKDOWN = "figure.png", "result.json", "table.md"
+if TYPE_CHECKING:
+    from rich.console import Console
+
+FIGURE, RESULT, MARKDOWN = "figure.png", "result.json", "table.md"
+ALL = "all"
+PAPER_EXPERIMENTS = (
+    OCCLUSION, FRAME_SIZE, INPAINTING, OPTICAL_FLOW, QUALITY, FRAME_RATE, COMPONENTS, POWER, WINDOW, STATE_SWITCHES
+)  # fmt: skip
+"""Questions of the paper, in its order."""
+EXPERIMENTS = {experiment.name: experiment for experiment in (*PAPER_EXPERIMENTS, DEFAULT_METHOD, ABLATION)}
+"""All experiments by name; the last two are about the default method, which the paper does not have."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wishes:
-    """What the user asked for; None leaves it to each experiment."""
+class RunOptions:
+    """Options of the user; None leaves a choice to each experiment."""
 
     out: Path
     sequences: tuple[str, ...] | None = None
@@ -29,98 +46,130 @@ class Wishes:
     width_px: int | None = None
     seed: int | None = None
     command: str = ""
-    """As it was typed, for the record."""
+    """The command line, which is stored beside the results."""
 
 
-class Report(Model):
-    """A result with all that is needed to make it again."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExperimentReport:
+    """The findings of an experiment with all that is needed to repeat it."""
 
-    name: str
-    question: str
+    experiment: Experiment
+    context: ExperimentContext
     command: str
-    sequences: tuple[str, ...]
-    frames: int
-    width_px: int | None
-    """Of the images; None for that of each sequence."""
-    seed: int
-    machine: Machine
-    result: Result
+    provenance: Provenance
+    findings: Findings
+
+    def as_json(self) -> dict[str, Any]:
+        """The content of `result.json`."""
+        findings = self.findings
+        return {
+            "name": self.experiment.name,
+            "question": self.experiment.question,
+            "command": self.command,
+            "sequences": self.context.sequences,
+            "frames": self.context.frames,
+            "width_px": self.context.width_px,
+            "seed": self.context.seed or 0,
+            "provenance": self.provenance.model_dump(mode="json"),
+            "tables": [table.as_json() for table in findings.tables],
+            "claims": [asdict(claim) for claim in findings.claims],
+            "notes": findings.notes,
+        }
+
+    def write(self) -> None:
+        """Write the tables, the figure, the pictures and `result.json` into the folder of the experiment.
+
+        Raises:
+            ScenarioError: A file cannot be written.
+        """
+        folder, findings = self.context.out / self.experiment.name, self.findings
+        tables = [f"**{table.title}**\n\n{table.markdown()}" for table in findings.tables]
+        for table in findings.tables:
+            write(folder / f"{table.name}.csv", table.csv())
+        write(folder / MARKDOWN, "\n".join([f"`{self.command}`\n", *tables]).encode())
+        write(folder / FIGURE, findings.figure)
+        for name, picture in findings.pictures.items():
+            write(folder / f"{name}.png", picture)
+        write(folder / RESULT, f"{json.dumps(self.as_json(), indent=1)}\n".encode())
+
+    def print(self, console: "Console") -> None:
+        """Print the question, the tables, the claims and the notes."""
+        from rich.markup import escape
+
+        context, findings = self.context, self.findings
+        width = "" if context.width_px is None else f" of {context.width_px} pixels width"
+        frames = f"{context.frames} frames{width} of {', '.join(context.sequences)}; seed {context.seed or 0}"
+        remarks = [f"note:  {note}" for note in findings.notes]
+        for claim in reversed(findings.claims):
+            remarks = [f"paper: {claim.paper}", f"here:  {claim.found} ({claim.verdict})", *remarks]
+        question = f"[bold]{self.experiment.name}[/bold]: {escape(self.experiment.question)}"
+        console.print(question, escape(frames), sep="\n", soft_wrap=True, highlight=False)
+        for table in findings.tables:
+            table.print(console)
+        console.print(*map(escape, remarks), "", sep="\n", soft_wrap=True, highlight=False)
 
 
-def staged(experiment: Experiment, wishes: Wishes, tell: Callable[[str], None]) -> Stage:
-    """What an experiment works on.
+def find_experiments(names: Sequence[str]) -> list[Experiment]:
+    """Experiments by name, in the order of the names; `all` stands for every one of the paper's.
 
     Raises:
-        ScenarioError: There are too few frames for it, or there is no such sequence or width.
+        ScenarioError: No experiment has that name, or a name appears twice.
     """
-    scope = experiment.scope
-    stage = Stage(
-        out=wishes.out,
-        sequences=scope.sequences if wishes.sequences is None else wishes.sequences,
-        frames=scope.frames if wishes.frames is None else wishes.frames,
-        width_px=scope.width_px if wishes.width_px is None else wishes.width_px,
-        seed=wishes.seed,
-        tell=lambda what: tell(f"{experiment.name}: {what}"),
-    )
-    if stage.frames < scope.least_frames:
-        raise ScenarioError(
-            f"{experiment.name} needs at least {scope.least_frames} frames of each sequence, got --frames "
-            f"{stage.frames}: ask for more"
+    paper = [experiment.name for experiment in PAPER_EXPERIMENTS]
+    wanted = [found for name in names for found in (paper if name == ALL else [name])]
+    for name in wanted:
+        if name not in EXPERIMENTS:
+            known = ", ".join((*EXPERIMENTS, ALL))
+            raise ScenarioError(f"there is no experiment {name!r}; choose one or more of: {known}")
+        if wanted.count(name) > 1:
+            raise ScenarioError(f"the experiment {name!r} is named twice: once is enough")
+    return [EXPERIMENTS[name] for name in wanted]
+
+
+def run(
+    experiments: Sequence[Experiment], options: RunOptions, report: Callable[[str], None]
+) -> Iterator[ExperimentReport]:
+    """Run experiments in order; the results of each are written before it is yielded.
+
+    Raises:
+        ScenarioError: An option is invalid, which is found before anything is run, or a file cannot be written.
+        SimError, VoxDepthError: A sequence cannot be recorded or corrected.
+    """
+    contexts = [create_context(experiment, options, report) for experiment in experiments]
+    for experiment, context in zip(experiments, contexts, strict=True):
+        provenance = Provenance.here(SIMULATION)
+        done = ExperimentReport(
+            experiment=experiment,
+            context=context,
+            command=options.command,
+            provenance=provenance,
+            findings=experiment.answer(context),
         )
-    for name in stage.sequences:
-        if stage.sequences.count(name) > 1:
-            raise ScenarioError(f"--sequences names {name!r} twice: once is enough")
-        stage.planned(name)
-    return stage
+        done.write()
+        yield done
 
 
-def run(experiments: Sequence[Experiment], wishes: Wishes, tell: Callable[[str], None]) -> Iterator[Report]:
-    """Run experiments in order; each is written when it is given.
+def create_context(experiment: Experiment, options: RunOptions, report: Callable[[str], None]) -> ExperimentContext:
+    """The context of an experiment, from its defaults and the options of the user.
 
     Raises:
-        ScenarioError: Something asked for is impossible, which is found before anything is run, or a file cannot be
-            written.
-        SimError, VoxDepthError: A sequence cannot be had.
+        ScenarioError: There are too few frames, or a sequence or the width is invalid.
     """
-    stages = [staged(experiment, wishes, tell) for experiment in experiments]
-    for experiment, stage in zip(experiments, stages, strict=True):
-        yield _reported(experiment, stage, wishes)
-
-
-def _reported(experiment: Experiment, stage: Stage, wishes: Wishes) -> Report:
-    machine = Machine.here()
-    result = experiment.run(stage)
-    report = Report(
-        name=experiment.name,
-        question=experiment.question,
-        command=wishes.command,
-        sequences=stage.sequences,
-        frames=stage.frames,
-        width_px=stage.width_px,
-        seed=0 if wishes.seed is None else wishes.seed,
-        machine=machine,
-        result=result,
+    context = ExperimentContext(
+        out=options.out,
+        sequences=experiment.sequences if options.sequences is None else options.sequences,
+        frames=experiment.frames if options.frames is None else options.frames,
+        width_px=experiment.width_px if options.width_px is None else options.width_px,
+        seed=options.seed,
+        report=lambda what: report(f"{experiment.name}: {what}"),
     )
-    folder = wishes.out / experiment.name
-    for table in result.tables:
-        write(folder / f"{table.name}.csv", csv_of(table))
-    write(folder / MARKDOWN, markdown_of(result, wishes.command).encode())
-    write(folder / FIGURE, result.figure)
-    for name, picture in result.pictures.items():
-        write(folder / f"{name}.png", picture)
-    write(folder / REPORT, f"{report.model_dump_json(indent=1)}\n".encode())
-    return report
-
-
-def csv_of(table: Table) -> bytes:
-    """A table as text: titles with units, then the rows; what is not known is empty."""
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(column.title for column in table.columns)
-    writer.writerows(table.rows)
-    return text.getvalue().encode()
-
-
-def verdict(claim: Claim) -> str:
-    """In one word or two."""
-    return {True: "agrees", False: "differs", None: "open"}[claim.holds]
+    if context.frames < experiment.min_frames:
+        raise ScenarioError(
+            f"{experiment.name} needs at least {experiment.min_frames} frames of each sequence, got --frames "
+            f"{context.frames}: ask for more"
+        )
+    for name in context.sequences:
+        if context.sequences.count(name) > 1:
+            raise ScenarioError(f"--sequences names {name!r} twice: once is enough")
+        context.sequence(name)
+    return context

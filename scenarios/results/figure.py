@@ -2,7 +2,7 @@
 
 import base64
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -75,6 +75,34 @@ def label_axes(axes: "Axes", title: str, x: str, y: str) -> None:
     axes.set_xlabel(x)
     axes.set_ylabel(y)
     axes.grid(alpha=0.3)
+
+
+def grouped_bars(
+    axes: "Axes",
+    groups: Sequence[str],
+    series: Mapping[str, Sequence[float | None]],
+    *,
+    colors: Mapping[str, str] | None = None,
+    errors: Mapping[str, Any] | None = None,
+) -> None:
+    """Draw a group of bars per name on the horizontal axis, and a legend of the series.
+
+    Args:
+        axes: The panel.
+        groups: Names of the groups.
+        series: One value per group by the name of the series; None and NaN have no bar.
+        colors: Color of a series that does not get the next one of the cycle.
+        errors: Distances of the lower and upper ends of error bars, shape (2, n_groups), by the name of a series.
+    """
+    width = 0.84 / len(series)
+    for k, (name, values) in enumerate(series.items()):
+        places = [place + (k - (len(series) - 1) / 2) * width for place in range(len(groups))]
+        known = [float("nan") if value is None else value for value in values]
+        error = (errors or {}).get(name)
+        color = (colors or {}).get(name)
+        axes.bar(places, known, width, label=legend_label(name), color=color, yerr=error, capsize=3)
+    axes.set_xticks(range(len(groups)), groups, fontsize=7)
+    axes.legend(fontsize=7)
 
 
 def add_shared_legend(figure: "Figure") -> None:

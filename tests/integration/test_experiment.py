@@ -7,10 +7,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from scenarios.cli import app
-from scenarios.experiments.catalogue import ALL, EXPERIMENT_NAMES, find_experiments
-from scenarios.experiments.components import component_times
-from scenarios.experiments.result import Table
-from tests.experiment_stage import SEQUENCE, WIDTH_PX, small_stage
+from scenarios.experiments.components import component_latencies
+from scenarios.experiments.runner import ALL, EXPERIMENTS, find_experiments
+from scenarios.results.table import Table
+from tests.experiment_context import SEQUENCE, WIDTH_PX, small_context
 from tests.integration.test_cli import voxdepth
 
 FRAMES = 31
@@ -29,7 +29,7 @@ def experiment(*arguments: str | Path) -> Result:
 
 def asked(name: str, out: Path, frames: int = FRAMES) -> tuple[Table, ...]:
     (one,) = find_experiments([name])
-    result = one.run(small_stage(out, frames))
+    result = one.answer(small_context(out, frames))
     assert result.figure.startswith(b"\x89PNG")
     assert len(result.figure) < 500_000
     return result.tables
@@ -46,12 +46,12 @@ def test_two_experiments_in_one_call_share_a_recording(out: Path) -> None:
         assert {"table.csv", "figure.png", "result.json"} <= {path.name for path in (out / name).iterdir()}
         stored = json.loads((out / name / "result.json").read_text())
         assert (stored["name"], stored["frames"], stored["sequences"]) == (name, FRAMES, [SEQUENCE])
-        assert stored["machine"]["processor"]
+        assert stored["provenance"]["processor"]
 
 
 def test_the_help_names_every_experiment() -> None:
     text = experiment("--help").output
-    assert all(name in text for name in (*EXPERIMENT_NAMES, ALL))
+    assert all(name in text for name in (*EXPERIMENTS, ALL))
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_rq4_counts_pairs_and_moves_better_than_not_at_all(out: Path) -> None:
 
 
 def test_components_are_the_steps_of_the_corrector(out: Path) -> None:
-    times = component_times(small_stage(out, 16).clip(SEQUENCE, 16), 80)
+    times = component_latencies(small_context(out, 16).frame_loop(SEQUENCE, 16), 80)
     assert list(times) == ["fusion", "inpainting", "transform", "combine"]
     assert times["fusion"].n == times["inpainting"].n >= 1
     assert times["transform"].n == times["combine"].n > times["fusion"].n
@@ -103,9 +103,9 @@ def test_components_are_the_steps_of_the_corrector(out: Path) -> None:
 @pytest.mark.slow
 def test_default_has_every_measure_and_a_picture_of_the_sequence(out: Path) -> None:
     (one,) = find_experiments(["default"])
-    result = one.run(small_stage(out, 3))
-    bars, holes, *_ = result.tables
-    assert all(str(verdict).startswith(("held", "missed by", "not measured")) for verdict in bars.column("verdict"))
+    result = one.answer(small_context(out, 3))
+    criteria, holes, *_ = result.tables
+    assert all(str(outcome).startswith(("held", "missed by", "not measured")) for outcome in criteria.column("outcome"))
     assert holes.column("sequence") == [SEQUENCE, "mean"]
     assert result.pictures[SEQUENCE].startswith(b"\x89PNG")
     assert len(result.pictures[SEQUENCE]) < 300_000

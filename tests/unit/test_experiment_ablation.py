@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.experiments.ablation import AS_IT_IS, VARIANTS
-from scenarios.experiments.pictures import SHADES, encoded, in_shades, sheet
+from scenarios.experiments.ablation import DEFAULT_CONFIG, VARIANTS
+from scenarios.experiments.pictures import SHADES, encoded, quantized, sheet
 from scenarios.images import FAR_M
 from voxdepth.corrector import VoxDepth
 from voxdepth.registry import DEFAULT
@@ -41,14 +41,14 @@ def test_names_and_configurations_are_each_one_of_a_kind() -> None:
     assert len(BY_NAME) == len(VARIANTS)
     configs = [variant.config for variant in VARIANTS if not variant.sees_true_pose]
     assert all(configs.count(config) == 1 for config in configs)
-    assert BY_NAME[DEFAULT].config == AS_IT_IS == BY_NAME["true-prior"].config
+    assert BY_NAME[DEFAULT].config == DEFAULT_CONFIG == BY_NAME["true-prior"].config
     assert [variant.name for variant in VARIANTS if variant.method.sees_true_pose] == ["true-prior"]
     assert BY_NAME[DEFAULT].method.name == DEFAULT, "the same cells as everywhere else"
 
 
 @pytest.mark.parametrize(
     ("name", "source"),
-    [(DEFAULT, Source.MEMORY), ("single-frame", Source.INPAINTED), ("never-sure", Source.INPAINTED)],
+    [(DEFAULT, Source.MEMORY), ("single-frame", Source.INPAINTED), ("averaging-only", Source.INPAINTED)],
 )
 def test_a_hole_is_filled_by_memory_only_where_there_is_one(name: str, source: Source) -> None:
     result = corrected(name, *[wall()] * 5, holed())
@@ -69,7 +69,7 @@ def test_a_single_frame_does_not_depend_on_the_one_before() -> None:
 
 def test_shades_keep_holes_and_never_make_one() -> None:
     depth_m = np.array([[0, 1e-3, 1, 24.9, 25, 400]], np.float32)
-    shaded = in_shades(depth_m)
+    shaded = quantized(depth_m)
     assert shaded[0, 0] == 0
     assert (shaded[0, 1:] > 0).all()
     assert shaded[0, -1] == FAR_M

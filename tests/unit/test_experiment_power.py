@@ -8,10 +8,8 @@ from typing import Any
 
 import pytest
 
-from scenarios.experiments import meters
-from scenarios.experiments.meters import Meter, NoMeterError, RaplMeter, find_meter
-from scenarios.experiments.power import NOT_MEASURED, Power
-from tests.experiment_stage import small_stage
+from scenarios.experiments.power import NOT_MEASURED, Meter, NoMeterError, RaplMeter, find_meter, measure_power
+from tests.experiment_context import small_context
 
 POWER_W = 7.0
 
@@ -52,22 +50,23 @@ class TwoPackages:
 
 
 def test_without_a_meter_it_says_so_and_holds_no_number(tmp_path: Path) -> None:
-    result = Power(nothing).run(small_stage(tmp_path, 2))
+    findings = measure_power(small_context(tmp_path, 2), find=nothing)
+    (table,) = findings.tables
     for column in ("power", "above idle", "energy per frame"):
-        assert set(result.table.column(column)) == {NOT_MEASURED}
-    assert "this is a test" in result.notes[0]
-    assert "pip install voxdepth[power]" in result.notes[1]
-    assert [claim.holds for claim in result.claims] == [None]
+        assert set(table.column(column)) == {NOT_MEASURED}
+    assert "this is a test" in findings.notes[0]
+    assert "pip install voxdepth[power]" in findings.notes[1]
+    assert [claim.holds for claim in findings.claims] == [None]
     assert not list(tmp_path.iterdir()), "nothing is recorded for that"
 
 
 def test_a_meter_is_read_around_the_work(tmp_path: Path) -> None:
-    result = Power(Steady, seconds=0.05).run(small_stage(tmp_path, 2))
-    assert result.table.column("method") == ["idle", "VD", "RS", "GS"]
-    assert result.table.column("power") == pytest.approx([POWER_W] * 4, rel=0.05)
-    frames, energies = result.table.column("n frames"), result.table.column("energy per frame")
+    (table,) = measure_power(small_context(tmp_path, 2), find=Steady, seconds=0.05).tables
+    assert table.column("method") == ["idle", "VD", "RS", "GS"]
+    assert table.column("power") == pytest.approx([POWER_W] * 4, rel=0.05)
+    frames, energies = table.column("n frames"), table.column("energy per frame")
     assert frames[0] == 0 and energies[0] is None
-    for n, energy_j, time_s in list(zip(frames, energies, result.table.column("time"), strict=True))[1:]:
+    for n, energy_j, time_s in list(zip(frames, energies, table.column("time"), strict=True))[1:]:
         assert isinstance(n, int) and n > 0
         assert isinstance(time_s, float) and time_s >= 0.05
         assert energy_j == pytest.approx(POWER_W * time_s / n, rel=0.05)
@@ -96,4 +95,4 @@ def test_no_zeus_is_no_meter(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "zeus", None)
     monkeypatch.delitem(sys.modules, "zeus.device.cpu", raising=False)
     with pytest.raises(NoMeterError, match="not installed"):
-        meters.find_meter()
+        find_meter()

@@ -1,12 +1,25 @@
 """Moving an image by a map or a flow, and judging where it went."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
-from scenarios.experiments.moving import Affine, ByFlow, ByRegistration, Flown, GrayError, Unmoved, covered
-from scenarios.experiments.optical_flow import starts
-from scenarios.experiments.trial import Tally
+from scenarios.experiments.image_motion import (
+    AffineEstimator,
+    AffineWarp,
+    FlowEstimator,
+    FlowWarp,
+    GrayError,
+    MotionScore,
+    NoMotion,
+    covered,
+    pair_starts,
+    true_displacement_px,
+)
+from sim.types import Capture
+from tests.evaluation_clips import CAMERA, STEP_M, WALL_M, capture_of
 from voxdepth.paper.registration import RegistrationConfig
 from voxdepth.types import GrayImage
 
@@ -22,7 +35,7 @@ def texture(seed: int = 0) -> GrayImage:
 
 def test_an_affine_map_moves_by_whole_pixels_and_leaves_the_rest_empty() -> None:
     image = texture()
-    moved = Affine(SHIFT, ok=True)
+    moved = AffineWarp(SHIFT, ok=True)
     assert (moved.apply(image)[3:, 5:] == image[:-3, :-5]).all()
     assert not moved.apply(image)[:3].any()
     assert covered(moved, SHAPE)[3:, 5:].all()
@@ -33,17 +46,17 @@ def test_a_flow_says_where_each_later_pixel_comes_from() -> None:
     image = texture()
     back = np.zeros((*SHAPE, 2), np.float32)
     back[..., 0], back[..., 1] = -5, -3
-    flown = Flown(back)
-    assert (flown.apply(image) == Affine(SHIFT, ok=True).apply(image)).all()
-    assert (covered(flown, SHAPE) == covered(Affine(SHIFT, ok=True), SHAPE)).all()
+    flown = FlowWarp(back)
+    assert (flown.apply(image) == AffineWarp(SHIFT, ok=True).apply(image)).all()
+    assert (covered(flown, SHAPE) == covered(AffineWarp(SHIFT, ok=True), SHAPE)).all()
 
 
 def test_registration_finds_a_shift_and_reports_what_it_cannot_find() -> None:
     image = texture()
-    later = Affine(SHIFT, ok=True).apply(image)
-    mover = ByRegistration(RegistrationConfig(), SHAPE)
-    mover.keep(image)
-    found = mover.find(later)
+    later = AffineWarp(SHIFT, ok=True).apply(image)
+    estimator = AffineEstimator(RegistrationConfig(), SHAPE)
+    estimator.set_reference(image)
+    found = estimator.estimate(later)
     assert found.ok
     score, unmoved = GrayError(), GrayError()
     where = covered(found, SHAPE) & (later > 0)
@@ -51,7 +64,7 @@ def test_registration_finds_a_shift_and_reports_what_it_cannot_find() -> None:
     unmoved.add(image, later, where)
     assert score.psnr_db is not None and unmoved.psnr_db is not None
     assert score.psnr_db > unmoved.psnr_db + 6
-    lost = mover.find(np.zeros(SHAPE, np.uint8))
+    lost = estimator.estimate(np.zeros(SHAPE, np.uint8))
     assert not lost.ok
     assert (lost.apply(image) == image).all(), "a registration that fails moves nothing"
 
@@ -64,9 +77,9 @@ def test_a_flow_is_asked_from_the_later_image_to_the_reference() -> None:
             seen.append((int(start[0, 0]), int(end[0, 0])))
             return np.zeros((*SHAPE, 2), np.float32)
 
-    mover = ByFlow(Asked())
-    mover.keep(np.full(SHAPE, 1, np.uint8))
-    mover.find(np.full(SHAPE, 2, np.uint8))
+    estimator = FlowEstimator(Asked())
+    estimator.set_reference(np.full(SHAPE, 1, np.uint8))
+    estimator.estimate(np.full(SHAPE, 2, np.uint8))
     assert seen == [(2, 1)]
 
 
@@ -82,7 +95,7 @@ def test_gray_psnr_by_hand() -> None:
 def test_not_moving_is_perfect_on_the_same_image() -> None:
     image = texture()
     error = GrayError()
-    error.add(Unmoved().find(image).apply(image), image, np.ones(SHAPE, np.bool_))
+    error.add(NoMotion().estimate(image).apply(image), image, np.ones(SHAPE, np.bool_))
     assert error.psnr_db == np.inf
 
 
@@ -93,12 +106,35 @@ def test_not_moving_is_perfect_on_the_same_image() -> None:
 def test_pairs_are_spread_evenly_and_end_with_the_last_frame(
     frames: int, distance: int, most: int, expected: list[int]
 ) -> None:
-    found = starts(frames, distance, most)
+    found = pair_starts(frames, distance, most)
     assert found == expected
     assert max(found) + distance < frames
 
 
-def test_a_tally_counts_failures() -> None:
-    tally = Tally(times_s=[0.001, 0.002, 0.003, 0.004], failures=1)
-    assert (tally.pairs, tally.failed_percent) == (4, 25)
-    assert tally.spread.p50_ms == pytest.approx(2.5)
+def test_a_score_counts_failures() -> None:
+    score = MotionScore(times_s=[0.001, 0.002, 0.003, 0.004], failures=1)
+    assert (score.pairs, score.failed_percent) == (4, 25)
+    assert score.latency.p50_ms == pytest.approx(2.5)
+
+
+def wall_seen_from(index: int) -> Capture:
+    """A flat wall, from a place that is so many steps to the right."""
+    return replace(capture_of(index), depth_true_m=np.full(CAMERA.shape, WALL_M, np.float32))
+
+
+def test_a_camera_that_stays_sees_nothing_move() -> None:
+    assert true_displacement_px(wall_seen_from(0), wall_seen_from(0)) == pytest.approx(0, abs=1e-4)
+
+
+def test_a_step_to_the_right_moves_a_wall_by_its_parallax() -> None:
+    expected_px = CAMERA.fx_px * 4 * STEP_M / WALL_M
+    assert true_displacement_px(wall_seen_from(0), wall_seen_from(4)) == pytest.approx(expected_px, rel=1e-4)
+
+
+def test_points_that_leave_the_image_do_not_count() -> None:
+    sky = np.full(CAMERA.shape, np.inf, np.float32)
+    assert true_displacement_px(replace(wall_seen_from(0), depth_true_m=sky), wall_seen_from(1)) is None
+    far = wall_seen_from(0)
+    T_world_cam = far.T_world_cam.copy()
+    T_world_cam[:3, 3] += 100 * T_world_cam[:3, 0]
+    assert true_displacement_px(far, replace(far, T_world_cam=T_world_cam)) is None

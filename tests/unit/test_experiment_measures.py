@@ -1,21 +1,44 @@
-"""Bars are held or missed by what arithmetic says, and the measures read the right figures: worked out by hand."""
+"""Criteria are held or missed as the arithmetic says, and the measures read the right values: computed by hand."""
 
+import math
 from typing import Any
 
+import pandas as pd
 import pytest
 
 from scenarios.evaluation.measurements import Measurement
 from scenarios.evaluation.result_cache import Key, Result, SequenceInfo
 from scenarios.evaluation.suite import Evaluation
-from scenarios.experiments.bars import Bar, Finding, average, bars_table, worst
-from scenarios.experiments.default import MEASURES
-from scenarios.experiments.frame_measures import of_flicker, of_measured_pixels, of_movers, of_psnr, of_time
-from scenarios.experiments.hole_measures import Measured, of_holes, of_seen_holes, of_wrong_pixels, way_percent
-from scenarios.experiments.standing import HOLES, Best, Standing, with_mean
-from scenarios.experiments.trust import largest_fall, of_trust
+from scenarios.experiments.comparison import (
+    HOLES,
+    Check,
+    Comparison,
+    Criterion,
+    average,
+    comparison_table,
+    criteria_table,
+    worst,
+)
+from scenarios.experiments.measures import (
+    MEASURES,
+    Measure,
+    confidence,
+    error_in_holes,
+    error_in_seen_holes,
+    flicker,
+    gap_closed_percent,
+    largest_fall,
+    latency,
+    measured_pixels,
+    moving_objects,
+    psnr,
+    source,
+    wrong_pixels,
+)
+from scenarios.results.table import Column
 
-AT_MOST = Bar(what="error", bound=-20, unit="%")
-AT_LEAST = Bar(what="gain", bound=3, unit="dB", at_least=True)
+AT_MOST = Criterion(what="error", bound=-20, unit="%")
+AT_LEAST = Criterion(what="gain", bound=3, unit="dB", at_least=True)
 NEAR, ALL = "0-20 m", "all"
 
 
@@ -29,37 +52,36 @@ def figures(**values: float | None) -> tuple[Measurement, ...]:
     )  # fmt: skip
 
 
-def done(cells: dict[str, dict[str, dict[str, Any]]], size: tuple[int, int] = (640, 360)) -> Evaluation:
-    """Made-up cells: the figures by sequence and method."""
+def evaluation_of(results: dict[str, dict[str, dict[str, Any]]], size: tuple[int, int] = (640, 360)) -> Evaluation:
+    """Made-up results: the values by sequence and method."""
     made = []
-    for sequence, methods in cells.items():
+    for sequence, methods in results.items():
         for method, values in methods.items():
             key = Key(sequence=sequence, method=method, frames=2, seed=0, digest="d", config=None, versions={})
             made.append(Result(key=key, measurements=figures(**values)))
-    facts = {
+    infos = {
         name: SequenceInfo(name=name, digest="d", frames=2, seed=0, width_px=size[0], height_px=size[1], focal_px=300.0,
                     baseline_m=0.1, is_true=True, hidden="holes", pixels={}, occluded_shares=())
-        for name in cells
+        for name in results
     }  # fmt: skip
-    return Evaluation(results=tuple(made), sequences=facts, reused=0)
+    return Evaluation(results=tuple(made), sequences=infos, reused=0)
 
 
-def standings(cells: dict[str, dict[str, dict[str, Any]]], size: tuple[int, int] = (640, 360)) -> list[Standing]:
-    whole = done(cells, size)
-    return [Standing(done=whole, sequence=name) for name in cells]
+def comparison_of(cells: dict[str, dict[str, dict[str, Any]]], size: tuple[int, int] = (640, 360)) -> Comparison:
+    return Comparison(evaluation_of(cells, size))
 
 
-def said(measured: Measured) -> dict[str, tuple[float | None, str]]:
-    """Value and verdict by the words of the bar."""
-    return {f.bar.what: (f.value, f.bar.verdict(f.value)) for f in measured.findings}
+def outcomes(measure: Measure) -> dict[str, tuple[float | None, str]]:
+    """Value and outcome by the words of the criterion."""
+    return {check.criterion.what: (check.value, check.outcome) for check in measure.checks}
 
 
-def columns(measured: Measured, row: int) -> list[Any]:
-    return list(measured.table.rows[row])
+def columns(measure: Measure, row: int) -> list[Any]:
+    return list(measure.table.rows[row])
 
 
 @pytest.mark.parametrize(
-    ("bar", "value", "verdict"),
+    ("criterion", "value", "outcome"),
     [
         (AT_MOST, -20.0, "held"),
         (AT_MOST, -33.0, "held"),
@@ -69,28 +91,28 @@ def columns(measured: Measured, row: int) -> list[Any]:
         (AT_LEAST, 3.0, "held"),
         (AT_LEAST, 2.25, "missed by 0.75 dB"),
         (AT_LEAST, -1.0, "missed by 4.00 dB"),
-        (Bar(what="ratio", bound=0.7), 0.75, "missed by 0.05"),
+        (Criterion(what="ratio", bound=0.7), 0.75, "missed by 0.05"),
         (AT_LEAST, None, "not measured"),
     ],
 )
-def test_verdicts(bar: Bar, value: float | None, verdict: str) -> None:
-    assert bar.verdict(value) == verdict
+def test_outcomes(criterion: Criterion, value: float | None, outcome: str) -> None:
+    assert criterion.outcome(value) == outcome
 
 
 def test_the_worst_is_the_highest_of_what_must_be_low_and_the_lowest_of_what_must_be_high() -> None:
-    values = {"a": -30.0, "b": None, "c": -10.0}
-    assert worst(AT_MOST, values) == Finding(bar=AT_MOST, value=-10.0, of="c, worst of 2")
-    assert worst(AT_LEAST, values) == Finding(bar=AT_LEAST, value=-30.0, of="a, worst of 2")
-    assert average(AT_MOST, values) == Finding(bar=AT_MOST, value=-20.0, of="mean of 2")
+    values = pd.Series({"a": -30.0, "b": math.nan, "c": -10.0})
+    assert worst(AT_MOST, values) == Check(criterion=AT_MOST, value=-10.0, scope="c, worst of 2")
+    assert worst(AT_LEAST, values) == Check(criterion=AT_LEAST, value=-30.0, scope="a, worst of 2")
+    assert average(AT_MOST, values) == Check(criterion=AT_MOST, value=-20.0, scope="mean of 2")
     for find in (worst, average):
-        assert find(AT_MOST, {"b": None}).value is None
+        assert find(AT_MOST, values[["b"]]).value is None
 
 
-def test_the_table_of_bars_counts_its_own_verdicts() -> None:
-    findings = [Finding(bar=AT_MOST, value=value, of="a") for value in (-30.0, -10.0, 0.0, None)]
-    table = bars_table(findings)
-    assert table.title == "Bars: 1 held, 2 missed, 1 not measured"
-    assert table.rows[1] == ("error", "at most -20 %", "-10.00 %", "a", "missed by 10.00 %")
+def test_the_table_of_criteria_counts_its_own_outcomes() -> None:
+    checks = [Check(criterion=AT_MOST, value=value, scope="a") for value in (-30.0, -10.0, 0.0, None)]
+    table = criteria_table(checks)
+    assert table.title == "Criteria: 1 held, 2 missed, 1 not measured"
+    assert table.rows[1] == ["error", "at most -20 %", "-10.00 %", "a", "missed by 10.00 %"]
 
 
 HOLE = "mae__holes__near__completed"
@@ -114,25 +136,25 @@ HOLES_OF: dict[str, dict[str, dict[str, Any]]] = {
 }
 
 
-def test_errors_in_holes_are_compared_with_peers_alone() -> None:
-    measured = of_holes(standings(HOLES_OF))
+def test_errors_in_holes_are_compared_with_baselines_alone() -> None:
+    measured = error_in_holes(comparison_of(HOLES_OF))
     first = columns(measured, 0)
-    assert first[:5] == ["sim-LN", 1.2, "flow", 2.0, 1.6], "paper and the bound have less error, and are no peers"
+    assert first[:5] == ["sim-LN", 1.2, "flow", 2.0, 1.6], "paper and the bound have less error, and are no baselines"
     assert first[5:7] == pytest.approx([-40, -25]), "1.2 / 2.0 and 1.2 / 1.6"
     assert columns(measured, 1)[2] == "raw"
-    found = said(measured)
+    found = outcomes(measured)
     # -40 % and +10 % over the best but the smoother; -25 % and -45 % over the smoother.
-    value, verdict = found["MAE in holes against the best peer but the smoother"]
-    assert (value, verdict) == (pytest.approx(-15), "missed by 20.00 %")
+    value, outcome = found["MAE in holes against the best baseline but the smoother"]
+    assert (value, outcome) == (pytest.approx(-15), "missed by 20.00 %")
     assert found["MAE in holes against the global smoother"] == (pytest.approx(-35), "held")
-    # Of all peers the smoother is the best in sim-LN, and raw where the camera hovers.
-    assert found["MAE in holes against the best of all peers, moving camera"] == (pytest.approx(-25), "held")
-    value, verdict = found["MAE in holes against the best of all peers, hover"]
-    assert (value, verdict) == (pytest.approx(10), "missed by 5.00 %")
+    # Of all baselines the smoother is the best in sim-LN, and raw where the camera hovers.
+    assert found["MAE in holes against the best baseline, moving camera"] == (pytest.approx(-25), "held")
+    value, outcome = found["MAE in holes against the best baseline, hover"]
+    assert (value, outcome) == (pytest.approx(10), "missed by 5.00 %")
 
 
-def test_the_best_peer_may_be_asked_to_fill() -> None:
-    (at,) = standings(
+def test_the_best_baseline_may_have_to_fill() -> None:
+    comparison = comparison_of(
         {
             "sim-LN": {
                 "raw": {HOLE: 1.0, "coverage__all__near__filled": 0.89},
@@ -141,49 +163,50 @@ def test_the_best_peer_may_be_asked_to_fill() -> None:
             }
         }
     )
-    assert at.best(HOLES) == Best(name="raw", value=1.0)
-    assert at.best(HOLES, covering=0.9) == Best(name="flow", value=2.0)
-    assert at.best(HOLES, without=["raw", "flow"]) == Best(), "telea has no number"
+    assert list(comparison.best(HOLES).loc["sim-LN"]) == ["raw", 1.0]
+    assert list(comparison.best(HOLES, min_coverage=0.9).loc["sim-LN"]) == ["flow", 2.0]
+    nothing = comparison.best(HOLES, without=["raw", "flow"]).loc["sim-LN"]
+    assert nothing["name"] is None and math.isnan(nothing["value"]), "telea has no number"
 
 
 @pytest.mark.parametrize(
-    ("own", "peer", "bound", "way"),
+    ("own", "baseline", "oracle", "closed"),
     [
         (1.0, 3.0, 1.0, 100.0),
         (2.0, 3.0, 1.0, 50.0),
         (0.5, 3.0, 1.0, 125.0),
         (4.0, 3.0, 1.0, -50.0),
-        (1.0, 1.0, 1.0, None),
-        (1.0, 1.0, 2.0, None),
-        (None, 3.0, 1.0, None),
+        (1.0, 1.0, 1.0, math.nan),
+        (1.0, 1.0, 2.0, math.nan),
+        (math.nan, 3.0, 1.0, math.nan),
     ],
 )
-def test_the_way_to_the_bound(own: float | None, peer: float, bound: float, way: float | None) -> None:
-    assert way_percent(own, peer, bound) == way
+def test_the_closed_share_of_the_gap(own: float, baseline: float, oracle: float, closed: float) -> None:
+    assert gap_closed_percent(own, baseline, oracle) == pytest.approx(closed, nan_ok=True)
 
 
 def test_seen_holes_are_told_by_sequence_and_by_the_mean_errors() -> None:
     seen = "mae__holes_seen__near__completed"
 
-    def methods(own: float, peer: float, bound: float) -> dict[str, dict[str, Any]]:
-        return {"flow": {seen: peer}, "voxdepth": {seen: own}, "true-pose": {seen: bound}}
+    def methods(own: float, baseline: float, oracle: float) -> dict[str, dict[str, Any]]:
+        return {"flow": {seen: baseline}, "voxdepth": {seen: own}, "true-pose": {seen: oracle}}
 
-    measured = of_seen_holes(standings({"sim-LN": methods(1.0, 4.0, 0.0), "sim-MB": methods(1.0, 2.0, 0.0)}))
-    assert measured.table.column("way") == pytest.approx([75, 50, 62.5])
-    found = said(measured)
-    what = "Holes seen before: way from the best peer to true-pose"
+    measured = error_in_seen_holes(comparison_of({"sim-LN": methods(1.0, 4.0, 0.0), "sim-MB": methods(1.0, 2.0, 0.0)}))
+    assert measured.table.column("gap closed") == pytest.approx([75, 50, 62.5])
+    found = outcomes(measured)
+    what = "Holes seen before: share of the gap between the best baseline and true-pose that is closed"
     assert found[what] == (pytest.approx(100 * 2 / 3), "held"), "from 3 m to 1 m of 3 m to 0 m"
     assert found[f"{what}, each"] == (pytest.approx(50), "missed by 10.00 %")
 
 
-def test_wrong_pixels_are_compared_with_peers_that_fill() -> None:
+def test_wrong_pixels_are_compared_with_baselines_that_fill() -> None:
     off = "off__holes__near__completed"
     full, ragged = {"coverage__all__near__filled": 1.0}, {"coverage__all__near__filled": 0.5}
     methods = {"raw": {off: 0.1, **ragged}, "flow": {off: 0.4, **full}, "voxdepth": {off: 0.3, **full}}
-    measured = of_wrong_pixels(standings({"sim-LN": methods}))
+    measured = wrong_pixels(comparison_of({"sim-LN": methods}))
     assert columns(measured, 0)[3:7] == [30.0, "flow", 40.0, pytest.approx(0.75)]
-    ((value, verdict),) = said(measured).values()
-    assert (value, verdict) == (pytest.approx(0.75), "missed by 0.05")
+    ((value, outcome),) = outcomes(measured).values()
+    assert (value, outcome) == (pytest.approx(0.75), "missed by 0.05")
 
 
 def test_measured_pixels_are_compared_with_raw() -> None:
@@ -192,9 +215,9 @@ def test_measured_pixels_are_compared_with_raw() -> None:
         "sim-LN": {"raw": {rmse: 2.0, median: 0.2}, "voxdepth": {rmse: 1.0, median: 0.1}},
         "sim-MB": {"raw": {rmse: 2.0, median: 0.2}, "voxdepth": {rmse: 2.1, median: 0.16}},
     }
-    measured = of_measured_pixels(standings(cells))
+    measured = measured_pixels(comparison_of(cells))
     assert columns(measured, 0)[4:6] == [200.0, 100.0]
-    assert [verdict for _, verdict in said(measured).values()] == [
+    assert [outcome for _, outcome in outcomes(measured).values()] == [
         "missed by 5.00 %", "held", "held", "held"
     ], "-50 and +5 %, on average -22.5; -50 and -20 %, on average -35"  # fmt: skip
 
@@ -213,10 +236,10 @@ def test_gains_over_paper_flicker_and_coverage() -> None:
             },
         }
     }
-    assert [verdict for _, verdict in said(of_psnr(standings(cells))).values()] == [
+    assert [outcome for _, outcome in outcomes(psnr(comparison_of(cells))).values()] == [
         "held", "held", "missed by 1.00 dB", "missed by 4.00 dB"
     ]  # fmt: skip
-    assert [verdict for _, verdict in said(of_flicker(standings(cells))).values()] == [
+    assert [outcome for _, outcome in outcomes(flicker(comparison_of(cells))).values()] == [
         "missed by 0.10", "held", "missed by 0.50 %"
     ]  # fmt: skip
 
@@ -228,15 +251,15 @@ def test_movers_are_of_the_sequences_that_have_some() -> None:
         "ghosts__departed__all__filled": 0.03,
         "ghosts_raw__departed__all__filled": 0.025,
     }
-    measured = of_movers(standings({"sim-LN": {"voxdepth": {}}, "sim-cross": {"voxdepth": shares}}))
+    measured = moving_objects(comparison_of({"sim-LN": {"voxdepth": {}}, "sim-cross": {"voxdepth": shares}}))
     assert measured.table.column("sequence") == ["sim-cross", "mean"]
-    assert [verdict for _, verdict in said(measured).values()] == ["missed by 4.00 points", "held"]
-    assert of_movers(standings({"sim-LN": {"voxdepth": {}}})).table.rows == ()
+    assert [outcome for _, outcome in outcomes(measured).values()] == ["missed by 4.00 points", "held"]
+    assert moving_objects(comparison_of({"sim-LN": {"voxdepth": {}}})).table.rows == []
 
 
 def test_time_is_judged_by_the_size_of_the_frames() -> None:
-    latency = {"sim-LN": {"voxdepth": {"latency_p50__frames__frames__frames": 7.5}}}
-    small, large = ([verdict for _, verdict in said(of_time(standings(latency, size))).values()] for size in
+    cells = {"sim-LN": {"voxdepth": {"latency_p50__frames__frames__frames": 7.5}}}
+    small, large = ([outcome for _, outcome in outcomes(latency(comparison_of(cells, size))).values()] for size in
                     ((640, 360), (1024, 1024)))  # fmt: skip
     assert small == ["missed by 2.00 ms", "not measured"]
     assert large == ["not measured", "held"]
@@ -256,15 +279,24 @@ def test_confidence_is_pooled_by_pixels() -> None:
         "sim-MB": {"voxdepth": {share: 0.2, mae: 1.0}},
         "sim-hover": {"voxdepth": {}},
     }
-    by_confidence, by_source = of_trust(standings(cells))
+    comparison = comparison_of(cells)
+    by_confidence, by_source = confidence(comparison), source(comparison)
     row = dict(zip(by_confidence.table.column("confidence"), by_confidence.table.rows, strict=True))["0.1-0.2"]
-    assert row[1:] == (pytest.approx(30), pytest.approx(1.5), 100.0, 4000)
+    assert row[1:] == [pytest.approx(30), pytest.approx(1.5), 100.0, 4000]
     assert by_source.table.column("n") == [0, 0, 0]
 
 
 def test_means_are_of_what_is_known_and_counts_have_none() -> None:
-    rows = [("a", 1.0, "x", 5, None), ("b", None, "y", 7, None), ("c", 3.0, "z", 9, None)]
-    assert with_mean(rows)[-1] == ["mean", 2.0, "", None, None]
+    numbers = pd.Series([1.0, math.nan, 3.0], list("abc"))
+    columns = {
+        Column("known"): numbers,
+        Column("text"): pd.Series(list("xyz"), list("abc")),
+        Column("n"): pd.Series([5, 7, 9], list("abc"), dtype=object),
+        Column("unknown"): pd.Series([math.nan] * 3, list("abc")),
+    }
+    table = comparison_table("title", "name", columns)
+    assert table.rows[1] == ["b", None, "y", 7, None]
+    assert table.rows[-1] == ["mean", 2.0, "", None, None]
 
 
 def test_nothing_measured_is_never_held() -> None:
@@ -272,6 +304,6 @@ def test_nothing_measured_is_never_held() -> None:
     methods: dict[str, dict[str, Any]] = {
         name: {} for name in ("raw", "global-smoother", "voxdepth", "paper", "true-pose")
     }
-    empty = standings({"sim-LN": methods})
-    verdicts = {verdict for measure in MEASURES for _, verdict in said(measure(empty)).values()}
-    assert verdicts == {"not measured"}
+    empty = comparison_of({"sim-LN": methods})
+    found = {outcome for measure in MEASURES for _, outcome in outcomes(measure(empty)).values()}
+    assert found == {"not measured"}

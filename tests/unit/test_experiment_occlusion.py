@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from scenarios.experiments.holes import Dose, Observed, grow, squared_error_m2
-from voxdepth.metrics import psnr_db
+from scenarios.experiments.occlusion import GrownOcclusion, SequenceQuality, grow, squared_error_m2
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.types import FloatImage, MaskImage
 
@@ -18,36 +17,38 @@ def first_columns(n: int) -> MaskImage:
     return np.broadcast_to(np.arange(SHAPE[1]) < n, SHAPE).copy()
 
 
-def dose_of(percent: int) -> Dose:
+def grown_of(percent: int) -> GrownOcclusion:
     """Perfect depth with holes."""
     occluded = first_columns(percent)
-    dose = Dose()
-    dose.add(np.where(occluded, np.float32(0), TRUTH_M), TRUTH_M, occluded, EVERYWHERE)
-    return dose
+    frames = GrownOcclusion()
+    frames.add(np.where(occluded, np.float32(0), TRUTH_M), TRUTH_M, occluded, EVERYWHERE)
+    return frames
 
 
 def test_a_hole_is_0_m_and_completion_fills_it() -> None:
-    dose = dose_of(10)
-    assert dose.occluded_percent == 10
-    assert dose.psnr_db == pytest.approx(10 * np.log10(PEAK16_M**2 / (0.1 * 8.0**2)))
-    assert dose.psnr_completed_db == np.inf
+    frames = grown_of(10)
+    assert frames.occluded_percent == 10
+    assert frames.psnr_db == pytest.approx(10 * np.log10(PEAK16_M**2 / (0.1 * 8.0**2)))
+    assert frames.psnr_completed_db == np.inf
 
 
 def test_doubling_the_holes_costs_three_decibels_wherever_it_starts() -> None:
     for percent in (5, 10, 20, 40):
-        assert dose_of(percent).psnr_db - dose_of(2 * percent).psnr_db == pytest.approx(10 * np.log10(2))
+        assert grown_of(percent).psnr_db - grown_of(2 * percent).psnr_db == pytest.approx(10 * np.log10(2))
 
 
 def test_the_curve_of_pure_holes_flattens() -> None:
-    observed = Observed(doses={px: dose_of(percent) for px, percent in zip((0, 2, 4, 8), (5, 10, 20, 40), strict=True)})
-    assert observed.bend() > 0
-    loss = observed.loss_percent()
-    start_db, later_db = dose_of(5).psnr_db, np.interp(15, [10, 20], [dose_of(10).psnr_db, dose_of(20).psnr_db])
+    quality = SequenceQuality(
+        grown={px: grown_of(percent) for px, percent in zip((0, 2, 4, 8), (5, 10, 20, 40), strict=True)}
+    )
+    assert quality.curvature() > 0
+    loss = quality.loss_percent()
+    start_db, later_db = grown_of(5).psnr_db, np.interp(15, [10, 20], [grown_of(10).psnr_db, grown_of(20).psnr_db])
     assert loss == pytest.approx(100 * (1 - later_db / start_db))
 
 
-def test_no_loss_is_told_beyond_the_doses() -> None:
-    assert Observed(doses={0: dose_of(5), 2: dose_of(6), 4: dose_of(7)}).loss_percent() is None
+def test_no_loss_is_told_beyond_the_grown_patches() -> None:
+    assert SequenceQuality(grown={0: grown_of(5), 2: grown_of(6), 4: grown_of(7)}).loss_percent() is None
 
 
 def test_patches_grow_on_every_side() -> None:
@@ -62,4 +63,3 @@ def test_errors_are_of_the_judged_pixels_alone() -> None:
     depth_m = np.array([[2.5, 7.0, 0.0]], np.float32)
     judged = truth_m <= 3
     assert squared_error_m2(depth_m, truth_m, judged) == 0.25
-    assert psnr_db(0.0, PEAK16_M) == np.inf

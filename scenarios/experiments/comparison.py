@@ -1,0 +1,172 @@
+"""The default method compared with the baselines: values by sequence, the best baseline, and acceptance criteria."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import mean
+
+import pandas as pd
+
+from voxdepth.registry import DEFAULT, PAPER
+
+from ..evaluation.measurements import FILLED, Selector
+from ..evaluation.methods import ORACLE
+from ..evaluation.suite import Evaluation
+from ..results.table import Column, Table, Value
+
+RAW, SMOOTHER = "raw", "global-smoother"
+NO_BASELINES = (DEFAULT, PAPER, ORACLE)
+"""The default method, the method that it replaces, and the bound; all other methods are baselines."""
+MEAN = "mean"
+MET, UNKNOWN = "held", "not measured"
+
+
+HOLES = Selector("mae", "holes")
+COVERAGE = Selector("coverage", on=FILLED)
+
+
+class Comparison:
+    """The measurements of an evaluation by sequence and method."""
+
+    def __init__(self, evaluation: Evaluation) -> None:
+        self.evaluation = evaluation
+        self.sequences = list(evaluation.sequences)
+        self.baselines = [name for name in evaluation.methods if name not in NO_BASELINES]
+        """The methods that the default is compared with, in the order in which they ran."""
+
+    def by_method(self, selector: Selector, column: str = "value") -> pd.DataFrame:
+        """One quantity, a row per sequence and a column per method; NaN where it is undefined.
+
+        Args:
+            selector: The quantity.
+            column: `value`, or `n` for the number of pixels or frames.
+        """
+        measured = self.evaluation.measurements.select(selector)[column].unstack("method")
+        return measured.reindex(index=self.sequences, columns=self.evaluation.methods)
+
+    def values(self, selector: Selector, method: str = DEFAULT) -> pd.Series:
+        """The values of a method by sequence; NaN where undefined."""
+        return self.by_method(selector)[method]
+
+    def counts(self, selector: Selector, method: str = DEFAULT) -> pd.Series:
+        """The sample sizes of the values of a method by sequence, as integers of Python; 0 where not measured."""
+        return self.by_method(selector, "n")[method].fillna(0).astype(int).astype(object)
+
+    def best(self, selector: Selector, *, without: Sequence[str] = (), min_coverage: float = 0.0) -> pd.DataFrame:
+        """The baseline with the lowest value on each sequence.
+
+        Args:
+            selector: The quantity.
+            without: Baselines that do not count.
+            min_coverage: Share of the pixels within 20 m that a baseline must fill to count, 0..1.
+
+        Returns:
+            Columns `name` and `value` by sequence; None and NaN where no baseline counts.
+        """
+        fills = self.by_method(COVERAGE).fillna(0) >= min_coverage
+        values = self.by_method(selector).where(fills)[[name for name in self.baselines if name not in without]]
+        known = [row.dropna() for _, row in values.iterrows()]
+        names = [None if row.empty else row.idxmin() for row in known]
+        return pd.DataFrame({"name": names, "value": values.min(axis=1)}, self.sequences)
+
+
+def ratio(values: pd.Series, bases: pd.Series) -> pd.Series:
+    """Values over bases; NaN where the base is 0 or either is undefined."""
+    return values / bases.where(bases != 0)
+
+
+def change_percent(values: pd.Series, bases: pd.Series) -> pd.Series:
+    """Relative differences of values from bases [%]; NaN where the base is 0 or either is undefined."""
+    return 100 * (ratio(values, bases) - 1)
+
+
+def comparison_table(title: str, name: str, columns: Mapping[Column, pd.Series]) -> Table:
+    """A table with one row per sequence and a last row with the means; without any sequence it has no row."""
+    sequences = list(next(iter(columns.values())).index)
+    values = [[None if pd.isna(value) else value for value in series] for series in columns.values()]
+    rows = [list(row) for row in zip(sequences, *values, strict=True)]
+    if rows:
+        rows.append([MEAN, *map(mean_of_known, values)])
+    return Table.of(title, (Column("sequence"), *columns), rows, name=name)
+
+
+def mean_of_known(values: Sequence[Value]) -> Value:
+    """The mean of the floating-point numbers among values; None without any, as of counts, and empty for texts."""
+    if any(isinstance(value, str) for value in values):
+        return ""
+    known = [value for value in values if isinstance(value, float)]
+    return sum(known) / len(known) if known else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Criterion:
+    """A bound on one number."""
+
+    what: str
+    bound: float
+    unit: str = ""
+    at_least: bool = False
+    """Whether the bound is a lower bound."""
+
+    @property
+    def requirement(self) -> str:
+        """The bound in words."""
+        return f"at {'least' if self.at_least else 'most'} {self.bound:g}{self._unit}"
+
+    def shown(self, value: float | None) -> str:
+        """A value with its unit."""
+        return UNKNOWN if value is None else f"{value:.2f}{self._unit}"
+
+    def outcome(self, value: float | None) -> str:
+        """`held`, `missed by` a distance, or `not measured`."""
+        if value is None:
+            return UNKNOWN
+        missed = self.bound - value if self.at_least else value - self.bound
+        if missed <= 0:
+            return MET
+        return f"missed by {missed:.2f}{self._unit}" if missed >= 0.005 else f"missed by {missed:.1g}{self._unit}"
+
+    @property
+    def _unit(self) -> str:
+        return f" {self.unit}" if self.unit else ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """A criterion with the value that it is applied to."""
+
+    criterion: Criterion
+    value: float | None
+    scope: str
+    """The sequences that the value is of."""
+
+    @property
+    def outcome(self) -> str:
+        """See `Criterion.outcome`."""
+        return self.criterion.outcome(self.value)
+
+
+def worst(criterion: Criterion, values: pd.Series) -> Check:
+    """Apply a criterion to the sequence with the worst value."""
+    known = values.dropna()
+    if known.empty:
+        return Check(criterion=criterion, value=None, scope="no sequence")
+    name = known.idxmin() if criterion.at_least else known.idxmax()
+    return Check(criterion=criterion, value=float(known[name]), scope=f"{name}, worst of {len(known)}")
+
+
+def average(criterion: Criterion, values: pd.Series) -> Check:
+    """Apply a criterion to the mean over the sequences whose value is defined."""
+    known = list(values.dropna())
+    return Check(criterion=criterion, value=mean(known) if known else None, scope=f"mean of {len(known)}")
+
+
+def criteria_table(checks: Sequence[Check]) -> Table:
+    """A table of all checks with a count of their outcomes in the title."""
+    outcomes = [check.outcome for check in checks]
+    met, unknown = outcomes.count(MET), outcomes.count(UNKNOWN)
+    title = f"Criteria: {met} held, {len(outcomes) - met - unknown} missed, {unknown} not measured"
+    rows = [
+        (check.criterion.what, check.criterion.requirement, check.criterion.shown(check.value), check.scope, outcome)
+        for check, outcome in zip(checks, outcomes, strict=True)
+    ]
+    return Table.of(title, ("criterion", "requirement", "measured", "of", "outcome"), rows)

@@ -1,0 +1,244 @@
+"""Motion between two images: estimated by registration or optical flow, and scored by the warped earlier image."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+
+from sim.types import Capture
+from voxdepth.baselines.optical_flow import Flow, FlowImage
+from voxdepth.geometry import back_project, inverse_rigid, transform
+from voxdepth.metrics import Sums, psnr_db
+from voxdepth.paper.registration import Features, OrbRegistration, RegistrationConfig
+from voxdepth.types import FloatArray, GrayImage, MaskImage
+
+from ..benchmark.timings import Latency
+from .experiment import ExperimentContext
+
+PEAK_GRAY = 255.0
+NEAR_M = 20.0
+"""Largest true depth of the surfaces that are scored."""
+MIN_DEPTH_M = 0.1
+"""The later camera does not see nearer points."""
+
+
+class Warp(Protocol):
+    """A motion from a reference image to a later one."""
+
+    ok: bool
+    """Whether a motion was found; if not, the identity stands for it."""
+
+    def apply(self, image: Any) -> Any:
+        """Warp an image of the reference view, shape (H, W), by nearest pixels; 0 where nothing is warped to."""
+        ...
+
+
+class MotionEstimator(Protocol):
+    """A way to find the motion between two gray images of one size."""
+
+    def set_reference(self, reference: GrayImage) -> None:
+        """Set the reference image, shape (H, W), and compute what does not depend on the later image."""
+        ...
+
+    def estimate(self, current: GrayImage) -> Warp:
+        """Find the motion from the reference to a later image, shape (H, W)."""
+        ...
+
+
+class AffineWarp:
+    """A warp by an affine map."""
+
+    def __init__(self, M_current_reference: FloatArray, *, ok: bool) -> None:
+        self._M, self.ok = M_current_reference, ok
+
+    def apply(self, image: Any) -> Any:
+        """See `Warp`."""
+        height, width = image.shape
+        return cv2.warpAffine(image, self._M, (width, height), flags=cv2.INTER_NEAREST)
+
+
+class FlowWarp:
+    """A warp by a flow from each pixel of the later image to the reference."""
+
+    ok = True
+
+    def __init__(self, to_reference_px: FlowImage) -> None:
+        self._to_reference_px = to_reference_px
+
+    def apply(self, image: Any) -> Any:
+        """See `Warp`."""
+        height, width = image.shape
+        col = np.arange(width, dtype=np.float32) + self._to_reference_px[..., 0]
+        row = np.arange(height, dtype=np.float32)[:, None] + self._to_reference_px[..., 1]
+        return cv2.remap(image, col, row, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)
+
+
+class NoMotion:
+    """An estimator that always finds the identity, the lower bound of all others."""
+
+    def set_reference(self, reference: GrayImage) -> None:
+        """See `MotionEstimator`."""
+
+    def estimate(self, current: GrayImage) -> AffineWarp:
+        """See `MotionEstimator`."""
+        return AffineWarp(np.eye(2, 3), ok=True)
+
+
+class AffineEstimator:
+    """The registration of the paper's method: matched features and an affine map; the identity where that fails."""
+
+    def __init__(self, config: RegistrationConfig, shape: tuple[int, int]) -> None:
+        self._registration = OrbRegistration(config, shape)
+        self._features: Features | None = None
+
+    def set_reference(self, reference: GrayImage) -> None:
+        """See `MotionEstimator`."""
+        self._features = self._registration.describe(reference)
+
+    def estimate(self, current: GrayImage) -> AffineWarp:
+        """See `MotionEstimator`."""
+        assert self._features is not None, "set a reference first"
+        found = self._registration.register(self._features, self._registration.describe(current))
+        return AffineWarp(found.M_frame_template, ok=found.ok)
+
+
+class FlowEstimator:
+    """Dense optical flow."""
+
+    def __init__(self, flow: Flow) -> None:
+        self._flow = flow
+        self._reference: GrayImage | None = None
+
+    def set_reference(self, reference: GrayImage) -> None:
+        """See `MotionEstimator`."""
+        self._reference = reference
+
+    def estimate(self, current: GrayImage) -> FlowWarp:
+        """See `MotionEstimator`."""
+        assert self._reference is not None, "set a reference first"
+        return FlowWarp(self._flow.between(current, self._reference))
+
+
+def covered(warp: Warp, shape: tuple[int, int]) -> MaskImage:
+    """The pixels of the later image that the warped reference covers, shape (H, W)."""
+    reached: MaskImage = warp.apply(np.ones(shape, np.uint8)) > 0
+    return reached
+
+
+@dataclass(kw_only=True)
+class GrayError:
+    """The sum of squared gray differences over the pixels of several image pairs."""
+
+    squared: float = 0.0
+    pixels: int = 0
+
+    def add(self, warped: GrayImage, current: GrayImage, where: MaskImage) -> None:
+        """Add a pair; all of shape (H, W)."""
+        difference = warped[where].astype(np.float64) - current[where]
+        self.squared += float(np.square(difference).sum())
+        self.pixels += difference.size
+
+    @property
+    def psnr_db(self) -> float | None:
+        """The paper's quality of registration: PSNR with the peak 255 [dB]; None without a pixel."""
+        return psnr_db(self.squared / self.pixels, PEAK_GRAY) if self.pixels else None
+
+
+@dataclass(kw_only=True)
+class MotionScore:
+    """The score of one estimator over several image pairs."""
+
+    gray: GrayError = field(default_factory=GrayError)
+    depth: Sums = field(default_factory=Sums)
+    """Warped true depth of the reference against the true depth of the later frame."""
+    times_s: list[float] = field(default_factory=list)
+    """Times of finding the motion and warping one depth image."""
+    failures: int = 0
+    """Pairs for which no motion was found."""
+
+    @property
+    def pairs(self) -> int:
+        """Number of pairs."""
+        return len(self.times_s)
+
+    @property
+    def failed_percent(self) -> float:
+        """Share of the pairs for which no motion was found."""
+        return 100 * self.failures / self.pairs
+
+    @property
+    def latency(self) -> Latency:
+        """Percentiles of the times."""
+        return Latency.of(self.times_s)
+
+
+def pair_starts(frames: int, distance: int, max_pairs: int) -> list[int]:
+    """First frames of pairs at a distance, evenly spread over a sequence so that the last pair ends with it."""
+    last = frames - 1 - distance
+    n = min(max_pairs, last + 1)
+    return sorted({round(k * last / max(1, n - 1)) for k in range(n)})
+
+
+def score_pairs(
+    context: ExperimentContext, name: str, estimators: Mapping[str, MotionEstimator], distance: int, max_pairs: int
+) -> dict[str, MotionScore]:
+    """Score estimators on pairs of frames of a sequence that are `distance` frames apart.
+
+    Every estimator runs once on the first two frames before the clock starts.
+    """
+    recording = context.recording(name)
+    for estimator in estimators.values():
+        estimator.set_reference(recording[0].gray_left)
+        estimator.estimate(recording[1].gray_left)
+    scores = {estimator: MotionScore() for estimator in estimators}
+    for start in pair_starts(context.frames, distance, max_pairs):
+        context.report(f"{name}, frame {start} to frame {start + distance}")
+        reference = recording[start]
+        for estimator in estimators.values():
+            estimator.set_reference(reference.gray_left)
+        _score_pair(estimators, reference, recording[start + distance], scores)
+    return scores
+
+
+def _score_pair(
+    estimators: Mapping[str, MotionEstimator], reference: Capture, current: Capture, scores: Mapping[str, MotionScore]
+) -> None:
+    """Warp a reference to a later frame; all estimators are scored on the pixels that all of them cover."""
+    depth_m = np.where(np.isfinite(reference.depth_true_m), reference.depth_true_m, np.float32(0))
+    warps: dict[str, Warp] = {}
+    depths_m = {}
+    for name, estimator in estimators.items():
+        start = time.perf_counter()
+        warps[name] = estimator.estimate(current.gray_left)
+        depths_m[name] = warps[name].apply(depth_m)
+        scores[name].times_s.append(time.perf_counter() - start)
+        scores[name].failures += not warps[name].ok
+    by_all: MaskImage = np.logical_and.reduce([covered(warp, reference.intrinsics.shape) for warp in warps.values()])
+    near = by_all & (current.depth_true_m <= np.float32(NEAR_M))
+    for name, warp in warps.items():
+        scores[name].gray.add(warp.apply(reference.gray_left), current.gray_left, by_all)
+        scores[name].depth += Sums.of(depths_m[name], current.depth_true_m, near)
+
+
+def true_displacement_px(earlier: Capture, later: Capture) -> float | None:
+    """Mean distance in the image by which the points of the earlier frame move until the later one [px].
+
+    It follows from true depth and poses, for points of static objects. Points that leave the image do not count;
+    points that become occluded do.
+
+    Returns:
+        None if no point stays in the image.
+    """
+    camera = earlier.intrinsics
+    depth_m = np.where(np.isfinite(earlier.depth_true_m), earlier.depth_true_m, np.float32(0))
+    row, col = np.nonzero(depth_m)
+    T_later_earlier = inverse_rigid(later.T_world_cam) @ earlier.T_world_cam
+    points_m = transform(T_later_earlier, back_project(depth_m, camera)).astype(np.float64)
+    seen = points_m[:, 2] > MIN_DEPTH_M
+    x_m, y_m, z_m = points_m[seen].T
+    u, v = camera.fx_px * x_m / z_m + camera.cx_px, camera.fy_px * y_m / z_m + camera.cy_px
+    stays = (u > -0.5) & (u < camera.width_px - 0.5) & (v > -0.5) & (v < camera.height_px - 0.5)
+    return float(np.hypot(u - col[seen], v - row[seen])[stays].mean()) if stays.any() else None

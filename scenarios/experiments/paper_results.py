@@ -1,0 +1,89 @@
+"""Numbers that the paper prints, besides its table of quality, and the percentages of its text by its own tables."""
+
+from collections.abc import Sequence
+from statistics import mean
+
+from ..evaluation.paper import M_RMSE, METHODS, PSNR_DB
+from ..results.table import Column, Table, Value
+
+INPAINTING_RESULTS = {"bilinear": (16.35, 8), "convex upsampling (learned)": (34.39, 237), "dilation": (17.46, 94)}
+"""RQ3: PSNR [dB] and time [ms] by method."""
+FLOW_S = {"Horn-Schunck": 2.45, "RAFT": 15.5}
+"""RQ4: time of one flow [s]."""
+FRAMES_PER_S = {"VD": 26.71, "VD-Nopipe": 21.91, "RS": 39.52, "GS": 16.89, "DS": 2.0}
+COMPONENTS_MS = {"fusion": (280, 85), "inpainting": (94, 2), "transform": (6, 4), "combine": (13, 3)}
+"""Mean time on the Jetson Nano and on a workstation."""
+MOVEMENT = {50: (6.75, 16.06), 150: (10.08, 12.61)}
+"""Mean movement [px] and quality of registration [dB] by the number of frames between two images."""
+SWITCHES = {"LN": 10, "MB": 10, "KTS": 4, "KTC": 14, "PLF": 4, "PLW": 5}
+"""State switches in 500 frames."""
+SWITCHES_FRAMES = 500
+
+REAL = ("LN", "MB")
+SYNTHETIC = ("KTS", "KTC", "PLF", "PLW")
+AHEAD, BEHIND = ("LN", "KTS", "KTC", "PLF"), ("MB", "PLW")
+"""Datasets on which VoxDepth has the lowest masked error of all methods, and the others."""
+VD = METHODS.index("VD")
+SATURATION = 175.0
+"""Wrapped errors above this are nearly those of unrelated images, which score 179.96."""
+
+
+def percentages_table() -> Table:
+    """Every percentage of the text that follows from the tables, as printed and as computed."""
+    columns = ("claim", Column("printed", "%"), Column("by its tables", "%"), "how")
+    rows = [*_quality_rows(), *_speed_rows()]
+    return Table.of("The paper's percentages by its own tables", columns, rows, name="arithmetic")
+
+
+def _quality_rows() -> list[Sequence[Value]]:
+    gains = {name: gain(values) for name, values in PSNR_DB.items()}
+    ratios = {name: M_RMSE[name][VD] / min(_others(M_RMSE[name])) for name in M_RMSE}
+    leads = [100 * (min(_others(M_RMSE[name])) / M_RMSE[name][VD] - 1) for name in AHEAD]
+    return [
+        ("PSNR over the best other, LN", 31.0, gains["LN"], "VD / best other - 1"),
+        ("PSNR over the best other, MB", 31.0, gains["MB"], "VD / best other - 1"),
+        ("PSNR over the best other, LN and MB", 31.0, mean(gains[name] for name in REAL), "mean of the two"),
+        ("PSNR over RealSense, LN and MB", 31.0, mean(over(name, "RS") for name in REAL), "mean of VD / RS - 1"),
+        ("PSNR over the best other, KTC, PLF, PLW", 14.07, mean(gains[name] for name in SYNTHETIC[1:]),
+         "mean of three"),
+        ("masked RMSE, LN, KTS, KTC, PLF", 25.23, mean(leads), "mean of best other / VD - 1"),
+        ("masked RMSE, the same as a reduction", 25.23, mean(100 * (1 - ratios[name]) for name in AHEAD),
+         "mean of 1 - VD / best other"),
+        ("masked RMSE, MB and PLW", 2.08, mean(100 * (ratios[name] - 1) for name in BEHIND),
+         "mean of VD / best other - 1"),
+    ]  # fmt: skip
+
+
+def _speed_rows() -> list[Sequence[Value]]:
+    real = mean(SWITCHES[name] for name in REAL)
+    without_kts, all_four = (mean(SWITCHES[name] for name in names) for names in (SYNTHETIC[1:], SYNTHETIC))
+    fps = FRAMES_PER_S
+    return [
+        ("fewer switches, synthetic without KTS", 40.33, 100 * (1 - without_kts / real), "1 - mean / mean of LN, MB"),
+        ("fewer switches, all synthetic", 40.33, 100 * (1 - all_four / real), "1 - mean / mean of LN, MB"),
+        ("pipelined over not pipelined", 21.0, 100 * (fps["VD"] / fps["VD-Nopipe"] - 1), "VD / VD-Nopipe - 1"),
+        ("frame rate over the closest other method", 58.0, 100 * (fps["VD"] / fps["GS"] - 1), "VD / GS - 1"),
+        ("frame rate over prior work, at least", 70.0, 100 * (fps["VD"] / fps["GS"] - 1), "VD / GS - 1"),
+        ("fusion over inpainting, Jetson", 290.0, 100 * COMPONENTS_MS["fusion"][0] / COMPONENTS_MS["inpainting"][0],
+         "fusion / inpainting"),
+    ]  # fmt: skip
+
+
+def gain(values: Sequence[float]) -> float:
+    """Excess of VoxDepth's value over the highest of the others [%]."""
+    return 100 * (values[VD] / max(_others(values)) - 1)
+
+
+def over(name: str, method: str) -> float:
+    """Excess of VoxDepth's PSNR of a dataset over that of another method [%]."""
+    return 100 * (PSNR_DB[name][VD] / PSNR_DB[name][METHODS.index(method)] - 1)
+
+
+def saturated() -> tuple[int, int]:
+    """The number of printed masked errors above `SATURATION`, and the number of all."""
+    values = [value for row in M_RMSE.values() for value in row]
+    return sum(value > SATURATION for value in values), len(values)
+
+
+def _others(values: Sequence[float]) -> Sequence[float]:
+    return [value for place, value in enumerate(values) if place != VD]
