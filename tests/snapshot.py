@@ -43,7 +43,7 @@ MISSIONS = {
 CORRECTORS = ("raw", "paper", "voxdepth")
 STUDIES = ("noise", "correctors", "pair", "pilot")
 EXPERIMENTS = ("rq2", "rq3", "rq4", "quality", "components", "window", "switches", "default", "ablation")
-CLOCK = re.compile(r"latency|yardstick|wall|fps|reference_workload|_time|time_|\bms\b|Hz|speed")
+CLOCK = re.compile(r"latency|yardstick|wall|fps|workload|_time|time_|\bms\b|Hz|speed")
 """What names a figure that depends on how fast the machine is."""
 
 
