@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .options import Seed
+from .progress import counter
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rich.console import Console
-
-    from ..evaluation.suite import Evaluation, Plan, Requested
+    from ..evaluation.suite import Plan, Requested
 
 
 def use_one_thread() -> None:
@@ -57,6 +56,7 @@ def evaluate(
     from rich.console import Console
 
     from ..evaluation.report import print_results, write_report
+    from ..evaluation.suite import evaluate as run_plan
 
     cv2.setNumThreads(1)
     # Our own errors about damaged images name the file, which OpenCV's messages do not.
@@ -64,7 +64,8 @@ def evaluate(
     plan = _planned(sequences or [], data or [], methods, frames, seed, out)
     console = Console()
     try:
-        evaluation = _run(console, plan)
+        with counter(console, "", len(plan), "results") as tell:
+            evaluation = run_plan(plan, lambda what, finished: tell(finished, what))
     except KeyboardInterrupt:
         console.print(f"stopped; the finished results in {out} are safe, and the same command goes on", soft_wrap=True)
         raise
@@ -87,21 +88,3 @@ def _planned(
     requested += [Folder(folder) for folder in data]
     chosen = METHOD_NAMES if methods is None else [name.strip() for name in methods.split(",")]
     return Plan(sequences=requested, methods=find_methods(chosen), frames=frames, out=out)
-
-
-def _run(console: "Console", plan: "Plan") -> "Evaluation":
-    """Run the plan under a bar that counts results."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    from ..evaluation.suite import evaluate
-
-    columns = (
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("results"),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}"),
-    )
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task("", total=len(plan))
-        return evaluate(plan, lambda what, done: bar.update(task, description=what, completed=done))

@@ -1,4 +1,4 @@
-"""The bar that counts frames, shared by the commands that work through a sequence."""
+"""The progress bar of the commands that work through frames or results."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -9,11 +9,17 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def counter(console: "Console", what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """A bar over frames; gives the function that is told how many are done."""
+def counter(console: "Console", activity: str, total: int, unit: str = "frames") -> Iterator[Callable[..., None]]:
+    """Show a progress bar and give the function that takes the number of finished units and the activity."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TextColumn("frames"), TimeRemainingColumn())
+    columns = (
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn(unit),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}"),
+    )
     with Progress(*columns, console=console) as bar:
-        task = bar.add_task("", total=total)
-        yield lambda frames: bar.update(task, completed=frames)
+        task = bar.add_task(activity, total=total)
+        yield lambda finished, now=activity: bar.update(task, completed=finished, description=now)

@@ -1,6 +1,6 @@
 """Disjoint groups of pixels, whose sums add up to every mask and range of the measurements."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,11 +64,6 @@ def split(labels: GrayImage, n_groups: int) -> Sequence[npt.NDArray[np.intp]]:
     order = np.argsort(labels, axis=None, kind="stable")
     ends = np.cumsum(np.bincount(labels.ravel(), minlength=n_groups)[:n_groups])
     return np.split(order[: ends[-1]], ends[:-1])
-
-
-def pairs(groups: Groups) -> Iterator[tuple[str, str]]:
-    """Yield every mask with every range."""
-    return ((mask, range_name) for mask in groups.masks for range_name in RANGES)
 
 
 TRUE_GROUPS = Groups(

@@ -1,7 +1,6 @@
 """Scores of one method on one sequence: sums over the frames, which the last frame turns into measurements."""
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import product
 
 import numpy as np
@@ -23,7 +22,7 @@ from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage, Source
 
 from ..correction import to_millimetres
-from .groups import ALL, BINS, NONE, RANGES, Groups, pairs, split
+from .groups import ALL, BINS, NONE, RANGES, Groups, split
 from .measurements import AS_GIVEN, COMPLETED, FILLED, Measurement
 from .sources import EvaluationFrame
 
@@ -59,15 +58,6 @@ METRICS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
 
 `too_far` and `too_near` are off by more than 10 %, `off` is either of them, and `close` is within 5 % of the truth.
 """
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Errors:
-    """Errors of the pixels of one bin or source."""
-
-    sums: Sums = field(default_factory=Sums)
-    right: int = 0
-    """Pixels whose depth `is_right`."""
 
 
 class Score:
@@ -123,7 +113,11 @@ class Score:
 
     def measurements(self) -> list[Measurement]:
         """Return everything that is known after the last frame; measurements of no pixel are left out."""
-        errors = [m for mask, range_name in pairs(self._groups) for m in self._measured_errors(mask, range_name)]
+        errors = [
+            m
+            for mask, range_name in product(self._groups.masks, RANGES)
+            for m in self._measured_errors(mask, range_name)
+        ]
         others = (self._measured_flicker(), self._moving.measurements(), self._calibration.measurements())
         return [*errors, *(m for part in others for m in part), *self._measured_paper()]
 
@@ -244,8 +238,8 @@ class CalibrationScore:
 
     def __init__(self, intrinsics: Intrinsics) -> None:
         self._focal_baseline_px_m = intrinsics.focal_baseline_px_m
-        self._by_confidence = [_Errors()] * len(CONFIDENCES)
-        self._by_source = [_Errors()] * len(SOURCES)
+        masks = (*CONFIDENCES, *SOURCES.values())
+        self._sums, self._right = dict.fromkeys(masks, Sums()), dict.fromkeys(masks, 0)
 
     def add(
         self,
@@ -267,38 +261,29 @@ class CalibrationScore:
         counted = scored & (depth_m > 0) & (reference_m < np.float32(FARTHEST_M))
         if confidence is not None:
             label = np.digitize(confidence, EDGES, right=True)
-            self._add(self._by_confidence, label, counted, depth_m, reference_m)
+            self._add(CONFIDENCES, np.where(counted, label, NONE), depth_m, reference_m)
         if source is not None:
-            named = counted & np.isin(source, list(SOURCES))
-            self._add(self._by_source, source.astype(np.intp) - min(SOURCES), named, depth_m, reference_m)
+            label = np.where(counted & np.isin(source, list(SOURCES)), source - min(SOURCES), NONE)
+            self._add(list(SOURCES.values()), label, depth_m, reference_m)
 
     def measurements(self) -> Iterator[Measurement]:
         """Yield the errors of every bin and source that has a pixel."""
-        for mask, errors in zip(
-            (*CONFIDENCES, *SOURCES.values()), (*self._by_confidence, *self._by_source), strict=True
-        ):
-            if n := errors.sums.filled:
+        for mask, sums in self._sums.items():
+            if n := sums.filled:
                 where = (mask, CALIBRATION_RANGE, FILLED)
-                yield _measurement("mae", *where, errors.sums.mae_m, "m", n)
-                yield _measurement("median", *where, errors.sums.median_abs_m, "m", n)
-                yield _measurement("right", *where, errors.right / n, "share", n)
+                yield _measurement("mae", *where, sums.mae_m, "m", n)
+                yield _measurement("median", *where, sums.median_abs_m, "m", n)
+                yield _measurement("right", *where, self._right[mask] / n, "share", n)
 
     def _add(
-        self,
-        totals: list[_Errors],
-        label: npt.NDArray[np.intp],
-        counted: MaskImage,
-        depth_m: FloatImage,
-        reference_m: FloatImage,
+        self, masks: Sequence[str], label: npt.NDArray[np.integer], depth_m: FloatImage, reference_m: FloatImage
     ) -> None:
-        """Add the pixels that count to the errors of their labels."""
-        labels = np.where(counted, label, NONE).astype(np.uint8)
-        for k, where in enumerate(split(labels, len(totals))):
+        """Add the errors of the pixels of each mask, whose place is their label; others have the label `NONE`."""
+        for mask, where in zip(masks, split(label.astype(np.uint8), len(masks)), strict=True):
             if where.size:
                 given_m, true_m = depth_m.flat[where], reference_m.flat[where]
-                right = int(np.count_nonzero(is_right(given_m, true_m, self._focal_baseline_px_m)))
-                sums = Sums.of(given_m, true_m, np.ones(where.size, np.bool_))
-                totals[k] = _Errors(sums=totals[k].sums + sums, right=totals[k].right + right)
+                self._sums[mask] += Sums.of(given_m, true_m, np.ones(where.size, np.bool_))
+                self._right[mask] += int(np.count_nonzero(is_right(given_m, true_m, self._focal_baseline_px_m)))
 
 
 def _measurement(

@@ -21,7 +21,7 @@ from voxdepth.types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics,
 
 from ..errors import ScenarioError
 from ..sequences import moving_ids
-from .groups import HELD_OUT_GROUPS, TRUE_GROUPS, Groups
+from .groups import HELD_OUT_GROUPS, TRUE_GROUPS
 
 SAME_SURFACE = 0.02
 """Largest relative change of the true depth of a static pixel from the frame before."""
@@ -68,32 +68,14 @@ class Frames(Protocol):
     def __getitem__(self, index: int) -> EvaluationFrame: ...
 
 
-class FrameSource(Protocol):
-    """A sequence that methods can be compared on."""
-
-    name: str
-    intrinsics: Intrinsics
-    groups: Groups
-    seed: int | None
-    """Seed of a rendered sequence; None for a measured one, or if it is unknown."""
-
-    def __len__(self) -> int: ...
-
-    def digest(self, frames: int) -> str:
-        """Return a SHA-256 of the contents of the first frames."""
-        ...
-
-    def frames(self, frames: int) -> Iterator[EvaluationFrame]:
-        """Read the first frames in order.
-
-        Raises:
-            RecordingError, DatasetError: A file is missing or damaged.
-        """
-        ...
-
-
 class SimulatedSource:
-    """A recording with the truth."""
+    """A recording with the truth.
+
+    Args:
+        name: Name of the sequence.
+        recording: The recording.
+        seed: Seed that it was rendered with; None if it is unknown.
+    """
 
     groups = TRUE_GROUPS
 
@@ -112,7 +94,11 @@ class SimulatedSource:
         return self._recording.digest(frames)
 
     def frames(self, frames: int) -> Iterator[EvaluationFrame]:
-        """Read the first frames; holes are split by what was measured before, and moving objects are marked."""
+        """Read the first frames; holes are split by what was measured before, and moving objects are marked.
+
+        Raises:
+            RecordingError: A file is missing or damaged.
+        """
         seen_before, departures = SeenBefore(self.intrinsics), Departures()
         before: Capture | None = None
         for index in range(frames):
@@ -146,13 +132,21 @@ class HeldOutSource:
         return total.hexdigest()
 
     def frames(self, frames: int) -> Iterator[EvaluationFrame]:
-        """Read the first frames without the pixels that are held out."""
+        """Read the first frames without the pixels that are held out.
+
+        Raises:
+            DatasetError: A file is missing or damaged.
+        """
         gray_before: GrayImage | None = None
         for index in range(frames):
             frame = self._dataset[index]
             gray = cv2.blur(frame.gray, (5, 5)).astype(np.uint8)
             yield _with_held_out(frame, shadows(frame.depth_m, self.intrinsics), _same_gray(gray, gray_before))
             gray_before = gray
+
+
+FrameSource = SimulatedSource | HeldOutSource
+"""A sequence that methods can be compared on."""
 
 
 def open_source(folder: Path) -> FrameSource:

@@ -1,13 +1,14 @@
 """Groups of pixels: disjoint, and adding up to every mask and range."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenarios.evaluation.groups import BINS, HELD_OUT_GROUPS, NONE, RANGES, TRUE_GROUPS, Groups, pairs, split
+from scenarios.evaluation.groups import BINS, HELD_OUT_GROUPS, NONE, RANGES, TRUE_GROUPS, Groups, split
 from scenarios.evaluation.measurements import Measurement
 from scenarios.evaluation.scoring import METRICS, Score
 from tests.evaluation_clips import CAMERA, evaluation_frames
@@ -27,7 +28,7 @@ def test_the_sums_of_groups_are_those_of_each_mask_and_range(groups: Groups, see
         Sums.of(depth_m.ravel()[where], truth_m.ravel()[where], np.ones(where.size, bool))
         for where in split(labels, len(groups))
     ]
-    for mask, within in pairs(groups):
+    for mask, within in product(groups.masks, RANGES):
         bins = by_range(truth_m)
         there = np.any([bins[BINS[index]] for index in RANGES[within]], axis=0)
         of_kind = np.isin(kind, [groups.kinds.index(name) for name in groups.masks[mask]])
