@@ -1,4 +1,4 @@
-"""The command line. Everything heavy is imported where it is used, so that `--help` answers at once."""
+"""The command line. Heavy modules are imported where they are used, so that `--help` answers quickly."""
 
 import os
 import sys
@@ -25,7 +25,7 @@ def start(context: typer.Context) -> None:
     """Depth correction for stereo cameras, tested in a simulated drone swarm that flies by it."""
     if context.invoked_subcommand in (evaluate.evaluate.__name__, experiment.experiment.__name__, study.app.info.name):
         evaluate.use_one_thread()
-    from .quiet import import_noisy_libraries  # `--help` does not come here
+    from .quiet import import_noisy_libraries  # `--help` does not call this function.
 
     import_noisy_libraries()
 
@@ -45,7 +45,7 @@ app.add_typer(study.app, rich_help_panel="Swarm")
 
 
 def main() -> None:
-    """Entry point: our own errors end in one line and exit code 2."""
+    """Run the command line; our own errors print one line and exit with code 2."""
     try:
         app(standalone_mode=True)
     except KeyboardInterrupt:
@@ -58,7 +58,7 @@ def main() -> None:
 
 
 def _is_ours(error: Exception) -> bool:
-    """Whether an error was raised on purpose by one of our packages."""
+    """Return whether one of our packages raised an error on purpose."""
     from sim.errors import SimError
     from swarm.errors import SwarmError
     from voxdepth.errors import VoxDepthError

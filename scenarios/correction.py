@@ -2,7 +2,6 @@
 
 import csv
 import json
-import os
 import platform
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,6 +22,7 @@ from voxdepth.types import CorrectedDepth, DepthCorrector, FloatImage, Frame, Gr
 
 from .errors import ScenarioError
 from .files import atomic, to_toml
+from .results.provenance import machine
 
 CONFIG, FRAMES, REPORT = "config.toml", "frames.csv", "report.json"
 DEPTH, CONFIDENCE = "depth", "confidence"
@@ -55,7 +55,7 @@ class Correction:
     config: CorrectionConfig
     dataset: Dataset
     frames: int
-    """The first frames of the dataset are corrected, this many."""
+    """Number of frames of the dataset to correct, from the first one on."""
     corrector: DepthCorrector
 
     def run(self, out: Path, record: Path | None, progress: Progress) -> dict[str, Any]:
@@ -128,7 +128,7 @@ class FrameLine:
         )
 
     def columns(self) -> dict[str, Fact]:
-        """The values by the name of their column."""
+        """Return the values by the names of their columns."""
         return {
             "name": self.name,
             "stamp_s": self.stamp_s,
@@ -145,7 +145,7 @@ def require_absent(out: Path) -> None:
     Raises:
         ScenarioError: There is a file or a folder with content.
     """
-    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+    if out.exists() and not (out.is_dir() and next(out.iterdir(), None) is None):
         raise ScenarioError(f"{out} exists already: name a new folder, or delete that one")
 
 
@@ -187,13 +187,13 @@ def _report(config: CorrectionConfig, lines: Sequence[FrameLine]) -> dict[str, A
         "wall": {
             "frame_s": _spread([sum(line.wall_s.values()) for line in lines]),
             "steps_s": {step: _spread(times_s) for step, times_s in _by_name([line.wall_s for line in lines]).items()},
-            "machine": f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}",
+            "machine": f"{machine()}, Python {platform.python_version()}",
         },
     }
 
 
 def _by_name(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
-    """All values of each name, in the order of the frames; a frame may lack a name."""
+    """Collect the values of each name in the order of the frames; a frame may lack a name."""
     found: dict[str, list[Any]] = {}
     for row in rows:
         for name, value in row.items():
@@ -202,7 +202,7 @@ def _by_name(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
 
 
 def _summary(values: Sequence[Fact]) -> dict[str, int] | dict[str, float]:
-    """The number of frames by word, or the spread of numbers."""
+    """Return the number of frames for each word, or the spread of numbers."""
     if isinstance(values[0], str):
         return dict(Counter(map(str, values)))
     return _spread([float(value) for value in values])

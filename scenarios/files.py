@@ -1,4 +1,4 @@
-"""Configurations in TOML files: shipped ones by name, others by path."""
+"""Files: configurations in TOML, shipped ones by name and others by path; atomic writing; locked folders."""
 
 import fcntl
 import os
@@ -18,28 +18,28 @@ from .errors import ScenarioError
 DATA = Path(__file__).parent / "data"
 
 SINGULAR = {"scenarios": "scenario", "sequences": "sequence", "studies": "study"}
-"""What one file of each kind is called."""
+"""Name of a single file of each kind."""
 
 Loaded = TypeVar("Loaded", bound=pydantic.BaseModel)
 
 
 def shipped_names(kind: str) -> list[str]:
-    """Names of the shipped files of one kind, which is the name of their folder."""
+    """Return the names of the shipped files of one kind; a kind is the name of a folder of `data`."""
     return sorted(path.stem for path in (DATA / kind).glob("*.toml"))
 
 
 def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, changes: dict[str, Any]) -> Loaded:
-    """A configuration with its seed: a shipped file by name, a TOML file, or the `config.toml` of an earlier result.
+    """Load a configuration with its seed.
 
     Args:
-        model: With the fields `seed` and one that is named like the kind without its final s.
+        model: Its fields are `seed` and the singular of the kind.
         kind: `scenarios` or `sequences`.
-        name_or_path: Which one.
-        seed: Master seed; None takes that of an earlier result, or 0.
+        name_or_path: Name of a shipped file, or path of a TOML file, which may be the `config.toml` of a result.
+        seed: Master seed; None takes the seed of the result, or 0.
         changes: Values to set, by dotted key, as in `{"mission.drones": 4}`.
 
     Raises:
-        ScenarioError: There is no such file, or a value in it is impossible.
+        ScenarioError: There is no such file, or a value in it is invalid.
     """
     path, data = _read_table(kind, name_or_path)
     field = SINGULAR[kind]
@@ -55,17 +55,20 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
 
 
 def load_alone(model: type[Loaded], kind: str, name_or_path: str) -> tuple[Path, Loaded]:
-    """A configuration that has no single seed, and where it was: a shipped file by name, or a TOML file.
+    """Load a configuration without a seed, by the name of a shipped file or by path.
+
+    Returns:
+        The path of the file, and the configuration.
 
     Raises:
-        ScenarioError: There is no such file, or a value in it is impossible.
+        ScenarioError: There is no such file, or a value in it is invalid.
     """
     path, data = _read_table(kind, name_or_path)
     return path, _validated(model, path, data, SINGULAR[kind])
 
 
 def to_toml(configuration: pydantic.BaseModel) -> str:
-    """The resolved configuration as text that `load` reads."""
+    """Return the resolved configuration as text that `load` reads."""
     return tomli_w.dumps(configuration.model_dump(mode="json", exclude_none=True))
 
 
@@ -109,14 +112,14 @@ def _set(data: dict[str, Any], key: str, value: Any) -> None:
         data = data.setdefault(table, {})
         if not isinstance(data, dict):
             raise ScenarioError(f"{table} must be a table of keys, got {data!r}")
-    data[last] = deepcopy(value)  # A later key may set something inside of it, which must not reach whoever gave it.
+    data[last] = deepcopy(value)  # A later key may change it, which must not affect the caller's value.
 
 
 def first_problem(error: pydantic.ValidationError, field: str) -> str:
-    """The first of the problems in one line, and how many more there are; keys as they stand in the file."""
+    """Return the first problem in one line with the number of others; keys are named as in the file."""
     first, *others = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
     keys = first["loc"][1:] if first["loc"][:1] == (field,) else first["loc"]
-    if keys[:1] in (("scene",), ("flight",)):  # Pydantic puts the kind of these into the path of their keys.
+    if keys[:1] in (("scene",), ("flight",)):  # Pydantic adds the kind of these to the path.
         keys = (keys[0], *keys[2:])
     where = ".".join(str(key) for key in keys) or f"the {field}"
     if first["type"] == "extra_forbidden":

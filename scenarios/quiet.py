@@ -1,4 +1,4 @@
-"""Importing libraries that write to the terminal when they start: PyBullet its build time, Warp the missing GPU."""
+"""Importing libraries that print to the terminal at start: PyBullet its build time, Warp a missing GPU."""
 
 import os
 import sys
@@ -9,7 +9,7 @@ from functools import cache
 
 @cache
 def import_noisy_libraries() -> None:
-    """Import them once, with the file descriptors of the terminal pointed elsewhere; errors come through."""
+    """Import PyBullet and Warp without their output; errors are raised as usual."""
     with _terminal_silenced():
         import pybullet  # noqa: F401
         import warp
@@ -20,7 +20,7 @@ def import_noisy_libraries() -> None:
 
 @contextmanager
 def _terminal_silenced() -> Iterator[None]:
-    """Both streams, on the level that C code writes to."""
+    """Redirect stdout and stderr to the null device at the level of file descriptors, which C code uses."""
     sys.stdout.flush()
     sys.stderr.flush()
     kept = [os.dup(1), os.dup(2)]

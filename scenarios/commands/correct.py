@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Format(StrEnum):
-    """Formats of recorded sequences; the same words as in the library."""
+    """Formats of recorded sequences, with the names of the library."""
 
     AUTO = "auto"
     TUM = "tum"
@@ -38,11 +38,11 @@ def correct(
         Path | None,
         typer.Option(help="TOML file of lines of `voxdepth config` to change, or a result's config.toml."),
     ] = None,
-    format: Annotated[Format, typer.Option(help="How the sequence is stored; auto finds out.")] = Format.AUTO,
+    format: Annotated[Format, typer.Option(help="Format of the sequence; auto detects it.")] = Format.AUTO,
     record: Annotated[
         Path | None, typer.Option(metavar="FILE.rrd", help="Rerun recording to write or to replace.")
     ] = None,
-    frames: Annotated[int | None, typer.Option(min=1, help="How many of the first frames. Default: all.")] = None,
+    frames: Annotated[int | None, typer.Option(min=1, help="Number of frames to correct. Default: all.")] = None,
 ) -> None:
     """Correct the depth of a recorded sequence; the folder of the result appears when it is complete.
 
@@ -113,7 +113,7 @@ def _planned(folder: Path, corrector: str, config: Path | None, format: Format, 
 
 
 def _spec(corrector: str, config: Path | None) -> "CorrectorSpec":
-    """The corrector with the configuration of a TOML file, which may be the `config.toml` of an earlier result."""
+    """Read the configuration of a corrector from a TOML file, which may be the `config.toml` of an earlier result."""
     import pydantic
 
     from voxdepth.corrector_spec import CorrectorSpec
@@ -135,6 +135,9 @@ def _spec(corrector: str, config: Path | None) -> "CorrectorSpec":
 def _print_report(console: "Console", report: Mapping[str, Any]) -> None:
     from rich.table import Table
 
+    from ..results.table import Column
+    from ..results.table import Table as ResultTable
+
     title = f"{report['folder']}, {report['format']}: {report['frames']} frames, corrector {report['corrector']}"
     table = Table(title=title, title_justify="left", show_header=False)
     raw, corrected = report["coverage"]["raw"], report["coverage"]["corrected"]
@@ -144,12 +147,10 @@ def _print_report(console: "Console", report: Mapping[str, Any]) -> None:
     for fact, summary in report["facts"].items():
         table.add_row(_words(fact), ", ".join(f"{_words(name)} {value:g}" for name, value in summary.items()))
     console.print(table)
-    times = Table(title="time per frame", title_justify="left")
-    for heading in ("", "median", "95 %", "longest"):
-        times.add_column(heading, justify="right" if heading else "left")
-    for step, spread in report["wall"]["steps_s"].items():
-        times.add_row(step, *(f"{1000 * spread[name]:.1f} ms" for name in ("p50", "p95", "max")))
-    console.print(times)
+    median, p95, longest = (Column(name, "ms", ".1f") for name in ("median", "95 %", "longest"))
+    steps = report["wall"]["steps_s"].items()
+    rows = [[step, *(1000 * spread[name] for name in ("p50", "p95", "max"))] for step, spread in steps]
+    ResultTable.of("time per frame", ("step", median, p95, longest), rows).print(console)
 
 
 def _words(name: str) -> str:

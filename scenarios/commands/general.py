@@ -1,4 +1,4 @@
-"""Commands about everything: what there is, what works, and looking at it."""
+"""Commands that list what is available, check the installation, and open recordings."""
 
 import sys
 from pathlib import Path
@@ -43,12 +43,12 @@ def view(
         bool, typer.Option("--web", help="Serve to a browser on 127.0.0.1 instead of opening a window.")
     ] = False,
 ) -> None:
-    """Look at a recording."""
+    """Open a recording in the Rerun viewer."""
     open_viewer(path / "run.rrd" if path.is_dir() else path, web=web)
 
 
 def doctor() -> None:
-    """Say what works on this machine and how to mend what does not."""
+    """Check the installation on this machine and suggest a remedy for each problem."""
     from rich.console import Console
     from rich.table import Table
 
@@ -65,7 +65,7 @@ def doctor() -> None:
 
 
 def open_viewer(path: Path, *, web: bool = False) -> None:
-    """Open a recording in the Rerun viewer."""
+    """Start the Rerun viewer with a recording."""
     import subprocess
 
     from ..errors import ScenarioError
