@@ -1,4 +1,4 @@
-"""A small sequence whose depth can be worked out by hand, and methods that do one thing each."""
+"""A small sequence whose depth can be computed by hand, and simple methods."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -70,11 +70,11 @@ def write_recording(folder: Path, n_frames: int = N) -> Path:
 
 
 def evaluation_frames(n_frames: int = 4) -> list[EvaluationFrame]:
-    """Frames whose pixels are all of one kind, judged by the truth."""
-    return list(_judged(n_frames))
+    """Frames with the truth, whose pixels are all of one kind."""
+    return list(_frames(n_frames))
 
 
-def _judged(n_frames: int) -> Iterator[EvaluationFrame]:
+def _frames(n_frames: int) -> Iterator[EvaluationFrame]:
     for index in range(n_frames):
         capture = capture_of(index)
         hole = (capture.depth_raw_m == 0).astype(np.uint8)

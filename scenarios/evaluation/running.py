@@ -170,43 +170,33 @@ def _processed(corrector: DepthCorrector, frame: Frame, index: int) -> tuple[Out
     try:
         result = corrector.process(frame)
         time_s = time.perf_counter() - start
-        depth_m, confidence, source = (getattr(result, name, None) for name in ("depth_m", "confidence", "source"))
+        output = Output._make(getattr(result, name, None) for name in Output._fields)
     except (Exception, SystemExit) as error:  # The code of a method may be anybody's.
         raise MethodError(f"frame {index}: {_named(error)}") from error
-    shape = frame.depth_m.shape
-    problem = _depth_problem(depth_m, shape) or _confidence_problem(confidence, shape) or _source_problem(source, shape)
-    if problem or depth_m is None:
+    for problem in _problems(output, frame.depth_m.shape):
         raise MethodError(f"frame {index}: {problem}")
-    return Output(depth_m, confidence, source), time_s
+    return output, time_s
 
 
-def _depth_problem(depth_m: object, shape: tuple[int, ...]) -> str:
-    """Say what is wrong with a method's depth; return an empty string if nothing is."""
-    if not isinstance(depth_m, np.ndarray):
-        return f"expected a CorrectedDepth with depth_m, got {_kind(depth_m)}"
-    if depth_m.shape != shape or depth_m.dtype != np.float32:
-        return f"expected depth_m as float32 of shape {shape}, got {_kind(depth_m)}"
+def _problems(output: Output, shape: tuple[int, ...]) -> Iterator[str]:
+    """Yield what is wrong with an output; later checks rely on earlier ones."""
+    depth_m, confidence, source = output
+    if not _is_image(depth_m, shape, np.float32):
+        yield f"expected depth_m as float32 of shape {shape}, got {_kind(depth_m)}"
     if not np.isfinite(depth_m).all():
-        return f"expected finite depths (0 = invalid), got {np.count_nonzero(~np.isfinite(depth_m))} others"
+        yield f"expected finite depths (0 = invalid), got {np.count_nonzero(~np.isfinite(depth_m))} others"
     if (depth_m < 0).any():
-        return f"expected depths of at least 0 m (0 = invalid), got {depth_m.min()} m"
-    return ""
+        yield f"expected depths of at least 0 m (0 = invalid), got {depth_m.min()} m"
+    if confidence is not None and not _is_image(confidence, shape, np.floating):
+        yield f"expected confidence as floats of shape {shape}, or none, got {_kind(confidence)}"
+    if confidence is not None and not ((confidence >= 0) & (confidence <= 1)).all():
+        yield f"expected confidence in 0..1, got {confidence.min()} to {confidence.max()}"
+    if source is not None and not _is_image(source, shape, np.uint8):
+        yield f"expected source as uint8 of shape {shape}, or none, got {_kind(source)}"
 
 
-def _confidence_problem(confidence: object, shape: tuple[int, ...]) -> str:
-    if confidence is None:
-        return ""
-    if not isinstance(confidence, np.ndarray) or confidence.shape != shape or confidence.dtype.kind != "f":
-        return f"expected confidence as floats of shape {shape}, or none, got {_kind(confidence)}"
-    if not ((confidence >= 0) & (confidence <= 1)).all():
-        return f"expected confidence in 0..1, got {confidence.min()} to {confidence.max()}"
-    return ""
-
-
-def _source_problem(source: object, shape: tuple[int, ...]) -> str:
-    if source is None or (isinstance(source, np.ndarray) and source.shape == shape and source.dtype == np.uint8):
-        return ""
-    return f"expected source as uint8 of shape {shape}, or none, got {_kind(source)}"
+def _is_image(image: object, shape: tuple[int, ...], kind: type[np.generic]) -> bool:
+    return isinstance(image, np.ndarray) and image.shape == shape and np.issubdtype(image.dtype, kind)
 
 
 def _kind(given: object) -> str:

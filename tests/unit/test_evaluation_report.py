@@ -33,7 +33,7 @@ def key(sequence: str, method: str) -> Key:
     return Key(sequence=sequence, method=method, frames=2, seed=0, digest="d", config=None, versions={"numpy": "2"})
 
 
-def cell(sequence: str, method: str, mae: float, n: int = 1000) -> Result:
+def result(sequence: str, method: str, mae: float, n: int = 1000) -> Result:
     figures = [
         *(
             Measurement(metric="mae", mask="all", range=name, on="completed", value=mae, unit="m", n=n)
@@ -50,7 +50,7 @@ def cell(sequence: str, method: str, mae: float, n: int = 1000) -> Result:
     )
 
 
-def facts(name: str) -> SequenceInfo:
+def info(name: str) -> SequenceInfo:
     return SequenceInfo(
         name=name,
         digest="d",
@@ -71,17 +71,17 @@ def facts(name: str) -> SequenceInfo:
 
 @pytest.fixture(scope="module")
 def done() -> Evaluation:
-    cells = (
-        cell("sim-MB", "raw", 0.5),
-        cell("sim-MB", "good", 0.3, n=2000),
-        cell("sim-MB", ORACLE, 0.1),
+    results = (
+        result("sim-MB", "raw", 0.5),
+        result("sim-MB", "good", 0.3, n=2000),
+        result("sim-MB", ORACLE, 0.1),
         Result(key=key("sim-MB", "bad"), error=f"frame 0: {NASTY}", replaced="numpy was 1 and is 2"),
-        cell("other", "raw", 0.2),
-        cell("other", "good", 0.4),
-        cell("other", ORACLE, 0.1),
-        cell("other", "bad", 9.0),
+        result("other", "raw", 0.2),
+        result("other", "good", 0.4),
+        result("other", ORACLE, 0.1),
+        result("other", "bad", 9.0),
     )
-    return Evaluation(results=cells, sequences={name: facts(name) for name in ("sim-MB", "other")}, reused=0)
+    return Evaluation(results=results, sequences={name: info(name) for name in ("sim-MB", "other")}, reused=0)
 
 
 @pytest.fixture(scope="module")
@@ -254,18 +254,18 @@ def canvases_of(done: Evaluation, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return canvases
 
 
-def held_out_facts(name: str) -> SequenceInfo:
+def held_out_info(name: str) -> SequenceInfo:
     pixels = {"all": dict.fromkeys(RANGES, 1000), "held out": dict.fromkeys(RANGES, 70)}
     changed = {"is_true": False, "hidden": "held out", "pixels": pixels, "occluded_shares": ()}
-    return facts(name).model_copy(update=changed)
+    return info(name).model_copy(update=changed)
 
 
 def test_without_the_truth_pixels_that_were_given_rank_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
     held = Measurement(metric="mae", mask="held out", range="0-2 m", on="completed", value=0.7, unit="m", n=70)
     coverage = Measurement(metric="coverage", mask="all", range="0-20 m", on="filled", value=0.9, unit="share", n=1000)
-    raw = cell("real", "raw", 0.0)
+    raw = result("real", "raw", 0.0)
     raw = raw.model_copy(update={"measurements": (*raw.measurements, held, coverage)})
-    done = Evaluation(results=(raw,), sequences={"real": held_out_facts("real")}, reused=0)
+    done = Evaluation(results=(raw,), sequences={"real": held_out_info("real")}, reused=0)
     for quantity in (*QUANTITIES, *PAPER_LAYOUT):
         if quantity.selectors[0].mask == "all":
             expected = "90.0" if quantity.selectors[0].metric == "coverage" else "-"
@@ -277,16 +277,16 @@ def test_without_the_truth_pixels_that_were_given_rank_nobody(monkeypatch: pytes
 
 
 def test_a_frame_without_a_ratio_is_left_out_and_its_method_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    raw = cell("s", "raw", 0.5).model_copy(update={"frame_psnrs_db": (None, 20.0)})
-    canvas = canvases_of(Evaluation(results=(raw,), sequences={"s": facts("s")}, reused=0), monkeypatch)[1]
+    raw = result("s", "raw", 0.5).model_copy(update={"frame_psnrs_db": (None, 20.0)})
+    canvas = canvases_of(Evaluation(results=(raw,), sequences={"s": info("s")}, reused=0), monkeypatch)[1]
     np.testing.assert_allclose(canvas.axes[0].collections[0].get_offsets(), [[20, 20]])
     assert Result.model_validate_json(raw.model_dump_json()) == raw
 
 
 def test_names_are_drawn_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
     sequence, methods = r"a$\frac$", (r"m$\frac$", "_hidden")
-    cells = tuple(cell(sequence, name, 0.5) for name in methods)
-    odd = Evaluation(results=cells, sequences={sequence: facts(sequence)}, reused=0)
+    results = tuple(result(sequence, name, 0.5) for name in methods)
+    odd = Evaluation(results=results, sequences={sequence: info(sequence)}, reused=0)
     assert all(picture.png for picture in (*all_figures(odd), error_maps(odd, odd.sequences[sequence])))
     for canvas in canvases_of(odd, monkeypatch):
         (legend,) = canvas.legends
@@ -297,9 +297,9 @@ def test_time_in_a_thread_of_its_own_is_shown_apart_and_counts_on_the_front(monk
     beside = Measurement(
         metric="latency_background", mask="frames", range="frames", on="frames", value=7.0, unit="ms", n=2
     )
-    paper_cell = cell("s", "paper", 0.5)
-    paper_cell = paper_cell.model_copy(update={"measurements": (*paper_cell.measurements, beside)})
-    done = Evaluation(results=(cell("s", "raw", 0.5), paper_cell), sequences={"s": facts("s")}, reused=0)
+    paper_result = result("s", "paper", 0.5)
+    paper_result = paper_result.model_copy(update={"measurements": (*paper_result.measurements, beside)})
+    done = Evaluation(results=(result("s", "raw", 0.5), paper_result), sequences={"s": info("s")}, reused=0)
     table = method_table(done, next(q for q in QUANTITIES if of_frames("latency_p50") in q.selectors))
     assert [row(table, name)[0][0] for name in ("raw", "paper")] == ["3.0 / 4.0 / -", "3.0 / 4.0 / 7.0"]
     points = canvases_of(done, monkeypatch)[2].axes[0].collections
@@ -316,7 +316,7 @@ def test_the_page_says_what_is_not_measured(html: str) -> None:
 def test_the_terminal_shows_every_sequence_in_80_columns_and_what_failed(done: Evaluation) -> None:
     text = io.StringIO()
     console = Console(width=80, file=text)
-    longest = cell("sim-MB", "ip-basic-multiscale", 99.99)
+    longest = result("sim-MB", "ip-basic-multiscale", 99.99)
     print_results(console, Evaluation(results=(longest, *done.results), sequences=done.sequences, reused=0))
     assert re.search(r"ip-basic-multiscale\s+-\s+-\s+99.99", text.getvalue())
     assert "sim-MB: 2 frames of 12x9, 1,000 pixels within 20 m, scored by the truth" in text.getvalue()

@@ -113,7 +113,7 @@ def test_finished_results_are_taken_and_failed_ones_tried_again(
         (lambda key: key.model_copy(update={"digest": "0" * 64}), f"digest was {'0' * 48} and is"),
     ],
 )
-def test_a_result_of_another_version_is_worked_out_again_and_says_why(
+def test_a_result_of_another_version_is_computed_again_and_says_why(
     recording: Path, tmp_path: Path, change: Callable[..., Any], reason: str
 ) -> None:
     (result,) = run(tmp_path, recording, methods=(GOOD,)).results
@@ -144,7 +144,7 @@ def test_another_number_of_frames_is_another_result(recording: Path, tmp_path: P
         lambda data: json.dumps({**json.loads(data), "colour": "red"}).encode(),
     ],
 )
-def test_a_damaged_result_and_one_of_another_layout_are_worked_out_again(
+def test_a_damaged_result_and_one_of_another_layout_are_computed_again(
     recording: Path, tmp_path: Path, change: Callable[[bytes], bytes]
 ) -> None:
     (result,) = run(tmp_path, recording, methods=(GOOD,)).results
@@ -218,7 +218,7 @@ def test_frames_that_are_gone_are_an_error_of_the_result_that_needs_them(
     assert (result.error or "").startswith("cannot read frame 3 back from ")
 
 
-def test_a_sequence_that_cannot_be_had_fails_in_its_own_results_alone(recording: Path, tmp_path: Path) -> None:
+def test_a_sequence_that_cannot_be_opened_fails_in_its_own_results_alone(recording: Path, tmp_path: Path) -> None:
     maskless = write_recording(tmp_path / "maskless", 3)
     for image in (maskless / "occluded").iterdir():
         image.unlink()
@@ -238,7 +238,7 @@ def test_two_sequences_of_one_name_are_refused(recording: Path, tmp_path: Path) 
         run(tmp_path, recording, recording)
 
 
-def test_what_depends_on_the_truth_is_worked_out_once(
+def test_what_depends_on_the_truth_is_computed_once(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     splits = []
@@ -260,7 +260,7 @@ def test_what_depends_on_the_truth_is_worked_out_once(
     assert splits == [4]
 
 
-def test_the_truth_splits_pixels_as_worked_out_by_hand(recording: Path) -> None:
+def test_the_truth_splits_pixels_as_computed_by_hand(recording: Path) -> None:
     source = open_source(recording)
     frames = list(source.frames(3))
     groups = source.groups
