@@ -12,7 +12,7 @@ from typing import Any
 from scenarios.study.design import RunSpec, Study, expand
 from scenarios.study.executors import Processes
 from scenarios.study.run import Progress, RunOptions, run_study
-from scenarios.study.store import Completion, RunRecord, Store, StudyData
+from scenarios.study.store import Completion, RunRecord, StudyData, read_study
 from sim.types import Contact
 from swarm.types import Outcome
 
@@ -105,8 +105,7 @@ def contents_of(study: Study, outcomes: dict[tuple[str, float | None, int], Outc
 
 
 def results_of(out: Path) -> dict[str, RunRecord]:
-    with Store.open(out) as store:
-        return dict(store.read().records)
+    return dict(read_study(out).records)
 
 
 def killable() -> Study:

@@ -89,10 +89,9 @@ def status(out: Folder) -> None:
     """Print the progress of a study, which may be running."""
     from rich.console import Console
 
-    from ..study.store import Store
+    from ..study.store import read_study
 
-    with Store.open(out) as store:
-        _print_status(Console(), store.read())
+    _print_status(Console(), read_study(out))
 
 
 @app.command()
@@ -102,11 +101,9 @@ def export(
 ) -> None:
     """Write all runs with a result as runs.csv and runs.parquet, with a row for each run of each arm."""
     from ..study.report import export as write_tables
-    from ..study.store import Store
+    from ..study.store import read_study
 
-    with Store.open(out) as store:
-        data = store.read()
-    for path in write_tables(data, to or out):
+    for path in write_tables(read_study(out), to or out):
         typer.echo(f"written to {path}")
 
 
@@ -121,10 +118,9 @@ def report(
     from rich.console import Console
 
     from ..study.report import write_report
-    from ..study.store import Store
+    from ..study.store import read_study
 
-    with Store.open(out) as store:
-        data = store.read()
+    data = read_study(out)
     console = Console()
     if record:
         _record_collisions(console, data, out)
@@ -161,10 +157,9 @@ def diagnose(
 
     from ..study.design import RunSpec
     from ..study.diagnose import Diagnosis, cause_table, colliding_runs, diagnose_runs
-    from ..study.store import Store
+    from ..study.store import read_study
 
-    with Store.open(out) as store:
-        data = store.read()
+    data = read_study(out)
     console = Console()
 
     def show(spec: RunSpec, diagnosis: Diagnosis) -> None:
@@ -188,10 +183,9 @@ def replay(
     from rich.console import Console
 
     from ..study.replay import find, fly_again
-    from ..study.store import Store
+    from ..study.store import read_study
 
-    with Store.open(out) as store:
-        data = store.read()
+    data = read_study(out)
     spec = find(data, key)
     console = Console()
     console.print(f"run {spec.short_key}: {spec.label}", soft_wrap=True, markup=False)

@@ -50,7 +50,8 @@ class Cluster:
         with self._client() as client:
             from distributed import as_completed
 
-            _require_equal_versions(client)
+            for worker, theirs in client.run(simulation_versions).items():
+                _require_equal(worker, theirs, simulation_versions())
             pending: dict[Any, RunSpec] = {}
             ended = as_completed()
             try:
@@ -130,13 +131,8 @@ class Cluster:
             yield client
 
 
-def _require_equal_versions(client: Any) -> None:
-    """Refuse a cluster with other versions, since its results could differ."""
-    for worker, theirs in client.run(simulation_versions).items():
-        _require_equal(worker, theirs, simulation_versions())
-
-
 def _require_equal(worker: str, theirs: Mapping[str, str], ours: Mapping[str, str]) -> None:
+    """Refuse a worker with other versions, since its results could differ."""
     for name, version in ours.items():
         if theirs.get(name) != version:
             raise ScenarioError(

@@ -299,6 +299,16 @@ class Store:
             )
 
 
+def read_study(folder: Path) -> StudyData:
+    """Read the store in a folder; another process may write to it at the same time.
+
+    Raises:
+        ScenarioError: There is no store, or it belongs to another version.
+    """
+    with Store.open(folder) as store:
+        return store.read()
+
+
 def lock(folder: Path) -> AbstractContextManager[None]:
     """Become the only process that writes to a store, see `locked`."""
     return locked(

@@ -7,7 +7,7 @@ import pytest
 
 from scenarios.study.design import key_of
 from scenarios.study.report import Findings, summary
-from scenarios.study.store import FILE, Store, StudyData
+from scenarios.study.store import FILE, StudyData, read_study
 
 DOCS = Path(__file__).parents[2] / "docs"
 PACKED = sorted((DOCS / "study").glob("*.sqlite.xz"))
@@ -17,8 +17,7 @@ pytestmark = pytest.mark.slow
 
 def contents_of(packed: Path, folder: Path) -> StudyData:
     (folder / FILE).write_bytes(lzma.decompress(packed.read_bytes()))
-    with Store.open(folder) as store:
-        return store.read()
+    return read_study(folder)
 
 
 @pytest.mark.parametrize("packed", PACKED, ids=lambda path: path.name.split(".")[0])

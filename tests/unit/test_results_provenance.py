@@ -1,8 +1,12 @@
 """What a result was made with."""
 
+from collections.abc import Callable
 from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 from scenarios.results import provenance
 
@@ -25,3 +29,41 @@ def test_a_machine_that_does_not_name_its_processor_has_its_architecture(tmp_pat
     assert provenance.processor_name() == provenance.platform.machine()
     (tmp_path / "absent").write_text("vendor: x\nmodel name\t: Fast One\n")
     assert provenance.processor_name() == "Fast One"
+
+
+def write_package(root: Path, name: str, **modules: str) -> None:
+    (root / name).mkdir(parents=True)
+    for module, text in {"__init__": "", **modules}.items():
+        (root / name / f"{module}.py").write_text(text)
+
+
+@pytest.fixture
+def digest_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., str]:
+    """The digest of a made-up package `flying` with these modules."""
+
+    def digest(folder: str, **modules: str) -> str:
+        write_package(tmp_path / folder, "flying", **modules)
+        monkeypatch.setattr(provenance, "FLIGHT_SOURCES", (("flying", provenance.ALL_SOURCES),))
+        monkeypatch.setattr(provenance, "files", lambda package: tmp_path / folder / package)
+        return provenance.code_digest.__wrapped__()
+
+    return digest
+
+
+def test_the_digest_is_of_the_sources_and_not_of_their_place(digest_of: Callable[..., str]) -> None:
+    one = digest_of("here", fly="speed = 1\n")
+    assert digest_of("there", fly="speed = 1\n") == one
+    assert digest_of("other_text", fly="speed = 2\n") != one
+    assert digest_of("other_name", flies="speed = 1\n") != one
+    assert digest_of("one_more", fly="speed = 1\n", rest="") != one
+
+
+def test_versions_name_the_code() -> None:
+    code = provenance.simulation_versions()["code"]
+    assert len(code) == provenance.DIGEST_DIGITS
+    assert set(code) <= set("0123456789abcdef")
+
+
+def test_every_pattern_finds_its_files() -> None:
+    for package, pattern in provenance.FLIGHT_SOURCES:
+        assert list(Path(str(files(package))).glob(pattern)), f"{package} has no {pattern}"
