@@ -1,4 +1,4 @@
-"""Where images are worked on."""
+"""Devices that process images, and the loading of Warp kernels."""
 
 from types import ModuleType
 from typing import Literal
@@ -24,10 +24,10 @@ def load_kernels(module: ModuleType, device: str) -> None:
 
 
 def require_device(device: str) -> None:
-    """Refuse a device that is not there.
+    """Refuse a device that does not exist.
 
     Raises:
-        ConfigError: There is no such device here.
+        ConfigError: This machine has no such device.
     """
     if device == "cpu":
         return

@@ -2,20 +2,20 @@
 
 
 class VoxDepthError(Exception):
-    """Base of every error that `voxdepth` raises on purpose."""
+    """Base of every error of `voxdepth`."""
 
 
 class FrameError(VoxDepthError, ValueError):
-    """A frame, or a stream of frames, is not what a corrector can work on."""
+    """A frame or a stream of frames is invalid."""
 
 
 class ConfigError(VoxDepthError, ValueError):
-    """A configuration value or a name is outside what is offered."""
+    """A configuration value is out of range, or a name is unknown."""
 
 
 class DatasetError(VoxDepthError, RuntimeError):
-    """A folder of images is not what it should be, or a file of it is missing, damaged or of another kind."""
+    """A dataset is of another format, or one of its files is missing, damaged or of another kind."""
 
 
 class PipelineError(VoxDepthError, RuntimeError):
-    """A stage of a pipeline failed, as its `__cause__` says, or a pipeline was to run twice."""
+    """A stage of a pipeline failed with the error in `__cause__`, or a pipeline was run twice."""

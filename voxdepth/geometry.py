@@ -21,7 +21,7 @@ def back_project(depth_m: FloatImage, intrinsics: Intrinsics) -> PointArray:
 
     Args:
         depth_m: Depth [m], shape (H, W); pixels that are 0 are left out.
-        intrinsics: Of the camera that took the image.
+        intrinsics: Intrinsics of the camera.
 
     Returns:
         Points [m], shape (N, 3), float32.
@@ -37,9 +37,9 @@ def back_project(depth_m: FloatImage, intrinsics: Intrinsics) -> PointArray:
 
 @dataclass(frozen=True, eq=False)
 class RayMap:
-    """Where a camera's pixels are in another frame: `(rows[k, v] + cols[k, u]) z + offset[k]` along axis k.
+    """Coordinates of pixels in another frame: `(rows[k, v] + cols[k, u]) z + offset[k]` along axis k.
 
-    It spares the back-projection: six products per row and column instead of per pixel.
+    It replaces the back-projection of single pixels by six products per row and column.
     """
 
     rows: npt.NDArray[np.float32]
@@ -88,8 +88,8 @@ def inverse_rigid(T_a_b: FloatArray) -> FloatArray:
 def exp_se3(step: FloatArray) -> FloatArray:
     """The rigid motion of a translation [m] and a rotation vector [rad], shape (6,), as a matrix of shape (4, 4).
 
-    The translation is taken as it is, which is the exponential map of SE(3) to first order: enough for iterations that
-    converge to a step of zero.
+    The translation is not coupled with the rotation, so this is the exponential map of SE(3) to first order, which
+    suffices for iterations whose step converges to zero.
     """
     T = np.eye(4)
     T[:3, :3] = cv2.Rodrigues(step[3:])[0]

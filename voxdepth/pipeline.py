@@ -1,7 +1,7 @@
-"""Running a corrector as overlapping stages in threads: reading, registering, combining.
+"""A corrector as a pipeline of stages in threads: reading, registering, combining.
 
-Every stage works on another frame at the same time, so the stream is as fast as its slowest stage, and each frame's
-result is the one that the corrector alone would give.
+The stages work on different frames at the same time, so the stream is as fast as its slowest stage. The results are
+those of the corrector alone.
 """
 
 import time
@@ -21,11 +21,11 @@ __all__ = ["CorrectionPipeline", "StagedCorrector"]
 LATENCIES_KEPT = 100_000
 """Frames whose latency is kept: about an hour at 30 frames per second."""
 
-READER_PATIENCE_S = 1.0
-"""How long `close` waits for a source that is in the middle of reading a frame."""
+READER_TIMEOUT_S = 1.0
+"""How long `close` waits for a source that is reading a frame [s]."""
 
-WORKER_PATIENCE_S = 10.0
-"""How long `close` waits for the frame that another stage has in work: much longer than any frame should take."""
+WORKER_TIMEOUT_S = 10.0
+"""How long `close` waits for another stage to finish its frame [s]: much longer than a frame takes."""
 
 
 T = TypeVar("T")
@@ -36,10 +36,10 @@ class StagedCorrector(DepthCorrector, Protocol):
     """A corrector whose `process(frame)` is `combine(align(frame))`, so that the halves may overlap."""
 
     def align(self, frame: Frame) -> Any:
-        """All that depends on earlier frames. Called in the order of the frames, never twice at once."""
+        """Do everything that depends on earlier frames. Called in the order of the frames, never concurrently."""
 
     def combine(self, aligned: Any) -> CorrectedDepth:
-        """The rest, from what `align` returned alone; it may run while `align` works on a later frame."""
+        """Do the rest, from the result of `align` alone; it may run while `align` processes a later frame."""
 
 
 class CorrectionPipeline:
@@ -107,10 +107,10 @@ class CorrectionPipeline:
         return self._deliver()
 
     def close(self) -> None:
-        """Stop all threads, without delivering what is in work; any thread may call it, at any time, repeatedly.
+        """Stop all threads and discard frames in progress; any thread may call it, at any time, repeatedly.
 
         An iteration that is going on elsewhere ends. The call waits for the frame that each stage has in work, which
-        nothing can interrupt: `WORKER_PATIENCE_S` at most, and only `READER_PATIENCE_S` for a source, which may wait
+        nothing can interrupt: `WORKER_TIMEOUT_S` at most, and only `READER_TIMEOUT_S` for a source, which may wait
         for its camera. A thread that takes longer ends by itself after that frame. Called from within a stage,
         `close` does not wait at all.
         """
@@ -146,10 +146,10 @@ class CorrectionPipeline:
 
 
 class Channel(Generic[T]):
-    """Items in order: `put` blocks while it is full, iteration blocks while it is empty, ending wakes both at once.
+    """A bounded queue between two threads. `put` blocks while it is full, iteration while it is empty; `end` wakes both.
 
     Args:
-        capacity: Most items held at a time, at least 1.
+        capacity: Maximum number of items, at least 1.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -158,12 +158,12 @@ class Channel(Generic[T]):
         self._ended = False
         self._changed = Condition()
         self.dropped = 0
-        """Items that were given up to make room for newer ones."""
+        """Number of items that newer ones replaced."""
         self.error: Exception | None = None
-        """Why the items ended; None while they last, after a regular end and after `close`."""
+        """Why the channel ended; None before that, after a regular end and after `close`."""
 
     def put(self, item: T) -> bool:
-        """Append an item as soon as there is room; False if the channel has ended, and the item is not wanted."""
+        """Append an item as soon as there is room; False if the channel has ended."""
         with self._changed:
             self._make_room()
             if self._ended:
@@ -173,7 +173,7 @@ class Channel(Generic[T]):
             return True
 
     def wait_for_room(self) -> bool:
-        """Block while the channel is full; False if it has ended. With a single giver the room stays until it puts."""
+        """Block while the channel is full; False if it has ended. A single producer keeps the room until `put`."""
         with self._changed:
             self._wait_for_room()
             return not self._ended
@@ -197,14 +197,14 @@ class Channel(Generic[T]):
             return item
 
     def end(self, error: Exception | None = None) -> None:
-        """Called by the giver: nothing more will come; what lies here may still be taken, and `error` says why."""
+        """End the channel from the producing thread; its items may still be taken, and `error` is the reason."""
         with self._changed:
             if not self._ended:
                 self._ended, self.error = True, error
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Called by anyone: nothing more is wanted, what lies here is thrown away."""
+        """End the channel from any thread and discard its items."""
         with self._changed:
             self._ended, self.error = True, None
             self._items.clear()
@@ -212,7 +212,7 @@ class Channel(Generic[T]):
 
 
 class LatestChannel(Channel[T]):
-    """A mailbox: where a `Channel` would block, the oldest item makes room for the newest."""
+    """A channel that replaces its oldest item where a `Channel` would block."""
 
     def _make_room(self) -> None:
         if len(self._items) == self._capacity:
@@ -220,23 +220,23 @@ class LatestChannel(Channel[T]):
             self.dropped += 1
 
     def _wait_for_room(self) -> None:
-        """There always is some."""
+        """Return at once, since a new item always finds room."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Job:
-    """A frame on its way through the stages."""
+    """A frame in the pipeline."""
 
     index: int
     """Number of the frame within its source, from 0."""
     frame: Frame
     read_at_s: float
     result: Any
-    """What the last stage made of the frame."""
+    """Result of the last stage."""
 
 
 class _Step(NamedTuple):
-    """What one stage does to the result of the stage before."""
+    """The operation of one stage on the result of the stage before."""
 
     name: str
     run: Callable[[Any], Any]
@@ -249,9 +249,9 @@ def _steps_of(corrector: DepthCorrector) -> list[_Step]:
 
 
 _END: Any = object()
-"""What a source gives after its last frame."""
+"""Sentinel after the last frame of a source."""
 
-# The threads know the channels and not the pipeline, so that a pipeline nobody holds any more can be collected.
+# The threads refer to the channels and not to the pipeline, so that an unused pipeline can be garbage-collected.
 
 
 def _thread(name: str, target: Callable[..., None], *args: object) -> Thread:
@@ -259,9 +259,9 @@ def _thread(name: str, target: Callable[..., None], *args: object) -> Thread:
 
 
 def _read(frames: Iterable[Frame], output: Channel[_Job]) -> None:
-    """The first stage: number the frames of a source, until it or the interest in it ends.
+    """The first stage: number the frames of a source until the source or the output ends.
 
-    A frame is read when there is room for it: the later it is read, the newer it is when it is delivered.
+    A frame is read when there is room for it, so that it is recent when it is delivered.
     """
     index = 0
     iterator: Iterator[Frame] = iter(())
@@ -284,7 +284,7 @@ def _read(frames: Iterable[Frame], output: Channel[_Job]) -> None:
 
 
 def _work(step: _Step, source: Channel[_Job], output: Channel[_Job]) -> None:
-    """Any other stage: one step on each frame, until the source or the interest in the output ends."""
+    """Any other stage: one step on each frame until the source or the output ends."""
     error = None
     for job in source:
         try:
@@ -313,6 +313,6 @@ def _stop(channels: Sequence[Channel[_Job]], threads: Sequence[Thread]) -> None:
     reader, *workers = threads
     for worker in workers:
         if worker.is_alive():
-            worker.join(WORKER_PATIENCE_S)
+            worker.join(WORKER_TIMEOUT_S)
     if reader.is_alive():
-        reader.join(READER_PATIENCE_S)
+        reader.join(READER_TIMEOUT_S)

@@ -17,7 +17,7 @@ def assert_depth_close(
     hole_share: float | None = None,
     max_range_m: float = np.inf,
 ) -> None:
-    """Fail unless depth is close to what is expected, over pixels with an expected surface within a range.
+    """Fail unless depth is close to the expected depth, over pixels with an expected surface within a range.
 
     Args:
         depth_m: Depth under test [m], shape (H, W); 0 = invalid.

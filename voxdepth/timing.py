@@ -1,4 +1,4 @@
-"""Wall-clock times of steps, collected beside the steps themselves."""
+"""Wall-clock times of steps."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping

@@ -41,13 +41,13 @@ def _is_cut(info: Any) -> bool:
 
 
 RIGHT_SHARE = 0.05
-"""A depth is right if its disparity is wrong by no more than this part of it ..."""
+"""A depth is right if the error of its disparity is at most this share of it ..."""
 RIGHT_PX = 0.25
-"""... or by no more than this: no stereo matching is much more exact, however far a surface is."""
+"""... or at most this [px], about the accuracy of stereo matching."""
 ASSUMED_BASELINE_M = 0.05
-"""Makes disparities of the depths of a camera that is no stereo pair: about that of consumer depth cameras."""
+"""Baseline of a camera that is not a stereo pair [m], about that of consumer depth cameras."""
 LARGEST_SIDE_PX = 2**16
-"""No camera has more pixels a side."""
+"""Largest width or height of an image."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,7 +173,7 @@ class Frame:
     depth_m: FloatImage
     """Depth along the optical axis [m], shape (H, W), float32, finite; 0 = invalid."""
     T_world_cam: FloatArray | None = None
-    """The caller's own pose estimate, shape (4, 4); None when there is none."""
+    """Pose estimate of the caller, shape (4, 4); None without one."""
 
     @classmethod
     def from_millimetres(
@@ -191,7 +191,7 @@ class Frame:
             stamp_s: Time of capture [s].
             gray: Shape (H, W), uint8.
             depth_mm: Shape (H, W), uint16; 0 = invalid.
-            units_per_m: Steps of the depth in a metre: 1000 unless the camera was told otherwise, 5000 in TUM RGB-D.
+            units_per_m: Steps of the depth in a metre: 1000 in most cameras, 5000 in TUM RGB-D.
             T_world_cam: The caller's own pose estimate, shape (4, 4).
 
         Raises:
@@ -261,12 +261,12 @@ class Frame:
 
 
 def _kind(given: object) -> str:
-    """What something is, for errors: the type of an array's elements, else its own."""
+    """Type of an array's elements or of another object, for errors."""
     return str(given.dtype) if isinstance(given, np.ndarray) else type(given).__name__
 
 
 def _is_rigid(T: FloatArray) -> bool:
-    """Whether a matrix turns and moves, and does nothing else."""
+    """Whether a matrix is a rigid motion."""
     if T.shape != (4, 4) or not np.isfinite(T).all() or (T[3] != (0, 0, 0, 1)).any():
         return False
     rotation = T[:3, :3]
@@ -274,16 +274,16 @@ def _is_rigid(T: FloatArray) -> bool:
 
 
 class Source(IntEnum):
-    """Where the depth of a pixel comes from."""
+    """Origin of the depth of a pixel."""
 
     INVALID = 0
     """There is no depth."""
     SENSOR = 1
-    """It was measured and believed; it may be averaged with what was seen before."""
+    """It was measured; it may be averaged with earlier frames."""
     MEMORY = 2
     """It comes from earlier frames: there is no measurement, or the method rejected it."""
     INPAINTED = 3
-    """It is a guess from the pixels around, in this image alone."""
+    """It is an estimate from neighbouring pixels of this image alone."""
 
 
 class Diagnostics(Protocol):
@@ -295,15 +295,15 @@ class Diagnostics(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CorrectedDepth:
-    """What a corrector returns for one frame."""
+    """Result of a corrector for one frame."""
 
     depth_m: FloatImage
     """Depth along the optical axis [m], shape (H, W), float32; 0 = invalid."""
     source: GrayImage
     """One `Source` per pixel, shape (H, W), uint8."""
     confidence: FloatImage
-    """Trust per pixel in 0..1, shape (H, W), float32; 0 where invalid. That of the default method is the chance that
-    the depth is right, see `RIGHT_SHARE`; those of other methods only rank."""
+    """Confidence per pixel in 0..1, shape (H, W), float32; 0 where invalid. That of the default method is the
+    probability that the depth is right, see `RIGHT_SHARE`; the values of other methods only rank pixels."""
     timings_s: Mapping[str, float] = field(default_factory=dict)
     """Wall-clock time of each step [s], for benchmarks; never part of a result."""
     diagnostics: Diagnostics | None = None
@@ -311,10 +311,10 @@ class CorrectedDepth:
 
 
 class DepthCorrector(Protocol):
-    """Anything that repairs a stream of depth frames, one at a time and in order."""
+    """A method that corrects a stream of depth frames, one at a time and in order."""
 
     uses_gray: bool
-    """Whether the gray images matter; a simulator need not render them otherwise."""
+    """Whether the corrector needs gray images; a simulator can leave them out otherwise."""
 
     def process(self, frame: Frame) -> CorrectedDepth:
         """Correct one frame. The input is neither modified nor kept, and the result has arrays of its own."""

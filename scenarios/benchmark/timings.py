@@ -26,7 +26,7 @@ CORRECTION = ("describe", "register", "warp", "merge", "filter")
 """Steps of the correction state of the paper's method; registration is the first two."""
 OTHER = ("label",)
 """Steps that every frame takes besides."""
-FUSION = ("place", "voxelise", "project", "inpaint")
+FUSION = ("motion", "voxelise", "project", "inpaint")
 """Steps of a fusion."""
 CONFIG = PaperConfig(max_epoch_frames=20, fusion_lag_frames=0)
 """Nothing runs in parallel to what is measured; epochs are short, so that a window is fused every 29 frames."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 STEPS = {
-    "fusion": ("place", "voxelise", "project"),
+    "fusion": ("motion", "voxelise", "project"),
     "inpainting": ("inpaint",),
     "transform": ("describe", "register"),
     "combine": ("warp", "merge", "filter"),

@@ -41,7 +41,7 @@ QUICK_LINES = (
     "machine: ", "GPU: ", "load in the last minute", "numpy ", "opencv-python-headless ", "warp-lang ", "voxdepth ",
     "measure", "track", "warp", "fuse", "remember", "inpaint", "smooth", "the camera was found",
     "registration, describe", "registration, register", "correction state", "label", "frame without fusion",
-    "fusion, place", "fusion, voxelise", "fusion, project", "fusion, inpaint", "fusion of 10 frames",
+    "fusion, motion", "fusion, voxelise", "fusion, project", "fusion, inpaint", "fusion of 10 frames",
     "OpenCV", "Warp", "integrate", "project", "inpaint", "warp", "combine", "filter",
     "p50", "p95", "p99", "max",
 )  # fmt: skip
@@ -99,7 +99,7 @@ def test_percentiles_are_linear_between_the_samples_in_any_order() -> None:
 def test_the_correction_state_is_the_sum_of_its_steps_frame_by_frame(loop: FrameLoop) -> None:
     one_s = dict.fromkeys((*CORRECTION, "label"), 0.001)
     steps_s = [one_s | {"describe": 0.011}, one_s | {"filter": 0.021}, one_s]
-    fusion_s = {"place": 0.02, "voxelise": 0.03, "project": 0.01, "inpaint": 0.001, "fused": 0.07}
+    fusion_s = {"motion": 0.02, "voxelise": 0.03, "project": 0.01, "inpaint": 0.001, "fused": 0.07}
     times = PaperTimes(steps_s=steps_s, frames_s=[0.03, 0.02, 0.01], fusions_s=[fusion_s])
     result = PaperTimings.of(loop, times)
     assert result.correction.n == 3

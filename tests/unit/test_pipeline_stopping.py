@@ -26,7 +26,7 @@ from tests.fakes import (
     pipeline_threads,
 )
 from voxdepth.errors import PipelineError
-from voxdepth.pipeline import READER_PATIENCE_S, CorrectionPipeline
+from voxdepth.pipeline import READER_TIMEOUT_S, CorrectionPipeline
 from voxdepth.types import Frame
 
 
@@ -147,7 +147,7 @@ def test_a_stage_may_close_its_own_pipeline(stage: str) -> None:
 
 
 def test_a_source_that_blocks_is_left_to_itself_after_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("voxdepth.pipeline.READER_PATIENCE_S", 0.02)
+    monkeypatch.setattr("voxdepth.pipeline.READER_TIMEOUT_S", 0.02)
     asked, next_frame = threading.Event(), threading.Event()
     blocks = lambda index: index == 2 and (asked.set() or next_frame.wait()) and None  # noqa: E731
     pipeline = CorrectionPipeline(Staged(), endless(blocks))
@@ -164,7 +164,7 @@ def test_a_source_that_blocks_is_left_to_itself_after_a_while(monkeypatch: pytes
 
 
 def test_the_patience_with_a_source_is_bounded() -> None:
-    assert 0 < READER_PATIENCE_S <= 2
+    assert 0 < READER_TIMEOUT_S <= 2
 
 
 def test_a_generator_is_closed_in_the_thread_that_read_it() -> None:

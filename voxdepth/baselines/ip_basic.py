@@ -21,7 +21,7 @@ EMPTY_M = 0.1
 NEAR_M, MEDIUM_M = 15.0, 30.0
 """Ends of the ranges in which `Multiscale` dilates by its large and by its medium kernel."""
 LARGE_HOLE_STEPS = 6
-"""Dilations by 5 x 5 with which `Multiscale` closes what is left."""
+"""Number of final dilations by 5 x 5 in `Multiscale`."""
 
 
 class Completion(Protocol):

@@ -19,7 +19,7 @@ Samples = npt.NDArray[np.float32]
 DEVIATIONS = 2.5
 """Robust standard deviations from which on a measured pixel is an outlier: Rousseeuw 1984, as is the estimate."""
 TILE = 8192
-"""Pixels that are worked on at a time: few enough that their samples stay in the cache."""
+"""Pixels per tile: few enough that their samples stay in the cache."""
 
 
 class LMedS:
@@ -40,7 +40,7 @@ class LMedS:
 
         Args:
             intrinsics: Frames of another size are refused.
-            frames: Last frames that are looked at, this one among them; more steady what stands and smear what moves.
+            frames: Number of last frames, including this one; more stabilise static surfaces and smear moving ones.
             window_px: Width of the window around a pixel; odd.
             gradient_gate: Measured pixels change only where a neighbour's depth differs by more than this share; 0
                 examines every pixel that has a differing neighbour.
@@ -61,7 +61,7 @@ class LMedS:
         self._padded_m: deque[FloatImage] = deque(maxlen=frames)
 
     def process(self, frame: Frame) -> CorrectedDepth:
-        """The frame with outliers replaced and holes filled where enough samples are.
+        """Replace outliers, and fill holes that have enough samples.
 
         Raises:
             FrameError: The frame has another size than the camera.
@@ -92,7 +92,7 @@ class LMedS:
         return samples
 
     def _estimated(self, measured_m: Samples, samples_m: Samples) -> Samples:
-        """What pixels shall have [m], shape (N,), given their own depth and the samples around them, (N, samples)."""
+        """New depth of pixels [m], shape (N,), given their own depth and the samples around them, (N, samples)."""
         n = np.isfinite(samples_m).sum(axis=1)
         location_m, half_width_m = least_median_of_squares(samples_m)
         with np.errstate(invalid="ignore"):

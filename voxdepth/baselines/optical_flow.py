@@ -90,7 +90,7 @@ class HornSchunck:
 
         Args:
             levels: Images of it, each half as large; one more doubles the motion that can be followed.
-            iterations: Of each level; more carry the flow farther into blank areas.
+            iterations: Of each level; more propagate the flow farther into textureless areas.
             alpha_gray: Weight of smoothness against brightness [gray values per pixel]; more is smoother.
 
         Raises:
@@ -137,7 +137,7 @@ def _require_positive(**numbers: float) -> None:
 
 
 def _padded(gray: GrayImage) -> GrayImage:
-    """At least as large as DIS asks for, by repeating the last row and column."""
+    """Pad to the minimum size of DIS by repeating the last row and column."""
     below, right = (max(DIS_SMALLEST_PX - side, 0) for side in gray.shape)
     return np.pad(gray, ((0, below), (0, right)), mode="edge") if below or right else gray
 
@@ -179,7 +179,7 @@ class _Memory:
 
 
 class FlowFilter:
-    """Blends measured depth with the moved one where they agree, and fills holes from it."""
+    """Blends measured depth with the warped one where they agree, and fills holes from the latter."""
 
     uses_gray = True
 
@@ -195,8 +195,8 @@ class FlowFilter:
         """A filter for one camera.
 
         Args:
-            intrinsics: Frames of another size are refused.
-            flow: `Dis()` unless another is named.
+            intrinsics: Intrinsics of the camera.
+            flow: Method of optical flow; None for `Dis()`.
             alpha: Weight of the measured depth where both agree, in (0, 1]; less of it is steadier and lags more.
             agreement: Largest difference of the two, as a share of the measured depth.
             max_age_frames: A hole is filled for this many frames after its point was last measured.
@@ -217,7 +217,7 @@ class FlowFilter:
         self._memory: _Memory | None = None
 
     def process(self, frame: Frame) -> CorrectedDepth:
-        """The frame, blended with the one before; the first of a stream comes back as it is.
+        """Blend the frame with the one before; the first frame of a stream is unchanged.
 
         Raises:
             FrameError: The frame has another size than the camera.
@@ -247,7 +247,7 @@ class FlowFilter:
         return np.where(trusted, _taken(memory.depth_m, landing), np.float32(0)), age
 
     def _blended(self, measured_m: FloatImage, moved_m: FloatImage) -> FloatImage:
-        """Measured and moved depth [m] where they agree, else the measured one, in holes the moved one."""
+        """The mean of measured and warped depth [m] where they agree, else the measured, in holes the warped depth."""
         difference_m = moved_m - measured_m
         agree = (moved_m > 0) & (np.abs(difference_m) <= self._agreement * measured_m)
         blended_m = np.where(agree, measured_m + (1 - self._alpha) * difference_m, measured_m)
@@ -255,7 +255,7 @@ class FlowFilter:
 
 
 def _landing(flow_px: FlowImage) -> npt.NDArray[np.int16]:
-    """Column and row of the pixel that each pixel flows to, shape (H, W, 2); beside the image if it leaves it."""
+    """Column and row of the pixel that each pixel flows to, shape (H, W, 2); outside the image if it leaves it."""
     height, width = flow_px.shape[:2]
     landing = flow_px.copy()
     landing[..., 0] += np.arange(width, dtype=np.float32)
@@ -264,5 +264,5 @@ def _landing(flow_px: FlowImage) -> npt.NDArray[np.int16]:
 
 
 def _taken(image: Any, landing: npt.NDArray[np.int16]) -> Any:
-    """The pixels of an image that were landed on, never mixtures of them; 0 beside it."""
+    """The pixels of an image at the targets, without interpolation; 0 outside of it."""
     return cv2.remap(image, landing, None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)  # type: ignore[call-overload]

@@ -1,4 +1,4 @@
-"""ORACLE: holes filled by what the last frames measured, moved by the true pose of the camera.
+"""ORACLE: holes filled from the measurements of the last frames, moved by the true pose of the camera.
 
 No corrector has that pose: this is an upper bound for evaluation, and has no name in the registry.
 """
@@ -67,7 +67,7 @@ class PoseSplat:
 
         Args:
             intrinsics: Frames of another size are refused.
-            frames: Last frames that are remembered; more fill more, and keep what has moved away for longer.
+            frames: Number of remembered frames; more fill more, and keep departed objects for longer.
 
         Raises:
             ConfigError: `frames` is below 1, or so large that the points cannot be numbered.
@@ -128,7 +128,7 @@ class PoseSplat:
         return depth_m.reshape(self._intrinsics.shape), winner.reshape(self._intrinsics.shape)
 
     def _projected(self, points_cam: PointArray) -> tuple[npt.NDArray[np.float32], Indices]:
-        """Depth [m] of points, and the number of the pixel that each falls into, -1 beside the image; both (N,)."""
+        """Depth [m] of points, and the number of the pixel that each falls into, -1 outside the image; both (N,)."""
         camera, (x, y, z) = self._intrinsics, points_cam.T
         before = z > NEAREST_M
         divisor = np.where(before, z, np.float32(1))

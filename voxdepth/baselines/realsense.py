@@ -22,7 +22,7 @@ from . import realsense_kernels
 from .single_frame import SingleFrameFilter, labelled
 
 STEPS_PER_PX = 32
-"""The SDK counts disparity in these."""
+"""Units of disparity of the SDK per pixel."""
 LARGEST_UNITS = 2**16 - 1
 """Depth has 16 bits in the SDK."""
 HISTORY_FRAMES = 8
@@ -41,11 +41,11 @@ class SpatialFilter(Model):
     """
 
     alpha: float = Field(0.5, ge=0.25, le=1)
-    """Weight of a pixel against what came before it. 1 changes nothing, less smooths more."""
+    """Weight of a pixel against the value before it. 1 changes nothing, less smooths more."""
     delta: int = Field(20, ge=1, le=50)
     """Step between neighbours that is an edge, in 1/32 px of disparity. More smooths over larger steps."""
     iterations: int = Field(2, ge=1, le=5)
-    """How often rows and columns are gone through. More smooths wider."""
+    """Number of passes over rows and columns. More smooths wider."""
 
     def smooth(self, disparity: FloatImage) -> FloatImage:
         """A smoothed copy of disparity [1/32 px], shape (H, W); holes (0) stay, and nothing is mixed across them."""
@@ -60,7 +60,7 @@ class SpatialFilter(Model):
 
 
 def smooth_rows_warp(image: FloatImage, *, alpha: float, delta: float) -> None:
-    """Smooth each row of a contiguous image to the right and then to the left, in place, by the Warp kernel."""
+    """Smooth each row of a contiguous image to the right and then to the left, in place, with a Warp kernel."""
     wp.launch(
         realsense_kernels.smooth_rows,
         len(image),
@@ -88,7 +88,7 @@ PERSISTENCES = (
     Persistence(1, 8),
     Persistence(0, 0),  # always
 )
-"""The SDK's, by its number."""
+"""The modes of the SDK by their numbers."""
 
 
 class TemporalConfig(Model):
@@ -97,7 +97,7 @@ class TemporalConfig(Model):
     alpha: float = Field(0.4, ge=0, le=1)
     """Weight of the new frame. 1 changes nothing, less smooths longer."""
     delta: int = Field(20, ge=1, le=100)
-    """Step from the mean that starts it anew, in 1/32 px of disparity. More smooths over larger changes."""
+    """Step that restarts the mean, in 1/32 px of disparity. More smooths over larger changes."""
     persistence: int = Field(3, ge=0, le=8)
     """Number of one of `PERSISTENCES`: 0 fills no hole, 3 where 2 of the last 4 frames had a depth, 8 wherever there
     ever was one."""
@@ -212,7 +212,7 @@ def hole_fill(name: str) -> HoleFill:
     """The mode of that name.
 
     Raises:
-        ConfigError: There is none.
+        ConfigError: There is no such mode.
     """
     if name not in _FILLS:
         raise ConfigError(f"there is no hole filling {name!r}; choose one of: {', '.join(_FILLS)}")
@@ -249,14 +249,14 @@ class RealSenseChain:
     millimetres) are cut to that, those below half a unit are invalid. Measured pixels change, too.
 
     Args:
-        intrinsics: Of the camera, with the baseline; every frame must have its shape.
+        intrinsics: Intrinsics of the camera, with the baseline.
         spatial: The spatial filter.
         temporal: Parameters of the temporal filter.
         fill: Mode of the hole filling.
         units_per_m: Steps of the depth in a metre.
 
     Raises:
-        ConfigError: The baseline is not known, there is no such hole filling, or the units are not positive.
+        ConfigError: The baseline is unknown, there is no such hole filling, or the units are not positive.
     """
 
     uses_gray = False

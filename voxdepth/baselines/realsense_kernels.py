@@ -1,4 +1,4 @@
-"""Warp kernels of the RealSense filters that go through an image in order. The twins are beside the launches."""
+"""Warp kernels of the RealSense filters that process pixels in order. Each has a NumPy twin in the tests."""
 
 # mypy: disable-error-code="no-untyped-def,type-arg,valid-type,untyped-decorator,no-any-return,index,misc"
 import warp as wp
@@ -14,7 +14,7 @@ def smoothed(
     alpha: wp.float32,
     delta: wp.float32,
 ):
-    """One step of the recursion: mixed with what came before, unless there is an edge or a hole between the two."""
+    """One step of the recursion: the mean with the value before, unless an edge or a hole separates the two."""
     near = before > 0.0 and value > 0.0 and wp.abs(before - value) < delta
     return wp.where(near, value * alpha + state * (1.0 - alpha), value)
 

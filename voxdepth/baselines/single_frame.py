@@ -115,7 +115,7 @@ class AuthorsMax(SingleFrameFilter):
 
 
 class OpenCvInpaint(SingleFrameFilter):
-    """Fills every hole from its rim; valid pixels stay.
+    """Fills every hole from its boundary; valid pixels stay.
 
     Works on the inverse of depth, in which stereo errors are alike at any range, with the nearest depth of a frame as
     the largest of 16 bits: one step is 0.2 mm at 2 m and 11 mm at 15 m if that nearest depth is 0.3 m.
@@ -125,7 +125,7 @@ class OpenCvInpaint(SingleFrameFilter):
         """Create the filter.
 
         Args:
-            method: `telea` marches inwards with weighted means, `navier_stokes` goes on along lines of equal depth.
+            method: `telea` marches inwards with weighted means, `navier_stokes` continues lines of equal depth.
             radius_px: Neighbourhood of a pixel that is filled; a larger one is smoother and slower.
 
         Raises:

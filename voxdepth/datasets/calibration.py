@@ -1,4 +1,4 @@
-"""Which intrinsics a dataset is read with: those given, else `calibration.toml` in its folder, else its format's."""
+"""Intrinsics of a dataset: those of the caller, else of `calibration.toml` in its folder, else of its format."""
 
 import tomllib
 from collections.abc import Callable, Mapping
@@ -19,9 +19,9 @@ def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callabl
     """The intrinsics to read a dataset with.
 
     Args:
-        folder: Of the dataset; a `calibration.toml` in it counts if none are given.
-        given: What the caller says, which counts before everything else.
-        of_format: What the format or its files say, asked last.
+        folder: Folder of the dataset, perhaps with a `calibration.toml`.
+        given: Intrinsics of the caller, which take precedence.
+        of_format: Returns the intrinsics of the format; called last.
 
     Raises:
         DatasetError: The file is damaged, or describes no camera.
@@ -36,7 +36,7 @@ def parse_calibration(text: str, path: Path) -> Intrinsics:
     """The intrinsics in a `calibration.toml`.
 
     Raises:
-        DatasetError: The text is something else.
+        DatasetError: The text is not of this form.
     """
     try:
         values = tomllib.loads(text)
@@ -53,7 +53,7 @@ def intrinsics_from(values: Mapping[str, object], path: Path) -> Intrinsics:
         path: The file, for the error.
 
     Raises:
-        DatasetError: A field is missing, unknown, or no number that can stand there.
+        DatasetError: A field is missing, unknown or not a suitable number.
     """
     kinds = {field.name: field.type for field in fields(Intrinsics)}
     unknown = sorted(values.keys() - kinds.keys())
@@ -74,7 +74,7 @@ def intrinsics_from(values: Mapping[str, object], path: Path) -> Intrinsics:
 
 
 def as_number(value: object) -> float | None:
-    """A finite number that a file gives; None if it is none."""
+    """A value of a file as a finite number; None if it is none."""
     if not isinstance(value, int | float) or isinstance(value, bool):
         return None
     try:

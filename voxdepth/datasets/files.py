@@ -1,4 +1,4 @@
-"""Folders, lists and paths that somebody else wrote: read with suspicion, and with errors that name the file."""
+"""Reading of folders, lists and paths that may be damaged, with errors that name the file."""
 
 from collections.abc import Collection
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -6,14 +6,14 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from ..errors import DatasetError
 
 LARGEST_FILE_BYTES = 2**28
-"""No image or list of one camera comes near; a larger file is something else."""
+"""Larger files are no images or lists of one camera."""
 
 
 def require_folder(folder: Path) -> None:
-    """Refuse what is no folder.
+    """Refuse anything but a folder.
 
     Raises:
-        DatasetError: It is missing, or a file.
+        DatasetError: The folder is missing, or a file.
     """
     try:
         if folder.is_dir():
@@ -25,7 +25,7 @@ def require_folder(folder: Path) -> None:
 
 
 def list_folder(folder: Path) -> list[Path]:
-    """What is in a folder, sorted by name; nothing if there is no such folder.
+    """Content of a folder, sorted by name; empty if there is no such folder.
 
     Raises:
         DatasetError: It cannot be read.
@@ -46,10 +46,10 @@ def list_images(folder: Path, suffixes: Collection[str]) -> list[Path]:
 
 
 def read_bytes(path: Path) -> bytes:
-    """All of a file.
+    """Read a whole file.
 
     Raises:
-        DatasetError: It is missing, no plain file, unreasonably large, or cannot be read.
+        DatasetError: The file is missing, no plain file, unreasonably large, or cannot be read.
     """
     try:
         if not path.is_file():
@@ -65,7 +65,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """All of a text file in UTF-8.
+    """Read a text file in UTF-8.
 
     Raises:
         DatasetError: As for `read_bytes`, or it is not text.
@@ -84,8 +84,8 @@ def path_inside(folder: Path, name: str, source: str) -> Path:
     """The file that a list names, which must lie below the list's folder.
 
     Args:
-        folder: Of the list.
-        name: As the list has it, relative to the folder.
+        folder: Folder of the list.
+        name: Name in the list, relative to the folder.
         source: The list and the line, for the error.
 
     Raises:

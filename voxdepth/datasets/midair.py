@@ -9,7 +9,7 @@ Facts and where they are from: frame rate and files, midair.ulg.ac.be (Data orga
 90 degrees of view with f = cx = cy = w/2, its FAQ; float16 bits and a display range of 1250 m, the example script of
 the dataset's repository montefiore-institute/midair-dataset; `depth` is the distance along the ray, the dataset's
 author in issue 6 of michael-fonder/M4Depth; z = 512 / disparity, thus a baseline of 1 m, the data loader there. That
-occlusion masks mark with other than 0 what is hidden is taken from their name alone.
+occlusion masks are not 0 where a surface is hidden is concluded from their name alone.
 """
 
 import re
@@ -40,7 +40,7 @@ class MidAirDataset(PairedImages):
 
     @classmethod
     def lacking(cls, folder: Path) -> str:
-        """What a folder lacks to be of this format, in words; empty if it is."""
+        """See `PairedImages`."""
         if not (folder / COLOUR).is_dir():
             return f"a folder {COLOUR}"
         if not any((folder / name).is_dir() for name in (DISPARITY, RANGE)):

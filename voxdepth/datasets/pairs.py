@@ -26,7 +26,7 @@ class Pair:
 
 
 class PairedImages(ABC):
-    """What all readers share; a format adds how it finds its files and how it stores depth."""
+    """Base of all readers. A format adds how it finds its files and how it stores depth."""
 
     format: str
 
@@ -34,9 +34,9 @@ class PairedImages(ABC):
         """Frames of the files in a folder.
 
         Args:
-            folder: For the errors.
-            pairs: In order of time.
-            intrinsics: Of the camera.
+            folder: Folder of the dataset, for errors.
+            pairs: Pairs of files in the order of time.
+            intrinsics: Intrinsics of the camera.
 
         Raises:
             DatasetError: There is no pair, or the times do not increase.
@@ -51,7 +51,7 @@ class PairedImages(ABC):
     @classmethod
     @abstractmethod
     def lacking(cls, folder: Path) -> str:
-        """What a folder lacks to be of this format, in words; empty if it is."""
+        """Missing parts of a folder of this format, in words; empty if it is complete."""
 
     @classmethod
     @abstractmethod
@@ -59,8 +59,8 @@ class PairedImages(ABC):
         """The dataset in a folder.
 
         Args:
-            folder: Of the dataset.
-            intrinsics: Count before a `calibration.toml` in the folder and before what the format says.
+            folder: Folder of the dataset.
+            intrinsics: Intrinsics that take precedence over those of the folder and of the format.
 
         Raises:
             DatasetError: The folder is not of this format, or a list or calibration in it is missing or damaged.
@@ -86,8 +86,8 @@ class PairedImages(ABC):
         """One frame, counted from the end if negative.
 
         Raises:
-            IndexError: There are not so many.
-            DatasetError: A file of it is missing, damaged or does not fit; the message names it.
+            IndexError: There is no frame of that index.
+            DatasetError: A file of the frame is missing, damaged or does not fit; the message names it.
         """
         pair = self._pairs[index]
         try:
@@ -142,7 +142,7 @@ def require_increasing(stamps_s: Sequence[float], source: str) -> None:
 def associate(first_s: Sequence[float], second_s: Sequence[float], *, within_s: float) -> list[tuple[int, int]]:
     """Pairs of two streams that are nearest in time.
 
-    The closest pair of all is taken first, then the closest of what is left, and so on.
+    The algorithm is greedy: it takes the closest pair first, then the closest of the remaining ones.
 
     Args:
         first_s: Increasing times [s].
@@ -168,7 +168,7 @@ def _candidates(
 ) -> Iterator[tuple[float, int, int]]:
     starts = np.searchsorted(second_s, np.asarray(first_s) - within_s, side="left")
     for i, (stamp_s, start) in enumerate(zip(first_s, starts, strict=True)):
-        for j in range(max(int(start) - 1, 0), len(second_s)):  # One early, for the difference is rounded.
+        for j in range(max(int(start) - 1, 0), len(second_s)):  # One earlier, since the difference is rounded.
             difference_s = second_s[j] - stamp_s
             if difference_s > within_s:
                 break

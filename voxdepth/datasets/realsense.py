@@ -61,7 +61,7 @@ class RealSenseDataset(PairedImages):
 
     @classmethod
     def lacking(cls, folder: Path) -> str:
-        """What a folder lacks to be of this format, in words; empty if it is."""
+        """See `PairedImages`."""
         lists = [name for name in ("rgb.txt", "depth.txt") if (folder / name).exists()]
         if lists:
             return f"nothing, but it has {' and '.join(lists)} of TUM RGB-D, whose depth has other units"
@@ -151,7 +151,7 @@ def _seconds(time: float) -> float:
 
 
 def _read_metadata(folder: Path) -> tuple[Path, Mapping[str, Any]]:
-    """What Open3D's tools say of the camera; nothing if they did not."""
+    """The description of the camera by Open3D's tools; empty without one."""
     path = next((folder / name for name in METADATA if (folder / name).exists()), folder / METADATA[0])
     if not path.exists():
         return path, {}
@@ -211,7 +211,7 @@ def _require_aligned(pair: Pair) -> None:
 
 
 def _is_converted(folder: Path) -> bool:
-    """Whether there is a file in the folder that the converter could have written."""
+    """Whether the folder has a file with a name of the converter."""
     return any(_CONVERTED.fullmatch(path.name) for path in list_folder(folder))
 
 

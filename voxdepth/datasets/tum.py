@@ -46,7 +46,7 @@ class TumDataset(PairedImages):
 
     @classmethod
     def lacking(cls, folder: Path) -> str:
-        """What a folder lacks to be of this format, in words; empty if it is."""
+        """See `PairedImages`."""
         if (folder / ASSOCIATIONS).exists():
             return ""
         missing = [name for name in (COLOUR_LIST, DEPTH_LIST) if not (folder / name).exists()]

@@ -1,4 +1,4 @@
-"""Depth against the truth, in metres and over explicit masks. The truth never reaches a corrector."""
+"""Metrics of depth against the true depth, over explicit masks. The true depth never reaches a corrector."""
 
 from .flicker import Changes, Flicker
 from .moving import Share, ghost_share, survival

@@ -15,9 +15,9 @@ class Changes:
     pixels: int = 0
     """Static pixels with a true surface in both frames."""
     changes: int = 0
-    """Those of them with a depth in both."""
+    """Number of these pixels with a depth in both."""
     switched: int = 0
-    """Those of them with a depth in only one."""
+    """Number of these pixels with a depth in only one."""
     change_m: float = 0.0
     """Sum of the changes of the error [m]."""
 
@@ -43,11 +43,11 @@ class Changes:
 class Flicker:
     """Accumulates `|e_t - e_(t-1)|` at the same pixel, where e is depth minus truth.
 
-    The truth taken off, a moving camera does not count as flicker as long as the depth is right. Pixels count that are
-    unchanged since the frame before and have a true surface in both frames; the change needs a depth in both as well.
+    The motion of the camera does not count as flicker, since the true depth is subtracted. A pixel counts if it is
+    static and has a true surface in both frames; the change needs a depth in both as well.
 
     Args:
-        n_groups: Into how many groups, such as ranges, pixels are told apart.
+        n_groups: Number of groups of pixels, such as bins of range.
     """
 
     def __init__(self, n_groups: int = 1) -> None:
@@ -61,12 +61,12 @@ class Flicker:
         return sum(self.groups, Changes())
 
     def add(self, depth_m: FloatImage, truth_m: FloatImage, static: MaskImage, group: GrayImage | None = None) -> None:
-        """Take in the next frame; the first one of a sequence only serves as the start.
+        """Add the next frame; the first frame of a sequence has no predecessor to compare with.
 
         Args:
             depth_m: Depth under test [m], shape (H, W); 0 = invalid.
             truth_m: True depth [m], shape (H, W); pixels that are 0, NaN or infinite do not count.
-            static: Pixels that show the same as in the frame before, shape (H, W); of the first frame it says nothing.
+            static: Pixels that show the same surface as in the frame before, shape (H, W); unused for the first frame.
             group: The group of each static pixel, shape (H, W), below `n_groups`; None puts all into the first.
 
         Raises:

@@ -1,4 +1,4 @@
-"""What memory does to moving objects: ghosts where one was, and survival where one is."""
+"""Effects of a memory on moving objects: ghosts where an object was, and survival where it is."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from .sums import CLOSE
 
 @dataclass(frozen=True, kw_only=True)
 class Share:
-    """How many pixels out of how many; frames add up."""
+    """A share of pixels; shares of frames add up."""
 
     hits: int = 0
     of: int = 0
@@ -29,8 +29,8 @@ def ghost_share(depth_m: FloatImage, truth_m: FloatImage, departed_m: FloatImage
     """Filled pixels that show an object which has left, among all filled pixels that it has left.
 
     A ghost is nearer to the departed object than to the background: its depth is below their geometric mean. "10 % too
-    near" would mostly count stereo noise. Judge it beside `Sums.coverage` and `Sums.too_far_share`: whoever fills
-    nothing, or fills with the farthest, has no ghosts.
+    near" would mostly count stereo noise. Judge it together with `Sums.coverage` and `Sums.too_far_share`: a
+    method that fills nothing, or fills with the farthest depth, has no ghosts.
 
     Args:
         depth_m: Depth under test [m], shape (H, W); 0 = invalid, not counted.
@@ -53,7 +53,7 @@ def ghost_share(depth_m: FloatImage, truth_m: FloatImage, departed_m: FloatImage
 def survival(depth_m: FloatImage, truth_m: FloatImage, moving: MaskImage) -> Share:
     """Pixels of a moving object whose depth is within 5 % of the truth, among all its pixels; a hole does not survive.
 
-    The sensor itself misses some: the share says something only beside that of the raw depth of the same frames.
+    The sensor misses some pixels as well: compare the share with that of the raw depth of the same frames.
 
     Args:
         depth_m: Depth under test [m], shape (H, W); 0 = invalid.

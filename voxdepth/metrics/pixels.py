@@ -15,7 +15,7 @@ RANGE_BINS_M: dict[str, tuple[float, float]] = {
     "10-20 m": (10.0, 20.0),
     "20+ m": (20.0, np.inf),
 }
-"""By name, the nearest true depth that belongs to a bin and the nearest one beyond it [m]."""
+"""Lower bound (inclusive) and upper bound (exclusive) of the true depth of each bin [m]."""
 
 
 def judged_pixels(truth_m: FloatImage, mask: MaskImage) -> MaskImage:
@@ -23,7 +23,7 @@ def judged_pixels(truth_m: FloatImage, mask: MaskImage) -> MaskImage:
 
     Args:
         truth_m: True depth [m], shape (H, W); 0, NaN or infinite where no surface is known.
-        mask: Pixels asked for, shape (H, W).
+        mask: Selected pixels, shape (H, W).
 
     Raises:
         FrameError: The mask is not Boolean.
@@ -33,17 +33,17 @@ def judged_pixels(truth_m: FloatImage, mask: MaskImage) -> MaskImage:
 
 
 def require_mask(mask: npt.NDArray[Any]) -> None:
-    """Refuse a mask that is not Boolean, with which NumPy would select rows by number.
+    """Refuse a mask that is not Boolean, which NumPy would take for indices of rows.
 
     Raises:
-        FrameError: Its type is another.
+        FrameError: The mask is not Boolean.
     """
     if mask.dtype != np.bool_:
         raise FrameError(f"expected a mask of type bool, got {mask.dtype}; compare the image with 0 first")
 
 
 def require_same_shape(**images: npt.NDArray[Any]) -> None:
-    """Refuse images of different sizes, which NumPy might spread over one another.
+    """Refuse images of different sizes, which NumPy might broadcast.
 
     Raises:
         FrameError: The shapes differ.
@@ -54,7 +54,7 @@ def require_same_shape(**images: npt.NDArray[Any]) -> None:
 
 
 def require_depth(depth_m: npt.NDArray[np.floating[Any]]) -> None:
-    """Refuse what is no depth; averaged in, it would hide in a figure.
+    """Refuse invalid values of depth, which would be hidden in a mean.
 
     Raises:
         FrameError: A pixel is negative, NaN or infinite.
@@ -82,14 +82,14 @@ def by_range(truth_m: FloatImage) -> dict[str, MaskImage]:
 def is_right(
     depth_m: FloatImage | FloatArray, reference_m: FloatImage | FloatArray, focal_baseline_px_m: float
 ) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Where the disparity of a depth is within 5 %, or a quarter of a pixel; of the shape of the arguments.
+    """Whether the error of a disparity is at most 5 % or a quarter of a pixel; same shape as the arguments.
 
-    Surfaces of less disparity than that are right however far away they are said to be: count what is nearer.
+    A far surface with a disparity below a quarter of a pixel is right at any larger depth.
 
     Args:
         depth_m: Depth [m]; > 0.
-        reference_m: The truth [m], of the same shape; > 0.
-        focal_baseline_px_m: Of the camera, see `Intrinsics`.
+        reference_m: True depth [m], of the same shape; > 0.
+        focal_baseline_px_m: See the property of `Intrinsics`.
     """
     disparity_px, true_px = focal_baseline_px_m / depth_m, focal_baseline_px_m / reference_m
     return np.abs(disparity_px - true_px) <= np.maximum(RIGHT_SHARE * true_px, RIGHT_PX)

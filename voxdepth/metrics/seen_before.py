@@ -1,6 +1,6 @@
-"""Which holes a memory could have filled: those whose surface was measured correctly a short while ago.
+"""Holes that a memory could have filled: those whose surface was measured correctly a short time ago.
 
-For evaluation only, never near a corrector: it works on the true depth and the true poses.
+This is for evaluation only, since it uses the true depth and the true poses.
 """
 
 from collections import deque
@@ -21,14 +21,14 @@ SURFACE_TOLERANCE = 0.02
 SURFACE_TOLERANCE_M = 0.02
 """Two depths are of the same surface when they differ by at most 2 % and 2 cm together."""
 WORTH_DROPPING = 8
-"""Points that were found are dropped once they are one in so many: to pick the others out costs as much as a frame."""
+"""Found points are dropped once they are one in this many: selecting the others costs as much as a frame."""
 NEAREST_M = 1e-6
 """Keeps the division finite for points in or behind the image plane, which match nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Past:
-    """A frame that was, with a border of one pixel that catches what is projected outside of it."""
+    """A past frame, with a border of one pixel for points that are projected outside of it."""
 
     measured_m: FloatImage
     """True depth where it was measured correctly [m], NaN elsewhere, shape (H + 2, W + 2)."""
@@ -41,15 +41,15 @@ class SeenBefore:
 
     A hole pixel's true point is projected with the true poses into past frames, newest first. It was seen if it falls
     on a pixel whose true depth agrees within 2 % + 2 cm (the same surface) and whose raw depth was within 5 % of that.
-    The world counts as rigid: a point on a body that moves is looked for where it is now.
+    The world is assumed to be rigid: a point on a moving body is searched for at its present position.
     """
 
     def __init__(self, intrinsics: Intrinsics, n: int = 60) -> None:
-        """For frames of one camera.
+        """Create it for the frames of one camera.
 
         Args:
-            intrinsics: Of the camera.
-            n: How many frames are looked back, at least 1; each takes 4 bytes a pixel.
+            intrinsics: Intrinsics of the camera.
+            n: Number of past frames, at least 1; each takes 4 bytes a pixel.
         """
         if n < 1:
             raise FrameError(f"expected to look back at least 1 frame, got {n}")

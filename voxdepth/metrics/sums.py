@@ -16,7 +16,7 @@ from .pixels import judged_pixels, require_depth, require_same_shape
 TOO_FAR = 1.1
 """A pixel is too far when it is more than 10 % beyond the truth."""
 CLOSE = 0.05
-"""A pixel is close when it is within this part of the truth."""
+"""A pixel is close if its relative error is at most this."""
 Counts = npt.NDArray[np.int64]
 
 BINS_PER_OCTAVE = 128
@@ -25,7 +25,7 @@ LARGEST_M = 2.0**10
 BINS = 24 * BINS_PER_OCTAVE + 2
 """The first bin holds all that is smaller, the last all that is larger."""
 _DROPPED_BITS = 16
-"""Of the 23 bits of a float32's fraction; the 7 kept ones count 128 bins."""
+"""A float32 has a fraction of 23 bits; the other 7 count 128 bins."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,9 +33,9 @@ class DepthErrors:
     """Sums over pixels, so that frames of any size add up to one figure."""
 
     pixels: int = 0
-    """Pixels with a true surface within the range that was asked for."""
+    """Pixels with a true surface within the range."""
     filled: int = 0
-    """Those of them that have a depth."""
+    """Number of these pixels that have a depth."""
     abs_error_m: float = 0.0
     """Sum of absolute errors over filled pixels [m]."""
     too_far: int = 0
@@ -66,12 +66,12 @@ class DepthErrors:
 
 
 def depth_errors(depth_m: FloatImage, truth_m: FloatImage, *, max_range_m: float) -> DepthErrors:
-    """Errors of one image over the pixels whose true depth is at most `max_range_m`.
+    """Sum the errors of one image over the pixels whose true depth is at most `max_range_m`.
 
     Args:
         depth_m: Depth under test [m], shape (H, W); 0 = invalid.
         truth_m: True depth [m], shape (H, W); +inf where there is no surface.
-        max_range_m: Limits the pixels that count; a stereo camera knows nothing far beyond its range.
+        max_range_m: Largest true depth of a pixel that counts [m].
     """
     judged = truth_m <= max_range_m
     filled = judged & (depth_m > 0)
@@ -92,13 +92,13 @@ def _no_counts() -> Counts:
 class Sums:
     """Sums over pixels with a true surface; errors are over the filled ones of them, and `coverage` says how many.
 
-    Every figure is None when there is no pixel to take it from.
+    Every figure is None without pixels.
     """
 
     pixels: int = 0
     """Pixels of the mask with a true surface."""
     filled: int = 0
-    """Those of them that have a depth."""
+    """Number of these pixels that have a depth."""
     abs_error_m: float = 0.0
     """Sum of |depth - truth| [m]."""
     squared_error_m2: float = 0.0
@@ -116,9 +116,9 @@ class Sums:
 
     @classmethod
     def of(cls, depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage) -> "Sums":
-        """The sums of one image.
+        """Sum the errors of one image.
 
-        The time it takes goes by the pixels of the mask: for many masks of a frame, take disjoint ones and add.
+        The time is proportional to the pixels of the mask: for many masks of a frame, add the sums of disjoint ones.
 
         Args:
             depth_m: Depth under test [m], shape (H, W); 0 = invalid.
@@ -238,36 +238,36 @@ _FIRST = int(_leading_bits(np.array([SMALLEST_M]))[0]) - 1
 
 
 def histogram(magnitudes_m: FloatArray) -> Counts:
-    """Number of magnitudes per bin, shape (BINS,).
+    """Count magnitudes by bin, shape (BINS,).
 
     Args:
-        magnitudes_m: Finite and not negative [m], shape (N,).
+        magnitudes_m: Error magnitudes [m], finite and not negative, shape (N,).
     """
     bins = np.clip(_leading_bits(magnitudes_m) - _FIRST, 0, BINS - 1)
     return np.bincount(bins, minlength=BINS)
 
 
 def median_m(counts: Counts) -> float | None:
-    """The median of what was counted [m], within 0.4 % (half a bin).
+    """The median of counted magnitudes [m], within 0.4 % (half a bin).
 
-    Of an even number it is the mean of the two in the middle. What is below `SMALLEST_M` reads 0 and what is above
-    `LARGEST_M` reads `LARGEST_M`.
+    The median of an even number of magnitudes is the mean of the two in the middle. Magnitudes below `SMALLEST_M` count
+    as 0, those above `LARGEST_M` as `LARGEST_M`.
 
     Returns:
-        None when nothing was counted.
+        The median; None without magnitudes.
     """
     ends = np.cumsum(counts)
     total = int(ends[-1])
     if total == 0:
         return None
     lower, upper = np.searchsorted(ends, [(total - 1) // 2, total // 2], side="right")
-    return (_reading_m(int(lower)) + _reading_m(int(upper))) / 2
+    return (_magnitude_m(int(lower)) + _magnitude_m(int(upper))) / 2
 
 
-def _reading_m(place: int) -> float:
-    if place == 0:
+def _magnitude_m(bin_index: int) -> float:
+    if bin_index == 0:
         return 0.0
-    if place == BINS - 1:
+    if bin_index == BINS - 1:
         return LARGEST_M
-    octave, step = divmod(place - 1, BINS_PER_OCTAVE)
+    octave, step = divmod(bin_index - 1, BINS_PER_OCTAVE)
     return SMALLEST_M * 2.0**octave * (1 + (step + 0.5) / BINS_PER_OCTAVE)

@@ -1,4 +1,4 @@
-"""The configuration of the method as the paper writes it, put together from those of its parts."""
+"""Configuration of the paper's method."""
 
 from typing import Annotated, Literal
 
@@ -15,10 +15,10 @@ MotionModelName = Literal["constant", "per_frame"]
 
 
 class CombineConfig(Model):
-    """What makes a measured pixel invalid beside being empty. Both conditions are the paper's."""
+    """Conditions under which a measured pixel is replaced, besides being empty. Both are from the paper."""
 
     reject_near: bool = True
-    """Whether a pixel much nearer than the template is invalid; this also erases things that move before it."""
+    """Whether a pixel much nearer than the template is invalid; this also erases objects that move in front of it."""
     near_share: float = Field(0.5, gt=0, lt=1)
     """Share of the template's depth below which a pixel is too near. Paper: "less than half"."""
     reject_far: bool = True
@@ -33,10 +33,11 @@ class PaperConfig(Model):
     max_epoch_frames: int = Field(60, ge=1)
     """Frames after which an epoch ends even if registration still succeeds."""
     fusion_lag_frames: Annotated[int, Field(ge=0)] | Literal["ready"] = 3
-    """Frames from the last one of a window to the first one that its template corrects, while it is fused beside.
+    """Frames from the last one of a window to the first one that its template corrects.
 
-    A number gives the same results on every machine: 3 frames are 100 ms at 30 Hz, a little more than fusing takes;
-    0 waits for it within the call. `ready` switches as soon as it is done, for live cameras.
+    Fusion runs in the background meanwhile. A number gives the same results on every machine: 3 frames are 100 ms at
+    30 Hz, slightly more than a fusion takes; 0 waits for it within the call. `ready` switches as soon as it is done,
+    for live cameras.
     """
     motion: MotionModelName = "constant"
     """`constant`: the motion between the first two frames of a window holds for all, as in the paper. `per_frame`: it
@@ -50,7 +51,7 @@ class PaperConfig(Model):
     median_size_px: int = 5
     """Window of the median filter against flicker: 1 (off), 3 or 5."""
     device: DeviceName = "cpu"
-    """Where images are worked on."""
+    """Device that processes the images."""
 
     @field_validator("median_size_px")
     @classmethod

@@ -1,4 +1,4 @@
-"""Which template serves, and when the next one is fused: paper, Sec. Epoch Transition."""
+"""The current template, and when the next one is fused: paper, Sec. Epoch Transition."""
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -12,7 +12,7 @@ from .registration import Features, Registration, RegistrationStatus
 
 
 class Phase(StrEnum):
-    """What the method was doing when it returned a frame."""
+    """State of the method when it returned a frame."""
 
     PASSTHROUGH = "passthrough"
     """No template was used: the frame was at most smoothed and filled from its own pixels."""
@@ -55,18 +55,18 @@ class PaperDiagnostics:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Template:
-    """Dense depth of the scene as seen by the last frame of a fusion window."""
+    """Dense depth of the scene in the last frame of a fusion window."""
 
     depth: Any
     """Depth [m], shape (H, W), 0 = unknown, in the memory of the `ImageSteps` that made it."""
     features: Features
-    """Of the gray image that the depth belongs to."""
+    """Features of the gray image that the depth belongs to."""
     timings_s: Mapping[str, float]
     """Wall-clock time of fusing [s], by step."""
 
 
 Fuse = Callable[[Sequence[Frame], Features], Template]
-"""Makes a template of a window of frames, given the features of the last."""
+"""Fuses a window of frames, given the features of the last, into a template."""
 Follows = Callable[[Features, Features], bool]
 """Whether two successive images show the same scene."""
 Lag = int | Literal["ready"]
@@ -78,20 +78,20 @@ class Job:
 
     template: Future[Template]
     due: int
-    """Number of the frame from which the template serves, if the lag is fixed."""
+    """Number of the first frame that uses the template, if the lag is fixed."""
 
 
 class Epochs:
-    """Collects windows, has them fused, and switches templates between two frames, never within one.
+    """Collects windows, starts their fusion, and switches templates between two frames.
 
-    A window is begun anew when the scene changes within it: a cloud of two scenes would fit neither.
+    A window restarts when the scene changes within it: a cloud of two scenes would fit neither.
 
     Args:
-        fuse: Makes a template of a window.
+        fuse: Fuses a window into a template.
         follows: Tells whether the scene changed.
         window_frames: Frames in a window.
         max_epoch_frames: Frames after which an epoch ends.
-        lag: Frames between the last of a window and the first that its template serves, or `ready`.
+        lag: Frames between the last of a window and the first that uses its template, or `ready`.
     """
 
     def __init__(self, fuse: Fuse, follows: Follows, *, window_frames: int, max_epoch_frames: int, lag: Lag) -> None:
@@ -114,16 +114,16 @@ class Epochs:
         self._epoch_frames = 0
 
     def close(self) -> None:
-        """Wait until nothing is being fused any more; no frame can begin after that."""
+        """Wait for the fusion that is running; `begin` raises an error after that."""
         self._closed = True
         self._executor.shutdown(cancel_futures=True)
 
     def begin(self, frame: Frame, features: Features) -> Template | None:
-        """The template for a frame, which joins the window if one is open. Frames come in order.
+        """Add the next frame to an open window, and return the current template.
 
         Raises:
             FrameError: `close` was called.
-            Exception: What fusing raised; the next frame opens a new window.
+            Exception: The error of a fusion; the next frame opens a new window.
         """
         if self._closed:
             raise FrameError("this corrector is closed: make a new one for more frames")
@@ -134,7 +134,7 @@ class Epochs:
         return self.template
 
     def end(self, frame: Frame, features: Features, registration: Registration) -> EpochEnd | None:
-        """Open a new window, beginning with this frame, when the template no longer serves it."""
+        """Open a new window with this frame if the template no longer fits it."""
         self._epoch_frames += 1
         if self.template is None or self.is_fusing:
             return None
@@ -150,7 +150,7 @@ class Epochs:
         return self._window is not None or self._job is not None
 
     def phase(self, registration: Registration) -> Phase:
-        """What becomes of a frame that was registered like this."""
+        """State of the method for a frame with this registration."""
         if self.template is None or not registration.ok:
             return Phase.PASSTHROUGH
         return Phase.FUSING if self.is_fusing else Phase.CORRECTING
@@ -187,7 +187,7 @@ class Epochs:
 
 
 class Inline(Executor):
-    """Runs what it is given at once, in the thread that asks."""
+    """Runs a task in the calling thread when it is submitted."""
 
     def submit(self, fn, /, *args, **kwargs):  # type: ignore[no-untyped-def]  # noqa: D102
         future: Future[object] = Future()

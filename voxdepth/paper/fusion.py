@@ -62,7 +62,7 @@ class Fusion:
         """Fuse a window; `features` are those of its last frame."""
         timer = StepTimer()
         with timer("fused"):
-            with timer("place"):
+            with timer("motion"):
                 poses = self._motion_model(window, self._odometry)
             with timer("voxelise"):
                 self._voxelise(window, poses)

@@ -37,7 +37,7 @@ def warp_nearest(
     # output
     warped_m: wp.array2d(dtype=wp.float32),
 ):
-    """Each pixel takes the template's pixel that it maps to; 0 beside the template."""
+    """Each pixel takes the template's pixel that it maps to; 0 outside the template."""
     row, col = wp.tid()
     at = M_template_frame * wp.vec3(wp.float32(col), wp.float32(row), 1.0)
     u = wp.int32(wp.rint(at[0]))
@@ -57,7 +57,7 @@ def combine(
     depth_m: wp.array2d(dtype=wp.float32),
     source: wp.array2d(dtype=wp.uint8),
 ):
-    """The measured pixel stands if `low z <= t <= high z` or the template is empty: paper, Eq. depthcor."""
+    """The measured pixel is kept if `low z <= t <= high z` or the template is empty: paper, Eq. depthcor."""
     row, col = wp.tid()
     z = raw_m[row, col]
     t = template_m[row, col]
@@ -75,7 +75,7 @@ def label_valid(
     # output
     source: wp.array2d(dtype=wp.uint8),
 ):
-    """The sensor's label where there is a depth."""
+    """The label SENSOR where there is a depth."""
     row, col = wp.tid()
     source[row, col] = wp.where(depth_m[row, col] > 0.0, wp.uint8(1), wp.uint8(0))
 
@@ -87,7 +87,7 @@ def median(
     # output
     filtered_m: wp.array2d(dtype=wp.float32),
 ):
-    """The value of each window that as many are below as above: paper, Eq. median. Borders repeat."""
+    """The median of each window: paper, Eq. median. Borders repeat."""
     row, col = wp.tid()
     last_row = depth_m.shape[0] - 1
     last_col = depth_m.shape[1] - 1

@@ -12,10 +12,10 @@ from ..types import FloatImage
 
 
 class _Window(Model):
-    """A method that looks at a square window around each pixel. Empty pixels (0) stay so where the whole window is."""
+    """A method with a square window around each pixel. A pixel stays empty (0) if its whole window is empty."""
 
     size_px: int = 5
-    """Width of the window; odd. A larger one closes wider gaps and blurs more of what is there."""
+    """Width of the window; odd. A larger one closes wider gaps and blurs more."""
 
     @field_validator("size_px")
     @classmethod
@@ -53,7 +53,7 @@ class Erosion(_Window):
 
     def fill(self, sparse_m: FloatImage) -> FloatImage:
         """Dense depth [m] of sparse depth [m], both of shape (H, W); 0 = unknown."""
-        largest = np.finfo(np.float32).max  # which OpenCV takes for what is beside the image, too
+        largest = np.finfo(np.float32).max  # which OpenCV also assumes outside the image
         far_m = np.where(sparse_m > 0, sparse_m, largest)
         dense_m = cv2.erode(far_m, np.ones((self.size_px, self.size_px), np.uint8))
         return np.where(dense_m < largest, dense_m, np.float32(0))

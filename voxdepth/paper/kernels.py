@@ -1,4 +1,4 @@
-"""Warp kernels of voxel grids and their projection. Each has a NumPy twin beside the code that launches it.
+"""Warp kernels of voxel grids and their projection. Each has a NumPy twin in the tests.
 
 Cells and pixels are found by single multiplications, additions and a floor, in the order of the twins, so that both
 give the same bits.
@@ -141,5 +141,5 @@ def splat_listed_voxels(
     # output
     depth_m: wp.array2d(dtype=wp.float32),
 ):
-    """The same, one thread per listed word: on a CPU, NumPy finds those that are not empty several times faster."""
+    """Do as `splat_voxels`, with one thread per listed word: NumPy finds those in use several times faster."""
     splat_word(listed[wp.tid()], words, cell_m, shape, focal_px, centre_px, depth_m)

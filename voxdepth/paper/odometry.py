@@ -1,4 +1,4 @@
-"""Camera motion between two RGB-D frames, and whether it may be believed."""
+"""Camera motion between two RGB-D frames, and checks of its plausibility."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -16,9 +16,9 @@ from .photometry import DESPECKLE_PX, MIN_POINTS, Comparison, View, reduced, vie
 OPENCV_DEPTH_UNITS_PER_M = 5000.0
 """OpenCV 5 divides odometry depth by 5000 as soon as one pixel exceeds 10: metres work in small rooms only."""
 COARSE_WIDTH_PX = 160
-"""Width at which OpenCV solves: near enough for the refinement to find the rest."""
+"""Width at which OpenCV estimates the motion, which is close enough for the refinement to converge."""
 COARSE_MEAN_GRAY = 100.0
-"""Mean that every image is brought to for OpenCV, which knows no exposure and wants 10 gray levels of gradient."""
+"""Mean gray value of the images for OpenCV, which has no model of exposure and needs gradients of 10 gray levels."""
 
 
 class MotionStatus(StrEnum):
@@ -28,16 +28,16 @@ class MotionStatus(StrEnum):
     NOT_SOLVED = "not_solved"
     """Too little texture or depth, or the solver found no solution."""
     TOO_FAR = "too_far"
-    """The step or the turn is larger than may be believed."""
+    """The translation or the rotation is implausibly large."""
     OVERLAP = "overlap"
     """Too few pixels of the source land where the target has a depth."""
     RESIDUAL = "residual"
-    """Moved by the estimate, the images do not look alike."""
+    """The images differ too much after warping by the estimate."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """Result of an odometry; when not `ok`, `T_target_source` is the identity and must not be used."""
+    """Result of an odometry. `T_target_source` is the identity and must not be used unless `ok`."""
 
     T_target_source: FloatArray = field(default_factory=lambda: np.eye(4))
     """Maps points of the source camera into the target camera, shape (4, 4)."""
@@ -45,7 +45,7 @@ class Motion:
     residual_gray: float | None = None
     """Median absolute gray difference of textured pixels after warping, exposure removed; None if not measured."""
     residual_px: float | None = None
-    """The same over the median gradient: about the shift in the reduced image that would explain it."""
+    """`residual_gray` over the median gradient: about the shift in the reduced image that would explain it."""
     overlap: float | None = None
     """Share of the source's pixels with depth that land where the target has a depth, 0..1; None if not measured."""
 
@@ -68,13 +68,13 @@ class OdometryConfig(Model):
     max_width_px: int = Field(320, ge=32)
     """Wider images are made smaller first.
 
-    More is slower and, up to about 480, a little more exact: a pair of 640 x 360 took 8 ms of CPU time at 160, 12 ms at
-    320, 17 ms at 480 and 21 ms at 640, with median errors of 3.4, 2.0, 1.5 and 1.8 mm.
+    More is slower and, up to about 480, slightly more accurate: a pair of 640 x 360 took 8 ms of CPU time at 160, 12 ms
+    at 320, 17 ms at 480 and 21 ms at 640, with median errors of 3.4, 2.0, 1.5 and 1.8 mm.
     """
     max_translation_m: float = Field(1.0, gt=0)
-    """Largest believable step between two frames [m]."""
+    """Largest plausible translation between two frames [m]."""
     max_rotation_deg: float = Field(20.0, gt=0)
-    """Largest believable turn between two frames [deg]."""
+    """Largest plausible rotation between two frames [deg]."""
     max_depth_m: float = Field(20.0, gt=0)
     """Pixels farther away than this are left out: stereo depth says little there."""
     max_depth_difference_m: float = Field(0.5, gt=0)
@@ -84,7 +84,7 @@ class OdometryConfig(Model):
 
     Estimates within 50 mm of the truth read 0.06 to 0.28 (0.11 to 0.31 with photon noise of 5 gray levels, up to 0.50
     with half of all depths missing), true motions falsified by 50 mm 0.27 to 1.4, by 100 mm 0.54 to 2.1, by 10 mrad
-    0.8 to 1.5, pairs of different places 3.1 and more. An error that the images hardly show is not told by it: over
+    0.8 to 1.5, pairs of different places 3.1 and more. It does not reveal errors that hardly change the images: over
     snow, estimates off by more than 50 mm read 0.19 to 0.34. Raise it for cameras with more noise.
     """
     min_overlap: float = Field(0.3, ge=0, le=1)
@@ -99,14 +99,14 @@ class PhotometricOdometry:
 
     Minimises the gray difference of the source warped into the target by its depth. The refinement is a robust
     Gauss-Newton on textured pixels of the image reduced to `max_width_px`, which also follows the exposure. Then the
-    result is tested on the images: whether enough of the source is seen, and whether it looks alike.
+    result is tested on the images: overlap and residual.
 
     Measured on 135 pairs of three rendered sequences, 640 x 360, stereo depth with 15 % more holes, photon noise and
     10 % change of exposure, steps of up to 0.8 m: 134 were solved, with errors of 2 mm in the median, at most 3 mm
-    along facades and at most 22 mm over sunny ground. Over snow, where what has texture is far away and a step sideways
-    looks like a turn, errors were 5 mm in the median, but 3 of 44 were above 50 mm, the largest 166 mm, and the checks
-    did not tell. All of 216 pairs of different places failed. These figures and those of `OdometryConfig` are printed
-    by `pytest tests/bench/test_odometry.py -m bench -s`.
+    along facades and at most 22 mm over sunny ground. Over snow, where the texture is far away and a sideways
+    translation looks like a rotation, errors were 5 mm in the median, but 3 of 44 were above 50 mm, the largest 166 mm,
+    and the checks did not detect them. All of 216 pairs of different places failed. These figures and those of
+    `OdometryConfig` are printed by `pytest tests/bench/test_odometry.py -m bench -s`.
     """
 
     def __init__(self, intrinsics: Intrinsics, config: OdometryConfig | None = None) -> None:
@@ -116,7 +116,7 @@ class PhotometricOdometry:
         self._solver = _opencv_solver(self._coarse_camera, self._config)
 
     def estimate(self, source: Frame, target: Frame) -> Motion:
-        """Motion from `source` to `target`; not `ok` if there is no solution or it does not stand the checks."""
+        """Motion from `source` to `target`; not `ok` if there is no solution or a check fails."""
         before, after = view_of(source, self._camera), view_of(target, self._camera)
         comparison = Comparison(before, after, self._camera, self._config.max_depth_m)
         T_coarse = self._coarse(before, after) if comparison.n_points >= MIN_POINTS else None
@@ -134,7 +134,7 @@ class PhotometricOdometry:
         return np.asarray(T_target_source, np.float64) if solved else None
 
     def _judged(self, comparison: Comparison, T_target_source: FloatArray) -> Motion:
-        """The motion, or the first of the checks that it fails."""
+        """The motion, or the status of the first check that fails."""
         if _too_far(T_target_source, self._config):
             return Motion(status=MotionStatus.TOO_FAR)
         overlap = comparison.overlap(T_target_source)
@@ -150,9 +150,9 @@ class PhotometricOdometry:
 
 
 class PriorsFirst:
-    """An odometry that takes the poses which come with both frames, and asks another one where there are none.
+    """Odometry from the poses of both frames, or from another odometry if a frame has no pose.
 
-    Poses may jump, as when a loop is closed, so their motion has to be believable like any other.
+    Poses may jump, for example when a loop is closed, so their motion must be plausible as well.
     """
 
     def __init__(self, odometry: Odometry, config: OdometryConfig) -> None:
@@ -168,14 +168,14 @@ class PriorsFirst:
 
 
 def motion_from_priors(source: Frame, target: Frame) -> Motion | None:
-    """The motion that the caller's own poses imply, or None if a frame has no pose."""
+    """The motion between the poses of two frames; None if a frame has no pose."""
     if source.T_world_cam is None or target.T_world_cam is None:
         return None
     return Motion(T_target_source=inverse_rigid(target.T_world_cam) @ source.T_world_cam)
 
 
 def _too_far(T: FloatArray, config: OdometryConfig) -> bool:
-    """Whether step or turn are beyond the limits, or not numbers at all."""
+    """Whether translation or rotation exceed the limits or are NaN."""
     cos_angle = np.clip((np.trace(T[:3, :3]) - 1) / 2, -1, 1)
     turned_deg = float(np.degrees(np.arccos(cos_angle)))
     moved_m = float(np.linalg.norm(T[:3, 3]))
@@ -192,7 +192,7 @@ def _opencv_images(view: View, camera: Intrinsics) -> tuple[Any, Any]:
 
 
 def _opencv_solver(camera: Intrinsics, config: OdometryConfig) -> Any:
-    """OpenCV's odometry with its own limits on the motion out of the way."""
+    """OpenCV's odometry, with its own limits on the motion disabled."""
     settings = cv2.OdometrySettings()
     settings.setCameraMatrix(
         np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1]], np.float32)

@@ -1,4 +1,4 @@
-"""Comparing two frames through a motion: how alike they look, and the motion near by that makes them most alike."""
+"""Photometric alignment of two frames: residuals of a motion, and its refinement by Gauss-Newton."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,27 +12,27 @@ from ..types import FloatArray, FloatImage, Frame, Intrinsics
 DESPECKLE_PX = 3
 """Window of the median that closes single missing pixels: in an image pyramid each of them would spread."""
 SMOOTH_PX = 3
-"""Window of the smoothing of gray images: it takes the photon noise out of the gradients."""
+"""Window of the smoothing of gray images: it removes photon noise from the gradients."""
 SAMPLE_EVERY_PX = 2
-"""Of the reduced image every second row and column is compared."""
+"""Only every second row and column of the reduced image is compared."""
 MAX_POINTS = 4000
 """Pixels that take part in the refinement; more change the result little."""
 MIN_POINTS = 100
 """Fewer pixels than this determine no motion."""
 MIN_GRADIENT_GRAY = 2.0
-"""Least gray change per pixel of a pixel that tells about motion."""
+"""Minimum gradient of a pixel that takes part [gray values per pixel]."""
 MAX_ITERATIONS = 20
 SETTLED = 2e-4
 """Step [m or rad] below which the refinement has converged."""
 OUTLIER_DEVIATIONS = 2.5
-"""Residuals, in standard deviations, from which on a pixel counts for less than half."""
+"""Residuals above this many standard deviations have a weight below one half."""
 NEAREST_M = 0.1
 """Points nearer to the target camera than this are not compared."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class View:
-    """A frame at the size that is worked on."""
+    """A frame at the working size."""
 
     gray: FloatImage
     """Gray value, smoothed, shape (h, w), float32."""
@@ -41,7 +41,7 @@ class View:
 
 
 class Comparison:
-    """Source pixels, moved into the target and compared with what is there."""
+    """Pixels of the source, warped into the target and compared with it."""
 
     def __init__(self, source: View, target: View, camera: Intrinsics, max_depth_m: float) -> None:
         self._camera = camera
@@ -64,7 +64,7 @@ class Comparison:
         return len(self._points)
 
     def refined(self, T_target_source: FloatArray) -> FloatArray:
-        """The motion near a first guess of the least robust gray difference, shape (4, 4)."""
+        """Refine an initial motion by minimising the robust gray difference; shape (4, 4)."""
         T = T_target_source
         for _ in range(MAX_ITERATIONS):
             step = self._step(T)
@@ -115,7 +115,7 @@ class Comparison:
         return step
 
     def _look_up(self, moved: PointArray) -> tuple[Any, Any]:
-        """Gray and its slopes where the points land, shape (N, 3), and which of them land in the image."""
+        """Gray value and gradient at the projected points, shape (N, 3), and which of them lie in the image."""
         u_px, v_px = self._projected(moved)
         seen = cv2.remap(
             self._target_with_slopes, u_px[:, None], v_px[:, None], cv2.INTER_LINEAR,
@@ -130,7 +130,7 @@ class Comparison:
         return moved[:, 0] * float(c.fx_px) / z + float(c.cx_px), moved[:, 1] * float(c.fy_px) / z + float(c.cy_px)
 
     def _difference(self, gray: Any, there: Any) -> Any:
-        """What the target shows minus the source, after the exposure is made equal, shape (N,)."""
+        """Gray value of the target minus that of the source after matching the exposure, shape (N,)."""
         wanted = self._gray[there]
         return gray * np.median(wanted / np.maximum(gray, 1)) - wanted
 
@@ -171,6 +171,6 @@ def _slopes(gray: FloatImage) -> tuple[Any, Any]:
 
 
 def _weights(difference: Any) -> Any:
-    """Cauchy weights, shape (N,): what differs much is occluded or shiny."""
+    """Cauchy weights, shape (N,): large differences are occlusions or reflections."""
     deviation = 1.4826 * np.median(np.abs(difference)) + 1e-3
     return 1 / (1 + (difference / np.float32(OUTLIER_DEVIATIONS * deviation)) ** 2)

@@ -26,7 +26,7 @@ class RegistrationConfig(Model):
     size_px: int = Field(200, ge=64)
     """Width and height that the gray image is resized to. Paper: 200 x 200. Larger is more exact and slower."""
     n_features: int = Field(200, ge=10)
-    """Features per image, at most. More find the template again for longer, and cost more than linearly."""
+    """Maximum number of features per image. More follow the template for longer; the time grows more than linearly."""
     max_distance: int = Field(20, ge=0, le=256)
     """Hamming distance up to which a match is good. Paper: 20 (whose "exceeds" can only mean "at most")."""
     min_matches: int = Field(5, ge=3)
@@ -115,14 +115,14 @@ class OrbRegistration:
         )
 
     def follows(self, earlier: Features, later: Features) -> bool:
-        """Whether two images may show the same scene: not if both have features, and hardly any of them match."""
+        """Whether two images may show the same scene: they do not if both have features and hardly any match."""
         fewest = self._config.min_matches
         if min(len(earlier.descriptors), len(later.descriptors)) < fewest:
             return True
         return len(good_matches(earlier, later, self._config.max_distance)[0]) >= fewest
 
     def _believable(self, M: FloatArray) -> bool:
-        """Whether a map is no mirror and stretches no direction too much: any three matches have a map, even wrong."""
+        """Whether a map neither mirrors nor scales too much. Any three matches define a map, even wrong ones."""
         if not np.isfinite(M).all() or np.linalg.det(M[:, :2]) <= 0:
             return False
         largest, smallest = np.linalg.svd(M[:, :2], compute_uv=False)
@@ -130,12 +130,12 @@ class OrbRegistration:
 
 
 def good_matches(a: Features, b: Features, max_distance: int) -> tuple[Indices, Indices]:
-    """Pairs of features that are each other's nearest, at a Hamming distance of at most `max_distance`.
+    """Match features that are mutual nearest neighbours, at a Hamming distance of at most `max_distance`.
 
-    Brute force; three times as fast as OpenCV's with its cross check.
+    This brute force is three times as fast as that of OpenCV with its cross check.
 
     Returns:
-        Indices into `a` and into `b`, of one length.
+        Indices into `a` and into `b`, of the same length.
     """
     if not (len(a.descriptors) and len(b.descriptors)):
         return np.empty(0, np.intp), np.empty(0, np.intp)

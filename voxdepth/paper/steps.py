@@ -14,7 +14,7 @@ LARGEST = float(np.finfo(np.float32).max)
 
 
 class ImageSteps(Protocol):
-    """The steps that touch every pixel. Images pass from one to the next in whatever memory an implementation uses."""
+    """The steps that process every pixel. Images stay in the memory of the implementation from step to step."""
 
     def clear(self) -> None:
         """Empty the voxel grid."""
@@ -32,7 +32,7 @@ class ImageSteps(Protocol):
         """A depth image [m], shape (H, W), in this object's memory."""
 
     def warp(self, template: Any, M_frame_template: FloatArray) -> Any:
-        """The template in the pixels of the frame, sampled at the nearest pixel; 0 beside it."""
+        """The template in the pixels of the frame, sampled at the nearest pixel; 0 outside of it."""
 
     def combine(self, raw: Any, template: Any) -> tuple[Any, Any]:
         """Depth and `Source` after the invalid pixels of a frame are replaced by those of the warped template."""
@@ -48,9 +48,9 @@ class ImageSteps(Protocol):
 
 
 class HostSteps:
-    """`ImageSteps` on NumPy arrays. Which library does a step was decided by `voxdepth bench`.
+    """`ImageSteps` on NumPy arrays. The library of each step is the fastest one in `voxdepth bench`.
 
-    A warped template, and what is combined into it, lasts until the next one is warped.
+    A warped template and its combination with a frame are valid until the next call of `warp`.
     """
 
     def __init__(self, intrinsics: Intrinsics, config: PaperConfig) -> None:
@@ -106,10 +106,10 @@ class HostSteps:
 
 
 def create_steps(device: DeviceName, intrinsics: Intrinsics, config: PaperConfig) -> ImageSteps:
-    """The steps on a device.
+    """Create the steps on a device.
 
     Raises:
-        ConfigError: There is no such device here.
+        ConfigError: This machine has no such device.
     """
     if device == "cpu":
         return HostSteps(intrinsics, config)
@@ -122,14 +122,14 @@ def create_steps(device: DeviceName, intrinsics: Intrinsics, config: PaperConfig
 def combine(depth_m: FloatImage, raw_m: FloatImage, rule: CombineConfig, scratch_m: FloatImage) -> GrayImage:
     """Replace the invalid pixels of a frame by those of the template.
 
-    A pixel is invalid if it is empty, or beyond a bound that `rule` sets. Where the template is empty the raw pixel
-    stands. It works in place, for large new arrays would take several times as long as the work on them.
+    A pixel is invalid if it is empty or beyond a bound of `rule`. Where the template is empty, the raw pixel is kept.
+    It works in place: allocating large arrays would take several times as long.
 
     Args:
         depth_m: Template in the frame's pixels [m], shape (H, W), 0 = unknown; overwritten with the result.
         raw_m: Measured depth [m], shape (H, W); 0 = invalid.
         rule: The bounds.
-        scratch_m: Of the same shape; overwritten.
+        scratch_m: Working memory of the same shape; overwritten.
 
     Returns:
         One `Source` per pixel, shape (H, W).
@@ -138,14 +138,14 @@ def combine(depth_m: FloatImage, raw_m: FloatImage, rule: CombineConfig, scratch
     with np.errstate(over="ignore"):
         farthest_m = np.multiply(raw_m, np.float32(high), out=scratch_m)
     nearest_m = raw_m if rule.reject_far else np.zeros_like(raw_m)
-    stands: GrayImage = cv2.inRange(depth_m, nearest_m, farthest_m)  # type: ignore[assignment]
-    stands[...] |= depth_m == 0
-    cv2.copyTo(raw_m, stands, depth_m)
-    source: GrayImage = np.uint8(Source.MEMORY) - (stands & np.uint8(1))
+    kept: GrayImage = cv2.inRange(depth_m, nearest_m, farthest_m)  # type: ignore[assignment]
+    kept[...] |= depth_m == 0
+    cv2.copyTo(raw_m, kept, depth_m)
+    source: GrayImage = np.uint8(Source.MEMORY) - (kept & np.uint8(1))
     source[...] *= depth_m > 0
     return source
 
 
 def factors(rule: CombineConfig) -> tuple[float, float]:
-    """A pixel z stands against a template t if `low z <= t <= high z`; an empty one never does."""
+    """Bounds of the template t that keep a pixel z: `low z <= t <= high z`. An empty pixel is never kept."""
     return (1.0 if rule.reject_far else 0.0), (1 / rule.near_share if rule.reject_near else LARGEST)

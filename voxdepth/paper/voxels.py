@@ -17,7 +17,7 @@ Words = npt.NDArray[np.uint32]
 Cells = npt.NDArray[np.int32]
 
 TILE_PX = 40_000
-"""Pixels that are worked on at a time: few enough that intermediate results stay in the cache."""
+"""Pixels per tile: few enough that intermediate results stay in the cache."""
 
 
 class VoxelConfig(Model):
@@ -84,7 +84,7 @@ class VoxelGrid:
 
         Args:
             depth_m: Shape (H, W); 0 = invalid.
-            intrinsics: Of its camera.
+            intrinsics: Intrinsics of its camera.
             T_grid_cam: Pose of that camera in the frame of the grid, shape (4, 4).
         """
         rays = RayMap.of(intrinsics, self.config.T_cells_m @ T_grid_cam)
@@ -92,7 +92,7 @@ class VoxelGrid:
 
 
 def cells_of_image(depth_m: FloatImage, rays: RayMap, config: VoxelConfig) -> Cells:
-    """Number of each pixel's cell, shape (H, W), int32; -1 where the pixel is invalid or falls beside the grid."""
+    """Number of each pixel's cell, shape (H, W), int32; -1 where the pixel is invalid or falls outside the grid."""
     cells = np.empty(depth_m.shape, np.int32)
     tile_rows = max(1, TILE_PX // depth_m.shape[1])
     for top in range(0, len(depth_m), tile_rows):
