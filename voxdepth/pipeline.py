@@ -146,7 +146,7 @@ class CorrectionPipeline:
 
 
 class Channel(Generic[T]):
-    """A bounded queue between two threads. `put` blocks while it is full, iteration while it is empty; `end` wakes both.
+    """A bounded queue between two threads. `put` blocks while it is full, iteration while it is empty.
 
     Args:
         capacity: Maximum number of items, at least 1.
