@@ -1,7 +1,7 @@
 """All methods on all sequences, one at a time; finished results are reused, and a failure stops nothing else."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
@@ -49,23 +49,23 @@ class Shipped:
         return self.planned.sequence.name
 
     def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
-        """Open its recording, which is made if there is none of the same configuration with enough frames.
+        """Open its recording, see `recording`."""
+        return SimulatedSource(self.name, self.recording(out, frames, tell), self.planned.seed)
+
+    def recording(self, out: Path, frames: int, tell: Callable[[str], None]) -> Recording:
+        """Return its recording, which is made if there is none of the same configuration with enough frames.
 
         Raises:
             ScenarioError, SimError: The sequence cannot be recorded.
         """
-        digest = sha256(to_toml(self.planned).encode()).hexdigest()
-        folder = out / RECORDINGS / f"{self.name}-{digest[:12]}"
-        if not self._is_complete(folder, frames):
-            record(self.planned, folder, frames, lambda done: tell(f"recording {self.name}, frame {done} of {frames}"))
-        return SimulatedSource(self.name, Recording.open(folder), self.planned.seed)
-
-    def _is_complete(self, folder: Path, frames: int) -> bool:
-        try:
+        configuration = to_toml(self.planned)
+        folder = out / RECORDINGS / f"{self.name}-{sha256(configuration.encode()).hexdigest()[:12]}"
+        with suppress(RecordingError):
             recording = Recording.open(folder)
-        except RecordingError:
-            return False
-        return recording.config_text == to_toml(self.planned) and len(recording) >= frames
+            if recording.config_text == configuration and len(recording) >= frames:
+                return recording
+        record(self.planned, folder, frames, lambda done: tell(f"recording {self.name}, frame {done} of {frames}"))
+        return Recording.open(folder)
 
 
 @dataclass(frozen=True)

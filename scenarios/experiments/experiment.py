@@ -1,11 +1,9 @@
 """An experiment: a question, the frames that it is asked of, and a function that answers it."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from sim.errors import RecordingError
 from sim.recording import Recording
 from sim.types import Capture
 from swarm.perception import frame_of
@@ -16,8 +14,7 @@ from voxdepth.types import Frame
 from ..benchmark.frames import FrameLoop
 from ..errors import ScenarioError
 from ..evaluation.methods import Method
-from ..evaluation.suite import RECORDINGS, Evaluation, Plan, Shipped, evaluate
-from ..files import to_toml
+from ..evaluation.suite import Evaluation, Plan, Shipped, evaluate
 from ..results.table import Table
 from ..sequences import SeededSequence, load_sequence
 
@@ -97,14 +94,7 @@ class ExperimentContext:
         Raises:
             ScenarioError, SimError: The sequence cannot be recorded.
         """
-        sequence = self.sequence(name)
-        Shipped(sequence).open(self.out, self.frames if frames is None else frames, self.report)
-        for folder in sorted((self.out / RECORDINGS).glob(f"{name}-*")):
-            with suppress(RecordingError):
-                recording = Recording.open(folder)
-                if recording.config_text == to_toml(sequence):
-                    return recording
-        raise ScenarioError(f"the recording of {name!r} below {self.out} is gone: run the command again")
+        return Shipped(self.sequence(name)).recording(self.out, self.frames if frames is None else frames, self.report)
 
     def captures(self, name: str) -> Iterator[Capture]:
         """The first frames of a sequence with the truth; each is read when it is requested."""
