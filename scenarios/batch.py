@@ -51,24 +51,6 @@ def _fly_alone(run: Run) -> Finished:
     return fly(run, threads=1)
 
 
-@dataclass(frozen=True, kw_only=True)
-class AcceptanceResult:
-    """Outcomes of one scenario over seeds."""
-
-    outcomes: tuple[Outcome, ...]
-    required_share: float
-
-    @property
-    def successes(self) -> int:
-        """Number of runs that ended in success."""
-        return self.outcomes.count(Outcome.SUCCESS)
-
-    @property
-    def accepted(self) -> bool:
-        """Whether enough runs succeeded."""
-        return self.successes >= self.required_share * len(self.outcomes)
-
-
 def acceptance_run(name: str, seed: int, changes: Mapping[str, Any] = MappingProxyType({})) -> Run:
     """Return a run with the depth, corrector and image size of the scenario's acceptance check, and further changes."""
     check = load_run(name, seed, {}).scenario.acceptance
@@ -83,15 +65,21 @@ def acceptance_run(name: str, seed: int, changes: Mapping[str, Any] = MappingPro
 
 def check_acceptance(
     name: str, seeds: Sequence[int], report: Callable[[int, Outcome], None], *, workers: int
-) -> AcceptanceResult:
-    """Fly the acceptance check of a scenario; `report` is called with the seed and outcome of every run."""
+) -> tuple[int, float]:
+    """Fly the acceptance check of a scenario; return the number of successes and the required share of them.
+
+    Args:
+        name: Name or path of the scenario.
+        seeds: Seeds of the runs.
+        report: Called with the seed and the outcome of every run.
+        workers: Number of runs in parallel.
+    """
     runs = [acceptance_run(name, seed) for seed in seeds]
-    outcomes = []
+    successes = 0
     for run, finished in zip(runs, fly_all(runs, workers=workers), strict=True):
-        outcomes.append(finished.result.outcome)
-        report(run.seed, outcomes[-1])
-    required = load_run(name, 0, {}).scenario.acceptance.min_success_share
-    return AcceptanceResult(outcomes=tuple(outcomes), required_share=required)
+        report(run.seed, finished.result.outcome)
+        successes += finished.result.outcome is Outcome.SUCCESS
+    return successes, load_run(name, 0, {}).scenario.acceptance.min_success_share
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,9 +2,8 @@
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -37,8 +36,7 @@ QUALITY = 85
 LEADER_COLOR, FOLLOWER_COLOR = "#d95f0e", "#2c7fb8"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Difficulty:
+class Difficulty(NamedTuple):
     """Obstacles of a scenario."""
 
     bodies: int

@@ -50,14 +50,6 @@ class DepthComparison:
         return DepthComparison(raw=self.raw + other.raw, corrected=self.corrected + other.corrected)
 
 
-@dataclass
-class DroneRecord:
-    """Smallest clearance and depth errors of one drone."""
-
-    min_clearance_m: float = float("inf")
-    depth: DepthComparison = field(default_factory=DepthComparison)
-
-
 class MissionMetrics:
     """Accumulates the metrics of a mission.
 
@@ -73,12 +65,15 @@ class MissionMetrics:
         self._times_s: list[float] = []
         self._series: dict[str, list[float]] = {"formation_error_m": [], "order": [], "path_deviation_m": []}
         self._min_separation_m = float("inf")
-        self._drones = [DroneRecord() for _ in range(world.n_drones)]
+        self._min_clearances_m = [float("inf")] * world.n_drones
+        self._depth = [DepthComparison()] * world.n_drones
 
     def sample(self, states: list[DroneState]) -> dict[str, float]:
         """Add one control tick and return its metrics by name."""
         positions_m = np.array([s.position_m for s in states])
-        now = {"clearance_m": min(self._clearances_m())}
+        clearances_m = [self._world.clearance_m(drone) for drone in range(self._world.n_drones)]
+        self._min_clearances_m = list(map(min, self._min_clearances_m, clearances_m))
+        now = {"clearance_m": min(clearances_m)}
         now["path_deviation_m"] = max(team.cross_track_error_m(positions_m) for team in self._teams)
         slot_errors_m = np.concatenate([team.slot_errors_m(positions_m) for team in self._teams])
         if len(slot_errors_m):
@@ -96,7 +91,7 @@ class MissionMetrics:
 
     def add_depth(self, drone: int, errors: DepthComparison) -> None:
         """Add the errors of one image."""
-        self._drones[drone].depth += errors
+        self._depth[drone] += errors
 
     def trajectories(self) -> tuple[Trajectory, ...]:
         """Return one trajectory per drone."""
@@ -112,7 +107,6 @@ class MissionMetrics:
     def summary(self, contacts: Sequence[Contact], dropped_frames: Sequence[int]) -> dict[str, MetricValue]:
         """Return all metrics of the mission; None where one is undefined."""
         kinds = [c.kind for c in contacts]
-        depth = sum((record.depth for record in self._drones), start=DepthComparison())
         return {
             "sim_time_s": self._world.time_s,
             "first_contact_s": contacts[0].time_s if contacts else None,
@@ -120,39 +114,31 @@ class MissionMetrics:
             "collisions_building": kinds.count("building"),
             "collisions_ground": kinds.count("ground"),
             "min_separation_m": _min_gap_m(self._min_separation_m, touched="drone" in kinds),
-            "min_clearance_m": _min_gap_m(min(r.min_clearance_m for r in self._drones), touched=bool(contacts)),
+            "min_clearance_m": _min_gap_m(min(self._min_clearances_m), touched=bool(contacts)),
             "formation_error_mean_m": self._mean("formation_error_m"),
             "order_mean": self._mean("order"),
             "path_deviation_mean_m": self._mean("path_deviation_m"),
             "path_deviation_max_m": max(self._series["path_deviation_m"], default=None),
             "dropped_frames": sum(dropped_frames),
-            **_depth_metrics("raw", depth.raw),
-            **_depth_metrics("corrected", depth.corrected),
+            **_depth_metrics(sum(self._depth, start=DepthComparison())),
         }
 
     def by_drone(self, contacts: Sequence[Contact], dropped_frames: Sequence[int]) -> list[dict[str, MetricValue]]:
         """Return the metrics of each drone; a collision of two drones counts for both."""
+        contact_times_s = [
+            [c.time_s for c in contacts if is_involved(drone, c)] for drone in range(self._world.n_drones)
+        ]
         return [
             {
                 "drone": drone,
-                "first_contact_s": min((c.time_s for c in contacts if is_involved(drone, c)), default=None),
-                "min_clearance_m": _min_gap_m(
-                    record.min_clearance_m, touched=any(is_involved(drone, contact) for contact in contacts)
-                ),
+                "first_contact_s": min(contact_times_s[drone], default=None),
+                "min_clearance_m": _min_gap_m(self._min_clearances_m[drone], touched=bool(contact_times_s[drone])),
                 "path_length_m": self._path_length_m(drone),
                 "dropped_frames": dropped_frames[drone],
-                **_depth_metrics("raw", record.depth.raw),
-                **_depth_metrics("corrected", record.depth.corrected),
+                **_depth_metrics(depth),
             }
-            for drone, record in enumerate(self._drones)
+            for drone, depth in enumerate(self._depth)
         ]
-
-    def _clearances_m(self) -> list[float]:
-        """Return the present clearance of every drone, and update the smallest ones."""
-        clearances_m = [self._world.clearance_m(i) for i in range(self._world.n_drones)]
-        for record, clearance_m in zip(self._drones, clearances_m, strict=True):
-            record.min_clearance_m = min(record.min_clearance_m, clearance_m)
-        return clearances_m
 
     def _path_length_m(self, drone: int) -> float:
         positions_m = np.array([s[drone].position_m for s in self._samples]).reshape(-1, 3)
@@ -180,12 +166,16 @@ def is_involved(drone: int, contact: Contact) -> bool:
     return contact.drone == drone or contact.other == f"drone-{drone}"
 
 
-def _depth_metrics(name: str, errors: DepthErrors) -> dict[str, MetricValue]:
+def _depth_metrics(depth: DepthComparison) -> dict[str, MetricValue]:
     return {
-        f"depth_{name}_mae_m": errors.mae_m,
-        f"depth_{name}_too_far_share": errors.too_far_share,
-        f"depth_{name}_hole_share": errors.hole_share,
-        f"depth_{name}_pixels": errors.pixels,
+        f"depth_{name}_{metric}": value
+        for name, errors in (("raw", depth.raw), ("corrected", depth.corrected))
+        for metric, value in (
+            ("mae_m", errors.mae_m),
+            ("too_far_share", errors.too_far_share),
+            ("hole_share", errors.hole_share),
+            ("pixels", errors.pixels),
+        )
     }
 
 

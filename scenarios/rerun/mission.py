@@ -1,5 +1,6 @@
 """Recordings of missions: world, drones, images, histograms, states, metrics and events."""
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -40,7 +41,7 @@ class MissionRecorder(Recorder):
         self._rig = rig
         self._recording_id = recording_id
         self._image_every = image_every
-        self._captures: dict[int, int] = {}
+        self._captures: Counter[int] = Counter()
         self._states: dict[int, str] = {}
         self._leaders: set[int] = set()
         self._stream: rr.RecordingStream | None = None
@@ -91,10 +92,9 @@ class MissionRecorder(Recorder):
         """Record the histogram of every capture, and the images of some."""
         self._at(step, capture.stamp_s)
         self._log_histogram(capture.drone, histogram)
-        count = self._captures.get(capture.drone, 0)
-        self._captures[capture.drone] = count + 1
-        if count % self._image_every == 0:
+        if self._captures[capture.drone] % self._image_every == 0:
             self._log_images(capture, corrected)
+        self._captures[capture.drone] += 1
 
     def metrics(self, step: int, time_s: float, values: dict[str, float]) -> None:
         """Record one curve per metric."""
