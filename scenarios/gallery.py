@@ -1,4 +1,4 @@
-"""Pictures of every kind of scene, with how hard it is to fly through."""
+"""Pictures of every kind of scene, with its traversability."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ from typing import get_args
 import numpy as np
 
 from sim.bodies import SceneSpec, Weather
-from sim.difficulty import traversability
 from sim.flights import Walk
+from sim.free_space import traversability
 from sim.render import create_renderer
 from sim.scenes import AnyScene
 from sim.sensor import RigConfig, StereoSensor, Viewpoint
@@ -18,18 +18,18 @@ from sim.world import World
 from .images import Image, gray_bgr, narrowed, save_picture, titled
 
 SPECS: tuple[type[SceneSpec], ...] = get_args(get_args(AnyScene)[0])
-SHOTS = (0.15, 0.6)
-"""Where along the path the pictures are taken."""
+PATH_FRACTIONS = (0.15, 0.6)
+"""Places along the path from which the pictures are taken."""
 CAMERA_HEIGHT_M = 1.7
 FLIGHT_HEIGHT_M = 3.0
 HALF_SIDE_M = 12.0
-"""The difficulty is that of the ground up to this far on both sides of the path, where flights lead."""
-SHOT_PX = 420
+"""Distance to both sides of the path up to which traversability is measured."""
+PICTURE_PX = 420
 
 
 @dataclass(frozen=True, kw_only=True)
-class Exhibit:
-    """One kind of scene as its default specification builds it."""
+class ScenePreview:
+    """One kind of scene as its default configuration builds it."""
 
     kind: str
     bodies: int
@@ -38,14 +38,13 @@ class Exhibit:
     picture: Image
 
 
-def exhibits(seed: int) -> Iterator[Exhibit]:
-    """One of each kind of scene, in sunshine."""
+def preview_scenes(seed: int) -> Iterator[ScenePreview]:
+    """One preview of each kind of scene, in sunshine."""
     for spec_type in SPECS:
-        spec = spec_type(weather=Weather(shadows=True))
-        scene = spec.build(seed)
+        scene = spec_type(weather=Weather(shadows=True)).build(seed)
         with World(scene, np.empty((0, 3))) as world:
             path_m = scene.path_m
-            yield Exhibit(
+            yield ScenePreview(
                 kind=str(spec_type.model_fields["kind"].default),
                 bodies=len(scene.bodies),
                 traversability=traversability(
@@ -62,15 +61,15 @@ def _picture(world: World, seed: int) -> Image:
     rig = RigConfig(width_px=840, height_px=480, mount_forward_m=0.0, depth="truth")
     sensor = StereoSensor(world, create_renderer("raycast", world), rig, seed=seed)
     poses = list(Walk(height_m=CAMERA_HEIGHT_M).poses(world.scene.path_m, seed, 1.0))
-    viewpoints = [Viewpoint(drone=0, pose=poses[int(share * len(poses))]) for share in SHOTS]
-    shots = [gray_bgr(sensor.capture(pair).gray_left) for pair in sensor.render(viewpoints, 0)]
-    return np.hstack([narrowed(shot, SHOT_PX) for shot in shots])
+    viewpoints = [Viewpoint(drone=0, pose=poses[int(fraction * len(poses))]) for fraction in PATH_FRACTIONS]
+    images = [gray_bgr(sensor.capture(pair).gray_left) for pair in sensor.render(viewpoints, 0)]
+    return np.hstack([narrowed(image, PICTURE_PX) for image in images])
 
 
-def write_gallery(out: Path, shown: list[Exhibit]) -> None:
-    """One picture with all exhibits below each other.
+def write_gallery(out: Path, previews: list[ScenePreview]) -> None:
+    """Write one picture with all previews.
 
     Raises:
-        ScenarioError: It cannot be written.
+        ScenarioError: The file cannot be written.
     """
-    save_picture(out, np.vstack([titled(exhibit.kind, exhibit.picture) for exhibit in shown]), quality=80)
+    save_picture(out, np.vstack([titled(preview.kind, preview.picture) for preview in previews]), quality=80)

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from sim.bodies import Body, Scene
-from sim.difficulty import traversability
 from sim.frames import rotation_from_yaw
+from sim.free_space import traversability
 from sim.render.meshes import mesh_of_shape, moved
 from sim.types import Capture
 from sim.world import World

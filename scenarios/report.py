@@ -54,8 +54,8 @@ def print_quality(console: Console, quality: DepthQuality, title: str) -> None:
     shares, errors_px = (quality.hole_shares, quality.within_1_px_shares), quality.median_errors_px
     columns = ("true depth", "pixels", HOLES, Column("within 1 px", number=percent), Column("median error", "px"))
     Table.of(title, columns, list(zip(ranges, counts, *shares, errors_px, strict=True))).print(console)
-    for which, what in (("hidden", "hidden from the right camera"), ("blank", "on surfaces without texture")):
-        holes, wrong = quality.unknowable_shares(which)  # type: ignore[arg-type]
+    for which, what in (("occluded", "hidden from the right camera"), ("textureless", "on surfaces without texture")):
+        holes, wrong = quality.unmatchable_shares(which)  # type: ignore[arg-type]
         if holes is not None:
             console.print(
                 f"pixels {what}: {PERCENT.text(holes)} without depth, {PERCENT.text(wrong)} off by more than 5 %"

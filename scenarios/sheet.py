@@ -1,4 +1,4 @@
-"""A contact sheet of a recording: a few frames, each as gray, true and raw depth, occlusion and reasons of holes."""
+"""A contact sheet of a recording: gray image, true and raw depth, occlusion and reasons for holes of a few frames."""
 
 from pathlib import Path
 
@@ -30,13 +30,13 @@ def make_sheet(folder: Path, out: Path) -> None:
     """Write the contact sheet of a recording.
 
     Raises:
-        RecordingError: The folder is not a readable recording.
-        ScenarioError: It holds no frame, or the picture cannot be written.
+        RecordingError: The recording cannot be read.
+        ScenarioError: The recording has no frame, or the picture cannot be written.
     """
     require_picture(out)
     recording = Recording.open(folder)
     if len(recording) == 0:
-        raise ScenarioError(f"{folder} holds no whole frame: record some first")
+        raise ScenarioError(f"{folder} holds no complete frame: record some first")
     frames = np.unique(np.linspace(0, len(recording) - 1, ROWS).round().astype(int))
     rows = [_row(recording[int(frame)], int(frame)) for frame in frames]
     save_picture(out, np.vstack([*rows, _legend(rows[0].shape[1])]))
@@ -56,14 +56,13 @@ def _row(capture: Capture, frame: int) -> Image:
 
 
 def _spaced(image: Image) -> Image:
-    """An image with a gap around it."""
     gaps = ((0, GAP_PX), (0, GAP_PX), (0, 0))
     padded: Image = np.pad(image, gaps, constant_values=245)
     return padded
 
 
 def _legend(width_px: int) -> Image:
-    """One coloured field per reason."""
+    """One coloured field with a title per reason."""
     n = len(INVALID_REASON_COLORS_BGR)
     fields = []
     for k, (reason, color) in enumerate(INVALID_REASON_COLORS_BGR.items()):

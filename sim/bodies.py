@@ -1,26 +1,27 @@
-"""What a world consists of, as plain data: solids, their looks, and the weather they are seen in."""
+"""The bodies of a scene as plain data: their shapes, surfaces and motion, and the weather."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from voxdepth.types import FloatArray
 
+from . import frames
 from .errors import SceneError
-from .model import Model
+from .types import BodyPose, Model
 
 BodyKind = Literal["building", "ground"]
-"""What a contact with a body counts as. Everything that stands on the ground is a building, trees included."""
+"""How a contact with a body is classified. Everything on the ground is a building, trees included."""
 Pattern = Literal["plain", "facade", "ground", "grass", "foliage", "bark", "snow"]
 
 
 @dataclass(frozen=True)
 class Box:
-    """Axis-aligned in its own frame; the origin is the centre."""
+    """A box that is aligned with the axes of its own frame; the origin is its centre."""
 
     size_m: tuple[float, float, float]
 
@@ -30,7 +31,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """Its axis is z; the origin is the centre."""
+    """A cylinder along z; the origin is its centre."""
 
     radius_m: float
     height_m: float
@@ -41,7 +42,7 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class Sphere:
-    """The origin is the centre."""
+    """A sphere; the origin is its centre."""
 
     radius_m: float
 
@@ -51,7 +52,7 @@ class Sphere:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A closed surface of triangles, seen counter-clockwise from outside."""
+    """A closed surface of triangles, whose vertices run counter-clockwise when seen from outside."""
 
     vertices_m: FloatArray
     """Shape (V, 3)."""
@@ -86,41 +87,90 @@ Shape = Box | Cylinder | Sphere | Mesh | Heightfield
 
 @dataclass(frozen=True, kw_only=True)
 class Surface:
-    """Looks of a body."""
+    """Appearance of a body."""
 
     albedo: float = 0.5
-    """Share of light that comes back, 0..1."""
+    """Share of the light that is reflected, 0..1."""
     texture: float = 1.0
-    """Strength of the texture; 0 is blank, which a stereo camera cannot match."""
+    """Strength of the texture; a stereo camera cannot match a textureless surface, which has 0."""
     pattern: Pattern = "plain"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Body:
-    """One static thing in the world."""
+    """One body of the world."""
 
     name: str
-    kind: BodyKind
+    kind: BodyKind = "building"
     shape: Shape
-    position_m: tuple[float, float, float]
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     yaw_rad: float = 0.0
     surface: Surface = field(default_factory=Surface)
 
 
+Offset = Annotated[tuple[float, float, float], Field(strict=False)]
+"""Forward, left and up from the first position of the camera [m], level and along its first heading."""
+
+
+class MovingSphere(Model):
+    """A textured sphere that moves back and forth between two points at constant speed, without turning.
+
+    Collisions do not stop it. A recording ends with an error where the sphere reaches the camera.
+    """
+
+    radius_m: float = Field(0.25, gt=0)
+    from_m: Offset
+    """Position at time 0."""
+    to_m: Offset
+    """Position where the sphere turns back."""
+    speed_m_s: float = Field(gt=0)
+    albedo: float = Field(0.6, ge=0, le=1)
+    """Share of the light that is reflected."""
+    texture: float = Field(1.0, ge=0)
+    """Strength of the texture; a stereo camera cannot match a textureless surface, which has 0."""
+
+    @model_validator(mode="after")
+    def _check(self) -> "MovingSphere":
+        if self.from_m == self.to_m:
+            raise ValueError(f"expected two places, but from_m and to_m are both {list(self.from_m)}: change one")
+        return self
+
+    def body(self, index: int) -> Body:
+        """The sphere as a body at the origin, named by its index."""
+        surface = Surface(albedo=self.albedo, texture=self.texture)
+        return Body(name=f"sphere-{index}", shape=Sphere(self.radius_m), surface=surface)
+
+    def position_m(self, time_s: float, start: BodyPose) -> FloatArray:
+        """Centre of the sphere in the world frame at a time, shape (3,).
+
+        Args:
+            time_s: Time since the beginning.
+            start: Pose of the camera's carrier at the beginning.
+        """
+        path_m = np.subtract(self.to_m, self.from_m)
+        length_m = float(np.linalg.norm(path_m))
+        travelled_m = self.speed_m_s * time_s % (2 * length_m)
+        fraction = min(travelled_m, 2 * length_m - travelled_m) / length_m
+        q_level_xyzw = frames.quaternion_from_yaw(frames.yaw_from_quaternion(start.q_world_body_xyzw))
+        offset_m: FloatArray = np.asarray(self.from_m) + fraction * path_m
+        position_m: FloatArray = start.position_m + frames.rotation_from_quaternion(q_level_xyzw) @ offset_m
+        return position_m
+
+
 class Weather(Model):
-    """Light and air. The default is a clear day with a high sun."""
+    """Light and atmosphere. The default is a clear day with a high sun."""
 
     sun_azimuth_deg: float = -38.0
     """Direction to the sun, from the world's x axis towards y."""
     sun_elevation_deg: float = Field(55.0, gt=0, le=90)
     ambient: float = Field(0.55, ge=0, le=1)
-    """Share of the light that comes from everywhere: 1 is an overcast sky without contrast."""
+    """Share of ambient light; 1 is an overcast sky without contrast."""
     shadows: bool = False
-    """Whether static bodies cast shadows; costs as many rays as the picture itself."""
+    """Whether static bodies cast shadows. Shadows cost as many rays as the image itself."""
     haze_m: float = Field(260.0, gt=0)
-    """Distance over which the air hides 63 % of what is behind it."""
+    """Distance at which haze hides 63 % of the light of a surface."""
     sky: float = Field(0.80, ge=0, le=1)
-    """Brightness at the horizon, which haze fades to."""
+    """Brightness of the sky at the horizon, and of haze."""
     clouds: float = Field(0.22, ge=0)
     """Contrast of the clouds; 0 is a uniform sky."""
     exposure: float = Field(1.25, gt=0)
@@ -141,11 +191,11 @@ class Scene:
     bodies: tuple[Body, ...]
     weather: Weather = field(default_factory=Weather)
     path_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)), compare=False)
-    """Way points on the ground, shape (n, 3), along which the builder left room for a camera; none if it left none."""
+    """Way points on the ground, shape (n, 3), of a path with free space for a camera; empty if the scene has none."""
 
 
 class SceneSpec(Model, ABC):
-    """What every kind of scene can be asked for."""
+    """The configuration of a scene; each kind of scene adds its own fields."""
 
     weather: Weather = Weather()
 

@@ -1,7 +1,7 @@
-"""The noise terms of the sensor model `noisy`. Each is switchable alone and has the statistics of its configuration.
+"""Noise terms of the sensor model `noisy`. Each can be enabled alone and has the statistics of its configuration.
 
-Every draw is keyed by seed, purpose, drone and frame, and within a frame by pixel or by object id: what else is seen
-never shifts it.
+Every draw is keyed by seed, purpose, drone and frame, and within a frame by pixel or by body id, so that it does not
+depend on what else is in the image.
 """
 
 from abc import ABC, abstractmethod
@@ -14,17 +14,16 @@ from pydantic import Field, model_validator
 
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
-from .model import Model
-from .noise import stereo_focal_baseline_px_m
 from .seeds import Purpose, stream
-from .types import IdImage, InvalidReason
+from .stereo import focal_baseline_px_m
+from .types import IdImage, InvalidReason, Model
 
 ScaleUnit = Literal["object", "frame", "pixel"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NoisyDepth:
-    """A depth image while noise is added to it; terms change the two images in place."""
+    """A depth image while noise is added to it. The terms change `depth_m` and `invalid_reason` in place."""
 
     depth_m: FloatImage
     """Shape (H, W), float32; 0 = invalid, +inf where there is no surface."""
@@ -39,18 +38,18 @@ class NoisyDepth:
     key: tuple[int, int]
     """Drone and frame."""
 
-    def draws(self, purpose: Purpose) -> np.random.Generator:
-        """The stream of one purpose for this drone and frame."""
+    def rng(self, purpose: Purpose) -> np.random.Generator:
+        """The random stream of one purpose for this drone and frame."""
         return stream(self.seed, purpose, *self.key)
 
-    def lose(self, lost: MaskImage, reason: InvalidReason) -> None:
-        """Invalidate pixels; those without a depth keep their first reason."""
-        self.invalid_reason[lost & (self.depth_m > 0)] = reason
-        self.depth_m[lost] = 0
+    def invalidate(self, pixels: MaskImage, reason: InvalidReason) -> None:
+        """Invalidate pixels; those that are invalid already keep their first reason."""
+        self.invalid_reason[pixels & (self.depth_m > 0)] = reason
+        self.depth_m[pixels] = 0
 
 
 class NoiseTerm(Model, ABC):
-    """One way in which depth goes wrong."""
+    """One kind of depth error."""
 
     @property
     @abstractmethod
@@ -63,48 +62,48 @@ class NoiseTerm(Model, ABC):
 
 
 class Scale(NoiseTerm):
-    """`D + D beta` with `beta ~ U[-theta, theta]`, redrawn every frame: paper, Eq. noisesim."""
+    """`D + D beta` with `beta ~ U[-theta, theta]`, drawn for every frame: paper, Eq. noisesim."""
 
     theta: float = Field(0.0, ge=0, le=1)
-    """Noise ratio threshold; 0 changes nothing, more than 1 would make depths negative."""
+    """Noise ratio threshold; 0 disables the term, and more than 1 would make depths negative."""
     unit: ScaleUnit = "object"
-    """What shares one draw."""
+    """The unit that shares one draw."""
 
     @property
     def active(self) -> bool:
-        """Whether any of its magnitudes is above 0."""
+        """Whether `theta` is above 0."""
         return self.theta > 0
 
     def apply(self, image: NoisyDepth) -> None:
         """Scale valid depths."""
-        rng, shape = image.draws(Purpose.SCALE), image.depth_m.shape
+        rng, shape = image.rng(Purpose.SCALE), image.depth_m.shape
         if self.unit == "pixel":
             beta = rng.uniform(-self.theta, self.theta, shape)
         elif self.unit == "frame":
             beta = np.full(shape, rng.uniform(-self.theta, self.theta))
-        else:  # The draw of body k is the k-th of the stream.
-            n_bodies = int(image.segment_id.max(initial=-1)) + 2
-            beta = rng.uniform(-self.theta, self.theta, n_bodies)[image.segment_id + 1]
+        else:  # Body k takes draw k + 1 of the stream, whichever bodies are in the image.
+            n_draws = int(image.segment_id.max(initial=-1)) + 2
+            beta = rng.uniform(-self.theta, self.theta, n_draws)[image.segment_id + 1]
         image.depth_m[:] = image.depth_m * (1 + beta)
 
 
 class Disparity(NoiseTerm):
-    """Gaussian noise of the disparity, then rounding to whole steps, as a matcher has it."""
+    """Gaussian noise of the disparity, which is then rounded to whole steps."""
 
     sigma_px: float = Field(0.0, ge=0)
-    """Deviation; the depth error grows with the square of the depth."""
+    """Standard deviation of the disparity. The depth error grows with the square of the depth."""
     step_px: float = Field(0.0, ge=0)
-    """Quantum of the disparity; 0 rounds nothing. A RealSense D400 has 1/32 px."""
+    """Quantisation step of the disparity; 0 disables rounding. A RealSense D400 has 1/32 px."""
 
     @property
     def active(self) -> bool:
-        """Whether any of its magnitudes is above 0."""
+        """Whether one of its magnitudes is above 0."""
         return self.sigma_px > 0 or self.step_px > 0
 
     def apply(self, image: NoisyDepth) -> None:
-        """Disturb valid depths; disparities at or below 0 are infinitely far."""
-        focal_baseline = stereo_focal_baseline_px_m(image.intrinsics)
-        noise_px = self.sigma_px * image.draws(Purpose.DISPARITY).standard_normal(image.depth_m.shape)
+        """Disturb valid depths; disparities at or below 0 give infinite depth."""
+        focal_baseline = focal_baseline_px_m(image.intrinsics)
+        noise_px = self.sigma_px * image.rng(Purpose.DISPARITY).standard_normal(image.depth_m.shape)
         valid = image.depth_m > 0
         disparity_px = focal_baseline / np.where(valid, image.depth_m, 1.0) + noise_px
         if self.step_px:
@@ -115,14 +114,14 @@ class Disparity(NoiseTerm):
 
 
 class Flicker(NoiseTerm):
-    """Patches of pixels that drop out or jump for one frame."""
+    """Square patches of pixels that drop out or change their depth for one frame."""
 
     dropout: float = Field(0.0, ge=0, le=1)
     """Share of patches without depth."""
     jump: float = Field(0.0, ge=0, le=1)
-    """Share of patches at another depth."""
+    """Share of patches with a wrong depth."""
     jump_ratio: float = Field(0.3, ge=0, lt=1)
-    """A jumping patch is farther or nearer by this part of its depth."""
+    """Error of a patch with a wrong depth, nearer or farther, relative to its depth."""
     patch_px: int = Field(4, ge=1)
     """Side of a patch."""
 
@@ -134,35 +133,35 @@ class Flicker(NoiseTerm):
 
     @property
     def active(self) -> bool:
-        """Whether any of its magnitudes is above 0."""
+        """Whether one of its shares is above 0."""
         return self.dropout > 0 or self.jump > 0
 
     def apply(self, image: NoisyDepth) -> None:
-        """Drop and move patches."""
+        """Invalidate some patches and scale others."""
         height, width = image.depth_m.shape
-        p, rng = self.patch_px, image.draws(Purpose.FLICKER)
-        fate, sign = rng.random((2, -(-height // p), -(-width // p)))
-        fate, sign = (patches.repeat(p, axis=0).repeat(p, axis=1)[:height, :width] for patches in (fate, sign))
-        jumps = fate > 1 - self.jump
+        p, rng = self.patch_px, image.rng(Purpose.FLICKER)
+        event, sign = rng.random((2, -(-height // p), -(-width // p)))
+        event, sign = (patches.repeat(p, axis=0).repeat(p, axis=1)[:height, :width] for patches in (event, sign))
+        jumps = event > 1 - self.jump
         image.depth_m[jumps] *= np.where(sign < 0.5, 1 - self.jump_ratio, 1 + self.jump_ratio)[jumps]
-        image.lose(fate < self.dropout, InvalidReason.FLICKER)
+        image.invalidate(event < self.dropout, InvalidReason.FLICKER)
 
 
-class Blank(NoiseTerm):
-    """Surfaces without enough texture lose their depth."""
+class Textureless(NoiseTerm):
+    """Surfaces with too little texture have no depth."""
 
     below_texture: float = Field(0.0, ge=0)
-    """Surfaces with a weaker texture than this are blank; 0 keeps all."""
+    """Surfaces with a weaker texture than this are invalid; 0 disables the term."""
 
     @property
     def active(self) -> bool:
-        """Whether any of its magnitudes is above 0."""
+        """Whether the limit is above 0."""
         return self.below_texture > 0
 
     def apply(self, image: NoisyDepth) -> None:
-        """Invalidate blank surfaces."""
-        blank = [body for body, texture in image.texture_of_body.items() if texture < self.below_texture]
-        image.lose(np.isin(image.segment_id, blank), InvalidReason.TEXTURELESS)
+        """Invalidate surfaces with too little texture."""
+        bodies = [body for body, texture in image.texture_of_body.items() if texture < self.below_texture]
+        image.invalidate(np.isin(image.segment_id, bodies), InvalidReason.TEXTURELESS)
 
 
 class Occlusion(NoiseTerm):
@@ -172,25 +171,25 @@ class Occlusion(NoiseTerm):
 
     @property
     def active(self) -> bool:
-        """Whether it is switched on."""
+        """Whether the term is enabled."""
         return self.enabled
 
     def apply(self, image: NoisyDepth) -> None:
-        """Invalidate what is hidden."""
-        image.lose(image.occluded, InvalidReason.OCCLUDED)
+        """Invalidate occluded pixels."""
+        image.invalidate(image.occluded, InvalidReason.OCCLUDED)
 
 
 class DepthNoise(Model):
-    """All terms, in the order in which they apply; a hole keeps its first reason. By default only occlusion is on."""
+    """All terms, in the order in which they apply. By default only occlusion is enabled."""
 
     occlusion: Occlusion = Occlusion()
     scale: Scale = Scale()
     disparity: Disparity = Disparity()
     flicker: Flicker = Flicker()
-    blank: Blank = Blank()
+    blank: Textureless = Textureless()
 
     @property
     def terms(self) -> tuple[NoiseTerm, ...]:
-        """The terms that do something."""
-        every = (self.occlusion, self.scale, self.disparity, self.flicker, self.blank)
-        return tuple(term for term in every if term.active)
+        """The active terms."""
+        terms = (self.occlusion, self.scale, self.disparity, self.flicker, self.blank)
+        return tuple(term for term in terms if term.active)

@@ -1,11 +1,11 @@
-"""The airframe: a 1.2 kg quadrotor under velocity control, all drones at once in NumPy."""
+"""The airframe: a quadrotor of 1.2 kg under velocity control, computed for all drones at once."""
 
 import numpy as np
 from pydantic import Field
 
 from voxdepth.types import FloatArray
 
-from .model import Model
+from .types import Model
 
 GRAVITY_M_S2 = 9.81
 
@@ -18,7 +18,7 @@ class AirframeConfig(Model):
     """Radius of the collision sphere [m]."""
     max_speed_m_s: float = Field(5.0, gt=0)
     max_accel_m_s2: float = Field(4.0, gt=0)
-    """Largest acceleration that the velocity controller asks for."""
+    """Largest acceleration that the velocity controller demands."""
     max_tilt_deg: float = Field(30.0, gt=0, lt=90)
     max_thrust_to_weight: float = Field(2.0, gt=1)
     motor_lag_s: float = Field(0.04, gt=0)
@@ -30,11 +30,11 @@ class AirframeConfig(Model):
     """Linear air drag: deceleration per speed."""
 
 
-class Fleet:
-    """Forces and torques for all drones from their motion and commands.
+class VelocityController:
+    """Computes the forces and torques of all drones from their motion and commands.
 
-    Velocity error gives a wanted acceleration, that a wanted thrust direction; a PD law on the rotation vector turns
-    the body there. Thrust and torque reach the body through a first-order motor lag.
+    The velocity error gives a desired acceleration, which gives a desired thrust direction. A PD law on the rotation
+    vector turns the body towards it. Thrust and torque act on the body with a first-order motor lag.
     """
 
     def __init__(self, n_drones: int, config: AirframeConfig) -> None:
@@ -49,36 +49,36 @@ class Fleet:
         velocity_m_s: FloatArray,
         q_world_body_xyzw: FloatArray,
         rates_rad_s: FloatArray,
-        wanted_velocity_m_s: FloatArray,
-        wanted_yaw_rad: FloatArray,
+        desired_velocity_m_s: FloatArray,
+        desired_yaw_rad: FloatArray,
         dt_s: float,
     ) -> tuple[FloatArray, FloatArray]:
-        """Force [N] and torque [N m] in the world frame, each of shape (n, 3), for the coming step.
+        """Force [N] and torque [N m] in the world frame, each of shape (n, 3), for the next step.
 
         All inputs have one row per drone.
         """
         c = self._config
         body_z, yaw_rad = _body_z_and_yaw(q_world_body_xyzw)
-        thrust_wanted_n = self._wanted_thrust(velocity_m_s, wanted_velocity_m_s)
-        magnitude_n = np.sqrt((thrust_wanted_n * thrust_wanted_n).sum(axis=1))
-        direction = thrust_wanted_n / magnitude_n[:, None]
-        yaw_error = (wanted_yaw_rad - yaw_rad + np.pi) % (2 * np.pi) - np.pi
+        thrust_desired_n = self._desired_thrust(velocity_m_s, desired_velocity_m_s)
+        magnitude_n = np.sqrt((thrust_desired_n * thrust_desired_n).sum(axis=1))
+        direction = thrust_desired_n / magnitude_n[:, None]
+        yaw_error = (desired_yaw_rad - yaw_rad + np.pi) % (2 * np.pi) - np.pi
         turn = _cross(body_z, direction) + body_z * np.clip(yaw_error, -0.5, 0.5)[:, None]
         angular_accel = c.attitude_gain_per_s2 * turn - c.rate_gain_per_s * rates_rad_s
-        torque_wanted_n_m = self._inertia_kg_m2 * angular_accel
-        along_body_n = np.clip((thrust_wanted_n * body_z).sum(axis=1), 0, c.max_thrust_to_weight * self._weight_n)
+        torque_desired_n_m = self._inertia_kg_m2 * angular_accel
+        along_body_n = np.clip((thrust_desired_n * body_z).sum(axis=1), 0, c.max_thrust_to_weight * self._weight_n)
 
         follow = min(1.0, dt_s / c.motor_lag_s)
         self.thrust_n += follow * (along_body_n - self.thrust_n)
-        self.torque_n_m += follow * (torque_wanted_n_m - self.torque_n_m)
+        self.torque_n_m += follow * (torque_desired_n_m - self.torque_n_m)
         force_n = self.thrust_n[:, None] * body_z - c.mass_kg * c.drag_per_s * velocity_m_s
         return force_n, self.torque_n_m
 
-    def _wanted_thrust(self, velocity_m_s: FloatArray, wanted_velocity_m_s: FloatArray) -> FloatArray:
-        """Thrust vector [N] that accelerates towards the wanted velocity, within the limits of speed and tilt."""
+    def _desired_thrust(self, velocity_m_s: FloatArray, desired_velocity_m_s: FloatArray) -> FloatArray:
+        """Thrust vector [N] that accelerates towards the desired velocity, within the limits of speed and tilt."""
         c = self._config
-        wanted = wanted_velocity_m_s * _shrink_to(wanted_velocity_m_s, c.max_speed_m_s)
-        accel = c.velocity_gain_per_s * (wanted - velocity_m_s)
+        desired = desired_velocity_m_s * _shrink_to(desired_velocity_m_s, c.max_speed_m_s)
+        accel = c.velocity_gain_per_s * (desired - velocity_m_s)
         accel = accel * _shrink_to(accel, c.max_accel_m_s2)
         thrust = c.mass_kg * accel
         thrust[:, 2] += self._weight_n
@@ -93,7 +93,7 @@ def _norm(vectors: FloatArray) -> FloatArray:
 
 
 def _shrink_to(vectors: FloatArray, limit: float) -> FloatArray:
-    """Factors, shape (n, 1), that shorten each vector to at most `limit`."""
+    """Factors, shape (n, 1), that shorten each vector to at most the length `limit`."""
     return np.minimum(1.0, limit / np.maximum(_norm(vectors), 1e-9))
 
 

@@ -2,20 +2,20 @@
 
 
 class SimError(Exception):
-    """Base of every error that `sim` raises on purpose."""
+    """Base class of the errors of the simulator."""
 
 
 class SceneError(SimError, ValueError):
-    """A scene, or what is placed in it, cannot exist."""
+    """A scene, a body or a flight is impossible."""
 
 
 class RenderError(SimError, RuntimeError):
-    """A renderer does not work here, or met a body that it cannot draw."""
+    """A renderer does not work on this machine, or cannot draw a body."""
 
 
 class SensorError(SimError, ValueError):
-    """A camera or depth sensor is configured impossibly."""
+    """A camera or depth sensor has an impossible configuration."""
 
 
 class RecordingError(SimError, RuntimeError):
-    """A recording cannot be written or read, is damaged, or is none."""
+    """A recording cannot be written or read, or is damaged."""

@@ -1,4 +1,4 @@
-"""Rotations and camera poses of the simulator. Deliberately not shared with the library under test."""
+"""Rotations and camera poses of the simulator. They are deliberately not shared with the library under test."""
 
 import numpy as np
 
@@ -23,20 +23,20 @@ def rotation_from_quaternion(q_xyzw: FloatArray) -> FloatArray:
 
 
 def quaternion_from_yaw(yaw_rad: float) -> FloatArray:
-    """Unit quaternion (xyzw) of a turn about the vertical."""
+    """Unit quaternion (xyzw) of a rotation about the vertical."""
     return np.array([0.0, 0.0, np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)])
 
 
 def rotation_from_yaw(yaw_rad: float) -> FloatArray:
-    """Rotation matrix, shape (3, 3), of a turn about the vertical."""
+    """Rotation matrix, shape (3, 3), of a rotation about the vertical."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def quaternion_from_angles(yaw_rad: float, pitch_rad: float, roll_rad: float) -> FloatArray:
-    """Unit quaternion (xyzw) of a body that turns by its heading, then its pitch, then its roll.
+    """Unit quaternion (xyzw) of a body that is rotated by its yaw, then its pitch, then its roll.
 
-    Positive angles turn the nose to the left, lift the nose, and lower the right side.
+    A positive yaw turns the nose to the left, a positive pitch lifts it, and a positive roll lowers the right side.
     """
     (sy, sp, sr), (cy, cp, cr) = (f(np.array([yaw_rad, -pitch_rad, roll_rad]) / 2) for f in (np.sin, np.cos))
     return np.array(
@@ -64,7 +64,7 @@ def pose(rotation: FloatArray, position_m: FloatArray) -> FloatArray:
 
 
 def product(q_a_b_xyzw: FloatArray, q_b_c_xyzw: FloatArray) -> FloatArray:
-    """The quaternion `q_a_c` (xyzw) of two rotations after each other."""
+    """The quaternion `q_a_c` (xyzw) of two rotations in sequence."""
     (x, y, z, w), (p, q, r, s) = q_a_b_xyzw, q_b_c_xyzw
     return np.array(
         [

@@ -1,23 +1,23 @@
-"""The stereo cameras of the drones of a world."""
+"""The stereo cameras of all drones of a world."""
 
 from collections.abc import Iterator, Sequence
 
-from .parallel import Mapper
+from .cpu import Mapper
 from .sensor import RigConfig, StereoSensor, Viewpoint
-from .types import BodyPose, Capture, DroneState, Renderer
+from .types import BodyPose, Capture, Renderer
 from .world import World
 
 
 class StereoRig:
-    """Captures what the stereo cameras of drones see.
+    """Makes captures of the stereo cameras that the drones of a world carry.
 
     Args:
-        world: Whose drones carry the cameras.
-        renderer: Made for the same world.
-        config: Of every camera.
+        world: The world.
+        renderer: A renderer of the same world.
+        config: Configuration of every camera.
         seed: Master seed of all noise.
-        gray: Whether the gray images are wanted; without them they are black, unless the sensor model needs them.
-        pool_map: Makes the captures of several drones side by side; the result is the same with any.
+        gray: Whether gray images are wanted; without them they are black, unless the sensor model needs them.
+        pool_map: Map over the drones; one with several threads gives the same captures sooner.
     """
 
     def __init__(
@@ -37,20 +37,25 @@ class StereoRig:
         self.mount_m = config.left_mount_m
 
     def capture(self, drones: Sequence[int], frame: int) -> Iterator[Capture]:
-        """One capture for each of the named drones in their order, all at the world's present time.
+        """One capture for each of the named drones in their order, all at the present time of the world.
 
-        Each is made when it is asked for; with threads, the next ones are made meanwhile.
+        The images are rendered at once. Noise and depth are computed when a capture is consumed, or ahead of that by
+        the threads of `pool_map`.
 
         Args:
             drones: Indices of drones.
             frame: Number of the frame; noise is keyed by drone and frame.
         """
         states = self._world.states
-        pairs = self._sensor.render([self._viewpoint(drone, states[drone]) for drone in drones], frame)
-        return self._map(self._sensor.capture, pairs)
-
-    def _viewpoint(self, drone: int, state: DroneState) -> Viewpoint:
-        pose = BodyPose(
-            stamp_s=self._world.time_s, position_m=state.position_m, q_world_body_xyzw=state.q_world_body_xyzw
-        )
-        return Viewpoint(drone=drone, pose=pose)
+        viewpoints = [
+            Viewpoint(
+                drone=drone,
+                pose=BodyPose(
+                    stamp_s=self._world.time_s,
+                    position_m=states[drone].position_m,
+                    q_world_body_xyzw=states[drone].q_world_body_xyzw,
+                ),
+            )
+            for drone in drones
+        ]
+        return self._map(self._sensor.capture, self._sensor.render(viewpoints, frame))

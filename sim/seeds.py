@@ -1,4 +1,4 @@
-"""One random stream per consumer: a new consumer changes no other stream."""
+"""Random streams. Every consumer has its own, so that a new consumer changes no other stream."""
 
 from enum import IntEnum
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 class Purpose(IntEnum):
-    """What a stream is for. Numbers are never reused: they are part of every result."""
+    """Purpose of a stream. The numbers are part of every result and are never reused."""
 
     SCENE = 0
     SURFACE = 1
@@ -23,8 +23,8 @@ class Purpose(IntEnum):
 
 
 def stream(seed: int, purpose: Purpose, *index: int) -> np.random.Generator:
-    """The generator of one consumer, keyed by the master seed, its purpose and, say, drone and frame.
+    """The generator of one consumer, keyed by the master seed, its purpose and further indices such as drone and frame.
 
-    The number of indices is part of the key: `SeedSequence` cannot tell a key from the same key with zeros behind it.
+    The number of indices is part of the key, because `SeedSequence` ignores trailing zeros.
     """
     return np.random.default_rng(np.random.SeedSequence([seed, int(purpose), len(index), *index]))

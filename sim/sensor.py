@@ -1,4 +1,4 @@
-"""A stereo camera with its depth: from a pose to a capture."""
+"""A simulated stereo camera: it renders both images, adds camera noise and measures depth."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,40 +6,42 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field, model_validator
 
-from voxdepth.types import FloatArray, GrayImage, Intrinsics
+from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
 from . import frames
 from .depth_noise import DepthNoise
 from .errors import SensorError
-from .model import Model
-from .noise import exposure_gain, occlusion, photon_noise
-from .sensor_models import NoisyModel, SensorModel, SensorModelName, StereoModel, StereoView, TruthModel
-from .stereo import NOISE_TEXTURE, StereoConfig
-from .types import BodyPose, Camera, Capture, Images, Renderer
+from .seeds import Purpose, stream
+from .sensor_models import NoisyModel, SensorModel, SensorModelName, StereoModel, StereoPair, TruthModel
+from .stereo import NOISE_TEXTURE, StereoConfig, focal_baseline_px_m
+from .types import BodyPose, Camera, Capture, Images, Model, Renderer
 from .world import World
+
+OCCLUSION_STEP_PX = 0.75
+"""Least difference of disparity between a surface and the one that occludes it."""
 
 
 class RigConfig(Model):
-    """One stereo camera and what makes its depth. The default lens is like a RealSense D455's."""
+    """A stereo camera and its sensor model. The default lens resembles that of a RealSense D455."""
 
     width_px: int = Field(320, ge=32, le=4096)
     height_px: int = Field(180, ge=32, le=4096)
     hfov_deg: float = Field(86.0, gt=10, lt=170)
     baseline_m: float = Field(0.095, gt=0)
     rate_hz: float = Field(10.0, gt=0, le=240)
-    """Captures per second, at most as many as steps of physics."""
+    """Captures per second, at most one per step of physics."""
     mount_forward_m: float = Field(0.27, ge=0)
-    """Camera ahead of the drone's centre [m]; outside of the airframe, or it would see its own drone."""
+    """Distance of the camera ahead of the drone's centre [m]. Inside the airframe it would see its own drone."""
     depth: SensorModelName = "stereo"
-    """Where depth comes from: `truth`, `noisy` or `stereo`."""
+    """The sensor model: `truth`, `noisy` or `stereo`."""
     noise: DepthNoise = DepthNoise()
-    """Terms of the sensor model `noisy`."""
+    """Noise terms of the sensor model `noisy`."""
     max_depth_m: float = Field(40.0, gt=0)
-    """Depth at which surfaces farther away, and the sky, read."""
+    """Reading for the sky and for surfaces farther away."""
     photon_sigma: float = Field(1.5, ge=0)
-    """Deviation of the gray images' noise, in gray levels of 255."""
+    """Standard deviation of the noise of the gray images, in gray levels of 255."""
     exposure_sigma: float = Field(0.0, ge=0)
-    """Flicker of the exposure: deviation of the logarithm of a frame's brightness, the same in both images."""
+    """Standard deviation of the logarithm of a frame's brightness, which is the same in both images."""
     stereo: StereoConfig = StereoConfig()
 
     @model_validator(mode="after")
@@ -55,19 +57,19 @@ class RigConfig(Model):
         floor = NOISE_TEXTURE * self.photon_sigma
         if self.depth == "stereo" and 0 < self.stereo.min_texture < floor:
             raise ValueError(
-                f"photon noise of {self.photon_sigma} alone reads as a texture of {floor:.2f}, so stereo.min_texture "
-                f"{self.stereo.min_texture} would call nothing blank: raise it, or set it to 0"
+                f"photon noise of {self.photon_sigma} alone reads as a texture of {floor:.2f}, so no pixel would count "
+                f"as textureless with stereo.min_texture {self.stereo.min_texture}: raise it, or set it to 0"
             )
         return self
 
     @property
     def left_mount_m(self) -> FloatArray:
-        """Where the left camera sits in the body frame, shape (3,); the right one mirrors it."""
+        """Position of the left camera in the body frame, shape (3,); the right camera is its mirror image."""
         return np.array([self.mount_forward_m, self.baseline_m / 2, 0.0])
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """Of the left camera."""
+        """Camera model of the left camera."""
         return Intrinsics.from_hfov(
             width_px=self.width_px, height_px=self.height_px, hfov_deg=self.hfov_deg, baseline_m=self.baseline_m
         )
@@ -75,39 +77,39 @@ class RigConfig(Model):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Viewpoint:
-    """Where one stereo camera is, and which one."""
+    """The pose of one stereo camera."""
 
     drone: int
-    """Whose camera; noise is keyed by it."""
+    """Index of the drone that carries it; noise is keyed by it."""
     pose: BodyPose
-    """Of what carries the camera."""
+    """Pose of the carrier."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RenderedPair:
-    """What the lenses of one stereo camera show, before any noise."""
+    """Noise-free images of both cameras."""
 
     viewpoint: Viewpoint
     frame: int
     T_world_cam: FloatArray
-    """Of the left camera, shape (4, 4)."""
+    """Pose of the left camera, shape (4, 4)."""
     left: Images
     right: Images | None
 
 
 class StereoSensor:
-    """Captures from any pose in a world.
+    """Makes captures from any pose in a world.
 
     Args:
-        world: What is seen.
-        renderer: Made for the same world.
-        config: Of every camera.
+        world: The world to render.
+        renderer: A renderer of the same world.
+        config: Configuration of every camera.
         seed: Master seed of all noise.
-        gray: Whether the gray images are wanted; without them they are black, unless the sensor model needs them.
-        right: Whether the right images are wanted even if the sensor model does not need them.
+        gray: Whether gray images are wanted; without them they are black, unless the sensor model needs them.
+        right: Whether right images are wanted even if the sensor model does not need them.
 
     Raises:
-        SensorError: The baseline does not fit into the scene, or needs more disparities than the image has columns.
+        SensorError: The baseline is larger than the scene, or needs more disparities than the image has columns.
     """
 
     def __init__(
@@ -134,54 +136,53 @@ class StereoSensor:
         self._right = right or self._model.needs_right
 
     def render(self, viewpoints: Sequence[Viewpoint], frame: int) -> list[RenderedPair]:
-        """Render all cameras in one batch. Not for several threads at once."""
-        lefts = [self._camera(viewpoint, +0.5) for viewpoint in viewpoints]
-        rights = [self._camera(viewpoint, -0.5) for viewpoint in viewpoints] if self._right else []
+        """Render all cameras in one batch. Only one thread may render at a time."""
+        lefts = [self._camera(viewpoint, +1.0) for viewpoint in viewpoints]
+        rights = [self._camera(viewpoint, -1.0) for viewpoint in viewpoints] if self._right else []
         images = self._renderer.render([*lefts, *rights], gray=self._gray)
-        seen: list[Images | None] = [*images[len(lefts) :]] or [None] * len(lefts)
+        right_images: list[Images | None] = [*images[len(lefts) :]] or [None] * len(lefts)
         return [
             RenderedPair(viewpoint=viewpoint, frame=frame, T_world_cam=camera.T_world_cam, left=left, right=right)
-            for viewpoint, camera, left, right in zip(viewpoints, lefts, images, seen, strict=False)
+            for viewpoint, camera, left, right in zip(viewpoints, lefts, images, right_images, strict=False)
         ]
 
-    def capture(self, pair: RenderedPair) -> Capture:
-        """Add the noise of the cameras and measure depth; threads may work on several pairs at once."""
-        drone, frame = pair.viewpoint.drone, pair.frame
-        if pair.right is None:
-            occluded = np.zeros(pair.left.depth_m.shape, np.bool_)
+    def capture(self, rendered: RenderedPair) -> Capture:
+        """Add the noise of the cameras and measure depth. Several threads may do so at once."""
+        drone, frame, left, right = rendered.viewpoint.drone, rendered.frame, rendered.left, rendered.right
+        if right is None:
+            occluded = np.zeros(left.depth_m.shape, np.bool_)
         else:
-            occluded = occlusion(pair.left.depth_m, pair.right.depth_m, self.intrinsics)
-        view = StereoView(
+            occluded = occlusion_mask(left.depth_m, right.depth_m, self.intrinsics)
+        pair = StereoPair(
             drone=drone,
             frame=frame,
-            left=pair.left,
-            gray_left=self._exposed(pair.left, drone, frame, 0),
-            gray_right=None if pair.right is None else self._exposed(pair.right, drone, frame, 1),
+            left=left,
+            gray_left=self._add_camera_noise(left, drone, frame, 0),
+            gray_right=None if right is None else self._add_camera_noise(right, drone, frame, 1),
             occluded=occluded,
         )
-        measured = self._model.measure(view)
+        measured = self._model.measure(pair)
         return Capture(
-            stamp_s=pair.viewpoint.pose.stamp_s,
+            stamp_s=rendered.viewpoint.pose.stamp_s,
             drone=drone,
-            gray_left=view.gray_left,
-            gray_right=view.gray_right,
-            depth_true_m=pair.left.depth_m,
+            gray_left=pair.gray_left,
+            gray_right=pair.gray_right,
+            depth_true_m=left.depth_m,
             depth_raw_m=measured.depth_m,
             occluded=occluded,
             invalid_reason=measured.invalid_reason,
-            segment_id=pair.left.segment_id,
-            T_world_cam=pair.T_world_cam,
+            segment_id=left.segment_id,
+            T_world_cam=rendered.T_world_cam,
             intrinsics=self.intrinsics,
         )
 
     def _camera(self, viewpoint: Viewpoint, side: float) -> Camera:
-        mount_m = self._config.left_mount_m * np.array([1.0, 2 * side, 1.0])
+        mount_m = self._config.left_mount_m * np.array([1.0, side, 1.0])
         pose = viewpoint.pose
         T_world_cam = frames.camera_pose(pose.position_m, pose.q_world_body_xyzw, mount_m)
         return Camera(T_world_cam=T_world_cam, intrinsics=self.intrinsics)
 
-    def _exposed(self, images: Images, drone: int, frame: int, side: int) -> GrayImage:
-        """The gray image as the camera delivers it."""
+    def _add_camera_noise(self, images: Images, drone: int, frame: int, side: int) -> GrayImage:
         if not self._gray:
             return images.gray
         gain = exposure_gain(self._config.exposure_sigma, drone, frame, seed=self._seed)
@@ -202,3 +203,34 @@ def create_sensor_model(config: RigConfig, world: World, *, seed: int) -> Sensor
         texture_of_body=texture_of_body,
         seed=seed,
     )
+
+
+def photon_noise(gray: GrayImage, sigma: float, *key: int, seed: int, gain: float = 1.0) -> GrayImage:
+    """The image times `gain`, with Gaussian noise of `sigma` gray levels, rounded and clipped.
+
+    The noise is keyed by the seed and by `key`, which is the drone, the frame and the camera.
+    """
+    noise = stream(seed, Purpose.PHOTON, *key).standard_normal(gray.shape, np.float32)
+    noise *= np.float32(sigma)
+    noise += gray if gain == 1 else gray * np.float32(gain)
+    np.rint(noise, out=noise)
+    return np.clip(noise, 0, 255, out=noise).astype(np.uint8)
+
+
+def exposure_gain(sigma: float, *key: int, seed: int) -> float:
+    """Brightness of a frame relative to the mean, `exp(N(0, sigma))`, as automatic exposure varies it."""
+    return float(np.exp(sigma * stream(seed, Purpose.EXPOSURE, *key).standard_normal())) if sigma else 1.0
+
+
+def occlusion_mask(left_depth_m: FloatImage, right_depth_m: FloatImage, intrinsics: Intrinsics) -> MaskImage:
+    """Pixels of the left image whose surface the right camera does not see, shape (H, W).
+
+    A pixel of disparity d lies d to the left in the right image. It is occluded if that is outside of the image, or if
+    the nearest pixel there has a disparity that is larger by more than `OCCLUSION_STEP_PX`. A smaller difference hides
+    no whole pixel, and occurs within half a pixel of a slanted surface.
+    """
+    width = left_depth_m.shape[1]
+    disparity_px = focal_baseline_px_m(intrinsics) / left_depth_m
+    col = np.rint(np.arange(width, dtype=np.float32)[None, :] - disparity_px).astype(np.intp)
+    seen_px = focal_baseline_px_m(intrinsics) / np.take_along_axis(right_depth_m, np.maximum(col, 0), axis=1)
+    return np.isfinite(left_depth_m) & ((col < 0) | (seen_px - disparity_px > OCCLUSION_STEP_PX))

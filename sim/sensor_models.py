@@ -1,4 +1,4 @@
-"""The three sensor models: how much a stereo camera is idealised. All behind one interface."""
+"""Three models of a depth sensor, from ideal to realistic, behind one interface."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ SENSOR_MODEL_NAMES: tuple[SensorModelName, ...] = get_args(SensorModelName)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measurement:
-    """Depth as a sensor model measures it."""
+    """Measured depth."""
 
     depth_m: FloatImage
     """Shape (H, W), float32; 0 = invalid."""
@@ -28,8 +28,8 @@ class Measurement:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class StereoView:
-    """What both cameras of one drone show: free of noise, and with that of the cameras."""
+class StereoPair:
+    """Images of both cameras of one drone: the noise-free left ones, and the gray images with camera noise."""
 
     drone: int
     frame: int
@@ -37,41 +37,41 @@ class StereoView:
     gray_left: GrayImage
     gray_right: GrayImage | None
     occluded: MaskImage
-    """Pixels hidden from the right camera, shape (H, W); all False without a right camera."""
+    """Pixels that the right camera does not see, shape (H, W); all False without a right camera."""
 
 
 class SensorModel(Protocol):
-    """Makes a depth image of what a drone's cameras see. Threads may share it."""
+    """Makes a depth image from a stereo pair. Threads may share it."""
 
     needs_right: bool
     """Whether the second camera has to be rendered."""
 
-    def measure(self, view: StereoView) -> Measurement:
-        """Depth of one view."""
+    def measure(self, pair: StereoPair) -> Measurement:
+        """Depth of one stereo pair."""
         ...
 
 
 class TruthModel:
-    """Exact depth, capped at the largest depth of the camera; sky reads that depth."""
+    """Exact depth, limited to the largest depth of the camera; the sky reads that depth."""
 
     needs_right = False
 
     def __init__(self, max_depth_m: float) -> None:
         self._max_depth_m = np.float32(max_depth_m)
 
-    def measure(self, view: StereoView) -> Measurement:
+    def measure(self, pair: StereoPair) -> Measurement:
         """The true depth."""
-        depth_m = np.minimum(view.left.depth_m, self._max_depth_m)
+        depth_m = np.minimum(pair.left.depth_m, self._max_depth_m)
         return Measurement(depth_m=depth_m, invalid_reason=np.zeros(depth_m.shape, np.uint8))
 
 
 class NoisyModel:
-    """Truth with noise terms; as configured by default, without the pixels that the second camera cannot see.
+    """True depth with noise terms. By default, only the pixels that the second camera does not see are invalid.
 
     Args:
-        intrinsics: Of the left camera, with the baseline.
-        noise: Which terms are on.
-        max_depth_m: Depth at which the sky and surfaces farther away read.
+        intrinsics: Camera model of the left camera, with the baseline.
+        noise: The noise terms.
+        max_depth_m: Reading for the sky and for surfaces farther away.
         texture_of_body: Strength of the texture of each body, by segmentation id.
         seed: Master seed.
     """
@@ -92,38 +92,42 @@ class NoisyModel:
         self._texture_of_body = texture_of_body
         self._seed = seed
 
-    def measure(self, view: StereoView) -> Measurement:
-        """The true depth after all terms, then capped."""
+    def measure(self, pair: StereoPair) -> Measurement:
+        """The true depth after all noise terms, limited to the largest depth."""
         image = NoisyDepth(
-            depth_m=view.left.depth_m.copy(),
-            invalid_reason=np.zeros(view.left.depth_m.shape, np.uint8),
-            segment_id=view.left.segment_id,
-            occluded=view.occluded,
+            depth_m=pair.left.depth_m.copy(),
+            invalid_reason=np.zeros(pair.left.depth_m.shape, np.uint8),
+            segment_id=pair.left.segment_id,
+            occluded=pair.occluded,
             texture_of_body=self._texture_of_body,
             intrinsics=self._intrinsics,
             seed=self._seed,
-            key=(view.drone, view.frame),
+            key=(pair.drone, pair.frame),
         )
         for term in self._terms:
             term.apply(image)
-        return Measurement(depth_m=np.minimum(image.depth_m, self._max_depth_m), invalid_reason=image.invalid_reason)
+        depth_m = np.minimum(image.depth_m, self._max_depth_m)
+        return Measurement(depth_m=depth_m, invalid_reason=image.invalid_reason)
 
 
 class StereoModel:
-    """Depth by matching the two gray images."""
+    """Depth from matching the two gray images."""
 
     needs_right = True
 
     def __init__(self, intrinsics: Intrinsics, config: StereoConfig, *, max_depth_m: float) -> None:
         self._matcher = StereoMatcher(intrinsics, config, max_depth_m=max_depth_m)
 
-    def measure(self, view: StereoView) -> Measurement:
-        """Depth with the holes and errors that matching makes; the truth only names the reasons of holes."""
-        if view.gray_right is None:
-            raise SensorError("the sensor model stereo needs the gray image of the right camera, got none")
-        match = self._matcher.match(view.gray_left, view.gray_right)
-        reason, lost = match.invalid_reason, match.invalid_reason != InvalidReason.NONE
-        reason[lost & (view.left.depth_m < self._matcher.min_depth_m)] = InvalidReason.OUT_OF_RANGE
-        reason[lost & view.occluded] = InvalidReason.OCCLUDED
-        depth_m = self._matcher.depth_from_disparity(match.disparity_px)
-        return Measurement(depth_m=depth_m, invalid_reason=reason)
+    def measure(self, pair: StereoPair) -> Measurement:
+        """Depth with the holes and errors of matching. The truth is used only to name the reasons for holes.
+
+        Raises:
+            SensorError: The pair has no right image.
+        """
+        if pair.gray_right is None:
+            raise SensorError("the sensor model 'stereo' needs the gray image of the right camera, got none")
+        match = self._matcher.match(pair.gray_left, pair.gray_right)
+        reason, invalid = match.invalid_reason, match.invalid_reason != InvalidReason.NONE
+        reason[invalid & (pair.left.depth_m < self._matcher.min_depth_m)] = InvalidReason.OUT_OF_RANGE
+        reason[invalid & pair.occluded] = InvalidReason.OCCLUDED
+        return Measurement(depth_m=self._matcher.depth_from_disparity(match.disparity_px), invalid_reason=reason)

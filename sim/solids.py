@@ -1,7 +1,7 @@
-"""PyBullet bodies of the solids that a scene is made of."""
+"""Creates the bodies of a scene in PyBullet."""
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ NO_SHAPE = -1
 
 
 def create_body(body: Body, client: int) -> int:
-    """Place a static body in a PyBullet client and return its id there."""
+    """Create a static body in a PyBullet client and return its id."""
     collision, visual = create_shapes(body.shape, body.surface, client)
     x, y, z = body.position_m
     q_world_body_xyzw = frames.quaternion_from_yaw(body.yaw_rad).tolist()
@@ -28,7 +28,7 @@ def create_body(body: Body, client: int) -> int:
 
 
 def apply_texture(bodies: Sequence[int], seed: int, client: int) -> None:
-    """One seeded noise texture on some bodies, for PyBullet's renderers: they know neither strength nor pattern."""
+    """Give bodies a seeded noise texture for PyBullet's renderers, which ignore its strength and pattern."""
     noise = stream(seed, Purpose.SURFACE).integers(90, 256, (256, 256), dtype=np.uint8)
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / "noise.png")
@@ -39,8 +39,8 @@ def apply_texture(bodies: Sequence[int], seed: int, client: int) -> None:
 
 
 def create_shapes(shape: Shape, surface: Surface, client: int) -> tuple[int, int]:
-    """Collision and visual shape ids of a solid; a heightfield is drawn by its collision shape."""
-    kind, collision, visual = _DESCRIPTIONS[type(shape)](shape)
+    """Collision and visual shape ids of a shape; PyBullet draws a heightfield by its collision shape."""
+    kind, collision, visual = _describe(shape)
     collision_id = pybullet.createCollisionShape(kind, **collision, physicsClientId=client)
     if visual is None:
         return collision_id, NO_SHAPE
@@ -52,61 +52,45 @@ def create_shapes(shape: Shape, surface: Surface, client: int) -> tuple[int, int
 
 
 def origin_height_m(shape: Shape) -> float:
-    """Height of PyBullet's origin of a shape above the shape's own: it centres heightfields between their extremes."""
+    """Height of PyBullet's origin above that of a shape; PyBullet centres a heightfield between its extremes."""
     if isinstance(shape, Heightfield):
         return float(shape.height_m.min() + shape.height_m.max()) / 2
     return 0.0
 
 
 Description = tuple[int, dict[str, Any], dict[str, Any] | None]
-"""PyBullet's kind of a shape, and what creates its collision and its visual shape."""
+"""PyBullet's type of a shape, and the arguments for its collision shape and its visual shape."""
 
 
-def _box(box: Box) -> Description:
-    size = {"halfExtents": [side / 2 for side in box.size_m]}
-    return pybullet.GEOM_BOX, size, size
+def _describe(shape: Shape) -> Description:
+    match shape:
+        case Box(size_m):
+            size = {"halfExtents": [side / 2 for side in size_m]}
+            return pybullet.GEOM_BOX, size, size
+        case Cylinder(radius, height):
+            return pybullet.GEOM_CYLINDER, {"radius": radius, "height": height}, {"radius": radius, "length": height}
+        case Sphere(radius):
+            return pybullet.GEOM_SPHERE, {"radius": radius}, {"radius": radius}
+        case Mesh(vertices_m, triangles):
+            mesh = {"vertices": vertices_m.tolist(), "indices": triangles.ravel().tolist()}
+            collision = {**mesh, "flags": pybullet.GEOM_FORCE_CONCAVE_TRIMESH}
+            return pybullet.GEOM_MESH, collision, {**mesh, "normals": _vertex_normals(shape).tolist()}
+        case Heightfield(height_m, spacing_m):
+            rows, columns = height_m.shape
+            collision = {
+                "meshScale": [spacing_m, spacing_m, 1.0],
+                "heightfieldTextureScaling": columns,
+                "heightfieldData": height_m.ravel().tolist(),
+                "numHeightfieldRows": columns,
+                "numHeightfieldColumns": rows,
+            }
+            return pybullet.GEOM_HEIGHTFIELD, collision, None
 
 
-def _cylinder(cylinder: Cylinder) -> Description:
-    radius, height = cylinder.radius_m, cylinder.height_m
-    return pybullet.GEOM_CYLINDER, {"radius": radius, "height": height}, {"radius": radius, "length": height}
-
-
-def _sphere(sphere: Sphere) -> Description:
-    return pybullet.GEOM_SPHERE, {"radius": sphere.radius_m}, {"radius": sphere.radius_m}
-
-
-def _mesh(mesh: Mesh) -> Description:
-    vertices, indices = mesh.vertices_m.tolist(), mesh.triangles.ravel().tolist()
-    collision = {"vertices": vertices, "indices": indices, "flags": pybullet.GEOM_FORCE_CONCAVE_TRIMESH}
-    return pybullet.GEOM_MESH, collision, {"vertices": vertices, "indices": indices, "normals": _normals(mesh).tolist()}
-
-
-def _normals(mesh: Mesh) -> FloatArray:
-    """Unit normal of each vertex, shape (V, 3): that of its triangles together."""
+def _vertex_normals(mesh: Mesh) -> FloatArray:
+    """Unit normal of each vertex, shape (V, 3): the area-weighted mean of its triangles' normals."""
     a, b, c = np.moveaxis(mesh.vertices_m[mesh.triangles], 1, 0)
     total = np.zeros_like(mesh.vertices_m, np.float64)
     np.add.at(total, mesh.triangles, np.cross(b - a, c - a)[:, None])
     normals: FloatArray = total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
     return normals
-
-
-def _heightfield(field: Heightfield) -> Description:
-    rows, columns = field.height_m.shape
-    collision = {
-        "meshScale": [field.spacing_m, field.spacing_m, 1.0],
-        "heightfieldTextureScaling": columns,
-        "heightfieldData": field.height_m.ravel().tolist(),
-        "numHeightfieldRows": columns,
-        "numHeightfieldColumns": rows,
-    }
-    return pybullet.GEOM_HEIGHTFIELD, collision, None
-
-
-_DESCRIPTIONS: dict[type[Shape], Callable[[Any], Description]] = {
-    Box: _box,
-    Cylinder: _cylinder,
-    Sphere: _sphere,
-    Mesh: _mesh,
-    Heightfield: _heightfield,
-}

@@ -1,11 +1,11 @@
-"""Sequences with one kind of depth noise at a time, for tests of depth correctors: 160 x 120, 30 Hz, with the truth.
+"""Sequences with one kind of depth noise at a time, 160 x 120 at 30 Hz with true depth, for tests of correctors.
 
     from sim.testing import noisy_sequence
 
     for capture in noisy_sequence("flicker", "high", seed=0):
         ...  # capture.gray_left, capture.depth_raw_m, capture.depth_true_m
 
-A camera walks towards a wall between things of many shapes and textures, while a drone crosses its view.
+A camera moves towards a wall between objects of several shapes and textures, while a drone crosses its view.
 """
 
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from .bodies import Body, Box, Cylinder, Scene, Shape, Sphere, Surface
-from .depth_noise import Blank, DepthNoise, Disparity, Flicker, Occlusion, Scale
+from .depth_noise import DepthNoise, Disparity, Flicker, Occlusion, Scale, Textureless
 from .errors import SensorError
 from .flights import Walk
 from .render import create_renderer
@@ -33,8 +33,8 @@ LEVELS: tuple[Level, ...] = get_args(Level)
 
 FRAMES = 30
 RATE_HZ = 30
-MOST_FRAMES = 300
-N_THINGS = 14
+MAX_FRAMES = 300
+N_OBJECTS = 14
 WALL_M = 12.0
 DRONE_SPEED_M_S = 3.0
 
@@ -48,19 +48,19 @@ BASELINE_M = (0.05, 0.095, 0.19)
 
 
 def noisy_sequence(term: Term, level: Level, seed: int = 0, *, frames: int = FRAMES) -> Iterator[Capture]:
-    """Captures with one noise term at one level, in order; the same for the same arguments.
+    """Captures with one noise term at one level, in order. The arguments determine every bit of them.
 
     Args:
-        term: Which noise; all others are off.
+        term: The noise term; all others are disabled.
         level: `low`, `medium` or `high`.
-        seed: Master seed of the scene, the walk and the noise.
-        frames: How many, up to 300.
+        seed: Master seed of the scene, the camera motion and the noise.
+        frames: Number of frames, up to 300.
 
     Raises:
-        SensorError: There is no such term or level, or the walk is not so long.
+        SensorError: The term or the level does not exist, or there are not so many frames.
     """
-    if not 1 <= frames <= MOST_FRAMES:
-        raise SensorError(f"a noisy sequence has 1 to {MOST_FRAMES} frames, got {frames}")
+    if not 1 <= frames <= MAX_FRAMES:
+        raise SensorError(f"a noisy sequence has 1 to {MAX_FRAMES} frames, got {frames}")
     return _captures(sensor_config(term, level), seed, frames)
 
 
@@ -68,7 +68,7 @@ def sensor_config(term: Term, level: Level) -> RigConfig:
     """The camera and the noise of a sequence.
 
     Raises:
-        SensorError: There is no such term or level.
+        SensorError: The term or the level does not exist.
     """
     if term not in TERMS or level not in LEVELS:
         raise SensorError(
@@ -83,7 +83,7 @@ def sensor_config(term: Term, level: Level) -> RigConfig:
         "disparity": DepthNoise(disparity=Disparity(sigma_px=SIGMA_PX[k]), occlusion=off),
         "quantisation": DepthNoise(disparity=Disparity(step_px=STEP_PX[k]), occlusion=off),
         "flicker": DepthNoise(flicker=Flicker(dropout=DROPOUT[k], jump=DROPOUT[k] / 2), occlusion=off),
-        "blank": DepthNoise(blank=Blank(below_texture=BELOW_TEXTURE[k]), occlusion=off),
+        "blank": DepthNoise(blank=Textureless(below_texture=BELOW_TEXTURE[k]), occlusion=off),
     }[term]
     return RigConfig(
         width_px=160,
@@ -103,14 +103,13 @@ def _captures(config: RigConfig, seed: int, frames: int) -> Iterator[Capture]:
         world.apply([VelocityCommand(velocity_m_s=np.array([0.0, DRONE_SPEED_M_S, 0.0]), yaw_rad=np.pi / 2)])
         sensor = StereoSensor(world, create_renderer("raycast", world), config, seed=seed, right=True)
         for frame, pose in enumerate(islice(poses, frames)):
-            (pair,) = sensor.render([Viewpoint(drone=0, pose=pose)], frame)
-            yield sensor.capture(pair)
+            yield sensor.capture(sensor.render([Viewpoint(drone=0, pose=pose)], frame)[0])
             for _ in range(PHYSICS_HZ // RATE_HZ):
                 world.step()
 
 
 def _scene(seed: int) -> Scene:
-    """A wall and things on the ground before it, clear of the drone's way and of the walk."""
+    """A wall and objects in front of it, clear of the paths of the drone and of the camera."""
     ground = Body(
         name="ground",
         kind="ground",
@@ -120,27 +119,25 @@ def _scene(seed: int) -> Scene:
     )
     wall = Body(
         name="wall",
-        kind="building",
         shape=Box((1.0, 40.0, 8.0)),
         position_m=(WALL_M + 0.5, 0.0, 4.0),
         surface=Surface(albedo=0.6, pattern="facade"),
     )
-    things = [_thing(stream(seed, Purpose.SCENE, k), k) for k in range(N_THINGS)]
+    objects = [_object(stream(seed, Purpose.SCENE, k), k) for k in range(N_OBJECTS)]
     path_m = np.array([[0.0, 0.0, 0.0], [WALL_M - 2, 0.0, 0.0]])
-    return Scene(seed=seed, bodies=(ground, wall, *things), path_m=path_m)
+    return Scene(seed=seed, bodies=(ground, wall, *objects), path_m=path_m)
 
 
-def _thing(rng: np.random.Generator, k: int) -> Body:
-    """Things stand in turns to the left and to the right; their textures rise evenly from none to full."""
+def _object(rng: np.random.Generator, k: int) -> Body:
+    """Objects stand alternately on the left and on the right; their texture increases with k from none to full."""
     half, height = rng.uniform(0.2, 0.5), rng.uniform(0.8, 2.4)
     shapes: tuple[Shape, ...] = (Box((2 * half, 2 * half, height)), Cylinder(half, height), Sphere(half))
     shape = shapes[k % 3]
     x = rng.uniform(5.0, WALL_M - 1)
     y = (-1) ** k * rng.uniform(0.9, 0.6 * x)
     return Body(
-        name=f"thing-{k}",
-        kind="building",
+        name=f"object-{k}",
         shape=shape,
         position_m=(x, y, half if isinstance(shape, Sphere) else height / 2),
-        surface=Surface(albedo=float(rng.uniform(0.3, 0.8)), texture=k / (N_THINGS - 1)),
+        surface=Surface(albedo=float(rng.uniform(0.3, 0.8)), texture=k / (N_OBJECTS - 1)),
     )

@@ -1,4 +1,4 @@
-"""Plain data of the simulator."""
+"""Plain data of the simulator, and the base of its configuration models."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict
 
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
@@ -19,11 +20,20 @@ __all__ = [
     "IdImage",
     "Images",
     "InvalidReason",
+    "Model",
     "Renderer",
     "VelocityCommand",
 ]
 
 IdImage = npt.NDArray[np.int32]
+
+
+class Model(BaseModel):
+    """A frozen configuration. Unknown keys are errors, and the docstrings of the fields are their help texts."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,28 +52,28 @@ class DroneState:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodyPose:
-    """Where what carries a camera is at one moment."""
+    """Pose of the carrier of a camera at one moment."""
 
     stamp_s: float
     position_m: FloatArray
-    """In the world, shape (3,)."""
+    """Position in the world frame, shape (3,)."""
     q_world_body_xyzw: FloatArray
     """Attitude, shape (4,), unit norm; body frame x forward, y left, z up."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VelocityCommand:
-    """What a controller asks of a drone until the next command."""
+    """Set point of a drone's velocity controller. It holds until the next command."""
 
     velocity_m_s: FloatArray
-    """Wanted velocity in the world frame, shape (3,)."""
+    """Desired velocity in the world frame, shape (3,)."""
     yaw_rad: float
-    """Wanted heading, from the world's x axis towards y."""
+    """Desired heading, from the world's x axis towards y."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Contact:
-    """The first touch of a drone and something else."""
+    """The first contact of a drone with one other body."""
 
     time_s: float
     drone: int
@@ -72,12 +82,12 @@ class Contact:
     kind: str
     """`drone`, `building` or `ground`."""
     speed_m_s: float
-    """Relative speed just before the touch."""
+    """Relative speed just before the contact."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Camera:
-    """One view to render."""
+    """A camera to render."""
 
     T_world_cam: FloatArray
     """Camera pose, shape (4, 4); camera frame x right, y down, z forward."""
@@ -86,7 +96,7 @@ class Camera:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Images:
-    """What a renderer returns for one camera, free of noise."""
+    """Noise-free images of one camera."""
 
     gray: GrayImage
     """Shape (H, W), uint8."""
@@ -97,35 +107,35 @@ class Images:
 
 
 class Renderer(Protocol):
-    """Renders cameras in the world that it was made for."""
+    """Renders cameras in one world."""
 
     def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
-        """One `Images` per camera, of the world as it is now. Without `gray` the gray images may be black."""
+        """Images of the present state of the world, one `Images` per camera. Without `gray` they may be black."""
         ...
 
 
 class InvalidReason(IntEnum):
-    """Why a pixel of a depth image is invalid."""
+    """Reason why a pixel of a depth image is invalid."""
 
     NONE = 0
-    """It is not: the pixel has a depth."""
+    """The pixel is valid."""
     OCCLUDED = 1
     """The second camera does not see the surface."""
     OUT_OF_RANGE = 2
     """The surface is nearer than the smallest depth that is searched."""
     TEXTURELESS = 3
-    """Too little texture to be matched."""
+    """The surface has too little texture to be matched."""
     AMBIGUOUS = 4
-    """Matching found no clear winner, or the left and the right image disagree."""
+    """Matching found no unique minimum, or the left and the right image disagree."""
     SPECKLE = 5
-    """Removed as part of a small island of depth."""
+    """The pixel belonged to a small isolated region of depth, which was removed."""
     FLICKER = 6
-    """Dropped out for this frame alone."""
+    """The pixel dropped out in this frame only."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Capture:
-    """Everything a simulated stereo camera knows at one moment, the truth included."""
+    """All that a simulated stereo camera produces at one moment, with the true depth and pose."""
 
     stamp_s: float
     drone: int
@@ -139,7 +149,7 @@ class Capture:
     occluded: MaskImage
     """Pixels that the right camera does not see, shape (H, W); all False without a second camera."""
     invalid_reason: GrayImage
-    """One `InvalidReason` per pixel, shape (H, W), uint8: why there is no depth."""
+    """One `InvalidReason` per pixel, shape (H, W), uint8."""
     segment_id: IdImage
     T_world_cam: FloatArray
     """True pose of the left camera, shape (4, 4)."""

@@ -1,4 +1,4 @@
-"""The physical world: one PyBullet client with a scene, a fleet of drones, and bodies that others move."""
+"""The physical world: a scene, drones and kinematic bodies in one PyBullet client."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -12,40 +12,40 @@ from voxdepth.types import FloatArray
 
 from . import frames
 from .bodies import Body, Cylinder, Scene, Surface
-from .drone import GRAVITY_M_S2, AirframeConfig, Fleet
+from .drone import GRAVITY_M_S2, AirframeConfig, VelocityController
 from .errors import SceneError
 from .solids import apply_texture, create_body, create_shapes
 from .types import Contact, DroneState, VelocityCommand
 
 PHYSICS_HZ = 240
 SMALLEST_PROBE_M = 1e-3
-"""Bullet measures distances from spheres of positive radius only."""
+"""Radius of the sphere that stands for a point, because Bullet requires a positive radius."""
 IMPACT_STEPS = 10
-"""Steps back to where the speed of an impact is taken: Bullet brakes bodies that are about to touch."""
+"""Steps before a contact at which its speed is taken, because Bullet brakes bodies that are about to touch."""
 DRONE_SURFACE = Surface(albedo=0.15, texture=0.6)
 DRONE_BODY_HEIGHT_M = 0.16
 
 
 def drone_shape(radius_m: float) -> Cylinder:
-    """What cameras see of a drone."""
+    """The visible shape of a drone."""
     return Cylinder(radius_m, DRONE_BODY_HEIGHT_M)
 
 
 class World:
-    """Steps physics, flies drones by velocity commands and reports every first contact.
+    """Steps physics, flies drones by velocity commands and reports the first contact of every pair of bodies.
 
     Use it as a context manager; the PyBullet client lives as long as the world. The collision shape of a drone is a
-    sphere; what cameras see of it is a flat cylinder of the same radius.
+    sphere, and its visible shape is a flat cylinder of the same radius.
 
     Args:
-        scene: Static bodies.
-        starts_m: Start positions, shape (n, 3); drones hover there, heading along x.
-        airframe: Of every drone.
+        scene: The static bodies.
+        starts_m: Start positions, shape (n, 3), where the drones hover.
+        airframe: Airframe of every drone.
         start_yaw_rad: Heading of the drones at the start: one for all, or one each, shape (n,).
-        movers: Bodies that stay where they are until `place` moves them. They have the first body ids, from 0 on.
+        kinematic: Bodies that only `place` moves. They have the first body ids, from 0 on.
 
     Raises:
-        SceneError: A drone starts inside or in touch with a body or another drone.
+        SceneError: A drone starts in contact with a body or another drone.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class World:
         airframe: AirframeConfig | None = None,
         *,
         start_yaw_rad: float | FloatArray = 0.0,
-        movers: Sequence[Body] = (),
+        kinematic: Sequence[Body] = (),
     ) -> None:
         self.scene = scene
         self.airframe = airframe or AirframeConfig()
@@ -70,18 +70,18 @@ class World:
         self.client = pybullet.connect(pybullet.DIRECT)
         try:
             self._set_up_physics()
-            self.movers: dict[int, Body] = {create_body(body, self.client): body for body in movers}
+            self.kinematic: dict[int, Body] = {create_body(body, self.client): body for body in kinematic}
             self.bodies: dict[int, Body] = {create_body(body, self.client): body for body in scene.bodies}
             yaws_rad = np.full(self.n_drones, start_yaw_rad, np.float64)
             attitudes = [frames.quaternion_from_yaw(float(yaw)) for yaw in yaws_rad]
             self.drone_ids = [self._add_drone(*start) for start in zip(starts_m, attitudes, strict=True)]
             apply_texture(self.textured_ids, scene.seed, self.client)
             self._drone_of_body = {body: drone for drone, body in enumerate(self.drone_ids)}
-            self._fleet = Fleet(self.n_drones, self.airframe)
-            self._wanted_velocity = np.zeros((self.n_drones, 3))
-            self._wanted_yaw = yaws_rad
+            self._controller = VelocityController(self.n_drones, self.airframe)
+            self._desired_velocity = np.zeros((self.n_drones, 3))
+            self._desired_yaw = yaws_rad
             self._read_motion()
-            self._refuse_bad_starts()
+            self._require_free_starts()
         except BaseException:
             self.close()
             raise
@@ -95,7 +95,7 @@ class World:
         self.close()
 
     def close(self) -> None:
-        """End the PyBullet client; a second call does nothing."""
+        """Disconnect the PyBullet client; a second call does nothing."""
         if self.client >= 0:
             pybullet.disconnect(physicsClientId=self.client)
             self.client = -1
@@ -119,24 +119,24 @@ class World:
         ]
 
     def apply(self, commands: Sequence[VelocityCommand]) -> None:
-        """Set what each drone is to do from the next step on, one command per drone."""
+        """Set the commands that hold from the next step on, one per drone."""
         if len(commands) != self.n_drones:
             raise SceneError(f"expected one command for each of {self.n_drones} drones, got {len(commands)}")
         for i, command in enumerate(commands):
-            self._wanted_velocity[i] = command.velocity_m_s
-            self._wanted_yaw[i] = command.yaw_rad
+            self._desired_velocity[i] = command.velocity_m_s
+            self._desired_yaw[i] = command.yaw_rad
 
-    def place(self, mover: int, position_m: FloatArray) -> None:
-        """Move one of `movers`, by its body id, to a position, shape (3,), at once."""
-        if mover not in self.movers:
-            raise SceneError(f"expected the id of a mover, one of {list(self.movers)}, got {mover}")
-        _, q_xyzw = pybullet.getBasePositionAndOrientation(mover, physicsClientId=self.client)
-        pybullet.resetBasePositionAndOrientation(mover, position_m.tolist(), q_xyzw, physicsClientId=self.client)
+    def place(self, body: int, position_m: FloatArray) -> None:
+        """Move a kinematic body, given by its id, to a position, shape (3,)."""
+        if body not in self.kinematic:
+            raise SceneError(f"expected the id of a kinematic body, one of {list(self.kinematic)}, got {body}")
+        _, q_xyzw = pybullet.getBasePositionAndOrientation(body, physicsClientId=self.client)
+        pybullet.resetBasePositionAndOrientation(body, position_m.tolist(), q_xyzw, physicsClientId=self.client)
 
     def step(self) -> list[Contact]:
         """Advance by 1/240 s and return the contacts that began in this step."""
-        force_n, torque_n_m = self._fleet.actuate(
-            self._velocity, self._attitude, self._rates, self._wanted_velocity, self._wanted_yaw, self.dt_s
+        force_n, torque_n_m = self._controller.actuate(
+            self._velocity, self._attitude, self._rates, self._desired_velocity, self._desired_yaw, self.dt_s
         )
         bullet, client = pybullet, self.client
         for body, force, at, torque in zip(
@@ -155,33 +155,33 @@ class World:
         return self._nearest_m(self._position[drone], self.airframe.radius_m, horizon_m, self.drone_ids[drone])
 
     def clearance_at_m(self, position_m: Sequence[float], horizon_m: float = 5.0) -> float:
-        """Distance from a point to the nearest body that is no drone, at most `horizon_m`; negative inside one."""
+        """Distance from a point to the nearest body except drones, at most `horizon_m`; negative inside a body."""
         return self._nearest_m(np.asarray(position_m, np.float64), 0.0, horizon_m, None)
 
     @property
     def moving_ids(self) -> list[int]:
-        """Ids of all that may be elsewhere from one moment to the next: drones, then movers."""
-        return [*self.drone_ids, *self.movers]
+        """Ids of all bodies that can move: drones, then kinematic bodies."""
+        return [*self.drone_ids, *self.kinematic]
 
     @property
     def described(self) -> dict[int, Body]:
-        """All but the drones, by id: the bodies of the scene, then movers."""
-        return {**self.bodies, **self.movers}
+        """All bodies except drones, by id: the bodies of the scene, then kinematic bodies."""
+        return {**self.bodies, **self.kinematic}
 
     @property
     def surfaces(self) -> dict[int, Surface]:
-        """Looks of all bodies by id, drones included."""
+        """Surfaces of all bodies by id, drones included."""
         surfaces = {body_id: body.surface for body_id, body in self.described.items()}
         return surfaces | dict.fromkeys(self.drone_ids, DRONE_SURFACE)
 
     @property
     def textured_ids(self) -> list[int]:
-        """Ids of all bodies that are not blank."""
+        """Ids of all bodies that have a texture."""
         return [body_id for body_id, surface in self.surfaces.items() if surface.texture > 0]
 
     @property
     def extent_m(self) -> float:
-        """Longest side of the box around all bodies, drones included; 0 when there are none."""
+        """Longest side of the bounding box of all bodies, drones included; 0 without bodies."""
         boxes = [pybullet.getAABB(body, physicsClientId=self.client) for body in self.surfaces]
         if not boxes:
             return 0.0
@@ -248,7 +248,7 @@ class World:
         )
 
     def _nearest_m(self, at_m: FloatArray, radius_m: float, horizon_m: float, own_body: int | None) -> float:
-        """Signed distance from a sphere to the nearest other body; drones count only for a drone."""
+        """Signed distance from a sphere to the nearest body. Drones count only if `own_body` is a drone."""
         probe_radius_m = max(radius_m, SMALLEST_PROBE_M)
         reach = horizon_m + radius_m
         low, high = (at_m - reach).tolist(), (at_m + reach).tolist()
@@ -277,13 +277,12 @@ class World:
             )
         return self._probes[radius_m]
 
-    def _refuse_bad_starts(self) -> None:
+    def _require_free_starts(self) -> None:
         pybullet.performCollisionDetection(physicsClientId=self.client)
         for drone in range(self.n_drones):
-            room = self.clearance_m(drone, 1.0)
-            if room <= 0:
+            if self.clearance_m(drone, 1.0) <= 0:
                 x, y, z = self._position[drone]
                 raise SceneError(
-                    f"drone {drone} starts at ({x:.2f}, {y:.2f}, {z:.2f}) m in touch with another body; "
+                    f"drone {drone} starts at ({x:.2f}, {y:.2f}, {z:.2f}) m in contact with another body; "
                     "move the start or spread the formation"
                 )

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from sim.cpu import mapper
 from sim.drone import AirframeConfig
-from sim.parallel import mapper
 from sim.render import RendererName, create_renderer
 from sim.rig import StereoRig
 from sim.scenes import AnyScene, CitySpec

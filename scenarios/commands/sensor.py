@@ -1,4 +1,4 @@
-"""Commands about the stereo sensor and what it feeds: sequences, scenes and the corrector's regression."""
+"""Commands for sequences, scenes and the regression of correctors."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,14 +10,16 @@ from .progress import counter
 
 
 def record(
-    sequence: Annotated[str, typer.Argument(help="A shipped sequence, or a TOML file: a sequence or a recording's.")],
-    out: Annotated[Path, typer.Option(help="Folder of the recording: new, or one that was cut short.")],
-    frames: Annotated[int, typer.Option(min=1, help="How many frames there shall be.")] = 500,
+    sequence: Annotated[
+        str, typer.Argument(help="A shipped sequence, or the TOML file of a sequence or of a recording.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder of the recording, new or interrupted.")],
+    frames: Annotated[int, typer.Option(min=1, help="Total number of frames.")] = 500,
     seed: Seed = None,
     size: Size = None,
     renderer: Renderer = None,
 ) -> None:
-    """Record stereo images, raw and true depth along a flight; goes on where an earlier call was cut short."""
+    """Record stereo images, raw and true depth along a flight, or continue an interrupted recording."""
     import time
 
     from rich.console import Console
@@ -31,16 +33,18 @@ def record(
         "rig.height_px": height,
         "renderer": renderer.value if renderer else None,
     }
-    planned = load_sequence(sequence, seed, {key: value for key, value in changes.items() if value is not None})
+    seeded = load_sequence(sequence, seed, {key: value for key, value in changes.items() if value is not None})
     console, start = Console(), time.perf_counter()
     try:
         with counter(console, "recording", frames) as update:
-            done = record(planned, out, frames, update)
+            done = record(seeded, out, frames, update)
     except KeyboardInterrupt:
-        console.print(f"stopped; the whole frames in {out} are safe, and the same command goes on", soft_wrap=True)
+        console.print(
+            f"stopped; {out} holds all complete frames, and the same command continues the recording", soft_wrap=True
+        )
         raise
     wall_s = time.perf_counter() - start
-    title = f"{planned.sequence.name}, seed {planned.seed}: {done.frames} frames, surfaces within 30 m"
+    title = f"{seeded.sequence.name}, seed {seeded.seed}: {done.frames} frames, surfaces within 30 m"
     print_quality(console, done.quality, title)
     rate = done.new_frames / wall_s
     console.print(f"{done.new_frames} new frames in {out}, {rate:.1f} frames per second", soft_wrap=True)
@@ -50,7 +54,7 @@ def record(
 def sheet(
     recording: Annotated[Path, typer.Argument(help="Folder of a recording.")], out: Picture = Path("sheet.jpg")
 ) -> None:
-    """Make a contact sheet of a recording: gray, true depth, raw depth, occlusion, reasons of holes."""
+    """Make a contact sheet of a recording: gray image, true and raw depth, occlusion, reasons for holes."""
     from ..sheet import make_sheet
 
     make_sheet(recording, out)
@@ -61,17 +65,17 @@ def scenes(
     seed: Annotated[int, typer.Option(min=0, help="Master seed of the scenes.")] = 1,
     out: Picture = Path("scenes.jpg"),
 ) -> None:
-    """Picture every kind of scene and print how hard it is to fly through, as a Markdown table."""
-    from ..gallery import exhibits, write_gallery
+    """Make a picture of every kind of scene and print a Markdown table of their traversability."""
+    from ..gallery import preview_scenes, write_gallery
     from ..images import require_picture
     from ..results.table import Column, Table
 
     require_picture(out)
-    shown = list(exhibits(seed))
-    rows = [(exhibit.kind, exhibit.bodies, exhibit.traversability) for exhibit in shown]
+    previews = list(preview_scenes(seed))
+    rows = [(preview.kind, preview.bodies, preview.traversability) for preview in previews]
     table = Table.of("scenes", ("scene", "bodies", Column("traversability", number=".1f")), rows)
     typer.echo(table.markdown(), nl=False)
-    write_gallery(out, shown)
+    write_gallery(out, previews)
     typer.echo(f"written to {out}", err=True)
 
 

@@ -1,14 +1,12 @@
-"""Kinds of flights: camera trajectories along the path of a scene, each from a seed and a configuration."""
+"""Camera trajectories along the path of a scene, each from a seed and a configuration."""
 
 from typing import Annotated
 
 from pydantic import Field
 
-from .cut import Cut
 from .drone import Drone
-from .hover import Hover, Yaw
-from .motion import Flight
-from .walk import Walk
+from .kinematic import Cut, Hover, Walk, Yaw
+from .trajectory import Flight
 
 AnyFlight = Annotated[Walk | Drone | Hover | Yaw | Cut, Field(discriminator="kind")]
 

@@ -1,6 +1,6 @@
-"""PyBullet's own renderers: slow, and the reference for the depth of the others.
+"""PyBullet's own renderers. They are slow, and serve as the reference for the depth of the others.
 
-Their gray images are plain: one noise texture on all that is not blank, the sun of the weather, no haze and no clouds.
+Their gray images have one noise texture on all textured bodies and the sun of the weather, but no haze or clouds.
 """
 
 import importlib.util
@@ -33,13 +33,13 @@ PROBE_TIMEOUT_S = 60
 
 @dataclass(frozen=True, kw_only=True)
 class Engine:
-    """How one of PyBullet's renderers behaves."""
+    """Properties of one of PyBullet's renderers."""
 
     flag: int
     sample_px: tuple[float, float]
-    """Where in a pixel it samples, to the right and down."""
+    """Position of the sample in a pixel, to the right and down."""
     near_m: float
-    """Nothing nearer is drawn."""
+    """Distance of the near clipping plane."""
 
 
 TINY = Engine(flag=pybullet.ER_TINY_RENDERER, sample_px=(0.0, 1.0), near_m=0.05)
@@ -48,22 +48,22 @@ EGL = Engine(flag=pybullet.ER_BULLET_HARDWARE_OPENGL, sample_px=(0.5, 0.5), near
 
 
 class TinyRenderer:
-    """The software renderer: needs nothing. One camera after the other."""
+    """PyBullet's software renderer, which works on every machine."""
 
     def __init__(self, world: World) -> None:
         self._client = world.client
         self._sun = world.scene.weather.to_sun
 
     def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
-        """One `Images` per camera, of the world as it is now; `gray` comes anyhow."""
+        """One `Images` per camera of the present state of the world, always with gray images."""
         return [_camera_image(camera, TINY, self._client, self._sun) for camera in cameras]
 
 
 class EglRenderer:
-    """OpenGL without a display, through PyBullet's EGL plugin; on a GPU, or in software on Mesa.
+    """OpenGL without a display, through PyBullet's EGL plugin, on a GPU or in software with Mesa.
 
-    The plugin draws only what is created after it was loaded, so the renderer keeps a client of its own with copies of
-    all bodies and moves the copies of drones and movers before each batch.
+    The plugin draws only bodies that are created after it was loaded. The renderer therefore has its own client with
+    copies of all bodies, and updates the poses of the moving copies before each batch.
     """
 
     def __init__(self, world: World) -> None:
@@ -75,7 +75,7 @@ class EglRenderer:
             raise RenderError(f"PyBullet does not load its plugin {plugin} a second time: use raycast")
         static = {self._copy(body): real for real, body in world.bodies.items()}
         drones = {self._add_drone(): real for real in world.drone_ids}
-        self._moving = {self._copy(body): real for real, body in world.movers.items()} | drones
+        self._moving = {self._copy(body): real for real, body in world.kinematic.items()} | drones
         copies = {**static, **self._moving}
         textured = set(world.textured_ids)
         apply_texture([copy for copy, real in copies.items() if real in textured], world.scene.seed, self._client)
@@ -83,7 +83,7 @@ class EglRenderer:
         self._real[[copy + 1 for copy in copies]] = list(copies.values())
 
     def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
-        """One `Images` per camera, of the world as it is now; `gray` comes anyhow."""
+        """One `Images` per camera of the present state of the world, always with gray images."""
         for copy, real in self._moving.items():
             position, q_xyzw = pybullet.getBasePositionAndOrientation(real, physicsClientId=self._world.client)
             pybullet.resetBasePositionAndOrientation(copy, position, q_xyzw, physicsClientId=self._client)
@@ -94,7 +94,7 @@ class EglRenderer:
         return Images(gray=seen.gray, depth_m=seen.depth_m, segment_id=self._real[seen.segment_id + 1])
 
     def _copy(self, body: Body) -> int:
-        """The plugin takes all meshes from memory for one and the same: they go through files."""
+        """Copy a body. A mesh goes through a file, because the plugin confuses meshes that come from memory."""
         if not isinstance(body.shape, Mesh):
             return create_body(body, self._client)
         with tempfile.TemporaryDirectory() as folder:
@@ -118,7 +118,7 @@ class EglRenderer:
 
 @cache
 def egl_plugin() -> str:
-    """Path of PyBullet's EGL plugin, after a picture was taken with it: where it fails it ends the whole process.
+    """Path of PyBullet's EGL plugin, after a trial in another process, because a failure ends the whole process.
 
     Raises:
         RenderError: There is no plugin, or it does not work on this machine.
@@ -142,7 +142,7 @@ def egl_plugin() -> str:
 
 
 def wavefront(mesh: Mesh) -> str:
-    """A mesh as the text of an .obj file."""
+    """A mesh as the text of a Wavefront .obj file."""
     vertices = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in mesh.vertices_m.tolist()]
     faces = [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.triangles.tolist()]
     return "\n".join([*vertices, *faces, ""])
@@ -178,9 +178,9 @@ def view_matrix(T_world_cam: FloatArray) -> list[float]:
 
 
 def projection_matrix(intrinsics: Intrinsics, engine: Engine) -> list[float]:
-    """OpenGL projection, column-major, with which an engine samples at the integer pixels of `intrinsics`.
+    """OpenGL projection matrix, column-major, that places the samples of an engine at integer pixel coordinates.
 
-    OpenGL samples the centre of each pixel, TinyRenderer its lower left corner.
+    OpenGL samples the centre of each pixel, and TinyRenderer its lower left corner.
     """
     i, (right_px, down_px), near_m = intrinsics, engine.sample_px, engine.near_m
     left = -(i.cx_px + right_px) / i.fx_px * near_m

@@ -1,6 +1,8 @@
-"""Triangle meshes of what a PyBullet world shows, each in the frame of its body."""
+"""Triangle meshes of the visible bodies of a world."""
 
+import ctypes
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +14,52 @@ from voxdepth.types import FloatArray
 from .. import frames
 from ..bodies import Box, Cylinder, Heightfield, Mesh, Shape, Sphere
 from ..errors import RenderError
-from ..open3d_import import open3d
 from ..solids import origin_height_m
+from ..types import IdImage
 from ..world import World
 
 ROUND_SEGMENTS = 24
+Pose = tuple[FloatArray, FloatArray]
+"""Rotation from the frame of a body to the world, shape (3, 3), and its position [m], shape (3,)."""
+
+
+class SceneMeshes:
+    """Meshes of all bodies of a world: first the fixed bodies, then drones and kinematic bodies."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        fixed, moving = list(world.bodies), list(world.moving_ids)
+        self.body_ids = [*fixed, *moving]
+        meshes = [mesh_of_body(world, body) for body in self.body_ids]
+        self.n_fixed = len(fixed)
+        self.fixed = [moved(mesh, *self.pose(body)) for mesh, body in zip(meshes, fixed, strict=False)]
+        """Meshes of the fixed bodies in the world frame."""
+        self.moving = meshes[self.n_fixed :]
+        """Meshes of the moving bodies, each in the frame of its body."""
+        self.body_of_triangle: IdImage = np.repeat(
+            np.arange(len(meshes), dtype=np.int32), [len(mesh.triangles) for mesh in meshes]
+        )
+        """Index into `body_ids`, shape (T,), for the triangles of the fixed and then of the moving meshes."""
+
+    def moving_poses(self) -> list[Pose]:
+        """Present poses of the moving bodies."""
+        return [self.pose(body) for body in self.body_ids[self.n_fixed :]]
+
+    def moving_in_world(self) -> list[Mesh]:
+        """Meshes of the moving bodies in the world frame, at their present poses."""
+        return [moved(mesh, *pose) for mesh, pose in zip(self.moving, self.moving_poses(), strict=True)]
+
+    def pose(self, body: int) -> Pose:
+        """Present pose of a body, given by its id."""
+        position_m, q_xyzw = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._world.client)
+        return frames.rotation_from_quaternion(np.array(q_xyzw)), np.array(position_m)
 
 
 def mesh_of_body(world: World, body: int) -> Mesh:
     """All visual shapes of a PyBullet body as one mesh in the frame of the body.
 
-    PyBullet does not give back the vertices of meshes and heightfields that were made in memory: those come from the
-    scene. Everything else, bodies loaded from files included, is what PyBullet says that it draws.
+    PyBullet does not return the vertices of meshes and heightfields that were created from memory, so these come from
+    the scene. All other shapes are read back from PyBullet, including those of bodies that were loaded from files.
 
     Raises:
         RenderError: The body has no visual shape, or one that is not supported.
@@ -32,14 +68,14 @@ def mesh_of_body(world: World, body: int) -> Mesh:
     if not shapes:
         raise RenderError(f"body {body} has no visual shape: give it one, or cameras and collisions would disagree")
     if body in world.described:
-        described = world.described[body].shape
-        if isinstance(described, Mesh | Heightfield):
-            return moved(mesh_of_shape(described), np.eye(3), np.array([0, 0, -origin_height_m(described)]))
-    return merged([_placed(_mesh_of_visual(shape, body), shape[5], shape[6]) for shape in shapes])
+        shape = world.described[body].shape
+        if isinstance(shape, Mesh | Heightfield):
+            return moved(mesh_of_shape(shape), np.eye(3), np.array([0, 0, -origin_height_m(shape)]))
+    return merged([_mesh_of_visual(shape, body) for shape in shapes])
 
 
 def merged(meshes: Sequence[Mesh]) -> Mesh:
-    """Several meshes as one, triangles in order."""
+    """Several meshes as one; the triangles keep their order."""
     offsets = np.cumsum([0, *(len(mesh.vertices_m) for mesh in meshes[:-1])])
     return Mesh(
         np.concatenate([mesh.vertices_m for mesh in meshes]),
@@ -47,19 +83,36 @@ def merged(meshes: Sequence[Mesh]) -> Mesh:
     )
 
 
+def moved(mesh: Mesh, rotation: FloatArray, position_m: FloatArray) -> Mesh:
+    """A mesh after a rigid transformation."""
+    return Mesh(mesh.vertices_m @ rotation.T + position_m, mesh.triangles)
+
+
 def mesh_of_shape(shape: Shape) -> Mesh:
-    """A solid of a scene as a mesh in its own frame."""
-    return _MADE[type(shape)](shape)
+    """A shape of a scene as a mesh in its own frame."""
+    match shape:
+        case Box(size_m):
+            return box(np.array(size_m))
+        case Cylinder(radius_m, height_m):
+            return cylinder(radius_m=radius_m, height_m=height_m)
+        case Sphere(radius_m):
+            return sphere(radius_m)
+        case Heightfield():
+            return heightfield(shape)
+        case Mesh():
+            return shape
 
 
 def _mesh_of_visual(shape: Any, body: int) -> Mesh:
-    kind, lengths = shape[2], shape[3]
-    if kind not in _DRAWN:
+    """A visual shape, as `pybullet.getVisualShapeData` describes it, in the frame of its body."""
+    kind, lengths, position_m, q_xyzw = shape[2], shape[3], shape[5], shape[6]
+    if kind not in _OF_VISUAL:
         raise RenderError(
             f"body {body} has a visual shape of PyBullet type {kind}; "
             "boxes, cylinders, spheres, and meshes from files or scenes are drawn"
         )
-    return _DRAWN[kind](shape, np.array(lengths))
+    mesh = _OF_VISUAL[kind](shape, np.array(lengths))
+    return moved(mesh, frames.rotation_from_quaternion(np.array(q_xyzw)), np.array(position_m))
 
 
 def _mesh_of_file(shape: Any, scale: FloatArray) -> Mesh:
@@ -73,21 +126,12 @@ def _mesh_of_file(shape: Any, scale: FloatArray) -> Mesh:
     return Mesh(np.asarray(read.vertices) * scale, np.asarray(read.triangles).astype(np.uint32))
 
 
-_DRAWN: dict[int, Callable[[Any, FloatArray], Mesh]] = {
+_OF_VISUAL: dict[int, Callable[[Any, FloatArray], Mesh]] = {
     pybullet.GEOM_BOX: lambda shape, size_m: box(size_m),
     pybullet.GEOM_CYLINDER: lambda shape, lengths_m: cylinder(radius_m=lengths_m[1], height_m=lengths_m[0]),
     pybullet.GEOM_SPHERE: lambda shape, lengths_m: sphere(lengths_m[0]),
     pybullet.GEOM_MESH: _mesh_of_file,
 }
-
-
-def _placed(mesh: Mesh, position_m: Any, q_xyzw: Any) -> Mesh:
-    return moved(mesh, frames.rotation_from_quaternion(np.array(q_xyzw)), np.array(position_m))
-
-
-def moved(mesh: Mesh, rotation: FloatArray, position_m: FloatArray) -> Mesh:
-    """A mesh from its own frame in another."""
-    return Mesh(mesh.vertices_m @ rotation.T + position_m, mesh.triangles)
 
 
 def box(size_m: FloatArray) -> Mesh:
@@ -100,12 +144,12 @@ def box(size_m: FloatArray) -> Mesh:
 
 def cylinder(*, radius_m: float, height_m: float) -> Mesh:
     """A closed cylinder along z with the origin at its centre."""
-    angle = np.arange(ROUND_SEGMENTS) * 2 * np.pi / ROUND_SEGMENTS
-    ring = np.stack([radius_m * np.cos(angle), radius_m * np.sin(angle)], axis=1)
-    low = np.column_stack([ring, np.full(ROUND_SEGMENTS, -height_m / 2)])
-    high = np.column_stack([ring, np.full(ROUND_SEGMENTS, height_m / 2)])
-    caps = np.array([[0, 0, -height_m / 2], [0, 0, height_m / 2]])
     n = ROUND_SEGMENTS
+    angle = np.arange(n) * 2 * np.pi / n
+    ring = np.stack([radius_m * np.cos(angle), radius_m * np.sin(angle)], axis=1)
+    low = np.column_stack([ring, np.full(n, -height_m / 2)])
+    high = np.column_stack([ring, np.full(n, height_m / 2)])
+    caps = np.array([[0, 0, -height_m / 2], [0, 0, height_m / 2]])
     triangles = []
     for i in range(n):
         j = (i + 1) % n
@@ -115,14 +159,11 @@ def cylinder(*, radius_m: float, height_m: float) -> Mesh:
 
 def sphere(radius_m: float) -> Mesh:
     """A sphere of rings and segments with the origin at its centre."""
-    rings = ROUND_SEGMENTS // 2
-    polar, around = np.meshgrid(
-        np.linspace(0, np.pi, rings + 1), np.arange(ROUND_SEGMENTS) * 2 * np.pi / ROUND_SEGMENTS, indexing="ij"
-    )
+    n, rings = ROUND_SEGMENTS, ROUND_SEGMENTS // 2
+    polar, around = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.arange(n) * 2 * np.pi / n, indexing="ij")
     vertices = radius_m * np.stack(
         [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=-1
     ).reshape(-1, 3)
-    n = ROUND_SEGMENTS
     triangles = []
     for ring in range(rings):
         for i in range(n):
@@ -132,7 +173,7 @@ def sphere(radius_m: float) -> Mesh:
 
 
 def heightfield(field: Heightfield) -> Mesh:
-    """Ground of two triangles per grid cell, split as PyBullet splits them."""
+    """Ground with two triangles per grid cell, which is split along the same diagonal as in PyBullet."""
     rows, columns = field.height_m.shape
     x = (np.arange(columns) - (columns - 1) / 2) * field.spacing_m
     y = (np.arange(rows) - (rows - 1) / 2) * field.spacing_m
@@ -143,10 +184,21 @@ def heightfield(field: Heightfield) -> Mesh:
     return Mesh(vertices, triangles.astype(np.uint32))
 
 
-_MADE: dict[type[Shape], Callable[[Any], Mesh]] = {
-    Box: lambda solid: box(np.array(solid.size_m)),
-    Cylinder: lambda solid: cylinder(radius_m=solid.radius_m, height_m=solid.height_m),
-    Sphere: lambda solid: sphere(solid.radius_m),
-    Mesh: lambda solid: solid,
-    Heightfield: heightfield,
-}
+@cache
+def open3d() -> Any:
+    """The module `open3d`, imported after libusb, which it needs and which the wheel `libusb-package` provides.
+
+    Raises:
+        RenderError: Open3D cannot be imported on this machine.
+    """
+    try:
+        import libusb_package
+
+        ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+        import open3d as module
+    except (ImportError, OSError) as error:
+        raise RenderError(
+            f"the raycast renderer needs Open3D, which does not load here ({error}); install the extra 'sim', "
+            "or use the renderer 'tiny'"
+        ) from error
+    return module

@@ -1,4 +1,4 @@
-"""Rasterising on a CPU: the fast way to find what cameras of few pixels see."""
+"""Rasterisation on a CPU, the fastest visibility backend for small images."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -10,38 +10,36 @@ import warp as wp
 from voxdepth.types import FloatArray
 
 from ..bodies import Mesh
-from ..memory import on_cpu
-from ..parallel import mapper, slices
+from ..cpu import mapper, slices, warp_view
 from ..types import Camera
-from . import triangles
-from .hits import Hits, Rays
-from .meshes import merged
-from .mirror import Mirror
+from . import raster_kernels
+from .meshes import SceneMeshes, merged
+from .visibility import Hits, Rays
 
 
 class Rasteriser:
-    """Finds what cameras see by drawing every triangle that may be in the image."""
+    """A visibility backend that draws every triangle that may be in the image."""
 
-    def __init__(self, mirror: Mirror, threads: int) -> None:
-        self._mirror = mirror
+    def __init__(self, meshes: SceneMeshes, threads: int) -> None:
+        self._meshes = meshes
         self._threads = threads
         self._map = mapper(threads)
-        meshes = [*mirror.fixed, *mirror.moving]
-        scene = merged(meshes)
+        bodies = [*meshes.fixed, *meshes.moving]
+        scene = merged(bodies)
         self._vertices_m = np.ascontiguousarray(scene.vertices_m)
         self._triangles = scene.triangles.astype(np.int32)
-        self._first_vertex = np.cumsum([0, *(len(mesh.vertices_m) for mesh in meshes)]).astype(np.int32)
-        self._first_triangle = np.cumsum([0, *(len(mesh.triangles) for mesh in meshes)]).astype(np.int32)
-        self._spheres = np.array([_bounding_sphere(mesh) for mesh in meshes])
-        self._scratch = _Scratch.empty((0, 0, 0), 0)
-        wp.load_module(triangles, device="cpu")
+        self._first_vertex = np.cumsum([0, *(len(mesh.vertices_m) for mesh in bodies)]).astype(np.int32)
+        self._first_triangle = np.cumsum([0, *(len(mesh.triangles) for mesh in bodies)]).astype(np.int32)
+        self._spheres = np.array([_bounding_sphere(mesh) for mesh in bodies])
+        self._buffers = _Buffers.empty((0, 0, 0), 0)
+        wp.load_module(raster_kernels, device="cpu")
 
-    def look(self, cameras: Sequence[Camera], rays: Rays) -> Hits:
+    def first_hits(self, cameras: Sequence[Camera], rays: Rays) -> Hits:
         """The first hit of each pixel, shape (cameras, H * W)."""
-        self._place_moving()
+        self._update_moving()
         shape = (len(cameras), *cameras[0].intrinsics.shape)
-        if self._scratch.nearest.shape != shape:
-            self._scratch = _Scratch.empty(shape, len(self._vertices_m))
+        if self._buffers.nearest.shape != shape:
+            self._buffers = _Buffers.empty(shape, len(self._vertices_m))
         views = _views(cameras)
         n, pixels = rays.shape[:2]
         hits = Hits(
@@ -51,71 +49,71 @@ class Rasteriser:
         )
 
         def draw(part: slice) -> None:
-            scratch = _Scratch._make(array[part] for array in self._scratch)
-            self._draw(views[part], scratch, Hits._make(array[part] for array in hits))
+            buffers = _Buffers._make(array[part] for array in self._buffers)
+            self._draw(views[part], buffers, Hits._make(array[part] for array in hits))
 
         list(self._map(draw, slices(n, self._threads)))
         return hits
 
-    def _place_moving(self) -> None:
-        n = self._mirror.n_fixed
-        moving = self._mirror.moving_now()
+    def _update_moving(self) -> None:
+        n = self._meshes.n_fixed
+        moving = self._meshes.moving_in_world()
         if moving:
             self._vertices_m[self._first_vertex[n] :] = np.concatenate([mesh.vertices_m for mesh in moving])
             self._spheres[n:] = [_bounding_sphere(mesh) for mesh in moving]
 
-    def _draw(self, views: Any, scratch: "_Scratch", hits: Hits) -> None:
+    def _draw(self, views: Any, buffers: "_Buffers", hits: Hits) -> None:
         """Draw the scene for some of the cameras."""
-        shape = [on_cpu(self._vertices_m, wp.vec3d), on_cpu(self._triangles, wp.vec3i)]
+        scene = [warp_view(self._vertices_m, wp.vec3d), warp_view(self._triangles, wp.vec3i)]
         wp.launch(
-            triangles.rasterise,
+            raster_kernels.rasterise,
             len(views),
             inputs=[
-                wp.array(views, dtype=triangles.View, device="cpu"),
-                *shape,
-                on_cpu(self._first_vertex, wp.int32),
-                on_cpu(self._first_triangle, wp.int32),
-                on_cpu(self._spheres, wp.vec4d),
-                on_cpu(scratch.in_camera_m, wp.vec3d),
-                on_cpu(scratch.at_px, wp.vec2d),
-                on_cpu(scratch.inverse_depth, wp.float64),
+                wp.array(views, dtype=raster_kernels.View, device="cpu"),
+                *scene,
+                warp_view(self._first_vertex, wp.int32),
+                warp_view(self._first_triangle, wp.int32),
+                warp_view(self._spheres, wp.vec4d),
+                warp_view(buffers.in_camera_m, wp.vec3d),
+                warp_view(buffers.projected_px, wp.vec2d),
+                warp_view(buffers.inverse_depth, wp.float64),
             ],
-            outputs=[on_cpu(scratch.nearest, wp.int32)],
+            outputs=[warp_view(buffers.nearest, wp.int32)],
             device="cpu",
         )
         wp.launch(
-            triangles.resolve,
-            scratch.nearest.size,
+            raster_kernels.resolve,
+            buffers.nearest.size,
             inputs=[
-                *shape,
-                on_cpu(self._mirror.body_of_triangle, wp.int32),
+                *scene,
+                warp_view(self._meshes.body_of_triangle, wp.int32),
                 len(self._spheres),
-                on_cpu(scratch.inverse_depth.reshape(-1), wp.float64),
-                on_cpu(scratch.nearest.reshape(-1), wp.int32),
+                warp_view(buffers.inverse_depth.reshape(-1), wp.float64),
+                warp_view(buffers.nearest.reshape(-1), wp.int32),
             ],
             outputs=[
-                on_cpu(hits.depth_m.reshape(-1), wp.float32),
-                on_cpu(hits.normal.reshape(-1, 3), wp.vec3),
-                on_cpu(hits.body_index.reshape(-1), wp.int32),
+                warp_view(hits.depth_m.reshape(-1), wp.float32),
+                warp_view(hits.normal.reshape(-1, 3), wp.vec3),
+                warp_view(hits.body_index.reshape(-1), wp.int32),
             ],
             device="cpu",
         )
 
 
-class _Scratch(NamedTuple):
-    """Memory for a batch of images, kept for the next one of the same size. Cameras come first."""
+class _Buffers(NamedTuple):
+    """Buffers for a batch of images, which the next batch of the same size uses again. The first axis is the camera."""
 
     in_camera_m: FloatArray
-    at_px: FloatArray
+    projected_px: FloatArray
     inverse_depth: FloatArray
     nearest: npt.NDArray[np.int32]
 
     @staticmethod
-    def empty(shape: tuple[int, int, int], n_vertices: int) -> "_Scratch":
-        """For images of shape (cameras, H, W)."""
-        return _Scratch(
+    def empty(shape: tuple[int, int, int], n_vertices: int) -> "_Buffers":
+        """Buffers for images of shape (cameras, H, W)."""
+        return _Buffers(
             in_camera_m=np.empty((shape[0], n_vertices, 3)),
-            at_px=np.empty((shape[0], n_vertices, 2)),
+            projected_px=np.empty((shape[0], n_vertices, 2)),
             inverse_depth=np.empty(shape),
             nearest=np.empty(shape, np.int32),
         )
@@ -128,10 +126,10 @@ def _bounding_sphere(mesh: Mesh) -> FloatArray:
 
 
 def _views(cameras: Sequence[Camera]) -> Any:
-    """The cameras as the kernel wants them; all have the same intrinsics."""
+    """Cameras with the same intrinsics as an array of `raster_kernels.View`."""
     i = cameras[0].intrinsics
     T_world_cam = np.stack([camera.T_world_cam for camera in cameras])
-    views: Any = np.zeros(len(cameras), triangles.View.numpy_dtype())  # type: ignore[attr-defined]
+    views: Any = np.zeros(len(cameras), raster_kernels.View.numpy_dtype())  # type: ignore[attr-defined]
     views["R_cam_world"] = np.linalg.inv(T_world_cam[:, :3, :3])
     views["origin_m"] = T_world_cam[:, :3, 3]
     views["focal_px"] = i.fx_px, i.fy_px

@@ -1,4 +1,4 @@
-"""Ray casting by Embree through Open3D."""
+"""Ray casting with Embree, through Open3D."""
 
 from collections.abc import Sequence
 
@@ -8,65 +8,63 @@ import numpy.typing as npt
 from voxdepth.types import FloatArray
 
 from ..bodies import Mesh
-from ..open3d_import import open3d
 from ..types import Camera, IdImage
-from .culling import pixel_bounds
-from .hits import Hits, Rays
-from .meshes import merged
-from .mirror import Mirror
+from .meshes import SceneMeshes, merged, open3d
+from .visibility import Hits, Rays
 
 
 class RayCaster:
-    """Finds what cameras see by casting a ray through every pixel.
+    """A visibility backend that casts a ray through every pixel.
 
-    Fixed bodies form one target that is built once. What moves forms a second one, rebuilt for every batch, at which
-    only the rays near each of them are cast.
+    The fixed bodies form one ray casting scene, which is built once. The moving bodies form a second one, which is
+    rebuilt for every batch. Only the rays near the bounding spheres of moving bodies are cast into it.
     """
 
-    def __init__(self, mirror: Mirror, threads: int) -> None:
-        self._mirror = mirror
+    def __init__(self, meshes: SceneMeshes, threads: int) -> None:
+        self._meshes = meshes
         self._threads = threads
-        self._radii_m = np.array([np.linalg.norm(mesh.vertices_m, axis=1).max() for mesh in mirror.moving])
-        n_fixed = sum(len(mesh.triangles) for mesh in mirror.fixed)
-        self._fixed = Target(mirror.fixed, mirror.body_of_triangle[:n_fixed], len(mirror.body_ids), threads)
-        self._moving_index = mirror.body_of_triangle[n_fixed:]
+        self._radii_m = np.array([np.linalg.norm(mesh.vertices_m, axis=1).max() for mesh in meshes.moving])
+        n_fixed = sum(len(mesh.triangles) for mesh in meshes.fixed)
+        self._fixed = RaycastScene(meshes.fixed, meshes.body_of_triangle[:n_fixed], len(meshes.body_ids), threads)
+        self._moving_index = meshes.body_of_triangle[n_fixed:]
 
-    def look(self, cameras: Sequence[Camera], rays: Rays) -> Hits:
+    def first_hits(self, cameras: Sequence[Camera], rays: Rays) -> Hits:
         """The first hit of each ray, shape (cameras, H * W)."""
         hits = self._fixed.cast(rays)
-        if self._mirror.moving:
+        if self._meshes.moving:
             self._add_moving(cameras, rays, hits)
         return hits
 
     def _add_moving(self, cameras: Sequence[Camera], rays: Rays, hits: Hits) -> None:
-        """Overwrite hits where what moves is nearer; only pixels that its bounding sphere may cover are looked at."""
-        centers_m = np.array([position_m for _, position_m in self._mirror.moving_poses()])
+        """Replace the hits where a moving body is nearer."""
+        centers_m = np.array([position_m for _, position_m in self._meshes.moving_poses()])
         pixels = _pixels_near(cameras, centers_m, self._radii_m)
         if len(pixels) == 0:
             return
-        target = Target(self._mirror.moving_now(), self._moving_index, len(self._mirror.body_ids), self._threads)
+        meshes = self._meshes.moving_in_world()
+        scene = RaycastScene(meshes, self._moving_index, len(self._meshes.body_ids), self._threads)
         flat = Hits(hits.depth_m.reshape(-1), hits.normal.reshape(-1, 3), hits.body_index.reshape(-1))
-        near = target.cast(rays.reshape(-1, 6)[pixels])
-        nearer = near.depth_m < flat.depth_m[pixels]
-        for everywhere, of_moving in zip(flat, near, strict=True):
+        moving = scene.cast(rays.reshape(-1, 6)[pixels])
+        nearer = moving.depth_m < flat.depth_m[pixels]
+        for everywhere, of_moving in zip(flat, moving, strict=True):
             everywhere[pixels[nearer]] = of_moving[nearer]
 
 
-class Target:
-    """Meshes to cast rays at.
+class RaycastScene:
+    """Meshes in an acceleration structure for ray casting.
 
     Args:
-        meshes: In the world.
-        body_of_triangle: What a hit at each of their triangles is reported as.
-        nothing: What a ray that hits none is reported as.
-        threads: To cast with.
+        meshes: Meshes in the world frame.
+        body_of_triangle: The body index that a hit at each of their triangles reports.
+        no_body: The body index that a ray without a hit reports.
+        threads: Number of threads.
     """
 
-    def __init__(self, meshes: Sequence[Mesh], body_of_triangle: IdImage, nothing: int, threads: int) -> None:
+    def __init__(self, meshes: Sequence[Mesh], body_of_triangle: IdImage, no_body: int, threads: int) -> None:
         self._o3d = open3d()
         self._threads = threads
         self._scene = self._o3d.t.geometry.RaycastingScene()
-        self._index = np.append(body_of_triangle, np.int32(nothing))
+        self._index = np.append(body_of_triangle, np.int32(no_body))
         if meshes:
             mesh = merged(meshes)
             vertices = self._o3d.core.Tensor(mesh.vertices_m.astype(np.float32))
@@ -78,18 +76,51 @@ class Target:
         triangle = np.minimum(answer["primitive_ids"].numpy(), len(self._index) - 1)
         return Hits(answer["t_hit"].numpy(), answer["primitive_normals"].numpy(), self._index[triangle])
 
-    def blocked(self, rays: Rays) -> npt.NDArray[np.bool_]:
-        """Whether rays, shape (..., 6), hit anything."""
+    def is_blocked(self, rays: Rays) -> npt.NDArray[np.bool_]:
+        """Whether each ray hits anything; rays have shape (..., 6)."""
         answer = self._scene.test_occlusions(self._o3d.core.Tensor.from_numpy(rays), nthreads=self._threads)
         hit: npt.NDArray[np.bool_] = answer.numpy()
         return hit
 
 
 def _pixels_near(cameras: Sequence[Camera], centers_m: FloatArray, radii_m: FloatArray) -> npt.NDArray[np.intp]:
-    """Indices into all pixels of a batch that spheres may cover; pixels that two spheres share come twice."""
+    """Indices into all pixels of a batch that spheres may cover. A pixel of two spheres occurs twice."""
     height, width = cameras[0].intrinsics.shape
     parts = [np.empty(0, np.intp)]
     for camera, top, bottom, left, right in pixel_bounds(cameras, centers_m, radii_m).tolist():
         rows = (camera * height + np.arange(top, bottom)) * width
         parts.append((rows[:, None] + np.arange(left, right)).ravel())
     return np.concatenate(parts)
+
+
+def pixel_bounds(cameras: Sequence[Camera], centers_m: FloatArray, radii_m: FloatArray) -> npt.NDArray[np.intp]:
+    """Image rectangles that contain the projections of spheres.
+
+    Args:
+        cameras: Cameras with the same intrinsics.
+        centers_m: Centres in the world frame, shape (n, 3).
+        radii_m: Shape (n,).
+
+    Returns:
+        Rows of (camera, top, bottom, left, right), ends exclusive, shape (m, 5). A sphere that is behind a camera or
+        outside of its image has no row.
+    """
+    i = cameras[0].intrinsics
+    T = np.stack([camera.T_world_cam for camera in cameras])
+    x, y, z = np.moveaxis((centers_m - T[:, None, :3, 3]) @ T[:, :3, :3], -1, 0)
+    (left, right), (top, bottom) = _tangents(x, z, radii_m), _tangents(y, z, radii_m)
+    low = np.floor(np.stack([i.cy_px + i.fy_px * top, i.cx_px + i.fx_px * left]))
+    high = np.ceil(np.stack([i.cy_px + i.fy_px * bottom, i.cx_px + i.fx_px * right])) + 1
+    size_px = np.array(i.shape).reshape(2, 1, 1)
+    (top, left), (bottom, right) = np.clip(low, 0, size_px), np.clip(high, 0, size_px)
+    seen = (z > -radii_m) & (top < bottom) & (left < right)
+    return np.stack([np.nonzero(seen)[0], *(edge[seen] for edge in (top, bottom, left, right))], axis=1).astype(np.intp)
+
+
+def _tangents(across_m: FloatArray, z_m: FloatArray, radii_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Slopes `across / z` of the two tangents of circles; very large where a tangent misses the image plane."""
+    angle = np.arctan2(across_m, z_m)
+    ratio = radii_m / np.maximum(np.hypot(across_m, z_m), 1e-9)
+    half = np.where(ratio < 1, np.arcsin(np.minimum(1, ratio)), 2 * np.pi)
+    limit = np.pi / 2 - 1e-6
+    return np.tan(np.clip(angle - half, -limit, limit)), np.tan(np.clip(angle + half, -limit, limit))

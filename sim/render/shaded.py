@@ -1,4 +1,4 @@
-"""From what is seen to images: shading, shadows of the sun, depth and labels."""
+"""Images from the hits of a visibility backend: shading, shadows, depth and segmentation."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -10,69 +10,72 @@ import warp as wp
 from voxdepth.types import FloatImage, GrayImage, Intrinsics
 
 from ..bodies import Surface
+from ..cpu import mapper, slices, warp_view
 from ..errors import RenderError
-from ..memory import on_cpu
-from ..parallel import mapper, slices
 from ..seeds import Purpose, stream
 from ..types import Camera, Images
 from ..world import World
-from . import shading
-from .hits import Hits, Rays, Sight, unit_depth_directions
-from .mirror import Mirror
-from .raycast import Target
+from . import shading_kernels
+from .meshes import SceneMeshes
+from .raycast import RaycastScene
+from .visibility import Hits, Rays, VisibilityBackend
 
 SHADOW_BIAS_M = 0.01
-"""Shadow rays start this far above a surface, or it would shade itself."""
+"""Distance above a surface at which shadow rays start, so that the surface does not shade itself."""
 
 
 class ShadedRenderer:
-    """Renders a batch of cameras at once; all must have the same intrinsics.
+    """Renders a batch of cameras with the same intrinsics.
 
     Args:
-        world: What to show.
-        make_sight: Makes, for its meshes and a number of threads, what finds the surface behind each pixel.
-        threads: To work with; changes the speed alone.
+        world: The world to render.
+        make_backend: Makes a visibility backend from scene meshes and a number of threads.
+        threads: Number of threads; it changes only the speed.
     """
 
-    def __init__(self, world: World, make_sight: Callable[[Mirror, int], Sight], *, threads: int) -> None:
-        self._mirror = mirror = Mirror(world)
-        self._sight = make_sight(mirror, threads)
-        self._segment_of_index = np.array([*mirror.body_ids, -1], np.int32)
-        self._looks = _make_looks(world.scene.seed, [world.surfaces[body] for body in mirror.body_ids], mirror)
-        weather = world.scene.weather
-        self._air = shading.air(weather, int(stream(world.scene.seed, Purpose.SURFACE, 1).integers(1 << 30)))
-        self._casts_shadows = Target(mirror.fixed, np.empty(0, np.int32), 0, threads) if weather.shadows else None
+    def __init__(
+        self, world: World, make_backend: Callable[[SceneMeshes, int], VisibilityBackend], *, threads: int
+    ) -> None:
+        self._meshes = meshes = SceneMeshes(world)
+        self._backend = make_backend(meshes, threads)
+        self._segment_of_index = np.array([*meshes.body_ids, -1], np.int32)
+        self._bodies = _shaded_bodies(world.scene.seed, [world.surfaces[body] for body in meshes.body_ids], meshes)
+        weather, cloud_seed = world.scene.weather, stream(world.scene.seed, Purpose.SURFACE, 1).integers(1 << 30)
+        self._atmosphere = shading_kernels.atmosphere(weather, int(cloud_seed))
+        casters = RaycastScene(meshes.fixed, np.empty(0, np.int32), 0, threads) if weather.shadows else None
+        self._shadow_casters = casters
         self._directions: dict[Intrinsics, Rays] = {}
         self._buffer: Rays = np.empty((0, 0, 6), np.float32)
         self._threads = threads
         self._map = mapper(threads)
-        wp.load_module(shading, device="cpu")
+        wp.load_module(shading_kernels, device="cpu")
 
     def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
-        """One `Images` per camera, of the world as it is now; without `gray` those images are black."""
+        """One `Images` per camera of the present state of the world. Without `gray`, the gray images are black.
+
+        Raises:
+            RenderError: The cameras have different intrinsics.
+        """
         if not cameras:
             return []
         intrinsics = cameras[0].intrinsics
         if any(camera.intrinsics != intrinsics for camera in cameras):
             raise RenderError("all cameras of a batch must have the same intrinsics: render them in separate calls")
-        rays = self._ray_buffer((len(cameras), intrinsics.width_px * intrinsics.height_px, 6))
+        shape = (len(cameras), intrinsics.width_px * intrinsics.height_px, 6)
+        if self._buffer.shape != shape:
+            self._buffer = np.empty(shape, np.float32)
+        rays = self._buffer
         list(self._map(self._fill_rays, cameras, rays))
-        hits = self._sight.look(cameras, rays)
-        lit = self._shade(intrinsics, rays, hits) if gray else np.zeros(rays.shape[:2], np.uint8)
+        hits = self._backend.first_hits(cameras, rays)
+        brightness = self._shade(intrinsics, rays, hits) if gray else np.zeros(rays.shape[:2], np.uint8)
         return [
-            Images(
-                gray=lit[i].reshape(intrinsics.shape).copy(),  # of their own, not views of the whole batch
+            Images(  # Copies, because views would keep the whole batch alive.
+                gray=brightness[i].reshape(intrinsics.shape).copy(),
                 depth_m=hits.depth_m[i].reshape(intrinsics.shape).copy(),
                 segment_id=self._segment_of_index[hits.body_index[i]].reshape(intrinsics.shape),
             )
             for i in range(len(cameras))
         ]
-
-    def _ray_buffer(self, shape: tuple[int, int, int]) -> Rays:
-        """Memory for the rays of a batch, kept between batches of one size."""
-        if self._buffer.shape != shape:
-            self._buffer = np.empty(shape, np.float32)
-        return self._buffer
 
     def _fill_rays(self, camera: Camera, rays: Rays) -> None:
         """Write the rays of a camera into an array of shape (H * W, 6)."""
@@ -82,35 +85,12 @@ class ShadedRenderer:
         rotation = camera.T_world_cam[:3, :3].astype(np.float32)
         np.matmul(self._directions[camera.intrinsics], rotation.T, out=rays[:, 3:])
 
-    def _looks_now(self) -> Any:
-        """How every body looks and where it is, as a Warp array."""
-        moving = self._looks[self._mirror.n_fixed :]
-        for look, (rotation, position_m) in zip(moving, self._mirror.moving_poses(), strict=True):
-            look["rotation"], look["position"] = rotation, position_m
-        return wp.array(self._looks, dtype=shading.BodyLook, device="cpu")
-
-    def _sunlit(self, rays: Rays, hits: Hits) -> FloatImage:
-        """1 where the sun reaches what was hit, 0 in the shadow of a fixed body; shape like the depths."""
-        sunlit = np.ones(hits.depth_m.shape, np.float32)
-        if self._casts_shadows is not None:
-            cameras = list(self._map(self._shadow_rays, rays, hits.depth_m, hits.normal))
-            blocked = self._casts_shadows.blocked(np.concatenate([towards_sun for _, towards_sun in cameras]))
-            ends = np.cumsum([len(pixels) for pixels, _ in cameras])
-            for lit, (pixels, _), part in zip(sunlit, cameras, np.split(blocked, ends[:-1]), strict=True):
-                lit[pixels[part]] = 0
-        return sunlit
-
-    def _shadow_rays(self, rays: Rays, depth_m: FloatImage, normal: FloatImage) -> tuple[npt.NDArray[np.intp], Rays]:
-        """The pixels of one camera whose surface faces the sun, and rays from there towards it."""
-        to_sun = np.array(self._air.sun, np.float32)
-        pixels = np.flatnonzero(np.isfinite(depth_m) & (normal @ to_sun > 0))
-        towards_sun = rays[pixels]
-        towards_sun[:, :3] += depth_m[pixels, None] * towards_sun[:, 3:] + SHADOW_BIAS_M * to_sun
-        towards_sun[:, 3:] = to_sun
-        return pixels, towards_sun
-
     def _shade(self, intrinsics: Intrinsics, rays: Rays, hits: Hits) -> GrayImage:
         """Brightness of every ray, shape (cameras, H * W)."""
+        moving = self._bodies[self._meshes.n_fixed :]
+        for body, (rotation, position_m) in zip(moving, self._meshes.moving_poses(), strict=True):
+            body["rotation"], body["position"] = rotation, position_m
+        bodies = wp.array(self._bodies, dtype=shading_kernels.ShadedBody, device="cpu")
         inputs = [
             (rays.reshape(-1, 6), wp.float32),
             (hits.depth_m.reshape(-1), wp.float32),
@@ -118,30 +98,58 @@ class ShadedRenderer:
             (hits.body_index.reshape(-1), wp.int32),
             (self._sunlit(rays, hits).reshape(-1), wp.float32),
         ]
-        looks = self._looks_now()
         gray = np.empty(hits.depth_m.size, np.uint8)
 
         def shade(part: slice) -> None:
-            arrays = [on_cpu(array[part], kind) for array, kind in inputs]
+            arrays = [warp_view(array[part], dtype) for array, dtype in inputs]
             wp.launch(
-                shading.shade,
+                shading_kernels.shade,
                 len(gray[part]),
-                inputs=[intrinsics.fx_px, self._air, looks, *arrays],
-                outputs=[on_cpu(gray[part], wp.uint8)],
+                inputs=[intrinsics.fx_px, self._atmosphere, bodies, *arrays],
+                outputs=[warp_view(gray[part], wp.uint8)],
                 device="cpu",
             )
 
         list(self._map(shade, slices(len(gray), self._threads)))
         return gray.reshape(hits.depth_m.shape)
 
+    def _sunlit(self, rays: Rays, hits: Hits) -> FloatImage:
+        """1 where the sun reaches a hit, 0 in the shadow of a fixed body; it has the shape of the depths."""
+        sunlit = np.ones(hits.depth_m.shape, np.float32)
+        if self._shadow_casters is not None:
+            cameras = list(self._map(self._shadow_rays, rays, hits.depth_m, hits.normal))
+            blocked = self._shadow_casters.is_blocked(np.concatenate([towards_sun for _, towards_sun in cameras]))
+            ends = np.cumsum([len(pixels) for pixels, _ in cameras])
+            for lit, (pixels, _), part in zip(sunlit, cameras, np.split(blocked, ends[:-1]), strict=True):
+                lit[pixels[part]] = 0
+        return sunlit
 
-def _make_looks(seed: int, surfaces: Sequence[Surface], mirror: Mirror) -> Any:
-    looks = np.zeros(len(surfaces), shading.BodyLook.numpy_dtype())  # type: ignore[attr-defined]
+    def _shadow_rays(self, rays: Rays, depth_m: FloatImage, normal: FloatImage) -> tuple[npt.NDArray[np.intp], Rays]:
+        """The pixels of one camera whose surface faces the sun, and rays from these surfaces towards the sun."""
+        to_sun = np.array(self._atmosphere.sun, np.float32)
+        pixels = np.flatnonzero(np.isfinite(depth_m) & (normal @ to_sun > 0))
+        towards_sun = rays[pixels]
+        towards_sun[:, :3] += depth_m[pixels, None] * towards_sun[:, 3:] + SHADOW_BIAS_M * to_sun
+        towards_sun[:, 3:] = to_sun
+        return pixels, towards_sun
+
+
+def unit_depth_directions(intrinsics: Intrinsics) -> Rays:
+    """Ray directions in the camera frame with z = 1, shape (H * W, 3), in raster order."""
+    col, row = np.meshgrid(np.arange(intrinsics.width_px), np.arange(intrinsics.height_px))
+    x = (col - intrinsics.cx_px) / intrinsics.fx_px
+    y = (row - intrinsics.cy_px) / intrinsics.fy_px
+    return np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3).astype(np.float32)
+
+
+def _shaded_bodies(seed: int, surfaces: Sequence[Surface], meshes: SceneMeshes) -> Any:
+    """The surfaces and poses of all bodies as an array of `shading_kernels.ShadedBody`."""
+    bodies = np.zeros(len(surfaces), shading_kernels.ShadedBody.numpy_dtype())  # type: ignore[attr-defined]
     seeds = stream(seed, Purpose.SURFACE, 0).integers(1 << 30, size=len(surfaces))
-    for i, (surface, body) in enumerate(zip(surfaces, mirror.body_ids, strict=True)):
-        looks[i]["albedo"] = surface.albedo
-        looks[i]["texture"] = surface.texture
-        looks[i]["pattern"] = shading.PATTERNS[surface.pattern]
-        looks[i]["seed"] = seeds[i]
-        looks[i]["rotation"], looks[i]["position"] = mirror.pose(body)
-    return looks
+    for i, (surface, body) in enumerate(zip(surfaces, meshes.body_ids, strict=True)):
+        bodies[i]["albedo"] = surface.albedo
+        bodies[i]["texture"] = surface.texture
+        bodies[i]["pattern"] = shading_kernels.PATTERNS[surface.pattern]
+        bodies[i]["seed"] = seeds[i]
+        bodies[i]["rotation"], bodies[i]["position"] = meshes.pose(body)
+    return bodies

@@ -1,4 +1,4 @@
-"""Kinds of scenes: each is built from a seed and a specification with difficulty knobs."""
+"""Kinds of scenes; each is built from a seed and a configuration, which sets its difficulty."""
 
 from typing import Annotated
 

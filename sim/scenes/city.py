@@ -1,6 +1,5 @@
-"""A city of towers: the paper's swarm flies between them."""
+"""A city of towers, between which the swarm of the paper flies."""
 
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -10,14 +9,14 @@ from voxdepth.types import FloatArray
 
 from ..bodies import Body, Box, Cylinder, Scene, SceneSpec, Surface
 from ..seeds import Purpose, stream
-from .plot import PAVED, Range, flat_ground
+from .layout import PAVED, Range, flat_ground, without_texture
 
-BLANK = 1
-"""Consumer of random numbers beside the one of the plan."""
+TEXTURELESS = 1
+"""Key of the random stream that chooses textureless towers."""
 POLE_SHIFT_M = 0.5
 """Largest distance of a pole from the middle of its street."""
-PATH_ROOM_M = 0.5
-"""Room that a path needs on both sides."""
+PATH_CLEARANCE_M = 0.5
+"""Free width that a path needs on both sides."""
 
 
 class CitySpec(SceneSpec):
@@ -25,11 +24,11 @@ class CitySpec(SceneSpec):
 
     kind: Literal["city"] = "city"
     columns: int = Field(6, ge=1)
-    """Rows of towers that a flight along x passes."""
+    """Number of rows of towers that a flight along x passes."""
     rows: int = Field(10, ge=1)
-    """Towers side by side, along y."""
+    """Number of towers along y."""
     street_width_m: float = Field(6.0, gt=1.0)
-    """Mean gap between towers [m]: the difficulty knob; narrower is harder."""
+    """Mean gap between towers [m]; a narrower gap is harder."""
     tower_side_m: Range = (3.5, 5.5)
     """Range of the towers' sides [m]."""
     tower_height_m: Range = (12.0, 40.0)
@@ -37,7 +36,7 @@ class CitySpec(SceneSpec):
     jitter_m: float = Field(0.6, ge=0)
     """Largest shift of a tower from the middle of its lot, along each axis [m]."""
     blank_share: float = Field(0.0, ge=0, le=1)
-    """Share of the towers without texture, as behind glass or plaster, which a stereo camera cannot match."""
+    """Share of the towers that are textureless, which a stereo camera cannot match."""
     poles: int = Field(16, ge=0)
     """Thin vertical poles in the streets."""
     pole_radius_m: float = Field(0.12, gt=0)
@@ -53,16 +52,14 @@ class CitySpec(SceneSpec):
         ground = flat_ground(self.columns * self.pitch_m / 2, PAVED)
         towers = [_tower(self, rng, column, row) for column in range(self.columns) for row in range(self.rows)]
         poles = [_pole(self, rng, i) for i in range(self.poles)]
-        order = stream(seed, Purpose.SCENE, BLANK).permutation(len(towers))
-        for index in np.flatnonzero(order < round(self.blank_share * len(towers))):
-            towers[index] = replace(towers[index], surface=replace(towers[index].surface, texture=0.0))
+        towers = without_texture(towers, self.blank_share, stream(seed, Purpose.SCENE, TEXTURELESS))
         return Scene(seed=seed, bodies=(ground, *towers, *poles), weather=self.weather, path_m=self._path_m())
 
     def _path_m(self) -> FloatArray:
-        """A way along the first street that runs along y, between its poles and the towers; none in narrow streets."""
+        """A path along the first street in direction y, between its poles and the towers; empty in narrow streets."""
         to_pole_m = POLE_SHIFT_M + self.pole_radius_m
         to_tower_m = (self.pitch_m - self.tower_side_m[1]) / 2 - self.jitter_m
-        if to_tower_m - to_pole_m < 2 * PATH_ROOM_M:
+        if to_tower_m - to_pole_m < 2 * PATH_CLEARANCE_M:
             return np.zeros((0, 3))
         x, side = self.pitch_m - (to_pole_m + to_tower_m) / 2, self.rows * self.pitch_m / 2
         return np.array([[x, -side, 0.0], [x, side, 0.0]])
@@ -77,7 +74,6 @@ def _tower(spec: CitySpec, rng: np.random.Generator, column: int, row: int) -> B
     y = (row + brick - (spec.rows - 0.5) / 2) * spec.pitch_m + shift_y
     return Body(
         name=f"tower-{column}-{row}",
-        kind="building",
         shape=Box((float(side_x), float(side_y), float(height))),
         position_m=(float(x), float(y), float(height / 2)),
         surface=Surface(albedo=float(rng.uniform(0.3, 0.75)), pattern="facade"),
@@ -85,14 +81,13 @@ def _tower(spec: CitySpec, rng: np.random.Generator, column: int, row: int) -> B
 
 
 def _pole(spec: CitySpec, rng: np.random.Generator, index: int) -> Body:
-    """A pole on the line between two columns of towers, where the streets along y run."""
+    """A pole near the middle of a street in direction y."""
     column = rng.integers(0, spec.columns)
     x = (column + 1) * spec.pitch_m + rng.uniform(-POLE_SHIFT_M, POLE_SHIFT_M)
     y = rng.uniform(-0.5, 0.5) * spec.rows * spec.pitch_m
     height = rng.uniform(8.0, 11.0)
     return Body(
         name=f"pole-{index}",
-        kind="building",
         shape=Cylinder(spec.pole_radius_m, float(height)),
         position_m=(float(x), float(y), float(height / 2)),
         surface=Surface(albedo=float(rng.uniform(0.2, 0.7))),

@@ -1,6 +1,5 @@
-"""A corridor: a street between walls, many of them blank, with a covered passage in its middle."""
+"""A street between walls, many of them textureless, with a covered passage in its middle."""
 
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -10,12 +9,12 @@ from voxdepth.types import FloatArray
 
 from ..bodies import Body, Box, Cylinder, Pattern, Scene, SceneSpec, Shape, Surface
 from ..seeds import Purpose, stream
-from .plot import PAVED, WAY_STEP_M, Range, flat_ground
+from .layout import PAVED, WAY_POINT_STEP_M, Range, flat_ground, without_texture
 
-WAY, LEFT, RIGHT, BLANK, PASSAGE, PILLARS = range(6)
-"""Consumers of random numbers."""
-ROOM_M = 1.25
-"""Room that stays free on both sides of the way."""
+PATH, LEFT, RIGHT, TEXTURELESS, PASSAGE, PILLARS = range(6)
+"""Keys of random streams."""
+CLEARANCE_M = 1.25
+"""Free width on both sides of the path."""
 MAX_SWING_M = 0.8
 WALL_DEPTH_M = 3.0
 SETBACK_M = 1.0
@@ -25,20 +24,20 @@ CEILING_M = 2.5
 
 
 class CorridorSpec(SceneSpec):
-    """Two rows of walls of varying length, setback and height, and things along the way. It leads along x."""
+    """Two rows of walls of varying length, setback and height, with obstacles between them. The path leads along x."""
 
     kind: Literal["corridor"] = "corridor"
     length_m: float = Field(100.0, ge=70)
     """Extent along x [m]."""
     width_m: float = Field(6.0, ge=2.6)
-    """Width of the street [m]: the difficulty knob; narrower is harder."""
+    """Width of the street [m]; a narrower street is harder."""
     blank_share: float = Field(0.4, ge=0, le=1)
-    """Share of the walls without texture, which a stereo camera cannot match."""
+    """Share of the walls that are textureless, which a stereo camera cannot match."""
     passage_m: float = Field(12.0, ge=0)
     """Length of the covered passage [m]; 0 leaves it out."""
     passage_width_m: float = Field(3.2, ge=2.6)
     pillars: int = Field(14, ge=0)
-    """Pillars, poles and boxes beside the way."""
+    """Pillars, poles and boxes beside the path."""
     wall_length_m: Range = (5.0, 14.0)
     """Range of the walls' lengths [m]."""
     wall_height_m: Range = (4.0, 10.0)
@@ -54,17 +53,17 @@ class CorridorSpec(SceneSpec):
         return self
 
     def build(self, seed: int) -> Scene:
-        """The corridor of a seed: it begins at x = 0 and is centred on y = 0. The way leads through it along x."""
-        way_m = _way(self, stream(seed, Purpose.SCENE, WAY))
-        pillars = [_pillar(self, seed, i, way_m) for i in range(self.pillars)]
+        """The corridor of a seed: it begins at x = 0 and is centred on y = 0. The path leads through it along x."""
+        path_m = _path(self, stream(seed, Purpose.SCENE, PATH))
+        pillars = [_pillar(self, seed, i, path_m) for i in range(self.pillars)]
         bodies = (flat_ground(self.length_m / 2, PAVED), *_walls(self, seed), *_passage(self, seed), *pillars)
-        return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=way_m)
+        return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=path_m)
 
 
-def _way(spec: CorridorSpec, rng: np.random.Generator) -> FloatArray:
+def _path(spec: CorridorSpec, rng: np.random.Generator) -> FloatArray:
     """Gentle curves within the street, straight through the passage."""
-    x = np.linspace(0, spec.length_m, round(spec.length_m / WAY_STEP_M) + 1)
-    swing_m = min(MAX_SWING_M, (spec.width_m / 2 - ROOM_M) / 2)
+    x = np.linspace(0, spec.length_m, round(spec.length_m / WAY_POINT_STEP_M) + 1)
+    swing_m = min(MAX_SWING_M, (spec.width_m / 2 - CLEARANCE_M) / 2)
     to_passage_m = np.abs(x - spec.length_m / 2) - spec.passage_m / 2
     swing = swing_m * np.clip(to_passage_m / 10 - 0.2, 0, 1)
     y = swing * np.sin(2 * np.pi * (x / rng.uniform(25, 40) + rng.uniform()))
@@ -72,19 +71,16 @@ def _way(spec: CorridorSpec, rng: np.random.Generator) -> FloatArray:
 
 
 def _walls(spec: CorridorSpec, seed: int) -> list[Body]:
-    """Both rows; which walls are blank has its own random numbers and moves nothing."""
+    """Both rows of walls. The choice of textureless walls has its own random stream, and moves no wall."""
     walls = [
         *_row(spec, "left", 1, stream(seed, Purpose.SCENE, LEFT)),
         *_row(spec, "right", -1, stream(seed, Purpose.SCENE, RIGHT)),
     ]
-    order = stream(seed, Purpose.SCENE, BLANK).permutation(len(walls))
-    for index in np.flatnonzero(order < round(spec.blank_share * len(walls))):
-        walls[index] = replace(walls[index], surface=replace(walls[index].surface, texture=0.0))
-    return walls
+    return without_texture(walls, spec.blank_share, stream(seed, Purpose.SCENE, TEXTURELESS))
 
 
 def _row(spec: CorridorSpec, name: str, side: int, rng: np.random.Generator) -> list[Body]:
-    """Walls end to end; the last one may leave the street."""
+    """Adjoining walls; the last one may extend beyond the street."""
     walls: list[Body] = []
     end_m = 0.0
     while end_m < spec.length_m:
@@ -100,7 +96,6 @@ def _wall(spec: CorridorSpec, name: str, side: int, start_m: float, end_m: float
     y = side * (spec.width_m / 2 + setback_m + WALL_DEPTH_M / 2)
     return Body(
         name=name,
-        kind="building",
         shape=Box((end_m - start_m, WALL_DEPTH_M, height_m)),
         position_m=((start_m + end_m) / 2, y, height_m / 2),
         surface=Surface(albedo=float(rng.uniform(0.35, 0.75)), pattern=pattern),
@@ -108,7 +103,7 @@ def _wall(spec: CorridorSpec, name: str, side: int, start_m: float, end_m: float
 
 
 def _passage(spec: CorridorSpec, seed: int) -> list[Body]:
-    """Two walls that narrow the street and a ceiling on them."""
+    """Two walls that narrow the street, and a ceiling on top of them."""
     if spec.passage_m == 0:
         return []
     rng = stream(seed, Purpose.SCENE, PASSAGE)
@@ -123,33 +118,32 @@ def _passage(spec: CorridorSpec, seed: int) -> list[Body]:
         ("ceiling", Box((spec.passage_m, 2 * outer_m, CEILING_M)), (x, 0.0, ceiling_z)),
     ]
     return [
-        Body(name=f"passage-{name}", kind="building", shape=shape, position_m=position_m, surface=surface)
+        Body(name=f"passage-{name}", shape=shape, position_m=position_m, surface=surface)
         for name, shape, position_m in sides
     ]
 
 
-def _pillar(spec: CorridorSpec, seed: int, index: int, way_m: FloatArray) -> Body:
-    """A thing between the room of the way and the wall, or half in the wall where the street is narrow."""
+def _pillar(spec: CorridorSpec, seed: int, index: int, path_m: FloatArray) -> Body:
+    """An obstacle between the clearance of the path and the wall, or half in the wall where the street is narrow."""
     rng = stream(seed, Purpose.SCENE, PILLARS, index)
-    shape, height_m, reach_m = _thing(rng)
+    shape, height_m, reach_m = _obstacle(rng)
     x = (index + rng.uniform(0.2, 0.8)) / spec.pillars * (spec.length_m - spec.passage_m)
     if x > (spec.length_m - spec.passage_m) / 2:
         x += spec.passage_m
     side = rng.choice((-1, 1))
-    near_m = np.interp(x, way_m[:, 0], way_m[:, 1]) + side * (ROOM_M + reach_m)
-    room_m = max(0.0, spec.width_m / 2 - reach_m - side * near_m)
+    near_m = np.interp(x, path_m[:, 0], path_m[:, 1]) + side * (CLEARANCE_M + reach_m)
+    space_m = max(0.0, spec.width_m / 2 - reach_m - side * near_m)
     return Body(
         name=f"pillar-{index}",
-        kind="building",
         shape=shape,
-        position_m=(float(x), float(near_m + side * room_m * rng.uniform()), height_m / 2),
+        position_m=(float(x), float(near_m + side * space_m * rng.uniform()), height_m / 2),
         yaw_rad=float(rng.uniform(-np.pi, np.pi)),
         surface=Surface(albedo=float(rng.uniform(0.2, 0.7)), texture=float(rng.uniform(0.5, 1.0))),
     )
 
 
-def _thing(rng: np.random.Generator) -> tuple[Shape, float, float]:
-    """Shape, height and largest distance from its axis of a pillar, a pole or a box."""
+def _obstacle(rng: np.random.Generator) -> tuple[Shape, float, float]:
+    """Shape, height, and largest distance from the axis, of a pillar, a pole or a box."""
     kind = rng.integers(3)
     size, height = float(rng.uniform(0.3, 0.6)), float(rng.uniform(2.5, 4.0))
     if kind == 0:

@@ -1,4 +1,4 @@
-"""Gaps: walls across the way, each with one narrow passage."""
+"""Walls across the path, each with one narrow gap."""
 
 from typing import Literal
 
@@ -9,32 +9,32 @@ from voxdepth.types import FloatArray
 
 from ..bodies import Body, Box, Cylinder, Pattern, Scene, SceneSpec, Surface
 from ..seeds import Purpose, stream
-from .plot import PAVED, WAY_STEP_M, flat_ground
+from .layout import PAVED, WAY_POINT_STEP_M, flat_ground
 
 WALLS, POSTS = range(2)
-"""Consumers of random numbers."""
+"""Keys of random streams."""
 POST_HEIGHT_M = 9.0
 
 
 class GapSpec(SceneSpec):
-    """High walls across the way, one after the other. It leads along x, from gap to gap."""
+    """High walls across the path, one after the other. The path leads along x, from gap to gap."""
 
     kind: Literal["gap"] = "gap"
     walls: int = Field(3, ge=1)
     gap_m: float = Field(4.0, gt=1.5)
-    """Width of each gap [m]: the difficulty knob; narrower is harder."""
+    """Width of each gap [m]; a narrower gap is harder."""
     spacing_m: float = Field(22.0, gt=4)
-    """Distance from one wall to the next [m]."""
+    """Distance between successive walls [m]."""
     shift_m: float = Field(5.0, ge=0)
     """Largest distance of a gap from y = 0 [m]."""
     height_m: float = Field(14.0, gt=0)
     thickness_m: float = Field(0.8, gt=0)
     side_m: float = Field(40.0, gt=0)
-    """How far the walls reach to both sides [m]."""
+    """Extent of the walls to both sides [m]."""
     blank_share: float = Field(0.0, ge=0, le=1)
-    """Chance of each half of a wall to be without texture, which a stereo camera cannot match."""
+    """Probability that each half of a wall is textureless, which a stereo camera cannot match."""
     posts: int = Field(8, ge=0)
-    """Thin posts between the walls."""
+    """Number of thin posts between the walls."""
     post_radius_m: float = Field(0.12, gt=0)
 
     @model_validator(mode="after")
@@ -42,12 +42,12 @@ class GapSpec(SceneSpec):
         if self.shift_m + self.gap_m / 2 >= self.side_m:
             raise ValueError(
                 f"gaps must lie within the walls, which reach {self.side_m} m to each side, got gaps of {self.gap_m} m "
-                f"up to {self.shift_m} m aside"
+                f"shifted by up to {self.shift_m} m"
             )
         return self
 
     def build(self, seed: int) -> Scene:
-        """The gaps of a seed: the first wall is at x = `spacing_m`. The way starts at x = 0."""
+        """The gaps of a seed: the first wall is at x = `spacing_m`, and the path starts at x = 0."""
         gaps_m = [stream(seed, Purpose.SCENE, WALLS, i).uniform(-self.shift_m, self.shift_m) for i in range(self.walls)]
         halves = [body for i, y in enumerate(gaps_m) for body in _wall(self, seed, i, float(y))]
         posts = [_post(self, seed, i) for i in range(self.posts)]
@@ -56,11 +56,11 @@ class GapSpec(SceneSpec):
 
 
 def _path_m(spec: GapSpec, gaps_m: list[float]) -> FloatArray:
-    """Straight from gap to gap, square to each wall."""
+    """Straight lines from gap to gap, perpendicular to each wall."""
     walls_m = spec.spacing_m * (np.arange(spec.walls) + 1)
     square_m = np.stack([walls_m - spec.spacing_m / 4, walls_m + spec.spacing_m / 4], axis=1).ravel()
     length_m = spec.spacing_m * (spec.walls + 1)
-    x = np.linspace(0, length_m, round(length_m / WAY_STEP_M) + 1)
+    x = np.linspace(0, length_m, round(length_m / WAY_POINT_STEP_M) + 1)
     return np.stack([x, np.interp(x, square_m, np.repeat(gaps_m, 2)), np.zeros_like(x)], axis=1)
 
 
@@ -69,30 +69,28 @@ def _wall(spec: GapSpec, seed: int, index: int, gap_m: float) -> list[Body]:
     rng = stream(seed, Purpose.SCENE, WALLS, index, 1)
     pattern: Pattern = "facade" if rng.uniform() < 0.5 else "plain"
     albedo = float(rng.uniform(0.35, 0.75))
-    blank = rng.uniform(size=2) < spec.blank_share
+    textureless = rng.uniform(size=2) < spec.blank_share
     x = (index + 1) * spec.spacing_m
     ends_m = ((gap_m + spec.gap_m / 2, spec.side_m), (-spec.side_m, gap_m - spec.gap_m / 2))
     return [
         Body(
             name=f"wall-{index}-{name}",
-            kind="building",
             shape=Box((spec.thickness_m, high - low, spec.height_m)),
             position_m=(x, (low + high) / 2, spec.height_m / 2),
-            surface=Surface(albedo=albedo, pattern=pattern, texture=0.0 if is_blank else 1.0),
+            surface=Surface(albedo=albedo, pattern=pattern, texture=0.0 if is_textureless else 1.0),
         )
-        for name, (low, high), is_blank in zip(("left", "right"), ends_m, blank, strict=True)
+        for name, (low, high), is_textureless in zip(("left", "right"), ends_m, textureless, strict=True)
     ]
 
 
 def _post(spec: GapSpec, seed: int, index: int) -> Body:
-    """A post on the way between two walls, off their gaps."""
+    """A post between two walls, beside their gaps."""
     rng = stream(seed, Purpose.SCENE, POSTS, index)
     wall = int(rng.integers(spec.walls + 1))
     x = (wall + rng.uniform(0.35, 0.65)) * spec.spacing_m
     y = rng.choice((-1, 1)) * (spec.shift_m + spec.gap_m / 2 + rng.uniform(0.5, 4.0))
     return Body(
         name=f"post-{index}",
-        kind="building",
         shape=Cylinder(spec.post_radius_m, POST_HEIGHT_M),
         position_m=(float(x), float(y), POST_HEIGHT_M / 2),
         surface=Surface(albedo=float(rng.uniform(0.2, 0.7))),

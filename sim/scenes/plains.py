@@ -1,4 +1,4 @@
-"""Plains: rolling ground with trees and bushes on it."""
+"""Hilly ground with trees and bushes."""
 
 from typing import Literal
 
@@ -10,27 +10,27 @@ from voxdepth.types import FloatArray
 from ..bodies import Body, Box, Heightfield, Scene, SceneSpec, Surface
 from ..errors import SceneError
 from ..seeds import Purpose, stream
-from .plot import Plot, Range, spots_beside, winding_way
-from .vegetation import TreeRanges, bush, tree
+from .layout import Layout, Range, places_beside, winding_path
+from .vegetation import Garden, TreeRanges
 
-WAY, GROUND, TREES, BUSHES = range(4)
-"""Consumers of random numbers."""
+PATH, GROUND, TREES, BUSHES = range(4)
+"""Keys of random streams."""
 SWING_M = 5.0
 RUN_OUT_M = 40.0
-"""Ground before and behind the way."""
+"""Length of the ground before and behind the path."""
 RIM_M = 25.0
-"""Width of the rim where hills run out into the flat land around them."""
+"""Width of the rim in which the hills level out into the flat land around them."""
 FAR_M = 3000.0
 OCTAVES = 3
 GAIN = 0.35
-"""Height of an octave by that of the one before, which has twice its wavelength."""
+"""Ratio of the heights of successive octaves, whose wavelengths halve."""
 WAVES = 6
 """Plane waves per octave."""
 APART_M = 0.7
 
 
 class PlainsSpec(SceneSpec):
-    """Hills with vegetation that grows thinner away from the way. Flights lead along x."""
+    """Hills with vegetation that is densest near the path. Flights lead along x."""
 
     kind: Literal["plains"] = "plains"
     length_m: float = Field(200.0, ge=150)
@@ -38,48 +38,54 @@ class PlainsSpec(SceneSpec):
     width_m: float = Field(200.0, ge=60)
     """Extent along y [m]."""
     spacing_m: float = Field(2.5, ge=0.5, le=5)
-    """Distance between the heights that describe the ground [m]; less is finer and costs more triangles."""
+    """Grid spacing of the ground [m]; a smaller one is finer and needs more triangles."""
     amplitude_m: float = Field(3.0, ge=0)
     """Half the height of the highest hill above the lowest valley [m]."""
     wavelength_m: float = Field(60.0, ge=20)
-    """Distance from hill to hill [m]."""
+    """Wavelength of the hills [m]."""
     vegetation: float = Field(0.8, ge=0)
-    """Trees and bushes per 100 m2 on average: the difficulty knob; near the way there are about four times as many."""
+    """Mean number of trees and bushes per 100 m2; more are harder. Near the path there are about four times as many."""
     tree_share: float = Field(0.4, ge=0, le=1)
     """Share of the plants that are trees."""
     tree: TreeRanges = TreeRanges(height_m=(5.0, 10.0), crown_start_m=(1.2, 2.8), crown_radius_m=(0.9, 2.2))
     bush_radius_m: Range = (0.4, 1.3)
     pattern: Literal["grass", "snow"] = "grass"
-    """Looks of the ground."""
+    """Pattern of the ground."""
     texture: float = Field(1.0, ge=0)
-    """Strength of the ground's texture; 0 is blank."""
+    """Strength of the ground's texture; 0 is textureless."""
     albedo: float = Field(0.42, gt=0, le=1)
-    """Share of light that the ground gives back."""
+    """Share of the light that the ground reflects."""
 
     def build(self, seed: int) -> Scene:
-        """The plains of a seed: the way begins at x = 0 and winds along x; the ground begins 40 m before it."""
-        way_m = winding_way(stream(seed, Purpose.SCENE, WAY), self.length_m - 2 * RUN_OUT_M, SWING_M)
+        """The plains of a seed: the path begins at x = 0 and winds along x; the ground begins 40 m before it."""
+        path_m = winding_path(stream(seed, Purpose.SCENE, PATH), self.length_m - 2 * RUN_OUT_M, SWING_M)
         ground = _ground(self, seed)
-        plot = Plot(way_m)
-        count = round(self.vegetation * self.length_m * self.width_m / 100)
-        n_trees = round(count * self.tree_share)
-        trees = [body for i in range(n_trees) for body in _tree(self, seed, i, plot, way_m, ground)]
-        bushes = [_bush(self, seed, i, plot, way_m, ground) for i in range(count - n_trees)]
-        path_m = np.column_stack([way_m[:, :2], ground_height_m(ground, way_m[:, 0], way_m[:, 1])])
+        x_m, side_m = (-RUN_OUT_M, self.length_m - RUN_OUT_M), self.width_m / 2 - SWING_M
+        garden = Garden(
+            seed=seed,
+            layout=Layout(path_m),
+            candidates=lambda rng: places_beside(rng, path_m, x_m, side_m),
+            height_m=lambda x, y: float(ground_height_m(ground, x, y)),
+        )
+        n_plants = round(self.vegetation * self.length_m * self.width_m / 100)
+        n_trees = round(n_plants * self.tree_share)
+        trees = garden.trees(n_trees, TREES, self.tree, apart_m=APART_M)
+        bushes = garden.bushes(n_plants - n_trees, BUSHES, self.bush_radius_m, apart_m=APART_M)
+        on_ground_m = np.column_stack([path_m[:, :2], ground_height_m(ground, path_m[:, 0], path_m[:, 1])])
         bodies = (ground, _far_land(self, ground), *trees, *bushes)
-        return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=path_m)
+        return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=on_ground_m)
 
 
 def ground_height_m(ground: Body, x_m: FloatArray | float, y_m: FloatArray | float) -> FloatArray:
-    """Height of a heightfield, exactly: each grid cell is two triangles that share its diagonal from +x to +y.
+    """Exact height of a heightfield, whose grid cells are two triangles that share the diagonal from +x to +y.
 
     Args:
-        ground: A body whose shape is a `Heightfield` and which has no yaw.
-        x_m: In the world; beyond the grid the nearest height on its border counts.
-        y_m: In the world, of the same shape.
+        ground: A body without yaw whose shape is a `Heightfield`.
+        x_m: Coordinate in the world; outside of the grid, the nearest height on its border counts.
+        y_m: Coordinate in the world, of the same shape.
 
     Raises:
-        SceneError: The body is no heightfield.
+        SceneError: The body is not a heightfield.
     """
     field = ground.shape
     if not isinstance(field, Heightfield):
@@ -126,28 +132,7 @@ def _hills(rng: np.random.Generator, x_m: FloatArray, y_m: FloatArray, wavelengt
 
 
 def _far_land(spec: PlainsSpec, ground: Body) -> Body:
-    """Flat land up to the horizon, just below the rim of the hills."""
+    """Flat land up to the horizon, slightly below the rim of the hills."""
     x, y, _ = ground.position_m
     shape = Box((FAR_M, FAR_M, 1.0))
     return Body(name="far-land", kind="ground", shape=shape, position_m=(x, y, -0.6), surface=ground.surface)
-
-
-def _tree(spec: PlainsSpec, seed: int, index: int, plot: Plot, way_m: FloatArray, ground: Body) -> list[Body]:
-    rng = stream(seed, Purpose.SCENE, TREES, index)
-    size = spec.tree.draw(rng)
-    name = f"tree-{index}"
-    x, y = plot.place(name, _spots(spec, rng, way_m), reach_m=size.reach_m, apart_m=APART_M)
-    return tree(rng, name, (x, y, float(ground_height_m(ground, x, y))), size)
-
-
-def _bush(spec: PlainsSpec, seed: int, index: int, plot: Plot, way_m: FloatArray, ground: Body) -> Body:
-    rng = stream(seed, Purpose.SCENE, BUSHES, index)
-    radius_m = float(rng.uniform(*spec.bush_radius_m))
-    name = f"bush-{index}"
-    x, y = plot.place(name, _spots(spec, rng, way_m), reach_m=radius_m, apart_m=APART_M)
-    return bush(rng, name, (x, y, float(ground_height_m(ground, x, y))), radius_m)
-
-
-def _spots(spec: PlainsSpec, rng: np.random.Generator, way_m: FloatArray) -> FloatArray:
-    x_m = (-RUN_OUT_M, spec.length_m - RUN_OUT_M)
-    return spots_beside(rng, way_m, x_m, spec.width_m / 2 - SWING_M)

@@ -1,5 +1,6 @@
-"""Trees and bushes."""
+"""Trees and bushes, and how they are planted."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
@@ -11,23 +12,24 @@ from pydantic import model_validator
 from voxdepth.types import FloatArray
 
 from ..bodies import Body, Cylinder, Mesh, Surface
-from ..model import Model
-from .plot import WAY_HEADROOM_M, Range
+from ..seeds import Purpose, stream
+from ..types import Model
+from .layout import PATH_HEADROOM_M, Layout, Range
 
 GRASS = Surface(albedo=0.42, pattern="grass")
-"""The ground that things grow on."""
+"""Surface of the ground."""
 
 SUNK_M = 0.3
-"""How deep trunks stand in the ground."""
+"""Depth of trunks below the ground."""
 LOBES = 14
-"""Directions in which a blob bulges."""
+"""Number of random directions in which a blob bulges."""
 TREE_FINENESS = 4
 BUSH_FINENESS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
 class TreeSize:
-    """Measures of one tree."""
+    """Dimensions of one tree."""
 
     trunk_radius_m: float
     height_m: float
@@ -37,17 +39,17 @@ class TreeSize:
 
     @property
     def reach_m(self) -> float:
-        """How far the tree comes towards a way that passes its trunk."""
-        return self.trunk_radius_m if self.crown_start_m > WAY_HEADROOM_M else self.crown_radius_m
+        """Extent of the tree towards a path that passes its trunk."""
+        return self.trunk_radius_m if self.crown_start_m > PATH_HEADROOM_M else self.crown_radius_m
 
 
 class TreeRanges(Model):
-    """Ranges that the measures of trees are drawn from."""
+    """Ranges from which the dimensions of trees are drawn."""
 
     trunk_radius_m: Range = (0.12, 0.35)
     height_m: Range = (8.0, 13.0)
     crown_start_m: Range = (1.8, 5.0)
-    """Height at which the crown begins [m]: low crowns stand in the way of flights at 2-6 m."""
+    """Height at which the crown begins [m]; low crowns obstruct flights at 2-6 m."""
     crown_radius_m: Range = (1.1, 2.4)
 
     @model_validator(mode="after")
@@ -60,7 +62,7 @@ class TreeRanges(Model):
         return self
 
     def draw(self, rng: np.random.Generator) -> TreeSize:
-        """The measures of one tree."""
+        """Dimensions of one tree."""
         ranges = (self.trunk_radius_m, self.height_m, self.crown_start_m, self.crown_radius_m)
         trunk_radius, height, crown_start, crown_radius = (float(rng.uniform(*bounds)) for bounds in ranges)
         return TreeSize(
@@ -68,21 +70,84 @@ class TreeRanges(Model):
         )
 
 
+HeightM = Callable[[float, float], float]
+"""Height of the ground at a place (x, y) [m]."""
+Candidates = Callable[[np.random.Generator], FloatArray]
+"""Draws places (x, y) for one plant, shape (n, 2)."""
+
+
+def level_ground_m(x_m: float, y_m: float) -> float:
+    """Height 0 everywhere."""
+    return 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Garden:
+    """Plants trees and bushes. Every plant has its own random stream, keyed by its kind and its index."""
+
+    seed: int
+    layout: Layout
+    candidates: Candidates
+    height_m: HeightM = level_ground_m
+
+    def trees(self, count: int, key: int, ranges: TreeRanges, *, apart_m: float) -> list[Body]:
+        """Trunks and crowns of trees.
+
+        Args:
+            count: Number of trees.
+            key: Key of the random streams of trees.
+            ranges: Ranges of their dimensions.
+            apart_m: Radius around a trunk that must not overlap that of other plants.
+
+        Raises:
+            SceneError: A tree finds no free place.
+        """
+        bodies = []
+        for index in range(count):
+            rng, name = stream(self.seed, Purpose.SCENE, key, index), f"tree-{index}"
+            size = ranges.draw(rng)
+            x, y = self.layout.place(name, self.candidates(rng), reach_m=size.reach_m, apart_m=apart_m)
+            bodies += tree(rng, name, (x, y, self.height_m(x, y)), size)
+        return bodies
+
+    def bushes(
+        self, count: int, key: int, radius_m: tuple[float, float], *, apart_m: float = 0.0, apart_radii: float = 0.0
+    ) -> list[Body]:
+        """Bushes.
+
+        Args:
+            count: Number of bushes.
+            key: Key of the random streams of bushes.
+            radius_m: Range of their radii.
+            apart_m: Radius around a bush that must not overlap that of other plants.
+            apart_radii: Addition to that radius, in radii of the bush.
+
+        Raises:
+            SceneError: A bush finds no free place.
+        """
+        bodies = []
+        for index in range(count):
+            rng, name = stream(self.seed, Purpose.SCENE, key, index), f"bush-{index}"
+            radius = float(rng.uniform(*radius_m))
+            distance_m = apart_m + apart_radii * radius
+            x, y = self.layout.place(name, self.candidates(rng), reach_m=radius, apart_m=distance_m)
+            bodies.append(bush(rng, name, (x, y, self.height_m(x, y)), radius))
+        return bodies
+
+
 def tree(rng: np.random.Generator, name: str, base_m: tuple[float, float, float], size: TreeSize) -> list[Body]:
-    """Trunk and crown of a tree that stands at `base_m`; the trunk ends in the middle of the crown."""
+    """Trunk and crown of a tree with its base at `base_m`; the trunk ends in the middle of the crown."""
     x, y, z = base_m
     crown_half = (size.height_m - size.crown_start_m) / 2
     crown_middle = size.crown_start_m + crown_half
     trunk = Body(
         name=f"{name}-trunk",
-        kind="building",
         shape=Cylinder(size.trunk_radius_m, crown_middle + SUNK_M),
         position_m=(x, y, z + (crown_middle - SUNK_M) / 2),
         surface=Surface(albedo=float(rng.uniform(0.2, 0.4)), pattern="bark"),
     )
     crown = Body(
         name=f"{name}-crown",
-        kind="building",
         shape=blob(rng, size.crown_radius_m, squash=crown_half / size.crown_radius_m, fineness=TREE_FINENESS),
         position_m=(x, y, z + crown_middle),
         surface=Surface(albedo=float(rng.uniform(0.2, 0.45)), pattern="foliage"),
@@ -91,10 +156,9 @@ def tree(rng: np.random.Generator, name: str, base_m: tuple[float, float, float]
 
 
 def bush(rng: np.random.Generator, name: str, base_m: tuple[float, float, float], radius_m: float) -> Body:
-    """A bush whose middle is at `base_m`: its lower half is in the ground."""
+    """A bush with its centre at `base_m`, so that its lower half is in the ground."""
     return Body(
         name=name,
-        kind="building",
         shape=blob(rng, radius_m, squash=float(rng.uniform(1.0, 2.0)), fineness=BUSH_FINENESS),
         position_m=base_m,
         surface=Surface(albedo=float(rng.uniform(0.22, 0.5)), pattern="foliage"),
@@ -104,14 +168,14 @@ def bush(rng: np.random.Generator, name: str, base_m: tuple[float, float, float]
 def blob(
     rng: np.random.Generator, radius_m: float, *, squash: float = 1.0, roughness: float = 0.5, fineness: int = 4
 ) -> Mesh:
-    """A lump of foliage around the origin, bulging in random directions.
+    """A closed surface around the origin that bulges in random directions, as foliage does.
 
     Args:
-        rng: Decides where it bulges.
-        radius_m: Largest distance of a vertex from the origin, before squashing.
-        squash: Height by width; 1 is as high as wide.
-        roughness: Depth of the dents as a share of the radius, at least 0, below 1.
-        fineness: Parts that each edge of an icosahedron is cut into: there are 20 triangles times its square.
+        rng: Source of the directions.
+        radius_m: Largest distance of a vertex from the origin, before the height is scaled.
+        squash: Ratio of height to width.
+        roughness: Depth of the dents as a fraction of the radius, at least 0 and below 1.
+        fineness: Number of parts of each edge of an icosahedron; there are 20 triangles times its square.
     """
     directions, triangles = geodesic(fineness)
     lobes = rng.normal(size=(LOBES, 3))
@@ -123,7 +187,7 @@ def blob(
 
 @lru_cache
 def geodesic(fineness: int) -> tuple[FloatArray, npt.NDArray[np.uint32]]:
-    """Vertices and triangles of a unit sphere: an icosahedron with each edge cut into `fineness` parts."""
+    """Vertices and triangles of a unit sphere: an icosahedron whose edges are divided into `fineness` parts."""
     golden = (1 + 5**0.5) / 2
     corners = [np.roll((0, a, b), turn) for turn in range(3) for a in (-1.0, 1.0) for b in (-golden, golden)]
     steps = [(i, j) for i in range(fineness + 1) for j in range(fineness + 1 - i)]

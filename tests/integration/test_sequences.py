@@ -15,12 +15,12 @@ from scenarios.sequences import (
     GROUPS,
     SeededSequence,
     captures,
-    filming,
     load_sequence,
     moving_ids,
     names_of,
     record,
     sequence_names,
+    simulation,
 )
 from sim.bodies import Body, Box, Scene
 from sim.errors import RecordingError, SceneError, SensorError
@@ -82,8 +82,8 @@ def test_the_shipped_sequences_have_the_sizes_and_the_length_of_the_papers() -> 
         assert rig.intrinsics.fx_px == pytest.approx(343.2 if realsense else 512, abs=0.1)
         assert rig.rate_hz == 30
     for name in sequence_names():
-        with filming(small(name)) as film:
-            assert sum(1 for _, pose in zip(range(500), film.poses(), strict=False)) == 500
+        with simulation(small(name)) as simulated:
+            assert sum(1 for _, pose in zip(range(500), simulated.poses(), strict=False)) == 500
 
 
 @pytest.mark.slow

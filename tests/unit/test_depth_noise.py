@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.depth_noise import Blank, DepthNoise, Disparity, Flicker, NoiseTerm, NoisyDepth, Occlusion, Scale
+from sim.depth_noise import DepthNoise, Disparity, Flicker, NoiseTerm, NoisyDepth, Occlusion, Scale, Textureless
 from sim.types import InvalidReason
 from tests.helpers import CAMERA
 
@@ -99,7 +99,7 @@ def test_flicker_drops_and_moves_its_shares_of_patches_for_one_frame() -> None:
 
 def test_blank_takes_surfaces_below_its_texture_alone() -> None:
     ids = np.repeat([0, 1, 2, -1], 10)[None, :].repeat(5, axis=0)
-    noisy = after(Blank(below_texture=0.5), ids=ids, shape=(5, 40), texture={0: 0.0, 1: 0.49, 2: 0.5})
+    noisy = after(Textureless(below_texture=0.5), ids=ids, shape=(5, 40), texture={0: 0.0, 1: 0.49, 2: 0.5})
     np.testing.assert_array_equal(noisy.depth_m == 0, (ids == 0) | (ids == 1))
     np.testing.assert_array_equal(noisy.invalid_reason == InvalidReason.TEXTURELESS, noisy.depth_m == 0)
 
@@ -115,7 +115,7 @@ TERMS = (
     Scale(theta=0.4),
     Disparity(sigma_px=0.3, step_px=0.1),
     Flicker(dropout=0.2, jump=0.2),
-    Blank(below_texture=0.5),
+    Textureless(below_texture=0.5),
     Occlusion(),
 )
 

@@ -12,7 +12,7 @@ from sim import frames
 from sim.drone import AirframeConfig
 from sim.errors import SceneError
 from sim.flights import AnyFlight, Cut, Drone, Flight, Hover, Walk, Yaw
-from sim.flights.track import Track
+from sim.flights.trajectory import Track
 from sim.types import BodyPose
 from voxdepth.types import FloatArray
 

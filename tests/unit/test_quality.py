@@ -35,7 +35,7 @@ def test_exact_depth_has_no_faults() -> None:
     assert quality.hole_shares == [0, None]
     assert quality.within_1_px_shares == [1, None]
     assert quality.median_errors_px == [pytest.approx(0, abs=0.01), None]
-    assert quality.unknowable_shares("hidden") == (None, None)
+    assert quality.unmatchable_shares("occluded") == (None, None)
 
 
 def test_errors_are_told_by_range_in_pixels_of_disparity() -> None:
@@ -65,10 +65,10 @@ def test_hidden_and_blank_pixels_are_judged_apart() -> None:
     col = np.arange(CAMERA.width_px)
     raw_m = np.select([col < 20, col < 40, col < 80], [0.0, 3.2, 3.0], 3.0)
     fields = {"occluded": col < 80, "segment_id": np.where(col >= 120, 7, 0)}
-    quality = DepthQuality(blank_ids=[7], ranges_m=(1, 5))
+    quality = DepthQuality(textureless_ids=[7], ranges_m=(1, 5))
     quality.add(capture(3.0, raw_m, **fields))
-    assert quality.unknowable_shares("hidden") == (0.25, 0.25), "20 of 80 columns are holes, 20 are 6.7 % off"
-    assert quality.unknowable_shares("blank") == (0, 0)
+    assert quality.unmatchable_shares("occluded") == (0.25, 0.25), "20 of 80 columns are holes, 20 are 6.7 % off"
+    assert quality.unmatchable_shares("textureless") == (0, 0)
     assert quality.pixels == [40 * CAMERA.height_px]
 
 

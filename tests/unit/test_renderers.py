@@ -12,10 +12,9 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from sim import frames
-from sim.bodies import Body, Cylinder, Heightfield, Mesh, Scene, SceneSpec, Sphere
+from sim.bodies import Body, Cylinder, Heightfield, Mesh, MovingSphere, Scene, SceneSpec, Sphere
 from sim.errors import RenderError
-from sim.movers import MovingSphere
-from sim.rays import is_inside
+from sim.free_space import is_inside
 from sim.render import create_renderer
 from sim.render.meshes import box, mesh_of_body, sphere
 from sim.scenes import CitySpec, CorridorSpec, ForestSpec, GapSpec, LawnSpec, PlainsSpec
@@ -161,10 +160,10 @@ def test_they_agree_on_movers_that_were_placed() -> None:
     cube = Mesh(box(np.array([0.5, 0.7, 0.9])).vertices_m, box(np.ones(3)).triangles)
     crate = Body(name="crate", kind="building", shape=cube, position_m=(0.0, 0.0, 0.0), yaw_rad=0.4)
     scene = Scene(seed=5, bodies=(wall(8.0),))
-    with World(scene, np.array([[4.0, 0.0, 1.0]]), movers=[*movers, crate]) as world:
+    with World(scene, np.array([[4.0, 0.0, 1.0]]), kinematic=[*movers, crate]) as world:
         renderers = [create_renderer(name, world) for name in ("raster", "raycast", "tiny")]
         for side_m in (0.8, -0.6):
-            for mover, place_m in zip(world.movers, ([3, side_m, 0], [5, -1.5, 0.5], [4, 1.5, -1]), strict=True):
+            for mover, place_m in zip(world.kinematic, ([3, side_m, 0], [5, -1.5, 0.5], [4, 1.5, -1]), strict=True):
                 world.place(mover, np.array(place_m, np.float64))
             *ours, b = (renderer.render([camera_at(0, 0, 0)])[0] for renderer in renderers)
             for a in ours:

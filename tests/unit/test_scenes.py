@@ -14,8 +14,8 @@ from sim.bodies import Body, Box, Cylinder, Heightfield, Mesh, Scene, SceneSpec
 from sim.errors import SceneError
 from sim.render.meshes import heightfield
 from sim.scenes import AnyScene, CitySpec, CorridorSpec, ForestSpec, GapSpec, LawnSpec, PlainsSpec
+from sim.scenes.layout import Layout
 from sim.scenes.plains import ground_height_m
-from sim.scenes.plot import Plot
 from sim.scenes.vegetation import TreeRanges, blob, bush, tree
 from sim.world import World
 from voxdepth.types import FloatArray
@@ -160,12 +160,12 @@ def test_plants_look_irregular_and_keep_their_measures() -> None:
     assert vertices(crown).std(axis=0).min() > 0.2
 
 
-def test_plots_keep_things_apart_and_say_when_they_are_full() -> None:
-    plot = Plot(np.array([[0.0, 0, 0], [10, 0, 0]]))
+def test_layouts_keep_obstacles_apart_and_say_when_they_are_full() -> None:
+    layout = Layout(np.array([[0.0, 0, 0], [10, 0, 0]]))
     spots = np.array([[5.0, 1.0], [5.0, 4.0]])
-    assert plot.place("first", spots, reach_m=1.0, apart_m=1.0) == (5.0, 4.0)
-    with pytest.raises(SceneError, match="expected room for second, found none at 2 spots"):
-        plot.place("second", spots, reach_m=1.0, apart_m=1.0)
+    assert layout.place("first", spots, reach_m=1.0, apart_m=1.0) == (5.0, 4.0)
+    with pytest.raises(SceneError, match="room for second, found none at 2"):
+        layout.place("second", spots, reach_m=1.0, apart_m=1.0)
     with pytest.raises(SceneError, match="expected room for tree"):
         ForestSpec(density=60.0, length_m=70, width_m=20).build(0)
 

@@ -11,13 +11,12 @@ from hypothesis import strategies as st
 from scenarios.sequences import captures, load_sequence
 from sim.bodies import Surface
 from sim.flights import Hover
-from sim.kernels import nearest_claims
-from sim.noise import photon_noise
 from sim.quality import DepthQuality
 from sim.render import create_renderer
 from sim.rig import StereoRig
-from sim.sensor import RigConfig
+from sim.sensor import RigConfig, photon_noise
 from sim.stereo import StereoConfig, StereoMatcher, texture
+from sim.stereo_kernels import largest_competing_disparity
 from sim.types import InvalidReason
 from tests.helpers import block, camera_at, wall, world_of
 from voxdepth.types import Intrinsics
@@ -36,7 +35,7 @@ def test_claims_are_the_largest_disparity_per_pixel_of_the_right_image(seed: int
             if disparity[row, col] >= 0 and target[col] >= 0:
                 rivals = (target == target[col]) & (disparity[row] >= 0)
                 expected[row, col] = disparity[row][rivals].max()
-    np.testing.assert_array_equal(nearest_claims(disparity), expected)
+    np.testing.assert_array_equal(largest_competing_disparity(disparity), expected)
 
 
 def test_texture_of_photon_noise_alone_is_1_13_times_its_deviation() -> None:
@@ -52,11 +51,11 @@ def test_every_hole_has_a_reason_and_every_reason_a_hole() -> None:
     with world_of(wall(6.0), plain, starts_m=[(0, 0, 0)]) as world:
         (capture,) = StereoRig(world, create_renderer("raycast", world), config, seed=0).capture([0], 0)
     np.testing.assert_array_equal(capture.invalid_reason != InvalidReason.NONE, capture.depth_raw_m == 0)
-    blank_id = 1
-    on_block = (capture.segment_id == blank_id) & ~capture.occluded
+    textureless_id = 1
+    on_block = (capture.segment_id == textureless_id) & ~capture.occluded
     assert (capture.invalid_reason[on_block] == InvalidReason.TEXTURELESS).mean() > 0.7
-    hidden_holes = capture.occluded & (capture.depth_raw_m == 0)
-    assert (capture.invalid_reason[hidden_holes] == InvalidReason.OCCLUDED).all()
+    occluded_holes = capture.occluded & (capture.depth_raw_m == 0)
+    assert (capture.invalid_reason[occluded_holes] == InvalidReason.OCCLUDED).all()
 
 
 def test_surfaces_nearer_than_the_search_are_out_of_range_not_right() -> None:
@@ -87,7 +86,7 @@ def test_threads_share_a_matcher_and_get_the_same_bytes() -> None:
 def quality_of_sim_mb(**stereo: object) -> DepthQuality:
     """Over a facade, the passage, and what is behind it."""
     planned = load_sequence("sim-MB", 0, {f"rig.stereo.{name}": value for name, value in stereo.items()})
-    quality = DepthQuality(blank_ids_of(planned))
+    quality = DepthQuality(textureless_ids_of(planned))
     for frame in (0, 200, 400):
         for capture in captures(planned, frame + 1, start=frame):
             quality.add(capture)
@@ -98,8 +97,8 @@ def quality_of_sim_mb(**stereo: object) -> DepthQuality:
 @pytest.mark.parametrize("check", ["one-to-one", "left-right"])
 def test_depth_of_sim_mb_is_right_where_it_can_be_and_missing_where_it_should(check: str) -> None:
     quality = quality_of_sim_mb(check=check)
-    for which in ("hidden", "blank"):
-        holes, wrong = quality.unknowable_shares(which)  # type: ignore[arg-type]
+    for which in ("occluded", "textureless"):
+        holes, wrong = quality.unmatchable_shares(which)  # type: ignore[arg-type]
         assert holes is not None
         assert wrong is not None
         assert holes + wrong >= 0.7
@@ -117,14 +116,14 @@ def test_depth_of_sim_mb_is_right_where_it_can_be_and_missing_where_it_should(ch
 @pytest.mark.slow
 def test_each_check_of_the_matcher_is_what_makes_its_holes() -> None:
     without = quality_of_sim_mb(check_px=1e4, min_texture=0.0)
-    hidden, blank = (without.unknowable_shares(which)[0] for which in ("hidden", "blank"))
-    assert hidden is not None
-    assert blank is not None
-    assert hidden < 0.5
-    assert blank < 0.3
+    occluded, textureless = (without.unmatchable_shares(which)[0] for which in ("occluded", "textureless"))
+    assert occluded is not None
+    assert textureless is not None
+    assert occluded < 0.5
+    assert textureless < 0.3
 
 
-def blank_ids_of(planned: object) -> list[int]:
+def textureless_ids_of(planned: object) -> list[int]:
     """Ids are given in the order of the bodies."""
     scene = planned.sequence.scene.build(planned.seed)  # type: ignore[attr-defined]
     return [k for k, body in enumerate(scene.bodies) if body.surface.texture == 0]

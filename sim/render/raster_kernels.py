@@ -1,10 +1,10 @@
-"""Warp kernels that draw triangles into depth images.
+"""Triangle rasterisation as Warp kernels.
 
 A pixel of direction d = (x, y, 1) sees the triangle with corners a, b, c in the camera frame if no edge function
 `(b x c) . d`, `(c x a) . d`, `(a x b) . d`, each over the volume `a . (b x c)`, is negative there; their sum is the
-inverse of its depth. All are linear in the pixel's column and row: each row of a triangle is one span, and nothing has
-to be clipped at the image plane (Olano and Greer 1997, "Triangle scan conversion using 2D homogeneous coordinates",
-doi:10.1145/258694.258723).
+inverse of its depth. All are linear in the pixel's column and row, so each row of a triangle is one span, and the
+triangle need not be clipped at the image plane (Olano and Greer 1997, "Triangle scan conversion using 2D homogeneous
+coordinates", doi:10.1145/258694.258723).
 """
 
 # mypy: disable-error-code="no-untyped-def,type-arg,valid-type,untyped-decorator,no-any-return,index,misc"
@@ -13,18 +13,18 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False})
 
-SLACK_PX = wp.constant(wp.float64(1e-6))
-"""A pixel so near to an edge belongs to the triangles on both sides: nothing shines through between them."""
+EDGE_TOLERANCE_PX = wp.constant(wp.float64(1e-6))
+"""A pixel this near to an edge belongs to the triangles on both sides, which leaves no gap between them."""
 NEAR_M = wp.constant(wp.float64(1e-3))
 """Triangles with a corner nearer than this, or behind the camera, may cover any row."""
-LEAST_M3 = wp.constant(wp.float64(1e-15))
-"""Triangles of less volume are seen edge on, or have no area."""
+MIN_VOLUME_M3 = wp.constant(wp.float64(1e-15))
+"""Triangles with a smaller volume are seen edge-on or have no area, and are skipped."""
 ZERO = wp.constant(wp.float64(0.0))
 
 
 @wp.struct
 class View:
-    """A camera: where it is, what it maps to which pixel, and the planes that bound what it sees."""
+    """Pose, projection and bounding planes of a camera; the normals of the planes point inwards."""
 
     R_cam_world: wp.mat33d
     origin_m: wp.vec3d
@@ -35,21 +35,21 @@ class View:
 
 @wp.func
 def may_see(view: View, sphere_m: wp.vec4d):
-    """Whether any of a sphere, centre and radius, can be in the image."""
+    """Whether a part of a sphere, given by centre and radius, may be in the image."""
     c = view.R_cam_world * (wp.vec3d(sphere_m[0], sphere_m[1], sphere_m[2]) - view.origin_m)
     return c[2] > -sphere_m[3] and wp.min(view.inward * c) > -sphere_m[3]
 
 
 @wp.func
 def rows_of(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, pa: wp.vec2d, pb: wp.vec2d, pc: wp.vec2d, height: int, width: int):
-    """First and last row that a triangle may cover; the last is before the first if it covers none."""
+    """First and last row that a triangle may cover; the last row is before the first if it covers none."""
     if wp.min(a[2], wp.min(b[2], c[2])) > NEAR_M:
         low = wp.min(pa, wp.min(pb, pc))
         high = wp.max(pa, wp.max(pb, pc))
-        left = wp.max(wp.ceil(low[0] - SLACK_PX), ZERO)
-        right = wp.min(wp.floor(high[0] + SLACK_PX), wp.float64(width - 1))
-        top = wp.max(wp.ceil(low[1] - SLACK_PX), ZERO)
-        bottom = wp.min(wp.floor(high[1] + SLACK_PX), wp.float64(height - 1))
+        left = wp.max(wp.ceil(low[0] - EDGE_TOLERANCE_PX), ZERO)
+        right = wp.min(wp.floor(high[0] + EDGE_TOLERANCE_PX), wp.float64(width - 1))
+        top = wp.max(wp.ceil(low[1] - EDGE_TOLERANCE_PX), ZERO)
+        bottom = wp.min(wp.floor(high[1] + EDGE_TOLERANCE_PX), wp.float64(height - 1))
         if left > right or top > bottom:
             return wp.vec2i(0, -1)
         return wp.vec2i(int(top), int(bottom))
@@ -62,15 +62,18 @@ def rows_of(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, pa: wp.vec2d, pb: wp.vec2d, p
 def span_of(
     row: int, by_col: wp.vec3d, by_row: wp.vec3d, at_origin: wp.vec3d, zero_at: wp.vec3d, shift: wp.vec3d, width: int
 ):
-    """First and last column of a row where no edge function is negative; they are zero at `zero_at + shift * row`."""
+    """First and last column of a row in which no edge function is negative.
+
+    The edge functions are zero in the columns `zero_at + shift * row`.
+    """
     low = ZERO
     high = wp.float64(width - 1)
     for i in range(3):
         bound = zero_at[i] + shift[i] * wp.float64(row)
         if by_col[i] > ZERO:
-            low = wp.max(low, bound - SLACK_PX)
+            low = wp.max(low, bound - EDGE_TOLERANCE_PX)
         elif by_col[i] < ZERO:
-            high = wp.min(high, bound + SLACK_PX)
+            high = wp.min(high, bound + EDGE_TOLERANCE_PX)
         elif at_origin[i] + by_row[i] * wp.float64(row) < ZERO:
             high = wp.float64(-1.0)
     if low > high:
@@ -90,9 +93,9 @@ def draw(
     inverse_depth: wp.array2d(dtype=wp.float64),
     nearest: wp.array2d(dtype=wp.int32),
 ):
-    """Put triangle t where it is nearer than what was drawn before."""
+    """Draw triangle t where it is nearer than the triangles before it."""
     volume_m3 = wp.dot(a, wp.cross(b, c))
-    if wp.abs(volume_m3) <= LEAST_M3:
+    if wp.abs(volume_m3) <= MIN_VOLUME_M3:
         return
     edges = wp.matrix_from_rows(wp.cross(b, c), wp.cross(c, a), wp.cross(a, b)) / volume_m3
     by_col = edges * wp.vec3d(wp.float64(1.0) / view.focal_px[0], ZERO, ZERO)
@@ -122,14 +125,14 @@ def rasterise(
     first_vertex: wp.array(dtype=wp.int32),
     first_triangle: wp.array(dtype=wp.int32),
     spheres_m: wp.array(dtype=wp.vec4d),
-    # scratch
+    # buffers
     in_camera_m: wp.array2d(dtype=wp.vec3d),
-    at_px: wp.array2d(dtype=wp.vec2d),
+    projected_px: wp.array2d(dtype=wp.vec2d),
     inverse_depth: wp.array3d(dtype=wp.float64),
     # output
     nearest: wp.array3d(dtype=wp.int32),
 ):
-    """One thread per camera: the nearest triangle of each pixel, -1 for none, and the inverse of its depth."""
+    """One thread per camera: index of the nearest triangle of each pixel, -1 for none, and its inverse depth."""
     k = wp.tid()
     view = views[k]
     height = nearest.shape[1]
@@ -143,13 +146,22 @@ def rasterise(
             for i in range(first_vertex[body], first_vertex[body + 1]):
                 p = view.R_cam_world * (vertices_m[i] - view.origin_m)
                 in_camera_m[k, i] = p
-                at_px[k, i] = wp.cw_mul(view.focal_px, wp.vec2d(p[0], p[1])) / p[2] + view.center_px
+                projected_px[k, i] = wp.cw_mul(view.focal_px, wp.vec2d(p[0], p[1])) / p[2] + view.center_px
             for t in range(first_triangle[body], first_triangle[body + 1]):
                 corner = triangles[t]
                 a = in_camera_m[k, corner[0]]
                 b = in_camera_m[k, corner[1]]
                 c = in_camera_m[k, corner[2]]
-                rows = rows_of(a, b, c, at_px[k, corner[0]], at_px[k, corner[1]], at_px[k, corner[2]], height, width)
+                rows = rows_of(
+                    a,
+                    b,
+                    c,
+                    projected_px[k, corner[0]],
+                    projected_px[k, corner[1]],
+                    projected_px[k, corner[2]],
+                    height,
+                    width,
+                )
                 if rows[0] <= rows[1]:
                     draw(t, a, b, c, rows, view, inverse_depth[k], nearest[k])
 
@@ -159,7 +171,7 @@ def resolve(
     vertices_m: wp.array(dtype=wp.vec3d),
     triangles: wp.array(dtype=wp.vec3i),
     body_of_triangle: wp.array(dtype=wp.int32),
-    nothing: int,
+    no_body: int,
     inverse_depth: wp.array(dtype=wp.float64),
     nearest: wp.array(dtype=wp.int32),
     # output
@@ -167,13 +179,13 @@ def resolve(
     normal: wp.array(dtype=wp.vec3),
     body_index: wp.array(dtype=wp.int32),
 ):
-    """One thread per pixel: what is known of its nearest triangle."""
+    """One thread per pixel: depth, normal and body of its nearest triangle."""
     pixel = wp.tid()
     t = nearest[pixel]
     if t < 0:
         depth_m[pixel] = wp.inf
         normal[pixel] = wp.vec3(0.0, 0.0, 0.0)
-        body_index[pixel] = nothing
+        body_index[pixel] = no_body
         return
     corner = triangles[t]
     a = vertices_m[corner[0]]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sim.bodies import Body, Box, Heightfield, Mesh
-from sim.difficulty import traversability
 from sim.errors import SceneError
+from sim.free_space import traversability
 from sim.scenes import ForestSpec
 from sim.scenes.vegetation import geodesic
 from sim.world import World

@@ -5,9 +5,8 @@ import pytest
 from pydantic import ValidationError
 
 from sim import frames
-from sim.bodies import Scene
+from sim.bodies import MovingSphere, Scene
 from sim.errors import SceneError
-from sim.movers import MovingSphere
 from sim.render import create_renderer
 from sim.types import BodyPose, VelocityCommand
 from sim.world import World
@@ -39,8 +38,8 @@ def test_impossible_movers_are_refused(bad: dict[str, object]) -> None:
 
 
 def test_a_mover_is_seen_and_felt_where_it_was_placed_last() -> None:
-    with World(Scene(seed=5, bodies=(wall(8.0),)), np.empty((0, 3)), movers=[MOVER.body(0)]) as world:
-        assert (list(world.movers), list(world.bodies), world.moving_ids) == ([0], [1], [0])
+    with World(Scene(seed=5, bodies=(wall(8.0),)), np.empty((0, 3)), kinematic=[MOVER.body(0)]) as world:
+        assert (list(world.kinematic), list(world.bodies), world.moving_ids) == ([0], [1], [0])
         renderer = create_renderer("raycast", world)
         for distance_m in (3.0, 5.0):
             world.place(0, np.array([distance_m, 0.0, 0.0]))
@@ -52,18 +51,18 @@ def test_a_mover_is_seen_and_felt_where_it_was_placed_last() -> None:
 
 def test_a_drone_that_runs_into_a_mover_has_a_contact() -> None:
     movers = [MOVER.body(0)]
-    with World(Scene(seed=5, bodies=(wall(8.0),)), np.array([[0.0, 0.0, 3.0]]), movers=movers) as world:
+    with World(Scene(seed=5, bodies=(wall(8.0),)), np.array([[0.0, 0.0, 3.0]]), kinematic=movers) as world:
         world.place(0, np.array([1.5, 0.0, 3.0]))
         world.apply([VelocityCommand(velocity_m_s=np.array([2.0, 0.0, 0.0]), yaw_rad=0.0)])
         for _ in range(480):
             world.step()
-    assert [(contact.other, contact.kind) for contact in world.contacts] == [("mover-0", "building")]
+    assert [(contact.other, contact.kind) for contact in world.contacts] == [("sphere-0", "building")]
 
 
 def test_movers_change_the_looks_of_nothing_else() -> None:
     images = []
     for movers in ([], [MOVER.body(0)]):
-        with World(Scene(seed=5, bodies=(wall(8.0),)), np.array([[4.0, 1.0, 0.0]]), movers=movers) as world:
+        with World(Scene(seed=5, bodies=(wall(8.0),)), np.array([[4.0, 1.0, 0.0]]), kinematic=movers) as world:
             if movers:
                 world.place(0, np.array([0.0, 0.0, 50.0]))
             images.append(create_renderer("raycast", world).render([camera_at(0, 0, 0)])[0])
@@ -73,7 +72,7 @@ def test_movers_change_the_looks_of_nothing_else() -> None:
 
 def test_only_movers_can_be_placed() -> None:
     with (
-        World(Scene(seed=5, bodies=(wall(8.0),)), np.empty((0, 3)), movers=[MOVER.body(0)]) as world,
-        pytest.raises(SceneError, match=r"the id of a mover, one of \[0\], got 1"),
+        World(Scene(seed=5, bodies=(wall(8.0),)), np.empty((0, 3)), kinematic=[MOVER.body(0)]) as world,
+        pytest.raises(SceneError, match=r"one of \[0\], got 1"),
     ):
         world.place(1, np.zeros(3))

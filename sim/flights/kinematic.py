@@ -1,0 +1,210 @@
+"""Trajectories in closed form: a hand-held camera, cuts between its takes, and cameras that stay at one place."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from voxdepth.types import FloatArray
+
+from .. import frames
+from ..errors import SceneError
+from ..seeds import Purpose, stream
+from ..types import BodyPose
+from .trajectory import Flight, SmoothNoise, Track, Trajectory, frame_times_s, require_rate, sample
+
+ROUNDING_M = 1.0
+TURNING_S = 1.2
+"""Time before and after a corner during which a walker turns."""
+LOOK_AROUND_HZ = (0.03, 0.2)
+SWAY_HZ = (0.1, 0.8)
+NEAREST_JUMP = 0.25
+"""Shortest jump between takes, as a fraction of the walk without its last take."""
+CUT_STREAM = 1
+
+
+class Walk(Flight):
+    """A hand-held camera that bobs with the steps of its carrier and looks around. It ends with the path.
+
+    The carrier slows down at rounded corners, to 71 % of the speed at a right angle.
+    """
+
+    kind: Literal["walk"] = "walk"
+    height_m: float = Field(1.5, gt=0)
+    """Height of the camera above the path [m]."""
+    speed_m_s: float = Field(1.3, gt=0)
+    """Speed on straight parts of the path."""
+    start_m: float = Field(0.0, ge=0)
+    """Distance along the path at which the walk starts [m]."""
+    look_deg: float = Field(0.0, ge=-180, le=180)
+    """Heading of the camera relative to that of the path; 90 looks to the left."""
+    pitch_deg: float = Field(0.0, ge=-80, le=80)
+    """Pitch of the camera; a positive pitch looks up."""
+    step_hz: float = Field(1.9, gt=0)
+    """Steps per second."""
+    bob_m: float = Field(0.025, ge=0)
+    """Amplitude of the vertical motion, with one period per step."""
+    sway_m: float = Field(0.015, ge=0)
+    """Amplitude of the lateral motion, with one period per two steps."""
+    shake_deg: float = Field(0.5, ge=0)
+    """Amplitude of the pitch, with the period of the vertical motion, and of the roll, with that of the lateral one."""
+    look_around_deg: float = Field(3.0, ge=0)
+    """Standard deviation of the slow variation of the heading; that of the pitch is half as large."""
+
+    def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
+        """Poses from the start to the last way point; see `Flight.poses`."""
+        track = self.track(path_m)
+        return sample(self.trajectory(track, seed), rate_hz, self.duration_s(track))
+
+    def track(self, path_m: FloatArray) -> Track:
+        """The curve of the walk.
+
+        Raises:
+            SceneError: The way points do not form a path.
+        """
+        return Track(path_m, rounding_m=ROUNDING_M, turning_m=TURNING_S * self.speed_m_s)
+
+    def duration_s(self, track: Track) -> float:
+        """Time from the start to the last way point.
+
+        Raises:
+            SceneError: The path ends before the start.
+        """
+        if self.start_m >= track.length_m:
+            raise SceneError(
+                f"the walk starts {self.start_m:g} m along a path of {track.length_m:.1f} m: expected a start before "
+                "the end; lower start_m or lengthen the scene"
+            )
+        return (track.length_m - self.start_m) / self.speed_m_s
+
+    def trajectory(self, track: Track, seed: int) -> Trajectory:
+        """The trajectory of the camera, in the time since the start."""
+        rng = stream(seed, Purpose.FLIGHT)
+        first_step_rad = rng.uniform(0, 4 * np.pi)
+        sigma_rad = np.radians(self.look_around_deg) * np.array([1.0, 0.5])
+        look_around = SmoothNoise(rng, sigma_rad, LOOK_AROUND_HZ)
+        look_rad, pitch_rad, shake_rad = np.radians([self.look_deg, self.pitch_deg, self.shake_deg])
+
+        def pose_at(time_s: float) -> BodyPose:
+            along_m = self.start_m + self.speed_m_s * time_s
+            heading_rad = track.heading_rad(along_m)
+            step_rad = 2 * np.pi * self.step_hz * time_s + first_step_rad
+            lateral_m = self.sway_m * np.sin(step_rad / 2)
+            offset_m = np.array(
+                [
+                    -lateral_m * np.sin(heading_rad),
+                    lateral_m * np.cos(heading_rad),
+                    self.height_m + self.bob_m * np.cos(step_rad),
+                ]
+            )
+            around_rad = look_around(time_s)
+            return BodyPose(
+                stamp_s=time_s,
+                position_m=track.position_m(along_m) + offset_m,
+                q_world_body_xyzw=frames.quaternion_from_angles(
+                    heading_rad + look_rad + around_rad[0],
+                    pitch_rad + around_rad[1] + shake_rad * np.sin(step_rad),
+                    shake_rad * np.cos(step_rad / 2),
+                ),
+            )
+
+        return pose_at
+
+
+class Cut(Flight):
+    """A walk that is cut into takes in random order: each take continues at another place of the path.
+
+    The sequence begins at the start of the path and has as many frames as the walk.
+    """
+
+    kind: Literal["cut"] = "cut"
+    walk: Walk = Walk()
+    every: int = Field(15, ge=1)
+    """Frames per take: the camera jumps at each multiple of this number."""
+
+    def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
+        """Poses of the takes; see `Flight.poses`."""
+        require_rate(rate_hz)
+        track = self.walk.track(path_m)
+        duration_s = self.walk.duration_s(track)
+        shortest_s = 2 * self.every / rate_hz
+        if duration_s < shortest_s:
+            raise SceneError(
+                f"takes of {self.every} frames at {rate_hz:g} Hz need a walk of at least {shortest_s:g} s, "
+                f"got one of {duration_s:.3g} s; choose a longer path or cut more often"
+            )
+        return self._takes(self.walk.trajectory(track, seed), duration_s, seed, rate_hz)
+
+    def _takes(self, trajectory: Trajectory, duration_s: float, seed: int, rate_hz: float) -> Iterator[BodyPose]:
+        rng = stream(seed, Purpose.FLIGHT, CUT_STREAM)
+        latest_start_s = duration_s - self.every / rate_hz
+        shift_s = 0.0
+        for k, time_s in enumerate(frame_times_s(rate_hz, duration_s)):
+            if k > 0 and k % self.every == 0:
+                jump_s = rng.uniform(NEAREST_JUMP, 1 - NEAREST_JUMP) * latest_start_s
+                shift_s = (time_s + shift_s + jump_s) % latest_start_s - time_s
+            yield replace(trajectory(time_s + shift_s), stamp_s=time_s)
+
+
+class Stationary(Flight):
+    """A camera that stays at one place of the path and sways about it. It has no end."""
+
+    height_m: float = Field(1.5, gt=0)
+    """Height of the camera above the path [m]."""
+    at_m: float = Field(0.0, ge=0)
+    """Arc length along the path of the place [m]."""
+    look_deg: float = Field(0.0, ge=-180, le=180)
+    """First heading of the camera relative to that of the path; 90 looks to the left."""
+    sway_m: float = Field(0.01, ge=0)
+    """Standard deviation of the position along each axis; with 0 the position is constant."""
+    sway_deg: float = Field(0.2, ge=0)
+    """Standard deviation of heading, pitch and roll; with 0 there is no sway."""
+
+    @property
+    def yaw_rate_rad_s(self) -> float:
+        """Rate of the heading."""
+        return 0.0
+
+    def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
+        """Poses without an end; see `Flight.poses`."""
+        track = Track(path_m, rounding_m=ROUNDING_M, turning_m=ROUNDING_M)
+        if self.at_m > track.length_m:
+            raise SceneError(f"at_m must lie on the path of {track.length_m:.3g} m, got {self.at_m:g} m; reduce it")
+        rng = stream(seed, Purpose.FLIGHT)
+        sway_m = SmoothNoise(rng, np.full(3, self.sway_m), SWAY_HZ)
+        sway_rad = SmoothNoise(rng, np.full(3, np.radians(self.sway_deg)), SWAY_HZ)
+        place_m = track.position_m(self.at_m) + np.array([0.0, 0.0, self.height_m])
+        heading_rad = track.heading_rad(self.at_m) + np.radians(self.look_deg)
+
+        def pose_at(time_s: float) -> BodyPose:
+            yaw_rad, pitch_rad, roll_rad = sway_rad(time_s)
+            return BodyPose(
+                stamp_s=time_s,
+                position_m=place_m + sway_m(time_s),
+                q_world_body_xyzw=frames.quaternion_from_angles(
+                    heading_rad + self.yaw_rate_rad_s * time_s + yaw_rad, pitch_rad, roll_rad
+                ),
+            )
+
+        return sample(pose_at, rate_hz)
+
+
+class Hover(Stationary):
+    """A camera that stays at one place with a constant mean heading."""
+
+    kind: Literal["hover"] = "hover"
+
+
+class Yaw(Stationary):
+    """A camera that rotates at one place."""
+
+    kind: Literal["yaw"] = "yaw"
+    rate_deg_s: float = 90.0
+    """Rate of the heading; a positive rate turns to the left."""
+
+    @property
+    def yaw_rate_rad_s(self) -> float:
+        """Rate of the heading."""
+        return float(np.radians(self.rate_deg_s))

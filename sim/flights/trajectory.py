@@ -1,0 +1,179 @@
+"""The base of all flights: sampling at frame times, smooth noise, and smooth curves through way points."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from itertools import count
+
+import numpy as np
+import numpy.typing as npt
+
+from voxdepth.types import FloatArray
+
+from ..errors import SceneError
+from ..types import BodyPose, Model
+
+Trajectory = Callable[[float], BodyPose]
+"""Pose of the camera's carrier as a function of time [s]."""
+SINES = 5
+SHORTEST_PATH_M = 1.0
+
+
+class Flight(Model, ABC):
+    """A kind of camera motion along a path."""
+
+    @abstractmethod
+    def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
+        """One pose per frame; pose k is at k / `rate_hz` and does not depend on how many are drawn.
+
+        Args:
+            path_m: Way points on the ground in the world frame, shape (n, 3).
+            seed: Seed of all random parts of the motion.
+            rate_hz: Frames per second.
+
+        Raises:
+            SceneError: The flight cannot follow the path, or the rate is impossible.
+        """
+
+
+def sample(trajectory: Trajectory, rate_hz: float, duration_s: float = np.inf) -> Iterator[BodyPose]:
+    """The poses of a trajectory at the frame times up to and including `duration_s`.
+
+    Raises:
+        SceneError: The rate is not positive and finite.
+    """
+    require_rate(rate_hz)
+    return (trajectory(time_s) for time_s in frame_times_s(rate_hz, duration_s))
+
+
+def frame_times_s(rate_hz: float, duration_s: float) -> Iterator[float]:
+    """The frame times up to and including `duration_s` [s]."""
+    for k in count():
+        if k / rate_hz > duration_s:
+            return
+        yield k / rate_hz
+
+
+def require_rate(rate_hz: float, highest_hz: float = np.inf) -> None:
+    """Refuse a frame rate that is not positive and finite, or above the highest.
+
+    Raises:
+        SceneError: The rate is refused.
+    """
+    if not (0 < rate_hz < np.inf and rate_hz <= highest_hz):
+        limit = f" of at most {highest_hz:g} Hz" if highest_hz < np.inf else ""
+        raise SceneError(f"expected a positive, finite frame rate{limit}, got {rate_hz:g} Hz; change the rate")
+
+
+class SmoothNoise:
+    """Smooth noise as a function of time: each channel sums a few sines of random frequency and phase.
+
+    Args:
+        rng: Source of frequencies and phases; the draws do not depend on `sigma`.
+        sigma: Standard deviation of each channel, shape (c,). No value exceeds 3.2 standard deviations.
+        band_hz: Lowest and highest frequency.
+    """
+
+    def __init__(self, rng: np.random.Generator, sigma: npt.ArrayLike, band_hz: tuple[float, float]) -> None:
+        self._amplitude = np.asarray(sigma, np.float64) * np.sqrt(2 / SINES)
+        shape = (len(self._amplitude), SINES)
+        self._rate_rad_s = 2 * np.pi * rng.uniform(*band_hz, shape)
+        self._phase_rad = rng.uniform(0, 2 * np.pi, shape)
+
+    def __call__(self, time_s: float) -> FloatArray:
+        """Values at a time, shape (c,)."""
+        waves = np.sin(self._rate_rad_s * time_s + self._phase_rad)
+        noise: FloatArray = self._amplitude * waves.sum(axis=1)
+        return noise
+
+
+class Track:
+    """A smooth curve along way points, by arc length and in closed form.
+
+    Position, direction and heading are continuous, however sharp the corners are. At every way point the direction of
+    the path changes by a vector and its heading by an angle. Both changes are spread over a window of the arc length
+    with a raised cosine of unit area [m^-1], so that position and heading are sums of this bell or of its integrals.
+    Both ends continue straight without an end. Where the direction changes by the vector b (the difference of unit
+    vectors, of length 1.41 at a right angle), the curve passes `0.15 rounding_m |b|` inside the way point.
+
+    Args:
+        path_m: Way points in the world frame, shape (n, 3).
+        rounding_m: Arc length before and after each way point over which the position is rounded.
+        turning_m: Arc length before and after each way point over which the heading turns.
+
+    Raises:
+        SceneError: The way points do not form a path.
+    """
+
+    def __init__(self, path_m: FloatArray, *, rounding_m: float, turning_m: float) -> None:
+        points = _way_points(path_m)
+        legs = np.diff(points, axis=0)
+        lengths = np.linalg.norm(legs, axis=1)
+        directions = legs / lengths[:, None]
+        headings = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
+        self.length_m = float(lengths.sum())
+        """Length of the path before rounding."""
+        self._rounding_m = rounding_m
+        self._turning_m = turning_m
+        self._start_m, self._direction, self._heading_rad = points[0], directions[0], float(headings[0])
+        self._corners_m = np.cumsum(lengths)[:-1]
+        self._bends = np.diff(directions, axis=0)
+        self._turns_rad = np.diff(headings)
+
+    def position_m(self, along_m: float) -> FloatArray:
+        """Point of the curve, shape (3,)."""
+        ramps_m = self._rounding_m * _ramp((along_m - self._corners_m) / self._rounding_m)
+        point: FloatArray = self._start_m + along_m * self._direction + ramps_m @ self._bends
+        return point
+
+    def heading_rad(self, along_m: float) -> float:
+        """Heading, from the world's x axis towards y, without jumps of a full turn."""
+        return self._heading_rad + float(_step((along_m - self._corners_m) / self._turning_m) @ self._turns_rad)
+
+    def curvature_per_m(self, along_m: FloatArray) -> FloatArray:
+        """Change of the unit direction per arc length, shape (m,) for m arc lengths."""
+        bells = _bell((along_m[:, None] - self._corners_m) / self._rounding_m) / self._rounding_m
+        curvature_per_m: FloatArray = np.linalg.norm(bells @ self._bends, axis=1)
+        return curvature_per_m
+
+
+def _way_points(path_m: FloatArray) -> FloatArray:
+    """The way points without those that are at, or directly above, the one before."""
+    points = np.asarray(path_m, np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
+        raise SceneError(
+            f"a flight needs a path of at least 2 way points, shape (n, 3), got shape {points.shape}; "
+            "choose a scene that has a path, or give one"
+        )
+    if not np.isfinite(points).all():
+        bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+        raise SceneError(
+            f"way points must be finite, but number {bad[0]} is {points[bad[0]].tolist()}; correct the path"
+        )
+    apart = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1) > 1e-6
+    points = points[np.r_[True, apart]]
+    length_m = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    if length_m < SHORTEST_PATH_M:
+        raise SceneError(
+            f"a flight needs a path of at least {SHORTEST_PATH_M:g} m, got {length_m:.3g} m; spread the way points"
+        )
+    return points
+
+
+def _bell(u: FloatArray) -> FloatArray:
+    """Raised cosine on -1..1 with unit area."""
+    bell: FloatArray = (1 + np.cos(np.pi * np.clip(u, -1, 1))) / 2
+    return bell
+
+
+def _step(u: FloatArray) -> FloatArray:
+    """Integral of the bell: from 0 before -1 to 1 after 1."""
+    c = np.clip(u, -1, 1)
+    step: FloatArray = (1 + c + np.sin(np.pi * c) / np.pi) / 2
+    return step
+
+
+def _ramp(u: FloatArray) -> FloatArray:
+    """Integral of the step: from 0 before -1 to u after 1."""
+    c = np.clip(u, -1, 1)
+    ramp: FloatArray = ((1 + c) ** 2 / 2 - (1 + np.cos(np.pi * c)) / np.pi**2) / 2 + np.maximum(u - 1, 0)
+    return ramp

@@ -1,0 +1,114 @@
+"""Parts that scenes share: flat ground, a path that stays free, places for obstacles, and walls without texture."""
+
+from dataclasses import replace
+from typing import Annotated
+
+import numpy as np
+from pydantic import AfterValidator, Field
+
+from voxdepth.types import FloatArray
+
+from ..bodies import Body, Box, Surface
+from ..errors import SceneError
+
+PATH_CLEARANCE_M = 1.5
+"""Free width on both sides of a path."""
+PATH_HEADROOM_M = 4.5
+"""Height above a path up to which its clearance is free."""
+WAY_POINT_STEP_M = 2.0
+"""Distance between way points, along x."""
+TRIES = 64
+"""Number of places that are tried for each obstacle."""
+GROUND_SIDE_M = 400.0
+PAVED = Surface(albedo=0.38, pattern="ground")
+
+
+def _require_increasing(bounds: tuple[float, float]) -> tuple[float, float]:
+    low, high = bounds
+    if not 0 < low <= high:
+        raise ValueError(f"must be a range of positive lengths, low before high, got [{low}, {high}]")
+    return bounds
+
+
+Range = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_require_increasing)]
+"""Smallest and largest length [m], both positive."""
+
+
+class Layout:
+    """Places obstacles one after the other, with a distance between them and to a path.
+
+    Args:
+        path_m: Way points, shape (n, 3).
+    """
+
+    def __init__(self, path_m: FloatArray) -> None:
+        self._path_m = path_m[:, :2]
+        self._circles_m = np.zeros((0, 3))
+        """Centre (x, y) and radius of each reserved circle."""
+
+    def place(self, name: str, candidates_m: FloatArray, *, reach_m: float, apart_m: float) -> tuple[float, float]:
+        """Reserve the first free place (x, y).
+
+        Args:
+            name: Name of the obstacle.
+            candidates_m: Places (x, y), shape (n, 2).
+            reach_m: Extent of the obstacle towards the path, whose clearance stays free.
+            apart_m: Radius of a circle around the place that must not overlap the circles of other obstacles.
+
+        Raises:
+            SceneError: No place is free.
+        """
+        beside_path = distance_to_path_m(candidates_m, self._path_m) >= reach_m + PATH_CLEARANCE_M
+        gap = np.linalg.norm(candidates_m[:, None] - self._circles_m[:, :2], axis=2) - self._circles_m[:, 2]
+        free = candidates_m[beside_path & (gap >= apart_m).all(axis=1)]
+        if len(free) == 0:
+            raise SceneError(
+                f"expected room for {name}, found none at {len(candidates_m)} places beside {len(self._circles_m)} "
+                "other obstacles: ask for fewer or smaller obstacles, less distance between them, or more ground"
+            )
+        x, y = (float(coordinate) for coordinate in free[0])
+        self.reserve(x, y, apart_m)
+        return x, y
+
+    def reserve(self, x_m: float, y_m: float, radius_m: float) -> None:
+        """Keep later obstacles out of a circle."""
+        self._circles_m = np.vstack([self._circles_m, [x_m, y_m, radius_m]])
+
+
+def distance_to_path_m(points_m: FloatArray, path_m: FloatArray) -> FloatArray:
+    """Horizontal distance of points, shape (n, 2), to the nearest segment of a path, shape (m, 2)."""
+    start, along = path_m[:-1], np.diff(path_m, axis=0)
+    offset = points_m[:, None] - start
+    fraction = np.clip((offset * along).sum(axis=2) / (along * along).sum(axis=1), 0, 1)
+    distance: FloatArray = np.linalg.norm(offset - fraction[..., None] * along, axis=2).min(axis=1)
+    return distance
+
+
+def winding_path(rng: np.random.Generator, length_m: float, swing_m: float) -> FloatArray:
+    """Way points from x = 0 to `length_m` at height 0, on a sine curve about y = 0 with the amplitude `swing_m`."""
+    x = np.linspace(0, length_m, round(length_m / WAY_POINT_STEP_M) + 1)
+    y = swing_m * np.sin(2 * np.pi * (x / rng.uniform(40, 60) + rng.uniform()))
+    return np.stack([x, y, np.zeros_like(x)], axis=1)
+
+
+def places_beside(rng: np.random.Generator, path_m: FloatArray, x_m: tuple[float, float], side_m: float) -> FloatArray:
+    """Places (x, y), shape (n, 2), in a range of x and up to `side_m` from a path, with a higher density near it."""
+    x = rng.uniform(*x_m, TRIES)
+    y = np.interp(x, path_m[:, 0], path_m[:, 1]) + side_m * rng.uniform(-1, 1, TRIES) ** 3
+    return np.stack([x, y], axis=1)
+
+
+def flat_ground(x_m: float, surface: Surface) -> Body:
+    """Level ground around (x, 0), with its top at height 0."""
+    shape = Box((GROUND_SIDE_M, GROUND_SIDE_M, 1.0))
+    return Body(name="ground", kind="ground", shape=shape, position_m=(x_m, 0.0, -0.5), surface=surface)
+
+
+def without_texture(bodies: list[Body], share: float, rng: np.random.Generator) -> list[Body]:
+    """The bodies, of which a random share has lost its texture."""
+    order = rng.permutation(len(bodies))
+    limit = round(share * len(bodies))
+    return [
+        replace(body, surface=replace(body.surface, texture=0.0)) if rank < limit else body
+        for body, rank in zip(bodies, order, strict=True)
+    ]
