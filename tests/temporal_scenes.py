@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from voxdepth.temporal.config import TemporalConfig
+from voxdepth.temporal.config import VoxDepthConfig
 from voxdepth.temporal.method import TemporalMethod
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics
 
@@ -137,7 +137,7 @@ def dark(index: int, camera: Intrinsics = CAMERA) -> Frame:
 
 def method(camera: Intrinsics = CAMERA, **settings: object) -> TemporalMethod:
     """The default method with some settings."""
-    return TemporalMethod(camera, TemporalConfig.model_validate(settings))
+    return TemporalMethod(camera, VoxDepthConfig.model_validate(settings))
 
 
 def process(corrector: TemporalMethod, frame: Frame) -> CorrectedDepth:

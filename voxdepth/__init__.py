@@ -9,11 +9,11 @@ corrected = corrector.process(Frame.from_millimetres(stamp_s=0.0, gray=gray, dep
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .config import VoxDepthConfig
     from .corrector import PaperVoxDepth, VoxDepth
     from .paper.config import PaperConfig
     from .pipeline import CorrectionPipeline
     from .registry import create_corrector
+    from .temporal.config import VoxDepthConfig
     from .types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source
 
 __all__ = [
@@ -33,7 +33,7 @@ __all__ = [
 _HOMES = {
     "VoxDepth": "corrector",
     "PaperVoxDepth": "corrector",
-    "VoxDepthConfig": "config",
+    "VoxDepthConfig": "temporal.config",
     "PaperConfig": "paper.config",
     "create_corrector": "registry",
     "CorrectionPipeline": "pipeline",

@@ -4,11 +4,11 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from .config import VoxDepthConfig
 from .errors import ConfigError, FrameError
 from .model import Model
 from .paper.config import PaperConfig
 from .paper.method import PaperMethod
+from .temporal.config import VoxDepthConfig
 from .temporal.method import TemporalMethod
 from .types import CorrectedDepth, Frame, Intrinsics
 

@@ -16,8 +16,8 @@ from .errors import ConfigError
 from .types import DepthCorrector, Intrinsics
 
 if TYPE_CHECKING:
-    from .config import VoxDepthConfig
     from .paper.config import PaperConfig
+    from .temporal.config import VoxDepthConfig
 
 __all__ = [
     "CORRECTOR_NAMES",
@@ -94,7 +94,7 @@ _REGISTRY = {
     ),
     "global-smoother": Entry(create=_lazy("baselines.global_smoother:GlobalSmoother"), latency_s=0.0064),
     PAPER: Entry(create=_lazy("corrector:PaperVoxDepth"), latency_s=0.0034, config="paper.config:PaperConfig"),
-    DEFAULT: Entry(create=_lazy("corrector:VoxDepth"), latency_s=0.0087, config="config:VoxDepthConfig"),
+    DEFAULT: Entry(create=_lazy("corrector:VoxDepth"), latency_s=0.0087, config="temporal.config:VoxDepthConfig"),
 }
 
 CORRECTOR_NAMES = tuple(_REGISTRY)

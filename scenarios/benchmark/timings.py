@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from voxdepth.config import VoxDepthConfig
 from voxdepth.corrector import PaperVoxDepth, VoxDepth
 from voxdepth.model import Model
 from voxdepth.paper.config import PaperConfig
 from voxdepth.paper.epochs import PaperDiagnostics, Phase, Template
 from voxdepth.paper.method import Aligned
+from voxdepth.temporal.config import VoxDepthConfig
 from voxdepth.temporal.method import TemporalDiagnostics
 from voxdepth.temporal.odometry import TrackingStatus
 from voxdepth.types import CorrectedDepth, Frame

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from voxdepth.config import VoxDepthConfig
 from voxdepth.corrector import VoxDepth
 from voxdepth.registry import DEFAULT
+from voxdepth.temporal.config import VoxDepthConfig
 
 from ..evaluation.groups import ALL
 from ..evaluation.measurements import AS_GIVEN, FILLED, Selector, of_frames

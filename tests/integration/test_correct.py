@@ -23,10 +23,10 @@ from sim.testing import noisy_sequence
 from sim.types import Capture
 from tests.integration.test_cli import ENVIRONMENT, voxdepth
 from tests.unit.test_correction import contents
-from voxdepth.config import VoxDepthConfig
 from voxdepth.errors import ConfigError, DatasetError
 from voxdepth.paper.config import PaperConfig
 from voxdepth.registry import create_corrector
+from voxdepth.temporal.config import VoxDepthConfig
 from voxdepth.types import Frame
 
 N_FRAMES = 16

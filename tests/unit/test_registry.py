@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from voxdepth.config import VoxDepthConfig
 from voxdepth.errors import ConfigError
 from voxdepth.paper.config import PaperConfig
 from voxdepth.registry import CORRECTOR_NAMES, config_of, corrector_names, create_corrector, latency_s, require_known
+from voxdepth.temporal.config import VoxDepthConfig
 from voxdepth.types import Frame, Intrinsics
 
 CAMERA = Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80, baseline_m=0.1)

@@ -9,8 +9,8 @@ from scenarios.config import Run, Scenario, load_run
 from scenarios.errors import ScenarioError
 from scenarios.files import to_toml
 from voxdepth import registry
-from voxdepth.config import VoxDepthConfig
 from voxdepth.errors import ConfigError
+from voxdepth.temporal.config import VoxDepthConfig
 
 
 def test_the_latency_of_the_corrector_comes_on_top_of_that_of_the_sensor() -> None:

@@ -9,7 +9,7 @@ from scenarios.config import load_run
 from scenarios.errors import ScenarioError
 from scenarios.study.design import Study, digest, expand, key_of, load_study, study_names
 from tests.studies import ONE_DRONE, arm, noisy, study
-from voxdepth.config import VoxDepthConfig
+from voxdepth.temporal.config import VoxDepthConfig
 
 TEXT = """
 name = "mine"

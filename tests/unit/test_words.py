@@ -9,9 +9,9 @@ from scenarios.config import Scenario, load_run
 from sim.render import RENDERER_NAMES
 from sim.sensor_models import SENSOR_MODEL_NAMES
 from swarm.priors import PosePriorName
-from voxdepth.config import VoxDepthConfig
 from voxdepth.datasets import DATASET_FORMATS
 from voxdepth.registry import DEFAULT, config_of
+from voxdepth.temporal.config import VoxDepthConfig
 
 
 def test_the_command_line_speaks_the_words_of_the_library() -> None:

@@ -11,7 +11,7 @@ from .inpainting import InpaintingConfig
 from .odometry import VisualOdometryConfig
 
 
-class TemporalConfig(Model):
+class VoxDepthConfig(Model):
     """All parameters of the default method."""
 
     decimation: Literal["auto", 1, 2] = "auto"
@@ -31,3 +31,13 @@ class TemporalConfig(Model):
     device: DeviceName = "cpu"
     """Device that warps the disparity and weight of the memory. They are copied to `cuda` and back in every frame; all
     other steps run on the CPU."""
+
+    @property
+    def warm_up_frames(self) -> int:
+        """Number of frames until every step has run: one to begin with, one to track the camera, and one more."""
+        return 3
+
+    @property
+    def depends_on_clock(self) -> bool:
+        """Whether results depend on the speed of the machine."""
+        return False

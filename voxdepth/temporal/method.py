@@ -10,7 +10,7 @@ from ..errors import ConfigError
 from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
 from .confidence import estimate_confidence
-from .config import TemporalConfig
+from .config import VoxDepthConfig
 from .fusion import Fused, PixelClass, TemporalFusion
 from .inpainting import Inpainter
 from .masks import above, clear_where, equal
@@ -81,7 +81,7 @@ class TemporalMethod:
         ConfigError: The device does not exist on this machine, or the images of the camera are too small.
     """
 
-    def __init__(self, camera: Intrinsics, config: TemporalConfig) -> None:
+    def __init__(self, camera: Intrinsics, config: VoxDepthConfig) -> None:
         if min(camera.shape) < MIN_SIDE_PX:
             raise ConfigError(
                 f"the default method needs images of at least {MIN_SIDE_PX}x{MIN_SIDE_PX} pixels, "
