@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
+from matplotlib.axes import Axes
 
 from voxdepth.corrector import VoxDepth
 from voxdepth.registry import DEFAULT
@@ -18,9 +19,6 @@ from ..results.figure import label_axes, panels
 from ..results.table import Column, Table, Value
 from .comparison import HOLES, Comparison, mean_of_known
 from .experiment import Experiment, ExperimentContext, Findings
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 NEVER = 1_000_000
 """A threshold that nothing reaches."""
@@ -159,7 +157,7 @@ def _quantities(comparison: Comparison, method: str) -> dict[Column, pd.Series]:
     }
 
 
-def _draw(column: Column, means: dict[str, Value], axes: "Axes") -> None:
+def _draw(column: Column, means: dict[str, Value], axes: Axes) -> None:
     """A horizontal bar for each variant, with the first at the top."""
     lengths = [value if isinstance(value, float) else 0.0 for value in means.values()]
     axes.barh(range(len(means)), lengths)
@@ -169,10 +167,6 @@ def _draw(column: Column, means: dict[str, Value], axes: "Axes") -> None:
 
 
 ABLATION = Experiment(
-    name="ablation",
-    question="What is each part of the default method worth, and what does it cost?",
-    answer=ablate,
-    sequences=SEQUENCES,
-    frames=30,
-    min_frames=2,
-)
+    "ablation", "What is each part of the default method worth, and what does it cost?",
+    ablate, SEQUENCES, frames=30, min_frames=2,
+)  # fmt: skip

@@ -97,7 +97,7 @@ def mean_of_known(values: Sequence[Value]) -> Value:
     return sum(known) / len(known) if known else None
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Criterion:
     """A bound on one number."""
 
@@ -130,7 +130,7 @@ class Criterion:
         return f" {self.unit}" if self.unit else ""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Check:
     """A criterion with the value that it is applied to."""
 
@@ -149,15 +149,15 @@ def worst(criterion: Criterion, values: pd.Series) -> Check:
     """Apply a criterion to the sequence with the worst value."""
     known = values.dropna()
     if known.empty:
-        return Check(criterion=criterion, value=None, scope="no sequence")
+        return Check(criterion, None, "no sequence")
     name = known.idxmin() if criterion.at_least else known.idxmax()
-    return Check(criterion=criterion, value=float(known[name]), scope=f"{name}, worst of {len(known)}")
+    return Check(criterion, float(known[name]), f"{name}, worst of {len(known)}")
 
 
 def average(criterion: Criterion, values: pd.Series) -> Check:
     """Apply a criterion to the mean over the sequences whose value is defined."""
     known = list(values.dropna())
-    return Check(criterion=criterion, value=mean(known) if known else None, scope=f"mean of {len(known)}")
+    return Check(criterion, mean(known) if known else None, f"mean of {len(known)}")
 
 
 def criteria_table(checks: Sequence[Check]) -> Table:

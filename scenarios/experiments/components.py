@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING
+
+from matplotlib.axes import Axes
 
 from ..benchmark.frames import FrameLoop
 from ..benchmark.timings import Latency, time_paper
@@ -10,9 +11,6 @@ from ..results.figure import grouped_bars, label_axes, panels
 from ..results.table import Column, Table
 from .experiment import Claim, Experiment, ExperimentContext, Findings
 from .paper_results import COMPONENTS_MS
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 STEPS = {
     "fusion": ("motion", "voxelise", "project"),
@@ -82,7 +80,7 @@ def _claim(images: str, latencies: Mapping[str, Latency]) -> Claim:
     )
 
 
-def _draw(measured: Mapping[str, Mapping[str, Latency]], axes: "Axes") -> None:
+def _draw(measured: Mapping[str, Mapping[str, Latency]], axes: Axes) -> None:
     series: dict[str, list[float]] = {
         images: [latency.p50_ms for latency in latencies.values()] for images, latencies in measured.items()
     }
@@ -95,11 +93,6 @@ def _draw(measured: Mapping[str, Mapping[str, Latency]], axes: "Axes") -> None:
 
 
 COMPONENTS = Experiment(
-    name="components",
-    question="How long does each component of the corrector take (Table componentlatency)?",
-    answer=time_components,
-    sequences=("sim-LN",),
-    frames=300,
-    width_px=640,
-    min_frames=80,
-)
+    "components", "How long does each component of the corrector take (Table componentlatency)?",
+    time_components, ("sim-LN",), frames=300, width_px=640, min_frames=80,
+)  # fmt: skip

@@ -1,7 +1,8 @@
 """The default method against all baselines on the same frames, with acceptance criteria."""
 
 from functools import partial
-from typing import TYPE_CHECKING
+
+from matplotlib.axes import Axes
 
 from voxdepth.registry import DEFAULT, PAPER
 
@@ -12,9 +13,6 @@ from .comparison import HOLES, RAW, SMOOTHER, Comparison, criteria_table
 from .experiment import Experiment, ExperimentContext, Findings
 from .measures import MEASURES
 from .pictures import last_frames
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 PANEL_SEQUENCES = 6
 """Sequences in a panel of the figure."""
@@ -52,7 +50,7 @@ def compare_default(context: ExperimentContext) -> Findings:
     )
 
 
-def _draw(comparison: Comparison, sequences: list[str], axes: "Axes") -> None:
+def _draw(comparison: Comparison, sequences: list[str], axes: Axes) -> None:
     best = comparison.best(HOLES, without=[SMOOTHER])["value"]
     others = {name: comparison.values(HOLES, name) for name in (SMOOTHER, ORACLE, PAPER, RAW)}
     series = {DEFAULT: comparison.values(HOLES), "best baseline but smoother": best, **others}
@@ -61,10 +59,6 @@ def _draw(comparison: Comparison, sequences: list[str], axes: "Axes") -> None:
 
 
 DEFAULT_METHOD = Experiment(
-    name="default",
-    question="Is the default method better than every baseline, and does it meet its acceptance criteria?",
-    answer=compare_default,
-    sequences=(*GROUPS["reference"], *GROUPS["hard"]),
-    frames=40,
-    min_frames=2,
-)
+    "default", "Is the default method better than every baseline, and does it meet its acceptance criteria?",
+    compare_default, (*GROUPS["reference"], *GROUPS["hard"]), frames=40, min_frames=2,
+)  # fmt: skip

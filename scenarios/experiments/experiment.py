@@ -141,7 +141,7 @@ def paper_method(name: str, config: PaperConfig) -> Method:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Experiment:
     """A question that can be asked of rendered sequences."""
 

@@ -8,7 +8,8 @@ from functools import partial
 from itertools import islice
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING
+
+from matplotlib.axes import Axes
 
 from voxdepth.corrector import PaperVoxDepth
 from voxdepth.datasets import Dataset, open_dataset
@@ -23,9 +24,6 @@ from ..results.figure import grouped_bars, label_axes, panels
 from ..results.table import Column, Table
 from .experiment import Claim, Experiment, ExperimentContext, Findings
 from .paper_results import FRAMES_PER_S
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 IMAGES = 16
 """Distinct frames on disk, which are read forwards and backwards."""
@@ -149,7 +147,7 @@ def _order_claim(measured: Mapping[str, Rates]) -> Claim:
     )
 
 
-def _draw(measured: Mapping[str, Rates], axes: "Axes") -> None:
+def _draw(measured: Mapping[str, Rates], axes: Axes) -> None:
     paper = "paper, Jetson Nano"
     medians = {name: [median(rates) for rates in by_setup.values()] for name, by_setup in measured.items()}
     errors = {
@@ -165,11 +163,6 @@ def _draw(measured: Mapping[str, Rates], axes: "Axes") -> None:
 
 
 FRAME_RATE = Experiment(
-    name="fps",
-    question="How many frames per second does each method correct, reading included (Table fps)?",
-    answer=compare_frame_rates,
-    sequences=("sim-LN",),
-    frames=100,
-    width_px=640,
-    min_frames=WARM_UP_FRAMES,
-)
+    "fps", "How many frames per second does each method correct, reading included (Table fps)?",
+    compare_frame_rates, ("sim-LN",), frames=100, width_px=640, min_frames=WARM_UP_FRAMES,
+)  # fmt: skip

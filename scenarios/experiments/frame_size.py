@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING
+
+from matplotlib.axes import Axes
 
 from voxdepth.paper.config import PaperConfig
 from voxdepth.paper.registration import RegistrationConfig
@@ -12,10 +13,7 @@ from ..evaluation.measurements import Selector
 from ..results.figure import MARKERS, label_axes, panels
 from ..results.table import Column, Table
 from .experiment import Claim, Experiment, ExperimentContext, Findings, paper_method
-from .image_motion import AffineEstimator, MotionEstimator, MotionScore, NoMotion, score_pairs
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from .image_motion import MotionEstimator, MotionScore, affine_estimator, no_motion, score_pairs
 
 SIZES_PX = (100, 150, 200, 300, 400, 600)
 """Width and height that gray images are reduced to."""
@@ -80,9 +78,9 @@ def compare_sizes(context: ExperimentContext) -> Findings:
 
 def _measure(context: ExperimentContext, name: str) -> Scores:
     shape = context.recording(name).intrinsics.shape
-    estimators: dict[str, MotionEstimator] = {str(NO_MOTION): NoMotion()}
+    estimators: dict[str, MotionEstimator] = {str(NO_MOTION): no_motion}
     for size_px in SIZES_PX:
-        estimators[str(size_px)] = AffineEstimator(RegistrationConfig(size_px=size_px), shape)
+        estimators[str(size_px)] = affine_estimator(RegistrationConfig(size_px=size_px), shape)
     scores = score_pairs(context, name, estimators, DISTANCE, MAX_PAIRS)
     return {int(size): score for size, score in scores.items()}
 
@@ -121,7 +119,7 @@ def _draw(
     psnrs_db: Mapping[str, Mapping[int, float | None]],
     title: str,
     label: str,
-    axes: "Axes",
+    axes: Axes,
 ) -> None:
     for k, (name, scores) in enumerate(measured.items()):
         known = {size_px: psnr_db for size_px, psnr_db in psnrs_db[name].items() if psnr_db is not None}
@@ -134,11 +132,6 @@ def _draw(
 
 
 FRAME_SIZE = Experiment(
-    name="rq2",
-    question="Which frame size gives good registration in little time (RQ2)?",
-    answer=compare_sizes,
-    sequences=("sim-LN", "sim-MB", "sim-KTC", "sim-PLF"),
-    frames=30,
-    width_px=640,
-    min_frames=16,
-)
+    "rq2", "Which frame size gives good registration in little time (RQ2)?",
+    compare_sizes, ("sim-LN", "sim-MB", "sim-KTC", "sim-PLF"), frames=30, width_px=640, min_frames=16,
+)  # fmt: skip

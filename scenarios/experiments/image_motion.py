@@ -1,9 +1,9 @@
 """Motion between two images: estimated by registration or optical flow, and scored by the warped earlier image."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,7 +12,7 @@ from sim.types import Capture
 from voxdepth.baselines.optical_flow import Flow, FlowImage
 from voxdepth.geometry import back_project, inverse_rigid, transform
 from voxdepth.metrics import Sums, psnr_db
-from voxdepth.paper.registration import Features, OrbRegistration, RegistrationConfig
+from voxdepth.paper.registration import OrbRegistration, RegistrationConfig
 from voxdepth.types import FloatArray, GrayImage, MaskImage
 
 from ..benchmark.timings import Latency
@@ -25,101 +25,68 @@ MIN_DEPTH_M = 0.1
 """The later camera does not see nearer points."""
 
 
-class Warp(Protocol):
+@dataclass(frozen=True)
+class Warp:
     """A motion from a reference image to a later one."""
 
-    ok: bool
+    apply: Callable[[Any], Any]
+    """Warps an image of the reference view, shape (H, W), by nearest pixels; 0 where nothing is warped to."""
+    ok: bool = True
     """Whether a motion was found; if not, the identity stands for it."""
 
-    def apply(self, image: Any) -> Any:
-        """Warp an image of the reference view, shape (H, W), by nearest pixels; 0 where nothing is warped to."""
-        ...
+
+Estimate = Callable[[GrayImage], Warp]
+"""Finds the motion to a later gray image, shape (H, W)."""
+MotionEstimator = Callable[[GrayImage], Estimate]
+"""Takes a reference image, shape (H, W), and computes what does not depend on the later image."""
 
 
-class MotionEstimator(Protocol):
-    """A way to find the motion between two gray images of one size."""
-
-    def set_reference(self, reference: GrayImage) -> None:
-        """Set the reference image, shape (H, W), and compute what does not depend on the later image."""
-        ...
-
-    def estimate(self, current: GrayImage) -> Warp:
-        """Find the motion from the reference to a later image, shape (H, W)."""
-        ...
-
-
-class AffineWarp:
+def affine_warp(M_current_reference: FloatArray, *, ok: bool = True) -> Warp:
     """A warp by an affine map."""
 
-    def __init__(self, M_current_reference: FloatArray, *, ok: bool) -> None:
-        self._M, self.ok = M_current_reference, ok
-
-    def apply(self, image: Any) -> Any:
-        """See `Warp`."""
+    def apply(image: Any) -> Any:
         height, width = image.shape
-        return cv2.warpAffine(image, self._M, (width, height), flags=cv2.INTER_NEAREST)
+        return cv2.warpAffine(image, M_current_reference, (width, height), flags=cv2.INTER_NEAREST)
+
+    return Warp(apply, ok)
 
 
-class FlowWarp:
-    """A warp by a flow from each pixel of the later image to the reference."""
+def flow_warp(to_reference_px: FlowImage) -> Warp:
+    """A warp by a flow from each pixel of the later image to the reference, shape (H, W, 2)."""
 
-    ok = True
-
-    def __init__(self, to_reference_px: FlowImage) -> None:
-        self._to_reference_px = to_reference_px
-
-    def apply(self, image: Any) -> Any:
-        """See `Warp`."""
+    def apply(image: Any) -> Any:
         height, width = image.shape
-        col = np.arange(width, dtype=np.float32) + self._to_reference_px[..., 0]
-        row = np.arange(height, dtype=np.float32)[:, None] + self._to_reference_px[..., 1]
+        col = np.arange(width, dtype=np.float32) + to_reference_px[..., 0]
+        row = np.arange(height, dtype=np.float32)[:, None] + to_reference_px[..., 1]
         return cv2.remap(image, col, row, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)
 
-
-class NoMotion:
-    """An estimator that always finds the identity, the lower bound of all others."""
-
-    def set_reference(self, reference: GrayImage) -> None:
-        """See `MotionEstimator`."""
-
-    def estimate(self, current: GrayImage) -> AffineWarp:
-        """See `MotionEstimator`."""
-        return AffineWarp(np.eye(2, 3), ok=True)
+    return Warp(apply)
 
 
-class AffineEstimator:
+def no_motion(reference: GrayImage) -> Estimate:
+    """An estimator that always finds the identity, which every other one should beat."""
+    return lambda current: affine_warp(np.eye(2, 3))
+
+
+def affine_estimator(config: RegistrationConfig, shape: tuple[int, int]) -> MotionEstimator:
     """The registration of the paper's method: matched features and an affine map; the identity where that fails."""
+    registration = OrbRegistration(config, shape)
 
-    def __init__(self, config: RegistrationConfig, shape: tuple[int, int]) -> None:
-        self._registration = OrbRegistration(config, shape)
-        self._features: Features | None = None
+    def with_reference(reference: GrayImage) -> Estimate:
+        features = registration.describe(reference)
 
-    def set_reference(self, reference: GrayImage) -> None:
-        """See `MotionEstimator`."""
-        self._features = self._registration.describe(reference)
+        def estimate(current: GrayImage) -> Warp:
+            found = registration.register(features, registration.describe(current))
+            return affine_warp(found.M_frame_template, ok=found.ok)
 
-    def estimate(self, current: GrayImage) -> AffineWarp:
-        """See `MotionEstimator`."""
-        assert self._features is not None, "set a reference first"
-        found = self._registration.register(self._features, self._registration.describe(current))
-        return AffineWarp(found.M_frame_template, ok=found.ok)
+        return estimate
+
+    return with_reference
 
 
-class FlowEstimator:
-    """Dense optical flow."""
-
-    def __init__(self, flow: Flow) -> None:
-        self._flow = flow
-        self._reference: GrayImage | None = None
-
-    def set_reference(self, reference: GrayImage) -> None:
-        """See `MotionEstimator`."""
-        self._reference = reference
-
-    def estimate(self, current: GrayImage) -> FlowWarp:
-        """See `MotionEstimator`."""
-        assert self._reference is not None, "set a reference first"
-        return FlowWarp(self._flow.between(current, self._reference))
+def flow_estimator(flow: Flow) -> MotionEstimator:
+    """Dense optical flow, from the later image to the reference."""
+    return lambda reference: lambda current: flow_warp(flow.between(current, reference))
 
 
 def covered(warp: Warp, shape: tuple[int, int]) -> MaskImage:
@@ -191,28 +158,26 @@ def score_pairs(
     """
     recording = context.recording(name)
     for estimator in estimators.values():
-        estimator.set_reference(recording[0].gray_left)
-        estimator.estimate(recording[1].gray_left)
-    scores = {estimator: MotionScore() for estimator in estimators}
+        estimator(recording[0].gray_left)(recording[1].gray_left)
+    scores = {method: MotionScore() for method in estimators}
     for start in pair_starts(context.frames, distance, max_pairs):
         context.report(f"{name}, frame {start} to frame {start + distance}")
         reference = recording[start]
-        for estimator in estimators.values():
-            estimator.set_reference(reference.gray_left)
-        _score_pair(estimators, reference, recording[start + distance], scores)
+        estimates = {method: estimator(reference.gray_left) for method, estimator in estimators.items()}
+        _score_pair(estimates, reference, recording[start + distance], scores)
     return scores
 
 
 def _score_pair(
-    estimators: Mapping[str, MotionEstimator], reference: Capture, current: Capture, scores: Mapping[str, MotionScore]
+    estimates: Mapping[str, Estimate], reference: Capture, current: Capture, scores: Mapping[str, MotionScore]
 ) -> None:
     """Warp a reference to a later frame; all estimators are scored on the pixels that all of them cover."""
     depth_m = np.where(np.isfinite(reference.depth_true_m), reference.depth_true_m, np.float32(0))
     warps: dict[str, Warp] = {}
     depths_m = {}
-    for name, estimator in estimators.items():
+    for name, estimate in estimates.items():
         start = time.perf_counter()
-        warps[name] = estimator.estimate(current.gray_left)
+        warps[name] = estimate(current.gray_left)
         depths_m[name] = warps[name].apply(depth_m)
         scores[name].times_s.append(time.perf_counter() - start)
         scores[name].failures += not warps[name].ok

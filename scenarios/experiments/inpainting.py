@@ -4,9 +4,9 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from swarm.perception import frame_of
 from voxdepth.geometry import fill_from_nearest
@@ -24,9 +24,6 @@ from ..results.figure import MARKERS, label_axes, panels
 from ..results.table import Column, Table, Value
 from .experiment import Claim, Experiment, ExperimentContext, Findings
 from .paper_results import INPAINTING_RESULTS
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 METHODS: Mapping[str, Inpainting] = {
     method.method: method for method in (Dilation(), Bilinear(), Erosion(), Median(), Nearest())
@@ -168,7 +165,7 @@ def _time_claim(measured: Mapping[str, Scores]) -> Claim:
     )
 
 
-def _draw(measured: Mapping[str, Scores], axes: "Axes") -> None:
+def _draw(measured: Mapping[str, Scores], axes: Axes) -> None:
     for marker, (name, scores) in zip(MARKERS, measured.items(), strict=False):
         for k, method in enumerate(METHODS):
             time_ms = Latency.of(scores[method].times_s).p50_ms
@@ -182,11 +179,7 @@ def _draw(measured: Mapping[str, Scores], axes: "Axes") -> None:
 
 
 INPAINTING = Experiment(
-    name="rq3",
-    question="Which inpainting method makes the best template of the sparse projection, and in what time (RQ3)?",
-    answer=compare_inpainting,
-    sequences=("sim-LN", "sim-MB", "sim-KTC", "sim-PLF"),
-    frames=30,
-    width_px=640,
-    min_frames=CONFIG.window_frames,
-)
+    "rq3", "Which inpainting method makes the best template of the sparse projection, and in what time (RQ3)?",
+    compare_inpainting, ("sim-LN", "sim-MB", "sim-KTC", "sim-PLF"),
+    frames=30, width_px=640, min_frames=CONFIG.window_frames,
+)  # fmt: skip

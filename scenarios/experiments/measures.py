@@ -76,10 +76,10 @@ def error_in_holes(comparison: Comparison) -> Measure:
     return Measure(
         table=comparison_table("MAE in holes, surfaces within 20 m, after completion", "holes", columns),
         checks=(
-            average(Criterion(what=f"{what} the best baseline but the smoother", bound=-35, unit="%"), to_best),
-            average(Criterion(what=f"{what} the global smoother", bound=-20, unit="%"), to_smoother),
-            worst(Criterion(what=f"{what} the best baseline, moving camera", bound=0, unit="%"), to_any[~stationary]),
-            worst(Criterion(what=f"{what} the best baseline, hover", bound=5, unit="%"), to_any[stationary]),
+            average(Criterion(f"{what} the best baseline but the smoother", -35, "%"), to_best),
+            average(Criterion(f"{what} the global smoother", -20, "%"), to_smoother),
+            worst(Criterion(f"{what} the best baseline, moving camera", 0, "%"), to_any[~stationary]),
+            worst(Criterion(f"{what} the best baseline, hover", 5, "%"), to_any[stationary]),
         ),
     )
 
@@ -101,13 +101,13 @@ def error_in_seen_holes(comparison: Comparison) -> Measure:
     known = errors_m.dropna()
     of_means = pd.Series([gap_closed_percent(*known.mean())]).dropna()
     what = "Holes seen before: share of the gap between the best baseline and true-pose that is closed"
-    overall = Criterion(what=what, bound=60, unit="%", at_least=True)
-    each = Criterion(what=f"{what}, each", bound=60, unit="%", at_least=True)
+    overall = Criterion(what, 60, "%", at_least=True)
+    each = Criterion(f"{what}, each", 60, "%", at_least=True)
     title = "MAE in holes whose surface was measured rightly in the last 60 frames, within 20 m, completed"
     return Measure(
         table=comparison_table(title, "holes-seen", columns),
         checks=(
-            Check(criterion=overall, value=next(iter(of_means), None), scope=f"mean errors of {len(known)}"),
+            Check(overall, next(iter(of_means), None), f"mean errors of {len(known)}"),
             worst(each, closed),
         ),
     )
@@ -135,7 +135,7 @@ def wrong_pixels(comparison: Comparison) -> Measure:
         Column("ratio"): ratios,
         N: comparison.counts(off),
     }
-    criterion = Criterion(what="Holes more than 10 % off, over those of the best baseline that fills 90 %", bound=0.7)
+    criterion = Criterion("Holes more than 10 % off, over those of the best baseline that fills 90 %", 0.7)
     title = "Holes more than 10 % too far or too near (off), within 20 m, after completion"
     return Measure(table=comparison_table(title, "off", columns), checks=(average(criterion, ratios),))
 
@@ -157,8 +157,8 @@ def measured_pixels(comparison: Comparison) -> Measure:
         }
         what = f"{title} of measured pixels against raw"
         checks += [
-            worst(Criterion(what=f"{what}, each", bound=0, unit="%"), change),
-            average(Criterion(what=what, bound=bound, unit="%"), change),
+            worst(Criterion(f"{what}, each", 0, "%"), change),
+            average(Criterion(what, bound, "%"), change),
         ]
     columns[N] = comparison.counts(Selector("rmse", "measured", on=FILLED))
     return Measure(table=comparison_table("Measured pixels, surfaces within 20 m", "measured", columns), checks=checks)
@@ -181,8 +181,8 @@ def psnr(comparison: Comparison) -> Measure:
         }
         what = f"PSNR {where} above paper's"
         checks += [
-            worst(Criterion(what=f"{what}, each", bound=3, unit="dB", at_least=True), own - paper),
-            average(Criterion(what=what, bound=6, unit="dB", at_least=True), own - paper),
+            worst(Criterion(f"{what}, each", 3, "dB", at_least=True), own - paper),
+            average(Criterion(what, 6, "dB", at_least=True), own - paper),
         ]
     columns[N] = comparison.counts(Selector("psnr_40m", range=ALL))
     title = "PSNR, peak 40 m, after completion: of surfaces within 20 m, and of all"
@@ -211,9 +211,9 @@ def flicker(comparison: Comparison) -> Measure:
     return Measure(
         table=comparison_table(title, "flicker", columns),
         checks=(
-            average(Criterion(what="Flicker of static pixels over raw's", bound=0.3), ratio_every),
-            average(Criterion(what="Flicker of static, measured pixels over raw's", bound=0.3), ratio_measured),
-            worst(Criterion(what="Coverage", bound=99.5, unit="%", at_least=True), covered),
+            average(Criterion("Flicker of static pixels over raw's", 0.3), ratio_every),
+            average(Criterion("Flicker of static, measured pixels over raw's", 0.3), ratio_measured),
+            worst(Criterion("Coverage", 99.5, "%", at_least=True), covered),
         ),
     )
 
@@ -236,12 +236,12 @@ def moving_objects(comparison: Comparison) -> Measure:
     }
     has_movers = comparison.counts(survival) > 0
     title = "Things that move: pixels within 5 % of the truth; ghosts of them 5 frames later"
-    survives = Criterion(what="Survival of what moves, less raw's", bound=-1, unit="points", at_least=True)
+    survives = Criterion("Survival of what moves, less raw's", -1, "points", at_least=True)
     return Measure(
         table=comparison_table(title, "movers", {column: values[has_movers] for column, values in columns.items()}),
         checks=(
             worst(survives, lost[has_movers]),
-            worst(Criterion(what="Ghosts, less raw's", bound=1, unit="points"), added[has_movers]),
+            worst(Criterion("Ghosts, less raw's", 1, "points"), added[has_movers]),
         ),
     )
 
@@ -265,7 +265,7 @@ def latency(comparison: Comparison) -> Measure:
         table=Table.of(title, (Column("sequence"), *columns), rows, name="time"),
         checks=[
             worst(
-                Criterion(what=f"Median time of a frame of {size}", bound=bound_ms, unit="ms"),
+                Criterion(f"Median time of a frame of {size}", bound_ms, "ms"),
                 comparison.values(p50)[sizes == size],
             )
             for size, bound_ms in SIZES_MS.items()
@@ -276,10 +276,8 @@ def latency(comparison: Comparison) -> Measure:
 def confidence(comparison: Comparison) -> Measure:
     """Share of right pixels by confidence."""
     shares = [pooled(comparison, "right", mask) for mask in CONFIDENCES]
-    criterion = Criterion(
-        what="Largest fall of the share of right pixels where confidence rises", bound=0, unit="points"
-    )
-    check = Check(criterion=criterion, value=largest_fall(shares), scope=f"bins of {MIN_PIXELS} pixels and more")
+    criterion = Criterion("Largest fall of the share of right pixels where confidence rises", 0, "points")
+    check = Check(criterion, largest_fall(shares), f"bins of {MIN_PIXELS} pixels and more")
     title = f"Pixels by confidence, and how many are right (5 % or 0.25 px), {CALIBRATION_RANGE}, all sequences"
     return Measure(table=_pooled_table(comparison, CONFIDENCES, title, "confidence"), checks=(check,))
 

@@ -3,10 +3,11 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
+from matplotlib.axes import Axes
 
 from sim.types import Capture
 from voxdepth.geometry import fill_from_nearest
@@ -18,9 +19,6 @@ from ..evaluation.paper import SEQUENCES
 from ..results.figure import MARKERS, grouped_bars, label_axes, panels
 from ..results.table import Column, Table
 from .experiment import Claim, Experiment, ExperimentContext, Findings
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 GROWN_PX = (0, 2, 4, 8, 16, 32)
 """Widths by which the occluded patches are grown on every side."""
@@ -219,7 +217,7 @@ def _loss_claim(measured: Mapping[str, SequenceQuality]) -> Claim:
     )
 
 
-def _draw_shares(measured: Mapping[str, SequenceQuality], axes: "Axes") -> None:
+def _draw_shares(measured: Mapping[str, SequenceQuality], axes: Axes) -> None:
     series = {
         "occluded": [float(np.mean(one.occluded_percent)) for one in measured.values()],
         "no depth": [float(np.mean(one.empty_percent)) for one in measured.values()],
@@ -229,14 +227,14 @@ def _draw_shares(measured: Mapping[str, SequenceQuality], axes: "Axes") -> None:
     grouped_bars(axes, list(measured), series)
 
 
-def _draw_frames(measured: Mapping[str, SequenceQuality], axes: "Axes") -> None:
+def _draw_frames(measured: Mapping[str, SequenceQuality], axes: Axes) -> None:
     for k, (name, one) in enumerate(measured.items()):
         axes.scatter(one.occluded_percent, one.psnr_db, s=9, marker=MARKERS[k % len(MARKERS)], label=name)
     label_axes(axes, "raw depth, one point a frame", "occluded pixels [%]", PSNR_LABEL)
     axes.legend(fontsize=7)
 
 
-def _draw_grown(measured: Mapping[str, SequenceQuality], axes: "Axes") -> None:
+def _draw_grown(measured: Mapping[str, SequenceQuality], axes: Axes) -> None:
     for k, (name, one) in enumerate(measured.items()):
         style: dict[str, Any] = {"marker": MARKERS[k % len(MARKERS)], "ms": 4, "color": f"C{k}"}
         axes.plot(one.occluded_percents, one.psnrs_db, label=name, **style)
@@ -247,10 +245,6 @@ def _draw_grown(measured: Mapping[str, SequenceQuality], axes: "Axes") -> None:
 
 
 OCCLUSION = Experiment(
-    name="rq1",
-    question="How does the quality of depth fall with the share of occluded pixels (RQ1)?",
-    answer=relate_occlusion,
-    sequences=tuple(SEQUENCES),
-    frames=30,
-    width_px=640,
-)
+    "rq1", "How does the quality of depth fall with the share of occluded pixels (RQ1)?",
+    relate_occlusion, tuple(SEQUENCES), frames=30, width_px=640,
+)  # fmt: skip

@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING
+
+from matplotlib.axes import Axes
 
 from voxdepth.baselines.optical_flow import Dis, Farneback, HornSchunck
 from voxdepth.paper.registration import RegistrationConfig
@@ -10,11 +11,8 @@ from voxdepth.paper.registration import RegistrationConfig
 from ..results.figure import MARKERS, grouped_bars, label_axes, panels
 from ..results.table import Column, Table
 from .experiment import Claim, Experiment, ExperimentContext, Findings
-from .image_motion import AffineEstimator, FlowEstimator, MotionEstimator, MotionScore, NoMotion, score_pairs
+from .image_motion import MotionEstimator, MotionScore, affine_estimator, flow_estimator, no_motion, score_pairs
 from .paper_results import FLOW_S
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 DISTANCES = (1, 3, 10, 25)
 """Frames between the reference and the later frame."""
@@ -72,11 +70,11 @@ def compare_flow(context: ExperimentContext) -> Findings:
 
 def _measure(context: ExperimentContext, name: str) -> Scores:
     estimators: dict[str, MotionEstimator] = {
-        NO_MOTION: NoMotion(),
-        REGISTRATION: AffineEstimator(RegistrationConfig(), context.recording(name).intrinsics.shape),
-        DIS: FlowEstimator(Dis()),
-        "Farneback": FlowEstimator(Farneback()),
-        "Horn-Schunck": FlowEstimator(HornSchunck()),
+        NO_MOTION: no_motion,
+        REGISTRATION: affine_estimator(RegistrationConfig(), context.recording(name).intrinsics.shape),
+        DIS: flow_estimator(Dis()),
+        "Farneback": flow_estimator(Farneback()),
+        "Horn-Schunck": flow_estimator(HornSchunck()),
     }
     distances = [distance for distance in DISTANCES if distance < context.frames]
     return {distance: score_pairs(context, name, estimators, distance, MAX_PAIRS) for distance in distances}
@@ -110,7 +108,7 @@ def _quality_claim(measured: Mapping[str, Scores]) -> Claim:
     )
 
 
-def _draw_depth(scores: Scores, name: str, axes: "Axes") -> None:
+def _draw_depth(scores: Scores, name: str, axes: Axes) -> None:
     for k, method in enumerate(scores[DISTANCES[0]]):
         errors_m = [by_method[method].depth.mae_m for by_method in scores.values()]
         known = [float("nan") if error_m is None else error_m for error_m in errors_m]
@@ -123,7 +121,7 @@ def _draw_depth(scores: Scores, name: str, axes: "Axes") -> None:
     axes.legend(fontsize=7)
 
 
-def _draw_times(times_ms: Mapping[str, Mapping[str, float]], axes: "Axes") -> None:
+def _draw_times(times_ms: Mapping[str, Mapping[str, float]], axes: Axes) -> None:
     axes.axhline(BUDGET_MS, color="0.4", ls="--", lw=1, label="20 frames/s")
     axes.set_yscale("log")
     label_axes(axes, "median time of a frame, one thread", "method", "time [ms]")
@@ -132,11 +130,6 @@ def _draw_times(times_ms: Mapping[str, Mapping[str, float]], axes: "Axes") -> No
 
 
 OPTICAL_FLOW = Experiment(
-    name="rq4",
-    question="Does optical flow move a template better than registration, and what does it cost (RQ4)?",
-    answer=compare_flow,
-    sequences=("sim-LN", "sim-MB", "sim-PLF"),
-    frames=30,
-    width_px=640,
-    min_frames=2,
-)
+    "rq4", "Does optical flow move a template better than registration, and what does it cost (RQ4)?",
+    compare_flow, ("sim-LN", "sim-MB", "sim-PLF"), frames=30, width_px=640, min_frames=2,
+)  # fmt: skip

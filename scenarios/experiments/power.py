@@ -5,7 +5,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
+
+from matplotlib.axes import Axes
 
 from voxdepth.registry import create_corrector
 from voxdepth.types import DepthCorrector
@@ -17,9 +19,6 @@ from ..results.table import Column, Table
 from .experiment import Claim, Experiment, ExperimentContext, Findings
 from .frame_rate import close_corrector
 from .quality import METHODS
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 IDLE, WORKING = "idle", ("VD", "RS", "GS")
 NOT_MEASURED = "not measured"
@@ -165,7 +164,7 @@ def _not_measured(reason: str) -> Findings:
     """Findings without any number."""
     rows = [("-", method, *(NOT_MEASURED,) * 3, 0, 0.0) for method in (IDLE, *WORKING)]
 
-    def draw(axes: "Axes") -> None:
+    def draw(axes: Axes) -> None:
         axes.text(0.5, 0.5, NOT_MEASURED, ha="center", va="center", fontsize=16, transform=axes.transAxes)
         label_axes(axes, reason[:80], "method", "power [W]")
 
@@ -182,18 +181,13 @@ def _claim(name: str, measured: Measured) -> Claim:
     return Claim(paper=CLAIM, found=f"{name}: VD takes {less:.1f} % less power than GS", holds=less > 0)
 
 
-def _draw(measured: Mapping[str, Measured], axes: "Axes") -> None:
+def _draw(measured: Mapping[str, Measured], axes: Axes) -> None:
     label_axes(axes, "mean during continuous work", "method", "power [W]")
     series = {name: [one.power_w for one in by_method.values()] for name, by_method in measured.items()}
     grouped_bars(axes, (IDLE, *WORKING), series)
 
 
 POWER = Experiment(
-    name="power",
-    question="How much power does each method take (Fig. power)?",
-    answer=measure_power,
-    sequences=("sim-LN",),
-    frames=16,
-    width_px=640,
-    min_frames=2,
-)
+    "power", "How much power does each method take (Fig. power)?",
+    measure_power, ("sim-LN",), frames=16, width_px=640, min_frames=2,
+)  # fmt: skip

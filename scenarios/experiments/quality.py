@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from statistics import mean
-from typing import TYPE_CHECKING
+
+from matplotlib.axes import Axes
 
 from ..evaluation import paper
 from ..evaluation.groups import ALL
@@ -15,9 +16,6 @@ from ..results.figure import grouped_bars, label_axes, panels
 from ..results.table import Table
 from .experiment import Claim, Experiment, ExperimentContext, Findings
 from .paper_results import percentages_table, saturated
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 METHODS = {"VD": "paper", "RS": "realsense-left", "GS": "lmeds", "raw": "raw"}
 """Our method by the paper's name of it, and the depth that all of them receive."""
@@ -114,7 +112,7 @@ def _masked_claim(evaluation: Evaluation) -> Claim:
     )
 
 
-def _draw(evaluation: Evaluation, metric: Metric, axes: "Axes") -> None:
+def _draw(evaluation: Evaluation, metric: Metric, axes: Axes) -> None:
     series = {
         title: [evaluation.measurements.value(name, method, metric.selector) for name in evaluation.sequences]
         for title, method in METHODS.items()
@@ -124,11 +122,6 @@ def _draw(evaluation: Evaluation, metric: Metric, axes: "Axes") -> None:
 
 
 QUALITY = Experiment(
-    name="quality",
-    question="How near to the truth is the depth that each method gives (Table psnr)?",
-    answer=compare_quality,
-    sequences=tuple(paper.SEQUENCES),
-    frames=30,
-    width_px=640,
-    min_frames=16,
-)
+    "quality", "How near to the truth is the depth that each method gives (Table psnr)?",
+    compare_quality, tuple(paper.SEQUENCES), frames=30, width_px=640, min_frames=16,
+)  # fmt: skip

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from statistics import mean
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from voxdepth.baselines.optical_flow import Dis
 from voxdepth.corrector import PaperVoxDepth
@@ -19,11 +19,8 @@ from ..evaluation.paper import SEQUENCES
 from ..results.figure import MARKERS, grouped_bars, label_axes, panels
 from ..results.table import Column, Table
 from .experiment import Claim, Experiment, ExperimentContext, Findings
-from .image_motion import AffineEstimator, MotionScore, pair_starts, score_pairs, true_displacement_px
+from .image_motion import MotionScore, affine_estimator, pair_starts, score_pairs, true_displacement_px
 from .paper_results import MOVEMENT, SWITCHES, SWITCHES_FRAMES
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 UNLIMITED = 10**6
 """Largest number of frames in an epoch that only the matches end."""
@@ -117,7 +114,7 @@ def _measure_movement(context: ExperimentContext, name: str) -> dict[int, Moveme
     """The movement of pairs of a sequence by their distance."""
     recording = context.recording(name)
     flow = Dis()
-    estimators = {"registration": AffineEstimator(RegistrationConfig(), recording.intrinsics.shape)}
+    estimators = {"registration": affine_estimator(RegistrationConfig(), recording.intrinsics.shape)}
     movements = {}
     for distance in (distance for distance in DISTANCES if distance < context.frames):
         flows_px, true_px = [], []
@@ -177,7 +174,7 @@ def _movement_claim(movements: Mapping[str, Mapping[int, Movement]]) -> Claim:
     )
 
 
-def _draw_switches(rates: Mapping[str, float], axes: "Axes") -> None:
+def _draw_switches(rates: Mapping[str, float], axes: Axes) -> None:
     printed = [SWITCHES.get(SEQUENCES.get(name, "")) for name in rates]
     label_axes(axes, "epochs that ended", "sequence", f"switches per {SWITCHES_FRAMES} frames")
     series: dict[str, Sequence[float | None]] = {
@@ -187,7 +184,7 @@ def _draw_switches(rates: Mapping[str, float], axes: "Axes") -> None:
     grouped_bars(axes, list(rates), series, colors={"paper, other data": "0.7"})
 
 
-def _draw_movement(movements: Mapping[str, Mapping[int, Movement]], axes: "Axes") -> None:
+def _draw_movement(movements: Mapping[str, Mapping[int, Movement]], axes: Axes) -> None:
     for k, (name, by_distance) in enumerate(movements.items()):
         flows_px = [movement.flow_px for movement in by_distance.values()]
         psnrs_db = [movement.registration.gray.psnr_db or float("nan") for movement in by_distance.values()]
@@ -202,11 +199,7 @@ def _draw_movement(movements: Mapping[str, Mapping[int, Movement]], axes: "Axes"
 
 
 STATE_SWITCHES = Experiment(
-    name="switches",
-    question="How often does the state switch, and how does registration fade with movement (Table switchfrequency)?",
-    answer=count_switches,
-    sequences=tuple(SEQUENCES),
-    frames=200,
-    width_px=320,
-    min_frames=11,
-)
+    "switches",
+    "How often does the state switch, and how does registration fade with movement (Table switchfrequency)?",
+    count_switches, tuple(SEQUENCES), frames=200, width_px=320, min_frames=11,
+)  # fmt: skip

@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from voxdepth.metrics import psnr_db
 from voxdepth.metrics.paper import PEAK16_M
@@ -15,9 +15,6 @@ from ..evaluation.suite import Evaluation
 from ..results.figure import MARKERS, label_axes, panels
 from ..results.table import Column, Table
 from .experiment import Claim, Experiment, ExperimentContext, Findings, paper_method
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 METHODS = {n: paper_method(f"window-{n}", PaperConfig(window_frames=n)) for n in (2, 4, 6, 8, 10, 12)}
 """The paper's method by the number of frames in a window."""
@@ -101,7 +98,7 @@ def _claim(psnrs_db: Mapping[str, Mapping[int, float | None]], times_ms: Mapping
 
 
 def _draw(
-    psnrs_db: Mapping[str, Mapping[int, float | None]], times_ms: Mapping[str, Mapping[int, float]], axes: "Axes"
+    psnrs_db: Mapping[str, Mapping[int, float | None]], times_ms: Mapping[str, Mapping[int, float]], axes: Axes
 ) -> None:
     for k, (name, by_size) in enumerate(psnrs_db.items()):
         known = {n: float("nan") if db is None else db for n, db in by_size.items()}
@@ -114,11 +111,6 @@ def _draw(
 
 
 WINDOW = Experiment(
-    name="window",
-    question="How many frames should be fused into a template (Fig. winsize)?",
-    answer=compare_windows,
-    sequences=("sim-LN", "sim-MB", "sim-KTC"),
-    frames=45,
-    width_px=640,
-    min_frames=FIRST + 1,
-)
+    "window", "How many frames should be fused into a template (Fig. winsize)?",
+    compare_windows, ("sim-LN", "sim-MB", "sim-KTC"), frames=45, width_px=640, min_frames=FIRST + 1,
+)  # fmt: skip

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from scenarios.experiments.image_motion import (
-    AffineEstimator,
-    AffineWarp,
-    FlowEstimator,
-    FlowWarp,
     GrayError,
     MotionScore,
-    NoMotion,
+    affine_estimator,
+    affine_warp,
     covered,
+    flow_estimator,
+    flow_warp,
+    no_motion,
     pair_starts,
     true_displacement_px,
 )
@@ -35,7 +35,7 @@ def texture(seed: int = 0) -> GrayImage:
 
 def test_an_affine_map_moves_by_whole_pixels_and_leaves_the_rest_empty() -> None:
     image = texture()
-    moved = AffineWarp(SHIFT, ok=True)
+    moved = affine_warp(SHIFT)
     assert (moved.apply(image)[3:, 5:] == image[:-3, :-5]).all()
     assert not moved.apply(image)[:3].any()
     assert covered(moved, SHAPE)[3:, 5:].all()
@@ -46,17 +46,17 @@ def test_a_flow_says_where_each_later_pixel_comes_from() -> None:
     image = texture()
     back = np.zeros((*SHAPE, 2), np.float32)
     back[..., 0], back[..., 1] = -5, -3
-    flown = FlowWarp(back)
-    assert (flown.apply(image) == AffineWarp(SHIFT, ok=True).apply(image)).all()
-    assert (covered(flown, SHAPE) == covered(AffineWarp(SHIFT, ok=True), SHAPE)).all()
+    flown = flow_warp(back)
+    assert (flown.apply(image) == affine_warp(SHIFT).apply(image)).all()
+    assert (covered(flown, SHAPE) == covered(affine_warp(SHIFT), SHAPE)).all()
 
 
 def test_registration_finds_a_shift_and_reports_what_it_cannot_find() -> None:
     image = texture()
-    later = AffineWarp(SHIFT, ok=True).apply(image)
-    estimator = AffineEstimator(RegistrationConfig(), SHAPE)
-    estimator.set_reference(image)
-    found = estimator.estimate(later)
+    later = affine_warp(SHIFT).apply(image)
+    estimator = affine_estimator(RegistrationConfig(), SHAPE)
+    estimate = estimator(image)
+    found = estimate(later)
     assert found.ok
     score, unmoved = GrayError(), GrayError()
     where = covered(found, SHAPE) & (later > 0)
@@ -64,7 +64,7 @@ def test_registration_finds_a_shift_and_reports_what_it_cannot_find() -> None:
     unmoved.add(image, later, where)
     assert score.psnr_db is not None and unmoved.psnr_db is not None
     assert score.psnr_db > unmoved.psnr_db + 6
-    lost = estimator.estimate(np.zeros(SHAPE, np.uint8))
+    lost = estimate(np.zeros(SHAPE, np.uint8))
     assert not lost.ok
     assert (lost.apply(image) == image).all(), "a registration that fails moves nothing"
 
@@ -77,9 +77,7 @@ def test_a_flow_is_asked_from_the_later_image_to_the_reference() -> None:
             seen.append((int(start[0, 0]), int(end[0, 0])))
             return np.zeros((*SHAPE, 2), np.float32)
 
-    estimator = FlowEstimator(Asked())
-    estimator.set_reference(np.full(SHAPE, 1, np.uint8))
-    estimator.estimate(np.full(SHAPE, 2, np.uint8))
+    flow_estimator(Asked())(np.full(SHAPE, 1, np.uint8))(np.full(SHAPE, 2, np.uint8))
     assert seen == [(2, 1)]
 
 
@@ -95,7 +93,7 @@ def test_gray_psnr_by_hand() -> None:
 def test_not_moving_is_perfect_on_the_same_image() -> None:
     image = texture()
     error = GrayError()
-    error.add(NoMotion().estimate(image).apply(image), image, np.ones(SHAPE, np.bool_))
+    error.add(no_motion(image)(image).apply(image), image, np.ones(SHAPE, np.bool_))
     assert error.psnr_db == np.inf
 
 

@@ -37,8 +37,8 @@ from scenarios.experiments.measures import (
 )
 from scenarios.results.table import Column
 
-AT_MOST = Criterion(what="error", bound=-20, unit="%")
-AT_LEAST = Criterion(what="gain", bound=3, unit="dB", at_least=True)
+AT_MOST = Criterion("error", -20, "%")
+AT_LEAST = Criterion("gain", 3, "dB", at_least=True)
 NEAR, ALL = "0-20 m", "all"
 
 
@@ -91,7 +91,7 @@ def columns(measure: Measure, row: int) -> list[Any]:
         (AT_LEAST, 3.0, "held"),
         (AT_LEAST, 2.25, "missed by 0.75 dB"),
         (AT_LEAST, -1.0, "missed by 4.00 dB"),
-        (Criterion(what="ratio", bound=0.7), 0.75, "missed by 0.05"),
+        (Criterion("ratio", 0.7), 0.75, "missed by 0.05"),
         (AT_LEAST, None, "not measured"),
     ],
 )
@@ -101,15 +101,15 @@ def test_outcomes(criterion: Criterion, value: float | None, outcome: str) -> No
 
 def test_the_worst_is_the_highest_of_what_must_be_low_and_the_lowest_of_what_must_be_high() -> None:
     values = pd.Series({"a": -30.0, "b": math.nan, "c": -10.0})
-    assert worst(AT_MOST, values) == Check(criterion=AT_MOST, value=-10.0, scope="c, worst of 2")
-    assert worst(AT_LEAST, values) == Check(criterion=AT_LEAST, value=-30.0, scope="a, worst of 2")
-    assert average(AT_MOST, values) == Check(criterion=AT_MOST, value=-20.0, scope="mean of 2")
+    assert worst(AT_MOST, values) == Check(AT_MOST, -10.0, "c, worst of 2")
+    assert worst(AT_LEAST, values) == Check(AT_LEAST, -30.0, "a, worst of 2")
+    assert average(AT_MOST, values) == Check(AT_MOST, -20.0, "mean of 2")
     for find in (worst, average):
         assert find(AT_MOST, values[["b"]]).value is None
 
 
 def test_the_table_of_criteria_counts_its_own_outcomes() -> None:
-    checks = [Check(criterion=AT_MOST, value=value, scope="a") for value in (-30.0, -10.0, 0.0, None)]
+    checks = [Check(AT_MOST, value, "a") for value in (-30.0, -10.0, 0.0, None)]
     table = criteria_table(checks)
     assert table.title == "Criteria: 1 held, 2 missed, 1 not measured"
     assert table.rows[1] == ["error", "at most -20 %", "-10.00 %", "a", "missed by 10.00 %"]
