@@ -43,23 +43,19 @@ class TrackingImage:
 
 
 class FeatureTracker:
-    """Detects corners, and tracks them by the pyramidal method of Lucas and Kanade (Bouguet 2000).
-
-    Args:
-        camera: Camera of the gray images.
-        config: Parameters of detection and tracking.
-    """
+    """Detects corners, and tracks them by the pyramidal method of Lucas and Kanade (Bouguet 2000)."""
 
     def __init__(self, camera: Intrinsics, config: FeatureTrackerConfig) -> None:
         self._config = config
         width = min(config.width_px, camera.width_px)
         self.scale = width / camera.width_px
         """Size of the tracking image by that of the full image."""
-        self._size = (width, max(1, round(camera.height_px * self.scale)))
+        self.size = (width, max(1, round(camera.height_px * self.scale)))
+        """Width and height of the tracking image."""
 
     def detect(self, gray: GrayImage) -> TrackingImage:
         """The tracking image and its corners, from a gray image of shape (H, W)."""
-        reduced = np.asarray(cv2.resize(gray, self._size, interpolation=cv2.INTER_AREA), np.uint8)
+        reduced = np.asarray(cv2.resize(gray, self.size, interpolation=cv2.INTER_AREA), np.uint8)
         return TrackingImage(gray=reduced, corners=self._detect_corners(reduced))
 
     def track(
@@ -87,7 +83,7 @@ class FeatureTracker:
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         )
         tracked = np.asarray(positions, np.float32)
-        inside = (tracked >= 0).all(axis=1) & (tracked <= np.array(self._size) - 1).all(axis=1)
+        inside = (tracked >= 0).all(axis=1) & (tracked <= np.array(self.size) - 1).all(axis=1)
         return tracked, (status.ravel() > 0) & inside
 
     def _detect_corners(self, gray: GrayImage) -> Points:

@@ -51,12 +51,7 @@ class Inpainted:
 
 
 class Inpainter:
-    """Fills all holes of a disparity image from the image itself.
-
-    Args:
-        resolution: Resolution of the images.
-        config: Parameters of the models.
-    """
+    """Fills all holes of a disparity image from the image itself."""
 
     def __init__(self, resolution: WorkingResolution, config: InpaintingConfig) -> None:
         self._decimation = resolution.decimation

@@ -46,8 +46,11 @@ class TemporalDiagnostics:
     """Corners that support the motion."""
     T_frame_previous: FloatArray | None
     """Rigid motion since the keyframe, shape (4, 4); None unless the camera was tracked."""
-    memory_reset: bool
-    """Whether the memory was discarded because tracking was lost."""
+
+    @property
+    def memory_reset(self) -> bool:
+        """Whether the memory was discarded because tracking was lost."""
+        return self.tracking is TrackingStatus.LOST
 
     def facts(self) -> Mapping[str, str | int | float]:
         """See `Diagnostics`."""
@@ -123,7 +126,7 @@ class TemporalMethod:
 
     def combine(self, frame: FusedFrame) -> CorrectedDepth:
         """Run the second half, which depends on nothing but its argument: inpaint, smooth, and upsample."""
-        timer, fused, config = StepTimer(frame.timings_s), frame.fused, self._config
+        timer, fused, tracking, config = StepTimer(frame.timings_s), frame.fused, frame.tracking, self._config
         with timer("inpaint"):
             inpainted = self._inpainter.inpaint(fused.disparity_px)
         with timer("smooth"):
@@ -137,12 +140,17 @@ class TemporalMethod:
             source=source,
             confidence=confidence,
             timings_s=timer.times_s,
-            diagnostics=_diagnostics(frame.tracking),
+            diagnostics=TemporalDiagnostics(
+                tracking=tracking.status,
+                n_tracks=tracking.n_tracks,
+                n_inliers=tracking.n_inliers,
+                T_frame_previous=tracking.T_frame_keyframe,
+            ),
         )
 
     def _recall(self, tracking: TrackingResult, gray: GrayImage) -> Memory:
         """The memory in the pixels of this frame; an empty one unless the camera is tracked."""
-        if self._memory is None or tracking.status is not TrackingStatus.OK:
+        if self._memory is None or tracking.T_frame_keyframe is None:
             return Memory.empty(gray)
         return self._warper.warp(self._memory, tracking.T_frame_keyframe)
 
@@ -176,17 +184,6 @@ class TemporalMethod:
         clear_where(invalid, depth_m)
         clear_where(invalid, confidence)
         return depth_m, source, confidence
-
-
-def _diagnostics(tracking: TrackingResult) -> TemporalDiagnostics:
-    is_tracked = tracking.status is TrackingStatus.OK
-    return TemporalDiagnostics(
-        tracking=tracking.status,
-        n_tracks=tracking.n_tracks,
-        n_inliers=tracking.n_inliers,
-        T_frame_previous=tracking.T_frame_keyframe if is_tracked else None,
-        memory_reset=tracking.status is TrackingStatus.LOST,
-    )
 
 
 def _source_table() -> GrayImage:

@@ -1,7 +1,7 @@
 """Visual odometry: the motion of the camera since the keyframe, from tracked corners with known depth."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 
 import cv2
@@ -13,7 +13,7 @@ from ..model import Model
 from ..paper.registration import OrbRegistration, RegistrationConfig
 from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics
 from .feature_tracker import FeatureTracker, FeatureTrackerConfig, Points, TrackingImage
-from .pose_fit import Pinhole, PoseFit, fit_pose, transform_points
+from .pose_fit import PoseFit, fit_pose, project, transform_points
 from .working_resolution import WorkingResolution
 
 
@@ -51,8 +51,8 @@ class TrackingResult:
     status: TrackingStatus
     image: TrackingImage
     """Tracking image of the frame."""
-    T_frame_keyframe: FloatArray = field(default_factory=lambda: np.eye(4))
-    """Motion since the keyframe, shape (4, 4); the identity unless the status is `OK`."""
+    T_frame_keyframe: FloatArray | None = None
+    """Motion since the keyframe, shape (4, 4); None unless the status is `OK`."""
     n_tracks: int = 0
     """Corners of the keyframe that were searched for."""
     n_inliers: int = 0
@@ -71,7 +71,7 @@ class _Keyframe:
     """The same corners in the camera frame, shape (N, 3)."""
     T_world_cam: FloatArray | None
     T_keyframe_previous: FloatArray
-    """Motion since the keyframe before; it predicts the next one."""
+    """Motion since the keyframe before, the identity if that is unknown; it predicts the next motion."""
 
 
 class VisualOdometry:
@@ -92,11 +92,14 @@ class VisualOdometry:
         self._resolution = resolution
         self._tracker = FeatureTracker(camera, config.tracker)
         scale = self._tracker.scale
-        self._camera = Pinhole(
+        width_px, height_px = self._tracker.size
+        self._camera = Intrinsics(
             fx_px=camera.fx_px * scale,
             fy_px=camera.fy_px * scale,
             cx_px=resized(camera.cx_px, scale),
             cy_px=resized(camera.cy_px, scale),
+            width_px=width_px,
+            height_px=height_px,
         )
         self._orb = OrbRegistration(RegistrationConfig(), camera.shape)
         self.reset()
@@ -150,7 +153,7 @@ class VisualOdometry:
             corners=corners,
             points_m=np.stack([x, y, z], axis=1),
             T_world_cam=None if frame.T_world_cam is None else frame.T_world_cam.copy(),
-            T_keyframe_previous=tracking.T_frame_keyframe,
+            T_keyframe_previous=np.eye(4) if tracking.T_frame_keyframe is None else tracking.T_frame_keyframe,
         )
 
     def _hypotheses(
@@ -160,7 +163,7 @@ class VisualOdometry:
         if len(keyframe.corners) < self._config.min_tracks:
             return
         for T in [keyframe.T_keyframe_previous, np.eye(4)] if prior is None else [prior]:
-            yield self._camera.project(transform_points(T, keyframe.points_m)).astype(np.float32), T
+            yield project(transform_points(T, keyframe.points_m), self._camera).astype(np.float32), T
         registration = self._orb.register(self._orb.describe(keyframe.gray), self._orb.describe(frame.gray))
         if registration.ok:
             scale = self._tracker.scale

@@ -70,10 +70,6 @@ class PlaneFitter:
     """Fits a plane to the neighbourhood of every cell, on levels of cells that double in size.
 
     The neighbourhood is three by three cells. A cell without enough data blends its plane with that of the next level.
-
-    Args:
-        resolution: Resolution of the images.
-        config: Parameters of the fit.
     """
 
     def __init__(self, resolution: WorkingResolution, config: PlanesConfig) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry import exp_se3
-from ..types import FloatArray
+from ..types import FloatArray, Intrinsics
 
 MAX_ITERATIONS = 12
 CONVERGENCE_STEP = 1e-4
@@ -21,24 +21,6 @@ MIN_DEPTH_M = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Pinhole:
-    """Focal lengths and principal point of the tracking image [px]."""
-
-    fx_px: float
-    fy_px: float
-    cx_px: float
-    cy_px: float
-
-    def project(self, points_m: FloatArray) -> FloatArray:
-        """Pixels, shape (N, 2), of points in the camera frame, shape (N, 3)."""
-        z = np.maximum(points_m[:, 2], MIN_DEPTH_M)
-        pixels = np.empty((len(points_m), 2))
-        pixels[:, 0] = self.fx_px * points_m[:, 0] / z + self.cx_px
-        pixels[:, 1] = self.fy_px * points_m[:, 1] / z + self.cy_px
-        return pixels
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class PoseFit:
     """An estimated motion, and how well it explains the points."""
 
@@ -51,7 +33,7 @@ class PoseFit:
 
 
 def fit_pose(
-    points_m: FloatArray, observed_px: FloatArray, camera: Pinhole, T_initial: FloatArray, inlier_px: float
+    points_m: FloatArray, observed_px: FloatArray, camera: Intrinsics, T_initial: FloatArray, inlier_px: float
 ) -> PoseFit:
     """Minimise the reprojection error by Gauss-Newton steps with the weights of Geman and McClure.
 
@@ -68,7 +50,7 @@ def fit_pose(
     T, scale_px = T_initial.copy(), np.inf
     for _ in range(MAX_ITERATIONS):
         target_m = transform_points(T, points_m)
-        residual = camera.project(target_m) - observed_px
+        residual = project(target_m, camera) - observed_px
         length = np.hypot(*residual.T)
         scale_px = max(MIN_SCALE_PX, min(scale_px, MEDIAN_TO_SCALE * median(length)))
         weight = 1 / np.square(1 + np.square(length / (KERNEL_WIDTH * scale_px)))
@@ -77,10 +59,19 @@ def fit_pose(
         T = exp_se3(step) @ T
         if np.abs(step).max() < CONVERGENCE_STEP:
             break
-    length = np.hypot(*(camera.project(transform_points(T, points_m)) - observed_px).T)
+    length = np.hypot(*(project(transform_points(T, points_m), camera) - observed_px).T)
     return PoseFit(
         T_target_source=T, median_residual_px=median(length), n_inliers=int(np.count_nonzero(length < inlier_px))
     )
+
+
+def project(points_m: FloatArray, camera: Intrinsics) -> FloatArray:
+    """Pixels, shape (N, 2), of points in the camera frame, shape (N, 3), in double precision."""
+    z = np.maximum(points_m[:, 2], MIN_DEPTH_M)
+    pixels = np.empty((len(points_m), 2))
+    pixels[:, 0] = camera.fx_px * points_m[:, 0] / z + camera.cx_px
+    pixels[:, 1] = camera.fy_px * points_m[:, 1] / z + camera.cy_px
+    return pixels
 
 
 def transform_points(T_a_b: FloatArray, points_b: FloatArray) -> FloatArray:
@@ -98,7 +89,9 @@ def median(values: FloatArray) -> float:
     return float((ordered[middle - 1] + ordered[middle]) / 2)
 
 
-def _gauss_newton_step(target_m: FloatArray, residual: FloatArray, weight: FloatArray, camera: Pinhole) -> FloatArray:
+def _gauss_newton_step(
+    target_m: FloatArray, residual: FloatArray, weight: FloatArray, camera: Intrinsics
+) -> FloatArray:
     """Translation and rotation vector, shape (6,), that minimise the linearised weighted residuals."""
     inverse_z = 1 / np.maximum(target_m[:, 2], MIN_DEPTH_M)
     x, y = target_m[:, 0] * inverse_z, target_m[:, 1] * inverse_z
