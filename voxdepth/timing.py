@@ -1,4 +1,4 @@
-"""Wall-clock times of steps."""
+"""Wall-clock times of the steps of a method."""
 
 import time
 from collections.abc import Iterator, Mapping
@@ -9,16 +9,16 @@ class StepTimer:
     """Adds up the wall-clock times of named steps: `with timer("track"): ...`.
 
     Args:
-        times_s: Times [s] that were taken before, by name. They are copied.
+        times_s: Earlier times [s] by name, which are copied.
     """
 
     def __init__(self, times_s: Mapping[str, float] | None = None) -> None:
         self.times_s = dict(times_s or {})
-        """Time of each step [s], by name, in the order of the first calls."""
+        """Time of each step [s] by name, in the order of the first calls."""
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:
-        """Add the time that the block takes to the step of that name."""
+        """Add the time of the block to the step of that name."""
         start = time.perf_counter()
         try:
             yield
