@@ -150,9 +150,7 @@ def atomic(path: Path) -> Iterator[Path]:
             yield temporary
             temporary.replace(path)
     except OSError as error:
-        raise ScenarioError(
-            f"cannot write {path}: {error.strerror or error}; what was finished before is safe"
-        ) from error
+        raise ScenarioError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 def write(path: Path, data: bytes) -> None:

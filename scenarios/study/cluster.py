@@ -84,7 +84,7 @@ class Cluster:
 
     def _result(self, future: Any, spec: RunSpec) -> Completion:
         if future.cancelled():
-            raise ScenarioError(f"the cluster at {self.address} has gone: what is done is safe, go on with --resume")
+            raise ScenarioError(f"the cluster at {self.address} is lost: its results are stored, go on with --resume")
         error = future.exception()
         if isinstance(error, ScenarioError):
             raise error  # This is an error of the worker; `attempt` catches the errors of a run.

@@ -124,7 +124,7 @@ class Study(Model):
         _require_unique("scenario", self.scenarios)
         _require_unique("arm", [arm.name for arm in self.arms])
         if taken := [key for key in self.changes if key in ALWAYS_SET]:
-            raise ValueError(f"changes must not set {taken[0]}, for every arm sets it: name it in the arms")
+            raise ValueError(f"changes must not set {taken[0]}, because every arm sets it: set it in the arms")
         self._check_seeds()
         self._check_primary_comparison()
         return self
@@ -134,7 +134,7 @@ class Study(Model):
         if not self.pilot and last >= FIRST_PILOT_SEED:
             raise ValueError(
                 f"seeds {first} to {last} reach into those of pilots, which are {FIRST_PILOT_SEED} and up: take lower "
-                "ones, or say pilot = true"
+                "ones, or set pilot = true"
             )
         if self.pilot and first < FIRST_PILOT_SEED:
             raise ValueError(f"a pilot's seeds are {FIRST_PILOT_SEED} and up, got {first}: set seeds.first")

@@ -143,7 +143,7 @@ class Store:
         store = cls._connect(folder)
         try:
             if not store._has_tables():
-                raise ScenarioError(f"{folder / FILE} holds no study yet: it is about to begin, or was cut short then")
+                raise ScenarioError(f"{folder / FILE} holds no study yet: its start is in progress or failed")
             store._require_schema()
         except BaseException:
             store.close()
@@ -175,9 +175,7 @@ class Store:
                 else:
                     self._database.execute("INSERT INTO results VALUES (?, ?, ?, ?, ?, ?)", (*_row(done), now))
         except sqlite3.OperationalError as error:
-            raise ScenarioError(
-                f"cannot write {self.folder / FILE}: {error}; what was written before is safe"
-            ) from error
+            raise ScenarioError(f"cannot write {self.folder / FILE}: {error}; completed runs are stored") from error
 
     def read(self) -> StudyData:
         """Read the whole content in one transaction.
@@ -272,7 +270,7 @@ class Store:
             schema = None
         if schema != str(SCHEMA):
             raise ScenarioError(
-                f"{self.folder / FILE} has the format {schema or 'of something else'}, this version reads {SCHEMA}: "
+                f"{self.folder / FILE} has the format {schema or 'unknown'}, this version reads {SCHEMA}: "
                 "use another --out, or the version of voxdepth that wrote it"
             )
 
@@ -281,8 +279,8 @@ class Store:
         name = self._parsed(Study, meta["study"]).name
         if meta["digest"] != digest(study, specs):
             raise ScenarioError(
-                f"{self.folder} holds the study {name!r} as it was asked before: this one, or a scenario of it, is "
-                "another; use another --out"
+                f"{self.folder} holds another version of the study {name!r}: the study or one of its scenarios has "
+                "changed; use another --out"
             )
         begun = self._rows("SELECT 1 FROM results UNION SELECT 1 FROM failures LIMIT 1")
         if begun and not resume:
@@ -294,8 +292,8 @@ class Store:
         changed = [f"{name} {before.get(name, 'unknown')} -> {now.get(name, 'unknown')}" for name in names]
         if changed:
             raise ScenarioError(
-                f"{self.folder} was begun with other versions ({', '.join(changed)}), which may fly differently: "
-                "install those again (code: check out what flew it), or use another --out"
+                f"{self.folder} was begun with other versions ({', '.join(changed)}), so results may differ: install "
+                "those versions (code: check out that revision), or use another --out"
             )
 
 
