@@ -1,6 +1,6 @@
 """The two correctors of this library that use earlier frames: the default method and the method of the paper."""
 
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -15,22 +15,6 @@ from .types import CorrectedDepth, Frame, Intrinsics
 Config = TypeVar("Config", bound=Model)
 
 
-class Method(Protocol):
-    """The work on frames that `StreamCorrector` has checked."""
-
-    def align(self, frame: Frame) -> Any:
-        """Do everything that depends on earlier frames."""
-
-    def combine(self, aligned: Any) -> CorrectedDepth:
-        """Do the rest, which depends on the result of `align` alone."""
-
-    def reset(self) -> None:
-        """Forget all frames."""
-
-    def close(self) -> None:
-        """Wait for work in other threads."""
-
-
 class StreamCorrector:
     """Corrects the depth of a stream of frames, which must come in order and from one camera.
 
@@ -40,7 +24,7 @@ class StreamCorrector:
 
     uses_gray = True
 
-    def __init__(self, intrinsics: Intrinsics, method: Method) -> None:
+    def __init__(self, intrinsics: Intrinsics, method: PaperMethod | TemporalMethod) -> None:
         self._intrinsics = intrinsics
         self._method = method
         self._last_stamp_s = -np.inf

@@ -7,7 +7,7 @@ when its name is used, and it cannot replace a corrector of this library.
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
@@ -36,7 +36,26 @@ ENTRY_POINTS = "voxdepth.correctors"
 DEFAULT, PAPER = "voxdepth", "paper"
 """The corrector that is used unless another is named, and the method of the paper."""
 
-Factory = Callable[..., DepthCorrector]
+
+@dataclass(frozen=True)
+class Entry:
+    """A corrector of this library. It is imported when it is created, so that the registry alone is light."""
+
+    path: str
+    """The class as `module:name`."""
+    latency_s: float
+    """See the function of that name."""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """Keyword arguments of the class."""
+    config: str | None = None
+    """The type of its configuration as `module:name`; None for a corrector without one."""
+    takes_camera: bool = True
+    """Whether the class takes the intrinsics."""
+
+    def create(self, *given: Any) -> DepthCorrector:
+        """Create the corrector from the intrinsics and the configuration, if it has one."""
+        corrector: DepthCorrector = _imported(self.path)(*(given if self.takes_camera else ()), **self.options)
+        return corrector
 
 
 def _imported(path: str) -> Any:
@@ -45,56 +64,27 @@ def _imported(path: str) -> Any:
     return getattr(import_module(f".{module}", __package__), name)
 
 
-def _lazy(path: str, *, camera: bool = True, **options: Any) -> Factory:
-    """Return a factory that imports its class on the first call, so that the registry alone imports no library.
-
-    Args:
-        path: The class, as `module:name`.
-        camera: Whether the class takes the intrinsics.
-        options: Keyword arguments of the class.
-    """
-    return lambda *given: _imported(path)(*(given if camera else given[1:]), **options)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Entry:
-    """A corrector of this library."""
-
-    create: Factory
-    """Takes the intrinsics, and the configuration if there is one."""
-    latency_s: float
-    """See `latency_s`."""
-    config: str | None = None
-    """Path of the type of its configuration; None for a corrector without one."""
+def _single_frame(path: str, latency_s: float, **options: Any) -> Entry:
+    return Entry(f"baselines.{path}", latency_s, options, takes_camera=False)
 
 
 _REGISTRY = {
-    "raw": Entry(create=_lazy("baselines.single_frame:Raw", camera=False), latency_s=0.0),
-    "median": Entry(create=_lazy("baselines.single_frame:Median", camera=False), latency_s=0.0002),
-    "realsense-left": Entry(
-        create=_lazy("baselines.realsense:RealSenseHoles", camera=False, fill="left"), latency_s=0.0007
-    ),
-    "realsense-farthest": Entry(
-        create=_lazy("baselines.realsense:RealSenseHoles", camera=False, fill="farthest"), latency_s=0.0005
-    ),
-    "realsense-nearest": Entry(
-        create=_lazy("baselines.realsense:RealSenseHoles", camera=False, fill="nearest"), latency_s=0.0005
-    ),
-    "realsense": Entry(create=_lazy("baselines.realsense:RealSenseChain"), latency_s=0.0035),
-    "realsense-authors": Entry(create=_lazy("baselines.single_frame:AuthorsMax", camera=False), latency_s=0.0005),
-    "lmeds": Entry(create=_lazy("baselines.lmeds:LMedS"), latency_s=0.0161),
-    "flow": Entry(create=_lazy("baselines.optical_flow:FlowFilter"), latency_s=0.0020),
-    "ip-basic": Entry(create=_lazy("baselines.ip_basic:IpBasic", camera=False), latency_s=0.0013),
-    "ip-basic-multiscale": Entry(create=_lazy("baselines.ip_basic:multiscale", camera=False), latency_s=0.0022),
-    "telea": Entry(
-        create=_lazy("baselines.single_frame:OpenCvInpaint", camera=False, method="telea"), latency_s=0.0075
-    ),
-    "navier-stokes": Entry(
-        create=_lazy("baselines.single_frame:OpenCvInpaint", camera=False, method="navier_stokes"), latency_s=0.0035
-    ),
-    "global-smoother": Entry(create=_lazy("baselines.global_smoother:GlobalSmoother"), latency_s=0.0064),
-    PAPER: Entry(create=_lazy("corrector:PaperVoxDepth"), latency_s=0.0034, config="paper.config:PaperConfig"),
-    DEFAULT: Entry(create=_lazy("corrector:VoxDepth"), latency_s=0.0087, config="temporal.config:VoxDepthConfig"),
+    "raw": _single_frame("single_frame:Raw", 0.0),
+    "median": _single_frame("single_frame:Median", 0.0002),
+    "realsense-left": _single_frame("realsense:RealSenseHoles", 0.0007, fill="left"),
+    "realsense-farthest": _single_frame("realsense:RealSenseHoles", 0.0005, fill="farthest"),
+    "realsense-nearest": _single_frame("realsense:RealSenseHoles", 0.0005, fill="nearest"),
+    "realsense": Entry("baselines.realsense:RealSenseChain", 0.0035),
+    "realsense-authors": _single_frame("single_frame:AuthorsMax", 0.0005),
+    "lmeds": Entry("baselines.lmeds:LMedS", 0.0161),
+    "flow": Entry("baselines.optical_flow:FlowFilter", 0.0020),
+    "ip-basic": _single_frame("ip_basic:IpBasic", 0.0013),
+    "ip-basic-multiscale": _single_frame("ip_basic:multiscale", 0.0022),
+    "telea": _single_frame("single_frame:OpenCvInpaint", 0.0075, method="telea"),
+    "navier-stokes": _single_frame("single_frame:OpenCvInpaint", 0.0035, method="navier_stokes"),
+    "global-smoother": Entry("baselines.global_smoother:GlobalSmoother", 0.0064),
+    PAPER: Entry("corrector:PaperVoxDepth", 0.0034, config="paper.config:PaperConfig"),
+    DEFAULT: Entry("corrector:VoxDepth", 0.0087, config="temporal.config:VoxDepthConfig"),
 }
 
 CORRECTOR_NAMES = tuple(_REGISTRY)
@@ -178,7 +168,7 @@ def create_corrector(
         return entry.create(intrinsics, resolved)
     if config is not None:
         raise _takes_no_config(name)
-    return (_load(name) if entry is None else entry.create)(intrinsics)
+    return _load(name)(intrinsics) if entry is None else entry.create(intrinsics)
 
 
 def latency_s(name: str) -> float:
@@ -223,11 +213,11 @@ def _merged(given: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, A
     return merged
 
 
-def _load(name: str) -> Factory:
+def _load(name: str) -> Callable[[Intrinsics], DepthCorrector]:
     """Load the factory of another distribution."""
     entry = next(iter(entry_points(group=ENTRY_POINTS, name=name)))
     try:
-        factory: Factory = entry.load()
+        factory: Callable[[Intrinsics], DepthCorrector] = entry.load()
     except Exception as error:  # foreign code may raise anything
         raise ConfigError(
             f"the corrector {name!r} cannot be loaded from its entry point {entry.value!r} ({type(error).__name__}: "

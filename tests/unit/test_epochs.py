@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from voxdepth.errors import FrameError
 from voxdepth.paper.epochs import EpochEnd, Epochs, Lag, Phase, Template
 from voxdepth.paper.registration import Features, Registration, RegistrationStatus
 from voxdepth.types import Frame
@@ -167,16 +166,6 @@ def test_frames_of_a_window_are_copies() -> None:
         depth_m[...] = number + 1  # one buffer, as camera drivers have it
         epochs.begin(Frame(stamp_s=float(number), gray=gray, depth_m=depth_m), NO_FEATURES)
     assert seen == [1, 2, 3]
-
-
-@pytest.mark.parametrize("lag", [0, 2])
-def test_a_closed_corrector_takes_no_frames(lag: int) -> None:
-    epochs = epochs_of(Fuser(), lag)
-    run(epochs, range(2))
-    epochs.close()
-    epochs.close()
-    with pytest.raises(FrameError, match="closed"):
-        run(epochs, range(2, 3))
 
 
 def test_reset_forgets_a_fusion_that_is_under_way() -> None:

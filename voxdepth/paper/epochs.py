@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, Literal
 
-from ..errors import FrameError
 from ..types import Frame
 from .registration import Features, Registration, RegistrationStatus
 
@@ -73,7 +72,7 @@ Lag = int | Literal["ready"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Job:
+class PendingTemplate:
     """A window that is being fused."""
 
     template: Future[Template]
@@ -101,7 +100,6 @@ class Epochs:
         self._max_epoch_frames = max_epoch_frames
         self._lag = lag
         self._executor: Executor = Inline() if lag == 0 else ThreadPoolExecutor(1, "voxdepth-fusion")
-        self._closed = False
         self.reset()
 
     def reset(self) -> None:
@@ -109,28 +107,24 @@ class Epochs:
         self.template: Template | None = None
         self._window: list[Frame] | None = []
         self._last_features: Features | None = None
-        self._job: Job | None = None
+        self._pending: PendingTemplate | None = None
         self._frames = 0
         self._epoch_frames = 0
 
     def close(self) -> None:
-        """Wait for the fusion that is running; `begin` raises an error after that."""
-        self._closed = True
+        """Wait for the fusion that is running. No frames may follow."""
         self._executor.shutdown(cancel_futures=True)
 
     def begin(self, frame: Frame, features: Features) -> Template | None:
         """Add the next frame to an open window, and return the current template.
 
         Raises:
-            FrameError: `close` was called.
             Exception: The error of a fusion; the next frame opens a new window.
         """
-        if self._closed:
-            raise FrameError("this corrector is closed: make a new one for more frames")
         self._frames += 1
         self._collect(frame, features)
-        if self._job is not None and self._is_due(self._job):
-            self._adopt(self._job)
+        if self._pending is not None and self._is_due(self._pending):
+            self._adopt(self._pending)
         return self.template
 
     def end(self, frame: Frame, features: Features, registration: Registration) -> EpochEnd | None:
@@ -147,7 +141,7 @@ class Epochs:
     @property
     def is_fusing(self) -> bool:
         """Whether a window is open or being fused."""
-        return self._window is not None or self._job is not None
+        return self._window is not None or self._pending is not None
 
     def phase(self, registration: Registration) -> Phase:
         """State of the method for a frame with this registration."""
@@ -165,18 +159,20 @@ class Epochs:
         self._window.append(replace(frame, gray=frame.gray.copy(), depth_m=frame.depth_m.copy()))
         if len(self._window) == self._window_frames:
             future = self._executor.submit(self._fuse, self._window, features)
-            self._job = Job(template=future, due=self._frames + (0 if self._lag == "ready" else self._lag))
+            self._pending = PendingTemplate(
+                template=future, due=self._frames + (0 if self._lag == "ready" else self._lag)
+            )
             self._window = None
 
-    def _adopt(self, job: Job) -> None:
-        """Switch to the template of a job; if fusing failed, the next frame opens a new window."""
-        self._job, self._window = None, []
-        self.template = job.template.result()
+    def _adopt(self, pending: PendingTemplate) -> None:
+        """Switch to the template of a pending; if fusing failed, the next frame opens a new window."""
+        self._pending, self._window = None, []
+        self.template = pending.template.result()
         self._window = None
         self._epoch_frames = 0
 
-    def _is_due(self, job: Job) -> bool:
-        return job.template.done() if self._lag == "ready" else self._frames >= job.due
+    def _is_due(self, pending: PendingTemplate) -> bool:
+        return pending.template.done() if self._lag == "ready" else self._frames >= pending.due
 
     def _reason_to_end(self, registration: Registration) -> EpochEnd | None:
         if registration.status is RegistrationStatus.FEW_MATCHES:

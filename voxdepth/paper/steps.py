@@ -1,6 +1,6 @@
 """The image operations of the paper's method, on the CPU (here) or on a GPU (`warp_steps`)."""
 
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Union
 
 import cv2
 import numpy as np
@@ -10,45 +10,16 @@ from ..types import FloatArray, FloatImage, GrayImage, Intrinsics, Source
 from .config import CombineConfig, PaperConfig
 from .voxels import VoxelGrid, project_voxels
 
+if TYPE_CHECKING:
+    from .warp_steps import WarpSteps
+
+ImageSteps = Union["HostSteps", "WarpSteps"]
+"""The steps that process every pixel. Images stay in the memory of the implementation from step to step."""
 LARGEST = float(np.finfo(np.float32).max)
 
 
-class ImageSteps(Protocol):
-    """The steps that process every pixel. Images stay in the memory of the implementation from step to step."""
-
-    def clear(self) -> None:
-        """Empty the voxel grid."""
-
-    def integrate(self, depth_m: FloatImage, T_grid_cam: FloatArray) -> None:
-        """OR the voxels of a depth image, shape (H, W), taken at a pose in the grid's frame, into the grid."""
-
-    def project(self) -> Any:
-        """Sparse depth of the grid's voxels in the camera at its origin."""
-
-    def inpaint(self, sparse: Any) -> Any:
-        """Dense depth of sparse depth."""
-
-    def upload(self, depth_m: FloatImage) -> Any:
-        """A depth image [m], shape (H, W), in this object's memory."""
-
-    def warp(self, template: Any, M_frame_template: FloatArray) -> Any:
-        """The template in the pixels of the frame, sampled at the nearest pixel; 0 outside of it."""
-
-    def combine(self, raw: Any, template: Any) -> tuple[Any, Any]:
-        """Depth and `Source` after the invalid pixels of a frame are replaced by those of the warped template."""
-
-    def unchanged(self, raw: Any) -> tuple[Any, Any]:
-        """Depth and `Source` of a frame without a template."""
-
-    def filter(self, depth: Any) -> Any:
-        """Median filter against flicker."""
-
-    def download(self, depth: Any, source: Any) -> tuple[FloatImage, GrayImage]:
-        """Depth [m] and `Source`, shape (H, W), as NumPy arrays of their own."""
-
-
 class HostSteps:
-    """`ImageSteps` on NumPy arrays. The library of each step is the fastest one in `voxdepth bench`.
+    """Image operations on NumPy arrays. The library of each step is the fastest one in `voxdepth bench`.
 
     A warped template and its combination with a frame are valid until the next call of `warp`.
     """
@@ -61,47 +32,47 @@ class HostSteps:
         self._scratch = np.empty(intrinsics.shape, np.float32)
 
     def clear(self) -> None:
-        """See `ImageSteps`."""
+        """Empty the voxel grid."""
         self._grid.clear()
 
     def integrate(self, depth_m: FloatImage, T_grid_cam: FloatArray) -> None:
-        """See `ImageSteps`."""
+        """OR the voxels of a depth image, shape (H, W), taken at a pose in the grid's frame, into the grid."""
         self._grid.integrate(depth_m, self._intrinsics, T_grid_cam)
 
     def project(self) -> FloatImage:
-        """See `ImageSteps`."""
+        """Sparse depth of the grid's voxels in the camera at its origin."""
         return project_voxels(self._grid, self._intrinsics)
 
     def inpaint(self, sparse: FloatImage) -> FloatImage:
-        """See `ImageSteps`."""
+        """Dense depth of sparse depth."""
         return self._config.inpainting.fill(sparse)
 
     def upload(self, depth_m: FloatImage) -> FloatImage:
-        """See `ImageSteps`."""
+        """A depth image [m], shape (H, W), in this object's memory."""
         return depth_m
 
     def warp(self, template: FloatImage, M_frame_template: FloatArray) -> FloatImage:
-        """See `ImageSteps`."""
+        """The template in the pixels of the frame, sampled at the nearest pixel; 0 outside of it."""
         height, width = self._intrinsics.shape
         return cv2.warpAffine(  # type: ignore[return-value]
             template, M_frame_template, (width, height), dst=self._warped, flags=cv2.INTER_NEAREST
         )
 
     def combine(self, raw: FloatImage, template: FloatImage) -> tuple[FloatImage, GrayImage]:
-        """See `ImageSteps`."""
+        """Depth and `Source` after the invalid pixels of a frame are replaced by those of the warped template."""
         return template, combine(template, raw, self._config.combine, self._scratch)
 
     def unchanged(self, raw: FloatImage) -> tuple[FloatImage, GrayImage]:
-        """See `ImageSteps`."""
+        """Depth and `Source` of a frame without a template."""
         return raw, (raw > 0).view(np.uint8)
 
     def filter(self, depth: FloatImage) -> FloatImage:
-        """See `ImageSteps`."""
+        """Median filter against flicker."""
         filtered: FloatImage = cv2.medianBlur(depth, self._config.median_size_px)  # type: ignore[assignment]
         return filtered
 
     def download(self, depth: FloatImage, source: GrayImage) -> tuple[FloatImage, GrayImage]:
-        """See `ImageSteps`."""
+        """Depth [m] and `Source`, shape (H, W), as NumPy arrays of their own."""
         return depth, source
 
 

@@ -15,7 +15,7 @@ from .steps import factors
 
 
 class WarpSteps:
-    """`ImageSteps` on Warp arrays. It also runs on `cpu`, several times slower than `HostSteps`, to be tested there."""
+    """Image operations on Warp arrays. For tests it also runs on `cpu`, several times slower than `HostSteps`."""
 
     def __init__(self, intrinsics: Intrinsics, config: PaperConfig, *, device: str) -> None:
         for module in (kernels, image_kernels):
@@ -26,18 +26,18 @@ class WarpSteps:
         self._words = wp.zeros(config.voxels.n_words, dtype=wp.uint32, device=device)
 
     def clear(self) -> None:
-        """See `ImageSteps`."""
+        """See `HostSteps`."""
         self._words.zero_()
 
     def integrate(self, depth_m: FloatImage, T_grid_cam: FloatArray) -> None:
-        """See `ImageSteps`."""
+        """See `HostSteps`."""
         rays = RayMap.of(self._intrinsics, self._config.voxels.T_cells_m @ T_grid_cam)
         inputs = [self.upload(image) for image in (depth_m, rays.rows, rays.cols)]
         shape = wp.vec3i(*self._config.voxels.shape)
         self._launch(kernels.set_bits_of_image, [*inputs, wp.vec3(*rays.offset), shape], [self._words])
 
     def project(self) -> Any:
-        """See `ImageSteps`."""
+        """See `HostSteps`."""
         sparse = wp.full(self._intrinsics.shape, np.inf, dtype=wp.float32, device=self._device)
         voxels = self._config.voxels
         inputs = [self._words, *kernels.cells(voxels.cell_m, voxels.shape), *kernels.lens(self._intrinsics)]
@@ -46,7 +46,7 @@ class WarpSteps:
         return sparse
 
     def inpaint(self, sparse: Any) -> Any:
-        """See `ImageSteps`. All methods but dilation, the paper's, run on the CPU: once an epoch."""
+        """See `HostSteps`. All methods but dilation, the paper's, run on the CPU: once an epoch."""
         method = self._config.inpainting
         if not isinstance(method, Dilation):
             return self.upload(method.fill(sparse.numpy()))
@@ -55,36 +55,36 @@ class WarpSteps:
         return dense
 
     def upload(self, depth_m: FloatImage) -> Any:
-        """See `ImageSteps`."""
+        """See `HostSteps`."""
         return wp.array(depth_m, dtype=wp.float32, device=self._device)
 
     def warp(self, template: Any, M_frame_template: FloatArray) -> Any:
-        """See `ImageSteps`."""
+        """See `HostSteps`."""
         inverse = np.linalg.inv(np.vstack([M_frame_template, [0, 0, 1]]))
         warped = wp.empty_like(template)
         self._launch(image_kernels.warp_nearest, [template, wp.mat33(inverse)], [warped])
         return warped
 
     def combine(self, raw: Any, template: Any) -> tuple[Any, Any]:
-        """See `ImageSteps`."""
+        """See `HostSteps`."""
         depth, source = wp.empty_like(raw), self._empty_source()
         self._launch(image_kernels.combine, [raw, template, *factors(self._config.combine)], [depth, source])
         return depth, source
 
     def unchanged(self, raw: Any) -> tuple[Any, Any]:
-        """See `ImageSteps`."""
+        """See `HostSteps`."""
         source = self._empty_source()
         self._launch(image_kernels.label_valid, [raw], [source])
         return raw, source
 
     def filter(self, depth: Any) -> Any:
-        """See `ImageSteps`."""
+        """See `HostSteps`."""
         filtered = wp.empty_like(depth)
         self._launch(image_kernels.median, [depth, self._config.median_size_px // 2], [filtered])
         return filtered
 
     def download(self, depth: Any, source: Any) -> tuple[FloatImage, GrayImage]:
-        """See `ImageSteps`."""
+        """See `HostSteps`."""
         return depth.numpy(), source.numpy()
 
     def _empty_source(self) -> Any:
