@@ -95,7 +95,7 @@ class Scripted:
 
 
 def contents_of(study: Study, outcomes: dict[tuple[str, float | None, int], Outcome]) -> StudyData:
-    """A study with the results of some cells, by arm, theta and seed."""
+    """A study with the results of some runs, by arm, theta and seed."""
     specs = expand(study)
     found = {(s.arm, s.theta, s.seed): s for s in specs}
     records = {found[cell].key: record(found[cell], outcome) for cell, outcome in outcomes.items()}

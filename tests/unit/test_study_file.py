@@ -37,7 +37,7 @@ def saved(tmp_path: Path, text: str = TEXT) -> str:
     return str(tmp_path / "mine.toml")
 
 
-def test_the_matrix_has_every_cell_once_and_whole_pairs_first(tmp_path: Path) -> None:
+def test_a_study_has_every_run_once_and_whole_pairs_first(tmp_path: Path) -> None:
     specs = expand(load_study(saved(tmp_path)))
     cells = [(spec.seed, spec.arm, spec.theta) for spec in specs]
     assert cells == [
@@ -125,7 +125,7 @@ def test_what_is_wrong_with_a_file_is_said(tmp_path: Path, old: str, new: str, m
         ({"arms": [arm("a"), arm("odd", size="0x60")]}, "arm 'odd' of the study 'tiny': .*rig.width_px"),
     ],
 )
-def test_what_is_wrong_with_a_cell_is_said_before_anything_flies(changes: dict[str, Any], message: str) -> None:
+def test_what_is_wrong_with_a_run_is_said_before_anything_flies(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ScenarioError, match=message):
         expand(study(arm("a"), **changes))
 

@@ -97,19 +97,19 @@ def noise_study(seeds: int = 6) -> StudyData:
     return contents_of(study(noisy("raw", *thetas), seeds=seeds), outcomes)
 
 
-def test_growth_is_fitted_to_the_seeds_that_are_complete() -> None:
-    ((scenario, name, growth),) = dose_responses(noise_study())
+def test_the_dose_response_is_fitted_to_the_seeds_that_are_complete() -> None:
+    ((scenario, name, fit),) = dose_responses(noise_study())
     assert (scenario, name) == ("city", "raw")
-    assert isinstance(growth, DoseResponse)
-    assert growth.seeds == 5
-    assert growth.thetas == (0.4, 0.7, 1.0)
-    assert growth.curve.b > 1
+    assert isinstance(fit, DoseResponse)
+    assert fit.seeds == 5
+    assert fit.thetas == (0.4, 0.7, 1.0)
+    assert fit.curve.b > 1
 
 
-def test_growth_that_cannot_be_fitted_says_why() -> None:
+def test_a_dose_response_that_cannot_be_fitted_says_why() -> None:
     quiet = study(noisy("raw", 0.4, 0.7, 1.0), seeds=2)
-    (_, _, growth), *_ = dose_responses(contents_of(quiet, {(s.arm, s.theta, s.seed): MISS for s in expand(quiet)}))
-    assert "needs runs at two noise ratios above 0" in str(growth)
+    (_, _, fit), *_ = dose_responses(contents_of(quiet, {(s.arm, s.theta, s.seed): MISS for s in expand(quiet)}))
+    assert "needs runs at two noise ratios above 0" in str(fit)
 
 
 def test_the_first_collision_of_each_arm_is_that_of_the_lowest_seed() -> None:

@@ -128,7 +128,7 @@ def test_the_bootstrap_draws_rows_not_cells() -> None:
     assert found.a.high > 1.5 * found.a.low
 
 
-def test_what_cannot_be_told_is_said() -> None:
+def test_a_dose_response_without_enough_data_is_refused_or_marked() -> None:
     steep = dose_response([0.5, 1.0], np.array([[False, True], [False, False]]), resamples=20)
     assert steep.curve.at_bound
     assert steep.resamples < 20, "draws of the second row alone have nothing to fit"
