@@ -12,7 +12,8 @@ from sim.flights import Walk
 from sim.free_space import traversability
 from sim.render import create_renderer
 from sim.scenes import AnyScene
-from sim.sensor import RigConfig, StereoSensor, Viewpoint
+from sim.sensor import RigConfig, StereoSensor
+from sim.types import Viewpoint
 from sim.world import World
 
 from .images import Image, gray_bgr, narrowed, save_picture, titled

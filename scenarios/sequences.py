@@ -22,8 +22,8 @@ from sim.quality import DepthQuality
 from sim.recording import Recording, RecordingWriter
 from sim.render import RendererName, create_renderer
 from sim.scenes import AnyScene
-from sim.sensor import RenderedPair, RigConfig, StereoSensor, Viewpoint
-from sim.types import BodyPose, Capture
+from sim.sensor import RigConfig, StereoSensor
+from sim.types import BodyPose, Capture, RenderedPair, Viewpoint
 from sim.world import World
 from voxdepth.model import Model
 

@@ -52,9 +52,9 @@ class NoiseTerm(Model, ABC):
     """One kind of depth error."""
 
     @property
-    @abstractmethod
     def active(self) -> bool:
-        """Whether the term changes anything."""
+        """Whether the configuration differs from the default, with which a term changes nothing."""
+        return self != type(self)()
 
     @abstractmethod
     def apply(self, image: NoisyDepth) -> None:
@@ -68,11 +68,6 @@ class Scale(NoiseTerm):
     """Noise ratio threshold; 0 disables the term, and more than 1 would make depths negative."""
     unit: ScaleUnit = "object"
     """The unit that shares one draw."""
-
-    @property
-    def active(self) -> bool:
-        """Whether `theta` is above 0."""
-        return self.theta > 0
 
     def apply(self, image: NoisyDepth) -> None:
         """Scale valid depths."""
@@ -94,11 +89,6 @@ class Disparity(NoiseTerm):
     """Standard deviation of the disparity. The depth error grows with the square of the depth."""
     step_px: float = Field(0.0, ge=0)
     """Quantisation step of the disparity; 0 disables rounding. A RealSense D400 has 1/32 px."""
-
-    @property
-    def active(self) -> bool:
-        """Whether one of its magnitudes is above 0."""
-        return self.sigma_px > 0 or self.step_px > 0
 
     def apply(self, image: NoisyDepth) -> None:
         """Disturb valid depths; disparities at or below 0 give infinite depth."""
@@ -131,11 +121,6 @@ class Flicker(NoiseTerm):
             raise ValueError(f"dropout and jump are shares of all patches, got {self.dropout} + {self.jump} > 1")
         return self
 
-    @property
-    def active(self) -> bool:
-        """Whether one of its shares is above 0."""
-        return self.dropout > 0 or self.jump > 0
-
     def apply(self, image: NoisyDepth) -> None:
         """Invalidate some patches and scale others."""
         height, width = image.depth_m.shape
@@ -153,11 +138,6 @@ class Textureless(NoiseTerm):
     below_texture: float = Field(0.0, ge=0)
     """Surfaces with a weaker texture than this are invalid; 0 disables the term."""
 
-    @property
-    def active(self) -> bool:
-        """Whether the limit is above 0."""
-        return self.below_texture > 0
-
     def apply(self, image: NoisyDepth) -> None:
         """Invalidate surfaces with too little texture."""
         bodies = [body for body, texture in image.texture_of_body.items() if texture < self.below_texture]
@@ -171,7 +151,7 @@ class Occlusion(NoiseTerm):
 
     @property
     def active(self) -> bool:
-        """Whether the term is enabled."""
+        """Whether the term is enabled, as it is by default."""
         return self.enabled
 
     def apply(self, image: NoisyDepth) -> None:

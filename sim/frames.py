@@ -76,12 +76,7 @@ def product(q_a_b_xyzw: FloatArray, q_b_c_xyzw: FloatArray) -> FloatArray:
     )
 
 
-def camera_attitude(q_world_body_xyzw: FloatArray) -> FloatArray:
-    """`q_world_cam` (xyzw) of a camera that looks along the body's x axis."""
-    return product(q_world_body_xyzw, Q_BODY_CAM_XYZW)
-
-
 def camera_pose(position_m: FloatArray, q_world_body_xyzw: FloatArray, mount_m: FloatArray) -> FloatArray:
     """`T_world_cam` of a camera that looks along the body's x axis from `mount_m` in the body frame."""
     at_m = position_m + rotation_from_quaternion(q_world_body_xyzw) @ mount_m
-    return pose(rotation_from_quaternion(camera_attitude(q_world_body_xyzw)), at_m)
+    return pose(rotation_from_quaternion(product(q_world_body_xyzw, Q_BODY_CAM_XYZW)), at_m)

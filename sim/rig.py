@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 
 from .cpu import Mapper
-from .sensor import RigConfig, StereoSensor, Viewpoint
-from .types import BodyPose, Capture, Renderer
+from .sensor import RigConfig, StereoSensor
+from .types import BodyPose, Capture, Renderer, Viewpoint
 from .world import World
 
 

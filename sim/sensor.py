@@ -1,7 +1,6 @@
 """A simulated stereo camera: it renders both images, adds camera noise and measures depth."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -12,9 +11,9 @@ from . import frames
 from .depth_noise import DepthNoise
 from .errors import SensorError
 from .seeds import Purpose, stream
-from .sensor_models import NoisyModel, SensorModel, SensorModelName, StereoModel, StereoPair, TruthModel
+from .sensor_models import NoisyModel, SensorModel, SensorModelName, StereoModel, TruthModel
 from .stereo import NOISE_TEXTURE, StereoConfig, focal_baseline_px_m
-from .types import BodyPose, Camera, Capture, Images, Model, Renderer
+from .types import Camera, Capture, Images, Model, RenderedPair, Renderer, Viewpoint
 from .world import World
 
 OCCLUSION_STEP_PX = 0.75
@@ -75,28 +74,6 @@ class RigConfig(Model):
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Viewpoint:
-    """The pose of one stereo camera."""
-
-    drone: int
-    """Index of the drone that carries it; noise is keyed by it."""
-    pose: BodyPose
-    """Pose of the carrier."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RenderedPair:
-    """Noise-free images of both cameras."""
-
-    viewpoint: Viewpoint
-    frame: int
-    T_world_cam: FloatArray
-    """Pose of the left camera, shape (4, 4)."""
-    left: Images
-    right: Images | None
-
-
 class StereoSensor:
     """Makes captures from any pose in a world.
 
@@ -146,33 +123,27 @@ class StereoSensor:
             for viewpoint, camera, left, right in zip(viewpoints, lefts, images, right_images, strict=False)
         ]
 
-    def capture(self, rendered: RenderedPair) -> Capture:
+    def capture(self, pair: RenderedPair) -> Capture:
         """Add the noise of the cameras and measure depth. Several threads may do so at once."""
-        drone, frame, left, right = rendered.viewpoint.drone, rendered.frame, rendered.left, rendered.right
+        left, right = pair.left, pair.right
+        gray_left = self._add_camera_noise(left, pair, 0)
+        gray_right = None if right is None else self._add_camera_noise(right, pair, 1)
         if right is None:
             occluded = np.zeros(left.depth_m.shape, np.bool_)
         else:
             occluded = occlusion_mask(left.depth_m, right.depth_m, self.intrinsics)
-        pair = StereoPair(
-            drone=drone,
-            frame=frame,
-            left=left,
-            gray_left=self._add_camera_noise(left, drone, frame, 0),
-            gray_right=None if right is None else self._add_camera_noise(right, drone, frame, 1),
-            occluded=occluded,
-        )
-        measured = self._model.measure(pair)
+        depth_raw_m, invalid_reason = self._model.measure(pair, (gray_left, gray_right), occluded)
         return Capture(
-            stamp_s=rendered.viewpoint.pose.stamp_s,
-            drone=drone,
-            gray_left=pair.gray_left,
-            gray_right=pair.gray_right,
+            stamp_s=pair.viewpoint.pose.stamp_s,
+            drone=pair.viewpoint.drone,
+            gray_left=gray_left,
+            gray_right=gray_right,
             depth_true_m=left.depth_m,
-            depth_raw_m=measured.depth_m,
+            depth_raw_m=depth_raw_m,
             occluded=occluded,
-            invalid_reason=measured.invalid_reason,
+            invalid_reason=invalid_reason,
             segment_id=left.segment_id,
-            T_world_cam=rendered.T_world_cam,
+            T_world_cam=pair.T_world_cam,
             intrinsics=self.intrinsics,
         )
 
@@ -182,9 +153,10 @@ class StereoSensor:
         T_world_cam = frames.camera_pose(pose.position_m, pose.q_world_body_xyzw, mount_m)
         return Camera(T_world_cam=T_world_cam, intrinsics=self.intrinsics)
 
-    def _add_camera_noise(self, images: Images, drone: int, frame: int, side: int) -> GrayImage:
+    def _add_camera_noise(self, images: Images, pair: RenderedPair, side: int) -> GrayImage:
         if not self._gray:
             return images.gray
+        drone, frame = pair.viewpoint.drone, pair.frame
         gain = exposure_gain(self._config.exposure_sigma, drone, frame, seed=self._seed)
         return photon_noise(images.gray, self._config.photon_sigma, drone, frame, side, seed=self._seed, gain=gain)
 

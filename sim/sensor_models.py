@@ -1,7 +1,9 @@
-"""Three models of a depth sensor, from ideal to realistic, behind one interface."""
+"""Three models of a depth sensor, from ideal to realistic, behind one interface.
+
+Every model measures depth [m], shape (H, W), float32, 0 = invalid, and one `InvalidReason` per pixel, uint8.
+"""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Literal, Protocol, get_args
 
 import numpy as np
@@ -11,43 +13,29 @@ from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 from .depth_noise import DepthNoise, NoisyDepth
 from .errors import SensorError
 from .stereo import StereoConfig, StereoMatcher
-from .types import Images, InvalidReason
+from .types import InvalidReason, RenderedPair
 
 SensorModelName = Literal["truth", "noisy", "stereo"]
 SENSOR_MODEL_NAMES: tuple[SensorModelName, ...] = get_args(SensorModelName)
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Measurement:
-    """Measured depth."""
-
-    depth_m: FloatImage
-    """Shape (H, W), float32; 0 = invalid."""
-    invalid_reason: GrayImage
-    """One `InvalidReason` per pixel, shape (H, W), uint8."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StereoPair:
-    """Images of both cameras of one drone: the noise-free left ones, and the gray images with camera noise."""
-
-    drone: int
-    frame: int
-    left: Images
-    gray_left: GrayImage
-    gray_right: GrayImage | None
-    occluded: MaskImage
-    """Pixels that the right camera does not see, shape (H, W); all False without a right camera."""
+StereoImages = tuple[GrayImage, GrayImage | None]
+MeasuredDepth = tuple[FloatImage, GrayImage]
 
 
 class SensorModel(Protocol):
-    """Makes a depth image from a stereo pair. Threads may share it."""
+    """Measures depth. Threads may share it."""
 
     needs_right: bool
     """Whether the second camera has to be rendered."""
 
-    def measure(self, pair: StereoPair) -> Measurement:
-        """Depth of one stereo pair."""
+    def measure(self, pair: RenderedPair, gray: StereoImages, occluded: MaskImage) -> MeasuredDepth:
+        """Depth and the reasons for invalid pixels.
+
+        Args:
+            pair: Noise-free images of both cameras.
+            gray: Left and right gray images with camera noise.
+            occluded: Pixels that the right camera does not see, shape (H, W).
+        """
         ...
 
 
@@ -59,10 +47,10 @@ class TruthModel:
     def __init__(self, max_depth_m: float) -> None:
         self._max_depth_m = np.float32(max_depth_m)
 
-    def measure(self, pair: StereoPair) -> Measurement:
+    def measure(self, pair: RenderedPair, gray: StereoImages, occluded: MaskImage) -> MeasuredDepth:
         """The true depth."""
         depth_m = np.minimum(pair.left.depth_m, self._max_depth_m)
-        return Measurement(depth_m=depth_m, invalid_reason=np.zeros(depth_m.shape, np.uint8))
+        return depth_m, np.zeros(depth_m.shape, np.uint8)
 
 
 class NoisyModel:
@@ -92,22 +80,21 @@ class NoisyModel:
         self._texture_of_body = texture_of_body
         self._seed = seed
 
-    def measure(self, pair: StereoPair) -> Measurement:
+    def measure(self, pair: RenderedPair, gray: StereoImages, occluded: MaskImage) -> MeasuredDepth:
         """The true depth after all noise terms, limited to the largest depth."""
         image = NoisyDepth(
             depth_m=pair.left.depth_m.copy(),
             invalid_reason=np.zeros(pair.left.depth_m.shape, np.uint8),
             segment_id=pair.left.segment_id,
-            occluded=pair.occluded,
+            occluded=occluded,
             texture_of_body=self._texture_of_body,
             intrinsics=self._intrinsics,
             seed=self._seed,
-            key=(pair.drone, pair.frame),
+            key=(pair.viewpoint.drone, pair.frame),
         )
         for term in self._terms:
             term.apply(image)
-        depth_m = np.minimum(image.depth_m, self._max_depth_m)
-        return Measurement(depth_m=depth_m, invalid_reason=image.invalid_reason)
+        return np.minimum(image.depth_m, self._max_depth_m), image.invalid_reason
 
 
 class StereoModel:
@@ -118,16 +105,17 @@ class StereoModel:
     def __init__(self, intrinsics: Intrinsics, config: StereoConfig, *, max_depth_m: float) -> None:
         self._matcher = StereoMatcher(intrinsics, config, max_depth_m=max_depth_m)
 
-    def measure(self, pair: StereoPair) -> Measurement:
+    def measure(self, pair: RenderedPair, gray: StereoImages, occluded: MaskImage) -> MeasuredDepth:
         """Depth with the holes and errors of matching. The truth is used only to name the reasons for holes.
 
         Raises:
             SensorError: The pair has no right image.
         """
-        if pair.gray_right is None:
+        left, right = gray
+        if right is None:
             raise SensorError("the sensor model 'stereo' needs the gray image of the right camera, got none")
-        match = self._matcher.match(pair.gray_left, pair.gray_right)
+        match = self._matcher.match(left, right)
         reason, invalid = match.invalid_reason, match.invalid_reason != InvalidReason.NONE
         reason[invalid & (pair.left.depth_m < self._matcher.min_depth_m)] = InvalidReason.OUT_OF_RANGE
-        reason[invalid & pair.occluded] = InvalidReason.OCCLUDED
-        return Measurement(depth_m=self._matcher.depth_from_disparity(match.disparity_px), invalid_reason=reason)
+        reason[invalid & occluded] = InvalidReason.OCCLUDED
+        return self._matcher.depth_from_disparity(match.disparity_px), reason

@@ -20,8 +20,8 @@ from .errors import SensorError
 from .flights import Walk
 from .render import create_renderer
 from .seeds import Purpose, stream
-from .sensor import RigConfig, StereoSensor, Viewpoint
-from .types import Capture, VelocityCommand
+from .sensor import RigConfig, StereoSensor
+from .types import Capture, VelocityCommand, Viewpoint
 from .world import PHYSICS_HZ, World
 
 __all__ = ["FRAMES", "LEVELS", "TERMS", "Level", "Term", "noisy_sequence", "sensor_config"]

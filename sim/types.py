@@ -21,8 +21,10 @@ __all__ = [
     "Images",
     "InvalidReason",
     "Model",
+    "RenderedPair",
     "Renderer",
     "VelocityCommand",
+    "Viewpoint",
 ]
 
 IdImage = npt.NDArray[np.int32]
@@ -104,6 +106,28 @@ class Images:
     """Depth along the optical axis [m], shape (H, W), float32; +inf where there is no surface."""
     segment_id: IdImage
     """Body id of each pixel, shape (H, W), int32; -1 where there is no surface."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Viewpoint:
+    """The pose of one stereo camera."""
+
+    drone: int
+    """Index of the drone that carries it; noise is keyed by it."""
+    pose: BodyPose
+    """Pose of the carrier."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RenderedPair:
+    """Noise-free images of both cameras."""
+
+    viewpoint: Viewpoint
+    frame: int
+    T_world_cam: FloatArray
+    """Pose of the left camera, shape (4, 4)."""
+    left: Images
+    right: Images | None
 
 
 class Renderer(Protocol):

@@ -14,7 +14,6 @@ from ..bodies import Weather
 
 wp.set_module_options({"enable_backward": False})
 
-PLAIN = wp.constant(0)
 FACADE = wp.constant(1)
 GROUND = wp.constant(2)
 GRASS = wp.constant(3)

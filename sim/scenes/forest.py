@@ -38,6 +38,6 @@ class ForestSpec(SceneSpec):
         garden = Garden(seed=seed, layout=Layout(path_m), candidates=lambda rng: rng.uniform(low_m, high_m, (TRIES, 2)))
         n_trees = round(self.density * self.length_m * self.width_m / 100)
         trees = garden.trees(n_trees, TREES, self.tree, apart_m=self.spacing_m / 2)
-        bushes = garden.bushes(self.bushes, BUSHES, self.bush_radius_m, apart_m=BUSH_APART_M)
+        bushes = garden.bushes(self.bushes, BUSHES, self.bush_radius_m, apart_m=lambda radius: BUSH_APART_M)
         bodies = (flat_ground(self.length_m / 2, GRASS), *trees, *bushes)
         return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=path_m)

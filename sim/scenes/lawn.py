@@ -65,7 +65,7 @@ class LawnSpec(SceneSpec):
             *_wall(self, seed, layout, path_m),
             *garden.trees(self.trees, TREES, self.tree, apart_m=TRUNK_APART_M),
             *(_bench(seed, i, layout, candidates) for i in range(self.benches)),
-            *garden.bushes(self.bushes, BUSHES, self.bush_radius_m, apart_radii=0.7),
+            *garden.bushes(self.bushes, BUSHES, self.bush_radius_m, apart_m=lambda radius: 0.7 * radius),
         )
         return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=path_m)
 

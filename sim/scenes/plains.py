@@ -70,7 +70,7 @@ class PlainsSpec(SceneSpec):
         n_plants = round(self.vegetation * self.length_m * self.width_m / 100)
         n_trees = round(n_plants * self.tree_share)
         trees = garden.trees(n_trees, TREES, self.tree, apart_m=APART_M)
-        bushes = garden.bushes(n_plants - n_trees, BUSHES, self.bush_radius_m, apart_m=APART_M)
+        bushes = garden.bushes(n_plants - n_trees, BUSHES, self.bush_radius_m, apart_m=lambda radius: APART_M)
         on_ground_m = np.column_stack([path_m[:, :2], ground_height_m(ground, path_m[:, 0], path_m[:, 1])])
         bodies = (ground, _far_land(self, ground), *trees, *bushes)
         return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=on_ground_m)

@@ -70,38 +70,25 @@ class TreeRanges(Model):
         )
 
 
-HeightM = Callable[[float, float], float]
-"""Height of the ground at a place (x, y) [m]."""
 Candidates = Callable[[np.random.Generator], FloatArray]
 """Draws places (x, y) for one plant, shape (n, 2)."""
 
 
-def level_ground_m(x_m: float, y_m: float) -> float:
-    """Height 0 everywhere."""
-    return 0.0
-
-
 @dataclass(frozen=True, kw_only=True)
 class Garden:
-    """Plants trees and bushes. Every plant has its own random stream, keyed by its kind and its index."""
+    """Plants trees and bushes. Every plant has its own random stream, keyed by its kind and its index.
+
+    The methods raise a `SceneError` if a plant finds no free place.
+    """
 
     seed: int
     layout: Layout
     candidates: Candidates
-    height_m: HeightM = level_ground_m
+    height_m: Callable[[float, float], float] = lambda x, y: 0.0
+    """Height of the ground at a place (x, y)."""
 
     def trees(self, count: int, key: int, ranges: TreeRanges, *, apart_m: float) -> list[Body]:
-        """Trunks and crowns of trees.
-
-        Args:
-            count: Number of trees.
-            key: Key of the random streams of trees.
-            ranges: Ranges of their dimensions.
-            apart_m: Radius around a trunk that must not overlap that of other plants.
-
-        Raises:
-            SceneError: A tree finds no free place.
-        """
+        """Trunks and crowns of trees. Circles of radius `apart_m` around the trunks overlap no other plant's circle."""
         bodies = []
         for index in range(count):
             rng, name = stream(self.seed, Purpose.SCENE, key, index), f"tree-{index}"
@@ -110,27 +97,13 @@ class Garden:
             bodies += tree(rng, name, (x, y, self.height_m(x, y)), size)
         return bodies
 
-    def bushes(
-        self, count: int, key: int, radius_m: tuple[float, float], *, apart_m: float = 0.0, apart_radii: float = 0.0
-    ) -> list[Body]:
-        """Bushes.
-
-        Args:
-            count: Number of bushes.
-            key: Key of the random streams of bushes.
-            radius_m: Range of their radii.
-            apart_m: Radius around a bush that must not overlap that of other plants.
-            apart_radii: Addition to that radius, in radii of the bush.
-
-        Raises:
-            SceneError: A bush finds no free place.
-        """
+    def bushes(self, count: int, key: int, radius_m: Range, *, apart_m: Callable[[float], float]) -> list[Body]:
+        """Bushes with radii from a range; `apart_m` gives the radius of the circle of a bush from its own radius."""
         bodies = []
         for index in range(count):
             rng, name = stream(self.seed, Purpose.SCENE, key, index), f"bush-{index}"
             radius = float(rng.uniform(*radius_m))
-            distance_m = apart_m + apart_radii * radius
-            x, y = self.layout.place(name, self.candidates(rng), reach_m=radius, apart_m=distance_m)
+            x, y = self.layout.place(name, self.candidates(rng), reach_m=radius, apart_m=apart_m(radius))
             bodies.append(bush(rng, name, (x, y, self.height_m(x, y)), radius))
         return bodies
 

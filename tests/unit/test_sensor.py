@@ -8,9 +8,9 @@ from sim.depth_noise import DepthNoise, Disparity, Flicker, Scale
 from sim.errors import SensorError
 from sim.render import create_renderer
 from sim.rig import StereoRig
-from sim.sensor import RigConfig, StereoSensor, Viewpoint, occlusion_mask, photon_noise
+from sim.sensor import RigConfig, StereoSensor, occlusion_mask, photon_noise
 from sim.stereo import StereoConfig, StereoMatcher
-from sim.types import BodyPose
+from sim.types import BodyPose, Viewpoint
 from tests.helpers import CAMERA, block, camera_at, wall, world_of
 
 BASELINE_M = 0.095
