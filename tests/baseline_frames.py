@@ -1,4 +1,4 @@
-"""Frames of any size and content for the tests of peers."""
+"""Frames of any size and content for the tests of baselines."""
 
 import numpy as np
 

@@ -34,7 +34,7 @@ MaskImage = npt.NDArray[np.bool_]
 
 
 def _is_cut(info: Any) -> bool:
-    """Whether the region of interest of a CameraInfo is less than the image; all zero means all of it."""
+    """Whether the region of interest of a CameraInfo is smaller than the image; zeros mean the whole image."""
     roi = getattr(info, "roi", None)
     size = (getattr(roi, "width", 0), getattr(roi, "height", 0))
     return size not in ((0, 0), (info.width, info.height))
@@ -80,8 +80,8 @@ class Intrinsics:
 
     @property
     def focal_baseline_px_m(self) -> float:
-        """Focal length times baseline: depth [m] times disparity [px]. A camera that is not a stereo pair is taken for
-        one of `ASSUMED_BASELINE_M`.
+        """Focal length times baseline, which is depth [m] times disparity [px]. The baseline of a camera that is not a
+        stereo pair is assumed to be `ASSUMED_BASELINE_M`.
         """
         return self.fx_px * (self.baseline_m or ASSUMED_BASELINE_M)
 
@@ -105,17 +105,17 @@ class Intrinsics:
 
     @classmethod
     def from_camera_info(cls, info: Any, *, baseline_m: float | None = None) -> "Intrinsics":
-        """The camera of a ROS `sensor_msgs/CameraInfo`, by its fields alone: no ROS is imported.
+        """Read the camera of a ROS `sensor_msgs/CameraInfo` from its fields; ROS is not imported.
 
-        The projection matrix `P` (ROS 1) or `p` (ROS 2) counts, which describes rectified images. Its fourth column,
-        which the right camera of a stereo pair has, gives the baseline unless one is named.
+        The projection matrix `P` (ROS 1) or `p` (ROS 2) describes rectified images. Its fourth column, which is not 0
+        for the right camera of a stereo pair, gives the baseline unless it is an argument.
 
         Args:
             info: Has `width`, `height` and `p` or `P`, 12 numbers in rows of four.
             baseline_m: Distance to the right camera [m].
 
         Raises:
-            FrameError: The message lacks a field, or is of a camera that is not calibrated.
+            FrameError: The message lacks a field, or the camera is not calibrated.
         """
         projection = getattr(info, "p", getattr(info, "P", None))
         if projection is None or len(projection) != 12 or not hasattr(info, "width") or not hasattr(info, "height"):
@@ -160,10 +160,10 @@ class Intrinsics:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Frame:
-    """One measurement as a robot has it: gray image, depth, and perhaps its own pose estimate.
+    """One measurement: gray image, depth, and perhaps a pose estimate.
 
-    The arrays are not copied. `DepthCorrector.process` is done with them when it returns; a pipeline is done with them
-    when it delivers the frame.
+    The arrays are not copied. `DepthCorrector.process` does not use them after it returns, and a pipeline not after it
+    delivers the frame.
     """
 
     stamp_s: float
@@ -185,17 +185,17 @@ class Frame:
         units_per_m: float = 1000.0,
         T_world_cam: FloatArray | None = None,
     ) -> "Frame":
-        """A frame of 16-bit depth as cameras deliver it.
+        """Create a frame from the 16-bit depth of a camera.
 
         Args:
             stamp_s: Time of capture [s].
             gray: Shape (H, W), uint8.
             depth_mm: Shape (H, W), uint16; 0 = invalid.
             units_per_m: Steps of the depth in a metre: 1000 in most cameras, 5000 in TUM RGB-D.
-            T_world_cam: The caller's own pose estimate, shape (4, 4).
+            T_world_cam: Pose estimate of the caller, shape (4, 4).
 
         Raises:
-            FrameError: The depth is not uint16, or the images do not belong together.
+            FrameError: The depth is not uint16, or the images have different shapes.
         """
         if _kind(depth_mm) != "uint16":
             raise FrameError(f"expected depth as a uint16 array, got {_kind(depth_mm)}; Frame.from_metres takes metres")
@@ -208,17 +208,17 @@ class Frame:
     def from_metres(
         cls, *, stamp_s: float, gray: GrayImage, depth_m: npt.NDArray[Any], T_world_cam: FloatArray | None = None
     ) -> "Frame":
-        """A frame of depth in metres as ROS writes it (REP 118): NaN and infinite values are holes.
+        """Create a frame from depth in metres as in ROS (REP 118): NaN and infinite values are holes.
 
         Args:
             stamp_s: Time of capture [s].
             gray: Shape (H, W), uint8.
             depth_m: Shape (H, W), float32 or float64.
-            T_world_cam: The caller's own pose estimate, shape (4, 4).
+            T_world_cam: Pose estimate of the caller, shape (4, 4).
 
         Raises:
-            FrameError: The depth is not of floating point, a finite one is negative, or the images do not belong
-                together.
+            FrameError: The depth is not of floating point, a finite one is negative, or the images have different
+                shapes.
         """
         if _kind(depth_m) not in ("float32", "float64"):
             raise FrameError(f"expected metres as an array of floats, got {_kind(depth_m)}; see Frame.from_millimetres")

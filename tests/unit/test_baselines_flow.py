@@ -101,31 +101,31 @@ def test_horn_and_schunck_iterate_as_they_wrote() -> None:
 
 def test_depth_moves_with_the_image_and_is_never_mixed() -> None:
     before_m = np.where(np.arange(40) < 20, np.float32(2), np.float32(8)) * np.ones((30, 1), np.float32)
-    peer = FlowFilter(camera((30, 40)), flow=Known(3))
-    peer.process(frame(before_m))
-    result = peer.process(frame(np.zeros((30, 40), np.float32), index=1))
+    baseline = FlowFilter(camera((30, 40)), flow=Known(3))
+    baseline.process(frame(before_m))
+    result = baseline.process(frame(np.zeros((30, 40), np.float32), index=1))
     np.testing.assert_array_equal(result.depth_m[:, 3:], before_m[:, :-3])
     assert not result.depth_m[:, :3].any()
     assert (result.source[:, 3:] == Source.INPAINTED).all()
 
 
 def test_depths_that_agree_are_blended_and_others_are_shown_as_measured() -> None:
-    peer = FlowFilter(camera((1, 3)), flow=Known(0), alpha=0.25, agreement=0.05)
-    peer.process(frame(np.array([[4.0, 4.0, 0.0]], np.float32)))
-    result = peer.process(frame(np.array([[4.1, 5.0, 6.0]], np.float32), index=1))
+    baseline = FlowFilter(camera((1, 3)), flow=Known(0), alpha=0.25, agreement=0.05)
+    baseline.process(frame(np.array([[4.0, 4.0, 0.0]], np.float32)))
+    result = baseline.process(frame(np.array([[4.1, 5.0, 6.0]], np.float32), index=1))
     np.testing.assert_allclose(result.depth_m, [[4.025, 5.0, 6.0]], rtol=1e-6)
 
 
 def test_a_flow_that_does_not_come_back_moves_nothing() -> None:
-    peer = FlowFilter(camera((30, 40)), flow=Torn(0))
-    peer.process(frame(np.full((30, 40), 4.0, np.float32)))
-    assert not peer.process(frame(np.zeros((30, 40), np.float32), index=1)).depth_m.any()
+    baseline = FlowFilter(camera((30, 40)), flow=Torn(0))
+    baseline.process(frame(np.full((30, 40), 4.0, np.float32)))
+    assert not baseline.process(frame(np.zeros((30, 40), np.float32), index=1)).depth_m.any()
 
 
 def test_a_hole_is_filled_for_as_long_as_the_age_allows() -> None:
-    peer = FlowFilter(camera((3, 3)), flow=Known(0), max_age_frames=2)
-    peer.process(frame(np.full((3, 3), 4.0, np.float32)))
-    middles = [peer.process(frame(np.zeros((3, 3), np.float32), index=index)).depth_m[1, 1] for index in (1, 2, 3)]
+    baseline = FlowFilter(camera((3, 3)), flow=Known(0), max_age_frames=2)
+    baseline.process(frame(np.full((3, 3), 4.0, np.float32)))
+    middles = [baseline.process(frame(np.zeros((3, 3), np.float32), index=index)).depth_m[1, 1] for index in (1, 2, 3)]
     assert middles == [4.0, 4.0, 0.0]
 
 
@@ -135,18 +135,18 @@ def test_a_flow_far_out_of_the_image_or_without_bound_lands_nowhere() -> None:
             self.forwards = not self.forwards
             return np.full((*start.shape, 2), 1e9 if self.forwards else -1e9, np.float32)
 
-    peer = FlowFilter(camera((3, 3)), flow=Wild(0))
-    peer.process(frame(np.full((3, 3), 4.0, np.float32)))
-    assert not peer.process(frame(np.zeros((3, 3), np.float32), index=1)).depth_m.any()
+    baseline = FlowFilter(camera((3, 3)), flow=Wild(0))
+    baseline.process(frame(np.full((3, 3), 4.0, np.float32)))
+    assert not baseline.process(frame(np.zeros((3, 3), np.float32), index=1)).depth_m.any()
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_a_translating_scene_is_filled_by_every_method(name: str) -> None:
     large, depth_m = texture(6, (SHAPE[0], SHAPE[1] + 8)), scene(0, (SHAPE[0], SHAPE[1] + 8))
-    peer = FlowFilter(camera(SHAPE), flow=METHODS[name])
-    peer.process(frame(np.ascontiguousarray(depth_m[:, 4:-4]), np.ascontiguousarray(large[:, 4:-4])))
+    baseline = FlowFilter(camera(SHAPE), flow=METHODS[name])
+    baseline.process(frame(np.ascontiguousarray(depth_m[:, 4:-4]), np.ascontiguousarray(large[:, 4:-4])))
     moved = np.ascontiguousarray(large[:, 2:-6])
-    result = peer.process(frame(np.zeros(SHAPE, np.float32), moved, index=1))
+    result = baseline.process(frame(np.zeros(SHAPE, np.float32), moved, index=1))
     known = (result.depth_m > 0) & (depth_m[:, 2:-6] > 0)
     assert known[INSIDE].mean() > 0.7
     assert np.median(np.abs(result.depth_m - depth_m[:, 2:-6])[known]) < 0.05

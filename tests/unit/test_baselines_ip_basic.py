@@ -11,8 +11,8 @@ BOTH = [Fast(), Multiscale()]
 
 
 def filled(depth_m: np.ndarray, completion: Completion, max_depth_m: float = 100.0) -> np.ndarray:
-    peer = IpBasic(completion=completion, max_depth_m=max_depth_m)
-    return peer.process(frame(depth_m)).depth_m
+    baseline = IpBasic(completion=completion, max_depth_m=max_depth_m)
+    return baseline.process(frame(depth_m)).depth_m
 
 
 @pytest.mark.parametrize("completion", BOTH)

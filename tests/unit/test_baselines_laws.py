@@ -1,4 +1,4 @@
-"""What holds for every peer of these files, whatever its method."""
+"""What holds for every baseline of these files, whatever its method."""
 
 from collections.abc import Callable
 from functools import partial
@@ -35,33 +35,34 @@ WITH_MEMORY: dict[str, Make] = {
     "flow-horn-schunck": partial(FlowFilter, flow=HornSchunck()),
     "pose-splat": PoseSplat,
 }
-PEERS = FILLERS | WITH_MEMORY
+BASELINES = FILLERS | WITH_MEMORY
 SHAPES = [(1, 1), (1, 9), (7, 1), (3, 200), (60, 80)]
 
 
 def run(name: str, seed: int = 0, shape: tuple[int, int] = (30, 40), frames: int = 3) -> list[CorrectedDepth]:
-    """What a new peer makes of a short stream."""
-    peer = PEERS[name](camera(shape))
+    """What a new baseline makes of a short stream."""
+    baseline = BASELINES[name](camera(shape))
     return [
-        peer.process(frame(scene(seed + index, shape), texture(seed, shape), index=index)) for index in range(frames)
+        baseline.process(frame(scene(seed + index, shape), texture(seed, shape), index=index))
+        for index in range(frames)
     ]
 
 
-@pytest.mark.parametrize("name", PEERS)
+@pytest.mark.parametrize("name", BASELINES)
 def test_a_constant_stays_constant(name: str) -> None:
-    peer = PEERS[name](camera((30, 40)))
+    baseline = BASELINES[name](camera((30, 40)))
     for index in range(3):
         depth_m = holed(np.full((30, 40), 7.25, np.float32), index)
-        result = peer.process(frame(depth_m, texture(0, depth_m.shape), index=index))
+        result = baseline.process(frame(depth_m, texture(0, depth_m.shape), index=index))
         assert (result.depth_m[depth_m > 0] > 0).all()
         np.testing.assert_allclose(result.depth_m[result.depth_m > 0], 7.25, rtol=1e-4)
     assert np.count_nonzero(result.depth_m) > np.count_nonzero(depth_m)
 
 
-@pytest.mark.parametrize("name", PEERS)
+@pytest.mark.parametrize("name", BASELINES)
 def test_a_smooth_frame_without_holes_comes_back_as_it_is(name: str) -> None:
     depth_m = (5 + np.arange(1200).reshape(30, 40) / 1000).astype(np.float32)
-    result = PEERS[name](camera((30, 40))).process(frame(depth_m, texture(0, (30, 40))))
+    result = BASELINES[name](camera((30, 40))).process(frame(depth_m, texture(0, (30, 40))))
     np.testing.assert_array_equal(result.depth_m, depth_m)
     assert not np.shares_memory(result.depth_m, depth_m)
 
@@ -73,15 +74,15 @@ def test_fillers_keep_every_valid_pixel(name: str) -> None:
         np.testing.assert_array_equal(result.depth_m[measured_m > 0], measured_m[measured_m > 0])
 
 
-@pytest.mark.parametrize("name", PEERS)
+@pytest.mark.parametrize("name", BASELINES)
 def test_all_invalid_stays_invalid(name: str) -> None:
-    peer = PEERS[name](camera((30, 40)))
+    baseline = BASELINES[name](camera((30, 40)))
     for index in range(2):
-        result = peer.process(frame(np.zeros((30, 40), np.float32), index=index))
+        result = baseline.process(frame(np.zeros((30, 40), np.float32), index=index))
         assert not result.depth_m.any() and not result.source.any() and not result.confidence.any()
 
 
-@pytest.mark.parametrize("name", PEERS)
+@pytest.mark.parametrize("name", BASELINES)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_images_of_any_size_are_worked_on(name: str, shape: tuple[int, int]) -> None:
     for index, result in enumerate(run(name, shape=shape)):
@@ -92,17 +93,17 @@ def test_images_of_any_size_are_worked_on(name: str, shape: tuple[int, int]) -> 
         np.testing.assert_array_equal(result.source > 0, result.depth_m > 0)
 
 
-@pytest.mark.parametrize("name", PEERS)
+@pytest.mark.parametrize("name", BASELINES)
 def test_the_smallest_and_the_largest_depths_that_a_frame_may_have_do_no_harm(name: str) -> None:
-    peer = PEERS[name](camera((30, 40)))
+    baseline = BASELINES[name](camera((30, 40)))
     for index in range(3):
         depth_m = scene(index, (30, 40))
         depth_m[5:25:4, 5], depth_m[5:25:4, 30] = 1e-42, 3e38
-        result = peer.process(frame(depth_m, texture(0, (30, 40)), index=index))
+        result = baseline.process(frame(depth_m, texture(0, (30, 40)), index=index))
         assert np.isfinite(result.depth_m).all() and (result.depth_m >= 0).all()
 
 
-@pytest.mark.parametrize("name", PEERS)
+@pytest.mark.parametrize("name", BASELINES)
 def test_what_is_filled_lies_between_what_was_measured(name: str) -> None:
     results = run(name)
     measured_m = np.concatenate([scene(index, (30, 40)).ravel() for index in range(3)])
@@ -111,58 +112,58 @@ def test_what_is_filled_lies_between_what_was_measured(name: str) -> None:
     assert filled_m.max() <= measured_m.max() * 1.001
 
 
-@pytest.mark.parametrize("name", PEERS)
+@pytest.mark.parametrize("name", BASELINES)
 def test_the_input_is_neither_changed_nor_kept(name: str) -> None:
-    peer, kept = PEERS[name](camera((30, 40))), PEERS[name](camera((30, 40)))
+    baseline, kept = BASELINES[name](camera((30, 40))), BASELINES[name](camera((30, 40)))
     for index in range(3):
         depth_m, gray = scene(index, (30, 40)), texture(index, (30, 40))
         buffers = depth_m.copy(), gray.copy()
-        result = peer.process(frame(*buffers, index=index))
+        result = baseline.process(frame(*buffers, index=index))
         np.testing.assert_array_equal(buffers[0], depth_m)
         np.testing.assert_array_equal(buffers[1], gray)
         buffers[0][:], buffers[1][:] = 1.0, 0  # a camera driver that uses its buffers again
         np.testing.assert_array_equal(result.depth_m, kept.process(frame(depth_m, gray, index=index)).depth_m)
 
 
-@pytest.mark.parametrize("name", PEERS)
+@pytest.mark.parametrize("name", BASELINES)
 def test_a_result_is_not_changed_by_later_frames(name: str) -> None:
-    peer = PEERS[name](camera((30, 40)))
-    first = peer.process(frame(scene(0, (30, 40)), texture(0, (30, 40))))
+    baseline = BASELINES[name](camera((30, 40)))
+    first = baseline.process(frame(scene(0, (30, 40)), texture(0, (30, 40))))
     before = first.depth_m.copy()
     first_again = first.depth_m
-    peer.process(frame(scene(1, (30, 40)), texture(0, (30, 40)), index=1))
+    baseline.process(frame(scene(1, (30, 40)), texture(0, (30, 40)), index=1))
     np.testing.assert_array_equal(first_again, before)
 
 
-@pytest.mark.parametrize("name", PEERS)
+@pytest.mark.parametrize("name", BASELINES)
 def test_a_result_that_is_written_to_does_not_reach_the_next_one(name: str) -> None:
-    peer = PEERS[name](camera((30, 40)))
+    baseline = BASELINES[name](camera((30, 40)))
     for index, expected in enumerate(run(name)):
-        result = peer.process(frame(scene(index, (30, 40)), texture(0, (30, 40)), index=index))
+        result = baseline.process(frame(scene(index, (30, 40)), texture(0, (30, 40)), index=index))
         np.testing.assert_array_equal(result.depth_m, expected.depth_m)
         result.depth_m[:] = 99.0
 
 
-@pytest.mark.parametrize("name", PEERS)
+@pytest.mark.parametrize("name", BASELINES)
 def test_reset_makes_a_peer_like_new_and_the_same_frames_give_the_same_bits(name: str) -> None:
-    peer = PEERS[name](camera((30, 40)))
-    peer.process(frame(np.full((30, 40), 2.0, np.float32), texture(5, (30, 40))))
-    peer.reset()
+    baseline = BASELINES[name](camera((30, 40)))
+    baseline.process(frame(np.full((30, 40), 2.0, np.float32), texture(5, (30, 40))))
+    baseline.reset()
     for index, expected in enumerate(run(name)):
-        result = peer.process(frame(scene(index, (30, 40)), texture(0, (30, 40)), index=index))
+        result = baseline.process(frame(scene(index, (30, 40)), texture(0, (30, 40)), index=index))
         np.testing.assert_array_equal(result.depth_m, expected.depth_m)
 
 
 @pytest.mark.parametrize("name", SINGLE_FRAME)
 def test_single_frame_fillers_remember_nothing(name: str) -> None:
-    np.testing.assert_array_equal(run(name)[1].depth_m, PEERS[name](camera((30, 40))).process(
+    np.testing.assert_array_equal(run(name)[1].depth_m, BASELINES[name](camera((30, 40))).process(
         frame(scene(1, (30, 40)), texture(0, (30, 40)))
     ).depth_m)  # fmt: skip
 
 
 @pytest.mark.parametrize("name", ["telea", "navier-stokes", "global-smoother", "lmeds", "flow", "pose-splat"])
 def test_a_scene_twice_as_far_is_filled_twice_as_far(name: str) -> None:
-    near, far = PEERS[name](camera((30, 40))), PEERS[name](camera((30, 40)))
+    near, far = BASELINES[name](camera((30, 40))), BASELINES[name](camera((30, 40)))
     for index in range(3):
         depth_m, gray = scene(index, (30, 40)), texture(0, (30, 40))
         expected_m = 2 * near.process(frame(depth_m, gray, index=index)).depth_m
@@ -171,7 +172,7 @@ def test_a_scene_twice_as_far_is_filled_twice_as_far(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["lmeds", "ip-basic", "ip-basic-multiscale"])
 def test_a_small_offset_in_depth_passes_through(name: str) -> None:
-    near, far = PEERS[name](camera((30, 40))), PEERS[name](camera((30, 40)))
+    near, far = BASELINES[name](camera((30, 40))), BASELINES[name](camera((30, 40)))
     for index in range(3):
         depth_m = scene(index, (30, 40))
         expected_m = near.process(frame(depth_m, index=index)).depth_m
@@ -183,4 +184,4 @@ def test_a_small_offset_in_depth_passes_through(name: str) -> None:
 @pytest.mark.parametrize("name", [*WITH_MEMORY, "global-smoother"])
 def test_frames_of_another_size_are_refused(name: str) -> None:
     with pytest.raises(FrameError, match=r"shape \(30, 40\), got \(31, 40\)"):
-        PEERS[name](camera((30, 40))).process(frame(scene(0, (31, 40))))
+        BASELINES[name](camera((30, 40))).process(frame(scene(0, (31, 40))))

@@ -66,11 +66,11 @@ def test_the_gate_lets_small_steps_pass_unexamined() -> None:
 
 
 def test_a_hole_is_filled_from_the_frames_before_and_only_from_so_many() -> None:
-    peer = LMedS(camera((9, 9)), frames=3)
+    baseline = LMedS(camera((9, 9)), frames=3)
     hole_m = np.full((9, 9), 4.0, np.float32)
     hole_m[2:7, 2:7] = 0
-    peer.process(frame(np.full((9, 9), 4.0, np.float32)))
-    middles = [peer.process(frame(hole_m, index=index)).depth_m[4, 4] for index in (1, 2, 3)]
+    baseline.process(frame(np.full((9, 9), 4.0, np.float32)))
+    middles = [baseline.process(frame(hole_m, index=index)).depth_m[4, 4] for index in (1, 2, 3)]
     assert middles == [4.0, 4.0, 0.0]
 
 

@@ -1,4 +1,4 @@
-"""The median comparator, by its laws and against a slow reference."""
+"""The median baseline, by its laws and against a slow reference."""
 
 import numpy as np
 import pytest

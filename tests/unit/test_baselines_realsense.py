@@ -1,4 +1,4 @@
-"""The RealSense comparators: their laws, the twins of their kernels, and equality with librealsense itself."""
+"""The RealSense baselines: their laws, the twins of their kernels, and equality with librealsense itself."""
 
 import ctypes
 from collections.abc import Callable, Iterable
@@ -28,7 +28,7 @@ from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, So
 
 CAMERA = Intrinsics.from_hfov(width_px=96, height_px=72, hfov_deg=86, baseline_m=0.095)
 FILLS = ["left", "farthest", "nearest"]
-PEERS: dict[str, Callable[[Intrinsics], DepthCorrector]] = {
+BASELINES: dict[str, Callable[[Intrinsics], DepthCorrector]] = {
     "left": lambda _: RealSenseHoles(fill="left"),
     "farthest": lambda _: RealSenseHoles(),
     "nearest": lambda _: RealSenseHoles(fill="nearest"),
@@ -82,34 +82,34 @@ def moving_scene(n_frames: int, units_per_m: float = 1000) -> list[np.ndarray]:
 @pytest.mark.parametrize("name", ["left", "farthest", "nearest", "chain"])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_constant_image_stays_constant(name: str, shape: tuple[int, int]) -> None:
-    result = PEERS[name](camera_of(shape)).process(frame_of(np.full(shape, 3.0)))
+    result = BASELINES[name](camera_of(shape)).process(frame_of(np.full(shape, 3.0)))
     np.testing.assert_array_equal(result.depth_m, np.full(shape, 3, np.float32))
     assert (result.source == Source.SENSOR).all()
 
 
-@pytest.mark.parametrize("name", PEERS)
+@pytest.mark.parametrize("name", BASELINES)
 def test_invalid_frames_stay_invalid(name: str) -> None:
-    result = PEERS[name](CAMERA).process(frame_of(np.zeros(CAMERA.shape)))
+    result = BASELINES[name](CAMERA).process(frame_of(np.zeros(CAMERA.shape)))
     assert not result.depth_m.any() and not result.source.any() and not result.confidence.any()
 
 
-@pytest.mark.parametrize("name", PEERS)
+@pytest.mark.parametrize("name", BASELINES)
 def test_a_frame_is_not_changed_and_the_result_has_its_own_arrays(name: str) -> None:
     frame = frame_of(moving_scene(3)[1] / 1000)
     before = frame.depth_m.copy()
-    result = PEERS[name](CAMERA).process(frame)
+    result = BASELINES[name](CAMERA).process(frame)
     assert result.depth_m.dtype == result.confidence.dtype == np.float32 and result.source.dtype == np.uint8
     result.depth_m[:] = -1
     np.testing.assert_array_equal(frame.depth_m, before)
 
 
-@pytest.mark.parametrize("name", PEERS)
+@pytest.mark.parametrize("name", BASELINES)
 def test_a_stream_gives_the_same_again_after_a_reset(name: str) -> None:
-    peer = PEERS[name](CAMERA)
+    baseline = BASELINES[name](CAMERA)
 
     def results() -> list[CorrectedDepth]:
-        peer.reset()
-        return [peer.process(frame_of(units / 1000, k)) for k, units in enumerate(moving_scene(5))]
+        baseline.reset()
+        return [baseline.process(frame_of(units / 1000, k)) for k, units in enumerate(moving_scene(5))]
 
     for first, second in zip(results(), results(), strict=True):
         np.testing.assert_array_equal(first.depth_m, second.depth_m)
@@ -338,10 +338,10 @@ def imported_sdk() -> Any:
 def test_hole_filling_equals_that_of_librealsense(mode: int) -> None:
     sdk = Sdk(CAMERA)
     block = sdk.rs.hole_filling_filter(mode)
-    peer = RealSenseHoles(fill=FILLS[mode])  # type: ignore[arg-type]
+    baseline = RealSenseHoles(fill=FILLS[mode])  # type: ignore[arg-type]
     for units in moving_scene(5):
         expected = sdk.through(units, [block])
-        np.testing.assert_array_equal(np.rint(peer.process(frame_of(units / 1000)).depth_m * 1000), expected)
+        np.testing.assert_array_equal(np.rint(baseline.process(frame_of(units / 1000)).depth_m * 1000), expected)
         assert (expected != units).any() == units.any()
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.baseline_frames import camera, frame, holed, scene, texture
-from voxdepth.baselines.global_smoother import LEAST_WEIGHT, GlobalSmoother
+from voxdepth.baselines.global_smoother import MIN_WEIGHT, GlobalSmoother
 from voxdepth.errors import ConfigError
 
 
@@ -15,7 +15,7 @@ def by_matrices(depth_m: np.ndarray, gray: np.ndarray, smoothness: float, sigma:
     guide = gray.astype(np.float64)
 
     def line(values: np.ndarray, guide_line: np.ndarray, strength: float) -> np.ndarray:
-        weight = np.maximum(np.exp(-np.abs(np.diff(guide_line)) / sigma), LEAST_WEIGHT) * strength
+        weight = np.maximum(np.exp(-np.abs(np.diff(guide_line)) / sigma), MIN_WEIGHT) * strength
         system = np.eye(len(values))
         for k, w in enumerate(weight):
             system[k, k] += w
@@ -38,9 +38,9 @@ def by_matrices(depth_m: np.ndarray, gray: np.ndarray, smoothness: float, sigma:
 @pytest.mark.parametrize("shape", [(20, 31), (1, 25), (25, 1)])
 def test_recursions_solve_the_systems(iterations: int, shape: tuple[int, int]) -> None:
     depth_m, gray = scene(0, shape), texture(1, shape)
-    peer = GlobalSmoother(camera(shape), smoothness=50.0, sigma_gray=10.0, iterations=iterations)
+    baseline = GlobalSmoother(camera(shape), smoothness=50.0, sigma_gray=10.0, iterations=iterations)
     expected_m = by_matrices(depth_m, gray, 50.0, 10.0, iterations)
-    np.testing.assert_allclose(peer.process(frame(depth_m, gray)).depth_m, expected_m, rtol=2e-4)
+    np.testing.assert_allclose(baseline.process(frame(depth_m, gray)).depth_m, expected_m, rtol=2e-4)
 
 
 def test_the_shares_of_the_iterations_fall_by_four_and_sum_to_half_the_smoothness() -> None:
@@ -72,9 +72,9 @@ def test_without_guidance_a_hole_in_a_plane_of_even_disparity_is_nearly_even() -
 
 def test_an_offset_in_inverse_depth_passes_through() -> None:
     inverse = np.random.default_rng(0).uniform(0.1, 0.5, (30, 40)).astype(np.float32)
-    valid, gray, peer = holed(inverse, 1) > 0, texture(0, (30, 40)), GlobalSmoother(camera((30, 40)))
+    valid, gray, baseline = holed(inverse, 1) > 0, texture(0, (30, 40)), GlobalSmoother(camera((30, 40)))
     plain, shifted = (
-        1 / peer.process(frame(np.where(valid, 1 / (inverse + by), 0).astype(np.float32), gray)).depth_m
+        1 / baseline.process(frame(np.where(valid, 1 / (inverse + by), 0).astype(np.float32), gray)).depth_m
         for by in (np.float32(0), np.float32(0.25))
     )
     np.testing.assert_allclose(shifted, plain + 0.25, atol=1e-5)

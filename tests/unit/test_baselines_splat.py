@@ -28,9 +28,9 @@ def turned(degrees: float) -> FloatArray:
 
 
 def test_a_standing_camera_fills_what_it_once_measured() -> None:
-    peer, depth_m = PoseSplat(camera(SHAPE)), scene(0, SHAPE)
-    peer.process(frame(depth_m))
-    result = peer.process(frame(EMPTY, index=1))
+    baseline, depth_m = PoseSplat(camera(SHAPE)), scene(0, SHAPE)
+    baseline.process(frame(depth_m))
+    result = baseline.process(frame(EMPTY, index=1))
     np.testing.assert_allclose(result.depth_m, depth_m, rtol=1e-6)
     assert (result.source[depth_m > 0] == Source.INPAINTED).all()
 
@@ -38,9 +38,9 @@ def test_a_standing_camera_fills_what_it_once_measured() -> None:
 def test_a_wall_moves_by_the_parallax_of_its_depth() -> None:
     depth_m = np.zeros(SHAPE, np.float32)
     depth_m[10, 20], depth_m[20, 20] = 4.0, 8.0
-    peer = PoseSplat(camera(SHAPE, focal_px=80.0))
-    peer.process(frame(depth_m))
-    result = peer.process(frame(EMPTY, index=1, T_world_cam=at(x=0.5)))  # 80 px * 0.5 m / z
+    baseline = PoseSplat(camera(SHAPE, focal_px=80.0))
+    baseline.process(frame(depth_m))
+    result = baseline.process(frame(EMPTY, index=1, T_world_cam=at(x=0.5)))  # 80 px * 0.5 m / z
     assert set(zip(*np.nonzero(result.depth_m), strict=True)) == {(10, 10), (20, 15)}
     np.testing.assert_allclose(result.depth_m[[10, 20], [10, 15]], [4.0, 8.0])
 
@@ -48,9 +48,9 @@ def test_a_wall_moves_by_the_parallax_of_its_depth() -> None:
 def test_coming_nearer_lowers_the_depth_and_spreads_from_the_principal_point() -> None:
     depth_m = np.zeros(SHAPE, np.float32)
     depth_m[14, 29] = 4.0  # ten pixels right of the principal point (19, 14)
-    peer = PoseSplat(camera(SHAPE))
-    peer.process(frame(depth_m))
-    result = peer.process(frame(EMPTY, index=1, T_world_cam=at(z=2.0)))
+    baseline = PoseSplat(camera(SHAPE))
+    baseline.process(frame(depth_m))
+    result = baseline.process(frame(EMPTY, index=1, T_world_cam=at(z=2.0)))
     np.testing.assert_allclose(result.depth_m[14, 39], 2.0, rtol=1e-6)
 
 
@@ -70,9 +70,9 @@ def splatted_by_pixels(depth_m: np.ndarray, T_there_here: FloatArray) -> np.ndar
 @pytest.mark.parametrize("pose", [at(x=0.31, y=-0.12, z=0.4), turned(7.3), at(z=-1.0) @ turned(-4.1)])
 def test_one_frame_is_moved_as_pixel_by_pixel(pose: FloatArray) -> None:
     first = at(5.0, -3.0, 2.0) @ turned(20.0)  # nothing depends on where the world's origin is
-    depth_m, peer = scene(3, SHAPE), PoseSplat(camera(SHAPE))
-    peer.process(frame(depth_m, T_world_cam=first))
-    moved_m = peer.process(frame(EMPTY, index=1, T_world_cam=first @ pose)).depth_m
+    depth_m, baseline = scene(3, SHAPE), PoseSplat(camera(SHAPE))
+    baseline.process(frame(depth_m, T_world_cam=first))
+    moved_m = baseline.process(frame(EMPTY, index=1, T_world_cam=first @ pose)).depth_m
     expected_m = splatted_by_pixels(depth_m, np.linalg.inv(pose))
     alike = np.isclose(moved_m, expected_m, rtol=0.03)  # of points that tie the first may win
     assert alike.mean() > 0.995
@@ -80,28 +80,28 @@ def test_one_frame_is_moved_as_pixel_by_pixel(pose: FloatArray) -> None:
 
 def test_nearest_wins_and_of_like_depths_the_newest() -> None:
     depths = (8.0, 3.0, 3.01, 8.0)  # the last one is behind what is remembered
-    peer = PoseSplat(camera((1, 1)))
+    baseline = PoseSplat(camera((1, 1)))
     for index, depth in enumerate(depths):
-        peer.process(frame(np.full((1, 1), depth, np.float32), index=index))
-    result = peer.process(frame(np.zeros((1, 1), np.float32), index=len(depths)))
+        baseline.process(frame(np.full((1, 1), depth, np.float32), index=index))
+    result = baseline.process(frame(np.zeros((1, 1), np.float32), index=len(depths)))
     assert result.depth_m.item() == pytest.approx(3.01)
 
 
 def test_points_are_forgotten_after_so_many_frames() -> None:
-    peer = PoseSplat(camera(SHAPE), frames=2)
-    peer.process(frame(np.full(SHAPE, 4.0, np.float32)))
-    filled = [peer.process(frame(EMPTY, index=index)).depth_m.any() for index in (1, 2, 3)]
+    baseline = PoseSplat(camera(SHAPE), frames=2)
+    baseline.process(frame(np.full(SHAPE, 4.0, np.float32)))
+    filled = [baseline.process(frame(EMPTY, index=index)).depth_m.any() for index in (1, 2, 3)]
     assert filled == [True, True, False]
 
 
 def test_points_do_not_wander_while_they_are_remembered() -> None:
     depth_m = np.zeros(SHAPE, np.float32)
     depth_m[15, 20] = 4.0
-    peer = PoseSplat(camera(SHAPE))
-    peer.process(frame(depth_m))
+    baseline = PoseSplat(camera(SHAPE))
+    baseline.process(frame(depth_m))
     for index in range(1, 41):  # 0.4 px a frame, there and back: rounding each of them would go nowhere
         steps = min(index, 40 - index)
-        result = peer.process(frame(EMPTY, index=index, T_world_cam=at(x=-0.02 * steps)))
+        result = baseline.process(frame(EMPTY, index=index, T_world_cam=at(x=-0.02 * steps)))
         assert np.flatnonzero(result.depth_m[15]).tolist() == [round(20 + 0.4 * steps + 1e-6)]
 
 
@@ -111,10 +111,10 @@ def test_a_frame_without_a_pose_is_refused() -> None:
 
 
 def test_the_pose_may_be_an_array_that_its_owner_uses_again() -> None:
-    pose, peer = POSE.copy(), PoseSplat(camera(SHAPE))
-    peer.process(frame(scene(0, SHAPE), T_world_cam=pose))
+    pose, baseline = POSE.copy(), PoseSplat(camera(SHAPE))
+    baseline.process(frame(scene(0, SHAPE), T_world_cam=pose))
     pose[:3, 3] = 100.0
-    result = peer.process(frame(EMPTY, index=1, T_world_cam=POSE))
+    result = baseline.process(frame(EMPTY, index=1, T_world_cam=POSE))
     np.testing.assert_allclose(result.depth_m, scene(0, SHAPE), rtol=1e-6)
 
 

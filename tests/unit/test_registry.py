@@ -150,7 +150,7 @@ def test_a_corrector_that_cannot_be_loaded_is_named(foreign: Path, name: str, en
         create_corrector(name, CAMERA)
 
 
-def test_the_registry_alone_imports_no_library_and_no_peer() -> None:
+def test_the_registry_alone_imports_no_library_and_no_baseline() -> None:
     code = (
         "import sys, voxdepth.registry as r; r.corrector_names(); "
         "print([m for m in sys.modules if m in ('cv2', 'warp', 'pydantic') or m.startswith('voxdepth.baselines')])"

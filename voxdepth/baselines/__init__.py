@@ -1,1 +1,1 @@
-"""The baselines that the default method is compared with: one file each, all behind `voxdepth.types.DepthCorrector`."""
+"""Baselines that the default method is compared with. All of them are `voxdepth.types.DepthCorrector`."""

@@ -1,7 +1,7 @@
 """Holes filled by the fast global smoother: measured inverse depth spreads where the gray image is smooth.
 
-Min et al. 2014, DOI 10.1109/TIP.2014.2366600: instead of one large system for the whole image, tridiagonal ones along
-rows and columns in turn, with ever less smoothing. OpenCV's own lives in its contrib modules.
+Min et al. 2014, DOI 10.1109/TIP.2014.2366600, replace one large system for the whole image by tridiagonal ones along
+rows and columns in turn, with decreasing smoothing. OpenCV has it only in its contrib modules.
 """
 
 import numpy as np
@@ -13,18 +13,18 @@ from .single_frame import labelled
 
 Stack = npt.NDArray[np.float32]
 
-LEAST_WEIGHT = np.float32(1e-4)
-"""Weight of the strongest gray edges: a hole behind several of them still takes its surroundings."""
+MIN_WEIGHT = np.float32(1e-4)
+"""Weight of the strongest gray edges: even a hole behind several of them is filled from its surroundings."""
 NEAREST_M = np.float32(1e-3)
-"""Depths below this count as this where they are spread: their inverse might have no number."""
+"""Lower bound of the depths that are spread [m], so that their inverse is finite."""
 PRIOR = np.float32(1e-30)
-"""Data weight of the frame's mean inverse depth in every pixel: it decides only where no measured pixel reaches."""
+"""Data weight of the mean inverse depth in every pixel: it matters only where no measured pixel has influence."""
 
 
 class GlobalSmoother:
     """Fills every hole under guidance of the gray image; valid pixels stay.
 
-    Works in inverse depth. Disparity would give the same: the filling is linear, so focal length and baseline drop out.
+    It works in inverse depth. Disparity would give the same result, since the filling is linear.
     """
 
     uses_gray = True
@@ -32,11 +32,11 @@ class GlobalSmoother:
     def __init__(
         self, intrinsics: Intrinsics, *, smoothness: float = 30.0, sigma_gray: float = 3.0, iterations: int = 3
     ) -> None:
-        """A filler for one camera.
+        """Create the filter.
 
         Args:
-            intrinsics: Frames of another size are refused.
-            smoothness: The paper's lambda; more of it reaches farther for data.
+            intrinsics: Intrinsics of the camera.
+            smoothness: Lambda of that paper; more spreads depth farther.
             sigma_gray: Gray step [gray values] over which the weight falls to 37 %; less trusts edges more.
             iterations: Pairs of passes along rows and columns; more leave fewer streaks.
 
@@ -49,13 +49,13 @@ class GlobalSmoother:
         self._intrinsics = intrinsics
         height, width = intrinsics.shape
         strengths = _strengths(smoothness, iterations)
-        self._weight_of_step = np.maximum(np.exp(-np.arange(256) / sigma_gray).astype(np.float32), LEAST_WEIGHT)
+        self._weight_of_step = np.maximum(np.exp(-np.arange(256) / sigma_gray).astype(np.float32), MIN_WEIGHT)
         self._down, self._along = _Recursion(intrinsics.shape, strengths), _Recursion((width, height), strengths)
         self._iterations = iterations
         self._upright, self._turned = np.empty((height, 2, width), np.float32), np.empty((width, 2, height), np.float32)
 
     def process(self, frame: Frame) -> CorrectedDepth:
-        """The frame without holes; one without any valid pixel stays as it is.
+        """Fill all holes; a frame without any valid pixel is unchanged.
 
         Raises:
             FrameError: The frame has another size than the camera.
@@ -73,7 +73,7 @@ class GlobalSmoother:
         return labelled(frame, np.where(valid, frame.depth_m, weight / weighted))
 
     def reset(self) -> None:
-        """Nothing is remembered."""
+        """Do nothing, since there is no state."""
 
     def _smooth(self, gray: GrayImage) -> None:
         """Smooth both images of the stack, which stay upright, under guidance of the gray image."""
@@ -86,7 +86,7 @@ class GlobalSmoother:
             self._down.solve(self._upright, iteration)
 
     def _weights(self, gray: GrayImage) -> FloatImage:
-        """How much each row and the next belong together, shape (n - 1, m)."""
+        """Smoothness weight between each row and the next, shape (n - 1, m)."""
         step = np.maximum(gray[1:], gray[:-1]) - np.minimum(gray[1:], gray[:-1])
         weights: FloatImage = self._weight_of_step[step]
         return weights
@@ -100,13 +100,13 @@ class _Recursion:
     """
 
     def __init__(self, shape: tuple[int, int], strengths: Stack) -> None:
-        """Room for images of a shape (n, m) and strengths (T,); fresh memory for each would double the time."""
+        """Allocate memory for images of shape (n, m) and strengths (T,); doing so per image would double the time."""
         self._strengths = strengths
         self._passed = np.empty((shape[0], len(strengths), shape[1]), np.float32)  # g / (p + g)
         self._scale = np.empty_like(self._passed)  # 1 / (p + g)
 
     def eliminate(self, weights: FloatImage) -> None:
-        """Take over the weights between neighbours, shape (n - 1, m)."""
+        """Eliminate for the weights between neighbours, shape (n - 1, m)."""
         np.multiply(weights[:, None], self._strengths[:, None], out=self._passed[:-1])
         self._passed[-1] = 0
         p = np.ones_like(self._passed[0])
@@ -132,6 +132,6 @@ class _Recursion:
 
 
 def _strengths(smoothness: float, iterations: int) -> Stack:
-    """What each iteration gets of the smoothness, shape (T,): a quarter of the one before, as in the paper."""
+    """Smoothness of each iteration, shape (T,): a quarter of the one before, as in that paper."""
     powers = 4.0 ** np.arange(iterations - 1, -1, -1)
     return (1.5 * smoothness * powers / (4.0**iterations - 1)).astype(np.float32)

@@ -1,7 +1,7 @@
 """IP-Basic: holes filled by morphology on inverted depth, so that the nearer of two neighbours spreads.
 
-Ku, Harakeh and Waslander 2018, DOI 10.1109/CRV.2018.00013, made for sparse lidar images. Here the holes alone take the
-result, for the sensor's pixels are dense and need no completion.
+Ku, Harakeh and Waslander 2018, DOI 10.1109/CRV.2018.00013, made it for sparse lidar images. Here only holes take
+the result, since the measured pixels of the sensor are dense.
 """
 
 from typing import Any, Protocol
@@ -17,7 +17,7 @@ from .single_frame import SingleFrameFilter
 Kernel = npt.NDArray[np.uint8]
 
 EMPTY_M = 0.1
-"""Inverted depths up to this count as empty; it keeps the farthest valid pixels apart from holes."""
+"""Inverted depths up to this count as empty [m]; it separates the farthest valid pixels from holes."""
 NEAR_M, MEDIUM_M = 15.0, 30.0
 """Ends of the ranges in which `Multiscale` dilates by its large and by its medium kernel."""
 LARGE_HOLE_STEPS = 6
@@ -25,10 +25,10 @@ LARGE_HOLE_STEPS = 6
 
 
 class Completion(Protocol):
-    """One of the two published variants."""
+    """A variant of the algorithm."""
 
     def complete(self, inverted_m: FloatImage, depth_m: FloatImage) -> FloatImage:
-        """A denser inverted image.
+        """Densify an inverted depth image.
 
         Args:
             inverted_m: Largest depth minus depth [m], shape (H, W), 0 = empty; not changed.
@@ -51,7 +51,7 @@ class Fast:
 
 
 class Multiscale:
-    """The variant of the authors' code that looks better: near things spread farther, outliers are taken out."""
+    """The multi-scale variant of the authors' code: near objects spread farther, outliers are removed."""
 
     def complete(self, inverted_m: FloatImage, depth_m: FloatImage) -> FloatImage:
         """See `Completion`. Holes wider than about 35 pixels stay open in their middle."""

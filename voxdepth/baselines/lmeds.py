@@ -1,8 +1,8 @@
 """Least median of squares over neighbours in space and time: "GSmooth-like".
 
-Neither the text nor the code of GSmooth (Islam et al. 2018) is public. Taken from what is said of it elsewhere: a gate
-on depth gradients, the least median of squares in space and time against outliers, and no motion compensation.
-Everything else here, the parameters too, is our own.
+Neither the text nor the code of GSmooth (Islam et al. 2018) is public. This filter has the properties that other papers
+report: a gate on depth gradients, the least median of squares in space and time against outliers, and no motion
+compensation. Everything else, including the parameters, is our own.
 """
 
 from collections import deque
@@ -17,7 +17,7 @@ from .single_frame import labelled
 Samples = npt.NDArray[np.float32]
 
 DEVIATIONS = 2.5
-"""Robust standard deviations from which on a measured pixel is an outlier: Rousseeuw 1984, as is the estimate."""
+"""Distance of an outlier in robust standard deviations. It and their estimate are from Rousseeuw 1984."""
 TILE = 8192
 """Pixels per tile: few enough that their samples stay in the cache."""
 
@@ -36,15 +36,15 @@ class LMedS:
         gradient_gate: float = 0.02,
         min_samples: int = 5,
     ) -> None:
-        """A filter for one camera.
+        """Create the filter.
 
         Args:
-            intrinsics: Frames of another size are refused.
+            intrinsics: Intrinsics of the camera.
             frames: Number of last frames, including this one; more stabilise static surfaces and smear moving ones.
             window_px: Width of the window around a pixel; odd.
             gradient_gate: Measured pixels change only where a neighbour's depth differs by more than this share; 0
                 examines every pixel that has a differing neighbour.
-            min_samples: A hole with fewer valid samples stays one.
+            min_samples: A hole with fewer valid samples remains.
 
         Raises:
             ConfigError: A parameter is out of range.
@@ -105,8 +105,8 @@ class LMedS:
 def least_median_of_squares(samples: Samples) -> tuple[Samples, Samples]:
     """The location whose median squared distance to the samples is least, by row.
 
-    It is the midpoint of the shortest interval that holds `n // 2 + 1` of n samples, and half the length of it the root
-    of that median: Rousseeuw 1984, DOI 10.1080/01621459.1984.10477105. Of intervals of the same length the first wins.
+    It is the midpoint of the shortest interval that holds `n // 2 + 1` of n samples, and half its length is the root of
+    that median: Rousseeuw 1984, DOI 10.1080/01621459.1984.10477105. Ties go to the first interval.
 
     Args:
         samples: Shape (N, K); those that are infinite do not count.

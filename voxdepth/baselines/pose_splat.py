@@ -1,6 +1,6 @@
 """ORACLE: holes filled from the measurements of the last frames, moved by the true pose of the camera.
 
-No corrector has that pose: this is an upper bound for evaluation, and has no name in the registry.
+Correctors do not know that pose: this is an upper bound for the evaluation and not in the registry.
 """
 
 from dataclasses import dataclass, replace
@@ -19,15 +19,15 @@ Indices = npt.NDArray[np.intp]
 NEAREST_M = 1e-3
 """Points nearer to the camera than this are not seen."""
 TIE_BITS = 18
-"""So many of the 23 bits of a depth's mantissa do not count: depths in the same step of 1.6 to 3.1 % tie."""
+"""Ignored bits of the 23-bit mantissa of a depth: depths in the same step of 1.6 to 3.1 % tie."""
 EMPTY = np.uint64(2**64 - 1)
-"""Rank in a pixel that nothing falls into."""
+"""Rank of a pixel without points."""
 LOW_HALF = np.uint64(2**32 - 1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Points:
-    """Measured points, kept where they were and not rounded to pixels from frame to frame."""
+    """Measured points in space, which are not rounded to pixels from frame to frame."""
 
     anchor: PointArray
     """In the camera frame of the first frame [m], shape (N, 3)."""
@@ -35,7 +35,7 @@ class _Points:
     """Frames since the point was measured, shape (N,)."""
 
     def followed_by(self, others: Self) -> Self:
-        """These and then others."""
+        """Concatenate these points and others."""
         return replace(
             self,
             anchor=np.concatenate([self.anchor, others.anchor]),
@@ -43,45 +43,44 @@ class _Points:
         )
 
     def aged(self, limit: int) -> Self:
-        """Those that are not older than the limit after one more frame [frames]."""
+        """The points that are not older than the limit [frames] after one more frame."""
         young = self.age < limit
         return replace(self, anchor=self.anchor[young], age=self.age[young] + np.uint64(1))
 
     def at(self, chosen: Indices) -> Self:
-        """Some of them."""
+        """Select points by index."""
         return replace(self, anchor=self.anchor[chosen], age=self.age[chosen])
 
 
 class PoseSplat:
     """ORACLE: fills holes from a z-buffer of the last frames; valid pixels stay.
 
-    The memory has one point per pixel: what the last frame measured and what it already knew. Of points in the same
-    pixel the nearest stays, and of those at about the same depth the newest. What leaves the image, or is hidden by
-    something nearer, is forgotten.
+    The memory has at most one point per pixel: the nearest one or, at about the same depth, the newest one. Points that
+    leave the image or are occluded are forgotten.
     """
 
     uses_gray = False
 
     def __init__(self, intrinsics: Intrinsics, *, frames: int = 60) -> None:
-        """A filler for one camera.
+        """Create the oracle.
 
         Args:
-            intrinsics: Frames of another size are refused.
+            intrinsics: Intrinsics of the camera.
             frames: Number of remembered frames; more fill more, and keep departed objects for longer.
 
         Raises:
             ConfigError: `frames` is below 1, or so large that the points cannot be numbered.
         """
-        most = 2**32 // (intrinsics.width_px * intrinsics.height_px) - 1
-        if not 1 <= frames <= most:
-            raise ConfigError(f"frames must lie in 1 to {most} for images of this size, got {frames}")
+        largest = 2**32 // (intrinsics.width_px * intrinsics.height_px) - 1
+        if not 1 <= frames <= largest:
+            raise ConfigError(f"frames must lie in 1 to {largest} for images of this size, got {frames}")
         self._intrinsics = intrinsics
         self._frames = frames
         self._T_world_anchor: FloatArray | None = None
         self._memory = _no_points()
 
     def process(self, frame: Frame) -> CorrectedDepth:
-        """The frame with holes filled where the memory has something.
+        """Fill the holes for which the memory has a point.
 
         Raises:
             FrameError: The frame has another size than the camera, or no pose.
@@ -105,7 +104,7 @@ class PoseSplat:
         self._memory = _no_points()
 
     def _T_cam_anchor(self, frame: Frame) -> FloatArray:  # noqa: N802
-        """From the first frame's camera to that of this frame, shape (4, 4)."""
+        """Transform from the camera of the first frame to that of this frame, shape (4, 4)."""
         if frame.T_world_cam is None:
             raise FrameError("the splat of the last frames needs the true pose T_world_cam in every frame, got none")
         if self._T_world_anchor is None:
@@ -113,7 +112,7 @@ class PoseSplat:
         return inverse_rigid(frame.T_world_cam) @ self._T_world_anchor
 
     def _seen(self, points: _Points, T_cam_anchor: FloatArray) -> tuple[FloatImage, Indices]:
-        """Depth [m] of the points that a camera sees, 0 = none, and which of them these are; both of shape (H, W)."""
+        """Depth [m] of the points that a camera sees, 0 = none, and their indices; both of shape (H, W)."""
         z, pixel = self._projected(transform(T_cam_anchor, points.anchor))
         index = np.flatnonzero(pixel >= 0)
         order = points.age[index] * np.uint64(len(z)) + index.astype(np.uint64)
