@@ -2,7 +2,7 @@
 
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import cv2
@@ -12,7 +12,7 @@ from voxdepth.datasets import Dataset, open_dataset
 from voxdepth.model import Model
 from voxdepth.paper.config import PaperConfig
 from voxdepth.pipeline import CorrectionPipeline
-from voxdepth.types import Frame
+from voxdepth.types import DepthCorrector, Frame
 
 from .frames import FrameLoop, write_tum
 from .timings import FusionRecorder, Latency
@@ -34,7 +34,7 @@ class Throughput(Model):
     """Time from the end of reading a frame to its delivery."""
 
 
-Run = Callable[[FusionRecorder, Dataset], list[float]]
+Run = Callable[[DepthCorrector, Iterable[Frame]], list[float]]
 """Corrects all frames and returns their latencies [s]."""
 
 
@@ -56,7 +56,7 @@ def measure_run(mode: str, run: Run, dataset: Dataset, config: PaperConfig) -> T
     """Correct all frames with a new corrector."""
     corrector = FusionRecorder(PaperVoxDepth(dataset.intrinsics, config))
     start = time.perf_counter()
-    latencies_s = run(corrector, dataset)
+    latencies_s = run(corrector, read(dataset))
     wall_s = time.perf_counter() - start
     corrector.close()
     return Throughput(
@@ -69,19 +69,19 @@ def measure_run(mode: str, run: Run, dataset: Dataset, config: PaperConfig) -> T
     )
 
 
-def one_by_one(corrector: FusionRecorder, dataset: Dataset) -> list[float]:
-    """Read a frame, correct it, and only then read the next."""
+def one_by_one(corrector: DepthCorrector, frames: Iterable[Frame]) -> list[float]:
+    """Read a frame, correct it, and only then read the next; return the latencies [s]."""
     latencies_s = []
-    for frame in read(dataset):
+    for frame in frames:
         start = time.perf_counter()
         corrector.process(frame)
         latencies_s.append(time.perf_counter() - start)
     return latencies_s
 
 
-def pipelined(corrector: FusionRecorder, dataset: Dataset) -> list[float]:
-    """Read, register and combine in threads."""
-    with CorrectionPipeline(corrector, read(dataset)) as pipeline:
+def pipelined(corrector: DepthCorrector, frames: Iterable[Frame]) -> list[float]:
+    """Read, register and combine in threads; return the latencies [s]."""
+    with CorrectionPipeline(corrector, frames) as pipeline:
         for _ in pipeline:
             pass
         return pipeline.latencies_s
@@ -89,4 +89,5 @@ def pipelined(corrector: FusionRecorder, dataset: Dataset) -> list[float]:
 
 def read(dataset: Dataset) -> Iterator[Frame]:
     """Iterate over all frames; each is read when it is requested."""
-    return (dataset[index] for index in range(len(dataset)))
+    for index in range(len(dataset)):
+        yield dataset[index]

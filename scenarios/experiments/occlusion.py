@@ -105,34 +105,20 @@ class SequenceQuality:
             mask = grow(occluded, width_px)
             frames.add(np.where(mask & ~occluded, np.float32(0), raw_m), truth_m, mask, counted)
 
-    @property
-    def occluded_percents(self) -> list[float]:
-        """Share of occluded pixels by growth."""
-        return [frames.occluded_percent for frames in self.grown.values()]
-
-    @property
-    def psnrs_db(self) -> list[float]:
-        """PSNR of the depth as it is by growth."""
-        return [frames.psnr_db for frames in self.grown.values()]
-
-    @property
-    def psnrs_completed_db(self) -> list[float]:
-        """PSNR after completion by growth."""
-        return [frames.psnr_completed_db for frames in self.grown.values()]
+    def curve(self, *, completed: bool = False) -> tuple[list[float], list[float]]:
+        """Share of occluded pixels [%] and PSNR [dB] by growth, of the depth as it is or after completion."""
+        psnrs_db = [frames.psnr_completed_db if completed else frames.psnr_db for frames in self.grown.values()]
+        return [frames.occluded_percent for frames in self.grown.values()], psnrs_db
 
     def loss_percent(self) -> float | None:
         """Share of the PSNR, in decibels, that `POINTS` more occluded pixels cost; None if no growth adds as many."""
-        shares, psnrs_db = self.occluded_percents, self.psnrs_db
+        shares, psnrs_db = self.curve()
         more = shares[0] + POINTS
         return 100 * (1 - float(np.interp(more, shares, psnrs_db)) / psnrs_db[0]) if more <= shares[-1] else None
 
-    def curvature(self) -> float:
+    def curvature(self, *, completed: bool = False) -> float:
         """Second derivative of PSNR by share [dB/%^2]; below 0, quality falls ever more steeply."""
-        return _curvature(self.occluded_percents, self.psnrs_db)
-
-    def curvature_completed(self) -> float:
-        """Second derivative of PSNR after completion by share [dB/%^2]."""
-        return _curvature(self.occluded_percents, self.psnrs_completed_db)
+        return float(2 * np.polyfit(*self.curve(completed=completed), 2)[0])
 
 
 def relate_occlusion(context: ExperimentContext) -> Findings:
@@ -140,7 +126,8 @@ def relate_occlusion(context: ExperimentContext) -> Findings:
     measured = {name: SequenceQuality.of(context.captures(name)) for name in context.sequences}
     rows = [
         (name, *(float(np.mean(shares)) for shares in (one.occluded_percent, one.empty_percent, one.wrong_percent)),
-         one.psnrs_db[0], one.psnrs_completed_db[0], one.loss_percent(), one.curvature(), one.curvature_completed(),
+         one.grown[0].psnr_db, one.grown[0].psnr_completed_db, one.loss_percent(), one.curvature(),
+         one.curvature(completed=True),
          _correlation(one.occluded_percent, one.psnr_db), len(one.psnr_db))
         for name, one in measured.items()
     ]  # fmt: skip
@@ -184,10 +171,6 @@ def grow(mask: MaskImage, by_px: int) -> MaskImage:
     return cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)).astype(np.bool_)
 
 
-def _curvature(shares: Sequence[float], psnrs_db: Sequence[float]) -> float:
-    return float(2 * np.polyfit(shares, psnrs_db, 2)[0])
-
-
 def _correlation(shares: Sequence[float], psnrs_db: Sequence[float]) -> float | None:
     """Pearson's correlation; None with less than three frames or without variance."""
     if len(shares) < 3 or np.ptp(shares) == 0 or np.ptp(psnrs_db) == 0:
@@ -198,7 +181,7 @@ def _correlation(shares: Sequence[float], psnrs_db: Sequence[float]) -> float | 
 def _shape_claim(measured: Mapping[str, SequenceQuality]) -> Claim:
     n = len(measured)
     steeper = sum(one.curvature() < 0 for one in measured.values())
-    steeper_completed = sum(one.curvature_completed() < 0 for one in measured.values())
+    steeper_completed = sum(one.curvature(completed=True) < 0 for one in measured.values())
     return Claim(
         paper="quality falls superlinearly with the share of occluded pixels",
         found=f"with holes of 0 m it falls ever more steeply in {steeper} of {n} sequences, and ever less steeply in "
@@ -237,8 +220,8 @@ def _draw_frames(measured: Mapping[str, SequenceQuality], axes: Axes) -> None:
 def _draw_grown(measured: Mapping[str, SequenceQuality], axes: Axes) -> None:
     for k, (name, one) in enumerate(measured.items()):
         style: dict[str, Any] = {"marker": MARKERS[k % len(MARKERS)], "ms": 4, "color": f"C{k}"}
-        axes.plot(one.occluded_percents, one.psnrs_db, label=name, **style)
-        axes.plot(one.occluded_percents, one.psnrs_completed_db, ls=":", **style)
+        axes.plot(*one.curve(), label=name, **style)
+        axes.plot(*one.curve(completed=True), ls=":", **style)
     title = f"patches grown by {', '.join(map(str, GROWN_PX))} px; dotted: completed"
     label_axes(axes, title, "occluded pixels [%]", PSNR_LABEL)
     axes.legend(fontsize=7)
