@@ -42,7 +42,7 @@ def evaluate(
         Path,
         typer.Option(
             metavar="DIR",
-            help="Folder of the results; goes on where one was cut short. The report holds what this call names.",
+            help="Folder of the results. A repetition reuses finished ones; the report shows what this call names.",
         ),
     ] = (Path("evaluation")),
 ) -> None:

@@ -71,9 +71,9 @@ def error_against_range(evaluation: Evaluation) -> Picture:
 
     return Picture(
         title="Error against range",
-        caption="Mean absolute error after completion by the nearest valid: of all pixels by their true depth, or, "
-        "without the truth, of held-out pixels by the depth that was measured; n is the number of pixels of a bin over "
-        "all frames.",
+        caption="The mean absolute error after completion by the nearest valid pixel is that of all pixels by their "
+        "true depth or, without the truth, that of held-out pixels by their measured depth; n is the number of pixels "
+        "of a bin over all frames.",
         png=_panels(evaluation, draw),
     )
 
@@ -98,8 +98,8 @@ def holes_against_quality(evaluation: Evaluation) -> Picture:
 
     return Picture(
         title="RQ1: holes against quality",
-        caption="One point for each frame and method: how much of the frame the second camera does not see, and the "
-        "PSNR of the surfaces within 65.5 m after completion. Sequences without an occlusion mask are left out.",
+        caption="Each point is one frame of one method: the share of the frame that the second camera does not see, "
+        "and the PSNR of surfaces within 65.5 m after completion. Sequences without an occlusion mask are left out.",
         png=panels("", [draw], panel_in=WIDE_PANEL_IN, shared_legend=True),
     )
 
@@ -124,10 +124,10 @@ def error_against_latency(evaluation: Evaluation) -> Picture:
 
     return Picture(
         title="Error against latency",
-        caption="Mean absolute error where the sensor has no depth (or where it was held out), surfaces within 20 m, "
-        "after completion, against the median time per frame, OpenCV on one thread, plus the mean CPU time of the "
-        "method's own threads. The grey line joins the "
-        f"methods that no other beats in both; {ORACLE} is an oracle and does not compete.",
+        caption="The error is the mean absolute error after completion of surfaces within 20 m where the sensor has no "
+        "depth, or where its depth was held out. The time is the median time per frame with OpenCV on one thread plus "
+        "the mean CPU time of the method's own threads. The grey line is the Pareto front: no method beats these in "
+        f"both. {ORACLE} is an oracle and does not compete.",
         png=_panels(evaluation, draw),
     )
 
@@ -153,10 +153,10 @@ def reliability(evaluation: Evaluation) -> Picture:
 
     return Picture(
         title="Confidence against errors",
-        caption=f"Of the pixels that a method gives a depth, {CALIBRATION_RANGE}, in bins of its confidence of 0.1 "
-        "(and 0 alone): the share that is right, within 5 % or a quarter of a pixel of disparity (lines), and the "
-        "share of the method's pixels that are in the bin (dotted). "
-        "A line that rises is a confidence to go by. Methods whose pixels are in one or two bins are left out.",
+        caption=f"Pixels that a method gives a depth, {CALIBRATION_RANGE}, are sorted into bins of confidence of width "
+        "0.1, and a bin for 0. Lines show the share of a bin that is right, within 5 % or a quarter of a pixel of "
+        "disparity; dotted lines show the share of the method's pixels that are in the bin. A rising line means that "
+        "the confidence can be trusted. Methods whose pixels are in one or two bins are left out.",
         png=_panels(evaluation, draw),
     )
 
@@ -188,8 +188,9 @@ def error_maps(evaluation: Evaluation, info: SequenceInfo) -> Picture:
     n = int(np.count_nonzero(reference_m))
     return Picture(
         title=f"{info.name}, frame {info.frames - 1}",
-        caption=f"Depth (near red, far blue, none black) and its error [m] against {against}: red is too far, blue too "
-        f"near, white right, black without depth, grey without reference; n = {n} pixels of a narrowed image.",
+        caption=f"Depth is red where near, blue where far, and black where missing. Its error [m] is that against "
+        f"{against}: red is too far, blue too near, white right, black without depth, and grey without reference; "
+        f"n = {n} pixels of a narrowed image.",
         png=panels("", draws, columns=ERROR_MAP_COLUMNS, panel_in=(ERROR_MAP_WIDTH_IN, height_in)),
     )
 

@@ -71,7 +71,7 @@ class Score:
     def __init__(self, groups: Groups, intrinsics: Intrinsics) -> None:
         self._groups = groups
         self._occluded = "occluded" if "occluded" in groups.masks else groups.hidden
-        self._fair = "all" if groups.is_true else groups.hidden
+        self._independent = "all" if groups.is_true else groups.hidden
         """Mask of the pixels whose reference is not what the methods were given."""
         self._filled = [Sums()] * len(groups)
         self._completed = [Sums()] * len(groups)
@@ -106,9 +106,9 @@ class Score:
         self._add_sums(frame, depth_m, completed_m)
         self._add_flicker(frame, depth_m)
         self._moving.add(frame, depth_m)
-        fair = self._pixels(frame, self._fair)
-        self._calibration.add(depth_m, frame.reference_m, fair, confidence, source)
-        self._add_16_bits(frame, completed_m, fair)
+        independent = self._pixels(frame, self._independent)
+        self._calibration.add(depth_m, frame.reference_m, independent, confidence, source)
+        self._add_16_bits(frame, completed_m, independent)
         self._add_paper(frame, depth_m)
 
     def measurements(self) -> list[Measurement]:
@@ -145,9 +145,9 @@ class Score:
         self._flicker[STATIC_MEASURED].add(depth_m, steady_m, static & both, bins)
         self._measured_before = measured
 
-    def _add_16_bits(self, frame: EvaluationFrame, completed_m: FloatImage, fair: MaskImage) -> None:
+    def _add_16_bits(self, frame: EvaluationFrame, completed_m: FloatImage, independent: MaskImage) -> None:
         """Score the surfaces that an image in 16 bits and millimetres can hold."""
-        sums = Sums.of(completed_m, frame.reference_m, (frame.reference_m <= np.float32(PEAK16_M)) & fair)
+        sums = Sums.of(completed_m, frame.reference_m, (frame.reference_m <= np.float32(PEAK16_M)) & independent)
         self._in_16_bits += sums
         self._psnrs_db.append(sums.psnr_db(PEAK16_M))
 
@@ -193,7 +193,7 @@ class Score:
     def _measured_paper(self) -> Iterator[Measurement]:
         sums = self._in_16_bits
         psnr_db = sums.psnr_db(PEAK16_M) if _is_complete(sums) else None
-        yield _measurement("psnr16_mm", self._fair, ALL, COMPLETED, psnr_db, "dB", sums.filled)
+        yield _measurement("psnr16_mm", self._independent, ALL, COMPLETED, psnr_db, "dB", sums.filled)
         for (metric, scores), mask, unit in zip(self._paper.items(), (self._occluded, "all"), ("1", "dB"), strict=True):
             mean = float(np.mean(scores)) if scores else None
             yield _measurement(metric, mask, ALL, AS_GIVEN, mean, unit, len(scores))
