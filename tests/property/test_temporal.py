@@ -1,4 +1,4 @@
-"""Laws of the default method that hold for anything, drawn at random."""
+"""Laws of the default method on random inputs."""
 
 from dataclasses import astuple, replace
 

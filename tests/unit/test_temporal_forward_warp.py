@@ -1,4 +1,4 @@
-"""Memory warped along with the camera: laws, a slow twin, and scenes seen from two places."""
+"""The forward warp: laws, a slow twin, and scenes from two poses."""
 
 import cv2
 import numpy as np
@@ -19,7 +19,7 @@ MOTIONS = {
     "turned": pose(yaw=4, pitch=-2, roll=3),
     "all": pose(0.1, -0.04, 0.2, yaw=-3, pitch=2, roll=7),
 }
-"""`T_source_target`: how the camera warped."""
+"""`T_source_target`: motion of the camera."""
 
 
 def image(camera: Intrinsics, seed: int = 0, *, holes: float = 0.15) -> tuple[FloatImage, GrayImage]:
@@ -36,7 +36,7 @@ def image(camera: Intrinsics, seed: int = 0, *, holes: float = 0.15) -> tuple[Fl
 
 
 class Twin:
-    """The same with a loop over pixels, by points in space, in double precision."""
+    """The forward warp as a loop over pixels, by points in space, in double precision."""
 
     def __init__(self, resolution: WorkingResolution) -> None:
         self._resolution = resolution
@@ -97,7 +97,7 @@ def ones(disparity_px: FloatImage) -> GrayImage:
     return np.where(disparity_px > 0, 16, 0).astype(np.uint8)
 
 
-def turned_round(warped: Warped) -> tuple[FloatImage, GrayImage]:
+def rotated(warped: Warped) -> tuple[FloatImage, GrayImage]:
     return warped.disparity_px[::-1, ::-1], warped.weight[::-1, ::-1]
 
 
@@ -196,7 +196,7 @@ def test_the_order_of_the_points_does_not_matter() -> None:
     disparity_px, weight = image(CENTRED, seed=4)
     T = inverse_rigid(pose(0.05, 0.02, -0.8))  # far points fall onto each other
     ours = ForwardWarp(resolution).warp(disparity_px, weight, T)
-    theirs_px, their_weight = turned_round(
+    theirs_px, their_weight = rotated(
         ForwardWarp(resolution).warp(
             np.ascontiguousarray(disparity_px[::-1, ::-1]),
             np.ascontiguousarray(weight[::-1, ::-1]),
@@ -240,7 +240,7 @@ def test_the_nearest_wins(near_is_first: bool) -> None:
     np.testing.assert_allclose(warped.disparity_px[10, 30], near_px, atol=1e-3)
 
 
-def test_of_points_equally_near_the_surer_one_wins() -> None:
+def test_of_equal_disparities_the_larger_weight_wins() -> None:
     resolution = WorkingResolution.of(CENTRED, 1)
     for order in (1, -1):
         disparity_px, weight = np.zeros(resolution.shape, np.float32), np.zeros(resolution.shape, np.uint8)
@@ -282,7 +282,7 @@ def test_the_input_is_not_modified_and_the_result_is_not_reused() -> None:
 
 
 @pytest.mark.parametrize("shift_px", [1e-6, 1e-5, 1e-4, 3e-4, 0.01, 0.1, 0.2])
-def test_a_hole_does_not_push_its_rim_away(shift_px: float) -> None:
+def test_a_hole_does_not_change_its_border(shift_px: float) -> None:
     resolution = WorkingResolution.of(CAMERA, 1)
     disparity_px = np.full(resolution.shape, 2.0, np.float32)
     disparity_px[50:60, 70:80] = 0
@@ -315,7 +315,7 @@ def test_a_ball_hides_what_is_behind_it_from_there() -> None:
     here_px, there_px = (resolution.disparity(render(bodies, T)[1]) for T in (pose(), there))
     warped = ForwardWarp(resolution).warp(here_px, ones(here_px), inverse_rigid(there))
     ball_there = there_px > 3
-    rim = cv2.morphologyEx(ball_there.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((5, 5), np.uint8)) > 0
-    inside = ball_there & ~rim & (warped.weight > 0)
+    boundary = cv2.morphologyEx(ball_there.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((5, 5), np.uint8)) > 0
+    inside = ball_there & ~boundary & (warped.weight > 0)
     assert inside.sum() > 300
     assert (warped.disparity_px[inside] > 3).all()  # no wall shines through

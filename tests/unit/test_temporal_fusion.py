@@ -1,4 +1,4 @@
-"""One decision per pixel: what memory and measurement say together."""
+"""Pixel classes, the weighted average, and the decay of contradicted memory."""
 
 from dataclasses import replace
 
@@ -14,8 +14,8 @@ from voxdepth.types import FloatImage, GrayImage
 SHAPE = (40, 56)
 BLOCK = np.s_[14:26, 20:36]
 INSIDE = np.s_[17:23, 23:33]
-"""Of the block, what is farther from its border than evidence reaches."""
-SURE, MAX_EVIDENCE = 12, 12
+"""Part of the block that no window beyond its border reaches."""
+EVIDENCE, MAX_EVIDENCE = 12, 12
 LOOKS, LOOKS_DIFFERENT = 100, 140
 
 
@@ -27,7 +27,7 @@ def grays(value: int = LOOKS) -> GrayImage:
     return np.full(SHAPE, value, np.uint8)
 
 
-def memory_of(disparity_px: FloatImage, measurements: float = SURE, gray: GrayImage | None = None) -> Memory:
+def memory_of(disparity_px: FloatImage, measurements: float = EVIDENCE, gray: GrayImage | None = None) -> Memory:
     """A memory that counts so many measurements wherever it has a disparity."""
     weight = np.where(disparity_px > 0, round(WEIGHT_UNIT * measurements), 0).astype(np.uint8)
     return replace(Memory.empty(grays() if gray is None else gray), disparity_px=disparity_px.copy(), weight=weight)
@@ -65,7 +65,7 @@ def checks(amplitude_px: float) -> FloatImage:
 
 
 @pytest.mark.parametrize("measurements", [1, 3, 7.5])
-def test_what_agrees_is_averaged_by_weight(measurements: float) -> None:
+def test_agreeing_disparities_are_averaged_by_weight(measurements: float) -> None:
     noise_px = checks(0.4)
     fused, memory = fuse(memory_of(image(10), measurements), measurement_of(image(10) + noise_px))
     np.testing.assert_allclose(fused.disparity_px, 10 + noise_px / (measurements + 1), atol=1e-4)
@@ -74,7 +74,7 @@ def test_what_agrees_is_averaged_by_weight(measurements: float) -> None:
     np.testing.assert_array_equal(memory.weight, round(WEIGHT_UNIT * (measurements + 1)))
 
 
-def test_what_is_the_same_stays_the_same_and_grows_surer_up_to_a_limit() -> None:
+def test_a_constant_stays_constant_and_its_weight_grows_to_a_limit() -> None:
     memory = Memory.empty(grays())
     for count in range(1, 20):
         fused, memory = fuse(memory, measurement_of(image(7.25)))
@@ -102,7 +102,7 @@ def test_a_new_surface_is_shown_and_remembered() -> None:
 
 
 @pytest.mark.parametrize("outlier_px", [4.0, 18.0])
-def test_an_isolated_contradiction_is_replaced_by_memory(outlier_px: float) -> None:
+def test_outliers_are_replaced_by_memory(outlier_px: float) -> None:
     new_px = image(10)
     spots = (np.array([8, 20, 30]), np.array([9, 30, 47]))
     new_px[spots] = outlier_px
@@ -110,10 +110,10 @@ def test_an_isolated_contradiction_is_replaced_by_memory(outlier_px: float) -> N
     np.testing.assert_array_equal(fused.disparity_px, 10)
     assert (fused.pixel_class[spots] == PixelClass.REMEMBERED).all()
     np.testing.assert_array_equal(memory.disparity_px, 10)
-    assert (memory.weight[spots] == WEIGHT_UNIT * SURE - WEIGHT_UNIT / 8).all()  # nothing is believed for ever
+    assert (memory.weight[spots] == WEIGHT_UNIT * EVIDENCE - WEIGHT_UNIT / 8).all()  # nothing is believed for ever
 
 
-def test_a_memory_of_one_measurement_overrules_nothing() -> None:
+def test_a_memory_of_one_measurement_rejects_nothing() -> None:
     new_px = image(10)
     new_px[20, 30] = 18.0
     fused, memory = fuse(memory_of(image(10), 1), measurement_of(new_px))
@@ -121,7 +121,7 @@ def test_a_memory_of_one_measurement_overrules_nothing() -> None:
     assert fused.disparity_px[20, 30] == memory.disparity_px[20, 30] == 18.0
 
 
-class TestSomethingNearer:
+class TestOcclusion:
     NEAR = measurement_of(with_block(20.0), other_look())
 
     def test_it_is_shown_as_measured_at_once(self) -> None:
@@ -129,16 +129,16 @@ class TestSomethingNearer:
         np.testing.assert_array_equal(fused.disparity_px[INSIDE], 20)
         np.testing.assert_array_equal(fused.pixel_class[INSIDE], PixelClass.MEASURED)
 
-    def test_the_wall_behind_is_remembered_and_fades(self) -> None:
+    def test_the_occluded_memory_decays(self) -> None:
         memory = memory_of(image(10))
         for frame in range(1, 2 * MAX_EVIDENCE):
             _, memory = fuse(memory, self.NEAR)
             np.testing.assert_array_equal(memory.disparity_px[INSIDE], 10)
-            np.testing.assert_array_equal(memory.weight[INSIDE], WEIGHT_UNIT * SURE - frame * WEIGHT_UNIT // 2)
+            np.testing.assert_array_equal(memory.weight[INSIDE], WEIGHT_UNIT * EVIDENCE - frame * WEIGHT_UNIT // 2)
         _, memory = fuse(memory, self.NEAR)
         np.testing.assert_array_equal(memory.disparity_px[INSIDE], 20)
 
-    def test_the_wall_is_there_again_after_it(self) -> None:
+    def test_the_occluded_memory_fills_the_hole_afterwards(self) -> None:
         memory = memory_of(image(10))
         for _ in range(6):
             _, memory = fuse(memory, self.NEAR)
@@ -146,59 +146,59 @@ class TestSomethingNearer:
         np.testing.assert_array_equal(fused.disparity_px[INSIDE], 10)
         np.testing.assert_array_equal(fused.pixel_class[INSIDE], PixelClass.REMEMBERED)
 
-    def test_how_fast_the_wall_fades_is_a_setting(self) -> None:
+    def test_the_decay_of_occluded_memory_is_configurable(self) -> None:
         _, memory = fuse(memory_of(image(10)), self.NEAR, decay_occluded=3)
-        np.testing.assert_array_equal(memory.weight[INSIDE], WEIGHT_UNIT * (SURE - 3))
+        np.testing.assert_array_equal(memory.weight[INSIDE], WEIGHT_UNIT * (EVIDENCE - 3))
         np.testing.assert_array_equal(memory.weight[:8], WEIGHT_UNIT * MAX_EVIDENCE)
 
-    def test_it_is_an_error_of_the_sensor_if_nothing_looks_different(self) -> None:
+    def test_it_is_unconfirmed_without_a_change_of_gray(self) -> None:
         fused, _ = fuse(memory_of(image(10)), measurement_of(with_block(20.0)))
         np.testing.assert_array_equal(fused.disparity_px, 10)
         np.testing.assert_array_equal(fused.pixel_class[BLOCK], PixelClass.REMEMBERED)
 
-    def test_but_not_for_ever(self) -> None:
-        memory, blank = memory_of(image(10)), measurement_of(with_block(20.0))
+    def test_an_unconfirmed_measurement_wins_when_the_memory_has_decayed(self) -> None:
+        memory, textureless = memory_of(image(10)), measurement_of(with_block(20.0))
         for frame in range(9):  # from 12 measurements to less than 2, by one and an eighth each time
             np.testing.assert_array_equal(
-                memory.weight[INSIDE], WEIGHT_UNIT * SURE - frame * (WEIGHT_UNIT + WEIGHT_UNIT // 8)
+                memory.weight[INSIDE], WEIGHT_UNIT * EVIDENCE - frame * (WEIGHT_UNIT + WEIGHT_UNIT // 8)
             )
-            fused, memory = fuse(memory, blank)
+            fused, memory = fuse(memory, textureless)
             np.testing.assert_array_equal(fused.disparity_px[INSIDE], 10)
-        fused, _ = fuse(memory, blank)
+        fused, _ = fuse(memory, textureless)
         np.testing.assert_array_equal(fused.disparity_px[INSIDE], 20)
-        _, memory = fuse(memory_of(image(10)), blank, decay_unconfirmed=0)
-        np.testing.assert_array_equal(memory.weight[INSIDE], WEIGHT_UNIT * SURE - WEIGHT_UNIT // 8)
+        _, memory = fuse(memory_of(image(10)), textureless, decay_unconfirmed=0)
+        np.testing.assert_array_equal(memory.weight[INSIDE], WEIGHT_UNIT * EVIDENCE - WEIGHT_UNIT // 8)
 
-    def test_unless_the_setting_says_otherwise(self) -> None:
+    def test_confirmation_can_be_disabled(self) -> None:
         fused, _ = fuse(memory_of(image(10)), measurement_of(with_block(20.0)), min_gray_change_occluding=0)
         np.testing.assert_array_equal(fused.disparity_px[INSIDE], 20)
 
 
-class TestSeenThrough:
+class TestFreeSpaceViolation:
     FAR = measurement_of(image(10), grays())
 
-    def ghost(self, measurements: float = SURE) -> Memory:
+    def contradicted(self, measurements: float = EVIDENCE) -> Memory:
         return memory_of(with_block(20.0), measurements, other_look())
 
-    def test_a_ghost_is_not_shown_at_all(self) -> None:
-        fused, _ = fuse(self.ghost(), self.FAR)
+    def test_the_measurement_is_shown_at_once(self) -> None:
+        fused, _ = fuse(self.contradicted(), self.FAR)
         np.testing.assert_array_equal(fused.disparity_px[INSIDE], 10)
         np.testing.assert_array_equal(fused.pixel_class[INSIDE], PixelClass.MEASURED)
 
-    def test_a_ghost_seen_twice_is_forgotten_at_once(self) -> None:
-        _, memory = fuse(self.ghost(2), self.FAR)
+    def test_a_memory_of_two_measurements_is_replaced_at_once(self) -> None:
+        _, memory = fuse(self.contradicted(2), self.FAR)
         np.testing.assert_array_equal(memory.disparity_px[INSIDE], 10)
         np.testing.assert_array_equal(memory.weight[INSIDE], WEIGHT_UNIT)
 
-    def test_the_surest_ghost_is_forgotten_after_six_frames(self) -> None:
-        memory = self.ghost()
+    def test_the_strongest_memory_is_replaced_after_six_frames(self) -> None:
+        memory = self.contradicted()
         for frame in range(6):
-            assert (memory.weight[INSIDE] == WEIGHT_UNIT * (SURE - 2 * frame)).all()
+            assert (memory.weight[INSIDE] == WEIGHT_UNIT * (EVIDENCE - 2 * frame)).all()
             np.testing.assert_array_equal(memory.disparity_px[INSIDE], 20)
             _, memory = fuse(memory, self.FAR)
         np.testing.assert_array_equal(memory.disparity_px[INSIDE], 10)
 
-    def test_nothing_sees_through_what_still_looks_as_it_did(self) -> None:
+    def test_a_farther_measurement_without_a_change_of_gray_is_an_outlier(self) -> None:
         fused, memory = fuse(memory_of(with_block(20.0)), self.FAR)
         np.testing.assert_array_equal(fused.disparity_px, with_block(20.0))
         np.testing.assert_array_equal(memory.disparity_px, with_block(20.0))
@@ -210,13 +210,13 @@ class TestHoles:
     HOLED = with_block(0.0, 10.0)
 
     @pytest.mark.parametrize(("measurements", "kind"), [(1.9, PixelClass.UNKNOWN), (2, PixelClass.REMEMBERED)])
-    def test_a_hole_takes_memory_only_when_it_is_sure(self, measurements: float, kind: PixelClass) -> None:
+    def test_holes_need_a_memory_with_enough_evidence(self, measurements: float, kind: PixelClass) -> None:
         fused, memory = fuse(memory_of(image(10), measurements), measurement_of(self.HOLED))
         np.testing.assert_array_equal(fused.pixel_class[BLOCK], kind)
         np.testing.assert_array_equal(fused.disparity_px[BLOCK], 10 if kind is PixelClass.REMEMBERED else 0)
         assert (
             memory.weight[BLOCK] == round(WEIGHT_UNIT * measurements)
-        ).all()  # unseen, it is neither surer nor less sure
+        ).all()  # without a measurement it stays as it is
 
     def test_a_surface_that_looks_different_is_forgotten(self) -> None:
         fused, memory = fuse(memory_of(image(10)), measurement_of(self.HOLED, other_look()))
@@ -229,14 +229,14 @@ class TestHoles:
         fused, _ = fuse(memory_of(image(10)), measurement_of(self.HOLED, grays(LOOKS + 30)))
         np.testing.assert_array_equal(fused.pixel_class[BLOCK], PixelClass.REMEMBERED)
 
-    def test_where_there_is_a_measurement_looks_alone_forget_nothing(self) -> None:
+    def test_a_change_of_gray_alone_does_not_remove_a_measured_surface(self) -> None:
         fused, memory = fuse(memory_of(image(10)), measurement_of(image(10), other_look()))
         np.testing.assert_array_equal(fused.pixel_class, PixelClass.FUSED)
         np.testing.assert_array_equal(memory.weight, WEIGHT_UNIT * MAX_EVIDENCE)
 
     @pytest.mark.parametrize(("measurements", "kind"), [(5, PixelClass.UNKNOWN), (7, PixelClass.REMEMBERED)])
     @pytest.mark.parametrize("block_px", [12.0, 8.0, 0.0])
-    def test_beside_a_step_more_is_asked_of_the_memory(
+    def test_holes_at_discontinuities_need_more_evidence(
         self, block_px: float, measurements: float, kind: PixelClass
     ) -> None:
         fused, memory = fuse(memory_of(with_block(block_px), measurements), measurement_of(image(0)))
@@ -247,19 +247,19 @@ class TestHoles:
         # What is not shown is not forgotten.
         np.testing.assert_array_equal(memory.disparity_px, with_block(block_px))
 
-    def test_a_slope_is_no_step(self) -> None:
+    def test_a_slope_is_no_discontinuity(self) -> None:
         slope_px = np.asarray(8 + 0.2 * np.indices(SHAPE)[0], np.float32)
         fused, _ = fuse(memory_of(slope_px, 3), measurement_of(image(0)))
         assert (fused.pixel_class == PixelClass.REMEMBERED).all()
 
-    def test_what_is_nowhere_stays_nothing(self) -> None:
+    def test_pixels_without_measurement_and_memory_are_unknown(self) -> None:
         fused, memory = fuse(Memory.empty(grays()), measurement_of(image(0)))
         assert not fused.disparity_px.any()
         assert not fused.pixel_class.any()
         assert not memory.weight.any()
 
 
-def test_a_distant_thing_does_not_melt_into_the_wall() -> None:
+def test_biased_differences_do_not_agree() -> None:
     """All its differences are of one sign, though each alone would be tolerated."""
     new = measurement_of(with_block(10.9), other_look())
     fused, memory = fuse(memory_of(image(10)), new)
@@ -308,12 +308,12 @@ def lag_px(**settings: float) -> float:
     return float((new_px - fused.disparity_px).mean())
 
 
-def test_memory_gives_way_to_what_comes_nearer_slowly() -> None:
+def test_slowly_approaching_surfaces_are_followed() -> None:
     assert lag_px() < 0.15
     assert lag_px(max_drift_px=1e6) > 0.5  # were drift no reason to trust it less
 
 
-def test_drift_is_forgotten_when_it_ends_and_takes_no_evidence_away() -> None:
+def test_drift_decays_and_leaves_the_weight_as_it_is() -> None:
     memory = memory_of(image(10))
     coming, memory = fuse(memory, measurement_of(image(10.55)))
     assert (memory.weight == WEIGHT_UNIT * MAX_EVIDENCE).all()
@@ -326,7 +326,7 @@ def test_drift_is_forgotten_when_it_ends_and_takes_no_evidence_away() -> None:
     assert followed > 3 * averaged
 
 
-def test_what_recedes_does_not_drift() -> None:
+def test_receding_surfaces_keep_the_memory_weight() -> None:
     memory = memory_of(image(10))
     going, _ = fuse(memory, measurement_of(image(9.7)))
     coming, _ = fuse(memory, measurement_of(image(10.3)))

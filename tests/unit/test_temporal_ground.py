@@ -1,4 +1,4 @@
-"""The ground bounds what is seen from below; what stands on it stands upright."""
+"""Detection of the ground plane, and stixels on it."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ ROLLED = GroundPlane(slope_u=0.1, slope_v=0.9, middle_px=2.0)
 
 
 def cells(ground: GroundPlane, *, nearer: float = 0.0, seed: int = 0) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Cells of an image that shows ground, and instead of this share of it something nearer."""
+    """Cells of an image of the ground, of which a fraction shows something nearer."""
     rng = np.random.default_rng(seed)
     v, u = (x.ravel() + 0.5 for x in np.mgrid[-ROWS // 2 : ROWS // 2, -COLS // 2 : COLS // 2])
     disparity_px = ground.disparity(u, v)
@@ -48,7 +48,7 @@ class TestGround:
 
     @pytest.mark.parametrize("seed", range(4))
     @pytest.mark.parametrize("nearer", [0.1, 0.3, 0.5])
-    def test_what_stands_before_it_does_not_lift_it(self, nearer: float, seed: int) -> None:
+    def test_objects_do_not_lift_it(self, nearer: float, seed: int) -> None:
         assert_same(find(cells(LEVEL, nearer=nearer, seed=seed)), LEVEL, rtol=0.03)
 
     @pytest.mark.parametrize("factor", [0.25, 4.0])
@@ -61,7 +61,7 @@ class TestGround:
         )
         assert_same(scaled, expected, rtol=1e-6)
 
-    def test_in_the_mirror_it_leans_to_the_other_side(self) -> None:
+    def test_a_mirrored_image_has_a_mirrored_ground(self) -> None:
         u, v, disparity_px = cells(ROLLED, nearer=0.4)
         ours, theirs = find((u, v, disparity_px)), find((-u, v, disparity_px))
         assert ours is not None
@@ -75,7 +75,7 @@ class TestGround:
     def test_a_ceiling_is_none(self) -> None:
         assert find(cells(GroundPlane(slope_u=0.0, slope_v=-0.9, middle_px=1.5))) is None
 
-    def test_none_is_looked_for_if_more_than_all_cells_must_be_ground(self) -> None:
+    def test_an_inlier_ratio_above_one_disables_it(self) -> None:
         assert find(cells(LEVEL), min_inlier_ratio=2.0) is None
 
     def test_a_few_cells_are_not_enough(self) -> None:
@@ -83,8 +83,8 @@ class TestGround:
         assert find((u[:19], v[:19], disparity_px[:19])) is None
 
 
-class TestStanding:
-    """A floor with a texture, and blank walls on it."""
+class TestStixels:
+    """Textureless walls on a floor with texture."""
 
     @staticmethod
     def seen(*bodies: Plane | Sphere) -> tuple[FloatImage, MaskImage]:
@@ -104,31 +104,31 @@ class TestStanding:
 
     @pytest.mark.parametrize("step", [1, 2])
     @pytest.mark.parametrize("wall", [WALL, SLANTED], ids=["across", "slanted"])
-    def test_a_blank_wall_is_as_far_as_its_foot(self, wall: Plane, step: int) -> None:
+    def test_a_textureless_wall_has_the_disparity_of_its_ground_contact(self, wall: Plane, step: int) -> None:
         true_px, measured = self.seen(FLOOR, wall)
         holes_px = np.where(measured, true_px, np.float32(0))
         off = abs(self.filled(holes_px, step) / true_px[::step, ::step] - 1)[holes_px[::step, ::step] == 0]
         assert np.median(off) < 0.05
         assert np.quantile(off, 0.9) < 0.08
-        blind = InpaintingConfig(ground=GroundConfig(min_inlier_ratio=2.0))
-        off = abs(self.filled(holes_px, step, blind) / true_px[::step, ::step] - 1)[holes_px[::step, ::step] == 0]
+        no_ground = InpaintingConfig(ground=GroundConfig(min_inlier_ratio=2.0))
+        off = abs(self.filled(holes_px, step, no_ground) / true_px[::step, ::step] - 1)[holes_px[::step, ::step] == 0]
         assert np.median(off) > 0.3  # planes alone recede with the floor
 
-    def test_ground_and_wall_are_surer_than_planes(self) -> None:
+    def test_ground_and_stixels_are_more_probable_than_planes(self) -> None:
         true_px, measured = self.seen(FLOOR, WALL)
         holes_px = np.where(measured, true_px, np.float32(0))
         holes_px[210:] = 0
         probability = Inpainter(WorkingResolution.of(CAMERA, 1), InpaintingConfig()).inpaint(holes_px).probability
         np.testing.assert_allclose(probability[40:100, 40:280], INPAINTING.stixel, rtol=0.01)
         np.testing.assert_allclose(probability[220:, 40:280], INPAINTING.ground, rtol=0.01)
-        blind = InpaintingConfig(ground=GroundConfig(min_inlier_ratio=2.0))
+        no_ground = InpaintingConfig(ground=GroundConfig(min_inlier_ratio=2.0))
         assert (
-            Inpainter(WorkingResolution.of(CAMERA, 1), blind).inpaint(holes_px).probability.max()
+            Inpainter(WorkingResolution.of(CAMERA, 1), no_ground).inpaint(holes_px).probability.max()
             <= INPAINTING.occlusion_shadow
         )
 
     @pytest.mark.parametrize("step", [1, 2])
-    def test_so_it_is_above_what_hangs_before_it(self, step: int) -> None:
+    def test_stixels_continue_behind_occluding_objects(self, step: int) -> None:
         true_px, measured = self.seen(FLOOR, WALL, BALL)
         filled_px = self.filled(np.where(measured, true_px, np.float32(0)), step)
         ball = render([BALL], pose(), CAMERA)[1][::step, ::step] > 0
@@ -137,7 +137,7 @@ class TestStanding:
         assert above.size > 200 // step**2
         np.testing.assert_allclose(above, true_px[0, 0], rtol=0.1)
 
-    def test_it_ends_where_something_farther_is_seen(self) -> None:
+    def test_a_stixel_ends_where_something_farther_is_measured(self) -> None:
         true_px, measured = self.seen(FLOOR, WALL)
         holes_px = np.where(measured, true_px, np.float32(0))
         holes_px[40:60] = 0.7  # hills far behind a wall that ends here
@@ -145,7 +145,7 @@ class TestStanding:
         np.testing.assert_allclose(filled_px[80:120], true_px[80:120], rtol=0.15)
         assert filled_px[:30].max() < 1
 
-    def test_a_wrong_match_in_the_distance_is_no_foot(self) -> None:
+    def test_a_single_wrong_match_is_no_ground_contact(self) -> None:
         true_px, _ = self.seen(FLOOR, WALL)
         border_px = true_px.copy()
         border_px[:, :20] = 0  # what the second camera does not see
@@ -157,6 +157,6 @@ class TestStanding:
     def test_nothing_is_filled_below_the_ground(self) -> None:
         true_px, measured = self.seen(FLOOR, WALL)
         holes_px = np.where(measured, true_px, np.float32(0))
-        holes_px[200:, 100:] = 0  # blank ground at the border of the image, near the camera
+        holes_px[200:, 100:] = 0  # textureless ground at the border of the image, near the camera
         filled_px = self.filled(holes_px, 1)
         assert (filled_px[200:] / true_px[200:]).min() > 0.95

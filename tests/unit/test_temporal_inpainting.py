@@ -1,4 +1,4 @@
-"""What neither sensor nor memory knows: planes for holes, the background for occlusion shadows."""
+"""Inpainting: planes for holes, and the background for occlusion shadows."""
 
 from typing import Literal
 
@@ -15,7 +15,7 @@ from voxdepth.types import FloatImage, MaskImage
 
 CELL_PX = 16
 FREE = InpaintingConfig(planes=PlanesConfig(ridge=1e-9, max_deviations_far=100, max_deviations_near=100))
-"""Planes that nothing holds back."""
+"""Planes without bounds on their extrapolation."""
 RIGHT = InpaintingConfig(hidden_side="right")
 
 
@@ -24,7 +24,7 @@ def inpainter(step: int = 1, config: InpaintingConfig | None = None) -> Inpainte
 
 
 def slope(step: int = 1) -> FloatImage:
-    """Disparity of a slanted wall, 5 to 15 px, at the memory's size."""
+    """Disparity of a slanted wall, 5 to 15 px, at the working resolution."""
     row, col = np.mgrid[: CAMERA.height_px // step, : CAMERA.width_px // step] * step
     return np.asarray(10 + 0.03 * col - 0.04 * row, np.float32)
 
@@ -75,7 +75,7 @@ class TestPlanes:
 
     @pytest.mark.parametrize("step", [1, 2])
     @pytest.mark.parametrize("name", HOLES)
-    def test_and_within_a_hundredth_of_a_pixel_with_what_holds_planes_back(self, name: str, step: int) -> None:
+    def test_bounded_planes_are_within_a_hundredth_of_a_pixel(self, name: str, step: int) -> None:
         plane_px = slope(step)
         error_px = inpainter(step).inpaint(holed(plane_px, HOLES[name][::step, ::step])).disparity_px - plane_px
         np.testing.assert_allclose(away_from_the_border(error_px, step), 0, atol=0.01)
@@ -96,7 +96,7 @@ class TestPlanes:
         filled_px = inpainter(step, config).inpaint(holed(plane_px, scattered(0.5)[::step, ::step])).disparity_px
         np.testing.assert_allclose(away_from_the_border(filled_px - plane_px, step), 0, atol=0.01)
 
-    def test_what_is_near_a_hole_decides(self) -> None:
+    def test_only_the_surroundings_of_a_hole_matter(self) -> None:
         wall_px = np.full(CAMERA.shape, 5, np.float32)
         wall_px[:, 110:] = 20
         filled_px = inpainter().inpaint(holed(wall_px, block(12, left=30))).disparity_px
@@ -121,7 +121,7 @@ class TestLaws:
         np.testing.assert_allclose(scaled_px, filled_px * factor, rtol=1e-4)
 
     @pytest.mark.parametrize("share", [0.05, 0.5, 0.97])
-    def test_what_is_valid_is_not_touched_and_no_hole_is_left(self, share: float) -> None:
+    def test_valid_pixels_are_kept_and_no_hole_is_left(self, share: float) -> None:
         before_px = holed(slope(), scattered(share))
         kept_px = before_px.copy()
         filled_px = inpainter().inpaint(before_px).disparity_px
@@ -137,7 +137,7 @@ class TestLaws:
         filled_px = inpainter().inpaint(before_px).disparity_px
         assert filled_px.min() >= before_px[before_px > 0].min()
 
-    def test_not_even_where_a_plane_that_nothing_holds_back_would_be(self) -> None:
+    def test_not_even_with_unbounded_planes(self) -> None:
         before_px = holed(slope(), block(50, top=80, left=0))  # the far end of the wall
         filled_px = inpainter(1, FREE).inpaint(before_px).disparity_px
         assert filled_px.min() == before_px[before_px > 0].min()
@@ -146,7 +146,7 @@ class TestLaws:
         once_px = inpainter().inpaint(holed(slope(), HOLES["both"])).disparity_px
         np.testing.assert_array_equal(inpainter().inpaint(once_px).disparity_px, once_px)
 
-    def test_where_nothing_is_known_nothing_is_invented(self) -> None:
+    def test_an_empty_image_stays_empty(self) -> None:
         assert not inpainter().inpaint(np.zeros(CAMERA.shape, np.float32)).disparity_px.any()
 
     def test_one_pixel_fills_all(self) -> None:
@@ -172,7 +172,7 @@ class TestShadows:
         np.testing.assert_array_equal(filled_px[before_px == 0], 5)
 
     @pytest.mark.parametrize("step", [1, 2])
-    def test_behind_a_fattened_rim_it_takes_what_is_farther(self, step: int) -> None:
+    def test_foreground_fattening_does_not_change_the_background(self, step: int) -> None:
         before_px = self.shadow(step)
         before_px[30 // step : 90 // step, (70 - 2) // step : 70 // step] = 8
         filled_px = inpainter(step).inpaint(before_px).disparity_px
@@ -184,20 +184,20 @@ class TestShadows:
         filled_px = inpainter(step).inpaint(before_px).disparity_px
         assert filled_px[60 // step, 78 // step] > 6  # the near thing has a say
 
-    def test_on_its_other_side_a_thing_casts_none(self) -> None:
+    def test_holes_on_the_other_side_of_an_object_are_no_shadows(self) -> None:
         assert inpainter().inpaint(mirrored(self.shadow())).disparity_px[60, 80] > 8
         assert inpainter(1, RIGHT).inpaint(self.shadow()).disparity_px[60, 79] > 8
 
     @pytest.mark.parametrize("step", [1, 2])
     @pytest.mark.parametrize("fattened_px", [0, 2])
-    def test_the_other_one_of_two_cameras_sees_them_mirrored(self, fattened_px: int, step: int) -> None:
+    def test_the_right_camera_has_mirrored_shadows(self, fattened_px: int, step: int) -> None:
         before_px = np.ascontiguousarray(self.shadow(step))
         before_px[30 // step : 90 // step, (70 - fattened_px) // step : 70 // step] = 8
         filled_px = mirrored(inpainter(step, RIGHT).inpaint(mirrored(before_px)).disparity_px)
         np.testing.assert_array_equal(filled_px, inpainter(step).inpaint(before_px).disparity_px)
         assert (filled_px[before_px == 0] == 5).all()
 
-    def test_a_step_below_the_least_casts_none(self) -> None:
+    def test_small_discontinuities_have_no_shadow(self) -> None:
         before_px = self.shadow(near_px=5.8, width_px=4)
         filled_px = inpainter().inpaint(before_px).disparity_px
         assert (filled_px[40:80, 79] > 5.1).all()
@@ -228,27 +228,27 @@ def test_a_slanted_plane_of_a_scene_is_filled() -> None:
     np.testing.assert_allclose(filled_px, true_px, atol=0.01)
 
 
-class TestChance:
-    """How likely what was filled is of the right surface."""
+class TestProbability:
+    """Probability that an inpainted disparity is of the right surface."""
 
-    def test_it_falls_with_the_way_to_the_next_measurement(self) -> None:
+    def test_it_falls_with_the_distance_to_the_next_measurement(self) -> None:
         probability = inpainter().inpaint(holed(slope(), block(120, top=0, left=20))).probability
         assert probability[2, 22] > 2 * probability[60, 80]
         assert probability[60, 80] < INPAINTING.plane(1)
 
-    def test_a_small_hole_is_nearly_as_sure_as_a_plane_can_be(self) -> None:
+    def test_small_holes_have_the_probability_of_the_finest_planes(self) -> None:
         probability = inpainter().inpaint(holed(slope(), block(4))).probability
         np.testing.assert_allclose(probability[40:44, 50:54], INPAINTING.plane(0), rtol=0.01)
 
     @pytest.mark.parametrize("step", [1, 2])
     @pytest.mark.parametrize("name", HOLES)
-    def test_it_is_a_chance_all_over(self, name: str, step: int) -> None:
+    def test_it_is_a_probability(self, name: str, step: int) -> None:
         probability = inpainter(step).inpaint(holed(slope(step), HOLES[name][::step, ::step])).probability
         assert probability.dtype == np.float32
         assert probability.min() > 0
         assert probability.max() <= INPAINTING.occlusion_shadow
 
-    def test_at_a_blank_border_it_is_the_less_the_wider_that_is(self) -> None:
+    def test_it_falls_with_the_width_of_an_empty_border(self) -> None:
         widths = range(8, 80, 8)
         probability = [
             inpainter().inpaint(holed(slope(), np.arange(160) < width)).probability[60, 0] for width in widths

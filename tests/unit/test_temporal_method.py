@@ -16,7 +16,7 @@ from voxdepth.temporal.odometry import TrackingStatus
 from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import CorrectedDepth, FloatImage, Frame, Intrinsics, MaskImage, Source
 
-STEPS = pytest.mark.parametrize("step", [1, 2])
+DECIMATIONS = pytest.mark.parametrize("step", [1, 2])
 ODD = Intrinsics.from_hfov(width_px=161, height_px=119, hfov_deg=70, baseline_m=0.1)
 FOCAL_BASELINE = CAMERA.fx_px * 0.1
 CLEAN = frames_of(ROOM, walk(8))
@@ -24,7 +24,7 @@ NOISY = [noisy(frame, 0) for frame in CLEAN]
 
 
 def assert_well_formed(result: CorrectedDepth, camera: Intrinsics = CAMERA) -> None:
-    """What every result keeps to, whatever the frame."""
+    """Check what holds for every result."""
     assert result.depth_m.shape == result.source.shape == result.confidence.shape == camera.shape
     assert (result.depth_m.dtype, result.source.dtype, result.confidence.dtype) == (np.float32, np.uint8, np.float32)
     assert np.isfinite(result.depth_m).all()
@@ -40,7 +40,7 @@ def disparity_error_px(result: CorrectedDepth, frame: Frame) -> FloatImage:
 
 
 def flat(frame: Frame, reach_px: int) -> MaskImage:
-    """Where disparity is linear as far as that to each side, and the image goes on."""
+    """Pixels inside of the image whose surroundings have a linear disparity."""
     disparity_px = WorkingResolution.of(CAMERA, 1).disparity(frame.depth_m)
     bent_px = abs(cv2.Laplacian(disparity_px, cv2.CV_32F))
     window = np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8)
@@ -63,7 +63,7 @@ class TestNothingToCorrect:
             assert disparity_error_px(result, CLEAN[0]).max() < 2**-14  # disparities move in steps of that
             assert (result.source == Source.SENSOR).all()
 
-    @STEPS
+    @DECIMATIONS
     def test_smoothing_changes_only_what_is_bent(self, step: int) -> None:
         still = [replace(CLEAN[0], stamp_s=float(i)) for i in range(3)]
         where = flat(still[0], 3 * step)
@@ -86,7 +86,7 @@ class TestNothingToCorrect:
             # The outermost pixels take what is half a pixel farther inside, by half of the slope of 0.06 px.
             assert error_px[~edge].max() < 0.04
 
-    @STEPS
+    @DECIMATIONS
     def test_a_moving_camera_without_noise_gets_back_what_it_measured(self, step: int) -> None:
         for frame, result in zip(CLEAN, run(method(decimation=step), CLEAN), strict=True):
             error_px = disparity_error_px(result, frame)
@@ -96,7 +96,7 @@ class TestNothingToCorrect:
 
 
 class TestNoise:
-    @STEPS
+    @DECIMATIONS
     def test_it_brings_back_what_noise_has_hidden(self, step: int) -> None:
         result = run(method(decimation=step), NOISY)[-1]
         measured = NOISY[-1].depth_m > 0
@@ -104,17 +104,17 @@ class TestNoise:
         error_px = disparity_error_px(result, CLEAN[-1])
         assert np.median(error_px[measured]) < 0.5 * np.median(raw_px[measured])
         known = result.source == Source.MEMORY
-        # At half size the rims of holes, half of the pixels of these small ones, take the source of their neighbours.
+        # At half resolution the borders of holes, half of their pixels here, have the source of their neighbours.
         assert np.mean(known[~measured]) > (0.95 if step == 1 else 0.6)
         assert np.median(error_px[known]) < 0.1
 
-    @STEPS
+    @DECIMATIONS
     def test_every_result_is_well_formed(self, step: int) -> None:
         for settings in ({}, {"inpaint": False}, {"smoothing_window_px": 1}):
             for result in run(method(decimation=step, **settings), [*NOISY[:4], dark(4), *NOISY[5:]]):
                 assert_well_formed(result)
 
-    @STEPS
+    @DECIMATIONS
     def test_without_filling_only_what_is_known_has_a_depth(self, step: int) -> None:
         filled, bare = (run(method(decimation=step, inpaint=inpaint), NOISY) for inpaint in (True, False))
         assert [result.source.tobytes() for result in bare] != [result.source.tobytes() for result in filled]
@@ -124,7 +124,7 @@ class TestNoise:
             known = result.source != Source.INVALID
             np.testing.assert_array_equal(result.depth_m[known], full.depth_m[known])
 
-    @STEPS
+    @DECIMATIONS
     def test_the_sensor_is_named_only_where_it_measured(self, step: int) -> None:
         for frame, result in zip(NOISY, run(method(decimation=step), NOISY), strict=True):
             assert (frame.depth_m[result.source == Source.SENSOR] > 0).all()
@@ -142,7 +142,7 @@ class TestNoise:
 
 
 class TestSymmetries:
-    @STEPS
+    @DECIMATIONS
     @pytest.mark.parametrize("scale", [0.5, 4.0])  # powers of two, which round nothing otherwise
     def test_a_larger_world_seen_by_a_larger_camera_is_larger(
         self, scale: float, step: int, monkeypatch: pytest.MonkeyPatch
@@ -154,7 +154,7 @@ class TestSymmetries:
             np.testing.assert_array_equal(one.source, other.source)
             np.testing.assert_allclose(one.confidence, other.confidence, atol=1e-6)
 
-    @STEPS
+    @DECIMATIONS
     @pytest.mark.parametrize("scale", [0.5, 3.0])
     def test_that_the_fit_stops_earlier_in_a_smaller_world_matters_little(self, scale: float, step: int) -> None:
         for one, other in self.of_both_sizes(scale, step):
@@ -172,7 +172,7 @@ class TestSymmetries:
         grown = [replace(frame, depth_m=frame.depth_m * np.float32(scale)) for frame in NOISY]
         yield from zip(run(method(decimation=step), NOISY), run(method(larger, decimation=step), grown), strict=True)
 
-    @STEPS
+    @DECIMATIONS
     @pytest.mark.parametrize("width_px", [160, 168])
     def test_a_mirrored_world_gives_the_mirrored_result(self, width_px: int, step: int) -> None:
         # 168 px are ten cells and a half: other corners are tracked in the mirror, so poses differ a little.
@@ -190,7 +190,7 @@ class TestSymmetries:
             assert np.percentile(difference_px, 98) < (0.002 if width_px == 160 else 0.02)
             assert np.mean(difference_px > 0.3) < (1e-5 if width_px == 160 else 5e-4)
 
-    @STEPS
+    @DECIMATIONS
     def test_the_number_of_threads_does_not_matter(self, step: int, usual_threads: None) -> None:
         streams = []
         for threads in (1, 2):
@@ -210,7 +210,7 @@ def _bytes(result: CorrectedDepth) -> tuple[bytes, ...]:
 
 
 class TestArrays:
-    @STEPS
+    @DECIMATIONS
     @pytest.mark.parametrize("smoothing_window_px", [1, 5])
     def test_inputs_are_neither_modified_nor_kept_and_results_are_the_callers_own(
         self, smoothing_window_px: int, step: int
@@ -226,7 +226,7 @@ class TestArrays:
             for array in (given.gray, given.depth_m, result.depth_m, result.source, result.confidence):
                 array[...] = 77
 
-    @STEPS
+    @DECIMATIONS
     def test_the_halves_may_run_apart(self, step: int) -> None:
         corrector = method(decimation=step)
         aligned = [corrector.align(frame) for frame in NOISY]
@@ -238,7 +238,7 @@ class TestArrays:
         corrector = VoxDepth(CAMERA)
         assert [_bytes(corrector.process(frame)) for frame in NOISY] == [_bytes(one) for one in run(method(), NOISY)]
 
-    @STEPS
+    @DECIMATIONS
     def test_after_a_reset_it_is_as_new(self, step: int) -> None:
         corrector = method(decimation=step)
         run(corrector, NOISY)
@@ -266,7 +266,7 @@ class TestArrays:
 class TestSizes:
     SIZES = ((161, 119), (32, 24), (33, 25), (15, 9), (64, 8), (9, 40), (8, 8))
 
-    @STEPS
+    @DECIMATIONS
     @pytest.mark.parametrize("baseline_m", [0.1, None])
     @pytest.mark.parametrize(("width_px", "height_px"), SIZES)
     def test_any_size_is_corrected(self, width_px: int, height_px: int, baseline_m: float | None, step: int) -> None:
@@ -282,7 +282,7 @@ class TestSizes:
             width_px == 161
         )  # twelve corners, one in each cell of 16 px, are needed
 
-    @STEPS
+    @DECIMATIONS
     def test_an_odd_size_is_remembered_like_an_even_one(self, step: int) -> None:
         frames = [noisy(frame, 0, camera=ODD) for frame in frames_of(ROOM, walk(8), ODD)]
         result = run(method(ODD, decimation=step), frames)[-1]
@@ -291,7 +291,7 @@ class TestSizes:
         true_m = frames_of(ROOM, walk(8)[-1:], ODD)[0].depth_m
         assert np.median(abs(result.depth_m / true_m - 1)) < 0.02
 
-    @STEPS
+    @DECIMATIONS
     def test_the_last_odd_row_and_column_are_no_worse_than_measured(self, step: int) -> None:
         clean = frames_of(ROOM, walk(8), ODD)
         frames = [noisy(frame, 0, holes=0, camera=ODD) for frame in clean]
@@ -302,7 +302,7 @@ class TestSizes:
             )
             assert ours.mean() < raw.mean()
 
-    @STEPS
+    @DECIMATIONS
     @pytest.mark.parametrize(("width_px", "height_px"), [(7, 8), (8, 7), (64, 3), (1, 1)])
     def test_too_small_images_are_refused(self, width_px: int, height_px: int, step: int) -> None:
         camera = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=70, baseline_m=0.1)

@@ -1,4 +1,4 @@
-"""Where the camera is: tracks, the fit of a motion to them, and what is refused."""
+"""Visual odometry: tracked corners, the fit of a motion, and what is rejected."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatArray, Frame, Intrinsics
 
 TRACKING_CAMERA = Intrinsics(fx_px=120, fy_px=118, cx_px=80.2, cy_px=59.1, width_px=160, height_px=120)
-BY_THE_WAY = {
+MOTIONS = {
     "still": pose(),
     "forward": pose(0.01, -0.02, 0.08),
     "aside": pose(0.08, 0.03),
@@ -43,21 +43,21 @@ def odometry(camera: Intrinsics = CAMERA, step: int = 1) -> VisualOdometry:
 
 
 def with_keyframe(frame: Frame, camera: Intrinsics = CAMERA, step: int = 1) -> VisualOdometry:
-    """A localisation that knows one frame."""
+    """Visual odometry with a keyframe."""
     known = odometry(camera, step)
     assert set_keyframe(known, frame, camera, step).status is TrackingStatus.FIRST_FRAME
     return known
 
 
 def set_keyframe(known: VisualOdometry, frame: Frame, camera: Intrinsics = CAMERA, step: int = 1) -> TrackingResult:
-    """Locate a frame and make it the last that is known."""
+    """Track a frame and make it the keyframe."""
     resolution, tracking = WorkingResolution.of(camera, step), known.track(frame)
     known.set_keyframe(frame, tracking, resolution.disparity(np.ascontiguousarray(frame.depth_m[::step, ::step])))
     return tracking
 
 
 def error_px(tracking: TrackingResult, T_frame_keyframe: FloatArray, before: Frame) -> float:
-    """How far off the pixels of the earlier frame land, on average."""
+    """Mean reprojection error of the pixels of the earlier frame."""
     row, col = np.mgrid[4:116:8, 4:156:8].reshape(2, -1)
     z = before.depth_m[row, col].astype(np.float64)
     x, y = (col - CAMERA.cx_px) / CAMERA.fx_px * z, (row - CAMERA.cy_px) / CAMERA.fy_px * z
@@ -70,19 +70,19 @@ def error_px(tracking: TrackingResult, T_frame_keyframe: FloatArray, before: Fra
 
 class TestVisualOdometry:
     @pytest.mark.parametrize("step", [1, 2])
-    @pytest.mark.parametrize("name", BY_THE_WAY)
+    @pytest.mark.parametrize("name", MOTIONS)
     def test_a_known_motion_is_found(self, name: str, step: int) -> None:
-        T, first = BY_THE_WAY[name], frame_of(ROOM, pose())
+        T, first = MOTIONS[name], frame_of(ROOM, pose())
         tracking = with_keyframe(first, step=step).track(frame_of(ROOM, T, 1))
         assert tracking.status is TrackingStatus.OK
         assert error_px(tracking, inverse_rigid(T), first) < 0.05
         assert tracking.n_inliers > 0.85 * tracking.n_tracks > 40
 
     def test_a_moving_ball_drops_out(self) -> None:
-        ball, T = Sphere((0.2, 0.1, 2.4), 0.5, seed=5), BY_THE_WAY["forward"]
+        ball, T = Sphere((0.2, 0.1, 2.4), 0.5, seed=5), MOTIONS["forward"]
         first = frame_of([*ROOM, ball], pose())
-        warped = [*ROOM, replace(ball, centre_m=(0.3, 0.05, 2.4))]
-        tracking = with_keyframe(first).track(frame_of(warped, T, 1))
+        moved = [*ROOM, replace(ball, centre_m=(0.3, 0.05, 2.4))]
+        tracking = with_keyframe(first).track(frame_of(moved, T, 1))
         assert tracking.status is TrackingStatus.OK
         assert error_px(tracking, inverse_rigid(T), frame_of(ROOM, pose())) < 0.08
         assert 0.6 < tracking.n_inliers / tracking.n_tracks < 0.93  # those on the ball are not explained
@@ -102,19 +102,19 @@ class TestVisualOdometry:
         assert tracking.status is TrackingStatus.LOST
 
     @pytest.mark.parametrize("gray", [0, 130, 255])
-    def test_a_blank_image_shows_nothing_to_go_by(self, gray: int) -> None:
-        blank = replace(dark(1), gray=np.full(CAMERA.shape, gray, np.uint8))
-        tracking = with_keyframe(frame_of(ROOM, pose())).track(blank)
+    def test_a_textureless_image_has_no_features(self, gray: int) -> None:
+        textureless = replace(dark(1), gray=np.full(CAMERA.shape, gray, np.uint8))
+        tracking = with_keyframe(frame_of(ROOM, pose())).track(textureless)
         assert tracking.status is TrackingStatus.NO_FEATURES
         assert tracking.T_frame_keyframe is None
 
-    def test_the_noise_of_photons_in_the_dark_is_nothing_to_go_by(self) -> None:
+    def test_photon_noise_in_the_dark_has_no_features(self) -> None:
         noise = np.random.default_rng(0).poisson(2.0, CAMERA.shape).astype(np.uint8)
         tracking = with_keyframe(frame_of(ROOM, pose())).track(replace(dark(1), gray=noise))
         assert tracking.status is TrackingStatus.NO_FEATURES
 
-    def test_dark_frames_that_are_not_placed_do_not_matter(self) -> None:
-        first, T = frame_of(ROOM, pose()), BY_THE_WAY["forward"]
+    def test_frames_that_are_no_keyframes_do_not_matter(self) -> None:
+        first, T = frame_of(ROOM, pose()), MOTIONS["forward"]
         known = with_keyframe(first)
         for index in range(1, 5):
             known.track(dark(index))
@@ -201,7 +201,7 @@ class TestPosesOfTheCaller:
 
     @pytest.mark.parametrize("said", [pose(0.3, 0.2, 0.1, yaw=5), pose(30.0, yaw=80)], ids=["off", "absurd"])
     def test_the_image_corrects_them(self, said: FloatArray) -> None:
-        T = BY_THE_WAY["forward"]
+        T = MOTIONS["forward"]
         tracking = self.tracked(said, frame_of(ROOM, T, 1))
         assert error_px(tracking, inverse_rigid(T), frame_of(ROOM, pose())) < 0.05
 
@@ -215,9 +215,9 @@ class TestFit:
     def seen(points_m: FloatArray, T: FloatArray) -> FloatArray:
         return project(points_m @ T[:3, :3].T + T[:3, 3], TRACKING_CAMERA)
 
-    @pytest.mark.parametrize("name", BY_THE_WAY)
+    @pytest.mark.parametrize("name", MOTIONS)
     def test_exact_points_give_the_exact_motion(self, name: str) -> None:
-        T, points = BY_THE_WAY[name], self.points()
+        T, points = MOTIONS[name], self.points()
         fit = fit_pose(points, self.seen(points, T), TRACKING_CAMERA, np.eye(4), 1.0)
         np.testing.assert_allclose(fit.T_target_source, T, atol=1e-6)
         assert fit.n_inliers == 60
@@ -229,7 +229,7 @@ class TestFit:
         np.testing.assert_allclose(fit.T_target_source, T, atol=1e-5)
 
     def test_a_third_that_moves_by_itself_does_not_matter(self) -> None:
-        T, points = BY_THE_WAY["rolled"], self.points()
+        T, points = MOTIONS["rolled"], self.points()
         seen = self.seen(points, T)
         seen[:20] += [6.0, -4.0]
         fit = fit_pose(points, seen, TRACKING_CAMERA, np.eye(4), 1.0)
@@ -238,7 +238,7 @@ class TestFit:
         assert fit.n_inliers == 40
 
     def test_noise_averages_out(self) -> None:
-        T, points = BY_THE_WAY["forward"], self.points(400)
+        T, points = MOTIONS["forward"], self.points(400)
         seen = self.seen(points, T) + np.random.default_rng(1).normal(0, 0.3, (400, 2))
         fit = fit_pose(points, seen, TRACKING_CAMERA, np.eye(4), 1.0)
         assert np.hypot(*(self.seen(points, fit.T_target_source) - self.seen(points, T)).T).mean() < 0.08
@@ -273,7 +273,7 @@ class TestFeatureTracker:
         cells = {(int(x) // 16, int(y) // 16) for x, y in corners}
         assert len(cells) == len(corners) > 50
 
-    def test_a_blank_image_has_none_and_neither_has_one_below_the_size_of_a_cell(self) -> None:
+    def test_a_textureless_image_has_none_and_neither_has_one_below_the_size_of_a_cell(self) -> None:
         assert not len(FeatureTracker(CAMERA, self.CONFIG).detect(np.full(CAMERA.shape, 90, np.uint8)).corners)
         tiny = Intrinsics.from_hfov(width_px=15, height_px=15, hfov_deg=70)
         noise = np.random.default_rng(0).integers(0, 255, tiny.shape, np.uint8)
@@ -303,7 +303,7 @@ class TestFeatureTracker:
 def test_a_reduced_image_finds_the_same_motion() -> None:
     large = Intrinsics.from_hfov(width_px=480, height_px=360, hfov_deg=70, baseline_m=0.1)
     bodies: list[Body] = [Plane((0.3, 0.0, 1.0), 3.0, seed=1), Plane((0.0, 1.0, 0.05), 0.9, seed=2)]
-    T, first = BY_THE_WAY["rolled"], frame_of(bodies, pose(), camera=large)
+    T, first = MOTIONS["rolled"], frame_of(bodies, pose(), camera=large)
     tracking = with_keyframe(first, large, step=2).track(frame_of(bodies, T, 1, large))
     assert tracking.status is TrackingStatus.OK
     np.testing.assert_allclose(tracking.T_frame_keyframe, inverse_rigid(T), atol=2e-3)

@@ -1,4 +1,4 @@
-"""The smaller parts of the default method: halving, merging, smoothing, confidence, moving memory."""
+"""Parts of the default method: measurement, upsampling, smoothing, confidence and the warp of the memory."""
 
 from dataclasses import astuple, replace
 
@@ -45,19 +45,19 @@ class TestMeasurement:
         ("four", "mean"),
         [((6, 6.2, 6.4, 0), 6.2), ((6, 6.1, 6.2, 6.3), 6.15), ((0, 150, 150.5, 0), 150.25), ((0, 0, 0, 150), 150)],
     )
-    def test_a_half_pixel_is_the_mean_of_one_surface(self, four: tuple[float, ...], mean: float) -> None:
+    def test_a_decimated_pixel_is_the_mean_of_one_surface(self, four: tuple[float, ...], mean: float) -> None:
         full_px = constant(6)
         full_px[10:12, 20:22] = np.array(four).reshape(2, 2)
         assert measurement_of(full_px, 2).disparity_px[5, 10] == pytest.approx(mean, rel=1e-6)
 
     @pytest.mark.parametrize(("four", "one"), [((4, 4, 4, 9), 4), ((9, 4, 9, 9), 9), ((0, 9, 9, 4), 9)])
-    def test_of_two_surfaces_a_half_pixel_is_the_one_with_more(self, four: tuple[float, ...], one: float) -> None:
+    def test_a_decimated_pixel_takes_the_larger_of_two_surfaces(self, four: tuple[float, ...], one: float) -> None:
         full_px = constant(6)
         full_px[10:12, 20:22] = np.array(four).reshape(2, 2)
         assert measurement_of(full_px, 2).disparity_px[5, 10] == one
 
     @pytest.mark.parametrize("step", [1, 2])
-    def test_the_rim_of_a_hole_weighs_less(self, step: int) -> None:
+    def test_weights_fall_at_the_border_of_a_hole(self, step: int) -> None:
         full_px = constant(6)
         full_px[40:60, 40:60] = 0
         weight = measurement_of(full_px, step).weight[50 // step]
@@ -67,14 +67,14 @@ class TestMeasurement:
         assert away == WEIGHT_UNIT
 
     @pytest.mark.parametrize(("count", "share"), [(1, 0.25), (2, 0.5), (3, 0.75), (4, 1.0)])
-    def test_a_half_pixel_weighs_by_how_many_of_four_are_valid(self, count: int, share: float) -> None:
+    def test_the_weight_of_a_decimated_pixel_depends_on_its_valid_pixels(self, count: int, share: float) -> None:
         full_px = np.zeros(CAMERA.shape, np.float32)
         for row, col in ((0, 0), (1, 1), (0, 1), (1, 0))[:count]:
             full_px[row::2, col::2] = 6
         np.testing.assert_allclose(measurement_of(full_px, 2).weight, WEIGHT_UNIT * share**2, atol=0.6)
 
     @pytest.mark.parametrize("step", [1, 2])
-    def test_what_is_valid_has_a_weight_and_nothing_else(self, step: int) -> None:
+    def test_only_valid_pixels_have_a_weight(self, step: int) -> None:
         full_px = np.where(np.random.default_rng(0).random(CAMERA.shape) < 0.8, np.float32(0), constant(6))
         new = measurement_of(full_px, step)
         np.testing.assert_array_equal(new.weight > 0, new.disparity_px > 0)
@@ -82,7 +82,7 @@ class TestMeasurement:
 
 
 def merged_px(full_px: FloatImage, half_px: FloatImage, kind: GrayImage) -> FloatImage:
-    """Disparity alone."""
+    """The upsampled disparity, without the confidence."""
     return upsample_guided(full_px, half_px, np.ones_like(half_px), kind)[0]
 
 
@@ -90,7 +90,7 @@ def as_fused(half_px: FloatImage) -> GrayImage:
     return np.full(half_px.shape, PixelClass.FUSED, np.uint8)
 
 
-class TestMerge:
+class TestUpsampling:
     @staticmethod
     def stepped() -> tuple[FloatImage, FloatImage]:
         """Two surfaces at full and half size, the first with noise; their edge goes through the half pixels 40."""
@@ -100,7 +100,7 @@ class TestMerge:
         return np.asarray(clean_px + noise_px, np.float32), half_px
 
     @pytest.mark.parametrize("camera", [CAMERA, ODD], ids=["even", "odd"])
-    def test_what_counts_as_measured_is_shown_as_measured(self, camera: Intrinsics) -> None:
+    def test_measured_pixels_keep_their_measurement(self, camera: Intrinsics) -> None:
         resolution = WorkingResolution.of(camera, 2)
         full_px = resolution.disparity(render(ROOM, pose(), camera)[1])
         half_px = measurement_of(full_px, 2, camera).disparity_px
@@ -113,7 +113,7 @@ class TestMerge:
         np.testing.assert_array_equal(shown_px[:, -1], shown_px[:, cols - 1])
 
     @pytest.mark.parametrize("kind", [PixelClass.UNKNOWN, PixelClass.FUSED, PixelClass.REMEMBERED])
-    def test_a_surface_is_enlarged_linearly_whatever_was_measured(self, kind: PixelClass) -> None:
+    def test_surfaces_are_interpolated_linearly(self, kind: PixelClass) -> None:
         full_px = np.random.default_rng(0).uniform(0, 20, CAMERA.shape).astype(np.float32)
         row, col = np.indices(CAMERA.shape)
         plane_px = np.asarray(5 + 0.1 * row + 0.05 * col, np.float32)
@@ -123,7 +123,7 @@ class TestMerge:
         # Beside the middle of the outermost pixels of memory nothing is extrapolated.
         np.testing.assert_allclose(shown_px, plane_px, atol=0.5 * (0.1 + 0.05) + 1e-5)
 
-    def test_at_an_edge_what_was_measured_of_the_same_surface_is_shown(self) -> None:
+    def test_discontinuities_keep_measurements_of_the_same_surface(self) -> None:
         full_px, half_px = self.stepped()
         full_px[40, 80], full_px[41, 80] = 9.0, 0.0  # an outlier and a hole
         assert half_px[0, 40] == 5  # of as many pixels of two surfaces the farther one
@@ -133,12 +133,12 @@ class TestMerge:
         expected_px[:, 81] = expected_px[40:42, 80] = 5  # that was measured of something else, or not at all
         np.testing.assert_allclose(merged_px(full_px, half_px, as_fused(half_px)), expected_px, atol=1e-5)
 
-    def test_no_value_is_of_two_surfaces(self) -> None:
+    def test_discontinuities_are_not_interpolated(self) -> None:
         _, half_px = self.stepped()
         shown_px = merged_px(np.zeros(CAMERA.shape, np.float32), half_px, as_fused(half_px))
         np.testing.assert_array_equal(shown_px, np.repeat(np.repeat(half_px, 2, axis=0), 2, axis=1))
 
-    def test_a_hole_of_the_measurement_is_filled(self) -> None:
+    def test_holes_of_the_measurement_are_filled(self) -> None:
         full_px = constant(6)
         full_px[40:61, 40:61] = 0
         half_px = constant(6.25)[::2, ::2]
@@ -147,7 +147,7 @@ class TestMerge:
             merged_px(full_px, half_px, kind), np.where(full_px > 0, full_px, np.float32(6.25))
         )
 
-    def test_at_an_edge_a_pixel_without_measurement_belongs_to_the_hole_beside_it(self) -> None:
+    def test_unmeasured_pixels_at_discontinuities_belong_to_the_adjacent_hole(self) -> None:
         full_px = constant(5)
         full_px[:, 60:71], full_px[:, 71:] = 0, 12  # a near surface begins in the right half of half pixel 35
         half_px = measurement_of(full_px, 2).disparity_px
@@ -160,12 +160,12 @@ class TestMerge:
         assert (confidence[:, 70] == np.float32(0.3)).all()
         confidence[:, 70] = 0.9
         np.testing.assert_array_equal(confidence, upsample_nearest(trust, (120, 160)))
-        # Where the hole beside it is remembered, its own pixel of memory knows better than a guess.
+        # If the adjacent hole is remembered, the pixel keeps its own working pixel.
         kind[kind == PixelClass.UNKNOWN] = PixelClass.REMEMBERED
         assert (merged_px(full_px, filled_px, kind)[:, 70] == 12).all()
 
     @pytest.mark.parametrize("size", [(120, 160), (121, 160), (120, 161), (121, 161)])
-    def test_an_enlarged_pixel_is_four_of_them_and_the_odd_ones_repeat(self, size: tuple[int, int]) -> None:
+    def test_nearest_upsampling_repeats_pixels_and_the_last_odd_row_and_column(self, size: tuple[int, int]) -> None:
         image = np.random.default_rng(0).integers(0, 256, (60, 80), np.uint8)
         row, col = np.indices(size)
         expected = image[np.minimum(row // 2, 59), np.minimum(col // 2, 79)]
@@ -189,7 +189,7 @@ class TestSmoothing:
         plane_px = np.asarray(5 + 0.1 * row + 0.05 * col, np.float32)
         np.testing.assert_allclose(smooth_guided(plane_px, 5, 0.3)[2:-2, 2:-2], plane_px[2:-2, 2:-2], atol=1e-3)
 
-    def test_noise_is_taken_away_and_an_edge_is_kept(self) -> None:
+    def test_noise_is_removed_and_an_edge_is_kept(self) -> None:
         step_px = constant(5)
         step_px[:, 80:] = 12
         noisy_px = step_px + np.random.default_rng(1).normal(0, 0.1, CAMERA.shape).astype(np.float32)
@@ -197,13 +197,13 @@ class TestSmoothing:
         assert np.std(error_px[:, :70]) < 0.04
         np.testing.assert_allclose(error_px[:, 76:84], 0, atol=0.5)
 
-    def test_one_pixel_switches_it_off(self) -> None:
+    def test_a_window_of_one_pixel_disables_it(self) -> None:
         noisy_px = np.random.default_rng(0).normal(6, 0.5, CAMERA.shape).astype(np.float32)
         np.testing.assert_allclose(smooth_guided(noisy_px, 1, 0.3), noisy_px, atol=1e-4)
 
 
 class TestConfidence:
-    def test_it_is_a_share(self) -> None:
+    def test_it_is_a_probability(self) -> None:
         rng = np.random.default_rng(0)
         disparity_px = rng.uniform(0, 1000, (50, 60)).astype(np.float32)
         kind = rng.integers(0, len(PixelClass), (50, 60)).astype(np.uint8)
@@ -214,7 +214,7 @@ class TestConfidence:
         assert (confidence > 0.05).all()
 
     @pytest.mark.parametrize("kind", PixelClass)
-    def test_it_rises_with_evidence_and_nearness(self, kind: PixelClass) -> None:
+    def test_it_grows_with_evidence_and_disparity(self, kind: PixelClass) -> None:
         weights, kinds = np.arange(0, 193, dtype=np.uint8)[None], np.full((1, 193), kind, np.uint8)
         probability = np.full((1, 193), 0.5, np.float32)
         by_weight = estimate_confidence(np.full((1, 193), 20, np.float32), kinds, weights, probability)
@@ -226,14 +226,14 @@ class TestConfidence:
         far_px = np.linspace(0.1, 5, 193, dtype=np.float32)[None]  # a quarter of a pixel is 5 % of 5 px
         assert np.ptp(estimate_confidence(far_px, kinds, sixty_four, probability)) == 0
 
-    def test_what_agrees_is_surest_and_what_is_guessed_least(self) -> None:
+    def test_fused_pixels_have_the_highest_confidence_and_inpainted_ones_the_lowest(self) -> None:
         full = np.full((1, 4), 192, np.uint8)
         kinds, near_px = np.array([list(PixelClass)], np.uint8), np.full((1, 4), 20, np.float32)
         by_kind = estimate_confidence(near_px, kinds, full, np.full((1, 4), max(astuple(INPAINTING)), np.float32))[0]
         assert by_kind.argmax() == PixelClass.FUSED
         assert by_kind.argmin() == PixelClass.UNKNOWN
 
-    def test_that_of_near_fills_is_their_chance(self) -> None:
+    def test_inpainted_pixels_at_close_range_have_their_surface_probability(self) -> None:
         probability = np.linspace(0, 1, 20, dtype=np.float32)[None]
         nothing, no_weight = np.full((1, 20), PixelClass.UNKNOWN, np.uint8), np.zeros((1, 20), np.uint8)
         near = estimate_confidence(np.full((1, 20), 200, np.float32), nothing, no_weight, probability)
@@ -242,7 +242,7 @@ class TestConfidence:
 
 @pytest.mark.parametrize("step", [1, 2])
 @pytest.mark.parametrize("camera", [CAMERA, ODD], ids=["even", "odd"])
-def test_a_memory_that_moves_looks_as_the_scene_does_from_there(camera: Intrinsics, step: int) -> None:
+def test_a_warped_memory_shows_the_scene_from_the_new_pose(camera: Intrinsics, step: int) -> None:
     resolution, there = WorkingResolution.of(camera, step), pose(0.1, 0.02, 0.15, yaw=2, roll=1)
     here, now = (
         measure(frame, resolution.disparity(frame.depth_m), resolution)
@@ -261,7 +261,7 @@ def test_a_memory_that_moves_looks_as_the_scene_does_from_there(camera: Intrinsi
 
 
 @pytest.mark.parametrize("shift_px", [0, 12, -8])
-def test_the_drift_of_a_memory_moves_along(shift_px: int) -> None:
+def test_the_drift_is_warped_with_the_memory(shift_px: int) -> None:
     resolution = WorkingResolution.of(CAMERA, 1)
     gray = np.zeros(CAMERA.shape, np.uint8)
     empty = Memory.empty(gray)

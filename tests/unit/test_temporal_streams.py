@@ -1,4 +1,4 @@
-"""The default method on streams that do not simply go on: cuts, gaps, darkness, standstill, passers-by."""
+"""The default method on streams with cuts, gaps, darkness, standstill and moving objects."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -27,8 +27,8 @@ from voxdepth.temporal.confidence import INPAINTING
 from voxdepth.temporal.odometry import TrackingStatus
 from voxdepth.types import FloatArray, Frame, Source
 
-STEPS = pytest.mark.parametrize("step", [1, 2])
-MOSTLY = pytest.mark.parametrize("step", [1, pytest.param(2, marks=pytest.mark.slow)])
+DECIMATIONS = pytest.mark.parametrize("step", [1, 2])
+MOSTLY_SLOW = pytest.mark.parametrize("step", [1, pytest.param(2, marks=pytest.mark.slow)])
 """For long streams."""
 PATH = walk(40)
 NOISY = [noisy(frame, 0) for frame in frames_of(ROOM, PATH[:8])]
@@ -44,7 +44,7 @@ def holed(frame: Frame, index: int) -> Frame:
 
 
 class TestCut:
-    @STEPS
+    @DECIMATIONS
     def test_the_result_is_that_of_a_fresh_corrector(self, step: int) -> None:
         after = [noisy(frame, 1) for frame in frames_of(OTHER_ROOM, walk(4), first=16)]
         used, fresh = method(decimation=step), method(decimation=step)
@@ -57,7 +57,7 @@ class TestCut:
                 assert getattr(one, quantity).tobytes() == getattr(other, quantity).tobytes()
         assert all(result.diagnostics.tracking is TrackingStatus.OK for result in ours[1:])
 
-    @STEPS
+    @DECIMATIONS
     def test_nothing_of_the_old_scene_is_shown(self, step: int) -> None:
         used = method(decimation=step, inpaint=False)
         run(used, NOISY)
@@ -65,7 +65,7 @@ class TestCut:
         assert not (result.source == Source.MEMORY).any()
         assert not result.depth_m[INSIDE].any()
 
-    @STEPS
+    @DECIMATIONS
     def test_and_back_again_nothing_is_left_either(self, step: int) -> None:
         used = method(decimation=step, inpaint=False)
         run(used, NOISY)
@@ -74,7 +74,7 @@ class TestCut:
         assert not result.depth_m[INSIDE].any()
 
 
-@STEPS
+@DECIMATIONS
 def test_memory_survives_ten_dropped_frames(step: int) -> None:
     corrector = method(decimation=step)
     run(corrector, NOISY)
@@ -88,7 +88,7 @@ def test_memory_survives_ten_dropped_frames(step: int) -> None:
 class TestCoveredLens:
     SECOND = tuple(dark(16 + i) for i in range(30))
 
-    @MOSTLY
+    @MOSTLY_SLOW
     def test_what_is_not_seen_is_not_invented_and_afterwards_memory_serves_again(self, step: int) -> None:
         corrector = method(decimation=step)
         run(corrector, NOISY)
@@ -109,14 +109,14 @@ class TestCoveredLens:
         made_up_m = [np.where(rng.random(CAMERA.shape) < 0.3, rng.uniform(0.5, 9, CAMERA.shape), 0) for _ in frames]
         return [replace(frame, depth_m=m.astype(np.float32)) for frame, m in zip(frames, made_up_m, strict=True)]
 
-    @STEPS
+    @DECIMATIONS
     def test_what_the_sensor_makes_up_in_the_dark_is_never_confident(self, step: int) -> None:
         corrector = method(decimation=step)
         run(corrector, NOISY[:6])
         for result in run(corrector, self.made_up()):
             assert result.confidence.max() <= INPAINTING.occlusion_shadow  # of what is found without memory and ground
 
-    @STEPS
+    @DECIMATIONS
     def test_what_the_sensor_makes_up_in_the_dark_is_hardly_believed_and_not_remembered(self, step: int) -> None:
         corrector = method(decimation=step)
         run(corrector, NOISY[:6])
@@ -126,7 +126,7 @@ class TestCoveredLens:
         result = process(corrector, holed(true, 30))
         assert np.median(abs(result.depth_m / true.depth_m - 1)[INSIDE]) < 0.01
 
-    @STEPS
+    @DECIMATIONS
     @pytest.mark.parametrize(("max_featureless_frames", "is_held"), [(5, True), (4, False), (0, False)])
     def test_it_is_held_for_so_many_frames_and_no_more(
         self, max_featureless_frames: int, is_held: bool, step: int
@@ -142,7 +142,7 @@ class TestCoveredLens:
         run(corrector, [*NOISY[:4], *self.SECOND[:4], NOISY[4], *self.SECOND[5:9]])
         assert process(corrector, holed(frame_of(ROOM, PATH[5]), 46)).diagnostics.tracking is TrackingStatus.OK
 
-    @STEPS
+    @DECIMATIONS
     def test_a_stream_may_begin_in_the_dark(self, step: int) -> None:
         corrector = method(decimation=step)
         for result in run(corrector, [dark(i) for i in range(3)]):
@@ -152,7 +152,7 @@ class TestCoveredLens:
         assert (results[-1].source == Source.MEMORY).any()
 
 
-@STEPS
+@DECIMATIONS
 def test_identical_frames_converge_without_flicker_and_grow_surer(step: int) -> None:
     still = [replace(NOISY[3], stamp_s=i / 30) for i in range(25)]
     results = run(method(decimation=step), still)
@@ -163,7 +163,7 @@ def test_identical_frames_converge_without_flicker_and_grow_surer(step: int) -> 
     np.testing.assert_allclose(results[-1].confidence, results[-2].confidence, atol=0.005)
 
 
-@STEPS
+@DECIMATIONS
 def test_at_standstill_noise_averages_out(step: int) -> None:
     true = frame_of(ROOM, pose())
     errors_m = [
@@ -187,8 +187,8 @@ class TestPasserBy:
         clean = [frame_of(self.bodies(i), pose(), i, self.CAMERA) for i in indices]
         return [noisy(frame, 3, sigma_px=0.1, holes=0.05, camera=self.CAMERA) for frame in clean]
 
-    @MOSTLY
-    def test_it_stays_where_it_is_and_leaves_no_ghost(self, step: int) -> None:
+    @MOSTLY_SLOW
+    def test_it_stays_where_it_is_and_leaves_no_trace(self, step: int) -> None:
         frames = self.frames(*range(10, 22))
         results = run(method(self.CAMERA, decimation=step), frames)
         for index, frame, result in zip(range(10, 22), frames, results, strict=True):
@@ -198,7 +198,7 @@ class TestPasserBy:
             assert ours > raw - (0.01 if step == 1 else 0.05)
             assert np.mean(result.depth_m[~ball] < 3.9) < 0.002  # nearer to the ball than to the wall
 
-    @MOSTLY
+    @MOSTLY_SLOW
     def test_the_wall_behind_it_is_not_forgotten(self, step: int) -> None:
         corrector = method(self.CAMERA, decimation=step)
         run(corrector, self.frames(*range(16)))
@@ -206,7 +206,7 @@ class TestPasserBy:
         gone = frame_of([WALL], pose(), 16, self.CAMERA)
         result = process(corrector, replace(gone, depth_m=np.where(ball, np.float32(0), gone.depth_m)))
         assert ball.sum() > 600
-        # Around the rim of the ball something is forgotten: twice as much at half size.
+        # Some memory is lost around the boundary of the ball, twice as much at half resolution.
         assert np.mean(result.source[ball] == Source.MEMORY) > (0.75 if step == 1 else 0.45)
         np.testing.assert_allclose(result.depth_m[ball], 5, rtol=0.05)
 
@@ -219,7 +219,7 @@ class TestApproach:
     """Frames in which it comes nearer."""
 
     def lags(self, step: int, *, is_textureless: bool) -> FloatArray:
-        """How much farther than it is the middle of the ball is shown while it comes, as parts of its depth."""
+        """Relative error of the depth of the ball's middle while it approaches."""
         corrector, lags = method(self.CAMERA, decimation=step), []
         for index in range(self.LAST):
             z = self.CAMERA.fx_px * 0.3 / (12 + 0.5 * max(0, index - self.FIRST + 1))
@@ -230,22 +230,22 @@ class TestApproach:
             lags.append(np.median(result.depth_m[55:65, 75:85] / frame.depth_m[55:65, 75:85]) - 1)
         return np.array(lags[self.FIRST :])
 
-    @MOSTLY
+    @MOSTLY_SLOW
     def test_it_is_shown_where_it_is_after_two_frames(self, step: int) -> None:
         lags = self.lags(step, is_textureless=False)
         assert (abs(lags[2:]) < 0.02).all()
         assert (abs(lags) < 0.1).all()
 
-    @MOSTLY
+    @MOSTLY_SLOW
     def test_a_textureless_one_is_shown_where_it_is_after_ten_frames(self, step: int) -> None:
-        # It looks as before, so the surest memory overrules it until it has faded: from 12 measurements to less than
+        # It looks as before, so the strongest memory rejects it until it has decayed: from 12 measurements to less than
         # 2, by 1.125 in every frame.
         lags = self.lags(step, is_textureless=True)
         assert (abs(lags[10:]) < 0.02).all()
         assert (lags[:10] > -0.02).all()
 
 
-@STEPS
+@DECIMATIONS
 def test_poses_of_the_caller_carry_the_memory_through_the_dark(step: int) -> None:
     corrector = method(decimation=step)
     frames = [replace(frame, T_world_cam=T) for frame, T in zip(NOISY, PATH, strict=False)]

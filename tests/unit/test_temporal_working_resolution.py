@@ -1,4 +1,4 @@
-"""Depth and disparity, and the camera of the memory."""
+"""Conversion between depth and disparity, and the camera of the working resolution."""
 
 from dataclasses import replace
 
