@@ -162,11 +162,11 @@ def _camera_image(camera: Camera, engine: Engine, client: int, to_sun: tuple[flo
     )
     shape = intrinsics.shape
     segment_id = np.reshape(segments, shape).astype(np.int32)
-    nothing = segment_id < 0
+    empty = segment_id < 0
     gray = np.reshape(rgba, (*shape, 4))[..., 0].astype(np.uint8)
-    gray[nothing] = SKY_GRAY
+    gray[empty] = SKY_GRAY
     depth_m = metric_depth(np.reshape(buffer, shape).astype(np.float64), engine.near_m).astype(np.float32)
-    depth_m[nothing] = np.inf
+    depth_m[empty] = np.inf
     return Images(gray=gray, depth_m=depth_m, segment_id=segment_id)
 
 

@@ -104,10 +104,10 @@ def test_blank_takes_surfaces_below_its_texture_alone() -> None:
     np.testing.assert_array_equal(noisy.invalid_reason == InvalidReason.TEXTURELESS, noisy.depth_m == 0)
 
 
-def test_occlusion_takes_what_is_hidden_alone() -> None:
-    hidden = np.arange(50) < 7
-    noisy = after(Occlusion(), occluded=hidden)
-    np.testing.assert_array_equal(noisy.depth_m == 0, np.broadcast_to(hidden, (40, 50)))
+def test_occlusion_invalidates_only_occluded_pixels() -> None:
+    occluded = np.arange(50) < 7
+    noisy = after(Occlusion(), occluded=occluded)
+    np.testing.assert_array_equal(noisy.depth_m == 0, np.broadcast_to(occluded, (40, 50)))
     np.testing.assert_array_equal(noisy.invalid_reason == InvalidReason.OCCLUDED, noisy.depth_m == 0)
 
 
@@ -130,7 +130,7 @@ def test_holes_stay_holes_and_the_same_draws_give_the_same_bytes(term: NoiseTerm
 
 
 @pytest.mark.parametrize("term", [type(term)() for term in TERMS[:-1]], ids=lambda term: type(term).__name__)
-def test_terms_are_off_by_default_and_then_change_nothing(term: NoiseTerm) -> None:
+def test_terms_are_inactive_by_default_and_then_change_nothing(term: NoiseTerm) -> None:
     assert not term.active
     np.testing.assert_allclose(after(term, 8.0).depth_m, 8.0, rtol=1e-6)
 

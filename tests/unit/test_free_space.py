@@ -86,6 +86,6 @@ def test_impossible_areas_are_refused(bad: dict[str, float]) -> None:
         measure(world, **bad)
 
 
-def test_drones_would_be_in_the_way() -> None:
+def test_worlds_with_drones_are_refused() -> None:
     with world_of(starts_m=[(0, 0, 2)]) as world, pytest.raises(SceneError, match="without drones, got 1"):
         measure(world)

@@ -61,7 +61,7 @@ def test_holes_count_as_not_within_a_pixel_and_captures_add_up() -> None:
     assert quality.invalid_shares[InvalidReason.TEXTURELESS] == 0.5
 
 
-def test_hidden_and_blank_pixels_are_judged_apart() -> None:
+def test_occluded_and_textureless_pixels_are_counted_separately() -> None:
     col = np.arange(CAMERA.width_px)
     raw_m = np.select([col < 20, col < 40, col < 80], [0.0, 3.2, 3.0], 3.0)
     fields = {"occluded": col < 80, "segment_id": np.where(col >= 120, 7, 0)}

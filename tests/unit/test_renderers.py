@@ -156,15 +156,15 @@ def test_they_agree_on_moved_drones_and_round_shapes() -> None:
 
 
 def test_they_agree_on_movers_that_were_placed() -> None:
-    movers = [MovingSphere(radius_m=0.4, from_m=(3, 0, 0), to_m=(3, 1, 0), speed_m_s=1.0).body(k) for k in range(2)]
+    spheres = [MovingSphere(radius_m=0.4, from_m=(3, 0, 0), to_m=(3, 1, 0), speed_m_s=1.0).body(k) for k in range(2)]
     cube = Mesh(box(np.array([0.5, 0.7, 0.9])).vertices_m, box(np.ones(3)).triangles)
     crate = Body(name="crate", kind="building", shape=cube, position_m=(0.0, 0.0, 0.0), yaw_rad=0.4)
     scene = Scene(seed=5, bodies=(wall(8.0),))
-    with World(scene, np.array([[4.0, 0.0, 1.0]]), kinematic=[*movers, crate]) as world:
+    with World(scene, np.array([[4.0, 0.0, 1.0]]), kinematic=[*spheres, crate]) as world:
         renderers = [create_renderer(name, world) for name in ("raster", "raycast", "tiny")]
         for side_m in (0.8, -0.6):
-            for mover, place_m in zip(world.kinematic, ([3, side_m, 0], [5, -1.5, 0.5], [4, 1.5, -1]), strict=True):
-                world.place(mover, np.array(place_m, np.float64))
+            for body, place_m in zip(world.kinematic, ([3, side_m, 0], [5, -1.5, 0.5], [4, 1.5, -1]), strict=True):
+                world.place(body, np.array(place_m, np.float64))
             *ours, b = (renderer.render([camera_at(0, 0, 0)])[0] for renderer in renderers)
             for a in ours:
                 assert set(np.unique(a.segment_id)) == {0, 1, 2, 3, 4}

@@ -1,4 +1,4 @@
-"""Scenes follow their seed and their knobs, are closed solids, and leave a way free."""
+"""Scenes follow their seed and configuration, consist of closed solids, and leave a path free."""
 
 from functools import cache
 from itertools import pairwise
@@ -35,7 +35,7 @@ def named(scene: Scene, start: str) -> list[Body]:
 
 
 def along(path_m: FloatArray, step_m: float = 0.5) -> FloatArray:
-    """Points on a way at most `step_m` apart."""
+    """Points on a path at most `step_m` apart."""
     return np.concatenate(
         [a + np.linspace(0, 1, int(np.linalg.norm(b - a) / step_m) + 2)[:, None] * (b - a) for a, b in pairwise(path_m)]
     )
@@ -112,7 +112,7 @@ def test_the_way_through_a_city_is_free(street_width_m: float) -> None:
         assert min(room) >= 0.5
 
 
-def test_a_city_of_narrow_streets_leaves_no_way() -> None:
+def test_a_city_of_narrow_streets_leaves_no_path() -> None:
     assert len(CitySpec(street_width_m=5.0).build(0).path_m) == 0
 
 
@@ -162,10 +162,10 @@ def test_plants_look_irregular_and_keep_their_measures() -> None:
 
 def test_layouts_keep_obstacles_apart_and_say_when_they_are_full() -> None:
     layout = Layout(np.array([[0.0, 0, 0], [10, 0, 0]]))
-    spots = np.array([[5.0, 1.0], [5.0, 4.0]])
-    assert layout.place("first", spots, reach_m=1.0, apart_m=1.0) == (5.0, 4.0)
+    places = np.array([[5.0, 1.0], [5.0, 4.0]])
+    assert layout.place("first", places, reach_m=1.0, apart_m=1.0) == (5.0, 4.0)
     with pytest.raises(SceneError, match="room for second, found none at 2"):
-        layout.place("second", spots, reach_m=1.0, apart_m=1.0)
+        layout.place("second", places, reach_m=1.0, apart_m=1.0)
     with pytest.raises(SceneError, match="expected room for tree"):
         ForestSpec(density=60.0, length_m=70, width_m=20).build(0)
 

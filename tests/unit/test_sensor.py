@@ -60,10 +60,10 @@ def test_disparity_is_focal_length_times_baseline_over_depth(distance_m: float) 
 
 def test_the_left_band_that_the_right_camera_misses_is_as_wide_as_the_disparity() -> None:
     intrinsics, left, right = stereo_pair(2.0)
-    hidden = occlusion_mask(left.depth_m, right.depth_m, intrinsics)
+    occluded = occlusion_mask(left.depth_m, right.depth_m, intrinsics)
     expected = intrinsics.fx_px * BASELINE_M / 2.0
-    assert abs(hidden.sum(axis=1) - expected).max() <= 1
-    assert hidden[:, : int(expected) - 1].all()
+    assert abs(occluded.sum(axis=1) - expected).max() <= 1
+    assert occluded[:, : int(expected) - 1].all()
 
 
 def test_the_shadow_beside_a_box_has_the_width_of_the_disparity_difference() -> None:
@@ -74,11 +74,11 @@ def test_the_shadow_beside_a_box_has_the_width_of_the_disparity_difference() -> 
     with world_of(wall(back_m), block(front_m, 1.0)) as world:
         cameras = [camera_at(0, side * BASELINE_M / 2, 0, intrinsics=intrinsics) for side in (1, -1)]
         left, right = create_renderer("raycast", world).render(cameras)
-    hidden = occlusion_mask(left.depth_m, right.depth_m, intrinsics)
+    occluded = occlusion_mask(left.depth_m, right.depth_m, intrinsics)
     band = int(intrinsics.fx_px * BASELINE_M / back_m) + 3
     expected = intrinsics.fx_px * BASELINE_M * (1 / front_m - 1 / back_m)
-    assert abs(hidden[180, band:].sum() - expected) <= 1
-    assert not hidden[5, band:].any()
+    assert abs(occluded[180, band:].sum() - expected) <= 1
+    assert not occluded[5, band:].any()
 
 
 def test_far_surfaces_and_holes_are_told_apart() -> None:
@@ -145,9 +145,9 @@ def test_thin_things_cast_shadows_as_wide_as_themselves_at_most(radius_m: float)
         cameras = [camera_at(0, side * BASELINE_M / 2, 0, intrinsics=intrinsics) for side in (1, -1)]
         left, right = create_renderer("raycast", world).render(cameras)
     band = int(intrinsics.fx_px * BASELINE_M / 6.0) + 3
-    hidden = occlusion_mask(left.depth_m, right.depth_m, intrinsics)[180, band:].sum()
+    occluded = occlusion_mask(left.depth_m, right.depth_m, intrinsics)[180, band:].sum()
     step_px = intrinsics.fx_px * BASELINE_M * (1 / 2.0 - 1 / 6.0)
-    assert abs(hidden - min(step_px, 2 * radius_m / 2.0 * intrinsics.fx_px)) <= 1.5
+    assert abs(occluded - min(step_px, 2 * radius_m / 2.0 * intrinsics.fx_px)) <= 1.5
 
 
 @pytest.mark.parametrize("yaw_deg", [0, 30, 60, 75])
@@ -162,13 +162,13 @@ def test_slanted_walls_hide_nothing_of_themselves(yaw_deg: float) -> None:
     with world_of(slanted) as world:
         cameras = [camera_at(0, side * BASELINE_M / 2, 0) for side in (1, -1)]
         left, right = create_renderer("raycast", world).render(cameras)
-    hidden = occlusion_mask(left.depth_m, right.depth_m, CAMERA)
+    occluded = occlusion_mask(left.depth_m, right.depth_m, CAMERA)
     col = np.arange(CAMERA.width_px) - CAMERA.fx_px * BASELINE_M / left.depth_m
-    assert not hidden[col >= 0.5].any()
-    assert hidden[np.isfinite(left.depth_m) & (col < -0.5)].all()
+    assert not occluded[col >= 0.5].any()
+    assert occluded[np.isfinite(left.depth_m) & (col < -0.5)].all()
 
 
-def test_every_tier_knows_what_is_hidden_if_it_has_a_right_image() -> None:
+def test_every_sensor_model_with_a_right_image_reports_occlusion() -> None:
     pose = BodyPose(stamp_s=0.0, position_m=np.zeros(3), q_world_body_xyzw=np.array([0.0, 0, 0, 1]))
     masks = []
     with world_of(wall(6.0), block(2.0, 1.0)) as world:
