@@ -36,7 +36,7 @@ def test_a_run_writes_what_it_promises(tmp_path: Path) -> None:
     folder = only_run(tmp_path)
     assert sorted(p.name for p in folder.iterdir()) == ["config.toml", "metrics.json", "run.rrd", "trajectories"]
     assert "real-time factor" in done.stdout
-    assert "more than 10 % too far" in done.stdout
+    assert "MAE" in done.stdout
     metrics = json.loads((folder / "metrics.json").read_text())
     assert metrics["seed"] == 0
     assert metrics["outcome"] == "timeout"
@@ -134,9 +134,7 @@ def test_a_file_without_a_name_says_so(tmp_path: Path) -> None:
     [
         ("[[mission.routes]]", "goal_m = [16.3, -3.1, 6.0]", "inside a building"),
         pytest.param("[mission]", "control_hz = 7", "control_hz must divide", marks=pytest.mark.slow),
-        pytest.param(
-            "[[mission.routes]]", "start_m = [5.5, 2.6, 6.0]", "in touch with another body", marks=pytest.mark.slow
-        ),
+        pytest.param("[[mission.routes]]", "start_m = [5.5, 2.6, 6.0]", "with another body", marks=pytest.mark.slow),
         pytest.param("[mission]", "controller = 'nowhere:nothing'", "cannot be loaded", marks=pytest.mark.slow),
     ],
 )
