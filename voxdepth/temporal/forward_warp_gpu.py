@@ -17,10 +17,6 @@ from .working_resolution import WorkingResolution
 class GpuForwardWarp:
     """Warps disparity images on a Warp device. Its twin `ForwardWarp` is faster on the CPU, where tests compare them.
 
-    Args:
-        resolution: Resolution of the images.
-        device: `cuda` or `cpu`.
-
     Raises:
         ConfigError: The device does not exist on this machine.
     """

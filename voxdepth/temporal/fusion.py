@@ -143,12 +143,7 @@ class TemporalFusion:
         self._min_weight_at_discontinuities = round(WEIGHT_UNIT * config.min_evidence_at_discontinuities)
 
     def fuse(self, memory: Memory, measurement: Measurement) -> tuple[Fused, Memory]:
-        """The fused disparity, and the memory for the next frame.
-
-        Args:
-            memory: Memory, warped to the pixels of the measurement.
-            measurement: Measurement of the frame.
-        """
+        """The fused disparity, and the memory for the next frame, from the memory warped to this frame."""
         gray_change = box_mean(absolute_difference(memory.gray, measurement.gray), WINDOW_PX)
         noise = max(1.0, float(np.median(gray_change[::NOISE_STRIDE_PX, ::NOISE_STRIDE_PX])))
         memory = self._forget_disappeared(memory, measurement, gray_change, noise)

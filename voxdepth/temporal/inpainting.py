@@ -60,12 +60,9 @@ class Inpainter:
         self._stixels = StixelEstimator(resolution, self._planes.cell_px, config.stixels)
 
     def inpaint(self, disparity_px: FloatImage) -> Inpainted:
-        """The image without holes; an empty image stays empty.
+        """The image, shape (h, w), without holes, which are 0. An empty image stays empty.
 
         Nothing is inpainted farther than the farthest measurement.
-
-        Args:
-            disparity_px: Disparity, shape (h, w); 0 = hole.
         """
         valid = above(disparity_px, 0)
         if cv2.countNonZero(valid) in (0, valid.size):
@@ -118,12 +115,9 @@ class Inpainter:
         probability[row, col] = INPAINTING.occlusion_shadow
 
     def _background(self, flat_px: FloatImage, before: Indices, width: int) -> FloatImage:
-        """Disparity left of holes: the median of three pixels, of which one may be an outlier or a fattened foreground.
+        """Disparity left of each hole, given the flat index of the last pixel before it, shape (N,).
 
-        Args:
-            flat_px: Disparity of the flattened image.
-            before: Index of the last pixel before each hole, shape (N,).
-            width: Width of the image.
+        It is the median of three pixels, of which one may be an outlier or affected by foreground fattening.
         """
         offsets = np.array(BACKGROUND_OFFSETS_PX)[:, None] // self._decimation
         samples_px = flat_px[before - np.minimum(offsets, before % width)]

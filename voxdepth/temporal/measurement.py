@@ -42,13 +42,7 @@ class Measurement:
 
 
 def measure(frame: Frame, full_disparity_px: FloatImage, resolution: WorkingResolution) -> Measurement:
-    """Bring a frame to the working resolution, and weight its pixels by their valid neighbours.
-
-    Args:
-        frame: Frame at full resolution.
-        full_disparity_px: Disparity of the frame, shape (H, W); 0 = invalid.
-        resolution: Resolution of the result.
-    """
+    """Bring a frame and its disparity, shape (H, W), to the working resolution, and weight its pixels."""
     validity = valid = above(full_disparity_px, 0)
     disparity_px, gray = full_disparity_px, frame.gray
     if resolution.decimation == 2:

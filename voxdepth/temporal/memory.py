@@ -48,11 +48,7 @@ class Memory:
 
 
 class MemoryWarper:
-    """Warps a memory to the pose of a new frame.
-
-    Args:
-        resolution: Resolution of the memory.
-        device: Device that warps disparity and weight; everything else runs on the CPU.
+    """Warps a memory to the pose of a new frame. Only disparity and weight are warped on the device.
 
     Raises:
         ConfigError: The device does not exist on this machine.

@@ -80,11 +80,6 @@ class VisualOdometry:
     The search for the corners starts from several hypotheses: the previous motion, no motion, a match of ORB features,
     and phase correlation. The first one from which the tracks fit a rigid motion is accepted. If the caller provides
     poses, the search starts from their relative motion instead, which also replaces the estimate when none is accepted.
-
-    Args:
-        camera: Camera of the frames.
-        resolution: Resolution of the disparity that `set_keyframe` takes.
-        config: Parameters of the tracking.
     """
 
     def __init__(self, camera: Intrinsics, resolution: WorkingResolution, config: VisualOdometryConfig) -> None:

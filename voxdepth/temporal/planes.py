@@ -93,9 +93,7 @@ class PlaneFitter:
     def moments(self, disparity_px: FloatImage, validity: FloatImage) -> MomentPyramid:
         """The moments that planes are fitted to.
 
-        Args:
-            disparity_px: Disparity, shape (h, w).
-            validity: Fraction of the neighbours of each pixel that are valid, 0..1, shape (h, w), float32; 0 in holes.
+        Both images have shape (h, w). The validity is the fraction of valid neighbours of each pixel, and 0 in holes.
         """
         moments = self._cell_moments(disparity_px, np.square(validity))
         pyramid = [_sum_neighbourhood(moments)]

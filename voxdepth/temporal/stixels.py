@@ -71,12 +71,8 @@ class StixelEstimator:
     """Finds the stixels of images of one size.
 
     The ground contact of a column is its highest measurement on the ground. The holes above have the disparity of the
-    contact, up to the first measurement that is farther.
-
-    Args:
-        resolution: Resolution of the images.
-        cell_px: Side of the finest cells of `PlaneFitter`, in working pixels.
-        config: When a measurement is on the ground.
+    contact, up to the first measurement that is farther. Results are in the cells of `PlaneFitter`, of `cell_px` pixels
+    a side.
     """
 
     def __init__(self, resolution: WorkingResolution, cell_px: int, config: StixelsConfig) -> None:
@@ -93,12 +89,7 @@ class StixelEstimator:
         self._u = np.asarray((np.arange(width) + 0.5 - width / 2) / cell_px, np.float64)
 
     def estimate(self, disparity_px: FloatImage, ground: GroundPlane) -> Stixels:
-        """The stixels of an image.
-
-        Args:
-            disparity_px: Disparity, shape (h, w); 0 = hole.
-            ground: Ground plane of the image.
-        """
+        """The stixels of a disparity image, shape (h, w), on its ground plane; holes are 0."""
         config = self._config
         image_px = np.ascontiguousarray(disparity_px[:: self._row_stride][::-1])  # from the bottom up
         contact, contact_px = self._ground_contact(image_px, ground)
@@ -129,13 +120,10 @@ class StixelEstimator:
         return contact, np.asarray(cv2.medianBlur(contact_px[None], MEDIAN_COLUMNS), np.float32)[0]
 
     def _cell_means(self, contact_px: FloatImage, mask: MaskImage, size: int, min_coverage: float) -> FloatArray:
-        """Mean ground contact of the pixels of a mask, by cells [px]; 0 where it covers too little of a cell.
+        """Mean contact disparity of the columns under a mask, by cells of `size` finest cells a side [px].
 
-        Args:
-            contact_px: Disparity of the contact of each column, shape (w,).
-            mask: Pixels in rows from the bottom up, one of `ROW_STRIDE_PX`, shape (N, w).
-            size: Side of the cells, in finest cells.
-            min_coverage: Fraction of a cell that the mask must cover.
+        The mask has the rows that are searched, from the bottom up. Cells of which it covers less than `min_coverage`
+        are 0.
         """
         rows, cols = -(-self._shape[0] // size), -(-self._shape[1] // size)
         height, width = self._cell_px * size // self._row_stride, self._cell_px * size
