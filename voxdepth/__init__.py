@@ -9,11 +9,12 @@ corrected = corrector.process(Frame.from_millimetres(stamp_s=0.0, gray=gray, dep
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .corrector import PaperVoxDepth, VoxDepth
     from .paper.config import PaperConfig
+    from .paper.method import PaperVoxDepth
     from .pipeline import CorrectionPipeline
     from .registry import create_corrector
     from .temporal.config import VoxDepthConfig
+    from .temporal.method import VoxDepth
     from .types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source
 
 __all__ = [
@@ -31,8 +32,8 @@ __all__ = [
 ]
 
 _HOMES = {
-    "VoxDepth": "corrector",
-    "PaperVoxDepth": "corrector",
+    "VoxDepth": "temporal.method",
+    "PaperVoxDepth": "paper.method",
     "VoxDepthConfig": "temporal.config",
     "PaperConfig": "paper.config",
     "create_corrector": "registry",

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from voxdepth.corrector import PaperVoxDepth, VoxDepth
+from voxdepth import PaperVoxDepth, VoxDepth
 from voxdepth.model import Model
 from voxdepth.types import Intrinsics
 

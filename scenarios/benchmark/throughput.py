@@ -7,7 +7,7 @@ from pathlib import Path
 
 import cv2
 
-from voxdepth.corrector import PaperVoxDepth
+from voxdepth import PaperVoxDepth
 from voxdepth.datasets import Dataset, open_dataset
 from voxdepth.model import Model
 from voxdepth.paper.config import PaperConfig

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from voxdepth.corrector import PaperVoxDepth, VoxDepth
+from voxdepth import PaperVoxDepth, VoxDepth
 from voxdepth.model import Model
 from voxdepth.paper.config import PaperConfig
 from voxdepth.paper.epochs import PaperDiagnostics, Phase, Template

@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.axes import Axes
 
-from voxdepth.corrector import VoxDepth
+from voxdepth import VoxDepth
 from voxdepth.registry import DEFAULT
 from voxdepth.temporal.config import VoxDepthConfig
 

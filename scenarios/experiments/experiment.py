@@ -7,7 +7,7 @@ from pathlib import Path
 from sim.recording import Recording
 from sim.types import Capture
 from swarm.perception import frame_of
-from voxdepth.corrector import PaperVoxDepth
+from voxdepth import PaperVoxDepth
 from voxdepth.paper.config import PaperConfig
 from voxdepth.types import Frame
 

@@ -11,7 +11,7 @@ from statistics import median
 
 from matplotlib.axes import Axes
 
-from voxdepth.corrector import PaperVoxDepth
+from voxdepth import PaperVoxDepth
 from voxdepth.datasets import Dataset, open_dataset
 from voxdepth.paper.config import PaperConfig
 from voxdepth.registry import create_corrector

@@ -9,8 +9,8 @@ from statistics import mean
 import numpy as np
 from matplotlib.axes import Axes
 
+from voxdepth import PaperVoxDepth
 from voxdepth.baselines.optical_flow import Dis
-from voxdepth.corrector import PaperVoxDepth
 from voxdepth.paper.config import PaperConfig
 from voxdepth.paper.epochs import EpochEnd
 from voxdepth.paper.registration import RegistrationConfig

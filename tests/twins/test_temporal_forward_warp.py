@@ -245,7 +245,7 @@ def test_a_stream_is_corrected_alike(step: int, device: str) -> None:
 def test_the_configuration_decides_where_the_memory_is_moved(device: str) -> None:
     corrector = VoxDepth(CAMERA, VoxDepthConfig(device=device))
     expected = ForwardWarp if device == "cpu" else GpuForwardWarp
-    assert type(corrector._method._warper._forward_warp) is expected
+    assert type(corrector._warper._forward_warp) is expected
 
 
 @pytest.mark.skipif(wp.is_cuda_available(), reason="there is a GPU")

@@ -7,7 +7,7 @@ import pytest
 from scenarios.experiments.ablation import DEFAULT_CONFIG, VARIANTS
 from scenarios.experiments.pictures import SHADES, encoded, quantized, sheet
 from scenarios.images import FAR_M
-from voxdepth.corrector import VoxDepth
+from voxdepth import VoxDepth
 from voxdepth.registry import DEFAULT
 from voxdepth.types import CorrectedDepth, FloatImage, Frame, Intrinsics, Source
 

@@ -139,7 +139,8 @@ class TestCoveredLens:
 
     def test_one_frame_that_shows_something_starts_the_count_anew(self) -> None:
         corrector = method(max_featureless_frames=5)
-        run(corrector, [*NOISY[:4], *self.SECOND[:4], NOISY[4], *self.SECOND[5:9]])
+        frames = [*NOISY[:4], *self.SECOND[:4], NOISY[4], *self.SECOND[5:9]]
+        run(corrector, [replace(frame, stamp_s=i / 30) for i, frame in enumerate(frames)])
         assert process(corrector, holed(frame_of(ROOM, PATH[5]), 46)).diagnostics.tracking is TrackingStatus.OK
 
     @DECIMATIONS

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..types import FloatImage, GrayImage, MaskImage
-from .pixels import judged_pixels, require_depth, require_same_shape
+from .pixels import Addable, judged_pixels, require_depth, require_same_shape
 
 
 @dataclass(frozen=True, kw_only=True)
-class Changes:
+class Changes(Addable):
     """Sums over pixels that were static from one frame to the next; frames and groups of pixels add up."""
 
     pixels: int = 0
@@ -20,14 +20,6 @@ class Changes:
     """Number of these pixels with a depth in only one."""
     change_m: float = 0.0
     """Sum of the changes of the error [m]."""
-
-    def __add__(self, other: "Changes") -> "Changes":
-        return Changes(
-            pixels=self.pixels + other.pixels,
-            changes=self.changes + other.changes,
-            switched=self.switched + other.switched,
-            change_m=self.change_m + other.change_m,
-        )
 
     @property
     def mean_change_m(self) -> float | None:

@@ -5,19 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..types import FloatImage, MaskImage
-from .pixels import judged_pixels, require_depth, require_same_shape
+from .pixels import Addable, judged_pixels, require_depth, require_same_shape
 from .sums import CLOSE
 
 
 @dataclass(frozen=True, kw_only=True)
-class Share:
+class Share(Addable):
     """A share of pixels; shares of frames add up."""
 
     hits: int = 0
     of: int = 0
-
-    def __add__(self, other: "Share") -> "Share":
-        return Share(hits=self.hits + other.hits, of=self.of + other.of)
 
     @property
     def value(self) -> float | None:

@@ -81,6 +81,5 @@ def _stretched(image_mm: MillimetreImage) -> npt.NDArray[np.uint8]:
 
 
 def _require_millimetres(*images: npt.NDArray[np.uint16]) -> None:
-    for image in images:
-        if image.dtype != np.uint16:
-            raise FrameError(f"expected depth in millimetres as uint16, got {image.dtype}")
+    if kinds := {str(image.dtype) for image in images} - {"uint16"}:
+        raise FrameError(f"expected depth in millimetres as uint16, got {', '.join(kinds)}")

@@ -1,6 +1,7 @@
 """Which pixels are judged, whether images fit together, bins of range, and which depths count as right."""
 
-from typing import Any
+from dataclasses import fields
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -18,12 +19,16 @@ RANGE_BINS_M: dict[str, tuple[float, float]] = {
 """Lower bound (inclusive) and upper bound (exclusive) of the true depth of each bin [m]."""
 
 
-def judged_pixels(truth_m: FloatImage, mask: MaskImage) -> MaskImage:
-    """The pixels of a mask that have a true surface, shape (H, W).
+class Addable:
+    """A dataclass of sums over pixels: two of them add up field by field."""
 
-    Args:
-        truth_m: True depth [m], shape (H, W); 0, NaN or infinite where no surface is known.
-        mask: Selected pixels, shape (H, W).
+    def __add__(self, other: Self) -> Self:
+        names = [field.name for field in fields(self)]  # type: ignore[arg-type]
+        return type(self)(**{name: getattr(self, name) + getattr(other, name) for name in names})
+
+
+def judged_pixels(truth_m: FloatImage, mask: MaskImage) -> MaskImage:
+    """The pixels of a mask that have a true surface (not 0, NaN or infinite), shape (H, W).
 
     Raises:
         FrameError: The mask is not Boolean.
@@ -67,11 +72,7 @@ def require_depth(depth_m: npt.NDArray[np.floating[Any]]) -> None:
 
 
 def by_range(truth_m: FloatImage) -> dict[str, MaskImage]:
-    """The pixels of each of `RANGE_BINS_M`, shape (H, W); every pixel with a true surface is in one bin.
-
-    Args:
-        truth_m: True depth [m], shape (H, W); pixels that are 0, NaN or infinite are in none.
-    """
+    """The pixels of each of `RANGE_BINS_M`, shape (H, W); every pixel with a true surface is in one bin."""
     known = truth_m > 0
     return {
         name: known & (truth_m >= np.float32(start_m)) & (truth_m < np.float32(end_m))

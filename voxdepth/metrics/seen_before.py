@@ -5,7 +5,7 @@ This is for evaluation only, since it uses the true depth and the true poses.
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -26,8 +26,7 @@ NEAREST_M = 1e-6
 """Keeps the division finite for points in or behind the image plane, which match nothing."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Past:
+class _Past(NamedTuple):
     """A past frame, with a border of one pixel for points that are projected outside of it."""
 
     measured_m: FloatImage

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..types import FloatArray, FloatImage, MaskImage
-from .pixels import judged_pixels, require_depth, require_same_shape
+from .pixels import Addable, judged_pixels, require_depth, require_same_shape
 
 TOO_FAR = 1.1
 """A pixel is too far when it is more than 10 % beyond the truth."""
@@ -29,40 +29,35 @@ _DROPPED_BITS = 16
 
 
 @dataclass(frozen=True, kw_only=True)
-class DepthErrors:
-    """Sums over pixels, so that frames of any size add up to one figure."""
+class DepthErrors(Addable):
+    """Sums over pixels with a true surface; errors are over the filled ones. Every figure is None without pixels."""
 
     pixels: int = 0
-    """Pixels with a true surface within the range."""
+    """Pixels with a true surface that count."""
     filled: int = 0
     """Number of these pixels that have a depth."""
     abs_error_m: float = 0.0
-    """Sum of absolute errors over filled pixels [m]."""
+    """Sum of |depth - truth| [m]."""
     too_far: int = 0
-    """Filled pixels more than 10 % too far."""
-
-    def __add__(self, other: "DepthErrors") -> "DepthErrors":
-        return DepthErrors(
-            pixels=self.pixels + other.pixels,
-            filled=self.filled + other.filled,
-            abs_error_m=self.abs_error_m + other.abs_error_m,
-            too_far=self.too_far + other.too_far,
-        )
+    """Filled pixels with depth > 1.1 truth."""
 
     @property
     def mae_m(self) -> float | None:
-        """Mean absolute error of filled pixels [m]; None when nothing is filled."""
-        return self.abs_error_m / self.filled if self.filled else None
+        """Mean absolute error [m]."""
+        return self._mean(self.abs_error_m)
 
     @property
     def too_far_share(self) -> float | None:
-        """Share of filled pixels more than 10 % too far, 0..1; None when nothing is filled."""
-        return self.too_far / self.filled if self.filled else None
+        """Share of filled pixels more than 10 % too far, 0..1."""
+        return self._mean(self.too_far)
 
     @property
     def hole_share(self) -> float | None:
-        """Share of pixels without a depth, 0..1; None without pixels."""
+        """Share of pixels without a depth, 0..1."""
         return 1 - self.filled / self.pixels if self.pixels else None
+
+    def _mean(self, total: float) -> float | None:
+        return total / self.filled if self.filled else None
 
 
 def depth_errors(depth_m: FloatImage, truth_m: FloatImage, *, max_range_m: float) -> DepthErrors:
@@ -84,34 +79,19 @@ def depth_errors(depth_m: FloatImage, truth_m: FloatImage, *, max_range_m: float
     )
 
 
-def _no_counts() -> Counts:
-    return np.zeros(BINS, np.int64)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sums:
-    """Sums over pixels with a true surface; errors are over the filled ones of them, and `coverage` says how many.
+class Sums(DepthErrors):
+    """All sums that the evaluation needs. The errors hide how many pixels are filled: `coverage` says that."""
 
-    Every figure is None without pixels.
-    """
-
-    pixels: int = 0
-    """Pixels of the mask with a true surface."""
-    filled: int = 0
-    """Number of these pixels that have a depth."""
-    abs_error_m: float = 0.0
-    """Sum of |depth - truth| [m]."""
     squared_error_m2: float = 0.0
     """Sum of (depth - truth)^2 [m^2]."""
     squared_inverse_error_per_m2: float = 0.0
     """Sum of (1/depth - 1/truth)^2 [1/m^2]; a stereo camera's error is about the same in it at any range."""
-    too_far: int = 0
-    """Pixels with depth > 1.1 truth."""
     too_near: int = 0
     """Pixels with depth < truth / 1.1; at range, mostly stereo noise."""
     close: int = 0
     """Pixels within 5 % of the truth."""
-    magnitudes: Counts = field(default_factory=_no_counts)
+    magnitudes: Counts = field(default_factory=lambda: np.zeros(BINS, np.int64))
     """Histogram of |depth - truth|, shape (BINS,), for the median."""
 
     @classmethod
@@ -149,28 +129,10 @@ class Sums:
             magnitudes=histogram(magnitude_m),
         )
 
-    def __add__(self, other: "Sums") -> "Sums":
-        return Sums(
-            pixels=self.pixels + other.pixels,
-            filled=self.filled + other.filled,
-            abs_error_m=self.abs_error_m + other.abs_error_m,
-            squared_error_m2=self.squared_error_m2 + other.squared_error_m2,
-            squared_inverse_error_per_m2=self.squared_inverse_error_per_m2 + other.squared_inverse_error_per_m2,
-            too_far=self.too_far + other.too_far,
-            too_near=self.too_near + other.too_near,
-            close=self.close + other.close,
-            magnitudes=self.magnitudes + other.magnitudes,
-        )
-
     @property
     def coverage(self) -> float | None:
         """Share of pixels that have a depth, 0..1."""
         return self.filled / self.pixels if self.pixels else None
-
-    @property
-    def mae_m(self) -> float | None:
-        """Mean absolute error [m]."""
-        return self._mean(self.abs_error_m)
 
     @property
     def rmse_m(self) -> float | None:
@@ -186,11 +148,6 @@ class Sums:
     def inverse_rmse_per_m(self) -> float | None:
         """Root of the mean squared error of inverse depth [1/m]; times focal length and baseline, of disparity [px]."""
         return _root(self._mean(self.squared_inverse_error_per_m2))
-
-    @property
-    def too_far_share(self) -> float | None:
-        """Share of filled pixels more than 10 % too far, 0..1."""
-        return self._mean(self.too_far)
 
     @property
     def too_near_share(self) -> float | None:
@@ -211,9 +168,6 @@ class Sums:
         """Peak signal-to-noise ratio [dB]; see the function of that name."""
         mean_squared_m2 = self._mean(self.squared_error_m2)
         return None if mean_squared_m2 is None else psnr_db(mean_squared_m2, peak_m)
-
-    def _mean(self, total: float) -> float | None:
-        return total / self.filled if self.filled else None
 
 
 def psnr_db(mean_squared_error: float, peak: float) -> float:
@@ -238,23 +192,16 @@ _FIRST = int(_leading_bits(np.array([SMALLEST_M]))[0]) - 1
 
 
 def histogram(magnitudes_m: FloatArray) -> Counts:
-    """Count magnitudes by bin, shape (BINS,).
-
-    Args:
-        magnitudes_m: Error magnitudes [m], finite and not negative, shape (N,).
-    """
+    """Count error magnitudes [m], finite and not negative, by bin, shape (BINS,)."""
     bins = np.clip(_leading_bits(magnitudes_m) - _FIRST, 0, BINS - 1)
     return np.bincount(bins, minlength=BINS)
 
 
 def median_m(counts: Counts) -> float | None:
-    """The median of counted magnitudes [m], within 0.4 % (half a bin).
+    """The median of counted magnitudes [m], within 0.4 % (half a bin); None without magnitudes.
 
     The median of an even number of magnitudes is the mean of the two in the middle. Magnitudes below `SMALLEST_M` count
     as 0, those above `LARGEST_M` as `LARGEST_M`.
-
-    Returns:
-        The median; None without magnitudes.
     """
     ends = np.cumsum(counts)
     total = int(ends[-1])

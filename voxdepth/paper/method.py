@@ -7,6 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ..corrector import StreamCorrector, checked_config
 from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics, Source
 from .config import PaperConfig
@@ -39,22 +40,23 @@ class Aligned:
     timings_s: Mapping[str, float]
 
 
-class PaperMethod:
-    """Corrects frames by a template, a new one in every epoch.
+class PaperVoxDepth(StreamCorrector):
+    """The method of the paper: it corrects frames by a template, a new one in every epoch.
 
     An epoch fuses `window_frames` frames into one voxel cloud, projects it to a dense template, and then corrects
     frame after frame with the registered template until that no longer fits. While a window fills, the previous
     template corrects.
 
     Args:
-        camera: Every frame must have its shape.
-        config: Parameters of the method.
+        intrinsics: Intrinsics of the camera.
+        config: Parameters; None for those of the paper.
 
     Raises:
-        ConfigError: The configured device does not exist.
+        ConfigError: An argument has another type, or the configured device does not exist.
     """
 
-    def __init__(self, camera: Intrinsics, config: PaperConfig) -> None:
+    def __init__(self, intrinsics: Intrinsics, config: PaperConfig | None = None) -> None:
+        camera, config = intrinsics, checked_config(intrinsics, config, PaperConfig)
         self._steps = create_steps(config.device, camera, config)
         self._registration = OrbRegistration(config.registration, camera.shape)
         odometry = PriorsFirst(PhotometricOdometry(camera, config.odometry), config.odometry)
@@ -66,17 +68,20 @@ class PaperMethod:
             max_epoch_frames=config.max_epoch_frames,
             lag=config.fusion_lag_frames,
         )
+        super().__init__(camera)
 
     def reset(self) -> None:
         """Forget template and window; the next frame starts a new epoch."""
+        super().reset()
         self._epochs.reset()
 
     def close(self) -> None:
-        """Wait for a fusion that is under way."""
+        """Wait for a fusion that is under way, and accept no more frames."""
+        super().close()
         self._epochs.close()
 
-    def align(self, frame: Frame) -> Aligned:
-        """Find the template for this frame and register it. This half holds all state."""
+    def _align(self, frame: Frame) -> Aligned:
+        """Find the template for this frame and register it."""
         timer = StepTimer()
         with timer("describe"):
             features = self._registration.describe(frame.gray)

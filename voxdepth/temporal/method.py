@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from ..corrector import StreamCorrector, checked_config
 from ..errors import ConfigError
 from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
@@ -73,18 +74,21 @@ class FusedFrame:
     timings_s: Mapping[str, float]
 
 
-class TemporalMethod:
-    """Corrects frames with a depth memory, which is warped to every frame and fused with its measurement.
+class VoxDepth(StreamCorrector):
+    """The default method: a depth memory, which is warped to every frame and fused with its measurement.
 
     Args:
-        camera: Camera of the frames, whose images have at least `MIN_SIDE_PX` pixels a side.
-        config: Parameters of all steps.
+        intrinsics: Intrinsics of the camera, whose images have at least `MIN_SIDE_PX` pixels a side. Those of a stereo
+            camera should have a baseline: the method works in disparity, and assumes the baseline of a small camera
+            without one.
+        config: Parameters; None for the defaults.
 
     Raises:
-        ConfigError: The device does not exist on this machine, or the images of the camera are too small.
+        ConfigError: An argument has another type, the images are too small, or the configured device does not exist.
     """
 
-    def __init__(self, camera: Intrinsics, config: VoxDepthConfig) -> None:
+    def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig | None = None) -> None:
+        camera, config = intrinsics, checked_config(intrinsics, config, VoxDepthConfig)
         if min(camera.shape) < MIN_SIDE_PX:
             raise ConfigError(
                 f"the default method needs images of at least {MIN_SIDE_PX}x{MIN_SIDE_PX} pixels, "
@@ -97,19 +101,17 @@ class TemporalMethod:
         self._warper = MemoryWarper(self._resolution, config.device)
         self._fusion = TemporalFusion(config.fusion)
         self._inpainter = Inpainter(self._resolution, config.inpainting)
-        self.reset()
+        super().__init__(camera)
 
     def reset(self) -> None:
         """Forget all frames; the next one is the first."""
+        super().reset()
         self._odometry.reset()
         self._memory: Memory | None = None
         self._featureless_frames = 0
 
-    def close(self) -> None:
-        """Do nothing: the method has no threads."""
-
-    def align(self, frame: Frame) -> FusedFrame:
-        """Run the first half, which holds all state: track the camera, and fuse the frame with the memory."""
+    def _align(self, frame: Frame) -> FusedFrame:
+        """Track the camera, and fuse the frame with the memory."""
         timer = StepTimer()
         with timer("measure"):
             measured_px = self._resolution.disparity(frame.depth_m)
@@ -124,9 +126,9 @@ class TemporalMethod:
             self._remember(frame, tracking, memory)
         return FusedFrame(measured_px=measured_px, fused=fused, tracking=tracking, timings_s=timer.times_s)
 
-    def combine(self, frame: FusedFrame) -> CorrectedDepth:
+    def combine(self, aligned: FusedFrame) -> CorrectedDepth:
         """Run the second half, which depends on nothing but its argument: inpaint, smooth, and upsample."""
-        timer, fused, tracking, config = StepTimer(frame.timings_s), frame.fused, frame.tracking, self._config
+        timer, fused, tracking, config = StepTimer(aligned.timings_s), aligned.fused, aligned.tracking, self._config
         with timer("inpaint"):
             inpainted = self._inpainter.inpaint(fused.disparity_px)
         with timer("smooth"):
@@ -134,7 +136,7 @@ class TemporalMethod:
         with timer("confidence"):
             confidence = estimate_confidence(disparity_px, fused.pixel_class, fused.weight, inpainted.probability)
         with timer("upsample"):
-            depth_m, source, confidence = self._upsample(frame, disparity_px, confidence)
+            depth_m, source, confidence = self._upsample(aligned, disparity_px, confidence)
         return CorrectedDepth(
             depth_m=depth_m,
             source=source,
