@@ -6,7 +6,7 @@ from voxdepth.types import FloatArray
 
 from . import rules
 from .controllers import Agent, Role
-from .pilot import BlindPilot, Pilot, SeeingPilot, Situation
+from .pilot import Pilot, SeeingPilot, Situation
 from .rules import Corridor
 from .task import MissionConfig
 from .types import Decision
@@ -14,7 +14,7 @@ from .types import Decision
 
 def create_agent(role: Role, config: MissionConfig) -> Agent:
     """Create the controller that ships with this package."""
-    make_pilot = SeeingPilot if config.rules.avoidance else BlindPilot
+    make_pilot = SeeingPilot if config.rules.avoidance else Pilot
     pilot = make_pilot(config.pilot, config.control_hz, role.team.heading_rad, role.radius_m)
     return Leader(role, config, pilot) if role.leads else Follower(role, config, pilot)
 

@@ -55,7 +55,7 @@ def composed_mission(
         recorder: Receives everything that happens; the caller closes it.
         latency_s: Simulated time from a capture until the controller knows its percept.
         seed: Master seed of the scene and of all noise.
-        gray: Whether gray images are needed even if neither the corrector nor the depth tier needs them.
+        gray: Whether gray images are needed even if neither the corrector nor the sensor model needs them.
         threads: Number of threads that make the images; it changes the speed only.
         make_agent: Creates the agents of the drones; None takes the factory that the mission's `controller` names.
 

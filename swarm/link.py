@@ -28,14 +28,9 @@ class LinkConfig(Model):
 
 
 class Link:
-    """Delivers the position and velocity of each drone to all others, with delay and losses.
+    """Delivers positions and velocities of each drone to all others `control_hz` times a second, with delay and losses.
 
-    Args:
-        config: Quality of the link.
-        states: States of all drones at the start, which every drone knows.
-        control_hz: Messages per second of each drone.
-        seed: Master seed of the losses.
-        leaders: Number of the leader of each drone.
+    Every drone knows the states of all drones at the start. `leaders` holds the number of the leader of each drone.
     """
 
     def __init__(
@@ -83,5 +78,4 @@ class Link:
 
 
 def _motions(states: Sequence[DroneState]) -> tuple[FloatArray, FloatArray]:
-    """Return positions and velocities, each of shape (n, 3)."""
     return np.array([s.position_m for s in states]), np.array([s.velocity_m_s for s in states])

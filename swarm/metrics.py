@@ -1,7 +1,6 @@
 """Metrics of a mission, accumulated while it runs. Clearance is the gap from a collision sphere to a surface."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,34 +28,8 @@ def separation_m(states: Sequence[DroneState], radius_m: float) -> float:
     return float(distance.min()) - 2 * radius_m
 
 
-@dataclass(frozen=True, kw_only=True)
-class DepthComparison:
-    """Depth errors before and after correction."""
-
-    raw: DepthErrors = field(default_factory=DepthErrors)
-    corrected: DepthErrors = field(default_factory=DepthErrors)
-
-    @classmethod
-    def of(cls, capture: Capture, corrected: CorrectedDepth) -> "DepthComparison":
-        """Evaluate one image; depth that the corrector did not change is evaluated once."""
-        raw = depth_errors(capture.depth_raw_m, capture.depth_true_m, max_range_m=EVALUATED_RANGE_M)
-        if corrected.depth_m is capture.depth_raw_m:
-            return cls(raw=raw, corrected=raw)
-        return cls(
-            raw=raw, corrected=depth_errors(corrected.depth_m, capture.depth_true_m, max_range_m=EVALUATED_RANGE_M)
-        )
-
-    def __add__(self, other: "DepthComparison") -> "DepthComparison":
-        return DepthComparison(raw=self.raw + other.raw, corrected=self.corrected + other.corrected)
-
-
 class MissionMetrics:
-    """Accumulates the metrics of a mission.
-
-    Args:
-        world: World of the mission.
-        teams: Swarms of the mission.
-    """
+    """Accumulates the metrics of a mission."""
 
     def __init__(self, world: World, teams: Sequence[Team]) -> None:
         self._world = world
@@ -66,7 +39,8 @@ class MissionMetrics:
         self._series: dict[str, list[float]] = {"formation_error_m": [], "order": [], "path_deviation_m": []}
         self._min_separation_m = float("inf")
         self._min_clearances_m = [float("inf")] * world.n_drones
-        self._depth = [DepthComparison()] * world.n_drones
+        self._raw_errors = [DepthErrors()] * world.n_drones
+        self._corrected_errors = [DepthErrors()] * world.n_drones
 
     def sample(self, states: list[DroneState]) -> dict[str, float]:
         """Add one control tick and return its metrics by name."""
@@ -89,9 +63,14 @@ class MissionMetrics:
         self._times_s.append(self._world.time_s)
         return now
 
-    def add_depth(self, drone: int, errors: DepthComparison) -> None:
-        """Add the errors of one image."""
-        self._depth[drone] += errors
+    def add_depth(self, capture: Capture, corrected: CorrectedDepth) -> None:
+        """Add the depth errors of one image; depth that the corrector did not change is evaluated once."""
+        true_m, unchanged = capture.depth_true_m, corrected.depth_m is capture.depth_raw_m
+        raw = depth_errors(capture.depth_raw_m, true_m, max_range_m=EVALUATED_RANGE_M)
+        self._raw_errors[capture.drone] += raw
+        self._corrected_errors[capture.drone] += (
+            raw if unchanged else depth_errors(corrected.depth_m, true_m, max_range_m=EVALUATED_RANGE_M)
+        )
 
     def trajectories(self) -> tuple[Trajectory, ...]:
         """Return one trajectory per drone."""
@@ -120,7 +99,8 @@ class MissionMetrics:
             "path_deviation_mean_m": self._mean("path_deviation_m"),
             "path_deviation_max_m": max(self._series["path_deviation_m"], default=None),
             "dropped_frames": sum(dropped_frames),
-            **_depth_metrics(sum(self._depth, start=DepthComparison())),
+            **_depth_metrics("raw", sum(self._raw_errors, start=DepthErrors())),
+            **_depth_metrics("corrected", sum(self._corrected_errors, start=DepthErrors())),
         }
 
     def by_drone(self, contacts: Sequence[Contact], dropped_frames: Sequence[int]) -> list[dict[str, MetricValue]]:
@@ -135,9 +115,10 @@ class MissionMetrics:
                 "min_clearance_m": _min_gap_m(self._min_clearances_m[drone], touched=bool(contact_times_s[drone])),
                 "path_length_m": self._path_length_m(drone),
                 "dropped_frames": dropped_frames[drone],
-                **_depth_metrics(depth),
+                **_depth_metrics("raw", self._raw_errors[drone]),
+                **_depth_metrics("corrected", self._corrected_errors[drone]),
             }
-            for drone, depth in enumerate(self._depth)
+            for drone in range(self._world.n_drones)
         ]
 
     def _path_length_m(self, drone: int) -> float:
@@ -166,17 +147,9 @@ def is_involved(drone: int, contact: Contact) -> bool:
     return contact.drone == drone or contact.other == f"drone-{drone}"
 
 
-def _depth_metrics(depth: DepthComparison) -> dict[str, MetricValue]:
-    return {
-        f"depth_{name}_{metric}": value
-        for name, errors in (("raw", depth.raw), ("corrected", depth.corrected))
-        for metric, value in (
-            ("mae_m", errors.mae_m),
-            ("too_far_share", errors.too_far_share),
-            ("hole_share", errors.hole_share),
-            ("pixels", errors.pixels),
-        )
-    }
+def _depth_metrics(depth: str, errors: DepthErrors) -> dict[str, MetricValue]:
+    names = ("mae_m", "too_far_share", "hole_share", "pixels")
+    return {f"depth_{depth}_{name}": getattr(errors, name) for name in names}
 
 
 def _min_gap_m(sampled_m: float, *, touched: bool) -> float | None:

@@ -13,7 +13,7 @@ from voxdepth.types import DepthCorrector, FloatArray
 from .controllers import Factory, Role, load_controller
 from .errors import MissionError
 from .link import Link
-from .metrics import DepthComparison, MissionMetrics
+from .metrics import MissionMetrics
 from .neighbours import Detector, NeighbourTracker
 from .obstacles import HistogramBuilder
 from .perception import Perception
@@ -36,7 +36,7 @@ class Mission:
         world: World with one drone per member of the teams, at `config.starts_m()`.
         rig: Cameras of the drones.
         correctors: One corrector per drone.
-        recorder: Receives everything that happens; whoever created it closes it.
+        recorder: Receives everything that happens; its creator closes it.
         camera_hz: Captures per second; must divide `config.control_hz`.
         latency_s: Simulated time from a capture until the controller knows its percept.
         seed: Master seed of pose priors, detectors and radio.
@@ -102,12 +102,17 @@ class Mission:
         if self._ticks % self._ticks_per_frame == 0:
             self._perceive()
         states = self.world.states
-        decisions = self._decide(states)
+        decisions = [agent.decide(self._situation(i, states[i])) for i, agent in enumerate(self._agents)]
         self.world.apply([decision.command for decision in decisions])
         self._log(states, decisions)
-        self._step_physics()
+        for _ in range(self._steps_per_tick):
+            for contact in self.world.step():
+                self._recorder.contact(self.world.steps, contact)
         self._link.broadcast(self.world.states, self.time_s)
-        self._check_termination()
+        positions_m = np.array([state.position_m for state in self.world.states])
+        outcome = self._termination.check(self.time_s, positions_m, self.world.contacts)
+        if outcome is not None:
+            self._end(outcome)
         self._ticks += 1
 
     def interrupt(self) -> None:
@@ -142,11 +147,8 @@ class Mission:
         # One by one: correctors hold Python's lock too much to gain by threads. The next captures are made meanwhile.
         for capture in self._rig.capture(ready, self._ticks // self._ticks_per_frame):
             percept = self._perceptions[capture.drone].see(capture)
-            self._metrics.add_depth(capture.drone, DepthComparison.of(capture, percept.corrected))
+            self._metrics.add_depth(capture, percept.corrected)
             self._recorder.capture(self.world.steps, capture, percept.corrected, percept.histogram)
-
-    def _decide(self, states: Sequence[DroneState]) -> list[Decision]:
-        return [agent.decide(self._situation(i, states[i])) for i, agent in enumerate(self._agents)]
 
     def _situation(self, drone: int, own: DroneState) -> Situation:
         heard = self._link.heard_by(drone, self.time_s)
@@ -161,23 +163,11 @@ class Mission:
         )
 
     def _log(self, states: list[DroneState], decisions: Sequence[Decision]) -> None:
-        """Add the tick to the metrics and the recording."""
         step, time_s = self.world.steps, self.time_s
         slots_m = np.vstack([team.slots_m(states[team.leader].position_m)[1:] for team in self._teams])
         metrics = self._metrics.sample(states)
         self._recorder.tick(step, time_s, states, slots_m, decisions)
         self._recorder.metrics(step, time_s, metrics)
-
-    def _step_physics(self) -> None:
-        for _ in range(self._steps_per_tick):
-            for contact in self.world.step():
-                self._recorder.contact(self.world.steps, contact)
-
-    def _check_termination(self) -> None:
-        positions_m = np.array([state.position_m for state in self.world.states])
-        outcome = self._termination.check(self.time_s, positions_m, self.world.contacts)
-        if outcome is not None:
-            self._end(outcome)
 
     def _end(self, outcome: Outcome) -> None:
         self.outcome = outcome
@@ -185,14 +175,8 @@ class Mission:
 
     def _create_perception(self, drone: int, corrector: DepthCorrector, *, latency_s: float, seed: int) -> Perception:
         config, camera, world = self._config, self._rig.intrinsics, self.world
-        detector = Detector(
-            config.neighbours.detector,
-            camera,
-            world.drone_ids,
-            radius_m=world.airframe.radius_m,
-            seed=seed,
-            drone=drone,
-        )
+        radius_m, detector_config = world.airframe.radius_m, config.neighbours.detector
+        detector = Detector(detector_config, camera, world.drone_ids, radius_m=radius_m, seed=seed, drone=drone)
         return Perception(
             corrector,
             HistogramBuilder(camera, config.pilot.avoidance.histogram, R_BODY_CAM.T @ self._rig.mount_m),
@@ -220,13 +204,7 @@ class TerminationConditions:
         self._progress_at_s = 0.0
 
     def check(self, time_s: float, positions_m: FloatArray, contacts: Sequence[Contact]) -> Outcome | None:
-        """Return the outcome if the mission has ended.
-
-        Args:
-            time_s: Simulated time.
-            positions_m: Positions of all drones, shape (N, 3).
-            contacts: All collisions up to now.
-        """
+        """Return the outcome if the mission has ended, from positions of shape (N, 3) and all collisions up to now."""
         if contacts:
             return Outcome.COLLISION if time_s >= contacts[0].time_s + self._config.aftermath_s else None
         self._arrived = [
@@ -249,12 +227,8 @@ class TerminationConditions:
 
     def _is_stuck(self, time_s: float, positions_m: FloatArray) -> bool:
         """Return whether no leader approached its goal, and no followers their slots, for `deadlock_s`."""
-        left_m = np.array(
-            [
-                left
-                for team in self._teams
-                for left in (team.distance_to_goal_m(positions_m), team.slot_errors_m(positions_m).sum())
-            ]
+        left_m = np.ravel(
+            [(team.distance_to_goal_m(positions_m), team.slot_errors_m(positions_m).sum()) for team in self._teams]
         )
         if (left_m < self._least_left_m - MIN_PROGRESS_M).any():
             self._least_left_m = np.minimum(self._least_left_m, left_m)

@@ -60,12 +60,7 @@ class ApproachLimits(NamedTuple):
 
 
 class SurfaceMemory:
-    """Remembers points of near surfaces in the world frame, from the drone's own histograms.
-
-    Args:
-        config: Duration and range of the memory, and the clearance.
-        radius_m: Radius of the drone's collision sphere.
-    """
+    """Remembers points of near surfaces in the world frame, from the histograms of one drone of radius `radius_m`."""
 
     def __init__(self, config: NearbyConfig, radius_m: float) -> None:
         self._config = config
@@ -77,12 +72,8 @@ class SurfaceMemory:
         """Add the surfaces of one histogram.
 
         They replace what was remembered in the same directions. Points close to other drones are left out because
-        drones move, and points that the previous histogram did not show because they may be flicker.
-
-        Args:
-            stamp_s: Time of the image; later than that of every histogram before.
-            histogram: Histogram of the image.
-            neighbours: Positions of the other drones.
+        drones move, and points that the previous histogram did not show because they may be flicker. The time of the
+        image, `stamp_s`, must be later than that of every histogram before.
         """
         kept = ((at_s, points) for at_s, points in self._seen if at_s >= stamp_s - self._config.memory_s)
         self._seen = [(at_s, points[~_seen_again(points, histogram)]) for at_s, points in kept if len(points)]
@@ -94,11 +85,9 @@ class SurfaceMemory:
         self._candidates = points
 
     def limits(self, position_m: FloatArray, reaction_distance_m: FloatArray = NO_MOTION) -> ApproachLimits:
-        """Return how fast the drone may approach each remembered surface.
+        """Return how fast a drone at `position_m`, shape (3,), may approach each remembered surface.
 
-        Args:
-            position_m: Position of the drone, shape (3,).
-            reaction_distance_m: Displacement of the drone before a command takes effect, shape (3,).
+        `reaction_distance_m` is its displacement before a command takes effect, shape (3,).
         """
         points = np.concatenate([np.empty((0, 3)), *(points for _, points in self._seen)])
         towards, distance_m, _ = _near(points - position_m, self._config.radius_m)
@@ -117,13 +106,7 @@ def neighbour_limits(
 ) -> ApproachLimits:
     """Return how fast a drone may approach each neighbour; the neighbour's own motion away is added to the limit.
 
-    Args:
-        position_m: Position of the drone, shape (3,).
-        neighbours: The other drones.
-        config: Range and clearance.
-        radius_m: Radius of the collision sphere of every drone.
-        reaction_distance_m: Displacement of the drone before a command takes effect, shape (3,).
-        response_s: Time before a command takes effect.
+    A command takes effect after `response_s`; the drone moves by `reaction_distance_m`, shape (3,), until then.
     """
     towards, distance_m, close = _near(neighbours.position_m - position_m, config.radius_m)
     their_motion = (neighbours.velocity_m_s[close] * towards).sum(axis=1)

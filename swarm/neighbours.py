@@ -104,11 +104,6 @@ class NeighbourTracker:
     Inside the field of view and the detector's range the camera decides: a drone that is not detected there (missed,
     hidden, without depth) is dropped once the memory has passed. Elsewhere the radio decides. Velocities come by radio;
     a drone that is seen and not heard counts as still.
-
-    Args:
-        config: Perception of the other drones.
-        camera: Intrinsics of the percepts.
-        n_drones: Number of drones of all swarms.
     """
 
     def __init__(self, config: NeighbourConfig, camera: Intrinsics, n_drones: int) -> None:
@@ -123,12 +118,15 @@ class NeighbourTracker:
         """Return the other drones at their positions at `time_s`."""
         if percept is None:
             return heard
+        pose = percept.true_T_world_cam
         if percept.stamp_s > self._newest_s:
             self._newest_s = percept.stamp_s
-            self._store_detections(percept)
+            for found in percept.detections:
+                self._seen_at_s[found.drone] = percept.stamp_s
+                self._seen_m[found.drone] = pose[:3, 3] + pose[:3, :3] @ (found.range_m * found.bearing_cam)
         age_s = time_s - self._seen_at_s[heard.drone]
         seen = age_s <= self._config.memory_s
-        in_view = self._in_view(heard.position_m, percept.true_T_world_cam)
+        in_view = self._in_view(heard.position_m, pose)
         by_camera = in_view & seen
         position_m = heard.position_m.copy()
         which = heard.drone[by_camera]
@@ -141,12 +139,6 @@ class NeighbourTracker:
             position_m=np.concatenate([position_m[kept], self._seen_m[unheard]]),
             velocity_m_s=np.concatenate([heard.velocity_m_s[kept], np.zeros_like(self._seen_m[unheard])]),
         )
-
-    def _store_detections(self, percept: Percept) -> None:
-        pose = percept.true_T_world_cam
-        for found in percept.detections:
-            self._seen_at_s[found.drone] = percept.stamp_s
-            self._seen_m[found.drone] = pose[:3, 3] + pose[:3, :3] @ (found.range_m * found.bearing_cam)
 
     def _in_view(self, position_m: FloatArray, T_world_cam: FloatArray) -> MaskImage:
         """Return which positions, shape (n, 3), lie in the field of view and the detector's range, shape (n,)."""

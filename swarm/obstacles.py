@@ -65,10 +65,7 @@ class AvoidanceConfig(Model):
 class HistogramBuilder:
     """Reduces depth images of one camera to histograms.
 
-    Args:
-        intrinsics: Intrinsics of the camera.
-        config: Cells and thresholds.
-        mount_cam_m: Position of the camera relative to the centre of the drone, in the camera frame, shape (3,).
+    `mount_cam_m` is the position of the camera relative to the centre of the drone, in the camera frame, shape (3,).
     """
 
     def __init__(self, intrinsics: Intrinsics, config: HistogramConfig, mount_cam_m: FloatArray) -> None:
@@ -136,18 +133,10 @@ def _sampled_pixels(n_pixels: int, step: int, n_cells: int) -> npt.NDArray[np.in
 
 
 def braking_speed(distance_m: float | FloatArray, *, decel_m_s2: float, gain_per_s: float) -> FloatArray:
-    """Return the speed from which a drone can stop within a distance: linear when close, a square root beyond.
+    """Return the speeds [m/s] from which a drone can stop within distances [m]: linear when close, then a square root.
 
     `D(x) = 0 for x <= 0; p x for x < a/p^2; sqrt(2 a x - a^2/p^2) otherwise` is smooth where its parts meet
-    (Vasarhelyi et al. 2018, Sci. Robot. 3, eaat3536).
-
-    Args:
-        distance_m: Free distances [m], of any shape.
-        decel_m_s2: Deceleration a in the outer part.
-        gain_per_s: Slope p in the inner part.
-
-    Returns:
-        Speeds [m/s], shaped like `distance_m`.
+    (Vasarhelyi et al. 2018, Sci. Robot. 3, eaat3536), with the deceleration a and the slope p of the inner part.
     """
     a, p = decel_m_s2, gain_per_s
     x = np.maximum(distance_m, 0.0)
@@ -166,12 +155,7 @@ def stopping_distance_m(speed_m_s: float, *, decel_m_s2: float, gain_per_s: floa
 
 
 class Avoidance:
-    """Bends and brakes a wanted velocity by the free ranges of a histogram.
-
-    Args:
-        config: Distances and costs.
-        radius_m: Radius of the drone's collision sphere.
-    """
+    """Bends and brakes a wanted velocity by the free ranges of a histogram; `radius_m` is that of the drone."""
 
     def __init__(self, config: AvoidanceConfig, radius_m: float) -> None:
         self._config = config
@@ -207,13 +191,9 @@ class Avoidance:
         direction = self._refine(goal, directions[best], histogram)
         travelled_m = 0.0 if at_m is None else max(0.0, float((at_m - histogram.origin_m) @ direction))
         limit = self._speed_limit(float(free_m[best]) - travelled_m)
-        cols = histogram.range_m.shape[1]
-        return Choice(
-            velocity_m_s=min(speed, limit) * direction,
-            direction=direction,
-            cell=divmod(best, cols),
-            free_m=float(free_m[best]),
-        )
+        cell = divmod(best, histogram.range_m.shape[1])
+        velocity_m_s = min(speed, limit) * direction
+        return Choice(velocity_m_s=velocity_m_s, direction=direction, cell=cell, free_m=float(free_m[best]))
 
     def _in_view(self, goal: FloatArray, histogram: Histogram) -> bool:
         cos_to_cells = histogram.directions_world.reshape(-1, 3) @ goal
@@ -242,9 +222,8 @@ class Avoidance:
         cost = c.clear_weight * np.maximum(0, 1 - free_m / c.horizon_m) ** 2
         cost[free_m <= self._safety_radius_m] += TOO_NEAR_COST
         cost += c.goal_weight * np.arccos(np.clip(directions @ goal, -1, 1))
-        cost += c.climb_weight * np.abs(
-            np.arcsin(np.clip(directions[:, 2], -1, 1)) - np.arcsin(np.clip(goal[2], -1, 1))
-        )
+        elevation_rad, goal_elevation_rad = (np.arcsin(np.clip(z, -1, 1)) for z in (directions[:, 2], goal[2]))
+        cost += c.climb_weight * np.abs(elevation_rad - goal_elevation_rad)
         if previous is not None:
             cost += c.previous_weight * np.arccos(np.clip(directions @ previous, -1, 1))
         return cost
@@ -260,7 +239,5 @@ class Avoidance:
         return goal if contained else cell_direction
 
     def _speed_limit(self, free_m: float) -> float:
-        c = self._config
-        return float(
-            braking_speed(free_m - self._safety_radius_m, decel_m_s2=c.max_decel_m_s2, gain_per_s=c.brake_gain_per_s)
-        )
+        c, left_m = self._config, free_m - self._safety_radius_m
+        return float(braking_speed(left_m, decel_m_s2=c.max_decel_m_s2, gain_per_s=c.brake_gain_per_s))

@@ -25,14 +25,7 @@ class Perception:
     """Corrector, histogram and detector of one drone, and the time that they take.
 
     A capture that arrives while an earlier one is still processed is dropped. `latency_s` is simulated time: results
-    never depend on the speed of the machine.
-
-    Args:
-        corrector: The drone's own corrector.
-        builder: Builder of histograms.
-        detector: Detector of other drones.
-        latency_s: Time from a capture until the controller knows its percept.
-        prior: Source of the camera poses that the corrector is given.
+    never depend on the speed of the machine. The corrector gets the camera poses of `prior`.
     """
 
     def __init__(

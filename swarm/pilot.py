@@ -1,7 +1,6 @@
 """The control layer of every drone: it turns a wanted velocity into a safe command."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from pydantic import Field
@@ -12,7 +11,7 @@ from voxdepth.types import FloatArray
 
 from .nearby import ApproachLimits, NearbyConfig, SurfaceMemory, clamp_to_limits, neighbour_limits
 from .obstacles import Avoidance, AvoidanceConfig
-from .types import Choice, Decision, Histogram, Motion, Neighbours, Percept
+from .types import Decision, Motion, Neighbours, Percept
 
 
 class PilotConfig(Model):
@@ -49,16 +48,8 @@ class Situation:
     """Drones of any swarm: by camera in the field of view, by radio elsewhere."""
 
 
-class Pilot(Protocol):
-    """Turns a wanted velocity into a command, once per control tick."""
-
-    def fly(self, wanted_m_s: FloatArray, situation: Situation) -> Decision:
-        """Return the command for a wanted velocity, shape (3,)."""
-        ...
-
-
-class SeeingPilot:
-    """Avoids surfaces that the camera sees, and turns the camera to the direction of flight.
+class Pilot:
+    """Turns a wanted velocity into a command, once per control tick; this one avoids other drones only.
 
     Args:
         config: Turn rate, response time and avoidance.
@@ -70,8 +61,33 @@ class SeeingPilot:
     def __init__(self, config: PilotConfig, control_hz: float, start_yaw_rad: float, radius_m: float) -> None:
         self._config = config
         self._radius_m = radius_m
-        self._avoidance = Avoidance(config.avoidance, radius_m)
         self._heading = Heading(config, control_hz, start_yaw_rad)
+
+    def fly(self, wanted_m_s: FloatArray, situation: Situation) -> Decision:
+        """Return the command for a wanted velocity, shape (3,), clamped to the limits towards other drones."""
+        yaw_rad = self._heading.turn_towards(wanted_m_s, float(np.linalg.norm(wanted_m_s)))
+        velocity_m_s = clamp_to_limits(wanted_m_s, self._drone_limits(situation))
+        command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=yaw_rad)
+        return Decision(command=command, wanted_velocity_m_s=wanted_m_s, choice=None)
+
+    def _drone_limits(self, situation: Situation) -> ApproachLimits:
+        """Return how fast the drone may approach each of the other drones."""
+        return neighbour_limits(
+            situation.own.position_m,
+            situation.neighbours,
+            self._config.nearby,
+            self._radius_m,
+            reaction_distance_m=self._config.reaction_distance_m(situation.own),
+            response_s=self._config.response_s,
+        )
+
+
+class SeeingPilot(Pilot):
+    """Avoids surfaces that the camera sees as well, and turns the camera to the direction of flight."""
+
+    def __init__(self, config: PilotConfig, control_hz: float, start_yaw_rad: float, radius_m: float) -> None:
+        super().__init__(config, control_hz, start_yaw_rad, radius_m)
+        self._avoidance = Avoidance(config.avoidance, radius_m)
         self._surfaces = SurfaceMemory(config.nearby, radius_m)
         self._previous: FloatArray | None = None
         self._last_stamp_s = -np.inf
@@ -82,55 +98,17 @@ class SeeingPilot:
         if percept is None:
             command = VelocityCommand(velocity_m_s=np.zeros(3), yaw_rad=self._heading.yaw_rad)
             return Decision(command=command, wanted_velocity_m_s=wanted_m_s, choice=None)
-        self._remember(percept, situation)
-        own_m, reaction_m = situation.own.position_m, self._config.reaction_distance_m(situation.own)
-        choice = self._avoid(wanted_m_s, percept.histogram, own_m + reaction_m)
-        velocity_m_s = clamp_to_limits(
-            choice.velocity_m_s,
-            self._surfaces.limits(own_m, reaction_m),
-            drone_limits(situation, self._config, self._radius_m),
-        )
-        yaw_rad = self._heading.turn_towards(choice.direction, float(np.linalg.norm(wanted_m_s)))
-        command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=yaw_rad)
-        return Decision(command=command, wanted_velocity_m_s=wanted_m_s, choice=choice)
-
-    def _remember(self, percept: Percept, situation: Situation) -> None:
         if percept.stamp_s > self._last_stamp_s:
             self._last_stamp_s = percept.stamp_s
             self._surfaces.remember(percept.stamp_s, percept.histogram, situation.neighbours)
-
-    def _avoid(self, wanted_m_s: FloatArray, histogram: Histogram, at_m: FloatArray) -> Choice:
-        choice = self._avoidance.choose(wanted_m_s, histogram, self._previous, at_m)
+        own_m, reaction_m = situation.own.position_m, self._config.reaction_distance_m(situation.own)
+        choice = self._avoidance.choose(wanted_m_s, percept.histogram, self._previous, own_m + reaction_m)
         self._previous = choice.direction
-        return choice
-
-
-class BlindPilot:
-    """Avoids other drones only; it is used when obstacle avoidance is off."""
-
-    def __init__(self, config: PilotConfig, control_hz: float, start_yaw_rad: float, radius_m: float) -> None:
-        self._config = config
-        self._radius_m = radius_m
-        self._heading = Heading(config, control_hz, start_yaw_rad)
-
-    def fly(self, wanted_m_s: FloatArray, situation: Situation) -> Decision:
-        """Return the command for a wanted velocity, shape (3,), clamped to the limits towards other drones."""
-        limits = drone_limits(situation, self._config, self._radius_m)
-        yaw_rad = self._heading.turn_towards(wanted_m_s, float(np.linalg.norm(wanted_m_s)))
-        command = VelocityCommand(velocity_m_s=clamp_to_limits(wanted_m_s, limits), yaw_rad=yaw_rad)
-        return Decision(command=command, wanted_velocity_m_s=wanted_m_s, choice=None)
-
-
-def drone_limits(situation: Situation, config: PilotConfig, radius_m: float) -> ApproachLimits:
-    """Return how fast a drone may approach each of the other drones."""
-    return neighbour_limits(
-        situation.own.position_m,
-        situation.neighbours,
-        config.nearby,
-        radius_m,
-        reaction_distance_m=config.reaction_distance_m(situation.own),
-        response_s=config.response_s,
-    )
+        surface_limits = self._surfaces.limits(own_m, reaction_m)
+        velocity_m_s = clamp_to_limits(choice.velocity_m_s, surface_limits, self._drone_limits(situation))
+        yaw_rad = self._heading.turn_towards(choice.direction, float(np.linalg.norm(wanted_m_s)))
+        command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=yaw_rad)
+        return Decision(command=command, wanted_velocity_m_s=wanted_m_s, choice=choice)
 
 
 class Heading:

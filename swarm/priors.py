@@ -54,12 +54,8 @@ class DriftingPrior:
     """An estimate like that of visual-inertial odometry: true at first, then with a random walk added.
 
     The true motion from capture to capture is accumulated, rotated by the present error of the heading, so that the
-    motion between two captures close in time stays nearly true. Roll and pitch have no error: gravity shows them.
-
-    Args:
-        config: Rates of the drift.
-        seed: Master seed.
-        drone: Number of the drone; the drifts of different drones are independent.
+    motion between two captures close in time stays nearly true. Roll and pitch have no error: gravity shows them. The
+    drifts of different drones are independent.
     """
 
     def __init__(self, config: PosePriorConfig, *, seed: int, drone: int) -> None:
@@ -77,18 +73,14 @@ class DriftingPrior:
         else:
             stamp_s, before_m = self._before
             self._position_m = self._position_m + self._yaw_error() @ (true_m - before_m)
-            self._drift(capture.stamp_s - stamp_s)
+            steps = np.sqrt(capture.stamp_s - stamp_s) * self._rng.standard_normal(4)
+            self._position_m = self._position_m + self._config.drift_m_per_sqrt_s * steps[:3]
+            self._yaw_error_rad += float(np.radians(self._config.drift_yaw_deg_per_sqrt_s) * steps[3])
         self._before = (capture.stamp_s, true_m)
         return frames.pose(self._yaw_error() @ capture.T_world_cam[:3, :3], self._position_m)
 
     def _yaw_error(self) -> FloatArray:
-        """Return the error of the heading as a rotation about the vertical, shape (3, 3)."""
         return frames.rotation_from_yaw(self._yaw_error_rad)
-
-    def _drift(self, elapsed_s: float) -> None:
-        steps = np.sqrt(elapsed_s) * self._rng.standard_normal(4)
-        self._position_m = self._position_m + self._config.drift_m_per_sqrt_s * steps[:3]
-        self._yaw_error_rad += float(np.radians(self._config.drift_yaw_deg_per_sqrt_s) * steps[3])
 
 
 def make_prior(config: PosePriorConfig, *, seed: int, drone: int) -> PosePrior:

@@ -11,10 +11,7 @@ from .types import Decision, Histogram, Outcome
 
 
 class Recorder:
-    """Receives everything that happens in a mission and changes nothing; this one discards it.
-
-    Subclasses override the calls that they need.
-    """
+    """Receives everything that happens in a mission and discards it; subclasses override the calls that they need."""
 
     def start(self, world: World, teams: Sequence[Team]) -> None:
         """Receive the world before the first step, and the swarms."""

@@ -35,15 +35,10 @@ class FormationConfig(Model):
 
     def offsets_m(self, n_followers: int) -> FloatArray:
         """Return the offsets of the followers from a leader that flies along x, shape (n, 3)."""
-        offsets_m = np.zeros((n_followers, 3))
-        for i in range(n_followers):
-            row, right = i // 2 + 1, i % 2
-            offsets_m[i] = (
-                -row * self.row_spacing_m - right * self.stagger_m,
-                -self.half_width_m if right else self.half_width_m,
-                row * self.height_step_m,
-            )
-        return offsets_m
+        row, right = np.arange(n_followers) // 2 + 1, np.arange(n_followers) % 2
+        behind_m = -row * self.row_spacing_m - right * self.stagger_m
+        left_m = np.where(right, -self.half_width_m, self.half_width_m)
+        return np.column_stack([behind_m, left_m, row * self.height_step_m])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

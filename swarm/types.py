@@ -11,20 +11,6 @@ import numpy.typing as npt
 from sim.types import Contact, VelocityCommand
 from voxdepth.types import CorrectedDepth, FloatArray, MaskImage
 
-__all__ = [
-    "Choice",
-    "Decision",
-    "Detection",
-    "Histogram",
-    "MetricValue",
-    "MissionResult",
-    "Motion",
-    "Neighbours",
-    "Outcome",
-    "Percept",
-    "Trajectory",
-]
-
 MetricValue = float | int | None
 """A metric of a mission; None where it is undefined."""
 
@@ -64,9 +50,8 @@ class Neighbours:
     def among(self, drones: range) -> "Neighbours":
         """Return the part that belongs to a range of drones."""
         kept = (self.drone >= drones.start) & (self.drone < drones.stop)
-        return Neighbours(
-            drone=self.drone[kept], position_m=self.position_m[kept], velocity_m_s=self.velocity_m_s[kept]
-        )
+        position_m, velocity_m_s = self.position_m[kept], self.velocity_m_s[kept]
+        return Neighbours(drone=self.drone[kept], position_m=position_m, velocity_m_s=velocity_m_s)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -62,13 +62,9 @@ class Episode:
         self._learning = frozenset(learners)
         self._ticks_per_step = round(config.control_hz / task.rig.rate_hz)
         self._resources = ExitStack()
+        latency_s, recorded, recorder = task.latency_s, recorder is not None, recorder or Recorder()
         mission = composed_mission(
-            self._task,
-            recorder or Recorder(),
-            latency_s=task.latency_s,
-            seed=seed,
-            gray=recorder is not None,
-            make_agent=self._create_agent,
+            self._task, recorder, latency_s=latency_s, seed=seed, gray=recorded, make_agent=self._create_agent
         )
         try:
             self._mission = self._resources.enter_context(mission)
@@ -107,8 +103,7 @@ class Episode:
     def step(self, actions: Mapping[int, npt.ArrayLike]) -> dict[int, StepResult]:
         """Fly one camera period, or to the end of the mission if that comes first.
 
-        Args:
-            actions: One action for each learner, of shape (4,); values beyond -1..1 are clipped.
+        There is one action for each learner, of shape (4,); values beyond -1..1 are clipped.
 
         Raises:
             MissionError: The episode is over, or an action is unusable.
@@ -159,22 +154,14 @@ class Episode:
 
 
 def require_followers(task: LearningTask, drones: Sequence[int]) -> None:
-    """Require that all learners are followers.
-
-    Raises:
-        MissionError: One of them is no follower of the task.
-    """
+    """Require that all learners are followers; another one is a `MissionError`."""
     for drone in drones:
         if drone not in task.followers:
             raise MissionError(f"a learner must be a follower, one of {list(task.followers)}, got {drone}")
 
 
 def clipped_action(action: npt.ArrayLike) -> FloatArray:
-    """Return an action as an array of shape (4,), clipped to -1..1.
-
-    Raises:
-        MissionError: It has another shape, or is not finite.
-    """
+    """Return an action, clipped to -1..1; a shape other than (4,) or a value that is not finite is a `MissionError`."""
     given = np.asarray(action, np.float64)
     if given.shape != (ACTION_SIZE,) or not np.isfinite(given).all():
         raise MissionError(

@@ -30,7 +30,7 @@ def observation_space(task: LearningTask) -> spaces.Space[Any]:
 
 
 def action_space() -> spaces.Space[Any]:
-    """Return the space of actions: forward, left, up and the turn to the left; see `learner.Learner`."""
+    """Return the space of actions; see `learner.Learner`."""
     return spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
 
 
@@ -66,34 +66,21 @@ class LeaderFollowerEnv(gymnasium.Env[Observation, Action]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode.
-
-        Args:
-            seed: Seed of its world and noise; None draws the next one from `np_random`, so that episodes differ.
-            options: Has no effect.
-        """
+        """Begin an episode with a seed; None draws the next one from `np_random`. `options` have no effect."""
         super().reset(seed=seed)
         episode_seed = int(self.np_random.integers(2**32)) if seed is None else seed
         episode = self._view.begin([self._learner], episode_seed)
         return episode.observe(self._learner), episode.info()
 
     def step(self, action: Action) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Fly for one camera period.
-
-        Raises:
-            MissionError: There is no episode, it is over, or the action is unusable.
-        """
+        """Fly for one camera period; without an episode, or for an unusable action, this is a `MissionError`."""
         episode = self._view.episode
         result = episode.step({self._learner: action})[self._learner]
         observation = episode.observe(self._learner)
         return observation, result.reward, result.terminated, result.truncated, episode.info()
 
     def render(self) -> Image | None:
-        """Return the image of the learner over a map, shape (H, W, 3), RGB; None without a render mode.
-
-        Raises:
-            MissionError: There is no episode.
-        """
+        """Return the image of the learner over a map, shape (H, W, 3), RGB; None without a render mode."""
         return self._view.render()
 
     def close(self) -> None:

@@ -32,12 +32,7 @@ Observation = dict[str, FloatImage]
 
 
 def observe(situation: Situation, role: Role, task: LearningTask) -> Observation:
-    """Return the observation of a follower.
-
-    Args:
-        situation: Knowledge of the drone, with a percept.
-        role: Role of the follower.
-        task: Task whose largest depth, speed and distance clip the observation.
+    """Return the observation of a follower, clipped to the largest depth, speed and distance of the task.
 
     Raises:
         MissionError: The situation has no percept yet.
@@ -47,16 +42,13 @@ def observe(situation: Situation, role: Role, task: LearningTask) -> Observation
     own, to_own = situation.own, heading_frame(situation).T
     max_speed_m_s, lost_m = task.airframe.max_speed_m_s, task.mission.lost_m
     leader_m = to_own @ (situation.leader.position_m - own.position_m)
-    return {
-        "depth_m": _clipped(situation.percept.corrected.depth_m, 0.0, task.rig.max_depth_m),
-        "velocity_m_s": _clipped(to_own @ own.velocity_m_s, -max_speed_m_s, max_speed_m_s),
-        "leader_m": _clipped(leader_m, -lost_m, lost_m),
-        "slot_m": _clipped(leader_m + to_own @ role.offset_m, -lost_m, lost_m),
+    clipped: dict[str, FloatArray] = {
+        "depth_m": np.clip(situation.percept.corrected.depth_m, 0.0, task.rig.max_depth_m),
+        "velocity_m_s": np.clip(to_own @ own.velocity_m_s, -max_speed_m_s, max_speed_m_s),
+        "leader_m": np.clip(leader_m, -lost_m, lost_m),
+        "slot_m": np.clip(leader_m + to_own @ role.offset_m, -lost_m, lost_m),
     }
-
-
-def _clipped(values: FloatImage | FloatArray, low: float, high: float) -> FloatImage:
-    return np.clip(values, low, high).astype(np.float32)
+    return {name: values.astype(np.float32) for name, values in clipped.items()}
 
 
 class Learner:

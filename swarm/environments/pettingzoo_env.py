@@ -66,12 +66,7 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
-        """Begin an episode.
-
-        Args:
-            seed: Seed of its world and noise; None draws the next one, so that episodes differ.
-            options: Has no effect.
-        """
+        """Begin an episode with a seed; None draws the next one, so that episodes differ. `options` have no effect."""
         if seed is not None or self._np_random is None:
             self._np_random, _ = seeding.np_random(seed)
         episode_seed = int(self._np_random.integers(2**32)) if seed is None else seed
@@ -83,9 +78,6 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
         self, actions: Mapping[str, Action]
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Fly for one camera period; return observations, rewards, terminated, truncated and infos by agent.
-
-        Args:
-            actions: One action for each agent.
 
         Raises:
             MissionError: There is no episode, it is over, or an action is missing or unusable.
@@ -105,11 +97,7 @@ class FollowersEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo has no type
         )
 
     def render(self) -> Image | None:
-        """Return the image of the first agent over a map, shape (H, W, 3), RGB; None without a render mode.
-
-        Raises:
-            MissionError: There is no episode.
-        """
+        """Return the image of the first agent over a map, shape (H, W, 3), RGB; None without a render mode."""
         return self._view.render()
 
     def close(self) -> None:

@@ -46,20 +46,12 @@ class ImageRecorder(Recorder):
         gray, depth_m = self._newest[drone]
         width_px = round(PANEL_HEIGHT_PX * gray.shape[1] / gray.shape[0])
         images = np.repeat(gray[..., None], 3, axis=2), colored(depth_m, max_depth_m)[..., ::-1]
-        size = (width_px, PANEL_HEIGHT_PX)
-        return np.hstack([cv2.resize(image, size, interpolation=cv2.INTER_NEAREST) for image in images]).astype(
-            np.uint8
-        )
+        size, method = (width_px, PANEL_HEIGHT_PX), cv2.INTER_NEAREST
+        return np.hstack([cv2.resize(image, size, interpolation=method) for image in images]).astype(np.uint8)
 
 
 class Map:
-    """A map of the world, x to the right and y up, around the routes of all swarms.
-
-    Args:
-        world: World of the mission.
-        teams: Swarms of the mission.
-        width_px: Width of the map.
-    """
+    """A map of the world, x to the right and y up, around the routes of all swarms."""
 
     def __init__(self, world: World, teams: Sequence[Team], width_px: int) -> None:
         self._world = world
@@ -98,11 +90,8 @@ class Map:
             case Cylinder(radius_m=radius_m) | Sphere(radius_m=radius_m):
                 radius_px = max(2, round(radius_m * self._px_per_m))
                 cv2.circle(self._empty, self._at(np.array(body.position_m)), radius_px, BUILDING, cv2.FILLED)
-            case _:
-                pass
 
     def _at(self, position_m: FloatArray) -> tuple[int, int]:
-        """Return column and row of a position, of which x and y are used."""
         x, y = (position_m[:2] - self._low_m) * self._px_per_m
         return round(x), len(self._empty) - 1 - round(y)
 
@@ -110,12 +99,8 @@ class Map:
 class EpisodeView:
     """The present episode of an environment, and its pictures.
 
-    Args:
-        task: World, mission and reward.
-        render_mode: `rgb_array`, or None for no pictures.
-
     Raises:
-        MissionError: There is no such render mode.
+        MissionError: There is no such render mode, or a call needs an episode and there is none.
     """
 
     def __init__(self, task: LearningTask, render_mode: str | None) -> None:
@@ -128,11 +113,7 @@ class EpisodeView:
 
     @property
     def episode(self) -> Episode:
-        """The present episode.
-
-        Raises:
-            MissionError: There is none.
-        """
+        """The present episode."""
         if self._episode is None:
             raise MissionError("there is no episode: call reset() first, also after close()")
         return self._episode
@@ -145,11 +126,7 @@ class EpisodeView:
         return self._episode
 
     def render(self) -> Image | None:
-        """Return the image of the first learner over a map, shape (H, W, 3), RGB; None without a render mode.
-
-        Raises:
-            MissionError: There is no episode.
-        """
+        """Return the image of the first learner over a map, shape (H, W, 3), RGB; None without a render mode."""
         if self._images is None:
             return None
         world = self.episode.world

@@ -10,7 +10,7 @@ from scenarios.config import load_run
 from swarm.agents import Follower, Leader, create_agent
 from swarm.controllers import DEFAULT_CONTROLLER, Agent, Role, load_controller
 from swarm.errors import MissionError
-from swarm.pilot import BlindPilot, Heading, PilotConfig, SeeingPilot, Situation
+from swarm.pilot import Heading, Pilot, PilotConfig, SeeingPilot, Situation
 from swarm.task import MissionConfig
 from swarm.team import Route
 from swarm.types import Motion, Neighbours, Percept
@@ -175,8 +175,8 @@ class TestAgents:
         assert not decision.command.velocity_m_s.any()
         assert decision.state == "waiting"
 
-    @pytest.mark.parametrize("pilot", [SeeingPilot, BlindPilot])
-    def test_no_pilot_flies_into_a_neighbour(self, pilot: type[SeeingPilot] | type[BlindPilot]) -> None:
+    @pytest.mark.parametrize("pilot", [SeeingPilot, Pilot])
+    def test_no_pilot_flies_into_a_neighbour(self, pilot: type[Pilot]) -> None:
         ahead = situation(neighbours=near(((1.0, 0, 0), STILL)))
         command = pilot(PilotConfig(), 20, 0.0, RADIUS_M).fly(2 * FORWARD, ahead).command
         assert abs(command.velocity_m_s[0]) < 1e-6

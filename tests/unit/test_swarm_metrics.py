@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from sim.types import Contact, VelocityCommand
 from sim.world import World
-from swarm.metrics import DepthComparison, MissionMetrics, separation_m
+from swarm.metrics import MissionMetrics, separation_m
 from swarm.team import FormationConfig, Route, Team
 from tests.helpers import wall, world_of
 from tests.swarm_scenes import RADIUS_M, capture, corrected, flat, state
@@ -139,7 +140,7 @@ class TestSums:
             metrics.sample(world.states)
             for drone, raw_m in ((0, 4.0), (1, 3.5), (1, 0.0), (2, 3.1)):
                 image = capture(0.0, depth_raw_m=flat(raw_m))
-                metrics.add_depth(drone, DepthComparison.of(image, corrected(flat(3.2))))
+                metrics.add_depth(replace(image, drone=drone), corrected(flat(3.2)))
             dropped = [1, 0, 5]
             return metrics.summary(CONTACTS, dropped), metrics.by_drone(CONTACTS, dropped)
 
@@ -188,6 +189,10 @@ class TestSums:
 
     def test_a_corrector_that_changes_nothing_has_the_errors_of_the_raw_depth(self) -> None:
         image = capture(0.0)
-        same = DepthComparison.of(image, corrected(image.depth_raw_m))
-        assert same.raw == same.corrected
-        assert same.raw.mae_m == pytest.approx(1)
+        with metrics_of(swarm(1)) as (world, metrics):
+            metrics.sample(world.states)
+            metrics.add_depth(image, corrected(image.depth_raw_m))
+            summary = metrics.summary((), [0])
+        for name in ("mae_m", "too_far_share", "hole_share", "pixels"):
+            assert summary[f"depth_raw_{name}"] == summary[f"depth_corrected_{name}"]
+        assert summary["depth_raw_mae_m"] == pytest.approx(1)
