@@ -14,7 +14,7 @@ from voxdepth.metrics import Sums
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.paper.config import PaperConfig
 from voxdepth.paper.fusion import MOTION_MODELS
-from voxdepth.paper.inpainting import Bilinear, Dilation, Erosion, Inpainting, Median, Nearest
+from voxdepth.paper.inpainting import Inpainting, InpaintingName
 from voxdepth.paper.odometry import PhotometricOdometry
 from voxdepth.paper.steps import create_steps
 from voxdepth.types import FloatImage
@@ -25,9 +25,8 @@ from ..results.table import Column, Table, Value
 from .experiment import Claim, Experiment, ExperimentContext, Findings
 from .paper_results import INPAINTING_RESULTS
 
-METHODS: Mapping[str, Inpainting] = {
-    method.method: method for method in (Dilation(), Bilinear(), Erosion(), Median(), Nearest())
-}
+_NAMES: tuple[InpaintingName, ...] = ("dilation", "bilinear", "erosion", "median", "nearest")
+METHODS: Mapping[str, Inpainting] = {name: Inpainting(method=name) for name in _NAMES}
 SPARSE = "as projected"
 CONFIG = PaperConfig()
 REPETITIONS = 5

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.voxel_twins import cells_of_points, integrate_points, occupied_centres, project_nearest, set_bits_numpy
 from voxdepth import PaperConfig
 from voxdepth.paper.config import CombineConfig
-from voxdepth.paper.inpainting import Dilation, Nearest
+from voxdepth.paper.inpainting import Inpainting
 from voxdepth.paper.steps import HostSteps
 from voxdepth.paper.voxels import VoxelConfig, VoxelGrid, project_voxels, set_bits
 from voxdepth.paper.warp_steps import WarpSteps
@@ -116,7 +116,7 @@ def test_projections_of_empty_grids_and_of_voxels_beside_the_image_agree() -> No
     assert not project_voxels(grid, CAMERA).any()
 
 
-@pytest.mark.parametrize("method", [Dilation(size_px=3), Dilation(size_px=5), Nearest(size_px=5)])
+@pytest.mark.parametrize("method", [Inpainting(size_px=3), Inpainting(), Inpainting(method="nearest")])
 def test_inpaintings_agree(method: object) -> None:
     host, warp = both_steps(inpainting=method)
     sparse = depth_image(3)

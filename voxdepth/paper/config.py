@@ -6,7 +6,7 @@ from pydantic import Field, field_validator
 
 from ..devices import DeviceName
 from ..model import Model
-from .inpainting import Dilation, Inpainting
+from .inpainting import Inpainting
 from .odometry import OdometryConfig
 from .registration import RegistrationConfig
 from .voxels import VoxelConfig
@@ -44,7 +44,7 @@ class PaperConfig(Model):
     is measured between all neighbours, which is slower and follows turns."""
     voxels: VoxelConfig = VoxelConfig()
     odometry: OdometryConfig = OdometryConfig()
-    inpainting: Inpainting = Dilation()
+    inpainting: Inpainting = Inpainting()
     """What makes the projected cloud dense."""
     registration: RegistrationConfig = RegistrationConfig()
     combine: CombineConfig = CombineConfig()
@@ -55,7 +55,7 @@ class PaperConfig(Model):
 
     @field_validator("median_size_px")
     @classmethod
-    def _possible(cls, size_px: int) -> int:
+    def _require_window(cls, size_px: int) -> int:
         if size_px not in (1, 3, 5):
             raise ValueError("the window must be 1, 3 or 5 pixels wide")
         return size_px

@@ -1,7 +1,7 @@
 """The current template, and when the next one is fused: paper, Sec. Epoch Transition."""
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, Literal
@@ -71,17 +71,8 @@ Follows = Callable[[Features, Features], bool]
 Lag = int | Literal["ready"]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PendingTemplate:
-    """A window that is being fused."""
-
-    template: Future[Template]
-    due: int
-    """Number of the first frame that uses the template, if the lag is fixed."""
-
-
 class Epochs:
-    """Collects windows, starts their fusion, and switches templates between two frames.
+    """Collects windows, starts their fusion in a thread, and switches templates between two frames.
 
     A window restarts when the scene changes within it: a cloud of two scenes would fit neither.
 
@@ -99,7 +90,7 @@ class Epochs:
         self._window_frames = window_frames
         self._max_epoch_frames = max_epoch_frames
         self._lag = lag
-        self._executor: Executor = Inline() if lag == 0 else ThreadPoolExecutor(1, "voxdepth-fusion")
+        self._executor = ThreadPoolExecutor(1, "voxdepth-fusion")
         self.reset()
 
     def reset(self) -> None:
@@ -107,7 +98,8 @@ class Epochs:
         self.template: Template | None = None
         self._window: list[Frame] | None = []
         self._last_features: Features | None = None
-        self._pending: PendingTemplate | None = None
+        self._pending: Future[Template] | None = None
+        self._due = 0
         self._frames = 0
         self._epoch_frames = 0
 
@@ -123,8 +115,11 @@ class Epochs:
         """
         self._frames += 1
         self._collect(frame, features)
-        if self._pending is not None and self._is_due(self._pending):
-            self._adopt(self._pending)
+        pending = self._pending
+        if pending is not None and (pending.done() if self._lag == "ready" else self._frames >= self._due):
+            self._pending, self._window = None, []  # If fusing failed, the next frame opens a new window.
+            self.template = pending.result()
+            self._window, self._epoch_frames = None, 0
         return self.template
 
     def end(self, frame: Frame, features: Features, registration: Registration) -> EpochEnd | None:
@@ -158,21 +153,9 @@ class Epochs:
         self._last_features = features
         self._window.append(replace(frame, gray=frame.gray.copy(), depth_m=frame.depth_m.copy()))
         if len(self._window) == self._window_frames:
-            future = self._executor.submit(self._fuse, self._window, features)
-            self._pending = PendingTemplate(
-                template=future, due=self._frames + (0 if self._lag == "ready" else self._lag)
-            )
+            self._pending = self._executor.submit(self._fuse, self._window, features)
+            self._due = self._frames + (0 if self._lag == "ready" else self._lag)
             self._window = None
-
-    def _adopt(self, pending: PendingTemplate) -> None:
-        """Switch to the template of a pending; if fusing failed, the next frame opens a new window."""
-        self._pending, self._window = None, []
-        self.template = pending.template.result()
-        self._window = None
-        self._epoch_frames = 0
-
-    def _is_due(self, pending: PendingTemplate) -> bool:
-        return pending.template.done() if self._lag == "ready" else self._frames >= pending.due
 
     def _reason_to_end(self, registration: Registration) -> EpochEnd | None:
         if registration.status is RegistrationStatus.FEW_MATCHES:
@@ -180,15 +163,3 @@ class Epochs:
         if not registration.ok:
             return EpochEnd.DEGENERATE
         return EpochEnd.MAX_FRAMES if self._epoch_frames >= self._max_epoch_frames else None
-
-
-class Inline(Executor):
-    """Runs a task in the calling thread when it is submitted."""
-
-    def submit(self, fn, /, *args, **kwargs):  # type: ignore[no-untyped-def]  # noqa: D102
-        future: Future[object] = Future()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except Exception as error:
-            future.set_exception(error)
-        return future

@@ -44,37 +44,31 @@ def motion_per_frame(window: Sequence[Frame], odometry: Odometry) -> list[FloatA
 MOTION_MODELS: dict[MotionModelName, MotionModel] = {"constant": constant_velocity, "per_frame": motion_per_frame}
 
 
-class Fusion:
-    """Fuses a window of frames into a template in the camera of the last one.
+def fuse_window(
+    window: Sequence[Frame], features: Features, steps: ImageSteps, odometry: Odometry, motion_model: MotionModel
+) -> Template:
+    """Fuse a window of frames into a template in the camera of the last one.
+
+    Frames without a pose are left out: they would smear.
 
     Args:
+        window: Successive frames.
+        features: Features of the last frame.
         steps: Image operations. They hold the voxel grid, so one window is fused at a time.
         odometry: Measures the motion between two frames.
-        motion_model: Derives the poses of all frames of a window from the odometry.
+        motion_model: Derives the poses of all frames from the odometry.
     """
-
-    def __init__(self, steps: ImageSteps, odometry: Odometry, motion_model: MotionModel) -> None:
-        self._steps = steps
-        self._odometry = odometry
-        self._motion_model = motion_model
-
-    def fuse(self, window: Sequence[Frame], features: Features) -> Template:
-        """Fuse a window; `features` are those of its last frame."""
-        timer = StepTimer()
-        with timer("fused"):
-            with timer("motion"):
-                poses = self._motion_model(window, self._odometry)
-            with timer("voxelise"):
-                self._voxelise(window, poses)
-            with timer("project"):
-                sparse = self._steps.project()
-            with timer("inpaint"):
-                depth = self._steps.inpaint(sparse)
-        return Template(depth=depth, features=features, timings_s=timer.times_s)
-
-    def _voxelise(self, window: Sequence[Frame], poses: Sequence[FloatArray | None]) -> None:
-        """OR all clouds, each moved into the last camera. Frames without a pose are left out: they would smear."""
-        self._steps.clear()
-        for frame, T_last_frame in zip(window, poses, strict=True):
-            if T_last_frame is not None:
-                self._steps.integrate(frame.depth_m, T_last_frame)
+    timer = StepTimer()
+    with timer("fused"):
+        with timer("motion"):
+            poses = motion_model(window, odometry)
+        with timer("voxelise"):
+            steps.clear()
+            for frame, T_last_frame in zip(window, poses, strict=True):
+                if T_last_frame is not None:
+                    steps.integrate(frame.depth_m, T_last_frame)
+        with timer("project"):
+            sparse = steps.project()
+        with timer("inpaint"):
+            depth = steps.inpaint(sparse)
+    return Template(depth=depth, features=features, timings_s=timer.times_s)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import cv2
@@ -12,18 +13,14 @@ from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics, Source
 from .config import PaperConfig
 from .epochs import Epochs, PaperDiagnostics, Template
-from .fusion import MOTION_MODELS, Fusion
+from .fusion import MOTION_MODELS, fuse_window
 from .odometry import PhotometricOdometry, PriorsFirst
-from .registration import Features, OrbRegistration, Registration, RegistrationStatus
+from .registration import OrbRegistration, Registration, RegistrationStatus
 from .steps import create_steps
 
 CONFIDENCES = {Source.INVALID: 0.0, Source.SENSOR: 1.0, Source.MEMORY: 0.5, Source.INPAINTED: 0.5}
 """Confidence of a pixel by its source. Not calibrated: the paper has none."""
-AFTER_FILTER = {
-    Source.INVALID: Source.INPAINTED,
-    Source.SENSOR: Source.SENSOR,
-    Source.MEMORY: Source.MEMORY,
-}
+AFTER_FILTER = {Source.INVALID: Source.INPAINTED, Source.SENSOR: Source.SENSOR, Source.MEMORY: Source.MEMORY}
 """Source of a pixel that has a depth after the median filter, by its source before."""
 FILLED = 4
 """Added to the label of a pixel that has a depth."""
@@ -60,9 +57,9 @@ class PaperVoxDepth(StreamCorrector):
         self._steps = create_steps(config.device, camera, config)
         self._registration = OrbRegistration(config.registration, camera.shape)
         odometry = PriorsFirst(PhotometricOdometry(camera, config.odometry), config.odometry)
-        fusion = Fusion(self._steps, odometry, MOTION_MODELS[config.motion])
+        motion_model = MOTION_MODELS[config.motion]
         self._epochs = Epochs(
-            fusion.fuse,
+            partial(fuse_window, steps=self._steps, odometry=odometry, motion_model=motion_model),
             self._registration.follows,
             window_frames=config.window_frames,
             max_epoch_frames=config.max_epoch_frames,
@@ -88,7 +85,11 @@ class PaperVoxDepth(StreamCorrector):
         with timer("take_template"):
             template = self._epochs.begin(frame, features)
         with timer("register"):
-            registration = self._register(template, features)
+            registration = (
+                Registration(status=RegistrationStatus.NOT_TRIED)
+                if template is None
+                else self._registration.register(template.features, features)
+            )
         epoch_end = self._epochs.end(frame, features, registration)
         phase = self._epochs.phase(registration)
         return Aligned(
@@ -117,11 +118,6 @@ class PaperVoxDepth(StreamCorrector):
             timings_s=timer.times_s,
             diagnostics=aligned.diagnostics,
         )
-
-    def _register(self, template: Template | None, features: Features) -> Registration:
-        if template is None:
-            return Registration(status=RegistrationStatus.NOT_TRIED)
-        return self._registration.register(template.features, features)
 
     def _warp(self, aligned: Aligned) -> Any | None:
         """The template in the pixels of the frame. It is warped from the original: repeated warps would mix edges."""

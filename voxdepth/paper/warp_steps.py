@@ -10,7 +10,6 @@ from ..geometry import RayMap
 from ..types import FloatArray, FloatImage, GrayImage, Intrinsics
 from . import image_kernels, kernels
 from .config import PaperConfig
-from .inpainting import Dilation
 from .steps import factors
 
 
@@ -48,7 +47,7 @@ class WarpSteps:
     def inpaint(self, sparse: Any) -> Any:
         """See `HostSteps`. All methods but dilation, the paper's, run on the CPU: once an epoch."""
         method = self._config.inpainting
-        if not isinstance(method, Dilation):
+        if method.method != "dilation":
             return self.upload(method.fill(sparse.numpy()))
         dense = wp.empty_like(sparse)
         self._launch(image_kernels.dilate, [sparse, method.size_px // 2], [dense])
