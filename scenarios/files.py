@@ -134,6 +134,15 @@ def first_problem(error: pydantic.ValidationError, field: str) -> str:
 
 
 @contextmanager
+def as_scenario_error(what: str) -> Iterator[None]:
+    """Turn an error of the operating system in the block into a `ScenarioError` that begins with `what`."""
+    try:
+        yield
+    except OSError as error:
+        raise ScenarioError(f"{what}: {error.strerror or error}") from error
+
+
+@contextmanager
 def atomic(path: Path) -> Iterator[Path]:
     """Give a temporary path beside `path` that is renamed to `path` when the block ends without an error.
 
@@ -143,14 +152,12 @@ def atomic(path: Path) -> Iterator[Path]:
     Raises:
         ScenarioError: The operating system refuses to write.
     """
-    try:
+    with as_scenario_error(f"cannot write {path}"):
         path.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=path.parent, prefix=f".{path.name}-") as holder:
             temporary = Path(holder) / path.name
             yield temporary
             temporary.replace(path)
-    except OSError as error:
-        raise ScenarioError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 def write(path: Path, data: bytes) -> None:

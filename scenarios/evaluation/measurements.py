@@ -18,6 +18,20 @@ FRAMES = "frames"
 COLUMN_TYPES = dict.fromkeys(MEASUREMENT_COLUMNS, "str") | {"value": "float64", "n": "int64"}
 
 
+class Selector(NamedTuple):
+    """Selects one quantity of the long table, for all methods on all sequences."""
+
+    metric: str
+    mask: str = "all"
+    range: str = NEAR
+    on: str = COMPLETED
+
+
+def of_frames(metric: str) -> Selector:
+    """Select a metric of whole frames."""
+    return Selector(metric, FRAMES, FRAMES, FRAMES)
+
+
 class Measurement(Model):
     """One number with its unit and its sample size."""
 
@@ -39,18 +53,9 @@ class Measurement(Model):
     """Number of pixels or frames."""
 
 
-class Selector(NamedTuple):
-    """Selects one quantity of the long table, for all methods on all sequences."""
-
-    metric: str
-    mask: str = "all"
-    range: str = NEAR
-    on: str = COMPLETED
-
-
-def of_frames(metric: str) -> Selector:
-    """Select a metric of whole frames."""
-    return Selector(metric, FRAMES, FRAMES, FRAMES)
+def measured(selector: Selector, value: float | None, unit: str, n: int) -> Measurement:
+    """Return a measurement of a selected quantity."""
+    return Measurement(**selector._asdict(), value=value, unit=unit, n=n)
 
 
 class Measurements:

@@ -2,7 +2,7 @@
 
 import base64
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,8 +13,7 @@ from voxdepth.model import Model
 from voxdepth.types import FloatImage
 
 from ..correction import encode, to_millimetres
-from ..errors import ScenarioError
-from ..files import write
+from ..files import as_scenario_error, write
 from ..images import picked
 from .measurements import Measurement
 
@@ -27,8 +26,6 @@ THUMBNAIL_PX = 240
 NOT_DONE = "not done yet"
 OTHER_FILE = "its file is of another version or damaged"
 FOREIGN = "its code is not part of this project and may have changed"
-
-Stored = TypeVar("Stored", bound=Model)
 
 
 class Key(Model):
@@ -139,40 +136,36 @@ class ResultCache:
         Raises:
             ScenarioError: The file of the result cannot be read.
         """
+        path = self.path(key.method)
+        with as_scenario_error(f"cannot read {path}"):
+            if not path.exists():
+                return Result(key=key, error=NOT_DONE)
+            data = path.read_bytes()
         try:
-            result = _read(Result, self.path(key.method))
+            result = Result.model_validate_json(data)
         except pydantic.ValidationError:
             return Result(key=key, error=NOT_DONE, replaced=OTHER_FILE)
-        if result is None:
-            return Result(key=key, error=NOT_DONE)
         difference = key.difference(result.key) or (FOREIGN if may_have_changed else "")
         if difference:
             return Result(key=key, error=NOT_DONE, replaced=difference)
         return result.model_copy(update={"replaced": None})
 
-    def store(self, result: Result) -> None:
-        """Write the file of a result in one step.
-
-        Raises:
-            ScenarioError: The file cannot be written.
-        """
-        _write(self.path(result.key.method), result)
-
     def load_info(self, digest: str, frames: int) -> SequenceInfo | None:
         """Return the description of the sequence, or None if there is none of these frames."""
         try:
-            info = _read(SequenceInfo, self._info)
-        except (ScenarioError, pydantic.ValidationError):
+            info = SequenceInfo.model_validate_json(self._info.read_bytes())
+        except (OSError, pydantic.ValidationError):
             return None
-        return info if info is not None and (info.digest, info.frames) == (digest, frames) else None
+        return info if (info.digest, info.frames) == (digest, frames) else None
 
-    def store_info(self, info: SequenceInfo) -> None:
-        """Write the file of the description in one step.
+    def store(self, stored: Result | SequenceInfo) -> None:
+        """Write the file of a result or of the description in one step.
 
         Raises:
             ScenarioError: The file cannot be written.
         """
-        _write(self._info, info)
+        path = self._info if isinstance(stored, SequenceInfo) else self.path(stored.key.method)
+        write(path, f"{stored.model_dump_json(indent=1)}\n".encode())
 
 
 def encoded_thumbnail(depth_m: FloatImage) -> str:
@@ -187,21 +180,7 @@ def decoded_thumbnail(png: str) -> FloatImage:
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED)).astype(np.float32) / np.float32(1000)
 
 
-def _read(kind: type[Stored], path: Path) -> Stored | None:
-    try:
-        return kind.model_validate_json(path.read_bytes())
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    except OSError as error:
-        raise ScenarioError(f"cannot read {path}: {error.strerror or error}") from error
-
-
-def _write(path: Path, model: Model) -> None:
-    write(path, f"{model.model_dump_json(indent=1)}\n".encode())
-
-
 def _flat(values: dict[str, Any], before: str = "") -> dict[str, Any]:
-    """Return the values by dotted name."""
     flat: dict[str, Any] = {}
     for name, value in values.items():
         flat |= _flat(value, f"{before}{name}.") if isinstance(value, dict) else {before + name: value}

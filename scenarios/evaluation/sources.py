@@ -1,12 +1,12 @@
 """Where the frames of an evaluation come from, each with its reference: true depth, or pixels that are held out."""
 
+import pickle
 import zlib
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -20,6 +20,7 @@ from voxdepth.metrics import SeenBefore
 from voxdepth.types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics, MaskImage
 
 from ..errors import ScenarioError
+from ..files import as_scenario_error
 from ..sequences import moving_ids
 from .groups import HELD_OUT_GROUPS, TRUE_GROUPS
 
@@ -60,12 +61,51 @@ class EvaluationFrame:
     """
 
 
-class Frames(Protocol):
-    """Frames that can be read repeatedly."""
+class FrameCache:
+    """Frames of one sequence in files: they are computed once for all methods, and only one is in memory.
 
-    def __len__(self) -> int: ...
+    A megapixel takes 11 MB, or 16 MB where things move.
 
-    def __getitem__(self, index: int) -> EvaluationFrame: ...
+    Args:
+        folder: An existing folder.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._frames = folder, 0
+
+    def fill(self, frames: Iterable[EvaluationFrame]) -> None:
+        """Write frames; the first one gets the number 0.
+
+        Raises:
+            ScenarioError: A frame cannot be written.
+        """
+        for index, frame in enumerate(frames):
+            what = f"cannot keep frame {index} in {self._folder}"
+            with as_scenario_error(what), self.path(index).open("wb") as file:
+                pickle.dump(frame, file, pickle.HIGHEST_PROTOCOL)
+            self._frames = index + 1
+
+    def __len__(self) -> int:
+        return self._frames
+
+    def __getitem__(self, index: int) -> EvaluationFrame:
+        """Read one frame.
+
+        Raises:
+            ScenarioError: The frame cannot be read.
+        """
+        what = f"cannot read frame {index} back from {self._folder}"
+        with as_scenario_error(what), self.path(index).open("rb") as file:
+            frame: EvaluationFrame = pickle.load(file)
+        return frame
+
+    def path(self, index: int) -> Path:
+        """Return the file of a frame."""
+        return self._folder / f"{index:06d}.pickle"
+
+
+Frames = FrameCache | list[EvaluationFrame]
+"""Frames that can be read repeatedly."""
 
 
 class SimulatedSource:

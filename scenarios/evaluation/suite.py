@@ -17,16 +17,15 @@ from sim.recording import Recording
 from voxdepth.errors import VoxDepthError
 
 from ..errors import ScenarioError
-from ..files import to_toml
+from ..files import as_scenario_error, to_toml
 from ..results.provenance import CORRECTION, processor_name, versions
 from ..sequences import SeededSequence, record
-from .frame_cache import FrameCache
 from .groups import RANGES
 from .measurements import Measurements
 from .methods import Method
 from .result_cache import Key, Result, ResultCache, SequenceInfo, encoded_thumbnail
 from .running import MethodError, run
-from .sources import EvaluationFrame, Frames, FrameSource, SimulatedSource, open_source
+from .sources import EvaluationFrame, FrameCache, Frames, FrameSource, SimulatedSource, open_source
 
 RECORDINGS = "recordings"
 """Folder of the shipped sequences, below that of the results."""
@@ -153,93 +152,89 @@ def evaluate(plan: Plan, progress: Progress) -> Evaluation:
     results: list[Result] = []
     sequences: dict[str, SequenceInfo] = {}
     reused = 0
+
+    def tell(what: str) -> None:
+        progress(what, len(results))
+
     for requested in plan.sequences:
+        cache = ResultCache(plan.out, requested.name)
         with _frame_cache(plan.out) as frames:
-            one = _SequenceEvaluation(plan, requested, frames, lambda what: progress(what, len(results)))
-            for result in one.results():
-                results.append(result)
-                progress(f"{requested.name}, {result.key.method}", len(results))
-            reused += one.reused
-            if one.info is not None:
-                sequences[requested.name] = one.info
+            try:
+                source, info, cached = _prepared(plan, requested, cache, frames, tell)
+            except (SimError, VoxDepthError, ScenarioError) as error:
+                reason = " ".join(str(error).split())
+                results += [Result(key=key, error=reason) for key in _keys(plan, requested.name)]
+                tell(f"{requested.name}, not opened")
+                continue
+            sequences[requested.name] = info
+            for method, result in zip(plan.methods, cached, strict=True):
+                tell(f"{requested.name}, {method.name}")
+                done = result if result.error is None else _computed(source, method, frames, result)
+                if done is result:
+                    reused += 1
+                else:
+                    cache.store(done)
+                results.append(done)
+    tell("done")
     return Evaluation(results=tuple(results), sequences=sequences, reused=reused)
 
 
-class _SequenceEvaluation:
-    """Runs the methods of a plan on one sequence."""
+def _prepared(
+    plan: Plan, requested: Requested, cache: ResultCache, frames: FrameCache, tell: Callable[[str], None]
+) -> tuple[FrameSource, SequenceInfo, list[Result]]:
+    """Open a sequence; return it with its description and with the stored result of each method.
 
-    def __init__(self, plan: Plan, requested: Requested, frames: FrameCache, tell: Callable[[str], None]) -> None:
-        self._plan, self._requested, self._frames, self._tell = plan, requested, frames, tell
-        self._cache = ResultCache(plan.out, requested.name)
-        self._versions = versions(CORRECTION) | {"processor": processor_name()}
-        self.info: SequenceInfo | None = None
-        """Known with the first result; None if the sequence cannot be opened."""
-        self.reused = 0
+    Unless every result is finished and the description is stored, the frames and the description are computed.
+    """
+    name = requested.name
+    tell(f"opening {name}")
+    source = requested.open(plan.out, plan.frames, tell)
+    if len(source) == 0:
+        raise ScenarioError(f"{name!r} holds no whole frame: expected at least one; record it again")
+    total = min(plan.frames, len(source))
+    digest = source.digest(total)
+    keys = _keys(plan, name, frames=total, seed=source.seed, digest=digest)
+    results = [
+        cache.load(key, may_have_changed=method.is_foreign) for key, method in zip(keys, plan.methods, strict=True)
+    ]
+    is_finished = all(result.error is None for result in results)
+    info = cache.load_info(digest, total) if is_finished else None
+    if info is None:
+        frames.fill(_told(source.frames(total), lambda k: tell(f"{name}, references, frame {k} of {total}")))
+        info = describe(source, frames, digest)
+        cache.store(info)
+    return source, info, results
 
-    def results(self) -> Iterator[Result]:
-        """Yield the stored result of every method; all have an error if the sequence cannot be opened."""
-        methods = self._plan.methods
-        try:
-            source, frames = self._opened()
-            digest = source.digest(frames)
-            cached = [
-                self._cache.load(self._key(method, source, frames, digest), may_have_changed=method.is_foreign)
-                for method in methods
-            ]
-            self._prepare(source, frames, digest, is_finished=all(result.error is None for result in cached))
-        except (SimError, VoxDepthError, ScenarioError) as error:
-            reason = " ".join(str(error).split())
-            yield from (Result(key=self._key(method, None, 0, ""), error=reason) for method in methods)
-            return
-        for method, result in zip(methods, cached, strict=True):
-            if result.error is None:
-                self.reused += 1
-                yield result
-            else:
-                self._tell(f"{self._requested.name}, {method.name}")
-                yield self._computed(source, method, result.key, result.replaced)
 
-    def _opened(self) -> tuple[FrameSource, int]:
-        """Open the sequence; return it with the number of frames that are used."""
-        name, most = self._requested.name, self._plan.frames
-        self._tell(f"opening {name}")
-        source = self._requested.open(self._plan.out, most, self._tell)
-        if len(source) == 0:
-            raise ScenarioError(f"{name!r} holds no whole frame: expected at least one; record it again")
-        return source, min(most, len(source))
-
-    def _key(self, method: Method, source: FrameSource | None, frames: int, digest: str) -> Key:
-        return Key(
-            sequence=self._requested.name,
+def _keys(plan: Plan, sequence: str, frames: int = 0, seed: int | None = None, digest: str = "") -> list[Key]:
+    """Return the key of each method; without a number of frames those of a sequence that cannot be opened."""
+    known = versions(CORRECTION) | {"processor": processor_name()}
+    return [
+        Key(
+            sequence=sequence,
             method=method.name,
             frames=frames,
-            seed=source.seed if source else None,
+            seed=seed,
             digest=digest,
             config=method.config,
-            versions=self._versions,
+            versions=known,
         )
+        for method in plan.methods
+    ]
 
-    def _prepare(self, source: FrameSource, frames: int, digest: str, *, is_finished: bool) -> None:
-        """Load or compute the description and, unless every result is finished, the frames."""
-        self.info = self._cache.load_info(digest, frames) if is_finished else None
-        if self.info is None:
-            self._frames.fill(self._told(source.frames(frames), frames))
-            self.info = describe(source, self._frames, digest)
-            self._cache.store_info(self.info)
 
-    def _told(self, frames: Iterator[EvaluationFrame], total: int) -> Iterator[EvaluationFrame]:
-        for index, frame in enumerate(frames):
-            self._tell(f"{self._requested.name}, references, frame {index + 1} of {total}")
-            yield frame
+def _told(frames: Iterator[EvaluationFrame], tell: Callable[[int], None]) -> Iterator[EvaluationFrame]:
+    for count, frame in enumerate(frames, 1):
+        tell(count)
+        yield frame
 
-    def _computed(self, source: FrameSource, method: Method, key: Key, replaced: str | None) -> Result:
-        try:
-            scores = run(method, self._frames, source.groups, source.intrinsics)
-            result = Result(key=key, replaced=replaced, **dict(scores))
-        except (MethodError, ScenarioError) as error:
-            result = Result(key=key, error=str(error), replaced=replaced)
-        self._cache.store(result)
-        return result
+
+def _computed(source: FrameSource, method: Method, frames: FrameCache, old: Result) -> Result:
+    try:
+        scores = run(method, frames, source.groups, source.intrinsics)
+    except (MethodError, ScenarioError) as error:
+        return Result(key=old.key, error=str(error), replaced=old.replaced)
+    return Result(key=old.key, replaced=old.replaced, **dict(scores))
 
 
 def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
@@ -292,10 +287,8 @@ def _require_distinct(names: Sequence[str]) -> None:
 @contextmanager
 def _frame_cache(out: Path) -> Iterator[FrameCache]:
     """Make an empty temporary cache of frames."""
-    try:
+    with as_scenario_error(f"cannot make a folder in {out}"):
         out.mkdir(parents=True, exist_ok=True)
         folder = TemporaryDirectory(dir=out, prefix=FRAME_CACHE, ignore_cleanup_errors=True)
-    except OSError as error:
-        raise ScenarioError(f"cannot make a folder in {out}: {error.strerror or error}") from error
     with folder as path:
         yield FrameCache(Path(path))

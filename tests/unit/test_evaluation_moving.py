@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from scenarios.evaluation.frame_cache import FrameCache
 from scenarios.evaluation.groups import RANGES, TRUE_GROUPS
 from scenarios.evaluation.measurements import Measurement
 from scenarios.evaluation.quantities import QUANTITIES
 from scenarios.evaluation.report import method_table, print_results
 from scenarios.evaluation.result_cache import Key, Result, SequenceInfo
 from scenarios.evaluation.scoring import MovingScore, Score
-from scenarios.evaluation.sources import GHOST_FRAMES, Departures, EvaluationFrame, open_source
+from scenarios.evaluation.sources import GHOST_FRAMES, Departures, EvaluationFrame, FrameCache, open_source
 from scenarios.evaluation.suite import Evaluation
 from sim.recording import RecordingWriter
 from tests.evaluation_clips import CAMERA, POST_M, WALL_M, capture_of, evaluation_frames, truth_of, write_recording

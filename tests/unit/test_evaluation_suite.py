@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,11 +15,10 @@ import pytest
 
 from scenarios.errors import ScenarioError
 from scenarios.evaluation import suite
-from scenarios.evaluation.frame_cache import FrameCache
 from scenarios.evaluation.measurements import Selector
 from scenarios.evaluation.methods import Method, find_methods
 from scenarios.evaluation.result_cache import SCORING, Result, ResultCache
-from scenarios.evaluation.sources import FrameSource, SimulatedSource, open_source
+from scenarios.evaluation.sources import FrameCache, FrameSource, SimulatedSource, open_source
 from scenarios.evaluation.suite import Evaluation, Folder, Plan, Shipped, evaluate
 from scenarios.sequences import load_sequence
 from tests.evaluation_clips import CAMERA, POST_M, capture_of, method, shadow_of, truth_of, write_recording
@@ -198,7 +198,7 @@ def test_frames_that_cannot_be_kept_are_an_error_of_the_results(
     def full(*args: Any, **arrays: Any) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(np, "savez", full)
+    monkeypatch.setattr(pickle, "dump", full)
     done = run(tmp_path, recording)
     assert [(result.error or "").startswith("cannot keep frame 0 in ") for result in done.results] == [True, True]
     assert all((result.error or "").endswith(": No space left on device") for result in done.results)
