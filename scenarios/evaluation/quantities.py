@@ -11,7 +11,7 @@ from ..results.table import MISSING
 from .groups import ALL, BINS, HELD_OUT_GROUPS, TRUE_GROUPS
 from .measurements import AS_GIVEN, FILLED, Selector, of_frames
 from .running import WORKLOAD_PHASES
-from .scoring import CALIBRATION_RANGE, DEPARTED, MOVING, SOURCES, STATIC
+from .scoring import CALIBRATION_RANGE, GHOSTS, SOURCES, STATIC, SURVIVAL
 from .suite import Evaluation
 
 HIDDEN = "hidden"
@@ -83,8 +83,6 @@ MAE_FILLED = [Selector("mae", on=FILLED)]
 MAE_HIDDEN = [Selector("mae", HIDDEN)]
 TOO_FAR_OR_NEAR = [Selector("too_far", HIDDEN), Selector("too_near", HIDDEN)]
 FLICKER = [Selector("flicker", STATIC, on=FILLED)]
-SURVIVAL = [Selector(metric, MOVING, ALL, AS_GIVEN) for metric in ("survival", "survival_raw")]
-GHOSTS = [Selector(metric, DEPARTED, ALL, FILLED) for metric in ("ghosts", "ghosts_raw")]
 
 PAPER_LAYOUT = (
     Quantity(

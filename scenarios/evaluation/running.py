@@ -12,7 +12,7 @@ import numpy as np
 from voxdepth.types import DepthCorrector, FloatImage, Frame, GrayImage, Intrinsics
 
 from .groups import Groups
-from .measurements import FRAMES, Measurement
+from .measurements import Measurement, measured, of_frames
 from .methods import Method
 from .result_cache import Scores, encoded_thumbnail
 from .scoring import Score
@@ -56,9 +56,9 @@ class ReferenceWorkload:
         """Yield the median times, and a median latency as a multiple of the median time during the run."""
         medians_ms = {phase: 1e3 * float(np.median(times_s)) for phase, times_s in self._times_s.items()}
         for phase, time_ms in medians_ms.items():
-            yield _of_frames(f"reference_workload_{phase}", time_ms, "ms", len(self._times_s[phase]))
+            yield measured(of_frames(f"reference_workload_{phase}"), time_ms, "ms", len(self._times_s[phase]))
         multiple, n = latency_ms / medians_ms["during"], len(self._times_s["during"])
-        yield _of_frames("latency_p50_workloads", multiple, "workloads", n)
+        yield measured(of_frames("latency_p50_workloads"), multiple, "workloads", n)
 
     def _time_s(self) -> float:
         start = time.perf_counter()
@@ -104,15 +104,11 @@ def _latencies(times_s: Sequence[float], background_s: float, workload: Referenc
     """Yield median, 95th percentile and maximum of the time per frame, and the CPU time of other threads per frame."""
     n = len(times_s)
     percentiles_ms = [float(value) for value in 1e3 * np.percentile(times_s, (50, 95, 100))]
-    for name, value_ms in zip(("p50", "p95", "max"), percentiles_ms, strict=True):
-        yield _of_frames(f"latency_{name}", value_ms, "ms", n)
     # The two clocks are read one after the other, so their difference may be negative.
-    yield _of_frames("latency_background", max(0.0, 1e3 * background_s / n), "ms", n)
+    values_ms = (*percentiles_ms, max(0.0, 1e3 * background_s / n))
+    for name, value_ms in zip(("p50", "p95", "max", "background"), values_ms, strict=True):
+        yield measured(of_frames(f"latency_{name}"), value_ms, "ms", n)
     yield from workload.measurements(percentiles_ms[0])
-
-
-def _of_frames(metric: str, value: float, unit: str, n: int) -> Measurement:
-    return Measurement(metric=metric, mask=FRAMES, range=FRAMES, on=FRAMES, value=value, unit=unit, n=n)
 
 
 def _warm_up(method: Method, frames: Frames, intrinsics: Intrinsics) -> None:
@@ -128,12 +124,19 @@ def _other_threads_s() -> float:
 
 
 @contextmanager
+def _method_errors(what: str) -> Iterator[None]:
+    """Turn any exception of the block into a `MethodError`: the code of a method may be anybody's."""
+    try:
+        yield
+    except (Exception, SystemExit) as error:
+        raise MethodError(" ".join(f"{what}: {type(error).__name__}: {error}".split())) from error
+
+
+@contextmanager
 def _instance(method: Method, intrinsics: Intrinsics) -> Iterator[DepthCorrector]:
     """Make an instance and close it after the block; an error of the block takes precedence."""
-    try:
+    with _method_errors("it cannot be made"):
         corrector = method.make(intrinsics)
-    except (Exception, SystemExit) as error:  # The code of a method may be anybody's.
-        raise MethodError(f"it cannot be made: {_named(error)}") from error
     try:
         yield corrector
     except BaseException:
@@ -145,12 +148,9 @@ def _instance(method: Method, intrinsics: Intrinsics) -> Iterator[DepthCorrector
 
 def _close(corrector: DepthCorrector) -> None:
     """End the threads of a corrector that has some."""
-    try:
-        close = getattr(corrector, "close", None)
-        if close is not None:
+    with _method_errors("it cannot be closed"):
+        if (close := getattr(corrector, "close", None)) is not None:
             close()
-    except (Exception, SystemExit) as error:  # The code of a method may be anybody's.
-        raise MethodError(f"it cannot be closed: {_named(error)}") from error
 
 
 def _visible(frame: EvaluationFrame, method: Method) -> Frame:
@@ -166,13 +166,11 @@ def _visible(frame: EvaluationFrame, method: Method) -> Frame:
 
 def _processed(corrector: DepthCorrector, frame: Frame, index: int) -> tuple[Output, float]:
     """Return the validated output of a method for a frame, and the time it took [s]."""
-    start = time.perf_counter()
-    try:
+    with _method_errors(f"frame {index}"):
+        start = time.perf_counter()
         result = corrector.process(frame)
         time_s = time.perf_counter() - start
         output = Output._make(getattr(result, name, None) for name in Output._fields)
-    except (Exception, SystemExit) as error:  # The code of a method may be anybody's.
-        raise MethodError(f"frame {index}: {_named(error)}") from error
     for problem in _problems(output, frame.depth_m.shape):
         raise MethodError(f"frame {index}: {problem}")
     return output, time_s
@@ -201,7 +199,3 @@ def _is_image(image: object, shape: tuple[int, ...], kind: type[np.generic]) -> 
 
 def _kind(given: object) -> str:
     return f"{given.dtype} of shape {given.shape}" if isinstance(given, np.ndarray) else type(given).__name__
-
-
-def _named(error: BaseException) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())

@@ -23,7 +23,7 @@ from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage, Source
 
 from ..correction import to_millimetres
 from .groups import ALL, BINS, NONE, RANGES, Groups, split
-from .measurements import AS_GIVEN, COMPLETED, FILLED, Measurement
+from .measurements import AS_GIVEN, COMPLETED, FILLED, Measurement, Selector, measured
 from .sources import EvaluationFrame
 
 PEAK_M = 40.0
@@ -33,6 +33,9 @@ STATIC, STATIC_MEASURED = "static", "static measured"
 measured in both frames."""
 MOVING, DEPARTED = "moving", "departed"
 """Masks: the pixels of moving objects, and those that one left some frames ago."""
+SURVIVAL = [Selector(metric, MOVING, ALL, AS_GIVEN) for metric in ("survival", "survival_raw")]
+GHOSTS = [Selector(metric, DEPARTED, ALL, FILLED) for metric in ("ghosts", "ghosts_raw")]
+"""Shares of the corrected and of the raw depth."""
 FARTHEST_M = 40.0
 CALIBRATION_RANGE = f"0-{FARTHEST_M:g} m"
 """Range of errors by confidence and by source: a stereo camera measures nothing beyond it."""
@@ -73,14 +76,13 @@ class Score:
         self._occluded = "occluded" if "occluded" in groups.masks else groups.hidden
         self._independent = "all" if groups.is_true else groups.hidden
         """Mask of the pixels whose reference is not what the methods were given."""
-        self._filled = [Sums()] * len(groups)
-        self._completed = [Sums()] * len(groups)
+        self._sums = {on: [Sums()] * len(groups) for on in (FILLED, COMPLETED)}
         self._flicker = {mask: Flicker(len(BINS)) for mask in (STATIC, STATIC_MEASURED)}
         self._measured_before: MaskImage | None = None
         self._moving, self._calibration = MovingScore(), CalibrationScore(intrinsics)
         self._in_16_bits = Sums()
         self._psnrs_db: list[float | None] = []
-        self._paper: dict[str, list[float]] = {"m_rmse_u16_wrap": [], "psnr_minmax8": []}
+        self._paper: dict[str, list[float | None]] = {"m_rmse_u16_wrap": [], "psnr_minmax8": []}
 
     @property
     def frame_psnrs_db(self) -> tuple[float | None, ...]:
@@ -113,25 +115,23 @@ class Score:
 
     def measurements(self) -> list[Measurement]:
         """Return everything that is known after the last frame; measurements of no pixel are left out."""
-        errors = [
-            m
-            for mask, range_name in product(self._groups.masks, RANGES)
-            for m in self._measured_errors(mask, range_name)
+        return [
+            *(m for mask, name in product(self._groups.masks, RANGES) for m in self._measured_errors(mask, name)),
+            *self._measured_flicker(),
+            *self._moving.measurements(),
+            *self._calibration.measurements(),
+            *self._measured_paper(),
         ]
-        others = (self._measured_flicker(), self._moving.measurements(), self._calibration.measurements())
-        return [*errors, *(m for part in others for m in part), *self._measured_paper()]
 
     def _add_sums(self, frame: EvaluationFrame, depth_m: FloatImage, completed_m: FloatImage) -> None:
         for group, where in enumerate(split(frame.labels, len(self._groups))):
             if not where.size:
                 continue
-            reference_m, given_m = frame.reference_m.ravel()[where], depth_m.ravel()[where]
-            everywhere = np.ones(where.size, np.bool_)
-            sums = Sums.of(given_m, reference_m, everywhere)
-            self._filled[group] += sums
-            if sums.filled < sums.pixels:
-                sums = Sums.of(completed_m.ravel()[where], reference_m, everywhere)
-            self._completed[group] += sums
+            sums = _sums(depth_m, frame.reference_m, where)
+            self._sums[FILLED][group] += sums
+            if not _is_complete(sums):
+                sums = _sums(completed_m, frame.reference_m, where)
+            self._sums[COMPLETED][group] += sums
 
     def _add_flicker(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Without the truth the depth itself, and not its error, should stay the same."""
@@ -139,11 +139,11 @@ class Score:
         steady_m = frame.reference_m if self._groups.is_true else known.astype(np.float32)
         bins = np.where(known, frame.labels // np.uint8(len(self._groups.kinds)), np.uint8(0))
         static: MaskImage = frame.static & known
-        measured: MaskImage = frame.frame.depth_m > 0
-        both = measured if self._measured_before is None else measured & self._measured_before
+        measured_now: MaskImage = frame.frame.depth_m > 0
+        both = measured_now if self._measured_before is None else measured_now & self._measured_before
         self._flicker[STATIC].add(depth_m, steady_m, static, bins)
         self._flicker[STATIC_MEASURED].add(depth_m, steady_m, static & both, bins)
-        self._measured_before = measured
+        self._measured_before = measured_now
 
     def _add_16_bits(self, frame: EvaluationFrame, completed_m: FloatImage, independent: MaskImage) -> None:
         """Score the surfaces that an image in 16 bits and millimetres can hold."""
@@ -153,50 +153,45 @@ class Score:
 
     def _add_paper(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Score by the arithmetic of the paper's authors; a pixel without a surface counts as 0 mm."""
-        reference_m = np.where(frame.labels == NONE, np.float32(0), frame.reference_m)
-        depth_mm, reference_mm = to_millimetres(depth_m), to_millimetres(reference_m)
-        scores = {
-            "m_rmse_u16_wrap": m_rmse_u16_wrap(depth_mm, reference_mm, self._pixels(frame, self._occluded)),
-            "psnr_minmax8": psnr_minmax8(depth_mm, reference_mm),
-        }
-        for name, score in scores.items():
-            if score is not None:
-                self._paper[name].append(score)
+        depth_mm = to_millimetres(depth_m)
+        reference_mm = to_millimetres(np.where(frame.labels == NONE, np.float32(0), frame.reference_m))
+        occluded = self._pixels(frame, self._occluded)
+        self._paper["m_rmse_u16_wrap"].append(m_rmse_u16_wrap(depth_mm, reference_mm, occluded))
+        self._paper["psnr_minmax8"].append(psnr_minmax8(depth_mm, reference_mm))
 
     def _pixels(self, frame: EvaluationFrame, mask: str) -> MaskImage:
         """Return the pixels of a mask, shape (H, W)."""
-        chosen = np.zeros(256, np.bool_)
-        chosen[self._groups.members(mask, ALL)] = True
-        pixels: MaskImage = chosen[frame.labels]
+        pixels: MaskImage = np.isin(frame.labels, self._groups.members(mask, ALL))
         return pixels
 
     def _measured_errors(self, mask: str, range_name: str) -> Iterator[Measurement]:
         members = self._groups.members(mask, range_name)
-        for on, groups in ((FILLED, self._filled), (COMPLETED, self._completed)):
+        for on, groups in self._sums.items():
             sums = sum((groups[member] for member in members), Sums())
             if not sums.pixels:
                 continue
             if on == FILLED:
-                yield _measurement("coverage", mask, range_name, on, sums.coverage, "share", sums.pixels)
+                yield measured(Selector("coverage", mask, range_name, on), sums.coverage, "share", sums.pixels)
             for metric, (unit, value_of) in METRICS.items():
                 value = None if on == COMPLETED and not _is_complete(sums) else value_of(sums)
-                yield _measurement(metric, mask, range_name, on, value, unit, sums.filled)
+                yield measured(Selector(metric, mask, range_name, on), value, unit, sums.filled)
 
     def _measured_flicker(self) -> Iterator[Measurement]:
-        for mask, range_name in product(self._flicker, RANGES):
-            changes = sum((self._flicker[mask].groups[index] for index in RANGES[range_name]), Changes())
+        for mask, name in product(self._flicker, RANGES):
+            changes = sum((self._flicker[mask].groups[index] for index in RANGES[name]), Changes())
             if changes.pixels:
-                where = (mask, range_name, FILLED)
-                yield _measurement("flicker", *where, changes.mean_change_m, "m", changes.changes)
-                yield _measurement("switched", *where, changes.switched_share, "share", changes.pixels)
+                mean_m, share = changes.mean_change_m, changes.switched_share
+                yield measured(Selector("flicker", mask, name, FILLED), mean_m, "m", changes.changes)
+                yield measured(Selector("switched", mask, name, FILLED), share, "share", changes.pixels)
 
     def _measured_paper(self) -> Iterator[Measurement]:
         sums = self._in_16_bits
         psnr_db = sums.psnr_db(PEAK16_M) if _is_complete(sums) else None
-        yield _measurement("psnr16_mm", self._independent, ALL, COMPLETED, psnr_db, "dB", sums.filled)
+        yield measured(Selector("psnr16_mm", self._independent, ALL), psnr_db, "dB", sums.filled)
         for (metric, scores), mask, unit in zip(self._paper.items(), (self._occluded, "all"), ("1", "dB"), strict=True):
-            mean = float(np.mean(scores)) if scores else None
-            yield _measurement(metric, mask, ALL, AS_GIVEN, mean, unit, len(scores))
+            known = [score for score in scores if score is not None]
+            mean = float(np.mean(known)) if known else None
+            yield measured(Selector(metric, mask, ALL, AS_GIVEN), mean, unit, len(known))
 
 
 class MovingScore:
@@ -206,27 +201,20 @@ class MovingScore:
     """
 
     def __init__(self) -> None:
-        self._survival = {"survival": Share(), "survival_raw": Share()}
-        self._ghosts = {"ghosts": Share(), "ghosts_raw": Share()}
+        self._shares = dict.fromkeys((*SURVIVAL, *GHOSTS), Share())
 
     def add(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Add a frame with its corrected depth [m], shape (H, W); frames without known moving objects are ignored."""
         if frame.moving is None or frame.departed_m is None:
             return
-        for name, given_m in (("survival", depth_m), ("survival_raw", frame.frame.depth_m)):
-            self._survival[name] += survival(given_m, frame.reference_m, frame.moving)
-        for name, given_m in (("ghosts", depth_m), ("ghosts_raw", frame.frame.depth_m)):
-            self._ghosts[name] += ghost_share(given_m, frame.reference_m, frame.departed_m)
+        for k, given_m in enumerate((depth_m, frame.frame.depth_m)):
+            self._shares[SURVIVAL[k]] += survival(given_m, frame.reference_m, frame.moving)
+            self._shares[GHOSTS[k]] += ghost_share(given_m, frame.reference_m, frame.departed_m)
 
     def measurements(self) -> list[Measurement]:
         """Return all shares; those of no pixel are left out."""
-        shares = [(name, MOVING, AS_GIVEN, share) for name, share in self._survival.items()]
-        shares += [(name, DEPARTED, FILLED, share) for name, share in self._ghosts.items()]
-        return [
-            _measurement(name, mask, ALL, on, share.value, "share", share.of)
-            for name, mask, on, share in shares
-            if share.of
-        ]
+        shares = self._shares.items()
+        return [measured(selector, share.value, "share", share.of) for selector, share in shares if share.of]
 
 
 class CalibrationScore:
@@ -270,10 +258,13 @@ class CalibrationScore:
         """Yield the errors of every bin and source that has a pixel."""
         for mask, sums in self._sums.items():
             if n := sums.filled:
-                where = (mask, CALIBRATION_RANGE, FILLED)
-                yield _measurement("mae", *where, sums.mae_m, "m", n)
-                yield _measurement("median", *where, sums.median_abs_m, "m", n)
-                yield _measurement("right", *where, self._right[mask] / n, "share", n)
+                values = (
+                    ("mae", sums.mae_m, "m"),
+                    ("median", sums.median_abs_m, "m"),
+                    ("right", self._right[mask] / n, "share"),
+                )
+                for metric, value, unit in values:
+                    yield measured(Selector(metric, mask, CALIBRATION_RANGE, FILLED), value, unit, n)
 
     def _add(
         self, masks: Sequence[str], label: npt.NDArray[np.integer], depth_m: FloatImage, reference_m: FloatImage
@@ -281,17 +272,16 @@ class CalibrationScore:
         """Add the errors of the pixels of each mask, whose place is their label; others have the label `NONE`."""
         for mask, where in zip(masks, split(label.astype(np.uint8), len(masks)), strict=True):
             if where.size:
-                given_m, true_m = depth_m.flat[where], reference_m.flat[where]
-                self._sums[mask] += Sums.of(given_m, true_m, np.ones(where.size, np.bool_))
-                self._right[mask] += int(np.count_nonzero(is_right(given_m, true_m, self._focal_baseline_px_m)))
+                self._sums[mask] += _sums(depth_m, reference_m, where)
+                right = is_right(depth_m.flat[where], reference_m.flat[where], self._focal_baseline_px_m)
+                self._right[mask] += int(np.count_nonzero(right))
 
 
-def _measurement(
-    metric: str, mask: str, range_name: str, on: str, value: float | None, unit: str, n: int
-) -> Measurement:
-    return Measurement(metric=metric, mask=mask, range=range_name, on=on, value=value, unit=unit, n=n)
+def _sums(depth_m: FloatImage, reference_m: FloatImage, where: npt.NDArray[np.intp]) -> Sums:
+    """Sum the errors of the pixels with these flat indices."""
+    return Sums.of(depth_m.ravel()[where], reference_m.ravel()[where], np.ones(where.size, np.bool_))
 
 
 def _is_complete(sums: Sums) -> bool:
-    """Whether completion filled every pixel; it cannot fill a frame that was given wholly empty."""
+    """Whether every pixel has a depth; completion cannot fill a frame that was given wholly empty."""
     return sums.filled == sums.pixels
