@@ -1,7 +1,8 @@
 """The figures of the report: every axis has its unit, every panel its sample size."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import pandas as pd
 from voxdepth.types import FloatImage
 
 from ..images import FAR_M, colored
-from ..results.figure import MARKERS, Draw, Picture, legend_label, panels
+from ..results.figure import MARKERS, Draw, Picture, label_axes, legend_label, panels
 from .groups import BINS, NEAR
 from .measurements import FILLED, Selector, of_frames
 from .methods import ORACLE
@@ -53,7 +54,7 @@ def error_against_range(evaluation: Evaluation) -> Picture:
     """Draw the mean absolute error by range, one panel per sequence."""
     methods = shown_methods(evaluation)
 
-    def draw(axes: "Axes", info: SequenceInfo) -> None:
+    def draw(info: SequenceInfo, axes: "Axes") -> None:
         mask = "all" if info.is_true else info.hidden
         bins = [_of_sequence(evaluation, info, Selector("mae", mask, name))["value"] for name in BINS]
         values = pd.concat(bins, axis=1, keys=range(len(BINS)))
@@ -66,8 +67,7 @@ def error_against_range(evaluation: Evaluation) -> Picture:
         axes.set_xticks(range(len(BINS)), counts, fontsize=7)
         axes.set_yscale("log")
         depth = "true depth" if info.is_true else f"depth of {info.hidden} pixels"
-        axes.set_xlabel(f"{depth}, and number of pixels n")
-        axes.set_ylabel("MAE [m]")
+        label_axes(axes, info.name, f"{depth}, and number of pixels n", "MAE [m]")
 
     return Picture(
         title="Error against range",
@@ -84,17 +84,18 @@ def holes_against_quality(evaluation: Evaluation) -> Picture:
 
     def draw(axes: "Axes") -> None:
         for k, name in enumerate(shown_methods(evaluation)):
-            points = [point for info in known for point in _occluded_and_psnr(evaluation, info, name)]
-            x, y = np.reshape(points, (-1, 2)).T
+            ratios_db = [evaluation.result(info.name, name).frame_psnrs_db for info in known]  # Empty if it failed.
+            shares = [info.occluded_shares for info in known]
+            pairs = chain.from_iterable(map(zip, shares, ratios_db))
+            x, y = np.reshape([(100 * share, db) for share, db in pairs if db is not None], (-1, 2)).T
             axes.scatter(x, y, s=10, color=f"C{k}", **_labelled(k, name))
         for info in known:
             where = (100 * float(np.mean(info.occluded_shares)), 0.02)
             label = axes.annotate(info.name, where, xycoords=("data", "axes fraction"), rotation=90, fontsize=7)
             label.set_parse_math(False)
             label.set_in_layout(False)
-        axes.set_xlabel(f"occluded pixels of a frame [%], n = {sum(info.frames for info in known)} frames")
-        axes.set_ylabel("PSNR, peak 65535 mm [dB]")
-        axes.grid(alpha=0.3)
+        frames = sum(info.frames for info in known)
+        label_axes(axes, "", f"occluded pixels of a frame [%], n = {frames} frames", "PSNR, peak 65535 mm [dB]")
 
     return Picture(
         title="RQ1: holes against quality",
@@ -107,7 +108,7 @@ def holes_against_quality(evaluation: Evaluation) -> Picture:
 def error_against_latency(evaluation: Evaluation) -> Picture:
     """Draw error against time, one panel per sequence, with the Pareto front."""
 
-    def draw(axes: "Axes", info: SequenceInfo) -> None:
+    def draw(info: SequenceInfo, axes: "Axes") -> None:
         points = _latency_and_error(evaluation, info)
         for k, name in enumerate(evaluation.methods):
             if name in points.index:
@@ -118,9 +119,9 @@ def error_against_latency(evaluation: Evaluation) -> Picture:
             axes.plot(*zip(*front, strict=True), color="0.6", lw=1, zorder=0)
         axes.set_xscale("log")
         axes.set_yscale("log")
-        n = info.pixels[info.hidden].get(NEAR, 0)
-        axes.set_xlabel(f"time per frame of {info.size} [ms], n = {info.frames}")
-        axes.set_ylabel(f"MAE in {info.hidden} [m], n = {count_text(n)} pixels")
+        n = count_text(info.pixels[info.hidden].get(NEAR, 0))
+        x, y = f"time per frame of {info.size} [ms], n = {info.frames}", f"MAE in {info.hidden} [m], n = {n} pixels"
+        label_axes(axes, info.name, x, y)
 
     return Picture(
         title="Error against latency",
@@ -136,7 +137,7 @@ def reliability(evaluation: Evaluation) -> Picture:
     """Draw the share of correct pixels by confidence, one panel per sequence."""
     methods, right = graded_methods(evaluation), _right_by_confidence(evaluation)
 
-    def draw(axes: "Axes", info: SequenceInfo) -> None:
+    def draw(info: SequenceInfo, axes: "Axes") -> None:
         totals = []
         for k, name in enumerate(methods):
             bins = right[(right["sequence"] == info.name) & (right["method"] == name)]
@@ -148,8 +149,8 @@ def reliability(evaluation: Evaluation) -> Picture:
             axes.plot(x, 100 * counts / counts.sum(), ":", color=f"C{k % 10}", lw=1)
         axes.set_xlim(-0.03, 1)
         axes.set_ylim(0, 100)
-        axes.set_xlabel(f"confidence, n = {' and '.join(count_text(total) for total in totals) or 0} pixels")
-        axes.set_ylabel("pixels that are right [%]")
+        n = " and ".join(map(count_text, totals)) or 0
+        label_axes(axes, info.name, f"confidence, n = {n} pixels", "pixels that are right [%]")
 
     return Picture(
         title="Confidence against errors",
@@ -179,11 +180,13 @@ def error_maps(evaluation: Evaluation, info: SequenceInfo) -> Picture:
     shown = {"raw, as given to the methods": info.raw}
     shown |= {name: thumbnails[name] for name in shown_methods(evaluation) if name in thumbnails and name != "raw"}
     name, against = ("truth", "the truth") if info.is_true else ("reference", "the measured depth, partly held out")
-    draws: list[Draw] = [partial(_draw_depth, f"{name}, {FAR_M:g} m and farther blue", reference_m), _draw_scale]
+    scale = _error_scale()
+    in_color = partial(_draw_image, f"{name}, {FAR_M:g} m and farther blue", colored(reference_m)[..., ::-1], {})
+    draws: list[Draw] = [in_color, partial(_draw_scale, scale)]
     for title, png in shown.items():
         depth_m = decoded_thumbnail(png)
-        draws.append(partial(_draw_depth, title, depth_m))
-        draws.append(partial(_draw_error, f"error of {title}", error_map(depth_m, reference_m)))
+        draws.append(partial(_draw_image, title, colored(depth_m)[..., ::-1], {}))
+        draws.append(partial(_draw_image, f"error of {title}", error_map(depth_m, reference_m), scale))
     height_in = ERROR_MAP_WIDTH_IN * reference_m.shape[0] / reference_m.shape[1] + 0.3
     n = int(np.count_nonzero(reference_m))
     return Picture(
@@ -215,10 +218,9 @@ def pareto_front(points: Sequence[tuple[float, float]]) -> list[tuple[float, flo
 
 def count_text(count: int) -> str:
     """Write a number of pixels as people read it."""
-    for size, letter in ((10**6, "M"), (10**3, "k")):
-        if count >= size:
-            return f"{count / size:.1f} {letter}"
-    return str(count)
+    if count >= 10**6:
+        return f"{count / 10**6:.1f} M"
+    return f"{count / 1000:.1f} k" if count >= 1000 else str(count)
 
 
 def _of_sequence(evaluation: Evaluation, info: SequenceInfo, selector: Selector) -> pd.DataFrame:
@@ -242,24 +244,9 @@ def _right_by_confidence(evaluation: Evaluation) -> pd.DataFrame:
     return pd.concat([part.assign(bin=k) for k, part in enumerate(parts)])
 
 
-def _occluded_and_psnr(evaluation: Evaluation, info: SequenceInfo, method: str) -> list[tuple[float, float]]:
-    """Return the share of occluded pixels [%] and the PSNR [dB] of each frame that has one."""
-    psnrs_db = evaluation.result(info.name, method).frame_psnrs_db
-    if len(psnrs_db) != len(info.occluded_shares):
-        return []
-    pairs = zip(info.occluded_shares, psnrs_db, strict=True)
-    return [(100 * share, psnr_db) for share, psnr_db in pairs if psnr_db is not None]
-
-
-def _panels(evaluation: Evaluation, draw: Callable[["Axes", SequenceInfo], None]) -> bytes:
+def _panels(evaluation: Evaluation, draw: Callable[[SequenceInfo, "Axes"], None]) -> bytes:
     """Draw one panel per sequence, and one legend for all."""
-
-    def titled(info: SequenceInfo, axes: "Axes") -> None:
-        draw(axes, info)
-        axes.set_title(info.name, fontsize=10, parse_math=False)
-        axes.grid(alpha=0.3)
-
-    draws = [partial(titled, info) for info in evaluation.sequences.values()]
+    draws = [partial(draw, info) for info in evaluation.sequences.values()]
     return panels("", draws, columns=PANEL_COLUMNS, panel_in=PANEL_IN, shared_legend=True)
 
 
@@ -267,24 +254,17 @@ def _labelled(k: int, name: str) -> dict[str, Any]:
     return {"marker": MARKERS[k % len(MARKERS)], "label": legend_label(name)}
 
 
-def _draw_depth(title: str, depth_m: FloatImage, axes: "Axes") -> None:
-    axes.imshow(colored(depth_m)[..., ::-1])
+def _draw_image(title: str, image: npt.NDArray[Any], style: Mapping[str, Any], axes: "Axes") -> None:
+    axes.imshow(image, **style)
     axes.set_title(title, fontsize=8, parse_math=False)
     axes.set_axis_off()
 
 
-def _draw_error(title: str, error_m: npt.NDArray[np.float32], axes: "Axes") -> None:
-    axes.imshow(error_m, **_error_scale())
-    axes.set_title(title, fontsize=8, parse_math=False)
-    axes.set_axis_off()
-
-
-def _draw_scale(axes: "Axes") -> None:
+def _draw_scale(scale: Mapping[str, Any], axes: "Axes") -> None:
     from matplotlib.cm import ScalarMappable
 
     axes.set_axis_off()
-    mappable = ScalarMappable(**_error_scale())
-    bar = axes.figure.colorbar(mappable, ax=axes, orientation="horizontal", fraction=0.4)
+    bar = axes.figure.colorbar(ScalarMappable(**scale), ax=axes, orientation="horizontal", fraction=0.4)
     bar.set_label("error: depth minus reference [m]", fontsize=8)
 
 

@@ -84,160 +84,77 @@ MAE_HIDDEN = [Selector("mae", HIDDEN)]
 TOO_FAR_OR_NEAR = [Selector("too_far", HIDDEN), Selector("too_near", HIDDEN)]
 FLICKER = [Selector("flicker", STATIC, on=FILLED)]
 
+# fmt: off
 PAPER_LAYOUT = (
-    Quantity(
-        "PSNR, peak 65535 mm, surfaces within that, after completion",
-        "dB",
-        [Selector("psnr16_mm", range=ALL)],
-        "Higher is better.",
-        best="high",
-    ),
-    Quantity(
-        "Masked RMSE, occluded pixels within 20 m, after completion",
-        "m",
-        [Selector("rmse", "occluded")],
-        "Lower is better. The paper's masked RMSE has no unit, and is below, beside what repeats its arithmetic.",
-        best="low",
-    ),
-    Quantity(
-        "Masked MAE, occluded pixels within 20 m, after completion",
-        "m",
-        [Selector("mae", "occluded")],
-        "Lower is better.",
-        best="low",
-    ),
+    Quantity("PSNR, peak 65535 mm, surfaces within that, after completion", "dB", [Selector("psnr16_mm", range=ALL)],
+             "Higher is better.", best="high"),
+    Quantity("Masked RMSE, occluded pixels within 20 m, after completion", "m", [Selector("rmse", "occluded")],
+             "Lower is better. The paper's masked RMSE has no unit, and is below, beside what repeats its arithmetic.",
+             best="low"),
+    Quantity("Masked MAE, occluded pixels within 20 m, after completion", "m", [Selector("mae", "occluded")],
+             "Lower is better.", best="low"),
 )
 """Tables in the layout of the paper's."""
 PAPER_ARITHMETIC = (
-    Quantity(
-        "m_rmse_u16_wrap, occluded pixels",
-        "no unit",
-        [Selector("m_rmse_u16_wrap", "occluded", ALL, AS_GIVEN)],
-        "The authors' arithmetic, which subtracts and squares in 16 bits. Unrelated images score 179.96, an error of "
-        "256 mm everywhere scores 0: it ranks nothing. Mean over frames.",
-    ),
-    Quantity(
-        "psnr_minmax8",
-        "dB",
-        [Selector("psnr_minmax8", "all", ALL, AS_GIVEN)],
-        "The authors' arithmetic, which stretches each image by its own extremes to 8 bits. A copy scaled by 2 scores "
-        "361 dB: it ranks nothing. Mean over frames.",
-    ),
+    Quantity("m_rmse_u16_wrap, occluded pixels", "no unit", [Selector("m_rmse_u16_wrap", "occluded", ALL, AS_GIVEN)],
+             "The authors' arithmetic, which subtracts and squares in 16 bits. Unrelated images score 179.96, an error "
+             "of 256 mm everywhere scores 0: it ranks nothing. Mean over frames."),
+    Quantity("psnr_minmax8", "dB", [Selector("psnr_minmax8", "all", ALL, AS_GIVEN)],
+             "The authors' arithmetic, which stretches each image by its own extremes to 8 bits. A copy scaled by 2 "
+             "scores 361 dB: it ranks nothing. Mean over frames."),
 )
 """Tables in the layout of the paper's that repeat its arithmetic, for comparison only."""
 QUANTITIES = (
-    Quantity(
-        "Coverage: pixels with depth, surfaces within 20 m",
-        "%",
-        COVERAGE,
-        "Errors of methods that fill less than 90 % say little beside those of others.",
-    ),
-    Quantity(
-        "MAE of the pixels that a method fills, surfaces within 20 m",
-        "m",
-        MAE_FILLED,
-        "Not comparable where coverages differ: a method that leaves the hard pixels out errs less.",
-    ),
-    Quantity(
-        "MAE of all pixels within 20 m, after completion by the nearest valid", "m", [Selector("mae")], best="low"
-    ),
+    Quantity("Coverage: pixels with depth, surfaces within 20 m", "%", COVERAGE,
+             "Errors of methods that fill less than 90 % say little beside those of others."),
+    Quantity("MAE of the pixels that a method fills, surfaces within 20 m", "m", MAE_FILLED,
+             "Not comparable where coverages differ: a method that leaves the hard pixels out errs less."),
+    Quantity("MAE of all pixels within 20 m, after completion by the nearest valid", "m", [Selector("mae")],
+             best="low"),
     Quantity("RMSE of all pixels within 20 m, after completion", "m", [Selector("rmse")], best="low"),
     Quantity("Median error of all pixels within 20 m, after completion", "mm", [Selector("median")], best="low"),
-    Quantity(
-        "RMSE of inverse depth, all surfaces, after completion",
-        "1/m",
-        [Selector("inverse_rmse", range=ALL)],
-        best="low",
-    ),
-    Quantity(
-        "MAE in the sensor's holes (held-out pixels where there is no truth), within 20 m, after completion",
-        "m",
-        MAE_HIDDEN,
-        best="low",
-    ),
-    Quantity(
-        "MAE in holes whose surface was measured correctly in the last 60 frames, within 20 m, completed",
-        "m",
-        [Selector("mae", "holes seen")],
-        "A memory could know these.",
-        best="low",
-    ),
-    Quantity(
-        "MAE in holes never seen, within 20 m, after completion",
-        "m",
-        [Selector("mae", "holes never seen")],
-        "These can only be guessed.",
-        best="low",
-    ),
-    Quantity(
-        "Median error of measured pixels within 20 m", "mm", [Selector("median", "measured", on=FILLED)], best="low"
-    ),
+    Quantity("RMSE of inverse depth, all surfaces, after completion", "1/m", [Selector("inverse_rmse", range=ALL)],
+             best="low"),
+    Quantity("MAE in the sensor's holes (held-out pixels where there is no truth), within 20 m, after completion", "m",
+             MAE_HIDDEN, best="low"),
+    Quantity("MAE in holes whose surface was measured correctly in the last 60 frames, within 20 m, completed", "m",
+             [Selector("mae", "holes seen")], "A memory could know these.", best="low"),
+    Quantity("MAE in holes never seen, within 20 m, after completion", "m", [Selector("mae", "holes never seen")],
+             "These can only be guessed.", best="low"),
+    Quantity("Median error of measured pixels within 20 m", "mm", [Selector("median", "measured", on=FILLED)],
+             best="low"),
     Quantity("RMSE of measured pixels within 20 m", "m", [Selector("rmse", "measured", on=FILLED)], best="low"),
-    Quantity(
-        "More than 10 % too far / too near in those holes (held-out pixels), within 20 m, after completion",
-        "%",
-        TOO_FAR_OR_NEAR,
-        "Together, because a bias to one side wins either alone.",
-    ),
-    Quantity(
-        "Flicker: mean change of the error of static pixels within 20 m from frame to frame",
-        "mm",
-        FLICKER,
-        "Without the truth it is the change of the depth, where the gray image hardly changes.",
-    ),
-    Quantity(
-        f"Flicker by range, {' / '.join(BINS)}",
-        "mm",
-        [Selector("flicker", STATIC, name, FILLED) for name in BINS],
-        places=0,
-    ),
-    Quantity(
-        "Static pixels within 20 m that gain or lose their depth from frame to frame",
-        "%",
-        [Selector("switched", STATIC, on=FILLED)],
-    ),
-    Quantity(
-        "Survival: pixels of moving objects within 5 % of the truth, of raw depth, and the method's difference",
-        "%",
-        SURVIVAL,
-        "A hole does not survive. Only sequences with known moving objects have it.",
-        best="high",
-        against_raw=True,
-    ),
-    Quantity(
-        "Ghosts: filled pixels nearer to the object that left 5 frames ago than to the background, of raw depth, and "
-        "the method's difference",
-        "%",
-        GHOSTS,
-        "Nearer by the geometric mean. A method that leaves such pixels empty has no ghosts: see the sample sizes.",
-        best="low",
-        against_raw=True,
-    ),
-    Quantity(
-        f"MAE by the source that a method names for a pixel: sensor / memory / inpainted, {CALIBRATION_RANGE}",
-        "m",
-        [Selector("mae", mask, CALIBRATION_RANGE, FILLED) for mask in SOURCES.values()],
-        "The number of pixels of each source is in results.csv.",
-        places=2,
-    ),
-    Quantity(
-        "Time per frame, median / 95th percentile / in threads of its own beside that",
-        "ms",
-        [of_frames(f"latency_{name}") for name in ("p50", "p95", "background")],
-        "OpenCV on one thread, one method at a time, after a warm-up. The third number is the mean CPU time of a "
-        "method's own threads: 'paper' fuses its window in one.",
-    ),
-    Quantity(
-        "Median time per frame in reference workloads / reference workload before / between frames / after",
-        "ms",
-        [of_frames("latency_p50_workloads"), *(of_frames(f"reference_workload_{when}") for when in WORKLOAD_PHASES)],
-        "The reference workload is a 5x5 median of 640x360 pixels, timed in the same process right before each "
-        "method's run, after each of its frames, and right after it. Where it differs from that of other runs, "
-        "something else took time from the machine.",
-        places=2,
-    ),
+    Quantity("More than 10 % too far / too near in those holes (held-out pixels), within 20 m, after completion", "%",
+             TOO_FAR_OR_NEAR, "Together, because a bias to one side wins either alone."),
+    Quantity("Flicker: mean change of the error of static pixels within 20 m from frame to frame", "mm", FLICKER,
+             "Without the truth it is the change of the depth, where the gray image hardly changes."),
+    Quantity(f"Flicker by range, {' / '.join(BINS)}", "mm",
+             [Selector("flicker", STATIC, name, FILLED) for name in BINS], places=0),
+    Quantity("Static pixels within 20 m that gain or lose their depth from frame to frame", "%",
+             [Selector("switched", STATIC, on=FILLED)]),
+    Quantity("Survival: pixels of moving objects within 5 % of the truth, of raw depth, and the method's difference",
+             "%", SURVIVAL, "A hole does not survive. Only sequences with known moving objects have it.", best="high",
+             against_raw=True),
+    Quantity("Ghosts: filled pixels nearer to the object that left 5 frames ago than to the background, of raw depth, "
+             "and the method's difference", "%", GHOSTS,
+             "Nearer by the geometric mean. A method that leaves such pixels empty has no ghosts: see the sample "
+             "sizes.", best="low", against_raw=True),
+    Quantity(f"MAE by the source that a method names for a pixel: sensor / memory / inpainted, {CALIBRATION_RANGE}",
+             "m", [Selector("mae", mask, CALIBRATION_RANGE, FILLED) for mask in SOURCES.values()],
+             "The number of pixels of each source is in results.csv.", places=2),
+    Quantity("Time per frame, median / 95th percentile / in threads of its own beside that", "ms",
+             [of_frames(f"latency_{name}") for name in ("p50", "p95", "background")],
+             "OpenCV on one thread, one method at a time, after a warm-up. The third number is the mean CPU time of a "
+             "method's own threads: 'paper' fuses its window in one."),
+    Quantity("Median time per frame in reference workloads / reference workload before / between frames / after", "ms",
+             [of_frames("latency_p50_workloads"),
+              *(of_frames(f"reference_workload_{when}") for when in WORKLOAD_PHASES)],
+             "The reference workload is a 5x5 median of 640x360 pixels, timed in the same process right before each "
+             "method's run, after each of its frames, and right after it. Where it differs from that of other runs, "
+             "something else took time from the machine.", places=2),
 )
 """Tables of the report: a quantity of all methods on all sequences, with the best marked and the sample sizes."""
+# fmt: on
 
 TERMINAL_COLUMNS = (
     Quantity("filled", "%", COVERAGE),
