@@ -71,7 +71,7 @@ def open_dataset(folder: Path, format: str = "auto", *, intrinsics: Intrinsics |
         lacking = {name: reader.lacking(folder) for name, reader in readers.items()}
         fitting = [name for name, lack in lacking.items() if not lack]
         if fitting:
-            return readers[fitting[0]].open(folder, intrinsics)
+            return readers[fitting[0]](folder, intrinsics)
     except OSError as error:
         raise DatasetError(f"cannot look into {folder} ({error}); check its permissions") from error
     needs = "; ".join(f"{name} lacks {lack}" for name, lack in lacking.items())

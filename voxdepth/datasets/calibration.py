@@ -16,12 +16,7 @@ CALIBRATION = "calibration.toml"
 
 
 def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callable[[], Intrinsics]) -> Intrinsics:
-    """The intrinsics to read a dataset with.
-
-    Args:
-        folder: Folder of the dataset, perhaps with a `calibration.toml`.
-        given: Intrinsics of the caller, which take precedence.
-        of_format: Returns the intrinsics of the format; called last.
+    """The given intrinsics, else those of a `calibration.toml` in the folder, else those that `of_format` returns.
 
     Raises:
         DatasetError: The file is damaged, or describes no camera.
@@ -46,11 +41,7 @@ def parse_calibration(text: str, path: Path) -> Intrinsics:
 
 
 def intrinsics_from(values: Mapping[str, object], path: Path) -> Intrinsics:
-    """Intrinsics of the numbers that a file gives.
-
-    Args:
-        values: By the names of the fields of `Intrinsics`; only the baseline may be left out.
-        path: The file, for the error.
+    """Intrinsics of the fields that the file `path` gives; only the baseline may be left out.
 
     Raises:
         DatasetError: A field is missing, unknown or not a suitable number.

@@ -81,12 +81,7 @@ def read_text(path: Path) -> str:
 
 
 def path_inside(folder: Path, name: str, source: str) -> Path:
-    """The file that a list names, which must lie below the list's folder.
-
-    Args:
-        folder: Folder of the list.
-        name: Name in the list, relative to the folder.
-        source: The list and the line, for the error.
+    """The file that a list names relative to its folder, below which it must lie.
 
     Raises:
         DatasetError: The name leads elsewhere: it is absolute, has `..` in it, or follows a link out.

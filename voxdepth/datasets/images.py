@@ -44,14 +44,7 @@ def image_shape(path: Path) -> Shape:
 
 
 def read_gray(path: Path, shape: Shape) -> GrayImage:
-    """Read a gray image; a colour image is converted to gray.
-
-    Args:
-        path: A PNG or JPEG of 8 bits in one channel or three.
-        shape: Expected shape (H, W).
-
-    Returns:
-        Shape (H, W), uint8.
+    """Read a PNG or JPEG of 8 bits in one channel or three as a gray image, shape (H, W), uint8.
 
     Raises:
         DatasetError: The file is missing, damaged, or of another kind or size.
@@ -64,14 +57,7 @@ def read_gray(path: Path, shape: Shape) -> GrayImage:
 
 
 def read_depth_16(path: Path, shape: Shape) -> Depth16:
-    """Read a depth image of 16 bits in the units of the file.
-
-    Args:
-        path: A PNG of 16 bits in one channel.
-        shape: Expected shape (H, W).
-
-    Returns:
-        Shape (H, W), uint16.
+    """Read a PNG of 16 bits in one channel in its units, shape (H, W), uint16.
 
     Raises:
         DatasetError: The file is missing, damaged, or of another kind or size.
@@ -80,14 +66,7 @@ def read_depth_16(path: Path, shape: Shape) -> Depth16:
 
 
 def read_depth_raw(path: Path, shape: Shape) -> Depth16:
-    """Read a depth image of 16 bits that is stored as rows of little-endian numbers without a header.
-
-    Args:
-        path: A file of 2 H W bytes.
-        shape: Expected shape (H, W).
-
-    Returns:
-        Shape (H, W), uint16.
+    """Read rows of little-endian numbers of 16 bits without a header, shape (H, W), uint16.
 
     Raises:
         DatasetError: The file is missing or of another size.
@@ -102,14 +81,7 @@ def read_depth_raw(path: Path, shape: Shape) -> Depth16:
 
 
 def read_mask(path: Path, shape: Shape) -> MaskImage:
-    """Read a mask, which is True where the image is not 0.
-
-    Args:
-        path: A PNG of up to 8 bits in one channel.
-        shape: Expected shape (H, W).
-
-    Returns:
-        Shape (H, W), bool.
+    """Read a PNG of up to 8 bits in one channel as a mask, True where it is not 0, shape (H, W), bool.
 
     Raises:
         DatasetError: The file is missing, damaged, or of another kind or size.
@@ -119,14 +91,7 @@ def read_mask(path: Path, shape: Shape) -> MaskImage:
 
 
 def read_depth_m(path: Path, shape: Shape) -> FloatImage:
-    """Read a depth image in metres.
-
-    Args:
-        path: A TIFF of 32-bit floats in one channel.
-        shape: Expected shape (H, W).
-
-    Returns:
-        Shape (H, W), float32 [m], finite and not negative.
+    """Read a TIFF of 32-bit floats in one channel as depth [m], shape (H, W), float32, finite and not negative.
 
     Raises:
         DatasetError: The file is missing, damaged, of another kind or size, or holds invalid depths.

@@ -14,13 +14,11 @@ occlusion masks are not 0 where a surface is hidden is concluded from their name
 
 import re
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
 from ..errors import DatasetError
 from ..types import FloatImage, Intrinsics
-from .calibration import choose_intrinsics
 from .files import list_folder, list_images
 from .images import image_shape, read_depth_16, read_mask, require_depths
 from .pairs import Pair, PairedImages
@@ -47,16 +45,28 @@ class MidAirDataset(PairedImages):
             return f"a folder {DISPARITY} or {RANGE} beside {COLOUR}"
         return ""
 
-    @classmethod
-    def open(cls, folder: Path, intrinsics: Intrinsics | None = None) -> Self:
-        """The trajectory in a folder.
+    def _find_pairs(self, folder: Path) -> list[Pair]:
+        trajectory = _only_trajectory(folder)
+        colour = _by_number(folder / COLOUR / trajectory, (".jpeg", ".jpg"))
+        depth_folders = [folder / name / trajectory for name in (DISPARITY, RANGE)]
+        depth_folder = next((path for path in depth_folders if path.is_dir()), depth_folders[-1])
+        depth = _by_number(depth_folder, (".png",))
+        common = sorted(colour.keys() & depth.keys())
+        if not common:
+            raise DatasetError(
+                f"expected images of the same numbers in {folder / COLOUR / trajectory} (JPEG) and {depth_folder} "
+                f"(PNG), got none among {len(colour)} and {len(depth)}; unpack colour and depth of one trajectory"
+            )
+        return [Pair(stamp_s=number / RATE_HZ, gray=colour[number], depth=depth[number]) for number in common]
 
-        Raises:
-            DatasetError: There is not exactly one trajectory, or it has no colour and depth images of one number.
-        """
-        pairs = _pairs(folder, _only_trajectory(folder))
-        chosen = choose_intrinsics(folder, intrinsics, lambda: _published(pairs[0].gray))
-        return cls(folder, pairs, chosen)
+    def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
+        height_px, width_px = image_shape(first.gray)
+        if height_px != width_px:
+            raise DatasetError(f"expected a square image in {first.gray}, as Mid-Air has, got {width_px}x{height_px}")
+        f = width_px / 2
+        return Intrinsics(
+            fx_px=f, fy_px=f, cx_px=f, cy_px=f, width_px=width_px, height_px=height_px, baseline_m=BASELINE_M
+        )
 
     def _read_depth_m(self, pair: Pair) -> FloatImage:
         values = read_depth_16(pair.depth, self.intrinsics.shape).view(np.float16).astype(np.float32)
@@ -80,32 +90,8 @@ def _only_trajectory(folder: Path) -> str:
     return names[0]
 
 
-def _pairs(folder: Path, trajectory: str) -> list[Pair]:
-    colour = _by_number(folder / COLOUR / trajectory, (".jpeg", ".jpg"))
-    depth_folders = [folder / name / trajectory for name in (DISPARITY, RANGE)]
-    depth_folder = next((path for path in depth_folders if path.is_dir()), depth_folders[-1])
-    depth = _by_number(depth_folder, (".png",))
-    common = sorted(colour.keys() & depth.keys())
-    if not common:
-        raise DatasetError(
-            f"expected images of the same numbers in {folder / COLOUR / trajectory} (JPEG) and {depth_folder} (PNG), "
-            f"got none among {len(colour)} and {len(depth)}; unpack colour and depth of one trajectory"
-        )
-    return [Pair(stamp_s=number / RATE_HZ, gray=colour[number], depth=depth[number]) for number in common]
-
-
 def _by_number(folder: Path, suffixes: tuple[str, ...]) -> dict[int, Path]:
     return {int(path.stem): path for path in list_images(folder, suffixes) if re.fullmatch("[0-9]{1,9}", path.stem)}
-
-
-def _published(image: Path) -> Intrinsics:
-    height_px, width_px = image_shape(image)
-    if height_px != width_px:
-        raise DatasetError(f"expected a square image in {image}, as Mid-Air has, got {width_px}x{height_px}")
-    half = width_px / 2
-    return Intrinsics(
-        fx_px=half, fy_px=half, cx_px=half, cy_px=half, width_px=width_px, height_px=height_px, baseline_m=BASELINE_M
-    )
 
 
 def _depth_of_disparity(disparity_px: FloatImage, intrinsics: Intrinsics, path: Path) -> FloatImage:

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
 from ..errors import DatasetError, FrameError
-from ..types import FloatImage, Frame, GrayImage, Intrinsics
+from ..types import FloatImage, Frame, Intrinsics
+from .calibration import choose_intrinsics
 from .images import read_gray
 
 
@@ -26,53 +26,46 @@ class Pair:
 
 
 class PairedImages(ABC):
-    """Base of all readers. A format adds how it finds its files and how it stores depth."""
+    """Base of all readers. A format adds how it finds its files, what it knows of the camera, and how it stores depth.
+
+    Args:
+        folder: Folder of the dataset.
+        intrinsics: Intrinsics that take precedence over those of the folder and of the format.
+
+    Raises:
+        DatasetError: The folder is not of this format, a list or calibration in it is missing or damaged, there is no
+            frame, or the times do not increase.
+    """
 
     format: str
 
-    def __init__(self, folder: Path, pairs: Sequence[Pair], intrinsics: Intrinsics) -> None:
-        """Frames of the files in a folder.
-
-        Args:
-            folder: Folder of the dataset, for errors.
-            pairs: Pairs of files in the order of time.
-            intrinsics: Intrinsics of the camera.
-
-        Raises:
-            DatasetError: There is no pair, or the times do not increase.
-        """
+    def __init__(self, folder: Path, intrinsics: Intrinsics | None = None) -> None:
+        pairs = self._find_pairs(folder)
         if not pairs:
             raise DatasetError(f"expected frames in {folder}, got none; is the export complete?")
         require_increasing([pair.stamp_s for pair in pairs], f"the frames of {folder}")
-        self.intrinsics = intrinsics
+        self.intrinsics = choose_intrinsics(folder, intrinsics, lambda: self._known_intrinsics(folder, pairs[0]))
         self._pairs = tuple(pairs)
-        self._names = _names([pair.depth.stem for pair in pairs])
+        stems = [pair.depth.stem for pair in pairs]
+        are_sorted = all(before < after for before, after in pairwise(stems))
+        self._names = stems if are_sorted else [f"{index:06d}" for index in range(len(stems))]
 
     @classmethod
     @abstractmethod
     def lacking(cls, folder: Path) -> str:
         """Missing parts of a folder of this format, in words; empty if it is complete."""
 
-    @classmethod
     @abstractmethod
-    def open(cls, folder: Path, intrinsics: Intrinsics | None = None) -> Self:
-        """The dataset in a folder.
+    def _find_pairs(self, folder: Path) -> list[Pair]:
+        """Files of all frames in the order of time."""
 
-        Args:
-            folder: Folder of the dataset.
-            intrinsics: Intrinsics that take precedence over those of the folder and of the format.
-
-        Raises:
-            DatasetError: The folder is not of this format, or a list or calibration in it is missing or damaged.
-        """
+    @abstractmethod
+    def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
+        """Intrinsics that the format defines or describes, for a folder without a `calibration.toml`."""
 
     @abstractmethod
     def _read_depth_m(self, pair: Pair) -> FloatImage:
         """Depth along the optical axis [m], shape (H, W), float32; 0 = invalid."""
-
-    def _read_gray(self, pair: Pair) -> GrayImage:
-        """Shape (H, W), uint8."""
-        return read_gray(pair.gray, self.intrinsics.shape)
 
     def __len__(self) -> int:
         """Number of frames."""
@@ -91,26 +84,17 @@ class PairedImages(ABC):
         """
         pair = self._pairs[index]
         try:
-            return Frame(stamp_s=pair.stamp_s, gray=self._read_gray(pair), depth_m=self._read_depth_m(pair))
+            gray = read_gray(pair.gray, self.intrinsics.shape)
+            return Frame(stamp_s=pair.stamp_s, gray=gray, depth_m=self._read_depth_m(pair))
         except (FrameError, OSError) as error:
             raise DatasetError(f"{pair.gray} and {pair.depth} give no frame: {error}") from error
-
-
-def _names(stems: Sequence[str]) -> tuple[str, ...]:
-    if all(before < after for before, after in pairwise(stems)):
-        return tuple(stems)
-    return tuple(f"{index:06d}" for index in range(len(stems)))
 
 
 def parse_stamp(text: str, source: str) -> float:
     """A time [s] as a list has it.
 
-    Args:
-        text: A decimal number.
-        source: The list and the line, for the error.
-
     Raises:
-        DatasetError: It is no finite number.
+        DatasetError: It is no finite number; `source` names the list and the line.
     """
     try:
         stamp_s = float(text)
@@ -122,14 +106,10 @@ def parse_stamp(text: str, source: str) -> float:
 
 
 def require_increasing(stamps_s: Sequence[float], source: str) -> None:
-    """Refuse times that run backwards or repeat.
-
-    Args:
-        stamps_s: In the order of the stream [s].
-        source: Where they come from, for the error.
+    """Refuse times [s] that run backwards or repeat.
 
     Raises:
-        DatasetError: A time is not later than the one before.
+        DatasetError: A time is not later than the one before; `source` names where they come from.
     """
     for before_s, after_s in pairwise(stamps_s):
         if after_s <= before_s:
@@ -140,14 +120,9 @@ def require_increasing(stamps_s: Sequence[float], source: str) -> None:
 
 
 def associate(first_s: Sequence[float], second_s: Sequence[float], *, within_s: float) -> list[tuple[int, int]]:
-    """Pairs of two streams that are nearest in time.
+    """Pairs of two streams of increasing times [s] that are nearest in time and at most `within_s` apart.
 
     The algorithm is greedy: it takes the closest pair first, then the closest of the remaining ones.
-
-    Args:
-        first_s: Increasing times [s].
-        second_s: Increasing times [s].
-        within_s: Largest difference of a pair [s].
 
     Returns:
         Indices into both, ordered by the first; no index is used twice.

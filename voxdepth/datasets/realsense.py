@@ -19,13 +19,13 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
 from ..errors import DatasetError
 from ..types import FloatImage, Intrinsics
-from .calibration import CALIBRATION, as_number, choose_intrinsics, intrinsics_from
+from .calibration import CALIBRATION, as_number, intrinsics_from
 from .files import list_folder, list_images, read_text
 from .images import image_shape, read_depth_16, read_depth_raw
 from .pairs import Pair, PairedImages, associate, require_increasing
@@ -45,19 +45,18 @@ _Numbered = dict[str, Path]
 _CONVERTED = re.compile(r".*_(Depth|Infrared|Infrared 1|Color)_([0-9]+(?:\.[0-9]+)?)\.(raw|png)", re.DOTALL)
 _DEPTH, _INFRARED = [("Depth", "raw")], [("Infrared", "png"), ("Infrared 1", "png")]
 
-_Stream = list[tuple[float, Path]]
-"""Times [s] and files, in order."""
-
 
 class RealSenseDataset(PairedImages):
     """Frames exported of a RealSense camera."""
 
     format = "realsense"
 
-    def __init__(self, folder: Path, pairs: Sequence[Pair], intrinsics: Intrinsics, units_per_m: float) -> None:
-        """Frames of the files in a folder; depth has `units_per_m` steps in a metre."""
-        super().__init__(folder, pairs, intrinsics)
-        self._units_per_m = units_per_m
+    def __init__(self, folder: Path, intrinsics: Intrinsics | None = None) -> None:
+        self._metadata_path, self._metadata = _read_metadata(folder)
+        scale = self._positive("depth_scale", UNITS_PER_M)
+        self._units_per_m = 1 / scale if scale < 1 else scale
+        super().__init__(folder, intrinsics)
+        _require_aligned(self._pairs[0])
 
     @classmethod
     def lacking(cls, folder: Path) -> str:
@@ -65,23 +64,43 @@ class RealSenseDataset(PairedImages):
         lists = [name for name in ("rgb.txt", "depth.txt") if (folder / name).exists()]
         if lists:
             return f"nothing, but it has {' and '.join(lists)} of TUM RGB-D, whose depth has other units"
-        if _is_converted(folder) or ((folder / DEPTH).is_dir() and _gray_folder(folder)):
+        is_converted = any(_CONVERTED.fullmatch(path.name) for path in list_folder(folder))
+        if is_converted or ((folder / DEPTH).is_dir() and _gray_folder(folder)):
             return ""
         return f"folders {DEPTH} and {' or '.join(GRAYS)} (or *_Depth_*.raw of rs-convert)"
 
-    @classmethod
-    def open(cls, folder: Path, intrinsics: Intrinsics | None = None) -> Self:
-        """The stream in a folder.
-
-        Raises:
-            DatasetError: No images match, they are not aligned, or the camera is not known.
-        """
-        path, metadata = _read_metadata(folder)
+    def _find_pairs(self, folder: Path) -> list[Pair]:
         gray = _gray_folder(folder)
-        pairs = _converted_pairs(folder) if gray is None else _paired(folder / DEPTH, gray, _rate_hz(path, metadata))
-        chosen = choose_intrinsics(folder, intrinsics, lambda: _described(folder, path, metadata))
-        _require_aligned(pairs[0])
-        return cls(folder, pairs, chosen, _units_per_m(path, metadata))
+        if gray is None:
+            return _converted_pairs(folder)
+        return _paired(folder / DEPTH, gray, self._positive("fps", RATE_HZ))
+
+    def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
+        """The camera of `intrinsic_matrix`, `width` and `height` in the metadata."""
+        path, metadata = self._metadata_path, self._metadata
+        if not metadata:
+            raise DatasetError(
+                f"expected the camera in {CALIBRATION} or {' or '.join(METADATA)} in {folder}, got none; "
+                "write one of them"
+            )
+        matrix = metadata.get("intrinsic_matrix")
+        if not isinstance(matrix, list) or len(matrix) != 9:
+            raise DatasetError(f"expected an intrinsic_matrix of 9 numbers in {path}, got {str(matrix)[:80]}")
+        fx, a, b, skew, fy, c, cx, cy, one = matrix
+        if [a, b, skew, c, one] != [0, 0, 0, 0, 1]:
+            raise DatasetError(
+                f"expected intrinsic_matrix by columns, [fx, 0, 0, 0, fy, 0, cx, cy, 1], in {path}: {matrix}"
+            )
+        values = {"fx_px": fx, "fy_px": fy, "cx_px": cx, "cy_px": cy}
+        sizes = {f"{side}_px": metadata.get(side) for side in ("width", "height")}
+        return intrinsics_from({**values, **sizes}, path)
+
+    def _positive(self, key: str, default: float) -> float:
+        number = as_number(self._metadata.get(key, default))
+        if number is None or number <= 0:
+            given = str(self._metadata[key])[:80]
+            raise DatasetError(f"expected a positive number for {key} in {self._metadata_path}, got {given}")
+        return number
 
     def _read_depth_m(self, pair: Pair) -> FloatImage:
         read = read_depth_raw if pair.depth.suffix == ".raw" else read_depth_16
@@ -139,15 +158,14 @@ def _is_time(number: str) -> bool:
 
 def _stamps(folder: Path, files: _Numbered, rate_hz: float) -> dict[str, float]:
     """Time of each file [s], by its number."""
-    count_s = 1 / rate_hz
-    are_times = all(map(_is_time, files))
-    stamps_s = {number: _seconds(float(number)) if are_times else float(number) * count_s for number in files}
+    stamps_s = {number: float(number) for number in files}
+    if all(map(_is_time, files)):
+        for number, time in stamps_s.items():
+            stamps_s[number] = time / next((per_s for least, per_s in _UNITS_PER_S if time >= least), 1.0)
+    else:
+        stamps_s = {number: count * (1 / rate_hz) for number, count in stamps_s.items()}
     require_increasing(list(stamps_s.values()), f"the names of the {len(files)} files in {folder}")
     return stamps_s
-
-
-def _seconds(time: float) -> float:
-    return time / next((per_s for least, per_s in _UNITS_PER_S if time >= least), 1.0)
 
 
 def _read_metadata(folder: Path) -> tuple[Path, Mapping[str, Any]]:
@@ -164,41 +182,6 @@ def _read_metadata(folder: Path) -> tuple[Path, Mapping[str, Any]]:
     return path, metadata
 
 
-def _positive(path: Path, metadata: Mapping[str, Any], key: str, default: float) -> float:
-    number = as_number(metadata.get(key, default))
-    if number is None or number <= 0:
-        raise DatasetError(f"expected a positive number for {key} in {path}, got {str(metadata[key])[:80]}")
-    return number
-
-
-def _rate_hz(path: Path, metadata: Mapping[str, Any]) -> float:
-    return _positive(path, metadata, "fps", RATE_HZ)
-
-
-def _units_per_m(path: Path, metadata: Mapping[str, Any]) -> float:
-    scale = _positive(path, metadata, "depth_scale", UNITS_PER_M)
-    return 1 / scale if scale < 1 else scale
-
-
-def _described(folder: Path, path: Path, metadata: Mapping[str, Any]) -> Intrinsics:
-    """The camera of `intrinsic_matrix`, `width` and `height`."""
-    if not metadata:
-        raise DatasetError(
-            f"expected the camera in {CALIBRATION} or {' or '.join(METADATA)} in {folder}, got none; write one of them"
-        )
-    matrix = metadata.get("intrinsic_matrix")
-    if not isinstance(matrix, list) or len(matrix) != 9:
-        raise DatasetError(f"expected an intrinsic_matrix of 9 numbers in {path}, got {str(matrix)[:80]}")
-    fx, a, b, skew, fy, c, cx, cy, one = matrix
-    if [a, b, skew, c, one] != [0, 0, 0, 0, 1]:
-        raise DatasetError(
-            f"expected intrinsic_matrix by columns, [fx, 0, 0, 0, fy, 0, cx, cy, 1], in {path}: {matrix}"
-        )
-    values = {"fx_px": fx, "fy_px": fy, "cx_px": cx, "cy_px": cy}
-    sizes = {f"{side}_px": metadata.get(side) for side in ("width", "height")}
-    return intrinsics_from({**values, **sizes}, path)
-
-
 def _require_aligned(pair: Pair) -> None:
     if pair.depth.suffix == ".raw":
         return
@@ -210,17 +193,8 @@ def _require_aligned(pair: Pair) -> None:
         )
 
 
-def _is_converted(folder: Path) -> bool:
-    """Whether the folder has a file with a name of the converter."""
-    return any(_CONVERTED.fullmatch(path.name) for path in list_folder(folder))
-
-
 def _converted_pairs(folder: Path) -> list[Pair]:
-    """Depth and infrared images of nearest time.
-
-    Raises:
-        DatasetError: There is no depth, no infrared, or none of one time.
-    """
+    """Depth and infrared images of nearest time that the converter wrote."""
     depth, infrared = _stream(folder, _DEPTH), _stream(folder, _INFRARED)
     if not depth:
         raise DatasetError(f"expected *_Depth_*.raw in {folder}, got none; run rs-convert with -r: its PNG is no depth")
@@ -235,7 +209,8 @@ def _converted_pairs(folder: Path) -> list[Pair]:
     return [Pair(stamp_s=depth[i][0], gray=infrared[j][1], depth=depth[i][1]) for i, j in matches]
 
 
-def _stream(folder: Path, kinds: Sequence[tuple[str, str]]) -> _Stream:
+def _stream(folder: Path, kinds: Sequence[tuple[str, str]]) -> list[tuple[float, Path]]:
+    """Times [s] and files, in order."""
     matches = ((path, _CONVERTED.fullmatch(path.name)) for path in list_folder(folder))
     stream = sorted((float(m[2]) / 1000, path) for path, m in matches if m and (m[1], m[3]) in kinds)
     require_increasing([stamp_s for stamp_s, _ in stream], f"the file names of {kinds[0][0]} in {folder}")

@@ -6,11 +6,10 @@ frame without a row is incomplete.
 """
 
 from pathlib import Path
-from typing import Self
 
 from ..errors import DatasetError
 from ..types import FloatImage, Intrinsics
-from .calibration import CALIBRATION, choose_intrinsics
+from .calibration import CALIBRATION
 from .files import read_text
 from .images import read_depth_m
 from .pairs import Pair, PairedImages, parse_stamp
@@ -26,28 +25,20 @@ class RecordingDataset(PairedImages):
 
     @classmethod
     def lacking(cls, folder: Path) -> str:
-        """The files that a folder lacks to be of this format, separated by commas; empty if it lacks none."""
+        """See `PairedImages`."""
         return ", ".join(name for name in (CALIBRATION, FRAMES, GRAY, DEPTH) if not (folder / name).exists())
 
-    @classmethod
-    def open(cls, folder: Path, intrinsics: Intrinsics | None = None) -> Self:
-        """The frames that the recording in a folder holds at this moment.
-
-        Raises:
-            DatasetError: The table of frames or the calibration is missing or damaged, or the recording has no frame.
-        """
-        pairs = [
+    def _find_pairs(self, folder: Path) -> list[Pair]:
+        return [
             Pair(stamp_s=stamp_s, gray=folder / GRAY / f"{index:06d}.png", depth=folder / DEPTH / f"{index:06d}.tiff")
             for index, stamp_s in enumerate(_read_stamps(folder / FRAMES))
         ]
-        return cls(folder, pairs, choose_intrinsics(folder, intrinsics, lambda: _no_camera(folder)))
+
+    def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
+        raise DatasetError(f"expected a {CALIBRATION} in {folder}, got none; restore it, or give the intrinsics")
 
     def _read_depth_m(self, pair: Pair) -> FloatImage:
         return read_depth_m(pair.depth, self.intrinsics.shape)
-
-
-def _no_camera(folder: Path) -> Intrinsics:
-    raise DatasetError(f"expected a {CALIBRATION} in {folder}, got none; restore it, or give the intrinsics")
 
 
 def _read_stamps(path: Path) -> list[float]:

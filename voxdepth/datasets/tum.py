@@ -10,15 +10,15 @@ doi:10.1109/IROS.2012.6385773); the images of freiburg1 and freiburg2 have a len
 import re
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import DatasetError
 from ..types import FloatImage, Intrinsics
-from .calibration import CALIBRATION, choose_intrinsics
+from .calibration import CALIBRATION
 from .files import path_inside, read_text
-from .images import Shape, image_shape, read_depth_16
+from .images import image_shape, read_depth_16
 from .pairs import Pair, PairedImages, associate, parse_stamp, require_increasing
 
 COLOUR_LIST, DEPTH_LIST, ASSOCIATIONS = "rgb.txt", "depth.txt", "associations.txt"
@@ -52,16 +52,19 @@ class TumDataset(PairedImages):
         missing = [name for name in (COLOUR_LIST, DEPTH_LIST) if not (folder / name).exists()]
         return f"{' and '.join(missing)} (or {ASSOCIATIONS})" if missing else ""
 
-    @classmethod
-    def open(cls, folder: Path, intrinsics: Intrinsics | None = None) -> Self:
-        """The sequence in a folder.
+    def _find_pairs(self, folder: Path) -> list[Pair]:
+        return _listed_pairs(folder) if (folder / ASSOCIATIONS).exists() else _matched_pairs(folder)
 
-        Raises:
-            DatasetError: A list is missing or damaged, or no images match, or the camera is not known.
-        """
-        pairs = _listed_pairs(folder) if (folder / ASSOCIATIONS).exists() else _matched_pairs(folder)
-        chosen = choose_intrinsics(folder, intrinsics, lambda: _published(folder, image_shape(pairs[0].depth)))
-        return cls(folder, pairs, chosen)
+    def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
+        height_px, width_px = shape = image_shape(first.depth)
+        if shape != _SHAPE:
+            raise DatasetError(
+                f"the images of {folder} are {width_px}x{height_px}, and only the camera of 640x480 is known; "
+                f"write its intrinsics into {folder / CALIBRATION}"
+            )
+        camera = _CAMERA.search(folder.resolve().name)
+        fx_px, fy_px, cx_px, cy_px = _FOCAL_AND_CENTRE_PX[camera[1]] if camera else _ROS_DEFAULT_PX
+        return Intrinsics(fx_px=fx_px, fy_px=fy_px, cx_px=cx_px, cy_px=cy_px, width_px=width_px, height_px=height_px)
 
     def _read_depth_m(self, pair: Pair) -> FloatImage:
         return read_depth_16(pair.depth, self.intrinsics.shape).astype(np.float32) / np.float32(UNITS_PER_M)
@@ -115,14 +118,3 @@ def _lines(path: Path, n_words: int) -> list[tuple[Sequence[str], str]]:
 
 def _entry(words: Sequence[str], path: Path, source: str) -> _Entry:
     return _Entry(parse_stamp(words[0], source), path_inside(path.parent, words[1], source))
-
-
-def _published(folder: Path, shape: Shape) -> Intrinsics:
-    if shape != _SHAPE:
-        raise DatasetError(
-            f"the images of {folder} are {shape[1]}x{shape[0]}, and only the camera of 640x480 is known; "
-            f"write its intrinsics into {folder / CALIBRATION}"
-        )
-    camera = _CAMERA.search(folder.resolve().name)
-    fx_px, fy_px, cx_px, cy_px = _FOCAL_AND_CENTRE_PX[camera[1]] if camera else _ROS_DEFAULT_PX
-    return Intrinsics(fx_px=fx_px, fy_px=fy_px, cx_px=cx_px, cy_px=cy_px, width_px=shape[1], height_px=shape[0])
