@@ -1,8 +1,10 @@
 """An experiment: a question, the frames that it is asked of, and a function that answers it."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+
+import pandas as pd
 
 from sim.recording import Recording
 from sim.types import Capture
@@ -37,6 +39,21 @@ class Claim:
     def verdict(self) -> str:
         """The agreement in one word."""
         return {True: "agrees", False: "differs", None: "open"}[self.holds]
+
+
+def listed(values: pd.Series, number: str, unit: str) -> str:
+    """Numbers with their names and unit, as in `sim-LN +2.1 %, sim-MB -0.3 %`."""
+    return ", ".join(f"{name} {value:{number}} {unit}".rstrip() for name, value in values.items())
+
+
+def all_hold(holds: Collection[bool]) -> bool | None:
+    """Whether a claim holds in every case; None without a case."""
+    return all(holds) if len(holds) else None
+
+
+def most_hold(holds: Collection[bool]) -> bool | None:
+    """Whether a claim holds in more than half of the cases; None without a case."""
+    return sum(holds) > len(holds) / 2 if len(holds) else None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

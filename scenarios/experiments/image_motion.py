@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -18,6 +18,7 @@ from voxdepth.types import FloatArray, GrayImage, MaskImage
 from ..benchmark.timings import Latency
 from .experiment import ExperimentContext
 
+Key = TypeVar("Key")
 PEAK_GRAY = 255.0
 NEAR_M = 20.0
 """Largest true depth of the surfaces that are scored."""
@@ -43,24 +44,17 @@ MotionEstimator = Callable[[GrayImage], Estimate]
 
 def affine_warp(M_current_reference: FloatArray, *, ok: bool = True) -> Warp:
     """A warp by an affine map."""
-
-    def apply(image: Any) -> Any:
-        height, width = image.shape
-        return cv2.warpAffine(image, M_current_reference, (width, height), flags=cv2.INTER_NEAREST)
-
-    return Warp(apply, ok)
+    return Warp(
+        lambda image: cv2.warpAffine(image, M_current_reference, image.shape[::-1], flags=cv2.INTER_NEAREST), ok
+    )
 
 
 def flow_warp(to_reference_px: FlowImage) -> Warp:
     """A warp by a flow from each pixel of the later image to the reference, shape (H, W, 2)."""
-
-    def apply(image: Any) -> Any:
-        height, width = image.shape
-        col = np.arange(width, dtype=np.float32) + to_reference_px[..., 0]
-        row = np.arange(height, dtype=np.float32)[:, None] + to_reference_px[..., 1]
-        return cv2.remap(image, col, row, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)
-
-    return Warp(apply)
+    height, width = to_reference_px.shape[:2]
+    col = np.arange(width, dtype=np.float32) + to_reference_px[..., 0]
+    row = np.arange(height, dtype=np.float32)[:, None] + to_reference_px[..., 1]
+    return Warp(lambda image: cv2.remap(image, col, row, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT))
 
 
 def no_motion(reference: GrayImage) -> Estimate:
@@ -127,18 +121,13 @@ class MotionScore:
     """Pairs for which no motion was found."""
 
     @property
-    def pairs(self) -> int:
-        """Number of pairs."""
-        return len(self.times_s)
-
-    @property
     def failed_percent(self) -> float:
         """Share of the pairs for which no motion was found."""
-        return 100 * self.failures / self.pairs
+        return 100 * self.failures / len(self.times_s)
 
     @property
     def latency(self) -> Latency:
-        """Percentiles of the times."""
+        """Percentiles of the times, whose number is that of the pairs."""
         return Latency.of(self.times_s)
 
 
@@ -150,8 +139,8 @@ def pair_starts(frames: int, distance: int, max_pairs: int) -> list[int]:
 
 
 def score_pairs(
-    context: ExperimentContext, name: str, estimators: Mapping[str, MotionEstimator], distance: int, max_pairs: int
-) -> dict[str, MotionScore]:
+    context: ExperimentContext, name: str, estimators: Mapping[Key, MotionEstimator], distance: int, max_pairs: int
+) -> dict[Key, MotionScore]:
     """Score estimators on pairs of frames of a sequence that are `distance` frames apart.
 
     Every estimator runs once on the first two frames before the clock starts.
@@ -169,11 +158,11 @@ def score_pairs(
 
 
 def _score_pair(
-    estimates: Mapping[str, Estimate], reference: Capture, current: Capture, scores: Mapping[str, MotionScore]
+    estimates: Mapping[Key, Estimate], reference: Capture, current: Capture, scores: Mapping[Key, MotionScore]
 ) -> None:
     """Warp a reference to a later frame; all estimators are scored on the pixels that all of them cover."""
     depth_m = np.where(np.isfinite(reference.depth_true_m), reference.depth_true_m, np.float32(0))
-    warps: dict[str, Warp] = {}
+    warps: dict[Key, Warp] = {}
     depths_m = {}
     for name, estimate in estimates.items():
         start = time.perf_counter()
@@ -192,10 +181,7 @@ def true_displacement_px(earlier: Capture, later: Capture) -> float | None:
     """Mean distance in the image by which the points of the earlier frame move until the later one [px].
 
     It follows from true depth and poses, for points of static objects. Points that leave the image do not count;
-    points that become occluded do.
-
-    Returns:
-        None if no point stays in the image.
+    points that become occluded do. The result is None if no point stays in the image.
     """
     camera = earlier.intrinsics
     depth_m = np.where(np.isfinite(earlier.depth_true_m), earlier.depth_true_m, np.float32(0))

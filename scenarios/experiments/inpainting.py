@@ -1,11 +1,12 @@
 """RQ3: methods that make the sparse projection of the fused cloud dense."""
 
 import time
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 
 from swarm.perception import frame_of
@@ -22,7 +23,7 @@ from voxdepth.types import FloatImage
 from ..benchmark.timings import Latency
 from ..results.figure import MARKERS, label_axes, panels
 from ..results.table import Column, Table, Value
-from .experiment import Claim, Experiment, ExperimentContext, Findings
+from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, listed
 from .paper_results import INPAINTING_RESULTS
 
 _NAMES: tuple[InpaintingName, ...] = ("dilation", "bilinear", "erosion", "median", "nearest")
@@ -39,63 +40,17 @@ COLUMNS = (
 )  # fmt: skip
 
 
-@dataclass(kw_only=True)
-class TemplateScore:
-    """The score of one method on the windows of a sequence."""
-
-    near: Sums = field(default_factory=Sums)
-    """Errors within 20 m, where the template has depth."""
-    completed: Sums = field(default_factory=Sums)
-    """Errors within 65.5 m, after completion by the nearest valid pixel."""
-    times_s: list[float] = field(default_factory=list)
-
-    def add(self, template_m: FloatImage, truth_m: FloatImage) -> None:
-        """Add a template and the truth of its view; both of shape (H, W)."""
-        self.near += Sums.of(template_m, truth_m, truth_m <= np.float32(NEAR_M))
-        self.completed += Sums.of(fill_from_nearest(template_m), truth_m, truth_m <= np.float32(PEAK16_M))
-
-    @property
-    def psnr_db(self) -> float | None:
-        """PSNR of the completed templates, peak 65535 mm [dB]."""
-        return self.completed.psnr_db(PEAK16_M)
-
-    @property
-    def latency(self) -> Latency | None:
-        """Percentiles of the times; None if nothing was timed."""
-        return Latency.of(self.times_s) if self.times_s else None
-
-    @property
-    def row(self) -> tuple[Value, ...]:
-        """The numbers of a row of the table."""
-        coverage, too_far, latency = self.near.coverage, self.near.too_far_share, self.latency
-        return (
-            None if coverage is None else 100 * coverage,
-            self.near.mae_m,
-            None if too_far is None else 100 * too_far,
-            self.psnr_db,
-            None if latency is None else latency.p50_ms,
-            None if latency is None else latency.p95_ms,
-            len(self.times_s),
-            self.near.pixels,
-        )
-
-
-Scores = Mapping[str, TemplateScore]
-"""Scores by method."""
-
-
 def compare_inpainting(context: ExperimentContext) -> Findings:
     """Make templates of the same windows with every method."""
-    measured = {name: _measure(context, name) for name in context.sequences}
-    rows = [
-        (name, method, *score.row, *INPAINTING_RESULTS.get(method, (None, None)))
-        for name, scores in measured.items()
-        for method, score in scores.items()
-    ]
+    rows = [row for name in context.sequences for row in _measure(context, name)]
+    table = Table.of("Templates of the same windows", COLUMNS, rows)
     windows = context.frames // CONFIG.window_frames
     return Findings(
-        tables=(Table.of("Templates of the same windows", COLUMNS, rows),),
-        claims=(_quality_claim(measured), _time_claim(measured)),
+        tables=(table,),
+        claims=(
+            _quality_claim(table.pivot("sequence", "method", "PSNR completed")),
+            _time_claim(table.pivot("sequence", "method", "p50")),
+        ),
         notes=(
             f"Windows of {CONFIG.window_frames} frames that do not overlap, fused as in the corrector; filled "
             "share, mean error and pixels more than 10 % too far are of surfaces within 20 m, PSNR of those "
@@ -104,21 +59,33 @@ def compare_inpainting(context: ExperimentContext) -> Findings:
             "projection is no regular lattice.",
             "Convex upsampling, 34.39 dB in 237 ms in the paper, is a network and not built here.",
         ),
-        figure=panels(f"RQ3: templates, n = {windows} windows of each sequence", [partial(_draw, measured)]),
+        figure=panels(f"RQ3: templates, n = {windows} windows of each sequence", [partial(_draw, table)]),
     )
 
 
-def _measure(context: ExperimentContext, name: str) -> Scores:
-    scores = {method: TemplateScore() for method in (SPARSE, *METHODS)}
+def _measure(context: ExperimentContext, name: str) -> Iterator[list[Value]]:
+    """Yield a row for each method on the windows of a sequence."""
+    near = {method: Sums() for method in (SPARSE, *METHODS)}
+    completed = dict(near)
+    times_s: dict[str, list[float]] = defaultdict(list)
     for sparse_m, truth_m in _windows(context, name):
-        scores[SPARSE].add(sparse_m, truth_m)
-        for method, inpainting in METHODS.items():
-            scores[method].add(inpainting.fill(sparse_m), truth_m)
+        templates_m = {SPARSE: sparse_m} | {method: inpaint.fill(sparse_m) for method, inpaint in METHODS.items()}
+        for method, template_m in templates_m.items():
+            near[method] += Sums.of(template_m, truth_m, truth_m <= np.float32(NEAR_M))
+            completed[method] += Sums.of(fill_from_nearest(template_m), truth_m, truth_m <= np.float32(PEAK16_M))
+        for method, inpaint in METHODS.items():
             for _ in range(REPETITIONS):
                 start = time.perf_counter()
-                inpainting.fill(sparse_m)
-                scores[method].times_s.append(time.perf_counter() - start)
-    return scores
+                inpaint.fill(sparse_m)
+                times_s[method].append(time.perf_counter() - start)
+    for method, sums in near.items():
+        latency = Latency.of(times_s[method]) if method in times_s else None
+        yield [
+            name, method, None if sums.coverage is None else 100 * sums.coverage, sums.mae_m,
+            None if sums.too_far_share is None else 100 * sums.too_far_share, completed[method].psnr_db(PEAK16_M),
+            None if latency is None else latency.p50_ms, None if latency is None else latency.p95_ms,
+            0 if latency is None else latency.n, sums.pixels, *INPAINTING_RESULTS.get(method, (None, None)),
+        ]  # fmt: skip
 
 
 def _windows(context: ExperimentContext, name: str) -> Iterator[tuple[FloatImage, FloatImage]]:
@@ -137,41 +104,33 @@ def _windows(context: ExperimentContext, name: str) -> Iterator[tuple[FloatImage
         yield steps.project(), captures[-1].depth_true_m
 
 
-def _quality_claim(measured: Mapping[str, Scores]) -> Claim:
-    found, holds = [], []
-    for name, scores in measured.items():
-        dilation_db, bilinear_db = scores["dilation"].psnr_db, scores["bilinear"].psnr_db
-        if dilation_db is not None and bilinear_db is not None:
-            found.append(f"{name} {dilation_db - bilinear_db:+.2f} dB")
-            holds.append(dilation_db > bilinear_db)
+def _quality_claim(psnrs_db: pd.DataFrame) -> Claim:
+    lead_db = (psnrs_db["dilation"] - psnrs_db["bilinear"]).dropna()
     return Claim(
         paper="grayscale dilation is better than bilinear interpolation, by 1.11 dB (17.46 and 16.35)",
-        found=f"dilation over bilinear: {', '.join(found)}",
-        holds=all(holds) if holds else None,
+        found=f"dilation over bilinear: {listed(lead_db, '+.2f', 'dB')}",
+        holds=all_hold(lead_db > 0),
     )
 
 
-def _time_claim(measured: Mapping[str, Scores]) -> Claim:
-    found, holds = [], []
-    for name, scores in measured.items():
-        dilation_ms, bilinear_ms = (Latency.of(scores[method].times_s).p50_ms for method in ("dilation", "bilinear"))
-        found.append(f"{name} {dilation_ms:.2f} and {bilinear_ms:.2f} ms")
-        holds.append(dilation_ms > bilinear_ms)
+def _time_claim(times_ms: pd.DataFrame) -> Claim:
+    pairs = zip(times_ms.index, times_ms["dilation"], times_ms["bilinear"], strict=True)
+    found = ", ".join(f"{name} {dilation_ms:.2f} and {bilinear_ms:.2f} ms" for name, dilation_ms, bilinear_ms in pairs)
     return Claim(
         paper="dilation takes 94 ms and bilinear interpolation 8 ms, on a Jetson Nano's GPU and CPU",
-        found=f"dilation and bilinear: {', '.join(found)} (median)",
-        holds=all(holds),
+        found=f"dilation and bilinear: {found} (median)",
+        holds=all_hold(times_ms["dilation"] > times_ms["bilinear"]),
     )
 
 
-def _draw(measured: Mapping[str, Scores], axes: Axes) -> None:
-    for marker, (name, scores) in zip(MARKERS, measured.items(), strict=False):
-        for k, method in enumerate(METHODS):
-            time_ms = Latency.of(scores[method].times_s).p50_ms
-            label = method if marker == MARKERS[0] else None
-            psnr_db = scores[method].psnr_db or float("nan")
-            axes.scatter([time_ms], [psnr_db], marker=marker, color=f"C{k}", s=24, label=label)
+def _draw(table: Table, axes: Axes) -> None:
+    times_ms, psnrs_db = (table.pivot("method", "sequence", name).drop(SPARSE) for name in ("p50", "PSNR completed"))
+    colors = [f"C{k}" for k in range(len(METHODS))]
+    for marker, name in zip(MARKERS, times_ms, strict=False):
+        axes.scatter(times_ms[name], psnrs_db[name], marker=marker, color=colors, s=24)
         axes.scatter([], [], marker=marker, color="0.4", s=24, label=name)
+    for method, color in zip(METHODS, colors, strict=True):
+        axes.scatter([], [], marker=MARKERS[0], color=color, s=24, label=method)
     axes.set_xscale("log")
     label_axes(axes, "colours: methods; marks: sequences", "median time [ms]", "PSNR completed [dB]")
     axes.legend(fontsize=6, ncols=2)

@@ -1,12 +1,12 @@
 """RQ1: the quality of raw depth against the share of occluded pixels."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import cv2
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 
 from sim.types import Capture
@@ -16,21 +16,23 @@ from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.types import FloatImage, MaskImage
 
 from ..evaluation.paper import SEQUENCES
-from ..results.figure import MARKERS, grouped_bars, label_axes, panels
-from ..results.table import Column, Table
-from .experiment import Claim, Experiment, ExperimentContext, Findings
+from ..results.figure import MARKERS, grouped_bars, label_axes, marked_lines, panels
+from ..results.table import Column, Table, Value
+from .experiment import Claim, Experiment, ExperimentContext, Findings, listed
 
 GROWN_PX = (0, 2, 4, 8, 16, 32)
 """Widths by which the occluded patches are grown on every side."""
+OCCLUDED, EMPTY, WRONG = "occluded", "no depth", "none or >10 % off"
 POINTS = 10.0
 """The paper's increase of occluded pixels, taken as percentage points of the image."""
+LOSS = f"PSNR lost by {POINTS:g} points more"
 COLUMNS = (
-    "sequence", Column("occluded", "%"), Column("no depth", "%"), Column("none or >10 % off", "%"),
-    Column("PSNR", "dB"), Column("PSNR completed", "dB"), Column(f"PSNR lost by {POINTS:g} points more", "%"),
+    "sequence", Column(OCCLUDED, "%"), Column(EMPTY, "%"), Column(WRONG, "%"),
+    Column("PSNR", "dB"), Column("PSNR completed", "dB"), Column(LOSS, "%"),
     Column("bend", "dB/%^2", ".4f"), Column("bend completed", "dB/%^2", ".4f"), "correlation over frames", "n frames",
 )  # fmt: skip
 GROWN_COLUMNS = (
-    "sequence", Column("grown", "px"), Column("occluded", "%"), Column("PSNR", "dB"), Column("PSNR completed", "dB"),
+    "sequence", Column("grown", "px"), Column(OCCLUDED, "%"), Column("PSNR", "dB"), Column("PSNR completed", "dB"),
     "n pixels",
 )  # fmt: skip
 PSNR_LABEL = "PSNR, peak 65535 mm [dB]"
@@ -70,78 +72,30 @@ class GrownOcclusion:
         return psnr_db(self.squared_completed_m2 / self.pixels, PEAK16_M)
 
 
-@dataclass(kw_only=True)
-class SequenceQuality:
-    """The quality of the raw depth of a sequence, frame by frame and with grown occlusion."""
-
-    grown: dict[int, GrownOcclusion] = field(default_factory=lambda: {px: GrownOcclusion() for px in GROWN_PX})
-    """By the width of growth."""
-    occluded_percent: list[float] = field(default_factory=list)
-    """Share of occluded pixels of every frame."""
-    empty_percent: list[float] = field(default_factory=list)
-    wrong_percent: list[float] = field(default_factory=list)
-    """Share of pixels without depth or more than 10 % off."""
-    psnr_db: list[float] = field(default_factory=list)
-
-    @classmethod
-    def of(cls, captures: Iterator[Capture]) -> "SequenceQuality":
-        """The quality of all frames."""
-        quality = cls()
-        for capture in captures:
-            quality.add(capture)
-        return quality
-
-    def add(self, capture: Capture) -> None:
-        """Add a frame."""
-        truth_m, raw_m, occluded = capture.depth_true_m, capture.depth_raw_m, capture.occluded.astype(np.bool_)
-        counted = truth_m <= np.float32(PEAK16_M)
-        n = np.count_nonzero(counted)
-        off = (raw_m > np.float32(TOO_FAR) * truth_m) | (np.float32(TOO_FAR) * raw_m < truth_m)
-        self.occluded_percent.append(100 * float(np.count_nonzero(occluded & counted) / n))
-        self.empty_percent.append(100 * float(np.count_nonzero(counted & (raw_m == 0)) / n))
-        self.wrong_percent.append(100 * float(np.count_nonzero(counted & off) / n))
-        self.psnr_db.append(psnr_db(squared_error_m2(raw_m, truth_m, counted) / n, PEAK16_M))
-        for width_px, frames in self.grown.items():
-            mask = grow(occluded, width_px)
-            frames.add(np.where(mask & ~occluded, np.float32(0), raw_m), truth_m, mask, counted)
-
-    def curve(self, *, completed: bool = False) -> tuple[list[float], list[float]]:
-        """Share of occluded pixels [%] and PSNR [dB] by growth, of the depth as it is or after completion."""
-        psnrs_db = [frames.psnr_completed_db if completed else frames.psnr_db for frames in self.grown.values()]
-        return [frames.occluded_percent for frames in self.grown.values()], psnrs_db
-
-    def loss_percent(self) -> float | None:
-        """Share of the PSNR, in decibels, that `POINTS` more occluded pixels cost; None if no growth adds as many."""
-        shares, psnrs_db = self.curve()
-        more = shares[0] + POINTS
-        return 100 * (1 - float(np.interp(more, shares, psnrs_db)) / psnrs_db[0]) if more <= shares[-1] else None
-
-    def curvature(self, *, completed: bool = False) -> float:
-        """Second derivative of PSNR by share [dB/%^2]; below 0, quality falls ever more steeply."""
-        return float(2 * np.polyfit(*self.curve(completed=completed), 2)[0])
-
-
 def relate_occlusion(context: ExperimentContext) -> Findings:
     """Relate the quality of raw depth to occlusion, frame by frame and with artificially grown patches."""
-    measured = {name: SequenceQuality.of(context.captures(name)) for name in context.sequences}
-    rows = [
-        (name, *(float(np.mean(shares)) for shares in (one.occluded_percent, one.empty_percent, one.wrong_percent)),
-         one.grown[0].psnr_db, one.grown[0].psnr_completed_db, one.loss_percent(), one.curvature(),
-         one.curvature(completed=True),
-         _correlation(one.occluded_percent, one.psnr_db), len(one.psnr_db))
-        for name, one in measured.items()
-    ]  # fmt: skip
-    grown_rows = [
-        (name, width_px, frames.occluded_percent, frames.psnr_db, frames.psnr_completed_db, frames.pixels)
-        for name, one in measured.items()
-        for width_px, frames in one.grown.items()
-    ]
+    per_frame: dict[str, pd.DataFrame] = {}
+    rows: list[Sequence[Value]] = []
+    grown_rows: list[Sequence[Value]] = []
+    for name in context.sequences:
+        per_frame[name], grown = _measure(context.captures(name))
+        grown_rows += [
+            (name, width_px, one.occluded_percent, one.psnr_db, one.psnr_completed_db, one.pixels)
+            for width_px, one in grown.items()
+        ]
+        shares = [one.occluded_percent for one in grown.values()]
+        psnrs_db = [one.psnr_db for one in grown.values()]
+        completed_db = [one.psnr_completed_db for one in grown.values()]
+        rows.append(
+            (name, *(float(per_frame[name][share].mean()) for share in (OCCLUDED, EMPTY, WRONG)),
+             psnrs_db[0], completed_db[0], loss_percent(shares, psnrs_db), curvature(shares, psnrs_db),
+             curvature(shares, completed_db), _correlation(per_frame[name]), len(per_frame[name]))
+        )  # fmt: skip
+    table = Table.of("Occlusion and quality of raw depth", COLUMNS, rows)
+    grown_table = Table.of("With occluded patches grown on purpose", GROWN_COLUMNS, grown_rows, name="doses")
     return Findings(
-        tables=(
-            Table.of("Occlusion and quality of raw depth", COLUMNS, rows),
-            Table.of("With occluded patches grown on purpose", GROWN_COLUMNS, grown_rows, name="doses"),
-        ),
-        claims=(_shape_claim(measured), _loss_claim(measured)),
+        tables=(table, grown_table),
+        claims=(_shape_claim(table), _loss_claim(table.series(LOSS).dropna())),
         notes=(
             "Raw depth against the truth, surfaces within 65.5 m, peak 65535 mm; a hole counts as 0 m, as in an "
             "image. The paper does not say how its holes count, nor whether its 10 % are points or a share.",
@@ -154,9 +108,43 @@ def relate_occlusion(context: ExperimentContext) -> Findings:
         ),
         figure=panels(
             f"RQ1: occlusion and quality of raw depth, n = {context.frames} frames of each sequence",
-            [partial(draw, measured) for draw in (_draw_shares, _draw_frames, _draw_grown)],
+            [partial(_draw_shares, table), partial(_draw_frames, per_frame), partial(_draw_grown, grown_table)],
         ),
     )
+
+
+def _measure(captures: Iterator[Capture]) -> tuple[pd.DataFrame, dict[int, GrownOcclusion]]:
+    """The shares of pixels [%] and the PSNR [dB] of each frame of a sequence, and all frames by width of growth."""
+    rows = []
+    grown = {width_px: GrownOcclusion() for width_px in GROWN_PX}
+    for capture in captures:
+        truth_m, raw_m, occluded = capture.depth_true_m, capture.depth_raw_m, capture.occluded.astype(np.bool_)
+        counted = truth_m <= np.float32(PEAK16_M)
+        n = np.count_nonzero(counted)
+        off = (raw_m > np.float32(TOO_FAR) * truth_m) | (np.float32(TOO_FAR) * raw_m < truth_m)
+        masks = {OCCLUDED: occluded, EMPTY: raw_m == 0, WRONG: off}
+        shares = {name: 100 * float(np.count_nonzero(mask & counted) / n) for name, mask in masks.items()}
+        rows.append(shares | {"PSNR": psnr_db(squared_error_m2(raw_m, truth_m, counted) / n, PEAK16_M)})
+        for width_px, frames in grown.items():
+            mask = grow(occluded, width_px)
+            frames.add(np.where(mask & ~occluded, np.float32(0), raw_m), truth_m, mask, counted)
+    return pd.DataFrame(rows), grown
+
+
+def loss_percent(shares: Sequence[float], psnrs_db: Sequence[float]) -> float | None:
+    """Share of the first PSNR, in decibels, that `POINTS` more occluded pixels cost; None if no share is as large.
+
+    Args:
+        shares: Occluded pixels [%], rising.
+        psnrs_db: PSNR at each share.
+    """
+    more = shares[0] + POINTS
+    return 100 * (1 - float(np.interp(more, shares, psnrs_db)) / psnrs_db[0]) if more <= shares[-1] else None
+
+
+def curvature(shares: Sequence[float], psnrs_db: Sequence[float]) -> float:
+    """Second derivative of PSNR by share [dB/%^2]; below 0, quality falls ever more steeply."""
+    return float(2 * np.polyfit(shares, psnrs_db, 2)[0])
 
 
 def squared_error_m2(depth_m: FloatImage, truth_m: FloatImage, counted: MaskImage) -> float:
@@ -171,17 +159,17 @@ def grow(mask: MaskImage, by_px: int) -> MaskImage:
     return cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)).astype(np.bool_)
 
 
-def _correlation(shares: Sequence[float], psnrs_db: Sequence[float]) -> float | None:
+def _correlation(frames: pd.DataFrame) -> float | None:
     """Pearson's correlation; None with less than three frames or without variance."""
-    if len(shares) < 3 or np.ptp(shares) == 0 or np.ptp(psnrs_db) == 0:
+    shares, psnrs_db = frames[OCCLUDED], frames["PSNR"]
+    if len(frames) < 3 or np.ptp(shares) == 0 or np.ptp(psnrs_db) == 0:
         return None
     return float(np.corrcoef(shares, psnrs_db)[0, 1])
 
 
-def _shape_claim(measured: Mapping[str, SequenceQuality]) -> Claim:
-    n = len(measured)
-    steeper = sum(one.curvature() < 0 for one in measured.values())
-    steeper_completed = sum(one.curvature(completed=True) < 0 for one in measured.values())
+def _shape_claim(table: Table) -> Claim:
+    steeper, steeper_completed = (int((table.series(name) < 0).sum()) for name in ("bend", "bend completed"))
+    n = len(table)
     return Claim(
         paper="quality falls superlinearly with the share of occluded pixels",
         found=f"with holes of 0 m it falls ever more steeply in {steeper} of {n} sequences, and ever less steeply in "
@@ -190,41 +178,34 @@ def _shape_claim(measured: Mapping[str, SequenceQuality]) -> Claim:
     )
 
 
-def _loss_claim(measured: Mapping[str, SequenceQuality]) -> Claim:
-    losses = {name: loss for name, one in measured.items() if (loss := one.loss_percent()) is not None}
-    found = ", ".join(f"{name} {loss:.1f} %" for name, loss in losses.items()) or "more than any growth adds"
+def _loss_claim(losses: pd.Series) -> Claim:
     return Claim(
         paper="10 % more occluded pixels cost 28.1 % of the PSNR",
-        found=f"10 points more cost {found}",
-        holds=min(losses.values()) <= 28.1 <= max(losses.values()) if losses else None,
+        found=f"10 points more cost {listed(losses, '.1f', '%') or 'more than any growth adds'}",
+        holds=None if losses.empty else bool(losses.min() <= 28.1 <= losses.max()),
     )
 
 
-def _draw_shares(measured: Mapping[str, SequenceQuality], axes: Axes) -> None:
-    series = {
-        "occluded": [float(np.mean(one.occluded_percent)) for one in measured.values()],
-        "no depth": [float(np.mean(one.empty_percent)) for one in measured.values()],
-        "none or >10 % off": [float(np.mean(one.wrong_percent)) for one in measured.values()],
-    }
+def _draw_shares(table: Table, axes: Axes) -> None:
     label_axes(axes, "incorrect pixels", "sequence", "pixels within 65.5 m [%]")
-    grouped_bars(axes, list(measured), series)
+    shares = {name: table.series(name) for name in (OCCLUDED, EMPTY, WRONG)}
+    grouped_bars(axes, [str(name) for name in table.column("sequence")], shares)
 
 
-def _draw_frames(measured: Mapping[str, SequenceQuality], axes: Axes) -> None:
-    for k, (name, one) in enumerate(measured.items()):
-        axes.scatter(one.occluded_percent, one.psnr_db, s=9, marker=MARKERS[k % len(MARKERS)], label=name)
+def _draw_frames(per_frame: Mapping[str, pd.DataFrame], axes: Axes) -> None:
+    for k, (name, frames) in enumerate(per_frame.items()):
+        axes.scatter(frames[OCCLUDED], frames["PSNR"], s=9, marker=MARKERS[k % len(MARKERS)], label=name)
     label_axes(axes, "raw depth, one point a frame", "occluded pixels [%]", PSNR_LABEL)
     axes.legend(fontsize=7)
 
 
-def _draw_grown(measured: Mapping[str, SequenceQuality], axes: Axes) -> None:
-    for k, (name, one) in enumerate(measured.items()):
-        style: dict[str, Any] = {"marker": MARKERS[k % len(MARKERS)], "ms": 4, "color": f"C{k}"}
-        axes.plot(*one.curve(), label=name, **style)
-        axes.plot(*one.curve(completed=True), ls=":", **style)
+def _draw_grown(grown: Table, axes: Axes) -> None:
     title = f"patches grown by {', '.join(map(str, GROWN_PX))} px; dotted: completed"
     label_axes(axes, title, "occluded pixels [%]", PSNR_LABEL)
-    axes.legend(fontsize=7)
+    marked_lines(axes, grown, OCCLUDED, "PSNR")
+    shares, psnrs_db = (grown.pivot("grown", "sequence", name) for name in (OCCLUDED, "PSNR completed"))
+    for k, name in enumerate(shares):
+        axes.plot(shares[name], psnrs_db[name], ls=":", marker=MARKERS[k % len(MARKERS)], ms=4, color=f"C{k}")
 
 
 OCCLUSION = Experiment(

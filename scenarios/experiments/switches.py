@@ -1,12 +1,12 @@
 """State switches: the frequency of the ends of epochs, and the quality of registration as the camera moves."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from functools import partial
 from statistics import mean
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 
 from voxdepth import PaperVoxDepth
@@ -16,10 +16,10 @@ from voxdepth.paper.epochs import EpochEnd
 from voxdepth.paper.registration import RegistrationConfig
 
 from ..evaluation.paper import SEQUENCES
-from ..results.figure import MARKERS, grouped_bars, label_axes, panels
-from ..results.table import Column, Table
-from .experiment import Claim, Experiment, ExperimentContext, Findings
-from .image_motion import MotionScore, affine_estimator, pair_starts, score_pairs, true_displacement_px
+from ..results.figure import grouped_bars, label_axes, marked_lines, panels
+from ..results.table import Column, Table, Value
+from .experiment import Claim, Experiment, ExperimentContext, Findings, most_hold
+from .image_motion import affine_estimator, pair_starts, score_pairs, true_displacement_px
 from .paper_results import MOVEMENT, SWITCHES, SWITCHES_FRAMES
 
 UNLIMITED = 10**6
@@ -30,54 +30,29 @@ DISTANCES = (10, 50, 100, 150)
 """Frames between the two images of a pair."""
 MAX_PAIRS = 10
 """Pairs of each distance in a sequence."""
+RATE, PAPER_RATE = f"switches per {SWITCHES_FRAMES} frames", f"paper, {SWITCHES_FRAMES} frames"
 SWITCH_COLUMNS = (
     "sequence", "too few matches", "map refused", "switches",
-    Column(f"switches per {SWITCHES_FRAMES} frames", number=".1f"), "with epochs of at most 60 frames", "n frames",
-    f"paper, {SWITCHES_FRAMES} frames",
+    Column(RATE, number=".1f"), "with epochs of at most 60 frames", "n frames",
+    PAPER_RATE,
 )  # fmt: skip
 MOVEMENT_COLUMNS = (
     "sequence", Column("distance", "frames"), Column("flow", "px"), Column("true movement", "px"),
     Column("registration PSNR", "dB"), Column("failed", "%", ".0f"), "n pairs", Column("flow, paper", "px"),
     Column("registration PSNR, paper", "dB"),
 )  # fmt: skip
-
-Ends = Counter[EpochEnd]
-"""Number of epochs by the reason of their end."""
-
-
-@dataclass(kw_only=True)
-class Movement:
-    """Image motion between the frames of pairs at one distance."""
-
-    flow_px: float
-    """Mean length of the optical flow."""
-    true_px: float | None
-    """Mean true displacement over the pairs whose images share a point; None without such a pair."""
-    registration: MotionScore
+PAPER_PAIRS = [(quantity, distance) for quantity in ("px", "db") for distance in MOVEMENT]
+"""Flow and quality of registration at the distances that the paper prints."""
 
 
 def count_switches(context: ExperimentContext) -> Findings:
     """Count the epochs of a long run, and score registration on pairs of frames at growing distances."""
-    ends = {name: _count_ends(context, name) for name in context.sequences}
-    rates = {name: by_rule.total() * SWITCHES_FRAMES / context.frames for name, (by_rule, _) in ends.items()}
-    movements = {name: _measure_movement(context, name) for name in context.sequences}
-    switch_rows = [
-        (name, by_rule[EpochEnd.FEW_MATCHES], by_rule[EpochEnd.DEGENERATE], by_rule.total(), rates[name],
-         limited.total(), context.frames, SWITCHES.get(SEQUENCES.get(name, "")))
-        for name, (by_rule, limited) in ends.items()
-    ]  # fmt: skip
-    movement_rows = [
-        (name, distance, movement.flow_px, movement.true_px, movement.registration.gray.psnr_db,
-         movement.registration.failed_percent, movement.registration.pairs, *MOVEMENT.get(distance, (None, None)))
-        for name, by_distance in movements.items()
-        for distance, movement in by_distance.items()
-    ]  # fmt: skip
+    switches = Table.of("Ends of epochs", SWITCH_COLUMNS, [_count_ends(context, name) for name in context.sequences])
+    rows = [row for name in context.sequences for row in _measure_movement(context, name)]
+    movement = Table.of("Pixel movement and quality of registration", MOVEMENT_COLUMNS, rows, name="movement")
     return Findings(
-        tables=(
-            Table.of("Ends of epochs", SWITCH_COLUMNS, switch_rows),
-            Table.of("Pixel movement and quality of registration", MOVEMENT_COLUMNS, movement_rows, name="movement"),
-        ),
-        claims=(_switches_claim(rates), _movement_claim(movements)),
+        tables=(switches, movement),
+        claims=(_switches_claim(switches.series(RATE)), _movement_claim(movement)),
         notes=(
             _length_note(context.frames),
             "An epoch ends when fewer than 5 matches are good, which is the paper's rule, or when their map is "
@@ -89,33 +64,36 @@ def count_switches(context: ExperimentContext) -> Findings:
         ),
         figure=panels(
             f"State switches, n = {context.frames} frames of each sequence",
-            [partial(_draw_switches, rates), partial(_draw_movement, movements)],
+            [partial(_draw_switches, switches), partial(_draw_movement, movement)],
         ),
     )
 
 
-def _count_ends(context: ExperimentContext, name: str) -> tuple[Ends, Ends]:
-    """The ends of epochs by the rules about matches alone, and with the limit to their length."""
+def _count_ends(context: ExperimentContext, name: str) -> Sequence[Value]:
+    """A row with the ends of epochs by the rules about matches alone, and with the limit to their length."""
     intrinsics = context.recording(name).intrinsics
-    by_rule = PaperVoxDepth(intrinsics, PaperConfig(max_epoch_frames=UNLIMITED))
-    limited = PaperVoxDepth(intrinsics, PaperConfig())
-    ends: tuple[Ends, Ends] = (Counter(), Counter())
+    configs = (PaperConfig(max_epoch_frames=UNLIMITED), PaperConfig())
+    correctors = [PaperVoxDepth(intrinsics, config) for config in configs]
+    by_rule: Counter[EpochEnd | None] = Counter()
+    limited: Counter[EpochEnd | None] = Counter()
     for frame in context.frames_of(name):
-        for corrector, counter in zip((by_rule, limited), ends, strict=True):
-            end = corrector.align(frame).diagnostics.epoch_end
-            if end is not None:
-                counter[end] += 1
-    by_rule.close()
-    limited.close()
-    return ends
+        for corrector, ends in zip(correctors, (by_rule, limited), strict=True):
+            ends[corrector.align(frame).diagnostics.epoch_end] += 1
+    for corrector in correctors:
+        corrector.close()
+    del by_rule[None], limited[None]
+    return (
+        name, by_rule[EpochEnd.FEW_MATCHES], by_rule[EpochEnd.DEGENERATE], by_rule.total(),
+        by_rule.total() * SWITCHES_FRAMES / context.frames, limited.total(), context.frames,
+        SWITCHES.get(SEQUENCES.get(name, "")),
+    )  # fmt: skip
 
 
-def _measure_movement(context: ExperimentContext, name: str) -> dict[int, Movement]:
-    """The movement of pairs of a sequence by their distance."""
+def _measure_movement(context: ExperimentContext, name: str) -> Iterator[Sequence[Value]]:
+    """Yield a row with the image motion between pairs of frames of a sequence for each of their distances."""
     recording = context.recording(name)
     flow = Dis()
     estimators = {"registration": affine_estimator(RegistrationConfig(), recording.intrinsics.shape)}
-    movements = {}
     for distance in (distance for distance in DISTANCES if distance < context.frames):
         flows_px, true_px = [], []
         for start in pair_starts(context.frames, distance, MAX_PAIRS):
@@ -124,12 +102,11 @@ def _measure_movement(context: ExperimentContext, name: str) -> dict[int, Moveme
             flows_px.append(float(np.linalg.norm(to_earlier_px, axis=2).mean()))
             true_px.append(true_displacement_px(earlier, later))
         known = [px for px in true_px if px is not None]
-        movements[distance] = Movement(
-            flow_px=mean(flows_px),
-            true_px=mean(known) if known else None,
-            registration=score_pairs(context, name, estimators, distance, MAX_PAIRS)["registration"],
-        )
-    return movements
+        score = score_pairs(context, name, estimators, distance, MAX_PAIRS)["registration"]
+        yield (
+            name, distance, mean(flows_px), mean(known) if known else None, score.gray.psnr_db, score.failed_percent,
+            score.latency.n, *MOVEMENT.get(distance, (None, None)),
+        )  # fmt: skip
 
 
 def _length_note(frames: int) -> str:
@@ -141,7 +118,7 @@ def _length_note(frames: int) -> str:
     )
 
 
-def _switches_claim(rates: Mapping[str, float]) -> Claim:
+def _switches_claim(rates: pd.Series) -> Claim:
     groups = [[rates[name] for name in names if name in rates] for names in (REAL, SYNTHETIC)]
     paper = "40.33 % fewer switches in synthetic datasets, without KTS, than in those of a RealSense"
     if not all(groups) or mean(groups[0]) == 0:
@@ -156,46 +133,33 @@ def _switches_claim(rates: Mapping[str, float]) -> Claim:
     )
 
 
-def _movement_claim(movements: Mapping[str, Mapping[int, Movement]]) -> Claim:
+def _movement_claim(movement: Table) -> Claim:
+    flows_px, psnrs_db = (movement.pivot("sequence", "distance", name) for name in ("flow", "registration PSNR"))
+    pairs = pd.concat({"px": flows_px, "db": psnrs_db}, axis="columns").reindex(columns=PAPER_PAIRS).dropna()
     found, holds = [], []
-    for name, by_distance in movements.items():
-        near, far = by_distance.get(50), by_distance.get(150)
-        if near is None or far is None:
-            continue
-        near_db, far_db = near.registration.gray.psnr_db, far.registration.gray.psnr_db
-        if near_db is not None and far_db is not None:
-            found.append(f"{name} {near.flow_px:.1f} to {far.flow_px:.1f} px and {near_db:.2f} to {far_db:.2f} dB")
-            holds.append(far.flow_px > near.flow_px and far_db < near_db)
+    for name, near_px, far_px, near_db, far_db in pairs.itertuples():
+        found.append(f"{name} {near_px:.1f} to {far_px:.1f} px and {near_db:.2f} to {far_db:.2f} dB")
+        holds.append(far_px > near_px and far_db < near_db)
     return Claim(
         paper="from 50 to 150 frames apart, flow grows from 6.75 to 10.08 px and registration falls from 16.06 to "
         "12.61 dB",
         found="; ".join(found) or "fewer than 151 frames",
-        holds=sum(holds) > len(holds) / 2 if holds else None,
+        holds=most_hold(holds),
     )
 
 
-def _draw_switches(rates: Mapping[str, float], axes: Axes) -> None:
-    printed = [SWITCHES.get(SEQUENCES.get(name, "")) for name in rates]
-    label_axes(axes, "epochs that ended", "sequence", f"switches per {SWITCHES_FRAMES} frames")
-    series: dict[str, Sequence[float | None]] = {
-        "here, by matches alone": list(rates.values()),
-        "paper, other data": printed,
-    }
-    grouped_bars(axes, list(rates), series, colors={"paper, other data": "0.7"})
+def _draw_switches(switches: Table, axes: Axes) -> None:
+    label_axes(axes, "epochs that ended", "sequence", RATE)
+    paper = "paper, other data"
+    series = {"here, by matches alone": switches.series(RATE), paper: switches.series(PAPER_RATE)}
+    grouped_bars(axes, [str(name) for name in switches.column("sequence")], series, colors={paper: "0.7"})
 
 
-def _draw_movement(movements: Mapping[str, Mapping[int, Movement]], axes: Axes) -> None:
-    for k, (name, by_distance) in enumerate(movements.items()):
-        flows_px = [movement.flow_px for movement in by_distance.values()]
-        psnrs_db = [movement.registration.gray.psnr_db or float("nan") for movement in by_distance.values()]
-        axes.plot(flows_px, psnrs_db, marker=MARKERS[k], ms=4, label=name)
-        for distance, flow_px, psnr_db in zip(by_distance, flows_px, psnrs_db, strict=True):
-            axes.annotate(str(distance), (flow_px, psnr_db), fontsize=6)
-    x, y = zip(*MOVEMENT.values(), strict=True)
-    axes.plot(x, y, color="0.6", marker="*", label="paper, other data")
+def _draw_movement(movement: Table, axes: Axes) -> None:
+    axes.plot(*zip(*MOVEMENT.values(), strict=True), color="0.6", marker="*", label="paper, other data")
     title = f"numbers: frames apart; n = up to {MAX_PAIRS} pairs"
     label_axes(axes, title, "mean length of DIS flow [px]", "PSNR, peak 255 [dB]")
-    axes.legend(fontsize=6)
+    marked_lines(axes, movement, "flow", "registration PSNR", text="distance")
 
 
 STATE_SWITCHES = Experiment(

@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from .table import Table
+
 DPI = 110
 PANEL_IN = (5.2, 3.8)
 """Width and height of a panel."""
@@ -102,6 +104,29 @@ def grouped_bars(
         color = (colors or {}).get(name)
         axes.bar(places, known, width, label=legend_label(name), color=color, yerr=error, capsize=3)
     axes.set_xticks(range(len(groups)), groups, fontsize=7)
+    axes.legend(fontsize=7)
+
+
+def marked_lines(axes: "Axes", table: "Table", x: str, y: str, *, by: str = "sequence", text: str = "") -> None:
+    """Draw one line per entry of a column of a table, and a legend of these entries.
+
+    Args:
+        axes: The panel.
+        table: Rows without a number in `x` or `y` are left out.
+        x: Name of the column of the horizontal axis.
+        y: Name of the column of the vertical axis.
+        by: Name of the column whose entries are the lines.
+        text: Name of the column with the text beside each point; empty for none.
+    """
+    lines = table.column(by)
+    for k, name in enumerate(dict.fromkeys(lines)):
+        columns = [table.column(column) for column in (x, y, text or x)]
+        points = [point for line, *point in zip(lines, *columns, strict=True) if line == name and None not in point[:2]]
+        xs, ys = ([point[axis] for point in points] for axis in (0, 1))
+        axes.plot(xs, ys, marker=MARKERS[k % len(MARKERS)], ms=4, label=name)
+        for *at, value in points if text else ():
+            words = f"{value:.1f}" if isinstance(value, float) else str(value)
+            axes.annotate(words, at, fontsize=6, xytext=(2, 3), textcoords="offset points")  # type: ignore[arg-type]
     axes.legend(fontsize=7)
 
 

@@ -127,6 +127,19 @@ class Table:
         place = [column.name for column in self.columns].index(name)
         return [row[place] for row in self.rows]
 
+    def series(self, name: str) -> pd.Series:
+        """The numbers of a column by the entries of the first one; NaN where undefined."""
+        return pd.Series(self.column(name), self.column(self.columns[0].name), dtype=float)
+
+    def pivot(self, rows: str, columns: str, values: str) -> pd.DataFrame:
+        """The numbers of one column by the entries of two others, in the order of the table; NaN where undefined.
+
+        All three are names without units, and no pair of entries of `rows` and `columns` may occur twice.
+        """
+        by = pd.DataFrame({name: self.column(name) for name in (rows, columns, values)})
+        found = by.pivot(index=rows, columns=columns, values=values).astype(float)
+        return found.reindex(index=by[rows].unique(), columns=by[columns].unique())
+
     def is_numeric(self, place: int) -> bool:
         """Whether a column has a unit or holds a number."""
         return bool(self.columns[place].unit) or any(isinstance(row[place], int | float) for row in self.rows)

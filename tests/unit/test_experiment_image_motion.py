@@ -111,7 +111,7 @@ def test_pairs_are_spread_evenly_and_end_with_the_last_frame(
 
 def test_a_score_counts_failures() -> None:
     score = MotionScore(times_s=[0.001, 0.002, 0.003, 0.004], failures=1)
-    assert (score.pairs, score.failed_percent) == (4, 25)
+    assert (score.latency.n, score.failed_percent) == (4, 25)
     assert score.latency.p50_ms == pytest.approx(2.5)
 
 

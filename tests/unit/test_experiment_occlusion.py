@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from scenarios.experiments.occlusion import GrownOcclusion, SequenceQuality, grow, squared_error_m2
+from scenarios.experiments.occlusion import GrownOcclusion, curvature, grow, loss_percent, squared_error_m2
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.types import FloatImage, MaskImage
 
@@ -37,18 +37,21 @@ def test_doubling_the_holes_costs_three_decibels_wherever_it_starts() -> None:
         assert grown_of(percent).psnr_db - grown_of(2 * percent).psnr_db == pytest.approx(10 * np.log10(2))
 
 
+def curve_of(*percents: int) -> tuple[list[float], list[float]]:
+    """Shares of occluded pixels [%], and the PSNR of perfect depth with that many holes [dB]."""
+    grown = [grown_of(percent) for percent in percents]
+    return [one.occluded_percent for one in grown], [one.psnr_db for one in grown]
+
+
 def test_the_curve_of_pure_holes_flattens() -> None:
-    quality = SequenceQuality(
-        grown={px: grown_of(percent) for px, percent in zip((0, 2, 4, 8), (5, 10, 20, 40), strict=True)}
-    )
-    assert quality.curvature() > 0
-    loss = quality.loss_percent()
+    curve = curve_of(5, 10, 20, 40)
+    assert curvature(*curve) > 0
     start_db, later_db = grown_of(5).psnr_db, np.interp(15, [10, 20], [grown_of(10).psnr_db, grown_of(20).psnr_db])
-    assert loss == pytest.approx(100 * (1 - later_db / start_db))
+    assert loss_percent(*curve) == pytest.approx(100 * (1 - later_db / start_db))
 
 
 def test_no_loss_is_told_beyond_the_grown_patches() -> None:
-    assert SequenceQuality(grown={0: grown_of(5), 2: grown_of(6), 4: grown_of(7)}).loss_percent() is None
+    assert loss_percent(*curve_of(5, 6, 7)) is None
 
 
 def test_patches_grow_on_every_side() -> None:
