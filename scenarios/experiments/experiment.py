@@ -53,7 +53,7 @@ def all_hold(holds: Collection[bool]) -> bool | None:
 
 def most_hold(holds: Collection[bool]) -> bool | None:
     """Whether a claim holds in more than half of the cases; None without a case."""
-    return sum(holds) > len(holds) / 2 if len(holds) else None
+    return bool(sum(holds) > len(holds) / 2) if len(holds) else None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,13 +2,14 @@
 
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
 from statistics import median
 
+import pandas as pd
 from matplotlib.axes import Axes
 
 from voxdepth import PaperVoxDepth
@@ -75,23 +76,21 @@ SETUPS: Mapping[str, Setup] = {
     "GS": Setup("one by one", one_by_one, partial(create_corrector, "lmeds")),
 }
 
-Rates = Mapping[str, list[float]]
-"""Frames per second of every run by setup."""
-
 
 def compare_frame_rates(context: ExperimentContext) -> Findings:
-    """Correct the same frames from files with every setup."""
-    measured = {name: _measure(context, name) for name in context.sequences}
+    """Time every setup on frames from files."""
     rows = [
         (name, setup, SETUPS[setup].how, median(rates), min(rates), max(rates), len(rates), context.frames,
          FRAMES_PER_S.get(setup))
-        for name, by_setup in measured.items()
-        for setup, rates in by_setup.items()
+        for name in context.sequences
+        for setup, rates in _measure(context, name).items()
     ]  # fmt: skip
+    table = Table.of("Frames per second from files", COLUMNS, rows)
+    medians = table.pivot("method", "sequence", "median")
     title = f"Frame rates, n = {REPETITIONS} runs of {context.frames} frames"
     return Findings(
-        tables=(Table.of("Frames per second from files", COLUMNS, rows),),
-        claims=(*(_pipeline_claim(name, rates) for name, rates in measured.items()), _order_claim(measured)),
+        tables=(table,),
+        claims=(*(_pipeline_claim(name, medians[name]) for name in context.sequences), _order_claim(medians)),
         notes=(
             f"{IMAGES} images of each sequence as PNG files, played forwards and backwards; OpenCV on one thread, "
             f"after a warm-up, {REPETITIONS} alternating runs of each.",
@@ -99,11 +98,12 @@ def compare_frame_rates(context: ExperimentContext) -> Findings:
             "few processors there is little to overlap. The paper's kernels ran on the GPU of a Jetson Nano.",
             "DeepSmooth (2 frames/s in the paper) is not built here. GS is our reconstruction in NumPy.",
         ),
-        figure=panels(title, [partial(_draw, measured)]),
+        figure=panels(title, [partial(_draw, table)]),
     )
 
 
-def _measure(context: ExperimentContext, name: str) -> Rates:
+def _measure(context: ExperimentContext, name: str) -> dict[str, list[float]]:
+    """Frames per second of every run by setup."""
     loop = context.frame_loop(name, IMAGES)
     rates: dict[str, list[float]] = {setup: [] for setup in SETUPS}
     with tempfile.TemporaryDirectory(prefix="voxdepth-fps-") as folder:
@@ -118,20 +118,18 @@ def _measure(context: ExperimentContext, name: str) -> Rates:
     return rates
 
 
-def _pipeline_claim(name: str, rates: Rates) -> Claim:
-    fast, slow = median(rates[PIPELINED]), median(rates[SEQUENTIAL])
-    speed_up = 100 * (fast / slow - 1)
+def _pipeline_claim(name: str, medians: pd.Series) -> Claim:
+    speed_up = float(100 * (medians[PIPELINED] / medians[SEQUENTIAL] - 1))
     return Claim(
         paper="pipelining makes it 21 % faster (26.71 and 21.91 frames/s: 21.9 %), and 26.7 frames/s exceed 20",
-        found=f"{name}: {speed_up:+.1f} %, {fast:.1f} frames/s",
-        holds=speed_up > 0 and fast >= TARGET,
+        found=f"{name}: {speed_up:+.1f} %, {medians[PIPELINED]:.1f} frames/s",
+        holds=bool(speed_up > 0 and medians[PIPELINED] >= TARGET),
     )
 
 
-def _order_claim(measured: Mapping[str, Rates]) -> Claim:
-    orders = {
-        name: sorted(("VD", "RS", "GS"), key=lambda setup: -median(rates[setup])) for name, rates in measured.items()
-    }
+def _order_claim(medians: pd.DataFrame) -> Claim:
+    methods = medians.loc[["VD", "RS", "GS"]]
+    orders = {name: list(methods[name].sort_values(ascending=False, kind="stable").index) for name in methods}
     found = "; ".join(f"{name} {', '.join(order)}" for name, order in orders.items())
     return Claim(
         paper="RS is faster than VD, and VD than GS (39.52, 26.71 and 16.89 frames/s)",
@@ -140,18 +138,14 @@ def _order_claim(measured: Mapping[str, Rates]) -> Claim:
     )
 
 
-def _draw(measured: Mapping[str, Rates], axes: Axes) -> None:
+def _draw(table: Table, axes: Axes) -> None:
     paper = "paper, Jetson Nano"
-    medians = {name: [median(rates) for rates in by_setup.values()] for name, by_setup in measured.items()}
-    errors = {
-        name: [[median(rates) - min(rates) for rates in by_setup.values()],
-               [max(rates) - median(rates) for rates in by_setup.values()]]
-        for name, by_setup in measured.items()
-    }  # fmt: skip
+    medians, lowest, highest = (table.pivot("method", "sequence", name) for name in ("median", "lowest", "highest"))
+    errors = {name: [medians[name] - lowest[name], highest[name] - medians[name]] for name in medians}
     axes.axhline(TARGET, color="0.4", ls="--", lw=1, label="target")
     label_axes(axes, "median; bars from lowest to highest", "method", "frames per second")
     names = [setup.replace(", ", ",\n") for setup in SETUPS]
-    series: dict[str, Sequence[float | None]] = {paper: [FRAMES_PER_S.get(setup) for setup in SETUPS], **medians}
+    series = {paper: [FRAMES_PER_S.get(setup) for setup in SETUPS], **medians.to_dict("list")}
     grouped_bars(axes, names, series, colors={paper: "0.7"}, errors=errors)
 
 

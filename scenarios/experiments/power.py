@@ -1,12 +1,13 @@
 """Power consumption of the methods, if the machine has an energy counter; otherwise nothing is measured."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
-from typing import Any, Protocol
+from typing import Any
 
+import pandas as pd
 from matplotlib.axes import Axes
 
 from voxdepth.registry import create_corrector
@@ -15,7 +16,7 @@ from voxdepth.types import DepthCorrector
 from ..benchmark.frames import FrameLoop
 from ..errors import ScenarioError
 from ..results.figure import grouped_bars, label_axes, panels
-from ..results.table import Column, Table
+from ..results.table import Column, Table, Value
 from .experiment import Claim, Experiment, ExperimentContext, Findings
 from .frame_rate import close_corrector
 from .quality import METHODS
@@ -39,36 +40,18 @@ class NoMeterError(ScenarioError):
     """Energy cannot be measured here; the message says why."""
 
 
-class Meter(Protocol):
+@dataclass(frozen=True, kw_only=True)
+class Meter:
     """An energy counter."""
 
     name: str
     """What it measures, and how."""
-
-    def energy_j(self) -> float:
-        """Energy since an arbitrary moment [J]; only differences are meaningful."""
-        ...
-
-
-class RaplMeter:
-    """The energy of all processor packages by the library zeus, which includes that of other processes.
-
-    Args:
-        cpus: The result of `zeus.device.cpu.get_cpus`.
-    """
-
-    def __init__(self, cpus: Any) -> None:
-        self._cpus = cpus
-        self.name = f"RAPL through zeus, {len(cpus)} processor package(s)"
-
-    def energy_j(self) -> float:
-        """See `Meter`."""
-        used = [self._cpus.get_total_energy_consumption(index) for index in range(len(self._cpus))]
-        return sum(float(one.cpu_mj) for one in used) / 1000
+    energy_j: Callable[[], float]
+    """Reads the energy since an arbitrary moment [J]; only differences are meaningful."""
 
 
 def find_meter() -> Meter:
-    """The energy counter of this machine.
+    """The energy counters of all processor packages together, which count other processes, too.
 
     Raises:
         NoMeterError: The machine has none that this process can read.
@@ -79,29 +62,17 @@ def find_meter() -> Meter:
     except ImportError as error:
         raise NoMeterError("the library zeus is not installed") from error
     try:
-        meter = RaplMeter(get_cpus())
+        cpus = get_cpus()
+        meter = Meter(name=f"RAPL through zeus, {len(cpus)} processor package(s)", energy_j=partial(_rapl_j, cpus))
         meter.energy_j()
     except (ZeusBaseError, OSError) as error:
         raise NoMeterError(f"zeus finds no energy counter that it can read ({error})") from error
     return meter
 
 
-@dataclass(frozen=True, kw_only=True)
-class Consumption:
-    """The energy of continuous work."""
-
-    frames: int
-    time_s: float
-    energy_j: float
-
-    @property
-    def power_w(self) -> float:
-        """Mean power of everything that the meter counts."""
-        return self.energy_j / self.time_s
-
-
-Measured = Mapping[str, Consumption]
-"""Consumption by method."""
+def _rapl_j(cpus: Any) -> float:
+    """Energy of all packages of the result of `zeus.device.cpu.get_cpus` [J]."""
+    return sum(float(cpus.get_total_energy_consumption(index).cpu_mj) for index in range(len(cpus))) / 1000
 
 
 def measure_power(
@@ -112,40 +83,38 @@ def measure_power(
         meter = find()
     except NoMeterError as error:
         return _not_measured(str(error))
-    measured = {name: _measure(context, name, meter, seconds) for name in context.sequences}
-    rows = [
-        (name, method, one.power_w, one.power_w - by_method[IDLE].power_w,
-         one.energy_j / one.frames if one.frames else None, one.frames, one.time_s)
-        for name, by_method in measured.items()
-        for method, one in by_method.items()
-    ]  # fmt: skip
+    rows = [row for name in context.sequences for row in _measure(context, name, meter, seconds)]
+    table = Table.of(f"Power by {meter.name}", COLUMNS, rows)
+    powers_w = table.pivot("method", "sequence", "power")
     return Findings(
-        tables=(Table.of(f"Power by {meter.name}", COLUMNS, rows),),
-        claims=tuple(_claim(name, by_method) for name, by_method in measured.items()),
+        tables=(table,),
+        claims=tuple(_claim(name, powers_w[name]) for name in context.sequences),
         notes=(
             f"{context.frames} images in memory, played forwards and backwards for {seconds:g} s, as fast as "
             "each method can: a faster method corrects more frames for the same power. OpenCV on one thread.",
             "The meter counts the whole machine: let nothing else run. DeepSmooth is not built here.",
         ),
-        figure=panels(f"Power, n = {seconds:g} s of each method", [partial(_draw, measured)]),
+        figure=panels(f"Power, n = {seconds:g} s of each method", [partial(_draw, powers_w)]),
     )
 
 
-def _measure(context: ExperimentContext, name: str, meter: Meter, seconds: float) -> Measured:
+def _measure(context: ExperimentContext, name: str, meter: Meter, seconds: float) -> Iterator[Sequence[Value]]:
+    """Yield a row for the idle machine and for each method."""
     loop = context.frame_loop(name, context.frames)
     context.report(f"measuring the idle machine for {seconds:g} s")
     start_j, start_s = meter.energy_j(), time.perf_counter()
     time.sleep(seconds)
     time_s = time.perf_counter() - start_s
-    measured = {IDLE: Consumption(frames=0, time_s=time_s, energy_j=meter.energy_j() - start_j)}
+    idle_w = (meter.energy_j() - start_j) / time_s
+    yield name, IDLE, idle_w, 0.0, None, 0, time_s
     for method in WORKING:
         context.report(f"{name}, {method} for {seconds:g} s")
-        measured[method] = _work(meter, create_corrector(METHODS[method], loop.intrinsics), loop, seconds)
-    return measured
+        frames, energy_j, time_s = _work(meter, create_corrector(METHODS[method], loop.intrinsics), loop, seconds)
+        yield name, method, energy_j / time_s, energy_j / time_s - idle_w, energy_j / frames, frames, time_s
 
 
-def _work(meter: Meter, corrector: DepthCorrector, loop: FrameLoop, seconds: float) -> Consumption:
-    """Correct as many frames as possible within the time, after a warm-up."""
+def _work(meter: Meter, corrector: DepthCorrector, loop: FrameLoop, seconds: float) -> tuple[int, float, float]:
+    """Correct as many frames as possible within the time, after a warm-up: their number, energy [J] and time [s]."""
     frames = loop.play(2**31)
     for frame in islice(frames, WARM_UP_FRAMES):
         corrector.process(frame)
@@ -157,7 +126,7 @@ def _work(meter: Meter, corrector: DepthCorrector, loop: FrameLoop, seconds: flo
         time_s = time.perf_counter() - start_s
     energy_j = meter.energy_j() - start_j
     close_corrector(corrector)
-    return Consumption(frames=done, time_s=time_s, energy_j=energy_j)
+    return done, energy_j, time_s
 
 
 def _not_measured(reason: str) -> Findings:
@@ -176,15 +145,14 @@ def _not_measured(reason: str) -> Findings:
     )
 
 
-def _claim(name: str, measured: Measured) -> Claim:
-    less = 100 * (1 - measured["VD"].power_w / measured["GS"].power_w)
+def _claim(name: str, powers_w: pd.Series) -> Claim:
+    less = float(100 * (1 - powers_w["VD"] / powers_w["GS"]))
     return Claim(paper=CLAIM, found=f"{name}: VD takes {less:.1f} % less power than GS", holds=less > 0)
 
 
-def _draw(measured: Mapping[str, Measured], axes: Axes) -> None:
+def _draw(powers_w: pd.DataFrame, axes: Axes) -> None:
     label_axes(axes, "mean during continuous work", "method", "power [W]")
-    series = {name: [one.power_w for one in by_method.values()] for name, by_method in measured.items()}
-    grouped_bars(axes, (IDLE, *WORKING), series)
+    grouped_bars(axes, list(powers_w.index), powers_w.to_dict("list"))
 
 
 POWER = Experiment(

@@ -8,19 +8,15 @@ from typing import Any
 
 import pytest
 
-from scenarios.experiments.power import NOT_MEASURED, Meter, NoMeterError, RaplMeter, find_meter, measure_power
+from scenarios.experiments.power import NOT_MEASURED, Meter, NoMeterError, find_meter, measure_power
 from tests.experiment_context import small_context
 
 POWER_W = 7.0
 
 
-class Steady:
-    """A machine that always takes as much."""
-
-    name = "a steady meter"
-
-    def energy_j(self) -> float:
-        return POWER_W * time.perf_counter()
+def steady() -> Meter:
+    """The meter of a machine that always takes as much."""
+    return Meter(name="a steady meter", energy_j=lambda: POWER_W * time.perf_counter())
 
 
 class BrokenZeusError(Exception):
@@ -61,7 +57,7 @@ def test_without_a_meter_it_says_so_and_holds_no_number(tmp_path: Path) -> None:
 
 
 def test_a_meter_is_read_around_the_work(tmp_path: Path) -> None:
-    (table,) = measure_power(small_context(tmp_path, 2), find=Steady, seconds=0.05).tables
+    (table,) = measure_power(small_context(tmp_path, 2), find=steady, seconds=0.05).tables
     assert table.column("method") == ["idle", "VD", "RS", "GS"]
     assert table.column("power") == pytest.approx([POWER_W] * 4, rel=0.05)
     frames, energies = table.column("n frames"), table.column("energy per frame")
@@ -72,11 +68,7 @@ def test_a_meter_is_read_around_the_work(tmp_path: Path) -> None:
         assert energy_j == pytest.approx(POWER_W * time_s / n, rel=0.05)
 
 
-def test_rapl_adds_the_packages_in_joules() -> None:
-    assert RaplMeter(TwoPackages()).energy_j() == 3.5
-
-
-def test_zeus_is_used_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_packages_that_zeus_reads_are_added_in_joules(monkeypatch: pytest.MonkeyPatch) -> None:
     give_zeus(monkeypatch, TwoPackages)
     assert find_meter().energy_j() == 3.5
 

@@ -62,3 +62,15 @@ def test_a_frame_is_the_same_in_both_files(tmp_path) -> None:
     assert [path.name for path in paths] == ["results.csv", "results.parquet"]
     pd.testing.assert_frame_equal(pd.read_csv(paths[0]), frame)
     assert pd.read_parquet(paths[1]).equals(frame)
+
+
+def test_numbers_are_found_by_the_entries_of_other_columns_in_their_order() -> None:
+    rows = [("b", 2, 1.5, "x"), ("b", 1, None, "x"), ("a", 2, 3, "x")]
+    table = Table.of("title", ("sequence", "size", Column("time", "ms"), "text"), rows)
+    times_ms = table.pivot("sequence", "size", "time")
+    assert (list(times_ms.index), list(times_ms)) == (["b", "a"], [2, 1])
+    assert times_ms.loc["b", 2] == 1.5 and times_ms.loc["a", 2] == 3.0
+    assert times_ms[1].isna().all(), "one number is undefined, and one row is not in the table"
+    series = Table.of("title", ("sequence", Column("time", "ms")), [("b", 1.5), ("a", None)]).series("time")
+    assert list(series.index) == ["b", "a"]
+    assert series["b"] == 1.5 and series.isna()["a"]
