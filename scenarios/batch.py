@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -25,16 +26,15 @@ OUTCOMES = [outcome for outcome in Outcome if outcome is not Outcome.INTERRUPTED
 def fly_all(runs: Sequence[Run], *, workers: int) -> Iterator[Finished]:
     """Fly all runs and yield their results in order; the number of workers changes the speed only."""
     if workers == 1:
-        yield from map(fly, runs)
-    else:
-        yield from in_processes(_fly_alone, runs, workers=workers)
+        return map(fly, runs)
+    # The worker processes already use all processors.
+    return in_processes(partial(fly, threads=1), runs, workers=workers)
 
 
 def in_processes(function: Callable[[Run], T], runs: Sequence[Run], *, workers: int) -> Iterator[T]:
     """Call a module-level function for each run in worker processes, and yield its results in order.
 
-    Raises:
-        ScenarioError: A process died.
+    A process that dies is a `ScenarioError`.
     """
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=context, initializer=import_noisy_libraries) as pool:
@@ -44,11 +44,6 @@ def in_processes(function: Callable[[Run], T], runs: Sequence[Run], *, workers: 
             raise ScenarioError(
                 "a worker process died without an error message, perhaps for lack of memory: try fewer workers"
             ) from error
-
-
-def _fly_alone(run: Run) -> Finished:
-    """Fly a run with one thread, since the worker processes already use all processors."""
-    return fly(run, threads=1)
 
 
 def acceptance_run(name: str, seed: int, changes: Mapping[str, Any] = MappingProxyType({})) -> Run:
@@ -66,14 +61,7 @@ def acceptance_run(name: str, seed: int, changes: Mapping[str, Any] = MappingPro
 def check_acceptance(
     name: str, seeds: Sequence[int], report: Callable[[int, Outcome], None], *, workers: int
 ) -> tuple[int, float]:
-    """Fly the acceptance check of a scenario; return the number of successes and the required share of them.
-
-    Args:
-        name: Name or path of the scenario.
-        seeds: Seeds of the runs.
-        report: Called with the seed and the outcome of every run.
-        workers: Number of runs in parallel.
-    """
+    """Fly the acceptance check of a scenario; return the number of successes and the required share of them."""
     runs = [acceptance_run(name, seed) for seed in seeds]
     successes = 0
     for run, finished in zip(runs, fly_all(runs, workers=workers), strict=True):
@@ -121,15 +109,9 @@ def tabulate(
     *,
     workers: int,
 ) -> Table:
-    """Fly a scenario with every depth source and seed, and return the table of the outcomes.
+    """Fly a scenario, with further changes, for every depth source and seed; return the table of the outcomes.
 
-    Args:
-        scenario: Name or path of the scenario.
-        sources: One row of the table each.
-        seeds: Seeds of the runs.
-        changes: Further values of the scenario, by dotted key.
-        report: Called with one line of text per run.
-        workers: Number of runs in parallel.
+    `report` is called with one line of text per run.
     """
     rows = []
     for source in sources:
@@ -156,10 +138,7 @@ OUTCOME_COLUMNS: tuple[Column | str, ...] = (
 def outcome_row(source: DepthSource, prior: PosePriorConfig, results: Sequence[MissionResult]) -> list[Value]:
     """Return one row of the table: errors are means over runs, the clearance is the smallest of all runs.
 
-    Args:
-        source: Depth source of the runs.
-        prior: Pose prior of the scenario; the row names any but `none`, so that an oracle can be recognised.
-        results: Results of all seeds.
+    The row names any pose prior but `none`, so that an oracle can be recognised.
     """
     outcomes = [result.outcome for result in results]
     return [

@@ -5,8 +5,9 @@ import sys
 
 import typer
 
-from .commands import bench, config, correct, evaluate, experiment, general, sensor, study, swarm
+from .commands import correct, evaluate, general, sensor, study, swarm
 from .commands.options import INTERRUPTED
+from .quiet import import_noisy_libraries, use_one_thread
 
 os.environ.setdefault("RERUN_ANALYTICS_ENABLED", "0")
 
@@ -23,11 +24,9 @@ app = typer.Typer(
 @app.callback()
 def start(context: typer.Context) -> None:
     """Depth correction for stereo cameras, tested in a simulated drone swarm that flies by it."""
-    if context.invoked_subcommand in (evaluate.evaluate.__name__, experiment.experiment.__name__, study.app.info.name):
-        evaluate.use_one_thread()
-    from .quiet import import_noisy_libraries  # `--help` does not call this function.
-
-    import_noisy_libraries()
+    if context.invoked_subcommand in (evaluate.evaluate.__name__, evaluate.experiment.__name__, study.app.info.name):
+        use_one_thread()
+    import_noisy_libraries()  # `--help` does not call this function.
 
 
 for panel, commands in (
@@ -35,7 +34,7 @@ for panel, commands in (
     ("Sensor", (sensor.record, sensor.sheet, sensor.scenes)),
     (
         "Corrector",
-        (correct.correct, config.config, evaluate.evaluate, experiment.experiment, sensor.regress, bench.bench),
+        (correct.correct, correct.config, evaluate.evaluate, evaluate.experiment, sensor.regress, evaluate.bench),
     ),
     ("General", (general.list_, general.view, general.doctor)),
 ):

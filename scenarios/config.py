@@ -10,7 +10,7 @@ from swarm.compose import MissionSetup
 from voxdepth import registry
 from voxdepth.model import Model
 
-from .files import load, shipped_names
+from .files import load
 
 
 class Acceptance(Model):
@@ -77,11 +77,6 @@ class Run(Model):
 
     scenario: Scenario
     seed: int = Field(ge=0, lt=2**32)
-
-
-def scenario_names() -> list[str]:
-    """Return the names of the shipped scenarios."""
-    return shipped_names("scenarios")
 
 
 def load_run(name_or_path: str, seed: int | None, changes: dict[str, Any]) -> Run:

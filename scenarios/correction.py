@@ -1,6 +1,5 @@
 """Correcting a recorded sequence into a folder that appears when it is complete."""
 
-import csv
 import json
 import platform
 from collections import Counter
@@ -8,11 +7,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from voxdepth.datasets import Dataset
 from voxdepth.errors import PipelineError
@@ -59,15 +59,12 @@ class Correction:
     corrector: DepthCorrector
 
     def run(self, out: Path, record: Path | None, progress: Progress) -> dict[str, Any]:
-        """Correct the frames into a new folder, which appears when all frames are done.
+        """Correct the frames into a new folder, which appears when all frames are done; return its `report.json`.
 
         Args:
             out: The folder; it does not exist, or is empty.
             record: `.rrd` file to write or to replace; None writes no recording.
             progress: Receives the number of corrected frames after each frame.
-
-        Returns:
-            The content of `report.json`.
 
         Raises:
             ScenarioError: The folder exists, or a file cannot be written.
@@ -80,7 +77,8 @@ class Correction:
             (folder / CONFIG).write_text(to_toml(self.config), encoding="utf-8")
             lines = list(self._correct(folder, listener, progress))
             report = _report(self.config, lines)
-            _write_csv(folder / FRAMES, [line.columns() for line in lines])
+            table = pd.DataFrame([line.columns() for line in lines], dtype=object)
+            table.to_csv(folder / FRAMES, index=False, lineterminator="\n")
             (folder / REPORT).write_text(json.dumps(report, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         return report
 
@@ -90,18 +88,21 @@ class Correction:
         with _original_errors(), CorrectionPipeline(self.corrector, frames) as pipeline:
             for index, (frame, corrected) in enumerate(pipeline):
                 name = self.dataset.name(index)
-                for kind, image in (
-                    (DEPTH, to_millimetres(corrected.depth_m)),
-                    (CONFIDENCE, to_gray(corrected.confidence)),
-                ):
-                    (folder / kind / f"{name}.png").write_bytes(encode(image))
+                (folder / DEPTH / f"{name}.png").write_bytes(encode(to_millimetres(corrected.depth_m)))
+                (folder / CONFIDENCE / f"{name}.png").write_bytes(encode(to_gray(corrected.confidence)))
                 listener(index, frame, corrected)
                 progress(index + 1)
-                yield FrameLine.of(name, frame, corrected)
+                yield FrameLine(
+                    name=name,
+                    stamp_s=frame.stamp_s,
+                    raw_pixels=int(np.count_nonzero(frame.depth_m)),
+                    pixels={s.name.lower(): int(np.count_nonzero(corrected.source == s)) for s in Source},
+                    facts={} if corrected.diagnostics is None else corrected.diagnostics.facts(),
+                    wall_s=dict(corrected.timings_s),
+                )
 
 
-@dataclass(frozen=True, kw_only=True)
-class FrameLine:
+class FrameLine(NamedTuple):
     """One line of `frames.csv`."""
 
     name: str
@@ -114,18 +115,6 @@ class FrameLine:
     """Diagnostics of the corrector by name."""
     wall_s: Mapping[str, float]
     """Wall-clock time by step [s]."""
-
-    @classmethod
-    def of(cls, name: str, frame: Frame, corrected: CorrectedDepth) -> Self:
-        """Count the pixels of a frame and keep the facts about it."""
-        return cls(
-            name=name,
-            stamp_s=frame.stamp_s,
-            raw_pixels=int(np.count_nonzero(frame.depth_m)),
-            pixels={source.name.lower(): int(np.count_nonzero(corrected.source == source)) for source in Source},
-            facts={} if corrected.diagnostics is None else corrected.diagnostics.facts(),
-            wall_s=dict(corrected.timings_s),
-        )
 
     def columns(self) -> dict[str, Fact]:
         """Return the values by the names of their columns."""
@@ -140,11 +129,7 @@ class FrameLine:
 
 
 def require_absent(out: Path) -> None:
-    """Refuse an output folder that exists already, unless it is empty.
-
-    Raises:
-        ScenarioError: There is a file or a folder with content.
-    """
+    """Raise a `ScenarioError` if an output folder exists already, unless it is empty."""
     if out.exists() and not (out.is_dir() and next(out.iterdir(), None) is None):
         raise ScenarioError(f"{out} exists already: name a new folder, or delete that one")
 
@@ -164,14 +149,6 @@ def encode(image: npt.NDArray[Any]) -> bytes:
     """Encode a PNG without row filters: depth is quantised, so this is smaller and faster than OpenCV's default."""
     options = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE)
     return cv2.imencode(".png", image, options)[1].tobytes()
-
-
-def _write_csv(path: Path, rows: Sequence[Mapping[str, Fact]]) -> None:
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, names, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def _report(config: CorrectionConfig, lines: Sequence[FrameLine]) -> dict[str, Any]:
@@ -194,11 +171,8 @@ def _report(config: CorrectionConfig, lines: Sequence[FrameLine]) -> dict[str, A
 
 def _by_name(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
     """Collect the values of each name in the order of the frames; a frame may lack a name."""
-    found: dict[str, list[Any]] = {}
-    for row in rows:
-        for name, value in row.items():
-            found.setdefault(name, []).append(value)
-    return found
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {name: [row[name] for row in rows if name in row] for name in names}
 
 
 def _summary(values: Sequence[Fact]) -> dict[str, int] | dict[str, float]:

@@ -29,7 +29,7 @@ def shipped_names(kind: str) -> list[str]:
 
 
 def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, changes: dict[str, Any]) -> Loaded:
-    """Load a configuration with its seed.
+    """Load a configuration with its seed; a file that is missing or invalid is a `ScenarioError`.
 
     Args:
         model: Its fields are `seed` and the singular of the kind.
@@ -37,9 +37,6 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
         name_or_path: Name of a shipped file, or path of a TOML file, which may be the `config.toml` of a result.
         seed: Master seed; None takes the seed of the result, or 0.
         changes: Values to set, by dotted key, as in `{"mission.drones": 4}`.
-
-    Raises:
-        ScenarioError: There is no such file, or a value in it is invalid.
     """
     path, data = _read_table(kind, name_or_path)
     field = SINGULAR[kind]
@@ -55,13 +52,9 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
 
 
 def load_alone(model: type[Loaded], kind: str, name_or_path: str) -> tuple[Path, Loaded]:
-    """Load a configuration without a seed, by the name of a shipped file or by path.
+    """Load a configuration without a seed, by the name of a shipped file or by path; return the path as well.
 
-    Returns:
-        The path of the file, and the configuration.
-
-    Raises:
-        ScenarioError: There is no such file, or a value in it is invalid.
+    A file that is missing or invalid is a `ScenarioError`.
     """
     path, data = _read_table(kind, name_or_path)
     return path, _validated(model, path, data, SINGULAR[kind])
@@ -93,11 +86,7 @@ def _read_table(kind: str, name_or_path: str) -> tuple[Path, dict[str, Any]]:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file.
-
-    Raises:
-        ScenarioError: It cannot be read, or is not valid TOML.
-    """
+    """Read a TOML file; one that cannot be read, or is not valid TOML, is a `ScenarioError`."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except tomllib.TOMLDecodeError as error:
@@ -147,10 +136,7 @@ def atomic(path: Path) -> Iterator[Path]:
     """Give a temporary path beside `path` that is renamed to `path` when the block ends without an error.
 
     The block makes a file or a folder there, and it appears as a whole or not at all. A file replaces an existing file;
-    a folder replaces only an empty folder. Missing parent folders are made.
-
-    Raises:
-        ScenarioError: The operating system refuses to write.
+    a folder replaces only an empty folder. Missing parent folders are made. An `OSError` becomes a `ScenarioError`.
     """
     with as_scenario_error(f"cannot write {path}"):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -161,11 +147,7 @@ def atomic(path: Path) -> Iterator[Path]:
 
 
 def write(path: Path, data: bytes) -> None:
-    """Make or replace a file and make its missing parent folders, see `atomic`.
-
-    Raises:
-        ScenarioError: The file cannot be written.
-    """
+    """Make or replace a file and make its missing parent folders; see `atomic`."""
     with atomic(path) as temporary:
         temporary.write_bytes(data)
 
@@ -174,20 +156,13 @@ def write(path: Path, data: bytes) -> None:
 def locked(folder: Path, busy: str) -> Iterator[None]:
     """Make a folder and hold its write lock, which the system releases when the process ends in any way.
 
-    Args:
-        folder: The folder.
-        busy: Message of the error when another process holds the lock.
-
-    Raises:
-        ScenarioError: Another process holds the lock, or the folder cannot be written.
+    A lock that another process holds is a `ScenarioError` with the message `busy`; an unwritable folder is one, too.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         handle = os.open(folder, os.O_RDONLY)
     except OSError as error:
-        raise ScenarioError(
-            f"cannot write to {folder}: {error.strerror}; expected a folder that you may write to"
-        ) from error
+        raise ScenarioError(f"cannot write to {folder}: {error.strerror}; choose a writable folder") from error
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield

@@ -71,21 +71,13 @@ def picked(data: npt.NDArray[Any], width_px: int) -> npt.NDArray[Any]:
 
 
 def require_picture(path: Path) -> None:
-    """Refuse a path that `save_picture` would refuse, before anything is computed.
-
-    Raises:
-        ScenarioError: The path names neither a JPEG nor a PNG file.
-    """
+    """Raise a `ScenarioError` if a path names neither a JPEG nor a PNG file."""
     if path.suffix.lower() not in (".jpg", ".jpeg", ".png"):
         raise ScenarioError(f"a picture must be a .jpg or .png file, got {path}")
 
 
 def save_picture(path: Path, image: Image, *, quality: int = 85) -> None:
-    """Write a JPEG or PNG file.
-
-    Raises:
-        ScenarioError: The file cannot be written.
-    """
+    """Write a JPEG or PNG file; a failure is a `ScenarioError`."""
     require_picture(path)
     settings = [] if path.suffix.lower() == ".png" else [cv2.IMWRITE_JPEG_QUALITY, quality]
     _, encoded = cv2.imencode(path.suffix, image, settings)

@@ -1,10 +1,18 @@
-"""Importing libraries that print to the terminal at start: PyBullet its build time, Warp a missing GPU."""
+"""Libraries without their messages at start (PyBullet's build time, a GPU that Warp misses), and on one thread."""
 
 import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+
+
+def use_one_thread() -> None:
+    """Keep numerical libraries on one thread, here if they are not imported yet, and in processes that start later.
+
+    OpenCV and the renderer have settings of their own.
+    """
+    os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 
 @cache

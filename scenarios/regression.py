@@ -85,15 +85,12 @@ class Difference:
 def find_corrector(name: str) -> CorrectorFactory:
     """Return the factory of a registered corrector, or of your own as `package.module:factory`.
 
-    Raises:
-        ScenarioError: The module or the factory does not exist.
+    A module or factory that does not exist is a `ScenarioError`.
     """
     if ":" not in name:
         if name not in corrector_names():
-            raise ScenarioError(
-                f"there is no corrector {name!r}; choose one of {', '.join(corrector_names())}, or give your own as "
-                "package.module:factory"
-            )
+            known = ", ".join(corrector_names())
+            raise ScenarioError(f"there is no corrector {name!r}; choose {known}, or your own package.module:factory")
         return lambda intrinsics: create_corrector(name, intrinsics)
     module_name, _, attribute = name.partition(":")
     sys.path.insert(0, str(Path.cwd()))  # An installed command has its own folder there instead.
@@ -162,15 +159,10 @@ def _measure_case(make: CorrectorFactory, term: Term, level: Level, frames: int)
 
 
 def compare(golden: Cases, measured: Cases) -> list[Difference]:
-    """Return all metrics outside of their tolerances, the largest excess first.
-
-    Raises:
-        ScenarioError: The golden file has other cases.
-    """
+    """Return all metrics outside of their tolerances, the largest excess first; other cases are a `ScenarioError`."""
     if golden.keys() != measured.keys():
         raise ScenarioError(
-            f"the golden metrics are of other cases than the measured ones ({len(golden)} and {len(measured)}): "
-            "write new ones with --update"
+            f"the golden metrics have other cases ({len(golden)}) than the measured ({len(measured)}): use --update"
         )
     differences = [
         Difference(case=case, metric=metric, golden=golden[case][metric], measured=value)
@@ -215,11 +207,7 @@ def golden_path(folder: Path, corrector: str) -> Path:
 
 
 def read_golden(path: Path) -> Cases:
-    """Read a golden file.
-
-    Raises:
-        ScenarioError: There is no such file, it is damaged, or it belongs to other sequences.
-    """
+    """Read a golden file; one that is missing, damaged or of other sequences is a `ScenarioError`."""
     try:
         golden = Golden.model_validate_json(path.read_bytes(), strict=True)
     except FileNotFoundError as error:
@@ -236,11 +224,7 @@ def read_golden(path: Path) -> Cases:
 
 
 def write_golden(path: Path, cases: Cases) -> None:
-    """Write a golden file.
-
-    Raises:
-        ScenarioError: The file cannot be written.
-    """
+    """Write a golden file; a failure is a `ScenarioError`."""
     golden = Golden(seed=SEED, frames=FRAMES, cases={case: GoldenMetrics(**m) for case, m in cases.items()})
     write(path, (golden.model_dump_json(indent=1) + "\n").encode())
 

@@ -4,8 +4,8 @@ import json
 import os
 import platform
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -53,17 +53,18 @@ def fly(run: Run, *, threads: int | None = None) -> Finished:
 def fly_and_write(run: Run, out: Path, *, record: bool, progress: Progress | None = None) -> Finished:
     """Fly a mission and write its configuration, metrics, trajectories and recording to a new folder below `out`.
 
-    Ctrl-C ends the mission with the outcome `interrupted`; its files are written nevertheless.
-
-    Raises:
-        ScenarioError: The folder cannot be written.
+    Ctrl-C ends the mission with the outcome `interrupted`; its files are written nevertheless. A folder that cannot be
+    written is a `ScenarioError`.
     """
     _refuse_unwritable(out)
     folder = _free_folder(out, run)
     recorder = _make_recorder(run, folder / "run.rrd") if record else Recorder()
     try:
         with flying(run, recorder, recorded=record) as mission:
-            _create(folder)
+            try:
+                folder.mkdir(parents=True)
+            except OSError as error:
+                raise ScenarioError(f"cannot create the run folder {folder}: {error.strerror}") from error
             (folder / "config.toml").write_text(to_toml(run), encoding="utf-8")
             wall_s = _ticks(mission, progress)
             result = mission.result()
@@ -98,23 +99,19 @@ def summary(finished: Finished, run: Run) -> dict[str, Any]:
     }
 
 
-@contextmanager
-def flying(run: Run, recorder: Recorder, *, recorded: bool, threads: int | None = None) -> Iterator[Mission]:
+def flying(
+    run: Run, recorder: Recorder, *, recorded: bool, threads: int | None = None
+) -> AbstractContextManager[Mission]:
     """Create a mission that is ready to fly. OpenCV uses one thread; the images of the drones are made in parallel.
 
-    Args:
-        run: The scenario and its seed.
-        recorder: Receives everything that happens.
-        recorded: Whether gray images are needed even if nothing else needs them.
-        threads: Number of threads for the images; None takes one per processor.
+    `recorded` says whether gray images are needed even if nothing else needs them. `threads` is the number of threads
+    for the images; None takes one per processor.
     """
     cv2.setNumThreads(1)
-    threads = threads or os.cpu_count() or 1
-    latency_s = run.scenario.latency_s
-    with composed_mission(
-        run.scenario, recorder, latency_s=latency_s, seed=run.seed, gray=recorded, threads=threads
-    ) as mission:
-        yield mission
+    scenario, threads = run.scenario, threads or os.cpu_count() or 1
+    return composed_mission(
+        scenario, recorder, latency_s=scenario.latency_s, seed=run.seed, gray=recorded, threads=threads
+    )
 
 
 def _ticks(mission: Mission, progress: Progress | None) -> float:
@@ -152,13 +149,6 @@ def _free_folder(out: Path, run: Run) -> Path:
     base = f"{datetime.now():%Y%m%d-%H%M%S}-{run.scenario.name}-{run.seed}"
     names = [base, *(f"{base}-{k}" for k in range(2, 1000))]
     return next(out / name for name in names if not (out / name).exists())
-
-
-def _create(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True)
-    except OSError as error:
-        raise ScenarioError(f"cannot create the run folder {folder}: {error.strerror}") from error
 
 
 def _write_results(finished: Finished, run: Run, folder: Path) -> None:

@@ -28,7 +28,7 @@ from sim.world import World
 from voxdepth.model import Model
 
 from .errors import ScenarioError
-from .files import load, shipped_names, to_toml
+from .files import load, to_toml
 from .results.provenance import SIMULATION, versions
 
 FRAMES_IN_PROGRESS = 3
@@ -76,24 +76,19 @@ class RecordingResult:
     quality: DepthQuality
 
 
-def sequence_names() -> list[str]:
-    """Names of the shipped sequences."""
-    return shipped_names("sequences")
-
-
 def names_of(names_and_groups: Iterable[str]) -> list[str]:
-    """Names of sequences; the name of a group is replaced by the names of its sequences."""
+    """Return names of sequences, with the name of a group replaced by the names of its sequences."""
     return [name for given in names_and_groups for name in GROUPS.get(given, (given,))]
 
 
 def load_sequence(name_or_path: str, seed: int | None, changes: dict[str, Any]) -> SeededSequence:
-    """A sequence with its seed and the versions that are installed now; see `files.load`."""
+    """Return a sequence with its seed and the versions that are installed now; see `files.load`."""
     loaded = load(SeededSequence, "sequences", name_or_path, seed, changes)
     return loaded.model_copy(update={"versions": versions(SIMULATION)})
 
 
 def moving_ids(recording: Recording) -> range:
-    """Segmentation ids of the moving spheres of a recording, from its configuration; a world numbers them from 0 on.
+    """Return the segmentation ids of the moving spheres of a recording by its configuration, which begin at 0.
 
     The range is empty for a recording that was not made from a sequence.
     """
@@ -106,22 +101,17 @@ def moving_ids(recording: Recording) -> range:
 
 
 def captures(seeded: SeededSequence, frames: int, *, start: int = 0) -> Iterator[Capture]:
-    """The captures of a sequence from frame `start` up to `frames`, in order, without writing them."""
+    """Yield the captures of a sequence from frame `start` up to `frames`, in order, without writing them."""
     with simulation(seeded) as simulated:
         for pair in simulated.render(start, frames):
             yield simulated.sensor.capture(pair)
 
 
 def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress) -> RecordingResult:
-    """Record a sequence, or continue an interrupted recording of the same sequence.
+    """Record a sequence up to a total number of frames, or continue an interrupted recording of the same sequence.
 
-    One thread renders ahead, and others measure depth and write images. The result does not depend on threads.
-
-    Args:
-        seeded: The sequence.
-        folder: A new or empty folder, or an unfinished recording of the same configuration.
-        frames: Total number of frames. If there are as many already, nothing is written.
-        progress: Called after every complete frame.
+    One thread renders ahead, and others measure depth and write images. The result does not depend on threads. The
+    folder must be new or empty, or hold an unfinished recording of the same configuration.
 
     Raises:
         ScenarioError: The flight has fewer frames.
@@ -132,8 +122,8 @@ def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress
         available = sum(1 for _ in islice(simulated.poses(), frames))
         if available < frames:
             raise ScenarioError(
-                f"the flight of {seeded.sequence.name!r} ends after {available} frames, {frames} were asked for: ask "
-                f"for --frames {available}, or lengthen the scene"
+                f"the flight of {seeded.sequence.name!r} ends after {available} frames, expected {frames}: use "
+                f"--frames {available}, or lengthen the scene"
             )
         config_text = to_toml(seeded)
         with RecordingWriter(folder, intrinsics=simulated.sensor.intrinsics, config_text=config_text) as writer:
@@ -152,7 +142,7 @@ def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress
 
 
 def _write_images(simulated: "Simulation", writer: RecordingWriter, frames: int) -> Iterator[Capture]:
-    """The captures of the frames that are missing, in order, each after its images are written."""
+    """Yield the captures of the frames that are missing, in order, each after its images are written."""
 
     def measure(pair: RenderedPair) -> Capture:
         capture = simulated.sensor.capture(pair)
@@ -181,15 +171,11 @@ class Simulation:
 
     @property
     def textureless_ids(self) -> list[int]:
-        """Segmentation ids of the bodies without texture."""
+        """The segmentation ids of the bodies without texture."""
         return [body_id for body_id, surface in self.world.surfaces.items() if surface.texture == 0]
 
     def render(self, start: int, stop: int) -> Iterator[RenderedPair]:
-        """The rendered images of the frames from `start` up to `stop`.
-
-        Raises:
-            SensorError: A camera is inside a body.
-        """
+        """Yield the rendered images of the frames from `start` up to `stop`; a camera in a body is a `SensorError`."""
         for frame, pose in enumerate(islice(self.poses(), stop)):
             if frame == 0:
                 first = pose
@@ -214,7 +200,7 @@ class Simulation:
 
 @contextmanager
 def simulation(seeded: SeededSequence) -> Iterator[Simulation]:
-    """The simulation of a sequence. OpenCV runs on one thread, the renderer on two."""
+    """Build the simulation of a sequence. OpenCV runs on one thread, the renderer on two."""
     sequence, seed = seeded.sequence, seeded.seed
     cv2.setNumThreads(1)
     scene, spheres = sequence.scene.build(seed), sequence.movers or ()

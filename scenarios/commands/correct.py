@@ -1,6 +1,6 @@
-"""The command that corrects a recorded sequence."""
+"""Commands that correct a recorded sequence, and print what can be configured of a corrector."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import ScenarioError
-from .options import DEFAULT_CORRECTOR
-from .progress import counter
+from .options import DEFAULT_CORRECTOR, counter
 
 if TYPE_CHECKING:
+    from pydantic import BaseModel
     from rich.console import Console
 
     from voxdepth.corrector_spec import CorrectorSpec
 
     from ..correction import Correction
+
+COMMENT_WIDTH = 110
 
 
 class Format(StrEnum):
@@ -155,3 +157,44 @@ def _print_report(console: "Console", report: Mapping[str, Any]) -> None:
 
 def _words(name: str) -> str:
     return name.replace("_", " ")
+
+
+def config(
+    corrector: Annotated[str, typer.Argument(help="Depth corrector by name.")] = DEFAULT_CORRECTOR,
+) -> None:
+    """Print all that can be configured of a corrector, with its values and what they mean, as a TOML file.
+
+    Keep the lines that you change: voxdepth correct --config FILE takes the others from the corrector.
+    """
+    from voxdepth.registry import config_of
+
+    model = config_of(corrector)
+    if model is None:
+        raise ScenarioError(f"the corrector {corrector!r} has nothing to configure")
+    for line in _lines(model, ""):
+        typer.echo(line)
+
+
+def _lines(model: "BaseModel", table: str) -> Iterator[str]:
+    """Yield the values of a model as TOML, each under its help text; tables come last, as they must."""
+    import tomli_w
+    from pydantic import BaseModel
+
+    fields = type(model).model_fields
+    values = {name: getattr(model, name) for name in fields}
+    for name, value in values.items():
+        if not isinstance(value, BaseModel):
+            yield from _comment(fields[name].description)
+            yield tomli_w.dumps({name: list(value) if isinstance(value, tuple) else value}).rstrip()
+    for name, value in values.items():
+        if isinstance(value, BaseModel):
+            yield ""
+            yield from _comment(fields[name].description)
+            yield f"[{table}{name}]"
+            yield from _lines(value, f"{table}{name}.")
+
+
+def _comment(text: str | None) -> list[str]:
+    import textwrap
+
+    return [f"# {line}" for line in textwrap.wrap(" ".join((text or "").split()), COMMENT_WIDTH)]

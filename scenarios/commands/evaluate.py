@@ -1,25 +1,17 @@
-"""The command that compares all methods on the same frames."""
+"""Commands that compare methods, repeat experiments, and measure the speed of the default method."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import Seed
-from .progress import counter
+from ..errors import ScenarioError
+from .options import Seed, counter, parsed_size
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..evaluation.suite import Plan, Requested
-
-
-def use_one_thread() -> None:
-    """Keep NumPy's linear algebra on one thread; it has no effect once NumPy is imported."""
-    import os
-
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
 
 
 def evaluate(
@@ -88,3 +80,88 @@ def _planned(
     requested += [Folder(folder) for folder in data]
     chosen = METHOD_NAMES if methods is None else [name.strip() for name in methods.split(",")]
     return Plan(sequences=requested, methods=find_methods(chosen), frames=frames, out=out)
+
+
+def experiment(
+    names: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="NAME",
+            help="rq1, rq2, rq3, rq4, quality, fps, components, window, switches, power, or all of these; default or "
+            "ablation, which are about the default method.",
+        ),
+    ],
+    sequences: Annotated[
+        str | None, typer.Option(metavar="A,B,C", help="Shipped sequences. Default: what each experiment needs.")
+    ] = None,
+    frames: Annotated[
+        int | None, typer.Option(min=1, help="How many of the first frames of each. Default: by experiment.")
+    ] = None,
+    width: Annotated[
+        int | None, typer.Option(metavar="PX", help="Width of the images; the height follows. Default: by experiment.")
+    ] = None,
+    seed: Seed = None,
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder of the results; recordings are shared with `evaluate`.")
+    ] = (Path("evaluation")),
+) -> None:
+    """Repeat the paper's experiments on rendered sequences, or compare the default method with others.
+
+    Writes tables (NAME/table.csv, NAME/table.md), NAME/figure.png and NAME/result.json below DIR. Missing recordings
+    are made first, at 0.1 to 0.5 s a frame. On two slow cores all experiments take some ten minutes with their
+    defaults, half of it recording, and none takes more than four. `switches --frames 500` repeats the paper's table in
+    full, in about five minutes.
+
+    `default` evaluates every method on every sequence and takes almost an hour; an interrupted run is resumed.
+    `ablation` evaluates the default method with one part off at a time.
+    """
+    import sys
+
+    import cv2
+    from rich.console import Console
+
+    from ..experiments.runner import RunOptions, find_experiments, run
+
+    cv2.setNumThreads(1)
+    options = RunOptions(
+        out=out,
+        sequences=None if sequences is None else tuple(name.strip() for name in sequences.split(",")),
+        frames=frames,
+        width_px=width,
+        seed=seed,
+        command=" ".join(["voxdepth", *sys.argv[1:]]),
+    )
+    console = Console()
+    with console.status("") as status:
+        for report in run(find_experiments(names), options, status.update):
+            report.print(console)
+            console.print(f"table, figure and result.json are in {out / report.experiment.name}", soft_wrap=True)
+
+
+def bench(
+    size: Annotated[str | None, typer.Option(help="Image size, as in 160x120. Default: 640x360.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Leave out other sizes, files and memory.")] = False,
+    json: Annotated[Path | None, typer.Option(metavar="FILE", help="JSON file for all figures.")] = None,
+) -> None:
+    """Measure how fast the corrector is here: its steps, by library and by image size, pipelined, and its memory."""
+    from rich.console import Console
+
+    from ..benchmark.frames import render_frames
+    from ..benchmark.report import print_results
+    from ..benchmark.suite import measure_quickly, measure_rest, valid_size
+    from ..files import write
+
+    width_px, height_px = valid_size(*parsed_size(size))
+    if json is not None and (json.is_dir() or not json.parent.is_dir()):
+        raise ScenarioError(f"--json must name a file in an existing folder, got {json}")
+    console = Console()
+    with console.status("") as status:
+        status.update("rendering frames")
+        loop = render_frames().resized(width_px, height_px)
+        results = measure_quickly(loop, status.update)
+        if not quick:
+            results = measure_rest(results, loop, status.update)
+    print_results(console, results)
+    if json is not None:
+        write(json, f"{results.model_dump_json(indent=2)}\n".encode())
+        console.print(f"all figures are in {json}", soft_wrap=True)

@@ -16,16 +16,17 @@ def list_() -> None:
     from sim.sensor_models import SENSOR_MODEL_NAMES
     from voxdepth.registry import corrector_names
 
-    from ..config import load_run, scenario_names
-    from ..sequences import load_sequence, sequence_names
+    from ..config import load_run
+    from ..files import shipped_names
+    from ..sequences import load_sequence
     from ..study.design import study_names
 
     table = Table("scenario", "drones", "what it is")
-    for name in scenario_names():
+    for name in shipped_names("scenarios"):
         scenario = load_run(name, 0, {}).scenario
         table.add_row(name, str(scenario.mission.drones), scenario.description)
     sequences = Table("sequence", "image", "what it is")
-    for name in sequence_names():
+    for name in shipped_names("sequences"):
         sequence = load_sequence(name, 0, {}).sequence
         sequences.add_row(name, f"{sequence.rig.width_px}x{sequence.rig.height_px}", sequence.description)
     console = Console()

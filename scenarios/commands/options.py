@@ -1,13 +1,17 @@
-"""Options that several commands share, and the parsing of their texts."""
+"""Options that several commands share, the parsing of their texts, and the progress bar."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from enum import Enum, StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ..errors import ScenarioError
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 DEFAULT_CORRECTOR = "voxdepth"
 """The same word as in the library, which is not imported for `--help`."""
@@ -44,7 +48,7 @@ Picture = Annotated[Path, typer.Option(help="JPEG or PNG file to write.")]
 
 
 def parsed_size(text: str | None) -> tuple[int | None, int | None]:
-    """Width and height of an image size, both None when none is given."""
+    """Return width and height of an image size, both None when none is given."""
     if text is None:
         return None, None
     width, cross, height = text.partition("x")
@@ -64,3 +68,15 @@ def given(changes: Mapping[str, Any]) -> dict[str, Any]:
     return {
         key: value.value if isinstance(value, Enum) else value for key, value in changes.items() if value is not None
     }
+
+
+@contextmanager
+def counter(console: "Console", activity: str, total: int, unit: str = "frames") -> Iterator[Callable[..., None]]:
+    """Show a progress bar and give the function that takes the number of finished units and the activity."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    activity_column = TextColumn("{task.description}")
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn(unit), TimeRemainingColumn(), activity_column)
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task(activity, total=total)
+        yield lambda finished, now=activity: bar.update(task, completed=finished, description=now)

@@ -5,8 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .options import DEFAULT_CORRECTOR, Picture, Renderer, Seed, Size, parsed_size
-from .progress import counter
+from .options import DEFAULT_CORRECTOR, Picture, Renderer, Seed, Size, counter, given, size_changes
 
 
 def record(
@@ -27,13 +26,7 @@ def record(
     from ..report import print_quality
     from ..sequences import load_sequence, record
 
-    width, height = parsed_size(size)
-    changes = {
-        "rig.width_px": width,
-        "rig.height_px": height,
-        "renderer": renderer.value if renderer else None,
-    }
-    seeded = load_sequence(sequence, seed, {key: value for key, value in changes.items() if value is not None})
+    seeded = load_sequence(sequence, seed, given({"renderer": renderer}) | size_changes(size))
     console, start = Console(), time.perf_counter()
     try:
         with counter(console, "recording", frames) as update:
@@ -55,7 +48,7 @@ def sheet(
     recording: Annotated[Path, typer.Argument(help="Folder of a recording.")], out: Picture = Path("sheet.jpg")
 ) -> None:
     """Make a contact sheet of a recording: gray image, true and raw depth, occlusion, reasons for holes."""
-    from ..sheet import make_sheet
+    from ..sensor_pictures import make_sheet
 
     make_sheet(recording, out)
     typer.echo(f"written to {out}")
@@ -66,9 +59,9 @@ def scenes(
     out: Picture = Path("scenes.jpg"),
 ) -> None:
     """Make a picture of every kind of scene and print a Markdown table of their traversability."""
-    from ..gallery import preview_scenes, write_gallery
     from ..images import require_picture
     from ..results.table import Column, Table
+    from ..sensor_pictures import preview_scenes, write_gallery
 
     require_picture(out)
     previews = list(preview_scenes(seed))

@@ -74,10 +74,10 @@ def accept(
 ) -> None:
     """Fly the acceptance checks of scenarios; exit 1 if one is missed."""
     from ..batch import check_acceptance
-    from ..config import scenario_names
+    from ..files import shipped_names
 
     all_accepted = True
-    for name in scenarios or scenario_names():
+    for name in scenarios or shipped_names("scenarios"):
         successes, required_share = check_acceptance(
             name, range(seeds), lambda seed, outcome: typer.echo(f"  seed {seed}: {outcome}"), workers=workers
         )

@@ -8,13 +8,14 @@ from pydantic import ConfigDict
 
 from voxdepth.model import Model
 
-from ..results.measurements import MEASUREMENT_COLUMNS
 from .groups import NEAR
 
 FILLED, COMPLETED, AS_GIVEN = "filled", "completed", "as given"
 """Values of `Measurement.on`."""
 FRAMES = "frames"
 """Mask, range and `on` of a measurement of whole frames, such as a latency."""
+MEASUREMENT_COLUMNS = ("sequence", "method", "metric", "mask", "range", "on", "value", "unit", "n", "error")
+"""Columns of the long table; `error` says why a method has no figures, and is empty otherwise."""
 COLUMN_TYPES = dict.fromkeys(MEASUREMENT_COLUMNS, "str") | {"value": "float64", "n": "int64"}
 
 

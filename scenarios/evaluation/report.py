@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from ..files import write
-from ..results.measurements import write_frame
 from ..results.page import render_page
 from ..results.provenance import CORRECTION, Provenance
-from ..results.table import MISSING, Column, Table, Value
+from ..results.table import MISSING, Column, Table, Value, write_frame
 from . import paper
 from .figures import all_figures, count_text, error_maps
 from .groups import ALL, NEAR

@@ -26,12 +26,8 @@ MILLISECONDS = 1000.0
 def recording(path: Path, recording_id: str) -> Iterator[Callable[[int, Frame, CorrectedDepth], None]]:
     """Give the function that records a frame into a new `.rrd` file, which appears when it is complete.
 
-    Args:
-        path: File to write; an existing one is replaced.
-        recording_id: Equal for recordings of the same input and corrector, so that they can be compared.
-
-    Raises:
-        ScenarioError: The file cannot be written.
+    An existing file is replaced; a failure is a `ScenarioError`. `recording_id` is equal for recordings of the same
+    input and corrector, so that they can be compared.
     """
     curves = rrb.Horizontal(
         rrb.TimeSeriesView(name="diagnostics", origin="diagnostics"),
@@ -56,11 +52,7 @@ def recording(path: Path, recording_id: str) -> Iterator[Callable[[int, Frame, C
 
 
 def record_case(path: Path, case: str, steps: Iterable[tuple[Capture, CorrectedDepth]]) -> None:
-    """Record the frames of a case of the regression, with their errors, into an `.rrd` file.
-
-    Raises:
-        ScenarioError: The file cannot be written.
-    """
+    """Record the frames of a case of the regression, with their errors, into an `.rrd` file."""
     blueprint = rrb.Blueprint(rrb.Grid(*(_view(name) for name in CASE_VIEWS), grid_columns=3), auto_views=False)
     with _stream(path, "voxdepth-regress", f"regress-{case}", blueprint) as stream:
         for frame, (capture, corrected) in enumerate(steps):

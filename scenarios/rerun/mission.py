@@ -51,20 +51,17 @@ class MissionRecorder(Recorder):
         # Chunks end by size alone: ending them by the clock would make two runs differ.
         batching = rr.ChunkBatcherConfig(flush_tick=3600.0, flush_num_bytes=1 << 20, flush_num_rows=1 << 14)
         self._leaders = {team.leader for team in teams}
-        self._stream = open_stream(
-            "voxdepth",
-            self._path,
-            self._recording_id,
-            blueprint(world.n_drones, self._leaders),
-            batcher_config=batching,
-        )
+        views = blueprint(world.n_drones, self._leaders)
+        self._stream = open_stream("voxdepth", self._path, self._recording_id, views, batcher_config=batching)
         self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._log_scene(world.scene.bodies)
         goals_m = [team.goal_m for team in teams]
         goals = rr.Points3D(goals_m, radii=[0.6], colors=[(80, 220, 100)], labels=["goal"] * len(goals_m))
         self._log("world/goal", goals, static=True)
+        size: dict[str, Any] = {"lengths": [DRONE_BODY_HEIGHT_M], "radii": [world.airframe.radius_m]}
         for drone in range(world.n_drones):
-            self._log_airframe(drone, world.airframe.radius_m)
+            body = rr.Cylinders3D(**size, colors=[self._color(drone)], fill_mode="solid")
+            self._log(f"world/drone/{drone}/body", body, static=True)
             self._log_camera(drone)
 
     def tick(
@@ -73,14 +70,10 @@ class MissionRecorder(Recorder):
         """Record poses, velocities, slots and changes of state."""
         self._at(step, time_s)
         for drone, (state, decision) in enumerate(zip(states, decisions, strict=True)):
-            self._log(
-                f"world/drone/{drone}",
-                rr.Transform3D(translation=state.position_m, quaternion=rr.Quaternion(xyzw=state.q_world_body_xyzw)),
-            )
-            self._log(
-                f"world/velocity/{drone}",
-                rr.Arrows3D(origins=[state.position_m], vectors=[state.velocity_m_s], colors=[self._color(drone)]),
-            )
+            at_m, attitude, color = state.position_m, rr.Quaternion(xyzw=state.q_world_body_xyzw), self._color(drone)
+            self._log(f"world/drone/{drone}", rr.Transform3D(translation=at_m, quaternion=attitude))
+            arrows = rr.Arrows3D(origins=[at_m], vectors=[state.velocity_m_s], colors=[color])
+            self._log(f"world/velocity/{drone}", arrows)
             self._log_choice(drone, state, decision)
             if self._states.get(drone) != decision.state:
                 self._states[drone] = decision.state
@@ -154,12 +147,6 @@ class MissionRecorder(Recorder):
     def _color(self, drone: int) -> tuple[int, int, int]:
         return LEADER_COLOR if drone in self._leaders else FOLLOWER_COLOR
 
-    def _log_airframe(self, drone: int, radius_m: float) -> None:
-        body = rr.Cylinders3D(
-            lengths=[DRONE_BODY_HEIGHT_M], radii=[radius_m], colors=[self._color(drone)], fill_mode="solid"
-        )
-        self._log(f"world/drone/{drone}/body", body, static=True)
-
     def _log_camera(self, drone: int) -> None:
         """Record intrinsics and mount, once per drone: the camera is fixed to the airframe."""
         i, path = self._rig.intrinsics, f"world/drone/{drone}/cam"
@@ -192,10 +179,9 @@ class MissionRecorder(Recorder):
         choice = decision.choice
         if choice is None:
             return
-        self._log(
-            f"world/choice/{drone}",
-            rr.Arrows3D(origins=[state.position_m], vectors=[1.5 * choice.direction], colors=[(240, 230, 80)]),
-        )
+        ahead_m = 1.5 * choice.direction
+        arrow = rr.Arrows3D(origins=[state.position_m], vectors=[ahead_m], colors=[(240, 230, 80)])
+        self._log(f"world/choice/{drone}", arrow)
         marked = [] if choice.cell is None else [[choice.cell[1] + 0.5, choice.cell[0] + 0.5]]
         self._log(f"world/drone/{drone}/histogram/chosen", rr.Points2D(marked, radii=[0.3], colors=[(255, 60, 60)]))
 
@@ -206,26 +192,18 @@ def blueprint(n_drones: int, leaders: set[int]) -> rrb.Blueprint:
     images = [
         f"- world/drone/{i}/{name}/**" for i in range(n_drones) for name in ("cam/depth", "cam/source", "histogram")
     ]
-    world = rrb.Spatial3DView(
-        name="world",
-        origin="world",
-        contents=["+ world/**", *images],
-        eye_controls=rrb.EyeControls3D(
-            position=(-30.0, -45.0, 50.0), look_target=(25.0, 0.0, 5.0), eye_up=(0.0, 0.0, 1.0)
-        ),
-    )
+    eye = rrb.EyeControls3D(position=(-30.0, -45.0, 50.0), look_target=(25.0, 0.0, 5.0), eye_up=(0.0, 0.0, 1.0))
+    world = rrb.Spatial3DView(name="world", origin="world", contents=["+ world/**", *images], eye_controls=eye)
     cameras = rrb.Tabs(*[_camera_views(drone, drone in leaders) for drone in range(n_drones)], name="cameras")
+    gaps = ["metrics/clearance_m", "metrics/separation_m"]
     curves = rrb.Vertical(
-        rrb.TimeSeriesView(
-            name="clearance and separation [m]", contents=["metrics/clearance_m", "metrics/separation_m"]
-        ),
+        rrb.TimeSeriesView(name="clearance and separation [m]", contents=gaps),
         rrb.TimeSeriesView(name="formation error [m]", contents=["metrics/formation_error_m"]),
         rrb.StateTimelineView(name="states", origin="drone"),
         rrb.TextLogView(name="events", origin="events"),
     )
-    return layout(
-        rrb.Horizontal(rrb.Vertical(world, curves, row_shares=[3, 2]), cameras, column_shares=[3, 2]), "sim_time"
-    )
+    left = rrb.Vertical(world, curves, row_shares=[3, 2])
+    return layout(rrb.Horizontal(left, cameras, column_shares=[3, 2]), "sim_time")
 
 
 def _camera_views(drone: int, leads: bool) -> rrb.Vertical:

@@ -28,12 +28,7 @@ def open_stream(
 ) -> rr.RecordingStream:
     """Open a stream into a file. No wall-clock time is recorded, so that the same data gives the same recording.
 
-    Args:
-        application: Name of the application.
-        path: File to write.
-        recording_id: Equal for recordings that are to be compared.
-        blueprint: Layout that is saved with the recording.
-        options: Further arguments of `rr.RecordingStream`.
+    Recordings that are to be compared have the same `recording_id`. `options` go to `rr.RecordingStream`.
     """
     stream = rr.RecordingStream(application, recording_id=recording_id, send_properties=False, **options)
     rr.set_log_time_enabled(False, stream)
@@ -54,12 +49,8 @@ def layout(content: Any, timeline: str) -> rrb.Blueprint:
 
 def source_labels() -> rr.AnnotationContext:
     """Return names and colours of the values of `CorrectedDepth.source`."""
-    return rr.AnnotationContext(
-        [
-            rr.AnnotationInfo(id=int(source), label=source.name.lower(), color=color)
-            for source, color in SOURCE_COLORS.items()
-        ]
-    )
+    labels = [rr.AnnotationInfo(id=int(s), label=s.name.lower(), color=color) for s, color in SOURCE_COLORS.items()]
+    return rr.AnnotationContext(labels)
 
 
 def gray_image(gray: GrayImage) -> rr.EncodedImage:

@@ -2,8 +2,7 @@
 
 | module | what it holds |
 |---|---|
-| `table` | `Table`: a DataFrame with units and number formats; as CSV, Markdown, terminal text and HTML cells |
-| `measurements` | the long table of figures (sequence, method, metric, mask, ...); CSV and Parquet files |
+| `table` | `Table`: a DataFrame with units and number formats; as files, Markdown, terminal text and HTML cells |
 | `figure` | `panels`: a matplotlib figure as PNG; `Picture`: a titled PNG for a page |
 | `page` | HTML pages from the templates in `scenarios/data/templates` |
 | `provenance` | versions, machine and source that a result was made with |

@@ -47,12 +47,8 @@ def panels(
 ) -> bytes:
     """Draw one panel per function and return the figure as PNG.
 
-    Args:
-        title: Above all panels; empty for none.
-        draws: Each draws one panel.
-        columns: Panels side by side; None puts all into one row.
-        panel_in: Width and height of a panel [inch].
-        shared_legend: Whether all panels share one legend below the figure.
+    There are `columns` panels side by side, or all of them if it is None, each with the width and height `panel_in`
+    [inch]. An empty title is left out. With `shared_legend` all panels share one legend below the figure.
     """
     from matplotlib.figure import Figure
 
@@ -96,13 +92,12 @@ def grouped_bars(
         colors: Color of a series that does not get the next one of the cycle.
         errors: Distances of the lower and upper ends of error bars, shape (2, n_groups), by the name of a series.
     """
-    width = 0.84 / len(series)
+    width, colors, errors = 0.84 / len(series), colors or {}, errors or {}
     for k, (name, values) in enumerate(series.items()):
         places = [place + (k - (len(series) - 1) / 2) * width for place in range(len(groups))]
         known = [float("nan") if value is None else value for value in values]
-        error = (errors or {}).get(name)
-        color = (colors or {}).get(name)
-        axes.bar(places, known, width, label=legend_label(name), color=color, yerr=error, capsize=3)
+        style: dict[str, Any] = {"label": legend_label(name), "color": colors.get(name), "yerr": errors.get(name)}
+        axes.bar(places, known, width, capsize=3, **style)
     axes.set_xticks(range(len(groups)), groups, fontsize=7)
     axes.legend(fontsize=7)
 
@@ -143,12 +138,12 @@ def add_shared_legend(figure: "Figure") -> None:
 
 
 def legend_label(name: str) -> str:
-    """A name as a legend shows it: matplotlib leaves out labels that begin with an underscore."""
+    """Return a name as a legend shows it: matplotlib leaves out labels that begin with an underscore."""
     return f"{INVISIBLE}{name}" if name.startswith("_") else name
 
 
 def png_of(figure: "Figure") -> bytes:
-    """A figure as PNG, without anything that changes from call to call."""
+    """Return a figure as PNG, without anything that changes from call to call."""
     data = io.BytesIO()
     figure.savefig(data, format="png", metadata={"Software": None})
     return data.getvalue()

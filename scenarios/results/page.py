@@ -6,7 +6,7 @@ from ..files import DATA
 
 
 def render_page(template: str, **values: Any) -> str:
-    """The text of a page; a value that the template needs and does not get is an error."""
+    """Return the text of a page; a value that the template needs and does not get is an error."""
     import jinja2
 
     environment = jinja2.Environment(

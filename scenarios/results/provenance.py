@@ -53,7 +53,7 @@ class Provenance(Model):
 
     @classmethod
     def here(cls, packages: Sequence[str] = ALL) -> Self:
-        """The provenance of a result that is made now in this process."""
+        """Return the provenance of a result that is made now in this process."""
         import warp as wp
 
         return cls(
@@ -69,18 +69,24 @@ class Provenance(Model):
 
 
 def versions(packages: Sequence[str] = ALL) -> dict[str, str]:
-    """Installed versions by the name of a distribution; `not installed` for one that is missing."""
-    return {name: _version(name) for name in packages}
+    """Return installed versions by the name of a distribution; `not installed` for one that is missing."""
+    found = {}
+    for name in packages:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
 
 
 def simulation_versions() -> dict[str, str]:
-    """Versions of Python, of the packages that may change a flight, and of the source that flies, as `code`."""
+    """Return versions of Python, of the packages that may change a flight, and of the source that flies, as `code`."""
     return {"python": platform.python_version(), **versions(ALL), "code": code_digest()}
 
 
 @cache
 def code_digest() -> str:
-    """The first digits of the SHA-256 of `FLIGHT_SOURCES`, which does not depend on where they are installed."""
+    """Return the first digits of the SHA-256 of `FLIGHT_SOURCES`, wherever they are installed."""
     content = hashlib.sha256()
     for package, pattern in FLIGHT_SOURCES:
         with as_file(files(package)) as folder:
@@ -91,12 +97,12 @@ def code_digest() -> str:
 
 
 def machine() -> str:
-    """This machine in one line."""
+    """Describe this machine in one line."""
     return f"{processor_name()}, {os.cpu_count()} logical processors, {platform.machine()}, {platform.system()}"
 
 
 def processor_name() -> str:
-    """The name of the processor; the architecture where the system does not tell it."""
+    """Return the name of the processor, or the architecture where the system does not tell it."""
     text = CPU_INFO.read_text(encoding="utf-8") if CPU_INFO.exists() else ""
     for line in text.splitlines():
         key, _, value = line.partition(":")
@@ -107,7 +113,7 @@ def processor_name() -> str:
 
 @cache
 def source_commit() -> str | None:
-    """The commit of the checkout of this code, with a plus sign if files were changed since; None outside of one."""
+    """Return the commit of the checkout of this code, with a plus sign after changes; None outside of a checkout."""
     try:
         _git("ls-files", "--error-unmatch", __file__)  # An installed copy may lie in the checkout of something else.
         commit = _git("rev-parse", "--short=12", "HEAD")
@@ -117,17 +123,5 @@ def source_commit() -> str | None:
 
 
 def _git(*arguments: str) -> str:
-    """The output of a Git command on the folder of this file.
-
-    Raises:
-        OSError, SubprocessError: Git is not installed, hangs, or finds no repository.
-    """
     command = ["git", "-C", str(Path(__file__).parent), *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "not installed"

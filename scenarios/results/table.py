@@ -1,10 +1,14 @@
-"""Tables with units: one DataFrame, from which CSV, Markdown, terminal text and HTML are made."""
+"""Tables with units: one DataFrame, from which CSV, Parquet, Markdown, terminal text and HTML are made."""
 
+import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import pandas as pd
+
+from ..files import write
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -34,7 +38,7 @@ class Column:
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
     def text(self, value: Value) -> str:
-        """A value as people read it."""
+        """Return a value as people read it."""
         if pd.isna(value):
             return MISSING
         if isinstance(value, float):
@@ -44,10 +48,7 @@ class Column:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Table:
-    """Values with their units, and how they are presented.
-
-    A table without rows is valid: pages leave it out.
-    """
+    """Values with their units, and how they are presented; pages leave out a table without rows."""
 
     title: str
     columns: tuple[Column, ...]
@@ -71,34 +72,18 @@ class Table:
         name: str = "table",
         classes: Sequence[Sequence[str]] | None = None,
     ) -> Self:
-        """Build a table from rows of values.
+        """Build a table from rows of values; a row that is not as long as `columns` is a `ValueError`.
 
-        Args:
-            title: Of the table.
-            columns: A plain name stands for a column without a unit.
-            rows: Each as long as `columns`.
-            note: What a reader must know beside the title.
-            name: Stem of its file.
-            classes: CSS class of every entry, in the shape of `rows`.
-
-        Raises:
-            ValueError: A row is of another length.
+        A plain name stands for a column without a unit. `classes` has the shape of `rows`.
         """
         named = tuple(Column(column) if isinstance(column, str) else column for column in columns)
         for row in rows:
             if len(row) != len(named):
                 raise ValueError(f"expected {len(named)} values in a row of {title!r}, got {len(row)}")
-        return cls(
-            title=title,
-            columns=named,
-            values=_frame(rows, named),
-            note=note,
-            name=name,
-            classes=None if classes is None else _frame(classes, named),
-        )
+        values, marks = _frame(rows, named), None if classes is None else _frame(classes, named)
+        return cls(title=title, columns=named, values=values, note=note, name=name, classes=marks)
 
     def __len__(self) -> int:
-        """Number of rows."""
         return len(self.values)
 
     @property
@@ -123,7 +108,7 @@ class Table:
         return [list(zip(texts, row, strict=True)) for texts, row in zip(self.texts, marks, strict=True)]
 
     def column(self, name: str) -> list[Value]:
-        """The raw values of a column, by its name without the unit."""
+        """Return the raw values of a column, by its name without the unit."""
         place = [column.name for column in self.columns].index(name)
         return [row[place] for row in self.rows]
 
@@ -141,21 +126,21 @@ class Table:
         return found.reindex(index=by[rows].unique(), columns=by[columns].unique())
 
     def is_numeric(self, place: int) -> bool:
-        """Whether a column has a unit or holds a number."""
+        """Return whether a column has a unit or holds a number."""
         return bool(self.columns[place].unit) or any(isinstance(row[place], int | float) for row in self.rows)
 
     def csv(self) -> bytes:
-        """The raw values below the headings; an entry that is unknown is empty."""
+        """Return the raw values below the headings; an entry that is unknown is empty."""
         return bytes(self.values.to_csv(index=False, lineterminator="\n").encode())
 
     def markdown(self) -> str:
-        """The table as GitHub Markdown, without its title; numbers are aligned to the right."""
+        """Return the table as GitHub Markdown, without its title; numbers are aligned to the right."""
         sides = ["---:" if self.is_numeric(place) else "---" for place in range(len(self.columns))]
         rows = [[text.replace("|", "\\|") for text in row] for row in self.texts]
         return "".join(f"| {' | '.join(line)} |\n" for line in (self.headings, sides, *rows))
 
     def as_json(self) -> dict[str, Any]:
-        """What JSON files hold of it."""
+        """Return what JSON files hold of the table."""
         return {"name": self.name, "title": self.title, "columns": self.headings, "rows": self.rows}
 
     def print(self, console: "Console") -> None:
@@ -166,7 +151,7 @@ class Table:
         wide.print(self.rich(), highlight=False)
 
     def rich(self) -> "RichTable":
-        """The table for a terminal: headings broken into words, numbers aligned to the right."""
+        """Return the table for a terminal: headings broken into words, numbers aligned to the right."""
         from rich.box import SIMPLE_HEAD
         from rich.markup import escape
         from rich.table import Table as RichTable
@@ -181,5 +166,18 @@ class Table:
 
 
 def _frame(rows: Sequence[Sequence[Any]], columns: Sequence[Column]) -> pd.DataFrame:
-    """Rows as they are: the type object keeps an int an int beside a missing value."""
+    # The type object keeps an int an int beside a missing value.
     return pd.DataFrame(list(map(list, rows)), columns=[column.heading for column in columns], dtype=object)
+
+
+def write_frame(stem: Path, frame: pd.DataFrame) -> list[Path]:
+    """Write a frame as `STEM.csv` and `STEM.parquet`, each in one step, and return both paths.
+
+    The frame has the column types that the Parquet file shall have. A failure is a `ScenarioError`.
+    """
+    parquet = io.BytesIO()
+    frame.to_parquet(parquet, index=False)
+    files = {".csv": frame.to_csv(index=False, lineterminator="\n").encode(), ".parquet": parquet.getvalue()}
+    for suffix, data in files.items():
+        write(stem.with_name(stem.name + suffix), data)
+    return [stem.with_name(stem.name + suffix) for suffix in files]

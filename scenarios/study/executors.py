@@ -20,10 +20,11 @@ from typing import Protocol
 from swarm.types import Outcome
 
 from ..errors import ScenarioError
+from ..quiet import use_one_thread
 from ..runner import fly
 from .design import RunSpec
 from .store import Completion, Failure, FailureKind, RunRecord
-from .worker import READY, one_thread_per_library, serve
+from .worker import READY, serve
 
 START_TIMEOUT_S = 300.0
 """Longest time in which a worker must have imported its libraries."""
@@ -108,14 +109,14 @@ class Processes:
 
     def run(self, specs: Iterable[RunSpec]) -> Generator[Completion]:
         """See `Executor`."""
-        with one_thread_per_library():
-            pool = _WorkerPool(self, specs)
-            try:
-                while pool.has_work:
-                    pool.spawn()
-                    yield from pool.wait()
-            finally:
-                pool.terminate()
+        use_one_thread()
+        pool = _WorkerPool(self, specs)
+        try:
+            while pool.has_work:
+                pool.spawn()
+                yield from pool.wait()
+        finally:
+            pool.terminate()
 
 
 class _Worker:

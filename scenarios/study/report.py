@@ -14,9 +14,8 @@ from swarm.types import Outcome
 from ..errors import ScenarioError
 from ..files import write
 from ..results.figure import Picture
-from ..results.measurements import write_frame
 from ..results.page import render_page
-from ..results.table import Column, Table, Value
+from ..results.table import Column, Table, Value, write_frame
 from .analysis import (
     CONTACT_KINDS,
     ArmSummary,

@@ -3,13 +3,9 @@
 import os
 import signal
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from multiprocessing import connection, parent_process
 from multiprocessing.connection import Connection
 
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""Variables that libraries read when they are imported. The run itself restricts OpenCV, and the renderer Embree."""
 READY = "ready"
 """First message of a worker that has imported its libraries."""
 
@@ -39,21 +35,6 @@ def serve(pipe: "Connection") -> None:
 def ignore_interrupts() -> None:
     """Ignore Ctrl-C, which a terminal sends to all processes: the parent handles it and stops its workers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-@contextmanager
-def one_thread_per_library() -> Iterator[None]:
-    """Let processes that start within the block use one thread for each numerical library."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(ONE_THREAD)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 def _end_with_parent() -> None:

@@ -12,7 +12,8 @@ from typer.testing import CliRunner, Result
 from scenarios.cli import app
 from scenarios.commands.evaluate import _planned
 from scenarios.evaluation import suite
-from scenarios.sequences import GROUPS, sequence_names
+from scenarios.files import shipped_names
+from scenarios.sequences import GROUPS
 from tests.evaluation_clips import write_recording
 from tests.integration.test_cli import voxdepth
 
@@ -95,7 +96,7 @@ def test_an_interrupted_evaluation_goes_on(
 def test_a_group_stands_for_its_sequences(given: list[str], names: tuple[str, ...], tmp_path: Path) -> None:
     plan = _planned(given, [], "raw", 1, None, tmp_path)
     assert tuple(requested.name for requested in plan.sequences) == names
-    assert set(names) <= set(sequence_names())
+    assert set(names) <= set(shipped_names("sequences"))
     assert [requested.name for requested in _planned([], [tmp_path], "raw", 1, None, tmp_path).sequences] == [
         tmp_path.name
     ]

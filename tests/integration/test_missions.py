@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from scenarios.batch import acceptance_run
-from scenarios.config import Run, load_run, scenario_names
+from scenarios.config import Run, load_run
+from scenarios.files import shipped_names
 from scenarios.runner import fly, flying
 from swarm.recorder import Recorder
 from swarm.types import Outcome
@@ -123,6 +124,6 @@ def test_nothing_is_known_before_the_latency_has_passed() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", scenario_names())
+@pytest.mark.parametrize("name", shipped_names("scenarios"))
 def test_shipped_scenarios_keep_their_promise(name: str) -> None:
     assert fly(acceptance_run(name, 0)).result.outcome is Outcome.SUCCESS

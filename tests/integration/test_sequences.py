@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scenarios.errors import ScenarioError
-from scenarios.files import to_toml
+from scenarios.files import shipped_names, to_toml
 from scenarios.images import INVALID_REASON_COLORS_BGR
 from scenarios.sequences import (
     GROUPS,
@@ -19,7 +19,6 @@ from scenarios.sequences import (
     moving_ids,
     names_of,
     record,
-    sequence_names,
     simulation,
 )
 from sim.bodies import Body, Box, Scene
@@ -58,7 +57,8 @@ def assert_same(a: Capture, b: Capture) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name != "sim-PLF" else name for name in sequence_names()]
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow) if name != "sim-PLF" else name for name in shipped_names("sequences")],
 )
 def test_every_sequence_is_recorded_and_read_back_bit_for_bit(name: str, tmp_path: Path) -> None:
     planned = small(name)
@@ -74,14 +74,14 @@ def test_every_sequence_is_recorded_and_read_back_bit_for_bit(name: str, tmp_pat
 
 @pytest.mark.slow
 def test_the_shipped_sequences_have_the_sizes_and_the_length_of_the_papers() -> None:
-    sizes = {name: load_sequence(name, 0, {}).sequence.rig for name in sequence_names()}
+    sizes = {name: load_sequence(name, 0, {}).sequence.rig for name in shipped_names("sequences")}
     assert set(sizes) == set(names_of(["reference", "hard"]))
     for name, rig in sizes.items():
         realsense = name in ("sim-LN", "sim-MB", *GROUPS["hard"])
         assert (rig.width_px, rig.height_px) == ((640, 360) if realsense else (1024, 1024))
         assert rig.intrinsics.fx_px == pytest.approx(343.2 if realsense else 512, abs=0.1)
         assert rig.rate_hz == 30
-    for name in sequence_names():
+    for name in shipped_names("sequences"):
         with simulation(small(name)) as simulated:
             assert sum(1 for _, pose in zip(range(500), simulated.poses(), strict=False)) == 500
 

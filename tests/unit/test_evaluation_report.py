@@ -16,15 +16,14 @@ from rich.console import Console
 from scenarios.evaluation import paper
 from scenarios.evaluation.figures import EMPTY_M, all_figures, count_text, error_map, error_maps, pareto_front
 from scenarios.evaluation.groups import RANGES
-from scenarios.evaluation.measurements import Measurement, Selector, of_frames
+from scenarios.evaluation.measurements import MEASUREMENT_COLUMNS, Measurement, Selector, of_frames
 from scenarios.evaluation.methods import ORACLE
 from scenarios.evaluation.quantities import PAPER_LAYOUT, QUANTITIES, is_measured
 from scenarios.evaluation.report import method_table, paper_table, print_results, rendered
 from scenarios.evaluation.result_cache import Key, Result, SequenceInfo, encoded_thumbnail
 from scenarios.evaluation.suite import Evaluation
 from scenarios.results import figure
-from scenarios.results.measurements import MEASUREMENT_COLUMNS, write_frame
-from scenarios.results.table import Table
+from scenarios.results.table import Table, write_frame
 
 NASTY = "<script>alert('x')</script>"
 

@@ -8,8 +8,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from scenarios.results.measurements import write_frame
-from scenarios.results.table import Column, Table
+from scenarios.results.table import Column, Table, write_frame
 
 
 def table() -> Table:

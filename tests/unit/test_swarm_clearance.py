@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenarios.config import Scenario, load_run, scenario_names
+from scenarios.config import Scenario, load_run
+from scenarios.files import shipped_names
 from sim.render import create_renderer
 from sim.rig import StereoRig
 from sim.sensor import RigConfig
@@ -95,7 +96,7 @@ def sight_needed_m(scenario: Scenario, speed_m_s: float) -> float:
     return stop_m + airframe.radius_m + avoidance.clearance_m - scenario.rig.mount_forward_m
 
 
-@pytest.mark.parametrize("name", scenario_names())
+@pytest.mark.parametrize("name", shipped_names("scenarios"))
 def test_a_drone_can_stop_within_the_range_at_which_its_camera_is_right(name: str) -> None:
     scenario = load_run(name, 0, {}).scenario
     fastest_m_s = max(scenario.mission.cruise_speed_m_s, scenario.mission.follower_speed_m_s)
@@ -104,7 +105,7 @@ def test_a_drone_can_stop_within_the_range_at_which_its_camera_is_right(name: st
     assert max(errors.values()) < WRONG, errors
 
 
-@pytest.mark.parametrize("name", scenario_names())
+@pytest.mark.parametrize("name", shipped_names("scenarios"))
 def test_a_drone_brakes_no_harder_than_it_can_and_looks_as_far_as_it_must(name: str) -> None:
     scenario = load_run(name, 0, {}).scenario
     mission = scenario.mission

@@ -1,0 +1,127 @@
+"""Pictures of sequences and scenes: the contact sheet of a recording, and every kind of scene."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+
+from sim.bodies import SceneSpec, Weather
+from sim.flights import Walk
+from sim.free_space import traversability
+from sim.recording import Recording
+from sim.render import create_renderer
+from sim.scenes import AnyScene
+from sim.sensor import RigConfig, StereoSensor
+from sim.types import Capture, InvalidReason, Viewpoint
+from sim.world import World
+
+from .errors import ScenarioError
+from .images import (
+    INVALID_REASON_COLORS_BGR,
+    Image,
+    color_invalid_reasons,
+    colored,
+    gray_bgr,
+    narrowed,
+    picked,
+    require_picture,
+    save_picture,
+    titled,
+)
+
+PANEL_PX = 300
+ROWS = 3
+GAP_PX = 6
+SPECS: tuple[type[SceneSpec], ...] = get_args(get_args(AnyScene)[0])
+PATH_FRACTIONS = (0.15, 0.6)
+"""Places along the path from which the pictures are taken."""
+CAMERA_HEIGHT_M = 1.7
+FLIGHT_HEIGHT_M = 3.0
+HALF_SIDE_M = 12.0
+"""Distance to both sides of the path up to which traversability is measured."""
+PICTURE_PX = 420
+
+
+def make_sheet(folder: Path, out: Path) -> None:
+    """Write a contact sheet: gray image, true and raw depth, occlusion and reasons for holes of a few frames.
+
+    Raises:
+        RecordingError: The recording cannot be read.
+        ScenarioError: The recording has no frame, or the picture cannot be written.
+    """
+    require_picture(out)
+    recording = Recording.open(folder)
+    if len(recording) == 0:
+        raise ScenarioError(f"{folder} holds no complete frame: record some first")
+    frames = np.unique(np.linspace(0, len(recording) - 1, ROWS).round().astype(int))
+    rows = [_row(recording[int(frame)], int(frame)) for frame in frames]
+    save_picture(out, np.vstack([*rows, _legend(rows[0].shape[1])]))
+
+
+def _row(capture: Capture, frame: int) -> Image:
+    panels = {
+        f"gray, frame {frame}": narrowed(gray_bgr(capture.gray_left), PANEL_PX),
+        "depth, true": colored(picked(capture.depth_true_m, PANEL_PX)),
+        "depth, raw": colored(picked(capture.depth_raw_m, PANEL_PX)),
+        "hidden from the right camera": color_invalid_reasons(
+            picked(capture.occluded * np.uint8(InvalidReason.OCCLUDED), PANEL_PX)
+        ),
+        "why there is no depth": color_invalid_reasons(picked(capture.invalid_reason, PANEL_PX)),
+    }
+    gaps = ((0, GAP_PX), (0, GAP_PX), (0, 0))
+    return np.hstack([np.pad(titled(name, image), gaps, constant_values=245) for name, image in panels.items()])
+
+
+def _legend(width_px: int) -> Image:
+    n = len(INVALID_REASON_COLORS_BGR)
+    fields = []
+    for k, (reason, color) in enumerate(INVALID_REASON_COLORS_BGR.items()):
+        field = np.full((12, (k + 1) * width_px // n - k * width_px // n, 3), color, np.uint8)
+        fields.append(titled(reason.name.lower().replace("_", " "), field))
+    return np.hstack(fields)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScenePreview:
+    """One kind of scene as its default configuration builds it."""
+
+    kind: str
+    bodies: int
+    traversability: float
+    """Mean free path in drone diameters, at flight height."""
+    picture: Image
+
+
+def preview_scenes(seed: int) -> Iterator[ScenePreview]:
+    """Yield one preview of each kind of scene, in sunshine."""
+    for spec_type in SPECS:
+        scene = spec_type(weather=Weather(shadows=True)).build(seed)
+        with World(scene, np.empty((0, 3))) as world:
+            path_m = scene.path_m
+            yield ScenePreview(
+                kind=str(spec_type.model_fields["kind"].default),
+                bodies=len(scene.bodies),
+                traversability=traversability(
+                    world,
+                    low_m=(float(path_m[:, 0].min()), float(path_m[:, 1].min() - HALF_SIDE_M)),
+                    high_m=(float(path_m[:, 0].max()), float(path_m[:, 1].max() + HALF_SIDE_M)),
+                    height_m=float(path_m[:, 2].mean()) + FLIGHT_HEIGHT_M,
+                ),
+                picture=_scene_picture(world, seed),
+            )
+
+
+def _scene_picture(world: World, seed: int) -> Image:
+    rig = RigConfig(width_px=840, height_px=480, mount_forward_m=0.0, depth="truth")
+    sensor = StereoSensor(world, create_renderer("raycast", world), rig, seed=seed)
+    poses = list(Walk(height_m=CAMERA_HEIGHT_M).poses(world.scene.path_m, seed, 1.0))
+    viewpoints = [Viewpoint(drone=0, pose=poses[int(fraction * len(poses))]) for fraction in PATH_FRACTIONS]
+    images = [gray_bgr(sensor.capture(pair).gray_left) for pair in sensor.render(viewpoints, 0)]
+    return np.hstack([narrowed(image, PICTURE_PX) for image in images])
+
+
+def write_gallery(out: Path, previews: list[ScenePreview]) -> None:
+    """Write one picture with all previews; a failure is a `ScenarioError`."""
+    save_picture(out, np.vstack([titled(preview.kind, preview.picture) for preview in previews]), quality=80)
