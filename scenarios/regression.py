@@ -3,10 +3,12 @@
 import importlib
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from pydantic import field_validator
 
 from sim.testing import FRAMES, LEVELS, TERMS, Level, Term, noisy_sequence
 from sim.types import Capture
@@ -22,31 +24,20 @@ from .results.table import Column, Table
 
 MAX_RANGE_M = 20.0
 SEED = 0
-TOLERANCES = {
-    "mae_m": (0.002, 0.02),
-    "too_far_share": (0.002, 0.02),
-    "hole_share": (0.002, 0.02),
-    "flicker_m": (0.002, 0.02),
-}
-"""Largest difference from the golden value by metric: an absolute part, and a part relative to the golden value."""
+TOLERANCES = dict.fromkeys(("mae_m", "too_far_share", "hole_share", "flicker_m"), (0.002, 0.02))
+"""Largest difference from the golden value by metric: an absolute part, and a part relative to the golden value.
+
+The metrics are the mean absolute error, the share of pixels that are more than 10 % too far, the share of pixels
+without depth, and the mean absolute change of the error between two frames. All are better when smaller.
+"""
 
 Metrics = dict[str, float | None]
-"""Values by metric; smaller is better."""
+"""Values by metric; None where no pixel had a depth."""
 Cases = dict[str, Metrics]
 """Metrics by case, as in `scale/low`."""
 CorrectorFactory = Callable[[Intrinsics], DepthCorrector]
-
-
-class GoldenMetrics(Model):
-    """The metrics of one case; None where no pixel had a depth."""
-
-    mae_m: float | None
-    """Mean absolute error."""
-    too_far_share: float | None
-    """Share of pixels that are more than 10 % too far."""
-    hole_share: float | None
-    flicker_m: float | None
-    """Mean absolute change of the error between two frames."""
+CASES: dict[str, tuple[Term, Level]] = {f"{term}/{level}": (term, level) for term, level in product(TERMS, LEVELS)}
+"""Noise term and level by case."""
 
 
 class Golden(Model):
@@ -54,11 +45,18 @@ class Golden(Model):
 
     seed: int
     frames: int
-    cases: dict[str, GoldenMetrics]
+    cases: Cases
+
+    @field_validator("cases")
+    @classmethod
+    def _require_all_metrics(cls, cases: Cases) -> Cases:
+        for case, metrics in cases.items():
+            if metrics.keys() != TOLERANCES.keys():
+                raise ValueError(f"expected the metrics {', '.join(TOLERANCES)} of {case}, got {', '.join(metrics)}")
+        return cases
 
 
-@dataclass(frozen=True, kw_only=True)
-class Difference:
+class Difference(NamedTuple):
     """A metric that differs from its golden value."""
 
     case: str
@@ -76,7 +74,7 @@ class Difference:
 
     @property
     def worse(self) -> bool:
-        """Whether the metric became worse; all metrics are better when smaller."""
+        """Whether the metric became worse."""
         if self.measured is None or self.golden is None:
             return self.measured is None
         return self.measured > self.golden
@@ -107,19 +105,20 @@ def find_corrector(name: str) -> CorrectorFactory:
 def measure(make: CorrectorFactory, progress: Callable[[str], None], *, frames: int = FRAMES) -> Cases:
     """Measure all cases; `progress` receives the name of each case before it runs."""
     cases: Cases = {}
-    for term in TERMS:
-        for level in LEVELS:
-            progress(f"{term}/{level}")
-            cases[f"{term}/{level}"] = _measure_case(make, term, level, frames)
+    for case in CASES:
+        progress(case)
+        cases[case] = _measure_case(make, case, frames)
     return cases
 
 
-def corrected(
-    make: CorrectorFactory, term: Term, level: Level, frames: int = FRAMES
-) -> Iterator[tuple[Capture, CorrectedDepth]]:
-    """Yield the captures of a case with their corrections by a new corrector."""
+def corrected(make: CorrectorFactory, case: str, frames: int = FRAMES) -> Iterator[tuple[Capture, CorrectedDepth]]:
+    """Yield the captures of a case with their corrections by a new corrector.
+
+    Raises:
+        ScenarioError: The corrector raised an exception or gave no valid depth.
+    """
     corrector: DepthCorrector | None = None
-    for k, capture in enumerate(noisy_sequence(term, level, SEED, frames=frames)):
+    for k, capture in enumerate(noisy_sequence(*CASES[case], SEED, frames=frames)):
         frame = frame_of(capture)
         for given in (frame.gray, frame.depth_m):
             given.setflags(write=False)
@@ -129,7 +128,7 @@ def corrected(
             _require_depth(result, frame)
         except Exception as error:  # A user's corrector may raise anything; the message says where.
             text = str(error) if isinstance(error, ScenarioError) else f"{type(error).__name__}: {error}"
-            raise ScenarioError(f"the corrector failed on {term}/{level}, frame {k}: {text}") from error
+            raise ScenarioError(f"the corrector failed on {case}, frame {k}: {text}") from error
         yield capture, result
 
 
@@ -144,9 +143,9 @@ def _require_depth(result: CorrectedDepth, frame: Frame) -> None:
         raise ScenarioError("expected depths that are finite and not negative (0 = invalid), got others")
 
 
-def _measure_case(make: CorrectorFactory, term: Term, level: Level, frames: int) -> Metrics:
+def _measure_case(make: CorrectorFactory, case: str, frames: int) -> Metrics:
     errors, flicker = DepthErrors(), Flicker()
-    for capture, result in corrected(make, term, level, frames):
+    for capture, result in corrected(make, case, frames):
         errors += depth_errors(result.depth_m, capture.depth_true_m, max_range_m=MAX_RANGE_M)
         in_range = capture.depth_true_m <= MAX_RANGE_M
         flicker.add(result.depth_m, np.where(in_range, capture.depth_true_m, np.float32(0)), in_range)
@@ -165,7 +164,7 @@ def compare(golden: Cases, measured: Cases) -> list[Difference]:
             f"the golden metrics have other cases ({len(golden)}) than the measured ({len(measured)}): use --update"
         )
     differences = [
-        Difference(case=case, metric=metric, golden=golden[case][metric], measured=value)
+        Difference(case, metric, golden[case][metric], value)
         for case, metrics in measured.items()
         for metric, value in metrics.items()
     ]
@@ -174,31 +173,27 @@ def compare(golden: Cases, measured: Cases) -> list[Difference]:
 
 def metric_table(cases: Cases, corrector: str) -> Table:
     """Return the metrics of all cases."""
-    metric, percent = ".4f", ".1f"
     columns = (
         "noise",
-        Column("MAE", "m", metric),
-        Column("more than 10 % too far", "%", percent),
-        Column("holes", "%", percent),
-        Column("flicker", "m", metric),
+        Column("MAE", "m", ".4f"),
+        Column("more than 10 % too far", "%", _percent),
+        Column("holes", "%", _percent),
+        Column("flicker", "m", ".4f"),
     )
-    rows = [
-        [case, m["mae_m"], _percent(m["too_far_share"]), _percent(m["hole_share"]), m["flicker_m"]]
-        for case, m in cases.items()
-    ]
+    rows = [[case, *(metrics[name] for name in TOLERANCES)] for case, metrics in cases.items()]
     return Table.of(f"corrector {corrector}, one noise term at a time", columns, rows)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f}"
 
 
 def difference_table(differences: Sequence[Difference]) -> Table:
     """Return the metrics outside of their tolerances."""
     golden, now = Column("golden", number=".4f"), Column("now", number=".4f")
-    rows = [[d.case, d.metric, d.golden, d.measured, "worse" if d.worse else "better", d.excess] for d in differences]
+    rows = [[*d, "worse" if d.worse else "better", d.excess] for d in differences]
     title = "outside of the tolerance; the excess is the difference divided by the tolerance"
     return Table.of(title, ["noise", "metric", golden, now, "", Column("excess", number=".1f")], rows)
-
-
-def _percent(share: float | None) -> float | None:
-    return None if share is None else 100 * share
 
 
 def golden_path(folder: Path, corrector: str) -> Path:
@@ -220,16 +215,10 @@ def read_golden(path: Path) -> Cases:
             f"the golden metrics {path} are of seed {golden.seed} and {golden.frames} frames, expected {SEED} and "
             f"{FRAMES}: write new ones with --update"
         )
-    return {case: dict(metrics) for case, metrics in golden.cases.items()}
+    return golden.cases
 
 
 def write_golden(path: Path, cases: Cases) -> None:
     """Write a golden file; a failure is a `ScenarioError`."""
-    golden = Golden(seed=SEED, frames=FRAMES, cases={case: GoldenMetrics(**m) for case, m in cases.items()})
+    golden = Golden(seed=SEED, frames=FRAMES, cases=cases)
     write(path, (golden.model_dump_json(indent=1) + "\n").encode())
-
-
-def split_case(case: str) -> tuple[Term, Level]:
-    """Return the term and the level of a case."""
-    term, level = case.split("/")
-    return next(t for t in TERMS if t == term), next(one for one in LEVELS if one == level)

@@ -104,6 +104,6 @@ def regress(
     regression.difference_table(differences).print(console)
     worst = differences[0].case
     recording = out / f"regress-{path.stem}.rrd"
-    record_case(recording, worst, regression.corrected(make, *regression.split_case(worst)))
+    record_case(recording, worst, regression.corrected(make, worst))
     console.print(f"the worst case, {worst}, is in {recording}; if the change is meant: --update", soft_wrap=True)
     raise typer.Exit(1)

@@ -123,7 +123,7 @@ def test_correctors_that_are_not_there_are_named(name: str) -> None:
 def test_a_case_is_recorded_where_it_can_be(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ScenarioError, match=r"x\.rrd"):
-        record_case(tmp_path / "file" / "x.rrd", "scale/low", corrected(find_corrector("raw"), "scale", "low", 1))
+        record_case(tmp_path / "file" / "x.rrd", "scale/low", corrected(find_corrector("raw"), "scale/low", 1))
 
 
 @pytest.mark.slow
@@ -183,4 +183,4 @@ def corrected_as(depth_m: np.ndarray) -> Any:
 )
 def test_correctors_that_go_wrong_are_told_where(deed: str, message: str) -> None:
     with pytest.raises(ScenarioError, match=f"the corrector failed on scale/low, frame 0: .*{message}"):
-        list(corrected(lambda intrinsics: Wrong(deed), "scale", "low", 2))
+        list(corrected(lambda intrinsics: Wrong(deed), "scale/low", 2))
