@@ -46,9 +46,8 @@ class Groups:
             reference_m: Reference depth [m], shape (H, W); 0 or +inf = none.
             kind: Index into `kinds` of each pixel, shape (H, W), uint8.
         """
-        bins = np.zeros(reference_m.shape, np.uint8)
-        for start_m, _ in list(RANGE_BINS_M.values())[1:]:
-            bins += reference_m >= np.float32(start_m)
+        starts_m = [start_m for start_m, _ in RANGE_BINS_M.values()]
+        bins = np.digitize(reference_m, starts_m[1:]).astype(np.uint8)
         labels: GrayImage = bins * np.uint8(len(self.kinds)) + kind
         labels[~((reference_m > 0) & (reference_m < np.inf))] = NONE
         return labels

@@ -111,12 +111,7 @@ class SequenceInfo(Model):
 
 
 class ResultCache:
-    """Files of the results on one sequence.
-
-    Args:
-        out: Folder of all results.
-        sequence: Name of the sequence.
-    """
+    """Files of the results on one sequence, below the folder of all results."""
 
     def __init__(self, out: Path, sequence: str) -> None:
         self._results = out / RESULTS / sequence
@@ -129,9 +124,7 @@ class ResultCache:
     def load(self, key: Key, *, may_have_changed: bool) -> Result:
         """Load the finished result of a key, or one with the error `NOT_DONE` and why an older one is discarded.
 
-        Args:
-            key: What the result shall depend on.
-            may_have_changed: Whether the method may have changed although its key is the same.
+        Even one with the same key is discarded if the method `may_have_changed`.
 
         Raises:
             ScenarioError: The file of the result cannot be read.

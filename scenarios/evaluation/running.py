@@ -67,13 +67,9 @@ class ReferenceWorkload:
 
 
 def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) -> Scores:
-    """Run a method on all frames in order, with OpenCV on one thread.
+    """Run a new instance of a method on all frames (at least one) in order, with OpenCV on one thread.
 
-    Args:
-        method: A new instance is made.
-        frames: At least one; each is read just before it is processed, which is not timed.
-        groups: Pixel groups of the sequence.
-        intrinsics: Intrinsics of its camera.
+    Each frame is read just before it is processed, which is not timed.
 
     Raises:
         MethodError: The method raised an exception or gave no valid depth; the message names the frame.
@@ -119,7 +115,6 @@ def _warm_up(method: Method, frames: Frames, intrinsics: Intrinsics) -> None:
 
 
 def _other_threads_s() -> float:
-    """Return the CPU time of all threads of this process but the calling one [s]."""
     return time.process_time() - time.thread_time()
 
 

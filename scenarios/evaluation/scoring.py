@@ -64,12 +64,7 @@ METRICS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
 
 
 class Score:
-    """Scores the corrected frames of a sequence one by one; keeps no image but the last.
-
-    Args:
-        groups: Pixel groups of the sequence.
-        intrinsics: Intrinsics of its camera.
-    """
+    """Scores the corrected frames of a sequence one by one, by its pixel groups; keeps no image but the last."""
 
     def __init__(self, groups: Groups, intrinsics: Intrinsics) -> None:
         self._groups = groups
@@ -96,21 +91,24 @@ class Score:
         confidence: FloatImage | None = None,
         source: GrayImage | None = None,
     ) -> None:
-        """Add a corrected frame.
+        """Add a corrected frame; all images have the shape (H, W).
 
         Args:
             frame: The frame with its reference.
-            depth_m: Corrected depth [m], shape (H, W); 0 = invalid.
-            confidence: Confidence of each pixel, 0..1, shape (H, W); None if the method gives none.
-            source: One `Source` per pixel, shape (H, W); None if the method gives none.
+            depth_m: Corrected depth [m]; 0 = invalid.
+            confidence: Confidence of each pixel, 0..1; None if the method gives none.
+            source: One `Source` per pixel; None if the method gives none.
         """
         completed_m = fill_from_nearest(depth_m)
+        independent = np.isin(frame.labels, self._groups.members(self._independent, ALL))
         self._add_sums(frame, depth_m, completed_m)
         self._add_flicker(frame, depth_m)
         self._moving.add(frame, depth_m)
-        independent = self._pixels(frame, self._independent)
         self._calibration.add(depth_m, frame.reference_m, independent, confidence, source)
-        self._add_16_bits(frame, completed_m, independent)
+        # Surfaces that an image in 16 bits and millimetres can hold.
+        sums = Sums.of(completed_m, frame.reference_m, (frame.reference_m <= np.float32(PEAK16_M)) & independent)
+        self._in_16_bits += sums
+        self._psnrs_db.append(sums.psnr_db(PEAK16_M))
         self._add_paper(frame, depth_m)
 
     def measurements(self) -> list[Measurement]:
@@ -145,24 +143,13 @@ class Score:
         self._flicker[STATIC_MEASURED].add(depth_m, steady_m, static & both, bins)
         self._measured_before = measured_now
 
-    def _add_16_bits(self, frame: EvaluationFrame, completed_m: FloatImage, independent: MaskImage) -> None:
-        """Score the surfaces that an image in 16 bits and millimetres can hold."""
-        sums = Sums.of(completed_m, frame.reference_m, (frame.reference_m <= np.float32(PEAK16_M)) & independent)
-        self._in_16_bits += sums
-        self._psnrs_db.append(sums.psnr_db(PEAK16_M))
-
     def _add_paper(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Score by the arithmetic of the paper's authors; a pixel without a surface counts as 0 mm."""
         depth_mm = to_millimetres(depth_m)
         reference_mm = to_millimetres(np.where(frame.labels == NONE, np.float32(0), frame.reference_m))
-        occluded = self._pixels(frame, self._occluded)
+        occluded = np.isin(frame.labels, self._groups.members(self._occluded, ALL))
         self._paper["m_rmse_u16_wrap"].append(m_rmse_u16_wrap(depth_mm, reference_mm, occluded))
         self._paper["psnr_minmax8"].append(psnr_minmax8(depth_mm, reference_mm))
-
-    def _pixels(self, frame: EvaluationFrame, mask: str) -> MaskImage:
-        """Return the pixels of a mask, shape (H, W)."""
-        pixels: MaskImage = np.isin(frame.labels, self._groups.members(mask, ALL))
-        return pixels
 
     def _measured_errors(self, mask: str, range_name: str) -> Iterator[Measurement]:
         members = self._groups.members(mask, range_name)
@@ -195,10 +182,7 @@ class Score:
 
 
 class MovingScore:
-    """How much of moving objects survives a correction, and how much stays behind as ghosts.
-
-    The shares say little without those of the raw depth of the same frames, which are scored too.
-    """
+    """How much of moving objects survives a correction, and how much stays behind as ghosts, beside raw depth."""
 
     def __init__(self) -> None:
         self._shares = dict.fromkeys((*SURVIVAL, *GHOSTS), Share())
@@ -218,11 +202,7 @@ class MovingScore:
 
 
 class CalibrationScore:
-    """Errors of filled pixels by confidence and by source, as far as a method gives these.
-
-    Args:
-        intrinsics: Intrinsics of the camera.
-    """
+    """Errors of filled pixels by confidence and by source, as far as a method gives these."""
 
     def __init__(self, intrinsics: Intrinsics) -> None:
         self._focal_baseline_px_m = intrinsics.focal_baseline_px_m
@@ -237,15 +217,7 @@ class CalibrationScore:
         confidence: FloatImage | None,
         source: GrayImage | None,
     ) -> None:
-        """Add a frame.
-
-        Args:
-            depth_m: Corrected depth [m], shape (H, W); 0 = invalid, which does not count.
-            reference_m: Reference depth [m], shape (H, W); 0 or +inf = none.
-            scored: Pixels that count, shape (H, W).
-            confidence: 0..1, shape (H, W); None if the method gives none.
-            source: One `Source` per pixel, shape (H, W); None if the method gives none.
-        """
+        """Add a frame by its reference depth [m] and the pixels that count; for the others see `Score.add`."""
         counted = scored & (depth_m > 0) & (reference_m < np.float32(FARTHEST_M))
         if confidence is not None:
             label = np.digitize(confidence, EDGES, right=True)

@@ -3,14 +3,13 @@
 import pickle
 import zlib
 from collections import deque
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from sim.recording import Recording
 from sim.types import Capture
@@ -56,25 +55,20 @@ class EvaluationFrame:
     moving: MaskImage | None = None
     """Pixels of moving objects, shape (H, W); None if there are none or they are unknown."""
     departed_m: FloatImage | None = None
-    """Depth of the moving object that left a pixel `GHOST_FRAMES` frames ago [m], shape (H, W); 0 elsewhere.
-    None if there are no moving objects or they are unknown.
-    """
+    """Depth of the moving object that left a pixel `GHOST_FRAMES` frames ago [m], shape (H, W); 0 elsewhere."""
 
 
 class FrameCache:
     """Frames of one sequence in files: they are computed once for all methods, and only one is in memory.
 
-    A megapixel takes 11 MB, or 16 MB where things move.
-
-    Args:
-        folder: An existing folder.
+    A megapixel takes 11 MB, or 16 MB where things move. The folder must exist.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._frames = folder, 0
 
-    def fill(self, frames: Iterable[EvaluationFrame]) -> None:
-        """Write frames; the first one gets the number 0.
+    def fill(self, frames: Iterable[EvaluationFrame], progress: Callable[[int], None] = lambda count: None) -> None:
+        """Write frames; the first one gets the number 0. `progress` receives the number of written frames.
 
         Raises:
             ScenarioError: A frame cannot be written.
@@ -84,6 +78,7 @@ class FrameCache:
             with as_scenario_error(what), self.path(index).open("wb") as file:
                 pickle.dump(frame, file, pickle.HIGHEST_PROTOCOL)
             self._frames = index + 1
+            progress(self._frames)
 
     def __len__(self) -> int:
         return self._frames
@@ -109,22 +104,13 @@ Frames = FrameCache | list[EvaluationFrame]
 
 
 class SimulatedSource:
-    """A recording with the truth.
-
-    Args:
-        name: Name of the sequence.
-        recording: The recording.
-        seed: Seed that it was rendered with; None if it is unknown.
-    """
+    """A recording with the truth, and the seed that it was rendered with, if that is known."""
 
     groups = TRUE_GROUPS
 
     def __init__(self, name: str, recording: Recording, seed: int | None) -> None:
-        self.name = name
-        self.intrinsics = recording.intrinsics
-        self.seed = seed
-        self._recording = recording
-        self._moving_ids = moving_ids(recording)
+        self.name, self.seed, self.intrinsics = name, seed, recording.intrinsics
+        self._recording, self._moving_ids = recording, moving_ids(recording)
 
     def __len__(self) -> int:
         return len(self._recording)
@@ -143,8 +129,27 @@ class SimulatedSource:
         before: Capture | None = None
         for index in range(frames):
             capture = self._recording[index]
-            frame = _with_truth(capture, before, seen_before)
-            yield _with_movers(frame, capture, self._moving_ids, departures) if self._moving_ids else frame
+            truth_m, occluded = capture.depth_true_m, capture.occluded
+            known = np.isfinite(truth_m)
+            hole = (capture.depth_raw_m == 0) & known
+            seen, never = seen_before.split(hole, truth_m, capture.T_world_cam, capture.depth_raw_m)
+            kind = occluded + np.uint8(2) * seen + np.uint8(4) * never
+            static = _same_surface(capture, before)
+            moving: MaskImage | None = None
+            departed_m: FloatImage | None = None
+            if self._moving_ids:
+                moving = np.isin(capture.segment_id, self._moving_ids)
+                static, departed_m = static & ~moving, departures.add(moving, truth_m)
+            yield EvaluationFrame(
+                frame=frame_of(capture),
+                T_world_cam=capture.T_world_cam,
+                reference_m=truth_m,
+                labels=TRUE_GROUPS.label(truth_m, kind.astype(np.uint8)),
+                static=static,
+                occluded_share=float((occluded & known).sum() / max(1, known.sum())),
+                moving=moving,
+                departed_m=departed_m,
+            )
             before = capture
 
 
@@ -155,9 +160,7 @@ class HeldOutSource:
     seed: int | None = None
 
     def __init__(self, name: str, dataset: Dataset) -> None:
-        self.name = name
-        self.intrinsics = dataset.intrinsics
-        self._dataset = dataset
+        self.name, self.intrinsics, self._dataset = name, dataset.intrinsics, dataset
 
     def __len__(self) -> int:
         return len(self._dataset)
@@ -181,7 +184,20 @@ class HeldOutSource:
         for index in range(frames):
             frame = self._dataset[index]
             gray = cv2.blur(frame.gray, (5, 5)).astype(np.uint8)
-            yield _with_held_out(frame, shadows(frame.depth_m, self.intrinsics), _same_gray(gray, gray_before))
+            static = (
+                np.zeros(gray.shape, np.bool_) if gray_before is None else cv2.absdiff(gray, gray_before) <= SAME_GRAY
+            )
+            held_out = shadows(frame.depth_m, self.intrinsics)
+            reference_m = np.where(frame.depth_m > 0, frame.depth_m, np.float32(np.inf))
+            given_m = np.where(held_out, np.float32(0), frame.depth_m)
+            yield EvaluationFrame(
+                frame=Frame(stamp_s=frame.stamp_s, gray=frame.gray, depth_m=given_m),
+                T_world_cam=None,
+                reference_m=reference_m,
+                labels=HELD_OUT_GROUPS.label(reference_m, held_out.astype(np.uint8)),
+                static=static,
+                occluded_share=None,
+            )
             gray_before = gray
 
 
@@ -211,11 +227,7 @@ class Departures:
         self._past_m: deque[FloatImage] = deque(maxlen=GHOST_FRAMES)
 
     def add(self, moving: MaskImage, truth_m: FloatImage) -> FloatImage:
-        """Add the next frame.
-
-        Args:
-            moving: Pixels of moving objects, shape (H, W).
-            truth_m: True depth [m], shape (H, W).
+        """Add the pixels of moving objects and the true depth [m] of the next frame, shape (H, W).
 
         Returns:
             True depth of the moving object that was last at a pixel `GHOST_FRAMES` frames ago [m], shape (H, W),
@@ -254,47 +266,13 @@ def shadows(depth_m: FloatImage, intrinsics: Intrinsics) -> MaskImage:
     valid &= virtual_col < VIRTUAL_WIDTH * depth_m.shape[1]
     row, col = np.nonzero(valid)
     at, disparity_px = virtual_col[valid].astype(np.intp), disparity_px[valid]
-    hidden = np.zeros(depth_m.shape, np.bool_)
-    hidden[row, col] = _nearest_px(row, at, disparity_px, depth_m.shape)[row, at] > disparity_px + 1
-    opened = cv2.morphologyEx(hidden.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    return opened.astype(np.bool_)
-
-
-def _nearest_px(
-    row: npt.NDArray[np.intp], at: npt.NDArray[np.intp], disparity_px: FloatImage, shape: tuple[int, ...]
-) -> FloatImage:
-    """Return the largest disparity in each pixel of the virtual camera [px], shape (H, VIRTUAL_WIDTH W).
-
-    Stretched surfaces leave gaps; gaps of a single column are closed.
-    """
-    nearest_px = np.zeros((shape[0], VIRTUAL_WIDTH * shape[1]), np.float32)
+    nearest_px = np.zeros((depth_m.shape[0], VIRTUAL_WIDTH * depth_m.shape[1]), np.float32)
     np.maximum.at(nearest_px, (row, at), disparity_px)
-    closed = cv2.morphologyEx(nearest_px, cv2.MORPH_CLOSE, np.ones((1, 3), np.uint8))
-    return closed.astype(np.float32)
-
-
-def _with_truth(capture: Capture, before: Capture | None, seen_before: SeenBefore) -> EvaluationFrame:
-    truth_m = capture.depth_true_m
-    known = np.isfinite(truth_m)
-    hole = (capture.depth_raw_m == 0) & known
-    seen, never = seen_before.split(hole, truth_m, capture.T_world_cam, capture.depth_raw_m)
-    kind = capture.occluded + np.uint8(2) * seen + np.uint8(4) * never
-    return EvaluationFrame(
-        frame=frame_of(capture),
-        T_world_cam=capture.T_world_cam,
-        reference_m=truth_m,
-        labels=TRUE_GROUPS.label(truth_m, kind.astype(np.uint8)),
-        static=_same_surface(capture, before),
-        occluded_share=float((capture.occluded & known).sum() / max(1, known.sum())),
-    )
-
-
-def _with_movers(
-    frame: EvaluationFrame, capture: Capture, moving_ids: range, departures: Departures
-) -> EvaluationFrame:
-    moving: MaskImage = np.isin(capture.segment_id, moving_ids)
-    departed_m = departures.add(moving, capture.depth_true_m)
-    return replace(frame, static=frame.static & ~moving, moving=moving, departed_m=departed_m)
+    # A stretched surface leaves gaps in the virtual image; those of a single column are closed.
+    nearest_px = cv2.morphologyEx(nearest_px, cv2.MORPH_CLOSE, np.ones((1, 3), np.uint8)).astype(np.float32)
+    hidden = np.zeros(depth_m.shape, np.uint8)
+    hidden[row, col] = nearest_px[row, at] > disparity_px + 1
+    return cv2.morphologyEx(hidden, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)).astype(np.bool_)
 
 
 def _same_surface(capture: Capture, before: Capture | None) -> MaskImage:
@@ -302,27 +280,6 @@ def _same_surface(capture: Capture, before: Capture | None) -> MaskImage:
     if before is None:
         return np.zeros(truth_m.shape, np.bool_)
     with np.errstate(invalid="ignore"):
-        change_m = np.abs(truth_m - before.depth_true_m)
-        close = change_m <= np.float32(SAME_SURFACE) * truth_m
+        close = np.abs(truth_m - before.depth_true_m) <= np.float32(SAME_SURFACE) * truth_m
     same: MaskImage = close & np.isfinite(truth_m) & (capture.segment_id == before.segment_id)
     return same
-
-
-def _same_gray(gray: GrayImage, before: GrayImage | None) -> MaskImage:
-    if before is None:
-        return np.zeros(gray.shape, np.bool_)
-    same: MaskImage = cv2.absdiff(gray, before) <= SAME_GRAY
-    return same
-
-
-def _with_held_out(frame: Frame, held_out: MaskImage, static: MaskImage) -> EvaluationFrame:
-    reference_m = np.where(frame.depth_m > 0, frame.depth_m, np.float32(np.inf))
-    given_m = np.where(held_out, np.float32(0), frame.depth_m)
-    return EvaluationFrame(
-        frame=Frame(stamp_s=frame.stamp_s, gray=frame.gray, depth_m=given_m),
-        T_world_cam=None,
-        reference_m=reference_m,
-        labels=HELD_OUT_GROUPS.label(reference_m, held_out.astype(np.uint8)),
-        static=static,
-        occluded_share=None,
-    )

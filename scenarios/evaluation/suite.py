@@ -25,7 +25,7 @@ from .measurements import Measurements
 from .methods import Method
 from .result_cache import Key, Result, ResultCache, SequenceInfo, encoded_thumbnail
 from .running import MethodError, run
-from .sources import EvaluationFrame, FrameCache, Frames, FrameSource, SimulatedSource, open_source
+from .sources import FrameCache, Frames, FrameSource, SimulatedSource, open_source
 
 RECORDINGS = "recordings"
 """Folder of the shipped sequences, below that of the results."""
@@ -79,11 +79,7 @@ class Folder:
         return self.path.resolve().name
 
     def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
-        """Open the sequence in the folder.
-
-        Raises:
-            ScenarioError, SimError, VoxDepthError: The folder holds nothing readable.
-        """
+        """Open the sequence in the folder, see `open_source`."""
         return open_source(self.path)
 
 
@@ -98,10 +94,7 @@ class Plan:
     sequences: Sequence[Requested]
     methods: Sequence[Method]
     frames: int
-    """Number of the first frames of each sequence; a folder that has fewer gives all of its frames.
-
-    A shipped sequence whose flight is shorter is an error.
-    """
+    """Number of the first frames of each sequence; a folder may have fewer, but not the flight of a shipped one."""
     out: Path
 
     def __len__(self) -> int:
@@ -123,7 +116,13 @@ class Evaluation:
     @cached_property
     def measurements(self) -> Measurements:
         """All measurements as the long table, with one row of the metric `error` per failed result."""
-        return Measurements(row for result in self.results for row in _rows(result))
+        rows: list[tuple[Any, ...]] = []
+        for result in self.results:
+            where = result.key.sequence, result.key.method
+            if result.error is not None:
+                rows.append((*where, "error", "", "", "", None, "", 0, result.error))
+            rows += [(*where, *dict(m).values(), "") for m in result.measurements]
+        return Measurements(rows)
 
     @property
     def methods(self) -> list[str]:
@@ -167,14 +166,10 @@ def evaluate(plan: Plan, progress: Progress) -> Evaluation:
                 tell(f"{requested.name}, not opened")
                 continue
             sequences[requested.name] = info
+            reused += sum(result.error is None for result in cached)
             for method, result in zip(plan.methods, cached, strict=True):
                 tell(f"{requested.name}, {method.name}")
-                done = result if result.error is None else _computed(source, method, frames, result)
-                if done is result:
-                    reused += 1
-                else:
-                    cache.store(done)
-                results.append(done)
+                results.append(result if result.error is None else _computed(source, method, frames, cache, result))
     tell("done")
     return Evaluation(results=tuple(results), sequences=sequences, reused=reused)
 
@@ -194,13 +189,11 @@ def _prepared(
     total = min(plan.frames, len(source))
     digest = source.digest(total)
     keys = _keys(plan, name, frames=total, seed=source.seed, digest=digest)
-    results = [
-        cache.load(key, may_have_changed=method.is_foreign) for key, method in zip(keys, plan.methods, strict=True)
-    ]
-    is_finished = all(result.error is None for result in results)
-    info = cache.load_info(digest, total) if is_finished else None
+    methods = zip(keys, plan.methods, strict=True)
+    results = [cache.load(key, may_have_changed=method.is_foreign) for key, method in methods]
+    info = cache.load_info(digest, total) if all(result.error is None for result in results) else None
     if info is None:
-        frames.fill(_told(source.frames(total), lambda k: tell(f"{name}, references, frame {k} of {total}")))
+        frames.fill(source.frames(total), lambda k: tell(f"{name}, references, frame {k} of {total}"))
         info = describe(source, frames, digest)
         cache.store(info)
     return source, info, results
@@ -208,33 +201,19 @@ def _prepared(
 
 def _keys(plan: Plan, sequence: str, frames: int = 0, seed: int | None = None, digest: str = "") -> list[Key]:
     """Return the key of each method; without a number of frames those of a sequence that cannot be opened."""
-    known = versions(CORRECTION) | {"processor": processor_name()}
-    return [
-        Key(
-            sequence=sequence,
-            method=method.name,
-            frames=frames,
-            seed=seed,
-            digest=digest,
-            config=method.config,
-            versions=known,
-        )
-        for method in plan.methods
-    ]
+    given: dict[str, Any] = {"sequence": sequence, "frames": frames, "seed": seed, "digest": digest}
+    given["versions"] = versions(CORRECTION) | {"processor": processor_name()}
+    return [Key(method=method.name, config=method.config, **given) for method in plan.methods]
 
 
-def _told(frames: Iterator[EvaluationFrame], tell: Callable[[int], None]) -> Iterator[EvaluationFrame]:
-    for count, frame in enumerate(frames, 1):
-        tell(count)
-        yield frame
-
-
-def _computed(source: FrameSource, method: Method, frames: FrameCache, old: Result) -> Result:
+def _computed(source: FrameSource, method: Method, frames: FrameCache, cache: ResultCache, old: Result) -> Result:
     try:
-        scores = run(method, frames, source.groups, source.intrinsics)
+        scores = dict(run(method, frames, source.groups, source.intrinsics))
     except (MethodError, ScenarioError) as error:
-        return Result(key=old.key, error=str(error), replaced=old.replaced)
-    return Result(key=old.key, replaced=old.replaced, **dict(scores))
+        scores = {"error": str(error)}
+    result = Result(key=old.key, replaced=old.replaced, **scores)
+    cache.store(result)
+    return result
 
 
 def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
@@ -247,6 +226,7 @@ def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
         counts += np.bincount(frame.labels.ravel(), minlength=256)
         if frame.occluded_share is not None:
             occluded_shares.append(frame.occluded_share)
+    pixels = {mask: {name: int(counts[groups.members(mask, name)].sum()) for name in RANGES} for mask in groups.masks}
     return SequenceInfo(
         name=source.name,
         digest=digest,
@@ -258,22 +238,11 @@ def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
         baseline_m=camera.baseline_m,
         is_true=groups.is_true,
         hidden=groups.hidden,
-        pixels={
-            mask: {name: int(counts[groups.members(mask, name)].sum()) for name in RANGES} for mask in groups.masks
-        },
+        pixels=pixels,
         occluded_shares=tuple(occluded_shares),
         reference=encoded_thumbnail(np.where(np.isfinite(frame.reference_m), frame.reference_m, np.float32(0))),
         raw=encoded_thumbnail(frame.frame.depth_m),
     )
-
-
-def _rows(result: Result) -> Iterator[tuple[Any, ...]]:
-    """Yield the rows of a result, by `MEASUREMENT_COLUMNS`."""
-    where = result.key.sequence, result.key.method
-    if result.error is not None:
-        yield *where, "error", "", "", "", None, "", 0, result.error
-    for m in result.measurements:
-        yield *where, m.metric, m.mask, m.range, m.on, m.value, m.unit, m.n, ""
 
 
 def _require_distinct(names: Sequence[str]) -> None:
