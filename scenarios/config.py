@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import pydantic
 from pydantic import Field
 
-from sim.sensor_models import SensorModelName
+from sim.depth_noise import SensorModelName
 from swarm.compose import MissionSetup
 from voxdepth import registry
 from voxdepth.model import Model

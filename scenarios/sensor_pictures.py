@@ -14,7 +14,7 @@ from sim.recording import Recording
 from sim.render import create_renderer
 from sim.scenes import AnyScene
 from sim.sensor import RigConfig, StereoSensor
-from sim.types import Capture, InvalidReason, Viewpoint
+from sim.types import Capture, InvalidReason
 from sim.world import World
 
 from .errors import ScenarioError
@@ -117,8 +117,8 @@ def _scene_picture(world: World, seed: int) -> Image:
     rig = RigConfig(width_px=840, height_px=480, mount_forward_m=0.0, depth="truth")
     sensor = StereoSensor(world, create_renderer("raycast", world), rig, seed=seed)
     poses = list(Walk(height_m=CAMERA_HEIGHT_M).poses(world.scene.path_m, seed, 1.0))
-    viewpoints = [Viewpoint(drone=0, pose=poses[int(fraction * len(poses))]) for fraction in PATH_FRACTIONS]
-    images = [gray_bgr(sensor.capture(pair).gray_left) for pair in sensor.render(viewpoints, 0)]
+    chosen = [poses[int(fraction * len(poses))] for fraction in PATH_FRACTIONS]
+    images = [gray_bgr(sensor.capture(pair).gray_left) for pair in sensor.render(chosen, 0)]
     return np.hstack([narrowed(image, PICTURE_PX) for image in images])
 
 

@@ -23,7 +23,7 @@ from sim.recording import Recording, RecordingWriter
 from sim.render import RendererName, create_renderer
 from sim.scenes import AnyScene
 from sim.sensor import RigConfig, StereoSensor
-from sim.types import BodyPose, Capture, RenderedPair, Viewpoint
+from sim.types import BodyPose, Capture, RenderedPair
 from sim.world import World
 from voxdepth.model import Model
 
@@ -182,7 +182,7 @@ class Simulation:
             if frame >= start:
                 for body_id, sphere in zip(self.world.kinematic, self.spheres, strict=True):
                     self.world.place(body_id, sphere.position_m(pose.stamp_s, first))
-                (pair,) = self.sensor.render([Viewpoint(drone=0, pose=pose)], frame)
+                (pair,) = self.sensor.render([pose], frame)
                 self._require_outside(pair)
                 yield pair
 

@@ -19,35 +19,33 @@ BodyKind = Literal["building", "ground"]
 Pattern = Literal["plain", "facade", "ground", "grass", "foliage", "bark", "snow"]
 
 
+class _Solid:
+    """A convex shape whose fields are lengths."""
+
+    def __post_init__(self) -> None:
+        _require_positive(f"the lengths of {self}", *np.hstack(list(vars(self).values())))
+
+
 @dataclass(frozen=True)
-class Box:
+class Box(_Solid):
     """A box that is aligned with the axes of its own frame; the origin is its centre."""
 
     size_m: tuple[float, float, float]
 
-    def __post_init__(self) -> None:
-        _require_positive("the sides of a box", *self.size_m)
-
 
 @dataclass(frozen=True)
-class Cylinder:
+class Cylinder(_Solid):
     """A cylinder along z; the origin is its centre."""
 
     radius_m: float
     height_m: float
 
-    def __post_init__(self) -> None:
-        _require_positive("radius and height of a cylinder", self.radius_m, self.height_m)
-
 
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(_Solid):
     """A sphere; the origin is its centre."""
 
     radius_m: float
-
-    def __post_init__(self) -> None:
-        _require_positive("the radius of a sphere", self.radius_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +59,8 @@ class Mesh:
 
     def __post_init__(self) -> None:
         if len(self.triangles) == 0 or self.vertices_m.ndim != 2 or self.vertices_m.shape[1] != 3:
-            raise SceneError(
-                f"a mesh needs vertices of shape (V, 3) and at least one triangle, got vertices of shape "
-                f"{self.vertices_m.shape} and {len(self.triangles)} triangles"
-            )
+            got = f"vertices of shape {self.vertices_m.shape} and {len(self.triangles)} triangles"
+            raise SceneError(f"a mesh needs vertices of shape (V, 3) and at least one triangle, got {got}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +104,14 @@ class Body:
     surface: Surface = field(default_factory=Surface)
 
 
+def standing_body(
+    name: str, shape: Box | Cylinder, x_m: float, y_m: float, surface: Surface, *, yaw_rad: float = 0.0
+) -> Body:
+    """A box or cylinder that stands on flat ground at height 0."""
+    height_m = shape.size_m[2] if isinstance(shape, Box) else shape.height_m
+    return Body(name=name, shape=shape, position_m=(x_m, y_m, height_m / 2), yaw_rad=yaw_rad, surface=surface)
+
+
 Offset = Annotated[tuple[float, float, float], Field(strict=False)]
 """Forward, left and up from the first position of the camera [m], level and along its first heading."""
 
@@ -141,20 +145,14 @@ class MovingSphere(Model):
         return Body(name=f"sphere-{index}", shape=Sphere(self.radius_m), surface=surface)
 
     def position_m(self, time_s: float, start: BodyPose) -> FloatArray:
-        """Centre of the sphere in the world frame at a time, shape (3,).
-
-        Args:
-            time_s: Time since the beginning.
-            start: Pose of the camera's carrier at the beginning.
-        """
+        """Centre of the sphere in the world frame, shape (3,), from the pose of the camera's carrier at time 0."""
         path_m = np.subtract(self.to_m, self.from_m)
         length_m = float(np.linalg.norm(path_m))
         travelled_m = self.speed_m_s * time_s % (2 * length_m)
         fraction = min(travelled_m, 2 * length_m - travelled_m) / length_m
         q_level_xyzw = frames.quaternion_from_yaw(frames.yaw_from_quaternion(start.q_world_body_xyzw))
-        offset_m: FloatArray = np.asarray(self.from_m) + fraction * path_m
-        position_m: FloatArray = start.position_m + frames.rotation_from_quaternion(q_level_xyzw) @ offset_m
-        return position_m
+        offset_m = np.asarray(self.from_m) + fraction * path_m
+        return np.asarray(start.position_m + frames.rotation_from_quaternion(q_level_xyzw) @ offset_m)
 
 
 class Weather(Model):
@@ -201,11 +199,7 @@ class SceneSpec(Model, ABC):
 
     @abstractmethod
     def build(self, seed: int) -> Scene:
-        """The scene of a seed.
-
-        Raises:
-            SceneError: The specification cannot be built.
-        """
+        """The scene of a seed. A specification that cannot be built raises a `SceneError`."""
 
 
 def _require_positive(what: str, *lengths_m: float) -> None:

@@ -7,7 +7,7 @@ depend on what else is in the image.
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -18,7 +18,8 @@ from .seeds import Purpose, stream
 from .stereo import focal_baseline_px_m
 from .types import IdImage, InvalidReason, Model
 
-ScaleUnit = Literal["object", "frame", "pixel"]
+SensorModelName = Literal["truth", "noisy", "stereo"]
+SENSOR_MODEL_NAMES: tuple[SensorModelName, ...] = get_args(SensorModelName)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,7 +67,7 @@ class Scale(NoiseTerm):
 
     theta: float = Field(0.0, ge=0, le=1)
     """Noise ratio threshold; 0 disables the term, and more than 1 would make depths negative."""
-    unit: ScaleUnit = "object"
+    unit: Literal["object", "frame", "pixel"] = "object"
     """The unit that shares one draw."""
 
     def apply(self, image: NoisyDepth) -> None:

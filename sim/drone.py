@@ -88,8 +88,7 @@ class VelocityController:
 
 
 def _norm(vectors: FloatArray) -> FloatArray:
-    length: FloatArray = np.sqrt((vectors * vectors).sum(axis=1, keepdims=True))
-    return length
+    return np.asarray(np.sqrt((vectors * vectors).sum(axis=1, keepdims=True)))
 
 
 def _shrink_to(vectors: FloatArray, limit: float) -> FloatArray:

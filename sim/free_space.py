@@ -1,6 +1,5 @@
 """Free space of a world, measured with rays of the physics engine: points inside bodies, and traversability."""
 
-from collections.abc import Iterator
 from itertools import product
 from typing import Any
 
@@ -44,21 +43,9 @@ def traversability(
     less clearance than the drone's radius are left out. An empty world has `horizon_m / (2 drone_radius_m)`, and a
     world without a free point has 0. [1]_ relates this measure to the success of flights.
 
-    Args:
-        world: A world without drones, which would block the rays.
-        low_m: Corner (x, y) of the area with the smallest coordinates [m].
-        high_m: Corner (x, y) with the largest coordinates [m].
-        height_m: Height of all points [m].
-        drone_radius_m: Radius of the drone [m].
-        horizon_m: Longest free path [m].
-        directions: Rays per point, at equal angles from the x axis on.
-        grid_m: Distance between points [m].
-
-    Returns:
-        Mean of all free paths over the drone's diameter [1].
-
-    Raises:
-        SceneError: The area or a length is not positive, or the world has drones.
+    The area extends from the corner `low_m` to the corner `high_m` (x, y), with points every `grid_m`. The rays have
+    equal angles from the x axis on and reach as far as `horizon_m`. An area or a length that is not positive raises a
+    `SceneError`, and so does a world with drones, which would block the rays.
 
     References:
         .. [1] H. Yu, G. C. H. E. de Croon, C. De Wagter, "AvoidBench: A high-fidelity vision-based obstacle avoidance
@@ -106,17 +93,13 @@ def _is_inside_surfaces(world: World, points_m: FloatArray) -> npt.NDArray[np.bo
         rows = rows[hit]
         starts_m = (starts_m + fraction[:, None] * (ends_m - starts_m))[hit] + (0, 0, RAY_OFFSET_M)
         odd[rows, body[hit]] ^= True  # Each row has one ray, so no pair occurs twice.
-    inside: npt.NDArray[np.bool_] = np.asarray(odd[:, surfaces].any(axis=1))
-    return inside
+    return np.asarray(odd[:, surfaces].any(axis=1))
 
 
 def _first_hits(world: World, from_m: FloatArray, to_m: FloatArray) -> tuple[npt.NDArray[np.int64], FloatArray]:
     """Body that each ray hits first, -1 for none, and the fraction of the ray up to the hit, 1 for none."""
-
-    def hits() -> Iterator[tuple[Any, ...]]:
-        for start in range(0, len(from_m), RAYS_PER_CALL):
-            part = slice(start, start + RAYS_PER_CALL)
-            yield from pybullet.rayTestBatch(from_m[part].tolist(), to_m[part].tolist(), physicsClientId=world.client)
-
-    found = list(hits())
+    found: list[Any] = []
+    for start in range(0, len(from_m), RAYS_PER_CALL):
+        part = slice(start, start + RAYS_PER_CALL)
+        found += pybullet.rayTestBatch(from_m[part].tolist(), to_m[part].tolist(), physicsClientId=world.client)
     return np.array([hit[0] for hit in found], np.int64), np.array([hit[2] for hit in found], np.float64)

@@ -4,7 +4,6 @@ from collections.abc import Collection, Sequence
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from .stereo import focal_baseline_px_m
 from .types import Capture, InvalidReason
@@ -15,31 +14,23 @@ OUTLIER_RATIO = 0.05
 STEP_PX, LARGEST_PX = 0.01, 20.0
 """Bin width and end of the histograms of disparity errors that medians are taken of."""
 
-Counts = npt.NDArray[np.int64]
-
 
 class DepthQuality:
     """Shares and medians over all pixels of the captures of one camera.
 
-    Every pixel is either occluded (the second camera does not see it), textureless (its body has no texture) or
-    matchable. Matchable pixels are reported by range.
-
-    Args:
-        textureless_ids: Segmentation ids of the bodies without texture.
-        ranges_m: Increasing limits of the ranges of true depth.
+    Every pixel is either occluded (the second camera does not see it), textureless (its body, given by its segmentation
+    id, has no texture) or matchable. Matchable pixels are reported by range of true depth, with increasing limits.
     """
 
     def __init__(self, textureless_ids: Collection[int] = (), ranges_m: Sequence[float] = RANGES_M) -> None:
         self.ranges_m = tuple(ranges_m)
         self._textureless_ids = np.array(sorted(textureless_ids), np.int32)
         n = len(self.ranges_m) - 1
-        self._pixels: Counts = np.zeros(n, np.int64)
-        self._holes: Counts = np.zeros(n, np.int64)
-        self._within_1_px: Counts = np.zeros(n, np.int64)
-        self._errors: Counts = np.zeros((n, round(LARGEST_PX / STEP_PX) + 1), np.int64)
+        self._pixels, self._holes, self._within_1_px = np.zeros((3, n), np.int64)
+        self._errors = np.zeros((n, round(LARGEST_PX / STEP_PX) + 1), np.int64)
         self._unmatchable = {"occluded": np.zeros(3, np.int64), "textureless": np.zeros(3, np.int64)}
         """Numbers of pixels, of holes among them, and of outliers among them."""
-        self._reasons: Counts = np.zeros(len(InvalidReason), np.int64)
+        self._reasons = np.zeros(len(InvalidReason), np.int64)
 
     def add(self, capture: Capture) -> None:
         """Count the pixels of one capture."""
@@ -54,9 +45,7 @@ class DepthQuality:
         for name, mask in (("occluded", occluded), ("textureless", textureless)):
             self._unmatchable[name] += [np.count_nonzero(pixels & mask) for pixels in (mask, hole, outlier)]
         matchable = in_range & ~occluded & ~textureless
-        self._add_matchable(capture, true_m[matchable], raw_m[matchable])
-
-    def _add_matchable(self, capture: Capture, true_m: npt.NDArray[Any], raw_m: npt.NDArray[Any]) -> None:
+        true_m, raw_m = true_m[matchable], raw_m[matchable]
         focal_baseline = focal_baseline_px_m(capture.intrinsics)
         n, n_steps = self._errors.shape
         range_index = np.digitize(true_m, self.ranges_m) - 1

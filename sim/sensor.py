@@ -8,12 +8,11 @@ from pydantic import Field, model_validator
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
 from . import frames
-from .depth_noise import DepthNoise
+from .depth_noise import DepthNoise, NoisyDepth, SensorModelName
 from .errors import SensorError
 from .seeds import Purpose, stream
-from .sensor_models import NoisyModel, SensorModel, SensorModelName, StereoModel, TruthModel
-from .stereo import NOISE_TEXTURE, StereoConfig, focal_baseline_px_m
-from .types import Camera, Capture, Images, Model, RenderedPair, Renderer, Viewpoint
+from .stereo import NOISE_TEXTURE, StereoConfig, StereoMatcher, focal_baseline_px_m
+from .types import BodyPose, Camera, Capture, Images, Model, RenderedPair, Renderer
 from .world import World
 
 OCCLUSION_STEP_PX = 0.75
@@ -32,7 +31,7 @@ class RigConfig(Model):
     mount_forward_m: float = Field(0.27, ge=0)
     """Distance of the camera ahead of the drone's centre [m]. Inside the airframe it would see its own drone."""
     depth: SensorModelName = "stereo"
-    """The sensor model: `truth`, `noisy` or `stereo`."""
+    """The sensor model: `truth` reads the true depth, `noisy` adds noise to it, and `stereo` matches both images."""
     noise: DepthNoise = DepthNoise()
     """Noise terms of the sensor model `noisy`."""
     max_depth_m: float = Field(40.0, gt=0)
@@ -108,19 +107,24 @@ class StereoSensor:
         self._config = config
         self._seed = seed
         self.intrinsics = config.intrinsics
-        self._gray = gray or config.depth == "stereo"
-        self._model = create_sensor_model(config, world, seed=seed)
-        self._right = right or self._model.needs_right
+        stereo, noisy = config.depth == "stereo", config.depth == "noisy"
+        self._matcher = (
+            StereoMatcher(self.intrinsics, config.stereo, max_depth_m=config.max_depth_m) if stereo else None
+        )
+        self._noise_terms = config.noise.terms if noisy else ()
+        self._texture_of_body = {body_id: surface.texture for body_id, surface in world.surfaces.items()}
+        self._gray = gray or stereo
+        self._right = right or stereo or (noisy and config.noise.occlusion.active)
 
-    def render(self, viewpoints: Sequence[Viewpoint], frame: int) -> list[RenderedPair]:
-        """Render all cameras in one batch. Only one thread may render at a time."""
-        lefts = [self._camera(viewpoint, +1.0) for viewpoint in viewpoints]
-        rights = [self._camera(viewpoint, -1.0) for viewpoint in viewpoints] if self._right else []
+    def render(self, poses: Sequence[BodyPose], frame: int) -> list[RenderedPair]:
+        """Render the cameras of several carriers in one batch. Only one thread may render at a time."""
+        lefts = [self._camera(pose, +1.0) for pose in poses]
+        rights = [self._camera(pose, -1.0) for pose in poses] if self._right else []
         images = self._renderer.render([*lefts, *rights], gray=self._gray)
         right_images: list[Images | None] = [*images[len(lefts) :]] or [None] * len(lefts)
         return [
-            RenderedPair(viewpoint=viewpoint, frame=frame, T_world_cam=camera.T_world_cam, left=left, right=right)
-            for viewpoint, camera, left, right in zip(viewpoints, lefts, images, right_images, strict=False)
+            RenderedPair(pose=pose, frame=frame, T_world_cam=camera.T_world_cam, left=left, right=right)
+            for pose, camera, left, right in zip(poses, lefts, images, right_images, strict=False)
         ]
 
     def capture(self, pair: RenderedPair) -> Capture:
@@ -132,10 +136,13 @@ class StereoSensor:
             occluded = np.zeros(left.depth_m.shape, np.bool_)
         else:
             occluded = occlusion_mask(left.depth_m, right.depth_m, self.intrinsics)
-        depth_raw_m, invalid_reason = self._model.measure(pair, (gray_left, gray_right), occluded)
+        if self._matcher is None or gray_right is None:
+            depth_raw_m, invalid_reason = self._add_depth_noise(pair, occluded)
+        else:
+            depth_raw_m, invalid_reason = self._matcher.measure(gray_left, gray_right, left.depth_m, occluded)
         return Capture(
-            stamp_s=pair.viewpoint.pose.stamp_s,
-            drone=pair.viewpoint.drone,
+            stamp_s=pair.pose.stamp_s,
+            drone=pair.pose.drone,
             gray_left=gray_left,
             gray_right=gray_right,
             depth_true_m=left.depth_m,
@@ -147,34 +154,33 @@ class StereoSensor:
             intrinsics=self.intrinsics,
         )
 
-    def _camera(self, viewpoint: Viewpoint, side: float) -> Camera:
+    def _camera(self, pose: BodyPose, side: float) -> Camera:
         mount_m = self._config.left_mount_m * np.array([1.0, side, 1.0])
-        pose = viewpoint.pose
         T_world_cam = frames.camera_pose(pose.position_m, pose.q_world_body_xyzw, mount_m)
         return Camera(T_world_cam=T_world_cam, intrinsics=self.intrinsics)
 
     def _add_camera_noise(self, images: Images, pair: RenderedPair, side: int) -> GrayImage:
         if not self._gray:
             return images.gray
-        drone, frame = pair.viewpoint.drone, pair.frame
+        drone, frame = pair.pose.drone, pair.frame
         gain = exposure_gain(self._config.exposure_sigma, drone, frame, seed=self._seed)
         return photon_noise(images.gray, self._config.photon_sigma, drone, frame, side, seed=self._seed, gain=gain)
 
-
-def create_sensor_model(config: RigConfig, world: World, *, seed: int) -> SensorModel:
-    """The sensor model that a configuration names."""
-    if config.depth == "truth":
-        return TruthModel(config.max_depth_m)
-    if config.depth == "stereo":
-        return StereoModel(config.intrinsics, config.stereo, max_depth_m=config.max_depth_m)
-    texture_of_body = {body_id: surface.texture for body_id, surface in world.surfaces.items()}
-    return NoisyModel(
-        config.intrinsics,
-        config.noise,
-        max_depth_m=config.max_depth_m,
-        texture_of_body=texture_of_body,
-        seed=seed,
-    )
+    def _add_depth_noise(self, pair: RenderedPair, occluded: MaskImage) -> tuple[FloatImage, GrayImage]:
+        """The true depth after all active noise terms, limited to the largest depth, and one `InvalidReason` each."""
+        image = NoisyDepth(
+            depth_m=pair.left.depth_m.copy(),
+            invalid_reason=np.zeros(occluded.shape, np.uint8),
+            segment_id=pair.left.segment_id,
+            occluded=occluded,
+            texture_of_body=self._texture_of_body,
+            intrinsics=self.intrinsics,
+            seed=self._seed,
+            key=(pair.pose.drone, pair.frame),
+        )
+        for term in self._noise_terms:
+            term.apply(image)
+        return np.minimum(image.depth_m, np.float32(self._config.max_depth_m)), image.invalid_reason
 
 
 def photon_noise(gray: GrayImage, sigma: float, *key: int, seed: int, gain: float = 1.0) -> GrayImage:

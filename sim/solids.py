@@ -15,8 +15,6 @@ from . import frames
 from .bodies import Body, Box, Cylinder, Heightfield, Mesh, Shape, Sphere, Surface
 from .seeds import Purpose, stream
 
-NO_SHAPE = -1
-
 
 def create_body(body: Body, client: int) -> int:
     """Create a static body in a PyBullet client and return its id."""
@@ -43,7 +41,7 @@ def create_shapes(shape: Shape, surface: Surface, client: int) -> tuple[int, int
     kind, collision, visual = _describe(shape)
     collision_id = pybullet.createCollisionShape(kind, **collision, physicsClientId=client)
     if visual is None:
-        return collision_id, NO_SHAPE
+        return collision_id, -1
     albedo = surface.albedo
     visual_id = pybullet.createVisualShape(
         kind, **visual, rgbaColor=[albedo, albedo, albedo, 1], specularColor=[0, 0, 0], physicsClientId=client
@@ -58,11 +56,8 @@ def origin_height_m(shape: Shape) -> float:
     return 0.0
 
 
-Description = tuple[int, dict[str, Any], dict[str, Any] | None]
-"""PyBullet's type of a shape, and the arguments for its collision shape and its visual shape."""
-
-
-def _describe(shape: Shape) -> Description:
+def _describe(shape: Shape) -> tuple[int, dict[str, Any], dict[str, Any] | None]:
+    """PyBullet's type of a shape, and the arguments for its collision shape and its visual shape."""
     match shape:
         case Box(size_m):
             size = {"halfExtents": [side / 2 for side in size_m]}
@@ -92,5 +87,4 @@ def _vertex_normals(mesh: Mesh) -> FloatArray:
     a, b, c = np.moveaxis(mesh.vertices_m[mesh.triangles], 1, 0)
     total = np.zeros_like(mesh.vertices_m, np.float64)
     np.add.at(total, mesh.triangles, np.cross(b - a, c - a)[:, None])
-    normals: FloatArray = total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
-    return normals
+    return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12))

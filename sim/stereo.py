@@ -1,7 +1,6 @@
 """Depth from a stereo pair: semi-global matching, and checks that reject unreliable matches."""
 
 import threading
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import cv2
@@ -62,8 +61,7 @@ class StereoConfig(Model):
     def n_disparities(self, intrinsics: Intrinsics) -> int:
         """Number of disparities to search, a multiple of 16 as the matcher requires it.
 
-        Raises:
-            SensorError: The image has fewer columns.
+        An image with fewer columns raises a `SensorError`.
         """
         largest_px = focal_baseline_px_m(intrinsics) / self.min_depth_m
         n = 16 * int(np.ceil(largest_px / 16))
@@ -73,16 +71,6 @@ class StereoConfig(Model):
                 f"more than the image is wide ({intrinsics.width_px} px): shorten the baseline or raise min_depth_m"
             )
         return n
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Match:
-    """Result of matching a stereo pair."""
-
-    disparity_px: FloatImage
-    """Disparity of the left image, shape (H, W), float32; negative = invalid."""
-    invalid_reason: GrayImage
-    """`InvalidReason` per pixel, shape (H, W), uint8: `NONE`, `TEXTURELESS`, `AMBIGUOUS` or `SPECKLE`."""
 
 
 class StereoMatcher:
@@ -98,8 +86,6 @@ class StereoMatcher:
 
         wp.load_module(stereo_kernels, device="cpu")
         self._largest_competing_disparity = stereo_kernels.largest_competing_disparity
-        checks = {"one-to-one": self._fails_one_to_one, "left-right": self._fails_left_right}
-        self._fails_check = checks[config.check]
         self._config = config
         self._max_depth_m = max_depth_m
         self._n = config.n_disparities(intrinsics)
@@ -111,11 +97,27 @@ class StereoMatcher:
         """Depth of the largest disparity that is searched."""
         return self._focal_baseline_px_m / (self._n - 1)
 
-    def match(self, left: GrayImage, right: GrayImage) -> Match:
-        """Disparity of the left image, and the reason for each invalid pixel."""
+    def measure(
+        self, left: GrayImage, right: GrayImage, depth_true_m: FloatImage, occluded: MaskImage
+    ) -> tuple[FloatImage, GrayImage]:
+        """Depth [m], 0 = invalid, and one `InvalidReason` per pixel. The truth only names the reasons for holes."""
+        disparity_px, reason = self.match(left, right)
+        invalid = reason != InvalidReason.NONE
+        reason[invalid & (depth_true_m < self.min_depth_m)] = InvalidReason.OUT_OF_RANGE
+        reason[invalid & occluded] = InvalidReason.OCCLUDED
+        return self.depth_from_disparity(disparity_px), reason
+
+    def match(self, left: GrayImage, right: GrayImage) -> tuple[FloatImage, GrayImage]:
+        """Disparity of the left image [px], negative = invalid, and an `InvalidReason` per pixel, each of shape (H, W).
+
+        The reasons are `NONE`, `TEXTURELESS`, `AMBIGUOUS` and `SPECKLE`.
+        """
         raw = self._semi_global(left, right)
         textureless = texture(left) < self._config.min_texture
-        ambiguous = (raw < 0) | self._fails_check(raw, left, right)
+        one_to_one = self._config.check == "one-to-one"
+        ambiguous = (raw < 0) | (
+            self._fails_one_to_one(raw) if one_to_one else self._fails_left_right(raw, left, right)
+        )
         kept = np.where(textureless | ambiguous, INVALID, raw)
         filtered = kept.copy()
         cv2.filterSpeckles(filtered, int(INVALID), self._config.speckle_px, 16)
@@ -124,7 +126,7 @@ class StereoMatcher:
         reason[filtered != kept] = InvalidReason.SPECKLE
         reason[ambiguous] = InvalidReason.AMBIGUOUS
         reason[textureless] = InvalidReason.TEXTURELESS
-        return Match(disparity_px=filtered.astype(np.float32) / np.float32(16), invalid_reason=reason)
+        return filtered.astype(np.float32) / np.float32(16), reason
 
     def depth_from_disparity(self, disparity_px: FloatImage) -> FloatImage:
         """Depth `z = f B / d` [m], limited to the largest depth; negative disparities become 0."""
@@ -133,18 +135,17 @@ class StereoMatcher:
         depth_m[disparity_px < 0] = 0
         return depth_m.astype(np.float32)
 
-    def _fails_one_to_one(self, raw: Disparity, left: GrayImage, right: GrayImage) -> MaskImage:
+    def _fails_one_to_one(self, raw: Disparity) -> MaskImage:
         """Whether a nearer pixel maps to the same pixel of the right image, and so occludes this one."""
-        wrong: MaskImage = self._largest_competing_disparity(raw) - raw > 16 * self._config.check_px
-        return wrong
+        return np.asarray(self._largest_competing_disparity(raw) - raw > 16 * self._config.check_px)
 
     def _fails_left_right(self, raw: Disparity, left: GrayImage, right: GrayImage) -> MaskImage:
         """Whether the matched pixel of the right image does not map back to this one."""
         from_right = self._semi_global(right[:, ::-1], left[:, ::-1])[:, ::-1]
         col = np.arange(raw.shape[1])[None, :] - (raw + 8) // 16
         back = np.take_along_axis(from_right, np.clip(col, 0, raw.shape[1] - 1).astype(np.intp), axis=1)
-        wrong: MaskImage = (col < 0) | (back < 0) | (np.abs(back.astype(np.int32) - raw) > 16 * self._config.check_px)
-        return wrong
+        differs = np.abs(back.astype(np.int32) - raw) > 16 * self._config.check_px
+        return np.asarray((col < 0) | (back < 0) | differs)
 
     def _semi_global(self, left: GrayImage, right: GrayImage) -> Disparity:
         """Disparity in 1/16 px. Both images are padded so that no column is lost at the border."""
@@ -180,11 +181,7 @@ def texture(gray: GrayImage) -> FloatImage:
 
 
 def focal_baseline_px_m(intrinsics: Intrinsics) -> float:
-    """`f B` of a stereo camera: the product of disparity [px] and depth [m].
-
-    Raises:
-        SensorError: The camera has no baseline.
-    """
+    """`f B` of a stereo camera, the product of disparity [px] and depth [m]; without a baseline, a `SensorError`."""
     if intrinsics.baseline_m is None:
         raise SensorError("a stereo camera needs a baseline, got intrinsics with baseline_m None")
     return intrinsics.fx_px * intrinsics.baseline_m

@@ -42,11 +42,8 @@ def compete(
 def largest_competing_disparity(disparity: npt.NDArray[np.int16]) -> npt.NDArray[np.int32]:
     """For each pixel of the left image, the largest disparity that maps to the same pixel of the right image.
 
-    Args:
-        disparity: Disparity of the left image [1/16 px], shape (H, W); negative = invalid.
-
-    Returns:
-        Shape (H, W) [1/16 px]; 32767 where the pixel has no disparity or maps outside of the right image.
+    Disparities are in 1/16 px, shape (H, W); negative = invalid. The result is 32767 where the pixel has no disparity
+    or maps outside of the right image.
     """
     nearest, largest = np.empty_like(disparity), np.empty_like(disparity)
     wp.launch(

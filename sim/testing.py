@@ -14,14 +14,14 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from .bodies import Body, Box, Cylinder, Scene, Shape, Sphere, Surface
+from .bodies import Body, Box, Cylinder, Scene, Sphere, Surface, standing_body
 from .depth_noise import DepthNoise, Disparity, Flicker, Occlusion, Scale, Textureless
 from .errors import SensorError
 from .flights import Walk
 from .render import create_renderer
 from .seeds import Purpose, stream
 from .sensor import RigConfig, StereoSensor
-from .types import Capture, VelocityCommand, Viewpoint
+from .types import Capture, VelocityCommand
 from .world import PHYSICS_HZ, World
 
 __all__ = ["FRAMES", "LEVELS", "TERMS", "Level", "Term", "noisy_sequence", "sensor_config"]
@@ -48,16 +48,10 @@ BASELINE_M = (0.05, 0.095, 0.19)
 
 
 def noisy_sequence(term: Term, level: Level, seed: int = 0, *, frames: int = FRAMES) -> Iterator[Capture]:
-    """Captures with one noise term at one level, in order. The arguments determine every bit of them.
+    """Captures with one noise term at one level, in order; all other terms are disabled.
 
-    Args:
-        term: The noise term; all others are disabled.
-        level: `low`, `medium` or `high`.
-        seed: Master seed of the scene, the camera motion and the noise.
-        frames: Number of frames, up to 300.
-
-    Raises:
-        SensorError: The term or the level does not exist, or there are not so many frames.
+    The arguments determine every bit: the seed drives the scene, the camera motion and the noise. A term or level that
+    does not exist, or a number of frames outside of 1..300, raises a `SensorError`.
     """
     if not 1 <= frames <= MAX_FRAMES:
         raise SensorError(f"a noisy sequence has 1 to {MAX_FRAMES} frames, got {frames}")
@@ -65,11 +59,7 @@ def noisy_sequence(term: Term, level: Level, seed: int = 0, *, frames: int = FRA
 
 
 def sensor_config(term: Term, level: Level) -> RigConfig:
-    """The camera and the noise of a sequence.
-
-    Raises:
-        SensorError: The term or the level does not exist.
-    """
+    """The camera and the noise of a sequence. A term or level that does not exist raises a `SensorError`."""
     if term not in TERMS or level not in LEVELS:
         raise SensorError(
             f"there is no noise {term!r} at level {level!r}; choose a term of {', '.join(TERMS)} and a level of "
@@ -103,26 +93,18 @@ def _captures(config: RigConfig, seed: int, frames: int) -> Iterator[Capture]:
         world.apply([VelocityCommand(velocity_m_s=np.array([0.0, DRONE_SPEED_M_S, 0.0]), yaw_rad=np.pi / 2)])
         sensor = StereoSensor(world, create_renderer("raycast", world), config, seed=seed, right=True)
         for frame, pose in enumerate(islice(poses, frames)):
-            yield sensor.capture(sensor.render([Viewpoint(drone=0, pose=pose)], frame)[0])
+            yield sensor.capture(sensor.render([pose], frame)[0])
             for _ in range(PHYSICS_HZ // RATE_HZ):
                 world.step()
 
 
 def _scene(seed: int) -> Scene:
     """A wall and objects in front of it, clear of the paths of the drone and of the camera."""
-    ground = Body(
-        name="ground",
-        kind="ground",
-        shape=Box((60.0, 60.0, 1.0)),
-        position_m=(0.0, 0.0, -0.5),
-        surface=Surface(albedo=0.4, pattern="ground"),
-    )
-    wall = Body(
-        name="wall",
-        shape=Box((1.0, 40.0, 8.0)),
-        position_m=(WALL_M + 0.5, 0.0, 4.0),
-        surface=Surface(albedo=0.6, pattern="facade"),
-    )
+    paved = Surface(albedo=0.4, pattern="ground")
+    shape = Box((60.0, 60.0, 1.0))
+    ground = Body(name="ground", kind="ground", shape=shape, position_m=(0.0, 0.0, -0.5), surface=paved)
+    facade = Surface(albedo=0.6, pattern="facade")
+    wall = standing_body("wall", Box((1.0, 40.0, 8.0)), WALL_M + 0.5, 0.0, facade)
     objects = [_object(stream(seed, Purpose.SCENE, k), k) for k in range(N_OBJECTS)]
     path_m = np.array([[0.0, 0.0, 0.0], [WALL_M - 2, 0.0, 0.0]])
     return Scene(seed=seed, bodies=(ground, wall, *objects), path_m=path_m)
@@ -131,13 +113,11 @@ def _scene(seed: int) -> Scene:
 def _object(rng: np.random.Generator, k: int) -> Body:
     """Objects stand alternately on the left and on the right; their texture increases with k from none to full."""
     half, height = rng.uniform(0.2, 0.5), rng.uniform(0.8, 2.4)
-    shapes: tuple[Shape, ...] = (Box((2 * half, 2 * half, height)), Cylinder(half, height), Sphere(half))
-    shape = shapes[k % 3]
     x = rng.uniform(5.0, WALL_M - 1)
     y = (-1) ** k * rng.uniform(0.9, 0.6 * x)
-    return Body(
-        name=f"object-{k}",
-        shape=shape,
-        position_m=(x, y, half if isinstance(shape, Sphere) else height / 2),
-        surface=Surface(albedo=float(rng.uniform(0.3, 0.8)), texture=k / (N_OBJECTS - 1)),
-    )
+    surface = Surface(albedo=rng.uniform(0.3, 0.8), texture=k / (N_OBJECTS - 1))
+    name = f"object-{k}"
+    if k % 3 == 2:
+        return Body(name=name, shape=Sphere(half), position_m=(x, y, half), surface=surface)
+    shape = Cylinder(half, height) if k % 3 else Box((2 * half, 2 * half, height))
+    return standing_body(name, shape, x, y, surface)

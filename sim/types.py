@@ -11,22 +11,6 @@ from pydantic import BaseModel, ConfigDict
 
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
-__all__ = [
-    "BodyPose",
-    "Camera",
-    "Capture",
-    "Contact",
-    "DroneState",
-    "IdImage",
-    "Images",
-    "InvalidReason",
-    "Model",
-    "RenderedPair",
-    "Renderer",
-    "VelocityCommand",
-    "Viewpoint",
-]
-
 IdImage = npt.NDArray[np.int32]
 
 
@@ -61,6 +45,8 @@ class BodyPose:
     """Position in the world frame, shape (3,)."""
     q_world_body_xyzw: FloatArray
     """Attitude, shape (4,), unit norm; body frame x forward, y left, z up."""
+    drone: int = 0
+    """Index of the drone that is the carrier; noise is keyed by it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -109,20 +95,11 @@ class Images:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Viewpoint:
-    """The pose of one stereo camera."""
-
-    drone: int
-    """Index of the drone that carries it; noise is keyed by it."""
-    pose: BodyPose
-    """Pose of the carrier."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class RenderedPair:
     """Noise-free images of both cameras."""
 
-    viewpoint: Viewpoint
+    pose: BodyPose
+    """Pose of the carrier."""
     frame: int
     T_world_cam: FloatArray
     """Pose of the left camera, shape (4, 4)."""

@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Sequence
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from .bodies import Body, Cylinder, Scene, Surface
 from .drone import GRAVITY_M_S2, AirframeConfig, VelocityController
 from .errors import SceneError
 from .solids import apply_texture, create_body, create_shapes
-from .types import Contact, DroneState, VelocityCommand
+from .types import BodyPose, Contact, DroneState, VelocityCommand
 
 PHYSICS_HZ = 240
 SMALLEST_PROBE_M = 1e-3
@@ -63,13 +62,16 @@ class World:
         self.steps = 0
         self.contacts: list[Contact] = []
         self._probes: dict[float, int] = {}
+        """Collision spheres without a body, for distance queries, by radius."""
         self._recent: deque[FloatArray] = deque(maxlen=IMPACT_STEPS)
         self._touched: set[tuple[int, int]] = set()
         starts_m = np.asarray(starts_m, np.float64).reshape(-1, 3)
         self.n_drones = len(starts_m)
         self.client = pybullet.connect(pybullet.DIRECT)
         try:
-            self._set_up_physics()
+            pybullet.setGravity(0, 0, -GRAVITY_M_S2, physicsClientId=self.client)
+            pybullet.setTimeStep(self.dt_s, physicsClientId=self.client)
+            pybullet.setPhysicsEngineParameter(deterministicOverlappingPairs=1, physicsClientId=self.client)
             self.kinematic: dict[int, Body] = {create_body(body, self.client): body for body in kinematic}
             self.bodies: dict[int, Body] = {create_body(body, self.client): body for body in scene.bodies}
             yaws_rad = np.full(self.n_drones, start_yaw_rad, np.float64)
@@ -89,9 +91,7 @@ class World:
     def __enter__(self) -> "World":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -117,6 +117,15 @@ class World:
             )
             for i in range(self.n_drones)
         ]
+
+    def pose(self, drone: int) -> BodyPose:
+        """Pose of a drone now."""
+        return BodyPose(
+            stamp_s=self.time_s,
+            position_m=self._position[drone].copy(),
+            q_world_body_xyzw=self._attitude[drone].copy(),
+            drone=drone,
+        )
 
     def apply(self, commands: Sequence[VelocityCommand]) -> None:
         """Set the commands that hold from the next step on, one per drone."""
@@ -188,25 +197,13 @@ class World:
         corners = np.array(boxes)
         return float((corners[:, 1].max(axis=0) - corners[:, 0].min(axis=0)).max())
 
-    def _set_up_physics(self) -> None:
-        client = self.client
-        pybullet.setGravity(0, 0, -GRAVITY_M_S2, physicsClientId=client)
-        pybullet.setTimeStep(self.dt_s, physicsClientId=client)
-        pybullet.setPhysicsEngineParameter(deterministicOverlappingPairs=1, physicsClientId=client)
-
     def _add_drone(self, start_m: FloatArray, q_world_body_xyzw: FloatArray) -> int:
         radius = self.airframe.radius_m
         collision = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=radius, physicsClientId=self.client)
         _, visual = create_shapes(drone_shape(radius), DRONE_SURFACE, self.client)
+        pose = start_m.tolist(), q_world_body_xyzw.tolist()
         body = int(
-            pybullet.createMultiBody(
-                self.airframe.mass_kg,
-                collision,
-                visual,
-                start_m.tolist(),
-                q_world_body_xyzw.tolist(),
-                physicsClientId=self.client,
-            )
+            pybullet.createMultiBody(self.airframe.mass_kg, collision, visual, *pose, physicsClientId=self.client)
         )
         pybullet.changeDynamics(body, -1, linearDamping=0, angularDamping=0, physicsClientId=self.client)
         return body
@@ -253,7 +250,10 @@ class World:
         reach = horizon_m + radius_m
         low, high = (at_m - reach).tolist(), (at_m + reach).tolist()
         nearest = horizon_m
-        probe = self._probe(probe_radius_m)
+        if probe_radius_m not in self._probes:
+            self._probes[probe_radius_m] = pybullet.createCollisionShape(
+                pybullet.GEOM_SPHERE, radius=probe_radius_m, physicsClientId=self.client
+            )
         for body, _ in pybullet.getOverlappingObjects(low, high, physicsClientId=self.client) or ():
             if body == own_body or (own_body is None and body in self.drone_ids):
                 continue
@@ -262,20 +262,12 @@ class World:
                 -1,
                 horizon_m,
                 collisionShapeA=-1,
-                collisionShapeB=probe,
+                collisionShapeB=self._probes[probe_radius_m],
                 collisionShapePositionB=at_m.tolist(),
                 physicsClientId=self.client,
             )
             nearest = min([nearest, *(point[8] for point in points)])
         return min(horizon_m, float(nearest) + probe_radius_m - radius_m)
-
-    def _probe(self, radius_m: float) -> int:
-        """A collision sphere without a body, for distance queries."""
-        if radius_m not in self._probes:
-            self._probes[radius_m] = pybullet.createCollisionShape(
-                pybullet.GEOM_SPHERE, radius=radius_m, physicsClientId=self.client
-            )
-        return self._probes[radius_m]
 
     def _require_free_starts(self) -> None:
         pybullet.performCollisionDetection(physicsClientId=self.client)

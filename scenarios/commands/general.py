@@ -12,8 +12,8 @@ def list_() -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from sim.depth_noise import SENSOR_MODEL_NAMES
     from sim.render import RENDERER_NAMES
-    from sim.sensor_models import SENSOR_MODEL_NAMES
     from voxdepth.registry import corrector_names
 
     from ..config import load_run

@@ -9,7 +9,7 @@ from typing import Any
 import pydantic
 from pydantic import Field
 
-from sim.sensor_models import SensorModelName
+from sim.depth_noise import SensorModelName
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.model import Model
 

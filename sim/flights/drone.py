@@ -57,17 +57,11 @@ class Drone(Flight):
         return self
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
-        """One pose per frame, at most 240 per second; see `Flight.poses`.
-
-        Raises:
-            SceneError: The path or the rate is impossible; later, the drone is stuck.
-        """
+        """One pose per frame, at most 240 per second; see `Flight.poses`. A stuck drone raises a `SceneError`."""
         from ..world import PHYSICS_HZ
 
         require_rate(rate_hz, PHYSICS_HZ)
-        track = Track(path_m, rounding_m=ROUNDING_M, turning_m=TURNING_S * self.speed_m_s)
-        gusts_m_s = SmoothNoise(stream(seed, Purpose.FLIGHT), np.full(3, self.gust_m_s), GUST_HZ)
-        return self._fly(_PurePursuit(self, track, gusts_m_s), rate_hz)
+        return self._fly(_PurePursuit(self, path_m, stream(seed, Purpose.FLIGHT)), rate_hz)
 
     def _fly(self, pursuit: "_PurePursuit", rate_hz: float) -> Iterator[BodyPose]:
         from ..world import World
@@ -88,9 +82,9 @@ class Drone(Flight):
 class _PurePursuit:
     """Follows a track by flying towards a target on it that stays a lookahead distance away from the drone."""
 
-    def __init__(self, config: Drone, track: Track, gusts_m_s: SmoothNoise) -> None:
-        self._track = track
-        self._gusts_m_s = gusts_m_s
+    def __init__(self, config: Drone, path_m: FloatArray, rng: np.random.Generator) -> None:
+        self._track = Track(path_m, rounding_m=ROUNDING_M, turning_m=TURNING_S * config.speed_m_s)
+        self._gusts_m_s = SmoothNoise(rng, np.full(3, config.gust_m_s), GUST_HZ)
         self._speed_m_s = config.speed_m_s
         self._height_m = np.array([0.0, 0.0, config.height_m])
         self._lookahead_m = SHORTEST_LOOKAHEAD_M + LOOKAHEAD_S * config.speed_m_s
@@ -114,11 +108,7 @@ class _PurePursuit:
         return self._target_m >= self._track.length_m + self._lookahead_m
 
     def command(self, state: DroneState, time_s: float) -> VelocityCommand:
-        """The command that takes the drone towards the target.
-
-        Raises:
-            SceneError: The drone is stuck.
-        """
+        """The command that takes the drone towards the target. A drone that is stuck raises a `SceneError`."""
         to_target_m = self._advance_target(state.position_m)
         self._require_progress(time_s)
         direction = to_target_m / np.linalg.norm(to_target_m)

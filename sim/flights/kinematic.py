@@ -59,19 +59,11 @@ class Walk(Flight):
         return sample(self.trajectory(track, seed), rate_hz, self.duration_s(track))
 
     def track(self, path_m: FloatArray) -> Track:
-        """The curve of the walk.
-
-        Raises:
-            SceneError: The way points do not form a path.
-        """
+        """The curve of the walk."""
         return Track(path_m, rounding_m=ROUNDING_M, turning_m=TURNING_S * self.speed_m_s)
 
     def duration_s(self, track: Track) -> float:
-        """Time from the start to the last way point.
-
-        Raises:
-            SceneError: The path ends before the start.
-        """
+        """Time from the start to the last way point. A path that ends before the start raises a `SceneError`."""
         if self.start_m >= track.length_m:
             raise SceneError(
                 f"the walk starts {self.start_m:g} m along a path of {track.length_m:.1f} m: expected a start before "
@@ -91,24 +83,16 @@ class Walk(Flight):
             along_m = self.start_m + self.speed_m_s * time_s
             heading_rad = track.heading_rad(along_m)
             step_rad = 2 * np.pi * self.step_hz * time_s + first_step_rad
-            lateral_m = self.sway_m * np.sin(step_rad / 2)
-            offset_m = np.array(
-                [
-                    -lateral_m * np.sin(heading_rad),
-                    lateral_m * np.cos(heading_rad),
-                    self.height_m + self.bob_m * np.cos(step_rad),
-                ]
-            )
+            lateral_m, up_m = self.sway_m * np.sin(step_rad / 2), self.height_m + self.bob_m * np.cos(step_rad)
+            offset_m = np.array([-lateral_m * np.sin(heading_rad), lateral_m * np.cos(heading_rad), up_m])
             around_rad = look_around(time_s)
-            return BodyPose(
-                stamp_s=time_s,
-                position_m=track.position_m(along_m) + offset_m,
-                q_world_body_xyzw=frames.quaternion_from_angles(
-                    heading_rad + look_rad + around_rad[0],
-                    pitch_rad + around_rad[1] + shake_rad * np.sin(step_rad),
-                    shake_rad * np.cos(step_rad / 2),
-                ),
+            q_world_body_xyzw = frames.quaternion_from_angles(
+                heading_rad + look_rad + around_rad[0],
+                pitch_rad + around_rad[1] + shake_rad * np.sin(step_rad),
+                shake_rad * np.cos(step_rad / 2),
             )
+            position_m = track.position_m(along_m) + offset_m
+            return BodyPose(stamp_s=time_s, position_m=position_m, q_world_body_xyzw=q_world_body_xyzw)
 
         return pose_at
 
@@ -162,11 +146,6 @@ class Stationary(Flight):
     sway_deg: float = Field(0.2, ge=0)
     """Standard deviation of heading, pitch and roll; with 0 there is no sway."""
 
-    @property
-    def yaw_rate_rad_s(self) -> float:
-        """Rate of the heading."""
-        return 0.0
-
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
         """Poses without an end; see `Flight.poses`."""
         track = Track(path_m, rounding_m=ROUNDING_M, turning_m=ROUNDING_M)
@@ -177,16 +156,13 @@ class Stationary(Flight):
         sway_rad = SmoothNoise(rng, np.full(3, np.radians(self.sway_deg)), SWAY_HZ)
         place_m = track.position_m(self.at_m) + np.array([0.0, 0.0, self.height_m])
         heading_rad = track.heading_rad(self.at_m) + np.radians(self.look_deg)
+        yaw_rate_rad_s = float(np.radians(self.rate_deg_s)) if isinstance(self, Yaw) else 0.0
 
         def pose_at(time_s: float) -> BodyPose:
             yaw_rad, pitch_rad, roll_rad = sway_rad(time_s)
-            return BodyPose(
-                stamp_s=time_s,
-                position_m=place_m + sway_m(time_s),
-                q_world_body_xyzw=frames.quaternion_from_angles(
-                    heading_rad + self.yaw_rate_rad_s * time_s + yaw_rad, pitch_rad, roll_rad
-                ),
-            )
+            mean_rad = heading_rad + yaw_rate_rad_s * time_s
+            q_world_body_xyzw = frames.quaternion_from_angles(mean_rad + yaw_rad, pitch_rad, roll_rad)
+            return BodyPose(stamp_s=time_s, position_m=place_m + sway_m(time_s), q_world_body_xyzw=q_world_body_xyzw)
 
         return sample(pose_at, rate_hz)
 
@@ -203,8 +179,3 @@ class Yaw(Stationary):
     kind: Literal["yaw"] = "yaw"
     rate_deg_s: float = 90.0
     """Rate of the heading; a positive rate turns to the left."""
-
-    @property
-    def yaw_rate_rad_s(self) -> float:
-        """Rate of the heading."""
-        return float(np.radians(self.rate_deg_s))

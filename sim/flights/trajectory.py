@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from itertools import count
+from itertools import count, takewhile
 
 import numpy as np
 import numpy.typing as npt
@@ -25,40 +25,24 @@ class Flight(Model, ABC):
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
         """One pose per frame; pose k is at k / `rate_hz` and does not depend on how many are drawn.
 
-        Args:
-            path_m: Way points on the ground in the world frame, shape (n, 3).
-            seed: Seed of all random parts of the motion.
-            rate_hz: Frames per second.
-
-        Raises:
-            SceneError: The flight cannot follow the path, or the rate is impossible.
+        The path consists of way points on the ground in the world frame, shape (n, 3). A path that the flight cannot
+        follow, or an impossible rate, raises a `SceneError`.
         """
 
 
 def sample(trajectory: Trajectory, rate_hz: float, duration_s: float = np.inf) -> Iterator[BodyPose]:
-    """The poses of a trajectory at the frame times up to and including `duration_s`.
-
-    Raises:
-        SceneError: The rate is not positive and finite.
-    """
+    """The poses of a trajectory at the frame times up to and including `duration_s`; see `require_rate`."""
     require_rate(rate_hz)
-    return (trajectory(time_s) for time_s in frame_times_s(rate_hz, duration_s))
+    return map(trajectory, frame_times_s(rate_hz, duration_s))
 
 
 def frame_times_s(rate_hz: float, duration_s: float) -> Iterator[float]:
     """The frame times up to and including `duration_s` [s]."""
-    for k in count():
-        if k / rate_hz > duration_s:
-            return
-        yield k / rate_hz
+    return takewhile(lambda time_s: time_s <= duration_s, (k / rate_hz for k in count()))
 
 
 def require_rate(rate_hz: float, highest_hz: float = np.inf) -> None:
-    """Refuse a frame rate that is not positive and finite, or above the highest.
-
-    Raises:
-        SceneError: The rate is refused.
-    """
+    """A frame rate that is not positive and finite, or above the highest, raises a `SceneError`."""
     if not (0 < rate_hz < np.inf and rate_hz <= highest_hz):
         limit = f" of at most {highest_hz:g} Hz" if highest_hz < np.inf else ""
         raise SceneError(f"expected a positive, finite frame rate{limit}, got {rate_hz:g} Hz; change the rate")
@@ -67,10 +51,8 @@ def require_rate(rate_hz: float, highest_hz: float = np.inf) -> None:
 class SmoothNoise:
     """Smooth noise as a function of time: each channel sums a few sines of random frequency and phase.
 
-    Args:
-        rng: Source of frequencies and phases; the draws do not depend on `sigma`.
-        sigma: Standard deviation of each channel, shape (c,). No value exceeds 3.2 standard deviations.
-        band_hz: Lowest and highest frequency.
+    `sigma` is the standard deviation of each channel, shape (c,), which no value exceeds by more than a factor of 3.2.
+    The draws do not depend on it.
     """
 
     def __init__(self, rng: np.random.Generator, sigma: npt.ArrayLike, band_hz: tuple[float, float]) -> None:
@@ -82,8 +64,7 @@ class SmoothNoise:
     def __call__(self, time_s: float) -> FloatArray:
         """Values at a time, shape (c,)."""
         waves = np.sin(self._rate_rad_s * time_s + self._phase_rad)
-        noise: FloatArray = self._amplitude * waves.sum(axis=1)
-        return noise
+        return np.asarray(self._amplitude * waves.sum(axis=1))
 
 
 class Track:
@@ -122,8 +103,7 @@ class Track:
     def position_m(self, along_m: float) -> FloatArray:
         """Point of the curve, shape (3,)."""
         ramps_m = self._rounding_m * _ramp((along_m - self._corners_m) / self._rounding_m)
-        point: FloatArray = self._start_m + along_m * self._direction + ramps_m @ self._bends
-        return point
+        return np.asarray(self._start_m + along_m * self._direction + ramps_m @ self._bends)
 
     def heading_rad(self, along_m: float) -> float:
         """Heading, from the world's x axis towards y, without jumps of a full turn."""
@@ -132,8 +112,7 @@ class Track:
     def curvature_per_m(self, along_m: FloatArray) -> FloatArray:
         """Change of the unit direction per arc length, shape (m,) for m arc lengths."""
         bells = _bell((along_m[:, None] - self._corners_m) / self._rounding_m) / self._rounding_m
-        curvature_per_m: FloatArray = np.linalg.norm(bells @ self._bends, axis=1)
-        return curvature_per_m
+        return np.asarray(np.linalg.norm(bells @ self._bends, axis=1))
 
 
 def _way_points(path_m: FloatArray) -> FloatArray:
@@ -146,9 +125,7 @@ def _way_points(path_m: FloatArray) -> FloatArray:
         )
     if not np.isfinite(points).all():
         bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
-        raise SceneError(
-            f"way points must be finite, but number {bad[0]} is {points[bad[0]].tolist()}; correct the path"
-        )
+        raise SceneError(f"way points must be finite, but number {bad[0]} is {points[bad[0]].tolist()}; correct it")
     apart = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1) > 1e-6
     points = points[np.r_[True, apart]]
     length_m = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
@@ -161,19 +138,16 @@ def _way_points(path_m: FloatArray) -> FloatArray:
 
 def _bell(u: FloatArray) -> FloatArray:
     """Raised cosine on -1..1 with unit area."""
-    bell: FloatArray = (1 + np.cos(np.pi * np.clip(u, -1, 1))) / 2
-    return bell
+    return np.asarray((1 + np.cos(np.pi * np.clip(u, -1, 1))) / 2)
 
 
 def _step(u: FloatArray) -> FloatArray:
     """Integral of the bell: from 0 before -1 to 1 after 1."""
     c = np.clip(u, -1, 1)
-    step: FloatArray = (1 + c + np.sin(np.pi * c) / np.pi) / 2
-    return step
+    return np.asarray((1 + c + np.sin(np.pi * c) / np.pi) / 2)
 
 
 def _ramp(u: FloatArray) -> FloatArray:
     """Integral of the step: from 0 before -1 to u after 1."""
     c = np.clip(u, -1, 1)
-    ramp: FloatArray = ((1 + c) ** 2 / 2 - (1 + np.cos(np.pi * c)) / np.pi**2) / 2 + np.maximum(u - 1, 0)
-    return ramp
+    return np.asarray(((1 + c) ** 2 / 2 - (1 + np.cos(np.pi * c)) / np.pi**2) / 2 + np.maximum(u - 1, 0))

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pybullet
@@ -21,7 +22,7 @@ from voxdepth.types import FloatArray, Intrinsics
 from .. import frames
 from ..bodies import Body, Mesh
 from ..errors import RenderError
-from ..solids import apply_texture, create_body, create_shapes
+from ..solids import apply_texture, create_body
 from ..types import Camera, Images
 from ..world import DRONE_SURFACE, World, drone_shape
 
@@ -74,7 +75,8 @@ class EglRenderer:
         if pybullet.loadPlugin(plugin, PLUGIN_POSTFIX, physicsClientId=self._client) < 0:
             raise RenderError(f"PyBullet does not load its plugin {plugin} a second time: use raycast")
         static = {self._copy(body): real for real, body in world.bodies.items()}
-        drones = {self._add_drone(): real for real in world.drone_ids}
+        drone = Body(name="drone", shape=drone_shape(world.airframe.radius_m), surface=DRONE_SURFACE)
+        drones = {create_body(drone, self._client): real for real in world.drone_ids}
         self._moving = {self._copy(body): real for real, body in world.kinematic.items()} | drones
         copies = {**static, **self._moving}
         textured = set(world.textured_ids)
@@ -99,29 +101,22 @@ class EglRenderer:
             return create_body(body, self._client)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / f"{body.name}.obj"
-            path.write_text(wavefront(body.shape), encoding="ascii")
-            color = [body.surface.albedo] * 3 + [1]
+            vertices = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in body.shape.vertices_m.tolist()]
+            faces = [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in body.shape.triangles.tolist()]
+            path.write_text("\n".join([*vertices, *faces, ""]), encoding="ascii")
+            look: Any = {"rgbaColor": [body.surface.albedo] * 3 + [1], "specularColor": [0, 0, 0]}
             visual = pybullet.createVisualShape(
-                pybullet.GEOM_MESH,
-                fileName=str(path),
-                rgbaColor=color,
-                specularColor=[0, 0, 0],
-                physicsClientId=self._client,
+                pybullet.GEOM_MESH, fileName=str(path), **look, physicsClientId=self._client
             )
             q_xyzw = frames.quaternion_from_yaw(body.yaw_rad).tolist()
             return int(pybullet.createMultiBody(0, -1, visual, body.position_m, q_xyzw, physicsClientId=self._client))
-
-    def _add_drone(self) -> int:
-        _, visual = create_shapes(drone_shape(self._world.airframe.radius_m), DRONE_SURFACE, self._client)
-        return int(pybullet.createMultiBody(0, -1, visual, [0, 0, 0], [0, 0, 0, 1], physicsClientId=self._client))
 
 
 @cache
 def egl_plugin() -> str:
     """Path of PyBullet's EGL plugin, after a trial in another process, because a failure ends the whole process.
 
-    Raises:
-        RenderError: There is no plugin, or it does not work on this machine.
+    A plugin that is missing, or does not work on this machine, raises a `RenderError`.
     """
     found = importlib.util.find_spec("eglRenderer")
     if found is None or found.origin is None:
@@ -141,13 +136,6 @@ def egl_plugin() -> str:
     return found.origin
 
 
-def wavefront(mesh: Mesh) -> str:
-    """A mesh as the text of a Wavefront .obj file."""
-    vertices = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in mesh.vertices_m.tolist()]
-    faces = [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.triangles.tolist()]
-    return "\n".join([*vertices, *faces, ""])
-
-
 def _camera_image(camera: Camera, engine: Engine, client: int, to_sun: tuple[float, float, float]) -> Images:
     intrinsics = camera.intrinsics
     _, _, rgba, buffer, segments = pybullet.getCameraImage(
@@ -165,7 +153,8 @@ def _camera_image(camera: Camera, engine: Engine, client: int, to_sun: tuple[flo
     empty = segment_id < 0
     gray = np.reshape(rgba, (*shape, 4))[..., 0].astype(np.uint8)
     gray[empty] = SKY_GRAY
-    depth_m = metric_depth(np.reshape(buffer, shape).astype(np.float64), engine.near_m).astype(np.float32)
+    z_buffer = np.reshape(buffer, shape).astype(np.float64)
+    depth_m = (FAR_M * engine.near_m / (FAR_M - (FAR_M - engine.near_m) * z_buffer)).astype(np.float32)
     depth_m[empty] = np.inf
     return Images(gray=gray, depth_m=depth_m, segment_id=segment_id)
 
@@ -173,8 +162,7 @@ def _camera_image(camera: Camera, engine: Engine, client: int, to_sun: tuple[flo
 def view_matrix(T_world_cam: FloatArray) -> list[float]:
     """OpenGL view matrix, column-major, of a camera pose with any roll."""
     to_opengl = np.diag([1.0, -1.0, -1.0, 1.0])
-    view: list[float] = (to_opengl @ np.linalg.inv(T_world_cam)).T.ravel().tolist()
-    return view
+    return list((to_opengl @ np.linalg.inv(T_world_cam)).T.ravel().tolist())
 
 
 def projection_matrix(intrinsics: Intrinsics, engine: Engine) -> list[float]:
@@ -187,10 +175,4 @@ def projection_matrix(intrinsics: Intrinsics, engine: Engine) -> list[float]:
     right = (i.width_px - right_px - i.cx_px) / i.fx_px * near_m
     top = (i.cy_px + down_px) / i.fy_px * near_m
     bottom = -(i.height_px - down_px - i.cy_px) / i.fy_px * near_m
-    matrix: list[float] = list(pybullet.computeProjectionMatrix(left, right, bottom, top, near_m, FAR_M))
-    return matrix
-
-
-def metric_depth(buffer: FloatArray, near_m: float) -> FloatArray:
-    """Depth [m] of an OpenGL depth buffer with values in 0..1."""
-    return FAR_M * near_m / (FAR_M - (FAR_M - near_m) * buffer)
+    return list(pybullet.computeProjectionMatrix(left, right, bottom, top, near_m, FAR_M))

@@ -1,7 +1,7 @@
 """Triangle meshes of the visible bodies of a world."""
 
 import ctypes
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -59,10 +59,8 @@ def mesh_of_body(world: World, body: int) -> Mesh:
     """All visual shapes of a PyBullet body as one mesh in the frame of the body.
 
     PyBullet does not return the vertices of meshes and heightfields that were created from memory, so these come from
-    the scene. All other shapes are read back from PyBullet, including those of bodies that were loaded from files.
-
-    Raises:
-        RenderError: The body has no visual shape, or one that is not supported.
+    the scene. All other shapes are read back from PyBullet, including those of bodies that were loaded from files. A
+    missing or unsupported visual shape raises a `RenderError`.
     """
     shapes = pybullet.getVisualShapeData(body, physicsClientId=world.client)
     if not shapes:
@@ -99,39 +97,36 @@ def mesh_of_shape(shape: Shape) -> Mesh:
             return sphere(radius_m)
         case Heightfield():
             return heightfield(shape)
-        case Mesh():
-            return shape
+    return shape
 
 
 def _mesh_of_visual(shape: Any, body: int) -> Mesh:
     """A visual shape, as `pybullet.getVisualShapeData` describes it, in the frame of its body."""
-    kind, lengths, position_m, q_xyzw = shape[2], shape[3], shape[5], shape[6]
-    if kind not in _OF_VISUAL:
+    kind, lengths_m, position_m, q_xyzw = shape[2], np.array(shape[3]), shape[5], shape[6]
+    if kind == pybullet.GEOM_BOX:
+        mesh = box(lengths_m)
+    elif kind == pybullet.GEOM_CYLINDER:
+        mesh = cylinder(radius_m=lengths_m[1], height_m=lengths_m[0])
+    elif kind == pybullet.GEOM_SPHERE:
+        mesh = sphere(lengths_m[0])
+    elif kind == pybullet.GEOM_MESH:
+        mesh = _mesh_of_file(Path(shape[4].decode()), lengths_m, body)
+    else:
         raise RenderError(
             f"body {body} has a visual shape of PyBullet type {kind}; "
             "boxes, cylinders, spheres, and meshes from files or scenes are drawn"
         )
-    mesh = _OF_VISUAL[kind](shape, np.array(lengths))
     return moved(mesh, frames.rotation_from_quaternion(np.array(q_xyzw)), np.array(position_m))
 
 
-def _mesh_of_file(shape: Any, scale: FloatArray) -> Mesh:
-    path = Path(shape[4].decode())
+def _mesh_of_file(path: Path, scale: FloatArray, body: int) -> Mesh:
     if not path.is_file():
         raise RenderError(
-            f"body {shape[0]} shows the mesh {str(path)!r}, which is not a file: expected the path of an .obj or .stl, "
+            f"body {body} shows the mesh {str(path)!r}, which is not a file: expected the path of an .obj or .stl, "
             "or a body that the scene describes"
         )
     read = open3d().io.read_triangle_mesh(str(path))
     return Mesh(np.asarray(read.vertices) * scale, np.asarray(read.triangles).astype(np.uint32))
-
-
-_OF_VISUAL: dict[int, Callable[[Any, FloatArray], Mesh]] = {
-    pybullet.GEOM_BOX: lambda shape, size_m: box(size_m),
-    pybullet.GEOM_CYLINDER: lambda shape, lengths_m: cylinder(radius_m=lengths_m[1], height_m=lengths_m[0]),
-    pybullet.GEOM_SPHERE: lambda shape, lengths_m: sphere(lengths_m[0]),
-    pybullet.GEOM_MESH: _mesh_of_file,
-}
 
 
 def box(size_m: FloatArray) -> Mesh:
@@ -161,9 +156,8 @@ def sphere(radius_m: float) -> Mesh:
     """A sphere of rings and segments with the origin at its centre."""
     n, rings = ROUND_SEGMENTS, ROUND_SEGMENTS // 2
     polar, around = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.arange(n) * 2 * np.pi / n, indexing="ij")
-    vertices = radius_m * np.stack(
-        [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=-1
-    ).reshape(-1, 3)
+    unit = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=-1)
+    vertices = radius_m * unit.reshape(-1, 3)
     triangles = []
     for ring in range(rings):
         for i in range(n):
@@ -188,8 +182,7 @@ def heightfield(field: Heightfield) -> Mesh:
 def open3d() -> Any:
     """The module `open3d`, imported after libusb, which it needs and which the wheel `libusb-package` provides.
 
-    Raises:
-        RenderError: Open3D cannot be imported on this machine.
+    A machine on which Open3D cannot be imported raises a `RenderError`.
     """
     try:
         import libusb_package

@@ -14,7 +14,7 @@ from ..cpu import mapper, slices, warp_view
 from ..types import Camera
 from . import raster_kernels
 from .meshes import SceneMeshes, merged
-from .visibility import Hits, Rays
+from .raycast import Hits, Rays
 
 
 class Rasteriser:
@@ -31,22 +31,22 @@ class Rasteriser:
         self._first_vertex = np.cumsum([0, *(len(mesh.vertices_m) for mesh in bodies)]).astype(np.int32)
         self._first_triangle = np.cumsum([0, *(len(mesh.triangles) for mesh in bodies)]).astype(np.int32)
         self._spheres = np.array([_bounding_sphere(mesh) for mesh in bodies])
-        self._buffers = _Buffers.empty((0, 0, 0), 0)
+        self._buffers = self._allocate((0, 0, 0))
         wp.load_module(raster_kernels, device="cpu")
 
     def first_hits(self, cameras: Sequence[Camera], rays: Rays) -> Hits:
-        """The first hit of each pixel, shape (cameras, H * W)."""
-        self._update_moving()
+        """The first hit of each pixel, shape (cameras, H * W), in the present state of the world."""
+        n_fixed, moving = self._meshes.n_fixed, self._meshes.moving_in_world()
+        if moving:
+            self._vertices_m[self._first_vertex[n_fixed] :] = np.concatenate([mesh.vertices_m for mesh in moving])
+            self._spheres[n_fixed:] = [_bounding_sphere(mesh) for mesh in moving]
         shape = (len(cameras), *cameras[0].intrinsics.shape)
         if self._buffers.nearest.shape != shape:
-            self._buffers = _Buffers.empty(shape, len(self._vertices_m))
+            self._buffers = self._allocate(shape)
         views = _views(cameras)
         n, pixels = rays.shape[:2]
-        hits = Hits(
-            depth_m=np.empty((n, pixels), np.float32),
-            normal=np.empty((n, pixels, 3), np.float32),
-            body_index=np.empty((n, pixels), np.int32),
-        )
+        empty = np.empty((n, pixels), np.float32), np.empty((n, pixels, 3), np.float32), np.empty((n, pixels), np.int32)
+        hits = Hits(*empty)
 
         def draw(part: slice) -> None:
             buffers = _Buffers._make(array[part] for array in self._buffers)
@@ -55,15 +55,12 @@ class Rasteriser:
         list(self._map(draw, slices(n, self._threads)))
         return hits
 
-    def _update_moving(self) -> None:
-        n = self._meshes.n_fixed
-        moving = self._meshes.moving_in_world()
-        if moving:
-            self._vertices_m[self._first_vertex[n] :] = np.concatenate([mesh.vertices_m for mesh in moving])
-            self._spheres[n:] = [_bounding_sphere(mesh) for mesh in moving]
+    def _allocate(self, shape: tuple[int, int, int]) -> "_Buffers":
+        n, vertices = shape[0], len(self._vertices_m)
+        points = np.empty((n, vertices, 3)), np.empty((n, vertices, 2))
+        return _Buffers(*points, inverse_depth=np.empty(shape), nearest=np.empty(shape, np.int32))
 
     def _draw(self, views: Any, buffers: "_Buffers", hits: Hits) -> None:
-        """Draw the scene for some of the cameras."""
         scene = [warp_view(self._vertices_m, wp.vec3d), warp_view(self._triangles, wp.vec3i)]
         wp.launch(
             raster_kernels.rasterise,
@@ -101,22 +98,12 @@ class Rasteriser:
 
 
 class _Buffers(NamedTuple):
-    """Buffers for a batch of images, which the next batch of the same size uses again. The first axis is the camera."""
+    """Buffers for a batch of images, which the next batch of the same size reuses. The first axis is the camera."""
 
     in_camera_m: FloatArray
     projected_px: FloatArray
     inverse_depth: FloatArray
     nearest: npt.NDArray[np.int32]
-
-    @staticmethod
-    def empty(shape: tuple[int, int, int], n_vertices: int) -> "_Buffers":
-        """Buffers for images of shape (cameras, H, W)."""
-        return _Buffers(
-            in_camera_m=np.empty((shape[0], n_vertices, 3)),
-            projected_px=np.empty((shape[0], n_vertices, 2)),
-            inverse_depth=np.empty(shape),
-            nearest=np.empty(shape, np.int32),
-        )
 
 
 def _bounding_sphere(mesh: Mesh) -> FloatArray:

@@ -152,16 +152,10 @@ def rasterise(
                 a = in_camera_m[k, corner[0]]
                 b = in_camera_m[k, corner[1]]
                 c = in_camera_m[k, corner[2]]
-                rows = rows_of(
-                    a,
-                    b,
-                    c,
-                    projected_px[k, corner[0]],
-                    projected_px[k, corner[1]],
-                    projected_px[k, corner[2]],
-                    height,
-                    width,
-                )
+                pa = projected_px[k, corner[0]]
+                pb = projected_px[k, corner[1]]
+                pc = projected_px[k, corner[2]]
+                rows = rows_of(a, b, c, pa, pb, pc, height, width)
                 if rows[0] <= rows[1]:
                     draw(t, a, b, c, rows, view, inverse_depth[k], nearest[k])
 

@@ -1,16 +1,31 @@
-"""Ray casting with Embree, through Open3D."""
+"""Ray casting with Embree, through Open3D. A visibility backend finds the first surface behind each pixel."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from voxdepth.types import FloatArray
+from voxdepth.types import FloatArray, FloatImage
 
 from ..bodies import Mesh
 from ..types import Camera, IdImage
 from .meshes import SceneMeshes, merged, open3d
-from .visibility import Hits, Rays
+
+Rays = npt.NDArray[np.float32]
+"""Origin and direction in the world frame, shape (..., 6). Directions have z = 1 in their camera's frame, so that the
+ray parameter is the depth."""
+
+
+class Hits(NamedTuple):
+    """First hits of rays; the arrays share their leading axes."""
+
+    depth_m: FloatImage
+    """Depth [m]; +inf without a hit."""
+    normal: FloatImage
+    """Surface normal, not normalised, shape (..., 3)."""
+    body_index: IdImage
+    """Index of the body in `SceneMeshes.body_ids`, or their number without a hit."""
 
 
 class RayCaster:
@@ -29,7 +44,7 @@ class RayCaster:
         self._moving_index = meshes.body_of_triangle[n_fixed:]
 
     def first_hits(self, cameras: Sequence[Camera], rays: Rays) -> Hits:
-        """The first hit of each ray, shape (cameras, H * W)."""
+        """The first hit of each ray, shape (cameras, H * W), in the present state of the world."""
         hits = self._fixed.cast(rays)
         if self._meshes.moving:
             self._add_moving(cameras, rays, hits)
@@ -38,9 +53,16 @@ class RayCaster:
     def _add_moving(self, cameras: Sequence[Camera], rays: Rays, hits: Hits) -> None:
         """Replace the hits where a moving body is nearer."""
         centers_m = np.array([position_m for _, position_m in self._meshes.moving_poses()])
-        pixels = _pixels_near(cameras, centers_m, self._radii_m)
-        if len(pixels) == 0:
+        bounds = pixel_bounds(cameras, centers_m, self._radii_m)
+        if len(bounds) == 0:
             return
+        height, width = cameras[0].intrinsics.shape
+        pixels = np.concatenate(  # A pixel that two spheres may cover occurs twice.
+            [
+                (((k * height + np.arange(top, bottom)) * width)[:, None] + np.arange(left, right)).ravel()
+                for k, top, bottom, left, right in bounds.tolist()
+            ]
+        )
         meshes = self._meshes.moving_in_world()
         scene = RaycastScene(meshes, self._moving_index, len(self._meshes.body_ids), self._threads)
         flat = Hits(hits.depth_m.reshape(-1), hits.normal.reshape(-1, 3), hits.body_index.reshape(-1))
@@ -51,13 +73,9 @@ class RayCaster:
 
 
 class RaycastScene:
-    """Meshes in an acceleration structure for ray casting.
+    """Meshes in the world frame in an acceleration structure for ray casting.
 
-    Args:
-        meshes: Meshes in the world frame.
-        body_of_triangle: The body index that a hit at each of their triangles reports.
-        no_body: The body index that a ray without a hit reports.
-        threads: Number of threads.
+    A hit reports the body index of its triangle, and a ray without a hit reports `no_body`.
     """
 
     def __init__(self, meshes: Sequence[Mesh], body_of_triangle: IdImage, no_body: int, threads: int) -> None:
@@ -79,31 +97,14 @@ class RaycastScene:
     def is_blocked(self, rays: Rays) -> npt.NDArray[np.bool_]:
         """Whether each ray hits anything; rays have shape (..., 6)."""
         answer = self._scene.test_occlusions(self._o3d.core.Tensor.from_numpy(rays), nthreads=self._threads)
-        hit: npt.NDArray[np.bool_] = answer.numpy()
-        return hit
-
-
-def _pixels_near(cameras: Sequence[Camera], centers_m: FloatArray, radii_m: FloatArray) -> npt.NDArray[np.intp]:
-    """Indices into all pixels of a batch that spheres may cover. A pixel of two spheres occurs twice."""
-    height, width = cameras[0].intrinsics.shape
-    parts = [np.empty(0, np.intp)]
-    for camera, top, bottom, left, right in pixel_bounds(cameras, centers_m, radii_m).tolist():
-        rows = (camera * height + np.arange(top, bottom)) * width
-        parts.append((rows[:, None] + np.arange(left, right)).ravel())
-    return np.concatenate(parts)
+        return np.asarray(answer.numpy())
 
 
 def pixel_bounds(cameras: Sequence[Camera], centers_m: FloatArray, radii_m: FloatArray) -> npt.NDArray[np.intp]:
-    """Image rectangles that contain the projections of spheres.
+    """Image rectangles that contain the projections of spheres with centres of shape (n, 3) and radii of shape (n,).
 
-    Args:
-        cameras: Cameras with the same intrinsics.
-        centers_m: Centres in the world frame, shape (n, 3).
-        radii_m: Shape (n,).
-
-    Returns:
-        Rows of (camera, top, bottom, left, right), ends exclusive, shape (m, 5). A sphere that is behind a camera or
-        outside of its image has no row.
+    All cameras have the same intrinsics. The result has rows of (camera, top, bottom, left, right), ends exclusive,
+    shape (m, 5). A sphere that is behind a camera or outside of its image has no row.
     """
     i = cameras[0].intrinsics
     T = np.stack([camera.T_world_cam for camera in cameras])

@@ -1,6 +1,6 @@
 """Images from the hits of a visibility backend: shading, shadows, depth and segmentation."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,27 +17,19 @@ from ..types import Camera, Images
 from ..world import World
 from . import shading_kernels
 from .meshes import SceneMeshes
-from .raycast import RaycastScene
-from .visibility import Hits, Rays, VisibilityBackend
+from .raster import Rasteriser
+from .raycast import Hits, RayCaster, RaycastScene, Rays
 
 SHADOW_BIAS_M = 0.01
 """Distance above a surface at which shadow rays start, so that the surface does not shade itself."""
 
 
 class ShadedRenderer:
-    """Renders a batch of cameras with the same intrinsics.
+    """Renders a batch of cameras with the same intrinsics. The number of threads changes only the speed."""
 
-    Args:
-        world: The world to render.
-        make_backend: Makes a visibility backend from scene meshes and a number of threads.
-        threads: Number of threads; it changes only the speed.
-    """
-
-    def __init__(
-        self, world: World, make_backend: Callable[[SceneMeshes, int], VisibilityBackend], *, threads: int
-    ) -> None:
+    def __init__(self, world: World, backend: type[Rasteriser] | type[RayCaster], *, threads: int) -> None:
         self._meshes = meshes = SceneMeshes(world)
-        self._backend = make_backend(meshes, threads)
+        self._backend = backend(meshes, threads)
         self._segment_of_index = np.array([*meshes.body_ids, -1], np.int32)
         self._bodies = _shaded_bodies(world.scene.seed, [world.surfaces[body] for body in meshes.body_ids], meshes)
         weather, cloud_seed = world.scene.weather, stream(world.scene.seed, Purpose.SURFACE, 1).integers(1 << 30)
@@ -45,7 +37,7 @@ class ShadedRenderer:
         casters = RaycastScene(meshes.fixed, np.empty(0, np.int32), 0, threads) if weather.shadows else None
         self._shadow_casters = casters
         self._directions: dict[Intrinsics, Rays] = {}
-        self._buffer: Rays = np.empty((0, 0, 6), np.float32)
+        self._rays: Rays = np.empty((0, 0, 6), np.float32)
         self._threads = threads
         self._map = mapper(threads)
         wp.load_module(shading_kernels, device="cpu")
@@ -53,8 +45,7 @@ class ShadedRenderer:
     def render(self, cameras: Sequence[Camera], *, gray: bool = True) -> list[Images]:
         """One `Images` per camera of the present state of the world. Without `gray`, the gray images are black.
 
-        Raises:
-            RenderError: The cameras have different intrinsics.
+        Cameras with different intrinsics raise a `RenderError`.
         """
         if not cameras:
             return []
@@ -62,9 +53,9 @@ class ShadedRenderer:
         if any(camera.intrinsics != intrinsics for camera in cameras):
             raise RenderError("all cameras of a batch must have the same intrinsics: render them in separate calls")
         shape = (len(cameras), intrinsics.width_px * intrinsics.height_px, 6)
-        if self._buffer.shape != shape:
-            self._buffer = np.empty(shape, np.float32)
-        rays = self._buffer
+        if self._rays.shape != shape:
+            self._rays = np.empty(shape, np.float32)
+        rays = self._rays
         list(self._map(self._fill_rays, cameras, rays))
         hits = self._backend.first_hits(cameras, rays)
         brightness = self._shade(intrinsics, rays, hits) if gray else np.zeros(rays.shape[:2], np.uint8)
@@ -78,7 +69,6 @@ class ShadedRenderer:
         ]
 
     def _fill_rays(self, camera: Camera, rays: Rays) -> None:
-        """Write the rays of a camera into an array of shape (H * W, 6)."""
         if camera.intrinsics not in self._directions:
             self._directions[camera.intrinsics] = unit_depth_directions(camera.intrinsics)
         rays[:, :3] = camera.T_world_cam[:3, 3]
@@ -144,12 +134,11 @@ def unit_depth_directions(intrinsics: Intrinsics) -> Rays:
 
 def _shaded_bodies(seed: int, surfaces: Sequence[Surface], meshes: SceneMeshes) -> Any:
     """The surfaces and poses of all bodies as an array of `shading_kernels.ShadedBody`."""
-    bodies = np.zeros(len(surfaces), shading_kernels.ShadedBody.numpy_dtype())  # type: ignore[attr-defined]
+    bodies: Any = np.zeros(len(surfaces), shading_kernels.ShadedBody.numpy_dtype())  # type: ignore[attr-defined]
     seeds = stream(seed, Purpose.SURFACE, 0).integers(1 << 30, size=len(surfaces))
-    for i, (surface, body) in enumerate(zip(surfaces, meshes.body_ids, strict=True)):
-        bodies[i]["albedo"] = surface.albedo
-        bodies[i]["texture"] = surface.texture
-        bodies[i]["pattern"] = shading_kernels.PATTERNS[surface.pattern]
-        bodies[i]["seed"] = seeds[i]
-        bodies[i]["rotation"], bodies[i]["position"] = meshes.pose(body)
+    bodies["seed"] = seeds
+    for row, surface, body in zip(bodies, surfaces, meshes.body_ids, strict=True):
+        row["albedo"], row["texture"] = surface.albedo, surface.texture
+        row["pattern"] = shading_kernels.PATTERNS[surface.pattern]
+        row["rotation"], row["position"] = meshes.pose(body)
     return bodies

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from voxdepth.types import FloatArray
 
-from ..bodies import Body, Box, Cylinder, Scene, SceneSpec, Surface
+from ..bodies import Body, Box, Cylinder, Scene, SceneSpec, Surface, standing_body
 from ..seeds import Purpose, stream
 from .layout import PAVED, Range, flat_ground, without_texture
 
@@ -66,29 +66,20 @@ class CitySpec(SceneSpec):
 
 
 def _tower(spec: CitySpec, rng: np.random.Generator, column: int, row: int) -> Body:
-    side_x, side_y = rng.uniform(*spec.tower_side_m, 2)
+    side_x, side_y = rng.uniform(*spec.tower_side_m, 2).tolist()
     height = rng.uniform(*spec.tower_height_m)
-    shift_x, shift_y = rng.uniform(-spec.jitter_m, spec.jitter_m, 2)
+    shift_x, shift_y = rng.uniform(-spec.jitter_m, spec.jitter_m, 2).tolist()
     brick = 0.5 if column % 2 else 0.0
     x = (column + 0.5) * spec.pitch_m + shift_x
     y = (row + brick - (spec.rows - 0.5) / 2) * spec.pitch_m + shift_y
-    return Body(
-        name=f"tower-{column}-{row}",
-        shape=Box((float(side_x), float(side_y), float(height))),
-        position_m=(float(x), float(y), float(height / 2)),
-        surface=Surface(albedo=float(rng.uniform(0.3, 0.75)), pattern="facade"),
-    )
+    surface = Surface(albedo=rng.uniform(0.3, 0.75), pattern="facade")
+    return standing_body(f"tower-{column}-{row}", Box((side_x, side_y, height)), x, y, surface)
 
 
 def _pole(spec: CitySpec, rng: np.random.Generator, index: int) -> Body:
     """A pole near the middle of a street in direction y."""
-    column = rng.integers(0, spec.columns)
+    column = int(rng.integers(0, spec.columns))
     x = (column + 1) * spec.pitch_m + rng.uniform(-POLE_SHIFT_M, POLE_SHIFT_M)
     y = rng.uniform(-0.5, 0.5) * spec.rows * spec.pitch_m
-    height = rng.uniform(8.0, 11.0)
-    return Body(
-        name=f"pole-{index}",
-        shape=Cylinder(spec.pole_radius_m, float(height)),
-        position_m=(float(x), float(y), float(height / 2)),
-        surface=Surface(albedo=float(rng.uniform(0.2, 0.7))),
-    )
+    shape = Cylinder(spec.pole_radius_m, rng.uniform(8.0, 11.0))
+    return standing_body(f"pole-{index}", shape, x, y, Surface(albedo=rng.uniform(0.2, 0.7)))

@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from voxdepth.types import FloatArray
 
-from ..bodies import Body, Box, Cylinder, Pattern, Scene, SceneSpec, Shape, Surface
+from ..bodies import Body, Box, Cylinder, Pattern, Scene, SceneSpec, Surface, standing_body
 from ..seeds import Purpose, stream
 from .layout import PAVED, WAY_POINT_STEP_M, Range, flat_ground, without_texture
 
@@ -56,7 +56,10 @@ class CorridorSpec(SceneSpec):
         """The corridor of a seed: it begins at x = 0 and is centred on y = 0. The path leads through it along x."""
         path_m = _path(self, stream(seed, Purpose.SCENE, PATH))
         pillars = [_pillar(self, seed, i, path_m) for i in range(self.pillars)]
-        bodies = (flat_ground(self.length_m / 2, PAVED), *_walls(self, seed), *_passage(self, seed), *pillars)
+        # The choice of textureless walls has its own random stream, and moves no wall.
+        walls = [*_row(self, seed, "left", LEFT, 1), *_row(self, seed, "right", RIGHT, -1)]
+        walls = without_texture(walls, self.blank_share, stream(seed, Purpose.SCENE, TEXTURELESS))
+        bodies = (flat_ground(self.length_m / 2, PAVED), *walls, *_passage(self, seed), *pillars)
         return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=path_m)
 
 
@@ -70,36 +73,20 @@ def _path(spec: CorridorSpec, rng: np.random.Generator) -> FloatArray:
     return np.stack([x, y, np.zeros_like(x)], axis=1)
 
 
-def _walls(spec: CorridorSpec, seed: int) -> list[Body]:
-    """Both rows of walls. The choice of textureless walls has its own random stream, and moves no wall."""
-    walls = [
-        *_row(spec, "left", 1, stream(seed, Purpose.SCENE, LEFT)),
-        *_row(spec, "right", -1, stream(seed, Purpose.SCENE, RIGHT)),
-    ]
-    return without_texture(walls, spec.blank_share, stream(seed, Purpose.SCENE, TEXTURELESS))
-
-
-def _row(spec: CorridorSpec, name: str, side: int, rng: np.random.Generator) -> list[Body]:
+def _row(spec: CorridorSpec, seed: int, name: str, key: int, side: int) -> list[Body]:
     """Adjoining walls; the last one may extend beyond the street."""
+    rng = stream(seed, Purpose.SCENE, key)
     walls: list[Body] = []
     end_m = 0.0
     while end_m < spec.length_m:
-        start_m, end_m = end_m, end_m + float(rng.uniform(*spec.wall_length_m))
-        walls.append(_wall(spec, f"wall-{name}-{len(walls)}", side, start_m, end_m, rng))
+        start_m, end_m = end_m, end_m + rng.uniform(*spec.wall_length_m)
+        height_m, setback_m = rng.uniform(*spec.wall_height_m), rng.uniform(0, SETBACK_M)
+        pattern: Pattern = "facade" if rng.uniform() < 0.5 else "plain"
+        shape = Box((end_m - start_m, WALL_DEPTH_M, height_m))
+        y = side * (spec.width_m / 2 + setback_m + WALL_DEPTH_M / 2)
+        surface = Surface(albedo=rng.uniform(0.35, 0.75), pattern=pattern)
+        walls.append(standing_body(f"wall-{name}-{len(walls)}", shape, (start_m + end_m) / 2, y, surface))
     return walls
-
-
-def _wall(spec: CorridorSpec, name: str, side: int, start_m: float, end_m: float, rng: np.random.Generator) -> Body:
-    height_m = float(rng.uniform(*spec.wall_height_m))
-    setback_m = float(rng.uniform(0, SETBACK_M))
-    pattern: Pattern = "facade" if rng.uniform() < 0.5 else "plain"
-    y = side * (spec.width_m / 2 + setback_m + WALL_DEPTH_M / 2)
-    return Body(
-        name=name,
-        shape=Box((end_m - start_m, WALL_DEPTH_M, height_m)),
-        position_m=((start_m + end_m) / 2, y, height_m / 2),
-        surface=Surface(albedo=float(rng.uniform(0.35, 0.75)), pattern=pattern),
-    )
 
 
 def _passage(spec: CorridorSpec, seed: int) -> list[Body]:
@@ -107,47 +94,41 @@ def _passage(spec: CorridorSpec, seed: int) -> list[Body]:
     if spec.passage_m == 0:
         return []
     rng = stream(seed, Purpose.SCENE, PASSAGE)
-    surface = Surface(albedo=float(rng.uniform(0.35, 0.65)))
+    surface = Surface(albedo=rng.uniform(0.35, 0.65))
     outer_m = spec.width_m / 2 + SETBACK_M + WALL_DEPTH_M / 2
     inner_m = spec.passage_width_m / 2
     depth_m, middle_m = outer_m - inner_m, (outer_m + inner_m) / 2
-    x, ceiling_z = spec.length_m / 2, PASSAGE_HEIGHT_M + CEILING_M / 2
-    sides: list[tuple[str, Box, tuple[float, float, float]]] = [
-        ("left", Box((spec.passage_m, depth_m, PASSAGE_HEIGHT_M)), (x, middle_m, PASSAGE_HEIGHT_M / 2)),
-        ("right", Box((spec.passage_m, depth_m, PASSAGE_HEIGHT_M)), (x, -middle_m, PASSAGE_HEIGHT_M / 2)),
-        ("ceiling", Box((spec.passage_m, 2 * outer_m, CEILING_M)), (x, 0.0, ceiling_z)),
-    ]
+    x, side = spec.length_m / 2, Box((spec.passage_m, depth_m, PASSAGE_HEIGHT_M))
+    ceiling = Box((spec.passage_m, 2 * outer_m, CEILING_M))
+    ceiling_at_m = (x, 0.0, PASSAGE_HEIGHT_M + CEILING_M / 2)
     return [
-        Body(name=f"passage-{name}", shape=shape, position_m=position_m, surface=surface)
-        for name, shape, position_m in sides
+        standing_body("passage-left", side, x, middle_m, surface),
+        standing_body("passage-right", side, x, -middle_m, surface),
+        Body(name="passage-ceiling", shape=ceiling, position_m=ceiling_at_m, surface=surface),
     ]
 
 
 def _pillar(spec: CorridorSpec, seed: int, index: int, path_m: FloatArray) -> Body:
     """An obstacle between the clearance of the path and the wall, or half in the wall where the street is narrow."""
     rng = stream(seed, Purpose.SCENE, PILLARS, index)
-    shape, height_m, reach_m = _obstacle(rng)
+    shape, reach_m = _obstacle(rng)
     x = (index + rng.uniform(0.2, 0.8)) / spec.pillars * (spec.length_m - spec.passage_m)
     if x > (spec.length_m - spec.passage_m) / 2:
         x += spec.passage_m
     side = rng.choice((-1, 1))
     near_m = np.interp(x, path_m[:, 0], path_m[:, 1]) + side * (CLEARANCE_M + reach_m)
     space_m = max(0.0, spec.width_m / 2 - reach_m - side * near_m)
-    return Body(
-        name=f"pillar-{index}",
-        shape=shape,
-        position_m=(float(x), float(near_m + side * space_m * rng.uniform()), height_m / 2),
-        yaw_rad=float(rng.uniform(-np.pi, np.pi)),
-        surface=Surface(albedo=float(rng.uniform(0.2, 0.7)), texture=float(rng.uniform(0.5, 1.0))),
-    )
+    y, yaw_rad = float(near_m + side * space_m * rng.uniform()), rng.uniform(-np.pi, np.pi)
+    surface = Surface(albedo=rng.uniform(0.2, 0.7), texture=rng.uniform(0.5, 1.0))
+    return standing_body(f"pillar-{index}", shape, x, y, surface, yaw_rad=yaw_rad)
 
 
-def _obstacle(rng: np.random.Generator) -> tuple[Shape, float, float]:
-    """Shape, height, and largest distance from the axis, of a pillar, a pole or a box."""
+def _obstacle(rng: np.random.Generator) -> tuple[Box | Cylinder, float]:
+    """A pillar, a pole or a box, and its largest distance from its axis [m]."""
     kind = rng.integers(3)
-    size, height = float(rng.uniform(0.3, 0.6)), float(rng.uniform(2.5, 4.0))
+    size, height = rng.uniform(0.3, 0.6), rng.uniform(2.5, 4.0)
     if kind == 0:
-        return Box((size, size, height)), height, size / 2**0.5
+        return Box((size, size, height)), size / 2**0.5
     if kind == 1:
-        return Cylinder(size / 5, height), height, size / 5
-    return Box((size, 1.3 * size, 1.7 * size)), 1.7 * size, 0.82 * size
+        return Cylinder(size / 5, height), size / 5
+    return Box((size, 1.3 * size, 1.7 * size)), 0.82 * size

@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from voxdepth.types import FloatArray
 
-from ..bodies import Body, Box, Cylinder, Pattern, Scene, SceneSpec, Surface
+from ..bodies import Body, Box, Cylinder, Pattern, Scene, SceneSpec, Surface, standing_body
 from ..seeds import Purpose, stream
 from .layout import PAVED, WAY_POINT_STEP_M, flat_ground
 
@@ -49,7 +49,7 @@ class GapSpec(SceneSpec):
     def build(self, seed: int) -> Scene:
         """The gaps of a seed: the first wall is at x = `spacing_m`, and the path starts at x = 0."""
         gaps_m = [stream(seed, Purpose.SCENE, WALLS, i).uniform(-self.shift_m, self.shift_m) for i in range(self.walls)]
-        halves = [body for i, y in enumerate(gaps_m) for body in _wall(self, seed, i, float(y))]
+        halves = [body for i, y in enumerate(gaps_m) for body in _wall(self, seed, i, y)]
         posts = [_post(self, seed, i) for i in range(self.posts)]
         bodies = (flat_ground(self.spacing_m * (self.walls + 1) / 2, PAVED), *halves, *posts)
         return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=_path_m(self, gaps_m))
@@ -68,19 +68,16 @@ def _wall(spec: GapSpec, seed: int, index: int, gap_m: float) -> list[Body]:
     """Both halves of a wall."""
     rng = stream(seed, Purpose.SCENE, WALLS, index, 1)
     pattern: Pattern = "facade" if rng.uniform() < 0.5 else "plain"
-    albedo = float(rng.uniform(0.35, 0.75))
+    albedo = rng.uniform(0.35, 0.75)
     textureless = rng.uniform(size=2) < spec.blank_share
     x = (index + 1) * spec.spacing_m
     ends_m = ((gap_m + spec.gap_m / 2, spec.side_m), (-spec.side_m, gap_m - spec.gap_m / 2))
-    return [
-        Body(
-            name=f"wall-{index}-{name}",
-            shape=Box((spec.thickness_m, high - low, spec.height_m)),
-            position_m=(x, (low + high) / 2, spec.height_m / 2),
-            surface=Surface(albedo=albedo, pattern=pattern, texture=0.0 if is_textureless else 1.0),
-        )
-        for name, (low, high), is_textureless in zip(("left", "right"), ends_m, textureless, strict=True)
-    ]
+    walls = []
+    for name, (low, high), is_textureless in zip(("left", "right"), ends_m, textureless, strict=True):
+        shape = Box((spec.thickness_m, high - low, spec.height_m))
+        surface = Surface(albedo=albedo, pattern=pattern, texture=0.0 if is_textureless else 1.0)
+        walls.append(standing_body(f"wall-{index}-{name}", shape, x, (low + high) / 2, surface))
+    return walls
 
 
 def _post(spec: GapSpec, seed: int, index: int) -> Body:
@@ -88,10 +85,6 @@ def _post(spec: GapSpec, seed: int, index: int) -> Body:
     rng = stream(seed, Purpose.SCENE, POSTS, index)
     wall = int(rng.integers(spec.walls + 1))
     x = (wall + rng.uniform(0.35, 0.65)) * spec.spacing_m
-    y = rng.choice((-1, 1)) * (spec.shift_m + spec.gap_m / 2 + rng.uniform(0.5, 4.0))
-    return Body(
-        name=f"post-{index}",
-        shape=Cylinder(spec.post_radius_m, POST_HEIGHT_M),
-        position_m=(float(x), float(y), POST_HEIGHT_M / 2),
-        surface=Surface(albedo=float(rng.uniform(0.2, 0.7))),
-    )
+    y = int(rng.choice((-1, 1))) * (spec.shift_m + spec.gap_m / 2 + rng.uniform(0.5, 4.0))
+    shape = Cylinder(spec.post_radius_m, POST_HEIGHT_M)
+    return standing_body(f"post-{index}", shape, x, y, Surface(albedo=rng.uniform(0.2, 0.7)))

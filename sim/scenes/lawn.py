@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from voxdepth.types import FloatArray
 
-from ..bodies import Body, Box, Scene, SceneSpec, Surface
+from ..bodies import Body, Box, Scene, SceneSpec, Surface, standing_body
 from ..seeds import Purpose, stream
 from .layout import Layout, Range, flat_ground, places_beside, winding_path
 from .vegetation import GRASS, Candidates, Garden, TreeRanges
@@ -72,18 +72,18 @@ class LawnSpec(SceneSpec):
 
 def _hedge(spec: LawnSpec, seed: int, layout: Layout, path_m: FloatArray) -> list[Body]:
     rng = stream(seed, Purpose.SCENE, HEDGE)
-    start_m = float(rng.uniform(0, spec.length_m / 2 - spec.hedge_m))
-    surface = Surface(albedo=float(rng.uniform(0.25, 0.4)), pattern="foliage")
-    line_m = _line(path_m, start_m, spec.hedge_m, float(rng.uniform(3.5, 5.0)))
-    return _row("hedge", line_m, 0.8, float(rng.uniform(1.0, 1.6)), surface, layout)
+    start_m = rng.uniform(0, spec.length_m / 2 - spec.hedge_m)
+    surface = Surface(albedo=rng.uniform(0.25, 0.4), pattern="foliage")
+    line_m = _line(path_m, start_m, spec.hedge_m, rng.uniform(3.5, 5.0))
+    return _row("hedge", line_m, 0.8, rng.uniform(1.0, 1.6), surface, layout)
 
 
 def _wall(spec: LawnSpec, seed: int, layout: Layout, path_m: FloatArray) -> list[Body]:
     rng = stream(seed, Purpose.SCENE, WALL)
-    start_m = float(rng.uniform(spec.length_m / 2, spec.length_m - spec.wall_m))
-    surface = Surface(albedo=float(rng.uniform(0.4, 0.7)))
-    line_m = _line(path_m, start_m, spec.wall_m, -float(rng.uniform(3.0, 5.0)))
-    return _row("wall", line_m, 0.35, float(rng.uniform(0.7, 1.2)), surface, layout)
+    start_m = rng.uniform(spec.length_m / 2, spec.length_m - spec.wall_m)
+    surface = Surface(albedo=rng.uniform(0.4, 0.7))
+    line_m = _line(path_m, start_m, spec.wall_m, -rng.uniform(3.0, 5.0))
+    return _row("wall", line_m, 0.35, rng.uniform(0.7, 1.2), surface, layout)
 
 
 def _line(path_m: FloatArray, start_m: float, length_m: float, offset_m: float) -> FloatArray:
@@ -98,30 +98,19 @@ def _row(
     """Boxes between successive corners of a line."""
     bodies = []
     for i, (start, end) in enumerate(pairwise(line_m)):
-        (x, y), (dx, dy) = (start + end) / 2, end - start
-        length_m = float(np.hypot(dx, dy))
-        layout.reserve(float(x), float(y), length_m / 2)
-        bodies.append(
-            Body(
-                name=f"{name}-{i}",
-                shape=Box((length_m, depth_m, height_m)),
-                position_m=(float(x), float(y), height_m / 2),
-                yaw_rad=float(np.arctan2(dy, dx)),
-                surface=surface,
-            )
-        )
+        x, y = ((start + end) / 2).tolist()
+        dx, dy = end - start
+        length_m, yaw_rad = float(np.hypot(dx, dy)), float(np.arctan2(dy, dx))
+        layout.reserve(x, y, length_m / 2)
+        shape = Box((length_m, depth_m, height_m))
+        bodies.append(standing_body(f"{name}-{i}", shape, x, y, surface, yaw_rad=yaw_rad))
     return bodies
 
 
 def _bench(seed: int, index: int, layout: Layout, candidates: Candidates) -> Body:
     rng = stream(seed, Purpose.SCENE, BENCHES, index)
-    size = rng.uniform((0.6, 0.4, 0.4), (1.9, 0.7, 0.9))
+    shape = Box(tuple(rng.uniform((0.6, 0.4, 0.4), (1.9, 0.7, 0.9)).tolist()))
     name = f"bench-{index}"
     x, y = layout.place(name, candidates(rng), reach_m=BENCH_REACH_M, apart_m=BENCH_REACH_M)
-    return Body(
-        name=name,
-        shape=Box((float(size[0]), float(size[1]), float(size[2]))),
-        position_m=(x, y, float(size[2] / 2)),
-        yaw_rad=float(rng.uniform(-np.pi, np.pi)),
-        surface=Surface(albedo=float(rng.uniform(0.3, 0.7))),
-    )
+    yaw_rad = rng.uniform(-np.pi, np.pi)
+    return standing_body(name, shape, x, y, Surface(albedo=rng.uniform(0.3, 0.7)), yaw_rad=yaw_rad)

@@ -35,11 +35,7 @@ Range = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_requ
 
 
 class Layout:
-    """Places obstacles one after the other, with a distance between them and to a path.
-
-    Args:
-        path_m: Way points, shape (n, 3).
-    """
+    """Places obstacles one after the other, with a distance between them and to a path."""
 
     def __init__(self, path_m: FloatArray) -> None:
         self._path_m = path_m[:, :2]
@@ -47,16 +43,10 @@ class Layout:
         """Centre (x, y) and radius of each reserved circle."""
 
     def place(self, name: str, candidates_m: FloatArray, *, reach_m: float, apart_m: float) -> tuple[float, float]:
-        """Reserve the first free place (x, y).
+        """Reserve the first free of several candidate places (x, y), shape (n, 2).
 
-        Args:
-            name: Name of the obstacle.
-            candidates_m: Places (x, y), shape (n, 2).
-            reach_m: Extent of the obstacle towards the path, whose clearance stays free.
-            apart_m: Radius of a circle around the place that must not overlap the circles of other obstacles.
-
-        Raises:
-            SceneError: No place is free.
+        The clearance of the path stays free of an obstacle that extends by `reach_m`. Circles of radius `apart_m`
+        around the places of obstacles do not overlap. The lack of a free place raises a `SceneError`.
         """
         beside_path = distance_to_path_m(candidates_m, self._path_m) >= reach_m + PATH_CLEARANCE_M
         gap = np.linalg.norm(candidates_m[:, None] - self._circles_m[:, :2], axis=2) - self._circles_m[:, 2]
@@ -66,7 +56,7 @@ class Layout:
                 f"expected room for {name}, found none at {len(candidates_m)} places beside {len(self._circles_m)} "
                 "other obstacles: ask for fewer or smaller obstacles, less distance between them, or more ground"
             )
-        x, y = (float(coordinate) for coordinate in free[0])
+        x, y = free[0].tolist()
         self.reserve(x, y, apart_m)
         return x, y
 
@@ -80,8 +70,7 @@ def distance_to_path_m(points_m: FloatArray, path_m: FloatArray) -> FloatArray:
     start, along = path_m[:-1], np.diff(path_m, axis=0)
     offset = points_m[:, None] - start
     fraction = np.clip((offset * along).sum(axis=2) / (along * along).sum(axis=1), 0, 1)
-    distance: FloatArray = np.linalg.norm(offset - fraction[..., None] * along, axis=2).min(axis=1)
-    return distance
+    return np.asarray(np.linalg.norm(offset - fraction[..., None] * along, axis=2).min(axis=1))
 
 
 def winding_path(rng: np.random.Generator, length_m: float, swing_m: float) -> FloatArray:

@@ -79,13 +79,8 @@ class PlainsSpec(SceneSpec):
 def ground_height_m(ground: Body, x_m: FloatArray | float, y_m: FloatArray | float) -> FloatArray:
     """Exact height of a heightfield, whose grid cells are two triangles that share the diagonal from +x to +y.
 
-    Args:
-        ground: A body without yaw whose shape is a `Heightfield`.
-        x_m: Coordinate in the world; outside of the grid, the nearest height on its border counts.
-        y_m: Coordinate in the world, of the same shape.
-
-    Raises:
-        SceneError: The body is not a heightfield.
+    The ground has no yaw, and both coordinates have the same shape. Outside of the grid, the nearest height on its
+    border counts. A body that is no heightfield raises a `SceneError`.
     """
     field = ground.shape
     if not isinstance(field, Heightfield):
@@ -100,8 +95,7 @@ def ground_height_m(ground: Body, x_m: FloatArray | float, y_m: FloatArray | flo
     up, across = field.height_m[i + 1, j], field.height_m[i + 1, j + 1]
     lower = corner + u * (right - corner) + v * (up - corner)
     upper = across + (1 - u) * (up - across) + (1 - v) * (right - across)
-    height: FloatArray = ground.position_m[2] + np.where(u + v < 1, lower, upper)
-    return height
+    return np.asarray(ground.position_m[2] + np.where(u + v < 1, lower, upper))
 
 
 def _ground(spec: PlainsSpec, seed: int) -> Body:

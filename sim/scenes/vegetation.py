@@ -27,7 +27,7 @@ TREE_FINENESS = 4
 BUSH_FINENESS = 3
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class TreeSize:
     """Dimensions of one tree."""
 
@@ -64,10 +64,7 @@ class TreeRanges(Model):
     def draw(self, rng: np.random.Generator) -> TreeSize:
         """Dimensions of one tree."""
         ranges = (self.trunk_radius_m, self.height_m, self.crown_start_m, self.crown_radius_m)
-        trunk_radius, height, crown_start, crown_radius = (float(rng.uniform(*bounds)) for bounds in ranges)
-        return TreeSize(
-            trunk_radius_m=trunk_radius, height_m=height, crown_start_m=crown_start, crown_radius_m=crown_radius
-        )
+        return TreeSize(*(rng.uniform(*bounds) for bounds in ranges))
 
 
 Candidates = Callable[[np.random.Generator], FloatArray]
@@ -78,7 +75,7 @@ Candidates = Callable[[np.random.Generator], FloatArray]
 class Garden:
     """Plants trees and bushes. Every plant has its own random stream, keyed by its kind and its index.
 
-    The methods raise a `SceneError` if a plant finds no free place.
+    A plant that finds no free place raises a `SceneError`.
     """
 
     seed: int
@@ -102,7 +99,7 @@ class Garden:
         bodies = []
         for index in range(count):
             rng, name = stream(self.seed, Purpose.SCENE, key, index), f"bush-{index}"
-            radius = float(rng.uniform(*radius_m))
+            radius = rng.uniform(*radius_m)
             x, y = self.layout.place(name, self.candidates(rng), reach_m=radius, apart_m=apart_m(radius))
             bodies.append(bush(rng, name, (x, y, self.height_m(x, y)), radius))
         return bodies
@@ -117,13 +114,13 @@ def tree(rng: np.random.Generator, name: str, base_m: tuple[float, float, float]
         name=f"{name}-trunk",
         shape=Cylinder(size.trunk_radius_m, crown_middle + SUNK_M),
         position_m=(x, y, z + (crown_middle - SUNK_M) / 2),
-        surface=Surface(albedo=float(rng.uniform(0.2, 0.4)), pattern="bark"),
+        surface=Surface(albedo=rng.uniform(0.2, 0.4), pattern="bark"),
     )
     crown = Body(
         name=f"{name}-crown",
         shape=blob(rng, size.crown_radius_m, squash=crown_half / size.crown_radius_m, fineness=TREE_FINENESS),
         position_m=(x, y, z + crown_middle),
-        surface=Surface(albedo=float(rng.uniform(0.2, 0.45)), pattern="foliage"),
+        surface=Surface(albedo=rng.uniform(0.2, 0.45), pattern="foliage"),
     )
     return [trunk, crown]
 
@@ -132,9 +129,9 @@ def bush(rng: np.random.Generator, name: str, base_m: tuple[float, float, float]
     """A bush with its centre at `base_m`, so that its lower half is in the ground."""
     return Body(
         name=name,
-        shape=blob(rng, radius_m, squash=float(rng.uniform(1.0, 2.0)), fineness=BUSH_FINENESS),
+        shape=blob(rng, radius_m, squash=rng.uniform(1.0, 2.0), fineness=BUSH_FINENESS),
         position_m=base_m,
-        surface=Surface(albedo=float(rng.uniform(0.22, 0.5)), pattern="foliage"),
+        surface=Surface(albedo=rng.uniform(0.22, 0.5), pattern="foliage"),
     )
 
 
@@ -143,12 +140,8 @@ def blob(
 ) -> Mesh:
     """A closed surface around the origin that bulges in random directions, as foliage does.
 
-    Args:
-        rng: Source of the directions.
-        radius_m: Largest distance of a vertex from the origin, before the height is scaled.
-        squash: Ratio of height to width.
-        roughness: Depth of the dents as a fraction of the radius, at least 0 and below 1.
-        fineness: Number of parts of each edge of an icosahedron; there are 20 triangles times its square.
+    No vertex is farther than `radius_m` from the origin before the height is scaled by `squash`. The dents are up to
+    `roughness` radii deep, at least 0 and below 1. `fineness` is that of `geodesic`.
     """
     directions, triangles = geodesic(fineness)
     lobes = rng.normal(size=(LOBES, 3))
@@ -160,7 +153,10 @@ def blob(
 
 @lru_cache
 def geodesic(fineness: int) -> tuple[FloatArray, npt.NDArray[np.uint32]]:
-    """Vertices and triangles of a unit sphere: an icosahedron whose edges are divided into `fineness` parts."""
+    """Vertices and triangles of a unit sphere: an icosahedron whose edges are divided into `fineness` parts.
+
+    There are `20 fineness**2` triangles.
+    """
     golden = (1 + 5**0.5) / 2
     corners = [np.roll((0, a, b), turn) for turn in range(3) for a in (-1.0, 1.0) for b in (-golden, golden)]
     steps = [(i, j) for i in range(fineness + 1) for j in range(fineness + 1 - i)]

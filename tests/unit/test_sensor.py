@@ -10,7 +10,7 @@ from sim.render import create_renderer
 from sim.rig import StereoRig
 from sim.sensor import RigConfig, StereoSensor, occlusion_mask, photon_noise
 from sim.stereo import StereoConfig, StereoMatcher
-from sim.types import BodyPose, Viewpoint
+from sim.types import BodyPose
 from tests.helpers import CAMERA, block, camera_at, wall, world_of
 
 BASELINE_M = 0.095
@@ -48,7 +48,7 @@ def test_where_nothing_is_depth_is_infinite(renderer: str) -> None:
 def test_disparity_is_focal_length_times_baseline_over_depth(distance_m: float) -> None:
     intrinsics, left, right = stereo_pair(distance_m)
     matcher = StereoMatcher(intrinsics, StereoConfig(min_texture=0), max_depth_m=40.0)
-    disparity = matcher.match(left.gray, right.gray).disparity_px
+    disparity = matcher.match(left.gray, right.gray)[0]
     expected = intrinsics.fx_px * BASELINE_M / distance_m
     valid = disparity[:, int(expected) + 8 :] >= 0
     assert valid.mean() > 0.97
@@ -175,7 +175,7 @@ def test_every_sensor_model_with_a_right_image_reports_occlusion() -> None:
         for depth in ("truth", "noisy", "stereo"):
             config = RigConfig(depth=depth, mount_forward_m=0.0)
             sensor = StereoSensor(world, create_renderer("raycast", world), config, seed=0, right=True)
-            masks.append(sensor.capture(sensor.render([Viewpoint(drone=0, pose=pose)], 0)[0]).occluded)
+            masks.append(sensor.capture(sensor.render([pose], 0)[0]).occluded)
     assert masks[0].sum() > 100
     np.testing.assert_array_equal(masks[0], masks[1])
     np.testing.assert_array_equal(masks[0], masks[2])

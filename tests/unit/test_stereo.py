@@ -75,9 +75,9 @@ def test_threads_share_a_matcher_and_get_the_same_bytes() -> None:
         views = [camera_at(0, y, 0, intrinsics=WIDE) for y in (0.0475, -0.0475)]
         left, right = (image.gray for image in create_renderer("raycast", world).render(views))
     matcher = StereoMatcher(WIDE, StereoConfig(), max_depth_m=40)
-    alone = matcher.match(left, right).disparity_px
+    alone = matcher.match(left, right)[0]
     with ThreadPoolExecutor(2) as pool:
-        together = list(pool.map(lambda _: matcher.match(left, right).disparity_px, range(6)))
+        together = list(pool.map(lambda _: matcher.match(left, right)[0], range(6)))
     for disparity in together:
         np.testing.assert_array_equal(disparity, alone)
     cv2.setNumThreads(1)

@@ -6,8 +6,8 @@ from scenarios.commands.correct import Format
 from scenarios.commands.options import DEFAULT_CORRECTOR, Depth, RendererName
 from scenarios.commands.swarm import Prior
 from scenarios.config import Scenario, load_run
+from sim.depth_noise import SENSOR_MODEL_NAMES
 from sim.render import RENDERER_NAMES
-from sim.sensor_models import SENSOR_MODEL_NAMES
 from swarm.priors import PosePriorName
 from voxdepth.datasets import DATASET_FORMATS
 from voxdepth.registry import DEFAULT, config_of
