@@ -79,7 +79,7 @@ _REGISTRY = {
     "lmeds": Entry("baselines.lmeds:LMedS", 0.0161),
     "flow": Entry("baselines.optical_flow:FlowFilter", 0.0020),
     "ip-basic": _single_frame("ip_basic:IpBasic", 0.0013),
-    "ip-basic-multiscale": _single_frame("ip_basic:multiscale", 0.0022),
+    "ip-basic-multiscale": _single_frame("ip_basic:IpBasic", 0.0022, variant="multiscale"),
     "telea": _single_frame("single_frame:OpenCvInpaint", 0.0075, method="telea"),
     "navier-stokes": _single_frame("single_frame:OpenCvInpaint", 0.0035, method="navier_stokes"),
     "global-smoother": Entry("baselines.global_smoother:GlobalSmoother", 0.0064),

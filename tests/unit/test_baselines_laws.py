@@ -8,7 +8,7 @@ import pytest
 
 from tests.baseline_frames import camera, frame, holed, scene, texture
 from voxdepth.baselines.global_smoother import GlobalSmoother
-from voxdepth.baselines.ip_basic import IpBasic, Multiscale
+from voxdepth.baselines.ip_basic import IpBasic
 from voxdepth.baselines.lmeds import LMedS
 from voxdepth.baselines.optical_flow import Farneback, FlowFilter, HornSchunck
 from voxdepth.baselines.pose_splat import PoseSplat
@@ -20,7 +20,7 @@ Make = Callable[[Intrinsics], DepthCorrector]
 
 FILLERS: dict[str, Make] = {
     "ip-basic": lambda camera: IpBasic(),
-    "ip-basic-multiscale": lambda camera: IpBasic(completion=Multiscale()),
+    "ip-basic-multiscale": lambda camera: IpBasic(variant="multiscale"),
     "telea": lambda camera: OpenCvInpaint(),
     "navier-stokes": lambda camera: OpenCvInpaint(method="navier_stokes"),
     "global-smoother": GlobalSmoother,

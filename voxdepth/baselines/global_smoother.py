@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import ConfigError
-from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
-from .single_frame import labelled
+from ..types import FloatImage, Frame, GrayImage, Intrinsics
+from .single_frame import Baseline
 
 Stack = npt.NDArray[np.float32]
 
@@ -21,10 +21,19 @@ PRIOR = np.float32(1e-30)
 """Data weight of the mean inverse depth in every pixel: it matters only where no measured pixel has influence."""
 
 
-class GlobalSmoother:
-    """Fills every hole under guidance of the gray image; valid pixels stay.
+class GlobalSmoother(Baseline):
+    """Fills every hole under guidance of the gray image; valid pixels stay, and so does a frame without any.
 
     It works in inverse depth. Disparity would give the same result, since the filling is linear.
+
+    Args:
+        intrinsics: Intrinsics of the camera.
+        smoothness: Lambda of that paper; more spreads depth farther.
+        sigma_gray: Gray step [gray values] over which the weight falls to 37 %; less trusts edges more.
+        iterations: Pairs of passes along rows and columns; more leave fewer streaks.
+
+    Raises:
+        ConfigError: A number is out of range.
     """
 
     uses_gray = True
@@ -32,17 +41,6 @@ class GlobalSmoother:
     def __init__(
         self, intrinsics: Intrinsics, *, smoothness: float = 30.0, sigma_gray: float = 3.0, iterations: int = 3
     ) -> None:
-        """Create the filter.
-
-        Args:
-            intrinsics: Intrinsics of the camera.
-            smoothness: Lambda of that paper; more spreads depth farther.
-            sigma_gray: Gray step [gray values] over which the weight falls to 37 %; less trusts edges more.
-            iterations: Pairs of passes along rows and columns; more leave fewer streaks.
-
-        Raises:
-            ConfigError: A number is out of range.
-        """
         for name, number in {"smoothness": smoothness, "sigma_gray": sigma_gray, "iterations": iterations}.items():
             if not 0 < number < np.inf:
                 raise ConfigError(f"{name} must be positive, got {number}")
@@ -54,26 +52,17 @@ class GlobalSmoother:
         self._iterations = iterations
         self._upright, self._turned = np.empty((height, 2, width), np.float32), np.empty((width, 2, height), np.float32)
 
-    def process(self, frame: Frame) -> CorrectedDepth:
-        """Fill all holes; a frame without any valid pixel is unchanged.
-
-        Raises:
-            FrameError: The frame has another size than the camera.
-        """
-        frame.require_shape(self._intrinsics.shape)
+    def _corrected(self, frame: Frame) -> FloatImage:
         valid = frame.depth_m > 0
         if valid.all() or not valid.any():
-            return labelled(frame, frame.depth_m.copy())
+            return frame.depth_m.copy()
         inverse = np.where(valid, 1 / np.maximum(frame.depth_m, NEAREST_M), np.float32(0))
         prior = inverse[valid].mean(dtype=np.float64).astype(np.float32)
         weighted, weight = self._upright[:, 0], self._upright[:, 1]
         np.add(inverse, PRIOR * prior, out=weighted)
         np.add(valid, PRIOR, out=weight)
         self._smooth(frame.gray)
-        return labelled(frame, np.where(valid, frame.depth_m, weight / weighted))
-
-    def reset(self) -> None:
-        """Do nothing, since there is no state."""
+        return np.where(valid, frame.depth_m, weight / weighted)
 
     def _smooth(self, gray: GrayImage) -> None:
         """Smooth both images of the stack, which stay upright, under guidance of the gray image."""

@@ -4,98 +4,82 @@ Ku, Harakeh and Waslander 2018, DOI 10.1109/CRV.2018.00013, made it for sparse l
 the result, since the measured pixels of the sensor are dense.
 """
 
-from typing import Any, Protocol
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import ConfigError
-from ..types import FloatImage, MaskImage
-from .single_frame import SingleFrameFilter
+from ..types import FloatImage, Frame, MaskImage
+from .single_frame import Baseline
 
 Kernel = npt.NDArray[np.uint8]
 
 EMPTY_M = 0.1
 """Inverted depths up to this count as empty [m]; it separates the farthest valid pixels from holes."""
 NEAR_M, MEDIUM_M = 15.0, 30.0
-"""Ends of the ranges in which `Multiscale` dilates by its large and by its medium kernel."""
+"""Ends of the ranges in which `multiscale` dilates by its large and by its medium kernel."""
 LARGE_HOLE_STEPS = 6
-"""Number of final dilations by 5 x 5 in `Multiscale`."""
+"""Number of final dilations by 5 x 5 in `multiscale`."""
+
+VariantName = Literal["fast", "multiscale"]
 
 
-class Completion(Protocol):
-    """A variant of the algorithm."""
+class IpBasic(Baseline):
+    """Fills holes by morphology; valid pixels stay, and holes far from any of them.
 
-    def complete(self, inverted_m: FloatImage, depth_m: FloatImage) -> FloatImage:
-        """Densify an inverted depth image.
+    Args:
+        variant: `fast` is that of the paper, `multiscale` that of the authors' code, see the functions below.
+        max_depth_m: Depths are subtracted from this [m]; farther pixels stay, but nothing is filled from them.
 
-        Args:
-            inverted_m: Largest depth minus depth [m], shape (H, W), 0 = empty; not changed.
-            depth_m: Depth [m], shape (H, W), 0 = invalid; not changed.
-        """
+    Raises:
+        ConfigError: `max_depth_m` is no depth.
+    """
 
-
-class Fast:
-    """The variant of the paper: one dilation, closing, two fillings and smoothing."""
-
-    def complete(self, inverted_m: FloatImage, depth_m: FloatImage) -> FloatImage:
-        """See `Completion`. Holes wider than about 45 pixels stay open in their middle."""
-        dense_m = _dilated(inverted_m, _diamond(5))
-        dense_m = _closed(dense_m)
-        dense_m = _with_holes_from(dense_m, _dilated(dense_m, _square(7)))
-        dense_m = _extended_to_the_top(dense_m)
-        dense_m = _with_holes_from(dense_m, _dilated(dense_m, _square(31)))
-        smooth_m: FloatImage = cv2.bilateralFilter(cv2.medianBlur(dense_m, 5), 5, 1.5, 2.0)  # type: ignore[assignment]
-        return smooth_m
-
-
-class Multiscale:
-    """The multi-scale variant of the authors' code: near objects spread farther, outliers are removed."""
-
-    def complete(self, inverted_m: FloatImage, depth_m: FloatImage) -> FloatImage:
-        """See `Completion`. Holes wider than about 35 pixels stay open in their middle."""
-        dense_m = _closed(_dilated_by_range(inverted_m, depth_m))
-        dense_m = _where_filled(dense_m, cv2.medianBlur(dense_m, 5))
-        filled_m = _with_holes_from(dense_m, _dilated(dense_m, _square(9)))
-        dense_m = np.where(_below_the_top(dense_m), filled_m, dense_m)
-        dense_m = _extended_to_the_top(dense_m)
-        for _ in range(LARGE_HOLE_STEPS):
-            dense_m = _with_holes_from(dense_m, _dilated(dense_m, _square(5)))
-        dense_m = _where_filled(dense_m, cv2.medianBlur(dense_m, 5))
-        return _where_filled(dense_m, cv2.bilateralFilter(dense_m, 5, 0.5, 2.0))
-
-
-class IpBasic(SingleFrameFilter):
-    """Fills holes by morphology; valid pixels stay, and holes far from any of them."""
-
-    def __init__(self, *, completion: Completion | None = None, max_depth_m: float = 100.0) -> None:
-        """Create the filter.
-
-        Args:
-            completion: `Fast` unless another is named.
-            max_depth_m: Depths are subtracted from this [m]; farther pixels stay, but nothing is filled from them.
-
-        Raises:
-            ConfigError: `max_depth_m` is no depth.
-        """
+    def __init__(self, *, variant: VariantName = "fast", max_depth_m: float = 100.0) -> None:
         if not EMPTY_M < max_depth_m < np.inf:
             raise ConfigError(f"max_depth_m must be a depth above {EMPTY_M} m, got {max_depth_m}")
-        self._completion = completion or Fast()
+        self._complete = {"fast": _complete_fast, "multiscale": _complete_multiscale}[variant]
         self._max_depth_m = np.float32(max_depth_m)
 
-    def filtered(self, depth_m: FloatImage) -> FloatImage:
-        """See `SingleFrameFilter`."""
+    def _corrected(self, frame: Frame) -> FloatImage:
+        depth_m = frame.depth_m
         valid = depth_m > 0
         inverted_m = np.where(valid, np.maximum(self._max_depth_m - depth_m, np.float32(0)), np.float32(0))
-        dense_m = self._completion.complete(inverted_m, depth_m)
+        dense_m = self._complete(inverted_m, depth_m)
         filled_m = np.where(dense_m > EMPTY_M, np.maximum(self._max_depth_m - dense_m, 0), np.float32(0))
         return np.where(valid, depth_m, filled_m)
 
 
-def multiscale() -> IpBasic:
-    """Create the multi-scale variant."""
-    return IpBasic(completion=Multiscale())
+def _complete_fast(inverted_m: FloatImage, depth_m: FloatImage) -> FloatImage:
+    """Densify depth that is subtracted from the largest [m], 0 = empty: dilation, closing, two fillings, smoothing.
+
+    Holes wider than about 45 pixels stay open in their middle.
+    """
+    dense_m = _dilated(inverted_m, _diamond(5))
+    dense_m = _closed(dense_m)
+    dense_m = _with_holes_from(dense_m, _dilated(dense_m, _square(7)))
+    dense_m = _extended_to_the_top(dense_m)
+    dense_m = _with_holes_from(dense_m, _dilated(dense_m, _square(31)))
+    smooth_m: FloatImage = cv2.bilateralFilter(cv2.medianBlur(dense_m, 5), 5, 1.5, 2.0)  # type: ignore[assignment]
+    return smooth_m
+
+
+def _complete_multiscale(inverted_m: FloatImage, depth_m: FloatImage) -> FloatImage:
+    """As `_complete_fast`, but near objects spread farther, and outliers are removed.
+
+    Holes wider than about 35 pixels stay open in their middle.
+    """
+    dense_m = _closed(_dilated_by_range(inverted_m, depth_m))
+    dense_m = _where_filled(dense_m, cv2.medianBlur(dense_m, 5))
+    filled_m = _with_holes_from(dense_m, _dilated(dense_m, _square(9)))
+    dense_m = np.where(_below_the_top(dense_m), filled_m, dense_m)
+    dense_m = _extended_to_the_top(dense_m)
+    for _ in range(LARGE_HOLE_STEPS):
+        dense_m = _with_holes_from(dense_m, _dilated(dense_m, _square(5)))
+    dense_m = _where_filled(dense_m, cv2.medianBlur(dense_m, 5))
+    return _where_filled(dense_m, cv2.bilateralFilter(dense_m, 5, 0.5, 2.0))
 
 
 def _dilated_by_range(inverted_m: FloatImage, depth_m: FloatImage) -> FloatImage:
@@ -122,12 +106,10 @@ def _extended_to_the_top(dense_m: FloatImage) -> FloatImage:
 
 
 def _with_holes_from(dense_m: FloatImage, filled_m: FloatImage) -> FloatImage:
-    """An image whose empty pixels come from another."""
     return np.where(dense_m > EMPTY_M, dense_m, filled_m)
 
 
 def _where_filled(dense_m: FloatImage, smoothed_m: Any) -> FloatImage:
-    """An image whose filled pixels come from a smoothed one."""
     return np.where(dense_m > EMPTY_M, smoothed_m, dense_m)
 
 

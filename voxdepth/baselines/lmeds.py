@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import ConfigError
-from ..types import CorrectedDepth, FloatImage, Frame, Intrinsics, MaskImage
-from .single_frame import labelled
+from ..types import FloatImage, Frame, Intrinsics, MaskImage
+from .single_frame import Baseline
 
 Samples = npt.NDArray[np.float32]
 
@@ -22,10 +22,20 @@ TILE = 8192
 """Pixels per tile: few enough that their samples stay in the cache."""
 
 
-class LMedS:
-    """Replaces outliers near depth edges, and fills holes, by the location of the samples around them."""
+class LMedS(Baseline):
+    """Replaces outliers near depth edges, and fills holes, by the location of the samples around them.
 
-    uses_gray = False
+    Args:
+        intrinsics: Intrinsics of the camera.
+        frames: Number of last frames, including this one; more stabilise static surfaces and smear moving ones.
+        window_px: Width of the window around a pixel; odd.
+        gradient_gate: Measured pixels change only where a neighbour's depth differs by more than this share; 0
+            examines every pixel that has a differing neighbour.
+        min_samples: A hole with fewer valid samples remains.
+
+    Raises:
+        ConfigError: A parameter is out of range.
+    """
 
     def __init__(
         self,
@@ -36,37 +46,23 @@ class LMedS:
         gradient_gate: float = 0.02,
         min_samples: int = 5,
     ) -> None:
-        """Create the filter.
-
-        Args:
-            intrinsics: Intrinsics of the camera.
-            frames: Number of last frames, including this one; more stabilise static surfaces and smear moving ones.
-            window_px: Width of the window around a pixel; odd.
-            gradient_gate: Measured pixels change only where a neighbour's depth differs by more than this share; 0
-                examines every pixel that has a differing neighbour.
-            min_samples: A hole with fewer valid samples remains.
-
-        Raises:
-            ConfigError: A parameter is out of range.
-        """
         if frames < 1 or window_px < 1 or window_px % 2 == 0 or min_samples < 1 or not 0 <= gradient_gate < np.inf:
             raise ConfigError(
                 "expected frames and min_samples of 1 or more, an odd window_px and a gradient_gate of 0 or more, got "
                 f"{frames}, {min_samples}, {window_px} and {gradient_gate}"
             )
         self._intrinsics = intrinsics
+        self._shape = intrinsics.shape
         self._reach_px = window_px // 2
         self._gradient_gate = np.float32(gradient_gate)
         self._min_samples = min_samples
         self._padded_m: deque[FloatImage] = deque(maxlen=frames)
 
-    def process(self, frame: Frame) -> CorrectedDepth:
-        """Replace outliers, and fill holes that have enough samples.
+    def reset(self) -> None:
+        """Forget the last frames."""
+        self._padded_m.clear()
 
-        Raises:
-            FrameError: The frame has another size than the camera.
-        """
-        frame.require_shape(self._intrinsics.shape)
+    def _corrected(self, frame: Frame) -> FloatImage:
         self._padded_m.append(np.pad(frame.depth_m, self._reach_px))
         depth_m = frame.depth_m.copy()
         examined = np.flatnonzero((depth_m == 0) | (_step_m(depth_m) > self._gradient_gate * depth_m))
@@ -74,15 +70,11 @@ class LMedS:
         for start in range(0, examined.size, TILE):
             at = examined[start : start + TILE]
             depth_m.flat[at] = self._estimated(depth_m.flat[at], self._samples(history_m, at))
-        return labelled(frame, depth_m)
-
-    def reset(self) -> None:
-        """Forget the last frames."""
-        self._padded_m.clear()
+        return depth_m
 
     def _samples(self, history_m: Samples, at: npt.NDArray[np.intp]) -> Samples:
         """Depths [m] around some pixels in all frames, shape (N, samples); infinite where invalid."""
-        row, col = np.unravel_index(at, self._intrinsics.shape)
+        row, col = np.unravel_index(at, self._shape)
         padded_width = history_m.shape[2]
         offset = np.arange(2 * self._reach_px + 1)
         corner = row * padded_width + col

@@ -4,7 +4,6 @@ The filter moves the previous corrected depth by the flow, like the temporal fil
 al. 2011, Avetisyan et al. 2016). It follows moving objects, but not the change of their depth.
 """
 
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import cv2
@@ -12,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import ConfigError
-from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
-from .single_frame import labelled
+from ..types import FloatImage, Frame, GrayImage, Intrinsics
+from .single_frame import Baseline
 
 FlowImage = npt.NDArray[np.float32]
 
@@ -45,10 +44,12 @@ class Flow(Protocol):
 
 
 class Dis:
-    """Inverse search of patches, then variational refinement: Kroeger et al. 2016, DOI 10.1007/978-3-319-46493-0_29."""
+    """Inverse search of patches, then variational refinement: Kroeger et al. 2016, DOI 10.1007/978-3-319-46493-0_29.
+
+    The result depends a little on OpenCV's number of threads.
+    """
 
     def __init__(self, *, preset: int = cv2.DISOPTICAL_FLOW_PRESET_FAST) -> None:
-        """A method with one of OpenCV's presets; the result depends a little on OpenCV's number of threads."""
         self._dis = cv2.DISOpticalFlow.create(preset)
 
     def between(self, start: GrayImage, end: GrayImage) -> FlowImage:
@@ -59,14 +60,15 @@ class Dis:
 
 
 class Farneback:
-    """Polynomial expansion: Farneback 2003, DOI 10.1007/3-540-45103-X_50."""
+    """Polynomial expansion: Farneback 2003, DOI 10.1007/3-540-45103-X_50.
+
+    It works in a pyramid. A larger window is steadier and blurs the flow at edges.
+
+    Raises:
+        ConfigError: A number is below 1.
+    """
 
     def __init__(self, *, levels: int = 3, window_px: int = 15, iterations: int = 3) -> None:
-        """A method with a pyramid; a larger window is steadier and blurs the flow at edges.
-
-        Raises:
-            ConfigError: A number is below 1.
-        """
         _require_positive(levels=levels, window_px=window_px, iterations=iterations)
         self._levels, self._window_px, self._iterations = levels, window_px, iterations
 
@@ -83,27 +85,27 @@ class HornSchunck:
 
     The classical iteration, from coarse to fine in a pyramid because it sees one or two pixels far; at each level the
     end is warped by the flow so far and the remainder is estimated.
+
+    Args:
+        levels: Images of the pyramid, each half as large; one more doubles the motion that can be followed.
+        iterations: Of each level; more propagate the flow farther into textureless areas.
+        alpha_gray: Weight of smoothness against brightness [gray values per pixel]; more is smoother.
+
+    Raises:
+        ConfigError: A number is out of range.
     """
 
     def __init__(self, *, levels: int = 3, iterations: int = 30, alpha_gray: float = 8.0) -> None:
-        """A method with a pyramid.
-
-        Args:
-            levels: Images of it, each half as large; one more doubles the motion that can be followed.
-            iterations: Of each level; more propagate the flow farther into textureless areas.
-            alpha_gray: Weight of smoothness against brightness [gray values per pixel]; more is smoother.
-
-        Raises:
-            ConfigError: A number is out of range.
-        """
         _require_positive(levels=levels, iterations=iterations, alpha_gray=alpha_gray)
         self._levels, self._iterations, self._alpha_gray = levels, iterations, np.float32(alpha_gray)
 
     def between(self, start: GrayImage, end: GrayImage) -> FlowImage:
         """See `Flow`."""
-        pyramid = [(_smooth(start), _smooth(end))]
-        while len(pyramid) < self._levels and min(pyramid[-1][0].shape) >= 2:
-            pyramid.append((_halved(pyramid[-1][0]), _halved(pyramid[-1][1])))
+        level: list[Any] = [cv2.GaussianBlur(gray.astype(np.float32), (5, 5), 0.8) for gray in (start, end)]
+        pyramid = [level]
+        while len(pyramid) < self._levels and min(level[0].shape) >= 2:
+            level = [cv2.pyrDown(image) for image in level]
+            pyramid.append(level)
         flow_px = np.zeros((*pyramid[-1][0].shape, 2), np.float32)
         for start_level, end_level in reversed(pyramid):
             flow_px = self._refined(_enlarged(flow_px, start_level.shape), start_level, end_level)
@@ -142,15 +144,6 @@ def _padded(gray: GrayImage) -> GrayImage:
     return np.pad(gray, ((0, below), (0, right)), mode="edge") if below or right else gray
 
 
-def _smooth(gray: GrayImage) -> FloatImage:
-    return cv2.GaussianBlur(gray.astype(np.float32), (5, 5), 0.8)  # type: ignore[return-value]
-
-
-def _halved(image: FloatImage) -> FloatImage:
-    """Half as large, rounded up."""
-    return cv2.pyrDown(image)  # type: ignore[return-value]
-
-
 def _enlarged(flow_px: FlowImage, shape: tuple[int, ...]) -> FlowImage:
     """The flow of a level in the pixels of the next finer one, shape (*shape, 2); of the same one, itself."""
     height, width = shape
@@ -167,19 +160,19 @@ def _warped(end: FloatImage, flow_px: FlowImage) -> FloatImage:
     return cv2.remap(end, col, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[return-value]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Memory:
-    """The last corrected frame."""
+class FlowFilter(Baseline):
+    """Blends measured depth with the warped one where they agree, and fills holes from the latter.
 
-    gray: GrayImage
-    depth_m: FloatImage
-    """Shape (H, W); 0 = invalid."""
-    age: AgeImage
-    """Frames since the pixel was measured, shape (H, W)."""
+    Args:
+        intrinsics: Intrinsics of the camera.
+        flow: Method of optical flow; None for `Dis()`.
+        alpha: Weight of the measured depth where both agree, in (0, 1]; less of it is steadier and lags more.
+        agreement: Largest difference of the two, as a share of the measured depth.
+        max_age_frames: A hole is filled for this many frames after its point was last measured.
 
-
-class FlowFilter:
-    """Blends measured depth with the warped one where they agree, and fills holes from the latter."""
+    Raises:
+        ConfigError: A parameter is out of range.
+    """
 
     uses_gray = True
 
@@ -192,18 +185,6 @@ class FlowFilter:
         agreement: float = 0.05,
         max_age_frames: int = 30,
     ) -> None:
-        """A filter for one camera.
-
-        Args:
-            intrinsics: Intrinsics of the camera.
-            flow: Method of optical flow; None for `Dis()`.
-            alpha: Weight of the measured depth where both agree, in (0, 1]; less of it is steadier and lags more.
-            agreement: Largest difference of the two, as a share of the measured depth.
-            max_age_frames: A hole is filled for this many frames after its point was last measured.
-
-        Raises:
-            ConfigError: A parameter is out of range.
-        """
         if not 0 < alpha <= 1 or not 0 <= agreement < np.inf or max_age_frames < 1:
             raise ConfigError(
                 "expected an alpha in (0, 1], an agreement of at least 0 and a max_age_frames of at least 1, got "
@@ -214,37 +195,32 @@ class FlowFilter:
         self._alpha = np.float32(alpha)
         self._agreement = np.float32(agreement)
         self._max_age_frames = max_age_frames
-        self._memory: _Memory | None = None
-
-    def process(self, frame: Frame) -> CorrectedDepth:
-        """Blend the frame with the one before; the first frame of a stream is unchanged.
-
-        Raises:
-            FrameError: The frame has another size than the camera.
-        """
-        frame.require_shape(self._intrinsics.shape)
-        moved_m, age = self._moved(frame.gray)
-        depth_m = self._blended(frame.depth_m, moved_m)
-        age[frame.depth_m > 0] = 0
-        self._memory = _Memory(gray=frame.gray.copy(), depth_m=depth_m.copy(), age=age)
-        return labelled(frame, depth_m)
+        self.reset()
 
     def reset(self) -> None:
         """Forget the last frame."""
-        self._memory = None
+        # Gray image and depth of the last corrected frame, and the frames since its pixels were measured.
+        self._last: tuple[GrayImage, FloatImage, AgeImage] | None = None
+
+    def _corrected(self, frame: Frame) -> FloatImage:
+        moved_m, age = self._moved(frame.gray)
+        depth_m = self._blended(frame.depth_m, moved_m)
+        age[frame.depth_m > 0] = 0
+        self._last = frame.gray.copy(), depth_m.copy(), age
+        return depth_m
 
     def _moved(self, gray: GrayImage) -> tuple[FloatImage, AgeImage]:
         """The last corrected depth [m] where its points are now, 0 = unknown, and its age [frames]; both (H, W)."""
-        memory = self._memory
-        if memory is None:
+        if self._last is None:
             return np.zeros(gray.shape, np.float32), np.zeros(gray.shape, np.int16)
-        to_memory_px = self._flow.between(gray, memory.gray)
-        landing = _landing(to_memory_px)
-        circle_px = to_memory_px + _taken(self._flow.between(memory.gray, gray), landing)
+        last_gray, last_depth_m, last_age = self._last
+        to_last_px = self._flow.between(gray, last_gray)
+        landing = _landing(to_last_px)
+        circle_px = to_last_px + _taken(self._flow.between(last_gray, gray), landing)
         closed = cv2.magnitude(circle_px[..., 0], circle_px[..., 1]) <= MAX_CIRCLE_PX
-        age = _taken(memory.age, landing) + np.int16(1)
+        age = _taken(last_age, landing) + np.int16(1)
         trusted = closed & (age <= self._max_age_frames)
-        return np.where(trusted, _taken(memory.depth_m, landing), np.float32(0)), age
+        return np.where(trusted, _taken(last_depth_m, landing), np.float32(0)), age
 
     def _blended(self, measured_m: FloatImage, moved_m: FloatImage) -> FloatImage:
         """The mean of measured and warped depth [m] where they agree, else the measured, in holes the warped depth."""

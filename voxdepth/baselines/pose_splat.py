@@ -3,16 +3,13 @@
 Correctors do not know that pose: this is an upper bound for the evaluation and not in the registry.
 """
 
-from dataclasses import dataclass, replace
-from typing import Self
-
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import ConfigError, FrameError
 from ..geometry import PointArray, back_project, inverse_rigid, transform
-from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, Intrinsics
-from .single_frame import labelled
+from ..types import FloatArray, FloatImage, Frame, Intrinsics
+from .single_frame import Baseline
 
 Indices = npt.NDArray[np.intp]
 
@@ -25,83 +22,48 @@ EMPTY = np.uint64(2**64 - 1)
 LOW_HALF = np.uint64(2**32 - 1)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Points:
-    """Measured points in space, which are not rounded to pixels from frame to frame."""
-
-    anchor: PointArray
-    """In the camera frame of the first frame [m], shape (N, 3)."""
-    age: npt.NDArray[np.uint64]
-    """Frames since the point was measured, shape (N,)."""
-
-    def followed_by(self, others: Self) -> Self:
-        """Concatenate these points and others."""
-        return replace(
-            self,
-            anchor=np.concatenate([self.anchor, others.anchor]),
-            age=np.concatenate([self.age, others.age]),
-        )
-
-    def aged(self, limit: int) -> Self:
-        """The points that are not older than the limit [frames] after one more frame."""
-        young = self.age < limit
-        return replace(self, anchor=self.anchor[young], age=self.age[young] + np.uint64(1))
-
-    def at(self, chosen: Indices) -> Self:
-        """Select points by index."""
-        return replace(self, anchor=self.anchor[chosen], age=self.age[chosen])
-
-
-class PoseSplat:
+class PoseSplat(Baseline):
     """ORACLE: fills holes from a z-buffer of the last frames; valid pixels stay.
 
     The memory has at most one point per pixel: the nearest one or, at about the same depth, the newest one. Points that
     leave the image or are occluded are forgotten.
+
+    Args:
+        intrinsics: Intrinsics of the camera.
+        frames: Number of remembered frames; more fill more, and keep departed objects for longer.
+
+    Raises:
+        ConfigError: `frames` is below 1, or so large that the points cannot be numbered.
     """
 
-    uses_gray = False
-
     def __init__(self, intrinsics: Intrinsics, *, frames: int = 60) -> None:
-        """Create the oracle.
-
-        Args:
-            intrinsics: Intrinsics of the camera.
-            frames: Number of remembered frames; more fill more, and keep departed objects for longer.
-
-        Raises:
-            ConfigError: `frames` is below 1, or so large that the points cannot be numbered.
-        """
         largest = 2**32 // (intrinsics.width_px * intrinsics.height_px) - 1
         if not 1 <= frames <= largest:
             raise ConfigError(f"frames must lie in 1 to {largest} for images of this size, got {frames}")
         self._intrinsics = intrinsics
+        self._camera = intrinsics
         self._frames = frames
-        self._T_world_anchor: FloatArray | None = None
-        self._memory = _no_points()
-
-    def process(self, frame: Frame) -> CorrectedDepth:
-        """Fill the holes for which the memory has a point.
-
-        Raises:
-            FrameError: The frame has another size than the camera, or no pose.
-        """
-        frame.require_shape(self._intrinsics.shape)
-        T_cam_anchor = self._T_cam_anchor(frame)
-        known = self._memory.aged(self._frames)
-        moved_m, winner = self._seen(known, T_cam_anchor)
-        kept = (moved_m > 0) & ((frame.depth_m == 0) | (_step(moved_m) < _step(frame.depth_m)))
-        measured_m = np.where(kept, np.float32(0), frame.depth_m)
-        points_cam = back_project(measured_m, self._intrinsics)
-        measured = _Points(
-            anchor=transform(inverse_rigid(T_cam_anchor), points_cam), age=np.zeros(len(points_cam), np.uint64)
-        )
-        self._memory = measured.followed_by(known.at(winner[kept]))
-        return labelled(frame, np.where(frame.depth_m > 0, frame.depth_m, moved_m))
+        self.reset()
 
     def reset(self) -> None:
         """Forget the last frames."""
-        self._T_world_anchor = None
-        self._memory = _no_points()
+        self._T_world_anchor: FloatArray | None = None
+        # Measured points in the camera frame of the first frame [m], shape (N, 3), which are not rounded to pixels from
+        # frame to frame, and the frames since they were measured, shape (N,).
+        self._points: PointArray = np.empty((0, 3), np.float32)
+        self._age = np.empty(0, np.uint64)
+
+    def _corrected(self, frame: Frame) -> FloatImage:
+        T_cam_anchor = self._T_cam_anchor(frame)
+        young = self._age < self._frames
+        points, age = self._points[young], self._age[young] + np.uint64(1)
+        moved_m, winner = self._seen(points, age, T_cam_anchor)
+        kept = (moved_m > 0) & ((frame.depth_m == 0) | (_step(moved_m) < _step(frame.depth_m)))
+        measured_m = np.where(kept, np.float32(0), frame.depth_m)
+        measured = transform(inverse_rigid(T_cam_anchor), back_project(measured_m, self._camera))
+        self._points = np.concatenate([measured, points[winner[kept]]])
+        self._age = np.concatenate([np.zeros(len(measured), np.uint64), age[winner[kept]]])
+        return np.where(frame.depth_m > 0, frame.depth_m, moved_m)
 
     def _T_cam_anchor(self, frame: Frame) -> FloatArray:  # noqa: N802
         """Transform from the camera of the first frame to that of this frame, shape (4, 4)."""
@@ -111,24 +73,26 @@ class PoseSplat:
             self._T_world_anchor = frame.T_world_cam.copy()
         return inverse_rigid(frame.T_world_cam) @ self._T_world_anchor
 
-    def _seen(self, points: _Points, T_cam_anchor: FloatArray) -> tuple[FloatImage, Indices]:
+    def _seen(
+        self, points: PointArray, age: npt.NDArray[np.uint64], T_cam_anchor: FloatArray
+    ) -> tuple[FloatImage, Indices]:
         """Depth [m] of the points that a camera sees, 0 = none, and their indices; both of shape (H, W)."""
-        z, pixel = self._projected(transform(T_cam_anchor, points.anchor))
+        z, pixel = self._projected(transform(T_cam_anchor, points))
         index = np.flatnonzero(pixel >= 0)
-        order = points.age[index] * np.uint64(len(z)) + index.astype(np.uint64)
+        order = age[index] * np.uint64(len(z)) + index.astype(np.uint64)
         rank = _step(z[index]).astype(np.uint64) << np.uint64(32) | order
-        best = np.full(self._intrinsics.width_px * self._intrinsics.height_px, EMPTY, np.uint64)
+        best = np.full(self._camera.width_px * self._camera.height_px, EMPTY, np.uint64)
         np.minimum.at(best, pixel[index], rank)
         filled = best != EMPTY
         winner = np.zeros(best.shape, np.intp)
         winner[filled] = (best[filled] & LOW_HALF) % np.uint64(max(len(z), 1))
         depth_m = np.zeros(best.shape, np.float32)
         depth_m[filled] = z[winner[filled]]
-        return depth_m.reshape(self._intrinsics.shape), winner.reshape(self._intrinsics.shape)
+        return depth_m.reshape(self._camera.shape), winner.reshape(self._camera.shape)
 
     def _projected(self, points_cam: PointArray) -> tuple[npt.NDArray[np.float32], Indices]:
         """Depth [m] of points, and the number of the pixel that each falls into, -1 outside the image; both (N,)."""
-        camera, (x, y, z) = self._intrinsics, points_cam.T
+        camera, (x, y, z) = self._camera, points_cam.T
         before = z > NEAREST_M
         divisor = np.where(before, z, np.float32(1))
         col = np.rint(x / divisor * np.float32(camera.fx_px) + np.float32(camera.cx_px))
@@ -136,10 +100,6 @@ class PoseSplat:
         inside = before & (col >= 0) & (col < camera.width_px) & (row >= 0) & (row < camera.height_px)
         number = np.where(inside, row, -1).astype(np.intp) * camera.width_px + np.where(inside, col, 0).astype(np.intp)
         return z, np.where(inside, number, -1)
-
-
-def _no_points() -> _Points:
-    return _Points(anchor=np.empty((0, 3), np.float32), age=np.empty(0, np.uint64))
 
 
 def _step(depth_m: FloatImage) -> npt.NDArray[np.uint32]:

@@ -5,7 +5,7 @@ bit by bit with it.
 """
 
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -17,9 +17,9 @@ from ..devices import load_kernels
 from ..errors import ConfigError
 from ..model import Model
 from ..paper import kernels
-from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics, MaskImage
+from ..types import FloatImage, Frame, GrayImage, Intrinsics, MaskImage
 from . import realsense_kernels
-from .single_frame import SingleFrameFilter, labelled
+from .single_frame import Baseline
 
 STEPS_PER_PX = 32
 """Units of disparity of the SDK per pixel."""
@@ -70,25 +70,9 @@ def smooth_rows_warp(image: FloatImage, *, alpha: float, delta: float) -> None:
     )
 
 
-class Persistence(NamedTuple):
-    """When a hole is filled by the last mean: `valid` of the last `frames` frames had a depth that agreed."""
-
-    valid: int
-    frames: int
-
-
-PERSISTENCES = (
-    Persistence(1, 0),  # never
-    Persistence(8, 8),
-    Persistence(2, 3),
-    Persistence(2, 4),
-    Persistence(2, 8),
-    Persistence(1, 2),
-    Persistence(1, 5),
-    Persistence(1, 8),
-    Persistence(0, 0),  # always
-)
-"""The modes of the SDK by their numbers."""
+PERSISTENCES = ((1, 0), (8, 8), (2, 3), (2, 4), (2, 8), (1, 2), (1, 5), (1, 8), (0, 0))
+"""The modes of the SDK by their numbers: the last mean fills a hole if `valid` of the last `frames` frames had a depth
+that agreed. The first one never fills, the last one always."""
 
 
 class TemporalConfig(Model):
@@ -114,7 +98,9 @@ class TemporalFilter:
 
     def __init__(self, config: TemporalConfig | None = None) -> None:
         self._config = config or TemporalConfig()
-        self._persists = persisting(PERSISTENCES[self._config.persistence])
+        valid, frames = PERSISTENCES[self._config.persistence]
+        past = np.arange(2**HISTORY_FRAMES) & (2**frames - 1)
+        self._persists: MaskImage = np.bitwise_count(past) >= valid  # by the history of a pixel, shape (256,)
         self._mean: FloatImage | None = None
         self._history: GrayImage = np.empty((0, 0), np.uint8)
 
@@ -146,14 +132,7 @@ class TemporalFilter:
         return np.where(valid | persists, self._mean, np.float32(0))
 
 
-def persisting(persistence: Persistence) -> MaskImage:
-    """Whether a mean persists, by the history of its pixel, shape (256,)."""
-    past = np.arange(2**HISTORY_FRAMES) & (2**persistence.frames - 1)
-    persists: MaskImage = np.bitwise_count(past) >= persistence.valid
-    return persists
-
-
-class RealSenseHoles(SingleFrameFilter):
+class RealSenseHoles(Baseline):
     """Fills holes as librealsense's `hole_filling_filter` does; a measured depth stays.
 
     Args:
@@ -167,17 +146,12 @@ class RealSenseHoles(SingleFrameFilter):
         load_kernels(realsense_kernels, "cpu")
         self._fill = hole_fill(fill)
 
-    def filtered(self, depth_m: FloatImage) -> FloatImage:
-        """See `SingleFrameFilter`."""
-        return self._fill(depth_m)
+    def _corrected(self, frame: Frame) -> FloatImage:
+        return self._fill(frame.depth_m)
 
 
 def fill_from_left(depth_m: FloatImage) -> FloatImage:
-    """Mode 0: a hole takes the nearest depth to its left; without one it stays.
-
-    Args:
-        depth_m: Depth [m], shape (H, W); 0 = invalid.
-    """
+    """Mode 0: a hole takes the nearest depth to its left; without one it stays. Shape (H, W) [m]."""
     col = np.arange(depth_m.shape[1], dtype=np.int32)
     from_col = np.maximum.accumulate(np.where(depth_m > 0, col, np.int32(0)), axis=1)
     return np.take_along_axis(depth_m, from_col, axis=1)
@@ -187,9 +161,6 @@ def fill_farthest(depth_m: FloatImage) -> FloatImage:
     """Mode 1: a hole takes the largest of the depths above, above left, left, below left and below.
 
     The first and the last row and the first column stay as they are, as in the SDK.
-
-    Args:
-        depth_m: Depth [m], shape (H, W); 0 = invalid.
     """
     return _filled(depth_m, realsense_kernels.fill_farthest)
 
@@ -198,9 +169,6 @@ def fill_nearest(depth_m: FloatImage) -> FloatImage:
     """Mode 2: a hole takes the smallest valid of the same five depths, but stays if the one above is invalid.
 
     The first and the last row and the first column stay as they are, as in the SDK.
-
-    Args:
-        depth_m: Depth [m], shape (H, W); 0 = invalid.
     """
     return _filled(depth_m, realsense_kernels.fill_nearest)
 
@@ -242,11 +210,12 @@ def holes_in_order(depth_m: FloatImage) -> Holes:
     return np.flatnonzero(hole).astype(np.int32)
 
 
-class RealSenseChain:
+class RealSenseChain(Baseline):
     """librealsense's filters in the order that its documentation recommends, each with the SDK's parameters.
 
     Depth is rounded to the camera's units, as the SDK has it in 16 bits: depths beyond the largest (65.5 m in
-    millimetres) are cut to that, those below half a unit are invalid. Measured pixels change, too.
+    millimetres) are cut to that, those below half a unit are invalid. Measured pixels change, too. Filled pixels have
+    source INPAINTED, also those that the past filled.
 
     Args:
         intrinsics: Intrinsics of the camera, with the baseline.
@@ -258,8 +227,6 @@ class RealSenseChain:
     Raises:
         ConfigError: The baseline is unknown, there is no such hole filling, or the units are not positive.
     """
-
-    uses_gray = False
 
     def __init__(
         self,
@@ -273,38 +240,28 @@ class RealSenseChain:
         if not 0 < units_per_m < np.inf:
             raise ConfigError(f"units_per_m must be positive and finite (1000 for millimetres), got {units_per_m}")
         load_kernels(realsense_kernels, "cpu")
-        self._shape = intrinsics.shape
+        self._intrinsics = intrinsics
         self._units_per_m = np.float32(units_per_m)
         self._factor = disparity_factor(intrinsics, units_per_m)
         self._spatial = spatial or SpatialFilter()
         self._temporal = TemporalFilter(temporal)
         self._fill = hole_fill(fill)
 
-    def process(self, frame: Frame) -> CorrectedDepth:
-        """The smoothed and filled frame; filled pixels, also those that the past filled, have source INPAINTED.
+    def reset(self) -> None:
+        """Forget the stream."""
+        self._temporal.reset()
 
-        Raises:
-            FrameError: The frame does not have the camera's shape.
-        """
-        frame.require_shape(self._shape)
-        disparity = self._divided(self._rounded(frame.depth_m))
+    def _corrected(self, frame: Frame) -> FloatImage:
+        depth_units: FloatImage = np.minimum(frame.depth_m, LARGEST_UNITS / self._units_per_m)
+        depth_units *= self._units_per_m
+        disparity = self._divided(np.rint(depth_units, out=depth_units))
         disparity = self._spatial.smooth(disparity)
         disparity = self._temporal.smooth(disparity)
         units = self._divided(disparity)
         units += np.float32(0.5)
         np.floor(units, out=units)
         units /= self._units_per_m
-        return labelled(frame, self._fill(units))
-
-    def reset(self) -> None:
-        """Forget the stream."""
-        self._temporal.reset()
-
-    def _rounded(self, depth_m: FloatImage) -> FloatImage:
-        """Depth [units] that 16 bits can hold."""
-        units: FloatImage = np.minimum(depth_m, LARGEST_UNITS / self._units_per_m)
-        units *= self._units_per_m
-        return np.rint(units, out=units)
+        return self._fill(units)
 
     def _divided(self, image: FloatImage) -> FloatImage:
         """Depth [units] of disparity [1/32 px], and the other way round; 0 stays 0."""

@@ -1,4 +1,7 @@
-"""Baselines that correct every frame by itself: the raw depth, a median, OpenCV's inpainting, the authors' maximum."""
+"""The base of all baselines, and those that correct every frame by itself.
+
+The latter are the raw depth, a median, OpenCV's inpainting, and the maximum of the paper's authors.
+"""
 
 from abc import ABC, abstractmethod
 from typing import Literal
@@ -7,7 +10,7 @@ import cv2
 import numpy as np
 
 from ..errors import ConfigError
-from ..types import CorrectedDepth, FloatImage, Frame, Source
+from ..types import CorrectedDepth, FloatImage, Frame, Intrinsics, Source
 
 SIZES_PX = (3, 5)
 """Windows of the median."""
@@ -27,51 +30,49 @@ CONFIDENCE_INPAINTED = 0.5
 """Confidence of a depth that the sensor did not measure: between a measured one (1) and none (0)."""
 
 
-def labelled(frame: Frame, depth_m: FloatImage) -> CorrectedDepth:
-    """Derive source and confidence from the depth alone.
-
-    Args:
-        frame: The frame that was corrected.
-        depth_m: The corrected depth [m], shape (H, W), float32, 0 = invalid; kept, so not the frame's own array.
-
-    Returns:
-        Source SENSOR and confidence 1 where both have a depth, INPAINTED and 0.5 where only the result has one, INVALID
-        and 0 elsewhere, also where a filter took the frame's depth away.
-    """
-    seen, valid = frame.depth_m > 0, depth_m > 0
-    source = np.where(seen, np.uint8(Source.SENSOR), np.uint8(Source.INPAINTED))
-    confidence = np.where(seen, np.float32(1), np.float32(CONFIDENCE_INPAINTED))
-    source *= valid
-    confidence *= valid
-    return CorrectedDepth(depth_m=depth_m, source=source, confidence=confidence)
-
-
-class SingleFrameFilter(ABC):
-    """Corrects every frame by itself and without its gray image."""
+class Baseline(ABC):
+    """A corrector whose source and confidence follow from the depth alone."""
 
     uses_gray = False
-
-    @abstractmethod
-    def filtered(self, depth_m: FloatImage) -> FloatImage:
-        """Corrected depth [m], shape (H, W), in a new array; 0 = invalid."""
+    _intrinsics: Intrinsics | None = None
+    """Camera of the frames; None if they may have any size."""
 
     def process(self, frame: Frame) -> CorrectedDepth:
-        """Correct a frame; a pixel that gains a depth has source INPAINTED."""
-        return labelled(frame, self.filtered(frame.depth_m))
+        """Correct a frame.
+
+        Returns:
+            Source SENSOR and confidence 1 where frame and result have a depth, INPAINTED and 0.5 where only the result
+            has one, INVALID and 0 elsewhere, also where the frame lost its depth.
+
+        Raises:
+            FrameError: The frame has another size than the camera, or no pose although the method needs it.
+        """
+        if self._intrinsics is not None:
+            frame.require_shape(self._intrinsics.shape)
+        depth_m = self._corrected(frame)
+        seen, valid = frame.depth_m > 0, depth_m > 0
+        source = np.where(seen, np.uint8(Source.SENSOR), np.uint8(Source.INPAINTED))
+        confidence = np.where(seen, np.float32(1), np.float32(CONFIDENCE_INPAINTED))
+        source *= valid
+        confidence *= valid
+        return CorrectedDepth(depth_m=depth_m, source=source, confidence=confidence)
 
     def reset(self) -> None:  # noqa: B027
-        """Do nothing, since there is no state."""
+        """Forget earlier frames, if the method keeps any."""
+
+    @abstractmethod
+    def _corrected(self, frame: Frame) -> FloatImage:
+        """Corrected depth [m], shape (H, W), in a new array; 0 = invalid."""
 
 
-class Raw(SingleFrameFilter):
+class Raw(Baseline):
     """Returns every frame unchanged."""
 
-    def filtered(self, depth_m: FloatImage) -> FloatImage:
-        """See `SingleFrameFilter`."""
-        return depth_m.copy()
+    def _corrected(self, frame: Frame) -> FloatImage:
+        return frame.depth_m.copy()
 
 
-class Median(SingleFrameFilter):
+class Median(Baseline):
     """Every pixel takes the median of its window: paper, Eq. median. Invalid pixels count as 0, borders repeat.
 
     Holes that fill less than half a window are closed, and depths that fill less than half of one are lost.
@@ -88,12 +89,11 @@ class Median(SingleFrameFilter):
             raise ConfigError(f"the median's size_px must be 3 or 5, got {size_px}")
         self._size_px = size_px
 
-    def filtered(self, depth_m: FloatImage) -> FloatImage:
-        """See `SingleFrameFilter`."""
-        return cv2.medianBlur(depth_m, self._size_px)  # type: ignore[return-value]
+    def _corrected(self, frame: Frame) -> FloatImage:
+        return cv2.medianBlur(frame.depth_m, self._size_px)  # type: ignore[return-value]
 
 
-class AuthorsMax(SingleFrameFilter):
+class AuthorsMax(Baseline):
     """The "RealSense" of the paper's authors, named so, for comparison with their figures. It is not librealsense's.
 
     Their `utils/realsenseHoleFilling.py` (repository Akanksha-Dixit/Voxdepthcode) takes a 5 x 5 median and then gives
@@ -103,9 +103,8 @@ class AuthorsMax(SingleFrameFilter):
     authors leave their marker of invalid pixels, are invalid.
     """
 
-    def filtered(self, depth_m: FloatImage) -> FloatImage:
-        """See `SingleFrameFilter`."""
-        median_m: FloatImage = cv2.medianBlur(depth_m, AUTHORS_MEDIAN_PX)  # type: ignore[assignment]
+    def _corrected(self, frame: Frame) -> FloatImage:
+        median_m: FloatImage = cv2.medianBlur(frame.depth_m, AUTHORS_MEDIAN_PX)  # type: ignore[assignment]
         largest_m = np.zeros_like(median_m)
         for shift in AUTHORS_NEIGHBOURS:
             np.maximum(largest_m, np.roll(median_m, shift, axis=(0, 1)), out=largest_m)
@@ -114,23 +113,21 @@ class AuthorsMax(SingleFrameFilter):
         return largest_m
 
 
-class OpenCvInpaint(SingleFrameFilter):
-    """Fills every hole from its boundary; valid pixels stay.
+class OpenCvInpaint(Baseline):
+    """Fills every hole from its boundary; valid pixels stay, and so does an image without any.
 
-    Works on the inverse of depth, in which stereo errors are alike at any range, with the nearest depth of a frame as
-    the largest of 16 bits: one step is 0.2 mm at 2 m and 11 mm at 15 m if that nearest depth is 0.3 m.
+    It works on the inverse of depth, in which stereo errors are alike at any range. The nearest depth of a frame is the
+    largest of 16 bits: one step is 0.2 mm at 2 m and 11 mm at 15 m if that nearest depth is 0.3 m.
+
+    Args:
+        method: `telea` marches inwards with weighted means, `navier_stokes` continues lines of equal depth.
+        radius_px: Neighbourhood of a pixel that is filled; a larger one is smoother and slower.
+
+    Raises:
+        ConfigError: There is no such method, or the radius is not positive.
     """
 
     def __init__(self, *, method: InpaintingName = "telea", radius_px: float = 3.0) -> None:
-        """Create the filter.
-
-        Args:
-            method: `telea` marches inwards with weighted means, `navier_stokes` continues lines of equal depth.
-            radius_px: Neighbourhood of a pixel that is filled; a larger one is smoother and slower.
-
-        Raises:
-            ConfigError: There is no such method, or the radius is not positive.
-        """
         if method not in INPAINTING:
             raise ConfigError(f"expected one of the inpainting methods {', '.join(INPAINTING)}, got {method!r}")
         if not 0 < radius_px < np.inf:
@@ -138,8 +135,8 @@ class OpenCvInpaint(SingleFrameFilter):
         self._method = INPAINTING[method]
         self._radius_px = radius_px
 
-    def filtered(self, depth_m: FloatImage) -> FloatImage:
-        """See `SingleFrameFilter`; an image without any valid pixel stays as it is."""
+    def _corrected(self, frame: Frame) -> FloatImage:
+        depth_m = frame.depth_m
         valid = depth_m > 0
         if valid.all() or not valid.any():
             return depth_m.copy()
