@@ -13,8 +13,7 @@ from voxdepth.paper.config import PaperConfig
 from voxdepth.paper.epochs import PaperDiagnostics, Phase, Template
 from voxdepth.paper.method import Aligned
 from voxdepth.temporal.config import VoxDepthConfig
-from voxdepth.temporal.method import TemporalDiagnostics
-from voxdepth.temporal.odometry import TrackingStatus
+from voxdepth.temporal.odometry import TrackingResult, TrackingStatus
 from voxdepth.types import CorrectedDepth, Frame
 
 from ..errors import ScenarioError
@@ -208,7 +207,7 @@ def measure_paper(loop: FrameLoop, frames: int) -> PaperTimings:
 def _is_tracked(corrected: CorrectedDepth) -> bool:
     """Whether the default method found the pose of the camera."""
     diagnostics = corrected.diagnostics
-    return isinstance(diagnostics, TemporalDiagnostics) and diagnostics.tracking is TrackingStatus.OK
+    return isinstance(diagnostics, TrackingResult) and diagnostics.status is TrackingStatus.OK
 
 
 def _is_correcting(corrected: CorrectedDepth) -> bool:

@@ -10,7 +10,7 @@ from tests.temporal_scenes import CAMERA, method, pose, run
 from voxdepth.geometry import inverse_rigid
 from voxdepth.temporal.confidence import INPAINTING
 from voxdepth.temporal.forward_warp import ForwardWarp
-from voxdepth.temporal.fusion import PixelClass, TemporalFusion, TemporalFusionConfig
+from voxdepth.temporal.fusion import PixelClass, TemporalFusionConfig, fuse
 from voxdepth.temporal.inpainting import Inpainter, InpaintingConfig
 from voxdepth.temporal.measurement import Measurement
 from voxdepth.temporal.memory import WEIGHT_UNIT, Memory
@@ -112,7 +112,7 @@ def test_every_pixel_is_one_kind_of_thing(seed: int, holes: float, forgotten: fl
     valid = np.where(new_px > 0, 255, 0).astype(np.uint8)
     new_weight = np.where(new_px > 0, rng.integers(1, WEIGHT_UNIT + 1, shape), 0).astype(np.uint8)
     new = Measurement(disparity_px=new_px, valid=valid, weight=new_weight, gray=new_gray)
-    fused, after = TemporalFusion(TemporalFusionConfig()).fuse(memory, new)
+    fused, after = fuse(memory, new, TemporalFusionConfig())
     kind, shown_px = fused.pixel_class, fused.disparity_px
     np.testing.assert_array_equal(kind == PixelClass.UNKNOWN, shown_px == 0)
     assert (kind <= max(PixelClass)).all()

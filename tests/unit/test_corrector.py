@@ -11,7 +11,7 @@ from voxdepth.corrector import StreamCorrector
 from voxdepth.errors import ConfigError, FrameError
 from voxdepth.paper.epochs import PaperDiagnostics, Phase
 from voxdepth.paper.registration import RegistrationStatus
-from voxdepth.temporal.method import TemporalDiagnostics
+from voxdepth.temporal.odometry import TrackingResult
 
 CAMERA = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=86, baseline_m=0.095)
 DEPTH_M = 4.0
@@ -51,8 +51,8 @@ def test_the_default_method_is_the_rigid_one() -> None:
     require_equal(results[:1], results[1:])
     corrector = VoxDepth(CAMERA)
     found = [corrector.process(frame).diagnostics for frame in walk(3)]
-    assert all(isinstance(one, TemporalDiagnostics) for one in found)
-    assert [one.T_frame_previous is not None for one in found] == [False, True, True]
+    assert all(isinstance(one, TrackingResult) for one in found)
+    assert [one.T_frame_keyframe is not None for one in found] == [False, True, True]
 
 
 def test_the_papers_corrector_uses_the_papers_method_and_parameters() -> None:

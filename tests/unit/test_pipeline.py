@@ -108,7 +108,7 @@ def test_it_gives_the_images_of_the_corrector_alone(
 def test_it_gives_the_images_of_the_default_corrector_alone(queue_size: int) -> None:
     stream, alone = walk(40, CAMERA), VoxDepth(CAMERA)
     expected = [alone.process(f) for f in stream]
-    assert {one.diagnostics.tracking for one in expected[1:]} == {TrackingStatus.OK}
+    assert {one.diagnostics.status for one in expected[1:]} == {TrackingStatus.OK}
     piped = list(CorrectionPipeline(VoxDepth(CAMERA), stream, queue_size=queue_size))
     assert [f for f, _ in piped] == stream
     for (_, got), want in zip(piped, expected, strict=True):

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from voxdepth.temporal.fusion import Fused, PixelClass, TemporalFusion, TemporalFusionConfig
+from voxdepth.temporal import fusion
+from voxdepth.temporal.fusion import Fused, PixelClass, TemporalFusionConfig
 from voxdepth.temporal.measurement import Measurement
 from voxdepth.temporal.memory import WEIGHT_UNIT, Memory
 from voxdepth.types import FloatImage, GrayImage
@@ -56,7 +57,7 @@ def other_look() -> GrayImage:
 
 
 def fuse(memory: Memory, measurement: Measurement, **settings: float) -> tuple[Fused, Memory]:
-    return TemporalFusion(TemporalFusionConfig.model_validate(settings)).fuse(memory, measurement)
+    return fusion.fuse(memory, measurement, TemporalFusionConfig.model_validate(settings))
 
 
 def checks(amplitude_px: float) -> FloatImage:

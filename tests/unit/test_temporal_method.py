@@ -205,7 +205,7 @@ def _flipped(image: FloatImage) -> FloatImage:
 
 
 def _bytes(result: CorrectedDepth) -> tuple[bytes, ...]:
-    arrays = (result.depth_m, result.source, result.confidence, result.diagnostics.T_frame_previous)
+    arrays = (result.depth_m, result.source, result.confidence, result.diagnostics.T_frame_keyframe)
     return tuple(b"" if array is None else array.tobytes() for array in arrays)
 
 
@@ -254,11 +254,11 @@ class TestArrays:
             "n_inliers": 0,
             "memory_reset": 0,
         }
-        assert first.diagnostics.T_frame_previous is None
-        assert second.diagnostics.tracking is TrackingStatus.OK
+        assert first.diagnostics.T_frame_keyframe is None
+        assert second.diagnostics.status is TrackingStatus.OK
         assert second.diagnostics.n_inliers > 40
-        assert second.diagnostics.T_frame_previous is not None
-        np.testing.assert_allclose(second.diagnostics.T_frame_previous, np.linalg.inv(walk(2)[1]), atol=0.005)
+        assert second.diagnostics.T_frame_keyframe is not None
+        np.testing.assert_allclose(second.diagnostics.T_frame_keyframe, np.linalg.inv(walk(2)[1]), atol=0.005)
         assert not second.diagnostics.memory_reset
         assert {"measure", "track", "warp", "fuse", "remember", "inpaint"} <= set(second.timings_s)
 
@@ -278,7 +278,7 @@ class TestSizes:
             assert_well_formed(result, camera)
             assert (result.depth_m > 0).all()
             assert np.median(abs(result.depth_m / frame.depth_m - 1)) < 0.01
-        assert (result.diagnostics.tracking is TrackingStatus.OK) == (
+        assert (result.diagnostics.status is TrackingStatus.OK) == (
             width_px == 161
         )  # twelve corners, one in each cell of 16 px, are needed
 

@@ -9,9 +9,10 @@ import pytest
 from tests.temporal_scenes import CAMERA, ROOM, frame_of, pose, render
 from voxdepth.geometry import inverse_rigid
 from voxdepth.temporal.confidence import INPAINTING, estimate_confidence
+from voxdepth.temporal.forward_warp import ForwardWarp
 from voxdepth.temporal.fusion import PixelClass
 from voxdepth.temporal.measurement import Measurement, measure
-from voxdepth.temporal.memory import DRIFT_DECIMATION, WEIGHT_UNIT, Memory, MemoryWarper
+from voxdepth.temporal.memory import DRIFT_DECIMATION, WEIGHT_UNIT, Memory
 from voxdepth.temporal.smoothing import smooth_guided
 from voxdepth.temporal.upsampling import upsample_guided, upsample_nearest
 from voxdepth.temporal.working_resolution import WorkingResolution
@@ -250,7 +251,7 @@ def test_a_warped_memory_shows_the_scene_from_the_new_pose(camera: Intrinsics, s
     )
     empty = Memory.empty(here.gray)
     memory = replace(empty, disparity_px=here.disparity_px, weight=here.weight)
-    warped = MemoryWarper(resolution).warp(memory, inverse_rigid(there))
+    warped = memory.warp(ForwardWarp(resolution), inverse_rigid(there))
     known = cv2.erode((warped.weight > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     assert known.mean() > 0.75
     change = abs(warped.gray.astype(int) - now.gray)[known]
@@ -271,7 +272,7 @@ def test_the_drift_is_warped_with_the_memory(shift_px: int) -> None:
         empty, disparity_px=constant(8), weight=np.full(CAMERA.shape, WEIGHT_UNIT, np.uint8), drift_px=drift_px
     )
     step_m = shift_px / 8 * 0.1  # a step of a baseline shifts by the disparity
-    warped = MemoryWarper(resolution).warp(memory, inverse_rigid(pose(step_m)))
+    warped = memory.warp(ForwardWarp(resolution), inverse_rigid(pose(step_m)))
     source_col = col + shift_px / DRIFT_DECIMATION
     seen = (source_col >= 0) & (source_col <= col.max())
     np.testing.assert_allclose(warped.drift_px[seen], (0.01 * row - 0.02 * source_col)[seen], atol=1e-5)

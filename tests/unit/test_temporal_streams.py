@@ -50,12 +50,12 @@ class TestCut:
         used, fresh = method(decimation=step), method(decimation=step)
         run(used, NOISY)
         ours, theirs = run(used, after), run(fresh, after)
-        assert ours[0].diagnostics.tracking is TrackingStatus.LOST
+        assert ours[0].diagnostics.status is TrackingStatus.LOST
         assert ours[0].diagnostics.memory_reset
         for one, other in zip(ours, theirs, strict=True):
             for quantity in ("depth_m", "source", "confidence"):
                 assert getattr(one, quantity).tobytes() == getattr(other, quantity).tobytes()
-        assert all(result.diagnostics.tracking is TrackingStatus.OK for result in ours[1:])
+        assert all(result.diagnostics.status is TrackingStatus.OK for result in ours[1:])
 
     @DECIMATIONS
     def test_nothing_of_the_old_scene_is_shown(self, step: int) -> None:
@@ -80,7 +80,7 @@ def test_memory_survives_ten_dropped_frames(step: int) -> None:
     run(corrector, NOISY)
     true = frame_of(ROOM, PATH[18], 18)
     result = process(corrector, holed(noisy(true, 0), 18))
-    assert result.diagnostics.tracking is TrackingStatus.OK
+    assert result.diagnostics.status is TrackingStatus.OK
     assert np.mean(result.source[INSIDE] == Source.MEMORY) > 0.95
     assert np.median(abs(result.depth_m / true.depth_m - 1)[INSIDE]) < 0.01
 
@@ -96,10 +96,10 @@ class TestCoveredLens:
             assert not result.depth_m.any()
             assert not result.confidence.any()
             assert (result.source == Source.INVALID).all()
-            assert result.diagnostics.tracking is TrackingStatus.NO_FEATURES
+            assert result.diagnostics.status is TrackingStatus.NO_FEATURES
         true = frame_of(ROOM, PATH[9], 46)
         result = process(corrector, holed(true, 46))
-        assert result.diagnostics.tracking is TrackingStatus.OK
+        assert result.diagnostics.status is TrackingStatus.OK
         assert np.mean(result.source[INSIDE] == Source.MEMORY) > 0.95
         assert np.median(abs(result.depth_m / true.depth_m - 1)[INSIDE]) < 0.01
 
@@ -134,14 +134,14 @@ class TestCoveredLens:
         corrector = method(decimation=step, max_featureless_frames=max_featureless_frames)
         run(corrector, [*NOISY[:4], *self.SECOND[:5]])
         result = process(corrector, holed(frame_of(ROOM, PATH[5]), 46))
-        assert (result.diagnostics.tracking is TrackingStatus.OK) == is_held
+        assert (result.diagnostics.status is TrackingStatus.OK) == is_held
         assert (result.source[INSIDE] == Source.MEMORY).any() == is_held
 
     def test_one_frame_that_shows_something_starts_the_count_anew(self) -> None:
         corrector = method(max_featureless_frames=5)
         frames = [*NOISY[:4], *self.SECOND[:4], NOISY[4], *self.SECOND[5:9]]
         run(corrector, [replace(frame, stamp_s=i / 30) for i, frame in enumerate(frames)])
-        assert process(corrector, holed(frame_of(ROOM, PATH[5]), 46)).diagnostics.tracking is TrackingStatus.OK
+        assert process(corrector, holed(frame_of(ROOM, PATH[5]), 46)).diagnostics.status is TrackingStatus.OK
 
     @DECIMATIONS
     def test_a_stream_may_begin_in_the_dark(self, step: int) -> None:
@@ -149,7 +149,7 @@ class TestCoveredLens:
         for result in run(corrector, [dark(i) for i in range(3)]):
             assert not result.depth_m.any()
         results = run(corrector, [replace(frame, stamp_s=1 + frame.stamp_s) for frame in NOISY])
-        assert results[-1].diagnostics.tracking is TrackingStatus.OK
+        assert results[-1].diagnostics.status is TrackingStatus.OK
         assert (results[-1].source == Source.MEMORY).any()
 
 

@@ -1,7 +1,7 @@
 """Confidence: the probability that a depth is right, by its pixel class, the evidence behind it, and its disparity."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -15,8 +15,7 @@ WEIGHT_LEVELS = 64
 """Weights per pixel class in the lookup tables, which are indexed by a byte: quarters of a measurement."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Exponential:
+class Exponential(NamedTuple):
     """A quantity that approaches a limit exponentially as evidence accumulates."""
 
     start: float
@@ -24,56 +23,44 @@ class Exponential:
     scale: float
     """Number of measurements after which it has covered 63 % of the distance."""
 
-    def __call__(self, n_measurements: FloatArray) -> FloatArray:
+    def after(self, n_measurements: FloatArray) -> FloatArray:
         """The value after some numbers of measurements, same shape."""
         value: FloatArray = self.limit + (self.start - self.limit) * np.exp(-n_measurements / self.scale)
         return value
 
 
-@dataclass(frozen=True, kw_only=True)
-class Reliability:
-    """Error model of a pixel class: a mixture of the right surface, with Laplace noise, and wrong surfaces."""
-
-    surface_probability: Exponential
-    """Probability that the disparity is of the right surface."""
-    error_px: Exponential
-    """Mean absolute error of the disparity if it is."""
-
-
-RELIABILITY = {
-    PixelClass.FUSED: Reliability(
-        surface_probability=Exponential(start=0.45, limit=0.995, scale=1.1),
-        error_px=Exponential(start=0.32, limit=0.12, scale=2.5),
-    ),
-    PixelClass.MEASURED: Reliability(
-        surface_probability=Exponential(start=0.55, limit=0.97, scale=0.4),
-        error_px=Exponential(start=1.2, limit=0.1, scale=0.5),
-    ),
-    PixelClass.REMEMBERED: Reliability(
-        surface_probability=Exponential(start=0.7, limit=0.99, scale=5),
-        error_px=Exponential(start=0.35, limit=0.25, scale=6),
-    ),
+SURFACE_PROBABILITY = {
+    PixelClass.FUSED: Exponential(start=0.45, limit=0.995, scale=1.1),
+    PixelClass.MEASURED: Exponential(start=0.55, limit=0.97, scale=0.4),
+    PixelClass.REMEMBERED: Exponential(start=0.7, limit=0.99, scale=5),
 }
-"""Least-squares fits to the fraction of pixels within 5 % of the true depth in ten rendered sequences of seed 101,
-which no reported result uses. They hold for the bound of a quarter of a pixel as well: where the confidence of one
-class rises by a tenth, the fraction of right pixels nowhere falls by more than 2 points."""
+"""Probability that the disparity is of the right surface, by pixel class.
+
+The parameters are least-squares fits to the fraction of pixels within 5 % of the true depth in ten rendered sequences
+of seed 101, which no reported result uses. They hold for the bound of a quarter of a pixel as well: where the
+confidence of one class rises by a tenth, the fraction of right pixels nowhere falls by more than 2 points."""
+ERROR_PX = {
+    PixelClass.FUSED: Exponential(start=0.32, limit=0.12, scale=2.5),
+    PixelClass.MEASURED: Exponential(start=1.2, limit=0.1, scale=0.5),
+    PixelClass.REMEMBERED: Exponential(start=0.35, limit=0.25, scale=6),
+}
+"""Mean absolute error of the disparity if it is, from the same fits; it has a Laplace distribution."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class InpaintingProbabilities:
     """Probability in 0..1 that an inpainted disparity is of the right surface, by the model that gave it."""
 
-    finest_plane: float
+    finest_plane: float = 0.5
     """Plane fitted around a cell of the smallest size."""
-    coarser_factor: float
+    coarser_factor: float = 0.43
     """Factor for each doubling of the cell size, since less is known far from the border of a hole."""
-    occlusion_shadow: float
+    occlusion_shadow: float = 0.56
     """Background in an occlusion shadow."""
-    ground: float
-    """Ground plane."""
-    stixel: float
+    ground: float = 0.87
+    stixel: float = 0.9
     """Stixel in a hole directly above its ground contact."""
-    occluded_stixel: float
+    occluded_stixel: float = 0.43
     """Stixel behind other surfaces."""
 
     def plane(self, level: int) -> float:
@@ -81,14 +68,12 @@ class InpaintingProbabilities:
         return self.finest_plane * self.coarser_factor**level
 
 
-INPAINTING = InpaintingProbabilities(
-    finest_plane=0.5, coarser_factor=0.43, occlusion_shadow=0.56, ground=0.87, stixel=0.9, occluded_stixel=0.43
-)
-"""Means of two least-squares fits: to the twelve rendered sequences of seed 101, and to the images of eight drones on
-two flights through the scenario `city`, of seeds 1008 and 1010. The fits agree except for occluded stixels, most of
-which are the textureless snow of one sequence: finest planes 0.48 and 0.54, the next level 0.24 and 0.20, shadows 0.56
-and 0.56, ground 0.85 and 0.89, stixels 0.91 and 1, occluded stixels 0.75 and 0.11. Stixels are limited to 0.9, so that
-no guess is more confident than a good memory."""
+INPAINTING = InpaintingProbabilities()
+"""The values are means of two least-squares fits: to the twelve rendered sequences of seed 101, and to the images of
+eight drones on two flights through the scenario `city`, of seeds 1008 and 1010. The fits agree except for occluded
+stixels, most of which are the textureless snow of one sequence: finest planes 0.48 and 0.54, the next level 0.24 and
+0.20, shadows 0.56 and 0.56, ground 0.85 and 0.89, stixels 0.91 and 1, occluded stixels 0.75 and 0.11. Stixels are
+limited to 0.9, so that no guess is more confident than a good memory."""
 INPAINTED_ERROR_PX = 0.2
 """Mean absolute error of inpainted disparity where it is of the right surface."""
 
@@ -103,9 +88,9 @@ def estimate_confidence(
 
     Args:
         disparity_px: Resulting disparity, shape (h, w).
-        pixel_class: One `PixelClass` per pixel, shape (h, w).
-        weight: Weight in units of `1 / WEIGHT_UNIT`, shape (h, w), uint8.
-        inpainting_probability: Surface probability of pixels that were inpainted, 0..1, shape (h, w).
+        pixel_class: One `PixelClass` per pixel.
+        weight: Weight in units of `1 / WEIGHT_UNIT`, uint8.
+        inpainting_probability: Surface probability of pixels that were inpainted, 0..1.
     """
     code = (pixel_class * np.uint8(WEIGHT_LEVELS)) | (weight >> np.uint8(2))
     exceeding = np.asarray(cv2.LUT(code, _NEGATIVE_RATE_PER_PX), np.float32)
@@ -118,16 +103,13 @@ def estimate_confidence(
     return confidence
 
 
-def _lookup_table(of_unknown: float, curve: Callable[[Reliability], Exponential]) -> FloatArray:
+def _lookup_table(of_unknown: float, curves: dict[PixelClass, Exponential]) -> FloatArray:
     """A quantity for every pixel class and weight level, shape (256,)."""
     n_measurements = np.arange(WEIGHT_LEVELS) * 4.0 / WEIGHT_UNIT
-    unknown = np.full(WEIGHT_LEVELS, of_unknown)
-    known = [curve(RELIABILITY[each])(n_measurements) for each in PixelClass if each is not PixelClass.UNKNOWN]
-    return np.concatenate([unknown, *known])
+    known = [curves[each].after(n_measurements) for each in PixelClass if each is not PixelClass.UNKNOWN]
+    return np.concatenate([np.full(WEIGHT_LEVELS, of_unknown), *known])
 
 
-_SURFACE_PROBABILITY = _lookup_table(np.nan, lambda each: each.surface_probability).astype(np.float32)
+_SURFACE_PROBABILITY = _lookup_table(np.nan, SURFACE_PROBABILITY).astype(np.float32)
 """Unknown pixels have none: theirs comes from inpainting."""
-_NEGATIVE_RATE_PER_PX = (-RIGHT_SHARE / _lookup_table(INPAINTED_ERROR_PX, lambda each: each.error_px)).astype(
-    np.float32
-)
+_NEGATIVE_RATE_PER_PX = (-RIGHT_SHARE / _lookup_table(INPAINTED_ERROR_PX, ERROR_PX)).astype(np.float32)

@@ -43,15 +43,16 @@ class TrackingImage:
 
 
 class FeatureTracker:
-    """Detects corners, and tracks them by the pyramidal method of Lucas and Kanade (Bouguet 2000)."""
+    """Detects corners, and tracks them by the pyramidal method of Lucas and Kanade (Bouguet 2000).
+
+    `size` is the width and height of the tracking image, and `scale` its size by that of the full image.
+    """
 
     def __init__(self, camera: Intrinsics, config: FeatureTrackerConfig) -> None:
         self._config = config
         width = min(config.width_px, camera.width_px)
         self.scale = width / camera.width_px
-        """Size of the tracking image by that of the full image."""
         self.size = (width, max(1, round(camera.height_px * self.scale)))
-        """Width and height of the tracking image."""
 
     def detect(self, gray: GrayImage) -> TrackingImage:
         """The tracking image and its corners, from a gray image of shape (H, W)."""
@@ -61,16 +62,9 @@ class FeatureTracker:
     def track(
         self, source: TrackingImage, target: TrackingImage, corners: Points, initial: Points
     ) -> tuple[Points, npt.NDArray[np.bool_]]:
-        """Track corners from one image to another.
+        """Track corners from the source to the target, where the search starts at the initial positions.
 
-        Args:
-            source: Image in which the corners are known.
-            target: Image in which they are searched for.
-            corners: Positions in the source image, shape (N, 2).
-            initial: Positions in the target image where the search starts, shape (N, 2).
-
-        Returns:
-            Positions in the target image, shape (N, 2), and which of the corners were found, shape (N,).
+        The result is their positions in the target, shape (N, 2), and which of them were found, shape (N,).
         """
         positions, status, _ = cv2.calcOpticalFlowPyrLK(
             source.gray,

@@ -1,16 +1,20 @@
 """Forward warping of a disparity image to another camera pose, with the values resampled backward."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from ..devices import DeviceName
 from ..geometry import inverse_rigid
 from ..types import FloatArray, FloatImage, GrayImage
 from .masks import above, below, copy_where, equal
 from .working_resolution import MAX_DISPARITY_PX, WorkingResolution
+
+if TYPE_CHECKING:
+    from .forward_warp_gpu import GpuForwardWarp
 
 FRACTION_BITS = 14
 """Fraction bits of a disparity in the z-buffer: with 24 bits in all it covers 1024 px in steps of 0.00006 px."""
@@ -43,24 +47,17 @@ class Warped:
     """Row in the source image that each pixel comes from."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class ReprojectionMap:
     """The projective map of pixels with disparity: (u, v, D) moves to `H (u, v, 1) + e D`, divided by its last row.
 
-    That divisor is the ratio of the depths after and before, so the new disparity is D divided by it as well.
+    That divisor is the ratio of the depths after and before, so the new disparity is D divided by it as well. H is the
+    infinite homography `K R K^-1`, shape (3, 3), and e is the epipole `K t / (f B)`, shape (3,), both float32.
     """
 
-    H: npt.NDArray[np.float32]
-    """Infinite homography `K R K^-1`, shape (3, 3)."""
-    e: npt.NDArray[np.float32]
-    """Epipole `K t / (f B)`, shape (3,)."""
-
-    @classmethod
-    def of(cls, resolution: WorkingResolution, T_target_source: FloatArray) -> "ReprojectionMap":
-        """The map for images of a resolution and a motion of shape (4, 4)."""
-        H = resolution.K @ T_target_source[:3, :3] @ np.linalg.inv(resolution.K)
-        e = resolution.K @ T_target_source[:3, 3] / resolution.focal_baseline_px_m
-        return cls(H=H.astype(np.float32), e=e.astype(np.float32))
+    def __init__(self, resolution: WorkingResolution, T_target_source: FloatArray) -> None:
+        K = resolution.K
+        self.H = (K @ T_target_source[:3, :3] @ np.linalg.inv(K)).astype(np.float32)
+        self.e = (K @ T_target_source[:3, 3] / resolution.focal_baseline_px_m).astype(np.float32)
 
 
 class ForwardWarp:
@@ -94,8 +91,8 @@ class ForwardWarp:
             weight: Weight of its pixels, shape (H, W), uint8. The larger weight wins between equal disparities.
             T_target_source: Motion of the camera, shape (4, 4).
         """
-        forward = ReprojectionMap.of(self._resolution, T_target_source)
-        backward = ReprojectionMap.of(self._resolution, inverse_rigid(T_target_source))
+        forward = ReprojectionMap(self._resolution, T_target_source)
+        backward = ReprojectionMap(self._resolution, inverse_rigid(T_target_source))
         self._z_buffer.fill(0)
         for band in self._bands:
             self._splat(forward, disparity_px[band], weight[band], band)
@@ -106,18 +103,19 @@ class ForwardWarp:
         marked_px = disparity_px.copy()
         copy_where(equal(disparity_px, 0), np.full_like(disparity_px, HOLE_PX), marked_px)
         for band in self._bands:
-            inverse = self._trace_back(backward, warped, band)
-            self._resample(forward, marked_px, warped, inverse, band)
+            self._resample(forward, backward, marked_px, warped, band)
         return warped
 
     def _splat(self, forward: ReprojectionMap, disparity_px: FloatImage, weight: GrayImage, band: slice) -> None:
         """Write a band to the z-buffer, whose keys are disparity first and weight second."""
         height, width = self._resolution.shape
-        inverse, row, col = _rows_of(band, self._inverse, self._a, self._b)
-        key, index = _rows_of(band, self._key, self._index)
+        inverse, row, col, key, index = _rows_of(band, self._inverse, self._a, self._b, self._key, self._index)
         self._inverse_depth_ratio(forward, disparity_px, inverse, band)
-        self._project(forward, 1, disparity_px, inverse, height, row, band)
-        self._project(forward, 0, disparity_px, inverse, width, col, band)
+        for axis, size_px, position in ((1, height, row), (0, width, col)):
+            self._numerator(forward, axis, disparity_px, position, band)
+            np.multiply(position, inverse, out=position)
+            np.rint(position, out=position)
+            np.clip(position, np.float32(-1), np.float32(size_px), out=position)
         row *= np.float32(width + 2)
         row += col
         row += np.float32(width + 3)
@@ -145,25 +143,23 @@ class ForwardWarp:
             weight[band] &= above(splatted_px[band], 0)
         return splatted_px, weight
 
-    def _trace_back(self, backward: ReprojectionMap, warped: Warped, band: slice) -> FloatImage:
-        """Write the source position of each pixel of a band, and return its inverse depth ratio."""
-        (inverse,) = _rows_of(band, self._inverse)
-        splatted_px = warped.disparity_px[band]
+    def _resample(
+        self,
+        forward: ReprojectionMap,
+        backward: ReprojectionMap,
+        marked_px: FloatImage,
+        warped: Warped,
+        band: slice,
+    ) -> None:
+        """Trace the pixels of a band back, and replace their disparity by samples of the same surface, if they are."""
+        inverse, ratio, change_px = _rows_of(band, self._inverse, self._a, self._b)
+        splatted_px, source_x, source_y = warped.disparity_px[band], warped.source_x[band], warped.source_y[band]
         self._inverse_depth_ratio(backward, splatted_px, inverse, band)
-        for axis, source in enumerate((warped.source_x[band], warped.source_y[band])):
+        for axis, source in enumerate((source_x, source_y)):
             self._numerator(backward, axis, splatted_px, source, band)
             np.multiply(source, inverse, out=source)
-        return inverse
-
-    def _resample(
-        self, forward: ReprojectionMap, marked_px: FloatImage, warped: Warped, inverse: FloatImage, band: slice
-    ) -> None:
-        """Replace the disparity of a band by samples of the source image, where they are of the same surface."""
-        ratio, change_px = _rows_of(band, self._a, self._b)
-        splatted_px = warped.disparity_px[band]
-        source = warped.source_x[band], warped.source_y[band]
         sampled_px = cv2.remap(
-            marked_px, *source, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=HOLE_PX
+            marked_px, source_x, source_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=HOLE_PX
         )
         # The position was computed with another disparity than the sample has; the depth ratio is corrected for it.
         np.multiply(splatted_px, inverse, out=ratio)
@@ -193,21 +189,18 @@ class ForwardWarp:
         out += per_col * self._cols + constant
         out += per_row * self._rows[band]
 
-    def _project(
-        self,
-        reprojection: ReprojectionMap,
-        axis: int,
-        disparity_px: FloatImage,
-        inverse: FloatImage,
-        size_px: int,
-        out: FloatImage,
-        band: slice,
-    ) -> None:
-        """Rounded column (axis 0) or row (axis 1), clamped to -1 and `size_px`, which lie outside of the image."""
-        self._numerator(reprojection, axis, disparity_px, out, band)
-        out *= inverse
-        np.rint(out, out=out)
-        np.clip(out, np.float32(-1), np.float32(size_px), out=out)
+
+def create_forward_warp(resolution: WorkingResolution, device: DeviceName) -> "ForwardWarp | GpuForwardWarp":
+    """The forward warp of a device.
+
+    Raises:
+        ConfigError: The device does not exist on this machine.
+    """
+    if device == "cpu":
+        return ForwardWarp(resolution)
+    from .forward_warp_gpu import GpuForwardWarp
+
+    return GpuForwardWarp(resolution, device=device)
 
 
 def _rows_of(band: slice, *buffers: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:

@@ -39,8 +39,8 @@ class GpuForwardWarp:
         Raises:
             FrameError: An image has another shape than the resolution.
         """
-        forward = ReprojectionMap.of(self._resolution, T_target_source)
-        backward = ReprojectionMap.of(self._resolution, inverse_rigid(T_target_source))
+        forward = ReprojectionMap(self._resolution, T_target_source)
+        backward = ReprojectionMap(self._resolution, inverse_rigid(T_target_source))
         H_back, e_back = wp.mat33(backward.H), wp.vec3(backward.e)
         self._upload(disparity_px, self._source_px)
         self._upload(weight, self._source_weight)

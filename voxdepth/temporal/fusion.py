@@ -9,17 +9,7 @@ from pydantic import Field
 
 from ..model import Model
 from ..types import FloatImage, GrayImage
-from .masks import (
-    above,
-    absolute_difference,
-    and_not,
-    below,
-    box_mean,
-    clear_where,
-    copy_where,
-    equal,
-    subtract_saturated,
-)
+from .masks import above, and_not, below, box_mean, clear_where, copy_where, equal
 from .measurement import Measurement
 from .memory import WEIGHT_UNIT, Memory
 
@@ -134,143 +124,140 @@ class _Comparison:
     """Updated drift of the memory; see `Memory`."""
 
 
-class TemporalFusion:
-    """Fuses the measurement of each frame with the memory."""
+def fuse(memory: Memory, measurement: Measurement, config: TemporalFusionConfig) -> tuple[Fused, Memory]:
+    """The fused disparity, and the memory for the next frame, from the memory warped to this frame."""
+    gray_change = box_mean(np.asarray(cv2.absdiff(memory.gray, measurement.gray), np.uint8), WINDOW_PX)
+    noise = max(1.0, float(np.median(gray_change[::NOISE_STRIDE_PX, ::NOISE_STRIDE_PX])))
+    max_change = max(config.max_gray_change_hole, MIN_DISAPPEARANCE_CHANGE * noise)
+    disappeared = and_not(above(gray_change, max_change), measurement.valid)
+    memory = replace(memory, weight=and_not(memory.weight, disappeared))
+    comparison = _compare(memory, measurement, gray_change, noise, config)
+    memory = _average(memory, measurement, comparison, config)
+    return _output(memory, measurement, comparison), _update(memory, measurement, comparison, config)
 
-    def __init__(self, config: TemporalFusionConfig) -> None:
-        self._config = config
-        self._min_weight = round(WEIGHT_UNIT * config.min_evidence)
-        self._min_weight_at_discontinuities = round(WEIGHT_UNIT * config.min_evidence_at_discontinuities)
 
-    def fuse(self, memory: Memory, measurement: Measurement) -> tuple[Fused, Memory]:
-        """The fused disparity, and the memory for the next frame, from the memory warped to this frame."""
-        gray_change = box_mean(absolute_difference(memory.gray, measurement.gray), WINDOW_PX)
-        noise = max(1.0, float(np.median(gray_change[::NOISE_STRIDE_PX, ::NOISE_STRIDE_PX])))
-        memory = self._forget_disappeared(memory, measurement, gray_change, noise)
-        comparison = self._compare(memory, measurement, gray_change, noise)
-        memory = self._average(memory, measurement, comparison)
-        return _output(memory, measurement, comparison), self._update(memory, measurement, comparison)
+def _compare(
+    memory: Memory, measurement: Measurement, gray_change: GrayImage, noise: float, config: TemporalFusionConfig
+) -> _Comparison:
+    """Classify all pixels by disparity first and by the change of gray where the disparities contradict."""
+    known, valid = above(memory.weight, 0), measurement.valid
+    overlap = known & valid
+    difference_px = measurement.disparity_px - memory.disparity_px
+    agreeing, clipped_px = _agreement(difference_px, memory, measurement, overlap, config)
+    contradicting = and_not(overlap, agreeing)
+    nearer = _coherent(contradicting & above(difference_px, 0), config)
+    farther = _coherent(contradicting & below(difference_px, 0), config)
 
-    def _forget_disappeared(
-        self, memory: Memory, measurement: Measurement, gray_change: GrayImage, noise: float
-    ) -> Memory:
-        """Remove the memory of surfaces that are not measured and look different now."""
-        max_change = max(self._config.max_gray_change_hole, MIN_DISAPPEARANCE_CHANGE * noise)
-        disappeared = and_not(above(gray_change, max_change), measurement.valid)
-        return replace(memory, weight=and_not(memory.weight, disappeared))
+    evident = above(memory.weight, round(WEIGHT_UNIT * config.min_evidence) - 1)
+    min_change = config.min_gray_change_free_space
+    if min_change > 0:
+        min_change = max(min_change, MIN_SIGNIFICANT_CHANGE * noise)
+    unconfirmed = nearer & evident & below(gray_change, config.min_gray_change_occluding * noise)
+    occluding = and_not(nearer, unconfirmed)
+    free_space_violation = and_not(farther, evident & below(gray_change, min_change))
+    rejected = and_not(and_not(contradicting, occluding), free_space_violation)
+    drift_px, memory_factor = _drift(memory, clipped_px, overlap, config)
+    return _Comparison(
+        agreeing=agreeing,
+        occluding=occluding,
+        free_space_violation=free_space_violation,
+        outlier=rejected & evident,
+        unconfirmed=unconfirmed,
+        new=and_not(valid, known) | and_not(rejected, evident),
+        hole=and_not(_may_fill_holes(memory, evident, config), valid),
+        memory_factor=memory_factor,
+        drift_px=drift_px,
+    )
 
-    def _compare(self, memory: Memory, measurement: Measurement, gray_change: GrayImage, noise: float) -> _Comparison:
-        """Classify all pixels by disparity first and by the change of gray where the disparities contradict."""
-        config, known, valid = self._config, above(memory.weight, 0), measurement.valid
-        overlap = known & valid
-        difference_px = measurement.disparity_px - memory.disparity_px
-        agreeing, clipped_px = self._agreement(difference_px, memory, measurement, overlap)
-        contradicting = and_not(overlap, agreeing)
-        nearer = self._coherent(contradicting & above(difference_px, 0))
-        farther = self._coherent(contradicting & below(difference_px, 0))
 
-        evident = above(memory.weight, self._min_weight - 1)
-        min_change = config.min_gray_change_free_space
-        if min_change > 0:
-            min_change = max(min_change, MIN_SIGNIFICANT_CHANGE * noise)
-        unconfirmed = nearer & evident & below(gray_change, config.min_gray_change_occluding * noise)
-        occluding = and_not(nearer, unconfirmed)
-        free_space_violation = and_not(farther, evident & below(gray_change, min_change))
-        rejected = and_not(and_not(contradicting, occluding), free_space_violation)
-        drift_px, memory_factor = self._drift(memory, clipped_px, overlap)
-        return _Comparison(
-            agreeing=agreeing,
-            occluding=occluding,
-            free_space_violation=free_space_violation,
-            outlier=rejected & evident,
-            unconfirmed=unconfirmed,
-            new=and_not(valid, known) | and_not(rejected, evident),
-            hole=and_not(self._may_fill_holes(memory, evident), valid),
-            memory_factor=memory_factor,
-            drift_px=drift_px,
-        )
+def _agreement(
+    difference_px: FloatImage,
+    memory: Memory,
+    measurement: Measurement,
+    overlap: GrayImage,
+    config: TemporalFusionConfig,
+) -> tuple[GrayImage, FloatImage]:
+    """Where the difference is within the tolerance and unbiased; and the difference, clipped to the tolerance."""
+    tolerance_px = np.maximum(memory.disparity_px, measurement.disparity_px)
+    tolerance_px *= np.float32(config.relative_tolerance)
+    tolerance_px += np.float32(config.tolerance_px)
+    bounded_px = np.minimum(difference_px, tolerance_px)
+    within = equal(np.asarray(cv2.absdiff(bounded_px, difference_px), np.float32), 0)
+    np.negative(tolerance_px, out=tolerance_px)
+    within &= above(difference_px, tolerance_px)
+    np.maximum(bounded_px, tolerance_px, out=bounded_px)
+    clipped_px = np.zeros_like(bounded_px)
+    copy_where(overlap, bounded_px, clipped_px)
+    bias_px = np.abs(box_mean(clipped_px, WINDOW_PX))
+    max_bias_px = box_mean(overlap, WINDOW_PX) * np.float32(config.max_bias_px / 255)
+    return overlap & within & below(bias_px, max_bias_px), clipped_px
 
-    def _agreement(
-        self, difference_px: FloatImage, memory: Memory, measurement: Measurement, overlap: GrayImage
-    ) -> tuple[GrayImage, FloatImage]:
-        """Where the difference is within the tolerance and unbiased; and the difference, clipped to the tolerance."""
-        config = self._config
-        tolerance_px = np.maximum(memory.disparity_px, measurement.disparity_px)
-        tolerance_px *= np.float32(config.relative_tolerance)
-        tolerance_px += np.float32(config.tolerance_px)
-        bounded_px = np.minimum(difference_px, tolerance_px)
-        within = equal(absolute_difference(bounded_px, difference_px), 0)
-        np.negative(tolerance_px, out=tolerance_px)
-        within &= above(difference_px, tolerance_px)
-        np.maximum(bounded_px, tolerance_px, out=bounded_px)
-        clipped_px = np.zeros_like(bounded_px)
-        copy_where(overlap, bounded_px, clipped_px)
-        bias_px = np.abs(box_mean(clipped_px, WINDOW_PX))
-        max_bias_px = box_mean(overlap, WINDOW_PX) * np.float32(config.max_bias_px / 255)
-        return overlap & within & below(bias_px, max_bias_px), clipped_px
 
-    def _coherent(self, contradicting: GrayImage) -> GrayImage:
-        """The pixels of a mask that have enough pixels of it around them."""
-        return contradicting & above(box_mean(contradicting, WINDOW_PX), 255 * self._config.min_coherence)
+def _coherent(contradicting: GrayImage, config: TemporalFusionConfig) -> GrayImage:
+    """The pixels of a mask that have enough pixels of it around them."""
+    return contradicting & above(box_mean(contradicting, WINDOW_PX), 255 * config.min_coherence)
 
-    def _may_fill_holes(self, memory: Memory, evident: GrayImage) -> GrayImage:
-        """Where the memory has enough evidence to fill a hole; at depth discontinuities it needs more."""
-        span_px = np.asarray(cv2.morphologyEx(memory.disparity_px, cv2.MORPH_GRADIENT, WINDOW_KERNEL), np.float32)
-        weak = below(memory.weight, self._min_weight_at_discontinuities)
-        return and_not(evident, weak & above(span_px, MIN_DISCONTINUITY_PX))
 
-    def _drift(self, memory: Memory, clipped_px: FloatImage, overlap: GrayImage) -> tuple[FloatImage, FloatImage]:
-        """The updated drift, and the factor 0..1 of the memory's weight that follows from it, shape (h, w)."""
-        config, size = self._config, memory.drift_px.shape[::-1]
-        count = np.asarray(cv2.resize(overlap, size, interpolation=cv2.INTER_AREA), np.float32)
-        total_px = np.asarray(cv2.resize(clipped_px, size, interpolation=cv2.INTER_AREA), np.float32)
-        mean_px = box_mean(total_px, DRIFT_WINDOW_PX)
-        mean_px *= np.float32(255)
-        mean_px /= np.maximum(box_mean(count, DRIFT_WINDOW_PX), np.float32(255 * MIN_OVERLAP))
-        drift_px = memory.drift_px + (mean_px - memory.drift_px) * np.float32(config.drift_gain)
-        factor = np.maximum(drift_px, np.float32(0))
-        factor /= np.float32(config.max_drift_px)
-        np.square(factor, out=factor)
-        np.subtract(np.float32(1), factor, out=factor)
-        np.maximum(factor, np.float32(0), out=factor)
-        full_factor = cv2.resize(factor, overlap.shape[::-1], interpolation=cv2.INTER_LINEAR)
-        return drift_px, np.asarray(full_factor, np.float32)
+def _may_fill_holes(memory: Memory, evident: GrayImage, config: TemporalFusionConfig) -> GrayImage:
+    """Where the memory has enough evidence to fill a hole; at depth discontinuities it needs more."""
+    span_px = np.asarray(cv2.morphologyEx(memory.disparity_px, cv2.MORPH_GRADIENT, WINDOW_KERNEL), np.float32)
+    weak = below(memory.weight, round(WEIGHT_UNIT * config.min_evidence_at_discontinuities))
+    return and_not(evident, weak & above(span_px, MIN_DISCONTINUITY_PX))
 
-    def _average(self, memory: Memory, measurement: Measurement, comparison: _Comparison) -> Memory:
-        """The memory with the measurement averaged into it, by weight, where they agree."""
-        gain = measurement.weight.astype(np.float32)
-        total = comparison.memory_factor * memory.weight
-        total += gain
-        disparity_px, weight = memory.disparity_px.copy(), memory.weight.copy()
-        max_weight = np.uint8(round(WEIGHT_UNIT * self._config.max_evidence))
-        summed = np.minimum(cv2.add(memory.weight, measurement.weight), max_weight)
-        copy_where(comparison.agreeing, summed.astype(np.uint8), weight)
-        np.maximum(total, np.float32(1), out=total)
-        gain /= total
-        mean_px = np.subtract(measurement.disparity_px, memory.disparity_px, out=total)
-        mean_px *= gain
-        mean_px += memory.disparity_px
-        copy_where(comparison.agreeing, mean_px, disparity_px)
-        return replace(memory, disparity_px=disparity_px, weight=weight)
 
-    def _update(self, memory: Memory, measurement: Measurement, comparison: _Comparison) -> Memory:
-        """The memory after this frame: it decays where it is contradicted, and new surfaces replace what is gone."""
-        config, weight = self._config, memory.weight
-        for contradicting, decay in (
-            (comparison.occluding, config.decay_occluded),
-            (comparison.free_space_violation, config.decay_free_space),
-            (comparison.outlier, config.decay_outlier),
-            (comparison.unconfirmed, config.decay_unconfirmed),
-        ):
-            weight = subtract_saturated(weight, contradicting & np.uint8(round(WEIGHT_UNIT * decay)))
-        decayed = (comparison.occluding | comparison.free_space_violation) & equal(weight, 0)
-        replaced = comparison.new | decayed
-        disparity_px, gray = memory.disparity_px.copy(), memory.gray.copy()
-        copy_where(replaced, measurement.disparity_px, disparity_px)
-        copy_where(replaced, measurement.weight, weight)
-        copy_where(comparison.agreeing | replaced, measurement.gray, gray)
-        clear_where(equal(weight, 0), disparity_px)
-        return Memory(disparity_px=disparity_px, weight=weight, gray=gray, drift_px=comparison.drift_px)
+def _drift(
+    memory: Memory, clipped_px: FloatImage, overlap: GrayImage, config: TemporalFusionConfig
+) -> tuple[FloatImage, FloatImage]:
+    """The updated drift, and the factor 0..1 of the memory's weight that follows from it, shape (h, w)."""
+    size = memory.drift_px.shape[::-1]
+    count = np.asarray(cv2.resize(overlap, size, interpolation=cv2.INTER_AREA), np.float32)
+    total_px = np.asarray(cv2.resize(clipped_px, size, interpolation=cv2.INTER_AREA), np.float32)
+    mean_px = box_mean(total_px, DRIFT_WINDOW_PX)
+    mean_px *= np.float32(255)
+    mean_px /= np.maximum(box_mean(count, DRIFT_WINDOW_PX), np.float32(255 * MIN_OVERLAP))
+    drift_px = memory.drift_px + (mean_px - memory.drift_px) * np.float32(config.drift_gain)
+    approach = np.maximum(drift_px, np.float32(0)) / np.float32(config.max_drift_px)
+    factor = np.maximum(1 - np.square(approach), np.float32(0))
+    return drift_px, np.asarray(cv2.resize(factor, overlap.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def _average(memory: Memory, measurement: Measurement, comparison: _Comparison, config: TemporalFusionConfig) -> Memory:
+    """The memory with the measurement averaged into it, by weight, where they agree."""
+    gain = measurement.weight.astype(np.float32)
+    total = comparison.memory_factor * memory.weight
+    total += gain
+    disparity_px, weight = memory.disparity_px.copy(), memory.weight.copy()
+    max_weight = np.uint8(round(WEIGHT_UNIT * config.max_evidence))
+    summed = np.minimum(cv2.add(memory.weight, measurement.weight), max_weight)
+    copy_where(comparison.agreeing, summed.astype(np.uint8), weight)
+    np.maximum(total, np.float32(1), out=total)
+    gain /= total
+    mean_px = np.subtract(measurement.disparity_px, memory.disparity_px, out=total)
+    mean_px *= gain
+    mean_px += memory.disparity_px
+    copy_where(comparison.agreeing, mean_px, disparity_px)
+    return replace(memory, disparity_px=disparity_px, weight=weight)
+
+
+def _update(memory: Memory, measurement: Measurement, comparison: _Comparison, config: TemporalFusionConfig) -> Memory:
+    """The memory after this frame: it decays where it is contradicted, and new surfaces replace what is gone."""
+    weight = memory.weight
+    for contradicting, decay in (
+        (comparison.occluding, config.decay_occluded),
+        (comparison.free_space_violation, config.decay_free_space),
+        (comparison.outlier, config.decay_outlier),
+        (comparison.unconfirmed, config.decay_unconfirmed),
+    ):
+        loss = contradicting & np.uint8(round(WEIGHT_UNIT * decay))
+        weight = np.asarray(cv2.subtract(weight, loss), np.uint8)  # saturates at 0
+    decayed = (comparison.occluding | comparison.free_space_violation) & equal(weight, 0)
+    replaced = comparison.new | decayed
+    disparity_px, gray = memory.disparity_px.copy(), memory.gray.copy()
+    copy_where(replaced, measurement.disparity_px, disparity_px)
+    copy_where(replaced, measurement.weight, weight)
+    copy_where(comparison.agreeing | replaced, measurement.gray, gray)
+    clear_where(equal(weight, 0), disparity_px)
+    return Memory(disparity_px=disparity_px, weight=weight, gray=gray, drift_px=comparison.drift_px)
 
 
 def _output(memory: Memory, measurement: Measurement, comparison: _Comparison) -> Fused:

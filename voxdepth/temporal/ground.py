@@ -1,12 +1,17 @@
-"""Detection of the ground plane, which bounds all measured surfaces from below."""
+"""The ground plane, which bounds all measured surfaces from below, and stixels: upright surfaces that stand on it."""
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field
 
 from ..model import Model
-from ..types import FloatArray
+from ..types import FloatArray, FloatImage, MaskImage
+from .confidence import INPAINTING
+from .planes import CellEstimate, PlaneFitter
+from .working_resolution import WorkingResolution
 
 HORIZONS = np.linspace(-1.0, 0.4, 16)
 """Candidate rows of the horizon, in image heights below the middle of the image; above it they are negative."""
@@ -23,6 +28,23 @@ FARTHER_TOLERANCE = 6.0
 so they keep their weight."""
 MIN_CELLS = 20
 """Smallest number of measured cells; half as many must be on the ground."""
+ROW_STRIDE_PX = 4
+"""Stride of the rows that are searched, in pixels of the full image."""
+MEDIAN_COLUMNS = 5
+"""Number of adjacent columns whose median ground contact is used."""
+MIN_GROUND_ROWS = 8
+"""Rows of a column that must be on the ground, or half of those up to the contact; otherwise it is a wrong match."""
+MAX_ROWS_BETWEEN = 2
+"""Measured rows between contact and hole that do not separate them, since texture ends raggedly."""
+OCCLUDED_LEVEL = 2
+"""Level of the cells that take occluded stixels; the finest cells only take those directly above their contact."""
+MIN_OCCLUDED_COVERAGE, MIN_COVERAGE = 0.25, 0.5
+"""Fraction of a cell that a stixel must cover, for occluded stixels in large cells and for others in the finest
+cells."""
+GROUND_TOLERANCE = 0.97
+"""Estimates have at least this fraction of the disparity of the ground, whose plane is not exact."""
+ON_GROUND = 1.05
+"""Estimates with at most this multiple of the disparity of the ground are taken for the ground."""
 
 
 class GroundConfig(Model):
@@ -36,6 +58,16 @@ class GroundConfig(Model):
     """Smallest ratio of the disparities of the near end and the far end; a plane with less may be a wall."""
     max_farther_ratio: float = Field(0.3, ge=0)
     """Largest number of cells farther than the plane by twice the tolerance, by the number of those on it."""
+
+
+class StixelsConfig(Model):
+    """When a measurement is on the ground."""
+
+    tolerance_px: float = Field(0.5, ge=0)
+    """Difference to the disparity of the ground up to which a measurement is on it, besides the relative tolerance."""
+    relative_tolerance: float = Field(0.05, ge=0)
+    """Fraction of the disparity that is added to the tolerance. A stixel ends below a measurement that is farther by
+    `tolerance_px` and twice this fraction."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,14 +100,11 @@ def find_ground(
     squares.
 
     Args:
-        u: Columns of the measured cells, from the middle of the image, in cells, shape (N,).
-        v: Rows of the measured cells, from the middle of the image, in cells, shape (N,).
-        disparity_px: Their mean disparities, positive, shape (N,).
+        u: Columns of the measured cells, in cells from the middle of the image, shape (N,).
+        v: Their rows.
+        disparity_px: Their mean disparities, positive.
         rows: Number of rows of cells of the image.
-        config: When a plane is accepted.
-
-    Returns:
-        The ground plane; None if no plane is accepted.
+        config: When a plane is accepted; the result is None if none is.
     """
     if len(u) < MIN_CELLS:
         return None
@@ -141,3 +170,102 @@ def _refine(plane: FloatArray, u: FloatArray, v: FloatArray, disparity_px: Float
         normal += np.eye(3) * (1e-9 * np.trace(normal) + 1e-12)
         plane = np.asarray(np.linalg.solve(normal, disparity_px @ weighted), np.float64)
     return plane
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stixels:
+    """Disparity [px] of the stixels and the ground, by cells of the planes; 0 = no stixel."""
+
+    occluded_px: FloatArray
+    """All stixels, even behind other surfaces, in cells of `OCCLUDED_LEVEL`."""
+    visible_px: FloatArray
+    """Stixels in holes directly above their ground contact, in the finest cells, shape (rows, cols)."""
+    ground_px: FloatArray
+    """Ground in the finest cells, shape (rows, cols); negative above the horizon."""
+
+    def overlay(self, estimate: CellEstimate, level: int) -> CellEstimate:
+        """The estimate of a level with stixels where there are some; at level 0 also with nothing below the ground."""
+        if level == OCCLUDED_LEVEL:
+            return estimate.overlay(self.occluded_px, INPAINTING.occluded_stixel)
+        if level > 0:
+            return estimate
+        estimate = estimate.overlay(self.visible_px, INPAINTING.stixel)
+        disparity_px = np.maximum(estimate.disparity_px, GROUND_TOLERANCE * self.ground_px)
+        on_ground = disparity_px < ON_GROUND * self.ground_px
+        return CellEstimate(disparity_px, np.where(on_ground, INPAINTING.ground, estimate.probability))
+
+
+class StixelEstimator:
+    """Finds the stixels of images of one size, in the cells of a `PlaneFitter`.
+
+    The ground contact of a column is its highest measurement on the ground. The holes above have the disparity of the
+    contact, up to the first measurement that is farther.
+    """
+
+    def __init__(self, resolution: WorkingResolution, planes: PlaneFitter, config: StixelsConfig) -> None:
+        self._config = config
+        self._row_stride = ROW_STRIDE_PX // resolution.decimation
+        self._planes = planes
+        height, width = resolution.shape
+        from_top = np.arange(0, height, self._row_stride)
+        self._v = np.asarray((from_top[::-1] + 0.5) / planes.cell_px - planes.shape[0] / 2, np.float64)
+        self._height = np.arange(1, len(from_top) + 1, dtype=np.int16)[:, None]
+        self._u = np.asarray((np.arange(width) + 0.5 - width / 2) / planes.cell_px, np.float64)
+
+    def estimate(self, disparity_px: FloatImage, ground: GroundPlane) -> Stixels:
+        """The stixels of a disparity image, shape (h, w), on its ground plane; holes are 0."""
+        config = self._config
+        image_px = np.ascontiguousarray(disparity_px[:: self._row_stride][::-1])  # from the bottom up
+        contact, contact_px = self._ground_contact(image_px, ground)
+        above = self._height > np.where(contact_px > 0, contact, len(image_px))
+        measured = (image_px > 0) & above
+        min_px = contact_px - (config.tolerance_px + 2 * np.float32(config.relative_tolerance) * contact_px)
+        all_holes = above & (_count_up_to(measured & (image_px < min_px)) == 0)
+        visible = above & (_count_up_to(measured) <= MAX_ROWS_BETWEEN)
+        rows, cols = self._planes.shape
+        return Stixels(
+            occluded_px=self._cell_means(contact_px, all_holes, 2**OCCLUDED_LEVEL, MIN_OCCLUDED_COVERAGE),
+            visible_px=self._cell_means(contact_px, visible, 1, MIN_COVERAGE),
+            ground_px=ground.disparity(_middles(cols), _middles(rows)[:, None]),
+        )
+
+    def _ground_contact(self, image_px: FloatImage, ground: GroundPlane) -> tuple[npt.NDArray[np.int16], FloatImage]:
+        """Row of the ground contact of each column, counted from 1 at the bottom, and its disparity; 0 = no contact.
+
+        Both have shape (w,). The disparity is a median over adjacent columns.
+        """
+        config = self._config
+        ground_px = ground.disparity(self._u, self._v[:, None]).astype(np.float32)
+        tolerance_px = config.tolerance_px + np.float32(config.relative_tolerance) * ground_px
+        on_ground = (cv2.absdiff(image_px, ground_px) < tolerance_px) & (image_px > 0) & (ground_px > 0)
+        contact = np.max(on_ground * self._height, axis=0)
+        contact[np.count_nonzero(on_ground, axis=0) < np.minimum(MIN_GROUND_ROWS, contact / 2)] = 0
+        contact_px = np.where(contact > 0, image_px[contact - 1, np.arange(len(contact))], np.float32(0))
+        return contact, np.asarray(cv2.medianBlur(contact_px[None], MEDIAN_COLUMNS), np.float32)[0]
+
+    def _cell_means(self, contact_px: FloatImage, mask: MaskImage, size: int, min_coverage: float) -> FloatArray:
+        """Mean contact disparity of the columns under a mask, by cells of `size` finest cells a side [px].
+
+        The mask has the rows that are searched, from the bottom up. Cells of which it covers less than `min_coverage`
+        are 0.
+        """
+        rows, cols = (-(-side // size) for side in self._planes.shape)
+        width = self._planes.cell_px * size
+        height = width // self._row_stride
+        covered = np.zeros((rows * height, cols * width), np.float32)
+        inside = np.s_[self._planes.left : self._planes.left + mask.shape[1]]
+        covered[: mask.shape[0], inside] = mask[::-1]
+        weighted_px = covered.copy()
+        weighted_px[:, inside] *= contact_px
+        coverage, mean_px = (cv2.resize(i, (cols, rows), interpolation=cv2.INTER_AREA) for i in (covered, weighted_px))
+        return np.where(coverage >= min_coverage, mean_px / np.maximum(coverage, np.float32(1e-6)), np.float32(0))
+
+
+def _count_up_to(mask: MaskImage) -> npt.NDArray[np.int16]:
+    """Number of pixels of a mask in each column up to each row, itself included."""
+    return np.cumsum(mask, axis=0, dtype=np.int16)
+
+
+def _middles(cells: int) -> FloatArray:
+    """Middles of the cells along one side, in cells from the middle of the image."""
+    return np.arange(cells, dtype=np.float64) - (cells - 1) / 2

@@ -1,7 +1,6 @@
 """Inpainting of pixels without measurement and memory: planes, the ground, stixels on it, and occlusion shadows."""
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -11,10 +10,9 @@ from pydantic import Field
 from ..model import Model
 from ..types import FloatImage, GrayImage
 from .confidence import INPAINTING
-from .ground import GroundConfig, find_ground
+from .ground import GroundConfig, StixelEstimator, StixelsConfig, find_ground
 from .masks import above, box_mean, copy_where
-from .planes import CellEstimate, MomentPyramid, PlaneFitter, PlanesConfig
-from .stixels import StixelEstimator, Stixels, StixelsConfig
+from .planes import PlaneFitter, PlanesConfig
 from .working_resolution import WorkingResolution
 
 Indices = npt.NDArray[np.intp]
@@ -40,8 +38,7 @@ class InpaintingConfig(Model):
     cameras, the right one if a projector or the second camera is on the left."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Inpainted:
+class Inpainted(NamedTuple):
     """A disparity image without holes, shape (h, w)."""
 
     disparity_px: FloatImage
@@ -57,7 +54,7 @@ class Inpainter:
         self._decimation = resolution.decimation
         self._config = config
         self._planes = PlaneFitter(resolution, config.planes)
-        self._stixels = StixelEstimator(resolution, self._planes.cell_px, config.stixels)
+        self._stixels = StixelEstimator(resolution, self._planes, config.stixels)
 
     def inpaint(self, disparity_px: FloatImage) -> Inpainted:
         """The image, shape (h, w), without holes, which are 0. An empty image stays empty.
@@ -66,27 +63,23 @@ class Inpainter:
         """
         valid = above(disparity_px, 0)
         if cv2.countNonZero(valid) in (0, valid.size):
-            return Inpainted(disparity_px=disparity_px, probability=np.zeros_like(disparity_px))
+            return Inpainted(disparity_px, np.zeros_like(disparity_px))
         moments = self._planes.moments(disparity_px, _validity(valid))
-        ground = find_ground(*self._planes.cell_means(moments), self._planes.rows, self._config.ground)
+        ground = find_ground(*self._planes.cell_means(moments), self._planes.shape[0], self._config.ground)
         stixels = None if ground is None else self._stixels.estimate(disparity_px, ground)
-        filled_px, probability = self._planes.upsample(self._estimate_cells(moments, stixels))
-        min_px = cv2.minMaxLoc(disparity_px, valid)[0]
-        np.maximum(filled_px, np.float32(min_px), out=filled_px)
-        side = np.s_[:, :: 1 if self._config.hidden_side == "left" else -1]
-        self._fill_occlusion_shadows(disparity_px[side], filled_px[side], probability[side])
-        copy_where(valid, disparity_px, filled_px)
-        return Inpainted(disparity_px=filled_px, probability=probability)
-
-    def _estimate_cells(self, moments: MomentPyramid, stixels: Stixels | None) -> CellEstimate:
-        """The estimate of the finest cells, from the coarsest to the finest level."""
         estimate = None
         for level in reversed(range(self._planes.levels)):
             estimate = self._planes.fit(moments[level], level, estimate)
             if stixels is not None:
                 estimate = stixels.overlay(estimate, level)
         assert estimate is not None
-        return estimate
+        filled_px, probability = self._planes.upsample(estimate)
+        min_px = cv2.minMaxLoc(disparity_px, valid)[0]
+        np.maximum(filled_px, np.float32(min_px), out=filled_px)
+        side = np.s_[:, :: 1 if self._config.hidden_side == "left" else -1]
+        self._fill_occlusion_shadows(disparity_px[side], filled_px[side], probability[side])
+        copy_where(valid, disparity_px, filled_px)
+        return Inpainted(filled_px, probability)
 
     def _fill_occlusion_shadows(self, disparity_px: FloatImage, filled_px: FloatImage, probability: FloatImage) -> None:
         """Fill holes that are occlusion shadows of a stereo pair, in place, with the background to their left.
@@ -103,7 +96,7 @@ class Inpainter:
         before, after = edges[1:-1:2] - 1, edges[2::2]
         within_row = before // width == after // width
         before, after = before[within_row], after[within_row]
-        near_px, background_px = flat_px[after], self._background(flat_px, before, width)
+        near_px, background_px = flat_px[after], _background(flat_px, before, width, self._decimation)
         step_px, length = near_px - background_px, after - before - 1
         is_shadow = (near_px > background_px + config.min_shadow_step_px) & (
             length * self._decimation <= step_px + config.shadow_margin_px
@@ -114,17 +107,6 @@ class Inpainter:
         filled_px[row, col] = np.repeat(background_px[is_shadow], length)
         probability[row, col] = INPAINTING.occlusion_shadow
 
-    def _background(self, flat_px: FloatImage, before: Indices, width: int) -> FloatImage:
-        """Disparity left of each hole, given the flat index of the last pixel before it, shape (N,).
-
-        It is the median of three pixels, of which one may be an outlier or affected by foreground fattening.
-        """
-        offsets = np.array(BACKGROUND_OFFSETS_PX)[:, None] // self._decimation
-        samples_px = flat_px[before - np.minimum(offsets, before % width)]
-        samples_px = np.where(samples_px > 0, samples_px, samples_px[0])
-        median_px: FloatImage = np.sort(samples_px, axis=0)[1]
-        return median_px
-
 
 def _validity(valid: GrayImage) -> FloatImage:
     """Fraction of the neighbours of each valid pixel that are valid, 0..1, shape (h, w); 0 in holes."""
@@ -133,3 +115,15 @@ def _validity(valid: GrayImage) -> FloatImage:
     validity = np.zeros(valid.shape, np.float32)
     copy_where(valid, around, validity)
     return validity
+
+
+def _background(flat_px: FloatImage, before: Indices, width: int, decimation: int) -> FloatImage:
+    """Disparity left of each hole, given the flat index of the last pixel before it, shape (N,).
+
+    It is the median of three pixels, of which one may be an outlier or affected by foreground fattening.
+    """
+    offsets = np.array(BACKGROUND_OFFSETS_PX)[:, None] // decimation
+    samples_px = flat_px[before - np.minimum(offsets, before % width)]
+    samples_px = np.where(samples_px > 0, samples_px, samples_px[0])
+    median_px: FloatImage = np.sort(samples_px, axis=0)[1]
+    return median_px

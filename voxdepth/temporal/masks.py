@@ -14,28 +14,23 @@ Image = TypeVar("Image", FloatImage, GrayImage)
 
 
 def above(image: FloatImage | GrayImage, bound: FloatImage | float) -> GrayImage:
-    """Mask of the pixels that are greater than a number or than another image, shape (h, w)."""
+    """Mask of the pixels that are greater than a number or than another image."""
     return _compare(image, bound, cv2.CMP_GT)
 
 
 def below(image: FloatImage | GrayImage, bound: FloatImage | float) -> GrayImage:
-    """Mask of the pixels that are less than a number or than another image, shape (h, w)."""
+    """Mask of the pixels that are less than a number or than another image."""
     return _compare(image, bound, cv2.CMP_LT)
 
 
 def equal(image: FloatImage | GrayImage, number: float) -> GrayImage:
-    """Mask of the pixels that equal a number, shape (h, w)."""
+    """Mask of the pixels that equal a number."""
     return _compare(image, number, cv2.CMP_EQ)
 
 
 def and_not(image: GrayImage, mask: GrayImage) -> GrayImage:
     """The image, or the mask, with 0 wherever another mask holds."""
     return np.asarray(cv2.subtract(image, mask), np.uint8)
-
-
-def subtract_saturated(image: GrayImage, amount: GrayImage) -> GrayImage:
-    """The difference of two images of bytes, or 0 where it would be negative."""
-    return np.asarray(cv2.subtract(image, amount), np.uint8)
 
 
 def copy_where(mask: GrayImage, values: Image, image: Image) -> None:
@@ -49,15 +44,8 @@ def clear_where(mask: GrayImage, image: FloatImage | GrayImage) -> None:
 
 
 def box_mean(image: Image, window_px: int) -> Image:
-    """The mean over a square window around each pixel, shape (h, w)."""
-    mean: Any = cv2.blur(image, (window_px, window_px))
-    return mean  # type: ignore[no-any-return]
-
-
-def absolute_difference(one: Image, other: Image) -> Image:
-    """The absolute difference of two images of one shape."""
-    difference: Any = cv2.absdiff(one, other)
-    return difference  # type: ignore[no-any-return]
+    """The mean over a square window around each pixel."""
+    return np.asarray(cv2.blur(image, (window_px, window_px)))
 
 
 def _compare(image: FloatImage | GrayImage, bound: Any, operation: int) -> GrayImage:

@@ -1,7 +1,6 @@
 """The measurement of one frame at the working resolution."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -80,8 +79,7 @@ def _decimate(
 def _block_mean(image: Image, resolution: WorkingResolution) -> Image:
     """The mean of each block of two by two pixels, shape (h, w), of an image of shape (H, W)."""
     even = image[: 2 * resolution.height_px, : 2 * resolution.width_px]
-    mean: Any = cv2.resize(even, resolution.shape[::-1], interpolation=cv2.INTER_AREA)
-    return mean  # type: ignore[no-any-return]
+    return np.asarray(cv2.resize(even, resolution.shape[::-1], interpolation=cv2.INTER_AREA))
 
 
 def _block_max(image: FloatImage) -> FloatImage:

@@ -1,16 +1,14 @@
 """The memory: what earlier frames measured, in the pixels of the newest frame."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
-from ..devices import DeviceName
 from ..types import FloatArray, FloatImage, GrayImage
 from .forward_warp import ForwardWarp
 from .masks import Image
-from .working_resolution import WorkingResolution
 
 if TYPE_CHECKING:
     from .forward_warp_gpu import GpuForwardWarp
@@ -46,43 +44,22 @@ class Memory:
             drift_px=np.zeros(coarse, np.float32),
         )
 
-
-class MemoryWarper:
-    """Warps a memory to the pose of a new frame. Only disparity and weight are warped on the device.
-
-    Raises:
-        ConfigError: The device does not exist on this machine.
-    """
-
-    def __init__(self, resolution: WorkingResolution, device: DeviceName = "cpu") -> None:
-        self._forward_warp = _create_forward_warp(resolution, device)
-
-    def warp(self, memory: Memory, T_frame_memory: FloatArray) -> Memory:
-        """The memory as the new frame sees it, after a motion of shape (4, 4)."""
-        warped = self._forward_warp.warp(memory.disparity_px, memory.weight, T_frame_memory)
-        coarse_x, coarse_y = (
-            _coarse_position(source, memory.drift_px.shape) for source in (warped.source_x, warped.source_y)
-        )
+    def warp(self, forward_warp: "ForwardWarp | GpuForwardWarp", T_frame_memory: FloatArray) -> "Memory":
+        """The memory as a new frame sees it, after a motion of shape (4, 4)."""
+        warped = forward_warp.warp(self.disparity_px, self.weight, T_frame_memory)
+        shape = self.drift_px.shape
+        coarse_x, coarse_y = (_coarse_position(source, shape) for source in (warped.source_x, warped.source_y))
         return Memory(
             disparity_px=warped.disparity_px,
             weight=warped.weight,
-            gray=_sample(memory.gray, warped.source_x, warped.source_y),
-            drift_px=_sample(memory.drift_px, coarse_x, coarse_y),
+            gray=_sample(self.gray, warped.source_x, warped.source_y),
+            drift_px=_sample(self.drift_px, coarse_x, coarse_y),
         )
-
-
-def _create_forward_warp(resolution: WorkingResolution, device: DeviceName) -> "ForwardWarp | GpuForwardWarp":
-    if device == "cpu":
-        return ForwardWarp(resolution)
-    from .forward_warp_gpu import GpuForwardWarp
-
-    return GpuForwardWarp(resolution, device=device)
 
 
 def _sample(image: Image, x: FloatImage, y: FloatImage) -> Image:
     """Bilinear samples of an image at columns x and rows y, with the border replicated."""
-    samples: Any = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return samples  # type: ignore[no-any-return]
+    return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _coarse_position(position: FloatImage, shape: tuple[int, ...]) -> FloatImage:

@@ -9,14 +9,15 @@ import numpy as np
 from ..corrector import StreamCorrector, checked_config
 from ..errors import ConfigError
 from ..timing import StepTimer
-from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
+from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics, Source
 from .confidence import estimate_confidence
 from .config import VoxDepthConfig
-from .fusion import Fused, PixelClass, TemporalFusion
+from .forward_warp import create_forward_warp
+from .fusion import Fused, PixelClass, fuse
 from .inpainting import Inpainter
 from .masks import above, clear_where, equal
 from .measurement import measure
-from .memory import Memory, MemoryWarper
+from .memory import Memory
 from .odometry import TrackingResult, TrackingStatus, VisualOdometry
 from .smoothing import smooth_guided
 from .upsampling import upsample_guided, upsample_nearest
@@ -24,43 +25,19 @@ from .working_resolution import WorkingResolution, default_decimation
 
 MIN_SIDE_PX = 8
 """Smallest side of an image: at half resolution, a smaller one leaves no neighbourhood to work on."""
-SOURCES_OF_CLASS = {
-    PixelClass.UNKNOWN: (Source.INPAINTED, Source.INPAINTED),
-    PixelClass.FUSED: (Source.SENSOR, Source.MEMORY),
-    PixelClass.MEASURED: (Source.SENSOR, Source.INPAINTED),
-    PixelClass.REMEMBERED: (Source.MEMORY, Source.MEMORY),
-}
-"""Source of a full pixel by its pixel class: if the sensor measured the pixel, and if it measured only other pixels of
-the same working pixel."""
 MEASURED_BIT, VALID_BIT = 4, 8
 """Bits that are added to a pixel class where the sensor measured the pixel, and where it has a depth."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TemporalDiagnostics:
-    """What the default method reports about one frame."""
-
-    tracking: TrackingStatus
-    n_tracks: int
-    """Corners that were searched for."""
-    n_inliers: int
-    """Corners that support the motion."""
-    T_frame_previous: FloatArray | None
-    """Rigid motion since the keyframe, shape (4, 4); None unless the camera was tracked."""
-
-    @property
-    def memory_reset(self) -> bool:
-        """Whether the memory was discarded because tracking was lost."""
-        return self.tracking is TrackingStatus.LOST
-
-    def facts(self) -> Mapping[str, str | int | float]:
-        """See `Diagnostics`."""
-        return {
-            "tracking": self.tracking.value,
-            "n_tracks": self.n_tracks,
-            "n_inliers": self.n_inliers,
-            "memory_reset": int(self.memory_reset),
-        }
+SOURCES = np.zeros(256, np.uint8)
+"""Source of a full pixel by its pixel class and these bits. The sensor may have measured only other pixels of the same
+working pixel."""
+for pixel_class, measured, unmeasured in (
+    (PixelClass.UNKNOWN, Source.INPAINTED, Source.INPAINTED),
+    (PixelClass.FUSED, Source.SENSOR, Source.MEMORY),
+    (PixelClass.MEASURED, Source.SENSOR, Source.INPAINTED),
+    (PixelClass.REMEMBERED, Source.MEMORY, Source.MEMORY),
+):
+    SOURCES[pixel_class | VALID_BIT] = unmeasured
+    SOURCES[pixel_class | VALID_BIT | MEASURED_BIT] = measured
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,8 +75,7 @@ class VoxDepth(StreamCorrector):
         self._config = config
         self._resolution = WorkingResolution.of(camera, decimation)
         self._odometry = VisualOdometry(camera, self._resolution, config.odometry)
-        self._warper = MemoryWarper(self._resolution, config.device)
-        self._fusion = TemporalFusion(config.fusion)
+        self._forward_warp = create_forward_warp(self._resolution, config.device)
         self._inpainter = Inpainter(self._resolution, config.inpainting)
         super().__init__(camera)
 
@@ -119,49 +95,35 @@ class VoxDepth(StreamCorrector):
         with timer("track"):
             tracking = self._odometry.track(frame)
         with timer("warp"):
-            memory = self._recall(tracking, measurement.gray)
+            if self._memory is None or tracking.T_frame_keyframe is None:
+                memory = Memory.empty(measurement.gray)
+            else:
+                memory = self._memory.warp(self._forward_warp, tracking.T_frame_keyframe)
         with timer("fuse"):
-            fused, memory = self._fusion.fuse(memory, measurement)
+            fused, memory = fuse(memory, measurement, self._config.fusion)
         with timer("remember"):
             self._remember(frame, tracking, memory)
         return FusedFrame(measured_px=measured_px, fused=fused, tracking=tracking, timings_s=timer.times_s)
 
     def combine(self, aligned: FusedFrame) -> CorrectedDepth:
         """Run the second half, which depends on nothing but its argument: inpaint, smooth, and upsample."""
-        timer, fused, tracking, config = StepTimer(aligned.timings_s), aligned.fused, aligned.tracking, self._config
+        timer, fused, config = StepTimer(aligned.timings_s), aligned.fused, self._config
         with timer("inpaint"):
-            inpainted = self._inpainter.inpaint(fused.disparity_px)
+            disparity_px, probability = self._inpainter.inpaint(fused.disparity_px)
         with timer("smooth"):
-            disparity_px = smooth_guided(inpainted.disparity_px, config.smoothing_window_px, config.smoothing_noise_px)
+            disparity_px = smooth_guided(disparity_px, config.smoothing_window_px, config.smoothing_noise_px)
         with timer("confidence"):
-            confidence = estimate_confidence(disparity_px, fused.pixel_class, fused.weight, inpainted.probability)
+            confidence = estimate_confidence(disparity_px, fused.pixel_class, fused.weight, probability)
         with timer("upsample"):
             depth_m, source, confidence = self._upsample(aligned, disparity_px, confidence)
         return CorrectedDepth(
-            depth_m=depth_m,
-            source=source,
-            confidence=confidence,
-            timings_s=timer.times_s,
-            diagnostics=TemporalDiagnostics(
-                tracking=tracking.status,
-                n_tracks=tracking.n_tracks,
-                n_inliers=tracking.n_inliers,
-                T_frame_previous=tracking.T_frame_keyframe,
-            ),
+            depth_m=depth_m, source=source, confidence=confidence, timings_s=timer.times_s, diagnostics=aligned.tracking
         )
-
-    def _recall(self, tracking: TrackingResult, gray: GrayImage) -> Memory:
-        """The memory in the pixels of this frame; an empty one unless the camera is tracked."""
-        if self._memory is None or tracking.T_frame_keyframe is None:
-            return Memory.empty(gray)
-        return self._warper.warp(self._memory, tracking.T_frame_keyframe)
 
     def _remember(self, frame: Frame, tracking: TrackingResult, memory: Memory) -> None:
         """Make this frame the keyframe, unless it has no features: then the old keyframe and its memory are kept."""
-        if (
-            tracking.status is TrackingStatus.NO_FEATURES
-            and self._featureless_frames < self._config.max_featureless_frames
-        ):
+        featureless = tracking.status is TrackingStatus.NO_FEATURES
+        if featureless and self._featureless_frames < self._config.max_featureless_frames:
             self._featureless_frames += 1
             return
         self._featureless_frames = 0
@@ -169,32 +131,20 @@ class VoxDepth(StreamCorrector):
         self._odometry.set_keyframe(frame, tracking, memory.disparity_px)
 
     def _upsample(
-        self, frame: FusedFrame, disparity_px: FloatImage, confidence: FloatImage
+        self, aligned: FusedFrame, disparity_px: FloatImage, confidence: FloatImage
     ) -> tuple[FloatImage, GrayImage, FloatImage]:
         """Depth, source and confidence at full resolution, shape (H, W)."""
-        measured_px, pixel_class = frame.measured_px, frame.fused.pixel_class
+        measured_px, pixel_class = aligned.measured_px, aligned.fused.pixel_class
         if self._resolution.decimation == 2:
             disparity_px, confidence = upsample_guided(measured_px, disparity_px, confidence, pixel_class)
             pixel_class = upsample_nearest(pixel_class, measured_px.shape)
         depth_m = self._resolution.depth(disparity_px)
         measured = above(measured_px, 0) & np.uint8(MEASURED_BIT)
         valid = above(depth_m, 0) & np.uint8(VALID_BIT)
-        source = np.asarray(cv2.LUT(pixel_class | measured | valid, _SOURCES), np.uint8)
+        source = np.asarray(cv2.LUT(pixel_class | measured | valid, SOURCES), np.uint8)
         if not self._config.inpaint:
             clear_where(equal(source, Source.INPAINTED), source)
         invalid = equal(source, Source.INVALID)
         clear_where(invalid, depth_m)
         clear_where(invalid, confidence)
         return depth_m, source, confidence
-
-
-def _source_table() -> GrayImage:
-    """Source of each code of pixel class, `MEASURED_BIT` and `VALID_BIT`, shape (256,)."""
-    table = np.zeros(256, np.uint8)
-    for pixel_class, (measured, unmeasured) in SOURCES_OF_CLASS.items():
-        table[pixel_class | VALID_BIT] = unmeasured
-        table[pixel_class | VALID_BIT | MEASURED_BIT] = measured
-    return table
-
-
-_SOURCES = _source_table()

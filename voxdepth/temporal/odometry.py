@@ -1,7 +1,7 @@
 """Visual odometry: the motion of the camera since the keyframe, from tracked corners with known depth."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import cv2
@@ -46,17 +46,31 @@ class TrackingStatus(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrackingResult:
-    """The motion of the camera since the keyframe."""
+    """The motion of the camera since the keyframe; also what the default method reports about a frame."""
 
     status: TrackingStatus
     image: TrackingImage
-    """Tracking image of the frame."""
+    """Tracking image of the frame, and its corners."""
     T_frame_keyframe: FloatArray | None = None
     """Motion since the keyframe, shape (4, 4); None unless the status is `OK`."""
     n_tracks: int = 0
     """Corners of the keyframe that were searched for."""
     n_inliers: int = 0
     """Corners that support the motion."""
+
+    @property
+    def memory_reset(self) -> bool:
+        """Whether the memory was discarded because tracking was lost."""
+        return self.status is TrackingStatus.LOST
+
+    def facts(self) -> Mapping[str, str | int | float]:
+        """See `Diagnostics`."""
+        return {
+            "tracking": self.status.value,
+            "n_tracks": self.n_tracks,
+            "n_inliers": self.n_inliers,
+            "memory_reset": int(self.memory_reset),
+        }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,15 +101,9 @@ class VisualOdometry:
         self._resolution = resolution
         self._tracker = FeatureTracker(camera, config.tracker)
         scale = self._tracker.scale
-        width_px, height_px = self._tracker.size
-        self._camera = Intrinsics(
-            fx_px=camera.fx_px * scale,
-            fy_px=camera.fy_px * scale,
-            cx_px=resized(camera.cx_px, scale),
-            cy_px=resized(camera.cy_px, scale),
-            width_px=width_px,
-            height_px=height_px,
-        )
+        self._camera = replace(
+            camera.scaled(*self._tracker.size), fy_px=camera.fy_px * scale, cy_px=resized(camera.cy_px, scale)
+        )  # the height of the tracking image is rounded, and its scale is not
         self._orb = OrbRegistration(RegistrationConfig(), camera.shape)
         self.reset()
 
@@ -108,22 +116,19 @@ class VisualOdometry:
         image, keyframe = self._tracker.detect(frame.gray), self._keyframe
         if keyframe is None:
             return TrackingResult(status=TrackingStatus.FIRST_FRAME, image=image)
-        n_tracks, prior = len(keyframe.corners), _motion_prior(keyframe, frame)
+        lost = TrackingResult(status=TrackingStatus.LOST, image=image, n_tracks=len(keyframe.corners))
+        prior = None
+        if keyframe.T_world_cam is not None and frame.T_world_cam is not None:
+            prior = inverse_rigid(frame.T_world_cam) @ keyframe.T_world_cam
         for initial, T_initial in self._hypotheses(keyframe, frame, image, prior):
             fit = self._fit(keyframe, image, initial, T_initial)
             if fit is not None:
-                return TrackingResult(
-                    status=TrackingStatus.OK,
-                    image=image,
-                    T_frame_keyframe=fit.T_target_source,
-                    n_tracks=n_tracks,
-                    n_inliers=fit.n_inliers,
-                )
+                T, n_inliers = fit.T_target_source, fit.n_inliers
+                return replace(lost, status=TrackingStatus.OK, T_frame_keyframe=T, n_inliers=n_inliers)
         if prior is not None:
-            return TrackingResult(status=TrackingStatus.OK, image=image, T_frame_keyframe=prior, n_tracks=n_tracks)
+            return replace(lost, status=TrackingStatus.OK, T_frame_keyframe=prior)
         has_features = len(image.corners) >= self._config.min_tracks
-        status = TrackingStatus.LOST if has_features else TrackingStatus.NO_FEATURES
-        return TrackingResult(status=status, image=image, n_tracks=n_tracks)
+        return lost if has_features else replace(lost, status=TrackingStatus.NO_FEATURES)
 
     def set_keyframe(self, frame: Frame, tracking: TrackingResult, disparity_px: FloatImage) -> None:
         """Make a frame the keyframe for the next ones.
@@ -177,16 +182,6 @@ class VisualOdometry:
             return None
         observed_px = tracked[found].astype(np.float64)
         fit = fit_pose(keyframe.points_m[found], observed_px, self._camera, T_initial, config.inlier_px)
-        accepted = (
-            fit.n_inliers >= max(config.min_tracks, config.min_inlier_ratio * n_found)
-            and fit.median_residual_px <= config.max_median_residual_px
-        )
-        return fit if accepted else None
-
-
-def _motion_prior(keyframe: _Keyframe, frame: Frame) -> FloatArray | None:
-    """The motion since the keyframe by the caller's poses; None unless both frames have one."""
-    if keyframe.T_world_cam is None or frame.T_world_cam is None:
-        return None
-    T_frame_keyframe: FloatArray = inverse_rigid(frame.T_world_cam) @ keyframe.T_world_cam
-    return T_frame_keyframe
+        if fit.n_inliers < max(config.min_tracks, config.min_inlier_ratio * n_found):
+            return None
+        return fit if fit.median_residual_px <= config.max_median_residual_px else None

@@ -1,7 +1,6 @@
 """Planes for inpainting: a moving least-squares fit of first order to disparity, in which planes are linear."""
 
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -9,7 +8,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from ..model import Model
-from ..types import FloatArray, FloatImage, MaskImage
+from ..types import FloatArray, FloatImage
 from .confidence import INPAINTING
 from .working_resolution import WorkingResolution
 
@@ -49,8 +48,7 @@ class PlanesConfig(Model):
     """Largest extrapolation to the near side, in standard deviations of the data."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CellEstimate:
+class CellEstimate(NamedTuple):
     """Estimated disparity of the cells of one level, shape (rows, cols)."""
 
     disparity_px: FloatArray
@@ -58,11 +56,11 @@ class CellEstimate:
     probability: FloatArray
     """Probability in 0..1 that it is of the right surface."""
 
-    def replace(self, where: MaskImage, disparity_px: FloatArray, probability: float) -> "CellEstimate":
-        """The estimate with other disparities, of one probability, in some cells."""
+    def overlay(self, disparity_px: FloatArray, probability: float) -> "CellEstimate":
+        """The estimate with other disparities, of one probability, in the cells where those are not 0."""
+        where = disparity_px > 0
         return CellEstimate(
-            disparity_px=np.where(where, disparity_px, self.disparity_px),
-            probability=np.where(where, probability, self.probability),
+            np.where(where, disparity_px, self.disparity_px), np.where(where, probability, self.probability)
         )
 
 
@@ -77,13 +75,12 @@ class PlaneFitter:
         height, width = resolution.shape
         self.cell_px = cell = config.cell_px // resolution.decimation
         """Side of the finest cells, in working pixels."""
-        rows, cols = -(-height // cell), -(-width // cell)
-        self.rows = rows
-        """Rows of the finest cells."""
-        self._padded_shape = (rows * cell, cols * cell)
-        # The columns are centred, so that a mirrored image has mirrored cells.
-        left = (cols * cell - width) // 2
-        self._inside = (slice(height), slice(left, left + width))
+        self.shape = rows, cols = -(-height // cell), -(-width // cell)
+        """Number of rows and columns of the finest cells."""
+        self.left = (cols * cell - width) // 2
+        """Width of the first column of cells outside of the image: the columns are centred, so that a mirrored image
+        has mirrored cells."""
+        self._inside = np.s_[:height, self.left : self.left + width]
         self.levels = 1 + max(1, int(np.log2(max(rows, cols))))
         """Number of levels of cell sizes."""
         # Coordinates are in cells, from the middle of the image.
@@ -91,11 +88,15 @@ class PlaneFitter:
         self._powers_u = _powers(cols, cell)
 
     def moments(self, disparity_px: FloatImage, validity: FloatImage) -> MomentPyramid:
-        """The moments that planes are fitted to.
+        """The moments that planes are fitted to, weighted by the fourth power of the validity.
 
         Both images have shape (h, w). The validity is the fraction of valid neighbours of each pixel, and 0 in holes.
         """
-        moments = self._cell_moments(disparity_px, np.square(validity))
+        squared_validity = np.square(validity)
+        weight = np.square(squared_validity)
+        weighted_px = weight * disparity_px
+        terms = ((weight, 6), (weighted_px, 3), (weighted_px * disparity_px, 1), (squared_validity, 1))
+        moments = np.concatenate([self._sums(image, n) for image, n in terms]).astype(np.float64)
         pyramid = [_sum_neighbourhood(moments)]
         for _ in range(self.levels - 1):
             moments = _sum_blocks(moments)
@@ -107,53 +108,13 @@ class PlaneFitter:
 
         Only every k-th row is used, such that there are at most `MAX_CELL_ROWS`.
         """
-        n, u, v, *_ = rows = pyramid[0][:, :: -(-pyramid[0].shape[1] // MAX_CELL_ROWS)]
+        n, u, v, *_ = rows = pyramid[0][:, :: -(-self.shape[0] // MAX_CELL_ROWS)]
         measured = rows[-1] > MIN_COVERAGE * self.cell_px**2
         n = n[measured]
         return u[measured] / n, v[measured] / n, rows[DISPARITY_MOMENT][measured] / n
 
     def fit(self, moments: FloatArray, level: int, coarser: CellEstimate | None) -> CellEstimate:
         """The planes of all cells of a level, blended with the estimate of the next coarser level if there is one."""
-        planes, weight = self._fit_planes(moments, level)
-        if coarser is None:
-            return planes
-        rows, cols = weight.shape
-        disparity_px = _upsample_linear(coarser.disparity_px, 2)[:rows, :cols]
-        probability = _resize(coarser.probability, 2)[:rows, :cols]
-        return CellEstimate(
-            disparity_px=weight * planes.disparity_px + (1 - weight) * disparity_px,
-            probability=weight * planes.probability + (1 - weight) * probability,
-        )
-
-    def upsample(self, estimate: CellEstimate) -> tuple[FloatImage, FloatImage]:
-        """Disparity [px] and probability of the finest cells in every pixel, both of shape (h, w)."""
-        disparity_px = _upsample_linear(estimate.disparity_px.astype(np.float32), self.cell_px)
-        probability = _resize(estimate.probability.astype(np.float32), self.cell_px)
-        return np.ascontiguousarray(disparity_px[self._inside]), np.ascontiguousarray(probability[self._inside])
-
-    def _cell_moments(self, disparity_px: FloatImage, squared_validity: FloatImage) -> FloatArray:
-        """Moments of the finest cells, shape (N_MOMENTS, rows, cols), weighted by the fourth power of the validity."""
-        weight = np.square(squared_validity)
-        weighted_px = weight * disparity_px
-        moments = [
-            self._sums(weight, 6),
-            self._sums(weighted_px, 3),
-            self._sums(weighted_px * disparity_px, 1),
-            self._sums(squared_validity, 1),
-        ]
-        return np.concatenate(moments).astype(np.float64)
-
-    def _sums(self, image: FloatImage, n: int) -> npt.NDArray[np.float32]:
-        """Sums per cell of the image times the first n of 1, u, v, uu, uv and vv, shape (n, rows, cols)."""
-        rows, cell, cols = len(self._powers_v), self.cell_px, len(self._powers_u)
-        padded = np.zeros(self._padded_shape, np.float32)
-        padded[self._inside] = image
-        by_row = np.matmul(self._powers_v, padded.reshape(rows, cell, -1)).reshape(rows * 3, cols, cell)
-        sums = np.matmul(by_row.swapaxes(0, 1), self._powers_u).reshape(cols, rows, 3, 3)
-        return np.stack([sums[:, :, of_v, of_u].T for of_v, of_u in POWERS[:n]])
-
-    def _fit_planes(self, moments: FloatArray, level: int) -> tuple[CellEstimate, FloatArray]:
-        """The plane of each cell at its middle, and the weight 0..1 of the cell against coarser ones."""
         config, size = self._config, 2.0**level
         n, u, v, uu, uv, vv, d, ud, vd, dd, coverage = moments
         weight = np.minimum(coverage / (self.cell_px * size) ** 2 / config.min_coverage, 1)
@@ -165,17 +126,37 @@ class PlaneFitter:
         uu, vv = uu + ridge, vv + ridge
         determinant = uu * vv - uv * uv
         slope_u, slope_v = (vv * ud - uv * vd) / determinant, (uu * vd - uv * ud) / determinant
-        middle_v = (np.arange(n.shape[0])[:, None] + 0.5) * size - self._padded_shape[0] / self.cell_px / 2
-        middle_u = (np.arange(n.shape[1])[None] + 0.5) * size - self._padded_shape[1] / self.cell_px / 2
-        offset_u, offset_v = middle_u - u, middle_v - v
-        value = d + slope_u * offset_u + slope_v * offset_v
+        rows, cols = n.shape
+        offset_v = (np.arange(rows)[:, None] + 0.5) * size - self.shape[0] / 2 - v
+        offset_u = (np.arange(cols) + 0.5) * size - self.shape[1] / 2 - u
+        disparity_px = d + slope_u * offset_u + slope_v * offset_v
         deviation = np.sqrt(np.maximum(dd / n - d * d, 0))
         mahalanobis = (vv * offset_u**2 - 2 * uv * offset_u * offset_v + uu * offset_v**2) / determinant
         inside = np.clip((OUTSIDE - mahalanobis) / (OUTSIDE - INSIDE), 0, 1)
-        min_value = d - config.max_deviations_far * inside * deviation
-        value = np.clip(value, min_value, d + config.max_deviations_near * deviation)
-        probability = np.full_like(value, INPAINTING.plane(level))
-        return CellEstimate(disparity_px=value, probability=probability), weight
+        min_px = d - config.max_deviations_far * inside * deviation
+        disparity_px = np.clip(disparity_px, min_px, d + config.max_deviations_near * deviation)
+        probability = np.full_like(disparity_px, INPAINTING.plane(level))
+        if coarser is not None:
+            coarser_px = _upsample_linear(coarser.disparity_px, 2)[:rows, :cols]
+            coarser_probability = _resize(coarser.probability, 2)[:rows, :cols]
+            disparity_px = weight * disparity_px + (1 - weight) * coarser_px
+            probability = weight * probability + (1 - weight) * coarser_probability
+        return CellEstimate(disparity_px, probability)
+
+    def upsample(self, estimate: CellEstimate) -> tuple[FloatImage, FloatImage]:
+        """Disparity [px] and probability of the finest cells in every pixel, both of shape (h, w)."""
+        disparity_px = _upsample_linear(estimate.disparity_px.astype(np.float32), self.cell_px)
+        probability = _resize(estimate.probability.astype(np.float32), self.cell_px)
+        return np.ascontiguousarray(disparity_px[self._inside]), np.ascontiguousarray(probability[self._inside])
+
+    def _sums(self, image: FloatImage, n: int) -> npt.NDArray[np.float32]:
+        """Sums per cell of the image times the first n of 1, u, v, uu, uv and vv, shape (n, rows, cols)."""
+        (rows, cols), cell = self.shape, self.cell_px
+        padded = np.zeros((rows * cell, cols * cell), np.float32)
+        padded[self._inside] = image
+        by_row = np.matmul(self._powers_v, padded.reshape(rows, cell, -1)).reshape(rows * 3, cols, cell)
+        sums = np.matmul(by_row.swapaxes(0, 1), self._powers_u).reshape(cols, rows, 3, 3)
+        return np.stack([sums[:, :, of_v, of_u].T for of_v, of_u in POWERS[:n]])
 
 
 def _powers(cells: int, cell_px: int) -> npt.NDArray[np.float32]:
@@ -201,7 +182,6 @@ def _sum_blocks(moments: FloatArray) -> FloatArray:
 
 
 def _pad(moments: FloatArray, before: int, rows_after: int, cols_after: int) -> FloatArray:
-    """Moments with zeros around."""
     n, rows, cols = moments.shape
     padded = np.zeros((n, before + rows + rows_after, before + cols + cols_after))
     padded[:, before : before + rows, before : before + cols] = moments
@@ -227,5 +207,4 @@ def _extrapolate(values: Values) -> Values:
 def _resize(values: Values, factor: int) -> Values:
     """Cell values interpolated to smaller cells, and constant beyond the outermost middles."""
     size = (values.shape[1] * factor, values.shape[0] * factor)
-    resized: Any = cv2.resize(values, size, interpolation=cv2.INTER_LINEAR)
-    return resized  # type: ignore[no-any-return]
+    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_LINEAR))

@@ -1,6 +1,6 @@
 """Robust estimation of a camera's motion from 3D points and their projections."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,8 +20,7 @@ MIN_DEPTH_M = 0.05
 """Points nearer than this, or behind the camera, have no weight."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PoseFit:
+class PoseFit(NamedTuple):
     """An estimated motion, and how well it explains the points."""
 
     T_target_source: FloatArray
@@ -41,9 +40,9 @@ def fit_pose(
     iteration, and never grows.
 
     Args:
-        points_m: Points in the source camera [m], shape (N, 3), N >= 3.
+        points_m: Points in the source camera, shape (N, 3), N >= 3.
         observed_px: Their pixels in the target camera, shape (N, 2).
-        camera: Target camera.
+        camera: The target camera.
         T_initial: Initial guess of the motion, shape (4, 4).
         inlier_px: Reprojection error below which a point is an inlier.
     """
@@ -60,9 +59,7 @@ def fit_pose(
         if np.abs(step).max() < CONVERGENCE_STEP:
             break
     length = np.hypot(*(project(transform_points(T, points_m), camera) - observed_px).T)
-    return PoseFit(
-        T_target_source=T, median_residual_px=median(length), n_inliers=int(np.count_nonzero(length < inlier_px))
-    )
+    return PoseFit(T, median(length), int(np.count_nonzero(length < inlier_px)))
 
 
 def project(points_m: FloatArray, camera: Intrinsics) -> FloatArray:
@@ -95,13 +92,9 @@ def _gauss_newton_step(
     """Translation and rotation vector, shape (6,), that minimise the linearised weighted residuals."""
     inverse_z = 1 / np.maximum(target_m[:, 2], MIN_DEPTH_M)
     x, y = target_m[:, 0] * inverse_z, target_m[:, 1] * inverse_z
-    J_col, J_row = np.zeros((2, len(target_m), 6))
-    for parameter, values in zip((0, 2, 3, 4, 5), (inverse_z, -x * inverse_z, -x * y, 1 + x * x, -y), strict=True):
-        J_col[:, parameter] = values
-    for parameter, values in zip((1, 2, 3, 4, 5), (inverse_z, -y * inverse_z, -1 - y * y, x * y, x), strict=True):
-        J_row[:, parameter] = values
-    J_col *= camera.fx_px
-    J_row *= camera.fy_px
+    zero = np.zeros_like(x)
+    J_col = camera.fx_px * np.stack([inverse_z, zero, -x * inverse_z, -x * y, 1 + x * x, -y], axis=1)
+    J_row = camera.fy_px * np.stack([zero, inverse_z, -y * inverse_z, -1 - y * y, x * y, x], axis=1)
     weighted_col, weighted_row = J_col * weight[:, None], J_row * weight[:, None]
     H = weighted_col.T @ J_col + weighted_row.T @ J_row
     gradient = weighted_col.T @ residual[:, 0] + weighted_row.T @ residual[:, 1]

@@ -12,11 +12,7 @@ def smooth_guided(disparity_px: FloatImage, window_px: int, noise_px: float) -> 
     Args:
         disparity_px: Disparity without holes, shape (h, w).
         window_px: Side of the window; 1 returns the image itself.
-        noise_px: Standard deviation within the window at which half of the difference to the mean stays. More smooths
-            more.
-
-    Returns:
-        Smoothed disparity, shape (h, w).
+        noise_px: Standard deviation within the window at which half of the difference to the mean stays.
     """
     if window_px == 1:
         return disparity_px

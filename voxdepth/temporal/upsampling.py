@@ -31,14 +31,8 @@ def upsample_guided(
     next working pixel on its side is unknown, it belongs to that hole: the rest of its own working pixel may be
     affected by foreground fattening.
 
-    Args:
-        measured_px: Measured disparity, shape (H, W); 0 = invalid.
-        disparity_px: Resulting disparity at the working resolution, shape (h, w), without holes.
-        confidence: Confidence of that disparity, shape (h, w).
-        pixel_class: One `PixelClass` per pixel, shape (h, w).
-
-    Returns:
-        Disparity and confidence, both of shape (H, W).
+    The measurement has shape (H, W), and 0 where it is invalid. The disparity, which has no holes, its confidence and
+    one `PixelClass` per pixel have shape (h, w).
     """
     rows, cols = disparity_px.shape
     span_px = cv2.subtract(cv2.dilate(disparity_px, KERNEL), cv2.erode(disparity_px, KERNEL))
