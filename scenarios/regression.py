@@ -107,7 +107,13 @@ def measure(make: CorrectorFactory, progress: Callable[[str], None], *, frames: 
     cases: Cases = {}
     for case in CASES:
         progress(case)
-        cases[case] = _measure_case(make, case, frames)
+        errors, flicker = DepthErrors(), Flicker()
+        for capture, result in corrected(make, case, frames):
+            errors += depth_errors(result.depth_m, capture.depth_true_m, max_range_m=MAX_RANGE_M)
+            in_range = capture.depth_true_m <= MAX_RANGE_M
+            flicker.add(result.depth_m, np.where(in_range, capture.depth_true_m, np.float32(0)), in_range)
+        values = errors.mae_m, errors.too_far_share, errors.hole_share, flicker.total.mean_change_m
+        cases[case] = dict(zip(TOLERANCES, values, strict=True))
     return cases
 
 
@@ -141,20 +147,6 @@ def _require_depth(result: CorrectedDepth, frame: Frame) -> None:
         )
     if not (np.isfinite(depth_m).all() and (depth_m >= 0).all()):
         raise ScenarioError("expected depths that are finite and not negative (0 = invalid), got others")
-
-
-def _measure_case(make: CorrectorFactory, case: str, frames: int) -> Metrics:
-    errors, flicker = DepthErrors(), Flicker()
-    for capture, result in corrected(make, case, frames):
-        errors += depth_errors(result.depth_m, capture.depth_true_m, max_range_m=MAX_RANGE_M)
-        in_range = capture.depth_true_m <= MAX_RANGE_M
-        flicker.add(result.depth_m, np.where(in_range, capture.depth_true_m, np.float32(0)), in_range)
-    return {
-        "mae_m": errors.mae_m,
-        "too_far_share": errors.too_far_share,
-        "hole_share": errors.hole_share,
-        "flicker_m": flicker.total.mean_change_m,
-    }
 
 
 def compare(golden: Cases, measured: Cases) -> list[Difference]:

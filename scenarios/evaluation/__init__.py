@@ -3,8 +3,7 @@
 | module | what it holds |
 |---|---|
 | `methods` | what is compared |
-| `sources` | sequences of frames with their references |
-| `frame_cache` | these frames on disk while all methods run |
+| `sources` | sequences of frames with their references, and these on disk while all methods run |
 | `groups` | masks and ranges of pixels |
 | `running` | runs one method on one sequence |
 | `scoring` | scores its depth |

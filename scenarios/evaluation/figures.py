@@ -69,12 +69,13 @@ def error_against_range(evaluation: Evaluation) -> Picture:
         depth = "true depth" if info.is_true else f"depth of {info.hidden} pixels"
         label_axes(axes, info.name, f"{depth}, and number of pixels n", "MAE [m]")
 
-    return Picture(
-        title="Error against range",
-        caption="The mean absolute error after completion by the nearest valid pixel is that of all pixels by their "
+    return _panels(
+        evaluation,
+        draw,
+        "Error against range",
+        "The mean absolute error after completion by the nearest valid pixel is that of all pixels by their "
         "true depth or, without the truth, that of held-out pixels by their measured depth; n is the number of pixels "
         "of a bin over all frames.",
-        png=_panels(evaluation, draw),
     )
 
 
@@ -109,7 +110,9 @@ def error_against_latency(evaluation: Evaluation) -> Picture:
     """Draw error against time, one panel per sequence, with the Pareto front."""
 
     def draw(info: SequenceInfo, axes: "Axes") -> None:
-        points = _latency_and_error(evaluation, info)
+        selectors = of_frames("latency_p50"), of_frames("latency_background"), Selector("mae", info.hidden)
+        waiting_ms, background_ms, error_m = (_of_sequence(evaluation, info, one)["value"] for one in selectors)
+        points = pd.concat([waiting_ms.add(background_ms, fill_value=0), error_m], axis=1).dropna()
         for k, name in enumerate(evaluation.methods):
             if name in points.index:
                 x_ms, y_m = points.loc[name]
@@ -123,13 +126,14 @@ def error_against_latency(evaluation: Evaluation) -> Picture:
         x, y = f"time per frame of {info.size} [ms], n = {info.frames}", f"MAE in {info.hidden} [m], n = {n} pixels"
         label_axes(axes, info.name, x, y)
 
-    return Picture(
-        title="Error against latency",
-        caption="The error is the mean absolute error after completion of surfaces within 20 m where the sensor has no "
+    return _panels(
+        evaluation,
+        draw,
+        "Error against latency",
+        "The error is the mean absolute error after completion of surfaces within 20 m where the sensor has no "
         "depth, or where its depth was held out. The time is the median time per frame with OpenCV on one thread plus "
         "the mean CPU time of the method's own threads. The grey line is the Pareto front: no method beats these in "
         f"both. {ORACLE} is an oracle and does not compete.",
-        png=_panels(evaluation, draw),
     )
 
 
@@ -152,13 +156,14 @@ def reliability(evaluation: Evaluation) -> Picture:
         n = " and ".join(map(count_text, totals)) or 0
         label_axes(axes, info.name, f"confidence, n = {n} pixels", "pixels that are right [%]")
 
-    return Picture(
-        title="Confidence against errors",
-        caption=f"Pixels that a method gives a depth, {CALIBRATION_RANGE}, are sorted into bins of confidence of width "
+    return _panels(
+        evaluation,
+        draw,
+        "Confidence against errors",
+        f"Pixels that a method gives a depth, {CALIBRATION_RANGE}, are sorted into bins of confidence of width "
         "0.1, and a bin for 0. Lines show the share of a bin that is right, within 5 % or a quarter of a pixel of "
         "disparity; dotted lines show the share of the method's pixels that are in the bin. A rising line means that "
         "the confidence can be trusted. Methods whose pixels are in one or two bins are left out.",
-        png=_panels(evaluation, draw),
     )
 
 
@@ -229,14 +234,6 @@ def _of_sequence(evaluation: Evaluation, info: SequenceInfo, selector: Selector)
     return found[found.index.get_level_values("sequence") == info.name].droplevel("sequence")
 
 
-def _latency_and_error(evaluation: Evaluation, info: SequenceInfo) -> pd.DataFrame:
-    """Return the time per frame with that of other threads [ms], and the error in hidden pixels [m], by method."""
-    selectors = [of_frames("latency_p50"), of_frames("latency_background"), Selector("mae", info.hidden)]
-    waiting_ms, background_ms, error_m = (_of_sequence(evaluation, info, one)["value"] for one in selectors)
-    latency_ms = waiting_ms.add(background_ms, fill_value=0)
-    return pd.concat([latency_ms, error_m], axis=1).dropna()
-
-
 def _right_by_confidence(evaluation: Evaluation) -> pd.DataFrame:
     """Return the share of correct pixels (`value`) of each sequence, method and bin of confidence."""
     selectors = [Selector("right", mask, CALIBRATION_RANGE, FILLED) for mask in CONFIDENCES]
@@ -244,10 +241,11 @@ def _right_by_confidence(evaluation: Evaluation) -> pd.DataFrame:
     return pd.concat([part.assign(bin=k) for k, part in enumerate(parts)])
 
 
-def _panels(evaluation: Evaluation, draw: Callable[[SequenceInfo, "Axes"], None]) -> bytes:
+def _panels(evaluation: Evaluation, draw: Callable[[SequenceInfo, "Axes"], None], title: str, caption: str) -> Picture:
     """Draw one panel per sequence, and one legend for all."""
     draws = [partial(draw, info) for info in evaluation.sequences.values()]
-    return panels("", draws, columns=PANEL_COLUMNS, panel_in=PANEL_IN, shared_legend=True)
+    png = panels("", draws, columns=PANEL_COLUMNS, panel_in=PANEL_IN, shared_legend=True)
+    return Picture(title=title, caption=caption, png=png)
 
 
 def _labelled(k: int, name: str) -> dict[str, Any]:

@@ -63,11 +63,6 @@ def select(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd
     return values, counts
 
 
-def is_measured(evaluation: Evaluation, quantity: Quantity) -> bool:
-    """Whether any result has a number of a quantity, since not all sequences and methods have all."""
-    return any(len(_select(evaluation, selector)) for selector in quantity.selectors)
-
-
 def _select(evaluation: Evaluation, selector: Selector) -> pd.DataFrame:
     """Select measurements, but without the truth no errors of all pixels: methods were given most of these."""
     masks = HIDDEN_MASKS if selector.mask == HIDDEN else (selector.mask,)

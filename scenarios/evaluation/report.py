@@ -14,16 +14,7 @@ from . import paper
 from .figures import all_figures, count_text, error_maps
 from .groups import ALL, NEAR
 from .methods import ORACLE
-from .quantities import (
-    MOVING_COLUMNS,
-    PAPER_ARITHMETIC,
-    PAPER_LAYOUT,
-    QUANTITIES,
-    TERMINAL_COLUMNS,
-    Quantity,
-    is_measured,
-    select,
-)
+from .quantities import MOVING_COLUMNS, PAPER_ARITHMETIC, PAPER_LAYOUT, QUANTITIES, TERMINAL_COLUMNS, Quantity, select
 from .result_cache import SequenceInfo
 from .suite import Evaluation
 
@@ -31,9 +22,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 FAILED = "failed"
-REPORT, RESULTS = "report.html", "results"
-"""The page, and the stem of the files with the long table."""
-TEMPLATE = "report.html.j2"
 
 
 def write_report(out: Path, evaluation: Evaluation) -> None:
@@ -42,20 +30,20 @@ def write_report(out: Path, evaluation: Evaluation) -> None:
     Raises:
         ScenarioError: A file cannot be written.
     """
-    write_frame(out / RESULTS, evaluation.measurements.frame)
-    write(out / REPORT, rendered(evaluation).encode())
+    write_frame(out / "results", evaluation.measurements.frame)
+    write(out / "report.html", rendered(evaluation).encode())
 
 
 def rendered(evaluation: Evaluation) -> str:
     """Return the text of the page."""
     replaced = [result for result in evaluation.results if result.replaced is not None]
     return render_page(
-        TEMPLATE,
+        "report.html.j2",
         failures=[(result.key.sequence, result.key.method, result.error) for result in evaluation.failures],
         replaced=[(result.key.sequence, result.key.method, result.replaced) for result in replaced],
         paper=[paper_table(evaluation, quantity) for quantity in PAPER_LAYOUT],
         arithmetic=[paper_table(evaluation, quantity) for quantity in PAPER_ARITHMETIC],
-        tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
+        tables=[method_table(evaluation, q) for q in QUANTITIES if not select(evaluation, q)[0].empty],
         figures=all_figures(evaluation),
         error_maps=[error_maps(evaluation, info) for info in evaluation.sequences.values()],
         sequences=_sequence_table(list(evaluation.sequences.values())),
@@ -76,9 +64,10 @@ def paper_table(evaluation: Evaluation, quantity: Quantity) -> Table:
     texts, classes, counts = _texts(evaluation, quantity)
     published = paper.PUBLISHED.get(quantity.selectors[0].metric, {})
     names = [f"{method} (paper)" for method in paper.METHODS if published]
+    order = {name: place for place, name in enumerate(paper.SEQUENCES)}
     rows: list[list[Value]] = []
     marks: list[list[str]] = []
-    for name in sorted(texts.columns, key=_paper_order):
+    for name in sorted(texts.columns, key=lambda name: (order.get(name, len(order)), name)):
         abbreviation = paper.SEQUENCES.get(name, "")
         values = published.get(abbreviation, [""] * len(names))
         rows.append([abbreviation or name, *values, *texts[name], counts[name]])
@@ -153,8 +142,3 @@ def _sequence_table(sequences: Sequence[SequenceInfo]) -> Table:
         for info in sequences
     ]  # fmt: skip
     return Table.of("Sequences", columns, rows)
-
-
-def _paper_order(sequence: str) -> tuple[int, str]:
-    names = list(paper.SEQUENCES)
-    return (names.index(sequence), "") if sequence in names else (len(names), sequence)

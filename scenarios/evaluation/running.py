@@ -1,13 +1,14 @@
 """Runs one method on one sequence: warm-up, time per frame, validation of its output, and scores."""
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from voxdepth.types import DepthCorrector, FloatImage, Frame, GrayImage, Intrinsics
 
@@ -18,9 +19,9 @@ from .result_cache import Scores, encoded_thumbnail
 from .scoring import Score
 from .sources import EvaluationFrame, Frames
 
-SEED, SHAPE = 0, (360, 640)
+SEED, SHAPE, WINDOW_PX = 0, (360, 640), 5
+"""The reference workload is a 5x5 median of 16-bit noise of 640x360 pixels."""
 REPEATS = 30
-WINDOW_PX = 5
 WORKLOAD_PHASES = ("before", "during", "after")
 """When the reference workload is timed, relative to a run."""
 
@@ -37,33 +38,11 @@ class Output(NamedTuple):
     source: GrayImage | None
 
 
-class ReferenceWorkload:
-    """A fixed computation that is timed beside every run: if it takes longer, the run had less of the machine as well.
-
-    The computation is a 5x5 median of 16-bit noise of 640x360 pixels.
-    """
-
-    def __init__(self) -> None:
-        self._noise = np.random.default_rng(SEED).integers(0, 1 << 16, SHAPE, dtype=np.uint16)
-        self._times_s: dict[str, list[float]] = {phase: [] for phase in WORKLOAD_PHASES}
-        self._time_s()
-
-    def time(self, phase: str, repeats: int = 1) -> None:
-        """Time the computation in one of `WORKLOAD_PHASES`."""
-        self._times_s[phase] += [self._time_s() for _ in range(repeats)]
-
-    def measurements(self, latency_ms: float) -> Iterator[Measurement]:
-        """Yield the median times, and a median latency as a multiple of the median time during the run."""
-        medians_ms = {phase: 1e3 * float(np.median(times_s)) for phase, times_s in self._times_s.items()}
-        for phase, time_ms in medians_ms.items():
-            yield measured(of_frames(f"reference_workload_{phase}"), time_ms, "ms", len(self._times_s[phase]))
-        multiple, n = latency_ms / medians_ms["during"], len(self._times_s["during"])
-        yield measured(of_frames("latency_p50_workloads"), multiple, "workloads", n)
-
-    def _time_s(self) -> float:
-        start = time.perf_counter()
-        cv2.medianBlur(self._noise, WINDOW_PX)
-        return time.perf_counter() - start
+def _workload_s(noise: npt.NDArray[np.uint16]) -> float:
+    """Time a fixed computation [s], beside every run: if it takes longer, the run had less of the machine as well."""
+    start = time.perf_counter()
+    cv2.medianBlur(noise, WINDOW_PX)
+    return time.perf_counter() - start
 
 
 def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) -> Scores:
@@ -77,8 +56,10 @@ def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) 
     """
     cv2.setNumThreads(1)
     _warm_up(method, frames, intrinsics)
-    score, times_s, workload = Score(groups, intrinsics), [], ReferenceWorkload()
-    workload.time("before", REPEATS)
+    score, times_s = Score(groups, intrinsics), []
+    noise = np.random.default_rng(SEED).integers(0, 1 << 16, SHAPE, dtype=np.uint16)
+    _workload_s(noise)  # The first call is not like others.
+    workloads_s = {"before": [_workload_s(noise) for _ in range(REPEATS)], "during": [], "after": []}
     with _instance(method, intrinsics) as corrector:
         start_s = _other_threads_s()
         for index in range(len(frames)):
@@ -86,25 +67,32 @@ def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) 
             output, time_s = _processed(corrector, _visible(frame, method), index)
             times_s.append(time_s)
             score.add(frame, *output)
-            workload.time("during")
+            workloads_s["during"].append(_workload_s(noise))
         background_s = _other_threads_s() - start_s
-    workload.time("after", REPEATS)
+    workloads_s["after"] = [_workload_s(noise) for _ in range(REPEATS)]
     return Scores(
-        measurements=(*score.measurements(), *_latencies(times_s, background_s, workload)),
+        measurements=(*score.measurements(), *_latencies(times_s, background_s, workloads_s)),
         frame_psnrs_db=score.frame_psnrs_db,
         thumbnail=encoded_thumbnail(output.depth_m),
     )
 
 
-def _latencies(times_s: Sequence[float], background_s: float, workload: ReferenceWorkload) -> Iterator[Measurement]:
-    """Yield median, 95th percentile and maximum of the time per frame, and the CPU time of other threads per frame."""
+def _latencies(
+    times_s: Sequence[float], background_s: float, workloads_s: Mapping[str, Sequence[float]]
+) -> Iterator[Measurement]:
+    """Yield median, 95th percentile and maximum of the time per frame, the CPU time of other threads per frame, the
+    median times of the reference workload, and the median time per frame as a multiple of that during the run.
+    """
     n = len(times_s)
     percentiles_ms = [float(value) for value in 1e3 * np.percentile(times_s, (50, 95, 100))]
     # The two clocks are read one after the other, so their difference may be negative.
     values_ms = (*percentiles_ms, max(0.0, 1e3 * background_s / n))
     for name, value_ms in zip(("p50", "p95", "max", "background"), values_ms, strict=True):
         yield measured(of_frames(f"latency_{name}"), value_ms, "ms", n)
-    yield from workload.measurements(percentiles_ms[0])
+    medians_ms = {phase: 1e3 * float(np.median(workloads_s[phase])) for phase in WORKLOAD_PHASES}
+    for phase, median_ms in medians_ms.items():
+        yield measured(of_frames(f"reference_workload_{phase}"), median_ms, "ms", len(workloads_s[phase]))
+    yield measured(of_frames("latency_p50_workloads"), percentiles_ms[0] / medians_ms["during"], "workloads", n)
 
 
 def _warm_up(method: Method, frames: Frames, intrinsics: Intrinsics) -> None:

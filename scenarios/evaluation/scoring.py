@@ -7,18 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from voxdepth.geometry import fill_from_nearest
-from voxdepth.metrics import (
-    Changes,
-    Flicker,
-    Share,
-    Sums,
-    ghost_share,
-    is_right,
-    m_rmse_u16_wrap,
-    psnr_minmax8,
-    survival,
-)
-from voxdepth.metrics.paper import PEAK16_M
+from voxdepth.metrics import Changes, Flicker, Share, Sums, ghost_share, is_right, survival
+from voxdepth.metrics.paper import PEAK16_M, m_rmse_u16_wrap, psnr_minmax8
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage, Source
 
 from ..correction import to_millimetres

@@ -18,7 +18,7 @@ from scenarios.evaluation.figures import EMPTY_M, all_figures, count_text, error
 from scenarios.evaluation.groups import RANGES
 from scenarios.evaluation.measurements import MEASUREMENT_COLUMNS, Measurement, Selector, of_frames
 from scenarios.evaluation.methods import ORACLE
-from scenarios.evaluation.quantities import PAPER_LAYOUT, QUANTITIES, is_measured
+from scenarios.evaluation.quantities import PAPER_LAYOUT, QUANTITIES, Quantity, select
 from scenarios.evaluation.report import method_table, paper_table, print_results, rendered
 from scenarios.evaluation.result_cache import Key, Result, SequenceInfo, encoded_thumbnail
 from scenarios.evaluation.suite import Evaluation
@@ -200,6 +200,10 @@ def test_the_page_loads_nothing_and_runs_nothing(html: str) -> None:
     assert "@import" not in html
     assert "alert(&#39;x&#39;)" in html, "what a method says is shown, not run"
     assert html.startswith("<!DOCTYPE html>")
+
+
+def is_measured(done: Evaluation, quantity: Quantity) -> bool:
+    return not select(done, quantity)[0].empty
 
 
 def test_the_page_has_every_table_figure_and_what_it_was_measured_on(done: Evaluation, html: str) -> None:
