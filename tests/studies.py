@@ -11,7 +11,7 @@ from typing import Any
 
 from scenarios.study.design import RunSpec, Study, expand
 from scenarios.study.executors import Processes
-from scenarios.study.run import Progress, RunOptions, run_study
+from scenarios.study.run import Progress, run_study
 from scenarios.study.store import Completion, RunRecord, StudyData, read_study
 from sim.types import Contact
 from swarm.types import Outcome
@@ -74,11 +74,8 @@ def slow_fake(spec: RunSpec) -> RunRecord:
     return fake(spec)
 
 
-class Unseen:
-    """Shows nothing."""
-
-    def update(self, progress: Progress) -> None:
-        pass
+def unseen(progress: Progress) -> None:
+    """A display that shows nothing."""
 
 
 class Scripted:
@@ -113,4 +110,4 @@ def killable() -> Study:
 
 
 if __name__ == "__main__":
-    run_study(killable(), Path(sys.argv[1]), Processes(2, 60.0, slow_fake), RunOptions(resume=True), Unseen())
+    run_study(killable(), Path(sys.argv[1]), Processes(2, 60.0, slow_fake), unseen, resume=True)

@@ -9,9 +9,6 @@ from typer.core import TyperGroup
 from .options import INTERRUPTED
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
-    from ..study.design import Study
     from ..study.executors import Executor
     from ..study.store import StudyData
 
@@ -62,24 +59,25 @@ def run(
 
     from ..errors import ScenarioError
     from ..study.design import load_study
-    from ..study.run import RunOptions, display_on, run_study
+    from ..study.executors import Cluster, Processes, Serial
+    from ..study.run import display_on, run_study
 
     if retry_errors and not resume:
         raise ScenarioError("--retry-errors goes with --resume: give both")
     study = load_study(file)
     folder = out or DEFAULT_OUT / study.name
-    console = Console()
-    executor = _executor(study, workers, cluster)
+    if cluster is not None:
+        executor: Executor = Cluster(cluster, workers, study.time_limit_s)
+    else:
+        executor = Processes(workers, study.time_limit_s) if workers else Serial()
     try:
-        with display_on(console) as display:
-            options = RunOptions(resume=resume, retry_errors=retry_errors)
-            data = run_study(study, folder, executor, options, display)
+        with display_on(Console()) as display:
+            data = run_study(study, folder, executor, display, resume=resume, retry_errors=retry_errors)
     except KeyboardInterrupt:
-        safe = f"stopped; the finished runs in {folder} are safe, go on with --resume"
-        console.print(safe, soft_wrap=True, markup=False)
+        typer.echo(f"stopped; the finished runs in {folder} are safe, go on with --resume")
         raise typer.Exit(INTERRUPTED) from None
-    _print_status(console, data)
-    console.print(f"the report: voxdepth study report {folder}", soft_wrap=True, markup=False)
+    _print_status(data)
+    typer.echo(f"the report: voxdepth study report {folder}")
     if data.failures:
         raise typer.Exit(1)
 
@@ -87,11 +85,9 @@ def run(
 @app.command()
 def status(out: Folder) -> None:
     """Print the progress of a study, which may be running."""
-    from rich.console import Console
-
     from ..study.store import read_study
 
-    _print_status(Console(), read_study(out))
+    _print_status(read_study(out))
 
 
 @app.command()
@@ -115,32 +111,17 @@ def report(
     ] = False,
 ) -> None:
     """Write report.html with the results so far, its tables as report.md, and its figures as figures/*.png."""
-    from rich.console import Console
-
-    from ..study.report import write_report
+    from ..study.analysis import first_collisions
+    from ..study.replay import fly_again
+    from ..study.report import recording_folder, recording_of, write_report
     from ..study.store import read_study
 
     data = read_study(out)
-    console = Console()
-    if record:
-        _record_collisions(console, data, out)
-    console.print(
-        f"{len(data.records)} of {len(data.keys)} runs; written to {write_report(data, out)}",
-        soft_wrap=True,
-        markup=False,
-    )
-
-
-def _record_collisions(console: "Console", data: "StudyData", out: Path) -> None:
-    """Make the recordings that do not exist yet."""
-    from ..study.analysis import first_collisions
-    from ..study.replay import fly_again
-    from ..study.report import recording_folder, recording_of
-
-    for spec in first_collisions(data):
+    for spec in first_collisions(data) if record else ():
         if recording_of(out, spec) is None:
             again = fly_again(data, spec, recording_folder(out, spec), record=True)
-            console.print(f"{spec.label}: {again.verdict}", soft_wrap=True, markup=False)
+            typer.echo(f"{spec.label}: {again.verdict}")
+    typer.echo(f"{len(data.records)} of {len(data.runs)} runs; written to {write_report(data, out)}")
 
 
 @app.command()
@@ -153,20 +134,17 @@ def diagnose(
     workers: Annotated[int, typer.Option(min=1, help="Missions flown side by side.")] = 2,
 ) -> None:
     """Fly the runs again that ended in a collision, and say what the drone had seen of the object that it hit."""
-    from rich.console import Console
-
-    from ..study.design import RunSpec
     from ..study.diagnose import Diagnosis, cause_table, colliding_runs, diagnose_runs
     from ..study.store import read_study
 
     data = read_study(out)
-    console = Console()
-
-    def show(spec: RunSpec, diagnosis: Diagnosis) -> None:
-        console.print(f"run {spec.short_key}: {spec.label}: {diagnosis}", soft_wrap=True, markup=False)
-
-    found = diagnose_runs(data, colliding_runs(data, arm or [], limit), workers, show)
-    console.print(cause_table(found).markdown(), soft_wrap=True, markup=False)
+    runs = colliding_runs(data, arm or [], limit)
+    found: dict[str, list[Diagnosis]] = {arm: [] for arm in runs}
+    specs = [spec for own in runs.values() for spec in own]
+    for spec, diagnosis in zip(specs, diagnose_runs(data, specs, workers), strict=True):
+        typer.echo(f"run {spec.short_key}: {spec.label}: {diagnosis}")
+        found[spec.arm].append(diagnosis)
+    typer.echo(cause_table(found).markdown())
 
 
 @app.command()
@@ -180,40 +158,27 @@ def replay(
     record: Annotated[bool, typer.Option("--record", help="Write a Rerun recording.")] = False,
 ) -> None:
     """Fly one run of a study again and compare its result with that of the study. Exits 1 if they differ."""
-    from rich.console import Console
-
     from ..study.replay import find, fly_again
     from ..study.store import read_study
 
     data = read_study(out)
     spec = find(data, key)
-    console = Console()
-    console.print(f"run {spec.short_key}: {spec.label}", soft_wrap=True, markup=False)
+    typer.echo(f"run {spec.short_key}: {spec.label}")
     again = fly_again(data, spec, to or out / "replays", record=record)
-    console.print(again.verdict, soft_wrap=True)
-    console.print(f"its files are in {again.folder}", soft_wrap=True, markup=False)
+    typer.echo(again.verdict)
+    typer.echo(f"its files are in {again.folder}")
     if again.is_same is False:
         raise typer.Exit(1)
 
 
-def _executor(study: "Study", workers: int, cluster: str | None) -> "Executor":
-    if cluster is not None:
-        from ..study.cluster import Cluster
+def _print_status(data: "StudyData") -> None:
+    from rich.console import Console
 
-        return Cluster(cluster, workers, study.time_limit_s)
-    from ..study.executors import Processes, Serial
-
-    return Processes(workers, study.time_limit_s) if workers else Serial()
-
-
-def _print_status(console: "Console", data: "StudyData") -> None:
-    from ..study.design import shortened
     from ..study.run import Progress
 
-    console.print(f"study {data.study.name}: {data.study.description}", soft_wrap=True, markup=False)
-    console.print(Progress(data).table().rich())
+    typer.echo(f"study {data.study.name}: {data.study.description}")
+    Console().print(Progress(data).table().rich())
     for failure in list(data.failures.values())[:5]:
-        where = shortened(failure.key)
-        console.print(f"{failure.kind} in run {where}: {failure.last_line}", soft_wrap=True, markup=False)
+        typer.echo(f"{failure.kind} in run {data.runs[failure.key].short_key}: {failure.last_line}")
     if data.failures:
-        console.print("fly them again with --resume --retry-errors", soft_wrap=True)
+        typer.echo("fly them again with --resume --retry-errors")

@@ -1,6 +1,6 @@
 """Analysis of a study: summaries of its arms, paired comparisons of arms, and dose responses to the noise ratio."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -10,21 +10,15 @@ from swarm.types import Outcome
 
 from ..errors import ScenarioError
 from .design import RunSpec, arm_label
-from .statistics import (
-    DoseResponse,
-    Interval,
-    Pairs,
-    clopper_pearson,
-    dose_response,
-    holm,
-    mcnemar,
-    newcombe,
-    pairs_of,
-    wilson,
-)
+from .statistics import DoseResponse, Interval, Pairs, dose_response, holm, mcnemar, newcombe, pairs_of
 from .store import RunRecord, StudyData
 
 CONTACT_KINDS = ("building", "drone", "ground")
+
+ArmLevel = tuple[str, float | None]
+"""An arm at one noise ratio."""
+Block = tuple[str, int]
+"""A scenario and a seed, within which the runs of two arms form a pair."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,15 +52,9 @@ class ArmSummary:
         """Collision ratio: runs with a collision divided by runs; None without runs."""
         return self.collisions / self.n if self.n else None
 
-    @property
-    def wilson(self) -> Interval | None:
-        """Wilson's interval of the collision ratio; None without runs."""
-        return wilson(self.collisions, self.n) if self.n else None
-
-    @property
-    def clopper_pearson(self) -> Interval | None:
-        """Exact interval of the collision ratio; None without runs."""
-        return clopper_pearson(self.collisions, self.n) if self.n else None
+    def interval(self, method: Callable[[int, int], Interval]) -> Interval | None:
+        """Return `wilson` or `clopper_pearson` of the collision ratio; None without runs."""
+        return method(self.collisions, self.n) if self.n else None
 
     def count(self, outcome: Outcome) -> int:
         """Return the number of runs with an outcome."""
@@ -78,18 +66,9 @@ class ArmSummary:
 
     def mean(self, metric: str, outcome: Outcome | None = None) -> tuple[float | None, int]:
         """Return the mean of a metric and the number of runs in it: those that have the metric and the outcome."""
-        values = [
-            float(value)
-            for record in self.records
-            if (outcome is None or record.outcome is outcome) and (value := record.metrics.get(metric)) is not None
-        ]
+        records = [record for record in self.records if outcome in (None, record.outcome)]
+        values = [float(value) for record in records if (value := record.metrics.get(metric)) is not None]
         return (sum(values) / len(values) if values else None), len(values)
-
-
-ArmLevel = tuple[str, float | None]
-"""An arm at one noise ratio."""
-Block = tuple[str, int]
-"""A scenario and a seed, within which the runs of two arms form a pair."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,21 +110,33 @@ def summarise_arms(data: StudyData) -> list[ArmSummary]:
 
 def compare_arms(data: StudyData) -> list[Comparison]:
     """Compare all pairs of arms that have a pair of runs; the primary comparison comes first."""
-    collided, primary = _collided(data), _primary(data)
-    others = [
-        (first, second, pairs)
-        for first, second in _all_pairs(data)
-        if {first, second} != set(primary or ()) and (pairs := _pairs(collided, first, second)).n
+    levels: list[ArmLevel] = [(arm.name, theta) for arm in data.study.arms for theta in arm.levels]
+    # Arms at two different noise ratios are not compared.
+    sides = [(a, b) for a, b in combinations(levels, 2) if a[0] != b[0] and (None in (a[1], b[1]) or a[1] == b[1])]
+    primary = None
+    if (declared := data.study.declared) is not None:
+        level = {level[0]: level for level in levels}  # The arms of the primary comparison have one level.
+        primary = level[declared.arm], level[declared.against]
+        sides = [primary, *(pair for pair in sides if set(pair) != set(primary))]
+    collided = _collided(data)
+    found = [(pair, pairs) for pair in sides if (pairs := _pairs(collided, *pair)).n]
+    p_values = [mcnemar(pairs.first_only, pairs.second_only) for _, pairs in found]
+    adjusted = iter(holm([p for p, (pair, _) in zip(p_values, found, strict=True) if pair != primary]))
+    return [
+        Comparison(
+            first=arm_label(*pair[0]),
+            second=arm_label(*pair[1]),
+            pairs=pairs,
+            difference=newcombe(pairs),
+            p=p,
+            p_holm=None if pair == primary else next(adjusted),
+        )
+        for p, (pair, pairs) in zip(p_values, found, strict=True)
     ]
-    adjusted = holm([mcnemar(pairs.first_only, pairs.second_only) for _, _, pairs in others])
-    found = [_comparison(*other, p_holm) for other, p_holm in zip(others, adjusted, strict=True)]
-    if primary is not None and (pairs := _pairs(collided, *primary)).n:
-        found.insert(0, _comparison(*primary, pairs, None))
-    return found
 
 
 def dose_responses(data: StudyData) -> Iterator[tuple[str, str, DoseResponse | str]]:
-    """Fit every arm with at least three noise ratios.
+    """Fit every arm with at least three noise ratios to the seeds that were flown at all of them.
 
     Yields:
         The scenario, the arm, and its dose response or the reason why there is none.
@@ -153,73 +144,34 @@ def dose_responses(data: StudyData) -> Iterator[tuple[str, str, DoseResponse | s
     collided = _collided(data)
     for scenario in dict.fromkeys(spec.scenario for spec in data.specs):
         for arm in data.study.arms:
-            if len(arm.theta) >= 3:
-                levels = [collided.get((arm.name, theta), {}) for theta in arm.theta]
-                yield scenario, arm.name, _dose_response(arm.theta, [_of_scenario(level, scenario) for level in levels])
+            if len(arm.theta) < 3:
+                continue
+            columns = [collided.get((arm.name, theta), {}) for theta in arm.theta]
+            blocks = sorted(block for block in set.intersection(*map(set, columns)) if block[0] == scenario)
+            rows = np.array([[column[block] for column in columns] for block in blocks], np.bool_)
+            try:
+                yield scenario, arm.name, dose_response(arm.theta, rows.reshape(-1, len(columns)))
+            except ScenarioError as error:
+                yield scenario, arm.name, str(error)
 
 
-def _of_scenario(collided: Mapping[Block, bool], scenario: str) -> dict[int, bool]:
-    """Return whether each run of a scenario collided, by seed."""
-    return {seed: hit for (name, seed), hit in collided.items() if name == scenario}
-
-
-def _dose_response(thetas: Sequence[float], columns: Sequence[Mapping[int, bool]]) -> DoseResponse | str:
-    """Fit the seeds that were flown at every noise ratio."""
-    seeds = sorted(set.intersection(*(set(column) for column in columns)))
-    rows = np.array([[column[seed] for column in columns] for seed in seeds], np.bool_).reshape(-1, len(thetas))
-    try:
-        return dose_response(thetas, rows)
-    except ScenarioError as error:
-        return str(error)
-
-
-def _primary(data: StudyData) -> tuple[ArmLevel, ArmLevel] | None:
-    """Return the two sides of the primary comparison; each arm of it has one level."""
-    if (primary := data.study.declared) is None:
-        return None
-    theta = {arm.name: arm.levels[0] for arm in data.study.arms}
-    return (primary.arm, theta[primary.arm]), (primary.against, theta[primary.against])
-
-
-def _comparison(first: ArmLevel, second: ArmLevel, pairs: Pairs, p_holm: float | None) -> Comparison:
-    return Comparison(
-        first=arm_label(*first),
-        second=arm_label(*second),
-        pairs=pairs,
-        difference=newcombe(pairs),
-        p=mcnemar(pairs.first_only, pairs.second_only),
-        p_holm=p_holm,
-    )
-
-
-def _all_pairs(data: StudyData) -> list[tuple[ArmLevel, ArmLevel]]:
-    """List the pairs of different arms, except at two different noise ratios."""
-    levels: list[ArmLevel] = [(arm.name, theta) for arm in data.study.arms for theta in arm.levels]
-    return [
-        (a, b) for a, b in combinations(levels, 2) if a[0] != b[0] and (a[1] is None or b[1] is None or a[1] == b[1])
-    ]
+def first_collisions(data: StudyData) -> list[RunSpec]:
+    """Return the run of each arm that ended in a collision and has the lowest seed."""
+    found: dict[str, RunSpec] = {}
+    for spec in data.collisions:
+        found.setdefault(spec.arm, spec)
+    return [found[arm.name] for arm in data.study.arms if arm.name in found]
 
 
 def _collided(data: StudyData) -> Mapping[ArmLevel, Mapping[Block, bool]]:
     """Return whether each run with a result collided."""
     found: dict[ArmLevel, dict[Block, bool]] = {}
-    for spec in data.specs:
-        if (record := data.records.get(spec.key)) is not None:
-            block = spec.scenario, spec.seed
-            found.setdefault((spec.arm, spec.theta), {})[block] = record.outcome is Outcome.COLLISION
+    for spec in data.flown:
+        is_collision = data.records[spec.key].outcome is Outcome.COLLISION
+        found.setdefault((spec.arm, spec.theta), {})[spec.scenario, spec.seed] = is_collision
     return found
 
 
 def _pairs(collided: Mapping[ArmLevel, Mapping[Block, bool]], first: ArmLevel, second: ArmLevel) -> Pairs:
     a, b = collided.get(first, {}), collided.get(second, {})
     return pairs_of([(a[block], b[block]) for block in a if block in b])
-
-
-def first_collisions(data: StudyData) -> list[RunSpec]:
-    """Return the run of each arm that ended in a collision and has the lowest seed."""
-    found: dict[str, RunSpec] = {}
-    for spec in data.specs:
-        record = data.records.get(spec.key)
-        if record is not None and record.outcome is Outcome.COLLISION:
-            found.setdefault(spec.arm, spec)
-    return [found[arm.name] for arm in data.study.arms if arm.name in found]

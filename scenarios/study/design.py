@@ -2,7 +2,8 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,10 +20,10 @@ from ..files import load_alone, shipped_names
 
 FIRST_PILOT_SEED = 1000
 """Seeds from here on belong to pilots, which may be used to choose scenes and controllers."""
-OWN_KEYS = ("rig.depth", "rig.noise.scale.theta", "corrector", "rig.width_px", "rig.height_px")
-"""Keys of a scenario that an arm sets by a field of its own."""
 ALWAYS_SET = ("rig.depth", "corrector")
 """Keys that every arm sets, so that the changes of a study could not affect them."""
+OWN_KEYS = (*ALWAYS_SET, "rig.noise.scale.theta", "rig.width_px", "rig.height_px")
+"""Keys of a scenario that an arm sets by a field of its own."""
 NAME = r"^[A-Za-z0-9][A-Za-z0-9,._ -]*$"
 KEY_FORMAT = 1
 """Part of every key. It is raised when equal runs no longer have equal results."""
@@ -121,8 +122,9 @@ class Study(Model):
 
     @pydantic.model_validator(mode="after")
     def _check(self) -> "Study":
-        _require_unique("scenario", self.scenarios)
-        _require_unique("arm", [arm.name for arm in self.arms])
+        for what, names in (("scenario", self.scenarios), ("arm", [arm.name for arm in self.arms])):
+            if twice := [name for name, count in Counter(names).items() if count > 1]:
+                raise ValueError(f"every {what} may be named once, got {twice[0]!r} more than once")
         if taken := [key for key in self.changes if key in ALWAYS_SET]:
             raise ValueError(f"changes must not set {taken[0]}, because every arm sets it: set it in the arms")
         self._check_seeds()
@@ -172,23 +174,18 @@ class RunSpec:
 
     @property
     def short_key(self) -> str:
-        """The first digits of the key, which identify the run."""
-        return shortened(self.key)
-
-    @property
-    def label(self) -> str:
-        """The run in words."""
-        return f"scenario {self.scenario}, arm {arm_label(self.arm, self.theta)}, seed {self.seed}"
+        """The first digits of the key, which people read and type."""
+        return self.key[:SHORT]
 
     @property
     def seed(self) -> int:
         """Master seed of everything random in the run."""
         return self.run.seed
 
-
-def shortened(key: str) -> str:
-    """Return the first digits of a key, which people read and type."""
-    return key[:SHORT]
+    @property
+    def label(self) -> str:
+        """The run in words."""
+        return f"scenario {self.scenario}, arm {arm_label(self.arm, self.theta)}, seed {self.seed}"
 
 
 def arm_label(arm: str, theta: float | None) -> str:
@@ -231,7 +228,14 @@ def expand(study: Study) -> list[RunSpec]:
     names = [load_run(scenario, 0, {}).scenario.name for scenario in study.scenarios]
     if len(set(names)) < len(names):
         raise ScenarioError(f"the scenarios of a study must have different names, got {', '.join(names)}")
-    return [spec for seed in study.seeds.first_seeds() for spec in _specs_of_seed(study, seed)]
+    return [
+        _spec(study, scenario, arm, theta, seed)
+        for seed in study.seeds.first_seeds()
+        for scenario in study.scenarios
+        for arm in study.arms
+        if seed in study.seeds.first_seeds(arm.seeds)
+        for theta in arm.levels
+    ]
 
 
 def digest(study: Study, specs: Sequence[RunSpec]) -> str:
@@ -240,23 +244,9 @@ def digest(study: Study, specs: Sequence[RunSpec]) -> str:
     return hashlib.sha256("\n".join([study.model_dump_json(exclude={"scenarios"}), *runs]).encode()).hexdigest()
 
 
-def _specs_of_seed(study: Study, seed: int) -> Iterator[RunSpec]:
-    for scenario in study.scenarios:
-        for arm in study.arms:
-            if seed in study.seeds.first_seeds(arm.seeds):
-                yield from _specs_of_arm(study, scenario, arm, seed)
-
-
-def _specs_of_arm(study: Study, scenario: str, arm: Arm, seed: int) -> Iterator[RunSpec]:
-    for theta in arm.levels:
-        try:
-            run = load_run(scenario, seed, {**study.changes, **arm.changes_at(theta)})
-        except ScenarioError as error:
-            raise ScenarioError(f"arm {arm.name!r} of the study {study.name!r}: {error}") from error
-        yield RunSpec(scenario=run.scenario.name, arm=arm.name, theta=theta, run=run, key=key_of(run))
-
-
-def _require_unique(what: str, names: Sequence[str]) -> None:
-    for name in names:
-        if names.count(name) > 1:
-            raise ValueError(f"every {what} may be named once, got {name!r} more than once")
+def _spec(study: Study, scenario: str, arm: Arm, theta: float | None, seed: int) -> RunSpec:
+    try:
+        run = load_run(scenario, seed, {**study.changes, **arm.changes_at(theta)})
+    except ScenarioError as error:
+        raise ScenarioError(f"arm {arm.name!r} of the study {study.name!r}: {error}") from error
+    return RunSpec(scenario=run.scenario.name, arm=arm.name, theta=theta, run=run, key=key_of(run))

@@ -1,7 +1,7 @@
 """Diagnosing collisions: runs are flown again, and a probe records what the drone saw of the object that it hit."""
 
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -11,7 +11,7 @@ from sim.types import Capture, Contact, IdImage
 from sim.world import World
 from swarm.recorder import Recorder
 from swarm.team import Team
-from swarm.types import Histogram, Outcome
+from swarm.types import Histogram
 from voxdepth.geometry import back_project
 from voxdepth.metrics import TOO_FAR
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, MaskImage
@@ -121,26 +121,22 @@ class CollisionProbe(Recorder):
 
     def contact(self, step: int, contact: Contact) -> None:
         """Diagnose the first collision."""
-        if self.diagnosis is None:
-            assert self._world is not None, "start comes first"
-            self.diagnosis = self._diagnose(contact, self._world)
-
-    def _diagnose(self, contact: Contact, world: World) -> Diagnosis:
+        if self.diagnosis is not None:
+            return
         if contact.kind == "drone":
-            return Diagnosis(cause=Cause.DRONE)
-        hit, body = next((hit, body) for hit, body in world.described.items() if body.name == contact.other)
+            self.diagnosis = Diagnosis(cause=Cause.DRONE)
+            return
+        assert self._world is not None, "start comes first"
+        hit, body = next((hit, body) for hit, body in self._world.described.items() if body.name == contact.other)
         recent = [seen for seen in self._observations[contact.drone] if seen.stamp_s >= contact.time_s - LOOKBACK_S]
-        found = diagnose(recent, hit, world.states[contact.drone].position_m)
-        return replace(found, textureless=body.surface.texture == 0)
+        found = diagnose(recent, hit, self._world.states[contact.drone].position_m)
+        self.diagnosis = replace(found, textureless=body.surface.texture == 0)
 
 
 def diagnose(observations: Sequence[Observation], body: int, point_m: FloatArray) -> Diagnosis:
     """Find the cause by a majority of the pixels of the surface that was hit, over all images; texture is left out.
 
-    Args:
-        observations: The images of the last seconds.
-        body: The body that was hit.
-        point_m: Position of the drone [m], shape (3,).
+    `body` was hit by a drone at `point_m` [m], shape (3,).
     """
     masks = [seen.pixels_of(body, point_m) for seen in observations]
     if sum(bool(mask.any()) for mask in masks) < max(1, MIN_VISIBLE_SHARE * len(observations)):
@@ -164,12 +160,7 @@ def diagnose(observations: Sequence[Observation], body: int, point_m: FloatArray
 
 
 def colliding_runs(data: StudyData, arms: Sequence[str], limit: int | None) -> Mapping[str, Sequence[RunSpec]]:
-    """Return the runs that ended in a collision by arm, ordered by seed.
-
-    Args:
-        data: The study.
-        arms: Names of arms; an empty sequence stands for all.
-        limit: Largest number of runs of each arm; None for all.
+    """Return at most `limit` runs of each arm that ended in a collision, ordered by seed; no `arms` stand for all.
 
     Raises:
         ScenarioError: The study has no such arm.
@@ -178,35 +169,25 @@ def colliding_runs(data: StudyData, arms: Sequence[str], limit: int | None) -> M
     for arm in arms:
         if arm not in found:
             raise ScenarioError(f"the study has no arm {arm!r}: choose from {', '.join(found)}")
-    for spec in data.specs:
-        if spec.key in data.records and data.records[spec.key].outcome is Outcome.COLLISION:
-            found[spec.arm].append(spec)
+    for spec in data.collisions:
+        found[spec.arm].append(spec)
     return {arm: specs[:limit] for arm, specs in found.items() if not arms or arm in arms}
 
 
-def diagnose_runs(
-    data: StudyData,
-    specs: Mapping[str, Sequence[RunSpec]],
-    workers: int,
-    progress: Callable[[RunSpec, Diagnosis], None],
-) -> Mapping[str, Sequence[Diagnosis]]:
-    """Fly runs again that ended in a collision, and return the diagnosis of each by arm.
+def diagnose_runs(data: StudyData, specs: Sequence[RunSpec], workers: int) -> Iterator[Diagnosis]:
+    """Fly runs again that ended in a collision, and yield the diagnosis of each in order.
 
     Raises:
         ScenarioError: A run does not collide as in the study.
     """
-    listed = [spec for own in specs.values() for spec in own]
-    found: dict[str, list[Diagnosis]] = {arm: [] for arm in specs}
-    flown = in_processes(_fly, [spec.run for spec in listed], workers=workers)
-    for spec, (diagnosis, contacts) in zip(listed, flown, strict=True):
+    flown = in_processes(_fly, [spec.run for spec in specs], workers=workers)
+    for spec, (diagnosis, contacts) in zip(specs, flown, strict=True):
         if diagnosis is None or contacts != data.records[spec.key].contacts:
             raise ScenarioError(
                 f"{spec.label} did not collide as in the study, which was flown with {data.versions}: compare "
                 f"with voxdepth study replay OUT {spec.short_key}"
             )
-        found[spec.arm].append(diagnosis)
-        progress(spec, diagnosis)
-    return found
+        yield diagnosis
 
 
 def cause_table(found: Mapping[str, Sequence[Diagnosis]]) -> Table:

@@ -1,4 +1,4 @@
-"""How runs are flown: one after the other in this process, or in worker processes; `cluster` adds a third way.
+"""How runs are flown: in this process, in worker processes, or on a cluster of machines with dask.distributed.
 
 A worker process may hang, crash or be killed at any moment. Each has a pipe of its own and shares no lock with others,
 so that its end costs no more than its run.
@@ -6,25 +6,31 @@ so that its end costs no more than its run.
 
 import math
 import multiprocessing
+import os
+import platform
+import threading
 import time
 import traceback
+import uuid
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import suppress
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from itertools import islice
 from multiprocessing import connection
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from typing import Protocol
+from typing import Any, Protocol
 
 from swarm.types import Outcome
 
 from ..errors import ScenarioError
-from ..quiet import use_one_thread
+from ..quiet import import_noisy_libraries, use_one_thread
+from ..results.provenance import simulation_versions
 from ..runner import fly
 from .design import RunSpec
 from .store import Completion, Failure, FailureKind, RunRecord
-from .worker import READY, serve
+from .worker import READY, ignore_interrupts, serve
 
 START_TIMEOUT_S = 300.0
 """Longest time in which a worker must have imported its libraries."""
@@ -32,6 +38,10 @@ MAX_FAILED_STARTS = 3
 """Number of workers in a row that may end before they are ready."""
 RUNS_PER_WORKER = 20
 """A worker is replaced after this many runs, which bounds the effect of a memory leak in a library."""
+LOCAL = "local"
+"""Stands for a cluster of processes on this machine, instead of an address."""
+JOIN_TIMEOUT_S = 60.0
+"""Longest time to wait for the first worker of a cluster."""
 
 FlyOne = Callable[[RunSpec], RunRecord]
 
@@ -57,20 +67,13 @@ def run_one(spec: RunSpec) -> RunRecord:
         KeyboardInterrupt: Ctrl-C was pressed; an interrupted mission is no result.
         ScenarioError: A metric is not finite.
     """
-    finished = fly(spec.run, threads=1)
-    result = finished.result
-    if result.outcome is Outcome.INTERRUPTED:
+    record = RunRecord.of(spec.key, fly(spec.run, threads=1))
+    if record.outcome is Outcome.INTERRUPTED:
         raise KeyboardInterrupt
-    wrong = [name for name, value in result.metrics.items() if value is not None and not math.isfinite(value)]
-    if wrong:
-        raise ScenarioError(f"expected finite metrics, or None, got {wrong[0]} = {result.metrics[wrong[0]]}")
-    return RunRecord(
-        key=spec.key,
-        outcome=result.outcome,
-        metrics=dict(result.metrics),
-        contacts=result.contacts,
-        wall_s=finished.wall_s,
-    )
+    for name, value in record.metrics.items():
+        if value is not None and not math.isfinite(value):
+            raise ScenarioError(f"expected finite metrics, or None, got {name} = {value}")
+    return record
 
 
 def attempt(fly_one: FlyOne, spec: RunSpec) -> Completion:
@@ -165,8 +168,9 @@ class _WorkerPool:
 
     def spawn(self) -> None:
         """Start workers for the runs that wait, up to the configured number."""
-        while len(self._workers) < self._config.workers and self._starting() < len(self._waiting):
-            self._workers.append(_Worker())
+        starting = sum(worker.spec is None for worker in self._workers)
+        n = min(self._config.workers - len(self._workers), len(self._waiting) - starting)
+        self._workers += [_Worker() for _ in range(n)]
 
     def wait(self) -> Iterator[Completion]:
         """Wait for the next message or deadline, and yield the runs that have ended."""
@@ -174,53 +178,175 @@ class _WorkerPool:
         readable = connection.wait([w.pipe for w in self._workers], timeout=max(0.0, first_s - time.monotonic()))
         now_s = time.monotonic()  # Read once: the caller may take long between two yields.
         for worker in list(self._workers):
-            done = None
             if worker.pipe in readable:
-                done = self._receive(worker)
+                yield from self._receive(worker)
             elif now_s >= worker.deadline_s:
-                done = self._remove(worker, "timeout")
-            if done is not None:
-                yield done
+                yield from self._remove(worker, "timeout")
 
     def terminate(self) -> None:
         """Kill all workers."""
         while self._workers:
             self._workers.pop().stop()
 
-    def _starting(self) -> int:
-        return sum(worker.spec is None for worker in self._workers)
-
-    def _receive(self, worker: _Worker) -> Completion | None:
+    def _receive(self, worker: _Worker) -> Iterator[Completion]:
         """Read one message: the worker is ready, its run has ended, or the end of the pipe says that it has died."""
         try:
             message = worker.pipe.recv()
         except (EOFError, OSError):
-            return self._remove(worker, "died")
+            yield from self._remove(worker, "died")
+            return
         self._failed_starts = 0
         if self._waiting and worker.runs < RUNS_PER_WORKER:
             worker.submit(self._config.fly_one, self._waiting.popleft(), self._config.time_limit_s)
         else:
             self._workers.remove(worker)
             worker.stop()
-        return None if message == READY else message
+        if message != READY:
+            yield message
 
-    def _remove(self, worker: _Worker, kind: FailureKind) -> Failure | None:
-        """Remove a worker that has died or missed its deadline; return the failure of its run, if it had one."""
+    def _remove(self, worker: _Worker, kind: FailureKind) -> Iterator[Failure]:
+        """Remove a worker that has died or missed its deadline, and yield the failure of its run, if it had one.
+
+        Raises:
+            ScenarioError: Too many workers in a row ended before they were ready.
+        """
         self._workers.remove(worker)
         code = worker.stop()
-        if worker.spec is None:
-            self._count_failed_start(code)
-            return None
-        text = {
-            "timeout": f"stopped at its time limit of {self._config.time_limit_s:g} s",
-            "died": f"its process ended without a message, with exit code {code}",
-        }[kind]
-        return Failure(key=worker.spec.key, kind=kind, text=text)
-
-    def _count_failed_start(self, code: int | None) -> None:
+        if worker.spec is not None:
+            text = {
+                "timeout": f"stopped at its time limit of {self._config.time_limit_s:g} s",
+                "died": f"its process ended without a message, with exit code {code}",
+            }[kind]
+            yield Failure(key=worker.spec.key, kind=kind, text=text)
+            return
         self._failed_starts += 1
         if self._failed_starts >= MAX_FAILED_STARTS:
             raise ScenarioError(
                 f"{self._failed_starts} workers in a row ended before they were ready, the last with exit code {code}: "
                 "see what they printed, or try --workers 0, which flies in this process"
             )
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """Flies runs on the workers of a Dask scheduler, one at a time on each: `dask worker ADDRESS --nthreads 1`.
+
+    A run that exceeds its time limit ends its worker, which Dask replaces. The scheduler repeats a run whose worker
+    ended as often as its `allowed-failures` says; then the run becomes a failure of kind `died`. Closing the iterator
+    ends the workers of a local cluster; other workers finish their run, and its result is discarded.
+
+    Args:
+        address: Address of the scheduler, as in tcp://10.0.0.1:8786, or `local`.
+        workers: Number of processes of a local cluster.
+        time_limit_s: Wall-clock time after which a run is stopped.
+        fly_one: The function that flies a run; the workers must be able to import it.
+    """
+
+    address: str
+    workers: int
+    time_limit_s: float
+    fly_one: FlyOne = run_one
+
+    def run(self, specs: Iterable[RunSpec]) -> Generator[Completion]:
+        """See `Executor`."""
+        waiting = iter(specs)
+        with self._client() as client:
+            from distributed import as_completed
+
+            for worker, theirs in client.run(simulation_versions).items():
+                _require_equal(worker, theirs, simulation_versions())
+            pending: dict[Any, RunSpec] = {}
+            ended = as_completed()
+            try:
+                self._submit(client, waiting, pending, ended)
+                for future in ended:
+                    yield self._result(future, pending.pop(future))
+                    self._submit(client, waiting, pending, ended)
+            finally:
+                client.cancel(list(pending), force=True)
+
+    def _submit(self, client: Any, waiting: Iterator[RunSpec], pending: dict[Any, RunSpec], ended: Any) -> None:
+        """Keep one run in progress for each worker of the cluster; workers may have joined.
+
+        A second run that waits at a worker would count as failed if the first one ended the worker.
+
+        Raises:
+            ScenarioError: A worker has more than one thread, so a run past its limit would end other runs.
+        """
+        threads = client.nthreads()
+        for worker, n in threads.items():
+            if n != 1:
+                raise ScenarioError(f"the worker {worker} has {n} threads, expected one: start it with --nthreads 1")
+        for spec in islice(waiting, max(0, max(1, len(threads)) - len(pending))):
+            # Every attempt gets a new key, since a cluster caches the results of old keys.
+            key = f"{spec.key}-{uuid.uuid4()}"
+            call = (_attempt_on_cluster, self.fly_one, spec, self.time_limit_s, simulation_versions())
+            future = client.submit(*call, key=key, pure=False)
+            pending[future] = spec
+            ended.add(future)
+
+    def _result(self, future: Any, spec: RunSpec) -> Completion:
+        if future.cancelled():
+            raise ScenarioError(f"the cluster at {self.address} is lost: its results are stored, go on with --resume")
+        error = future.exception()
+        if isinstance(error, ScenarioError):
+            raise error  # This is an error of the worker; `attempt` catches the errors of a run.
+        if error is None:
+            done: Completion = future.result()
+            return done
+        text = f"its worker ended: it died, or the run passed its time limit of {self.time_limit_s:g} s ({error})"
+        return Failure(key=spec.key, kind="died", text=text)
+
+    @contextmanager
+    def _client(self) -> Iterator[Any]:
+        """Connect to the cluster, or start a local one."""
+        try:
+            import dask.config
+            from distributed import Client, LocalCluster
+        except ImportError as error:
+            raise ScenarioError("--cluster needs dask.distributed: pip install 'voxdepth[cluster]'") from error
+        with ExitStack() as opened:
+            if self.address == LOCAL:
+                # A run that ends its worker would also end the next one.
+                opened.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": 0}))
+                one_thread = {"threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None}
+                local = opened.enter_context(LocalCluster(n_workers=max(1, self.workers), **one_thread))
+                client = opened.enter_context(Client(local))
+                client.run(ignore_interrupts)
+            else:
+                try:
+                    client = opened.enter_context(Client(self.address))
+                    client.wait_for_workers(1, timeout=JOIN_TIMEOUT_S)
+                except (OSError, TimeoutError, ValueError) as error:
+                    raise ScenarioError(
+                        f"there is no cluster with a worker at {self.address} ({error}): start one with `dask "
+                        "scheduler` and `dask worker ADDRESS --nthreads 1`"
+                    ) from error
+            yield client
+
+
+def _require_equal(worker: str, theirs: Mapping[str, str], ours: Mapping[str, str]) -> None:
+    """Refuse a worker with other versions, since its results could differ."""
+    for name, version in ours.items():
+        if theirs.get(name) != version:
+            raise ScenarioError(
+                f"the worker {worker} has {name} {theirs.get(name)}, where the study was started it is {version}: "
+                "install the same there, restart the worker, and go on with --resume"
+            )
+
+
+def _attempt_on_cluster(fly_one: FlyOne, spec: RunSpec, time_limit_s: float, versions: Mapping[str, str]) -> Completion:
+    """Fly a run in a worker, and end the process at the time limit, since a thread cannot be stopped.
+
+    Raises:
+        ScenarioError: The worker has other versions; it may have joined after the check.
+    """
+    _require_equal(platform.node(), simulation_versions(), versions)
+    import_noisy_libraries()
+    watchdog = threading.Timer(time_limit_s, os._exit, [1])
+    watchdog.daemon = True
+    watchdog.start()
+    try:
+        return attempt(fly_one, spec)
+    finally:
+        watchdog.cancel()

@@ -2,12 +2,10 @@
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
 
 import pandas as pd
+from pandas.api.types import infer_dtype
 
 from swarm.types import Outcome
 
@@ -25,52 +23,33 @@ from .analysis import (
     first_collisions,
     summarise_arms,
 )
-from .design import RunSpec, shortened
+from .design import RunSpec
 from .figures import COLORS, all_figures
-from .statistics import B_BOUNDS, DoseResponse, Interval
+from .statistics import B_BOUNDS, DoseResponse, Interval, clopper_pearson, wilson
 from .store import StudyData
 
 REPORT, SUMMARY, FIGURES, TEMPLATE, RUNS = "report.html", "report.md", "figures", "study.html.j2", "runs"
 OTHER_OUTCOMES = tuple(outcome for outcome in COLORS if outcome is not Outcome.COLLISION)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Example:
-    """A run that readers of the report may want to watch."""
-
-    run: str
-    command: str
-    recording: str
-    """Path relative to the report; empty if there is no recording yet."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Findings:
     """The analysis of all results so far. It includes a bootstrap, so it is computed once."""
 
-    arms: Sequence[ArmSummary]
-    comparisons: Sequence[Comparison]
-    dose_responses: Sequence[tuple[str, str, DoseResponse | str]]
-
-    @classmethod
-    def of(cls, data: StudyData) -> Self:
-        """Analyse all results of a study."""
-        return cls(arms=summarise_arms(data), comparisons=compare_arms(data), dose_responses=list(dose_responses(data)))
-
-    @cached_property
-    def tables(self) -> dict[str, Table]:
-        """The tables of the report by their name in the template, in the order of `report.md`."""
-        return {
-            "comparisons": comparison_table(self.comparisons),
-            "dose_responses": dose_response_table(self.dose_responses),
-            "arms": arm_table(self.arms),
+    def __init__(self, data: StudyData) -> None:
+        self.data = data
+        self._arms = summarise_arms(data)
+        self._dose_responses = list(dose_responses(data))
+        self.tables = {
+            "comparisons": comparison_table(compare_arms(data)),
+            "dose_responses": dose_response_table(self._dose_responses),
+            "arms": arm_table(self._arms),
         }
+        """The tables of the report by their name in the template, in the order of `report.md`."""
 
-    @cached_property
     def pictures(self) -> list[Picture]:
-        """The figures of the report."""
-        fitted = {(scenario, arm): fit for scenario, arm, fit in self.dose_responses if isinstance(fit, DoseResponse)}
-        return all_figures(self.arms, fitted)
+        """Draw the figures of the report."""
+        fitted = {(scenario, arm): fit for scenario, arm, fit in self._dose_responses if isinstance(fit, DoseResponse)}
+        return all_figures(self._arms, fitted)
 
 
 def write_report(data: StudyData, out: Path) -> Path:
@@ -79,41 +58,53 @@ def write_report(data: StudyData, out: Path) -> Path:
     Raises:
         ScenarioError: A file cannot be written.
     """
-    findings = Findings.of(data)
-    write(out / SUMMARY, summary(data, findings).encode())
-    for picture in findings.pictures:
+    findings = Findings(data)
+    write(out / SUMMARY, summary(findings).encode())
+    pictures = findings.pictures()
+    for picture in pictures:
         name = re.sub(r"\W+", "-", picture.title.lower())
         write(out / FIGURES / f"{name}.png", picture.png)
-    write(out / REPORT, render(data, findings, out).encode())
+    write(out / REPORT, render(findings, pictures, out).encode())
     return out / REPORT
 
 
-def summary(data: StudyData, findings: Findings) -> str:
+def summary(findings: Findings) -> str:
     """Return the tables of the report as Markdown."""
-    head = f"Study {data.study.name}, {len(data.records)} of {len(data.keys)} runs\n"
+    data = findings.data
+    head = f"Study {data.study.name}, {len(data.records)} of {len(data.runs)} runs\n"
     tables = [table for table in findings.tables.values() if len(table)]
     return "\n".join([head, *(f"**{table.title}**\n\n{table.markdown()}" for table in tables)])
 
 
-def render(data: StudyData, findings: Findings, out: Path) -> str:
+def render(findings: Findings, pictures: Sequence[Picture], out: Path) -> str:
     """Return the text of the page."""
-    study = data.study
-    seeds = study.seeds.first_seeds()
+    data = findings.data
+    seeds = data.study.seeds.first_seeds()
+    runs = data.runs
     return render_page(
         TEMPLATE,
-        study=study,
+        study=data.study,
         scenarios=list(dict.fromkeys(spec.scenario for spec in data.specs)),
         seeds=f"{seeds[0]} to {seeds[-1]}",
-        total=len(data.keys),
+        total=len(runs),
         done=len(data.records),
-        failures=[(f.kind, shortened(key), f.last_line) for key, f in data.failures.items()],
+        failures=[(f.kind, runs[key].short_key, f.last_line) for key, f in data.failures.items()],
         **findings.tables,
-        figures=findings.pictures,
+        figures=pictures,
         examples=[_example(spec, out) for spec in first_collisions(data)],
         versions=data.versions,
         machine=data.machine,
         out=out,
     )
+
+
+def _example(spec: RunSpec, out: Path) -> dict[str, str]:
+    recording = recording_of(out, spec)
+    return {
+        "run": spec.label,
+        "command": f"voxdepth study replay {out} {spec.short_key} --record",
+        "recording": "" if recording is None else str(recording.relative_to(out)),
+    }
 
 
 def recording_folder(out: Path, spec: RunSpec) -> Path:
@@ -132,25 +123,15 @@ def run_table(data: StudyData) -> pd.DataFrame:
     Integer columns may have missing entries; metrics that are integers in all runs stay integers.
     """
     names = list(dict.fromkeys(name for record in data.records.values() for name in record.metrics))
-    frame = pd.DataFrame(
-        [
-            {
-                "scenario": spec.scenario,
-                "arm": spec.arm,
-                "theta": spec.theta,
-                "seed": spec.seed,
-                "key": spec.key,
-                "outcome": record.outcome.value,
-                "contacts": len(record.contacts),
-                "wall_s": record.wall_s,
-                **{name: record.metrics.get(name) for name in names},
-            }
-            for spec in data.specs
-            if (record := data.records.get(spec.key)) is not None
-        ],
-        dtype=object,
-    )
-    return frame.astype({name: _dtype(frame[name]) for name in frame})
+    rows = []
+    for spec in data.flown:
+        record = data.records[spec.key]
+        row = {"scenario": spec.scenario, "arm": spec.arm, "theta": spec.theta, "seed": spec.seed, "key": spec.key}
+        row |= {"outcome": record.outcome.value, "contacts": len(record.contacts), "wall_s": record.wall_s}
+        rows.append(row | {name: record.metrics.get(name) for name in names})
+    frame = pd.DataFrame(rows, dtype=object)
+    types = {"string": "object", "integer": "Int64"}
+    return frame.astype({name: types.get(infer_dtype(frame[name], skipna=True), "float64") for name in frame})
 
 
 def export(data: StudyData, out: Path) -> list[Path]:
@@ -175,13 +156,35 @@ def arm_table(arms: Iterable[ArmSummary]) -> Table:
     return Table.of("All arms", columns, [_arm_row(arm) for arm in arms])
 
 
+def _arm_row(arm: ArmSummary) -> Sequence[Value]:
+    hole_share, _ = arm.mean("depth_corrected_hole_share")
+    return [
+        *(arm.scenario, arm.label, f"{arm.n} of {arm.planned}", arm.collisions, arm.ratio),
+        _interval(arm.interval(wilson)),
+        _interval(arm.interval(clopper_pearson)),
+        *(arm.count(outcome) for outcome in OTHER_OUTCOMES),
+        *(arm.contacts(kind) for kind in CONTACT_KINDS),
+        _mean(*arm.mean("sim_time_s", Outcome.SUCCESS), ".1f"),
+        _mean(*arm.mean("depth_corrected_mae_m"), ".3f"),
+        None if hole_share is None else 100 * hole_share,
+    ]
+
+
 def comparison_table(comparisons: Iterable[Comparison]) -> Table:
     """Return a row for each pair of arms."""
     columns = (
         *("first - second", "", "pairs", "b", "c", Column("difference", number="+.3f"), "95 % interval"),
         *(Column("p", number=_p_text), Column("p after Holm", number=_p_text)),
     )
-    return Table.of("Comparisons of arms", columns, [_comparison_row(comparison) for comparison in comparisons])
+    rows = [
+        [
+            *(f"{found.first} - {found.second}", "declared" if found.primary else "other"),
+            *(found.pairs.n, found.pairs.first_only, found.pairs.second_only, found.pairs.difference),
+            *(_interval(found.difference, "+.3f"), found.p, found.p_holm),
+        ]
+        for found in comparisons
+    ]
+    return Table.of("Comparisons of arms", columns, rows)
 
 
 def dose_response_table(found: Iterable[tuple[str, str, DoseResponse | str]]) -> Table:
@@ -191,59 +194,26 @@ def dose_response_table(found: Iterable[tuple[str, str, DoseResponse | str]]) ->
     return Table.of("Dose response: collisions against noise", columns, rows)
 
 
-def _arm_row(arm: ArmSummary) -> Sequence[Value]:
-    hole_share, _ = arm.mean("depth_corrected_hole_share")
-    return [
-        arm.scenario,
-        arm.label,
-        f"{arm.n} of {arm.planned}",
-        arm.collisions,
-        arm.ratio,
-        _interval(arm.wilson),
-        _interval(arm.clopper_pearson),
-        *(arm.count(outcome) for outcome in OTHER_OUTCOMES),
-        *(arm.contacts(kind) for kind in CONTACT_KINDS),
-        _mean(*arm.mean("sim_time_s", Outcome.SUCCESS), ".1f"),
-        _mean(*arm.mean("depth_corrected_mae_m"), ".3f"),
-        None if hole_share is None else 100 * hole_share,
-    ]
-
-
-def _comparison_row(comparison: Comparison) -> Sequence[Value]:
-    pairs = comparison.pairs
-    return [
-        f"{comparison.first} - {comparison.second}",
-        "declared" if comparison.primary else "other",
-        pairs.n,
-        pairs.first_only,
-        pairs.second_only,
-        pairs.difference,
-        _interval(comparison.difference, signed=True),
-        comparison.p,
-        comparison.p_holm,
-    ]
-
-
 def _dose_response_row(fit: DoseResponse | str) -> Sequence[Value]:
     if isinstance(fit, str):
         return [None] * 4 + [f"no fit: {fit}"]
     curve = fit.curve
-    notes = [f"{fit.resamples} resamples, seed {fit.bootstrap_seed}"]
+    note = f"{fit.resamples} resamples, seed {fit.bootstrap_seed}"
     if curve.at_bound:
-        notes.append(f"b ends at a bound of the search ({B_BOUNDS[0]:g} to {B_BOUNDS[1]:g}): not told by these runs")
+        note += f"; b ends at a bound of the search ({B_BOUNDS[0]:g} to {B_BOUNDS[1]:g}): not told by these runs"
     return [
         fit.seeds,
         f"{curve.a:.3f} {_interval(fit.a)}",
         f"{curve.b:.2f} {_interval(fit.b)}",
         f"{curve.ratio:.3g} {_interval(fit.ratio)}",
-        "; ".join(notes),
+        note,
     ]
 
 
-def _interval(interval: Interval | None, *, signed: bool = False) -> str | None:
+def _interval(interval: Interval | None, kind: str = ".3f") -> str | None:
     if interval is None:
         return None
-    kind = "+.3f" if signed else ".3f" if interval.high < 100 else ".3g"
+    kind = kind if interval.high < 100 else ".3g"
     return f"[{interval.low:{kind}}, {interval.high:{kind}}]"
 
 
@@ -254,20 +224,3 @@ def _mean(mean: float | None, n: int, kind: str) -> str | None:
 def _p_text(p: float) -> str:
     """Return a p-value with the digits that matter."""
     return "< 0.0001" if p < 0.0001 else f"{p:.4f}"
-
-
-def _dtype(values: "pd.Series[Any]") -> str:
-    """Return the type of a column: text, integers with or without missing entries, or floating-point numbers."""
-    known = values.dropna()
-    if len(known) and known.map(lambda value: isinstance(value, str)).all():
-        return "object"
-    return "Int64" if len(known) and known.map(lambda value: isinstance(value, int)).all() else "float64"
-
-
-def _example(spec: RunSpec, out: Path) -> Example:
-    recording = recording_of(out, spec)
-    return Example(
-        run=spec.label,
-        command=f"voxdepth study replay {out} {spec.short_key} --record",
-        recording="" if recording is None else str(recording.relative_to(out)),
-    )

@@ -1,91 +1,67 @@
 """Running a study: missing runs go to the executor, completed runs go into the store, and the progress is shown."""
 
 import time
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
 
+import pandas as pd
 from rich.console import Console
 from rich.live import Live
 
 from swarm.controllers import load_controller
 from swarm.types import Outcome
 
+from ..results.table import Column, Table
 from .design import RunSpec, Study, arm_label, expand
 from .executors import Executor
-from .store import Completion, Failure, RunRecord, Store, StudyData, lock
-
-if TYPE_CHECKING:
-    from ..results.table import Table
+from .store import Completion, Failure, Store, StudyData
 
 LINE_EVERY_S = 30.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunOptions:
-    """How to continue a study whose store exists already."""
-
-    resume: bool = False
-    """Whether to fly the missing runs; otherwise a store that contains runs is refused."""
-    retry_errors: bool = False
-    """Whether a run that failed before counts as missing."""
-
-
-@dataclass
-class ArmProgress:
-    """Counts of one arm in one scenario at one noise ratio, over its seeds."""
-
-    planned: int = 0
-    done: int = 0
-    collisions: int = 0
-    wall_s: float = 0.0
-    """Sum of the wall-clock times of the runs that are done."""
-
-    @property
-    def mean_wall_s(self) -> float | None:
-        """Mean wall-clock time of a run; None before the first."""
-        return self.wall_s / self.done if self.done else None
-
-
-@dataclass
 class Progress:
     """Counts of a study while it runs. A run that several arms share counts once in total, and once for each arm."""
 
-    data: StudyData
-    done: int = 0
-    flown: int = 0
-    """Number of runs that ended in this call, with or without a result."""
-    flown_wall_s: float = 0.0
-    """Sum of the wall-clock times of the results of this call."""
-    elapsed_s: float = 0.0
-    """Wall-clock time since this call began."""
-    left_s: float | None = None
-    """Estimate of the wall-clock time that is left; None before the first result of this call."""
-    failed: set[str] = field(default_factory=set)
-    """Keys of the runs that failed and have no result."""
-    arms: dict[str, ArmProgress] = field(default_factory=dict)
-    """Counts by `name_of` the arm."""
-
-    def __post_init__(self) -> None:
-        self._specs: dict[str, list[RunSpec]] = defaultdict(list)
-        for spec in self.data.specs:
-            self._specs[spec.key].append(spec)
-            self.arms.setdefault(self.name_of(spec), ArmProgress()).planned += 1
-        self.failed |= self.data.failures.keys()
-        for record in self.data.records.values():
-            self._count(record)
+    def __init__(self, data: StudyData) -> None:
+        self._data = data
+        self._records = dict(data.records)
+        self.total = len(data.runs)
+        self.failed = set(data.failures)
+        """Keys of the runs that failed and have no result."""
+        self.flown = 0
+        """Number of runs that ended in this call, with or without a result."""
+        self._flown_wall_s = 0.0
+        self.elapsed_s = 0.0
+        """Wall-clock time since this call began."""
+        self.left_s: float | None = None
+        """Estimate of the wall-clock time that is left; None before the first result of this call."""
 
     @property
-    def total(self) -> int:
-        """Number of runs of the whole study."""
-        return len(self._specs)
+    def done(self) -> int:
+        """Number of runs with a result."""
+        return len(self._records)
+
+    @property
+    def arms(self) -> pd.DataFrame:
+        """Counts of each arm by its name: `planned`, `done`, `collisions`, `ratio`, and the `mean_wall_s` of a run.
+
+        The ratio and the mean are NaN without runs.
+        """
+        records = [(self.name_of(spec), self._records.get(spec.key)) for spec in self._data.specs]
+        runs = pd.DataFrame(
+            [(name, r.wall_s, r.outcome is Outcome.COLLISION) if r else (name, None, False) for name, r in records],
+            columns=["arm", "wall_s", "collided"],
+        ).astype({"wall_s": float})
+        by_arm = runs.groupby("arm", sort=False)
+        planned, done, collisions = by_arm.size(), by_arm["wall_s"].count(), by_arm["collided"].sum()
+        mean_wall_s = by_arm["wall_s"].mean()
+        counts = {"planned": planned, "done": done, "collisions": collisions, "ratio": collisions / done}
+        return pd.DataFrame({**counts, "mean_wall_s": mean_wall_s})
 
     def name_of(self, spec: RunSpec) -> str:
         """Return the arm of a run with its noise ratio, and with the scenario if the study has several."""
-        scenario = f"{spec.scenario}, " if len(self.data.study.scenarios) > 1 else ""
+        scenario = f"{spec.scenario}, " if len(self._data.study.scenarios) > 1 else ""
         return scenario + arm_label(spec.arm, spec.theta)
 
     def add(self, done: Completion) -> None:
@@ -93,34 +69,31 @@ class Progress:
         self.flown += 1
         if isinstance(done, Failure):
             self.failed.add(done.key)
-            return
-        self.failed.discard(done.key)
-        self.flown_wall_s += done.wall_s
-        self._count(done)
+        else:
+            self.failed.discard(done.key)
+            self._records[done.key] = done
+            self._flown_wall_s += done.wall_s
 
-    def set_time(self, elapsed_s: float, waiting: Sequence[RunSpec]) -> None:
+    def set_time(self, elapsed_s: float, waiting: list[RunSpec]) -> None:
         """Set the elapsed time, and estimate the time left from the mean times of the arms and the runs in parallel."""
         self.elapsed_s, self.left_s = elapsed_s, None
-        if self.flown_wall_s > 0 and elapsed_s > 0:
-            known = [mean for arm in self.arms.values() if (mean := arm.mean_wall_s) is not None]
-            overall_s = sum(known) / len(known)
-            work_s = sum(self.arms[self.name_of(spec)].mean_wall_s or overall_s for spec in waiting)
-            self.left_s = work_s / (self.flown_wall_s / elapsed_s)
+        if self._flown_wall_s > 0 and elapsed_s > 0:
+            mean_s = self.arms["mean_wall_s"]
+            work_s = mean_s.fillna(mean_s.mean())[[self.name_of(spec) for spec in waiting]].sum()
+            self.left_s = float(work_s) / (self._flown_wall_s / elapsed_s)
 
-    def table(self) -> "Table":
+    def table(self) -> Table:
         """Return a table with a row for each arm in each scenario at each noise ratio."""
-        from ..results.table import Column, Table
-
         columns = ("arm", "runs", "collisions", "collision ratio", Column("time of a run", "s", ".1f"))
         rows = [
-            [name, f"{arm.done} of {arm.planned}", arm.collisions, _ratio(arm), arm.mean_wall_s]
-            for name, arm in self.arms.items()
+            [arm.Index, f"{arm.done} of {arm.planned}", arm.collisions, arm.ratio, arm.mean_wall_s]
+            for arm in self.arms.itertuples()
         ]
         return Table.of(self.headline(), columns, rows)
 
     def line(self) -> str:
         """Return everything in one line."""
-        arms = [f"{name} {arm.collisions} of {arm.done} collided" for name, arm in self.arms.items() if arm.done]
+        arms = [f"{a.Index} {a.collisions} of {a.done} collided" for a in self.arms.itertuples() if a.done]
         return f"{time.strftime('%H:%M:%S')} {self.headline()}" + (f"; {', '.join(arms)}" if arms else "")
 
     def headline(self) -> str:
@@ -134,14 +107,6 @@ class Progress:
             parts.append(f"{len(self.failed)} errors")
         return ", ".join(parts)
 
-    def _count(self, record: RunRecord) -> None:
-        self.done += 1
-        for spec in self._specs[record.key]:
-            arm = self.arms[self.name_of(spec)]
-            arm.done += 1
-            arm.collisions += record.outcome is Outcome.COLLISION
-            arm.wall_s += record.wall_s
-
 
 def duration(seconds: float) -> str:
     """Return a time in hours and minutes."""
@@ -149,65 +114,40 @@ def duration(seconds: float) -> str:
     return f"{minutes // 60} h {minutes % 60:02d} min" if minutes >= 60 else f"{minutes} min"
 
 
-def _ratio(arm: ArmProgress) -> float | None:
-    return arm.collisions / arm.done if arm.done else None
-
-
-class Display(Protocol):
-    """Shows the progress of a study."""
-
-    def update(self, progress: Progress) -> None:
-        """Show the progress after a run."""
-        ...
-
-
-class LiveDisplay:
-    """A table that is redrawn on a terminal."""
-
-    def __init__(self, live: Live) -> None:
-        self._live = live
-
-    def update(self, progress: Progress) -> None:
-        """See `Display`."""
-        self._live.update(progress.table().rich())
-
-
-class LineDisplay:
-    """Prints a line for the first run, for the last run, and every half minute."""
-
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self._next_s = 0.0
-
-    def update(self, progress: Progress) -> None:
-        """See `Display`."""
-        if progress.elapsed_s >= self._next_s or progress.done + len(progress.failed) == progress.total:
-            self._next_s = progress.elapsed_s + LINE_EVERY_S
-            self._console.print(progress.line(), soft_wrap=True)
+Display = Callable[[Progress], None]
+"""Shows the progress of a study."""
 
 
 @contextmanager
 def display_on(console: Console) -> Iterator[Display]:
-    """Give a live table if the console is a terminal, and lines otherwise."""
+    """Give a display: a live table on a terminal; otherwise a line at the start, at the end and every half minute."""
+    next_s = 0.0
+
+    def print_line(progress: Progress) -> None:
+        nonlocal next_s
+        if progress.elapsed_s >= next_s or progress.done + len(progress.failed) == progress.total:
+            next_s = progress.elapsed_s + LINE_EVERY_S
+            console.print(progress.line(), soft_wrap=True)
+
     if not console.is_terminal:
-        yield LineDisplay(console)
+        yield print_line
         return
     with Live(console=console, refresh_per_second=2) as live:
-        yield LiveDisplay(live)
+        yield lambda progress: live.update(progress.table().rich())
 
 
-def run_study(study: Study, out: Path, executor: Executor, options: RunOptions, display: Display) -> StudyData:
-    """Fly the missing runs of a study and store each run as it ends.
+def run_study(
+    study: Study, out: Path, executor: Executor, display: Display, *, resume: bool = False, retry_errors: bool = False
+) -> StudyData:
+    """Fly the missing runs of a study, store each as it ends, and return the whole content of the store.
 
     Args:
         study: The study.
         out: Folder of the store, which is made if it does not exist.
         executor: Flies the runs.
-        options: Whether to continue with a store that contains runs.
         display: Receives the progress after every run.
-
-    Returns:
-        The whole content of the store.
+        resume: Whether to fly the missing runs; otherwise a store that contains runs is refused.
+        retry_errors: Whether a run that failed before counts as missing.
 
     Raises:
         ScenarioError: The study cannot be resolved, its store cannot be used, or no run can be flown.
@@ -217,22 +157,18 @@ def run_study(study: Study, out: Path, executor: Executor, options: RunOptions, 
     specs = expand(study)
     for controller in sorted({spec.run.scenario.mission.controller for spec in specs}):
         load_controller(controller)
-    with lock(out), Store.begin(out, study, specs, resume=options.resume) as store:
+    with Store.begin(out, study, specs, resume=resume) as store:
         data = store.read()
-        missing = data.missing(retry_errors=options.retry_errors)
-        if missing:
-            _fly(missing, store, executor, Progress(data), display)
+        waiting = {spec.key: spec for spec in data.missing(retry_errors=retry_errors)}
+        if not waiting:
+            return data
+        progress, start_s = Progress(data), time.perf_counter()
+        display(progress)
+        with closing(executor.run(list(waiting.values()))) as runs:
+            for done in runs:
+                store.add(done)
+                del waiting[done.key]
+                progress.add(done)
+                progress.set_time(time.perf_counter() - start_s, list(waiting.values()))
+                display(progress)
         return store.read()
-
-
-def _fly(missing: Sequence[RunSpec], store: Store, executor: Executor, progress: Progress, display: Display) -> None:
-    waiting = {spec.key: spec for spec in missing}
-    start_s = time.perf_counter()
-    display.update(progress)
-    with closing(executor.run(missing)) as runs:
-        for done in runs:
-            store.add(done)
-            del waiting[done.key]
-            progress.add(done)
-            progress.set_time(time.perf_counter() - start_s, list(waiting.values()))
-            display.update(progress)

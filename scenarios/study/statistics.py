@@ -49,6 +49,13 @@ def clopper_pearson(k: int, n: int) -> Interval:
     return _proportion(k, n, "exact")
 
 
+def _proportion(k: int, n: int, method: str) -> Interval:
+    from scipy.stats import binomtest
+
+    found = binomtest(k, n).proportion_ci(LEVEL, method=method)
+    return Interval(float(found.low), float(found.high))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Pairs:
     """Counts of matched pairs of runs, by which of the two collided."""
@@ -101,11 +108,19 @@ def holm(p_values: Sequence[float]) -> list[float]:
 def newcombe(pairs: Pairs) -> Interval:
     """Return Newcombe's interval of the difference of two paired proportions, method 10 [2]; n > 0."""
     n, first, second = pairs.n, pairs.both + pairs.first_only, pairs.both + pairs.second_only
-    phi = _correlation(pairs)
+    # The phi coefficient with continuity correction; 0 if one of the outcomes is constant.
+    spread = first * (n - first) * second * (n - second)
+    product: float = pairs.both * pairs.neither - pairs.first_only * pairs.second_only
+    if product > 0:
+        product = max(0.0, product - n / 2)
+    phi = product / math.sqrt(spread) if spread else 0.0
+
+    def combined(a: float, b: float) -> float:
+        return math.sqrt(max(0.0, a * a - 2 * phi * a * b + b * b))
+
     p1, p2 = first / n, second / n
     w1, w2 = wilson(first, n), wilson(second, n)
-    below = _combined(p1 - w1.low, w2.high - p2, phi)
-    above = _combined(w1.high - p1, p2 - w2.low, phi)
+    below, above = combined(p1 - w1.low, w2.high - p2), combined(w1.high - p1, p2 - w2.low)
     return Interval(pairs.difference - below, pairs.difference + above)
 
 
@@ -163,21 +178,16 @@ class DoseResponse:
 def fit_dose_curve(
     thetas: Sequence[float], collisions: Sequence[int], runs: Sequence[int], start: DoseCurve | None = None
 ) -> DoseCurve:
-    """Fit the curve by maximum likelihood.
+    """Fit the curve by maximum likelihood to counts at two or more noise ratios above 0.
 
-    Args:
-        thetas: At least two noise ratios above 0.
-        collisions: Number of runs with a collision at each noise ratio.
-        runs: Number of runs at each noise ratio, above 0.
-        start: Start of the optimisation. It affects the speed, and the result only by rounding errors.
+    `start` affects the speed, and the result only by rounding errors.
 
     Raises:
         ScenarioError: The data do not determine a curve.
     """
     from scipy.optimize import minimize
 
-    theta, k = np.asarray(thetas, np.float64), np.asarray(collisions, np.float64)
-    n = np.asarray(runs, np.float64)
+    theta, k, n = (np.asarray(values, np.float64) for values in (thetas, collisions, runs))
     if len(theta) < 2 or (theta <= 0).any() or (n <= 0).any() or k.sum() == 0 or (k == n).all():
         raise ScenarioError(
             "a dose response needs runs at two noise ratios above 0, and both runs with and runs without a collision; "
@@ -240,26 +250,3 @@ def dose_response(
         resamples=len(curves),
         bootstrap_seed=seed,
     )
-
-
-def _proportion(k: int, n: int, method: str) -> Interval:
-    from scipy.stats import binomtest
-
-    found = binomtest(k, n).proportion_ci(LEVEL, method=method)
-    return Interval(float(found.low), float(found.high))
-
-
-def _correlation(pairs: Pairs) -> float:
-    """Return the phi coefficient with continuity correction; 0 if one of the outcomes is constant."""
-    e, f, g, h = pairs.both, pairs.first_only, pairs.second_only, pairs.neither
-    spread = (e + f) * (g + h) * (e + g) * (f + h)
-    if spread == 0:
-        return 0.0
-    product: float = e * h - f * g
-    if product > 0:
-        product = max(0.0, product - pairs.n / 2)
-    return product / math.sqrt(spread)
-
-
-def _combined(a: float, b: float, phi: float) -> float:
-    return math.sqrt(max(0.0, a * a - 2 * phi * a * b + b * b))

@@ -3,11 +3,11 @@
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 import pydantic
 
@@ -18,6 +18,7 @@ from ..config import Run
 from ..errors import ScenarioError
 from ..files import Loaded, first_problem, locked, to_toml
 from ..results.provenance import machine, simulation_versions
+from ..runner import Finished
 from .design import RunSpec, Study, digest
 
 FILE = "study.sqlite"
@@ -58,6 +59,13 @@ class RunRecord:
     wall_s: float = field(compare=False)
     """Wall-clock time."""
 
+    @classmethod
+    def of(cls, key: str, finished: Finished) -> Self:
+        """Return the record of a run that has just been flown."""
+        result = finished.result
+        metrics, contacts = dict(result.metrics), result.contacts
+        return cls(key=key, outcome=result.outcome, metrics=metrics, contacts=contacts, wall_s=finished.wall_s)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Failure:
@@ -94,71 +102,52 @@ class StudyData:
     """The machine on which the study began."""
 
     @property
-    def keys(self) -> list[str]:
-        """The key of every run once, in the order of the specs. Arms with equal settings share their runs."""
-        return list(dict.fromkeys(spec.key for spec in self.specs))
+    def runs(self) -> dict[str, RunSpec]:
+        """The first spec of every run by key, in the order of the specs. Arms with equal settings share their runs."""
+        first = {spec.key: spec for spec in reversed(self.specs)}
+        return dict(reversed(first.items()))
+
+    @property
+    def flown(self) -> list[RunSpec]:
+        """The specs with a result, in their order."""
+        return [spec for spec in self.specs if spec.key in self.records]
+
+    @property
+    def collisions(self) -> list[RunSpec]:
+        """The specs whose run ended in a collision, in their order."""
+        return [spec for spec in self.flown if self.records[spec.key].outcome is Outcome.COLLISION]
 
     def missing(self, *, retry_errors: bool) -> list[RunSpec]:
         """Return one spec for each run that has not been flown."""
-        specs = {spec.key: spec for spec in reversed(self.specs)}
         passed = self.records.keys() if retry_errors else self.records.keys() | self.failures.keys()
-        return [specs[key] for key in self.keys if key not in passed]
+        return [spec for key, spec in self.runs.items() if key not in passed]
 
 
 class Store:
-    """The store of a study. `begin` and `open` create it; close it, or use it as a context manager."""
+    """The open store of a study; `begin` opens it."""
 
     def __init__(self, folder: Path, database: sqlite3.Connection) -> None:
-        self.folder = folder
+        self._folder = folder
+        self._path = folder / FILE
         self._database = database
 
     @classmethod
-    def begin(cls, folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool) -> Self:
-        """Create the store of a study in a folder, or open an existing one. The caller must hold `lock`.
+    @contextmanager
+    def begin(cls, folder: Path, study: Study, specs: Sequence[RunSpec], *, resume: bool) -> Iterator[Self]:
+        """Create the store of a study in a folder, or open an existing one, as its only writer.
 
         Raises:
-            ScenarioError: The store belongs to another version or study, or contains runs and `resume` is not set.
+            ScenarioError: Another process writes to the store, it belongs to another version or study, or it contains
+                runs and `resume` is not set.
         """
-        store = cls._connect(folder)
-        try:
+        busy = f"another process is flying the study in {folder}: wait for it, or look at it with voxdepth study status"
+        with locked(folder, f"{busy} {folder}"), cls._connected(folder) as store:
             with store._transaction("IMMEDIATE"):
-                if not store._has_tables():
+                if store._is_empty():
                     store._create(study, specs)
             store._require_schema()
             store._require_same(study, specs, resume=resume)
-        except BaseException:
-            store.close()
-            raise
-        return store
-
-    @classmethod
-    def open(cls, folder: Path) -> Self:
-        """Open a store for reading; another process may write to it at the same time.
-
-        Raises:
-            ScenarioError: There is no store, or it belongs to another version.
-        """
-        if not (folder / FILE).is_file():
-            raise ScenarioError(f"there is no study in {folder}: expected a folder with the file {FILE}")
-        store = cls._connect(folder)
-        try:
-            if not store._has_tables():
-                raise ScenarioError(f"{folder / FILE} holds no study yet: its start is in progress or failed")
-            store._require_schema()
-        except BaseException:
-            store.close()
-            raise
-        return store
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._database.close()
+            yield store
 
     def add(self, done: Completion) -> None:
         """Store one run in one transaction, so that a crash leaves it complete or absent.
@@ -167,15 +156,20 @@ class Store:
             ScenarioError: The file cannot be written.
         """
         now = datetime.now().astimezone().isoformat(timespec="seconds")
+        row: tuple[object, ...]
+        if isinstance(done, Failure):
+            insert = "INSERT INTO failures (key, kind, text, ended_at) VALUES (?, ?, ?, ?)"
+            row = (done.key, done.kind, done.text, now)
+        else:
+            insert = "INSERT INTO results VALUES (?, ?, ?, ?, ?, ?)"
+            metrics = json.dumps(dict(done.metrics), allow_nan=False)
+            contacts = json.dumps([asdict(contact) for contact in done.contacts], allow_nan=False)
+            row = (done.key, done.outcome.value, metrics, contacts, done.wall_s, now)
         try:
             with self._transaction("IMMEDIATE"):
-                if isinstance(done, Failure):
-                    row = (done.key, done.kind, done.text, now)
-                    self._database.execute("INSERT INTO failures (key, kind, text, ended_at) VALUES (?, ?, ?, ?)", row)
-                else:
-                    self._database.execute("INSERT INTO results VALUES (?, ?, ?, ?, ?, ?)", (*_row(done), now))
+                self._database.execute(insert, row)
         except sqlite3.OperationalError as error:
-            raise ScenarioError(f"cannot write {self.folder / FILE}: {error}; completed runs are stored") from error
+            raise ScenarioError(f"cannot write {self._path}: {error}; completed runs are stored") from error
 
     def read(self) -> StudyData:
         """Read the whole content in one transaction.
@@ -189,23 +183,20 @@ class Store:
             cells = self._rows("SELECT scenario, arm, theta, key FROM cells ORDER BY place")
             results = self._rows("SELECT key, outcome, metrics, contacts, wall_s FROM results")
             failures = self._rows("SELECT key, kind, text FROM failures ORDER BY place")
-        records = {row[0]: _record(row) for row in results}
-        last = {key: Failure(key=key, kind=kind, text=text) for key, kind, text in failures if key not in records}
-        resolved = {key: self._parsed(Run, text) for key, text in runs}
+        records = {row["key"]: _record(row) for row in results}
+        resolved = {row["key"]: self._parsed(Run, row["run"]) for row in runs}
         return StudyData(
             study=self._parsed(Study, meta["study"]),
-            specs=[
-                RunSpec(scenario=name, arm=arm, theta=theta, run=resolved[key], key=key)
-                for name, arm, theta, key in cells
-            ],
+            specs=[RunSpec(**cell, run=resolved[cell["key"]]) for cell in cells],
             records=records,
-            failures=last,
+            failures={row["key"]: Failure(**row) for row in failures if row["key"] not in records},
             versions=json.loads(meta["versions"]),
             machine=meta["machine"],
         )
 
     @classmethod
-    def _connect(cls, folder: Path) -> Self:
+    @contextmanager
+    def _connected(cls, folder: Path) -> Iterator[Self]:
         try:
             database = sqlite3.connect(folder / FILE, timeout=BUSY_TIMEOUT_S, isolation_level=None)
             # A rollback journal instead of WAL: the single file is complete whenever it is copied, and it may lie on a
@@ -215,7 +206,9 @@ class Store:
             database.execute("PRAGMA foreign_keys=ON")
         except sqlite3.Error as error:
             raise ScenarioError(f"{folder / FILE} is no store of a study ({error}): use another --out") from error
-        return cls(folder, database)
+        database.row_factory = sqlite3.Row
+        with closing(database):
+            yield cls(folder, database)
 
     @contextmanager
     def _transaction(self, mode: Literal["DEFERRED", "IMMEDIATE"]) -> Iterator[None]:
@@ -233,18 +226,18 @@ class Store:
             return model.model_validate_json(text)
         except pydantic.ValidationError as error:
             raise ScenarioError(
-                f"{self.folder / FILE} was written by a version of voxdepth with other keys "
+                f"{self._path} was written by a version of voxdepth with other keys "
                 f"({first_problem(error, 'scenario')}): use that one"
             ) from error
 
-    def _rows(self, query: str) -> list[tuple[Any, ...]]:
+    def _rows(self, query: str) -> list[sqlite3.Row]:
         return self._database.execute(query).fetchall()
 
     def _meta(self) -> dict[str, str]:
-        return dict(self._rows("SELECT name, value FROM meta"))
+        return {row["name"]: row["value"] for row in self._rows("SELECT name, value FROM meta")}
 
-    def _has_tables(self) -> bool:
-        return bool(self._rows("SELECT 1 FROM sqlite_master LIMIT 1"))
+    def _is_empty(self) -> bool:
+        return not self._rows("SELECT 1 FROM sqlite_master LIMIT 1")
 
     def _create(self, study: Study, specs: Sequence[RunSpec]) -> None:
         for statement in TABLES.split(";")[:-1]:
@@ -264,13 +257,15 @@ class Store:
         self._database.executemany("INSERT INTO cells (scenario, arm, theta, key) VALUES (?, ?, ?, ?)", cells)
 
     def _require_schema(self) -> None:
+        if self._is_empty():
+            raise ScenarioError(f"{self._path} holds no study yet: its start is in progress or failed")
         try:
             schema = self._meta().get("schema")
         except sqlite3.Error:
             schema = None
         if schema != str(SCHEMA):
             raise ScenarioError(
-                f"{self.folder / FILE} has the format {schema or 'unknown'}, this version reads {SCHEMA}: "
+                f"{self._path} has the format {schema or 'unknown'}, this version reads {SCHEMA}: "
                 "use another --out, or the version of voxdepth that wrote it"
             )
 
@@ -279,20 +274,20 @@ class Store:
         name = self._parsed(Study, meta["study"]).name
         if meta["digest"] != digest(study, specs):
             raise ScenarioError(
-                f"{self.folder} holds another version of the study {name!r}: the study or one of its scenarios has "
+                f"{self._folder} holds another version of the study {name!r}: the study or one of its scenarios has "
                 "changed; use another --out"
             )
         begun = self._rows("SELECT 1 FROM results UNION SELECT 1 FROM failures LIMIT 1")
         if begun and not resume:
             raise ScenarioError(
-                f"{self.folder} holds runs of the study {name!r}: go on with --resume, or use another --out"
+                f"{self._folder} holds runs of the study {name!r}: go on with --resume, or use another --out"
             )
         before, now = json.loads(meta["versions"]), simulation_versions()
         names = [name for name in before | now if before.get(name) != now.get(name)]
         changed = [f"{name} {before.get(name, 'unknown')} -> {now.get(name, 'unknown')}" for name in names]
         if changed:
             raise ScenarioError(
-                f"{self.folder} was begun with other versions ({', '.join(changed)}), so results may differ: install "
+                f"{self._folder} was begun with other versions ({', '.join(changed)}), so results may differ: install "
                 "those versions (code: check out that revision), or use another --out"
             )
 
@@ -303,31 +298,14 @@ def read_study(folder: Path) -> StudyData:
     Raises:
         ScenarioError: There is no store, or it belongs to another version.
     """
-    with Store.open(folder) as store:
+    if not (folder / FILE).is_file():
+        raise ScenarioError(f"there is no study in {folder}: expected a folder with the file {FILE}")
+    with Store._connected(folder) as store:
+        store._require_schema()
         return store.read()
 
 
-def lock(folder: Path) -> AbstractContextManager[None]:
-    """Become the only process that writes to a store, see `locked`."""
-    return locked(
-        folder,
-        f"another process is flying the study in {folder}: wait for it, or look at it with voxdepth study status "
-        f"{folder}",
-    )
-
-
-def _row(record: RunRecord) -> tuple[str, str, str, str, float]:
-    metrics = json.dumps(dict(record.metrics), allow_nan=False)
-    contacts = json.dumps([asdict(contact) for contact in record.contacts], allow_nan=False)
-    return record.key, record.outcome.value, metrics, contacts, record.wall_s
-
-
-def _record(row: tuple[Any, ...]) -> RunRecord:
-    key, outcome, metrics, contacts, wall_s = row
-    return RunRecord(
-        key=key,
-        outcome=Outcome(outcome),
-        metrics=json.loads(metrics),
-        contacts=tuple(Contact(**contact) for contact in json.loads(contacts)),
-        wall_s=wall_s,
-    )
+def _record(row: sqlite3.Row) -> RunRecord:
+    contacts = tuple(Contact(**contact) for contact in json.loads(row["contacts"]))
+    decoded = {"outcome": Outcome(row["outcome"]), "metrics": json.loads(row["metrics"]), "contacts": contacts}
+    return RunRecord(**{**dict(row), **decoded})

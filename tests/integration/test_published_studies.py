@@ -26,7 +26,7 @@ def test_every_row_of_a_published_study_stands_in_the_documents(packed: Path, tm
     assert not contents.failures
     assert all(key_of(spec.run) == spec.key for spec in contents.specs)
     documents = "".join((DOCS / name).read_text() for name in ("study.md", "scenarios.md"))
-    lines = summary(contents, Findings.of(contents)).splitlines()
+    lines = summary(Findings(contents)).splitlines()
     rows = [line for line in lines if line.startswith("| ") and "---" not in line]
     assert len(rows) > len(contents.study.arms)
     assert [row for row in rows if row not in documents] == []

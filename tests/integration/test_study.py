@@ -17,14 +17,13 @@ from typer.testing import CliRunner, Result
 
 from scenarios.cli import app
 from scenarios.errors import ScenarioError
-from scenarios.study.cluster import LOCAL, Cluster
 from scenarios.study.design import expand
-from scenarios.study.executors import Executor, Processes, Serial
-from scenarios.study.run import RunOptions, run_study
+from scenarios.study.executors import LOCAL, Cluster, Executor, Processes, Serial
+from scenarios.study.run import run_study
 from scenarios.study.store import FILE, Completion, Failure
 from swarm.types import Outcome
 from tests.integration.test_cli import ENVIRONMENT, voxdepth
-from tests.studies import PIDS, Unseen, arm, fake, killable, noisy, results_of, study
+from tests.studies import PIDS, arm, fake, killable, noisy, results_of, study, unseen
 
 TINY = """
 name = "tiny"
@@ -102,7 +101,7 @@ def test_a_study_killed_again_and_again_loses_nothing_and_repeats_nothing(tmp_pa
     killed = results_of(out)
     assert 4 <= len(killed) < 40, "it was killed in the middle of its work"
     assert subprocess.run(command, env=environment, check=False, timeout=120).returncode == 0
-    undisturbed = run_study(killable(), tmp_path / "undisturbed", Serial(fake), RunOptions(), Unseen())
+    undisturbed = run_study(killable(), tmp_path / "undisturbed", Serial(fake), unseen)
     assert results_of(out) == undisturbed.records
     assert not undisturbed.failures
     assert len(undisturbed.records) == 40

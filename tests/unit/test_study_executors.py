@@ -14,10 +14,9 @@ from pathlib import Path
 import pytest
 
 from scenarios.errors import ScenarioError
-from scenarios.study import cluster, executors
-from scenarios.study.cluster import Cluster
+from scenarios.study import executors
 from scenarios.study.design import RunSpec, expand
-from scenarios.study.executors import Processes, Serial
+from scenarios.study.executors import Cluster, Processes, Serial
 from scenarios.study.store import Failure, RunRecord
 from tests.studies import PIDS, arm, fake, slow_fake, study
 
@@ -164,7 +163,7 @@ def test_a_worker_of_another_version_that_joins_late_ends_the_study() -> None:
     (spec,) = expand(study(arm("a"), seeds=1))
     joined: Future[RunRecord | Failure] = Future()
     try:
-        cluster._attempt(fake, spec, 60.0, {"numpy": "0.1"})
+        executors._attempt_on_cluster(fake, spec, 60.0, {"numpy": "0.1"})
     except ScenarioError as error:
         joined.set_exception(error)
     with pytest.raises(ScenarioError, match=r"has numpy .*, where the study was started it is 0\.1: install the same"):

@@ -14,7 +14,7 @@ from scenarios.study.analysis import compare_arms, dose_responses, first_collisi
 from scenarios.study.design import expand
 from scenarios.study.report import Findings, export, render, run_table, write_report
 from scenarios.study.run import Progress, display_on, duration
-from scenarios.study.statistics import DoseResponse, mcnemar
+from scenarios.study.statistics import DoseResponse, clopper_pearson, mcnemar, wilson
 from scenarios.study.store import Failure, StudyData
 from swarm.types import Outcome
 from tests.studies import arm, contents_of, noisy, record, study
@@ -46,7 +46,7 @@ def test_points_count_every_run_once() -> None:
 
 def test_a_point_without_runs_claims_nothing() -> None:
     a, *_ = summarise_arms(two_arms("   ", "ooo"))
-    assert (a.n, a.ratio, a.wilson, a.clopper_pearson) == (0, None, None, None)
+    assert (a.n, a.ratio, a.interval(wilson), a.interval(clopper_pearson)) == (0, None, None, None)
 
 
 def test_the_declared_comparison_stands_first_and_alone() -> None:
@@ -117,7 +117,8 @@ def test_the_first_collision_of_each_arm_is_that_of_the_lowest_seed() -> None:
 
 
 def page_of(contents: StudyData) -> str:
-    return render(contents, Findings.of(contents), Path("out"))
+    findings = Findings(contents)
+    return render(findings, findings.pictures(), Path("out"))
 
 
 class Page(HTMLParser):
@@ -219,10 +220,9 @@ def test_progress_counts_what_was_there_and_what_comes() -> None:
     progress.add(replace(record(missing[0], HIT), wall_s=4.0))
     progress.add(Failure(key=missing[1].key, kind="died", text="gone"))
     assert (progress.done, progress.flown, len(progress.failed)) == (7, 2, 1)
-    assert progress.arms["b"].collisions + progress.arms["a"].collisions == 2
+    assert progress.arms["collisions"][["a", "b"]].sum() == 2
     # Two runs at a time: 4 s of flying in 2 s. The waiting run takes the mean time of its arm.
-    mean_s = progress.arms[progress.name_of(missing[2])].mean_wall_s
-    assert mean_s is not None
+    mean_s = progress.arms["mean_wall_s"][progress.name_of(missing[2])]
     progress.set_time(2.0, missing[2:])
     assert progress.left_s == pytest.approx(mean_s / 2)
     progress.elapsed_s, progress.left_s = 3600.0, 5400.0
@@ -231,7 +231,7 @@ def test_progress_counts_what_was_there_and_what_comes() -> None:
 
 
 def test_progress_has_a_row_for_every_theta() -> None:
-    assert list(Progress(noise_study()).arms) == [f"raw, theta {theta:g}" for theta in (0, 0.4, 0.7, 1)]
+    assert list(Progress(noise_study()).arms.index) == [f"raw, theta {theta:g}" for theta in (0, 0.4, 0.7, 1)]
 
 
 def test_progress_is_a_line_every_half_minute_without_a_terminal() -> None:
@@ -240,7 +240,7 @@ def test_progress_is_a_line_every_half_minute_without_a_terminal() -> None:
     with display_on(console) as display:
         for elapsed_s in (0.0, 10.0, 20.0, 31.0, 40.0):
             progress.elapsed_s = elapsed_s
-            display.update(progress)
+            display(progress)
     assert console.export_text().count("6 of 9 runs") == 2
 
 
@@ -248,7 +248,7 @@ def test_progress_is_a_table_on_a_terminal() -> None:
     progress = Progress(two_arms("xo ", "o  "))
     console = Console(record=True, force_terminal=True, width=120)
     with display_on(console) as display:
-        display.update(progress)
+        display(progress)
     assert "6 of 9 runs" in console.export_text()
     assert len(progress.table()) == 3
     assert progress.table().column("collision ratio") == [0.5, 0.0, 0.0]

@@ -10,13 +10,13 @@ import pytest
 from scenarios.errors import ScenarioError
 from scenarios.study.design import expand
 from scenarios.study.executors import Serial
-from scenarios.study.run import RunOptions, run_study
-from scenarios.study.store import FILE, Failure, Store, lock
+from scenarios.study.run import run_study
+from scenarios.study.store import FILE, Failure, Store, read_study
 from swarm.errors import MissionError
 from swarm.types import Outcome
-from tests.studies import HIT, Scripted, Unseen, arm, fake, noisy, record, results_of, study
+from tests.studies import HIT, Scripted, arm, fake, noisy, record, results_of, study, unseen
 
-AGAIN, RETRY = RunOptions(resume=True), RunOptions(resume=True, retry_errors=True)
+AGAIN, RETRY = {"resume": True}, {"resume": True, "retry_errors": True}
 
 
 def test_what_is_stored_comes_back_to_the_last_bit(tmp_path: Path) -> None:
@@ -27,8 +27,7 @@ def test_what_is_stored_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     with Store.begin(tmp_path, tiny, specs, resume=False) as store:
         store.add(odd)
         store.add(failure)
-    with Store.open(tmp_path) as store:
-        contents = store.read()
+    contents = read_study(tmp_path)
     assert contents.study == tiny
     assert list(contents.specs) == specs
     assert contents.records == {odd.key: odd}
@@ -53,7 +52,7 @@ def test_a_result_cannot_be_there_twice(tmp_path: Path) -> None:
 def test_arms_that_set_the_same_share_their_runs(tmp_path: Path) -> None:
     same = {"changes": {"mission.latency_s": 0.01}}
     twins = study(arm("a", **same), arm("b", **same))
-    contents = run_study(twins, tmp_path, Serial(fake), RunOptions(), Unseen())
+    contents = run_study(twins, tmp_path, Serial(fake), unseen)
     assert (len(contents.specs), len(contents.records)) == (4, 2)
 
 
@@ -65,16 +64,16 @@ def test_only_what_is_missing_is_flown_again(tmp_path: Path) -> None:
         flown.append(spec.key)
         return fake(spec)
 
-    first = run_study(tiny, tmp_path, Serial(counted), RunOptions(), Unseen())
+    first = run_study(tiny, tmp_path, Serial(counted), unseen)
     assert [failure.kind for failure in first.failures.values()] == ["error", "error"]
     assert "ZeroDivisionError: seed 0" in next(iter(first.failures.values())).text
     assert len(first.records) == 2, "a failure is no outcome"
     with pytest.raises(ScenarioError, match="go on with --resume, or use another --out"):
-        run_study(tiny, tmp_path, Serial(counted), RunOptions(), Unseen())
+        run_study(tiny, tmp_path, Serial(counted), unseen)
     assert len(flown) == 4
-    assert run_study(tiny, tmp_path, Serial(counted), AGAIN, Unseen()) == first
+    assert run_study(tiny, tmp_path, Serial(counted), unseen, **AGAIN) == first
     assert len(flown) == 4
-    mended = run_study(tiny, tmp_path, Serial(record), RETRY, Unseen())
+    mended = run_study(tiny, tmp_path, Serial(record), unseen, **RETRY)
     assert not mended.failures
     assert len(mended.records) == 4
     with closing(sqlite3.connect(tmp_path / FILE)) as database:
@@ -85,16 +84,16 @@ def test_ctrl_c_keeps_what_is_done(tmp_path: Path) -> None:
     tiny = study(arm("a"), arm("b"))
     specs = expand(tiny)
     with pytest.raises(KeyboardInterrupt):
-        run_study(tiny, tmp_path, Scripted([fake(specs[2]), KeyboardInterrupt()]), RunOptions(), Unseen())
+        run_study(tiny, tmp_path, Scripted([fake(specs[2]), KeyboardInterrupt()]), unseen)
     assert results_of(tmp_path) == {specs[2].key: fake(specs[2])}
-    assert run_study(tiny, tmp_path, Serial(fake), AGAIN, Unseen()).records == {s.key: fake(s) for s in specs}
+    assert run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN).records == {s.key: fake(s) for s in specs}
 
 
 def test_another_study_is_refused(tmp_path: Path) -> None:
-    run_study(study(arm("a")), tmp_path, Serial(fake), RunOptions(), Unseen())
+    run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
     for other in (study(arm("a"), seeds=3), study(arm("b")), study(arm("a", corrector="median"))):
         with pytest.raises(ScenarioError, match="another version of the study"):
-            run_study(other, tmp_path, Serial(fake), AGAIN, Unseen())
+            run_study(other, tmp_path, Serial(fake), unseen, **AGAIN)
 
 
 def changed(folder: Path, statement: str) -> None:
@@ -104,12 +103,12 @@ def changed(folder: Path, statement: str) -> None:
 
 def test_a_store_of_another_version_is_refused(tmp_path: Path) -> None:
     tiny = study(arm("a"))
-    run_study(tiny, tmp_path, Serial(fake), RunOptions(), Unseen())
+    run_study(tiny, tmp_path, Serial(fake), unseen)
     changed(tmp_path, "UPDATE meta SET value = '99' WHERE name = 'schema'")
     with pytest.raises(ScenarioError, match="has the format 99, this version reads 1: use another --out"):
-        run_study(tiny, tmp_path, Serial(fake), AGAIN, Unseen())
+        run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN)
     with pytest.raises(ScenarioError, match="has the format 99"):
-        Store.open(tmp_path)
+        read_study(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -122,35 +121,37 @@ def test_a_store_of_another_version_is_refused(tmp_path: Path) -> None:
 )
 def test_a_store_of_other_packages_or_code_is_refused(tmp_path: Path, change: str, message: str) -> None:
     tiny = study(arm("a"))
-    run_study(tiny, tmp_path, Serial(fake), RunOptions(), Unseen())
+    run_study(tiny, tmp_path, Serial(fake), unseen)
     changed(tmp_path, f"UPDATE meta SET value = {change} WHERE name = 'versions'")
     with pytest.raises(ScenarioError, match=f"begun with other versions {message}"):
-        run_study(tiny, tmp_path, Serial(fake), AGAIN, Unseen())
+        run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN)
 
 
 def test_a_controller_that_cannot_be_loaded_is_refused_before_anything_flies(tmp_path: Path) -> None:
     lost = study(arm("a", changes={"mission.controller": "nowhere:factory"}))
     with pytest.raises(MissionError, match="controller 'nowhere:factory' cannot be loaded"):
-        run_study(lost, tmp_path / "out", Serial(fake), RunOptions(), Unseen())
+        run_study(lost, tmp_path / "out", Serial(fake), unseen)
     assert not (tmp_path / "out").exists()
 
 
 def test_what_is_no_store_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="there is no study in"):
-        Store.open(tmp_path)
+        read_study(tmp_path)
     (tmp_path / FILE).write_bytes(b"something else " * 1000)
     with pytest.raises(ScenarioError, match="use another --out"):
-        run_study(study(arm("a")), tmp_path, Serial(fake), RunOptions(), Unseen())
+        run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
     shutil.rmtree(tmp_path)
     tmp_path.write_text("a file")
     with pytest.raises(ScenarioError, match="expected a folder that you may write to"):
-        run_study(study(arm("a")), tmp_path, Serial(fake), RunOptions(), Unseen())
+        run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
 
 
 def test_a_second_study_on_the_same_store_is_refused(tmp_path: Path) -> None:
-    with lock(tmp_path), pytest.raises(ScenarioError, match=r"wait for it, or look at it with voxdepth study status"):
-        run_study(study(arm("a")), tmp_path, Serial(fake), RunOptions(), Unseen())
-    run_study(study(arm("a")), tmp_path, Serial(fake), RunOptions(), Unseen())
+    tiny = study(arm("a"))
+    busy = r"wait for it, or look at it with voxdepth study status"
+    with Store.begin(tmp_path, tiny, expand(tiny), resume=False), pytest.raises(ScenarioError, match=busy):
+        run_study(tiny, tmp_path, Serial(fake), unseen)
+    run_study(tiny, tmp_path, Serial(fake), unseen)
 
 
 def test_a_full_disk_is_said_and_what_was_written_is_safe(tmp_path: Path) -> None:
@@ -170,16 +171,15 @@ def test_a_full_disk_is_said_and_what_was_written_is_safe(tmp_path: Path) -> Non
 
 def test_a_store_of_a_version_that_knew_fewer_keys_still_has_its_results(tmp_path: Path) -> None:
     tiny = study(arm("a"))
-    before = run_study(tiny, tmp_path, Serial(fake), RunOptions(), Unseen())
+    before = run_study(tiny, tmp_path, Serial(fake), unseen)
     changed(tmp_path, "UPDATE runs SET run = json_remove(run, '$.scenario.recording')")
-    with Store.open(tmp_path) as store:
-        contents = store.read()
+    contents = read_study(tmp_path)
     assert [contents.records[spec.key] for spec in contents.specs] == list(before.records.values())
     assert contents.missing(retry_errors=True) == []
 
 
 def test_a_store_of_a_version_that_knew_other_keys_is_refused(tmp_path: Path) -> None:
-    run_study(study(arm("a")), tmp_path, Serial(fake), RunOptions(), Unseen())
+    run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
     changed(tmp_path, "UPDATE runs SET run = json_set(run, '$.scenario.wings', 2)")
-    with Store.open(tmp_path) as store, pytest.raises(ScenarioError, match=r"other keys \(unknown key 'wings'\)"):
-        store.read()
+    with pytest.raises(ScenarioError, match=r"other keys \(unknown key 'wings'\)"):
+        read_study(tmp_path)
