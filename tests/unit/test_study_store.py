@@ -142,7 +142,7 @@ def test_what_is_no_store_is_refused(tmp_path: Path) -> None:
         run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
     shutil.rmtree(tmp_path)
     tmp_path.write_text("a file")
-    with pytest.raises(ScenarioError, match="expected a folder that you may write to"):
+    with pytest.raises(ScenarioError, match="cannot write to"):
         run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
 
 
