@@ -63,13 +63,10 @@ class FrameLoop:
     def resized(self, width_px: int, height_px: int) -> "FrameLoop":
         """A loop of images of another size; gray is interpolated, depth is not."""
         size = (width_px, height_px)
-        grays = [cv2.resize(gray, size, interpolation=cv2.INTER_LINEAR) for gray in self.grays]
-        depths_m = [cv2.resize(depth_m, size, interpolation=cv2.INTER_NEAREST) for depth_m in self.depths_m]
-        return FrameLoop(
-            intrinsics=self.intrinsics.scaled(width_px, height_px),
-            grays=tuple(grays),  # type: ignore[arg-type]
-            depths_m=tuple(depths_m),  # type: ignore[arg-type]
-        )
+        grays: Any = [cv2.resize(gray, size, interpolation=cv2.INTER_LINEAR) for gray in self.grays]
+        depths_m: Any = [cv2.resize(depth_m, size, interpolation=cv2.INTER_NEAREST) for depth_m in self.depths_m]
+        intrinsics = self.intrinsics.scaled(width_px, height_px)
+        return FrameLoop(intrinsics=intrinsics, grays=tuple(grays), depths_m=tuple(depths_m))
 
     def play(self, frames: int) -> Iterator[Frame]:
         """Yield that many frames at 30 Hz, in continuous motion; they share the images of the loop."""
@@ -92,15 +89,12 @@ def render_frames() -> FrameLoop:
 def write_tum(loop: FrameLoop, folder: Path, frames: int) -> None:
     """Write what `FrameLoop.play` yields in the TUM RGB-D format, whose depth ends at 13.1 m; farther pixels are empty.
 
-    Every image is written once; the frames that repeat it are hard links to its file.
-
-    Args:
-        loop: Frames of a camera with a baseline.
-        folder: Path that does not exist yet.
-        frames: How many frames are written.
+    Every image is written once; the frames that repeat it are hard links to its file. The camera of the loop must have
+    a baseline, and the folder must not exist yet.
     """
-    units = [depth_units(depth_m) for depth_m in loop.depths_m]
-    kinds: dict[str, Sequence[npt.NDArray[Any]]] = {"rgb": loop.grays, "depth": units}
+    units = [np.rint(depth_m * np.float32(UNITS_PER_M)) for depth_m in loop.depths_m]
+    units_16 = [np.where(unit < 2**16, unit, 0).astype(np.uint16) for unit in units]
+    kinds: dict[str, Sequence[npt.NDArray[Any]]] = {"rgb": loop.grays, "depth": units_16}
     for kind, images in kinds.items():
         (folder / kind).mkdir(parents=True)
         lines = []
@@ -113,9 +107,3 @@ def write_tum(loop: FrameLoop, folder: Path, frames: int) -> None:
             lines.append(f"{k / RATE_HZ:.6f} {name}\n")
         (folder / f"{kind}.txt").write_text("".join(lines), encoding="utf-8")
     (folder / CALIBRATION).write_text(calibration_toml(loop.intrinsics), encoding="utf-8")
-
-
-def depth_units(depth_m: FloatImage) -> npt.NDArray[np.uint16]:
-    """Depth in units of 1/5000 m, shape (H, W); 0 where it is invalid or does not fit into 16 bits."""
-    units = np.rint(depth_m * np.float32(UNITS_PER_M))
-    return np.where(units < 2**16, units, 0).astype(np.uint16)

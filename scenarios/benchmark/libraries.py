@@ -42,7 +42,7 @@ def measure_steps(steps: ImageSteps, loop: FrameLoop) -> dict[str, Latency]:
     """Times of every step on the grid of a window and its last frame, after a warm-up."""
     steps.clear()
     for k, frame in enumerate(loop.play(WINDOW_FRAMES)):
-        steps.integrate(frame.depth_m, forward(FORWARD_M * (WINDOW_FRAMES - 1 - k)))
+        steps.integrate(frame.depth_m, behind(WINDOW_FRAMES - 1 - k))
     _time_steps(steps, loop)
     timings_s: list[Mapping[str, float]] = []
     end_s = time.perf_counter() + TIME_LIMIT_S
@@ -56,10 +56,10 @@ def fastest(measured: Mapping[str, Mapping[str, Latency]], step: str) -> str:
     return min(measured, key=lambda library: measured[library][step].p50_ms)
 
 
-def forward(distance_m: float) -> Any:
-    """`T_grid_cam` of a camera that far behind the grid's, shape (4, 4)."""
+def behind(frames: int) -> Any:
+    """`T_grid_cam` of the camera that many frames before the grid's, shape (4, 4)."""
     T_grid_cam = np.eye(4)
-    T_grid_cam[2, 3] = -distance_m
+    T_grid_cam[2, 3] = -FORWARD_M * frames
     return T_grid_cam
 
 
@@ -67,7 +67,7 @@ def _time_steps(steps: ImageSteps, loop: FrameLoop) -> dict[str, float]:
     """Run every step once, in the corrector's order; the upload of a frame belongs to none of them."""
     times_s: dict[str, float] = {}
     raw_m = loop.depths_m[-1]
-    _time(times_s, "integrate", lambda: steps.integrate(raw_m, forward(FORWARD_M)))
+    _time(times_s, "integrate", lambda: steps.integrate(raw_m, behind(1)))
     sparse = _time(times_s, "project", steps.project)
     dense = _time(times_s, "inpaint", lambda: steps.inpaint(sparse))
     raw = steps.upload(raw_m)

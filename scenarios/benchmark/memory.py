@@ -2,6 +2,7 @@
 
 import gc
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,6 +18,7 @@ from .frames import FrameLoop
 STATUS, CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 """Memory of this process in Linux; `resource.getrusage` would include that of its parent."""
 RESET_PEAK = "5"
+"""Resets the peak memory of a process to its present memory when written to its `clear_refs`."""
 N_DISTINCT = 6
 """Frames that are kept in memory and played repeatedly."""
 N_FRAMES = 80
@@ -57,13 +59,15 @@ def memory_here(corrector: str, folder: Path, intrinsics: Intrinsics) -> Memory:
     from ..quiet import import_noisy_libraries
 
     import_noisy_libraries()
-    correct(blank(*TINY_PX), corrector)
+    tiny = Intrinsics.from_hfov(width_px=TINY_PX[0], height_px=TINY_PX[1], hfov_deg=90)
+    gray, depth_m = np.zeros(tiny.shape, np.uint8), np.ones(tiny.shape, np.float32)
+    correct(FrameLoop(intrinsics=tiny, grays=(gray, gray), depths_m=(depth_m, depth_m)), corrector)
     gc.collect()
-    reset_peak()
+    with suppress(OSError):  # Where the system refuses it, the peak of the imports counts, too, should it be higher.
+        CLEAR.write_text(RESET_PEAK, encoding="ascii")
     libraries_mb = resident_mb("VmRSS")
-    loop = FrameLoop(
-        intrinsics=intrinsics, grays=tuple(np.load(folder / GRAYS)), depths_m=tuple(np.load(folder / DEPTHS))
-    )
+    grays, depths_m = (tuple(np.load(folder / file)) for file in (GRAYS, DEPTHS))
+    loop = FrameLoop(intrinsics=intrinsics, grays=grays, depths_m=depths_m)
     correct(loop, corrector)
     frames_mb = loop.n_bytes / 1e6
     return Memory(
@@ -75,13 +79,6 @@ def memory_here(corrector: str, folder: Path, intrinsics: Intrinsics) -> Memory:
     )
 
 
-def blank(width_px: int, height_px: int) -> FrameLoop:
-    """Two frames of a plain surface at 1 m."""
-    intrinsics = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=90)
-    gray, depth_m = np.zeros(intrinsics.shape, np.uint8), np.ones(intrinsics.shape, np.float32)
-    return FrameLoop(intrinsics=intrinsics, grays=(gray, gray), depths_m=(depth_m, depth_m))
-
-
 def correct(loop: FrameLoop, name: str) -> None:
     """Correct the frames of a loop with a new corrector and discard the results."""
     corrector = CORRECTORS[name](loop.intrinsics)
@@ -90,18 +87,7 @@ def correct(loop: FrameLoop, name: str) -> None:
     corrector.close()
 
 
-def reset_peak() -> None:
-    """Reset the peak memory of this process to its present memory, where the system permits it."""
-    try:
-        CLEAR.write_text(RESET_PEAK, encoding="ascii")
-    except OSError:  # Then the peak of the imports counts, too, should it be higher.
-        return
-
-
 def resident_mb(field: str) -> float:
     """Resident memory of this process [MB]: `VmRSS` is the present value, `VmHWM` the peak."""
-    for line in STATUS.read_text(encoding="ascii").splitlines():
-        name, _, value = line.partition(":")
-        if name == field:
-            return int(value.split()[0]) * 1024 / 1e6
-    raise KeyError(f"{STATUS} has no {field}")
+    fields = dict(line.split(":", 1) for line in STATUS.read_text(encoding="ascii").splitlines())
+    return int(fields[field].split()[0]) * 1024 / 1e6

@@ -1,16 +1,18 @@
-"""The benchmark: all measurements, one after the other."""
+"""The benchmark: all measurements, one after the other, and their printed tables."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from pydantic import Field
+from rich.console import Console
 
 from voxdepth.model import Model
 
 from ..errors import ScenarioError
 from ..results.provenance import CORRECTION, Provenance
+from ..results.table import Column, Table, Value
 from .frames import SIZE_PX, FrameLoop
-from .libraries import compare_libraries
+from .libraries import STEPS, compare_libraries, fastest
 from .memory import CORRECTORS, Memory, measure_memory
 from .throughput import Throughput, compare_runs
 from .timings import DefaultTimings, Latency, PaperTimings, measure_default, measure_paper
@@ -24,6 +26,10 @@ LARGE_PX = (1024, 1024)
 """Second size at which the default corrector and memory are measured."""
 SIDES_PX = range(32, 4097)
 """Valid widths and heights of the images."""
+
+REGISTRATION = ("describe", "register")
+"""Steps that are printed as parts of the registration."""
+PERCENTILES = tuple(Column(name, "ms") for name in ("p50", "p95", "p99", "max"))
 
 Report = Callable[[str], None]
 """Is called with a description of each measurement when it begins."""
@@ -89,9 +95,95 @@ def measure_rest(quick: BenchmarkResults, loop: FrameLoop, report: Report) -> Be
 def fit_line(pixels: list[int], times_ms: list[float]) -> tuple[float, float]:
     """Fixed cost of a frame [ms] and cost of a pixel [ns]: the straight line with the least relative squared error.
 
-    Args:
-        pixels: Number of pixels per image; at least two different numbers.
-        times_ms: Time per frame, positive; as many as `pixels`.
+    There must be as many positive times as numbers of pixels, at least two of which differ.
     """
     slope_ms, start_ms = np.polyfit(pixels, times_ms, 1, w=1 / np.asarray(times_ms))
     return float(start_ms), float(1e6 * slope_ms)
+
+
+def print_results(console: Console, results: BenchmarkResults) -> None:
+    """Print the machine and a table for each measurement that was made."""
+    made, size = results.provenance, results.paper.size
+    versions = ", ".join(f"{name} {version}" for name, version in made.versions.items())
+    machine = [
+        f"machine: {made.processor}, {made.logical_processors} processors, Python {made.python}",
+        f"GPU: {', '.join(made.gpus) or 'none'}",
+        f"load in the last minute, before: {made.load:.1f}",
+        f"versions: {versions}",
+    ]
+    console.print(*machine, sep="\n", soft_wrap=True, highlight=False)
+    tables = [*map(_default, results.default), _paper(results.paper), _libraries(results.libraries, size)]
+    if results.sizes:
+        tables.append(_sizes(results.sizes))
+    if results.throughput:
+        tables.append(_throughput(results.throughput, size))
+    if results.memory:
+        tables.append(_memory(results.memory))
+    for table in tables:
+        table.print(console)
+        if table.note:
+            console.print(table.note, soft_wrap=True, highlight=False)
+
+
+def _default(timings: DefaultTimings) -> Table:
+    rows = [_row(step, latency) for step, latency in timings.steps.items()] + [_row("whole frame", timings.frame)]
+    tracked = timings.frame.n - timings.lost_frames
+    note = f"{timings.frame.n} frames were measured; in {tracked} the camera was found"
+    return Table.of(f"voxdepth, {timings.size}, one core", ("step", *PERCENTILES), rows, note=note)
+
+
+def _paper(timings: PaperTimings) -> Table:
+    rows = []
+    for step, latency in timings.steps.items():
+        rows.append(_row(f"registration, {step}" if step in REGISTRATION else step, latency))
+        if step == "filter":
+            rows.append(_row("correction state, sum of the above", timings.correction))
+    rows.append(_row("frame without fusion", timings.frame))
+    rows += [_row(f"fusion, {step}", latency) for step, latency in timings.fusion_steps.items()]
+    rows.append(_row("fusion of 10 frames", timings.fusion))
+    note = f"{timings.correction.n} frames and {timings.fusion.n} fusions were measured"
+    return Table.of(f"paper, {timings.size}, one core", ("step", *PERCENTILES), rows, note=note)
+
+
+def _libraries(libraries: Mapping[str, Mapping[str, Latency]], size: str) -> Table:
+    columns: list[Column | str] = ["step", *(Column(library, "ms") for library in libraries), "fastest"]
+    rows: list[Sequence[Value]] = [
+        (step, *(times[step].p50_ms for times in libraries.values()), fastest(libraries, step)) for step in STEPS
+    ]
+    return Table.of(f"paper, {size}, median of a step by library", columns, rows)
+
+
+def _sizes(sizes: Sequence[PaperTimings]) -> Table:
+    start_ms, pixel_ns = fit_line([one.pixels for one in sizes], [one.correction.p50_ms for one in sizes])
+    columns = ("size", Column("correction state", "ms"), Column("per pixel", "ns", ".1f"), Column("line", "ms"),
+               Column("fusion", "ms", ".1f"))  # fmt: skip
+    rows = [
+        (one.size, one.correction.p50_ms, 1e6 * one.correction.p50_ms / one.pixels,
+         start_ms + 1e-6 * pixel_ns * one.pixels, one.fusion.p50_ms)
+        for one in sizes
+    ]  # fmt: skip
+    note = f"line: {start_ms:.2f} ms a frame and {pixel_ns:.1f} ns a pixel"
+    return Table.of("paper, medians by image size", columns, rows, note=note)
+
+
+def _throughput(runs: Sequence[Throughput], size: str) -> Table:
+    times = (Column(name, "ms", ".1f") for name in ("p50", "p99", "max"))
+    rate = Column("throughput", "frames/s", ".1f")
+    columns: list[Column | str] = ["mode", "lag", rate, "ratio", *times, "fused windows"]
+    rows = [
+        (run.mode, run.lag, run.frames_per_s, run.frames_per_s / runs[0].frames_per_s,
+         run.latency.p50_ms, run.latency.p99_ms, run.latency.max_ms, run.windows)
+        for run in runs
+    ]  # fmt: skip
+    note = "times: from the end of reading to delivery; fused windows: those that became templates"
+    return Table.of(f"paper, {runs[0].frames} frames of {size} from files", columns, rows, note=note)
+
+
+def _memory(memory: Sequence[Memory]) -> Table:
+    values = (Column(name, "MB", ".0f") for name in ("libraries", "frames kept", "peak of correcting"))
+    rows = [(f"{one.corrector}, {one.size}", one.libraries_mb, one.frames_mb, one.correcting_mb) for one in memory]
+    return Table.of("resident memory", ["corrector and size", *values], rows)
+
+
+def _row(step: str, latency: Latency) -> Sequence[Value]:
+    return step, latency.p50_ms, latency.p95_ms, latency.p99_ms, latency.max_ms

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import cv2
 
-from voxdepth import PaperVoxDepth
 from voxdepth.datasets import Dataset, open_dataset
 from voxdepth.model import Model
 from voxdepth.paper.config import PaperConfig
@@ -41,20 +40,18 @@ Run = Callable[[DepthCorrector, Iterable[Frame]], list[float]]
 def compare_runs(loop: FrameLoop, frames: int) -> list[Throughput]:
     """Correct the same frames one by one and pipelined, with different lags; nothing overlaps in the first run."""
     cv2.setNumThreads(1)
-    blocking, default = PaperConfig(fusion_lag_frames=0), PaperConfig()
-    ready = PaperConfig(fusion_lag_frames="ready")
+    blocking, default, ready = PaperConfig(fusion_lag_frames=0), PaperConfig(), PaperConfig(fusion_lag_frames="ready")
+    runs = [("one by one", one_by_one, blocking), ("one by one", one_by_one, default),
+            ("pipelined", pipelined, default), ("pipelined", pipelined, ready)]  # fmt: skip
     with tempfile.TemporaryDirectory(prefix="voxdepth-bench-") as folder:
         write_tum(loop, Path(folder) / "tum", frames)
         dataset = open_dataset(Path(folder) / "tum", "tum")
-        return [
-            *(measure_run("one by one", one_by_one, dataset, config) for config in (blocking, default)),
-            *(measure_run("pipelined", pipelined, dataset, config) for config in (default, ready)),
-        ]
+        return [measure_run(mode, run, dataset, config) for mode, run, config in runs]
 
 
 def measure_run(mode: str, run: Run, dataset: Dataset, config: PaperConfig) -> Throughput:
     """Correct all frames with a new corrector."""
-    corrector = FusionRecorder(PaperVoxDepth(dataset.intrinsics, config))
+    corrector = FusionRecorder(dataset.intrinsics, config)
     start = time.perf_counter()
     latencies_s = run(corrector, read(dataset))
     wall_s = time.perf_counter() - start

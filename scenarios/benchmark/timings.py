@@ -14,7 +14,7 @@ from voxdepth.paper.epochs import PaperDiagnostics, Phase, Template
 from voxdepth.paper.method import Aligned
 from voxdepth.temporal.config import VoxDepthConfig
 from voxdepth.temporal.odometry import TrackingResult, TrackingStatus
-from voxdepth.types import CorrectedDepth, Frame
+from voxdepth.types import Frame, Intrinsics
 
 from ..errors import ScenarioError
 from .frames import FrameLoop
@@ -66,11 +66,7 @@ class DefaultTimings(Model):
 
 
 def measure_default(loop: FrameLoop, frames: int) -> DefaultTimings:
-    """Correct frames one after the other with the default configuration.
-
-    Args:
-        loop: Frames to correct.
-        frames: How many frames are timed; 10 more come before.
+    """Correct frames one after the other with the default configuration; `WARM_UP_FRAMES` more come before.
 
     Raises:
         ScenarioError: Tracking failed in every frame.
@@ -86,47 +82,30 @@ def measure_default(loop: FrameLoop, frames: int) -> DefaultTimings:
         if k >= WARM_UP_FRAMES:
             timings_s.append(corrected.timings_s)
             frames_s.append(frame_s)
-            lost_frames += not _is_tracked(corrected)
+            assert isinstance(corrected.diagnostics, TrackingResult)
+            lost_frames += corrected.diagnostics.status is not TrackingStatus.OK
     if lost_frames == len(frames_s):
         raise ScenarioError(f"at {loop.size} pixels the corrector found its camera in no frame: name a larger --size")
     steps = step_latencies(timings_s, list(timings_s[0]))
     return DefaultTimings(size=loop.size, frame=Latency.of(frames_s), steps=steps, lost_frames=lost_frames)
 
 
-class FusionRecorder:
-    """A `StagedCorrector` that delegates to the paper's method and records every template that comes into force."""
+class FusionRecorder(PaperVoxDepth):
+    """The paper's method, which records every template that comes into force."""
 
-    uses_gray = True
-
-    def __init__(self, corrector: PaperVoxDepth) -> None:
-        self._corrector = corrector
-        self._template: Template | None = None
+    def __init__(self, intrinsics: Intrinsics, config: PaperConfig) -> None:
+        super().__init__(intrinsics, config)
+        self._recorded: Template | None = None
         self.fusions_s: list[Mapping[str, float]] = []
         """Times of the steps of each fusion [s], in order."""
 
-    def process(self, frame: Frame) -> CorrectedDepth:
-        """See `DepthCorrector`."""
-        return self.combine(self.align(frame))
-
-    def reset(self) -> None:
-        """See `DepthCorrector`."""
-        self._corrector.reset()
-
-    def close(self) -> None:
-        """Wait for the fusion that runs in the background."""
-        self._corrector.close()
-
     def align(self, frame: Frame) -> Aligned:
-        """See `StagedCorrector`."""
-        aligned: Aligned = self._corrector.align(frame)
-        if aligned.template is not None and aligned.template is not self._template:
-            self._template = aligned.template
+        """See `StreamCorrector`."""
+        aligned: Aligned = super().align(frame)
+        if aligned.template is not None and aligned.template is not self._recorded:
+            self._recorded = aligned.template
             self.fusions_s.append(aligned.template.timings_s)
         return aligned
-
-    def combine(self, aligned: Aligned) -> CorrectedDepth:
-        """See `StagedCorrector`."""
-        return self._corrector.combine(aligned)
 
 
 @dataclass(kw_only=True)
@@ -142,24 +121,21 @@ class PaperTimes:
 
 
 def time_paper(loop: FrameLoop, frames: int) -> PaperTimes:
-    """Correct frames one after the other with the paper's method.
-
-    Args:
-        loop: Frames to correct.
-        frames: How many; 38 give the first fusion that counts.
+    """Correct frames one after the other with the paper's method; 38 frames give the first fusion that counts.
 
     Raises:
         ScenarioError: No frame was corrected after a second template.
     """
     cv2.setNumThreads(1)
-    corrector = FusionRecorder(PaperVoxDepth(loop.intrinsics, CONFIG))
+    corrector = FusionRecorder(loop.intrinsics, CONFIG)
     times = PaperTimes()
     for frame in loop.play(frames):
         start = time.perf_counter()
         corrected = corrector.process(frame)
         frame_s = time.perf_counter() - start
+        assert isinstance(corrected.diagnostics, PaperDiagnostics)
         # Only times are kept: memory that is new in every frame would be measured, too.
-        if len(corrector.fusions_s) > 1 and _is_correcting(corrected):
+        if len(corrector.fusions_s) > 1 and corrected.diagnostics.phase is Phase.CORRECTING:
             times.steps_s.append(corrected.timings_s)
             times.frames_s.append(frame_s - corrected.timings_s["take_template"])
     corrector.close()
@@ -202,15 +178,3 @@ class PaperTimings(Model):
 def measure_paper(loop: FrameLoop, frames: int) -> PaperTimings:
     """Latency of the paper's method; see `time_paper`."""
     return PaperTimings.of(loop, time_paper(loop, frames))
-
-
-def _is_tracked(corrected: CorrectedDepth) -> bool:
-    """Whether the default method found the pose of the camera."""
-    diagnostics = corrected.diagnostics
-    return isinstance(diagnostics, TrackingResult) and diagnostics.status is TrackingStatus.OK
-
-
-def _is_correcting(corrected: CorrectedDepth) -> bool:
-    """Whether the paper's method was in the correction state."""
-    diagnostics = corrected.diagnostics
-    return isinstance(diagnostics, PaperDiagnostics) and diagnostics.phase is Phase.CORRECTING

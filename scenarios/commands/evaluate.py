@@ -147,8 +147,7 @@ def bench(
     from rich.console import Console
 
     from ..benchmark.frames import render_frames
-    from ..benchmark.report import print_results
-    from ..benchmark.suite import measure_quickly, measure_rest, valid_size
+    from ..benchmark.suite import measure_quickly, measure_rest, print_results, valid_size
     from ..files import write
 
     width_px, height_px = valid_size(*parsed_size(size))

@@ -29,7 +29,7 @@ SEQUENCES = ("sim-LN", "sim-MB", "sim-PLF", "sim-cross", "sim-approach", "sim-ho
 """Near and far surfaces, with and without parallax, and objects that move across and towards the camera."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Variant:
     """The default method with another configuration."""
 
@@ -55,11 +55,11 @@ class Variant:
 
 
 def _variant(name: str, off: str, **changes: Any) -> Variant:
-    return Variant(name=name, off=off, config=VoxDepthConfig.model_validate(changes))
+    return Variant(name, off, VoxDepthConfig.model_validate(changes))
 
 
 VARIANTS = (
-    Variant(name=DEFAULT, off="nothing"),
+    Variant(DEFAULT, "nothing"),
     _variant(
         "single-frame", "neither tracking nor memory: inpainting and smoothing alone", odometry={"min_tracks": NEVER}
     ),
@@ -89,7 +89,7 @@ VARIANTS = (
     _variant("no-fill", "holes that the memory cannot fill stay empty", inpaint=False),
     _variant("no-smoothing", "no smoothing", smoothing_window_px=1),
     _variant("full-size", "memory at full size, not half", decimation=1),
-    Variant(name="true-prior", off="told the true pose (an oracle)", sees_true_pose=True),
+    Variant("true-prior", "told the true pose (an oracle)", sees_true_pose=True),
 )
 
 
@@ -98,24 +98,18 @@ def ablate(context: ExperimentContext) -> Findings:
     comparison = Comparison(context.evaluate([variant.method for variant in VARIANTS]))
     quantities = {variant.name: _quantities(comparison, variant.method.name) for variant in VARIANTS}
     columns = tuple(quantities[DEFAULT])
-    means = {
-        name: [mean_of_known([None if pd.isna(value) else value for value in values]) for values in by_column.values()]
-        for name, by_column in quantities.items()
-    }
+    means = {name: list(map(mean_of_known, by_column.values())) for name, by_column in quantities.items()}
     rows: list[list[Value]] = [
         [sequence, name, *(values[sequence] for values in by_column.values())]
         for sequence in context.sequences
         for name, by_column in quantities.items()
     ]
-    over = ", ".join(context.sequences)
+    title = f"One part off, mean over {', '.join(context.sequences)}"
+    mean_rows = [(variant.name, variant.off, *means[variant.name]) for variant in VARIANTS]
     return Findings(
         tables=(
-            Table.of(
-                f"One part off, mean over {over}",
-                (Column("variant"), Column("what is off"), *columns),
-                [(variant.name, variant.off, *means[variant.name]) for variant in VARIANTS],
-            ),
-            Table.of("By sequence", (Column("sequence"), Column("variant"), *columns), rows, name="by-sequence"),
+            Table.of(title, ("variant", "what is off", *columns), mean_rows),
+            Table.of("By sequence", ("sequence", "variant", *columns), rows, name="by-sequence"),
         ),
         notes=(
             "Surfaces within 20 m. Errors in holes and PSNR (peak 40 m) are after completion by the nearest valid; "

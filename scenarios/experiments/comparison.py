@@ -1,7 +1,8 @@
 """The default method compared with the baselines: values by sequence, the best baseline, and acceptance criteria."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from statistics import mean
 
 import pandas as pd
@@ -18,7 +19,6 @@ NO_BASELINES = (DEFAULT, PAPER, ORACLE)
 """The default method, the method that it replaces, and the bound; all other methods are baselines."""
 MEAN = "mean"
 MET, UNKNOWN = "held", "not measured"
-
 
 HOLES = Selector("mae", "holes")
 COVERAGE = Selector("coverage", on=FILLED)
@@ -89,84 +89,65 @@ def comparison_table(title: str, name: str, columns: Mapping[Column, pd.Series])
     return Table.of(title, (Column("sequence"), *columns), rows, name=name)
 
 
-def mean_of_known(values: Sequence[Value]) -> Value:
+def mean_of_known(values: Iterable[Value]) -> Value:
     """The mean of the floating-point numbers among values; None without any, as of counts, and empty for texts."""
-    if any(isinstance(value, str) for value in values):
+    listed = list(values)
+    if any(isinstance(value, str) for value in listed):
         return ""
-    known = [value for value in values if isinstance(value, float)]
+    known = [value for value in listed if isinstance(value, float) and not math.isnan(value)]
     return sum(known) / len(known) if known else None
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """A bound on one number."""
+    """A bound on one number, and the number that it is applied to."""
 
     what: str
     bound: float
     unit: str = ""
     at_least: bool = False
     """Whether the bound is a lower bound."""
-
-    @property
-    def requirement(self) -> str:
-        """The bound in words."""
-        return f"at {'least' if self.at_least else 'most'} {self.bound:g}{self._unit}"
-
-    def shown(self, value: float | None) -> str:
-        """A value with its unit."""
-        return UNKNOWN if value is None else f"{value:.2f}{self._unit}"
-
-    def outcome(self, value: float | None) -> str:
-        """`held`, `missed by` a distance, or `not measured`."""
-        if value is None:
-            return UNKNOWN
-        missed = self.bound - value if self.at_least else value - self.bound
-        if missed <= 0:
-            return MET
-        return f"missed by {missed:.2f}{self._unit}" if missed >= 0.005 else f"missed by {missed:.1g}{self._unit}"
-
-    @property
-    def _unit(self) -> str:
-        return f" {self.unit}" if self.unit else ""
-
-
-@dataclass(frozen=True)
-class Check:
-    """A criterion with the value that it is applied to."""
-
-    criterion: Criterion
-    value: float | None
-    scope: str
+    value: float | None = None
+    scope: str = ""
     """The sequences that the value is of."""
 
     @property
     def outcome(self) -> str:
-        """See `Criterion.outcome`."""
-        return self.criterion.outcome(self.value)
+        """`held`, `missed by` a distance, or `not measured`."""
+        if self.value is None:
+            return UNKNOWN
+        missed = self.bound - self.value if self.at_least else self.value - self.bound
+        if missed <= 0:
+            return MET
+        return f"missed by {missed:{'.2f' if missed >= 0.005 else '.1g'}} {self.unit}".rstrip()
+
+    @property
+    def row(self) -> tuple[str, ...]:
+        """The row of the criterion in a table."""
+        requirement = f"at {'least' if self.at_least else 'most'} {self.bound:g} {self.unit}".rstrip()
+        measured = UNKNOWN if self.value is None else f"{self.value:.2f} {self.unit}".rstrip()
+        return self.what, requirement, measured, self.scope, self.outcome
 
 
-def worst(criterion: Criterion, values: pd.Series) -> Check:
+def worst(criterion: Criterion, values: pd.Series) -> Criterion:
     """Apply a criterion to the sequence with the worst value."""
     known = values.dropna()
     if known.empty:
-        return Check(criterion, None, "no sequence")
+        return replace(criterion, scope="no sequence")
     name = known.idxmin() if criterion.at_least else known.idxmax()
-    return Check(criterion, float(known[name]), f"{name}, worst of {len(known)}")
+    return replace(criterion, value=float(known[name]), scope=f"{name}, worst of {len(known)}")
 
 
-def average(criterion: Criterion, values: pd.Series) -> Check:
+def average(criterion: Criterion, values: pd.Series) -> Criterion:
     """Apply a criterion to the mean over the sequences whose value is defined."""
     known = list(values.dropna())
-    return Check(criterion, mean(known) if known else None, f"mean of {len(known)}")
+    return replace(criterion, value=mean(known) if known else None, scope=f"mean of {len(known)}")
 
 
-def criteria_table(checks: Sequence[Check]) -> Table:
-    """A table of all checks with a count of their outcomes in the title."""
-    outcomes = [check.outcome for check in checks]
+def criteria_table(criteria: Sequence[Criterion]) -> Table:
+    """A table of all criteria with a count of their outcomes in the title."""
+    outcomes = [criterion.outcome for criterion in criteria]
     met, unknown = outcomes.count(MET), outcomes.count(UNKNOWN)
     title = f"Criteria: {met} held, {len(outcomes) - met - unknown} missed, {unknown} not measured"
-    rows = [
-        (check.criterion.what, check.criterion.requirement, check.criterion.shown(check.value), check.scope, outcome)
-        for check, outcome in zip(checks, outcomes, strict=True)
-    ]
-    return Table.of(title, ("criterion", "requirement", "measured", "of", "outcome"), rows)
+    columns = ("criterion", "requirement", "measured", "of", "outcome")
+    return Table.of(title, columns, [criterion.row for criterion in criteria])

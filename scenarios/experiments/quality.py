@@ -1,20 +1,19 @@
 """Table psnr: the quality of corrected depth by dataset and method, beside the paper's numbers."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
-from statistics import mean
+from typing import NamedTuple
 
+import pandas as pd
 from matplotlib.axes import Axes
 
 from ..evaluation import paper
 from ..evaluation.groups import ALL
 from ..evaluation.measurements import AS_GIVEN, Selector
 from ..evaluation.methods import find_methods
-from ..evaluation.suite import Evaluation
 from ..results.figure import grouped_bars, label_axes, panels
 from ..results.table import Table
-from .experiment import Claim, Experiment, ExperimentContext, Findings
+from .experiment import Claim, Experiment, ExperimentContext, Findings, listed, most_hold
 from .paper_results import percentages_table, saturated
 
 METHODS = {"VD": "paper", "RS": "realsense-left", "GS": "lmeds", "raw": "raw"}
@@ -22,8 +21,7 @@ METHODS = {"VD": "paper", "RS": "realsense-left", "GS": "lmeds", "raw": "raw"}
 COLUMNS = ("metric", "unit", "sequence", *METHODS, *(f"{name} (paper)" for name in paper.METHODS), "n")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Metric:
+class Metric(NamedTuple):
     """One block of rows."""
 
     title: str
@@ -31,36 +29,34 @@ class Metric:
     selector: Selector
     printed: Mapping[str, Sequence[float]]
     """The paper's numbers by dataset, in the order of its methods; empty if it has none."""
-    higher_is_better: bool
-    pixels: str = ""
-    """The pixels of the metric in words, for the figure."""
 
 
-PSNR = Metric(title="PSNR", unit="dB", selector=Selector("psnr16_mm", range=ALL), printed=paper.PSNR_DB,
-              higher_is_better=True, pixels="peak 65535 mm, completed")  # fmt: skip
-MASKED = Metric(title="masked RMSE", unit="m", selector=Selector("rmse", "occluded"), printed={},
-                higher_is_better=False, pixels="occluded pixels within 20 m, completed")  # fmt: skip
-WRAPPED = Metric(title="m_rmse_u16_wrap", unit="1", selector=Selector("m_rmse_u16_wrap", "occluded", ALL, AS_GIVEN),
-                 printed=paper.M_RMSE, higher_is_better=False)  # fmt: skip
-STRETCHED = Metric(title="psnr_minmax8", unit="dB", selector=Selector("psnr_minmax8", "all", ALL, AS_GIVEN),
-                   printed=paper.PSNR_DB, higher_is_better=True)  # fmt: skip
-METRICS = (PSNR, MASKED, WRAPPED, STRETCHED)
+PSNR = Metric("PSNR", "dB", Selector("psnr16_mm", range=ALL), paper.PSNR_DB)
+MASKED = Metric("masked RMSE", "m", Selector("rmse", "occluded"), {})
+METRICS = (
+    PSNR,
+    MASKED,
+    Metric("m_rmse_u16_wrap", "1", Selector("m_rmse_u16_wrap", "occluded", ALL, AS_GIVEN), paper.M_RMSE),
+    Metric("psnr_minmax8", "dB", Selector("psnr_minmax8", "all", ALL, AS_GIVEN), paper.PSNR_DB),
+)
 
 
 def compare_quality(context: ExperimentContext) -> Findings:
     """Evaluate VoxDepth, RealSense's hole filling and our reconstruction of GSmooth on all sequences."""
-    evaluation = context.evaluate(find_methods(list(METHODS.values())))
+    measurements = context.evaluate(find_methods(list(METHODS.values()))).measurements
     rows = []
-    for metric in METRICS:
+    for title, unit, selector, printed in METRICS:
         for name in context.sequences:
-            values = (evaluation.measurements.value(name, method, metric.selector) for method in METHODS.values())
-            n = max(evaluation.measurements.count(name, method, metric.selector) for method in METHODS.values())
-            printed = metric.printed.get(paper.SEQUENCES.get(name, ""), (None,) * len(paper.METHODS))
-            rows.append((metric.title, metric.unit, name, *values, *printed, n))
+            values = (measurements.value(name, method, selector) for method in METHODS.values())
+            n = max(measurements.count(name, method, selector) for method in METHODS.values())
+            by_paper = printed.get(paper.SEQUENCES.get(name, ""), (None,) * len(paper.METHODS))
+            rows.append((title, unit, name, *values, *by_paper, n))
+    table = Table.of("Quality by sequence and method", COLUMNS, rows)
+    psnrs_db, masked_m = (_values(table, metric) for metric in (PSNR, MASKED))
     above, total = saturated()
     return Findings(
-        tables=(Table.of("Quality by sequence and method", COLUMNS, rows), percentages_table()),
-        claims=(_psnr_claim(evaluation), _masked_claim(evaluation)),
+        tables=(table, percentages_table()),
+        claims=(_psnr_claim(psnrs_db), _masked_claim(masked_m)),
         notes=(
             "The paper's numbers were measured on other data, a RealSense's and Mid-Air's: compare orders, not sizes.",
             "DeepSmooth (DS) is not built here; the paper's numbers of it stand alone.",
@@ -73,52 +69,43 @@ def compare_quality(context: ExperimentContext) -> Findings:
         ),
         figure=panels(
             f"Quality of depth, n = {context.frames} frames of each sequence",
-            [partial(_draw, evaluation, metric) for metric in (PSNR, MASKED)],
+            [
+                partial(_draw, psnrs_db, "peak 65535 mm, completed", "PSNR [dB]"),
+                partial(_draw, masked_m, "occluded pixels within 20 m, completed", "masked RMSE [m]"),
+            ],
         ),
     )
 
 
-def _ratios(evaluation: Evaluation, metric: Metric) -> dict[str, float]:
-    """VoxDepth's value over that of the best other of the paper's methods, by sequence."""
-    ratios = {}
-    for name in evaluation.sequences:
-        value, *others = (
-            evaluation.measurements.value(name, METHODS[method], metric.selector) for method in ("VD", "RS", "GS")
-        )
-        known = [other for other in others if other is not None]
-        if value is not None and known:
-            ratios[name] = value / (max(known) if metric.higher_is_better else min(known))
-    return ratios
+def _values(table: Table, metric: Metric) -> pd.DataFrame:
+    """The values of a metric, a row per sequence and a column per method; NaN where undefined."""
+    values = table.values[table.values["metric"] == metric.title].set_index("sequence")
+    return values[list(METHODS)].astype(float)
 
 
-def _psnr_claim(evaluation: Evaluation) -> Claim:
-    gains = {name: 100 * (ratio - 1) for name, ratio in _ratios(evaluation, PSNR).items()}
+def _psnr_claim(psnrs_db: pd.DataFrame) -> Claim:
+    gains = 100 * (psnrs_db["VD"] / psnrs_db[["RS", "GS"]].max(axis="columns") - 1).dropna()
     return Claim(
         paper="VD has the highest PSNR of VD, RS and GS in five of six datasets; 31 % above the best in LN and MB",
-        found=f"highest in {sum(gain > 0 for gain in gains.values())} of {len(gains)}; above the best of RS and GS by "
-        + ", ".join(f"{name} {gain:+.1f} %" for name, gain in gains.items()),
-        holds=sum(gain > 0 for gain in gains.values()) > len(gains) / 2,
+        found=f"highest in {(gains > 0).sum()} of {len(gains)}; above the best of RS and GS by "
+        f"{listed(gains, '+.1f', '%')}",
+        holds=most_hold(gains > 0),
     )
 
 
-def _masked_claim(evaluation: Evaluation) -> Claim:
-    leads = {name: 100 * (1 - ratio) for name, ratio in _ratios(evaluation, MASKED).items()}
+def _masked_claim(rmses_m: pd.DataFrame) -> Claim:
+    leads = 100 * (1 - rmses_m["VD"] / rmses_m[["RS", "GS"]].min(axis="columns")).dropna()
     return Claim(
         paper="VD has the lowest masked RMSE in four of six datasets, by 25.23 % on average; 2.08 % behind in two",
-        found=f"lowest in {sum(lead > 0 for lead in leads.values())} of {len(leads)}; below the best of RS and GS by "
-        + ", ".join(f"{name} {lead:+.1f} %" for name, lead in leads.items())
-        + f"; mean {mean(leads.values()):+.1f} %",
-        holds=sum(lead > 0 for lead in leads.values()) > len(leads) / 2,
+        found=f"lowest in {(leads > 0).sum()} of {len(leads)}; below the best of RS and GS by "
+        f"{listed(leads, '+.1f', '%')}; mean {leads.mean():+.1f} %",
+        holds=most_hold(leads > 0),
     )
 
 
-def _draw(evaluation: Evaluation, metric: Metric, axes: Axes) -> None:
-    series = {
-        title: [evaluation.measurements.value(name, method, metric.selector) for name in evaluation.sequences]
-        for title, method in METHODS.items()
-    }
-    label_axes(axes, metric.pixels, "sequence", f"{metric.title} [{metric.unit}]")
-    grouped_bars(axes, list(evaluation.sequences), series)
+def _draw(values: pd.DataFrame, pixels: str, label: str, axes: Axes) -> None:
+    label_axes(axes, pixels, "sequence", label)
+    grouped_bars(axes, list(values.index), values.to_dict("list"))
 
 
 QUALITY = Experiment(

@@ -1,6 +1,7 @@
 """Criteria are held or missed as the arithmetic says, and the measures read the right values: computed by hand."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pandas as pd
@@ -11,7 +12,6 @@ from scenarios.evaluation.result_cache import Key, Result, SequenceInfo
 from scenarios.evaluation.suite import Evaluation
 from scenarios.experiments.comparison import (
     HOLES,
-    Check,
     Comparison,
     Criterion,
     average,
@@ -19,7 +19,7 @@ from scenarios.experiments.comparison import (
     criteria_table,
     worst,
 )
-from scenarios.experiments.measures import (
+from scenarios.experiments.default import (
     MEASURES,
     Measure,
     confidence,
@@ -73,7 +73,7 @@ def comparison_of(cells: dict[str, dict[str, dict[str, Any]]], size: tuple[int, 
 
 def outcomes(measure: Measure) -> dict[str, tuple[float | None, str]]:
     """Value and outcome by the words of the criterion."""
-    return {check.criterion.what: (check.value, check.outcome) for check in measure.checks}
+    return {criterion.what: (criterion.value, criterion.outcome) for criterion in measure.criteria}
 
 
 def columns(measure: Measure, row: int) -> list[Any]:
@@ -96,21 +96,20 @@ def columns(measure: Measure, row: int) -> list[Any]:
     ],
 )
 def test_outcomes(criterion: Criterion, value: float | None, outcome: str) -> None:
-    assert criterion.outcome(value) == outcome
+    assert replace(criterion, value=value).outcome == outcome
 
 
 def test_the_worst_is_the_highest_of_what_must_be_low_and_the_lowest_of_what_must_be_high() -> None:
     values = pd.Series({"a": -30.0, "b": math.nan, "c": -10.0})
-    assert worst(AT_MOST, values) == Check(AT_MOST, -10.0, "c, worst of 2")
-    assert worst(AT_LEAST, values) == Check(AT_LEAST, -30.0, "a, worst of 2")
-    assert average(AT_MOST, values) == Check(AT_MOST, -20.0, "mean of 2")
+    assert worst(AT_MOST, values) == replace(AT_MOST, value=-10.0, scope="c, worst of 2")
+    assert worst(AT_LEAST, values) == replace(AT_LEAST, value=-30.0, scope="a, worst of 2")
+    assert average(AT_MOST, values) == replace(AT_MOST, value=-20.0, scope="mean of 2")
     for find in (worst, average):
         assert find(AT_MOST, values[["b"]]).value is None
 
 
 def test_the_table_of_criteria_counts_its_own_outcomes() -> None:
-    checks = [Check(AT_MOST, value, "a") for value in (-30.0, -10.0, 0.0, None)]
-    table = criteria_table(checks)
+    table = criteria_table([replace(AT_MOST, value=value, scope="a") for value in (-30.0, -10.0, 0.0, None)])
     assert table.title == "Criteria: 1 held, 2 missed, 1 not measured"
     assert table.rows[1] == ["error", "at most -20 %", "-10.00 %", "a", "missed by 10.00 %"]
 
@@ -182,7 +181,8 @@ def test_the_best_baseline_may_have_to_fill() -> None:
     ],
 )
 def test_the_closed_share_of_the_gap(own: float, baseline: float, oracle: float, closed: float) -> None:
-    assert gap_closed_percent(own, baseline, oracle) == pytest.approx(closed, nan_ok=True)
+    errors = pd.DataFrame([{"own": own, "baseline": baseline, "oracle": oracle}])
+    assert list(gap_closed_percent(errors)) == pytest.approx([closed], nan_ok=True)
 
 
 def test_seen_holes_are_told_by_sequence_and_by_the_mean_errors() -> None:
