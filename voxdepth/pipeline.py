@@ -8,7 +8,6 @@ import time
 import weakref
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
 from threading import Condition, RLock, Thread, current_thread
 from types import TracebackType
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
@@ -23,10 +22,8 @@ LATENCIES_KEPT = 100_000
 
 READER_TIMEOUT_S = 1.0
 """How long `close` waits for a source that is reading a frame [s]."""
-
 WORKER_TIMEOUT_S = 10.0
 """How long `close` waits for another stage to finish its frame [s]: much longer than a frame takes."""
-
 
 T = TypeVar("T")
 
@@ -67,13 +64,14 @@ class CorrectionPipeline:
     ) -> None:
         if queue_size < 1:
             raise ConfigError(f"queue_size must be at least 1 frame, got {queue_size}")
-        steps = _steps_of(corrector)
-        self._channels: list[Channel[_Job]] = [
-            LatestChannel(1) if latest else Channel(queue_size) for _ in range(1 + len(steps))
-        ]
+        steps: list[tuple[str, Callable[[Any], Any]]] = [("correcting", corrector.process)]
+        if isinstance(corrector, StagedCorrector):
+            steps = [("registering", corrector.align), ("combining", corrector.combine)]
+        capacity = 1 if latest else queue_size
+        self._channels: list[Channel[_Job]] = [Channel(capacity, latest=latest) for _ in range(1 + len(steps))]
         self._threads = [_thread("reading", _read, frames, self._channels[0])]
-        for step, source, output in zip(steps, self._channels[:-1], self._channels[1:], strict=True):
-            self._threads.append(_thread(step.name, _work, step, source, output))
+        for (name, run), source, output in zip(steps, self._channels[:-1], self._channels[1:], strict=True):
+            self._threads.append(_thread(name, _work, name, run, source, output))
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES_KEPT)
         self._lock = RLock()
         self._iterated = False
@@ -129,7 +127,9 @@ class CorrectionPipeline:
     def _deliver(self) -> Iterator[tuple[Frame, CorrectedDepth]]:
         done = self._channels[-1]
         try:
-            self._start()
+            with self._lock:
+                for thread in () if self._closed else self._threads:
+                    thread.start()
             for job in done:
                 self._latencies_s.append(time.perf_counter() - job.read_at_s)
                 yield job.frame, job.result
@@ -138,23 +138,19 @@ class CorrectionPipeline:
         finally:
             self.close()
 
-    def _start(self) -> None:
-        with self._lock:
-            if not self._closed:
-                for thread in self._threads:
-                    thread.start()
-
 
 class Channel(Generic[T]):
     """A bounded queue between two threads. `put` blocks while it is full, iteration while it is empty.
 
     Args:
         capacity: Maximum number of items, at least 1.
+        latest: Whether an item replaces the oldest one where `put` would block.
     """
 
-    def __init__(self, capacity: int) -> None:
+    def __init__(self, capacity: int, *, latest: bool = False) -> None:
         self._items: deque[T] = deque()
         self._capacity = capacity
+        self._latest = latest
         self._ended = False
         self._changed = Condition()
         self.dropped = 0
@@ -165,24 +161,20 @@ class Channel(Generic[T]):
     def put(self, item: T) -> bool:
         """Append an item as soon as there is room; False if the channel has ended."""
         with self._changed:
-            self._make_room()
-            if self._ended:
+            if self._latest and len(self._items) == self._capacity:
+                self._items.popleft()
+                self.dropped += 1
+            if not self.wait_for_room():
                 return False
             self._items.append(item)
             self._changed.notify_all()
             return True
 
     def wait_for_room(self) -> bool:
-        """Block while the channel is full; False if it has ended. A single producer keeps the room until `put`."""
+        """Block while `put` would; False if the channel has ended. A single producer keeps the room until `put`."""
         with self._changed:
-            self._wait_for_room()
+            self._changed.wait_for(lambda: self._ended or self._latest or len(self._items) < self._capacity)
             return not self._ended
-
-    def _make_room(self) -> None:
-        self._wait_for_room()
-
-    def _wait_for_room(self) -> None:
-        self._changed.wait_for(lambda: self._ended or len(self._items) < self._capacity)
 
     def __iter__(self) -> "Channel[T]":
         return self
@@ -211,41 +203,15 @@ class Channel(Generic[T]):
             self._changed.notify_all()
 
 
-class LatestChannel(Channel[T]):
-    """A channel that replaces its oldest item where a `Channel` would block."""
-
-    def _make_room(self) -> None:
-        if len(self._items) == self._capacity:
-            self._items.popleft()
-            self.dropped += 1
-
-    def _wait_for_room(self) -> None:
-        """Return at once, since a new item always finds room."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Job:
+class _Job(NamedTuple):
     """A frame in the pipeline."""
 
-    index: int
+    number: int
     """Number of the frame within its source, from 0."""
     frame: Frame
     read_at_s: float
     result: Any
     """Result of the last stage."""
-
-
-class _Step(NamedTuple):
-    """The operation of one stage on the result of the stage before."""
-
-    name: str
-    run: Callable[[Any], Any]
-
-
-def _steps_of(corrector: DepthCorrector) -> list[_Step]:
-    if isinstance(corrector, StagedCorrector):
-        return [_Step("registering", corrector.align), _Step("combining", corrector.combine)]
-    return [_Step("correcting", corrector.process)]
 
 
 _END: Any = object()
@@ -283,14 +249,14 @@ def _read(frames: Iterable[Frame], output: Channel[_Job]) -> None:
         iterator.close()
 
 
-def _work(step: _Step, source: Channel[_Job], output: Channel[_Job]) -> None:
-    """Any other stage: one step on each frame until the source or the output ends."""
+def _work(name: str, run: Callable[[Any], Any], source: Channel[_Job], output: Channel[_Job]) -> None:
+    """Any other stage: process the result of the stage before until the source or the output ends."""
     error = None
     for job in source:
         try:
-            done = replace(job, result=step.run(job.result))
+            done = job._replace(result=run(job.result))
         except BaseException as cause:
-            error = _failure(step.name, f"frame {job.index}, stamped {job.frame.stamp_s} s", cause)
+            error = _failure(name, f"frame {job.number}, stamped {job.frame.stamp_s} s", cause)
             break
         if not output.put(done):
             break

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from tests.fakes import BROKEN, no_deadlock_and_no_thread_left
-from voxdepth.pipeline import Channel, LatestChannel
+from voxdepth.pipeline import Channel
 
 
 @pytest.fixture(autouse=True)
@@ -45,7 +45,7 @@ def test_a_full_channel_makes_the_giver_wait_and_closing_lets_it_go() -> None:
 
 
 def test_a_mailbox_keeps_the_newest() -> None:
-    mailbox = LatestChannel[int](1)
+    mailbox = Channel[int](1, latest=True)
     assert all(mailbox.put(i) for i in range(5))
     mailbox.end()
     assert (list(mailbox), mailbox.dropped) == ([4], 4)
