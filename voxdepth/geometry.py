@@ -14,17 +14,10 @@ Position = TypeVar("Position", float, FloatArray, PointArray)
 
 
 def back_project(depth_m: FloatImage, intrinsics: Intrinsics) -> PointArray:
-    """Points of all valid pixels in the camera frame, in raster order.
+    """Points of all pixels with depth [m] in the camera frame, in raster order, shape (N, 3), float32.
 
     `S(u, v) = ((u - cx) z / fx, (v - cy) z / fy, z)`: paper, Eq. surface, whose plus sign before the principal
     point is a misprint (its Algorithm 1 has the minus).
-
-    Args:
-        depth_m: Depth [m], shape (H, W); pixels that are 0 are left out.
-        intrinsics: Intrinsics of the camera.
-
-    Returns:
-        Points [m], shape (N, 3), float32.
     """
     row, col = np.nonzero(depth_m)
     z = depth_m[row, col]
@@ -39,15 +32,13 @@ def back_project(depth_m: FloatImage, intrinsics: Intrinsics) -> PointArray:
 class RayMap:
     """Coordinates of pixels in another frame: `(rows[k, v] + cols[k, u]) z + offset[k]` along axis k.
 
-    It replaces the back-projection of single pixels by six products per row and column.
+    It replaces the back-projection of single pixels by six products per row and column. The arrays have the shapes
+    (3, H), (3, W) and (3,).
     """
 
     rows: npt.NDArray[np.float32]
-    """Shape (3, H)."""
     cols: npt.NDArray[np.float32]
-    """Shape (3, W)."""
     offset: npt.NDArray[np.float32]
-    """Shape (3,)."""
 
     @classmethod
     def of(cls, intrinsics: Intrinsics, A_frame_cam: FloatArray) -> "RayMap":
@@ -98,26 +89,18 @@ def exp_se3(step: FloatArray) -> FloatArray:
 
 
 def resized(position_px: Position, factor: float) -> Position:
-    """Pixel positions after `cv2.resize`, which keeps the image borders, half a pixel outside the pixel centres.
+    """Columns or rows after `cv2.resize` by a factor; the centre of the first pixel is 0.
 
-    Args:
-        position_px: Columns or rows, a number or an array of any shape; the centre of the first pixel is 0.
-        factor: New size divided by old size.
+    It keeps the image borders, which lie half a pixel outside the pixel centres.
     """
     return (position_px + 0.5) * factor - 0.5
 
 
 def fill_from_nearest(depth_m: FloatImage, max_distance_px: float = np.inf) -> FloatImage:
-    """Fill invalid pixels with the depth of the nearest valid pixel, shape (H, W), float32.
+    """Fill invalid pixels (0) with the depth [m] of the nearest valid pixel, shape (H, W), float32.
 
-    Distances are 5 x 5 chamfer distances [1]_: the chosen pixel may be up to 4 % farther away than the nearest one. An
-    image without any valid pixel stays empty.
-
-    Args:
-        depth_m: Depth [m], shape (H, W); 0 = invalid.
-        max_distance_px: Pixels farther than this from all valid ones stay invalid.
-
-    .. [1] G. Borgefors, Distance transformations in digital images, 1986. DOI 10.1016/S0734-189X(86)80047-0
+    Pixels farther than `max_distance_px` from all valid ones stay invalid. Distances are 5 x 5 chamfer distances
+    (Borgefors 1986, DOI 10.1016/S0734-189X(86)80047-0): the chosen pixel may be up to 4 % farther than the nearest.
     """
     valid = depth_m > 0
     if not valid.any():

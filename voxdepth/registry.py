@@ -44,18 +44,12 @@ class Entry:
     path: str
     """The class as `module:name`."""
     latency_s: float
-    """See the function of that name."""
     options: Mapping[str, Any] = field(default_factory=dict)
     """Keyword arguments of the class."""
     config: str | None = None
     """The type of its configuration as `module:name`; None for a corrector without one."""
     takes_camera: bool = True
     """Whether the class takes the intrinsics."""
-
-    def create(self, *given: Any) -> DepthCorrector:
-        """Create the corrector from the intrinsics and the configuration, if it has one."""
-        corrector: DepthCorrector = _imported(self.path)(*(given if self.takes_camera else ()), **self.options)
-        return corrector
 
 
 def _imported(path: str) -> Any:
@@ -98,11 +92,7 @@ def corrector_names() -> tuple[str, ...]:
 
 
 def require_known(name: str) -> None:
-    """Refuse a name that no corrector has. Nothing is loaded.
-
-    Raises:
-        ConfigError: No corrector has that name.
-    """
+    """Raise a `ConfigError` if no corrector has that name. Nothing is loaded."""
     if name not in CORRECTOR_NAMES and name not in corrector_names():
         raise ConfigError(f"there is no corrector {name!r}; choose one of: {', '.join(corrector_names())}")
 
@@ -124,10 +114,7 @@ def config_of(name: str) -> "VoxDepthConfig | PaperConfig | None":
 def resolve_config(name: str, given: Mapping[str, Any]) -> "VoxDepthConfig | PaperConfig":
     """The configuration of a corrector with the given values over its defaults.
 
-    Args:
-        name: Name of the corrector.
-        given: Values by key. A table replaces the default values key by key, or as a whole if it names another
-            `method` than the default table.
+    A table replaces the default values key by key, or as a whole if it names another `method` than the default table.
 
     Raises:
         ConfigError: The corrector takes no configuration, or a key or a value is wrong.
@@ -149,13 +136,9 @@ def resolve_config(name: str, given: Mapping[str, Any]) -> "VoxDepthConfig | Pap
 def create_corrector(
     name: str, intrinsics: Intrinsics, config: "VoxDepthConfig | PaperConfig | Mapping[str, Any] | None" = None
 ) -> DepthCorrector:
-    """Create the corrector of that name for one camera.
+    """Create the corrector of that name, one of `corrector_names()`, for one camera.
 
-    Args:
-        name: One of `corrector_names()`.
-        intrinsics: Intrinsics of the camera.
-        config: A configuration of the corrector's own type, or the values that differ from its default, see
-            `resolve_config`. None is the default configuration.
+    A configuration is of the corrector's own type, or the values that differ from its default, see `resolve_config`.
 
     Raises:
         ConfigError: No corrector has that name, it takes no configuration or another one, it needs a camera with a
@@ -163,12 +146,15 @@ def create_corrector(
     """
     require_known(name)
     entry = _REGISTRY.get(name)
-    if entry is not None and entry.config is not None:
-        resolved = resolve_config(name, config) if isinstance(config, Mapping) else config
-        return entry.create(intrinsics, resolved)
-    if config is not None:
+    if config is not None and (entry is None or entry.config is None):
         raise _takes_no_config(name)
-    return _load(name)(intrinsics) if entry is None else entry.create(intrinsics)
+    if entry is None:
+        return _load(name)(intrinsics)
+    camera = (intrinsics,) if entry.takes_camera else ()
+    resolved = resolve_config(name, config) if isinstance(config, Mapping) else config
+    configured = () if entry.config is None else (resolved,)
+    corrector: DepthCorrector = _imported(entry.path)(*camera, *configured, **entry.options)
+    return corrector
 
 
 def latency_s(name: str) -> float:
@@ -198,15 +184,11 @@ def _takes_no_config(name: str) -> ConfigError:
 
 
 def _merged(given: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the given values over the default ones, table by table."""
-    merged = dict(default)
+    merged: dict[str, Any] = dict(default)
     for key, value in given.items():
-        below = default.get(key)
-        if (
-            isinstance(value, dict)
-            and isinstance(below, dict)
-            and value.get("method", below.get("method")) == below.get("method")
-        ):
+        below: Any = default.get(key)
+        tables = isinstance(value, dict) and isinstance(below, dict)
+        if tables and value.get("method", below.get("method")) == below.get("method"):
             merged[key] = _merged(value, below)
         else:
             merged[key] = value

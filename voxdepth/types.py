@@ -33,13 +33,6 @@ GrayImage = npt.NDArray[np.uint8]
 MaskImage = npt.NDArray[np.bool_]
 
 
-def _is_cut(info: Any) -> bool:
-    """Whether the region of interest of a CameraInfo is smaller than the image; zeros mean the whole image."""
-    roi = getattr(info, "roi", None)
-    size = (getattr(roi, "width", 0), getattr(roi, "height", 0))
-    return size not in ((0, 0), (info.width, info.height))
-
-
 RIGHT_SHARE = 0.05
 """A depth is right if the error of its disparity is at most this share of it ..."""
 RIGHT_PX = 0.25
@@ -80,9 +73,7 @@ class Intrinsics:
 
     @property
     def focal_baseline_px_m(self) -> float:
-        """Focal length times baseline, which is depth [m] times disparity [px]. The baseline of a camera that is not a
-        stereo pair is assumed to be `ASSUMED_BASELINE_M`.
-        """
+        """Depth [m] times disparity [px]. A camera that is no stereo pair is assumed to have `ASSUMED_BASELINE_M`."""
         return self.fx_px * (self.baseline_m or ASSUMED_BASELINE_M)
 
     @classmethod
@@ -92,30 +83,19 @@ class Intrinsics:
         """Centred camera with square pixels and a horizontal field of view of `hfov_deg` in (0, 180)."""
         if not 0 < hfov_deg < 180:
             raise FrameError(f"the horizontal field of view must lie in (0, 180) degrees, got {hfov_deg}")
-        focal_px = width_px / 2 / float(np.tan(np.radians(hfov_deg) / 2))
-        return cls(
-            fx_px=focal_px,
-            fy_px=focal_px,
-            cx_px=(width_px - 1) / 2,
-            cy_px=(height_px - 1) / 2,
-            width_px=width_px,
-            height_px=height_px,
-            baseline_m=baseline_m,
-        )
+        f = width_px / 2 / float(np.tan(np.radians(hfov_deg) / 2))
+        cx, cy = (width_px - 1) / 2, (height_px - 1) / 2
+        return cls(fx_px=f, fy_px=f, cx_px=cx, cy_px=cy, width_px=width_px, height_px=height_px, baseline_m=baseline_m)
 
     @classmethod
     def from_camera_info(cls, info: Any, *, baseline_m: float | None = None) -> "Intrinsics":
         """Read the camera of a ROS `sensor_msgs/CameraInfo` from its fields; ROS is not imported.
 
-        The projection matrix `P` (ROS 1) or `p` (ROS 2) describes rectified images. Its fourth column, which is not 0
-        for the right camera of a stereo pair, gives the baseline unless it is an argument.
-
-        Args:
-            info: Has `width`, `height` and `p` or `P`, 12 numbers in rows of four.
-            baseline_m: Distance to the right camera [m].
+        The projection matrix `P` (ROS 1) or `p` (ROS 2), 12 numbers in rows of four, describes rectified images. Its
+        fourth column, which is not 0 for the right camera of a pair, gives the baseline unless it is an argument.
 
         Raises:
-            FrameError: The message lacks a field, or the camera is not calibrated.
+            FrameError: The message lacks a field, its images are binned or cut, or the camera is not calibrated.
         """
         projection = getattr(info, "p", getattr(info, "P", None))
         if projection is None or len(projection) != 12 or not hasattr(info, "width") or not hasattr(info, "height"):
@@ -123,19 +103,14 @@ class Intrinsics:
         fx, _, cx, tx, _, fy, cy = (float(x) for x in projection[:7])
         if fx <= 0 or fy <= 0:
             raise FrameError(f"the CameraInfo has focal lengths {fx}, {fy}: is the camera calibrated?")
-        if max(getattr(info, "binning_x", 0), getattr(info, "binning_y", 0)) > 1 or _is_cut(info):
+        roi = getattr(info, "roi", None)  # zeros mean the whole image
+        is_cut = (getattr(roi, "width", 0), getattr(roi, "height", 0)) not in ((0, 0), (info.width, info.height))
+        if max(getattr(info, "binning_x", 0), getattr(info, "binning_y", 0)) > 1 or is_cut:
             raise FrameError("the CameraInfo is of binned or cut images: pass the Intrinsics of the images themselves")
         if baseline_m is None and tx < 0:
             baseline_m = -tx / fx
-        return cls(
-            fx_px=fx,
-            fy_px=fy,
-            cx_px=cx,
-            cy_px=cy,
-            width_px=int(info.width),
-            height_px=int(info.height),
-            baseline_m=baseline_m,
-        )
+        size = {"width_px": int(info.width), "height_px": int(info.height)}
+        return cls(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, baseline_m=baseline_m, **size)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -147,15 +122,8 @@ class Intrinsics:
         from .geometry import resized
 
         a, b = width_px / self.width_px, height_px / self.height_px
-        return replace(
-            self,
-            fx_px=self.fx_px * a,
-            fy_px=self.fy_px * b,
-            cx_px=resized(self.cx_px, a),
-            cy_px=resized(self.cy_px, b),
-            width_px=width_px,
-            height_px=height_px,
-        )
+        fx, fy, cx, cy = self.fx_px * a, self.fy_px * b, resized(self.cx_px, a), resized(self.cy_px, b)
+        return replace(self, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, width_px=width_px, height_px=height_px)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -185,14 +153,9 @@ class Frame:
         units_per_m: float = 1000.0,
         T_world_cam: FloatArray | None = None,
     ) -> "Frame":
-        """Create a frame from the 16-bit depth of a camera.
+        """Create a frame from the 16-bit depth of a camera; 0 = invalid.
 
-        Args:
-            stamp_s: Time of capture [s].
-            gray: Shape (H, W), uint8.
-            depth_mm: Shape (H, W), uint16; 0 = invalid.
-            units_per_m: Steps of the depth in a metre: 1000 in most cameras, 5000 in TUM RGB-D.
-            T_world_cam: Pose estimate of the caller, shape (4, 4).
+        `units_per_m` are the steps of the depth in a metre: 1000 in most cameras, 5000 in TUM RGB-D.
 
         Raises:
             FrameError: The depth is not uint16, or the images have different shapes.
@@ -210,15 +173,8 @@ class Frame:
     ) -> "Frame":
         """Create a frame from depth in metres as in ROS (REP 118): NaN and infinite values are holes.
 
-        Args:
-            stamp_s: Time of capture [s].
-            gray: Shape (H, W), uint8.
-            depth_m: Shape (H, W), float32 or float64.
-            T_world_cam: Pose estimate of the caller, shape (4, 4).
-
         Raises:
-            FrameError: The depth is not of floating point, a finite one is negative, or the images have different
-                shapes.
+            FrameError: The depth is not of floating point, a finite one is negative, or the shapes differ.
         """
         if _kind(depth_m) not in ("float32", "float64"):
             raise FrameError(f"expected metres as an array of floats, got {_kind(depth_m)}; see Frame.from_millimetres")
@@ -251,11 +207,7 @@ class Frame:
             )
 
     def require_shape(self, shape: tuple[int, int]) -> None:
-        """Refuse a frame of another camera.
-
-        Raises:
-            FrameError: The images have another shape (rows, columns).
-        """
+        """Raise a `FrameError` if the images have another shape (rows, columns)."""
         if self.depth_m.shape != shape:
             raise FrameError(f"frames of this camera have shape {shape}, got {self.depth_m.shape}")
 

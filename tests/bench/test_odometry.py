@@ -14,8 +14,15 @@ import pytest
 from scenarios.sequences import captures, load_sequence
 from swarm.perception import frame_of
 from tests.bench.test_speed import show
-from voxdepth.paper.odometry import Motion, OdometryConfig, PhotometricOdometry, motion_from_priors
-from voxdepth.paper.photometry import Comparison, reduced, view_of
+from voxdepth.paper.odometry import (
+    Comparison,
+    Motion,
+    OdometryConfig,
+    PhotometricOdometry,
+    motion_from_priors,
+    reduced,
+    view_of,
+)
 from voxdepth.types import FloatArray, Frame, Intrinsics
 
 pytestmark = pytest.mark.bench

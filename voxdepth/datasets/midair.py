@@ -63,10 +63,8 @@ class MidAirDataset(PairedImages):
         height_px, width_px = image_shape(first.gray)
         if height_px != width_px:
             raise DatasetError(f"expected a square image in {first.gray}, as Mid-Air has, got {width_px}x{height_px}")
-        f = width_px / 2
-        return Intrinsics(
-            fx_px=f, fy_px=f, cx_px=f, cy_px=f, width_px=width_px, height_px=height_px, baseline_m=BASELINE_M
-        )
+        f, size = width_px / 2, {"width_px": width_px, "height_px": height_px}
+        return Intrinsics(fx_px=f, fy_px=f, cx_px=f, cy_px=f, baseline_m=BASELINE_M, **size)
 
     def _read_depth_m(self, pair: Pair) -> FloatImage:
         values = read_depth_16(pair.depth, self.intrinsics.shape).view(np.float16).astype(np.float32)

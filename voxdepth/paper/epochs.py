@@ -127,10 +127,16 @@ class Epochs:
         self._epoch_frames += 1
         if self.template is None or self.is_fusing:
             return None
-        reason = self._reason_to_end(registration)
-        if reason is not None:
-            self._window = []
-            self._collect(frame, features)
+        if registration.status is RegistrationStatus.FEW_MATCHES:
+            reason = EpochEnd.FEW_MATCHES
+        elif not registration.ok:
+            reason = EpochEnd.DEGENERATE
+        elif self._epoch_frames >= self._max_epoch_frames:
+            reason = EpochEnd.MAX_FRAMES
+        else:
+            return None
+        self._window = []
+        self._collect(frame, features)
         return reason
 
     @property
@@ -156,10 +162,3 @@ class Epochs:
             self._pending = self._executor.submit(self._fuse, self._window, features)
             self._due = self._frames + (0 if self._lag == "ready" else self._lag)
             self._window = None
-
-    def _reason_to_end(self, registration: Registration) -> EpochEnd | None:
-        if registration.status is RegistrationStatus.FEW_MATCHES:
-            return EpochEnd.FEW_MATCHES
-        if not registration.ok:
-            return EpochEnd.DEGENERATE
-        return EpochEnd.MAX_FRAMES if self._epoch_frames >= self._max_epoch_frames else None

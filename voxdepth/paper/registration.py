@@ -66,12 +66,10 @@ class Registration:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Features:
-    """Key points of one image, in pixels of the resized image, and their binary descriptors."""
+    """Key points in pixels of the resized image, shape (N, 2), and their descriptors of 256 bits, shape (N, 4)."""
 
     points_px: npt.NDArray[np.float32]
-    """Shape (N, 2)."""
     descriptors: npt.NDArray[np.uint64]
-    """256 bits each, shape (N, 4)."""
 
 
 class OrbRegistration:
@@ -130,12 +128,9 @@ class OrbRegistration:
 
 
 def good_matches(a: Features, b: Features, max_distance: int) -> tuple[Indices, Indices]:
-    """Match features that are mutual nearest neighbours, at a Hamming distance of at most `max_distance`.
+    """Indices into `a` and `b` of mutual nearest neighbours at a Hamming distance of at most `max_distance`.
 
     This brute force is three times as fast as that of OpenCV with its cross check.
-
-    Returns:
-        Indices into `a` and into `b`, of the same length.
     """
     if not (len(a.descriptors) and len(b.descriptors)):
         return np.empty(0, np.intp), np.empty(0, np.intp)

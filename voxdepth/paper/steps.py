@@ -91,7 +91,7 @@ def create_steps(device: DeviceName, intrinsics: Intrinsics, config: PaperConfig
 
 
 def combine(depth_m: FloatImage, raw_m: FloatImage, rule: CombineConfig, scratch_m: FloatImage) -> GrayImage:
-    """Replace the invalid pixels of a frame by those of the template.
+    """Replace the invalid pixels of a frame by those of the template, and return one `Source` per pixel.
 
     A pixel is invalid if it is empty or beyond a bound of `rule`. Where the template is empty, the raw pixel is kept.
     It works in place: allocating large arrays would take several times as long.
@@ -101,9 +101,6 @@ def combine(depth_m: FloatImage, raw_m: FloatImage, rule: CombineConfig, scratch
         raw_m: Measured depth [m], shape (H, W); 0 = invalid.
         rule: The bounds.
         scratch_m: Working memory of the same shape; overwritten.
-
-    Returns:
-        One `Source` per pixel, shape (H, W).
     """
     _, high = factors(rule)
     with np.errstate(over="ignore"):

@@ -43,12 +43,8 @@ class VoxelConfig(Model):
     @property
     def shape(self) -> tuple[int, int, int]:
         """Number of cells along x, y and z."""
-        cx, cy, cz = self.cell_m
-        return (
-            2 * int(np.ceil(self.half_width_m / cx)),
-            2 * int(np.ceil(self.half_height_m / cy)),
-            int(np.ceil(self.depth_m / cz)),
-        )
+        x, y, z = np.ceil(np.array([self.half_width_m, self.half_height_m, self.depth_m]) / self.cell_m)
+        return 2 * int(x), 2 * int(y), int(z)
 
     @property
     def n_words(self) -> int:
@@ -82,10 +78,7 @@ class VoxelGrid:
     def integrate(self, depth_m: FloatImage, intrinsics: Intrinsics, T_grid_cam: FloatArray) -> None:
         """OR the voxels of all valid pixels of a depth image into the grid: paper, Algorithm 1.
 
-        Args:
-            depth_m: Shape (H, W); 0 = invalid.
-            intrinsics: Intrinsics of its camera.
-            T_grid_cam: Pose of that camera in the frame of the grid, shape (4, 4).
+        `T_grid_cam`, shape (4, 4), is the pose of its camera in the frame of the grid.
         """
         rays = RayMap.of(intrinsics, self.config.T_cells_m @ T_grid_cam)
         set_bits(cells_of_image(depth_m, rays, self.config).ravel(), self.words)
