@@ -118,11 +118,7 @@ def measure(make: CorrectorFactory, progress: Callable[[str], None], *, frames: 
 
 
 def corrected(make: CorrectorFactory, case: str, frames: int = FRAMES) -> Iterator[tuple[Capture, CorrectedDepth]]:
-    """Yield the captures of a case with their corrections by a new corrector.
-
-    Raises:
-        ScenarioError: The corrector raised an exception or gave no valid depth.
-    """
+    """Yield the captures of a case with their corrections by a new corrector; its failure is a `ScenarioError`."""
     corrector: DepthCorrector | None = None
     for k, capture in enumerate(noisy_sequence(*CASES[case], SEED, frames=frames)):
         frame = frame_of(capture)

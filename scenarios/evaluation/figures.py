@@ -27,8 +27,6 @@ SHOWN = ("raw", "paper", "voxdepth", "realsense", "lmeds", "flow", "ip-basic", "
 """Methods that lines and points are drawn of; if none of them took part, the first ones that did."""
 PANEL_COLUMNS, PANEL_IN = 3, (4.3, 3.5)
 WIDE_PANEL_IN = (13.0, 4.5)
-GRADED = 2
-"""A confidence is graded if it fills more bins than this; with two it only tells measured from filled pixels."""
 ERROR_MAP_COLUMNS, ERROR_MAP_WIDTH_IN = 4, 2.6
 ERROR_M = 2.0
 """End of the scale of error maps."""
@@ -52,14 +50,13 @@ def shown_methods(evaluation: Evaluation) -> list[str]:
 
 def error_against_range(evaluation: Evaluation) -> Picture:
     """Draw the mean absolute error by range, one panel per sequence."""
-    methods = shown_methods(evaluation)
 
     def draw(info: SequenceInfo, axes: "Axes") -> None:
         mask = "all" if info.is_true else info.hidden
         bins = [_of_sequence(evaluation, info, Selector("mae", mask, name))["value"] for name in BINS]
         values = pd.concat(bins, axis=1, keys=range(len(BINS)))
         values = values[values > 0]
-        for k, name in enumerate(methods):
+        for k, name in enumerate(shown_methods(evaluation)):
             if name in values.index:
                 line = values.loc[name].dropna()
                 axes.plot(line.index, line, color=f"C{k}", ms=4, **_labelled(k, name))
@@ -168,22 +165,20 @@ def reliability(evaluation: Evaluation) -> Picture:
 
 
 def graded_methods(evaluation: Evaluation) -> list[str]:
-    """Return the methods whose confidence takes more than two values on some sequence."""
+    """Return the methods whose confidence fills more than two bins: two only tell measured from filled pixels."""
     bins = _right_by_confidence(evaluation).groupby(["sequence", "method"]).size()
-    graded = set(bins[bins > GRADED].index.get_level_values("method"))
+    graded = set(bins[bins > 2].index.get_level_values("method"))
     return [name for name in evaluation.methods if name in graded]
 
 
 def error_maps(evaluation: Evaluation, info: SequenceInfo) -> Picture:
     """Draw raw, reference and corrected depth of the last frame of a sequence, each with its error map."""
     reference_m = decoded_thumbnail(info.reference)
-    thumbnails = {
-        result.key.method: result.thumbnail
-        for result in evaluation.results
-        if result.key.sequence == info.name and result.thumbnail
-    }
     shown = {"raw, as given to the methods": info.raw}
-    shown |= {name: thumbnails[name] for name in shown_methods(evaluation) if name in thumbnails and name != "raw"}
+    for method in shown_methods(evaluation):
+        thumbnail = evaluation.result(info.name, method).thumbnail
+        if thumbnail and method != "raw":
+            shown[method] = thumbnail
     name, against = ("truth", "the truth") if info.is_true else ("reference", "the measured depth, partly held out")
     scale = _error_scale()
     in_color = partial(_draw_image, f"{name}, {FAR_M:g} m and farther blue", colored(reference_m)[..., ::-1], {})

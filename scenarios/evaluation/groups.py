@@ -12,11 +12,7 @@ from voxdepth.types import FloatImage, GrayImage
 BINS = tuple(RANGE_BINS_M)
 """Ranges of the reference depth, in rising order."""
 ALL, NEAR = "all", "0-20 m"
-RANGES: dict[str, tuple[int, ...]] = {
-    ALL: (0, 1, 2, 3, 4),
-    NEAR: (0, 1, 2, 3),
-    **{name: (index,) for index, name in enumerate(BINS)},
-}
+RANGES = {ALL: (0, 1, 2, 3, 4), NEAR: (0, 1, 2, 3)} | {name: (index,) for index, name in enumerate(BINS)}
 """Bins by the name of a range. Most tables are about `NEAR`, the depths that a drone avoids obstacles by."""
 NONE = 255
 """Label of a pixel without a reference."""
@@ -60,9 +56,7 @@ class Groups:
 
 def split(labels: GrayImage, n_groups: int) -> Sequence[npt.NDArray[np.intp]]:
     """Return the flat indices of each group's pixels, in raster order."""
-    order = np.argsort(labels, axis=None, kind="stable")
-    ends = np.cumsum(np.bincount(labels.ravel(), minlength=n_groups)[:n_groups])
-    return np.split(order[: ends[-1]], ends[:-1])
+    return [np.flatnonzero(labels == group) for group in range(n_groups)]
 
 
 TRUE_GROUPS = Groups(

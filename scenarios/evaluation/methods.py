@@ -35,11 +35,7 @@ class Method:
 
 
 def find_methods(names: Sequence[str]) -> list[Method]:
-    """Find methods by name; `package.module:factory` is one of your own.
-
-    Raises:
-        ConfigError, ScenarioError: A name is unknown or is given twice.
-    """
+    """Find methods by name, see `find_method`; a name that is given twice is a `ScenarioError`."""
     for name in names:
         if names.count(name) > 1:
             raise ScenarioError(f"--methods names {name!r} twice: once is enough")
@@ -47,11 +43,7 @@ def find_methods(names: Sequence[str]) -> list[Method]:
 
 
 def find_method(name: str) -> Method:
-    """Find one method by name.
-
-    Raises:
-        ConfigError, ScenarioError: The name is unknown.
-    """
+    """Find a method by name, or your own as `package.module:factory`; others are a `ConfigError` or `ScenarioError`."""
     if name == ORACLE:
         return Method(name=name, make=_oracle, sees_true_pose=True)
     if ":" in name:

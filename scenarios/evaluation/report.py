@@ -25,11 +25,7 @@ FAILED = "failed"
 
 
 def write_report(out: Path, evaluation: Evaluation) -> None:
-    """Write `results.csv`, `results.parquet` and `report.html`, each in one step.
-
-    Raises:
-        ScenarioError: A file cannot be written.
-    """
+    """Write `results.csv`, `results.parquet` and `report.html`, each in one step; a failure is a `ScenarioError`."""
     write_frame(out / "results", evaluation.measurements.frame)
     write(out / "report.html", rendered(evaluation).encode())
 

@@ -17,8 +17,6 @@ from ..files import as_scenario_error, write
 from ..images import picked
 from .measurements import Measurement
 
-RESULTS, SEQUENCES = "results", "sequences"
-"""Folders of the files."""
 SCORING = 5
 """Version of the definitions of all metrics. Results of an earlier version are computed again."""
 THUMBNAIL_PX = 240
@@ -47,8 +45,9 @@ class Key(Model):
         """Describe the first entry in which `other` differs; return an empty string if both are equal."""
         was, now = _flat(other.model_dump()), _flat(self.model_dump())
         for name in [*now, *was]:
+            texts = ["none" if flat.get(name) is None else str(flat[name])[:48] for flat in (was, now)]
             if was.get(name) != now.get(name):
-                return f"{name} was {_short(was.get(name))} and is {_short(now.get(name))}"
+                return f"{name} was {texts[0]} and is {texts[1]}"
         return ""
 
 
@@ -114,8 +113,8 @@ class ResultCache:
     """Files of the results on one sequence, below the folder of all results."""
 
     def __init__(self, out: Path, sequence: str) -> None:
-        self._results = out / RESULTS / sequence
-        self._info = out / SEQUENCES / f"{sequence}.json"
+        self._results = out / "results" / sequence
+        self._info = out / "sequences" / f"{sequence}.json"
 
     def path(self, method: str) -> Path:
         """Return the file of the result of a method."""
@@ -124,10 +123,8 @@ class ResultCache:
     def load(self, key: Key, *, may_have_changed: bool) -> Result:
         """Load the finished result of a key, or one with the error `NOT_DONE` and why an older one is discarded.
 
-        Even one with the same key is discarded if the method `may_have_changed`.
-
-        Raises:
-            ScenarioError: The file of the result cannot be read.
+        Even one with the same key is discarded if the method `may_have_changed`. A file that cannot be read is a
+        `ScenarioError`.
         """
         path = self.path(key.method)
         with as_scenario_error(f"cannot read {path}"):
@@ -152,11 +149,7 @@ class ResultCache:
         return info if (info.digest, info.frames) == (digest, frames) else None
 
     def store(self, stored: Result | SequenceInfo) -> None:
-        """Write the file of a result or of the description in one step.
-
-        Raises:
-            ScenarioError: The file cannot be written.
-        """
+        """Write the file of a result or of the description in one step; a failure is a `ScenarioError`."""
         path = self._info if isinstance(stored, SequenceInfo) else self.path(stored.key.method)
         write(path, f"{stored.model_dump_json(indent=1)}\n".encode())
 
@@ -178,7 +171,3 @@ def _flat(values: dict[str, Any], before: str = "") -> dict[str, Any]:
     for name, value in values.items():
         flat |= _flat(value, f"{before}{name}.") if isinstance(value, dict) else {before + name: value}
     return flat
-
-
-def _short(value: Any) -> str:
-    return "none" if value is None else str(value)[:48]

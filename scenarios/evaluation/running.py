@@ -80,9 +80,7 @@ def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) 
 def _latencies(
     times_s: Sequence[float], background_s: float, workloads_s: Mapping[str, Sequence[float]]
 ) -> Iterator[Measurement]:
-    """Yield median, 95th percentile and maximum of the time per frame, the CPU time of other threads per frame, the
-    median times of the reference workload, and the median time per frame as a multiple of that during the run.
-    """
+    """Yield times per frame, CPU times of other threads per frame, and times of the reference workload."""
     n = len(times_s)
     percentiles_ms = [float(value) for value in 1e3 * np.percentile(times_s, (50, 95, 100))]
     # The two clocks are read one after the other, so their difference may be negative.

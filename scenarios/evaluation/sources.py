@@ -68,11 +68,7 @@ class FrameCache:
         self._folder, self._frames = folder, 0
 
     def fill(self, frames: Iterable[EvaluationFrame], progress: Callable[[int], None] = lambda count: None) -> None:
-        """Write frames; the first one gets the number 0. `progress` receives the number of written frames.
-
-        Raises:
-            ScenarioError: A frame cannot be written.
-        """
+        """Write frames and pass their number to `progress`; a frame that cannot be written is a `ScenarioError`."""
         for index, frame in enumerate(frames):
             what = f"cannot keep frame {index} in {self._folder}"
             with as_scenario_error(what), self.path(index).open("wb") as file:
@@ -84,11 +80,7 @@ class FrameCache:
         return self._frames
 
     def __getitem__(self, index: int) -> EvaluationFrame:
-        """Read one frame.
-
-        Raises:
-            ScenarioError: The frame cannot be read.
-        """
+        """Read one frame; a failure is a `ScenarioError`."""
         what = f"cannot read frame {index} back from {self._folder}"
         with as_scenario_error(what), self.path(index).open("rb") as file:
             frame: EvaluationFrame = pickle.load(file)
@@ -120,10 +112,9 @@ class SimulatedSource:
         return self._recording.digest(frames)
 
     def frames(self, frames: int) -> Iterator[EvaluationFrame]:
-        """Read the first frames; holes are split by what was measured before, and moving objects are marked.
+        """Read the first frames; a file that is missing or damaged is a `RecordingError`.
 
-        Raises:
-            RecordingError: A file is missing or damaged.
+        Holes are split by what was measured before, and moving objects are marked.
         """
         seen_before, departures = SeenBefore(self.intrinsics), Departures()
         before: Capture | None = None
@@ -168,18 +159,13 @@ class HeldOutSource:
     def digest(self, frames: int) -> str:
         """Return a SHA-256 of the camera and of all images, which are read for it."""
         total = sha256(repr(self.intrinsics).encode())
-        for index in range(frames):
-            frame = self._dataset[index]
+        for frame in map(self._dataset.__getitem__, range(frames)):
             crc32 = zlib.crc32(frame.depth_m.tobytes(), zlib.crc32(frame.gray.tobytes()))
             total.update(f"{frame.stamp_s} {crc32}".encode())
         return total.hexdigest()
 
     def frames(self, frames: int) -> Iterator[EvaluationFrame]:
-        """Read the first frames without the pixels that are held out.
-
-        Raises:
-            DatasetError: A file is missing or damaged.
-        """
+        """Read the first frames without the pixels that are held out; a missing or damaged one is a `DatasetError`."""
         gray_before: GrayImage | None = None
         for index in range(frames):
             frame = self._dataset[index]

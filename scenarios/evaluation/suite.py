@@ -32,9 +32,6 @@ RECORDINGS = "recordings"
 FRAME_CACHE = ".voxdepth-frames-"
 """Prefix of the temporary folders of frames, of which a killed run leaves one behind."""
 
-Progress = Callable[[str, int], None]
-"""Called with the present activity and the number of finished results."""
-
 
 @dataclass(frozen=True)
 class Shipped:
@@ -52,11 +49,7 @@ class Shipped:
         return SimulatedSource(self.name, self.recording(out, frames, tell), self.planned.seed)
 
     def recording(self, out: Path, frames: int, tell: Callable[[str], None]) -> Recording:
-        """Return its recording, which is made if there is none of the same configuration with enough frames.
-
-        Raises:
-            ScenarioError, SimError: The sequence cannot be recorded.
-        """
+        """Return its recording, which is made if there is none of the same configuration with enough frames."""
         configuration = to_toml(self.planned)
         folder = out / RECORDINGS / f"{self.name}-{sha256(configuration.encode()).hexdigest()[:12]}"
         with suppress(RecordingError):
@@ -139,8 +132,10 @@ class Evaluation:
         return next(result for result in self.results if (result.key.sequence, result.key.method) == (sequence, method))
 
 
-def evaluate(plan: Plan, progress: Progress) -> Evaluation:
+def evaluate(plan: Plan, progress: Callable[[str, int], None]) -> Evaluation:
     """Compute all results. A repetition reuses those that are finished, and tries those that failed again.
+
+    `progress` receives the present activity and the number of finished results.
 
     Raises:
         ScenarioError: Two sequences have the same name, the name of one is not UTF-8, or a result cannot be written.
