@@ -159,24 +159,22 @@ def _processed(corrector: DepthCorrector, frame: Frame, index: int) -> tuple[Out
 
 def _problems(output: Output, shape: tuple[int, ...]) -> Iterator[str]:
     """Yield what is wrong with an output; later checks rely on earlier ones."""
-    depth_m, confidence, source = output
-    if not _is_image(depth_m, shape, np.float32):
-        yield f"expected depth_m as float32 of shape {shape}, got {_kind(depth_m)}"
+    expected = (
+        (np.float32, f"float32 of shape {shape}"),
+        (np.floating, f"floats of shape {shape}, or none"),
+        (np.uint8, f"uint8 of shape {shape}, or none"),
+    )
+    for name, image, (kind, text) in zip(Output._fields, output, expected, strict=True):
+        if image is None and name != "depth_m":
+            continue
+        if not isinstance(image, np.ndarray):
+            yield f"expected {name} as {text}, got {type(image).__name__}"
+        elif image.shape != shape or not np.issubdtype(image.dtype, kind):
+            yield f"expected {name} as {text}, got {image.dtype} of shape {image.shape}"
+    depth_m, confidence, _ = output
     if not np.isfinite(depth_m).all():
         yield f"expected finite depths (0 = invalid), got {np.count_nonzero(~np.isfinite(depth_m))} others"
     if (depth_m < 0).any():
         yield f"expected depths of at least 0 m (0 = invalid), got {depth_m.min()} m"
-    if confidence is not None and not _is_image(confidence, shape, np.floating):
-        yield f"expected confidence as floats of shape {shape}, or none, got {_kind(confidence)}"
     if confidence is not None and not ((confidence >= 0) & (confidence <= 1)).all():
         yield f"expected confidence in 0..1, got {confidence.min()} to {confidence.max()}"
-    if source is not None and not _is_image(source, shape, np.uint8):
-        yield f"expected source as uint8 of shape {shape}, or none, got {_kind(source)}"
-
-
-def _is_image(image: object, shape: tuple[int, ...], kind: type[np.generic]) -> bool:
-    return isinstance(image, np.ndarray) and image.shape == shape and np.issubdtype(image.dtype, kind)
-
-
-def _kind(given: object) -> str:
-    return f"{given.dtype} of shape {given.shape}" if isinstance(given, np.ndarray) else type(given).__name__

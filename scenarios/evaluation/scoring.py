@@ -66,13 +66,9 @@ class Score:
         self._measured_before: MaskImage | None = None
         self._moving, self._calibration = MovingScore(), CalibrationScore(intrinsics)
         self._in_16_bits = Sums()
-        self._psnrs_db: list[float | None] = []
-        self._paper: dict[str, list[float | None]] = {"m_rmse_u16_wrap": [], "psnr_minmax8": []}
-
-    @property
-    def frame_psnrs_db(self) -> tuple[float | None, ...]:
+        self.frame_psnrs_db: tuple[float | None, ...] = ()
         """PSNR of every frame as in `psnr16_mm` [dB]; None if it is undefined."""
-        return tuple(self._psnrs_db)
+        self._paper: dict[str, list[float | None]] = {"m_rmse_u16_wrap": [], "psnr_minmax8": []}
 
     def add(
         self,
@@ -98,7 +94,7 @@ class Score:
         # Surfaces that an image in 16 bits and millimetres can hold.
         sums = Sums.of(completed_m, frame.reference_m, (frame.reference_m <= np.float32(PEAK16_M)) & independent)
         self._in_16_bits += sums
-        self._psnrs_db.append(sums.psnr_db(PEAK16_M))
+        self.frame_psnrs_db += (sums.psnr_db(PEAK16_M),)
         self._add_paper(frame, depth_m)
 
     def measurements(self) -> list[Measurement]:

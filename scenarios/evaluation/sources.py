@@ -125,7 +125,10 @@ class SimulatedSource:
             hole = (capture.depth_raw_m == 0) & known
             seen, never = seen_before.split(hole, truth_m, capture.T_world_cam, capture.depth_raw_m)
             kind = occluded + np.uint8(2) * seen + np.uint8(4) * never
-            static = _same_surface(capture, before)
+            before = capture if before is None else before
+            with np.errstate(invalid="ignore"):
+                close = np.abs(truth_m - before.depth_true_m) <= np.float32(SAME_SURFACE) * truth_m
+            static: MaskImage = close & known & (capture.segment_id == before.segment_id) & (index > 0)
             moving: MaskImage | None = None
             departed_m: FloatImage | None = None
             if self._moving_ids:
@@ -170,9 +173,7 @@ class HeldOutSource:
         for index in range(frames):
             frame = self._dataset[index]
             gray = cv2.blur(frame.gray, (5, 5)).astype(np.uint8)
-            static = (
-                np.zeros(gray.shape, np.bool_) if gray_before is None else cv2.absdiff(gray, gray_before) <= SAME_GRAY
-            )
+            change = cv2.absdiff(gray, gray if gray_before is None else gray_before)
             held_out = shadows(frame.depth_m, self.intrinsics)
             reference_m = np.where(frame.depth_m > 0, frame.depth_m, np.float32(np.inf))
             given_m = np.where(held_out, np.float32(0), frame.depth_m)
@@ -181,7 +182,7 @@ class HeldOutSource:
                 T_world_cam=None,
                 reference_m=reference_m,
                 labels=HELD_OUT_GROUPS.label(reference_m, held_out.astype(np.uint8)),
-                static=static,
+                static=(change <= SAME_GRAY) & (index > 0),
                 occluded_share=None,
             )
             gray_before = gray
@@ -192,12 +193,7 @@ FrameSource = SimulatedSource | HeldOutSource
 
 
 def open_source(folder: Path) -> FrameSource:
-    """Open the sequence in a folder of any format.
-
-    Raises:
-        ScenarioError: The folder has no name.
-        RecordingError, DatasetError: The folder holds nothing readable.
-    """
+    """Open the sequence in a folder of any format; one without a readable sequence or a name is an error."""
     name = folder.resolve().name
     if not name:
         raise ScenarioError(f"--data must name the folder of a sequence, got {folder}")
@@ -259,13 +255,3 @@ def shadows(depth_m: FloatImage, intrinsics: Intrinsics) -> MaskImage:
     hidden = np.zeros(depth_m.shape, np.uint8)
     hidden[row, col] = nearest_px[row, at] > disparity_px + 1
     return cv2.morphologyEx(hidden, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)).astype(np.bool_)
-
-
-def _same_surface(capture: Capture, before: Capture | None) -> MaskImage:
-    truth_m = capture.depth_true_m
-    if before is None:
-        return np.zeros(truth_m.shape, np.bool_)
-    with np.errstate(invalid="ignore"):
-        close = np.abs(truth_m - before.depth_true_m) <= np.float32(SAME_SURFACE) * truth_m
-    same: MaskImage = close & np.isfinite(truth_m) & (capture.segment_id == before.segment_id)
-    return same
