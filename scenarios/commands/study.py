@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from .options import INTERRUPTED
+from .options import INTERRUPTED, Workers
 
 if TYPE_CHECKING:
     from ..study.executors import Executor
@@ -131,7 +131,7 @@ def diagnose(
         list[str] | None, typer.Option(metavar="NAME", help="Only this arm; may be repeated. Default: all arms.")
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Largest number of runs of each arm. Default: all.")] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Missions flown side by side.")] = 2,
+    workers: Workers = 2,
 ) -> None:
     """Fly the runs again that ended in a collision, and say what the drone had seen of the object that it hit."""
     from ..study.diagnose import Diagnosis, cause_table, colliding_runs, diagnose_runs

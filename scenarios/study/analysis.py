@@ -13,8 +13,6 @@ from .design import RunSpec, arm_label
 from .statistics import DoseResponse, Interval, Pairs, dose_response, holm, mcnemar, newcombe, pairs_of
 from .store import RunRecord, StudyData
 
-CONTACT_KINDS = ("building", "drone", "ground")
-
 ArmLevel = tuple[str, float | None]
 """An arm at one noise ratio."""
 Block = tuple[str, int]

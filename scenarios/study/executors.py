@@ -98,17 +98,13 @@ class Serial:
 
 @dataclass(frozen=True)
 class Processes:
-    """Flies runs in worker processes on this machine.
-
-    Args:
-        workers: Number of runs flown side by side.
-        time_limit_s: Wall-clock time after which a run is stopped and becomes a failure of kind `timeout`.
-        fly_one: The function that flies a run; it must be a function of a module, since it is sent to the workers.
-    """
+    """Flies runs in worker processes on this machine."""
 
     workers: int
     time_limit_s: float
+    """Wall-clock time after which a run is stopped and becomes a failure of kind `timeout`."""
     fly_one: FlyOne = run_one
+    """The function that flies a run; it must be a function of a module, since it is sent to the workers."""
 
     def run(self, specs: Iterable[RunSpec]) -> Generator[Completion]:
         """See `Executor`."""
@@ -163,7 +159,6 @@ class _WorkerPool:
 
     @property
     def has_work(self) -> bool:
-        """Whether a run waits or is in progress."""
         return bool(self._waiting) or any(worker.spec is not None for worker in self._workers)
 
     def spawn(self) -> None:
@@ -184,7 +179,6 @@ class _WorkerPool:
                 yield from self._remove(worker, "timeout")
 
     def terminate(self) -> None:
-        """Kill all workers."""
         while self._workers:
             self._workers.pop().stop()
 
@@ -205,11 +199,7 @@ class _WorkerPool:
             yield message
 
     def _remove(self, worker: _Worker, kind: FailureKind) -> Iterator[Failure]:
-        """Remove a worker that has died or missed its deadline, and yield the failure of its run, if it had one.
-
-        Raises:
-            ScenarioError: Too many workers in a row ended before they were ready.
-        """
+        """Remove a worker that has died or missed its deadline, and yield the failure of its run, if it had one."""
         self._workers.remove(worker)
         code = worker.stop()
         if worker.spec is not None:
@@ -234,16 +224,12 @@ class Cluster:
     A run that exceeds its time limit ends its worker, which Dask replaces. The scheduler repeats a run whose worker
     ended as often as its `allowed-failures` says; then the run becomes a failure of kind `died`. Closing the iterator
     ends the workers of a local cluster; other workers finish their run, and its result is discarded.
-
-    Args:
-        address: Address of the scheduler, as in tcp://10.0.0.1:8786, or `local`.
-        workers: Number of processes of a local cluster.
-        time_limit_s: Wall-clock time after which a run is stopped.
-        fly_one: The function that flies a run; the workers must be able to import it.
     """
 
     address: str
+    """Address of the scheduler, as in tcp://10.0.0.1:8786, or `local`."""
     workers: int
+    """Number of processes of a local cluster."""
     time_limit_s: float
     fly_one: FlyOne = run_one
 
@@ -269,13 +255,10 @@ class Cluster:
         """Keep one run in progress for each worker of the cluster; workers may have joined.
 
         A second run that waits at a worker would count as failed if the first one ended the worker.
-
-        Raises:
-            ScenarioError: A worker has more than one thread, so a run past its limit would end other runs.
         """
         threads = client.nthreads()
         for worker, n in threads.items():
-            if n != 1:
+            if n != 1:  # A run past its limit would end other runs.
                 raise ScenarioError(f"the worker {worker} has {n} threads, expected one: start it with --nthreads 1")
         for spec in islice(waiting, max(0, max(1, len(threads)) - len(pending))):
             # Every attempt gets a new key, since a cluster caches the results of old keys.
@@ -336,12 +319,8 @@ def _require_equal(worker: str, theirs: Mapping[str, str], ours: Mapping[str, st
 
 
 def _attempt_on_cluster(fly_one: FlyOne, spec: RunSpec, time_limit_s: float, versions: Mapping[str, str]) -> Completion:
-    """Fly a run in a worker, and end the process at the time limit, since a thread cannot be stopped.
-
-    Raises:
-        ScenarioError: The worker has other versions; it may have joined after the check.
-    """
-    _require_equal(platform.node(), simulation_versions(), versions)
+    """Fly a run in a worker, and end the process at the time limit, since a thread cannot be stopped."""
+    _require_equal(platform.node(), simulation_versions(), versions)  # The worker may have joined after the check.
     import_noisy_libraries()
     watchdog = threading.Timer(time_limit_s, os._exit, [1])
     watchdog.daemon = True

@@ -14,6 +14,7 @@ Sources:
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,12 +28,9 @@ RESAMPLES = 1000
 BOOTSTRAP_SEED = 20240601
 LOG_A_BOUNDS, B_BOUNDS = (-15.0, 5.0), (0.0, 12.0)
 """Bounds of the fit. The likelihood may grow with b without limit; then the fit ends at a bound and reports it."""
-LOW_DOSE, HIGH_DOSE = 0.5, 1.0
-"""Noise ratios whose collision ratios are compared, as in the paper."""
 
 
-@dataclass(frozen=True)
-class Interval:
+class Interval(NamedTuple):
     """A confidence interval."""
 
     low: float
@@ -127,8 +125,7 @@ def newcombe(pairs: Pairs) -> Interval:
 def percentiles(values: Sequence[float]) -> Interval:
     """Return the percentile interval of at least one value at the confidence level."""
     tail = 50 * (1 - LEVEL)
-    low, high = np.percentile(np.asarray(values, np.float64), [tail, 100 - tail])
-    return Interval(float(low), float(high))
+    return Interval(*np.percentile(values, [tail, 100 - tail]).tolist())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,8 +145,8 @@ class DoseCurve:
 
     @property
     def ratio(self) -> float:
-        """Collision ratio of the curve at theta 1 divided by that at theta 0.5."""
-        return self.at(HIGH_DOSE) / self.at(LOW_DOSE)
+        """Collision ratio at theta 1 divided by that at theta 0.5, as in the paper."""
+        return self.at(1.0) / self.at(0.5)
 
     @property
     def at_bound(self) -> bool:
@@ -205,9 +202,9 @@ def fit_dose_curve(
 
     if start is None:
         start = DoseCurve(a=-np.log1p(-k.sum() / n.sum()), b=1.0)
-    first = np.array([np.log(start.a), start.b])
     # L-BFGS-B would wake all threads of OpenBLAS for tiny products, which is up to 50 times slower on a busy machine.
     bounds, fine = [LOG_A_BOUNDS, B_BOUNDS], {"ftol": 1e-13, "gtol": 1e-7, "maxfun": 1000}
+    first = np.array([np.log(start.a), start.b])
     found = minimize(loss, first, jac=True, method="TNC", bounds=bounds, options=fine)
     return DoseCurve(a=float(np.exp(found.x[0])), b=float(found.x[1]))
 
@@ -217,13 +214,8 @@ def dose_response(
 ) -> DoseResponse:
     """Fit the curve, and estimate its intervals by a bootstrap over seeds.
 
-    All noise ratios share the seeds, so the bootstrap resamples seeds, which are the rows of the data.
-
-    Args:
-        thetas: Noise ratios.
-        collided: Whether each run collided, shape (seeds, thetas).
-        seed: Seed of the bootstrap.
-        resamples: Number of bootstrap samples.
+    All noise ratios share the seeds, so the bootstrap resamples seeds, which are the rows of `collided`: whether each
+    run collided, shape (seeds, thetas). `seed` is that of the bootstrap.
 
     Raises:
         ScenarioError: The data do not determine a curve.
