@@ -89,14 +89,7 @@ class StereoSensor:
     """
 
     def __init__(
-        self,
-        world: World,
-        renderer: Renderer,
-        config: RigConfig,
-        *,
-        seed: int,
-        gray: bool = True,
-        right: bool = False,
+        self, world: World, renderer: Renderer, config: RigConfig, *, seed: int, gray: bool = True, right: bool = False
     ) -> None:
         if config.baseline_m >= world.extent_m:
             raise SensorError(

@@ -5,8 +5,7 @@ A recording is a folder. Frame 7 consists of the images `gray_left/000007.png`, 
 pose. The writer adds the row after the images: whatever stops it, a frame with a row is complete.
 """
 
-from .format import CALIBRATION, calibration_toml
-from .reader import Recording
+from .format import CALIBRATION, Recording, calibration_toml
 from .writer import RecordingWriter
 
 __all__ = ["CALIBRATION", "Recording", "RecordingWriter", "calibration_toml"]

@@ -1,9 +1,11 @@
-"""The files of a recording: the images of a frame, the table of frames and the calibration. All values are exact."""
+"""The files of a recording, and reading them back exactly as they were written."""
 
 import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -18,21 +20,14 @@ from ..types import Capture
 Image = npt.NDArray[Any]
 
 CONFIG, CALIBRATION, FRAMES = "config.toml", "calibration.toml", "frames.csv"
-COLUMNS = ("timestamp_s", *["r11", "r12", "r13", "tx_m", "r21", "r22", "r23", "ty_m", "r31", "r32", "r33", "tz_m"])
+HEADER = "timestamp_s,r11,r12,r13,tx_m,r21,r22,r23,ty_m,r31,r32,r33,tz_m"
 """Columns of `frames.csv`: the time, and the first three rows of `T_world_cam`, rotation and translation."""
-HEADER = ",".join(COLUMNS)
 
 LARGEST_ID = np.iinfo(np.uint16).max - 1
 """Largest segment id that a recording can hold; ids are stored plus one."""
 
-PNG = (
-    cv2.IMWRITE_PNG_COMPRESSION,
-    1,
-    cv2.IMWRITE_PNG_STRATEGY,
-    cv2.IMWRITE_PNG_STRATEGY_RLE,
-    cv2.IMWRITE_PNG_FILTER,
-    cv2.IMWRITE_PNG_FILTER_UP,
-)
+RUN_LENGTH = (cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
+PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, *RUN_LENGTH, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP)
 """Run-length encoded differences to the row above: the fastest setting here, with files no larger than most."""
 
 LZW = (cv2.IMWRITE_TIFF_COMPRESSION, cv2.IMWRITE_TIFF_COMPRESSION_LZW)
@@ -61,11 +56,7 @@ class Channel:
         return f"{self.folder}/{index:06d}{self.suffix}"
 
     def encode(self, capture: Capture) -> bytes:
-        """The bytes of the image file of a capture.
-
-        Raises:
-            RecordingError: The image has a wrong shape or type, or values that the file cannot hold.
-        """
+        """The bytes of the image file. A wrong shape or type, or values that do not fit, raise a `RecordingError`."""
         image, shape = getattr(capture, self.field), capture.intrinsics.shape
         if image is None or image.shape != shape or image.dtype != self.dtype:
             got = "none" if image is None else f"{image.dtype} of shape {image.shape}"
@@ -76,11 +67,7 @@ class Channel:
         return data.tobytes()
 
     def read(self, folder: Path, index: int, shape: tuple[int, int]) -> Image:
-        """The image of a frame, as it was in the capture.
-
-        Raises:
-            RecordingError: The file is missing or is not such an image.
-        """
+        """The image of a frame, as it was in the capture. A missing or damaged file raises a `RecordingError`."""
         path = folder / self.path(index)
         stored = cv2.imdecode(np.frombuffer(read_bytes(path) or b"\0", np.uint8), cv2.IMREAD_UNCHANGED)
         image = None if stored is None else _from_stored(stored, self.dtype)
@@ -120,34 +107,17 @@ def _from_stored(stored: Image, dtype: type[np.generic]) -> Image:
 
 
 def calibration_toml(intrinsics: Intrinsics) -> str:
-    """The fields of a stereo camera as TOML, with all digits that are needed to read them back exactly.
-
-    Raises:
-        RecordingError: The camera has no baseline.
-    """
+    """The fields of a stereo camera as exact TOML. A camera without a baseline raises a `RecordingError`."""
     if intrinsics.baseline_m is None:
         raise RecordingError("only a stereo camera can be recorded: expected intrinsics with a baseline_m, got none")
     types = {field.name: int if field.type is int else float for field in fields(intrinsics)}
     return tomli_w.dumps({name: to(getattr(intrinsics, name)) for name, to in types.items()})
 
 
-def read_calibration(folder: Path) -> Intrinsics:
-    """The camera of a recording.
-
-    Raises:
-        RecordingError: The file is missing or damaged.
-    """
-    try:
-        return Intrinsics(**tomllib.loads(read_bytes(folder / CALIBRATION).decode()))
-    except (ValueError, TypeError) as error:
-        raise RecordingError(f"{folder / CALIBRATION} is damaged ({error}); restore it from a copy") from error
-
-
 def frame_row(capture: Capture) -> str:
     """The row of `frames.csv` of a capture, without its line break.
 
-    Raises:
-        RecordingError: The time or the pose is not finite, or the pose is not a float64 array of shape (4, 4).
+    A time or a pose that is not finite, or a pose that is no float64 array of shape (4, 4), raises a `RecordingError`.
     """
     T = capture.T_world_cam
     if T.shape != (4, 4) or T.dtype != np.float64 or not np.isfinite(T).all() or not np.isfinite(capture.stamp_s):
@@ -157,43 +127,85 @@ def frame_row(capture: Capture) -> str:
     return ",".join(repr(float(number)) for number in (capture.stamp_s, *T[:3].ravel()))
 
 
-def read_rows(folder: Path) -> list[str]:
-    """The complete rows of `frames.csv`. A last row without a line break was being written, and is left out.
+def read_poses(folder: Path) -> list[tuple[float, FloatArray]]:
+    """Time of capture [s] and `T_world_cam`, shape (4, 4), of the complete rows of `frames.csv`.
 
-    Raises:
-        RecordingError: The file is missing, or it starts with another header.
+    A last row without a line break was being written, and is left out. A table that is missing or damaged raises a
+    `RecordingError`.
     """
-    header, *rows = read_bytes(folder / FRAMES).decode(errors="replace").split("\n")[:-1] or [HEADER]
+    path = folder / FRAMES
+    header, *rows = read_bytes(path).decode(errors="replace").split("\n")[:-1] or [HEADER]
     if header != HEADER:
-        raise RecordingError(f"{folder / FRAMES} is damaged: expected the header {HEADER!r}, got {header[:80]!r}")
-    return rows
-
-
-def parse_row(row: str, path: Path) -> tuple[float, FloatArray]:
-    """Time of capture [s] and `T_world_cam`, shape (4, 4), of a row.
-
-    Raises:
-        RecordingError: The row is damaged; the message names the `path` of the table.
-    """
-    try:
-        numbers = np.array([float(word) for word in row.split(",")])
-        pose = numbers[1:].reshape(3, 4)
-    except ValueError as error:
-        raise RecordingError(
-            f"{path} is damaged: expected {len(COLUMNS)} numbers in a row, got {row[:80]!r}"
-        ) from error
-    return float(numbers[0]), np.vstack([pose, [0.0, 0.0, 0.0, 1.0]])
+        raise RecordingError(f"{path} is damaged: expected the header {HEADER!r}, got {header[:80]!r}")
+    poses = []
+    for row in rows:
+        try:
+            stamp_s, *numbers = (float(word) for word in row.split(","))
+            poses.append((stamp_s, np.vstack([np.reshape(numbers, (3, 4)), [0.0, 0.0, 0.0, 1.0]])))
+        except ValueError as error:
+            raise RecordingError(f"{path} is damaged: expected 13 numbers in a row, got {row[:80]!r}") from error
+    return poses
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a file.
-
-    Raises:
-        RecordingError: The file is missing or cannot be read.
-    """
+    """The content of a file. A file that is missing or cannot be read raises a `RecordingError`."""
     try:
         return path.read_bytes()
     except OSError as error:
         raise RecordingError(
             f"cannot read {path}: {error.strerror or error}; restore it from a copy or record again"
         ) from error
+
+
+class Recording:
+    """The complete frames of a recording, as captures of drone 0.
+
+    An image that is damaged or missing makes only its own frame unreadable.
+    """
+
+    def __init__(
+        self, folder: Path, poses: list[tuple[float, FloatArray]], intrinsics: Intrinsics, config_text: str
+    ) -> None:
+        self.folder = folder
+        self._poses = poses
+        self.intrinsics = intrinsics
+        """Camera model of the left camera."""
+        self.config_text = config_text
+        """The configuration of the recording, as its writer was given it."""
+
+    @classmethod
+    def open(cls, folder: Path | str) -> Self:
+        """The frames that a recording holds now. No recording, or a damaged table, raises a `RecordingError`."""
+        folder = Path(folder)
+        if not (folder / FRAMES).is_file():
+            raise RecordingError(f"{folder} is not a recording: expected a folder with a {FRAMES}")
+        poses = read_poses(folder)
+        try:
+            intrinsics = Intrinsics(**tomllib.loads(read_bytes(folder / CALIBRATION).decode()))
+        except (ValueError, TypeError) as error:
+            raise RecordingError(f"{folder / CALIBRATION} is damaged ({error}); restore it from a copy") from error
+        return cls(folder, poses, intrinsics, read_bytes(folder / CONFIG).decode(errors="replace"))
+
+    def __len__(self) -> int:
+        return len(self._poses)
+
+    def __getitem__(self, index: int) -> Capture:
+        """One frame; a negative index counts from the end. A damaged or missing image raises a `RecordingError`."""
+        index = range(len(self))[index]
+        stamp_s, T_world_cam = self._poses[index]
+        images: dict[str, Any] = {
+            channel.field: channel.read(self.folder, index, self.intrinsics.shape) for channel in CHANNELS
+        }
+        return Capture(stamp_s=stamp_s, drone=0, T_world_cam=T_world_cam, intrinsics=self.intrinsics, **images)
+
+    def __iter__(self) -> Iterator[Capture]:
+        return (self[index] for index in range(len(self)))
+
+    def digest(self, frames: int) -> str:
+        """SHA-256, hexadecimal, of the configuration, the calibration and everything in the first frames."""
+        total = sha256()
+        for name in (CONFIG, CALIBRATION, *(channel.path(k) for k in range(frames) for channel in CHANNELS)):
+            total.update(sha256(read_bytes(self.folder / name)).digest())
+        for stamp_s, T_world_cam in self._poses[:frames]:
+            total.update(f"{stamp_s!r} {T_world_cam.tolist()}".encode())
+        return total.hexdigest()

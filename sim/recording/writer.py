@@ -5,37 +5,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import zip_longest
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from voxdepth.types import Intrinsics
 
 from ..errors import RecordingError
 from ..types import Capture
-from .format import (
-    CALIBRATION,
-    CHANNELS,
-    CONFIG,
-    FRAMES,
-    HEADER,
-    calibration_toml,
-    frame_row,
-    parse_row,
-    read_bytes,
-    read_rows,
-)
+from .format import CALIBRATION, CHANNELS, CONFIG, FRAMES, HEADER, calibration_toml, frame_row, read_bytes, read_poses
 
 
 class RecordingWriter:
     """Appends frames to a recording. Use it as a context manager; it locks the folder against other writers.
 
     A new or empty folder becomes a recording. An existing recording is continued after the last complete row of
-    `frames.csv`; images of later frames are deleted. A recording does not keep the number of the drone.
-
-    Args:
-        folder: The writer makes it, together with its parents.
-        intrinsics: Camera model of the left camera, with a baseline.
-        config_text: Everything that is needed to repeat the recording, as TOML; it is kept unchanged.
+    `frames.csv`; images of later frames are deleted. A recording does not keep the number of the drone. `config_text`
+    is everything that is needed to repeat the recording, as TOML; it is kept unchanged.
 
     Raises:
         RecordingError: The folder holds something else, or a recording with another camera or configuration. It is in
@@ -71,8 +55,7 @@ class RecordingWriter:
     def write_images(self, index: int, capture: Capture) -> None:
         """Write the images of a frame that has no row yet. Several threads may write different frames at once.
 
-        Raises:
-            RecordingError: The capture does not fit the recording, or a file cannot be written.
+        A capture that does not fit the recording, or a failed write, raises a `RecordingError`.
         """
         self._require_open()
         if index < self.frames:
@@ -88,9 +71,8 @@ class RecordingWriter:
     def append_row(self, capture: Capture) -> None:
         """Add the row of the next frame, whose images are written. The frame is then part of the recording.
 
-        Raises:
-            RecordingError: The images are missing, the capture is not later than the one before, or the row cannot be
-                written. After a failed write the writer is closed.
+        Missing images, a capture that is not later than the one before, or a failed write raise a `RecordingError`. A
+        failed write also closes the writer.
         """
         self._require_open()
         for path in (self.folder / channel.path(self.frames) for channel in CHANNELS):
@@ -116,9 +98,7 @@ class RecordingWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _lock(self) -> None:
@@ -130,11 +110,13 @@ class RecordingWriter:
 
     def _continue(self) -> None:
         """Cut the recording after its last complete row."""
-        rows = read_rows(self.folder)
-        self.frames = len(rows)
-        self._last_stamp_s = parse_row(rows[-1], self.folder / FRAMES)[0] if rows else float("-inf")
-        self._table.truncate(0 if not rows else read_bytes(self.folder / FRAMES).rindex(b"\n") + 1)
-        if not rows:
+        poses = read_poses(self.folder)
+        self.frames = len(poses)
+        if poses:
+            self._last_stamp_s = poses[-1][0]
+            self._table.truncate(read_bytes(self.folder / FRAMES).rindex(b"\n") + 1)
+        else:
+            self._table.truncate(0)
             self._table.write(f"{HEADER}\n".encode())
             self._table.flush()
         for channel in CHANNELS:
