@@ -72,14 +72,12 @@ class Scale(NoiseTerm):
 
     def apply(self, image: NoisyDepth) -> None:
         """Scale valid depths."""
-        rng, shape = image.rng(Purpose.SCALE), image.depth_m.shape
-        if self.unit == "pixel":
-            beta = rng.uniform(-self.theta, self.theta, shape)
-        elif self.unit == "frame":
-            beta = np.full(shape, rng.uniform(-self.theta, self.theta))
-        else:  # Body k takes draw k + 1 of the stream, whichever bodies are in the image.
+        rng = image.rng(Purpose.SCALE)
+        if self.unit == "object":  # Body k takes draw k + 1 of the stream, whichever bodies are in the image.
             n_draws = int(image.segment_id.max(initial=-1)) + 2
             beta = rng.uniform(-self.theta, self.theta, n_draws)[image.segment_id + 1]
+        else:
+            beta = rng.uniform(-self.theta, self.theta, image.depth_m.shape if self.unit == "pixel" else 1)
         image.depth_m[:] = image.depth_m * (1 + beta)
 
 

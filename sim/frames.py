@@ -39,14 +39,9 @@ def quaternion_from_angles(yaw_rad: float, pitch_rad: float, roll_rad: float) ->
     A positive yaw turns the nose to the left, a positive pitch lifts it, and a positive roll lowers the right side.
     """
     (sy, sp, sr), (cy, cp, cr) = (f(np.array([yaw_rad, -pitch_rad, roll_rad]) / 2) for f in (np.sin, np.cos))
-    return np.array(
-        [
-            cy * cp * sr - sy * sp * cr,
-            cy * sp * cr + sy * cp * sr,
-            sy * cp * cr - cy * sp * sr,
-            cy * cp * cr + sy * sp * sr,
-        ]
-    )
+    x, y = cy * cp * sr - sy * sp * cr, cy * sp * cr + sy * cp * sr
+    z, w = sy * cp * cr - cy * sp * sr, cy * cp * cr + sy * sp * sr
+    return np.array([x, y, z, w])
 
 
 def yaw_from_quaternion(q_xyzw: FloatArray) -> float:
@@ -66,14 +61,9 @@ def pose(rotation: FloatArray, position_m: FloatArray) -> FloatArray:
 def product(q_a_b_xyzw: FloatArray, q_b_c_xyzw: FloatArray) -> FloatArray:
     """The quaternion `q_a_c` (xyzw) of two rotations in sequence."""
     (x, y, z, w), (p, q, r, s) = q_a_b_xyzw, q_b_c_xyzw
-    return np.array(
-        [
-            w * p + x * s + y * r - z * q,
-            w * q - x * r + y * s + z * p,
-            w * r + x * q - y * p + z * s,
-            w * s - x * p - y * q - z * r,
-        ]
-    )
+    xy = w * p + x * s + y * r - z * q, w * q - x * r + y * s + z * p
+    zw = w * r + x * q - y * p + z * s, w * s - x * p - y * q - z * r
+    return np.array([*xy, *zw])
 
 
 def camera_pose(position_m: FloatArray, q_world_body_xyzw: FloatArray, mount_m: FloatArray) -> FloatArray:

@@ -45,9 +45,7 @@ class RigConfig(Model):
     @model_validator(mode="after")
     def _check(self) -> "RigConfig":
         if self.noise != DepthNoise() and self.depth != "noisy":
-            raise ValueError(
-                f"depth noise, theta included, belongs to the sensor model 'noisy', got it with {self.depth!r}"
-            )
+            raise ValueError(f"depth noise, theta included, belongs to the depth 'noisy', got it with {self.depth!r}")
         if self.max_depth_m <= self.stereo.min_depth_m:
             raise ValueError(
                 f"max_depth_m must be more than stereo.min_depth_m {self.stereo.min_depth_m}, got {self.max_depth_m}"
@@ -74,18 +72,11 @@ class RigConfig(Model):
 
 
 class StereoSensor:
-    """Makes captures from any pose in a world.
+    """Makes captures from any pose in a world, with a renderer of that world. The seed drives all noise.
 
-    Args:
-        world: The world to render.
-        renderer: A renderer of the same world.
-        config: Configuration of every camera.
-        seed: Master seed of all noise.
-        gray: Whether gray images are wanted; without them they are black, unless the sensor model needs them.
-        right: Whether right images are wanted even if the sensor model does not need them.
-
-    Raises:
-        SensorError: The baseline is larger than the scene, or needs more disparities than the image has columns.
+    Without `gray`, the gray images are black unless the sensor model needs them. With `right`, there are right images
+    even if the sensor model does not need them. A baseline that is larger than the scene, or needs more disparities
+    than the image has columns, raises a `SensorError`.
     """
 
     def __init__(

@@ -34,17 +34,9 @@ class World:
     """Steps physics, flies drones by velocity commands and reports the first contact of every pair of bodies.
 
     Use it as a context manager; the PyBullet client lives as long as the world. The collision shape of a drone is a
-    sphere, and its visible shape is a flat cylinder of the same radius.
-
-    Args:
-        scene: The static bodies.
-        starts_m: Start positions, shape (n, 3), where the drones hover.
-        airframe: Airframe of every drone.
-        start_yaw_rad: Heading of the drones at the start: one for all, or one each, shape (n,).
-        kinematic: Bodies that only `place` moves. They have the first body ids, from 0 on.
-
-    Raises:
-        SceneError: A drone starts in contact with a body or another drone.
+    sphere, and its visible shape is a flat cylinder of the same radius. The drones hover at their start positions,
+    shape (n, 3), with one heading for all, or one each, shape (n,). Only `place` moves the kinematic bodies, which have
+    the first body ids, from 0 on. A drone that starts in contact with a body or another drone raises a `SceneError`.
     """
 
     def __init__(
@@ -75,8 +67,7 @@ class World:
             self.kinematic: dict[int, Body] = {create_body(body, self.client): body for body in kinematic}
             self.bodies: dict[int, Body] = {create_body(body, self.client): body for body in scene.bodies}
             yaws_rad = np.full(self.n_drones, start_yaw_rad, np.float64)
-            attitudes = [frames.quaternion_from_yaw(float(yaw)) for yaw in yaws_rad]
-            self.drone_ids = [self._add_drone(*start) for start in zip(starts_m, attitudes, strict=True)]
+            self.drone_ids = [self._add_drone(*start) for start in zip(starts_m, yaws_rad, strict=True)]
             apply_texture(self.textured_ids, scene.seed, self.client)
             self._drone_of_body = {body: drone for drone, body in enumerate(self.drone_ids)}
             self._controller = VelocityController(self.n_drones, self.airframe)
@@ -191,17 +182,14 @@ class World:
     @property
     def extent_m(self) -> float:
         """Longest side of the bounding box of all bodies, drones included; 0 without bodies."""
-        boxes = [pybullet.getAABB(body, physicsClientId=self.client) for body in self.surfaces]
-        if not boxes:
-            return 0.0
-        corners = np.array(boxes)
-        return float((corners[:, 1].max(axis=0) - corners[:, 0].min(axis=0)).max())
+        corners = np.array([pybullet.getAABB(body, physicsClientId=self.client) for body in self.surfaces])
+        return float((corners[:, 1].max(axis=0) - corners[:, 0].min(axis=0)).max()) if len(corners) else 0.0
 
-    def _add_drone(self, start_m: FloatArray, q_world_body_xyzw: FloatArray) -> int:
+    def _add_drone(self, start_m: FloatArray, yaw_rad: float) -> int:
         radius = self.airframe.radius_m
         collision = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=radius, physicsClientId=self.client)
         _, visual = create_shapes(drone_shape(radius), DRONE_SURFACE, self.client)
-        pose = start_m.tolist(), q_world_body_xyzw.tolist()
+        pose = start_m.tolist(), frames.quaternion_from_yaw(yaw_rad).tolist()
         body = int(
             pybullet.createMultiBody(self.airframe.mass_kg, collision, visual, *pose, physicsClientId=self.client)
         )
@@ -232,17 +220,15 @@ class World:
         return new
 
     def _contact(self, drones: list[int], pair: tuple[int, int], velocity_before: FloatArray) -> Contact:
-        drone = drones[0]
-        relative = velocity_before[drone].copy()
+        relative = velocity_before[drones[0]].copy()
         if len(drones) == 2:
             other, kind = f"drone-{drones[1]}", "drone"
             relative -= velocity_before[drones[1]]
         else:
             hit = self.described[next(body for body in pair if body not in self.drone_ids)]
             other, kind = hit.name, hit.kind
-        return Contact(
-            time_s=self.time_s, drone=drone, other=other, kind=kind, speed_m_s=float(np.linalg.norm(relative))
-        )
+        speed_m_s = float(np.linalg.norm(relative))
+        return Contact(time_s=self.time_s, drone=drones[0], other=other, kind=kind, speed_m_s=speed_m_s)
 
     def _nearest_m(self, at_m: FloatArray, radius_m: float, horizon_m: float, own_body: int | None) -> float:
         """Signed distance from a sphere to the nearest body. Drones count only if `own_body` is a drone."""

@@ -66,7 +66,7 @@ class Drone(Flight):
     def _fly(self, pursuit: "_PurePursuit", rate_hz: float) -> Iterator[BodyPose]:
         from ..world import World
 
-        start_m, yaw_rad = pursuit.start
+        start_m, yaw_rad = pursuit.track.position_m(0.0) + pursuit.height_m, pursuit.track.heading_rad(0.0)
         with World(Scene(seed=0, bodies=()), start_m, self.airframe, start_yaw_rad=yaw_rad) as world:
             for k in count():
                 time_s = k / rate_hz
@@ -83,10 +83,10 @@ class _PurePursuit:
     """Follows a track by flying towards a target on it that stays a lookahead distance away from the drone."""
 
     def __init__(self, config: Drone, path_m: FloatArray, rng: np.random.Generator) -> None:
-        self._track = Track(path_m, rounding_m=ROUNDING_M, turning_m=TURNING_S * config.speed_m_s)
+        self.track = Track(path_m, rounding_m=ROUNDING_M, turning_m=TURNING_S * config.speed_m_s)
         self._gusts_m_s = SmoothNoise(rng, np.full(3, config.gust_m_s), GUST_HZ)
         self._speed_m_s = config.speed_m_s
-        self._height_m = np.array([0.0, 0.0, config.height_m])
+        self.height_m = np.array([0.0, 0.0, config.height_m])
         self._lookahead_m = SHORTEST_LOOKAHEAD_M + LOOKAHEAD_S * config.speed_m_s
         self._accel_m_s2 = ACCEL_SHARE * config.airframe.max_accel_m_s2
         braking_m = config.speed_m_s**2 / (2 * self._accel_m_s2)
@@ -98,14 +98,9 @@ class _PurePursuit:
         """Time and target of the last check that the drone is not stuck."""
 
     @property
-    def start(self) -> tuple[FloatArray, float]:
-        """Position [m], shape (3,), and heading [rad] at the beginning."""
-        return self._track.position_m(0.0) + self._height_m, self._track.heading_rad(0.0)
-
-    @property
     def done(self) -> bool:
         """Whether the drone has reached the end, beyond which the target moves on straight."""
-        return self._target_m >= self._track.length_m + self._lookahead_m
+        return self._target_m >= self.track.length_m + self._lookahead_m
 
     def command(self, state: DroneState, time_s: float) -> VelocityCommand:
         """The command that takes the drone towards the target. A drone that is stuck raises a `SceneError`."""
@@ -114,20 +109,20 @@ class _PurePursuit:
         direction = to_target_m / np.linalg.norm(to_target_m)
         return VelocityCommand(
             velocity_m_s=self._safe_speed_m_s() * direction + self._gusts_m_s(time_s),
-            yaw_rad=self._track.heading_rad(self._target_m - self._lookahead_m),
+            yaw_rad=self.track.heading_rad(self._target_m - self._lookahead_m),
         )
 
     def _advance_target(self, position_m: FloatArray) -> FloatArray:
         """Move the target to the lookahead distance; returns the vector from the drone to it [m], shape (3,)."""
         while True:
-            to_target_m: FloatArray = self._track.position_m(self._target_m) + self._height_m - position_m
+            to_target_m: FloatArray = self.track.position_m(self._target_m) + self.height_m - position_m
             if not np.linalg.norm(to_target_m) < self._lookahead_m or self.done:
                 return to_target_m
             self._target_m += TARGET_STEP_M
 
     def _safe_speed_m_s(self) -> float:
         """Highest speed from which the drone can brake in time for every bend within the braking distance."""
-        curvature_per_m = np.maximum(self._track.curvature_per_m(self._target_m + self._ahead_m), 1e-9)
+        curvature_per_m = np.maximum(self.track.curvature_per_m(self._target_m + self._ahead_m), 1e-9)
         braking_m = np.maximum(self._ahead_m, 0)
         squared = self._accel_m_s2 * (1 / curvature_per_m + 2 * braking_m)
         return min(self._speed_m_s, float(np.sqrt(squared.min())))
@@ -139,6 +134,6 @@ class _PurePursuit:
         elif time_s - since_s > STUCK_S:
             flown_m = max(0.0, self._target_m - self._lookahead_m)
             raise SceneError(
-                f"expected the drone to fly {self._track.length_m:.1f} m at {self._speed_m_s:g} m/s, "
+                f"expected the drone to fly {self.track.length_m:.1f} m at {self._speed_m_s:g} m/s, "
                 f"but it is stuck at {flown_m:.1f} m; check the limits and gains of its airframe"
             )

@@ -72,7 +72,10 @@ class PlainsSpec(SceneSpec):
         trees = garden.trees(n_trees, TREES, self.tree, apart_m=APART_M)
         bushes = garden.bushes(n_plants - n_trees, BUSHES, self.bush_radius_m, apart_m=lambda radius: APART_M)
         on_ground_m = np.column_stack([path_m[:, :2], ground_height_m(ground, path_m[:, 0], path_m[:, 1])])
-        bodies = (ground, _far_land(self, ground), *trees, *bushes)
+        # Flat land reaches up to the horizon, slightly below the rim of the hills.
+        (x, y, _), flat = ground.position_m, Box((FAR_M, FAR_M, 1.0))
+        far_land = Body(name="far-land", kind="ground", shape=flat, position_m=(x, y, -0.6), surface=ground.surface)
+        bodies = (ground, far_land, *trees, *bushes)
         return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=on_ground_m)
 
 
@@ -106,13 +109,9 @@ def _ground(spec: PlainsSpec, seed: int) -> Body:
     to_rim_m = np.minimum(np.minimum(x, x.max() - x), np.minimum(y, y.max() - y))
     fade = np.sin(np.pi / 2 * np.clip(to_rim_m / RIM_M, 0, 1)) ** 2
     height_m = 2 * spec.amplitude_m * fade * (hills - hills.min()) / np.ptp(hills)
-    return Body(
-        name="ground",
-        kind="ground",
-        shape=Heightfield(height_m, spec.spacing_m),
-        position_m=(spec.length_m / 2 - RUN_OUT_M, 0.0, 0.0),
-        surface=Surface(albedo=spec.albedo, texture=spec.texture, pattern=spec.pattern),
-    )
+    surface = Surface(albedo=spec.albedo, texture=spec.texture, pattern=spec.pattern)
+    shape, middle_m = Heightfield(height_m, spec.spacing_m), (spec.length_m / 2 - RUN_OUT_M, 0.0, 0.0)
+    return Body(name="ground", kind="ground", shape=shape, position_m=middle_m, surface=surface)
 
 
 def _hills(rng: np.random.Generator, x_m: FloatArray, y_m: FloatArray, wavelength_m: float) -> FloatArray:
@@ -123,10 +122,3 @@ def _hills(rng: np.random.Generator, x_m: FloatArray, y_m: FloatArray, wavelengt
             along_m = x_m * np.cos(heading) + y_m * np.sin(heading)
             total += GAIN**octave * np.sin(2 * np.pi * along_m * 2**octave / wavelength_m + phase)
     return total
-
-
-def _far_land(spec: PlainsSpec, ground: Body) -> Body:
-    """Flat land up to the horizon, slightly below the rim of the hills."""
-    x, y, _ = ground.position_m
-    shape = Box((FAR_M, FAR_M, 1.0))
-    return Body(name="far-land", kind="ground", shape=shape, position_m=(x, y, -0.6), surface=ground.surface)

@@ -110,29 +110,22 @@ def tree(rng: np.random.Generator, name: str, base_m: tuple[float, float, float]
     x, y, z = base_m
     crown_half = (size.height_m - size.crown_start_m) / 2
     crown_middle = size.crown_start_m + crown_half
-    trunk = Body(
-        name=f"{name}-trunk",
-        shape=Cylinder(size.trunk_radius_m, crown_middle + SUNK_M),
-        position_m=(x, y, z + (crown_middle - SUNK_M) / 2),
-        surface=Surface(albedo=rng.uniform(0.2, 0.4), pattern="bark"),
-    )
-    crown = Body(
-        name=f"{name}-crown",
-        shape=blob(rng, size.crown_radius_m, squash=crown_half / size.crown_radius_m, fineness=TREE_FINENESS),
-        position_m=(x, y, z + crown_middle),
-        surface=Surface(albedo=rng.uniform(0.2, 0.45), pattern="foliage"),
-    )
-    return [trunk, crown]
+    bark = Surface(albedo=rng.uniform(0.2, 0.4), pattern="bark")
+    trunk = Cylinder(size.trunk_radius_m, crown_middle + SUNK_M)
+    crown = blob(rng, size.crown_radius_m, squash=crown_half / size.crown_radius_m, fineness=TREE_FINENESS)
+    leaves = Surface(albedo=rng.uniform(0.2, 0.45), pattern="foliage")
+    trunk_at_m = (x, y, z + (crown_middle - SUNK_M) / 2)
+    return [
+        Body(name=f"{name}-trunk", shape=trunk, position_m=trunk_at_m, surface=bark),
+        Body(name=f"{name}-crown", shape=crown, position_m=(x, y, z + crown_middle), surface=leaves),
+    ]
 
 
 def bush(rng: np.random.Generator, name: str, base_m: tuple[float, float, float], radius_m: float) -> Body:
     """A bush with its centre at `base_m`, so that its lower half is in the ground."""
-    return Body(
-        name=name,
-        shape=blob(rng, radius_m, squash=rng.uniform(1.0, 2.0), fineness=BUSH_FINENESS),
-        position_m=base_m,
-        surface=Surface(albedo=rng.uniform(0.22, 0.5), pattern="foliage"),
-    )
+    shape = blob(rng, radius_m, squash=rng.uniform(1.0, 2.0), fineness=BUSH_FINENESS)
+    leaves = Surface(albedo=rng.uniform(0.22, 0.5), pattern="foliage")
+    return Body(name=name, shape=shape, position_m=base_m, surface=leaves)
 
 
 def blob(
