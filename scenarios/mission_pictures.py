@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import cv2
 import numpy as np
 
-from sim.bodies import Body, Scene
+from sim.bodies import Scene
 from sim.frames import rotation_from_yaw
 from sim.free_space import traversability
 from sim.render.meshes import mesh_of_shape, moved
-from sim.types import Capture
 from sim.world import World
-from swarm.recorder import Recorder
+from swarm.recorder import CaptureRecorder
 from swarm.team import Team
-from swarm.types import Histogram, MissionResult
-from voxdepth.types import CorrectedDepth, FloatArray
+from swarm.types import MissionResult
 
 from .config import Run
 from .errors import ScenarioError
@@ -62,11 +60,7 @@ def difficulty_of(run: Run) -> Difficulty:
 
 
 def draw_flight(path: Path, run: Run, finished: Finished) -> None:
-    """Write a map of a flight, a JPEG or PNG.
-
-    Raises:
-        ScenarioError: The file cannot be written.
-    """
+    """Write a map of a flight, a JPEG or PNG; a failure is a `ScenarioError`."""
     from matplotlib.figure import Figure
 
     scenario, result = run.scenario, finished.result
@@ -76,7 +70,10 @@ def draw_flight(path: Path, run: Run, finished: Finished) -> None:
     _draw_scene(axes, scenario.scene.build(run.seed))
     for team in teams:
         _draw_team(axes, team, result)
-    _draw_contacts(axes, result)
+    for contact in result.contacts:
+        trajectory = result.trajectories[contact.drone]
+        x, y, _ = trajectory.position_m[int(np.searchsorted(trajectory.time_s, contact.time_s, side="right")) - 1]
+        axes.plot(x, y, "x", color="red", markersize=9, markeredgewidth=2, zorder=5)
     _frame(axes, teams, result)
     depth = f"noisy, theta {scenario.rig.noise.scale.theta:g}" if scenario.rig.depth == "noisy" else scenario.rig.depth
     axes.set_title(
@@ -97,15 +94,11 @@ def _draw_scene(axes: "Axes", scene: Scene) -> None:
     for body in scene.bodies:
         if body.kind == "ground":
             continue
-        corners_m = _corners_m(body)
+        rotation = rotation_from_yaw(body.yaw_rad)
+        corners_m = moved(mesh_of_shape(body.shape), rotation, np.array(body.position_m)).vertices_m
         plan = np.asarray(cv2.convexHull(corners_m[:, :2].astype(np.float32))).reshape(-1, 2)
         shade = 0.85 - 0.45 * min(1.0, float(corners_m[:, 2].max()) / 15)
         axes.add_patch(Polygon(plan.tolist(), closed=True, facecolor=str(shade), edgecolor="0.35", linewidth=0.4))
-
-
-def _corners_m(body: Body) -> FloatArray:
-    rotation = rotation_from_yaw(body.yaw_rad)
-    return moved(mesh_of_shape(body.shape), rotation, np.array(body.position_m)).vertices_m
 
 
 def _draw_team(axes: "Axes", team: Team, result: MissionResult) -> None:
@@ -116,13 +109,6 @@ def _draw_team(axes: "Axes", team: Team, result: MissionResult) -> None:
         axes.plot(path_m[:, 0], path_m[:, 1], color=color, linewidth=1.4 if leads else 0.8, zorder=3 if leads else 2)
     axes.plot(*team.start_m[:2], "o", color=LEADER_COLOR, markersize=6, zorder=4)
     axes.plot(*team.goal_m[:2], "*", color="#31a354", markersize=13, zorder=4)
-
-
-def _draw_contacts(axes: "Axes", result: MissionResult) -> None:
-    for contact in result.contacts:
-        trajectory = result.trajectories[contact.drone]
-        x, y, _ = trajectory.position_m[int(np.searchsorted(trajectory.time_s, contact.time_s, side="right")) - 1]
-        axes.plot(x, y, "x", color="red", markersize=9, markeredgewidth=2, zorder=5)
 
 
 def _frame(axes: "Axes", teams: Sequence[Team], result: MissionResult) -> None:
@@ -136,38 +122,23 @@ def _frame(axes: "Axes", teams: Sequence[Team], result: MissionResult) -> None:
     axes.set_ylabel("y [m]")
 
 
-class _LastCapture(Recorder):
-    """Keeps the last capture of one drone."""
-
-    def __init__(self, drone: int) -> None:
-        self._drone = drone
-        self.last: tuple[Capture, CorrectedDepth] | None = None
-
-    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth, histogram: Histogram) -> None:
-        """Keep a capture of the drone."""
-        if capture.drone == self._drone:
-            self.last = (capture, corrected)
-
-
 def take_picture(run: Run, path: Path, *, drone: int, at_s: float) -> None:
     """Fly until `at_s` and write the gray image and true, raw and corrected depth of one drone side by side.
 
-    Raises:
-        ScenarioError: The mission ended earlier, or the file cannot be written.
+    A mission that ends earlier, or a file that cannot be written, is a `ScenarioError`.
     """
     require_picture(path)
-    recorder = _LastCapture(drone)
+    recorder = CaptureRecorder()
     with flying(run, recorder, recorded=True) as mission:
         while mission.outcome is None and mission.time_s < at_s:
             mission.tick()
-    if recorder.last is None or mission.time_s < at_s:
+    if drone not in recorder.newest or mission.time_s < at_s:
         raise ScenarioError(f"the mission ended at {mission.time_s:.1f} s, before the picture at {at_s:.1f} s")
-    capture, corrected = recorder.last
+    capture, corrected = recorder.newest[drone]
     panels = [
         titled("gray, left camera", gray_bgr(capture.gray_left)),
         titled("depth, true", colored(capture.depth_true_m)),
         titled("depth, raw", colored(capture.depth_raw_m)),
         titled(f"depth, corrected by '{run.scenario.corrector}'", colored(corrected.depth_m)),
     ]
-    sheet = np.vstack([np.hstack(panels[:2]), np.hstack(panels[2:])])
-    save_picture(path, sheet)
+    save_picture(path, np.vstack([np.hstack(panels[:2]), np.hstack(panels[2:])]))

@@ -149,7 +149,7 @@ def compare(golden: Cases, measured: Cases) -> list[Difference]:
     """Return all metrics outside of their tolerances, the largest excess first; other cases are a `ScenarioError`."""
     if golden.keys() != measured.keys():
         raise ScenarioError(
-            f"expected other golden metrics ({len(golden)} cases, {len(measured)} measured): write new ones with --update"
+            f"{len(golden)} golden cases do not match {len(measured)} measured ones: write new ones with --update"
         )
     differences = [
         Difference(case, metric, golden[case][metric], value)

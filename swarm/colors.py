@@ -11,11 +11,9 @@ FAR_INDEX = 25
 
 
 def colored(depth_m: FloatImage, far_m: float) -> npt.NDArray[np.uint8]:
-    """Return depth in colours, near red, `far_m` and beyond blue, holes black; shape (H, W, 3), BGR.
+    """Return depth in colours, near red, `far_m` > 0 and beyond blue, holes black; shape (H, W, 3), BGR.
 
-    Args:
-        depth_m: Depth along the optical axis [m], shape (H, W); 0 = invalid, infinity where there is no surface.
-        far_m: Depth of the last colour [m], > 0.
+    The depth [m] has the shape (H, W) and is infinite where there is no surface.
     """
     scaled = FAR_INDEX + (255 - FAR_INDEX) * (1 - np.sqrt(np.minimum(depth_m, far_m) / far_m))
     image = cv2.applyColorMap(scaled.astype(np.uint8), cv2.COLORMAP_TURBO).astype(np.uint8)

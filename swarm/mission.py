@@ -29,18 +29,10 @@ MIN_PROGRESS_M = 0.3
 
 
 class Mission:
-    """Runs swarms in a world, tick by tick.
+    """Runs swarms in a world, tick by tick; `compose.composed_mission` describes the arguments.
 
-    Args:
-        config: The task.
-        world: World with one drone per member of the teams, at `config.starts_m()`.
-        rig: Cameras of the drones.
-        correctors: One corrector per drone.
-        recorder: Receives everything that happens; its creator closes it.
-        camera_hz: Captures per second; must divide `config.control_hz`.
-        latency_s: Simulated time from a capture until the controller knows its percept.
-        seed: Master seed of pose priors, detectors and radio.
-        make_agent: Creates the agents of the drones; None takes the factory that `config.controller` names.
+    The world has one drone per member of the teams, at `config.starts_m()`, and each has a corrector. The number of
+    captures per second, `camera_hz`, must divide `config.control_hz`.
 
     Raises:
         MissionError: The rates do not divide each other, or a goal is inside of a body.

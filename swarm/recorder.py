@@ -35,3 +35,14 @@ class Recorder:
 
     def close(self) -> None:
         """Finish what is being written; a second call does nothing."""
+
+
+class CaptureRecorder(Recorder):
+    """Keeps the newest capture of each drone with its corrected depth."""
+
+    def __init__(self) -> None:
+        self.newest: dict[int, tuple[Capture, CorrectedDepth]] = {}
+
+    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth, histogram: Histogram) -> None:
+        """Keep a capture."""
+        self.newest[capture.drone] = capture, corrected

@@ -22,14 +22,8 @@ if TYPE_CHECKING:
 COMMENT_WIDTH = 110
 
 
-class Format(StrEnum):
-    """Formats of recorded sequences, with the names of the library."""
-
-    AUTO = "auto"
-    TUM = "tum"
-    MIDAIR = "midair"
-    REALSENSE = "realsense"
-    RECORDING = "recording"
+Format = StrEnum("Format", "AUTO TUM MIDAIR REALSENSE RECORDING")
+"""Formats of recorded sequences, with the names of the library."""
 
 
 def correct(
@@ -65,9 +59,9 @@ def correct(
         report = correction.run(out, record, update)
     rate = correction.frames / (time.perf_counter() - start)
     _print_report(console, report)
-    console.print(f"{rate:.1f} frames per second; depth, confidence and report.json are in {out}", soft_wrap=True)
+    typer.echo(f"{rate:.1f} frames per second; depth, confidence and report.json are in {out}")
     if record is not None:
-        console.print(f"look at it with: voxdepth view {record}", soft_wrap=True)
+        typer.echo(f"look at it with: voxdepth view {record}")
 
 
 def _refuse_mixing(folder: Path, out: Path, record: Path | None) -> None:

@@ -59,12 +59,12 @@ def evaluate(
         with counter(console, "", len(plan), "results") as tell:
             evaluation = run_plan(plan, lambda what, finished: tell(finished, what))
     except KeyboardInterrupt:
-        console.print(f"stopped; the finished results in {out} are safe, and the same command goes on", soft_wrap=True)
+        typer.echo(f"stopped; the finished results in {out} are safe, and the same command goes on")
         raise
     write_report(out, evaluation)
     print_results(console, evaluation)
-    console.print(f"{len(evaluation.results)} results, {evaluation.reused} of them finished before", soft_wrap=True)
-    console.print(f"results.csv, results.parquet and report.html are in {out}", soft_wrap=True)
+    typer.echo(f"{len(evaluation.results)} results, {evaluation.reused} of them finished before")
+    typer.echo(f"results.csv, results.parquet and report.html are in {out}")
 
 
 def _planned(
@@ -135,7 +135,7 @@ def experiment(
     with console.status("") as status:
         for report in run(find_experiments(names), options, status.update):
             report.print(console)
-            console.print(f"table, figure and result.json are in {out / report.experiment.name}", soft_wrap=True)
+            typer.echo(f"table, figure and result.json are in {out / report.experiment.name}")
 
 
 def bench(
@@ -163,4 +163,4 @@ def bench(
     print_results(console, results)
     if json is not None:
         write(json, f"{results.model_dump_json(indent=2)}\n".encode())
-        console.print(f"all figures are in {json}", soft_wrap=True)
+        typer.echo(f"all figures are in {json}")

@@ -19,22 +19,9 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 
 
-class Depth(StrEnum):
-    """Sensor models; the same words as in a scenario."""
-
-    TRUTH = "truth"
-    NOISY = "noisy"
-    STEREO = "stereo"
-
-
-class RendererName(StrEnum):
-    """Renderers; the same words as in a scenario."""
-
-    RASTER = "raster"
-    RAYCAST = "raycast"
-    TINY = "tiny"
-    EGL = "egl"
-
+# The words of the library, which is not imported for `--help`: sensor models and renderers.
+Depth = StrEnum("Depth", "TRUTH NOISY STEREO")
+RendererName = StrEnum("RendererName", "RASTER RAYCAST TINY EGL")
 
 Scenario = Annotated[str, typer.Argument(help="A shipped scenario, or a TOML file: a scenario or a run's config.toml.")]
 Seed = Annotated[int | None, typer.Option(help="Master seed of everything random. Default: the file's, or 0.")]

@@ -32,16 +32,14 @@ def record(
         with counter(console, "recording", frames) as update:
             done = record(seeded, out, frames, update)
     except KeyboardInterrupt:
-        console.print(
-            f"stopped; {out} holds all complete frames, and the same command continues the recording", soft_wrap=True
-        )
+        typer.echo(f"stopped; {out} holds all complete frames, and the same command continues the recording")
         raise
     wall_s = time.perf_counter() - start
     title = f"{seeded.sequence.name}, seed {seeded.seed}: {done.frames} frames, surfaces within 30 m"
     print_quality(console, done.quality, title)
     rate = done.new_frames / wall_s
-    console.print(f"{done.new_frames} new frames in {out}, {rate:.1f} frames per second", soft_wrap=True)
-    console.print(f"look at it with: voxdepth sheet {out} --out sheet.jpg", soft_wrap=True)
+    typer.echo(f"{done.new_frames} new frames in {out}, {rate:.1f} frames per second")
+    typer.echo(f"look at it with: voxdepth sheet {out} --out sheet.jpg")
 
 
 def sheet(
@@ -95,15 +93,15 @@ def regress(
     regression.metric_table(measured, corrector).print(console)
     if before is None:
         regression.write_golden(path, measured)
-        console.print(f"golden metrics written to {path}", soft_wrap=True)
+        typer.echo(f"golden metrics written to {path}")
         return
     differences = regression.compare(before, measured)
     if not differences:
-        console.print(f"no metric differs from {path} by more than its tolerance", soft_wrap=True)
+        typer.echo(f"no metric differs from {path} by more than its tolerance")
         return
     regression.difference_table(differences).print(console)
     worst = differences[0].case
     recording = out / f"regress-{path.stem}.rrd"
     record_case(recording, worst, regression.corrected(make, worst))
-    console.print(f"the worst case, {worst}, is in {recording}; if the change is meant: --update", soft_wrap=True)
+    typer.echo(f"the worst case, {worst}, is in {recording}; if the change is meant: --update")
     raise typer.Exit(1)

@@ -15,12 +15,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-class Prior(StrEnum):
-    """Pose priors; the same words as in a scenario."""
-
-    NONE = "none"
-    DRIFT = "drift"
-    TRUE = "true"
+Prior = StrEnum("Prior", "NONE DRIFT TRUE")
+"""Pose priors; the same words as in a scenario."""
 
 
 def run(

@@ -8,15 +8,13 @@ import numpy.typing as npt
 
 from sim import frames
 from sim.bodies import Body, Box, Cylinder, Sphere
-from sim.types import Capture
 from sim.world import World
-from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, GrayImage
+from voxdepth.types import FloatArray, FloatImage, GrayImage
 
 from ..colors import colored
 from ..errors import MissionError
-from ..recorder import Recorder
+from ..recorder import CaptureRecorder
 from ..team import Team
-from ..types import Histogram
 from .episode import Episode
 from .task import LearningTask
 
@@ -31,23 +29,12 @@ GROUND, BUILDING, GOAL = (238, 238, 232), (160, 160, 165), (40, 160, 60)
 SCRIPTED, LEADER, LEARNER = (60, 60, 60), (30, 90, 220), (220, 40, 40)
 
 
-class ImageRecorder(Recorder):
-    """Keeps the newest image of each drone."""
-
-    def __init__(self) -> None:
-        self._newest: dict[int, tuple[GrayImage, FloatImage]] = {}
-
-    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth, histogram: Histogram) -> None:
-        """Keep the gray image and its corrected depth."""
-        self._newest[capture.drone] = capture.gray_left, corrected.depth_m
-
-    def panel(self, drone: int, max_depth_m: float) -> Image:
-        """Return the gray image beside its corrected depth in colours, near red, far blue, holes black; 240 rows."""
-        gray, depth_m = self._newest[drone]
-        width_px = round(PANEL_HEIGHT_PX * gray.shape[1] / gray.shape[0])
-        images = np.repeat(gray[..., None], 3, axis=2), colored(depth_m, max_depth_m)[..., ::-1]
-        size, method = (width_px, PANEL_HEIGHT_PX), cv2.INTER_NEAREST
-        return np.hstack([cv2.resize(image, size, interpolation=method) for image in images]).astype(np.uint8)
+def _panel(gray: GrayImage, depth_m: FloatImage, max_depth_m: float) -> Image:
+    """Return a gray image beside its depth in colours, near red, far blue, holes black; 240 rows."""
+    width_px = round(PANEL_HEIGHT_PX * gray.shape[1] / gray.shape[0])
+    images = np.repeat(gray[..., None], 3, axis=2), colored(depth_m, max_depth_m)[..., ::-1]
+    size, method = (width_px, PANEL_HEIGHT_PX), cv2.INTER_NEAREST
+    return np.hstack([cv2.resize(image, size, interpolation=method) for image in images]).astype(np.uint8)
 
 
 class Map:
@@ -107,7 +94,7 @@ class EpisodeView:
         if render_mode is not None and render_mode not in RENDER_MODES:
             raise MissionError(f"render_mode must be one of {list(RENDER_MODES)} or None, got {render_mode!r}")
         self._task = task
-        self._images = None if render_mode is None else ImageRecorder()
+        self._images = None if render_mode is None else CaptureRecorder()
         self._learners: Sequence[int] = ()
         self._episode: Episode | None = None
 
@@ -130,7 +117,8 @@ class EpisodeView:
         if self._images is None:
             return None
         world = self.episode.world
-        panel = self._images.panel(self._learners[0], self._task.rig.max_depth_m)
+        capture, corrected = self._images.newest[self._learners[0]]
+        panel = _panel(capture.gray_left, corrected.depth_m, self._task.rig.max_depth_m)
         world_map = Map(world, self._task.mission.teams(), panel.shape[1])
         return np.vstack([panel, world_map.draw(self._learners)])
 
