@@ -12,10 +12,18 @@ from ..errors import ScenarioError
 from ..results.provenance import CORRECTION, Provenance
 from ..results.table import Column, Table, Value
 from .frames import SIZE_PX, FrameLoop
-from .libraries import STEPS, compare_libraries, fastest
 from .memory import CORRECTORS, Memory, measure_memory
 from .throughput import Throughput, compare_runs
-from .timings import DefaultTimings, Latency, PaperTimings, measure_default, measure_paper
+from .timings import (
+    OPERATIONS,
+    DefaultTimings,
+    Latency,
+    PaperTimings,
+    compare_libraries,
+    fastest,
+    measure_default,
+    measure_paper,
+)
 
 N_FRAMES = 300
 """Frames of the step timings; the paper's method fuses ten windows of them."""
@@ -148,7 +156,7 @@ def _paper(timings: PaperTimings) -> Table:
 def _libraries(libraries: Mapping[str, Mapping[str, Latency]], size: str) -> Table:
     columns: list[Column | str] = ["step", *(Column(library, "ms") for library in libraries), "fastest"]
     rows: list[Sequence[Value]] = [
-        (step, *(times[step].p50_ms for times in libraries.values()), fastest(libraries, step)) for step in STEPS
+        (step, *(times[step].p50_ms for times in libraries.values()), fastest(libraries, step)) for step in OPERATIONS
     ]
     return Table.of(f"paper, {size}, median of a step by library", columns, rows)
 

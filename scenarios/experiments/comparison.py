@@ -34,12 +34,7 @@ class Comparison:
         """The methods that the default is compared with, in the order in which they ran."""
 
     def by_method(self, selector: Selector, column: str = "value") -> pd.DataFrame:
-        """One quantity, a row per sequence and a column per method; NaN where it is undefined.
-
-        Args:
-            selector: The quantity.
-            column: `value`, or `n` for the number of pixels or frames.
-        """
+        """One quantity (`value`) or its sample size (`n`) by sequence and method (columns); NaN if undefined."""
         measured = self.evaluation.measurements.select(selector)[column].unstack("method")
         return measured.reindex(index=self.sequences, columns=self.evaluation.methods)
 
@@ -52,15 +47,9 @@ class Comparison:
         return self.by_method(selector, "n")[method].fillna(0).astype(int).astype(object)
 
     def best(self, selector: Selector, *, without: Sequence[str] = (), min_coverage: float = 0.0) -> pd.DataFrame:
-        """The baseline with the lowest value on each sequence.
+        """The `name` and `value` of the baseline with the lowest value by sequence; None and NaN where none counts.
 
-        Args:
-            selector: The quantity.
-            without: Baselines that do not count.
-            min_coverage: Share of the pixels within 20 m that a baseline must fill to count, 0..1.
-
-        Returns:
-            Columns `name` and `value` by sequence; None and NaN where no baseline counts.
+        Baselines in `without` do not count, nor those that fill less than `min_coverage` (0..1) of the pixels in 20 m.
         """
         fills = self.by_method(COVERAGE).fillna(0) >= min_coverage
         values = self.by_method(selector).where(fills)[[name for name in self.baselines if name not in without]]

@@ -316,13 +316,9 @@ def pooled(comparison: Comparison, metric: str, mask: str) -> tuple[float | None
 
 
 def largest_fall(shares: Sequence[tuple[float | None, int]]) -> float | None:
-    """The largest fall of the share of right pixels from one bin to the next with a higher confidence [points].
+    """The largest fall of the share of right pixels (0..1, with their number) from one bin of confidence to the next.
 
-    Args:
-        shares: Share of right pixels, 0..1, and number of pixels, by rising confidence.
-
-    Returns:
-        Below 0 if the share rises everywhere; None with less than two bins of enough pixels.
+    It is in percentage points, below 0 if the share rises everywhere, and None with less than two large enough bins.
     """
     known = [share for share, n in shares if share is not None and n >= MIN_PIXELS]
     falls = [100 * (lower - higher) for lower, higher in pairwise(known)]

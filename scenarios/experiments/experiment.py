@@ -94,19 +94,14 @@ class ExperimentContext:
         if self.width_px is None:
             return sequence
         if self.width_px not in WIDTHS_PX:
-            raise ScenarioError(
-                f"--width must be {WIDTHS_PX.start} to {WIDTHS_PX.stop - 1} pixels, got {self.width_px}"
-            )
+            widths = f"{WIDTHS_PX.start} to {WIDTHS_PX.stop - 1} pixels"
+            raise ScenarioError(f"--width must be {widths}, got {self.width_px}")
         rig = sequence.sequence.rig
         height_px = EVEN_PX * round(self.width_px * rig.height_px / rig.width_px / EVEN_PX)
         return load_sequence(name, self.seed, {"rig.width_px": self.width_px, "rig.height_px": height_px})
 
     def recording(self, name: str, frames: int | None = None) -> Recording:
-        """The recording of a sequence, which is made now if it does not exist.
-
-        Args:
-            name: Name of the sequence.
-            frames: Least number of frames; None for `self.frames`.
+        """The recording of a sequence with at least that many frames, which is made now if it does not exist.
 
         Raises:
             ScenarioError, SimError: The sequence cannot be recorded.
@@ -144,12 +139,7 @@ class ExperimentContext:
 
 
 def paper_method(name: str, config: PaperConfig) -> Method:
-    """The paper's method with a configuration, as a method to compare.
-
-    Args:
-        name: A name that belongs to this configuration alone, because results are stored under it.
-        config: The configuration.
-    """
+    """The paper's method with a configuration, to which the name must belong alone: results are stored under it."""
     return Method(
         name=f"paper-{name}",
         make=lambda intrinsics: PaperVoxDepth(intrinsics, config),

@@ -59,19 +59,14 @@ class Setup:
 
 def close_corrector(corrector: DepthCorrector) -> None:
     """Wait for the background work of a corrector that has any."""
-    close = getattr(corrector, "close", None)
-    if close is not None:
-        close()
+    getattr(corrector, "close", lambda: None)()
 
 
-def _paper(lag: int) -> Callable[[Intrinsics], DepthCorrector]:
-    return lambda intrinsics: PaperVoxDepth(intrinsics, PaperConfig(fusion_lag_frames=lag))
-
-
+BLOCKING, LAGGING = (partial(PaperVoxDepth, config=PaperConfig(fusion_lag_frames=lag)) for lag in (0, 3))
 SETUPS: Mapping[str, Setup] = {
-    PIPELINED: Setup("three stages in threads, fusing beside", pipelined, _paper(3)),
-    SEQUENTIAL: Setup("one by one, fusing stops all", one_by_one, _paper(0)),
-    "VD-Nopipe, fusing beside": Setup("one by one, fusing beside", one_by_one, _paper(3)),
+    PIPELINED: Setup("three stages in threads, fusing beside", pipelined, LAGGING),
+    SEQUENTIAL: Setup("one by one, fusing stops all", one_by_one, BLOCKING),
+    "VD-Nopipe, fusing beside": Setup("one by one, fusing beside", one_by_one, LAGGING),
     "RS": Setup("one by one", one_by_one, partial(create_corrector, "realsense-left")),
     "GS": Setup("one by one", one_by_one, partial(create_corrector, "lmeds")),
 }

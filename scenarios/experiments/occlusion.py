@@ -132,11 +132,9 @@ def _measure(captures: Iterator[Capture]) -> tuple[pd.DataFrame, dict[int, Grown
 
 
 def loss_percent(shares: Sequence[float], psnrs_db: Sequence[float]) -> float | None:
-    """Share of the first PSNR, in decibels, that `POINTS` more occluded pixels cost; None if no share is as large.
+    """Share of the first PSNR [dB] that `POINTS` more occluded pixels cost; None if no share is as large.
 
-    Args:
-        shares: Occluded pixels [%], rising.
-        psnrs_db: PSNR at each share.
+    The shares of occluded pixels [%] must rise.
     """
     more = shares[0] + POINTS
     return 100 * (1 - float(np.interp(more, shares, psnrs_db)) / psnrs_db[0]) if more <= shares[-1] else None

@@ -54,7 +54,10 @@ def count_switches(context: ExperimentContext) -> Findings:
         tables=(switches, movement),
         claims=(_switches_claim(switches.series(RATE)), _movement_claim(movement)),
         notes=(
-            _length_note(context.frames),
+            f"All {SWITCHES_FRAMES} frames of the paper's table."
+            if context.frames == SWITCHES_FRAMES
+            else f"{context.frames} frames, not the paper's {SWITCHES_FRAMES}: the rates are scaled. "
+            f"`--frames {SWITCHES_FRAMES}` repeats the table in full.",
             "An epoch ends when fewer than 5 matches are good, which is the paper's rule, or when their map is "
             "impossible; our default also ends it after 60 frames, which a column of its own counts.",
             "Flow is the mean length of DIS optical flow, the paper's measure of movement; true movement is by "
@@ -107,15 +110,6 @@ def _measure_movement(context: ExperimentContext, name: str) -> Iterator[Sequenc
             name, distance, mean(flows_px), mean(known) if known else None, score.gray.psnr_db, score.failed_percent,
             score.latency.n, *MOVEMENT.get(distance, (None, None)),
         )  # fmt: skip
-
-
-def _length_note(frames: int) -> str:
-    if frames == SWITCHES_FRAMES:
-        return f"All {SWITCHES_FRAMES} frames of the paper's table."
-    return (
-        f"{frames} frames, not the paper's {SWITCHES_FRAMES}: the rates are scaled. `--frames {SWITCHES_FRAMES}` "
-        "repeats the table in full."
-    )
 
 
 def _switches_claim(rates: pd.Series) -> Claim:

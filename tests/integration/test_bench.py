@@ -15,7 +15,6 @@ from typer.testing import CliRunner, Result
 from scenarios.benchmark import frames as frames_module
 from scenarios.benchmark import suite, throughput, timings
 from scenarios.benchmark.frames import FrameLoop, write_tum
-from scenarios.benchmark.libraries import fastest
 from scenarios.benchmark.memory import measure_memory
 from scenarios.benchmark.suite import fit_line
 from scenarios.benchmark.throughput import compare_runs, measure_run
@@ -24,6 +23,7 @@ from scenarios.benchmark.timings import (
     Latency,
     PaperTimes,
     PaperTimings,
+    fastest,
     measure_default,
     measure_paper,
     time_paper,
