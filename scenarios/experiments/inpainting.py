@@ -14,8 +14,8 @@ from voxdepth.geometry import fill_from_nearest
 from voxdepth.metrics import Sums
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.paper.config import PaperConfig
-from voxdepth.paper.fusion import MOTION_MODELS
 from voxdepth.paper.inpainting import Inpainting, InpaintingName
+from voxdepth.paper.method import MOTION_MODELS
 from voxdepth.paper.odometry import PhotometricOdometry
 from voxdepth.paper.steps import create_steps
 from voxdepth.types import FloatImage

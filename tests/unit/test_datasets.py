@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from voxdepth.datasets import DATASET_FORMATS, open_dataset
-from voxdepth.datasets.calibration import parse_calibration
+from voxdepth.datasets.files import parse_calibration
 from voxdepth.errors import ConfigError, DatasetError
 from voxdepth.types import Intrinsics
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from voxdepth.paper.fusion import constant_velocity, motion_per_frame
+from voxdepth.paper.method import constant_velocity, motion_per_frame
 from voxdepth.paper.odometry import Motion, MotionStatus
 from voxdepth.types import Frame
 

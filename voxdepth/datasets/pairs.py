@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import DatasetError, FrameError
 from ..types import FloatImage, Frame, Intrinsics
-from .calibration import choose_intrinsics
+from .files import choose_intrinsics
 from .images import read_gray
 
 

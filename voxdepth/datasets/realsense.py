@@ -25,8 +25,7 @@ import numpy as np
 
 from ..errors import DatasetError
 from ..types import FloatImage, Intrinsics
-from .calibration import CALIBRATION, as_number, intrinsics_from
-from .files import list_folder, list_images, read_text
+from .files import CALIBRATION, as_number, intrinsics_from, list_folder, list_images, read_text
 from .images import image_shape, read_depth_16, read_depth_raw
 from .pairs import Pair, PairedImages, associate, require_increasing
 
@@ -56,7 +55,12 @@ class RealSenseDataset(PairedImages):
         scale = self._positive("depth_scale", UNITS_PER_M)
         self._units_per_m = 1 / scale if scale < 1 else scale
         super().__init__(folder, intrinsics)
-        _require_aligned(self._pairs[0])
+        pair = self._pairs[0]
+        if pair.depth.suffix != ".raw" and (depth := image_shape(pair.depth)) != (gray := image_shape(pair.gray)):
+            raise DatasetError(
+                f"{pair.depth} is {depth[1]}x{depth[0]} and {pair.gray} is {gray[1]}x{gray[0]}; "
+                "align depth with the other stream when exporting"
+            )
 
     @classmethod
     def lacking(cls, folder: Path) -> str:
@@ -120,23 +124,17 @@ def _paired(depth_folder: Path, gray_folder: Path, rate_hz: float) -> list[Pair]
         gray_s = _stamps(gray_folder, gray, rate_hz)
         matches = associate(list(stamps_s.values()), list(gray_s.values()), within_s=WITHIN_S)
         keys = [(list(depth)[i], list(gray)[j]) for i, j in matches]
-    elif keys:
-        _require_partners(depth, gray)
+    elif keys and (alone := [depth.get(number) or gray[number] for number in depth.keys() ^ gray.keys()]):
+        raise DatasetError(
+            f"expected a depth and a gray image of each number, got {min(alone)} alone and {len(alone) - 1} others; "
+            "restore what is missing, or move what is alone away"
+        )
     if not keys:
         raise DatasetError(
             f"expected images of the same numbers in {depth_folder} (PNG) and {gray_folder} (PNG or JPEG), got none "
             f"among {len(depth)} and {len(gray)}; name the files of a frame alike"
         )
     return [Pair(stamp_s=stamps_s[i], gray=gray[j], depth=depth[i]) for i, j in keys]
-
-
-def _require_partners(depth: _Numbered, gray: _Numbered) -> None:
-    alone = [depth.get(number) or gray[number] for number in depth.keys() ^ gray.keys()]
-    if alone:
-        raise DatasetError(
-            f"expected a depth and a gray image of each number, got {min(alone)} alone and {len(alone) - 1} others; "
-            "restore what is missing, or move what is alone away"
-        )
 
 
 def _by_number(folder: Path, suffixes: tuple[str, ...]) -> _Numbered:
@@ -180,17 +178,6 @@ def _read_metadata(folder: Path) -> tuple[Path, Mapping[str, Any]]:
     if not isinstance(metadata, dict):
         raise DatasetError(f"expected a JSON object in {path}, got {type(metadata).__name__}; restore it")
     return path, metadata
-
-
-def _require_aligned(pair: Pair) -> None:
-    if pair.depth.suffix == ".raw":
-        return
-    depth, gray = image_shape(pair.depth), image_shape(pair.gray)
-    if depth != gray:
-        raise DatasetError(
-            f"{pair.depth} is {depth[1]}x{depth[0]} and {pair.gray} is {gray[1]}x{gray[0]}; "
-            "align depth with the other stream when exporting"
-        )
 
 
 def _converted_pairs(folder: Path) -> list[Pair]:

@@ -9,8 +9,7 @@ from pathlib import Path
 
 from ..errors import DatasetError
 from ..types import FloatImage, Intrinsics
-from .calibration import CALIBRATION
-from .files import read_text
+from .files import CALIBRATION, read_text
 from .images import read_depth_m
 from .pairs import Pair, PairedImages, parse_stamp
 

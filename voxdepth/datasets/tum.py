@@ -16,8 +16,7 @@ import numpy as np
 
 from ..errors import DatasetError
 from ..types import FloatImage, Intrinsics
-from .calibration import CALIBRATION
-from .files import path_inside, read_text
+from .files import CALIBRATION, path_inside, read_text
 from .images import image_shape, read_depth_16
 from .pairs import Pair, PairedImages, associate, parse_stamp, require_increasing
 

@@ -36,15 +36,12 @@ class Flicker:
     """Accumulates `|e_t - e_(t-1)|` at the same pixel, where e is depth minus truth.
 
     The motion of the camera does not count as flicker, since the true depth is subtracted. A pixel counts if it is
-    static and has a true surface in both frames; the change needs a depth in both as well.
-
-    Args:
-        n_groups: Number of groups of pixels, such as bins of range.
+    static and has a true surface in both frames; the change needs a depth in both as well. Pixels may be split into
+    groups, such as bins of range.
     """
 
     def __init__(self, n_groups: int = 1) -> None:
         self.groups = [Changes()] * n_groups
-        """The sums of each group."""
         self._previous: tuple[FloatImage, FloatImage, MaskImage] | None = None
 
     @property

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..types import FloatImage, MaskImage
-from .pixels import Addable, judged_pixels, require_depth, require_same_shape
+from .pixels import Addable, require_same_shape, select_judged
 from .sums import CLOSE
 
 
@@ -39,9 +39,9 @@ def ghost_share(depth_m: FloatImage, truth_m: FloatImage, departed_m: FloatImage
         FrameError: The shapes differ, or the depth of a pixel that counts is negative, NaN or infinite.
     """
     require_same_shape(depth_m=depth_m, truth_m=truth_m, departed_m=departed_m)
-    left = judged_pixels(truth_m, (departed_m > 0) & (departed_m < truth_m))
-    depth, background, object_m = depth_m[left], truth_m[left], departed_m[left]
-    require_depth(depth)
+    left = (departed_m > 0) & (departed_m < truth_m) & (truth_m < np.inf)
+    depth, background = select_judged(depth_m, truth_m, left)
+    object_m = departed_m[left]
     filled = depth > 0
     ghosts = filled & (np.square(depth.astype(np.float64)) < background.astype(np.float64) * object_m)
     return Share(hits=int(np.count_nonzero(ghosts)), of=int(np.count_nonzero(filled)))
@@ -52,17 +52,9 @@ def survival(depth_m: FloatImage, truth_m: FloatImage, moving: MaskImage) -> Sha
 
     The sensor misses some pixels as well: compare the share with that of the raw depth of the same frames.
 
-    Args:
-        depth_m: Depth under test [m], shape (H, W); 0 = invalid.
-        truth_m: True depth [m], shape (H, W); pixels that are 0, NaN or infinite do not count.
-        moving: Pixels of the moving object, shape (H, W).
-
     Raises:
-        FrameError: The shapes differ, or the depth of a pixel that counts is negative, NaN or infinite.
+        FrameError: See `select_judged`.
     """
-    require_same_shape(depth_m=depth_m, truth_m=truth_m, moving=moving)
-    judged = judged_pixels(truth_m, moving)
-    depth, truth = depth_m[judged], truth_m[judged]
-    require_depth(depth)
+    depth, truth = select_judged(depth_m, truth_m, moving)
     kept = np.abs(depth - truth) <= np.float32(CLOSE) * truth
     return Share(hits=int(np.count_nonzero(kept)), of=depth.size)

@@ -37,33 +37,35 @@ def judged_pixels(truth_m: FloatImage, mask: MaskImage) -> MaskImage:
     return np.asarray(mask & (truth_m > 0) & (truth_m < np.inf))
 
 
-def require_mask(mask: npt.NDArray[Any]) -> None:
-    """Refuse a mask that is not Boolean, which NumPy would take for indices of rows.
+def select_judged(
+    depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Depth and true depth [m] of the pixels of a mask that have a true surface, both of shape (N,).
 
     Raises:
-        FrameError: The mask is not Boolean.
+        FrameError: The shapes differ, or a selected depth is negative, NaN or infinite.
     """
+    require_same_shape(depth_m=depth_m, truth_m=truth_m, mask=mask)
+    judged = judged_pixels(truth_m, mask)
+    require_depth(depth_m[judged])
+    return depth_m[judged], truth_m[judged]
+
+
+def require_mask(mask: npt.NDArray[Any]) -> None:
+    """Raise a `FrameError` for a mask that is not Boolean, which NumPy would take for indices of rows."""
     if mask.dtype != np.bool_:
         raise FrameError(f"expected a mask of type bool, got {mask.dtype}; compare the image with 0 first")
 
 
 def require_same_shape(**images: npt.NDArray[Any]) -> None:
-    """Refuse images of different sizes, which NumPy might broadcast.
-
-    Raises:
-        FrameError: The shapes differ.
-    """
+    """Raise a `FrameError` for images of different sizes, which NumPy might broadcast."""
     if len({image.shape for image in images.values()}) > 1:
         shapes = ", ".join(f"{name} {image.shape}" for name, image in images.items())
         raise FrameError(f"expected images of one shape (H, W), got {shapes}")
 
 
 def require_depth(depth_m: npt.NDArray[np.floating[Any]]) -> None:
-    """Refuse invalid values of depth, which would be hidden in a mean.
-
-    Raises:
-        FrameError: A pixel is negative, NaN or infinite.
-    """
+    """Raise a `FrameError` for depths that are negative, NaN or infinite, which a mean would hide."""
     wrong = depth_m.size - int(np.count_nonzero((depth_m >= 0) & (depth_m < np.inf)))
     if wrong:
         raise FrameError(
@@ -85,12 +87,8 @@ def is_right(
 ) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
     """Whether the error of a disparity is at most 5 % or a quarter of a pixel; same shape as the arguments.
 
-    A far surface with a disparity below a quarter of a pixel is right at any larger depth.
-
-    Args:
-        depth_m: Depth [m]; > 0.
-        reference_m: True depth [m], of the same shape; > 0.
-        focal_baseline_px_m: See the property of `Intrinsics`.
+    All depths [m] must be positive. A far surface with a disparity below a quarter of a pixel is right at any larger
+    depth. `focal_baseline_px_m` is the property of `Intrinsics`.
     """
     disparity_px, true_px = focal_baseline_px_m / depth_m, focal_baseline_px_m / reference_m
     return np.abs(disparity_px - true_px) <= np.maximum(RIGHT_SHARE * true_px, RIGHT_PX)

@@ -40,16 +40,11 @@ class SeenBefore:
 
     A hole pixel's true point is projected with the true poses into past frames, newest first. It was seen if it falls
     on a pixel whose true depth agrees within 2 % + 2 cm (the same surface) and whose raw depth was within 5 % of that.
-    The world is assumed to be rigid: a point on a moving body is searched for at its present position.
+    The world is assumed to be rigid: a point on a moving body is searched for at its present position. Each past frame
+    takes 4 bytes a pixel.
     """
 
     def __init__(self, intrinsics: Intrinsics, n: int = 60) -> None:
-        """Create it for the frames of one camera.
-
-        Args:
-            intrinsics: Intrinsics of the camera.
-            n: Number of past frames, at least 1; each takes 4 bytes a pixel.
-        """
         if n < 1:
             raise FrameError(f"expected to look back at least 1 frame, got {n}")
         self._shape = intrinsics.shape

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..types import FloatArray, FloatImage, MaskImage
-from .pixels import Addable, judged_pixels, require_depth, require_same_shape
+from .pixels import Addable, select_judged
 
 TOO_FAR = 1.1
 """A pixel is too far when it is more than 10 % beyond the truth."""
@@ -20,8 +20,7 @@ CLOSE = 0.05
 Counts = npt.NDArray[np.int64]
 
 BINS_PER_OCTAVE = 128
-SMALLEST_M = 2.0**-14
-LARGEST_M = 2.0**10
+SMALLEST_M, LARGEST_M = 2.0**-14, 2.0**10
 BINS = 24 * BINS_PER_OCTAVE + 2
 """The first bin holds all that is smaller, the last all that is larger."""
 _DROPPED_BITS = 16
@@ -61,12 +60,9 @@ class DepthErrors(Addable):
 
 
 def depth_errors(depth_m: FloatImage, truth_m: FloatImage, *, max_range_m: float) -> DepthErrors:
-    """Sum the errors of one image over the pixels whose true depth is at most `max_range_m`.
+    """Sum the errors of one image [m], 0 = invalid, over the pixels whose true depth is at most `max_range_m`.
 
-    Args:
-        depth_m: Depth under test [m], shape (H, W); 0 = invalid.
-        truth_m: True depth [m], shape (H, W); +inf where there is no surface.
-        max_range_m: Largest true depth of a pixel that counts [m].
+    The true depth [m] is +inf where there is no surface.
     """
     judged = truth_m <= max_range_m
     filled = judged & (depth_m > 0)
@@ -96,22 +92,14 @@ class Sums(DepthErrors):
 
     @classmethod
     def of(cls, depth_m: FloatImage, truth_m: FloatImage, mask: MaskImage) -> "Sums":
-        """Sum the errors of one image.
+        """Sum the errors of one image over the pixels of a mask; depth and truth [m] are 0 where invalid.
 
         The time is proportional to the pixels of the mask: for many masks of a frame, add the sums of disjoint ones.
 
-        Args:
-            depth_m: Depth under test [m], shape (H, W); 0 = invalid.
-            truth_m: True depth [m], shape (H, W); pixels that are 0, NaN or infinite do not count.
-            mask: Pixels that count, shape (H, W).
-
         Raises:
-            FrameError: The shapes differ, or the depth of a pixel that counts is negative, NaN or infinite.
+            FrameError: See `select_judged`.
         """
-        require_same_shape(depth_m=depth_m, truth_m=truth_m, mask=mask)
-        judged = judged_pixels(truth_m, mask)
-        depth, truth = depth_m[judged], truth_m[judged]
-        require_depth(depth)
+        depth, truth = select_judged(depth_m, truth_m, mask)
         filled = depth > 0
         near, far = depth[filled], truth[filled]
         error_m = near.astype(np.float64) - far
@@ -173,9 +161,7 @@ class Sums(DepthErrors):
 def psnr_db(mean_squared_error: float, peak: float) -> float:
     """Peak signal-to-noise ratio `10 log10(peak^2 / mean squared error)` [dB]; inf without error.
 
-    Args:
-        mean_squared_error: Mean of squared errors, in the square of the unit of the peak.
-        peak: Largest signal. State it with the figure: twice the peak adds 6 dB.
+    State the peak, which has the unit of the errors, with the figure: twice the peak adds 6 dB.
     """
     return float(10 * np.log10(peak**2 / mean_squared_error)) if mean_squared_error > 0 else float("inf")
 

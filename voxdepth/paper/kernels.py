@@ -72,18 +72,6 @@ def set_bits_of_image(
 
 
 @wp.func
-def splat(p: wp.vec3, focal_px: wp.vec2, centre_px: wp.vec2, depth_m: wp.array2d(dtype=wp.float32)):
-    """Lower the pixel that a point projects to."""
-    if p[2] > 0.0:
-        col = p[0] / p[2] * focal_px[0] + centre_px[0] + 0.5
-        row = p[1] / p[2] * focal_px[1] + centre_px[1] + 0.5
-        inside_col = col >= 0.0 and col < wp.float32(depth_m.shape[1])
-        inside_row = row >= 0.0 and row < wp.float32(depth_m.shape[0])
-        if inside_col and inside_row:
-            wp.atomic_min(depth_m, wp.int32(row), wp.int32(col), p[2])
-
-
-@wp.func
 def splat_word(
     at: wp.int32,
     words: wp.array(dtype=wp.uint32),
@@ -93,18 +81,22 @@ def splat_word(
     centre_px: wp.vec2,
     depth_m: wp.array2d(dtype=wp.float32),
 ):
-    """Splat the centres of the marked cells of one word."""
+    """Lower the pixels that the centres of the marked cells of one word project to."""
     word = words[at]
-    row = at * 32 // shape[0]
     x = at * 32 % shape[0]
-    y = row % shape[1]
-    z = row // shape[1]
+    y = at * 32 // shape[0] % shape[1]
+    z = at * 32 // shape[0] // shape[1]
     for bit in range(32):
         if (word >> wp.uint32(bit)) & wp.uint32(1) != wp.uint32(0):
             px = (wp.float32(x - shape[0] // 2) + 0.5) * cell_m[0]
             py = (wp.float32(y - shape[1] // 2) + 0.5) * cell_m[1]
             pz = (wp.float32(z) + 0.5) * cell_m[2]
-            splat(wp.vec3(px, py, pz), focal_px, centre_px, depth_m)
+            col = px / pz * focal_px[0] + centre_px[0] + 0.5
+            row = py / pz * focal_px[1] + centre_px[1] + 0.5
+            inside_col = col >= 0.0 and col < wp.float32(depth_m.shape[1])
+            inside_row = row >= 0.0 and row < wp.float32(depth_m.shape[0])
+            if inside_col and inside_row:
+                wp.atomic_min(depth_m, wp.int32(row), wp.int32(col), pz)
         x += 1
         if x == shape[0]:
             x = 0

@@ -1,6 +1,6 @@
 """The method of the paper: templates that are fused in one state and correct frames in the other."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -10,13 +10,12 @@ import numpy as np
 
 from ..corrector import StreamCorrector, checked_config
 from ..timing import StepTimer
-from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics, Source
-from .config import PaperConfig
+from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
+from .config import MotionModelName, PaperConfig
 from .epochs import Epochs, PaperDiagnostics, Template
-from .fusion import MOTION_MODELS, fuse_window
-from .odometry import PhotometricOdometry, PriorsFirst
-from .registration import OrbRegistration, Registration, RegistrationStatus
-from .steps import create_steps
+from .odometry import Odometry, PhotometricOdometry, PriorsFirst
+from .registration import Features, OrbRegistration, Registration, RegistrationStatus
+from .steps import ImageSteps, create_steps
 
 CONFIDENCES = {Source.INVALID: 0.0, Source.SENSOR: 1.0, Source.MEMORY: 0.5, Source.INPAINTED: 0.5}
 """Confidence of a pixel by its source. Not calibrated: the paper has none."""
@@ -24,6 +23,9 @@ AFTER_FILTER = {Source.INVALID: Source.INPAINTED, Source.SENSOR: Source.SENSOR, 
 """Source of a pixel that has a depth after the median filter, by its source before."""
 FILLED = 4
 """Added to the label of a pixel that has a depth."""
+
+MotionModel = Callable[[Sequence[Frame], Odometry], list[FloatArray | None]]
+"""Returns `T_last_frame`, shape (4, 4), of each frame; None for a frame whose pose is not known."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -133,6 +135,62 @@ class PaperVoxDepth(StreamCorrector):
         return depth_m, cv2.LUT(label, _SOURCES), cv2.LUT(label, _CONFIDENCES)  # type: ignore[return-value]
 
 
+def constant_velocity(window: Sequence[Frame], odometry: Odometry) -> list[FloatArray | None]:
+    """The motion between the first two frames holds for the whole window, as in the paper.
+
+    Frame i is then `T^(n-1-i)` away from the last, which gives the cloud of the nested Eq. fuse up to voxel rounding.
+    Without that motion only the last frame has a pose.
+    """
+    last = len(window) - 1
+    step = odometry.estimate(window[0], window[1]) if last else None
+    if step is None or not step.ok:
+        return [*([None] * last), np.eye(4)]
+    return [np.linalg.matrix_power(step.T_target_source, last - i) for i in range(len(window))]
+
+
+def motion_per_frame(window: Sequence[Frame], odometry: Odometry) -> list[FloatArray | None]:
+    """The motion is measured between all neighbours; frames before a failure have no pose."""
+    poses: list[FloatArray | None] = [None] * len(window)
+    T_last_frame = poses[-1] = np.eye(4)
+    for i in reversed(range(len(window) - 1)):
+        step = odometry.estimate(window[i], window[i + 1])
+        if not step.ok:
+            break
+        T_last_frame = poses[i] = T_last_frame @ step.T_target_source
+    return poses
+
+
+def fuse_window(
+    window: Sequence[Frame], features: Features, steps: ImageSteps, odometry: Odometry, motion_model: MotionModel
+) -> Template:
+    """Fuse a window of frames into a template in the camera of the last one.
+
+    Frames without a pose are left out: they would smear.
+
+    Args:
+        window: Successive frames.
+        features: Features of the last frame.
+        steps: Image operations. They hold the voxel grid, so one window is fused at a time.
+        odometry: Measures the motion between two frames.
+        motion_model: Derives the poses of all frames from the odometry.
+    """
+    timer = StepTimer()
+    with timer("fused"):
+        with timer("motion"):
+            poses = motion_model(window, odometry)
+        with timer("voxelise"):
+            steps.clear()
+            for frame, T_last_frame in zip(window, poses, strict=True):
+                if T_last_frame is not None:
+                    steps.integrate(frame.depth_m, T_last_frame)
+        with timer("project"):
+            sparse = steps.project()
+        with timer("inpaint"):
+            depth = steps.inpaint(sparse)
+    return Template(depth=depth, features=features, timings_s=timer.times_s)
+
+
+MOTION_MODELS: dict[MotionModelName, MotionModel] = {"constant": constant_velocity, "per_frame": motion_per_frame}
 _SOURCES = np.zeros(256, np.uint8)
 _SOURCES[FILLED:][list(AFTER_FILTER)] = list(AFTER_FILTER.values())
 _CONFIDENCES = np.array([CONFIDENCES[Source(int(source))] for source in _SOURCES], np.float32)
