@@ -21,8 +21,14 @@ from tests.temporal_scenes import (
     walk,
 )
 from voxdepth.geometry import inverse_rigid
-from voxdepth.temporal.feature_tracker import FeatureTracker, FeatureTrackerConfig
-from voxdepth.temporal.odometry import TrackingResult, TrackingStatus, VisualOdometry, VisualOdometryConfig
+from voxdepth.temporal.odometry import (
+    FeatureTracker,
+    FeatureTrackerConfig,
+    TrackingResult,
+    TrackingStatus,
+    VisualOdometry,
+    VisualOdometryConfig,
+)
 from voxdepth.temporal.pose_fit import fit_pose, project
 from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatArray, Frame, Intrinsics

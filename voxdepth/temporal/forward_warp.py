@@ -131,7 +131,6 @@ class ForwardWarp:
         np.maximum.at(self._z_buffer.ravel(), index.ravel(), bits.ravel())
 
     def _read_z_buffer(self) -> tuple[FloatImage, GrayImage]:
-        """Disparity and weight of the splatted pixels."""
         keys = self._z_buffer[1:-1, 1:-1]
         splatted_px, weight = np.empty(keys.shape, np.float32), np.empty(keys.shape, np.uint8)
         for band in self._bands:
@@ -204,7 +203,6 @@ def create_forward_warp(resolution: WorkingResolution, device: DeviceName) -> "F
 
 
 def _rows_of(band: slice, *buffers: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
-    """As many rows of each buffer as the band has."""
     return [buffer[: band.stop - band.start] for buffer in buffers]
 
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..devices import quiet_warp, require_device
+from ..devices import load_kernels, require_device
 from ..errors import FrameError
 from ..geometry import inverse_rigid
 from ..types import FloatArray, FloatImage, GrayImage
@@ -23,8 +23,7 @@ class GpuForwardWarp:
 
     def __init__(self, resolution: WorkingResolution, *, device: str) -> None:
         require_device(device)
-        quiet_warp()
-        wp.load_module(kernels, device=device)
+        load_kernels(kernels, device)
         self._resolution = resolution
         self._device = device
         self._source_px, self._warped_px, self._source_x, self._source_y = (self._image(wp.float32) for _ in range(4))
@@ -32,9 +31,7 @@ class GpuForwardWarp:
         self._keys, self._dilated, self._closed = (self._image(wp.uint32) for _ in range(3))
 
     def warp(self, disparity_px: FloatImage, weight: GrayImage, T_target_source: FloatArray) -> Warped:
-        """The image as the target camera sees it, as by `ForwardWarp.warp`.
-
-        The arguments and the result are NumPy arrays, which are copied to and from the device in every call.
+        """Do as `ForwardWarp.warp`. The images are copied to and from the device in every call.
 
         Raises:
             FrameError: An image has another shape than the resolution.
@@ -42,8 +39,10 @@ class GpuForwardWarp:
         forward = ReprojectionMap(self._resolution, T_target_source)
         backward = ReprojectionMap(self._resolution, inverse_rigid(T_target_source))
         H_back, e_back = wp.mat33(backward.H), wp.vec3(backward.e)
-        self._upload(disparity_px, self._source_px)
-        self._upload(weight, self._source_weight)
+        for image, buffer in ((disparity_px, self._source_px), (weight, self._source_weight)):
+            if image.shape != self._resolution.shape:  # Warp would copy a smaller image without an error.
+                raise FrameError(f"images of this resolution have shape {self._resolution.shape}, got {image.shape}")
+            buffer.assign(image)
         self._keys.zero_()
         source = [self._source_px, self._source_weight]
         self._launch(kernels.splat, [*source, wp.mat33(forward.H), wp.vec3(forward.e)], [self._keys])
@@ -54,21 +53,12 @@ class GpuForwardWarp:
         inputs = [self._source_px, *position, self._closed, H_back, e_back, float(forward.e[2])]
         self._launch(kernels.resample, inputs, [self._warped_px])
         # On the CPU `numpy` returns a view of the buffer that the next call overwrites.
-        return Warped(
-            disparity_px=np.array(self._warped_px.numpy()),
-            weight=np.array(self._weight.numpy()),
-            source_x=np.array(self._source_x.numpy()),
-            source_y=np.array(self._source_y.numpy()),
-        )
+        images = (self._warped_px, self._weight, self._source_x, self._source_y)
+        warped_px, warped_weight, source_x, source_y = (np.array(image.numpy()) for image in images)
+        return Warped(disparity_px=warped_px, weight=warped_weight, source_x=source_x, source_y=source_y)
 
     def _image(self, dtype: Any) -> Any:
         return wp.empty(self._resolution.shape, dtype=dtype, device=self._device)
 
-    def _upload(self, image: FloatImage | GrayImage, buffer: Any) -> None:
-        if image.shape != self._resolution.shape:  # Warp would copy a smaller image without an error.
-            raise FrameError(f"images of this resolution have shape {self._resolution.shape}, got {image.shape}")
-        buffer.assign(image)
-
     def _launch(self, kernel: Any, inputs: list[Any], outputs: list[Any]) -> None:
-        """Launch one thread per pixel."""
         wp.launch(kernel, self._resolution.shape, inputs=inputs, outputs=outputs, device=self._device)

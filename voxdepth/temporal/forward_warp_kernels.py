@@ -35,15 +35,7 @@ def numerator(H: wp.mat33, e: wp.vec3, axis: wp.int32, row: wp.int32, col: wp.in
 def inverse_depth_ratio(H: wp.mat33, e: wp.vec3, row: wp.int32, col: wp.int32, disparity_px: wp.float32):
     """The inverse of the last row of the map; 0 for points behind the camera."""
     inverse = 1.0 / wp.max(numerator(H, e, 2, row, col, disparity_px), MIN_DEPTH_RATIO)
-    if inverse > MAX_INVERSE_DEPTH_RATIO:
-        inverse = 0.0
-    return inverse
-
-
-@wp.func
-def key_of(disparity: wp.uint32, weight: wp.uint32):
-    """Key of a pixel. Keys are ordered by disparity, and by weight between equal disparities."""
-    return (disparity << WEIGHT_BITS) | weight
+    return wp.where(inverse > MAX_INVERSE_DEPTH_RATIO, 0.0, inverse)
 
 
 @wp.func
@@ -55,10 +47,7 @@ def disparity_of(key: wp.uint32):
 @wp.func
 def weight_of(key: wp.uint32):
     """Weight of a key; 0 if the key has no disparity."""
-    weight = key & WEIGHT_MASK
-    if disparity_of(key) == wp.uint32(0):
-        weight = wp.uint32(0)
-    return weight
+    return wp.where(disparity_of(key) == wp.uint32(0), wp.uint32(0), key & WEIGHT_MASK)
 
 
 @wp.kernel
@@ -76,14 +65,10 @@ def splat(
     inverse = inverse_depth_ratio(H, e, row, col, d)
     v = wp.rint(numerator(H, e, 1, row, col, d) * inverse)
     u = wp.rint(numerator(H, e, 0, row, col, d) * inverse)
-    inside_rows = v >= 0.0 and v < wp.float32(keys.shape[0])
-    inside_cols = u >= 0.0 and u < wp.float32(keys.shape[1])
-    if inside_rows and inside_cols:
-        target_px = d * inverse
-        if target_px > MAX_DISPARITY_PX:
-            target_px = 0.0
-        key = key_of(wp.uint32(wp.int32(wp.rint(target_px * UNITS_PER_PX))), wp.uint32(weight[row, col]))
-        wp.atomic_max(keys, wp.int32(v), wp.int32(u), key)
+    if v >= 0.0 and v < wp.float32(keys.shape[0]) and u >= 0.0 and u < wp.float32(keys.shape[1]):
+        target_px = wp.where(d * inverse > MAX_DISPARITY_PX, 0.0, d * inverse)
+        disparity = wp.uint32(wp.int32(wp.rint(target_px * UNITS_PER_PX)))
+        wp.atomic_max(keys, wp.int32(v), wp.int32(u), (disparity << WEIGHT_BITS) | wp.uint32(weight[row, col]))
 
 
 @wp.kernel
@@ -100,7 +85,7 @@ def dilate(
         for u in range(wp.max(col - 1, 0), wp.min(col + 2, keys.shape[1])):
             disparity = wp.max(disparity, disparity_of(keys[v, u]))
             weight = wp.max(weight, weight_of(keys[v, u]))
-    dilated[row, col] = key_of(disparity, weight)
+    dilated[row, col] = (disparity << WEIGHT_BITS) | weight
 
 
 @wp.kernel
@@ -120,7 +105,7 @@ def close_cracks(
             for u in range(wp.max(col - 1, 0), wp.min(col + 2, keys.shape[1])):
                 disparity = wp.min(disparity, disparity_of(dilated[v, u]))
                 weight = wp.min(weight, weight_of(dilated[v, u]))
-        key = key_of(disparity, weight)
+        key = (disparity << WEIGHT_BITS) | weight
     closed[row, col] = key
 
 
@@ -128,13 +113,9 @@ def close_cracks(
 def disparity_or_hole(image: wp.array2d(dtype=wp.float32), row: wp.int32, col: wp.int32):
     """Disparity of one pixel; `HOLE_PX` in holes and outside of the image."""
     value = wp.float32(0.0)
-    inside_rows = row >= 0 and row < image.shape[0]
-    inside_cols = col >= 0 and col < image.shape[1]
-    if inside_rows and inside_cols:
+    if row >= 0 and row < image.shape[0] and col >= 0 and col < image.shape[1]:
         value = image[row, col]
-    if value == 0.0:
-        value = HOLE_PX
-    return value
+    return wp.where(value == 0.0, HOLE_PX, value)
 
 
 @wp.func

@@ -34,8 +34,7 @@ class TemporalFusionConfig(Model):
     """When memory and measurement agree, and which of them is kept where they do not."""
 
     tolerance_px: float = Field(1.0, gt=0)
-    """Difference of disparity up to which memory and measurement may show one surface. More averages more, and merges
-    thin objects with their background."""
+    """Difference of disparity up to which both may show one surface. More merges thin objects with their background."""
     relative_tolerance: float = Field(0.02, ge=0)
     """Fraction of the disparity that is added to the tolerance."""
     max_bias_px: float = Field(0.6, gt=0)
@@ -49,8 +48,7 @@ class TemporalFusionConfig(Model):
     min_coherence: float = Field(0.1, gt=0, le=1)
     """Fraction of 5 x 5 px that must contradict the memory in the same direction; fewer pixels are outliers."""
     max_evidence: float = Field(12.0, gt=0, le=15)
-    """Largest number of measurements that the memory of a pixel counts. More averages more, and follows slow changes
-    more slowly."""
+    """Largest number of measurements that the memory of a pixel counts. More averages more, and follows slower."""
     min_evidence: float = Field(2.0, gt=0)
     """Number of measurements that the memory must count to fill a hole or to reject a measurement."""
     min_evidence_at_discontinuities: float = Field(6.0, gt=0)
@@ -264,14 +262,11 @@ def _output(memory: Memory, measurement: Measurement, comparison: _Comparison) -
     """The fused frame: memory where it agrees or is kept, the measurement where it is new or contradicts."""
     measured = comparison.new | comparison.occluding | comparison.free_space_violation
     remembered = comparison.outlier | comparison.hole
-    disparity_px = np.zeros_like(memory.disparity_px)
+    disparity_px, weight = np.zeros_like(memory.disparity_px), memory.weight.copy()
     copy_where(comparison.agreeing | remembered, memory.disparity_px, disparity_px)
     copy_where(measured, measurement.disparity_px, disparity_px)
-    pixel_class = (
-        (comparison.agreeing & np.uint8(PixelClass.FUSED))
-        | (measured & np.uint8(PixelClass.MEASURED))
-        | (remembered & np.uint8(PixelClass.REMEMBERED))
-    )
-    weight = memory.weight.copy()
     copy_where(measured, measurement.weight, weight)
+    pixel_class = comparison.agreeing & np.uint8(PixelClass.FUSED)
+    pixel_class |= measured & np.uint8(PixelClass.MEASURED)
+    pixel_class |= remembered & np.uint8(PixelClass.REMEMBERED)
     return Fused(disparity_px=disparity_px, pixel_class=pixel_class, weight=weight)

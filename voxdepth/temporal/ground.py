@@ -1,6 +1,7 @@
 """The ground plane, which bounds all measured surfaces from below, and stixels: upright surfaces that stand on it."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -61,13 +62,12 @@ class GroundConfig(Model):
 
 
 class StixelsConfig(Model):
-    """When a measurement is on the ground."""
+    """When a measurement is on the ground. A stixel ends below one that is farther by twice the relative tolerance."""
 
     tolerance_px: float = Field(0.5, ge=0)
     """Difference to the disparity of the ground up to which a measurement is on it, besides the relative tolerance."""
     relative_tolerance: float = Field(0.05, ge=0)
-    """Fraction of the disparity that is added to the tolerance. A stixel ends below a measurement that is farther by
-    `tolerance_px` and twice this fraction."""
+    """Fraction of the disparity that is added to the tolerance."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,10 +82,7 @@ class GroundPlane:
     """Disparity at the middle of the image [px], negative where that lies above the horizon."""
 
     def disparity(self, u: FloatArray, v: FloatArray) -> FloatArray:
-        """Disparity [px], negative above the horizon, at columns and rows in cells from the middle of the image.
-
-        The shapes of `u` and `v` are broadcast.
-        """
+        """Disparity [px], negative above the horizon, at columns and rows in cells from the middle of the image."""
         ground_px: FloatArray = self.slope_u * u + self.slope_v * v + self.middle_px
         return ground_px
 
@@ -154,10 +151,7 @@ def _best_level_plane(v: FloatArray, disparity_px: FloatArray, rows: int, tolera
 
 
 def _refine(plane: FloatArray, u: FloatArray, v: FloatArray, disparity_px: FloatArray, tolerance: float) -> FloatArray:
-    """Reweighted least squares of the relative error. Nearer cells soon lose their weight, farther ones keep it.
-
-    Planes are slopes to the right and downward, and the middle, shape (3,).
-    """
+    """Reweighted least squares of the relative error. Nearer cells soon lose their weight, farther ones keep it."""
     A = np.stack([u, v, np.ones_like(u)], 1)
     for iteration in range(ITERATIONS):
         ground_px = A @ plane
@@ -172,8 +166,7 @@ def _refine(plane: FloatArray, u: FloatArray, v: FloatArray, disparity_px: Float
     return plane
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Stixels:
+class Stixels(NamedTuple):
     """Disparity [px] of the stixels and the ground, by cells of the planes; 0 = no stixel."""
 
     occluded_px: FloatArray
@@ -220,13 +213,13 @@ class StixelEstimator:
         above = self._height > np.where(contact_px > 0, contact, len(image_px))
         measured = (image_px > 0) & above
         min_px = contact_px - (config.tolerance_px + 2 * np.float32(config.relative_tolerance) * contact_px)
-        all_holes = above & (_count_up_to(measured & (image_px < min_px)) == 0)
-        visible = above & (_count_up_to(measured) <= MAX_ROWS_BETWEEN)
-        rows, cols = self._planes.shape
+        all_holes = above & (np.cumsum(measured & (image_px < min_px), axis=0, dtype=np.int16) == 0)
+        visible = above & (np.cumsum(measured, axis=0, dtype=np.int16) <= MAX_ROWS_BETWEEN)
+        v, u = (np.arange(n, dtype=np.float64) - (n - 1) / 2 for n in self._planes.shape)
         return Stixels(
             occluded_px=self._cell_means(contact_px, all_holes, 2**OCCLUDED_LEVEL, MIN_OCCLUDED_COVERAGE),
             visible_px=self._cell_means(contact_px, visible, 1, MIN_COVERAGE),
-            ground_px=ground.disparity(_middles(cols), _middles(rows)[:, None]),
+            ground_px=ground.disparity(u, v[:, None]),
         )
 
     def _ground_contact(self, image_px: FloatImage, ground: GroundPlane) -> tuple[npt.NDArray[np.int16], FloatImage]:
@@ -244,10 +237,9 @@ class StixelEstimator:
         return contact, np.asarray(cv2.medianBlur(contact_px[None], MEDIAN_COLUMNS), np.float32)[0]
 
     def _cell_means(self, contact_px: FloatImage, mask: MaskImage, size: int, min_coverage: float) -> FloatArray:
-        """Mean contact disparity of the columns under a mask, by cells of `size` finest cells a side [px].
+        """Mean contact disparity [px] of the columns under a mask of the rows that are searched, from the bottom up.
 
-        The mask has the rows that are searched, from the bottom up. Cells of which it covers less than `min_coverage`
-        are 0.
+        It is 0 in cells, of `size` finest cells a side, of which the mask covers less than `min_coverage`.
         """
         rows, cols = (-(-side // size) for side in self._planes.shape)
         width = self._planes.cell_px * size
@@ -259,13 +251,3 @@ class StixelEstimator:
         weighted_px[:, inside] *= contact_px
         coverage, mean_px = (cv2.resize(i, (cols, rows), interpolation=cv2.INTER_AREA) for i in (covered, weighted_px))
         return np.where(coverage >= min_coverage, mean_px / np.maximum(coverage, np.float32(1e-6)), np.float32(0))
-
-
-def _count_up_to(mask: MaskImage) -> npt.NDArray[np.int16]:
-    """Number of pixels of a mask in each column up to each row, itself included."""
-    return np.cumsum(mask, axis=0, dtype=np.int16)
-
-
-def _middles(cells: int) -> FloatArray:
-    """Middles of the cells along one side, in cells from the middle of the image."""
-    return np.arange(cells, dtype=np.float64) - (cells - 1) / 2

@@ -12,6 +12,7 @@ from ..types import FloatImage, GrayImage
 from .confidence import INPAINTING
 from .ground import GroundConfig, StixelEstimator, StixelsConfig, find_ground
 from .masks import above, box_mean, copy_where
+from .measurement import VALIDITY_WINDOW_PX
 from .planes import PlaneFitter, PlanesConfig
 from .working_resolution import WorkingResolution
 
@@ -19,8 +20,6 @@ Indices = npt.NDArray[np.intp]
 
 BACKGROUND_OFFSETS_PX = (0, 3, 6)
 """Distances from a hole at which the background is sampled, in pixels of the full image."""
-VALIDITY_WINDOW_PX = 5
-"""Window in which the valid neighbours of a pixel are counted: most pixels at the border of holes are wrong."""
 
 
 class InpaintingConfig(Model):
@@ -61,11 +60,11 @@ class Inpainter:
 
         Nothing is inpainted farther than the farthest measurement.
         """
-        valid = above(disparity_px, 0)
+        config, valid = self._config, above(disparity_px, 0)
         if cv2.countNonZero(valid) in (0, valid.size):
             return Inpainted(disparity_px, np.zeros_like(disparity_px))
         moments = self._planes.moments(disparity_px, _validity(valid))
-        ground = find_ground(*self._planes.cell_means(moments), self._planes.shape[0], self._config.ground)
+        ground = find_ground(*self._planes.cell_means(moments), self._planes.shape[0], config.ground)
         stixels = None if ground is None else self._stixels.estimate(disparity_px, ground)
         estimate = None
         for level in reversed(range(self._planes.levels)):
@@ -76,7 +75,7 @@ class Inpainter:
         filled_px, probability = self._planes.upsample(estimate)
         min_px = cv2.minMaxLoc(disparity_px, valid)[0]
         np.maximum(filled_px, np.float32(min_px), out=filled_px)
-        side = np.s_[:, :: 1 if self._config.hidden_side == "left" else -1]
+        side = np.s_[:, :: 1 if config.hidden_side == "left" else -1]
         self._fill_occlusion_shadows(disparity_px[side], filled_px[side], probability[side])
         copy_where(valid, disparity_px, filled_px)
         return Inpainted(filled_px, probability)
@@ -109,9 +108,8 @@ class Inpainter:
 
 
 def _validity(valid: GrayImage) -> FloatImage:
-    """Fraction of the neighbours of each valid pixel that are valid, 0..1, shape (h, w); 0 in holes."""
-    around = box_mean(valid, VALIDITY_WINDOW_PX).astype(np.float32)
-    around *= np.float32(1 / 255)
+    """Fraction of the neighbours of each valid pixel that are valid, 0..1; 0 in holes."""
+    around = box_mean(valid, VALIDITY_WINDOW_PX) * np.float32(1 / 255)
     validity = np.zeros(valid.shape, np.float32)
     copy_where(valid, around, validity)
     return validity

@@ -11,7 +11,7 @@ from .memory import WEIGHT_UNIT
 from .working_resolution import WorkingResolution
 
 VALIDITY_WINDOW_PX = 5
-"""Window in which the valid neighbours of a pixel are counted."""
+"""Window in which the valid neighbours of a pixel are counted: most pixels at the border of holes are wrong."""
 MAX_SURFACE_SPAN_PX = 1.0
 """Blocks of two by two pixels whose disparities span less are averaged; others show two surfaces."""
 _MEAN_MASK = np.arange(256) / 255
@@ -22,8 +22,7 @@ _BLOCK_VALIDITY = np.rint(255 * np.sqrt(_MEAN_MASK)).astype(np.uint8)
 """Validity of a block in 0..255, by the mean of its mask: the square root of the valid fraction. The fraction itself
 would leave too little weight to surfaces that are measured in sparse pixels only."""
 _WEIGHT = np.maximum(1, np.rint(WEIGHT_UNIT * _MEAN_MASK**4)).astype(np.uint8)
-"""Weight by the mean validity of the neighbours: its fourth power, since most pixels at the border of holes are wrong.
-"""
+"""Weight by the mean validity of the neighbours: its fourth power."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

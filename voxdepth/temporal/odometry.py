@@ -1,20 +1,45 @@
-"""Visual odometry: the motion of the camera since the keyframe, from tracked corners with known depth."""
+"""Visual odometry: the motion of the camera since the keyframe, from corners with known depth.
+
+One corner per grid cell is tracked by pyramidal Lucas-Kanade optical flow.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import NamedTuple
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field
 
 from ..geometry import inverse_rigid, resized
 from ..model import Model
 from ..paper.registration import OrbRegistration, RegistrationConfig
 from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics
-from .feature_tracker import FeatureTracker, FeatureTrackerConfig, Points, TrackingImage
 from .pose_fit import PoseFit, fit_pose, project, transform_points
 from .working_resolution import WorkingResolution
+
+Points = npt.NDArray[np.float32]
+"""Column and row of points in the tracking image, shape (N, 2)."""
+
+CORNER_WINDOW_PX = 5
+MIN_EIGENVALUE = 2e-4
+"""Corners have a larger minimal eigenvalue of the gradient matrix (Shi and Tomasi 1994); photon noise stays below."""
+TERMINATION = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 8, 0.03)
+
+
+class FeatureTrackerConfig(Model):
+    """How corners are detected and tracked."""
+
+    width_px: int = Field(320, ge=64)
+    """Width of the tracking image, to which the gray image is reduced. More is more accurate and slower."""
+    cell_px: int = Field(16, ge=4)
+    """Side of the grid cells. The best corner of each cell is tracked, so smaller cells give more tracks."""
+    window_px: int = Field(11, ge=5)
+    """Side of the window that is compared around a corner."""
+    pyramid_levels: int = Field(2, ge=0)
+    """Halvings of the tracking image. Each one doubles the motion that can be tracked."""
 
 
 class VisualOdometryConfig(Model):
@@ -42,6 +67,14 @@ class TrackingStatus(StrEnum):
     """The image has too few corners: darkness, fog, a covered lens or a textureless wall."""
     LOST = "lost"
     """The image has corners, but they do not match the keyframe: a cut, or too long a gap."""
+
+
+class TrackingImage(NamedTuple):
+    """A gray image reduced for tracking, with its corners."""
+
+    gray: GrayImage
+    corners: Points
+    """At most one corner per grid cell."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,6 +119,59 @@ class _Keyframe:
     T_world_cam: FloatArray | None
     T_keyframe_previous: FloatArray
     """Motion since the keyframe before, the identity if that is unknown; it predicts the next motion."""
+
+
+class FeatureTracker:
+    """Detects corners, and tracks them by the pyramidal method of Lucas and Kanade (Bouguet 2000).
+
+    `size` is the width and height of the tracking image, and `scale` its size by that of the full image.
+    """
+
+    def __init__(self, camera: Intrinsics, config: FeatureTrackerConfig) -> None:
+        self._config = config
+        width = min(config.width_px, camera.width_px)
+        self.scale = width / camera.width_px
+        self.size = (width, max(1, round(camera.height_px * self.scale)))
+
+    def detect(self, gray: GrayImage) -> TrackingImage:
+        """The tracking image and its corners, from a gray image of shape (H, W)."""
+        reduced = np.asarray(cv2.resize(gray, self.size, interpolation=cv2.INTER_AREA), np.uint8)
+        return TrackingImage(reduced, self._detect_corners(reduced))
+
+    def track(
+        self, source: TrackingImage, target: TrackingImage, corners: Points, initial: Points
+    ) -> tuple[Points, npt.NDArray[np.bool_]]:
+        """Track corners from the source to the target, where the search starts at the initial positions.
+
+        The result is their positions in the target, shape (N, 2), and which of them were found, shape (N,).
+        """
+        positions, status, _ = cv2.calcOpticalFlowPyrLK(
+            source.gray,
+            target.gray,
+            corners,
+            initial.copy(),
+            winSize=(self._config.window_px, self._config.window_px),
+            maxLevel=self._config.pyramid_levels,
+            criteria=TERMINATION,
+            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        )
+        tracked = np.asarray(positions, np.float32)
+        inside = (tracked >= 0).all(axis=1) & (tracked <= np.array(self.size) - 1).all(axis=1)
+        return tracked, (status.ravel() > 0) & inside
+
+    def _detect_corners(self, gray: GrayImage) -> Points:
+        """The pixel with the largest minimal eigenvalue of each cell, unless that is below `MIN_EIGENVALUE`."""
+        cell = self._config.cell_px
+        rows, cols = gray.shape[0] // cell, gray.shape[1] // cell
+        if not rows * cols:
+            return np.empty((0, 2), np.float32)
+        eigenvalue = cv2.cornerMinEigenVal(gray, CORNER_WINDOW_PX)[: rows * cell, : cols * cell]
+        by_cell = eigenvalue.reshape(rows, cell, cols, cell).swapaxes(1, 2).reshape(rows * cols, cell * cell)
+        best = by_cell.argmax(axis=1)
+        textured = np.flatnonzero(by_cell[np.arange(len(by_cell)), best] > MIN_EIGENVALUE)
+        row, col = np.divmod(best[textured], cell)
+        corners = np.stack([textured % cols * cell + col, textured // cols * cell + row], axis=1)
+        return corners.astype(np.float32)
 
 
 class VisualOdometry:
@@ -174,7 +260,7 @@ class VisualOdometry:
         yield keyframe.corners + np.asarray(shift, np.float32), np.eye(4)
 
     def _fit(self, keyframe: _Keyframe, image: TrackingImage, initial: Points, T_initial: FloatArray) -> PoseFit | None:
-        """The motion that the tracks agree on; None if it is not accepted."""
+        """The motion of the tracks from initial positions and an initial motion; None if it is not accepted."""
         config = self._config
         tracked, found = self._tracker.track(keyframe.image, image, keyframe.corners, initial)
         n_found = np.count_nonzero(found)

@@ -13,14 +13,13 @@ from .confidence import INPAINTING
 from .working_resolution import WorkingResolution
 
 MomentPyramid = list[FloatArray]
-"""Weighted moments around each cell, shape (N_MOMENTS, rows, cols), for each level of cell sizes, the finest first."""
+"""Moments around each cell, shape (11, rows, cols), for each level of cell sizes, the finest first. They are weighted
+sums of 1, u, v, uu, uv, vv, D, uD, vD and DD, and the sum of the validities."""
 Values = TypeVar("Values", FloatImage, FloatArray)
 
 INSIDE, OUTSIDE = 3.0, 5.0
 """Squared Mahalanobis distances from the data: extrapolation to the far side shrinks from the first one on, and stops
 at the second, so that planes do not recede where nothing was measured."""
-N_MOMENTS = 11
-"""Moments of each cell: weighted sums of 1, u, v, uu, uv, vv, D, uD, vD and DD; and the sum of the validities."""
 DISPARITY_MOMENT = 6
 MIN_COVERAGE = 0.1
 """Fraction of a cell that must be measured for its mean to be used."""
@@ -34,16 +33,14 @@ class PlanesConfig(Model):
     """How planes are fitted around holes."""
 
     cell_px: int = Field(16, ge=4)
-    """Side of the finest cells, in pixels of the full image. Smaller cells follow the surroundings of a hole more
-    closely, and cost more."""
+    """Side of the finest cells, in pixels of the full image. Smaller cells follow their surroundings, and cost more."""
     min_coverage: float = Field(0.08, gt=0)
     """Fraction of a cell's neighbourhood that must be measured for its own plane to have full weight. The remaining
     weight goes to cells of twice the size, and so on."""
     ridge: float = Field(0.003, gt=0)
     """Regularisation of the slopes against the spread of the data. More extrapolates less."""
     max_deviations_far: float = Field(1.25, ge=0)
-    """Largest extrapolation to the far side, in standard deviations of the data. It shrinks to 0 outside of the
-    data."""
+    """Largest extrapolation to the far side, in standard deviations of the data. It shrinks to 0 outside of them."""
     max_deviations_near: float = Field(2.5, ge=0)
     """Largest extrapolation to the near side, in standard deviations of the data."""
 
@@ -167,25 +164,21 @@ def _powers(cells: int, cell_px: int) -> npt.NDArray[np.float32]:
 
 def _sum_neighbourhood(moments: FloatArray) -> FloatArray:
     """Sums over three by three cells with binomial weights, which add up to 1."""
-    padded = _pad(moments, 1, 1, 1)
-    rows = 0.25 * (padded[:, :-2] + padded[:, 2:]) + 0.5 * padded[:, 1:-1]
-    around: FloatArray = 0.25 * (rows[:, :, :-2] + rows[:, :, 2:]) + 0.5 * rows[:, :, 1:-1]
+    n, rows, cols = moments.shape
+    padded = np.zeros((n, rows + 2, cols + 2))
+    padded[:, 1:-1, 1:-1] = moments
+    by_row = 0.25 * (padded[:, :-2] + padded[:, 2:]) + 0.5 * padded[:, 1:-1]
+    around: FloatArray = 0.25 * (by_row[:, :, :-2] + by_row[:, :, 2:]) + 0.5 * by_row[:, :, 1:-1]
     return around
 
 
 def _sum_blocks(moments: FloatArray) -> FloatArray:
     """Sums of two by two cells."""
-    _, rows, cols = moments.shape
-    padded = _pad(moments, 0, rows % 2, cols % 2)
+    n, rows, cols = moments.shape
+    padded = np.zeros((n, rows + rows % 2, cols + cols % 2))
+    padded[:, :rows, :cols] = moments
     blocks: FloatArray = padded[:, ::2, ::2] + padded[:, 1::2, ::2] + padded[:, ::2, 1::2] + padded[:, 1::2, 1::2]
     return blocks
-
-
-def _pad(moments: FloatArray, before: int, rows_after: int, cols_after: int) -> FloatArray:
-    n, rows, cols = moments.shape
-    padded = np.zeros((n, before + rows + rows_after, before + cols + cols_after))
-    padded[:, before : before + rows, before : before + cols] = moments
-    return padded
 
 
 def _upsample_linear(values: Values, factor: int) -> Values:
