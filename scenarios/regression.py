@@ -1,6 +1,6 @@
 """Regression test of a depth corrector: errors under each noise term alone, at three levels, against golden values."""
 
-import importlib
+import pkgutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from itertools import product
@@ -90,10 +90,9 @@ def find_corrector(name: str) -> CorrectorFactory:
             known = ", ".join(corrector_names())
             raise ScenarioError(f"there is no corrector {name!r}; choose {known}, or your own package.module:factory")
         return lambda intrinsics: create_corrector(name, intrinsics)
-    module_name, _, attribute = name.partition(":")
     sys.path.insert(0, str(Path.cwd()))  # An installed command has its own folder there instead.
     try:
-        factory: CorrectorFactory = getattr(importlib.import_module(module_name), attribute)
+        factory: CorrectorFactory = pkgutil.resolve_name(name)
     except (ImportError, AttributeError, ValueError) as error:
         raise ScenarioError(
             f"cannot find the corrector {name!r}: {error}; expected package.module:factory, where factory(intrinsics) "

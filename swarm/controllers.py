@@ -1,6 +1,6 @@
 """The interface of controllers, and loading one by its name `module:factory`."""
 
-import importlib
+import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
@@ -61,17 +61,15 @@ def load_controller(name: str) -> Factory:
     Raises:
         MissionError: There is no such module, or it has no callable of that name.
     """
-    module_name, colon, attribute = name.partition(":")
-    if not (module_name and colon and attribute):
+    if not all(name.partition(":")):
         raise MissionError(f"controller must be 'module:factory', as in {DEFAULT_CONTROLLER!r}, got {name!r}")
     try:
-        factory = getattr(importlib.import_module(module_name), attribute)
-    except (ImportError, AttributeError) as error:
+        factory: Factory = pkgutil.resolve_name(name)
+    except (ImportError, AttributeError, ValueError) as error:
         raise MissionError(
             f"controller {name!r} cannot be loaded: {error}; the module must be installed or in a folder that "
             "PYTHONPATH names, and have a function factory(role, config) that returns an agent"
         ) from error
     if not callable(factory):
         raise MissionError(f"controller {name!r} must be a function factory(role, config), got {factory!r}")
-    loaded: Factory = factory
-    return loaded
+    return factory

@@ -145,10 +145,8 @@ def _seen_again(points: FloatArray, histogram: Histogram) -> MaskImage:
 
 def _confirmed(points: FloatArray, earlier: FloatArray, within_m: float) -> MaskImage:
     """Return which points, shape (n, 3), are within a distance of any earlier point, shape (m, 3)."""
-    if not len(earlier):
-        return np.zeros(len(points), np.bool_)
     squared = ((points[:, None] - earlier[None]) ** 2).sum(axis=2)
-    confirmed: MaskImage = squared.min(axis=1) <= within_m**2
+    confirmed: MaskImage = squared.min(axis=1, initial=np.inf) <= within_m**2
     return confirmed
 
 

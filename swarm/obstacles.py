@@ -168,13 +168,9 @@ class Avoidance:
 
         A slow velocity out of the field of view is granted. Otherwise the drone flies by the histogram, and stops and
         turns when the wanted direction leads backwards. In a dead end it turns to the direction of the longest range.
-
-        Args:
-            wanted_m_s: Wanted velocity, shape (3,).
-            histogram: Free range by direction.
-            previous: Direction chosen last, shape (3,), or None.
-            at_m: Position of the drone when a command takes effect, shape (3,); None if it has not moved since the
-                histogram was taken. The distance to that position is not available for braking.
+        All vectors have the shape (3,). `previous` is the direction chosen last, and `at_m` the position of the drone
+        when a command takes effect, or None if it has not moved since the histogram was taken. The distance to that
+        position is not available for braking.
         """
         speed = float(np.linalg.norm(wanted_m_s))
         goal = wanted_m_s / speed if speed > 1e-3 else histogram.forward_world
@@ -190,7 +186,8 @@ class Avoidance:
         best = int(np.argmin(self._cost(directions, free_m, goal, previous)))
         direction = self._refine(goal, directions[best], histogram)
         travelled_m = 0.0 if at_m is None else max(0.0, float((at_m - histogram.origin_m) @ direction))
-        limit = self._speed_limit(float(free_m[best]) - travelled_m)
+        c, left_m = self._config, float(free_m[best]) - travelled_m - self._safety_radius_m
+        limit = float(braking_speed(left_m, decel_m_s2=c.max_decel_m_s2, gain_per_s=c.brake_gain_per_s))
         cell = divmod(best, histogram.range_m.shape[1])
         velocity_m_s = min(speed, limit) * direction
         return Choice(velocity_m_s=velocity_m_s, direction=direction, cell=cell, free_m=float(free_m[best]))
@@ -237,7 +234,3 @@ class Avoidance:
         own_cell = directions[int(np.argmax(directions @ goal))]
         contained = np.array_equal(own_cell, cell_direction) and self._in_view(goal, histogram)
         return goal if contained else cell_direction
-
-    def _speed_limit(self, free_m: float) -> float:
-        c, left_m = self._config, free_m - self._safety_radius_m
-        return float(braking_speed(left_m, decel_m_s2=c.max_decel_m_s2, gain_per_s=c.brake_gain_per_s))

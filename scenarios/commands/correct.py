@@ -65,7 +65,6 @@ def correct(
 
 
 def _refuse_mixing(folder: Path, out: Path, record: Path | None) -> None:
-    """Refuse to write among the files that are read."""
     for option, path in (("--out", out), ("--record", record)):
         if path is not None and path.resolve().is_relative_to(folder.resolve()):
             raise ScenarioError(

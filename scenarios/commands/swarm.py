@@ -145,7 +145,6 @@ def map_(
 
 @contextmanager
 def _progress(console: "Console", duration_s: float) -> Iterator[Callable[[float, float], None]]:
-    """Show a bar over simulated time; give the function that takes the simulated time and the real-time factor."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (

@@ -1,6 +1,6 @@
 """Pictures of an episode: the image of a learner, and a map of the swarm."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import cv2
 import numpy as np
@@ -37,50 +37,44 @@ def _panel(gray: GrayImage, depth_m: FloatImage, max_depth_m: float) -> Image:
     return np.hstack([cv2.resize(image, size, interpolation=method) for image in images]).astype(np.uint8)
 
 
-class Map:
-    """A map of the world, x to the right and y up, around the routes of all swarms."""
+def _map(world: World, teams: Sequence[Team], learners: Collection[int], width_px: int) -> Image:
+    """Draw a map, x to the right and y up: leaders blue, learners red, other drones dark, goals as green crosses."""
+    ends_m = np.vstack([[team.start_m[:2], team.goal_m[:2]] for team in teams])
+    low_m, high_m = ends_m.min(axis=0) - MAP_MARGIN_M, ends_m.max(axis=0) + MAP_MARGIN_M
+    width_m, height_m = high_m - low_m
+    px_per_m = width_px / width_m
+    image: Image = np.full((round(height_m * px_per_m), width_px, 3), GROUND, np.uint8)
 
-    def __init__(self, world: World, teams: Sequence[Team], width_px: int) -> None:
-        self._world = world
-        self._teams = teams
-        ends_m = np.vstack([[team.start_m[:2], team.goal_m[:2]] for team in teams])
-        self._low_m, high_m = ends_m.min(axis=0) - MAP_MARGIN_M, ends_m.max(axis=0) + MAP_MARGIN_M
-        width_m, height_m = high_m - self._low_m
-        self._px_per_m = width_px / width_m
-        self._empty: Image = np.full((round(height_m * self._px_per_m), width_px, 3), GROUND, np.uint8)
-        for body in world.described.values():
-            if body.kind == "building":
-                self._draw_body(body)
-        for team in teams:
-            cv2.drawMarker(self._empty, self._at(team.goal_m), GOAL, cv2.MARKER_CROSS, 12, 2)
+    def pixel(position_m: FloatArray) -> tuple[int, int]:
+        x, y = (position_m[:2] - low_m) * px_per_m
+        return round(x), len(image) - 1 - round(y)
 
-    def draw(self, learners: Collection[int]) -> Image:
-        """Draw leaders blue, learners red, other drones dark and goals as green crosses."""
-        image, states = self._empty.copy(), self._world.states
-        leaders = {team.leader for team in self._teams}
-        for drone, state in enumerate(states):
-            color = LEARNER if drone in learners else LEADER if drone in leaders else SCRIPTED
-            yaw_rad = frames.yaw_from_quaternion(state.q_world_body_xyzw)
-            ahead_m = state.position_m[:2] + 1.2 * np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
-            cv2.line(image, self._at(state.position_m), self._at(ahead_m), color, 1, cv2.LINE_AA)
-            cv2.circle(image, self._at(state.position_m), DRONE_RADIUS_PX, color, cv2.FILLED, cv2.LINE_AA)
-        return image
+    for body in world.described.values():
+        if body.kind == "building":
+            _draw_body(image, body, pixel, px_per_m)
+    for team in teams:
+        cv2.drawMarker(image, pixel(team.goal_m), GOAL, cv2.MARKER_CROSS, 12, 2)
+    leaders = {team.leader for team in teams}
+    for drone, state in enumerate(world.states):
+        color = LEARNER if drone in learners else LEADER if drone in leaders else SCRIPTED
+        yaw_rad = frames.yaw_from_quaternion(state.q_world_body_xyzw)
+        ahead_m = state.position_m[:2] + 1.2 * np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
+        cv2.line(image, pixel(state.position_m), pixel(ahead_m), color, 1, cv2.LINE_AA)
+        cv2.circle(image, pixel(state.position_m), DRONE_RADIUS_PX, color, cv2.FILLED, cv2.LINE_AA)
+    return image
 
-    def _draw_body(self, body: Body) -> None:
-        """Draw a box as its outline and a round body as a circle; other shapes are left out."""
-        match body.shape:
-            case Box(size_m=(x_m, y_m, _)):
-                turn = frames.rotation_from_yaw(body.yaw_rad)[:2, :2]
-                corners_m = np.array([[x_m, y_m], [-x_m, y_m], [-x_m, -y_m], [x_m, -y_m]]) / 2 @ turn.T
-                corners = np.array([self._at(corner + body.position_m[:2]) for corner in corners_m], np.int32)
-                cv2.fillPoly(self._empty, [corners], BUILDING)
-            case Cylinder(radius_m=radius_m) | Sphere(radius_m=radius_m):
-                radius_px = max(2, round(radius_m * self._px_per_m))
-                cv2.circle(self._empty, self._at(np.array(body.position_m)), radius_px, BUILDING, cv2.FILLED)
 
-    def _at(self, position_m: FloatArray) -> tuple[int, int]:
-        x, y = (position_m[:2] - self._low_m) * self._px_per_m
-        return round(x), len(self._empty) - 1 - round(y)
+def _draw_body(image: Image, body: Body, pixel: Callable[[FloatArray], tuple[int, int]], px_per_m: float) -> None:
+    """Draw a box as its outline and a round body as a circle; other shapes are left out."""
+    match body.shape:
+        case Box(size_m=(x_m, y_m, _)):
+            turn = frames.rotation_from_yaw(body.yaw_rad)[:2, :2]
+            corners_m = np.array([[x_m, y_m], [-x_m, y_m], [-x_m, -y_m], [x_m, -y_m]]) / 2 @ turn.T
+            corners = np.array([pixel(corner + body.position_m[:2]) for corner in corners_m], np.int32)
+            cv2.fillPoly(image, [corners], BUILDING)
+        case Cylinder(radius_m=radius_m) | Sphere(radius_m=radius_m):
+            radius_px = max(2, round(radius_m * px_per_m))
+            cv2.circle(image, pixel(np.array(body.position_m)), radius_px, BUILDING, cv2.FILLED)
 
 
 class EpisodeView:
@@ -119,8 +113,7 @@ class EpisodeView:
         world = self.episode.world
         capture, corrected = self._images.newest[self._learners[0]]
         panel = _panel(capture.gray_left, corrected.depth_m, self._task.rig.max_depth_m)
-        world_map = Map(world, self._task.mission.teams(), panel.shape[1])
-        return np.vstack([panel, world_map.draw(self._learners)])
+        return np.vstack([panel, _map(world, self._task.mission.teams(), self._learners, panel.shape[1])])
 
     def close(self) -> None:
         """Free the world; a second call does nothing."""
