@@ -36,10 +36,10 @@ class Groups:
         return len(BINS) * len(self.kinds)
 
     def label(self, reference_m: FloatImage, kind: GrayImage) -> GrayImage:
-        """Return the group of each pixel, shape (H, W), uint8; `NONE` without a reference.
+        """Return the group of each pixel, shape (H, W), uint8; `NONE` where the reference depth is 0 or +inf.
 
         Args:
-            reference_m: Reference depth [m], shape (H, W); 0 or +inf = none.
+            reference_m: Reference depth [m], shape (H, W).
             kind: Index into `kinds` of each pixel, shape (H, W), uint8.
         """
         starts_m = [start_m for start_m, _ in RANGE_BINS_M.values()]

@@ -44,9 +44,8 @@ class Measurement(Model):
     range: str
     """Range of the reference depth of these pixels."""
     on: str
-    """`filled`: the pixels that the method gives a depth. `completed`: all pixels, after completion by the nearest
-    valid. `as given`: all pixels, those without depth included.
-    """
+    """`filled` pixels have a depth; `completed` means all pixels after completion by the nearest valid one, and
+    `as given` all pixels, those without depth included."""
     value: float | None
     """None if it is undefined, such as an error of no pixel; infinite for the PSNR of a perfect image."""
     unit: str
@@ -60,11 +59,7 @@ def measured(selector: Selector, value: float | None, unit: str, n: int) -> Meas
 
 
 class Measurements:
-    """The long table with an index.
-
-    Args:
-        rows: Values of `MEASUREMENT_COLUMNS`, at most one row per sequence, method and `Selector`.
-    """
+    """The long table of `MEASUREMENT_COLUMNS`, with at most one row per sequence, method and `Selector`."""
 
     def __init__(self, rows: Iterable[tuple[Any, ...]]) -> None:
         self.frame = pd.DataFrame(list(rows), columns=list(MEASUREMENT_COLUMNS)).astype(COLUMN_TYPES)

@@ -54,10 +54,7 @@ class Quantity:
 
 
 def select(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return values and sample sizes, one column per selector, by sequence and method.
-
-    Both are empty if nothing was measured.
-    """
+    """Return values and sample sizes, one column per selector, by sequence and method; empty if there are none."""
     parts = [_select(evaluation, selector) for selector in quantity.selectors]
     values, counts = (pd.concat([part[name] for part in parts], axis=1, keys=range(len(parts))) for name in parts[0])
     return values, counts

@@ -55,7 +55,9 @@ def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) 
         ScenarioError: A frame cannot be read.
     """
     cv2.setNumThreads(1)
-    _warm_up(method, frames, intrinsics)
+    with _instance(method, intrinsics) as corrector:  # It loads, compiles and caches what the first use needs.
+        for index in range(min(method.warm_up_frames, len(frames))):
+            _processed(corrector, _visible(frames[index], method), index)
     score, times_s = Score(groups, intrinsics), []
     noise = np.random.default_rng(SEED).integers(0, 1 << 16, SHAPE, dtype=np.uint16)
     _workload_s(noise)  # The first call is not like others.
@@ -91,13 +93,6 @@ def _latencies(
     for phase, median_ms in medians_ms.items():
         yield measured(of_frames(f"reference_workload_{phase}"), median_ms, "ms", len(workloads_s[phase]))
     yield measured(of_frames("latency_p50_workloads"), percentiles_ms[0] / medians_ms["during"], "workloads", n)
-
-
-def _warm_up(method: Method, frames: Frames, intrinsics: Intrinsics) -> None:
-    """Load and compile what is loaded and compiled at first use, and fill the caches."""
-    with _instance(method, intrinsics) as corrector:
-        for index in range(min(method.warm_up_frames, len(frames))):
-            _processed(corrector, _visible(frames[index], method), index)
 
 
 def _other_threads_s() -> float:

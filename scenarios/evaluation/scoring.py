@@ -216,13 +216,10 @@ class CalibrationScore:
         """Yield the errors of every bin and source that has a pixel."""
         for mask, sums in self._sums.items():
             if n := sums.filled:
-                values = (
-                    ("mae", sums.mae_m, "m"),
-                    ("median", sums.median_abs_m, "m"),
-                    ("right", self._right[mask] / n, "share"),
-                )
-                for metric, value, unit in values:
-                    yield measured(Selector(metric, mask, CALIBRATION_RANGE, FILLED), value, unit, n)
+                where = mask, CALIBRATION_RANGE, FILLED
+                yield measured(Selector("mae", *where), sums.mae_m, "m", n)
+                yield measured(Selector("median", *where), sums.median_abs_m, "m", n)
+                yield measured(Selector("right", *where), self._right[mask] / n, "share", n)
 
     def _add(
         self, masks: Sequence[str], label: npt.NDArray[np.integer], depth_m: FloatImage, reference_m: FloatImage
