@@ -19,7 +19,6 @@ def list_() -> None:
     from ..config import load_run
     from ..files import shipped_names
     from ..sequences import load_sequence
-    from ..study.design import study_names
 
     table = Table("scenario", "drones", "what it is")
     for name in shipped_names("scenarios"):
@@ -32,7 +31,7 @@ def list_() -> None:
     console = Console()
     console.print(table)
     console.print(sequences)
-    console.print(f"studies:     {', '.join(study_names())}")
+    console.print(f"studies:     {', '.join(shipped_names('studies'))}")
     console.print(f"sensor models: {', '.join(SENSOR_MODEL_NAMES)}")
     console.print(f"correctors:  {', '.join(corrector_names())}")
     console.print(f"renderers:   {', '.join(RENDERER_NAMES)}")

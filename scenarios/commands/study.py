@@ -39,8 +39,7 @@ app = typer.Typer(
 def run(
     file: Annotated[str, typer.Argument(metavar="FILE", help="A shipped study by name, or a TOML file.")],
     workers: Annotated[
-        int,
-        typer.Option(min=0, help="Missions flown side by side. 0: in this process, without a time limit."),
+        int, typer.Option(min=0, help="Missions flown side by side. 0: in this process, without a time limit.")
     ] = 2,
     cluster: Annotated[
         str | None,
@@ -119,8 +118,8 @@ def report(
     data = read_study(out)
     for spec in first_collisions(data) if record else ():
         if recording_of(out, spec) is None:
-            again = fly_again(data, spec, recording_folder(out, spec), record=True)
-            typer.echo(f"{spec.label}: {again.verdict}")
+            _, _, verdict = fly_again(data, spec, recording_folder(out, spec), record=True)
+            typer.echo(f"{spec.label}: {verdict}")
     typer.echo(f"{len(data.records)} of {len(data.runs)} runs; written to {write_report(data, out)}")
 
 
@@ -164,10 +163,10 @@ def replay(
     data = read_study(out)
     spec = find(data, key)
     typer.echo(f"run {spec.short_key}: {spec.label}")
-    again = fly_again(data, spec, to or out / "replays", record=record)
-    typer.echo(again.verdict)
-    typer.echo(f"its files are in {again.folder}")
-    if again.is_same is False:
+    folder, is_same, verdict = fly_again(data, spec, to or out / "replays", record=record)
+    typer.echo(verdict)
+    typer.echo(f"its files are in {folder}")
+    if is_same is False:
         raise typer.Exit(1)
 
 

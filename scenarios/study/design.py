@@ -16,7 +16,7 @@ from voxdepth.model import Model
 
 from ..config import Run, load_run
 from ..errors import ScenarioError
-from ..files import load_alone, shipped_names
+from ..files import load_alone
 
 FIRST_PILOT_SEED = 1000
 """Seeds from here on belong to pilots, which may be used to choose scenes and controllers."""
@@ -191,11 +191,6 @@ class RunSpec:
 def arm_label(arm: str, theta: float | None) -> str:
     """Return the name of an arm, with its noise ratio if it has one."""
     return arm if theta is None else f"{arm}, theta {theta:g}"
-
-
-def study_names() -> list[str]:
-    """Return the names of the shipped studies."""
-    return shipped_names("studies")
 
 
 def load_study(name_or_path: str) -> Study:

@@ -1,7 +1,6 @@
 """Flying one run of a study again, to watch it and to check that it ends in the same way."""
 
 from pathlib import Path
-from typing import NamedTuple
 
 from swarm.types import Outcome
 
@@ -10,16 +9,6 @@ from ..results.provenance import simulation_versions
 from ..runner import fly_and_write
 from .design import RunSpec
 from .store import RunRecord, StudyData
-
-
-class Replay(NamedTuple):
-    """The result of flying a run again."""
-
-    folder: Path | None
-    is_same: bool | None
-    """Whether outcome, metrics and contacts equal those of the study; None if the study has no result of the run."""
-    verdict: str
-    """The comparison in words."""
 
 
 def find(data: StudyData, prefix: str) -> RunSpec:
@@ -38,8 +27,12 @@ def find(data: StudyData, prefix: str) -> RunSpec:
     return found[0]
 
 
-def fly_again(data: StudyData, spec: RunSpec, out: Path, *, record: bool) -> Replay:
+def fly_again(data: StudyData, spec: RunSpec, out: Path, *, record: bool) -> tuple[Path | None, bool | None, str]:
     """Fly a run again and compare its result with that of the study.
+
+    Returns:
+        The folder of its files; whether outcome, metrics and contacts equal those of the study, None if the study has
+        no result of the run; and the comparison in words.
 
     Raises:
         ScenarioError: The folder cannot be written.
@@ -50,13 +43,13 @@ def fly_again(data: StudyData, spec: RunSpec, out: Path, *, record: bool) -> Rep
     if now.outcome is Outcome.INTERRUPTED:
         raise KeyboardInterrupt
     if before is None:
-        return Replay(finished.folder, None, f"{now.outcome}; the study has no result of this run")
+        return finished.folder, None, f"{now.outcome}; the study has no result of this run"
     if now == before:
-        return Replay(finished.folder, True, f"{now.outcome}: the same as in the study, figure by figure")
+        return finished.folder, True, f"{now.outcome}: the same as in the study, figure by figure"
     metrics = [name for name in before.metrics if before.metrics[name] != now.metrics.get(name)]
     versions = [name for name, version in simulation_versions().items() if data.versions.get(name) != version]
     verdict = (
         f"{now.outcome}, in the study {before.outcome}: NOT the same; other figures: {', '.join(metrics) or 'none'}; "
         f"other versions: {', '.join(versions) or 'none'}; the study was begun on {data.machine}"
     )
-    return Replay(finished.folder, False, verdict)
+    return finished.folder, False, verdict

@@ -204,7 +204,7 @@ def _dose_response_row(fit: DoseResponse | str) -> Sequence[Value]:
     curve = fit.curve
     note = f"{fit.resamples} resamples, seed {fit.bootstrap_seed}"
     if curve.at_bound:
-        note += f"; b ends at a bound of the search ({B_BOUNDS[0]:g} to {B_BOUNDS[1]:g}): not told by these runs"
+        note += f"; b ends at a bound of the search ({B_BOUNDS[0]:g} to {B_BOUNDS[1]:g}): not determined by these runs"
     return [
         fit.seeds,
         f"{curve.a:.3f} {_interval(fit.a)}",

@@ -1,5 +1,6 @@
 """Running a study: missing runs go to the executor, completed runs go into the store, and the progress is shown."""
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -48,16 +49,17 @@ class Progress:
 
         The ratio and the mean are NaN without runs.
         """
-        records = [(self.name_of(spec), self._records.get(spec.key)) for spec in self._data.specs]
+        records = [self._records.get(spec.key) for spec in self._data.specs]
         runs = pd.DataFrame(
-            [(name, r.wall_s, r.outcome is Outcome.COLLISION) if r else (name, None, False) for name, r in records],
-            columns=["arm", "wall_s", "collided"],
-        ).astype({"wall_s": float})
-        by_arm = runs.groupby("arm", sort=False)
-        planned, done, collisions = by_arm.size(), by_arm["wall_s"].count(), by_arm["collided"].sum()
-        mean_wall_s = by_arm["wall_s"].mean()
-        counts = {"planned": planned, "done": done, "collisions": collisions, "ratio": collisions / done}
-        return pd.DataFrame({**counts, "mean_wall_s": mean_wall_s})
+            {
+                "arm": [self.name_of(spec) for spec in self._data.specs],
+                "wall_s": [math.nan if record is None else record.wall_s for record in records],
+                "collided": [record is not None and record.outcome is Outcome.COLLISION for record in records],
+            }
+        )
+        counts = {"planned": ("arm", "size"), "done": ("wall_s", "count"), "collisions": ("collided", "sum")}
+        arms = runs.groupby("arm", sort=False).agg(**counts, mean_wall_s=("wall_s", "mean"))
+        return arms.assign(ratio=arms["collisions"] / arms["done"])
 
     def name_of(self, spec: RunSpec) -> str:
         """Return the arm of a run with its noise ratio, and with the scenario if the study has several."""

@@ -7,7 +7,8 @@ import pytest
 
 from scenarios.config import load_run
 from scenarios.errors import ScenarioError
-from scenarios.study.design import Study, digest, expand, key_of, load_study, study_names
+from scenarios.files import shipped_names
+from scenarios.study.design import Study, digest, expand, key_of, load_study
 from tests.studies import ONE_DRONE, arm, noisy, study
 from voxdepth.temporal.config import VoxDepthConfig
 
@@ -165,7 +166,7 @@ def test_there_is_no_such_study() -> None:
         load_study("big")
 
 
-@pytest.mark.parametrize("name", study_names())
+@pytest.mark.parametrize("name", shipped_names("studies"))
 def test_shipped_studies_resolve(name: str) -> None:
     found = load_study(name)
     assert found.name == name
