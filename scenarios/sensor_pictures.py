@@ -1,7 +1,6 @@
 """Pictures of sequences and scenes: the contact sheet of a recording, and every kind of scene."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
 
@@ -83,34 +82,17 @@ def _legend(width_px: int) -> Image:
     return np.hstack(fields)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ScenePreview:
-    """One kind of scene as its default configuration builds it."""
-
-    kind: str
-    bodies: int
-    traversability: float
-    """Mean free path in drone diameters, at flight height."""
-    picture: Image
-
-
-def preview_scenes(seed: int) -> Iterator[ScenePreview]:
-    """Yield one preview of each kind of scene, in sunshine."""
+def preview_scenes(seed: int) -> Iterator[tuple[str, int, float, Image]]:
+    """Yield each kind of scene in sunshine: its name, number of bodies, traversability at flight height and picture."""
     for spec_type in SPECS:
         scene = spec_type(weather=Weather(shadows=True)).build(seed)
         with World(scene, np.empty((0, 3))) as world:
-            path_m = scene.path_m
-            yield ScenePreview(
-                kind=str(spec_type.model_fields["kind"].default),
-                bodies=len(scene.bodies),
-                traversability=traversability(
-                    world,
-                    low_m=(float(path_m[:, 0].min()), float(path_m[:, 1].min() - HALF_SIDE_M)),
-                    high_m=(float(path_m[:, 0].max()), float(path_m[:, 1].max() + HALF_SIDE_M)),
-                    height_m=float(path_m[:, 2].mean()) + FLIGHT_HEIGHT_M,
-                ),
-                picture=_scene_picture(world, seed),
-            )
+            (x, y), (far_x, far_y) = scene.path_m[:, :2].min(axis=0).tolist(), scene.path_m[:, :2].max(axis=0).tolist()
+            height_m = float(scene.path_m[:, 2].mean()) + FLIGHT_HEIGHT_M
+            low_m, high_m = (x, y - HALF_SIDE_M), (far_x, far_y + HALF_SIDE_M)
+            free_path = traversability(world, low_m=low_m, high_m=high_m, height_m=height_m)
+            kind = str(spec_type.model_fields["kind"].default)
+            yield kind, len(scene.bodies), free_path, _scene_picture(world, seed)
 
 
 def _scene_picture(world: World, seed: int) -> Image:
@@ -122,6 +104,6 @@ def _scene_picture(world: World, seed: int) -> Image:
     return np.hstack([narrowed(image, PICTURE_PX) for image in images])
 
 
-def write_gallery(out: Path, previews: list[ScenePreview]) -> None:
-    """Write one picture with all previews; a failure is a `ScenarioError`."""
-    save_picture(out, np.vstack([titled(preview.kind, preview.picture) for preview in previews]), quality=80)
+def write_gallery(out: Path, pictures: dict[str, Image]) -> None:
+    """Write one picture with all titled pictures; a failure is a `ScenarioError`."""
+    save_picture(out, np.vstack([titled(title, picture) for title, picture in pictures.items()]), quality=80)

@@ -69,7 +69,6 @@ class SeededSequence(Model):
 class RecordingResult:
     """Extent and quality of a finished recording."""
 
-    folder: Path
     frames: int
     new_frames: int
     """Number of frames that were recorded now."""
@@ -136,9 +135,7 @@ def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress
                 writer.append_row(capture)
                 quality.add(capture)
                 progress(writer.frames)
-            return RecordingResult(
-                folder=folder, frames=writer.frames, new_frames=writer.frames - start, quality=quality
-            )
+            return RecordingResult(frames=writer.frames, new_frames=writer.frames - start, quality=quality)
 
 
 def _write_images(simulated: "Simulation", writer: RecordingWriter, frames: int) -> Iterator[Capture]:

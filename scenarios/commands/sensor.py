@@ -63,10 +63,10 @@ def scenes(
 
     require_picture(out)
     previews = list(preview_scenes(seed))
-    rows = [(preview.kind, preview.bodies, preview.traversability) for preview in previews]
+    rows = [preview[:3] for preview in previews]
     table = Table.of("scenes", ("scene", "bodies", Column("traversability", number=".1f")), rows)
     typer.echo(table.markdown(), nl=False)
-    write_gallery(out, previews)
+    write_gallery(out, {kind: picture for kind, _, _, picture in previews})
     typer.echo(f"written to {out}", err=True)
 
 

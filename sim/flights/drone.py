@@ -107,10 +107,9 @@ class _PurePursuit:
         to_target_m = self._advance_target(state.position_m)
         self._require_progress(time_s)
         direction = to_target_m / np.linalg.norm(to_target_m)
-        return VelocityCommand(
-            velocity_m_s=self._safe_speed_m_s() * direction + self._gusts_m_s(time_s),
-            yaw_rad=self.track.heading_rad(self._target_m - self._lookahead_m),
-        )
+        velocity_m_s = self._safe_speed_m_s() * direction + self._gusts_m_s(time_s)
+        yaw_rad = self.track.heading_rad(self._target_m - self._lookahead_m)
+        return VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=yaw_rad)
 
     def _advance_target(self, position_m: FloatArray) -> FloatArray:
         """Move the target to the lookahead distance; returns the vector from the drone to it [m], shape (3,)."""

@@ -43,16 +43,14 @@ class Rasteriser:
         shape = (len(cameras), *cameras[0].intrinsics.shape)
         if self._buffers.nearest.shape != shape:
             self._buffers = self._allocate(shape)
-        views = _views(cameras)
-        n, pixels = rays.shape[:2]
-        empty = np.empty((n, pixels), np.float32), np.empty((n, pixels, 3), np.float32), np.empty((n, pixels), np.int32)
-        hits = Hits(*empty)
+        views, size = _views(cameras), rays.shape[:2]
+        hits = Hits(np.empty(size, np.float32), np.empty((*size, 3), np.float32), np.empty(size, np.int32))
 
         def draw(part: slice) -> None:
             buffers = _Buffers._make(array[part] for array in self._buffers)
             self._draw(views[part], buffers, Hits._make(array[part] for array in hits))
 
-        list(self._map(draw, slices(n, self._threads)))
+        list(self._map(draw, slices(len(cameras), self._threads)))
         return hits
 
     def _allocate(self, shape: tuple[int, int, int]) -> "_Buffers":
@@ -78,16 +76,13 @@ class Rasteriser:
             outputs=[warp_view(buffers.nearest, wp.int32)],
             device="cpu",
         )
+        body_of_triangle = warp_view(self._meshes.body_of_triangle, wp.int32)
+        inverse_depth = warp_view(buffers.inverse_depth.reshape(-1), wp.float64)
+        nearest = warp_view(buffers.nearest.reshape(-1), wp.int32)
         wp.launch(
             raster_kernels.resolve,
             buffers.nearest.size,
-            inputs=[
-                *scene,
-                warp_view(self._meshes.body_of_triangle, wp.int32),
-                len(self._spheres),
-                warp_view(buffers.inverse_depth.reshape(-1), wp.float64),
-                warp_view(buffers.nearest.reshape(-1), wp.int32),
-            ],
+            inputs=[*scene, body_of_triangle, len(self._spheres), inverse_depth, nearest],
             outputs=[
                 warp_view(hits.depth_m.reshape(-1), wp.float32),
                 warp_view(hits.normal.reshape(-1, 3), wp.vec3),

@@ -34,8 +34,7 @@ class ShadedRenderer:
         self._bodies = _shaded_bodies(world.scene.seed, [world.surfaces[body] for body in meshes.body_ids], meshes)
         weather, cloud_seed = world.scene.weather, stream(world.scene.seed, Purpose.SURFACE, 1).integers(1 << 30)
         self._atmosphere = shading_kernels.atmosphere(weather, int(cloud_seed))
-        casters = RaycastScene(meshes.fixed, np.empty(0, np.int32), 0, threads) if weather.shadows else None
-        self._shadow_casters = casters
+        self._casters = RaycastScene(meshes.fixed, np.empty(0, np.int32), 0, threads) if weather.shadows else None
         self._directions: dict[Intrinsics, Rays] = {}
         self._rays: Rays = np.empty((0, 0, 6), np.float32)
         self._threads = threads
@@ -77,9 +76,8 @@ class ShadedRenderer:
 
     def _shade(self, intrinsics: Intrinsics, rays: Rays, hits: Hits) -> GrayImage:
         """Brightness of every ray, shape (cameras, H * W)."""
-        moving = self._bodies[self._meshes.n_fixed :]
-        for body, (rotation, position_m) in zip(moving, self._meshes.moving_poses(), strict=True):
-            body["rotation"], body["position"] = rotation, position_m
+        for row, pose in zip(self._bodies[self._meshes.n_fixed :], self._meshes.moving_poses(), strict=True):
+            row["rotation"], row["position"] = pose
         bodies = wp.array(self._bodies, dtype=shading_kernels.ShadedBody, device="cpu")
         inputs = [
             (rays.reshape(-1, 6), wp.float32),
@@ -106,9 +104,9 @@ class ShadedRenderer:
     def _sunlit(self, rays: Rays, hits: Hits) -> FloatImage:
         """1 where the sun reaches a hit, 0 in the shadow of a fixed body; it has the shape of the depths."""
         sunlit = np.ones(hits.depth_m.shape, np.float32)
-        if self._shadow_casters is not None:
+        if self._casters is not None:
             cameras = list(self._map(self._shadow_rays, rays, hits.depth_m, hits.normal))
-            blocked = self._shadow_casters.is_blocked(np.concatenate([towards_sun for _, towards_sun in cameras]))
+            blocked = self._casters.is_blocked(np.concatenate([towards_sun for _, towards_sun in cameras]))
             ends = np.cumsum([len(pixels) for pixels, _ in cameras])
             for lit, (pixels, _), part in zip(sunlit, cameras, np.split(blocked, ends[:-1]), strict=True):
                 lit[pixels[part]] = 0
@@ -135,8 +133,7 @@ def unit_depth_directions(intrinsics: Intrinsics) -> Rays:
 def _shaded_bodies(seed: int, surfaces: Sequence[Surface], meshes: SceneMeshes) -> Any:
     """The surfaces and poses of all bodies as an array of `shading_kernels.ShadedBody`."""
     bodies: Any = np.zeros(len(surfaces), shading_kernels.ShadedBody.numpy_dtype())  # type: ignore[attr-defined]
-    seeds = stream(seed, Purpose.SURFACE, 0).integers(1 << 30, size=len(surfaces))
-    bodies["seed"] = seeds
+    bodies["seed"] = stream(seed, Purpose.SURFACE, 0).integers(1 << 30, size=len(surfaces))
     for row, surface, body in zip(bodies, surfaces, meshes.body_ids, strict=True):
         row["albedo"], row["texture"] = surface.albedo, surface.texture
         row["pattern"] = shading_kernels.PATTERNS[surface.pattern]
