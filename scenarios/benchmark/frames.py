@@ -1,7 +1,7 @@
 """A few frames that a measurement plays for as long as it lasts, from memory or from files."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain, cycle, islice
 from pathlib import Path
 from typing import Any
@@ -55,10 +55,6 @@ class FrameLoop:
     def n_bytes(self) -> int:
         """Memory of the images."""
         return sum(gray.nbytes + depth_m.nbytes for gray, depth_m in zip(self.grays, self.depths_m, strict=True))
-
-    def first(self, frames: int) -> "FrameLoop":
-        """A loop of the first images alone."""
-        return replace(self, grays=self.grays[:frames], depths_m=self.depths_m[:frames])
 
     def resized(self, width_px: int, height_px: int) -> "FrameLoop":
         """A loop of images of another size; gray is interpolated, depth is not."""

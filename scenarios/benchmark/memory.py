@@ -47,9 +47,8 @@ def measure_memory(corrector: str, loop: FrameLoop) -> Memory | None:
     if not STATUS.exists():
         return None
     with TemporaryDirectory(prefix="voxdepth-bench-") as folder:
-        kept = loop.first(N_DISTINCT)
-        np.save(Path(folder) / GRAYS, np.stack(kept.grays))
-        np.save(Path(folder) / DEPTHS, np.stack(kept.depths_m))
+        np.save(Path(folder) / GRAYS, np.stack(loop.grays[:N_DISTINCT]))
+        np.save(Path(folder) / DEPTHS, np.stack(loop.depths_m[:N_DISTINCT]))
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
             return pool.submit(memory_here, corrector, Path(folder), loop.intrinsics).result()
 

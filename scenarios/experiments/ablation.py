@@ -7,7 +7,6 @@ from typing import Any
 import pandas as pd
 from matplotlib.axes import Axes
 
-from voxdepth import VoxDepth
 from voxdepth.registry import DEFAULT
 from voxdepth.temporal.config import VoxDepthConfig
 
@@ -18,7 +17,7 @@ from ..evaluation.scoring import DEPARTED, MOVING
 from ..results.figure import label_axes, panels
 from ..results.table import Column, Table, Value
 from .comparison import HOLES, Comparison, mean_of_known
-from .experiment import Experiment, ExperimentContext, Findings
+from .experiment import Experiment, ExperimentContext, Findings, configured_method
 
 NEVER = 1_000_000
 """A threshold that nothing reaches."""
@@ -45,13 +44,7 @@ class Variant:
         """The method to evaluate; the unchanged variant shares its results with all other comparisons."""
         if self.name == DEFAULT:
             return find_method(DEFAULT)
-        return Method(
-            name=f"{DEFAULT}-{self.name}",
-            make=lambda intrinsics: VoxDepth(intrinsics, self.config),
-            sees_true_pose=self.sees_true_pose,
-            config=self.config.model_dump(mode="json"),
-            warm_up_frames=self.config.warm_up_frames,
-        )
+        return configured_method(DEFAULT, self.name, self.config, sees_true_pose=self.sees_true_pose)
 
 
 def _variant(name: str, off: str, **changes: Any) -> Variant:

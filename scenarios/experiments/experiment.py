@@ -9,8 +9,9 @@ import pandas as pd
 from sim.recording import Recording
 from sim.types import Capture
 from swarm.perception import frame_of
-from voxdepth import PaperVoxDepth
 from voxdepth.paper.config import PaperConfig
+from voxdepth.registry import create_corrector
+from voxdepth.temporal.config import VoxDepthConfig
 from voxdepth.types import Frame
 
 from ..benchmark.frames import FrameLoop
@@ -138,11 +139,14 @@ class ExperimentContext:
         return evaluation
 
 
-def paper_method(name: str, config: PaperConfig) -> Method:
-    """The paper's method with a configuration, to which the name must belong alone: results are stored under it."""
+def configured_method(
+    corrector: str, name: str, config: VoxDepthConfig | PaperConfig, *, sees_true_pose: bool = False
+) -> Method:
+    """A corrector with a configuration, to which the name must belong alone: results are stored under it."""
     return Method(
-        name=f"paper-{name}",
-        make=lambda intrinsics: PaperVoxDepth(intrinsics, config),
+        name=f"{corrector}-{name}",
+        make=lambda intrinsics: create_corrector(corrector, intrinsics, config),
+        sees_true_pose=sees_true_pose,
         config=config.model_dump(mode="json"),
         warm_up_frames=config.warm_up_frames,
     )

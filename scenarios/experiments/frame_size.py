@@ -7,12 +7,13 @@ from matplotlib.axes import Axes
 
 from voxdepth.paper.config import PaperConfig
 from voxdepth.paper.registration import RegistrationConfig
+from voxdepth.registry import PAPER
 
 from ..evaluation.groups import ALL
 from ..evaluation.measurements import Selector
 from ..results.figure import label_axes, marked_lines, panels
 from ..results.table import Column, Table
-from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, listed, paper_method
+from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, configured_method, listed
 from .image_motion import MotionEstimator, affine_estimator, no_motion, score_pairs
 
 SIZES_PX = (100, 150, 200, 300, 400, 600)
@@ -26,7 +27,7 @@ MAX_PAIRS = 10
 NO_MOTION = 0
 """Size that stands for no registration at all."""
 REGISTRATIONS = {size_px: RegistrationConfig(size_px=size_px) for size_px in SIZES_PX}
-METHODS = {size_px: paper_method(f"size-{size_px}", PaperConfig(registration=config))
+METHODS = {size_px: configured_method(PAPER, f"size-{size_px}", PaperConfig(registration=config))
            for size_px, config in REGISTRATIONS.items()}  # fmt: skip
 PSNR = Selector("psnr16_mm", range=ALL)
 COLUMNS = (
@@ -51,7 +52,7 @@ def compare_sizes(context: ExperimentContext) -> Findings:
         for size_px, score in score_pairs(context, name, estimators, DISTANCE, MAX_PAIRS).items():
             method = METHODS.get(size_px)
             corrected_db = None if method is None else measurements.value(name, method.name, PSNR)
-            rows.append((name, size_px, score.gray.psnr_db, score.failed_percent, score.latency.p50_ms,
+            rows.append((name, size_px, score.gray_psnr_db, score.failed_percent, score.latency.p50_ms,
                          score.latency.p95_ms, score.latency.n, corrected_db, context.frames))  # fmt: skip
     title = f"Registration of frames {DISTANCE} apart, and depth corrected with it"
     table = Table.of(title, COLUMNS, rows)

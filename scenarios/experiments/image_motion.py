@@ -90,35 +90,29 @@ def covered(warp: Warp, shape: tuple[int, int]) -> MaskImage:
 
 
 @dataclass(kw_only=True)
-class GrayError:
-    """The sum of squared gray differences over the pixels of several image pairs."""
-
-    squared: float = 0.0
-    pixels: int = 0
-
-    def add(self, warped: GrayImage, current: GrayImage, where: MaskImage) -> None:
-        """Add a pair; all of shape (H, W)."""
-        difference = warped[where].astype(np.float64) - current[where]
-        self.squared += float(np.square(difference).sum())
-        self.pixels += difference.size
-
-    @property
-    def psnr_db(self) -> float | None:
-        """The paper's quality of registration: PSNR with the peak 255 [dB]; None without a pixel."""
-        return psnr_db(self.squared / self.pixels, PEAK_GRAY) if self.pixels else None
-
-
-@dataclass(kw_only=True)
 class MotionScore:
     """The score of one estimator over several image pairs."""
 
-    gray: GrayError = field(default_factory=GrayError)
+    gray_squared_error: float = 0.0
+    """Sum over `gray_pixels` pixels."""
+    gray_pixels: int = 0
     depth: Sums = field(default_factory=Sums)
     """Warped true depth of the reference against the true depth of the later frame."""
     times_s: list[float] = field(default_factory=list)
     """Times of finding the motion and warping one depth image."""
     failures: int = 0
     """Pairs for which no motion was found."""
+
+    def add_gray(self, warped: GrayImage, current: GrayImage, where: MaskImage) -> None:
+        """Add the gray images of a pair; all of shape (H, W)."""
+        difference = warped[where].astype(np.float64) - current[where]
+        self.gray_squared_error += float(np.square(difference).sum())
+        self.gray_pixels += difference.size
+
+    @property
+    def gray_psnr_db(self) -> float | None:
+        """The paper's quality of registration: PSNR with the peak 255 [dB]; None without a pixel."""
+        return psnr_db(self.gray_squared_error / self.gray_pixels, PEAK_GRAY) if self.gray_pixels else None
 
     @property
     def failed_percent(self) -> float:
@@ -173,7 +167,7 @@ def _score_pair(
     by_all: MaskImage = np.logical_and.reduce([covered(warp, reference.intrinsics.shape) for warp in warps.values()])
     near = by_all & (current.depth_true_m <= np.float32(NEAR_M))
     for name, warp in warps.items():
-        scores[name].gray.add(warp.apply(reference.gray_left), current.gray_left, by_all)
+        scores[name].add_gray(warp.apply(reference.gray_left), current.gray_left, by_all)
         scores[name].depth += Sums.of(depths_m[name], current.depth_true_m, near)
 
 

@@ -80,11 +80,11 @@ def _measure(context: ExperimentContext, name: str) -> Iterator[list[Value]]:
                 times_s[method].append(time.perf_counter() - start)
     for method, sums in near.items():
         latency = Latency.of(times_s[method]) if method in times_s else None
+        times = (None, None, 0) if latency is None else (latency.p50_ms, latency.p95_ms, latency.n)
         yield [
             name, method, None if sums.coverage is None else 100 * sums.coverage, sums.mae_m,
             None if sums.too_far_share is None else 100 * sums.too_far_share, completed[method].psnr_db(PEAK16_M),
-            None if latency is None else latency.p50_ms, None if latency is None else latency.p95_ms,
-            0 if latency is None else latency.n, sums.pixels, *INPAINTING_RESULTS.get(method, (None, None)),
+            *times, sums.pixels, *INPAINTING_RESULTS.get(method, (None, None)),
         ]  # fmt: skip
 
 

@@ -65,8 +65,8 @@ def _measure(context: ExperimentContext, name: str) -> list[list[Value]]:
         "Horn-Schunck": flow_estimator(HornSchunck()),
     }
     return [
-        [name, distance, method, score.gray.psnr_db, score.depth.mae_m, score.depth.median_abs_m, score.failed_percent,
-         score.latency.p50_ms, score.latency.p95_ms, score.latency.n, score.gray.pixels]
+        [name, distance, method, score.gray_psnr_db, score.depth.mae_m, score.depth.median_abs_m, score.failed_percent,
+         score.latency.p50_ms, score.latency.p95_ms, score.latency.n, score.gray_pixels]
         for distance in DISTANCES
         if distance < context.frames
         for method, score in score_pairs(context, name, estimators, distance, MAX_PAIRS).items()

@@ -58,10 +58,7 @@ def _source_image(context: ExperimentContext, sequence: str) -> Image:
     corrector = create_corrector(DEFAULT, context.recording(sequence).intrinsics)
     for frame in context.frames_of(sequence):
         source = corrector.process(frame).source
-    table = np.zeros((len(Source), 3), np.uint8)
-    for kind, color in SOURCE_COLORS_BGR.items():
-        table[kind] = color
-    image: Image = table[source]
+    image: Image = np.array([SOURCE_COLORS_BGR[kind] for kind in Source], np.uint8)[source]
     return image
 
 

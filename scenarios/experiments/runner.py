@@ -49,7 +49,7 @@ class RunOptions:
     """The command line, which is stored beside the results."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ExperimentReport:
     """The findings of an experiment with all that is needed to repeat it."""
 
@@ -137,14 +137,8 @@ def run(
     """
     contexts = [create_context(experiment, options, report) for experiment in experiments]
     for experiment, context in zip(experiments, contexts, strict=True):
-        provenance = Provenance.here(SIMULATION)
-        done = ExperimentReport(
-            experiment=experiment,
-            context=context,
-            command=options.command,
-            provenance=provenance,
-            findings=experiment.answer(context),
-        )
+        provenance, findings = Provenance.here(SIMULATION), experiment.answer(context)
+        done = ExperimentReport(experiment, context, options.command, provenance, findings)
         done.write()
         yield done
 

@@ -107,7 +107,7 @@ def _measure_movement(context: ExperimentContext, name: str) -> Iterator[Sequenc
         known = [px for px in true_px if px is not None]
         score = score_pairs(context, name, estimators, distance, MAX_PAIRS)["registration"]
         yield (
-            name, distance, mean(flows_px), mean(known) if known else None, score.gray.psnr_db, score.failed_percent,
+            name, distance, mean(flows_px), mean(known) if known else None, score.gray_psnr_db, score.failed_percent,
             score.latency.n, *MOVEMENT.get(distance, (None, None)),
         )  # fmt: skip
 

@@ -9,13 +9,14 @@ from matplotlib.axes import Axes
 from voxdepth.metrics import psnr_db
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.paper.config import PaperConfig
+from voxdepth.registry import PAPER
 
 from ..evaluation.measurements import of_frames
 from ..results.figure import label_axes, marked_lines, panels
 from ..results.table import Column, Table
-from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, paper_method
+from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, configured_method
 
-METHODS = {n: paper_method(f"window-{n}", PaperConfig(window_frames=n)) for n in (2, 4, 6, 8, 10, 12)}
+METHODS = {n: configured_method(PAPER, f"window-{n}", PaperConfig(window_frames=n)) for n in (2, 4, 6, 8, 10, 12)}
 """The paper's method by the number of frames in a window."""
 CHOSEN, LARGEST = 10, 12
 """The paper's choice, and the size that it compares it with."""

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from scenarios.experiments.image_motion import (
-    GrayError,
     MotionScore,
     affine_estimator,
     affine_warp,
@@ -58,12 +57,12 @@ def test_registration_finds_a_shift_and_reports_what_it_cannot_find() -> None:
     estimate = estimator(image)
     found = estimate(later)
     assert found.ok
-    score, unmoved = GrayError(), GrayError()
+    score, unmoved = MotionScore(), MotionScore()
     where = covered(found, SHAPE) & (later > 0)
-    score.add(found.apply(image), later, where)
-    unmoved.add(image, later, where)
-    assert score.psnr_db is not None and unmoved.psnr_db is not None
-    assert score.psnr_db > unmoved.psnr_db + 6
+    score.add_gray(found.apply(image), later, where)
+    unmoved.add_gray(image, later, where)
+    assert score.gray_psnr_db is not None and unmoved.gray_psnr_db is not None
+    assert score.gray_psnr_db > unmoved.gray_psnr_db + 6
     lost = estimate(np.zeros(SHAPE, np.uint8))
     assert not lost.ok
     assert (lost.apply(image) == image).all(), "a registration that fails moves nothing"
@@ -82,19 +81,19 @@ def test_a_flow_is_asked_from_the_later_image_to_the_reference() -> None:
 
 
 def test_gray_psnr_by_hand() -> None:
-    error = GrayError()
-    assert error.psnr_db is None
-    error.add(np.array([[10, 20]], np.uint8), np.array([[13, 0]], np.uint8), np.array([[True, False]]))
-    error.add(np.array([[5]], np.uint8), np.array([[10]], np.uint8), np.array([[True]]))
-    assert error.pixels == 2
-    assert error.psnr_db == pytest.approx(10 * np.log10(255**2 / ((9 + 25) / 2)))
+    error = MotionScore()
+    assert error.gray_psnr_db is None
+    error.add_gray(np.array([[10, 20]], np.uint8), np.array([[13, 0]], np.uint8), np.array([[True, False]]))
+    error.add_gray(np.array([[5]], np.uint8), np.array([[10]], np.uint8), np.array([[True]]))
+    assert error.gray_pixels == 2
+    assert error.gray_psnr_db == pytest.approx(10 * np.log10(255**2 / ((9 + 25) / 2)))
 
 
 def test_not_moving_is_perfect_on_the_same_image() -> None:
     image = texture()
-    error = GrayError()
-    error.add(no_motion(image)(image).apply(image), image, np.ones(SHAPE, np.bool_))
-    assert error.psnr_db == np.inf
+    error = MotionScore()
+    error.add_gray(no_motion(image)(image).apply(image), image, np.ones(SHAPE, np.bool_))
+    assert error.gray_psnr_db == np.inf
 
 
 @pytest.mark.parametrize(
