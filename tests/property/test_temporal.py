@@ -36,9 +36,11 @@ def patches(rng: np.random.Generator, shape: tuple[int, int], holes: float) -> F
 
 
 @given(seeds, st.floats(0.05, 2), st.floats(20, 900), st.sampled_from([1, 2]))
-def test_depth_survives_the_way_through_disparity(seed: int, baseline_m: float, focal_px: float, step: int) -> None:
+def test_depth_survives_the_way_through_disparity(
+    seed: int, baseline_m: float, focal_px: float, decimation: int
+) -> None:
     camera = replace(CAMERA, baseline_m=baseline_m, fx_px=focal_px, fy_px=focal_px)
-    resolution, rng = WorkingResolution.of(camera, step), np.random.default_rng(seed)
+    resolution, rng = WorkingResolution.of(camera, decimation), np.random.default_rng(seed)
     depth_m = rng.uniform(resolution.focal_baseline_px_m / 900, 200, CAMERA.shape).astype(np.float32)
     depth_m[rng.random(depth_m.shape) < 0.2] = 0
     np.testing.assert_allclose(resolution.depth(resolution.disparity(depth_m)), depth_m, rtol=1e-6)
@@ -70,8 +72,8 @@ def test_a_plane_that_moves_stays_that_plane(
 
 @given(seeds, st.floats(0.02, 0.98), st.sampled_from([1, 2]))
 @settings(max_examples=20)
-def test_filling_keeps_what_is_known_and_invents_nothing_farther(seed: int, holes: float, step: int) -> None:
-    rng, resolution = np.random.default_rng(seed), WorkingResolution.of(CAMERA, step)
+def test_filling_keeps_what_is_known_and_invents_nothing_farther(seed: int, holes: float, decimation: int) -> None:
+    rng, resolution = np.random.default_rng(seed), WorkingResolution.of(CAMERA, decimation)
     before_px = patches(rng, resolution.shape, holes)
     valid = before_px > 0
     filled = Inpainter(resolution, InpaintingConfig()).inpaint(before_px)
@@ -84,11 +86,11 @@ def test_filling_keeps_what_is_known_and_invents_nothing_farther(seed: int, hole
 @given(seeds, st.floats(0.02, 0.98), st.sampled_from([1, 2]))
 @settings(max_examples=20)
 def test_the_mirrored_image_of_mirrored_cameras_is_filled_with_the_mirror_image(
-    seed: int, holes: float, step: int
+    seed: int, holes: float, decimation: int
 ) -> None:
     # Eight cells wide, and all their halves are whole: else the coarser cells are not those of the mirror image.
     camera = Intrinsics.from_hfov(width_px=128, height_px=96, hfov_deg=70, baseline_m=0.1)
-    rng, resolution = np.random.default_rng(seed), WorkingResolution.of(camera, step)
+    rng, resolution = np.random.default_rng(seed), WorkingResolution.of(camera, decimation)
     before_px = patches(rng, resolution.shape, holes)
     for row, col in rng.integers(0, resolution.shape, (6, 2)):
         before_px[row : row + 12, col : col + rng.integers(2, 20)] = 0
@@ -151,7 +153,7 @@ def test_a_third_of_wrong_points_does_not_move_the_camera(
 @given(seeds, st.integers(8, 70), st.integers(8, 60), st.sampled_from([1, 2]), st.booleans())
 @settings(max_examples=25)
 def test_whatever_comes_in_what_comes_out_is_well_formed(
-    seed: int, width_px: int, height_px: int, step: int, inpaint: bool
+    seed: int, width_px: int, height_px: int, decimation: int, inpaint: bool
 ) -> None:
     rng = np.random.default_rng(seed)
     camera = Intrinsics.from_hfov(
@@ -163,7 +165,7 @@ def test_whatever_comes_in_what_comes_out_is_well_formed(
         depth_m[rng.random(camera.shape) < rng.choice([0, 0.5, 1])] = 0
         gray = rng.integers(0, 256, camera.shape, np.uint8) // np.uint8(rng.choice([1, 200]))
         frames.append(Frame(stamp_s=float(index), gray=gray, depth_m=depth_m.astype(np.float32)))
-    for result in run(method(camera, decimation=step, inpaint=inpaint), frames):
+    for result in run(method(camera, decimation=decimation, inpaint=inpaint), frames):
         assert result.depth_m.shape == camera.shape
         assert np.isfinite(result.depth_m).all()
         assert (result.depth_m >= 0).all()

@@ -32,7 +32,7 @@ from voxdepth.temporal.working_resolution import MAX_DISPARITY_PX, MIN_DISPARITY
 from voxdepth.types import Intrinsics
 
 CAMERA = dataclasses.replace(Intrinsics.from_hfov(width_px=640, height_px=360, hfov_deg=80), baseline_m=0.095)
-RESOLUTIONS = [WorkingResolution.of(CAMERA, step) for step in (1, 2)]
+RESOLUTIONS = [WorkingResolution.of(CAMERA, decimation) for decimation in (1, 2)]
 TOLERANCE = 16 * 2.0**-24
 """Relative difference to the largest disparity of a neighbourhood: three roundings, 3.5 times as large where the
 nearest surface of a room approaches to 0.28 of its distance, and a margin."""
@@ -229,10 +229,10 @@ def test_images_of_another_size_are_rejected(cut: object) -> None:
 
 
 @each_device
-@pytest.mark.parametrize("step", [1, 2])
-def test_a_stream_is_corrected_alike(step: int, device: str) -> None:
+@pytest.mark.parametrize("decimation", [1, 2])
+def test_a_stream_is_corrected_alike(decimation: int, device: str) -> None:
     frames = [noisy(frame, seed=5) for frame in frames_of(ROOM, walk(8))]
-    host, warp = method(decimation=step), method(decimation=step)
+    host, warp = method(decimation=decimation), method(decimation=decimation)
     warp._forward_warp = GpuForwardWarp(warp._resolution, device=device)
     for expected, got in zip(run(host, frames), run(warp, frames), strict=True):
         # Rounding may tip a decision about a pixel here and there.

@@ -101,11 +101,11 @@ def rotated(warped: Warped) -> tuple[FloatImage, GrayImage]:
     return warped.disparity_px[::-1, ::-1], warped.weight[::-1, ::-1]
 
 
-@pytest.mark.parametrize("step", [1, 2])
-def test_standing_still_changes_nothing(step: int) -> None:
-    resolution = WorkingResolution.of(CAMERA, step)
+@pytest.mark.parametrize("decimation", [1, 2])
+def test_standing_still_changes_nothing(decimation: int) -> None:
+    resolution = WorkingResolution.of(CAMERA, decimation)
     full_px, full_weight = image(CAMERA)
-    disparity_px, weight = (np.ascontiguousarray(whole[::step, ::step]) for whole in (full_px, full_weight))
+    disparity_px, weight = (np.ascontiguousarray(whole[::decimation, ::decimation]) for whole in (full_px, full_weight))
     lonely = cv2.morphologyEx(disparity_px, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) != disparity_px
     assert 0.05 < lonely.mean() < 0.2  # holes of one pixel are closed: they look like cracks
     warped = ForwardWarp(resolution).warp(disparity_px, weight, np.eye(4))

@@ -96,22 +96,28 @@ class TestStixels:
         return disparity_px, disparity_px > walls + 0.01
 
     @staticmethod
-    def filled(disparity_px: FloatImage, step: int, config: InpaintingConfig | None = None) -> FloatImage:
-        image_px = np.ascontiguousarray(disparity_px[::step, ::step])
+    def filled(disparity_px: FloatImage, decimation: int, config: InpaintingConfig | None = None) -> FloatImage:
+        image_px = np.ascontiguousarray(disparity_px[::decimation, ::decimation])
         return (
-            Inpainter(WorkingResolution.of(CAMERA, step), config or InpaintingConfig()).inpaint(image_px).disparity_px
+            Inpainter(WorkingResolution.of(CAMERA, decimation), config or InpaintingConfig())
+            .inpaint(image_px)
+            .disparity_px
         )
 
-    @pytest.mark.parametrize("step", [1, 2])
+    @pytest.mark.parametrize("decimation", [1, 2])
     @pytest.mark.parametrize("wall", [WALL, SLANTED], ids=["across", "slanted"])
-    def test_a_textureless_wall_has_the_disparity_of_its_ground_contact(self, wall: Plane, step: int) -> None:
+    def test_a_textureless_wall_has_the_disparity_of_its_ground_contact(self, wall: Plane, decimation: int) -> None:
         true_px, measured = self.seen(FLOOR, wall)
         holes_px = np.where(measured, true_px, np.float32(0))
-        off = abs(self.filled(holes_px, step) / true_px[::step, ::step] - 1)[holes_px[::step, ::step] == 0]
+        off = abs(self.filled(holes_px, decimation) / true_px[::decimation, ::decimation] - 1)[
+            holes_px[::decimation, ::decimation] == 0
+        ]
         assert np.median(off) < 0.05
         assert np.quantile(off, 0.9) < 0.08
         no_ground = InpaintingConfig(ground=GroundConfig(min_inlier_ratio=2.0))
-        off = abs(self.filled(holes_px, step, no_ground) / true_px[::step, ::step] - 1)[holes_px[::step, ::step] == 0]
+        off = abs(self.filled(holes_px, decimation, no_ground) / true_px[::decimation, ::decimation] - 1)[
+            holes_px[::decimation, ::decimation] == 0
+        ]
         assert np.median(off) > 0.3  # planes alone recede with the floor
 
     def test_ground_and_stixels_are_more_probable_than_planes(self) -> None:
@@ -127,14 +133,14 @@ class TestStixels:
             <= INPAINTING.occlusion_shadow
         )
 
-    @pytest.mark.parametrize("step", [1, 2])
-    def test_stixels_continue_behind_occluding_objects(self, step: int) -> None:
+    @pytest.mark.parametrize("decimation", [1, 2])
+    def test_stixels_continue_behind_occluding_objects(self, decimation: int) -> None:
         true_px, measured = self.seen(FLOOR, WALL, BALL)
-        filled_px = self.filled(np.where(measured, true_px, np.float32(0)), step)
-        ball = render([BALL], pose(), CAMERA)[1][::step, ::step] > 0
+        filled_px = self.filled(np.where(measured, true_px, np.float32(0)), decimation)
+        ball = render([BALL], pose(), CAMERA)[1][::decimation, ::decimation] > 0
         top = np.argwhere(ball).min(axis=0)[0]
-        above = filled_px[: top - 64 // step, ball.any(axis=0)]  # closer to it the ball has a say
-        assert above.size > 200 // step**2
+        above = filled_px[: top - 64 // decimation, ball.any(axis=0)]  # closer to it the ball has a say
+        assert above.size > 200 // decimation**2
         np.testing.assert_allclose(above, true_px[0, 0], rtol=0.1)
 
     def test_a_stixel_ends_where_something_farther_is_measured(self) -> None:

@@ -19,13 +19,13 @@ FREE = InpaintingConfig(planes=PlanesConfig(ridge=1e-9, max_deviations_far=100, 
 RIGHT = InpaintingConfig(hidden_side="right")
 
 
-def inpainter(step: int = 1, config: InpaintingConfig | None = None) -> Inpainter:
-    return Inpainter(WorkingResolution.of(CAMERA, step), config or InpaintingConfig())
+def inpainter(decimation: int = 1, config: InpaintingConfig | None = None) -> Inpainter:
+    return Inpainter(WorkingResolution.of(CAMERA, decimation), config or InpaintingConfig())
 
 
-def slope(step: int = 1) -> FloatImage:
+def slope(decimation: int = 1) -> FloatImage:
     """Disparity of a slanted wall, 5 to 15 px, at the working resolution."""
-    row, col = np.mgrid[: CAMERA.height_px // step, : CAMERA.width_px // step] * step
+    row, col = np.mgrid[: CAMERA.height_px // decimation, : CAMERA.width_px // decimation] * decimation
     return np.asarray(10 + 0.03 * col - 0.04 * row, np.float32)
 
 
@@ -59,26 +59,29 @@ def mirrored(image: FloatImage) -> FloatImage:
     return np.ascontiguousarray(image[:, ::-1])
 
 
-def away_from_the_border(image: FloatImage, step: int) -> FloatImage:
-    cell = CELL_PX // step
+def away_from_the_border(image: FloatImage, decimation: int) -> FloatImage:
+    cell = CELL_PX // decimation
     return image[cell:-cell, cell:-cell]
 
 
 class TestPlanes:
-    @pytest.mark.parametrize("step", [1, 2])
+    @pytest.mark.parametrize("decimation", [1, 2])
     @pytest.mark.parametrize("name", HOLES)
-    def test_a_plane_is_filled_exactly(self, name: str, step: int) -> None:
-        plane_px = slope(step)
-        before_px = holed(plane_px, HOLES[name][::step, ::step])
+    def test_a_plane_is_filled_exactly(self, name: str, decimation: int) -> None:
+        plane_px = slope(decimation)
+        before_px = holed(plane_px, HOLES[name][::decimation, ::decimation])
         expected_px = np.maximum(plane_px, before_px[before_px > 0].min())  # nothing is farther than what was measured
-        np.testing.assert_allclose(inpainter(step, FREE).inpaint(before_px).disparity_px, expected_px, atol=1e-4)
+        np.testing.assert_allclose(inpainter(decimation, FREE).inpaint(before_px).disparity_px, expected_px, atol=1e-4)
 
-    @pytest.mark.parametrize("step", [1, 2])
+    @pytest.mark.parametrize("decimation", [1, 2])
     @pytest.mark.parametrize("name", HOLES)
-    def test_bounded_planes_are_within_a_hundredth_of_a_pixel(self, name: str, step: int) -> None:
-        plane_px = slope(step)
-        error_px = inpainter(step).inpaint(holed(plane_px, HOLES[name][::step, ::step])).disparity_px - plane_px
-        np.testing.assert_allclose(away_from_the_border(error_px, step), 0, atol=0.01)
+    def test_bounded_planes_are_within_a_hundredth_of_a_pixel(self, name: str, decimation: int) -> None:
+        plane_px = slope(decimation)
+        error_px = (
+            inpainter(decimation).inpaint(holed(plane_px, HOLES[name][::decimation, ::decimation])).disparity_px
+            - plane_px
+        )
+        np.testing.assert_allclose(away_from_the_border(error_px, decimation), 0, atol=0.01)
         np.testing.assert_allclose(error_px, 0, atol=0.25)  # at the border planes do not recede
 
     @pytest.mark.parametrize("config", [FREE, InpaintingConfig()], ids=["free", "default"])
@@ -87,14 +90,18 @@ class TestPlanes:
         filled_px = inpainter(1, config).inpaint(holed(plane_px, block(4, top=0, left=0))).disparity_px
         np.testing.assert_allclose(filled_px, plane_px, atol=0.005)
 
-    @pytest.mark.parametrize("step", [1, 2])
+    @pytest.mark.parametrize("decimation", [1, 2])
     @pytest.mark.parametrize("config", [FREE, InpaintingConfig()], ids=["free", "default"])
     def test_a_plane_of_which_every_other_pixel_is_missing_is_filled_as_well(
-        self, config: InpaintingConfig, step: int
+        self, config: InpaintingConfig, decimation: int
     ) -> None:
-        plane_px = slope(step)
-        filled_px = inpainter(step, config).inpaint(holed(plane_px, scattered(0.5)[::step, ::step])).disparity_px
-        np.testing.assert_allclose(away_from_the_border(filled_px - plane_px, step), 0, atol=0.01)
+        plane_px = slope(decimation)
+        filled_px = (
+            inpainter(decimation, config)
+            .inpaint(holed(plane_px, scattered(0.5)[::decimation, ::decimation]))
+            .disparity_px
+        )
+        np.testing.assert_allclose(away_from_the_border(filled_px - plane_px, decimation), 0, atol=0.01)
 
     def test_only_the_surroundings_of_a_hole_matter(self) -> None:
         wall_px = np.full(CAMERA.shape, 5, np.float32)
@@ -104,11 +111,13 @@ class TestPlanes:
 
 
 class TestLaws:
-    @pytest.mark.parametrize("step", [1, 2])
+    @pytest.mark.parametrize("decimation", [1, 2])
     @pytest.mark.parametrize("share", [0.01, 0.5, 0.99, 0.9999])
-    def test_constant_stays_constant(self, share: float, step: int) -> None:
-        whole_px = np.full(CAMERA.shape, 7.3, np.float32)[::step, ::step]
-        filled_px = inpainter(step).inpaint(holed(whole_px, scattered(share)[::step, ::step])).disparity_px
+    def test_constant_stays_constant(self, share: float, decimation: int) -> None:
+        whole_px = np.full(CAMERA.shape, 7.3, np.float32)[::decimation, ::decimation]
+        filled_px = (
+            inpainter(decimation).inpaint(holed(whole_px, scattered(share)[::decimation, ::decimation])).disparity_px
+        )
         np.testing.assert_allclose(filled_px, 7.3, atol=1e-3)
 
     @pytest.mark.parametrize("factor", [0.25, 4.0])
@@ -159,42 +168,44 @@ class TestShadows:
     """The background is at 5 px, something at 15 px begins at column 80: the second camera misses ten columns."""
 
     @staticmethod
-    def shadow(step: int = 1, *, width_px: int = 10, near_px: float = 15.0, rows: slice = slice(30, 90)) -> FloatImage:
+    def shadow(
+        decimation: int = 1, *, width_px: int = 10, near_px: float = 15.0, rows: slice = slice(30, 90)
+    ) -> FloatImage:
         disparity_px = np.full(CAMERA.shape, 5, np.float32)
         disparity_px[rows, 80:] = near_px
         disparity_px[rows, 80 - width_px : 80] = 0
-        return disparity_px[::step, ::step]
+        return disparity_px[::decimation, ::decimation]
 
-    @pytest.mark.parametrize("step", [1, 2])
-    def test_an_occlusion_shadow_takes_the_background(self, step: int) -> None:
-        before_px = self.shadow(step)
-        filled_px = inpainter(step).inpaint(before_px).disparity_px
+    @pytest.mark.parametrize("decimation", [1, 2])
+    def test_an_occlusion_shadow_takes_the_background(self, decimation: int) -> None:
+        before_px = self.shadow(decimation)
+        filled_px = inpainter(decimation).inpaint(before_px).disparity_px
         np.testing.assert_array_equal(filled_px[before_px == 0], 5)
 
-    @pytest.mark.parametrize("step", [1, 2])
-    def test_foreground_fattening_does_not_change_the_background(self, step: int) -> None:
-        before_px = self.shadow(step)
-        before_px[30 // step : 90 // step, (70 - 2) // step : 70 // step] = 8
-        filled_px = inpainter(step).inpaint(before_px).disparity_px
+    @pytest.mark.parametrize("decimation", [1, 2])
+    def test_foreground_fattening_does_not_change_the_background(self, decimation: int) -> None:
+        before_px = self.shadow(decimation)
+        before_px[30 // decimation : 90 // decimation, (70 - 2) // decimation : 70 // decimation] = 8
+        filled_px = inpainter(decimation).inpaint(before_px).disparity_px
         np.testing.assert_array_equal(filled_px[before_px == 0], 5)
 
-    @pytest.mark.parametrize("step", [1, 2])
-    def test_a_hole_wider_than_any_shadow_is_none(self, step: int) -> None:
-        before_px = self.shadow(step, width_px=24)  # a shadow has 10 columns, and a margin of 6
-        filled_px = inpainter(step).inpaint(before_px).disparity_px
-        assert filled_px[60 // step, 78 // step] > 6  # the near thing has a say
+    @pytest.mark.parametrize("decimation", [1, 2])
+    def test_a_hole_wider_than_any_shadow_is_none(self, decimation: int) -> None:
+        before_px = self.shadow(decimation, width_px=24)  # a shadow has 10 columns, and a margin of 6
+        filled_px = inpainter(decimation).inpaint(before_px).disparity_px
+        assert filled_px[60 // decimation, 78 // decimation] > 6  # the near thing has a say
 
     def test_holes_on_the_other_side_of_an_object_are_no_shadows(self) -> None:
         assert inpainter().inpaint(mirrored(self.shadow())).disparity_px[60, 80] > 8
         assert inpainter(1, RIGHT).inpaint(self.shadow()).disparity_px[60, 79] > 8
 
-    @pytest.mark.parametrize("step", [1, 2])
+    @pytest.mark.parametrize("decimation", [1, 2])
     @pytest.mark.parametrize("fattened_px", [0, 2])
-    def test_the_right_camera_has_mirrored_shadows(self, fattened_px: int, step: int) -> None:
-        before_px = np.ascontiguousarray(self.shadow(step))
-        before_px[30 // step : 90 // step, (70 - fattened_px) // step : 70 // step] = 8
-        filled_px = mirrored(inpainter(step, RIGHT).inpaint(mirrored(before_px)).disparity_px)
-        np.testing.assert_array_equal(filled_px, inpainter(step).inpaint(before_px).disparity_px)
+    def test_the_right_camera_has_mirrored_shadows(self, fattened_px: int, decimation: int) -> None:
+        before_px = np.ascontiguousarray(self.shadow(decimation))
+        before_px[30 // decimation : 90 // decimation, (70 - fattened_px) // decimation : 70 // decimation] = 8
+        filled_px = mirrored(inpainter(decimation, RIGHT).inpaint(mirrored(before_px)).disparity_px)
+        np.testing.assert_array_equal(filled_px, inpainter(decimation).inpaint(before_px).disparity_px)
         assert (filled_px[before_px == 0] == 5).all()
 
     def test_small_discontinuities_have_no_shadow(self) -> None:
@@ -240,10 +251,12 @@ class TestProbability:
         probability = inpainter().inpaint(holed(slope(), block(4))).probability
         np.testing.assert_allclose(probability[40:44, 50:54], INPAINTING.plane(0), rtol=0.01)
 
-    @pytest.mark.parametrize("step", [1, 2])
+    @pytest.mark.parametrize("decimation", [1, 2])
     @pytest.mark.parametrize("name", HOLES)
-    def test_it_is_a_probability(self, name: str, step: int) -> None:
-        probability = inpainter(step).inpaint(holed(slope(step), HOLES[name][::step, ::step])).probability
+    def test_it_is_a_probability(self, name: str, decimation: int) -> None:
+        probability = (
+            inpainter(decimation).inpaint(holed(slope(decimation), HOLES[name][::decimation, ::decimation])).probability
+        )
         assert probability.dtype == np.float32
         assert probability.min() > 0
         assert probability.max() <= INPAINTING.occlusion_shadow

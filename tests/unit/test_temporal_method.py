@@ -16,7 +16,7 @@ from voxdepth.temporal.odometry import TrackingStatus
 from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import CorrectedDepth, FloatImage, Frame, Intrinsics, MaskImage, Source
 
-DECIMATIONS = pytest.mark.parametrize("step", [1, 2])
+DECIMATIONS = pytest.mark.parametrize("decimation", [1, 2])
 ODD = Intrinsics.from_hfov(width_px=161, height_px=119, hfov_deg=70, baseline_m=0.1)
 FOCAL_BASELINE = CAMERA.fx_px * 0.1
 CLEAN = frames_of(ROOM, walk(8))
@@ -64,11 +64,11 @@ class TestNothingToCorrect:
             assert (result.source == Source.SENSOR).all()
 
     @DECIMATIONS
-    def test_smoothing_changes_only_what_is_bent(self, step: int) -> None:
+    def test_smoothing_changes_only_what_is_bent(self, decimation: int) -> None:
         still = [replace(CLEAN[0], stamp_s=float(i)) for i in range(3)]
-        where = flat(still[0], 3 * step)
-        assert where.mean() > (0.6 if step == 1 else 0.4)
-        for result in run(method(decimation=step), still):
+        where = flat(still[0], 3 * decimation)
+        assert where.mean() > (0.6 if decimation == 1 else 0.4)
+        for result in run(method(decimation=decimation), still):
             error_px = disparity_error_px(result, still[0])
             assert error_px[where].max() < 1e-5
             assert np.median(error_px) < 1e-5
@@ -87,36 +87,36 @@ class TestNothingToCorrect:
             assert error_px[~edge].max() < 0.04
 
     @DECIMATIONS
-    def test_a_moving_camera_without_noise_gets_back_what_it_measured(self, step: int) -> None:
-        for frame, result in zip(CLEAN, run(method(decimation=step), CLEAN), strict=True):
+    def test_a_moving_camera_without_noise_gets_back_what_it_measured(self, decimation: int) -> None:
+        for frame, result in zip(CLEAN, run(method(decimation=decimation), CLEAN), strict=True):
             error_px = disparity_error_px(result, frame)
             assert np.percentile(error_px, [50, 90]) == pytest.approx([0, 0], abs=0.1)
-            assert error_px[flat(frame, 3 * step)].max() < 0.01
+            assert error_px[flat(frame, 3 * decimation)].max() < 0.01
             assert_well_formed(result)
 
 
 class TestNoise:
     @DECIMATIONS
-    def test_it_brings_back_what_noise_has_hidden(self, step: int) -> None:
-        result = run(method(decimation=step), NOISY)[-1]
+    def test_it_brings_back_what_noise_has_hidden(self, decimation: int) -> None:
+        result = run(method(decimation=decimation), NOISY)[-1]
         measured = NOISY[-1].depth_m > 0
         raw_px = abs(FOCAL_BASELINE / np.where(measured, NOISY[-1].depth_m, 1) - FOCAL_BASELINE / CLEAN[-1].depth_m)
         error_px = disparity_error_px(result, CLEAN[-1])
         assert np.median(error_px[measured]) < 0.5 * np.median(raw_px[measured])
         known = result.source == Source.MEMORY
         # At half resolution the borders of holes, half of their pixels here, have the source of their neighbours.
-        assert np.mean(known[~measured]) > (0.95 if step == 1 else 0.6)
+        assert np.mean(known[~measured]) > (0.95 if decimation == 1 else 0.6)
         assert np.median(error_px[known]) < 0.1
 
     @DECIMATIONS
-    def test_every_result_is_well_formed(self, step: int) -> None:
+    def test_every_result_is_well_formed(self, decimation: int) -> None:
         for settings in ({}, {"inpaint": False}, {"smoothing_window_px": 1}):
-            for result in run(method(decimation=step, **settings), [*NOISY[:4], dark(4), *NOISY[5:]]):
+            for result in run(method(decimation=decimation, **settings), [*NOISY[:4], dark(4), *NOISY[5:]]):
                 assert_well_formed(result)
 
     @DECIMATIONS
-    def test_without_filling_only_what_is_known_has_a_depth(self, step: int) -> None:
-        filled, bare = (run(method(decimation=step, inpaint=inpaint), NOISY) for inpaint in (True, False))
+    def test_without_filling_only_what_is_known_has_a_depth(self, decimation: int) -> None:
+        filled, bare = (run(method(decimation=decimation, inpaint=inpaint), NOISY) for inpaint in (True, False))
         assert [result.source.tobytes() for result in bare] != [result.source.tobytes() for result in filled]
         for full, result in zip(filled, bare, strict=True):
             assert set(np.unique(result.source)) <= {Source.INVALID, Source.SENSOR, Source.MEMORY}
@@ -125,8 +125,8 @@ class TestNoise:
             np.testing.assert_array_equal(result.depth_m[known], full.depth_m[known])
 
     @DECIMATIONS
-    def test_the_sensor_is_named_only_where_it_measured(self, step: int) -> None:
-        for frame, result in zip(NOISY, run(method(decimation=step), NOISY), strict=True):
+    def test_the_sensor_is_named_only_where_it_measured(self, decimation: int) -> None:
+        for frame, result in zip(NOISY, run(method(decimation=decimation), NOISY), strict=True):
             assert (frame.depth_m[result.source == Source.SENSOR] > 0).all()
 
     @pytest.mark.parametrize(("frames", "beside"), [(1, Source.INPAINTED), (3, Source.MEMORY)])
@@ -145,19 +145,19 @@ class TestSymmetries:
     @DECIMATIONS
     @pytest.mark.parametrize("scale", [0.5, 4.0])  # powers of two, which round nothing otherwise
     def test_a_larger_world_seen_by_a_larger_camera_is_larger(
-        self, scale: float, step: int, monkeypatch: pytest.MonkeyPatch
+        self, scale: float, decimation: int, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         # The fit of the motion stops at an absolute step, which is all that knows of metres; here it never does.
         monkeypatch.setattr(pose_fit, "CONVERGENCE_STEP", 0.0)
-        for one, other in self.of_both_sizes(scale, step):
+        for one, other in self.of_both_sizes(scale, decimation):
             np.testing.assert_allclose(other.depth_m / scale, one.depth_m, rtol=1e-6)
             np.testing.assert_array_equal(one.source, other.source)
             np.testing.assert_allclose(one.confidence, other.confidence, atol=1e-6)
 
     @DECIMATIONS
     @pytest.mark.parametrize("scale", [0.5, 3.0])
-    def test_that_the_fit_stops_earlier_in_a_smaller_world_matters_little(self, scale: float, step: int) -> None:
-        for one, other in self.of_both_sizes(scale, step):
+    def test_that_the_fit_stops_earlier_in_a_smaller_world_matters_little(self, scale: float, decimation: int) -> None:
+        for one, other in self.of_both_sizes(scale, decimation):
             relative = abs(other.depth_m / scale / one.depth_m - 1)
             # Poses differ in the fifth digit: one step of the fit more or less. It may tip a decision here and there.
             assert np.percentile(relative, [50, 99]) == pytest.approx([0, 0], abs=5e-4)
@@ -166,15 +166,17 @@ class TestSymmetries:
             assert np.mean(abs(one.confidence - other.confidence) > 0.02) < 1e-3
 
     @staticmethod
-    def of_both_sizes(scale: float, step: int) -> Iterator[tuple[CorrectedDepth, CorrectedDepth]]:
+    def of_both_sizes(scale: float, decimation: int) -> Iterator[tuple[CorrectedDepth, CorrectedDepth]]:
         """Results for our world, and for one that is `scale` times as large."""
         larger = replace(CAMERA, baseline_m=0.1 * scale)
         grown = [replace(frame, depth_m=frame.depth_m * np.float32(scale)) for frame in NOISY]
-        yield from zip(run(method(decimation=step), NOISY), run(method(larger, decimation=step), grown), strict=True)
+        yield from zip(
+            run(method(decimation=decimation), NOISY), run(method(larger, decimation=decimation), grown), strict=True
+        )
 
     @DECIMATIONS
     @pytest.mark.parametrize("width_px", [160, 168])
-    def test_a_mirrored_world_gives_the_mirrored_result(self, width_px: int, step: int) -> None:
+    def test_a_mirrored_world_gives_the_mirrored_result(self, width_px: int, decimation: int) -> None:
         # 168 px are ten cells and a half: other corners are tracked in the mirror, so poses differ a little.
         camera = Intrinsics(
             fx_px=115, fy_px=115, cx_px=70, cy_px=59.5, width_px=width_px, height_px=120, baseline_m=0.1
@@ -182,8 +184,8 @@ class TestSymmetries:
         mirrored = replace(camera, cx_px=width_px - 1 - camera.cx_px)
         frames = [noisy(frame, 0, camera=camera) for frame in frames_of(ROOM, walk(8), camera)]
         flipped = [replace(frame, gray=_flipped(frame.gray), depth_m=_flipped(frame.depth_m)) for frame in frames]
-        ours = run(method(camera, decimation=step), frames)
-        theirs = run(method(mirrored, decimation=step, inpainting={"hidden_side": "right"}), flipped)
+        ours = run(method(camera, decimation=decimation), frames)
+        theirs = run(method(mirrored, decimation=decimation, inpainting={"hidden_side": "right"}), flipped)
         for one, other in zip(ours, theirs, strict=True):
             assert np.mean(one.source == _flipped(other.source)) > 0.9995
             difference_px = abs(11.5 / one.depth_m - 11.5 / _flipped(other.depth_m))
@@ -191,11 +193,11 @@ class TestSymmetries:
             assert np.mean(difference_px > 0.3) < (1e-5 if width_px == 160 else 5e-4)
 
     @DECIMATIONS
-    def test_the_number_of_threads_does_not_matter(self, step: int, usual_threads: None) -> None:
+    def test_the_number_of_threads_does_not_matter(self, decimation: int, usual_threads: None) -> None:
         streams = []
         for threads in (1, 2):
             cv2.setNumThreads(threads)
-            streams.append(run(method(decimation=step), NOISY))
+            streams.append(run(method(decimation=decimation), NOISY))
         for one, other in zip(*streams, strict=True):
             assert _bytes(one) == _bytes(other)
 
@@ -213,10 +215,10 @@ class TestArrays:
     @DECIMATIONS
     @pytest.mark.parametrize("smoothing_window_px", [1, 5])
     def test_inputs_are_neither_modified_nor_kept_and_results_are_the_callers_own(
-        self, smoothing_window_px: int, step: int
+        self, smoothing_window_px: int, decimation: int
     ) -> None:
-        expected = run(method(decimation=step, smoothing_window_px=smoothing_window_px), NOISY)
-        corrector = method(decimation=step, smoothing_window_px=smoothing_window_px)
+        expected = run(method(decimation=decimation, smoothing_window_px=smoothing_window_px), NOISY)
+        corrector = method(decimation=decimation, smoothing_window_px=smoothing_window_px)
         for frame, clean in zip(NOISY, expected, strict=True):
             given = Frame(stamp_s=frame.stamp_s, gray=frame.gray.copy(), depth_m=frame.depth_m.copy())
             result = process(corrector, given)
@@ -227,11 +229,11 @@ class TestArrays:
                 array[...] = 77
 
     @DECIMATIONS
-    def test_the_halves_may_run_apart(self, step: int) -> None:
-        corrector = method(decimation=step)
+    def test_the_halves_may_run_apart(self, decimation: int) -> None:
+        corrector = method(decimation=decimation)
         aligned = [corrector.align(frame) for frame in NOISY]
         late = [corrector.combine(one) for one in reversed(aligned)][::-1]
-        expected = run(method(decimation=step), NOISY)
+        expected = run(method(decimation=decimation), NOISY)
         assert [_bytes(one) for one in late] == [_bytes(one) for one in expected]
 
     def test_it_is_what_a_corrector_does_by_default(self) -> None:
@@ -239,12 +241,12 @@ class TestArrays:
         assert [_bytes(corrector.process(frame)) for frame in NOISY] == [_bytes(one) for one in run(method(), NOISY)]
 
     @DECIMATIONS
-    def test_after_a_reset_it_is_as_new(self, step: int) -> None:
-        corrector = method(decimation=step)
+    def test_after_a_reset_it_is_as_new(self, decimation: int) -> None:
+        corrector = method(decimation=decimation)
         run(corrector, NOISY)
         corrector.reset()
         again = run(corrector, NOISY)
-        assert [_bytes(one) for one in again] == [_bytes(one) for one in run(method(decimation=step), NOISY)]
+        assert [_bytes(one) for one in again] == [_bytes(one) for one in run(method(decimation=decimation), NOISY)]
 
     def test_what_it_says_of_the_first_and_the_next_frame(self) -> None:
         first, second = run(method(), NOISY[:2])
@@ -269,11 +271,13 @@ class TestSizes:
     @DECIMATIONS
     @pytest.mark.parametrize("baseline_m", [0.1, None])
     @pytest.mark.parametrize(("width_px", "height_px"), SIZES)
-    def test_any_size_is_corrected(self, width_px: int, height_px: int, baseline_m: float | None, step: int) -> None:
+    def test_any_size_is_corrected(
+        self, width_px: int, height_px: int, baseline_m: float | None, decimation: int
+    ) -> None:
         camera = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=70, baseline_m=baseline_m)
         frames = frames_of(ROOM, walk(5), camera)
         holed = [_with_a_hole(frame) for frame in frames]
-        corrector = method(camera, decimation=step, smoothing_window_px=1)
+        corrector = method(camera, decimation=decimation, smoothing_window_px=1)
         for frame, result in zip(frames, run(corrector, holed), strict=True):
             assert_well_formed(result, camera)
             assert (result.depth_m > 0).all()
@@ -283,19 +287,19 @@ class TestSizes:
         )  # twelve corners, one in each cell of 16 px, are needed
 
     @DECIMATIONS
-    def test_an_odd_size_is_remembered_like_an_even_one(self, step: int) -> None:
+    def test_an_odd_size_is_remembered_like_an_even_one(self, decimation: int) -> None:
         frames = [noisy(frame, 0, camera=ODD) for frame in frames_of(ROOM, walk(8), ODD)]
-        result = run(method(ODD, decimation=step), frames)[-1]
+        result = run(method(ODD, decimation=decimation), frames)[-1]
         hole = frames[-1].depth_m == 0
-        assert np.mean(result.source[hole] == Source.MEMORY) > (0.95 if step == 1 else 0.6)
+        assert np.mean(result.source[hole] == Source.MEMORY) > (0.95 if decimation == 1 else 0.6)
         true_m = frames_of(ROOM, walk(8)[-1:], ODD)[0].depth_m
         assert np.median(abs(result.depth_m / true_m - 1)) < 0.02
 
     @DECIMATIONS
-    def test_the_last_odd_row_and_column_are_no_worse_than_measured(self, step: int) -> None:
+    def test_the_last_odd_row_and_column_are_no_worse_than_measured(self, decimation: int) -> None:
         clean = frames_of(ROOM, walk(8), ODD)
         frames = [noisy(frame, 0, holes=0, camera=ODD) for frame in clean]
-        result = run(method(ODD, decimation=step, smoothing_window_px=1), frames)[-1]
+        result = run(method(ODD, decimation=decimation, smoothing_window_px=1), frames)[-1]
         for edge in (np.s_[:, -1], np.s_[-1, :]):
             ours, raw = (
                 abs(1 / depth_m - 1 / clean[-1].depth_m)[edge] for depth_m in (result.depth_m, frames[-1].depth_m)
@@ -304,11 +308,11 @@ class TestSizes:
 
     @DECIMATIONS
     @pytest.mark.parametrize(("width_px", "height_px"), [(7, 8), (8, 7), (64, 3), (1, 1)])
-    def test_too_small_images_are_refused(self, width_px: int, height_px: int, step: int) -> None:
+    def test_too_small_images_are_refused(self, width_px: int, height_px: int, decimation: int) -> None:
         camera = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=70, baseline_m=0.1)
         assert MIN_SIDE_PX == 8
         with pytest.raises(ConfigError, match=f"at least 8x8 pixels, got {width_px}x{height_px}"):
-            method(camera, decimation=step)
+            method(camera, decimation=decimation)
 
 
 def _with_a_hole(frame: Frame) -> Frame:

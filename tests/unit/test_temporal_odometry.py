@@ -44,21 +44,25 @@ MOTIONS = {
 """`T_world_cam` of the second frame; the first is at the origin."""
 
 
-def odometry(camera: Intrinsics = CAMERA, step: int = 1) -> VisualOdometry:
-    return VisualOdometry(camera, WorkingResolution.of(camera, step), VisualOdometryConfig())
+def odometry(camera: Intrinsics = CAMERA, decimation: int = 1) -> VisualOdometry:
+    return VisualOdometry(camera, WorkingResolution.of(camera, decimation), VisualOdometryConfig())
 
 
-def with_keyframe(frame: Frame, camera: Intrinsics = CAMERA, step: int = 1) -> VisualOdometry:
+def with_keyframe(frame: Frame, camera: Intrinsics = CAMERA, decimation: int = 1) -> VisualOdometry:
     """Visual odometry with a keyframe."""
-    known = odometry(camera, step)
-    assert set_keyframe(known, frame, camera, step).status is TrackingStatus.FIRST_FRAME
+    known = odometry(camera, decimation)
+    assert set_keyframe(known, frame, camera, decimation).status is TrackingStatus.FIRST_FRAME
     return known
 
 
-def set_keyframe(known: VisualOdometry, frame: Frame, camera: Intrinsics = CAMERA, step: int = 1) -> TrackingResult:
+def set_keyframe(
+    known: VisualOdometry, frame: Frame, camera: Intrinsics = CAMERA, decimation: int = 1
+) -> TrackingResult:
     """Track a frame and make it the keyframe."""
-    resolution, tracking = WorkingResolution.of(camera, step), known.track(frame)
-    known.set_keyframe(frame, tracking, resolution.disparity(np.ascontiguousarray(frame.depth_m[::step, ::step])))
+    resolution, tracking = WorkingResolution.of(camera, decimation), known.track(frame)
+    known.set_keyframe(
+        frame, tracking, resolution.disparity(np.ascontiguousarray(frame.depth_m[::decimation, ::decimation]))
+    )
     return tracking
 
 
@@ -75,11 +79,11 @@ def error_px(tracking: TrackingResult, T_frame_keyframe: FloatArray, before: Fra
 
 
 class TestVisualOdometry:
-    @pytest.mark.parametrize("step", [1, 2])
+    @pytest.mark.parametrize("decimation", [1, 2])
     @pytest.mark.parametrize("name", MOTIONS)
-    def test_a_known_motion_is_found(self, name: str, step: int) -> None:
+    def test_a_known_motion_is_found(self, name: str, decimation: int) -> None:
         T, first = MOTIONS[name], frame_of(ROOM, pose())
-        tracking = with_keyframe(first, step=step).track(frame_of(ROOM, T, 1))
+        tracking = with_keyframe(first, decimation=decimation).track(frame_of(ROOM, T, 1))
         assert tracking.status is TrackingStatus.OK
         assert error_px(tracking, inverse_rigid(T), first) < 0.05
         assert tracking.n_inliers > 0.85 * tracking.n_tracks > 40
@@ -310,6 +314,6 @@ def test_a_reduced_image_finds_the_same_motion() -> None:
     large = Intrinsics.from_hfov(width_px=480, height_px=360, hfov_deg=70, baseline_m=0.1)
     bodies: list[Body] = [Plane((0.3, 0.0, 1.0), 3.0, seed=1), Plane((0.0, 1.0, 0.05), 0.9, seed=2)]
     T, first = MOTIONS["rolled"], frame_of(bodies, pose(), camera=large)
-    tracking = with_keyframe(first, large, step=2).track(frame_of(bodies, T, 1, large))
+    tracking = with_keyframe(first, large, decimation=2).track(frame_of(bodies, T, 1, large))
     assert tracking.status is TrackingStatus.OK
     np.testing.assert_allclose(tracking.T_frame_keyframe, inverse_rigid(T), atol=2e-3)

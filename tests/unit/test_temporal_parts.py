@@ -21,8 +21,8 @@ from voxdepth.types import FloatImage, Frame, GrayImage, Intrinsics
 ODD = Intrinsics.from_hfov(width_px=161, height_px=119, hfov_deg=70, baseline_m=0.1)
 
 
-def measurement_of(full_px: FloatImage, step: int, camera: Intrinsics = CAMERA) -> Measurement:
-    resolution = WorkingResolution.of(camera, step)
+def measurement_of(full_px: FloatImage, decimation: int, camera: Intrinsics = CAMERA) -> Measurement:
+    resolution = WorkingResolution.of(camera, decimation)
     frame = Frame(stamp_s=0, gray=np.zeros(camera.shape, np.uint8), depth_m=resolution.depth(full_px))
     return measure(frame, full_px, resolution)
 
@@ -32,12 +32,12 @@ def constant(value: float, camera: Intrinsics = CAMERA) -> FloatImage:
 
 
 class TestMeasurement:
-    @pytest.mark.parametrize("step", [1, 2])
+    @pytest.mark.parametrize("decimation", [1, 2])
     @pytest.mark.parametrize("camera", [CAMERA, ODD], ids=["even", "odd"])
-    def test_constant_stays_constant(self, camera: Intrinsics, step: int) -> None:
-        new = measurement_of(constant(6.5, camera), step, camera)
+    def test_constant_stays_constant(self, camera: Intrinsics, decimation: int) -> None:
+        new = measurement_of(constant(6.5, camera), decimation, camera)
         np.testing.assert_array_equal(
-            new.disparity_px, np.full(WorkingResolution.of(camera, step).shape, 6.5, np.float32)
+            new.disparity_px, np.full(WorkingResolution.of(camera, decimation).shape, 6.5, np.float32)
         )
         np.testing.assert_array_equal(new.weight, WEIGHT_UNIT)
         assert new.gray.shape == new.disparity_px.shape
@@ -57,13 +57,13 @@ class TestMeasurement:
         full_px[10:12, 20:22] = np.array(four).reshape(2, 2)
         assert measurement_of(full_px, 2).disparity_px[5, 10] == one
 
-    @pytest.mark.parametrize("step", [1, 2])
-    def test_weights_fall_at_the_border_of_a_hole(self, step: int) -> None:
+    @pytest.mark.parametrize("decimation", [1, 2])
+    def test_weights_fall_at_the_border_of_a_hole(self, decimation: int) -> None:
         full_px = constant(6)
         full_px[40:60, 40:60] = 0
-        weight = measurement_of(full_px, step).weight[50 // step]
-        assert weight[50 // step] == 0
-        beside, away = weight[60 // step], weight[60 // step + 3]
+        weight = measurement_of(full_px, decimation).weight[50 // decimation]
+        assert weight[50 // decimation] == 0
+        beside, away = weight[60 // decimation], weight[60 // decimation + 3]
         assert beside == round(WEIGHT_UNIT * 0.6**4)  # two of five columns are missing
         assert away == WEIGHT_UNIT
 
@@ -74,10 +74,10 @@ class TestMeasurement:
             full_px[row::2, col::2] = 6
         np.testing.assert_allclose(measurement_of(full_px, 2).weight, WEIGHT_UNIT * share**2, atol=0.6)
 
-    @pytest.mark.parametrize("step", [1, 2])
-    def test_only_valid_pixels_have_a_weight(self, step: int) -> None:
+    @pytest.mark.parametrize("decimation", [1, 2])
+    def test_only_valid_pixels_have_a_weight(self, decimation: int) -> None:
         full_px = np.where(np.random.default_rng(0).random(CAMERA.shape) < 0.8, np.float32(0), constant(6))
-        new = measurement_of(full_px, step)
+        new = measurement_of(full_px, decimation)
         np.testing.assert_array_equal(new.weight > 0, new.disparity_px > 0)
         np.testing.assert_array_equal(new.valid, np.where(new.disparity_px > 0, 255, 0))
 
@@ -241,10 +241,10 @@ class TestConfidence:
         np.testing.assert_allclose(near, probability, atol=1e-6)
 
 
-@pytest.mark.parametrize("step", [1, 2])
+@pytest.mark.parametrize("decimation", [1, 2])
 @pytest.mark.parametrize("camera", [CAMERA, ODD], ids=["even", "odd"])
-def test_a_warped_memory_shows_the_scene_from_the_new_pose(camera: Intrinsics, step: int) -> None:
-    resolution, there = WorkingResolution.of(camera, step), pose(0.1, 0.02, 0.15, yaw=2, roll=1)
+def test_a_warped_memory_shows_the_scene_from_the_new_pose(camera: Intrinsics, decimation: int) -> None:
+    resolution, there = WorkingResolution.of(camera, decimation), pose(0.1, 0.02, 0.15, yaw=2, roll=1)
     here, now = (
         measure(frame, resolution.disparity(frame.depth_m), resolution)
         for frame in (frame_of(ROOM, T, camera=camera) for T in (pose(), there))
@@ -256,7 +256,7 @@ def test_a_warped_memory_shows_the_scene_from_the_new_pose(camera: Intrinsics, s
     assert known.mean() > 0.75
     change = abs(warped.gray.astype(int) - now.gray)[known]
     unmoved = abs(here.gray.astype(int) - now.gray)[known]
-    assert np.median(change) <= 2 * step  # halving blurs, and not twice in the same way
+    assert np.median(change) <= 2 * decimation  # halving blurs, and not twice in the same way
     assert np.median(unmoved) > 10
     assert np.mean(abs(warped.disparity_px - now.disparity_px)[known] < 0.05) > 0.9
 

@@ -27,8 +27,8 @@ from voxdepth.temporal.confidence import INPAINTING
 from voxdepth.temporal.odometry import TrackingStatus
 from voxdepth.types import FloatArray, Frame, Source
 
-DECIMATIONS = pytest.mark.parametrize("step", [1, 2])
-MOSTLY_SLOW = pytest.mark.parametrize("step", [1, pytest.param(2, marks=pytest.mark.slow)])
+DECIMATIONS = pytest.mark.parametrize("decimation", [1, 2])
+MOSTLY_SLOW = pytest.mark.parametrize("decimation", [1, pytest.param(2, marks=pytest.mark.slow)])
 """For long streams."""
 PATH = walk(40)
 NOISY = [noisy(frame, 0) for frame in frames_of(ROOM, PATH[:8])]
@@ -45,9 +45,9 @@ def holed(frame: Frame, index: int) -> Frame:
 
 class TestCut:
     @DECIMATIONS
-    def test_the_result_is_that_of_a_fresh_corrector(self, step: int) -> None:
+    def test_the_result_is_that_of_a_fresh_corrector(self, decimation: int) -> None:
         after = [noisy(frame, 1) for frame in frames_of(OTHER_ROOM, walk(4), first=16)]
-        used, fresh = method(decimation=step), method(decimation=step)
+        used, fresh = method(decimation=decimation), method(decimation=decimation)
         run(used, NOISY)
         ours, theirs = run(used, after), run(fresh, after)
         assert ours[0].diagnostics.status is TrackingStatus.LOST
@@ -58,16 +58,16 @@ class TestCut:
         assert all(result.diagnostics.status is TrackingStatus.OK for result in ours[1:])
 
     @DECIMATIONS
-    def test_nothing_of_the_old_scene_is_shown(self, step: int) -> None:
-        used = method(decimation=step, inpaint=False)
+    def test_nothing_of_the_old_scene_is_shown(self, decimation: int) -> None:
+        used = method(decimation=decimation, inpaint=False)
         run(used, NOISY)
         result = process(used, holed(frame_of(OTHER_ROOM, pose()), 16))
         assert not (result.source == Source.MEMORY).any()
         assert not result.depth_m[INSIDE].any()
 
     @DECIMATIONS
-    def test_and_back_again_nothing_is_left_either(self, step: int) -> None:
-        used = method(decimation=step, inpaint=False)
+    def test_and_back_again_nothing_is_left_either(self, decimation: int) -> None:
+        used = method(decimation=decimation, inpaint=False)
         run(used, NOISY)
         process(used, frame_of(OTHER_ROOM, pose(), 16))
         result = process(used, holed(frame_of(ROOM, PATH[7]), 17))
@@ -75,8 +75,8 @@ class TestCut:
 
 
 @DECIMATIONS
-def test_memory_survives_ten_dropped_frames(step: int) -> None:
-    corrector = method(decimation=step)
+def test_memory_survives_ten_dropped_frames(decimation: int) -> None:
+    corrector = method(decimation=decimation)
     run(corrector, NOISY)
     true = frame_of(ROOM, PATH[18], 18)
     result = process(corrector, holed(noisy(true, 0), 18))
@@ -89,8 +89,8 @@ class TestCoveredLens:
     SECOND = tuple(dark(16 + i) for i in range(30))
 
     @MOSTLY_SLOW
-    def test_what_is_not_seen_is_not_invented_and_afterwards_memory_serves_again(self, step: int) -> None:
-        corrector = method(decimation=step)
+    def test_what_is_not_seen_is_not_invented_and_afterwards_memory_serves_again(self, decimation: int) -> None:
+        corrector = method(decimation=decimation)
         run(corrector, NOISY)
         for result in run(corrector, self.SECOND):
             assert not result.depth_m.any()
@@ -110,15 +110,15 @@ class TestCoveredLens:
         return [replace(frame, depth_m=m.astype(np.float32)) for frame, m in zip(frames, made_up_m, strict=True)]
 
     @DECIMATIONS
-    def test_what_the_sensor_makes_up_in_the_dark_is_never_confident(self, step: int) -> None:
-        corrector = method(decimation=step)
+    def test_what_the_sensor_makes_up_in_the_dark_is_never_confident(self, decimation: int) -> None:
+        corrector = method(decimation=decimation)
         run(corrector, NOISY[:6])
         for result in run(corrector, self.made_up()):
             assert result.confidence.max() <= INPAINTING.occlusion_shadow  # of what is found without memory and ground
 
     @DECIMATIONS
-    def test_what_the_sensor_makes_up_in_the_dark_is_hardly_believed_and_not_remembered(self, step: int) -> None:
-        corrector = method(decimation=step)
+    def test_what_the_sensor_makes_up_in_the_dark_is_hardly_believed_and_not_remembered(self, decimation: int) -> None:
+        corrector = method(decimation=decimation)
         run(corrector, NOISY[:6])
         for result in run(corrector, self.made_up()):
             assert result.confidence.mean() < 0.25
@@ -129,9 +129,9 @@ class TestCoveredLens:
     @DECIMATIONS
     @pytest.mark.parametrize(("max_featureless_frames", "is_held"), [(5, True), (4, False), (0, False)])
     def test_it_is_held_for_so_many_frames_and_no_more(
-        self, max_featureless_frames: int, is_held: bool, step: int
+        self, max_featureless_frames: int, is_held: bool, decimation: int
     ) -> None:
-        corrector = method(decimation=step, max_featureless_frames=max_featureless_frames)
+        corrector = method(decimation=decimation, max_featureless_frames=max_featureless_frames)
         run(corrector, [*NOISY[:4], *self.SECOND[:5]])
         result = process(corrector, holed(frame_of(ROOM, PATH[5]), 46))
         assert (result.diagnostics.status is TrackingStatus.OK) == is_held
@@ -144,8 +144,8 @@ class TestCoveredLens:
         assert process(corrector, holed(frame_of(ROOM, PATH[5]), 46)).diagnostics.status is TrackingStatus.OK
 
     @DECIMATIONS
-    def test_a_stream_may_begin_in_the_dark(self, step: int) -> None:
-        corrector = method(decimation=step)
+    def test_a_stream_may_begin_in_the_dark(self, decimation: int) -> None:
+        corrector = method(decimation=decimation)
         for result in run(corrector, [dark(i) for i in range(3)]):
             assert not result.depth_m.any()
         results = run(corrector, [replace(frame, stamp_s=1 + frame.stamp_s) for frame in NOISY])
@@ -154,9 +154,9 @@ class TestCoveredLens:
 
 
 @DECIMATIONS
-def test_identical_frames_converge_without_flicker_and_grow_surer(step: int) -> None:
+def test_identical_frames_converge_without_flicker_and_grow_surer(decimation: int) -> None:
     still = [replace(NOISY[3], stamp_s=i / 30) for i in range(25)]
-    results = run(method(decimation=step), still)
+    results = run(method(decimation=decimation), still)
     for before, after in pairwise(results[1:]):  # the second frame is the first that memory has a say in
         np.testing.assert_allclose(after.depth_m, before.depth_m, rtol=1e-5)
         assert (after.confidence >= before.confidence - 1e-6).all()
@@ -165,14 +165,14 @@ def test_identical_frames_converge_without_flicker_and_grow_surer(step: int) -> 
 
 
 @DECIMATIONS
-def test_at_standstill_noise_averages_out(step: int) -> None:
+def test_at_standstill_noise_averages_out(decimation: int) -> None:
     true = frame_of(ROOM, pose())
     errors_m = [
         abs(result.depth_m / true.depth_m - 1)
-        for result in run(method(decimation=step), [noisy(replace(true, stamp_s=i / 30), 2) for i in range(15)])
+        for result in run(method(decimation=decimation), [noisy(replace(true, stamp_s=i / 30), 2) for i in range(15)])
     ]
     # Half-size memory averages the noise of four pixels together; what they differ by is left to the smoothing.
-    assert np.median(errors_m[-1]) < (0.4 if step == 1 else 0.7) * np.median(errors_m[0])
+    assert np.median(errors_m[-1]) < (0.4 if decimation == 1 else 0.7) * np.median(errors_m[0])
 
 
 class TestPasserBy:
@@ -189,26 +189,26 @@ class TestPasserBy:
         return [noisy(frame, 3, sigma_px=0.1, holes=0.05, camera=self.CAMERA) for frame in clean]
 
     @MOSTLY_SLOW
-    def test_it_stays_where_it_is_and_leaves_no_trace(self, step: int) -> None:
+    def test_it_stays_where_it_is_and_leaves_no_trace(self, decimation: int) -> None:
         frames = self.frames(*range(10, 22))
-        results = run(method(self.CAMERA, decimation=step), frames)
+        results = run(method(self.CAMERA, decimation=decimation), frames)
         for index, frame, result in zip(range(10, 22), frames, results, strict=True):
             true_m = frame_of(self.bodies(index), pose()).depth_m
             ball = true_m < 4
             ours, raw = (np.mean(abs(depth_m / true_m - 1)[ball] < 0.05) for depth_m in (result.depth_m, frame.depth_m))
-            assert ours > raw - (0.01 if step == 1 else 0.05)
+            assert ours > raw - (0.01 if decimation == 1 else 0.05)
             assert np.mean(result.depth_m[~ball] < 3.9) < 0.002  # nearer to the ball than to the wall
 
     @MOSTLY_SLOW
-    def test_the_wall_behind_it_is_not_forgotten(self, step: int) -> None:
-        corrector = method(self.CAMERA, decimation=step)
+    def test_the_wall_behind_it_is_not_forgotten(self, decimation: int) -> None:
+        corrector = method(self.CAMERA, decimation=decimation)
         run(corrector, self.frames(*range(16)))
         ball = frame_of(self.bodies(15), pose()).depth_m < 4
         gone = frame_of([WALL], pose(), 16, self.CAMERA)
         result = process(corrector, replace(gone, depth_m=np.where(ball, np.float32(0), gone.depth_m)))
         assert ball.sum() > 600
         # Some memory is lost around the boundary of the ball, twice as much at half resolution.
-        assert np.mean(result.source[ball] == Source.MEMORY) > (0.75 if step == 1 else 0.45)
+        assert np.mean(result.source[ball] == Source.MEMORY) > (0.75 if decimation == 1 else 0.45)
         np.testing.assert_allclose(result.depth_m[ball], 5, rtol=0.05)
 
 
@@ -219,9 +219,9 @@ class TestApproach:
     FIRST, LAST = 12, 24
     """Frames in which it comes nearer."""
 
-    def lags(self, step: int, *, is_textureless: bool) -> FloatArray:
+    def lags(self, decimation: int, *, is_textureless: bool) -> FloatArray:
         """Relative error of the depth of the ball's middle while it approaches."""
-        corrector, lags = method(self.CAMERA, decimation=step), []
+        corrector, lags = method(self.CAMERA, decimation=decimation), []
         for index in range(self.LAST):
             z = self.CAMERA.fx_px * 0.3 / (12 + 0.5 * max(0, index - self.FIRST + 1))
             frame = frame_of([WALL, Sphere((0.0, 0.0, z + 0.4), 0.4, seed=5)], pose(), index, self.CAMERA)
@@ -232,23 +232,23 @@ class TestApproach:
         return np.array(lags[self.FIRST :])
 
     @MOSTLY_SLOW
-    def test_it_is_shown_where_it_is_after_two_frames(self, step: int) -> None:
-        lags = self.lags(step, is_textureless=False)
+    def test_it_is_shown_where_it_is_after_two_frames(self, decimation: int) -> None:
+        lags = self.lags(decimation, is_textureless=False)
         assert (abs(lags[2:]) < 0.02).all()
         assert (abs(lags) < 0.1).all()
 
     @MOSTLY_SLOW
-    def test_a_textureless_one_is_shown_where_it_is_after_ten_frames(self, step: int) -> None:
+    def test_a_textureless_one_is_shown_where_it_is_after_ten_frames(self, decimation: int) -> None:
         # It looks as before, so the strongest memory rejects it until it has decayed: from 12 measurements to less than
         # 2, by 1.125 in every frame.
-        lags = self.lags(step, is_textureless=True)
+        lags = self.lags(decimation, is_textureless=True)
         assert (abs(lags[10:]) < 0.02).all()
         assert (lags[:10] > -0.02).all()
 
 
 @DECIMATIONS
-def test_poses_of_the_caller_carry_the_memory_through_the_dark(step: int) -> None:
-    corrector = method(decimation=step)
+def test_poses_of_the_caller_carry_the_memory_through_the_dark(decimation: int) -> None:
+    corrector = method(decimation=decimation)
     frames = [replace(frame, T_world_cam=T) for frame, T in zip(NOISY, PATH, strict=False)]
     run(corrector, frames)
     result = process(corrector, replace(dark(10), T_world_cam=PATH[10]))

@@ -20,9 +20,9 @@ def depths(seed: int = 0) -> np.ndarray:
     return depth_m
 
 
-@pytest.mark.parametrize("step", [1, 2])
-def test_depth_survives_the_way_through_disparity(step: int) -> None:
-    resolution, depth_m = WorkingResolution.of(CAMERA, step), depths()
+@pytest.mark.parametrize("decimation", [1, 2])
+def test_depth_survives_the_way_through_disparity(decimation: int) -> None:
+    resolution, depth_m = WorkingResolution.of(CAMERA, decimation), depths()
     np.testing.assert_allclose(resolution.depth(resolution.disparity(depth_m)), depth_m, rtol=3e-7)
 
 
@@ -82,6 +82,14 @@ def test_a_pixel_of_half_size_looks_between_its_four(width: int, height: int) ->
 
 
 def test_large_images_are_remembered_at_half_their_size() -> None:
-    for width_px, height_px, step in ((160, 120, 1), (400, 250, 1), (401, 250, 2), (640, 360, 2), (1024, 1024, 2)):
+    for width_px, height_px, decimation in (
+        (160, 120, 1),
+        (400, 250, 1),
+        (401, 250, 2),
+        (640, 360, 2),
+        (1024, 1024, 2),
+    ):
         camera = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=70)
-        assert default_decimation(camera) == step, f"{width_px} x {height_px}"  # up to 100 000 pixels at full size
+        assert default_decimation(camera) == decimation, (
+            f"{width_px} x {height_px}"
+        )  # up to 100 000 pixels at full size

@@ -86,11 +86,8 @@ def estimate_confidence(
     It is the probability of the right surface times that of an error of at most `RIGHT_SHARE` of the disparity, or
     `RIGHT_PX`, under Laplace noise.
 
-    Args:
-        disparity_px: Resulting disparity, shape (h, w).
-        pixel_class: One `PixelClass` per pixel.
-        weight: Weight in units of `1 / WEIGHT_UNIT`, uint8.
-        inpainting_probability: Surface probability of pixels that were inpainted, 0..1.
+    Weights are in units of `1 / WEIGHT_UNIT`. The inpainting probability is that of the right surface where the
+    `PixelClass` is unknown. All images have the same shape.
     """
     code = (pixel_class * np.uint8(WEIGHT_LEVELS)) | (weight >> np.uint8(2))
     exceeding = np.asarray(cv2.LUT(code, _NEGATIVE_RATE_PER_PX), np.float32)

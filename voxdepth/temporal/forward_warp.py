@@ -58,6 +58,22 @@ class ReprojectionMap:
         K = resolution.K
         self.H = (K @ T_target_source[:3, :3] @ np.linalg.inv(K)).astype(np.float32)
         self.e = (K @ T_target_source[:3, 3] / resolution.focal_baseline_px_m).astype(np.float32)
+        self._cols = np.arange(resolution.width_px, dtype=np.float32)
+        self._rows = np.arange(resolution.height_px, dtype=np.float32)[:, None]
+
+    def numerator(self, axis: int, disparity_px: FloatImage, band: slice, out: FloatImage) -> None:
+        """Write one row of `H (u, v, 1) + e D` for a band of rows of the image."""
+        per_col, per_row, constant = self.H[axis]
+        np.multiply(disparity_px, self.e[axis], out=out)
+        out += per_col * self._cols + constant
+        out += per_row * self._rows[band]
+
+    def inverse_depth_ratio(self, disparity_px: FloatImage, band: slice, out: FloatImage) -> None:
+        """Write the inverse of the divisor for a band of rows; 0 for points behind the camera."""
+        self.numerator(2, disparity_px, band, out)
+        np.maximum(out, MIN_DEPTH_RATIO, out=out)
+        np.divide(np.float32(1), out, out=out)
+        cv2.threshold(out, MAX_INVERSE_DEPTH_RATIO, 0, cv2.THRESH_TOZERO_INV, out)
 
 
 class ForwardWarp:
@@ -75,8 +91,6 @@ class ForwardWarp:
         height, width = resolution.shape
         rows = max(1, BAND_PX // width)
         self._bands = [slice(start, min(start + rows, height)) for start in range(0, height, rows)]
-        self._cols = np.arange(width, dtype=np.float32)
-        self._rows = np.arange(height, dtype=np.float32)[:, None]
         self._inverse, self._a, self._b = (np.empty((rows, width), np.float32) for _ in range(3))
         # Processors have vector instructions for conversions between floats and signed integers only.
         self._key, self._index = (np.empty((rows, width), np.int32) for _ in range(2))
@@ -84,12 +98,9 @@ class ForwardWarp:
         self._z_buffer = np.empty((height + 2, width + 2), np.uint32)
 
     def warp(self, disparity_px: FloatImage, weight: GrayImage, T_target_source: FloatArray) -> Warped:
-        """The image as the target camera sees it.
+        """The image as the target camera sees it after a motion, shape (4, 4).
 
-        Args:
-            disparity_px: Disparity of the source image, shape (H, W); 0 = no surface.
-            weight: Weight of its pixels, shape (H, W), uint8. The larger weight wins between equal disparities.
-            T_target_source: Motion of the camera, shape (4, 4).
+        Disparity and weight have shape (H, W); 0 = no surface. The larger weight wins between equal disparities.
         """
         forward = ReprojectionMap(self._resolution, T_target_source)
         backward = ReprojectionMap(self._resolution, inverse_rigid(T_target_source))
@@ -110,9 +121,9 @@ class ForwardWarp:
         """Write a band to the z-buffer, whose keys are disparity first and weight second."""
         height, width = self._resolution.shape
         inverse, row, col, key, index = _rows_of(band, self._inverse, self._a, self._b, self._key, self._index)
-        self._inverse_depth_ratio(forward, disparity_px, inverse, band)
+        forward.inverse_depth_ratio(disparity_px, band, inverse)
         for axis, size_px, position in ((1, height, row), (0, width, col)):
-            self._numerator(forward, axis, disparity_px, position, band)
+            forward.numerator(axis, disparity_px, band, position)
             np.multiply(position, inverse, out=position)
             np.rint(position, out=position)
             np.clip(position, np.float32(-1), np.float32(size_px), out=position)
@@ -153,9 +164,9 @@ class ForwardWarp:
         """Trace the pixels of a band back, and replace their disparity by samples of the same surface, if they are."""
         inverse, ratio, change_px = _rows_of(band, self._inverse, self._a, self._b)
         splatted_px, source_x, source_y = warped.disparity_px[band], warped.source_x[band], warped.source_y[band]
-        self._inverse_depth_ratio(backward, splatted_px, inverse, band)
+        backward.inverse_depth_ratio(splatted_px, band, inverse)
         for axis, source in enumerate((source_x, source_y)):
-            self._numerator(backward, axis, splatted_px, source, band)
+            backward.numerator(axis, splatted_px, band, source)
             np.multiply(source, inverse, out=source)
         sampled_px = cv2.remap(
             marked_px, source_x, source_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=HOLE_PX
@@ -169,24 +180,6 @@ class ForwardWarp:
         resampled_px = np.divide(sampled_px, ratio, out=ratio)
         np.abs(np.subtract(resampled_px, splatted_px, out=change_px), out=change_px)
         copy_where(below(change_px, MAX_RESAMPLING_CHANGE_PX) & above(splatted_px, 0), resampled_px, splatted_px)
-
-    def _inverse_depth_ratio(
-        self, reprojection: ReprojectionMap, disparity_px: FloatImage, out: FloatImage, band: slice
-    ) -> None:
-        """The inverse of the last row of the map; 0 for points behind the camera."""
-        self._numerator(reprojection, 2, disparity_px, out, band)
-        np.maximum(out, MIN_DEPTH_RATIO, out=out)
-        np.divide(np.float32(1), out, out=out)
-        cv2.threshold(out, MAX_INVERSE_DEPTH_RATIO, 0, cv2.THRESH_TOZERO_INV, out)
-
-    def _numerator(
-        self, reprojection: ReprojectionMap, axis: int, disparity_px: FloatImage, out: FloatImage, band: slice
-    ) -> None:
-        """One row of `H (u, v, 1) + e D`."""
-        per_col, per_row, constant = reprojection.H[axis]
-        np.multiply(disparity_px, reprojection.e[axis], out=out)
-        out += per_col * self._cols + constant
-        out += per_row * self._rows[band]
 
 
 def create_forward_warp(resolution: WorkingResolution, device: DeviceName) -> "ForwardWarp | GpuForwardWarp":

@@ -38,8 +38,7 @@ class TemporalFusionConfig(Model):
     relative_tolerance: float = Field(0.02, ge=0)
     """Fraction of the disparity that is added to the tolerance."""
     max_bias_px: float = Field(0.6, gt=0)
-    """Absolute mean difference over 5 x 5 px up to which they agree. It keeps a distant drone apart from the wall
-    behind it."""
+    """Absolute mean difference over 5 x 5 px up to which they agree. It keeps a drone apart from the wall behind it."""
     max_drift_px: float = Field(0.15, gt=0)
     """Running mean of measured minus remembered disparity at which the memory has no weight in the average any more.
     Less follows approaching surfaces faster, and averages less."""

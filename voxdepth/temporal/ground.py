@@ -96,12 +96,8 @@ def find_ground(
     lower bound of all surfaces. The candidates are planes without roll; the best one is refined by reweighted least
     squares.
 
-    Args:
-        u: Columns of the measured cells, in cells from the middle of the image, shape (N,).
-        v: Their rows.
-        disparity_px: Their mean disparities, positive.
-        rows: Number of rows of cells of the image.
-        config: When a plane is accepted; the result is None if none is.
+    The measured cells have columns u and rows v from the middle of the image, and mean disparities, shape (N,). It has
+    `rows` rows of cells. The result is None if no plane is accepted.
     """
     if len(u) < MIN_CELLS:
         return None

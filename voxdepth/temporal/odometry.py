@@ -134,7 +134,7 @@ class FeatureTracker:
         self.size = (width, max(1, round(camera.height_px * self.scale)))
 
     def detect(self, gray: GrayImage) -> TrackingImage:
-        """The tracking image and its corners, from a gray image of shape (H, W)."""
+        """The tracking image and its corners, from a gray image of shape (H, W): the best corner of each cell."""
         reduced = np.asarray(cv2.resize(gray, self.size, interpolation=cv2.INTER_AREA), np.uint8)
         return TrackingImage(reduced, self._detect_corners(reduced))
 
@@ -160,7 +160,6 @@ class FeatureTracker:
         return tracked, (status.ravel() > 0) & inside
 
     def _detect_corners(self, gray: GrayImage) -> Points:
-        """The pixel with the largest minimal eigenvalue of each cell, unless that is below `MIN_EIGENVALUE`."""
         cell = self._config.cell_px
         rows, cols = gray.shape[0] // cell, gray.shape[1] // cell
         if not rows * cols:
@@ -217,12 +216,9 @@ class VisualOdometry:
         return lost if has_features else replace(lost, status=TrackingStatus.NO_FEATURES)
 
     def set_keyframe(self, frame: Frame, tracking: TrackingResult, disparity_px: FloatImage) -> None:
-        """Make a frame the keyframe for the next ones.
+        """Make a frame, with the result of `track`, the keyframe for the next ones. What is kept of it is copied.
 
-        Args:
-            frame: Frame of the keyframe; what is kept of it is copied.
-            tracking: Result of `track` for the frame.
-            disparity_px: Disparity of the frame at the working resolution, shape (h, w); 0 = unknown.
+        The disparity has the working resolution, shape (h, w); 0 = unknown.
         """
         resolution, corners = self._resolution, tracking.image.corners
         working_scale = self._tracker.scale * resolution.decimation

@@ -65,21 +65,19 @@ class PlaneFitter:
     """Fits a plane to the neighbourhood of every cell, on levels of cells that double in size.
 
     The neighbourhood is three by three cells. A cell without enough data blends its plane with that of the next level.
+    The finest cells have a side of `cell_px` working pixels; there are `shape` of them, from `left` pixels beside the
+    image on.
     """
 
     def __init__(self, resolution: WorkingResolution, config: PlanesConfig) -> None:
         self._config = config
         height, width = resolution.shape
         self.cell_px = cell = config.cell_px // resolution.decimation
-        """Side of the finest cells, in working pixels."""
         self.shape = rows, cols = -(-height // cell), -(-width // cell)
-        """Number of rows and columns of the finest cells."""
+        # The columns are centred, so that a mirrored image has mirrored cells.
         self.left = (cols * cell - width) // 2
-        """Width of the first column of cells outside of the image: the columns are centred, so that a mirrored image
-        has mirrored cells."""
         self._inside = np.s_[:height, self.left : self.left + width]
         self.levels = 1 + max(1, int(np.log2(max(rows, cols))))
-        """Number of levels of cell sizes."""
         # Coordinates are in cells, from the middle of the image.
         self._powers_v = _powers(rows, cell).swapaxes(1, 2)
         self._powers_u = _powers(cols, cell)

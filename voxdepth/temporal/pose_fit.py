@@ -21,14 +21,13 @@ MIN_DEPTH_M = 0.05
 
 
 class PoseFit(NamedTuple):
-    """An estimated motion, and how well it explains the points."""
+    """An estimated rigid motion, shape (4, 4), and how well it explains the points."""
 
     T_target_source: FloatArray
-    """Rigid motion, shape (4, 4)."""
     median_residual_px: float
     """Median reprojection error of all points."""
     n_inliers: int
-    """Points whose reprojection error is below the threshold."""
+    """Points whose reprojection error is less than `inlier_px`."""
 
 
 def fit_pose(
@@ -37,14 +36,8 @@ def fit_pose(
     """Minimise the reprojection error by Gauss-Newton steps with the weights of Geman and McClure.
 
     The estimate is deterministic: there is no random sampling. The scale of the residuals is estimated in every
-    iteration, and never grows.
-
-    Args:
-        points_m: Points in the source camera, shape (N, 3), N >= 3.
-        observed_px: Their pixels in the target camera, shape (N, 2).
-        camera: The target camera.
-        T_initial: Initial guess of the motion, shape (4, 4).
-        inlier_px: Reprojection error below which a point is an inlier.
+    iteration, and never grows. The points are in the source camera, shape (N, 3), N >= 3, and their observed pixels in
+    the target camera, shape (N, 2).
     """
     T, scale_px = T_initial.copy(), np.inf
     for _ in range(MAX_ITERATIONS):
