@@ -38,11 +38,7 @@ _HOMES = {
     "PaperConfig": "paper.config",
     "create_corrector": "registry",
     "CorrectionPipeline": "pipeline",
-    "CorrectedDepth": "types",
-    "DepthCorrector": "types",
-    "Frame": "types",
-    "Intrinsics": "types",
-    "Source": "types",
+    **dict.fromkeys(("CorrectedDepth", "DepthCorrector", "Frame", "Intrinsics", "Source"), "types"),
 }
 
 

@@ -51,8 +51,7 @@ class CorrectorSpec(Model):
         """Return the whole configuration of the corrector, or None where only the name is given.
 
         Raises:
-            ConfigError: The corrector takes no configuration, a key or value is wrong, or results would depend on the
-                speed of the machine.
+            ConfigError: See `resolve_config`; or results would depend on the speed of the machine.
         """
         if not self.config:
             return None

@@ -24,11 +24,7 @@ def load_kernels(module: ModuleType, device: str) -> None:
 
 
 def require_device(device: str) -> None:
-    """Refuse a device that does not exist.
-
-    Raises:
-        ConfigError: This machine has no such device.
-    """
+    """Raise a `ConfigError` for a device that this machine does not have."""
     if device == "cpu":
         return
     import warp as wp

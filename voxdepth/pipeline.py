@@ -94,8 +94,7 @@ class CorrectionPipeline:
 
         Raises:
             PipelineError: The pipeline was iterated before, or is closed. While iterating: a stage failed at a frame,
-                counted from 0; all frames before it were delivered or dropped, the threads are stopped as by `close`,
-                and `__cause__` is the original error.
+                counted from 0. All frames before it were delivered or dropped, and `__cause__` is the original error.
         """
         with self._lock:
             if self._iterated or self._closed:
@@ -142,9 +141,7 @@ class CorrectionPipeline:
 class Channel(Generic[T]):
     """A bounded queue between two threads. `put` blocks while it is full, iteration while it is empty.
 
-    Args:
-        capacity: Maximum number of items, at least 1.
-        latest: Whether an item replaces the oldest one where `put` would block.
+    With `latest`, an item replaces the oldest one where `put` would block. The capacity is at least 1.
     """
 
     def __init__(self, capacity: int, *, latest: bool = False) -> None:
@@ -204,14 +201,12 @@ class Channel(Generic[T]):
 
 
 class _Job(NamedTuple):
-    """A frame in the pipeline."""
+    """A frame in the pipeline, with its number in the source and the result of the last stage."""
 
     number: int
-    """Number of the frame within its source, from 0."""
     frame: Frame
     read_at_s: float
     result: Any
-    """Result of the last stage."""
 
 
 _END: Any = object()
@@ -229,9 +224,8 @@ def _read(frames: Iterable[Frame], output: Channel[_Job]) -> None:
 
     A frame is read when there is room for it, so that it is recent when it is delivered.
     """
-    index = 0
+    index, error = 0, None
     iterator: Iterator[Frame] = iter(())
-    error = None
     try:
         iterator = iter(frames)
         while output.wait_for_room():

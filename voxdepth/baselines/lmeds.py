@@ -100,11 +100,9 @@ def least_median_of_squares(samples: Samples) -> tuple[Samples, Samples]:
     It is the midpoint of the shortest interval that holds `n // 2 + 1` of n samples, and half its length is the root of
     that median: Rousseeuw 1984, DOI 10.1080/01621459.1984.10477105. Ties go to the first interval.
 
-    Args:
-        samples: Shape (N, K); those that are infinite do not count.
-
     Returns:
-        Location and half the length, both of shape (N,); 0 and infinity in a row without samples.
+        Location and half the length, both of shape (N,), of samples of shape (N, K). Infinite samples do not count; a
+        row without others has 0 and infinity.
     """
     ordered = np.sort(samples, axis=1)
     n = np.isfinite(ordered).sum(axis=1)

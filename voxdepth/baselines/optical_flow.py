@@ -32,14 +32,9 @@ class Flow(Protocol):
     """A method of dense optical flow."""
 
     def between(self, start: GrayImage, end: GrayImage) -> FlowImage:
-        """Where each pixel of one image is in another, relative to itself.
+        """Where each pixel of the start is in the end, relative to itself: columns and rows [px].
 
-        Args:
-            start: Shape (H, W), uint8; not changed.
-            end: Shape (H, W), uint8; not changed.
-
-        Returns:
-            Columns and rows to go [px], shape (H, W, 2), float32, finite.
+        The result is finite, of shape (H, W, 2) and float32. The images of shape (H, W) are not changed.
         """
 
 

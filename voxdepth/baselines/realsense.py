@@ -29,7 +29,6 @@ HISTORY_FRAMES = 8
 """A pixel's past is one bit per frame, the last one lowest."""
 
 HoleFillName = Literal["left", "farthest", "nearest"]
-Holes = npt.NDArray[np.int32]
 HoleFill = Callable[[FloatImage], FloatImage]
 
 
@@ -91,9 +90,6 @@ class TemporalFilter:
     """Running mean of each pixel of a stream of images; it restarts at edges and fills short holes.
 
     It does not compensate for the motion of the camera.
-
-    Args:
-        config: Parameters; None for those of the SDK.
     """
 
     def __init__(self, config: TemporalConfig | None = None) -> None:
@@ -111,11 +107,7 @@ class TemporalFilter:
     def smooth(self, disparity: FloatImage) -> FloatImage:
         """The mean of a new image and the past where both agree, the new value where they do not.
 
-        Args:
-            disparity: In 1/32 px, shape (H, W); 0 = invalid.
-
-        Returns:
-            Disparity [1/32 px], shape (H, W). A hole takes the last mean if that persists, and else stays.
+        All are disparities [1/32 px] of shape (H, W), 0 = invalid. A hole takes the last mean if that persists.
         """
         if self._mean is None:
             self._mean = np.zeros_like(disparity)
@@ -177,11 +169,7 @@ _FILLS: dict[str, HoleFill] = {"left": fill_from_left, "farthest": fill_farthest
 
 
 def hole_fill(name: str) -> HoleFill:
-    """The mode of that name.
-
-    Raises:
-        ConfigError: There is no such mode.
-    """
+    """The mode of that name, or a `ConfigError`."""
     if name not in _FILLS:
         raise ConfigError(f"there is no hole filling {name!r}; choose one of: {', '.join(_FILLS)}")
     return _FILLS[name]
@@ -202,7 +190,7 @@ def _filled(depth_m: FloatImage, kernel: Any) -> FloatImage:
     return filled_m
 
 
-def holes_in_order(depth_m: FloatImage) -> Holes:
+def holes_in_order(depth_m: FloatImage) -> npt.NDArray[np.int32]:
     """Flat numbers of the invalid pixels that have all five neighbours, in raster order."""
     hole = depth_m == 0
     hole[[0, -1]] = False
@@ -269,11 +257,7 @@ class RealSenseChain(Baseline):
 
 
 def disparity_factor(intrinsics: Intrinsics, units_per_m: float) -> np.float32:
-    """Product of depth [units] and disparity [1/32 px], in the SDK's single precision.
-
-    Raises:
-        ConfigError: The baseline is not known.
-    """
+    """Depth [units] times disparity [1/32 px], in the SDK's single precision; it needs a baseline."""
     if intrinsics.baseline_m is None:
         raise ConfigError(
             "the RealSense filters work on disparity and need the stereo baseline; name it as baseline_m of the "

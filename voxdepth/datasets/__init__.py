@@ -7,13 +7,10 @@ for frame in open_dataset(Path("rgbd_dataset_freiburg1_desk")):
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from ..errors import ConfigError, DatasetError
 from ..types import Frame, Intrinsics
-
-if TYPE_CHECKING:
-    from .pairs import PairedImages
 
 __all__ = ["DATASET_FORMATS", "Dataset", "open_dataset"]
 
@@ -33,10 +30,7 @@ class Dataset(Protocol):
         """Number of frames."""
 
     def name(self, index: int) -> str:
-        """Name of a frame without a suffix, unique in the dataset, usable as a file name; sorts like the frames.
-
-        It may contain dots.
-        """
+        """Name of a frame without a suffix, unique, usable as a file name, perhaps with dots; sorts like the frames."""
 
     def __getitem__(self, index: int) -> Frame:
         """Read one frame. It has a pose only where the dataset has an estimate of the camera; never the true one.
@@ -61,12 +55,17 @@ def open_dataset(folder: Path, format: str = "auto", *, intrinsics: Intrinsics |
         DatasetError: The folder is missing or of no known format, or a list or calibration in it is damaged.
     """
     from .files import require_folder
+    from .midair import MidAirDataset
+    from .realsense import RealSenseDataset
+    from .recording import RecordingDataset
+    from .tum import TumDataset
 
     if format != "auto" and format not in DATASET_FORMATS:
         raise ConfigError(f"there is no dataset format {format!r}; choose one of: auto, {', '.join(DATASET_FORMATS)}")
     folder = Path(folder)
     require_folder(folder)
-    readers = {name: reader for name, reader in _readers().items() if format in ("auto", name)}
+    classes = (TumDataset, MidAirDataset, RealSenseDataset, RecordingDataset)
+    readers = {reader.format: reader for reader in classes if format in ("auto", reader.format)}
     try:
         lacking = {name: reader.lacking(folder) for name, reader in readers.items()}
         fitting = [name for name, lack in lacking.items() if not lack]
@@ -76,13 +75,3 @@ def open_dataset(folder: Path, format: str = "auto", *, intrinsics: Intrinsics |
         raise DatasetError(f"cannot look into {folder} ({error}); check its permissions") from error
     needs = "; ".join(f"{name} lacks {lack}" for name, lack in lacking.items())
     raise DatasetError(f"{folder} holds no dataset that can be read: {needs}")
-
-
-def _readers() -> dict[str, type["PairedImages"]]:
-    from .midair import MidAirDataset
-    from .realsense import RealSenseDataset
-    from .recording import RecordingDataset
-    from .tum import TumDataset
-
-    classes = (TumDataset, MidAirDataset, RealSenseDataset, RecordingDataset)
-    return dict(zip(DATASET_FORMATS, classes, strict=True))

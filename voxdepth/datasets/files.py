@@ -1,4 +1,4 @@
-"""Reading of folders, lists, calibrations and paths that may be damaged, with errors that name the file."""
+"""Reading of folders, lists, calibrations and paths. A `DatasetError` names the file that is damaged, and its fault."""
 
 import tomllib
 from collections.abc import Callable, Collection, Mapping
@@ -17,11 +17,7 @@ LARGEST_FILE_BYTES = 2**28
 
 
 def require_folder(folder: Path) -> None:
-    """Refuse anything but a folder.
-
-    Raises:
-        DatasetError: The folder is missing, or a file.
-    """
+    """Raise a `DatasetError` for anything but a folder."""
     try:
         if folder.is_dir():
             return
@@ -32,11 +28,7 @@ def require_folder(folder: Path) -> None:
 
 
 def list_folder(folder: Path) -> list[Path]:
-    """Content of a folder, sorted by name; empty if there is no such folder.
-
-    Raises:
-        DatasetError: It cannot be read.
-    """
+    """Content of a folder, sorted by name; empty if there is no such folder."""
     try:
         return sorted(folder.iterdir()) if folder.is_dir() else []
     except OSError as error:
@@ -44,25 +36,16 @@ def list_folder(folder: Path) -> list[Path]:
 
 
 def list_images(folder: Path, suffixes: Collection[str]) -> list[Path]:
-    """The files of a folder that end in one of some suffixes, given in lower case; sorted by name.
-
-    Raises:
-        DatasetError: The folder cannot be read.
-    """
+    """The files of a folder that end in one of some suffixes, given in lower case; sorted by name."""
     return [path for path in list_folder(folder) if path.suffix.lower() in suffixes and not path.name.startswith(".")]
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read a whole file.
-
-    Raises:
-        DatasetError: The file is missing, no plain file, unreasonably large, or cannot be read.
-    """
+    """Read a whole plain file of a reasonable size."""
     try:
         if not path.is_file():
-            raise DatasetError(
-                f"expected a file {path}, got {'something else' if path.exists() else 'none'}; restore it"
-            )
+            found = "something else" if path.exists() else "none"
+            raise DatasetError(f"expected a file {path}, got {found}; restore it")
         size = path.stat().st_size
         if size > LARGEST_FILE_BYTES:
             raise DatasetError(f"expected at most {LARGEST_FILE_BYTES} bytes in {path}, got {size}; it is no such file")
@@ -72,11 +55,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """Read a text file in UTF-8.
-
-    Raises:
-        DatasetError: As for `read_bytes`, or it is not text.
-    """
+    """Read a text file in UTF-8."""
     data = read_bytes(path)
     try:
         text = data.decode("utf-8-sig")
@@ -88,10 +67,9 @@ def read_text(path: Path) -> str:
 
 
 def path_inside(folder: Path, name: str, source: str) -> Path:
-    """The file that a list names relative to its folder, below which it must lie.
+    """The file that a list names relative to its folder, below which it must lie, without `..` and links that lead out.
 
-    Raises:
-        DatasetError: The name leads elsewhere: it is absolute, has `..` in it, or follows a link out.
+    The source, which errors name, is the list and the line.
     """
     parts = (PurePosixPath(name), PureWindowsPath(name))
     try:
@@ -106,11 +84,7 @@ def path_inside(folder: Path, name: str, source: str) -> Path:
 
 
 def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callable[[], Intrinsics]) -> Intrinsics:
-    """The given intrinsics, else those of a `calibration.toml` in the folder, else those that `of_format` returns.
-
-    Raises:
-        DatasetError: The file is damaged, or describes no camera.
-    """
+    """The given intrinsics, else those of a `calibration.toml` in the folder, else those that `of_format` returns."""
     path = folder / CALIBRATION
     if given is not None:
         return given
@@ -118,11 +92,7 @@ def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callabl
 
 
 def parse_calibration(text: str, path: Path) -> Intrinsics:
-    """The intrinsics in a `calibration.toml`.
-
-    Raises:
-        DatasetError: The text is not of this form.
-    """
+    """The intrinsics in the text of a `calibration.toml`."""
     try:
         values = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -131,11 +101,7 @@ def parse_calibration(text: str, path: Path) -> Intrinsics:
 
 
 def intrinsics_from(values: Mapping[str, object], path: Path) -> Intrinsics:
-    """Intrinsics of the fields that the file `path` gives; only the baseline may be left out.
-
-    Raises:
-        DatasetError: A field is missing, unknown or not a suitable number.
-    """
+    """Intrinsics of the fields that the file `path` gives; only the baseline may be left out."""
     kinds = {field.name: field.type for field in fields(Intrinsics)}
     unknown = sorted(values.keys() - kinds.keys())
     missing = sorted(kinds.keys() - values.keys() - {"baseline_m"})

@@ -1,6 +1,7 @@
 """Images of a dataset. Their headers are checked against the camera and the purpose before they are decoded.
 
-A damaged or hostile file can claim any size: the check keeps the decoder from reserving that much memory.
+A damaged or hostile file can claim any size: the check keeps the decoder from reserving that much memory. Every reader
+raises a `DatasetError` if the file is missing, damaged, or of another kind or size than expected.
 """
 
 from contextlib import suppress
@@ -34,21 +35,13 @@ Shape = tuple[int, int]
 
 
 def image_shape(path: Path) -> Shape:
-    """Read the shape (H, W) of an image from its header.
-
-    Raises:
-        DatasetError: The file cannot be read, is no image, or is unreasonably large.
-    """
+    """Read the shape (H, W) of an image from its header."""
     height_px, width_px = _open(read_bytes(path), path).size[::-1]
     return height_px, width_px
 
 
 def read_gray(path: Path, shape: Shape) -> GrayImage:
-    """Read a PNG or JPEG of 8 bits in one channel or three as a gray image, shape (H, W), uint8.
-
-    Raises:
-        DatasetError: The file is missing, damaged, or of another kind or size.
-    """
+    """Read a PNG or JPEG of 8 bits in one channel or three as a gray image, shape (H, W), uint8."""
     wanted = "a gray or colour image of 8 bits as PNG or JPEG"
     image = _decode(path, shape, wanted, {("PNG", "L"), ("PNG", "RGB"), ("PNG", "P"), ("JPEG", "L"), ("JPEG", "RGB")})
     if image.dtype != np.uint8:
@@ -57,20 +50,12 @@ def read_gray(path: Path, shape: Shape) -> GrayImage:
 
 
 def read_depth_16(path: Path, shape: Shape) -> Depth16:
-    """Read a PNG of 16 bits in one channel in its units, shape (H, W), uint16.
-
-    Raises:
-        DatasetError: The file is missing, damaged, or of another kind or size.
-    """
+    """Read a PNG of 16 bits in one channel in its units, shape (H, W), uint16."""
     return np.asarray(_decode(path, shape, "depth as a PNG of 16 bits in 1 channel", {("PNG", "I;16")}), np.uint16)
 
 
 def read_depth_raw(path: Path, shape: Shape) -> Depth16:
-    """Read rows of little-endian numbers of 16 bits without a header, shape (H, W), uint16.
-
-    Raises:
-        DatasetError: The file is missing or of another size.
-    """
+    """Read rows of little-endian numbers of 16 bits without a header, shape (H, W), uint16."""
     data = read_bytes(path)
     if len(data) != 2 * shape[0] * shape[1]:
         raise DatasetError(
@@ -81,32 +66,20 @@ def read_depth_raw(path: Path, shape: Shape) -> Depth16:
 
 
 def read_mask(path: Path, shape: Shape) -> MaskImage:
-    """Read a PNG of up to 8 bits in one channel as a mask, True where it is not 0, shape (H, W), bool.
-
-    Raises:
-        DatasetError: The file is missing, damaged, or of another kind or size.
-    """
+    """Read a PNG of up to 8 bits in one channel as a mask, True where it is not 0, shape (H, W), bool."""
     wanted = "a mask as a PNG of up to 8 bits in 1 channel"
     return np.asarray(_decode(path, shape, wanted, {("PNG", "1"), ("PNG", "L")}) != 0)
 
 
 def read_depth_m(path: Path, shape: Shape) -> FloatImage:
-    """Read a TIFF of 32-bit floats in one channel as depth [m], shape (H, W), float32, finite and not negative.
-
-    Raises:
-        DatasetError: The file is missing, damaged, of another kind or size, or holds invalid depths.
-    """
+    """Read a TIFF of 32-bit floats in one channel as depth [m], shape (H, W), float32, finite and not negative."""
     image = np.asarray(_decode(path, shape, "depth as a TIFF of float32 in 1 channel", {("TIFF", "F")}), np.float32)
     require_depths(image, path)
     return image
 
 
 def require_depths(depth: npt.NDArray[np.floating[Any]], path: Path) -> None:
-    """Refuse values that no camera measures.
-
-    Raises:
-        DatasetError: There are values that are NaN, infinite or negative.
-    """
+    """Raise a `DatasetError` for values that are NaN, infinite or negative, which no camera measures."""
     low, high = float(depth.min()), float(depth.max())
     if not (low >= 0 and high < np.inf):
         raise DatasetError(

@@ -76,12 +76,7 @@ class PairedImages(ABC):
         return self._names[index]
 
     def __getitem__(self, index: int) -> Frame:
-        """One frame, counted from the end if negative.
-
-        Raises:
-            IndexError: There is no frame of that index.
-            DatasetError: A file of the frame is missing, damaged or does not fit; the message names it.
-        """
+        """See `Dataset`; a negative index counts from the end."""
         pair = self._pairs[index]
         try:
             gray = read_gray(pair.gray, self.intrinsics.shape)
@@ -91,11 +86,7 @@ class PairedImages(ABC):
 
 
 def parse_stamp(text: str, source: str) -> float:
-    """A time [s] as a list has it.
-
-    Raises:
-        DatasetError: It is no finite number; `source` names the list and the line.
-    """
+    """A time [s] as a list has it; it must be finite. The source, for the error, is the list and the line."""
     try:
         stamp_s = float(text)
     except ValueError:
@@ -106,11 +97,7 @@ def parse_stamp(text: str, source: str) -> float:
 
 
 def require_increasing(stamps_s: Sequence[float], source: str) -> None:
-    """Refuse times [s] that run backwards or repeat.
-
-    Raises:
-        DatasetError: A time is not later than the one before; `source` names where they come from.
-    """
+    """Raise a `DatasetError` for times [s] that run backwards or repeat; the source says where they come from."""
     for before_s, after_s in pairwise(stamps_s):
         if after_s <= before_s:
             raise DatasetError(

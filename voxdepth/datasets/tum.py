@@ -10,7 +10,6 @@ doi:10.1109/IROS.2012.6385773); the images of freiburg1 and freiburg2 have a len
 import re
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
-from typing import NamedTuple
 
 import numpy as np
 
@@ -31,11 +30,6 @@ _FOCAL_AND_CENTRE_PX = {
 }
 _ROS_DEFAULT_PX = (525.0, 525.0, 319.5, 239.5)
 _CAMERA = re.compile(r"(?<![a-z])fr(?:eiburg)?([123])(?!\d)", re.IGNORECASE)
-
-
-class _Entry(NamedTuple):
-    stamp_s: float
-    path: Path
 
 
 class TumDataset(PairedImages):
@@ -71,18 +65,19 @@ class TumDataset(PairedImages):
 
 def _matched_pairs(folder: Path) -> list[Pair]:
     colour, depth = _read_list(folder / COLOUR_LIST), _read_list(folder / DEPTH_LIST)
-    matches = associate([e.stamp_s for e in depth], [e.stamp_s for e in colour], within_s=WITHIN_S)
+    matches = associate([stamp_s for stamp_s, _ in depth], [stamp_s for stamp_s, _ in colour], within_s=WITHIN_S)
     if not matches:
         raise DatasetError(
             f"expected images in {folder / COLOUR_LIST} and {folder / DEPTH_LIST} within {WITHIN_S} s of each other, "
             f"got none among {len(colour)} and {len(depth)}; are the lists of one sequence?"
         )
-    return [Pair(stamp_s=depth[i].stamp_s, gray=colour[j].path, depth=depth[i].path) for i, j in matches]
+    return [Pair(stamp_s=depth[i][0], gray=colour[j][1], depth=depth[i][1]) for i, j in matches]
 
 
-def _read_list(path: Path) -> list[_Entry]:
+def _read_list(path: Path) -> list[tuple[float, Path]]:
+    """Time [s] and file of every line."""
     entries = [_entry(words, path, source) for words, source in _lines(path, 2)]
-    require_increasing([entry.stamp_s for entry in entries], str(path))
+    require_increasing([stamp_s for stamp_s, _ in entries], str(path))
     return entries
 
 
@@ -96,7 +91,7 @@ def _listed_pairs(folder: Path) -> list[Pair]:
     for words, source in lines:
         first, second = _entry(words[:2], path, source), _entry(words[2:], path, source)
         depth, colour = (first, second) if depth_first else (second, first)
-        pairs.append(Pair(stamp_s=depth.stamp_s, gray=colour.path, depth=depth.path))
+        pairs.append(Pair(stamp_s=depth[0], gray=colour[1], depth=depth[1]))
     require_increasing([pair.stamp_s for pair in pairs], f"the depth images of {path}")
     return pairs
 
@@ -115,5 +110,5 @@ def _lines(path: Path, n_words: int) -> list[tuple[Sequence[str], str]]:
     return lines
 
 
-def _entry(words: Sequence[str], path: Path, source: str) -> _Entry:
-    return _Entry(parse_stamp(words[0], source), path_inside(path.parent, words[1], source))
+def _entry(words: Sequence[str], path: Path, source: str) -> tuple[float, Path]:
+    return parse_stamp(words[0], source), path_inside(path.parent, words[1], source)

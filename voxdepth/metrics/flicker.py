@@ -50,17 +50,16 @@ class Flicker:
         return sum(self.groups, Changes())
 
     def add(self, depth_m: FloatImage, truth_m: FloatImage, static: MaskImage, group: GrayImage | None = None) -> None:
-        """Add the next frame; the first frame of a sequence has no predecessor to compare with.
+        """Add depth and true depth [m] of the next frame, 0 = invalid; all images have the shape (H, W).
 
         Args:
-            depth_m: Depth under test [m], shape (H, W); 0 = invalid.
-            truth_m: True depth [m], shape (H, W); pixels that are 0, NaN or infinite do not count.
-            static: Pixels that show the same surface as in the frame before, shape (H, W); unused for the first frame.
-            group: The group of each static pixel, shape (H, W), below `n_groups`; None puts all into the first.
+            depth_m: Depth under test.
+            truth_m: True depth; pixels that are 0, NaN or infinite do not count.
+            static: Pixels that show the same surface as in the frame before; unused for the first frame.
+            group: The group of each static pixel, below `n_groups`; None puts all into the first.
 
         Raises:
-            FrameError: The shape is not that of the other images or of the frame before, or the depth of a pixel with
-                a true surface is negative, NaN or infinite.
+            FrameError: The shapes differ, or the depth of a pixel with a true surface is negative, NaN or infinite.
         """
         if group is None:
             group = np.zeros(static.shape, np.uint8)

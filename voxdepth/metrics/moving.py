@@ -31,12 +31,12 @@ def ghost_share(depth_m: FloatImage, truth_m: FloatImage, departed_m: FloatImage
 
     Args:
         depth_m: Depth under test [m], shape (H, W); 0 = invalid, not counted.
-        truth_m: True depth of what is there now, the background [m], shape (H, W); 0, NaN or infinite is not counted.
-        departed_m: Depth that the object had at the pixel when it was there [m], shape (H, W); 0 where it was not.
-            Pixels where it would be at or behind the background are not counted.
+        truth_m: True depth of what is there now, the background [m]; 0, NaN or infinite is not counted.
+        departed_m: Depth that the object had at the pixel when it was there [m]; 0 where it was not. Pixels where it
+            would be at or behind the background are not counted.
 
     Raises:
-        FrameError: The shapes differ, or the depth of a pixel that counts is negative, NaN or infinite.
+        FrameError: See `select_judged`.
     """
     require_same_shape(depth_m=depth_m, truth_m=truth_m, departed_m=departed_m)
     left = (departed_m > 0) & (departed_m < truth_m) & (truth_m < np.inf)

@@ -31,13 +31,8 @@ def m_rmse_u16_wrap(depth_mm: MillimetreImage, truth_mm: MillimetreImage, mask: 
     - So it saturates: normal errors of 0.1, 0.3, 1 and 3 m score 96, 154, 173 and 178. Of the paper's 24 table values,
       13 lie above 175.
 
-    Args:
-        depth_mm: Depth under test [mm], shape (H, W), uint16; an invalid pixel counts as 0 mm.
-        truth_mm: True depth [mm], shape (H, W), uint16.
-        mask: Occluded pixels, shape (H, W); the only ones that count.
-
-    Returns:
-        The score of one image, 0..255; None with an empty mask. The authors average it over images.
+    Only the pixels of the mask count, which are the occluded ones; without any the score, 0..255, is None. An invalid
+    pixel counts as 0 mm. The authors average the score over images.
 
     Raises:
         FrameError: An image is not uint16, or the shapes differ.
@@ -59,12 +54,7 @@ def psnr_minmax8(depth_mm: MillimetreImage, truth_mm: MillimetreImage) -> float:
       `20 log10(sqrt(3) / (1 - 44.4/65.535)) = 14.60`.
     - Holes are pixels like others: the first one moves the lower extreme to 0.
 
-    Args:
-        depth_mm: Depth under test [mm], shape (H, W), uint16; an invalid pixel counts as 0 mm.
-        truth_mm: True depth [mm], shape (H, W), uint16.
-
-    Returns:
-        The score of one image. A constant image counts as black. The authors average it over images, in decibels.
+    A constant image counts as black. The authors average the score over images, in decibels.
 
     Raises:
         FrameError: An image is not uint16, or the shapes differ.

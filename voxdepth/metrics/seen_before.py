@@ -58,14 +58,13 @@ class SeenBefore:
     ) -> tuple[MaskImage, MaskImage]:
         """The holes of the next frame that were seen correctly before, and those that were not.
 
+        The masks are disjoint; holes without a true surface are in neither. Nothing was seen before the first frame.
+
         Args:
             holes: Pixels to split, shape (H, W).
-            truth_m: True depth [m], shape (H, W); holes where it is 0, NaN or infinite are in neither part.
+            truth_m: True depth [m].
             T_world_cam: True pose, shape (4, 4).
-            raw_m: Depth as the sensor measured it [m], shape (H, W); 0 = invalid.
-
-        Returns:
-            Two disjoint masks of shape (H, W), seen and never seen. Nothing was seen before the first frame.
+            raw_m: Depth as the sensor measured it [m]; 0 = invalid.
 
         Raises:
             FrameError: An image does not have the camera's shape.

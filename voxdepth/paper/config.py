@@ -33,9 +33,9 @@ class PaperConfig(Model):
     max_epoch_frames: int = Field(60, ge=1)
     """Frames after which an epoch ends even if registration still succeeds."""
     fusion_lag_frames: Annotated[int, Field(ge=0)] | Literal["ready"] = 3
-    """Frames from the last one of a window to the first one that its template corrects.
+    """Frames from the last of a window to the first that its template corrects, while fusion runs in the background.
 
-    Fusion runs in the background meanwhile. A number gives the same results on every machine: 3 frames are 100 ms at
+    A number gives the same results on every machine: 3 frames are 100 ms at
     30 Hz, slightly more than a fusion takes; 0 waits for it within the call. `ready` switches as soon as it is done,
     for live cameras.
     """

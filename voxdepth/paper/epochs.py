@@ -74,14 +74,8 @@ Lag = int | Literal["ready"]
 class Epochs:
     """Collects windows, starts their fusion in a thread, and switches templates between two frames.
 
-    A window restarts when the scene changes within it: a cloud of two scenes would fit neither.
-
-    Args:
-        fuse: Fuses a window into a template.
-        follows: Tells whether the scene changed.
-        window_frames: Frames in a window.
-        max_epoch_frames: Frames after which an epoch ends.
-        lag: Frames between the last of a window and the first that uses its template, or `ready`.
+    A window restarts when the scene changes within it: a cloud of two scenes would fit neither. The lag counts the
+    frames between the last of a window and the first that uses its template; see `fusion_lag_frames`.
     """
 
     def __init__(self, fuse: Fuse, follows: Follows, *, window_frames: int, max_epoch_frames: int, lag: Lag) -> None:
@@ -154,7 +148,7 @@ class Epochs:
         """Add a frame to the open window, as a copy: the caller may use its arrays again before they are fused."""
         if self._window is None:
             return
-        if self._window and self._last_features is not None and not self._follows(self._last_features, features):
+        if self._window and self._last_features and not self._follows(self._last_features, features):
             self._window = []
         self._last_features = features
         self._window.append(replace(frame, gray=frame.gray.copy(), depth_m=frame.depth_m.copy()))

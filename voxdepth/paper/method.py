@@ -34,7 +34,6 @@ class Aligned:
 
     frame: Frame
     template: Template | None
-    """The current template; None before the first."""
     diagnostics: PaperDiagnostics
     timings_s: Mapping[str, float]
 
@@ -80,7 +79,6 @@ class PaperVoxDepth(StreamCorrector):
         self._epochs.close()
 
     def _align(self, frame: Frame) -> Aligned:
-        """Find the template for this frame and register it."""
         timer = StepTimer()
         with timer("describe"):
             features = self._registration.describe(frame.gray)
@@ -94,19 +92,17 @@ class PaperVoxDepth(StreamCorrector):
             )
         epoch_end = self._epochs.end(frame, features, registration)
         phase = self._epochs.phase(registration)
-        return Aligned(
-            frame=frame,
-            template=template,
-            diagnostics=PaperDiagnostics(phase=phase, registration=registration, epoch_end=epoch_end),
-            timings_s=timer.times_s,
-        )
+        diagnostics = PaperDiagnostics(phase=phase, registration=registration, epoch_end=epoch_end)
+        return Aligned(frame=frame, template=template, diagnostics=diagnostics, timings_s=timer.times_s)
 
     def combine(self, aligned: Aligned) -> CorrectedDepth:
         """Correct the aligned frame, which depends on nothing else."""
         timer = StepTimer(aligned.timings_s)
         raw = self._steps.upload(aligned.frame.depth_m)
-        with timer("warp"):
-            template = self._warp(aligned)
+        template, registration = None, aligned.diagnostics.registration
+        with timer("warp"):  # from the original, since repeated warps would mix edges
+            if aligned.template is not None and registration.ok:
+                template = self._steps.warp(aligned.template.depth, registration.M_frame_template)
         with timer("merge"):
             depth, source = self._steps.unchanged(raw) if template is None else self._steps.combine(raw, template)
         with timer("filter"):
@@ -120,13 +116,6 @@ class PaperVoxDepth(StreamCorrector):
             timings_s=timer.times_s,
             diagnostics=aligned.diagnostics,
         )
-
-    def _warp(self, aligned: Aligned) -> Any | None:
-        """The template in the pixels of the frame. It is warped from the original: repeated warps would mix edges."""
-        registration = aligned.diagnostics.registration
-        if aligned.template is None or not registration.ok:
-            return None
-        return self._steps.warp(aligned.template.depth, registration.M_frame_template)
 
     def _label(self, depth: Any, source: Any) -> tuple[FloatImage, GrayImage, FloatImage]:
         """Depth, source and confidence as NumPy arrays, after the median has emptied some pixels and filled others."""
@@ -163,16 +152,9 @@ def motion_per_frame(window: Sequence[Frame], odometry: Odometry) -> list[FloatA
 def fuse_window(
     window: Sequence[Frame], features: Features, steps: ImageSteps, odometry: Odometry, motion_model: MotionModel
 ) -> Template:
-    """Fuse a window of frames into a template in the camera of the last one.
+    """Fuse successive frames into a template in the camera of the last one, which has these features.
 
-    Frames without a pose are left out: they would smear.
-
-    Args:
-        window: Successive frames.
-        features: Features of the last frame.
-        steps: Image operations. They hold the voxel grid, so one window is fused at a time.
-        odometry: Measures the motion between two frames.
-        motion_model: Derives the poses of all frames from the odometry.
+    Frames without a pose are left out: they would smear. The steps hold one voxel grid, for one window at a time.
     """
     timer = StepTimer()
     with timer("fused"):

@@ -77,11 +77,7 @@ class HostSteps:
 
 
 def create_steps(device: DeviceName, intrinsics: Intrinsics, config: PaperConfig) -> ImageSteps:
-    """Create the steps on a device.
-
-    Raises:
-        ConfigError: This machine has no such device.
-    """
+    """Create the steps on a device, or raise a `ConfigError` if this machine has none."""
     if device == "cpu":
         return HostSteps(intrinsics, config)
     from .warp_steps import WarpSteps
