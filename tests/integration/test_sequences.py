@@ -173,7 +173,7 @@ def test_a_mover_that_reaches_the_camera_is_refused(tmp_path: Path) -> None:
 
 def test_a_flight_that_is_too_short_is_refused_before_anything_is_written(tmp_path: Path) -> None:
     short = small("sim-LN", **{"flight.start_m": 98.0, "flight.speed_m_s": 40.0})
-    with pytest.raises(ScenarioError, match=r"ends after \d frames, 20 were asked for: ask for --f") as caught:
+    with pytest.raises(ScenarioError, match=r"ends after \d frames, expected 20") as caught:
         record(short, tmp_path / "r", 20, lambda frames: None)
     assert not (tmp_path / "r").exists()
     longest = int(str(caught.value).split("--frames ")[1][0])
