@@ -145,13 +145,8 @@ def compare(golden: Cases, measured: Cases) -> list[Difference]:
 
 def metric_table(cases: Cases, corrector: str) -> Table:
     """Return the metrics of all cases."""
-    columns = (
-        "noise",
-        Column("MAE", "m", ".4f"),
-        Column("more than 10 % too far", "%", _percent),
-        Column("holes", "%", _percent),
-        Column("flicker", "m", ".4f"),
-    )
+    shares = [Column(name, "%", _percent) for name in ("more than 10 % too far", "holes")]
+    columns: tuple[Column | str, ...] = ("noise", Column("MAE", "m", ".4f"), *shares, Column("flicker", "m", ".4f"))
     rows = [[case, *(metrics[name] for name in TOLERANCES)] for case, metrics in cases.items()]
     return Table.of(f"corrector {corrector}, one noise term at a time", columns, rows)
 

@@ -36,10 +36,9 @@ EMPTY_M = -2 * ERROR_M
 
 def all_figures(evaluation: Evaluation) -> list[Picture]:
     """Draw the figures about numbers: none if nothing succeeded, and none of confidence if no method grades it."""
-    if not shown_methods(evaluation):
-        return []
-    always = [error_against_range(evaluation), holes_against_quality(evaluation), error_against_latency(evaluation)]
-    return [*always, reliability(evaluation)] if graded_methods(evaluation) else always
+    draws = (error_against_range, holes_against_quality, error_against_latency)
+    pictures = [draw(evaluation) for draw in draws if shown_methods(evaluation)]
+    return [*pictures, reliability(evaluation)] if graded_methods(evaluation) else pictures
 
 
 def shown_methods(evaluation: Evaluation) -> list[str]:

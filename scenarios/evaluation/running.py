@@ -55,12 +55,12 @@ def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) 
         ScenarioError: A frame cannot be read.
     """
     cv2.setNumThreads(1)
-    with _instance(method, intrinsics) as corrector:  # It loads, compiles and caches what the first use needs.
+    with _instance(method, intrinsics) as corrector:  # The warm-up loads, compiles and caches what is needed.
         for index in range(min(method.warm_up_frames, len(frames))):
             _processed(corrector, _visible(frames[index], method), index)
     score, times_s = Score(groups, intrinsics), []
     noise = np.random.default_rng(SEED).integers(0, 1 << 16, SHAPE, dtype=np.uint16)
-    _workload_s(noise)  # The first call is not like others.
+    _workload_s(noise)  # The first call is slower than others.
     workloads_s = {"before": [_workload_s(noise) for _ in range(REPEATS)], "during": [], "after": []}
     with _instance(method, intrinsics) as corrector:
         start_s = _other_threads_s()

@@ -27,8 +27,6 @@ SAME_SURFACE = 0.02
 """Largest relative change of the true depth of a static pixel from the frame before."""
 SAME_GRAY = 3
 """Largest change of the smoothed gray value of a static pixel, where the truth is unknown."""
-TRUE_DEPTH = "depth_true"
-"""Folder that only recordings with the truth have."""
 GHOST_FRAMES = 5
 """Ghosts are counted this many frames after a moving object left a pixel, so once per departure."""
 MEDIAN_PX = 5
@@ -197,7 +195,7 @@ def open_source(folder: Path) -> FrameSource:
     name = folder.resolve().name
     if not name:
         raise ScenarioError(f"--data must name the folder of a sequence, got {folder}")
-    if (folder / TRUE_DEPTH).is_dir():
+    if (folder / "depth_true").is_dir():  # Only recordings with the truth have it.
         return SimulatedSource(name, Recording.open(folder), None)
     return HeldOutSource(name, open_dataset(folder))
 
