@@ -155,9 +155,7 @@ def dose_responses(data: StudyData) -> Iterator[tuple[str, str, DoseResponse | s
 
 def first_collisions(data: StudyData) -> list[RunSpec]:
     """Return the run of each arm that ended in a collision and has the lowest seed."""
-    found: dict[str, RunSpec] = {}
-    for spec in data.collisions:
-        found.setdefault(spec.arm, spec)
+    found = {spec.arm: spec for spec in reversed(data.collisions)}
     return [found[arm.name] for arm in data.study.arms if arm.name in found]
 
 

@@ -87,8 +87,7 @@ class Observation:
 class CollisionProbe(Recorder):
     """Keeps the recent images of every camera, and diagnoses the first collision.
 
-    Args:
-        min_confidence: Smallest confidence of a trusted pixel.
+    A pixel is trusted from `min_confidence` on.
     """
 
     def __init__(self, min_confidence: float) -> None:
@@ -138,15 +137,13 @@ def diagnose(observations: Sequence[Observation], body: int, point_m: FloatArray
 
     `body` was hit by a drone at `point_m` [m], shape (3,).
     """
-    masks = [seen.pixels_of(body, point_m) for seen in observations]
+    masks = [one.pixels_of(body, point_m) for one in observations]
     if sum(bool(mask.any()) for mask in masks) < max(1, MIN_VISIBLE_SHARE * len(observations)):
         return Diagnosis(cause=Cause.NOT_IN_VIEW)
-    pixels = [
-        (seen.true_m[mask], seen.corrected_m[mask], seen.trusted[mask])
-        for seen, mask in zip(observations, masks, strict=True)
-    ]
-    true_m, corrected_m, trusted = (np.concatenate(parts) for parts in zip(*pixels, strict=True))
-    trusted &= corrected_m > 0
+    seen = list(zip(observations, masks, strict=True))
+    true_m = np.concatenate([one.true_m[mask] for one, mask in seen])
+    corrected_m = np.concatenate([one.corrected_m[mask] for one, mask in seen])
+    trusted = np.concatenate([one.trusted[mask] for one, mask in seen]) & (corrected_m > 0)
     if np.mean(corrected_m > 0) < 0.5:
         return Diagnosis(cause=Cause.NO_DEPTH)
     if np.mean(trusted) < 0.5:

@@ -23,7 +23,6 @@ from .design import RunSpec
 from .statistics import B_BOUNDS, DoseResponse, Interval, clopper_pearson, wilson
 from .store import StudyData
 
-REPORT, SUMMARY, FIGURES, TEMPLATE, RUNS = "report.html", "report.md", "figures", "study.html.j2", "runs"
 WIDTH_IN = 9.0
 COLORS = {
     Outcome.SUCCESS: "#4c9f70",
@@ -65,13 +64,14 @@ def write_report(data: StudyData, out: Path) -> Path:
         ScenarioError: A file cannot be written.
     """
     findings = Findings(data)
-    write(out / SUMMARY, summary(findings).encode())
+    write(out / "report.md", summary(findings).encode())
     pictures = findings.pictures()
     for picture in pictures:
         name = re.sub(r"\W+", "-", picture.title.lower())
-        write(out / FIGURES / f"{name}.png", picture.png)
-    write(out / REPORT, render(findings, pictures, out).encode())
-    return out / REPORT
+        write(out / "figures" / f"{name}.png", picture.png)
+    page = out / "report.html"
+    write(page, render(findings, pictures, out).encode())
+    return page
 
 
 def summary(findings: Findings) -> str:
@@ -88,7 +88,7 @@ def render(findings: Findings, pictures: Sequence[Picture], out: Path) -> str:
     seeds = data.study.seeds.first_seeds()
     runs = data.runs
     return render_page(
-        TEMPLATE,
+        "study.html.j2",
         study=data.study,
         scenarios=list(dict.fromkeys(spec.scenario for spec in data.specs)),
         seeds=f"{seeds[0]} to {seeds[-1]}",
@@ -122,10 +122,7 @@ def recording_of(out: Path, spec: RunSpec) -> Path | None:
 
 
 def run_table(data: StudyData) -> pd.DataFrame:
-    """Return a row for each run of each arm with a result, in the order of the study.
-
-    Integer columns may have missing entries; metrics that are integers in all runs stay integers.
-    """
+    """Return a row for each run of each arm with a result; metrics that are integers in all runs stay integers."""
     names = list(dict.fromkeys(name for record in data.records.values() for name in record.metrics))
     rows = []
     for spec in data.flown:
@@ -146,7 +143,7 @@ def export(data: StudyData, out: Path) -> list[Path]:
     """
     if not data.records:
         raise ScenarioError(f"the study {data.study.name!r} has no result yet: fly it first")
-    return write_frame(out / RUNS, run_table(data))
+    return write_frame(out / "runs", run_table(data))
 
 
 def arm_table(arms: Iterable[ArmSummary]) -> Table:
@@ -231,12 +228,7 @@ def _p_text(p: float) -> str:
 
 
 def all_figures(arms: Sequence[ArmSummary], fitted: Mapping[tuple[str, str], DoseResponse]) -> list[Picture]:
-    """Draw the figures of all scenarios; arms without a result are left out.
-
-    Args:
-        arms: Summaries of the study's arms.
-        fitted: Dose responses by scenario and arm.
-    """
+    """Draw the figures of all scenarios, `fitted` by scenario and arm; arms without a result are left out."""
     found: list[Picture] = []
     for scenario in dict.fromkeys(arm.scenario for arm in arms if arm.n):
         own = [arm for arm in arms if arm.scenario == scenario and arm.n]

@@ -143,13 +143,7 @@ def run_study(
 ) -> StudyData:
     """Fly the missing runs of a study, store each as it ends, and return the whole content of the store.
 
-    Args:
-        study: The study.
-        out: Folder of the store, which is made if it does not exist.
-        executor: Flies the runs.
-        display: Receives the progress after every run.
-        resume: Whether to fly the missing runs; otherwise a store that contains runs is refused.
-        retry_errors: Whether a run that failed before counts as missing.
+    A store that contains runs is refused without `resume`; with `retry_errors`, a run that failed counts as missing.
 
     Raises:
         ScenarioError: The study cannot be resolved, its store cannot be used, or no run can be flown.

@@ -11,10 +11,9 @@ READY = "ready"
 
 
 def serve(pipe: "Connection") -> None:
-    """Fly the runs that come through the pipe until the pipe is closed or the parent process has ended.
+    """Fly the runs that come through the pipe until it is closed or the parent process has ended.
 
-    Args:
-        pipe: Delivers pairs of a function and its argument, and takes READY and then one `Completion` for each pair.
+    The pipe delivers pairs of a function and its argument, and takes READY and then one `Completion` for each pair.
     """
     ignore_interrupts()
     threading.Thread(target=_end_with_parent, daemon=True).start()
