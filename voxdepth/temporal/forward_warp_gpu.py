@@ -38,20 +38,17 @@ class GpuForwardWarp:
         """
         forward = ReprojectionMap(self._resolution, T_target_source)
         backward = ReprojectionMap(self._resolution, inverse_rigid(T_target_source))
-        H_back, e_back = wp.mat33(backward.H), wp.vec3(backward.e)
         for image, buffer in ((disparity_px, self._source_px), (weight, self._source_weight)):
             if image.shape != self._resolution.shape:  # Warp would copy a smaller image without an error.
                 raise FrameError(f"images of this resolution have shape {self._resolution.shape}, got {image.shape}")
             buffer.assign(image)
         self._keys.zero_()
-        source = [self._source_px, self._source_weight]
-        self._launch(kernels.splat, [*source, wp.mat33(forward.H), wp.vec3(forward.e)], [self._keys])
+        inputs = [self._source_px, self._source_weight, wp.mat33(forward.H), wp.vec3(forward.e)]
+        self._launch(kernels.splat, inputs, [self._keys])
         self._launch(kernels.dilate, [self._keys], [self._dilated])
         self._launch(kernels.close_cracks, [self._keys, self._dilated], [self._closed])
-        position = [self._source_x, self._source_y]
-        self._launch(kernels.trace_back, [self._closed, H_back, e_back], [*position, self._weight])
-        inputs = [self._source_px, *position, self._closed, H_back, e_back, float(forward.e[2])]
-        self._launch(kernels.resample, inputs, [self._warped_px])
+        inputs = [self._source_px, self._closed, wp.mat33(backward.H), wp.vec3(backward.e), float(forward.e[2])]
+        self._launch(kernels.resample, inputs, [self._source_x, self._source_y, self._weight, self._warped_px])
         # On the CPU `numpy` returns a view of the buffer that the next call overwrites.
         images = (self._warped_px, self._weight, self._source_x, self._source_y)
         warped_px, warped_weight, source_x, source_y = (np.array(image.numpy()) for image in images)

@@ -135,47 +135,36 @@ def bilinear(image: wp.array2d(dtype=wp.float32), x: wp.float32, y: wp.float32):
 
 
 @wp.kernel
-def trace_back(
-    closed: wp.array2d(dtype=wp.uint32),
-    H_back: wp.mat33,
-    e_back: wp.vec3,
-    # output
-    source_x: wp.array2d(dtype=wp.float32),
-    source_y: wp.array2d(dtype=wp.float32),
-    weight: wp.array2d(dtype=wp.uint8),
-):
-    """Position in the source image that each target pixel comes from, and its weight."""
-    row, col = wp.tid()
-    splatted_px = wp.float32(disparity_of(closed[row, col])) / UNITS_PER_PX
-    inverse = inverse_depth_ratio(H_back, e_back, row, col, splatted_px)
-    source_x[row, col] = numerator(H_back, e_back, 0, row, col, splatted_px) * inverse
-    source_y[row, col] = numerator(H_back, e_back, 1, row, col, splatted_px) * inverse
-    weight[row, col] = wp.uint8(weight_of(closed[row, col]))
-
-
-@wp.kernel
 def resample(
     disparity_px: wp.array2d(dtype=wp.float32),
-    source_x: wp.array2d(dtype=wp.float32),
-    source_y: wp.array2d(dtype=wp.float32),
     closed: wp.array2d(dtype=wp.uint32),
     H_back: wp.mat33,
     e_back: wp.vec3,
     e_z: wp.float32,
     # output
+    source_x: wp.array2d(dtype=wp.float32),
+    source_y: wp.array2d(dtype=wp.float32),
+    weight: wp.array2d(dtype=wp.uint8),
     warped_px: wp.array2d(dtype=wp.float32),
 ):
-    """The disparity resampled from the source image where it is of the splatted surface; else the splatted disparity.
+    """Trace each target pixel back to its position in the source image, and resample its disparity there if it is of
+    the splatted surface.
 
     `e_z` is the last component of e of the forward map. It corrects the depth ratio, which the splatted disparity gave,
     for the disparity of the sample.
     """
     row, col = wp.tid()
-    splatted_px = wp.float32(disparity_of(closed[row, col])) / UNITS_PER_PX
+    key = closed[row, col]
+    splatted_px = wp.float32(disparity_of(key)) / UNITS_PER_PX
     inverse = inverse_depth_ratio(H_back, e_back, row, col, splatted_px)
-    sampled_px = bilinear(disparity_px, source_x[row, col], source_y[row, col])
+    x = numerator(H_back, e_back, 0, row, col, splatted_px) * inverse
+    y = numerator(H_back, e_back, 1, row, col, splatted_px) * inverse
+    sampled_px = bilinear(disparity_px, x, y)
     ratio = (sampled_px - splatted_px * inverse) * e_z + inverse
     resampled_px = sampled_px / wp.max(ratio, MIN_DEPTH_RATIO)
+    source_x[row, col] = x
+    source_y[row, col] = y
+    weight[row, col] = wp.uint8(weight_of(key))
     warped_px[row, col] = splatted_px
     if wp.abs(resampled_px - splatted_px) < MAX_RESAMPLING_CHANGE_PX and splatted_px > 0.0:
         warped_px[row, col] = resampled_px

@@ -152,7 +152,10 @@ def _compare(
     unconfirmed = nearer & evident & below(gray_change, config.min_gray_change_occluding * noise)
     occluding = and_not(nearer, unconfirmed)
     free_space_violation = and_not(farther, evident & below(gray_change, min_change))
-    rejected = and_not(and_not(contradicting, occluding), free_space_violation)
+    rejected = and_not(contradicting, occluding | free_space_violation)
+    # At depth discontinuities, the memory needs more evidence to fill a hole.
+    span_px = np.asarray(cv2.morphologyEx(memory.disparity_px, cv2.MORPH_GRADIENT, WINDOW_KERNEL), np.float32)
+    weak = below(memory.weight, round(WEIGHT_UNIT * config.min_evidence_at_discontinuities))
     drift_px, memory_factor = _drift(memory, clipped_px, overlap, config)
     return _Comparison(
         agreeing=agreeing,
@@ -161,7 +164,7 @@ def _compare(
         outlier=rejected & evident,
         unconfirmed=unconfirmed,
         new=and_not(valid, known) | and_not(rejected, evident),
-        hole=and_not(_may_fill_holes(memory, evident, config), valid),
+        hole=and_not(and_not(evident, weak & above(span_px, MIN_DISCONTINUITY_PX)), valid),
         memory_factor=memory_factor,
         drift_px=drift_px,
     )
@@ -193,13 +196,6 @@ def _agreement(
 def _coherent(contradicting: GrayImage, config: TemporalFusionConfig) -> GrayImage:
     """The pixels of a mask that have enough pixels of it around them."""
     return contradicting & above(box_mean(contradicting, WINDOW_PX), 255 * config.min_coherence)
-
-
-def _may_fill_holes(memory: Memory, evident: GrayImage, config: TemporalFusionConfig) -> GrayImage:
-    """Where the memory has enough evidence to fill a hole; at depth discontinuities it needs more."""
-    span_px = np.asarray(cv2.morphologyEx(memory.disparity_px, cv2.MORPH_GRADIENT, WINDOW_KERNEL), np.float32)
-    weak = below(memory.weight, round(WEIGHT_UNIT * config.min_evidence_at_discontinuities))
-    return and_not(evident, weak & above(span_px, MIN_DISCONTINUITY_PX))
 
 
 def _drift(
