@@ -107,9 +107,8 @@ class CorrectionPipeline:
         """Stop all threads and discard frames in progress; any thread may call it, at any time, repeatedly.
 
         An iteration that is going on elsewhere ends. The call waits for the frame that each stage has in work, which
-        nothing can interrupt: `WORKER_TIMEOUT_S` at most, and only `READER_TIMEOUT_S` for a source, which may wait
-        for its camera. A thread that takes longer ends by itself after that frame. Called from within a stage,
-        `close` does not wait at all.
+        nothing can interrupt: `WORKER_TIMEOUT_S` at most, and only `READER_TIMEOUT_S` for a source, which may wait for
+        its camera. A thread that takes longer ends after that frame. Within a stage, `close` does not wait at all.
         """
         with self._lock:
             self._closed = True

@@ -98,11 +98,7 @@ def require_known(name: str) -> None:
 
 
 def config_of(name: str) -> "VoxDepthConfig | PaperConfig | None":
-    """The default configuration of a corrector; None for a corrector without one.
-
-    Raises:
-        ConfigError: No corrector has that name.
-    """
+    """The default configuration of a known corrector; None for a corrector without one."""
     require_known(name)
     entry = _REGISTRY.get(name)
     if entry is None or entry.config is None:
@@ -141,7 +137,7 @@ def create_corrector(
     A configuration is of the corrector's own type, or the values that differ from its default, see `resolve_config`.
 
     Raises:
-        ConfigError: No corrector has that name, it takes no configuration or another one, it needs a camera with a
+        ConfigError: The name is unknown, the corrector takes no configuration or another one, it needs a camera with a
             baseline, or it belongs to another distribution and cannot be loaded.
     """
     require_known(name)
@@ -164,8 +160,7 @@ def latency_s(name: str) -> float:
     constant, so that results of simulations do not depend on the machine.
 
     Raises:
-        ConfigError: No corrector has that name, or it belongs to another distribution and its factory has no attribute
-            `latency_s`.
+        ConfigError: The name is unknown, or the factory of another distribution has no attribute `latency_s`.
     """
     require_known(name)
     if name in _REGISTRY:

@@ -201,10 +201,9 @@ class Frame:
                 f"depth_m must be finite and not negative (0 = invalid), got values from {low} to {high} m; "
                 "replace what is not by 0"
             )
-        if self.T_world_cam is not None and not _is_rigid(self.T_world_cam):
-            raise FrameError(
-                f"T_world_cam must be a finite rigid pose of shape (4, 4), got {self.T_world_cam.tolist()}"
-            )
+        T = self.T_world_cam
+        if T is not None and not _is_rigid(T):
+            raise FrameError(f"T_world_cam must be a finite rigid pose of shape (4, 4), got {T.tolist()}")
 
     def require_shape(self, shape: tuple[int, int]) -> None:
         """Raise a `FrameError` if the images have another shape (rows, columns)."""
@@ -213,12 +212,10 @@ class Frame:
 
 
 def _kind(given: object) -> str:
-    """Type of an array's elements or of another object, for errors."""
     return str(given.dtype) if isinstance(given, np.ndarray) else type(given).__name__
 
 
 def _is_rigid(T: FloatArray) -> bool:
-    """Whether a matrix is a rigid motion."""
     if T.shape != (4, 4) or not np.isfinite(T).all() or (T[3] != (0, 0, 0, 1)).any():
         return False
     rotation = T[:3, :3]

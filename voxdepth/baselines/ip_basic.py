@@ -57,8 +57,7 @@ def _complete_fast(inverted_m: FloatImage, depth_m: FloatImage) -> FloatImage:
 
     Holes wider than about 45 pixels stay open in their middle.
     """
-    dense_m = _dilated(inverted_m, _diamond(5))
-    dense_m = _closed(dense_m)
+    dense_m = _closed(_dilated(inverted_m, _diamond(5)))
     dense_m = _with_holes_from(dense_m, _dilated(dense_m, _square(7)))
     dense_m = _extended_to_the_top(dense_m)
     dense_m = _with_holes_from(dense_m, _dilated(dense_m, _square(31)))
@@ -87,7 +86,8 @@ def _dilated_by_range(inverted_m: FloatImage, depth_m: FloatImage) -> FloatImage
     near, far = depth_m <= NEAR_M, depth_m > MEDIUM_M
     dense_m = inverted_m
     for within, size_px in ((far, 3), (~near & ~far, 5), (near, 7)):
-        spread_m = _dilated(np.where(within, inverted_m, np.float32(0)), _cross(size_px))
+        cross = np.asarray(cv2.getStructuringElement(cv2.MORPH_CROSS, (size_px, size_px)), np.uint8)
+        spread_m = _dilated(np.where(within, inverted_m, np.float32(0)), cross)
         dense_m = np.where(spread_m > EMPTY_M, spread_m, dense_m)
     return dense_m
 
@@ -123,10 +123,6 @@ def _closed(image: FloatImage) -> FloatImage:
 
 def _square(size_px: int) -> Kernel:
     return np.ones((size_px, size_px), np.uint8)
-
-
-def _cross(size_px: int) -> Kernel:
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_CROSS, (size_px, size_px)), np.uint8)
 
 
 def _diamond(size_px: int) -> Kernel:

@@ -51,8 +51,7 @@ class LMedS(Baseline):
                 "expected frames and min_samples of 1 or more, an odd window_px and a gradient_gate of 0 or more, got "
                 f"{frames}, {min_samples}, {window_px} and {gradient_gate}"
             )
-        self._intrinsics = intrinsics
-        self._shape = intrinsics.shape
+        self._intrinsics, self._shape = intrinsics, intrinsics.shape
         self._reach_px = window_px // 2
         self._gradient_gate = np.float32(gradient_gate)
         self._min_samples = min_samples

@@ -15,6 +15,7 @@ from ..types import FloatImage, Frame, GrayImage, Intrinsics
 from .single_frame import Baseline
 
 FlowImage = npt.NDArray[np.float32]
+AgeImage = npt.NDArray[np.int16]
 
 DIS_SMALLEST_PX = 96
 """Smaller images get a border: OpenCV refuses those below 12 pixels, and crashes on some that are long and narrow."""
@@ -24,8 +25,6 @@ MAX_CIRCLE_PX = 1.0
 """Flow there and back may miss its start by this; farther off, one of the two is wrong or the point is hidden."""
 LAST_PX = 32767
 """Columns and rows are given to OpenCV in 16 bits."""
-
-AgeImage = npt.NDArray[np.int16]
 
 
 class Flow(Protocol):

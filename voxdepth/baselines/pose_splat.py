@@ -54,7 +54,11 @@ class PoseSplat(Baseline):
         self._age = np.empty(0, np.uint64)
 
     def _corrected(self, frame: Frame) -> FloatImage:
-        T_cam_anchor = self._T_cam_anchor(frame)
+        if frame.T_world_cam is None:
+            raise FrameError("the splat of the last frames needs the true pose T_world_cam in every frame, got none")
+        if self._T_world_anchor is None:
+            self._T_world_anchor = frame.T_world_cam.copy()
+        T_cam_anchor = inverse_rigid(frame.T_world_cam) @ self._T_world_anchor
         young = self._age < self._frames
         points, age = self._points[young], self._age[young] + np.uint64(1)
         moved_m, winner = self._seen(points, age, T_cam_anchor)
@@ -64,14 +68,6 @@ class PoseSplat(Baseline):
         self._points = np.concatenate([measured, points[winner[kept]]])
         self._age = np.concatenate([np.zeros(len(measured), np.uint64), age[winner[kept]]])
         return np.where(frame.depth_m > 0, frame.depth_m, moved_m)
-
-    def _T_cam_anchor(self, frame: Frame) -> FloatArray:  # noqa: N802
-        """Transform from the camera of the first frame to that of this frame, shape (4, 4)."""
-        if frame.T_world_cam is None:
-            raise FrameError("the splat of the last frames needs the true pose T_world_cam in every frame, got none")
-        if self._T_world_anchor is None:
-            self._T_world_anchor = frame.T_world_cam.copy()
-        return inverse_rigid(frame.T_world_cam) @ self._T_world_anchor
 
     def _seen(
         self, points: PointArray, age: npt.NDArray[np.uint64], T_cam_anchor: FloatArray

@@ -39,8 +39,6 @@ _NUMBER = re.compile(r"(?:.*[^0-9.])?([0-9]{1,24}(?:\.[0-9]{1,24})?)", re.DOTALL
 _UNITS_PER_S = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3))
 """From which number on a time of our age is in ns, us or ms; below, it is in seconds."""
 
-_Numbered = dict[str, Path]
-"""Files by the number in their names."""
 _CONVERTED = re.compile(r".*_(Depth|Infrared|Infrared 1|Color)_([0-9]+(?:\.[0-9]+)?)\.(raw|png)", re.DOTALL)
 _DEPTH, _INFRARED = [("Depth", "raw")], [("Infrared", "png"), ("Infrared 1", "png")]
 
@@ -137,9 +135,9 @@ def _paired(depth_folder: Path, gray_folder: Path, rate_hz: float) -> list[Pair]
     return [Pair(stamp_s=stamps_s[i], gray=gray[j], depth=depth[i]) for i, j in keys]
 
 
-def _by_number(folder: Path, suffixes: tuple[str, ...]) -> _Numbered:
-    """In the order of the numbers."""
-    files: _Numbered = {}
+def _by_number(folder: Path, suffixes: tuple[str, ...]) -> dict[str, Path]:
+    """Files by the number in their names, in the order of the numbers."""
+    files: dict[str, Path] = {}
     for path in list_images(folder, suffixes):
         match = _NUMBER.fullmatch(path.stem)
         if match is None:
@@ -154,7 +152,7 @@ def _is_time(number: str) -> bool:
     return "." in number or len(number) >= 13
 
 
-def _stamps(folder: Path, files: _Numbered, rate_hz: float) -> dict[str, float]:
+def _stamps(folder: Path, files: dict[str, Path], rate_hz: float) -> dict[str, float]:
     """Time of each file [s], by its number."""
     stamps_s = {number: float(number) for number in files}
     if all(map(_is_time, files)):

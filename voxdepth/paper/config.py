@@ -35,9 +35,8 @@ class PaperConfig(Model):
     fusion_lag_frames: Annotated[int, Field(ge=0)] | Literal["ready"] = 3
     """Frames from the last of a window to the first that its template corrects, while fusion runs in the background.
 
-    A number gives the same results on every machine: 3 frames are 100 ms at
-    30 Hz, slightly more than a fusion takes; 0 waits for it within the call. `ready` switches as soon as it is done,
-    for live cameras.
+    A number gives the same results on every machine: 3 frames are 100 ms at 30 Hz, slightly more than a fusion takes; 0
+    waits for it within the call. `ready` switches as soon as it is done, for live cameras.
     """
     motion: MotionModelName = "constant"
     """`constant`: the motion between the first two frames of a window holds for all, as in the paper. `per_frame`: it

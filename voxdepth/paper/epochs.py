@@ -54,12 +54,11 @@ class PaperDiagnostics:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Template:
-    """Dense depth of the scene in the last frame of a fusion window."""
+    """Dense depth of the scene in the last frame of a fusion window, and the features of its gray image."""
 
     depth: Any
     """Depth [m], shape (H, W), 0 = unknown, in the memory of the `ImageSteps` that made it."""
     features: Features
-    """Features of the gray image that the depth belongs to."""
     timings_s: Mapping[str, float]
     """Wall-clock time of fusing [s], by step."""
 

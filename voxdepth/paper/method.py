@@ -3,14 +3,13 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import cv2
 import numpy as np
 
 from ..corrector import StreamCorrector, checked_config
 from ..timing import StepTimer
-from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
+from ..types import CorrectedDepth, FloatArray, Frame, Intrinsics, Source
 from .config import MotionModelName, PaperConfig
 from .epochs import Epochs, PaperDiagnostics, Template
 from .odometry import Odometry, PhotometricOdometry, PriorsFirst
@@ -107,21 +106,17 @@ class PaperVoxDepth(StreamCorrector):
             depth, source = self._steps.unchanged(raw) if template is None else self._steps.combine(raw, template)
         with timer("filter"):
             depth = self._steps.filter(depth)
-        with timer("label"):
-            depth_m, source, confidence = self._label(depth, source)
+        with timer("label"):  # after the median has emptied some pixels and filled others
+            depth_m, source_before = self._steps.download(depth, source)
+            label = source_before + np.uint8(FILLED) * (depth_m > 0)
+            source, confidence = cv2.LUT(label, _SOURCES), cv2.LUT(label, _CONFIDENCES)
         return CorrectedDepth(
             depth_m=depth_m,
-            source=source,
-            confidence=confidence,
+            source=source,  # type: ignore[arg-type]
+            confidence=confidence,  # type: ignore[arg-type]
             timings_s=timer.times_s,
             diagnostics=aligned.diagnostics,
         )
-
-    def _label(self, depth: Any, source: Any) -> tuple[FloatImage, GrayImage, FloatImage]:
-        """Depth, source and confidence as NumPy arrays, after the median has emptied some pixels and filled others."""
-        depth_m, source_before = self._steps.download(depth, source)
-        label = source_before + np.uint8(FILLED) * (depth_m > 0)
-        return depth_m, cv2.LUT(label, _SOURCES), cv2.LUT(label, _CONFIDENCES)  # type: ignore[return-value]
 
 
 def constant_velocity(window: Sequence[Frame], odometry: Odometry) -> list[FloatArray | None]:
