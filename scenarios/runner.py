@@ -17,7 +17,7 @@ import numpy as np
 from swarm.compose import composed_mission
 from swarm.mission import Mission
 from swarm.recorder import Recorder
-from swarm.types import MissionResult, Trajectory
+from swarm.types import MissionResult
 
 from .config import Run
 from .errors import ScenarioError
@@ -152,15 +152,11 @@ def _free_folder(out: Path, run: Run) -> Path:
 
 
 def _write_results(finished: Finished, run: Run, folder: Path) -> None:
+    """Write `metrics.json`, and the trajectories in the TUM RGB-D format, one line per sample."""
     text = json.dumps(summary(finished, run), indent=2, allow_nan=False)
     (folder / "metrics.json").write_text(text + "\n", encoding="utf-8")
-    trajectories = folder / "trajectories"
-    trajectories.mkdir()
+    (folder / "trajectories").mkdir()
     for drone, trajectory in enumerate(finished.result.trajectories):
-        write_tum(trajectories / f"drone-{drone}.tum", trajectory)
-
-
-def write_tum(path: Path, trajectory: Trajectory) -> None:
-    """Write a trajectory in the TUM RGB-D format: `timestamp tx ty tz qx qy qz qw`, one line per sample."""
-    rows = np.column_stack([trajectory.time_s, trajectory.position_m, trajectory.q_world_body_xyzw])
-    np.savetxt(path, rows, fmt="%.6f", header="timestamp tx ty tz qx qy qz qw")
+        rows = np.column_stack([trajectory.time_s, trajectory.position_m, trajectory.q_world_body_xyzw])
+        path = folder / "trajectories" / f"drone-{drone}.tum"
+        np.savetxt(path, rows, fmt="%.6f", header="timestamp tx ty tz qx qy qz qw")

@@ -1,6 +1,5 @@
 """Pictures of sequences and scenes: the contact sheet of a recording, and every kind of scene."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import get_args
 
@@ -29,6 +28,7 @@ from .images import (
     save_picture,
     titled,
 )
+from .results.table import Column, Table
 
 PANEL_PX = 300
 ROWS = 3
@@ -82,17 +82,25 @@ def _legend(width_px: int) -> Image:
     return np.hstack(fields)
 
 
-def preview_scenes(seed: int) -> Iterator[tuple[str, int, float, Image]]:
-    """Yield each kind of scene in sunshine: its name, number of bodies, traversability at flight height and picture."""
+def make_gallery(seed: int, out: Path) -> Table:
+    """Write one picture with every kind of scene, in sunshine, and return the table of their traversability.
+
+    The traversability is the mean free path in drone diameters, at flight height. A failure is a `ScenarioError`.
+    """
+    require_picture(out)
+    rows, pictures = [], []
     for spec_type in SPECS:
+        kind = str(spec_type.model_fields["kind"].default)
         scene = spec_type(weather=Weather(shadows=True)).build(seed)
         with World(scene, np.empty((0, 3))) as world:
             (x, y), (far_x, far_y) = scene.path_m[:, :2].min(axis=0).tolist(), scene.path_m[:, :2].max(axis=0).tolist()
             height_m = float(scene.path_m[:, 2].mean()) + FLIGHT_HEIGHT_M
             low_m, high_m = (x, y - HALF_SIDE_M), (far_x, far_y + HALF_SIDE_M)
             free_path = traversability(world, low_m=low_m, high_m=high_m, height_m=height_m)
-            kind = str(spec_type.model_fields["kind"].default)
-            yield kind, len(scene.bodies), free_path, _scene_picture(world, seed)
+            rows.append((kind, len(scene.bodies), free_path))
+            pictures.append(titled(kind, _scene_picture(world, seed)))
+    save_picture(out, np.vstack(pictures), quality=80)
+    return Table.of("scenes", ("scene", "bodies", Column("traversability", number=".1f")), rows)
 
 
 def _scene_picture(world: World, seed: int) -> Image:
@@ -102,8 +110,3 @@ def _scene_picture(world: World, seed: int) -> Image:
     chosen = [poses[int(fraction * len(poses))] for fraction in PATH_FRACTIONS]
     images = [gray_bgr(sensor.capture(pair).gray_left) for pair in sensor.render(chosen, 0)]
     return np.hstack([narrowed(image, PICTURE_PX) for image in images])
-
-
-def write_gallery(out: Path, pictures: dict[str, Image]) -> None:
-    """Write one picture with all titled pictures; a failure is a `ScenarioError`."""
-    save_picture(out, np.vstack([titled(title, picture) for title, picture in pictures.items()]), quality=80)

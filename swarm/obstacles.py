@@ -144,16 +144,6 @@ def braking_speed(distance_m: float | FloatArray, *, decel_m_s2: float, gain_per
     return np.where(x < a / p**2, p * x, outer)
 
 
-def stopping_distance_m(speed_m_s: float, *, decel_m_s2: float, gain_per_s: float, reaction_s: float = 0.0) -> float:
-    """Return the distance to a stop along the braking curve after `reaction_s` at constant speed.
-
-    Without a reaction time this is the inverse of `braking_speed`.
-    """
-    a, p = decel_m_s2, gain_per_s
-    braking_m = speed_m_s / p if speed_m_s < a / p else (speed_m_s**2 + (a / p) ** 2) / (2 * a)
-    return speed_m_s * reaction_s + braking_m
-
-
 class Avoidance:
     """Bends and brakes a wanted velocity by the free ranges of a histogram; `radius_m` is that of the drone."""
 

@@ -35,15 +35,6 @@ class Neighbours:
     velocity_m_s: FloatArray
     """Shape (n, 3), world frame."""
 
-    @classmethod
-    def of(cls, motions: Mapping[int, Motion]) -> "Neighbours":
-        """Create it from motions by number of the drone."""
-        return cls(
-            drone=np.array(list(motions), np.intp),
-            position_m=np.array([m.position_m for m in motions.values()], np.float64).reshape(-1, 3),
-            velocity_m_s=np.array([m.velocity_m_s for m in motions.values()], np.float64).reshape(-1, 3),
-        )
-
     def __len__(self) -> int:
         return len(self.drone)
 

@@ -1,5 +1,6 @@
 """Drones, images and situations that the tests of the swarm share."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,22 @@ from tests.helpers import CAMERA
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Frame
 
+
+def neighbours_of(motions: Mapping[int, Motion]) -> Neighbours:
+    """Neighbours by number of the drone."""
+    return Neighbours(
+        drone=np.array(list(motions), np.intp),
+        position_m=np.array([m.position_m for m in motions.values()], np.float64).reshape(-1, 3),
+        velocity_m_s=np.array([m.velocity_m_s for m in motions.values()], np.float64).reshape(-1, 3),
+    )
+
+
 RADIUS_M = 0.25
 MOUNT_CAM_M = np.array([0.0, 0.0, 0.27])
 AT_ORIGIN = pose(R_BODY_CAM, np.zeros(3))
 """A camera at the origin that looks along x."""
 FORWARD = np.array([1.0, 0.0, 0.0])
-NOBODY = Neighbours.of({})
+NOBODY = neighbours_of({})
 
 Vector = tuple[float, float, float]
 
@@ -34,7 +45,7 @@ def state(x: float, y: float, z: float, velocity_m_s: Any = (0.0, 0.0, 0.0)) -> 
 
 def near(*others: tuple[Vector, Vector]) -> Neighbours:
     """Drones 1, 2, ... with their positions and velocities."""
-    return Neighbours.of({i: Motion(np.array(at), np.array(v)) for i, (at, v) in enumerate(others, start=1)})
+    return neighbours_of({i: Motion(np.array(at), np.array(v)) for i, (at, v) in enumerate(others, start=1)})
 
 
 def turn(yaw_rad: float) -> FloatArray:
@@ -77,3 +88,13 @@ def capture(stamp_s: float, **changes: Any) -> Capture:
         "intrinsics": CAMERA,
     }
     return Capture(**fields | changes)
+
+
+def stopping_distance_m(speed_m_s: float, *, decel_m_s2: float, gain_per_s: float, reaction_s: float = 0.0) -> float:
+    """Return the distance to a stop along the braking curve after `reaction_s` at constant speed.
+
+    Without a reaction time this is the inverse of `braking_speed`.
+    """
+    a, p = decel_m_s2, gain_per_s
+    braking_m = speed_m_s / p if speed_m_s < a / p else (speed_m_s**2 + (a / p) ** 2) / (2 * a)
+    return speed_m_s * reaction_s + braking_m

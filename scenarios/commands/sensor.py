@@ -57,16 +57,9 @@ def scenes(
     out: Picture = Path("scenes.jpg"),
 ) -> None:
     """Make a picture of every kind of scene and print a Markdown table of their traversability."""
-    from ..images import require_picture
-    from ..results.table import Column, Table
-    from ..sensor_pictures import preview_scenes, write_gallery
+    from ..sensor_pictures import make_gallery
 
-    require_picture(out)
-    previews = list(preview_scenes(seed))
-    rows = [preview[:3] for preview in previews]
-    table = Table.of("scenes", ("scene", "bodies", Column("traversability", number=".1f")), rows)
-    typer.echo(table.markdown(), nl=False)
-    write_gallery(out, {kind: picture for kind, _, _, picture in previews})
+    typer.echo(make_gallery(seed, out).markdown(), nl=False)
     typer.echo(f"written to {out}", err=True)
 
 

@@ -16,8 +16,9 @@ from swarm.environments.task import LearningTask, RewardConfig, SteeringName
 from swarm.errors import MissionError
 from swarm.pilot import Situation
 from swarm.recorder import Recorder
-from swarm.types import Histogram, Motion, Neighbours, Outcome, Percept
+from swarm.types import Histogram, Motion, Outcome, Percept
 from tests.learning import DIVE, FORWARD, HOVER, TURN, quick, quick_task
+from tests.swarm_scenes import neighbours_of
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, Frame
 
@@ -51,8 +52,8 @@ def situation(yaw_rad: float, *, leader_m: tuple[float, float, float], depth_m: 
         ),
         percept=Percept(stamp_s=0, true_T_world_cam=np.eye(4), corrected=Raw().process(frame), histogram=histogram),
         leader=Motion(np.array(leader_m), np.zeros(3)),
-        mates=Neighbours.of({}),
-        neighbours=Neighbours.of({}),
+        mates=neighbours_of({}),
+        neighbours=neighbours_of({}),
     )
 
 

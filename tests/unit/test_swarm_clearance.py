@@ -12,10 +12,10 @@ from sim.rig import StereoRig
 from sim.sensor import RigConfig
 from swarm.metrics import MissionMetrics, separation_m
 from swarm.nearby import NearbyConfig, neighbour_limits
-from swarm.obstacles import Avoidance, AvoidanceConfig, braking_speed, stopping_distance_m
+from swarm.obstacles import Avoidance, AvoidanceConfig, braking_speed
 from swarm.team import FormationConfig, Route, Team
 from tests.helpers import wall, world_of
-from tests.swarm_scenes import FORWARD, RADIUS_M, flat, histogram, near, state
+from tests.swarm_scenes import FORWARD, RADIUS_M, flat, histogram, near, state, stopping_distance_m
 
 AVOIDANCE = AvoidanceConfig()
 NEARBY = NearbyConfig()

@@ -15,7 +15,18 @@ from swarm.task import MissionConfig
 from swarm.team import Route
 from swarm.types import Motion, Neighbours, Percept
 from tests import tiny_controller
-from tests.swarm_scenes import AT_ORIGIN, FORWARD, NOBODY, RADIUS_M, corrected, flat, histogram, near, state
+from tests.swarm_scenes import (
+    AT_ORIGIN,
+    FORWARD,
+    NOBODY,
+    RADIUS_M,
+    corrected,
+    flat,
+    histogram,
+    near,
+    neighbours_of,
+    state,
+)
 
 OPEN = Percept(
     stamp_s=0.0, true_T_world_cam=AT_ORIGIN, corrected=corrected(flat(40.0)), histogram=histogram(flat(40.0))
@@ -164,7 +175,7 @@ class TestAgents:
             assert np.linalg.norm(decision.wanted_velocity_m_s) == pytest.approx(most_m_s)
 
     def test_followers_are_drawn_by_their_own_swarm_alone_and_pushed_by_all(self) -> None:
-        other_swarm = Neighbours.of({7: Motion(np.array([0, 1.0, 0]), np.array([0, 0, 3.0]))})
+        other_swarm = neighbours_of({7: Motion(np.array([0, 1.0, 0]), np.array([0, 0, 3.0]))})
         follower = agent(1, mission(cohesion_per_s=1.0))
         assert isinstance(follower, Follower)
         wanted = follower.wanted(situation(neighbours=other_swarm))

@@ -9,7 +9,7 @@ from sim.frames import R_BODY_CAM, pose
 from swarm.neighbours import NeighbourConfig, NeighbourTracker
 from swarm.types import Detection, Motion, Neighbours, Percept
 from tests.helpers import CAMERA
-from tests.swarm_scenes import AT_ORIGIN, NOBODY, corrected, flat, histogram
+from tests.swarm_scenes import AT_ORIGIN, NOBODY, corrected, flat, histogram, neighbours_of
 
 MIRROR = np.array([1.0, -1.0, 1.0])
 STILL = np.zeros(3)
@@ -36,7 +36,7 @@ def percept(stamp_s: float, *found: Detection, T_world_cam: np.ndarray = AT_ORIG
 
 def heard(**drones: tuple[object, object]) -> Neighbours:
     """By radio: `d2=(position, velocity)` is drone 2."""
-    return Neighbours.of(
+    return neighbours_of(
         {int(name[1:]): Motion(np.array(at, np.float64), np.array(v, np.float64)) for name, (at, v) in drones.items()}
     )
 

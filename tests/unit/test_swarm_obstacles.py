@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm.obstacles import Avoidance, AvoidanceConfig, braking_speed, stopping_distance_m
+from swarm.obstacles import Avoidance, AvoidanceConfig, braking_speed
 from swarm.types import Histogram
 from tests.helpers import CAMERA
-from tests.swarm_scenes import FORWARD, RADIUS_M, flat, histogram
+from tests.swarm_scenes import FORWARD, RADIUS_M, flat, histogram, stopping_distance_m
 
 CONFIG = AvoidanceConfig()
 AVOIDANCE = Avoidance(CONFIG, RADIUS_M)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sim.types import VelocityCommand
-from swarm.types import Choice, Decision, Motion, Neighbours
-from tests.swarm_scenes import FORWARD, NOBODY
+from swarm.types import Choice, Decision, Motion
+from tests.swarm_scenes import FORWARD, NOBODY, neighbours_of
 
 LEFT = np.array([0.0, 1.0, 0.0])
 
@@ -34,11 +34,11 @@ def test_a_decision_says_in_a_word_what_the_drone_does(
 
 def test_neighbours_of_a_swarm_are_those_with_its_numbers() -> None:
     motions = {i: Motion(np.full(3, float(i)), np.full(3, -float(i))) for i in (1, 3, 4, 6)}
-    some = Neighbours.of(motions).among(range(3, 6))
+    some = neighbours_of(motions).among(range(3, 6))
     np.testing.assert_array_equal(some.drone, [3, 4])
     np.testing.assert_array_equal(some.position_m, [[3, 3, 3], [4, 4, 4]])
     np.testing.assert_array_equal(some.velocity_m_s, [[-3, -3, -3], [-4, -4, -4]])
-    assert len(Neighbours.of(motions)) == 4
+    assert len(neighbours_of(motions)) == 4
 
 
 def test_nobody_has_a_shape_too() -> None:
