@@ -266,25 +266,22 @@ def moving_objects(comparison: Comparison) -> Measure:
 def latency(comparison: Comparison) -> Measure:
     """Time per frame beside that of the reference workload, which runs between the frames."""
     sizes = pd.Series({name: comparison.evaluation.sequences[name].size for name in comparison.sequences})
-    p50 = of_frames("latency_p50")
+    p50_ms = comparison.values(of_frames("latency_p50"))
     columns = {
         Column("size"): sizes,
-        Column("p50", "ms"): comparison.values(p50),
+        Column("p50", "ms"): p50_ms,
         Column("p95", "ms"): comparison.values(of_frames("latency_p95")),
         Column("largest", "ms"): comparison.values(of_frames("latency_max")),
         Column("workload", "ms"): comparison.values(of_frames("reference_workload_during")),
         Column("p50", "workloads"): comparison.values(of_frames("latency_p50_workloads")),
-        N: comparison.counts(p50),
+        N: comparison.counts(of_frames("latency_p50")),
     }
     rows = [[name, *(values[name] for values in columns.values())] for name in comparison.sequences]
     title = "Time per frame of the default method, OpenCV on one thread"
     return Measure(
         table=Table.of(title, (Column("sequence"), *columns), rows, name="time"),
         criteria=[
-            worst(
-                Criterion(f"Median time of a frame of {size}", bound_ms, "ms"),
-                comparison.values(p50)[sizes == size],
-            )
+            worst(Criterion(f"Median time of a frame of {size}", bound_ms, "ms"), p50_ms[sizes == size])
             for size, bound_ms in SIZES_MS.items()
         ],
     )

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..errors import ScenarioError
 from ..files import write
@@ -59,30 +59,14 @@ class ExperimentReport:
     provenance: Provenance
     findings: Findings
 
-    def as_json(self) -> dict[str, Any]:
-        """The content of `result.json`."""
-        findings = self.findings
-        return {
-            "name": self.experiment.name,
-            "question": self.experiment.question,
-            "command": self.command,
-            "sequences": self.context.sequences,
-            "frames": self.context.frames,
-            "width_px": self.context.width_px,
-            "seed": self.context.seed or 0,
-            "provenance": self.provenance.model_dump(mode="json"),
-            "tables": [table.as_json() for table in findings.tables],
-            "claims": [asdict(claim) for claim in findings.claims],
-            "notes": findings.notes,
-        }
-
     def write(self) -> None:
         """Write the tables, the figure, the pictures and `result.json` into the folder of the experiment.
 
         Raises:
             ScenarioError: A file cannot be written.
         """
-        folder, findings = self.context.out / self.experiment.name, self.findings
+        context, findings = self.context, self.findings
+        folder = context.out / self.experiment.name
         tables = [f"**{table.title}**\n\n{table.markdown()}" for table in findings.tables]
         for table in findings.tables:
             write(folder / f"{table.name}.csv", table.csv())
@@ -90,7 +74,20 @@ class ExperimentReport:
         write(folder / FIGURE, findings.figure)
         for name, picture in findings.pictures.items():
             write(folder / f"{name}.png", picture)
-        write(folder / RESULT, f"{json.dumps(self.as_json(), indent=1)}\n".encode())
+        result = {
+            "name": self.experiment.name,
+            "question": self.experiment.question,
+            "command": self.command,
+            "sequences": context.sequences,
+            "frames": context.frames,
+            "width_px": context.width_px,
+            "seed": context.seed or 0,
+            "provenance": self.provenance.model_dump(mode="json"),
+            "tables": [table.as_json() for table in findings.tables],
+            "claims": [asdict(claim) for claim in findings.claims],
+            "notes": findings.notes,
+        }
+        write(folder / RESULT, f"{json.dumps(result, indent=1)}\n".encode())
 
     def print(self, console: "Console") -> None:
         """Print the question, the tables, the claims and the notes."""
