@@ -117,7 +117,7 @@ def _switches_claim(rates: pd.Series) -> Claim:
     paper = "40.33 % fewer switches in synthetic datasets, without KTS, than in those of a RealSense"
     if not all(groups) or mean(groups[0]) == 0:
         return Claim(paper=paper, found="no switch in sim-LN and sim-MB, or not both kinds of sequences", holds=None)
-    real, synthetic = (mean(group) for group in groups)
+    real, synthetic = (float(mean(group)) for group in groups)
     fewer = 100 * (1 - synthetic / real)
     return Claim(
         paper=paper,

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 
 from scenarios.errors import ScenarioError
@@ -19,6 +20,7 @@ from scenarios.experiments.runner import (
     find_experiments,
     run,
 )
+from scenarios.experiments.switches import _switches_claim
 from scenarios.results.figure import label_axes, panels
 from scenarios.results.table import Column, Table
 
@@ -125,3 +127,9 @@ def test_names() -> None:
 def test_the_agreement_with_a_claim_is_one_word() -> None:
     words = [Claim(paper="", found="", holds=holds).verdict for holds in (True, False, None)]
     assert words == ["agrees", "differs", "open"]
+
+
+def test_a_claim_about_numbers_of_a_table_can_be_stored() -> None:
+    claim = _switches_claim(pd.Series({"sim-LN": 10.0, "sim-MB": 5.0, "sim-KTC": 3.0}))
+    assert json.loads(json.dumps(claim.holds)) is True
+    assert "60.0 % fewer" in claim.found
