@@ -159,7 +159,7 @@ class Occlusion(NoiseTerm):
 
 
 class DepthNoise(Model):
-    """All terms, in the order in which they apply. By default only occlusion is enabled."""
+    """All terms; they apply in the order of the fields. By default only occlusion is enabled."""
 
     occlusion: Occlusion = Occlusion()
     scale: Scale = Scale()
@@ -170,5 +170,4 @@ class DepthNoise(Model):
     @property
     def terms(self) -> tuple[NoiseTerm, ...]:
         """The active terms."""
-        terms = (self.occlusion, self.scale, self.disparity, self.flicker, self.blank)
-        return tuple(term for term in terms if term.active)
+        return tuple(term for _, term in self if term.active)

@@ -33,9 +33,9 @@ GrayImage = npt.NDArray[np.uint8]
 MaskImage = npt.NDArray[np.bool_]
 
 
-RIGHT_SHARE = 0.05
+CORRECT_SHARE = 0.05
 """A depth is right if the error of its disparity is at most this share of it ..."""
-RIGHT_PX = 0.25
+CORRECT_PX = 0.25
 """... or at most this [px], about the accuracy of stereo matching."""
 ASSUMED_BASELINE_M = 0.05
 """Baseline of a camera that is not a stereo pair [m], about that of consumer depth cameras."""
@@ -252,7 +252,7 @@ class CorrectedDepth:
     """One `Source` per pixel, shape (H, W), uint8."""
     confidence: FloatImage
     """Confidence per pixel in 0..1, shape (H, W), float32; 0 where invalid. That of the default method is the
-    probability that the depth is right, see `RIGHT_SHARE`; the values of other methods only rank pixels."""
+    probability that the depth is right, see `CORRECT_SHARE`; the values of other methods only rank pixels."""
     timings_s: Mapping[str, float] = field(default_factory=dict)
     """Wall-clock time of each step [s], for benchmarks; never part of a result."""
     diagnostics: Diagnostics | None = None

@@ -28,7 +28,7 @@ class Throughput(Model):
     frames_per_s: float
     """Frame rate with reading included."""
     windows: int
-    """Fused windows whose template came into force."""
+    """Fused windows whose template was used."""
     latency: Latency
     """Time from the end of reading a frame to its delivery."""
 

@@ -106,7 +106,7 @@ def measure_default(loop: FrameLoop, frames: int) -> DefaultTimings:
 
 
 class FusionRecorder(PaperVoxDepth):
-    """The paper's method, which records every template that comes into force."""
+    """The paper's method, which counts the templates that it starts to use."""
 
     def __init__(self, intrinsics: Intrinsics, config: PaperConfig) -> None:
         super().__init__(intrinsics, config)

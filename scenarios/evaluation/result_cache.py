@@ -16,9 +16,10 @@ from ..correction import encode, to_millimetres
 from ..files import as_scenario_error, write
 from ..images import picked
 from .measurements import Measurement
+from .scoring import METRICS
 
 SCORING = 5
-"""Version of the definitions of all metrics. Results of an earlier version are computed again."""
+"""Version of the definitions of the metrics: raised when one changes, so that older results are computed again."""
 THUMBNAIL_PX = 240
 """Largest width of the depth image that is kept of the last frame of a sequence."""
 NOT_DONE = "not done yet"
@@ -40,6 +41,8 @@ class Key(Model):
     """Configuration of the method; None if it has none."""
     versions: dict[str, str]
     scoring: int = SCORING
+    metrics: tuple[str, ...] = tuple(METRICS)
+    """Names of the metrics of errors, so that a new one is computed for finished results, too."""
 
     def difference(self, other: "Key") -> str:
         """Describe the first entry in which `other` differs; return an empty string if both are equal."""

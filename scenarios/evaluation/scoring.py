@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from voxdepth.geometry import fill_from_nearest
-from voxdepth.metrics import Changes, Flicker, Share, Sums, ghost_share, is_right, survival
+from voxdepth.metrics import Changes, Flicker, Share, Sums, ghost_share, is_correct, survival
 from voxdepth.metrics.paper import PEAK16_M, m_rmse_u16_wrap, psnr_minmax8
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage, Source
 
@@ -47,7 +47,8 @@ METRICS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
     "close": ("share", lambda sums: sums.close_share),
     "psnr_40m": ("dB", lambda sums: sums.psnr_db(PEAK_M)),
 }
-"""Unit of each metric of errors, and how it follows from the sums. A new metric is one line here.
+"""Unit of each metric of errors, and how it follows from the sums. A new metric is one line here, and one in
+`quantities.py` for its table in the report.
 
 `too_far` and `too_near` are off by more than 10 %, `off` is either of them, and `close` is within 5 % of the truth.
 """
@@ -228,7 +229,7 @@ class CalibrationScore:
         for mask, where in zip(masks, split(label.astype(np.uint8), len(masks)), strict=True):
             if where.size:
                 self._sums[mask] += _sums(depth_m, reference_m, where)
-                right = is_right(depth_m.flat[where], reference_m.flat[where], self._focal_baseline_px_m)
+                right = is_correct(depth_m.flat[where], reference_m.flat[where], self._focal_baseline_px_m)
                 self._right[mask] += int(np.count_nonzero(right))
 
 

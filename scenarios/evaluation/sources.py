@@ -1,12 +1,12 @@
 """Where the frames of an evaluation come from, each with its reference: true depth, or pixels that are held out."""
 
-import pickle
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -69,8 +69,8 @@ class FrameCache:
         """Write frames and pass their number to `progress`; a frame that cannot be written is a `ScenarioError`."""
         for index, frame in enumerate(frames):
             what = f"cannot keep frame {index} in {self._folder}"
-            with as_scenario_error(what), self.path(index).open("wb") as file:
-                pickle.dump(frame, file, pickle.HIGHEST_PROTOCOL)
+            with as_scenario_error(what):
+                np.savez(self.path(index), **_arrays(frame))
             self._frames = index + 1
             progress(self._frames)
 
@@ -80,13 +80,25 @@ class FrameCache:
     def __getitem__(self, index: int) -> EvaluationFrame:
         """Read one frame; a failure is a `ScenarioError`."""
         what = f"cannot read frame {index} back from {self._folder}"
-        with as_scenario_error(what), self.path(index).open("rb") as file:
-            frame: EvaluationFrame = pickle.load(file)
-        return frame
+        with as_scenario_error(what), np.load(self.path(index), allow_pickle=False) as stored:
+            return _evaluation_frame(dict(stored))
 
     def path(self, index: int) -> Path:
         """Return the file of a frame."""
-        return self._folder / f"{index:06d}.pickle"
+        return self._folder / f"{index:06d}.npz"
+
+
+def _arrays(frame: EvaluationFrame) -> dict[str, Any]:
+    """The entries of a frame that are known, as arrays and numbers."""
+    shown = {"stamp_s": frame.frame.stamp_s, "gray": frame.frame.gray, "depth_m": frame.frame.depth_m}
+    return shown | {name: value for name, value in vars(frame).items() if name != "frame" and value is not None}
+
+
+def _evaluation_frame(arrays: dict[str, Any]) -> EvaluationFrame:
+    shown = Frame(stamp_s=float(arrays.pop("stamp_s")), gray=arrays.pop("gray"), depth_m=arrays.pop("depth_m"))
+    share = arrays.pop("occluded_share", None)
+    unknown: dict[str, Any] = {"T_world_cam": None}
+    return EvaluationFrame(frame=shown, occluded_share=None if share is None else float(share), **(unknown | arrays))
 
 
 Frames = FrameCache | list[EvaluationFrame]

@@ -2,7 +2,6 @@
 
 import json
 import os
-import pickle
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -198,7 +197,7 @@ def test_frames_that_cannot_be_kept_are_an_error_of_the_results(
     def full(*args: Any, **arrays: Any) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(pickle, "dump", full)
+    monkeypatch.setattr(np, "savez", full)
     done = run(tmp_path, recording)
     assert [(result.error or "").startswith("cannot keep frame 0 in ") for result in done.results] == [True, True]
     assert all((result.error or "").endswith(": No space left on device") for result in done.results)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from voxdepth.metrics import is_right
+from voxdepth.metrics import is_correct
 from voxdepth.types import ASSUMED_BASELINE_M, Intrinsics
 
 FB = 100.0
@@ -18,7 +18,7 @@ def test_near_surfaces_by_5_percent_and_far_ones_by_a_quarter_of_a_pixel(
     true_px: float, error_px: float, right: bool
 ) -> None:
     true_m, depth_m = np.array([FB / true_px]), np.array([FB / (true_px + error_px)])
-    assert is_right(depth_m, true_m, FB).tolist() == [right]
+    assert is_correct(depth_m, true_m, FB).tolist() == [right]
 
 
 def test_a_camera_without_a_second_one_is_taken_for_a_pair() -> None:

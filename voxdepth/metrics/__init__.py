@@ -3,7 +3,7 @@
 from .flicker import Changes, Flicker
 from .moving import Share, ghost_share, survival
 from .paper import m_rmse_u16_wrap, psnr_minmax8
-from .pixels import RANGE_BINS_M, by_range, is_right
+from .pixels import RANGE_BINS_M, by_range, is_correct
 from .seen_before import SeenBefore
 from .sums import TOO_FAR, DepthErrors, Sums, depth_errors, psnr_db
 
@@ -19,7 +19,7 @@ __all__ = [
     "by_range",
     "depth_errors",
     "ghost_share",
-    "is_right",
+    "is_correct",
     "m_rmse_u16_wrap",
     "psnr_db",
     "psnr_minmax8",

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FrameError
-from ..types import RIGHT_PX, RIGHT_SHARE, FloatArray, FloatImage, MaskImage
+from ..types import CORRECT_PX, CORRECT_SHARE, FloatArray, FloatImage, MaskImage
 
 RANGE_BINS_M: dict[str, tuple[float, float]] = {
     "0-2 m": (0.0, 2.0),
@@ -82,7 +82,7 @@ def by_range(truth_m: FloatImage) -> dict[str, MaskImage]:
     }
 
 
-def is_right(
+def is_correct(
     depth_m: FloatImage | FloatArray, reference_m: FloatImage | FloatArray, focal_baseline_px_m: float
 ) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
     """Whether the error of a disparity is at most 5 % or a quarter of a pixel; same shape as the arguments.
@@ -91,4 +91,4 @@ def is_right(
     depth. `focal_baseline_px_m` is the property of `Intrinsics`.
     """
     disparity_px, true_px = focal_baseline_px_m / depth_m, focal_baseline_px_m / reference_m
-    return np.abs(disparity_px - true_px) <= np.maximum(RIGHT_SHARE * true_px, RIGHT_PX)
+    return np.abs(disparity_px - true_px) <= np.maximum(CORRECT_SHARE * true_px, CORRECT_PX)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from ..types import RIGHT_PX, RIGHT_SHARE, FloatArray, FloatImage, GrayImage
+from ..types import CORRECT_PX, CORRECT_SHARE, FloatArray, FloatImage, GrayImage
 from .fusion import PixelClass
 from .masks import copy_where, equal
 from .memory import WEIGHT_UNIT
@@ -83,15 +83,15 @@ def estimate_confidence(
 ) -> FloatImage:
     """Probability in 0..1 that each depth is right, shape (h, w), float32; arbitrary where there is no depth.
 
-    It is the probability of the right surface times that of an error of at most `RIGHT_SHARE` of the disparity, or
-    `RIGHT_PX`, under Laplace noise.
+    It is the probability of the right surface times that of an error of at most `CORRECT_SHARE` of the disparity, or
+    `CORRECT_PX`, under Laplace noise.
 
     Weights are in units of `1 / WEIGHT_UNIT`. The inpainting probability is that of the right surface where the
     `PixelClass` is unknown. All images have the same shape.
     """
     code = (pixel_class * np.uint8(WEIGHT_LEVELS)) | (weight >> np.uint8(2))
     exceeding = np.asarray(cv2.LUT(code, _NEGATIVE_RATE_PER_PX), np.float32)
-    exceeding *= np.maximum(disparity_px, np.float32(RIGHT_PX / RIGHT_SHARE))
+    exceeding *= np.maximum(disparity_px, np.float32(CORRECT_PX / CORRECT_SHARE))
     cv2.exp(exceeding, exceeding)
     confidence = np.subtract(np.float32(1), exceeding, out=exceeding)
     surface_probability = np.asarray(cv2.LUT(code, _SURFACE_PROBABILITY), np.float32)
@@ -109,4 +109,4 @@ def _lookup_table(of_unknown: float, curves: dict[PixelClass, Exponential]) -> F
 
 _SURFACE_PROBABILITY = _lookup_table(np.nan, SURFACE_PROBABILITY).astype(np.float32)
 """Unknown pixels have none: theirs comes from inpainting."""
-_NEGATIVE_RATE_PER_PX = (-RIGHT_SHARE / _lookup_table(INPAINTED_ERROR_PX, ERROR_PX)).astype(np.float32)
+_NEGATIVE_RATE_PER_PX = (-CORRECT_SHARE / _lookup_table(INPAINTED_ERROR_PX, ERROR_PX)).astype(np.float32)
