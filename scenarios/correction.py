@@ -132,6 +132,8 @@ def require_absent(out: Path) -> None:
     """Raise a `ScenarioError` if an output folder exists already, unless it is empty."""
     if out.exists() and not (out.is_dir() and next(out.iterdir(), None) is None):
         raise ScenarioError(f"{out} exists already: name a new folder, or delete that one")
+    if out.is_mount() or out.resolve() == Path.cwd():
+        raise ScenarioError(f"{out} cannot be replaced as a whole: name a new folder in it")
 
 
 def to_millimetres(depth_m: FloatImage) -> npt.NDArray[np.uint16]:

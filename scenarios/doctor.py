@@ -30,8 +30,12 @@ class Finding:
 
 def examine() -> list[Finding]:
     """Run all checks, in the order of the report."""
-    required = [match.groups() for text in requires("voxdepth") or () if (match := REQUIREMENT.match(text))]
-    distributions = [name for name, extra in required if extra in EXTRAS]
+    try:
+        texts = requires("voxdepth") or []
+    except PackageNotFoundError:  # Reported as missing below.
+        texts = []
+    required = [match.groups() for text in texts if (match := REQUIREMENT.match(text))]
+    distributions = ["voxdepth", *(name for name, extra in required if extra in EXTRAS)]
     return [_python(), *map(_distribution, distributions), _cuda(), *_renderers(), *_names(), _opencv_wheels()]
 
 

@@ -16,6 +16,8 @@ import tomli_w
 from .errors import ScenarioError
 
 DATA = Path(__file__).parent / "data"
+LOCK = "write.lock"
+"""File on which `locked` holds its lock; it stays empty."""
 
 SINGULAR = {"scenarios": "scenario", "sequences": "sequence", "studies": "study"}
 """Name of a single file of each kind."""
@@ -156,17 +158,25 @@ def write(path: Path, data: bytes) -> None:
 def locked(folder: Path, busy: str) -> Iterator[None]:
     """Make a folder and hold its write lock, which the system releases when the process ends in any way.
 
-    A lock that another process holds is a `ScenarioError` with the message `busy`; an unwritable folder is one, too.
+    The lock is on a file of its own that is open for writing, as network file systems require. A lock that another
+    process holds is a `ScenarioError` with the message `busy`; an unwritable folder is one, too.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder, os.O_RDONLY)
+        handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
     except OSError as error:
         raise ScenarioError(f"cannot write to {folder}: {error.strerror}; choose a writable folder") from error
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _flock(handle, folder, busy)
         yield
-    except BlockingIOError as error:
-        raise ScenarioError(busy) from error
     finally:
         os.close(handle)
+
+
+def _flock(handle: int, folder: Path, busy: str) -> None:
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise ScenarioError(busy) from error
+    except OSError as error:
+        raise ScenarioError(f"cannot lock {folder}: {error.strerror}; choose a folder on another disk") from error

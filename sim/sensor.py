@@ -45,7 +45,7 @@ class RigConfig(Model):
     @model_validator(mode="after")
     def _check(self) -> "RigConfig":
         if self.noise != DepthNoise() and self.depth != "noisy":
-            raise ValueError(f"depth noise, theta included, belongs to the depth 'noisy', got it with {self.depth!r}")
+            raise ValueError(f"noise, theta included, belongs to the sensor model 'noisy', got it with {self.depth!r}")
         if self.max_depth_m <= self.stereo.min_depth_m:
             raise ValueError(
                 f"max_depth_m must be more than stereo.min_depth_m {self.stereo.min_depth_m}, got {self.max_depth_m}"

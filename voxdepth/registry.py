@@ -123,6 +123,8 @@ def resolve_config(name: str, given: Mapping[str, Any]) -> "VoxDepthConfig | Pap
     merged = _merged(given, default.model_dump(mode="json"))
     try:  # As JSON, in which a list may stand for a tuple and a string for an enumeration.
         return type(default).model_validate_json(json.dumps(merged))
+    except TypeError as error:  # TOML has dates and times, JSON has not.
+        raise ConfigError(f"config of the corrector {name!r}: {error}; give numbers, texts and lists") from error
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(key) for key in first["loc"])

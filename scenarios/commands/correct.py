@@ -112,10 +112,13 @@ def _spec(corrector: str, config: Path | None) -> "CorrectorSpec":
     import pydantic
 
     from voxdepth.corrector_spec import CorrectorSpec
+    from voxdepth.registry import config_of
 
     from ..files import first_problem, read_toml
 
     given = {} if config is None else read_toml(config)
+    if config is not None and config_of(corrector) is None:
+        raise ScenarioError(f"{config}: the corrector {corrector!r} takes no configuration; leave out --config")
     if isinstance(given.get("config"), dict):
         made_by = given.get("corrector", corrector)
         if made_by != corrector:

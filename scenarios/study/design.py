@@ -31,6 +31,11 @@ SHORT = 12
 """Number of digits of a key that are shown."""
 
 
+def _is_set_by(key: str, own: Sequence[str]) -> bool:
+    """Whether a dotted key is one of `own`, or lies in a table that one of them sets."""
+    return any(key == one or key.startswith(f"{one}.") for one in own)
+
+
 class Seeds(Model):
     """The seeds with which every arm flies every scenario."""
 
@@ -73,7 +78,7 @@ class Arm(Model):
             )
         if len(set(self.theta)) < len(self.theta):
             raise ValueError(f"arm {self.name!r}: every theta may be named once, got {list(self.theta)}")
-        if taken := [key for key in self.changes if key in OWN_KEYS]:
+        if taken := [key for key in self.changes if _is_set_by(key, OWN_KEYS)]:
             raise ValueError(
                 f"arm {self.name!r}: changes must not set {taken[0]}; use the arm's depth, theta, corrector or size"
             )
@@ -125,7 +130,7 @@ class Study(Model):
         for what, names in (("scenario", self.scenarios), ("arm", [arm.name for arm in self.arms])):
             if twice := [name for name, count in Counter(names).items() if count > 1]:
                 raise ValueError(f"every {what} may be named once, got {twice[0]!r} more than once")
-        if taken := [key for key in self.changes if key in ALWAYS_SET]:
+        if taken := [key for key in self.changes if _is_set_by(key, ALWAYS_SET)]:
             raise ValueError(f"changes must not set {taken[0]}, because every arm sets it: set it in the arms")
         self._check_seeds()
         self._check_primary_comparison()

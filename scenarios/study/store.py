@@ -104,8 +104,10 @@ class StudyData:
     @property
     def runs(self) -> dict[str, RunSpec]:
         """The first spec of every run by key, in the order of the specs. Arms with equal settings share their runs."""
-        first = {spec.key: spec for spec in reversed(self.specs)}
-        return dict(reversed(first.items()))
+        runs: dict[str, RunSpec] = {}
+        for spec in self.specs:
+            runs.setdefault(spec.key, spec)
+        return runs
 
     @property
     def flown(self) -> list[RunSpec]:
@@ -140,8 +142,8 @@ class Store:
             ScenarioError: Another process writes to the store, it belongs to another version or study, or it contains
                 runs and `resume` is not set.
         """
-        busy = f"another process is flying the study in {folder}: wait for it, or look at it with voxdepth study status"
-        with locked(folder, f"{busy} {folder}"), cls._connected(folder) as store:
+        busy = f"another process is flying the study: wait for it, or look at it with voxdepth study status {folder}"
+        with locked(folder, busy), cls._connected(folder) as store:
             with store._transaction("IMMEDIATE"):
                 if store._is_empty():
                     store._create(study, specs)

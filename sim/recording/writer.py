@@ -109,12 +109,14 @@ class RecordingWriter:
             raise RecordingError(f"another writer is recording to {self.folder}: wait until it ends") from error
 
     def _continue(self) -> None:
-        """Cut the recording after its last complete row."""
+        """Cut the recording after the last complete row of which all images, and those of the rows before, exist."""
         poses = read_poses(self.folder)
-        self.frames = len(poses)
-        if poses:
-            self._last_stamp_s = poses[-1][0]
-            self._table.truncate(read_bytes(self.folder / FRAMES).rindex(b"\n") + 1)
+        missing = (k for k in range(len(poses)) if not all((self.folder / c.path(k)).is_file() for c in CHANNELS))
+        self.frames = next(missing, len(poses))
+        if self.frames:
+            self._last_stamp_s = poses[self.frames - 1][0]
+            kept = read_bytes(self.folder / FRAMES).split(b"\n")[: self.frames + 1]
+            self._table.truncate(sum(len(line) + 1 for line in kept))
         else:
             self._table.truncate(0)
             self._table.write(f"{HEADER}\n".encode())
@@ -154,6 +156,10 @@ def _require_same_description(folder: Path, description: dict[str, bytes]) -> No
         for number, (recorded, given) in enumerate(lines, 1):
             if recorded != given:
                 raise RecordingError(
-                    f"{folder} was recorded differently: line {number} of its {name} is {recorded.decode()!r}, not "
-                    f"{given.decode()!r}; continue it with its own configuration, or record into a new folder"
+                    f"{folder} was recorded differently: line {number} of its {name} is {_text(recorded)!r}, not "
+                    f"{_text(given)!r}; continue it with its own configuration, or record into a new folder"
                 )
+
+
+def _text(line: bytes) -> str:
+    return line.decode(errors="replace")

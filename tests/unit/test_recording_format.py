@@ -226,6 +226,16 @@ def test_a_recording_made_differently_is_not_continued(whole: Path) -> None:
     assert contents(whole) == before
 
 
+@pytest.mark.parametrize("lost", range(N))
+def test_a_recording_continues_before_the_first_frame_whose_image_is_lost(lost: int, whole: Path) -> None:
+    with copy_of(whole) as folder:
+        (folder / "invalid_reason" / f"{lost:06d}.png").unlink()
+        with writer_of(folder) as writer:
+            assert writer.frames == lost
+            finish(writer)
+        assert contents(folder) == contents(whole)
+
+
 @given(data=st.data())
 def test_an_interrupted_recording_that_is_continued_equals_an_undisturbed_one(data: st.DataObject, whole: Path) -> None:
     """The interruption cuts the table anywhere and leaves images of later frames, complete or not."""

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -86,6 +87,11 @@ def test_a_mapping_changes_single_values_of_the_default() -> None:
     np.testing.assert_array_equal(by_values.depth_m, by_type.depth_m)
     with pytest.raises(ConfigError, match="'raw' takes no configuration"):
         create_corrector("raw", CAMERA, {})
+
+
+def test_a_value_that_no_configuration_can_hold_is_refused() -> None:
+    with pytest.raises(ConfigError, match="date"):
+        create_corrector("voxdepth", CAMERA, {"inpaint": date(2020, 1, 1)})
 
 
 def test_every_corrector_has_a_simulated_latency() -> None:

@@ -8,8 +8,9 @@ import pytest
 from scenarios.config import load_run
 from scenarios.errors import ScenarioError
 from scenarios.files import shipped_names
-from scenarios.study.design import Study, digest, expand, key_of, load_study
+from scenarios.study.design import Arm, Study, digest, expand, key_of, load_study
 from tests.studies import ONE_DRONE, arm, noisy, study
+from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.temporal.config import VoxDepthConfig
 
 TEXT = """
@@ -178,3 +179,9 @@ def test_the_example_in_the_documents_resolves(tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "docs" / "study.md").read_text()
     found = load_study(saved(tmp_path, text.split("```toml\n")[1].split("```")[0]))
     assert len(expand(found)) == 100 + 100 + 3 * 50
+
+
+@pytest.mark.parametrize("key", ["corrector", "corrector.config.inpaint", "rig.depth"])
+def test_changes_cannot_reach_into_what_an_arm_sets(key: str) -> None:
+    with pytest.raises(ValueError, match=key):
+        Arm(name="mine", depth="stereo", corrector=CorrectorSpec(name="voxdepth"), changes={key: False})

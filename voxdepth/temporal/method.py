@@ -1,4 +1,4 @@
-"""The default method of `VoxDepth`: a depth memory follows the camera, and is fused with every measurement."""
+"""`VoxDepth`, the default method: a depth memory follows the camera, and is fused with every measurement."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
