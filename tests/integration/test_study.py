@@ -256,7 +256,7 @@ def test_a_second_study_on_the_same_folder_is_refused_and_status_is_not(tmp_path
         wait_until(lambda: results_so_far(out) > 0)
         second = voxdepth("study", tmp_path / "tiny.toml", "--out", out, "--resume")
         assert second.returncode == 2
-        assert "another process is flying the study in" in second.stderr
+        assert "another process is flying the study" in second.stderr
         assert " of 100 runs" in voxdepth("study", "status", out).stdout
         partial = voxdepth("study", "report", out)
         assert partial.returncode == 0, partial.stderr
