@@ -1,6 +1,6 @@
 """The output of an evaluation: tables, a page without scripts or external parts, and the terminal output."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -106,15 +106,14 @@ def _texts(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd
         place = result.key.sequence, result.key.method
         texts[place] = classes[place] = FAILED
     methods, sequences = evaluation.methods, list(dict.fromkeys(result.key.sequence for result in evaluation.results))
-    frames = (
-        pd.DataFrame([[entries.get((s, m), missing) for s in sequences] for m in methods], methods, sequences)
-        for entries, missing in ((texts, MISSING), (classes, ""))
-    )
-    by_sequence = counts.stack().groupby("sequence").agg(["min", "max"]).astype(int)
-    return *frames, dict.fromkeys(sequences, MISSING) | {
-        name: count_text(low) if low == high else f"{count_text(low)} to {count_text(high)}"
-        for name, low, high in by_sequence.itertuples(name=None)
-    }
+
+    def grid(entries: Mapping[tuple[str, str], str], missing: str) -> pd.DataFrame:
+        return pd.DataFrame([[entries.get((s, m), missing) for s in sequences] for m in methods], methods, sequences)
+
+    sizes = dict.fromkeys(sequences, MISSING)
+    for name, low, high in counts.stack().groupby("sequence").agg(["min", "max"]).astype(int).itertuples(name=None):
+        sizes[name] = count_text(low) if low == high else f"{count_text(low)} to {count_text(high)}"
+    return grid(texts, MISSING), grid(classes, ""), sizes
 
 
 def _best(quantity: Quantity, values: pd.Series) -> list[tuple[str, str]]:
