@@ -41,8 +41,8 @@ def evaluate(
     """Compare all methods on the same frames: errors, coverage, flicker, latency; tables, figures and a report.
 
     Records the shipped sequences below DIR first. Methods are scored by the true depth of a recording that has it, and
-    otherwise by measured pixels that are held out in the shape of occlusion shadows. Writes results.csv,
-    results.parquet and report.html.
+    otherwise by measured pixels that are held out: occlusion shadows, wide ones, and patches, each by itself. Writes
+    results.csv, results.parquet and report.html.
     """
     import cv2
     from rich.console import Console
@@ -72,12 +72,13 @@ def _planned(
 ) -> "Plan":
     """Make the plan, and check it before anything is written."""
     from ..evaluation.methods import METHOD_NAMES, find_methods
-    from ..evaluation.suite import Folder, Plan, Shipped
+    from ..evaluation.suite import Plan, Shipped, requested_of
     from ..sequences import load_sequence, names_of
 
     names = names_of(sequences or ([] if data else ["reference"]))
     requested: list[Requested] = [Shipped(load_sequence(name, seed, {})) for name in names]
-    requested += [Folder(folder) for folder in data]
+    for folder in data:
+        requested += requested_of(folder)
     chosen = METHOD_NAMES if methods is None else [name.strip() for name in methods.split(",")]
     return Plan(sequences=requested, methods=find_methods(chosen), frames=frames, out=out)
 

@@ -51,7 +51,7 @@ def error_against_range(evaluation: Evaluation) -> Picture:
     """Draw the mean absolute error by range, one panel per sequence."""
 
     def draw(info: SequenceInfo, axes: "Axes") -> None:
-        mask = "all" if info.is_true else info.hidden
+        mask = info.independent
         bins = [_of_sequence(evaluation, info, Selector("mae", mask, name))["value"] for name in BINS]
         values = pd.concat(bins, axis=1, keys=range(len(BINS)))
         values = values[values > 0]
@@ -62,7 +62,7 @@ def error_against_range(evaluation: Evaluation) -> Picture:
         counts = [f"{name}\n{count_text(info.pixels[mask].get(name, 0))}" for name in BINS]
         axes.set_xticks(range(len(BINS)), counts, fontsize=7)
         axes.set_yscale("log")
-        depth = "true depth" if info.is_true else f"depth of {info.hidden} pixels"
+        depth = "true depth" if mask == "all" else f"depth of held-out {mask}"
         label_axes(axes, info.name, f"{depth}, and number of pixels n", "MAE [m]")
 
     return _panels(
@@ -178,9 +178,8 @@ def error_maps(evaluation: Evaluation, info: SequenceInfo) -> Picture:
         thumbnail = evaluation.result(info.name, method).thumbnail
         if thumbnail and method != "raw":
             shown[method] = thumbnail
-    name, against = ("truth", "the truth") if info.is_true else ("reference", "the measured depth, partly held out")
     scale = _error_scale()
-    in_color = partial(_draw_image, f"{name}, {FAR_M:g} m and farther blue", colored(reference_m)[..., ::-1], {})
+    in_color = partial(_draw_image, f"reference, {FAR_M:g} m and farther blue", colored(reference_m)[..., ::-1], {})
     draws: list[Draw] = [in_color, partial(_draw_scale, scale)]
     for title, png in shown.items():
         depth_m = decoded_thumbnail(png)
@@ -190,8 +189,8 @@ def error_maps(evaluation: Evaluation, info: SequenceInfo) -> Picture:
     n = int(np.count_nonzero(reference_m))
     return Picture(
         title=f"{info.name}, frame {info.frames - 1}",
-        caption=f"Depth is red where near, blue where far, and black where missing. Its error [m] is that against "
-        f"{against}: red is too far, blue too near, white right, black without depth, and grey without reference; "
+        caption="Depth is red where near, blue where far, and black where missing. Its error [m] is that against "
+        "the reference: red is too far, blue too near, white right, black without depth, and grey without reference; "
         f"n = {n} pixels of a narrowed image.",
         png=panels("", draws, columns=ERROR_MAP_COLUMNS, panel_in=(ERROR_MAP_WIDTH_IN, height_in)),
     )

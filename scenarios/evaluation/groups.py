@@ -28,6 +28,10 @@ class Groups:
     """Kinds by the name of a mask."""
     hidden: str
     """Mask of the pixels that methods are given no depth of, which tables about filling are about."""
+    independent: str
+    """Mask of the pixels whose reference is not what the methods were given."""
+    reference_name: str
+    """What methods are scored by."""
     is_true: bool
     """Whether the reference is the true depth, and not a measurement, which flickers itself."""
 
@@ -70,15 +74,30 @@ TRUE_GROUPS = Groups(
         "holes never seen": ("never", "never occluded"),
     },
     hidden="holes",
+    independent="all",
+    reference_name="the truth",
     is_true=True,
 )
 """Groups of sequences with the truth. Holes are pixels that the sensor has no depth for. They are seen if the sensor
 measured the same surface correctly within the last 60 frames. Occluded pixels are those that the second camera does not
 see."""
-HELD_OUT_GROUPS = Groups(
-    kinds=("measured", "held out"),
-    masks={"all": ("measured", "held out"), "measured": ("measured",), "held out": ("held out",)},
-    hidden="held out",
-    is_true=False,
+
+
+def held_out_groups(name: str) -> Groups:
+    """Return the groups of a recording in which pixels of one kind, such as `patches`, are held out."""
+    masks = {"all": ("measured", name), "measured": ("measured",), name: (name,)}
+    reference_name = f"held-out {name}"
+    return Groups(
+        kinds=masks["all"], masks=masks, hidden=name, independent=name, reference_name=reference_name, is_true=False
+    )
+
+
+HOLE_GROUPS = Groups(
+    kinds=("measured", "holes"),
+    masks={"all": ("measured", "holes"), "measured": ("measured",), "holes": ("holes",)},
+    hidden="holes",
+    independent="all",
+    reference_name="the truth",
+    is_true=True,
 )
-"""Groups of sequences without the truth: the pixels that methods were given, and those that were held out."""
+"""Groups of real recordings with a true depth of their pixels. Holes are pixels that the sensor has no depth for."""

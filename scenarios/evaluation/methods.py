@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from voxdepth.registry import CORRECTOR_NAMES, config_of, require_known
+from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, PAPER, config_of, require_known
 from voxdepth.types import DepthCorrector, Intrinsics
 
 from ..errors import ScenarioError
@@ -32,6 +32,11 @@ class Method:
     """Whether its code may change while every version stays the same, so that its results are never reused."""
     warm_up_frames: int = WARM_UP_FRAMES
     """Frames that another instance processes before the measurement, so that every stage has run once."""
+
+
+def is_baseline(name: str) -> bool:
+    """Whether a method is neither the default method, nor the one that it replaces, nor the oracle."""
+    return name not in (DEFAULT, PAPER, ORACLE)
 
 
 def find_methods(names: Sequence[str]) -> list[Method]:

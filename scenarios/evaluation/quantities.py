@@ -8,15 +8,17 @@ from typing import Literal
 import pandas as pd
 
 from ..results.table import MISSING
-from .groups import ALL, BINS, HELD_OUT_GROUPS, TRUE_GROUPS
+from .groups import ALL, BINS, TRUE_GROUPS
+from .intervals import CLOSE, LEAD
 from .measurements import AS_GIVEN, FILLED, Selector, of_frames
+from .references import HELD_OUT
 from .running import WORKLOAD_PHASES
 from .scoring import CALIBRATION_RANGE, GHOSTS, SOURCES, STATIC, SURVIVAL
 from .suite import Evaluation
 
 HIDDEN = "hidden"
 """Stands for the mask of the pixels that methods are given no depth of: holes, or pixels that were held out."""
-HIDDEN_MASKS = (TRUE_GROUPS.hidden, HELD_OUT_GROUPS.hidden)
+HIDDEN_MASKS = (TRUE_GROUPS.hidden, *(kind.name for kind in HELD_OUT))
 UNITS = {"%": (100, 1), "mm": (1000, 1), "m": (1, 3), "1/m": (1, 4), "dB": (1, 2), "ms": (1, 1), "no unit": (1, 2)}
 """Factor from the unit of the measurements, and decimal places, by the unit of a quantity."""
 
@@ -33,8 +35,9 @@ class Quantity:
     """Whether the lowest or the highest first number is marked; empty for none."""
     places: int | None = None
     """Decimal places; None for those of the unit."""
-    against_raw: bool = False
-    """Whether the second number is that of raw depth, and is shown with the difference of the first one [%]."""
+    layout: Literal["list", "against raw", "interval"] = "list"
+    """How the numbers are shown: all of them; the second one, which is that of raw depth, and the difference of the
+    first one; or the first one with an interval from the second to the third."""
 
     @property
     def heading(self) -> str:
@@ -43,10 +46,13 @@ class Quantity:
 
     def text(self, values: Sequence[float]) -> str:
         """Write the numbers as people read them; NaN is missing."""
-        if self.against_raw and not any(map(isnan, values)):
+        texts = [self._number(value) for value in values]
+        if self.layout == "against raw":
             own, raw = values
-            return f"{self._number(raw)} {100 * (own - raw):+.1f}"
-        return MISSING if self.against_raw or all(map(isnan, values)) else " / ".join(map(self._number, values))
+            return MISSING if MISSING in texts else f"{texts[1]} {100 * (own - raw):+.1f}"
+        if self.layout == "interval":
+            return texts[0] if MISSING in texts else f"{texts[0]} ({texts[1]} to {texts[2]})"
+        return MISSING if all(map(isnan, values)) else " / ".join(texts)
 
     def _number(self, value: float) -> str:
         factor, places = UNITS[self.unit]
@@ -61,11 +67,11 @@ def select(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd
 
 
 def _select(evaluation: Evaluation, selector: Selector) -> pd.DataFrame:
-    """Select measurements, but without the truth no errors of all pixels: methods were given most of these."""
+    """Select measurements, but no errors of measured pixels where these are the reference: methods were given them."""
     masks = HIDDEN_MASKS if selector.mask == HIDDEN else (selector.mask,)
     found = pd.concat([evaluation.measurements.select(selector._replace(mask=mask)) for mask in masks])
-    if selector.mask == "all" and selector.metric != "coverage":
-        true = [info.name for info in evaluation.sequences.values() if info.is_true]
+    if selector.mask in ("all", "measured") and selector.metric != "coverage":
+        true = [info.name for info in evaluation.sequences.values() if info.independent == "all"]
         return found[found.index.isin(true, level="sequence")]
     return found
 
@@ -74,6 +80,8 @@ COVERAGE = [Selector("coverage", on=FILLED)]
 MAE_FILLED = [Selector("mae", on=FILLED)]
 MAE_HIDDEN = [Selector("mae", HIDDEN)]
 TOO_FAR_OR_NEAR = [Selector("too_far", HIDDEN), Selector("too_near", HIDDEN)]
+CLOSE_HIDDEN = [Selector(metric, HIDDEN, on=AS_GIVEN) for metric in CLOSE]
+LEAD_HIDDEN = [Selector(metric, HIDDEN, on=AS_GIVEN) for metric in LEAD]
 FLICKER = [Selector("flicker", STATIC, on=FILLED)]
 
 # fmt: off
@@ -113,6 +121,12 @@ QUANTITIES = (
              [Selector("mae", "holes seen")], "A memory could know these.", best="low"),
     Quantity("MAE in holes never seen, within 20 m, after completion", "m", [Selector("mae", "holes never seen")],
              "These can only be guessed.", best="low"),
+    Quantity("Within 5 % in the sensor's holes (held-out pixels where there is no truth), 0-20 m, with a 95 % interval",
+             "%", CLOSE_HIDDEN, "A pixel that is left empty counts as wrong. The interval is a bootstrap over the "
+             "frames.", best="high", layout="interval"),
+    Quantity("That share less that of the best other baseline, within 20 m, with a 95 % interval", "%", LEAD_HIDDEN,
+             "The interval is a bootstrap over the frames of both. Baselines are all methods but voxdepth, paper and "
+             "true-pose.", best="high", layout="interval"),
     Quantity("Median error of measured pixels within 20 m", "mm", [Selector("median", "measured", on=FILLED)],
              best="low"),
     Quantity("RMSE of measured pixels within 20 m", "m", [Selector("rmse", "measured", on=FILLED)], best="low"),
@@ -126,11 +140,11 @@ QUANTITIES = (
              [Selector("switched", STATIC, on=FILLED)]),
     Quantity("Survival: pixels of moving objects within 5 % of the truth, of raw depth, and the method's difference",
              "%", SURVIVAL, "A hole does not survive. Only sequences with known moving objects have it.", best="high",
-             against_raw=True),
+             layout="against raw"),
     Quantity("Ghosts: filled pixels nearer to the object that left 5 frames ago than to the background, of raw depth, "
              "and the method's difference", "%", GHOSTS,
              "Nearer by the geometric mean. A method that leaves such pixels empty has no ghosts: see the sample "
-             "sizes.", best="low", against_raw=True),
+             "sizes.", best="low", layout="against raw"),
     Quantity(f"MAE by the source that a method names for a pixel: sensor / memory / inpainted, {CALIBRATION_RANGE}",
              "m", [Selector("mae", mask, CALIBRATION_RANGE, FILLED) for mask in SOURCES.values()],
              "The number of pixels of each source is in results.csv.", places=2),
@@ -158,8 +172,14 @@ TERMINAL_COLUMNS = (
     Quantity("p50/p95", "ms", [of_frames("latency_p50"), of_frames("latency_p95")], places=0),
 )
 """Columns of the table that the terminal shows of a sequence."""
+HOLE_COLUMNS = (
+    Quantity("coverage of holes", "%", [Selector("coverage", HIDDEN, on=FILLED)]),
+    Quantity("within 5 %", "%", CLOSE_HIDDEN, layout="interval"),
+    Quantity("less best other baseline", "%", LEAD_HIDDEN, layout="interval"),
+)
+"""Columns about the pixels that methods are given no depth of."""
 MOVING_COLUMNS = (
-    Quantity("survival raw, difference", "%", SURVIVAL, against_raw=True),
-    Quantity("ghosts raw, difference", "%", GHOSTS, against_raw=True),
+    Quantity("survival raw, difference", "%", SURVIVAL, layout="against raw"),
+    Quantity("ghosts raw, difference", "%", GHOSTS, layout="against raw"),
 )
 """Columns of sequences with moving objects."""

@@ -1,6 +1,7 @@
 """The output of an evaluation: tables, a page without scripts or external parts, and the terminal output."""
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,16 @@ from . import paper
 from .figures import all_figures, count_text, error_maps
 from .groups import ALL, NEAR
 from .methods import ORACLE
-from .quantities import MOVING_COLUMNS, PAPER_ARITHMETIC, PAPER_LAYOUT, QUANTITIES, TERMINAL_COLUMNS, Quantity, select
+from .quantities import (
+    HOLE_COLUMNS,
+    MOVING_COLUMNS,
+    PAPER_ARITHMETIC,
+    PAPER_LAYOUT,
+    QUANTITIES,
+    TERMINAL_COLUMNS,
+    Quantity,
+    select,
+)
 from .result_cache import SequenceInfo
 from .suite import Evaluation
 
@@ -22,6 +32,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 FAILED = "failed"
+TERMINAL_TABLES = (TERMINAL_COLUMNS, HOLE_COLUMNS, MOVING_COLUMNS)
+"""Columns of the tables that the terminal shows of a sequence; all but the first are left out if they are empty."""
 
 
 def write_report(out: Path, evaluation: Evaluation) -> None:
@@ -73,19 +85,20 @@ def paper_table(evaluation: Evaluation, quantity: Quantity) -> Table:
 
 def print_results(console: "Console", evaluation: Evaluation) -> None:
     """Print a table for each sequence, and say which results were replaced or failed."""
-    texts = {q.heading: _texts(evaluation, q)[0] for q in (*TERMINAL_COLUMNS, *MOVING_COLUMNS)}
+    texts = {q.heading: _texts(evaluation, q)[0] for q in chain(*TERMINAL_TABLES)}
     for info in evaluation.sequences.values():
         pixels = info.pixels[ALL].get(NEAR, 0)
         title = f"{info.name}: {info.frames} frames of {info.size}, {pixels:,} pixels within 20 m"
         console.print(f"{title}, scored by {info.reference_name}", soft_wrap=True, markup=False)
-        for quantities in (TERMINAL_COLUMNS, MOVING_COLUMNS):
+        for quantities in TERMINAL_TABLES:
             shown = pd.DataFrame({q.heading: texts[q.heading][info.name] for q in quantities})
             if quantities is TERMINAL_COLUMNS or not shown.isin([MISSING, FAILED]).all(axis=None):
                 columns = [Column("method"), *(Column(q.title, q.unit) for q in quantities)]
                 Table.of("", columns, list(shown.itertuples(name=None))).print(console)
     console.print(
         "surfaces within 20 m; errors of all, and in holes, are after completion by the nearest valid, and far/near "
-        "is the share of holes that is more than 10 % off then; survival and ghosts are those of moving objects; times "
+        "is the share of holes that is more than 10 % off then; within 5 % counts empty pixels as wrong, with a 95 % "
+        "bootstrap interval over frames; survival and ghosts are those of moving objects; times "
         "are with OpenCV on one thread",
         soft_wrap=True,
     )

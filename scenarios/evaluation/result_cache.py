@@ -18,7 +18,7 @@ from ..images import picked
 from .measurements import Measurement
 from .scoring import METRICS
 
-SCORING = 5
+SCORING = 6
 """Version of the definitions of the metrics: raised when one changes, so that older results are computed again."""
 THUMBNAIL_PX = 240
 """Largest width of the depth image that is kept of the last frame of a sequence."""
@@ -62,6 +62,8 @@ class Scores(Model):
     measurements: tuple[Measurement, ...] = ()
     frame_psnrs_db: tuple[float | None, ...] = ()
     """PSNR of every frame after completion, peak 65535 mm [dB]; None if it is undefined."""
+    frame_close: tuple[tuple[int, int], ...] = ()
+    """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
     thumbnail: str = ""
     """Depth of the last frame, as `encoded_thumbnail` gives it."""
 
@@ -88,10 +90,12 @@ class SequenceInfo(Model):
     height_px: int
     focal_px: float
     baseline_m: float | None
-    is_true: bool
-    """Whether the reference is the true depth, and not held-out measurements."""
     hidden: str
     """Mask of the pixels that methods are given no depth of."""
+    independent: str
+    """Mask of the pixels whose reference is not what the methods were given."""
+    reference_name: str
+    """What methods are scored by."""
     pixels: dict[str, dict[str, int]]
     """Number of pixels of all frames, by mask and range."""
     occluded_shares: tuple[float, ...]
@@ -105,11 +109,6 @@ class SequenceInfo(Model):
     def size(self) -> str:
         """Width and height of the images, such as `640x360`."""
         return f"{self.width_px}x{self.height_px}"
-
-    @property
-    def reference_name(self) -> str:
-        """What methods are scored by."""
-        return "the truth" if self.is_true else "held-out pixels"
 
 
 class ResultCache:

@@ -75,6 +75,7 @@ def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) 
     return Scores(
         measurements=(*score.measurements(), *_latencies(times_s, background_s, workloads_s)),
         frame_psnrs_db=score.frame_psnrs_db,
+        frame_close=score.frame_close,
         thumbnail=encoded_thumbnail(output.depth_m),
     )
 

@@ -12,7 +12,7 @@ from voxdepth.metrics.paper import PEAK16_M, m_rmse_u16_wrap, psnr_minmax8
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage, Source
 
 from ..correction import to_millimetres
-from .groups import ALL, BINS, NONE, RANGES, Groups, split
+from .groups import ALL, BINS, NEAR, NONE, RANGES, Groups, split
 from .measurements import AS_GIVEN, COMPLETED, FILLED, Measurement, Selector, measured
 from .sources import EvaluationFrame
 
@@ -50,7 +50,8 @@ METRICS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
 """Unit of each metric of errors, and how it follows from the sums. A new metric is one line here, and one in
 `quantities.py` for its table in the report.
 
-`too_far` and `too_near` are off by more than 10 %, `off` is either of them, and `close` is within 5 % of the truth.
+`too_far` and `too_near` are off by more than 10 %, `off` is either of them, and `close` is within 5 % of the truth. Of
+pixels `as given`, `close` counts those without a depth as wrong.
 """
 
 
@@ -60,8 +61,6 @@ class Score:
     def __init__(self, groups: Groups, intrinsics: Intrinsics) -> None:
         self._groups = groups
         self._occluded = "occluded" if "occluded" in groups.masks else groups.hidden
-        self._independent = "all" if groups.is_true else groups.hidden
-        """Mask of the pixels whose reference is not what the methods were given."""
         self._sums = {on: [Sums()] * len(groups) for on in (FILLED, COMPLETED)}
         self._flicker = {mask: Flicker(len(BINS)) for mask in (STATIC, STATIC_MEASURED)}
         self._measured_before: MaskImage | None = None
@@ -69,6 +68,8 @@ class Score:
         self._in_16_bits = Sums()
         self.frame_psnrs_db: tuple[float | None, ...] = ()
         """PSNR of every frame as in `psnr16_mm` [dB]; None if it is undefined."""
+        self.frame_close: tuple[tuple[int, int], ...] = ()
+        """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
         self._paper: dict[str, list[float | None]] = {"m_rmse_u16_wrap": [], "psnr_minmax8": []}
 
     def add(
@@ -87,7 +88,7 @@ class Score:
             source: One `Source` per pixel; None if the method gives none.
         """
         completed_m = fill_from_nearest(depth_m)
-        independent = np.isin(frame.labels, self._groups.members(self._independent, ALL))
+        independent = np.isin(frame.labels, self._groups.members(self._groups.independent, ALL))
         self._add_sums(frame, depth_m, completed_m)
         self._add_flicker(frame, depth_m)
         self._moving.add(frame, depth_m)
@@ -109,14 +110,18 @@ class Score:
         ]
 
     def _add_sums(self, frame: EvaluationFrame, depth_m: FloatImage, completed_m: FloatImage) -> None:
+        hidden, close, pixels = self._groups.members(self._groups.hidden, NEAR), 0, 0
         for group, where in enumerate(split(frame.labels, len(self._groups))):
             if not where.size:
                 continue
             sums = _sums(depth_m, frame.reference_m, where)
             self._sums[FILLED][group] += sums
+            if group in hidden:
+                close, pixels = close + sums.close, pixels + sums.pixels
             if not _is_complete(sums):
                 sums = _sums(completed_m, frame.reference_m, where)
             self._sums[COMPLETED][group] += sums
+        self.frame_close += ((close, pixels),)
 
     def _add_flicker(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Without the truth the depth itself, and not its error, should stay the same."""
@@ -146,6 +151,8 @@ class Score:
                 continue
             if on == FILLED:
                 yield measured(Selector("coverage", mask, range_name, on), sums.coverage, "share", sums.pixels)
+                close = Selector("close", mask, range_name, AS_GIVEN)
+                yield measured(close, sums.close_share_of_all, "share", sums.pixels)
             for metric, (unit, value_of) in METRICS.items():
                 value = None if on == COMPLETED and not _is_complete(sums) else value_of(sums)
                 yield measured(Selector(metric, mask, range_name, on), value, unit, sums.filled)
@@ -161,7 +168,7 @@ class Score:
     def _measured_paper(self) -> Iterator[Measurement]:
         sums = self._in_16_bits
         psnr_db = sums.psnr_db(PEAK16_M) if _is_complete(sums) else None
-        yield measured(Selector("psnr16_mm", self._independent, ALL), psnr_db, "dB", sums.filled)
+        yield measured(Selector("psnr16_mm", self._groups.independent, ALL), psnr_db, "dB", sums.filled)
         for (metric, scores), mask, unit in zip(self._paper.items(), (self._occluded, "all"), ("1", "dB"), strict=True):
             known = [score for score in scores if score is not None]
             mean = float(np.mean(known)) if known else None

@@ -1,4 +1,4 @@
-"""Where the frames of an evaluation come from, each with its reference: true depth, or pixels that are held out."""
+"""Where the frames of an evaluation come from, each with its reference."""
 
 import zlib
 from collections import deque
@@ -10,18 +10,19 @@ from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from sim.recording import Recording
 from sim.types import Capture
 from swarm.perception import frame_of
-from voxdepth.datasets import Dataset, open_dataset
+from voxdepth.datasets import Dataset
 from voxdepth.metrics import SeenBefore
-from voxdepth.types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics, MaskImage
+from voxdepth.types import FloatArray, FloatImage, Frame, GrayImage, MaskImage
 
-from ..errors import ScenarioError
 from ..files import as_scenario_error
 from ..sequences import moving_ids
-from .groups import HELD_OUT_GROUPS, TRUE_GROUPS
+from .groups import TRUE_GROUPS
+from .references import TRUE_DEPTHS, Kind, mirrored
 
 SAME_SURFACE = 0.02
 """Largest relative change of the true depth of a static pixel from the frame before."""
@@ -29,10 +30,6 @@ SAME_GRAY = 3
 """Largest change of the smoothed gray value of a static pixel, where the truth is unknown."""
 GHOST_FRAMES = 5
 """Ghosts are counted this many frames after a moving object left a pixel, so once per departure."""
-MEDIAN_PX = 5
-"""Window of the median that keeps outliers of the sensor from casting shadows."""
-VIRTUAL_WIDTH = 2
-"""Width of the virtual camera's image in widths of the real one, because it looks further to the right."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -157,59 +154,56 @@ class SimulatedSource:
             before = capture
 
 
-class HeldOutSource:
-    """A recording without the truth. Some measured pixels are withheld from the methods, which are scored by them."""
+class DatasetSource:
+    """A recording of any format without true poses. One kind of its pixels is judged, see `references`."""
 
-    groups = HELD_OUT_GROUPS
     seed: int | None = None
 
-    def __init__(self, name: str, dataset: Dataset) -> None:
-        self.name, self.intrinsics, self._dataset = name, dataset.intrinsics, dataset
+    def __init__(self, name: str, dataset: Dataset, kind: Kind) -> None:
+        self.name, self.groups, self._dataset, self._kind = name, kind.groups, dataset, kind
+        self.intrinsics = mirrored(dataset.intrinsics) if kind.is_mirrored else dataset.intrinsics
 
     def __len__(self) -> int:
         return len(self._dataset)
 
     def digest(self, frames: int) -> str:
-        """Return a SHA-256 of the camera and of all images, which are read for it."""
-        total = sha256(repr(self.intrinsics).encode())
-        for frame in map(self._dataset.__getitem__, range(frames)):
-            crc32 = zlib.crc32(frame.depth_m.tobytes(), zlib.crc32(frame.gray.tobytes()))
-            total.update(f"{frame.stamp_s} {crc32}".encode())
+        """Return a SHA-256 of the camera, the kind and all images, which are read for it."""
+        total = sha256(f"{self.groups} {self.intrinsics}".encode())
+        references = self._kind.begin(self._dataset)
+        for index, frame in enumerate(map(self._dataset.__getitem__, range(frames))):
+            total.update(f"{frame.stamp_s} {zlib.crc32(frame.gray.tobytes())}".encode())
+            for image in references.of(index, frame.depth_m):
+                total.update(f"{zlib.crc32(image.tobytes())}".encode())
         return total.hexdigest()
 
     def frames(self, frames: int) -> Iterator[EvaluationFrame]:
-        """Read the first frames without the pixels that are held out; a missing or damaged one is a `DatasetError`."""
+        """Read the first frames with their references; a missing or damaged one is a `DatasetError`."""
+        references, side = self._kind.begin(self._dataset), -1 if self._kind.is_mirrored else 1
         gray_before: GrayImage | None = None
         for index in range(frames):
             frame = self._dataset[index]
-            gray = cv2.blur(frame.gray, (5, 5)).astype(np.uint8)
-            change = cv2.absdiff(gray, gray if gray_before is None else gray_before)
-            held_out = shadows(frame.depth_m, self.intrinsics)
-            reference_m = np.where(frame.depth_m > 0, frame.depth_m, np.float32(np.inf))
-            given_m = np.where(held_out, np.float32(0), frame.depth_m)
+            images: tuple[npt.NDArray[Any], ...] = (frame.gray, *references.of(index, frame.depth_m))
+            gray, given_m, reference_m, hidden = (np.ascontiguousarray(image[:, ::side]) for image in images)
+            smooth = cv2.blur(gray, (5, 5)).astype(np.uint8)
+            change = cv2.absdiff(smooth, smooth if gray_before is None else gray_before)
             yield EvaluationFrame(
-                frame=Frame(stamp_s=frame.stamp_s, gray=frame.gray, depth_m=given_m),
+                frame=Frame(stamp_s=frame.stamp_s, gray=gray, depth_m=given_m),
                 T_world_cam=None,
                 reference_m=reference_m,
-                labels=HELD_OUT_GROUPS.label(reference_m, held_out.astype(np.uint8)),
+                labels=self.groups.label(reference_m, hidden.astype(np.uint8)),
                 static=(change <= SAME_GRAY) & (index > 0),
                 occluded_share=None,
             )
-            gray_before = gray
+            gray_before = smooth
 
 
-FrameSource = SimulatedSource | HeldOutSource
+FrameSource = SimulatedSource | DatasetSource
 """A sequence that methods can be compared on."""
 
 
-def open_source(folder: Path) -> FrameSource:
-    """Open the sequence in a folder of any format; one without a readable sequence or a name is an error."""
-    name = folder.resolve().name
-    if not name:
-        raise ScenarioError(f"--data must name the folder of a sequence, got {folder}")
-    if (folder / "depth_true").is_dir():  # Only recordings with the truth have it.
-        return SimulatedSource(name, Recording.open(folder), None)
-    return HeldOutSource(name, open_dataset(folder))
+def is_simulated(folder: Path) -> bool:
+    """Whether a folder holds a recording of the simulator with the truth."""
+    return (folder / TRUE_DEPTHS).is_dir() and not any((folder / TRUE_DEPTHS).glob("*.png"))
 
 
 class Departures:
@@ -232,36 +226,3 @@ class Departures:
             departed_m = np.where(np.any([*later_m, moving_m], axis=0), np.float32(0), first_m)
         self._past_m.append(moving_m)
         return departed_m
-
-
-def shadows(depth_m: FloatImage, intrinsics: Intrinsics) -> MaskImage:
-    """Find the measured pixels that a virtual camera, one baseline to the left, would not see.
-
-    A second camera to the right of the first hides what lies to the left of a near object. The shadows of a camera to
-    the left have the same shape and move with the scene, but fall where there is depth. From that camera a pixel in
-    column u with the disparity d appears in column u + d, and is hidden if one with more than a pixel more disparity
-    appears in the same column. A longer baseline makes wider shadows, up to the width of the object.
-
-    Args:
-        depth_m: Measured depth [m], shape (H, W); 0 = invalid, which neither casts nor receives a shadow.
-        intrinsics: Intrinsics of the camera that measured it.
-
-    Returns:
-        Shape (H, W); shadows narrower than three pixels are left out.
-    """
-    valid = depth_m > 0
-    focal_baseline_px_m = np.float32(intrinsics.focal_baseline_px_m)
-    disparity_px = np.divide(focal_baseline_px_m, depth_m, out=np.zeros_like(depth_m), where=valid)
-    disparity_px = cv2.medianBlur(disparity_px, MEDIAN_PX).astype(np.float32)
-    valid &= disparity_px > 0
-    virtual_col = np.rint(np.arange(depth_m.shape[1], dtype=np.float32) + disparity_px)
-    valid &= virtual_col < VIRTUAL_WIDTH * depth_m.shape[1]
-    row, col = np.nonzero(valid)
-    at, disparity_px = virtual_col[valid].astype(np.intp), disparity_px[valid]
-    nearest_px = np.zeros((depth_m.shape[0], VIRTUAL_WIDTH * depth_m.shape[1]), np.float32)
-    np.maximum.at(nearest_px, (row, at), disparity_px)
-    # A stretched surface leaves gaps in the virtual image; those of a single column are closed.
-    nearest_px = cv2.morphologyEx(nearest_px, cv2.MORPH_CLOSE, np.ones((1, 3), np.uint8)).astype(np.float32)
-    hidden = np.zeros(depth_m.shape, np.uint8)
-    hidden[row, col] = nearest_px[row, at] > disparity_px + 1
-    return cv2.morphologyEx(hidden, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)).astype(np.bool_)

@@ -14,6 +14,7 @@ import numpy as np
 
 from sim.errors import RecordingError, SimError
 from sim.recording import Recording
+from voxdepth.datasets import open_dataset
 from voxdepth.errors import VoxDepthError
 
 from ..errors import ScenarioError
@@ -21,11 +22,13 @@ from ..files import as_scenario_error, to_toml
 from ..results.provenance import CORRECTION, processor_name, versions
 from ..sequences import SeededSequence, record
 from .groups import RANGES
+from .intervals import close_intervals
 from .measurements import Measurements
 from .methods import Method
+from .references import Kind, kinds_of
 from .result_cache import Key, Result, ResultCache, SequenceInfo, encoded_thumbnail
 from .running import MethodError, run
-from .sources import FrameCache, Frames, FrameSource, SimulatedSource, open_source
+from .sources import DatasetSource, FrameCache, Frames, FrameSource, SimulatedSource, is_simulated
 
 RECORDINGS = "recordings"
 """Folder of the shipped sequences, below that of the results."""
@@ -62,21 +65,50 @@ class Shipped:
 
 @dataclass(frozen=True)
 class Folder:
-    """An existing sequence of any format."""
+    """An existing recording of the simulator with the truth."""
 
     path: Path
 
     @property
     def name(self) -> str:
         """Name of the folder."""
-        return self.path.resolve().name
+        return _name_of(self.path)
 
     def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
-        """Open the sequence in the folder, see `open_source`."""
-        return open_source(self.path)
+        """Open the recording in the folder."""
+        return SimulatedSource(self.name, Recording.open(self.path), None)
 
 
-Requested = Shipped | Folder
+@dataclass(frozen=True)
+class Judged:
+    """One kind of pixels of an existing recording of any format."""
+
+    path: Path
+    kind: Kind
+
+    @property
+    def name(self) -> str:
+        """Name of the folder and of the kind."""
+        return f"{_name_of(self.path)}-{self.kind.name}"
+
+    def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
+        """Open the recording in the folder."""
+        return DatasetSource(self.name, open_dataset(self.path), self.kind)
+
+
+def requested_of(folder: Path) -> list["Requested"]:
+    """Return what can be compared in a folder: a recording with the truth, or each kind of pixels of a real one."""
+    return [Folder(folder)] if is_simulated(folder) else [Judged(folder, kind) for kind in kinds_of(folder)]
+
+
+def _name_of(folder: Path) -> str:
+    name = folder.resolve().name
+    if not name:
+        raise ScenarioError(f"--data must name the folder of a sequence, got {folder}")
+    return name
+
+
+Requested = Shipped | Folder | Judged
 """A sequence to compare methods on. No two in a plan may have the same name."""
 
 
@@ -115,6 +147,10 @@ class Evaluation:
             if result.error is not None:
                 rows.append((*where, "error", "", "", "", None, "", 0, result.error))
             rows += [(*where, *dict(m).values(), "") for m in result.measurements]
+        for info in self.sequences.values():
+            counts = {name: frames for name in self.methods if (frames := self.result(info.name, name).frame_close)}
+            found = close_intervals(counts, info.hidden)
+            rows += [(info.name, method, *dict(m).values(), "") for method, m in found]
         return Measurements(rows)
 
     @property
@@ -231,8 +267,9 @@ def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
         height_px=camera.height_px,
         focal_px=camera.fx_px,
         baseline_m=camera.baseline_m,
-        is_true=groups.is_true,
         hidden=groups.hidden,
+        independent=groups.independent,
+        reference_name=groups.reference_name,
         pixels=pixels,
         occluded_shares=tuple(occluded_shares),
         reference=encoded_thumbnail(np.where(np.isfinite(frame.reference_m), frame.reference_m, np.float32(0))),

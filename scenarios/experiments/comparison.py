@@ -7,16 +7,14 @@ from statistics import mean
 
 import pandas as pd
 
-from voxdepth.registry import DEFAULT, PAPER
+from voxdepth.registry import DEFAULT
 
 from ..evaluation.measurements import FILLED, Selector
-from ..evaluation.methods import ORACLE
+from ..evaluation.methods import is_baseline
 from ..evaluation.suite import Evaluation
 from ..results.table import Column, Table, Value
 
 RAW, SMOOTHER = "raw", "global-smoother"
-NO_BASELINES = (DEFAULT, PAPER, ORACLE)
-"""The default method, the method that it replaces, and the bound; all other methods are baselines."""
 MEAN = "mean"
 MET, UNKNOWN = "held", "not measured"
 
@@ -30,7 +28,7 @@ class Comparison:
     def __init__(self, evaluation: Evaluation) -> None:
         self.evaluation = evaluation
         self.sequences = list(evaluation.sequences)
-        self.baselines = [name for name in evaluation.methods if name not in NO_BASELINES]
+        self.baselines = [name for name in evaluation.methods if is_baseline(name)]
         """The methods that the default is compared with, in the order in which they ran."""
 
     def by_method(self, selector: Selector, column: str = "value") -> pd.DataFrame:

@@ -12,6 +12,7 @@ from typer.testing import CliRunner, Result
 from scenarios.cli import app
 from scenarios.commands.evaluate import _planned
 from scenarios.evaluation import suite
+from scenarios.evaluation.references import HELD_OUT
 from scenarios.files import shipped_names
 from scenarios.sequences import GROUPS
 from tests.evaluation_clips import write_recording
@@ -47,8 +48,8 @@ def test_everything_is_written_and_a_repetition_takes_it(folders: tuple[Path, Pa
     command = ("--data", post, "--data", plain, "--methods", "raw,ip-basic,true-pose", "--frames", "5")
     done = evaluate(*command, "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
-    for words in ("post: 5 frames of 64x48", "scored by the truth", "plain: 5 frames", "held-out pixels",
-                  "plain, true-pose failed: it needs the true pose", "0 of them finished before"):  # fmt: skip
+    for words in ("post: 5 frames of 64x48", "scored by the truth", "plain-shadows: 5 frames", "by held-out patches",
+                  "plain-patches, true-pose failed: it needs the true pose", "0 of them finished before"):  # fmt: skip
         assert words in done.output, words
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "results", "sequences", "results.csv", "results.parquet", "report.html"
@@ -58,7 +59,7 @@ def test_everything_is_written_and_a_repetition_takes_it(folders: tuple[Path, Pa
     assert set(result["key"]["versions"]) >= {"voxdepth", "numpy"}
     before = values(tmp_path / "out")
     again = evaluate(*command, "--out", tmp_path / "out")
-    assert "6 results, 5 of them finished before" in again.output, again.output
+    assert "12 results, 9 of them finished before" in again.output, again.output
     assert values(tmp_path / "out") == before
     elsewhere = evaluate(*command, "--out", tmp_path / "elsewhere")
     assert elsewhere.exit_code == 0
@@ -97,9 +98,8 @@ def test_a_group_stands_for_its_sequences(given: list[str], names: tuple[str, ..
     plan = _planned(given, [], "raw", 1, None, tmp_path)
     assert tuple(requested.name for requested in plan.sequences) == names
     assert set(names) <= set(shipped_names("sequences"))
-    assert [requested.name for requested in _planned([], [tmp_path], "raw", 1, None, tmp_path).sequences] == [
-        tmp_path.name
-    ]
+    requested = _planned([], [tmp_path], "raw", 1, None, tmp_path).sequences
+    assert [one.name for one in requested] == [f"{tmp_path.name}-{kind.name}" for kind in HELD_OUT]
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 import pytest
 import typer
 
@@ -152,19 +150,3 @@ def test_the_example_of_an_environment_flies_to_its_end() -> None:
     channels, outcome = done.stdout.splitlines()[-1].split()
     assert channels == "3"
     assert outcome in ("collision", "deadlock", "lost", "success", "timeout")
-
-
-def test_the_example_of_occlusion_shadows_compares_correctors(tmp_path: Path) -> None:
-    depth_mm = np.full((60, 80), 4000, np.uint16)
-    depth_mm[20:40, 30:45] = 1000
-    for folder, image in (("depth", depth_mm), ("infra1", (depth_mm // 20).astype(np.uint8))):
-        (tmp_path / "mine" / folder).mkdir(parents=True)
-        cv2.imwrite(str(tmp_path / "mine" / folder / "000000.png"), image)
-    (tmp_path / "mine" / "calibration.toml").write_text(
-        "fx_px = 80.0\nfy_px = 80.0\ncx_px = 40.0\ncy_px = 30.0\nwidth_px = 80\nheight_px = 60\nbaseline_m = 0.1\n"
-    )
-    script = [sys.executable, str(ROOT / "examples" / "occlusion_shadows.py"), str(tmp_path / "mine")]
-    done = subprocess.run(
-        [*script, "--methods", "realsense-left"], capture_output=True, text=True, check=True, cwd=ROOT
-    )
-    assert re.search(r"realsense-left is right for 100.0 % of [1-9]\d* pixels", done.stdout), done.stdout

@@ -130,8 +130,9 @@ def result(method: str, shares: dict[str, float]) -> Result:
 @pytest.fixture
 def done() -> Evaluation:
     info = SequenceInfo(
-        name="s", digest="d", frames=2, seed=0, width_px=12, height_px=9, focal_px=9.0, baseline_m=None, is_true=True,
-        hidden="holes", pixels={mask: dict.fromkeys(RANGES, 9) for mask in ("all", "holes")}, occluded_shares=(),
+        name="s", digest="d", frames=2, seed=0, width_px=12, height_px=9, focal_px=9.0, baseline_m=None,
+        hidden="holes", independent="all", reference_name="the truth",
+        pixels={mask: dict.fromkeys(RANGES, 9) for mask in ("all", "holes")}, occluded_shares=(),
     )  # fmt: skip
     two = result("two", {"confidence 0.4-0.5": 0.2, "confidence 0.9-1": 0.9})
     graded = result("graded", {"confidence 0": 0.1, "confidence 0.4-0.5": 0.5, "confidence 0.9-1": 0.9})

@@ -8,14 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenarios.evaluation.groups import BINS, HELD_OUT_GROUPS, NONE, RANGES, TRUE_GROUPS, Groups, split
+from scenarios.evaluation.groups import BINS, HOLE_GROUPS, NONE, RANGES, TRUE_GROUPS, Groups, held_out_groups, split
 from scenarios.evaluation.measurements import Measurement
 from scenarios.evaluation.scoring import METRICS, Score
 from tests.evaluation_clips import CAMERA, evaluation_frames
 from voxdepth.metrics import Sums, by_range
 
+PATCH_GROUPS = held_out_groups("patches")
 
-@pytest.mark.parametrize("groups", [TRUE_GROUPS, HELD_OUT_GROUPS])
+
+@pytest.mark.parametrize("groups", [TRUE_GROUPS, HOLE_GROUPS, PATCH_GROUPS])
 @settings(max_examples=5)
 @given(seed=st.integers(0, 2**32))
 def test_the_sums_of_groups_are_those_of_each_mask_and_range(groups: Groups, seed: int) -> None:
@@ -52,7 +54,7 @@ def test_a_frame_without_any_reference_has_empty_groups() -> None:
     assert not any(where.size for where in groups)
 
 
-@pytest.mark.parametrize("groups", [TRUE_GROUPS, HELD_OUT_GROUPS])
+@pytest.mark.parametrize("groups", [TRUE_GROUPS, HOLE_GROUPS, PATCH_GROUPS])
 def test_every_kind_is_in_all_and_what_is_hidden_is_not_measured(groups: Groups) -> None:
     assert set(groups.masks["all"]) == set(groups.kinds)
     assert not set(groups.masks[groups.hidden]) & set(groups.masks["measured"])
@@ -80,9 +82,9 @@ def test_without_the_truth_the_ratio_in_16_bits_is_of_held_out_pixels() -> None:
     kind = np.zeros(CAMERA.shape, np.uint8)
     kind[:, :10] = 1
     depth_m = frame.reference_m + np.float32(0.5) * kind
-    score = Score(HELD_OUT_GROUPS, CAMERA)
-    score.add(replace(frame, labels=HELD_OUT_GROUPS.label(frame.reference_m, kind)), depth_m)
-    ratio = measurement(score, "psnr16_mm", "held out", "all", "completed")
+    score = Score(PATCH_GROUPS, CAMERA)
+    score.add(replace(frame, labels=PATCH_GROUPS.label(frame.reference_m, kind)), depth_m)
+    ratio = measurement(score, "psnr16_mm", "patches", "all", "completed")
     assert ratio.value == pytest.approx(20 * np.log10(65.535 / 0.5), rel=1e-5)
     assert ratio.n == kind.sum()
     assert score.frame_psnrs_db == (pytest.approx(ratio.value),)

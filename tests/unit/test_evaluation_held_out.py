@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenarios.evaluation.sources import shadows
+from scenarios.evaluation.references import Patches, Shadows, shadows, steps
 from tests.evaluation_clips import CAMERA, POST_M, WALL_M, truth_of
 from voxdepth.types import ASSUMED_BASELINE_M
 
@@ -81,3 +81,41 @@ def test_gaps_of_a_column_in_a_stretched_surface_are_closed() -> None:
     assert columns.tolist() == list(range(columns[0], columns[-1] + 1))
     assert columns[0] == 25
     assert columns[-1] == pytest.approx(48, abs=1)
+
+
+def test_wide_shadows_are_wider_by_the_widening() -> None:
+    widths = [Shadows(CAMERA, widening).of(0, truth_of(0)).hidden[20].sum() for widening in (1.0, 1.4)]
+    assert widths[1] == pytest.approx(1.4 * widths[0], abs=1)
+
+
+def test_patches_stay_at_their_places_and_count_only_on_measured_surfaces_without_a_step() -> None:
+    depth_m = np.full(CAMERA.shape, WALL_M, np.float32)
+    patches = Patches(CAMERA)
+    first = patches.of(0, depth_m)
+    assert 0.02 < first.hidden.mean() < 0.5
+    np.testing.assert_array_equal(first.given_m, np.where(first.hidden, 0, depth_m))
+    np.testing.assert_array_equal(first.reference_m, depth_m)
+    later_m = depth_m.copy()
+    later_m[:, 32:] = POST_M
+    later_m[:10] = 0
+    later = patches.of(1, later_m)
+    np.testing.assert_array_equal((later.given_m == 0) & (later_m > 0), first.hidden & (later_m > 0))
+    assert not (later.hidden & ~first.hidden).any()
+    assert not later.hidden[:, 31:33].any()
+    assert later.hidden.any()
+    assert np.isinf(later.reference_m[first.hidden & ~later.hidden]).all(), "they are withheld, and not scored"
+
+
+def test_patches_of_a_seed_are_the_same_and_those_of_another_are_not() -> None:
+    depth_m = np.full(CAMERA.shape, WALL_M, np.float32)
+    one, same, other = (Patches(CAMERA, seed).of(0, depth_m).hidden for seed in (0, 0, 1))
+    np.testing.assert_array_equal(one, same)
+    assert (one != other).any()
+
+
+def test_a_slanted_surface_is_smooth_and_a_post_is_not() -> None:
+    disparity_px = np.repeat((10 + 0.2 * np.arange(48, dtype=np.float32))[:, None], 64, axis=1)
+    assert not steps(np.float32(CAMERA.focal_baseline_px_m) / disparity_px, CAMERA).any()
+    columns = np.flatnonzero(steps(truth_of(0), CAMERA)[20])
+    edge = int(np.flatnonzero(truth_of(0)[20] == POST_M)[0])
+    assert columns[0] == edge - 2

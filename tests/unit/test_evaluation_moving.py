@@ -14,9 +14,9 @@ from scenarios.evaluation.quantities import QUANTITIES
 from scenarios.evaluation.report import method_table, print_results
 from scenarios.evaluation.result_cache import Key, Result, SequenceInfo
 from scenarios.evaluation.scoring import MovingScore, Score
-from scenarios.evaluation.sources import GHOST_FRAMES, Departures, EvaluationFrame, FrameCache, open_source
+from scenarios.evaluation.sources import GHOST_FRAMES, Departures, EvaluationFrame, FrameCache, SimulatedSource
 from scenarios.evaluation.suite import Evaluation
-from sim.recording import RecordingWriter
+from sim.recording import Recording, RecordingWriter
 from tests.evaluation_clips import CAMERA, POST_M, WALL_M, capture_of, evaluation_frames, truth_of, write_recording
 
 MOVERS = "[sequence]\nmovers = [{ radius_m = 0.3 }, { radius_m = 0.3 }]\n"
@@ -57,8 +57,8 @@ def test_a_pixel_is_left_once_and_five_frames_later() -> None:
 
 
 def test_a_recording_tells_what_moves_and_it_is_never_static(tmp_path: Path) -> None:
-    frames = list(open_source(moving_recording(tmp_path / "post", 8)).frames(8))
-    still = list(open_source(write_recording(tmp_path / "still", 8)).frames(8))
+    frames = list(SimulatedSource("post", Recording.open(moving_recording(tmp_path / "post", 8)), None).frames(8))
+    still = list(SimulatedSource("still", Recording.open(write_recording(tmp_path / "still", 8)), None).frames(8))
     for index, (frame, unmoved) in enumerate(zip(frames, still, strict=True)):
         post = truth_of(index) == POST_M
         np.testing.assert_array_equal(frame.moving, post)
@@ -73,7 +73,7 @@ def test_a_recording_tells_what_moves_and_it_is_never_static(tmp_path: Path) -> 
 
 
 def test_what_moves_is_kept_with_the_frames(tmp_path: Path) -> None:
-    frames = list(open_source(moving_recording(tmp_path / "post", 7)).frames(7))
+    frames = list(SimulatedSource("post", Recording.open(moving_recording(tmp_path / "post", 7)), None).frames(7))
     cache = FrameCache(tmp_path)
     cache.fill(frames)
     np.testing.assert_array_equal(cache[6].moving, frames[6].moving)
@@ -132,15 +132,16 @@ def done_with_movers() -> Evaluation:
     frame = moving_frame()
     score.add(frame, np.where(frame.frame.depth_m > 0, frame.frame.depth_m, np.float32(POST_M)))
     info = SequenceInfo(
-        name="s", digest="d", frames=2, seed=0, width_px=64, height_px=48, focal_px=9.0, baseline_m=None, is_true=True,
-        hidden="holes", pixels={mask: dict.fromkeys(RANGES, 9) for mask in ("all", "holes")}, occluded_shares=(),
+        name="s", digest="d", frames=2, seed=0, width_px=64, height_px=48, focal_px=9.0, baseline_m=None,
+        hidden="holes", independent="all", reference_name="the truth",
+        pixels={mask: dict.fromkeys(RANGES, 9) for mask in ("all", "holes")}, occluded_shares=(),
     )  # fmt: skip
     result = Result(key=key, measurements=tuple(score.measurements()))
     return Evaluation(results=(result,), sequences={"s": info}, reused=0)
 
 
 def test_tables_show_raw_and_the_difference() -> None:
-    survival, ghosts = (quantity for quantity in QUANTITIES if quantity.against_raw)
+    survival, ghosts = (quantity for quantity in QUANTITIES if quantity.layout == "against raw")
     tables = [method_table(done_with_movers(), quantity) for quantity in (survival, ghosts)]
     assert [table.rows[0] for table in tables] == [["m", "50.0 +50.0"], ["m", "0.0 +50.0"]]
     assert [table.rows[1] for table in tables] == [["n", "480"], ["n", "240 to 480"]]

@@ -59,7 +59,8 @@ def info(name: str) -> SequenceInfo:
         height_px=9,
         focal_px=10.0,
         baseline_m=None,
-        is_true=True,
+        independent="all",
+        reference_name="the truth",
         hidden="holes",
         pixels={mask: dict.fromkeys(RANGES, 1000) for mask in ("all", "holes")},
         occluded_shares=(0.1, 0.2),
@@ -258,13 +259,13 @@ def canvases_of(done: Evaluation, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 
 def held_out_info(name: str) -> SequenceInfo:
-    pixels = {"all": dict.fromkeys(RANGES, 1000), "held out": dict.fromkeys(RANGES, 70)}
-    changed = {"is_true": False, "hidden": "held out", "pixels": pixels, "occluded_shares": ()}
+    pixels = {"all": dict.fromkeys(RANGES, 1000), "patches": dict.fromkeys(RANGES, 70)}
+    changed = {"hidden": "patches", "independent": "patches", "pixels": pixels, "occluded_shares": ()}
     return info(name).model_copy(update=changed)
 
 
 def test_without_the_truth_pixels_that_were_given_rank_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
-    held = Measurement(metric="mae", mask="held out", range="0-2 m", on="completed", value=0.7, unit="m", n=70)
+    held = Measurement(metric="mae", mask="patches", range="0-2 m", on="completed", value=0.7, unit="m", n=70)
     coverage = Measurement(metric="coverage", mask="all", range="0-20 m", on="filled", value=0.9, unit="share", n=1000)
     raw = result("real", "raw", 0.0)
     raw = raw.model_copy(update={"measurements": (*raw.measurements, held, coverage)})
@@ -275,7 +276,7 @@ def test_without_the_truth_pixels_that_were_given_rank_nobody(monkeypatch: pytes
             assert row(method_table(done, quantity), "raw")[0][0] == expected, quantity.title
     axes = canvases_of(done, monkeypatch)[0].axes[0]
     assert list(axes.lines[0].get_ydata()) == [0.7]
-    assert axes.get_xlabel() == "depth of held out pixels, and number of pixels n"
+    assert axes.get_xlabel() == "depth of held-out patches, and number of pixels n"
     assert axes.get_xticklabels()[0].get_text() == "0-2 m\n70"
 
 

@@ -126,11 +126,12 @@ def test_flicker_of_measured_pixels_leaves_out_what_was_a_hole_in_either_frame()
 
 
 def test_sequences_scored_by_measured_depth_count_the_change_of_depth() -> None:
-    from scenarios.evaluation.groups import HELD_OUT_GROUPS
+    from scenarios.evaluation.groups import held_out_groups
 
     frame = evaluation_frames(1)[0]
-    labels = HELD_OUT_GROUPS.label(frame.reference_m, np.zeros(CAMERA.shape, np.uint8))
-    score = Score(HELD_OUT_GROUPS, CAMERA)
+    groups = held_out_groups("patches")
+    labels = groups.label(frame.reference_m, np.zeros(CAMERA.shape, np.uint8))
+    score = Score(groups, CAMERA)
     for k in range(3):
         flickering_m = frame.reference_m + np.float32(0.1 * (k % 2))
         changed = replace(frame, labels=labels, reference_m=flickering_m, static=np.ones(CAMERA.shape, bool))

@@ -7,8 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
+from shutil import rmtree
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -16,11 +18,14 @@ from scenarios.errors import ScenarioError
 from scenarios.evaluation import suite
 from scenarios.evaluation.measurements import Selector
 from scenarios.evaluation.methods import Method, find_methods
+from scenarios.evaluation.references import HELD_OUT
 from scenarios.evaluation.result_cache import SCORING, Result, ResultCache
-from scenarios.evaluation.sources import FrameCache, FrameSource, SimulatedSource, open_source
-from scenarios.evaluation.suite import Evaluation, Folder, Plan, Shipped, evaluate
+from scenarios.evaluation.sources import DatasetSource, FrameCache, SimulatedSource
+from scenarios.evaluation.suite import Evaluation, Plan, Shipped, evaluate, requested_of
 from scenarios.sequences import load_sequence
+from sim.recording import Recording
 from tests.evaluation_clips import CAMERA, POST_M, capture_of, method, shadow_of, truth_of, write_recording
+from voxdepth.datasets import open_dataset
 
 GOOD = method("good")
 BAD = method("bad", lambda depth_m: depth_m[:-1])
@@ -32,7 +37,8 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(out: Path, *folders: Path, methods: tuple[Method, ...] = (GOOD, BAD), frames: int = 4) -> Evaluation:
-    plan = Plan(sequences=[Folder(folder) for folder in folders], methods=methods, frames=frames, out=out)
+    sequences = [requested for folder in folders for requested in requested_of(folder)]
+    plan = Plan(sequences=sequences, methods=methods, frames=frames, out=out)
     return evaluate(plan, lambda what, done: None)
 
 
@@ -186,7 +192,7 @@ def test_frames_of_a_killed_run_are_deleted_and_nothing_else(recording: Path, tm
 
 def test_a_folder_whose_name_is_no_text_is_refused_before_anything_is_written(tmp_path: Path) -> None:
     folder = tmp_path / os.fsdecode(b"caf\xe9")
-    with pytest.raises(ScenarioError, match=r"in UTF-8, got 'caf\\udce9': rename the folder"):
+    with pytest.raises(ScenarioError, match=r"in UTF-8, got 'caf\\udce9-shadows': rename the folder"):
         run(tmp_path / "out", folder)
     assert not (tmp_path / "out").exists()
 
@@ -226,7 +232,7 @@ def test_a_sequence_that_cannot_be_opened_fails_in_its_own_results_alone(recordi
     errors = {(result.key.sequence, result.key.method): result.error for result in done.results}
     assert "occluded" in (errors["maskless", "good"] or "")
     assert errors["maskless", "good"] == errors["maskless", "bad"]
-    assert "holds no dataset" in (errors["empty", "good"] or "")
+    assert "holds no dataset" in (errors["empty-shadows", "good"] or "")
     assert errors["post", "good"] is None
     assert set(done.sequences) == {"post"}
     assert not list((tmp_path / "out").glob(f"{suite.FRAME_CACHE}*")), "nothing is left behind"
@@ -241,26 +247,19 @@ def test_what_depends_on_the_truth_is_computed_once(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     splits = []
-    really = suite.open_source
+    really = SimulatedSource.frames
 
-    def opened(folder: Path) -> FrameSource:
-        source = really(folder)
-        really_read = source.frames
+    def counted(source: SimulatedSource, frames: int) -> Any:
+        splits.append(frames)
+        return really(source, frames)
 
-        def counted(frames: int) -> Any:
-            splits.append(frames)
-            return really_read(frames)
-
-        source.frames = counted  # type: ignore[method-assign]
-        return source
-
-    monkeypatch.setattr(suite, "open_source", opened)
+    monkeypatch.setattr(SimulatedSource, "frames", counted)
     run(tmp_path, recording, methods=(GOOD, method("b"), method("c")))
     assert splits == [4]
 
 
 def test_the_truth_splits_pixels_as_computed_by_hand(recording: Path) -> None:
-    source = open_source(recording)
+    source = SimulatedSource("post", Recording.open(recording), None)
     frames = list(source.frames(3))
     groups = source.groups
     for index, frame in enumerate(frames):
@@ -278,25 +277,55 @@ def test_the_truth_splits_pixels_as_computed_by_hand(recording: Path) -> None:
     np.testing.assert_array_equal(frames[2].static, ~moved)
 
 
-def test_a_recording_without_the_truth_is_scored_by_what_is_held_out(tmp_path: Path) -> None:
-    folder = write_recording(tmp_path / "plain", 3)
-    (folder / "depth_true").rename(tmp_path / "elsewhere")
-    source = open_source(folder)
-    assert not source.groups.is_true
+def plain_recording(folder: Path, frames: int) -> Path:
+    """The recording without its truth."""
+    write_recording(folder, frames)
+    rmtree(folder / "depth_true")
+    return folder
+
+
+def test_a_recording_without_the_truth_is_scored_by_each_kind_that_is_held_out(tmp_path: Path) -> None:
+    folder = plain_recording(tmp_path / "plain", 3)
+    methods = (GOOD, *find_methods(["ip-basic", "true-pose"]))
+    done = run(tmp_path / "out", folder, methods=methods, frames=3)
+    assert list(done.sequences) == ["plain-shadows", "plain-wide-shadows", "plain-patches"]
+    for name, info in done.sequences.items():
+        mask = name.removeprefix("plain-")
+        coverage = Selector("coverage", mask, on="filled")
+        assert info.pixels[mask]["all"] > 0
+        assert done.measurements.value(name, "good", coverage) == 0
+        assert done.measurements.value(name, "ip-basic", coverage) == 1
+        assert done.result(name, "true-pose").error == "it needs the true pose, which this sequence does not have"
+        assert info.occluded_shares == ()
+
+
+def test_held_out_shadows_lie_to_the_left_of_near_objects_in_mirrored_images(tmp_path: Path) -> None:
+    kind = HELD_OUT[0]
+    source = DatasetSource("s", open_dataset(plain_recording(tmp_path / "plain", 3)), kind)
     frame = list(source.frames(3))[1]
-    held_out = np.isin(frame.labels, source.groups.members("held out", "all"))
+    held_out = np.isin(frame.labels, source.groups.members("shadows", "all"))
+    raw_m = capture_of(1).depth_raw_m[:, ::-1]
+    assert source.intrinsics.cx_px == CAMERA.width_px - 1 - CAMERA.cx_px
     assert 0.02 < held_out.mean() < 0.2
     assert not frame.frame.depth_m[held_out].any()
-    raw_m = capture_of(1).depth_raw_m
     np.testing.assert_array_equal(frame.reference_m[held_out], raw_m[held_out])
     np.testing.assert_array_equal(frame.frame.depth_m[~held_out], raw_m[~held_out])
-    done = run(tmp_path / "out", folder, methods=(GOOD, *find_methods(["ip-basic", "true-pose"])), frames=3)
-    coverage = Selector("coverage", "held out", on="filled")
-    *_, oracle = done.results
-    assert done.measurements.value("plain", "good", coverage) == 0
-    assert done.measurements.value("plain", "ip-basic", coverage) == 1
-    assert oracle.error == "it needs the true pose, which this sequence does not have"
-    assert done.sequences["plain"].occluded_shares == ()
+    np.testing.assert_array_equal(frame.frame.gray, capture_of(1).gray_left[:, ::-1])
+    post = np.flatnonzero(frame.frame.gray[20] == 200)
+    assert np.flatnonzero(held_out[20]).max() == post.min() - 1
+
+
+def test_the_sensors_own_holes_are_scored_by_a_true_depth_of_the_first_frame(tmp_path: Path) -> None:
+    folder = plain_recording(tmp_path / "real", 2)
+    truth_mm = (1000 * truth_of(0)).astype(np.uint16)
+    truth_mm[:8] = 0
+    cv2.imwrite(str(folder / "depth_true_mm.png"), truth_mm)
+    done = run(tmp_path / "out", folder, methods=(GOOD, method("wall", lambda d: np.full_like(d, 6))), frames=2)
+    info = done.sequences["real-holes"]
+    assert info.pixels["holes"]["all"] == shadow_of(truth_of(0))[8:].sum()
+    assert info.pixels["all"]["all"] == truth_mm[8:].size, "the second frame has no truth"
+    close = Selector("close", "holes", on="as given")
+    assert [done.measurements.value("real-holes", name, close) for name in ("good", "wall")] == [0, 1]
 
 
 @dataclass(frozen=True)

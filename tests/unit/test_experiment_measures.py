@@ -61,7 +61,8 @@ def evaluation_of(results: dict[str, dict[str, dict[str, Any]]], size: tuple[int
             made.append(Result(key=key, measurements=figures(**values)))
     infos = {
         name: SequenceInfo(name=name, digest="d", frames=2, seed=0, width_px=size[0], height_px=size[1], focal_px=300.0,
-                    baseline_m=0.1, is_true=True, hidden="holes", pixels={}, occluded_shares=())
+                    baseline_m=0.1, hidden="holes", independent="all", reference_name="the truth", pixels={},
+                    occluded_shares=())
         for name in results
     }  # fmt: skip
     return Evaluation(results=tuple(made), sequences=infos, reused=0)

@@ -152,6 +152,11 @@ class Sums(DepthErrors):
         """Share of filled pixels within 5 % of the truth, 0..1."""
         return self._mean(self.close)
 
+    @property
+    def close_share_of_all(self) -> float | None:
+        """Share of all pixels whose depth is within 5 % of the truth, 0..1; a pixel without a depth is not."""
+        return self.close / self.pixels if self.pixels else None
+
     def psnr_db(self, peak_m: float) -> float | None:
         """Peak signal-to-noise ratio [dB]; see the function of that name."""
         mean_squared_m2 = self._mean(self.squared_error_m2)

@@ -1,0 +1,236 @@
+"""References of real recordings: measured pixels that are held out, or a true depth of the sensor's holes.
+
+Each kind of pixels is judged by itself: a method never gets an image with two kinds held out at once.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import cv2
+import numpy as np
+
+from voxdepth.datasets import Dataset
+from voxdepth.datasets.images import read_depth_16
+from voxdepth.types import ASSUMED_BASELINE_M, FloatImage, Intrinsics, MaskImage
+
+from .groups import HOLE_GROUPS, Groups, held_out_groups
+
+TRUE_DEPTH, TRUE_DEPTHS = "depth_true_mm.png", "depth_true"
+"""The true depth of the first frame, and the folder of that of all frames."""
+MEDIAN_PX = 5
+"""Window of the median that keeps outliers of the sensor from casting shadows and from breaking surfaces."""
+VIRTUAL_WIDTH = 2
+"""Width of the virtual camera's image in widths of the real one, because it looks further to the right."""
+WIDENING = 1.4
+"""Width of the shadows of a camera whose depth is aligned to a colour camera beside the pair, in widths of its own."""
+PATCHES, TRIALS = 24, 1000
+"""Largest number of patches, and number of places that are tried for them."""
+PATCH_PX, PATCH_IMAGE_PX = (10, 60), 640
+"""Range of the diameters of patches in an image of that width; they grow with the width."""
+STEP_PX, STEP_SHARE = 1.0, 0.05
+"""A smooth surface changes by at most this many pixels of disparity and this share of it within the median's window."""
+MEASURED_SHARE = 0.9
+"""Share of a patch that must be measured."""
+SEED = 0
+
+
+class Referenced(NamedTuple):
+    """What methods are given of a frame and what they are scored by; shape (H, W) each."""
+
+    given_m: FloatImage
+    """Depth that methods are given [m]; 0 = invalid."""
+    reference_m: FloatImage
+    """Measured or true depth [m]; +inf where there is none, or where it does not count."""
+    hidden: MaskImage
+    """Pixels of the kind that is judged."""
+
+
+class References(Protocol):
+    """The references of the frames of one recording, which are requested in order of time."""
+
+    def of(self, index: int, depth_m: FloatImage) -> Referenced:
+        """Return the reference of a frame by its index and its measured depth [m], shape (H, W); 0 = invalid."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of pixels that methods are given no depth of and are judged by."""
+
+    groups: Groups
+    begin: Callable[[Dataset], References]
+    """Begins to read a recording."""
+    is_mirrored: bool = False
+    """Whether methods are given mirrored images, in which left and right are exchanged."""
+
+    @property
+    def name(self) -> str:
+        """The mask of these pixels, which is part of the names of sequences."""
+        return self.groups.hidden
+
+
+class Shadows:
+    """Occlusion shadows on the right side of near objects, see `shadows`; they move with the scene.
+
+    Mirrored, they lie on the left side, where a stereo camera has its own.
+    """
+
+    def __init__(self, intrinsics: Intrinsics, widening: float = 1.0) -> None:
+        baseline_m = widening * (intrinsics.baseline_m or ASSUMED_BASELINE_M)
+        self._intrinsics = replace(intrinsics, baseline_m=baseline_m)
+
+    def of(self, index: int, depth_m: FloatImage) -> Referenced:
+        """See `References`."""
+        hidden = shadows(depth_m, self._intrinsics)
+        return _held_out(depth_m, hidden, hidden)
+
+
+class Patches:
+    """Ellipses on smooth surfaces, such as a stereo matcher loses where a wall is blank.
+
+    The places are drawn once, on the first frame, and stay the same in the image: depth is withheld there in every
+    frame, so that the memory of a camera at rest never sees it. A place is scored in the frames in which it lies on one
+    measured surface.
+    """
+
+    def __init__(self, intrinsics: Intrinsics, seed: int = SEED) -> None:
+        self._intrinsics, self._seed = intrinsics, seed
+        self._places: list[MaskImage] | None = None
+
+    def of(self, index: int, depth_m: FloatImage) -> Referenced:
+        """See `References`."""
+        measured: MaskImage = depth_m > 0
+        step = steps(depth_m, self._intrinsics)
+        if self._places is None:
+            self._places = self._drawn(measured, step)
+        withheld, scored = np.zeros_like(measured), np.zeros_like(measured)
+        for place in self._places:
+            withheld |= place
+            if _is_smooth(place, measured, step):
+                scored |= place & measured
+        return _held_out(depth_m, withheld, scored)
+
+    def _drawn(self, measured: MaskImage, step: MaskImage) -> list[MaskImage]:
+        """Draw places that lie on one surface and do not touch each other."""
+        rng = np.random.default_rng(self._seed)
+        places: list[MaskImage] = []
+        taken = np.zeros(measured.shape, np.bool_)
+        smallest_px, largest_px = np.array(PATCH_PX) * measured.shape[1] / PATCH_IMAGE_PX
+        margin = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * round(smallest_px) + 1,) * 2)
+        for _ in range(TRIALS):
+            center = rng.integers(0, measured.shape[::-1]).tolist()
+            diameter_px, flatness, angle_deg = rng.uniform((smallest_px, 0.6, 0), (largest_px, 1, 180)).tolist()
+            axes = round(diameter_px / 2), round(flatness * diameter_px / 2)
+            image = cv2.ellipse(np.zeros(measured.shape, np.uint8), center, axes, angle_deg, 0, 360, 1, -1)
+            place: MaskImage = image.astype(np.bool_)
+            if len(places) < PATCHES and _is_smooth(place, measured, step) and not (place & taken).any():
+                places.append(place)
+                taken |= cv2.dilate(image, margin).astype(np.bool_)
+        return places
+
+
+class TrueHoles:
+    """The sensor's own holes in a recording with a true depth.
+
+    It is `depth_true_mm.png` for the first frame, or one image in `depth_true/` for each frame, with the name of the
+    frame. Both are PNG with 16 bits in millimetres; 0 = unknown.
+    """
+
+    def __init__(self, folder: Path, dataset: Dataset) -> None:
+        self._folder, self._dataset = folder, dataset
+
+    def of(self, index: int, depth_m: FloatImage) -> Referenced:
+        """See `References`."""
+        path = self._folder / TRUE_DEPTHS / f"{self._dataset.name(index)}.png"
+        if index == 0 and not path.exists():
+            path = self._folder / TRUE_DEPTH
+        truth_m = np.full_like(depth_m, np.inf)
+        if path.exists():
+            truth_mm = read_depth_16(path, depth_m.shape)
+            truth_m[truth_mm > 0] = truth_mm[truth_mm > 0] / np.float32(1000)
+        return Referenced(depth_m, truth_m, np.asarray(depth_m == 0))
+
+
+HELD_OUT = (
+    Kind(held_out_groups("shadows"), lambda dataset: Shadows(dataset.intrinsics), is_mirrored=True),
+    Kind(held_out_groups("wide-shadows"), lambda dataset: Shadows(dataset.intrinsics, WIDENING), is_mirrored=True),
+    Kind(held_out_groups("patches"), lambda dataset: Patches(dataset.intrinsics)),
+)
+"""Kinds of pixels of any recording."""
+
+
+def kinds_of(folder: Path) -> list[Kind]:
+    """Return the kinds of pixels that methods can be judged by in a recording."""
+    has_truth = (folder / TRUE_DEPTH).is_file() or (folder / TRUE_DEPTHS).is_dir()
+    return [*HELD_OUT, *([Kind(HOLE_GROUPS, partial(TrueHoles, folder))] if has_truth else [])]
+
+
+def mirrored(intrinsics: Intrinsics) -> Intrinsics:
+    """Return the camera that takes the mirrored images."""
+    return replace(intrinsics, cx_px=intrinsics.width_px - 1 - intrinsics.cx_px)
+
+
+def shadows(depth_m: FloatImage, intrinsics: Intrinsics) -> MaskImage:
+    """Find the measured pixels that a virtual camera, one baseline to the left, would not see.
+
+    A second camera to the right of the first hides what lies to the left of a near object. The shadows of a camera to
+    the left have the same shape and move with the scene, but fall where there is depth. From that camera a pixel in
+    column u with the disparity d appears in column u + d, and is hidden if one with more than a pixel more disparity
+    appears in the same column. A longer baseline makes wider shadows, up to the width of the object.
+
+    Args:
+        depth_m: Measured depth [m], shape (H, W); 0 = invalid, which neither casts nor receives a shadow.
+        intrinsics: Intrinsics of the camera that measured it.
+
+    Returns:
+        Shape (H, W); shadows narrower than three pixels are left out.
+    """
+    disparity_px = _median_px(depth_m, intrinsics)
+    valid = (depth_m > 0) & (disparity_px > 0)
+    virtual_col = np.rint(np.arange(depth_m.shape[1], dtype=np.float32) + disparity_px)
+    valid &= virtual_col < VIRTUAL_WIDTH * depth_m.shape[1]
+    row, col = np.nonzero(valid)
+    at, disparity_px = virtual_col[valid].astype(np.intp), disparity_px[valid]
+    nearest_px = np.zeros((depth_m.shape[0], VIRTUAL_WIDTH * depth_m.shape[1]), np.float32)
+    np.maximum.at(nearest_px, (row, at), disparity_px)
+    # A stretched surface leaves gaps in the virtual image; those of a single column are closed.
+    nearest_px = cv2.morphologyEx(nearest_px, cv2.MORPH_CLOSE, np.ones((1, 3), np.uint8)).astype(np.float32)
+    hidden = np.zeros(depth_m.shape, np.uint8)
+    hidden[row, col] = nearest_px[row, at] > disparity_px + 1
+    return cv2.morphologyEx(hidden, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)).astype(np.bool_)
+
+
+def steps(depth_m: FloatImage, intrinsics: Intrinsics) -> MaskImage:
+    """Find the pixels beside a depth discontinuity, shape (H, W), by measured depth [m]; 0 = invalid, which is none.
+
+    The median of the disparity spans more than `STEP_PX` plus `STEP_SHARE` of its largest value within the window.
+    """
+    disparity_px = _median_px(depth_m, intrinsics)
+    window = np.ones((MEDIAN_PX, MEDIAN_PX), np.uint8)
+    largest_px = cv2.dilate(disparity_px, window)
+    smallest_px = cv2.erode(np.where(disparity_px > 0, disparity_px, np.float32(np.inf)), window)
+    return np.asarray(largest_px - smallest_px > STEP_PX + STEP_SHARE * largest_px)
+
+
+def _held_out(depth_m: FloatImage, withheld: MaskImage, scored: MaskImage) -> Referenced:
+    """Withhold the measured depth [m] of pixels, and score methods by some of them."""
+    counted = (depth_m > 0) & (scored | ~withheld)
+    return Referenced(
+        given_m=np.where(withheld, np.float32(0), depth_m),
+        reference_m=np.where(counted, depth_m, np.float32(np.inf)),
+        hidden=scored,
+    )
+
+
+def _is_smooth(place: MaskImage, measured: MaskImage, step: MaskImage) -> bool:
+    """Whether enough of a place is measured, and none of it is beside a depth discontinuity."""
+    return not step[place].any() and bool(measured[place].mean() >= MEASURED_SHARE)
+
+
+def _median_px(depth_m: FloatImage, intrinsics: Intrinsics) -> FloatImage:
+    """Return the median of the disparity [px], shape (H, W); 0 = invalid."""
+    focal_baseline_px_m = np.float32(intrinsics.focal_baseline_px_m)
+    disparity_px = np.divide(focal_baseline_px_m, depth_m, out=np.zeros_like(depth_m), where=depth_m > 0)
+    return cv2.medianBlur(disparity_px, MEDIAN_PX).astype(np.float32)
