@@ -148,7 +148,8 @@ class Evaluation:
                 rows.append((*where, "error", "", "", "", None, "", 0, result.error))
             rows += [(*where, *dict(m).values(), "") for m in result.measurements]
         for info in self.sequences.values():
-            counts = {name: frames for name in self.methods if (frames := self.result(info.name, name).frame_close)}
+            ours = [result for result in self.results if result.key.sequence == info.name and result.frame_close]
+            counts = {result.key.method: result.frame_close for result in ours}
             found = close_intervals(counts, info.hidden)
             rows += [(info.name, method, *dict(m).values(), "") for method, m in found]
         return Measurements(rows)
