@@ -10,7 +10,7 @@ from sim.flights import Walk
 from sim.free_space import traversability
 from sim.recording import Recording
 from sim.render import create_renderer
-from sim.scenes import AnyScene
+from sim.scenes import AnyScene, RoomSpec
 from sim.sensor import RigConfig, StereoSensor
 from sim.types import Capture, InvalidReason
 from sim.world import World
@@ -33,7 +33,8 @@ from .results.table import Column, Table
 PANEL_PX = 300
 ROWS = 3
 GAP_PX = 6
-SPECS: tuple[type[SceneSpec], ...] = get_args(get_args(AnyScene)[0])
+SPECS: tuple[type[SceneSpec], ...] = tuple(spec for spec in get_args(get_args(AnyScene)[0]) if spec is not RoomSpec)
+"""Kinds of scenes that drones fly through, which a room is not."""
 PATH_FRACTIONS = (0.15, 0.6)
 """Places along the path from which the pictures are taken."""
 CAMERA_HEIGHT_M = 1.7

@@ -16,16 +16,17 @@ from pydantic import Field
 
 from sim.bodies import MovingSphere
 from sim.errors import SensorError
-from sim.flights import AnyFlight
+from sim.flights import AnyFlight, Flight
 from sim.free_space import is_inside
 from sim.quality import DepthQuality
 from sim.recording import Recording, RecordingWriter
 from sim.render import RendererName, create_renderer
 from sim.scenes import AnyScene
-from sim.sensor import RigConfig, StereoSensor
+from sim.sensor import SUBFRAMES, RigConfig, StereoSensor
 from sim.types import BodyPose, Capture, RenderedPair
 from sim.world import World
 from voxdepth.model import Model
+from voxdepth.types import FloatArray
 
 from .errors import ScenarioError
 from .files import load, to_toml
@@ -36,8 +37,10 @@ FRAMES_IN_PROGRESS = 3
 GROUPS = {
     "reference": ("sim-LN", "sim-MB", "sim-KTS", "sim-KTC", "sim-PLF", "sim-PLW"),
     "hard": ("sim-hover", "sim-yaw", "sim-cut", "sim-cross", "sim-ghost", "sim-approach"),
+    "artefacts": ("sim-aligned", "sim-slats", "sim-specks", "sim-blur", "sim-stations", "sim-structured"),
 }
-"""Groups of shipped sequences: replicas of the paper's, and difficult cases for the memory of a corrector."""
+"""Groups of shipped sequences: replicas of the paper's, difficult cases for the memory of a corrector, and errors of
+real depth cameras in a room."""
 
 Progress = Callable[[int], None]
 """Receives the number of complete frames."""
@@ -118,7 +121,7 @@ def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress
         SensorError: A camera is inside a body.
     """
     with simulation(seeded) as simulated:
-        available = sum(1 for _ in islice(simulated.poses(), frames))
+        available = sum(1 for _ in islice(simulated.exposures(), frames))
         if available < frames:
             raise ScenarioError(
                 f"the flight of {seeded.sequence.name!r} ends after {available} frames, expected {frames}: use "
@@ -162,7 +165,8 @@ class Simulation:
 
     world: World
     sensor: StereoSensor
-    poses: Callable[[], Iterator[BodyPose]]
+    exposures: Callable[[], Iterator[list[BodyPose]]]
+    """The poses of the camera while the shutter is open, one or more for each frame."""
     spheres: tuple[MovingSphere, ...]
     """The kinematic bodies of the world, in its order."""
 
@@ -173,13 +177,13 @@ class Simulation:
 
     def render(self, start: int, stop: int) -> Iterator[RenderedPair]:
         """Yield the rendered images of the frames from `start` up to `stop`; a camera in a body is a `SensorError`."""
-        for frame, pose in enumerate(islice(self.poses(), stop)):
+        for frame, poses in enumerate(islice(self.exposures(), stop)):
             if frame == 0:
-                first = pose
+                first = poses[0]
             if frame >= start:
                 for body_id, sphere in zip(self.world.kinematic, self.spheres, strict=True):
-                    self.world.place(body_id, sphere.position_m(pose.stamp_s, first))
-                (pair,) = self.sensor.render([pose], frame)
+                    self.world.place(body_id, sphere.position_m(poses[0].stamp_s, first))
+                pair = self.sensor.expose(poses, frame)
                 self._require_outside(pair)
                 yield pair
 
@@ -195,6 +199,16 @@ class Simulation:
                 )
 
 
+def exposures(flight: Flight, path_m: FloatArray, seed: int, rig: RigConfig) -> Iterator[list[BodyPose]]:
+    """Yield the poses of each frame: one, or those at the subframes at which the shutter is open."""
+    if rig.shutter is None:
+        yield from ([pose] for pose in flight.poses(path_m, seed, rig.rate_hz))
+        return
+    poses = flight.poses(path_m, seed, SUBFRAMES * rig.rate_hz)
+    while len(frame := list(islice(poses, SUBFRAMES))) == SUBFRAMES:
+        yield frame[: round(SUBFRAMES * rig.shutter)]
+
+
 @contextmanager
 def simulation(seeded: SeededSequence) -> Iterator[Simulation]:
     """Build the simulation of a sequence. OpenCV runs on one thread, the renderer on two."""
@@ -207,6 +221,6 @@ def simulation(seeded: SeededSequence) -> Iterator[Simulation]:
         yield Simulation(
             world=world,
             sensor=StereoSensor(world, renderer, sequence.rig, seed=seed, right=True),
-            poses=lambda: sequence.flight.poses(scene.path_m, seed, sequence.rig.rate_hz),
+            exposures=lambda: exposures(sequence.flight, scene.path_m, seed, sequence.rig),
             spheres=spheres,
         )

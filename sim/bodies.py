@@ -90,6 +90,8 @@ class Surface:
     texture: float = 1.0
     """Strength of the texture; a stereo camera cannot match a textureless surface, which has 0."""
     pattern: Pattern = "plain"
+    gloss: float = 0.0
+    """Share of the surface that returns no light of a projector to its camera, 0..1."""
 
 
 @dataclass(frozen=True, kw_only=True)

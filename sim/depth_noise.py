@@ -12,8 +12,9 @@ from typing import Literal, get_args
 import numpy as np
 from pydantic import Field, model_validator
 
-from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
+from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
+from .bodies import Surface
 from .seeds import Purpose, stream
 from .stereo import focal_baseline_px_m
 from .types import IdImage, InvalidReason, Model
@@ -32,8 +33,12 @@ class NoisyDepth:
     """One `InvalidReason` per pixel."""
     segment_id: IdImage
     occluded: MaskImage
-    texture_of_body: Mapping[int, float]
-    """Strength of the texture of each body."""
+    depth_true_m: FloatImage
+    """Shape (H, W); +inf where there is no surface."""
+    T_world_cam: FloatArray
+    """Pose of the camera, shape (4, 4)."""
+    surfaces: Mapping[int, Surface]
+    """Surface of each body."""
     intrinsics: Intrinsics
     seed: int
     key: tuple[int, int]
@@ -139,7 +144,7 @@ class Textureless(NoiseTerm):
 
     def apply(self, image: NoisyDepth) -> None:
         """Invalidate surfaces with too little texture."""
-        bodies = [body for body, texture in image.texture_of_body.items() if texture < self.below_texture]
+        bodies = [body for body, surface in image.surfaces.items() if surface.texture < self.below_texture]
         image.invalidate(np.isin(image.segment_id, bodies), InvalidReason.TEXTURELESS)
 
 

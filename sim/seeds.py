@@ -20,6 +20,9 @@ class Purpose(IntEnum):
     POSE_PRIOR = 9
     LINK = 10
     DETECTION = 11
+    PROJECTOR = 12
+    PLACE = 13
+    SPECKS = 14
 
 
 def stream(seed: int, purpose: Purpose, *index: int) -> np.random.Generator:

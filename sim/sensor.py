@@ -1,22 +1,30 @@
 """A simulated stereo camera: it renders both images, adds camera noise and measures depth."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Literal
 
+import cv2
 import numpy as np
 from pydantic import Field, model_validator
 
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
 from . import frames
-from .depth_noise import DepthNoise, NoisyDepth, SensorModelName
+from .alignment import aligned, hidden_from_pair
+from .artefacts import Artefacts
+from .depth_noise import DepthNoise, NoiseTerm, NoisyDepth, SensorModelName
 from .errors import SensorError
 from .seeds import Purpose, stream
-from .stereo import NOISE_TEXTURE, StereoConfig, StereoMatcher, focal_baseline_px_m
+from .stereo import NOISE_TEXTURE, StereoConfig, StereoMatcher, focal_baseline_px_m, occlusion_mask
 from .types import BodyPose, Camera, Capture, Images, Model, RenderedPair, Renderer
 from .world import World
 
-OCCLUSION_STEP_PX = 0.75
-"""Least difference of disparity between a surface and the one that occludes it."""
+DOT_SHARE, DOT_SIGMA_PX, PROJECTOR_RANGE_M = 0.15, 0.7, 3.0
+"""Share of pixels with a dot, size of a dot, and the depth at which the light of a projector is half as strong."""
+
+SUBFRAMES = 12
+"""Images per frame of which blurred ones are made."""
 
 
 class RigConfig(Model):
@@ -41,6 +49,20 @@ class RigConfig(Model):
     exposure_sigma: float = Field(0.0, ge=0)
     """Standard deviation of the logarithm of a frame's brightness, which is the same in both images."""
     stereo: StereoConfig = StereoConfig()
+    color_offset_m: float | None = Field(None, gt=0)
+    """Distance of a colour camera from the left one, away from the right one [m]. With it, depth is aligned to that
+    camera, and the gray image, the truth and the pose are its own: shadows are those of the longer baseline."""
+    projected_texture: float | None = Field(None, gt=0)
+    """Contrast of a dot pattern that a projector beside the left camera adds to the images of the pair, as a share of
+    their brightness at 0 m. It falls to a half at 3 m. A colour camera does not see it."""
+    projector: Literal["left"] | None = None
+    """A projector of structured light takes the place of the second camera, one baseline to the left of the camera, so
+    that shadows are on the right of near surfaces. It needs the sensor model `noisy`."""
+    shutter: float | None = Field(None, ge=2 / SUBFRAMES, le=1)
+    """Share of the time of a frame in which the shutter is open, in steps of 1/12. The images are means over that time,
+    so that motion blurs them, and the truth and the pose are those of its middle."""
+    artefacts: Artefacts | None = None
+    """Errors at the rims of surfaces and specks, which any sensor model may have."""
 
     @model_validator(mode="after")
     def _check(self) -> "RigConfig":
@@ -50,6 +72,10 @@ class RigConfig(Model):
             raise ValueError(
                 f"max_depth_m must be more than stereo.min_depth_m {self.stereo.min_depth_m}, got {self.max_depth_m}"
             )
+        if self.projector and (self.depth != "noisy" or self.color_offset_m):
+            raise ValueError("a projector needs the sensor model 'noisy' and no colour camera: remove one of them")
+        if self.projected_texture and self.depth != "stereo":
+            raise ValueError(f"projected_texture needs the sensor model 'stereo', got {self.depth!r}")
         floor = NOISE_TEXTURE * self.photon_sigma
         if self.depth == "stereo" and 0 < self.stereo.min_texture < floor:
             raise ValueError(
@@ -96,52 +122,94 @@ class StereoSensor:
             StereoMatcher(self.intrinsics, config.stereo, max_depth_m=config.max_depth_m) if stereo else None
         )
         self._noise_terms = config.noise.terms if noisy else ()
-        self._texture_of_body = {body_id: surface.texture for body_id, surface in world.surfaces.items()}
+        self._artefacts = config.artefacts.terms if config.artefacts else ()
+        self._surfaces = world.surfaces
         self._gray = gray or stereo
-        self._right = right or stereo or (noisy and config.noise.occlusion.active)
+        self._right = right or stereo or bool(config.color_offset_m) or (noisy and config.noise.occlusion.active)
 
     def render(self, poses: Sequence[BodyPose], frame: int) -> list[RenderedPair]:
         """Render the cameras of several carriers in one batch. Only one thread may render at a time."""
-        lefts = [self._camera(pose, +1.0) for pose in poses]
-        rights = [self._camera(pose, -1.0) for pose in poses] if self._right else []
-        images = self._renderer.render([*lefts, *rights], gray=self._gray)
-        right_images: list[Images | None] = [*images[len(lefts) :]] or [None] * len(lefts)
+        config, n = self._config, len(poses)
+        second_m = config.baseline_m if config.projector else -config.baseline_m
+        to_left_m = [0.0, *([second_m] if self._right else []), *filter(None, [config.color_offset_m])]
+        cameras = [self._camera(pose, offset_m) for offset_m in to_left_m for pose in poses]
+        images = self._renderer.render(cameras, gray=self._gray)
+        views = [images[k * n : (k + 1) * n] for k in range(len(to_left_m))]
+        absent: list[Images | None] = [None] * n
+        rights, colors = views[1] if self._right else absent, views[2] if config.color_offset_m else absent
         return [
-            RenderedPair(pose=pose, frame=frame, T_world_cam=camera.T_world_cam, left=left, right=right)
-            for pose, camera, left, right in zip(poses, lefts, images, right_images, strict=False)
+            RenderedPair(pose=pose, frame=frame, T_world_cam=camera.T_world_cam, left=left, right=right, color=color)
+            for pose, camera, left, right, color in zip(poses, cameras, views[0], rights, colors, strict=False)
         ]
+
+    def expose(self, poses: Sequence[BodyPose], frame: int) -> RenderedPair:
+        """Render one carrier's cameras at several moments; the gray images are means, and all else is of the middle."""
+        pairs = self.render(poses, frame)
+        rights, colors = ([image for image in images if image is not None] for images in (
+            [pair.right for pair in pairs], [pair.color for pair in pairs]
+        ))  # fmt: skip
+        return replace(
+            pairs[len(pairs) // 2],
+            left=mean_gray([pair.left for pair in pairs]),
+            right=mean_gray(rights) if rights else None,
+            color=mean_gray(colors) if colors else None,
+        )
 
     def capture(self, pair: RenderedPair) -> Capture:
         """Add the noise of the cameras and measure depth. Several threads may do so at once."""
-        left, right = pair.left, pair.right
-        gray_left = self._add_camera_noise(left, pair, 0)
-        gray_right = None if right is None else self._add_camera_noise(right, pair, 1)
-        if right is None:
-            occluded = np.zeros(left.depth_m.shape, np.bool_)
-        else:
-            occluded = occlusion_mask(left.depth_m, right.depth_m, self.intrinsics)
-        if self._matcher is None or gray_right is None:
-            depth_raw_m, invalid_reason = self._add_depth_noise(pair, occluded)
-        else:
-            depth_raw_m, invalid_reason = self._matcher.measure(gray_left, gray_right, left.depth_m, occluded)
+        gray_left, gray_right = self._pair_images(pair)
+        depth_m, reason, occluded = self._measure(pair, gray_left, gray_right)
+        view, T_world_cam = pair.left, pair.T_world_cam
+        if pair.color is not None and pair.right is not None and (offset_m := self._config.color_offset_m):
+            view, T_world_cam = pair.color, self._camera(pair.pose, offset_m).T_world_cam
+            gray_left = self._add_camera_noise(view, pair, 2)
+            occluded = hidden_from_pair(view, pair.left, pair.right, offset_m, self.intrinsics)
+            depth_m, reason = aligned(depth_m, offset_m, self.intrinsics, occluded)
+        self._apply(self._artefacts, pair, view, T_world_cam, occluded, depth_m, reason)
         return Capture(
             stamp_s=pair.pose.stamp_s,
             drone=pair.pose.drone,
             gray_left=gray_left,
             gray_right=gray_right,
-            depth_true_m=left.depth_m,
-            depth_raw_m=depth_raw_m,
+            depth_true_m=view.depth_m,
+            depth_raw_m=depth_m,
             occluded=occluded,
-            invalid_reason=invalid_reason,
-            segment_id=left.segment_id,
-            T_world_cam=pair.T_world_cam,
+            invalid_reason=reason,
+            segment_id=view.segment_id,
+            T_world_cam=T_world_cam,
             intrinsics=self.intrinsics,
         )
 
-    def _camera(self, pose: BodyPose, side: float) -> Camera:
-        mount_m = self._config.left_mount_m * np.array([1.0, side, 1.0])
+    def _camera(self, pose: BodyPose, to_left_m: float) -> Camera:
+        """The left camera, moved to its left."""
+        mount_m = self._config.left_mount_m + np.array([0.0, to_left_m, 0.0])
         T_world_cam = frames.camera_pose(pose.position_m, pose.q_world_body_xyzw, mount_m)
         return Camera(T_world_cam=T_world_cam, intrinsics=self.intrinsics)
+
+    def _pair_images(self, pair: RenderedPair) -> tuple[GrayImage, GrayImage | None]:
+        """The images of the left and the second camera with the projected texture and noise."""
+        left, right = pair.left, pair.right
+        if right is not None and (strength := self._config.projected_texture):
+            left, right = lit_by_pattern(left, right, strength, self.intrinsics, seed=self._seed)
+        gray_left = self._add_camera_noise(left, pair, 0)
+        return gray_left, None if right is None else self._add_camera_noise(right, pair, 1)
+
+    def _measure(
+        self, pair: RenderedPair, gray_left: GrayImage, gray_right: GrayImage | None
+    ) -> tuple[FloatImage, GrayImage, MaskImage]:
+        """Depth of the left camera [m], one `InvalidReason` per pixel, and the pixels that the second one misses."""
+        left = pair.left
+        occluded = np.zeros(left.depth_m.shape, np.bool_)
+        if pair.right is not None and self._config.projector:  # The mirror image of a stereo pair.
+            mirrored = occlusion_mask(left.depth_m[:, ::-1], pair.right.depth_m[:, ::-1], self.intrinsics)
+            occluded = np.ascontiguousarray(mirrored[:, ::-1])
+        elif pair.right is not None:
+            occluded = occlusion_mask(left.depth_m, pair.right.depth_m, self.intrinsics)
+        if self._matcher is not None and gray_right is not None:
+            return *self._matcher.measure(gray_left, gray_right, left.depth_m, occluded), occluded
+        depth_m, reason = left.depth_m.copy(), np.zeros(occluded.shape, np.uint8)
+        self._apply(self._noise_terms, pair, left, pair.T_world_cam, occluded, depth_m, reason)
+        return np.minimum(depth_m, np.float32(self._config.max_depth_m)), reason, occluded
 
     def _add_camera_noise(self, images: Images, pair: RenderedPair, side: int) -> GrayImage:
         if not self._gray:
@@ -150,21 +218,45 @@ class StereoSensor:
         gain = exposure_gain(self._config.exposure_sigma, drone, frame, seed=self._seed)
         return photon_noise(images.gray, self._config.photon_sigma, drone, frame, side, seed=self._seed, gain=gain)
 
-    def _add_depth_noise(self, pair: RenderedPair, occluded: MaskImage) -> tuple[FloatImage, GrayImage]:
-        """The true depth after all active noise terms, limited to the largest depth, and one `InvalidReason` each."""
+    def _apply(
+        self, terms: Iterable[NoiseTerm], pair: RenderedPair, view: Images, T_world_cam: FloatArray,
+        occluded: MaskImage, depth_m: FloatImage, reason: GrayImage,
+    ) -> None:  # fmt: skip
+        """Apply noise terms to the depth and the reasons of a view, in place."""
         image = NoisyDepth(
-            depth_m=pair.left.depth_m.copy(),
-            invalid_reason=np.zeros(occluded.shape, np.uint8),
-            segment_id=pair.left.segment_id,
-            occluded=occluded,
-            texture_of_body=self._texture_of_body,
-            intrinsics=self.intrinsics,
-            seed=self._seed,
-            key=(pair.pose.drone, pair.frame),
-        )
-        for term in self._noise_terms:
+            depth_m=depth_m, invalid_reason=reason, segment_id=view.segment_id, occluded=occluded,
+            depth_true_m=view.depth_m, T_world_cam=T_world_cam, surfaces=self._surfaces, intrinsics=self.intrinsics,
+            seed=self._seed, key=(pair.pose.drone, pair.frame),
+        )  # fmt: skip
+        for term in terms:
             term.apply(image)
-        return np.minimum(image.depth_m, np.float32(self._config.max_depth_m)), image.invalid_reason
+
+
+def mean_gray(images: Sequence[Images]) -> Images:
+    """The middle one of successive images of a camera, with the mean of all gray images."""
+    gray = np.rint(np.mean([image.gray for image in images], axis=0)).astype(np.uint8)
+    return replace(images[len(images) // 2], gray=gray)
+
+
+def lit_by_pattern(
+    left: Images, right: Images, strength: float, intrinsics: Intrinsics, *, seed: int
+) -> tuple[Images, Images]:
+    """The images of a pair that a projector beside the left camera lights with a pattern of dots.
+
+    The pattern is fixed in the left image, and each pixel of the right image shows the dot of the same surface. The
+    light is `1 + strength p / (1 + (z / 3 m)^2)` times as bright, with p between 0 and 1.
+    """
+    height, width = left.gray.shape
+    dots = (stream(seed, Purpose.PROJECTOR).random((height, width)) < DOT_SHARE).astype(np.float32)
+    dots = np.minimum(2 * cv2.GaussianBlur(dots, (0, 0), DOT_SIGMA_PX), 1).astype(np.float32)
+    col, row = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    seen_at = (col + focal_baseline_px_m(intrinsics) / right.depth_m).astype(np.float32)
+    moved = cv2.remap(dots, seen_at, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    lit = []
+    for images, pattern in ((left, dots), (right, moved)):
+        gain = 1 + strength * pattern / (1 + np.square(images.depth_m / PROJECTOR_RANGE_M))
+        lit.append(replace(images, gray=np.minimum(images.gray * gain, 255).astype(np.uint8)))
+    return lit[0], lit[1]
 
 
 def photon_noise(gray: GrayImage, sigma: float, *key: int, seed: int, gain: float = 1.0) -> GrayImage:
@@ -182,17 +274,3 @@ def photon_noise(gray: GrayImage, sigma: float, *key: int, seed: int, gain: floa
 def exposure_gain(sigma: float, *key: int, seed: int) -> float:
     """Brightness of a frame relative to the mean, `exp(N(0, sigma))`, as automatic exposure varies it."""
     return float(np.exp(sigma * stream(seed, Purpose.EXPOSURE, *key).standard_normal())) if sigma else 1.0
-
-
-def occlusion_mask(left_depth_m: FloatImage, right_depth_m: FloatImage, intrinsics: Intrinsics) -> MaskImage:
-    """Pixels of the left image whose surface the right camera does not see, shape (H, W).
-
-    A pixel of disparity d lies d to the left in the right image. It is occluded if that is outside of the image, or if
-    the nearest pixel there has a disparity that is larger by more than `OCCLUSION_STEP_PX`. A smaller difference hides
-    no whole pixel, and occurs within half a pixel of a slanted surface.
-    """
-    width = left_depth_m.shape[1]
-    disparity_px = focal_baseline_px_m(intrinsics) / left_depth_m
-    col = np.rint(np.arange(width, dtype=np.float32)[None, :] - disparity_px).astype(np.intp)
-    seen_px = focal_baseline_px_m(intrinsics) / np.take_along_axis(right_depth_m, np.maximum(col, 0), axis=1)
-    return np.isfinite(left_depth_m) & ((col < 0) | (seen_px - disparity_px > OCCLUSION_STEP_PX))

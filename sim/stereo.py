@@ -21,6 +21,8 @@ NOISE_TEXTURE = 1.13
 """Value of `texture` for uncorrelated noise, in standard deviations of the noise: `2 / sqrt(pi)`."""
 INVALID = np.int16(-16)
 """Disparity of pixels without a match, in 1/16 px."""
+OCCLUSION_STEP_PX = 0.75
+"""Least difference of disparity between a surface and the one that occludes it."""
 
 
 class StereoConfig(Model):
@@ -185,3 +187,17 @@ def focal_baseline_px_m(intrinsics: Intrinsics) -> float:
     if intrinsics.baseline_m is None:
         raise SensorError("a stereo camera needs a baseline, got intrinsics with baseline_m None")
     return intrinsics.fx_px * intrinsics.baseline_m
+
+
+def occlusion_mask(left_depth_m: FloatImage, right_depth_m: FloatImage, intrinsics: Intrinsics) -> MaskImage:
+    """Pixels of the left image whose surface the right camera does not see, shape (H, W).
+
+    A pixel of disparity d lies d to the left in the right image. It is occluded if that is outside of the image, or if
+    the nearest pixel there has a disparity that is larger by more than `OCCLUSION_STEP_PX`. A smaller difference hides
+    no whole pixel, and occurs within half a pixel of a slanted surface.
+    """
+    width = left_depth_m.shape[1]
+    disparity_px = focal_baseline_px_m(intrinsics) / left_depth_m
+    col = np.rint(np.arange(width, dtype=np.float32)[None, :] - disparity_px).astype(np.intp)
+    seen_px = focal_baseline_px_m(intrinsics) / np.take_along_axis(right_depth_m, np.maximum(col, 0), axis=1)
+    return np.isfinite(left_depth_m) & ((col < 0) | (seen_px - disparity_px > OCCLUSION_STEP_PX))

@@ -105,6 +105,9 @@ class RenderedPair:
     """Pose of the left camera, shape (4, 4)."""
     left: Images
     right: Images | None
+    """The second camera, or the view of a projector."""
+    color: Images | None = None
+    """The colour camera that depth is aligned to."""
 
 
 class Renderer(Protocol):

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -23,6 +23,14 @@ SWAY_HZ = (0.1, 0.8)
 NEAREST_JUMP = 0.25
 """Shortest jump between takes, as a fraction of the walk without its last take."""
 CUT_STREAM = 1
+REACH_M, REACH_DEG = 0.25, 24.0
+"""Distance and angle along each axis from the first pose of a robot, beyond half of which it moves back."""
+LARGE = 2.5
+"""Size of a large jump between stations relative to others."""
+PITCH_SHARE = 0.4
+"""Pitch relative to the heading in the direction of a jump."""
+
+Jump = Annotated[tuple[float, float], Field(strict=False)]
 
 
 class Walk(Flight):
@@ -165,6 +173,57 @@ class Stationary(Flight):
             return BodyPose(stamp_s=time_s, position_m=place_m + sway_m(time_s), q_world_body_xyzw=q_world_body_xyzw)
 
         return sample(pose_at, rate_hz)
+
+
+class Stations(Flight):
+    """A camera that a robot moves from station to station: it jumps, and then stands still for some frames.
+
+    It turns back where it is far from its first pose, and has no end.
+    """
+
+    kind: Literal["stations"] = "stations"
+    height_m: float = Field(1.2, gt=0)
+    """Height of the first pose above the path [m]."""
+    at_m: float = Field(0.0, ge=0)
+    """Arc length along the path of the first pose [m]."""
+    pitch_deg: float = Field(0.0, ge=-80, le=80)
+    """Pitch of the first pose; a positive pitch looks up."""
+    hold: int = Field(3, ge=1)
+    """Frames at each station."""
+    jump_deg: Jump = (6.0, 16.0)
+    """Least and largest rotation between stations, mostly of the heading."""
+    jump_m: Jump = (0.03, 0.09)
+    """Least and largest distance between stations [m]."""
+    large_every: int = Field(6, ge=2)
+    """Every jump of this number is larger than the others, by `LARGE`."""
+
+    def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
+        """Poses without an end; see `Flight.poses`."""
+        require_rate(rate_hz)
+        track = Track(path_m, rounding_m=ROUNDING_M, turning_m=ROUNDING_M)
+        place_m = track.position_m(self.at_m) + np.array([0.0, 0.0, self.height_m])
+        return self._stand(place_m, track.heading_rad(self.at_m), stream(seed, Purpose.FLIGHT), rate_hz)
+
+    def _stand(
+        self, place_m: FloatArray, heading_rad: float, rng: np.random.Generator, rate_hz: float
+    ) -> Iterator[BodyPose]:
+        off_m, off_deg = np.zeros(3), np.array([0.0, self.pitch_deg])
+        for k, time_s in enumerate(frame_times_s(rate_hz, np.inf)):
+            if k > 0 and k % self.hold == 0:
+                factor = LARGE if k // self.hold % self.large_every == 0 else 1.0
+                off_m = off_m + _jump(rng, off_m, 3, REACH_M) * factor * rng.uniform(*self.jump_m)
+                turn = _jump(rng, off_deg - (0, self.pitch_deg), 2, REACH_DEG) * (1.0, PITCH_SHARE)
+                off_deg = off_deg + turn / np.linalg.norm(turn) * factor * rng.uniform(*self.jump_deg)
+            yaw_rad, pitch_rad = np.radians(off_deg)
+            q_world_body_xyzw = frames.quaternion_from_angles(heading_rad + yaw_rad, pitch_rad, 0.0)
+            yield BodyPose(stamp_s=time_s, position_m=place_m + off_m, q_world_body_xyzw=q_world_body_xyzw)
+
+
+def _jump(rng: np.random.Generator, off: FloatArray, axes: int, reach: float) -> FloatArray:
+    """A random direction, unit norm, shape (axes,), which leads back along every axis that is beyond half the reach."""
+    direction = rng.standard_normal(axes)
+    back = (np.abs(off) > reach / 2) & (direction * off > 0)
+    return np.asarray(np.where(back, -direction, direction) / np.linalg.norm(direction))
 
 
 class Hover(Stationary):

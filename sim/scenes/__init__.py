@@ -10,9 +10,10 @@ from .forest import ForestSpec
 from .gap import GapSpec
 from .lawn import LawnSpec
 from .plains import PlainsSpec
+from .room import RoomSpec
 
 AnyScene = Annotated[
-    CitySpec | ForestSpec | CorridorSpec | GapSpec | PlainsSpec | LawnSpec, Field(discriminator="kind")
+    CitySpec | ForestSpec | CorridorSpec | GapSpec | PlainsSpec | LawnSpec | RoomSpec, Field(discriminator="kind")
 ]
 
-__all__ = ["AnyScene", "CitySpec", "CorridorSpec", "ForestSpec", "GapSpec", "LawnSpec", "PlainsSpec"]
+__all__ = ["AnyScene", "CitySpec", "CorridorSpec", "ForestSpec", "GapSpec", "LawnSpec", "PlainsSpec", "RoomSpec"]

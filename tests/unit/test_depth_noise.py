@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sim.bodies import Surface
 from sim.depth_noise import DepthNoise, Disparity, Flicker, NoiseTerm, NoisyDepth, Occlusion, Scale, Textureless
 from sim.types import InvalidReason
 from tests.helpers import CAMERA
@@ -27,7 +28,9 @@ def image(
         invalid_reason=np.zeros(shape, np.uint8),
         segment_id=np.broadcast_to(np.asarray(ids, np.int32), shape).copy(),
         occluded=np.broadcast_to(np.asarray(occluded, np.bool_), shape).copy(),
-        texture_of_body=texture or {},
+        depth_true_m=np.broadcast_to(np.asarray(depth_m, np.float32), shape),
+        T_world_cam=np.eye(4),
+        surfaces={body: Surface(texture=value) for body, value in (texture or {}).items()},
         intrinsics=CAMERA,
         seed=1,
         key=(drone, frame),

@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from sim import frames
 from sim.drone import AirframeConfig
 from sim.errors import SceneError
-from sim.flights import AnyFlight, Cut, Drone, Flight, Hover, Walk, Yaw
+from sim.flights import AnyFlight, Cut, Drone, Flight, Hover, Stations, Walk, Yaw
 from sim.flights.trajectory import Track
 from sim.types import BodyPose
 from voxdepth.types import FloatArray
@@ -19,7 +19,7 @@ from voxdepth.types import FloatArray
 STRAIGHT = np.array([[0.0, 0, 1], [30, 0, 1]])
 CORNER = np.array([[0.0, 0, 0], [8, 0, 0], [8, 8, 0]])
 STEADY_WALK = Walk(bob_m=0, sway_m=0, shake_deg=0, look_around_deg=0)
-FLIGHTS = [Walk(), Drone(), Hover(), Yaw(), Cut()]
+FLIGHTS = [Walk(), Drone(), Hover(), Yaw(), Cut(), Stations()]
 HZ = 30.0
 angle = st.floats(-3, 3)
 
@@ -290,3 +290,23 @@ def test_cuts_jump_exactly_at_their_frames(every: int) -> None:
 def test_cuts_need_a_path_for_two_takes() -> None:
     with pytest.raises(SceneError, match=r"need a walk of at least 20 s, got one of 12\.3 s"):
         Cut(every=300).poses(CORNER, 0, HZ)
+
+
+def test_stations_are_as_far_apart_as_asked_for_and_the_camera_stops_at_each() -> None:
+    flight = Stations(hold=3, jump_deg=(6, 16), jump_m=(0.03, 0.09), large_every=6, pitch_deg=-10)
+    poses = fly(flight, n=900)
+    at, turned = positions(poses), axes(poses)
+    jump_m = np.linalg.norm(np.diff(at, axis=0), axis=1)
+    between = np.einsum("nij,nij->n", turned[1:], turned[:-1])
+    jump_deg = np.degrees(np.arccos(np.clip((between - 1) / 2, -1, 1)))
+    number = np.arange(1, len(poses)) // 3
+    jumps, large = np.arange(1, len(poses)) % 3 == 0, number % 6 == 0
+    assert jump_m[~jumps].max() == 0
+    assert jump_deg[~jumps].max() < 1e-5
+    for kind, factor in ((jumps & ~large, 1.0), (jumps & large, 2.5)):
+        assert 0.03 * factor <= jump_m[kind].min() + 1e-9
+        assert jump_m[kind].max() <= 0.09 * factor + 1e-9
+        assert 6 * 0.85 * factor <= jump_deg[kind].min()
+        assert jump_deg[kind].max() <= 16.01 * factor
+    assert np.abs(at - at[0]).max() < 0.5
+    assert np.degrees(np.ptp(headings(poses))) < 120

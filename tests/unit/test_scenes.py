@@ -13,9 +13,10 @@ from pydantic import TypeAdapter
 from sim.bodies import Body, Box, Cylinder, Heightfield, Mesh, Scene, SceneSpec
 from sim.errors import SceneError
 from sim.render.meshes import heightfield
-from sim.scenes import AnyScene, CitySpec, CorridorSpec, ForestSpec, GapSpec, LawnSpec, PlainsSpec
+from sim.scenes import AnyScene, CitySpec, CorridorSpec, ForestSpec, GapSpec, LawnSpec, PlainsSpec, RoomSpec
 from sim.scenes.layout import Layout
 from sim.scenes.plains import ground_height_m
+from sim.scenes.room import slats
 from sim.scenes.vegetation import TreeRanges, blob, bush, tree
 from sim.world import World
 from voxdepth.types import FloatArray
@@ -241,6 +242,23 @@ def test_a_lawn_holds_what_was_asked_for() -> None:
     assert as_bytes(more.bodies[: len(lawn.bodies)]) == as_bytes(lawn.bodies)
 
 
+def test_a_room_has_a_free_path_and_slats_with_gaps_as_asked_for() -> None:
+    spec = RoomSpec(chairs=3, screens=3, slat_m=0.03, gap_m=0.012)
+    for seed in range(3):
+        scene = spec.build(seed)
+        assert len({body.name for body in scene.bodies}) == len(scene.bodies)
+        assert as_bytes(scene.bodies) == as_bytes(spec.build(seed).bodies)
+        with World(scene, np.zeros((0, 3))) as world:
+            assert min(world.clearance_at_m((x, y, z + 1.0), 1.0) for x, y, z in along(scene.path_m)) > 0.1
+    assert as_bytes(spec.build(0).bodies) != as_bytes(spec.build(1).bodies)
+    for upright, axis in ((True, 1), (False, 2)):
+        parts = [part for part in slats(spec, 1.0, 0.5, 1.5, upright=upright) if part[0][axis] == 0.03]
+        assert len(parts) > 15
+        np.testing.assert_allclose(np.diff(sorted(center[axis] for _, center in parts)), 0.042)
+    assert len(named(RoomSpec(boxes=7, chairs=0).build(0), "box")) == 7
+    assert not named(RoomSpec(chairs=0).build(0), "chair")
+
+
 @pytest.mark.parametrize(
     ("kind", "bad"),
     [
@@ -254,6 +272,8 @@ def test_a_lawn_holds_what_was_asked_for() -> None:
         (CorridorSpec, {"passage_m": 80.0}),
         (PlainsSpec, {"spacing_m": 0.0}),
         (PlainsSpec, {"pattern": "sand"}),
+        (RoomSpec, {"dark_share": 0.7, "glossy_share": 0.7}),
+        (RoomSpec, {"chairs": 4}),
         (LawnSpec, {"hedge_m": 60.0}),
         (LawnSpec, {"trees": -1}),
     ],

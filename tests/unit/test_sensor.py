@@ -8,8 +8,8 @@ from sim.depth_noise import DepthNoise, Disparity, Flicker, Scale
 from sim.errors import SensorError
 from sim.render import create_renderer
 from sim.rig import StereoRig
-from sim.sensor import RigConfig, StereoSensor, occlusion_mask, photon_noise
-from sim.stereo import StereoConfig, StereoMatcher
+from sim.sensor import RigConfig, StereoSensor, photon_noise
+from sim.stereo import StereoConfig, StereoMatcher, occlusion_mask
 from sim.types import BodyPose
 from tests.helpers import CAMERA, block, camera_at, wall, world_of
 
