@@ -13,13 +13,22 @@ from .intervals import CLOSE, LEAD
 from .measurements import AS_GIVEN, FILLED, Selector, of_frames
 from .references import HELD_OUT
 from .running import WORKLOAD_PHASES
-from .scoring import CALIBRATION_RANGE, GHOSTS, SOURCES, STATIC, SURVIVAL
+from .scoring import CALIBRATION_RANGE, GHOSTS, PHANTOMS, SKY_NEAR, SOURCES, STATIC, SURVIVAL
 from .suite import Evaluation
 
 HIDDEN = "hidden"
 """Stands for the mask of the pixels that methods are given no depth of: holes, or pixels that were held out."""
 HIDDEN_MASKS = (TRUE_GROUPS.hidden, *(kind.name for kind in HELD_OUT))
-UNITS = {"%": (100, 1), "mm": (1000, 1), "m": (1, 3), "1/m": (1, 4), "dB": (1, 2), "ms": (1, 1), "no unit": (1, 2)}
+UNITS = {
+    "%": (100, 1),
+    "mm": (1000, 1),
+    "m": (1, 3),
+    "1/m": (1, 4),
+    "dB": (1, 2),
+    "ms": (1, 1),
+    "no unit": (1, 2),
+    "count": (1, 0),
+}
 """Factor from the unit of the measurements, and decimal places, by the unit of a quantity."""
 
 
@@ -145,6 +154,11 @@ QUANTITIES = (
              "and the method's difference", "%", GHOSTS,
              "Nearer by the geometric mean. A method that leaves such pixels empty has no ghosts: see the sample "
              "sizes.", best="low", layout="against raw"),
+    Quantity("Sky that a method shows within 20 m", "%", [SKY_NEAR],
+             "Raw depth has hardly any. Only sequences with the truth have a known sky."),
+    Quantity("Phantom obstacles", "count", [PHANTOMS],
+             "Blobs of at least 30 px nearer than half the true depth that stay for 5 frames at overlapping places. "
+             "The measure is meant for a camera that hardly moves; n is the number of frames."),
     Quantity(f"MAE by the source that a method names for a pixel: sensor / memory / inpainted, {CALIBRATION_RANGE}",
              "m", [Selector("mae", mask, CALIBRATION_RANGE, FILLED) for mask in SOURCES.values()],
              "The number of pixels of each source is in results.csv.", places=2),

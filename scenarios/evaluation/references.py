@@ -43,7 +43,7 @@ class Referenced(NamedTuple):
     given_m: FloatImage
     """Depth that methods are given [m]; 0 = invalid."""
     reference_m: FloatImage
-    """Measured or true depth [m]; +inf where there is none, or where it does not count."""
+    """Measured or true depth [m]; 0 where it is unknown or does not count."""
     hidden: MaskImage
     """Pixels of the kind that is judged."""
 
@@ -146,7 +146,7 @@ class TrueHoles:
         path = self._folder / TRUE_DEPTHS / f"{self._dataset.name(index)}.png"
         if index == 0 and not path.exists():
             path = self._folder / TRUE_DEPTH
-        truth_m = np.full_like(depth_m, np.inf)
+        truth_m = np.zeros_like(depth_m)
         if path.exists():
             truth_mm = read_depth_16(path, depth_m.shape)
             truth_m[truth_mm > 0] = truth_mm[truth_mm > 0] / np.float32(1000)
@@ -219,7 +219,7 @@ def _held_out(depth_m: FloatImage, withheld: MaskImage, scored: MaskImage) -> Re
     counted = (depth_m > 0) & (scored | ~withheld)
     return Referenced(
         given_m=np.where(withheld, np.float32(0), depth_m),
-        reference_m=np.where(counted, depth_m, np.float32(np.inf)),
+        reference_m=np.where(counted, depth_m, np.float32(0)),
         hidden=scored,
     )
 

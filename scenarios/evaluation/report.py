@@ -12,8 +12,9 @@ from ..results.page import render_page
 from ..results.provenance import CORRECTION, Provenance
 from ..results.table import MISSING, Column, Table, Value, write_frame
 from . import paper
-from .figures import all_figures, count_text, error_maps
+from .figures import all_figures, count_text, error_maps, graded_methods
 from .groups import ALL, NEAR
+from .measurements import FILLED, Selector
 from .methods import ORACLE
 from .quantities import (
     HOLE_COLUMNS,
@@ -26,6 +27,7 @@ from .quantities import (
     select,
 )
 from .result_cache import SequenceInfo
+from .scoring import CALIBRATION_RANGE, CONFIDENCES, SOURCES, in_bin
 from .suite import Evaluation
 
 if TYPE_CHECKING:
@@ -52,6 +54,7 @@ def rendered(evaluation: Evaluation) -> str:
         paper=[paper_table(evaluation, quantity) for quantity in PAPER_LAYOUT],
         arithmetic=[paper_table(evaluation, quantity) for quantity in PAPER_ARITHMETIC],
         tables=[method_table(evaluation, q) for q in QUANTITIES if not select(evaluation, q)[0].empty],
+        calibration=[calibration_table(evaluation, method) for method in graded_methods(evaluation)],
         figures=all_figures(evaluation),
         error_maps=[error_maps(evaluation, info) for info in evaluation.sequences.values()],
         sequences=_sequence_table(list(evaluation.sequences.values())),
@@ -81,6 +84,24 @@ def paper_table(evaluation: Evaluation, quantity: Quantity) -> Table:
         rows.append([abbreviation or name, *values, *texts[name], counts[name]])
         marks.append(["", *["printed"] * len(names), *classes[name], "n"])
     return Table.of(quantity.heading, ["sequence", *names, *texts.index, "n"], rows, note=quantity.note, classes=marks)
+
+
+def calibration_table(evaluation: Evaluation, method: str) -> Table:
+    """Return the share of right pixels of a method by confidence: of each source, and of holes or held-out pixels."""
+    long = evaluation.measurements
+    rows: list[list[Value]] = []
+    for info in evaluation.sequences.values():
+        for mask in (*SOURCES.values(), info.hidden):
+            selectors = [Selector("right", in_bin(mask, name), CALIBRATION_RANGE, FILLED) for name in CONFIDENCES]
+            counts = [long.count(info.name, method, selector) for selector in selectors]
+            values = [long.value(info.name, method, selector) for selector in selectors]
+            if any(counts):
+                cells = zip(values, counts, strict=True)
+                texts = [MISSING if share is None else f"{100 * share:.0f} ({count_text(n)})" for share, n in cells]
+                rows.append([info.name, mask, *texts])
+    title = f"Right pixels of {method} by confidence, and their number in brackets, {CALIBRATION_RANGE} [%]"
+    note = "Where the share falls while the confidence rises, the confidence does not rank these pixels."
+    return Table.of(title, ["sequence", "pixels", *CONFIDENCES], rows, note=note)
 
 
 def print_results(console: "Console", evaluation: Evaluation) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from voxdepth.geometry import fill_from_nearest
-from voxdepth.metrics import Changes, Flicker, Share, Sums, ghost_share, is_correct, survival
+from voxdepth.metrics import Changes, Flicker, Phantoms, Share, Sums, ghost_share, is_correct, near_share, survival
 from voxdepth.metrics.paper import PEAK16_M, m_rmse_u16_wrap, psnr_minmax8
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage, Source
 
@@ -26,6 +26,11 @@ MOVING, DEPARTED = "moving", "departed"
 SURVIVAL = [Selector(metric, MOVING, ALL, AS_GIVEN) for metric in ("survival", "survival_raw")]
 GHOSTS = [Selector(metric, DEPARTED, ALL, FILLED) for metric in ("ghosts", "ghosts_raw")]
 """Shares of the corrected and of the raw depth."""
+SKY_NEAR = Selector("near", "sky", ALL, AS_GIVEN)
+"""Share of the pixels without a true surface that are given a depth within `SKY_RANGE_M`."""
+SKY_RANGE_M = 20.0
+PHANTOMS = Selector("phantoms", "all", ALL, AS_GIVEN)
+"""Number of phantom obstacles."""
 FARTHEST_M = 40.0
 CALIBRATION_RANGE = f"0-{FARTHEST_M:g} m"
 """Range of errors by confidence and by source: a stereo camera measures nothing beyond it."""
@@ -34,7 +39,7 @@ EDGES = np.linspace(0, 1, 11, dtype=np.float32)
 CONFIDENCES = ("confidence 0", *(f"confidence {k / 10:g}-{(k + 1) / 10:g}" for k in range(10)))
 """Masks: pixels by confidence."""
 SOURCES = {Source.SENSOR: "source sensor", Source.MEMORY: "source memory", Source.INPAINTED: "source inpainted"}
-"""Masks: pixels by the source that a method names."""
+"""Masks: pixels by the source that a method names. Joined with a bin of confidence by `in_bin`, they are masks, too."""
 
 METRICS: Mapping[str, tuple[str, Callable[[Sums], float | None]]] = {
     "mae": ("m", lambda sums: sums.mae_m),
@@ -55,6 +60,11 @@ pixels `as given`, `close` counts those without a depth as wrong.
 """
 
 
+def in_bin(mask: str, confidence: str) -> str:
+    """Return the name of the mask of those pixels of a mask that are in a bin of confidence."""
+    return f"{mask}, {confidence}"
+
+
 class Score:
     """Scores the corrected frames of a sequence one by one, by its pixel groups; keeps no image but the last."""
 
@@ -64,7 +74,8 @@ class Score:
         self._sums = {on: [Sums()] * len(groups) for on in (FILLED, COMPLETED)}
         self._flicker = {mask: Flicker(len(BINS)) for mask in (STATIC, STATIC_MEASURED)}
         self._measured_before: MaskImage | None = None
-        self._moving, self._calibration = MovingScore(), CalibrationScore(intrinsics)
+        self._moving, self._calibration = MovingScore(), CalibrationScore(intrinsics, groups.hidden)
+        self._sky_near, self._phantoms, self._frames = Share(), Phantoms(), 0
         self._in_16_bits = Sums()
         self.frame_psnrs_db: tuple[float | None, ...] = ()
         """PSNR of every frame as in `psnr16_mm` [dB]; None if it is undefined."""
@@ -92,7 +103,9 @@ class Score:
         self._add_sums(frame, depth_m, completed_m)
         self._add_flicker(frame, depth_m)
         self._moving.add(frame, depth_m)
-        self._calibration.add(depth_m, frame.reference_m, independent, confidence, source)
+        self._add_false_obstacles(frame, depth_m)
+        hidden = np.isin(frame.labels, self._groups.members(self._groups.hidden, ALL))
+        self._calibration.add(depth_m, frame.reference_m, independent, hidden, confidence, source)
         # Surfaces that an image in 16 bits and millimetres can hold.
         sums = Sums.of(completed_m, frame.reference_m, (frame.reference_m <= np.float32(PEAK16_M)) & independent)
         self._in_16_bits += sums
@@ -105,6 +118,7 @@ class Score:
             *(m for mask, name in product(self._groups.masks, RANGES) for m in self._measured_errors(mask, name)),
             *self._measured_flicker(),
             *self._moving.measurements(),
+            *self._measured_false_obstacles(),
             *self._calibration.measurements(),
             *self._measured_paper(),
         ]
@@ -135,6 +149,12 @@ class Score:
         self._flicker[STATIC_MEASURED].add(depth_m, steady_m, static & both, bins)
         self._measured_before = measured_now
 
+    def _add_false_obstacles(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
+        if self._groups.is_true:
+            self._sky_near += near_share(depth_m, frame.reference_m, SKY_RANGE_M)
+            self._phantoms.add(depth_m, frame.reference_m)
+            self._frames += 1
+
     def _add_paper(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Score by the arithmetic of the paper's authors; a pixel without a surface counts as 0 mm."""
         depth_mm = to_millimetres(depth_m)
@@ -164,6 +184,12 @@ class Score:
                 mean_m, share = changes.mean_change_m, changes.switched_share
                 yield measured(Selector("flicker", mask, name, FILLED), mean_m, "m", changes.changes)
                 yield measured(Selector("switched", mask, name, FILLED), share, "share", changes.pixels)
+
+    def _measured_false_obstacles(self) -> Iterator[Measurement]:
+        if self._sky_near.of:
+            yield measured(SKY_NEAR, self._sky_near.value, "share", self._sky_near.of)
+        if self._frames:
+            yield measured(PHANTOMS, self._phantoms.count, "1", self._frames)
 
     def _measured_paper(self) -> Iterator[Measurement]:
         sums = self._in_16_bits
@@ -196,22 +222,32 @@ class MovingScore:
 
 
 class CalibrationScore:
-    """Errors of filled pixels by confidence and by source, as far as a method gives these."""
+    """Errors of filled pixels by confidence and by source, as far as a method gives these.
 
-    def __init__(self, intrinsics: Intrinsics) -> None:
+    The share of right pixels in each bin of confidence is also that of each source, and of the hidden pixels alone.
+    """
+
+    def __init__(self, intrinsics: Intrinsics, hidden: str) -> None:
         self._focal_baseline_px_m = intrinsics.focal_baseline_px_m
         masks = (*CONFIDENCES, *SOURCES.values())
         self._sums, self._right = dict.fromkeys(masks, Sums()), dict.fromkeys(masks, 0)
+        self._hidden = hidden
+        self._bins = {mask: np.zeros((2, len(CONFIDENCES)), np.int64) for mask in (*SOURCES.values(), hidden)}
+        """Number of pixels and of right ones by bin of confidence, shape (2, bins)."""
 
     def add(
         self,
         depth_m: FloatImage,
         reference_m: FloatImage,
         scored: MaskImage,
+        hidden: MaskImage,
         confidence: FloatImage | None,
         source: GrayImage | None,
     ) -> None:
-        """Add a frame by its reference depth [m] and the pixels that count; for the others see `Score.add`."""
+        """Add a frame by its reference depth [m], the pixels that count, and those that methods had no depth of.
+
+        For the others see `Score.add`.
+        """
         counted = scored & (depth_m > 0) & (reference_m < np.float32(FARTHEST_M))
         if confidence is not None:
             label = np.digitize(confidence, EDGES, right=True)
@@ -219,6 +255,10 @@ class CalibrationScore:
         if source is not None:
             label = np.where(counted & np.isin(source, list(SOURCES)), source - min(SOURCES), NONE)
             self._add(list(SOURCES.values()), label, depth_m, reference_m)
+        if confidence is not None:
+            members = {self._hidden: hidden}
+            members |= {} if source is None else {mask: source == value for value, mask in SOURCES.items()}
+            self._add_bins(members, counted, confidence, depth_m, reference_m)
 
     def measurements(self) -> Iterator[Measurement]:
         """Yield the errors of every bin and source that has a pixel."""
@@ -228,6 +268,28 @@ class CalibrationScore:
                 yield measured(Selector("mae", *where), sums.mae_m, "m", n)
                 yield measured(Selector("median", *where), sums.median_abs_m, "m", n)
                 yield measured(Selector("right", *where), self._right[mask] / n, "share", n)
+        for mask, (pixels, right) in self._bins.items():
+            for confidence, n, n_right in zip(CONFIDENCES, pixels.tolist(), right.tolist(), strict=True):
+                if n:
+                    where = in_bin(mask, confidence), CALIBRATION_RANGE, FILLED
+                    yield measured(Selector("right", *where), n_right / n, "share", n)
+
+    def _add_bins(
+        self,
+        members: Mapping[str, MaskImage],
+        counted: MaskImage,
+        confidence: FloatImage,
+        depth_m: FloatImage,
+        reference_m: FloatImage,
+    ) -> None:
+        """Count the pixels, and the right ones, of each mask in each bin of confidence."""
+        where = np.flatnonzero(counted)
+        right = is_correct(depth_m.flat[where], reference_m.flat[where], self._focal_baseline_px_m)
+        label = np.digitize(confidence.flat[where], EDGES, right=True)
+        for mask, member in members.items():
+            inside = member.flat[where]
+            for row, chosen in enumerate((inside, inside & right)):
+                self._bins[mask][row] += np.bincount(label[chosen], minlength=len(CONFIDENCES))
 
     def _add(
         self, masks: Sequence[str], label: npt.NDArray[np.integer], depth_m: FloatImage, reference_m: FloatImage

@@ -40,7 +40,7 @@ class EvaluationFrame:
     T_world_cam: FloatArray | None
     """True pose, shape (4, 4), for oracles; None if it is unknown."""
     reference_m: FloatImage
-    """True or measured depth [m], shape (H, W), float32; +inf = none."""
+    """True or measured depth [m], shape (H, W), float32; 0 = unknown, +inf = no surface."""
     labels: GrayImage
     """Pixel group of each pixel, shape (H, W), uint8."""
     static: MaskImage

@@ -10,13 +10,26 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from voxdepth.registry import DEFAULT, PAPER
+from voxdepth.types import Source
 
 from ..evaluation.groups import ALL
 from ..evaluation.measurements import AS_GIVEN, FILLED, Selector, of_frames
 from ..evaluation.methods import METHOD_NAMES, ORACLE, find_methods
-from ..evaluation.scoring import CALIBRATION_RANGE, CONFIDENCES, DEPARTED, MOVING, SOURCES, STATIC, STATIC_MEASURED
+from ..evaluation.scoring import (
+    CALIBRATION_RANGE,
+    CONFIDENCES,
+    DEPARTED,
+    MOVING,
+    PHANTOMS,
+    SKY_NEAR,
+    SKY_RANGE_M,
+    SOURCES,
+    STATIC,
+    STATIC_MEASURED,
+    in_bin,
+)
 from ..results.figure import grouped_bars, label_axes, panels
-from ..results.table import Column, Table
+from ..results.table import Column, Table, Value
 from ..sequences import GROUPS
 from .comparison import (
     HOLES,
@@ -230,7 +243,6 @@ def flicker(comparison: Comparison) -> Measure:
         criteria=(
             average(Criterion("Flicker of static pixels over raw's", 0.3), ratio_every),
             average(Criterion("Flicker of static, measured pixels over raw's", 0.3), ratio_measured),
-            worst(Criterion("Coverage", 99.5, "%", at_least=True), covered),
         ),
     )
 
@@ -259,6 +271,28 @@ def moving_objects(comparison: Comparison) -> Measure:
         criteria=(
             worst(survives, lost[has_movers]),
             worst(Criterion("Ghosts, less raw's", 1, "points"), added[has_movers]),
+        ),
+    )
+
+
+def false_obstacles(comparison: Comparison) -> Measure:
+    """Share of the sky that is shown near, and number of phantom obstacles."""
+    sky, phantoms = 100 * comparison.values(SKY_NEAR), comparison.values(PHANTOMS)
+    columns = {
+        Column(f"sky within {SKY_RANGE_M:g} m raw", "%", ".1f"): 100 * comparison.values(SKY_NEAR, RAW),
+        Column("default", "%", ".1f"): sky,
+        Column("n sky"): comparison.counts(SKY_NEAR),
+        Column("phantoms raw", "", ".0f"): comparison.values(PHANTOMS, RAW),
+        Column("phantoms default", "", ".0f"): phantoms,
+        Column("n frames"): comparison.counts(PHANTOMS),
+    }
+    title = "Sky that is shown near; phantoms: blobs of 30 px nearer than half the true depth that stay for 5 frames"
+    stationary = phantoms[phantoms.index.isin(STATIONARY)]
+    return Measure(
+        table=comparison_table(title, "false-obstacles", columns),
+        criteria=(
+            worst(Criterion(f"Sky shown within {SKY_RANGE_M:g} m", 1, "%"), sky),
+            worst(Criterion("Phantom obstacles, hover", 0), stationary),
         ),
     )
 
@@ -295,6 +329,28 @@ def confidence(comparison: Comparison) -> Measure:
     criterion = Criterion(what, 0, "points", value=largest_fall(shares), scope=scope)
     title = f"Pixels by confidence, and how many are right (5 % or 0.25 px), {CALIBRATION_RANGE}, all sequences"
     return Measure(table=_pooled_table(comparison, CONFIDENCES, title, "confidence"), criteria=(criterion,))
+
+
+def confidence_in_holes(comparison: Comparison) -> Measure:
+    """Share of right pixels by confidence in holes, and of those that are from the memory and from inpainting."""
+    masks = {"holes": "holes", "memory": SOURCES[Source.MEMORY], "inpainted": SOURCES[Source.INPAINTED]}
+    shares = {
+        name: [pooled(comparison, "right", in_bin(mask, one)) for one in CONFIDENCES] for name, mask in masks.items()
+    }
+    columns = [Column("confidence")]
+    rows: list[list[Value]] = [[one.removeprefix("confidence ")] for one in CONFIDENCES]
+    for name, of_bins in shares.items():
+        columns += [Column(f"right, {name}", "%", ".1f"), Column(f"n, {name}")]
+        for row, (share, n) in zip(rows, of_bins, strict=True):
+            row += [None if share is None else 100 * share, n]
+    scope = f"bins of {MIN_PIXELS} pixels and more"
+    what = "Largest fall of the share of right pixels where confidence rises"
+    criteria = [
+        Criterion(f"{what}, {name}", 0, "points", value=largest_fall(of_bins), scope=scope)
+        for name, of_bins in shares.items()
+    ]
+    title = f"Pixels in holes and of two sources by confidence, and how many are right, {CALIBRATION_RANGE}"
+    return Measure(table=Table.of(title, columns, rows, name="confidence-in-holes"), criteria=criteria)
 
 
 def source(comparison: Comparison) -> Measure:
@@ -335,8 +391,8 @@ def _pooled_table(comparison: Comparison, masks: Sequence[str], title: str, name
 
 
 MEASURES = (
-    error_in_holes, error_in_seen_holes, wrong_pixels, measured_pixels, psnr, flicker, moving_objects, latency,
-    confidence, source,
+    error_in_holes, error_in_seen_holes, wrong_pixels, measured_pixels, psnr, flicker, moving_objects,
+    false_obstacles, latency, confidence, confidence_in_holes, source,
 )  # fmt: skip
 
 

@@ -37,8 +37,8 @@ def test_errors_are_sorted_by_confidence_and_the_end_of_a_bin_belongs_to_it() ->
     confidence = row(0, 0.05, 0.1, 0.3, 0.7, 0.30001, 1, 0.95, 0.5)
     truth_m = np.full((1, 9), 10, np.float32)
     depth_m = truth_m + row(0, 1, 3, 2, 0, 4, 0.4, 0.6, 9)
-    score = CalibrationScore(TELE)
-    score.add(depth_m, truth_m, truth_m > 0, confidence, None)
+    score = CalibrationScore(TELE, "holes")
+    score.add(depth_m, truth_m, truth_m > 0, truth_m > 0, confidence, None)
     mae = found(score, "mae")
     expected = {
         "confidence 0": (0, 1), "confidence 0-0.1": (2, 2), "confidence 0.2-0.3": (2, 1), "confidence 0.3-0.4": (4, 1),
@@ -46,17 +46,17 @@ def test_errors_are_sorted_by_confidence_and_the_end_of_a_bin_belongs_to_it() ->
     }  # fmt: skip
     assert mae == {mask: (pytest.approx(value, abs=1e-6), n) for mask, (value, n) in expected.items()}
     assert found(score, "right")["confidence 0.9-1"] == (0.5, 2)
-    score = CalibrationScore(replace(TELE, baseline_m=0.02))  # 2 px at 10 m: there a quarter of a pixel decides
-    score.add(depth_m, truth_m, truth_m > 0, confidence, None)
+    score = CalibrationScore(replace(TELE, baseline_m=0.02), "holes")  # 2 px at 10 m: a quarter of a pixel decides
+    score.add(depth_m, truth_m, truth_m > 0, truth_m > 0, confidence, None)
     assert found(score, "right")["confidence 0.9-1"] == (1, 2)
     assert found(score, "median")["confidence 0-0.1"][0] == pytest.approx(2, rel=0.01)
 
 
 def test_every_tenth_falls_into_the_bin_that_it_ends() -> None:
     for k in range(1, 11):
-        score = CalibrationScore(TELE)
+        score = CalibrationScore(TELE, "holes")
         one = row(1)
-        score.add(one, one, one > 0, row(k / 10), None)
+        score.add(one, one, one > 0, one > 0, row(k / 10), None)
         assert list(found(score, "mae")) == [CONFIDENCES[k]]
 
 
@@ -66,9 +66,27 @@ def test_errors_by_source_leave_out_what_does_not_count() -> None:
     truth_m = row(10, 10, 10, 10, 10, 10, 50, np.inf, 10)
     depth_m = row(11, 12, 14, 15, 0, 19, 60, 10, 10)
     counted = row(1, 1, 1, 1, 1, 0, 1, 1, 1) > 0
-    score = CalibrationScore(TELE)
-    score.add(depth_m, truth_m, counted, None, source)
+    score = CalibrationScore(TELE, "holes")
+    score.add(depth_m, truth_m, counted, counted, None, source)
     assert found(score, "mae") == {"source sensor": (1, 1), "source memory": (3, 2), "source inpainted": (5, 1)}
+
+
+def test_the_share_of_right_pixels_in_a_bin_is_also_that_of_each_source_and_of_holes() -> None:
+    score = CalibrationScore(TELE, "holes")
+    truth_m = np.full((1, 6), 10, np.float32)
+    depth_m = row(10, 10, 12, 10, 12, 0)
+    confidence = row(0.55, 0.55, 0.55, 0.95, 0.55, 0)
+    source = np.array([[1, 2, 2, 2, 3, 0]], np.uint8)
+    hidden = row(0, 1, 1, 0, 1, 1) > 0
+    score.add(depth_m, truth_m, truth_m > 0, hidden, confidence, source)
+    right = found(score, "right")
+    assert {mask: right[mask] for mask in right if ", " in mask} == {
+        "source sensor, confidence 0.5-0.6": (1, 1),
+        "source memory, confidence 0.5-0.6": (0.5, 2),
+        "source memory, confidence 0.9-1": (1, 1),
+        "source inpainted, confidence 0.5-0.6": (0, 1),
+        "holes, confidence 0.5-0.6": (pytest.approx(1 / 3), 3),
+    }
 
 
 def scored(**given: Any) -> set[str]:
@@ -85,7 +103,9 @@ def scored(**given: Any) -> set[str]:
 def test_a_method_may_give_neither() -> None:
     both = scored()
     assert {"confidence 0.9-1", "source sensor"} <= both
-    assert scored(confidence=None, source=None) == both - {"confidence 0.9-1", "source sensor"}
+    assert scored(confidence=None, source=None) == both - {
+        "confidence 0.9-1", "source sensor", "source sensor, confidence 0.9-1"
+    }  # fmt: skip
 
     class Bare(Raw):
         def process(self, frame: Frame) -> Any:

@@ -23,8 +23,10 @@ from scenarios.experiments.default import (
     MEASURES,
     Measure,
     confidence,
+    confidence_in_holes,
     error_in_holes,
     error_in_seen_holes,
+    false_obstacles,
     flicker,
     gap_closed_percent,
     largest_fall,
@@ -241,7 +243,7 @@ def test_gains_over_paper_flicker_and_coverage() -> None:
         "held", "held", "missed by 1.00 dB", "missed by 4.00 dB"
     ]  # fmt: skip
     assert [outcome for _, outcome in outcomes(flicker(comparison_of(cells))).values()] == [
-        "missed by 0.10", "held", "missed by 0.50 %"
+        "missed by 0.10", "held"
     ]  # fmt: skip
 
 
@@ -285,6 +287,30 @@ def test_confidence_is_pooled_by_pixels() -> None:
     row = dict(zip(by_confidence.table.column("confidence"), by_confidence.table.rows, strict=True))["0.1-0.2"]
     assert row[1:] == [pytest.approx(30), pytest.approx(1.5), 100.0, 4000]
     assert by_source.table.column("n") == [0, 0, 0]
+
+
+def test_confidence_in_holes_is_judged_apart_from_that_of_all_pixels() -> None:
+    values = {
+        "right__holes,_confidence_0.4-0.5__0-40_m__filled": 0.8,
+        "right__holes,_confidence_0.6-0.7__0-40_m__filled": 0.3,
+        "right__source_memory,_confidence_0.6-0.7__0-40_m__filled": 0.9,
+    }
+    measure = confidence_in_holes(comparison_of({"sim-LN": {"voxdepth": values}}))
+    row = dict(zip(measure.table.column("confidence"), measure.table.rows, strict=True))["0.6-0.7"]
+    assert row[1:] == [pytest.approx(30), 2000, pytest.approx(90), 2000, None, 0]
+    found = [outcome for _, outcome in outcomes(measure).values()]
+    assert found == ["missed by 50.00 points", "not measured", "not measured"]
+
+
+def test_sky_and_phantoms_have_bounds_and_phantoms_only_where_the_camera_hovers() -> None:
+    sky, phantoms = "near__sky__all__as_given", "phantoms__all__all__as_given"
+    cells = {
+        "sim-LN": {"voxdepth": {sky: 0.02, phantoms: 3.0}, "raw": {sky: 0.001, phantoms: 1.0}},
+        "sim-hover": {"voxdepth": {phantoms: 1.0}, "raw": {phantoms: 0.0}},
+    }
+    measure = false_obstacles(comparison_of(cells))
+    assert columns(measure, 0)[1:] == [pytest.approx(0.1), pytest.approx(2), 2000, 1, 3, 2000]
+    assert [outcome for _, outcome in outcomes(measure).values()] == ["missed by 1.00 %", "missed by 1.00"]
 
 
 def test_means_are_of_what_is_known_and_counts_have_none() -> None:

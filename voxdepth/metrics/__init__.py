@@ -2,6 +2,7 @@
 
 from .flicker import Changes, Flicker
 from .moving import Share, ghost_share, survival
+from .obstacles import Phantoms, near_share
 from .paper import m_rmse_u16_wrap, psnr_minmax8
 from .pixels import RANGE_BINS_M, by_range, is_correct
 from .seen_before import SeenBefore
@@ -13,6 +14,7 @@ __all__ = [
     "Changes",
     "DepthErrors",
     "Flicker",
+    "Phantoms",
     "SeenBefore",
     "Share",
     "Sums",
@@ -21,6 +23,7 @@ __all__ = [
     "ghost_share",
     "is_correct",
     "m_rmse_u16_wrap",
+    "near_share",
     "psnr_db",
     "psnr_minmax8",
     "survival",
