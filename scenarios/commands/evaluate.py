@@ -26,7 +26,12 @@ def evaluate(
         list[Path] | None, typer.Option(metavar="DIR", help="A recorded sequence of any format; may be repeated.")
     ] = None,
     methods: Annotated[
-        str | None, typer.Option(metavar="A,B,C", help="Methods by name. Default: all, and the oracle true-pose.")
+        str | None,
+        typer.Option(
+            metavar="A,B,C",
+            help="Methods by name, perhaps with a setting as in voxdepth[smoothing_window_px=1]. "
+            "Default: all, and the oracle true-pose.",
+        ),
     ] = None,
     frames: Annotated[int, typer.Option(min=1, help="How many of the first frames of each sequence.")] = 30,
     seed: Seed = None,

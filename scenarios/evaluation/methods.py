@@ -1,10 +1,20 @@
 """The methods that are compared: correctors by name, and an oracle that exists only here."""
 
+import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, PAPER, config_of, require_known
+from voxdepth.registry import (
+    CORRECTOR_NAMES,
+    DEFAULT,
+    PAPER,
+    config_of,
+    create_corrector,
+    require_known,
+    resolve_config,
+)
 from voxdepth.types import DepthCorrector, Intrinsics
 
 from ..errors import ScenarioError
@@ -35,8 +45,8 @@ class Method:
 
 
 def is_baseline(name: str) -> bool:
-    """Whether a method is neither the default method, nor the one that it replaces, nor the oracle."""
-    return name not in (DEFAULT, PAPER, ORACLE)
+    """Whether a method is neither the default method with any setting, nor the one that it replaces, nor the oracle."""
+    return name.partition("[")[0] not in (DEFAULT, PAPER, ORACLE)
 
 
 def find_methods(names: Sequence[str]) -> list[Method]:
@@ -48,20 +58,38 @@ def find_methods(names: Sequence[str]) -> list[Method]:
 
 
 def find_method(name: str) -> Method:
-    """Find a method by name, or your own as `package.module:factory`; others are a `ConfigError` or `ScenarioError`."""
+    """Find a method; a name or a setting that does not exist is a `ConfigError` or a `ScenarioError`.
+
+    It is the name of a corrector, perhaps with one setting of its configuration as in
+    `voxdepth[smoothing_window_px=1]`, or your own corrector as `package.module:factory`.
+    """
     if name == ORACLE:
         return Method(name=name, make=_oracle, sees_true_pose=True)
     if ":" in name:
         return Method(name=name, make=find_corrector(name), is_foreign=True)
-    require_known(name)
-    config = config_of(name)
+    corrector, _, setting = name.partition("[")
+    require_known(corrector)
+    config = resolve_config(corrector, _parsed(name, setting)) if setting else config_of(corrector)
     return Method(
         name=name,
-        make=find_corrector(name),
+        make=lambda intrinsics: create_corrector(corrector, intrinsics, config),
         config=None if config is None else config.model_dump(mode="json"),
-        is_foreign=name not in CORRECTOR_NAMES,
+        is_foreign=corrector not in CORRECTOR_NAMES,
         warm_up_frames=WARM_UP_FRAMES if config is None else config.warm_up_frames,
     )
+
+
+def _parsed(name: str, setting: str) -> dict[str, Any]:
+    """Return the setting `key=value]` as a configuration; a value that is no number or truth value is a text."""
+    key, equals, value = setting.removesuffix("]").partition("=")
+    if not (key and equals and value and setting.endswith("]")):
+        raise ScenarioError(f"expected a method with a setting as in voxdepth[smoothing_window_px=1], got {name!r}")
+    given: Any = value
+    with suppress(ValueError):
+        given = json.loads(value)
+    for part in reversed(key.split(".")):
+        given = {part: given}
+    return dict(given)
 
 
 def _oracle(intrinsics: Intrinsics) -> DepthCorrector:

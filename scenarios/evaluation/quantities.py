@@ -155,7 +155,7 @@ QUANTITIES = (
              "Nearer by the geometric mean. A method that leaves such pixels empty has no ghosts: see the sample "
              "sizes.", best="low", layout="against raw"),
     Quantity("Sky that a method shows within 20 m", "%", [SKY_NEAR],
-             "Raw depth has hardly any. Only sequences with the truth have a known sky."),
+             "Raw depth has some beside near objects. Only sequences with the truth have a known sky."),
     Quantity("Phantom obstacles", "count", [PHANTOMS],
              "Blobs of at least 30 px nearer than half the true depth that stay for 5 frames at overlapping places. "
              "The measure is meant for a camera that hardly moves; n is the number of frames."),

@@ -12,7 +12,15 @@ import pytest
 from scenarios.errors import ScenarioError
 from scenarios.evaluation.groups import TRUE_GROUPS
 from scenarios.evaluation.measurements import Measurement
-from scenarios.evaluation.methods import METHOD_NAMES, ORACLE, WARM_UP_FRAMES, Method, find_method, find_methods
+from scenarios.evaluation.methods import (
+    METHOD_NAMES,
+    ORACLE,
+    WARM_UP_FRAMES,
+    Method,
+    find_method,
+    find_methods,
+    is_baseline,
+)
 from scenarios.evaluation.result_cache import Scores, decoded_thumbnail, encoded_thumbnail
 from scenarios.evaluation.running import MethodError, run
 from scenarios.evaluation.scoring import METRICS, Score
@@ -311,3 +319,21 @@ def test_methods_are_found_by_name_and_refused_by_name() -> None:
         find_methods(["raw", "magic"])
     with pytest.raises(ScenarioError, match="names 'raw' twice"):
         find_methods(["raw", "median", "raw"])
+
+
+def test_a_method_may_have_a_setting_which_its_name_tells() -> None:
+    method = find_method("voxdepth[smoothing_window_px=1]")
+    assert (method.name, method.is_foreign) == ("voxdepth[smoothing_window_px=1]", False)
+    assert method.config is not None
+    assert method.config["smoothing_window_px"] == 1
+    side = find_method("voxdepth[inpainting.hidden_side=right]").config
+    assert side is not None
+    assert side["inpainting"]["hidden_side"] == "right"
+    assert not is_baseline(method.name)
+    assert is_baseline("telea")
+
+
+@pytest.mark.parametrize("name", ["voxdepth[colour=red]", "voxdepth[smoothing_window_px]", "raw[a=1]", "voxdepth[a=1"])
+def test_a_setting_that_does_not_exist_is_refused(name: str) -> None:
+    with pytest.raises((ConfigError, ScenarioError)):
+        find_method(name)
