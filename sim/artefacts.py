@@ -6,6 +6,7 @@ Its random numbers do not depend on the frame, so that an error comes again wher
 
 from typing import Annotated, Any, Literal
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, Field
@@ -153,16 +154,19 @@ class NoReturn(NoiseTerm):
     gloss: float = Field(0.0, ge=0)
     """Factor of the share of each surface that is glossy: 0 ignores gloss, and 1 takes that share of its places."""
     cell_m: float = Field(0.04, gt=0)
-    """Side of a place [m], which is glossy as a whole."""
+    """Side of a place [m]."""
+    patch_px: float = Field(4.0, gt=0)
+    """Size of the patches that glossy places form, as the sigma of a Gaussian."""
 
     def apply(self, image: NoisyDepth) -> None:
-        """Invalidate dark and glossy places."""
+        """Invalidate dark surfaces and glossy patches."""
         n_bodies = 1 + max(int(image.segment_id.max()), *image.surfaces)
         albedo, gloss = np.ones(n_bodies + 1), np.zeros(n_bodies + 1)  # The last entry is that of no body.
         for body, surface in image.surfaces.items():
             albedo[body], gloss[body] = surface.albedo, surface.gloss
-        uniform = uniform_of(places(image, self.cell_m), image.seed, 2)
-        missed = (albedo[image.segment_id] < self.below_albedo) | (uniform < self.gloss * gloss[image.segment_id])
+        smooth = cv2.GaussianBlur(uniform_of(places(image, self.cell_m), image.seed, 2), (0, 0), self.patch_px)
+        rank = np.argsort(np.argsort(smooth, axis=None)).reshape(smooth.shape) / smooth.size
+        missed = (albedo[image.segment_id] < self.below_albedo) | (rank < self.gloss * gloss[image.segment_id])
         image.invalidate(missed, InvalidReason.TEXTURELESS)
 
 

@@ -94,11 +94,15 @@ def experiment(
         typer.Argument(
             metavar="NAME",
             help="rq1, rq2, rq3, rq4, quality, fps, components, window, switches, power, or all of these; default or "
-            "ablation, which are about the default method.",
+            "ablation, which are about the default method; artefacts, which is about the simulator.",
         ),
     ],
     sequences: Annotated[
         str | None, typer.Option(metavar="A,B,C", help="Shipped sequences. Default: what each experiment needs.")
+    ] = None,
+    data: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="DIR", help="A recorded sequence for `artefacts`; may be repeated."),
     ] = None,
     frames: Annotated[
         int | None, typer.Option(min=1, help="How many of the first frames of each. Default: by experiment.")
@@ -119,7 +123,7 @@ def experiment(
     full, in about five minutes.
 
     `default` evaluates every method on every sequence and takes almost an hour; an interrupted run is resumed.
-    `ablation` evaluates the default method with one part off at a time.
+    `ablation` evaluates the default method with one part off at a time. `artefacts` measures the errors of raw depth.
     """
     import sys
 
@@ -132,6 +136,7 @@ def experiment(
     options = RunOptions(
         out=out,
         sequences=None if sequences is None else tuple(name.strip() for name in sequences.split(",")),
+        data=tuple(data or ()),
         frames=frames,
         width_px=width,
         seed=seed,

@@ -82,6 +82,8 @@ class ExperimentContext:
     width_px: int | None
     """Width of the images; None for that of each sequence."""
     seed: int | None
+    data: tuple[Path, ...] = ()
+    """Folders of recordings, for the experiments that read them."""
     report: Callable[[str], None]
     """Is called with a description of each step when it begins."""
 
@@ -170,3 +172,5 @@ class Experiment:
     """Least number of frames that gives an answer."""
     width_px: int | None = None
     """Default width of the images; None for that of each sequence."""
+    reads_data: bool = False
+    """Whether it reads recordings in folders, too."""

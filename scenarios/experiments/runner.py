@@ -10,6 +10,7 @@ from ..errors import ScenarioError
 from ..files import write
 from ..results.provenance import SIMULATION, Provenance
 from .ablation import ABLATION
+from .artefacts import ARTEFACTS
 from .components import COMPONENTS
 from .default import DEFAULT_METHOD
 from .experiment import Experiment, ExperimentContext, Findings
@@ -32,8 +33,8 @@ PAPER_EXPERIMENTS = (
     OCCLUSION, FRAME_SIZE, INPAINTING, OPTICAL_FLOW, QUALITY, FRAME_RATE, COMPONENTS, POWER, WINDOW, STATE_SWITCHES
 )  # fmt: skip
 """Questions of the paper, in its order."""
-EXPERIMENTS = {experiment.name: experiment for experiment in (*PAPER_EXPERIMENTS, DEFAULT_METHOD, ABLATION)}
-"""All experiments by name; the last two are about the default method, which the paper does not have."""
+EXPERIMENTS = {experiment.name: experiment for experiment in (*PAPER_EXPERIMENTS, DEFAULT_METHOD, ABLATION, ARTEFACTS)}
+"""All experiments by name; the last three are not about the paper, but about the default method and the simulator."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +43,7 @@ class RunOptions:
 
     out: Path
     sequences: tuple[str, ...] | None = None
+    data: tuple[Path, ...] = ()
     frames: int | None = None
     width_px: int | None = None
     seed: int | None = None
@@ -79,6 +81,7 @@ class ExperimentReport:
             "question": self.experiment.question,
             "command": self.command,
             "sequences": context.sequences,
+            "data": [str(folder) for folder in context.data],
             "frames": context.frames,
             "width_px": context.width_px,
             "seed": context.seed or 0,
@@ -152,6 +155,7 @@ def create_context(experiment: Experiment, options: RunOptions, report: Callable
         frames=experiment.frames if options.frames is None else options.frames,
         width_px=experiment.width_px if options.width_px is None else options.width_px,
         seed=options.seed,
+        data=options.data,
         report=lambda what: report(f"{experiment.name}: {what}"),
     )
     if context.frames < experiment.min_frames:
@@ -159,6 +163,8 @@ def create_context(experiment: Experiment, options: RunOptions, report: Callable
             f"{experiment.name} needs at least {experiment.min_frames} frames of each sequence, got --frames "
             f"{context.frames}: ask for more"
         )
+    if context.data and not experiment.reads_data:
+        raise ScenarioError(f"{experiment.name} reads no recordings: leave out --data")
     for name in context.sequences:
         if context.sequences.count(name) > 1:
             raise ScenarioError(f"--sequences names {name!r} twice: once is enough")

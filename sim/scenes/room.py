@@ -37,6 +37,8 @@ class RoomSpec(SceneSpec):
     height_m: float = Field(2.6, ge=2.2)
     wall_texture: float = Field(0.15, ge=0)
     """Strength of the texture of walls, ceiling and floor; a stereo camera cannot match them at 0."""
+    wall_gloss: float = Field(0.0, ge=0, le=1)
+    """Share of walls, ceiling and floor that returns no light of a projector."""
     boxes: int = Field(14, ge=0)
     """Boxes on the table, on the shelf and on the floor."""
     dark_share: float = Field(0.15, ge=0, le=1)
@@ -61,7 +63,8 @@ class RoomSpec(SceneSpec):
     def build(self, seed: int) -> Scene:
         """The room of a seed: it begins at x = 0 and is centred on y = 0."""
         rng = stream(seed, Purpose.SCENE, WALLS)
-        floor = flat_ground(self.length_m / 2, Surface(albedo=0.4, texture=self.wall_texture, pattern="ground"))
+        plain = Surface(albedo=0.4, texture=self.wall_texture, pattern="ground", gloss=self.wall_gloss)
+        floor = flat_ground(self.length_m / 2, plain)
         wood = Surface(albedo=rng.uniform(0.3, 0.6), texture=0.5, pattern="bark")
         bodies = (
             floor,
@@ -112,7 +115,7 @@ def _walls(spec: RoomSpec, rng: np.random.Generator) -> list[Body]:
     beside_m = (width_m + depth_m) / 2
     parts += [((length_m, depth_m, height_m), (length_m / 2, y, height_m / 2)) for y in (-beside_m, beside_m)]
     parts.append(((length_m, width_m, depth_m), (length_m / 2, 0, height_m + depth_m / 2)))
-    surface = Surface(albedo=rng.uniform(0.45, 0.65), texture=spec.wall_texture)
+    surface = Surface(albedo=rng.uniform(0.45, 0.65), texture=spec.wall_texture, gloss=spec.wall_gloss)
     return assembled("wall", parts, (0.0, 0.0), 0.0, surface)
 
 
