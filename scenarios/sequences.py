@@ -37,10 +37,12 @@ FRAMES_IN_PROGRESS = 3
 GROUPS = {
     "reference": ("sim-LN", "sim-MB", "sim-KTS", "sim-KTC", "sim-PLF", "sim-PLW"),
     "hard": ("sim-hover", "sim-yaw", "sim-cut", "sim-cross", "sim-ghost", "sim-approach"),
-    "artefacts": ("sim-aligned", "sim-slats", "sim-specks", "sim-blur", "sim-stations", "sim-structured"),
-}
+    "artefacts": (
+        "sim-aligned", "sim-slats", "sim-specks", "sim-blur", "sim-stations", "sim-structured", "sim-drive"
+    ),
+}  # fmt: skip
 """Groups of shipped sequences: replicas of the paper's, difficult cases for the memory of a corrector, and errors of
-real depth cameras in a room."""
+real depth cameras."""
 
 Progress = Callable[[int], None]
 """Receives the number of complete frames."""
