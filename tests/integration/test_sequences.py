@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import tomllib
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -120,6 +121,16 @@ def test_a_recording_without_movers_says_what_it_always_said(tmp_path: Path) -> 
     for text in ("seed = 0", "sequence = 3", "this is = not TOML", "[sequence]\nmovers = 7"):
         other = Recording(tmp_path, [], planned.sequence.rig.intrinsics, text)
         assert not moving_ids(other), text
+
+
+def test_a_shutter_is_open_from_the_time_of_its_frame_on() -> None:
+    planned = small("sim-blur", **{"rig.shutter": 0.25, "rig.rate_hz": 20.0})
+    with simulation(planned) as simulated:
+        frames = list(islice(simulated.exposures(), 4))
+        (pair,) = simulated.render(3, 4)
+    for k, poses in enumerate(frames):
+        np.testing.assert_allclose([pose.stamp_s for pose in poses], k / 20 + np.arange(3) / 240)
+    assert pair.pose.stamp_s == frames[3][1].stamp_s
 
 
 def test_going_on_with_a_mover_gives_the_frames_of_one_go() -> None:
