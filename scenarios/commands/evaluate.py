@@ -46,8 +46,8 @@ def evaluate(
     """Compare all methods on the same frames: errors, coverage, flicker, latency; tables, figures and a report.
 
     Records the shipped sequences below DIR first. Methods are scored by the true depth of a recording that has it, and
-    otherwise by measured pixels that are held out: occlusion shadows, wide ones, and patches, each by itself. Writes
-    results.csv, results.parquet and report.html.
+    otherwise by measured pixels that are held out: occlusion shadows, wide ones, and patches, each by itself. Holes of
+    such a recording are scored by later frames. Writes results.csv, results.parquet and report.html.
     """
     import cv2
     from rich.console import Console

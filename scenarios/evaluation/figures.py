@@ -62,7 +62,7 @@ def error_against_range(evaluation: Evaluation) -> Picture:
         counts = [f"{name}\n{count_text(info.pixels[mask].get(name, 0))}" for name in BINS]
         axes.set_xticks(range(len(BINS)), counts, fontsize=7)
         axes.set_yscale("log")
-        depth = "true depth" if mask == "all" else f"depth of held-out {mask}"
+        depth = f"depth by {info.reference_name}" if mask == "all" else f"depth of held-out {mask}"
         label_axes(axes, info.name, f"{depth}, and number of pixels n", "MAE [m]")
 
     return _panels(

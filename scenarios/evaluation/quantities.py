@@ -10,8 +10,8 @@ import pandas as pd
 from ..results.table import MISSING
 from .groups import ALL, BINS, TRUE_GROUPS
 from .intervals import CLOSE, LEAD
+from .kinds import HELD_OUT
 from .measurements import AS_GIVEN, FILLED, Selector, of_frames
-from .references import HELD_OUT
 from .running import WORKLOAD_PHASES
 from .scoring import CALIBRATION_RANGE, GHOSTS, PHANTOMS, SKY_NEAR, SOURCES, STATIC, SURVIVAL
 from .suite import Evaluation

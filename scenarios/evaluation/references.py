@@ -3,9 +3,7 @@
 Each kind of pixels is judged by itself: a method never gets an image with two kinds held out at once.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -15,8 +13,6 @@ import numpy as np
 from voxdepth.datasets import Dataset
 from voxdepth.datasets.images import read_depth_16
 from voxdepth.types import ASSUMED_BASELINE_M, FloatImage, Intrinsics, MaskImage
-
-from .groups import HOLE_GROUPS, Groups, held_out_groups
 
 TRUE_DEPTH, TRUE_DEPTHS = "depth_true_mm.png", "depth_true"
 """The true depth of the first frame, and the folder of that of all frames."""
@@ -53,22 +49,6 @@ class References(Protocol):
 
     def of(self, index: int, depth_m: FloatImage) -> Referenced:
         """Return the reference of a frame by its index and its measured depth [m], shape (H, W); 0 = invalid."""
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of pixels that methods are given no depth of and are judged by."""
-
-    groups: Groups
-    begin: Callable[[Dataset], References]
-    """Begins to read a recording."""
-    is_mirrored: bool = False
-    """Whether methods are given mirrored images, in which left and right are exchanged."""
-
-    @property
-    def name(self) -> str:
-        """The mask of these pixels, which is part of the names of sequences."""
-        return self.groups.hidden
 
 
 class Shadows:
@@ -151,20 +131,6 @@ class TrueHoles:
             truth_mm = read_depth_16(path, depth_m.shape)
             truth_m[truth_mm > 0] = truth_mm[truth_mm > 0] / np.float32(1000)
         return Referenced(depth_m, truth_m, np.asarray(depth_m == 0))
-
-
-HELD_OUT = (
-    Kind(held_out_groups("shadows"), lambda dataset: Shadows(dataset.intrinsics), is_mirrored=True),
-    Kind(held_out_groups("wide-shadows"), lambda dataset: Shadows(dataset.intrinsics, WIDENING), is_mirrored=True),
-    Kind(held_out_groups("patches"), lambda dataset: Patches(dataset.intrinsics)),
-)
-"""Kinds of pixels of any recording."""
-
-
-def kinds_of(folder: Path) -> list[Kind]:
-    """Return the kinds of pixels that methods can be judged by in a recording."""
-    has_truth = (folder / TRUE_DEPTH).is_file() or (folder / TRUE_DEPTHS).is_dir()
-    return [*HELD_OUT, *([Kind(HOLE_GROUPS, partial(TrueHoles, folder))] if has_truth else [])]
 
 
 def mirrored(intrinsics: Intrinsics) -> Intrinsics:

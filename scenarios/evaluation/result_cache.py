@@ -18,7 +18,7 @@ from ..images import picked
 from .measurements import Measurement
 from .scoring import METRICS
 
-SCORING = 7
+SCORING = 8
 """Version of the definitions of the metrics: raised when one changes, so that older results are computed again."""
 THUMBNAIL_PX = 240
 """Largest width of the depth image that is kept of the last frame of a sequence."""

@@ -22,7 +22,8 @@ from voxdepth.types import FloatArray, FloatImage, Frame, GrayImage, MaskImage
 from ..files import as_scenario_error
 from ..sequences import moving_ids
 from .groups import TRUE_GROUPS
-from .references import TRUE_DEPTHS, Kind, mirrored
+from .kinds import Kind
+from .references import TRUE_DEPTHS, mirrored
 
 SAME_SURFACE = 0.02
 """Largest relative change of the true depth of a static pixel from the frame before."""
@@ -155,7 +156,7 @@ class SimulatedSource:
 
 
 class DatasetSource:
-    """A recording of any format without true poses. One kind of its pixels is judged, see `references`."""
+    """A recording of any format without true poses. One kind of its pixels is judged, see `kinds`."""
 
     seed: int | None = None
 
@@ -168,12 +169,11 @@ class DatasetSource:
 
     def digest(self, frames: int) -> str:
         """Return a SHA-256 of the camera, the kind and all images, which are read for it."""
-        total = sha256(f"{self.groups} {self.intrinsics}".encode())
-        references = self._kind.begin(self._dataset)
-        for index, frame in enumerate(map(self._dataset.__getitem__, range(frames))):
-            total.update(f"{frame.stamp_s} {zlib.crc32(frame.gray.tobytes())}".encode())
-            for image in references.of(index, frame.depth_m):
-                total.update(f"{zlib.crc32(image.tobytes())}".encode())
+        total = sha256(f"{self.groups} {self.intrinsics} {self._kind.digest}".encode())
+        last = min(frames + self._kind.later_frames, len(self._dataset))
+        for frame in map(self._dataset.__getitem__, range(last)):
+            crc32 = zlib.crc32(frame.depth_m.tobytes(), zlib.crc32(frame.gray.tobytes()))
+            total.update(f"{frame.stamp_s} {crc32}".encode())
         return total.hexdigest()
 
     def frames(self, frames: int) -> Iterator[EvaluationFrame]:

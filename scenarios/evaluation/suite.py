@@ -23,9 +23,9 @@ from ..results.provenance import CORRECTION, processor_name, versions
 from ..sequences import SeededSequence, record
 from .groups import RANGES
 from .intervals import close_intervals
+from .kinds import Kind, kinds_of
 from .measurements import Measurements
 from .methods import Method
-from .references import Kind, kinds_of
 from .result_cache import Key, Result, ResultCache, SequenceInfo, encoded_thumbnail
 from .running import MethodError, run
 from .sources import DatasetSource, FrameCache, Frames, FrameSource, SimulatedSource, is_simulated

@@ -12,7 +12,7 @@ from typer.testing import CliRunner, Result
 from scenarios.cli import app
 from scenarios.commands.evaluate import _planned
 from scenarios.evaluation import suite
-from scenarios.evaluation.references import HELD_OUT
+from scenarios.evaluation.kinds import HELD_OUT
 from scenarios.files import shipped_names
 from scenarios.sequences import GROUPS
 from tests.evaluation_clips import write_recording
@@ -59,7 +59,7 @@ def test_everything_is_written_and_a_repetition_takes_it(folders: tuple[Path, Pa
     assert set(result["key"]["versions"]) >= {"voxdepth", "numpy"}
     before = values(tmp_path / "out")
     again = evaluate(*command, "--out", tmp_path / "out")
-    assert "12 results, 9 of them finished before" in again.output, again.output
+    assert "15 results, 11 of them finished before" in again.output, again.output
     assert values(tmp_path / "out") == before
     elsewhere = evaluate(*command, "--out", tmp_path / "elsewhere")
     assert elsewhere.exit_code == 0

@@ -16,9 +16,9 @@ import pytest
 
 from scenarios.errors import ScenarioError
 from scenarios.evaluation import suite
+from scenarios.evaluation.kinds import HELD_OUT
 from scenarios.evaluation.measurements import Selector
 from scenarios.evaluation.methods import Method, find_methods
-from scenarios.evaluation.references import HELD_OUT
 from scenarios.evaluation.result_cache import SCORING, Result, ResultCache
 from scenarios.evaluation.sources import DatasetSource, FrameCache, SimulatedSource
 from scenarios.evaluation.suite import Evaluation, Plan, Shipped, evaluate, requested_of
@@ -288,8 +288,10 @@ def test_a_recording_without_the_truth_is_scored_by_each_kind_that_is_held_out(t
     folder = plain_recording(tmp_path / "plain", 3)
     methods = (GOOD, *find_methods(["ip-basic", "true-pose"]))
     done = run(tmp_path / "out", folder, methods=methods, frames=3)
-    assert list(done.sequences) == ["plain-shadows", "plain-wide-shadows", "plain-patches"]
-    for name, info in done.sequences.items():
+    *held_out, holes = done.sequences.items()
+    assert [name for name, _ in held_out] == ["plain-shadows", "plain-wide-shadows", "plain-patches"]
+    assert (holes[0], holes[1].pixels["all"]["all"]) == ("plain-holes", 0), "images without features tell no pose"
+    for name, info in held_out:
         mask = name.removeprefix("plain-")
         coverage = Selector("coverage", mask, on="filled")
         assert info.pixels[mask]["all"] > 0
