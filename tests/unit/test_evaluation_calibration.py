@@ -11,7 +11,7 @@ from scenarios.evaluation.groups import RANGES, TRUE_GROUPS
 from scenarios.evaluation.measurements import Measurement
 from scenarios.evaluation.methods import Method
 from scenarios.evaluation.quantities import QUANTITIES
-from scenarios.evaluation.report import method_table
+from scenarios.evaluation.report import calibration_table, method_table
 from scenarios.evaluation.result_cache import Key, Result, SequenceInfo
 from scenarios.evaluation.running import MethodError, run
 from scenarios.evaluation.scoring import CONFIDENCES, CalibrationScore
@@ -147,16 +147,18 @@ def result(method: str, shares: dict[str, float]) -> Result:
     return Result(key=key, measurements=(*right, *sources))
 
 
+INFO = SequenceInfo(
+    name="s", digest="d", frames=2, seed=0, width_px=12, height_px=9, focal_px=9.0, baseline_m=None,
+    hidden="holes", independent="all", reference_name="the truth",
+    pixels={mask: dict.fromkeys(RANGES, 9) for mask in ("all", "holes")}, occluded_shares=(),
+)  # fmt: skip
+
+
 @pytest.fixture
 def done() -> Evaluation:
-    info = SequenceInfo(
-        name="s", digest="d", frames=2, seed=0, width_px=12, height_px=9, focal_px=9.0, baseline_m=None,
-        hidden="holes", independent="all", reference_name="the truth",
-        pixels={mask: dict.fromkeys(RANGES, 9) for mask in ("all", "holes")}, occluded_shares=(),
-    )  # fmt: skip
     two = result("two", {"confidence 0.4-0.5": 0.2, "confidence 0.9-1": 0.9})
     graded = result("graded", {"confidence 0": 0.1, "confidence 0.4-0.5": 0.5, "confidence 0.9-1": 0.9})
-    return Evaluation(results=(two, graded), sequences={"s": info}, reused=0)
+    return Evaluation(results=(two, graded), sequences={"s": INFO}, reused=0)
 
 
 def test_only_a_graded_confidence_is_drawn_with_its_counts(done: Evaluation, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,6 +172,15 @@ def test_only_a_graded_confidence_is_drawn_with_its_counts(done: Evaluation, mon
     np.testing.assert_allclose(counts.get_ydata(), [100 / 6, 200 / 6, 300 / 6])
     assert axes.get_xlabel() == "confidence, n = 600 pixels"
     assert figures.graded_methods(replace(done, results=done.results[:1])) == []
+
+
+def test_a_table_has_the_share_of_right_pixels_by_source_and_in_holes() -> None:
+    bins = {"source memory, confidence 0.4-0.5": 0.25, "holes, confidence 0": 0.5, "holes, confidence 0.9-1": 0.75}
+    evaluation = Evaluation(results=(result("graded", bins),), sequences={"s": INFO}, reused=0)
+    table = calibration_table(evaluation, "graded")
+    assert table.column("pixels") == ["source memory", "holes"]
+    assert table.column("confidence 0.4-0.5") == ["25 (100)", "-"]
+    assert table.column("confidence 0.9-1") == ["-", "75 (300)"]
 
 
 def test_sources_stand_side_by_side_and_a_missing_one_stays_open(done: Evaluation) -> None:
