@@ -21,6 +21,7 @@ from tests.temporal_scenes import (
     walk,
 )
 from voxdepth.geometry import inverse_rigid
+from voxdepth.temporal.memory import Memory
 from voxdepth.temporal.odometry import (
     FeatureTracker,
     FeatureTrackerConfig,
@@ -30,6 +31,7 @@ from voxdepth.temporal.odometry import (
     VisualOdometryConfig,
 )
 from voxdepth.temporal.pose_fit import fit_pose, project
+from voxdepth.temporal.tracking_camera import TrackingCamera
 from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatArray, Frame, Intrinsics
 
@@ -59,11 +61,16 @@ def set_keyframe(
     known: VisualOdometry, frame: Frame, camera: Intrinsics = CAMERA, decimation: int = 1
 ) -> TrackingResult:
     """Track a frame and make it the keyframe."""
-    resolution, tracking = WorkingResolution.of(camera, decimation), known.track(frame)
-    known.set_keyframe(
-        frame, tracking, resolution.disparity(np.ascontiguousarray(frame.depth_m[::decimation, ::decimation]))
-    )
+    tracking = known.track(frame)
+    known.set_keyframe(frame, tracking, memory_of(frame, camera, decimation))
     return tracking
+
+
+def memory_of(frame: Frame, camera: Intrinsics = CAMERA, decimation: int = 1) -> Memory:
+    """The memory of a method that has measured this frame alone."""
+    gray, depth_m = (np.ascontiguousarray(each[::decimation, ::decimation]) for each in (frame.gray, frame.depth_m))
+    disparity_px = WorkingResolution.of(camera, decimation).disparity(depth_m)
+    return replace(Memory.empty(gray), disparity_px=disparity_px)
 
 
 def error_px(tracking: TrackingResult, T_frame_keyframe: FloatArray, before: Frame) -> float:
@@ -181,10 +188,8 @@ class TestVisualOdometry:
         first = replace(first, gray=first.gray.copy())
         expected = with_keyframe(first).track(second).T_frame_keyframe
         known = odometry()
-        disparity_px = WorkingResolution.of(CAMERA, 1).disparity(first.depth_m)
-        known.set_keyframe(first, known.track(first), disparity_px)
+        known.set_keyframe(first, known.track(first), memory_of(first))
         first.gray[:] = 0
-        disparity_px[:] = 1
         np.testing.assert_array_equal(known.track(second).T_frame_keyframe, expected)
 
 
@@ -279,25 +284,30 @@ class TestFeatureTracker:
     CONFIG = FeatureTrackerConfig()
 
     def test_there_is_at_most_one_corner_in_a_cell(self) -> None:
-        corners = FeatureTracker(CAMERA, self.CONFIG).detect(render(ROOM, pose())[0]).corners
+        corners = (
+            FeatureTracker((CAMERA.width_px, CAMERA.height_px), self.CONFIG).detect(render(ROOM, pose())[0]).corners
+        )
         cells = {(int(x) // 16, int(y) // 16) for x, y in corners}
         assert len(cells) == len(corners) > 50
 
     def test_a_textureless_image_has_none_and_neither_has_one_below_the_size_of_a_cell(self) -> None:
-        assert not len(FeatureTracker(CAMERA, self.CONFIG).detect(np.full(CAMERA.shape, 90, np.uint8)).corners)
-        tiny = Intrinsics.from_hfov(width_px=15, height_px=15, hfov_deg=70)
-        noise = np.random.default_rng(0).integers(0, 255, tiny.shape, np.uint8)
-        assert FeatureTracker(tiny, self.CONFIG).detect(noise).corners.shape == (0, 2)
+        assert not len(
+            FeatureTracker((CAMERA.width_px, CAMERA.height_px), self.CONFIG)
+            .detect(np.full(CAMERA.shape, 90, np.uint8))
+            .corners
+        )
+        noise = np.random.default_rng(0).integers(0, 255, (15, 15), np.uint8)
+        assert FeatureTracker((15, 15), self.CONFIG).detect(noise).corners.shape == (0, 2)
 
     @pytest.mark.parametrize("shift", [(0, 0), (5, -3), (-9, 6)])
     def test_what_is_shifted_is_found_shifted(self, shift: tuple[int, int]) -> None:
         big = Intrinsics.from_hfov(width_px=200, height_px=160, hfov_deg=75)
         gray, _ = render([WALL, Plane((0.0, 1.0, 0.05), 1.6, seed=2)], pose(), big)
-        tracker = FeatureTracker(CAMERA, self.CONFIG)
+        tracker = FeatureTracker((CAMERA.width_px, CAMERA.height_px), self.CONFIG)
         here, there = (
             tracker.detect(np.ascontiguousarray(gray[20 - y : 140 - y, 20 - x : 180 - x])) for x, y in ((0, 0), shift)
         )
-        found, ok = tracker.track(here, there, here.corners, here.corners)
+        found, ok = tracker.track(here.gray, there.gray, here.corners, here.corners)
         assert ok.mean() > 0.85
         error = np.hypot(*(found[ok] - here.corners[ok] - shift).T)
         assert np.median(error) < 0.02
@@ -305,8 +315,9 @@ class TestFeatureTracker:
 
     def test_large_images_are_reduced(self) -> None:
         large = Intrinsics.from_hfov(width_px=640, height_px=480, hfov_deg=70)
-        tracker = FeatureTracker(large, self.CONFIG)
-        assert tracker.scale == 0.5
+        camera = TrackingCamera.of(large, self.CONFIG.width_px, WorkingResolution.of(large, 2))
+        assert camera.scale == 0.5
+        tracker = FeatureTracker(camera.size, self.CONFIG)
         assert tracker.detect(np.zeros(large.shape, np.uint8)).gray.shape == (240, 320)
 
 

@@ -25,7 +25,7 @@ from tests.temporal_scenes import (
 )
 from voxdepth.temporal.confidence import INPAINTING
 from voxdepth.temporal.odometry import TrackingStatus
-from voxdepth.types import FloatArray, Frame, Source
+from voxdepth.types import CorrectedDepth, FloatArray, Frame, Source
 
 DECIMATIONS = pytest.mark.parametrize("decimation", [1, 2])
 MOSTLY_SLOW = pytest.mark.parametrize("decimation", [1, pytest.param(2, marks=pytest.mark.slow)])
@@ -41,6 +41,13 @@ def holed(frame: Frame, index: int) -> Frame:
     depth_m = frame.depth_m.copy()
     depth_m[HOLE] = 0
     return replace(frame, stamp_s=index / 30, depth_m=depth_m)
+
+
+def assert_remembered(result: CorrectedDepth, true: Frame) -> None:
+    """Assert that the camera was tracked, and that the memory filled the hole of `holed` with the true depth."""
+    assert result.diagnostics.status is TrackingStatus.OK
+    assert np.mean(result.source[INSIDE] == Source.MEMORY) > 0.95
+    assert np.median(abs(result.depth_m / true.depth_m - 1)[INSIDE]) < 0.01
 
 
 class TestCut:
@@ -66,12 +73,28 @@ class TestCut:
         assert not result.depth_m[INSIDE].any()
 
     @DECIMATIONS
-    def test_and_back_again_nothing_is_left_either(self, decimation: int) -> None:
-        used = method(decimation=decimation, inpaint=False)
-        run(used, NOISY)
-        process(used, frame_of(OTHER_ROOM, pose(), 16))
-        result = process(used, holed(frame_of(ROOM, PATH[7]), 17))
-        assert not result.depth_m[INSIDE].any()
+    def test_and_back_again_the_memory_of_the_first_scene_serves(self, decimation: int) -> None:
+        corrector = method(decimation=decimation)
+        run(corrector, NOISY)
+        run(corrector, [noisy(frame, 1) for frame in frames_of(OTHER_ROOM, walk(4), first=16)])
+        assert_remembered(process(corrector, holed(frame_of(ROOM, PATH[9]), 30)), frame_of(ROOM, PATH[9]))
+
+    @DECIMATIONS
+    def test_a_scene_that_was_seen_once_is_not_kept(self, decimation: int) -> None:
+        corrector = method(decimation=decimation)
+        frames = [frame_of(ROOM, pose()), frame_of(OTHER_ROOM, pose(), 1), holed(frame_of(ROOM, pose()), 2)]
+        assert run(corrector, frames)[-1].diagnostics.status is TrackingStatus.LOST
+
+
+@DECIMATIONS
+@pytest.mark.parametrize(
+    "jump", [pose(yaw=10), pose(pitch=7, yaw=7), pose(0.06, 0.06, 0.03, roll=16)], ids=["yaw", "pitch", "roll"]
+)
+def test_memory_survives_a_jump(jump: FloatArray, decimation: int) -> None:
+    corrector = method(decimation=decimation)
+    run(corrector, NOISY)
+    true = frame_of(ROOM, PATH[7] @ jump, 18)
+    assert_remembered(process(corrector, holed(true, 18)), true)
 
 
 @DECIMATIONS
@@ -79,10 +102,7 @@ def test_memory_survives_ten_dropped_frames(decimation: int) -> None:
     corrector = method(decimation=decimation)
     run(corrector, NOISY)
     true = frame_of(ROOM, PATH[18], 18)
-    result = process(corrector, holed(noisy(true, 0), 18))
-    assert result.diagnostics.status is TrackingStatus.OK
-    assert np.mean(result.source[INSIDE] == Source.MEMORY) > 0.95
-    assert np.median(abs(result.depth_m / true.depth_m - 1)[INSIDE]) < 0.01
+    assert_remembered(process(corrector, holed(noisy(true, 0), 18)), true)
 
 
 class TestCoveredLens:
@@ -98,10 +118,7 @@ class TestCoveredLens:
             assert (result.source == Source.INVALID).all()
             assert result.diagnostics.status is TrackingStatus.NO_FEATURES
         true = frame_of(ROOM, PATH[9], 46)
-        result = process(corrector, holed(true, 46))
-        assert result.diagnostics.status is TrackingStatus.OK
-        assert np.mean(result.source[INSIDE] == Source.MEMORY) > 0.95
-        assert np.median(abs(result.depth_m / true.depth_m - 1)[INSIDE]) < 0.01
+        assert_remembered(process(corrector, holed(true, 46)), true)
 
     def made_up(self) -> list[Frame]:
         """Nothing but depths at random in three of ten pixels."""

@@ -83,7 +83,6 @@ class VoxDepth(StreamCorrector):
         """Forget all frames; the next one is the first."""
         super().reset()
         self._odometry.reset()
-        self._memory: Memory | None = None
         self._featureless_frames = 0
 
     def _align(self, frame: Frame) -> FusedFrame:
@@ -95,10 +94,11 @@ class VoxDepth(StreamCorrector):
         with timer("track"):
             tracking = self._odometry.track(frame)
         with timer("warp"):
-            if self._memory is None or tracking.T_frame_keyframe is None:
+            memory = self._odometry.memory
+            if memory is None or tracking.T_frame_keyframe is None:
                 memory = Memory.empty(measurement.gray)
             else:
-                memory = self._memory.warp(self._forward_warp, tracking.T_frame_keyframe)
+                memory = memory.warp(self._forward_warp, tracking.T_frame_keyframe)
         with timer("fuse"):
             fused, memory = fuse(memory, measurement, self._config.fusion)
         with timer("remember"):
@@ -121,14 +121,18 @@ class VoxDepth(StreamCorrector):
         )
 
     def _remember(self, frame: Frame, tracking: TrackingResult, memory: Memory) -> None:
-        """Make this frame the keyframe, unless it has no features: then the old keyframe and its memory are kept."""
+        """Make this frame the keyframe, unless it has no features: then the old keyframes and their memory are kept.
+
+        After too many frames without features, they are forgotten.
+        """
         featureless = tracking.status is TrackingStatus.NO_FEATURES
         if featureless and self._featureless_frames < self._config.max_featureless_frames:
             self._featureless_frames += 1
             return
+        if featureless:
+            self._odometry.reset()
         self._featureless_frames = 0
-        self._memory = memory
-        self._odometry.set_keyframe(frame, tracking, memory.disparity_px)
+        self._odometry.set_keyframe(frame, tracking, memory)
 
     def _upsample(
         self, aligned: FusedFrame, disparity_px: FloatImage, confidence: FloatImage

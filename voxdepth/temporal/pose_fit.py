@@ -26,6 +26,7 @@ class PoseFit(NamedTuple):
     T_target_source: FloatArray
     median_residual_px: float
     """Median reprojection error of all points."""
+    n_points: int
     n_inliers: int
     """Points whose reprojection error is less than `inlier_px`."""
 
@@ -52,7 +53,7 @@ def fit_pose(
         if np.abs(step).max() < CONVERGENCE_STEP:
             break
     length = np.hypot(*(project(transform_points(T, points_m), camera) - observed_px).T)
-    return PoseFit(T, median(length), int(np.count_nonzero(length < inlier_px)))
+    return PoseFit(T, median(length), len(points_m), int(np.count_nonzero(length < inlier_px)))
 
 
 def project(points_m: FloatArray, camera: Intrinsics) -> FloatArray:

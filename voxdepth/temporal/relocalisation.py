@@ -1,0 +1,103 @@
+"""Relocalisation: a keyframe is recognised by its features after a motion that is too large to track."""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from pydantic import Field
+
+from ..geometry import resized
+from ..model import Model
+from ..paper.registration import Features, good_matches
+from ..types import FloatArray, FloatImage, GrayImage
+from .memory import Memory
+from .pose_fit import project, transform_points
+from .tracking_camera import Pixels, TrackingCamera
+
+PYRAMID_LEVELS = 6
+"""Sizes at which features are detected, each 1.2 times smaller than the one before."""
+EDGE_PX = 15
+"""Border without features. OpenCV's default of 31 would leave out half of a small image."""
+FAST_THRESHOLD = 10
+"""Contrast of a corner, half of OpenCV's default, so that dim and blurred images have features, too."""
+GRID_PX = 8
+"""Distance of the pixels at which the depth of memory and measurement is compared, in the tracking image."""
+DEPTH_TOLERANCE, DISPARITY_TOLERANCE_PX = 0.05, 0.5
+"""Memory and measurement agree if their disparities differ by at most this share or this many pixels."""
+
+
+class RelocalisationConfig(Model):
+    """How a keyframe is recognised, and how many keyframes are stored."""
+
+    width_px: int = Field(640, ge=64)
+    """Width to which larger images are reduced before features are detected."""
+    n_features: int = Field(500, ge=10)
+    """Maximum number of features per image. More recognise a smaller overlap, and take longer."""
+    max_distance: int = Field(40, ge=0, le=256)
+    """Largest Hamming distance of the descriptors of a match, which have 256 bits."""
+    min_depth_agreement: float = Field(0.7, ge=0, le=1)
+    """Share of the remembered surfaces whose depth the frame must confirm. Less accepts less exact motions."""
+    max_keyframes: int = Field(4, ge=0)
+    """Number of stored keyframes, of which the oldest is dropped first. With 0, only the last frame is recognised."""
+
+
+class Landmarks(NamedTuple):
+    """The features of a keyframe that have a depth."""
+
+    features: Features
+    """Their pixels are those of the tracking image."""
+    points_m: FloatArray
+    """The same features in the camera frame, shape (N, 3)."""
+
+
+class Relocaliser:
+    """Matches the ORB features of a frame with those of a keyframe (Rublee et al. 2011), and compares their depth."""
+
+    def __init__(self, camera: TrackingCamera, config: RelocalisationConfig) -> None:
+        self._camera = camera
+        self._config = config
+        width, height = camera.full_size
+        self._scale = min(1.0, config.width_px / width)
+        self._size = (round(width * self._scale), max(1, round(height * self._scale)))
+        self._orb = cv2.ORB_create(  # type: ignore[attr-defined]
+            nfeatures=config.n_features, nlevels=PYRAMID_LEVELS, edgeThreshold=EDGE_PX, fastThreshold=FAST_THRESHOLD
+        )
+        columns, rows = (np.arange(GRID_PX // 2, side, GRID_PX, dtype=np.float32) for side in camera.size)
+        self._grid: Pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+
+    def describe(self, gray: GrayImage) -> Features:
+        """Features of a gray image of shape (H, W), in pixels of the tracking image."""
+        key_points, descriptors = self._orb.detectAndCompute(
+            cv2.resize(gray, self._size, interpolation=cv2.INTER_AREA), None
+        )
+        if descriptors is None:
+            return Features(points_px=np.empty((0, 2), np.float32), descriptors=np.empty((0, 4), np.uint64))
+        points_px = resized(np.asarray(cv2.KeyPoint.convert(key_points)), self._camera.scale / self._scale)
+        return Features(points_px=points_px.astype(np.float32), descriptors=descriptors.view(np.uint64))
+
+    def landmarks(self, gray: GrayImage, memory: Memory) -> Landmarks:
+        """The features of a keyframe for which its memory has a depth."""
+        features = self.describe(gray)
+        points_m, known = self._camera.points(features.points_px, memory.disparity_px)
+        with_depth = Features(points_px=features.points_px[known], descriptors=features.descriptors[known])
+        return Landmarks(with_depth, points_m)
+
+    def match(self, landmarks: Landmarks, features: Features) -> tuple[FloatArray, FloatArray]:
+        """Points of a keyframe, shape (N, 3), and the pixels where a frame seems to show them, shape (N, 2)."""
+        in_keyframe, in_frame = good_matches(landmarks.features, features, self._config.max_distance)
+        return landmarks.points_m[in_keyframe], features.points_px[in_frame].astype(np.float64)
+
+    def depth_agrees(self, memory: Memory, depth_m: FloatImage, T_frame_memory: FloatArray) -> bool:
+        """Whether a frame measures the remembered surfaces at the depth that a motion gives them.
+
+        Matches on far surfaces alone leave the translation uncertain, and similar textures can match by mistake.
+        """
+        camera = self._camera
+        points_m = transform_points(T_frame_memory, camera.points(self._grid, memory.disparity_px)[0])
+        points_m = points_m[camera.sees(points_m)]
+        measured_m = camera.sample(depth_m, project(points_m, camera.intrinsics))
+        z_m, measured_m = points_m[measured_m > 0, 2], measured_m[measured_m > 0]
+        expected_px, measured_px = (camera.resolution.focal_baseline_px_m / each for each in (z_m, measured_m))
+        tolerance_px = np.maximum(DEPTH_TOLERANCE * measured_px, DISPARITY_TOLERANCE_PX)
+        agreeing = abs(expected_px - measured_px) <= tolerance_px
+        return bool(len(agreeing)) and float(agreeing.mean()) >= self._config.min_depth_agreement
