@@ -3,7 +3,7 @@
 One corner per grid cell is tracked by pyramidal Lucas-Kanade optical flow.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cache
@@ -16,7 +16,8 @@ from pydantic import Field
 
 from ..geometry import inverse_rigid
 from ..model import Model
-from ..types import FloatArray, Frame, GrayImage, Intrinsics
+from ..paper.registration import Features
+from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics
 from .keyframes import Keyframe, Keyframes
 from .memory import Memory
 from .pose_fit import PoseFit, fit_pose, project, transform_points
@@ -233,10 +234,15 @@ class VisualOdometry:
         """
         stored = self._keyframes.stored if prior is None else []
         predictions = [prior, keyframe.T_keyframe_previous, np.eye(4)]
-        if keyframe.T_keyframe_previous is None and stored:
-            fit = self._relocalise([*stored, keyframe], frame, image)
-            return fit or self._follow(keyframe, image, predictions)
-        return self._follow(keyframe, image, predictions) or self._relocalise([keyframe, *stored], frame, image)
+        describe = cache(lambda: self._relocaliser.describe(frame.gray))
+
+        def recognised(keyframes: list[Keyframe]) -> PoseFit | None:
+            return self._relocalise(keyframes, describe, frame.depth_m, image)
+
+        if keyframe.T_keyframe_previous is None:
+            fit = recognised(stored) or self._follow(keyframe, image, predictions)
+            return fit or recognised([keyframe])
+        return self._follow(keyframe, image, predictions) or recognised([keyframe, *stored])
 
     def _follow(
         self, keyframe: Keyframe, image: TrackingImage, predictions: Iterable[FloatArray | None]
@@ -252,17 +258,16 @@ class VisualOdometry:
                 return fit
         return None
 
-    def _relocalise(self, keyframes: Iterable[Keyframe], frame: Frame, image: TrackingImage) -> PoseFit | None:
+    def _relocalise(
+        self, keyframes: list[Keyframe], describe: Callable[[], Features], depth_m: FloatImage, image: TrackingImage
+    ) -> PoseFit | None:
         """The motion since the first of these keyframes that the frame shows; it becomes the keyframe."""
-        if not self._has_features(image):
-            return None
-        features = self._relocaliser.describe(frame.gray)
-        for keyframe in keyframes:
-            fit = self._fit(*self._relocaliser.match(keyframe.landmarks(), features), np.eye(4))
+        for keyframe in keyframes if self._has_features(image) else ():
+            fit = self._fit(*self._relocaliser.match(keyframe.landmarks(), describe()), np.eye(4))
             if fit is None:
                 continue
             fit = self._follow(keyframe, image, [fit.T_target_source]) or fit
-            if self._relocaliser.depth_agrees(keyframe.memory, frame.depth_m, fit.T_target_source):
+            if self._relocaliser.depth_agrees(keyframe.memory, depth_m, fit.T_target_source):
                 self._keyframes.return_to(keyframe)
                 return fit
         return None
