@@ -1,6 +1,7 @@
-"""Compares correctors on the same frames, by the truth or by pixels that are held out.
+"""Compares correctors on the same frames, by the truth, by pixels that are held out, or by later frames.
 
 `suite` runs all `methods` on the frames of all `sources`: `running` times one of them, `scoring` sums its errors by the
-pixel `groups`, and `result_cache` keeps its `measurements`. `report` and `figures` show the numbers that `quantities`
-lists; `paper` holds those that the paper prints.
+pixel `groups`, and `result_cache` keeps its `measurements`. The `kinds` of pixels of a real recording have
+`references`, those of its holes perhaps from `later_frames`; `intervals` says how far results may be chance. `report`
+and `figures` show the numbers that `quantities` lists; `paper` holds those that the paper prints.
 """

@@ -330,6 +330,28 @@ def test_the_sensors_own_holes_are_scored_by_a_true_depth_of_the_first_frame(tmp
     assert [done.measurements.value("real-holes", name, close) for name in ("good", "wall")] == [0, 1]
 
 
+def test_every_frame_may_have_a_true_depth_of_its_name(tmp_path: Path) -> None:
+    folder = plain_recording(tmp_path / "real", 3)
+    (folder / "depth_true").mkdir()
+    for index in (0, 2):
+        truth_mm = (1000 * truth_of(index)).astype(np.uint16)
+        cv2.imwrite(str(folder / "depth_true" / f"{index:06d}.png"), truth_mm)
+    holes = requested_of(folder)[-1]
+    assert holes.name == "real-holes"
+    frames = list(holes.open(tmp_path, 3, lambda what: None).frames(3))
+    for index, expected_m in ((0, truth_of(0)), (1, 0 * truth_of(1)), (2, truth_of(2))):
+        np.testing.assert_allclose(frames[index].reference_m, expected_m)
+
+
+def test_another_true_depth_is_another_sequence(tmp_path: Path) -> None:
+    folder = plain_recording(tmp_path / "real", 1)
+    digests = []
+    for depth_mm in (4000, 5000):
+        cv2.imwrite(str(folder / "depth_true_mm.png"), np.full(CAMERA.shape, depth_mm, np.uint16))
+        digests.append([one.open(tmp_path, 1, lambda what: None).digest(1) for one in requested_of(folder)])
+    assert [one == other for one, other in zip(*digests, strict=True)] == [True, True, True, False]
+
+
 @dataclass(frozen=True)
 class Counted:
     """A shipped sequence that is recorded by hand."""
