@@ -55,8 +55,12 @@ class InpaintingProbabilities:
     """Plane fitted around a cell of the smallest size."""
     coarser_factor: float = 0.43
     """Factor for each doubling of the cell size, since less is known far from the border of a hole."""
-    occlusion_shadow: float = 0.56
-    """Background in an occlusion shadow."""
+    occlusion_shadow: float = 0.8
+    """Background between a near and a far end of a row."""
+    interpolated: float = 0.85
+    """Smooth surface between the ends of a row or column."""
+    unlikely: float = 0.02
+    """Depth in what may be the open sky."""
     ground: float = 0.87
     stixel: float = 0.9
     """Stixel in a hole directly above its ground contact."""

@@ -15,17 +15,12 @@ from .memory import WEIGHT_UNIT, Memory
 
 WINDOW_PX = 5
 """Side of the neighbourhood over which differences of disparity and gray value are averaged."""
-WINDOW_KERNEL = np.ones((WINDOW_PX, WINDOW_PX), np.uint8)
-MIN_DISCONTINUITY_PX = 1.0
-"""A memory that spans more disparity within that neighbourhood has a depth discontinuity there, or ends."""
 DRIFT_WINDOW_PX = 3
 """Side of the window over which the drift is averaged, in decimated pixels."""
 MIN_OVERLAP = 0.1
 """Fraction of that window, measured and remembered, below which the drift counts only in part."""
 NOISE_STRIDE_PX = 4
 """Stride of the rows and columns that the gray noise is estimated from."""
-MIN_SIGNIFICANT_CHANGE = 2.5
-"""Change of gray, in units of its median over the image, below which a farther measurement is never confirmed."""
 MIN_DISAPPEARANCE_CHANGE = 5.0
 """Change of gray, in units of its median over the image, below which a surface is never taken to have disappeared."""
 
@@ -44,21 +39,14 @@ class TemporalFusionConfig(Model):
     Less follows approaching surfaces faster, and averages less."""
     drift_gain: float = Field(0.3, gt=0, le=1)
     """Weight of the newest frame in that running mean. Less is smoother and slower."""
-    min_coherence: float = Field(0.1, gt=0, le=1)
+    min_coherence: float = Field(0.3, gt=0, le=1)
     """Fraction of 5 x 5 px that must contradict the memory in the same direction; fewer pixels are outliers."""
     max_evidence: float = Field(12.0, gt=0, le=15)
     """Largest number of measurements that the memory of a pixel counts. More averages more, and follows slower."""
     min_evidence: float = Field(2.0, gt=0)
-    """Number of measurements that the memory must count to fill a hole or to reject a measurement."""
-    min_evidence_at_discontinuities: float = Field(6.0, gt=0)
-    """Number of measurements to fill a hole within 2 px of a depth discontinuity in the memory, or of its end, where it
-    may be affected by foreground fattening. More leaves more to inpainting."""
-    min_gray_change_free_space: float = Field(3.0, ge=0)
-    """Change of gray, averaged over 5 x 5 px, that confirms a measurement farther than the memory. With less change the
-    remembered surface is still there, and the measurement an outlier. 0 accepts every coherent measurement."""
-    min_gray_change_occluding: float = Field(1.2, ge=0)
-    """Change of gray that confirms a measurement nearer than the memory, in units of the median change over the image.
-    With less change the measurement is unconfirmed. 0 accepts every coherent measurement."""
+    """Number of measurements that the memory must count to reject a measurement."""
+    min_evidence_hole: float = Field(0.9, gt=0)
+    """Number of measurements that the memory must count to fill a hole."""
     max_gray_change_hole: float = Field(8.0, gt=0)
     """Change of gray up to which a remembered surface is still there where nothing is measured."""
     decay_occluded: float = Field(0.5, ge=0)
@@ -67,16 +55,13 @@ class TemporalFusionConfig(Model):
     """Measurements that the memory loses per frame where the sensor sees through it."""
     decay_outlier: float = Field(0.125, ge=0)
     """Measurements that the memory loses per frame where it rejects a measurement, so that no memory lasts for ever."""
-    decay_unconfirmed: float = Field(1.0, ge=0)
-    """Measurements that the memory loses in addition where it rejects an unconfirmed measurement. An obstacle that
-    looks like the wall behind it appears after about ten frames."""
 
 
 class PixelClass(IntEnum):
     """What the fused disparity of a pixel is."""
 
     UNKNOWN = 0
-    """There is neither a measurement nor enough memory."""
+    """There is no measurement."""
     FUSED = 1
     """The weighted mean of memory and measurement, which agree."""
     MEASURED = 2
@@ -90,16 +75,18 @@ class Fused:
     """The fused disparity of a frame, shape (h, w)."""
 
     disparity_px: FloatImage
-    """Disparity, float32; 0 = unknown."""
+    """Disparity of the measured pixels, float32; 0 = hole."""
     pixel_class: GrayImage
-    """One `PixelClass` per pixel, uint8."""
+    """One `PixelClass` per pixel, uint8; holes are unknown."""
     weight: GrayImage
     """Weight of the measurements behind it in units of `1 / WEIGHT_UNIT`, uint8."""
+    remembered_px: FloatImage
+    """Disparity of the memory where nothing is measured and the memory has enough evidence, float32; 0 elsewhere."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Comparison:
-    """Masks of how memory and measurement compare, shape (h, w). All but `unconfirmed` are disjoint."""
+    """Masks of how memory and measurement compare, shape (h, w). They are disjoint."""
 
     agreeing: GrayImage
     """Both are of the same surface."""
@@ -109,8 +96,6 @@ class _Comparison:
     """The sensor sees through the remembered surface, which must be gone."""
     outlier: GrayImage
     """The measurement is rejected, and the memory kept."""
-    unconfirmed: GrayImage
-    """Those outliers that are coherent and nearer, where the image shows no change."""
     new: GrayImage
     """Measured where the memory is empty, or has too little evidence to reject anything."""
     hole: GrayImage
@@ -128,15 +113,13 @@ def fuse(memory: Memory, measurement: Measurement, config: TemporalFusionConfig)
     max_change = max(config.max_gray_change_hole, MIN_DISAPPEARANCE_CHANGE * noise)
     disappeared = and_not(above(gray_change, max_change), measurement.valid)
     memory = replace(memory, weight=and_not(memory.weight, disappeared))
-    comparison = _compare(memory, measurement, gray_change, noise, config)
+    comparison = _compare(memory, measurement, config)
     memory = _average(memory, measurement, comparison, config)
     return _output(memory, measurement, comparison), _update(memory, measurement, comparison, config)
 
 
-def _compare(
-    memory: Memory, measurement: Measurement, gray_change: GrayImage, noise: float, config: TemporalFusionConfig
-) -> _Comparison:
-    """Classify all pixels by disparity first and by the change of gray where the disparities contradict."""
+def _compare(memory: Memory, measurement: Measurement, config: TemporalFusionConfig) -> _Comparison:
+    """Classify all pixels by disparity, and by how many pixels around contradict the memory in the same direction."""
     known, valid = above(memory.weight, 0), measurement.valid
     overlap = known & valid
     difference_px = measurement.disparity_px - memory.disparity_px
@@ -146,25 +129,15 @@ def _compare(
     farther = _coherent(contradicting & below(difference_px, 0), config)
 
     evident = above(memory.weight, round(WEIGHT_UNIT * config.min_evidence) - 1)
-    min_change = config.min_gray_change_free_space
-    if min_change > 0:
-        min_change = max(min_change, MIN_SIGNIFICANT_CHANGE * noise)
-    unconfirmed = nearer & evident & below(gray_change, config.min_gray_change_occluding * noise)
-    occluding = and_not(nearer, unconfirmed)
-    free_space_violation = and_not(farther, evident & below(gray_change, min_change))
-    rejected = and_not(contradicting, occluding | free_space_violation)
-    # At depth discontinuities, the memory needs more evidence to fill a hole.
-    span_px = np.asarray(cv2.morphologyEx(memory.disparity_px, cv2.MORPH_GRADIENT, WINDOW_KERNEL), np.float32)
-    weak = below(memory.weight, round(WEIGHT_UNIT * config.min_evidence_at_discontinuities))
+    rejected = and_not(contradicting, nearer | farther)
     drift_px, memory_factor = _drift(memory, clipped_px, overlap, config)
     return _Comparison(
         agreeing=agreeing,
-        occluding=occluding,
-        free_space_violation=free_space_violation,
+        occluding=nearer,
+        free_space_violation=farther,
         outlier=rejected & evident,
-        unconfirmed=unconfirmed,
         new=and_not(valid, known) | and_not(rejected, evident),
-        hole=and_not(and_not(evident, weak & above(span_px, MIN_DISCONTINUITY_PX)), valid),
+        hole=and_not(above(memory.weight, round(WEIGHT_UNIT * config.min_evidence_hole) - 1), valid),
         memory_factor=memory_factor,
         drift_px=drift_px,
     )
@@ -239,7 +212,6 @@ def _update(memory: Memory, measurement: Measurement, comparison: _Comparison, c
         (comparison.occluding, config.decay_occluded),
         (comparison.free_space_violation, config.decay_free_space),
         (comparison.outlier, config.decay_outlier),
-        (comparison.unconfirmed, config.decay_unconfirmed),
     ):
         loss = contradicting & np.uint8(round(WEIGHT_UNIT * decay))
         weight = np.asarray(cv2.subtract(weight, loss), np.uint8)  # saturates at 0
@@ -256,12 +228,13 @@ def _update(memory: Memory, measurement: Measurement, comparison: _Comparison, c
 def _output(memory: Memory, measurement: Measurement, comparison: _Comparison) -> Fused:
     """The fused frame: memory where it agrees or is kept, the measurement where it is new or contradicts."""
     measured = comparison.new | comparison.occluding | comparison.free_space_violation
-    remembered = comparison.outlier | comparison.hole
     disparity_px, weight = np.zeros_like(memory.disparity_px), memory.weight.copy()
-    copy_where(comparison.agreeing | remembered, memory.disparity_px, disparity_px)
+    remembered_px = np.zeros_like(disparity_px)
+    copy_where(comparison.hole, memory.disparity_px, remembered_px)
+    copy_where(comparison.agreeing | comparison.outlier, memory.disparity_px, disparity_px)
     copy_where(measured, measurement.disparity_px, disparity_px)
     copy_where(measured, measurement.weight, weight)
     pixel_class = comparison.agreeing & np.uint8(PixelClass.FUSED)
     pixel_class |= measured & np.uint8(PixelClass.MEASURED)
-    pixel_class |= remembered & np.uint8(PixelClass.REMEMBERED)
-    return Fused(disparity_px=disparity_px, pixel_class=pixel_class, weight=weight)
+    pixel_class |= comparison.outlier & np.uint8(PixelClass.REMEMBERED)
+    return Fused(disparity_px=disparity_px, pixel_class=pixel_class, weight=weight, remembered_px=remembered_px)

@@ -109,13 +109,14 @@ class VoxDepth(StreamCorrector):
         """Run the second half, which depends on nothing but its argument: inpaint, smooth, and upsample."""
         timer, fused, config = StepTimer(aligned.timings_s), aligned.fused, self._config
         with timer("inpaint"):
-            disparity_px, probability = self._inpainter.inpaint(fused.disparity_px)
+            inpainted = self._inpainter.inpaint(fused.disparity_px, fused.remembered_px)
+            pixel_class = fused.pixel_class | (inpainted.remembered & np.uint8(PixelClass.REMEMBERED))
         with timer("smooth"):
-            disparity_px = smooth_guided(disparity_px, config.smoothing_window_px, config.smoothing_noise_px)
+            disparity_px = smooth_guided(inpainted.disparity_px, config.smoothing_window_px, config.smoothing_noise_px)
         with timer("confidence"):
-            confidence = estimate_confidence(disparity_px, fused.pixel_class, fused.weight, probability)
+            confidence = estimate_confidence(disparity_px, pixel_class, fused.weight, inpainted.probability)
         with timer("upsample"):
-            depth_m, source, confidence = self._upsample(aligned, disparity_px, confidence)
+            depth_m, source, confidence = self._upsample(aligned.measured_px, pixel_class, disparity_px, confidence)
         return CorrectedDepth(
             depth_m=depth_m, source=source, confidence=confidence, timings_s=timer.times_s, diagnostics=aligned.tracking
         )
@@ -135,10 +136,9 @@ class VoxDepth(StreamCorrector):
         self._odometry.set_keyframe(frame, tracking, memory)
 
     def _upsample(
-        self, aligned: FusedFrame, disparity_px: FloatImage, confidence: FloatImage
+        self, measured_px: FloatImage, pixel_class: GrayImage, disparity_px: FloatImage, confidence: FloatImage
     ) -> tuple[FloatImage, GrayImage, FloatImage]:
         """Depth, source and confidence at full resolution, shape (H, W)."""
-        measured_px, pixel_class = aligned.measured_px, aligned.fused.pixel_class
         if self._resolution.decimation == 2:
             disparity_px, confidence = upsample_guided(measured_px, disparity_px, confidence, pixel_class)
             pixel_class = upsample_nearest(pixel_class, measured_px.shape)
