@@ -59,8 +59,8 @@ class InpaintingProbabilities:
     """Background between a near and a far end of a row."""
     interpolated: float = 0.85
     """Smooth surface between the ends of a row or column."""
-    unlikely: float = 0.02
-    """Depth in what may be the open sky."""
+    sky: float = 0.02
+    """Guess in what may be the open sky."""
     ground: float = 0.87
     stixel: float = 0.9
     """Stixel in a hole directly above its ground contact."""

@@ -21,8 +21,11 @@ class VoxDepthConfig(Model):
     fusion: TemporalFusionConfig = TemporalFusionConfig()
     max_featureless_frames: int = Field(60, ge=0)
     """Consecutive frames without features (darkness, a covered lens) after which the memory is discarded."""
-    inpaint: bool = True
-    """Whether pixels without measurement and memory are inpainted; otherwise they stay invalid."""
+    fill: Literal["none", "likely", "all"] = "likely"
+    """Which pixels without measurement and memory are inpainted: none, those that are likely enough right, or all. The
+    others stay invalid."""
+    min_fill_probability: float = Field(0.1, ge=0, le=1)
+    """Confidence that an inpainted pixel must have to be shown with `fill = "likely"`."""
     inpainting: InpaintingConfig = InpaintingConfig()
     smoothing_window_px: Literal[1, 3, 5, 7] = 5
     """Window of the edge-preserving smoothing; 1 disables it."""

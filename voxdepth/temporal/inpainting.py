@@ -8,12 +8,23 @@ from pydantic import Field
 
 from ..model import Model
 from ..types import FloatImage, GrayImage
+from .confidence import INPAINTING
 from .ground import GroundConfig, StixelEstimator, StixelsConfig, find_ground
 from .masks import above, and_not, box_mean, copy_where
 from .measurement import VALIDITY_WINDOW_PX
 from .planes import PlaneFitter, PlanesConfig
 from .scanlines import ScanlinesConfig, interpolate_holes
 from .working_resolution import WorkingResolution
+
+
+SKY_CELL_PX = 4
+"""Side of the cells in which the sky is searched, in working pixels."""
+SKY_MAX_KNOWN = 192
+"""Mean of the mask of known pixels, 0..255, up to which a cell may be sky: the sky has wrong matches."""
+SKY_MIN_SHARE = 0.02
+"""Fraction of the image that a region of sky covers at least."""
+SKY_GRAY_QUANTILE = 0.9
+"""Fraction of the measured pixels that the sky is brighter than."""
 
 
 class InpaintingConfig(Model):
@@ -47,7 +58,7 @@ class Inpainter:
         self._planes = PlaneFitter(resolution, config.planes)
         self._stixels = StixelEstimator(resolution, self._planes, config.stixels)
 
-    def inpaint(self, measured_px: FloatImage, remembered_px: FloatImage) -> Inpainted:
+    def inpaint(self, measured_px: FloatImage, remembered_px: FloatImage, gray: GrayImage) -> Inpainted:
         """Fill the holes of an image of measured disparities. An empty image stays empty.
 
         Measured ends of a hole nearby are more often right than the memory, which holds the fattened borders of near
@@ -57,6 +68,7 @@ class Inpainter:
         Args:
             measured_px: Disparity, shape (h, w); 0 = hole.
             remembered_px: Disparity of the memory in holes, shape (h, w); 0 = unknown or measured.
+            gray: Gray image, shape (h, w).
         """
         near = interpolate_holes(measured_px, self._decimation, self._config.scanlines)
         remembered = and_not(above(remembered_px, 0), self._contradicted(remembered_px, near.disparity_px))
@@ -66,6 +78,7 @@ class Inpainter:
         if cv2.countNonZero(known) in (0, known.size):
             return Inpainted(known_px, np.zeros_like(known_px), remembered)
         filled_px, probability = self._guess(known_px, known)
+        copy_where(find_sky(known, gray), np.full_like(probability, INPAINTING.sky), probability)
         interpolated = above(near.disparity_px, 0)
         copy_where(interpolated, near.disparity_px, filled_px)
         copy_where(interpolated, near.probability, probability)
@@ -93,6 +106,23 @@ class Inpainter:
         min_px = cv2.minMaxLoc(known_px, known)[0]
         np.maximum(guess_px, np.float32(min_px), out=guess_px)
         return guess_px, probability
+
+
+def find_sky(known: GrayImage, gray: GrayImage) -> GrayImage:
+    """Mask of what may be open sky, shape (h, w): bright regions without depth that reach the upper border.
+
+    A bright wall or ceiling without texture looks the same.
+    """
+    size = tuple(max(1, side // SKY_CELL_PX) for side in known.shape[::-1])
+    coarse_known, coarse_gray = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (known, gray))
+    measured_gray = gray[::SKY_CELL_PX, ::SKY_CELL_PX][known[::SKY_CELL_PX, ::SKY_CELL_PX] > 0]
+    min_gray = np.quantile(measured_gray, SKY_GRAY_QUANTILE) if measured_gray.size else 255
+    bright_hole = (coarse_known < SKY_MAX_KNOWN) & (coarse_gray > min_gray)
+    _, label, stats, _ = cv2.connectedComponentsWithStats(bright_hole.astype(np.uint8), connectivity=4)
+    is_sky = (stats[:, cv2.CC_STAT_TOP] == 0) & (stats[:, cv2.CC_STAT_AREA] >= SKY_MIN_SHARE * label.size)
+    is_sky[0] = False  # the component of all other pixels
+    sky = is_sky[label].astype(np.uint8) * np.uint8(255)
+    return np.asarray(cv2.resize(sky, known.shape[::-1], interpolation=cv2.INTER_NEAREST), np.uint8)
 
 
 def _validity(valid: GrayImage) -> FloatImage:

@@ -15,7 +15,7 @@ from .config import VoxDepthConfig
 from .forward_warp import create_forward_warp
 from .fusion import Fused, PixelClass, fuse
 from .inpainting import Inpainter
-from .masks import above, clear_where, equal
+from .masks import above, below, clear_where, equal
 from .measurement import measure
 from .memory import Memory
 from .odometry import TrackingResult, TrackingStatus, VisualOdometry
@@ -46,6 +46,8 @@ class FusedFrame:
 
     measured_px: FloatImage
     """Measured disparity, shape (H, W); 0 = invalid."""
+    gray: GrayImage
+    """Gray image at the working resolution, shape (h, w)."""
     fused: Fused
     tracking: TrackingResult
     timings_s: Mapping[str, float]
@@ -103,13 +105,13 @@ class VoxDepth(StreamCorrector):
             fused, memory = fuse(memory, measurement, self._config.fusion)
         with timer("remember"):
             self._remember(frame, tracking, memory)
-        return FusedFrame(measured_px=measured_px, fused=fused, tracking=tracking, timings_s=timer.times_s)
+        return FusedFrame(measured_px=measured_px, gray=measurement.gray, fused=fused, tracking=tracking, timings_s=timer.times_s)
 
     def combine(self, aligned: FusedFrame) -> CorrectedDepth:
         """Run the second half, which depends on nothing but its argument: inpaint, smooth, and upsample."""
         timer, fused, config = StepTimer(aligned.timings_s), aligned.fused, self._config
         with timer("inpaint"):
-            inpainted = self._inpainter.inpaint(fused.disparity_px, fused.remembered_px)
+            inpainted = self._inpainter.inpaint(fused.disparity_px, fused.remembered_px, aligned.gray)
             pixel_class = fused.pixel_class | (inpainted.remembered & np.uint8(PixelClass.REMEMBERED))
         with timer("smooth"):
             disparity_px = smooth_guided(inpainted.disparity_px, config.smoothing_window_px, config.smoothing_noise_px)
@@ -146,8 +148,9 @@ class VoxDepth(StreamCorrector):
         measured = above(measured_px, 0) & np.uint8(MEASURED_BIT)
         valid = above(depth_m, 0) & np.uint8(VALID_BIT)
         source = np.asarray(cv2.LUT(pixel_class | measured | valid, SOURCES), np.uint8)
-        if not self._config.inpaint:
-            clear_where(equal(source, Source.INPAINTED), source)
+        if self._config.fill != "all":
+            min_probability = self._config.min_fill_probability if self._config.fill == "likely" else np.inf
+            clear_where(equal(source, Source.INPAINTED) & below(confidence, min_probability), source)
         invalid = equal(source, Source.INVALID)
         clear_where(invalid, depth_m)
         clear_where(invalid, confidence)
