@@ -39,11 +39,11 @@ class TemporalFusionConfig(Model):
     Less follows approaching surfaces faster, and averages less."""
     drift_gain: float = Field(0.3, gt=0, le=1)
     """Weight of the newest frame in that running mean. Less is smoother and slower."""
-    min_coherence: float = Field(0.3, gt=0, le=1)
+    min_coherence: float = Field(0.1, gt=0, le=1)
     """Fraction of 5 x 5 px that must contradict the memory in the same direction; fewer pixels are outliers."""
     max_evidence: float = Field(12.0, gt=0, le=15)
     """Largest number of measurements that the memory of a pixel counts. More averages more, and follows slower."""
-    min_evidence: float = Field(2.0, gt=0)
+    min_evidence: float = Field(4.0, gt=0)
     """Number of measurements that the memory must count to reject a measurement."""
     min_evidence_hole: float = Field(0.9, gt=0)
     """Number of measurements that the memory must count to fill a hole."""

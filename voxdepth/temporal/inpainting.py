@@ -9,7 +9,7 @@ from pydantic import Field
 from ..model import Model
 from ..types import FloatImage, GrayImage
 from .confidence import INPAINTING
-from .ground import GroundConfig, StixelEstimator, StixelsConfig, find_ground
+from .ground import GROUND_TOLERANCE, GroundConfig, StixelEstimator, StixelsConfig, find_ground
 from .masks import above, and_not, box_mean, copy_where
 from .measurement import VALIDITY_WINDOW_PX
 from .planes import PlaneFitter, PlanesConfig
@@ -77,10 +77,11 @@ class Inpainter:
         known = above(known_px, 0)
         if cv2.countNonZero(known) in (0, known.size):
             return Inpainted(known_px, np.zeros_like(known_px), remembered)
-        filled_px, probability = self._guess(known_px, known)
+        filled_px, probability, ground_px = self._guess(known_px, known)
         copy_where(find_sky(known, gray), np.full_like(probability, INPAINTING.sky), probability)
         interpolated = above(near.disparity_px, 0)
-        copy_where(interpolated, near.disparity_px, filled_px)
+        copy_where(interpolated, np.maximum(near.disparity_px, ground_px), filled_px)
+        copy_where(near.background, near.disparity_px, filled_px)
         copy_where(interpolated, near.probability, probability)
         copy_where(known, known_px, filled_px)
         return Inpainted(filled_px, probability, remembered)
@@ -91,21 +92,27 @@ class Inpainter:
         difference_px = np.asarray(cv2.absdiff(remembered_px, near_px), np.float32)
         return above(near_px, 0) & above(difference_px, tolerance_px)
 
-    def _guess(self, known_px: FloatImage, known: GrayImage) -> tuple[FloatImage, FloatImage]:
-        """Disparity and its probability in every pixel, from planes, stixels and the ground."""
+    def _guess(self, known_px: FloatImage, known: GrayImage) -> tuple[FloatImage, FloatImage, FloatImage]:
+        """Disparity and its probability in every pixel, from planes, stixels and the ground; and the least disparity.
+
+        Where there is a ground, no surface is farther than it.
+        """
         moments = self._planes.moments(known_px, _validity(known))
         ground = find_ground(*self._planes.cell_means(moments), self._planes.shape[0], self._config.ground)
         stixels = None if ground is None else self._stixels.estimate(known_px, ground)
-        estimate = None
+        estimate, ground_px = None, np.zeros_like(known_px)
         for level in reversed(range(self._planes.levels)):
             estimate = self._planes.fit(moments[level], level, estimate)
             if stixels is not None:
                 estimate = stixels.overlay(estimate, level)
         assert estimate is not None
-        guess_px, probability = self._planes.upsample(estimate)
+        if stixels is not None:
+            ground_px = self._planes.upsample(GROUND_TOLERANCE * stixels.ground_px)
+        guess_px = self._planes.upsample(estimate.disparity_px)
+        probability = self._planes.upsample_bounded(estimate.probability)
         min_px = cv2.minMaxLoc(known_px, known)[0]
         np.maximum(guess_px, np.float32(min_px), out=guess_px)
-        return guess_px, probability
+        return guess_px, probability, ground_px
 
 
 def find_sky(known: GrayImage, gray: GrayImage) -> GrayImage:

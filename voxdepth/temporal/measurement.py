@@ -8,12 +8,18 @@ import numpy as np
 from ..types import FloatImage, Frame, GrayImage
 from .masks import Image, above, below, box_mean, copy_where
 from .memory import WEIGHT_UNIT
-from .working_resolution import WorkingResolution
+from .working_resolution import MAX_DISPARITY_PX, WorkingResolution
 
 VALIDITY_WINDOW_PX = 5
 """Window in which the valid neighbours of a pixel are counted: most pixels at the border of holes are wrong."""
 MAX_SURFACE_SPAN_PX = 1.0
 """Blocks of two by two pixels whose disparities span less are averaged; others show two surfaces."""
+MAX_SPECK_PX = 16
+"""Largest number of working pixels of a speck."""
+SPECK_SCALE = 16
+"""Units per pixel of the disparity in which specks are searched; neighbours of one surface differ by at most 1 px."""
+SPECK_KERNEL = np.ones((7, 7), np.uint8)
+"""Neighbourhood of a speck."""
 _MEAN_MASK = np.arange(256) / 255
 """What a byte of an averaged mask stands for, 0..1."""
 _VALID_FRACTION = np.maximum(1, np.rint(4 * _MEAN_MASK)).astype(np.float32) / 4
@@ -46,7 +52,9 @@ def measure(frame: Frame, full_disparity_px: FloatImage, resolution: WorkingReso
     if resolution.decimation == 2:
         mean_mask, gray = (_block_mean(image, resolution) for image in (valid, frame.gray))
         disparity_px = _decimate(full_disparity_px, frame.depth_m, mean_mask, resolution)
-        valid, validity = above(disparity_px, 0), np.asarray(cv2.LUT(mean_mask, _BLOCK_VALIDITY), np.uint8)
+        validity = np.asarray(cv2.LUT(mean_mask, _BLOCK_VALIDITY), np.uint8)
+    disparity_px = _remove_near_specks(disparity_px)
+    valid = above(disparity_px, 0)
     weight = np.asarray(cv2.LUT(box_mean(validity, VALIDITY_WINDOW_PX), _WEIGHT), np.uint8)
     return Measurement(
         disparity_px=disparity_px,
@@ -54,6 +62,23 @@ def measure(frame: Frame, full_disparity_px: FloatImage, resolution: WorkingReso
         weight=weight & valid,
         gray=np.asarray(cv2.GaussianBlur(gray, (3, 3), 0), np.uint8),
     )
+
+
+def _remove_near_specks(disparity_px: FloatImage) -> FloatImage:
+    """The image without small surfaces that lie nearer than all larger ones around them.
+
+    Such specks are wrong matches more often than objects. Farther ones may be all that is visible of the background.
+    """
+    fixed_point = np.minimum(disparity_px * np.float32(SPECK_SCALE), np.float32(np.iinfo(np.int16).max))
+    fixed_point = fixed_point.astype(np.int16)
+    cv2.filterSpeckles(fixed_point, 0, MAX_SPECK_PX, SPECK_SCALE)
+    large = above(fixed_point, 0)
+    background_px = np.full_like(disparity_px, MAX_DISPARITY_PX)
+    copy_where(large, disparity_px, background_px)
+    background_px = np.asarray(cv2.erode(background_px, SPECK_KERNEL), np.float32)
+    kept_px = np.zeros_like(disparity_px)
+    copy_where(large | below(disparity_px, background_px + np.float32(MAX_SURFACE_SPAN_PX)), disparity_px, kept_px)
+    return kept_px
 
 
 def _decimate(

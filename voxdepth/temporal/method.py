@@ -105,7 +105,9 @@ class VoxDepth(StreamCorrector):
             fused, memory = fuse(memory, measurement, self._config.fusion)
         with timer("remember"):
             self._remember(frame, tracking, memory)
-        return FusedFrame(measured_px=measured_px, gray=measurement.gray, fused=fused, tracking=tracking, timings_s=timer.times_s)
+        return FusedFrame(
+            measured_px=measured_px, gray=measurement.gray, fused=fused, tracking=tracking, timings_s=timer.times_s
+        )
 
     def combine(self, aligned: FusedFrame) -> CorrectedDepth:
         """Run the second half, which depends on nothing but its argument: inpaint, smooth, and upsample."""

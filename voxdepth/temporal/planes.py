@@ -138,11 +138,15 @@ class PlaneFitter:
             probability = weight * probability + (1 - weight) * coarser_probability
         return CellEstimate(disparity_px, probability)
 
-    def upsample(self, estimate: CellEstimate) -> tuple[FloatImage, FloatImage]:
-        """Disparity [px] and probability of the finest cells in every pixel, both of shape (h, w)."""
-        disparity_px = _upsample_linear(estimate.disparity_px.astype(np.float32), self.cell_px)
-        probability = _resize(estimate.probability.astype(np.float32), self.cell_px)
-        return np.ascontiguousarray(disparity_px[self._inside]), np.ascontiguousarray(probability[self._inside])
+    def upsample(self, values: FloatArray) -> FloatImage:
+        """Values of the finest cells in every pixel, shape (h, w), extrapolated linearly to the border."""
+        enlarged = _upsample_linear(values.astype(np.float32), self.cell_px)
+        return np.ascontiguousarray(enlarged[self._inside])
+
+    def upsample_bounded(self, values: FloatArray) -> FloatImage:
+        """Values of the finest cells in every pixel, shape (h, w), none beyond the smallest and largest of them."""
+        enlarged = _resize(values.astype(np.float32), self.cell_px)
+        return np.ascontiguousarray(enlarged[self._inside])
 
     def _sums(self, image: FloatImage, n: int) -> npt.NDArray[np.float32]:
         """Sums per cell of the image times the first n of 1, u, v, uu, uv and vv, shape (n, rows, cols)."""

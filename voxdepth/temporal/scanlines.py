@@ -7,7 +7,7 @@ import numpy.typing as npt
 from pydantic import Field
 
 from ..model import Model
-from ..types import FloatArray, FloatImage, MaskImage
+from ..types import FloatArray, FloatImage, GrayImage, MaskImage
 from .confidence import INPAINTING
 
 Indices = npt.NDArray[np.intp]
@@ -27,7 +27,7 @@ class ScanlinesConfig(Model):
     min_gradient: float = Field(0.3, ge=0)
     """Change of disparity per pixel of the full image between the ends up to which both may be on one slanted surface.
     The gradient over an occlusion shadow is 1, or less if depth is aligned to a camera farther to the side."""
-    max_distance_px: float = Field(16.0, ge=0)
+    max_distance_px: float = Field(12.0, ge=0)
     """Distance to the nearer end, in pixels of the full image, up to which a smooth surface is interpolated."""
 
 
@@ -38,6 +38,8 @@ class Interpolated(NamedTuple):
     """Disparity; 0 where it is measured, or where no end is near enough."""
     probability: FloatImage
     """Probability in 0..1 that it is of the right surface."""
+    background: GrayImage
+    """Mask of the pixels between a near and a far end of their row, uint8."""
 
 
 class _Estimate(NamedTuple):
@@ -65,10 +67,10 @@ def interpolate_holes(disparity_px: FloatImage, decimation: int, config: Scanlin
     value_px = np.where(rows.has_step, rows.disparity_px, _combine(rows, columns, config))
     determined = rows.has_step | (np.minimum(rows.distance_px, columns.distance_px) <= config.max_distance_px)
     probability = np.where(rows.has_step, INPAINTING.occlusion_shadow, INPAINTING.interpolated)
-    result = Interpolated(np.zeros_like(disparity_px), np.zeros_like(disparity_px))
-    for image, values in zip(result, (value_px, probability), strict=True):
+    images = np.zeros_like(disparity_px), np.zeros_like(disparity_px), np.zeros(disparity_px.shape, np.uint8)
+    for image, values in zip(images, (value_px, probability, np.where(rows.has_step, 255, 0)), strict=True):
         image[at] = values * determined
-    return result
+    return Interpolated(*images)
 
 
 def _combine(rows: _Estimate, columns: _Estimate, config: ScanlinesConfig) -> FloatArray:
