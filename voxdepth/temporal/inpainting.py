@@ -16,7 +16,6 @@ from .planes import PlaneFitter, PlanesConfig
 from .scanlines import ScanlinesConfig, interpolate_holes
 from .working_resolution import WorkingResolution
 
-
 SKY_CELL_PX = 4
 """Side of the cells in which the sky is searched, in working pixels."""
 SKY_MAX_KNOWN = 192

@@ -61,16 +61,21 @@ def interpolate_holes(disparity_px: FloatImage, decimation: int, config: Scanlin
     Between two ends on one surface the disparity is linear. Between a near and a far end of a row, the hole shows the
     far surface: one camera of a stereo pair does not see a strip of the background beside a near object.
     """
-    at = np.nonzero(disparity_px == 0)
-    rows = _estimate(disparity_px, at, decimation, config)
-    columns = _estimate(np.ascontiguousarray(disparity_px.T), at[::-1], decimation, config)
+    row, col = at = np.nonzero(disparity_px == 0)
+    rows = _estimate(disparity_px, row, col, decimation, config)
+    columns = _estimate(np.ascontiguousarray(disparity_px.T), col, row, decimation, config)
     value_px = np.where(rows.has_step, rows.disparity_px, _combine(rows, columns, config))
     determined = rows.has_step | (np.minimum(rows.distance_px, columns.distance_px) <= config.max_distance_px)
     probability = np.where(rows.has_step, INPAINTING.occlusion_shadow, INPAINTING.interpolated)
-    images = np.zeros_like(disparity_px), np.zeros_like(disparity_px), np.zeros(disparity_px.shape, np.uint8)
-    for image, values in zip(images, (value_px, probability, np.where(rows.has_step, 255, 0)), strict=True):
-        image[at] = values * determined
-    return Interpolated(*images)
+    result = Interpolated(
+        disparity_px=np.zeros_like(disparity_px),
+        probability=np.zeros_like(disparity_px),
+        background=np.zeros(disparity_px.shape, np.uint8),
+    )
+    result.disparity_px[at] = value_px * determined
+    result.probability[at] = probability * determined
+    result.background[at] = np.uint8(255) * rows.has_step
+    return result
 
 
 def _combine(rows: _Estimate, columns: _Estimate, config: ScanlinesConfig) -> FloatArray:
@@ -91,14 +96,13 @@ def _differ(one_px: FloatArray, other_px: FloatArray, config: ScanlinesConfig) -
 
 
 def _estimate(
-    disparity_px: FloatImage, at: tuple[Indices, Indices], decimation: int, config: ScanlinesConfig
+    disparity_px: FloatImage, row: Indices, col: Indices, decimation: int, config: ScanlinesConfig
 ) -> _Estimate:
     """The estimate along the rows of an image, shape (h, w), at some of its holes."""
-    row, col = at
     width = disparity_px.shape[1]
     valid, every_col = disparity_px > 0, np.arange(width)
-    before = np.maximum.accumulate(np.where(valid, every_col, -1), axis=1)[at]
-    after = np.minimum.accumulate(np.where(valid, every_col, width)[:, ::-1], axis=1)[:, ::-1][at]
+    before = np.maximum.accumulate(np.where(valid, every_col, -1), axis=1)[row, col]
+    after = np.minimum.accumulate(np.where(valid, every_col, width)[:, ::-1], axis=1)[:, ::-1][row, col]
     to_before, to_after = col - before, after - col
     before_px, after_px = _ends(disparity_px, row, before, after, END_SPACING_PX)
     far_before_px, far_after_px = _ends(disparity_px, row, before, after, FAR_SPACING_PX)
