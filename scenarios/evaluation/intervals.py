@@ -1,4 +1,4 @@
-"""Intervals of the share of close pixels: a bootstrap over the frames of a sequence."""
+"""Intervals of the share of close pixels and of errors: a bootstrap over the frames of a sequence."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .groups import NEAR
-from .measurements import AS_GIVEN, Measurement, Selector, measured
+from .measurements import AS_GIVEN, FILLED, Measurement, Selector, measured
 from .methods import is_baseline
 
 SEED, RESAMPLES = 0, 2000
@@ -17,41 +17,67 @@ CLOSE = ("close", "close_low", "close_high")
 LEAD = ("close_lead", "close_lead_low", "close_lead_high")
 """The difference of that share from the share of the best other baseline, and the ends of its interval."""
 
-Counts = Sequence[tuple[int, int]]
-"""Number of close pixels and of all pixels of every frame."""
+ERROR_CHANGE = ("mae_change", "mae_change_low", "mae_change_high")
+"""The change of the mean absolute error of measured pixels from that of raw depth, and the ends of its interval."""
+RAW = "raw"
+
+Sums = Sequence[tuple[float, float]]
+"""Sum over some pixels of every frame, and number of these pixels."""
 Draws = npt.NDArray[np.float64]
 
 
-def close_intervals(counts: Mapping[str, Counts], mask: str) -> Iterator[tuple[str, Measurement]]:
+def close_intervals(counts: Mapping[str, Sums], mask: str) -> Iterator[tuple[str, Measurement]]:
     """Yield the ends of the intervals of each method, and its lead over the best other baseline.
 
     All methods share the drawn frames, so the difference of two methods is that of pairs. Frames that follow each other
     are alike: of a slow camera the intervals are too narrow. An interval of less than two frames is undefined.
 
     Args:
-        counts: Counts of the frames of a sequence by method; those of all methods are of the same frames.
+        counts: Number of close pixels and of all pixels of every frame by method; all methods have the same frames.
         mask: The mask that the counts are of.
     """
-    draws = {method: drawn_shares(frames) for method, frames in counts.items() if sum(pixels for _, pixels in frames)}
+    draws = _drawn(counts)
     for method, own in draws.items():
         n = len(counts[method])
-        yield from ((method, m) for m in _measured(CLOSE[1:], _interval(own[1:], n), mask, n))
+        yield from ((method, m) for m in _measured(CLOSE[1:], _interval(own[1:], n), mask, AS_GIVEN, n))
         others = [name for name in draws if name != method and is_baseline(name)]
         if others:
             lead = own - draws[max(others, key=lambda name: draws[name][0])]
-            yield from ((method, m) for m in _measured(LEAD, (float(lead[0]), *_interval(lead[1:], n)), mask, n))
+            values = float(lead[0]), *_interval(lead[1:], n)
+            yield from ((method, m) for m in _measured(LEAD, values, mask, AS_GIVEN, n))
 
 
-def drawn_shares(counts: Counts) -> Draws:
-    """Return the share of close pixels in all frames and in every resample of them, shape (1 + RESAMPLES,).
+def error_intervals(errors_m: Mapping[str, Sums]) -> Iterator[tuple[str, Measurement]]:
+    """Yield the change of each method's mean error from that of raw depth, with its interval, see `close_intervals`.
+
+    Args:
+        errors_m: Sum of the absolute errors of measured pixels [m], and their number, of every frame by method.
+    """
+    draws = _drawn(errors_m)
+    if RAW not in draws or draws[RAW][0] == 0:
+        return
+    for method in (name for name in draws if name != RAW):
+        n = len(errors_m[method])
+        change = np.divide(draws[method], draws[RAW], out=np.full(1 + RESAMPLES, np.nan), where=draws[RAW] > 0) - 1
+        values = float(change[0]), *_interval(change[1:], n)
+        yield from ((method, m) for m in _measured(ERROR_CHANGE, values, "measured", FILLED, n))
+
+
+def drawn_means(sums: Sums) -> Draws:
+    """Return the mean over the pixels of all frames and of every resample of them, shape (1 + RESAMPLES,).
 
     A resample draws as many frames as there are, with replacement, and is NaN without a pixel.
     """
-    of_frames = np.array(counts, np.float64)
+    of_frames = np.array(sums, np.float64)
     n = len(of_frames)
     drawn = np.random.default_rng(SEED).integers(0, n, (RESAMPLES, n))
-    close, pixels = np.vstack([of_frames.sum(axis=0), of_frames[drawn].sum(axis=1)]).T
-    return np.asarray(np.divide(close, pixels, out=np.full(len(pixels), np.nan), where=pixels > 0), np.float64)
+    total, pixels = np.vstack([of_frames.sum(axis=0), of_frames[drawn].sum(axis=1)]).T
+    return np.asarray(np.divide(total, pixels, out=np.full(len(pixels), np.nan), where=pixels > 0), np.float64)
+
+
+def _drawn(sums: Mapping[str, Sums]) -> dict[str, Draws]:
+    """Return the means of all methods that have a pixel."""
+    return {method: drawn_means(frames) for method, frames in sums.items() if sum(pixels for _, pixels in frames)}
 
 
 def _interval(draws: Draws, n: int) -> tuple[float | None, float | None]:
@@ -63,6 +89,8 @@ def _interval(draws: Draws, n: int) -> tuple[float | None, float | None]:
     return low, high
 
 
-def _measured(metrics: Sequence[str], values: Sequence[float | None], mask: str, n: int) -> Iterator[Measurement]:
+def _measured(
+    metrics: Sequence[str], values: Sequence[float | None], mask: str, on: str, n: int
+) -> Iterator[Measurement]:
     for metric, value in zip(metrics, values, strict=True):
-        yield measured(Selector(metric, mask, NEAR, AS_GIVEN), value, "share", n)
+        yield measured(Selector(metric, mask, NEAR, on), value, "share", n)

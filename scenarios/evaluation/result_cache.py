@@ -18,7 +18,7 @@ from ..images import picked
 from .measurements import Measurement
 from .scoring import METRICS
 
-SCORING = 8
+SCORING = 9
 """Version of the definitions of the metrics: raised when one changes, so that older results are computed again."""
 THUMBNAIL_PX = 240
 """Largest width of the depth image that is kept of the last frame of a sequence."""
@@ -64,6 +64,8 @@ class Scores(Model):
     """PSNR of every frame after completion, peak 65535 mm [dB]; None if it is undefined."""
     frame_close: tuple[tuple[int, int], ...] = ()
     """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
+    frame_errors_m: tuple[tuple[float, int], ...] = ()
+    """Sum of the absolute errors of measured pixels within 20 m of every frame [m], and number of these pixels."""
     thumbnail: str = ""
     """Depth of the last frame, as `encoded_thumbnail` gives it."""
 

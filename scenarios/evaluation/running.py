@@ -76,6 +76,7 @@ def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) 
         measurements=(*score.measurements(), *_latencies(times_s, background_s, workloads_s)),
         frame_psnrs_db=score.frame_psnrs_db,
         frame_close=score.frame_close,
+        frame_errors_m=score.frame_errors_m,
         thumbnail=encoded_thumbnail(output.depth_m),
     )
 

@@ -81,6 +81,8 @@ class Score:
         """PSNR of every frame as in `psnr16_mm` [dB]; None if it is undefined."""
         self.frame_close: tuple[tuple[int, int], ...] = ()
         """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
+        self.frame_errors_m: tuple[tuple[float, int], ...] = ()
+        """Sum of the absolute errors of measured pixels within 20 m of every frame [m], and number of these pixels."""
         self._paper: dict[str, list[float | None]] = {"m_rmse_u16_wrap": [], "psnr_minmax8": []}
 
     def add(
@@ -124,18 +126,21 @@ class Score:
         ]
 
     def _add_sums(self, frame: EvaluationFrame, depth_m: FloatImage, completed_m: FloatImage) -> None:
-        hidden, close, pixels = self._groups.members(self._groups.hidden, NEAR), 0, 0
+        frame_sums = {self._groups.hidden: Sums(), "measured": Sums()}
         for group, where in enumerate(split(frame.labels, len(self._groups))):
             if not where.size:
                 continue
             sums = _sums(depth_m, frame.reference_m, where)
             self._sums[FILLED][group] += sums
-            if group in hidden:
-                close, pixels = close + sums.close, pixels + sums.pixels
+            for mask in frame_sums:
+                if group in self._groups.members(mask, NEAR):
+                    frame_sums[mask] += sums
             if not _is_complete(sums):
                 sums = _sums(completed_m, frame.reference_m, where)
             self._sums[COMPLETED][group] += sums
-        self.frame_close += ((close, pixels),)
+        hidden, given = frame_sums.values()
+        self.frame_close += ((hidden.close, hidden.pixels),)
+        self.frame_errors_m += ((given.abs_error_m, given.filled),)
 
     def _add_flicker(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
         """Without the truth the depth itself, and not its error, should stay the same."""

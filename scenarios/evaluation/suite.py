@@ -22,7 +22,7 @@ from ..files import as_scenario_error, to_toml
 from ..results.provenance import CORRECTION, processor_name, versions
 from ..sequences import SeededSequence, record
 from .groups import RANGES
-from .intervals import close_intervals
+from .intervals import close_intervals, error_intervals
 from .kinds import Kind, kinds_of
 from .measurements import Measurements
 from .methods import Method
@@ -150,7 +150,9 @@ class Evaluation:
         for info in self.sequences.values():
             ours = [result for result in self.results if result.key.sequence == info.name and result.frame_close]
             counts = {result.key.method: result.frame_close for result in ours}
-            found = close_intervals(counts, info.hidden)
+            found = [*close_intervals(counts, info.hidden)]
+            if info.independent == "all":
+                found += error_intervals({result.key.method: result.frame_errors_m for result in ours})
             rows += [(info.name, method, *dict(m).values(), "") for method, m in found]
         return Measurements(rows)
 
