@@ -121,7 +121,7 @@ def test_the_examples_of_configurations_are_accepted() -> None:
     from voxdepth.registry import resolve_config
 
     default, paper = blocks(ROOT / "docs" / "cameras.md", "toml")
-    assert not resolve_config("voxdepth", tomllib.loads(default)).inpaint
+    assert resolve_config("voxdepth", tomllib.loads(default)).fill == "none"
     assert resolve_config("paper", tomllib.loads(paper)).motion == "per_frame"
 
 

@@ -326,9 +326,9 @@ def test_a_method_may_have_a_setting_which_its_name_tells() -> None:
     assert (method.name, method.is_foreign) == ("voxdepth[smoothing_window_px=1]", False)
     assert method.config is not None
     assert method.config["smoothing_window_px"] == 1
-    side = find_method("voxdepth[inpainting.hidden_side=right]").config
-    assert side is not None
-    assert side["inpainting"]["hidden_side"] == "right"
+    nested = find_method("voxdepth[inpainting.scanlines.min_step_px=2]").config
+    assert nested is not None
+    assert nested["inpainting"]["scanlines"]["min_step_px"] == 2
     assert not is_baseline(method.name)
     assert is_baseline("telea")
 

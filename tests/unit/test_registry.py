@@ -61,7 +61,7 @@ def test_only_the_methods_of_voxdepth_take_a_configuration(name: str) -> None:
 
 def test_a_configuration_reaches_its_corrector() -> None:
     frame = holed_frame(0.0)
-    for name, config in (("voxdepth", VoxDepthConfig(inpaint=False)), ("paper", PaperConfig(median_size_px=1))):
+    for name, config in (("voxdepth", VoxDepthConfig(fill="none")), ("paper", PaperConfig(median_size_px=1))):
         own, changed = create_corrector(name, CAMERA), create_corrector(name, CAMERA, config)
         assert (own.process(frame).depth_m > 0).sum() > (changed.process(frame).depth_m > 0).sum()
 
@@ -82,8 +82,8 @@ def test_a_wrong_configuration_is_refused(name: str, config: Any, message: str) 
 
 def test_a_mapping_changes_single_values_of_the_default() -> None:
     frame = holed_frame(0.0)
-    by_type = create_corrector("voxdepth", CAMERA, VoxDepthConfig(inpaint=False)).process(frame)
-    by_values = create_corrector("voxdepth", CAMERA, {"inpaint": False}).process(frame)
+    by_type = create_corrector("voxdepth", CAMERA, VoxDepthConfig(fill="none")).process(frame)
+    by_values = create_corrector("voxdepth", CAMERA, {"fill": "none"}).process(frame)
     np.testing.assert_array_equal(by_values.depth_m, by_type.depth_m)
     with pytest.raises(ConfigError, match="'raw' takes no configuration"):
         create_corrector("raw", CAMERA, {})
@@ -91,7 +91,7 @@ def test_a_mapping_changes_single_values_of_the_default() -> None:
 
 def test_a_value_that_no_configuration_can_hold_is_refused() -> None:
     with pytest.raises(ConfigError, match="date"):
-        create_corrector("voxdepth", CAMERA, {"inpaint": date(2020, 1, 1)})
+        create_corrector("voxdepth", CAMERA, {"fill": date(2020, 1, 1)})
 
 
 def test_every_corrector_has_a_simulated_latency() -> None:

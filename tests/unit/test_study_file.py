@@ -181,7 +181,7 @@ def test_the_example_in_the_documents_resolves(tmp_path: Path) -> None:
     assert len(expand(found)) == 100 + 100 + 3 * 50
 
 
-@pytest.mark.parametrize("key", ["corrector", "corrector.config.inpaint", "rig.depth"])
+@pytest.mark.parametrize("key", ["corrector", "corrector.config.fill", "rig.depth"])
 def test_changes_cannot_reach_into_what_an_arm_sets(key: str) -> None:
     with pytest.raises(ValueError, match=key):
         Arm(name="mine", depth="stereo", corrector=CorrectorSpec(name="voxdepth"), changes={key: False})
