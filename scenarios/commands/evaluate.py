@@ -29,7 +29,7 @@ def evaluate(
         str | None,
         typer.Option(
             metavar="A,B,C",
-            help="Methods by name, perhaps with a setting as in voxdepth[smoothing_window_px=1]. "
+            help="Methods by name, perhaps with a setting as in voxdepth[fill=all]. "
             "Default: all, and the oracle true-pose.",
         ),
     ] = None,

@@ -22,7 +22,9 @@ from ..regression import CorrectorFactory, find_corrector
 
 ORACLE = "true-pose"
 """Splats the last frames by their TRUE poses: an upper bound of what memory can achieve, and not a corrector."""
-METHOD_NAMES = (*CORRECTOR_NAMES, ORACLE)
+DEFAULT_FILLED = f"{DEFAULT}[fill=all]"
+"""The default method, but with a depth at every pixel, for comparisons that need one."""
+METHOD_NAMES = (*CORRECTOR_NAMES, DEFAULT_FILLED, ORACLE)
 """All methods that are compared by default."""
 WARM_UP_FRAMES = 3
 """Warm-up of a method without a configuration."""
@@ -61,7 +63,7 @@ def find_method(name: str) -> Method:
     """Find a method; a name or a setting that does not exist is a `ConfigError` or a `ScenarioError`.
 
     It is the name of a corrector, perhaps with one setting of its configuration as in
-    `voxdepth[smoothing_window_px=1]`, or your own corrector as `package.module:factory`.
+    `voxdepth[fill=all]`, or your own corrector as `package.module:factory`.
     """
     if name == ORACLE:
         return Method(name=name, make=_oracle, sees_true_pose=True)
@@ -83,7 +85,7 @@ def _parsed(name: str, setting: str) -> dict[str, Any]:
     """Return the setting `key=value]` as a configuration; a value that is no number or truth value is a text."""
     key, equals, value = setting.removesuffix("]").partition("=")
     if not (key and equals and value and setting.endswith("]")):
-        raise ScenarioError(f"expected a method with a setting as in voxdepth[smoothing_window_px=1], got {name!r}")
+        raise ScenarioError(f"expected a method with a setting as in voxdepth[fill=all], got {name!r}")
     given: Any = value
     with suppress(ValueError):
         given = json.loads(value)

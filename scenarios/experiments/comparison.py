@@ -9,8 +9,8 @@ import pandas as pd
 
 from voxdepth.registry import DEFAULT
 
-from ..evaluation.measurements import FILLED, Selector
-from ..evaluation.methods import is_baseline
+from ..evaluation.measurements import COMPLETED, FILLED, Selector
+from ..evaluation.methods import DEFAULT_FILLED, is_baseline
 from ..evaluation.suite import Evaluation
 from ..results.table import Column, Table, Value
 
@@ -36,13 +36,17 @@ class Comparison:
         measured = self.evaluation.measurements.select(selector)[column].unstack("method")
         return measured.reindex(index=self.sequences, columns=self.evaluation.methods)
 
-    def values(self, selector: Selector, method: str = DEFAULT) -> pd.Series:
-        """The values of a method by sequence; NaN where undefined."""
-        return self.by_method(selector)[method]
+    def values(self, selector: Selector, method: str | None = None) -> pd.Series:
+        """The values of a method, or of the default method as `own` says, by sequence; NaN where undefined."""
+        return self.by_method(selector)[method or self.own(selector)]
 
-    def counts(self, selector: Selector, method: str = DEFAULT) -> pd.Series:
-        """The sample sizes of the values of a method by sequence, as integers of Python; 0 where not measured."""
-        return self.by_method(selector, "n")[method].fillna(0).astype(int).astype(object)
+    def counts(self, selector: Selector, method: str | None = None) -> pd.Series:
+        """The sample sizes of `values` by sequence, as integers of Python; 0 where not measured."""
+        return self.by_method(selector, "n")[method or self.own(selector)].fillna(0).astype(int).astype(object)
+
+    def own(self, selector: Selector) -> str:
+        """The name of the default method: after completion the one that completes its depth itself, if it took part."""
+        return DEFAULT_FILLED if selector.on == COMPLETED and DEFAULT_FILLED in self.evaluation.methods else DEFAULT
 
     def best(self, selector: Selector, *, without: Sequence[str] = (), min_coverage: float = 0.0) -> pd.DataFrame:
         """The `name` and `value` of the baseline with the lowest value by sequence; None and NaN where none counts.

@@ -326,9 +326,11 @@ def test_a_method_may_have_a_setting_which_its_name_tells() -> None:
     assert (method.name, method.is_foreign) == ("voxdepth[smoothing_window_px=1]", False)
     assert method.config is not None
     assert method.config["smoothing_window_px"] == 1
-    nested = find_method("voxdepth[inpainting.scanlines.min_step_px=2]").config
-    assert nested is not None
-    assert nested["inpainting"]["scanlines"]["min_step_px"] == 2
+    fill, tracks = (find_method(f"voxdepth[{setting}]").config for setting in ("fill=all", "odometry.min_tracks=9"))
+    assert fill is not None
+    assert fill["fill"] == "all"
+    assert tracks is not None
+    assert tracks["odometry"]["min_tracks"] == 9
     assert not is_baseline(method.name)
     assert is_baseline("telea")
 

@@ -138,6 +138,15 @@ HOLES_OF: dict[str, dict[str, dict[str, Any]]] = {
 }
 
 
+def test_errors_after_completion_are_those_of_the_method_that_completes_itself() -> None:
+    filled = {sequence: {**methods, "voxdepth[fill=all]": {HOLE: 0.8}} for sequence, methods in HOLES_OF.items()}
+    comparison = comparison_of(filled)
+    assert list(comparison.values(HOLES)) == [0.8, 0.8]
+    assert comparison.own(HOLES._replace(on="filled")) == "voxdepth"
+    assert "voxdepth[fill=all]" not in comparison.baselines
+    assert list(comparison_of(HOLES_OF).values(HOLES)) == [1.2, 1.1], "the only default that took part"
+
+
 def test_errors_in_holes_are_compared_with_baselines_alone() -> None:
     measured = error_in_holes(comparison_of(HOLES_OF))
     first = columns(measured, 0)
