@@ -144,35 +144,18 @@ class TestOcclusion:
         for _ in range(6):
             _, memory = fuse(memory, self.NEAR)
         fused, _ = fuse(memory, measurement_of(with_block(0.0, 10.0)))  # gone, and its shadow is not measured
-        np.testing.assert_array_equal(fused.disparity_px[INSIDE], 10)
-        np.testing.assert_array_equal(fused.pixel_class[INSIDE], PixelClass.REMEMBERED)
+        np.testing.assert_array_equal(fused.remembered_px[INSIDE], 10)
+        np.testing.assert_array_equal(fused.pixel_class[INSIDE], PixelClass.UNKNOWN)
 
     def test_the_decay_of_occluded_memory_is_configurable(self) -> None:
         _, memory = fuse(memory_of(image(10)), self.NEAR, decay_occluded=3)
         np.testing.assert_array_equal(memory.weight[INSIDE], WEIGHT_UNIT * (EVIDENCE - 3))
         np.testing.assert_array_equal(memory.weight[:8], WEIGHT_UNIT * MAX_EVIDENCE)
 
-    def test_it_is_unconfirmed_without_a_change_of_gray(self) -> None:
+    def test_it_needs_no_change_of_gray(self) -> None:
         fused, _ = fuse(memory_of(image(10)), measurement_of(with_block(20.0)))
-        np.testing.assert_array_equal(fused.disparity_px, 10)
-        np.testing.assert_array_equal(fused.pixel_class[BLOCK], PixelClass.REMEMBERED)
-
-    def test_an_unconfirmed_measurement_wins_when_the_memory_has_decayed(self) -> None:
-        memory, textureless = memory_of(image(10)), measurement_of(with_block(20.0))
-        for frame in range(9):  # from 12 measurements to less than 2, by one and an eighth each time
-            np.testing.assert_array_equal(
-                memory.weight[INSIDE], WEIGHT_UNIT * EVIDENCE - frame * (WEIGHT_UNIT + WEIGHT_UNIT // 8)
-            )
-            fused, memory = fuse(memory, textureless)
-            np.testing.assert_array_equal(fused.disparity_px[INSIDE], 10)
-        fused, _ = fuse(memory, textureless)
         np.testing.assert_array_equal(fused.disparity_px[INSIDE], 20)
-        _, memory = fuse(memory_of(image(10)), textureless, decay_unconfirmed=0)
-        np.testing.assert_array_equal(memory.weight[INSIDE], WEIGHT_UNIT * EVIDENCE - WEIGHT_UNIT // 8)
-
-    def test_confirmation_can_be_disabled(self) -> None:
-        fused, _ = fuse(memory_of(image(10)), measurement_of(with_block(20.0)), min_gray_change_occluding=0)
-        np.testing.assert_array_equal(fused.disparity_px[INSIDE], 20)
+        np.testing.assert_array_equal(fused.pixel_class[INSIDE], PixelClass.MEASURED)
 
 
 class TestFreeSpaceViolation:
@@ -199,63 +182,50 @@ class TestFreeSpaceViolation:
             _, memory = fuse(memory, self.FAR)
         np.testing.assert_array_equal(memory.disparity_px[INSIDE], 10)
 
-    def test_a_farther_measurement_without_a_change_of_gray_is_an_outlier(self) -> None:
-        fused, memory = fuse(memory_of(with_block(20.0)), self.FAR)
-        np.testing.assert_array_equal(fused.disparity_px, with_block(20.0))
-        np.testing.assert_array_equal(memory.disparity_px, with_block(20.0))
-        fused, _ = fuse(memory_of(with_block(20.0)), self.FAR, min_gray_change_free_space=0)
+    def test_it_needs_no_change_of_gray(self) -> None:
+        fused, _ = fuse(memory_of(with_block(20.0)), self.FAR)
         np.testing.assert_array_equal(fused.disparity_px[INSIDE], 10)
+        np.testing.assert_array_equal(fused.pixel_class[INSIDE], PixelClass.MEASURED)
 
 
 class TestHoles:
     HOLED = with_block(0.0, 10.0)
 
-    @pytest.mark.parametrize(("measurements", "kind"), [(1.9, PixelClass.UNKNOWN), (2, PixelClass.REMEMBERED)])
-    def test_holes_need_a_memory_with_enough_evidence(self, measurements: float, kind: PixelClass) -> None:
+    @pytest.mark.parametrize(("measurements", "remembered_px"), [(0.8, 0), (1, 10), (12, 10)])
+    def test_a_memory_of_one_measurement_may_fill_them(self, measurements: float, remembered_px: float) -> None:
         fused, memory = fuse(memory_of(image(10), measurements), measurement_of(self.HOLED))
-        np.testing.assert_array_equal(fused.pixel_class[BLOCK], kind)
-        np.testing.assert_array_equal(fused.disparity_px[BLOCK], 10 if kind is PixelClass.REMEMBERED else 0)
+        np.testing.assert_array_equal(fused.pixel_class[BLOCK], PixelClass.UNKNOWN)
+        np.testing.assert_array_equal(fused.disparity_px[BLOCK], 0)
+        np.testing.assert_array_equal(fused.remembered_px, with_block(remembered_px, 0))
         assert (
             memory.weight[BLOCK] == round(WEIGHT_UNIT * measurements)
         ).all()  # without a measurement it stays as it is
 
+    def test_the_evidence_that_they_need_is_configurable(self) -> None:
+        old, new = memory_of(image(10), 5), measurement_of(self.HOLED)
+        for min_evidence_hole, remembered_px in ((5, 10), (5.5, 0)):
+            fused, _ = fuse(old, new, min_evidence_hole=min_evidence_hole)
+            np.testing.assert_array_equal(fused.remembered_px, with_block(remembered_px, 0))
+
     def test_a_surface_that_looks_different_is_forgotten(self) -> None:
         fused, memory = fuse(memory_of(image(10)), measurement_of(self.HOLED, other_look()))
-        np.testing.assert_array_equal(fused.pixel_class[INSIDE], PixelClass.UNKNOWN)
-        np.testing.assert_array_equal(fused.disparity_px[INSIDE], 0)
+        np.testing.assert_array_equal(fused.remembered_px[INSIDE], 0)
         np.testing.assert_array_equal(memory.weight[INSIDE], 0)
         np.testing.assert_array_equal(memory.disparity_px[INSIDE], 0)
 
     def test_another_exposure_forgets_nothing(self) -> None:
         fused, _ = fuse(memory_of(image(10)), measurement_of(self.HOLED, grays(LOOKS + 30)))
-        np.testing.assert_array_equal(fused.pixel_class[BLOCK], PixelClass.REMEMBERED)
+        np.testing.assert_array_equal(fused.remembered_px, with_block(10, 0))
 
     def test_a_change_of_gray_alone_does_not_remove_a_measured_surface(self) -> None:
         fused, memory = fuse(memory_of(image(10)), measurement_of(image(10), other_look()))
         np.testing.assert_array_equal(fused.pixel_class, PixelClass.FUSED)
         np.testing.assert_array_equal(memory.weight, WEIGHT_UNIT * MAX_EVIDENCE)
 
-    @pytest.mark.parametrize(("measurements", "kind"), [(5, PixelClass.UNKNOWN), (7, PixelClass.REMEMBERED)])
-    @pytest.mark.parametrize("block_px", [12.0, 8.0, 0.0])
-    def test_holes_at_discontinuities_need_more_evidence(
-        self, block_px: float, measurements: float, kind: PixelClass
-    ) -> None:
-        fused, memory = fuse(memory_of(with_block(block_px), measurements), measurement_of(image(0)))
-        top, left = BLOCK[0].start, BLOCK[1].start
-        beside = fused.pixel_class[top + 6, left - 4 : left]
-        np.testing.assert_array_equal(beside, [PixelClass.REMEMBERED] * 2 + [kind] * 2)
-        assert (fused.pixel_class[INSIDE] == (PixelClass.REMEMBERED if block_px else PixelClass.UNKNOWN)).all()
-        # What is not shown is not forgotten.
-        np.testing.assert_array_equal(memory.disparity_px, with_block(block_px))
-
-    def test_a_slope_is_no_discontinuity(self) -> None:
-        slope_px = np.asarray(8 + 0.2 * np.indices(SHAPE)[0], np.float32)
-        fused, _ = fuse(memory_of(slope_px, 3), measurement_of(image(0)))
-        assert (fused.pixel_class == PixelClass.REMEMBERED).all()
-
     def test_pixels_without_measurement_and_memory_are_unknown(self) -> None:
         fused, memory = fuse(Memory.empty(grays()), measurement_of(image(0)))
         assert not fused.disparity_px.any()
+        assert not fused.remembered_px.any()
         assert not fused.pixel_class.any()
         assert not memory.weight.any()
 
@@ -301,16 +271,17 @@ def test_inputs_are_not_modified_and_results_are_not_shared() -> None:
 
 
 def lag_px(**settings: float) -> float:
-    """How far the output is behind a surface that comes nearer by 0.08 px per frame, after twelve frames."""
-    memory = memory_of(image(10))
+    """How far the output is at most behind a surface that comes nearer by 0.08 px per frame, in twelve frames."""
+    memory, lags_px = memory_of(image(10)), []
     for frame in range(1, 13):
         new_px = image(10 + 0.08 * frame)
         fused, memory = fuse(memory, measurement_of(new_px), **settings)
-    return float((new_px - fused.disparity_px).mean())
+        lags_px.append((new_px - fused.disparity_px).mean())
+    return float(max(lags_px))
 
 
 def test_slowly_approaching_surfaces_are_followed() -> None:
-    assert lag_px() < 0.15
+    assert lag_px() < 0.25
     assert lag_px(max_drift_px=1e6) > 0.5  # were drift no reason to trust it less
 
 

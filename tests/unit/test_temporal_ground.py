@@ -6,7 +6,7 @@ import pytest
 from tests.temporal_scenes import Plane, Sphere, pose, render
 from voxdepth.temporal.confidence import INPAINTING
 from voxdepth.temporal.ground import GroundConfig, GroundPlane, find_ground
-from voxdepth.temporal.inpainting import Inpainter, InpaintingConfig
+from voxdepth.temporal.inpainting import Inpainted, Inpainter, InpaintingConfig
 from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatArray, FloatImage, Intrinsics, MaskImage
 
@@ -96,13 +96,14 @@ class TestStixels:
         return disparity_px, disparity_px > walls + 0.01
 
     @staticmethod
-    def filled(disparity_px: FloatImage, decimation: int, config: InpaintingConfig | None = None) -> FloatImage:
+    def inpainted(disparity_px: FloatImage, decimation: int = 1, config: InpaintingConfig | None = None) -> Inpainted:
+        """The result without a memory, of a uniformly gray image."""
         image_px = np.ascontiguousarray(disparity_px[::decimation, ::decimation])
-        return (
-            Inpainter(WorkingResolution.of(CAMERA, decimation), config or InpaintingConfig())
-            .inpaint(image_px)
-            .disparity_px
-        )
+        inpainter = Inpainter(WorkingResolution.of(CAMERA, decimation), config or InpaintingConfig())
+        return inpainter.inpaint(image_px, np.zeros_like(image_px), np.full(image_px.shape, 128, np.uint8))
+
+    def filled(self, disparity_px: FloatImage, decimation: int, config: InpaintingConfig | None = None) -> FloatImage:
+        return self.inpainted(disparity_px, decimation, config).disparity_px
 
     @pytest.mark.parametrize("decimation", [1, 2])
     @pytest.mark.parametrize("wall", [WALL, SLANTED], ids=["across", "slanted"])
@@ -124,14 +125,13 @@ class TestStixels:
         true_px, measured = self.seen(FLOOR, WALL)
         holes_px = np.where(measured, true_px, np.float32(0))
         holes_px[210:] = 0
-        probability = Inpainter(WorkingResolution.of(CAMERA, 1), InpaintingConfig()).inpaint(holes_px).probability
+        probability = self.inpainted(holes_px).probability
         np.testing.assert_allclose(probability[40:100, 40:280], INPAINTING.stixel, rtol=0.01)
         np.testing.assert_allclose(probability[220:, 40:280], INPAINTING.ground, rtol=0.01)
         no_ground = InpaintingConfig(ground=GroundConfig(min_inlier_ratio=2.0))
-        assert (
-            Inpainter(WorkingResolution.of(CAMERA, 1), no_ground).inpaint(holes_px).probability.max()
-            <= INPAINTING.occlusion_shadow
-        )
+        without = self.inpainted(holes_px, 1, no_ground).probability
+        assert without[40:100, 40:280].max() <= np.float32(INPAINTING.plane(0))
+        assert without[220:, 40:280].max() < np.float32(INPAINTING.ground)
 
     @pytest.mark.parametrize("decimation", [1, 2])
     def test_stixels_continue_behind_occluding_objects(self, decimation: int) -> None:

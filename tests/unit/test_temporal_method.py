@@ -110,13 +110,13 @@ class TestNoise:
 
     @DECIMATIONS
     def test_every_result_is_well_formed(self, decimation: int) -> None:
-        for settings in ({}, {"inpaint": False}, {"smoothing_window_px": 1}):
+        for settings in ({}, {"fill": "none"}, {"fill": "all"}, {"smoothing_window_px": 1}):
             for result in run(method(decimation=decimation, **settings), [*NOISY[:4], dark(4), *NOISY[5:]]):
                 assert_well_formed(result)
 
     @DECIMATIONS
     def test_without_filling_only_what_is_known_has_a_depth(self, decimation: int) -> None:
-        filled, bare = (run(method(decimation=decimation, inpaint=inpaint), NOISY) for inpaint in (True, False))
+        filled, bare = (run(method(decimation=decimation, fill=fill), NOISY) for fill in ("all", "none"))
         assert [result.source.tobytes() for result in bare] != [result.source.tobytes() for result in filled]
         for full, result in zip(filled, bare, strict=True):
             assert set(np.unique(result.source)) <= {Source.INVALID, Source.SENSOR, Source.MEMORY}
@@ -185,7 +185,7 @@ class TestSymmetries:
         frames = [noisy(frame, 0, camera=camera) for frame in frames_of(ROOM, walk(8), camera)]
         flipped = [replace(frame, gray=_flipped(frame.gray), depth_m=_flipped(frame.depth_m)) for frame in frames]
         ours = run(method(camera, decimation=decimation), frames)
-        theirs = run(method(mirrored, decimation=decimation, inpainting={"hidden_side": "right"}), flipped)
+        theirs = run(method(mirrored, decimation=decimation), flipped)
         for one, other in zip(ours, theirs, strict=True):
             assert np.mean(one.source == _flipped(other.source)) > 0.9995
             difference_px = abs(11.5 / one.depth_m - 11.5 / _flipped(other.depth_m))

@@ -47,15 +47,46 @@ class TestMeasurement:
         [((6, 6.2, 6.4, 0), 6.2), ((6, 6.1, 6.2, 6.3), 6.15), ((0, 150, 150.5, 0), 150.25), ((0, 0, 0, 150), 150)],
     )
     def test_a_decimated_pixel_is_the_mean_of_one_surface(self, four: tuple[float, ...], mean: float) -> None:
-        full_px = constant(6)
-        full_px[10:12, 20:22] = np.array(four).reshape(2, 2)
-        assert measurement_of(full_px, 2).disparity_px[5, 10] == pytest.approx(mean, rel=1e-6)
+        full_px = np.tile(np.array(four, np.float32).reshape(2, 2), (60, 80))
+        np.testing.assert_allclose(measurement_of(full_px, 2).disparity_px, mean, rtol=1e-6)
 
     @pytest.mark.parametrize(("four", "one"), [((4, 4, 4, 9), 4), ((9, 4, 9, 9), 9), ((0, 9, 9, 4), 9)])
     def test_a_decimated_pixel_takes_the_larger_of_two_surfaces(self, four: tuple[float, ...], one: float) -> None:
+        full_px = np.tile(np.array(four, np.float32).reshape(2, 2), (60, 80))
+        np.testing.assert_array_equal(measurement_of(full_px, 2).disparity_px, one)
+
+    @pytest.mark.parametrize("decimation", [1, 2])
+    @pytest.mark.parametrize("side_px", [1, 3, 4])
+    def test_near_specks_are_removed(self, side_px: int, decimation: int) -> None:
         full_px = constant(6)
-        full_px[10:12, 20:22] = np.array(four).reshape(2, 2)
-        assert measurement_of(full_px, 2).disparity_px[5, 10] == one
+        full_px[20 : 20 + side_px * decimation, 30 : 30 + side_px * decimation] = 20
+        new = measurement_of(full_px, decimation)
+        expected_px = np.full_like(new.disparity_px, 6)
+        expected_px[20 // decimation : 20 // decimation + side_px, 30 // decimation : 30 // decimation + side_px] = 0
+        np.testing.assert_array_equal(new.disparity_px, expected_px)
+        np.testing.assert_array_equal(new.weight > 0, new.disparity_px > 0)
+
+    @pytest.mark.parametrize("decimation", [1, 2])
+    @pytest.mark.parametrize(("side_px", "disparity_px"), [(5, 20.0), (3, 2.0)], ids=["large", "far"])
+    def test_larger_and_farther_surfaces_stay(self, side_px: int, disparity_px: float, decimation: int) -> None:
+        full_px = constant(6)
+        block = np.s_[20 : 20 + side_px * decimation, 30 : 30 + side_px * decimation]
+        full_px[block] = disparity_px
+        np.testing.assert_array_equal(
+            measurement_of(full_px, decimation).disparity_px, full_px[::decimation, ::decimation]
+        )
+
+    def test_lonely_pixels_stay(self) -> None:
+        # Without a larger surface around there is nothing that contradicts them.
+        lonely_px = np.zeros(CAMERA.shape, np.float32)
+        lonely_px[::20, ::20] = 8
+        np.testing.assert_array_equal(measurement_of(lonely_px, 1).disparity_px, lonely_px)
+
+    @pytest.mark.parametrize("decimation", [1, 2])
+    def test_a_slanted_surface_has_no_specks(self, decimation: int) -> None:
+        row, col = np.indices(CAMERA.shape)
+        full_px = np.asarray(5 + 0.4 * row + 0.2 * col, np.float32)
+        assert (measurement_of(full_px, decimation).disparity_px > 0).all()
 
     @pytest.mark.parametrize("decimation", [1, 2])
     def test_weights_fall_at_the_border_of_a_hole(self, decimation: int) -> None:
