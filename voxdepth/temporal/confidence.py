@@ -16,23 +16,23 @@ WEIGHT_LEVELS = 64
 
 
 class Exponential(NamedTuple):
-    """A quantity that approaches a limit exponentially as evidence accumulates."""
+    """A quantity that approaches a limit exponentially."""
 
     start: float
     limit: float
     scale: float
-    """Number of measurements after which it has covered 63 % of the distance."""
+    """Argument at which it has covered 63 % of the distance to the limit."""
 
-    def after(self, n_measurements: FloatArray) -> FloatArray:
-        """The value after some numbers of measurements, same shape."""
-        value: FloatArray = self.limit + (self.start - self.limit) * np.exp(-n_measurements / self.scale)
+    def at(self, argument: FloatArray) -> FloatArray:
+        """The value at some arguments, same shape."""
+        value: FloatArray = self.limit + (self.start - self.limit) * np.exp(-argument / self.scale)
         return value
 
 
 SURFACE_PROBABILITY = {
     PixelClass.FUSED: Exponential(start=0.45, limit=0.995, scale=1.1),
     PixelClass.MEASURED: Exponential(start=0.55, limit=0.97, scale=0.4),
-    PixelClass.REMEMBERED: Exponential(start=0.7, limit=0.99, scale=5),
+    PixelClass.REMEMBERED: Exponential(start=0.8, limit=0.97, scale=5),
 }
 """Probability that the disparity is of the right surface, by pixel class.
 
@@ -55,10 +55,10 @@ class InpaintingProbabilities:
     """Plane fitted around a cell of the smallest size."""
     coarser_factor: float = 0.43
     """Factor for each doubling of the cell size, since less is known far from the border of a hole."""
-    occlusion_shadow: float = 0.8
-    """Background between a near and a far end of a row."""
-    interpolated: float = 0.85
-    """Smooth surface between the ends of a row or column."""
+    background: Exponential = Exponential(start=0.92, limit=0.45, scale=4)
+    """Background between a near and a far end of a row, by the difference of the estimates along row and column [px]."""
+    interpolated: Exponential = Exponential(start=0.9, limit=0.42, scale=1.2)
+    """Surface between two ends of a row or column, by the same difference."""
     sky: float = 0.02
     """Guess in what may be the open sky."""
     ground: float = 0.87
@@ -107,7 +107,7 @@ def estimate_confidence(
 def _lookup_table(of_unknown: float, curves: dict[PixelClass, Exponential]) -> FloatArray:
     """A quantity for every pixel class and weight level, shape (256,)."""
     n_measurements = np.arange(WEIGHT_LEVELS) * 4.0 / WEIGHT_UNIT
-    known = [curves[each].after(n_measurements) for each in PixelClass if each is not PixelClass.UNKNOWN]
+    known = [curves[each].at(n_measurements) for each in PixelClass if each is not PixelClass.UNKNOWN]
     return np.concatenate([np.full(WEIGHT_LEVELS, of_unknown), *known])
 
 

@@ -66,7 +66,9 @@ def interpolate_holes(disparity_px: FloatImage, decimation: int, config: Scanlin
     columns = _estimate(np.ascontiguousarray(disparity_px.T), col, row, decimation, config)
     value_px = np.where(rows.has_step, rows.disparity_px, _combine(rows, columns, config))
     determined = rows.has_step | (np.minimum(rows.distance_px, columns.distance_px) <= config.max_distance_px)
-    probability = np.where(rows.has_step, INPAINTING.occlusion_shadow, INPAINTING.interpolated)
+    both = (rows.weight > 0) & (columns.weight > 0)
+    residual_px = np.where(both, np.abs(rows.disparity_px - columns.disparity_px), np.inf)
+    probability = np.where(rows.has_step, INPAINTING.background.at(residual_px), INPAINTING.interpolated.at(residual_px))
     result = Interpolated(
         disparity_px=np.zeros_like(disparity_px),
         probability=np.zeros_like(disparity_px),

@@ -12,7 +12,7 @@ MAX_DISPARITY_PX = 1000.0
 """No sensor measures surfaces of larger disparity. The bound also keeps fixed-point disparities in range."""
 MIN_DISPARITY_PX = 1e-4
 """Smaller disparities are invalid: they lie beyond 300 km for usual cameras."""
-MAX_FULL_RESOLUTION_PX = 100_000
+MAX_FULL_RESOLUTION_PX = 200_000
 """Images of more pixels are halved by default, so that the method keeps up with a camera."""
 
 
