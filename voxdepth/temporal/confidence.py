@@ -55,10 +55,6 @@ class InpaintingProbabilities:
     """Plane fitted around a cell of the smallest size."""
     coarser_factor: float = 0.43
     """Factor for each doubling of the cell size, since less is known far from the border of a hole."""
-    background: Exponential = Exponential(start=0.92, limit=0.45, scale=4)
-    """Background between a near and a far end of a row, by the difference of the estimates along row and column [px]."""
-    interpolated: Exponential = Exponential(start=0.9, limit=0.42, scale=1.2)
-    """Surface between two ends of a row or column, by the same difference."""
     sky: float = 0.02
     """Guess in what may be the open sky."""
     ground: float = 0.87
@@ -72,6 +68,11 @@ class InpaintingProbabilities:
         return self.finest_plane * self.coarser_factor**level
 
 
+BACKGROUND = Exponential(start=0.92, limit=0.45, scale=4)
+"""Probability of background between a near and a far end of a row, by the difference of the estimates along row and
+column [px]."""
+INTERPOLATED = Exponential(start=0.9, limit=0.42, scale=1.2)
+"""Probability of a surface between two ends of a row or column, by the same difference."""
 INPAINTING = InpaintingProbabilities()
 """The values are means of two least-squares fits: to the twelve rendered sequences of seed 101, and to the images of
 eight drones on two flights through the scenario `city`, of seeds 1008 and 1010. The fits agree except for occluded

@@ -119,11 +119,11 @@ def find_sky(known: GrayImage, gray: GrayImage) -> GrayImage:
 
     A bright wall or ceiling without texture looks the same.
     """
-    size = tuple(max(1, side // SKY_CELL_PX) for side in known.shape[::-1])
-    coarse_known, coarse_gray = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (known, gray))
-    measured_gray = gray[::SKY_CELL_PX, ::SKY_CELL_PX][known[::SKY_CELL_PX, ::SKY_CELL_PX] > 0]
-    min_gray = np.quantile(measured_gray, SKY_GRAY_QUANTILE) if measured_gray.size else 255
-    bright_hole = (coarse_known < SKY_MAX_KNOWN) & (coarse_gray > min_gray)
+    cells = np.s_[::SKY_CELL_PX, ::SKY_CELL_PX]
+    gray, is_known = gray[cells], known[cells] > 0
+    measured_gray = np.sort(gray[is_known])
+    min_gray = measured_gray[int(SKY_GRAY_QUANTILE * (measured_gray.size - 1))]
+    bright_hole = (cv2.blur(known, (SKY_CELL_PX, SKY_CELL_PX))[cells] < SKY_MAX_KNOWN) & (gray > min_gray)
     _, label, stats, _ = cv2.connectedComponentsWithStats(bright_hole.astype(np.uint8), connectivity=4)
     is_sky = (stats[:, cv2.CC_STAT_TOP] == 0) & (stats[:, cv2.CC_STAT_AREA] >= SKY_MIN_SHARE * label.size)
     is_sky[0] = False  # the component of all other pixels

@@ -2,15 +2,17 @@
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
 from ..model import Model
-from ..types import FloatArray, FloatImage, GrayImage, MaskImage
-from .confidence import INPAINTING
+from ..types import FloatImage, GrayImage, MaskImage
+from .confidence import BACKGROUND, INTERPOLATED
+from .masks import above
 
-Indices = npt.NDArray[np.intp]
+Indices = npt.NDArray[np.integer]
 
 END_SPACING_PX, FAR_SPACING_PX = 1, 2
 """Spacing of the three working pixels whose median is the disparity at an end of a hole: one of them may be an outlier.
@@ -42,17 +44,34 @@ class Interpolated(NamedTuple):
     """Mask of the pixels between a near and a far end of their row, uint8."""
 
 
-class _Estimate(NamedTuple):
-    """The estimate of N hole pixels along one axis, each of shape (N,)."""
+class _Runs(NamedTuple):
+    """The holes of the lines of an image: N runs of unmeasured pixels, along its rows or along its columns."""
 
-    disparity_px: FloatArray
-    """Disparity; 0 if neither end is measured."""
-    weight: FloatArray
-    """Inverse square of the distance to the end that counts; a quarter of that if there is only one end."""
-    distance_px: FloatArray
-    """Distance to the nearer end [px]; infinite unless there are two."""
+    run: npt.NDArray[np.int32]
+    """Run of each hole pixel, shape (h, w); arbitrary elsewhere."""
+    line: npt.NDArray[np.int32]
+    """Row or column of each run, shape (N,)."""
+    before: npt.NDArray[np.int32]
+    """Position before each run, shape (N,); -1 if it begins at the border of the image."""
+    after: npt.NDArray[np.int32]
+    """Position after each run, shape (N,); the length of the line if it ends at the border of the image."""
+    before_px: FloatImage
+    """Disparity before each run, shape (N,); 0 at the border."""
+    after_px: FloatImage
+    """Disparity after each run, shape (N,); 0 at the border."""
+    far_px: FloatImage
+    """Disparity of the farther end, shape (N,)."""
     has_step: MaskImage
-    """Whether there is a depth discontinuity between both ends."""
+    """Whether there is a depth discontinuity between both ends, shape (N,)."""
+
+
+class _Estimate(NamedTuple):
+    """The estimate of M hole pixels along one axis, each of shape (M,)."""
+
+    disparity_px: FloatImage
+    """Disparity; 0 if neither end is measured."""
+    weight: FloatImage
+    """Inverse square of the distance to the end that counts; a quarter of that if there is only one end."""
 
 
 def interpolate_holes(disparity_px: FloatImage, decimation: int, config: ScanlinesConfig) -> Interpolated:
@@ -61,28 +80,111 @@ def interpolate_holes(disparity_px: FloatImage, decimation: int, config: Scanlin
     Between two ends on one surface the disparity is linear. Between a near and a far end of a row, the hole shows the
     far surface: one camera of a stereo pair does not see a strip of the background beside a near object.
     """
-    row, col = at = np.nonzero(disparity_px == 0)
-    rows = _estimate(disparity_px, row, col, decimation, config)
-    columns = _estimate(np.ascontiguousarray(disparity_px.T), col, row, decimation, config)
-    value_px = np.where(rows.has_step, rows.disparity_px, _combine(rows, columns, config))
-    determined = rows.has_step | (np.minimum(rows.distance_px, columns.distance_px) <= config.max_distance_px)
-    both = (rows.weight > 0) & (columns.weight > 0)
-    residual_px = np.where(both, np.abs(rows.disparity_px - columns.disparity_px), np.inf)
-    probability = np.where(rows.has_step, INPAINTING.background.at(residual_px), INPAINTING.interpolated.at(residual_px))
+    transposed_px = np.ascontiguousarray(disparity_px.T)
+    rows, columns = (_runs(image_px, decimation, config) for image_px in (disparity_px, transposed_px))
+    reach = int(config.max_distance_px) // decimation
+    near_ends = _near_ends(disparity_px, reach) | _near_ends(transposed_px, reach).T
+    background = _covered(rows, rows.has_step, disparity_px.shape)
+    row, col = at = np.nonzero(background | (near_ends & (disparity_px == 0)))
+    is_background = background[at]
+    along_row, along_column = _estimate(rows, row, col), _estimate(columns, col, row)
+    both = (along_row.weight > 0) & (along_column.weight > 0)
+    residual_px = np.where(both, np.abs(along_row.disparity_px - along_column.disparity_px), np.float32(np.inf))
     result = Interpolated(
         disparity_px=np.zeros_like(disparity_px),
         probability=np.zeros_like(disparity_px),
-        background=np.zeros(disparity_px.shape, np.uint8),
+        background=background * np.uint8(255),
     )
-    result.disparity_px[at] = value_px * determined
-    result.probability[at] = probability * determined
-    result.background[at] = np.uint8(255) * rows.has_step
+    result.disparity_px[at] = np.where(is_background, along_row.disparity_px, _combine(along_row, along_column, config))
+    result.probability[at] = np.where(is_background, BACKGROUND.at(residual_px), INTERPOLATED.at(residual_px))
     return result
 
 
-def _combine(rows: _Estimate, columns: _Estimate, config: ScanlinesConfig) -> FloatArray:
+def _runs(disparity_px: FloatImage, decimation: int, config: ScanlinesConfig) -> _Runs:
+    """The holes of the rows of an image, shape (h, w)."""
+    height, width = disparity_px.shape
+    # A measured column on either side separates the rows of the flat image.
+    hole = np.zeros((height, width + 2), np.bool_)
+    np.equal(disparity_px, 0, out=hole[:, 1:-1])
+    change = np.flatnonzero(hole.ravel()[1:] != hole.ravel()[:-1]).astype(np.int32)
+    first, last = change[::2], change[1::2]
+    row = first // np.int32(width + 2)
+    before, after = first - row * np.int32(width + 2) - 1, last - row * np.int32(width + 2)
+    run = np.zeros(hole.shape, np.int32)
+    run[hole] = np.repeat(np.arange(len(row), dtype=np.int32), after - before - 1)
+    has_before, has_after = before >= 0, after < width
+    near_the_end, behind_the_end = (
+        [
+            np.where(exists, _median_of_three(disparity_px, row, end, direction * spacing), np.float32(0))
+            for end, direction, exists in ((before, -1, has_before), (after, 1, has_after))
+        ]
+        for spacing in (END_SPACING_PX, FAR_SPACING_PX)
+    )
+    before_px, after_px = near_the_end
+    max_slant_px = np.float32(config.min_gradient * decimation) * (after - before).astype(np.float32)
+    is_steep = np.abs(before_px - after_px) > max_slant_px
+    return _Runs(
+        run=run[:, 1:-1],
+        line=row,
+        before=before,
+        after=after,
+        before_px=before_px,
+        after_px=after_px,
+        far_px=np.where(before_px < after_px, *behind_the_end),
+        has_step=has_before & has_after & is_steep & _differ(before_px, after_px, config),
+    )
+
+
+def _median_of_three(disparity_px: FloatImage, row: Indices, col: Indices, spacing: int) -> FloatImage:
+    """The median of a pixel and of two others of its row beside it, which count as it does if they are holes."""
+    width = disparity_px.shape[1]
+    flat_px, start = disparity_px.ravel(), row * width
+    a_px, b_px, c_px = (flat_px[start + np.clip(col + k * spacing, 0, width - 1)] for k in range(3))
+    b_px, c_px = (np.where(each_px > 0, each_px, a_px) for each_px in (b_px, c_px))
+    median_px: FloatImage = np.maximum(np.minimum(a_px, b_px), np.minimum(np.maximum(a_px, b_px), c_px))
+    return median_px
+
+
+def _covered(runs: _Runs, chosen: MaskImage, shape: tuple[int, ...]) -> MaskImage:
+    """Mask of the pixels of some runs along the rows of an image."""
+    change = np.zeros((shape[0], shape[1] + 1), np.int8)
+    change[runs.line[chosen], runs.before[chosen] + 1] += 1
+    change[runs.line[chosen], runs.after[chosen]] -= 1
+    covered: MaskImage = np.cumsum(change, axis=1, dtype=np.int8)[:, :-1] > 0
+    return covered
+
+
+def _near_ends(disparity_px: FloatImage, reach: int) -> MaskImage:
+    """Mask of the pixels within some working pixels of a measured one of their row, which has measured ones on both
+    sides of them.
+    """
+    valid, width = above(disparity_px, 0), disparity_px.shape[1]
+    first, last = np.argmax(valid, axis=1)[:, None], width - 1 - np.argmax(valid[:, ::-1], axis=1)[:, None]
+    near = cv2.dilate(valid, np.ones((1, 2 * reach + 1), np.uint8))
+    col = np.arange(width)
+    return (near > 0) & (col > first) & (col < last)
+
+
+def _estimate(runs: _Runs, line: Indices, position: Indices) -> _Estimate:
+    """The estimate of some hole pixels along their lines."""
+    run = runs.run[line, position]
+    before_px, after_px, has_step = runs.before_px[run], runs.after_px[run], runs.has_step[run]
+    to_before = (position - runs.before[run]).astype(np.float32)
+    to_after = (runs.after[run] - position).astype(np.float32)
+    linear_px = (before_px * to_after + after_px * to_before) / (to_before + to_after)
+    one_sided_px = np.maximum(before_px, after_px)  # the other one is 0
+    is_between = (before_px > 0) & (after_px > 0)
+    distance = np.where(is_between, np.minimum(to_before, to_after), np.where(before_px > 0, to_before, to_after))
+    share = np.where(is_between, np.float32(1), np.float32(0.25)) * (one_sided_px > 0).astype(np.float32)
+    return _Estimate(
+        disparity_px=np.where(has_step, runs.far_px[run], np.where(is_between, linear_px, one_sided_px)),
+        weight=(share / np.square(distance)).astype(np.float32),
+    )
+
+
+def _combine(rows: _Estimate, columns: _Estimate, config: ScanlinesConfig) -> FloatImage:
     """The mean of the estimates along rows and columns by weight, or that of more weight if they contradict."""
-    total = np.maximum(rows.weight + columns.weight, 1e-12)
+    total = np.maximum(rows.weight + columns.weight, np.float32(1e-12))
     mean_px = (rows.weight * rows.disparity_px + columns.weight * columns.disparity_px) / total
     nearer_end_px = np.where(rows.weight >= columns.weight, rows.disparity_px, columns.disparity_px)
     both = (rows.weight > 0) & (columns.weight > 0)
@@ -90,49 +192,8 @@ def _combine(rows: _Estimate, columns: _Estimate, config: ScanlinesConfig) -> Fl
     return np.where(contradict, nearer_end_px, mean_px)
 
 
-def _differ(one_px: FloatArray, other_px: FloatArray, config: ScanlinesConfig) -> MaskImage:
+def _differ(one_px: FloatImage, other_px: FloatImage, config: ScanlinesConfig) -> MaskImage:
     """Whether two disparities are of different surfaces."""
-    difference_px: FloatArray = np.abs(one_px - other_px)
-    different: MaskImage = difference_px > config.min_step_px + config.relative_step * np.maximum(one_px, other_px)
+    tolerance_px = np.float32(config.min_step_px) + np.float32(config.relative_step) * np.maximum(one_px, other_px)
+    different: MaskImage = np.abs(one_px - other_px) > tolerance_px
     return different
-
-
-def _estimate(
-    disparity_px: FloatImage, row: Indices, col: Indices, decimation: int, config: ScanlinesConfig
-) -> _Estimate:
-    """The estimate along the rows of an image, shape (h, w), at some of its holes."""
-    width = disparity_px.shape[1]
-    valid, every_col = disparity_px > 0, np.arange(width)
-    before = np.maximum.accumulate(np.where(valid, every_col, -1), axis=1)[row, col]
-    after = np.minimum.accumulate(np.where(valid, every_col, width)[:, ::-1], axis=1)[:, ::-1][row, col]
-    to_before, to_after = col - before, after - col
-    before_px, after_px = _ends(disparity_px, row, before, after, END_SPACING_PX)
-    far_before_px, far_after_px = _ends(disparity_px, row, before, after, FAR_SPACING_PX)
-    has_before, has_after = before >= 0, after < width
-    is_between = has_before & has_after
-    max_slant_px = config.min_gradient * decimation * (after - before)
-    has_step = is_between & _differ(before_px, after_px, config) & (np.abs(before_px - after_px) > max_slant_px)
-    linear_px = (before_px * to_after + after_px * to_before) / (after - before)
-    one_sided_px = np.where(has_before, before_px, after_px)
-    nearest = np.where(is_between, np.minimum(to_before, to_after), np.where(has_before, to_before, to_after))
-    far_px = np.where(before_px < after_px, far_before_px, far_after_px)
-    return _Estimate(
-        disparity_px=np.where(has_step, far_px, np.where(is_between, linear_px, one_sided_px)),
-        weight=np.where(is_between, 1.0, 0.25) * (has_before | has_after) / np.square(nearest.astype(np.float64)),
-        distance_px=np.where(is_between, decimation * nearest, np.inf),
-        has_step=has_step,
-    )
-
-
-def _ends(
-    disparity_px: FloatImage, row: Indices, before: Indices, after: Indices, spacing: int
-) -> tuple[FloatArray, FloatArray]:
-    """Disparity before and after each hole of a row, shape (N,): the median of three pixels; 0 = the image ends."""
-    width = disparity_px.shape[1]
-    medians = []
-    for end, direction, exists in ((before, -1, before >= 0), (after, 1, after < width)):
-        cols = np.clip(end + direction * spacing * np.arange(3)[:, None], 0, width - 1)
-        samples_px = disparity_px[row, cols]
-        samples_px = np.where(samples_px > 0, samples_px, samples_px[0])
-        medians.append(np.where(exists, np.sort(samples_px, axis=0)[1], 0))
-    return medians[0], medians[1]
