@@ -162,7 +162,8 @@ def _near_ends(disparity_px: FloatImage, reach: int) -> MaskImage:
     first, last = np.argmax(valid, axis=1)[:, None], width - 1 - np.argmax(valid[:, ::-1], axis=1)[:, None]
     near = cv2.dilate(valid, np.ones((1, 2 * reach + 1), np.uint8))
     col = np.arange(width)
-    return (near > 0) & (col > first) & (col < last)
+    near_both: MaskImage = (near > 0) & (col > first) & (col < last)
+    return near_both
 
 
 def _estimate(runs: _Runs, line: Indices, position: Indices) -> _Estimate:
