@@ -80,23 +80,26 @@ def interpolate_holes(disparity_px: FloatImage, decimation: int, config: Scanlin
     Between two ends on one surface the disparity is linear. Between a near and a far end of a row, the hole shows the
     far surface: one camera of a stereo pair does not see a strip of the background beside a near object.
     """
-    transposed_px = np.ascontiguousarray(disparity_px.T)
-    rows, columns = (_runs(image_px, decimation, config) for image_px in (disparity_px, transposed_px))
+    rows = _runs(disparity_px, decimation, config)
+    columns = _runs(np.ascontiguousarray(disparity_px.T), decimation, config)
     reach = int(config.max_distance_px) // decimation
-    near_ends = _near_ends(disparity_px, reach) | _near_ends(transposed_px, reach).T
-    background = _covered(rows, rows.has_step, disparity_px.shape)
-    row, col = at = np.nonzero(background | (near_ends & (disparity_px == 0)))
-    is_background = background[at]
+    row, col = np.nonzero(_near_ends(disparity_px, reach) | _with_steps(rows, disparity_px.shape))
+    is_background = rows.has_step[rows.run[row, col]]
+    distance = np.minimum(_distance(rows, row, col), _distance(columns, col, row))
+    determined = is_background | (distance <= reach)
+    row, col, is_background = row[determined], col[determined], is_background[determined]
     along_row, along_column = _estimate(rows, row, col), _estimate(columns, col, row)
     both = (along_row.weight > 0) & (along_column.weight > 0)
     residual_px = np.where(both, np.abs(along_row.disparity_px - along_column.disparity_px), np.float32(np.inf))
     result = Interpolated(
         disparity_px=np.zeros_like(disparity_px),
         probability=np.zeros_like(disparity_px),
-        background=background * np.uint8(255),
+        background=np.zeros(disparity_px.shape, np.uint8),
     )
+    at = row, col
     result.disparity_px[at] = np.where(is_background, along_row.disparity_px, _combine(along_row, along_column, config))
     result.probability[at] = np.where(is_background, BACKGROUND.at(residual_px), INTERPOLATED.at(residual_px))
+    result.background[at] = np.where(is_background, np.uint8(255), np.uint8(0))
     return result
 
 
@@ -145,25 +148,29 @@ def _median_of_three(disparity_px: FloatImage, row: Indices, col: Indices, spaci
     return median_px
 
 
-def _covered(runs: _Runs, chosen: MaskImage, shape: tuple[int, ...]) -> MaskImage:
-    """Mask of the pixels of some runs along the rows of an image."""
-    change = np.zeros((shape[0], shape[1] + 1), np.int8)
-    change[runs.line[chosen], runs.before[chosen] + 1] += 1
-    change[runs.line[chosen], runs.after[chosen]] -= 1
-    covered: MaskImage = np.cumsum(change, axis=1, dtype=np.int8)[:, :-1] > 0
-    return covered
-
-
 def _near_ends(disparity_px: FloatImage, reach: int) -> MaskImage:
-    """Mask of the pixels within some working pixels of a measured one of their row, which has measured ones on both
-    sides of them.
-    """
-    valid, width = above(disparity_px, 0), disparity_px.shape[1]
-    first, last = np.argmax(valid, axis=1)[:, None], width - 1 - np.argmax(valid[:, ::-1], axis=1)[:, None]
-    near = cv2.dilate(valid, np.ones((1, 2 * reach + 1), np.uint8))
-    col = np.arange(width)
-    near_both: MaskImage = (near > 0) & (col > first) & (col < last)
-    return near_both
+    """Mask of the holes within some working pixels of a measured pixel of their row or column."""
+    valid, side = above(disparity_px, 0), 2 * reach + 1
+    near = cv2.dilate(valid, cv2.getStructuringElement(cv2.MORPH_CROSS, (side, side)))
+    return near > valid
+
+
+def _with_steps(rows: _Runs, shape: tuple[int, ...]) -> MaskImage:
+    """Mask of the runs along the rows that have a depth discontinuity between their ends."""
+    line, before, after = (each[rows.has_step] for each in (rows.line, rows.before, rows.after))
+    length = after - before - 1
+    first = line * shape[1] + before + 1
+    mask = np.zeros(shape, np.bool_)
+    mask.ravel()[np.repeat(first - np.cumsum(length) + length, length) + np.arange(length.sum())] = True
+    return mask
+
+
+def _distance(runs: _Runs, line: Indices, position: Indices) -> FloatImage:
+    """Distance of hole pixels to the nearer end of their run, in working pixels; infinite unless both are measured."""
+    run = runs.run[line, position]
+    nearest = np.minimum(position - runs.before[run], runs.after[run] - position).astype(np.float32)
+    is_between = (runs.before_px > 0) & (runs.after_px > 0)
+    return np.where(is_between[run], nearest, np.float32(np.inf))
 
 
 def _estimate(runs: _Runs, line: Indices, position: Indices) -> _Estimate:
