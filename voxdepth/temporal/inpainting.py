@@ -22,8 +22,8 @@ SKY_MAX_KNOWN = 192
 """Mean of the mask of known pixels, 0..255, up to which a cell may be sky: the sky has wrong matches."""
 SKY_MIN_SHARE = 0.02
 """Fraction of the image that a region of sky covers at least."""
-SKY_GRAY_QUANTILE = 0.9
-"""Fraction of the measured pixels that the sky is brighter than."""
+SKY_GRAY_QUANTILE = 0.8
+"""Fraction of the known pixels in the lower half of the image that the sky is brighter than."""
 
 
 class InpaintingConfig(Model):
@@ -121,8 +121,9 @@ def find_sky(known: GrayImage, gray: GrayImage) -> GrayImage:
     """
     cells = np.s_[::SKY_CELL_PX, ::SKY_CELL_PX]
     gray, is_known = gray[cells], known[cells] > 0
-    measured_gray = np.sort(gray[is_known])
-    min_gray = measured_gray[int(SKY_GRAY_QUANTILE * (measured_gray.size - 1))]
+    lower = len(gray) // 2
+    known_gray = np.sort(gray[lower:][is_known[lower:]])
+    min_gray = known_gray[int(SKY_GRAY_QUANTILE * (known_gray.size - 1))] if known_gray.size else np.uint8(255)
     bright_hole = (cv2.blur(known, (SKY_CELL_PX, SKY_CELL_PX))[cells] < SKY_MAX_KNOWN) & (gray > min_gray)
     _, label, stats, _ = cv2.connectedComponentsWithStats(bright_hole.astype(np.uint8), connectivity=4)
     is_sky = (stats[:, cv2.CC_STAT_TOP] == 0) & (stats[:, cv2.CC_STAT_AREA] >= SKY_MIN_SHARE * label.size)
