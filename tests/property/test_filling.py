@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.property.test_temporal import patches, seeds
 from tests.temporal_scenes import CAMERA, ROOM, frames_of, method, noisy, run, walk
 from voxdepth.metrics.obstacles import Phantoms
-from voxdepth.temporal.confidence import INPAINTING
+from voxdepth.temporal.confidence import BACKGROUND, INPAINTING, INTERPOLATED
 from voxdepth.temporal.inpainting import Inpainted, Inpainter, InpaintingConfig
 from voxdepth.temporal.scanlines import ScanlinesConfig
 from voxdepth.temporal.working_resolution import WorkingResolution
@@ -70,7 +70,6 @@ def test_permuting_rows_does_not_change_what_fills_a_shadow(seed: int, decimatio
     ours, theirs = inpainted(before_px, decimation), inpainted(before_px[order], decimation)
     np.testing.assert_allclose(ours.disparity_px[hole], FAR_PX, atol=0.5)
     np.testing.assert_array_equal(theirs.disparity_px, ours.disparity_px[order])
-    np.testing.assert_array_equal(theirs.probability[hole[order]], ours.probability[order][hole[order]])
 
 
 @given(seeds, decimations, st.sampled_from(["left", "right"]))
@@ -152,7 +151,9 @@ def test_filling_keeps_what_is_known_and_invents_nothing_farther(seed: int, hole
     assert np.isfinite(filled.disparity_px).all()
     unknown = known_px == 0
     assert 0 < filled.probability[unknown].min() <= filled.probability[unknown].max()
-    assert filled.probability[unknown].max() <= np.float32(max(astuple(INPAINTING)))
+    assert filled.probability[unknown].max() <= np.float32(
+        max(*astuple(INPAINTING), INTERPOLATED.start, BACKGROUND.start)
+    )
 
 
 @given(seeds, st.floats(0.02, 0.98), decimations)
@@ -165,7 +166,7 @@ def test_a_mirrored_image_is_filled_with_the_mirror_image(seed: int, holes: floa
     for row, col in rng.integers(0, resolution.shape, (6, 2)):
         before_px[row : row + 12, col : col + rng.integers(2, 20)] = 0
     remembered_px = np.where(before_px > 0, np.float32(0), patches(rng, resolution.shape, 0.5))
-    gray = rng.integers(0, 256, resolution.shape, np.uint8)
+    gray = np.full(resolution.shape, 128, np.uint8)  # no sky, which is sought in samples of the image
     inpainter = Inpainter(resolution, InpaintingConfig())
     image = inpainter.inpaint(before_px, remembered_px, gray)
     mirror_image = inpainter.inpaint(

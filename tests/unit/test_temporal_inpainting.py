@@ -7,8 +7,8 @@ import numpy.typing as npt
 import pytest
 
 from tests.temporal_scenes import CAMERA, WALL, Plane, Sphere, pose, render
-from voxdepth.temporal.confidence import INPAINTING
-from voxdepth.temporal.inpainting import Inpainted, Inpainter, InpaintingConfig, find_sky
+from voxdepth.temporal.confidence import BACKGROUND, INPAINTING, INTERPOLATED
+from voxdepth.temporal.inpainting import SKY_CELL_PX, Inpainted, Inpainter, InpaintingConfig, find_sky
 from voxdepth.temporal.planes import PlanesConfig
 from voxdepth.temporal.scanlines import ScanlinesConfig
 from voxdepth.temporal.working_resolution import WorkingResolution
@@ -192,7 +192,7 @@ class TestInterpolation:
         row = np.arange(CAMERA.height_px)[:, None]
         true_px = np.broadcast_to(np.where(row < 60, np.float32(9), np.float32(5)), CAMERA.shape)
         filled_px = inpainted(holed(true_px, block(8, top=56))).disparity_px
-        np.testing.assert_array_equal(filled_px[56:64, 50], true_px[56:64, 50])
+        np.testing.assert_allclose(filled_px[56:64, 50], true_px[56:64, 50], rtol=1e-5)
 
     @pytest.mark.parametrize("decimation", [1, 2])
     def test_it_ends_at_a_distance_in_pixels_of_the_full_image(self, decimation: int) -> None:
@@ -200,7 +200,7 @@ class TestInterpolation:
         before_px = holed(wall_px, block(60, top=30)[::decimation, ::decimation])
         probability, reach = inpainted(before_px, decimation).probability, int(ScanlinesConfig().max_distance_px)
         row = 60 // decimation
-        interpolated = (probability[row] == np.float32(INPAINTING.interpolated)) & (before_px[row] == 0)
+        interpolated = np.isclose(probability[row], INTERPOLATED.start, rtol=1e-4) & (before_px[row] == 0)
         expected = [*range(50, 50 + reach, decimation), *range(110 - reach, 110, decimation)]
         np.testing.assert_array_equal(np.flatnonzero(interpolated) * decimation, expected)
 
@@ -315,7 +315,7 @@ class TestSky:
 
     def test_wrong_matches_do_not_hide_it(self) -> None:
         known, gray = self.image()
-        known[:50][scattered(0.1)[:50]] = 255
+        known[:50][scattered(0.3)[:50]] = 255
         assert np.mean(find_sky(known, gray)[:48] > 0) > 0.95
 
     @pytest.mark.parametrize(
@@ -325,6 +325,14 @@ class TestSky:
     )
     def test_other_regions_are_no_sky(self, sky_gray: int, rows: slice) -> None:
         assert not find_sky(*self.image(sky_gray, rows)).any()
+
+    def test_a_mirrored_image_has_a_mirrored_sky(self) -> None:
+        rng, cell = np.random.default_rng(0), np.ones((SKY_CELL_PX, SKY_CELL_PX), np.uint8)
+        known, gray = (np.kron(image[::SKY_CELL_PX, ::SKY_CELL_PX], cell) for image in self.image())
+        gray += np.kron(rng.integers(0, 20, (30, 40), np.uint8), cell)
+        known[:48, :80][np.kron(rng.random((12, 20)) < 0.5, cell) > 0] = 255
+        mirror_image = find_sky(np.ascontiguousarray(known[:, ::-1]), np.ascontiguousarray(gray[:, ::-1]))
+        np.testing.assert_array_equal(mirror_image[:, ::-1], find_sky(known, gray))
 
     def test_small_regions_are_no_sky(self) -> None:
         known, gray = self.image(rows=slice(0, 0))
@@ -366,17 +374,17 @@ class TestProbability:
     def test_it_falls_with_the_distance_to_the_next_measurement(self) -> None:
         before_px = holed(slope(), block(120, top=0, left=20))
         probability = inpainted(before_px).probability
-        assert probability[2, 22] == np.float32(INPAINTING.interpolated)
+        assert probability[2, 22] == np.float32(INTERPOLATED.limit)
         assert probability[60, 80] < INPAINTING.plane(1)
         probability = inpainted(before_px, 1, PLANES).probability
         assert probability[2, 22] > 2 * probability[60, 80]
 
     @pytest.mark.parametrize(
-        ("config", "expected"), [(PLANES, INPAINTING.plane(0)), (None, INPAINTING.interpolated)], ids=["planes", "all"]
+        ("config", "expected"), [(PLANES, INPAINTING.plane(0)), (None, INTERPOLATED.start)], ids=["planes", "all"]
     )
     def test_small_holes_have_that_of_their_model(self, config: InpaintingConfig | None, expected: float) -> None:
         probability = inpainted(holed(slope(), block(4)), 1, config).probability
-        np.testing.assert_allclose(probability[40:44, 50:54], expected, rtol=0.01)
+        np.testing.assert_allclose(probability[40:44, 50:54], expected, rtol=0.05)
 
     @pytest.mark.parametrize("decimation", [1, 2])
     @pytest.mark.parametrize("name", HOLES)
@@ -385,7 +393,7 @@ class TestProbability:
         probability = inpainted(before_px, decimation).probability
         assert probability.dtype == np.float32
         assert probability.min() > 0
-        assert probability.max() <= np.float32(max(astuple(INPAINTING)))
+        assert probability.max() <= np.float32(max(*astuple(INPAINTING), INTERPOLATED.start, BACKGROUND.start))
 
     def test_it_falls_with_the_width_of_an_empty_border(self) -> None:
         widths = range(8, 80, 8)
@@ -397,4 +405,5 @@ class TestProbability:
     def test_shadows_have_their_own(self, side: str) -> None:
         before_px = TestShadows.shadow() if side == "left" else mirrored(TestShadows.shadow())
         probability = inpainted(before_px).probability[before_px == 0]
-        np.testing.assert_array_equal(probability, np.float32(INPAINTING.occlusion_shadow))
+        assert probability.min() >= np.float32(BACKGROUND.limit)
+        assert probability.max() <= np.float32(BACKGROUND.start)
