@@ -119,7 +119,8 @@ def find_sky(known: GrayImage, gray: GrayImage) -> GrayImage:
 
     A bright wall or ceiling without texture looks the same.
     """
-    cells = np.s_[::SKY_CELL_PX, ::SKY_CELL_PX]
+    middle = SKY_CELL_PX // 2
+    cells = np.s_[middle::SKY_CELL_PX, middle::SKY_CELL_PX]
     gray, is_known = gray[cells], known[cells] > 0
     lower = len(gray) // 2
     known_gray = np.sort(gray[lower:][is_known[lower:]])
