@@ -77,8 +77,8 @@ INPAINTING = InpaintingProbabilities()
 """The values are means of two least-squares fits: to the twelve rendered sequences of seed 101, and to the images of
 eight drones on two flights through the scenario `city`, of seeds 1008 and 1010. The fits agree except for occluded
 stixels, most of which are the textureless snow of one sequence: finest planes 0.48 and 0.54, the next level 0.24 and
-0.20, shadows 0.56 and 0.56, ground 0.85 and 0.89, stixels 0.91 and 1, occluded stixels 0.75 and 0.11. Stixels are
-limited to 0.9, so that no guess is more confident than a good memory."""
+0.20, ground 0.85 and 0.89, stixels 0.91 and 1, occluded stixels 0.75 and 0.11. Stixels are limited to 0.9, so that no
+guess is more confident than a good memory. The probability of the sky is not fitted."""
 INPAINTED_ERROR_PX = 0.2
 """Mean absolute error of inpainted disparity where it is of the right surface."""
 

@@ -16,7 +16,7 @@ class VoxDepthConfig(Model):
 
     decimation: Literal["auto", 1, 2] = "auto"
     """Pixels of the image per working pixel along each side. 2 takes about half of the time, and loses thin objects;
-    `auto` chooses it for images of more than 100 000 pixels."""
+    `auto` chooses it for images of more than 200 000 pixels."""
     odometry: VisualOdometryConfig = VisualOdometryConfig()
     fusion: TemporalFusionConfig = TemporalFusionConfig()
     max_featureless_frames: int = Field(60, ge=0)

@@ -65,7 +65,7 @@ def measure(frame: Frame, full_disparity_px: FloatImage, resolution: WorkingReso
 
 
 def _remove_near_specks(disparity_px: FloatImage) -> FloatImage:
-    """The image without small surfaces that lie nearer than all larger ones around them.
+    """The image without small surfaces that are nearer than the farthest larger one around them.
 
     Such specks are wrong matches more often than objects. Farther ones may be all that is visible of the background.
     """
