@@ -47,7 +47,7 @@ picture: setup   ## make the pictures of README.md and docs/scenes.md
 	$(BIN)/voxdepth picture city --seed 1 --drone 4 --at 7 --out docs/city.jpg
 	$(BIN)/voxdepth scenes --seed 1 --out docs/scenes.jpg
 
-sequences: setup ## record 60 frames of every shipped sequence into build/ and make the contact sheets in docs/
+sequences: setup ## record 60 frames of the reference and hard sequences into build/ and make the contact sheets in docs/
 	@for name in LN MB KTS KTC PLF PLW hover yaw cut cross ghost approach; do \
 		test -f build/sequences/sim-$$name.done || $(BIN)/voxdepth record sim-$$name --frames 60 --out build/sequences/sim-$$name || exit 1; \
 		touch build/sequences/sim-$$name.done; \

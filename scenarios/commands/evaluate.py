@@ -18,7 +18,7 @@ def evaluate(
     sequences: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Shipped sequences by name; `reference` and `hard` stand for six of them each. "
+            help="Shipped sequences by name; `reference` and `hard` stand for six of them each, `artefacts` for seven. "
             "Default: reference, unless there is --data."
         ),
     ] = None,
