@@ -117,16 +117,25 @@ class TestSpecks:
         return float(max(changes))
 
     @DECIMATIONS
-    @pytest.mark.parametrize(("name", "factor"), [("wall 8", 2.5), ("wall 8", 1.3), ("wall 16", 2.5)])
+    @pytest.mark.parametrize("factor", [2.5, 1.3])
+    @pytest.mark.parametrize("name", ["wall 8", "wall 16", "wall 40", "slanted 16"])
     def test_a_near_one_never_changes_a_fill_by_more_than_a_twentieth(
         self, name: str, factor: float, decimation: int
     ) -> None:
         assert self.largest_change(name, factor, decimation) < 0.05
 
     @DECIMATIONS
+    @pytest.mark.parametrize("factor", [2.5, 1.3])
+    @pytest.mark.xfail(
+        strict=True, reason="the hole between a speck and a near surface takes the disparity of the speck"
+    )
+    def test_a_near_one_in_a_shadow_neither(self, factor: float, decimation: int) -> None:
+        assert self.largest_change("shadow", factor, decimation) < 0.05
+
+    @DECIMATIONS
     @pytest.mark.parametrize("factor", [0.75, 0.4])
     @pytest.mark.parametrize("name", ["wall 8", "wall 16", "wall 40", "slanted 16", "shadow"])
-    @pytest.mark.xfail(strict=True, reason="far specks are ends of holes")
+    @pytest.mark.xfail(strict=True, reason="a far speck may be all that is visible of the background")
     def test_a_far_one_never_changes_a_fill_by_more_than_a_twentieth(
         self, name: str, factor: float, decimation: int
     ) -> None:
@@ -243,7 +252,8 @@ class TestHoverBeforeSpecks:
 
     def frames(self, count: int, *, hole_px: int, near_px: float) -> list[Frame]:
         rng, gray = np.random.default_rng(0), frames_of(ROOM, walk(1))[0].gray
-        places = [(row, col) for row in range(16, 112, 24) for col in range(16, 150, 24)]
+        grid = [(row, col) for row in range(16, 112, 24) for col in range(16, 150, 24)]
+        places = grid if hole_px < 20 else [(60, 80)]
         frames = []
         for index in range(count):
             disparity_px = self.TRUE_PX + rng.normal(0, 0.1, CAMERA.shape).astype(np.float32)
@@ -256,8 +266,8 @@ class TestHoverBeforeSpecks:
         return frames
 
     @DECIMATIONS
-    @pytest.mark.parametrize("hole_px", [3, 7, 11, 15])
-    @pytest.mark.parametrize("near_px", [18.0, 40.0])
+    @pytest.mark.parametrize("hole_px", [3, 7, 15, 61, 101])
+    @pytest.mark.parametrize("near_px", [17.0, 20.0, 40.0])
     def test_no_phantom_obstacle_grows(self, near_px: float, hole_px: int, decimation: int) -> None:
         phantoms, true_m = Phantoms(), RESOLUTION.depth(self.TRUE_PX)
         for result in run(method(decimation=decimation), self.frames(60, hole_px=hole_px, near_px=near_px)):

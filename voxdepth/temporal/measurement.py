@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from ..types import FloatImage, Frame, GrayImage
-from .masks import Image, above, below, box_mean, copy_where
+from .masks import Image, above, and_not, below, box_mean, copy_where
 from .memory import WEIGHT_UNIT
 from .working_resolution import MAX_DISPARITY_PX, WorkingResolution
 
@@ -64,15 +64,20 @@ def measure(frame: Frame, full_disparity_px: FloatImage, resolution: WorkingReso
     )
 
 
+def find_specks(disparity_px: FloatImage) -> GrayImage:
+    """Mask of the surfaces of at most `MAX_SPECK_PX` pixels, shape (h, w)."""
+    fixed_point = np.minimum(disparity_px * np.float32(SPECK_SCALE), np.float32(np.iinfo(np.int16).max))
+    fixed_point = fixed_point.astype(np.int16)
+    cv2.filterSpeckles(fixed_point, 0, MAX_SPECK_PX, SPECK_SCALE)
+    return and_not(above(disparity_px, 0), above(fixed_point, 0))
+
+
 def _remove_near_specks(disparity_px: FloatImage) -> FloatImage:
     """The image without small surfaces that are nearer than the farthest larger one around them.
 
     Such specks are wrong matches more often than objects. Farther ones may be all that is visible of the background.
     """
-    fixed_point = np.minimum(disparity_px * np.float32(SPECK_SCALE), np.float32(np.iinfo(np.int16).max))
-    fixed_point = fixed_point.astype(np.int16)
-    cv2.filterSpeckles(fixed_point, 0, MAX_SPECK_PX, SPECK_SCALE)
-    large = above(fixed_point, 0)
+    large = and_not(above(disparity_px, 0), find_specks(disparity_px))
     background_px = np.full_like(disparity_px, MAX_DISPARITY_PX)
     copy_where(large, disparity_px, background_px)
     background_px = np.asarray(cv2.erode(background_px, SPECK_KERNEL), np.float32)

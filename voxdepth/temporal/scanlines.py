@@ -11,6 +11,7 @@ from ..model import Model
 from ..types import FloatImage, GrayImage, MaskImage
 from .confidence import BACKGROUND, INTERPOLATED
 from .masks import above
+from .measurement import find_specks
 
 Indices = npt.NDArray[np.integer]
 
@@ -80,8 +81,9 @@ def interpolate_holes(disparity_px: FloatImage, decimation: int, config: Scanlin
     Between two ends on one surface the disparity is linear. Between a near and a far end of a row, the hole shows the
     far surface: one camera of a stereo pair does not see a strip of the background beside a near object.
     """
-    rows = _runs(disparity_px, decimation, config)
-    columns = _runs(np.ascontiguousarray(disparity_px.T), decimation, config)
+    speck = find_specks(disparity_px)
+    rows = _runs(disparity_px, speck, decimation, config)
+    columns = _runs(np.ascontiguousarray(disparity_px.T), speck.T, decimation, config)
     reach = int(config.max_distance_px) // decimation
     row, col = np.nonzero(_near_ends(disparity_px, reach) | _with_steps(rows, disparity_px.shape))
     is_background = rows.has_step[rows.run[row, col]]
@@ -103,8 +105,11 @@ def interpolate_holes(disparity_px: FloatImage, decimation: int, config: Scanlin
     return result
 
 
-def _runs(disparity_px: FloatImage, decimation: int, config: ScanlinesConfig) -> _Runs:
-    """The holes of the rows of an image, shape (h, w)."""
+def _runs(disparity_px: FloatImage, speck: GrayImage, decimation: int, config: ScanlinesConfig) -> _Runs:
+    """The holes of the rows of an image, shape (h, w).
+
+    No surface is slanted towards a speck that is nearer than the other end: it would become an obstacle.
+    """
     height, width = disparity_px.shape
     # A measured column on either side separates the rows of the flat image.
     hole = np.zeros((height, width + 2), np.bool_)
@@ -125,7 +130,8 @@ def _runs(disparity_px: FloatImage, decimation: int, config: ScanlinesConfig) ->
     )
     before_px, after_px = near_the_end
     max_slant_px = np.float32(config.min_gradient * decimation) * (after - before).astype(np.float32)
-    is_steep = np.abs(before_px - after_px) > max_slant_px
+    near_end = np.where(before_px > after_px, before, np.minimum(after, width - 1))
+    is_steep = (np.abs(before_px - after_px) > max_slant_px) | (speck[row, near_end] > 0)
     return _Runs(
         run=run[:, 1:-1],
         line=row,
