@@ -1,0 +1,85 @@
+"""Draw one frame of a recording as the sensor measured it, and as correctors show it.
+
+Give the folder of a recorded sequence in any format of `voxdepth correct`:
+
+    python examples/compare_fills.py recordings/kitchen --frame 8 --out kitchen.png
+
+The correctors see all frames up to that one. Near surfaces are red, far ones blue, and pixels without depth black.
+"""
+
+import argparse
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from voxdepth import CorrectedDepth, Source, create_corrector
+from voxdepth.datasets import Dataset, open_dataset
+from voxdepth.types import FloatImage
+
+Image = npt.NDArray[np.uint8]
+
+NEAREST_PERCENTILE = 98
+"""Percentile of the measured inverse depth that is drawn in the last colour."""
+SOURCE_COLORS_BGR = {
+    Source.INVALID: (0, 0, 0),
+    Source.SENSOR: (190, 190, 190),
+    Source.MEMORY: (200, 120, 30),
+    Source.INPAINTED: (40, 160, 240),
+}
+
+
+def corrected(dataset: Dataset, name: str, frame: int) -> CorrectedDepth:
+    """Return the result of a corrector for a frame, after all frames before it."""
+    corrector = create_corrector(name, dataset.intrinsics)
+    for index in range(frame + 1):
+        result = corrector.process(dataset[index])
+    return result
+
+
+def colored(depth_m: FloatImage, nearest_m: float) -> Image:
+    """Return depth in colours, which are linear in inverse depth."""
+    with np.errstate(divide="ignore"):
+        shade = np.where(depth_m > 0, 255 * nearest_m / depth_m, 0)
+    image = cv2.applyColorMap(np.clip(shade, 0, 255).astype(np.uint8), cv2.COLORMAP_TURBO)
+    image[depth_m == 0] = 0
+    return np.asarray(image, np.uint8)
+
+
+def panel(title: str, image: Image, width_px: int) -> Image:
+    """Return an image of that width below its title."""
+    height_px = round(image.shape[0] * width_px / image.shape[1])
+    small = cv2.resize(image, (width_px, height_px), interpolation=cv2.INTER_NEAREST)
+    labelled = cv2.copyMakeBorder(small, 22, 4, 0, 4, cv2.BORDER_CONSTANT, value=(245, 245, 245))
+    cv2.putText(labelled, title, (2, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (30, 30, 30), 1, cv2.LINE_AA)
+    return np.asarray(labelled, np.uint8)
+
+
+def main() -> None:
+    """Write a PNG with the sensor's depth, that of each corrector, and the sources of the last corrector."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, help="a recorded sequence")
+    parser.add_argument("--frame", type=int, default=0, help="index of the frame")
+    parser.add_argument("--methods", default="realsense-left,telea,voxdepth", metavar="A,B,C")
+    parser.add_argument("--width", type=int, default=320, help="width of a panel in pixels")
+    parser.add_argument("--out", type=Path, default=Path("fills.png"))
+    options = parser.parse_args()
+    dataset = open_dataset(options.folder)
+    measured_m = dataset[options.frame].depth_m
+    nearest_m = 1 / float(np.percentile(1 / measured_m[measured_m > 0], NEAREST_PERCENTILE))
+    panels = [panel("sensor", colored(measured_m, nearest_m), options.width)]
+    for name in options.methods.split(","):
+        result = corrected(dataset, name, options.frame)
+        panels.append(panel(name, colored(result.depth_m, nearest_m), options.width))
+    if result.source is not None:
+        colors = np.array([SOURCE_COLORS_BGR[source] for source in Source], np.uint8)
+        panels.append(panel("sensor gray, memory blue, filled orange", colors[result.source], options.width))
+    columns = 2 if len(panels) <= 4 else 3
+    panels += [np.full_like(panels[0], 245)] * (-len(panels) % columns)
+    rows = [np.hstack(panels[start : start + columns]) for start in range(0, len(panels), columns)]
+    cv2.imwrite(str(options.out), np.vstack(rows), [cv2.IMWRITE_PNG_COMPRESSION, 9])
+
+
+if __name__ == "__main__":
+    main()
