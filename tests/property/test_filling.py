@@ -8,8 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from scenarios.sequences import captures, load_sequence
 from tests.property.test_temporal import patches, seeds
 from tests.temporal_scenes import CAMERA, ROOM, frames_of, method, noisy, run, walk
+from voxdepth import VoxDepth, VoxDepthConfig
+from voxdepth.metrics import is_correct
 from voxdepth.metrics.obstacles import Phantoms
 from voxdepth.temporal.confidence import BACKGROUND, INPAINTING, INTERPOLATED
 from voxdepth.temporal.inpainting import Inpainted, Inpainter, InpaintingConfig
@@ -281,3 +284,46 @@ class TestHoverBeforeSpecks:
             depth_m[40:46, 40:46] *= np.float32(0.4)
             phantoms.add(depth_m, true_m)
         assert phantoms.count == 1
+
+
+@pytest.mark.slow
+class TestHeldOutConfidence:
+    """Confidence in the holes of rendered sequences, of a seed that nothing is fitted to."""
+
+    SEED, FRAMES, MIN_PIXELS, MAX_FALL = 7, 12, 1000, 0.05
+    SEQUENCES = ("sim-hover", "sim-MB", "sim-cut", "sim-cross", "sim-aligned", "sim-stations")
+
+    @pytest.fixture(scope="class")
+    @staticmethod
+    def counts() -> FloatArray:
+        """Number of holes within 40 m and of those that are right, by source and tenth of confidence.
+
+        The shape is (2, sources, 10).
+        """
+        counts = np.zeros((2, len(Source), 10))
+        for name in TestHeldOutConfidence.SEQUENCES:
+            corrector = None
+            seeded = load_sequence(name, TestHeldOutConfidence.SEED, {})
+            for capture in captures(seeded, TestHeldOutConfidence.FRAMES):
+                camera, true_m = capture.intrinsics, capture.depth_true_m
+                corrector = corrector or VoxDepth(camera, VoxDepthConfig(fill="all"))
+                frame = Frame(stamp_s=capture.stamp_s, gray=capture.gray_left, depth_m=capture.depth_raw_m)
+                result = corrector.process(frame)
+                hole = (capture.depth_raw_m == 0) & (true_m > 0) & (true_m < 40) & (result.depth_m > 0)
+                tenth = np.clip(np.ceil(10 * result.confidence[hole]) - 1, 0, 9).astype(np.intp)
+                is_right = is_correct(result.depth_m[hole], true_m[hole], camera.focal_baseline_px_m)
+                np.add.at(counts[0], (result.source[hole], tenth), 1)
+                np.add.at(counts[1], (result.source[hole], tenth), is_right)
+        return counts
+
+    @pytest.mark.parametrize(
+        "sources",
+        [(Source.MEMORY, Source.INPAINTED), (Source.MEMORY,), (Source.INPAINTED,)],
+        ids=["holes", "memory", "inpainted"],
+    )
+    def test_where_it_rises_no_fewer_pixels_are_right(self, counts: FloatArray, sources: tuple[Source, ...]) -> None:
+        n, n_right = counts[:, list(sources)].sum(axis=1)
+        share = (n_right / np.maximum(n, 1))[n >= self.MIN_PIXELS]
+        assert len(share) >= 3
+        fall = np.maximum.accumulate(share) - share
+        assert fall.max() <= self.MAX_FALL, np.round(100 * share)
