@@ -32,7 +32,7 @@ class Exponential(NamedTuple):
 SURFACE_PROBABILITY = {
     PixelClass.FUSED: Exponential(start=0.45, limit=0.995, scale=1.1),
     PixelClass.MEASURED: Exponential(start=0.55, limit=0.97, scale=0.4),
-    PixelClass.REMEMBERED: Exponential(start=0.8, limit=0.97, scale=5),
+    PixelClass.REMEMBERED: Exponential(start=0.78, limit=0.92, scale=5),
 }
 """Probability that the disparity is of the right surface, by pixel class.
 
@@ -68,10 +68,10 @@ class InpaintingProbabilities:
         return self.finest_plane * self.coarser_factor**level
 
 
-BACKGROUND = Exponential(start=0.92, limit=0.45, scale=4)
+BACKGROUND = Exponential(start=0.92, limit=0.45, scale=8)
 """Probability of background between a near and a far end of a row, by the difference of the estimates along row and
 column [px]."""
-INTERPOLATED = Exponential(start=0.9, limit=0.42, scale=1.2)
+INTERPOLATED = Exponential(start=0.9, limit=0.3, scale=2)
 """Probability of a surface between two ends of a row or column, by the same difference."""
 INPAINTING = InpaintingProbabilities()
 """The values are means of two least-squares fits: to the twelve rendered sequences of seed 101, and to the images of

@@ -20,6 +20,10 @@ END_SPACING_PX, FAR_SPACING_PX = 1, 2
 It is larger for the far side of a depth discontinuity, whose border may be a mixture of both sides."""
 
 
+UNCONFIRMED_PX = 3.0
+"""Difference of the estimates along row and column that the probability of a hole with only one of them is that of."""
+
+
 class ScanlinesConfig(Model):
     """How holes are interpolated along rows and columns."""
 
@@ -92,7 +96,7 @@ def interpolate_holes(disparity_px: FloatImage, decimation: int, config: Scanlin
     row, col, is_background = row[determined], col[determined], is_background[determined]
     along_row, along_column = _estimate(rows, row, col), _estimate(columns, col, row)
     both = (along_row.weight > 0) & (along_column.weight > 0)
-    residual_px = np.where(both, np.abs(along_row.disparity_px - along_column.disparity_px), np.float32(np.inf))
+    residual_px = np.where(both, np.abs(along_row.disparity_px - along_column.disparity_px), np.float32(UNCONFIRMED_PX))
     result = Interpolated(
         disparity_px=np.zeros_like(disparity_px),
         probability=np.zeros_like(disparity_px),
