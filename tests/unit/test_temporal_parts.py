@@ -258,12 +258,12 @@ class TestConfidence:
         far_px = np.linspace(0.1, 5, 193, dtype=np.float32)[None]  # a quarter of a pixel is 5 % of 5 px
         assert np.ptp(estimate_confidence(far_px, kinds, sixty_four, probability)) == 0
 
-    def test_fused_pixels_have_the_highest_confidence_and_inpainted_ones_the_lowest(self) -> None:
+    def test_fused_pixels_have_the_highest_confidence_and_measured_ones_a_higher_one_than_holes(self) -> None:
         full = np.full((1, 4), 192, np.uint8)
         kinds, near_px = np.array([list(PixelClass)], np.uint8), np.full((1, 4), 20, np.float32)
         by_kind = estimate_confidence(near_px, kinds, full, np.full((1, 4), max(astuple(INPAINTING)), np.float32))[0]
         assert by_kind.argmax() == PixelClass.FUSED
-        assert by_kind.argmin() == PixelClass.UNKNOWN
+        assert by_kind[PixelClass.MEASURED] > max(by_kind[PixelClass.UNKNOWN], by_kind[PixelClass.REMEMBERED])
 
     def test_inpainted_pixels_at_close_range_have_their_surface_probability(self) -> None:
         probability = np.linspace(0, 1, 20, dtype=np.float32)[None]
