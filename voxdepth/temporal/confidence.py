@@ -32,7 +32,7 @@ class Exponential(NamedTuple):
 SURFACE_PROBABILITY = {
     PixelClass.FUSED: Exponential(start=0.45, limit=0.995, scale=1.1),
     PixelClass.MEASURED: Exponential(start=0.55, limit=0.97, scale=0.4),
-    PixelClass.REMEMBERED: Exponential(start=0.78, limit=0.92, scale=5),
+    PixelClass.REMEMBERED: Exponential(start=0.78, limit=0.88, scale=5),
 }
 """Probability that the disparity is of the right surface, by pixel class.
 
@@ -68,11 +68,13 @@ class InpaintingProbabilities:
         return self.finest_plane * self.coarser_factor**level
 
 
-BACKGROUND = Exponential(start=0.92, limit=0.45, scale=8)
+BACKGROUND = Exponential(start=0.9, limit=0.55, scale=4)
 """Probability of background between a near and a far end of a row, by the difference of the estimates along row and
 column [px]."""
 INTERPOLATED = Exponential(start=0.9, limit=0.3, scale=2)
 """Probability of a surface between two ends of a row or column, by the same difference."""
+AGREEMENT = Exponential(start=0.9, limit=0.5, scale=0.6)
+"""Factor of the probability of a remembered hole, by the difference to the estimate from the ends of the hole [px]."""
 INPAINTING = InpaintingProbabilities()
 """The values are means of two least-squares fits: to the twelve rendered sequences of seed 101, and to the images of
 eight drones on two flights through the scenario `city`, of seeds 1008 and 1010. The fits agree except for occluded
@@ -92,7 +94,7 @@ def estimate_confidence(
     `CORRECT_PX`, under Laplace noise.
 
     Weights are in units of `1 / WEIGHT_UNIT`. The inpainting probability is that of the right surface where the
-    `PixelClass` is unknown. All images have the same shape.
+    `PixelClass` is unknown, and a factor of the probability of what is remembered. All images have the same shape.
     """
     code = (pixel_class * np.uint8(WEIGHT_LEVELS)) | (weight >> np.uint8(2))
     exceeding = np.asarray(cv2.LUT(code, _NEGATIVE_RATE_PER_PX), np.float32)
@@ -100,6 +102,8 @@ def estimate_confidence(
     cv2.exp(exceeding, exceeding)
     confidence = np.subtract(np.float32(1), exceeding, out=exceeding)
     surface_probability = np.asarray(cv2.LUT(code, _SURFACE_PROBABILITY), np.float32)
+    remembered_probability = surface_probability * inpainting_probability
+    copy_where(equal(pixel_class, PixelClass.REMEMBERED), remembered_probability, surface_probability)
     copy_where(equal(pixel_class, PixelClass.UNKNOWN), inpainting_probability, surface_probability)
     confidence *= surface_probability
     return confidence

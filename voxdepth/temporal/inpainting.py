@@ -8,7 +8,7 @@ from pydantic import Field
 
 from ..model import Model
 from ..types import FloatImage, GrayImage
-from .confidence import INPAINTING
+from .confidence import AGREEMENT, INPAINTING
 from .ground import GROUND_TOLERANCE, GroundConfig, StixelEstimator, StixelsConfig, find_ground
 from .masks import above, and_not, box_mean, copy_where
 from .measurement import VALIDITY_WINDOW_PX
@@ -43,7 +43,8 @@ class Inpainted(NamedTuple):
     disparity_px: FloatImage
     """Disparity; 0 only if the whole image is empty."""
     probability: FloatImage
-    """Probability in 0..1 that an inpainted disparity is of the right surface; arbitrary in other pixels."""
+    """Probability in 0..1 that an inpainted disparity is of the right surface. In remembered holes it is the factor by
+    which the ends of the hole change the probability of the memory, and 1 in measured pixels."""
     remembered: GrayImage
     """Mask of the holes that the memory fills."""
 
@@ -75,7 +76,7 @@ class Inpainter:
         copy_where(remembered, remembered_px, known_px)
         known = above(known_px, 0)
         if cv2.countNonZero(known) in (0, known.size):
-            return Inpainted(known_px, np.zeros_like(known_px), remembered)
+            return Inpainted(known_px, np.ones_like(known_px), remembered)
         filled_px, probability, ground_px = self._guess(known_px, known)
         copy_where(find_sky(known, gray), np.full_like(probability, INPAINTING.sky), probability)
         interpolated = above(near.disparity_px, 0)
@@ -83,6 +84,7 @@ class Inpainter:
         copy_where(near.background, near.disparity_px, filled_px)
         copy_where(interpolated, near.probability, probability)
         copy_where(known, known_px, filled_px)
+        copy_where(known, _agreement(known_px, near.disparity_px), probability)
         return Inpainted(filled_px, probability, remembered)
 
     def _contradicted(self, remembered_px: FloatImage, near_px: FloatImage) -> GrayImage:
@@ -112,6 +114,13 @@ class Inpainter:
         min_px = cv2.minMaxLoc(known_px, known)[0]
         np.maximum(guess_px, np.float32(min_px), out=guess_px)
         return guess_px, probability, ground_px
+
+
+def _agreement(known_px: FloatImage, near_px: FloatImage) -> FloatImage:
+    """Factor of the probability of known pixels, by their difference to the estimate from the ends of their hole."""
+    factor, at = np.ones_like(known_px), np.nonzero((near_px > 0) & (known_px > 0))
+    factor[at] = AGREEMENT.at(np.abs(known_px[at] - near_px[at]))
+    return factor
 
 
 def find_sky(known: GrayImage, gray: GrayImage) -> GrayImage:
