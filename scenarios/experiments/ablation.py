@@ -59,9 +59,8 @@ VARIANTS = (
     _variant(
         "averaging-only",
         "memory averages what it agrees with, and never fills holes or rejects measurements",
-        fusion={"min_evidence": 16, "min_evidence_hole": 16},
+        fusion={"min_evidence": 16},
     ),
-    _variant("no-memory-fill", "the memory fills no hole", fusion={"min_evidence_hole": 16}),
     _variant(
         "memory-first",
         "the memory fills holes even where their measured ends contradict it",

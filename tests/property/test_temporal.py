@@ -97,7 +97,7 @@ def test_every_pixel_is_one_kind_of_thing(seed: int, holes: float, forgotten: fl
     np.testing.assert_array_equal(fused.remembered_px[valid > 0], 0)
     remembered = fused.remembered_px > 0
     np.testing.assert_array_equal(fused.remembered_px[remembered], old_px[remembered])
-    assert (weight[remembered] >= np.floor(WEIGHT_UNIT * TemporalFusionConfig().min_evidence_hole)).all()
+    assert (weight[remembered] >= np.floor(WEIGHT_UNIT * TemporalFusionConfig().min_evidence)).all()
     assert after.weight.max() <= MOST
     np.testing.assert_array_equal(after.weight > 0, after.disparity_px > 0)
 

@@ -191,8 +191,8 @@ class TestFreeSpaceViolation:
 class TestHoles:
     HOLED = with_block(0.0, 10.0)
 
-    @pytest.mark.parametrize(("measurements", "remembered_px"), [(0.8, 0), (1, 10), (12, 10)])
-    def test_a_memory_of_one_measurement_may_fill_them(self, measurements: float, remembered_px: float) -> None:
+    @pytest.mark.parametrize(("measurements", "remembered_px"), [(3, 0), (4, 10), (12, 10)])
+    def test_a_memory_of_four_measurements_may_fill_them(self, measurements: float, remembered_px: float) -> None:
         fused, memory = fuse(memory_of(image(10), measurements), measurement_of(self.HOLED))
         np.testing.assert_array_equal(fused.pixel_class[BLOCK], PixelClass.UNKNOWN)
         np.testing.assert_array_equal(fused.disparity_px[BLOCK], 0)
@@ -203,8 +203,8 @@ class TestHoles:
 
     def test_the_evidence_that_they_need_is_configurable(self) -> None:
         old, new = memory_of(image(10), 5), measurement_of(self.HOLED)
-        for min_evidence_hole, remembered_px in ((5, 10), (5.5, 0)):
-            fused, _ = fuse(old, new, min_evidence_hole=min_evidence_hole)
+        for min_evidence, remembered_px in ((5, 10), (5.5, 0)):
+            fused, _ = fuse(old, new, min_evidence=min_evidence)
             np.testing.assert_array_equal(fused.remembered_px, with_block(remembered_px, 0))
 
     def test_a_surface_that_looks_different_is_forgotten(self) -> None:

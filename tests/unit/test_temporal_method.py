@@ -105,7 +105,7 @@ class TestNoise:
         assert np.median(error_px[measured]) < 0.5 * np.median(raw_px[measured])
         known = result.source == Source.MEMORY
         # At half resolution the borders of holes, half of their pixels here, have the source of their neighbours.
-        assert np.mean(known[~measured]) > (0.95 if decimation == 1 else 0.6)
+        assert np.mean(known[~measured]) > (0.9 if decimation == 1 else 0.6)
         assert np.median(error_px[known]) < 0.1
 
     @DECIMATIONS
@@ -291,7 +291,7 @@ class TestSizes:
         frames = [noisy(frame, 0, camera=ODD) for frame in frames_of(ROOM, walk(8), ODD)]
         result = run(method(ODD, decimation=decimation), frames)[-1]
         hole = frames[-1].depth_m == 0
-        assert np.mean(result.source[hole] == Source.MEMORY) > (0.95 if decimation == 1 else 0.6)
+        assert np.mean(result.source[hole] == Source.MEMORY) > (0.9 if decimation == 1 else 0.6)
         true_m = frames_of(ROOM, walk(8)[-1:], ODD)[0].depth_m
         assert np.median(abs(result.depth_m / true_m - 1)) < 0.02
 

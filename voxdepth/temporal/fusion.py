@@ -39,14 +39,13 @@ class TemporalFusionConfig(Model):
     Less follows approaching surfaces faster, and averages less."""
     drift_gain: float = Field(0.3, gt=0, le=1)
     """Weight of the newest frame in that running mean. Less is smoother and slower."""
-    min_coherence: float = Field(0.1, gt=0, le=1)
+    min_coherence: float = Field(0.2, gt=0, le=1)
     """Fraction of 5 x 5 px that must contradict the memory in the same direction; fewer pixels are outliers."""
     max_evidence: float = Field(12.0, gt=0, le=15)
     """Largest number of measurements that the memory of a pixel counts. More averages more, and follows slower."""
     min_evidence: float = Field(4.0, gt=0)
-    """Number of measurements that the memory must count to reject a measurement."""
-    min_evidence_hole: float = Field(0.9, gt=0)
-    """Number of measurements that the memory must count to fill a hole."""
+    """Number of measurements that the memory must count to fill a hole or to reject a measurement. With less, moving
+    objects leave ghosts where nothing is measured behind them."""
     max_gray_change_hole: float = Field(8.0, gt=0)
     """Change of gray up to which a remembered surface is still there where nothing is measured."""
     decay_occluded: float = Field(0.5, ge=0)
@@ -137,7 +136,7 @@ def _compare(memory: Memory, measurement: Measurement, config: TemporalFusionCon
         free_space_violation=farther,
         outlier=rejected & evident,
         new=and_not(valid, known) | and_not(rejected, evident),
-        hole=and_not(above(memory.weight, round(WEIGHT_UNIT * config.min_evidence_hole) - 1), valid),
+        hole=and_not(evident, valid),
         memory_factor=memory_factor,
         drift_px=drift_px,
     )
