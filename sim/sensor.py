@@ -2,11 +2,11 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
@@ -83,6 +83,11 @@ class RigConfig(Model):
                 f"as textureless with stereo.min_texture {self.stereo.min_texture}: raise it, or set it to 0"
             )
         return self
+
+    @model_serializer(mode="wrap")
+    def _without_absent_parts(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out what is None, so that the keys of finished runs stay valid when a camera may have another part."""
+        return {name: value for name, value in serialize(self).items() if value is not None}
 
     @property
     def left_mount_m(self) -> FloatArray:
