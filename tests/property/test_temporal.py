@@ -78,7 +78,8 @@ def test_every_pixel_is_one_kind_of_thing(seed: int, holes: float, forgotten: fl
     new_px = np.where(rng.random(shape) < holes, 0, np.maximum(new_px, 0)).astype(np.float32)
     weight = np.where(old_px > 0, rng.integers(1, MOST + 1, shape), 0).astype(np.uint8)
     old_gray, new_gray = (rng.integers(60, 140, shape, np.uint8) for _ in range(2))
-    memory = replace(Memory.empty(old_gray), disparity_px=old_px, weight=weight)
+    age = rng.integers(1, 256, shape, np.uint8)
+    memory = replace(Memory.empty(old_gray), disparity_px=old_px, weight=weight, age=age)
     valid = np.where(new_px > 0, 255, 0).astype(np.uint8)
     new_weight = np.where(new_px > 0, rng.integers(1, WEIGHT_UNIT + 1, shape), 0).astype(np.uint8)
     new = Measurement(disparity_px=new_px, valid=valid, weight=new_weight, gray=new_gray)
@@ -97,7 +98,10 @@ def test_every_pixel_is_one_kind_of_thing(seed: int, holes: float, forgotten: fl
     np.testing.assert_array_equal(fused.remembered_px[valid > 0], 0)
     remembered = fused.remembered_px > 0
     np.testing.assert_array_equal(fused.remembered_px[remembered], old_px[remembered])
-    assert (weight[remembered] >= np.floor(WEIGHT_UNIT * TemporalFusionConfig().min_evidence)).all()
+    config = TemporalFusionConfig()
+    required = np.minimum(config.min_evidence_per_frame * age, config.min_evidence)
+    assert (weight >= WEIGHT_UNIT * required - 0.5)[remembered].all()
+    assert (after.age > 0).all()
     assert after.weight.max() <= MOST
     np.testing.assert_array_equal(after.weight > 0, after.disparity_px > 0)
 

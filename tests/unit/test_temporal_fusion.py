@@ -29,9 +29,10 @@ def grays(value: int = LOOKS) -> GrayImage:
 
 
 def memory_of(disparity_px: FloatImage, measurements: float = EVIDENCE, gray: GrayImage | None = None) -> Memory:
-    """A memory that counts so many measurements wherever it has a disparity."""
+    """A memory of old surfaces that counts so many measurements wherever it has a disparity."""
     weight = np.where(disparity_px > 0, round(WEIGHT_UNIT * measurements), 0).astype(np.uint8)
-    return replace(Memory.empty(grays() if gray is None else gray), disparity_px=disparity_px.copy(), weight=weight)
+    empty = Memory.empty(grays() if gray is None else gray)
+    return replace(empty, disparity_px=disparity_px.copy(), weight=weight, age=np.full(SHAPE, 255, np.uint8))
 
 
 def measurement_of(disparity_px: FloatImage, gray: GrayImage | None = None) -> Measurement:
@@ -200,6 +201,13 @@ class TestHoles:
         assert (
             memory.weight[BLOCK] == round(WEIGHT_UNIT * measurements)
         ).all()  # without a measurement it stays as it is
+
+    @pytest.mark.parametrize(("age", "remembered_px"), [(1, 10), (2, 0), (50, 0)])
+    def test_one_measurement_is_enough_right_after_it(self, age: int, remembered_px: float) -> None:
+        old = replace(memory_of(image(10), 1), age=np.full(SHAPE, age, np.uint8))
+        fused, memory = fuse(old, measurement_of(self.HOLED))
+        np.testing.assert_array_equal(fused.remembered_px, with_block(remembered_px, 0))
+        np.testing.assert_array_equal(memory.age[BLOCK], age + 1)
 
     def test_the_evidence_that_they_need_is_configurable(self) -> None:
         old, new = memory_of(image(10), 5), measurement_of(self.HOLED)

@@ -46,6 +46,9 @@ class TemporalFusionConfig(Model):
     min_evidence: float = Field(4.0, gt=0)
     """Number of measurements that the memory must count to fill a hole or to reject a measurement. With less, moving
     objects leave ghosts where nothing is measured behind them."""
+    min_evidence_per_frame: float = Field(0.65, gt=0, le=1)
+    """Measurements per frame since a surface was first measured that are enough to fill a hole with it. One sight is
+    enough right after a jump of the camera."""
     max_gray_change_hole: float = Field(8.0, gt=0)
     """Change of gray up to which a remembered surface is still there where nothing is measured."""
     decay_occluded: float = Field(0.5, ge=0)
@@ -136,10 +139,17 @@ def _compare(memory: Memory, measurement: Measurement, config: TemporalFusionCon
         free_space_violation=farther,
         outlier=rejected & evident,
         new=and_not(valid, known) | and_not(rejected, evident),
-        hole=and_not(evident, valid),
+        hole=and_not(known & _is_evident(memory, config), valid),
         memory_factor=memory_factor,
         drift_px=drift_px,
     )
+
+
+def _is_evident(memory: Memory, config: TemporalFusionConfig) -> GrayImage:
+    """Mask of the surfaces with enough evidence to fill a hole: less is enough for one that was first seen lately."""
+    by_age = np.minimum(config.min_evidence_per_frame * np.arange(256), config.min_evidence)
+    required = np.asarray(cv2.LUT(memory.age, np.rint(WEIGHT_UNIT * by_age).astype(np.uint8)), np.uint8)
+    return np.asarray(cv2.compare(memory.weight, required, cv2.CMP_GE), np.uint8)
 
 
 def _agreement(
@@ -220,8 +230,9 @@ def _update(memory: Memory, measurement: Measurement, comparison: _Comparison, c
     copy_where(replaced, measurement.disparity_px, disparity_px)
     copy_where(replaced, measurement.weight, weight)
     copy_where(comparison.agreeing | replaced, measurement.gray, gray)
+    age = np.minimum(and_not(memory.age, replaced), np.uint8(254)) + np.uint8(1)
     clear_where(equal(weight, 0), disparity_px)
-    return Memory(disparity_px=disparity_px, weight=weight, gray=gray, drift_px=comparison.drift_px)
+    return Memory(disparity_px=disparity_px, weight=weight, gray=gray, age=age, drift_px=comparison.drift_px)
 
 
 def _output(memory: Memory, measurement: Measurement, comparison: _Comparison) -> Fused:

@@ -29,6 +29,8 @@ class Memory:
     """Accumulated weight of the measurements in units of `1 / WEIGHT_UNIT`, uint8."""
     gray: GrayImage
     """Gray value of the surface when it was last measured, uint8."""
+    age: GrayImage
+    """Number of frames since the surface was first measured, that one included, uint8; it saturates."""
     drift_px: FloatImage
     """Running mean of measured minus remembered disparity, shape (h, w) / `DRIFT_DECIMATION`, float32. It is positive
     where surfaces come nearer."""
@@ -41,6 +43,7 @@ class Memory:
             disparity_px=np.zeros(gray.shape, np.float32),
             weight=np.zeros_like(gray),
             gray=gray,
+            age=np.zeros_like(gray),
             drift_px=np.zeros(coarse, np.float32),
         )
 
@@ -49,10 +52,13 @@ class Memory:
         warped = forward_warp.warp(self.disparity_px, self.weight, T_frame_memory)
         shape = self.drift_px.shape
         coarse_x, coarse_y = (_coarse_position(source, shape) for source in (warped.source_x, warped.source_y))
+        both: GrayImage = np.dstack([self.gray, self.age])
+        gray, age = cv2.split(_sample(both, warped.source_x, warped.source_y))
         return Memory(
             disparity_px=warped.disparity_px,
             weight=warped.weight,
-            gray=_sample(self.gray, warped.source_x, warped.source_y),
+            gray=np.asarray(gray, np.uint8),
+            age=np.asarray(age, np.uint8),
             drift_px=_sample(self.drift_px, coarse_x, coarse_y),
         )
 
