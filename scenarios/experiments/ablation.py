@@ -59,7 +59,7 @@ VARIANTS = (
     _variant(
         "averaging-only",
         "memory averages what it agrees with, and never fills holes or rejects measurements",
-        fusion={"min_evidence": 16},
+        fusion={"min_evidence": 16, "min_evidence_per_frame": 16},
     ),
     _variant(
         "memory-first",

@@ -46,7 +46,7 @@ class TemporalFusionConfig(Model):
     min_evidence: float = Field(4.0, gt=0)
     """Number of measurements that the memory must count to fill a hole or to reject a measurement. With less, moving
     objects leave ghosts where nothing is measured behind them."""
-    min_evidence_per_frame: float = Field(0.65, gt=0, le=1)
+    min_evidence_per_frame: float = Field(0.65, gt=0)
     """Measurements per frame since a surface was first measured that are enough to fill a hole with it. One sight is
     enough right after a jump of the camera."""
     max_gray_change_hole: float = Field(8.0, gt=0)
