@@ -148,7 +148,8 @@ def _compare(memory: Memory, measurement: Measurement, config: TemporalFusionCon
 def _is_evident(memory: Memory, config: TemporalFusionConfig) -> GrayImage:
     """Mask of the surfaces with enough evidence to fill a hole: less is enough for one that was first seen lately."""
     by_age = np.minimum(config.min_evidence_per_frame * np.arange(256), config.min_evidence)
-    required = np.asarray(cv2.LUT(memory.age, np.rint(WEIGHT_UNIT * by_age).astype(np.uint8)), np.uint8)
+    by_age = np.minimum(np.rint(WEIGHT_UNIT * by_age), np.iinfo(np.uint8).max)
+    required = np.asarray(cv2.LUT(memory.age, by_age.astype(np.uint8)), np.uint8)
     return np.asarray(cv2.compare(memory.weight, required, cv2.CMP_GE), np.uint8)
 
 
