@@ -181,7 +181,7 @@ def test_identical_frames_converge_without_flicker_and_grow_surer(decimation: in
     still = [replace(NOISY[3], stamp_s=i / 30) for i in range(25)]
     results = run(method(decimation=decimation), still)
     for before, after in pairwise(results[4:]):  # by then the evidence of every pixel is enough, or never will be
-        np.testing.assert_allclose(after.depth_m, before.depth_m, rtol=1e-4)
+        np.testing.assert_allclose(after.depth_m, before.depth_m, rtol=1e-5)
         assert (after.confidence >= before.confidence - 1e-5).all()
     assert results[-1].confidence.mean() > results[1].confidence.mean() > results[0].confidence.mean()
     np.testing.assert_allclose(results[-1].confidence, results[-2].confidence, atol=0.005)

@@ -31,7 +31,8 @@ class InpaintingConfig(Model):
 
     scanlines: ScanlinesConfig = ScanlinesConfig()
     max_memory_difference_px: float = Field(1.0, gt=0)
-    """Difference of disparity, besides 3 % of it, up to which the memory of a hole agrees with the ends of the hole."""
+    """Difference of disparity up to which the memory of a hole agrees with its ends, besides the relative step of the
+    scanlines."""
     planes: PlanesConfig = PlanesConfig()
     ground: GroundConfig = GroundConfig()
     stixels: StixelsConfig = StixelsConfig()
@@ -89,7 +90,8 @@ class Inpainter:
 
     def _contradicted(self, remembered_px: FloatImage, near_px: FloatImage) -> GrayImage:
         """Mask of the remembered pixels whose hole has ends of another disparity."""
-        tolerance_px = near_px * np.float32(0.03) + np.float32(self._config.max_memory_difference_px)
+        tolerance_px = near_px * np.float32(self._config.scanlines.relative_step)
+        tolerance_px += np.float32(self._config.max_memory_difference_px)
         difference_px = np.asarray(cv2.absdiff(remembered_px, near_px), np.float32)
         return above(near_px, 0) & above(difference_px, tolerance_px)
 

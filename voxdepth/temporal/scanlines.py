@@ -18,8 +18,6 @@ Indices = npt.NDArray[np.integer]
 END_SPACING_PX, FAR_SPACING_PX = 1, 2
 """Spacing of the three working pixels whose median is the disparity at an end of a hole: one of them may be an outlier.
 It is larger for the far side of a depth discontinuity, whose border may be a mixture of both sides."""
-
-
 UNCONFIRMED_PX = 3.0
 """Difference of the estimates along row and column that the probability of a hole with only one of them is that of."""
 
