@@ -1,0 +1,95 @@
+"""Loops over pixels that Numba compiles, and the folder that keeps what has been compiled.
+
+Compiled functions take arguments of fixed types, and run without Python's lock. Their `py_func` is the Python function
+that was written.
+"""
+
+import hashlib
+import logging
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import numba
+
+_LOGGER = logging.getLogger(__name__)
+_LOCK = Lock()
+_waiting: list[tuple[Any, str]] = []
+"""Functions that have not been compiled yet, and the types of their arguments."""
+
+
+def compiled(signature: str) -> Callable[[Callable[..., Any]], Any]:
+    """Decorate a function that Numba compiles for arguments of these types, such as `"void(f4[:, ::1], i8)"`.
+
+    `compile_all` compiles it. Functions that a compiled one calls must be defined before it.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        with _numba_cache(_folder(function.__module__.partition(".")[0])) as is_kept:
+            dispatcher = numba.njit(cache=is_kept, nogil=True, error_model="numpy")(function)
+        _waiting.append((dispatcher, signature))
+        return dispatcher
+
+    return decorate
+
+
+def compile_all() -> None:
+    """Compile the functions of all imported modules, or read them from the disk, where an earlier call has left them.
+
+    From then on, a call with arguments of other types is a `TypeError`.
+    """
+    with _LOCK:
+        has_said_so = False
+        while _waiting:
+            dispatcher, signature = _waiting[0]
+            dispatcher.compile(signature)
+            dispatcher.disable_compile()
+            _waiting.pop(0)
+            if not (has_said_so or dispatcher.stats.cache_hits):
+                _LOGGER.warning("compiling %d functions for this machine; this takes some seconds, once", len(_waiting))
+                has_said_so = True
+
+
+@contextmanager
+def _numba_cache(folder: Path | None) -> Iterator[bool]:
+    """Let Numba keep the functions that are decorated meanwhile in a folder; whether there is one to keep them in."""
+    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder or "")
+    try:
+        yield folder is not None
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+@cache
+def _folder(package: str) -> Path | None:
+    """The folder for the functions of a package as it is now; None if the user may write to no folder for it.
+
+    Numba would notice a change of the file of a function only, not of a constant or a function of another file in it.
+    """
+    digest = hashlib.sha256()
+    for path in sorted(_source_folder(package).rglob("*.py")):
+        digest.update(path.read_bytes())
+    try:
+        folder = _user_cache() / f"{package}-{digest.hexdigest()[:16]}"
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError):  # The home is read-only, or there is none.
+        return None
+    return folder if os.access(folder, os.W_OK) else None
+
+
+def _source_folder(package: str) -> Path:
+    spec = find_spec(package)
+    assert spec is not None and spec.origin is not None
+    return Path(spec.origin).parent
+
+
+def _user_cache() -> Path:
+    """`$NUMBA_CACHE_DIR`, or the folder of VoxDepth in that of the user's caches."""
+    if numba.config.CACHE_DIR:
+        return Path(numba.config.CACHE_DIR)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "voxdepth"
