@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test fast lint bench acceptance picture sequences regress clean
+.PHONY: help setup demo test fast lint bench profile acceptance picture sequences regress clean
 
 help:            ## list the targets
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 14
@@ -39,6 +39,9 @@ regress: setup   ## compare the shipped correctors with golden values on synthet
 bench: setup     ## measure and print the speed of correctors and simulator
 	$(BIN)/voxdepth bench
 	$(BIN)/pytest tests/bench -m bench -s -q -p no:xdist
+
+profile: setup   ## measure where the time of a mission goes and print a table
+	$(BIN)/pytest tests/bench -m bench -s -q -p no:xdist -k profile
 
 acceptance: setup ## fly every scenario's acceptance check over 20 seeds
 	$(BIN)/voxdepth accept --seeds 20

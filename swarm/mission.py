@@ -94,14 +94,12 @@ class Mission:
         if self._ticks % self._ticks_per_frame == 0:
             self._perceive()
         states = self.world.states
-        decisions = [agent.decide(self._situation(i, states[i])) for i, agent in enumerate(self._agents)]
-        self.world.apply([decision.command for decision in decisions])
+        decisions = self._decide(states)
         self._log(states, decisions)
-        for _ in range(self._steps_per_tick):
-            for contact in self.world.step():
-                self._recorder.contact(self.world.steps, contact)
-        self._link.broadcast(self.world.states, self.time_s)
-        positions_m = np.array([state.position_m for state in self.world.states])
+        self._move(decisions)
+        moved = self.world.states
+        self._link.broadcast(moved, self.time_s)
+        positions_m = np.array([state.position_m for state in moved])
         outcome = self._termination.check(self.time_s, positions_m, self.world.contacts)
         if outcome is not None:
             self._end(outcome)
@@ -141,6 +139,16 @@ class Mission:
             percept = self._perceptions[capture.drone].see(capture)
             self._metrics.add_depth(capture, percept.corrected)
             self._recorder.capture(self.world.steps, capture, percept.corrected, percept.histogram)
+
+    def _decide(self, states: Sequence[DroneState]) -> list[Decision]:
+        return [agent.decide(self._situation(i, states[i])) for i, agent in enumerate(self._agents)]
+
+    def _move(self, decisions: Sequence[Decision]) -> None:
+        """Step the physics to the end of the control period."""
+        self.world.apply([decision.command for decision in decisions])
+        for _ in range(self._steps_per_tick):
+            for contact in self.world.step():
+                self._recorder.contact(self.world.steps, contact)
 
     def _situation(self, drone: int, own: DroneState) -> Situation:
         heard = self._link.heard_by(drone, self.time_s)
@@ -205,7 +213,7 @@ class TerminationConditions:
         ]
         if all(self._arrived):
             return Outcome.SUCCESS
-        if any(team.spread_m(positions_m) > self._config.lost_m for team in self._teams):
+        if any(team.stray_m(positions_m) > self._config.lost_m for team in self._teams):
             return Outcome.LOST
         if self._is_stuck(time_s, positions_m):
             return Outcome.DEADLOCK

@@ -38,7 +38,7 @@ class MissionConfig(Model):
     deadlock_s: float = Field(12.0, gt=0)
     """Time without progress of any leader or follower, after which the mission counts as stuck."""
     lost_m: float = Field(30.0, gt=0)
-    """Distance from its leader beyond which a follower counts as lost."""
+    """Distance from its leader, and from its slot if that is nearer, beyond which a follower counts as lost."""
     aftermath_s: float = Field(1.0, ge=0)
     """Simulated time that the mission goes on after the first collision."""
     controller: str = DEFAULT_CONTROLLER

@@ -95,10 +95,11 @@ class Team:
         """Return the distance of the leader from the goal."""
         return float(np.linalg.norm(positions_m[self.leader] - self.goal_m))
 
-    def spread_m(self, positions_m: FloatArray) -> float:
-        """Return the distance of the farthest follower from the leader; 0 without followers."""
+    def stray_m(self, positions_m: FloatArray) -> float:
+        """Return how far a follower has strayed at most from both its leader and its slot; 0 without followers."""
         own_m = positions_m[self.members.start : self.members.stop]
-        return float(np.linalg.norm(own_m - own_m[0], axis=1).max())
+        from_leader_m = np.linalg.norm(own_m[1:] - own_m[0], axis=1)
+        return float(np.minimum(from_leader_m, self.slot_errors_m(positions_m)).max(initial=0.0))
 
     def cross_track_error_m(self, positions_m: FloatArray) -> float:
         """Return the distance of the leader from the straight line through start and goal."""

@@ -128,7 +128,8 @@ class Episode:
         if outcome is None:
             return StepResult(reward=reward, terminated=False, truncated=False)
         collided = outcome is Outcome.COLLISION and any(is_involved(role.drone, hit) for hit in self.world.contacts)
-        lost = outcome is Outcome.LOST and float(np.linalg.norm(from_leader_m)) > self._task.mission.lost_m
+        stray_m = min(float(np.linalg.norm(from_leader_m)), slot_error_m)
+        lost = outcome is Outcome.LOST and stray_m > self._task.mission.lost_m
         arrived = outcome is Outcome.SUCCESS
         reward += c.arrival * arrived - c.collision * collided - c.lost * lost
         terminated = collided or lost or arrived

@@ -25,7 +25,7 @@ class RewardConfig(Model):
 
         - slot_per_s * min(distance_to_slot_m / slot_scale_m, 1) * dt_s
         - collision    when the drone is part of a collision
-        - lost         when it is farther than `mission.lost_m` from its leader
+        - lost         when it is farther than `mission.lost_m` from its leader and its slot
         + arrival      when the mission is a success
 
     Flying costs at most `slot_per_s` a second, so that crashing never pays while `collision` and `lost` are at least

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from scenarios.config import load_run
+from scenarios.results.table import Column, Table
 from scenarios.runner import fly
 from scenarios.sequences import load_sequence, record
 from scenarios.study.design import expand, load_study
@@ -86,14 +87,13 @@ PARTS = {
     "drawing": (StereoSensor, "render"),
     "noise and matching": (StereoSensor, "capture"),
     "correction": (VoxDepth, "process"),
-    "deciding": (Mission, "_decide"),
-    "physics": (Mission, "_step_physics"),
+    "decisions of the drones": (Mission, "_decide"),
+    "physics": (Mission, "_move"),
 }
 
 
-@pytest.mark.parametrize("size", [(160, 120), (320, 180)])
-def test_where_the_time_of_a_mission_goes(size: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
-    """On one thread, where nothing overlaps."""
+def profile_ms(size: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
+    """Time of each part of a tick [ms], and of all of them, on one thread, where nothing overlaps."""
     spent_s = dict.fromkeys(PARTS, 0.0)
 
     def timed(part: str, call: Callable[..., Any]) -> Callable[..., Any]:
@@ -107,14 +107,25 @@ def test_where_the_time_of_a_mission_goes(size: tuple[int, int], monkeypatch: py
 
     changes = {"corrector": "voxdepth", "rig.width_px": size[0], "rig.height_px": size[1]}
     fly(load_run("city", 0, changes | {"mission.duration_s": 1.5}), threads=1)
-    for part, (owner, name) in PARTS.items():
-        monkeypatch.setattr(owner, name, timed(part, getattr(owner, name)))
-    finished = fly(load_run("city", 0, changes | {"mission.duration_s": 5.0}), threads=1)
-    shares = {part: spent / finished.wall_s for part, spent in spent_s.items()} | {
-        "rest": 1 - sum(spent_s.values()) / finished.wall_s
-    }
-    what = f"where the time goes, voxdepth, stereo {size[0]}x{size[1]}, one thread"
-    show(what, ", ".join(f"{part} {100 * share:.0f} %" for part, share in shares.items()))
+    run = load_run("city", 0, changes | {"mission.duration_s": 5.0})
+    with monkeypatch.context() as patch:
+        for part, (owner, name) in PARTS.items():
+            patch.setattr(owner, name, timed(part, getattr(owner, name)))
+        finished = fly(run, threads=1)
+    spent_s |= {"the rest": finished.wall_s - sum(spent_s.values()), "a tick": finished.wall_s}
+    n_ticks = float(finished.result.metrics["sim_time_s"] or 0) * run.scenario.mission.control_hz
+    return {part: 1e3 * spent / n_ticks for part, spent in spent_s.items()}
+
+
+def test_profile_of_a_mission(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A table for docs/performance.md, of 8 drones with the corrector `voxdepth`."""
+    profiles = {f"{w}x{h}": profile_ms((w, h), monkeypatch) for w, h in [(160, 120), (320, 180)]}
+    columns = [Column(size, unit, number) for size in profiles for unit, number in (("ms", ".1f"), ("%", ".0f"))]
+    rows = [
+        [part, *(value for ms in profiles.values() for value in (ms[part], 100 * ms[part] / ms["a tick"]))]
+        for part in [*PARTS, "the rest", "a tick"]
+    ]
+    print("\n" + Table.of("profile of a mission", ["part of a mission", *columns], rows).markdown())
 
 
 def test_a_mission_of_the_noise_study() -> None:

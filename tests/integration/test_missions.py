@@ -96,7 +96,8 @@ def test_a_blocked_swarm_is_stuck() -> None:
 
 
 def test_a_follower_left_behind_is_lost() -> None:
-    result = fly(short(**{"mission.lost_m": 2.0})).result
+    slow = {"mission.follower_speed_m_s": 0.1, "mission.routes": to(70.0)}
+    result = fly(short(**slow, **{"mission.lost_m": 2.0})).result
     assert result.outcome is Outcome.LOST
 
 

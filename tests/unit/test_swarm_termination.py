@@ -96,7 +96,7 @@ def test_after_a_contact_it_is_a_collision_whatever_else_comes_about(along_m: fl
 
 
 def test_a_follower_too_far_away_is_lost() -> None:
-    assert Flight().at(1.0, 5.0, off_m=[-25.0, 0, 0]) is None
+    assert Flight().at(1.0, 5.0, off_m=[-29.0, 0, 0]) is None
     assert Flight().at(1.0, 5.0, off_m=[-35.0, 0, 0]) is Outcome.LOST
 
 
@@ -167,5 +167,15 @@ def test_success_at_the_last_moment_is_success() -> None:
 
 
 def test_success_with_a_follower_in_formation_beats_a_small_lost_distance() -> None:
-    assert Flight(lost_m=1.0).at(1.0, 20.0) is Outcome.SUCCESS
-    assert Flight(lost_m=1.0).at(1.0, 5.0) is Outcome.LOST
+    assert Flight(lost_m=1.0).at(1.0, 20.0, off_m=[-1.2, 0, 0]) is Outcome.SUCCESS
+    assert Flight(lost_m=1.0).at(1.0, 5.0, off_m=[-1.2, 0, 0]) is Outcome.LOST
+
+
+def test_no_follower_of_a_long_column_is_lost_in_its_slot() -> None:
+    column = config(lost_m=30.0).model_copy(update={"drones": 40})
+    positions = column.starts_m()
+    assert np.ptp(positions[:, 0]) > column.lost_m
+    conditions = TerminationConditions(column, column.teams())
+    assert conditions.check(1.0, positions, ()) is None
+    positions[-1, 0] -= 31.0
+    assert conditions.check(2.0, positions, ()) is Outcome.LOST
