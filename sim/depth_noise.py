@@ -80,10 +80,10 @@ class Scale(NoiseTerm):
         rng = image.rng(Purpose.SCALE)
         if self.unit == "object":  # Body k takes draw k + 1 of the stream, whichever bodies are in the image.
             n_draws = int(image.segment_id.max(initial=-1)) + 2
-            beta = rng.uniform(-self.theta, self.theta, n_draws)[image.segment_id + 1]
+            scale = (1 + rng.uniform(-self.theta, self.theta, n_draws)).take(image.segment_id + 1)
         else:
-            beta = rng.uniform(-self.theta, self.theta, image.depth_m.shape if self.unit == "pixel" else 1)
-        image.depth_m[:] = image.depth_m * (1 + beta)
+            scale = 1 + rng.uniform(-self.theta, self.theta, image.depth_m.shape if self.unit == "pixel" else 1)
+        np.multiply(image.depth_m, scale, out=image.depth_m, casting="same_kind")
 
 
 class Disparity(NoiseTerm):

@@ -30,4 +30,13 @@ def stream(seed: int, purpose: Purpose, *index: int) -> np.random.Generator:
 
     The number of indices is part of the key, because `SeedSequence` ignores trailing zeros.
     """
-    return np.random.default_rng(np.random.SeedSequence([seed, int(purpose), len(index), *index]))
+    return np.random.default_rng(_sequence(seed, purpose, *index))
+
+
+def counter_key(seed: int, purpose: Purpose, *index: int) -> np.uint64:
+    """The key of one consumer's counter-based random numbers, which need no generator; it is keyed as `stream` is."""
+    return np.uint64(_sequence(seed, purpose, *index).generate_state(1, np.uint64)[0])
+
+
+def _sequence(seed: int, purpose: Purpose, *index: int) -> np.random.SeedSequence:
+    return np.random.SeedSequence([seed, int(purpose), len(index), *index])

@@ -8,14 +8,15 @@ import cv2
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
+from voxdepth.compiled import compile_all
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
-from . import frames
+from . import frames, photon_kernels
 from .alignment import aligned, hidden_from_pair
 from .artefacts import Artefacts
 from .depth_noise import DepthNoise, NoiseTerm, NoisyDepth, SensorModelName
 from .errors import SensorError
-from .seeds import Purpose, stream
+from .seeds import Purpose, counter_key, stream
 from .stereo import NOISE_TEXTURE, StereoConfig, StereoMatcher, focal_baseline_px_m, occlusion_mask
 from .types import BodyPose, Camera, Capture, Images, Model, RenderedPair, Renderer
 from .world import World
@@ -269,11 +270,11 @@ def photon_noise(gray: GrayImage, sigma: float, *key: int, seed: int, gain: floa
 
     The noise is keyed by the seed and by `key`, which is the drone, the frame and the camera.
     """
-    noise = stream(seed, Purpose.PHOTON, *key).standard_normal(gray.shape, np.float32)
-    noise *= np.float32(sigma)
-    noise += gray if gain == 1 else gray * np.float32(gain)
-    np.rint(noise, out=noise)
-    return np.clip(noise, 0, 255, out=noise).astype(np.uint8)
+    compile_all()
+    noisy = np.empty(gray.shape, np.uint8)
+    stream_key, quantiles = counter_key(seed, Purpose.PHOTON, *key), photon_kernels.normal_quantiles()
+    photon_kernels.expose(gray.ravel(), gain, sigma, quantiles, stream_key, noisy.reshape(-1))
+    return noisy
 
 
 def exposure_gain(sigma: float, *key: int, seed: int) -> float:

@@ -5,24 +5,19 @@ from typing import Any, Literal
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, model_validator
 
+from voxdepth.compiled import compile_all
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
+from . import stereo_kernels
 from .errors import SensorError
+from .stereo_kernels import INVALID, Disparity
 from .types import InvalidReason, Model
-
-Disparity = npt.NDArray[np.int16]
-"""Disparity in 1/16 px, shape (H, W); negative = invalid."""
 
 TEXTURE_WINDOW_PX = 15
 NOISE_TEXTURE = 1.13
 """Value of `texture` for uncorrelated noise, in standard deviations of the noise: `2 / sqrt(pi)`."""
-INVALID = np.int16(-16)
-"""Disparity of pixels without a match, in 1/16 px."""
-OCCLUSION_STEP_PX = 0.75
-"""Least difference of disparity between a surface and the one that occludes it."""
 
 
 class StereoConfig(Model):
@@ -82,12 +77,7 @@ class StereoMatcher:
     """
 
     def __init__(self, intrinsics: Intrinsics, config: StereoConfig, *, max_depth_m: float) -> None:
-        import warp as wp
-
-        from . import stereo_kernels
-
-        wp.load_module(stereo_kernels, device="cpu")
-        self._largest_competing_disparity = stereo_kernels.largest_competing_disparity
+        compile_all()
         self._config = config
         self._max_depth_m = max_depth_m
         self._n = config.n_disparities(intrinsics)
@@ -103,51 +93,47 @@ class StereoMatcher:
         self, left: GrayImage, right: GrayImage, depth_true_m: FloatImage, occluded: MaskImage
     ) -> tuple[FloatImage, GrayImage]:
         """Depth [m], 0 = invalid, and one `InvalidReason` per pixel. The truth only names the reasons for holes."""
-        disparity_px, reason = self.match(left, right)
-        invalid = reason != InvalidReason.NONE
-        reason[invalid & (depth_true_m < self.min_depth_m)] = InvalidReason.OUT_OF_RANGE
-        reason[invalid & occluded] = InvalidReason.OCCLUDED
-        return self.depth_from_disparity(disparity_px), reason
+        disparity, reason = self.match(left, right)
+        return self.triangulate(disparity, depth_true_m, occluded, reason), reason
 
-    def match(self, left: GrayImage, right: GrayImage) -> tuple[FloatImage, GrayImage]:
-        """Disparity of the left image [px], negative = invalid, and an `InvalidReason` per pixel, each of shape (H, W).
+    def match(self, left: GrayImage, right: GrayImage) -> tuple[Disparity, GrayImage]:
+        """Disparity of the left image [1/16 px], negative = invalid, and an `InvalidReason` per pixel, shape (H, W).
 
         The reasons are `NONE`, `TEXTURELESS`, `AMBIGUOUS` and `SPECKLE`.
         """
         raw = self._semi_global(left, right)
-        textureless = texture(left) < self._config.min_texture
-        one_to_one = self._config.check == "one-to-one"
-        ambiguous = (raw < 0) | (
-            self._fails_one_to_one(raw) if one_to_one else self._fails_left_right(raw, left, right)
+        ambiguous = np.empty(raw.shape, np.bool_)
+        if self._config.check == "one-to-one":
+            stereo_kernels.fail_one_to_one(raw, 16 * self._config.check_px, ambiguous)
+        else:
+            ambiguous[:] = self._fails_left_right(raw, left, right)
+        disparity, reason = np.empty_like(raw), np.empty(raw.shape, np.uint8)
+        stereo_kernels.reject(raw, texture(left), ambiguous, self._config.min_texture, disparity, reason)
+        cv2.filterSpeckles(disparity, INVALID, self._config.speckle_px, 16)
+        reason[(disparity < 0) & (reason == InvalidReason.NONE)] = InvalidReason.SPECKLE
+        return disparity, reason
+
+    def triangulate(
+        self, disparity: Disparity, depth_true_m: FloatImage, occluded: MaskImage, reason: GrayImage
+    ) -> FloatImage:
+        """Depth `z = f B / d` [m], limited to the largest depth; 0 for negative disparities [1/16 px].
+
+        Changes the reasons for holes that the truth explains, in place.
+        """
+        focal_baseline_px_m, depth_m = self._focal_baseline_px_m, np.empty(disparity.shape, np.float32)
+        min_disparity_px = focal_baseline_px_m / self._max_depth_m
+        stereo_kernels.triangulate(
+            disparity, depth_true_m, occluded, focal_baseline_px_m, min_disparity_px, self.min_depth_m, reason, depth_m
         )
-        kept = np.where(textureless | ambiguous, INVALID, raw)
-        filtered = kept.copy()
-        cv2.filterSpeckles(filtered, int(INVALID), self._config.speckle_px, 16)
-
-        reason = np.zeros(raw.shape, np.uint8)
-        reason[filtered != kept] = InvalidReason.SPECKLE
-        reason[ambiguous] = InvalidReason.AMBIGUOUS
-        reason[textureless] = InvalidReason.TEXTURELESS
-        return filtered.astype(np.float32) / np.float32(16), reason
-
-    def depth_from_disparity(self, disparity_px: FloatImage) -> FloatImage:
-        """Depth `z = f B / d` [m], limited to the largest depth; negative disparities become 0."""
-        min_disparity_px = np.float32(self._focal_baseline_px_m / self._max_depth_m)
-        depth_m = np.float32(self._focal_baseline_px_m) / np.maximum(disparity_px, min_disparity_px)
-        depth_m[disparity_px < 0] = 0
-        return depth_m.astype(np.float32)
-
-    def _fails_one_to_one(self, raw: Disparity) -> MaskImage:
-        """Whether a nearer pixel maps to the same pixel of the right image, and so occludes this one."""
-        return np.asarray(self._largest_competing_disparity(raw) - raw > 16 * self._config.check_px)
+        return depth_m
 
     def _fails_left_right(self, raw: Disparity, left: GrayImage, right: GrayImage) -> MaskImage:
-        """Whether the matched pixel of the right image does not map back to this one."""
+        """Whether a pixel has no disparity, or the matched pixel of the right image does not map back to it."""
         from_right = self._semi_global(right[:, ::-1], left[:, ::-1])[:, ::-1]
         col = np.arange(raw.shape[1])[None, :] - (raw + 8) // 16
         back = np.take_along_axis(from_right, np.clip(col, 0, raw.shape[1] - 1).astype(np.intp), axis=1)
         differs = np.abs(back.astype(np.int32) - raw) > 16 * self._config.check_px
-        return np.asarray((col < 0) | (back < 0) | differs)
+        return np.asarray((raw < 0) | (col < 0) | (back < 0) | differs)
 
     def _semi_global(self, left: GrayImage, right: GrayImage) -> Disparity:
         """Disparity in 1/16 px. Both images are padded so that no column is lost at the border."""
@@ -193,11 +179,11 @@ def occlusion_mask(left_depth_m: FloatImage, right_depth_m: FloatImage, intrinsi
     """Pixels of the left image whose surface the right camera does not see, shape (H, W).
 
     A pixel of disparity d lies d to the left in the right image. It is occluded if that is outside of the image, or if
-    the nearest pixel there has a disparity that is larger by more than `OCCLUSION_STEP_PX`. A smaller difference hides
-    no whole pixel, and occurs within half a pixel of a slanted surface.
+    the nearest pixel there has a disparity that is larger by more than `stereo_kernels.OCCLUSION_STEP_PX`. A smaller
+    difference hides no whole pixel, and occurs within half a pixel of a slanted surface.
     """
-    width = left_depth_m.shape[1]
-    disparity_px = focal_baseline_px_m(intrinsics) / left_depth_m
-    col = np.rint(np.arange(width, dtype=np.float32)[None, :] - disparity_px).astype(np.intp)
-    seen_px = focal_baseline_px_m(intrinsics) / np.take_along_axis(right_depth_m, np.maximum(col, 0), axis=1)
-    return np.isfinite(left_depth_m) & ((col < 0) | (seen_px - disparity_px > OCCLUSION_STEP_PX))
+    compile_all()
+    occluded = np.empty(left_depth_m.shape, np.bool_)
+    left_depth_m, right_depth_m = np.ascontiguousarray(left_depth_m), np.ascontiguousarray(right_depth_m)
+    stereo_kernels.occlude(left_depth_m, right_depth_m, focal_baseline_px_m(intrinsics), occluded)
+    return occluded

@@ -1,56 +1,112 @@
-"""The one-to-one check of stereo matching as a Warp kernel."""
+"""Compiled loops of stereo matching: the checks of a disparity image, its depth, and occlusion.
 
-# mypy: disable-error-code="no-untyped-def,type-arg,valid-type,untyped-decorator,no-any-return,index,misc"
+All images have the shape (H, W). Disparities are in 1/16 px; negative = invalid.
+"""
+
 import numpy as np
 import numpy.typing as npt
-import warp as wp
 
-from .cpu import warp_view
+from voxdepth.compiled import compiled
+from voxdepth.types import FloatImage, GrayImage, MaskImage
 
-wp.set_module_options({"enable_backward": False})
+from .types import InvalidReason
 
-OUTSIDE = wp.constant(wp.int16(32767))
-"""Result for pixels without a disparity, and for pixels that map to the left of the right image."""
+Disparity = npt.NDArray[np.int16]
+
+NONE, OCCLUDED, OUT_OF_RANGE = int(InvalidReason.NONE), int(InvalidReason.OCCLUDED), int(InvalidReason.OUT_OF_RANGE)
+TEXTURELESS, AMBIGUOUS, SPECKLE = map(int, (InvalidReason.TEXTURELESS, InvalidReason.AMBIGUOUS, InvalidReason.SPECKLE))
+INVALID = -16
+"""Disparity of pixels without a match, in 1/16 px."""
+OUTSIDE = 32767
+"""The rival of pixels that map to the left of the right image."""
+OCCLUSION_STEP_PX = 0.75
+"""Least difference of disparity between a surface and the one that occludes it."""
 
 
-@wp.kernel
-def compete(
-    disparity: wp.array2d(dtype=wp.int16),
+@compiled("void(i2[:, ::1], f8, b1[:, ::1])")
+def fail_one_to_one(
+    disparity: Disparity,
+    tolerance: float,
     # output
-    nearest: wp.array2d(dtype=wp.int16),
-    largest: wp.array2d(dtype=wp.int16),
-):
-    """One thread per row: `nearest` is the largest disparity that maps to each pixel of the right image."""
-    row = wp.tid()
-    width = disparity.shape[1]
-    for col in range(width):
-        nearest[row, col] = wp.int16(-1)
-    for col in range(width):
-        d = disparity[row, col]
-        target = col - (wp.int32(d) + 8) / 16
-        if d >= wp.int16(0) and target >= 0:
-            nearest[row, target] = wp.max(nearest[row, target], d)
-    for col in range(width):
-        d = disparity[row, col]
-        target = col - (wp.int32(d) + 8) / 16
-        if d >= wp.int16(0) and target >= 0:
-            largest[row, col] = nearest[row, target]
-        else:
-            largest[row, col] = OUTSIDE
+    ambiguous: MaskImage,
+) -> None:
+    """Mark pixels without a disparity, and those with a nearer rival that maps to the same pixel of the right image."""
+    height, width = disparity.shape
+    nearest = np.empty(width, np.int16)
+    for row in range(height):
+        nearest[:] = -1
+        for col in range(width):
+            target = col - ((disparity[row, col] + 8) >> 4)
+            if disparity[row, col] >= 0 and target >= 0:
+                nearest[target] = max(nearest[target], disparity[row, col])
+        for col in range(width):
+            target = col - ((disparity[row, col] + 8) >> 4)
+            rival = OUTSIDE if target < 0 else nearest[target]
+            ambiguous[row, col] = disparity[row, col] < 0 or rival - disparity[row, col] > tolerance
 
 
-def largest_competing_disparity(disparity: npt.NDArray[np.int16]) -> npt.NDArray[np.int32]:
-    """For each pixel of the left image, the largest disparity that maps to the same pixel of the right image.
+@compiled("void(i2[:, ::1], f4[:, ::1], b1[:, ::1], f8, i2[:, ::1], u1[:, ::1])")
+def reject(
+    disparity: Disparity,
+    texture: FloatImage,
+    ambiguous: MaskImage,
+    min_texture: float,
+    # output
+    kept: Disparity,
+    reason: GrayImage,
+) -> None:
+    """Keep the disparities that are neither textureless nor ambiguous, and give the reason against the others."""
+    height, width = disparity.shape
+    for row in range(height):
+        for col in range(width):
+            against = AMBIGUOUS if ambiguous[row, col] else NONE
+            against = TEXTURELESS if texture[row, col] < min_texture else against
+            kept[row, col] = disparity[row, col] if against == NONE else INVALID
+            reason[row, col] = against
 
-    Disparities are in 1/16 px, shape (H, W); negative = invalid. The result is 32767 where the pixel has no disparity
-    or maps outside of the right image.
-    """
-    nearest, largest = np.empty_like(disparity), np.empty_like(disparity)
-    wp.launch(
-        compete,
-        len(disparity),
-        inputs=[warp_view(disparity, wp.int16)],
-        outputs=[warp_view(nearest, wp.int16), warp_view(largest, wp.int16)],
-        device="cpu",
-    )
-    return largest.astype(np.int32)
+
+@compiled("void(i2[:, ::1], f4[:, ::1], b1[:, ::1], f4, f4, f4, u1[:, ::1], f4[:, ::1])")
+def triangulate(
+    disparity: Disparity,
+    depth_true_m: FloatImage,
+    occluded: MaskImage,
+    focal_baseline_px_m: float,
+    min_disparity_px: float,
+    min_depth_m: float,
+    # in place
+    reason: GrayImage,
+    # output
+    depth_m: FloatImage,
+) -> None:
+    """Compute depth, 0 = invalid, and name the cause of invalid pixels that the truth explains."""
+    height, width = disparity.shape
+    for row in range(height):
+        for col in range(width):
+            if disparity[row, col] >= 0:
+                disparity_px = np.float32(disparity[row, col]) / np.float32(16)
+                depth_m[row, col] = focal_baseline_px_m / np.maximum(disparity_px, min_disparity_px)
+                continue
+            depth_m[row, col] = 0
+            if occluded[row, col]:
+                reason[row, col] = OCCLUDED
+            elif depth_true_m[row, col] < min_depth_m:
+                reason[row, col] = OUT_OF_RANGE
+
+
+@compiled("void(f4[:, ::1], f4[:, ::1], f4, b1[:, ::1])")
+def occlude(
+    left_depth_m: FloatImage,
+    right_depth_m: FloatImage,
+    focal_baseline_px_m: float,
+    # output
+    occluded: MaskImage,
+) -> None:
+    """Mark the pixels of the left image whose surface the right camera does not see."""
+    height, width = left_depth_m.shape
+    for row in range(height):
+        for col in range(width):
+            disparity_px = focal_baseline_px_m / left_depth_m[row, col]
+            target = int(np.rint(np.float32(col) - disparity_px))
+            seen_px = focal_baseline_px_m / right_depth_m[row, max(target, 0)]
+            hidden = target < 0 or seen_px - disparity_px > OCCLUSION_STEP_PX
+            occluded[row, col] = hidden and left_depth_m[row, col] < np.inf

@@ -48,7 +48,7 @@ def test_where_nothing_is_depth_is_infinite(renderer: str) -> None:
 def test_disparity_is_focal_length_times_baseline_over_depth(distance_m: float) -> None:
     intrinsics, left, right = stereo_pair(distance_m)
     matcher = StereoMatcher(intrinsics, StereoConfig(min_texture=0), max_depth_m=40.0)
-    disparity = matcher.match(left.gray, right.gray)[0]
+    disparity = matcher.match(left.gray, right.gray)[0] / 16
     expected = intrinsics.fx_px * BASELINE_M / distance_m
     valid = disparity[:, int(expected) + 8 :] >= 0
     assert valid.mean() > 0.97
@@ -83,7 +83,9 @@ def test_the_shadow_beside_a_box_has_the_width_of_the_disparity_difference() -> 
 
 def test_far_surfaces_and_holes_are_told_apart() -> None:
     matcher = StereoMatcher(CAMERA, StereoConfig(), max_depth_m=40.0)
-    depth = matcher.depth_from_disparity(np.array([[-1.0, 0.0, 0.01, 4.0]], np.float32))
+    disparity, reason = np.array([[-16, 0, 1, 64]], np.int16), np.zeros((1, 4), np.uint8)
+    truth_m, occluded = np.full((1, 4), 3, np.float32), np.zeros((1, 4), np.bool_)
+    depth = matcher.triangulate(disparity, truth_m, occluded, reason)
     np.testing.assert_allclose(depth, [[0, 40, 40, CAMERA.fx_px * BASELINE_M / 4]], rtol=1e-6)
 
 

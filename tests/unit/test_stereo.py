@@ -5,8 +5,6 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from scenarios.sequences import captures, load_sequence
 from sim.bodies import Surface
@@ -16,26 +14,11 @@ from sim.render import create_renderer
 from sim.rig import StereoRig
 from sim.sensor import RigConfig, photon_noise
 from sim.stereo import StereoConfig, StereoMatcher, texture
-from sim.stereo_kernels import largest_competing_disparity
 from sim.types import InvalidReason
 from tests.helpers import block, camera_at, wall, world_of
 from voxdepth.types import Intrinsics
 
 WIDE = Intrinsics.from_hfov(width_px=320, height_px=180, hfov_deg=86, baseline_m=0.095)
-
-
-@given(st.integers(0, 2**31), st.integers(1, 6), st.integers(8, 40))
-def test_claims_are_the_largest_disparity_per_pixel_of_the_right_image(seed: int, height: int, width: int) -> None:
-    rng = np.random.default_rng(seed)
-    disparity = rng.integers(-16, 16 * 12, (height, width)).astype(np.int16)
-    expected = np.full((height, width), 32767)
-    for row in range(height):
-        target = np.arange(width) - (disparity[row].astype(int) + 8) // 16
-        for col in range(width):
-            if disparity[row, col] >= 0 and target[col] >= 0:
-                rivals = (target == target[col]) & (disparity[row] >= 0)
-                expected[row, col] = disparity[row][rivals].max()
-    np.testing.assert_array_equal(largest_competing_disparity(disparity), expected)
 
 
 def test_texture_of_photon_noise_alone_is_1_13_times_its_deviation() -> None:
