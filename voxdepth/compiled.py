@@ -17,14 +17,18 @@ from typing import Any
 
 import numba
 
+READABLE_IMAGE = numba.types.Array(numba.float32, 2, "C", readonly=True)
+"""Type of an image of floats that is only read; the caller may have locked it."""
+FLOAT_IMAGE = numba.float32[:, ::1]
+BYTE_IMAGE = numba.uint8[:, ::1]
 _LOGGER = logging.getLogger(__name__)
 _LOCK = Lock()
-_waiting: list[tuple[Any, str]] = []
+_waiting: list[tuple[Any, Any]] = []
 """Functions that have not been compiled yet, and the types of their arguments."""
 
 
-def compiled(signature: str) -> Callable[[Callable[..., Any]], Any]:
-    """Decorate a function that Numba compiles for arguments of these types, such as `"void(f4[:, ::1], i8)"`.
+def compiled(signature: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Decorate a function that Numba compiles for arguments of these types: `"void(f4[:, ::1], i8)"`, or a Numba type.
 
     `compile_all` compiles it. Functions that a compiled one calls must be defined before it.
     """
@@ -36,6 +40,11 @@ def compiled(signature: str) -> Callable[[Callable[..., Any]], Any]:
         return dispatcher
 
     return decorate
+
+
+def named_tuple(kind: type[Any], *types: Any) -> Any:
+    """The Numba type of a `NamedTuple`, from those of its fields."""
+    return numba.types.NamedTuple(types, kind)
 
 
 def compile_all() -> None:

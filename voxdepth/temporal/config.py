@@ -2,9 +2,9 @@
 
 from typing import Literal
 
+import numpy as np
 from pydantic import Field
 
-from ..devices import DeviceName
 from ..model import Model
 from .fusion import TemporalFusionConfig
 from .inpainting import InpaintingConfig
@@ -31,9 +31,11 @@ class VoxDepthConfig(Model):
     """Window of the edge-preserving smoothing; 1 disables it."""
     smoothing_noise_px: float = Field(0.3, gt=0)
     """Disparity noise that the smoothing removes. More removes more, and flattens fine relief."""
-    device: DeviceName = "cpu"
-    """Device that warps the disparity and weight of the memory. They are copied to `cuda` and back in every frame; all
-    other steps run on the CPU."""
+
+    @property
+    def min_shown_confidence(self) -> float:
+        """Confidence that an inpainted pixel must have to be shown."""
+        return {"none": np.inf, "likely": self.min_fill_probability, "all": 0.0}[self.fill]
 
     @property
     def warm_up_frames(self) -> int:

@@ -1,23 +1,25 @@
 """Temporal fusion: each pixel is classified by how memory and measurement compare, and both are fused accordingly."""
 
-from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numba import float32, int64, uint8, void
 from pydantic import Field
 
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
 from ..model import Model
 from ..types import FloatImage, GrayImage
-from .masks import above, and_not, below, box_mean, clear_where, copy_where, equal
-from .measurement import Measurement
-from .memory import WEIGHT_UNIT, Memory
+from .masks import box_mean
+from .measurement import MEASUREMENT_TYPE, Measurement
+from .memory import MEMORY_TYPE, WEIGHT_UNIT, Memory
 
 WINDOW_PX = 5
 """Side of the neighbourhood over which differences of disparity and gray value are averaged."""
 DRIFT_WINDOW_PX = 3
 """Side of the window over which the drift is averaged, in decimated pixels."""
-MIN_OVERLAP = 0.1
+MIN_OVERLAP = np.float32(0.1)
 """Fraction of that window, measured and remembered, below which the drift counts only in part."""
 NOISE_STRIDE_PX = 4
 """Stride of the rows and columns that the gray noise is estimated from."""
@@ -72,8 +74,7 @@ class PixelClass(IntEnum):
     """The memory: there is no measurement, or it is rejected."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Fused:
+class Fused(NamedTuple):
     """The fused disparity of a frame, shape (h, w)."""
 
     disparity_px: FloatImage
@@ -85,167 +86,242 @@ class Fused:
     remembered_px: FloatImage
     """Disparity of the memory where nothing is measured and the memory has enough evidence, float32; 0 elsewhere."""
 
+    @classmethod
+    def buffer(cls, shape: tuple[int, int]) -> "Fused":
+        """Images of a shape, without values yet."""
+        (disparity_px, remembered_px), (pixel_class, weight) = np.empty((2, *shape), np.float32), np.empty((2, *shape), np.uint8)
+        return cls(disparity_px=disparity_px, pixel_class=pixel_class, weight=weight, remembered_px=remembered_px)
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Comparison:
-    """Masks of how memory and measurement compare, shape (h, w). They are disjoint."""
+
+class Rules(NamedTuple):
+    """Bounds of the configuration for one image. Weights are in units of `1 / WEIGHT_UNIT`, and shares in 0..255."""
+
+    tolerance_px: np.float32
+    relative_tolerance: np.float32
+    max_bias_px: np.float32
+    min_coherent_share: np.float32
+    max_gray_change: np.float32
+    max_drift_px: np.float32
+    drift_gain: np.float32
+    min_weight: int
+    """Weight of the memory from which it rejects a measurement."""
+    max_weight: int
+    decay_occluded: int
+    decay_free_space: int
+    decay_outlier: int
+
+    @classmethod
+    def of(cls, config: TemporalFusionConfig, gray_noise: float) -> "Rules":
+        """The rules for an image of some gray noise."""
+        return cls(
+            tolerance_px=np.float32(config.tolerance_px),
+            relative_tolerance=np.float32(config.relative_tolerance),
+            max_bias_px=np.float32(config.max_bias_px),
+            min_coherent_share=np.float32(255 * config.min_coherence),
+            max_gray_change=np.float32(max(config.max_gray_change_hole, MIN_DISAPPEARANCE_CHANGE * gray_noise)),
+            max_drift_px=np.float32(config.max_drift_px),
+            drift_gain=np.float32(config.drift_gain),
+            min_weight=round(WEIGHT_UNIT * config.min_evidence),
+            max_weight=round(WEIGHT_UNIT * config.max_evidence),
+            decay_occluded=round(WEIGHT_UNIT * config.decay_occluded),
+            decay_free_space=round(WEIGHT_UNIT * config.decay_free_space),
+            decay_outlier=round(WEIGHT_UNIT * config.decay_outlier),
+        )
+
+
+class Comparison(NamedTuple):
+    """How memory and measurement compare where there are both. The images have shape (h, w)."""
 
     agreeing: GrayImage
-    """Both are of the same surface."""
-    occluding: GrayImage
-    """The measurement shows another surface in front of the remembered one."""
-    free_space_violation: GrayImage
-    """The sensor sees through the remembered surface, which must be gone."""
-    outlier: GrayImage
-    """The measurement is rejected, and the memory kept."""
-    new: GrayImage
-    """Measured where the memory is empty, or has too little evidence to reject anything."""
-    hole: GrayImage
-    """Nothing is measured, and the memory has enough evidence."""
+    """Mask of the pixels where both are of the same surface."""
+    nearer: GrayImage
+    """Share of the neighbours, 0..255, that contradict the memory with a nearer surface."""
+    farther: GrayImage
+    """Share of the neighbours, 0..255, that contradict it with a farther one."""
     memory_factor: FloatImage
     """Factor 0..1 of the memory's weight in the average; it falls where the surface comes nearer."""
-    drift_px: FloatImage
-    """Updated drift of the memory; see `Memory`."""
+
+
+RULES_TYPE = named_tuple(Rules, *[float32] * 7, *[int64] * 5)
+FUSED_TYPE = named_tuple(Fused, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
+COMPARISON_TYPE = named_tuple(Comparison, BYTE_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 
 
 def fuse(memory: Memory, measurement: Measurement, config: TemporalFusionConfig) -> tuple[Fused, Memory]:
     """The fused disparity, and the memory for the next frame, from the memory warped to this frame."""
     gray_change = box_mean(np.asarray(cv2.absdiff(memory.gray, measurement.gray), np.uint8), WINDOW_PX)
     noise = max(1.0, float(np.median(gray_change[::NOISE_STRIDE_PX, ::NOISE_STRIDE_PX])))
-    max_change = max(config.max_gray_change_hole, MIN_DISAPPEARANCE_CHANGE * noise)
-    disappeared = and_not(above(gray_change, max_change), measurement.valid)
-    memory = replace(memory, weight=and_not(memory.weight, disappeared))
-    comparison = _compare(memory, measurement, config)
-    memory = _average(memory, measurement, comparison, config)
-    return _output(memory, measurement, comparison), _update(memory, measurement, comparison, config)
+    rules = Rules.of(config, noise)
+    fused, updated = Fused.buffer(gray_change.shape), Memory.buffer(gray_change.shape)
+    comparison = _compare(memory, measurement, rules, updated.drift_px)
+    _fuse_pixels(memory, measurement, comparison, gray_change, _weight_by_age(config), rules, fused, updated)
+    return fused, updated
 
 
-def _compare(memory: Memory, measurement: Measurement, config: TemporalFusionConfig) -> _Comparison:
-    """Classify all pixels by disparity, and by how many pixels around contradict the memory in the same direction."""
-    known, valid = above(memory.weight, 0), measurement.valid
-    overlap = known & valid
-    difference_px = measurement.disparity_px - memory.disparity_px
-    agreeing, clipped_px = _agreement(difference_px, memory, measurement, overlap, config)
-    contradicting = and_not(overlap, agreeing)
-    nearer = _coherent(contradicting & above(difference_px, 0), config)
-    farther = _coherent(contradicting & below(difference_px, 0), config)
-
-    evident = above(memory.weight, round(WEIGHT_UNIT * config.min_evidence) - 1)
-    rejected = and_not(contradicting, nearer | farther)
-    drift_px, memory_factor = _drift(memory, clipped_px, overlap, config)
-    return _Comparison(
-        agreeing=agreeing,
-        occluding=nearer,
-        free_space_violation=farther,
-        outlier=rejected & evident,
-        new=and_not(valid, known) | and_not(rejected, evident),
-        hole=and_not(known & _is_evident(memory, config), valid),
-        memory_factor=memory_factor,
-        drift_px=drift_px,
-    )
+def _weight_by_age(config: TemporalFusionConfig) -> GrayImage:
+    """Weight that a memory of each age must have to fill a hole, shape (256,): less if it was first seen lately."""
+    weight = np.rint(WEIGHT_UNIT * np.minimum(config.min_evidence_per_frame * np.arange(256), config.min_evidence))
+    return np.minimum(weight, np.iinfo(np.uint8).max).astype(np.uint8)
 
 
-def _is_evident(memory: Memory, config: TemporalFusionConfig) -> GrayImage:
-    """Mask of the surfaces with enough evidence to fill a hole: less is enough for one that was first seen lately."""
-    by_age = np.minimum(config.min_evidence_per_frame * np.arange(256), config.min_evidence)
-    by_age = np.minimum(np.rint(WEIGHT_UNIT * by_age), np.iinfo(np.uint8).max)
-    required = np.asarray(cv2.LUT(memory.age, by_age.astype(np.uint8)), np.uint8)
-    return np.asarray(cv2.compare(memory.weight, required, cv2.CMP_GE), np.uint8)
+def _compare(memory: Memory, measurement: Measurement, rules: Rules, drift_px: FloatImage) -> Comparison:
+    """How memory and measurement compare; the updated drift is written to the last argument."""
+    shape = memory.disparity_px.shape
+    overlap, difference_px = np.empty(shape, np.uint8), np.empty(shape, np.float32)
+    _subtract(memory, measurement, rules, overlap, difference_px)
+    bias_px, share = box_mean(difference_px, WINDOW_PX), box_mean(overlap, WINDOW_PX)
+    agreeing, nearer, farther = np.empty((3, *shape), np.uint8)
+    _find_contradictions(memory, measurement, overlap, bias_px, share, rules, agreeing, nearer, farther)
+    memory_factor = _memory_factor(memory, difference_px, overlap, rules, drift_px)
+    nearer, farther = (box_mean(contradicting, WINDOW_PX) for contradicting in (nearer, farther))
+    return Comparison(agreeing, nearer, farther, memory_factor)
 
 
-def _agreement(
+@compiled(float32(float32, float32, RULES_TYPE))
+def _tolerance(measured_px: np.float32, remembered_px: np.float32, rules: Rules) -> np.float32:
+    """Difference up to which both disparities may be of one surface."""
+    return rules.tolerance_px + rules.relative_tolerance * max(measured_px, remembered_px)
+
+
+@compiled(void(MEMORY_TYPE, MEASUREMENT_TYPE, RULES_TYPE, BYTE_IMAGE, FLOAT_IMAGE))
+def _subtract(
+    memory: Memory,
+    measurement: Measurement,
+    rules: Rules,
+    # output
+    overlap: GrayImage,
     difference_px: FloatImage,
+) -> None:
+    """Where there are both, measured minus remembered disparity, clipped to the tolerance; 0 elsewhere."""
+    for row in range(overlap.shape[0]):
+        for col in range(overlap.shape[1]):
+            measured_px, remembered_px = measurement.disparity_px[row, col], memory.disparity_px[row, col]
+            is_overlap = (measured_px > 0) & (memory.weight[row, col] > 0)
+            tolerance_px = _tolerance(measured_px, remembered_px, rules)
+            clipped_px = min(max(measured_px - remembered_px, -tolerance_px), tolerance_px)
+            overlap[row, col] = 255 if is_overlap else 0
+            difference_px[row, col] = clipped_px if is_overlap else np.float32(0)
+
+
+@compiled(void(MEMORY_TYPE, MEASUREMENT_TYPE, BYTE_IMAGE, FLOAT_IMAGE, BYTE_IMAGE, RULES_TYPE, BYTE_IMAGE, BYTE_IMAGE, BYTE_IMAGE))
+def _find_contradictions(
     memory: Memory,
     measurement: Measurement,
     overlap: GrayImage,
-    config: TemporalFusionConfig,
-) -> tuple[GrayImage, FloatImage]:
-    """Where the difference is within the tolerance and unbiased; and the difference, clipped to the tolerance."""
-    tolerance_px = np.maximum(memory.disparity_px, measurement.disparity_px)
-    tolerance_px *= np.float32(config.relative_tolerance)
-    tolerance_px += np.float32(config.tolerance_px)
-    bounded_px = np.minimum(difference_px, tolerance_px)
-    within = equal(np.asarray(cv2.absdiff(bounded_px, difference_px), np.float32), 0)
-    np.negative(tolerance_px, out=tolerance_px)
-    within &= above(difference_px, tolerance_px)
-    np.maximum(bounded_px, tolerance_px, out=bounded_px)
-    clipped_px = np.zeros_like(bounded_px)
-    copy_where(overlap, bounded_px, clipped_px)
-    bias_px = np.abs(box_mean(clipped_px, WINDOW_PX))
-    max_bias_px = box_mean(overlap, WINDOW_PX) * np.float32(config.max_bias_px / 255)
-    return overlap & within & below(bias_px, max_bias_px), clipped_px
+    bias_px: FloatImage,
+    share: GrayImage,
+    rules: Rules,
+    # output
+    agreeing: GrayImage,
+    nearer: GrayImage,
+    farther: GrayImage,
+) -> None:
+    """Masks of the pixels that agree, and of those that contradict the memory with a nearer or a farther surface.
+
+    `bias_px` is the mean difference of the neighbours, and `share` how many of them count.
+    """
+    max_bias_px = rules.max_bias_px / np.float32(255)
+    for row in range(overlap.shape[0]):
+        for col in range(overlap.shape[1]):
+            measured_px, remembered_px = measurement.disparity_px[row, col], memory.disparity_px[row, col]
+            difference_px = measured_px - remembered_px
+            is_within = abs(difference_px) < _tolerance(measured_px, remembered_px, rules)
+            is_unbiased = abs(bias_px[row, col]) < max_bias_px * np.float32(share[row, col])
+            is_contradicting = not (is_within & is_unbiased)
+            agreeing[row, col] = 0 if is_contradicting else overlap[row, col]
+            nearer[row, col] = overlap[row, col] if is_contradicting & (difference_px > 0) else 0
+            farther[row, col] = overlap[row, col] if is_contradicting & (difference_px < 0) else 0
 
 
-def _coherent(contradicting: GrayImage, config: TemporalFusionConfig) -> GrayImage:
-    """The pixels of a mask that have enough pixels of it around them."""
-    return contradicting & above(box_mean(contradicting, WINDOW_PX), 255 * config.min_coherence)
-
-
-def _drift(
-    memory: Memory, clipped_px: FloatImage, overlap: GrayImage, config: TemporalFusionConfig
-) -> tuple[FloatImage, FloatImage]:
-    """The updated drift, and the factor 0..1 of the memory's weight that follows from it, shape (h, w)."""
+def _memory_factor(
+    memory: Memory, difference_px: FloatImage, overlap: GrayImage, rules: Rules, drift_px: FloatImage
+) -> FloatImage:
+    """The factor 0..1 of the memory's weight, shape (h, w), from the drift, whose update is the last argument."""
     size = memory.drift_px.shape[::-1]
     count = np.asarray(cv2.resize(overlap, size, interpolation=cv2.INTER_AREA), np.float32)
-    total_px = np.asarray(cv2.resize(clipped_px, size, interpolation=cv2.INTER_AREA), np.float32)
-    mean_px = box_mean(total_px, DRIFT_WINDOW_PX)
-    mean_px *= np.float32(255)
-    mean_px /= np.maximum(box_mean(count, DRIFT_WINDOW_PX), np.float32(255 * MIN_OVERLAP))
-    drift_px = memory.drift_px + (mean_px - memory.drift_px) * np.float32(config.drift_gain)
-    approach = np.maximum(drift_px, np.float32(0)) / np.float32(config.max_drift_px)
-    factor = np.maximum(1 - np.square(approach), np.float32(0))
-    return drift_px, np.asarray(cv2.resize(factor, overlap.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+    total_px = np.asarray(cv2.resize(difference_px, size, interpolation=cv2.INTER_AREA), np.float32)
+    factor = np.empty_like(drift_px)
+    mean_count, mean_px = box_mean(count, DRIFT_WINDOW_PX), box_mean(total_px, DRIFT_WINDOW_PX)
+    _update_drift(memory.drift_px, mean_px, mean_count, rules, drift_px, factor)
+    return np.asarray(cv2.resize(factor, overlap.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
 
 
-def _average(memory: Memory, measurement: Measurement, comparison: _Comparison, config: TemporalFusionConfig) -> Memory:
-    """The memory with the measurement averaged into it, by weight, where they agree."""
-    gain = measurement.weight.astype(np.float32)
-    total = comparison.memory_factor * memory.weight
-    total += gain
-    disparity_px, weight = memory.disparity_px.copy(), memory.weight.copy()
-    max_weight = np.uint8(round(WEIGHT_UNIT * config.max_evidence))
-    summed = np.minimum(cv2.add(memory.weight, measurement.weight), max_weight)
-    copy_where(comparison.agreeing, summed.astype(np.uint8), weight)
-    np.maximum(total, np.float32(1), out=total)
-    gain /= total
-    mean_px = np.subtract(measurement.disparity_px, memory.disparity_px, out=total)
-    mean_px *= gain
-    mean_px += memory.disparity_px
-    copy_where(comparison.agreeing, mean_px, disparity_px)
-    return replace(memory, disparity_px=disparity_px, weight=weight)
+@compiled(void(FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE, RULES_TYPE, FLOAT_IMAGE, FLOAT_IMAGE))
+def _update_drift(
+    before_px: FloatImage,
+    mean_px: FloatImage,
+    mean_count: FloatImage,
+    rules: Rules,
+    # output
+    drift_px: FloatImage,
+    factor: FloatImage,
+) -> None:
+    for row in range(drift_px.shape[0]):
+        for col in range(drift_px.shape[1]):
+            share = max(mean_count[row, col] / np.float32(255), MIN_OVERLAP)
+            change_px = mean_px[row, col] / share - before_px[row, col]
+            drift_px[row, col] = before_px[row, col] + rules.drift_gain * change_px
+            approach = max(drift_px[row, col], np.float32(0)) / rules.max_drift_px
+            factor[row, col] = max(np.float32(1) - approach * approach, np.float32(0))
 
 
-def _update(memory: Memory, measurement: Measurement, comparison: _Comparison, config: TemporalFusionConfig) -> Memory:
-    """The memory after this frame: it decays where it is contradicted, and new surfaces replace what is gone."""
-    weight = memory.weight
-    for contradicting, decay in (
-        (comparison.occluding, config.decay_occluded),
-        (comparison.free_space_violation, config.decay_free_space),
-        (comparison.outlier, config.decay_outlier),
-    ):
-        loss = contradicting & np.uint8(round(WEIGHT_UNIT * decay))
-        weight = np.asarray(cv2.subtract(weight, loss), np.uint8)  # saturates at 0
-    decayed = (comparison.occluding | comparison.free_space_violation) & equal(weight, 0)
-    replaced = comparison.new | decayed
-    disparity_px, gray = memory.disparity_px.copy(), memory.gray.copy()
-    copy_where(replaced, measurement.disparity_px, disparity_px)
-    copy_where(replaced, measurement.weight, weight)
-    copy_where(comparison.agreeing | replaced, measurement.gray, gray)
-    age = np.minimum(and_not(memory.age, replaced), np.uint8(254)) + np.uint8(1)
-    clear_where(equal(weight, 0), disparity_px)
-    return Memory(disparity_px=disparity_px, weight=weight, gray=gray, age=age, drift_px=comparison.drift_px)
-
-
-def _output(memory: Memory, measurement: Measurement, comparison: _Comparison) -> Fused:
-    """The fused frame: memory where it agrees or is kept, the measurement where it is new or contradicts."""
-    measured = comparison.new | comparison.occluding | comparison.free_space_violation
-    disparity_px, weight = np.zeros_like(memory.disparity_px), memory.weight.copy()
-    remembered_px = np.zeros_like(disparity_px)
-    copy_where(comparison.hole, memory.disparity_px, remembered_px)
-    copy_where(comparison.agreeing | comparison.outlier, memory.disparity_px, disparity_px)
-    copy_where(measured, measurement.disparity_px, disparity_px)
-    copy_where(measured, measurement.weight, weight)
-    pixel_class = comparison.agreeing & np.uint8(PixelClass.FUSED)
-    pixel_class |= measured & np.uint8(PixelClass.MEASURED)
-    pixel_class |= comparison.outlier & np.uint8(PixelClass.REMEMBERED)
-    return Fused(disparity_px=disparity_px, pixel_class=pixel_class, weight=weight, remembered_px=remembered_px)
+@compiled(void(MEMORY_TYPE, MEASUREMENT_TYPE, COMPARISON_TYPE, BYTE_IMAGE, uint8[::1], RULES_TYPE, FUSED_TYPE, MEMORY_TYPE))
+def _fuse_pixels(
+    memory: Memory,
+    measurement: Measurement,
+    comparison: Comparison,
+    gray_change: GrayImage,
+    filling_weight: GrayImage,
+    rules: Rules,
+    # output
+    fused: Fused,
+    updated: Memory,
+) -> None:
+    """Classify every pixel, and set its output and its memory accordingly."""
+    for row in range(gray_change.shape[0]):
+        for col in range(gray_change.shape[1]):
+            measured_px, measured_weight = measurement.disparity_px[row, col], int64(measurement.weight[row, col])
+            memory_px, memory_weight = memory.disparity_px[row, col], int64(memory.weight[row, col])
+            age, gray = int64(memory.age[row, col]), memory.gray[row, col]
+            difference_px = measured_px - memory_px
+            fused_px, fused_weight, remembered_px = measured_px, measured_weight, np.float32(0)
+            is_replaced = False
+            if measured_px == 0:
+                pixel_class = PixelClass.UNKNOWN
+                if gray_change[row, col] > rules.max_gray_change:
+                    memory_weight = 0
+                if memory_weight > 0 and memory_weight >= filling_weight[age]:
+                    remembered_px = memory_px
+                fused_weight = memory_weight
+            elif comparison.agreeing[row, col]:
+                pixel_class = PixelClass.FUSED
+                gain = measured_weight / max(np.float32(1), measured_weight + comparison.memory_factor[row, col] * memory_weight)
+                memory_px += np.float32(gain) * difference_px
+                memory_weight = min(memory_weight + measured_weight, rules.max_weight)
+                gray = measurement.gray[row, col]
+                fused_px, fused_weight = memory_px, memory_weight
+            elif memory_weight > 0 and difference_px > 0 and comparison.nearer[row, col] > rules.min_coherent_share:
+                pixel_class = PixelClass.MEASURED
+                memory_weight -= rules.decay_occluded
+                is_replaced = memory_weight <= 0
+            elif memory_weight > 0 and difference_px < 0 and comparison.farther[row, col] > rules.min_coherent_share:
+                pixel_class = PixelClass.MEASURED
+                memory_weight -= rules.decay_free_space
+                is_replaced = memory_weight <= 0
+            elif memory_weight >= rules.min_weight:
+                pixel_class = PixelClass.REMEMBERED
+                fused_px, fused_weight = memory_px, memory_weight
+                memory_weight -= rules.decay_outlier
+            else:
+                pixel_class = PixelClass.MEASURED
+                is_replaced = True
+            if is_replaced:
+                memory_px, memory_weight, age, gray = measured_px, measured_weight, 0, measurement.gray[row, col]
+            fused.disparity_px[row, col] = fused_px
+            fused.pixel_class[row, col] = pixel_class
+            fused.weight[row, col] = fused_weight
+            fused.remembered_px[row, col] = remembered_px
+            updated.disparity_px[row, col] = memory_px if memory_weight > 0 else 0
+            updated.weight[row, col] = max(memory_weight, 0)
+            updated.gray[row, col] = gray
+            updated.age[row, col] = min(age + 1, 255)

@@ -1,118 +1,182 @@
 """The measurement of one frame at the working resolution."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
+import numpy.typing as npt
+from numba import float32, void
 
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
 from ..types import FloatImage, Frame, GrayImage
-from .masks import Image, above, and_not, below, box_mean, copy_where
+from .masks import above, box_mean
 from .memory import WEIGHT_UNIT
-from .working_resolution import MAX_DISPARITY_PX, WorkingResolution
+from .working_resolution import MAX_DISPARITY_PX, WorkingResolution, disparity_of
+
+Indices = npt.NDArray[np.int32]
 
 VALIDITY_WINDOW_PX = 5
 """Window in which the valid neighbours of a pixel are counted: most pixels at the border of holes are wrong."""
-MAX_SURFACE_SPAN_PX = 1.0
-"""Blocks of two by two pixels whose disparities span less are averaged; others show two surfaces."""
+MAX_SURFACE_SPAN_PX = np.float32(1)
+"""Blocks of two by two pixels whose disparities span less are averaged; others show two surfaces. Adjacent pixels of
+one surface differ by at most as much."""
 MAX_SPECK_PX = 16
 """Largest number of working pixels of a speck."""
-SPECK_SCALE = 16
-"""Units per pixel of the disparity in which specks are searched; neighbours of one surface differ by at most 1 px."""
-SPECK_KERNEL = np.ones((7, 7), np.uint8)
-"""Neighbourhood of a speck."""
-_MEAN_MASK = np.arange(256) / 255
-"""What a byte of an averaged mask stands for, 0..1."""
-_VALID_FRACTION = np.maximum(1, np.rint(4 * _MEAN_MASK)).astype(np.float32) / 4
-"""Fraction of a block that is valid, by the mean of its mask; 1/4 instead of 0, since it is divided by."""
-_BLOCK_VALIDITY = np.rint(255 * np.sqrt(_MEAN_MASK)).astype(np.uint8)
-"""Validity of a block in 0..255, by the mean of its mask: the square root of the valid fraction. The fraction itself
-would leave too little weight to surfaces that are measured in sparse pixels only."""
-_WEIGHT = np.maximum(1, np.rint(WEIGHT_UNIT * _MEAN_MASK**4)).astype(np.uint8)
+SPECK_RADIUS_PX = 3
+"""Distance along each axis to which the background of a speck is searched."""
+_BLOCK_VALIDITY = np.rint(255 * np.sqrt(np.arange(5) / 4)).astype(np.uint8)
+"""Validity of a block in 0..255, by the number of its valid pixels: the square root of the valid fraction. The fraction
+itself would leave too little weight to surfaces that are measured in sparse pixels only."""
+_WEIGHT = np.maximum(1, np.rint(WEIGHT_UNIT * (np.arange(256) / 255) ** 4)).astype(np.uint8)
 """Weight by the mean validity of the neighbours: its fourth power."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Measurement:
+class Measurement(NamedTuple):
     """Disparity and gray image of one frame at the working resolution, shape (h, w)."""
 
     disparity_px: FloatImage
     """Disparity, float32; 0 = invalid."""
-    valid: GrayImage
-    """Mask of the pixels that have a disparity."""
     weight: GrayImage
     """Weight in units of `1 / WEIGHT_UNIT`, uint8; 0 where invalid."""
     gray: GrayImage
     """Gray image, smoothed against photon noise, uint8."""
 
 
-def measure(frame: Frame, full_disparity_px: FloatImage, resolution: WorkingResolution) -> Measurement:
-    """Bring a frame and its disparity, shape (H, W), to the working resolution, and weight its pixels."""
-    validity = valid = above(full_disparity_px, 0)
-    disparity_px, gray = full_disparity_px, frame.gray
-    if resolution.decimation == 2:
-        mean_mask, gray = (_block_mean(image, resolution) for image in (valid, frame.gray))
-        disparity_px = _decimate(full_disparity_px, frame.depth_m, mean_mask, resolution)
-        validity = np.asarray(cv2.LUT(mean_mask, _BLOCK_VALIDITY), np.uint8)
-    disparity_px = _remove_near_specks(disparity_px)
-    valid = above(disparity_px, 0)
+def measure(frame: Frame, resolution: WorkingResolution) -> Measurement:
+    """Bring a frame to the working resolution, and weight its pixels."""
+    if resolution.decimation == 1:
+        disparity_px, gray = resolution.disparity(frame.depth_m), frame.gray
+        validity = above(disparity_px, 0)
+    else:
+        disparity_px, validity = np.empty(resolution.shape, np.float32), np.empty(resolution.shape, np.uint8)
+        _decimate(np.ascontiguousarray(frame.depth_m), resolution.focal_baseline_px_m, disparity_px, validity)
+        even = frame.gray[: 2 * resolution.height_px, : 2 * resolution.width_px]
+        gray = np.asarray(cv2.resize(even, resolution.shape[::-1], interpolation=cv2.INTER_AREA), np.uint8)
+    _remove_near_specks(find_specks(disparity_px), disparity_px)
     weight = np.asarray(cv2.LUT(box_mean(validity, VALIDITY_WINDOW_PX), _WEIGHT), np.uint8)
-    return Measurement(
-        disparity_px=disparity_px,
-        valid=valid,
-        weight=weight & valid,
-        gray=np.asarray(cv2.GaussianBlur(gray, (3, 3), 0), np.uint8),
-    )
+    gray = np.asarray(cv2.GaussianBlur(gray, (3, 3), 0), np.uint8)
+    return Measurement(disparity_px=disparity_px, weight=weight & above(disparity_px, 0), gray=gray)
+
+
+MEASUREMENT_TYPE = named_tuple(Measurement, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE)
 
 
 def find_specks(disparity_px: FloatImage) -> GrayImage:
-    """Mask of the surfaces of at most `MAX_SPECK_PX` pixels, shape (h, w)."""
-    fixed_point = np.minimum(disparity_px * np.float32(SPECK_SCALE), np.float32(np.iinfo(np.int16).max))
-    fixed_point = fixed_point.astype(np.int16)
-    cv2.filterSpeckles(fixed_point, 0, MAX_SPECK_PX, SPECK_SCALE)
-    return and_not(above(disparity_px, 0), above(fixed_point, 0))
+    """Mask of the surfaces of at most `MAX_SPECK_PX` pixels, shape (h, w).
+
+    Adjacent pixels are of one surface if they differ by at most `MAX_SURFACE_SPAN_PX`.
+    """
+    speck = np.zeros(disparity_px.shape, np.uint8)
+    run_of = np.empty(disparity_px.shape, np.int32)
+    start, parent, size = np.empty((3, disparity_px.size + 1), np.int32)
+    _mark_specks(disparity_px, run_of, start, parent, size, speck)
+    return speck
 
 
-def _remove_near_specks(disparity_px: FloatImage) -> FloatImage:
-    """The image without small surfaces that are nearer than the farthest larger one around them.
+@compiled(void(READABLE_IMAGE, float32, FLOAT_IMAGE, BYTE_IMAGE))
+def _decimate(
+    depth_m: FloatImage,
+    focal_baseline_px_m: float,
+    # output
+    disparity_px: FloatImage,
+    validity: GrayImage,
+) -> None:
+    """Disparity and validity of each block of two by two pixels, shape (h, w), of a depth image of shape (H, W).
+
+    The disparity is the mean of a block that shows one surface. Of a block that shows two, it is that of the surface
+    with more pixels, or else of the farther one.
+    """
+    for row in range(disparity_px.shape[0]):
+        for col in range(disparity_px.shape[1]):
+            a_m, b_m = depth_m[2 * row, 2 * col], depth_m[2 * row, 2 * col + 1]
+            c_m, d_m = depth_m[2 * row + 1, 2 * col], depth_m[2 * row + 1, 2 * col + 1]
+            a_px, b_px = disparity_of(a_m, focal_baseline_px_m), disparity_of(b_m, focal_baseline_px_m)
+            c_px, d_px = disparity_of(c_m, focal_baseline_px_m), disparity_of(d_m, focal_baseline_px_m)
+            n_valid = (a_px > 0) + (b_px > 0) + (c_px > 0) + (d_px > 0)
+            mean_px = (a_px + b_px + c_px + d_px) / np.float32(max(n_valid, 1))
+            near_px = max(max(a_px, b_px), max(c_px, d_px))
+            far_px = disparity_of(max(max(a_m, b_m), max(c_m, d_m)), focal_baseline_px_m)
+            surface_px = near_px if near_px - mean_px < mean_px - far_px else far_px
+            disparity_px[row, col] = mean_px if near_px - far_px < MAX_SURFACE_SPAN_PX else surface_px
+            validity[row, col] = _BLOCK_VALIDITY[n_valid]
+
+
+@compiled("i4(i4[::1], i4)")
+def _root(parent: Indices, run: int) -> int:
+    """The run that stands for all that a run is joined to; the path to it is halved."""
+    while parent[run] != run:
+        parent[run] = parent[parent[run]]
+        run = parent[run]
+    return run
+
+
+@compiled("b1(f4, f4)")
+def _is_joined(a_px: float, b_px: float) -> bool:
+    """Whether two adjacent pixels are of one surface, or both of none."""
+    return (a_px > 0) == (b_px > 0) and abs(a_px - b_px) <= MAX_SURFACE_SPAN_PX
+
+
+@compiled("void(f4[:, ::1], i4[:, ::1], i4[::1], i4[::1], i4[::1], u1[:, ::1])")
+def _mark_specks(
+    disparity_px: FloatImage,
+    # buffers
+    run_of: Indices,
+    start: Indices,
+    parent: Indices,
+    size: Indices,
+    # output
+    speck: GrayImage,
+) -> None:
+    """Divide the rows into runs of joined pixels, and join short runs to those above and below, in a disjoint-set
+    forest. Longer runs are no specks by themselves.
+    """
+    height, width = disparity_px.shape
+    n_runs = 0
+    for row in range(height):
+        for col in range(width):
+            if col == 0 or not _is_joined(disparity_px[row, col - 1], disparity_px[row, col]):
+                start[n_runs] = row * width + col
+                n_runs += 1
+            run_of[row, col] = n_runs - 1
+    start[n_runs] = height * width
+    for run in range(n_runs):
+        parent[run], size[run] = run, start[run + 1] - start[run]
+    for run in range(n_runs):
+        if start[run + 1] - start[run] > MAX_SPECK_PX:
+            continue
+        row, first_col = divmod(start[run], width)
+        for col in range(first_col, first_col + start[run + 1] - start[run]):
+            for other_row in range(max(row - 1, 0), min(row + 2, height)):
+                if _is_joined(disparity_px[row, col], disparity_px[other_row, col]):
+                    root, other = _root(parent, run), _root(parent, run_of[other_row, col])
+                    if root != other:
+                        parent[root] = other
+                        size[other] += size[root]
+    for run in range(n_runs):
+        row, col = divmod(start[run], width)
+        if disparity_px[row, col] > 0 and size[_root(parent, run)] <= MAX_SPECK_PX:
+            speck[row, col : col + start[run + 1] - start[run]] = 255
+
+
+@compiled("void(u1[:, ::1], f4[:, ::1])")
+def _remove_near_specks(
+    speck: GrayImage,
+    # input and output
+    disparity_px: FloatImage,
+) -> None:
+    """Remove the specks that are nearer than the farthest larger surface around them.
 
     Such specks are wrong matches more often than objects. Farther ones may be all that is visible of the background.
     """
-    large = and_not(above(disparity_px, 0), find_specks(disparity_px))
-    background_px = np.full_like(disparity_px, MAX_DISPARITY_PX)
-    copy_where(large, disparity_px, background_px)
-    background_px = np.asarray(cv2.erode(background_px, SPECK_KERNEL), np.float32)
-    kept_px = np.zeros_like(disparity_px)
-    copy_where(large | below(disparity_px, background_px + np.float32(MAX_SURFACE_SPAN_PX)), disparity_px, kept_px)
-    return kept_px
-
-
-def _decimate(
-    full_disparity_px: FloatImage, depth_m: FloatImage, mean_mask: GrayImage, resolution: WorkingResolution
-) -> FloatImage:
-    """Disparity at half resolution, shape (h, w): the mean of each block of two by two pixels that shows one surface,
-    and the surface with more pixels, or else the farther one, of a block that shows two.
-    """
-    rows, cols = 2 * resolution.height_px, 2 * resolution.width_px
-    mean_px = _block_mean(full_disparity_px, resolution)
-    mean_px /= np.asarray(cv2.LUT(mean_mask, _VALID_FRACTION), np.float32)
-    near_px = _block_max(full_disparity_px[:rows, :cols])
-    far_px = resolution.disparity(_block_max(depth_m[:rows, :cols]))
-    to_near_px, to_far_px = near_px - mean_px, mean_px - far_px
-    decimated_px = far_px
-    copy_where(below(to_near_px, to_far_px), near_px, decimated_px)
-    span_px = np.add(to_near_px, to_far_px, out=to_near_px)
-    copy_where(below(span_px, MAX_SURFACE_SPAN_PX), mean_px, decimated_px)
-    return decimated_px
-
-
-def _block_mean(image: Image, resolution: WorkingResolution) -> Image:
-    """The mean of each block of two by two pixels, shape (h, w), of an image of shape (H, W)."""
-    even = image[: 2 * resolution.height_px, : 2 * resolution.width_px]
-    return np.asarray(cv2.resize(even, resolution.shape[::-1], interpolation=cv2.INTER_AREA))
-
-
-def _block_max(image: FloatImage) -> FloatImage:
-    """The maximum of each block of two by two pixels, shape (h, w), of an image of shape (2 h, 2 w)."""
-    rows = np.maximum(image[::2], image[1::2])
-    maximum: FloatImage = np.maximum(rows[:, ::2], rows[:, 1::2])
-    return maximum
+    height, width = disparity_px.shape
+    for row in range(height):
+        for col in range(width):
+            if not speck[row, col]:
+                continue
+            background_px = np.float32(MAX_DISPARITY_PX)
+            for v in range(max(row - SPECK_RADIUS_PX, 0), min(row + SPECK_RADIUS_PX + 1, height)):
+                for u in range(max(col - SPECK_RADIUS_PX, 0), min(col + SPECK_RADIUS_PX + 1, width)):
+                    if disparity_px[v, u] > 0 and not speck[v, u]:
+                        background_px = min(background_px, disparity_px[v, u])
+            if disparity_px[row, col] >= background_px + MAX_SURFACE_SPAN_PX:
+                disparity_px[row, col] = 0

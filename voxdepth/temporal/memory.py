@@ -1,17 +1,11 @@
 """The memory: what earlier frames measured, in the pixels of the newest frame."""
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
-import cv2
 import numpy as np
 
-from ..types import FloatArray, FloatImage, GrayImage
-from .forward_warp import ForwardWarp
-from .masks import Image
-
-if TYPE_CHECKING:
-    from .forward_warp_gpu import GpuForwardWarp
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, named_tuple
+from ..types import FloatImage, GrayImage
 
 WEIGHT_UNIT = 16
 """Weight of one measurement whose neighbours are all valid."""
@@ -19,8 +13,7 @@ DRIFT_DECIMATION = 2
 """Pixels of the memory per pixel of the drift along each side; drift varies little over a surface."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Memory:
+class Memory(NamedTuple):
     """One remembered surface per pixel, shape (h, w)."""
 
     disparity_px: FloatImage
@@ -38,37 +31,25 @@ class Memory:
     @classmethod
     def empty(cls, gray: GrayImage) -> "Memory":
         """A memory of no surface, with the gray values of the current image."""
-        coarse = [max(1, side // DRIFT_DECIMATION) for side in gray.shape]
         return cls(
             disparity_px=np.zeros(gray.shape, np.float32),
             weight=np.zeros_like(gray),
             gray=gray,
             age=np.zeros_like(gray),
-            drift_px=np.zeros(coarse, np.float32),
+            drift_px=np.zeros(coarse_shape(gray.shape), np.float32),
         )
 
-    def warp(self, forward_warp: "ForwardWarp | GpuForwardWarp", T_frame_memory: FloatArray) -> "Memory":
-        """The memory as a new frame sees it, after a motion of shape (4, 4)."""
-        warped = forward_warp.warp(self.disparity_px, self.weight, T_frame_memory)
-        shape = self.drift_px.shape
-        coarse_x, coarse_y = (_coarse_position(source, shape) for source in (warped.source_x, warped.source_y))
-        both: GrayImage = np.dstack([self.gray, self.age])
-        gray, age = cv2.split(_sample(both, warped.source_x, warped.source_y))
-        return Memory(
-            disparity_px=warped.disparity_px,
-            weight=warped.weight,
-            gray=np.asarray(gray, np.uint8),
-            age=np.asarray(age, np.uint8),
-            drift_px=_sample(self.drift_px, coarse_x, coarse_y),
-        )
+    @classmethod
+    def buffer(cls, shape: tuple[int, ...]) -> "Memory":
+        """A memory of a shape, whose images have no values yet."""
+        weight, gray, age = np.empty((3, *shape), np.uint8)
+        disparity_px, drift_px = np.empty(shape, np.float32), np.empty(coarse_shape(shape), np.float32)
+        return cls(disparity_px=disparity_px, weight=weight, gray=gray, age=age, drift_px=drift_px)
 
 
-def _sample(image: Image, x: FloatImage, y: FloatImage) -> Image:
-    """Bilinear samples of an image at columns x and rows y, with the border replicated."""
-    return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+MEMORY_TYPE = named_tuple(Memory, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 
 
-def _coarse_position(position: FloatImage, shape: tuple[int, ...]) -> FloatImage:
-    """Columns or rows of the memory as those of the decimated drift, averaged to its shape."""
-    mean: FloatImage = np.asarray(cv2.resize(position, shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
-    return (mean - np.float32((DRIFT_DECIMATION - 1) / 2)) / np.float32(DRIFT_DECIMATION)
+def coarse_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Shape of the drift of a memory of a shape."""
+    return tuple(max(1, side // DRIFT_DECIMATION) for side in shape)

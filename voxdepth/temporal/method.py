@@ -3,49 +3,33 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
+from ..compiled import compile_all
 from ..corrector import StreamCorrector, checked_config
 from ..errors import ConfigError
 from ..timing import StepTimer
-from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics, Source
+from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
 from .confidence import estimate_confidence
 from .config import VoxDepthConfig
-from .forward_warp import create_forward_warp
+from .forward_warp import ForwardWarp
 from .fusion import Fused, PixelClass, fuse
 from .inpainting import Inpainter
-from .masks import above, below, clear_where, equal
 from .measurement import measure
 from .memory import Memory
 from .odometry import TrackingResult, TrackingStatus, VisualOdometry
 from .smoothing import smooth_guided
-from .upsampling import upsample_guided, upsample_nearest
+from .upsampling import Estimate, show
 from .working_resolution import WorkingResolution, default_decimation
 
 MIN_SIDE_PX = 8
 """Smallest side of an image: at half resolution, a smaller one leaves no neighbourhood to work on."""
-MEASURED_BIT, VALID_BIT = 4, 8
-"""Bits that are added to a pixel class where the sensor measured the pixel, and where it has a depth."""
-SOURCES = np.zeros(256, np.uint8)
-"""Source of a full pixel by its pixel class and these bits. The sensor may have measured only other pixels of the same
-working pixel."""
-for pixel_class, measured, unmeasured in (
-    (PixelClass.UNKNOWN, Source.INPAINTED, Source.INPAINTED),
-    (PixelClass.FUSED, Source.SENSOR, Source.MEMORY),
-    (PixelClass.MEASURED, Source.SENSOR, Source.INPAINTED),
-    (PixelClass.REMEMBERED, Source.MEMORY, Source.MEMORY),
-):
-    SOURCES[pixel_class | VALID_BIT] = unmeasured
-    SOURCES[pixel_class | VALID_BIT | MEASURED_BIT] = measured
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FusedFrame:
     """The result of the first half of the method, which depends on earlier frames."""
 
-    measured_px: FloatImage
-    """Measured disparity, shape (H, W); 0 = invalid."""
+    depth_m: FloatImage
+    """Depth of the frame, shape (H, W)."""
     gray: GrayImage
     """Gray image at the working resolution, shape (h, w)."""
     fused: Fused
@@ -77,8 +61,9 @@ class VoxDepth(StreamCorrector):
         self._config = config
         self._resolution = WorkingResolution.of(camera, decimation)
         self._odometry = VisualOdometry(camera, self._resolution, config.odometry)
-        self._forward_warp = create_forward_warp(self._resolution, config.device)
+        self._forward_warp = ForwardWarp(self._resolution)
         self._inpainter = Inpainter(self._resolution, config.inpainting)
+        compile_all()
         super().__init__(camera)
 
     def reset(self) -> None:
@@ -91,8 +76,7 @@ class VoxDepth(StreamCorrector):
         """Track the camera, and fuse the frame with the memory."""
         timer = StepTimer()
         with timer("measure"):
-            measured_px = self._resolution.disparity(frame.depth_m)
-            measurement = measure(frame, measured_px, self._resolution)
+            measurement = measure(frame, self._resolution)
         with timer("track"):
             tracking = self._odometry.track(frame)
         with timer("warp"):
@@ -100,13 +84,13 @@ class VoxDepth(StreamCorrector):
             if memory is None or tracking.T_frame_keyframe is None:
                 memory = Memory.empty(measurement.gray)
             else:
-                memory = memory.warp(self._forward_warp, tracking.T_frame_keyframe)
+                memory = self._forward_warp.warp(memory, tracking.T_frame_keyframe)
         with timer("fuse"):
             fused, memory = fuse(memory, measurement, self._config.fusion)
         with timer("remember"):
             self._remember(frame, tracking, memory)
         return FusedFrame(
-            measured_px=measured_px, gray=measurement.gray, fused=fused, tracking=tracking, timings_s=timer.times_s
+            depth_m=frame.depth_m, gray=measurement.gray, fused=fused, tracking=tracking, timings_s=timer.times_s
         )
 
     def combine(self, aligned: FusedFrame) -> CorrectedDepth:
@@ -120,10 +104,9 @@ class VoxDepth(StreamCorrector):
         with timer("confidence"):
             confidence = estimate_confidence(disparity_px, pixel_class, fused.weight, inpainted.probability)
         with timer("upsample"):
-            depth_m, source, confidence = self._upsample(aligned.measured_px, pixel_class, disparity_px, confidence)
-        return CorrectedDepth(
-            depth_m=depth_m, source=source, confidence=confidence, timings_s=timer.times_s, diagnostics=aligned.tracking
-        )
+            estimate = Estimate(disparity_px, pixel_class, confidence)
+            shown = show(aligned.depth_m, estimate, self._resolution, self._config.min_shown_confidence)
+        return CorrectedDepth(**shown._asdict(), timings_s=timer.times_s, diagnostics=aligned.tracking)
 
     def _remember(self, frame: Frame, tracking: TrackingResult, memory: Memory) -> None:
         """Make this frame the keyframe, unless it has no features: then the old keyframes and their memory are kept.
@@ -138,22 +121,3 @@ class VoxDepth(StreamCorrector):
             self._odometry.reset()
         self._featureless_frames = 0
         self._odometry.set_keyframe(frame, tracking, memory)
-
-    def _upsample(
-        self, measured_px: FloatImage, pixel_class: GrayImage, disparity_px: FloatImage, confidence: FloatImage
-    ) -> tuple[FloatImage, GrayImage, FloatImage]:
-        """Depth, source and confidence at full resolution, shape (H, W)."""
-        if self._resolution.decimation == 2:
-            disparity_px, confidence = upsample_guided(measured_px, disparity_px, confidence, pixel_class)
-            pixel_class = upsample_nearest(pixel_class, measured_px.shape)
-        depth_m = self._resolution.depth(disparity_px)
-        measured = above(measured_px, 0) & np.uint8(MEASURED_BIT)
-        valid = above(depth_m, 0) & np.uint8(VALID_BIT)
-        source = np.asarray(cv2.LUT(pixel_class | measured | valid, SOURCES), np.uint8)
-        if self._config.fill != "all":
-            min_probability = self._config.min_fill_probability if self._config.fill == "likely" else np.inf
-            clear_where(equal(source, Source.INPAINTED) & below(confidence, min_probability), source)
-        invalid = equal(source, Source.INVALID)
-        clear_where(invalid, depth_m)
-        clear_where(invalid, confidence)
-        return depth_m, source, confidence

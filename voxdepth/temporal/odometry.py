@@ -12,8 +12,10 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
+from numba import float32, int64
 from pydantic import Field
 
+from ..compiled import FLOAT_IMAGE, compiled
 from ..geometry import inverse_rigid
 from ..model import Model
 from ..paper.registration import Features
@@ -26,7 +28,7 @@ from .tracking_camera import Pixels, TrackingCamera
 from .working_resolution import WorkingResolution
 
 CORNER_WINDOW_PX = 5
-MIN_EIGENVALUE = 2e-4
+MIN_EIGENVALUE = np.float32(2e-4)
 """Corners have a larger minimal eigenvalue of the gradient matrix (Shi and Tomasi 1994); photon noise stays below."""
 TERMINATION = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 8, 0.03)
 
@@ -147,17 +149,26 @@ class FeatureTracker:
         return tracked, (status.ravel() > 0) & inside
 
     def _detect_corners(self, gray: GrayImage) -> Pixels:
-        cell = self._config.cell_px
-        rows, cols = gray.shape[0] // cell, gray.shape[1] // cell
-        if not rows * cols:
-            return np.empty((0, 2), np.float32)
-        eigenvalue = cv2.cornerMinEigenVal(gray, CORNER_WINDOW_PX)[: rows * cell, : cols * cell]
-        by_cell = eigenvalue.reshape(rows, cell, cols, cell).swapaxes(1, 2).reshape(rows * cols, cell * cell)
-        best = by_cell.argmax(axis=1)
-        textured = np.flatnonzero(by_cell[np.arange(len(by_cell)), best] > MIN_EIGENVALUE)
-        row, col = np.divmod(best[textured], cell)
-        corners = np.stack([textured % cols * cell + col, textured // cols * cell + row], axis=1)
-        return corners.astype(np.float32)
+        eigenvalue = np.asarray(cv2.cornerMinEigenVal(gray, CORNER_WINDOW_PX), np.float32)
+        corners: Pixels = _best_of_cells(eigenvalue, self._config.cell_px)
+        return corners
+
+
+@compiled(float32[:, ::1](FLOAT_IMAGE, int64))
+def _best_of_cells(eigenvalue: FloatImage, cell_px: int) -> Pixels:
+    """Column and row of the corner with the largest eigenvalue of each whole cell, shape (N, 2)."""
+    rows, cols = eigenvalue.shape[0] // cell_px, eigenvalue.shape[1] // cell_px
+    corners, n = np.empty((rows * cols, 2), np.float32), 0
+    for row in range(0, rows * cell_px, cell_px):
+        for col in range(0, cols * cell_px, cell_px):
+            best = MIN_EIGENVALUE
+            for v in range(row, row + cell_px):
+                for u in range(col, col + cell_px):
+                    if eigenvalue[v, u] > best:
+                        best = eigenvalue[v, u]
+                        corners[n] = u, v
+            n += best > MIN_EIGENVALUE
+    return corners[:n]
 
 
 class VisualOdometry:

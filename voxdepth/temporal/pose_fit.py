@@ -3,7 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
+from numba import float64, int64
+from numba.types import Tuple, UniTuple
 
+from ..compiled import compiled
 from ..geometry import exp_se3
 from ..types import FloatArray, Intrinsics
 
@@ -18,6 +21,10 @@ MEDIAN_TO_SCALE = 1.26
 """Factor from the median residual to the scale. For residuals with Rayleigh's distribution it would be 0.85."""
 MIN_DEPTH_M = 0.05
 """Points nearer than this, or behind the camera, have no weight."""
+
+Lens = tuple[float, float, float, float]
+"""Focal lengths and principal point of a camera [px]."""
+LENS_TYPE = UniTuple(float64, 4)
 
 
 class PoseFit(NamedTuple):
@@ -40,20 +47,20 @@ def fit_pose(
     iteration, and never grows. The points are in the source camera, shape (N, 3), N >= 3, and their observed pixels in
     the target camera, shape (N, 2).
     """
+    points_m, observed_px = np.ascontiguousarray(points_m), np.ascontiguousarray(observed_px)
+    lens = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
     T, scale_px = T_initial.copy(), np.inf
     for _ in range(MAX_ITERATIONS):
-        target_m = transform_points(T, points_m)
-        residual = project(target_m, camera) - observed_px
-        length = np.hypot(*residual.T)
-        scale_px = max(MIN_SCALE_PX, min(scale_px, MEDIAN_TO_SCALE * median(length)))
-        weight = 1 / np.square(1 + np.square(length / (KERNEL_WIDTH * scale_px)))
-        weight[target_m[:, 2] <= MIN_DEPTH_M] = 0
-        step = _gauss_newton_step(target_m, residual, weight, camera)
+        length_px = _residual_lengths(points_m, observed_px, T, lens)
+        scale_px = max(MIN_SCALE_PX, min(scale_px, MEDIAN_TO_SCALE * median(length_px)))
+        H, gradient = _normal_equations(points_m, observed_px, T, lens, scale_px)
+        damping = (1e-9 * H.trace() + 1e-12) * np.eye(6)
+        step = -np.linalg.solve(H + damping, gradient)
         T = exp_se3(step) @ T
         if np.abs(step).max() < CONVERGENCE_STEP:
             break
-    length = np.hypot(*(project(transform_points(T, points_m), camera) - observed_px).T)
-    return PoseFit(T, median(length), len(points_m), int(np.count_nonzero(length < inlier_px)))
+    length_px = _residual_lengths(points_m, observed_px, T, lens)
+    return PoseFit(T, median(length_px), len(points_m), int(np.count_nonzero(length_px < inlier_px)))
 
 
 def project(points_m: FloatArray, camera: Intrinsics) -> FloatArray:
@@ -80,18 +87,50 @@ def median(values: FloatArray) -> float:
     return float((ordered[middle - 1] + ordered[middle]) / 2)
 
 
-def _gauss_newton_step(
-    target_m: FloatArray, residual: FloatArray, weight: FloatArray, camera: Intrinsics
-) -> FloatArray:
-    """Translation and rotation vector, shape (6,), that minimise the linearised weighted residuals."""
-    inverse_z = 1 / np.maximum(target_m[:, 2], MIN_DEPTH_M)
-    x, y = target_m[:, 0] * inverse_z, target_m[:, 1] * inverse_z
-    zero = np.zeros_like(x)
-    J_col = camera.fx_px * np.stack([inverse_z, zero, -x * inverse_z, -x * y, 1 + x * x, -y], axis=1)
-    J_row = camera.fy_px * np.stack([zero, inverse_z, -y * inverse_z, -1 - y * y, x * y, x], axis=1)
-    weighted_col, weighted_row = J_col * weight[:, None], J_row * weight[:, None]
-    H = weighted_col.T @ J_col + weighted_row.T @ J_row
-    gradient = weighted_col.T @ residual[:, 0] + weighted_row.T @ residual[:, 1]
-    damping = (1e-9 * H.trace() + 1e-12) * np.eye(6)
-    step: FloatArray = -np.linalg.solve(H + damping, gradient)
-    return step
+@compiled(UniTuple(float64, 5)(float64[:, ::1], float64[:, ::1], float64[:, ::1], LENS_TYPE, int64))
+def _project_point(
+    points_m: FloatArray, observed_px: FloatArray, T: FloatArray, lens: Lens, k: int
+) -> tuple[float, float, float, float, float]:
+    """Residual of a point along columns and rows [px], its position divided by its depth, and its depth [m]."""
+    fx, fy, cx, cy = lens
+    X, Y, Z = points_m[k]
+    x = T[0, 0] * X + T[0, 1] * Y + T[0, 2] * Z + T[0, 3]
+    y = T[1, 0] * X + T[1, 1] * Y + T[1, 2] * Z + T[1, 3]
+    z = T[2, 0] * X + T[2, 1] * Y + T[2, 2] * Z + T[2, 3]
+    x, y = x / max(z, MIN_DEPTH_M), y / max(z, MIN_DEPTH_M)
+    return fx * x + cx - observed_px[k, 0], fy * y + cy - observed_px[k, 1], x, y, z
+
+
+@compiled(float64[::1](float64[:, ::1], float64[:, ::1], float64[:, ::1], LENS_TYPE))
+def _residual_lengths(points_m: FloatArray, observed_px: FloatArray, T: FloatArray, lens: Lens) -> FloatArray:
+    """Reprojection error of each point [px], shape (N,)."""
+    length_px = np.empty(len(points_m))
+    for k in range(len(points_m)):
+        col_px, row_px, _, _, _ = _project_point(points_m, observed_px, T, lens, k)
+        length_px[k] = np.sqrt(col_px * col_px + row_px * row_px)
+    return length_px
+
+
+@compiled(Tuple((float64[:, ::1], float64[::1]))(float64[:, ::1], float64[:, ::1], float64[:, ::1], LENS_TYPE, float64))
+def _normal_equations(
+    points_m: FloatArray, observed_px: FloatArray, T: FloatArray, lens: Lens, scale_px: float
+) -> tuple[FloatArray, FloatArray]:
+    """Hessian, shape (6, 6), and gradient, shape (6,), of the weighted squares of the linearised residuals.
+
+    They are for a translation and a rotation vector that move the points in the target camera.
+    """
+    fx, fy, _, _ = lens
+    H, gradient = np.zeros((6, 6)), np.zeros(6)
+    J_col, J_row = np.zeros(6), np.zeros(6)
+    for k in range(len(points_m)):
+        col_px, row_px, x, y, z = _project_point(points_m, observed_px, T, lens, k)
+        if z <= MIN_DEPTH_M:
+            continue
+        weight = 1 / (1 + (col_px * col_px + row_px * row_px) / (KERNEL_WIDTH * scale_px) ** 2) ** 2
+        J_col[0], J_col[2], J_col[3], J_col[4], J_col[5] = fx / z, -fx * x / z, -fx * x * y, fx * (1 + x * x), -fx * y
+        J_row[1], J_row[2], J_row[3], J_row[4], J_row[5] = fy / z, -fy * y / z, -fy * (1 + y * y), fy * x * y, fy * x
+        for i in range(6):
+            gradient[i] += weight * (J_col[i] * col_px + J_row[i] * row_px)
+            for j in range(6):
+                H[i, j] += weight * (J_col[i] * J_col[j] + J_row[i] * J_row[j])
+    return H, gradient

@@ -2,7 +2,9 @@
 
 import cv2
 import numpy as np
+from numba import float32, void
 
+from ..compiled import FLOAT_IMAGE, compiled
 from ..types import FloatImage
 
 
@@ -18,13 +20,23 @@ def smooth_guided(disparity_px: FloatImage, window_px: int, noise_px: float) -> 
         return disparity_px
     window = (window_px, window_px)
     mean = cv2.blur(disparity_px, window)
-    variance = cv2.sqrBoxFilter(disparity_px, cv2.CV_32F, window)
-    gain = np.square(mean)
-    np.subtract(variance, gain, out=variance)
-    np.maximum(variance, np.float32(0), out=variance)
-    np.add(variance, np.float32(noise_px**2), out=gain)
-    np.divide(variance, gain, out=gain)
-    smoothed = np.subtract(disparity_px, mean)
-    smoothed *= gain
-    smoothed += mean
-    return np.asarray(smoothed, np.float32)
+    mean_square = cv2.sqrBoxFilter(disparity_px, cv2.CV_32F, window)
+    smoothed: FloatImage = np.empty_like(disparity_px)
+    _smooth(disparity_px, np.asarray(mean, np.float32), np.asarray(mean_square, np.float32), noise_px**2, smoothed)
+    return smoothed
+
+
+@compiled(void(FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE, float32, FLOAT_IMAGE))
+def _smooth(
+    disparity_px: FloatImage,
+    mean_px: FloatImage,
+    mean_square_px2: FloatImage,
+    noise_px2: np.float32,
+    # output
+    smoothed_px: FloatImage,
+) -> None:
+    for row in range(disparity_px.shape[0]):
+        for col in range(disparity_px.shape[1]):
+            variance_px2 = max(mean_square_px2[row, col] - mean_px[row, col] * mean_px[row, col], float32(0))
+            gain = variance_px2 / (variance_px2 + noise_px2)
+            smoothed_px[row, col] = mean_px[row, col] + gain * (disparity_px[row, col] - mean_px[row, col])

@@ -1,85 +1,179 @@
-"""Upsampling from the working resolution to that of the frame."""
+"""The output of the method: depth, source and confidence of every pixel of the frame, from its working pixel."""
 
-from typing import Any
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
+from numba import boolean, float32, int64, uint8, void
 
-from ..types import FloatImage, GrayImage
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
+from ..types import FloatImage, GrayImage, Source
 from .fusion import PixelClass
-from .masks import Image
-
-Indices = npt.NDArray[np.intp]
+from .working_resolution import WorkingResolution, depth_of, disparity_of
 
 KERNEL = np.ones((3, 3), np.uint8)
-MAX_SURFACE_SPAN_PX = 1.0
+MAX_SURFACE_SPAN_PX = np.float32(1)
 """Span of disparity over 3 x 3 px up to which disparity is interpolated. Pixels that span more lie at a
 discontinuity."""
-TOLERANCE_PX = 1.0
-RELATIVE_TOLERANCE = 0.02
+TOLERANCE_PX = np.float32(1)
+RELATIVE_TOLERANCE = np.float32(0.02)
 """A full pixel whose measurement differs by more from its working pixel shows another surface."""
+OWN_SHARE, NEXT_SHARE = np.float32(0.75), np.float32(0.25)
+"""Weights of a working pixel and of the next one in the linear interpolation to twice the resolution."""
 
 
-def upsample_guided(
-    measured_px: FloatImage, disparity_px: FloatImage, confidence: FloatImage, pixel_class: GrayImage
-) -> tuple[FloatImage, FloatImage]:
-    """Double the resolution of disparity and confidence, guided by the measurement at full resolution.
+class Estimate(NamedTuple):
+    """What is known of the working pixels, shape (h, w)."""
 
-    Disparity is interpolated on surfaces. At depth discontinuities, each full pixel keeps its measurement if it is of
-    the same surface, and otherwise takes its working pixel without interpolation. If it has no measurement, and the
-    next working pixel on its side is unknown, it belongs to that hole: the rest of its own working pixel may be
-    affected by foreground fattening.
+    disparity_px: FloatImage
+    """Disparity; 0 = unknown."""
+    pixel_class: GrayImage
+    """One `PixelClass` per pixel."""
+    confidence: FloatImage
 
-    The measurement has shape (H, W), and 0 where it is invalid. The disparity, which has no holes, its confidence and
-    one `PixelClass` per pixel have shape (h, w).
+
+class Shown(NamedTuple):
+    """The output for the pixels of the frame, shape (H, W); see `CorrectedDepth`."""
+
+    depth_m: FloatImage
+    source: GrayImage
+    confidence: FloatImage
+
+    @classmethod
+    def buffer(cls, shape: tuple[int, ...]) -> "Shown":
+        """Images of a shape, without values yet."""
+        return cls(np.empty(shape, np.float32), np.empty(shape, np.uint8), np.empty(shape, np.float32))
+
+
+ESTIMATE_TYPE = named_tuple(Estimate, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
+SHOWN_TYPE = named_tuple(Shown, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
+
+
+def show(
+    measured_m: FloatImage, estimate: Estimate, resolution: WorkingResolution, min_fill_confidence: float = 0.0
+) -> Shown:
+    """The output for a frame of that measured depth, shape (H, W), 0 = invalid.
+
+    At half resolution, disparity is interpolated on surfaces. At depth discontinuities, each full pixel keeps its
+    measurement if it is of the same surface, and otherwise takes its working pixel without interpolation. If it has no
+    measurement, and the next working pixel on its side is unknown, it belongs to that hole: the rest of its own working
+    pixel may be affected by foreground fattening.
+
+    Inpainted pixels with a smaller confidence than `min_fill_confidence` are not shown.
     """
-    rows, cols = disparity_px.shape
-    span_px = cv2.subtract(cv2.dilate(disparity_px, KERNEL), cv2.erode(disparity_px, KERNEL))
-    measured = pixel_class == PixelClass.MEASURED
-    at = np.nonzero((span_px > np.float32(MAX_SURFACE_SPAN_PX)) | measured)
-    block_px = _blocks(measured_px[: 2 * rows, : 2 * cols])[at]
-    in_hole = (block_px == 0) & _neighbours(pixel_class == PixelClass.UNKNOWN, at)
-    value_px = np.where(in_hole, _neighbours(disparity_px, at), disparity_px[at][:, None, None])
-    value_confidence = np.where(in_hole, _neighbours(confidence, at), confidence[at][:, None, None])
-    tolerance_px = np.float32(RELATIVE_TOLERANCE) * value_px + np.float32(TOLERANCE_PX)
-    keeps = (block_px > 0) & (measured[at][:, None, None] | (np.abs(block_px - value_px) < tolerance_px))
-
-    full_px = np.asarray(cv2.resize(disparity_px, (2 * cols, 2 * rows), interpolation=cv2.INTER_LINEAR), np.float32)
-    _blocks(full_px)[at] = np.where(keeps, block_px, value_px)
-    full_confidence = _double(confidence)
-    _blocks(full_confidence)[at] = value_confidence
-    return _pad(full_px, measured_px.shape), _pad(full_confidence, measured_px.shape)
+    measured_m, shown = np.ascontiguousarray(measured_m), Shown.buffer(measured_m.shape)
+    focal_baseline_px_m = resolution.focal_baseline_px_m
+    if resolution.decimation == 1:
+        _show(measured_m, estimate, focal_baseline_px_m, min_fill_confidence, shown)
+        return shown
+    disparity_px = estimate.disparity_px
+    span_px = np.asarray(cv2.subtract(cv2.dilate(disparity_px, KERNEL), cv2.erode(disparity_px, KERNEL)), np.float32)
+    _show_interpolated(measured_m, estimate, focal_baseline_px_m, min_fill_confidence, shown)
+    _show_separated(measured_m, estimate, span_px, focal_baseline_px_m, min_fill_confidence, shown)
+    for image in shown:
+        image[2 * resolution.height_px :] = image[2 * resolution.height_px - 1]
+        image[:, 2 * resolution.width_px :] = image[:, 2 * resolution.width_px - 1 : 2 * resolution.width_px]
+    return shown
 
 
-def upsample_nearest(image: Image, shape: tuple[int, ...]) -> Image:
-    """Repeat each pixel in a block of two by two; a last odd row or column of the result repeats the one before."""
-    return _pad(_double(image), shape)
+@compiled(void(SHOWN_TYPE, int64, int64, float32, boolean, uint8, float32, float32))
+def _show_pixel(
+    shown: Shown,
+    row: int,
+    col: int,
+    depth_m: np.float32,
+    is_measured: bool,
+    pixel_class: int,
+    confidence: np.float32,
+    min_fill_confidence: np.float32,
+) -> None:
+    """Write one pixel of the output. The sensor may have measured only other pixels of the same working pixel."""
+    unmeasured = Source.MEMORY if pixel_class == PixelClass.FUSED else Source.INPAINTED
+    source = Source.SENSOR if is_measured else unmeasured
+    source = Source.INPAINTED if pixel_class == PixelClass.UNKNOWN else source
+    source = Source.MEMORY if pixel_class == PixelClass.REMEMBERED else source
+    is_shown = (depth_m > 0) & ((source != Source.INPAINTED) | (confidence >= min_fill_confidence))
+    shown.depth_m[row, col] = depth_m if is_shown else float32(0)
+    shown.source[row, col] = source if is_shown else Source.INVALID
+    shown.confidence[row, col] = confidence if is_shown else float32(0)
 
 
-def _double(image: Image) -> Image:
-    size = (2 * image.shape[1], 2 * image.shape[0])
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_NEAREST))
+@compiled(void(READABLE_IMAGE, ESTIMATE_TYPE, float32, float32, SHOWN_TYPE))
+def _show(
+    measured_m: FloatImage,
+    estimate: Estimate,
+    focal_baseline_px_m: np.float32,
+    min_fill_confidence: np.float32,
+    # output
+    shown: Shown,
+) -> None:
+    """The output where every pixel is a working pixel."""
+    for row in range(measured_m.shape[0]):
+        for col in range(measured_m.shape[1]):
+            is_measured = disparity_of(measured_m[row, col], focal_baseline_px_m) > 0
+            depth_m = depth_of(estimate.disparity_px[row, col], focal_baseline_px_m)
+            pixel_class, confidence = estimate.pixel_class[row, col], estimate.confidence[row, col]
+            _show_pixel(shown, row, col, depth_m, is_measured, pixel_class, confidence, min_fill_confidence)
 
 
-def _pad(image: Image, shape: tuple[int, ...]) -> Image:
-    """Repeat the last row and column as far as the shape needs."""
-    bottom, right = shape[0] - image.shape[0], shape[1] - image.shape[1]
-    if not (bottom or right):
-        return image
-    return np.asarray(cv2.copyMakeBorder(image, 0, bottom, 0, right, cv2.BORDER_REPLICATE))
+@compiled(void(READABLE_IMAGE, ESTIMATE_TYPE, float32, float32, SHOWN_TYPE))
+def _show_interpolated(
+    measured_m: FloatImage,
+    estimate: Estimate,
+    focal_baseline_px_m: np.float32,
+    min_fill_confidence: np.float32,
+    # output
+    shown: Shown,
+) -> None:
+    """The output of blocks of two by two pixels, with their disparity interpolated."""
+    height, width = estimate.disparity_px.shape
+    line_px = np.empty(width + 2, np.float32)
+    for full_row in range(2 * height):
+        row = full_row // 2
+        other_row = min(max(row - 1 if full_row == 2 * row else row + 1, 0), height - 1)
+        for col in range(width):
+            line_px[col + 1] = (
+                OWN_SHARE * estimate.disparity_px[row, col] + NEXT_SHARE * estimate.disparity_px[other_row, col]
+            )
+        line_px[0], line_px[width + 1] = line_px[1], line_px[width]
+        for col in range(width):
+            pixel_class, confidence = estimate.pixel_class[row, col], estimate.confidence[row, col]
+            for side in range(2):
+                disparity_px = OWN_SHARE * line_px[col + 1] + NEXT_SHARE * line_px[col + 2 * side]
+                depth_m = depth_of(disparity_px, focal_baseline_px_m)
+                is_measured = disparity_of(measured_m[full_row, 2 * col + side], focal_baseline_px_m) > 0
+                _show_pixel(
+                    shown, full_row, 2 * col + side, depth_m, is_measured, pixel_class, confidence, min_fill_confidence
+                )
 
 
-def _blocks(image: FloatImage) -> FloatImage:
-    """A view of an image of shape (2 h, 2 w) as blocks of two by two pixels, shape (h, w, 2, 2)."""
-    rows, cols = image.shape[0] // 2, image.shape[1] // 2
-    row_stride, col_stride = image.strides
-    strides = (2 * row_stride, 2 * col_stride, row_stride, col_stride)
-    return np.lib.stride_tricks.as_strided(image, (rows, cols, 2, 2), strides)
-
-
-def _neighbours(image: npt.NDArray[Any], at: tuple[Indices, ...]) -> npt.NDArray[Any]:
-    """The left and right neighbours of some pixels, shape (N, 1, 2), or the pixel itself at the ends of its row."""
-    row, col = at
-    left, right = np.maximum(col - 1, 0), np.minimum(col + 1, image.shape[1] - 1)
-    return np.stack([image[row, left], image[row, right]], axis=1)[:, None]
+@compiled(void(READABLE_IMAGE, ESTIMATE_TYPE, FLOAT_IMAGE, float32, float32, SHOWN_TYPE))
+def _show_separated(
+    measured_m: FloatImage,
+    estimate: Estimate,
+    span_px: FloatImage,
+    focal_baseline_px_m: np.float32,
+    min_fill_confidence: np.float32,
+    # input and output
+    shown: Shown,
+) -> None:
+    """Show the surfaces apart at depth discontinuities, and the measurement where it is the estimate."""
+    height, width = estimate.disparity_px.shape
+    for row in range(height):
+        for col in range(width):
+            pixel_class = estimate.pixel_class[row, col]
+            if pixel_class != PixelClass.MEASURED and span_px[row, col] <= MAX_SURFACE_SPAN_PX:
+                continue
+            for full_row in range(2 * row, 2 * row + 2):
+                for full_col in range(2 * col, 2 * col + 2):
+                    measured_px = disparity_of(measured_m[full_row, full_col], focal_baseline_px_m)
+                    side = min(max(col - 1 if full_col == 2 * col else col + 1, 0), width - 1)
+                    is_in_hole = measured_px == 0 and estimate.pixel_class[row, side] == PixelClass.UNKNOWN
+                    value_px = estimate.disparity_px[row, side if is_in_hole else col]
+                    tolerance_px = RELATIVE_TOLERANCE * value_px + TOLERANCE_PX
+                    is_same = pixel_class == PixelClass.MEASURED or abs(measured_px - value_px) < tolerance_px
+                    depth_m = depth_of(measured_px if measured_px > 0 and is_same else value_px, focal_baseline_px_m)
+                    confidence = estimate.confidence[row, side if is_in_hole else col]
+                    _show_pixel(
+                        shown, full_row, full_col, depth_m, measured_px > 0, pixel_class, confidence, min_fill_confidence
+                    )

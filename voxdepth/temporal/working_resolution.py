@@ -2,18 +2,56 @@
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
+from numba import float32, void
 
+from ..compiled import FLOAT_IMAGE, READABLE_IMAGE, compiled
 from ..geometry import resized
 from ..types import FloatArray, FloatImage, Intrinsics
 
-MAX_DISPARITY_PX = 1000.0
+MAX_DISPARITY_PX = np.float32(1000)
 """No sensor measures surfaces of larger disparity. The bound also keeps fixed-point disparities in range."""
-MIN_DISPARITY_PX = 1e-4
+MIN_DISPARITY_PX = np.float32(1e-4)
 """Smaller disparities are invalid: they lie beyond 300 km for usual cameras."""
 MAX_FULL_RESOLUTION_PX = 200_000
 """Images of more pixels are halved by default, so that the method keeps up with a camera."""
+
+
+@compiled("f4(f4, f4)")
+def disparity_of(depth_m: np.float32, focal_baseline_px_m: np.float32) -> np.float32:
+    """Disparity [px] of a depth [m]; 0 = invalid in both."""
+    disparity_px = focal_baseline_px_m / depth_m
+    return disparity_px if 0 < disparity_px <= MAX_DISPARITY_PX else np.float32(0)
+
+
+@compiled("f4(f4, f4)")
+def depth_of(disparity_px: np.float32, focal_baseline_px_m: np.float32) -> np.float32:
+    """Depth [m] of a disparity [px]; 0 = invalid in both."""
+    return focal_baseline_px_m / disparity_px if disparity_px >= MIN_DISPARITY_PX else np.float32(0)
+
+
+@compiled(void(READABLE_IMAGE, float32, FLOAT_IMAGE))
+def _disparities(
+    depth_m: FloatImage,
+    focal_baseline_px_m: np.float32,
+    # output
+    disparity_px: FloatImage,
+) -> None:
+    for row in range(depth_m.shape[0]):
+        for col in range(depth_m.shape[1]):
+            disparity_px[row, col] = disparity_of(depth_m[row, col], focal_baseline_px_m)
+
+
+@compiled(void(READABLE_IMAGE, float32, FLOAT_IMAGE))
+def _depths(
+    disparity_px: FloatImage,
+    focal_baseline_px_m: np.float32,
+    # output
+    depth_m: FloatImage,
+) -> None:
+    for row in range(depth_m.shape[0]):
+        for col in range(depth_m.shape[1]):
+            depth_m[row, col] = depth_of(disparity_px[row, col], focal_baseline_px_m)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,19 +86,15 @@ class WorkingResolution:
         return self.height_px, self.width_px
 
     def disparity(self, depth_m: FloatImage) -> FloatImage:
-        """Disparity [px] of depth [m], same shape; 0 = invalid in both."""
-        floor_m = np.float32(self.focal_baseline_px_m / MAX_DISPARITY_PX / 2)
-        disparity_px: FloatImage = np.maximum(depth_m, floor_m)
-        np.divide(np.float32(self.focal_baseline_px_m), disparity_px, out=disparity_px)
-        cv2.threshold(disparity_px, MAX_DISPARITY_PX, 0, cv2.THRESH_TOZERO_INV, disparity_px)
+        """Disparity [px] of depth [m], both of shape (H, W); 0 = invalid in both."""
+        disparity_px: FloatImage = np.empty(depth_m.shape, np.float32)
+        _disparities(np.ascontiguousarray(depth_m), self.focal_baseline_px_m, disparity_px)
         return disparity_px
 
     def depth(self, disparity_px: FloatImage) -> FloatImage:
-        """Depth [m] of disparity [px], same shape; 0 = invalid in both."""
-        depth_m: FloatImage = np.maximum(disparity_px, np.float32(MIN_DISPARITY_PX / 2))
-        np.divide(np.float32(self.focal_baseline_px_m), depth_m, out=depth_m)
-        max_depth_m = self.focal_baseline_px_m / MIN_DISPARITY_PX
-        cv2.threshold(depth_m, max_depth_m, 0, cv2.THRESH_TOZERO_INV, depth_m)
+        """Depth [m] of disparity [px], both of shape (H, W); 0 = invalid in both."""
+        depth_m: FloatImage = np.empty(disparity_px.shape, np.float32)
+        _depths(np.ascontiguousarray(disparity_px), self.focal_baseline_px_m, depth_m)
         return depth_m
 
 
