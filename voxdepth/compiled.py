@@ -13,7 +13,7 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numba
 
@@ -21,23 +21,24 @@ READABLE_IMAGE = numba.types.Array(numba.float32, 2, "C", readonly=True)
 """Type of an image of floats that is only read; the caller may have locked it."""
 FLOAT_IMAGE = numba.float32[:, ::1]
 BYTE_IMAGE = numba.uint8[:, ::1]
+Function = TypeVar("Function", bound=Callable[..., Any])
 _LOGGER = logging.getLogger(__name__)
 _LOCK = Lock()
 _waiting: list[tuple[Any, Any]] = []
 """Functions that have not been compiled yet, and the types of their arguments."""
 
 
-def compiled(signature: Any) -> Callable[[Callable[..., Any]], Any]:
+def compiled(signature: Any) -> Callable[[Function], Function]:
     """Decorate a function that Numba compiles for arguments of these types: `"void(f4[:, ::1], i8)"`, or a Numba type.
 
     `compile_all` compiles it. Functions that a compiled one calls must be defined before it.
     """
 
-    def decorate(function: Callable[..., Any]) -> Any:
+    def decorate(function: Function) -> Function:
         with _numba_cache(_folder(function.__module__.partition(".")[0])) as is_kept:
             dispatcher = numba.njit(cache=is_kept, nogil=True, error_model="numpy")(function)
         _waiting.append((dispatcher, signature))
-        return dispatcher
+        return cast(Function, dispatcher)
 
     return decorate
 

@@ -6,7 +6,9 @@ from typing import TypeVar
 import cv2
 import numpy as np
 import numpy.typing as npt
+from numba import float64
 
+from .compiled import compiled
 from .types import FloatArray, FloatImage, Intrinsics
 
 PointArray = npt.NDArray[np.float32]
@@ -76,16 +78,37 @@ def inverse_rigid(T_a_b: FloatArray) -> FloatArray:
     return T_b_a
 
 
+@compiled(float64[:, ::1](float64[::1]))
 def exp_se3(step: FloatArray) -> FloatArray:
     """The rigid motion of a translation [m] and a rotation vector [rad], shape (6,), as a matrix of shape (4, 4).
 
-    The translation is not coupled with the rotation, so this is the exponential map of SE(3) to first order, which
-    suffices for iterations whose step converges to zero.
+    The rotation is that of Rodrigues' formula. The translation is not coupled with the rotation, so this is the
+    exponential map of SE(3) to first order, which suffices for iterations whose step converges to zero.
     """
+    rotation = step[3:]
+    angle = np.sqrt((rotation * rotation).sum())
+    sine, one_minus_cosine = (np.sin(angle) / angle, 2 * (np.sin(angle / 2) / angle) ** 2) if angle > 0 else (1.0, 0.5)
     T = np.eye(4)
-    T[:3, :3] = cv2.Rodrigues(step[3:])[0]
-    T[:3, 3] = step[:3]
+    for i in range(3):
+        for j in range(3):
+            T[i, j] = one_minus_cosine * rotation[i] * rotation[j]
+    for i in range(3):
+        T[i, i] += np.cos(angle)
+        T[i, 3] = step[i]
+        T[(i + 2) % 3, (i + 1) % 3] += sine * rotation[i]
+        T[(i + 1) % 3, (i + 2) % 3] -= sine * rotation[i]
     return T
+
+
+@compiled(float64[:, ::1](float64[:, ::1], float64[:, ::1]))
+def compose(T_a_b: FloatArray, T_b_c: FloatArray) -> FloatArray:
+    """`T_a_c`, shape (4, 4)."""
+    T_a_c = np.zeros((4, 4))
+    for i in range(4):
+        for j in range(4):
+            for k in range(4):
+                T_a_c[i, j] += T_a_b[i, k] * T_b_c[k, j]
+    return T_a_c
 
 
 def resized(position_px: Position, factor: float) -> Position:

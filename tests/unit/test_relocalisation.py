@@ -30,7 +30,7 @@ def odometry(max_keyframes: int = 4) -> VisualOdometry:
 
 def memory_of(frame: Frame) -> Memory:
     """The memory of a method that has measured this frame alone."""
-    return replace(Memory.empty(frame.gray), disparity_px=RESOLUTION.disparity(frame.depth_m))
+    return Memory.empty(frame.gray)._replace(disparity_px=RESOLUTION.disparity(frame.depth_m))
 
 
 def follow(tracked: VisualOdometry, frames: Sequence[Frame]) -> tuple[list[TrackingResult], list[Memory]]:

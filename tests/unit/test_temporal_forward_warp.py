@@ -275,9 +275,9 @@ def test_the_input_is_not_modified_and_the_result_is_not_reused() -> None:
     first = reprojection.warp(disparity_px, weight, inverse_rigid(MOTIONS["all"]))
     np.testing.assert_array_equal(disparity_px, before[0])
     np.testing.assert_array_equal(weight, before[1])
-    kept = [array.copy() for array in vars(first).values()]
+    kept = [array.copy() for array in first]
     reprojection.warp(*image(CAMERA, seed=9), inverse_rigid(MOTIONS["back"]))
-    for array, copy in zip(vars(first).values(), kept, strict=True):
+    for array, copy in zip(first, kept, strict=True):
         np.testing.assert_array_equal(array, copy)
 
 

@@ -10,7 +10,6 @@ import pytest
 from tests.temporal_scenes import CAMERA, ROOM, dark, frames_of, method, noisy, process, run, walk
 from voxdepth import VoxDepth
 from voxdepth.errors import ConfigError
-from voxdepth.temporal import pose_fit
 from voxdepth.temporal.method import MIN_SIDE_PX
 from voxdepth.temporal.odometry import TrackingStatus
 from voxdepth.temporal.working_resolution import WorkingResolution
@@ -144,15 +143,11 @@ class TestNoise:
 class TestSymmetries:
     @DECIMATIONS
     @pytest.mark.parametrize("scale", [0.5, 4.0])  # powers of two, which round nothing otherwise
-    def test_a_larger_world_seen_by_a_larger_camera_is_larger(
-        self, scale: float, decimation: int, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        # The fit of the motion stops at an absolute step, which is all that knows of metres; here it never does.
-        monkeypatch.setattr(pose_fit, "CONVERGENCE_STEP", 0.0)
+    def test_a_larger_world_seen_by_a_larger_camera_is_larger(self, scale: float, decimation: int) -> None:
         for one, other in self.of_both_sizes(scale, decimation):
-            np.testing.assert_allclose(other.depth_m / scale, one.depth_m, rtol=1e-6)
+            np.testing.assert_allclose(other.depth_m / scale, one.depth_m, rtol=1e-5)
             np.testing.assert_array_equal(one.source, other.source)
-            np.testing.assert_allclose(one.confidence, other.confidence, atol=1e-6)
+            np.testing.assert_allclose(one.confidence, other.confidence, atol=1e-5)
 
     @DECIMATIONS
     @pytest.mark.parametrize("scale", [0.5, 3.0])

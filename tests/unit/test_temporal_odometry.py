@@ -70,7 +70,7 @@ def memory_of(frame: Frame, camera: Intrinsics = CAMERA, decimation: int = 1) ->
     """The memory of a method that has measured this frame alone."""
     gray, depth_m = (np.ascontiguousarray(each[::decimation, ::decimation]) for each in (frame.gray, frame.depth_m))
     disparity_px = WorkingResolution.of(camera, decimation).disparity(depth_m)
-    return replace(Memory.empty(gray), disparity_px=disparity_px)
+    return Memory.empty(gray)._replace(disparity_px=disparity_px)
 
 
 def error_px(tracking: TrackingResult, T_frame_keyframe: FloatArray, before: Frame) -> float:

@@ -14,9 +14,9 @@ from voxdepth.temporal.fusion import PixelClass
 from voxdepth.temporal.measurement import Measurement, measure
 from voxdepth.temporal.memory import DRIFT_DECIMATION, WEIGHT_UNIT, Memory
 from voxdepth.temporal.smoothing import smooth_guided
-from voxdepth.temporal.upsampling import upsample_guided, upsample_nearest
+from voxdepth.temporal.upsampling import Estimate, Shown, show
 from voxdepth.temporal.working_resolution import WorkingResolution
-from voxdepth.types import FloatImage, Frame, GrayImage, Intrinsics
+from voxdepth.types import FloatImage, Frame, GrayImage, Intrinsics, Source
 
 ODD = Intrinsics.from_hfov(width_px=161, height_px=119, hfov_deg=70, baseline_m=0.1)
 
@@ -24,7 +24,7 @@ ODD = Intrinsics.from_hfov(width_px=161, height_px=119, hfov_deg=70, baseline_m=
 def measurement_of(full_px: FloatImage, decimation: int, camera: Intrinsics = CAMERA) -> Measurement:
     resolution = WorkingResolution.of(camera, decimation)
     frame = Frame(stamp_s=0, gray=np.zeros(camera.shape, np.uint8), depth_m=resolution.depth(full_px))
-    return measure(frame, full_px, resolution)
+    return measure(frame, resolution)
 
 
 def constant(value: float, camera: Intrinsics = CAMERA) -> FloatImage:
@@ -110,12 +110,18 @@ class TestMeasurement:
         full_px = np.where(np.random.default_rng(0).random(CAMERA.shape) < 0.8, np.float32(0), constant(6))
         new = measurement_of(full_px, decimation)
         np.testing.assert_array_equal(new.weight > 0, new.disparity_px > 0)
-        np.testing.assert_array_equal(new.valid, np.where(new.disparity_px > 0, 255, 0))
 
 
-def merged_px(full_px: FloatImage, half_px: FloatImage, kind: GrayImage) -> FloatImage:
+def shown_from(full_px: FloatImage, estimate: Estimate, camera: Intrinsics = CAMERA) -> Shown:
+    """The output from estimates at half resolution, by a measurement at full resolution."""
+    resolution = WorkingResolution.of(camera, 2)
+    return show(resolution.depth(full_px), estimate, resolution)
+
+
+def merged_px(full_px: FloatImage, half_px: FloatImage, kind: GrayImage, camera: Intrinsics = CAMERA) -> FloatImage:
     """The upsampled disparity, without the confidence."""
-    return upsample_guided(full_px, half_px, np.ones_like(half_px), kind)[0]
+    shown = shown_from(full_px, Estimate(half_px, kind, np.ones_like(half_px)), camera)
+    return WorkingResolution.of(camera, 2).disparity(shown.depth_m)
 
 
 def as_fused(half_px: FloatImage) -> GrayImage:
@@ -136,9 +142,9 @@ class TestUpsampling:
         resolution = WorkingResolution.of(camera, 2)
         full_px = resolution.disparity(render(ROOM, pose(), camera)[1])
         half_px = measurement_of(full_px, 2, camera).disparity_px
-        shown_px = merged_px(full_px, half_px, np.full(resolution.shape, PixelClass.MEASURED, np.uint8))
+        shown_px = merged_px(full_px, half_px, np.full(resolution.shape, PixelClass.MEASURED, np.uint8), camera)
         rows, cols = 2 * resolution.height_px, 2 * resolution.width_px
-        np.testing.assert_array_equal(shown_px[:rows, :cols], full_px[:rows, :cols])
+        np.testing.assert_allclose(shown_px[:rows, :cols], full_px[:rows, :cols], rtol=3e-7)
         assert shown_px.shape == full_px.shape
         # A last odd row or column has no pixel of memory: it repeats the one before.
         np.testing.assert_array_equal(shown_px[-1], shown_px[rows - 1])
@@ -168,16 +174,14 @@ class TestUpsampling:
     def test_discontinuities_are_not_interpolated(self) -> None:
         _, half_px = self.stepped()
         shown_px = merged_px(np.zeros(CAMERA.shape, np.float32), half_px, as_fused(half_px))
-        np.testing.assert_array_equal(shown_px, np.repeat(np.repeat(half_px, 2, axis=0), 2, axis=1))
+        np.testing.assert_allclose(shown_px, np.repeat(np.repeat(half_px, 2, axis=0), 2, axis=1), rtol=3e-7)
 
     def test_holes_of_the_measurement_are_filled(self) -> None:
         full_px = constant(6)
         full_px[40:61, 40:61] = 0
-        half_px = constant(6.25)[::2, ::2]
+        half_px = np.full((60, 80), 6.25, np.float32)
         kind = np.full(half_px.shape, PixelClass.MEASURED, np.uint8)
-        np.testing.assert_array_equal(
-            merged_px(full_px, half_px, kind), np.where(full_px > 0, full_px, np.float32(6.25))
-        )
+        np.testing.assert_allclose(merged_px(full_px, half_px, kind), np.where(full_px > 0, full_px, 6.25), rtol=3e-7)
 
     def test_unmeasured_pixels_at_discontinuities_belong_to_the_adjacent_hole(self) -> None:
         full_px = constant(5)
@@ -187,24 +191,36 @@ class TestUpsampling:
         filled_px = np.where(half_px > 0, half_px, np.float32(5))
         assert half_px[0, 35] == 12
         trust = np.where(half_px > 0, np.float32(0.9), np.float32(0.3))
-        shown_px, confidence = upsample_guided(full_px, filled_px, trust, kind)
-        np.testing.assert_allclose(shown_px, np.where(full_px > 5, full_px, 5), atol=1e-5)
+        np.testing.assert_allclose(merged_px(full_px, filled_px, kind), np.where(full_px > 5, full_px, 5), atol=1e-5)
+        confidence = shown_from(full_px, Estimate(filled_px, kind, trust)).confidence
         assert (confidence[:, 70] == np.float32(0.3)).all()
         confidence[:, 70] = 0.9
-        np.testing.assert_array_equal(confidence, upsample_nearest(trust, (120, 160)))
+        np.testing.assert_array_equal(confidence, trust.repeat(2, axis=0).repeat(2, axis=1))
         # If the adjacent hole is remembered, the pixel keeps its own working pixel.
         kind[kind == PixelClass.UNKNOWN] = PixelClass.REMEMBERED
         assert (merged_px(full_px, filled_px, kind)[:, 70] == 12).all()
 
     @pytest.mark.parametrize("size", [(120, 160), (121, 160), (120, 161), (121, 161)])
-    def test_nearest_upsampling_repeats_pixels_and_the_last_odd_row_and_column(self, size: tuple[int, int]) -> None:
-        image = np.random.default_rng(0).integers(0, 256, (60, 80), np.uint8)
+    def test_source_and_confidence_repeat_those_of_working_pixels(self, size: tuple[int, int]) -> None:
+        rng, camera = np.random.default_rng(0), replace(CAMERA, height_px=size[0], width_px=size[1])
+        kind = np.where(rng.random((60, 80)) < 0.5, PixelClass.REMEMBERED, PixelClass.UNKNOWN).astype(np.uint8)
+        estimate = Estimate(np.full((60, 80), 8, np.float32), kind, rng.random((60, 80)).astype(np.float32))
+        shown = shown_from(constant(0, camera), estimate, camera)
         row, col = np.indices(size)
-        expected = image[np.minimum(row // 2, 59), np.minimum(col // 2, 79)]
-        for each in (image, image.astype(np.float32)):
-            larger = upsample_nearest(each, size)
-            np.testing.assert_array_equal(larger, expected)
-            assert larger.dtype == each.dtype
+        at = np.minimum(row // 2, 59), np.minimum(col // 2, 79)
+        np.testing.assert_array_equal(shown.confidence, estimate.confidence[at])
+        remembered = estimate.pixel_class[at] == PixelClass.REMEMBERED
+        np.testing.assert_array_equal(shown.source, np.where(remembered, Source.MEMORY, Source.INPAINTED))
+
+    def test_fills_of_low_confidence_are_not_shown(self) -> None:
+        rng, resolution = np.random.default_rng(1), WorkingResolution.of(CAMERA, 1)
+        kind = rng.integers(0, len(PixelClass), CAMERA.shape).astype(np.uint8)
+        estimate = Estimate(constant(8), kind, rng.random(CAMERA.shape).astype(np.float32))
+        shown = show(constant(0), estimate, resolution, 0.5)
+        hidden = np.isin(kind, [PixelClass.UNKNOWN, PixelClass.MEASURED]) & (estimate.confidence < 0.5)
+        np.testing.assert_array_equal(shown.source == Source.INVALID, hidden)
+        np.testing.assert_array_equal(shown.depth_m == 0, hidden)
+        np.testing.assert_array_equal(shown.confidence == 0, hidden)
 
 
 class TestSmoothing:
@@ -276,12 +292,9 @@ class TestConfidence:
 @pytest.mark.parametrize("camera", [CAMERA, ODD], ids=["even", "odd"])
 def test_a_warped_memory_shows_the_scene_from_the_new_pose(camera: Intrinsics, decimation: int) -> None:
     resolution, there = WorkingResolution.of(camera, decimation), pose(0.1, 0.02, 0.15, yaw=2, roll=1)
-    here, now = (
-        measure(frame, resolution.disparity(frame.depth_m), resolution)
-        for frame in (frame_of(ROOM, T, camera=camera) for T in (pose(), there))
-    )
+    here, now = (measure(frame, resolution) for frame in (frame_of(ROOM, T, camera=camera) for T in (pose(), there)))
     empty = Memory.empty(here.gray)
-    memory = replace(empty, disparity_px=here.disparity_px, weight=here.weight)
+    memory = empty._replace(disparity_px=here.disparity_px, weight=here.weight)
     warped = memory.warp(ForwardWarp(resolution), inverse_rigid(there))
     known = cv2.erode((warped.weight > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     assert known.mean() > 0.75
@@ -299,8 +312,8 @@ def test_the_drift_is_warped_with_the_memory(shift_px: int) -> None:
     empty = Memory.empty(gray)
     row, col = np.indices(empty.drift_px.shape)
     drift_px = (0.01 * row - 0.02 * col).astype(np.float32)
-    memory = replace(
-        empty, disparity_px=constant(8), weight=np.full(CAMERA.shape, WEIGHT_UNIT, np.uint8), drift_px=drift_px
+    memory = empty._replace(
+        disparity_px=constant(8), weight=np.full(CAMERA.shape, WEIGHT_UNIT, np.uint8), drift_px=drift_px
     )
     step_m = shift_px / 8 * 0.1  # a step of a baseline shifts by the disparity
     warped = memory.warp(ForwardWarp(resolution), inverse_rigid(pose(step_m)))

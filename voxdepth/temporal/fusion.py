@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import float32, int64, uint8, void
+from numba import boolean, float32, int64, uint8, void
+from numba.types import Tuple
 from pydantic import Field
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
@@ -89,20 +90,21 @@ class Fused(NamedTuple):
     @classmethod
     def buffer(cls, shape: tuple[int, int]) -> "Fused":
         """Images of a shape, without values yet."""
-        (disparity_px, remembered_px), (pixel_class, weight) = np.empty((2, *shape), np.float32), np.empty((2, *shape), np.uint8)
+        disparity_px, remembered_px = np.empty((2, *shape), np.float32)
+        pixel_class, weight = np.empty((2, *shape), np.uint8)
         return cls(disparity_px=disparity_px, pixel_class=pixel_class, weight=weight, remembered_px=remembered_px)
 
 
 class Rules(NamedTuple):
     """Bounds of the configuration for one image. Weights are in units of `1 / WEIGHT_UNIT`, and shares in 0..255."""
 
-    tolerance_px: np.float32
-    relative_tolerance: np.float32
-    max_bias_px: np.float32
-    min_coherent_share: np.float32
-    max_gray_change: np.float32
-    max_drift_px: np.float32
-    drift_gain: np.float32
+    tolerance_px: float
+    relative_tolerance: float
+    max_bias_px: float
+    min_coherent_share: float
+    max_gray_change: float
+    max_drift_px: float
+    drift_gain: float
     min_weight: int
     """Weight of the memory from which it rejects a measurement."""
     max_weight: int
@@ -114,13 +116,13 @@ class Rules(NamedTuple):
     def of(cls, config: TemporalFusionConfig, gray_noise: float) -> "Rules":
         """The rules for an image of some gray noise."""
         return cls(
-            tolerance_px=np.float32(config.tolerance_px),
-            relative_tolerance=np.float32(config.relative_tolerance),
-            max_bias_px=np.float32(config.max_bias_px),
-            min_coherent_share=np.float32(255 * config.min_coherence),
-            max_gray_change=np.float32(max(config.max_gray_change_hole, MIN_DISAPPEARANCE_CHANGE * gray_noise)),
-            max_drift_px=np.float32(config.max_drift_px),
-            drift_gain=np.float32(config.drift_gain),
+            tolerance_px=float32(config.tolerance_px),
+            relative_tolerance=float32(config.relative_tolerance),
+            max_bias_px=float32(config.max_bias_px),
+            min_coherent_share=float32(255 * config.min_coherence),
+            max_gray_change=float32(max(config.max_gray_change_hole, MIN_DISAPPEARANCE_CHANGE * gray_noise)),
+            max_drift_px=float32(config.max_drift_px),
+            drift_gain=float32(config.drift_gain),
             min_weight=round(WEIGHT_UNIT * config.min_evidence),
             max_weight=round(WEIGHT_UNIT * config.max_evidence),
             decay_occluded=round(WEIGHT_UNIT * config.decay_occluded),
@@ -142,8 +144,24 @@ class Comparison(NamedTuple):
     """Factor 0..1 of the memory's weight in the average; it falls where the surface comes nearer."""
 
 
+class Pixel(NamedTuple):
+    """One pixel of the memory and of the measurement, and how they compare."""
+
+    measured_px: float
+    measured_weight: int
+    memory_px: float
+    memory_weight: int
+    is_agreeing: bool
+    is_occluding: bool
+    """Whether the measurement shows another surface in front of the remembered one."""
+    is_free_space: bool
+    """Whether the sensor sees through the remembered surface, which must be gone."""
+    memory_factor: float
+
+
 RULES_TYPE = named_tuple(Rules, *[float32] * 7, *[int64] * 5)
 FUSED_TYPE = named_tuple(Fused, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
+PIXEL_TYPE = named_tuple(Pixel, float32, int64, float32, int64, boolean, boolean, boolean, float32)
 COMPARISON_TYPE = named_tuple(Comparison, BYTE_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 
 
@@ -161,7 +179,8 @@ def fuse(memory: Memory, measurement: Measurement, config: TemporalFusionConfig)
 def _weight_by_age(config: TemporalFusionConfig) -> GrayImage:
     """Weight that a memory of each age must have to fill a hole, shape (256,): less if it was first seen lately."""
     weight = np.rint(WEIGHT_UNIT * np.minimum(config.min_evidence_per_frame * np.arange(256), config.min_evidence))
-    return np.minimum(weight, np.iinfo(np.uint8).max).astype(np.uint8)
+    weight_by_age: GrayImage = np.minimum(weight, np.iinfo(np.uint8).max).astype(np.uint8)
+    return weight_by_age
 
 
 def _compare(memory: Memory, measurement: Measurement, rules: Rules, drift_px: FloatImage) -> Comparison:
@@ -178,7 +197,7 @@ def _compare(memory: Memory, measurement: Measurement, rules: Rules, drift_px: F
 
 
 @compiled(float32(float32, float32, RULES_TYPE))
-def _tolerance(measured_px: np.float32, remembered_px: np.float32, rules: Rules) -> np.float32:
+def _tolerance(measured_px: float, remembered_px: float, rules: Rules) -> float:
     """Difference up to which both disparities may be of one surface."""
     return rules.tolerance_px + rules.relative_tolerance * max(measured_px, remembered_px)
 
@@ -203,7 +222,7 @@ def _subtract(
             difference_px[row, col] = clipped_px if is_overlap else np.float32(0)
 
 
-@compiled(void(MEMORY_TYPE, MEASUREMENT_TYPE, BYTE_IMAGE, FLOAT_IMAGE, BYTE_IMAGE, RULES_TYPE, BYTE_IMAGE, BYTE_IMAGE, BYTE_IMAGE))
+@compiled(void(MEMORY_TYPE, MEASUREMENT_TYPE, BYTE_IMAGE, FLOAT_IMAGE, BYTE_IMAGE, RULES_TYPE, *[BYTE_IMAGE] * 3))
 def _find_contradictions(
     memory: Memory,
     measurement: Measurement,
@@ -265,7 +284,32 @@ def _update_drift(
             factor[row, col] = max(np.float32(1) - approach * approach, np.float32(0))
 
 
-@compiled(void(MEMORY_TYPE, MEASUREMENT_TYPE, COMPARISON_TYPE, BYTE_IMAGE, uint8[::1], RULES_TYPE, FUSED_TYPE, MEMORY_TYPE))
+@compiled(Tuple((int64, float32, float32, int64))(PIXEL_TYPE, RULES_TYPE))
+def _fuse_pixel(pixel: Pixel, rules: Rules) -> tuple[int, float, float, int]:
+    """Class of a pixel, its fused disparity, and the disparity and weight of its memory after this frame.
+
+    The first rule that holds applies. A memory without weight left is replaced by the measurement.
+    """
+    measured_px, memory_px, memory_weight = pixel.measured_px, pixel.memory_px, pixel.memory_weight
+    if measured_px == 0:
+        return PixelClass.UNKNOWN, float32(0), memory_px, memory_weight
+    if pixel.is_agreeing:
+        total = float32(pixel.measured_weight) + pixel.memory_factor * float32(memory_weight)
+        gain = float32(pixel.measured_weight) / max(total, float32(1))
+        mean_px = memory_px + gain * (measured_px - memory_px)
+        return PixelClass.FUSED, mean_px, mean_px, min(memory_weight + pixel.measured_weight, rules.max_weight)
+    if pixel.is_occluding:
+        return PixelClass.MEASURED, measured_px, memory_px, memory_weight - rules.decay_occluded
+    if pixel.is_free_space:
+        return PixelClass.MEASURED, measured_px, memory_px, memory_weight - rules.decay_free_space
+    if memory_weight >= rules.min_weight:
+        return PixelClass.REMEMBERED, memory_px, memory_px, memory_weight - rules.decay_outlier
+    return PixelClass.MEASURED, measured_px, measured_px, 0
+
+
+@compiled(
+    void(MEMORY_TYPE, MEASUREMENT_TYPE, COMPARISON_TYPE, BYTE_IMAGE, uint8[::1], RULES_TYPE, FUSED_TYPE, MEMORY_TYPE)
+)
 def _fuse_pixels(
     memory: Memory,
     measurement: Measurement,
@@ -277,51 +321,38 @@ def _fuse_pixels(
     fused: Fused,
     updated: Memory,
 ) -> None:
-    """Classify every pixel, and set its output and its memory accordingly."""
+    """Fuse every pixel. Gray values and ages follow the measurements that enter the memory."""
     for row in range(gray_change.shape[0]):
         for col in range(gray_change.shape[1]):
-            measured_px, measured_weight = measurement.disparity_px[row, col], int64(measurement.weight[row, col])
-            memory_px, memory_weight = memory.disparity_px[row, col], int64(memory.weight[row, col])
-            age, gray = int64(memory.age[row, col]), memory.gray[row, col]
-            difference_px = measured_px - memory_px
-            fused_px, fused_weight, remembered_px = measured_px, measured_weight, np.float32(0)
-            is_replaced = False
-            if measured_px == 0:
-                pixel_class = PixelClass.UNKNOWN
-                if gray_change[row, col] > rules.max_gray_change:
-                    memory_weight = 0
-                if memory_weight > 0 and memory_weight >= filling_weight[age]:
-                    remembered_px = memory_px
-                fused_weight = memory_weight
-            elif comparison.agreeing[row, col]:
-                pixel_class = PixelClass.FUSED
-                gain = measured_weight / max(np.float32(1), measured_weight + comparison.memory_factor[row, col] * memory_weight)
-                memory_px += np.float32(gain) * difference_px
-                memory_weight = min(memory_weight + measured_weight, rules.max_weight)
-                gray = measurement.gray[row, col]
-                fused_px, fused_weight = memory_px, memory_weight
-            elif memory_weight > 0 and difference_px > 0 and comparison.nearer[row, col] > rules.min_coherent_share:
-                pixel_class = PixelClass.MEASURED
-                memory_weight -= rules.decay_occluded
-                is_replaced = memory_weight <= 0
-            elif memory_weight > 0 and difference_px < 0 and comparison.farther[row, col] > rules.min_coherent_share:
-                pixel_class = PixelClass.MEASURED
-                memory_weight -= rules.decay_free_space
-                is_replaced = memory_weight <= 0
-            elif memory_weight >= rules.min_weight:
-                pixel_class = PixelClass.REMEMBERED
-                fused_px, fused_weight = memory_px, memory_weight
-                memory_weight -= rules.decay_outlier
-            else:
-                pixel_class = PixelClass.MEASURED
-                is_replaced = True
-            if is_replaced:
-                memory_px, memory_weight, age, gray = measured_px, measured_weight, 0, measurement.gray[row, col]
+            measured_px, memory_px = measurement.disparity_px[row, col], memory.disparity_px[row, col]
+            measured_weight, memory_weight = int64(measurement.weight[row, col]), int64(memory.weight[row, col])
+            if measured_px == 0 and gray_change[row, col] > rules.max_gray_change:
+                memory_weight = 0
+            is_known, difference_px = memory_weight > 0, measured_px - memory_px
+            nearer, farther = comparison.nearer[row, col], comparison.farther[row, col]
+            pixel = Pixel(
+                measured_px,
+                measured_weight,
+                memory_px,
+                memory_weight,
+                comparison.agreeing[row, col] > 0,
+                is_known & (difference_px > 0) & (nearer > rules.min_coherent_share),
+                is_known & (difference_px < 0) & (farther > rules.min_coherent_share),
+                comparison.memory_factor[row, col],
+            )
+            pixel_class, fused_px, updated_px, weight = _fuse_pixel(pixel, rules)
+            age = int64(memory.age[row, col])
+            is_remembered = measured_px == 0 and is_known and memory_weight >= filling_weight[age]
+            is_measured = pixel_class == PixelClass.MEASURED
+            is_replaced = is_measured and weight <= 0
             fused.disparity_px[row, col] = fused_px
             fused.pixel_class[row, col] = pixel_class
-            fused.weight[row, col] = fused_weight
-            fused.remembered_px[row, col] = remembered_px
-            updated.disparity_px[row, col] = memory_px if memory_weight > 0 else 0
-            updated.weight[row, col] = max(memory_weight, 0)
-            updated.gray[row, col] = gray
-            updated.age[row, col] = min(age + 1, 255)
+            fused.weight[row, col] = measured_weight if is_measured else weight
+            fused.remembered_px[row, col] = memory_px if is_remembered else float32(0)
+            weight = measured_weight if is_replaced else weight
+            updated_px = measured_px if is_replaced else updated_px
+            is_new_look = is_replaced or pixel_class == PixelClass.FUSED
+            updated.disparity_px[row, col] = updated_px if weight > 0 else float32(0)
+            updated.weight[row, col] = max(weight, 0)
+            updated.gray[row, col] = measurement.gray[row, col] if is_new_look else memory.gray[row, col]
+            updated.age[row, col] = 1 if is_replaced else min(age + 1, 255)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import float32, void
+from numba import float32, int32, int64, void
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
 from ..types import FloatImage, Frame, GrayImage
@@ -17,7 +17,7 @@ Indices = npt.NDArray[np.int32]
 
 VALIDITY_WINDOW_PX = 5
 """Window in which the valid neighbours of a pixel are counted: most pixels at the border of holes are wrong."""
-MAX_SURFACE_SPAN_PX = np.float32(1)
+MAX_SURFACE_SPAN_PX = float32(1)
 """Blocks of two by two pixels whose disparities span less are averaged; others show two surfaces. Adjacent pixels of
 one surface differ by at most as much."""
 MAX_SPECK_PX = 16
@@ -94,8 +94,8 @@ def _decimate(
             c_px, d_px = disparity_of(c_m, focal_baseline_px_m), disparity_of(d_m, focal_baseline_px_m)
             n_valid = (a_px > 0) + (b_px > 0) + (c_px > 0) + (d_px > 0)
             mean_px = (a_px + b_px + c_px + d_px) / np.float32(max(n_valid, 1))
-            near_px = max(max(a_px, b_px), max(c_px, d_px))
-            far_px = disparity_of(max(max(a_m, b_m), max(c_m, d_m)), focal_baseline_px_m)
+            near_px = max(a_px, b_px, c_px, d_px)
+            far_px = disparity_of(max(a_m, b_m, c_m, d_m), focal_baseline_px_m)
             surface_px = near_px if near_px - mean_px < mean_px - far_px else far_px
             disparity_px[row, col] = mean_px if near_px - far_px < MAX_SURFACE_SPAN_PX else surface_px
             validity[row, col] = _BLOCK_VALIDITY[n_valid]
@@ -116,7 +116,49 @@ def _is_joined(a_px: float, b_px: float) -> bool:
     return (a_px > 0) == (b_px > 0) and abs(a_px - b_px) <= MAX_SURFACE_SPAN_PX
 
 
-@compiled("void(f4[:, ::1], i4[:, ::1], i4[::1], i4[::1], i4[::1], u1[:, ::1])")
+@compiled(int64(FLOAT_IMAGE, int32[:, ::1], int32[::1]))
+def _divide_into_runs(
+    disparity_px: FloatImage,
+    # output
+    run_of: Indices,
+    start: Indices,
+) -> int:
+    """Number the runs of joined pixels along the rows; `start` is the first pixel of each in the flat image."""
+    height, width = disparity_px.shape
+    n_runs = 0
+    for row in range(height):
+        for col in range(width):
+            if col == 0 or not _is_joined(disparity_px[row, col - 1], disparity_px[row, col]):
+                start[n_runs] = row * width + col
+                n_runs += 1
+            run_of[row, col] = n_runs - 1
+    start[n_runs] = height * width
+    return n_runs
+
+
+@compiled(void(FLOAT_IMAGE, int32[:, ::1], int32[::1], int64, int32[::1], int32[::1]))
+def _join_runs(
+    disparity_px: FloatImage,
+    run_of: Indices,
+    start: Indices,
+    run: int,
+    # input and output
+    parent: Indices,
+    size: Indices,
+) -> None:
+    """Join a run with those above and below it in a disjoint-set forest."""
+    height, width = disparity_px.shape
+    row, first_col = divmod(start[run], width)
+    for col in range(first_col, first_col + start[run + 1] - start[run]):
+        for other_row in range(max(row - 1, 0), min(row + 2, height)):
+            if _is_joined(disparity_px[row, col], disparity_px[other_row, col]):
+                root, other = _root(parent, run), _root(parent, run_of[other_row, col])
+                if root != other:
+                    parent[root] = other
+                    size[other] += size[root]
+
+
+@compiled(void(FLOAT_IMAGE, int32[:, ::1], int32[::1], int32[::1], int32[::1], BYTE_IMAGE))
 def _mark_specks(
     disparity_px: FloatImage,
     # buffers
@@ -127,38 +169,32 @@ def _mark_specks(
     # output
     speck: GrayImage,
 ) -> None:
-    """Divide the rows into runs of joined pixels, and join short runs to those above and below, in a disjoint-set
-    forest. Longer runs are no specks by themselves.
-    """
-    height, width = disparity_px.shape
-    n_runs = 0
-    for row in range(height):
-        for col in range(width):
-            if col == 0 or not _is_joined(disparity_px[row, col - 1], disparity_px[row, col]):
-                start[n_runs] = row * width + col
-                n_runs += 1
-            run_of[row, col] = n_runs - 1
-    start[n_runs] = height * width
+    """Join the runs that are short enough for a speck to surfaces, and mark those of small ones."""
+    width, n_runs = disparity_px.shape[1], _divide_into_runs(disparity_px, run_of, start)
     for run in range(n_runs):
         parent[run], size[run] = run, start[run + 1] - start[run]
     for run in range(n_runs):
-        if start[run + 1] - start[run] > MAX_SPECK_PX:
-            continue
-        row, first_col = divmod(start[run], width)
-        for col in range(first_col, first_col + start[run + 1] - start[run]):
-            for other_row in range(max(row - 1, 0), min(row + 2, height)):
-                if _is_joined(disparity_px[row, col], disparity_px[other_row, col]):
-                    root, other = _root(parent, run), _root(parent, run_of[other_row, col])
-                    if root != other:
-                        parent[root] = other
-                        size[other] += size[root]
+        if start[run + 1] - start[run] <= MAX_SPECK_PX:
+            _join_runs(disparity_px, run_of, start, run, parent, size)
     for run in range(n_runs):
         row, col = divmod(start[run], width)
         if disparity_px[row, col] > 0 and size[_root(parent, run)] <= MAX_SPECK_PX:
             speck[row, col : col + start[run + 1] - start[run]] = 255
 
 
-@compiled("void(u1[:, ::1], f4[:, ::1])")
+@compiled("f4(f4[:, ::1], u1[:, ::1], i8, i8)")
+def _background(disparity_px: FloatImage, speck: GrayImage, row: int, col: int) -> float:
+    """Disparity of the farthest surface around a pixel that is no speck; the largest possible one if there is none."""
+    height, width = disparity_px.shape
+    background_px: float = MAX_DISPARITY_PX
+    for v in range(max(row - SPECK_RADIUS_PX, 0), min(row + SPECK_RADIUS_PX + 1, height)):
+        for u in range(max(col - SPECK_RADIUS_PX, 0), min(col + SPECK_RADIUS_PX + 1, width)):
+            if disparity_px[v, u] > 0 and not speck[v, u]:
+                background_px = min(background_px, disparity_px[v, u])
+    return background_px
+
+
+@compiled(void(BYTE_IMAGE, FLOAT_IMAGE))
 def _remove_near_specks(
     speck: GrayImage,
     # input and output
@@ -168,15 +204,9 @@ def _remove_near_specks(
 
     Such specks are wrong matches more often than objects. Farther ones may be all that is visible of the background.
     """
-    height, width = disparity_px.shape
-    for row in range(height):
-        for col in range(width):
-            if not speck[row, col]:
-                continue
-            background_px = np.float32(MAX_DISPARITY_PX)
-            for v in range(max(row - SPECK_RADIUS_PX, 0), min(row + SPECK_RADIUS_PX + 1, height)):
-                for u in range(max(col - SPECK_RADIUS_PX, 0), min(col + SPECK_RADIUS_PX + 1, width)):
-                    if disparity_px[v, u] > 0 and not speck[v, u]:
-                        background_px = min(background_px, disparity_px[v, u])
-            if disparity_px[row, col] >= background_px + MAX_SURFACE_SPAN_PX:
-                disparity_px[row, col] = 0
+    for row in range(disparity_px.shape[0]):
+        for col in range(disparity_px.shape[1]):
+            if speck[row, col]:
+                background_px = _background(disparity_px, speck, row, col)
+                if disparity_px[row, col] >= background_px + MAX_SURFACE_SPAN_PX:
+                    disparity_px[row, col] = 0

@@ -2,10 +2,13 @@
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, named_tuple
-from ..types import FloatImage, GrayImage
+from ..types import FloatArray, FloatImage, GrayImage
+from .forward_warp import ForwardWarp
+from .masks import Image
 
 WEIGHT_UNIT = 16
 """Weight of one measurement whose neighbours are all valid."""
@@ -46,6 +49,19 @@ class Memory(NamedTuple):
         disparity_px, drift_px = np.empty(shape, np.float32), np.empty(coarse_shape(shape), np.float32)
         return cls(disparity_px=disparity_px, weight=weight, gray=gray, age=age, drift_px=drift_px)
 
+    def warp(self, forward_warp: ForwardWarp, T_frame_memory: FloatArray) -> "Memory":
+        """The memory as a new frame sees it, after a motion of shape (4, 4)."""
+        warped = forward_warp.warp(self.disparity_px, self.weight, T_frame_memory)
+        shape = self.drift_px.shape
+        coarse_x, coarse_y = (_coarse_position(source, shape) for source in (warped.source_x, warped.source_y))
+        return Memory(
+            disparity_px=warped.disparity_px,
+            weight=warped.weight,
+            gray=_sample(self.gray, warped.source_x, warped.source_y, cv2.INTER_LINEAR),
+            age=_sample(self.age, warped.source_x, warped.source_y, cv2.INTER_NEAREST),
+            drift_px=_sample(self.drift_px, coarse_x, coarse_y, cv2.INTER_LINEAR),
+        )
+
 
 MEMORY_TYPE = named_tuple(Memory, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 
@@ -53,3 +69,14 @@ MEMORY_TYPE = named_tuple(Memory, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, BYTE_IMAG
 def coarse_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
     """Shape of the drift of a memory of a shape."""
     return tuple(max(1, side // DRIFT_DECIMATION) for side in shape)
+
+
+def _sample(image: Image, x: FloatImage, y: FloatImage, interpolation: int) -> Image:
+    """Samples of an image at columns x and rows y, with the border replicated."""
+    return np.asarray(cv2.remap(image, x, y, interpolation, borderMode=cv2.BORDER_REPLICATE))
+
+
+def _coarse_position(position: FloatImage, shape: tuple[int, ...]) -> FloatImage:
+    """Columns or rows of the memory as those of the decimated drift, averaged to its shape."""
+    mean: FloatImage = np.asarray(cv2.resize(position, shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
+    return (mean - np.float32((DRIFT_DECIMATION - 1) / 2)) / np.float32(DRIFT_DECIMATION)

@@ -24,6 +24,8 @@ from .working_resolution import WorkingResolution, default_decimation
 
 MIN_SIDE_PX = 8
 """Smallest side of an image: at half resolution, a smaller one leaves no neighbourhood to work on."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FusedFrame:
     """The result of the first half of the method, which depends on earlier frames."""
@@ -84,7 +86,7 @@ class VoxDepth(StreamCorrector):
             if memory is None or tracking.T_frame_keyframe is None:
                 memory = Memory.empty(measurement.gray)
             else:
-                memory = self._forward_warp.warp(memory, tracking.T_frame_keyframe)
+                memory = memory.warp(self._forward_warp, tracking.T_frame_keyframe)
         with timer("fuse"):
             fused, memory = fuse(memory, measurement, self._config.fusion)
         with timer("remember"):

@@ -158,16 +158,17 @@ class FeatureTracker:
 def _best_of_cells(eigenvalue: FloatImage, cell_px: int) -> Pixels:
     """Column and row of the corner with the largest eigenvalue of each whole cell, shape (N, 2)."""
     rows, cols = eigenvalue.shape[0] // cell_px, eigenvalue.shape[1] // cell_px
-    corners, n = np.empty((rows * cols, 2), np.float32), 0
+    corners, n, best = np.empty((rows * cols, 2), np.float32), 0, np.empty(cols * cell_px, np.float32)
     for row in range(0, rows * cell_px, cell_px):
+        best[:] = MIN_EIGENVALUE
+        for v in range(row, row + cell_px):
+            for u in range(len(best)):
+                best[u] = max(best[u], eigenvalue[v, u])
         for col in range(0, cols * cell_px, cell_px):
-            best = MIN_EIGENVALUE
-            for v in range(row, row + cell_px):
-                for u in range(col, col + cell_px):
-                    if eigenvalue[v, u] > best:
-                        best = eigenvalue[v, u]
-                        corners[n] = u, v
-            n += best > MIN_EIGENVALUE
+            u = col + int(np.argmax(best[col : col + cell_px]))
+            if best[u] > MIN_EIGENVALUE:
+                corners[n] = u, row + np.argmax(eigenvalue[row : row + cell_px, u])
+                n += 1
     return corners[:n]
 
 

@@ -7,12 +7,13 @@ from numba import float64, int64
 from numba.types import Tuple, UniTuple
 
 from ..compiled import compiled
-from ..geometry import exp_se3
+from ..geometry import compose, exp_se3
 from ..types import FloatArray, Intrinsics
 
 MAX_ITERATIONS = 12
-CONVERGENCE_STEP = 1e-4
-"""Step [m or rad] below which the iteration has converged."""
+CONVERGENCE_STEP = 3e-5
+"""Rotation [rad], and translation as a share of the median distance of the points, below which the iteration has
+converged."""
 MIN_SCALE_PX = 0.15
 """Lower bound of the residual scale; without it, the last few exact points would decide alone."""
 KERNEL_WIDTH = 2.0
@@ -24,7 +25,7 @@ MIN_DEPTH_M = 0.05
 
 Lens = tuple[float, float, float, float]
 """Focal lengths and principal point of a camera [px]."""
-LENS_TYPE = UniTuple(float64, 4)
+LENS_TYPE, MATRIX = UniTuple(float64, 4), float64[:, ::1]
 
 
 class PoseFit(NamedTuple):
@@ -47,20 +48,11 @@ def fit_pose(
     iteration, and never grows. The points are in the source camera, shape (N, 3), N >= 3, and their observed pixels in
     the target camera, shape (N, 2).
     """
-    points_m, observed_px = np.ascontiguousarray(points_m), np.ascontiguousarray(observed_px)
     lens = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
-    T, scale_px = T_initial.copy(), np.inf
-    for _ in range(MAX_ITERATIONS):
-        length_px = _residual_lengths(points_m, observed_px, T, lens)
-        scale_px = max(MIN_SCALE_PX, min(scale_px, MEDIAN_TO_SCALE * median(length_px)))
-        H, gradient = _normal_equations(points_m, observed_px, T, lens, scale_px)
-        damping = (1e-9 * H.trace() + 1e-12) * np.eye(6)
-        step = -np.linalg.solve(H + damping, gradient)
-        T = exp_se3(step) @ T
-        if np.abs(step).max() < CONVERGENCE_STEP:
-            break
-    length_px = _residual_lengths(points_m, observed_px, T, lens)
-    return PoseFit(T, median(length_px), len(points_m), int(np.count_nonzero(length_px < inlier_px)))
+    T = np.ascontiguousarray(T_initial)
+    points_m, observed_px = np.ascontiguousarray(points_m), np.ascontiguousarray(observed_px)
+    T, median_px, n_inliers = _fit(points_m, observed_px, T, lens, inlier_px)
+    return PoseFit(T, median_px, len(points_m), n_inliers)
 
 
 def project(points_m: FloatArray, camera: Intrinsics) -> FloatArray:
@@ -78,16 +70,7 @@ def transform_points(T_a_b: FloatArray, points_b: FloatArray) -> FloatArray:
     return points_a
 
 
-def median(values: FloatArray) -> float:
-    """The median of at least one finite number, shape (N,). NumPy's takes six times as long for a few hundred."""
-    middle = len(values) // 2
-    if len(values) % 2:
-        return float(np.partition(values, middle)[middle])
-    ordered = np.partition(values, (middle - 1, middle))
-    return float((ordered[middle - 1] + ordered[middle]) / 2)
-
-
-@compiled(UniTuple(float64, 5)(float64[:, ::1], float64[:, ::1], float64[:, ::1], LENS_TYPE, int64))
+@compiled(UniTuple(float64, 5)(MATRIX, MATRIX, MATRIX, LENS_TYPE, int64))
 def _project_point(
     points_m: FloatArray, observed_px: FloatArray, T: FloatArray, lens: Lens, k: int
 ) -> tuple[float, float, float, float, float]:
@@ -101,7 +84,7 @@ def _project_point(
     return fx * x + cx - observed_px[k, 0], fy * y + cy - observed_px[k, 1], x, y, z
 
 
-@compiled(float64[::1](float64[:, ::1], float64[:, ::1], float64[:, ::1], LENS_TYPE))
+@compiled(float64[::1](MATRIX, MATRIX, MATRIX, LENS_TYPE))
 def _residual_lengths(points_m: FloatArray, observed_px: FloatArray, T: FloatArray, lens: Lens) -> FloatArray:
     """Reprojection error of each point [px], shape (N,)."""
     length_px = np.empty(len(points_m))
@@ -111,13 +94,14 @@ def _residual_lengths(points_m: FloatArray, observed_px: FloatArray, T: FloatArr
     return length_px
 
 
-@compiled(Tuple((float64[:, ::1], float64[::1]))(float64[:, ::1], float64[:, ::1], float64[:, ::1], LENS_TYPE, float64))
+@compiled(Tuple((MATRIX, float64[::1]))(MATRIX, MATRIX, MATRIX, LENS_TYPE, float64))
 def _normal_equations(
     points_m: FloatArray, observed_px: FloatArray, T: FloatArray, lens: Lens, scale_px: float
 ) -> tuple[FloatArray, FloatArray]:
     """Hessian, shape (6, 6), and gradient, shape (6,), of the weighted squares of the linearised residuals.
 
-    They are for a translation and a rotation vector that move the points in the target camera.
+    Only the lower triangle of the Hessian is set. Both are for a translation and a rotation vector, which move the
+    points in the target camera.
     """
     fx, fy, _, _ = lens
     H, gradient = np.zeros((6, 6)), np.zeros(6)
@@ -131,6 +115,43 @@ def _normal_equations(
         J_row[1], J_row[2], J_row[3], J_row[4], J_row[5] = fy / z, -fy * y / z, -fy * (1 + y * y), fy * x * y, fy * x
         for i in range(6):
             gradient[i] += weight * (J_col[i] * col_px + J_row[i] * row_px)
-            for j in range(6):
+            for j in range(i + 1):
                 H[i, j] += weight * (J_col[i] * J_col[j] + J_row[i] * J_row[j])
     return H, gradient
+
+
+@compiled(float64[::1](MATRIX, float64[::1]))
+def _solve(A: FloatArray, b: FloatArray) -> FloatArray:
+    """The solution of `A x = b` by Cholesky decomposition. `A` is positive definite; its lower triangle is read."""
+    n, x = len(b), b.copy()
+    L = np.zeros_like(A)
+    for i in range(n):
+        for j in range(i):
+            L[i, j] = (A[i, j] - (L[i, :j] * L[j, :j]).sum()) / L[j, j]
+        L[i, i] = np.sqrt(A[i, i] - (L[i, :i] * L[i, :i]).sum())
+        x[i] = (x[i] - (L[i, :i] * x[:i]).sum()) / L[i, i]
+    for i in range(n - 1, -1, -1):
+        x[i] = (x[i] - (L[i + 1 :, i] * x[i + 1 :]).sum()) / L[i, i]
+    return x
+
+
+@compiled(Tuple((MATRIX, float64, int64))(MATRIX, MATRIX, MATRIX, LENS_TYPE, float64))
+def _fit(
+    points_m: FloatArray, observed_px: FloatArray, T: FloatArray, lens: Lens, inlier_px: float
+) -> tuple[FloatArray, float, int]:
+    """The motion, shape (4, 4), the median reprojection error [px], and the number of inliers."""
+    length_px, scale_px = _residual_lengths(points_m, observed_px, T, lens), np.inf
+    unit = np.ones(6)
+    unit[:3] = np.median(points_m[:, 2])
+    for _ in range(MAX_ITERATIONS):
+        scale_px = max(MIN_SCALE_PX, min(scale_px, MEDIAN_TO_SCALE * np.median(length_px)))
+        H, gradient = _normal_equations(points_m, observed_px, T, lens, scale_px)
+        damping = 1e-9 * np.trace(H) + 1e-12
+        for i in range(len(H)):
+            H[i, i] += damping
+        step = -_solve(H, gradient)
+        T = compose(exp_se3(step), T)
+        length_px = _residual_lengths(points_m, observed_px, T, lens)
+        if np.abs(step / unit).max() < CONVERGENCE_STEP:
+            break
+    return T, np.median(length_px), (length_px < inlier_px).sum()

@@ -31,7 +31,7 @@ def _smooth(
     disparity_px: FloatImage,
     mean_px: FloatImage,
     mean_square_px2: FloatImage,
-    noise_px2: np.float32,
+    noise_px2: float,
     # output
     smoothed_px: FloatImage,
 ) -> None:

@@ -4,10 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from numba import float32, float64
 
+from ..compiled import READABLE_IMAGE, compiled
 from ..geometry import resized
 from ..types import FloatArray, FloatImage, Intrinsics, MaskImage
-from .pose_fit import project
+from .pose_fit import LENS_TYPE, Lens, project
 from .working_resolution import WorkingResolution
 
 Pixels = npt.NDArray[np.float32]
@@ -47,18 +49,15 @@ class TrackingCamera:
         The disparity has the working resolution, shape (h, w); 0 = unknown.
         """
         pixel_px, camera = self.sample(disparity_px, pixels), self.intrinsics
+        lens = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
         known = pixel_px > 0
-        z = self.resolution.focal_baseline_px_m / pixel_px[known].astype(np.float64)
-        x = (pixels[known, 0] - camera.cx_px) * z / camera.fx_px
-        y = (pixels[known, 1] - camera.cy_px) * z / camera.fy_px
-        return np.stack([x, y, z], axis=1), known
+        return _back_project(pixels[known], pixel_px[known], self.resolution.focal_baseline_px_m, lens), known
 
     def sample(self, image: FloatImage, pixels: npt.NDArray[np.floating]) -> FloatImage:
         """Nearest values, shape (N,), of a full or working image at pixels of the tracking image, shape (N, 2)."""
         decimation = 1 if image.shape == self.full_size[::-1] else self.resolution.decimation
-        col, row = np.rint(resized(pixels, 1 / (self.scale * decimation))).astype(np.intp).T
-        values: FloatImage = image[np.clip(row, 0, image.shape[0] - 1), np.clip(col, 0, image.shape[1] - 1)]
-        return values
+        scale = 1 / (self.scale * decimation)
+        return _sample_nearest(np.ascontiguousarray(image), np.asarray(pixels, np.float32), scale)
 
     def sees(self, points_m: FloatArray) -> MaskImage:
         """Whether points in the camera frame, shape (N, 3), are in front of the camera and inside the image."""
@@ -66,3 +65,26 @@ class TrackingCamera:
         (col, row), z = project(points_m, self.intrinsics).T, points_m[:, 2]
         seen: MaskImage = (z > 0) & (col >= 0) & (col <= width - 1) & (row >= 0) & (row <= height - 1)
         return seen
+
+
+@compiled(float32[::1](READABLE_IMAGE, float32[:, ::1], float64))
+def _sample_nearest(image: FloatImage, pixels: Pixels, scale: float) -> FloatImage:
+    """Nearest values of an image that is `scale` times as large as that of the pixels, shape (N,)."""
+    height, width = image.shape
+    values = np.empty(len(pixels), np.float32)
+    for k in range(len(pixels)):
+        col = int(np.rint((pixels[k, 0] + 0.5) * scale - 0.5))
+        row = int(np.rint((pixels[k, 1] + 0.5) * scale - 0.5))
+        values[k] = image[min(max(row, 0), height - 1), min(max(col, 0), width - 1)]
+    return values
+
+
+@compiled(float64[:, ::1](float32[:, ::1], float32[::1], float64, LENS_TYPE))
+def _back_project(pixels: Pixels, disparity_px: FloatImage, focal_baseline_px_m: float, lens: Lens) -> FloatArray:
+    """Points [m] in the camera frame, shape (N, 3)."""
+    fx, fy, cx, cy = lens
+    points_m = np.empty((len(pixels), 3))
+    for k in range(len(pixels)):
+        z = focal_baseline_px_m / disparity_px[k]
+        points_m[k] = (pixels[k, 0] - cx) * z / fx, (pixels[k, 1] - cy) * z / fy, z
+    return points_m

@@ -81,11 +81,11 @@ def _show_pixel(
     shown: Shown,
     row: int,
     col: int,
-    depth_m: np.float32,
+    depth_m: float,
     is_measured: bool,
     pixel_class: int,
-    confidence: np.float32,
-    min_fill_confidence: np.float32,
+    confidence: float,
+    min_fill_confidence: float,
 ) -> None:
     """Write one pixel of the output. The sensor may have measured only other pixels of the same working pixel."""
     unmeasured = Source.MEMORY if pixel_class == PixelClass.FUSED else Source.INPAINTED
@@ -102,8 +102,8 @@ def _show_pixel(
 def _show(
     measured_m: FloatImage,
     estimate: Estimate,
-    focal_baseline_px_m: np.float32,
-    min_fill_confidence: np.float32,
+    focal_baseline_px_m: float,
+    min_fill_confidence: float,
     # output
     shown: Shown,
 ) -> None:
@@ -120,8 +120,8 @@ def _show(
 def _show_interpolated(
     measured_m: FloatImage,
     estimate: Estimate,
-    focal_baseline_px_m: np.float32,
-    min_fill_confidence: np.float32,
+    focal_baseline_px_m: float,
+    min_fill_confidence: float,
     # output
     shown: Shown,
 ) -> None:
@@ -152,8 +152,8 @@ def _show_separated(
     measured_m: FloatImage,
     estimate: Estimate,
     span_px: FloatImage,
-    focal_baseline_px_m: np.float32,
-    min_fill_confidence: np.float32,
+    focal_baseline_px_m: float,
+    min_fill_confidence: float,
     # input and output
     shown: Shown,
 ) -> None:
@@ -174,6 +174,7 @@ def _show_separated(
                     is_same = pixel_class == PixelClass.MEASURED or abs(measured_px - value_px) < tolerance_px
                     depth_m = depth_of(measured_px if measured_px > 0 and is_same else value_px, focal_baseline_px_m)
                     confidence = estimate.confidence[row, side if is_in_hole else col]
+                    is_measured = measured_px > 0
                     _show_pixel(
-                        shown, full_row, full_col, depth_m, measured_px > 0, pixel_class, confidence, min_fill_confidence
+                        shown, full_row, full_col, depth_m, is_measured, pixel_class, confidence, min_fill_confidence
                     )

@@ -9,31 +9,31 @@ from ..compiled import FLOAT_IMAGE, READABLE_IMAGE, compiled
 from ..geometry import resized
 from ..types import FloatArray, FloatImage, Intrinsics
 
-MAX_DISPARITY_PX = np.float32(1000)
+MAX_DISPARITY_PX = float32(1000)
 """No sensor measures surfaces of larger disparity. The bound also keeps fixed-point disparities in range."""
-MIN_DISPARITY_PX = np.float32(1e-4)
+MIN_DISPARITY_PX = float32(1e-4)
 """Smaller disparities are invalid: they lie beyond 300 km for usual cameras."""
 MAX_FULL_RESOLUTION_PX = 200_000
 """Images of more pixels are halved by default, so that the method keeps up with a camera."""
 
 
 @compiled("f4(f4, f4)")
-def disparity_of(depth_m: np.float32, focal_baseline_px_m: np.float32) -> np.float32:
+def disparity_of(depth_m: float, focal_baseline_px_m: float) -> float:
     """Disparity [px] of a depth [m]; 0 = invalid in both."""
     disparity_px = focal_baseline_px_m / depth_m
-    return disparity_px if 0 < disparity_px <= MAX_DISPARITY_PX else np.float32(0)
+    return disparity_px if 0 < disparity_px <= MAX_DISPARITY_PX else 0.0
 
 
 @compiled("f4(f4, f4)")
-def depth_of(disparity_px: np.float32, focal_baseline_px_m: np.float32) -> np.float32:
+def depth_of(disparity_px: float, focal_baseline_px_m: float) -> float:
     """Depth [m] of a disparity [px]; 0 = invalid in both."""
-    return focal_baseline_px_m / disparity_px if disparity_px >= MIN_DISPARITY_PX else np.float32(0)
+    return focal_baseline_px_m / disparity_px if disparity_px >= MIN_DISPARITY_PX else 0.0
 
 
 @compiled(void(READABLE_IMAGE, float32, FLOAT_IMAGE))
 def _disparities(
     depth_m: FloatImage,
-    focal_baseline_px_m: np.float32,
+    focal_baseline_px_m: float,
     # output
     disparity_px: FloatImage,
 ) -> None:
@@ -45,7 +45,7 @@ def _disparities(
 @compiled(void(READABLE_IMAGE, float32, FLOAT_IMAGE))
 def _depths(
     disparity_px: FloatImage,
-    focal_baseline_px_m: np.float32,
+    focal_baseline_px_m: float,
     # output
     depth_m: FloatImage,
 ) -> None:
