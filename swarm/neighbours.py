@@ -5,9 +5,11 @@ from pydantic import Field
 
 from sim.seeds import Purpose, stream
 from sim.types import Capture
+from voxdepth.compiled import compile_all
 from voxdepth.model import Model
-from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics, MaskImage
+from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics
 
+from .neighbour_kernels import combine, measure_drones
 from .types import Detection, Neighbours, Percept
 
 SIGMAS_PER_MAD = 1.4826
@@ -58,44 +60,39 @@ class Detector:
         seed: int,
         drone: int,
     ) -> None:
+        compile_all()
         self._config = config
         self._camera = camera
-        self._drone_ids = drone_ids
+        self._drone_ids = np.array(drone_ids, np.int64)
         self._radius_m = radius_m
         self._drone = drone
         self._rng = stream(seed, Purpose.DETECTION, drone)
 
     def detect(self, capture: Capture, corrected: CorrectedDepth) -> tuple[Detection, ...]:
         """Find the other drones in an image; the images must come in order, each once."""
-        missed = self._rng.random(len(self._drone_ids)) < self._config.miss_rate
-        row, col = np.nonzero(capture.segment_id >= self._drone_ids[0])
-        if not len(row):
-            return ()
-        ids, depth_m = capture.segment_id[row, col], corrected.depth_m[row, col].astype(np.float64)
+        n, c = len(self._drone_ids), self._config
+        missed = self._rng.random(n) < c.miss_rate
+        n_pixels, center_px, median_m, deviation_m = np.empty(n, np.int64), np.empty((n, 2)), np.empty(n), np.empty(n)
+        measure_drones(
+            capture.segment_id, np.ascontiguousarray(corrected.depth_m), self._drone_ids,
+            n_pixels, center_px, median_m, deviation_m,
+        )  # fmt: skip
+        visible = ~missed & (n_pixels >= c.min_pixels) & (median_m > 0)
+        visible[self._drone] = False
         found = []
-        for drone, body in enumerate(self._drone_ids):
-            mask = ids == body
-            if drone == self._drone or missed[drone] or np.count_nonzero(mask) < self._config.min_pixels:
-                continue
-            detection = self._detection(drone, row[mask], col[mask], depth_m[mask])
-            if detection is not None and detection.range_m <= self._config.max_range_m:
-                found.append(detection)
+        for drone in np.flatnonzero(visible).tolist():
+            bearing_cam, range_m = self._ray(center_px[drone], float(median_m[drone]))
+            if range_m <= c.max_range_m:
+                deviation = SIGMAS_PER_MAD * float(deviation_m[drone])
+                found.append(Detection(drone=drone, bearing_cam=bearing_cam, range_m=range_m, deviation_m=deviation))
         return tuple(found)
 
-    def _detection(self, drone: int, row: FloatArray, col: FloatArray, depth_m: FloatArray) -> Detection | None:
-        depth_m = depth_m[depth_m > 0]
-        if not len(depth_m):
-            return None
-        c = self._camera
-        ray = np.array([(col.mean() - c.cx_px) / c.fx_px, (row.mean() - c.cy_px) / c.fy_px, 1.0])
+    def _ray(self, center_px: FloatArray, depth_m: float) -> tuple[FloatArray, float]:
+        """Return the direction of the centre of a drone in the camera frame, shape (3,), and its range [m]."""
+        c, (col, row) = self._camera, center_px
+        ray = np.array([(col - c.cx_px) / c.fx_px, (row - c.cy_px) / c.fy_px, 1.0])
         length = float(np.linalg.norm(ray))
-        median_m = float(np.median(depth_m))
-        return Detection(
-            drone=drone,
-            bearing_cam=ray / length,
-            range_m=median_m * length + self._radius_m,
-            deviation_m=SIGMAS_PER_MAD * float(np.median(np.abs(depth_m - median_m))),
-        )
+        return ray / length, depth_m * length + self._radius_m
 
 
 class NeighbourTracker:
@@ -107,6 +104,7 @@ class NeighbourTracker:
     """
 
     def __init__(self, config: NeighbourConfig, camera: Intrinsics, n_drones: int) -> None:
+        compile_all()
         self._config = config
         self._slope_x = (camera.width_px - 1) / 2 / camera.fx_px
         self._slope_y = (camera.height_px - 1) / 2 / camera.fy_px
@@ -124,25 +122,11 @@ class NeighbourTracker:
             for found in percept.detections:
                 self._seen_at_s[found.drone] = percept.stamp_s
                 self._seen_m[found.drone] = pose[:3, 3] + pose[:3, :3] @ (found.range_m * found.bearing_cam)
-        age_s = time_s - self._seen_at_s[heard.drone]
-        seen = age_s <= self._config.memory_s
-        in_view = self._in_view(heard.position_m, pose)
-        by_camera = in_view & seen
-        position_m = heard.position_m.copy()
-        which = heard.drone[by_camera]
-        position_m[by_camera] = self._seen_m[which] + age_s[by_camera, None] * heard.velocity_m_s[by_camera]
-        kept = by_camera | ~in_view
-        unheard = time_s - self._seen_at_s <= self._config.memory_s
-        unheard[heard.drone] = False
-        return Neighbours(
-            drone=np.concatenate([heard.drone[kept], np.flatnonzero(unheard)]),
-            position_m=np.concatenate([position_m[kept], self._seen_m[unheard]]),
-            velocity_m_s=np.concatenate([heard.velocity_m_s[kept], np.zeros_like(self._seen_m[unheard])]),
-        )
-
-    def _in_view(self, position_m: FloatArray, T_world_cam: FloatArray) -> MaskImage:
-        """Return which positions, shape (n, 3), lie in the field of view and the detector's range, shape (n,)."""
-        x, y, z = ((position_m - T_world_cam[:3, 3]) @ T_world_cam[:3, :3]).T
-        in_view: MaskImage = (z > 0) & (np.abs(x) <= self._slope_x * z) & (np.abs(y) <= self._slope_y * z)
-        in_view &= x * x + y * y + z * z <= self._config.detector.max_range_m**2
-        return in_view
+        n = len(self._seen_at_s)
+        drones, position_m, velocity_m_s = np.empty(n, np.int64), np.empty((n, 3)), np.empty((n, 3))
+        n = combine(
+            heard.drone, heard.position_m, heard.velocity_m_s, self._seen_at_s, self._seen_m,
+            np.ascontiguousarray(pose), time_s, self._config.memory_s, self._slope_x, self._slope_y,
+            self._config.detector.max_range_m, drones, position_m, velocity_m_s,
+        )  # fmt: skip
+        return Neighbours(drone=drones[:n], position_m=position_m[:n], velocity_m_s=velocity_m_s[:n])

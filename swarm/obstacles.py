@@ -6,15 +6,15 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from voxdepth.compiled import compile_all
 from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, MaskImage
 
+from .obstacle_kernels import cheapest_direction, free_distances, nearest_direction
 from .types import Choice, Histogram
 
-MAX_BLOCKED_SINE = 0.7
-"""Sine of the widest angle that a surface blocks."""
-TOO_NEAR_COST = 100.0
-"""Cost of a direction in which a surface is nearer than the clearance."""
+COS_IN_VIEW = float(np.cos(np.radians(8.0)))
+"""A direction within this angle of the middle of a cell is in the field of view."""
 
 
 class HistogramConfig(Model):
@@ -144,12 +144,22 @@ def braking_speed(distance_m: float | FloatArray, *, decel_m_s2: float, gain_per
     return np.where(x < a / p**2, p * x, outer)
 
 
+NO_DIRECTION: FloatArray = np.empty(0)
+
+
 class Avoidance:
     """Bends and brakes a wanted velocity by the free ranges of a histogram; `radius_m` is that of the drone."""
 
     def __init__(self, config: AvoidanceConfig, radius_m: float) -> None:
-        self._config = config
-        self._safety_radius_m = radius_m + config.clearance_m
+        compile_all()
+        self._config = c = config
+        self._safety_radius_m = radius_m + c.clearance_m
+        self._weights = (
+            self._safety_radius_m, c.horizon_m, c.clear_weight, c.goal_weight, c.climb_weight, c.previous_weight
+        )  # fmt: skip
+        self._histogram: Histogram | None = None
+        self._free_m: FloatArray = np.empty(0)
+        """Free distance in each direction of the histogram."""
 
     def choose(
         self, wanted_m_s: FloatArray, histogram: Histogram, previous: FloatArray | None, at_m: FloatArray | None = None
@@ -164,17 +174,20 @@ class Avoidance:
         """
         speed = float(np.linalg.norm(wanted_m_s))
         goal = wanted_m_s / speed if speed > 1e-3 else histogram.forward_world
-        if not self._in_view(goal, histogram):
+        directions = histogram.directions_world.reshape(-1, 3)
+        nearest = nearest_direction(directions, goal)
+        in_view = float(directions[nearest] @ goal) > COS_IN_VIEW
+        if not in_view:
             if speed <= self._config.blind_speed_m_s:
                 return Choice(velocity_m_s=wanted_m_s, direction=goal, cell=None, free_m=0.0)
             if float(goal @ histogram.forward_world) < 0:
                 return Choice(velocity_m_s=np.zeros(3), direction=goal, cell=None, free_m=0.0)
-        directions = histogram.directions_world.reshape(-1, 3)
         free_m = self._free_distances_m(histogram)
-        if (free_m <= self._safety_radius_m).all():
-            free_m = histogram.range_m.ravel()
-        best = int(np.argmin(self._cost(directions, free_m, goal, previous)))
-        direction = self._refine(goal, directions[best], histogram)
+        best = cheapest_direction(
+            directions, free_m, goal, NO_DIRECTION if previous is None else previous, self._weights
+        )
+        # A direction outside of the image has a nearest cell as well, but that cell does not contain it.
+        direction = goal if best == nearest and in_view else directions[best]
         travelled_m = 0.0 if at_m is None else max(0.0, float((at_m - histogram.origin_m) @ direction))
         c, left_m = self._config, float(free_m[best]) - travelled_m - self._safety_radius_m
         limit = float(braking_speed(left_m, decel_m_s2=c.max_decel_m_s2, gain_per_s=c.brake_gain_per_s))
@@ -182,45 +195,19 @@ class Avoidance:
         velocity_m_s = min(speed, limit) * direction
         return Choice(velocity_m_s=velocity_m_s, direction=direction, cell=cell, free_m=float(free_m[best]))
 
-    def _in_view(self, goal: FloatArray, histogram: Histogram) -> bool:
-        cos_to_cells = histogram.directions_world.reshape(-1, 3) @ goal
-        return bool(cos_to_cells.max() > np.cos(np.radians(8.0)))
-
     def _free_distances_m(self, histogram: Histogram) -> FloatArray:
-        """Return the free distance in each direction, shape (n,).
+        """Return the free distance in each direction, shape (n,); it is computed once per histogram.
 
         A surface at range r blocks all directions within asin(safety radius / r) of it, but never more than 45 degrees,
         so that a drone can leave a surface sideways that is already too near. Unknown cells, and surfaces beyond the
-        horizon, block only their own direction.
+        horizon, block only their own direction. If all directions are blocked, their own ranges count.
         """
-        range_m = histogram.range_m.ravel()
-        blocking = (range_m < self._config.horizon_m) & ~histogram.unknown.ravel()
-        near_m = range_m[blocking]
-        sine = np.minimum(self._safety_radius_m / np.maximum(near_m, 1e-6), MAX_BLOCKED_SINE)
-        cosine = histogram.directions_world.reshape(-1, 3) @ histogram.to_surface_world.reshape(-1, 3)[blocking].T
-        blocked = cosine >= np.sqrt(1 - sine * sine)
-        free_m: FloatArray = np.where(blocked, near_m, np.inf).min(axis=1, initial=np.inf)
-        return np.minimum(free_m, range_m)
-
-    def _cost(
-        self, directions: FloatArray, free_m: FloatArray, goal: FloatArray, previous: FloatArray | None
-    ) -> FloatArray:
-        c = self._config
-        cost = c.clear_weight * np.maximum(0, 1 - free_m / c.horizon_m) ** 2
-        cost[free_m <= self._safety_radius_m] += TOO_NEAR_COST
-        cost += c.goal_weight * np.arccos(np.clip(directions @ goal, -1, 1))
-        elevation_rad, goal_elevation_rad = (np.arcsin(np.clip(z, -1, 1)) for z in (directions[:, 2], goal[2]))
-        cost += c.climb_weight * np.abs(elevation_rad - goal_elevation_rad)
-        if previous is not None:
-            cost += c.previous_weight * np.arccos(np.clip(directions @ previous, -1, 1))
-        return cost
-
-    def _refine(self, goal: FloatArray, cell_direction: FloatArray, histogram: Histogram) -> FloatArray:
-        """Return the wanted direction, shape (3,), if the chosen cell contains it, else the direction of the cell.
-
-        A direction outside of the image has a nearest cell as well, but that cell does not contain it.
-        """
-        directions = histogram.directions_world.reshape(-1, 3)
-        own_cell = directions[int(np.argmax(directions @ goal))]
-        contained = np.array_equal(own_cell, cell_direction) and self._in_view(goal, histogram)
-        return goal if contained else cell_direction
+        if histogram is not self._histogram:
+            self._histogram, self._free_m = histogram, np.empty(histogram.range_m.size)
+            free_distances(
+                histogram.range_m.ravel(), histogram.unknown.ravel(), histogram.directions_world.reshape(-1, 3),
+                histogram.to_surface_world.reshape(-1, 3), self._safety_radius_m, self._config.horizon_m, self._free_m,
+            )  # fmt: skip
+            if (self._free_m <= self._safety_radius_m).all():
+                self._free_m = histogram.range_m.ravel()
+        return self._free_m

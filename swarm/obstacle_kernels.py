@@ -1,0 +1,81 @@
+"""Compiled loops of obstacle avoidance over directions: vectors of shape (3,), lists of them (n, 3)."""
+
+import math
+
+import numpy as np
+
+from voxdepth.compiled import compiled
+from voxdepth.types import FloatArray, MaskImage
+
+MAX_BLOCKED_SINE = 0.7
+"""Sine of the widest angle that a surface blocks."""
+TOO_NEAR_COST = 100.0
+"""Cost of a direction in which a surface is nearer than the clearance."""
+Weights = tuple[float, float, float, float, float, float]
+"""Safety radius and horizon [m]; costs of blocked directions, and per radian from the goal, by climb, by change."""
+
+
+@compiled("void(f8[::1], b1[::1], f8[:, ::1], f8[:, ::1], f8, f8, f8[::1])")
+def free_distances(
+    range_m: FloatArray,
+    unknown: MaskImage,
+    directions: FloatArray,
+    to_surface: FloatArray,
+    safety_radius_m: float,
+    horizon_m: float,
+    # output
+    free_m: FloatArray,
+) -> None:
+    """Find the distance to the nearest surface that blocks each direction."""
+    free_m[:] = range_m
+    for surface in range(len(range_m)):
+        near_m = range_m[surface]
+        if near_m < horizon_m and not unknown[surface]:
+            sine = min(safety_radius_m / max(near_m, 1e-6), MAX_BLOCKED_SINE)
+            cosine = np.sqrt(1 - sine * sine)
+            x, y, z = to_surface[surface]
+            for i in range(len(directions)):
+                if directions[i, 0] * x + directions[i, 1] * y + directions[i, 2] * z >= cosine:
+                    free_m[i] = min(free_m[i], near_m)
+
+
+@compiled("f8(f8[:], f8[:])")
+def cosine_between(a: FloatArray, b: FloatArray) -> float:
+    """Return the cosine of the angle between two unit vectors."""
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+@compiled("f8(f8)")
+def acos(cosine: float) -> float:
+    """Return the angle of a cosine [rad], which may be beyond 1 by rounding."""
+    return math.acos(min(max(cosine, -1.0), 1.0))
+
+
+@compiled("i8(f8[:, ::1], f8[:])")
+def nearest_direction(directions: FloatArray, to: FloatArray) -> int:
+    """Return the index of the direction that is nearest to another one."""
+    best = 0
+    for i in range(1, len(directions)):
+        if cosine_between(directions[i], to) > cosine_between(directions[best], to):
+            best = i
+    return best
+
+
+@compiled("i8(f8[:, ::1], f8[::1], f8[:], f8[:], UniTuple(f8, 6))")
+def cheapest_direction(
+    directions: FloatArray, free_m: FloatArray, goal: FloatArray, previous: FloatArray, weights: Weights
+) -> int:
+    """Return the index of the direction that costs least; `previous` is empty if there is none."""
+    safety_radius_m, horizon_m, clear, goal_per_rad, climb_per_rad, previous_per_rad = weights
+    goal_polar_rad = acos(goal[2])
+    best, least = 0, np.inf
+    for i in range(len(directions)):
+        cost = clear * max(0.0, 1 - free_m[i] / horizon_m) ** 2
+        cost += TOO_NEAR_COST if free_m[i] <= safety_radius_m else 0.0
+        cost += goal_per_rad * acos(cosine_between(directions[i], goal))
+        cost += climb_per_rad * abs(acos(directions[i, 2]) - goal_polar_rad)
+        if len(previous):
+            cost += previous_per_rad * acos(cosine_between(directions[i], previous))
+        if cost < least:
+            best, least = i, cost
+    return best
