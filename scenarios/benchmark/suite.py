@@ -12,6 +12,7 @@ from ..errors import ScenarioError
 from ..results.provenance import CORRECTION, Provenance
 from ..results.table import Column, Table, Value
 from .frames import SIZE_PX, FrameLoop
+from .librealsense import Comparison, compare_with_librealsense
 from .memory import CORRECTORS, Memory, measure_memory
 from .throughput import Throughput, compare_runs
 from .timings import (
@@ -53,6 +54,8 @@ class BenchmarkResults(Model):
     """Latency of the paper's method."""
     libraries: dict[str, dict[str, Latency]]
     """Times of every step by library."""
+    librealsense: list[Comparison] = Field(default_factory=list)
+    """Both correctors beside librealsense, by size; empty where it is not installed."""
     sizes: list[PaperTimings] = Field(default_factory=list)
     throughput: list[Throughput] = Field(default_factory=list)
     memory: list[Memory] = Field(default_factory=list)
@@ -80,7 +83,12 @@ def measure_quickly(loop: FrameLoop, report: Report) -> BenchmarkResults:
     libraries = compare_libraries(loop)
     report(f"correcting {N_FRAMES} frames of {loop.size} with each corrector")
     default, paper = measure_default(loop, N_FRAMES), measure_paper(loop, N_FRAMES)
-    return BenchmarkResults(provenance=provenance, default=[default], paper=paper, libraries=libraries)
+    report(f"correcting {N_FRAMES} frames of {loop.size} with librealsense and with each corrector in turn")
+    compared = compare_with_librealsense(loop, N_FRAMES)
+    librealsense = [] if compared is None else [compared]
+    return BenchmarkResults(
+        provenance=provenance, default=[default], paper=paper, libraries=libraries, librealsense=librealsense
+    )
 
 
 def measure_rest(quick: BenchmarkResults, loop: FrameLoop, report: Report) -> BenchmarkResults:
@@ -88,6 +96,8 @@ def measure_rest(quick: BenchmarkResults, loop: FrameLoop, report: Report) -> Be
     large = loop.resized(*LARGE_PX)
     report(f"correcting {N_FRAMES_PER_SIZE} frames of {large.size}")
     default = [*quick.default, measure_default(large, N_FRAMES_PER_SIZE)]
+    compared = compare_with_librealsense(large, N_FRAMES_PER_SIZE)
+    librealsense = [*quick.librealsense, *([] if compared is None else [compared])]
     sizes = []
     for width_px, height_px in SIZES_PX:
         report(f"correcting {N_FRAMES_PER_SIZE} frames of {width_px}x{height_px}")
@@ -97,7 +107,8 @@ def measure_rest(quick: BenchmarkResults, loop: FrameLoop, report: Report) -> Be
     report("measuring memory")
     memory = [measure_memory(corrector, frames) for corrector in CORRECTORS for frames in (loop, large)]
     known = [found for found in memory if found is not None]
-    return quick.model_copy(update={"default": default, "sizes": sizes, "throughput": throughput, "memory": known})
+    rest = {"default": default, "librealsense": librealsense, "sizes": sizes, "throughput": throughput, "memory": known}
+    return quick.model_copy(update=rest)
 
 
 def fit_line(pixels: list[int], times_ms: list[float]) -> tuple[float, float]:
@@ -120,7 +131,12 @@ def print_results(console: Console, results: BenchmarkResults) -> None:
         f"versions: {versions}",
     ]
     console.print(*machine, sep="\n", soft_wrap=True, highlight=False)
-    tables = [*map(_default, results.default), _paper(results.paper), _libraries(results.libraries, size)]
+    tables = [
+        *map(_librealsense, results.librealsense),
+        *map(_default, results.default),
+        _paper(results.paper),
+        _libraries(results.libraries, size),
+    ]
     if results.sizes:
         tables.append(_sizes(results.sizes))
     if results.throughput:
@@ -131,6 +147,13 @@ def print_results(console: Console, results: BenchmarkResults) -> None:
         table.print(console)
         if table.note:
             console.print(table.note, soft_wrap=True, highlight=False)
+
+
+def _librealsense(compared: Comparison) -> Table:
+    rows = [(*_row(name, latency), compared.ratio(name)) for name, latency in compared.latencies.items()]
+    note = "librealsense: its recommended filters; ratio: of the medians"
+    title = f"correctors beside librealsense, {compared.size}, one core, each frame in turn"
+    return Table.of(title, ("method", *PERCENTILES, "ratio"), rows, note=note)
 
 
 def _default(timings: DefaultTimings) -> Table:

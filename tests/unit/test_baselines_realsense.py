@@ -1,6 +1,5 @@
 """The RealSense baselines: their laws, the twins of their kernels, and equality with librealsense itself."""
 
-import ctypes
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -9,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from scenarios.benchmark.librealsense import Librealsense
 from tests.realsense_twins import fill_farthest_numpy, fill_nearest_numpy, smooth_rows_numpy
 from voxdepth.baselines.realsense import (
     RealSenseChain,
@@ -277,61 +277,19 @@ def test_the_authors_maximum_is_that_of_five_neighbours_of_the_median_without_th
 # librealsense
 
 
-class Sdk:
-    """librealsense with a camera that shows what it is given.
-
-    Args:
-        camera: Its lens and baseline.
-        units_per_m: Steps of its depth in a metre.
-    """
+class Sdk(Librealsense):
+    """librealsense, which makes an image of an image. A test without its wheel, or its libusb, is skipped."""
 
     def __init__(self, camera: Intrinsics, units_per_m: float = 1000) -> None:
-        self.rs = imported_sdk()
-        self._camera = camera
-        self._n_frames = 0
-        self._device = self.rs.software_device()
-        self._sensor = self._device.add_sensor("depth")
-        self._profile = self._sensor.add_video_stream(self._stream())
-        self._sensor.add_read_only_option(self.rs.option.depth_units, 1 / units_per_m)
-        self._sensor.add_read_only_option(self.rs.option.stereo_baseline, camera.baseline_m * 1000)
-        self._queue = self.rs.frame_queue(1, True)
-        self._sensor.open(self._profile)
-        self._sensor.start(self._queue)
+        try:
+            super().__init__(camera, units_per_m)
+        except (ImportError, OSError) as error:
+            pytest.skip(f"librealsense: {error}")
 
-    def through(self, units: np.ndarray, blocks: Iterable[Any]) -> np.ndarray:
+    def through(self, units: np.ndarray, filters: Iterable[Any]) -> np.ndarray:
         """What filters make of an image of uint16: depth, uint16, or disparity, float32."""
-        frame = self.rs.software_video_frame()
-        frame.stride, frame.bpp = 2 * units.shape[1], 2
-        frame.frame_number, frame.timestamp = self._n_frames, 33.0 * self._n_frames
-        frame.domain = self.rs.timestamp_domain.hardware_clock
-        frame.profile = self._profile.as_video_stream_profile()
-        frame.pixels = np.ascontiguousarray(units)
-        self._n_frames += 1
-        self._sensor.on_video_frame(frame)
-        shown = self._queue.wait_for_frame(5000)
-        for block in blocks:
-            shown = block.process(shown)
-        image = np.array(shown.get_data())
+        image = np.array(self.filtered(self.frame(units), filters).get_data())
         return image.view(np.float32) if image.itemsize == 4 else image
-
-    def _stream(self) -> Any:
-        lens = self.rs.intrinsics()
-        lens.width, lens.height = self._camera.width_px, self._camera.height_px
-        lens.fx, lens.fy = self._camera.fx_px, self._camera.fy_px
-        lens.ppx, lens.ppy = self._camera.cx_px, self._camera.cy_px
-        lens.model, lens.coeffs = self.rs.distortion.none, [0.0] * 5
-        stream = self.rs.video_stream()
-        stream.type, stream.fmt, stream.bpp, stream.fps = self.rs.stream.depth, self.rs.format.z16, 2, 30
-        stream.index, stream.uid, stream.width, stream.height = 0, 0, lens.width, lens.height
-        stream.intrinsics = lens
-        return stream
-
-
-def imported_sdk() -> Any:
-    """The module, where its wheel is installed; it needs a libusb, which many machines lack."""
-    libusb = pytest.importorskip("libusb_package")
-    ctypes.CDLL(str(libusb.get_library_path()), mode=ctypes.RTLD_GLOBAL)
-    return pytest.importorskip("pyrealsense2", exc_type=ImportError)
 
 
 @pytest.mark.parametrize("mode", range(3))
@@ -375,14 +333,7 @@ def test_temporal_smoothing_equals_that_of_librealsense(persistence: int) -> Non
 @pytest.mark.parametrize("units_per_m", [1000, 5000, 10000])
 def test_the_chain_equals_that_of_librealsense(units_per_m: float) -> None:
     sdk = Sdk(CAMERA, units_per_m)
-    rs = sdk.rs
-    blocks = (
-        rs.disparity_transform(True),
-        rs.spatial_filter(),
-        rs.temporal_filter(),
-        rs.disparity_transform(False),
-        rs.hole_filling_filter(),
-    )
+    blocks = sdk.recommended_filters()
     chain = RealSenseChain(CAMERA, units_per_m=units_per_m)
     for units in moving_scene(12, units_per_m):
         result_m = chain.process(frame_of(units / units_per_m)).depth_m

@@ -5,14 +5,16 @@ import pytest
 
 from voxdepth.paper.config import CombineConfig
 from voxdepth.paper.steps import combine as combine_in_place
+from voxdepth.paper.steps import factors
 
 TEMPLATE = np.array([[10.0, 10, 10, 10, 10, 0, 0]], np.float32)
 RAW = np.array([[0.0, 4.9, 5.0, 10.0, 10.1, 3, 0]], np.float32)
 
 
 def combine(raw_m: np.ndarray, template_m: np.ndarray, rule: CombineConfig) -> tuple[np.ndarray, np.ndarray]:
-    depth_m = template_m.copy()
-    return depth_m, combine_in_place(depth_m, raw_m, rule, np.empty_like(raw_m))
+    depth_m, source = template_m.copy(), np.empty(raw_m.shape, np.uint8)
+    combine_in_place(raw_m, *factors(rule), depth_m, source)
+    return depth_m, source
 
 
 @pytest.mark.parametrize(

@@ -4,24 +4,21 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-import cv2
 import numpy as np
+from numba import float32, uint8, void
 
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled
 from ..corrector import StreamCorrector, checked_config
 from ..timing import StepTimer
-from ..types import CorrectedDepth, FloatArray, Frame, Intrinsics, Source
+from ..types import CorrectedDepth, FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
 from .config import MotionModelName, PaperConfig
 from .epochs import Epochs, PaperDiagnostics, Template
 from .odometry import Odometry, PhotometricOdometry, PriorsFirst
 from .registration import Features, OrbRegistration, Registration, RegistrationStatus
 from .steps import ImageSteps, create_steps
 
-CONFIDENCES = {Source.INVALID: 0.0, Source.SENSOR: 1.0, Source.MEMORY: 0.5, Source.INPAINTED: 0.5}
-"""Confidence of a pixel by its source. Not calibrated: the paper has none."""
-AFTER_FILTER = {Source.INVALID: Source.INPAINTED, Source.SENSOR: Source.SENSOR, Source.MEMORY: Source.MEMORY}
-"""Source of a pixel that has a depth after the median filter, by its source before."""
-FILLED = 4
-"""Added to the label of a pixel that has a depth."""
+SENSOR_CONFIDENCE, OTHER_CONFIDENCE = np.float32(1), np.float32(0.5)
+"""Confidence of measured and of other pixels. Not calibrated: the paper has none."""
 
 MotionModel = Callable[[Sequence[Frame], Odometry], list[FloatArray | None]]
 """Returns `T_last_frame`, shape (4, 4), of each frame; None for a frame whose pose is not known."""
@@ -108,15 +105,34 @@ class PaperVoxDepth(StreamCorrector):
             depth = self._steps.filter(depth)
         with timer("label"):  # after the median has emptied some pixels and filled others
             depth_m, source_before = self._steps.download(depth, source)
-            label = source_before + np.uint8(FILLED) * (depth_m > 0)
-            source, confidence = cv2.LUT(label, _SOURCES), cv2.LUT(label, _CONFIDENCES)
+            source, confidence = np.empty_like(source_before), np.empty_like(depth_m)
+            _label(depth_m, source_before, source, confidence)
         return CorrectedDepth(
             depth_m=depth_m,
-            source=source,  # type: ignore[arg-type]
-            confidence=confidence,  # type: ignore[arg-type]
+            source=source,
+            confidence=confidence,
             timings_s=timer.times_s,
             diagnostics=aligned.diagnostics,
         )
+
+
+@compiled(void(FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE))
+def _label(
+    depth_m: FloatImage,
+    source_before: GrayImage,
+    # output
+    source: GrayImage,
+    confidence: FloatImage,
+) -> None:
+    """Source and confidence of each pixel after the median filter, by its source before: the filter fills some."""
+    for row in range(depth_m.shape[0]):
+        for col in range(depth_m.shape[1]):
+            before = source_before[row, col]
+            filled = uint8(Source.INPAINTED) if before == Source.INVALID else before
+            certain = SENSOR_CONFIDENCE if before == Source.SENSOR else OTHER_CONFIDENCE
+            is_valid = depth_m[row, col] > 0
+            source[row, col] = filled if is_valid else uint8(Source.INVALID)
+            confidence[row, col] = certain if is_valid else float32(0)
 
 
 def constant_velocity(window: Sequence[Frame], odometry: Odometry) -> list[FloatArray | None]:
@@ -168,6 +184,3 @@ def fuse_window(
 
 
 MOTION_MODELS: dict[MotionModelName, MotionModel] = {"constant": constant_velocity, "per_frame": motion_per_frame}
-_SOURCES = np.zeros(256, np.uint8)
-_SOURCES[FILLED:][list(AFTER_FILTER)] = list(AFTER_FILTER.values())
-_CONFIDENCES = np.array([CONFIDENCES[Source(int(source))] for source in _SOURCES], np.float32)

@@ -6,13 +6,18 @@ from enum import StrEnum
 import cv2
 import numpy as np
 import numpy.typing as npt
+from numba import int64, types, uint64
+from numba.types import UniTuple
 from pydantic import Field
 
+from ..compiled import compiled
 from ..geometry import resized
 from ..model import Model
 from ..types import FloatArray, GrayImage
 
 Indices = npt.NDArray[np.intp]
+Descriptors = npt.NDArray[np.uint64]
+DESCRIPTORS_TYPE = types.Array(uint64, 2, "C", readonly=True)
 
 PYRAMID_LEVELS = 6
 """Sizes at which features are looked for, each 1.2 times smaller than the one before."""
@@ -128,19 +133,40 @@ class OrbRegistration:
 
 
 def good_matches(a: Features, b: Features, max_distance: int) -> tuple[Indices, Indices]:
-    """Indices into `a` and `b` of mutual nearest neighbours at a Hamming distance of at most `max_distance`.
-
-    This brute force is three times as fast as that of OpenCV with its cross check.
-    """
+    """Indices into `a` and `b` of mutual nearest neighbours at a Hamming distance of at most `max_distance`."""
     if not (len(a.descriptors) and len(b.descriptors)):
         return np.empty(0, np.intp), np.empty(0, np.intp)
-    distance = np.zeros((len(a.descriptors), len(b.descriptors)), np.uint16)
-    for word_of_a, word_of_b in zip(a.descriptors.T, b.descriptors.T, strict=True):
-        distance += np.bitwise_count(word_of_a[:, None] ^ word_of_b)
-    in_a, nearest_in_b = np.arange(len(distance)), distance.argmin(axis=1)
-    mutual = distance.argmin(axis=0)[nearest_in_b] == in_a
-    good = mutual & (distance[in_a, nearest_in_b] <= max_distance)
-    return in_a[good], nearest_in_b[good]
+    a_of_b, b_of_a, distance = _nearest(a.descriptors, b.descriptors)
+    in_a = np.arange(len(b_of_a))
+    good = (a_of_b[b_of_a] == in_a) & (distance <= max_distance)
+    return in_a[good], b_of_a[good]
+
+
+@compiled(uint64(uint64))
+def _count_bits(word: int) -> int:
+    """The number of set bits of a word, summed in parallel: of pairs of bits, of their pairs, and so on."""
+    word = word - ((word >> uint64(1)) & uint64(0x5555555555555555))
+    word = (word & uint64(0x3333333333333333)) + ((word >> uint64(2)) & uint64(0x3333333333333333))
+    word = (word + (word >> uint64(4))) & uint64(0x0F0F0F0F0F0F0F0F)
+    count: int = (word * uint64(0x0101010101010101)) >> uint64(56)
+    return count
+
+
+@compiled(UniTuple(int64[::1], 3)(DESCRIPTORS_TYPE, DESCRIPTORS_TYPE))
+def _nearest(a: Descriptors, b: Descriptors) -> tuple[Indices, Indices, Indices]:
+    """Index of the nearest descriptor in a for each in b; that in b for each in a, and its Hamming distance."""
+    a_of_b, distance_of_b = np.zeros(len(b), np.int64), np.full(len(b), np.iinfo(np.int64).max)
+    b_of_a, distance_of_a = np.zeros(len(a), np.int64), np.full(len(a), np.iinfo(np.int64).max)
+    for i in range(len(a)):
+        for j in range(len(b)):
+            distance = int64(0)
+            for word in range(4):
+                distance += int64(_count_bits(a[i, word] ^ b[j, word]))
+            if distance < distance_of_a[i]:
+                distance_of_a[i], b_of_a[i] = distance, j
+            if distance < distance_of_b[j]:
+                distance_of_b[j], a_of_b[j] = distance, i
+    return a_of_b, b_of_a, distance_of_a
 
 
 def resize_map(scale_x: float, scale_y: float) -> FloatArray:

@@ -4,7 +4,9 @@ from typing import TYPE_CHECKING, Union
 
 import cv2
 import numpy as np
+from numba import float32, void
 
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compile_all, compiled
 from ..devices import DeviceName, require_device
 from ..types import FloatArray, FloatImage, GrayImage, Intrinsics, Source
 from .config import CombineConfig, PaperConfig
@@ -29,7 +31,7 @@ class HostSteps:
         self._config = config
         self._grid = VoxelGrid(config.voxels)
         self._warped = np.empty(intrinsics.shape, np.float32)
-        self._scratch = np.empty(intrinsics.shape, np.float32)
+        compile_all()
 
     def clear(self) -> None:
         """Empty the voxel grid."""
@@ -60,7 +62,9 @@ class HostSteps:
 
     def combine(self, raw: FloatImage, template: FloatImage) -> tuple[FloatImage, GrayImage]:
         """Depth and `Source` after the invalid pixels of a frame are replaced by those of the warped template."""
-        return template, combine(template, raw, self._config.combine, self._scratch)
+        source = np.empty(raw.shape, np.uint8)
+        combine(np.ascontiguousarray(raw), *factors(self._config.combine), template, source)
+        return template, source
 
     def unchanged(self, raw: FloatImage) -> tuple[FloatImage, GrayImage]:
         """Depth and `Source` of a frame without a template."""
@@ -86,30 +90,32 @@ def create_steps(device: DeviceName, intrinsics: Intrinsics, config: PaperConfig
     return WarpSteps(intrinsics, config, device=device)
 
 
-def combine(depth_m: FloatImage, raw_m: FloatImage, rule: CombineConfig, scratch_m: FloatImage) -> GrayImage:
-    """Replace the invalid pixels of a frame by those of the template, and return one `Source` per pixel.
-
-    A pixel is invalid if it is empty or beyond a bound of `rule`. Where the template is empty, the raw pixel is kept.
-    It works in place: allocating large arrays would take several times as long.
-
-    Args:
-        depth_m: Template in the frame's pixels [m], shape (H, W), 0 = unknown; overwritten with the result.
-        raw_m: Measured depth [m], shape (H, W); 0 = invalid.
-        rule: The bounds.
-        scratch_m: Working memory of the same shape; overwritten.
-    """
-    _, high = factors(rule)
-    with np.errstate(over="ignore"):
-        farthest_m = np.multiply(raw_m, np.float32(high), out=scratch_m)
-    nearest_m = raw_m if rule.reject_far else np.zeros_like(raw_m)
-    kept: GrayImage = cv2.inRange(depth_m, nearest_m, farthest_m)  # type: ignore[assignment]
-    kept[...] |= depth_m == 0
-    cv2.copyTo(raw_m, kept, depth_m)
-    source: GrayImage = np.uint8(Source.MEMORY) - (kept & np.uint8(1))
-    source[...] *= depth_m > 0
-    return source
-
-
 def factors(rule: CombineConfig) -> tuple[float, float]:
     """Bounds of the template t that keep a pixel z: `low z <= t <= high z`. An empty pixel is never kept."""
     return (1.0 if rule.reject_far else 0.0), (1 / rule.near_share if rule.reject_near else LARGEST)
+
+
+@compiled(void(READABLE_IMAGE, float32, float32, FLOAT_IMAGE, BYTE_IMAGE))
+def combine(
+    raw_m: FloatImage,
+    low: float,
+    high: float,
+    # input and output
+    depth_m: FloatImage,
+    # output
+    source: GrayImage,
+) -> None:
+    """Replace the invalid pixels of a frame by those of the template, and write one `Source` per pixel: paper, Eq.
+    depthcor.
+
+    Images have shape (H, W) and depth in metres, 0 = invalid. A pixel is kept within the `factors` of the template, and
+    where that is empty. The template, in the pixels of the frame, is overwritten with the result.
+    """
+    for row in range(raw_m.shape[0]):
+        for col in range(raw_m.shape[1]):
+            measured_m, template_m = raw_m[row, col], depth_m[row, col]
+            is_near, is_far = template_m > measured_m * high, template_m < measured_m * low
+            is_replaced = (template_m > 0) & (is_near | is_far)
+            sensor = Source.SENSOR if measured_m > 0 else Source.INVALID
+            depth_m[row, col] = template_m if is_replaced else measured_m
+            source[row, col] = Source.MEMORY if is_replaced else sensor
