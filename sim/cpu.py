@@ -1,20 +1,11 @@
-"""Work on the CPU: Warp arrays over NumPy memory, and work that is shared between threads."""
+"""Work that is shared between threads."""
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-import numpy.typing as npt
-
 Mapper = Callable[..., Iterator[Any]]
 """`map`, or the `map` of an executor; both give their results in order."""
-
-
-def warp_view(array: npt.NDArray[Any], dtype: Any) -> Any:
-    """A Warp array that shares the memory of a contiguous NumPy array."""
-    import warp as wp
-
-    return wp.array(array, dtype=dtype, copy=False, device="cpu")
 
 
 def mapper(threads: int) -> Mapper:

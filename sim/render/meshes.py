@@ -19,40 +19,50 @@ from ..types import IdImage
 from ..world import World
 
 ROUND_SEGMENTS = 24
-Pose = tuple[FloatArray, FloatArray]
-"""Rotation from the frame of a body to the world, shape (3, 3), and its position [m], shape (3,)."""
+WELD_DECIMALS = 9
+"""Decimals of the coordinates [m] by which vertices are at the same place."""
 
 
 class SceneMeshes:
-    """Meshes of all bodies of a world: first the fixed bodies, then drones and kinematic bodies."""
+    """Meshes and poses of all bodies of a world: first the fixed bodies, then drones and kinematic bodies."""
 
     def __init__(self, world: World) -> None:
         self._world = world
         fixed, moving = list(world.bodies), list(world.moving_ids)
         self.body_ids = [*fixed, *moving]
-        meshes = [mesh_of_body(world, body) for body in self.body_ids]
         self.n_fixed = len(fixed)
-        self.fixed = [moved(mesh, *self.pose(body)) for mesh, body in zip(meshes, fixed, strict=False)]
-        """Meshes of the fixed bodies in the world frame."""
-        self.moving = meshes[self.n_fixed :]
-        """Meshes of the moving bodies, each in the frame of its body."""
+        self.meshes = [mesh_of_body(world, body) for body in self.body_ids]
+        """Each in the frame of its body."""
         self.body_of_triangle: IdImage = np.repeat(
-            np.arange(len(meshes), dtype=np.int32), [len(mesh.triangles) for mesh in meshes]
+            np.arange(len(self.meshes), dtype=np.int32), [len(mesh.triangles) for mesh in self.meshes]
         )
-        """Index into `body_ids`, shape (T,), for the triangles of the fixed and then of the moving meshes."""
+        """Index into `body_ids`, shape (T,), for the triangles of all meshes."""
+        self.R_world_body: FloatArray = np.empty((len(self.meshes), 3, 3))
+        """Rotations of all bodies at the last update."""
+        self.position_m: FloatArray = np.empty((len(self.meshes), 3))
+        """Positions of all bodies in the world frame at the last update [m]."""
+        self._read_poses(0)
 
-    def moving_poses(self) -> list[Pose]:
-        """Present poses of the moving bodies."""
-        return [self.pose(body) for body in self.body_ids[self.n_fixed :]]
+    def update(self) -> None:
+        """Read the present poses of the moving bodies from the world."""
+        self._read_poses(self.n_fixed)
+
+    def fixed_in_world(self) -> list[Mesh]:
+        """Meshes of the fixed bodies in the world frame."""
+        return [self._in_world(body) for body in range(self.n_fixed)]
 
     def moving_in_world(self) -> list[Mesh]:
-        """Meshes of the moving bodies in the world frame, at their present poses."""
-        return [moved(mesh, *pose) for mesh, pose in zip(self.moving, self.moving_poses(), strict=True)]
+        """Meshes of the moving bodies in the world frame, at their poses of the last update."""
+        return [self._in_world(body) for body in range(self.n_fixed, len(self.meshes))]
 
-    def pose(self, body: int) -> Pose:
-        """Present pose of a body, given by its id."""
-        position_m, q_xyzw = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._world.client)
-        return frames.rotation_from_quaternion(np.array(q_xyzw)), np.array(position_m)
+    def _in_world(self, body: int) -> Mesh:
+        return moved(self.meshes[body], self.R_world_body[body], self.position_m[body])
+
+    def _read_poses(self, first: int) -> None:
+        for i, body in enumerate(self.body_ids[first:], start=first):
+            position_m, q_xyzw = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._world.client)
+            self.R_world_body[i] = frames.rotation_from_quaternion(np.array(q_xyzw))
+            self.position_m[i] = position_m
 
 
 def mesh_of_body(world: World, body: int) -> Mesh:
@@ -84,6 +94,35 @@ def merged(meshes: Sequence[Mesh]) -> Mesh:
 def moved(mesh: Mesh, rotation: FloatArray, position_m: FloatArray) -> Mesh:
     """A mesh after a rigid transformation."""
     return Mesh(mesh.vertices_m @ rotation.T + position_m, mesh.triangles)
+
+
+def normals(mesh: Mesh) -> FloatArray:
+    """Unit normals of the triangles, shape (T, 3); 0 for a triangle without area."""
+    a, b, c = np.moveaxis(mesh.vertices_m[mesh.triangles], 1, 0)
+    normal = np.cross(b - a, c - a)
+    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(np.float64).tiny))
+
+
+def bounding_sphere(mesh: Mesh) -> FloatArray:
+    """Centre and radius [m], shape (4,)."""
+    center_m = (mesh.vertices_m.min(axis=0) + mesh.vertices_m.max(axis=0)) / 2
+    return np.append(center_m, np.sqrt(((mesh.vertices_m - center_m) ** 2).sum(axis=1).max()))
+
+
+def is_closed(mesh: Mesh) -> bool:
+    """Whether a mesh is a closed surface whose triangles run counter-clockwise when seen from outside.
+
+    Then each edge has one triangle on either side, and the enclosed volume is positive. Vertices at the same place
+    count as one.
+    """
+    _, same = np.unique(mesh.vertices_m.round(WELD_DECIMALS), axis=0, return_inverse=True)
+    corners = same.reshape(-1)[mesh.triangles]
+    corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
+    ends = np.concatenate([corners[:, [i, (i + 1) % 3]] for i in range(3)])
+    edges, backwards = (np.sort(ends @ [1, len(same)]), np.sort(ends @ [len(same), 1]))
+    a, b, c = np.moveaxis(mesh.vertices_m[mesh.triangles] - mesh.vertices_m.mean(axis=0), 1, 0)
+    volume_m3 = (a * np.cross(b, c)).sum() / 6
+    return bool(volume_m3 > 0 and np.array_equal(edges, backwards) and (np.diff(edges) > 0).all())
 
 
 def mesh_of_shape(shape: Shape) -> Mesh:

@@ -1,4 +1,4 @@
-"""Triangle rasterisation as Warp kernels.
+"""Triangle rasterisation as compiled loops.
 
 A pixel of direction d = (x, y, 1) sees the triangle with corners a, b, c in the camera frame if no edge function
 `(b x c) . d`, `(c x a) . d`, `(a x b) . d`, each over the volume `a . (b x c)`, is negative there; their sum is the
@@ -7,182 +7,244 @@ triangle need not be clipped at the image plane (Olano and Greer 1997, "Triangle
 coordinates", doi:10.1145/258694.258723).
 """
 
-# mypy: disable-error-code="no-untyped-def,type-arg,valid-type,untyped-decorator,no-any-return,index,misc"
-# mypy: disable-error-code="operator,arg-type,call-overload,attr-defined"
-import warp as wp
+import numpy as np
+import numpy.typing as npt
 
-wp.set_module_options({"enable_backward": False})
+from voxdepth.compiled import compiled
+from voxdepth.types import FloatArray, FloatImage, MaskImage
 
-EDGE_TOLERANCE_PX = wp.constant(wp.float64(1e-6))
+from ..types import IdImage
+
+EDGE_TOLERANCE_PX = 1e-6
 """A pixel this near to an edge belongs to the triangles on both sides, which leaves no gap between them."""
-NEAR_M = wp.constant(wp.float64(1e-3))
+NEAR_M = 1e-3
 """Triangles with a corner nearer than this, or behind the camera, may cover any row."""
-MIN_VOLUME_M3 = wp.constant(wp.float64(1e-15))
+MIN_VOLUME_M3 = 1e-15
 """Triangles with a smaller volume are seen edge-on or have no area, and are skipped."""
-ZERO = wp.constant(wp.float64(0.0))
+FLAT = 2.0**-100
+"""Slope that stands for 0. As a power of two it divides without rounding."""
+
+Triangles = npt.NDArray[np.uint32]
+Vector = tuple[float, float, float]
+Bounds = tuple[float, float, float, float]
+Corner = tuple[float, float, float, float, float]
 
 
-@wp.struct
-class View:
-    """Pose, projection and bounding planes of a camera; the normals of the planes point inwards."""
-
-    R_cam_world: wp.mat33d
-    origin_m: wp.vec3d
-    focal_px: wp.vec2d
-    center_px: wp.vec2d
-    inward: wp.types.matrix(shape=(4, 3), dtype=wp.float64)
+@compiled("f8(UniTuple(f8, 3), UniTuple(f8, 3))")
+def dot(a: Vector, b: Vector) -> float:
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@wp.func
-def may_see(view: View, sphere_m: wp.vec4d):
+@compiled("UniTuple(f8, 3)(UniTuple(f8, 3), UniTuple(f8, 3))")
+def cross(a: Vector, b: Vector) -> Vector:
+    """Vector product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@compiled("b1(f8[:, ::1], f8[::1], f8[:, ::1], f8[::1])")
+def may_see(R_cam_world: FloatArray, origin_m: FloatArray, inward: FloatArray, sphere_m: FloatArray) -> bool:
     """Whether a part of a sphere, given by centre and radius, may be in the image."""
-    c = view.R_cam_world * (wp.vec3d(sphere_m[0], sphere_m[1], sphere_m[2]) - view.origin_m)
-    return c[2] > -sphere_m[3] and wp.min(view.inward * c) > -sphere_m[3]
+    R, radius_m = R_cam_world, sphere_m[3]
+    x, y, z = sphere_m[0] - origin_m[0], sphere_m[1] - origin_m[1], sphere_m[2] - origin_m[2]
+    right = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
+    down = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z
+    ahead = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
+    inside = ahead > -radius_m
+    for k in range(4):
+        inside &= inward[k, 0] * right + inward[k, 1] * down + inward[k, 2] * ahead > -radius_m
+    return bool(inside)
 
 
-@wp.func
-def rows_of(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, pa: wp.vec2d, pb: wp.vec2d, pc: wp.vec2d, height: int, width: int):
+@compiled("void(f8[:, ::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1])")
+def project(
+    R_cam_world: FloatArray,
+    origin_m: FloatArray,
+    pinhole_px: FloatArray,
+    vertices_m: FloatArray,
+    # output
+    corners: FloatArray,
+) -> None:
+    """Place (x, y, z) [m] in the camera frame and (column, row) [px] of each vertex, shape (V, 5)."""
+    R = R_cam_world
+    for i in range(len(vertices_m)):
+        x, y, z = vertices_m[i, 0] - origin_m[0], vertices_m[i, 1] - origin_m[1], vertices_m[i, 2] - origin_m[2]
+        right = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
+        down = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z
+        ahead = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
+        corners[i, 0], corners[i, 1], corners[i, 2] = right, down, ahead
+        corners[i, 3] = pinhole_px[0] * right / ahead + pinhole_px[2]
+        corners[i, 4] = pinhole_px[1] * down / ahead + pinhole_px[3]
+
+
+@compiled("UniTuple(f8, 5)(f8[:, ::1], u4)")
+def corner(corners: FloatArray, i: int) -> Corner:
+    """One of the corners that `project` has placed."""
+    return corners[i, 0], corners[i, 1], corners[i, 2], corners[i, 3], corners[i, 4]
+
+
+@compiled("UniTuple(i8, 2)(f8, f8, i8)")
+def pixels_between(low_px: float, high_px: float, size: int) -> tuple[int, int]:
+    """First and last pixel of an image between two places; the last is before the first if there is none."""
+    low, high = max(low_px, 0.0), min(high_px, size - 1.0)
+    if not low <= high:  # Also if a place is not a number.
+        return 0, -1
+    first = int(low)
+    return first + (first < low), int(high)
+
+
+@compiled("UniTuple(i8, 2)(UniTuple(f8, 5), UniTuple(f8, 5), UniTuple(f8, 5), i8, i8)")
+def rows_of(a: Corner, b: Corner, c: Corner, height: int, width: int) -> tuple[int, int]:
     """First and last row that a triangle may cover; the last row is before the first if it covers none."""
-    if wp.min(a[2], wp.min(b[2], c[2])) > NEAR_M:
-        low = wp.min(pa, wp.min(pb, pc))
-        high = wp.max(pa, wp.max(pb, pc))
-        left = wp.max(wp.ceil(low[0] - EDGE_TOLERANCE_PX), ZERO)
-        right = wp.min(wp.floor(high[0] + EDGE_TOLERANCE_PX), wp.float64(width - 1))
-        top = wp.max(wp.ceil(low[1] - EDGE_TOLERANCE_PX), ZERO)
-        bottom = wp.min(wp.floor(high[1] + EDGE_TOLERANCE_PX), wp.float64(height - 1))
-        if left > right or top > bottom:
-            return wp.vec2i(0, -1)
-        return wp.vec2i(int(top), int(bottom))
-    if wp.max(a[2], wp.max(b[2], c[2])) <= ZERO:
-        return wp.vec2i(0, -1)
-    return wp.vec2i(0, height - 1)
+    if min(a[2], b[2], c[2]) > NEAR_M:
+        low, high = min(a[3], b[3], c[3]) - EDGE_TOLERANCE_PX, max(a[3], b[3], c[3]) + EDGE_TOLERANCE_PX
+        left, right = pixels_between(low, high, width)
+        low, high = min(a[4], b[4], c[4]) - EDGE_TOLERANCE_PX, max(a[4], b[4], c[4]) + EDGE_TOLERANCE_PX
+        return pixels_between(low, high, height) if left <= right else (0, -1)
+    return (0, height - 1) if max(a[2], b[2], c[2]) > 0 else (0, -1)
 
 
-@wp.func
-def span_of(
-    row: int, by_col: wp.vec3d, by_row: wp.vec3d, at_origin: wp.vec3d, zero_at: wp.vec3d, shift: wp.vec3d, width: int
-):
-    """First and last column of a row in which no edge function is negative.
+@compiled("i8(f8[:, ::1], u4[:, ::1], i8, i8, b1, f8[::1], i8, i8, f8[:, ::1], i4[:, ::1])")
+def set_up(
+    corners: FloatArray,
+    triangles: Triangles,
+    start: int,
+    end: int,
+    one_sided: bool,
+    pinhole_px: FloatArray,
+    height: int,
+    width: int,
+    # output
+    planes: FloatArray,
+    rows: IdImage,
+) -> int:
+    """Edge functions of those of successive triangles that may be in the image, and their number.
 
-    The edge functions are zero in the columns `zero_at + shift * row`.
+    A row of `planes` has, for each of the three edges, what the edge function is at the origin of the image and how it
+    grows by column and by row. A row of `rows` has the index of the triangle, its first row and its last one.
     """
-    low = ZERO
-    high = wp.float64(width - 1)
-    for i in range(3):
-        bound = zero_at[i] + shift[i] * wp.float64(row)
-        if by_col[i] > ZERO:
-            low = wp.max(low, bound - EDGE_TOLERANCE_PX)
-        elif by_col[i] < ZERO:
-            high = wp.min(high, bound + EDGE_TOLERANCE_PX)
-        elif at_origin[i] + by_row[i] * wp.float64(row) < ZERO:
-            high = wp.float64(-1.0)
-    if low > high:
-        return wp.vec2i(0, -1)
-    return wp.vec2i(int(wp.ceil(low)), int(wp.floor(high)))
+    n = 0
+    x_by_col, y_by_row, cx, cy = 1.0 / pinhole_px[0], 1.0 / pinhole_px[1], pinhole_px[2], pinhole_px[3]
+    for t in range(start, end):
+        a, b, c = corner(corners, triangles[t, 0]), corner(corners, triangles[t, 1]), corner(corners, triangles[t, 2])
+        top, bottom = rows_of(a, b, c, height, width)
+        if top > bottom:
+            continue
+        p, q, r = (a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2])
+        u, v, w = cross(q, r), cross(r, p), cross(p, q)
+        volume_m3 = dot(p, u)
+        if (-volume_m3 if one_sided else abs(volume_m3)) <= MIN_VOLUME_M3:
+            continue
+        rows[n, 0], rows[n, 1], rows[n, 2] = t, top, bottom
+        for k, edge in enumerate((u, v, w)):
+            by_col, by_row = edge[0] / volume_m3 * x_by_col, edge[1] / volume_m3 * y_by_row
+            planes[n, 3 * k] = edge[2] / volume_m3 - (by_col * cx + by_row * cy)
+            planes[n, 3 * k + 1] = by_col
+            planes[n, 3 * k + 2] = by_row
+        n += 1
+    return n
 
 
-@wp.func
+@compiled("UniTuple(f8, 4)(f8, f8, f8, i8)")
+def bounds_of(at_origin: float, by_col: float, by_row: float, width: int) -> Bounds:
+    """The two lines `c + d row` that bound the columns where an edge function is not negative, as (c, d, c, d).
+
+    The function is `at_origin + by_col * column + by_row * row`. The bound that it does not set is outside of the
+    image.
+    """
+    slope = by_col if by_col != 0 else FLAT
+    zero_at, shift = -at_origin / slope, -by_row / slope
+    if slope > 0:
+        return zero_at - EDGE_TOLERANCE_PX, shift, width, 0.0
+    return -1.0, 0.0, zero_at + EDGE_TOLERANCE_PX, shift
+
+
+@compiled("void(f8[:, ::1], i4[:, ::1], i8, i8, f8[::1], i4[::1])")
 def draw(
-    t: int,
-    a: wp.vec3d,
-    b: wp.vec3d,
-    c: wp.vec3d,
-    rows: wp.vec2i,
-    view: View,
+    planes: FloatArray,
+    rows: IdImage,
+    n: int,
+    width: int,
     # output
-    inverse_depth: wp.array2d(dtype=wp.float64),
-    nearest: wp.array2d(dtype=wp.int32),
-):
-    """Draw triangle t where it is nearer than the triangles before it."""
-    volume_m3 = wp.dot(a, wp.cross(b, c))
-    if wp.abs(volume_m3) <= MIN_VOLUME_M3:
-        return
-    edges = wp.matrix_from_rows(wp.cross(b, c), wp.cross(c, a), wp.cross(a, b)) / volume_m3
-    by_col = edges * wp.vec3d(wp.float64(1.0) / view.focal_px[0], ZERO, ZERO)
-    by_row = edges * wp.vec3d(ZERO, wp.float64(1.0) / view.focal_px[1], ZERO)
-    at_origin = edges * wp.vec3d(ZERO, ZERO, wp.float64(1.0))
-    at_origin -= by_col * view.center_px[0] + by_row * view.center_px[1]
-    step = by_col[0] + by_col[1] + by_col[2]
-    step_row = by_row[0] + by_row[1] + by_row[2]
-    start = at_origin[0] + at_origin[1] + at_origin[2]
-    zero_at = -wp.cw_div(at_origin, by_col)
-    shift = -wp.cw_div(by_row, by_col)
-    for row in range(rows[0], rows[1] + 1):
-        cols = span_of(row, by_col, by_row, at_origin, zero_at, shift, inverse_depth.shape[1])
-        inverse = start + step_row * wp.float64(row)
-        for col in range(cols[0], cols[1] + 1):
-            here = inverse + step * wp.float64(col)
-            if here > inverse_depth[row, col]:
-                inverse_depth[row, col] = here
-                nearest[row, col] = t
+    inverse_depth: FloatArray,
+    nearest: IdImage,
+) -> None:
+    """Draw the first n triangles where they are nearer than those before them."""
+    for i in range(n):
+        e = bounds_of(planes[i, 0], planes[i, 1], planes[i, 2], width)
+        f = bounds_of(planes[i, 3], planes[i, 4], planes[i, 5], width)
+        g = bounds_of(planes[i, 6], planes[i, 7], planes[i, 8], width)
+        start = planes[i, 0] + planes[i, 3] + planes[i, 6]
+        step = planes[i, 1] + planes[i, 4] + planes[i, 7]
+        step_row = planes[i, 2] + planes[i, 5] + planes[i, 8]
+        t = rows[i, 0]
+        for row in range(rows[i, 1], rows[i, 2] + 1):
+            low = max(e[0] + e[1] * row, f[0] + f[1] * row, g[0] + g[1] * row)
+            high = min(e[2] + e[3] * row, f[2] + f[3] * row, g[2] + g[3] * row)
+            left, right = pixels_between(low, high, width)
+            inverse = start + step_row * row
+            first = np.uint64(row * width + left)
+            for k in range(right - left + 1):
+                here = inverse + step * (left + k)
+                pixel = first + np.uint64(k)
+                if here > inverse_depth[pixel]:
+                    inverse_depth[pixel] = here
+                    nearest[pixel] = t
 
 
-@wp.kernel
+@compiled("b1(f8[::1], f8[::1])")
+def is_outside(origin_m: FloatArray, sphere_m: FloatArray) -> bool:
+    """Whether a point is outside of a sphere, given by centre and radius."""
+    x, y, z = sphere_m[0] - origin_m[0], sphere_m[1] - origin_m[1], sphere_m[2] - origin_m[2]
+    return bool(x * x + y * y + z * z > sphere_m[3] * sphere_m[3])
+
+
+@compiled(
+    "void(f8[:, ::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], u4[:, ::1], i4[::1], i4[::1], f8[:, ::1], b1[::1], i8,"
+    "i8, f8[:, ::1], f8[:, ::1], i4[:, ::1], f8[::1], i4[::1])"
+)
 def rasterise(
-    views: wp.array(dtype=View),
-    vertices_m: wp.array(dtype=wp.vec3d),
-    triangles: wp.array(dtype=wp.vec3i),
-    first_vertex: wp.array(dtype=wp.int32),
-    first_triangle: wp.array(dtype=wp.int32),
-    spheres_m: wp.array(dtype=wp.vec4d),
+    R_cam_world: FloatArray,
+    origin_m: FloatArray,
+    pinhole_px: FloatArray,
+    inward: FloatArray,
+    vertices_m: FloatArray,
+    triangles: Triangles,
+    first_vertex: IdImage,
+    first_triangle: IdImage,
+    spheres_m: FloatArray,
+    is_closed: MaskImage,
+    height: int,
+    width: int,
     # buffers
-    in_camera_m: wp.array2d(dtype=wp.vec3d),
-    projected_px: wp.array2d(dtype=wp.vec2d),
-    inverse_depth: wp.array3d(dtype=wp.float64),
+    corners: FloatArray,
+    planes: FloatArray,
+    rows: IdImage,
+    inverse_depth: FloatArray,
     # output
-    nearest: wp.array3d(dtype=wp.int32),
-):
-    """One thread per camera: index of the nearest triangle of each pixel, -1 for none, and its inverse depth."""
-    k = wp.tid()
-    view = views[k]
-    height = nearest.shape[1]
-    width = nearest.shape[2]
-    for row in range(height):
-        for col in range(width):
-            inverse_depth[k, row, col] = ZERO
-            nearest[k, row, col] = -1
-    for body in range(spheres_m.shape[0]):
-        if may_see(view, spheres_m[body]):
-            for i in range(first_vertex[body], first_vertex[body + 1]):
-                p = view.R_cam_world * (vertices_m[i] - view.origin_m)
-                in_camera_m[k, i] = p
-                projected_px[k, i] = wp.cw_mul(view.focal_px, wp.vec2d(p[0], p[1])) / p[2] + view.center_px
-            for t in range(first_triangle[body], first_triangle[body + 1]):
-                corner = triangles[t]
-                a = in_camera_m[k, corner[0]]
-                b = in_camera_m[k, corner[1]]
-                c = in_camera_m[k, corner[2]]
-                pa = projected_px[k, corner[0]]
-                pb = projected_px[k, corner[1]]
-                pc = projected_px[k, corner[2]]
-                rows = rows_of(a, b, c, pa, pb, pc, height, width)
-                if rows[0] <= rows[1]:
-                    draw(t, a, b, c, rows, view, inverse_depth[k], nearest[k])
+    nearest: IdImage,
+) -> None:
+    """Index of the nearest triangle of each pixel of a camera, and its inverse depth.
+
+    The nearest triangle and the inverse depth keep their values where there is no nearer triangle. Faces that are
+    turned away are left out if they belong to a closed surface that the camera is outside of.
+    """
+    for body in range(len(spheres_m)):
+        if may_see(R_cam_world, origin_m, inward, spheres_m[body]):
+            start, end = first_vertex[body], first_vertex[body + 1]
+            project(R_cam_world, origin_m, pinhole_px, vertices_m[start:end], corners[start:end])
+            one_sided = is_closed[body] & is_outside(origin_m, spheres_m[body])
+            start, end = first_triangle[body], first_triangle[body + 1]
+            n = set_up(corners, triangles, start, end, one_sided, pinhole_px, height, width, planes, rows)
+            draw(planes, rows, n, width, inverse_depth, nearest)
 
 
-@wp.kernel
-def resolve(
-    vertices_m: wp.array(dtype=wp.vec3d),
-    triangles: wp.array(dtype=wp.vec3i),
-    body_of_triangle: wp.array(dtype=wp.int32),
-    no_body: int,
-    inverse_depth: wp.array(dtype=wp.float64),
-    nearest: wp.array(dtype=wp.int32),
+@compiled("void(f8[::1], f4[::1])")
+def invert(
+    inverse_depth: FloatArray,
     # output
-    depth_m: wp.array(dtype=wp.float32),
-    normal: wp.array(dtype=wp.vec3),
-    body_index: wp.array(dtype=wp.int32),
-):
-    """One thread per pixel: depth, normal and body of its nearest triangle."""
-    pixel = wp.tid()
-    t = nearest[pixel]
-    if t < 0:
-        depth_m[pixel] = wp.inf
-        normal[pixel] = wp.vec3(0.0, 0.0, 0.0)
-        body_index[pixel] = no_body
-        return
-    corner = triangles[t]
-    a = vertices_m[corner[0]]
-    depth_m[pixel] = wp.float32(wp.float64(1.0) / inverse_depth[pixel])
-    normal[pixel] = wp.vec3(wp.cross(vertices_m[corner[1]] - a, vertices_m[corner[2]] - a))
-    body_index[pixel] = body_of_triangle[t]
+    depth_m: FloatImage,
+) -> None:
+    """Depth [m] of each pixel; +inf where the inverse is 0."""
+    for i in range(len(depth_m)):
+        depth_m[i] = 1.0 / inverse_depth[i]

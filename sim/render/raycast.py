@@ -1,12 +1,13 @@
 """Ray casting with Embree, through Open3D. A visibility backend finds the first surface behind each pixel."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from voxdepth.types import FloatArray, FloatImage
+from voxdepth.types import FloatArray, FloatImage, Intrinsics
 
 from ..bodies import Mesh
 from ..types import Camera, IdImage
@@ -18,14 +19,12 @@ ray parameter is the depth."""
 
 
 class Hits(NamedTuple):
-    """First hits of rays; the arrays share their leading axes."""
+    """First hits of the rays of an image."""
 
     depth_m: FloatImage
-    """Depth [m]; +inf without a hit."""
-    normal: FloatImage
-    """Surface normal, not normalised, shape (..., 3)."""
-    body_index: IdImage
-    """Index of the body in `SceneMeshes.body_ids`, or their number without a hit."""
+    """Depth [m], shape (H, W); +inf without a hit."""
+    triangle: IdImage
+    """Index into the triangles of all meshes, or their number without a hit, shape (H, W)."""
 
 
 class RayCaster:
@@ -38,22 +37,25 @@ class RayCaster:
     def __init__(self, meshes: SceneMeshes, threads: int) -> None:
         self._meshes = meshes
         self._threads = threads
-        self._radii_m = np.array([np.linalg.norm(mesh.vertices_m, axis=1).max() for mesh in meshes.moving])
-        n_fixed = sum(len(mesh.triangles) for mesh in meshes.fixed)
-        self._fixed = RaycastScene(meshes.fixed, meshes.body_of_triangle[:n_fixed], len(meshes.body_ids), threads)
-        self._moving_index = meshes.body_of_triangle[n_fixed:]
+        moving = meshes.meshes[meshes.n_fixed :]
+        self._radii_m = np.array([np.linalg.norm(mesh.vertices_m, axis=1).max() for mesh in moving])
+        self._n_fixed_triangles = int(np.searchsorted(meshes.body_of_triangle, meshes.n_fixed))
+        self._fixed = RaycastScene(meshes.fixed_in_world(), threads)
 
-    def first_hits(self, cameras: Sequence[Camera], rays: Rays) -> Hits:
-        """The first hit of each ray, shape (cameras, H * W), in the present state of the world."""
-        hits = self._fixed.cast(rays)
-        if self._meshes.moving:
-            self._add_moving(cameras, rays, hits)
-        return hits
+    def first_hits(self, cameras: Sequence[Camera]) -> list[Hits]:
+        """The first hits of the pixels of each camera, with the bodies at their poses of the last update."""
+        rays = np.stack([rays_of(camera) for camera in cameras])
+        depth_m, triangle = self._fixed.cast(rays)
+        triangle[np.isinf(depth_m)] = len(self._meshes.body_of_triangle)
+        if len(self._radii_m):
+            self._add_moving(cameras, rays, depth_m.reshape(-1), triangle.reshape(-1))
+        shape = cameras[0].intrinsics.shape
+        return [Hits(d.reshape(shape).copy(), t.reshape(shape)) for d, t in zip(depth_m, triangle, strict=True)]
 
-    def _add_moving(self, cameras: Sequence[Camera], rays: Rays, hits: Hits) -> None:
-        """Replace the hits where a moving body is nearer."""
-        centers_m = np.array([position_m for _, position_m in self._meshes.moving_poses()])
-        bounds = pixel_bounds(cameras, centers_m, self._radii_m)
+    def _add_moving(self, cameras: Sequence[Camera], rays: Rays, depth_m: FloatImage, triangle: IdImage) -> None:
+        """Replace the hits of all pixels where a moving body is nearer."""
+        n_fixed = self._meshes.n_fixed
+        bounds = pixel_bounds(cameras, self._meshes.position_m[n_fixed:], self._radii_m)
         if len(bounds) == 0:
             return
         height, width = cameras[0].intrinsics.shape
@@ -63,41 +65,52 @@ class RayCaster:
                 for k, top, bottom, left, right in bounds.tolist()
             ]
         )
-        meshes = self._meshes.moving_in_world()
-        scene = RaycastScene(meshes, self._moving_index, len(self._meshes.body_ids), self._threads)
-        flat = Hits(hits.depth_m.reshape(-1), hits.normal.reshape(-1, 3), hits.body_index.reshape(-1))
-        moving = scene.cast(rays.reshape(-1, 6)[pixels])
-        nearer = moving.depth_m < flat.depth_m[pixels]
-        for everywhere, of_moving in zip(flat, moving, strict=True):
-            everywhere[pixels[nearer]] = of_moving[nearer]
+        scene = RaycastScene(self._meshes.moving_in_world(), self._threads)
+        depth_of_moving_m, moving = scene.cast(rays.reshape(-1, 6)[pixels])
+        nearer = depth_of_moving_m < depth_m[pixels]
+        depth_m[pixels[nearer]] = depth_of_moving_m[nearer]
+        triangle[pixels[nearer]] = moving[nearer] + self._n_fixed_triangles
 
 
 class RaycastScene:
-    """Meshes in the world frame in an acceleration structure for ray casting.
+    """Meshes in the world frame in an acceleration structure for ray casting."""
 
-    A hit reports the body index of its triangle, and a ray without a hit reports `no_body`.
-    """
-
-    def __init__(self, meshes: Sequence[Mesh], body_of_triangle: IdImage, no_body: int, threads: int) -> None:
+    def __init__(self, meshes: Sequence[Mesh], threads: int) -> None:
         self._o3d = open3d()
         self._threads = threads
         self._scene = self._o3d.t.geometry.RaycastingScene()
-        self._index = np.append(body_of_triangle, np.int32(no_body))
         if meshes:
             mesh = merged(meshes)
             vertices = self._o3d.core.Tensor(mesh.vertices_m.astype(np.float32))
             self._scene.add_triangles(vertices, self._o3d.core.Tensor(mesh.triangles))
 
-    def cast(self, rays: Rays) -> Hits:
-        """The first hit of each ray; rays have shape (..., 6)."""
+    def cast(self, rays: Rays) -> tuple[FloatImage, IdImage]:
+        """Depth of the first hit of each ray, +inf without one, and the index of its triangle; rays are (..., 6)."""
         answer = self._scene.cast_rays(self._o3d.core.Tensor.from_numpy(rays), nthreads=self._threads)
-        triangle = np.minimum(answer["primitive_ids"].numpy(), len(self._index) - 1)
-        return Hits(answer["t_hit"].numpy(), answer["primitive_normals"].numpy(), self._index[triangle])
+        return answer["t_hit"].numpy(), answer["primitive_ids"].numpy().astype(np.int32)
 
     def is_blocked(self, rays: Rays) -> npt.NDArray[np.bool_]:
         """Whether each ray hits anything; rays have shape (..., 6)."""
         answer = self._scene.test_occlusions(self._o3d.core.Tensor.from_numpy(rays), nthreads=self._threads)
         return np.asarray(answer.numpy())
+
+
+def rays_of(camera: Camera) -> Rays:
+    """The rays of a camera's pixels in raster order, shape (H * W, 6)."""
+    rays = np.empty((camera.intrinsics.height_px * camera.intrinsics.width_px, 6), np.float32)
+    rays[:, :3] = camera.T_world_cam[:3, 3]
+    rotation = camera.T_world_cam[:3, :3].astype(np.float32)
+    np.matmul(unit_depth_directions(camera.intrinsics), rotation.T, out=rays[:, 3:])
+    return rays
+
+
+@lru_cache(maxsize=8)
+def unit_depth_directions(intrinsics: Intrinsics) -> Rays:
+    """Ray directions in the camera frame with z = 1, shape (H * W, 3), in raster order."""
+    col, row = np.meshgrid(np.arange(intrinsics.width_px), np.arange(intrinsics.height_px))
+    x = (col - intrinsics.cx_px) / intrinsics.fx_px
+    y = (row - intrinsics.cy_px) / intrinsics.fy_px
+    return np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3).astype(np.float32)
 
 
 def pixel_bounds(cameras: Sequence[Camera], centers_m: FloatArray, radii_m: FloatArray) -> npt.NDArray[np.intp]:

@@ -1,238 +1,393 @@
-"""Shading of ray hits as a Warp kernel: seeded solid textures, a sun, haze and a cloudy sky.
+"""Shading as compiled loops: seeded solid textures, a sun, haze and a cloudy sky.
 
 Texture is a function of the point in the frame of its body, so it moves with the body, needs no images and is the
 same in both cameras. Octaves of noise fade out before they become finer than the footprint of a pixel, which avoids
 aliasing.
+
+An image is shaded in spans, the parts of its rows that show one triangle. The points of all spans of a body lie behind
+each other in the buffers, so the loops over octaves of noise run over many pixels at a time. Indices are unsigned where
+compilers could not exclude that a negative one counts from the end, which would keep them from vectorising the loop.
 """
 
-# mypy: disable-error-code="no-untyped-def,type-arg,valid-type,untyped-decorator,no-any-return,index,misc"
-from typing import Any
+import numpy as np
+import numpy.typing as npt
 
-import warp as wp
+from voxdepth.compiled import compiled
+from voxdepth.types import FloatImage, GrayImage
 
-from ..bodies import Weather
+from ..types import IdImage
 
-wp.set_module_options({"enable_backward": False})
+Spans = npt.NDArray[np.int32]
+"""First pixel, number of pixels, triangle, and place of the first pixel in the buffers, shape (n, 4)."""
+Seeds = npt.NDArray[np.uint32]
 
-FACADE = wp.constant(1)
-GROUND = wp.constant(2)
-GRASS = wp.constant(3)
-FOLIAGE = wp.constant(4)
-BARK = wp.constant(5)
-SNOW = wp.constant(6)
-PATTERNS = {"plain": 0, "facade": 1, "ground": 2, "grass": 3, "foliage": 4, "bark": 5, "snow": 6}
+PATTERNS = ("plain", "facade", "ground", "grass", "foliage", "bark", "snow", "sky")
+FACADE = PATTERNS.index("facade")
 
-FLOOR_M = wp.constant(3.2)
-WINDOW_M = wp.constant(1.7)
+NOISE = np.zeros((len(PATTERNS), 2, 6), np.float32)
+"""Two fractal noises of each pattern: factors of the coordinates across and along the axis z and of the footprint of a
+pixel, number of octaves, a shift of the seed, and strength."""
+NOISE[PATTERNS.index("plain"), 0] = 1, 1, 1, 7, 0, 0.8
+NOISE[PATTERNS.index("facade"), 0] = 1, 1, 1, 7, 0, 0.55
+NOISE[PATTERNS.index("ground")] = (1, 1, 1, 7, 0, 0.55), (0.12, 0.12, 0.12, 3, 17, 0.35)
+NOISE[PATTERNS.index("grass")] = (12, 12, 12, 3, 0, 0.9), (0.6, 0.6, 0.6, 4, 31, 0.6)
+NOISE[PATTERNS.index("foliage")] = (7, 7, 7, 4, 0, 1.7), (2.8, 2.8, 0, 1, 31, 0.6 / 0.46)
+NOISE[PATTERNS.index("bark"), 0] = 3, 0.6, 3, 6, 0, 1
+NOISE[PATTERNS.index("snow")] = (0.25, 0.25, 0.25, 3, 0, 0.4), (1, 1, 1, 5, 31, 0.06)
+NOISE[PATTERNS.index("sky"), 0] = 1, 1, 1, 6, 0, 1
+LIMITS = np.full((len(PATTERNS), 2), (-np.inf, np.inf), np.float32)
+"""Least and largest deviation of a pattern; between leaves are dark gaps."""
+LIMITS[PATTERNS.index("foliage")] = -0.42, 0.55
 
-STEP_X = wp.constant(wp.uint32(0x1DA6B343))
-STEP_Y = wp.constant(wp.uint32(0x58163841))
-STEP_Z = wp.constant(wp.uint32(0x4B1AB31F))
-STEP_SEED = wp.constant(wp.uint32(0x27D4EB2F))
+OCTAVE_M, FINER, WEAKER, STRENGTH = np.array([2.0, 0.45, 0.93, 0.46], np.float32)
+"""Size of the first octave of noise, ratios of the sizes and the weights of successive ones, and the first weight."""
+FLOOR_M, WINDOW_M = np.array([3.2, 1.7], np.float32)
+LEAST_FACING = np.float32(0.05)
+"""Least cosine between a ray and the normal of a surface in the footprint of its pixel."""
+HORIZON = np.float32(0.35)
+"""Height above which the clouds are a plane, as a share of its distance."""
+LOWEST_CLOUD, CLOUD_BASE, CLOUDS_M = np.array([-0.1, 0.3, 6.0], np.float32)
+"""Height of a ray below which it meets no cloud, share of the clouds at the horizon, and height of their plane."""
+BRIGHTER, DARKER_ABOVE = np.array([0.05, 0.25], np.float32)
+PANE = np.array([0.22, 0.78, 0.30, 0.80], np.float32)
+"""First and last column and row of the glass within a window, as shares of its size."""
+PANE_FADE_M, DARKEST_PANE = np.array([0.35 * 1.7, 0.42], np.float32)
+CHUNK_PX = 1024
+"""Points whose octaves of noise are summed at once; they fit into the fastest memory."""
+OPAQUE = np.float32(20)
+"""Optical depth through which nothing is seen."""
 
-
-@wp.struct
-class ShadedBody:
-    """Pose and surface of a body."""
-
-    rotation: wp.mat33
-    position: wp.vec3
-    albedo: wp.float32
-    texture: wp.float32
-    pattern: wp.int32
-    seed: wp.int32
-
-
-@wp.struct
-class Atmosphere:
-    """The weather as the kernel reads it."""
-
-    sun: wp.vec3
-    ambient: wp.float32
-    haze_m: wp.float32
-    sky: wp.float32
-    clouds: wp.float32
-    exposure: wp.float32
-    seed: wp.int32
-
-
-def atmosphere(weather: Weather, seed: int) -> Any:
-    """The weather for the kernel. The seed decides where the clouds are."""
-    result = Atmosphere()
-    result.sun = wp.vec3(*weather.to_sun)
-    result.ambient, result.haze_m, result.sky = weather.ambient, weather.haze_m, weather.sky
-    result.clouds, result.exposure, result.seed = weather.clouds, weather.exposure, seed
-    return result
+ZERO, HALF, ONE, TWO, THREE, FOUR, SEVEN = np.array([0, 0.5, 1, 2, 3, 4, 7], np.float32)
+SIXTY_FOUR, WHITE = np.array([64, 255], np.float32)
+STEP_X, STEP_Y, STEP_Z, STEP_SEED = np.array([0x1DA6B343, 0x58163841, 0x4B1AB31F, 0x27D4EB2F], np.uint32)
+MIX_1, MIX_2 = np.array([0x2C1B3C6D, 0x297A2D39], np.uint32)
+SHIFT_1, SHIFT_2, SHIFT_3 = np.array([15, 13, 16], np.uint32)
+TO_UNIT = np.float32(1 / 65535)
 
 
-@wp.func
-def hash_to_unit(key: wp.uint32):
+@compiled("f4(u4)")
+def hash_to_unit(key: np.uint32) -> np.float32:
     """A pseudo-random number in 0..1 from a key."""
-    h = (key ^ (key >> wp.uint32(15))) * wp.uint32(0x2C1B3C6D)
-    h = (h ^ (h >> wp.uint32(13))) * wp.uint32(0x297A2D39)
-    return wp.float32(h >> wp.uint32(16)) * (1.0 / 65535.0)
+    h = np.uint32((key ^ (key >> SHIFT_1)) * MIX_1)
+    h = np.uint32((h ^ (h >> SHIFT_2)) * MIX_2)
+    return np.float32(np.int32(h >> SHIFT_3)) * TO_UNIT
 
 
-@wp.func
-def lattice_hash(x: wp.int32, y: wp.int32, z: wp.int32, seed: wp.int32):
-    """A pseudo-random number in 0..1 from a lattice point and a seed."""
-    return hash_to_unit(
-        wp.uint32(x) * STEP_X ^ wp.uint32(y) * STEP_Y ^ wp.uint32(z) * STEP_Z ^ wp.uint32(seed) * STEP_SEED
-    )
-
-
-@wp.func
-def smoothstep(t: wp.float32):
+@compiled("f4(f4)")
+def smoothstep(t: np.float32) -> np.float32:
     """Cubic interpolation from 0..1 to 0..1 with zero slope at both ends."""
-    return t * t * (3.0 - 2.0 * t)
+    return np.float32(t * t * (THREE - TWO * t))
 
 
-@wp.func
-def value_noise(p: wp.vec3, seed: wp.int32):
-    """Value noise in 0..1 on a lattice of unit size."""
-    fx = wp.floor(p[0])
-    fy = wp.floor(p[1])
-    fz = wp.floor(p[2])
-    x0 = wp.uint32(wp.int32(fx)) * STEP_X ^ wp.uint32(seed) * STEP_SEED
-    y0 = wp.uint32(wp.int32(fy)) * STEP_Y
-    z0 = wp.uint32(wp.int32(fz)) * STEP_Z
-    x1 = (wp.uint32(wp.int32(fx)) + wp.uint32(1)) * STEP_X ^ wp.uint32(seed) * STEP_SEED
-    y1 = y0 + STEP_Y
-    z1 = z0 + STEP_Z
-    tx = smoothstep(p[0] - fx)
-    ty = smoothstep(p[1] - fy)
-    tz = smoothstep(p[2] - fz)
-    near = wp.lerp(
-        wp.lerp(hash_to_unit(x0 ^ y0 ^ z0), hash_to_unit(x1 ^ y0 ^ z0), tx),
-        wp.lerp(hash_to_unit(x0 ^ y1 ^ z0), hash_to_unit(x1 ^ y1 ^ z0), tx),
-        ty,
-    )
-    far = wp.lerp(
-        wp.lerp(hash_to_unit(x0 ^ y0 ^ z1), hash_to_unit(x1 ^ y0 ^ z1), tx),
-        wp.lerp(hash_to_unit(x0 ^ y1 ^ z1), hash_to_unit(x1 ^ y1 ^ z1), tx),
-        ty,
-    )
-    return wp.lerp(near, far, tz)
+@compiled("f4(f4, f4, f4)")
+def lerp(a: np.float32, b: np.float32, t: np.float32) -> np.float32:
+    """Linear interpolation from a to b."""
+    return np.float32(a * (ONE - t) + b * t)
 
 
-@wp.func
-def fractal_noise(p: wp.vec3, footprint_m: wp.float32, octaves: wp.int32, seed: wp.int32):
-    """Octaves of value noise about 0, from 2 m down to the last octave or to the footprint of the pixel."""
-    total = float(0.0)
-    size = float(2.0)
-    weight = float(0.46)
-    octave = int(0)
-    while octave < octaves and size > 2.0 * footprint_m:
-        fade = wp.clamp(size / (2.0 * footprint_m) - 1.0, 0.0, 1.0)
-        total += fade * weight * (value_noise(p * (1.0 / size), seed + octave) - 0.5)
-        size *= 0.45
-        weight *= 0.93
-        octave += 1
-    return total
+@compiled("f4(f4, f4, f4)")
+def clamp(x: np.float32, low: np.float32, high: np.float32) -> np.float32:
+    """The nearest number between two limits."""
+    return min(max(x, low), high)
 
 
-@wp.func
-def scaled_noise(scale: wp.float32, p: wp.vec3, footprint_m: wp.float32, octaves: wp.int32, seed: wp.int32):
-    """Fractal noise that is finer by a factor."""
-    return fractal_noise(p * scale, footprint_m * scale, octaves, seed)
+@compiled("u4(f4, u4)")
+def lattice_key(floor: np.float32, step: np.uint32) -> np.uint32:
+    """Contribution of one coordinate of a lattice point to its key."""
+    return np.uint32(np.uint32(np.int32(floor)) * step)
 
 
-@wp.func
-def facade(p: wp.vec3, normal: wp.vec3, footprint_m: wp.float32, seed: wp.int32):
-    """Dark window panes, each with its own brightness; 0 on the wall between them."""
-    if wp.abs(normal[2]) > 0.5:
-        return 0.0
-    along = p[0]
-    if wp.abs(normal[0]) > wp.abs(normal[1]):
-        along = p[1]
-    column = wp.floor(along / WINDOW_M)
-    floor = wp.floor(p[2] / FLOOR_M)
-    in_column = along / WINDOW_M - column
-    in_floor = p[2] / FLOOR_M - floor
-    if in_column < 0.22 or in_column > 0.78 or in_floor < 0.30 or in_floor > 0.80:
-        return 0.0
-    pane = lattice_hash(wp.int32(column), wp.int32(floor), wp.int32(3.0 * normal[0] + 7.0 * normal[1]), seed)
-    fade = wp.clamp(0.35 * WINDOW_M / footprint_m - 0.5, 0.0, 1.0)
-    return fade * (0.5 * pane - 0.42)
-
-
-@wp.func
-def grass(p: wp.vec3, footprint_m: wp.float32, seed: wp.int32):
-    """Tufts of grass with bare patches."""
-    patches = 0.6 * scaled_noise(0.6, p, footprint_m, 4, seed + 31)
-    return 0.9 * scaled_noise(12.0, p, footprint_m, 3, seed) + patches
-
-
-@wp.func
-def foliage(p: wp.vec3, footprint_m: wp.float32, seed: wp.int32):
-    """Bright leaves and dark gaps between them."""
-    clumps = 0.6 * (value_noise(p * 1.4, seed + 31) - 0.5)
-    return wp.clamp(1.7 * scaled_noise(7.0, p, footprint_m, 4, seed) + clumps, -0.42, 0.55)
-
-
-@wp.func
-def pattern_detail(pattern: wp.int32, p: wp.vec3, normal: wp.vec3, footprint_m: wp.float32, seed: wp.int32):
-    """Relative deviation of the brightness of a surface from its mean, by its pattern."""
-    if pattern == FACADE:
-        return 0.55 * fractal_noise(p, footprint_m, 7, seed) + facade(p, normal, footprint_m, seed)
-    if pattern == GROUND:
-        return 0.55 * fractal_noise(p, footprint_m, 7, seed) + 0.35 * scaled_noise(0.12, p, footprint_m, 3, seed + 17)
-    if pattern == GRASS:
-        return grass(p, footprint_m, seed)
-    if pattern == FOLIAGE:
-        return foliage(p, footprint_m, seed)
-    if pattern == BARK:
-        return fractal_noise(wp.vec3(p[0] * 3.0, p[1] * 3.0, p[2] * 0.6), footprint_m * 3.0, 6, seed)
-    if pattern == SNOW:
-        return 0.4 * scaled_noise(0.25, p, footprint_m, 3, seed) + 0.06 * fractal_noise(p, footprint_m, 5, seed + 31)
-    return 0.8 * fractal_noise(p, footprint_m, 7, seed)
-
-
-@wp.func
-def sky(direction: wp.vec3, footprint: wp.float32, air: Atmosphere):
-    """Brightness of the sky, which is brighter at the horizon, with clouds at infinity."""
-    d = wp.normalize(direction)
-    p = wp.vec3(d[0] / (d[2] + 0.35), d[1] / (d[2] + 0.35), 0.0) * 6.0
-    clouds = air.clouds * fractal_noise(p, footprint * 18.0, 6, air.seed)
-    return air.sky + 0.05 - 0.25 * wp.max(d[2], 0.0) + clouds * wp.clamp(3.0 * d[2] + 0.3, 0.0, 1.0)
-
-
-@wp.kernel
-def shade(
-    focal_px: wp.float32,
-    air: Atmosphere,
-    bodies: wp.array(dtype=ShadedBody),
-    rays: wp.array2d(dtype=wp.float32),
-    depth_m: wp.array(dtype=wp.float32),
-    normals: wp.array(dtype=wp.vec3),
-    body_index: wp.array(dtype=wp.int32),
-    sunlit: wp.array(dtype=wp.float32),
+@compiled("i8(i4[::1], i8, i4[::1], i4[::1], i4[:, ::1], i4[::1], i4[::1])")
+def find_spans(
+    triangle: IdImage,
+    width: int,
+    body_of_triangle: IdImage,
+    id_of_body: IdImage,
     # output
-    gray: wp.array(dtype=wp.uint8),
-):
-    """Brightness of the surface that each ray hits, or of the sky where the depth is infinite.
+    spans: Spans,
+    place_of_body: IdImage,
+    segment_id: IdImage,
+) -> int:
+    """Divide an image of triangle indices into spans, whose number it returns, and name the body of each pixel.
 
-    Rays are (origin, direction) with a direction of unit depth, so the ray parameter is the depth. `sunlit` is 0 in a
-    shadow and 1 elsewhere. Surfaces that face down receive less ambient light.
+    The points of body b have the places from `place_of_body[b]` to `place_of_body[b + 1]`.
     """
-    i = wp.tid()
-    origin = wp.vec3(rays[i, 0], rays[i, 1], rays[i, 2])
-    direction = wp.vec3(rays[i, 3], rays[i, 4], rays[i, 5])
-    t = depth_m[i]
-    if not wp.isfinite(t):
-        gray[i] = wp.uint8(wp.clamp(sky(direction, 1.0 / focal_px, air), 0.0, 1.0) * 255.0)
-        return
-    body = bodies[body_index[i]]
-    normal = wp.normalize(normals[i])
-    facing = wp.abs(wp.dot(normal, wp.normalize(direction)))
-    footprint_m = t / focal_px / wp.sqrt(wp.max(facing, 0.05))
-    to_body = wp.transpose(body.rotation)
-    p = to_body * (origin + t * direction - body.position)
-    detail = float(0.0)
-    if body.texture > 0.0:
-        detail = pattern_detail(body.pattern, p, to_body * normal, footprint_m, body.seed)
-    overhead = 0.8 + 0.2 * normal[2]
-    lit = air.ambient * overhead + (1.0 - air.ambient) * sunlit[i] * wp.max(0.0, wp.dot(normal, air.sun))
-    surface = wp.clamp(air.exposure * body.albedo * lit * (1.0 + 2.0 * body.texture * detail), 0.0, 1.0)
-    clear = wp.exp(-t / air.haze_m)
-    gray[i] = wp.uint8(wp.clamp(clear * surface + (1.0 - clear) * air.sky, 0.0, 1.0) * 255.0)
+    place_of_body[:] = 0
+    count = first = 0
+    while first < len(triangle):
+        end, last = first + 1, first - first % width + width
+        while end < last and triangle[end] == triangle[first]:
+            end += 1
+        body = body_of_triangle[triangle[first]]
+        segment_id[first:end] = id_of_body[body]
+        spans[count, 0], spans[count, 1], spans[count, 2] = first, end - first, triangle[first]
+        place_of_body[body + 2] += end - first
+        count, first = count + 1, end
+    for body in range(2, len(place_of_body)):
+        place_of_body[body] += place_of_body[body - 1]
+    for i in range(count):
+        body = body_of_triangle[spans[i, 2]]
+        spans[i, 3] = place_of_body[body + 1]
+        place_of_body[body + 1] += spans[i, 1]
+    return count
+
+
+@compiled("void(i4[:, ::1], f4[::1], i4, i8, f4[::1], f4[:, ::1], i4[::1], f4[:, :, ::1], f4[:, ::1])")
+def locate(
+    spans: Spans,
+    depth_m: FloatImage,
+    sky: int,
+    width: int,
+    pinhole_px: FloatImage,
+    normals: FloatImage,
+    body_of_triangle: IdImage,
+    T_body_cam: FloatImage,
+    # output
+    points: FloatImage,
+) -> None:
+    """Points (x, y, z) [m] in the frames of their bodies, and the sharpness, the inverse of a pixel's size there [1/m].
+
+    The normals of the triangles are unit vectors in the frames of their bodies, and `sky` is the index without one.
+    """
+    fx, fy, cx, cy = pinhole_px[0], pinhole_px[1], pinhole_px[2], pinhole_px[3]
+    for i in range(len(spans)):
+        first, size, triangle, place = spans[i, 0], spans[i, 1], spans[i, 2], spans[i, 3]
+        if triangle == sky:
+            continue
+        col, y = first % width, (np.float32(first // width) - cy) / fy
+        T, n = T_body_cam[body_of_triangle[triangle]], normals[triangle]
+        x0, y0, z0 = T[0, 3], T[1, 3], T[2, 3]
+        right_x, right_y, right_z = T[0, 0], T[1, 0], T[2, 0]
+        ahead_x, ahead_y, ahead_z = T[0, 1] * y + T[0, 2], T[1, 1] * y + T[1, 2], T[2, 1] * y + T[2, 2]
+        pixel, at = np.uint64(first), np.uint64(place)
+        for k in range(size):
+            x, depth = (np.float32(col + k) - cx) / fx, depth_m[pixel + np.uint64(k)]
+            points[0, at + np.uint64(k)] = x0 + depth * (right_x * x + ahead_x)
+            points[1, at + np.uint64(k)] = y0 + depth * (right_y * x + ahead_y)
+            points[2, at + np.uint64(k)] = z0 + depth * (right_z * x + ahead_z)
+        n_right = n[0] * right_x + n[1] * right_y + n[2] * right_z
+        n_ahead = n[0] * ahead_x + n[1] * ahead_y + n[2] * ahead_z
+        for k in range(size):
+            x, depth = (np.float32(col + k) - cx) / fx, depth_m[pixel + np.uint64(k)]
+            facing = abs(n_right * x + n_ahead) / np.sqrt(x * x + y * y + ONE)
+            points[3, at + np.uint64(k)] = fx / depth * np.sqrt(max(facing, LEAST_FACING))
+
+
+@compiled("void(i4[:, ::1], i4, i8, f4[::1], f4[:, ::1], f4[:, ::1])")
+def locate_clouds(
+    spans: Spans,
+    sky: int,
+    width: int,
+    pinhole_px: FloatImage,
+    R_world_cam: FloatImage,
+    # output
+    points: FloatImage,
+) -> None:
+    """Places of the pixels without a surface on a plane of clouds, and their sharpness, as `locate` gives them."""
+    fx, fy, cx, cy = pinhole_px[0], pinhole_px[1], pinhole_px[2], pinhole_px[3]
+    R = R_world_cam
+    for i in range(len(spans)):
+        first, size, triangle, place = spans[i, 0], spans[i, 1], spans[i, 2], spans[i, 3]
+        if triangle != sky:
+            continue
+        col, y, at = first % width, (np.float32(first // width) - cy) / fy, np.uint64(place)
+        for k in range(size):
+            x = (np.float32(col + k) - cx) / fx
+            length = np.sqrt(x * x + y * y + ONE)
+            up = max((R[2, 0] * x + R[2, 1] * y + R[2, 2]) / length, LOWEST_CLOUD)
+            scale = CLOUDS_M / (length * (up + HORIZON))
+            points[0, at + np.uint64(k)] = (R[0, 0] * x + R[0, 1] * y + R[0, 2]) * scale
+            points[1, at + np.uint64(k)] = (R[1, 0] * x + R[1, 1] * y + R[1, 2]) * scale
+            points[2, at + np.uint64(k)] = ZERO
+        for k in range(size):
+            points[3, at + np.uint64(k)] = fx / (THREE * CLOUDS_M)
+
+
+@compiled("void(i4[:, ::1], f4[:, ::1], f4[:, ::1], i4[::1], i4[::1], u4[::1], f4[::1])")
+def draw_windows(
+    spans: Spans,
+    points: FloatImage,
+    normals: FloatImage,
+    body_of_triangle: IdImage,
+    pattern: IdImage,
+    seed: Seeds,
+    # output
+    detail: FloatImage,
+) -> None:
+    """Dark window panes on the sides of facades, each with its own brightness; the rest keeps its value."""
+    for i in range(len(spans)):
+        size, triangle, at = spans[i, 1], spans[i, 2], np.uint64(spans[i, 3])
+        body = body_of_triangle[triangle]
+        if pattern[body] != FACADE or abs(normals[triangle, 2]) > HALF:
+            continue
+        n = normals[triangle]
+        along = 1 if abs(n[0]) > abs(n[1]) else 0
+        side_key = lattice_key(np.trunc(THREE * n[0] + SEVEN * n[1]), STEP_Z) ^ np.uint32(seed[body] * STEP_SEED)
+        for k in range(size):
+            u, v = points[along, at + np.uint64(k)] / WINDOW_M, points[2, at + np.uint64(k)] / FLOOR_M
+            column, floor = np.floor(u), np.floor(v)
+            in_column, in_floor = u - column, v - floor
+            is_pane = (in_column >= PANE[0]) & (in_column <= PANE[1]) & (in_floor >= PANE[2]) & (in_floor <= PANE[3])
+            key = np.uint32(lattice_key(column, STEP_X) ^ lattice_key(floor, STEP_Y) ^ side_key)
+            fade = clamp(PANE_FADE_M * points[3, at + np.uint64(k)] - HALF, ZERO, ONE)
+            shade = fade * (HALF * hash_to_unit(key) - DARKEST_PANE)
+            detail[at + np.uint64(k)] = shade if is_pane else ZERO
+
+
+@compiled("void(f4[::1], f4[::1], f4[::1], f4[::1], f4, f4, f4, f4, u4, f4[::1])")
+def add_octave(
+    x_m: FloatImage,
+    y_m: FloatImage,
+    z_m: FloatImage,
+    sharpness: FloatImage,
+    across: np.float32,
+    along: np.float32,
+    reach_m: np.float32,
+    weight: np.float32,
+    seed: np.uint32,
+    # output
+    detail: FloatImage,
+) -> None:
+    """Add value noise about 0 on a lattice with frequencies `across` and `along` the axis z [1/m].
+
+    It fades out where the footprint of a pixel, the inverse of the sharpness, grows from a half of `reach_m` to all of
+    it.
+    """
+    seed_key = np.uint32(seed * STEP_SEED)
+    for i in range(len(detail)):
+        x, y, z = x_m[i] * across, y_m[i] * across, z_m[i] * along
+        fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
+        tx, ty, tz = smoothstep(x - fx), smoothstep(y - fy), smoothstep(z - fz)
+        x_key, y0, z0 = lattice_key(fx, STEP_X), lattice_key(fy, STEP_Y), lattice_key(fz, STEP_Z)
+        x0, x1 = np.uint32(x_key ^ seed_key), np.uint32(np.uint32(x_key + STEP_X) ^ seed_key)
+        y1, z1 = np.uint32(y0 + STEP_Y), np.uint32(z0 + STEP_Z)
+        low_near = lerp(hash_to_unit(np.uint32(x0 ^ y0 ^ z0)), hash_to_unit(np.uint32(x1 ^ y0 ^ z0)), tx)
+        low_far = lerp(hash_to_unit(np.uint32(x0 ^ y1 ^ z0)), hash_to_unit(np.uint32(x1 ^ y1 ^ z0)), tx)
+        high_near = lerp(hash_to_unit(np.uint32(x0 ^ y0 ^ z1)), hash_to_unit(np.uint32(x1 ^ y0 ^ z1)), tx)
+        high_far = lerp(hash_to_unit(np.uint32(x0 ^ y1 ^ z1)), hash_to_unit(np.uint32(x1 ^ y1 ^ z1)), tx)
+        noise = lerp(lerp(low_near, low_far, ty), lerp(high_near, high_far, ty), tz)
+        fade = clamp(reach_m * sharpness[i] - ONE, ZERO, ONE)
+        detail[i] += fade * weight * (noise - HALF)
+
+
+@compiled("void(f4[:, ::1], i8, i8, i4, u4, f4[::1])")
+def add_pattern(
+    points: FloatImage,
+    first: int,
+    end: int,
+    pattern: int,
+    seed: np.uint32,
+    # output
+    detail: FloatImage,
+) -> None:
+    """Add the noise of a pattern to successive points, down to octaves of the smallest footprint of a pixel."""
+    x_m, y_m, z_m, sharpness = points[0, first:end], points[1, first:end], points[2, first:end], points[3, first:end]
+    sharpest = sharpness.max()
+    for k in range(2):
+        size_m, weight = OCTAVE_M, STRENGTH * NOISE[pattern, k, 5]
+        for octave in range(int(NOISE[pattern, k, 3])):
+            reach_m = HALF * size_m / NOISE[pattern, k, 2]
+            if reach_m * sharpest <= ONE:
+                break
+            across, along = NOISE[pattern, k, 0] / size_m, NOISE[pattern, k, 1] / size_m
+            key = np.uint32(seed + np.uint32(NOISE[pattern, k, 4]) + octave)
+            add_octave(x_m, y_m, z_m, sharpness, across, along, reach_m, weight, key, detail[first:end])
+            size_m *= FINER
+            weight *= WEAKER
+
+
+@compiled("void(f4[:, ::1], i4[::1], i4[::1], u4[::1], f4[:, ::1], f4[::1])")
+def add_textures(
+    points: FloatImage,
+    place_of_body: IdImage,
+    pattern: IdImage,
+    seed: Seeds,
+    surface: FloatImage,
+    # output
+    detail: FloatImage,
+) -> None:
+    """Add the relative deviation of the brightness of each point from the mean of its textured body."""
+    for body in range(len(pattern)):
+        low, high = LIMITS[pattern[body], 0], LIMITS[pattern[body], 1]
+        end_of_body = place_of_body[body + 1] if surface[body, 1] > 0 else place_of_body[body]
+        for first in range(place_of_body[body], end_of_body, CHUNK_PX):
+            end = min(first + CHUNK_PX, end_of_body)
+            add_pattern(points, first, end, pattern[body], seed[body], detail)
+            own = detail[first:end]
+            for i in range(len(own)):
+                own[i] = clamp(own[i], low, high)
+
+
+@compiled("f4(f4)")
+def transmittance(optical_depth: np.float32) -> np.float32:
+    """`exp(-x)` of x >= 0, in a form that compilers vectorise: `exp(-x / 64)` by its series, and six squarings."""
+    x = min(optical_depth, OPAQUE) / SIXTY_FOUR
+    share = ONE - x * (ONE - x / TWO * (ONE - x / THREE * (ONE - x / FOUR)))
+    for _ in range(6):
+        share *= share
+    return np.float32(share)
+
+
+@compiled("void(i4[:, ::1], f4[::1], f4[::1], i4, f4[::1], f4[:, ::1], i4[::1], f4[:, ::1], f4, f4, u1[::1])")
+def shade(
+    spans: Spans,
+    depth_m: FloatImage,
+    detail: FloatImage,
+    sky_triangle: int,
+    sunlit: FloatImage,
+    light: FloatImage,
+    body_of_triangle: IdImage,
+    surface: FloatImage,
+    haze_m: np.float32,
+    sky: np.float32,
+    # output
+    gray: GrayImage,
+) -> None:
+    """Brightness of surfaces behind haze.
+
+    `light` has the light on each triangle from the sky and from the sun, and `surface` the brightness of each body and
+    its contrast. `sunlit` is 0 in a shadow and 1 elsewhere.
+    """
+    for i in range(len(spans)):
+        size, triangle, pixel, at = spans[i, 1], spans[i, 2], np.uint64(spans[i, 0]), np.uint64(spans[i, 3])
+        if triangle == sky_triangle:
+            continue
+        body = body_of_triangle[triangle]
+        from_sky, from_sun = light[triangle, 0] * surface[body, 0], light[triangle, 1] * surface[body, 0]
+        contrast = surface[body, 1]
+        for k in range(size):
+            lit = from_sky + from_sun * sunlit[pixel + np.uint64(k)]
+            own = clamp(lit * (ONE + contrast * detail[at + np.uint64(k)]), ZERO, ONE)
+            clear = transmittance(depth_m[pixel + np.uint64(k)] / haze_m)
+            seen = clear * own + (ONE - clear) * sky
+            gray[pixel + np.uint64(k)] = np.uint8(np.int32(clamp(seen, ZERO, ONE) * WHITE))
+
+
+@compiled("void(i4[:, ::1], f4[::1], i4, i8, f4[::1], f4[:, ::1], f4, f4, u1[::1])")
+def shade_sky(
+    spans: Spans,
+    detail: FloatImage,
+    sky_triangle: int,
+    width: int,
+    pinhole_px: FloatImage,
+    R_world_cam: FloatImage,
+    sky: np.float32,
+    clouds: np.float32,
+    # output
+    gray: GrayImage,
+) -> None:
+    """Brightness of the sky, which is brighter at the horizon, with clouds at infinity."""
+    fx, fy, cx, cy = pinhole_px[0], pinhole_px[1], pinhole_px[2], pinhole_px[3]
+    R = R_world_cam
+    for i in range(len(spans)):
+        first, size, triangle = spans[i, 0], spans[i, 1], spans[i, 2]
+        if triangle != sky_triangle:
+            continue
+        col, y = first % width, (np.float32(first // width) - cy) / fy
+        pixel, at = np.uint64(first), np.uint64(spans[i, 3])
+        for k in range(size):
+            x = (np.float32(col + k) - cx) / fx
+            up = (R[2, 0] * x + R[2, 1] * y + R[2, 2]) / np.sqrt(x * x + y * y + ONE)
+            cloud = clouds * detail[at + np.uint64(k)] * clamp(THREE * up + CLOUD_BASE, ZERO, ONE)
+            seen = sky + BRIGHTER - DARKER_ABOVE * max(up, ZERO) + cloud
+            gray[pixel + np.uint64(k)] = np.uint8(np.int32(clamp(seen, ZERO, ONE) * WHITE))

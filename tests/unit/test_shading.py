@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from sim.bodies import Body, Box, Scene, Surface, Weather
 from sim.render import create_renderer
-from sim.render.raycast import pixel_bounds
-from sim.render.shaded import unit_depth_directions
+from sim.render.raycast import pixel_bounds, unit_depth_directions
 from sim.world import World
 from tests.helpers import CAMERA, block, camera_at, wall, world_of
 
