@@ -1,11 +1,14 @@
 """The stereo cameras of all drones of a world."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeVar
 
 from .cpu import Mapper
 from .sensor import RigConfig, StereoSensor
 from .types import Capture, Renderer
 from .world import World
+
+T = TypeVar("T")
 
 
 class StereoRig:
@@ -36,5 +39,9 @@ class StereoRig:
         The images are rendered at once. Noise and depth are computed when a capture is consumed, or ahead of that by
         the threads of `pool_map`. Noise is keyed by drone and frame.
         """
+        return self.capture_and(lambda capture: capture, drones, frame)
+
+    def capture_and(self, process: Callable[[Capture], T], drones: Sequence[int], frame: int) -> Iterator[T]:
+        """The results of a function of each of these captures; several threads may call it for different drones."""
         poses = [self._world.pose(drone) for drone in drones]
-        return self._map(self._sensor.capture, self._sensor.render(poses, frame))
+        return self._map(lambda pair: process(self._sensor.capture(pair)), self._sensor.render(poses, frame))

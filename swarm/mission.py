@@ -6,7 +6,7 @@ import numpy as np
 
 from sim.frames import R_BODY_CAM
 from sim.rig import StereoRig
-from sim.types import Contact, DroneState
+from sim.types import Capture, Contact, DroneState
 from sim.world import PHYSICS_HZ, World
 from voxdepth.types import DepthCorrector, FloatArray
 
@@ -22,7 +22,7 @@ from .priors import make_prior
 from .recorder import Recorder
 from .task import MissionConfig
 from .team import Team
-from .types import Decision, MissionResult, Outcome
+from .types import Decision, MissionResult, Outcome, Percept
 
 MIN_PROGRESS_M = 0.3
 """A smaller approach to the goal or the slots is no progress."""
@@ -134,11 +134,14 @@ class Mission:
     def _perceive(self) -> None:
         """Capture and process an image of every drone that is not busy with an earlier one."""
         ready = [i for i, perception in enumerate(self._perceptions) if perception.ready(self.time_s)]
-        # One by one: correctors hold Python's lock too much to gain by threads. The next captures are made meanwhile.
-        for capture in self._rig.capture(ready, self._ticks // self._ticks_per_frame):
-            percept = self._perceptions[capture.drone].see(capture)
-            self._metrics.add_depth(capture, percept.corrected)
+        for capture, percept in self._rig.capture_and(self._see, ready, self._ticks // self._ticks_per_frame):
             self._recorder.capture(self.world.steps, capture, percept.corrected, percept.histogram)
+
+    def _see(self, capture: Capture) -> tuple[Capture, Percept]:
+        """Process the image of one drone, which changes nothing that another drone's thread uses."""
+        percept = self._perceptions[capture.drone].see(capture)
+        self._metrics.add_depth(capture, percept.corrected)
+        return capture, percept
 
     def _decide(self, states: Sequence[DroneState]) -> list[Decision]:
         return [agent.decide(self._situation(i, states[i])) for i, agent in enumerate(self._agents)]
