@@ -12,10 +12,10 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import float32, int64
+from numba import boolean, float32, int64
 from pydantic import Field
 
-from ..compiled import FLOAT_IMAGE, compiled
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled
 from ..geometry import inverse_rigid
 from ..model import Model
 from ..paper.registration import Features
@@ -145,13 +145,22 @@ class FeatureTracker:
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         )
         tracked = np.asarray(positions, np.float32)
-        inside = (tracked >= 0).all(axis=1) & (tracked <= np.array(self._size) - 1).all(axis=1)
-        return tracked, (status.ravel() > 0) & inside
+        return tracked, _found(tracked, np.asarray(status, np.uint8), *self._size)
 
     def _detect_corners(self, gray: GrayImage) -> Pixels:
         eigenvalue = np.asarray(cv2.cornerMinEigenVal(gray, CORNER_WINDOW_PX), np.float32)
         corners: Pixels = _best_of_cells(eigenvalue, self._config.cell_px)
         return corners
+
+
+@compiled(boolean[::1](FLOAT_IMAGE, BYTE_IMAGE, int64, int64))
+def _found(positions: Pixels, status: GrayImage, width_px: int, height_px: int) -> npt.NDArray[np.bool_]:
+    """Which positions were found, by their status, shape (N, 1), and lie inside the image."""
+    found = np.empty(len(positions), np.bool_)
+    for k in range(len(positions)):
+        x, y = positions[k]
+        found[k] = status[k, 0] > 0 and 0 <= x <= width_px - 1 and 0 <= y <= height_px - 1
+    return found
 
 
 @compiled(float32[:, ::1](FLOAT_IMAGE, int64))

@@ -48,8 +48,7 @@ def fit_pose(
     iteration, and never grows. The points are in the source camera, shape (N, 3), N >= 3, and their observed pixels in
     the target camera, shape (N, 2).
     """
-    lens = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
-    T = np.ascontiguousarray(T_initial)
+    lens, T = lens_of(camera), np.ascontiguousarray(T_initial)
     points_m, observed_px = np.ascontiguousarray(points_m), np.ascontiguousarray(observed_px)
     T, median_px, n_inliers = _fit(points_m, observed_px, T, lens, inlier_px)
     return PoseFit(T, median_px, len(points_m), n_inliers)
@@ -57,16 +56,32 @@ def fit_pose(
 
 def project(points_m: FloatArray, camera: Intrinsics) -> FloatArray:
     """Pixels, shape (N, 2), of points in the camera frame, shape (N, 3), in double precision."""
-    z = np.maximum(points_m[:, 2], MIN_DEPTH_M)
+    return _project(np.ascontiguousarray(points_m), lens_of(camera))
+
+
+def lens_of(camera: Intrinsics) -> Lens:
+    """Focal lengths and principal point of a camera."""
+    return camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
+
+
+@compiled(MATRIX(MATRIX, LENS_TYPE))
+def _project(points_m: FloatArray, lens: Lens) -> FloatArray:
+    fx, fy, cx, cy = lens
     pixels = np.empty((len(points_m), 2))
-    pixels[:, 0] = camera.fx_px * points_m[:, 0] / z + camera.cx_px
-    pixels[:, 1] = camera.fy_px * points_m[:, 1] / z + camera.cy_px
+    for k in range(len(points_m)):
+        z = max(points_m[k, 2], MIN_DEPTH_M)
+        pixels[k] = fx * points_m[k, 0] / z + cx, fy * points_m[k, 1] / z + cy
     return pixels
 
 
+@compiled(MATRIX(MATRIX, MATRIX))
 def transform_points(T_a_b: FloatArray, points_b: FloatArray) -> FloatArray:
     """Points of frame b in the coordinates of frame a, shape (N, 3), in double precision."""
-    points_a: FloatArray = points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
+    points_a = np.empty_like(points_b)
+    for k in range(len(points_b)):
+        x, y, z = points_b[k]
+        for axis in range(3):
+            points_a[k, axis] = T_a_b[axis, 0] * x + T_a_b[axis, 1] * y + T_a_b[axis, 2] * z + T_a_b[axis, 3]
     return points_a
 
 

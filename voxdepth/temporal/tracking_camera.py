@@ -4,12 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from numba import float32, float64
+from numba import boolean, float32, float64, int64
 
 from ..compiled import READABLE_IMAGE, compiled
 from ..geometry import resized
 from ..types import FloatArray, FloatImage, Intrinsics, MaskImage
-from .pose_fit import LENS_TYPE, Lens, project
+from .pose_fit import LENS_TYPE, Lens, lens_of
 from .working_resolution import WorkingResolution
 
 Pixels = npt.NDArray[np.float32]
@@ -49,9 +49,10 @@ class TrackingCamera:
         The disparity has the working resolution, shape (h, w); 0 = unknown.
         """
         pixel_px, camera = self.sample(disparity_px, pixels), self.intrinsics
-        lens = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
         known = pixel_px > 0
-        return _back_project(pixels[known], pixel_px[known], self.resolution.focal_baseline_px_m, lens), known
+        return _back_project(
+            pixels[known], pixel_px[known], self.resolution.focal_baseline_px_m, lens_of(camera)
+        ), known
 
     def sample(self, image: FloatImage, pixels: npt.NDArray[np.floating]) -> FloatImage:
         """Nearest values, shape (N,), of a full or working image at pixels of the tracking image, shape (N, 2)."""
@@ -61,10 +62,18 @@ class TrackingCamera:
 
     def sees(self, points_m: FloatArray) -> MaskImage:
         """Whether points in the camera frame, shape (N, 3), are in front of the camera and inside the image."""
-        width, height = self.size
-        (col, row), z = project(points_m, self.intrinsics).T, points_m[:, 2]
-        seen: MaskImage = (z > 0) & (col >= 0) & (col <= width - 1) & (row >= 0) & (row <= height - 1)
-        return seen
+        return _sees(points_m, lens_of(self.intrinsics), *self.size)
+
+
+@compiled(boolean[::1](float64[:, ::1], LENS_TYPE, int64, int64))
+def _sees(points_m: FloatArray, lens: Lens, width_px: int, height_px: int) -> MaskImage:
+    fx, fy, cx, cy = lens
+    seen = np.empty(len(points_m), np.bool_)
+    for k in range(len(points_m)):
+        x, y, z = points_m[k]
+        is_inside = 0 <= fx * x / z + cx <= width_px - 1 and 0 <= fy * y / z + cy <= height_px - 1
+        seen[k] = z > 0 and is_inside
+    return seen
 
 
 @compiled(float32[::1](READABLE_IMAGE, float32[:, ::1], float64))
