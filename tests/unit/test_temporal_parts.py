@@ -14,7 +14,7 @@ from voxdepth.temporal.fusion import PixelClass
 from voxdepth.temporal.measurement import Measurement, measure
 from voxdepth.temporal.memory import DRIFT_DECIMATION, WEIGHT_UNIT, Memory
 from voxdepth.temporal.smoothing import smooth_guided
-from voxdepth.temporal.upsampling import Estimate, Shown, show
+from voxdepth.temporal.upsampling import Estimate, Shown, Upsampler
 from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatImage, Frame, GrayImage, Intrinsics, Source
 
@@ -115,7 +115,7 @@ class TestMeasurement:
 def shown_from(full_px: FloatImage, estimate: Estimate, camera: Intrinsics = CAMERA) -> Shown:
     """The output from estimates at half resolution, by a measurement at full resolution."""
     resolution = WorkingResolution.of(camera, 2)
-    return show(resolution.depth(full_px), estimate, resolution)
+    return Upsampler(camera.shape, resolution).show(resolution.depth(full_px), estimate)
 
 
 def merged_px(full_px: FloatImage, half_px: FloatImage, kind: GrayImage, camera: Intrinsics = CAMERA) -> FloatImage:
@@ -216,7 +216,7 @@ class TestUpsampling:
         rng, resolution = np.random.default_rng(1), WorkingResolution.of(CAMERA, 1)
         kind = rng.integers(0, len(PixelClass), CAMERA.shape).astype(np.uint8)
         estimate = Estimate(constant(8), kind, rng.random(CAMERA.shape).astype(np.float32))
-        shown = show(constant(0), estimate, resolution, 0.5)
+        shown = Upsampler(CAMERA.shape, resolution).show(constant(0), estimate, 0.5)
         hidden = np.isin(kind, [PixelClass.UNKNOWN, PixelClass.MEASURED]) & (estimate.confidence < 0.5)
         np.testing.assert_array_equal(shown.source == Source.INVALID, hidden)
         np.testing.assert_array_equal(shown.depth_m == 0, hidden)

@@ -1,6 +1,6 @@
 """Forward warping of a disparity image to another camera pose, with the values resampled backward."""
 
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -47,23 +47,28 @@ class Warped(NamedTuple):
 
 WARPED_TYPE = named_tuple(Warped, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE)
 Row = tuple[float, float, float, float]
-Reprojection = tuple[Row, Row, Row]
-"""The projective map of pixels with disparity: (u, v, D) moves to `H (u, v, 1) + e D`, divided by its last row.
-
-That divisor is the ratio of the depths after and before, so the new disparity is D divided by it as well. H is the
-infinite homography `K R K^-1`, shape (3, 3), and e is the epipole `K t / (f B)`, shape (3,). The map is `(H | e)`.
-"""
 ROW_TYPE = types.UniTuple(float32, 4)
-REPROJECTION_TYPE = types.UniTuple(ROW_TYPE, 3)
 
 
-def reprojection(resolution: WorkingResolution, T_target_source: FloatArray) -> Reprojection:
-    """The map of a motion, shape (4, 4)."""
-    K = resolution.K
-    H = K @ T_target_source[:3, :3] @ np.linalg.inv(K)
-    e = K @ T_target_source[:3, 3] / resolution.focal_baseline_px_m
-    rows: Any = tuple(tuple(row) for row in np.column_stack([H, e]).astype(np.float32))
-    return cast(Reprojection, rows)
+class Reprojection:
+    """The projective maps of pixels with disparity for the motions of one camera.
+
+    (u, v, D) moves to `H (u, v, 1) + e D`, divided by its last row. That divisor is the ratio of the depths after and
+    before, so the new disparity is D divided by it as well. H is the infinite homography `K R K^-1`, shape (3, 3), and
+    e is the epipole `K t / (f B)`, shape (3,).
+    """
+
+    def __init__(self, resolution: WorkingResolution) -> None:
+        self._K = resolution.K
+        self._K_inverse = np.linalg.inv(resolution.K)
+        self._focal_baseline_px_m = resolution.focal_baseline_px_m
+
+    def of(self, T_target_source: FloatArray) -> FloatImage:
+        """The map `(H | e)` of a motion, shape (3, 4), float32."""
+        matrix: FloatImage = np.empty((3, 4), np.float32)
+        matrix[:, :3] = self._K @ T_target_source[:3, :3] @ self._K_inverse
+        matrix[:, 3] = self._K @ T_target_source[:3, 3] / self._focal_baseline_px_m
+        return matrix
 
 
 class ForwardWarp:
@@ -75,7 +80,7 @@ class ForwardWarp:
     """
 
     def __init__(self, resolution: WorkingResolution) -> None:
-        self._resolution = resolution
+        self._reprojection = Reprojection(resolution)
         height, width = resolution.shape
         # A border of one pixel catches the points that fall outside of the image.
         self._keys = np.empty((height + 2, width + 2), np.uint32)
@@ -86,8 +91,8 @@ class ForwardWarp:
 
         Disparity and weight have shape (H, W); 0 = no surface. The larger weight wins between equal disparities.
         """
-        forward = reprojection(self._resolution, T_target_source)
-        backward = reprojection(self._resolution, inverse_rigid(T_target_source))
+        forward = self._reprojection.of(T_target_source)
+        backward = self._reprojection.of(inverse_rigid(T_target_source))
         warped = Warped.buffer(disparity_px.shape)
         self._keys.fill(0)
         _splat(disparity_px, weight, forward, self._keys, self._marked_px)
@@ -99,8 +104,14 @@ class ForwardWarp:
             self._marked_px, warped.source_x, warped.source_y, cv2.INTER_LINEAR,
             borderMode=cv2.BORDER_CONSTANT, borderValue=float(HOLE_PX),
         )  # fmt: skip
-        _resample(np.asarray(sampled_px, np.float32), backward, forward[2][3], warped.disparity_px)
+        _resample(np.asarray(sampled_px, np.float32), backward, forward[2, 3], warped.disparity_px)
         return warped
+
+
+@compiled(ROW_TYPE(FLOAT_IMAGE, int64))
+def _row(matrix: FloatImage, axis: int) -> Row:
+    """One row of a map."""
+    return matrix[axis, 0], matrix[axis, 1], matrix[axis, 2], matrix[axis, 3]
 
 
 @compiled(float32(ROW_TYPE, int64, int64, float32))
@@ -119,11 +130,11 @@ def _inverse_depth_ratio(map_row: Row, row: int, col: int, disparity_px: float) 
     return inverse
 
 
-@compiled(void(FLOAT_IMAGE, BYTE_IMAGE, REPROJECTION_TYPE, uint32[:, ::1], FLOAT_IMAGE))
+@compiled(void(FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, uint32[:, ::1], FLOAT_IMAGE))
 def _splat(
     disparity_px: FloatImage,
     weight: GrayImage,
-    forward: Reprojection,
+    forward: FloatImage,
     # output
     keys: npt.NDArray[np.uint32],
     marked_px: FloatImage,
@@ -133,14 +144,15 @@ def _splat(
     The second output is the disparity with `HOLE_PX` in holes.
     """
     height, width = disparity_px.shape
+    forward_x, forward_y, forward_z = _row(forward, 0), _row(forward, 1), _row(forward, 2)
     target_row, target_col, key = np.empty(width, np.int32), np.empty(width, np.int32), np.empty(width, np.uint32)
     for row in range(height):
         for col in range(width):
             pixel_px = disparity_px[row, col]
             marked_px[row, col] = pixel_px if pixel_px > 0 else HOLE_PX
-            inverse = _inverse_depth_ratio(forward[2], row, col, pixel_px)
-            y = np.rint(_numerator(forward[1], row, col, pixel_px) * inverse)
-            x = np.rint(_numerator(forward[0], row, col, pixel_px) * inverse)
+            inverse = _inverse_depth_ratio(forward_z, row, col, pixel_px)
+            y = np.rint(_numerator(forward_y, row, col, pixel_px) * inverse)
+            x = np.rint(_numerator(forward_x, row, col, pixel_px) * inverse)
             target_row[col] = int32(min(max(y, float32(-1)), float32(height)))
             target_col[col] = int32(min(max(x, float32(-1)), float32(width)))
             target_px = pixel_px * inverse
@@ -168,31 +180,32 @@ def _read_keys(
             weight[row, col] = uint8(key & WEIGHT_MASK) if units > 0 else uint8(0)
 
 
-@compiled(void(FLOAT_IMAGE, BYTE_IMAGE, REPROJECTION_TYPE, WARPED_TYPE))
+@compiled(void(FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, WARPED_TYPE))
 def _trace_back(
     closed_px: FloatImage,
     closed_weight: GrayImage,
-    backward: Reprojection,
+    backward: FloatImage,
     # input and output
     warped: Warped,
 ) -> None:
     """Fill the cracks, and find the position of each pixel in the source image."""
+    backward_x, backward_y, backward_z = _row(backward, 0), _row(backward, 1), _row(backward, 2)
     for row in range(closed_px.shape[0]):
         for col in range(closed_px.shape[1]):
             near_px, near_weight = closed_px[row, col], closed_weight[row, col]
             own_px, own_weight = warped.disparity_px[row, col], warped.weight[row, col]
             disparity_px = own_px if own_px > 0 else near_px
-            inverse = _inverse_depth_ratio(backward[2], row, col, disparity_px)
+            inverse = _inverse_depth_ratio(backward_z, row, col, disparity_px)
             warped.disparity_px[row, col] = disparity_px
             warped.weight[row, col] = own_weight if own_px > 0 else near_weight
-            warped.source_x[row, col] = _numerator(backward[0], row, col, disparity_px) * inverse
-            warped.source_y[row, col] = _numerator(backward[1], row, col, disparity_px) * inverse
+            warped.source_x[row, col] = _numerator(backward_x, row, col, disparity_px) * inverse
+            warped.source_y[row, col] = _numerator(backward_y, row, col, disparity_px) * inverse
 
 
-@compiled(void(FLOAT_IMAGE, REPROJECTION_TYPE, float32, FLOAT_IMAGE))
+@compiled(void(FLOAT_IMAGE, FLOAT_IMAGE, float32, FLOAT_IMAGE))
 def _resample(
     sampled_px: FloatImage,
-    backward: Reprojection,
+    backward: FloatImage,
     e_z: float,
     # input and output
     disparity_px: FloatImage,
@@ -202,10 +215,11 @@ def _resample(
     The position of the sample was computed with the splatted disparity, so the depth ratio, whose rate of change is
     `e_z`, is corrected for that of the sample.
     """
+    backward_z = _row(backward, 2)
     for row in range(sampled_px.shape[0]):
         for col in range(sampled_px.shape[1]):
             splatted_px = disparity_px[row, col]
-            inverse = _inverse_depth_ratio(backward[2], row, col, splatted_px)
+            inverse = _inverse_depth_ratio(backward_z, row, col, splatted_px)
             ratio = (sampled_px[row, col] - splatted_px * inverse) * e_z + inverse
             resampled_px = sampled_px[row, col] / max(ratio, MIN_DEPTH_RATIO)
             is_same = (abs(resampled_px - splatted_px) < MAX_RESAMPLING_CHANGE_PX) & (splatted_px > 0)

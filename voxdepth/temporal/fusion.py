@@ -1,6 +1,7 @@
 """Temporal fusion: each pixel is classified by how memory and measurement compare, and both are fused accordingly."""
 
 from enum import IntEnum
+from functools import cache
 from typing import NamedTuple
 
 import cv2
@@ -96,13 +97,17 @@ class Fused(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """Bounds of the configuration for one image. Weights are in units of `1 / WEIGHT_UNIT`, and shares in 0..255."""
+    """Bounds of the configuration in the units of the images.
+
+    Weights are in units of `1 / WEIGHT_UNIT`, and shares in 0..255.
+    """
 
     tolerance_px: float
     relative_tolerance: float
     max_bias_px: float
     min_coherent_share: float
     max_gray_change: float
+    """Least bound of the gray change; see `MIN_DISAPPEARANCE_CHANGE`."""
     max_drift_px: float
     drift_gain: float
     min_weight: int
@@ -111,16 +116,20 @@ class Rules(NamedTuple):
     decay_occluded: int
     decay_free_space: int
     decay_outlier: int
+    filling_weight: GrayImage
+    """Weight that a memory of each age must have to fill a hole, shape (256,): less if it was first seen lately."""
 
-    @classmethod
-    def of(cls, config: TemporalFusionConfig, gray_noise: float) -> "Rules":
-        """The rules for an image of some gray noise."""
-        return cls(
+    @staticmethod
+    @cache
+    def of(config: TemporalFusionConfig) -> "Rules":
+        """The rules of a configuration."""
+        by_age = np.minimum(config.min_evidence_per_frame * np.arange(256), config.min_evidence)
+        return Rules(
             tolerance_px=float32(config.tolerance_px),
             relative_tolerance=float32(config.relative_tolerance),
             max_bias_px=float32(config.max_bias_px),
             min_coherent_share=float32(255 * config.min_coherence),
-            max_gray_change=float32(max(config.max_gray_change_hole, MIN_DISAPPEARANCE_CHANGE * gray_noise)),
+            max_gray_change=float32(config.max_gray_change_hole),
             max_drift_px=float32(config.max_drift_px),
             drift_gain=float32(config.drift_gain),
             min_weight=round(WEIGHT_UNIT * config.min_evidence),
@@ -128,6 +137,7 @@ class Rules(NamedTuple):
             decay_occluded=round(WEIGHT_UNIT * config.decay_occluded),
             decay_free_space=round(WEIGHT_UNIT * config.decay_free_space),
             decay_outlier=round(WEIGHT_UNIT * config.decay_outlier),
+            filling_weight=np.minimum(np.rint(WEIGHT_UNIT * by_age), np.iinfo(np.uint8).max).astype(np.uint8),
         )
 
 
@@ -159,7 +169,7 @@ class Pixel(NamedTuple):
     memory_factor: float
 
 
-RULES_TYPE = named_tuple(Rules, *[float32] * 7, *[int64] * 5)
+RULES_TYPE = named_tuple(Rules, *[float32] * 7, *[int64] * 5, uint8[::1])
 FUSED_TYPE = named_tuple(Fused, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 PIXEL_TYPE = named_tuple(Pixel, float32, int64, float32, int64, boolean, boolean, boolean, float32)
 COMPARISON_TYPE = named_tuple(Comparison, BYTE_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
@@ -168,10 +178,11 @@ COMPARISON_TYPE = named_tuple(Comparison, BYTE_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FL
 def fuse(memory: Memory, measurement: Measurement, config: TemporalFusionConfig) -> tuple[Fused, Memory]:
     """The fused disparity, and the memory for the next frame, from the memory warped to this frame."""
     gray_change = box_mean(np.asarray(cv2.absdiff(memory.gray, measurement.gray), np.uint8), WINDOW_PX)
-    rules = Rules.of(config, max(1, _sparse_median(gray_change)))
+    rules = Rules.of(config)
+    max_gray_change = max(rules.max_gray_change, MIN_DISAPPEARANCE_CHANGE * max(1, _sparse_median(gray_change)))
     fused, updated = Fused.buffer(gray_change.shape), Memory.buffer(gray_change.shape)
     comparison = _compare(memory, measurement, rules, updated.drift_px)
-    _fuse_pixels(memory, measurement, comparison, gray_change, _weight_by_age(config), rules, fused, updated)
+    _fuse_pixels(memory, measurement, comparison, gray_change, max_gray_change, rules, fused, updated)
     return fused, updated
 
 
@@ -188,13 +199,6 @@ def _sparse_median(image: GrayImage) -> int:
         value += 1
         n_below += count[value]
     return value
-
-
-def _weight_by_age(config: TemporalFusionConfig) -> GrayImage:
-    """Weight that a memory of each age must have to fill a hole, shape (256,): less if it was first seen lately."""
-    weight = np.rint(WEIGHT_UNIT * np.minimum(config.min_evidence_per_frame * np.arange(256), config.min_evidence))
-    weight_by_age: GrayImage = np.minimum(weight, np.iinfo(np.uint8).max).astype(np.uint8)
-    return weight_by_age
 
 
 def _compare(memory: Memory, measurement: Measurement, rules: Rules, drift_px: FloatImage) -> Comparison:
@@ -322,14 +326,14 @@ def _fuse_pixel(pixel: Pixel, rules: Rules) -> tuple[int, float, float, int]:
 
 
 @compiled(
-    void(MEMORY_TYPE, MEASUREMENT_TYPE, COMPARISON_TYPE, BYTE_IMAGE, uint8[::1], RULES_TYPE, FUSED_TYPE, MEMORY_TYPE)
+    void(MEMORY_TYPE, MEASUREMENT_TYPE, COMPARISON_TYPE, BYTE_IMAGE, float32, RULES_TYPE, FUSED_TYPE, MEMORY_TYPE)
 )
 def _fuse_pixels(
     memory: Memory,
     measurement: Measurement,
     comparison: Comparison,
     gray_change: GrayImage,
-    filling_weight: GrayImage,
+    max_gray_change: float,
     rules: Rules,
     # output
     fused: Fused,
@@ -340,7 +344,7 @@ def _fuse_pixels(
         for col in range(gray_change.shape[1]):
             measured_px, memory_px = measurement.disparity_px[row, col], memory.disparity_px[row, col]
             measured_weight, memory_weight = int64(measurement.weight[row, col]), int64(memory.weight[row, col])
-            if measured_px == 0 and gray_change[row, col] > rules.max_gray_change:
+            if measured_px == 0 and gray_change[row, col] > max_gray_change:
                 memory_weight = 0
             is_known, difference_px = memory_weight > 0, measured_px - memory_px
             nearer, farther = comparison.nearer[row, col], comparison.farther[row, col]
@@ -356,7 +360,7 @@ def _fuse_pixels(
             )
             pixel_class, fused_px, updated_px, weight = _fuse_pixel(pixel, rules)
             age = int64(memory.age[row, col])
-            is_remembered = measured_px == 0 and is_known and memory_weight >= filling_weight[age]
+            is_remembered = measured_px == 0 and is_known and memory_weight >= rules.filling_weight[age]
             is_measured = pixel_class == PixelClass.MEASURED
             is_replaced = is_measured and weight <= 0
             fused.disparity_px[row, col] = fused_px

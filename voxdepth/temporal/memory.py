@@ -4,8 +4,9 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numba import float32, void
 
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, named_tuple
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
 from ..types import FloatArray, FloatImage, GrayImage
 from .forward_warp import ForwardWarp
 from .masks import Image
@@ -52,8 +53,9 @@ class Memory(NamedTuple):
     def warp(self, forward_warp: ForwardWarp, T_frame_memory: FloatArray) -> "Memory":
         """The memory as a new frame sees it, after a motion of shape (4, 4)."""
         warped = forward_warp.warp(self.disparity_px, self.weight, T_frame_memory)
-        shape = self.drift_px.shape
-        coarse_x, coarse_y = (_coarse_position(source, shape) for source in (warped.source_x, warped.source_y))
+        coarse_x, coarse_y = np.empty((2, *self.drift_px.shape), np.float32)
+        _decimate_position(warped.source_x, coarse_x)
+        _decimate_position(warped.source_y, coarse_y)
         return Memory(
             disparity_px=warped.disparity_px,
             weight=warped.weight,
@@ -76,7 +78,18 @@ def _sample(image: Image, x: FloatImage, y: FloatImage, interpolation: int) -> I
     return np.asarray(cv2.remap(image, x, y, interpolation, borderMode=cv2.BORDER_REPLICATE))
 
 
-def _coarse_position(position: FloatImage, shape: tuple[int, ...]) -> FloatImage:
-    """Columns or rows of the memory as those of the decimated drift, averaged to its shape."""
-    mean: FloatImage = np.asarray(cv2.resize(position, shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
-    return (mean - np.float32((DRIFT_DECIMATION - 1) / 2)) / np.float32(DRIFT_DECIMATION)
+@compiled(void(FLOAT_IMAGE, FLOAT_IMAGE))
+def _decimate_position(
+    position: FloatImage,
+    # output
+    coarse: FloatImage,
+) -> None:
+    """Columns or rows of the memory as those of the decimated drift: the mean of each block of pixels."""
+    n, n_pixels = DRIFT_DECIMATION, float32(DRIFT_DECIMATION**2)
+    for row in range(coarse.shape[0]):
+        for col in range(coarse.shape[1]):
+            total = float32(0)
+            for v in range(n * row, n * row + n):
+                for u in range(n * col, n * col + n):
+                    total += position[v, u]
+            coarse[row, col] = (total / n_pixels - float32((n - 1) / 2)) / float32(n)

@@ -19,7 +19,7 @@ from .measurement import measure
 from .memory import Memory
 from .odometry import TrackingResult, TrackingStatus, VisualOdometry
 from .smoothing import smooth_guided
-from .upsampling import Estimate, show
+from .upsampling import Estimate, Upsampler
 from .working_resolution import WorkingResolution, default_decimation
 
 MIN_SIDE_PX = 8
@@ -64,6 +64,7 @@ class VoxDepth(StreamCorrector):
         self._resolution = WorkingResolution.of(camera, decimation)
         self._odometry = VisualOdometry(camera, self._resolution, config.odometry)
         self._forward_warp = ForwardWarp(self._resolution)
+        self._upsampler = Upsampler(camera.shape, self._resolution)
         self._inpainter = Inpainter(self._resolution, config.inpainting)
         compile_all()
         super().__init__(camera)
@@ -107,7 +108,7 @@ class VoxDepth(StreamCorrector):
             confidence = estimate_confidence(disparity_px, pixel_class, fused.weight, inpainted.probability)
         with timer("upsample"):
             estimate = Estimate(disparity_px, pixel_class, confidence)
-            shown = show(aligned.depth_m, estimate, self._resolution, self._config.min_shown_confidence)
+            shown = self._upsampler.show(aligned.depth_m, estimate, self._config.min_shown_confidence)
         return CorrectedDepth(**shown._asdict(), timings_s=timer.times_s, diagnostics=aligned.tracking)
 
     def _remember(self, frame: Frame, tracking: TrackingResult, memory: Memory) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from numba import boolean, float32, int64, uint8, void
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
+from ..image_pool import ImagePool
 from ..types import FloatImage, GrayImage, Source
 from .fusion import PixelClass
 from .working_resolution import WorkingResolution, depth_of, disparity_of
@@ -39,41 +40,42 @@ class Shown(NamedTuple):
     source: GrayImage
     confidence: FloatImage
 
-    @classmethod
-    def buffer(cls, shape: tuple[int, ...]) -> "Shown":
-        """Images of a shape, without values yet."""
-        return cls(np.empty(shape, np.float32), np.empty(shape, np.uint8), np.empty(shape, np.float32))
-
 
 ESTIMATE_TYPE = named_tuple(Estimate, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 SHOWN_TYPE = named_tuple(Shown, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 
 
-def show(
-    measured_m: FloatImage, estimate: Estimate, resolution: WorkingResolution, min_fill_confidence: float = 0.0
-) -> Shown:
-    """The output for a frame of that measured depth, shape (H, W), 0 = invalid.
+class Upsampler:
+    """Makes the output for frames of one size from the working pixels."""
 
-    At half resolution, disparity is interpolated on surfaces. At depth discontinuities, each full pixel keeps its
-    measurement if it is of the same surface, and otherwise takes its working pixel without interpolation. If it has no
-    measurement, and the next working pixel on its side is unknown, it belongs to that hole: the rest of its own working
-    pixel may be affected by foreground fattening.
+    def __init__(self, shape: tuple[int, int], resolution: WorkingResolution) -> None:
+        self._resolution = resolution
+        self._floats, self._bytes = ImagePool(shape, np.float32), ImagePool(shape, np.uint8)
 
-    Inpainted pixels with a smaller confidence than `min_fill_confidence` are not shown.
-    """
-    measured_m, shown = np.ascontiguousarray(measured_m), Shown.buffer(measured_m.shape)
-    focal_baseline_px_m = resolution.focal_baseline_px_m
-    if resolution.decimation == 1:
-        _show(measured_m, estimate, focal_baseline_px_m, min_fill_confidence, shown)
+    def show(self, measured_m: FloatImage, estimate: Estimate, min_fill_confidence: float = 0.0) -> Shown:
+        """The output for a frame of that measured depth, shape (H, W), 0 = invalid.
+
+        At half resolution, disparity is interpolated on surfaces. At depth discontinuities, each full pixel keeps its
+        measurement if it is of the same surface, and otherwise takes its working pixel without interpolation. If it has
+        no measurement, and the next working pixel on its side is unknown, it belongs to that hole: the rest of its own
+        working pixel may be affected by foreground fattening.
+
+        Inpainted pixels with a smaller confidence than `min_fill_confidence` are not shown.
+        """
+        shown = Shown(self._floats.image(), self._bytes.image(), self._floats.image())
+        measured_m, resolution = np.ascontiguousarray(measured_m), self._resolution
+        focal_baseline_px_m = resolution.focal_baseline_px_m
+        if resolution.decimation == 1:
+            _show(measured_m, estimate, focal_baseline_px_m, min_fill_confidence, shown)
+            return shown
+        near_px, far_px = cv2.dilate(estimate.disparity_px, KERNEL), cv2.erode(estimate.disparity_px, KERNEL)
+        span_px = np.asarray(cv2.subtract(near_px, far_px), np.float32)
+        _show_interpolated(measured_m, estimate, focal_baseline_px_m, min_fill_confidence, shown)
+        _show_separated(measured_m, estimate, span_px, focal_baseline_px_m, min_fill_confidence, shown)
+        for image in shown:
+            image[2 * resolution.height_px :] = image[2 * resolution.height_px - 1]
+            image[:, 2 * resolution.width_px :] = image[:, 2 * resolution.width_px - 1 : 2 * resolution.width_px]
         return shown
-    disparity_px = estimate.disparity_px
-    span_px = np.asarray(cv2.subtract(cv2.dilate(disparity_px, KERNEL), cv2.erode(disparity_px, KERNEL)), np.float32)
-    _show_interpolated(measured_m, estimate, focal_baseline_px_m, min_fill_confidence, shown)
-    _show_separated(measured_m, estimate, span_px, focal_baseline_px_m, min_fill_confidence, shown)
-    for image in shown:
-        image[2 * resolution.height_px :] = image[2 * resolution.height_px - 1]
-        image[:, 2 * resolution.width_px :] = image[:, 2 * resolution.width_px - 1 : 2 * resolution.width_px]
-    return shown
 
 
 @compiled(void(SHOWN_TYPE, int64, int64, float32, boolean, uint8, float32, float32))
