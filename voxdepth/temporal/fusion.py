@@ -111,7 +111,7 @@ class Rules(NamedTuple):
     max_drift_px: float
     drift_gain: float
     min_weight: int
-    """Weight of the memory from which it rejects a measurement."""
+    """Weight of the memory from which it rejects a measurement; an empty memory rejects nothing."""
     max_weight: int
     decay_occluded: int
     decay_free_space: int
@@ -132,7 +132,7 @@ class Rules(NamedTuple):
             max_gray_change=float32(config.max_gray_change_hole),
             max_drift_px=float32(config.max_drift_px),
             drift_gain=float32(config.drift_gain),
-            min_weight=round(WEIGHT_UNIT * config.min_evidence),
+            min_weight=max(1, round(WEIGHT_UNIT * config.min_evidence)),
             max_weight=round(WEIGHT_UNIT * config.max_evidence),
             decay_occluded=round(WEIGHT_UNIT * config.decay_occluded),
             decay_free_space=round(WEIGHT_UNIT * config.decay_free_space),
@@ -365,7 +365,7 @@ def _fuse_pixels(
             is_replaced = is_measured and weight <= 0
             fused.disparity_px[row, col] = fused_px
             fused.pixel_class[row, col] = pixel_class
-            fused.weight[row, col] = measured_weight if is_measured else weight
+            fused.weight[row, col] = measured_weight if is_measured else max(weight, 0)
             fused.remembered_px[row, col] = memory_px if is_remembered else float32(0)
             weight = measured_weight if is_replaced else weight
             updated_px = measured_px if is_replaced else updated_px

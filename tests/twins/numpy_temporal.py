@@ -1,0 +1,331 @@
+"""Twins of the loops over the images of the default method: the same steps as NumPy expressions over whole images."""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from scipy.ndimage import maximum_filter, minimum_filter
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from voxdepth.temporal.forward_warp import HOLE_PX, Warped
+from voxdepth.temporal.fusion import Comparison, Fused, PixelClass, TemporalFusionConfig
+from voxdepth.temporal.measurement import Measurement
+from voxdepth.temporal.memory import WEIGHT_UNIT, Memory
+from voxdepth.temporal.upsampling import Estimate, Shown
+from voxdepth.temporal.working_resolution import WorkingResolution
+from voxdepth.types import FloatArray, FloatImage, GrayImage, MaskImage, Source
+
+
+def mask(where: MaskImage) -> GrayImage:
+    return np.where(where, 255, 0).astype(np.uint8)
+
+
+def disparity(depth_m: FloatImage, focal_baseline_px_m: float) -> FloatImage:
+    with np.errstate(divide="ignore", over="ignore"):
+        disparity_px = np.float32(focal_baseline_px_m) / depth_m
+    return np.where((disparity_px > 0) & (disparity_px <= 1000), disparity_px, np.float32(0))
+
+
+def depth(disparity_px: FloatImage, focal_baseline_px_m: float) -> FloatImage:
+    valid = disparity_px >= np.float32(1e-4)
+    return np.where(valid, np.float32(focal_baseline_px_m) / np.where(valid, disparity_px, 1), 0).astype(np.float32)
+
+
+# measurement
+
+
+def decimate(depth_m: FloatImage, focal_baseline_px_m: float) -> tuple[FloatImage, GrayImage]:
+    """Disparity and validity of the whole blocks of two by two pixels."""
+    four_m = np.stack([depth_m[row : depth_m.shape[0] // 2 * 2 : 2, col : depth_m.shape[1] // 2 * 2 : 2]
+                       for row, col in ((0, 0), (0, 1), (1, 0), (1, 1))])  # fmt: skip
+    four_px = disparity(four_m, focal_baseline_px_m)
+    n_valid = np.count_nonzero(four_px, axis=0)
+    mean_px = four_px.sum(axis=0) / np.maximum(n_valid, 1).astype(np.float32)
+    near_px, far_px = four_px.max(axis=0), disparity(four_m.max(axis=0), focal_baseline_px_m)
+    surface_px = np.where(near_px - mean_px < mean_px - far_px, near_px, far_px)
+    validity = np.rint(255 * np.sqrt(n_valid / 4)).astype(np.uint8)
+    return np.where(near_px - far_px < 1, mean_px, surface_px), validity
+
+
+def specks(disparity_px: FloatImage) -> GrayImage:
+    """Mask of the surfaces of at most 16 pixels, whose neighbours differ by at most 1 px."""
+    pixel, valid = np.arange(disparity_px.size).reshape(disparity_px.shape), disparity_px > 0
+    pairs = []
+    for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        joined = valid[one] & valid[other] & (abs(disparity_px[one] - disparity_px[other]) <= 1)
+        pairs.append([pixel[one][joined], pixel[other][joined]])
+    first, second = np.hstack(pairs)
+    graph = coo_array((np.ones(first.size), (first, second)), shape=(pixel.size, pixel.size))
+    surface = connected_components(graph, directed=False)[1].reshape(pixel.shape)
+    return mask(valid & (np.bincount(surface.ravel())[surface] <= 16))
+
+
+def without_near_specks(speck: GrayImage, disparity_px: FloatImage) -> FloatImage:
+    large = (disparity_px > 0) & (speck == 0)
+    background_px = minimum_filter(np.where(large, disparity_px, 1000), 7, mode="constant", cval=1000)
+    return np.where((speck > 0) & (disparity_px >= background_px + 1), 0, disparity_px)
+
+
+# fusion
+
+
+def units(measurements: float) -> int:
+    """A number of measurements as a weight."""
+    return round(WEIGHT_UNIT * measurements)
+
+
+def tolerance(memory: Memory, measurement: Measurement, config: TemporalFusionConfig) -> FloatImage:
+    larger_px = np.maximum(measurement.disparity_px, memory.disparity_px)
+    return np.float32(config.tolerance_px) + np.float32(config.relative_tolerance) * larger_px
+
+
+def subtract(memory: Memory, measurement: Measurement, config: TemporalFusionConfig) -> tuple[GrayImage, FloatImage]:
+    """Mask of the overlap, and the clipped difference there."""
+    tolerance_px = tolerance(memory, measurement, config)
+    overlap = (measurement.disparity_px > 0) & (memory.weight > 0)
+    clipped_px = np.clip(measurement.disparity_px - memory.disparity_px, -tolerance_px, tolerance_px)
+    return mask(overlap), np.where(overlap, clipped_px, np.float32(0))
+
+
+def find_contradictions(
+    memory: Memory, measurement: Measurement, overlap: GrayImage, bias_px: FloatImage, share: GrayImage,
+    config: TemporalFusionConfig,
+) -> tuple[GrayImage, GrayImage, GrayImage]:  # fmt: skip
+    """Masks of the pixels that agree, that show a nearer surface, and a farther one."""
+    difference_px = measurement.disparity_px - memory.disparity_px
+    within = abs(difference_px) < tolerance(memory, measurement, config)
+    unbiased = abs(bias_px) < np.float32(config.max_bias_px) / np.float32(255) * share.astype(np.float32)
+    agreeing = (overlap > 0) & within & unbiased
+    contradicting = (overlap > 0) & ~agreeing
+    return mask(agreeing), mask(contradicting & (difference_px > 0)), mask(contradicting & (difference_px < 0))
+
+
+def update_drift(
+    before_px: FloatImage, mean_px: FloatImage, mean_count: FloatImage, config: TemporalFusionConfig
+) -> tuple[FloatImage, FloatImage]:
+    """The drift, and the factor of the memory's weight."""
+    now_px = mean_px / np.maximum(mean_count / np.float32(255), np.float32(0.1))
+    drift_px = before_px + np.float32(config.drift_gain) * (now_px - before_px)
+    approach = np.maximum(drift_px, 0) / np.float32(config.max_drift_px)
+    return drift_px, np.maximum(1 - np.square(approach), 0)
+
+
+class Masks(NamedTuple):
+    """What memory and measurement of each pixel are to each other. The masks are disjoint."""
+
+    agreeing: MaskImage
+    occluding: MaskImage
+    free_space: MaskImage
+    outlier: MaskImage
+    new: MaskImage
+
+
+def classify(
+    weight: GrayImage, memory: Memory, measurement: Measurement, comparison: Comparison, config: TemporalFusionConfig
+) -> Masks:
+    known, valid = weight > 0, measurement.disparity_px > 0
+    agreeing = comparison.agreeing > 0
+    contradicting, min_share = known & valid & ~agreeing, 255 * config.min_coherence
+    nearer = contradicting & (measurement.disparity_px > memory.disparity_px) & (comparison.nearer > min_share)
+    farther = contradicting & (measurement.disparity_px < memory.disparity_px) & (comparison.farther > min_share)
+    rejected, evident = contradicting & ~nearer & ~farther, weight >= units(config.min_evidence)
+    return Masks(agreeing, nearer, farther, rejected & evident, valid & ~known | rejected & ~evident)
+
+
+def fuse_pixels(
+    memory: Memory, measurement: Measurement, comparison: Comparison, gray_change: GrayImage, gray_noise: float,
+    config: TemporalFusionConfig,
+) -> tuple[Fused, Memory]:  # fmt: skip
+    """The fused frame and the memory after it, whose drift is left as it is."""
+    valid = measurement.disparity_px > 0
+    disappeared = ~valid & (gray_change > np.float32(max(config.max_gray_change_hole, 5 * gray_noise)))
+    weight = np.where(disappeared, np.uint8(0), memory.weight)
+    pixels = classify(weight, memory, measurement, comparison, config)
+    measured = pixels.new | pixels.occluding | pixels.free_space
+    required = np.rint(WEIGHT_UNIT * np.minimum(config.min_evidence_per_frame * memory.age, config.min_evidence))
+    hole = ~valid & (weight > 0) & (weight >= np.minimum(required, 255))
+
+    total = measurement.weight.astype(np.float32) + comparison.memory_factor * weight.astype(np.float32)
+    gain = measurement.weight.astype(np.float32) / np.maximum(total, 1)
+    mean_px = memory.disparity_px + gain * (measurement.disparity_px - memory.disparity_px)
+    kept_px = np.where(pixels.agreeing, mean_px, memory.disparity_px)
+
+    grown = np.minimum(weight.astype(int) + measurement.weight, units(config.max_evidence))
+    losses = [units(decay) for decay in (config.decay_occluded, config.decay_free_space, config.decay_outlier)]
+    loss = np.select([pixels.occluding, pixels.free_space, pixels.outlier], losses, 0)
+    decayed = np.where(pixels.agreeing, grown, np.maximum(weight.astype(int) - loss, 0)).astype(np.uint8)
+    replaced = pixels.new | ((pixels.occluding | pixels.free_space) & (decayed == 0))
+    updated_weight = np.where(replaced, measurement.weight, decayed)
+    updated_px = np.where(replaced, measurement.disparity_px, kept_px)
+
+    classes = PixelClass.FUSED, PixelClass.MEASURED, PixelClass.REMEMBERED
+    fused = Fused(
+        disparity_px=np.select([measured, valid], [measurement.disparity_px, kept_px], np.float32(0)),
+        pixel_class=np.select([pixels.agreeing, measured, pixels.outlier], classes, PixelClass.UNKNOWN),
+        weight=np.where(measured, measurement.weight, decayed),
+        remembered_px=np.where(hole, memory.disparity_px, 0),
+    )
+    return fused, Memory(
+        disparity_px=np.where(updated_weight > 0, updated_px, 0),
+        weight=updated_weight,
+        gray=np.where(pixels.agreeing | replaced, measurement.gray, memory.gray),
+        age=np.where(replaced, 1, np.minimum(memory.age.astype(int) + 1, 255)),
+        drift_px=memory.drift_px,
+    )
+
+
+def fuse(memory: Memory, measurement: Measurement, config: TemporalFusionConfig) -> tuple[Fused, Memory]:
+    """All steps of the fusion."""
+    gray_change = cv2.blur(cv2.absdiff(memory.gray, measurement.gray), (5, 5))
+    overlap, difference_px = subtract(memory, measurement, config)
+    bias_px, share = cv2.blur(difference_px, (5, 5)), cv2.blur(overlap, (5, 5))
+    agreeing, *contradicting = find_contradictions(memory, measurement, overlap, bias_px, share, config)
+    coarse = memory.drift_px.shape[::-1]
+    count, total_px = (
+        cv2.blur(cv2.resize(image, coarse, interpolation=cv2.INTER_AREA).astype(np.float32), (3, 3))
+        for image in (overlap, difference_px)
+    )
+    drift_px, factor = update_drift(memory.drift_px, total_px, count, config)
+    factor = cv2.resize(factor, overlap.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    comparison = Comparison(agreeing, *(cv2.blur(image, (5, 5)) for image in contradicting), factor)
+    gray_noise = max(1.0, float(np.median(gray_change[::4, ::4])))
+    fused, updated = fuse_pixels(memory, measurement, comparison, gray_change, gray_noise, config)
+    return fused, updated._replace(drift_px=drift_px)
+
+
+# forward warp
+
+
+def reprojection(resolution: WorkingResolution, T_target_source: FloatArray) -> FloatImage:
+    """`(H | e)`, shape (3, 4)."""
+    K, R, t = resolution.K, T_target_source[:3, :3], T_target_source[:3, 3]
+    return np.column_stack([K @ R @ np.linalg.inv(K), K @ t / resolution.focal_baseline_px_m]).astype(np.float32)
+
+
+def move(reprojection: FloatImage, disparity_px: FloatImage) -> tuple[FloatImage, FloatImage, FloatImage]:
+    """Columns, rows and inverse depth ratios of the moved pixels; all are 0 behind the camera."""
+    row, col = np.indices(disparity_px.shape, np.float32)
+    x, y, ratio = (e * disparity_px + (a * col + c) + b * row for a, b, c, e in reprojection)
+    in_front = ratio > np.float32(1e-3)
+    inverse = np.where(in_front, np.float32(1) / np.where(in_front, ratio, 1), np.float32(0))
+    return x * inverse, y * inverse, inverse
+
+
+def splat(disparity_px: FloatImage, weight: GrayImage, forward: FloatImage) -> tuple[np.ndarray, FloatImage]:
+    """Keys of the z-buffer, with a border of one pixel; and the disparity with holes marked."""
+    height, width = disparity_px.shape
+    x, y, inverse = move(forward, disparity_px)
+    row, col = (np.clip(np.rint(at), -1, side).astype(int) + 1 for at, side in ((y, height), (x, width)))
+    target_px = disparity_px * inverse
+    fixed_point = np.where(target_px <= 1000, np.rint(target_px * np.float32(2**14)), 0).astype(np.uint32)
+    keys = np.zeros((height + 2, width + 2), np.uint32)
+    np.maximum.at(keys, (row, col), fixed_point * np.uint32(256) + weight)
+    return keys, np.where(disparity_px > 0, disparity_px, HOLE_PX)
+
+
+def read_keys(keys: np.ndarray) -> tuple[FloatImage, GrayImage]:
+    fixed_point, weight = np.divmod(keys[1:-1, 1:-1], np.uint32(256))
+    return fixed_point.astype(np.float32) / np.float32(2**14), np.where(fixed_point > 0, weight, 0).astype(np.uint8)
+
+
+def trace_back(
+    seen_px: FloatImage, seen_weight: GrayImage, closed_px: FloatImage, closed_weight: GrayImage, backward: FloatImage
+) -> Warped:
+    disparity_px = np.where(seen_px > 0, seen_px, closed_px)
+    weight = np.where(seen_px > 0, seen_weight, closed_weight)
+    x, y, _ = move(backward, disparity_px)
+    return Warped(disparity_px, weight, x, y)
+
+
+def resample(sampled_px: FloatImage, disparity_px: FloatImage, backward: FloatImage, forward: FloatImage) -> FloatImage:
+    _, _, inverse = move(backward, disparity_px)
+    ratio = (sampled_px - disparity_px * inverse) * forward[2, 3] + inverse
+    resampled_px = sampled_px / np.maximum(ratio, np.float32(1e-3))
+    is_same = (abs(resampled_px - disparity_px) < np.float32(0.6)) & (disparity_px > 0)
+    return np.where(is_same, resampled_px, disparity_px)
+
+
+def warp(
+    disparity_px: FloatImage, weight: GrayImage, resolution: WorkingResolution, T_target_source: FloatArray
+) -> Warped:
+    """All steps of the forward warp."""
+    forward = reprojection(resolution, T_target_source)
+    backward = reprojection(resolution, np.linalg.inv(T_target_source))
+    keys, marked_px = splat(disparity_px, weight, forward)
+    seen = read_keys(keys)
+    closed = (cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) for image in seen)
+    warped = trace_back(*seen, *closed, backward)
+    sampled_px = cv2.remap(
+        marked_px, warped.source_x, warped.source_y, cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT, borderValue=float(HOLE_PX),
+    )  # fmt: skip
+    return warped._replace(disparity_px=resample(sampled_px, warped.disparity_px, backward, forward))
+
+
+# smoothing and upsampling
+
+
+def smooth(disparity_px: FloatImage, mean_px: FloatImage, mean_square_px2: FloatImage, noise_px2: float) -> FloatImage:
+    variance_px2 = np.maximum(mean_square_px2 - np.square(mean_px), 0)
+    gain = variance_px2 / (variance_px2 + np.float32(noise_px2))
+    return mean_px + gain * (disparity_px - mean_px)
+
+
+def show_pixels(
+    depth_m: FloatImage, is_measured: MaskImage, pixel_class: GrayImage, confidence: FloatImage, min_confidence: float
+) -> Shown:
+    """Pixels with their source; inpainted ones of too little confidence are left out."""
+    of_measured = np.array([Source.INPAINTED, Source.SENSOR, Source.SENSOR, Source.MEMORY], np.uint8)
+    of_others = np.array([Source.INPAINTED, Source.MEMORY, Source.INPAINTED, Source.MEMORY], np.uint8)
+    source = np.where(is_measured, of_measured[pixel_class], of_others[pixel_class])
+    is_shown = (depth_m > 0) & ((source != Source.INPAINTED) | (confidence >= np.float32(min_confidence)))
+    return Shown(np.where(is_shown, depth_m, 0), np.where(is_shown, source, 0), np.where(is_shown, confidence, 0))
+
+
+def show(measured_m: FloatImage, estimate: Estimate, focal_baseline_px_m: float, min_confidence: float) -> Shown:
+    """The output where every pixel is a working pixel."""
+    is_measured = disparity(measured_m, focal_baseline_px_m) > 0
+    depth_m = depth(estimate.disparity_px, focal_baseline_px_m)
+    return show_pixels(depth_m, is_measured, estimate.pixel_class, estimate.confidence, min_confidence)
+
+
+def halves(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Working row of each full row and the next one on its side, or the same for columns; both have shape (2 n,)."""
+    own = np.repeat(np.arange(n), 2)
+    return own, np.clip(own + np.tile([-1, 1], n), 0, n - 1)
+
+
+def interpolate(image: FloatImage) -> FloatImage:
+    """An image at twice the resolution, by linear interpolation."""
+    (row, next_row), (col, next_col) = (halves(side) for side in image.shape)
+    lines = np.float32(0.75) * image[row] + np.float32(0.25) * image[next_row]
+    return np.float32(0.75) * lines[:, col] + np.float32(0.25) * lines[:, next_col]
+
+
+def show_doubled(
+    measured_m: FloatImage, estimate: Estimate, focal_baseline_px_m: float, min_confidence: float
+) -> Shown:
+    """The output at twice the working resolution. A last odd row or column repeats the one before."""
+    height, width = estimate.disparity_px.shape
+    (row, _), (col, next_col) = halves(height), halves(width)
+    own, side = np.ix_(row, col), np.ix_(row, next_col)
+    span_px = maximum_filter(estimate.disparity_px, 3) - minimum_filter(estimate.disparity_px, 3)
+    measured_px = disparity(measured_m[: 2 * height, : 2 * width], focal_baseline_px_m)
+    pixel_class, disparity_px, confidence = estimate.pixel_class, estimate.disparity_px, estimate.confidence
+
+    in_hole = (measured_px == 0) & (pixel_class[side] == PixelClass.UNKNOWN)
+    value_px = np.where(in_hole, disparity_px[side], disparity_px[own])
+    is_fresh = pixel_class[own] == PixelClass.MEASURED
+    is_same = is_fresh | (abs(measured_px - value_px) < np.float32(0.02) * value_px + np.float32(1))
+    separated_px = np.where((measured_px > 0) & is_same, measured_px, value_px)
+    is_separated = is_fresh | (span_px[own] > 1)
+    shown = show_pixels(
+        depth(np.where(is_separated, separated_px, interpolate(disparity_px)), focal_baseline_px_m),
+        measured_px > 0,
+        pixel_class[own],
+        np.where(is_separated & in_hole, confidence[side], confidence[own]),
+        min_confidence,
+    )
+    missing = [(0, full - half) for full, half in zip(measured_m.shape, measured_px.shape, strict=True)]
+    return Shown(*(np.pad(image, missing, "edge") for image in shown))
