@@ -1,0 +1,92 @@
+"""Times of this checkout beside those of another one, in turns: `python -m tests.bench.compare_checkouts FOLDER`.
+
+Each measurement is a new process on one core, first of the other checkout and then of this one, several times. The
+tables have the medians, for docs/performance.md. The other checkout needs what its commit needs to be installed.
+"""
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from scenarios.results.table import Column, Table
+
+HERE = Path(__file__).parents[2]
+STEPS = """
+import json
+from scenarios.benchmark.frames import render_frames
+from scenarios.benchmark.timings import measure_default
+loop = render_frames()
+for size in (640, 360), (1024, 1024):
+    timings = measure_default(loop.resized(*size), 100)
+    times = {name: latency.p50_ms for name, latency in timings.steps.items()} | {"frame": timings.frame.p50_ms}
+    print(json.dumps({f"{size[0]}x{size[1]}, {name}": ms for name, ms in times.items()}))
+"""
+"""A program that prints the median of each step of the default method [ms], by size."""
+MISSIONS = """
+import json
+from scenarios.config import load_run
+from scenarios.runner import fly
+try:
+    from scenarios.study.design import expand, load_study
+except ImportError:  # older commits
+    from scenarios.study.matrix import expand
+    from scenarios.study.study import load_study
+for size in (160, 120), (320, 180):
+    changes = {"corrector": "voxdepth", "rig.width_px": size[0], "rig.height_px": size[1]}
+    fly(load_run("city", 0, changes | {"mission.duration_s": 1.0}))
+    finished = fly(load_run("city", 0, changes | {"mission.duration_s": 10.0}))
+    print(json.dumps({f"stereo {size[0]}x{size[1]}, default": 1e3 * finished.wall_s}))
+run = expand(load_study("noise"))[0].run
+mission = run.scenario.mission.model_copy(update={"duration_s": 20.0})
+run = run.model_copy(update={"scenario": run.scenario.model_copy(update={"mission": mission})})
+print(json.dumps({"a run of the study `noise`": 1e3 * fly(run, threads=1).wall_s}))
+"""
+"""A program that prints the wall-clock time of missions of 8 drones [ms]."""
+PROGRAMS = {"steps": STEPS, "missions": MISSIONS}
+
+
+def measure(program: str, checkout: Path, cores: set[int]) -> dict[str, float]:
+    """The times that a program prints when it runs in a checkout."""
+    env = os.environ | {"PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(
+        command, cwd=checkout, env=env, check=True, capture_output=True, text=True,
+        preexec_fn=lambda: os.sched_setaffinity(0, cores),
+    )  # fmt: skip
+    lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    return {name: ms for line in lines for name, ms in line.items()}
+
+
+def table(title: str, before: Mapping[str, list[float]], after: Mapping[str, list[float]]) -> Table:
+    """The medians of both checkouts by name, and the median of the ratios of successive runs."""
+    rows = []
+    for name, times in after.items():
+        ratios = [new / old for old, new in zip(before.get(name, []), times, strict=False)]
+        old = statistics.median(before[name]) if name in before else None
+        rows.append((name, old, statistics.median(times), statistics.median(ratios) if ratios else None))
+    return Table.of(title, ("", Column("before", "ms"), Column("after", "ms"), "ratio"), rows)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("other", type=Path, help="folder of the other checkout")
+    parser.add_argument("--what", choices=PROGRAMS, default="steps")
+    parser.add_argument("--rounds", type=int, default=3)
+    options = parser.parse_args()
+    cores = {max(os.sched_getaffinity(0))} if options.what == "steps" else os.sched_getaffinity(0)
+    times: dict[Path, dict[str, list[float]]] = {options.other.resolve(): {}, HERE: {}}
+    for _ in range(options.rounds):
+        for checkout, series in times.items():
+            for name, ms in measure(PROGRAMS[options.what], checkout, cores).items():
+                series.setdefault(name, []).append(ms)
+    print(table(options.what, *times.values()).markdown())
+
+
+if __name__ == "__main__":
+    main()
