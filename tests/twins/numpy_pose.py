@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from voxdepth.types import FloatArray, FloatImage, Intrinsics
+from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
 
 def exp_se3(step: FloatArray) -> FloatArray:
@@ -17,11 +17,27 @@ def moved(points_m: FloatArray, T: FloatArray) -> FloatArray:
     return points_m @ T[:3, :3].T + T[:3, 3]
 
 
+def project(points_m: FloatArray, camera: Intrinsics) -> FloatArray:
+    x, y, z = points_m.T
+    z = np.maximum(z, 0.05)
+    return np.column_stack([camera.fx_px * x / z + camera.cx_px, camera.fy_px * y / z + camera.cy_px])
+
+
 def residuals(points_m: FloatArray, observed_px: FloatArray, T: FloatArray, camera: Intrinsics) -> FloatArray:
     """Projected minus observed pixels, shape (N, 2)."""
-    x, y, z = moved(points_m, T).T
-    z = np.maximum(z, 0.05)
-    return np.column_stack([camera.fx_px * x / z + camera.cx_px, camera.fy_px * y / z + camera.cy_px]) - observed_px
+    return project(moved(points_m, T), camera) - observed_px
+
+
+def sees(points_m: FloatArray, camera: Intrinsics) -> MaskImage:
+    in_front = points_m[:, 2] > 0
+    x, y, z = np.where(in_front, points_m.T, np.ones((3, 1)))
+    col, row = camera.fx_px * x / z + camera.cx_px, camera.fy_px * y / z + camera.cy_px
+    return in_front & (col >= 0) & (col <= camera.width_px - 1) & (row >= 0) & (row <= camera.height_px - 1)
+
+
+def found(positions: FloatImage, status: GrayImage, width_px: int, height_px: int) -> MaskImage:
+    inside = (positions >= 0).all(axis=1) & (positions <= (width_px - 1, height_px - 1)).all(axis=1)
+    return (status[:, 0] > 0) & inside
 
 
 def normal_equations(

@@ -8,6 +8,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from voxdepth.geometry import inverse_rigid
 from voxdepth.temporal.forward_warp import HOLE_PX, Warped
 from voxdepth.temporal.fusion import Comparison, Fused, PixelClass, TemporalFusionConfig
 from voxdepth.temporal.measurement import Measurement
@@ -111,6 +112,10 @@ def update_drift(
     return drift_px, np.maximum(1 - np.square(approach), 0)
 
 
+def sparse_median(image: GrayImage) -> int:
+    return int(np.percentile(image[::4, ::4], 50, method="inverted_cdf"))
+
+
 class Masks(NamedTuple):
     """What memory and measurement of each pixel are to each other. The masks are disjoint."""
 
@@ -134,12 +139,12 @@ def classify(
 
 
 def fuse_pixels(
-    memory: Memory, measurement: Measurement, comparison: Comparison, gray_change: GrayImage, gray_noise: float,
+    memory: Memory, measurement: Measurement, comparison: Comparison, gray_change: GrayImage, max_gray_change: float,
     config: TemporalFusionConfig,
 ) -> tuple[Fused, Memory]:  # fmt: skip
     """The fused frame and the memory after it, whose drift is left as it is."""
     valid = measurement.disparity_px > 0
-    disappeared = ~valid & (gray_change > np.float32(max(config.max_gray_change_hole, 5 * gray_noise)))
+    disappeared = ~valid & (gray_change > np.float32(max_gray_change))
     weight = np.where(disappeared, np.uint8(0), memory.weight)
     pixels = classify(weight, memory, measurement, comparison, config)
     measured = pixels.new | pixels.occluding | pixels.free_space
@@ -189,8 +194,8 @@ def fuse(memory: Memory, measurement: Measurement, config: TemporalFusionConfig)
     drift_px, factor = update_drift(memory.drift_px, total_px, count, config)
     factor = cv2.resize(factor, overlap.shape[::-1], interpolation=cv2.INTER_LINEAR)
     comparison = Comparison(agreeing, *(cv2.blur(image, (5, 5)) for image in contradicting), factor)
-    gray_noise = max(1.0, float(np.median(gray_change[::4, ::4])))
-    fused, updated = fuse_pixels(memory, measurement, comparison, gray_change, gray_noise, config)
+    max_gray_change = max(config.max_gray_change_hole, 5.0 * max(1, sparse_median(gray_change)))
+    fused, updated = fuse_pixels(memory, measurement, comparison, gray_change, max_gray_change, config)
     return fused, updated._replace(drift_px=drift_px)
 
 
@@ -251,7 +256,7 @@ def warp(
 ) -> Warped:
     """All steps of the forward warp."""
     forward = reprojection(resolution, T_target_source)
-    backward = reprojection(resolution, np.linalg.inv(T_target_source))
+    backward = reprojection(resolution, inverse_rigid(T_target_source))
     keys, marked_px = splat(disparity_px, weight, forward)
     seen = read_keys(keys)
     closed = (cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) for image in seen)
@@ -261,6 +266,15 @@ def warp(
         borderMode=cv2.BORDER_CONSTANT, borderValue=float(HOLE_PX),
     )  # fmt: skip
     return warped._replace(disparity_px=resample(sampled_px, warped.disparity_px, backward, forward))
+
+
+def decimate_position(position: FloatImage) -> FloatImage:
+    """Positions of the drift, whose pixel 0 lies between the pixels 0 and 1 of the memory."""
+    height, width = position.shape[0] // 2, position.shape[1] // 2
+    total = sum(
+        (position[row : 2 * height : 2, col : 2 * width : 2] for row in (0, 1) for col in (0, 1)), np.float32(0)
+    )
+    return (total / np.float32(4) - np.float32(0.5)) / np.float32(2)
 
 
 # smoothing and upsampling

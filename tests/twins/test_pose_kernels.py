@@ -11,7 +11,7 @@ from tests.twins import numpy_pose as twins
 from voxdepth.compiled import compile_all
 from voxdepth.geometry import compose, exp_se3
 from voxdepth.temporal import odometry, pose_fit, tracking_camera
-from voxdepth.temporal.pose_fit import Lens, fit_pose
+from voxdepth.temporal.pose_fit import Lens, fit_pose, transform_points
 from voxdepth.types import FloatArray, Intrinsics
 
 CAMERA = Intrinsics(fx_px=200, fy_px=210, cx_px=158.2, cy_px=91.1, width_px=320, height_px=180)
@@ -73,6 +73,24 @@ def scene(name: str, seed: int) -> tuple[FloatArray, FloatArray]:
 
 
 SCENES = ["usual", "without noise", "three points", "plane", "beyond a kilometre", "some behind the camera"]
+
+
+@given(SEEDS, st.integers(0, 40))
+def test_points_in_front_of_a_camera(seed: int, n: int) -> None:
+    points_m = np.random.default_rng(seed).uniform([-4, -3, -1], [4, 3, 8], (n, 3))
+    points_m[:1, 2], points_m[1:2, 2] = 0, 1e-3
+    np.testing.assert_allclose(pose_fit.project(points_m, CAMERA), twins.project(points_m, CAMERA), rtol=1e-12)
+    np.testing.assert_allclose(transform_points(MOTION, points_m), twins.moved(points_m, MOTION), atol=1e-12)
+    seen = tracking_camera._sees(points_m, LENS, CAMERA.width_px, CAMERA.height_px)
+    np.testing.assert_array_equal(seen, twins.sees(points_m, CAMERA))
+
+
+@given(SEEDS, st.integers(0, 40))
+def test_found_positions(seed: int, n: int) -> None:
+    rng = np.random.default_rng(seed)
+    positions = rng.choice(np.array([-1e9, -0.1, 0, 3, 6, 6.1, 8, 8.5, np.inf, np.nan], np.float32), (n, 2))
+    status = rng.integers(0, 2, (n, 1), np.uint8)
+    np.testing.assert_array_equal(odometry._found(positions, status, 9, 7), twins.found(positions, status, 9, 7))
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -11,11 +11,12 @@ from tests.twins.images import IMAGES, Shape, each_image, each_shape, spoiled
 from voxdepth.compiled import compile_all
 from voxdepth.geometry import inverse_rigid
 from voxdepth.temporal import forward_warp, fusion, measurement, smoothing, upsampling
-from voxdepth.temporal.forward_warp import ForwardWarp, Warped, reprojection
+from voxdepth.temporal import memory as memories
+from voxdepth.temporal.forward_warp import ForwardWarp, Warped
 from voxdepth.temporal.fusion import Comparison, Fused, PixelClass, Rules, TemporalFusionConfig
 from voxdepth.temporal.measurement import Measurement
 from voxdepth.temporal.memory import Memory, coarse_shape
-from voxdepth.temporal.upsampling import Estimate, Shown
+from voxdepth.temporal.upsampling import Estimate, Shown, Upsampler
 from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatImage, GrayImage, Intrinsics
 
@@ -141,7 +142,7 @@ class TestFusion:
     def test_differences(self, memory: Memory, measurement: Measurement, config: TemporalFusionConfig) -> None:
         shape = memory.gray.shape
         overlap, difference_px = spoiled(shape, np.uint8), spoiled(shape)
-        fusion._subtract(memory, measurement, Rules.of(config, 1), overlap, difference_px)
+        fusion._subtract(memory, measurement, Rules.of(config), overlap, difference_px)
         require_equal([overlap, difference_px], twins.subtract(memory, measurement, config))
 
     def test_contradictions(self, memory: Memory, measurement: Measurement, config: TemporalFusionConfig) -> None:
@@ -149,7 +150,7 @@ class TestFusion:
         overlap, _ = twins.subtract(memory, measurement, config)
         bias_px, share = rng_of(shape, 5).normal(0, 0.4, shape).astype(np.float32), bytes_of(shape, 6)
         masks = tuple(spoiled(shape, np.uint8) for _ in range(3))
-        fusion._find_contradictions(memory, measurement, overlap, bias_px, share, Rules.of(config, 1), *masks)
+        fusion._find_contradictions(memory, measurement, overlap, bias_px, share, Rules.of(config), *masks)
         require_equal(masks, twins.find_contradictions(memory, measurement, overlap, bias_px, share, config))
 
     def test_drift(self, memory: Memory, seen: str, config: TemporalFusionConfig) -> None:
@@ -157,12 +158,12 @@ class TestFusion:
         mean_px = rng.normal(0, 0.4, before_px.shape).astype(np.float32)
         mean_count = IMAGES[seen](rng, before_px.shape).clip(0, 255)
         drift_px, factor = spoiled(before_px.shape), spoiled(before_px.shape)
-        fusion._update_drift(before_px, mean_px, mean_count, Rules.of(config, 1), drift_px, factor)
+        fusion._update_drift(before_px, mean_px, mean_count, Rules.of(config), drift_px, factor)
         require_equal([drift_px, factor], twins.update_drift(before_px, mean_px, mean_count, config))
 
     def test_pixels(self, memory: Memory, measurement: Measurement, config: TemporalFusionConfig) -> None:
         shape = memory.gray.shape
-        gray_noise = float(rng_of(shape, 13).uniform(1, 30))
+        max_gray_change = float(rng_of(shape, 13).choice([0, 100, 254.5, 1e9]))
         overlap, _ = twins.subtract(memory, measurement, config)
         factor = rng_of(shape, 8).choice(np.array([0, 0.3, 1], np.float32), shape)
         comparison = Comparison(
@@ -172,11 +173,10 @@ class TestFusion:
         for array in (*fused, *updated):
             array.fill(77)
         fusion._fuse_pixels(
-            memory, measurement, comparison, bytes_of(shape, 12), fusion._weight_by_age(config),
-            Rules.of(config, gray_noise), fused, updated,
+            memory, measurement, comparison, bytes_of(shape, 12), max_gray_change, Rules.of(config), fused, updated,
         )  # fmt: skip
         twin_fused, twin_updated = twins.fuse_pixels(
-            memory, measurement, comparison, bytes_of(shape, 12), gray_noise, config
+            memory, measurement, comparison, bytes_of(shape, 12), max_gray_change, config
         )
         require_equal(fused, twin_fused)
         require_equal(updated[:4], twin_updated[:4])
@@ -186,6 +186,13 @@ class TestFusion:
         twin_fused, twin_updated = twins.fuse(memory, measurement, config)
         require_equal(fused, twin_fused)
         require_equal(updated, twin_updated)
+
+
+@pytest.mark.parametrize("values", [[0], [255], [3, 200], range(256)], ids=len)
+@pytest.mark.parametrize("shape", [(1, 1), (4, 5), (5, 5), (33, 46)], ids=str)
+def test_the_median_of_a_sparse_image(shape: Shape, values: list[int]) -> None:
+    gray = rng_of(shape).choice(np.array(values, np.uint8), shape)
+    assert fusion._sparse_median(gray) == twins.sparse_median(gray)
 
 
 MOTIONS = {
@@ -219,8 +226,9 @@ class TestForwardWarp:
     ) -> None:
         height, width = disparity_px.shape
         keys, marked_px = np.zeros((height + 2, width + 2), np.uint32), spoiled(disparity_px.shape)
-        forward_warp._splat(disparity_px, weight, reprojection(resolution, T), keys, marked_px)
-        twin_keys, twin_marked_px = twins.splat(disparity_px, weight, twins.reprojection(resolution, T))
+        forward = twins.reprojection(resolution, T)
+        forward_warp._splat(disparity_px, weight, forward, keys, marked_px)
+        twin_keys, twin_marked_px = twins.splat(disparity_px, weight, forward)
         require_equal([keys, marked_px], [twin_keys, twin_marked_px])
         read_px, read_weight = spoiled(disparity_px.shape), spoiled(disparity_px.shape, np.uint8)
         forward_warp._read_keys(keys, read_px, read_weight)
@@ -233,8 +241,8 @@ class TestForwardWarp:
         warped = Warped.buffer(disparity_px.shape)
         np.copyto(warped.disparity_px, disparity_px)
         np.copyto(warped.weight, weight)
-        forward_warp._trace_back(closed_px, closed_weight, reprojection(resolution, T), warped)
         backward = twins.reprojection(resolution, T)
+        forward_warp._trace_back(closed_px, closed_weight, backward, warped)
         require_equal(warped, twins.trace_back(disparity_px, weight, closed_px, closed_weight, backward))
 
     def test_resampling(self, disparity_px: FloatImage, resolution: WorkingResolution, T: np.ndarray) -> None:
@@ -244,7 +252,7 @@ class TestForwardWarp:
         is_hole = rng_of(disparity_px.shape, 3).random(disparity_px.shape) < 0.2
         sampled_px = np.where(is_hole, forward_warp.HOLE_PX, disparity_px * ratio + noise_px)
         resampled_px = disparity_px.copy()
-        forward_warp._resample(sampled_px, reprojection(resolution, inverse_rigid(T)), forward[2, 3], resampled_px)
+        forward_warp._resample(sampled_px, backward, forward[2, 3], resampled_px)
         require_equal([resampled_px], [twins.resample(sampled_px, disparity_px, backward, forward)])
 
     def test_all_steps(
@@ -252,6 +260,13 @@ class TestForwardWarp:
     ) -> None:
         warped = ForwardWarp(resolution).warp(disparity_px, weight, T)
         require_equal(warped, twins.warp(disparity_px, weight, resolution, T))
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (5, 7), (33, 46)], ids=str)
+def test_positions_of_the_drift(shape: Shape) -> None:
+    position, coarse = rng_of(shape).uniform(-50, 300, shape).astype(np.float32), spoiled(coarse_shape(shape))
+    memories._decimate_position(position, coarse)
+    require_equal([coarse], [twins.decimate_position(position)])
 
 
 @each_shape
@@ -282,7 +297,7 @@ class TestUpsampling:
 
     def test_working_pixels(self, estimate: Estimate, min_confidence: float) -> None:
         measured_m = self.measured_m(estimate, estimate.confidence.shape)
-        shown = Shown.buffer(measured_m.shape)
+        shown = Shown(*(spoiled(measured_m.shape, kind) for kind in (np.float32, np.uint8, np.float32)))
         upsampling._show(measured_m, estimate, FOCAL_BASELINE_PX_M, min_confidence, shown)
         require_equal(shown, twins.show(measured_m, estimate, FOCAL_BASELINE_PX_M, min_confidence))
 
@@ -291,6 +306,6 @@ class TestUpsampling:
         height, width = estimate.confidence.shape
         full = 2 * height + odd[0], 2 * width + odd[1]
         resolution, measured_m = WorkingResolution.of(camera_of(full), 2), self.measured_m(estimate, full)
-        shown = upsampling.show(measured_m, estimate, resolution, min_confidence)
+        shown = Upsampler(full, resolution).show(measured_m, estimate, min_confidence)
         expected = twins.show_doubled(measured_m, estimate, resolution.focal_baseline_px_m, min_confidence)
         require_equal(shown, expected)
