@@ -5,10 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import Field
 
+from voxdepth.compiled import compile_all
 from voxdepth.model import Model
 from voxdepth.types import FloatArray, MaskImage
 
-from .obstacles import braking_speed
+from .nearby_kernels import limit_approach
 from .types import Histogram, Neighbours
 
 COS_HALF_CELL = np.cos(np.radians(5.0))
@@ -18,6 +19,7 @@ DRONE_MASK_RADIUS_M = 1.0
 MAX_PROJECTIONS = 32
 """Most violated limits that are resolved; fewer of them leave more violations in corners of several surfaces."""
 NO_MOTION: FloatArray = np.zeros(3)
+NO_VECTORS: FloatArray = np.empty((0, 3))
 
 
 class NearbyConfig(Model):
@@ -41,14 +43,6 @@ class NearbyConfig(Model):
     gain_per_s: float = Field(1.5, gt=0)
     """Speed per distance in the last, linear part of braking, and of backing off."""
 
-    def approach_speed(self, remaining_m: FloatArray) -> FloatArray:
-        """Return the largest approach speeds [m/s] for the remaining distances `remaining_m`, both of shape (n,).
-
-        The speed follows the braking curve. It is negative, so that the drone backs off, for a negative distance.
-        """
-        braking = braking_speed(remaining_m, decel_m_s2=self.decel_m_s2, gain_per_s=self.gain_per_s)
-        return np.where(remaining_m < 0, self.gain_per_s * remaining_m, braking)
-
 
 class ApproachLimits(NamedTuple):
     """Upper limits on the velocity along some directions."""
@@ -66,7 +60,7 @@ class SurfaceMemory:
         self._config = config
         self._safety_radius_m = radius_m + config.clearance_m
         self._seen: list[tuple[float, FloatArray]] = []
-        self._candidates: FloatArray = np.empty((0, 3))
+        self._candidates: FloatArray = NO_VECTORS
 
     def remember(self, stamp_s: float, histogram: Histogram, neighbours: Neighbours) -> None:
         """Add the surfaces of one histogram.
@@ -89,10 +83,8 @@ class SurfaceMemory:
 
         `reaction_distance_m` is its displacement before a command takes effect, shape (3,).
         """
-        points = np.concatenate([np.empty((0, 3)), *(points for _, points in self._seen)])
-        towards, distance_m, _ = _near(points - position_m, self._config.radius_m)
-        remaining_m = distance_m - self._safety_radius_m - np.maximum(towards @ reaction_distance_m, 0)
-        return ApproachLimits(towards, self._config.approach_speed(remaining_m))
+        points = np.concatenate([NO_VECTORS, *(points for _, points in self._seen)])
+        return _limits(points, NO_VECTORS, position_m, reaction_distance_m, self._config, self._safety_radius_m)
 
 
 def neighbour_limits(
@@ -108,11 +100,29 @@ def neighbour_limits(
 
     A command takes effect after `response_s`; the drone moves by `reaction_distance_m`, shape (3,), until then.
     """
-    towards, distance_m, close = _near(neighbours.position_m - position_m, config.radius_m)
-    their_motion = (neighbours.velocity_m_s[close] * towards).sum(axis=1)
-    closing_m = np.maximum(towards @ reaction_distance_m - response_s * their_motion, 0)
-    remaining_m = distance_m - 2 * radius_m - config.drone_clearance_m - closing_m
-    return ApproachLimits(towards, config.approach_speed(remaining_m) + their_motion)
+    return _limits(
+        neighbours.position_m, neighbours.velocity_m_s, position_m, reaction_distance_m, config,
+        2 * radius_m + config.drone_clearance_m, response_s,
+    )  # fmt: skip
+
+
+def _limits(
+    points_m: FloatArray,
+    velocities_m_s: FloatArray,
+    position_m: FloatArray,
+    reaction_distance_m: FloatArray,
+    config: NearbyConfig,
+    kept_m: float,
+    response_s: float = 0.0,
+) -> ApproachLimits:
+    """Return how fast a drone may approach points that move, from all of which it keeps a distance."""
+    compile_all()
+    towards, speed_m_s = np.empty((len(points_m), 3)), np.empty(len(points_m))
+    n = limit_approach(
+        points_m, velocities_m_s, position_m, reaction_distance_m, config.radius_m, kept_m, response_s,
+        config.decel_m_s2, config.gain_per_s, towards, speed_m_s,
+    )  # fmt: skip
+    return ApproachLimits(towards[:n], speed_m_s[:n])
 
 
 def clamp_to_limits(velocity_m_s: FloatArray, *limits: ApproachLimits) -> FloatArray:
@@ -148,10 +158,3 @@ def _confirmed(points: FloatArray, earlier: FloatArray, within_m: float) -> Mask
     squared = ((points[:, None] - earlier[None]) ** 2).sum(axis=2)
     confirmed: MaskImage = squared.min(axis=1, initial=np.inf) <= within_m**2
     return confirmed
-
-
-def _near(offsets_m: FloatArray, radius_m: float) -> tuple[FloatArray, FloatArray, MaskImage]:
-    """Return directions (k, 3) and distances (k,) of the offsets within a radius, and the mask (n,) of those."""
-    distance_m = np.sqrt((offsets_m * offsets_m).sum(axis=1))
-    close = (distance_m < radius_m) & (distance_m > 1e-6)
-    return offsets_m[close] / distance_m[close][:, None], distance_m[close], close

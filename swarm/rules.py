@@ -85,11 +85,11 @@ class Corridor(NamedTuple):
 
 def confinement(position_m: FloatArray, corridor: Corridor, gain: float) -> FloatArray:
     """Fly back into a corridor, in proportion to the distance outside of it."""
-    up_m = max(0.0, corridor.low_m - position_m[2]) - max(0.0, position_m[2] - corridor.high_m)
-    left = np.array([-corridor.along[1], corridor.along[0]])
-    cross_track_m = float((position_m[:2] - corridor.start_m) @ left)
-    back_m = -np.sign(cross_track_m) * max(0.0, abs(cross_track_m) - corridor.half_width_m)
-    return gain * np.array([*(back_m * left), up_m])
+    (x, y, z), (start_x, start_y), (along_x, along_y) = position_m.tolist(), corridor.start_m, corridor.along
+    up_m = max(0.0, corridor.low_m - z) - max(0.0, z - corridor.high_m)
+    left_m = (y - start_y) * along_x - (x - start_x) * along_y
+    back_m = min(0.0, corridor.half_width_m - left_m) - min(0.0, corridor.half_width_m + left_m)
+    return gain * np.array([-along_y * back_m, along_x * back_m, up_m])
 
 
 def lag_speed_factor(lag_m: float, *, free_m: float = 3.0, stop_m: float = 8.0) -> float:

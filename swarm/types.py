@@ -41,6 +41,8 @@ class Neighbours:
     def among(self, drones: range) -> "Neighbours":
         """Return the part that belongs to a range of drones."""
         kept = (self.drone >= drones.start) & (self.drone < drones.stop)
+        if kept.all():
+            return self
         position_m, velocity_m_s = self.position_m[kept], self.velocity_m_s[kept]
         return Neighbours(drone=self.drone[kept], position_m=position_m, velocity_m_s=velocity_m_s)
 

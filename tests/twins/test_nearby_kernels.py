@@ -1,0 +1,52 @@
+"""The speed limits towards nearby points equal their NumPy twin."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarm.nearby_kernels import approach_speed, limit_approach
+from swarm.obstacles import braking_speed
+from voxdepth.compiled import compile_all
+
+RADIUS_M, KEPT_M, RESPONSE_S, DECEL_M_S2, GAIN_PER_S = 3.0, 1.0, 0.4, 2.5, 1.5
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _compiled() -> None:
+    compile_all()
+
+
+def speeds(remaining_m: np.ndarray) -> np.ndarray:
+    braking = braking_speed(remaining_m, decel_m_s2=DECEL_M_S2, gain_per_s=GAIN_PER_S)
+    return np.where(remaining_m < 0, GAIN_PER_S * remaining_m, braking)
+
+
+def test_speeds_equal_the_braking_curve() -> None:
+    remaining_m = np.linspace(-2, 9, 500)
+    got = [approach_speed(float(left_m), DECEL_M_S2, GAIN_PER_S) for left_m in remaining_m]
+    np.testing.assert_allclose(got, speeds(remaining_m), rtol=1e-12)
+
+
+@given(st.integers(0, 2**31), st.integers(0, 30), st.booleans())
+def test_limits_equal_their_twin(seed: int, n: int, moving: bool) -> None:
+    rng = np.random.default_rng(seed)
+    points_m, own_m, reaction_m = 2 * rng.normal(size=(n, 3)), rng.normal(size=3), rng.normal(size=3) / 2
+    if n:
+        points_m[0] = own_m
+    velocities = rng.normal(size=(n, 3)) if moving else np.zeros((n, 3))
+
+    distance_m = np.linalg.norm(points_m - own_m, axis=1)
+    near = (distance_m < RADIUS_M) & (distance_m > 1e-6)
+    expected_towards = (points_m - own_m)[near] / distance_m[near, None]
+    away_m_s = (velocities[near] * expected_towards).sum(axis=1)
+    closing_m = np.maximum(expected_towards @ reaction_m - RESPONSE_S * away_m_s, 0)
+    expected_m_s = speeds(distance_m[near] - KEPT_M - closing_m) + away_m_s
+
+    towards, speed_m_s = np.empty((n, 3)), np.empty(n)
+    count = limit_approach(
+        points_m, velocities if moving else np.empty((0, 3)), own_m, reaction_m,
+        RADIUS_M, KEPT_M, RESPONSE_S, DECEL_M_S2, GAIN_PER_S, towards, speed_m_s,
+    )  # fmt: skip
+    np.testing.assert_allclose(towards[:count], expected_towards, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(speed_m_s[:count], expected_m_s, rtol=1e-9, atol=1e-9)
