@@ -45,6 +45,8 @@ def compiled(signature: Any) -> Callable[[Function], Function]:
 
 def named_tuple(kind: type[Any], *types: Any) -> Any:
     """The Numba type of a `NamedTuple`, from those of its fields."""
+    if len(set(types)) == 1:
+        return numba.types.NamedUniTuple(types[0], len(types), kind)
     return numba.types.NamedTuple(types, kind)
 
 

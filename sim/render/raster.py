@@ -9,8 +9,8 @@ from voxdepth.types import FloatArray, Intrinsics
 
 from ..cpu import mapper, slices
 from ..types import Camera, IdImage
-from . import raster_kernels
-from .meshes import SceneMeshes, bounding_sphere, is_closed, merged
+from .meshes import SceneMeshes, bounding_sphere, is_closed, merged, normals
+from .raster_kernels import Bodies, Buffers, View, invert, rasterise
 from .raycast import Hits
 
 
@@ -21,68 +21,82 @@ class Rasteriser:
         self._meshes = meshes
         self._threads = threads
         self._map = mapper(threads)
-        scene = merged([*meshes.fixed_in_world(), *meshes.moving_in_world()])
-        self._vertices_m = np.ascontiguousarray(scene.vertices_m)
-        self._triangles = np.ascontiguousarray(scene.triangles)
-        self._first_vertex = _offsets(len(mesh.vertices_m) for mesh in meshes.meshes)
-        self._first_triangle = _offsets(len(mesh.triangles) for mesh in meshes.meshes)
-        self._own_spheres_m = np.array([bounding_sphere(mesh) for mesh in meshes.meshes])
-        self._spheres_m = self._own_spheres_m.copy()
-        self._is_closed = np.array([is_closed(mesh) for mesh in meshes.meshes])
-        self._move(0)
+        self._normals = [normals(mesh) for mesh in meshes.meshes]
+        self._spheres_m = [bounding_sphere(mesh) for mesh in meshes.meshes]
+        scene = merged(meshes.meshes)
+        self._bodies = Bodies(
+            vertices_m=np.ascontiguousarray(scene.vertices_m),
+            triangles=np.ascontiguousarray(scene.triangles),
+            faces=np.empty((len(scene.triangles), 4)),
+            first_vertex=_offsets(len(mesh.vertices_m) for mesh in meshes.meshes),
+            first_triangle=_offsets(len(mesh.triangles) for mesh in meshes.meshes),
+            spheres_m=np.array(self._spheres_m),
+            is_closed=np.array([is_closed(mesh) for mesh in meshes.meshes]),
+        )
+        self._place(range(len(meshes.meshes)))
         compile_all()
 
     def first_hits(self, cameras: Sequence[Camera]) -> list[Hits]:
         """The first hits of the pixels of each camera, with the bodies at their poses of the last update."""
-        self._move(self._meshes.n_fixed)
+        self._place(range(self._meshes.n_fixed, len(self._meshes.meshes)))
         parts = self._map(self._draw, [cameras[part] for part in slices(len(cameras), self._threads)])
         return [hits for part in parts for hits in part]
 
-    def _move(self, first: int) -> None:
-        """Move the bodies from the first one on to where they are."""
-        rotation, position_m = self._meshes.R_world_body, self._meshes.position_m
-        for body in range(first, len(rotation)):
-            own = slice(self._first_vertex[body], self._first_vertex[body + 1])
-            self._vertices_m[own] = self._meshes.meshes[body].vertices_m @ rotation[body].T + position_m[body]
-            self._spheres_m[body, :3] = rotation[body] @ self._own_spheres_m[body, :3] + position_m[body]
+    def _place(self, moved: Iterable[int]) -> None:
+        """Place some of the bodies where they are."""
+        bodies = self._bodies
+        for body in moved:
+            R, position_m = self._meshes.R_world_body[body], self._meshes.position_m[body]
+            vertices_m = bodies.vertices_m[bodies.first_vertex[body] : bodies.first_vertex[body + 1]]
+            faces = bodies.faces[bodies.first_triangle[body] : bodies.first_triangle[body + 1]]
+            vertices_m[:] = self._meshes.meshes[body].vertices_m @ R.T + position_m
+            faces[:, :3] = self._normals[body] @ R.T
+            faces[:, 3] = -(faces[:, :3] * vertices_m[self._meshes.meshes[body].triangles[:, 0]]).sum(axis=1)
+            bodies.spheres_m[body, :3] = R @ self._spheres_m[body][:3] + position_m
 
     def _draw(self, cameras: Sequence[Camera]) -> list[Hits]:
-        i, most = cameras[0].intrinsics, np.diff(self._first_triangle).max()
-        buffers = np.empty((len(self._vertices_m), 5)), np.empty((most, 9)), np.empty((most, 3), np.int32)
-        inverse_depth = np.empty(i.shape)
-        hits = []
+        shape, bodies = cameras[0].intrinsics.shape, self._bodies
+        most = int(np.diff(bodies.first_triangle).max())
+        buffers = Buffers(
+            corners=np.empty((len(bodies.vertices_m), 5)),
+            chosen=np.empty(most, np.int32),
+            planes=np.empty((most, 9)),
+            rows=np.empty((most, 3), np.int32),
+        )
+        inverse_depth, hits = np.empty(shape), []
         for camera in cameras:
-            depth_m, triangle = np.empty(i.shape, np.float32), np.full(i.shape, len(self._triangles), np.int32)
+            depth_m, nearest = np.empty(shape, np.float32), np.full(shape, len(bodies.triangles), np.int32)
             inverse_depth.fill(0)
-            raster_kernels.rasterise(
-                np.asarray(np.linalg.inv(camera.T_world_cam[:3, :3]), np.float64),
-                np.ascontiguousarray(camera.T_world_cam[:3, 3]),
-                np.array([i.fx_px, i.fy_px, i.cx_px, i.cy_px]),
-                planes_around(i),
-                self._vertices_m,
-                self._triangles,
-                self._first_vertex,
-                self._first_triangle,
-                self._spheres_m,
-                self._is_closed,
-                *i.shape,
-                *buffers,
-                inverse_depth.reshape(-1),
-                triangle.reshape(-1),
-            )
-            raster_kernels.invert(inverse_depth.reshape(-1), depth_m.reshape(-1))
-            hits.append(Hits(depth_m, triangle))
+            rasterise(view_of(camera), bodies, buffers, inverse_depth.reshape(-1), nearest.reshape(-1))
+            invert(inverse_depth.reshape(-1), depth_m.reshape(-1))
+            hits.append(Hits(depth_m, nearest))
         return hits
+
+
+def view_of(camera: Camera) -> View:
+    """A camera as the loops of rasterisation read it."""
+    i, T = camera.intrinsics, camera.T_world_cam
+    return View(
+        R_cam_world=np.linalg.inv(T[:3, :3]).astype(np.float64),
+        origin_m=T[:3, 3].astype(np.float64),
+        fx_px=i.fx_px,
+        fy_px=i.fy_px,
+        cx_px=i.cx_px,
+        cy_px=i.cy_px,
+        inward=_inward(i),
+        height=i.height_px,
+        width=i.width_px,
+    )
+
+
+def _inward(i: Intrinsics) -> FloatArray:
+    """Normals in the camera frame of the four planes that bound an image, shape (4, 3); they point inwards."""
+    left, top = -i.cx_px / i.fx_px, -i.cy_px / i.fy_px
+    right, bottom = (i.width_px - 1 - i.cx_px) / i.fx_px, (i.height_px - 1 - i.cy_px) / i.fy_px
+    inward = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]])
+    return np.asarray(inward / np.linalg.norm(inward, axis=1, keepdims=True), np.float64)
 
 
 def _offsets(lengths: Iterable[int]) -> IdImage:
     """Where each of several successive parts begins, and the end of the last one."""
     return np.cumsum([0, *lengths], dtype=np.int32)
-
-
-def planes_around(i: Intrinsics) -> FloatArray:
-    """Normals in the camera frame of the four planes that bound an image, shape (4, 3); they point inwards."""
-    left, top = -i.cx_px / i.fx_px, -i.cy_px / i.fy_px
-    right, bottom = (i.width_px - 1 - i.cx_px) / i.fx_px, (i.height_px - 1 - i.cy_px) / i.fy_px
-    inward = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]])
-    return np.asarray(inward / np.linalg.norm(inward, axis=1, keepdims=True))

@@ -7,10 +7,13 @@ triangle need not be clipped at the image plane (Olano and Greer 1997, "Triangle
 coordinates", doi:10.1145/258694.258723).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
+from numba import boolean, float32, float64, int32, int64, types, uint32, void
 
-from voxdepth.compiled import compiled
+from voxdepth.compiled import compiled, named_tuple
 from voxdepth.types import FloatArray, FloatImage, MaskImage
 
 from ..types import IdImage
@@ -24,66 +27,138 @@ MIN_VOLUME_M3 = 1e-15
 FLAT = 2.0**-100
 """Slope that stands for 0. As a power of two it divides without rounding."""
 
-Triangles = npt.NDArray[np.uint32]
+
+class View(NamedTuple):
+    """Pose and projection of a camera, and the planes that bound its image."""
+
+    R_cam_world: FloatArray
+    origin_m: FloatArray
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    inward: FloatArray
+    """Normals of the planes in the camera frame, shape (4, 3)."""
+    height: int
+    width: int
+
+
+class Bodies(NamedTuple):
+    """Bodies in the world frame as one mesh, in which the parts of each body are successive."""
+
+    vertices_m: FloatArray
+    triangles: npt.NDArray[np.uint32]
+    faces: FloatArray
+    """Normal of each triangle, and the distance of its plane from the origin against the normal, shape (T, 4)."""
+    first_vertex: IdImage
+    first_triangle: IdImage
+    """Of each body, and the number of all."""
+    spheres_m: FloatArray
+    """Centre and radius of a sphere around each body, shape (B, 4)."""
+    is_closed: MaskImage
+    """Whether the triangles of a body are the outside of a closed surface."""
+
+
+class Buffers(NamedTuple):
+    """Buffers for a body; `corners` has room for all bodies."""
+
+    corners: FloatArray
+    """Place (x, y, z) [m] of each vertex in the camera frame, and its column and row [px], shape (V, 5)."""
+    chosen: IdImage
+    planes: FloatArray
+    """For each of the three edges of a triangle, the edge function at the origin of the image and its growth by column
+    and by row, shape (n, 9)."""
+    rows: IdImage
+    """Index of a triangle, and its first and last row, shape (n, 3)."""
+
+
 Vector = tuple[float, float, float]
 Bounds = tuple[float, float, float, float]
 Corner = tuple[float, float, float, float, float]
+FLOATS, INDICES, TABLE = float64[::1], int32[::1], float64[:, ::1]
+VECTOR, BOUNDS, CORNER = (types.UniTuple(float64, n) for n in (3, 4, 5))
+RANGE = types.UniTuple(int64, 2)
+VIEW = named_tuple(View, TABLE, FLOATS, *[float64] * 4, TABLE, int64, int64)
+BODIES = named_tuple(Bodies, TABLE, uint32[:, ::1], TABLE, INDICES, INDICES, TABLE, boolean[::1])
+BUFFERS = named_tuple(Buffers, TABLE, INDICES, TABLE, int32[:, ::1])
 
 
-@compiled("f8(UniTuple(f8, 3), UniTuple(f8, 3))")
+@compiled(float64(VECTOR, VECTOR))
 def dot(a: Vector, b: Vector) -> float:
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@compiled("UniTuple(f8, 3)(UniTuple(f8, 3), UniTuple(f8, 3))")
+@compiled(VECTOR(VECTOR, VECTOR))
 def cross(a: Vector, b: Vector) -> Vector:
     """Vector product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@compiled("b1(f8[:, ::1], f8[::1], f8[:, ::1], f8[::1])")
-def may_see(R_cam_world: FloatArray, origin_m: FloatArray, inward: FloatArray, sphere_m: FloatArray) -> bool:
-    """Whether a part of a sphere, given by centre and radius, may be in the image."""
-    R, radius_m = R_cam_world, sphere_m[3]
-    x, y, z = sphere_m[0] - origin_m[0], sphere_m[1] - origin_m[1], sphere_m[2] - origin_m[2]
-    right = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
-    down = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z
-    ahead = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
-    inside = ahead > -radius_m
+@compiled(VECTOR(VIEW, float64, float64, float64))
+def in_camera(view: View, x_m: float, y_m: float, z_m: float) -> Vector:
+    """A point of the world in the camera frame [m]."""
+    R, x, y, z = view.R_cam_world, x_m - view.origin_m[0], y_m - view.origin_m[1], z_m - view.origin_m[2]
+    return (
+        R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
+        R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
+        R[2, 0] * x + R[2, 1] * y + R[2, 2] * z,
+    )
+
+
+@compiled(types.UniTuple(boolean, 2)(VIEW, FLOATS))
+def sight_of(view: View, sphere_m: FloatArray) -> tuple[bool, bool]:
+    """Whether a part of a sphere, given by centre and radius, may be in the image, and whether the camera is inside."""
+    radius_m = sphere_m[3]
+    center = in_camera(view, sphere_m[0], sphere_m[1], sphere_m[2])
+    may_see = center[2] > -radius_m
     for k in range(4):
-        inside &= inward[k, 0] * right + inward[k, 1] * down + inward[k, 2] * ahead > -radius_m
-    return bool(inside)
+        may_see &= dot((view.inward[k, 0], view.inward[k, 1], view.inward[k, 2]), center) > -radius_m
+    return may_see, dot(center, center) <= radius_m * radius_m
 
 
-@compiled("void(f8[:, ::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1])")
+@compiled(void(VIEW, TABLE, int64, int64, TABLE))
 def project(
-    R_cam_world: FloatArray,
-    origin_m: FloatArray,
-    pinhole_px: FloatArray,
+    view: View,
     vertices_m: FloatArray,
+    start: int,
+    end: int,
     # output
     corners: FloatArray,
 ) -> None:
-    """Place (x, y, z) [m] in the camera frame and (column, row) [px] of each vertex, shape (V, 5)."""
-    R = R_cam_world
-    for i in range(len(vertices_m)):
-        x, y, z = vertices_m[i, 0] - origin_m[0], vertices_m[i, 1] - origin_m[1], vertices_m[i, 2] - origin_m[2]
-        right = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
-        down = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z
-        ahead = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
-        corners[i, 0], corners[i, 1], corners[i, 2] = right, down, ahead
-        corners[i, 3] = pinhole_px[0] * right / ahead + pinhole_px[2]
-        corners[i, 4] = pinhole_px[1] * down / ahead + pinhole_px[3]
+    """Place successive vertices in the camera frame and in the image, as `Buffers.corners`."""
+    for i in range(start, end):
+        x, y, z = in_camera(view, vertices_m[i, 0], vertices_m[i, 1], vertices_m[i, 2])
+        corners[i, 0], corners[i, 1], corners[i, 2] = x, y, z
+        corners[i, 3], corners[i, 4] = view.fx_px * x / z + view.cx_px, view.fy_px * y / z + view.cy_px
 
 
-@compiled("UniTuple(f8, 5)(f8[:, ::1], u4)")
-def corner(corners: FloatArray, i: int) -> Corner:
+@compiled(int64(TABLE, int64, int64, FLOATS, boolean, INDICES))
+def choose(
+    faces: FloatArray,
+    start: int,
+    end: int,
+    origin_m: FloatArray,
+    one_sided: bool,
+    # output
+    chosen: IdImage,
+) -> int:
+    """List successive triangles, if `one_sided` only those turned towards the camera, and return their number."""
+    n = 0
+    x, y, z = origin_m[0], origin_m[1], origin_m[2]
+    for t in range(start, end):
+        chosen[n] = t
+        n += not one_sided or faces[t, 0] * x + faces[t, 1] * y + faces[t, 2] * z + faces[t, 3] > 0
+    return n
+
+
+@compiled(CORNER(TABLE, uint32))
+def corner(corners: FloatArray, i: np.uint32) -> Corner:
     """One of the corners that `project` has placed."""
     return corners[i, 0], corners[i, 1], corners[i, 2], corners[i, 3], corners[i, 4]
 
 
-@compiled("UniTuple(i8, 2)(f8, f8, i8)")
+@compiled(RANGE(float64, float64, int64))
 def pixels_between(low_px: float, high_px: float, size: int) -> tuple[int, int]:
     """First and last pixel of an image between two places; the last is before the first if there is none."""
     low, high = max(low_px, 0.0), min(high_px, size - 1.0)
@@ -93,7 +168,7 @@ def pixels_between(low_px: float, high_px: float, size: int) -> tuple[int, int]:
     return first + (first < low), int(high)
 
 
-@compiled("UniTuple(i8, 2)(UniTuple(f8, 5), UniTuple(f8, 5), UniTuple(f8, 5), i8, i8)")
+@compiled(RANGE(CORNER, CORNER, CORNER, int64, int64))
 def rows_of(a: Corner, b: Corner, c: Corner, height: int, width: int) -> tuple[int, int]:
     """First and last row that a triangle may cover; the last row is before the first if it covers none."""
     if min(a[2], b[2], c[2]) > NEAR_M:
@@ -104,62 +179,53 @@ def rows_of(a: Corner, b: Corner, c: Corner, height: int, width: int) -> tuple[i
     return (0, height - 1) if max(a[2], b[2], c[2]) > 0 else (0, -1)
 
 
-@compiled("i8(f8[:, ::1], u4[:, ::1], i8, i8, b1, f8[::1], i8, i8, f8[:, ::1], i4[:, ::1])")
+@compiled(int64(VIEW, uint32[:, ::1], int64, BUFFERS))
 def set_up(
-    corners: FloatArray,
-    triangles: Triangles,
-    start: int,
-    end: int,
-    one_sided: bool,
-    pinhole_px: FloatArray,
-    height: int,
-    width: int,
+    view: View,
+    triangles: npt.NDArray[np.uint32],
+    n_chosen: int,
     # output
-    planes: FloatArray,
-    rows: IdImage,
+    buffers: Buffers,
 ) -> int:
-    """Edge functions of those of successive triangles that may be in the image, and their number.
-
-    A row of `planes` has, for each of the three edges, what the edge function is at the origin of the image and how it
-    grows by column and by row. A row of `rows` has the index of the triangle, its first row and its last one.
-    """
-    n = 0
-    x_by_col, y_by_row, cx, cy = 1.0 / pinhole_px[0], 1.0 / pinhole_px[1], pinhole_px[2], pinhole_px[3]
-    for t in range(start, end):
+    """Find the edge functions and rows of those chosen triangles that may be in the image, and return their number."""
+    n, corners, planes, rows = 0, buffers.corners, buffers.planes, buffers.rows
+    for i in range(n_chosen):
+        t = buffers.chosen[i]
         a, b, c = corner(corners, triangles[t, 0]), corner(corners, triangles[t, 1]), corner(corners, triangles[t, 2])
-        top, bottom = rows_of(a, b, c, height, width)
+        top, bottom = rows_of(a, b, c, view.height, view.width)
         if top > bottom:
             continue
         p, q, r = (a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2])
         u, v, w = cross(q, r), cross(r, p), cross(p, q)
         volume_m3 = dot(p, u)
-        if (-volume_m3 if one_sided else abs(volume_m3)) <= MIN_VOLUME_M3:
+        if abs(volume_m3) <= MIN_VOLUME_M3:
             continue
-        rows[n, 0], rows[n, 1], rows[n, 2] = t, top, bottom
+        scale = 1 / volume_m3
+        x_by_col, y_by_row = scale / view.fx_px, scale / view.fy_px
         for k, edge in enumerate((u, v, w)):
-            by_col, by_row = edge[0] / volume_m3 * x_by_col, edge[1] / volume_m3 * y_by_row
-            planes[n, 3 * k] = edge[2] / volume_m3 - (by_col * cx + by_row * cy)
-            planes[n, 3 * k + 1] = by_col
-            planes[n, 3 * k + 2] = by_row
+            by_col, by_row = edge[0] * x_by_col, edge[1] * y_by_row
+            planes[n, 3 * k] = edge[2] * scale - (by_col * view.cx_px + by_row * view.cy_px)
+            planes[n, 3 * k + 1], planes[n, 3 * k + 2] = by_col, by_row
+        rows[n, 0], rows[n, 1], rows[n, 2] = t, top, bottom
         n += 1
     return n
 
 
-@compiled("UniTuple(f8, 4)(f8, f8, f8, i8)")
+@compiled(BOUNDS(float64, float64, float64, int64))
 def bounds_of(at_origin: float, by_col: float, by_row: float, width: int) -> Bounds:
     """The two lines `c + d row` that bound the columns where an edge function is not negative, as (c, d, c, d).
 
     The function is `at_origin + by_col * column + by_row * row`. The bound that it does not set is outside of the
     image.
     """
-    slope = by_col if by_col != 0 else FLAT
-    zero_at, shift = -at_origin / slope, -by_row / slope
+    slope = 1 / (by_col if by_col != 0 else FLAT)
+    zero_at, shift = -at_origin * slope, -by_row * slope
     if slope > 0:
         return zero_at - EDGE_TOLERANCE_PX, shift, width, 0.0
     return -1.0, 0.0, zero_at + EDGE_TOLERANCE_PX, shift
 
 
-@compiled("void(f8[:, ::1], i4[:, ::1], i8, i8, f8[::1], i4[::1])")
+@compiled(void(TABLE, int32[:, ::1], int64, int64, FLOATS, INDICES))
 def draw(
     planes: FloatArray,
     rows: IdImage,
@@ -169,7 +235,7 @@ def draw(
     inverse_depth: FloatArray,
     nearest: IdImage,
 ) -> None:
-    """Draw the first n triangles where they are nearer than those before them."""
+    """Draw the first n triangles of the buffers where they are nearer than those before them."""
     for i in range(n):
         e = bounds_of(planes[i, 0], planes[i, 1], planes[i, 2], width)
         f = bounds_of(planes[i, 3], planes[i, 4], planes[i, 5], width)
@@ -192,54 +258,36 @@ def draw(
                     nearest[pixel] = t
 
 
-@compiled("b1(f8[::1], f8[::1])")
-def is_outside(origin_m: FloatArray, sphere_m: FloatArray) -> bool:
-    """Whether a point is outside of a sphere, given by centre and radius."""
-    x, y, z = sphere_m[0] - origin_m[0], sphere_m[1] - origin_m[1], sphere_m[2] - origin_m[2]
-    return bool(x * x + y * y + z * z > sphere_m[3] * sphere_m[3])
-
-
-@compiled(
-    "void(f8[:, ::1], f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], u4[:, ::1], i4[::1], i4[::1], f8[:, ::1], b1[::1], i8,"
-    "i8, f8[:, ::1], f8[:, ::1], i4[:, ::1], f8[::1], i4[::1])"
-)
+@compiled(void(VIEW, BODIES, BUFFERS, FLOATS, INDICES))
 def rasterise(
-    R_cam_world: FloatArray,
-    origin_m: FloatArray,
-    pinhole_px: FloatArray,
-    inward: FloatArray,
-    vertices_m: FloatArray,
-    triangles: Triangles,
-    first_vertex: IdImage,
-    first_triangle: IdImage,
-    spheres_m: FloatArray,
-    is_closed: MaskImage,
-    height: int,
-    width: int,
-    # buffers
-    corners: FloatArray,
-    planes: FloatArray,
-    rows: IdImage,
-    inverse_depth: FloatArray,
+    view: View,
+    bodies: Bodies,
+    buffers: Buffers,
     # output
+    inverse_depth: FloatArray,
     nearest: IdImage,
 ) -> None:
     """Index of the nearest triangle of each pixel of a camera, and its inverse depth.
 
-    The nearest triangle and the inverse depth keep their values where there is no nearer triangle. Faces that are
-    turned away are left out if they belong to a closed surface that the camera is outside of.
+    Both keep their values where there is no nearer triangle. Faces that are turned away are left out if they belong to
+    a closed surface that the camera is outside of.
     """
-    for body in range(len(spheres_m)):
-        if may_see(R_cam_world, origin_m, inward, spheres_m[body]):
-            start, end = first_vertex[body], first_vertex[body + 1]
-            project(R_cam_world, origin_m, pinhole_px, vertices_m[start:end], corners[start:end])
-            one_sided = is_closed[body] & is_outside(origin_m, spheres_m[body])
-            start, end = first_triangle[body], first_triangle[body + 1]
-            n = set_up(corners, triangles, start, end, one_sided, pinhole_px, height, width, planes, rows)
-            draw(planes, rows, n, width, inverse_depth, nearest)
+    first_vertex, first_triangle = bodies.first_vertex, bodies.first_triangle
+    for body in range(len(bodies.spheres_m)):
+        may_see, inside = sight_of(view, bodies.spheres_m[body])
+        if may_see:
+            project(view, bodies.vertices_m, first_vertex[body], first_vertex[body + 1], buffers.corners)
+            start, end, one_sided = (
+                first_triangle[body],
+                first_triangle[body + 1],
+                bodies.is_closed[body] and not inside,
+            )
+            n = choose(bodies.faces, start, end, view.origin_m, one_sided, buffers.chosen)
+            n = set_up(view, bodies.triangles, n, buffers)
+            draw(buffers.planes, buffers.rows, n, view.width, inverse_depth, nearest)
 
 
-@compiled("void(f8[::1], f4[::1])")
+@compiled(void(FLOATS, float32[::1]))
 def invert(
     inverse_depth: FloatArray,
     # output
@@ -247,4 +295,4 @@ def invert(
 ) -> None:
     """Depth [m] of each pixel; +inf where the inverse is 0."""
     for i in range(len(depth_m)):
-        depth_m[i] = 1.0 / inverse_depth[i]
+        depth_m[i] = 1 / inverse_depth[i]

@@ -8,7 +8,7 @@ from voxdepth.types import FloatImage, MaskImage
 from ..seeds import Purpose, stream
 from ..types import Camera, IdImage, Images
 from ..world import World
-from . import shading_kernels
+from . import shading_kernels as kernels
 from .meshes import SceneMeshes, normals
 from .raycast import Hits
 
@@ -20,22 +20,24 @@ class Shader:
     """
 
     def __init__(self, world: World, meshes: SceneMeshes) -> None:
-        seed, n = world.scene.seed, len(meshes.body_ids)
+        seed, weather, n = world.scene.seed, world.scene.weather, len(meshes.body_ids)
         surfaces = [world.surfaces[body] for body in meshes.body_ids]
-        self._meshes = meshes
-        self._weather = weather = world.scene.weather
-        self._id_of_body = np.array([*meshes.body_ids, -1], np.int32)
-        self._body_of_triangle = np.append(meshes.body_of_triangle, np.int32(n))
-        self._normals = np.concatenate([normals(mesh) for mesh in meshes.meshes]).astype(np.float32)
-        self._light = np.zeros((len(self._body_of_triangle), 2), np.float32)
-        patterns = [*(surface.pattern for surface in surfaces), "sky"]
-        self._pattern = np.array([shading_kernels.PATTERNS.index(name) for name in patterns], np.int32)
         seeds = stream(seed, Purpose.SURFACE, 0).integers(1 << 30, size=n)
         cloud_seed = stream(seed, Purpose.SURFACE, 1).integers(1 << 30)
-        self._seed = np.array([*seeds, cloud_seed], np.uint32)
-        self._surface = np.array(
-            [*((weather.exposure * surface.albedo, 2 * surface.texture) for surface in surfaces), (0, 1)], np.float32
+        patterns = [*(surface.pattern for surface in surfaces), "sky"]
+        looks = [*((weather.exposure * surface.albedo, 2 * surface.texture) for surface in surfaces), (0, 1)]
+        self._meshes = meshes
+        self._weather = weather
+        self._id_of_body = np.array([*meshes.body_ids, -1], np.int32)
+        self._looks = kernels.Looks(
+            normals=np.concatenate([normals(mesh) for mesh in meshes.meshes]).astype(np.float32),
+            light=np.empty((len(meshes.body_of_triangle), 2), np.float32),
+            body_of_triangle=np.append(meshes.body_of_triangle, np.int32(n)),
+            pattern=np.array([kernels.PATTERNS.index(pattern) for pattern in patterns], np.int32),
+            seed=np.array([*seeds, cloud_seed], np.uint32),
+            surface=np.array(looks, np.float32),
         )
+        self._air = kernels.Air(np.float32(weather.haze_m), np.float32(weather.sky), np.float32(weather.clouds))
         self._illuminate(0)
         compile_all()
 
@@ -45,41 +47,32 @@ class Shader:
 
     def black(self, hits: Hits) -> Images:
         """An image without brightness."""
-        segment_id = self._id_of_body[self._body_of_triangle[hits.triangle]]
+        segment_id = self._id_of_body[self._looks.body_of_triangle[hits.triangle]]
         return Images(gray=np.zeros(hits.depth_m.shape, np.uint8), depth_m=hits.depth_m, segment_id=segment_id)
 
     def faces_sun(self, triangle: IdImage) -> MaskImage:
         """Whether the sun would shine on triangles, given by their indices, if nothing cast a shadow."""
-        return np.asarray(self._light[triangle, 1] > 0)
+        return np.append(self._looks.light[:, 1] > 0, False)[triangle]
 
     def shaded(self, camera: Camera, hits: Hits, sunlit: FloatImage) -> Images:
         """The image of a camera; `sunlit` is 0 in a shadow and 1 elsewhere, shape (H, W)."""
-        i, kernels = camera.intrinsics, shading_kernels
+        lens, looks, air = lens_of(camera), self._looks, self._air
         depth_m, triangle, lit = hits.depth_m.reshape(-1), hits.triangle.reshape(-1), sunlit.reshape(-1)
-        size, sky = len(depth_m), len(self._normals)
-        lens = i.width_px, np.array([i.fx_px, i.fy_px, i.cx_px, i.cy_px], np.float32)
-        R_world_cam = camera.T_world_cam[:3, :3].astype(np.float32)
-        bodies = self._body_of_triangle, self._pattern, self._seed
-        air = self._weather
-        haze_m, sky_gray, contrast = np.float32(air.haze_m), np.float32(air.sky), np.float32(air.clouds)
-
-        spans, place_of_body = np.empty((size, 4), np.int32), np.empty(len(self._pattern) + 2, np.int32)
+        shape, size = hits.depth_m.shape, len(depth_m)
+        spans, places = np.empty((size, 4), np.int32), np.empty(len(looks.pattern) + 2, np.int32)
         points, detail = np.empty((4, size), np.float32), np.zeros(size, np.float32)
         segment_id, gray = np.empty(size, np.int32), np.empty(size, np.uint8)
 
-        n = kernels.find_spans(
-            triangle, i.width_px, self._body_of_triangle, self._id_of_body, spans, place_of_body, segment_id
-        )
+        bodies = looks.body_of_triangle, self._id_of_body
+        n = kernels.find_spans(triangle, lens.width, *bodies, spans, places, segment_id)
         spans = spans[:n]
-        poses = self._seen_from(camera)
-        kernels.locate(spans, depth_m, sky, *lens, self._normals, self._body_of_triangle, poses, points)
-        kernels.locate_clouds(spans, sky, *lens, R_world_cam, points)
-        kernels.draw_windows(spans, points, self._normals, *bodies, detail)
-        kernels.add_textures(points, place_of_body, self._pattern, self._seed, self._surface, detail)
-        light = lit, self._light, self._body_of_triangle, self._surface
-        kernels.shade(spans, depth_m, detail, sky, *light, haze_m, sky_gray, gray)
-        kernels.shade_sky(spans, detail, sky, *lens, R_world_cam, sky_gray, contrast, gray)
-        return Images(gray=gray.reshape(i.shape), depth_m=hits.depth_m, segment_id=segment_id.reshape(i.shape))
+        kernels.locate(spans, depth_m, lens, looks, self._seen_from(camera), points)
+        kernels.locate_clouds(spans, lens, looks, points)
+        kernels.draw_windows(spans, points, looks, detail)
+        kernels.add_textures(points, places, looks, detail)
+        kernels.shade(spans, depth_m, detail, lit, looks, air, gray)
+        kernels.shade_sky(spans, detail, lens, looks, air, gray)
+        return Images(gray=gray.reshape(shape), depth_m=hits.depth_m, segment_id=segment_id.reshape(shape))
 
     def _illuminate(self, first: int) -> None:
         """Light on the triangles of the bodies from the first one on, from the sky and from the sun.
@@ -88,10 +81,10 @@ class Shader:
         """
         ambient, start = self._weather.ambient, int(np.searchsorted(self._meshes.body_of_triangle, first))
         R_world_body = self._meshes.R_world_body[self._meshes.body_of_triangle[start:]]
-        up = np.einsum("ti,ti->t", R_world_body[:, 2], self._normals[start:])
-        to_sun = np.einsum("tji,j,ti->t", R_world_body, np.array(self._weather.to_sun), self._normals[start:])
-        self._light[start:-1, 0] = ambient * (0.8 + 0.2 * up)
-        self._light[start:-1, 1] = (1 - ambient) * np.maximum(to_sun, 0)
+        up = np.einsum("ti,ti->t", R_world_body[:, 2], self._looks.normals[start:])
+        to_sun = np.einsum("tji,j,ti->t", R_world_body, np.array(self._weather.to_sun), self._looks.normals[start:])
+        self._looks.light[start:, 0] = ambient * (0.8 + 0.2 * up)
+        self._looks.light[start:, 1] = (1 - ambient) * np.maximum(to_sun, 0)
 
     def _seen_from(self, camera: Camera) -> FloatImage:
         """Pose of a camera in the frame of each body, shape (bodies, 3, 4)."""
@@ -99,3 +92,10 @@ class Shader:
         offset_m = camera.T_world_cam[:3, 3] - self._meshes.position_m
         T = np.concatenate([R_body_world @ camera.T_world_cam[:3, :3], R_body_world @ offset_m[:, :, None]], axis=2)
         return T.astype(np.float32)
+
+
+def lens_of(camera: Camera) -> kernels.Lens:
+    """A camera as the loops of shading read it."""
+    i = camera.intrinsics
+    fx, fy, cx, cy = (np.float32(x) for x in (i.fx_px, i.fy_px, i.cx_px, i.cy_px))
+    return kernels.Lens(i.width_px, fx, fy, cx, cy, camera.T_world_cam[:3, :3].astype(np.float32))

@@ -9,17 +9,62 @@ each other in the buffers, so the loops over octaves of noise run over many pixe
 compilers could not exclude that a negative one counts from the end, which would keep them from vectorising the loop.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
+from numba import float32, int32, int64, uint8, uint32, void
 
-from voxdepth.compiled import compiled
+from voxdepth.compiled import compiled, named_tuple
 from voxdepth.types import FloatImage, GrayImage
 
 from ..types import IdImage
 
 Spans = npt.NDArray[np.int32]
 """First pixel, number of pixels, triangle, and place of the first pixel in the buffers, shape (n, 4)."""
-Seeds = npt.NDArray[np.uint32]
+
+
+class Lens(NamedTuple):
+    """Projection and attitude of a camera."""
+
+    width: int
+    fx_px: np.float32
+    fy_px: np.float32
+    cx_px: np.float32
+    cy_px: np.float32
+    R_world_cam: FloatImage
+
+
+class Looks(NamedTuple):
+    """What decides how triangles and bodies look. Those after the last triangle and the last body are the sky."""
+
+    normals: FloatImage
+    """Unit vectors in the frames of the bodies, shape (T, 3)."""
+    light: FloatImage
+    """Light on each triangle from the sky and from the sun, shape (T, 2)."""
+    body_of_triangle: IdImage
+    """Shape (T + 1,)."""
+    pattern: IdImage
+    """Index into `PATTERNS`, shape (B + 1,)."""
+    seed: npt.NDArray[np.uint32]
+    """Shape (B + 1,)."""
+    surface: FloatImage
+    """Mean brightness and contrast, shape (B + 1, 2)."""
+
+
+class Air(NamedTuple):
+    """Distance at which haze hides 63 % of the light of a surface, brightness of the sky, and contrast of clouds."""
+
+    haze_m: np.float32
+    sky: np.float32
+    clouds: np.float32
+
+
+FLOATS, INDICES, TABLE = float32[::1], int32[::1], float32[:, ::1]
+SPANS = int32[:, ::1]
+LENS = named_tuple(Lens, int64, *[float32] * 4, TABLE)
+LOOKS = named_tuple(Looks, TABLE, TABLE, INDICES, INDICES, uint32[::1], TABLE)
+AIR = named_tuple(Air, *[float32] * 3)
 
 PATTERNS = ("plain", "facade", "ground", "grass", "foliage", "bark", "snow", "sky")
 FACADE = PATTERNS.index("facade")
@@ -65,7 +110,7 @@ SHIFT_1, SHIFT_2, SHIFT_3 = np.array([15, 13, 16], np.uint32)
 TO_UNIT = np.float32(1 / 65535)
 
 
-@compiled("f4(u4)")
+@compiled(float32(uint32))
 def hash_to_unit(key: np.uint32) -> np.float32:
     """A pseudo-random number in 0..1 from a key."""
     h = np.uint32((key ^ (key >> SHIFT_1)) * MIX_1)
@@ -73,31 +118,31 @@ def hash_to_unit(key: np.uint32) -> np.float32:
     return np.float32(np.int32(h >> SHIFT_3)) * TO_UNIT
 
 
-@compiled("f4(f4)")
+@compiled(float32(float32))
 def smoothstep(t: np.float32) -> np.float32:
     """Cubic interpolation from 0..1 to 0..1 with zero slope at both ends."""
     return np.float32(t * t * (THREE - TWO * t))
 
 
-@compiled("f4(f4, f4, f4)")
+@compiled(float32(float32, float32, float32))
 def lerp(a: np.float32, b: np.float32, t: np.float32) -> np.float32:
     """Linear interpolation from a to b."""
     return np.float32(a * (ONE - t) + b * t)
 
 
-@compiled("f4(f4, f4, f4)")
+@compiled(float32(float32, float32, float32))
 def clamp(x: np.float32, low: np.float32, high: np.float32) -> np.float32:
     """The nearest number between two limits."""
     return min(max(x, low), high)
 
 
-@compiled("u4(f4, u4)")
+@compiled(uint32(float32, uint32))
 def lattice_key(floor: np.float32, step: np.uint32) -> np.uint32:
     """Contribution of one coordinate of a lattice point to its key."""
     return np.uint32(np.uint32(np.int32(floor)) * step)
 
 
-@compiled("i8(i4[::1], i8, i4[::1], i4[::1], i4[:, ::1], i4[::1], i4[::1])")
+@compiled(int64(INDICES, int64, INDICES, INDICES, SPANS, INDICES, INDICES))
 def find_spans(
     triangle: IdImage,
     width: int,
@@ -132,30 +177,27 @@ def find_spans(
     return count
 
 
-@compiled("void(i4[:, ::1], f4[::1], i4, i8, f4[::1], f4[:, ::1], i4[::1], f4[:, :, ::1], f4[:, ::1])")
+@compiled(void(SPANS, FLOATS, LENS, LOOKS, float32[:, :, ::1], TABLE))
 def locate(
     spans: Spans,
     depth_m: FloatImage,
-    sky: int,
-    width: int,
-    pinhole_px: FloatImage,
-    normals: FloatImage,
-    body_of_triangle: IdImage,
+    lens: Lens,
+    looks: Looks,
     T_body_cam: FloatImage,
     # output
     points: FloatImage,
 ) -> None:
     """Points (x, y, z) [m] in the frames of their bodies, and the sharpness, the inverse of a pixel's size there [1/m].
 
-    The normals of the triangles are unit vectors in the frames of their bodies, and `sky` is the index without one.
+    `T_body_cam` has the pose of the camera in the frame of each body.
     """
-    fx, fy, cx, cy = pinhole_px[0], pinhole_px[1], pinhole_px[2], pinhole_px[3]
+    width, fx, fy, cx, cy, _ = lens
     for i in range(len(spans)):
         first, size, triangle, place = spans[i, 0], spans[i, 1], spans[i, 2], spans[i, 3]
-        if triangle == sky:
+        if triangle == len(looks.normals):
             continue
         col, y = first % width, (np.float32(first // width) - cy) / fy
-        T, n = T_body_cam[body_of_triangle[triangle]], normals[triangle]
+        T, n = T_body_cam[looks.body_of_triangle[triangle]], looks.normals[triangle]
         x0, y0, z0 = T[0, 3], T[1, 3], T[2, 3]
         right_x, right_y, right_z = T[0, 0], T[1, 0], T[2, 0]
         ahead_x, ahead_y, ahead_z = T[0, 1] * y + T[0, 2], T[1, 1] * y + T[1, 2], T[2, 1] * y + T[2, 2]
@@ -173,22 +215,19 @@ def locate(
             points[3, at + np.uint64(k)] = fx / depth * np.sqrt(max(facing, LEAST_FACING))
 
 
-@compiled("void(i4[:, ::1], i4, i8, f4[::1], f4[:, ::1], f4[:, ::1])")
+@compiled(void(SPANS, LENS, LOOKS, TABLE))
 def locate_clouds(
     spans: Spans,
-    sky: int,
-    width: int,
-    pinhole_px: FloatImage,
-    R_world_cam: FloatImage,
+    lens: Lens,
+    looks: Looks,
     # output
     points: FloatImage,
 ) -> None:
     """Places of the pixels without a surface on a plane of clouds, and their sharpness, as `locate` gives them."""
-    fx, fy, cx, cy = pinhole_px[0], pinhole_px[1], pinhole_px[2], pinhole_px[3]
-    R = R_world_cam
+    width, fx, fy, cx, cy, R = lens
     for i in range(len(spans)):
         first, size, triangle, place = spans[i, 0], spans[i, 1], spans[i, 2], spans[i, 3]
-        if triangle != sky:
+        if triangle < len(looks.normals):
             continue
         col, y, at = first % width, (np.float32(first // width) - cy) / fy, np.uint64(place)
         for k in range(size):
@@ -203,26 +242,23 @@ def locate_clouds(
             points[3, at + np.uint64(k)] = fx / (THREE * CLOUDS_M)
 
 
-@compiled("void(i4[:, ::1], f4[:, ::1], f4[:, ::1], i4[::1], i4[::1], u4[::1], f4[::1])")
+@compiled(void(SPANS, TABLE, LOOKS, FLOATS))
 def draw_windows(
     spans: Spans,
     points: FloatImage,
-    normals: FloatImage,
-    body_of_triangle: IdImage,
-    pattern: IdImage,
-    seed: Seeds,
+    looks: Looks,
     # output
     detail: FloatImage,
 ) -> None:
     """Dark window panes on the sides of facades, each with its own brightness; the rest keeps its value."""
     for i in range(len(spans)):
         size, triangle, at = spans[i, 1], spans[i, 2], np.uint64(spans[i, 3])
-        body = body_of_triangle[triangle]
-        if pattern[body] != FACADE or abs(normals[triangle, 2]) > HALF:
+        body = looks.body_of_triangle[triangle]
+        if looks.pattern[body] != FACADE or abs(looks.normals[triangle, 2]) > HALF:
             continue
-        n = normals[triangle]
+        n = looks.normals[triangle]
         along = 1 if abs(n[0]) > abs(n[1]) else 0
-        side_key = lattice_key(np.trunc(THREE * n[0] + SEVEN * n[1]), STEP_Z) ^ np.uint32(seed[body] * STEP_SEED)
+        side_key = lattice_key(np.trunc(THREE * n[0] + SEVEN * n[1]), STEP_Z) ^ np.uint32(looks.seed[body] * STEP_SEED)
         for k in range(size):
             u, v = points[along, at + np.uint64(k)] / WINDOW_M, points[2, at + np.uint64(k)] / FLOOR_M
             column, floor = np.floor(u), np.floor(v)
@@ -234,7 +270,7 @@ def draw_windows(
             detail[at + np.uint64(k)] = shade if is_pane else ZERO
 
 
-@compiled("void(f4[::1], f4[::1], f4[::1], f4[::1], f4, f4, f4, f4, u4, f4[::1])")
+@compiled(void(FLOATS, FLOATS, FLOATS, FLOATS, *[float32] * 4, uint32, FLOATS))
 def add_octave(
     x_m: FloatImage,
     y_m: FloatImage,
@@ -270,7 +306,7 @@ def add_octave(
         detail[i] += fade * weight * (noise - HALF)
 
 
-@compiled("void(f4[:, ::1], i8, i8, i4, u4, f4[::1])")
+@compiled(void(TABLE, int64, int64, int32, uint32, FLOATS))
 def add_pattern(
     points: FloatImage,
     first: int,
@@ -296,29 +332,28 @@ def add_pattern(
             weight *= WEAKER
 
 
-@compiled("void(f4[:, ::1], i4[::1], i4[::1], u4[::1], f4[:, ::1], f4[::1])")
+@compiled(void(TABLE, INDICES, LOOKS, FLOATS))
 def add_textures(
     points: FloatImage,
     place_of_body: IdImage,
-    pattern: IdImage,
-    seed: Seeds,
-    surface: FloatImage,
+    looks: Looks,
     # output
     detail: FloatImage,
 ) -> None:
     """Add the relative deviation of the brightness of each point from the mean of its textured body."""
-    for body in range(len(pattern)):
-        low, high = LIMITS[pattern[body], 0], LIMITS[pattern[body], 1]
-        end_of_body = place_of_body[body + 1] if surface[body, 1] > 0 else place_of_body[body]
+    for body in range(len(looks.pattern)):
+        pattern, seed = looks.pattern[body], looks.seed[body]
+        low, high = LIMITS[pattern, 0], LIMITS[pattern, 1]
+        end_of_body = place_of_body[body + 1] if looks.surface[body, 1] > 0 else place_of_body[body]
         for first in range(place_of_body[body], end_of_body, CHUNK_PX):
             end = min(first + CHUNK_PX, end_of_body)
-            add_pattern(points, first, end, pattern[body], seed[body], detail)
+            add_pattern(points, first, end, pattern, seed, detail)
             own = detail[first:end]
             for i in range(len(own)):
                 own[i] = clamp(own[i], low, high)
 
 
-@compiled("f4(f4)")
+@compiled(float32(float32))
 def transmittance(optical_depth: np.float32) -> np.float32:
     """`exp(-x)` of x >= 0, in a form that compilers vectorise: `exp(-x / 64)` by its series, and six squarings."""
     x = min(optical_depth, OPAQUE) / SIXTY_FOUR
@@ -328,66 +363,54 @@ def transmittance(optical_depth: np.float32) -> np.float32:
     return np.float32(share)
 
 
-@compiled("void(i4[:, ::1], f4[::1], f4[::1], i4, f4[::1], f4[:, ::1], i4[::1], f4[:, ::1], f4, f4, u1[::1])")
+@compiled(void(SPANS, FLOATS, FLOATS, FLOATS, LOOKS, AIR, uint8[::1]))
 def shade(
     spans: Spans,
     depth_m: FloatImage,
     detail: FloatImage,
-    sky_triangle: int,
     sunlit: FloatImage,
-    light: FloatImage,
-    body_of_triangle: IdImage,
-    surface: FloatImage,
-    haze_m: np.float32,
-    sky: np.float32,
+    looks: Looks,
+    air: Air,
     # output
     gray: GrayImage,
 ) -> None:
-    """Brightness of surfaces behind haze.
-
-    `light` has the light on each triangle from the sky and from the sun, and `surface` the brightness of each body and
-    its contrast. `sunlit` is 0 in a shadow and 1 elsewhere.
-    """
+    """Brightness of surfaces behind haze; `sunlit` is 0 in a shadow and 1 elsewhere."""
     for i in range(len(spans)):
         size, triangle, pixel, at = spans[i, 1], spans[i, 2], np.uint64(spans[i, 0]), np.uint64(spans[i, 3])
-        if triangle == sky_triangle:
+        if triangle == len(looks.normals):
             continue
-        body = body_of_triangle[triangle]
-        from_sky, from_sun = light[triangle, 0] * surface[body, 0], light[triangle, 1] * surface[body, 0]
-        contrast = surface[body, 1]
+        body = looks.body_of_triangle[triangle]
+        brightness, contrast = looks.surface[body, 0], looks.surface[body, 1]
+        from_sky, from_sun = looks.light[triangle, 0] * brightness, looks.light[triangle, 1] * brightness
         for k in range(size):
             lit = from_sky + from_sun * sunlit[pixel + np.uint64(k)]
             own = clamp(lit * (ONE + contrast * detail[at + np.uint64(k)]), ZERO, ONE)
-            clear = transmittance(depth_m[pixel + np.uint64(k)] / haze_m)
-            seen = clear * own + (ONE - clear) * sky
+            clear = transmittance(depth_m[pixel + np.uint64(k)] / air.haze_m)
+            seen = clear * own + (ONE - clear) * air.sky
             gray[pixel + np.uint64(k)] = np.uint8(np.int32(clamp(seen, ZERO, ONE) * WHITE))
 
 
-@compiled("void(i4[:, ::1], f4[::1], i4, i8, f4[::1], f4[:, ::1], f4, f4, u1[::1])")
+@compiled(void(SPANS, FLOATS, LENS, LOOKS, AIR, uint8[::1]))
 def shade_sky(
     spans: Spans,
     detail: FloatImage,
-    sky_triangle: int,
-    width: int,
-    pinhole_px: FloatImage,
-    R_world_cam: FloatImage,
-    sky: np.float32,
-    clouds: np.float32,
+    lens: Lens,
+    looks: Looks,
+    air: Air,
     # output
     gray: GrayImage,
 ) -> None:
     """Brightness of the sky, which is brighter at the horizon, with clouds at infinity."""
-    fx, fy, cx, cy = pinhole_px[0], pinhole_px[1], pinhole_px[2], pinhole_px[3]
-    R = R_world_cam
+    width, fx, fy, cx, cy, R = lens
     for i in range(len(spans)):
         first, size, triangle = spans[i, 0], spans[i, 1], spans[i, 2]
-        if triangle != sky_triangle:
+        if triangle < len(looks.normals):
             continue
         col, y = first % width, (np.float32(first // width) - cy) / fy
         pixel, at = np.uint64(first), np.uint64(spans[i, 3])
         for k in range(size):
             x = (np.float32(col + k) - cx) / fx
             up = (R[2, 0] * x + R[2, 1] * y + R[2, 2]) / np.sqrt(x * x + y * y + ONE)
-            cloud = clouds * detail[at + np.uint64(k)] * clamp(THREE * up + CLOUD_BASE, ZERO, ONE)
-            seen = sky + BRIGHTER - DARKER_ABOVE * max(up, ZERO) + cloud
+            cloud = air.clouds * detail[at + np.uint64(k)] * clamp(THREE * up + CLOUD_BASE, ZERO, ONE)
+            seen = air.sky + BRIGHTER - DARKER_ABOVE * max(up, ZERO) + cloud
             gray[pixel + np.uint64(k)] = np.uint8(np.int32(clamp(seen, ZERO, ONE) * WHITE))

@@ -1,7 +1,5 @@
 """The loops of rasterisation give the numbers of their NumPy twins."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,8 +7,9 @@ from hypothesis import strategies as st
 
 from sim.bodies import Heightfield, Mesh
 from sim.render import raster_kernels as kernels
-from sim.render.meshes import bounding_sphere, box, cylinder, heightfield, is_closed, merged, moved, sphere
-from sim.render.raster import planes_around
+from sim.render.meshes import bounding_sphere, box, cylinder, heightfield, is_closed, merged, moved, normals, sphere
+from sim.render.raster import view_of
+from sim.types import Camera
 from voxdepth.compiled import compile_all
 from voxdepth.types import Intrinsics
 
@@ -48,17 +47,31 @@ def pose_of(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return np.ascontiguousarray(q * np.linalg.det(q)), rng.uniform(-1, 1, 3)
 
 
-def rasterised(bodies: list[Mesh], rotation: Any, origin_m: Any, closed: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def view(rotation: np.ndarray, origin_m: np.ndarray) -> kernels.View:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = np.linalg.inv(rotation), origin_m
+    return view_of(Camera(T_world_cam=pose, intrinsics=CAMERA))
+
+
+def rasterised(
+    bodies: list[Mesh], rotation: np.ndarray, origin_m: np.ndarray, closed: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
     scene, size = merged(bodies), CAMERA.width_px * CAMERA.height_px
-    n = len(scene.triangles)
+    n, normal = len(scene.triangles), normals(scene)
+    all_bodies = kernels.Bodies(
+        vertices_m=scene.vertices_m,
+        triangles=scene.triangles,
+        faces=np.column_stack([normal, -(normal * scene.vertices_m[scene.triangles[:, 0]]).sum(axis=1)]),
+        first_vertex=np.cumsum([0, *(len(mesh.vertices_m) for mesh in bodies)], dtype=np.int32),
+        first_triangle=np.cumsum([0, *(len(mesh.triangles) for mesh in bodies)], dtype=np.int32),
+        spheres_m=np.array([bounding_sphere(mesh) for mesh in bodies]),
+        is_closed=np.full(len(bodies), closed),
+    )
+    buffers = kernels.Buffers(
+        np.empty((len(scene.vertices_m), 5)), np.empty(n, np.int32), np.empty((n, 9)), np.empty((n, 3), np.int32)
+    )
     nearest, inverse_depth = np.full(size, n, np.int32), np.zeros(size)
-    kernels.rasterise(
-        rotation, origin_m, PINHOLE_PX, planes_around(CAMERA), scene.vertices_m, scene.triangles,
-        np.cumsum([0, *(len(mesh.vertices_m) for mesh in bodies)], dtype=np.int32),
-        np.cumsum([0, *(len(mesh.triangles) for mesh in bodies)], dtype=np.int32),
-        np.array([bounding_sphere(mesh) for mesh in bodies]), np.full(len(bodies), closed), *CAMERA.shape,
-        np.empty((len(scene.vertices_m), 5)), np.empty((n, 9)), np.empty((n, 3), np.int32), inverse_depth, nearest,
-    )  # fmt: skip
+    kernels.rasterise(view(rotation, origin_m), all_bodies, buffers, inverse_depth, nearest)
     return nearest, inverse_depth
 
 
@@ -153,10 +166,9 @@ def test_spheres_in_the_image_are_not_left_out(seed: int) -> None:
     x, y, z = rotation @ (points + sphere_m[:3] - origin_m).T
     col, row = PINHOLE_PX[:2, None] * np.array([x, y]) / z + PINHOLE_PX[2:, None]
     seen = (z > 0) & (col >= 0) & (col <= CAMERA.width_px - 1) & (row >= 0) & (row <= CAMERA.height_px - 1)
-    may_see = kernels.may_see(rotation, origin_m, planes_around(CAMERA), sphere_m)
-    assert may_see == kernels.may_see.py_func(rotation, origin_m, planes_around(CAMERA), sphere_m)
+    may_see, inside = kernels.sight_of(view(rotation, origin_m), sphere_m)
     assert may_see or not seen.any()
-    assert kernels.is_outside(origin_m, sphere_m) == (np.linalg.norm(sphere_m[:3] - origin_m) > sphere_m[3])
+    assert inside == (np.linalg.norm(sphere_m[:3] - origin_m) <= sphere_m[3])
 
 
 def test_depth_without_a_surface_is_infinite() -> None:

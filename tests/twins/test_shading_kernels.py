@@ -31,6 +31,15 @@ def _compiled() -> None:
     compile_all()
 
 
+def lens(rotation: np.ndarray) -> kernels.Lens:
+    return kernels.Lens(WIDTH, *PINHOLE_PX, np.ascontiguousarray(rotation, np.float32))
+
+
+def looks(**changes: np.ndarray) -> kernels.Looks:
+    nothing = np.zeros((N_TRIANGLES, 3), np.float32), np.zeros((N_TRIANGLES, 2), np.float32)
+    return kernels.Looks(*nothing, BODY_OF_TRIANGLE, PATTERN, SEED, SURFACE)._replace(**changes)
+
+
 def image_of_triangles(seed: int) -> np.ndarray:
     """Patches of triangles; the seeds below 3 give the degenerate images."""
     if seed < len(IMAGES):
@@ -94,9 +103,7 @@ def test_points_in_the_frames_of_their_bodies(seed: int) -> None:
     poses = np.stack([random_pose(rng) for _ in range(N_BODIES)])
     spans, _, _ = spans_of(triangle)
     points = np.full((4, SIZE), 5, np.float32)
-    kernels.locate(
-        spans, depth_m.astype(np.float32), N_TRIANGLES, WIDTH, PINHOLE_PX, normals, BODY_OF_TRIANGLE, poses, points
-    )
+    kernels.locate(spans, depth_m.astype(np.float32), lens(np.eye(3)), looks(normals=normals), poses, points)
     place = place_of_pixel(spans)
     for pixel, direction in enumerate(rays()):
         if triangle[pixel] == N_TRIANGLES:
@@ -116,7 +123,7 @@ def test_clouds_are_a_plane_above_the_horizon(seed: int) -> None:
     triangle, rotation = image_of_triangles(seed), random_pose(rng)[:, :3]
     spans, _, _ = spans_of(triangle)
     points = np.full((4, SIZE), 5, np.float32)
-    kernels.locate_clouds(spans, N_TRIANGLES, WIDTH, PINHOLE_PX, np.ascontiguousarray(rotation), points)
+    kernels.locate_clouds(spans, lens(rotation), looks(), points)
     at = place_of_pixel(spans)[triangle == N_TRIANGLES]
     d = (rays() @ rotation.T.astype(np.float64))[triangle == N_TRIANGLES]
     d /= np.linalg.norm(d, axis=1, keepdims=True)
@@ -190,8 +197,12 @@ def test_patterns_are_sums_of_octaves_within_limits(pattern: int, seed: int) -> 
             size_m, weight = size_m * 0.45, weight * 0.93
     detail = np.zeros(n, np.float32)
     places = np.array([0, before, n], np.int32)
-    patterns, seeds = np.full(2, pattern, np.int32), np.full(2, seed, np.uint32)
-    kernels.add_textures(points, places, patterns, seeds, np.array([[0.5, 0.0], [0.5, 1.0]], np.float32), detail)
+    own = looks(
+        pattern=np.full(2, pattern, np.int32),
+        seed=np.full(2, seed, np.uint32),
+        surface=np.array([[0.5, 0.0], [0.5, 1.0]], np.float32),
+    )
+    kernels.add_textures(points, places, own, detail)
     assert (detail[:before] == 0).all(), "the first body has no contrast"
     expected = np.clip(expected, *kernels.LIMITS[pattern])
     np.testing.assert_allclose(detail[before:], expected[before:], atol=2e-3)
@@ -206,7 +217,7 @@ def test_windows_of_facades(seed: int) -> None:
     normals = np.ascontiguousarray(normals, np.float32)
     spans, _, _ = spans_of(triangle)
     detail = np.full(SIZE, 5, np.float32)
-    kernels.draw_windows(spans, points, normals, BODY_OF_TRIANGLE, PATTERN, SEED, detail)
+    kernels.draw_windows(spans, points, looks(normals=normals), detail)
     for pixel, at in enumerate(place_of_pixel(spans)):
         body = BODY_OF_TRIANGLE[triangle[pixel]]
         normal = normals[triangle[pixel]] if body < N_BODIES else np.zeros(3)
@@ -233,11 +244,12 @@ def test_brightness_of_surfaces(seed: int, haze_m: float) -> None:
     rng = np.random.default_rng(seed)
     triangle, depth_m = image_of_triangles(seed), rng.uniform(0.3, 90, SIZE).astype(np.float32)
     detail, lit = rng.uniform(-2, 2, SIZE).astype(np.float32), rng.integers(0, 2, SIZE).astype(np.float32)
-    light = rng.uniform(0, 1, (N_TRIANGLES + 1, 2)).astype(np.float32)
+    light = rng.uniform(0, 1, (N_TRIANGLES, 2)).astype(np.float32)
     spans, _, _ = spans_of(triangle)
     gray = np.full(SIZE, 5, np.uint8)
-    air = np.float32(haze_m), np.float32(0.7)
-    kernels.shade(spans, depth_m, detail, N_TRIANGLES, lit, light, BODY_OF_TRIANGLE, SURFACE, *air, gray)
+    air = kernels.Air(np.float32(haze_m), np.float32(0.7), np.float32(0))
+    kernels.shade(spans, depth_m, detail, lit, looks(light=light), air, gray)
+    light = np.vstack([light, [0, 0]])
     brightness, contrast = SURFACE[BODY_OF_TRIANGLE[triangle]].T
     own = (light[triangle, 0] + light[triangle, 1] * lit) * brightness * (1 + contrast * detail[place_of_pixel(spans)])
     clear = np.exp(-depth_m / haze_m)
@@ -250,12 +262,12 @@ def test_brightness_of_surfaces(seed: int, haze_m: float) -> None:
 @given(SEEDS)
 def test_brightness_of_the_sky(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    triangle, rotation = image_of_triangles(seed), np.ascontiguousarray(random_pose(rng)[:, :3])
+    triangle, rotation = image_of_triangles(seed), random_pose(rng)[:, :3]
     detail = rng.uniform(-2, 2, SIZE).astype(np.float32)
     spans, _, _ = spans_of(triangle)
     gray = np.full(SIZE, 5, np.uint8)
-    air = np.float32(0.8), np.float32(0.22)
-    kernels.shade_sky(spans, detail, N_TRIANGLES, WIDTH, PINHOLE_PX, rotation, *air, gray)
+    air = kernels.Air(np.float32(100), np.float32(0.8), np.float32(0.22))
+    kernels.shade_sky(spans, detail, lens(rotation), looks(), air, gray)
     d = rays() @ rotation.T.astype(np.float64)
     up = d[:, 2] / np.linalg.norm(d, axis=1)
     clouds = 0.22 * detail[place_of_pixel(spans)] * np.clip(3 * up + 0.3, 0, 1)
