@@ -176,7 +176,7 @@ def _best_of_cells(eigenvalue: FloatImage, cell_px: int) -> Pixels:
         for col in range(0, cols * cell_px, cell_px):
             u = col + int(np.argmax(best[col : col + cell_px]))
             if best[u] > MIN_EIGENVALUE:
-                corners[n] = u, row + np.argmax(eigenvalue[row : row + cell_px, u])
+                corners[n, 0], corners[n, 1] = u, row + np.argmax(eigenvalue[row : row + cell_px, u])
                 n += 1
     return corners[:n]
 

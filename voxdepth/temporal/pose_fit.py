@@ -70,7 +70,8 @@ def _project(points_m: FloatArray, lens: Lens) -> FloatArray:
     pixels = np.empty((len(points_m), 2))
     for k in range(len(points_m)):
         z = max(points_m[k, 2], MIN_DEPTH_M)
-        pixels[k] = fx * points_m[k, 0] / z + cx, fy * points_m[k, 1] / z + cy
+        pixels[k, 0] = fx * points_m[k, 0] / z + cx
+        pixels[k, 1] = fy * points_m[k, 1] / z + cy
     return pixels
 
 
@@ -115,8 +116,8 @@ def _normal_equations(
 ) -> tuple[FloatArray, FloatArray]:
     """Hessian, shape (6, 6), and gradient, shape (6,), of the weighted squares of the linearised residuals.
 
-    Only the lower triangle of the Hessian is set. Both are for a translation and a rotation vector, which move the
-    points in the target camera.
+    They are for a translation and a rotation vector, which move the points in the target camera. Only the lower
+    triangle of the Hessian is set, and its diagonal is damped slightly.
     """
     fx, fy, _, _ = lens
     H, gradient = np.zeros((6, 6)), np.zeros(6)
@@ -132,7 +133,39 @@ def _normal_equations(
             gradient[i] += weight * (J_col[i] * col_px + J_row[i] * row_px)
             for j in range(i + 1):
                 H[i, j] += weight * (J_col[i] * J_col[j] + J_row[i] * J_row[j])
+    trace = H[0, 0] + H[1, 1] + H[2, 2] + H[3, 3] + H[4, 4] + H[5, 5]
+    for i in range(6):
+        H[i, i] += 1e-9 * trace + 1e-12
     return H, gradient
+
+
+@compiled("UniTuple(i8, 2)(f8[::1], i8, i8)")
+def _partition(values: FloatArray, first: int, last: int) -> tuple[int, int]:
+    """Move the smaller values of a range before the larger ones: i and j with [first..j] <= [i..last], and j < i."""
+    pivot, i, j = values[(first + last) // 2], first, last
+    while i <= j:
+        while values[i] < pivot:
+            i += 1
+        while values[j] > pivot:
+            j -= 1
+        if i <= j:
+            values[i], values[j] = values[j], values[i]
+            i, j = i + 1, j - 1
+    return i, j
+
+
+@compiled("f8(f8[::1])")
+def _median(values: FloatArray) -> float:
+    """The median of at least one number, by Hoare's selection, which reorders them. NumPy's compiles for a second."""
+    middle, first, last = len(values) // 2, 0, len(values) - 1
+    while first < last:
+        i, j = _partition(values, first, last)
+        last = j if middle <= j else last
+        first = i if middle >= i else first
+        if j < middle < i:
+            break
+    lower: float = values[middle] if len(values) % 2 else values[:middle].max()
+    return (lower + values[middle]) / 2
 
 
 @compiled(float64[::1](MATRIX, float64[::1]))
@@ -156,17 +189,16 @@ def _fit(
 ) -> tuple[FloatArray, float, int]:
     """The motion, shape (4, 4), the median reprojection error [px], and the number of inliers."""
     length_px, scale_px = _residual_lengths(points_m, observed_px, T, lens), np.inf
-    unit = np.ones(6)
-    unit[:3] = np.median(points_m[:, 2])
+    distance_m = _median(points_m[:, 2].copy())
     for _ in range(MAX_ITERATIONS):
-        scale_px = max(MIN_SCALE_PX, min(scale_px, MEDIAN_TO_SCALE * np.median(length_px)))
-        H, gradient = _normal_equations(points_m, observed_px, T, lens, scale_px)
-        damping = 1e-9 * np.trace(H) + 1e-12
-        for i in range(len(H)):
-            H[i, i] += damping
-        step = -_solve(H, gradient)
+        scale_px = max(MIN_SCALE_PX, min(scale_px, MEDIAN_TO_SCALE * _median(length_px.copy())))
+        step = -_solve(*_normal_equations(points_m, observed_px, T, lens, scale_px))
         T = compose(exp_se3(step), T)
         length_px = _residual_lengths(points_m, observed_px, T, lens)
-        if np.abs(step / unit).max() < CONVERGENCE_STEP:
+        shift_m, turn = max(abs(step[0]), abs(step[1]), abs(step[2])), max(abs(step[3]), abs(step[4]), abs(step[5]))
+        if max(shift_m / distance_m, turn) < CONVERGENCE_STEP:
             break
-    return T, np.median(length_px), (length_px < inlier_px).sum()
+    n_inliers = 0
+    for length in length_px:
+        n_inliers += length < inlier_px
+    return T, _median(length_px), n_inliers

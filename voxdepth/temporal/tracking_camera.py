@@ -95,5 +95,6 @@ def _back_project(pixels: Pixels, disparity_px: FloatImage, focal_baseline_px_m:
     points_m = np.empty((len(pixels), 3))
     for k in range(len(pixels)):
         z = focal_baseline_px_m / disparity_px[k]
-        points_m[k] = (pixels[k, 0] - cx) * z / fx, (pixels[k, 1] - cy) * z / fy, z
+        points_m[k, 0], points_m[k, 1] = (pixels[k, 0] - cx) * z / fx, (pixels[k, 1] - cy) * z / fy
+        points_m[k, 2] = z
     return points_m
