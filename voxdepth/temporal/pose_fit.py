@@ -164,8 +164,9 @@ def _median(values: FloatArray) -> float:
         first = i if middle >= i else first
         if j < middle < i:
             break
-    lower: float = values[middle] if len(values) % 2 else values[:middle].max()
-    return (lower + values[middle]) / 2
+    upper: float = values[middle]
+    lower = upper if len(values) % 2 else values[:middle].max()
+    return (lower + upper) / 2
 
 
 @compiled(float64[::1](MATRIX, float64[::1]))
