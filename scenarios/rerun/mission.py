@@ -21,6 +21,7 @@ from swarm.team import Team
 from swarm.types import Decision, Histogram, Outcome
 from voxdepth.types import CorrectedDepth, FloatArray
 
+from .columns import Columns, ColumnWriter, arrows, gray_images, pixels, points, poses, scalars
 from .stream import depth_image, finite, gray_image, layout, open_stream, source_labels
 
 LEADER_COLOR, FOLLOWER_COLOR = (255, 120, 40), (90, 170, 250)
@@ -45,6 +46,7 @@ class MissionRecorder(Recorder):
         self._states: dict[int, str] = {}
         self._leaders: set[int] = set()
         self._stream: rr.RecordingStream | None = None
+        self._columns: ColumnWriter | None = None
 
     def start(self, world: World, teams: Sequence[Team]) -> None:
         """Open the file and record everything that does not move."""
@@ -53,16 +55,20 @@ class MissionRecorder(Recorder):
         self._leaders = {team.leader for team in teams}
         views = blueprint(world.n_drones, self._leaders)
         self._stream = open_stream("voxdepth", self._path, self._recording_id, views, batcher_config=batching)
+        self._columns = ColumnWriter(self._stream)
         self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._log_scene(world.scene.bodies)
         goals_m = [team.goal_m for team in teams]
         goals = rr.Points3D(goals_m, radii=[0.6], colors=[(80, 220, 100)], labels=["goal"] * len(goals_m))
         self._log("world/goal", goals, static=True)
+        if any(len(team.members) > 1 for team in teams):
+            self._log("world/slots", rr.Points3D.from_fields(radii=[0.12], colors=[(200, 200, 90)]), static=True)
         size: dict[str, Any] = {"lengths": [DRONE_BODY_HEIGHT_M], "radii": [world.airframe.radius_m]}
         for drone in range(world.n_drones):
             body = rr.Cylinders3D(**size, colors=[self._color(drone)], fill_mode="solid")
             self._log(f"world/drone/{drone}/body", body, static=True)
             self._log_camera(drone)
+            self._log_looks(drone)
 
     def tick(
         self, step: int, time_s: float, states: Sequence[DroneState], slots_m: FloatArray, decisions: Sequence[Decision]
@@ -70,16 +76,14 @@ class MissionRecorder(Recorder):
         """Record poses, velocities, slots and changes of state."""
         self._at(step, time_s)
         for drone, (state, decision) in enumerate(zip(states, decisions, strict=True)):
-            at_m, attitude, color = state.position_m, rr.Quaternion(xyzw=state.q_world_body_xyzw), self._color(drone)
-            self._log(f"world/drone/{drone}", rr.Transform3D(translation=at_m, quaternion=attitude))
-            arrows = rr.Arrows3D(origins=[at_m], vectors=[state.velocity_m_s], colors=[color])
-            self._log(f"world/velocity/{drone}", arrows)
+            self._add(f"world/drone/{drone}", poses, (state.position_m, state.q_world_body_xyzw))
+            self._add(f"world/velocity/{drone}", arrows, (state.position_m, state.velocity_m_s))
             self._log_choice(drone, state, decision)
             if self._states.get(drone) != decision.state:
                 self._states[drone] = decision.state
                 self._log(f"drone/{drone}/state", rr.StateChange(state=decision.state))
         if len(slots_m):
-            self._log("world/slots", rr.Points3D(slots_m, radii=[0.12], colors=[(200, 200, 90)]))
+            self._add("world/slots", points, slots_m)
 
     def capture(self, step: int, capture: Capture, corrected: CorrectedDepth, histogram: Histogram) -> None:
         """Record the histogram of every capture, and the images of some."""
@@ -93,7 +97,7 @@ class MissionRecorder(Recorder):
         """Record one curve per metric."""
         self._at(step, time_s)
         for name, value in values.items():
-            self._log(f"metrics/{name}", rr.Scalars([float(value)]))
+            self._add(f"metrics/{name}", scalars, float(value))
 
     def contact(self, step: int, contact: Contact) -> None:
         """Record an event and the new state of the drone."""
@@ -110,19 +114,25 @@ class MissionRecorder(Recorder):
 
     def close(self) -> None:
         """Write buffered data and close the file; a second call does nothing."""
-        if self._stream is not None:
+        if self._stream is not None and self._columns is not None:
+            self._columns.flush()
             self._stream.flush()
             self._stream.disconnect()
-            self._stream = None
+            self._stream = self._columns = None
 
     def _log(self, path: str, *what: Any, static: bool = False) -> None:
         if self._stream is not None:
             self._stream.log(path, *what, static=static)
 
+    def _add(self, path: str, columns: Columns, value: Any) -> None:
+        if self._columns is not None:
+            self._columns.add(path, columns, value)
+
     def _at(self, step: int, time_s: float) -> None:
-        if self._stream is not None:
+        if self._stream is not None and self._columns is not None:
             self._stream.set_time("step", sequence=step)
             self._stream.set_time("sim_time", duration=time_s)
+            self._columns.set_time(step, time_s)
 
     def _log_scene(self, bodies: Sequence[Body]) -> None:
         """Record all static bodies as triangles with a normal and a gray value each."""
@@ -161,6 +171,13 @@ class MissionRecorder(Recorder):
         # One row, since the order of several chunks of one entity in the file is random.
         self._log(path, pinhole, mount, source_labels(), static=True)
 
+    def _log_looks(self, drone: int) -> None:
+        """Record the colours of what moves, once per drone."""
+        self._log(f"world/velocity/{drone}", rr.Arrows3D.from_fields(colors=[self._color(drone)]), static=True)
+        self._log(f"world/choice/{drone}", rr.Arrows3D.from_fields(colors=[(240, 230, 80)]), static=True)
+        chosen = rr.Points2D.from_fields(radii=[0.3], colors=[(255, 60, 60)])
+        self._log(f"world/drone/{drone}/histogram/chosen", chosen, static=True)
+
     def _log_images(self, capture: Capture, corrected: CorrectedDepth) -> None:
         path = f"world/drone/{capture.drone}/cam"
         true_m = finite(capture.depth_true_m)
@@ -173,17 +190,18 @@ class MissionRecorder(Recorder):
         """Record the free ranges as an image: free cells are bright, unknown ones dark."""
         free = np.clip(histogram.range_m / 15.0, 0.05, 1)
         shown = np.where(histogram.unknown, 0, 255 * free).astype(np.uint8)
-        self._log(f"world/drone/{drone}/histogram", rr.Image(shown, color_model="L"))
+        if not self._captures[drone]:
+            format = rr.components.ImageFormat(*shown.shape[::-1], color_model="L", channel_datatype="U8")
+            self._log(f"world/drone/{drone}/histogram", rr.Image.from_fields(format=format), static=True)
+        self._add(f"world/drone/{drone}/histogram", gray_images, shown)
 
     def _log_choice(self, drone: int, state: DroneState, decision: Decision) -> None:
         choice = decision.choice
         if choice is None:
             return
-        ahead_m = 1.5 * choice.direction
-        arrow = rr.Arrows3D(origins=[state.position_m], vectors=[ahead_m], colors=[(240, 230, 80)])
-        self._log(f"world/choice/{drone}", arrow)
-        marked = [] if choice.cell is None else [[choice.cell[1] + 0.5, choice.cell[0] + 0.5]]
-        self._log(f"world/drone/{drone}/histogram/chosen", rr.Points2D(marked, radii=[0.3], colors=[(255, 60, 60)]))
+        self._add(f"world/choice/{drone}", arrows, (state.position_m, 1.5 * choice.direction))
+        marked = np.empty((0, 2)) if choice.cell is None else np.array([choice.cell[::-1]]) + 0.5
+        self._add(f"world/drone/{drone}/histogram/chosen", pixels, marked)
 
 
 def blueprint(n_drones: int, leaders: set[int]) -> rrb.Blueprint:
