@@ -8,9 +8,11 @@ import pytest
 
 from tests.temporal_scenes import CAMERA, WALL, Plane, Sphere, pose, render
 from voxdepth.temporal.confidence import BACKGROUND, INPAINTING, INTERPOLATED
-from voxdepth.temporal.inpainting import SKY_CELL_PX, Inpainted, Inpainter, InpaintingConfig, find_sky
+from voxdepth.temporal.inpainting import Inpainted, Inpainter, InpaintingConfig
 from voxdepth.temporal.planes import PlanesConfig
 from voxdepth.temporal.scanlines import ScanlinesConfig
+from voxdepth.temporal.sky import CELL_PX as SKY_CELL_PX
+from voxdepth.temporal.sky import find_sky
 from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatImage, GrayImage, MaskImage
 

@@ -5,7 +5,9 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numba import float32, float64
 
+from ..compiled import compiled, named_tuple
 from ..types import CORRECT_PX, CORRECT_SHARE, FloatArray, FloatImage, GrayImage
 from .fusion import PixelClass
 from .masks import copy_where, equal
@@ -27,6 +29,13 @@ class Exponential(NamedTuple):
         """The value at some arguments, same shape."""
         value: FloatArray = self.limit + (self.start - self.limit) * np.exp(-argument / self.scale)
         return value
+
+
+@compiled(float32(named_tuple(Exponential, float64, float64, float64), float32))
+def exponential(curve: Exponential, argument: float) -> float:
+    """`Exponential.at` one argument, in compiled functions."""
+    value: float = float32(curve.limit) + float32(curve.start - curve.limit) * np.exp(-argument / float32(curve.scale))
+    return value
 
 
 SURFACE_PROBABILITY = {
@@ -69,10 +78,10 @@ class InpaintingProbabilities:
         return self.finest_plane * self.coarser_factor**level
 
 
-BACKGROUND = Exponential(start=0.9, limit=0.55, scale=4)
+BACKGROUND = Exponential(start=0.9, limit=0.55, scale=4.0)
 """Probability of background between a near and a far end of a row, by the difference of the estimates along row and
 column [px]."""
-INTERPOLATED = Exponential(start=0.9, limit=0.3, scale=2)
+INTERPOLATED = Exponential(start=0.9, limit=0.3, scale=2.0)
 """Probability of a surface between two ends of a row or column, by the same difference."""
 AGREEMENT = Exponential(start=0.9, limit=0.5, scale=0.6)
 """Factor of the probability of a remembered hole, by the difference to the estimate from the ends of the hole [px].

@@ -1,51 +1,36 @@
-"""The ground plane, which bounds all measured surfaces from below, and stixels: upright surfaces that stand on it."""
+"""The ground plane, which bounds all measured surfaces from below."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
-import cv2
 import numpy as np
-import numpy.typing as npt
+from numba import float64, int64
+from numba.types import Tuple
 from pydantic import Field
 
+from ..compiled import compiled, named_tuple
 from ..model import Model
-from ..types import FloatArray, FloatImage, MaskImage
-from .confidence import INPAINTING
-from .planes import CellEstimate, PlaneFitter
-from .working_resolution import WorkingResolution
+from ..types import FloatArray
+from .planes import CELLS, VALUES, CellGrid
 
 HORIZONS = np.linspace(-1.0, 0.4, 16)
 """Candidate rows of the horizon, in image heights below the middle of the image; above it they are negative."""
 MAX_OUTLIER_RATIO = 0.12
 """Fraction of the cells below the horizon that may be farther than a candidate: wrong matches and dips."""
-NEAR_QUANTILE = 0.98
-"""Quantile of disparity that stands for the nearest cells; those above it may be wrong matches."""
-MAX_DISPARITY_RATIO = 5.0
-"""Cells of less than the largest disparity through this are ignored: the ground is a plane only near the camera."""
 ITERATIONS = 5
 """Iterations of the refinement, of which the first two tolerate larger errors."""
 FARTHER_TOLERANCE = 6.0
 """Factor of the tolerance for cells farther than the ground. They contradict it, while nearer cells are objects on it,
 so they keep their weight."""
+HALF_OCTAVES = 128
+"""Number of half octaves that are told apart, half of them below a pixel."""
+BISECTIONS = 40
+"""Steps in which the slope of a candidate is found."""
+NEAR_QUANTILE = 0.98
+"""Quantile of disparity that stands for the nearest cells; those above it may be wrong matches."""
+MAX_DISPARITY_RATIO = 5.0
+"""Cells of less than the largest disparity through this are ignored: the ground is a plane only near the camera."""
 MIN_CELLS = 20
 """Smallest number of measured cells; half as many must be on the ground."""
-ROW_STRIDE_PX = 4
-"""Stride of the rows that are searched, in pixels of the full image."""
-MEDIAN_COLUMNS = 5
-"""Number of adjacent columns whose median ground contact is used."""
-MIN_GROUND_ROWS = 8
-"""Rows of a column that must be on the ground, or half of those up to the contact; otherwise it is a wrong match."""
-MAX_ROWS_BETWEEN = 2
-"""Measured rows between contact and hole that do not separate them, since texture ends raggedly."""
-OCCLUDED_LEVEL = 2
-"""Level of the cells that take occluded stixels; the finest cells only take those directly above their contact."""
-MIN_OCCLUDED_COVERAGE, MIN_COVERAGE = 0.25, 0.5
-"""Fraction of a cell that a stixel must cover, for occluded stixels in large cells and for others in the finest
-cells."""
-GROUND_TOLERANCE = 0.97
-"""Estimates have at least this fraction of the disparity of the ground, whose plane is not exact."""
-ON_GROUND = 1.05
-"""Estimates with at most this multiple of the disparity of the ground are taken for the ground."""
 
 
 class GroundConfig(Model):
@@ -61,17 +46,7 @@ class GroundConfig(Model):
     """Largest number of cells farther than the plane by twice the tolerance, by the number of those on it."""
 
 
-class StixelsConfig(Model):
-    """When a measurement is on the ground. A stixel ends below one that is farther by twice the relative tolerance."""
-
-    tolerance_px: float = Field(0.5, ge=0)
-    """Difference to the disparity of the ground up to which a measurement is on it, besides the relative tolerance."""
-    relative_tolerance: float = Field(0.05, ge=0)
-    """Fraction of the disparity that is added to the tolerance."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class GroundPlane:
+class GroundPlane(NamedTuple):
     """The ground as a linear function of disparity."""
 
     slope_u: float
@@ -85,6 +60,18 @@ class GroundPlane:
         """Disparity [px], negative above the horizon, at columns and rows in cells from the middle of the image."""
         ground_px: FloatArray = self.slope_u * u + self.slope_v * v + self.middle_px
         return ground_px
+
+    def by_pixels(self, grid: CellGrid) -> "GroundPlane":
+        """The same plane by columns and rows of the image, from its first pixel."""
+        u, v = (grid.left + 0.5) / grid.cell_px - grid.cols / 2, 0.5 / grid.cell_px - grid.rows / 2
+        return GroundPlane(self.slope_u / grid.cell_px, self.slope_v / grid.cell_px, plane_at(self, u, v))
+
+    def by_cells(self, grid: CellGrid) -> "GroundPlane":
+        """The same plane by columns and rows of the finest cells, from the first one."""
+        return self._replace(middle_px=plane_at(self, (1 - grid.cols) / 2, (1 - grid.rows) / 2))
+
+
+PLANE = named_tuple(GroundPlane, float64, float64, float64)
 
 
 def find_ground(
@@ -103,20 +90,16 @@ def find_ground(
         return None
     near = disparity_px > _quantile(disparity_px, NEAR_QUANTILE) / MAX_DISPARITY_RATIO
     u, v, disparity_px = u[near], v[near], disparity_px[near]
-    candidate = _best_level_plane(v, disparity_px, rows, config.tolerance)
-    plane = _refine(candidate, u, v, disparity_px, config.tolerance)
-    ground_px = plane[0] * u + plane[1] * v + plane[2]
-    error = disparity_px / np.maximum(ground_px, 1e-6) - 1
-    inliers = (np.abs(error) < config.tolerance) & (ground_px > 0)
-    n_farther = np.count_nonzero((error < -2 * config.tolerance) & (ground_px > 0))
-    n_inliers = np.count_nonzero(inliers)
-    if plane[1] <= abs(plane[0]) or n_inliers < max(MIN_CELLS / 2, config.min_inlier_ratio * len(u)):
+    candidate = best_level_plane(v, disparity_px, rows, config.tolerance)
+    plane = refine(candidate, u, v, disparity_px, config.tolerance)
+    inlier_px, n_farther = find_inliers(plane, u, v, disparity_px, config.tolerance)
+    if plane.slope_v <= abs(plane.slope_u) or len(inlier_px) < max(MIN_CELLS / 2, config.min_inlier_ratio * len(u)):
         return None
-    if n_farther > config.max_farther_ratio * n_inliers:
+    if n_farther > config.max_farther_ratio * len(inlier_px):
         return None
-    if _quantile(ground_px[inliers], 0.9) < config.min_disparity_ratio * _quantile(ground_px[inliers], 0.1):
+    if _quantile(inlier_px, 0.9) < config.min_disparity_ratio * _quantile(inlier_px, 0.1):
         return None
-    return GroundPlane(slope_u=float(plane[0]), slope_v=float(plane[1]), middle_px=float(plane[2]))
+    return plane
 
 
 def _quantile(values: FloatArray, q: float) -> float:
@@ -124,126 +107,134 @@ def _quantile(values: FloatArray, q: float) -> float:
     return float(np.sort(values)[int(q * (len(values) - 1))])
 
 
-def _best_level_plane(v: FloatArray, disparity_px: FloatArray, rows: int, tolerance: float) -> FloatArray:
-    """Slopes to the right and downward, and middle, shape (3,), of the best candidate without roll.
+@compiled(float64(PLANE, float64, float64))
+def plane_at(plane: GroundPlane, u: float, v: float) -> float:
+    """`GroundPlane.disparity` at one position, in compiled functions."""
+    return plane.slope_u * u + plane.slope_v * v + plane.middle_px
+
+
+@compiled(int64(float64))
+def _half_octave(disparity_px: float) -> int:
+    """Number of the half octave of a disparity, 0..`HALF_OCTAVES`."""
+    return min(max(int(np.floor(2 * np.log2(disparity_px))) + HALF_OCTAVES // 2, 0), HALF_OCTAVES - 1)
+
+
+@compiled(VALUES(VALUES))
+def octave_weights(disparity_px: FloatArray) -> FloatArray:
+    """A weight per cell, less the more of them share half an octave of disparity: distant surfaces fill more cells."""
+    n, weight = np.zeros(HALF_OCTAVES), np.empty(len(disparity_px))
+    for k in range(len(disparity_px)):
+        n[_half_octave(disparity_px[k])] += 1
+    for k in range(len(disparity_px)):
+        weight[k] = 1 / np.sqrt(n[_half_octave(disparity_px[k])])
+    return weight
+
+
+@compiled(float64(VALUES, int64))
+def steepest_slope(slopes: FloatArray, n_below: int) -> float:
+    """The largest slope that not more than that number of slopes are below, to within a trillionth of the largest."""
+    low, high = 0.0, 0.0
+    for k in range(len(slopes)):
+        high = max(high, slopes[k])
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        n = 0
+        for k in range(len(slopes)):
+            n += slopes[k] < middle
+        if n <= n_below:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@compiled(float64(VALUES, VALUES, float64, float64))
+def _rate(slopes: FloatArray, weight: FloatArray, candidate: float, tolerance: float) -> float:
+    """The weight of the cells on a candidate minus that of the cells farther than it."""
+    farthest, nearest = candidate * (1 - 1.5 * tolerance), candidate * (1 + 1.5 * tolerance)
+    rating = 0.0
+    for k in range(len(slopes)):
+        is_on_plane, is_farther = farthest < slopes[k] < nearest, slopes[k] <= farthest
+        rating += weight[k] * (int(is_on_plane) - int(is_farther))
+    return rating
+
+
+@compiled(PLANE(VALUES, VALUES, int64, float64))
+def best_level_plane(v: FloatArray, disparity_px: FloatArray, rows: int, tolerance: float) -> GroundPlane:
+    """The best candidate without roll, in an image of so many rows of cells.
 
     For each horizon the candidate is the steepest plane that leaves `MAX_OUTLIER_RATIO` of the cells below it. It is
-    rated by the cells on it minus those below it. Cells weigh less the more of them share half an octave of disparity,
-    since distant surfaces fill more cells.
+    rated by the cells on it minus those below it.
     """
-    half_octave = np.floor(2 * np.log2(disparity_px)).astype(np.intp)
-    half_octave -= half_octave.min()
-    weight = 1 / np.sqrt(np.bincount(half_octave)[half_octave])
-    below_horizon = v - rows * HORIZONS[:, None]
-    with np.errstate(divide="ignore"):
-        slope = np.where(below_horizon > 0.5, disparity_px / np.maximum(below_horizon, 0.5), np.inf)
-    rank = (MAX_OUTLIER_RATIO * np.count_nonzero(below_horizon > 0.5, axis=1)).astype(np.intp) + 1
-    candidate = np.sort(slope, axis=1)[np.arange(len(rank)), np.minimum(rank, len(v) - 1)]
-    candidate = np.where(np.isfinite(candidate), candidate, 0)
-    above = slope - candidate[:, None] * (1 - 1.5 * tolerance)
-    on_plane = (above > 0) & (above < candidate[:, None] * 3 * tolerance)
-    best = np.argmax((on_plane.astype(np.float64) - (above <= 0)) @ weight)
-    return np.array([0.0, candidate[best], -candidate[best] * rows * HORIZONS[best]])
+    weight = octave_weights(disparity_px)
+    best_rating, best_slope, best_horizon = -np.inf, 0.0, 0.0
+    for horizon in HORIZONS * rows:
+        below = v - horizon > 0.5
+        slopes = disparity_px[below] / (v[below] - horizon)
+        n_farther = int(MAX_OUTLIER_RATIO * len(slopes)) + 1
+        slope = steepest_slope(slopes, n_farther) if n_farther < len(slopes) else 0.0
+        rating = _rate(slopes, weight[below], slope, tolerance)
+        if rating > best_rating:
+            best_rating, best_slope, best_horizon = rating, slope, horizon
+    return GroundPlane(0.0, best_slope, -best_slope * best_horizon)
 
 
-def _refine(plane: FloatArray, u: FloatArray, v: FloatArray, disparity_px: FloatArray, tolerance: float) -> FloatArray:
+@compiled(PLANE(CELLS, VALUES))
+def _solve(A: FloatArray, b: FloatArray) -> GroundPlane:
+    """Solve three linear equations of a symmetric positive definite matrix, by elimination in place."""
+    for k in range(2):
+        for row in range(k + 1, 3):
+            factor = A[row, k] / A[k, k]
+            b[row] -= factor * b[k]
+            for col in range(k, 3):
+                A[row, col] -= factor * A[k, col]
+    z = b[2] / A[2, 2]
+    y = (b[1] - A[1, 2] * z) / A[1, 1]
+    x = (b[0] - A[0, 1] * y - A[0, 2] * z) / A[0, 0]
+    return GroundPlane(x, y, z)
+
+
+@compiled(float64(float64, float64, float64))
+def _robust_weight(disparity_px: float, ground_px: float, tolerance: float) -> float:
+    """Weight of a cell in the fit: that of Geman and McClure, of the relative error."""
+    error = (disparity_px / ground_px - 1) / tolerance
+    error = error / FARTHER_TOLERANCE if error < 0 else error
+    return 1 / (1 + error * error) ** 2 / ground_px
+
+
+@compiled(PLANE(PLANE, VALUES, VALUES, VALUES, float64))
+def refine(plane: GroundPlane, u: FloatArray, v: FloatArray, disparity_px: FloatArray, tolerance: float) -> GroundPlane:
     """Reweighted least squares of the relative error. Nearer cells soon lose their weight, farther ones keep it."""
-    A = np.stack([u, v, np.ones_like(u)], 1)
     for iteration in range(ITERATIONS):
-        ground_px = A @ plane
-        below_horizon = ground_px > 0
-        ground_px = np.maximum(ground_px, 1e-6)
-        error = (disparity_px / ground_px - 1) / (tolerance * max(1, 3 - iteration))
-        error[error < 0] /= FARTHER_TOLERANCE
-        weighted = A * (below_horizon / np.square(1 + error * error) / ground_px)[:, None]
-        normal = A.T @ weighted
-        normal += np.eye(3) * (1e-9 * np.trace(normal) + 1e-12)
-        plane = np.asarray(np.linalg.solve(normal, disparity_px @ weighted), np.float64)
+        normal, right = np.zeros((3, 3)), np.zeros(3)
+        for k in range(len(u)):
+            cell = (u[k], v[k], 1.0)
+            ground_px = plane_at(plane, u[k], v[k])
+            weight = _robust_weight(disparity_px[k], max(ground_px, 1e-6), tolerance * max(1, 3 - iteration))
+            weight = weight if ground_px > 0 else 0.0
+            for i in range(3):
+                right[i] += weight * disparity_px[k] * cell[i]
+                for j in range(3):
+                    normal[i, j] += weight * cell[i] * cell[j]
+        damping = 1e-9 * (normal[0, 0] + normal[1, 1] + normal[2, 2]) + 1e-12
+        for i in range(3):
+            normal[i, i] += damping
+        plane = _solve(normal, right)
     return plane
 
 
-class Stixels(NamedTuple):
-    """Disparity [px] of the stixels and the ground, by cells of the planes; 0 = no stixel."""
-
-    occluded_px: FloatArray
-    """All stixels, even behind other surfaces, in cells of `OCCLUDED_LEVEL`."""
-    visible_px: FloatArray
-    """Stixels in holes directly above their ground contact, in the finest cells, shape (rows, cols)."""
-    ground_px: FloatArray
-    """Ground in the finest cells, shape (rows, cols); negative above the horizon."""
-
-    def overlay(self, estimate: CellEstimate, level: int) -> CellEstimate:
-        """The estimate of a level with stixels where there are some; at level 0 also with nothing below the ground."""
-        if level == OCCLUDED_LEVEL:
-            return estimate.overlay(self.occluded_px, INPAINTING.occluded_stixel)
-        if level > 0:
-            return estimate
-        estimate = estimate.overlay(self.visible_px, INPAINTING.stixel)
-        disparity_px = np.maximum(estimate.disparity_px, GROUND_TOLERANCE * self.ground_px)
-        on_ground = disparity_px < ON_GROUND * self.ground_px
-        return CellEstimate(disparity_px, np.where(on_ground, INPAINTING.ground, estimate.probability))
-
-
-class StixelEstimator:
-    """Finds the stixels of images of one size, in the cells of a `PlaneFitter`.
-
-    The ground contact of a column is its highest measurement on the ground. The holes above have the disparity of the
-    contact, up to the first measurement that is farther.
-    """
-
-    def __init__(self, resolution: WorkingResolution, planes: PlaneFitter, config: StixelsConfig) -> None:
-        self._config = config
-        self._row_stride = ROW_STRIDE_PX // resolution.decimation
-        self._planes = planes
-        height, width = resolution.shape
-        from_top = np.arange(0, height, self._row_stride)
-        self._v = np.asarray((from_top[::-1] + 0.5) / planes.cell_px - planes.shape[0] / 2, np.float64)
-        self._height = np.arange(1, len(from_top) + 1, dtype=np.int16)[:, None]
-        self._u = np.asarray((np.arange(width) + 0.5 - width / 2) / planes.cell_px, np.float64)
-
-    def estimate(self, disparity_px: FloatImage, ground: GroundPlane) -> Stixels:
-        """The stixels of a disparity image, shape (h, w), on its ground plane; holes are 0."""
-        config = self._config
-        image_px = np.ascontiguousarray(disparity_px[:: self._row_stride][::-1])  # from the bottom up
-        contact, contact_px = self._ground_contact(image_px, ground)
-        above = self._height > np.where(contact_px > 0, contact, len(image_px))
-        measured = (image_px > 0) & above
-        min_px = contact_px - (config.tolerance_px + 2 * np.float32(config.relative_tolerance) * contact_px)
-        all_holes = above & (np.cumsum(measured & (image_px < min_px), axis=0, dtype=np.int16) == 0)
-        visible = above & (np.cumsum(measured, axis=0, dtype=np.int16) <= MAX_ROWS_BETWEEN)
-        v, u = (np.arange(n, dtype=np.float64) - (n - 1) / 2 for n in self._planes.shape)
-        return Stixels(
-            occluded_px=self._cell_means(contact_px, all_holes, 2**OCCLUDED_LEVEL, MIN_OCCLUDED_COVERAGE),
-            visible_px=self._cell_means(contact_px, visible, 1, MIN_COVERAGE),
-            ground_px=ground.disparity(u, v[:, None]),
-        )
-
-    def _ground_contact(self, image_px: FloatImage, ground: GroundPlane) -> tuple[npt.NDArray[np.int16], FloatImage]:
-        """Row of the ground contact of each column, counted from 1 at the bottom, and its disparity; 0 = no contact.
-
-        Both have shape (w,). The disparity is a median over adjacent columns.
-        """
-        config = self._config
-        ground_px = ground.disparity(self._u, self._v[:, None]).astype(np.float32)
-        tolerance_px = config.tolerance_px + np.float32(config.relative_tolerance) * ground_px
-        on_ground = (cv2.absdiff(image_px, ground_px) < tolerance_px) & (image_px > 0) & (ground_px > 0)
-        contact = np.max(on_ground * self._height, axis=0)
-        contact[np.count_nonzero(on_ground, axis=0) < np.minimum(MIN_GROUND_ROWS, contact / 2)] = 0
-        contact_px = np.where(contact > 0, image_px[contact - 1, np.arange(len(contact))], np.float32(0))
-        return contact, np.asarray(cv2.medianBlur(contact_px[None], MEDIAN_COLUMNS), np.float32)[0]
-
-    def _cell_means(self, contact_px: FloatImage, mask: MaskImage, size: int, min_coverage: float) -> FloatArray:
-        """Mean contact disparity [px] of the columns under a mask of the rows that are searched, from the bottom up.
-
-        It is 0 in cells, of `size` finest cells a side, of which the mask covers less than `min_coverage`.
-        """
-        rows, cols = (-(-side // size) for side in self._planes.shape)
-        width = self._planes.cell_px * size
-        height = width // self._row_stride
-        covered = np.zeros((rows * height, cols * width), np.float32)
-        inside = np.s_[self._planes.left : self._planes.left + mask.shape[1]]
-        covered[: mask.shape[0], inside] = mask[::-1]
-        weighted_px = covered.copy()
-        weighted_px[:, inside] *= contact_px
-        coverage, mean_px = (cv2.resize(i, (cols, rows), interpolation=cv2.INTER_AREA) for i in (covered, weighted_px))
-        return np.where(coverage >= min_coverage, mean_px / np.maximum(coverage, np.float32(1e-6)), np.float32(0))
+@compiled(Tuple((VALUES, int64))(PLANE, VALUES, VALUES, VALUES, float64))
+def find_inliers(
+    plane: GroundPlane, u: FloatArray, v: FloatArray, disparity_px: FloatArray, tolerance: float
+) -> tuple[FloatArray, int]:
+    """Disparity of the plane at the cells on it, shape (M,), and the number of cells that are clearly farther."""
+    inlier_px = np.empty(len(u))
+    n_inliers = n_farther = 0
+    for k in range(len(u)):
+        ground_px = plane_at(plane, u[k], v[k])
+        error = disparity_px[k] / max(ground_px, 1e-6) - 1
+        if ground_px > 0 and abs(error) < tolerance:
+            inlier_px[n_inliers] = ground_px
+            n_inliers += 1
+        n_farther += ground_px > 0 and error < -2 * tolerance
+    return inlier_px[:n_inliers], n_farther

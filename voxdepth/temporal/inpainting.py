@@ -4,26 +4,34 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numba import float32, int64, void
 from pydantic import Field
 
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compile_all, compiled, named_tuple
 from ..model import Model
 from ..types import FloatImage, GrayImage
-from .confidence import AGREEMENT, INPAINTING
-from .ground import GROUND_TOLERANCE, GroundConfig, StixelEstimator, StixelsConfig, find_ground
-from .masks import above, and_not, box_mean, copy_where
-from .measurement import VALIDITY_WINDOW_PX
-from .planes import PlaneFitter, PlanesConfig
-from .scanlines import ScanlinesConfig, interpolate_holes
+from .confidence import AGREEMENT, INPAINTING, exponential
+from .ground import PLANE, GroundConfig, GroundPlane, find_ground, plane_at
+from .masks import above
+from .planes import (
+    CELL_ESTIMATE,
+    GRID,
+    CellEstimate,
+    CellGrid,
+    PlaneFitter,
+    PlanesConfig,
+    bounded,
+    interpolate,
+    interpolate_rows,
+)
+from .scanlines import INTERPOLATED_TYPE, Interpolated, ScanlineInterpolator, ScanlinesConfig
+from .sky import find_sky
+from .stixels import GROUND_TOLERANCE, StixelEstimator, StixelsConfig
 from .working_resolution import WorkingResolution
 
-SKY_CELL_PX = 4
-"""Side of the cells in which the sky is searched, in working pixels."""
-SKY_MAX_KNOWN = 192
-"""Mean of the mask of known pixels, 0..255, up to which a cell may be sky: the sky has wrong matches."""
-SKY_MIN_SHARE = 0.02
-"""Fraction of the image that a region of sky covers at least."""
-SKY_GRAY_QUANTILE = 0.8
-"""Fraction of the known pixels in the lower half of the image that the sky is brighter than."""
+NO_GROUND = GroundPlane(0.0, 0.0, 0.0)
+"""The plane of the least disparities if there is no ground."""
+SKY_PROBABILITY = float32(INPAINTING.sky)
 
 
 class InpaintingConfig(Model):
@@ -50,14 +58,18 @@ class Inpainted(NamedTuple):
     """Mask of the holes that the memory fills."""
 
 
+INPAINTED_TYPE = named_tuple(Inpainted, FLOAT_IMAGE, FLOAT_IMAGE, BYTE_IMAGE)
+
+
 class Inpainter:
     """Fills all holes of a disparity image from the memory and from the image itself."""
 
     def __init__(self, resolution: WorkingResolution, config: InpaintingConfig) -> None:
-        self._decimation = resolution.decimation
         self._config = config
+        self._scanlines = ScanlineInterpolator(resolution, config.scanlines)
         self._planes = PlaneFitter(resolution, config.planes)
-        self._stixels = StixelEstimator(resolution, self._planes, config.stixels)
+        compile_all()
+        self._stixels = StixelEstimator(resolution, self._planes.grid, config.stixels)
 
     def inpaint(self, measured_px: FloatImage, remembered_px: FloatImage, gray: GrayImage) -> Inpainted:
         """Fill the holes of an image of measured disparities. An empty image stays empty.
@@ -71,82 +83,90 @@ class Inpainter:
             remembered_px: Disparity of the memory in holes, shape (h, w); 0 = unknown or measured.
             gray: Gray image, shape (h, w).
         """
-        near = interpolate_holes(measured_px, self._decimation, self._config.scanlines)
-        remembered = and_not(above(remembered_px, 0), self._contradicted(remembered_px, near.disparity_px))
-        known_px = measured_px.copy()
-        copy_where(remembered, remembered_px, known_px)
-        known = above(known_px, 0)
-        if cv2.countNonZero(known) in (0, known.size):
+        near, config = self._scanlines.interpolate(measured_px), self._config
+        known_px, remembered = np.empty_like(measured_px), np.empty_like(gray)
+        tolerances = config.max_memory_difference_px, config.scanlines.relative_step
+        n_known = recall(measured_px, remembered_px, near.disparity_px, *tolerances, known_px, remembered)
+        if n_known in (0, known_px.size):
             return Inpainted(known_px, np.ones_like(known_px), remembered)
-        filled_px, probability, ground_px = self._guess(known_px, known)
-        copy_where(find_sky(known, gray), np.full_like(probability, INPAINTING.sky), probability)
-        interpolated = above(near.disparity_px, 0)
-        copy_where(interpolated, np.maximum(near.disparity_px, ground_px), filled_px)
-        copy_where(near.background, near.disparity_px, filled_px)
-        copy_where(interpolated, near.probability, probability)
-        copy_where(known, known_px, filled_px)
-        copy_where(known, _agreement(known_px, near.disparity_px), probability)
-        return Inpainted(filled_px, probability, remembered)
+        known = above(known_px, 0)
+        estimate, ground = self._guess(known_px, known)
+        farthest_px, sky = cv2.minMaxLoc(known_px, known)[0], find_sky(known, gray)
+        inpainted = Inpainted(np.empty_like(known_px), np.empty_like(known_px), remembered)
+        fill(known_px, near, estimate, self._planes.grid, ground, farthest_px, sky, inpainted)
+        return inpainted
 
-    def _contradicted(self, remembered_px: FloatImage, near_px: FloatImage) -> GrayImage:
-        """Mask of the remembered pixels whose hole has ends of another disparity."""
-        tolerance_px = near_px * np.float32(self._config.scanlines.relative_step)
-        tolerance_px += np.float32(self._config.max_memory_difference_px)
-        difference_px = np.asarray(cv2.absdiff(remembered_px, near_px), np.float32)
-        return above(near_px, 0) & above(difference_px, tolerance_px)
-
-    def _guess(self, known_px: FloatImage, known: GrayImage) -> tuple[FloatImage, FloatImage, FloatImage]:
-        """Disparity and its probability in every pixel, from planes, stixels and the ground; and the least disparity.
-
-        Where there is a ground, no surface is farther than it.
-        """
-        moments = self._planes.moments(known_px, _validity(known))
-        ground = find_ground(*self._planes.cell_means(moments), self._planes.shape[0], self._config.ground)
+    def _guess(self, known_px: FloatImage, known: GrayImage) -> tuple[CellEstimate, GroundPlane]:
+        """The estimate of the finest cells, from planes, stixels and the ground; and the ground by pixels."""
+        planes = self._planes
+        moments = planes.moments(known_px, known)
+        ground = find_ground(*planes.cell_means(moments[0]), planes.grid.rows, self._config.ground)
         stixels = None if ground is None else self._stixels.estimate(known_px, ground)
-        estimate, ground_px = None, np.zeros_like(known_px)
-        for level in reversed(range(self._planes.levels)):
-            estimate = self._planes.fit(moments[level], level, estimate)
+        estimate = None
+        for level in reversed(range(planes.levels)):
+            estimate = planes.fit(moments[level], level, estimate)
             if stixels is not None:
-                estimate = stixels.overlay(estimate, level)
+                stixels.overlay(estimate, level)
         assert estimate is not None
-        if stixels is not None:
-            ground_px = self._planes.upsample(GROUND_TOLERANCE * stixels.ground_px)
-        guess_px = self._planes.upsample(estimate.disparity_px)
-        probability = self._planes.upsample_bounded(estimate.probability)
-        min_px = cv2.minMaxLoc(known_px, known)[0]
-        np.maximum(guess_px, np.float32(min_px), out=guess_px)
-        return guess_px, probability, ground_px
+        return estimate, NO_GROUND if ground is None else ground.by_pixels(planes.grid)
 
 
-def _agreement(known_px: FloatImage, near_px: FloatImage) -> FloatImage:
-    """Factor of the probability of known pixels, by their difference to the estimate from the ends of their hole."""
-    factor, at = np.ones_like(known_px), np.nonzero((near_px > 0) & (known_px > 0))
-    factor[at] = AGREEMENT.at(np.abs(known_px[at] - near_px[at]))
-    return factor
+@compiled(int64(FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE, float32, float32, FLOAT_IMAGE, BYTE_IMAGE))
+def recall(
+    measured_px: FloatImage,
+    remembered_px: FloatImage,
+    near_px: FloatImage,
+    tolerance_px: float,
+    relative_tolerance: float,
+    # output
+    known_px: FloatImage,
+    remembered: GrayImage,
+) -> int:
+    """Fill holes from the memory, unless their ends have another disparity; returns the number of known pixels."""
+    n_known = 0
+    for row in range(measured_px.shape[0]):
+        for col in range(measured_px.shape[1]):
+            memory_px, end_px = remembered_px[row, col], near_px[row, col]
+            is_contradicted = end_px > 0 and abs(memory_px - end_px) > end_px * relative_tolerance + tolerance_px
+            is_remembered = memory_px > 0 and not is_contradicted
+            known_px[row, col] = memory_px if is_remembered else measured_px[row, col]
+            remembered[row, col] = 255 if is_remembered else 0
+            n_known += known_px[row, col] > 0
+    return n_known
 
 
-def find_sky(known: GrayImage, gray: GrayImage) -> GrayImage:
-    """Mask of what may be open sky, shape (h, w): bright regions without depth that reach the upper border.
-
-    A bright wall or ceiling without texture looks the same.
-    """
-    middle = SKY_CELL_PX // 2
-    cells = np.s_[middle::SKY_CELL_PX, middle::SKY_CELL_PX]
-    gray, is_known = gray[cells], known[cells] > 0
-    lower = len(gray) // 2
-    known_gray = np.sort(gray[lower:][is_known[lower:]])
-    min_gray = known_gray[int(SKY_GRAY_QUANTILE * (known_gray.size - 1))] if known_gray.size else np.uint8(255)
-    bright_hole = (cv2.blur(known, (SKY_CELL_PX, SKY_CELL_PX))[cells] < SKY_MAX_KNOWN) & (gray > min_gray)
-    _, label, stats, _ = cv2.connectedComponentsWithStats(bright_hole.astype(np.uint8), connectivity=4)
-    is_sky = (stats[:, cv2.CC_STAT_TOP] == 0) & (stats[:, cv2.CC_STAT_AREA] >= SKY_MIN_SHARE * label.size)
-    is_sky[0] = False  # the component of all other pixels
-    sky = is_sky[label].astype(np.uint8) * np.uint8(255)
-    return np.asarray(cv2.resize(sky, known.shape[::-1], interpolation=cv2.INTER_NEAREST), np.uint8)
-
-
-def _validity(valid: GrayImage) -> FloatImage:
-    """Fraction of the neighbours of each valid pixel that are valid, 0..1; 0 in holes."""
-    around = box_mean(valid, VALIDITY_WINDOW_PX) * np.float32(1 / 255)
-    validity = np.zeros(valid.shape, np.float32)
-    copy_where(valid, around, validity)
-    return validity
+@compiled(void(FLOAT_IMAGE, INTERPOLATED_TYPE, CELL_ESTIMATE, GRID, PLANE, float32, BYTE_IMAGE, INPAINTED_TYPE))
+def fill(
+    known_px: FloatImage,
+    near: Interpolated,
+    cells: CellEstimate,
+    grid: CellGrid,
+    ground: GroundPlane,
+    farthest_px: float,
+    sky: GrayImage,
+    # output
+    inpainted: Inpainted,
+) -> None:
+    """Choose the disparity of each pixel: its own, or that of the ends of its hole, or the guess of its cells."""
+    height, width = known_px.shape
+    row_px, row_probability = np.empty(grid.cols), np.empty(grid.cols)
+    u = (np.arange(width) + (grid.left + 0.5)) / grid.cell_px - 0.5
+    for row in range(height):
+        v = (row + 0.5) / grid.cell_px - 0.5
+        interpolate_rows(cells.disparity_px, v, row_px)
+        interpolate_rows(cells.probability, bounded(v, grid.rows), row_probability)
+        for col in range(width):
+            end_px = near.disparity_px[row, col]
+            if known_px[row, col] > 0:
+                difference_px = abs(known_px[row, col] - end_px)
+                disparity_px = known_px[row, col]
+                probability = exponential(AGREEMENT, difference_px) if end_px > 0 else float32(1)
+            elif end_px > 0:
+                ground_px = float32(GROUND_TOLERANCE * plane_at(ground, col, row))
+                disparity_px = end_px if near.background[row, col] else max(end_px, ground_px)
+                probability = near.probability[row, col]
+            else:
+                disparity_px = max(float32(interpolate(row_px, u[col])), farthest_px)
+                probability = float32(interpolate(row_probability, bounded(u[col], grid.cols)))
+                probability = SKY_PROBABILITY if sky[row, col] else probability
+            inpainted.disparity_px[row, col], inpainted.probability[row, col] = disparity_px, probability

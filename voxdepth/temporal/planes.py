@@ -1,32 +1,31 @@
 """Planes for inpainting: a moving least-squares fit of first order to disparity, in which planes are linear."""
 
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
-import cv2
 import numpy as np
-import numpy.typing as npt
+from numba import float32, float64, int64, uint8, void
+from numba.types import UniTuple
 from pydantic import Field
 
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
 from ..model import Model
-from ..types import FloatArray, FloatImage
+from ..types import FloatArray, FloatImage, GrayImage
 from .confidence import INPAINTING
+from .masks import box_mean
+from .measurement import VALIDITY_WINDOW_PX
 from .working_resolution import WorkingResolution
 
-MomentPyramid = list[FloatArray]
-"""Moments around each cell, shape (11, rows, cols), for each level of cell sizes, the finest first. They are weighted
-sums of 1, u, v, uu, uv, vv, D, uD, vD and DD, and the sum of the validities."""
-Values = TypeVar("Values", FloatImage, FloatArray)
-
+N, U, V, UU, UV, VV, D, UD, VD, DD, COVERAGE = range(11)
+"""The moments of a cell: weighted sums of 1, u, v, uu, uv, vv, D, uD, vD and DD, and the sum of the squared validities.
+The coordinates u and v are in the finest cells, from the middle of the image."""
+N_MOMENTS = 11
 INSIDE, OUTSIDE = 3.0, 5.0
 """Squared Mahalanobis distances from the data: extrapolation to the far side shrinks from the first one on, and stops
 at the second, so that planes do not recede where nothing was measured."""
-DISPARITY_MOMENT = 6
 MIN_COVERAGE = 0.1
 """Fraction of a cell that must be measured for its mean to be used."""
 MAX_CELL_ROWS = 32
 """Largest number of rows of cells whose means are used."""
-POWERS = ((0, 0), (0, 1), (1, 0), (0, 2), (1, 1), (2, 0))
-"""Powers of v and u in the first six moments."""
 
 
 class PlanesConfig(Model):
@@ -45,6 +44,23 @@ class PlanesConfig(Model):
     """Largest extrapolation to the near side, in standard deviations of the data."""
 
 
+class CellGrid(NamedTuple):
+    """The finest cells of an image. The columns are centred, so that a mirrored image has mirrored cells."""
+
+    cell_px: int
+    """Side of a cell, in working pixels."""
+    left: int
+    """Number of pixels by which the first column begins beside the image."""
+    rows: int
+    cols: int
+
+    @classmethod
+    def of(cls, resolution: WorkingResolution, cell_px: int) -> "CellGrid":
+        """The cells of a side that cover an image."""
+        rows, cols = -(-resolution.height_px // cell_px), -(-resolution.width_px // cell_px)
+        return cls(cell_px, (cols * cell_px - resolution.width_px) // 2, rows, cols)
+
+
 class CellEstimate(NamedTuple):
     """Estimated disparity of the cells of one level, shape (rows, cols)."""
 
@@ -53,153 +69,241 @@ class CellEstimate(NamedTuple):
     probability: FloatArray
     """Probability in 0..1 that it is of the right surface."""
 
-    def overlay(self, disparity_px: FloatArray, probability: float) -> "CellEstimate":
-        """The estimate with other disparities, of one probability, in the cells where those are not 0."""
-        where = disparity_px > 0
-        return CellEstimate(
-            np.where(where, disparity_px, self.disparity_px), np.where(where, probability, self.probability)
-        )
+
+class Bounds(NamedTuple):
+    """The bounds of the configuration."""
+
+    min_coverage: float
+    ridge: float
+    max_deviations_far: float
+    max_deviations_near: float
+
+
+GRID = named_tuple(CellGrid, *[int64] * 4)
+VALUES, CELLS, MOMENTS = float64[::1], float64[:, ::1], float64[:, :, ::1]
+CELL_ESTIMATE = named_tuple(CellEstimate, CELLS, CELLS)
+BOUNDS = named_tuple(Bounds, *[float64] * 4)
 
 
 class PlaneFitter:
     """Fits a plane to the neighbourhood of every cell, on levels of cells that double in size.
 
     The neighbourhood is three by three cells. A cell without enough data blends its plane with that of the next level.
-    The finest cells have a side of `cell_px` working pixels; there are `shape` of them, from `left` pixels beside the
-    image on.
     """
 
     def __init__(self, resolution: WorkingResolution, config: PlanesConfig) -> None:
-        self._config = config
-        height, width = resolution.shape
-        self.cell_px = cell = config.cell_px // resolution.decimation
-        self.shape = rows, cols = -(-height // cell), -(-width // cell)
-        # The columns are centred, so that a mirrored image has mirrored cells.
-        self.left = (cols * cell - width) // 2
-        self._inside = np.s_[:height, self.left : self.left + width]
-        self.levels = 1 + max(1, int(np.log2(max(rows, cols))))
-        # Coordinates are in cells, from the middle of the image.
-        self._powers_v = _powers(rows, cell).swapaxes(1, 2)
-        self._powers_u = _powers(cols, cell)
+        self.grid = CellGrid.of(resolution, config.cell_px // resolution.decimation)
+        self.levels = 1 + max(1, int(np.log2(max(self.grid.rows, self.grid.cols))))
+        self._bounds = Bounds(config.min_coverage, config.ridge, config.max_deviations_far, config.max_deviations_near)
 
-    def moments(self, disparity_px: FloatImage, validity: FloatImage) -> MomentPyramid:
-        """The moments that planes are fitted to, weighted by the fourth power of the validity.
+    def moments(self, disparity_px: FloatImage, valid: GrayImage) -> list[FloatArray]:
+        """The moments around the cells of each level, shape (rows, cols, 11), the finest first.
 
-        Both images have shape (h, w). The validity is the fraction of valid neighbours of each pixel, and 0 in holes.
+        Pixels weigh the fourth power of the fraction of their neighbours that are valid, which are given as a mask.
         """
-        squared_validity = np.square(validity)
-        weight = np.square(squared_validity)
-        weighted_px = weight * disparity_px
-        terms = ((weight, 6), (weighted_px, 3), (weighted_px * disparity_px, 1), (squared_validity, 1))
-        moments = np.concatenate([self._sums(image, n) for image, n in terms]).astype(np.float64)
-        pyramid = [_sum_neighbourhood(moments)]
+        of_cells = [sum_cells(disparity_px, box_mean(valid, VALIDITY_WINDOW_PX), self.grid)]
         for _ in range(self.levels - 1):
-            moments = _sum_blocks(moments)
-            pyramid.append(_sum_neighbourhood(moments))
-        return pyramid
+            of_cells.append(sum_blocks(of_cells[-1]))
+        return [sum_neighbourhood(each) for each in of_cells]
 
-    def cell_means(self, pyramid: MomentPyramid) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def cell_means(self, finest_moments: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Column and row, in cells from the middle of the image, and mean disparity [px] of measured cells, shape (N,).
 
         Only every k-th row is used, such that there are at most `MAX_CELL_ROWS`.
         """
-        n, u, v, *_ = rows = pyramid[0][:, :: -(-self.shape[0] // MAX_CELL_ROWS)]
-        measured = rows[-1] > MIN_COVERAGE * self.cell_px**2
-        n = n[measured]
-        return u[measured] / n, v[measured] / n, rows[DISPARITY_MOMENT][measured] / n
+        row_stride = -(-self.grid.rows // MAX_CELL_ROWS)
+        return _cell_means(finest_moments, row_stride, MIN_COVERAGE * self.grid.cell_px**2)
 
     def fit(self, moments: FloatArray, level: int, coarser: CellEstimate | None) -> CellEstimate:
         """The planes of all cells of a level, blended with the estimate of the next coarser level if there is one."""
-        config, size = self._config, 2.0**level
-        n, u, v, uu, uv, vv, d, ud, vd, dd, coverage = moments
-        weight = np.minimum(coverage / (self.cell_px * size) ** 2 / config.min_coverage, 1)
-        n = np.maximum(n, 1e-9)
-        u, v, d = u / n, v / n, d / n
-        uu, uv, vv = uu / n - u * u, uv / n - u * v, vv / n - v * v
-        ud, vd = ud / n - u * d, vd / n - v * d
-        ridge = config.ridge * size**2
-        uu, vv = uu + ridge, vv + ridge
-        determinant = uu * vv - uv * uv
-        slope_u, slope_v = (vv * ud - uv * vd) / determinant, (uu * vd - uv * ud) / determinant
-        rows, cols = n.shape
-        offset_v = (np.arange(rows)[:, None] + 0.5) * size - self.shape[0] / 2 - v
-        offset_u = (np.arange(cols) + 0.5) * size - self.shape[1] / 2 - u
-        disparity_px = d + slope_u * offset_u + slope_v * offset_v
-        deviation = np.sqrt(np.maximum(dd / n - d * d, 0))
-        mahalanobis = (vv * offset_u**2 - 2 * uv * offset_u * offset_v + uu * offset_v**2) / determinant
-        inside = np.clip((OUTSIDE - mahalanobis) / (OUTSIDE - INSIDE), 0, 1)
-        min_px = d - config.max_deviations_far * inside * deviation
-        disparity_px = np.clip(disparity_px, min_px, d + config.max_deviations_near * deviation)
-        probability = np.full_like(disparity_px, INPAINTING.plane(level))
+        disparity_px, weight = fit_planes(moments, 2**level, self.grid, self._bounds)
+        estimate = CellEstimate(disparity_px, np.full_like(disparity_px, INPAINTING.plane(level)))
         if coarser is not None:
-            coarser_px = _upsample_linear(coarser.disparity_px, 2)[:rows, :cols]
-            coarser_probability = _resize(coarser.probability, 2)[:rows, :cols]
-            disparity_px = weight * disparity_px + (1 - weight) * coarser_px
-            probability = weight * probability + (1 - weight) * coarser_probability
-        return CellEstimate(disparity_px, probability)
-
-    def upsample(self, values: FloatArray) -> FloatImage:
-        """Values of the finest cells in every pixel, shape (h, w), extrapolated linearly to the border."""
-        enlarged = _upsample_linear(values.astype(np.float32), self.cell_px)
-        return np.ascontiguousarray(enlarged[self._inside])
-
-    def upsample_bounded(self, values: FloatArray) -> FloatImage:
-        """Values of the finest cells in every pixel, shape (h, w), none beyond the smallest and largest of them."""
-        enlarged = _resize(values.astype(np.float32), self.cell_px)
-        return np.ascontiguousarray(enlarged[self._inside])
-
-    def _sums(self, image: FloatImage, n: int) -> npt.NDArray[np.float32]:
-        """Sums per cell of the image times the first n of 1, u, v, uu, uv and vv, shape (n, rows, cols)."""
-        (rows, cols), cell = self.shape, self.cell_px
-        padded = np.zeros((rows * cell, cols * cell), np.float32)
-        padded[self._inside] = image
-        by_row = np.matmul(self._powers_v, padded.reshape(rows, cell, -1)).reshape(rows * 3, cols, cell)
-        sums = np.matmul(by_row.swapaxes(0, 1), self._powers_u).reshape(cols, rows, 3, 3)
-        return np.stack([sums[:, :, of_v, of_u].T for of_v, of_u in POWERS[:n]])
+            blend(coarser, weight, estimate)
+        return estimate
 
 
-def _powers(cells: int, cell_px: int) -> npt.NDArray[np.float32]:
-    """1, x and x squared of the pixels along one side, in cells from the middle, shape (cells, cell_px, 3)."""
-    x = (np.arange(cells * cell_px) + 0.5) / cell_px - cells / 2
-    return np.stack([x**0, x, x**2], 1).reshape(cells, cell_px, 3).astype(np.float32)
+@compiled(void(VALUES, float64, VALUES))
+def _add_scaled(
+    values: FloatArray,
+    factor: float,
+    # input and output
+    sums: FloatArray,
+) -> None:
+    """Add a multiple of some values to some sums."""
+    for k in range(len(values)):
+        sums[k] += factor * values[k]
 
 
-def _sum_neighbourhood(moments: FloatArray) -> FloatArray:
-    """Sums over three by three cells with binomial weights, which add up to 1."""
-    n, rows, cols = moments.shape
-    padded = np.zeros((n, rows + 2, cols + 2))
-    padded[:, 1:-1, 1:-1] = moments
-    by_row = 0.25 * (padded[:, :-2] + padded[:, 2:]) + 0.5 * padded[:, 1:-1]
-    around: FloatArray = 0.25 * (by_row[:, :, :-2] + by_row[:, :, 2:]) + 0.5 * by_row[:, :, 1:-1]
-    return around
+@compiled(void(float32[::1], uint8[::1], CELLS))
+def _weigh_row(
+    disparity_px: FloatImage,
+    valid_around: GrayImage,
+    # output
+    terms: FloatArray,
+) -> None:
+    """The weight of the pixels of a row, weight times D and DD, and their squared validity; 0 in holes.
+
+    The validity is the fraction of valid neighbours, given as 0..255. Pixels weigh its fourth power.
+    """
+    for col in range(len(disparity_px)):
+        validity = valid_around[col] / 255 if disparity_px[col] > 0 else 0.0
+        terms[3, col] = validity * validity
+        terms[0, col] = terms[3, col] * terms[3, col]
+        terms[1, col] = terms[0, col] * disparity_px[col]
+        terms[2, col] = terms[1, col] * disparity_px[col]
 
 
-def _sum_blocks(moments: FloatArray) -> FloatArray:
+@compiled(void(float64[:], float64, VALUES))
+def _add_moments(
+    sums: FloatArray,
+    u: float,
+    # input and output
+    moments: FloatArray,
+) -> None:
+    """Add the moments of one column of a cell, of which 1, v, vv, D, vD, DD and the squared validities are summed."""
+    moments[N] += sums[0]
+    moments[U] += sums[0] * u
+    moments[UU] += sums[0] * u * u
+    moments[V] += sums[1]
+    moments[UV] += sums[1] * u
+    moments[VV] += sums[2]
+    moments[D] += sums[3]
+    moments[UD] += sums[3] * u
+    moments[VD] += sums[4]
+    moments[DD] += sums[5]
+    moments[COVERAGE] += sums[6]
+
+
+@compiled(MOMENTS(FLOAT_IMAGE, BYTE_IMAGE, GRID))
+def sum_cells(disparity_px: FloatImage, valid_around: GrayImage, grid: CellGrid) -> FloatArray:
+    """The moments of the pixels in each of the finest cells, which are summed down the columns first."""
+    height, width = disparity_px.shape
+    terms, sums = np.empty((4, width)), np.empty((7, width))
+    moments = np.zeros((grid.rows, grid.cols, N_MOMENTS))
+    for cell_row in range(grid.rows):
+        sums[:] = 0
+        for row in range(cell_row * grid.cell_px, min((cell_row + 1) * grid.cell_px, height)):
+            v = (row + 0.5) / grid.cell_px - grid.rows / 2
+            _weigh_row(disparity_px[row], valid_around[row], terms)
+            for k, (term, factor) in enumerate(((0, 1.0), (0, v), (0, v * v), (1, 1.0), (1, v), (2, 1.0), (3, 1.0))):
+                _add_scaled(terms[term], factor, sums[k])
+        for col in range(width):
+            u = (col + grid.left + 0.5) / grid.cell_px - grid.cols / 2
+            _add_moments(sums[:, col], u, moments[cell_row, (col + grid.left) // grid.cell_px])
+    return moments
+
+
+@compiled(MOMENTS(MOMENTS))
+def sum_blocks(moments: FloatArray) -> FloatArray:
     """Sums of two by two cells."""
-    n, rows, cols = moments.shape
-    padded = np.zeros((n, rows + rows % 2, cols + cols % 2))
-    padded[:, :rows, :cols] = moments
-    blocks: FloatArray = padded[:, ::2, ::2] + padded[:, 1::2, ::2] + padded[:, ::2, 1::2] + padded[:, 1::2, 1::2]
+    rows, cols, _ = moments.shape
+    blocks = np.zeros(((rows + 1) // 2, (cols + 1) // 2, N_MOMENTS))
+    for row in range(rows):
+        for col in range(cols):
+            _add_scaled(moments[row, col], 1.0, blocks[row // 2, col // 2])
     return blocks
 
 
-def _upsample_linear(values: Values, factor: int) -> Values:
-    """Cell values interpolated to smaller cells, and extrapolated linearly to the border."""
-    rows, cols = values.shape
-    enlarged = _resize(_extrapolate(_extrapolate(values).T).T, factor)
-    top, left = (enlarged.shape[0] - rows * factor) // 2, (enlarged.shape[1] - cols * factor) // 2
-    return enlarged[top : top + rows * factor, left : left + cols * factor]
+@compiled(MOMENTS(MOMENTS))
+def sum_neighbourhood(moments: FloatArray) -> FloatArray:
+    """Sums over three by three cells with binomial weights, which add up to 1."""
+    rows, cols, _ = moments.shape
+    around, of_row = np.zeros((rows, cols * N_MOMENTS)), np.empty(cols * N_MOMENTS)
+    for row in range(rows):
+        values = moments[row].reshape(-1)
+        of_row[:] = 0
+        _add_scaled(values[:-N_MOMENTS], 0.25, of_row[N_MOMENTS:])
+        _add_scaled(values, 0.5, of_row)
+        _add_scaled(values[N_MOMENTS:], 0.25, of_row[:-N_MOMENTS])
+        for other_row, weight in ((row - 1, 0.25), (row, 0.5), (row + 1, 0.25)):
+            if 0 <= other_row < rows:
+                _add_scaled(of_row, weight, around[other_row])
+    return around.reshape(moments.shape)
 
 
-def _extrapolate(values: Values) -> Values:
-    """Values with one more row at both ends, in line with the outermost two; a single row stays as it is."""
-    if len(values) == 1:
-        return values
-    extended: Values = np.concatenate([2 * values[:1] - values[1:2], values, 2 * values[-1:] - values[-2:-1]])
-    return extended
+@compiled(UniTuple(VALUES, 3)(MOMENTS, int64, float64))
+def _cell_means(moments: FloatArray, row_stride: int, min_coverage: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    rows, cols, _ = moments.shape
+    u, v, disparity_px = np.empty(rows * cols), np.empty(rows * cols), np.empty(rows * cols)
+    n = 0
+    for row in range(0, rows, row_stride):
+        for col in range(cols):
+            cell = moments[row, col]
+            if cell[COVERAGE] > min_coverage:
+                u[n], v[n], disparity_px[n] = cell[U] / cell[N], cell[V] / cell[N], cell[D] / cell[N]
+                n += 1
+    return u[:n], v[:n], disparity_px[:n]
 
 
-def _resize(values: Values, factor: int) -> Values:
-    """Cell values interpolated to smaller cells, and constant beyond the outermost middles."""
-    size = (values.shape[1] * factor, values.shape[0] * factor)
-    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_LINEAR))
+@compiled(UniTuple(CELLS, 2)(MOMENTS, float64, GRID, BOUNDS))
+def fit_planes(moments: FloatArray, size: float, grid: CellGrid, bounds: Bounds) -> tuple[FloatArray, FloatArray]:
+    """Disparity of the planes at the middles of cells of `size` times the finest, and their weight, 0..1."""
+    rows, cols, _ = moments.shape
+    disparity_px, weight, ridge = np.empty((rows, cols)), np.empty((rows, cols)), bounds.ridge * size**2
+    for row in range(rows):
+        for col in range(cols):
+            cell = moments[row, col]
+            n = max(cell[N], 1e-9)
+            u, v, d = cell[U] / n, cell[V] / n, cell[D] / n
+            uu, uv, vv = cell[UU] / n - u * u + ridge, cell[UV] / n - u * v, cell[VV] / n - v * v + ridge
+            ud, vd, deviation = cell[UD] / n - u * d, cell[VD] / n - v * d, np.sqrt(max(cell[DD] / n - d * d, 0))
+            determinant = uu * vv - uv * uv
+            slope_u, slope_v = (vv * ud - uv * vd) / determinant, (uu * vd - uv * ud) / determinant
+            offset_u, offset_v = (col + 0.5) * size - grid.cols / 2 - u, (row + 0.5) * size - grid.rows / 2 - v
+            mahalanobis = (vv * offset_u**2 - 2 * uv * offset_u * offset_v + uu * offset_v**2) / determinant
+            inside = min(max((OUTSIDE - mahalanobis) / (OUTSIDE - INSIDE), 0), 1)
+            min_px = d - bounds.max_deviations_far * inside * deviation
+            max_px = d + bounds.max_deviations_near * deviation
+            disparity_px[row, col] = min(max(d + slope_u * offset_u + slope_v * offset_v, min_px), max_px)
+            weight[row, col] = min(cell[COVERAGE] / (grid.cell_px * size) ** 2 / bounds.min_coverage, 1)
+    return disparity_px, weight
+
+
+@compiled(float64(VALUES, float64))
+def interpolate(values: FloatArray, position: float) -> float:
+    """A value between those of the middles of cells, extrapolated linearly beyond the outermost."""
+    k = min(max(int(np.floor(position)), 0), max(len(values) - 2, 0))
+    value: float = values[k] + (position - k) * (values[min(k + 1, len(values) - 1)] - values[k])
+    return value
+
+
+@compiled(void(CELLS, float64, VALUES))
+def interpolate_rows(
+    values: FloatArray,
+    position: float,
+    # output
+    row_values: FloatArray,
+) -> None:
+    """The values between those of the rows of cells, shape (cols,), extrapolated linearly beyond the outermost."""
+    k = min(max(int(np.floor(position)), 0), max(len(values) - 2, 0))
+    above, below = values[k], values[min(k + 1, len(values) - 1)]
+    for col in range(len(row_values)):
+        row_values[col] = above[col] + (position - k) * (below[col] - above[col])
+
+
+@compiled(float64(float64, int64))
+def bounded(position: float, n: int) -> float:
+    """The position, but none beyond the middles of the outermost of n cells."""
+    return min(max(position, 0.0), n - 1.0)
+
+
+@compiled(void(CELL_ESTIMATE, CELLS, CELL_ESTIMATE))
+def blend(
+    coarser: CellEstimate,
+    weight: FloatArray,
+    # input and output
+    estimate: CellEstimate,
+) -> None:
+    """Blend the estimate of cells with that of cells of twice the size, by their own weight."""
+    coarser_rows, coarser_cols = coarser.disparity_px.shape
+    row_px, row_probability = np.empty(coarser_cols), np.empty(coarser_cols)
+    for row in range(weight.shape[0]):
+        v = (row + 0.5) / 2 - 0.5
+        interpolate_rows(coarser.disparity_px, v, row_px)
+        interpolate_rows(coarser.probability, bounded(v, coarser_rows), row_probability)
+        for col in range(weight.shape[1]):
+            u, share = (col + 0.5) / 2 - 0.5, 1 - weight[row, col]
+            coarse_px, probability = interpolate(row_px, u), interpolate(row_probability, bounded(u, coarser_cols))
+            estimate.disparity_px[row, col] += share * (coarse_px - estimate.disparity_px[row, col])
+            estimate.probability[row, col] += share * (probability - estimate.probability[row, col])

@@ -2,24 +2,30 @@
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 import numpy.typing as npt
+from numba import boolean, float32, int32, int64, void
+from numba.types import UniTuple
 from pydantic import Field
 
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
 from ..model import Model
 from ..types import FloatImage, GrayImage, MaskImage
-from .confidence import BACKGROUND, INTERPOLATED
-from .masks import above
-from .measurement import find_specks
+from .confidence import BACKGROUND, INTERPOLATED, exponential
+from .measurement import MAX_SPECK_PX, MAX_SURFACE_SPAN_PX
+from .working_resolution import WorkingResolution
 
-Indices = npt.NDArray[np.integer]
+Indices = npt.NDArray[np.int32]
 
 END_SPACING_PX, FAR_SPACING_PX = 1, 2
 """Spacing of the three working pixels whose median is the disparity at an end of a hole: one of them may be an outlier.
 It is larger for the far side of a depth discontinuity, whose border may be a mixture of both sides."""
-UNCONFIRMED_PX = 3.0
+ONLY_END = float32(0.25)
+"""Factor of the weight of an estimate from one end only."""
+UNCONFIRMED_PX = float32(3.0)
 """Difference of the estimates along row and column that the probability of a hole with only one of them is that of."""
+NEIGHBOURS = ((-1, 0), (0, -1), (0, 1), (1, 0))
+"""Steps to the pixels that may be of the same surface."""
 
 
 class ScanlinesConfig(Model):
@@ -36,180 +42,260 @@ class ScanlinesConfig(Model):
     """Distance to the nearer end, in pixels of the full image, up to which a smooth surface is interpolated."""
 
 
+class Limits(NamedTuple):
+    """The bounds of the configuration in working pixels."""
+
+    min_step_px: float
+    relative_step: float
+    min_gradient: float
+    reach: int
+
+
+class Runs(NamedTuple):
+    """Runs of holes along the rows of an image. Those along columns are the runs of the transposed image."""
+
+    place: Indices
+    """Row, column before, and column behind each run, shape (N, 3). One of the columns may be out of the image."""
+    ends_px: FloatImage
+    """Disparity before and behind each run, 0 out of the image, and that of its background, shape (N, 3): the farther
+    one of both if there is a depth discontinuity between them, else 0."""
+
+
 class Interpolated(NamedTuple):
     """Disparity in the holes that the ends of their rows and columns determine, shape (h, w)."""
 
     disparity_px: FloatImage
     """Disparity; 0 where it is measured, or where no end is near enough."""
     probability: FloatImage
-    """Probability in 0..1 that it is of the right surface."""
+    """Probability in 0..1 that it is of the right surface; 0 in the same pixels."""
     background: GrayImage
     """Mask of the pixels between a near and a far end of their row, uint8."""
 
 
-class _Runs(NamedTuple):
-    """The holes of the lines of an image: N runs of unmeasured pixels, along its rows or along its columns."""
-
-    run: npt.NDArray[np.int32]
-    """Run of each hole pixel, shape (h, w); arbitrary elsewhere."""
-    line: npt.NDArray[np.int32]
-    """Row or column of each run, shape (N,)."""
-    before: npt.NDArray[np.int32]
-    """Position before each run, shape (N,); -1 if it begins at the border of the image."""
-    after: npt.NDArray[np.int32]
-    """Position after each run, shape (N,); the length of the line if it ends at the border of the image."""
-    before_px: FloatImage
-    """Disparity before each run, shape (N,); 0 at the border."""
-    after_px: FloatImage
-    """Disparity after each run, shape (N,); 0 at the border."""
-    far_px: FloatImage
-    """Disparity of the farther end, shape (N,)."""
-    has_step: MaskImage
-    """Whether there is a depth discontinuity between both ends, shape (N,)."""
+LIMITS = named_tuple(Limits, float32, float32, float32, int64)
+PLACES = int32[:, ::1]
+RUNS = named_tuple(Runs, PLACES, FLOAT_IMAGE)
+INTERPOLATED_TYPE = named_tuple(Interpolated, FLOAT_IMAGE, FLOAT_IMAGE, BYTE_IMAGE)
+ANY_IMAGE, ANY_MASK = float32[:, :], boolean[:, :]
+"""Types of an image and of a mask that may be transposed."""
 
 
-class _Estimate(NamedTuple):
-    """The estimate of M hole pixels along one axis, each of shape (M,)."""
-
-    disparity_px: FloatImage
-    """Disparity; 0 if neither end is measured."""
-    weight: FloatImage
-    """Inverse square of the distance to the end that counts; a quarter of that if there is only one end."""
-
-
-def interpolate_holes(disparity_px: FloatImage, decimation: int, config: ScanlinesConfig) -> Interpolated:
-    """Interpolate the holes of a disparity image, shape (h, w), between the ends of their rows and columns.
+class ScanlineInterpolator:
+    """Interpolates the holes of disparity images of one size between the ends of their rows and columns.
 
     Between two ends on one surface the disparity is linear. Between a near and a far end of a row, the hole shows the
     far surface: one camera of a stereo pair does not see a strip of the background beside a near object.
     """
-    speck = find_specks(disparity_px)
-    rows = _runs(disparity_px, speck, decimation, config)
-    columns = _runs(np.ascontiguousarray(disparity_px.T), speck.T, decimation, config)
-    reach = int(config.max_distance_px) // decimation
-    row, col = np.nonzero(_near_ends(disparity_px, reach) | _with_steps(rows, disparity_px.shape))
-    is_background = rows.has_step[rows.run[row, col]]
-    distance = np.minimum(_distance(rows, row, col), _distance(columns, col, row))
-    determined = is_background | (distance <= reach)
-    row, col, is_background = row[determined], col[determined], is_background[determined]
-    along_row, along_column = _estimate(rows, row, col), _estimate(columns, col, row)
-    both = (along_row.weight > 0) & (along_column.weight > 0)
-    residual_px = np.where(both, np.abs(along_row.disparity_px - along_column.disparity_px), np.float32(UNCONFIRMED_PX))
-    result = Interpolated(
-        disparity_px=np.zeros_like(disparity_px),
-        probability=np.zeros_like(disparity_px),
-        background=np.zeros(disparity_px.shape, np.uint8),
-    )
-    at = row, col
-    result.disparity_px[at] = np.where(is_background, along_row.disparity_px, _combine(along_row, along_column, config))
-    result.probability[at] = np.where(is_background, BACKGROUND.at(residual_px), INTERPOLATED.at(residual_px))
-    result.background[at] = np.where(is_background, np.uint8(255), np.uint8(0))
-    return result
+
+    def __init__(self, resolution: WorkingResolution, config: ScanlinesConfig) -> None:
+        self._limits = Limits(
+            min_step_px=float32(config.min_step_px),
+            relative_step=float32(config.relative_step),
+            min_gradient=float32(config.min_gradient * resolution.decimation),
+            reach=int(config.max_distance_px) // resolution.decimation,
+        )
+        shape = resolution.shape
+        self._column_at, self._is_near = np.empty(shape, np.int32), np.empty(shape, np.bool_)
+        self._result = Interpolated(np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint8))
+
+    def interpolate(self, disparity_px: FloatImage) -> Interpolated:
+        """Interpolate the holes of an image, shape (h, w). The next call overwrites the result."""
+        row_places, column_places = find_runs(disparity_px, self._column_at)
+        rows = Runs(row_places, find_ends(disparity_px, row_places, self._limits))
+        columns = Runs(column_places, find_ends(disparity_px.T, column_places, self._limits))
+        for image in (self._is_near, *self._result):
+            image.fill(0)
+        mark_near(rows, self._limits, self._is_near)
+        mark_near(columns, self._limits, self._is_near.T)
+        interpolate(rows, columns, self._column_at, self._is_near, self._limits, self._result)
+        return self._result
 
 
-def _runs(disparity_px: FloatImage, speck: GrayImage, decimation: int, config: ScanlinesConfig) -> _Runs:
-    """The holes of the rows of an image, shape (h, w).
+@compiled(UniTuple(PLACES, 2)(FLOAT_IMAGE, PLACES))
+def find_runs(
+    disparity_px: FloatImage,
+    # output
+    column_at: Indices,
+) -> tuple[Indices, Indices]:
+    """The places of the runs along the rows, and along the columns; and the number of the latter at each hole.
 
-    No surface is slanted towards a speck that is nearer than the other end: it would become an obstacle.
+    That number is arbitrary elsewhere.
     """
     height, width = disparity_px.shape
-    # A measured column on either side separates the rows of the flat image.
-    hole = np.zeros((height, width + 2), np.bool_)
-    np.equal(disparity_px, 0, out=hole[:, 1:-1])
-    change = np.flatnonzero(hole.ravel()[1:] != hole.ravel()[:-1]).astype(np.int32)
-    first, last = change[::2], change[1::2]
-    row = first // np.int32(width + 2)
-    before, after = first - row * np.int32(width + 2) - 1, last - row * np.int32(width + 2)
-    run = np.zeros(hole.shape, np.int32)
-    run[hole] = np.repeat(np.arange(len(row), dtype=np.int32), after - before - 1)
-    has_before, has_after = before >= 0, after < width
-    near_the_end, behind_the_end = (
-        [
-            np.where(exists, _median_of_three(disparity_px, row, end, direction * spacing), np.float32(0))
-            for end, direction, exists in ((before, -1, has_before), (after, 1, has_after))
-        ]
-        for spacing in (END_SPACING_PX, FAR_SPACING_PX)
-    )
-    before_px, after_px = near_the_end
-    max_slant_px = np.float32(config.min_gradient * decimation) * (after - before).astype(np.float32)
-    near_end = np.where(before_px > after_px, before, np.minimum(after, width - 1))
-    is_steep = (np.abs(before_px - after_px) > max_slant_px) | (speck[row, near_end] > 0)
-    return _Runs(
-        run=run[:, 1:-1],
-        line=row,
-        before=before,
-        after=after,
-        before_px=before_px,
-        after_px=after_px,
-        far_px=np.where(before_px < after_px, *behind_the_end),
-        has_step=has_before & has_after & is_steep & _differ(before_px, after_px, config),
-    )
+    rows = np.empty((height * ((width + 1) // 2), 3), np.int32)
+    columns = np.empty((width * ((height + 1) // 2), 3), np.int32)
+    n_rows = n_columns = 0
+    open_column = np.full(width, -1, np.int32)
+    for row in range(height):
+        is_open = False
+        for col in range(width):
+            if disparity_px[row, col] > 0:
+                if is_open:
+                    rows[n_rows - 1, 2] = col
+                    is_open = False
+                if open_column[col] >= 0:
+                    columns[open_column[col], 2] = row
+                    open_column[col] = -1
+                continue
+            if not is_open:
+                rows[n_rows, 0], rows[n_rows, 1], rows[n_rows, 2] = row, col - 1, width
+                n_rows += 1
+                is_open = True
+            if open_column[col] < 0:
+                columns[n_columns, 0], columns[n_columns, 1], columns[n_columns, 2] = col, row - 1, height
+                open_column[col] = n_columns
+                n_columns += 1
+            column_at[row, col] = open_column[col]
+    return rows[:n_rows], columns[:n_columns]
 
 
-def _median_of_three(disparity_px: FloatImage, row: Indices, col: Indices, spacing: int) -> FloatImage:
-    """The median of a pixel and of two others of its row beside it, which count as it does if they are holes."""
-    width = disparity_px.shape[1]
-    flat_px, start = disparity_px.ravel(), row * width
-    a_px, b_px, c_px = (flat_px[start + np.clip(col + k * spacing, 0, width - 1)] for k in range(3))
-    b_px, c_px = (np.where(each_px > 0, each_px, a_px) for each_px in (b_px, c_px))
-    median_px: FloatImage = np.maximum(np.minimum(a_px, b_px), np.minimum(np.maximum(a_px, b_px), c_px))
+@compiled(boolean(float32, float32, LIMITS))
+def _differ(one_px: float, other_px: float, limits: Limits) -> bool:
+    """Whether two disparities are of different surfaces."""
+    return abs(one_px - other_px) > limits.min_step_px + limits.relative_step * max(one_px, other_px)
+
+
+@compiled(float32(ANY_IMAGE, int64, int64))
+def _pixel(image_px: FloatImage, row: int, col: int) -> float:
+    """Disparity of a pixel; 0 out of the image."""
+    is_inside = 0 <= row < image_px.shape[0] and 0 <= col < image_px.shape[1]
+    disparity_px: float = image_px[row, col] if is_inside else float32(0)
+    return disparity_px
+
+
+@compiled(boolean(int64[:, ::1], int64, int64, int64))
+def _is_among(pixels: npt.NDArray[np.int64], n: int, row: int, col: int) -> bool:
+    """Whether a pixel is one of the first n."""
+    is_found = False
+    for k in range(n):
+        is_found |= pixels[k, 0] == row and pixels[k, 1] == col
+    return is_found
+
+
+@compiled(boolean(ANY_IMAGE, int64, int64))
+def is_speck(image_px: FloatImage, row: int, col: int) -> bool:
+    """Whether a pixel is one of `find_specks`: its surface is searched until it has more than `MAX_SPECK_PX` pixels."""
+    surface = np.empty((MAX_SPECK_PX + len(NEIGHBOURS), 2), np.int64)
+    surface[0, 0], surface[0, 1] = row, col
+    n, n_done = 1, 0
+    while n_done < n <= MAX_SPECK_PX:
+        disparity_px = image_px[surface[n_done, 0], surface[n_done, 1]]
+        for down, right in NEIGHBOURS:
+            row, col = surface[n_done, 0] + down, surface[n_done, 1] + right
+            beside_px = _pixel(image_px, row, col)
+            is_joined = beside_px > 0 and abs(disparity_px - beside_px) <= MAX_SURFACE_SPAN_PX
+            if is_joined and not _is_among(surface, n, row, col):
+                surface[n, 0], surface[n, 1] = row, col
+                n += 1
+        n_done += 1
+    return n <= MAX_SPECK_PX
+
+
+@compiled(float32(ANY_IMAGE, int64, int64, int64))
+def _end(image_px: FloatImage, row: int, col: int, step: int) -> float:
+    """The median of the pixel at an end of a run and of two more in steps from it, which count as it does if they are
+    holes; 0 out of the image.
+    """
+    last, a_px = image_px.shape[1] - 1, _pixel(image_px, row, col)
+    b_px = image_px[row, min(max(col + step, 0), last)]
+    c_px = image_px[row, min(max(col + 2 * step, 0), last)]
+    b_px = b_px if b_px > 0 else a_px
+    c_px = c_px if c_px > 0 else a_px
+    median_px: float = max(min(a_px, b_px), min(max(a_px, b_px), c_px))
     return median_px
 
 
-def _near_ends(disparity_px: FloatImage, reach: int) -> MaskImage:
-    """Mask of the holes within some working pixels of a measured pixel of their row or column."""
-    valid, side = above(disparity_px, 0), 2 * reach + 1
-    near = cv2.dilate(valid, cv2.getStructuringElement(cv2.MORPH_CROSS, (side, side)))
-    return near > valid
+@compiled(FLOAT_IMAGE(ANY_IMAGE, PLACES, LIMITS))
+def find_ends(image_px: FloatImage, places: Indices, limits: Limits) -> FloatImage:
+    """The ends of runs along the rows of an image, shape (N, 3).
+
+    No surface is slanted towards a speck that is nearer than the other end: it would become an obstacle.
+    """
+    ends_px: FloatImage = np.zeros((len(places), 3), np.float32)
+    for run in range(len(places)):
+        row, before, behind = places[run]
+        before_px, behind_px = _end(image_px, row, before, -END_SPACING_PX), _end(image_px, row, behind, END_SPACING_PX)
+        ends_px[run, 0], ends_px[run, 1] = before_px, behind_px
+        if min(before_px, behind_px) > 0 and _differ(before_px, behind_px, limits):
+            is_steep = abs(before_px - behind_px) > limits.min_gradient * float32(behind - before)
+            if is_steep or is_speck(image_px, row, before if before_px > behind_px else behind):
+                far, step = (before, -FAR_SPACING_PX) if before_px < behind_px else (behind, FAR_SPACING_PX)
+                ends_px[run, 2] = _end(image_px, row, far, step)
+    return ends_px
 
 
-def _with_steps(rows: _Runs, shape: tuple[int, ...]) -> MaskImage:
-    """Mask of the runs along the rows that have a depth discontinuity between their ends."""
-    line, before, after = (each[rows.has_step] for each in (rows.line, rows.before, rows.after))
-    length = after - before - 1
-    first = line * shape[1] + before + 1
-    mask = np.zeros(shape, np.bool_)
-    mask.ravel()[np.repeat(first - np.cumsum(length) + length, length) + np.arange(length.sum())] = True
-    return mask
+@compiled(void(RUNS, LIMITS, ANY_MASK))
+def mark_near(
+    runs: Runs,
+    limits: Limits,
+    # output
+    is_near: MaskImage,
+) -> None:
+    """Mark the holes of rows within reach of an end of their run, if both ends are measured."""
+    for run in range(len(runs.place)):
+        row, before, behind = runs.place[run]
+        if min(runs.ends_px[run, 0], runs.ends_px[run, 1]) > 0:
+            for distance in range(1, min(limits.reach, behind - before - 1) + 1):
+                is_near[row, before + distance] = True
+                is_near[row, behind - distance] = True
 
 
-def _distance(runs: _Runs, line: Indices, position: Indices) -> FloatImage:
-    """Distance of hole pixels to the nearer end of their run, in working pixels; infinite unless both are measured."""
-    run = runs.run[line, position]
-    nearest = np.minimum(position - runs.before[run], runs.after[run] - position).astype(np.float32)
-    is_between = (runs.before_px > 0) & (runs.after_px > 0)
-    return np.where(is_between[run], nearest, np.float32(np.inf))
+ESTIMATE = UniTuple(float32, 2)
 
 
-def _estimate(runs: _Runs, line: Indices, position: Indices) -> _Estimate:
-    """The estimate of some hole pixels along their lines."""
-    run = runs.run[line, position]
-    before_px, after_px, has_step = runs.before_px[run], runs.after_px[run], runs.has_step[run]
-    to_before = (position - runs.before[run]).astype(np.float32)
-    to_after = (runs.after[run] - position).astype(np.float32)
-    linear_px = (before_px * to_after + after_px * to_before) / (to_before + to_after)
-    one_sided_px = np.maximum(before_px, after_px)  # the other one is 0
-    is_between = (before_px > 0) & (after_px > 0)
-    distance = np.where(is_between, np.minimum(to_before, to_after), np.where(before_px > 0, to_before, to_after))
-    share = np.where(is_between, np.float32(1), np.float32(0.25)) * (one_sided_px > 0).astype(np.float32)
-    return _Estimate(
-        disparity_px=np.where(has_step, runs.far_px[run], np.where(is_between, linear_px, one_sided_px)),
-        weight=(share / np.square(distance)).astype(np.float32),
-    )
+@compiled(ESTIMATE(RUNS, int64, int64))
+def _estimate(runs: Runs, run: int, position: int) -> tuple[float, float]:
+    """The estimate at a position in a run, and its weight: linear between two ends, the background, or the only end.
+
+    The weight is the inverse square of the distance to the nearer end, and 0 if there is none.
+    """
+    before_px, behind_px, background_px = runs.ends_px[run]
+    to_before, to_behind = float32(position - runs.place[run, 1]), float32(runs.place[run, 2] - position)
+    if min(before_px, behind_px) > 0:
+        distance, share = min(to_before, to_behind), float32(1)
+        linear_px = (before_px * to_behind + behind_px * to_before) / (to_before + to_behind)
+        disparity_px = background_px if background_px > 0 else linear_px
+    else:
+        distance, share = (to_before if before_px > 0 else to_behind), ONLY_END
+        disparity_px = max(before_px, behind_px)
+    weight = share / (distance * distance) if disparity_px > 0 else float32(0)
+    return disparity_px, weight
 
 
-def _combine(rows: _Estimate, columns: _Estimate, config: ScanlinesConfig) -> FloatImage:
-    """The mean of the estimates along rows and columns by weight, or that of more weight if they contradict."""
-    total = np.maximum(rows.weight + columns.weight, np.float32(1e-12))
-    mean_px = (rows.weight * rows.disparity_px + columns.weight * columns.disparity_px) / total
-    nearer_end_px = np.where(rows.weight >= columns.weight, rows.disparity_px, columns.disparity_px)
-    both = (rows.weight > 0) & (columns.weight > 0)
-    contradict = both & _differ(rows.disparity_px, columns.disparity_px, config)
-    return np.where(contradict, nearer_end_px, mean_px)
+@compiled(UniTuple(float32, 2)(ESTIMATE, ESTIMATE, LIMITS))
+def _combine(along_row: tuple[float, float], along_column: tuple[float, float], limits: Limits) -> tuple[float, float]:
+    """The mean of two estimates by weight, or that of more weight if they contradict; and their difference.
+
+    At least one of them has a weight.
+    """
+    (row_px, row_weight), (column_px, column_weight) = along_row, along_column
+    if min(row_weight, column_weight) == 0:
+        return max(row_px, column_px), UNCONFIRMED_PX
+    difference_px = abs(row_px - column_px)
+    if _differ(row_px, column_px, limits):
+        return (row_px if row_weight >= column_weight else column_px), difference_px
+    return (row_weight * row_px + column_weight * column_px) / (row_weight + column_weight), difference_px
 
 
-def _differ(one_px: FloatImage, other_px: FloatImage, config: ScanlinesConfig) -> MaskImage:
-    """Whether two disparities are of different surfaces."""
-    tolerance_px = np.float32(config.min_step_px) + np.float32(config.relative_step) * np.maximum(one_px, other_px)
-    different: MaskImage = np.abs(one_px - other_px) > tolerance_px
-    return different
+@compiled(void(RUNS, RUNS, PLACES, ANY_MASK, LIMITS, INTERPOLATED_TYPE))
+def interpolate(
+    rows: Runs,
+    columns: Runs,
+    column_at: Indices,
+    is_near: MaskImage,
+    limits: Limits,
+    # output
+    result: Interpolated,
+) -> None:
+    """Interpolate the holes near an end, and those with a background in their row. The result starts at 0."""
+    for run in range(len(rows.place)):
+        row, before, behind = rows.place[run]
+        is_background = rows.ends_px[run, 2] > 0
+        for col in range(before + 1, behind):
+            if is_background or is_near[row, col]:
+                along_row, along_column = _estimate(rows, run, col), _estimate(columns, column_at[row, col], row)
+                combined_px, difference_px = _combine(along_row, along_column, limits)
+                curve = BACKGROUND if is_background else INTERPOLATED
+                result.disparity_px[row, col] = along_row[0] if is_background else combined_px
+                result.probability[row, col] = exponential(curve, difference_px)
+                result.background[row, col] = 255 if is_background else 0
