@@ -246,7 +246,7 @@ def raise_to_ground(plane: GroundPlane, probability: float, estimate: CellEstima
     return CellEstimate(raised_px, np.where(raised_px < ON_GROUND * ground_px, probability, estimate.probability))
 
 
-def find_sky(known: GrayImage, gray: GrayImage) -> GrayImage:
+def find_sky(known: GrayImage, gray: GrayImage) -> MaskImage:
     """By OpenCV, for images whose sides are multiples of the cells'."""
     middles = np.s_[CELL_PX // 2 :: CELL_PX, CELL_PX // 2 :: CELL_PX]
     gray, is_known = gray[middles], known[middles] > 0
@@ -258,7 +258,7 @@ def find_sky(known: GrayImage, gray: GrayImage) -> GrayImage:
     _, label, stats, _ = cv2.connectedComponentsWithStats(bright_hole.astype(np.uint8), connectivity=4)
     is_sky = (stats[:, cv2.CC_STAT_TOP] == 0) & (stats[:, cv2.CC_STAT_AREA] >= MIN_SHARE * label.size)
     is_sky[0] = False  # the component of all other pixels
-    return np.kron(np.where(is_sky[label], np.uint8(255), np.uint8(0)), np.ones((CELL_PX, CELL_PX), np.uint8))
+    return is_sky[label]
 
 
 def recall(
@@ -277,9 +277,9 @@ def fill(
     grid: CellGrid,
     plane: GroundPlane,
     farthest_px: float,
-    sky: GrayImage,
+    sky: MaskImage,
 ) -> tuple[FloatArray, FloatArray]:
-    """Disparity and probability."""
+    """Disparity and probability. The sky is given by pixels."""
     inside = np.s_[: known_px.shape[0], grid.left : grid.left + known_px.shape[1]]
     guess_px = np.maximum(upsample_linear(cells.disparity_px, grid.cell_px)[inside], farthest_px)
     guess_probability = upsample_bounded(cells.probability, grid.cell_px)[inside]

@@ -12,7 +12,7 @@ from voxdepth.temporal.ground import GroundPlane
 from voxdepth.temporal.measurement import find_specks
 from voxdepth.temporal.planes import Bounds, CellEstimate, CellGrid
 from voxdepth.temporal.scanlines import Interpolated, ScanlineInterpolator, ScanlinesConfig
-from voxdepth.temporal.sky import find_sky
+from voxdepth.temporal.sky import CELL_PX, find_sky
 from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatArray, FloatImage, Intrinsics
 
@@ -216,16 +216,19 @@ def test_recall_and_fill(seed: int, shape: tuple[int, int], share: float, plane:
         rng.choice([np.uint8(0), np.uint8(255)], shape),
     )
     remembered_px = np.where(hole, disparities(rng, shape, 0.5), 0).astype(np.float32)
-    known_px, remembered = np.empty_like(measured_px), np.empty(shape, np.uint8)
-    n_known = inpainting.recall(measured_px, remembered_px, near.disparity_px, 1.0, 0.03, known_px, remembered)
+    known_px, known, remembered = np.empty_like(measured_px), *np.empty((2, *shape), np.uint8)
+    n_known = inpainting.recall(measured_px, remembered_px, near.disparity_px, 1.0, 0.03, known_px, known, remembered)
     expected_px, is_remembered = twins.recall(measured_px, remembered_px, near.disparity_px, 1.0, 0.03)
     np.testing.assert_array_equal(known_px, expected_px)
+    np.testing.assert_array_equal(known, np.where(expected_px > 0, 255, 0))
     np.testing.assert_array_equal(remembered, np.where(is_remembered, 255, 0))
     assert n_known == np.count_nonzero(known_px)
     grid = random_grid(rng, shape)
-    cells, sky = random_estimate(rng, (grid.rows, grid.cols)), rng.choice([np.uint8(0), np.uint8(255)], shape)
+    cells = random_estimate(rng, (grid.rows, grid.cols))
+    sky = rng.random([max((side + 1) // CELL_PX, 1) for side in shape]) < 0.5
     filled = inpainting.Inpainted(np.empty_like(known_px), np.empty_like(known_px), remembered)
     inpainting.fill(known_px, near, cells, grid, plane, 3.0, sky, filled)
-    filled_px, probability = twins.fill(known_px, near, cells, grid, plane, 3.0, sky)
+    rows, cols = (np.minimum(np.arange(side) // CELL_PX, n - 1) for side, n in zip(shape, sky.shape, strict=True))
+    filled_px, probability = twins.fill(known_px, near, cells, grid, plane, 3.0, sky[np.ix_(rows, cols)])
     np.testing.assert_allclose(filled.disparity_px, filled_px, rtol=1e-5)
     np.testing.assert_allclose(filled.probability, probability, atol=1e-6)

@@ -166,16 +166,20 @@ def best_level_plane(v: FloatArray, disparity_px: FloatArray, rows: int, toleran
     For each horizon the candidate is the steepest plane that leaves `MAX_OUTLIER_RATIO` of the cells below it. It is
     rated by the cells on it minus those below it.
     """
-    weight = octave_weights(disparity_px)
+    weight, n_cells = octave_weights(disparity_px), len(v)
+    slopes, slope_weight = np.empty(n_cells), np.empty(n_cells)
     best_rating, best_slope, best_horizon = -np.inf, 0.0, 0.0
-    for horizon in HORIZONS * rows:
-        below = v - horizon > 0.5
-        slopes = disparity_px[below] / (v[below] - horizon)
-        n_farther = int(MAX_OUTLIER_RATIO * len(slopes)) + 1
-        slope = steepest_slope(slopes, n_farther) if n_farther < len(slopes) else 0.0
-        rating = _rate(slopes, weight[below], slope, tolerance)
+    for horizon in HORIZONS:
+        n = 0
+        for k in range(n_cells):
+            if v[k] - horizon * rows > 0.5:
+                slopes[n], slope_weight[n] = disparity_px[k] / (v[k] - horizon * rows), weight[k]
+                n += 1
+        n_farther = int(MAX_OUTLIER_RATIO * n) + 1
+        slope = steepest_slope(slopes[:n], n_farther) if n_farther < n else 0.0
+        rating = _rate(slopes[:n], slope_weight[:n], slope, tolerance)
         if rating > best_rating:
-            best_rating, best_slope, best_horizon = rating, slope, horizon
+            best_rating, best_slope, best_horizon = rating, slope, horizon * rows
     return GroundPlane(0.0, best_slope, -best_slope * best_horizon)
 
 

@@ -4,15 +4,15 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import float32, int64, void
+from numba import boolean, float32, int64, void
 from pydantic import Field
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compile_all, compiled, named_tuple
+from ..image_pool import ImagePool
 from ..model import Model
-from ..types import FloatImage, GrayImage
+from ..types import FloatImage, GrayImage, MaskImage
 from .confidence import AGREEMENT, INPAINTING, exponential
 from .ground import PLANE, GroundConfig, GroundPlane, find_ground, plane_at
-from .masks import above
 from .planes import (
     CELL_ESTIMATE,
     GRID,
@@ -25,7 +25,7 @@ from .planes import (
     interpolate_rows,
 )
 from .scanlines import INTERPOLATED_TYPE, Interpolated, ScanlineInterpolator, ScanlinesConfig
-from .sky import find_sky
+from .sky import CELL_PX, find_sky
 from .stixels import GROUND_TOLERANCE, StixelEstimator, StixelsConfig
 from .working_resolution import WorkingResolution
 
@@ -68,6 +68,7 @@ class Inpainter:
         self._config = config
         self._scanlines = ScanlineInterpolator(resolution, config.scanlines)
         self._planes = PlaneFitter(resolution, config.planes)
+        self._floats, self._bytes = ImagePool(resolution.shape, np.float32), ImagePool(resolution.shape, np.uint8)
         compile_all()
         self._stixels = StixelEstimator(resolution, self._planes.grid, config.stixels)
 
@@ -84,15 +85,14 @@ class Inpainter:
             gray: Gray image, shape (h, w).
         """
         near, config = self._scanlines.interpolate(measured_px), self._config
-        known_px, remembered = np.empty_like(measured_px), np.empty_like(gray)
+        known_px, known, remembered = self._floats.image(), self._bytes.image(), self._bytes.image()
         tolerances = config.max_memory_difference_px, config.scanlines.relative_step
-        n_known = recall(measured_px, remembered_px, near.disparity_px, *tolerances, known_px, remembered)
+        n_known = recall(measured_px, remembered_px, near.disparity_px, *tolerances, known_px, known, remembered)
         if n_known in (0, known_px.size):
             return Inpainted(known_px, np.ones_like(known_px), remembered)
-        known = above(known_px, 0)
         estimate, ground = self._guess(known_px, known)
         farthest_px, sky = cv2.minMaxLoc(known_px, known)[0], find_sky(known, gray)
-        inpainted = Inpainted(np.empty_like(known_px), np.empty_like(known_px), remembered)
+        inpainted = Inpainted(self._floats.image(), self._floats.image(), remembered)
         fill(known_px, near, estimate, self._planes.grid, ground, farthest_px, sky, inpainted)
         return inpainted
 
@@ -111,7 +111,7 @@ class Inpainter:
         return estimate, NO_GROUND if ground is None else ground.by_pixels(planes.grid)
 
 
-@compiled(int64(FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE, float32, float32, FLOAT_IMAGE, BYTE_IMAGE))
+@compiled(int64(FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE, float32, float32, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE))
 def recall(
     measured_px: FloatImage,
     remembered_px: FloatImage,
@@ -120,6 +120,7 @@ def recall(
     relative_tolerance: float,
     # output
     known_px: FloatImage,
+    known: GrayImage,
     remembered: GrayImage,
 ) -> int:
     """Fill holes from the memory, unless their ends have another disparity; returns the number of known pixels."""
@@ -130,12 +131,13 @@ def recall(
             is_contradicted = end_px > 0 and abs(memory_px - end_px) > end_px * relative_tolerance + tolerance_px
             is_remembered = memory_px > 0 and not is_contradicted
             known_px[row, col] = memory_px if is_remembered else measured_px[row, col]
+            known[row, col] = 255 if known_px[row, col] > 0 else 0
             remembered[row, col] = 255 if is_remembered else 0
             n_known += known_px[row, col] > 0
     return n_known
 
 
-@compiled(void(FLOAT_IMAGE, INTERPOLATED_TYPE, CELL_ESTIMATE, GRID, PLANE, float32, BYTE_IMAGE, INPAINTED_TYPE))
+@compiled(void(FLOAT_IMAGE, INTERPOLATED_TYPE, CELL_ESTIMATE, GRID, PLANE, float32, boolean[:, ::1], INPAINTED_TYPE))
 def fill(
     known_px: FloatImage,
     near: Interpolated,
@@ -143,7 +145,7 @@ def fill(
     grid: CellGrid,
     ground: GroundPlane,
     farthest_px: float,
-    sky: GrayImage,
+    sky: MaskImage,
     # output
     inpainted: Inpainted,
 ) -> None:
@@ -152,7 +154,7 @@ def fill(
     row_px, row_probability = np.empty(grid.cols), np.empty(grid.cols)
     u = (np.arange(width) + (grid.left + 0.5)) / grid.cell_px - 0.5
     for row in range(height):
-        v = (row + 0.5) / grid.cell_px - 0.5
+        v, sky_row = (row + 0.5) / grid.cell_px - 0.5, min(row // CELL_PX, sky.shape[0] - 1)
         interpolate_rows(cells.disparity_px, v, row_px)
         interpolate_rows(cells.probability, bounded(v, grid.rows), row_probability)
         for col in range(width):
@@ -168,5 +170,5 @@ def fill(
             else:
                 disparity_px = max(float32(interpolate(row_px, u[col])), farthest_px)
                 probability = float32(interpolate(row_probability, bounded(u[col], grid.cols)))
-                probability = SKY_PROBABILITY if sky[row, col] else probability
+                probability = SKY_PROBABILITY if sky[sky_row, min(col // CELL_PX, sky.shape[1] - 1)] else probability
             inpainted.disparity_px[row, col], inpainted.probability[row, col] = disparity_px, probability

@@ -2,7 +2,7 @@
 
 import numpy as np
 import numpy.typing as npt
-from numba import boolean, int64, void
+from numba import boolean, int64
 
 from ..compiled import BYTE_IMAGE, compiled
 from ..types import GrayImage, MaskImage
@@ -17,16 +17,6 @@ GRAY_QUANTILE = 0.8
 """Fraction of the known pixels in the lower half of the image that the sky is brighter than."""
 NEIGHBOURS = ((-1, 0), (0, -1), (0, 1), (1, 0))
 """Steps to the cells that are connected to a cell."""
-
-
-def find_sky(known: GrayImage, gray: GrayImage) -> GrayImage:
-    """Mask of what may be open sky, shape (h, w): bright regions without depth that reach the upper border.
-
-    A bright wall or ceiling without texture looks the same. Known pixels are given as a mask.
-    """
-    sky = np.zeros_like(known)
-    _mark_sky(known, gray, sky)
-    return sky
 
 
 @compiled(int64(BYTE_IMAGE, BYTE_IMAGE, int64))
@@ -93,22 +83,19 @@ def _take_region(
     return n
 
 
-@compiled(void(BYTE_IMAGE, BYTE_IMAGE, BYTE_IMAGE))
-def _mark_sky(
-    known: GrayImage,
-    gray: GrayImage,
-    # output
-    sky: GrayImage,
-) -> None:
-    """Mark the pixels of the sky. The outermost cells reach to the border of the image."""
+@compiled(boolean[:, ::1](BYTE_IMAGE, BYTE_IMAGE))
+def find_sky(known: GrayImage, gray: GrayImage) -> MaskImage:
+    """Cells that may be open sky: bright regions without depth that reach the upper border.
+
+    A bright wall or ceiling without texture looks the same. Known pixels are given as a mask of the size of the gray
+    image. What remains at the lower and right border belongs to the cells beside it.
+    """
     may_be_sky = _find_bright_holes(known, gray)
     rows, cols = may_be_sky.shape
-    region = np.empty((rows * cols, 2), np.int64)
+    sky, region = np.zeros((rows, cols), np.bool_), np.empty((rows * cols, 2), np.int64)
     for first_col in range(cols):
         n = _take_region(first_col, may_be_sky, region)
         if n >= MIN_SHARE * rows * cols:
             for k in range(n):
-                top, left = region[k, 0] * CELL_PX, region[k, 1] * CELL_PX
-                bottom = top + CELL_PX if region[k, 0] < rows - 1 else sky.shape[0]
-                right = left + CELL_PX if region[k, 1] < cols - 1 else sky.shape[1]
-                sky[top:bottom, left:right] = 255
+                sky[region[k, 0], region[k, 1]] = True
+    return sky
