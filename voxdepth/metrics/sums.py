@@ -10,8 +10,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from ..compiled import compile_all
 from ..types import FloatArray, FloatImage, MaskImage
 from .pixels import Addable, select_judged
+from .sum_kernels import sum_errors
 
 TOO_FAR = 1.1
 """A pixel is too far when it is more than 10 % beyond the truth."""
@@ -64,15 +66,10 @@ def depth_errors(depth_m: FloatImage, truth_m: FloatImage, *, max_range_m: float
 
     The true depth [m] is +inf where there is no surface.
     """
-    judged = truth_m <= max_range_m
-    filled = judged & (depth_m > 0)
-    depth, truth = depth_m[filled], truth_m[filled]
-    return DepthErrors(
-        pixels=int(np.count_nonzero(judged)),
-        filled=len(depth),
-        abs_error_m=float(np.abs(depth - truth).sum(dtype=np.float64)),
-        too_far=int(np.count_nonzero(depth > np.float32(TOO_FAR) * truth)),
-    )
+    compile_all()
+    depth_m, truth_m = np.ascontiguousarray(depth_m), np.ascontiguousarray(truth_m)
+    pixels, filled, abs_error_m, too_far = sum_errors(depth_m, truth_m, max_range_m, TOO_FAR)
+    return DepthErrors(pixels=pixels, filled=filled, abs_error_m=abs_error_m, too_far=too_far)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
