@@ -5,13 +5,15 @@ import numpy as np
 from voxdepth.compiled import compiled
 from voxdepth.types import FloatArray
 
+from .obstacle_kernels import braking_speed
+
 
 @compiled("f8(f8, f8, f8)")
 def approach_speed(remaining_m: float, decel_m_s2: float, gain_per_s: float) -> float:
     """Return the speed of the braking curve; it is negative, so that the drone backs off, for a negative distance."""
-    if remaining_m < decel_m_s2 / gain_per_s**2:
+    if remaining_m < 0:
         return gain_per_s * remaining_m
-    return float(np.sqrt(2 * decel_m_s2 * remaining_m - (decel_m_s2 / gain_per_s) ** 2))
+    return float(braking_speed(remaining_m, decel_m_s2, gain_per_s))
 
 
 @compiled("i8(f8[:, ::1], f8[:, ::1], f8[:], f8[:], f8, f8, f8, f8, f8, f8[:, ::1], f8[::1])")

@@ -11,6 +11,7 @@ from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics
 
 from .neighbour_kernels import combine, measure_drones
 from .types import Detection, Neighbours, Percept
+from .vectors import length
 
 SIGMAS_PER_MAD = 1.4826
 
@@ -91,8 +92,8 @@ class Detector:
         """Return the direction of the centre of a drone in the camera frame, shape (3,), and its range [m]."""
         c, (col, row) = self._camera, center_px
         ray = np.array([(col - c.cx_px) / c.fx_px, (row - c.cy_px) / c.fy_px, 1.0])
-        length = float(np.linalg.norm(ray))
-        return ray / length, depth_m * length + self._radius_m
+        per_depth = length(ray)
+        return ray / per_depth, depth_m * per_depth + self._radius_m
 
 
 class NeighbourTracker:

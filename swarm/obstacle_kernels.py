@@ -15,6 +15,18 @@ Weights = tuple[float, float, float, float, float, float]
 """Safety radius and horizon [m]; costs of blocked directions, and per radian from the goal, by climb, by change."""
 
 
+@compiled("f8(f8, f8, f8)")
+def braking_speed(distance_m: float, decel_m_s2: float, gain_per_s: float) -> float:
+    """Return the speed [m/s] from which a drone can stop within a distance: linear when close, then a square root.
+
+    `D(x) = 0 for x <= 0; p x for x < a/p^2; sqrt(2 a x - a^2/p^2) otherwise` is smooth where its parts meet
+    (Vasarhelyi et al. 2018, Sci. Robot. 3, eaat3536), with the deceleration a and the slope p of the inner part.
+    """
+    if distance_m < decel_m_s2 / gain_per_s**2:
+        return gain_per_s * max(distance_m, 0.0)
+    return math.sqrt(2 * decel_m_s2 * distance_m - (decel_m_s2 / gain_per_s) ** 2)
+
+
 @compiled("void(f8[::1], b1[::1], f8[:, ::1], f8[:, ::1], f8, f8, f8[::1])")
 def free_distances(
     range_m: FloatArray,

@@ -10,8 +10,9 @@ from voxdepth.compiled import compile_all
 from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, MaskImage
 
-from .obstacle_kernels import cheapest_direction, free_distances, nearest_direction
+from .obstacle_kernels import braking_speed, cheapest_direction, free_distances, nearest_direction
 from .types import Choice, Histogram
+from .vectors import length
 
 COS_IN_VIEW = float(np.cos(np.radians(8.0)))
 """A direction within this angle of the middle of a cell is in the field of view."""
@@ -132,18 +133,6 @@ def _sampled_pixels(n_pixels: int, step: int, n_cells: int) -> npt.NDArray[np.in
     return np.arange(first, first + step * n_sampled, step)
 
 
-def braking_speed(distance_m: float | FloatArray, *, decel_m_s2: float, gain_per_s: float) -> FloatArray:
-    """Return the speeds [m/s] from which a drone can stop within distances [m]: linear when close, then a square root.
-
-    `D(x) = 0 for x <= 0; p x for x < a/p^2; sqrt(2 a x - a^2/p^2) otherwise` is smooth where its parts meet
-    (Vasarhelyi et al. 2018, Sci. Robot. 3, eaat3536), with the deceleration a and the slope p of the inner part.
-    """
-    a, p = decel_m_s2, gain_per_s
-    x = np.maximum(distance_m, 0.0)
-    outer = np.sqrt(np.maximum(2 * a * x - (a / p) ** 2, 0.0))
-    return np.where(x < a / p**2, p * x, outer)
-
-
 NO_DIRECTION: FloatArray = np.empty(0)
 
 
@@ -172,7 +161,7 @@ class Avoidance:
         when a command takes effect, or None if it has not moved since the histogram was taken. The distance to that
         position is not available for braking.
         """
-        speed = float(np.linalg.norm(wanted_m_s))
+        speed = length(wanted_m_s)
         goal = wanted_m_s / speed if speed > 1e-3 else histogram.forward_world
         directions = histogram.directions_world.reshape(-1, 3)
         nearest = nearest_direction(directions, goal)
@@ -190,7 +179,7 @@ class Avoidance:
         direction = goal if best == nearest and in_view else directions[best]
         travelled_m = 0.0 if at_m is None else max(0.0, float((at_m - histogram.origin_m) @ direction))
         c, left_m = self._config, float(free_m[best]) - travelled_m - self._safety_radius_m
-        limit = float(braking_speed(left_m, decel_m_s2=c.max_decel_m_s2, gain_per_s=c.brake_gain_per_s))
+        limit = braking_speed(left_m, c.max_decel_m_s2, c.brake_gain_per_s)
         cell = divmod(best, histogram.range_m.shape[1])
         velocity_m_s = min(speed, limit) * direction
         return Choice(velocity_m_s=velocity_m_s, direction=direction, cell=cell, free_m=float(free_m[best]))

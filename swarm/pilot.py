@@ -12,6 +12,7 @@ from voxdepth.types import FloatArray
 from .nearby import ApproachLimits, NearbyConfig, SurfaceMemory, clamp_to_limits, neighbour_limits
 from .obstacles import Avoidance, AvoidanceConfig
 from .types import Decision, Motion, Neighbours, Percept
+from .vectors import length
 
 
 class PilotConfig(Model):
@@ -65,7 +66,7 @@ class Pilot:
 
     def fly(self, wanted_m_s: FloatArray, situation: Situation) -> Decision:
         """Return the command for a wanted velocity, shape (3,), clamped to the limits towards other drones."""
-        yaw_rad = self._heading.turn_towards(wanted_m_s, float(np.linalg.norm(wanted_m_s)))
+        yaw_rad = self._heading.turn_towards(wanted_m_s, length(wanted_m_s))
         velocity_m_s = clamp_to_limits(wanted_m_s, self._drone_limits(situation))
         command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=yaw_rad)
         return Decision(command=command, wanted_velocity_m_s=wanted_m_s, choice=None)
@@ -106,7 +107,7 @@ class SeeingPilot(Pilot):
         self._previous = choice.direction
         surface_limits = self._surfaces.limits(own_m, reaction_m)
         velocity_m_s = clamp_to_limits(choice.velocity_m_s, surface_limits, self._drone_limits(situation))
-        yaw_rad = self._heading.turn_towards(choice.direction, float(np.linalg.norm(wanted_m_s)))
+        yaw_rad = self._heading.turn_towards(choice.direction, length(wanted_m_s))
         command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=yaw_rad)
         return Decision(command=command, wanted_velocity_m_s=wanted_m_s, choice=choice)
 

@@ -13,6 +13,7 @@ from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
 from .types import Neighbours
+from .vectors import length
 
 
 class RuleWeights(Model):
@@ -102,5 +103,5 @@ def lag_speed_factor(lag_m: float, *, free_m: float = 3.0, stop_m: float = 8.0) 
 
 def limit(velocity_m_s: FloatArray, max_speed_m_s: float) -> FloatArray:
     """Return the velocity, shortened to `max_speed_m_s` where it is longer."""
-    speed = float(np.linalg.norm(velocity_m_s))
+    speed = length(velocity_m_s)
     return velocity_m_s if speed <= max_speed_m_s else velocity_m_s * (max_speed_m_s / speed)

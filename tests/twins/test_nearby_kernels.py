@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm.nearby_kernels import approach_speed, limit_approach
-from swarm.obstacles import braking_speed
 from voxdepth.compiled import compile_all
 
 RADIUS_M, KEPT_M, RESPONSE_S, DECEL_M_S2, GAIN_PER_S = 3.0, 1.0, 0.4, 2.5, 1.5
@@ -18,8 +17,9 @@ def _compiled() -> None:
 
 
 def speeds(remaining_m: np.ndarray) -> np.ndarray:
-    braking = braking_speed(remaining_m, decel_m_s2=DECEL_M_S2, gain_per_s=GAIN_PER_S)
-    return np.where(remaining_m < 0, GAIN_PER_S * remaining_m, braking)
+    a, p, x = DECEL_M_S2, GAIN_PER_S, np.maximum(remaining_m, 0)
+    braking = np.where(x < a / p**2, p * x, np.sqrt(np.maximum(2 * a * x - (a / p) ** 2, 0)))
+    return np.where(remaining_m < 0, p * remaining_m, braking)
 
 
 def test_speeds_equal_the_braking_curve() -> None:

@@ -12,7 +12,8 @@ from sim.rig import StereoRig
 from sim.sensor import RigConfig
 from swarm.metrics import MissionMetrics, separation_m
 from swarm.nearby import NearbyConfig, neighbour_limits
-from swarm.obstacles import Avoidance, AvoidanceConfig, braking_speed
+from swarm.obstacle_kernels import braking_speed
+from swarm.obstacles import Avoidance, AvoidanceConfig
 from swarm.team import FormationConfig, Route, Team
 from tests.helpers import wall, world_of
 from tests.swarm_scenes import FORWARD, RADIUS_M, flat, histogram, near, state, stopping_distance_m

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm.obstacles import Avoidance, AvoidanceConfig, braking_speed
+from swarm.obstacle_kernels import braking_speed
+from swarm.obstacles import Avoidance, AvoidanceConfig
 from swarm.types import Histogram
 from tests.helpers import CAMERA
 from tests.swarm_scenes import FORWARD, RADIUS_M, flat, histogram, stopping_distance_m
@@ -64,7 +65,7 @@ class TestBraking:
         start_m = np.linspace(0.5, 30, 60)
         left, before, dt = start_m.copy(), np.full(60, np.nan), 0.01
         for _ in range(2500):
-            speed = braking_speed(left, decel_m_s2=2.5, gain_per_s=1.5)
+            speed = np.array([braking_speed(left_m, 2.5, 1.5) for left_m in left])
             assert not (before - speed > 2.5 * dt * 1.02).any()
             left, before = left - dt * speed, speed
         assert (left >= 0).all()
