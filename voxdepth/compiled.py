@@ -1,7 +1,6 @@
 """Loops over pixels that Numba compiles, and the folder that keeps what has been compiled.
 
-Compiled functions take arguments of fixed types, and run without Python's lock. Their `py_func` is the Python function
-that was written.
+Compiled functions take arguments of fixed types, and run without Python's lock.
 """
 
 import hashlib
@@ -9,13 +8,14 @@ import logging
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, update_wrapper
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar, cast
 
 import numba
+import numba.extending
 
 READABLE_IMAGE = numba.types.Array(numba.float32, 2, "C", readonly=True)
 """Type of an image of floats that is only read; the caller may have locked it."""
@@ -24,21 +24,55 @@ BYTE_IMAGE = numba.uint8[:, ::1]
 Function = TypeVar("Function", bound=Callable[..., Any])
 _LOGGER = logging.getLogger(__name__)
 _LOCK = Lock()
-_waiting: list[tuple[Any, Any]] = []
-"""Functions that have not been compiled yet, and the types of their arguments."""
+_waiting: "list[Compiled]" = []
+"""Functions that have not been compiled yet, in the order of their definition."""
+
+
+class Compiled:
+    """A function that Numba compiles for arguments of fixed types; see `compiled`."""
+
+    def __init__(self, function: Callable[..., Any], signature: Any) -> None:
+        with _numba_cache(_folder(function.__module__.partition(".")[0])) as is_kept:
+            self.dispatcher = numba.njit(cache=is_kept, nogil=True, error_model="numpy")(function)
+        self.signature = signature
+        self._is_compiled = False
+        update_wrapper(self, function)
+        _waiting.append(self)
+
+    @property
+    def py_func(self) -> Callable[..., Any]:
+        """The Python function that was written."""
+        return self.dispatcher.py_func  # type: ignore[no-any-return]
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run the function. Arguments of other types are a `TypeError`."""
+        if not self._is_compiled:
+            compile_all()
+        return self.dispatcher(*arguments)
+
+    def compile(self) -> bool:
+        """Compile the function, or read it from the disk; whether it had to be compiled."""
+        self.dispatcher.compile(self.signature)
+        self.dispatcher.disable_compile()
+        self._is_compiled = True
+        return not self.dispatcher.stats.cache_hits
+
+
+@numba.extending.typeof_impl.register(Compiled)  # type: ignore[untyped-decorator]
+def _type_of(function: Compiled, _: Any) -> Any:
+    """Inside of compiled functions, a compiled function is what Numba made of it."""
+    return numba.types.Dispatcher(function.dispatcher)
 
 
 def compiled(signature: Any) -> Callable[[Function], Function]:
     """Decorate a function that Numba compiles for arguments of these types: `"void(f4[:, ::1], i8)"`, or a Numba type.
 
-    `compile_all` compiles it. Functions that a compiled one calls must be defined before it.
+    That happens in `compile_all`, or else at the first call. Functions that a compiled one calls must be defined before
+    it.
     """
 
     def decorate(function: Function) -> Function:
-        with _numba_cache(_folder(function.__module__.partition(".")[0])) as is_kept:
-            dispatcher = numba.njit(cache=is_kept, nogil=True, error_model="numpy")(function)
-        _waiting.append((dispatcher, signature))
-        return cast(Function, dispatcher)
+        return cast(Function, Compiled(function, signature))
 
     return decorate
 
@@ -51,20 +85,14 @@ def named_tuple(kind: type[Any], *types: Any) -> Any:
 
 
 def compile_all() -> None:
-    """Compile the functions of all imported modules, or read them from the disk, where an earlier call has left them.
-
-    From then on, a call with arguments of other types is a `TypeError`.
-    """
+    """Compile the functions of all imported modules, or read them from the disk, where an earlier call left them."""
     with _LOCK:
         has_said_so = False
         while _waiting:
-            dispatcher, signature = _waiting[0]
-            dispatcher.compile(signature)
-            dispatcher.disable_compile()
-            _waiting.pop(0)
-            if not (has_said_so or dispatcher.stats.cache_hits):
+            if _waiting[0].compile() and not has_said_so:
                 _LOGGER.warning("compiling %d functions for this machine; this takes some seconds, once", len(_waiting))
                 has_said_so = True
+            _waiting.pop(0)
 
 
 @contextmanager

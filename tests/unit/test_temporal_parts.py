@@ -277,7 +277,9 @@ class TestConfidence:
     def test_fused_pixels_have_the_highest_confidence_and_measured_ones_a_higher_one_than_holes(self) -> None:
         full = np.full((1, 4), 192, np.uint8)
         kinds, near_px = np.array([list(PixelClass)], np.uint8), np.full((1, 4), 20, np.float32)
-        by_kind = estimate_confidence(near_px, kinds, full, np.full((1, 4), max(astuple(INPAINTING)), np.float32))[0]
+        probability = np.ones((1, 4), np.float32)
+        probability[0, PixelClass.UNKNOWN] = max(astuple(INPAINTING))
+        by_kind = estimate_confidence(near_px, kinds, full, probability)[0]
         assert by_kind.argmax() == PixelClass.FUSED
         assert by_kind[PixelClass.MEASURED] > max(by_kind[PixelClass.UNKNOWN], by_kind[PixelClass.REMEMBERED])
 

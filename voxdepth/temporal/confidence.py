@@ -5,12 +5,11 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import float32, float64
+from numba import float32, float64, void
 
-from ..compiled import compiled, named_tuple
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
 from ..types import CORRECT_PX, CORRECT_SHARE, FloatArray, FloatImage, GrayImage
 from .fusion import PixelClass
-from .masks import copy_where, equal
 from .memory import WEIGHT_UNIT
 
 WEIGHT_LEVELS = 64
@@ -107,17 +106,13 @@ def estimate_confidence(
     `CORRECT_PX`, under Laplace noise.
 
     Weights are in units of `1 / WEIGHT_UNIT`. The inpainting probability is that of the right surface where the
-    `PixelClass` is unknown, and a factor of the probability of what is remembered. All images have the same shape.
+    `PixelClass` is unknown, and a factor of the probability of the other classes. All images have the same shape.
     """
-    code = (pixel_class * np.uint8(WEIGHT_LEVELS)) | (weight >> np.uint8(2))
-    exceeding = np.asarray(cv2.LUT(code, _NEGATIVE_RATE_PER_PX), np.float32)
-    exceeding *= np.maximum(disparity_px, np.float32(CORRECT_PX / CORRECT_SHARE))
-    cv2.exp(exceeding, exceeding)
-    confidence = np.subtract(np.float32(1), exceeding, out=exceeding)
-    surface_probability = np.asarray(cv2.LUT(code, _SURFACE_PROBABILITY), np.float32)
-    remembered_probability = surface_probability * inpainting_probability
-    copy_where(equal(pixel_class, PixelClass.REMEMBERED), remembered_probability, surface_probability)
-    copy_where(equal(pixel_class, PixelClass.UNKNOWN), inpainting_probability, surface_probability)
+    exponent, surface_probability = np.empty((2, *disparity_px.shape), np.float32)
+    _look_up(disparity_px, pixel_class, weight, inpainting_probability, exponent, surface_probability)
+    confidence: FloatImage = exponent
+    cv2.exp(exponent, exponent)
+    np.subtract(np.float32(1), exponent, out=confidence)
     confidence *= surface_probability
     return confidence
 
@@ -129,6 +124,25 @@ def _lookup_table(of_unknown: float, curves: dict[PixelClass, Exponential]) -> F
     return np.concatenate([np.full(WEIGHT_LEVELS, of_unknown), *known])
 
 
-_SURFACE_PROBABILITY = _lookup_table(np.nan, SURFACE_PROBABILITY).astype(np.float32)
-"""Unknown pixels have none: theirs comes from inpainting."""
+_SURFACE_PROBABILITY = _lookup_table(1, SURFACE_PROBABILITY).astype(np.float32)
 _NEGATIVE_RATE_PER_PX = (-CORRECT_SHARE / _lookup_table(INPAINTED_ERROR_PX, ERROR_PX)).astype(np.float32)
+_LEAST_DISPARITY_PX = float32(CORRECT_PX / CORRECT_SHARE)
+"""Disparity below which an error of `CORRECT_PX` is allowed."""
+
+
+@compiled(void(FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE))
+def _look_up(
+    disparity_px: FloatImage,
+    pixel_class: GrayImage,
+    weight: GrayImage,
+    inpainting_probability: FloatImage,
+    # output
+    exponent: FloatImage,
+    surface_probability: FloatImage,
+) -> None:
+    """The probability of the right surface, and the logarithm of that of a larger error on it."""
+    for row in range(disparity_px.shape[0]):
+        for col in range(disparity_px.shape[1]):
+            code = WEIGHT_LEVELS * pixel_class[row, col] + (weight[row, col] >> 2)
+            exponent[row, col] = _NEGATIVE_RATE_PER_PX[code] * max(disparity_px[row, col], _LEAST_DISPARITY_PX)
+            surface_probability[row, col] = _SURFACE_PROBABILITY[code] * inpainting_probability[row, col]
