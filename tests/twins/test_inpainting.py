@@ -111,9 +111,10 @@ def test_planes(seed: int, shape: tuple[int, int], share: float, level: int) -> 
     for _ in range(level):
         moments = planes.sum_blocks(moments)
     moments = planes.sum_neighbourhood(moments)
-    disparity_px, weight = planes.fit_planes(moments, 2**level, grid, bounds)
+    estimate, weight = planes.fit_planes(moments, 2**level, 0.7, grid, bounds)
     expected_px, expected_weight = twins.fit_planes(moments, 2**level, grid, bounds)
-    np.testing.assert_allclose(disparity_px, expected_px, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(estimate.disparity_px, expected_px, rtol=1e-6, atol=1e-6)
+    np.testing.assert_array_equal(estimate.probability, 0.7)
     np.testing.assert_allclose(weight, expected_weight, atol=1e-12)
 
 

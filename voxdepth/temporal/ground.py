@@ -23,7 +23,7 @@ FARTHER_TOLERANCE = 6.0
 so they keep their weight."""
 HALF_OCTAVES = 128
 """Number of half octaves that are told apart, half of them below a pixel."""
-BISECTIONS = 40
+BISECTIONS = 32
 """Steps in which the slope of a candidate is found."""
 NEAR_QUANTILE = 0.98
 """Quantile of disparity that stands for the nearest cells; those above it may be wrong matches."""
@@ -132,7 +132,7 @@ def octave_weights(disparity_px: FloatArray) -> FloatArray:
 
 @compiled(float64(VALUES, int64))
 def steepest_slope(slopes: FloatArray, n_below: int) -> float:
-    """The largest slope that not more than that number of slopes are below, to within a trillionth of the largest."""
+    """The largest slope that not more than that number of slopes are below, to within a billionth of the largest."""
     low, high = 0.0, 0.0
     for k in range(len(slopes)):
         high = max(high, slopes[k])

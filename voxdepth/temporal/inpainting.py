@@ -68,9 +68,9 @@ class Inpainter:
         self._config = config
         self._scanlines = ScanlineInterpolator(resolution, config.scanlines)
         self._planes = PlaneFitter(resolution, config.planes)
+        self._stixels = StixelEstimator(resolution, self._planes.grid, config.stixels)
         self._floats, self._bytes = ImagePool(resolution.shape, np.float32), ImagePool(resolution.shape, np.uint8)
         compile_all()
-        self._stixels = StixelEstimator(resolution, self._planes.grid, config.stixels)
 
     def inpaint(self, measured_px: FloatImage, remembered_px: FloatImage, gray: GrayImage) -> Inpainted:
         """Fill the holes of an image of measured disparities. An empty image stays empty.

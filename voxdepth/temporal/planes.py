@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import float32, float64, int64, uint8, void
-from numba.types import UniTuple
+from numba.types import Tuple, UniTuple
 from pydantic import Field
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
@@ -116,8 +116,7 @@ class PlaneFitter:
 
     def fit(self, moments: FloatArray, level: int, coarser: CellEstimate | None) -> CellEstimate:
         """The planes of all cells of a level, blended with the estimate of the next coarser level if there is one."""
-        disparity_px, weight = fit_planes(moments, 2**level, self.grid, self._bounds)
-        estimate = CellEstimate(disparity_px, np.full_like(disparity_px, INPAINTING.plane(level)))
+        estimate, weight = fit_planes(moments, 2**level, INPAINTING.plane(level), self.grid, self._bounds)
         if coarser is not None:
             blend(coarser, weight, estimate)
         return estimate
@@ -147,7 +146,7 @@ def _weigh_row(
     The validity is the fraction of valid neighbours, given as 0..255. Pixels weigh its fourth power.
     """
     for col in range(len(disparity_px)):
-        validity = valid_around[col] / 255 if disparity_px[col] > 0 else 0.0
+        validity = valid_around[col] * (1 / 255) if disparity_px[col] > 0 else 0.0
         terms[3, col] = validity * validity
         terms[0, col] = terms[3, col] * terms[3, col]
         terms[1, col] = terms[0, col] * disparity_px[col]
@@ -236,11 +235,14 @@ def _cell_means(moments: FloatArray, row_stride: int, min_coverage: float) -> tu
     return u[:n], v[:n], disparity_px[:n]
 
 
-@compiled(UniTuple(CELLS, 2)(MOMENTS, float64, GRID, BOUNDS))
-def fit_planes(moments: FloatArray, size: float, grid: CellGrid, bounds: Bounds) -> tuple[FloatArray, FloatArray]:
-    """Disparity of the planes at the middles of cells of `size` times the finest, and their weight, 0..1."""
+@compiled(Tuple((CELL_ESTIMATE, CELLS))(MOMENTS, float64, float64, GRID, BOUNDS))
+def fit_planes(
+    moments: FloatArray, size: float, probability: float, grid: CellGrid, bounds: Bounds
+) -> tuple[CellEstimate, FloatArray]:
+    """The planes of cells of `size` times the finest, which are right with that probability, and their weight, 0..1."""
     rows, cols, _ = moments.shape
-    disparity_px, weight, ridge = np.empty((rows, cols)), np.empty((rows, cols)), bounds.ridge * size**2
+    estimate = CellEstimate(np.empty((rows, cols)), np.full((rows, cols), probability))
+    weight, ridge = np.empty((rows, cols)), bounds.ridge * size**2
     for row in range(rows):
         for col in range(cols):
             cell = moments[row, col]
@@ -255,9 +257,9 @@ def fit_planes(moments: FloatArray, size: float, grid: CellGrid, bounds: Bounds)
             inside = min(max((OUTSIDE - mahalanobis) / (OUTSIDE - INSIDE), 0), 1)
             min_px = d - bounds.max_deviations_far * inside * deviation
             max_px = d + bounds.max_deviations_near * deviation
-            disparity_px[row, col] = min(max(d + slope_u * offset_u + slope_v * offset_v, min_px), max_px)
+            estimate.disparity_px[row, col] = min(max(d + slope_u * offset_u + slope_v * offset_v, min_px), max_px)
             weight[row, col] = min(cell[COVERAGE] / (grid.cell_px * size) ** 2 / bounds.min_coverage, 1)
-    return disparity_px, weight
+    return estimate, weight
 
 
 @compiled(float64(VALUES, float64))
