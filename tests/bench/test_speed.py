@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.config import load_run
+from scenarios.config import Run, load_run
 from scenarios.results.table import Column, Table
 from scenarios.runner import fly
 from scenarios.sequences import load_sequence, record
@@ -83,6 +83,7 @@ def test_missions(depth: str, corrector: str, size: tuple[int, int]) -> None:
     show(what, f"real-time factor {finished.real_time_factor:6.2f}")
 
 
+TICK = (Mission, "tick")
 PARTS = {
     "drawing": (StereoSensor, "render"),
     "noise and matching": (StereoSensor, "capture"),
@@ -92,34 +93,36 @@ PARTS = {
 }
 
 
-def profile_ms(size: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
-    """Time of each part of a tick [ms], and of all of them, on one thread, where nothing overlaps."""
-    spent_s = dict.fromkeys(PARTS, 0.0)
+def spent_ms(run: Run, calls: dict[str, tuple[type, str]], monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
+    """CPU time of methods per tick of a mission on one thread, where nothing overlaps."""
+    spent_s = dict.fromkeys(calls, 0.0)
 
     def timed(part: str, call: Callable[..., Any]) -> Callable[..., Any]:
         def measured(*arguments: Any, **options: Any) -> Any:
-            start = time.perf_counter()
+            start = time.thread_time()
             result = call(*arguments, **options)
-            spent_s[part] += time.perf_counter() - start
+            spent_s[part] += time.thread_time() - start
             return result
 
         return measured
 
-    changes = {"corrector": "voxdepth", "rig.width_px": size[0], "rig.height_px": size[1]}
-    fly(load_run("city", 0, changes | {"mission.duration_s": 1.5}), threads=1)
-    run = load_run("city", 0, changes | {"mission.duration_s": 5.0})
     with monkeypatch.context() as patch:
-        for part, (owner, name) in PARTS.items():
+        for part, (owner, name) in calls.items():
             patch.setattr(owner, name, timed(part, getattr(owner, name)))
         finished = fly(run, threads=1)
-    spent_s |= {"the rest": finished.wall_s - sum(spent_s.values()), "a tick": finished.wall_s}
     n_ticks = float(finished.result.metrics["sim_time_s"] or 0) * run.scenario.mission.control_hz
     return {part: 1e3 * spent / n_ticks for part, spent in spent_s.items()}
 
 
 def test_profile_of_a_mission(monkeypatch: pytest.MonkeyPatch) -> None:
     """A table for docs/performance.md, of 8 drones with the corrector `voxdepth`."""
-    profiles = {f"{w}x{h}": profile_ms((w, h), monkeypatch) for w, h in [(160, 120), (320, 180)]}
+    profiles = {}
+    for width, height in [(160, 120), (320, 180)]:
+        changes = {"corrector": "voxdepth", "rig.width_px": width, "rig.height_px": height}
+        fly(load_run("city", 0, changes | {"mission.duration_s": 1.5}), threads=1)
+        run = load_run("city", 0, changes | {"mission.duration_s": 5.0})
+        ms = spent_ms(run, {**PARTS, "a tick": TICK}, monkeypatch)
+        profiles[f"{width}x{height}"] = ms | {"the rest": 2 * ms["a tick"] - sum(ms.values())}
     columns = [Column(size, unit, number) for size in profiles for unit, number in (("ms", ".1f"), ("%", ".0f"))]
     rows = [
         [part, *(value for ms in profiles.values() for value in (ms[part], 100 * ms[part] / ms["a tick"]))]
@@ -128,22 +131,24 @@ def test_profile_of_a_mission(monkeypatch: pytest.MonkeyPatch) -> None:
     print("\n" + Table.of("profile of a mission", ["part of a mission", *columns], rows).markdown())
 
 
+def test_profile_by_number_of_drones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A table for docs/performance.md, of true depth at 160x120."""
+    rows = []
+    for drones in (4, 8, 16, 32):
+        changes = {"rig.depth": "truth", "corrector": "raw", "rig.width_px": 160, "rig.height_px": 120}
+        changes |= {"mission.duration_s": 3.0, "mission.drones": drones}
+        tick_ms = spent_ms(load_run("city", 0, changes), {"a tick": TICK}, monkeypatch)["a tick"]
+        rows.append([drones, tick_ms, tick_ms / drones])
+    columns = ["drones", Column("a tick", "ms", ".1f"), Column("per drone", "ms")]
+    print("\n" + Table.of("ticks", columns, rows).markdown())
+
+
 def test_a_mission_of_the_noise_study() -> None:
     (spec, *_) = expand(load_study("noise"))
     scenario = spec.run.scenario
     short = scenario.model_copy(update={"mission": scenario.mission.model_copy(update={"duration_s": 10.0})})
     finished = fly(spec.run.model_copy(update={"scenario": short}), threads=1)
     show("mission of the study noise, theta 0, one thread", f"real-time factor {finished.real_time_factor:6.2f}")
-
-
-@pytest.mark.parametrize("n_drones", [2, 4, 8, 16, 32])
-def test_a_whole_mission_by_number_of_drones(n_drones: int) -> None:
-    changes = {"rig.depth": "truth", "corrector": "raw", "rig.width_px": 160, "rig.height_px": 120}
-    fly(load_run("city", 0, changes | {"mission.duration_s": 0.5, "mission.drones": n_drones}))
-    finished = fly(load_run("city", 0, changes | {"mission.duration_s": 3.0, "mission.drones": n_drones}))
-    seconds = float(finished.result.metrics["sim_time_s"] or 0)
-    ticks = seconds * 20
-    show(f"mission tick (1/20 s), {n_drones} drones, truth 160x120", f"{1e3 * finished.wall_s / ticks:6.1f} ms")
 
 
 @pytest.mark.parametrize(("width", "height", "drones"), [(160, 120, 8), (320, 180, 8), (640, 360, 1)])
