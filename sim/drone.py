@@ -43,11 +43,19 @@ class VelocityController:
         compile_all()
         c, weight_n = config, config.mass_kg * GRAVITY_M_S2
         self._motor_lag_s = c.motor_lag_s
-        self._gains = (
-            c.mass_kg, weight_n, c.max_speed_m_s, c.max_accel_m_s2, c.velocity_gain_per_s,
-            float(np.tan(np.radians(c.max_tilt_deg))), 0.4 * c.mass_kg * c.radius_m**2, c.attitude_gain_per_s2,
-            c.rate_gain_per_s, c.max_thrust_to_weight * weight_n, c.mass_kg * c.drag_per_s,
-        )  # fmt: skip
+        self._gains = drone_kernels.Gains(
+            mass_kg=c.mass_kg,
+            weight_n=weight_n,
+            max_speed_m_s=c.max_speed_m_s,
+            max_accel_m_s2=c.max_accel_m_s2,
+            max_slope=float(np.tan(np.radians(c.max_tilt_deg))),
+            max_thrust_n=c.max_thrust_to_weight * weight_n,
+            inertia_kg_m2=0.4 * c.mass_kg * c.radius_m**2,
+            velocity_gain_per_s=c.velocity_gain_per_s,
+            attitude_gain_per_s2=c.attitude_gain_per_s2,
+            rate_gain_per_s=c.rate_gain_per_s,
+            drag_kg_per_s=c.mass_kg * c.drag_per_s,
+        )
         self.thrust_n = np.full(n_drones, weight_n)
         self.torque_n_m = np.zeros((n_drones, 3))
 
@@ -65,9 +73,9 @@ class VelocityController:
         All inputs have one row per drone.
         """
         yaw_error_rad = (desired_yaw_rad - _yaw_rad(q_world_body_xyzw) + np.pi) % (2 * np.pi) - np.pi
-        gains, force_n = (*self._gains, min(1.0, dt_s / self._motor_lag_s)), np.empty_like(velocity_m_s)
+        follow, force_n = min(1.0, dt_s / self._motor_lag_s), np.empty_like(velocity_m_s)
         drone_kernels.actuate(
-            velocity_m_s, q_world_body_xyzw, rates_rad_s, desired_velocity_m_s, yaw_error_rad, gains,
+            velocity_m_s, q_world_body_xyzw, rates_rad_s, desired_velocity_m_s, yaw_error_rad, self._gains, follow,
             self.thrust_n, self.torque_n_m, force_n,
         )  # fmt: skip
         return force_n, self.torque_n_m

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
-from voxdepth.compiled import compile_all
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
 from . import frames, photon_kernels
@@ -270,7 +269,6 @@ def photon_noise(gray: GrayImage, sigma: float, *key: int, seed: int, gain: floa
 
     The noise is keyed by the seed and by `key`, which is the drone, the frame and the camera.
     """
-    compile_all()
     noisy = np.empty(gray.shape, np.uint8)
     stream_key, quantiles = counter_key(seed, Purpose.PHOTON, *key), photon_kernels.normal_quantiles()
     photon_kernels.expose(gray.ravel(), gain, sigma, quantiles, stream_key, noisy.reshape(-1))

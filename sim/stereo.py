@@ -182,7 +182,6 @@ def occlusion_mask(left_depth_m: FloatImage, right_depth_m: FloatImage, intrinsi
     the nearest pixel there has a disparity that is larger by more than `stereo_kernels.OCCLUSION_STEP_PX`. A smaller
     difference hides no whole pixel, and occurs within half a pixel of a slanted surface.
     """
-    compile_all()
     occluded = np.empty(left_depth_m.shape, np.bool_)
     left_depth_m, right_depth_m = np.ascontiguousarray(left_depth_m), np.ascontiguousarray(right_depth_m)
     stereo_kernels.occlude(left_depth_m, right_depth_m, focal_baseline_px_m(intrinsics), occluded)

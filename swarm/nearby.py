@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import Field
 
-from voxdepth.compiled import compile_all
 from voxdepth.model import Model
 from voxdepth.types import FloatArray, MaskImage
 
@@ -116,7 +115,6 @@ def _limits(
     response_s: float = 0.0,
 ) -> ApproachLimits:
     """Return how fast a drone may approach points that move, from all of which it keeps a distance."""
-    compile_all()
     towards, speed_m_s = np.empty((len(points_m), 3)), np.empty(len(points_m))
     n = limit_approach(
         points_m, velocities_m_s, position_m, reaction_distance_m, config.radius_m, kept_m, response_s,

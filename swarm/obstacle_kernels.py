@@ -1,18 +1,32 @@
 """Compiled loops of obstacle avoidance over directions: vectors of shape (3,), lists of them (n, 3)."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numba import float64, int64
 
-from voxdepth.compiled import compiled
+from voxdepth.compiled import compiled, named_tuple
 from voxdepth.types import FloatArray, MaskImage
 
 MAX_BLOCKED_SINE = 0.7
 """Sine of the widest angle that a surface blocks."""
 TOO_NEAR_COST = 100.0
 """Cost of a direction in which a surface is nearer than the clearance."""
-Weights = tuple[float, float, float, float, float, float]
-"""Safety radius and horizon [m]; costs of blocked directions, and per radian from the goal, by climb, by change."""
+
+
+class Costs(NamedTuple):
+    """What the cost of a direction depends on; see `swarm.obstacles.AvoidanceConfig`."""
+
+    safety_radius_m: float
+    horizon_m: float
+    clear: float
+    per_rad_from_goal: float
+    per_rad_of_climb: float
+    per_rad_from_previous: float
+
+
+COSTS = named_tuple(Costs, *[float64] * len(Costs._fields))
 
 
 @compiled("f8(f8, f8, f8)")
@@ -73,21 +87,20 @@ def nearest_direction(directions: FloatArray, to: FloatArray) -> int:
     return best
 
 
-@compiled("i8(f8[:, ::1], f8[::1], f8[:], f8[:], UniTuple(f8, 6))")
+@compiled(int64(float64[:, ::1], float64[::1], float64[:], float64[:], COSTS))
 def cheapest_direction(
-    directions: FloatArray, free_m: FloatArray, goal: FloatArray, previous: FloatArray, weights: Weights
+    directions: FloatArray, free_m: FloatArray, goal: FloatArray, previous: FloatArray, costs: Costs
 ) -> int:
     """Return the index of the direction that costs least; `previous` is empty if there is none."""
-    safety_radius_m, horizon_m, clear, goal_per_rad, climb_per_rad, previous_per_rad = weights
     goal_polar_rad = acos(goal[2])
     best, least = 0, np.inf
     for i in range(len(directions)):
-        cost = clear * max(0.0, 1 - free_m[i] / horizon_m) ** 2
-        cost += TOO_NEAR_COST if free_m[i] <= safety_radius_m else 0.0
-        cost += goal_per_rad * acos(cosine_between(directions[i], goal))
-        cost += climb_per_rad * abs(acos(directions[i, 2]) - goal_polar_rad)
+        cost = costs.clear * max(0.0, 1 - free_m[i] / costs.horizon_m) ** 2
+        cost += TOO_NEAR_COST if free_m[i] <= costs.safety_radius_m else 0.0
+        cost += costs.per_rad_from_goal * acos(cosine_between(directions[i], goal))
+        cost += costs.per_rad_of_climb * abs(acos(directions[i, 2]) - goal_polar_rad)
         if len(previous):
-            cost += previous_per_rad * acos(cosine_between(directions[i], previous))
+            cost += costs.per_rad_from_previous * acos(cosine_between(directions[i], previous))
         if cost < least:
             best, least = i, cost
     return best

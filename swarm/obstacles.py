@@ -10,7 +10,7 @@ from voxdepth.compiled import compile_all
 from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, MaskImage
 
-from .obstacle_kernels import braking_speed, cheapest_direction, free_distances, nearest_direction
+from .obstacle_kernels import Costs, braking_speed, cheapest_direction, free_distances, nearest_direction
 from .types import Choice, Histogram
 from .vectors import length
 
@@ -143,7 +143,7 @@ class Avoidance:
         compile_all()
         self._config = c = config
         self._safety_radius_m = radius_m + c.clearance_m
-        self._weights = (
+        self._costs = Costs(
             self._safety_radius_m, c.horizon_m, c.clear_weight, c.goal_weight, c.climb_weight, c.previous_weight
         )  # fmt: skip
         self._histogram: Histogram | None = None
@@ -172,9 +172,7 @@ class Avoidance:
             if float(goal @ histogram.forward_world) < 0:
                 return Choice(velocity_m_s=np.zeros(3), direction=goal, cell=None, free_m=0.0)
         free_m = self._free_distances_m(histogram)
-        best = cheapest_direction(
-            directions, free_m, goal, NO_DIRECTION if previous is None else previous, self._weights
-        )
+        best = cheapest_direction(directions, free_m, goal, NO_DIRECTION if previous is None else previous, self._costs)
         # A direction outside of the image has a nearest cell as well, but that cell does not contain it.
         direction = goal if best == nearest and in_view else directions[best]
         travelled_m = 0.0 if at_m is None else max(0.0, float((at_m - histogram.origin_m) @ direction))

@@ -1,19 +1,12 @@
 """The speed limits towards nearby points equal their NumPy twin."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm.nearby_kernels import approach_speed, limit_approach
-from voxdepth.compiled import compile_all
 
 RADIUS_M, KEPT_M, RESPONSE_S, DECEL_M_S2, GAIN_PER_S = 3.0, 1.0, 0.4, 2.5, 1.5
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _compiled() -> None:
-    compile_all()
 
 
 def speeds(remaining_m: np.ndarray) -> np.ndarray:

@@ -1,20 +1,13 @@
 """Each loop of the perception of other drones equals its NumPy twin."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm import neighbour_kernels as kernels
-from voxdepth.compiled import compile_all
 
 SEEDS = st.integers(0, 2**31)
 POSE = np.array([[0.0, 0, 1, 1], [-1, 0, 0, 2], [0, -1, 0, 3], [0, 0, 0, 1]])
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _compiled() -> None:
-    compile_all()
 
 
 @given(SEEDS, st.integers(1, 6), st.sampled_from([0.0, 0.2, 0.9, 1.0]), st.sampled_from([0.0, 0.5, 1.0]))

@@ -6,14 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm import obstacle_kernels as kernels
-from voxdepth.compiled import compile_all
 
 SEEDS = st.integers(0, 2**31)
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _compiled() -> None:
-    compile_all()
 
 
 def directions(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -45,14 +39,14 @@ def test_the_cheapest_direction_costs_least(seed: int, n: int, has_previous: boo
     cost += 2 * np.arccos(np.clip(cells @ goal, -1, 1))
     cost += np.abs(np.arcsin(np.clip(cells[:, 2], -1, 1)) - np.arcsin(goal[2]))
     cost += 0.6 * np.arccos(np.clip(cells @ previous, -1, 1)) if has_previous else 0
-    best = kernels.cheapest_direction(cells, free_m, goal, previous, (0.9, 7.0, 15.0, 2.0, 1.0, 0.6))
+    best = kernels.cheapest_direction(cells, free_m, goal, previous, kernels.Costs(0.9, 7.0, 15.0, 2.0, 1.0, 0.6))
     assert cost[best] == pytest.approx(cost.min(), rel=1e-12)
 
 
 def test_of_equally_cheap_directions_the_first_is_taken() -> None:
     cells = np.tile([1.0, 0, 0], (5, 1))
-    weights = (0.9, 7.0, 15.0, 2.0, 1.0, 0.6)
-    assert kernels.cheapest_direction(cells, np.full(5, 3.0), cells[0], np.empty(0), weights) == 0
+    costs = kernels.Costs(0.9, 7.0, 15.0, 2.0, 1.0, 0.6)
+    assert kernels.cheapest_direction(cells, np.full(5, 3.0), cells[0], np.empty(0), costs) == 0
     assert kernels.nearest_direction(cells, cells[0]) == 0
 
 

@@ -8,12 +8,6 @@ from hypothesis import strategies as st
 from sim.photon_kernels import GAMMA, MIX_1, MIX_2, QUANTILES, expose, normal_quantiles
 from sim.seeds import Purpose, counter_key
 from sim.sensor import photon_noise
-from voxdepth.compiled import compile_all
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _compiled() -> None:
-    compile_all()
 
 
 def normal_numbers(key: np.uint64, n: int) -> np.ndarray:

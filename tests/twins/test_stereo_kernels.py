@@ -1,21 +1,14 @@
 """Each loop of stereo matching gives the bits of its NumPy twin."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sim import stereo_kernels as kernels
 from sim.types import InvalidReason
-from voxdepth.compiled import compile_all
 
 SHAPES = [(1, 1), (1, 40), (5, 1), (7, 33)]
 SEEDS = st.integers(0, 2**31)
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _compiled() -> None:
-    compile_all()
 
 
 def disparities(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:

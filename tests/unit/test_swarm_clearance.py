@@ -28,7 +28,7 @@ WRONG = 0.1
 def speed_m_s(clearance_m: float) -> float:
     """What the controller allows towards a surface at a clearance."""
     room_m = clearance_m - AVOIDANCE.clearance_m
-    return float(braking_speed(room_m, decel_m_s2=AVOIDANCE.max_decel_m_s2, gain_per_s=AVOIDANCE.brake_gain_per_s))
+    return float(braking_speed(room_m, AVOIDANCE.max_decel_m_s2, AVOIDANCE.brake_gain_per_s))
 
 
 @pytest.mark.parametrize("gap_m", [0.3, 0.6, 0.64, 0.66, 0.7, 1.0, 2.0, 4.0])

@@ -22,7 +22,7 @@ SEEDS = st.integers(0, 10_000)
 
 def limit_m_s(clear_m: float) -> float:
     """Largest speed with that much room."""
-    return float(braking_speed(clear_m - KEEP_M, decel_m_s2=CONFIG.max_decel_m_s2, gain_per_s=CONFIG.brake_gain_per_s))
+    return float(braking_speed(clear_m - KEEP_M, CONFIG.max_decel_m_s2, CONFIG.brake_gain_per_s))
 
 
 def rugged(seed: int) -> Histogram:
@@ -53,7 +53,7 @@ def forward_wish(seed: int) -> np.ndarray:
 class TestBraking:
     @given(st.floats(-5, 50), st.floats(0.5, 5), st.floats(0.5, 4))
     def test_it_never_falls_with_distance_and_is_smooth(self, x: float, a: float, p: float) -> None:
-        speed = lambda d: float(braking_speed(d, decel_m_s2=a, gain_per_s=p))  # noqa: E731
+        speed = lambda d: float(braking_speed(d, a, p))  # noqa: E731
         assert speed(x) >= 0
         assert speed(x + 0.1) >= speed(x)
         join = a / p**2
@@ -74,18 +74,18 @@ class TestBraking:
     @given(st.floats(0.01, 6), st.floats(0.5, 5), st.floats(0.5, 4))
     def test_the_stopping_distance_is_its_inverse(self, v: float, a: float, p: float) -> None:
         x = stopping_distance_m(v, decel_m_s2=a, gain_per_s=p)
-        assert float(braking_speed(x, decel_m_s2=a, gain_per_s=p)) == pytest.approx(v)
+        assert float(braking_speed(x, a, p)) == pytest.approx(v)
         assert stopping_distance_m(v, decel_m_s2=a, gain_per_s=p, reaction_s=0.5) == pytest.approx(x + 0.5 * v)
 
     @given(st.floats(0.01, 30), st.floats(0.5, 5), st.floats(0.5, 4), st.floats(0.1, 10))
     def test_it_scales_with_length(self, x: float, a: float, p: float, scale: float) -> None:
-        one = braking_speed(x, decel_m_s2=a, gain_per_s=p)
-        assert braking_speed(scale * x, decel_m_s2=scale * a, gain_per_s=p) == pytest.approx(float(scale * one))
+        one = braking_speed(x, a, p)
+        assert braking_speed(scale * x, scale * a, p) == pytest.approx(float(scale * one))
 
     @given(st.floats(0.01, 30), st.floats(0.5, 5), st.floats(0.5, 4), st.floats(0.1, 10))
     def test_it_scales_with_time(self, x: float, a: float, p: float, slow: float) -> None:
-        one = braking_speed(x, decel_m_s2=a, gain_per_s=p)
-        assert braking_speed(x, decel_m_s2=a / slow**2, gain_per_s=p / slow) == pytest.approx(float(one / slow))
+        one = braking_speed(x, a, p)
+        assert braking_speed(x, a / slow**2, p / slow) == pytest.approx(float(one / slow))
 
 
 class TestChoice:

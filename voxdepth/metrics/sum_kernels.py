@@ -1,10 +1,12 @@
 """The compiled loop of the depth errors of an image."""
 
-from ..compiled import compiled
+from numba import float32, float64, int64, types
+
+from ..compiled import READABLE_IMAGE, compiled
 from ..types import FloatImage
 
 
-@compiled("Tuple((i8, i8, f8, i8))(f4[:, ::1], f4[:, ::1], f4, f4)")
+@compiled(types.Tuple((int64, int64, float64, int64))(READABLE_IMAGE, READABLE_IMAGE, float32, float32))
 def sum_errors(
     depth_m: FloatImage, truth_m: FloatImage, max_range_m: float, too_far_factor: float
 ) -> tuple[int, int, float, int]:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from ..compiled import compile_all
 from ..types import FloatArray, FloatImage, MaskImage
 from .pixels import Addable, select_judged
 from .sum_kernels import sum_errors
@@ -66,7 +65,6 @@ def depth_errors(depth_m: FloatImage, truth_m: FloatImage, *, max_range_m: float
 
     The true depth [m] is +inf where there is no surface.
     """
-    compile_all()
     depth_m, truth_m = np.ascontiguousarray(depth_m), np.ascontiguousarray(truth_m)
     pixels, filled, abs_error_m, too_far = sum_errors(depth_m, truth_m, max_range_m, TOO_FAR)
     return DepthErrors(pixels=pixels, filled=filled, abs_error_m=abs_error_m, too_far=too_far)
