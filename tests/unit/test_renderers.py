@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
@@ -135,6 +136,20 @@ def test_rasterising_is_the_same_on_any_number_of_threads() -> None:
         np.testing.assert_array_equal(a.gray, b.gray)
         np.testing.assert_array_equal(a.depth_m, b.depth_m)
         np.testing.assert_array_equal(a.segment_id, b.segment_id)
+
+
+def test_renderers_may_draw_at_the_same_time_on_different_threads() -> None:
+    def drawn(distance_m: float) -> list[Images]:
+        with world_of(wall(distance_m), starts_m=[(2.5, 0.3, 0.0)]) as world:
+            renderer = create_renderer("raster", world, threads=1)
+            return [renderer.render([camera_at(0, 0.02 * i, 0)])[0] for i in range(30)]
+
+    distances_m = [4.0, 5.0, 6.0]
+    with ThreadPoolExecutor(3) as pool:
+        for together, alone in zip(pool.map(drawn, distances_m), map(drawn, distances_m), strict=True):
+            for a, b in zip(together, alone, strict=True):
+                np.testing.assert_array_equal(a.gray, b.gray)
+                np.testing.assert_array_equal(a.depth_m, b.depth_m)
 
 
 def test_they_agree_on_moved_drones_and_round_shapes() -> None:
