@@ -67,7 +67,10 @@ class Rasteriser:
         for camera in cameras:
             depth_m, nearest = np.empty(shape, np.float32), np.full(shape, len(bodies.triangles), np.int32)
             inverse_depth.fill(0)
-            rasterise(view_of(camera), bodies, buffers, inverse_depth.reshape(-1), nearest.reshape(-1))
+            view = view_of(camera)
+            ahead_m = (bodies.spheres_m[:, :3] - view.origin_m) @ view.R_cam_world[2] - bodies.spheres_m[:, 3]
+            order = np.argsort(ahead_m, kind="stable").astype(np.int32)
+            rasterise(view, bodies, order, buffers, inverse_depth.reshape(-1), nearest.reshape(-1))
             invert(inverse_depth.reshape(-1), depth_m.reshape(-1))
             hits.append(Hits(depth_m, nearest))
         return hits

@@ -24,6 +24,8 @@ NEAR_M = 1e-3
 """Triangles with a corner nearer than this, or behind the camera, may cover any row."""
 MIN_VOLUME_M3 = 1e-15
 """Triangles with a smaller volume are seen edge-on or have no area, and are skipped."""
+DEPTH_TOLERANCE = 1e-9
+"""Share of a depth by which rounding might change the order of surfaces."""
 FLAT = 2.0**-100
 """Slope that stands for 0. As a power of two it divides without rounding."""
 
@@ -73,11 +75,12 @@ class Buffers(NamedTuple):
 
 
 Vector = tuple[float, float, float]
+Box = tuple[int, int, int, int]
 Bounds = tuple[float, float, float, float]
 Corner = tuple[float, float, float, float, float]
 FLOATS, INDICES, TABLE = float64[::1], int32[::1], float64[:, ::1]
 VECTOR, BOUNDS, CORNER = (types.UniTuple(float64, n) for n in (3, 4, 5))
-RANGE = types.UniTuple(int64, 2)
+RANGE, BOX = types.UniTuple(int64, 2), types.UniTuple(int64, 4)
 VIEW = named_tuple(View, TABLE, FLOATS, *[float64] * 4, TABLE, int64, int64)
 BODIES = named_tuple(Bodies, TABLE, uint32[:, ::1], TABLE, INDICES, INDICES, TABLE, boolean[::1])
 BUFFERS = named_tuple(Buffers, TABLE, INDICES, TABLE, int32[:, ::1])
@@ -168,32 +171,45 @@ def pixels_between(low_px: float, high_px: float, size: int) -> tuple[int, int]:
     return first + (first < low), int(high)
 
 
-@compiled(RANGE(CORNER, CORNER, CORNER, int64, int64))
-def rows_of(a: Corner, b: Corner, c: Corner, height: int, width: int) -> tuple[int, int]:
-    """First and last row that a triangle may cover; the last row is before the first if it covers none."""
-    if min(a[2], b[2], c[2]) > NEAR_M:
-        low, high = min(a[3], b[3], c[3]) - EDGE_TOLERANCE_PX, max(a[3], b[3], c[3]) + EDGE_TOLERANCE_PX
-        left, right = pixels_between(low, high, width)
-        low, high = min(a[4], b[4], c[4]) - EDGE_TOLERANCE_PX, max(a[4], b[4], c[4]) + EDGE_TOLERANCE_PX
-        return pixels_between(low, high, height) if left <= right else (0, -1)
-    return (0, height - 1) if max(a[2], b[2], c[2]) > 0 else (0, -1)
+@compiled(BOX(CORNER, CORNER, CORNER, int64, int64))
+def box_of(a: Corner, b: Corner, c: Corner, height: int, width: int) -> Box:
+    """First and last row and column that a triangle may cover; a last one is before the first if it covers none."""
+    if min(a[2], b[2], c[2]) <= NEAR_M:
+        return (0, height - 1, 0, width - 1) if max(a[2], b[2], c[2]) > 0 else (0, -1, 0, -1)
+    left, right = min(a[3], b[3], c[3]) - EDGE_TOLERANCE_PX, max(a[3], b[3], c[3]) + EDGE_TOLERANCE_PX
+    top, bottom = min(a[4], b[4], c[4]) - EDGE_TOLERANCE_PX, max(a[4], b[4], c[4]) + EDGE_TOLERANCE_PX
+    first_row, last_row = pixels_between(top, bottom, height)
+    first_col, last_col = pixels_between(left, right, width)
+    return first_row, last_row, first_col, last_col
 
 
-@compiled(int64(VIEW, uint32[:, ::1], int64, BUFFERS))
+@compiled(boolean(BOX, float64, int64, FLOATS))
+def is_hidden(box: Box, least_depth_m: float, width: int, inverse_depth: FloatArray) -> bool:
+    """Whether something nearer than a triangle has been drawn in all pixels of its box, if there are any."""
+    inverse = (1 + DEPTH_TOLERANCE) / least_depth_m if least_depth_m > NEAR_M else np.inf
+    for row in range(box[0], box[1] + 1):
+        for col in range(box[2], box[3] + 1):
+            if inverse_depth[row * width + col] < inverse:
+                return False
+    return True
+
+
+@compiled(int64(VIEW, uint32[:, ::1], int64, FLOATS, BUFFERS))
 def set_up(
     view: View,
     triangles: npt.NDArray[np.uint32],
     n_chosen: int,
+    inverse_depth: FloatArray,
     # output
     buffers: Buffers,
 ) -> int:
-    """Find the edge functions and rows of those chosen triangles that may be in the image, and return their number."""
+    """Find the edge functions and rows of those chosen triangles that may be seen, and return their number."""
     n, corners, planes, rows = 0, buffers.corners, buffers.planes, buffers.rows
     for i in range(n_chosen):
         t = buffers.chosen[i]
         a, b, c = corner(corners, triangles[t, 0]), corner(corners, triangles[t, 1]), corner(corners, triangles[t, 2])
-        top, bottom = rows_of(a, b, c, view.height, view.width)
-        if top > bottom:
+        box = box_of(a, b, c, view.height, view.width)
+        if is_hidden(box, min(a[2], b[2], c[2]), view.width, inverse_depth):
             continue
         p, q, r = (a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2])
         u, v, w = cross(q, r), cross(r, p), cross(p, q)
@@ -206,7 +222,7 @@ def set_up(
             by_col, by_row = edge[0] * x_by_col, edge[1] * y_by_row
             planes[n, 3 * k] = edge[2] * scale - (by_col * view.cx_px + by_row * view.cy_px)
             planes[n, 3 * k + 1], planes[n, 3 * k + 2] = by_col, by_row
-        rows[n, 0], rows[n, 1], rows[n, 2] = t, top, bottom
+        rows[n, 0], rows[n, 1], rows[n, 2] = t, box[0], box[1]
         n += 1
     return n
 
@@ -258,10 +274,11 @@ def draw(
                     nearest[pixel] = t
 
 
-@compiled(void(VIEW, BODIES, BUFFERS, FLOATS, INDICES))
+@compiled(void(VIEW, BODIES, INDICES, BUFFERS, FLOATS, INDICES))
 def rasterise(
     view: View,
     bodies: Bodies,
+    order: IdImage,
     buffers: Buffers,
     # output
     inverse_depth: FloatArray,
@@ -270,10 +287,10 @@ def rasterise(
     """Index of the nearest triangle of each pixel of a camera, and its inverse depth.
 
     Both keep their values where there is no nearer triangle. Faces that are turned away are left out if they belong to
-    a closed surface that the camera is outside of.
+    a closed surface that the camera is outside of. It is fastest with bodies in the order of their distances.
     """
     first_vertex, first_triangle = bodies.first_vertex, bodies.first_triangle
-    for body in range(len(bodies.spheres_m)):
+    for body in order:
         may_see, inside = sight_of(view, bodies.spheres_m[body])
         if may_see:
             project(view, bodies.vertices_m, first_vertex[body], first_vertex[body + 1], buffers.corners)
@@ -283,7 +300,7 @@ def rasterise(
                 bodies.is_closed[body] and not inside,
             )
             n = choose(bodies.faces, start, end, view.origin_m, one_sided, buffers.chosen)
-            n = set_up(view, bodies.triangles, n, buffers)
+            n = set_up(view, bodies.triangles, n, inverse_depth, buffers)
             draw(buffers.planes, buffers.rows, n, view.width, inverse_depth, nearest)
 
 

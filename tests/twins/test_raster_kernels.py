@@ -71,7 +71,8 @@ def rasterised(
         np.empty((len(scene.vertices_m), 5)), np.empty(n, np.int32), np.empty((n, 9)), np.empty((n, 3), np.int32)
     )
     nearest, inverse_depth = np.full(size, n, np.int32), np.zeros(size)
-    kernels.rasterise(view(rotation, origin_m), all_bodies, buffers, inverse_depth, nearest)
+    order = np.arange(len(bodies), dtype=np.int32)
+    kernels.rasterise(view(rotation, origin_m), all_bodies, order, buffers, inverse_depth, nearest)
     return nearest, inverse_depth
 
 
@@ -128,6 +129,20 @@ def test_edges_through_pixels_belong_to_the_triangle() -> None:
     nearest, inverse_depth = rasterised([even], np.eye(3), np.zeros(3))
     assert (nearest < 2).sum() >= 8 * 9, "from column 1.7 to 9.7, and from row -0.4 to 8.6"
     np.testing.assert_allclose(inverse_depth[nearest < 2], 0.25)
+
+
+@given(SEEDS, st.floats(-1, 9))
+def test_only_what_is_behind_all_pixels_of_a_box_is_hidden(seed: int, least_depth_m: float) -> None:
+    rng = np.random.default_rng(seed)
+    height, width = CAMERA.shape
+    inverse_depth = np.where(rng.random((height, width)) < 0.9, 1 / rng.uniform(1, 9, (height, width)), 0)
+    top, left = rng.integers(0, height), rng.integers(0, width)
+    bottom, right = top + rng.integers(-1, 3), left + rng.integers(-1, 3)
+    box = tuple(int(edge) for edge in (top, min(bottom, height - 1), left, min(right, width - 1)))
+    seen = inverse_depth[top : bottom + 1, left : right + 1]
+    is_hidden = kernels.is_hidden(box, least_depth_m, width, inverse_depth.reshape(-1))
+    nearer = seen > 1 / least_depth_m if least_depth_m > kernels.NEAR_M else np.zeros(seen.shape)
+    assert is_hidden == nearer.all()
 
 
 @pytest.mark.parametrize("solid", SOLIDS)
