@@ -43,7 +43,7 @@ def found(positions: FloatImage, status: GrayImage, width_px: int, height_px: in
 def normal_equations(
     points_m: FloatArray, observed_px: FloatArray, T: FloatArray, camera: Intrinsics, scale_px: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Hessian, shape (6, 6), and gradient, shape (6,), of the residuals with the weights of Geman and McClure."""
+    """Damped Hessian, shape (6, 6), and gradient, shape (6,), of the residuals with weights of Geman and McClure."""
     residual, target_m = residuals(points_m, observed_px, T, camera), moved(points_m, T)
     length = np.hypot(*residual.T)
     weight = np.where(target_m[:, 2] > 0.05, (1 + (length / (2 * scale_px)) ** 2) ** -2.0, 0)
@@ -56,7 +56,8 @@ def normal_equations(
         ],
         axis=1,
     )
-    return np.einsum("n,nci,ncj->ij", weight, J, J), np.einsum("n,nci,nc->i", weight, J, residual)
+    H = np.einsum("n,nci,ncj->ij", weight, J, J)
+    return H + (1e-9 * H.trace() + 1e-12) * np.eye(6), np.einsum("n,nci,nc->i", weight, J, residual)
 
 
 def fit(
@@ -68,7 +69,7 @@ def fit(
         median_px = np.median(np.hypot(*residuals(points_m, observed_px, T, camera).T))
         scale_px = max(0.15, min(scale_px, 1.26 * median_px))
         H, gradient = normal_equations(points_m, observed_px, T, camera, scale_px)
-        step = -np.linalg.solve(H + (1e-9 * H.trace() + 1e-12) * np.eye(6), gradient)
+        step = -np.linalg.solve(H, gradient)
         T = exp_se3(step) @ T
         if np.abs(step / unit).max() < 3e-5:
             break

@@ -45,9 +45,13 @@ def bytes_of(shape: Shape, purpose: int) -> GrayImage:
 
 
 def weights_of(disparity_px: FloatImage, purpose: int, most: int) -> GrayImage:
-    """Random weights, the smallest and the largest among them; 0 where there is no disparity."""
+    """Random weights; many are the smallest, the largest, or just enough for something. 0 where nothing is measured."""
     rng = rng_of(disparity_px.shape, purpose)
-    weight = np.where(rng.random(disparity_px.shape) < 0.4, rng.choice([1, most]), rng.integers(1, most + 1))
+    weight = np.where(
+        rng.random(disparity_px.shape) < 0.4,
+        rng.choice([1, min(10, most), min(64, most), most], disparity_px.shape),
+        rng.integers(1, most + 1, disparity_px.shape),
+    )
     return np.where(disparity_px > 0, weight, 0).astype(np.uint8)
 
 
@@ -82,14 +86,17 @@ class TestMeasurement:
         disparity_px = IMAGES[image](rng_of(shape), shape)
         require_equal([measurement.find_specks(disparity_px)], [twins.specks(disparity_px)])
 
-    @pytest.mark.parametrize("length", [1, 15, 16, 17, 40])
+    @pytest.mark.parametrize("length", [1, 8, 9, 15, 16, 17, 40])
     @pytest.mark.parametrize("is_column", [False, True])
-    def test_lines_of_the_length_of_a_speck(self, length: int, is_column: bool) -> None:
-        disparity_px = np.zeros((3, 45), np.float32)
-        disparity_px[1, 2 : 2 + length] = 7
+    @pytest.mark.parametrize("n_lines", [1, 2])
+    def test_lines_of_the_length_of_a_speck(self, length: int, is_column: bool, n_lines: int) -> None:
+        disparity_px = np.zeros((4, 45), np.float32)
+        disparity_px[1 : 1 + n_lines, 2 : 2 + length] = 7
         disparity_px = np.ascontiguousarray(disparity_px.T if is_column else disparity_px)
         speck = measurement.find_specks(disparity_px)
-        require_equal([speck, speck], [twins.specks(disparity_px), twins.mask((disparity_px > 0) & (length <= 16))])
+        require_equal(
+            [speck, speck], [twins.specks(disparity_px), twins.mask((disparity_px > 0) & (n_lines * length <= 16))]
+        )
 
     @each_shape
     @each_image

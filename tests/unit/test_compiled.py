@@ -1,0 +1,153 @@
+"""Compiled functions, and the folder that keeps them: a small package is compiled by processes of its own."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from voxdepth.geometry import compose
+
+REPOSITORY = Path(__file__).parents[2]
+STEPS = "STEP = 2.0\n"
+LOOPS = """
+from voxdepth.compiled import compiled
+from .steps import STEP
+
+
+@compiled("f8(f8)")
+def next_to(x):
+    return x + STEP
+
+
+@compiled("f8(f8[::1])")
+def sum_of_next(values):
+    total = 0.0
+    for x in values:
+        total += next_to(x)
+    return total
+"""
+CALL = """
+import numpy as np
+from loops import sum_of_next
+from voxdepth.compiled import compile_all
+
+compile_all()
+compile_all()
+print(sum_of_next(np.array([1.0, 2.0, 3.0])))
+"""
+CALL_AT_ONCE = """
+import numpy as np
+from loops import sum_of_next
+
+try:
+    sum_of_next(np.array([1, 2, 3]))
+except TypeError:
+    print(sum_of_next(np.array([1.0, 2.0, 3.0])))
+"""
+
+
+class Package:
+    """A package of two compiled functions and a constant, and the folder for caches of its user."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._loops = folder / "loops"
+        self._loops.mkdir()
+        (self._loops / "__init__.py").write_text(LOOPS)
+        self.write_steps(STEPS)
+
+    def write_steps(self, source: str) -> None:
+        (self._loops / "steps.py").write_text(source)
+
+    def start(self, code: str = CALL, **variables: str | Path) -> "subprocess.Popen[str]":
+        """A process that calls the package, with these variables of its environment."""
+        places = {"HOME": self._folder / "home", "PYTHONPATH": os.pathsep.join([str(self._folder), str(REPOSITORY)])}
+        kept = {name: value for name, value in os.environ.items() if name not in ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR")}
+        environment = kept | {name: str(value) for name, value in (places | variables).items()}
+        command = [sys.executable, "-c", code]
+        return subprocess.Popen(command, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+    def run(self, code: str = CALL, **variables: str | Path) -> tuple[float, str]:
+        """What the process has computed, and what it has said."""
+        return result_of(self.start(code, **variables))
+
+
+def result_of(process: "subprocess.Popen[str]") -> tuple[float, str]:
+    output, said = process.communicate(timeout=120)
+    assert process.returncode == 0, said
+    return float(output), said
+
+
+def require_one_line(said: str) -> None:
+    assert said == "compiling 2 functions for this machine; this takes some seconds, once\n"
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Package:
+    return Package(tmp_path)
+
+
+def test_a_second_process_reads_from_the_disk_without_a_word(package: Package, tmp_path: Path) -> None:
+    result, said = package.run()
+    assert result == 12
+    require_one_line(said)
+    (folder,) = (tmp_path / "home/.cache/voxdepth").iterdir()
+    files = sorted(folder.rglob("*.nb*"))
+    assert files
+    before = [path.stat().st_mtime_ns for path in files]
+    assert package.run() == (12, "")
+    assert [path.stat().st_mtime_ns for path in sorted(folder.rglob("*.nb*"))] == before
+
+
+def test_a_change_of_any_source_has_a_folder_of_its_own(package: Package, tmp_path: Path) -> None:
+    package.run()
+    package.write_steps("STEP = 20.0\n")
+    result, said = package.run()
+    assert result == 66
+    require_one_line(said)
+    package.write_steps(STEPS)
+    assert package.run()[0] == 12
+    names = [path.name for path in (tmp_path / "home/.cache/voxdepth").iterdir()]
+    assert len(names) == 2
+    assert all(name.startswith("loops-") for name in names)
+
+
+@pytest.mark.parametrize(
+    ("variable", "kept_in"), [("XDG_CACHE_HOME", "elsewhere/voxdepth"), ("NUMBA_CACHE_DIR", "elsewhere")]
+)
+def test_the_folder_follows_the_environment(package: Package, tmp_path: Path, variable: str, kept_in: str) -> None:
+    require_one_line(package.run(**{variable: tmp_path / "elsewhere"})[1])
+    assert [path.name[:6] for path in (tmp_path / kept_in).iterdir()] == ["loops-"]
+    assert not (tmp_path / "home").exists()
+
+
+def test_without_a_folder_to_write_to_every_process_compiles(package: Package, tmp_path: Path) -> None:
+    # Below a file there can be no folder, not even for a user who may write everywhere.
+    (tmp_path / "file").touch()
+    for _ in range(2):
+        result, said = package.run(HOME=tmp_path / "file/home", XDG_CACHE_HOME=tmp_path / "file/cache")
+        assert result == 12
+        require_one_line(said)
+
+
+def test_the_first_call_compiles_for_the_declared_types(package: Package) -> None:
+    result, said = package.run(CALL_AT_ONCE)
+    assert result == 12
+    require_one_line(said)
+    assert package.run() == (12, "")
+
+
+def test_processes_may_compile_at_the_same_time(package: Package) -> None:
+    processes = [package.start() for _ in range(2)]
+    assert [result_of(process)[0] for process in processes] == [12, 12]
+    assert package.run() == (12, "")
+
+
+@pytest.mark.parametrize("T", [np.eye(4, dtype=np.float32), np.eye(4, dtype=np.int64), np.eye(5)[:4, :4], [[1.0]]])
+def test_arguments_of_other_types_are_errors(T: object) -> None:
+    np.testing.assert_array_equal(compose(np.eye(4), np.eye(4)), np.eye(4))
+    with pytest.raises(TypeError):
+        compose(T, np.eye(4))  # type: ignore[arg-type]
