@@ -8,7 +8,6 @@ from hypothesis.extra import numpy as numpy_st
 
 from tests.temporal_scenes import pose
 from tests.twins import numpy_pose as twins
-from voxdepth.compiled import compile_all
 from voxdepth.geometry import compose, exp_se3
 from voxdepth.temporal import odometry, pose_fit, tracking_camera
 from voxdepth.temporal.pose_fit import Lens, fit_pose, transform_points
@@ -18,11 +17,6 @@ CAMERA = Intrinsics(fx_px=200, fy_px=210, cx_px=158.2, cy_px=91.1, width_px=320,
 LENS: Lens = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
 MOTION = pose(0.05, -0.02, 0.1, yaw=2, pitch=-1, roll=3)
 SEEDS = st.integers(0, 2**31)
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _compiled() -> None:
-    compile_all()
 
 
 @given(

@@ -8,7 +8,6 @@ import pytest
 from tests.temporal_scenes import pose
 from tests.twins import numpy_temporal as twins
 from tests.twins.images import IMAGES, Shape, each_image, each_shape, spoiled
-from voxdepth.compiled import compile_all
 from voxdepth.geometry import inverse_rigid
 from voxdepth.temporal import forward_warp, fusion, measurement, smoothing, upsampling
 from voxdepth.temporal import memory as memories
@@ -21,11 +20,6 @@ from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatImage, GrayImage, Intrinsics
 
 FOCAL_BASELINE_PX_M = 30.3
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _compiled() -> None:
-    compile_all()
 
 
 def rng_of(shape: Shape, purpose: int = 0) -> np.random.Generator:
