@@ -33,7 +33,9 @@ class Compiled:
 
     def __init__(self, function: Callable[..., Any], signature: Any) -> None:
         with _numba_cache(_folder(function.__module__.partition(".")[0])) as is_kept:
-            self.dispatcher = numba.njit(cache=is_kept, nogil=True, error_model="numpy")(function)
+            self.dispatcher = numba.njit(cache=is_kept, nogil=True, error_model="numpy", no_cfunc_wrapper=True)(
+                function
+            )
         self.signature = signature
         self._is_compiled = False
         update_wrapper(self, function)
