@@ -9,6 +9,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from voxdepth.geometry import inverse_rigid
+from voxdepth.temporal.confidence import ERROR_PX, INPAINTED_ERROR_PX, SURFACE_PROBABILITY
 from voxdepth.temporal.forward_warp import HOLE_PX, Warped
 from voxdepth.temporal.fusion import Comparison, Fused, PixelClass, TemporalFusionConfig
 from voxdepth.temporal.measurement import Measurement
@@ -277,7 +278,19 @@ def decimate_position(position: FloatImage) -> FloatImage:
     return (total / np.float32(4) - np.float32(0.5)) / np.float32(2)
 
 
-# smoothing and upsampling
+# confidence, smoothing and upsampling
+
+
+def confidence(
+    disparity_px: FloatImage, pixel_class: GrayImage, weight: GrayImage, inpainting_probability: FloatImage
+) -> FloatArray:
+    """Confidence in double precision. The curves are read at quarters of a measurement."""
+    n_measurements = (weight // 4) / 4
+    known = [pixel_class == each for each in SURFACE_PROBABILITY]
+    surface = np.select(known, [curve.at(n_measurements) for curve in SURFACE_PROBABILITY.values()], 1)
+    error_px = np.select(known, [curve.at(n_measurements) for curve in ERROR_PX.values()], INPAINTED_ERROR_PX)
+    right = 1 - np.exp(-0.05 * np.maximum(disparity_px.astype(np.float64), 5) / error_px)
+    return surface * inpainting_probability * right
 
 
 def smooth(disparity_px: FloatImage, mean_px: FloatImage, mean_square_px2: FloatImage, noise_px2: float) -> FloatImage:

@@ -4,6 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tests.temporal_scenes import pose
 from tests.twins import numpy_temporal as twins
@@ -11,6 +13,7 @@ from tests.twins.images import IMAGES, Shape, each_image, each_shape, spoiled
 from voxdepth.geometry import inverse_rigid
 from voxdepth.temporal import forward_warp, fusion, measurement, smoothing, upsampling
 from voxdepth.temporal import memory as memories
+from voxdepth.temporal.confidence import Exponential, estimate_confidence, exponential
 from voxdepth.temporal.forward_warp import ForwardWarp, Warped
 from voxdepth.temporal.fusion import Comparison, Fused, PixelClass, Rules, TemporalFusionConfig
 from voxdepth.temporal.measurement import Measurement
@@ -268,6 +271,21 @@ def test_positions_of_the_drift(shape: Shape) -> None:
     position, coarse = rng_of(shape).uniform(-50, 300, shape).astype(np.float32), spoiled(coarse_shape(shape))
     memories._decimate_position(position, coarse)
     require_equal([coarse], [twins.decimate_position(position)])
+
+
+@each_shape
+@each_image
+def test_confidence(image: str, shape: Shape) -> None:
+    disparity_px, rng = IMAGES[image](rng_of(shape), shape), rng_of(shape, 1)
+    pixel_class, probability = rng.choice(np.array(PixelClass, np.uint8), shape), rng.random(shape, np.float32)
+    pixels = disparity_px, pixel_class, bytes_of(shape, 2), probability
+    np.testing.assert_allclose(estimate_confidence(*pixels), twins.confidence(*pixels), rtol=1e-5, atol=1e-6)
+
+
+@given(st.floats(0, 1), st.floats(0, 1), st.floats(0.05, 10), st.floats(0, 1000, width=32))
+def test_exponential_curves(start: float, limit: float, scale: float, argument: float) -> None:
+    curve = Exponential(start, limit, scale)
+    assert exponential(curve, argument) == pytest.approx(curve.at(np.array(argument)), abs=1e-5)
 
 
 @each_shape
