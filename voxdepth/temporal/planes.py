@@ -153,25 +153,33 @@ def _weigh_row(
         terms[2, col] = terms[1, col] * disparity_px[col]
 
 
-@compiled(void(float64[:], float64, VALUES))
-def _add_moments(
+@compiled(void(CELLS, int64, int64, float64, float64, VALUES))
+def _sum_columns(
     sums: FloatArray,
-    u: float,
-    # input and output
+    first: int,
+    last: int,
+    first_u: float,
+    step_u: float,
+    # output
     moments: FloatArray,
 ) -> None:
-    """Add the moments of one column of a cell, of which 1, v, vv, D, vD, DD and the squared validities are summed."""
-    moments[N] += sums[0]
-    moments[U] += sums[0] * u
-    moments[UU] += sums[0] * u * u
-    moments[V] += sums[1]
-    moments[UV] += sums[1] * u
-    moments[VV] += sums[2]
-    moments[D] += sums[3]
-    moments[UD] += sums[3] * u
-    moments[VD] += sums[4]
-    moments[DD] += sums[5]
-    moments[COVERAGE] += sums[6]
+    """The moments of some columns, whose sums of 1, v, vv, D, vD, DD and the squared validities are known."""
+    n = u = v = uu = uv = vv = d = ud = vd = dd = coverage = 0.0
+    for col in range(first, last):
+        column_u = first_u + step_u * (col - first)
+        n += sums[0, col]
+        u += sums[0, col] * column_u
+        uu += sums[0, col] * column_u * column_u
+        v += sums[1, col]
+        uv += sums[1, col] * column_u
+        vv += sums[2, col]
+        d += sums[3, col]
+        ud += sums[3, col] * column_u
+        vd += sums[4, col]
+        dd += sums[5, col]
+        coverage += sums[6, col]
+    moments[N], moments[U], moments[V], moments[UU], moments[UV], moments[VV] = n, u, v, uu, uv, vv
+    moments[D], moments[UD], moments[VD], moments[DD], moments[COVERAGE] = d, ud, vd, dd, coverage
 
 
 @compiled(MOMENTS(FLOAT_IMAGE, BYTE_IMAGE, GRID))
@@ -179,7 +187,7 @@ def sum_cells(disparity_px: FloatImage, valid_around: GrayImage, grid: CellGrid)
     """The moments of the pixels in each of the finest cells, which are summed down the columns first."""
     height, width = disparity_px.shape
     terms, sums = np.empty((4, width)), np.empty((7, width))
-    moments = np.zeros((grid.rows, grid.cols, N_MOMENTS))
+    moments = np.empty((grid.rows, grid.cols, N_MOMENTS))
     for cell_row in range(grid.rows):
         sums[:] = 0
         for row in range(cell_row * grid.cell_px, min((cell_row + 1) * grid.cell_px, height)):
@@ -187,9 +195,11 @@ def sum_cells(disparity_px: FloatImage, valid_around: GrayImage, grid: CellGrid)
             _weigh_row(disparity_px[row], valid_around[row], terms)
             for k, (term, factor) in enumerate(((0, 1.0), (0, v), (0, v * v), (1, 1.0), (1, v), (2, 1.0), (3, 1.0))):
                 _add_scaled(terms[term], factor, sums[k])
-        for col in range(width):
-            u = (col + grid.left + 0.5) / grid.cell_px - grid.cols / 2
-            _add_moments(sums[:, col], u, moments[cell_row, (col + grid.left) // grid.cell_px])
+        for cell_col in range(grid.cols):
+            first = max(cell_col * grid.cell_px - grid.left, 0)
+            last = min((cell_col + 1) * grid.cell_px - grid.left, width)
+            u = (first + grid.left + 0.5) / grid.cell_px - grid.cols / 2
+            _sum_columns(sums, first, last, u, 1 / grid.cell_px, moments[cell_row, cell_col])
     return moments
 
 
