@@ -218,12 +218,15 @@ def test_recall_and_fill(seed: int, shape: tuple[int, int], share: float, plane:
     )
     remembered_px = np.where(hole, disparities(rng, shape, 0.5), 0).astype(np.float32)
     known_px, known, remembered = np.empty_like(measured_px), *np.empty((2, *shape), np.uint8)
-    n_known = inpainting.recall(measured_px, remembered_px, near.disparity_px, 1.0, 0.03, known_px, known, remembered)
+    n_known, farthest_px = inpainting.recall(
+        measured_px, remembered_px, near.disparity_px, 1.0, 0.03, known_px, known, remembered
+    )
     expected_px, is_remembered = twins.recall(measured_px, remembered_px, near.disparity_px, 1.0, 0.03)
     np.testing.assert_array_equal(known_px, expected_px)
     np.testing.assert_array_equal(known, np.where(expected_px > 0, 255, 0))
     np.testing.assert_array_equal(remembered, np.where(is_remembered, 255, 0))
     assert n_known == np.count_nonzero(known_px)
+    assert farthest_px == np.min(known_px, where=known_px > 0, initial=np.inf)
     grid = random_grid(rng, shape)
     cells = random_estimate(rng, (grid.rows, grid.cols))
     sky = rng.random([max((side + 1) // CELL_PX, 1) for side in shape]) < 0.5

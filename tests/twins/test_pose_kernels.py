@@ -1,5 +1,6 @@
 """Each loop over points, corners and matrices gives the numbers of its NumPy twin."""
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,7 +10,7 @@ from hypothesis.extra import numpy as numpy_st
 from tests.temporal_scenes import pose
 from tests.twins import numpy_pose as twins
 from voxdepth.geometry import compose, exp_se3
-from voxdepth.temporal import odometry, pose_fit, tracking_camera
+from voxdepth.temporal import corners, odometry, pose_fit, tracking_camera
 from voxdepth.temporal.pose_fit import Lens, fit_pose, transform_points
 from voxdepth.types import FloatArray, Intrinsics
 
@@ -136,8 +137,20 @@ def test_fits_that_points_do_not_determine(points_m: FloatArray) -> None:
 @pytest.mark.parametrize("levels", [[0], [2e-4], [1e-3], [0, 1e-3, 2e-3], np.linspace(0, 1e-2, 999)], ids=len)
 def test_corners(shape: tuple[int, int], cell_px: int, levels: list[float]) -> None:
     eigenvalue = np.random.default_rng(shape).choice(np.array(levels, np.float32), shape)
-    corners = odometry._best_of_cells(eigenvalue, cell_px)
-    np.testing.assert_array_equal(corners, twins.best_of_cells(eigenvalue, cell_px))
+    best = corners._best_of_cells(eigenvalue, cell_px)
+    np.testing.assert_array_equal(best, twins.best_of_cells(eigenvalue, cell_px))
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (5, 7), (7, 7), (8, 40), (33, 70)], ids=str)
+@pytest.mark.parametrize("largest", [1, 40, 256])
+def test_eigenvalues_are_those_of_opencv_inside_the_border(shape: tuple[int, int], largest: int) -> None:
+    gray = np.random.default_rng(shape).integers(0, largest, shape).astype(np.uint8)
+    eigenvalue, border = np.zeros(shape, np.float32), corners.BORDER_PX
+    corners._min_eigenvalue(gray, eigenvalue)
+    inside = np.zeros(shape, np.bool_)
+    inside[border : max(shape[0] - border, 0), border : max(shape[1] - border, 0)] = True
+    expected = np.where(inside, cv2.cornerMinEigenVal(gray, corners.WINDOW_PX), 0)
+    np.testing.assert_allclose(eigenvalue, expected, rtol=1e-5, atol=1e-7)
 
 
 @given(SEEDS, st.sampled_from([(1, 1), (4, 4), (5, 7), (90, 160)]), st.sampled_from([0.5, 1, 2, 4 / 3]))

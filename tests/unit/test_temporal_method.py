@@ -185,7 +185,7 @@ class TestSymmetries:
             assert np.mean(one.source == _flipped(other.source)) > 0.9995
             difference_px = abs(11.5 / one.depth_m - 11.5 / _flipped(other.depth_m))
             assert np.percentile(difference_px, 98) < (0.002 if width_px == 160 else 0.02)
-            assert np.mean(difference_px > 0.3) < (1e-5 if width_px == 160 else 5e-4)
+            assert np.mean(difference_px > 0.3) < (1e-4 if width_px == 160 else 5e-4)  # one pixel may tip
 
     @DECIMATIONS
     def test_the_number_of_threads_does_not_matter(self, decimation: int, usual_threads: None) -> None:

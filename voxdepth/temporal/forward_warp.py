@@ -5,7 +5,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import float32, int32, int64, types, uint8, uint32, void
+from numba import float32, float64, int32, int64, types, uint8, uint32, void
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
 from ..geometry import inverse_rigid
@@ -48,6 +48,7 @@ class Warped(NamedTuple):
 WARPED_TYPE = named_tuple(Warped, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE)
 Row = tuple[float, float, float, float]
 ROW_TYPE = types.UniTuple(float32, 4)
+MATRIX = float64[:, ::1]
 
 
 class Reprojection:
@@ -60,15 +61,29 @@ class Reprojection:
 
     def __init__(self, resolution: WorkingResolution) -> None:
         self._K = resolution.K
-        self._K_inverse = np.linalg.inv(resolution.K)
+        self._K_inverse: FloatArray = np.linalg.inv(resolution.K).astype(np.float64)
         self._focal_baseline_px_m = resolution.focal_baseline_px_m
 
     def of(self, T_target_source: FloatArray) -> FloatImage:
         """The map `(H | e)` of a motion, shape (3, 4), float32."""
-        matrix: FloatImage = np.empty((3, 4), np.float32)
-        matrix[:, :3] = self._K @ T_target_source[:3, :3] @ self._K_inverse
-        matrix[:, 3] = self._K @ T_target_source[:3, 3] / self._focal_baseline_px_m
-        return matrix
+        return _reprojection(self._K, self._K_inverse, self._focal_baseline_px_m, T_target_source)
+
+
+@compiled(FLOAT_IMAGE(MATRIX, MATRIX, float64, MATRIX))
+def _reprojection(
+    K: FloatArray, K_inverse: FloatArray, focal_baseline_px_m: float, T_target_source: FloatArray
+) -> FloatImage:
+    K_R, matrix = np.zeros((3, 4)), np.zeros((3, 4))
+    for i in range(3):
+        for j in range(4):
+            for k in range(3):
+                K_R[i, j] += K[i, k] * T_target_source[k, j]
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                matrix[i, j] += K_R[i, k] * K_inverse[k, j]
+        matrix[i, 3] = K_R[i, 3] / focal_baseline_px_m
+    return matrix.astype(np.float32)
 
 
 class ForwardWarp:

@@ -2,9 +2,9 @@
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numba import boolean, float32, int64, void
+from numba.types import Tuple
 from pydantic import Field
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compile_all, compiled, named_tuple
@@ -87,11 +87,13 @@ class Inpainter:
         near, config = self._scanlines.interpolate(measured_px), self._config
         known_px, known, remembered = self._floats.image(), self._bytes.image(), self._bytes.image()
         tolerances = config.max_memory_difference_px, config.scanlines.relative_step
-        n_known = recall(measured_px, remembered_px, near.disparity_px, *tolerances, known_px, known, remembered)
+        n_known, farthest_px = recall(
+            measured_px, remembered_px, near.disparity_px, *tolerances, known_px, known, remembered
+        )
         if n_known in (0, known_px.size):
             return Inpainted(known_px, np.ones_like(known_px), remembered)
         estimate, ground = self._guess(known_px, known)
-        farthest_px, sky = cv2.minMaxLoc(known_px, known)[0], find_sky(known, gray)
+        sky = find_sky(known, gray)
         inpainted = Inpainted(self._floats.image(), self._floats.image(), remembered)
         fill(known_px, near, estimate, self._planes.grid, ground, farthest_px, sky, inpainted)
         return inpainted
@@ -111,7 +113,11 @@ class Inpainter:
         return estimate, NO_GROUND if ground is None else ground.by_pixels(planes.grid)
 
 
-@compiled(int64(FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE, float32, float32, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE))
+@compiled(
+    Tuple((int64, float32))(
+        FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE, float32, float32, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE
+    )
+)
 def recall(
     measured_px: FloatImage,
     remembered_px: FloatImage,
@@ -122,9 +128,12 @@ def recall(
     known_px: FloatImage,
     known: GrayImage,
     remembered: GrayImage,
-) -> int:
-    """Fill holes from the memory, unless their ends have another disparity; returns the number of known pixels."""
-    n_known = 0
+) -> tuple[int, float]:
+    """Fill holes from the memory, unless their ends have another disparity.
+
+    Returns the number of known pixels, and the least of their disparities.
+    """
+    n_known, farthest_px = 0, float32(np.inf)
     for row in range(measured_px.shape[0]):
         for col in range(measured_px.shape[1]):
             memory_px, end_px = remembered_px[row, col], near_px[row, col]
@@ -134,7 +143,8 @@ def recall(
             known[row, col] = 255 if known_px[row, col] > 0 else 0
             remembered[row, col] = 255 if is_remembered else 0
             n_known += known_px[row, col] > 0
-    return n_known
+            farthest_px = min(farthest_px, known_px[row, col]) if known_px[row, col] > 0 else farthest_px
+    return n_known, farthest_px
 
 
 @compiled(void(FLOAT_IMAGE, INTERPOLATED_TYPE, CELL_ESTIMATE, GRID, PLANE, float32, boolean[:, ::1], INPAINTED_TYPE))

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import boolean, float32, int64
+from numba import boolean, int64
 from pydantic import Field
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled
@@ -20,6 +20,7 @@ from ..geometry import inverse_rigid
 from ..model import Model
 from ..paper.registration import Features
 from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics
+from .corners import find_corners
 from .keyframes import Keyframe, Keyframes
 from .memory import Memory
 from .pose_fit import PoseFit, fit_pose, project, transform_points
@@ -27,9 +28,6 @@ from .relocalisation import RelocalisationConfig, Relocaliser
 from .tracking_camera import Pixels, TrackingCamera
 from .working_resolution import WorkingResolution
 
-CORNER_WINDOW_PX = 5
-MIN_EIGENVALUE = np.float32(2e-4)
-"""Corners have a larger minimal eigenvalue of the gradient matrix (Shi and Tomasi 1994); photon noise stays below."""
 TERMINATION = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 8, 0.03)
 
 
@@ -125,7 +123,7 @@ class FeatureTracker:
     def detect(self, gray: GrayImage) -> TrackingImage:
         """The tracking image and its corners, from a gray image of shape (H, W): the best corner of each cell."""
         reduced = np.asarray(cv2.resize(gray, self._size, interpolation=cv2.INTER_AREA), np.uint8)
-        return TrackingImage(reduced, self._detect_corners(reduced))
+        return TrackingImage(reduced, find_corners(reduced, self._config.cell_px))
 
     def track(
         self, source: GrayImage, target: GrayImage, corners: Pixels, initial: Pixels
@@ -147,11 +145,6 @@ class FeatureTracker:
         tracked = np.asarray(positions, np.float32)
         return tracked, _found(tracked, np.asarray(status, np.uint8), *self._size)
 
-    def _detect_corners(self, gray: GrayImage) -> Pixels:
-        eigenvalue = np.asarray(cv2.cornerMinEigenVal(gray, CORNER_WINDOW_PX), np.float32)
-        corners: Pixels = _best_of_cells(eigenvalue, self._config.cell_px)
-        return corners
-
 
 @compiled(boolean[::1](FLOAT_IMAGE, BYTE_IMAGE, int64, int64))
 def _found(positions: Pixels, status: GrayImage, width_px: int, height_px: int) -> npt.NDArray[np.bool_]:
@@ -161,24 +154,6 @@ def _found(positions: Pixels, status: GrayImage, width_px: int, height_px: int) 
         x, y = positions[k]
         found[k] = status[k, 0] > 0 and 0 <= x <= width_px - 1 and 0 <= y <= height_px - 1
     return found
-
-
-@compiled(float32[:, ::1](FLOAT_IMAGE, int64))
-def _best_of_cells(eigenvalue: FloatImage, cell_px: int) -> Pixels:
-    """Column and row of the corner with the largest eigenvalue of each whole cell, shape (N, 2)."""
-    rows, cols = eigenvalue.shape[0] // cell_px, eigenvalue.shape[1] // cell_px
-    corners, n, best = np.empty((rows * cols, 2), np.float32), 0, np.empty(cols * cell_px, np.float32)
-    for row in range(0, rows * cell_px, cell_px):
-        best[:] = MIN_EIGENVALUE
-        for v in range(row, row + cell_px):
-            for u in range(len(best)):
-                best[u] = max(best[u], eigenvalue[v, u])
-        for col in range(0, cols * cell_px, cell_px):
-            u = col + int(np.argmax(best[col : col + cell_px]))
-            if best[u] > MIN_EIGENVALUE:
-                corners[n, 0], corners[n, 1] = u, row + np.argmax(eigenvalue[row : row + cell_px, u])
-                n += 1
-    return corners[:n]
 
 
 class VisualOdometry:
