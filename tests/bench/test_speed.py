@@ -83,6 +83,15 @@ def test_missions(depth: str, corrector: str, size: tuple[int, int]) -> None:
     show(what, f"real-time factor {finished.real_time_factor:6.2f}")
 
 
+@pytest.mark.parametrize("size", [(160, 120), (320, 180)])
+def test_two_threads_against_one(size: tuple[int, int]) -> None:
+    changes = {"corrector": "voxdepth", "rig.width_px": size[0], "rig.height_px": size[1], "mission.duration_s": 3.0}
+    run = load_run("city", 0, changes)
+    fly(run, threads=2)
+    one_s, two_s = (min(fly(run, threads=threads).wall_s for _ in range(3)) for threads in (1, 2))
+    show(f"mission, 8 drones, stereo {size[0]}x{size[1]}, voxdepth, two threads", f"{one_s / two_s:6.2f} times as fast")
+
+
 TICK = (Mission, "tick")
 PARTS = {
     "drawing": (StereoSensor, "render"),
