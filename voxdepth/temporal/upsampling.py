@@ -10,7 +10,7 @@ from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_
 from ..image_pool import ImagePool
 from ..types import FloatImage, GrayImage, Source
 from .fusion import PixelClass
-from .working_resolution import WorkingResolution, depth_of, disparity_of
+from .working_resolution import MAX_DISPARITY_PX, WorkingResolution, depth_of, disparity_of
 
 KERNEL = np.ones((3, 3), np.uint8)
 MAX_SURFACE_SPAN_PX = np.float32(1)
@@ -110,9 +110,10 @@ def _show(
     shown: Shown,
 ) -> None:
     """The output where every pixel is a working pixel."""
+    least_m = focal_baseline_px_m / MAX_DISPARITY_PX
     for row in range(measured_m.shape[0]):
         for col in range(measured_m.shape[1]):
-            is_measured = disparity_of(measured_m[row, col], focal_baseline_px_m) > 0
+            is_measured = measured_m[row, col] >= least_m
             depth_m = depth_of(estimate.disparity_px[row, col], focal_baseline_px_m)
             pixel_class, confidence = estimate.pixel_class[row, col], estimate.confidence[row, col]
             _show_pixel(shown, row, col, depth_m, is_measured, pixel_class, confidence, min_fill_confidence)
@@ -129,6 +130,7 @@ def _show_interpolated(
 ) -> None:
     """The output of blocks of two by two pixels, with their disparity interpolated."""
     height, width = estimate.disparity_px.shape
+    least_m = focal_baseline_px_m / MAX_DISPARITY_PX
     line_px = np.empty(width + 2, np.float32)
     for full_row in range(2 * height):
         row = full_row // 2
@@ -143,7 +145,7 @@ def _show_interpolated(
             for side in range(2):
                 disparity_px = OWN_SHARE * line_px[col + 1] + NEXT_SHARE * line_px[col + 2 * side]
                 depth_m = depth_of(disparity_px, focal_baseline_px_m)
-                is_measured = disparity_of(measured_m[full_row, 2 * col + side], focal_baseline_px_m) > 0
+                is_measured = measured_m[full_row, 2 * col + side] >= least_m
                 _show_pixel(
                     shown, full_row, 2 * col + side, depth_m, is_measured, pixel_class, confidence, min_fill_confidence
                 )
