@@ -145,9 +145,9 @@ class TestSymmetries:
     @pytest.mark.parametrize("scale", [0.5, 4.0])  # powers of two, which round nothing otherwise
     def test_a_larger_world_seen_by_a_larger_camera_is_larger(self, scale: float, decimation: int) -> None:
         for one, other in self.of_both_sizes(scale, decimation):
-            np.testing.assert_allclose(other.depth_m / scale, one.depth_m, rtol=1e-5)
+            np.testing.assert_allclose(other.depth_m / scale, one.depth_m, rtol=1e-4)
             np.testing.assert_array_equal(one.source, other.source)
-            np.testing.assert_allclose(one.confidence, other.confidence, atol=1e-5)
+            np.testing.assert_allclose(one.confidence, other.confidence, atol=1e-4)
 
     @DECIMATIONS
     @pytest.mark.parametrize("scale", [0.5, 3.0])

@@ -307,7 +307,7 @@ class TestFeatureTracker:
         here, there = (
             tracker.detect(np.ascontiguousarray(gray[20 - y : 140 - y, 20 - x : 180 - x])) for x, y in ((0, 0), shift)
         )
-        found, ok = tracker.track(here.gray, there.gray, here.corners, here.corners)
+        found, ok = tracker.track(here.gray, there.gray, here.corners, here.corners, 2)
         assert ok.mean() > 0.85
         error = np.hypot(*(found[ok] - here.corners[ok] - shift).T)
         assert np.median(error) < 0.02

@@ -28,6 +28,8 @@ from .relocalisation import RelocalisationConfig, Relocaliser
 from .tracking_camera import Pixels, TrackingCamera
 from .working_resolution import WorkingResolution
 
+NEAR_LEVELS = 1
+"""Halvings of the tracking image where a motion is predicted: the search reaches twice the radius of the window."""
 TERMINATION = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 8, 0.03)
 
 
@@ -126,11 +128,12 @@ class FeatureTracker:
         return TrackingImage(reduced, find_corners(reduced, self._config.cell_px))
 
     def track(
-        self, source: GrayImage, target: GrayImage, corners: Pixels, initial: Pixels
+        self, source: GrayImage, target: GrayImage, corners: Pixels, initial: Pixels, pyramid_levels: int
     ) -> tuple[Pixels, npt.NDArray[np.bool_]]:
         """Track corners from the source to the target, where the search starts at the initial positions.
 
-        The result is their positions in the target, shape (N, 2), and which of them were found, shape (N,).
+        It begins in images that are halved `pyramid_levels` times, or as often as configured if that is less. The
+        result is their positions in the target, shape (N, 2), and which of them were found, shape (N,).
         """
         positions, status, _ = cv2.calcOpticalFlowPyrLK(
             source,
@@ -138,7 +141,7 @@ class FeatureTracker:
             corners,
             initial.copy(),
             winSize=(self._config.window_px, self._config.window_px),
-            maxLevel=self._config.pyramid_levels,
+            maxLevel=min(pyramid_levels, self._config.pyramid_levels),
             criteria=TERMINATION,
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         )
@@ -229,7 +232,9 @@ class VisualOdometry:
         When the keyframe began without memory, the stored ones come first: one of them may show the same place.
         """
         stored = self._keyframes.stored if prior is None else []
-        predictions = [prior, keyframe.T_keyframe_previous, np.eye(4)]
+        previous, levels = keyframe.T_keyframe_previous, self._config.tracker.pyramid_levels
+        likely = previous if prior is None else prior
+        predictions = [(prior, NEAR_LEVELS), (previous, NEAR_LEVELS), (likely, levels), (np.eye(4), levels)]
         describe = cache(lambda: self._relocaliser.describe(frame.gray))
 
         def recognised(keyframes: list[Keyframe]) -> PoseFit | None:
@@ -241,14 +246,17 @@ class VisualOdometry:
         return self._follow(keyframe, image, predictions) or recognised([keyframe, *stored])
 
     def _follow(
-        self, keyframe: Keyframe, image: TrackingImage, predictions: Iterable[FloatArray | None]
+        self, keyframe: Keyframe, image: TrackingImage, predictions: Iterable[tuple[FloatArray | None, int]]
     ) -> PoseFit | None:
-        """The motion of tracked corners, whose search starts from the first prediction that leads to one."""
-        for T in predictions:
+        """The motion of tracked corners, whose search starts from the first prediction that leads to one.
+
+        With each prediction comes the number of halvings of the image in which the search begins.
+        """
+        for T, levels in predictions:
             if T is None or len(keyframe.corners) < self._config.min_tracks:
                 continue
             initial = project(transform_points(T, keyframe.points_m), self._camera.intrinsics).astype(np.float32)
-            tracked, found = self._tracker.track(keyframe.gray, image.gray, keyframe.corners, initial)
+            tracked, found = self._tracker.track(keyframe.gray, image.gray, keyframe.corners, initial, levels)
             fit = self._fit(keyframe.points_m[found], tracked[found].astype(np.float64), T)
             if fit is not None:
                 return fit
@@ -262,7 +270,7 @@ class VisualOdometry:
             fit = self._fit(*self._relocaliser.match(keyframe.landmarks(), describe()), np.eye(4))
             if fit is None:
                 continue
-            fit = self._follow(keyframe, image, [fit.T_target_source]) or fit
+            fit = self._follow(keyframe, image, [(fit.T_target_source, NEAR_LEVELS)]) or fit
             if self._relocaliser.depth_agrees(keyframe.memory, depth_m, fit.T_target_source):
                 self._keyframes.return_to(keyframe)
                 return fit
