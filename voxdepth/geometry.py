@@ -118,6 +118,26 @@ def compose(T_a_b: FloatArray, T_b_c: FloatArray) -> FloatArray:
     return T_a_c
 
 
+@compiled(float64[::1](float64[:, ::1], float64[::1]))
+def solve_symmetric(A: FloatArray, b: FloatArray) -> FloatArray:
+    """The solution of `A x = b`, shape (N,), by elimination in place; both arguments are overwritten.
+
+    A is positive definite, shape (N, N), and only its lower triangle is read.
+    """
+    n = len(b)
+    for k in range(n):
+        for row in range(k + 1, n):
+            factor = A[row, k] / A[k, k]
+            b[row] -= factor * b[k]
+            for col in range(k + 1, row + 1):
+                A[row, col] -= factor * A[col, k]
+    for k in range(n - 1, -1, -1):
+        for col in range(k + 1, n):
+            b[k] -= A[col, k] * b[col]
+        b[k] /= A[k, k]
+    return b
+
+
 def resized(position_px: Position, factor: float) -> Position:
     """Columns or rows after `cv2.resize` by a factor; the centre of the first pixel is 0.
 

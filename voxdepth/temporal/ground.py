@@ -8,9 +8,10 @@ from numba.types import Tuple
 from pydantic import Field
 
 from ..compiled import compiled, named_tuple
+from ..geometry import solve_symmetric
 from ..model import Model
 from ..types import FloatArray
-from .planes import CELLS, VALUES, CellGrid
+from .planes import VALUES, CellGrid
 
 HORIZONS = np.linspace(-1.0, 0.4, 16)
 """Candidate rows of the horizon, in image heights below the middle of the image; above it they are negative."""
@@ -183,21 +184,6 @@ def best_level_plane(v: FloatArray, disparity_px: FloatArray, rows: int, toleran
     return GroundPlane(0.0, best_slope, -best_slope * best_horizon)
 
 
-@compiled(PLANE(CELLS, VALUES))
-def _solve(A: FloatArray, b: FloatArray) -> GroundPlane:
-    """Solve three linear equations of a symmetric positive definite matrix, by elimination in place."""
-    for k in range(2):
-        for row in range(k + 1, 3):
-            factor = A[row, k] / A[k, k]
-            b[row] -= factor * b[k]
-            for col in range(k, 3):
-                A[row, col] -= factor * A[k, col]
-    z = b[2] / A[2, 2]
-    y = (b[1] - A[1, 2] * z) / A[1, 1]
-    x = (b[0] - A[0, 1] * y - A[0, 2] * z) / A[0, 0]
-    return GroundPlane(x, y, z)
-
-
 @compiled(float64(float64, float64, float64))
 def _robust_weight(disparity_px: float, ground_px: float, tolerance: float) -> float:
     """Weight of a cell in the fit: that of Geman and McClure, of the relative error."""
@@ -223,7 +209,8 @@ def refine(plane: GroundPlane, u: FloatArray, v: FloatArray, disparity_px: Float
         damping = 1e-9 * (normal[0, 0] + normal[1, 1] + normal[2, 2]) + 1e-12
         for i in range(3):
             normal[i, i] += damping
-        plane = _solve(normal, right)
+        a, b, c = solve_symmetric(normal, right)
+        plane = GroundPlane(a, b, c)
     return plane
 
 

@@ -7,7 +7,7 @@ from numba import float64, int64
 from numba.types import Tuple, UniTuple
 
 from ..compiled import compiled
-from ..geometry import compose, exp_se3
+from ..geometry import compose, exp_se3, solve_symmetric
 from ..types import FloatArray, Intrinsics
 
 MAX_ITERATIONS = 12
@@ -165,23 +165,10 @@ def _median(values: FloatArray) -> float:
         if j < middle < i:
             break
     upper: float = values[middle]
-    lower = upper if len(values) % 2 else values[:middle].max()
+    lower = upper if len(values) % 2 else values[0]
+    for k in range(0 if len(values) % 2 else middle):
+        lower = max(lower, values[k])
     return (lower + upper) / 2
-
-
-@compiled(float64[::1](MATRIX, float64[::1]))
-def _solve(A: FloatArray, b: FloatArray) -> FloatArray:
-    """The solution of `A x = b` by Cholesky decomposition. `A` is positive definite; its lower triangle is read."""
-    n, x = len(b), b.copy()
-    L = np.zeros_like(A)
-    for i in range(n):
-        for j in range(i):
-            L[i, j] = (A[i, j] - (L[i, :j] * L[j, :j]).sum()) / L[j, j]
-        L[i, i] = np.sqrt(A[i, i] - (L[i, :i] * L[i, :i]).sum())
-        x[i] = (x[i] - (L[i, :i] * x[:i]).sum()) / L[i, i]
-    for i in range(n - 1, -1, -1):
-        x[i] = (x[i] - (L[i + 1 :, i] * x[i + 1 :]).sum()) / L[i, i]
-    return x
 
 
 @compiled(Tuple((MATRIX, float64, int64))(MATRIX, MATRIX, MATRIX, LENS_TYPE, float64))
@@ -193,7 +180,7 @@ def _fit(
     distance_m = _median(points_m[:, 2].copy())
     for _ in range(MAX_ITERATIONS):
         scale_px = max(MIN_SCALE_PX, min(scale_px, MEDIAN_TO_SCALE * _median(length_px.copy())))
-        step = -_solve(*_normal_equations(points_m, observed_px, T, lens, scale_px))
+        step = -solve_symmetric(*_normal_equations(points_m, observed_px, T, lens, scale_px))
         T = compose(exp_se3(step), T)
         length_px = _residual_lengths(points_m, observed_px, T, lens)
         shift_m, turn = max(abs(step[0]), abs(step[1]), abs(step[2])), max(abs(step[3]), abs(step[4]), abs(step[5]))
