@@ -122,13 +122,14 @@ def _numba_cache(folder: Path | None) -> Iterator[bool]:
 
 @cache
 def _folder(package: str) -> Path | None:
-    """The folder for the functions of a package as it is now; None if the user may write to no folder for it.
+    """The folder for the functions of a package as it and this one are now; None if the user may write to no folder.
 
     Numba would notice a change of the file of a function only, not of a constant or a function of another file in it.
     """
     digest = hashlib.sha256()
-    for path in sorted(_source_folder(package).rglob("*.py")):
-        digest.update(path.read_bytes())
+    for name in sorted({package, __name__.partition(".")[0]}):
+        for path in sorted(_source_folder(name).rglob("*.py")):
+            digest.update(path.read_bytes())
     try:
         folder = _user_cache() / f"{package}-{digest.hexdigest()[:16]}"
         folder.mkdir(parents=True, exist_ok=True)

@@ -77,7 +77,8 @@ def inverse_rigid(T_a_b: FloatArray) -> FloatArray:
 
 @compiled(float64[:, ::1](types.Array(float64, 2, "C", readonly=True)))
 def _inverse_rigid(T_a_b: FloatArray) -> FloatArray:
-    T_b_a = np.eye(4)
+    T_b_a = np.zeros((4, 4))
+    T_b_a[3, 3] = 1
     for i in range(3):
         for j in range(3):
             T_b_a[i, j] = T_a_b[j, i]
@@ -92,10 +93,11 @@ def exp_se3(step: FloatArray) -> FloatArray:
     The rotation is that of Rodrigues' formula. The translation is not coupled with the rotation, so this is the
     exponential map of SE(3) to first order, which suffices for iterations whose step converges to zero.
     """
-    rotation = step[3:]
-    angle = np.sqrt((rotation * rotation).sum())
+    rotation = step[3], step[4], step[5]
+    angle = np.sqrt(step[3] * step[3] + step[4] * step[4] + step[5] * step[5])
     sine, one_minus_cosine = (np.sin(angle) / angle, 2 * (np.sin(angle / 2) / angle) ** 2) if angle > 0 else (1.0, 0.5)
-    T = np.eye(4)
+    T = np.zeros((4, 4))
+    T[3, 3] = 1
     for i in range(3):
         for j in range(3):
             T[i, j] = one_minus_cosine * rotation[i] * rotation[j]

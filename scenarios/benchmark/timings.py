@@ -34,7 +34,7 @@ FUSION = ("motion", "voxelise", "project", "inpaint")
 CONFIG = PaperConfig(max_epoch_frames=20, fusion_lag_frames=0)
 """Nothing runs in parallel to what is measured; epochs are short, so that a window is fused every 29 frames."""
 OPERATIONS = ("integrate", "project", "inpaint", "warp", "combine", "filter")
-HOST = "OpenCV, NumPy"
+HOST = "OpenCV, NumPy, Numba"
 """The shipped CPU path; integrate and project scatter, which is done by Warp there, too."""
 WINDOW_FRAMES = 10
 FORWARD_M = 0.03

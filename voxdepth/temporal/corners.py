@@ -62,19 +62,30 @@ def _min_eigenvalue(
                 eigenvalue[row - 2, col] = SCALE * ((float32(a) + float32(c)) / float32(2) - root)
 
 
+@compiled(int64(FLOAT_IMAGE, int64, int64, float32))
+def _first_row(image: FloatImage, row: int, col: int, value: float) -> int:
+    """The first row from a given one that has a value in a column, which must be there."""
+    while image[row, col] != value:
+        row += 1
+    return row
+
+
 @compiled(float32[:, ::1](FLOAT_IMAGE, int64))
 def _best_of_cells(eigenvalue: FloatImage, cell_px: int) -> Pixels:
     """Column and row of the corner with the largest eigenvalue of each whole cell, shape (N, 2)."""
     rows, cols = eigenvalue.shape[0] // cell_px, eigenvalue.shape[1] // cell_px
     corners, n, best = np.empty((rows * cols, 2), np.float32), 0, np.empty(cols * cell_px, np.float32)
     for row in range(0, rows * cell_px, cell_px):
-        best[:] = MIN_EIGENVALUE
+        for u in range(len(best)):
+            best[u] = MIN_EIGENVALUE
         for v in range(row, row + cell_px):
             for u in range(len(best)):
                 best[u] = max(best[u], eigenvalue[v, u])
-        for col in range(0, cols * cell_px, cell_px):
-            u = col + int(np.argmax(best[col : col + cell_px]))
-            if best[u] > MIN_EIGENVALUE:
-                corners[n, 0], corners[n, 1] = u, row + np.argmax(eigenvalue[row : row + cell_px, u])
+        for first in range(0, len(best), cell_px):
+            col = first
+            for u in range(first, first + cell_px):
+                col = u if best[u] > best[col] else col
+            if best[col] > MIN_EIGENVALUE:
+                corners[n, 0], corners[n, 1] = col, _first_row(eigenvalue, row, col, best[col])
                 n += 1
     return corners[:n]

@@ -73,17 +73,16 @@ class Reprojection:
 def _reprojection(
     K: FloatArray, K_inverse: FloatArray, focal_baseline_px_m: float, T_target_source: FloatArray
 ) -> FloatImage:
-    K_R, matrix = np.zeros((3, 4)), np.zeros((3, 4))
+    K_R, matrix = np.zeros((3, 4)), np.zeros((3, 4), np.float32)
     for i in range(3):
         for j in range(4):
             for k in range(3):
                 K_R[i, j] += K[i, k] * T_target_source[k, j]
     for i in range(3):
         for j in range(3):
-            for k in range(3):
-                matrix[i, j] += K_R[i, k] * K_inverse[k, j]
+            matrix[i, j] = K_R[i, 0] * K_inverse[0, j] + K_R[i, 1] * K_inverse[1, j] + K_R[i, 2] * K_inverse[2, j]
         matrix[i, 3] = K_R[i, 3] / focal_baseline_px_m
-    return matrix.astype(np.float32)
+    return matrix
 
 
 class ForwardWarp:
