@@ -1,6 +1,5 @@
 """Each loop over points, corners and matrices gives the numbers of its NumPy twin."""
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -139,18 +138,6 @@ def test_corners(shape: tuple[int, int], cell_px: int, levels: list[float]) -> N
     eigenvalue = np.random.default_rng(shape).choice(np.array(levels, np.float32), shape)
     best = corners._best_of_cells(eigenvalue, cell_px)
     np.testing.assert_array_equal(best, twins.best_of_cells(eigenvalue, cell_px))
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (5, 7), (7, 7), (8, 40), (33, 70)], ids=str)
-@pytest.mark.parametrize("largest", [1, 40, 256])
-def test_eigenvalues_are_those_of_opencv_inside_the_border(shape: tuple[int, int], largest: int) -> None:
-    gray = np.random.default_rng(shape).integers(0, largest, shape).astype(np.uint8)
-    eigenvalue, border = np.zeros(shape, np.float32), corners.BORDER_PX
-    corners._min_eigenvalue(gray, eigenvalue)
-    inside = np.zeros(shape, np.bool_)
-    inside[border : max(shape[0] - border, 0), border : max(shape[1] - border, 0)] = True
-    expected = np.where(inside, cv2.cornerMinEigenVal(gray, corners.WINDOW_PX), 0)
-    np.testing.assert_allclose(eigenvalue, expected, rtol=1e-5, atol=1e-7)
 
 
 @given(SEEDS, st.sampled_from([(1, 1), (4, 4), (5, 7), (90, 160)]), st.sampled_from([0.5, 1, 2, 4 / 3]))
