@@ -42,11 +42,6 @@ class Compiled:
         update_wrapper(self, function)
         _waiting.append(self)
 
-    @property
-    def py_func(self) -> Callable[..., Any]:
-        """The Python function that was written."""
-        return self.dispatcher.py_func  # type: ignore[no-any-return]
-
     def __call__(self, *arguments: Any) -> Any:
         """Run the function. Arguments of other types are a `TypeError`."""
         if not self._is_compiled:
