@@ -54,6 +54,7 @@ def acceptance_run(name: str, seed: int, changes: Mapping[str, Any] = MappingPro
         "corrector": check.corrector,
         "rig.width_px": check.width_px,
         "rig.height_px": check.height_px,
+        "rig.decimate": 1,
     }
     return load_run(name, seed, {**settings, **changes})
 

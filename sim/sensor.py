@@ -2,22 +2,23 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Annotated, Literal
 
 import cv2
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, model_validator
 
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
 from . import frames, photon_kernels
 from .alignment import aligned, hidden_from_pair
 from .artefacts import Artefacts
+from .decimation import decimated, decimated_intrinsics
 from .depth_noise import DepthNoise, NoiseTerm, NoisyDepth, SensorModelName
 from .errors import SensorError
 from .seeds import Purpose, counter_key, stream
 from .stereo import NOISE_TEXTURE, StereoConfig, StereoMatcher, focal_baseline_px_m, occlusion_mask
-from .types import BodyPose, Camera, Capture, Images, Model, RenderedPair, Renderer
+from .types import LATER, BodyPose, Camera, Capture, Images, Model, RenderedPair, Renderer
 from .world import World
 
 DOT_SHARE, DOT_SIGMA_PX, PROJECTOR_RANGE_M = 0.15, 0.7, 3.0
@@ -32,6 +33,10 @@ class RigConfig(Model):
 
     width_px: int = Field(320, ge=32, le=4096)
     height_px: int = Field(180, ge=32, le=4096)
+    decimate: Annotated[int, LATER] = Field(1, ge=1, le=8)
+    """Factor by which captures are smaller than the images that are rendered and matched; it must divide both sides.
+    Depth is the median of the valid pixels of a block up to a factor of 3, and their mean from 4 on. The sensor model
+    `truth` has nothing to match and renders the smaller images at once."""
     hfov_deg: float = Field(86.0, gt=10, lt=170)
     baseline_m: float = Field(0.095, gt=0)
     rate_hz: float = Field(10.0, gt=0, le=240)
@@ -49,23 +54,28 @@ class RigConfig(Model):
     exposure_sigma: float = Field(0.0, ge=0)
     """Standard deviation of the logarithm of a frame's brightness, which is the same in both images."""
     stereo: StereoConfig = StereoConfig()
-    color_offset_m: float | None = Field(None, gt=0)
+    color_offset_m: Annotated[float | None, LATER] = Field(None, gt=0)
     """Distance of a colour camera from the left one, away from the right one [m]. With it, depth is aligned to that
     camera, and the gray image, the truth and the pose are its own: shadows are those of the longer baseline."""
-    projected_texture: float | None = Field(None, gt=0)
+    projected_texture: Annotated[float | None, LATER] = Field(None, gt=0)
     """Contrast of a dot pattern that a projector beside the left camera adds to the images of the pair, as a share of
     their brightness at 0 m. It falls to a half at 3 m. A colour camera does not see it."""
-    projector: Literal["left"] | None = None
+    projector: Annotated[Literal["left"] | None, LATER] = None
     """A projector of structured light takes the place of the second camera, one baseline to the left of the camera, so
     that shadows are on the right of near surfaces. It needs the sensor model `noisy`."""
-    shutter: float | None = Field(None, ge=2 / SUBFRAMES, le=1)
+    shutter: Annotated[float | None, LATER] = Field(None, ge=2 / SUBFRAMES, le=1)
     """Share of the time of a frame in which the shutter is open, in steps of 1/12. The images are means over that time,
     so that motion blurs them, and the truth and the pose are those of its middle."""
-    artefacts: Artefacts | None = None
+    artefacts: Annotated[Artefacts | None, LATER] = None
     """Errors at the rims of surfaces and specks, which any sensor model may have."""
 
     @model_validator(mode="after")
     def _check(self) -> "RigConfig":
+        if self.width_px % self.decimate or self.height_px % self.decimate:
+            raise ValueError(
+                f"decimate must divide both sides of the image, got {self.decimate} with {self.width_px}x"
+                f"{self.height_px} px"
+            )
         if self.noise != DepthNoise() and self.depth != "noisy":
             raise ValueError(f"noise, theta included, belongs to the sensor model 'noisy', got it with {self.depth!r}")
         if self.max_depth_m <= self.stereo.min_depth_m:
@@ -84,11 +94,6 @@ class RigConfig(Model):
             )
         return self
 
-    @model_serializer(mode="wrap")
-    def _without_absent_parts(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out what is None, so that the keys of finished runs stay valid when a camera may have another part."""
-        return {name: value for name, value in serialize(self).items() if value is not None}
-
     @property
     def left_mount_m(self) -> FloatArray:
         """Position of the left camera in the body frame, shape (3,); the right camera is its mirror image."""
@@ -96,7 +101,12 @@ class RigConfig(Model):
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """Camera model of the left camera."""
+        """Camera model of the captures of the left camera."""
+        return decimated_intrinsics(self.full_intrinsics, self.decimate)
+
+    @property
+    def full_intrinsics(self) -> Intrinsics:
+        """Camera model of the left camera before decimation."""
         return Intrinsics.from_hfov(
             width_px=self.width_px, height_px=self.height_px, hfov_deg=self.hfov_deg, baseline_m=self.baseline_m
         )
@@ -122,10 +132,12 @@ class StereoSensor:
         self._config = config
         self._seed = seed
         self.intrinsics = config.intrinsics
+        """Camera model of the captures."""
         stereo, noisy = config.depth == "stereo", config.depth == "noisy"
-        self._matcher = (
-            StereoMatcher(self.intrinsics, config.stereo, max_depth_m=config.max_depth_m) if stereo else None
-        )
+        self._decimate = config.decimate if stereo or noisy else 1
+        self._rendered = config.full_intrinsics if stereo or noisy else config.intrinsics
+        """Camera model of the rendered images."""
+        self._matcher = StereoMatcher(self._rendered, config.stereo, max_depth_m=config.max_depth_m) if stereo else None
         self._noise_terms = config.noise.terms if noisy else ()
         self._artefacts = config.artefacts.terms if config.artefacts else ()
         self._surfaces = world.surfaces
@@ -161,17 +173,17 @@ class StereoSensor:
         )
 
     def capture(self, pair: RenderedPair) -> Capture:
-        """Add the noise of the cameras and measure depth. Several threads may do so at once."""
+        """Add the noise of the cameras, measure depth and decimate it. Several threads may do so at once."""
         gray_left, gray_right = self._pair_images(pair)
         depth_m, reason, occluded = self._measure(pair, gray_left, gray_right)
         view, T_world_cam = pair.left, pair.T_world_cam
         if pair.color is not None and pair.right is not None and (offset_m := self._config.color_offset_m):
             view, T_world_cam = pair.color, self._camera(pair.pose, offset_m).T_world_cam
             gray_left = self._add_camera_noise(view, pair, 2)
-            occluded = hidden_from_pair(view, pair.left, pair.right, offset_m, self.intrinsics)
-            depth_m, reason = aligned(depth_m, offset_m, self.intrinsics, occluded)
+            occluded = hidden_from_pair(view, pair.left, pair.right, offset_m, self._rendered)
+            depth_m, reason = aligned(depth_m, offset_m, self._rendered, occluded)
         self._apply(self._artefacts, pair, view, T_world_cam, occluded, depth_m, reason)
-        return Capture(
+        full = Capture(
             stamp_s=pair.pose.stamp_s,
             drone=pair.pose.drone,
             gray_left=gray_left,
@@ -182,20 +194,21 @@ class StereoSensor:
             invalid_reason=reason,
             segment_id=view.segment_id,
             T_world_cam=T_world_cam,
-            intrinsics=self.intrinsics,
+            intrinsics=self._rendered,
         )
+        return decimated(full, self._decimate)
 
     def _camera(self, pose: BodyPose, to_left_m: float) -> Camera:
         """The left camera, moved to its left."""
         mount_m = self._config.left_mount_m + np.array([0.0, to_left_m, 0.0])
         T_world_cam = frames.camera_pose(pose.position_m, pose.q_world_body_xyzw, mount_m)
-        return Camera(T_world_cam=T_world_cam, intrinsics=self.intrinsics)
+        return Camera(T_world_cam=T_world_cam, intrinsics=self._rendered)
 
     def _pair_images(self, pair: RenderedPair) -> tuple[GrayImage, GrayImage | None]:
         """The images of the left and the second camera with the projected texture and noise."""
         left, right = pair.left, pair.right
         if right is not None and (strength := self._config.projected_texture):
-            left, right = lit_by_pattern(left, right, strength, self.intrinsics, seed=self._seed)
+            left, right = lit_by_pattern(left, right, strength, self._rendered, seed=self._seed)
         gray_left = self._add_camera_noise(left, pair, 0)
         return gray_left, None if right is None else self._add_camera_noise(right, pair, 1)
 
@@ -206,10 +219,10 @@ class StereoSensor:
         left = pair.left
         occluded = np.zeros(left.depth_m.shape, np.bool_)
         if pair.right is not None and self._config.projector:  # The mirror image of a stereo pair.
-            mirrored = occlusion_mask(left.depth_m[:, ::-1], pair.right.depth_m[:, ::-1], self.intrinsics)
+            mirrored = occlusion_mask(left.depth_m[:, ::-1], pair.right.depth_m[:, ::-1], self._rendered)
             occluded = np.ascontiguousarray(mirrored[:, ::-1])
         elif pair.right is not None:
-            occluded = occlusion_mask(left.depth_m, pair.right.depth_m, self.intrinsics)
+            occluded = occlusion_mask(left.depth_m, pair.right.depth_m, self._rendered)
         if self._matcher is not None and gray_right is not None:
             return *self._matcher.measure(gray_left, gray_right, left.depth_m, occluded), occluded
         depth_m, reason = left.depth_m.copy(), np.zeros(occluded.shape, np.uint8)
@@ -230,7 +243,7 @@ class StereoSensor:
         """Apply noise terms to the depth and the reasons of a view, in place."""
         image = NoisyDepth(
             depth_m=depth_m, invalid_reason=reason, segment_id=view.segment_id, occluded=occluded,
-            depth_true_m=view.depth_m, T_world_cam=T_world_cam, surfaces=self._surfaces, intrinsics=self.intrinsics,
+            depth_true_m=view.depth_m, T_world_cam=T_world_cam, surfaces=self._surfaces, intrinsics=self._rendered,
             seed=self._seed, key=(pair.pose.drone, pair.frame),
         )  # fmt: skip
         for term in terms:

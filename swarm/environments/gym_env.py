@@ -21,7 +21,7 @@ def observation_space(task: LearningTask) -> spaces.Space[Any]:
     max_speed_m_s, lost_m = task.airframe.max_speed_m_s, task.mission.lost_m
     return spaces.Dict(
         {
-            "depth_m": spaces.Box(0.0, task.rig.max_depth_m, (task.rig.height_px, task.rig.width_px), np.float32),
+            "depth_m": spaces.Box(0.0, task.rig.max_depth_m, task.rig.intrinsics.shape, np.float32),
             "velocity_m_s": spaces.Box(-max_speed_m_s, max_speed_m_s, (3,), np.float32),
             "leader_m": spaces.Box(-lost_m, lost_m, (3,), np.float32),
             "slot_m": spaces.Box(-lost_m, lost_m, (3,), np.float32),
