@@ -7,19 +7,19 @@ from pydantic import Field
 
 from voxdepth.types import FloatArray
 
-from ..bodies import Body, Box, Cylinder, Scene, SceneSpec, Surface, standing_body
+from ..bodies import Body, Box, Cylinder, Scene, Surface, standing_body
 from ..seeds import Purpose, stream
-from .layout import PAVED, Range, flat_ground, without_texture
+from .layout import PAVED, Range, WeakWallsSpec, flat_ground, without_texture
 
-TEXTURELESS = 1
-"""Key of the random stream that chooses textureless towers."""
+TEXTURELESS, WEAK = range(1, 3)
+"""Keys of the random streams that choose towers, so that none of them moves a tower."""
 POLE_SHIFT_M = 0.5
 """Largest distance of a pole from the middle of its street."""
 PATH_CLEARANCE_M = 0.5
 """Free width that a path needs on both sides."""
 
 
-class CitySpec(SceneSpec):
+class CitySpec(WeakWallsSpec):
     """A city of towers on a brick-like grid of lots, with poles in the streets. Flights lead along x."""
 
     kind: Literal["city"] = "city"
@@ -53,6 +53,7 @@ class CitySpec(SceneSpec):
         towers = [_tower(self, rng, column, row) for column in range(self.columns) for row in range(self.rows)]
         poles = [_pole(self, rng, i) for i in range(self.poles)]
         towers = without_texture(towers, self.blank_share, stream(seed, Purpose.SCENE, TEXTURELESS))
+        towers = self.weakened(towers, stream(seed, Purpose.SCENE, WEAK))
         return Scene(seed=seed, bodies=(ground, *towers, *poles), weather=self.weather, path_m=self._path_m())
 
     def _path_m(self) -> FloatArray:

@@ -7,11 +7,11 @@ from pydantic import Field, model_validator
 
 from voxdepth.types import FloatArray
 
-from ..bodies import Body, Box, Cylinder, Pattern, Scene, SceneSpec, Surface, standing_body
+from ..bodies import Body, Box, Cylinder, Pattern, Scene, Surface, standing_body
 from ..seeds import Purpose, stream
-from .layout import PAVED, WAY_POINT_STEP_M, Range, flat_ground, without_texture
+from .layout import PAVED, WAY_POINT_STEP_M, Range, WeakWallsSpec, flat_ground, without_texture
 
-PATH, LEFT, RIGHT, TEXTURELESS, PASSAGE, PILLARS = range(6)
+PATH, LEFT, RIGHT, TEXTURELESS, PASSAGE, PILLARS, WEAK = range(7)
 """Keys of random streams."""
 CLEARANCE_M = 1.25
 """Free width on both sides of the path."""
@@ -23,7 +23,7 @@ PASSAGE_HEIGHT_M = 3.0
 CEILING_M = 2.5
 
 
-class CorridorSpec(SceneSpec):
+class CorridorSpec(WeakWallsSpec):
     """Two rows of walls of varying length, setback and height, with obstacles between them. The path leads along x."""
 
     kind: Literal["corridor"] = "corridor"
@@ -56,9 +56,10 @@ class CorridorSpec(SceneSpec):
         """The corridor of a seed: it begins at x = 0 and is centred on y = 0. The path leads through it along x."""
         path_m = _path(self, stream(seed, Purpose.SCENE, PATH))
         pillars = [_pillar(self, seed, i, path_m) for i in range(self.pillars)]
-        # The choice of textureless walls has its own random stream, and moves no wall.
+        # The choices of textureless and weakly textured walls have their own random streams, and move no wall.
         walls = [*_row(self, seed, "left", LEFT, 1), *_row(self, seed, "right", RIGHT, -1)]
         walls = without_texture(walls, self.blank_share, stream(seed, Purpose.SCENE, TEXTURELESS))
+        walls = self.weakened(walls, stream(seed, Purpose.SCENE, WEAK))
         bodies = (flat_ground(self.length_m / 2, PAVED), *walls, *_passage(self, seed), *pillars)
         return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=path_m)
 

@@ -7,16 +7,16 @@ from pydantic import Field, model_validator
 
 from voxdepth.types import FloatArray
 
-from ..bodies import Body, Box, Cylinder, Pattern, Scene, SceneSpec, Surface, standing_body
+from ..bodies import Body, Box, Cylinder, Pattern, Scene, Surface, standing_body
 from ..seeds import Purpose, stream
-from .layout import PAVED, WAY_POINT_STEP_M, flat_ground
+from .layout import PAVED, WAY_POINT_STEP_M, WeakWallsSpec, flat_ground
 
-WALLS, POSTS = range(2)
+WALLS, POSTS, WEAK = range(3)
 """Keys of random streams."""
 POST_HEIGHT_M = 9.0
 
 
-class GapSpec(SceneSpec):
+class GapSpec(WeakWallsSpec):
     """High walls across the path, one after the other. The path leads along x, from gap to gap."""
 
     kind: Literal["gap"] = "gap"
@@ -50,6 +50,7 @@ class GapSpec(SceneSpec):
         """The gaps of a seed: the first wall is at x = `spacing_m`, and the path starts at x = 0."""
         gaps_m = [stream(seed, Purpose.SCENE, WALLS, i).uniform(-self.shift_m, self.shift_m) for i in range(self.walls)]
         halves = [body for i, y in enumerate(gaps_m) for body in _wall(self, seed, i, y)]
+        halves = self.weakened(halves, stream(seed, Purpose.SCENE, WEAK))
         posts = [_post(self, seed, i) for i in range(self.posts)]
         bodies = (flat_ground(self.spacing_m * (self.walls + 1) / 2, PAVED), *halves, *posts)
         return Scene(seed=seed, bodies=bodies, weather=self.weather, path_m=_path_m(self, gaps_m))

@@ -1,15 +1,17 @@
 """Parts that scenes share: flat ground, a path that stays free, places for obstacles, and walls without texture."""
 
+from abc import ABC
 from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from voxdepth.types import FloatArray
+from voxdepth.types import FloatArray, MaskImage
 
-from ..bodies import Body, Box, Surface
+from ..bodies import Body, Box, SceneSpec, Surface
 from ..errors import SceneError
+from ..types import LATER
 
 PATH_CLEARANCE_M = 1.5
 """Free width on both sides of a path."""
@@ -26,12 +28,32 @@ PAVED = Surface(albedo=0.38, pattern="ground")
 def _require_increasing(bounds: tuple[float, float]) -> tuple[float, float]:
     low, high = bounds
     if not 0 < low <= high:
-        raise ValueError(f"must be a range of positive lengths, low before high, got [{low}, {high}]")
+        raise ValueError(f"must be a range of positive numbers, low before high, got [{low}, {high}]")
     return bounds
 
 
 Range = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_require_increasing)]
 """Smallest and largest length [m], both positive."""
+Strengths = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_require_increasing)]
+"""Smallest and largest strength of a texture, both positive."""
+
+
+class WeakWallsSpec(SceneSpec, ABC):
+    """A scene of which some walls have a weak texture, as plaster outdoors."""
+
+    weak_share: Annotated[float, LATER] = Field(0.0, ge=0, le=1)
+    """Share of the walls with a weak texture, which a stereo camera matches in parts; those without texture stay so."""
+    weak_texture: Annotated[Strengths, LATER] = (0.05, 0.2)
+    """Range of the strengths of a weak texture; 1 is that of the other walls."""
+
+    def weakened(self, walls: list[Body], rng: np.random.Generator) -> list[Body]:
+        """The walls, of which a random share has a weak texture."""
+        strengths = rng.uniform(*self.weak_texture, len(walls))
+        chosen = random_share(self.weak_share, len(walls), rng)
+        return [
+            with_surface(wall, texture=float(strength)) if is_chosen and wall.surface.texture else wall
+            for wall, strength, is_chosen in zip(walls, strengths, chosen, strict=True)
+        ]
 
 
 class Layout:
@@ -95,9 +117,17 @@ def flat_ground(x_m: float, surface: Surface) -> Body:
 
 def without_texture(bodies: list[Body], share: float, rng: np.random.Generator) -> list[Body]:
     """The bodies, of which a random share has lost its texture."""
-    order = rng.permutation(len(bodies))
-    limit = round(share * len(bodies))
+    chosen = random_share(share, len(bodies), rng)
     return [
-        replace(body, surface=replace(body.surface, texture=0.0)) if rank < limit else body
-        for body, rank in zip(bodies, order, strict=True)
+        with_surface(body, texture=0.0) if is_chosen else body for body, is_chosen in zip(bodies, chosen, strict=True)
     ]
+
+
+def random_share(share: float, n: int, rng: np.random.Generator) -> MaskImage:
+    """Which of n things belong to a random share of them, shape (n,)."""
+    return np.asarray(rng.permutation(n) < round(share * n))
+
+
+def with_surface(body: Body, **changes: float) -> Body:
+    """The body with some values of its surface changed."""
+    return replace(body, surface=replace(body.surface, **changes))  # type: ignore[arg-type]

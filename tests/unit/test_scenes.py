@@ -210,6 +210,22 @@ def test_a_share_of_the_walls_is_blank(share: float) -> None:
     assert [wall.position_m for wall in walls] == [wall.position_m for wall in as_usual]
 
 
+@pytest.mark.parametrize(("kind", "name"), [(CitySpec, "tower"), (CorridorSpec, "wall"), (GapSpec, "wall")])
+def test_a_share_of_the_walls_has_a_weak_texture_and_nothing_else_changes(kind: type[SceneSpec], name: str) -> None:
+    plain, weak = (kind(blank_share=0.25, **more).build(3) for more in ({}, {"weak_share": 0.5}))  # type: ignore[arg-type]
+    before, after = ([body.surface.texture for body in named(scene, name)] for scene in (plain, weak))
+    chosen = [new for old, new in zip(before, after, strict=True) if old != new]
+    assert 0 < len(chosen) <= round(0.5 * len(before))
+    assert 0.05 <= min(chosen) < max(chosen) <= 0.2
+    assert [texture == 0 for texture in before] == [texture == 0 for texture in after]
+    assert [body.position_m for body in plain.bodies] == [body.position_m for body in weak.bodies]
+
+
+def test_later_fields_of_scenes_are_part_of_a_configuration_only_if_they_are_set() -> None:
+    assert "weak_share" not in CitySpec().model_dump()
+    assert CitySpec(weak_share=0.5).model_dump()["weak_share"] == 0.5
+
+
 def test_a_corridor_is_as_wide_as_asked_for_and_has_a_roof() -> None:
     for width_m in (3.5, 8.0):
         scene = CorridorSpec(width_m=width_m).build(1)
