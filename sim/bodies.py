@@ -92,6 +92,9 @@ class Surface:
     pattern: Pattern = "plain"
     gloss: float = 0.0
     """Share of the surface that returns no light of a projector to its camera, 0..1."""
+    reflectivity: float = 0.0
+    """Share of the light that a surface as smooth as glass reflects, 0..1: a stereo camera measures what it shows,
+    which is farther away. Only the renderer `raster` draws it; in the others the surface reflects nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)

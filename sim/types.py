@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -83,13 +83,50 @@ class Contact:
     """Relative speed just before the contact."""
 
 
+class Pinhole(NamedTuple):
+    """Projection to an image, or to a part of one."""
+
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    width_px: int
+    height_px: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Shape (H, W) of the image."""
+        return self.height_px, self.width_px
+
+
+class Window(NamedTuple):
+    """A part of an image: its first row and column, and its size [px]."""
+
+    top: int
+    left: int
+    height: int
+    width: int
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Camera:
     """A camera to render."""
 
     T_world_cam: FloatArray
-    """Camera pose, shape (4, 4); camera frame x right, y down, z forward."""
+    """Camera pose, shape (4, 4); camera frame x right, y down, z forward. In a mirror, y is up."""
     intrinsics: Intrinsics
+    window: Window | None = None
+    """The part of the image to render; None is all of it."""
+    beyond: FloatArray | None = None
+    """A plane (a, b, c, d) between the camera and what it sees: only points with `a x + b y + c z + d > 0` are seen.
+    Shape (4,), in the world frame; None sees all. Only the renderer `raster` regards it."""
+
+    @property
+    def pinhole(self) -> Pinhole:
+        """Projection to the part of the image to render."""
+        i = self.intrinsics
+        top, left, height, width = self.window or (0, 0, i.height_px, i.width_px)
+        return Pinhole(i.fx_px, i.fy_px, i.cx_px - left, i.cy_px - top, width, height)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -5,10 +5,11 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from voxdepth.compiled import compile_all
-from voxdepth.types import FloatArray, Intrinsics
+from voxdepth.types import FloatArray
 
 from ..cpu import mapper, slices
-from ..types import Camera, IdImage
+from ..errors import RenderError
+from ..types import Camera, IdImage, Pinhole
 from .meshes import SceneMeshes, bounding_sphere, is_closed, merged, normals
 from .raster_kernels import Bodies, Buffers, View, invert, rasterise
 from .raycast import Hits
@@ -55,7 +56,7 @@ class Rasteriser:
             bodies.spheres_m[body, :3] = R @ self._spheres_m[body][:3] + position_m
 
     def _draw(self, cameras: Sequence[Camera]) -> list[Hits]:
-        shape, bodies = cameras[0].intrinsics.shape, self._bodies
+        bodies = self._bodies
         most = int(np.diff(bodies.first_triangle).max())
         buffers = Buffers(
             corners=np.empty((len(bodies.vertices_m), 5)),
@@ -63,10 +64,11 @@ class Rasteriser:
             planes=np.empty((most, 9)),
             rows=np.empty((most, 3), np.int32),
         )
-        inverse_depth, hits = np.empty(shape), []
+        hits = []
         for camera in cameras:
+            shape = camera.pinhole.shape
             depth_m, nearest = np.empty(shape, np.float32), np.full(shape, len(bodies.triangles), np.int32)
-            inverse_depth.fill(0)
+            inverse_depth = np.zeros(shape)
             view = view_of(camera)
             ahead_m = (bodies.spheres_m[:, :3] - view.origin_m) @ view.R_cam_world[2] - bodies.spheres_m[:, 3]
             order = np.argsort(ahead_m, kind="stable").astype(np.int32)
@@ -78,7 +80,7 @@ class Rasteriser:
 
 def view_of(camera: Camera) -> View:
     """A camera as the loops of rasterisation read it."""
-    i, T = camera.intrinsics, camera.T_world_cam
+    i, T = camera.pinhole, camera.T_world_cam
     return View(
         R_cam_world=np.linalg.inv(T[:3, :3]).astype(np.float64),
         origin_m=T[:3, 3].astype(np.float64),
@@ -87,12 +89,25 @@ def view_of(camera: Camera) -> View:
         cx_px=i.cx_px,
         cy_px=i.cy_px,
         inward=_inward(i),
+        farthest=_farthest(camera),
         height=i.height_px,
         width=i.width_px,
     )
 
 
-def _inward(i: Intrinsics) -> FloatArray:
+def _farthest(camera: Camera) -> FloatArray:
+    """The inverse depth at which the ray of a pixel passes the plane of a camera, shape (3,); see `View.farthest`."""
+    if camera.beyond is None:
+        return np.array([np.inf, 0, 0])
+    i, T, normal = camera.pinhole, camera.T_world_cam, camera.beyond[:3]
+    distance_m = -float(normal @ T[:3, 3] + camera.beyond[3])
+    if distance_m <= 0:
+        raise RenderError(f"the plane must be between the camera and what it sees, got one {-distance_m:g} m behind it")
+    x, y, z = T[:3, :3].T @ normal / distance_m
+    return np.array([z - x * i.cx_px / i.fx_px - y * i.cy_px / i.fy_px, x / i.fx_px, y / i.fy_px])
+
+
+def _inward(i: Pinhole) -> FloatArray:
     """Normals in the camera frame of the four planes that bound an image, shape (4, 3); they point inwards."""
     left, top = -i.cx_px / i.fx_px, -i.cy_px / i.fy_px
     right, bottom = (i.width_px - 1 - i.cx_px) / i.fx_px, (i.height_px - 1 - i.cy_px) / i.fy_px

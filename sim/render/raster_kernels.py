@@ -41,6 +41,9 @@ class View(NamedTuple):
     cy_px: float
     inward: FloatArray
     """Normals of the planes in the camera frame, shape (4, 3)."""
+    farthest: FloatArray
+    """Largest inverse depth that is seen, at the origin of the image, and its growth by column and by row, shape (3,);
+    the first is +inf for a camera that sees all."""
     height: int
     width: int
 
@@ -81,7 +84,7 @@ Corner = tuple[float, float, float, float, float]
 FLOATS, INDICES, TABLE = float64[::1], int32[::1], float64[:, ::1]
 VECTOR, BOUNDS, CORNER = (types.UniTuple(float64, n) for n in (3, 4, 5))
 RANGE, BOX = types.UniTuple(int64, 2), types.UniTuple(int64, 4)
-VIEW = named_tuple(View, TABLE, FLOATS, *[float64] * 4, TABLE, int64, int64)
+VIEW = named_tuple(View, TABLE, FLOATS, *[float64] * 4, TABLE, FLOATS, int64, int64)
 BODIES = named_tuple(Bodies, TABLE, uint32[:, ::1], TABLE, INDICES, INDICES, TABLE, boolean[::1])
 BUFFERS = named_tuple(Buffers, TABLE, INDICES, TABLE, int32[:, ::1])
 
@@ -241,17 +244,18 @@ def bounds_of(at_origin: float, by_col: float, by_row: float, width: int) -> Bou
     return -1.0, 0.0, zero_at + EDGE_TOLERANCE_PX, shift
 
 
-@compiled(void(TABLE, int32[:, ::1], int64, int64, FLOATS, INDICES))
+@compiled(void(TABLE, int32[:, ::1], int64, int64, FLOATS, FLOATS, INDICES))
 def draw(
     planes: FloatArray,
     rows: IdImage,
     n: int,
     width: int,
+    farthest: FloatArray,
     # output
     inverse_depth: FloatArray,
     nearest: IdImage,
 ) -> None:
-    """Draw the first n triangles of the buffers where they are nearer than those before them."""
+    """Draw the first n triangles of the buffers where they are seen and nearer than those before them."""
     for i in range(n):
         e = bounds_of(planes[i, 0], planes[i, 1], planes[i, 2], width)
         f = bounds_of(planes[i, 3], planes[i, 4], planes[i, 5], width)
@@ -259,10 +263,11 @@ def draw(
         start = planes[i, 0] + planes[i, 3] + planes[i, 6]
         step = planes[i, 1] + planes[i, 4] + planes[i, 7]
         step_row = planes[i, 2] + planes[i, 5] + planes[i, 8]
+        h = bounds_of(farthest[0] - start, farthest[1] - step, farthest[2] - step_row, width)
         t = rows[i, 0]
         for row in range(rows[i, 1], rows[i, 2] + 1):
-            low = max(e[0] + e[1] * row, f[0] + f[1] * row, g[0] + g[1] * row)
-            high = min(e[2] + e[3] * row, f[2] + f[3] * row, g[2] + g[3] * row)
+            low = max(e[0] + e[1] * row, f[0] + f[1] * row, g[0] + g[1] * row, h[0] + h[1] * row)
+            high = min(e[2] + e[3] * row, f[2] + f[3] * row, g[2] + g[3] * row, h[2] + h[3] * row)
             left, right = pixels_between(low, high, width)
             inverse = start + step_row * row
             first = np.uint64(row * width + left)
@@ -301,7 +306,7 @@ def rasterise(
             )
             n = choose(bodies.faces, start, end, view.origin_m, one_sided, buffers.chosen)
             n = set_up(view, bodies.triangles, n, inverse_depth, buffers)
-            draw(buffers.planes, buffers.rows, n, view.width, inverse_depth, nearest)
+            draw(buffers.planes, buffers.rows, n, view.width, view.farthest, inverse_depth, nearest)
 
 
 @compiled(void(FLOATS, float32[::1]))

@@ -12,6 +12,7 @@ from ..errors import RenderError
 from ..types import Camera, Images
 from ..world import World
 from .meshes import SceneMeshes
+from .mirrors import Mirrors
 from .raster import Rasteriser
 from .raycast import Hits, RayCaster, RaycastScene, Rays, rays_of
 from .shading import Shader
@@ -31,6 +32,7 @@ class ShadedRenderer:
         self._meshes = SceneMeshes(world)
         self._backend = backend(self._meshes, threads)
         self._shader = Shader(world, self._meshes)
+        self._mirrors = Mirrors(world, self._meshes) if backend is Rasteriser else None
         self._to_sun = np.array(world.scene.weather.to_sun)
         shadows = world.scene.weather.shadows
         self._casters = RaycastScene(self._meshes.fixed_in_world(), threads) if shadows else None
@@ -50,12 +52,30 @@ class ShadedRenderer:
         if not gray:
             return list(self._map(self._shader.black, hits))
         self._shader.update()
+        images = self._shaded(cameras, hits)
+        if self._mirrors is not None:
+            self._reflect(self._mirrors, cameras, hits, images)
+        return images
+
+    def _shaded(self, cameras: Sequence[Camera], hits: Sequence[Hits]) -> list[Images]:
         return list(self._map(self._shader.shaded, cameras, hits, self._sunlit(cameras, hits)))
+
+    def _reflect(
+        self, mirrors: Mirrors, cameras: Sequence[Camera], hits: Sequence[Hits], images: Sequence[Images]
+    ) -> None:
+        """Add what the panes in the images reflect, in place. Panes that a reflection shows reflect nothing."""
+        seen = [(pane, image) for camera, hit, image in zip(cameras, hits, images, strict=True)
+                for pane in mirrors.panes(camera, hit)]  # fmt: skip
+        if seen:
+            virtual = [pane.camera for pane, _ in seen]
+            reflections = self._shaded(virtual, self._backend.first_hits(virtual))
+            for (pane, image), reflection in zip(seen, reflections, strict=True):
+                pane.show(reflection.gray, image.gray)
 
     def _sunlit(self, cameras: Sequence[Camera], hits: Sequence[Hits]) -> list[FloatImage]:
         """1 where the sun reaches a hit, 0 in the shadow of a fixed body, for each camera."""
         if self._casters is None:
-            return [np.ones(hits[0].depth_m.shape, np.float32)] * len(hits)
+            return [np.ones(hit.depth_m.shape, np.float32) for hit in hits]
         starts = list(self._map(self._shadow_rays, cameras, hits))
         blocked = self._casters.is_blocked(np.concatenate([towards_sun for _, towards_sun in starts]))
         ends = np.cumsum([len(pixels) for pixels, _ in starts])

@@ -96,6 +96,6 @@ class Shader:
 
 def lens_of(camera: Camera) -> kernels.Lens:
     """A camera as the loops of shading read it."""
-    i = camera.intrinsics
+    i = camera.pinhole
     fx, fy, cx, cy = (np.float32(x) for x in (i.fx_px, i.fy_px, i.cx_px, i.cy_px))
     return kernels.Lens(i.width_px, fx, fy, cx, cy, camera.T_world_cam[:3, :3].astype(np.float32))

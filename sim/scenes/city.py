@@ -1,6 +1,6 @@
 """A city of towers, between which the swarm of the paper flies."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -9,9 +9,10 @@ from voxdepth.types import FloatArray
 
 from ..bodies import Body, Box, Cylinder, Scene, Surface, standing_body
 from ..seeds import Purpose, stream
-from .layout import PAVED, Range, WeakWallsSpec, flat_ground, without_texture
+from ..types import LATER
+from .layout import PAVED, Range, WeakWallsSpec, flat_ground, of_glass, without_texture
 
-TEXTURELESS, WEAK = range(1, 3)
+TEXTURELESS, WEAK, GLASS = range(1, 4)
 """Keys of the random streams that choose towers, so that none of them moves a tower."""
 POLE_SHIFT_M = 0.5
 """Largest distance of a pole from the middle of its street."""
@@ -37,6 +38,10 @@ class CitySpec(WeakWallsSpec):
     """Largest shift of a tower from the middle of its lot, along each axis [m]."""
     blank_share: float = Field(0.0, ge=0, le=1)
     """Share of the towers that are textureless, which a stereo camera cannot match."""
+    glass_share: Annotated[float, LATER] = Field(0.0, ge=0, le=1)
+    """Share of the towers that are of glass, whose depth is that of what they reflect."""
+    glass_reflectivity: Annotated[float, LATER] = Field(0.8, gt=0, le=1)
+    """Share of the light that glass reflects."""
     poles: int = Field(16, ge=0)
     """Thin vertical poles in the streets."""
     pole_radius_m: float = Field(0.12, gt=0)
@@ -54,6 +59,7 @@ class CitySpec(WeakWallsSpec):
         poles = [_pole(self, rng, i) for i in range(self.poles)]
         towers = without_texture(towers, self.blank_share, stream(seed, Purpose.SCENE, TEXTURELESS))
         towers = self.weakened(towers, stream(seed, Purpose.SCENE, WEAK))
+        towers = of_glass(towers, self.glass_share, self.glass_reflectivity, stream(seed, Purpose.SCENE, GLASS))
         return Scene(seed=seed, bodies=(ground, *towers, *poles), weather=self.weather, path_m=self._path_m())
 
     def _path_m(self) -> FloatArray:

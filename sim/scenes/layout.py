@@ -22,6 +22,7 @@ WAY_POINT_STEP_M = 2.0
 TRIES = 64
 """Number of places that are tried for each obstacle."""
 GROUND_SIDE_M = 400.0
+GLASS_ALBEDO = 0.2
 PAVED = Surface(albedo=0.38, pattern="ground")
 
 
@@ -120,6 +121,15 @@ def without_texture(bodies: list[Body], share: float, rng: np.random.Generator) 
     chosen = random_share(share, len(bodies), rng)
     return [
         with_surface(body, texture=0.0) if is_chosen else body for body, is_chosen in zip(bodies, chosen, strict=True)
+    ]
+
+
+def of_glass(bodies: list[Body], share: float, reflectivity: float, rng: np.random.Generator) -> list[Body]:
+    """The bodies, of which a random share is of dark glass without a texture of its own."""
+    chosen = random_share(share, len(bodies), rng)
+    return [
+        with_surface(body, albedo=GLASS_ALBEDO, texture=0.0, reflectivity=reflectivity) if is_chosen else body
+        for body, is_chosen in zip(bodies, chosen, strict=True)
     ]
 
 

@@ -221,6 +221,14 @@ def test_a_share_of_the_walls_has_a_weak_texture_and_nothing_else_changes(kind: 
     assert [body.position_m for body in plain.bodies] == [body.position_m for body in weak.bodies]
 
 
+def test_a_share_of_the_towers_is_of_glass_and_nothing_moves() -> None:
+    plain, glass = CitySpec().build(3), CitySpec(glass_share=0.3, glass_reflectivity=0.7).build(3)
+    panes = [body.surface for body in named(glass, "tower") if body.surface.reflectivity]
+    assert len(panes) == round(0.3 * 60)
+    assert {(surface.reflectivity, surface.texture) for surface in panes} == {(0.7, 0.0)}
+    assert [body.position_m for body in plain.bodies] == [body.position_m for body in glass.bodies]
+
+
 def test_later_fields_of_scenes_are_part_of_a_configuration_only_if_they_are_set() -> None:
     assert "weak_share" not in CitySpec().model_dump()
     assert CitySpec(weak_share=0.5).model_dump()["weak_share"] == 0.5

@@ -1,0 +1,94 @@
+"""Panes that reflect: what a mirror shows is what a camera sees from the other side of it, at its mirror image.
+
+The mirror images of both cameras of a pair see the reflected things with the disparity of their mirror images, which
+are as far behind the pane as the things are in front of it. So a stereo camera measures a depth beyond the pane.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from voxdepth.types import FloatArray, GrayImage, MaskImage
+
+from ..bodies import Mesh
+from ..types import Camera, Window
+from ..world import World
+from .meshes import SceneMeshes, normals
+from .raycast import Hits
+
+BIAS_M = 1e-3
+"""Distance of the nearest thing that a pane reflects, so that it does not reflect itself."""
+PLANE_DECIMALS = 6
+"""Decimals by which triangles are in one plane."""
+
+
+class Pane(NamedTuple):
+    """The part of an image that shows a plane surface which reflects."""
+
+    camera: Camera
+    """The mirror image of the camera, which sees what the pane reflects in the window of the pane."""
+    mask: MaskImage
+    """Pixels of the window that show the pane."""
+    reflectivity: float
+
+    def show(self, reflection: GrayImage, gray: GrayImage) -> None:
+        """Add the reflection, an image of the window, to the gray image of the whole camera, in place."""
+        window = self.camera.window
+        assert window is not None
+        part = gray[window.top : window.top + window.height, window.left : window.left + window.width]
+        mixed = (1 - self.reflectivity) * part[self.mask] + self.reflectivity * reflection[self.mask]
+        part[self.mask] = np.rint(mixed).astype(np.uint8)
+
+
+class Mirrors:
+    """The reflecting surfaces of a world."""
+
+    def __init__(self, world: World, meshes: SceneMeshes) -> None:
+        self._meshes = meshes
+        surfaces = world.surfaces
+        self._planes: list[tuple[int, FloatArray, float]] = []
+        """Index of a body, a plane (a, b, c, d) in its frame, and its reflectivity."""
+        self._plane_of_triangle = np.full(len(meshes.body_of_triangle) + 1, -1, np.int32)
+        for body, body_id in enumerate(meshes.body_ids):
+            if reflectivity := surfaces[body_id].reflectivity:
+                planes, which = np.unique(planes_of(meshes.meshes[body]), axis=0, return_inverse=True)
+                self._plane_of_triangle[np.flatnonzero(meshes.body_of_triangle == body)] = len(self._planes) + which
+                self._planes += [(body, plane, reflectivity) for plane in planes]
+
+    def panes(self, camera: Camera, hits: Hits) -> Iterator[Pane]:
+        """The panes that a camera sees, in the order of the bodies."""
+        if not self._planes:
+            return
+        plane_of_pixel = self._plane_of_triangle[hits.triangle]
+        for index in np.unique(plane_of_pixel[plane_of_pixel >= 0]).tolist():
+            body, plane, reflectivity = self._planes[index]
+            normal = self._meshes.R_world_body[body] @ plane[:3]
+            offset_m = float(plane[3] - normal @ self._meshes.position_m[body])
+            if normal @ camera.T_world_cam[:3, 3] + offset_m <= 0:  # The camera is inside of the body.
+                continue
+            mask = plane_of_pixel == index
+            rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+            top, left, bottom, right = int(rows[0]), int(cols[0]), int(rows[-1]) + 1, int(cols[-1]) + 1
+            virtual = Camera(
+                T_world_cam=mirrored(normal, offset_m) @ camera.T_world_cam,
+                intrinsics=camera.intrinsics,
+                window=Window(top, left, bottom - top, right - left),
+                beyond=np.append(normal, offset_m - BIAS_M),
+            )
+            yield Pane(virtual, mask[top:bottom, left:right], reflectivity)
+
+
+def mirrored(normal: FloatArray, offset_m: float) -> FloatArray:
+    """The reflection at the plane `normal . p + offset = 0`, shape (4, 4); the normal has the length 1."""
+    reflection = np.eye(4)
+    reflection[:3, :3] -= 2 * np.outer(normal, normal)
+    reflection[:3, 3] = -2 * offset_m * normal
+    return reflection
+
+
+def planes_of(mesh: Mesh) -> FloatArray:
+    """The plane `a x + b y + c z + d = 0` of each triangle, shape (T, 4), rounded so that equal ones are the same."""
+    normal = normals(mesh)
+    offset_m = -(normal * mesh.vertices_m[mesh.triangles[:, 0]]).sum(axis=1)
+    return np.column_stack([normal, offset_m]).round(PLANE_DECIMALS) + 0.0  # Which makes 0 of -0.

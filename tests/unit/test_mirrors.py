@@ -1,0 +1,104 @@
+"""A pane shows what it reflects, and a stereo camera measures that."""
+
+import numpy as np
+import pytest
+
+from sim.bodies import Body, Box, Scene, Surface
+from sim.render import create_renderer
+from sim.render.mirrors import mirrored
+from sim.sensor import RigConfig, StereoSensor
+from sim.types import BodyPose, Camera, Images
+from sim.world import World
+from tests.helpers import block, camera_at, wall, world_of
+
+PANE_M = 3.0
+
+
+def pane(reflectivity: float, *, yaw_rad: float = 0.0, side_m: float = 2.0) -> Body:
+    """A pane without texture of its own, whose front is at x = 3."""
+    surface = Surface(albedo=0.5, texture=0.0, reflectivity=reflectivity)
+    shape = Box((0.2, side_m, side_m))
+    return Body(name="pane", shape=shape, position_m=(PANE_M + 0.1, 0.0, 0.0), yaw_rad=yaw_rad, surface=surface)
+
+
+def seen(*bodies: Body, at: Camera | None = None) -> Images:
+    with world_of(*bodies) as world:
+        return create_renderer("raster", world).render([at or camera_at(0, 0, 0)])[0]
+
+
+@pytest.mark.parametrize("behind_m", [1.0, 4.0])
+@pytest.mark.parametrize("reflectivity", [0.6, 1.0])
+def test_a_stereo_camera_measures_the_mirror_image(behind_m: float, reflectivity: float) -> None:
+    config = RigConfig(width_px=640, height_px=360, mount_forward_m=0.0)
+    pose = BodyPose(stamp_s=0.0, position_m=np.zeros(3), q_world_body_xyzw=np.array([0.0, 0, 0, 1]))
+    with world_of(pane(reflectivity), wall(-behind_m - 1.0), wall(9.0, name="far")) as world:
+        sensor = StereoSensor(world, create_renderer("raster", world), config, seed=0)
+        capture = sensor.capture(sensor.render([pose], 0)[0])
+    on_pane = np.abs(capture.depth_true_m - PANE_M) < 1e-3
+    inner = np.zeros_like(on_pane)
+    inner[120:240, 260:380] = True
+    assert on_pane[inner].all()
+    measured_m = capture.depth_raw_m[inner]
+    assert (measured_m > 0).mean() > 0.9
+    error_px = config.intrinsics.focal_baseline_px_m * (1 / measured_m[measured_m > 0] - 1 / (2 * PANE_M + behind_m))
+    assert abs(np.median(error_px)) < 0.3
+
+
+def test_a_pane_shows_as_much_of_the_reflection_as_it_reflects() -> None:
+    gray = {r: seen(pane(r), wall(-3.0)).gray.astype(float) for r in (0.0, 0.5, 1.0)}
+    on_pane = seen(pane(0.0)).segment_id == 0
+    assert gray[1.0][on_pane].std() > 10
+    assert gray[0.0][on_pane].std() < 1
+    np.testing.assert_allclose(gray[0.5][on_pane], (gray[0.0] + gray[1.0])[on_pane] / 2, atol=1)
+    np.testing.assert_array_equal(gray[0.0][~on_pane], gray[1.0][~on_pane])
+
+
+@pytest.mark.parametrize("side_m", [-1.5, 1.5])
+def test_a_turned_pane_shows_what_is_beside_it(side_m: float) -> None:
+    """At 45 degrees a pane shows a white body on one side, and not one on the other or behind the pane."""
+    white = Surface(albedo=1.0, texture=0.0)
+    shown = Body(name="shown", shape=Box((1.0, 1.0, 1.0)), position_m=(PANE_M, 2 * side_m, 0.0), surface=white)
+    yaw_rad = -np.sign(side_m) * np.pi / 4
+    turned = pane(1.0, yaw_rad=yaw_rad, side_m=1.0)
+    other = Body(name="other", shape=Box((1.0, 1.0, 1.0)), position_m=(PANE_M, -2 * side_m, 0.0), surface=white)
+    middle = np.s_[55:65, 75:85]
+    plain = seen(turned).gray[middle]
+    assert (seen(turned, shown).gray[middle] != plain).all()
+    np.testing.assert_array_equal(seen(turned, other).gray[middle], plain)
+
+
+def test_drones_see_themselves_in_a_pane() -> None:
+    grays = []
+    for starts in ([], [[0.0, 0.0, 0.0]]):
+        with World(Scene(seed=1, bodies=(pane(1.0),)), np.array(starts).reshape(-1, 3)) as world:
+            grays.append(create_renderer("raster", world).render([camera_at(0.3, 0, 0)])[0].gray)
+    assert (grays[0] != grays[1]).any()
+
+
+def test_panes_reflect_nothing_of_what_is_behind_them() -> None:
+    np.testing.assert_array_equal(seen(pane(1.0)).gray, seen(pane(1.0), block(5.0, 0.5)).gray)
+
+
+def test_depth_and_segmentation_are_those_of_the_pane() -> None:
+    clear, reflecting = seen(pane(0.0), wall(-2.0)), seen(pane(1.0), wall(-2.0))
+    np.testing.assert_array_equal(clear.depth_m, reflecting.depth_m)
+    np.testing.assert_array_equal(clear.segment_id, reflecting.segment_id)
+
+
+def test_a_camera_inside_of_a_reflecting_body_is_no_error() -> None:
+    assert (seen(pane(1.0), at=camera_at(PANE_M + 0.1, 0, 0)).gray >= 0).all()
+
+
+def test_other_renderers_draw_no_reflection() -> None:
+    with world_of(pane(1.0), wall(-3.0)) as world:
+        gray = create_renderer("raycast", world).render([camera_at(0, 0, 0)])[0].gray
+    on_pane = seen(pane(0.0)).segment_id == 0
+    assert gray[on_pane].std() < 1
+
+
+def test_a_reflection_is_its_own_inverse_and_keeps_the_plane() -> None:
+    normal = np.array([2.0, -1.0, 2.0]) / 3
+    reflection = mirrored(normal, -1.5)
+    np.testing.assert_allclose(reflection @ reflection, np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(reflection @ np.append(1.5 * normal, 1), np.append(1.5 * normal, 1), atol=1e-12)
+    np.testing.assert_allclose(reflection @ np.append(2.5 * normal, 1), np.append(0.5 * normal, 1), atol=1e-12)
