@@ -26,6 +26,8 @@ DOT_SHARE, DOT_SIGMA_PX, PROJECTOR_RANGE_M = 0.15, 0.7, 3.0
 
 SUBFRAMES = 12
 """Images per frame of which blurred ones are made."""
+SETTLED = 4
+"""Multiple of the settling time after which an error of brightness is forgotten."""
 
 
 class RigConfig(Model):
@@ -53,6 +55,9 @@ class RigConfig(Model):
     """Standard deviation of the noise of the gray images, in gray levels of 255."""
     exposure_sigma: float = Field(0.0, ge=0)
     """Standard deviation of the logarithm of a frame's brightness, which is the same in both images."""
+    exposure_settling_frames: Annotated[float, LATER] = Field(0.0, ge=0, le=100)
+    """Number of frames in which automatic exposure reduces an error of brightness to 37 %. Longer errors are harder to
+    bridge. With 0, brightness changes from frame to frame, as under flickering light."""
     stereo: StereoConfig = StereoConfig()
     color_offset_m: Annotated[float | None, LATER] = Field(None, gt=0)
     """Distance of a colour camera from the left one, away from the right one [m]. With it, depth is aligned to that
@@ -233,7 +238,8 @@ class StereoSensor:
         if not self._gray:
             return images.gray
         drone, frame = pair.pose.drone, pair.frame
-        gain = exposure_gain(self._config.exposure_sigma, drone, frame, seed=self._seed)
+        sigma, settling_frames = self._config.exposure_sigma, self._config.exposure_settling_frames
+        gain = exposure_gain(sigma, drone, frame, seed=self._seed, settling_frames=settling_frames)
         return photon_noise(images.gray, self._config.photon_sigma, drone, frame, side, seed=self._seed, gain=gain)
 
     def _apply(
@@ -288,6 +294,15 @@ def photon_noise(gray: GrayImage, sigma: float, *key: int, seed: int, gain: floa
     return noisy
 
 
-def exposure_gain(sigma: float, *key: int, seed: int) -> float:
-    """Brightness of a frame relative to the mean, `exp(N(0, sigma))`, as automatic exposure varies it."""
-    return float(np.exp(sigma * stream(seed, Purpose.EXPOSURE, *key).standard_normal())) if sigma else 1.0
+def exposure_gain(sigma: float, drone: int, frame: int, *, seed: int, settling_frames: float = 0.0) -> float:
+    """Brightness of a frame relative to the mean, `exp(N(0, sigma))`, as automatic exposure varies it.
+
+    Disturbances of this and the earlier frames add up with weights that fall to 1/e within `settling_frames`; the sum
+    of their squares is 1 in every frame.
+    """
+    if not sigma:
+        return 1.0
+    ages = np.arange(min(frame, int(SETTLED * settling_frames)) + 1)
+    weights = np.exp(-ages / settling_frames) if settling_frames else np.ones(1)
+    disturbances = [stream(seed, Purpose.EXPOSURE, drone, frame - int(age)).standard_normal() for age in ages]
+    return float(np.exp(sigma * (weights @ disturbances) / np.linalg.norm(weights)))

@@ -8,7 +8,7 @@ from sim.depth_noise import DepthNoise, Disparity, Flicker, Scale
 from sim.errors import SensorError
 from sim.render import create_renderer
 from sim.rig import StereoRig
-from sim.sensor import RigConfig, StereoSensor, photon_noise
+from sim.sensor import RigConfig, StereoSensor, exposure_gain, photon_noise
 from sim.stereo import StereoConfig, StereoMatcher, occlusion_mask
 from sim.types import BodyPose
 from tests.helpers import CAMERA, block, camera_at, wall, world_of
@@ -96,6 +96,29 @@ def test_photon_noise_has_its_deviation_and_is_repeatable() -> None:
     assert abs(float(noisy.mean()) - 120) < 0.05
     np.testing.assert_array_equal(noisy, photon_noise(gray, 3.0, 1, 2, 0, seed=4))
     assert not np.array_equal(noisy, photon_noise(gray, 3.0, 1, 3, 0, seed=4))
+
+
+@pytest.mark.parametrize(("settling_frames", "similarity"), [(0.0, 0.0), (3.0, 0.7165)])
+def test_exposure_has_its_deviation_and_settles(settling_frames: float, similarity: float) -> None:
+    """The gains of a drone in successive frames; the similarity of neighbours is exp(-1/3)."""
+    logs = np.log([exposure_gain(0.6, 1, frame, seed=4, settling_frames=settling_frames) for frame in range(3000)])
+    assert logs.std() == pytest.approx(0.6, rel=0.06)
+    assert abs(logs.mean()) < 0.06
+    assert np.corrcoef(logs[1:], logs[:-1])[0, 1] == pytest.approx(similarity, abs=0.05)
+    assert exposure_gain(0.0, 1, 5, seed=4) == 1.0
+
+
+def test_bright_frames_saturate_and_dark_ones_lose_their_texture() -> None:
+    pose = BodyPose(stamp_s=0.0, position_m=np.zeros(3), q_world_body_xyzw=np.array([0.0, 0, 0, 1]))
+    config = RigConfig(width_px=160, height_px=120, mount_forward_m=0.0, exposure_sigma=1.2)
+    darkest, *_, brightest = sorted(range(100), key=lambda frame: exposure_gain(1.2, 0, frame, seed=0))
+    with world_of(wall(3.0)) as world:
+        sensor = StereoSensor(world, create_renderer("raster", world), config, seed=0)
+        dark, bright = (sensor.capture(sensor.render([pose], frame)[0]) for frame in (darkest, brightest))
+    assert (bright.gray_left == 255).mean() > 0.9
+    assert (bright.depth_raw_m == 0).mean() > 0.5
+    assert dark.gray_left.mean() < 20
+    assert (dark.depth_raw_m == 0).mean() > 0.5
 
 
 @pytest.mark.parametrize("depth", ["truth", "noisy", "stereo"])
