@@ -6,17 +6,33 @@ from voxdepth.types import FloatArray
 
 from . import rules
 from .controllers import Agent, Role
-from .pilot import Pilot, SeeingPilot, Situation
+from .mapping import MappingPilot
+from .pilot import Pilot, Situation
+from .reactive import ReactivePilot
 from .rules import Corridor
 from .task import MissionConfig
 from .types import Decision
 
 
+SHIFTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+"""Places that a follower tries, as shares of the way from its slot to the track of its leader."""
+TRACK_STEP_M = 0.2
+
+
 def create_agent(role: Role, config: MissionConfig) -> Agent:
     """Create the controller that ships with this package."""
-    make_pilot = SeeingPilot if config.rules.avoidance else Pilot
-    pilot = make_pilot(config.pilot, config.control_hz, role.team.heading_rad, role.radius_m)
+    pilot = create_pilot(role, config) if config.rules.avoidance else _blind_pilot(role, config)
     return Leader(role, config, pilot) if role.leads else Follower(role, config, pilot)
+
+
+def create_pilot(role: Role, config: MissionConfig) -> Pilot:
+    """Create the control layer of the policy on holes."""
+    make_pilot = MappingPilot if config.pilot.holes == "evidenced" else ReactivePilot
+    return make_pilot(config.pilot, config.control_hz, role.team.heading_rad, role.radius_m, role.camera)
+
+
+def _blind_pilot(role: Role, config: MissionConfig) -> Pilot:
+    return Pilot(config.pilot, config.control_hz, role.team.heading_rad, role.radius_m)
 
 
 class Leader:
@@ -35,7 +51,7 @@ class Leader:
         wanted = rules.migration(own.position_m, self._team.goal_m, np.zeros(3), w.migration_per_s)
         wanted = rules.limit(wanted, self._cruise_speed_m_s * self._lag_speed_factor(situation))
         wanted = wanted + rules.confinement(own.position_m, self._corridor, w.confinement_per_s)
-        return self._pilot.fly(rules.limit(wanted, self._cruise_speed_m_s), situation)
+        return self._pilot.fly(rules.limit(wanted, self._cruise_speed_m_s), situation, self._team.goal_m)
 
     def _lag_speed_factor(self, situation: Situation) -> float:
         """Return the share of the cruise speed that lets followers catch up; 0 if one of them is not heard."""
@@ -47,25 +63,27 @@ class Leader:
 
 
 class Follower:
-    """Keeps its slot behind the leader and its distance from the other drones."""
+    """Keeps its slot behind the leader, or as near to it as there is room, and its distance from the other drones."""
 
     def __init__(self, role: Role, config: MissionConfig, pilot: Pilot) -> None:
         self._pilot = pilot
         self._weights = config.rules
         self._corridor = corridor_of(role, config)
         self._offset_m = role.offset_m
+        self._track = Track(role.team.start_m)
         self._members = role.team.members
         self._max_speed_m_s = config.follower_speed_m_s
 
     def decide(self, situation: Situation) -> Decision:
         """Fly at the sum of the rules."""
-        return self._pilot.fly(rules.limit(self.wanted(situation), self._max_speed_m_s), situation)
+        slot_m = self._slot_m(situation)
+        wanted = rules.limit(self.wanted(situation, slot_m), self._max_speed_m_s)
+        return self._pilot.fly(wanted, situation, slot_m)
 
-    def wanted(self, situation: Situation) -> FloatArray:
+    def wanted(self, situation: Situation, slot_m: FloatArray) -> FloatArray:
         """Return the sum of the rules, shape (3,); cohesion and alignment use the own swarm only."""
         w, own, near = self._weights, situation.own, situation.neighbours
         flock = near.among(self._members)
-        slot_m = situation.leader.position_m + self._offset_m
         return (
             rules.migration(own.position_m, slot_m, situation.leader.velocity_m_s, w.migration_per_s)
             + rules.cohesion(own.position_m, flock, w.cohesion_per_s)
@@ -73,6 +91,36 @@ class Follower:
             + rules.alignment(own.velocity_m_s, flock, w.alignment)
             + rules.confinement(own.position_m, self._corridor, w.confinement_per_s)
         )
+
+    def _slot_m(self, situation: Situation) -> FloatArray:
+        """Return the slot, or the first place between it and the track of the leader where the drone fits."""
+        self._track.add(situation.leader.position_m)
+        slot_m = situation.leader.position_m + self._offset_m
+        behind_m = self._track.behind(float(np.linalg.norm(self._offset_m[:2])))
+        places_m = slot_m + SHIFTS[:, None] * (behind_m - slot_m)
+        return np.asarray(places_m[self._pilot.first_free(places_m, situation)])
+
+
+class Track:
+    """The way that a leader has come, from where its formation started."""
+
+    def __init__(self, start_m: FloatArray) -> None:
+        self._points_m = [start_m]
+
+    def add(self, at_m: FloatArray) -> None:
+        """Add a position, shape (3,), if the leader has moved since the last one."""
+        if np.linalg.norm(at_m - self._points_m[-1]) > TRACK_STEP_M:
+            self._points_m.append(at_m.copy())
+
+    def behind(self, distance_m: float) -> FloatArray:
+        """Return the point of the way at a distance from its end, measured along it; its start if it is shorter."""
+        before_m = self._points_m[-1]
+        for point_m in reversed(self._points_m[:-1]):
+            step_m = float(np.linalg.norm(before_m - point_m))
+            if distance_m <= step_m:
+                return np.asarray(before_m + distance_m / step_m * (point_m - before_m))
+            distance_m, before_m = distance_m - step_m, point_m
+        return before_m
 
 
 def corridor_of(role: Role, config: MissionConfig) -> Corridor:

@@ -12,7 +12,7 @@ from voxdepth.types import FloatArray
 from .errors import MissionError
 from .pilot import Situation
 from .team import Team
-from .types import Decision
+from .types import Decision, OnboardCamera
 
 if TYPE_CHECKING:
     from .task import MissionConfig
@@ -38,6 +38,7 @@ class Role:
     """Swarm of the drone."""
     radius_m: float
     """Radius of the collision sphere of every drone."""
+    camera: OnboardCamera
 
     @property
     def leads(self) -> bool:

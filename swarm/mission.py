@@ -15,14 +15,13 @@ from .errors import MissionError
 from .link import Link
 from .metrics import MissionMetrics
 from .neighbours import Detector, NeighbourTracker
-from .obstacles import HistogramBuilder
 from .perception import Perception
 from .pilot import Situation
-from .priors import make_prior
+from .priors import Odometry
 from .recorder import Recorder
 from .task import MissionConfig
 from .team import Team
-from .types import Decision, MissionResult, Outcome, Percept
+from .types import Decision, MissionResult, OnboardCamera, Outcome, Percept
 
 MIN_PROGRESS_M = 0.3
 """A smaller approach to the goal or the slots is no progress."""
@@ -69,7 +68,8 @@ class Mission:
         self._link = Link(config.link, world.states, config.control_hz, seed=seed, leaders=leaders)
         self._link.broadcast(world.states, self.time_s)
         create_agent, radius_m = make_agent or load_controller(config.controller), world.airframe.radius_m
-        roles = [Role(drone=i, team=team, radius_m=radius_m) for i, team in enumerate(self._team_of)]
+        camera = OnboardCamera(intrinsics=rig.intrinsics, mount_cam_m=R_BODY_CAM.T @ rig.mount_m)
+        roles = [Role(drone=i, team=team, radius_m=radius_m, camera=camera) for i, team in enumerate(self._team_of)]
         self._agents = [create_agent(role, config) for role in roles]
         self._termination = TerminationConditions(config, self._teams)
         self._metrics = MissionMetrics(world, self._teams)
@@ -135,7 +135,7 @@ class Mission:
         """Capture and process an image of every drone that is not busy with an earlier one."""
         ready = [i for i, perception in enumerate(self._perceptions) if perception.ready(self.time_s)]
         for capture, percept in self._rig.capture_and(self._see, ready, self._ticks // self._ticks_per_frame):
-            self._recorder.capture(self.world.steps, capture, percept.corrected, percept.histogram)
+            self._recorder.capture(self.world.steps, capture, percept.corrected)
 
     def _see(self, capture: Capture) -> tuple[Capture, Percept]:
         """Process the image of one drone, which changes nothing that another drone's thread uses."""
@@ -182,10 +182,10 @@ class Mission:
         detector = Detector(detector_config, camera, world.drone_ids, radius_m=radius_m, seed=seed, drone=drone)
         return Perception(
             corrector,
-            HistogramBuilder(camera, config.pilot.avoidance.histogram, R_BODY_CAM.T @ self._rig.mount_m),
             detector,
+            Odometry(config.pose_prior, seed=seed, drone=drone),
             latency_s=latency_s,
-            prior=make_prior(config.pose_prior, seed=seed, drone=drone),
+            prior=config.pose_prior.kind,
         )
 
     def _require_free_goals(self) -> None:

@@ -1,7 +1,5 @@
 """Obstacle avoidance by a polar histogram: the free range per direction, a cost per direction and a braking curve."""
 
-from typing import Literal
-
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
@@ -31,10 +29,8 @@ class HistogramConfig(Model):
     """Share of a cell's pixels that must be trusted; cells with fewer are unknown."""
     min_confidence: float = Field(0.2, ge=0, le=1)
     """Pixels of less confidence count as holes; 0 ignores confidence."""
-    unknown: Literal["blocked", "free"] = "blocked"
-    """Unknown cells count as `blocked` at `unknown_range_m`, which caps the speed, or as `free`."""
     unknown_range_m: float = Field(2.0, gt=0)
-    """Range of unknown cells that count as blocked."""
+    """Range of unknown cells that count as surfaces, which limits the speed."""
     free_range_m: float = Field(40.0, gt=0)
     """Range of unknown cells that count as free."""
 
@@ -67,10 +63,19 @@ class HistogramBuilder:
     """Reduces depth images of one camera to histograms.
 
     `mount_cam_m` is the position of the camera relative to the centre of the drone, in the camera frame, shape (3,).
+    Unknown cells count as surfaces at a fixed range, or as free.
     """
 
-    def __init__(self, intrinsics: Intrinsics, config: HistogramConfig, mount_cam_m: FloatArray) -> None:
+    def __init__(
+        self,
+        intrinsics: Intrinsics,
+        config: HistogramConfig,
+        mount_cam_m: FloatArray,
+        *,
+        unknown_is_free: bool = False,
+    ) -> None:
         self._config = config
+        self._unknown_m = config.free_range_m if unknown_is_free else config.unknown_range_m
         self._mount_cam_m = mount_cam_m
         rows, cols = config.rows, config.cols
         self._step = max(1, intrinsics.height_px // 120)
@@ -98,7 +103,7 @@ class HistogramBuilder:
         rank = np.minimum((count * (c.percentile / 100)).astype(np.intp), n_pixels - 1)
         range_m.sort(axis=-1)
         nearest_m = np.take_along_axis(range_m, rank[..., None], axis=-1)[..., 0].astype(np.float64)
-        nearest_m[unknown] = c.unknown_range_m if c.unknown == "blocked" else c.free_range_m
+        nearest_m[unknown] = self._unknown_m
         return self._from_drone_centre(nearest_m, unknown, T_world_cam)
 
     def _from_drone_centre(self, nearest_m: FloatArray, unknown: MaskImage, T_world_cam: FloatArray) -> Histogram:

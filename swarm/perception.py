@@ -1,8 +1,8 @@
 """The adapter between sensor and controller: it builds frames without truth from captures.
 
-`Perception` turns a `Capture` into a `Frame` without true depth, corrects it and reduces it to a histogram. Nothing
-else in this package builds a `Frame`. A frame has a pose only if a pose prior gives one. Two parts of the truth remain:
-the drones fly by their true poses, and the prior `true` passes the true pose to the corrector, as an oracle.
+`Perception` turns a `Capture` into a `Frame` without true depth and corrects it. Nothing else in this package builds a
+`Frame`. Two parts of the truth remain: routes and formations are flown by true positions, and the pose prior `true`
+passes the true pose to the corrector, as an oracle.
 """
 
 from collections import deque
@@ -11,8 +11,7 @@ from sim.types import Capture
 from voxdepth.types import DepthCorrector, FloatArray, Frame
 
 from .neighbours import Detector
-from .obstacles import HistogramBuilder
-from .priors import PosePrior, no_prior
+from .priors import Odometry, PosePriorName, pose_for_corrector
 from .types import Percept
 
 
@@ -22,24 +21,24 @@ def frame_of(capture: Capture, T_world_cam: FloatArray | None = None) -> Frame:
 
 
 class Perception:
-    """Corrector, histogram and detector of one drone, and the time that they take.
+    """Corrector, detector and odometry of one drone, and the time that they take.
 
     A capture that arrives while an earlier one is still processed is dropped. `latency_s` is simulated time: results
-    never depend on the speed of the machine. The corrector gets the camera poses of `prior`.
+    never depend on the speed of the machine. `prior` says which camera poses the corrector gets.
     """
 
     def __init__(
         self,
         corrector: DepthCorrector,
-        builder: HistogramBuilder,
         detector: Detector,
+        odometry: Odometry,
         *,
         latency_s: float,
-        prior: PosePrior = no_prior,
+        prior: PosePriorName = "none",
     ) -> None:
         self._corrector = corrector
+        self._odometry = odometry
         self._prior = prior
-        self._builder = builder
         self._detector = detector
         self._latency_s = latency_s
         self._busy_until_s = 0.0
@@ -56,12 +55,14 @@ class Perception:
 
     def see(self, capture: Capture) -> Percept:
         """Process a capture; the controller knows the percept `latency_s` later."""
-        corrected = self._corrector.process(frame_of(capture, self._prior(capture)))
+        T_odom_cam = self._odometry(capture)
+        prior = pose_for_corrector(self._prior, capture, T_odom_cam)
+        corrected = self._corrector.process(frame_of(capture, prior))
         percept = Percept(
             stamp_s=capture.stamp_s,
             true_T_world_cam=capture.T_world_cam,
+            T_odom_cam=T_odom_cam,
             corrected=corrected,
-            histogram=self._builder.build(corrected, capture.T_world_cam),
             detections=self._detector.detect(capture, corrected),
         )
         self._busy_until_s = capture.stamp_s + self._latency_s

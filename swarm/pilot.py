@@ -1,6 +1,7 @@
 """The control layer of every drone: it turns a wanted velocity into a safe command."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -9,22 +10,37 @@ from sim.types import DroneState, VelocityCommand
 from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
-from .nearby import ApproachLimits, NearbyConfig, SurfaceMemory, clamp_to_limits, neighbour_limits
-from .obstacles import Avoidance, AvoidanceConfig
+from .evidence import EvidenceConfig
+from .free_map import MapConfig
+from .nearby import ApproachLimits, NearbyConfig, clamp_to_limits, neighbour_limits
+from .obstacles import AvoidanceConfig
 from .types import Decision, Motion, Neighbours, Percept
 from .vectors import length
+
+Holes = Literal["free", "fixed_range", "evidenced"]
 
 
 class PilotConfig(Model):
     """Turn rate, response time and avoidance of a drone."""
 
+    holes: Holes = "evidenced"
+    """What a drone makes of pixels without trusted depth. With `free` they are free space, and with `fixed_range` a
+    surface at `avoidance.histogram.unknown_range_m`; the drone steers by its newest image in both cases. With
+    `evidenced` they prove nothing: the drone keeps a map, and flies only where it knows that it can stop in free
+    space."""
     yaw_rate_rad_s: float = Field(1.5, gt=0)
     """Largest yaw rate."""
     response_s: float = Field(0.4, ge=0)
     """Delay with which the airframe follows its commands, 1 / velocity gain. The distance flown meanwhile is not
     available for braking, which prevents overshoot. More of it brakes earlier."""
+    keep_m: float = Field(0.3, ge=0)
+    """Gap that a drone with a map keeps to everything that is not known to be free."""
+    keep_above_m: float = Field(0.15, ge=0)
+    """The same gap above and below the drone."""
     avoidance: AvoidanceConfig = AvoidanceConfig()
     nearby: NearbyConfig = NearbyConfig()
+    evidence: EvidenceConfig = EvidenceConfig()
+    map: MapConfig = MapConfig()
 
     def reaction_distance_m(self, own: DroneState) -> FloatArray:
         """Return the displacement of a drone before a command takes effect, shape (3,)."""
@@ -38,7 +54,7 @@ class Situation:
     time_s: float
     """Simulated time since the start."""
     own: DroneState
-    """True state of the drone: controllers fly with perfect localisation."""
+    """True state of the drone, by which it flies routes and formations. Its map is built by odometry, which drifts."""
     percept: Percept | None
     """Newest percept whose latency has passed; None before the first."""
     leader: Motion
@@ -64,12 +80,23 @@ class Pilot:
         self._radius_m = radius_m
         self._heading = Heading(config, control_hz, start_yaw_rad)
 
-    def fly(self, wanted_m_s: FloatArray, situation: Situation) -> Decision:
-        """Return the command for a wanted velocity, shape (3,), clamped to the limits towards other drones."""
+    def fly(self, wanted_m_s: FloatArray, situation: Situation, target_m: FloatArray | None = None) -> Decision:
+        """Return the command for a wanted velocity, shape (3,), clamped to the limits towards other drones.
+
+        `target_m` is the place to which the drone wants to get, shape (3,); pilots that plan ways use it.
+        """
         yaw_rad = self._heading.turn_towards(wanted_m_s, length(wanted_m_s))
         velocity_m_s = clamp_to_limits(wanted_m_s, self._drone_limits(situation))
         command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=yaw_rad)
-        return Decision(command=command, wanted_velocity_m_s=wanted_m_s, choice=None)
+        return Decision(command=command, wanted_velocity_m_s=wanted_m_s, state="blind")
+
+    def first_free(self, places_m: FloatArray, situation: Situation) -> int:
+        """Return the index of the first place, of shape (n, 3), where the drone fits; one without a map takes any."""
+        return 0
+
+    def _hover(self, wanted_m_s: FloatArray) -> Decision:
+        command = VelocityCommand(velocity_m_s=np.zeros(3), yaw_rad=self._heading.yaw_rad)
+        return Decision(command=command, wanted_velocity_m_s=wanted_m_s, state="waiting")
 
     def _drone_limits(self, situation: Situation) -> ApproachLimits:
         """Return how fast the drone may approach each of the other drones."""
@@ -81,35 +108,6 @@ class Pilot:
             reaction_distance_m=self._config.reaction_distance_m(situation.own),
             response_s=self._config.response_s,
         )
-
-
-class SeeingPilot(Pilot):
-    """Avoids surfaces that the camera sees as well, and turns the camera to the direction of flight."""
-
-    def __init__(self, config: PilotConfig, control_hz: float, start_yaw_rad: float, radius_m: float) -> None:
-        super().__init__(config, control_hz, start_yaw_rad, radius_m)
-        self._avoidance = Avoidance(config.avoidance, radius_m)
-        self._surfaces = SurfaceMemory(config.nearby, radius_m)
-        self._previous: FloatArray | None = None
-        self._last_stamp_s = -np.inf
-
-    def fly(self, wanted_m_s: FloatArray, situation: Situation) -> Decision:
-        """Return the command for a wanted velocity, shape (3,); the drone hovers before the first percept."""
-        percept = situation.percept
-        if percept is None:
-            command = VelocityCommand(velocity_m_s=np.zeros(3), yaw_rad=self._heading.yaw_rad)
-            return Decision(command=command, wanted_velocity_m_s=wanted_m_s, choice=None)
-        if percept.stamp_s > self._last_stamp_s:
-            self._last_stamp_s = percept.stamp_s
-            self._surfaces.remember(percept.stamp_s, percept.histogram, situation.neighbours)
-        own_m, reaction_m = situation.own.position_m, self._config.reaction_distance_m(situation.own)
-        choice = self._avoidance.choose(wanted_m_s, percept.histogram, self._previous, own_m + reaction_m)
-        self._previous = choice.direction
-        surface_limits = self._surfaces.limits(own_m, reaction_m)
-        velocity_m_s = clamp_to_limits(choice.velocity_m_s, surface_limits, self._drone_limits(situation))
-        yaw_rad = self._heading.turn_towards(choice.direction, length(wanted_m_s))
-        command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=yaw_rad)
-        return Decision(command=command, wanted_velocity_m_s=wanted_m_s, choice=choice)
 
 
 class Heading:

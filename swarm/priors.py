@@ -1,6 +1,5 @@
-"""Pose priors: the camera poses that a drone passes to its corrector along with the frames."""
+"""The camera poses that a drone knows: those of its odometry, and those that it passes to its corrector."""
 
-from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -16,17 +15,17 @@ PosePriorName = Literal["none", "drift", "true"]
 
 
 class PosePriorConfig(Model):
-    """Source of the poses that a drone passes to its corrector.
+    """Drift of a drone's odometry, and which poses the drone passes to its corrector.
 
-    With `none` the corrector has the images alone. With `drift` the pose is an estimate that drifts off the true pose.
-    With `true` it is the true pose: an ORACLE that no robot has, as an upper bound for comparisons.
+    With `none` the corrector has the images alone. With `drift` it gets the pose of the odometry. With `true` it gets
+    the true pose: an ORACLE that no robot has, as an upper bound for comparisons.
     """
 
     kind: PosePriorName = "none"
     drift_m_per_sqrt_s: float = Field(0.02, ge=0)
-    """Standard deviation of each coordinate after one second at rest, for `drift`; it grows with the root of time."""
+    """Standard deviation of each coordinate after one second at rest; it grows with the root of time."""
     drift_yaw_deg_per_sqrt_s: float = Field(0.1, ge=0)
-    """Standard deviation of the heading after one second, for `drift`; its error rotates all later motion."""
+    """Standard deviation of the heading after one second; its error rotates all later motion."""
 
     @property
     def label(self) -> str:
@@ -34,24 +33,8 @@ class PosePriorConfig(Model):
         return "true (oracle)" if self.kind == "true" else self.kind
 
 
-PosePrior = Callable[[Capture], FloatArray | None]
-"""Source of the poses of one drone, called once for every capture in order.
-
-It returns the estimate of `T_world_cam`, shape (4, 4), or None if there is none.
-"""
-
-
-def no_prior(capture: Capture) -> None:
-    """Return no pose."""
-
-
-def true_prior(capture: Capture) -> FloatArray:
-    """Return the true pose of the capture: an ORACLE, which no robot has."""
-    return capture.T_world_cam.copy()
-
-
-class DriftingPrior:
-    """An estimate like that of visual-inertial odometry: true at first, then with a random walk added.
+class Odometry:
+    """The estimate of visual-inertial odometry: true at first, then with a random walk added.
 
     The true motion from capture to capture is accumulated, rotated by the present error of the heading, so that the
     motion between two captures close in time stays nearly true. Roll and pitch have no error: gravity shows them. The
@@ -66,7 +49,7 @@ class DriftingPrior:
         self._yaw_error_rad = 0.0
 
     def __call__(self, capture: Capture) -> FloatArray:
-        """Return the estimate; the first one is true."""
+        """Return the estimate of `T_world_cam`, shape (4, 4), for captures in their order; the first one is true."""
         true_m = capture.T_world_cam[:3, 3].copy()
         if self._before is None:
             self._position_m = true_m
@@ -83,8 +66,8 @@ class DriftingPrior:
         return frames.rotation_from_yaw(self._yaw_error_rad)
 
 
-def make_prior(config: PosePriorConfig, *, seed: int, drone: int) -> PosePrior:
-    """Create the pose prior of one drone."""
-    if config.kind == "drift":
-        return DriftingPrior(config, seed=seed, drone=drone)
-    return true_prior if config.kind == "true" else no_prior
+def pose_for_corrector(kind: PosePriorName, capture: Capture, T_odom_cam: FloatArray) -> FloatArray | None:
+    """Return the pose that a drone passes to its corrector, shape (4, 4), or None."""
+    if kind == "true":
+        return capture.T_world_cam.copy()
+    return T_odom_cam if kind == "drift" else None

@@ -7,7 +7,7 @@ from sim.world import World
 from voxdepth.types import CorrectedDepth, FloatArray
 
 from .team import Team
-from .types import Decision, Histogram, Outcome
+from .types import Decision, Outcome
 
 
 class Recorder:
@@ -21,8 +21,8 @@ class Recorder:
     ) -> None:
         """Receive all drones after a decision, and the slots of the followers, shape (n, 3)."""
 
-    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth, histogram: Histogram) -> None:
-        """Receive one image and the results of its processing."""
+    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
+        """Receive one image and its corrected depth."""
 
     def metrics(self, step: int, time_s: float, values: dict[str, float]) -> None:
         """Receive the present metrics by name."""
@@ -43,6 +43,6 @@ class CaptureRecorder(Recorder):
     def __init__(self) -> None:
         self.newest: dict[int, tuple[Capture, CorrectedDepth]] = {}
 
-    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth, histogram: Histogram) -> None:
+    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
         """Keep a capture."""
         self.newest[capture.drone] = capture, corrected

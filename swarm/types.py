@@ -3,13 +3,16 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from sim.types import Contact, VelocityCommand
-from voxdepth.types import CorrectedDepth, FloatArray, MaskImage
+from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics, MaskImage
+
+if TYPE_CHECKING:
+    from .free_map import Chart
 
 MetricValue = float | int | None
 """A metric of a mission; None where it is undefined."""
@@ -91,11 +94,23 @@ class Percept:
 
     stamp_s: float
     true_T_world_cam: FloatArray
-    """True pose of the camera in the simulator, shape (4, 4): controllers fly with perfect localisation."""
+    """True pose of the camera in the simulator, shape (4, 4): satellites and radio give it for routes and formations."""
+    T_odom_cam: FloatArray
+    """Pose of the camera by the drone's odometry, which drifts, shape (4, 4): maps are built with it."""
     corrected: CorrectedDepth
-    histogram: Histogram
     detections: tuple[Detection, ...] = ()
     """Other drones that were found in the image."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OnboardCamera:
+    """What a controller knows of its camera."""
+
+    intrinsics: Intrinsics
+    mount_cam_m: FloatArray
+    """Position of the camera relative to the centre of the drone, in the camera frame, shape (3,)."""
+    disparity_scale: float = 1.0
+    """Width of the images that were matched, divided by that of the depth images."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,23 +134,12 @@ class Decision:
     command: VelocityCommand
     wanted_velocity_m_s: FloatArray
     """Velocity before avoidance, shape (3,)."""
-    choice: Choice | None
-    """None before the first percept, and when obstacle avoidance is off."""
-
-    @property
-    def state(self) -> str:
-        """State of the drone in one word: `waiting`, `blind`, `avoiding`, `braking` or `free`.
-
-        A drone that flies with obstacle avoidance off is `blind`, too.
-        """
-        if self.choice is None:
-            return "blind" if self.command.velocity_m_s.any() else "waiting"
-        if self.choice.cell is None:
-            return "blind"
-        wanted = float(np.linalg.norm(self.wanted_velocity_m_s))
-        if float(self.choice.direction @ self.wanted_velocity_m_s) < 0.97 * wanted:
-            return "avoiding"
-        return "braking" if float(np.linalg.norm(self.choice.velocity_m_s)) < 0.9 * wanted else "free"
+    state: str
+    """State of the drone in one word."""
+    direction: FloatArray | None = None
+    """Unit vector of the direction that avoidance chose, also when the speed is 0; shape (3,)."""
+    view: "Histogram | Chart | None" = None
+    """What avoidance made of the newest images."""
 
 
 class Outcome(StrEnum):

@@ -21,7 +21,7 @@ class Straight:
 
     def decide(self, situation: Situation) -> Decision:
         command = VelocityCommand(velocity_m_s=self._velocity_m_s, yaw_rad=self._yaw_rad)
-        return Decision(command=command, wanted_velocity_m_s=self._velocity_m_s, choice=None)
+        return Decision(command=command, wanted_velocity_m_s=self._velocity_m_s, state="free")
 
 
 def create(role: Role, config: MissionConfig) -> Straight:

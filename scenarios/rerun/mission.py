@@ -85,10 +85,9 @@ class MissionRecorder(Recorder):
         if len(slots_m):
             self._add("world/slots", points, slots_m)
 
-    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth, histogram: Histogram) -> None:
-        """Record the histogram of every capture, and the images of some."""
+    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
+        """Record the images of some captures."""
         self._at(step, capture.stamp_s)
-        self._log_histogram(capture.drone, histogram)
         if self._captures[capture.drone] % self._image_every == 0:
             self._log_images(capture, corrected)
         self._captures[capture.drone] += 1

@@ -11,7 +11,6 @@ from sim.types import Capture, Contact, IdImage
 from sim.world import World
 from swarm.recorder import Recorder
 from swarm.team import Team
-from swarm.types import Histogram
 from voxdepth.geometry import back_project
 from voxdepth.metrics import TOO_FAR
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, MaskImage
@@ -101,7 +100,7 @@ class CollisionProbe(Recorder):
         """Keep the world of the mission."""
         self._world = world
 
-    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth, histogram: Histogram) -> None:
+    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
         """Keep an image for `LOOKBACK_S`."""
         recent = self._observations[capture.drone]
         recent.append(

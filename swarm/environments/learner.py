@@ -12,9 +12,10 @@ from sim.types import VelocityCommand
 from voxdepth.types import FloatArray, FloatImage
 
 from .. import rules
+from ..agents import create_pilot
 from ..controllers import Role
 from ..errors import MissionError
-from ..pilot import SeeingPilot, Situation
+from ..pilot import Situation
 from ..task import MissionConfig
 from ..types import Decision
 from .task import LearningTask
@@ -70,7 +71,7 @@ class Learner:
         velocity_m_s = self._velocity_m_s(situation)
         self._yaw_rad += float(self.action[3]) * self._max_turn_rad
         command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=self._yaw_rad)
-        return Decision(command=command, wanted_velocity_m_s=velocity_m_s, choice=None)
+        return Decision(command=command, wanted_velocity_m_s=velocity_m_s, state="blind")
 
     def _velocity_m_s(self, situation: Situation) -> FloatArray:
         velocity_m_s = heading_frame(situation) @ (self._max_speed_m_s * self.action[:3])
@@ -82,7 +83,7 @@ class ShieldedLearner(Learner):
 
     def __init__(self, role: Role, config: MissionConfig) -> None:
         super().__init__(role, config)
-        self._pilot = SeeingPilot(config.pilot, config.control_hz, role.team.heading_rad, role.radius_m)
+        self._pilot = create_pilot(role, config)
 
     def decide(self, situation: Situation) -> Decision:
         """Return the safe velocity that is nearest to that of the action."""

@@ -1,0 +1,100 @@
+"""What one depth image proves: how far each direction is free, and where it shows a surface."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, model_validator
+
+from voxdepth.compiled import compile_all
+from voxdepth.model import Model
+from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics
+
+from .evidence_kernels import read_cells
+
+SAMPLED_ROWS = 120
+"""Larger images are sampled so that about this number of rows is read."""
+
+
+class EvidenceConfig(Model):
+    """What a drone takes as a proof of free space, and of a surface.
+
+    Free space must be proven, and a surface need not: a doubtful depth says that something may be near.
+    """
+
+    cell_deg: float = Field(5.0, gt=0.5, le=45)
+    """Angle that a cell of the image covers in its middle."""
+    min_confidence: float = Field(0.5, ge=0, le=1)
+    """Pixels of at least this confidence are trusted: they are more likely right than not."""
+    min_trusted_share: float = Field(0.6, gt=0, le=1)
+    """Share of the pixels of a cell that must be trusted; a cell with fewer proves no free space."""
+    free_percentile: float = Field(10.0, ge=0, le=100)
+    """Percentile of the trusted depths up to which a cell is free; 0 would let one noisy pixel decide."""
+    disparity_error_px: float = Field(0.35, ge=0)
+    """Error of the matched disparity, which shortens the free depth. It is a share of a pixel of the images that were
+    matched; they may be larger than the depth image."""
+    min_surface_confidence: float = Field(0.1, ge=0, le=1)
+    """Pixels of at least this confidence show a surface."""
+    surface_percentile: float = Field(8.0, ge=0, le=100)
+    """Percentile of these depths at which a cell shows a surface."""
+
+    @model_validator(mode="after")
+    def _check(self) -> "EvidenceConfig":
+        if self.min_surface_confidence > self.min_confidence:
+            raise ValueError(
+                "a surface needs no more confidence than free space, got min_surface_confidence "
+                f"{self.min_surface_confidence} above min_confidence {self.min_confidence}"
+            )
+        return self
+
+
+class Evidence(NamedTuple):
+    """Ranges along the middle of each cell of an image, shape (rows, cols)."""
+
+    free_m: FloatImage
+    """Range up to which the direction is proven to be free [m]; 0 if nothing is."""
+    surface_m: FloatImage
+    """Range at which the image shows a surface [m]; +inf without one."""
+
+
+class EvidenceReader:
+    """Reads the evidence of the depth images of one camera.
+
+    `disparity_scale` is the width of the matched images divided by that of the depth images.
+    """
+
+    def __init__(self, intrinsics: Intrinsics, config: EvidenceConfig, *, disparity_scale: float = 1.0) -> None:
+        compile_all()
+        self._config = c = config
+        i = intrinsics
+        self.row_edges = _edges(i.height_px, i.fy_px, c.cell_deg)
+        self.col_edges = _edges(i.width_px, i.fx_px, c.cell_deg)
+        self._step = max(1, i.height_px // SAMPLED_ROWS)
+        self._focal_baseline_px_m = i.focal_baseline_px_m
+        self._error_px = c.disparity_error_px / disparity_scale
+        y = ((self.row_edges[1:] + self.row_edges[:-1] - 1) / 2 - i.cy_px) / i.fy_px
+        x = ((self.col_edges[1:] + self.col_edges[:-1] - 1) / 2 - i.cx_px) / i.fx_px
+        self._ray_length = np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2).astype(np.float32)
+        rays = np.stack([*np.meshgrid(x, y), np.ones((len(y), len(x)))], axis=-1)
+        self.rays_cam: FloatArray = rays / self._ray_length[..., None]
+        """Unit vector through the middle of each cell, camera frame, shape (rows, cols, 3)."""
+
+    def read(self, corrected: CorrectedDepth) -> Evidence:
+        """Return the evidence of an image; where it has no depth and no confidence, nothing is proven."""
+        c, shape = self._config, self._ray_length.shape
+        free_m, surface_m = np.empty(shape, np.float32), np.empty(shape, np.float32)
+        read_cells(
+            np.ascontiguousarray(corrected.depth_m), np.ascontiguousarray(corrected.confidence),
+            self.row_edges, self.col_edges, self._step, np.float32(c.min_confidence), np.float32(c.min_surface_confidence),
+            c.min_trusted_share, c.free_percentile / 100, c.surface_percentile / 100, free_m, surface_m,
+        )  # fmt: skip
+        proven = free_m > 0
+        # f B / (f B / z + s): the free depth if the disparity was too small by s.
+        free_m[proven] /= 1 + free_m[proven] * np.float32(self._error_px / self._focal_baseline_px_m)
+        return Evidence(free_m * self._ray_length, surface_m * self._ray_length)
+
+
+def _edges(n_px: int, focal_px: float, cell_deg: float) -> npt.NDArray[np.int64]:
+    """Return the first pixel of each cell along a side of the image, and the number of pixels."""
+    n_cells = max(1, round(n_px / (focal_px * float(np.radians(cell_deg)))))
+    return np.linspace(0, n_px, min(n_cells, n_px) + 1).round().astype(np.int64)

@@ -1,0 +1,134 @@
+"""Compiled loops over a flat map: the cheapest way to a target, and how far a direction is known to be free.
+
+Maps have the shape (rows along y, columns along x); positions on them are (x, y) in cells, of which cell (row, column)
+has its middle at (column, row).
+"""
+
+import numpy as np
+import numpy.typing as npt
+from numba import float64, int64, uint8
+
+from voxdepth.compiled import FLOAT_IMAGE, compiled
+from voxdepth.types import FloatArray, FloatImage
+
+Bytes = npt.NDArray[np.uint8]
+Cells = npt.NDArray[np.int64]
+STEP_CELLS = 0.5
+"""Distance between the places at which a direction is tested."""
+ESCAPE_SLOPE = 0.5
+"""Growth of the clearance per distance that a drone keeps on its way out of a place that is too narrow."""
+DIAGONAL = float(np.sqrt(2))
+
+
+@compiled(float64(FLOAT_IMAGE, float64, float64))
+def clearance_at(clearance: FloatImage, x: float, y: float) -> float:
+    """Return the clearance at a position; 0 beyond the map."""
+    col, row = int(np.floor(x + 0.5)), int(np.floor(y + 0.5))
+    if 0 <= row < clearance.shape[0] and 0 <= col < clearance.shape[1]:
+        return float(clearance[row, col])
+    return 0.0
+
+
+@compiled(float64(FLOAT_IMAGE, float64, float64, float64, float64, float64, float64))
+def free_length(
+    clearance: FloatImage, x: float, y: float, along_x: float, along_y: float, width: float, longest: float
+) -> float:
+    """Return how far a body may move from a position in a direction before its clearance is less than its width.
+
+    Everything is in cells. A body that stands too narrow may leave in directions in which the clearance grows.
+    """
+    here = clearance_at(clearance, x, y)
+    length = 0.0
+    while length < longest:
+        ahead = length + STEP_CELLS
+        least = min(width, here + ESCAPE_SLOPE * (ahead - 2 * STEP_CELLS))
+        if clearance_at(clearance, x + ahead * along_x, y + ahead * along_y) < least:
+            return length
+        length = ahead
+    return longest
+
+
+@compiled(int64(float64[::1], int64[::1], int64, float64, int64))
+def push(keys: FloatArray, items: Cells, n: int, key: float, item: int) -> int:
+    """Add an item to a binary heap of `n` items; return their number."""
+    place = n
+    while place > 0 and keys[(place - 1) // 2] > key:
+        keys[place], items[place] = keys[(place - 1) // 2], items[(place - 1) // 2]
+        place = (place - 1) // 2
+    keys[place], items[place] = key, item
+    return n + 1
+
+
+@compiled(int64(float64[::1], int64[::1], int64))
+def pop(keys: FloatArray, items: Cells, n: int) -> int:
+    """Remove the first item, whose place is 0, from a binary heap of `n` items; return how many are left."""
+    n -= 1
+    key, item, place = keys[n], items[n], 0
+    while 2 * place + 1 < n:
+        child = 2 * place + 1
+        if child + 1 < n and keys[child + 1] < keys[child]:
+            child += 1
+        if keys[child] >= key:
+            break
+        keys[place], items[place] = keys[child], items[child]
+        place = child
+    keys[place], items[place] = key, item
+    return n
+
+
+@compiled(int64(FLOAT_IMAGE, FLOAT_IMAGE, int64, int64, int64[::1]))
+def cheapest_way(price: FloatImage, left: FloatImage, row: int, col: int, way: Cells) -> int:
+    """Find the cheapest way by Dijkstra's algorithm, from the cells where it may end back to a start.
+
+    Args:
+        price: Price of each cell per side of a cell.
+        left: Price that is left to pay from each cell where a way may end; +inf elsewhere.
+        row: Row of the start.
+        col: Column of the start.
+        way: Receives the index of each cell of the way, from the start on.
+
+    Returns:
+        Number of cells of the way.
+    """
+    n_rows, n_cols = price.shape
+    cost, towards = left.copy().ravel(), np.full(price.size, -1, np.int64)
+    keys, items, n = np.empty(9 * price.size), np.empty(9 * price.size, np.int64), 0
+    for cell in range(price.size):
+        if cost[cell] < np.inf:
+            n = push(keys, items, n, float(cost[cell]), cell)
+    start = row * n_cols + col
+    while n > 0:
+        paid, cell = keys[0], items[0]
+        n = pop(keys, items, n)
+        if cell == start:
+            break
+        if paid > cost[cell]:
+            continue
+        i, j = cell // n_cols, cell % n_cols
+        for a in range(max(i - 1, 0), min(i + 2, n_rows)):
+            for b in range(max(j - 1, 0), min(j + 2, n_cols)):
+                if a == i and b == j:
+                    continue
+                length = DIAGONAL if a != i and b != j else 1.0
+                total = np.float32(paid + length * 0.5 * (price[i, j] + price[a, b]))
+                other = a * n_cols + b
+                if total < cost[other]:
+                    cost[other], towards[other] = total, cell
+                    n = push(keys, items, n, float(total), other)
+    length_of_way, cell = 0, start
+    while cell >= 0 and length_of_way < len(way):
+        way[length_of_way] = cell
+        length_of_way += 1
+        cell = towards[cell]
+    return length_of_way
+
+
+@compiled(int64(uint8[:, ::1], int64, int64, int64, int64))
+def worst_between(state: Bytes, row: int, col: int, to_row: int, to_col: int) -> int:
+    """Return the worst state of the cells on the straight line between two cells."""
+    n = 2 * max(abs(to_row - row), abs(to_col - col))
+    worst = state[row, col]
+    for k in range(1, n + 1):
+        a, b = int(np.floor(row + (to_row - row) * k / n + 0.5)), int(np.floor(col + (to_col - col) * k / n + 0.5))
+        worst = max(worst, state[a, b])
+    return int(worst)
