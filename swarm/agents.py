@@ -15,7 +15,7 @@ from .types import Decision
 
 
 SHIFTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
-"""Places that a follower tries, as shares of the way from its slot to the track of its leader."""
+"""Places that a follower tries, as shares of the way from its slot to its place in single file behind the leader."""
 TRACK_STEP_M = 0.2
 
 
@@ -71,6 +71,8 @@ class Follower:
         self._corridor = corridor_of(role, config)
         self._offset_m = role.offset_m
         self._track = Track(role.team.start_m)
+        self._file_m = (role.drone - role.team.leader) * config.rules.separation_radius_m
+        """Distance behind the leader on its track, when the whole swarm flies in single file."""
         self._members = role.team.members
         self._max_speed_m_s = config.follower_speed_m_s
 
@@ -93,10 +95,10 @@ class Follower:
         )
 
     def _slot_m(self, situation: Situation) -> FloatArray:
-        """Return the slot, or the first place between it and the track of the leader where the drone fits."""
+        """Return the slot, or the first place between it and the one in single file where the drone fits."""
         self._track.add(situation.leader.position_m)
         slot_m = situation.leader.position_m + self._offset_m
-        behind_m = self._track.behind(float(np.linalg.norm(self._offset_m[:2])))
+        behind_m = self._track.behind(self._file_m)
         places_m = slot_m + SHIFTS[:, None] * (behind_m - slot_m)
         return np.asarray(places_m[self._pilot.first_free(places_m, situation)])
 

@@ -79,6 +79,10 @@ class EvidenceReader:
         self.rays_cam: FloatArray = rays / self._ray_length[..., None]
         """Unit vector through the middle of each cell, camera frame, shape (rows, cols, 3)."""
 
+    def range_of_error(self, error_m: float) -> float:
+        """Return the range at which the error of the disparity is an error of the depth of `error_m` [m]."""
+        return float(np.sqrt(error_m * self._focal_baseline_px_m / max(self._error_px, 1e-6)))
+
     def read(self, corrected: CorrectedDepth) -> Evidence:
         """Return the evidence of an image; where it has no depth and no confidence, nothing is proven."""
         c, shape = self._config, self._ray_length.shape

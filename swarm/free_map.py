@@ -27,6 +27,8 @@ MARGIN_M = 2.0
 """The map moves when the drone is this far from its middle."""
 BEYOND_PRICE = 1.5
 """Price of a way per metre beyond the map."""
+HABIT = 0.7
+"""Price of the way that was chosen before, as a share of its price."""
 ROUTE_CELLS = 2
 """Side of a cell of the route, in voxels."""
 
@@ -48,6 +50,8 @@ class MapConfig(Model):
     """Images in a row that show nothing in a voxel nearer than `near_m`, until it is vain: looking does not help."""
     near_m: float = Field(4.0, gt=0)
     """Distance within which an image that shows nothing counts."""
+    max_error_m: float = Field(0.5, gt=0)
+    """Surfaces so far away that their range is less exact than this are not recorded; nothing behind them is free."""
     memory_s: float = Field(60.0, gt=0)
     """Time for which free space is remembered. Odometry drifts, and things move: less of it forgets both."""
     start_radius_m: float = Field(1.6, ge=0)
@@ -136,10 +140,17 @@ class Chart:
         inside = 0 <= row < self.state.shape[0] and 0 <= col < self.state.shape[1]
         return int(self.state[row, col]) if inside else kernels.UNSEEN
 
-    def route(self, at_m: FloatArray, target_m: FloatArray) -> Route:
-        """Return the cheapest way from a position inside of the map to a target (x, y), or to the side towards it."""
+    def route(self, at_m: FloatArray, target_m: FloatArray, before: Route | None = None) -> Route:
+        """Return the cheapest way from a position inside of the map to a target (x, y), or to the side towards it.
+
+        The way that was chosen `before` is a little cheaper, so that a drone does not hesitate between two ways.
+        """
         c, shape, side_m = self._config, self._blocked.shape, ROUTE_CELLS * self._config.voxel_m
         price = np.array([1, c.unseen_price, c.vain_price, c.surface_price], np.float32)[self._blocked]
+        if before is not None:
+            rows, cols = np.floor((before.points_m - self.origin_m) / side_m).astype(np.intp).T[::-1]
+            inside = (rows >= 0) & (rows < shape[0]) & (cols >= 0) & (cols < shape[1])
+            price[rows[inside], cols[inside]] *= np.float32(HABIT)
         row, col = self._route_cell(at_m)
         way = np.empty(self._blocked.size, np.int64)
         n = cheapest_way(price, self._left_to_pay(target_m), row, col, way)
@@ -181,6 +192,7 @@ class FreeMap:
         rows, cols = (np.repeat(np.arange(len(e) - 1), np.diff(e)) for e in (reader.row_edges, reader.col_edges))
         self._view = View(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, rows, cols)
         self._rays_cam = reader.rays_cam
+        self._max_surface_m = reader.range_of_error(c.max_error_m)
         self._voxels = Voxels(*(np.zeros(c.shape, t) for t in (np.uint8, np.uint8, np.uint8, np.float32)))
         self._origin: npt.NDArray[np.int64] | None = None
         """Corner of the first voxel (x, y, z), in voxels."""
@@ -235,9 +247,9 @@ class FreeMap:
         is_drone = shown & (apart < DRONE_MASK_RADIUS_M**2).any(axis=-1)
         kernels.look(
             self._voxels, self._rules, self._view, self.origin_m, np.ascontiguousarray(T_odom_cam),
-            evidence.free_m, evidence.surface_m, is_drone, time_s,
+            evidence.free_m, evidence.surface_m, is_drone, self._max_surface_m, time_s,
         )  # fmt: skip
-        near = shown & ~is_drone & (evidence.surface_m < self._config.reach_m)
+        near = shown & ~is_drone & (evidence.surface_m < self._max_surface_m)
         kernels.show_surfaces(self._voxels, self._rules, self.origin_m, points_m[near])
 
     def chart(self, low_m: float, high_m: float, width_m: float, time_s: float) -> Chart:

@@ -85,16 +85,11 @@ def pass_through(voxels: Voxels, k: int, i: int, j: int, time_s: float) -> None:
     voxels.passed_s[k, i, j] = time_s
 
 
-@compiled(void(VOXELS, int64, int64, int64, int64))
-def look_in_vain(voxels: Voxels, k: int, i: int, j: int, min_vain: int) -> None:
-    """Record that an image has a near voxel in view and shows nothing there; at last, that outweighs a far view."""
-    if voxels.vain[k, i, j] < MOST_SEEN:
-        voxels.vain[k, i, j] += 1
-    if voxels.vain[k, i, j] >= min_vain:
-        voxels.passed[k, i, j] = 0
-
-
-@compiled(void(VOXELS, RULES, VIEW, float64[::1], float64[:, ::1], FLOAT_IMAGE, FLOAT_IMAGE, boolean[:, ::1], float64))
+@compiled(
+    void(
+        VOXELS, RULES, VIEW, float64[::1], float64[:, ::1], FLOAT_IMAGE, FLOAT_IMAGE, boolean[:, ::1], float64, float64
+    )
+)
 def look(
     voxels: Voxels,
     rules: Rules,
@@ -104,6 +99,7 @@ def look(
     free_m: FloatImage,
     surface_m: FloatImage,
     is_drone: MaskImage,
+    max_surface_m: float,
     time_s: float,
 ) -> None:
     """Compare every voxel in the field of view with the ranges of the cell that shows its middle.
@@ -135,10 +131,10 @@ def look(
                         if range_m + half_m <= free_m[a, b]:
                             pass_through(voxels, k, i, j, time_s)
                         elif abs(range_m - surface_m[a, b]) <= tolerance_m:
-                            if not is_drone[a, b]:
+                            if range_m < max_surface_m and not is_drone[a, b]:
                                 show_surface(voxels, k, i, j)
                         elif range_m < surface_m[a, b] and range_m < rules.near_m:
-                            look_in_vain(voxels, k, i, j, rules.min_vain)
+                            voxels.vain[k, i, j] = min(voxels.vain[k, i, j] + 1, MOST_SEEN)
                 x, y, z = x + up_x, y + up_y, z + up_z
 
 
@@ -223,11 +219,8 @@ def worst_states(
             for j in range(state.shape[1]):
                 if voxels.surface[k, i, j] > 0:
                     state[i, j] = SURFACE
-                elif state[i, j] < VAIN:
-                    if voxels.vain[k, i, j] >= rules.min_vain:
-                        state[i, j] = VAIN
-                    elif (
-                        voxels.passed[k, i, j] < rules.min_passed
-                        or time_s - voxels.passed_s[k, i, j] > rules.memory_s
-                    ):
-                        state[i, j] = UNSEEN
+                elif (
+                    voxels.passed[k, i, j] < rules.min_passed or time_s - voxels.passed_s[k, i, j] > rules.memory_s
+                ):
+                    unknown = VAIN if voxels.vain[k, i, j] >= rules.min_vain else UNSEEN
+                    state[i, j] = max(state[i, j], unknown)

@@ -47,6 +47,8 @@ class MappingPilot(Pilot):
         self._width_m, self._half_height_m = radius_m + config.keep_m, radius_m + config.keep_above_m
         self._chart: Chart | None = None
         self._route: Route | None = None
+        self._before: Route | None = None
+        """The way that was chosen last."""
         self._newest: tuple[float, FloatArray, FloatArray] | None = None
         """Time of the newest image, `T_odom_world` at that time and the position, in the frame of the odometry."""
         self._stands_since_s: float | None = None
@@ -123,7 +125,8 @@ class MappingPilot(Pilot):
         if speed <= 1e-3 or self._chart.free_length_m(at_m, straight, needed_m) >= min(needed_m, left_m):
             return straight, straight
         if self._route is None:
-            self._route = self._chart.route(at_m, target_m)
+            self._route = self._chart.route(at_m, target_m, self._before)
+            self._before = self._route
         points_m, clear = self._route
         apart_m = np.linalg.norm(points_m[: clear + 1] - at_m[:2], axis=1)
         flown = points_m[max(clear, min(1, len(points_m) - 1))] - at_m[:2]
