@@ -13,7 +13,6 @@ from .rules import Corridor
 from .task import MissionConfig
 from .types import Decision
 
-
 SHIFTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 """Places that a follower tries, as shares of the way from its slot to its place in single file behind the leader."""
 TRACK_STEP_M = 0.2

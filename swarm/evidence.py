@@ -10,7 +10,7 @@ from voxdepth.compiled import compile_all
 from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics
 
-from .evidence_kernels import read_cells
+from .evidence_kernels import Trust, read_cells
 
 SAMPLED_ROWS = 120
 """Larger images are sampled so that about this number of rows is read."""
@@ -65,11 +65,17 @@ class EvidenceReader:
 
     def __init__(self, intrinsics: Intrinsics, config: EvidenceConfig, *, disparity_scale: float = 1.0) -> None:
         compile_all()
-        self._config = c = config
-        i = intrinsics
+        c, i = config, intrinsics
         self.row_edges = _edges(i.height_px, i.fy_px, c.cell_deg)
         self.col_edges = _edges(i.width_px, i.fx_px, c.cell_deg)
-        self._step = max(1, i.height_px // SAMPLED_ROWS)
+        self._trust = Trust(
+            min_confidence=c.min_confidence,
+            min_surface_confidence=c.min_surface_confidence,
+            min_trusted_share=c.min_trusted_share,
+            free_share=c.free_percentile / 100,
+            surface_share=c.surface_percentile / 100,
+            step=max(1, i.height_px // SAMPLED_ROWS),
+        )
         self._focal_baseline_px_m = i.focal_baseline_px_m
         self._error_px = c.disparity_error_px / disparity_scale
         y = ((self.row_edges[1:] + self.row_edges[:-1] - 1) / 2 - i.cy_px) / i.fy_px
@@ -85,13 +91,10 @@ class EvidenceReader:
 
     def read(self, corrected: CorrectedDepth) -> Evidence:
         """Return the evidence of an image; where it has no depth and no confidence, nothing is proven."""
-        c, shape = self._config, self._ray_length.shape
+        shape = self._ray_length.shape
         free_m, surface_m = np.empty(shape, np.float32), np.empty(shape, np.float32)
-        read_cells(
-            np.ascontiguousarray(corrected.depth_m), np.ascontiguousarray(corrected.confidence),
-            self.row_edges, self.col_edges, self._step, np.float32(c.min_confidence), np.float32(c.min_surface_confidence),
-            c.min_trusted_share, c.free_percentile / 100, c.surface_percentile / 100, free_m, surface_m,
-        )  # fmt: skip
+        depth_m, confidence = np.ascontiguousarray(corrected.depth_m), np.ascontiguousarray(corrected.confidence)
+        read_cells(depth_m, confidence, self.row_edges, self.col_edges, self._trust, free_m, surface_m)
         proven = free_m > 0
         # f B / (f B / z + s): the free depth if the disparity was too small by s.
         free_m[proven] /= 1 + free_m[proven] * np.float32(self._error_px / self._focal_baseline_px_m)

@@ -1,9 +1,13 @@
 """The compiled loop that reads the evidence of a depth image, cell by cell."""
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
+from numba import float32, float64, int64, void
+from numba.types import Array, UniTuple
 
-from voxdepth.compiled import compiled
+from voxdepth.compiled import FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
 from voxdepth.types import FloatImage
 
 MAX_RANK = 64
@@ -23,42 +27,57 @@ def keep_smallest(smallest: FloatImage, n_seen: int, value: float) -> None:
     smallest[place] = value
 
 
-@compiled("void(f4[:, ::1], f4[:, ::1], i8[::1], i8[::1], i8, f4, f4, f8, f8, f8, f4[:, ::1], f4[:, ::1])")
+class Trust(NamedTuple):
+    """Which pixels prove what; see `swarm.evidence.EvidenceConfig`."""
+
+    min_confidence: float
+    min_surface_confidence: float
+    min_trusted_share: float
+    free_share: float
+    surface_share: float
+    step: int
+
+
+PART = Array(float32, 2, "A", readonly=True)
+TRUST = named_tuple(Trust, *[float64] * 5, int64)
+
+
+@compiled(UniTuple(float64, 2)(PART, PART, TRUST))
+def read_cell(depth_m: FloatImage, confidence: FloatImage, trust: Trust) -> tuple[float, float]:
+    """Find the free depth of a part of an image, 0 if it is not free, and its surface depth, +inf without a surface."""
+    trusted, shown = np.empty(MAX_RANK, np.float32), np.empty(MAX_RANK, np.float32)
+    n, n_trusted, n_shown = 0, 0, 0
+    for row in range(0, depth_m.shape[0], trust.step):
+        for col in range(0, depth_m.shape[1], trust.step):
+            n += 1
+            z, c = depth_m[row, col], confidence[row, col]
+            if z > 0 and c >= trust.min_surface_confidence:
+                keep_smallest(shown, n_shown, z)
+                n_shown += 1
+                if c >= trust.min_confidence:
+                    keep_smallest(trusted, n_trusted, z)
+                    n_trusted += 1
+    free_m, surface_m = np.float32(0), np.float32(np.inf)
+    if n_trusted > 0 and n_trusted >= trust.min_trusted_share * n:
+        free_m = trusted[min(int(trust.free_share * n_trusted), MAX_RANK - 1)]
+    if n_shown > 0:
+        surface_m = shown[min(int(trust.surface_share * n_shown), MAX_RANK - 1)]
+    return float(free_m), float(surface_m)
+
+
+@compiled(void(READABLE_IMAGE, READABLE_IMAGE, int64[::1], int64[::1], TRUST, FLOAT_IMAGE, FLOAT_IMAGE))
 def read_cells(
     depth_m: FloatImage,
     confidence: FloatImage,
     row_edges: npt.NDArray[np.int64],
     col_edges: npt.NDArray[np.int64],
-    step: int,
-    min_confidence: float,
-    min_surface_confidence: float,
-    min_trusted_share: float,
-    free_share: float,
-    surface_share: float,
+    trust: Trust,
     # output
     free_depth_m: FloatImage,
     surface_depth_m: FloatImage,
 ) -> None:
-    """Find two percentiles of the depths of each cell, of which `swarm.evidence.EvidenceConfig` tells the meaning.
-
-    A cell that is not free has a free depth of 0, and one without a surface has a surface depth of +inf.
-    """
-    trusted, shown = np.empty(MAX_RANK, np.float32), np.empty(MAX_RANK, np.float32)
+    """Read each cell of an image between two edges."""
     for i in range(len(row_edges) - 1):
         for j in range(len(col_edges) - 1):
-            n, n_trusted, n_shown = 0, 0, 0
-            for row in range(row_edges[i], row_edges[i + 1], step):
-                for col in range(col_edges[j], col_edges[j + 1], step):
-                    n += 1
-                    z, c = depth_m[row, col], confidence[row, col]
-                    if z > 0 and c >= min_surface_confidence:
-                        keep_smallest(shown, n_shown, z)
-                        n_shown += 1
-                        if c >= min_confidence:
-                            keep_smallest(trusted, n_trusted, z)
-                            n_trusted += 1
-            free_depth_m[i, j], surface_depth_m[i, j] = 0.0, np.inf
-            if n_trusted > 0 and n_trusted >= min_trusted_share * n:
-                free_depth_m[i, j] = trusted[min(int(free_share * n_trusted), MAX_RANK - 1)]
-            if n_shown > 0:
-                surface_depth_m[i, j] = shown[min(int(surface_share * n_shown), MAX_RANK - 1)]
+            rows, cols = slice(row_edges[i], row_edges[i + 1]), slice(col_edges[j], col_edges[j + 1])
+            free_depth_m[i, j], surface_depth_m[i, j] = read_cell(depth_m[rows, cols], confidence[rows, cols], trust)

@@ -17,7 +17,7 @@ from voxdepth.types import FloatArray, FloatImage, Intrinsics
 
 from . import map_kernels as kernels
 from .evidence import Evidence, EvidenceReader
-from .map_kernels import FREE, Rules, View, Voxels
+from .map_kernels import FREE, Rules, Seen, View, Voxels
 from .route_kernels import cheapest_way, clearance_at, free_length, worst_between
 
 MAX_VOXELS = 2**24
@@ -70,8 +70,8 @@ class MapConfig(Model):
         layers, rows, cols = self.shape
         if layers * rows * cols > MAX_VOXELS:
             raise ValueError(
-                f"the map would have {layers} x {rows} x {cols} voxels, more than {MAX_VOXELS}: make reach_m or height_m "
-                "smaller, or voxel_m or layer_m larger"
+                f"the map would have {layers} x {rows} x {cols} voxels, more than {MAX_VOXELS}: make reach_m or "
+                "height_m smaller, or voxel_m or layer_m larger"
             )
         return self
 
@@ -247,7 +247,7 @@ class FreeMap:
         is_drone = shown & (apart < DRONE_MASK_RADIUS_M**2).any(axis=-1)
         kernels.look(
             self._voxels, self._rules, self._view, self.origin_m, np.ascontiguousarray(T_odom_cam),
-            evidence.free_m, evidence.surface_m, is_drone, self._max_surface_m, time_s,
+            Seen(evidence.free_m, evidence.surface_m, is_drone, self._max_surface_m), time_s,
         )  # fmt: skip
         near = shown & ~is_drone & (evidence.surface_m < self._max_surface_m)
         kernels.show_surfaces(self._voxels, self._rules, self.origin_m, points_m[near])

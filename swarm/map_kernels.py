@@ -23,6 +23,12 @@ SURFACE_TOLERANCE = 0.8
 """Difference of the ranges of a voxel and of the surface in it, as a share of the voxel's side."""
 
 
+NEAREST_M = 0.05
+"""Voxels whose depth is smaller are not in view."""
+BEHIND_M = 1.5
+"""Columns of voxels so far behind the camera are not in view, however it is tilted."""
+
+
 class Voxels(NamedTuple):
     """The evidence of a map: counts of images for each voxel."""
 
@@ -85,57 +91,64 @@ def pass_through(voxels: Voxels, k: int, i: int, j: int, time_s: float) -> None:
     voxels.passed_s[k, i, j] = time_s
 
 
-@compiled(
-    void(
-        VOXELS, RULES, VIEW, float64[::1], float64[:, ::1], FLOAT_IMAGE, FLOAT_IMAGE, boolean[:, ::1], float64, float64
-    )
-)
-def look(
-    voxels: Voxels,
-    rules: Rules,
-    view: View,
-    origin_m: FloatArray,
-    T_map_cam: FloatArray,
-    free_m: FloatImage,
-    surface_m: FloatImage,
-    is_drone: MaskImage,
-    max_surface_m: float,
-    time_s: float,
-) -> None:
-    """Compare every voxel in the field of view with the ranges of the cell that shows its middle.
+class Seen(NamedTuple):
+    """The evidence of an image for each cell, shape (rows, cols)."""
 
-    Cells in `is_drone` show another drone, which is no surface and hides what lies behind it.
-    """
+    free_m: FloatImage
+    """Range that is proven to be free [m]."""
+    surface_m: FloatImage
+    """Range of a surface [m]; +inf without one."""
+    is_drone: MaskImage
+    """Whether the surface is another drone, which is not recorded and hides what lies behind it."""
+    max_surface_m: float
+    """Surfaces that are farther away are not recorded."""
+
+
+SEEN = named_tuple(Seen, FLOAT_IMAGE, FLOAT_IMAGE, boolean[:, ::1], float64)
+
+
+@compiled(void(VOXELS, RULES, SEEN, int64, int64, float64, float64, int64, int64, int64))
+def judge(
+    voxels: Voxels, rules: Rules, seen: Seen, a: int, b: int, range_m: float, time_s: float, k: int, i: int, j: int
+) -> None:
+    """Compare a voxel at a range with the ranges of the cell (a, b) that shows it."""
+    surface_m = seen.surface_m[a, b]
+    if range_m + rules.voxel_m / 2 <= seen.free_m[a, b]:
+        pass_through(voxels, k, i, j, time_s)
+    elif abs(range_m - surface_m) <= SURFACE_TOLERANCE * rules.voxel_m:
+        if range_m < seen.max_surface_m and not seen.is_drone[a, b]:
+            show_surface(voxels, k, i, j)
+    elif range_m < surface_m and range_m < rules.near_m:
+        voxels.vain[k, i, j] = min(voxels.vain[k, i, j] + 1, MOST_SEEN)
+
+
+@compiled(void(VOXELS, RULES, VIEW, float64[::1], float64[:, ::1], SEEN, float64))
+def look(
+    voxels: Voxels, rules: Rules, view: View, origin_m: FloatArray, T_map_cam: FloatArray, seen: Seen, time_s: float
+) -> None:
+    """Compare every voxel in the field of view with the evidence of the cell that shows its middle."""
     n_layers, n_rows, n_cols = voxels.passed.shape
-    half_m, tolerance_m = rules.voxel_m / 2, SURFACE_TOLERANCE * rules.voxel_m
-    farthest_m = max(rules.near_m, float(free_m.max()))
+    farthest_m = max(rules.near_m, float(seen.free_m.max()))
     height, width = len(view.cell_row), len(view.cell_col)
-    # Steps of the camera coordinates from layer to layer.
-    up_x, up_y, up_z = T_map_cam[2, 0] * rules.layer_m, T_map_cam[2, 1] * rules.layer_m, T_map_cam[2, 2] * rules.layer_m
-    z_m = origin_m[2] + rules.layer_m / 2 - T_map_cam[2, 3]
+    to_cam, z_m = T_map_cam[:3, :3].T.copy(), origin_m[2] + rules.layer_m / 2 - T_map_cam[2, 3]
     for i in range(n_rows):
         y_m = origin_m[1] + (i + 0.5) * rules.voxel_m - T_map_cam[1, 3]
         for j in range(n_cols):
             x_m = origin_m[0] + (j + 0.5) * rules.voxel_m - T_map_cam[0, 3]
-            if x_m * T_map_cam[0, 2] + y_m * T_map_cam[1, 2] < -1.0 or x_m * x_m + y_m * y_m > farthest_m**2:
+            if x_m * x_m + y_m * y_m > farthest_m**2 or x_m * to_cam[2, 0] + y_m * to_cam[2, 1] < -BEHIND_M:
                 continue
-            x = x_m * T_map_cam[0, 0] + y_m * T_map_cam[1, 0] + z_m * T_map_cam[2, 0]
-            y = x_m * T_map_cam[0, 1] + y_m * T_map_cam[1, 1] + z_m * T_map_cam[2, 1]
-            z = x_m * T_map_cam[0, 2] + y_m * T_map_cam[1, 2] + z_m * T_map_cam[2, 2]
             for k in range(n_layers):
-                if z > 0.05:
-                    col, row = int(view.fx_px * x / z + view.cx_px + 0.5), int(view.fy_px * y / z + view.cy_px + 0.5)
-                    if 0 <= col < width and 0 <= row < height and x * view.fx_px > -view.cx_px * z - z:
-                        a, b = view.cell_row[row], view.cell_col[col]
-                        range_m = np.sqrt(x * x + y * y + z * z)
-                        if range_m + half_m <= free_m[a, b]:
-                            pass_through(voxels, k, i, j, time_s)
-                        elif abs(range_m - surface_m[a, b]) <= tolerance_m:
-                            if range_m < max_surface_m and not is_drone[a, b]:
-                                show_surface(voxels, k, i, j)
-                        elif range_m < surface_m[a, b] and range_m < rules.near_m:
-                            voxels.vain[k, i, j] = min(voxels.vain[k, i, j] + 1, MOST_SEEN)
-                x, y, z = x + up_x, y + up_y, z + up_z
+                up_m = z_m + k * rules.layer_m
+                z = to_cam[2, 0] * x_m + to_cam[2, 1] * y_m + to_cam[2, 2] * up_m
+                if z < NEAREST_M:
+                    continue
+                x = to_cam[0, 0] * x_m + to_cam[0, 1] * y_m + to_cam[0, 2] * up_m
+                y = to_cam[1, 0] * x_m + to_cam[1, 1] * y_m + to_cam[1, 2] * up_m
+                col = int(np.floor(view.fx_px * x / z + view.cx_px + 0.5))
+                row = int(np.floor(view.fy_px * y / z + view.cy_px + 0.5))
+                if 0 <= col < width and 0 <= row < height:
+                    range_m = np.sqrt(x * x + y * y + z * z)
+                    judge(voxels, rules, seen, view.cell_row[row], view.cell_col[col], range_m, time_s, k, i, j)
 
 
 @compiled(void(VOXELS, RULES, float64[::1], float64[:, ::1]))
@@ -213,14 +226,12 @@ def worst_states(
     """
     n_layers = len(voxels.passed)
     first, last = int(np.floor((low_m - bottom_m) / rules.layer_m)), int(np.ceil((high_m - bottom_m) / rules.layer_m))
-    state[:] = FREE if 0 <= first and last <= n_layers else UNSEEN
+    state[:] = FREE if first >= 0 and last <= n_layers else UNSEEN
     for k in range(max(first, 0), min(last, n_layers)):
         for i in range(state.shape[0]):
             for j in range(state.shape[1]):
                 if voxels.surface[k, i, j] > 0:
                     state[i, j] = SURFACE
-                elif (
-                    voxels.passed[k, i, j] < rules.min_passed or time_s - voxels.passed_s[k, i, j] > rules.memory_s
-                ):
+                elif voxels.passed[k, i, j] < rules.min_passed or time_s - voxels.passed_s[k, i, j] > rules.memory_s:
                     unknown = VAIN if voxels.vain[k, i, j] >= rules.min_vain else UNSEEN
                     state[i, j] = max(state[i, j], unknown)

@@ -12,8 +12,7 @@ from voxdepth.types import FloatArray
 
 from .evidence import EvidenceReader
 from .free_map import Chart, FreeMap, Route
-from .map_kernels import FREE
-from .nearby import clamp_to_limits
+from .nearby import ApproachLimits, clamp_to_limits
 from .obstacle_kernels import braking_speed
 from .pilot import Pilot, PilotConfig, Situation
 from .types import Decision, OnboardCamera
@@ -40,9 +39,7 @@ class MappingPilot(Pilot):
         self, config: PilotConfig, control_hz: float, start_yaw_rad: float, radius_m: float, camera: OnboardCamera
     ) -> None:
         super().__init__(config, control_hz, start_yaw_rad, radius_m)
-        self._reader = EvidenceReader(
-            camera.intrinsics, config.evidence, disparity_scale=camera.disparity_scale
-        )
+        self._reader = EvidenceReader(camera.intrinsics, config.evidence, disparity_scale=camera.disparity_scale)
         self._map = FreeMap(config.map, self._reader, camera.intrinsics)
         self._width_m, self._half_height_m = radius_m + config.keep_m, radius_m + config.keep_above_m
         self._chart: Chart | None = None
@@ -65,8 +62,9 @@ class MappingPilot(Pilot):
         target = at_m + 3.0 * wanted if target_m is None else T[:3, :3] @ target_m + T[:3, 3]
         direction, look = self._way(at_m, wanted, target)
         velocity = np.array([*(length(wanted[:2]) * direction), np.clip(wanted[2], -MAX_CLIMB_M_S, MAX_CLIMB_M_S)])
-        velocity = T[:3, :3] @ clamp_to_limits(T[:3, :3].T @ velocity, self._drone_limits(situation))
-        velocity = self._restrained(velocity, at_m, flown_m_s)
+        limits = self._drone_limits(situation)
+        limits = ApproachLimits(limits.towards @ T[:3, :3].T, limits.speed_m_s)
+        velocity = self._restrained(clamp_to_limits(velocity, limits), limits, at_m, flown_m_s)
         state = self._state(wanted, direction, velocity, look, situation)
         look_world = T[:3, :3].T @ np.array([*look, 0.0])
         yaw_rad = self._heading.turn_towards(look_world, length(wanted_m_s))
@@ -116,7 +114,7 @@ class MappingPilot(Pilot):
         return length(at_m - before_m) > slack_m
 
     def _way(self, at_m: FloatArray, wanted: FloatArray, target_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the directions (x, y) to fly and to look: straight ahead if that is free, or along the cheapest way."""
+        """Return the directions (x, y) to fly and to look: straight ahead if that is free, or along a way."""
         assert self._chart is not None
         speed = length(wanted[:2])
         straight = wanted[:2] / speed if speed > 1e-3 else np.array([1.0, 0.0])
@@ -135,8 +133,10 @@ class MappingPilot(Pilot):
         ahead = points_m[min(clear + round(LOOK_AHEAD_M / 0.5), len(points_m) - 1)] - at_m[:2]
         return _unit(flown, straight), _unit(ahead, straight)
 
-    def _restrained(self, velocity: FloatArray, at_m: FloatArray, flown_m_s: FloatArray) -> FloatArray:
-        """Return the velocity that is nearest to a wanted one and stops within free space."""
+    def _restrained(
+        self, velocity: FloatArray, limits: ApproachLimits, at_m: FloatArray, flown_m_s: FloatArray
+    ) -> FloatArray:
+        """Return the velocity that is nearest to a wanted one, stops within free space and approaches no drone."""
         assert self._chart is not None
         c = self._config.avoidance
         speed, start_m = length(velocity[:2]), at_m[:2] + self._config.response_s * flown_m_s[:2]
@@ -148,6 +148,8 @@ class MappingPilot(Pilot):
                 side = np.array([cos * along[0] - sin * along[1], sin * along[0] + cos * along[1]])
                 free_m = self._chart.free_length_m(start_m, side, self._config.map.reach_m)
                 allowed = min(speed, braking_speed(free_m, c.max_decel_m_s2, c.brake_gain_per_s))
+                if angle_rad != 0:
+                    allowed = min(allowed, _approach_speed(limits, side))
                 if allowed * cos > most + 1e-6:
                     best, most = allowed * side, allowed * cos
                 if most >= 0.7 * speed:
@@ -167,7 +169,7 @@ class MappingPilot(Pilot):
     def _state(
         self, wanted: FloatArray, direction: FloatArray, velocity: FloatArray, look: FloatArray, situation: Situation
     ) -> str:
-        """Return `free`, `avoiding`, `exploring` or `blocked`; a drone that stands too long gives up what it looks at."""
+        """Return `free`, `avoiding`, `exploring` or `blocked`; a drone that stands too long gives up a way."""
         speed, flown = length(wanted[:2]), length(velocity[:2])
         if speed > WANTS_TO_FLY_M_S and flown < STILL_M_S:
             self._stands_since_s = situation.time_s if self._stands_since_s is None else self._stands_since_s
@@ -188,6 +190,13 @@ class MappingPilot(Pilot):
         points_m, clear = self._route
         for point_m in points_m[clear + 1 : clear + 4]:
             self._map.give_up(np.array([*point_m, self._newest[2][2]]), self._width_m, self._half_height_m)
+
+
+def _approach_speed(limits: ApproachLimits, along: FloatArray) -> float:
+    """Return the largest speed in a horizontal direction, shape (2,), that respects all limits."""
+    share = limits.towards[:, :2] @ along
+    ahead = share > 1e-3
+    return float(max(0.0, (limits.speed_m_s[ahead] / share[ahead]).min(initial=np.inf)))
 
 
 def _unit(vector: FloatArray, otherwise: FloatArray) -> FloatArray:

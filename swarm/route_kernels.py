@@ -6,13 +6,14 @@ has its middle at (column, row).
 
 import numpy as np
 import numpy.typing as npt
-from numba import float64, int64, uint8
+from numba import float32, float64, int64, uint8
 
 from voxdepth.compiled import FLOAT_IMAGE, compiled
 from voxdepth.types import FloatArray, FloatImage
 
 Bytes = npt.NDArray[np.uint8]
 Cells = npt.NDArray[np.int64]
+Costs = npt.NDArray[np.float32]
 STEP_CELLS = 0.5
 """Distance between the places at which a direction is tested."""
 ESCAPE_SLOPE = 0.5
@@ -76,12 +77,30 @@ def pop(keys: FloatArray, items: Cells, n: int) -> int:
     return n
 
 
+@compiled(int64(FLOAT_IMAGE, float64, int64, float32[::1], int64[::1], float64[::1], int64[::1], int64))
+def spread(
+    price: FloatImage, paid: float, cell: int, cost: Costs, towards: Cells, keys: FloatArray, items: Cells, n: int
+) -> int:
+    """Offer the ways through a cell to its neighbours; return the size of the heap of those to visit."""
+    n_rows, n_cols = price.shape
+    i, j = cell // n_cols, cell % n_cols
+    for a in range(max(i - 1, 0), min(i + 2, n_rows)):
+        for b in range(max(j - 1, 0), min(j + 2, n_cols)):
+            length = DIAGONAL if a != i and b != j else 1.0
+            total = np.float32(paid + length * 0.5 * (price[i, j] + price[a, b]))
+            other = a * n_cols + b
+            if total < cost[other]:
+                cost[other], towards[other] = total, cell
+                n = push(keys, items, n, float(total), other)
+    return n
+
+
 @compiled(int64(FLOAT_IMAGE, FLOAT_IMAGE, int64, int64, int64[::1]))
 def cheapest_way(price: FloatImage, left: FloatImage, row: int, col: int, way: Cells) -> int:
     """Find the cheapest way by Dijkstra's algorithm, from the cells where it may end back to a start.
 
     Args:
-        price: Price of each cell per side of a cell.
+        price: Price of each cell per side of a cell, above 0.
         left: Price that is left to pay from each cell where a way may end; +inf elsewhere.
         row: Row of the start.
         col: Column of the start.
@@ -90,37 +109,22 @@ def cheapest_way(price: FloatImage, left: FloatImage, row: int, col: int, way: C
     Returns:
         Number of cells of the way.
     """
-    n_rows, n_cols = price.shape
     cost, towards = left.copy().ravel(), np.full(price.size, -1, np.int64)
     keys, items, n = np.empty(9 * price.size), np.empty(9 * price.size, np.int64), 0
     for cell in range(price.size):
         if cost[cell] < np.inf:
             n = push(keys, items, n, float(cost[cell]), cell)
-    start = row * n_cols + col
-    while n > 0:
+    start = row * price.shape[1] + col
+    while n > 0 and items[0] != start:
         paid, cell = keys[0], items[0]
         n = pop(keys, items, n)
-        if cell == start:
-            break
-        if paid > cost[cell]:
-            continue
-        i, j = cell // n_cols, cell % n_cols
-        for a in range(max(i - 1, 0), min(i + 2, n_rows)):
-            for b in range(max(j - 1, 0), min(j + 2, n_cols)):
-                if a == i and b == j:
-                    continue
-                length = DIAGONAL if a != i and b != j else 1.0
-                total = np.float32(paid + length * 0.5 * (price[i, j] + price[a, b]))
-                other = a * n_cols + b
-                if total < cost[other]:
-                    cost[other], towards[other] = total, cell
-                    n = push(keys, items, n, float(total), other)
-    length_of_way, cell = 0, start
-    while cell >= 0 and length_of_way < len(way):
-        way[length_of_way] = cell
-        length_of_way += 1
-        cell = towards[cell]
-    return length_of_way
+        if paid <= cost[cell]:
+            n = spread(price, paid, cell, cost, towards, keys, items, n)
+    length, cell = 0, start
+    while cell >= 0:
+        way[length] = cell
+        length, cell = length + 1, towards[cell]
+    return length
 
 
 @compiled(int64(uint8[:, ::1], int64, int64, int64, int64))

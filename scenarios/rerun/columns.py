@@ -64,11 +64,6 @@ def points(rows: Sequence[FloatArray]) -> rr.ComponentColumnList:
     return rr.Points3D.columns(positions=np.concatenate(rows)).partition([len(row) for row in rows])
 
 
-def pixels(rows: Sequence[FloatArray]) -> rr.ComponentColumnList:
-    """Columns of points in an image, shape (n, 2), any number per row."""
-    return rr.Points2D.columns(positions=np.concatenate(rows)).partition([len(row) for row in rows])
-
-
 def gray_images(rows: Sequence[npt.NDArray[np.uint8]]) -> rr.ComponentColumnList:
     """Columns of gray images, whose format is written apart."""
     return rr.Image.columns(buffer=[image.tobytes() for image in rows])

@@ -15,14 +15,15 @@ from sim.render.meshes import mesh_of_shape, moved
 from sim.sensor import RigConfig
 from sim.types import Capture, Contact, DroneState
 from sim.world import DRONE_BODY_HEIGHT_M, World
+from swarm.free_map import Chart
 from swarm.mission import contact_text
 from swarm.recorder import Recorder
 from swarm.team import Team
 from swarm.types import Decision, Histogram, Outcome
 from voxdepth.types import CorrectedDepth, FloatArray
 
-from .columns import Columns, ColumnWriter, arrows, gray_images, pixels, points, poses, scalars
-from .stream import depth_image, finite, gray_image, layout, open_stream, source_labels
+from .columns import Columns, ColumnWriter, arrows, gray_images, points, poses, scalars
+from .stream import depth_image, finite, gray_image, layout, open_stream, source_labels, state_labels
 
 LEADER_COLOR, FOLLOWER_COLOR = (255, 120, 40), (90, 170, 250)
 
@@ -34,7 +35,7 @@ class MissionRecorder(Recorder):
         path: File to write; created when the mission starts.
         rig: Cameras of the drones.
         recording_id: Equal for runs of the same scenario and seed, so that they can be compared.
-        image_every: Every n-th capture of a drone is recorded with its images, every capture with its histogram.
+        image_every: Every n-th capture of a drone is recorded with its images and its map.
     """
 
     def __init__(self, path: Path, rig: RigConfig, *, recording_id: str, image_every: int) -> None:
@@ -43,6 +44,9 @@ class MissionRecorder(Recorder):
         self._recording_id = recording_id
         self._image_every = image_every
         self._captures: Counter[int] = Counter()
+        self._views: dict[int, Histogram | Chart] = {}
+        """Newest view of each drone that was recorded."""
+        self._maps: Counter[int] = Counter()
         self._states: dict[int, str] = {}
         self._leaders: set[int] = set()
         self._stream: rr.RecordingStream | None = None
@@ -78,6 +82,7 @@ class MissionRecorder(Recorder):
         for drone, (state, decision) in enumerate(zip(states, decisions, strict=True)):
             self._add(f"world/drone/{drone}", poses, (state.position_m, state.q_world_body_xyzw))
             self._add(f"world/velocity/{drone}", arrows, (state.position_m, state.velocity_m_s))
+            self._log_view(drone, decision.view)
             self._log_choice(drone, state, decision)
             if self._states.get(drone) != decision.state:
                 self._states[drone] = decision.state
@@ -174,8 +179,7 @@ class MissionRecorder(Recorder):
         """Record the colours of what moves, once per drone."""
         self._log(f"world/velocity/{drone}", rr.Arrows3D.from_fields(colors=[self._color(drone)]), static=True)
         self._log(f"world/choice/{drone}", rr.Arrows3D.from_fields(colors=[(240, 230, 80)]), static=True)
-        chosen = rr.Points2D.from_fields(radii=[0.3], colors=[(255, 60, 60)])
-        self._log(f"world/drone/{drone}/histogram/chosen", chosen, static=True)
+        self._log(f"world/drone/{drone}/map", state_labels(), static=True)
 
     def _log_images(self, capture: Capture, corrected: CorrectedDepth) -> None:
         path = f"world/drone/{capture.drone}/cam"
@@ -189,25 +193,34 @@ class MissionRecorder(Recorder):
         """Record the free ranges as an image: free cells are bright, unknown ones dark."""
         free = np.clip(histogram.range_m / 15.0, 0.05, 1)
         shown = np.where(histogram.unknown, 0, 255 * free).astype(np.uint8)
-        if not self._captures[drone]:
+        if not self._maps[drone]:
             format = rr.components.ImageFormat(*shown.shape[::-1], color_model="L", channel_datatype="U8")
             self._log(f"world/drone/{drone}/histogram", rr.Image.from_fields(format=format), static=True)
         self._add(f"world/drone/{drone}/histogram", gray_images, shown)
 
-    def _log_choice(self, drone: int, state: DroneState, decision: Decision) -> None:
-        choice = decision.choice
-        if choice is None:
+    def _log_view(self, drone: int, view: Histogram | Chart | None) -> None:
+        """Record what avoidance made of a new image: the histogram of every one, and the map of some."""
+        if view is None or view is self._views.get(drone):
             return
-        self._add(f"world/choice/{drone}", arrows, (state.position_m, 1.5 * choice.direction))
-        marked = np.empty((0, 2)) if choice.cell is None else np.array([choice.cell[::-1]]) + 0.5
-        self._add(f"world/drone/{drone}/histogram/chosen", pixels, marked)
+        self._views[drone] = view
+        if isinstance(view, Histogram):
+            self._log_histogram(drone, view)
+        elif self._maps[drone] % self._image_every == 0:
+            self._log(f"world/drone/{drone}/map", rr.SegmentationImage(np.flipud(view.state)))
+        self._maps[drone] += 1
+
+    def _log_choice(self, drone: int, state: DroneState, decision: Decision) -> None:
+        if decision.direction is not None:
+            self._add(f"world/choice/{drone}", arrows, (state.position_m, 1.5 * decision.direction))
 
 
 def blueprint(n_drones: int, leaders: set[int]) -> rrb.Blueprint:
     """Return the layout that is saved with the recording."""
     # Rerun expands `**` at the end of a path only, so every drone's images are left out by name.
     images = [
-        f"- world/drone/{i}/{name}/**" for i in range(n_drones) for name in ("cam/depth", "cam/source", "histogram")
+        f"- world/drone/{i}/{name}/**"
+        for i in range(n_drones)
+        for name in ("cam/depth", "cam/source", "histogram", "map")
     ]
     eye = rrb.EyeControls3D(position=(-30.0, -45.0, 50.0), look_target=(25.0, 0.0, 5.0), eye_up=(0.0, 0.0, 1.0))
     world = rrb.Spatial3DView(name="world", origin="world", contents=["+ world/**", *images], eye_controls=eye)
@@ -229,10 +242,12 @@ def _camera_views(drone: int, leads: bool) -> rrb.Vertical:
     def view(name: str, path: str) -> rrb.Spatial2DView:
         return rrb.Spatial2DView(name=name, origin=cam, contents=[f"{cam}/{path}"])
 
-    histogram = rrb.Spatial2DView(name="obstacle histogram", origin=f"world/drone/{drone}/histogram")
+    known = rrb.Spatial2DView(
+        name="map, or histogram", origin=f"world/drone/{drone}", contents=["$origin/map", "$origin/histogram"]
+    )
     return rrb.Vertical(
         rrb.Horizontal(view("gray", "gray"), view("depth, true", "depth/true")),
         rrb.Horizontal(view("depth, raw", "depth/raw"), view("depth, corrected", "depth/corrected")),
-        rrb.Horizontal(view("source", "source"), histogram),
+        rrb.Horizontal(view("source", "source"), known),
         name=f"leader {drone}" if leads else f"drone {drone}",
     )

@@ -22,6 +22,9 @@ SOURCE_COLORS = {
     Source.INPAINTED: (90, 110, 220),
 }
 
+STATE_COLORS = {"free": (235, 235, 235), "unseen": (150, 150, 150), "vain": (230, 140, 50), "surface": (40, 40, 40)}
+"""Colours of the states of a map, in the order of their numbers."""
+
 
 def open_stream(
     application: str, path: Path, recording_id: str, blueprint: rrb.Blueprint, **options: Any
@@ -50,6 +53,12 @@ def layout(content: Any, timeline: str) -> rrb.Blueprint:
 def source_labels() -> rr.AnnotationContext:
     """Return names and colours of the values of `CorrectedDepth.source`."""
     labels = [rr.AnnotationInfo(id=int(s), label=s.name.lower(), color=color) for s, color in SOURCE_COLORS.items()]
+    return rr.AnnotationContext(labels)
+
+
+def state_labels() -> rr.AnnotationContext:
+    """Return names and colours of the states of a map."""
+    labels = [rr.AnnotationInfo(id=i, label=name, color=color) for i, (name, color) in enumerate(STATE_COLORS.items())]
     return rr.AnnotationContext(labels)
 
 
