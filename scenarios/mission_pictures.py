@@ -70,6 +70,7 @@ def draw_flight(path: Path, run: Run, finished: Finished) -> None:
     _draw_scene(axes, scenario.scene.build(run.seed))
     for team in teams:
         _draw_team(axes, team, result)
+    _draw_movers(axes, scenario.scene.build(run.seed), result)
     for contact in result.contacts:
         trajectory = result.trajectories[contact.drone]
         x, y, _ = trajectory.position_m[int(np.searchsorted(trajectory.time_s, contact.time_s, side="right")) - 1]
@@ -99,6 +100,14 @@ def _draw_scene(axes: "Axes", scene: Scene) -> None:
         plan = np.asarray(cv2.convexHull(corners_m[:, :2].astype(np.float32))).reshape(-1, 2)
         shade = 0.85 - 0.45 * min(1.0, float(corners_m[:, 2].max()) / 15)
         axes.add_patch(Polygon(plan.tolist(), closed=True, facecolor=str(shade), edgecolor="0.35", linewidth=0.4))
+
+
+def _draw_movers(axes: "Axes", scene: Scene, result: MissionResult) -> None:
+    """Draw the ways of the movers during the flight."""
+    times_s = result.trajectories[0].time_s
+    for mover in scene.movers:
+        way_m = np.array([mover.position_m(time_s) for time_s in times_s.tolist()])
+        axes.plot(way_m[:, 0], way_m[:, 1], color="0.5", linewidth=1.0, linestyle=":")
 
 
 def _draw_team(axes: "Axes", team: Team, result: MissionResult) -> None:

@@ -15,6 +15,7 @@ def percent(share: float) -> str:
     return f"{100 * share:.1f} %"
 
 
+CONTACT_KINDS = ("drone", "building", "ground", "mover")
 NUMBER, PERCENT = Column("number"), Column("share", number=percent)
 TOO_FAR, HOLES = Column("more than 10 % too far", number=percent), Column("holes", number=percent)
 
@@ -28,7 +29,7 @@ def print_summary(console: Console, finished: Finished, run: Run) -> None:
     rows = [
         ("outcome", str(result.outcome)),
         ("simulated time [s]", NUMBER.text(m["sim_time_s"])),
-        ("collisions", ", ".join(f"{m[f'collisions_{kind}']} {kind}" for kind in ("drone", "building", "ground"))),
+        ("collisions", ", ".join(f"{m[key]} {kind}" for kind in CONTACT_KINDS if (key := f"collisions_{kind}") in m)),
         *(("", f"{contact.time_s:.2f} s: {contact_text(contact)}") for contact in result.contacts[:3]),
         ("minimum separation [m]", NUMBER.text(m["min_separation_m"])),
         ("minimum clearance [m]", NUMBER.text(m["min_clearance_m"])),

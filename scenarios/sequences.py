@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
@@ -163,14 +163,12 @@ def _write_images(simulated: "Simulation", writer: RecordingWriter, frames: int)
 
 @dataclass(frozen=True, kw_only=True)
 class Simulation:
-    """A world with a camera that flies through it and spheres that move in front of it."""
+    """A world with a camera that flies through it."""
 
     world: World
     sensor: StereoSensor
     exposures: Callable[[], Iterator[list[BodyPose]]]
     """The poses of the camera while the shutter is open, one or more for each frame."""
-    spheres: tuple[MovingSphere, ...]
-    """The kinematic bodies of the world, in its order."""
 
     @property
     def textureless_ids(self) -> list[int]:
@@ -180,11 +178,8 @@ class Simulation:
     def render(self, start: int, stop: int) -> Iterator[RenderedPair]:
         """Yield the rendered images of the frames from `start` up to `stop`; a camera in a body is a `SensorError`."""
         for frame, poses in enumerate(islice(self.exposures(), stop)):
-            if frame == 0:
-                first = poses[0]
             if frame >= start:
-                for body_id, sphere in zip(self.world.kinematic, self.spheres, strict=True):
-                    self.world.place(body_id, sphere.position_m(poses[0].stamp_s, first))
+                self.world.move_to(poses[0].stamp_s)
                 pair = self.sensor.expose(poses, frame)
                 self._require_outside(pair)
                 yield pair
@@ -213,16 +208,23 @@ def exposures(flight: Flight, path_m: FloatArray, seed: int, rig: RigConfig) -> 
 
 @contextmanager
 def simulation(seeded: SeededSequence) -> Iterator[Simulation]:
-    """Build the simulation of a sequence. OpenCV runs on one thread, the renderer on two."""
+    """Build the simulation of a sequence. OpenCV runs on one thread, the renderer on two.
+
+    The moving spheres come before the movers of the scene, so that they have the first ids.
+    """
     sequence, seed = seeded.sequence, seeded.seed
     cv2.setNumThreads(1)
-    scene, spheres = sequence.scene.build(seed), sequence.movers or ()
-    bodies = [sphere.body(index) for index, sphere in enumerate(spheres)]
-    with World(scene, np.empty((0, 3)), kinematic=bodies) as world:
+    scene = sequence.scene.build(seed)
+
+    def frames() -> Iterator[list[BodyPose]]:
+        return exposures(sequence.flight, scene.path_m, seed, sequence.rig)
+
+    first = next(frames(), None) if sequence.movers else None
+    spheres = [sphere.mover(index, first[0]) for index, sphere in enumerate(sequence.movers or ()) if first]
+    with World(replace(scene, movers=(*spheres, *scene.movers)), np.empty((0, 3))) as world:
         renderer = create_renderer(sequence.renderer, world, threads=2)
         yield Simulation(
             world=world,
             sensor=StereoSensor(world, renderer, sequence.rig, seed=seed, right=True),
-            exposures=lambda: exposures(sequence.flight, scene.path_m, seed, sequence.rig),
-            spheres=spheres,
+            exposures=frames,
         )

@@ -1,7 +1,9 @@
 """The bodies of a scene as plain data: their shapes, surfaces and motion, and the weather."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Annotated, Literal
 
 import numpy as np
@@ -14,8 +16,8 @@ from . import frames
 from .errors import SceneError
 from .types import BodyPose, Model
 
-BodyKind = Literal["building", "ground"]
-"""How a contact with a body is classified. Everything on the ground is a building, trees included."""
+BodyKind = Literal["building", "ground", "mover"]
+"""How a contact with a body is classified. Everything fixed on the ground is a building, trees included."""
 Pattern = Literal["plain", "facade", "ground", "grass", "foliage", "bark", "snow"]
 
 
@@ -109,6 +111,36 @@ class Body:
     surface: Surface = field(default_factory=Surface)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Mover:
+    """A body that moves on its own way without turning, as the world's clock runs. Collisions do not stop it."""
+
+    body: Body
+    position_m: Callable[[float], FloatArray]
+    """The position of its origin in the world frame, shape (3,), by the time [s]."""
+
+    def at(self, time_s: float) -> Body:
+        """The body where it is at a time."""
+        x, y, z = self.position_m(time_s).tolist()
+        return replace(self.body, position_m=(x, y, z))
+
+
+def shuttle(body: Body, from_m: FloatArray, to_m: FloatArray, *, speed_m_s: float, travelled_m: float = 0.0) -> Mover:
+    """A body that moves back and forth between two different places, shape (3,), at constant speed.
+
+    At time 0 it has travelled `travelled_m` since it was at the first one.
+    """
+    return Mover(body=body, position_m=partial(_shuttled, from_m, to_m, speed_m_s, travelled_m))
+
+
+def _shuttled(from_m: FloatArray, to_m: FloatArray, speed_m_s: float, travelled_m: float, time_s: float) -> FloatArray:
+    path_m = np.subtract(to_m, from_m)
+    length_m = float(np.linalg.norm(path_m))
+    way_m = (travelled_m + speed_m_s * time_s) % (2 * length_m)
+    fraction = min(way_m, 2 * length_m - way_m) / length_m
+    return np.asarray(from_m + fraction * path_m)
+
+
 def standing_body(
     name: str, shape: Box | Cylinder, x_m: float, y_m: float, surface: Surface, *, yaw_rad: float = 0.0
 ) -> Body:
@@ -144,20 +176,14 @@ class MovingSphere(Model):
             raise ValueError(f"expected two places, but from_m and to_m are both {list(self.from_m)}: change one")
         return self
 
-    def body(self, index: int) -> Body:
-        """The sphere as a body at the origin, named by its index."""
+    def mover(self, index: int, start: BodyPose) -> Mover:
+        """The sphere in the world, named by its index, from the pose of the camera's carrier at time 0."""
         surface = Surface(albedo=self.albedo, texture=self.texture)
-        return Body(name=f"sphere-{index}", shape=Sphere(self.radius_m), surface=surface)
-
-    def position_m(self, time_s: float, start: BodyPose) -> FloatArray:
-        """Centre of the sphere in the world frame, shape (3,), from the pose of the camera's carrier at time 0."""
-        path_m = np.subtract(self.to_m, self.from_m)
-        length_m = float(np.linalg.norm(path_m))
-        travelled_m = self.speed_m_s * time_s % (2 * length_m)
-        fraction = min(travelled_m, 2 * length_m - travelled_m) / length_m
+        body = Body(name=f"sphere-{index}", kind="mover", shape=Sphere(self.radius_m), surface=surface)
+        offset = shuttle(body, np.array(self.from_m), np.array(self.to_m), speed_m_s=self.speed_m_s)
         q_level_xyzw = frames.quaternion_from_yaw(frames.yaw_from_quaternion(start.q_world_body_xyzw))
-        offset_m = np.asarray(self.from_m) + fraction * path_m
-        return np.asarray(start.position_m + frames.rotation_from_quaternion(q_level_xyzw) @ offset_m)
+        R_world_level = frames.rotation_from_quaternion(q_level_xyzw)
+        return Mover(body=body, position_m=lambda time_s: start.position_m + R_world_level @ offset.position_m(time_s))
 
 
 class Weather(Model):
@@ -188,10 +214,12 @@ class Weather(Model):
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """All static bodies; the seed also decides their textures."""
+    """All bodies except drones; the seed also decides their textures."""
 
     seed: int
     bodies: tuple[Body, ...]
+    """Those that do not move."""
+    movers: tuple[Mover, ...] = ()
     weather: Weather = field(default_factory=Weather)
     path_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)), compare=False)
     """Way points on the ground, shape (n, 3), of a path with free space for a camera; empty if the scene has none."""

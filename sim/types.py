@@ -78,7 +78,7 @@ class Contact:
     other: str
     """Name of the body that was hit."""
     kind: str
-    """`drone`, `building` or `ground`."""
+    """`drone`, `building`, `ground` or `mover`."""
     speed_m_s: float
     """Relative speed just before the contact."""
 

@@ -1,4 +1,4 @@
-"""The physical world: a scene, drones and kinematic bodies in one PyBullet client."""
+"""The physical world: a scene with its movers, and drones, in one PyBullet client."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ import pybullet
 from voxdepth.types import FloatArray
 
 from . import frames
-from .bodies import Body, Cylinder, Scene, Surface
+from .bodies import Body, Cylinder, Mover, Scene, Surface
 from .drone import GRAVITY_M_S2, AirframeConfig, VelocityController
 from .errors import SceneError
 from .solids import apply_texture, create_body, create_shapes
@@ -35,8 +35,9 @@ class World:
 
     Use it as a context manager; the PyBullet client lives as long as the world. The collision shape of a drone is a
     sphere, and its visible shape is a flat cylinder of the same radius. The drones hover at their start positions,
-    shape (n, 3), with one heading for all, or one each, shape (n,). Only `place` moves the kinematic bodies, which have
-    the first body ids, from 0 on. A drone that starts in contact with a body or another drone raises a `SceneError`.
+    shape (n, 3), with one heading for all, or one each, shape (n,). The movers of the scene have the first body ids,
+    from 0 on; they follow the world's clock. A drone that starts in contact with a body or another drone raises a
+    `SceneError`.
     """
 
     def __init__(
@@ -46,7 +47,6 @@ class World:
         airframe: AirframeConfig | None = None,
         *,
         start_yaw_rad: float | FloatArray = 0.0,
-        kinematic: Sequence[Body] = (),
     ) -> None:
         self.scene = scene
         self.airframe = airframe or AirframeConfig()
@@ -64,7 +64,12 @@ class World:
             pybullet.setGravity(0, 0, -GRAVITY_M_S2, physicsClientId=self.client)
             pybullet.setTimeStep(self.dt_s, physicsClientId=self.client)
             pybullet.setPhysicsEngineParameter(deterministicOverlappingPairs=1, physicsClientId=self.client)
-            self.kinematic: dict[int, Body] = {create_body(body, self.client): body for body in kinematic}
+            self.movers: dict[int, Mover] = {create_body(mover.body, self.client): mover for mover in scene.movers}
+            """The movers of the scene by their body ids."""
+            self._mover_attitudes = {
+                body: frames.quaternion_from_yaw(mover.body.yaw_rad).tolist() for body, mover in self.movers.items()
+            }
+            self.move_to(0.0)
             self.bodies: dict[int, Body] = {create_body(body, self.client): body for body in scene.bodies}
             yaws_rad = np.full(self.n_drones, start_yaw_rad, np.float64)
             self.drone_ids = [self._add_drone(*start) for start in zip(starts_m, yaws_rad, strict=True)]
@@ -126,12 +131,11 @@ class World:
             self._desired_velocity[i] = command.velocity_m_s
             self._desired_yaw[i] = command.yaw_rad
 
-    def place(self, body: int, position_m: FloatArray) -> None:
-        """Move a kinematic body, given by its id, to a position, shape (3,)."""
-        if body not in self.kinematic:
-            raise SceneError(f"expected the id of a kinematic body, one of {list(self.kinematic)}, got {body}")
-        _, q_xyzw = pybullet.getBasePositionAndOrientation(body, physicsClientId=self.client)
-        pybullet.resetBasePositionAndOrientation(body, position_m.tolist(), q_xyzw, physicsClientId=self.client)
+    def move_to(self, time_s: float) -> None:
+        """Put all movers where they are at a time. `step` does so by the world's clock."""
+        for body, mover in self.movers.items():
+            at_m, q_xyzw = mover.position_m(time_s).tolist(), self._mover_attitudes[body]
+            pybullet.resetBasePositionAndOrientation(body, at_m, q_xyzw, physicsClientId=self.client)
 
     def step(self) -> list[Contact]:
         """Advance by 1/240 s and return the contacts that began in this step."""
@@ -144,8 +148,9 @@ class World:
         ):
             bullet.applyExternalForce(body, -1, force, at, bullet.WORLD_FRAME, physicsClientId=client)
             bullet.applyExternalTorque(body, -1, torque, bullet.WORLD_FRAME, physicsClientId=client)
-        bullet.stepSimulation(physicsClientId=client)
         self.steps += 1
+        self.move_to(self.time_s)
+        bullet.stepSimulation(physicsClientId=client)
         self._recent.append(self._velocity)
         self._read_motion()
         return self._collect_contacts(self._recent[0])
@@ -160,13 +165,13 @@ class World:
 
     @property
     def moving_ids(self) -> list[int]:
-        """Ids of all bodies that can move: drones, then kinematic bodies."""
-        return [*self.drone_ids, *self.kinematic]
+        """Ids of all bodies that can move: drones, then movers."""
+        return [*self.drone_ids, *self.movers]
 
     @property
     def described(self) -> dict[int, Body]:
-        """All bodies except drones, by id: the bodies of the scene, then kinematic bodies."""
-        return {**self.bodies, **self.kinematic}
+        """All bodies except drones, by id: the fixed bodies of the scene, then its movers."""
+        return {**self.bodies, **{body: mover.body for body, mover in self.movers.items()}}
 
     @property
     def surfaces(self) -> dict[int, Surface]:
@@ -225,8 +230,12 @@ class World:
             other, kind = f"drone-{drones[1]}", "drone"
             relative -= velocity_before[drones[1]]
         else:
-            hit = self.described[next(body for body in pair if body not in self.drone_ids)]
+            body = next(body for body in pair if body not in self.drone_ids)
+            hit = self.described[body]
             other, kind = hit.name, hit.kind
+            if body in self.movers:
+                position_m = self.movers[body].position_m
+                relative -= (position_m(self.time_s) - position_m(self.time_s - self.dt_s)) / self.dt_s
         speed_m_s = float(np.linalg.norm(relative))
         return Contact(time_s=self.time_s, drone=drones[0], other=other, kind=kind, speed_m_s=speed_m_s)
 

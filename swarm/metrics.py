@@ -92,6 +92,7 @@ class MissionMetrics:
             "collisions_drone": kinds.count("drone"),
             "collisions_building": kinds.count("building"),
             "collisions_ground": kinds.count("ground"),
+            **({"collisions_mover": kinds.count("mover")} if self._world.movers else {}),
             "min_separation_m": _min_gap_m(self._min_separation_m, touched="drone" in kinds),
             "min_clearance_m": _min_gap_m(min(self._min_clearances_m), touched=bool(contacts)),
             "formation_error_mean_m": self._mean("formation_error_m"),

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from sim.bodies import Body
-from sim.frames import R_BODY_CAM, rotation_from_yaw
+from sim.bodies import Body, Mover
+from sim.frames import R_BODY_CAM, quaternion_from_yaw, rotation_from_yaw
 from sim.render.meshes import mesh_of_shape, moved
 from sim.sensor import RigConfig
 from sim.types import Capture, Contact, DroneState
@@ -49,6 +50,7 @@ class MissionRecorder(Recorder):
         self._maps: Counter[int] = Counter()
         self._states: dict[int, str] = {}
         self._leaders: set[int] = set()
+        self._movers: tuple[Mover, ...] = ()
         self._stream: rr.RecordingStream | None = None
         self._columns: ColumnWriter | None = None
 
@@ -61,7 +63,10 @@ class MissionRecorder(Recorder):
         self._stream = open_stream("voxdepth", self._path, self._recording_id, views, batcher_config=batching)
         self._columns = ColumnWriter(self._stream)
         self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        self._log_scene(world.scene.bodies)
+        self._log_bodies("world/scene", world.scene.bodies)
+        self._movers = world.scene.movers
+        for index, mover in enumerate(self._movers):
+            self._log_bodies(f"world/mover/{index}", [replace(mover.body, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)])
         goals_m = [team.goal_m for team in teams]
         goals = rr.Points3D(goals_m, radii=[0.6], colors=[(80, 220, 100)], labels=["goal"] * len(goals_m))
         self._log("world/goal", goals, static=True)
@@ -89,6 +94,9 @@ class MissionRecorder(Recorder):
                 self._log(f"drone/{drone}/state", rr.StateChange(state=decision.state))
         if len(slots_m):
             self._add("world/slots", points, slots_m)
+        for index, mover in enumerate(self._movers):
+            q_world_body_xyzw = quaternion_from_yaw(mover.body.yaw_rad)
+            self._add(f"world/mover/{index}", poses, (mover.position_m(time_s), q_world_body_xyzw))
 
     def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
         """Record the images of some captures."""
@@ -138,8 +146,8 @@ class MissionRecorder(Recorder):
             self._stream.set_time("sim_time", duration=time_s)
             self._columns.set_time(step, time_s)
 
-    def _log_scene(self, bodies: Sequence[Body]) -> None:
-        """Record all static bodies as triangles with a normal and a gray value each."""
+    def _log_bodies(self, path: str, bodies: Sequence[Body]) -> None:
+        """Record bodies as triangles with a normal and a gray value each."""
         corners, grays = [], []
         for body in bodies:
             rotation = rotation_from_yaw(body.yaw_rad)
@@ -156,7 +164,7 @@ class MissionRecorder(Recorder):
                 vertex_normals=np.repeat(normals, 3, axis=0),
                 vertex_colors=np.repeat(colors, 3, axis=0),
             )
-            self._log("world/scene", shown, static=True)
+            self._log(path, shown, static=True)
 
     def _color(self, drone: int) -> tuple[int, int, int]:
         return LEADER_COLOR if drone in self._leaders else FOLLOWER_COLOR

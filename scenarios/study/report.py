@@ -34,6 +34,9 @@ COLORS = {
 """Colours of the outcomes, in the order in which they are stacked."""
 RATIO_CAPTION = "Share of runs that ended in a collision, with Wilson 95 % intervals; n is the number of runs."
 CONTACT_KINDS = ("building", "drone", "ground")
+"""Kinds of contacts that every table of arms lists."""
+RARE_KINDS = ("mover",)
+"""Kinds that are listed where there was one."""
 OTHER_OUTCOMES = tuple(outcome for outcome in COLORS if outcome is not Outcome.COLLISION)
 
 
@@ -148,23 +151,25 @@ def export(data: StudyData, out: Path) -> list[Path]:
 
 def arm_table(arms: Iterable[ArmSummary]) -> Table:
     """Return a row for each arm at each noise ratio in each scenario."""
+    arms = list(arms)
+    kinds = (*CONTACT_KINDS, *(kind for kind in RARE_KINDS if any(arm.contacts(kind) for arm in arms)))
     columns: tuple[Column | str, ...] = (
         *("scenario", "arm", "runs", "collisions", Column("ratio", number=".3f"), "Wilson", "Clopper-Pearson"),
         *(outcome.value for outcome in OTHER_OUTCOMES),
-        *(f"contacts: {kind}" for kind in CONTACT_KINDS),
+        *(f"contacts: {kind}" for kind in kinds),
         *(Column("mission time", "s"), Column("depth error, MAE", "m"), Column("without depth", "%", ".1f")),
     )
-    return Table.of("All arms", columns, [_arm_row(arm) for arm in arms])
+    return Table.of("All arms", columns, [_arm_row(arm, kinds) for arm in arms])
 
 
-def _arm_row(arm: ArmSummary) -> Sequence[Value]:
+def _arm_row(arm: ArmSummary, kinds: Iterable[str]) -> Sequence[Value]:
     hole_share, _ = arm.mean("depth_corrected_hole_share")
     return [
         *(arm.scenario, arm.label, f"{arm.n} of {arm.planned}", arm.collisions, arm.ratio),
         _interval(arm.interval(wilson)),
         _interval(arm.interval(clopper_pearson)),
         *(arm.count(outcome) for outcome in OTHER_OUTCOMES),
-        *(arm.contacts(kind) for kind in CONTACT_KINDS),
+        *(arm.contacts(kind) for kind in kinds),
         _mean(*arm.mean("sim_time_s", Outcome.SUCCESS), ".1f"),
         _mean(*arm.mean("depth_corrected_mae_m"), ".3f"),
         None if hole_share is None else 100 * hole_share,

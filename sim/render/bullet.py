@@ -77,7 +77,7 @@ class EglRenderer:
         static = {self._copy(body): real for real, body in world.bodies.items()}
         drone = Body(name="drone", shape=drone_shape(world.airframe.radius_m), surface=DRONE_SURFACE)
         drones = {create_body(drone, self._client): real for real in world.drone_ids}
-        self._moving = {self._copy(body): real for real, body in world.kinematic.items()} | drones
+        self._moving = {self._copy(mover.body): real for real, mover in world.movers.items()} | drones
         copies = {**static, **self._moving}
         textured = set(world.textured_ids)
         apply_texture([copy for copy, real in copies.items() if real in textured], world.scene.seed, self._client)

@@ -24,7 +24,7 @@ WELD_DECIMALS = 9
 
 
 class SceneMeshes:
-    """Meshes and poses of all bodies of a world: first the fixed bodies, then drones and kinematic bodies."""
+    """Meshes and poses of all bodies of a world: first the fixed bodies, then drones and movers."""
 
     def __init__(self, world: World) -> None:
         self._world = world

@@ -49,8 +49,9 @@ def _map(world: World, teams: Sequence[Team], learners: Collection[int], width_p
         x, y = (position_m[:2] - low_m) * px_per_m
         return round(x), len(image) - 1 - round(y)
 
-    for body in world.described.values():
-        if body.kind == "building":
+    movers = [mover.at(world.time_s) for mover in world.movers.values()]
+    for body in [*world.bodies.values(), *movers]:
+        if body.kind != "ground":
             _draw_body(image, body, pixel, px_per_m)
     for team in teams:
         cv2.drawMarker(image, pixel(team.goal_m), GOAL, cv2.MARKER_CROSS, 12, 2)

@@ -13,7 +13,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from sim import frames
-from sim.bodies import Body, Cylinder, Heightfield, Mesh, MovingSphere, Scene, SceneSpec, Sphere
+from sim.bodies import Body, Cylinder, Heightfield, Mesh, Mover, Scene, SceneSpec, Sphere
 from sim.errors import RenderError
 from sim.free_space import is_inside
 from sim.render import create_renderer
@@ -170,16 +170,20 @@ def test_they_agree_on_moved_drones_and_round_shapes() -> None:
     assert np.percentile(gap, 99) < 0.05
 
 
-def test_they_agree_on_movers_that_were_placed() -> None:
-    spheres = [MovingSphere(radius_m=0.4, from_m=(3, 0, 0), to_m=(3, 1, 0), speed_m_s=1.0).body(k) for k in range(2)]
+def test_they_agree_on_movers() -> None:
+    ball = Body(name="ball", kind="mover", shape=Sphere(0.4))
     cube = Mesh(box(np.array([0.5, 0.7, 0.9])).vertices_m, box(np.ones(3)).triangles)
     crate = Body(name="crate", kind="building", shape=cube, position_m=(0.0, 0.0, 0.0), yaw_rad=0.4)
-    scene = Scene(seed=5, bodies=(wall(8.0),))
-    with World(scene, np.array([[4.0, 0.0, 1.0]]), kinematic=[*spheres, crate]) as world:
+    movers = (
+        Mover(body=ball, position_m=lambda time_s: np.array([3, 0.8 - 1.4 * time_s, 0])),
+        Mover(body=ball, position_m=lambda time_s: np.array([5, -1.5, 0.5])),
+        Mover(body=crate, position_m=lambda time_s: np.array([4, 1.5, -1])),
+    )
+    scene = Scene(seed=5, bodies=(wall(8.0),), movers=movers)
+    with World(scene, np.array([[4.0, 0.0, 1.0]])) as world:
         renderers = [create_renderer(name, world) for name in ("raster", "raycast", "tiny")]
-        for side_m in (0.8, -0.6):
-            for body, place_m in zip(world.kinematic, ([3, side_m, 0], [5, -1.5, 0.5], [4, 1.5, -1]), strict=True):
-                world.place(body, np.array(place_m, np.float64))
+        for time_s in (0.0, 1.0):
+            world.move_to(time_s)
             *ours, b = (renderer.render([camera_at(0, 0, 0)])[0] for renderer in renderers)
             for a in ours:
                 assert set(np.unique(a.segment_id)) == {0, 1, 2, 3, 4}
