@@ -30,7 +30,7 @@ def start(context: typer.Context) -> None:
 
 
 for panel, commands in (
-    ("Swarm", (swarm.run, swarm.accept, swarm.tabulate, swarm.picture, swarm.map_)),
+    ("Swarm", (swarm.run, swarm.accept, swarm.tabulate, swarm.freespace, swarm.picture, swarm.map_)),
     ("Sensor", (sensor.record, sensor.sheet, sensor.scenes)),
     (
         "Corrector",

@@ -29,7 +29,8 @@ class EvidenceConfig(Model):
     min_trusted_share: float = Field(0.6, gt=0, le=1)
     """Share of the pixels of a cell that must be trusted; a cell with fewer proves no free space."""
     free_percentile: float = Field(10.0, ge=0, le=100)
-    """Percentile of the trusted depths up to which a cell is free; 0 would let one noisy pixel decide."""
+    """Percentile of the trusted depths up to which a cell is free, if it shows no surface before that; 0 would let one
+    noisy pixel decide."""
     disparity_error_px: float = Field(0.35, ge=0)
     """Error of the matched disparity, which shortens the free depth. It is a share of a pixel of the images that were
     matched; they may be larger than the depth image."""

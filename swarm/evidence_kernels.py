@@ -62,6 +62,7 @@ def read_cell(depth_m: FloatImage, confidence: FloatImage, trust: Trust) -> tupl
         free_m = trusted[min(int(trust.free_share * n_trusted), MAX_RANK - 1)]
     if n_shown > 0:
         surface_m = shown[min(int(trust.surface_share * n_shown), MAX_RANK - 1)]
+        free_m = min(free_m, surface_m)
     return float(free_m), float(surface_m)
 
 
