@@ -1,5 +1,7 @@
 """The controllers of this package: a leader flies to its goal, a follower keeps its slot."""
 
+from bisect import bisect_right
+
 import numpy as np
 
 from voxdepth.types import FloatArray
@@ -12,6 +14,7 @@ from .reactive import ReactivePilot
 from .rules import Corridor
 from .task import MissionConfig
 from .types import Decision
+from .vectors import length
 
 SHIFTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 """Places that a follower tries, as shares of the way from its slot to its place in single file behind the leader."""
@@ -107,21 +110,18 @@ class Track:
 
     def __init__(self, start_m: FloatArray) -> None:
         self._points_m = [start_m]
+        self._lengths_m = [0.0]
 
     def add(self, at_m: FloatArray) -> None:
         """Add a position, shape (3,), if the leader has moved since the last one."""
-        if np.linalg.norm(at_m - self._points_m[-1]) > TRACK_STEP_M:
+        step_m = length(at_m - self._points_m[-1])
+        if step_m > TRACK_STEP_M:
             self._points_m.append(at_m.copy())
+            self._lengths_m.append(self._lengths_m[-1] + step_m)
 
     def behind(self, distance_m: float) -> FloatArray:
-        """Return the point of the way at a distance from its end, measured along it; its start if it is shorter."""
-        before_m = self._points_m[-1]
-        for point_m in reversed(self._points_m[:-1]):
-            step_m = float(np.linalg.norm(before_m - point_m))
-            if distance_m <= step_m:
-                return np.asarray(before_m + distance_m / step_m * (point_m - before_m))
-            distance_m, before_m = distance_m - step_m, point_m
-        return before_m
+        """Return a point of the way at a distance from its end, measured along it; its start if it is shorter."""
+        return self._points_m[max(bisect_right(self._lengths_m, self._lengths_m[-1] - distance_m) - 1, 0)]
 
 
 def corridor_of(role: Role, config: MissionConfig) -> Corridor:

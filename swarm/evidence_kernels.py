@@ -10,9 +10,6 @@ from numba.types import Array, UniTuple
 from voxdepth.compiled import FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
 from voxdepth.types import FloatImage
 
-MAX_RANK = 64
-"""Number of the smallest depths of a cell that are kept to find its percentiles; the rank of one is limited to it."""
-
 
 @compiled("void(f4[::1], i8, f4)")
 def keep_smallest(smallest: FloatImage, n_seen: int, value: float) -> None:
@@ -45,11 +42,12 @@ TRUST = named_tuple(Trust, *[float64] * 5, int64)
 @compiled(UniTuple(float64, 2)(PART, PART, TRUST))
 def read_cell(depth_m: FloatImage, confidence: FloatImage, trust: Trust) -> tuple[float, float]:
     """Find the free depth of a part of an image, 0 if it is not free, and its surface depth, +inf without a surface."""
-    trusted, shown = np.empty(MAX_RANK, np.float32), np.empty(MAX_RANK, np.float32)
-    n, n_trusted, n_shown = 0, 0, 0
+    n_sampled = ((depth_m.shape[0] - 1) // trust.step + 1) * ((depth_m.shape[1] - 1) // trust.step + 1)
+    trusted = np.empty(int(trust.free_share * n_sampled) + 1, np.float32)
+    shown = np.empty(int(trust.surface_share * n_sampled) + 1, np.float32)
+    n_trusted, n_shown = 0, 0
     for row in range(0, depth_m.shape[0], trust.step):
         for col in range(0, depth_m.shape[1], trust.step):
-            n += 1
             z, c = depth_m[row, col], confidence[row, col]
             if z > 0 and c >= trust.min_surface_confidence:
                 keep_smallest(shown, n_shown, z)
@@ -58,10 +56,10 @@ def read_cell(depth_m: FloatImage, confidence: FloatImage, trust: Trust) -> tupl
                     keep_smallest(trusted, n_trusted, z)
                     n_trusted += 1
     free_m, surface_m = np.float32(0), np.float32(np.inf)
-    if n_trusted > 0 and n_trusted >= trust.min_trusted_share * n:
-        free_m = trusted[min(int(trust.free_share * n_trusted), MAX_RANK - 1)]
+    if n_trusted > 0 and n_trusted >= trust.min_trusted_share * n_sampled:
+        free_m = trusted[min(int(trust.free_share * n_trusted), n_trusted - 1)]
     if n_shown > 0:
-        surface_m = shown[min(int(trust.surface_share * n_shown), MAX_RANK - 1)]
+        surface_m = shown[min(int(trust.surface_share * n_shown), n_shown - 1)]
         free_m = min(free_m, surface_m)
     return float(free_m), float(surface_m)
 

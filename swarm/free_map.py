@@ -13,11 +13,11 @@ from pydantic import Field, model_validator
 
 from voxdepth.compiled import compile_all
 from voxdepth.model import Model
-from voxdepth.types import FloatArray, FloatImage, Intrinsics
+from voxdepth.types import FloatArray, FloatImage, Intrinsics, MaskImage
 
 from . import map_kernels as kernels
 from .evidence import Evidence, EvidenceReader
-from .map_kernels import FREE, Rules, Seen, View, Voxels
+from .map_kernels import FREE, Limits, Rules, View, Voxels
 from .route_kernels import cheapest_way, clearance_at, free_length, worst_between
 
 MAX_VOXELS = 2**24
@@ -38,7 +38,7 @@ class MapConfig(Model):
 
     reach_m: float = Field(10.0, gt=2)
     """Distance from the drone to the sides of the map, at least."""
-    height_m: float = Field(3.0, gt=0)
+    height_m: float = Field(2.0, gt=0)
     """Height of the map, half above and half below the drone, at least."""
     voxel_m: float = Field(0.25, gt=0.01)
     """Horizontal side of a voxel."""
@@ -109,9 +109,8 @@ class Chart:
         side = 2 * int(np.ceil(self._width)) + 1
         reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
         blocked = cv2.dilate(state, reach)
-        rows, cols = (n // ROUTE_CELLS for n in state.shape)
-        blocks = blocked.reshape(rows, ROUTE_CELLS, cols, ROUTE_CELLS)
-        self._blocked: npt.NDArray[np.uint8] = np.ascontiguousarray(blocks.max(axis=(1, 3)))
+        pairs = np.maximum(blocked[::2], blocked[1::2])
+        self._blocked: npt.NDArray[np.uint8] = np.maximum(pairs[:, ::2], pairs[:, 1::2])
 
     def _cells(self, at_m: FloatArray) -> tuple[float, float]:
         """Return a position (x, y) in cells, whose middles have whole numbers."""
@@ -194,6 +193,7 @@ class FreeMap:
         self._rays_cam = reader.rays_cam
         self._max_surface_m = reader.range_of_error(c.max_error_m)
         self._voxels = Voxels(*(np.zeros(c.shape, t) for t in (np.uint8, np.uint8, np.uint8, np.float32)))
+        self._cell, self._squared = np.empty(c.shape, np.int32), np.zeros(c.shape, np.float32)
         self._origin: npt.NDArray[np.int64] | None = None
         """Corner of the first voxel (x, y, z), in voxels."""
 
@@ -240,17 +240,24 @@ class FreeMap:
     def update(self, evidence: Evidence, T_odom_cam: FloatArray, drones_m: FloatArray, time_s: float) -> None:
         """Add the evidence of an image; surfaces near the other drones `drones_m`, shape (n, 3), are these drones."""
         self._follow(T_odom_cam[:3, 3])
-        shown = np.isfinite(evidence.surface_m)
-        to_surface = np.where(shown, evidence.surface_m, 0).astype(np.float64)[..., None] * self._rays_cam
-        points_m = to_surface @ T_odom_cam[:3, :3].T + T_odom_cam[:3, 3]
-        apart = ((points_m[:, :, None] - drones_m) ** 2).sum(axis=-1)
-        is_drone = shown & (apart < DRONE_MASK_RADIUS_M**2).any(axis=-1)
-        kernels.look(
-            self._voxels, self._rules, self._view, self.origin_m, np.ascontiguousarray(T_odom_cam),
-            Seen(evidence.free_m, evidence.surface_m, is_drone, self._max_surface_m), time_s,
-        )  # fmt: skip
-        near = shown & ~is_drone & (evidence.surface_m < self._max_surface_m)
-        kernels.show_surfaces(self._voxels, self._rules, self.origin_m, points_m[near])
+        free_m, surface_m = evidence
+        is_near = surface_m < self._max_surface_m
+        rows, cols = np.nonzero(is_near)
+        points_m = surface_m[rows, cols, None] * self._rays_cam[rows, cols] @ T_odom_cam[:3, :3].T + T_odom_cam[:3, 3]
+        is_body = _are_apart(points_m, drones_m, DRONE_MASK_RADIUS_M)
+        is_near[rows, cols] = is_body
+        half_m = np.float32(self._config.voxel_m / 2)
+        limits = Limits(
+            free=np.square(np.maximum(free_m - half_m, 0)),
+            surface_from=np.square(np.maximum(surface_m - half_m, 0)),
+            surface_to=np.square(surface_m + half_m),
+            is_recorded=is_near,
+        )
+        T = np.ascontiguousarray(T_odom_cam)
+        farthest_m = max(self._config.near_m, float(free_m.max()))
+        kernels.project(self._rules, self._view, self.origin_m, T, farthest_m, self._cell, self._squared)
+        kernels.judge(self._voxels, limits, self._cell, self._squared, self._config.near_m, time_s)
+        kernels.show_surfaces(self._voxels, self._rules, self.origin_m, points_m[is_body])
 
     def chart(self, low_m: float, high_m: float, width_m: float, time_s: float) -> Chart:
         """Return the slice between two heights for a drone that needs a clearance of `width_m`."""
@@ -273,6 +280,12 @@ class FreeMap:
         for counts in self._voxels:
             _shift(counts, moved[::-1])
         self._origin = wanted
+
+
+def _are_apart(points_m: FloatArray, others_m: FloatArray, least_m: float) -> MaskImage:
+    """Return which points, shape (n, 3), are at least that far from all others, shape (m, 3)."""
+    squared = ((points_m[:, None] - others_m) ** 2).sum(axis=-1)
+    return np.asarray(squared.min(axis=1, initial=np.inf) >= least_m**2)
 
 
 def _shift(array: npt.NDArray[np.generic], by: npt.NDArray[np.int64]) -> None:

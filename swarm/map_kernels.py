@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import boolean, float32, float64, int64, uint8, void
+from numba import boolean, float32, float64, int32, int64, uint8, void
+from numba.types import UniTuple
 
 from voxdepth.compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
 from voxdepth.types import FloatArray, FloatImage, MaskImage
@@ -25,7 +26,7 @@ SURFACE_TOLERANCE = 0.8
 
 NEAREST_M = 0.05
 """Voxels whose depth is smaller are not in view."""
-BEHIND_M = 1.5
+BEHIND_M = np.float32(1.5)
 """Columns of voxels so far behind the camera are not in view, however it is tilted."""
 
 
@@ -72,83 +73,90 @@ RULES = named_tuple(Rules, int64, int64, float64, float64, float64, float64)
 VIEW = named_tuple(View, float64, float64, float64, float64, int64[::1], int64[::1])
 
 
-@compiled(void(VOXELS, int64, int64, int64))
-def show_surface(voxels: Voxels, k: int, i: int, j: int) -> None:
-    """Record that an image shows a surface in a voxel."""
-    voxels.surface[k, i, j] = SURFACE_SEEN
-    voxels.passed[k, i, j] = 0
-    voxels.vain[k, i, j] = 0
+class Limits(NamedTuple):
+    """The evidence of an image as squared ranges [m^2] for each cell, shape (rows, cols)."""
+
+    free: FloatImage
+    """Voxels up to this range are passed."""
+    surface_from: FloatImage
+    """Voxels from here on ..."""
+    surface_to: FloatImage
+    """... to here contain a surface; what lies behind is hidden."""
+    is_recorded: MaskImage
+    """Whether the surface is recorded: other drones and surfaces far away are not, but hide what lies behind."""
 
 
-@compiled(void(VOXELS, int64, int64, int64, float64))
-def pass_through(voxels: Voxels, k: int, i: int, j: int, time_s: float) -> None:
-    """Record that an image proves a voxel to be free."""
-    voxels.vain[k, i, j] = 0
-    if voxels.surface[k, i, j] > 0:
-        voxels.surface[k, i, j] -= 1
-    elif voxels.passed[k, i, j] < MOST_SEEN:
-        voxels.passed[k, i, j] += 1
-    voxels.passed_s[k, i, j] = time_s
+LIMITS = named_tuple(Limits, FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE, boolean[:, ::1])
 
 
-class Seen(NamedTuple):
-    """The evidence of an image for each cell, shape (rows, cols)."""
-
-    free_m: FloatImage
-    """Range that is proven to be free [m]."""
-    surface_m: FloatImage
-    """Range of a surface [m]; +inf without one."""
-    is_drone: MaskImage
-    """Whether the surface is another drone, which is not recorded and hides what lies behind it."""
-    max_surface_m: float
-    """Surfaces that are farther away are not recorded."""
+NOWHERE = -1
 
 
-SEEN = named_tuple(Seen, FLOAT_IMAGE, FLOAT_IMAGE, boolean[:, ::1], float64)
-
-
-@compiled(void(VOXELS, RULES, SEEN, int64, int64, float64, float64, int64, int64, int64))
-def judge(
-    voxels: Voxels, rules: Rules, seen: Seen, a: int, b: int, range_m: float, time_s: float, k: int, i: int, j: int
+@compiled(void(RULES, VIEW, float64[::1], float64[:, ::1], float64, int32[:, :, ::1], float32[:, :, ::1]))
+def project(
+    rules: Rules,
+    view: View,
+    origin_m: FloatArray,
+    T_map_cam: FloatArray,
+    farthest_m: float,
+    # output
+    cell: npt.NDArray[np.int32],
+    squared: npt.NDArray[np.float32],
 ) -> None:
-    """Compare a voxel at a range with the ranges of the cell (a, b) that shows it."""
-    surface_m = seen.surface_m[a, b]
-    if range_m + rules.voxel_m / 2 <= seen.free_m[a, b]:
-        pass_through(voxels, k, i, j, time_s)
-    elif abs(range_m - surface_m) <= SURFACE_TOLERANCE * rules.voxel_m:
-        if range_m < seen.max_surface_m and not seen.is_drone[a, b]:
-            show_surface(voxels, k, i, j)
-    elif range_m < surface_m and range_m < rules.near_m:
-        voxels.vain[k, i, j] = min(voxels.vain[k, i, j] + 1, MOST_SEEN)
-
-
-@compiled(void(VOXELS, RULES, VIEW, float64[::1], float64[:, ::1], SEEN, float64))
-def look(
-    voxels: Voxels, rules: Rules, view: View, origin_m: FloatArray, T_map_cam: FloatArray, seen: Seen, time_s: float
-) -> None:
-    """Compare every voxel in the field of view with the evidence of the cell that shows its middle."""
-    n_layers, n_rows, n_cols = voxels.passed.shape
-    farthest_m = max(rules.near_m, float(seen.free_m.max()))
-    height, width = len(view.cell_row), len(view.cell_col)
-    to_cam, z_m = T_map_cam[:3, :3].T.copy(), origin_m[2] + rules.layer_m / 2 - T_map_cam[2, 3]
+    """Find the cell that shows the middle of each voxel, `NOWHERE` for most, and the square of its range [m^2]."""
+    n_layers, n_rows, n_cols = cell.shape
+    cell_row, cell_col, cells_per_row = view.cell_row, view.cell_col, view.cell_col[-1] + 1
+    height, width = len(cell_row), len(cell_col)
+    (xx, yx, zx, x_m), (xy, yy, zy, y_m), (xz, yz, zz, z_m), _ = T_map_cam.astype(np.float32)
+    fx, fy = np.float32(view.fx_px), np.float32(view.fy_px)
+    cx, cy = np.float32(view.cx_px + 0.5), np.float32(view.cy_px + 0.5)
+    side_m, layer_m, farthest_squared = np.float32(rules.voxel_m), np.float32(rules.layer_m), np.float32(farthest_m**2)
+    left_m, front_m, up_m = origin_m.astype(np.float32) - np.array([x_m, y_m, z_m])
+    cell[:] = NOWHERE
     for i in range(n_rows):
-        y_m = origin_m[1] + (i + 0.5) * rules.voxel_m - T_map_cam[1, 3]
+        north_m = front_m + side_m * np.float32(i + 0.5)
         for j in range(n_cols):
-            x_m = origin_m[0] + (j + 0.5) * rules.voxel_m - T_map_cam[0, 3]
-            if x_m * x_m + y_m * y_m > farthest_m**2 or x_m * to_cam[2, 0] + y_m * to_cam[2, 1] < -BEHIND_M:
+            east_m = left_m + side_m * np.float32(j + 0.5)
+            flat_squared = east_m * east_m + north_m * north_m
+            if flat_squared > farthest_squared or east_m * zx + north_m * zy < -BEHIND_M:
                 continue
+            x0, y0, z0 = xx * east_m + xy * north_m, yx * east_m + yy * north_m, zx * east_m + zy * north_m
             for k in range(n_layers):
-                up_m = z_m + k * rules.layer_m
-                z = to_cam[2, 0] * x_m + to_cam[2, 1] * y_m + to_cam[2, 2] * up_m
-                if z < NEAREST_M:
-                    continue
-                x = to_cam[0, 0] * x_m + to_cam[0, 1] * y_m + to_cam[0, 2] * up_m
-                y = to_cam[1, 0] * x_m + to_cam[1, 1] * y_m + to_cam[1, 2] * up_m
-                col = int(np.floor(view.fx_px * x / z + view.cx_px + 0.5))
-                row = int(np.floor(view.fy_px * y / z + view.cy_px + 0.5))
-                if 0 <= col < width and 0 <= row < height:
-                    range_m = np.sqrt(x * x + y * y + z * z)
-                    judge(voxels, rules, seen, view.cell_row[row], view.cell_col[col], range_m, time_s, k, i, j)
+                above_m = up_m + layer_m * np.float32(k + 0.5)
+                z = z0 + zz * above_m
+                per_m = np.float32(1) / z
+                u, v = fx * (x0 + xz * above_m) * per_m + cx, fy * (y0 + yz * above_m) * per_m + cy
+                if z > NEAREST_M and 0 <= u < width and 0 <= v < height:
+                    cell[k, i, j] = cell_row[int(v)] * cells_per_row + cell_col[int(u)]
+                    squared[k, i, j] = flat_squared + above_m * above_m
+
+
+@compiled(void(VOXELS, LIMITS, int32[:, :, ::1], float32[:, :, ::1], float64, float64))
+def judge(
+    voxels: Voxels,
+    limits: Limits,
+    cell: npt.NDArray[np.int32],
+    squared: npt.NDArray[np.float32],
+    near_m: float,
+    time_s: float,
+) -> None:
+    """Compare every voxel in view with the limits of the cell that shows it."""
+    passed, surface, vain = voxels.passed.ravel(), voxels.surface.ravel(), voxels.vain.ravel()
+    passed_s, cells, ranges = voxels.passed_s.ravel(), cell.ravel(), squared.ravel()
+    free, shown_from, shown_to = limits.free.ravel(), limits.surface_from.ravel(), limits.surface_to.ravel()
+    is_recorded, near_squared = limits.is_recorded.ravel(), np.float32(near_m**2)
+    for n in range(len(cells)):
+        c, r = cells[n], ranges[n]
+        if c == NOWHERE:
+            continue
+        if r <= free[c]:
+            vain[n], passed_s[n] = 0, time_s
+            passed[n] = min(passed[n] + (surface[n] == 0), MOST_SEEN)
+            surface[n] = max(surface[n], 1) - 1
+        elif r < shown_from[c]:
+            vain[n] = min(vain[n] + (r < near_squared), MOST_SEEN)
+        elif r <= shown_to[c] and is_recorded[c]:
+            passed[n], surface[n], vain[n] = 0, SURFACE_SEEN, 0
 
 
 @compiled(void(VOXELS, RULES, float64[::1], float64[:, ::1]))
@@ -160,7 +168,14 @@ def show_surfaces(voxels: Voxels, rules: Rules, origin_m: FloatArray, points_m: 
         i = int(np.floor((points_m[n, 1] - origin_m[1]) / rules.voxel_m))
         k = int(np.floor((points_m[n, 2] - origin_m[2]) / rules.layer_m))
         if 0 <= k < n_layers and 0 <= i < n_rows and 0 <= j < n_cols:
-            show_surface(voxels, k, i, j)
+            voxels.passed[k, i, j], voxels.surface[k, i, j], voxels.vain[k, i, j] = 0, SURFACE_SEEN, 0
+
+
+@compiled(UniTuple(int64, 2)(float64, float64, float64, int64))
+def cells_within(middle_m: float, radius_m: float, side_m: float, n: int) -> tuple[int, int]:
+    """Return the first of `n` cells that is within a radius of a place along an axis, and the one after the last."""
+    first, last = int(np.floor((middle_m - radius_m) / side_m)), int(np.floor((middle_m + radius_m) / side_m))
+    return min(max(first, 0), n), min(max(last + 1, 0), n)
 
 
 @compiled(void(VOXELS, RULES, float64[::1], float64[::1], float64, float64, float64))
@@ -175,15 +190,15 @@ def mark_free(
 ) -> None:
     """Make the voxels whose middle is in an upright cylinder free: a drone is or was there."""
     n_layers, n_rows, n_cols = voxels.passed.shape
+    rows = cells_within(center_m[1] - origin_m[1], radius_m, rules.voxel_m, n_rows)
+    cols = cells_within(center_m[0] - origin_m[0], radius_m, rules.voxel_m, n_cols)
     for k in range(n_layers):
         low_m = origin_m[2] + k * rules.layer_m - center_m[2]
         if low_m >= half_height_m or low_m + rules.layer_m <= -half_height_m:
             continue
-        for i in range(n_rows):
+        for i in range(rows[0], rows[1]):
             y_m = origin_m[1] + (i + 0.5) * rules.voxel_m - center_m[1]
-            if abs(y_m) > radius_m:
-                continue
-            for j in range(n_cols):
+            for j in range(cols[0], cols[1]):
                 x_m = origin_m[0] + (j + 0.5) * rules.voxel_m - center_m[0]
                 if x_m * x_m + y_m * y_m <= radius_m**2:
                     voxels.passed[k, i, j] = max(voxels.passed[k, i, j], rules.min_passed)
@@ -197,13 +212,15 @@ def give_up(
 ) -> None:
     """Make the voxels in an upright cylinder vain that are not known to be free."""
     n_layers, n_rows, n_cols = voxels.passed.shape
+    rows = cells_within(center_m[1] - origin_m[1], radius_m, rules.voxel_m, n_rows)
+    cols = cells_within(center_m[0] - origin_m[0], radius_m, rules.voxel_m, n_cols)
     for k in range(n_layers):
         low_m = origin_m[2] + k * rules.layer_m - center_m[2]
         if low_m >= half_height_m or low_m + rules.layer_m <= -half_height_m:
             continue
-        for i in range(n_rows):
+        for i in range(rows[0], rows[1]):
             y_m = origin_m[1] + (i + 0.5) * rules.voxel_m - center_m[1]
-            for j in range(n_cols):
+            for j in range(cols[0], cols[1]):
                 x_m = origin_m[0] + (j + 0.5) * rules.voxel_m - center_m[0]
                 if x_m * x_m + y_m * y_m <= radius_m**2 and voxels.passed[k, i, j] < rules.min_passed:
                     voxels.vain[k, i, j] = rules.min_vain
