@@ -3,21 +3,23 @@
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from voxdepth.types import FloatArray
 
-from ..bodies import Body, Box, Cylinder, Scene, Surface, standing_body
+from ..bodies import Body, Box, Cylinder, Mover, Scene, Surface, shuttle, standing_body
 from ..seeds import Purpose, stream
 from ..types import LATER
 from .layout import PAVED, Range, WeakWallsSpec, flat_ground, of_glass, without_texture
 
-TEXTURELESS, WEAK, GLASS = range(1, 4)
-"""Keys of the random streams that choose towers, so that none of them moves a tower."""
+TEXTURELESS, WEAK, GLASS, WIRES, MOVERS = range(1, 6)
+"""Keys of the random streams of what was added to towers and poles, so that none of them moves a tower or a pole."""
 POLE_SHIFT_M = 0.5
 """Largest distance of a pole from the middle of its street."""
 PATH_CLEARANCE_M = 0.5
 """Free width that a path needs on both sides."""
+MOVER_LANE_M, MOVER_SIDE_M, MOVER_TALL_M = 1.2, 0.8, 2.4
+"""Distance of the movers' ways from the middle of their street, and the movers' width and height."""
 
 
 class CitySpec(WeakWallsSpec):
@@ -45,6 +47,26 @@ class CitySpec(WeakWallsSpec):
     poles: int = Field(16, ge=0)
     """Thin vertical poles in the streets."""
     pole_radius_m: float = Field(0.12, gt=0)
+    wires: Annotated[int, LATER] = Field(0, ge=0)
+    """Thin level wires, each from a tower to a neighbour across the gap or the street between them."""
+    wire_m: Annotated[Range, LATER] = (0.02, 0.04)
+    """Range of the wires' thicknesses [m]."""
+    wire_height_m: Annotated[Range, LATER] = (4.5, 7.5)
+    """Range of the wires' heights [m], below the tops of the towers."""
+    movers: Annotated[int, LATER] = Field(0, ge=0)
+    """Crates and drums that go to and fro along the streets in direction y, between the poles and the towers."""
+    mover_speed_m_s: Annotated[Range, LATER] = (0.5, 1.5)
+    """Range of the movers' speeds [m/s]."""
+    mover_way_m: Annotated[Range, LATER] = (4.0, 10.0)
+    """Range of the lengths of the movers' ways [m]."""
+    mover_height_m: Annotated[float, LATER] = Field(6.0, gt=1.0)
+    """Height of the middle of the movers [m], that of the flight."""
+
+    @model_validator(mode="after")
+    def _check(self) -> "CitySpec":
+        if self.wires and self.columns * self.rows < 2:
+            raise ValueError(f"wires lead from tower to tower, got {self.wires} wires and a single tower")
+        return self
 
     @property
     def pitch_m(self) -> float:
@@ -60,7 +82,10 @@ class CitySpec(WeakWallsSpec):
         towers = without_texture(towers, self.blank_share, stream(seed, Purpose.SCENE, TEXTURELESS))
         towers = self.weakened(towers, stream(seed, Purpose.SCENE, WEAK))
         towers = of_glass(towers, self.glass_share, self.glass_reflectivity, stream(seed, Purpose.SCENE, GLASS))
-        return Scene(seed=seed, bodies=(ground, *towers, *poles), weather=self.weather, path_m=self._path_m())
+        wires = [_wire(self, stream(seed, Purpose.SCENE, WIRES, i), i, towers) for i in range(self.wires)]
+        movers = tuple(_mover(self, stream(seed, Purpose.SCENE, MOVERS, i), i) for i in range(self.movers))
+        bodies = (ground, *towers, *poles, *wires)
+        return Scene(seed=seed, bodies=bodies, movers=movers, weather=self.weather, path_m=self._path_m())
 
     def _path_m(self) -> FloatArray:
         """A path along the first street in direction y, between its poles and the towers; empty in narrow streets."""
@@ -90,3 +115,40 @@ def _pole(spec: CitySpec, rng: np.random.Generator, index: int) -> Body:
     y = rng.uniform(-0.5, 0.5) * spec.rows * spec.pitch_m
     shape = Cylinder(spec.pole_radius_m, rng.uniform(8.0, 11.0))
     return standing_body(f"pole-{index}", shape, x, y, Surface(albedo=rng.uniform(0.2, 0.7)))
+
+
+def _wire(spec: CitySpec, rng: np.random.Generator, index: int, towers: list[Body]) -> Body:
+    """A wire from the middle of a tower to that of the next one along y, or else along x."""
+    along_y = spec.columns == 1 or (spec.rows > 1 and rng.uniform() < 0.5)
+    column = int(rng.integers(spec.columns - (not along_y)))
+    row = int(rng.integers(spec.rows - along_y))
+    first = towers[column * spec.rows + row]
+    second = towers[column * spec.rows + row + 1 if along_y else (column + 1) * spec.rows + row]
+    start_m, end_m = np.array(first.position_m), np.array(second.position_m)
+    length_m, thickness_m = float(np.linalg.norm((end_m - start_m)[:2])), float(rng.uniform(*spec.wire_m))
+    x, y, _ = ((start_m + end_m) / 2).tolist()
+    return Body(
+        name=f"wire-{index}",
+        shape=Box((length_m, thickness_m, thickness_m)),
+        position_m=(x, y, float(rng.uniform(*spec.wire_height_m))),
+        yaw_rad=float(np.arctan2(end_m[1] - start_m[1], end_m[0] - start_m[0])),
+        surface=Surface(albedo=float(rng.uniform(0.1, 0.4))),
+    )
+
+
+def _mover(spec: CitySpec, rng: np.random.Generator, index: int) -> Mover:
+    """A crate or a drum that goes to and fro on one side of a street in direction y."""
+    column, side = int(rng.integers(spec.columns)), int(rng.choice((-1, 1)))
+    x = (column + 1) * spec.pitch_m + side * MOVER_LANE_M
+    way_m = float(rng.uniform(*spec.mover_way_m))
+    y = float(rng.uniform(-0.5, 0.5)) * spec.rows * spec.pitch_m
+    surface = Surface(albedo=float(rng.uniform(0.3, 0.7)))
+    drum, crate = Cylinder(MOVER_SIDE_M / 2, MOVER_TALL_M), Box((MOVER_SIDE_M, MOVER_SIDE_M, MOVER_TALL_M))
+    shape: Box | Cylinder = drum if rng.uniform() < 0.5 else crate
+    return shuttle(
+        Body(name=f"mover-{index}", kind="mover", shape=shape, surface=surface),
+        np.array([x, y - way_m / 2, spec.mover_height_m]),
+        np.array([x, y + way_m / 2, spec.mover_height_m]),
+        speed_m_s=float(rng.uniform(*spec.mover_speed_m_s)),
+        travelled_m=float(rng.uniform(0, 2 * way_m)),
+    )

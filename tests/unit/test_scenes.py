@@ -1,5 +1,6 @@
 """Scenes follow their seed and configuration, consist of closed solids, and leave a path free."""
 
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pickle import dumps as as_bytes
@@ -227,6 +228,40 @@ def test_a_share_of_the_towers_is_of_glass_and_nothing_moves() -> None:
     assert len(panes) == round(0.3 * 60)
     assert {(surface.reflectivity, surface.texture) for surface in panes} == {(0.7, 0.0)}
     assert [body.position_m for body in plain.bodies] == [body.position_m for body in glass.bodies]
+
+
+def test_wires_lead_from_tower_to_tower_at_their_height_and_move_nothing() -> None:
+    plain, wired = CitySpec().build(3), CitySpec(wires=30).build(3)
+    wires = named(wired, "wire")
+    assert as_bytes(wired.bodies[: len(plain.bodies)]) == as_bytes(plain.bodies)
+    assert len(wires) == 30
+    with World(plain, np.zeros((0, 3))) as world:
+        for wire in wires:
+            assert isinstance(wire.shape, Box)
+            length_m, *thickness_m = wire.shape.size_m
+            assert thickness_m[0] == thickness_m[1]
+            assert 0.02 <= thickness_m[0] <= 0.04
+            assert 4.5 <= wire.position_m[2] <= 7.5
+            along = np.array([np.cos(wire.yaw_rad), np.sin(wire.yaw_rad), 0.0])
+            for end in (-0.5, 0.5):
+                x, y, z = wire.position_m + end * length_m * along
+                assert world.clearance_at_m((x, y, z)) < 0
+    with pytest.raises(ValueError, match="a single tower"):
+        CitySpec(columns=1, rows=1, wires=1)
+
+
+def test_movers_keep_clear_of_everything_that_is_fixed() -> None:
+    scene = CitySpec(movers=20, poles=40).build(2)
+    assert as_bytes(scene.bodies) == as_bytes(CitySpec(poles=40).build(2).bodies)
+    assert {mover.body.kind for mover in scene.movers} == {"mover"}
+    with World(replace(scene, movers=()), np.zeros((0, 3))) as world:
+        for mover in scene.movers:
+            places_m = np.array([mover.position_m(time_s) for time_s in np.arange(0, 40, 0.5)])
+            speeds_m_s = np.linalg.norm(np.diff(places_m, axis=0), axis=1) / 0.5
+            assert 0.5 - 1e-9 <= np.median(speeds_m_s) <= 1.5 + 1e-9
+            assert 3 < np.ptp(places_m[:, 1]) <= 10
+            reach_m = 0.4 if isinstance(mover.body.shape, Cylinder) else 0.4 * 2**0.5
+            assert min(world.clearance_at_m((x, y, z)) for x, y, z in places_m) > reach_m - 0.17
 
 
 def test_later_fields_of_scenes_are_part_of_a_configuration_only_if_they_are_set() -> None:
