@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from swarm.priors import PosePriorConfig
 from swarm.types import MissionResult, Outcome
 
-from .config import Run, load_run
+from .config import Run, images_of, load_run
 from .errors import ScenarioError
 from .quiet import import_noisy_libraries
 from .results.table import Column, Table, Value
@@ -52,9 +52,7 @@ def acceptance_run(name: str, seed: int, changes: Mapping[str, Any] = MappingPro
     settings = {
         "rig.depth": check.depth,
         "corrector": check.corrector,
-        "rig.width_px": check.width_px,
-        "rig.height_px": check.height_px,
-        "rig.decimate": 1,
+        **images_of(check.width_px, check.height_px),
     }
     return load_run(name, seed, {**settings, **changes})
 

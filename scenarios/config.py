@@ -72,6 +72,11 @@ class Scenario(MissionSetup):
         return self.model_copy(update={"corrector_latency_s": latency_s})
 
 
+def images_of(width_px: int, height_px: int) -> dict[str, int]:
+    """Return the values of a scenario whose cameras have images of a size, without decimation, by dotted key."""
+    return {"rig.width_px": width_px, "rig.height_px": height_px, "rig.decimate": 1}
+
+
 class Run(Model):
     """A scenario with its seed: everything that is needed to repeat a run."""
 

@@ -25,6 +25,7 @@ ONE_DRONE = {
     "mission.duration_s": 1.0,
     "rig.width_px": 96,
     "rig.height_px": 64,
+    "rig.decimate": 1,
 }
 """Values of the city that make a mission of a fraction of a second."""
 

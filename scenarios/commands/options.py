@@ -46,8 +46,10 @@ def parsed_size(text: str | None) -> tuple[int | None, int | None]:
 
 def size_changes(text: str | None) -> dict[str, Any]:
     """Return the values of a scenario that set an image size, by dotted key; none without a size."""
+    from ..config import images_of
+
     width, height = parsed_size(text)
-    return given({"rig.width_px": width, "rig.height_px": height})
+    return {} if width is None or height is None else images_of(width, height)
 
 
 def given(changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from sim.depth_noise import SensorModelName
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.model import Model
 
-from ..config import Run, load_run
+from ..config import Run, images_of, load_run
 from ..errors import ScenarioError
 from ..files import load_alone
 
@@ -57,7 +57,7 @@ class Arm(Model):
     theta: tuple[float, ...] = ()
     """Noise ratios of the sensor model `noisy`, one or a list; each makes runs of its own."""
     size: str | None = Field(None, pattern=r"^\d+x\d+$")
-    """Image size, as in 160x120. Default: the scenario's."""
+    """Image size without decimation, as in 160x120. Default: the cameras of the scenario."""
     seeds: int | None = Field(None, ge=1)
     """How many seeds of the study this arm uses. They are the first ones, so that runs of two arms still form pairs.
     Default: all."""
@@ -96,7 +96,7 @@ class Arm(Model):
             changes["rig.noise.scale.theta"] = theta
         if self.size is not None:
             width, height = self.size.split("x")
-            changes |= {"rig.width_px": int(width), "rig.height_px": int(height)}
+            changes |= images_of(int(width), int(height))
         return changes
 
 

@@ -69,7 +69,10 @@ def test_two_runs_of_a_seed_are_equal_down_to_the_recording(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["run", "atlantis"], "there is no scenario 'atlantis'; choose one of: city, corridor, crossing, forest, gap"),
+        (
+            ["run", "atlantis"],
+            "there is no scenario 'atlantis'; choose one of: city, corridor, crossing, exposure, forest, ",
+        ),
         (["run", "city", "--drones", "0"], "mission.drones: Input should be greater than or equal to 1, got 0"),
         (["run", "city", "--corrector", "magic"], "there is no corrector 'magic'; choose one of: raw, median"),
         (["run", "city", "--size", "big"], "--size must look like 160x120, got 'big'"),

@@ -26,6 +26,7 @@ def short(**changes: Any) -> Run:
         "mission.duration_s": 12.0,
         "rig.width_px": 96,
         "rig.height_px": 64,
+        "rig.decimate": 1,
         "rig.depth": "truth",
         "corrector": "raw",
     }

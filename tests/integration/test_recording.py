@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from scenarios.config import load_run
+from scenarios.config import images_of, load_run
 from scenarios.rerun.mission import MissionRecorder
 from scenarios.rerun.stream import depth_png
 from scenarios.runner import flying
@@ -16,7 +16,7 @@ def chunks(path: Path, entity: str) -> list:
 
 
 def test_the_tree_is_there_and_nothing_is_dropped(tmp_path: Path) -> None:
-    changes = {"mission.drones": 2, "mission.duration_s": 1.0, "rig.width_px": 96, "rig.height_px": 64}
+    changes = {"mission.drones": 2, "mission.duration_s": 1.0, **images_of(96, 64)}
     run = load_run("city", 0, changes)
     path = tmp_path / "run.rrd"
     recorder = MissionRecorder(path, run.scenario.rig, recording_id="test", image_every=2)
