@@ -1,0 +1,96 @@
+"""What one depth image proves."""
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from swarm.evidence import Evidence, EvidenceConfig, EvidenceReader
+from tests.helpers import CAMERA
+from voxdepth.types import CorrectedDepth, FloatImage, Source
+
+EXACT = EvidenceConfig(disparity_error_px=0)
+
+
+def image(depth_m: FloatImage, confidence: FloatImage | float = 1.0) -> CorrectedDepth:
+    """Measured depth with a confidence."""
+    confidence = np.where(depth_m > 0, np.float32(1) * confidence, np.float32(0)).astype(np.float32)
+    source = np.where(depth_m > 0, Source.SENSOR, Source.INVALID).astype(np.uint8)
+    return CorrectedDepth(depth_m=depth_m, source=source, confidence=confidence)
+
+
+def flat(depth_m: float) -> FloatImage:
+    """The same depth everywhere."""
+    return np.full(CAMERA.shape, depth_m, np.float32)
+
+
+def evidence(depth_m: FloatImage, confidence: FloatImage | float = 1.0, config: EvidenceConfig = EXACT) -> Evidence:
+    """What an image proves."""
+    return EvidenceReader(CAMERA, config).read(image(depth_m, confidence))
+
+
+def test_a_wall_is_a_surface_up_to_which_all_is_free() -> None:
+    reader = EvidenceReader(CAMERA, EXACT)
+    free_m, surface_m = reader.read(image(flat(3.0)))
+    np.testing.assert_allclose(free_m * reader.rays_cam[..., 2], 3.0, rtol=1e-6)
+    np.testing.assert_array_equal(free_m, surface_m)
+
+
+def test_the_error_of_the_disparity_shortens_free_space() -> None:
+    """f B / (f B / z + s), with an error in pixels of images that are three times as wide as the depth."""
+    config, scale = EvidenceConfig(disparity_error_px=0.6), 3.0
+    reader = EvidenceReader(CAMERA, config, disparity_scale=scale)
+    free_m, surface_m = reader.read(image(flat(5.0)))
+    fB = CAMERA.focal_baseline_px_m
+    np.testing.assert_allclose(free_m * reader.rays_cam[..., 2], fB / (fB / 5 + 0.6 / scale), rtol=1e-5)
+    assert reader.range_of_error(0.5) == pytest.approx(np.sqrt(0.5 * fB / (0.6 / scale)))
+    np.testing.assert_allclose(surface_m * reader.rays_cam[..., 2], 5.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("hole_share", "is_free"), [(0.3, True), (0.84, False), (1.0, False)])
+def test_a_cell_of_holes_proves_nothing(hole_share: float, is_free: bool) -> None:
+    depth_m = flat(6.0)
+    depth_m[np.random.default_rng(0).random(CAMERA.shape) < hole_share] = 0
+    free_m, _ = evidence(depth_m)
+    assert (free_m > 0).mean() == pytest.approx(float(is_free), abs=0.05)
+
+
+def test_doubt_warns_and_proves_nothing() -> None:
+    free_m, surface_m = evidence(flat(2.0), confidence=0.2)
+    assert not free_m.any()
+    assert np.isfinite(surface_m).all()
+    free_m, surface_m = evidence(flat(2.0), confidence=0.05)
+    assert not free_m.any()
+    assert np.isinf(surface_m).all()
+
+
+def test_a_doubtful_surface_ends_trusted_free_space() -> None:
+    depth_m, confidence = flat(8.0), np.ones(CAMERA.shape, np.float32)
+    near = np.random.default_rng(1).random(CAMERA.shape) < 0.25
+    depth_m[near], confidence[near] = 1.0, 0.2
+    free_m, surface_m = evidence(depth_m, confidence)
+    assert (free_m[free_m > 0] < 2.0).mean() > 0.95
+    np.testing.assert_array_equal(free_m[free_m > 0], surface_m[free_m > 0])
+
+
+def test_the_percentiles_are_those_of_numpy() -> None:
+    rng, config = np.random.default_rng(2), EvidenceConfig(disparity_error_px=0, min_trusted_share=0.2)
+    depth_m = rng.uniform(1, 9, CAMERA.shape).astype(np.float32)
+    depth_m[rng.random(CAMERA.shape) < 0.3] = 0
+    confidence = rng.choice(np.array([0.05, 0.3, 0.8], np.float32), CAMERA.shape)
+    reader = EvidenceReader(CAMERA, config)
+    found = reader.read(image(depth_m, confidence))
+    rows, cols = reader.row_edges, reader.col_edges
+    for i in range(len(rows) - 1):
+        for j in range(len(cols) - 1):
+            cell = (slice(rows[i], rows[i + 1]), slice(cols[j], cols[j + 1]))
+            z, c = depth_m[cell][depth_m[cell] > 0], confidence[cell][depth_m[cell] > 0]
+            shown, trusted = np.sort(z[c >= np.float32(0.1)]), np.sort(z[c >= 0.5])
+            surface_m = shown[int(0.08 * len(shown))]
+            free_m = min(trusted[int(0.1 * len(trusted))], surface_m) if len(trusted) >= 0.2 * depth_m[cell].size else 0
+            assert found.free_m[i, j] * reader.rays_cam[i, j, 2] == pytest.approx(free_m, rel=1e-5)
+            assert found.surface_m[i, j] * reader.rays_cam[i, j, 2] == pytest.approx(surface_m, rel=1e-5)
+
+
+def test_free_space_needs_no_less_confidence_than_a_surface() -> None:
+    with pytest.raises(ValidationError, match="needs no more confidence than free space"):
+        EvidenceConfig(min_confidence=0.3, min_surface_confidence=0.5)

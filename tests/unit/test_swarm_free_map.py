@@ -1,0 +1,182 @@
+"""The map of a drone: free, unseen, vain and surface."""
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from sim.frames import R_BODY_CAM, pose
+from swarm.evidence import EvidenceConfig, EvidenceReader
+from swarm.free_map import Chart, FreeMap, MapConfig
+from swarm.map_kernels import FREE, SURFACE, UNSEEN, VAIN
+from tests.helpers import CAMERA
+from tests.swarm_scenes import turn
+from tests.unit.test_swarm_evidence import flat, image
+from voxdepth.types import FloatArray, FloatImage
+
+NOBODY = np.empty((0, 3))
+WIDTH_M = 0.5
+HERE = np.zeros(3)
+
+
+class Drone:
+    """A drone that stands at the origin of its map, at a height of 0, and looks along x by default."""
+
+    def __init__(self, **config: float) -> None:
+        self.config = MapConfig(start_radius_m=0.0, **config)
+        self.reader = EvidenceReader(CAMERA, EvidenceConfig(disparity_error_px=0.01))
+        self.map = FreeMap(self.config, self.reader, CAMERA)
+        self.map.start(HERE, 0.0)
+        self.time_s = 0.0
+
+    def sees(
+        self,
+        depth_m: FloatImage,
+        times: int,
+        *,
+        yaw_rad: float = 0.0,
+        at_m: FloatArray = HERE,
+        drones_m: FloatArray = NOBODY,
+    ) -> "Drone":
+        """Add equal images."""
+        for _ in range(times):
+            self.time_s += 0.1
+            T = pose(turn(yaw_rad) @ R_BODY_CAM, at_m)
+            self.map.update(self.reader.read(image(depth_m)), T, drones_m, self.time_s)
+        return self
+
+    def chart(self, after_s: float = 0.0) -> Chart:
+        """The slice at its height."""
+        return self.map.chart(-0.2, 0.2, WIDTH_M, self.time_s + after_s)
+
+    def state(self, x: float, y: float = 0.0, after_s: float = 0.0) -> int:
+        """State of a place at its height."""
+        return self.chart(after_s).state_at(np.array([x, y]))
+
+
+def test_two_images_of_a_wall_prove_the_space_before_it() -> None:
+    drone = Drone().sees(flat(3.0), 1)
+    assert drone.state(2.0) == UNSEEN
+    drone.sees(flat(3.0), 1)
+    assert [drone.state(x) for x in (1.5, 2.0, 2.5)] == [FREE] * 3
+    assert drone.state(3.0) == SURFACE
+    assert [drone.state(x) for x in (3.6, 5.0)] == [UNSEEN] * 2
+    assert [drone.state(x, y) for x, y in ((-1, 0), (0.2, 2))] == [UNSEEN] * 2
+
+
+def test_looking_at_nothing_makes_near_space_vain_and_far_space_stays_unseen() -> None:
+    drone = Drone().sees(flat(0.0), 4)
+    assert drone.state(2.0) == UNSEEN
+    drone.sees(flat(0.0), 1)
+    assert [drone.state(x) for x in (1.5, 3.0)] == [VAIN] * 2
+    assert [drone.state(x) for x in (4.6, 8.0, -2.0)] == [UNSEEN] * 3
+
+
+def test_free_space_outlasts_a_view_of_nothing_but_no_surface_and_not_its_memory() -> None:
+    drone = Drone(memory_s=30.0).sees(flat(3.0), 2).sees(flat(0.0), 10)
+    assert drone.state(2.0) == FREE
+    assert drone.state(2.0, after_s=28.5) == FREE
+    assert drone.state(2.0, after_s=30.5) == VAIN
+    drone.sees(flat(2.0), 1)
+    assert drone.state(2.0) == SURFACE
+
+
+def test_a_surface_that_is_gone_becomes_free_after_some_images() -> None:
+    drone = Drone().sees(flat(2.0), 3).sees(flat(5.0), 3)
+    assert drone.state(2.0) == SURFACE or drone.state(2.0) == UNSEEN
+    assert drone.sees(flat(5.0), 2).state(2.0) == FREE
+
+
+def test_another_drone_is_no_surface_and_hides_what_is_behind_it() -> None:
+    drone = Drone().sees(flat(3.0), 6, drones_m=np.array([[3.0, 0.0, 0.0]]))
+    assert drone.state(3.0) == UNSEEN
+    assert drone.state(3.7) == UNSEEN
+    assert drone.state(3.0, 1.8) == SURFACE
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 1.0, -2.5])
+def test_the_map_turns_with_nobody(yaw_rad: float) -> None:
+    drone = Drone().sees(flat(3.0), 2, yaw_rad=yaw_rad)
+    ahead = turn(yaw_rad)[:2, 0]
+    assert drone.state(*(2.0 * ahead)) == FREE
+    assert drone.state(*(3.0 * ahead)) == SURFACE
+    assert drone.state(*(-1.0 * ahead)) == UNSEEN
+
+
+def test_places_keep_their_state_when_the_map_follows_the_drone() -> None:
+    drone = Drone(reach_m=6.0).sees(flat(5.0), 2)
+    before = [drone.state(x, y) for x in np.arange(1, 6, 0.5) for y in (-1.0, 0.0, 1.0)]
+    drone.sees(flat(0.0), 1, at_m=np.array([4.0, 0.0, 0.0]), yaw_rad=np.pi / 2)
+    assert [drone.state(x, y) for x in np.arange(1, 6, 0.5) for y in (-1.0, 0.0, 1.0)] == before
+    drone.sees(flat(0.0), 1, at_m=np.array([400.0, 0.0, 0.0]))
+    assert drone.state(2.0) == UNSEEN
+
+
+def test_thin_things_beside_the_middles_of_voxels_are_surfaces() -> None:
+    """A wire across the image is one pixel high, and covers every column of voxels."""
+    depth_m = flat(6.0)
+    depth_m[CAMERA.height_px // 2 : CAMERA.height_px // 2 + 2] = 2.0
+    drone = Drone().sees(depth_m, 3)
+    assert {drone.state(2.0, y) for y in np.linspace(-1, 1, 9)} == {SURFACE}
+
+
+def test_what_is_given_up_is_vain_but_free_space_stays_free() -> None:
+    drone = Drone().sees(flat(3.0), 2)
+    drone.map.give_up(np.array([3.5, 0.0, 0.0]), 1.0, 0.4)
+    assert drone.state(2.7) == FREE
+    assert drone.state(4.0) == VAIN
+    assert drone.state(5.0) == UNSEEN
+
+
+def test_a_map_that_is_too_large_is_refused() -> None:
+    with pytest.raises(ValidationError, match=r"would have 4 x \d+ x \d+ voxels, more than 16777216"):
+        MapConfig(reach_m=1000.0)
+
+
+def empty_chart(side: int = 40) -> Chart:
+    """A chart of 10 m with free space inside of a wall."""
+    state = np.zeros((side, side), np.uint8)
+    state[[0, -1], :] = state[:, [0, -1]] = SURFACE
+    return Chart(state, HERE[:2], WIDTH_M, MapConfig())
+
+
+def test_the_free_length_ends_where_the_width_no_longer_fits() -> None:
+    chart = empty_chart()
+    at_m = np.array([2.0, 5.0])
+    ahead = chart.free_length_m(at_m, np.array([1.0, 0.0]), 20.0)
+    assert 10 - 0.25 - WIDTH_M - 2 - 0.3 <= ahead <= 10 - 0.25 - WIDTH_M - 2
+    assert chart.free_length_m(at_m, np.array([1.0, 0.0]), 3.0) == 3.0
+    assert chart.clearance_m(np.array([5.0, 5.0])) == pytest.approx(4.75, abs=0.3)
+
+
+def test_a_drone_leaves_a_narrow_place_only_towards_the_open() -> None:
+    chart, beside_the_wall = empty_chart(), np.array([0.5, 5.0])
+    assert not chart.is_free(beside_the_wall)
+    assert chart.free_length_m(beside_the_wall, np.array([1.0, 0.0]), 2.0) == 2.0
+    assert chart.free_length_m(beside_the_wall, np.array([-1.0, 0.0]), 2.0) <= 0.25
+    assert chart.free_length_m(beside_the_wall, np.array([0.0, 1.0]), 2.0) <= 0.75
+    inside_of_the_wall = np.array([-1.0, 5.0])
+    assert chart.free_length_m(inside_of_the_wall, np.array([-1.0, 0.0]), 2.0) <= 0.5
+
+
+def test_the_route_goes_round_what_is_dear() -> None:
+    chart = empty_chart()
+    chart.state[8:32, 18:22] = VAIN
+    chart = Chart(chart.state, HERE[:2], WIDTH_M, MapConfig())
+    start_m, target_m = np.array([2.0, 5.0]), np.array([8.0, 5.0])
+    route = chart.route(start_m, target_m)
+    np.testing.assert_allclose(route.points_m[[0, -1]], [start_m, target_m], atol=0.5)
+    assert {chart.state_at(point) for point in route.points_m} == {FREE}
+    assert np.linalg.norm(route.points_m[route.clear] - start_m) > 1.0
+    beyond = chart.route(start_m, np.array([50.0, 5.0]))
+    assert beyond.points_m[-1, 0] > 9.0
+
+
+def test_the_route_keeps_the_side_that_it_chose() -> None:
+    state = np.zeros((40, 40), np.uint8)
+    state[14:26, 18:22] = SURFACE
+    config = MapConfig()
+    start_m, target_m = np.array([2.0, 5.0]), np.array([9.0, 5.0])
+    below = Chart(state, HERE[:2], WIDTH_M, config).route(start_m - np.array([0, 0.6]), target_m)
+    assert below.points_m[:, 1].min() < 3.5
+    kept = Chart(state, HERE[:2], WIDTH_M, config).route(start_m + np.array([0, 0.6]), target_m, below)
+    assert kept.points_m[:, 1].min() < 3.5

@@ -1,0 +1,190 @@
+"""A drone flies no farther than it knows: flights of seconds, of one drone whose velocity follows its commands."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sim.frames import R_BODY_CAM, pose, quaternion_from_yaw
+from sim.types import DroneState
+from swarm.free_map import Chart, MapConfig
+from swarm.map_kernels import FREE
+from swarm.mapping import MappingPilot
+from swarm.obstacle_kernels import braking_speed
+from swarm.pilot import PilotConfig, Situation
+from swarm.types import Decision, Motion, OnboardCamera, Percept
+from tests.helpers import CAMERA
+from tests.swarm_scenes import NOBODY, RADIUS_M, turn
+from tests.unit.test_swarm_evidence import flat, image
+from voxdepth.types import CorrectedDepth, FloatArray
+
+RATE_HZ = 20
+START_M = MapConfig().start_radius_m
+ONBOARD = OnboardCamera(intrinsics=CAMERA, mount_cam_m=np.array([0.0, 0.0, 0.27]))
+HOLES = image(flat(0.0))
+DOUBT = image(flat(6.0), confidence=0.1)
+View = Callable[[FloatArray, float], CorrectedDepth]
+"""Makes the image that a drone sees from a position with a heading."""
+
+
+class Flight:
+    """One drone that is told to fly at a velocity, sees an image ten times a second, and obeys its pilot.
+
+    Its velocity follows the command with the time constant that the pilot assumes.
+    """
+
+    def __init__(self, view: View, config: PilotConfig | None = None) -> None:
+        self.config = config or PilotConfig()
+        self.pilot = MappingPilot(self.config, RATE_HZ, 0.0, RADIUS_M, ONBOARD)
+        self.view = view
+        self.position_m, self.velocity_m_s, self.yaw_rad = np.zeros(3), np.zeros(3), 0.0
+        self.odometry_m = np.zeros(3)
+        """Error of the odometry."""
+        self.path_m: list[FloatArray] = []
+        self.decisions: list[Decision] = []
+        self._percept: Percept | None = None
+
+    def flies(self, wanted_m_s: Any, seconds: float) -> "Flight":
+        """Ask for a velocity for a time."""
+        wanted_m_s = np.array(wanted_m_s, np.float64)
+        for tick in range(round(seconds * RATE_HZ)):
+            if tick % 2 == 0:
+                self._look()
+            decision = self.pilot.fly(wanted_m_s, self._situation())
+            self.yaw_rad = decision.command.yaw_rad
+            follow = 1 - np.exp(-1 / (self.config.response_s * RATE_HZ))
+            self.velocity_m_s = self.velocity_m_s + follow * (decision.command.velocity_m_s - self.velocity_m_s)
+            self.position_m = self.position_m + self.velocity_m_s / RATE_HZ
+            self.path_m.append(self.position_m)
+            self.decisions.append(decision)
+        return self
+
+    @property
+    def farthest_m(self) -> float:
+        """Largest distance from the start."""
+        return float(np.linalg.norm(self.path_m, axis=1).max())
+
+    def _look(self) -> None:
+        time_s = len(self.path_m) / RATE_HZ
+        rotation = turn(self.yaw_rad) @ R_BODY_CAM
+        camera_m = self.position_m + rotation @ ONBOARD.mount_cam_m
+        self._percept = Percept(
+            stamp_s=time_s,
+            true_T_world_cam=pose(rotation, camera_m),
+            T_odom_cam=pose(rotation, camera_m + self.odometry_m),
+            corrected=self.view(self.position_m, self.yaw_rad),
+        )
+
+    def _situation(self) -> Situation:
+        own = DroneState(
+            position_m=self.position_m,
+            velocity_m_s=self.velocity_m_s,
+            q_world_body_xyzw=quaternion_from_yaw(self.yaw_rad),
+            rates_rad_s=np.zeros(3),
+        )
+        leader = Motion(np.zeros(3), np.zeros(3))
+        return Situation(
+            time_s=len(self.path_m) / RATE_HZ, own=own, percept=self._percept, leader=leader, mates=NOBODY,
+            neighbours=NOBODY,
+        )  # fmt: skip
+
+
+def always(seen: CorrectedDepth) -> View:
+    """The same image wherever the drone is."""
+    return lambda position_m, yaw_rad: seen
+
+
+def wall_at(x_m: float) -> View:
+    """A wall across the x axis that measures its depth exactly; nothing is seen in the other half of the directions."""
+
+    def view(position_m: FloatArray, yaw_rad: float) -> CorrectedDepth:
+        x = (np.arange(CAMERA.width_px) - CAMERA.cx_px) / CAMERA.fx_px
+        forward = np.cos(yaw_rad) + np.sin(yaw_rad) * x  # Along the world's x axis, per depth.
+        camera_x_m = position_m[0] + 0.27 * np.cos(yaw_rad)
+        depth_m = np.where(forward > 0.05, (x_m - camera_x_m) / np.maximum(forward, 0.05), 0)
+        return image(np.broadcast_to(np.clip(depth_m, 0, 40), CAMERA.shape).astype(np.float32))
+
+    return view
+
+
+@pytest.mark.parametrize("seen", [HOLES, DOUBT], ids=["holes", "doubt"])
+@pytest.mark.parametrize("wanted", [(3, 0, 0), (-0.4, 0, 0), (-3, 0, 0), (0, 3, 0), (0, 0.4, 0), (2, -2, 0), (0, 0, 1)])
+def test_nobody_flies_into_the_unknown(seen: CorrectedDepth, wanted: tuple[float, float, float]) -> None:
+    flight = Flight(always(seen)).flies(wanted, 8.0)
+    assert flight.farthest_m < START_M - RADIUS_M
+
+
+def test_an_image_of_depth_zero_with_all_confidence_stops_the_drone() -> None:
+    lying = replace(HOLES, confidence=np.ones(CAMERA.shape, np.float32))
+    assert Flight(always(lying)).flies((3, 0, 0), 8.0).farthest_m < START_M - RADIUS_M
+
+
+def test_a_drone_flies_to_a_wall_that_it_sees_and_stops_before_it() -> None:
+    flight = Flight(wall_at(6.0)).flies((3, 0, 0), 8.0)
+    x_m = np.array(flight.path_m)[:, 0]
+    assert 6.0 - RADIUS_M - 1.2 < x_m.max() < 6.0 - RADIUS_M
+    assert max(np.linalg.norm(d.command.velocity_m_s) for d in flight.decisions) > 1.5
+
+
+def test_states_tell_what_holds_a_drone_back() -> None:
+    assert Flight(always(image(flat(30.0)))).flies((1, 0, 0), 2.0).decisions[-1].state == "free"
+    states = [d.state for d in Flight(always(HOLES)).flies((3, 0, 0), 4.0).decisions]
+    assert {"exploring", "blocked"} <= set(states)
+    assert Flight(always(HOLES)).flies((0, 0, 0), 1.0).decisions[-1].state == "free"
+
+
+def test_it_looks_before_it_goes_backwards() -> None:
+    open_space = Flight(always(image(flat(9.0)))).flies((-2, 0, 0), 6.0)
+    assert open_space.position_m[0] < -4.0
+    turned = next(k for k, d in enumerate(open_space.decisions) if abs(d.command.yaw_rad) > np.pi / 2)
+    assert np.linalg.norm(open_space.path_m[turned]) < START_M
+
+
+def test_the_odometry_may_drift_but_not_jump() -> None:
+    flight = Flight(always(image(flat(9.0)))).flies((1, 0, 0), 2.0)
+    assert flight.pilot._map.origin_m is not None
+    assert np.linalg.norm(flight.velocity_m_s) > 0.9
+    before_m = flight.position_m
+    flight.view, flight.odometry_m = always(HOLES), np.array([5.0, 0.0, 0.0])
+    flight.flies((1, 0, 0), 4.0)
+    assert np.linalg.norm(flight.velocity_m_s) < 0.05
+    assert np.linalg.norm(flight.position_m - before_m) < 1.0
+
+
+def random_chart(seed: int) -> Chart:
+    """A map of 10 m with random blobs that are not free, and free space around its middle."""
+    rng = np.random.default_rng(seed)
+    state = np.zeros((80, 80), np.uint8)
+    for row, col, height, width in rng.integers((0, 0, 1, 1), (80, 80, 12, 12), (25, 4)).tolist():
+        state[row : row + height, col : col + width] = rng.integers(1, 4)
+    state[36:44, 36:44] = FREE
+    return Chart(state, np.array([-10.0, -10.0]), RADIUS_M + 0.3, MapConfig())
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), angle=st.floats(0, 2 * np.pi), speed=st.floats(0, 4), turns=st.integers(0, 5))
+def test_it_stops_within_free_space_on_any_map(seed: int, angle: float, speed: float, turns: int) -> None:
+    """Whatever velocity is asked for, and however that changes, the body stays in cells that are free."""
+    flight, rng = Flight(always(HOLES)), np.random.default_rng(seed)
+    flight.flies((0, 0, 0), 0.1)
+    chart = random_chart(seed)
+    flight.pilot._learn = lambda situation: None  # type: ignore[method-assign]
+    flight.pilot._chart = chart
+    flight.pilot._route = None
+    for _ in range(turns + 1):
+        flight.flies((speed * np.cos(angle), speed * np.sin(angle), 0), 1.5)
+        angle = rng.uniform(0, 2 * np.pi)
+    assert all(chart.state_at(at_m + RADIUS_M * ring) == FREE for at_m in flight.path_m for ring in RING)
+
+
+RING = np.array([[np.cos(a), np.sin(a), 0] for a in np.linspace(0, 2 * np.pi, 8, endpoint=False)])
+
+
+def test_the_braking_curve_stops_within_its_distance() -> None:
+    for distance_m in (0.2, 1.0, 5.0):
+        speed = braking_speed(distance_m, 2.5, 1.5)
+        assert speed**2 / (2 * 2.5) <= distance_m
