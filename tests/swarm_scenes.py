@@ -8,7 +8,7 @@ import numpy as np
 from sim.frames import R_BODY_CAM, pose
 from sim.types import Capture, DroneState
 from swarm.obstacles import HistogramBuilder, HistogramConfig
-from swarm.types import Histogram, Motion, Neighbours
+from swarm.types import Detection, Histogram, Motion, Neighbours, OnboardCamera, Percept
 from tests.helpers import CAMERA
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Frame
@@ -25,6 +25,7 @@ def neighbours_of(motions: Mapping[int, Motion]) -> Neighbours:
 
 RADIUS_M = 0.25
 MOUNT_CAM_M = np.array([0.0, 0.0, 0.27])
+ONBOARD = OnboardCamera(intrinsics=CAMERA, mount_cam_m=MOUNT_CAM_M)
 AT_ORIGIN = pose(R_BODY_CAM, np.zeros(3))
 """A camera at the origin that looks along x."""
 FORWARD = np.array([1.0, 0.0, 0.0])
@@ -64,11 +65,22 @@ def corrected(depth_m: FloatImage) -> CorrectedDepth:
     return Raw().process(Frame(stamp_s=0, gray=np.zeros(depth_m.shape, np.uint8), depth_m=depth_m))
 
 
-def histogram(
-    depth_m: FloatImage, T_world_cam: FloatArray = AT_ORIGIN, config: HistogramConfig | None = None
-) -> Histogram:
+def percept_of(
+    depth_m: FloatImage, *found: Detection, stamp_s: float = 0.0, T_world_cam: FloatArray = AT_ORIGIN
+) -> Percept:
+    """What a drone perceives of a depth image whose odometry has no error."""
+    return Percept(
+        stamp_s=stamp_s,
+        true_T_world_cam=T_world_cam,
+        T_odom_cam=T_world_cam,
+        corrected=corrected(depth_m),
+        detections=found,
+    )
+
+
+def histogram(depth_m: FloatImage, T_world_cam: FloatArray = AT_ORIGIN, *, unknown_is_free: bool = False) -> Histogram:
     """What a drone makes of a depth image."""
-    builder = HistogramBuilder(CAMERA, config or HistogramConfig(), MOUNT_CAM_M)
+    builder = HistogramBuilder(CAMERA, HistogramConfig(), MOUNT_CAM_M, unknown_is_free=unknown_is_free)
     return builder.build(corrected(depth_m), T_world_cam)
 
 

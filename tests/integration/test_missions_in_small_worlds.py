@@ -12,8 +12,12 @@ from swarm.types import MissionResult, Outcome
 from tests.helpers import wall
 from tests.swarm_missions import mission_among
 
-EXACT: dict[str, Any] = {"link": {"loss": 0.0}, "neighbours": {"detector": {"miss_rate": 0.0}}}
-"""Radio and detector without chance."""
+EXACT: dict[str, Any] = {
+    "link": {"loss": 0.0},
+    "neighbours": {"detector": {"miss_rate": 0.0}},
+    "pose_prior": {"drift_m_per_sqrt_s": 0.0, "drift_yaw_deg_per_sqrt_s": 0.0},
+}
+"""Radio, detector and odometry without chance."""
 
 
 def route(x0: float, y0: float, x1: float, y1: float) -> Route:

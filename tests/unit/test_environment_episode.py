@@ -6,7 +6,7 @@ import pytest
 
 from scenarios.config import Run, Scenario
 from scenarios.runner import fly
-from sim.frames import quaternion_from_yaw
+from sim.frames import R_BODY_CAM, quaternion_from_yaw
 from sim.types import Capture, DroneState
 from swarm.agents import Follower, create_agent
 from swarm.controllers import Role
@@ -16,7 +16,7 @@ from swarm.environments.task import LearningTask, RewardConfig, SteeringName
 from swarm.errors import MissionError
 from swarm.pilot import Situation
 from swarm.recorder import Recorder
-from swarm.types import Histogram, Motion, Outcome, Percept
+from swarm.types import Motion, OnboardCamera, Outcome, Percept
 from tests.learning import DIVE, FORWARD, HOVER, TURN, quick, quick_task
 from tests.swarm_scenes import neighbours_of
 from voxdepth.baselines.single_frame import Raw
@@ -26,22 +26,13 @@ DT_S = 0.1
 
 
 def role_of(task: LearningTask, drone: int) -> Role:
-    return Role(drone=drone, team=task.mission.teams()[0], radius_m=0.25)
+    camera = OnboardCamera(intrinsics=task.rig.intrinsics, mount_cam_m=R_BODY_CAM.T @ task.rig.left_mount_m)
+    return Role(drone=drone, team=task.mission.teams()[0], radius_m=0.25, camera=camera)
 
 
 def situation(yaw_rad: float, *, leader_m: tuple[float, float, float], depth_m: float = 7.0) -> Situation:
     """Of a drone at (1, 2, 3) m that flies along the world's x axis at 2 m/s."""
     frame = Frame(stamp_s=0, gray=np.zeros((4, 6), np.uint8), depth_m=np.full((4, 6), depth_m, np.float32))
-    nothing = np.zeros((1, 1))
-    histogram = Histogram(
-        camera_m=np.zeros(3),
-        origin_m=np.zeros(3),
-        range_m=nothing,
-        unknown=nothing > 0,
-        directions_world=np.zeros((1, 1, 3)),
-        to_surface_world=np.zeros((1, 1, 3)),
-        forward_world=np.zeros(3),
-    )
     return Situation(
         time_s=0.0,
         own=DroneState(
@@ -50,7 +41,7 @@ def situation(yaw_rad: float, *, leader_m: tuple[float, float, float], depth_m: 
             q_world_body_xyzw=quaternion_from_yaw(yaw_rad),
             rates_rad_s=np.zeros(3),
         ),
-        percept=Percept(stamp_s=0, true_T_world_cam=np.eye(4), corrected=Raw().process(frame), histogram=histogram),
+        percept=Percept(stamp_s=0, true_T_world_cam=np.eye(4), T_odom_cam=np.eye(4), corrected=Raw().process(frame)),
         leader=Motion(np.array(leader_m), np.zeros(3)),
         mates=neighbours_of({}),
         neighbours=neighbours_of({}),
@@ -113,7 +104,7 @@ class Images(Recorder):
         self.depth_m: dict[float, np.ndarray] = {}
         self.differs_from_truth = False
 
-    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth, histogram: Histogram) -> None:
+    def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
         if capture.drone == 1:
             self.depth_m[capture.stamp_s] = corrected.depth_m
             self.differs_from_truth |= not np.array_equal(corrected.depth_m, capture.depth_true_m)

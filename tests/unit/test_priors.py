@@ -1,6 +1,6 @@
 """What drones say about their own pose, and that it stays apart from everything else."""
 
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -12,16 +12,16 @@ from sim import frames
 from sim.seeds import Purpose
 from sim.types import Capture
 from swarm.neighbours import Detector, DetectorConfig
-from swarm.obstacles import HistogramBuilder, HistogramConfig
 from swarm.perception import Perception, frame_of
-from swarm.priors import DriftingPrior, PosePrior, PosePriorConfig, make_prior, true_prior
+from swarm.priors import Odometry, PosePriorConfig, PosePriorName, pose_for_corrector
 from swarm.recorder import Recorder
 from tests.helpers import CAMERA
-from tests.swarm_scenes import MOUNT_CAM_M, RADIUS_M
+from tests.swarm_scenes import RADIUS_M
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, FloatArray, Frame
 
-DRIFT = PosePriorConfig(kind="drift")
+DRIFT = PosePriorConfig()
+ESTIMATE = frames.pose(np.eye(3), np.array([1.0, 2.0, 3.0]))
 
 
 def capture(stamp_s: float = 0.0, x_m: float = 0.0, yaw_rad: float = 0.0) -> Capture:
@@ -41,11 +41,9 @@ def capture(stamp_s: float = 0.0, x_m: float = 0.0, yaw_rad: float = 0.0) -> Cap
     )
 
 
-def believed(prior: PosePrior, captures: list[Capture]) -> FloatArray:
+def believed(odometry: Odometry, captures: list[Capture]) -> FloatArray:
     """The poses, shape (n, 4, 4)."""
-    poses = [prior(c) for c in captures]
-    assert all(pose is not None for pose in poses)
-    return np.array(poses)
+    return np.array([odometry(c) for c in captures])
 
 
 def at_rest(duration_s: float, rate_hz: float = 10) -> list[Capture]:
@@ -59,18 +57,20 @@ def yaw_error_rad(T_world_cam: FloatArray, true: FloatArray) -> float:
 
 class TestKinds:
     def test_nothing_is_said_unless_asked_for(self) -> None:
-        assert make_prior(PosePriorConfig(), seed=0, drone=0)(capture()) is None
+        assert PosePriorConfig().kind == "none"
+        assert pose_for_corrector("none", capture(), ESTIMATE) is None
+
+    def test_a_drone_passes_the_pose_of_its_odometry(self) -> None:
+        assert pose_for_corrector("drift", capture(), ESTIMATE) is ESTIMATE
 
     def test_the_oracle_says_the_pose_of_the_capture_and_is_called_one(self) -> None:
-        config = PosePriorConfig(kind="true")
         seen = capture(1.0, 3.0, 0.4)
-        pose = make_prior(config, seed=0, drone=0)(seen)
+        pose = pose_for_corrector("true", seen, ESTIMATE)
         assert pose is not None
         np.testing.assert_array_equal(pose, seen.T_world_cam)
         assert pose is not seen.T_world_cam
-        assert "oracle" in config.label
+        assert "oracle" in PosePriorConfig(kind="true").label
         assert "ORACLE" in (PosePriorConfig.__doc__ or "")
-        assert "ORACLE" in (true_prior.__doc__ or "")
 
     def test_only_the_oracle_is_labelled_as_one(self) -> None:
         assert [PosePriorConfig(kind=kind).label for kind in ("none", "drift")] == ["none", "drift"]
@@ -79,14 +79,14 @@ class TestKinds:
 class TestDrift:
     def test_it_starts_at_the_truth(self) -> None:
         seen = capture(5.0, 3.0, 0.4)
-        np.testing.assert_allclose(DriftingPrior(DRIFT, seed=0, drone=0)(seen), seen.T_world_cam, atol=1e-12)
+        np.testing.assert_allclose(Odometry(DRIFT, seed=0, drone=0)(seen), seen.T_world_cam, atol=1e-12)
 
     @pytest.mark.parametrize("rate_hz", [2, 5])
     def test_its_error_at_rest_grows_with_the_root_of_time_at_any_rate(self, rate_hz: float) -> None:
-        config = PosePriorConfig(kind="drift", drift_m_per_sqrt_s=0.1, drift_yaw_deg_per_sqrt_s=2.0)
+        config = PosePriorConfig(drift_m_per_sqrt_s=0.1, drift_yaw_deg_per_sqrt_s=2.0)
         seen = at_rest(4.0, rate_hz)
         true = seen[0].T_world_cam
-        runs = np.array([believed(DriftingPrior(config, seed=s, drone=0), seen) for s in range(300)])
+        runs = np.array([believed(Odometry(config, seed=s, drone=0), seen) for s in range(300)])
         for t in (1, 2, 4):
             poses = runs[:, round(t * rate_hz)]
             np.testing.assert_allclose((poses[:, :3, 3] - true[:3, 3]).std(axis=0), 0.1 * np.sqrt(t), rtol=0.15)
@@ -94,37 +94,37 @@ class TestDrift:
             np.testing.assert_allclose(np.std(yaws), np.radians(2.0) * np.sqrt(t), rtol=0.15)
 
     def test_without_rates_it_is_the_truth(self) -> None:
-        config = PosePriorConfig(kind="drift", drift_m_per_sqrt_s=0, drift_yaw_deg_per_sqrt_s=0)
+        config = PosePriorConfig(drift_m_per_sqrt_s=0, drift_yaw_deg_per_sqrt_s=0)
         seen = [capture(k / 10, 0.3 * k, 0.1 * k) for k in range(20)]
-        poses = believed(DriftingPrior(config, seed=0, drone=0), seen)
+        poses = believed(Odometry(config, seed=0, drone=0), seen)
         np.testing.assert_allclose(poses, [c.T_world_cam for c in seen], atol=1e-12)
 
     def test_its_poses_are_rigid_and_upright(self) -> None:
-        config = PosePriorConfig(kind="drift", drift_yaw_deg_per_sqrt_s=20.0)
-        for pose in believed(DriftingPrior(config, seed=1, drone=2), at_rest(5.0)):
+        config = PosePriorConfig(drift_yaw_deg_per_sqrt_s=20.0)
+        for pose in believed(Odometry(config, seed=1, drone=2), at_rest(5.0)):
             np.testing.assert_allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-12)
             assert np.linalg.det(pose[:3, :3]) == pytest.approx(1)
             np.testing.assert_allclose(pose[:3, 1], [0, 0, -1], atol=1e-12)
             np.testing.assert_array_equal(pose[3], [0, 0, 0, 1])
 
     def test_an_error_of_the_heading_turns_the_way_but_not_the_motion_as_the_camera_sees_it(self) -> None:
-        config = PosePriorConfig(kind="drift", drift_m_per_sqrt_s=0, drift_yaw_deg_per_sqrt_s=5.0)
-        prior = DriftingPrior(config, seed=3, drone=0)
-        believed(prior, at_rest(20.0))
+        config = PosePriorConfig(drift_m_per_sqrt_s=0, drift_yaw_deg_per_sqrt_s=5.0)
+        odometry = Odometry(config, seed=3, drone=0)
+        believed(odometry, at_rest(20.0))
         first, second = capture(30.0), capture(30.0 + 1e-9, 4.0)
-        poses = believed(prior, [first, second])
+        poses = believed(odometry, [first, second])
         moved_m = poses[1, :3, 3] - poses[0, :3, 3]
         assert abs(yaw_error_rad(poses[0], first.T_world_cam)) > 0.02
         assert np.linalg.norm(moved_m) == pytest.approx(4.0)
         np.testing.assert_allclose(poses[0, :3, :3].T @ moved_m, [0, 0, 4.0], atol=1e-3)
 
     def test_the_same_seed_gives_the_same_bytes(self) -> None:
-        poses = [believed(DriftingPrior(DRIFT, seed=7, drone=1), at_rest(2.0)).tobytes() for _ in range(2)]
+        poses = [believed(Odometry(DRIFT, seed=7, drone=1), at_rest(2.0)).tobytes() for _ in range(2)]
         assert poses[0] == poses[1]
 
     def test_drones_and_seeds_drift_apart(self) -> None:
         keys = [(0, 0), (0, 1), (1, 0)]
-        ends = [believed(DriftingPrior(DRIFT, seed=s, drone=d), at_rest(2.0))[-1, :3, 3] for s, d in keys]
+        ends = [believed(Odometry(DRIFT, seed=s, drone=d), at_rest(2.0))[-1, :3, 3] for s, d in keys]
         for i in range(3):
             assert np.abs(ends[i] - ends[i - 1]).min() > 1e-6
 
@@ -145,23 +145,23 @@ class Listener(Raw):
 
 class TestInFlight:
     @pytest.mark.parametrize("kind", ["none", "drift", "true"])
-    def test_a_corrector_is_given_the_pose_that_was_asked_for(self, kind: Any) -> None:
+    def test_a_corrector_is_given_the_pose_that_was_asked_for(self, kind: PosePriorName) -> None:
         listener, seen = Listener(), [capture(0.0), capture(1.0, 2.0)]
-        prior = make_prior(PosePriorConfig(kind=kind), seed=0, drone=0)
         detector = Detector(DetectorConfig(), CAMERA, [1], radius_m=RADIUS_M, seed=0, drone=0)
-        builder = HistogramBuilder(CAMERA, HistogramConfig(), MOUNT_CAM_M)
-        eyes = Perception(listener, builder, detector, latency_s=0.0, prior=prior)
-        for c in seen:
-            eyes.see(c)
-        for frame, c in zip(listener.frames, seen, strict=True):
-            if kind == "none":
-                assert frame.T_world_cam is None
-            else:
-                assert frame.T_world_cam is not None
-                near = 0.0 if kind == "true" else 0.5
-                np.testing.assert_allclose(frame.T_world_cam, c.T_world_cam, atol=near)
-        if kind == "drift":
-            assert np.any(listener.frames[1].T_world_cam != seen[1].T_world_cam)
+        eyes = Perception(listener, detector, Odometry(DRIFT, seed=0, drone=0), latency_s=0.0, prior=kind)
+        percepts = [eyes.see(c) for c in seen]
+        for frame, c, percept in zip(listener.frames, seen, percepts, strict=True):
+            expected = {"none": None, "drift": percept.T_odom_cam, "true": c.T_world_cam}[kind]
+            np.testing.assert_array_equal(frame.T_world_cam, expected)
+
+    def test_a_percept_has_the_pose_of_the_odometry_whatever_the_corrector_is_given(self) -> None:
+        detector = Detector(DetectorConfig(), CAMERA, [1], radius_m=RADIUS_M, seed=0, drone=0)
+        seen = [capture(0.0), capture(1.0, 2.0)]
+        for kind in get_args(PosePriorName):
+            eyes = Perception(Raw(), detector, Odometry(DRIFT, seed=0, drone=0), latency_s=0.0, prior=kind)
+            poses = [eyes.see(c).T_odom_cam for c in seen]
+            np.testing.assert_array_equal(poses, believed(Odometry(DRIFT, seed=0, drone=0), seen))
+            assert 0 < np.abs(poses[1] - seen[1].T_world_cam).max() < 0.5
 
     def test_a_frame_has_no_pose_of_its_own(self) -> None:
         assert frame_of(capture()).T_world_cam is None

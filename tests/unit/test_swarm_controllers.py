@@ -10,41 +10,53 @@ from scenarios.config import load_run
 from swarm.agents import Follower, Leader, create_agent
 from swarm.controllers import DEFAULT_CONTROLLER, Agent, Role, load_controller
 from swarm.errors import MissionError
-from swarm.pilot import Heading, Pilot, PilotConfig, SeeingPilot, Situation
+from swarm.pilot import Heading, Holes, Pilot, PilotConfig, Situation
+from swarm.reactive import ReactivePilot, state_of
 from swarm.task import MissionConfig
 from swarm.team import Route
-from swarm.types import Motion, Neighbours, Percept
+from swarm.types import Choice, Decision, Histogram, Motion, Neighbours, Percept
 from tests import tiny_controller
 from tests.swarm_scenes import (
-    AT_ORIGIN,
     FORWARD,
     NOBODY,
+    ONBOARD,
     RADIUS_M,
-    corrected,
     flat,
     histogram,
     near,
     neighbours_of,
+    percept_of,
     state,
 )
 
-OPEN = Percept(
-    stamp_s=0.0, true_T_world_cam=AT_ORIGIN, corrected=corrected(flat(40.0)), histogram=histogram(flat(40.0))
-)
-WALL = Percept(stamp_s=0.0, true_T_world_cam=AT_ORIGIN, corrected=corrected(flat(0.3)), histogram=histogram(flat(0.3)))
+OPEN, WALL, HOLES = percept_of(flat(40.0)), percept_of(flat(0.3)), percept_of(flat(0.0))
 STILL = (0.0, 0.0, 0.0)
+LEFT = np.array([0.0, 1.0, 0.0])
+REACTIVE = PilotConfig(holes="fixed_range")
 
 
 def mission(**rules: Any) -> MissionConfig:
-    """A leader and two followers that fly along x at an altitude of 0, which their zone allows."""
+    """A leader and two followers that fly along x at an altitude of 0, which their zone allows, without maps."""
     zone = {"min_altitude_m": -5.0, "max_altitude_m": 5.0}
     route = Route(start_m=(0.0, 0.0, 0.0), goal_m=(50.0, 0.0, 0.0))
-    return MissionConfig.model_validate({"routes": [route], "drones": 3, "rules": zone | rules})
+    return MissionConfig.model_validate({"routes": [route], "drones": 3, "pilot": REACTIVE, "rules": zone | rules})
 
 
 def agent(drone: int, config: MissionConfig) -> Agent:
+    return create_agent(role_of(drone, config), config)
+
+
+def role_of(drone: int, config: MissionConfig) -> Role:
     (team,) = config.teams()
-    return create_agent(Role(drone=drone, team=team, radius_m=RADIUS_M), config)
+    return Role(drone=drone, team=team, radius_m=RADIUS_M, camera=ONBOARD)
+
+
+def wish(situation: Situation, **rules: Any) -> np.ndarray:
+    """What drone 1 wants whose slot is free."""
+    config = mission(**rules)
+    follower = agent(1, config)
+    assert isinstance(follower, Follower)
+    return follower.wanted(situation, situation.leader.position_m + role_of(1, config).offset_m)
 
 
 def situation(
@@ -110,9 +122,7 @@ class TestSwitches:
     """Each rule of a follower moves it where the rule applies, and can be switched off from the file."""
 
     def wanted(self, rule: str, **rules: Any) -> np.ndarray:
-        follower = agent(1, mission(**{**ALL_ON, **rules}))
-        assert isinstance(follower, Follower)
-        return follower.wanted(SITUATIONS[rule])
+        return wish(SITUATIONS[rule], **{**ALL_ON, **rules})
 
     @pytest.mark.parametrize("rule", list(SITUATIONS))
     def test_a_gain_of_0_switches_a_rule_of_the_follower_off(self, rule: str) -> None:
@@ -133,9 +143,9 @@ class TestSwitches:
         ahead = situation(percept=WALL, leader=((9.0, -1.3, 0.0), STILL), mates=near(((-2.6, 1.3, 0), STILL)))
         seeing = agent(drone, mission()).decide(ahead)
         blind = agent(drone, mission(avoidance=False)).decide(ahead)
-        assert seeing.choice is not None
+        assert seeing.view is not None
         assert np.linalg.norm(seeing.command.velocity_m_s) < 0.01
-        assert blind.choice is None
+        assert blind.view is None
         assert seeing.state != "blind"
         if drone == 1:
             assert blind.state == "blind"
@@ -176,9 +186,7 @@ class TestAgents:
 
     def test_followers_are_drawn_by_their_own_swarm_alone_and_pushed_by_all(self) -> None:
         other_swarm = neighbours_of({7: Motion(np.array([0, 1.0, 0]), np.array([0, 0, 3.0]))})
-        follower = agent(1, mission(cohesion_per_s=1.0))
-        assert isinstance(follower, Follower)
-        wanted = follower.wanted(situation(neighbours=other_swarm))
+        wanted = wish(situation(neighbours=other_swarm), cohesion_per_s=1.0)
         np.testing.assert_allclose(wanted, [0, -2.0 * 0.8, 0], atol=1e-9)
 
     def test_without_an_image_a_drone_hovers_and_waits(self) -> None:
@@ -186,11 +194,44 @@ class TestAgents:
         assert not decision.command.velocity_m_s.any()
         assert decision.state == "waiting"
 
-    @pytest.mark.parametrize("pilot", [SeeingPilot, Pilot])
-    def test_no_pilot_flies_into_a_neighbour(self, pilot: type[Pilot]) -> None:
+    def test_no_pilot_flies_into_a_neighbour(self) -> None:
         ahead = situation(neighbours=near(((1.0, 0, 0), STILL)))
-        command = pilot(PilotConfig(), 20, 0.0, RADIUS_M).fly(2 * FORWARD, ahead).command
-        assert abs(command.velocity_m_s[0]) < 1e-6
+        for pilot in (ReactivePilot(REACTIVE, 20, 0.0, RADIUS_M, ONBOARD), Pilot(REACTIVE, 20, 0.0, RADIUS_M)):
+            command = pilot.fly(2 * FORWARD, ahead).command
+            assert abs(command.velocity_m_s[0]) < 1e-6
+
+
+def choice(velocity_m_s: np.ndarray, direction: np.ndarray, cell: tuple[int, int] | None = (3, 7)) -> Choice:
+    return Choice(velocity_m_s=velocity_m_s, direction=direction, cell=cell, free_m=9.0)
+
+
+class TestReactivePilot:
+    def flown(self, holes: Holes, percept: Percept) -> Decision:
+        pilot = ReactivePilot(PilotConfig(holes=holes), 20, 0.0, RADIUS_M, ONBOARD)
+        return pilot.fly(2.5 * FORWARD, situation(percept=percept))
+
+    @pytest.mark.parametrize(
+        ("chosen", "word"),
+        [
+            (choice(0.2 * FORWARD, FORWARD, None), "blind"),
+            (choice(2 * FORWARD, FORWARD), "free"),
+            (choice(1 * FORWARD, FORWARD), "braking"),
+            (choice(2 * LEFT, LEFT), "avoiding"),
+        ],
+    )
+    def test_its_state_is_a_word(self, chosen: Choice, word: str) -> None:
+        assert state_of(chosen, 2 * FORWARD) == word
+
+    def test_it_shows_the_histogram_of_the_newest_image(self) -> None:
+        view = self.flown("fixed_range", WALL).view
+        assert isinstance(view, Histogram)
+        np.testing.assert_array_equal(view.range_m, histogram(flat(0.3)).range_m)
+
+    def test_holes_are_free_or_a_surface_at_a_fixed_range(self) -> None:
+        np.testing.assert_allclose(self.flown("free", HOLES).command.velocity_m_s, 2.5 * FORWARD)
+        fixed = self.flown("fixed_range", HOLES)
+        assert 0 < np.linalg.norm(fixed.command.velocity_m_s) < 2.1
+        assert fixed.state != "free"
 
 
 class TestHeading:

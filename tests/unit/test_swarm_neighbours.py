@@ -9,12 +9,10 @@ from sim.frames import R_BODY_CAM, pose
 from swarm.neighbours import NeighbourConfig, NeighbourTracker
 from swarm.types import Detection, Motion, Neighbours, Percept
 from tests.helpers import CAMERA
-from tests.swarm_scenes import AT_ORIGIN, NOBODY, corrected, flat, histogram, neighbours_of
+from tests.swarm_scenes import AT_ORIGIN, NOBODY, flat, neighbours_of, percept_of
 
 MIRROR = np.array([1.0, -1.0, 1.0])
 STILL = np.zeros(3)
-IMAGE = corrected(flat(5.0))
-HISTOGRAM = histogram(flat(5.0))
 
 
 def tracker(n_drones: int = 4, **config: float) -> NeighbourTracker:
@@ -29,9 +27,7 @@ def seen_at(drone: int, at_m: object, T_world_cam: np.ndarray = AT_ORIGIN) -> De
 
 
 def percept(stamp_s: float, *found: Detection, T_world_cam: np.ndarray = AT_ORIGIN) -> Percept:
-    return Percept(
-        stamp_s=stamp_s, true_T_world_cam=T_world_cam, corrected=IMAGE, histogram=HISTOGRAM, detections=found
-    )
+    return percept_of(flat(5.0), *found, stamp_s=stamp_s, T_world_cam=T_world_cam)
 
 
 def heard(**drones: tuple[object, object]) -> Neighbours:

@@ -4,16 +4,17 @@ import numpy as np
 import pytest
 
 from swarm.neighbours import Detector, DetectorConfig
-from swarm.obstacles import HistogramBuilder, HistogramConfig
 from swarm.perception import Perception, frame_of
+from swarm.priors import Odometry, PosePriorConfig
 from tests.helpers import CAMERA
-from tests.swarm_scenes import MOUNT_CAM_M, RADIUS_M, capture, flat
+from tests.swarm_scenes import RADIUS_M, capture, flat
 from voxdepth.baselines.single_frame import Raw
 
 
 def eyes_with(latency_s: float) -> Perception:
     detector = Detector(DetectorConfig(miss_rate=0), CAMERA, [7, 8], radius_m=RADIUS_M, seed=0, drone=0)
-    return Perception(Raw(), HistogramBuilder(CAMERA, HistogramConfig(), MOUNT_CAM_M), detector, latency_s=latency_s)
+    odometry = Odometry(PosePriorConfig(), seed=0, drone=0)
+    return Perception(Raw(), detector, odometry, latency_s=latency_s)
 
 
 def test_the_truth_is_dropped_before_correction() -> None:
@@ -29,7 +30,7 @@ def test_another_truth_changes_nothing_that_is_perceived() -> None:
     for true_m in (3.0, 30.0):
         eyes = eyes_with(0.0)
         seen.append(eyes.see(capture(0.0, depth_true_m=flat(true_m), segment_id=ids)))
-    np.testing.assert_array_equal(seen[0].histogram.range_m, seen[1].histogram.range_m)
+    np.testing.assert_array_equal(seen[0].corrected.depth_m, seen[1].corrected.depth_m)
     assert seen[0].detections[0].range_m == seen[1].detections[0].range_m
 
 

@@ -1,35 +1,9 @@
 """Plain data of the swarm."""
 
 import numpy as np
-import pytest
 
-from sim.types import VelocityCommand
-from swarm.types import Choice, Decision, Motion
-from tests.swarm_scenes import FORWARD, NOBODY, neighbours_of
-
-LEFT = np.array([0.0, 1.0, 0.0])
-
-
-def choice(velocity_m_s: np.ndarray, direction: np.ndarray, cell: tuple[int, int] | None = (3, 7)) -> Choice:
-    return Choice(velocity_m_s=velocity_m_s, direction=direction, cell=cell, free_m=9.0)
-
-
-@pytest.mark.parametrize(
-    ("chosen", "commanded_m_s", "word"),
-    [
-        (None, 0 * FORWARD, "waiting"),
-        (None, FORWARD, "blind"),
-        (choice(0.2 * FORWARD, FORWARD, None), 0.2 * FORWARD, "blind"),
-        (choice(2 * FORWARD, FORWARD), 2 * FORWARD, "free"),
-        (choice(1 * FORWARD, FORWARD), 1 * FORWARD, "braking"),
-        (choice(2 * LEFT, LEFT), 2 * LEFT, "avoiding"),
-    ],
-)
-def test_a_decision_says_in_a_word_what_the_drone_does(
-    chosen: Choice | None, commanded_m_s: np.ndarray, word: str
-) -> None:
-    command = VelocityCommand(velocity_m_s=commanded_m_s, yaw_rad=0.0)
-    assert Decision(command=command, wanted_velocity_m_s=2 * FORWARD, choice=chosen).state == word
+from swarm.types import Motion
+from tests.swarm_scenes import NOBODY, neighbours_of
 
 
 def test_neighbours_of_a_swarm_are_those_with_its_numbers() -> None:
