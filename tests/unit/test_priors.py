@@ -189,6 +189,7 @@ def planned(kind: str) -> Run:
         "mission.pose_prior.kind": kind,
         "rig.width_px": 64,
         "rig.height_px": 48,
+        "rig.decimate": 1,
         "rig.depth": "noisy",
         "rig.noise.scale.theta": 0.5,
         "corrector": "raw",
