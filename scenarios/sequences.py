@@ -173,7 +173,7 @@ class Simulation:
     @property
     def textureless_ids(self) -> list[int]:
         """The segmentation ids of the bodies without texture."""
-        return [body_id for body_id, surface in self.world.surfaces.items() if surface.texture == 0]
+        return [body_id for body_id, surface in self.world.surfaces.items() if surface.is_blank]
 
     def render(self, start: int, stop: int) -> Iterator[RenderedPair]:
         """Yield the rendered images of the frames from `start` up to `stop`; a camera in a body is a `SensorError`."""

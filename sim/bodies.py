@@ -98,6 +98,11 @@ class Surface:
     """Share of the light that a surface as smooth as glass reflects, 0..1: a stereo camera measures what it shows,
     which is farther away. Only the renderer `raster` draws it; in the others the surface reflects nothing."""
 
+    @property
+    def is_blank(self) -> bool:
+        """Whether a stereo camera has nothing to match on it."""
+        return self.texture == 0 and self.reflectivity == 0
+
 
 @dataclass(frozen=True, kw_only=True)
 class Body:

@@ -128,7 +128,7 @@ class CollisionProbe(Recorder):
         hit, body = next((hit, body) for hit, body in self._world.described.items() if body.name == contact.other)
         recent = [seen for seen in self._observations[contact.drone] if seen.stamp_s >= contact.time_s - LOOKBACK_S]
         found = diagnose(recent, hit, self._world.states[contact.drone].position_m)
-        self.diagnosis = replace(found, textureless=body.surface.texture == 0)
+        self.diagnosis = replace(found, textureless=body.surface.is_blank)
 
 
 def diagnose(observations: Sequence[Observation], body: int, point_m: FloatArray) -> Diagnosis:
