@@ -180,7 +180,7 @@ class MappingPilot(Pilot):
         self._stands_since_s = None
         if flown < 0.9 * speed:
             return "exploring"
-        return "free" if float(direction @ wanted[:2]) > 0.97 * speed else "avoiding"
+        return "free" if float(direction @ wanted[:2]) >= 0.97 * speed else "avoiding"
 
     def _give_up(self, situation: Situation) -> None:
         """Count the unknown space that begins where the free part of the way ends as vain."""

@@ -35,7 +35,7 @@ class MissionConfig(Model):
     """Distance from its goal within which a leader has arrived."""
     formation_tolerance_m: float = Field(1.5, gt=0)
     """Largest distance of any follower from its slot that counts as being in formation."""
-    deadlock_s: float = Field(12.0, gt=0)
+    deadlock_s: float = Field(25.0, gt=0)
     """Time without progress of any leader or follower, after which the mission counts as stuck."""
     lost_m: float = Field(30.0, gt=0)
     """Distance from its leader, and from its slot if that is nearer, beyond which a follower counts as lost."""
