@@ -1,5 +1,6 @@
 """A city of towers, between which the swarm of the paper flies."""
 
+from itertools import chain
 from typing import Annotated, Literal
 
 import numpy as np
@@ -48,7 +49,8 @@ class CitySpec(WeakWallsSpec):
     """Thin vertical poles in the streets."""
     pole_radius_m: float = Field(0.12, gt=0)
     wires: Annotated[int, LATER] = Field(0, ge=0)
-    """Thin level wires, each from a tower to a neighbour across the gap or the street between them."""
+    """Thin level wires, each from a tower to a pole of its own halfway across a gap or a street, whose other half stays
+    free."""
     wire_m: Annotated[Range, LATER] = (0.02, 0.04)
     """Range of the wires' thicknesses [m]."""
     wire_height_m: Annotated[Range, LATER] = (4.5, 7.5)
@@ -82,9 +84,9 @@ class CitySpec(WeakWallsSpec):
         towers = without_texture(towers, self.blank_share, stream(seed, Purpose.SCENE, TEXTURELESS))
         towers = self.weakened(towers, stream(seed, Purpose.SCENE, WEAK))
         towers = of_glass(towers, self.glass_share, self.glass_reflectivity, stream(seed, Purpose.SCENE, GLASS))
-        wires = [_wire(self, stream(seed, Purpose.SCENE, WIRES, i), i, towers) for i in range(self.wires)]
+        wired = [_wire(self, stream(seed, Purpose.SCENE, WIRES, i), i, towers) for i in range(self.wires)]
         movers = tuple(_mover(self, stream(seed, Purpose.SCENE, MOVERS, i), i) for i in range(self.movers))
-        bodies = (ground, *towers, *poles, *wires)
+        bodies = (ground, *towers, *poles, *chain.from_iterable(wired))
         return Scene(seed=seed, bodies=bodies, movers=movers, weather=self.weather, path_m=self._path_m())
 
     def _path_m(self) -> FloatArray:
@@ -117,23 +119,27 @@ def _pole(spec: CitySpec, rng: np.random.Generator, index: int) -> Body:
     return standing_body(f"pole-{index}", shape, x, y, Surface(albedo=rng.uniform(0.2, 0.7)))
 
 
-def _wire(spec: CitySpec, rng: np.random.Generator, index: int, towers: list[Body]) -> Body:
-    """A wire from the middle of a tower to that of the next one along y, or else along x."""
+def _wire(spec: CitySpec, rng: np.random.Generator, index: int, towers: list[Body]) -> list[Body]:
+    """A wire from the middle of a tower halfway to that of the next one along y or x, and its pole there."""
     along_y = spec.columns == 1 or (spec.rows > 1 and rng.uniform() < 0.5)
     column = int(rng.integers(spec.columns - (not along_y)))
     row = int(rng.integers(spec.rows - along_y))
-    first = towers[column * spec.rows + row]
-    second = towers[column * spec.rows + row + 1 if along_y else (column + 1) * spec.rows + row]
-    start_m, end_m = np.array(first.position_m), np.array(second.position_m)
-    length_m, thickness_m = float(np.linalg.norm((end_m - start_m)[:2])), float(rng.uniform(*spec.wire_m))
-    x, y, _ = ((start_m + end_m) / 2).tolist()
-    return Body(
+    towers = [towers[column * spec.rows + row], towers[(column + (not along_y)) * spec.rows + row + along_y]]
+    if rng.uniform() < 0.5:
+        towers.reverse()
+    start_m, next_m = (np.array(tower.position_m[:2]) for tower in towers)
+    pole_m, middle_m = (start_m + next_m) / 2, (3 * start_m + next_m) / 4
+    thickness_m, height_m = float(rng.uniform(*spec.wire_m)), float(rng.uniform(*spec.wire_height_m))
+    surface = Surface(albedo=float(rng.uniform(0.1, 0.4)))
+    wire = Body(
         name=f"wire-{index}",
-        shape=Box((length_m, thickness_m, thickness_m)),
-        position_m=(x, y, float(rng.uniform(*spec.wire_height_m))),
-        yaw_rad=float(np.arctan2(end_m[1] - start_m[1], end_m[0] - start_m[0])),
-        surface=Surface(albedo=float(rng.uniform(0.1, 0.4))),
+        shape=Box((float(np.linalg.norm(pole_m - start_m)), thickness_m, thickness_m)),
+        position_m=(float(middle_m[0]), float(middle_m[1]), height_m),
+        yaw_rad=float(np.arctan2(*(pole_m - start_m)[::-1])),
+        surface=surface,
     )
+    pole = Cylinder(spec.pole_radius_m, height_m + thickness_m)
+    return [wire, standing_body(f"wire-pole-{index}", pole, float(pole_m[0]), float(pole_m[1]), surface)]
 
 
 def _mover(spec: CitySpec, rng: np.random.Generator, index: int) -> Mover:

@@ -13,7 +13,7 @@ WRONG = {
     "weak": {"scene.weak_share"},
     "glass": {"scene.glass_share"},
     "exposure": {"rig.exposure_sigma", "rig.exposure_settling_frames"},
-    "thin": {"scene.poles", "scene.pole_radius_m", "scene.wires"},
+    "thin": {"scene.pole_radius_m", "scene.wires"},
     "moving": {"scene.movers", "scene.mover_speed_m_s", "scene.mover_way_m"},
 }
 """Keys by which each differs from a city in which nothing is wrong."""

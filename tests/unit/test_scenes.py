@@ -230,22 +230,25 @@ def test_a_share_of_the_towers_is_of_glass_and_nothing_moves() -> None:
     assert [body.position_m for body in plain.bodies] == [body.position_m for body in glass.bodies]
 
 
-def test_wires_lead_from_tower_to_tower_at_their_height_and_move_nothing() -> None:
+def test_wires_lead_from_a_tower_to_a_pole_at_their_height_and_move_nothing() -> None:
     plain, wired = CitySpec().build(3), CitySpec(wires=30).build(3)
-    wires = named(wired, "wire")
+    wires, poles = wired.bodies[len(plain.bodies) :: 2], wired.bodies[len(plain.bodies) + 1 :: 2]
     assert as_bytes(wired.bodies[: len(plain.bodies)]) == as_bytes(plain.bodies)
-    assert len(wires) == 30
+    assert (len(wires), len(poles)) == (30, 30)
     with World(plain, np.zeros((0, 3))) as world:
-        for wire in wires:
+        for wire, pole in zip(wires, poles, strict=True):
             assert isinstance(wire.shape, Box)
             length_m, *thickness_m = wire.shape.size_m
             assert thickness_m[0] == thickness_m[1]
             assert 0.02 <= thickness_m[0] <= 0.04
             assert 4.5 <= wire.position_m[2] <= 7.5
-            along = np.array([np.cos(wire.yaw_rad), np.sin(wire.yaw_rad), 0.0])
-            for end in (-0.5, 0.5):
-                x, y, z = wire.position_m + end * length_m * along
-                assert world.clearance_at_m((x, y, z)) < 0
+            half_m = length_m / 2 * np.array([np.cos(wire.yaw_rad), np.sin(wire.yaw_rad), 0.0])
+            x, y, z = np.array(wire.position_m) - half_m
+            assert world.clearance_at_m((x, y, z)) < 0
+            end_m = np.array(wire.position_m) + half_m
+            np.testing.assert_allclose(end_m[:2], pole.position_m[:2], atol=1e-9)
+            assert lowest_m(pole) == 0
+            assert end_m[2] < 2 * pole.position_m[2]
     with pytest.raises(ValueError, match="a single tower"):
         CitySpec(columns=1, rows=1, wires=1)
 
