@@ -159,6 +159,15 @@ class World:
         """Distance from the drone's collision sphere to the nearest body or drone, at most `horizon_m`."""
         return self._nearest_m(self._position[drone], self.airframe.radius_m, horizon_m, self.drone_ids[drone])
 
+    def nearest_point_m(self, drone: int, body: int, horizon_m: float = 5.0) -> FloatArray:
+        """Point of a body that is nearest to a drone, world frame, shape (3,); both may touch."""
+        points: Any = pybullet.getClosestPoints(self.drone_ids[drone], body, horizon_m, physicsClientId=self.client)
+        if not points:
+            raise SceneError(
+                f"expected a body within {horizon_m} m of drone {drone}, got {body}, which is farther away"
+            )
+        return np.array(min(points, key=lambda point: point[8])[6])
+
     def clearance_at_m(self, position_m: Sequence[float], horizon_m: float = 5.0) -> float:
         """Distance from a point to the nearest body except drones, at most `horizon_m`; negative inside a body."""
         return self._nearest_m(np.asarray(position_m, np.float64), 0.0, horizon_m, None)

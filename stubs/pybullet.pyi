@@ -55,9 +55,9 @@ def getClosestPoints(
     bodyB: int,
     distance: float,
     *,
-    collisionShapeA: int,
-    collisionShapeB: int,
-    collisionShapePositionB: Vector,
+    collisionShapeA: int = ...,
+    collisionShapeB: int = ...,
+    collisionShapePositionB: Vector = ...,
     physicsClientId: int,
 ) -> tuple[tuple[Any, ...], ...]: ...
 def getCameraImage(

@@ -21,6 +21,8 @@ from .map_kernels import FREE, Limits, Rules, View, Voxels
 from .route_kernels import cheapest_way, clearance_at, free_length, worst_between
 
 MAX_VOXELS = 2**24
+STATES = ("free", "unseen", "vain", "surface")
+"""Names of the states of a map, in the order of their numbers."""
 DRONE_MASK_RADIUS_M = 1.0
 """Surfaces within this distance of another drone belong to that drone."""
 MARGIN_M = 2.0
@@ -94,10 +96,19 @@ class Route(NamedTuple):
 class Chart:
     """A horizontal slice of a map: what is known of the air through which a drone flies at its height.
 
-    `width_m` is the clearance that it needs, from its centre to what is not free.
+    `width_m` is the clearance that it needs, from its centre to what is not free. Places are in the frame of the
+    drone's odometry, to which `T_odom_world` leads from that of the world.
     """
 
-    def __init__(self, state: npt.NDArray[np.uint8], origin_m: FloatArray, width_m: float, config: MapConfig) -> None:
+    def __init__(
+        self,
+        state: npt.NDArray[np.uint8],
+        origin_m: FloatArray,
+        width_m: float,
+        config: MapConfig,
+        T_odom_world: FloatArray | None = None,
+    ) -> None:
+        self.T_odom_world = np.eye(4) if T_odom_world is None else T_odom_world
         self.state = state
         """Worst state of each cell, shape (rows along y, columns along x): `FREE`, `UNSEEN`, `VAIN` or `SURFACE`."""
         self.origin_m = origin_m
@@ -259,12 +270,14 @@ class FreeMap:
         kernels.judge(self._voxels, limits, self._cell, self._squared, self._config.near_m, time_s)
         kernels.show_surfaces(self._voxels, self._rules, self.origin_m, points_m[is_body])
 
-    def chart(self, low_m: float, high_m: float, width_m: float, time_s: float) -> Chart:
+    def chart(
+        self, low_m: float, high_m: float, width_m: float, time_s: float, T_odom_world: FloatArray | None = None
+    ) -> Chart:
         """Return the slice between two heights for a drone that needs a clearance of `width_m`."""
         state = np.empty(self._config.shape[1:], np.uint8)
         origin_m = self.origin_m
         kernels.worst_states(self._voxels, self._rules, float(origin_m[2]), low_m, high_m, time_s, state)
-        return Chart(state, origin_m[:2], width_m, self._config)
+        return Chart(state, origin_m[:2], width_m, self._config, T_odom_world)
 
     def _follow(self, at_m: FloatArray) -> None:
         """Move the map, by whole voxels, so that a position is near its middle."""

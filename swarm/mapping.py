@@ -103,7 +103,7 @@ class MappingPilot(Pilot):
         for place_m in (at_m, *drones_m):
             self._map.mark_free(place_m, self._width_m, self._half_height_m, percept.stamp_s)
         height_m = self._half_height_m
-        self._chart = self._map.chart(at_m[2] - height_m, at_m[2] + height_m, self._width_m, percept.stamp_s)
+        self._chart = self._map.chart(at_m[2] - height_m, at_m[2] + height_m, self._width_m, percept.stamp_s, T)
         self._route = None
 
     def _has_jumped(self, stamp_s: float, at_m: FloatArray, velocity_m_s: FloatArray) -> bool:

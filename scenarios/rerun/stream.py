@@ -8,6 +8,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from swarm.free_map import STATES
 from voxdepth.types import FloatImage, GrayImage, Source
 
 CENTIMETRE = 100.0
@@ -22,8 +23,8 @@ SOURCE_COLORS = {
     Source.INPAINTED: (90, 110, 220),
 }
 
-STATE_COLORS = {"free": (235, 235, 235), "unseen": (150, 150, 150), "vain": (230, 140, 50), "surface": (40, 40, 40)}
-"""Colours of the states of a map, in the order of their numbers."""
+STATE_COLORS = ((235, 235, 235), (150, 150, 150), (230, 140, 50), (40, 40, 40))
+"""Colours of the states of a map, in the order of `STATES`."""
 
 
 def open_stream(
@@ -58,7 +59,8 @@ def source_labels() -> rr.AnnotationContext:
 
 def state_labels() -> rr.AnnotationContext:
     """Return names and colours of the states of a map."""
-    labels = [rr.AnnotationInfo(id=i, label=name, color=color) for i, (name, color) in enumerate(STATE_COLORS.items())]
+    named = zip(STATES, STATE_COLORS, strict=True)
+    labels = [rr.AnnotationInfo(id=i, label=name, color=color) for i, (name, color) in enumerate(named)]
     return rr.AnnotationContext(labels)
 
 

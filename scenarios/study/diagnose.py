@@ -7,10 +7,12 @@ from enum import StrEnum
 
 import numpy as np
 
-from sim.types import Capture, Contact, IdImage
+from sim.types import Capture, Contact, DroneState, IdImage
 from sim.world import World
+from swarm.free_map import STATES, Chart
 from swarm.recorder import Recorder
 from swarm.team import Team
+from swarm.types import Decision, Histogram
 from voxdepth.geometry import back_project
 from voxdepth.metrics import TOO_FAR
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, MaskImage
@@ -25,6 +27,8 @@ from .store import StudyData
 
 LOOKBACK_S = 3.0
 """Time before the collision from which images are used."""
+LAST_S = 1.0
+"""Time before the collision in which the drone could still have stopped."""
 NEAR_M = 1.0
 """Largest distance from the drone at the collision of the surface that counts as hit."""
 MIN_VISIBLE_SHARE = 0.2
@@ -53,10 +57,27 @@ class Diagnosis:
     """Median true depth of the trusted pixels [m]; None unless the cause is `TOO_FAR` or `CORRECT`."""
     corrected_m: float | None = None
     """Median corrected depth of the same pixels [m]."""
+    in_view_at_last: bool = False
+    """Whether an image of the last second showed the place."""
+    commanded_m_s: float | None = None
+    """Speed that was commanded last; None if the drone decided nothing before the collision."""
+    held_before: str | None = None
+    """What the map of the drone held there a second before, one of `STATES`; None without a map."""
+    held_at_last: str | None = None
+    """What it held there at the collision."""
 
     def __str__(self) -> str:
-        distance = "" if self.true_m is None else f", shown at {self.corrected_m:.2f} m instead of {self.true_m:.2f} m"
-        return f"{self.cause}{distance}{'; it has no texture' if self.textureless else ''}"
+        parts = [str(self.cause)]
+        if self.true_m is not None:
+            parts[0] += f", shown at {self.corrected_m:.2f} m instead of {self.true_m:.2f} m"
+        if self.textureless:
+            parts.append("it has no texture")
+        if self.commanded_m_s is not None:
+            parts.append(f"{'' if self.in_view_at_last else 'not '}in view in the last second")
+            parts.append(f"commanded {self.commanded_m_s:.2f} m/s")
+        if self.held_before is not None:
+            parts.append(f"map: {self.held_before} a second before, {self.held_at_last} at last")
+        return "; ".join(parts)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,6 +113,7 @@ class CollisionProbe(Recorder):
     def __init__(self, min_confidence: float) -> None:
         self._min_confidence = min_confidence
         self._observations: defaultdict[int, deque[Observation]] = defaultdict(deque)
+        self._decisions: defaultdict[int, deque[tuple[float, Decision]]] = defaultdict(deque)
         self._world: World | None = None
         self.diagnosis: Diagnosis | None = None
         """Diagnosis of the first collision; None before it."""
@@ -117,18 +139,49 @@ class CollisionProbe(Recorder):
         while recent[0].stamp_s < capture.stamp_s - LOOKBACK_S:
             recent.popleft()
 
+    def tick(
+        self, step: int, time_s: float, states: Sequence[DroneState], slots_m: FloatArray, decisions: Sequence[Decision]
+    ) -> None:
+        """Keep the decisions of the last second."""
+        for drone, decision in enumerate(decisions):
+            recent = self._decisions[drone]
+            recent.append((time_s, decision))
+            while recent[0][0] < time_s - LAST_S:
+                recent.popleft()
+
     def contact(self, step: int, contact: Contact) -> None:
         """Diagnose the first collision."""
         if self.diagnosis is not None:
             return
+        decisions = [decision for _, decision in self._decisions[contact.drone]]
+        commanded_m_s = float(np.linalg.norm(decisions[-1].command.velocity_m_s)) if decisions else None
         if contact.kind == "drone":
-            self.diagnosis = Diagnosis(cause=Cause.DRONE)
+            self.diagnosis = Diagnosis(cause=Cause.DRONE, commanded_m_s=commanded_m_s)
             return
         assert self._world is not None, "start comes first"
         hit, body = next((hit, body) for hit, body in self._world.described.items() if body.name == contact.other)
         recent = [seen for seen in self._observations[contact.drone] if seen.stamp_s >= contact.time_s - LOOKBACK_S]
         found = diagnose(recent, hit, self._world.states[contact.drone].position_m)
-        self.diagnosis = replace(found, textureless=body.surface.is_blank)
+        struck_m = self._world.nearest_point_m(contact.drone, hit)
+        held = [held_at(decision.view, struck_m) for decision in decisions]
+        self.diagnosis = replace(
+            found,
+            textureless=body.surface.is_blank,
+            in_view_at_last=any(
+                one.pixels_of(hit, struck_m).any() for one in recent if one.stamp_s >= contact.time_s - LAST_S
+            ),
+            commanded_m_s=commanded_m_s,
+            held_before=held[0] if held else None,
+            held_at_last=held[-1] if held else None,
+        )
+
+
+def held_at(view: Histogram | Chart | None, place_m: FloatArray) -> str | None:
+    """Return what a map holds at a place of the world, shape (3,); None without a map."""
+    if not isinstance(view, Chart):
+        return None
+    T = view.T_odom_world
+    return STATES[view.state_at(T[:3, :3] @ place_m + T[:3, 3])]
 
 
 def diagnose(observations: Sequence[Observation], body: int, point_m: FloatArray) -> Diagnosis:
@@ -190,16 +243,22 @@ def cause_table(found: Mapping[str, Sequence[Diagnosis]]) -> Table:
     """Count the causes in a row for each arm."""
     seen = [cause for cause in Cause if cause is not Cause.DRONE]
     head = ["arm", "collisions", f"hit: {Cause.DRONE}", "hit: without texture"]
+    maps = [f"map a second before: {state}" for state in STATES]
     rows: list[list[Value]] = []
     for arm, diagnoses in found.items():
         causes = Counter(diagnosis.cause for diagnosis in diagnoses)
         textureless = sum(diagnosis.textureless for diagnosis in diagnoses)
-        rows.append([arm, len(diagnoses), causes[Cause.DRONE], textureless, *(causes[cause] for cause in seen)])
-    return Table.of("Causes of collisions", [*head, *(f"seen: {cause}" for cause in seen)], rows)
+        held = Counter(diagnosis.held_before for diagnosis in diagnoses)
+        row: list[Value] = [arm, len(diagnoses), causes[Cause.DRONE], textureless, *(causes[cause] for cause in seen)]
+        rows.append([*row, *(held[state] for state in STATES)])
+    return Table.of("Causes of collisions", [*head, *(f"seen: {cause}" for cause in seen), *maps], rows)
 
 
 def _fly(run: Run) -> tuple[Diagnosis | None, tuple[Contact, ...]]:
-    probe = CollisionProbe(run.scenario.mission.pilot.avoidance.histogram.min_confidence)
+    pilot = run.scenario.mission.pilot
+    probe = CollisionProbe(
+        pilot.evidence.min_confidence if pilot.holes == "evidenced" else pilot.avoidance.histogram.min_confidence
+    )
     with flying(run, probe, recorded=False, threads=1) as mission:
         result = mission.run()
     return probe.diagnosis, result.contacts

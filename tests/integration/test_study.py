@@ -157,8 +157,8 @@ def test_a_study_from_its_file_to_its_report(tiny: Path, tmp_path: Path) -> None
     assert len(list(out.glob("recordings/*/*/run.rrd"))) == 1, "a recording is made once"
     diagnosed = voxdepth("study", "diagnose", out)
     assert "arm blind, seed 0: where it was" in diagnosed.stdout, "true depth shows what is there"
-    assert "| blind | 2 | 0 | 0 | 0 | 0 | 0 | 0 | 2 |" in diagnosed.stdout
-    assert "| truth | 0 | 0 | 0 | 0 | 0 | 0 | 0 | 0 |" in diagnosed.stdout
+    assert "| blind | 2 | 0 | 0 | 0 | 0 | 0 | 0 | 2 | 0 | 0 | 0 | 0 |" in diagnosed.stdout
+    assert "| truth | 0 | 0 | 0 | 0 | 0 | 0 | 0 | 0 | 0 | 0 | 0 | 0 |" in diagnosed.stdout
     first = voxdepth("study", "diagnose", out, "--arm", "blind", "--limit", "1")
     assert "| blind | 1 | 0 | 0 | 0 | 0 | 0 | 0 | 1 |" in first.stdout
     assert "truth" not in first.stdout

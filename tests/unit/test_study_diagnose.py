@@ -8,7 +8,11 @@ import pytest
 
 from scenarios.study.diagnose import Cause, CollisionProbe, Diagnosis, Observation, cause_table, diagnose
 from sim.bodies import Surface
-from sim.types import Contact
+from sim.frames import pose
+from sim.types import Contact, VelocityCommand
+from swarm.free_map import Chart, MapConfig
+from swarm.map_kernels import FREE, SURFACE, VAIN
+from swarm.types import Decision
 from tests.helpers import wall, world_of
 from voxdepth.types import FloatArray, Intrinsics
 
@@ -96,6 +100,28 @@ def test_the_first_collision_alone_is_explained() -> None:
     assert probe.diagnosis == Diagnosis(cause=Cause.DRONE)
 
 
+def test_what_the_drone_did_and_what_its_map_held_is_told() -> None:
+    """The map of the drone says that a strip before it is free, in a frame that is shifted by 1 m."""
+    state = np.full((20, 40), VAIN, np.uint8)
+    state[:, :20] = FREE
+    shifted = pose(np.eye(3), np.array([1.0, 2.5, 0.0]))
+    early = Chart(state, np.zeros(2), 0.5, MapConfig(), shifted)
+    late = Chart(np.full_like(state, SURFACE), np.zeros(2), 0.5, MapConfig(), shifted)
+    probe = CollisionProbe(min_confidence=0.5)
+    with world_of(wall(2.0, name="hit"), starts_m=[(0, 0, 0)]) as world:
+        probe.start(world, [])
+        for k, chart in enumerate([late, early, late]):
+            command = VelocityCommand(velocity_m_s=np.array([0.0, 0.6, 0.8]), yaw_rad=0.0)
+            decision = Decision(command=command, wanted_velocity_m_s=np.zeros(3), state="free", view=chart)
+            probe.tick(0, 2.0 * k if k < 2 else 2.9, world.states, np.empty((0, 3)), [decision])
+        probe.contact(0, Contact(time_s=3.0, drone=0, other="hit", kind="building", speed_m_s=1.0))
+    found = probe.diagnosis
+    assert found is not None
+    assert (found.held_before, found.held_at_last, found.commanded_m_s) == ("free", "surface", pytest.approx(1.0))
+    assert not found.in_view_at_last
+    assert "commanded 1.00 m/s; map: free a second before, surface at last" in str(found)
+
+
 def test_distances_are_of_what_was_trusted() -> None:
     found = diagnose([seen(1.3)] * 3 + [seen(5.0, trusted=False)] * 2, WALL, AHEAD_M)
     assert (found.true_m, found.corrected_m) == (pytest.approx(2.0), pytest.approx(2.6))
@@ -105,7 +131,7 @@ def test_distances_are_of_what_was_trusted() -> None:
 
 def test_the_table_has_a_row_for_each_arm() -> None:
     empty, drone = Diagnosis(cause=Cause.NO_DEPTH, textureless=True), Diagnosis(cause=Cause.DRONE)
-    table = cause_table({"a": [empty, drone, empty], "b": []})
+    table = cause_table({"a": [empty, drone, replace(empty, held_before="vain")], "b": []})
     assert dict(zip(table.headings, table.texts[0], strict=True)) == {
         "arm": "a",
         "collisions": "3",
@@ -116,5 +142,9 @@ def test_the_table_has_a_row_for_each_arm() -> None:
         "seen: depth not trusted": "0",
         "seen: too far away": "0",
         "seen: where it was": "0",
+        "map a second before: free": "0",
+        "map a second before: unseen": "0",
+        "map a second before: vain": "1",
+        "map a second before: surface": "0",
     }
     assert set(table.texts[1][1:]) == {"0"}
