@@ -36,8 +36,13 @@ try:
 except ImportError:  # older commits
     from scenarios.study.matrix import expand
     from scenarios.study.study import load_study
+try:
+    from scenarios.config import images_of
+except ImportError:  # older commits, whose cameras did not decimate
+    def images_of(width_px, height_px):
+        return {"rig.width_px": width_px, "rig.height_px": height_px}
 for size in (160, 120), (320, 180):
-    changes = {"corrector": "voxdepth", "rig.width_px": size[0], "rig.height_px": size[1]}
+    changes = {"corrector": "voxdepth", **images_of(*size)}
     fly(load_run("city", 0, changes | {"mission.duration_s": 1.0}))
     finished = fly(load_run("city", 0, changes | {"mission.duration_s": 10.0}))
     print(json.dumps({f"stereo {size[0]}x{size[1]}, default": 1e3 * finished.wall_s}))

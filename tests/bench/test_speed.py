@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.config import Run, load_run
+from scenarios.config import Run, images_of, load_run
 from scenarios.results.table import Column, Table
 from scenarios.runner import fly
 from scenarios.sequences import load_sequence, record
@@ -21,7 +21,7 @@ from sim.render import create_renderer
 from sim.scenes import CitySpec
 from sim.sensor import RigConfig, StereoSensor, photon_noise
 from sim.stereo import StereoConfig, StereoMatcher
-from sim.types import VelocityCommand
+from sim.types import BodyPose, VelocityCommand
 from sim.world import World
 from swarm.mission import Mission
 from swarm.task import MissionConfig
@@ -76,7 +76,7 @@ def test_physics_and_control_at_240_hz(n_drones: int) -> None:
      ("stereo", "voxdepth", (160, 120)), ("stereo", "paper", (320, 180)), ("stereo", "voxdepth", (320, 180))],
 )  # fmt: skip
 def test_missions(depth: str, corrector: str, size: tuple[int, int]) -> None:
-    changes = {"rig.depth": depth, "corrector": corrector, "rig.width_px": size[0], "rig.height_px": size[1]}
+    changes = {"rig.depth": depth, "corrector": corrector, **images_of(*size)}
     fly(load_run("city", 0, changes | {"mission.duration_s": 1.5}))
     finished = fly(load_run("city", 0, changes | {"mission.duration_s": 10.0}))
     what = f"mission, 8 drones, {depth} {size[0]}x{size[1]} at 10 Hz, {corrector}, not recorded"
@@ -85,11 +85,25 @@ def test_missions(depth: str, corrector: str, size: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("size", [(160, 120), (320, 180)])
 def test_two_threads_against_one(size: tuple[int, int]) -> None:
-    changes = {"corrector": "voxdepth", "rig.width_px": size[0], "rig.height_px": size[1], "mission.duration_s": 3.0}
+    changes = {"corrector": "voxdepth", **images_of(*size), "mission.duration_s": 3.0}
     run = load_run("city", 0, changes)
     fly(run, threads=2)
     one_s, two_s = (min(fly(run, threads=threads).wall_s for _ in range(3)) for threads in (1, 2))
     show(f"mission, 8 drones, stereo {size[0]}x{size[1]}, voxdepth, two threads", f"{one_s / two_s:6.2f} times as fast")
+
+
+@pytest.mark.parametrize("scenario", ["city", "glass"])
+@pytest.mark.parametrize(("width", "height", "factor"), [(160, 120, 1), (320, 180, 1), (480, 270, 3), (640, 360, 4)])
+def test_captures(scenario: str, width: int, height: int, factor: int) -> None:
+    """One capture by stereo, rendering included, of drones on their way through a city."""
+    run = load_run(scenario, 3, {**images_of(width, height), "rig.decimate": factor}).scenario
+    positions_m = [np.array([x, 0.0, 6.0]) for x in (-8.0, 0.0, 8.0, 20.5, 30.0, 41.0, 52.0, 62.0)]
+    forward = np.array([0.0, 0, 0, 1])
+    poses = [BodyPose(stamp_s=0.0, position_m=at_m, q_world_body_xyzw=forward) for at_m in positions_m]
+    with World(run.scene.build(3), np.zeros((0, 3))) as world:
+        sensor = StereoSensor(world, create_renderer("raster", world, threads=1), run.rig, seed=0)
+        of_all = milliseconds(lambda: [sensor.capture(pair) for pair in sensor.render(poses, 0)])
+    show(f"{len(poses)} captures, {scenario}, {width}x{height} decimated by {factor}, one thread", of_all)
 
 
 TICK = (Mission, "tick")
@@ -127,7 +141,7 @@ def test_profile_of_a_mission(monkeypatch: pytest.MonkeyPatch) -> None:
     """A table for docs/performance.md, of 8 drones with the corrector `voxdepth`."""
     profiles = {}
     for width, height in [(160, 120), (320, 180)]:
-        changes = {"corrector": "voxdepth", "rig.width_px": width, "rig.height_px": height}
+        changes = {"corrector": "voxdepth", **images_of(width, height)}
         fly(load_run("city", 0, changes | {"mission.duration_s": 1.5}), threads=1)
         run = load_run("city", 0, changes | {"mission.duration_s": 5.0})
         ms = spent_ms(run, {**PARTS, "a tick": TICK}, monkeypatch)

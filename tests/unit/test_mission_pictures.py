@@ -5,11 +5,11 @@ from pathlib import Path
 import cv2
 import pytest
 
-from scenarios.config import Run, load_run
+from scenarios.config import Run, images_of, load_run
 from scenarios.mission_pictures import difficulty_of, draw_flight
 from scenarios.runner import fly
 
-QUICK = {"mission.drones": 2, "mission.duration_s": 0.5, "rig.width_px": 32, "rig.height_px": 32, "rig.depth": "truth"}
+QUICK = {"mission.drones": 2, "mission.duration_s": 0.5, **images_of(32, 32), "rig.depth": "truth"}
 
 
 def run(name: str, **changes: object) -> Run:
