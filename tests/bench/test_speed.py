@@ -158,7 +158,7 @@ def test_profile_by_number_of_drones(monkeypatch: pytest.MonkeyPatch) -> None:
     """A table for docs/performance.md, of true depth at 160x120."""
     rows = []
     for drones in (4, 8, 16, 32):
-        changes = {"rig.depth": "truth", "corrector": "raw", "rig.width_px": 160, "rig.height_px": 120}
+        changes = {"rig.depth": "truth", "corrector": "raw", **images_of(160, 120)}
         changes |= {"mission.duration_s": 3.0, "mission.drones": drones}
         tick_ms = spent_ms(load_run("city", 0, changes), {"a tick": TICK}, monkeypatch)["a tick"]
         rows.append([drones, tick_ms, tick_ms / drones])
