@@ -31,6 +31,12 @@ BEYOND_PRICE = 1.5
 """Price of a way per metre beyond the map."""
 HABIT = 0.7
 """Price of the way that was chosen before, as a share of its price."""
+REACHED_M = 0.3
+"""A drone has reached a point of its way that is this near."""
+LOOK_AHEAD = 4
+"""Points of the way beyond its clear part to which a drone looks."""
+CLEAR_M = 5.0
+"""Length of the way up to which its clear part is sought."""
 ROUTE_CELLS = 2
 """Side of a cell of the route, in voxels."""
 
@@ -91,6 +97,21 @@ class Route(NamedTuple):
     """Points (x, y) from the drone on, shape (n, 2)."""
     clear: int
     """Index of the last point, of those nearby, to which the straight line is free for the whole width of the drone."""
+
+    def direction(self, at_m: FloatArray, otherwise: FloatArray) -> FloatArray:
+        """Return the direction (x, y) to the last clear point, or to the one after it where that is reached."""
+        reached = np.hypot(*(self.points_m[self.clear] - at_m)) < REACHED_M
+        return self._towards(self.clear + int(reached), at_m, otherwise)
+
+    def look(self, at_m: FloatArray, otherwise: FloatArray) -> FloatArray:
+        """Return the direction (x, y) to a point beyond the clear part of the way."""
+        return self._towards(self.clear + LOOK_AHEAD, at_m, otherwise)
+
+    def _towards(self, index: int, at_m: FloatArray, otherwise: FloatArray) -> FloatArray:
+        """Return the direction to a point, or another one if the drone is there."""
+        offset_m = self.points_m[min(index, len(self.points_m) - 1)] - at_m
+        distance_m = np.hypot(*offset_m)
+        return offset_m / distance_m if distance_m > 1e-6 else otherwise
 
 
 class Chart:
@@ -166,7 +187,7 @@ class Chart:
         n = cheapest_way(price, self._left_to_pay(target_m), row, col, way)
         rows, cols = np.divmod(way[:n], shape[1])
         points_m = self.origin_m + side_m * (np.column_stack([cols, rows]) + 0.5)
-        nearby = min(n - 1, round(5.0 / side_m))
+        nearby = min(n - 1, round(CLEAR_M / side_m))
         clear = next(
             (k for k in range(nearby, 0, -1) if not worst_between(self._blocked, row, col, int(rows[k]), int(cols[k]))),
             0,
@@ -222,7 +243,7 @@ class FreeMap:
         """Begin the map around a drone, whose surroundings count as free."""
         self.forget()
         self._follow(at_m)
-        self.mark_free(at_m, self._config.start_radius_m, self._config.height_m / 2, time_s)
+        self.occupy(at_m, 0.0, self._config.start_radius_m, self._config.height_m / 2, time_s)
 
     def forget(self) -> None:
         """Forget everything."""
@@ -230,11 +251,13 @@ class FreeMap:
             counts[:] = 0
         self._origin = None
 
-    def mark_free(self, at_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
-        """Make an upright cylinder around a position free, because a drone is there."""
-        if self._origin is not None:
-            at_m = np.ascontiguousarray(at_m)
-            kernels.mark_free(self._voxels, self._rules, self.origin_m, at_m, radius_m, half_height_m, time_s)
+    def occupy(self, at_m: FloatArray, radius_m: float, width_m: float, half_height_m: float, time_s: float) -> None:
+        """Make the place of a drone free, and what it keeps free around itself, up to `width_m` from its centre.
+
+        A surface in the place itself, within `radius_m`, was an error; one around it may be true.
+        """
+        at_m, origin_m = np.ascontiguousarray(at_m), self.origin_m
+        kernels.occupy(self._voxels, self._rules, origin_m, at_m, radius_m, width_m, half_height_m, time_s)
 
     def give_up(self, at_m: FloatArray, radius_m: float, half_height_m: float) -> None:
         """Make what is unknown in an upright cylinder vain, because looking did not help."""

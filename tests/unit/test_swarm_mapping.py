@@ -171,8 +171,8 @@ def test_it_stops_within_free_space_on_any_map(seed: int, angle: float, speed: f
     flight, rng = Flight(always(HOLES)), np.random.default_rng(seed)
     flight.flies((0, 0, 0), 0.1)
     chart = random_chart(seed)
-    flight.pilot._learn = lambda situation: None  # type: ignore[method-assign]
-    flight.pilot._chart = chart
+    known = flight.pilot._known._replace(chart=chart)
+    flight.pilot._learn = lambda situation: known  # type: ignore[method-assign]
     flight.pilot._route = None
     for _ in range(turns + 1):
         flight.flies((speed * np.cos(angle), speed * np.sin(angle), 0), 1.5)
