@@ -104,7 +104,7 @@ def _draw_scene(axes: "Axes", scene: Scene) -> None:
 
 def _draw_movers(axes: "Axes", scene: Scene, result: MissionResult) -> None:
     """Draw the ways of the movers during the flight."""
-    times_s = result.trajectories[0].time_s
+    times_s = max((trajectory.time_s for trajectory in result.trajectories), key=len)
     for mover in scene.movers:
         way_m = np.array([mover.position_m(time_s) for time_s in times_s.tolist()])
         axes.plot(way_m[:, 0], way_m[:, 1], color="0.5", linewidth=1.0, linestyle=":")

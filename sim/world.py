@@ -2,12 +2,13 @@
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pybullet
 
-from voxdepth.types import FloatArray
+from voxdepth.types import FloatArray, MaskImage
 
 from . import frames
 from .bodies import Body, Cylinder, Mover, Scene, Surface
@@ -17,6 +18,8 @@ from .solids import apply_texture, create_body, create_shapes
 from .types import BodyPose, Contact, DroneState, VelocityCommand
 
 PHYSICS_HZ = 240
+REMOVED_AT_M = -1000.0
+"""Height of the drones that were removed: below the ground, and less than a pixel in size where there is none."""
 SMALLEST_PROBE_M = 1e-3
 """Radius of the sphere that stands for a point, because Bullet requires a positive radius."""
 IMPACT_STEPS = 10
@@ -59,6 +62,8 @@ class World:
         self._touched: set[tuple[int, int]] = set()
         starts_m = np.asarray(starts_m, np.float64).reshape(-1, 3)
         self.n_drones = len(starts_m)
+        self._removed: dict[int, DroneState] = {}
+        """Last position of each drone that was removed, at rest."""
         self.client = pybullet.connect(pybullet.DIRECT)
         try:
             pybullet.setGravity(0, 0, -GRAVITY_M_S2, physicsClientId=self.client)
@@ -102,10 +107,16 @@ class World:
         return self.steps / PHYSICS_HZ
 
     @property
+    def flying(self) -> MaskImage:
+        """Which drones were not removed, shape (n_drones,)."""
+        return np.array([drone not in self._removed for drone in range(self.n_drones)], np.bool_)
+
+    @property
     def states(self) -> list[DroneState]:
-        """Motion of all drones now."""
+        """Motion of all drones now; one that was removed rests where it was last."""
         return [
-            DroneState(
+            self._removed.get(i)
+            or DroneState(
                 position_m=self._position[i].copy(),
                 velocity_m_s=self._velocity[i].copy(),
                 q_world_body_xyzw=self._attitude[i].copy(),
@@ -124,12 +135,25 @@ class World:
         )
 
     def apply(self, commands: Sequence[VelocityCommand]) -> None:
-        """Set the commands that hold from the next step on, one per drone."""
+        """Set the commands that hold from the next step on, one per drone; one that was removed ignores them."""
         if len(commands) != self.n_drones:
             raise SceneError(f"expected one command for each of {self.n_drones} drones, got {len(commands)}")
         for i, command in enumerate(commands):
             self._desired_velocity[i] = command.velocity_m_s
             self._desired_yaw[i] = command.yaw_rad
+
+    def remove(self, drone: int) -> None:
+        """Take a drone out of the scene: from now on it touches nothing, and no camera sees it.
+
+        Its body stays, fixed and far below, because renderers have copies of all bodies.
+        """
+        self._removed[drone] = replace(self.states[drone], velocity_m_s=np.zeros(3), rates_rad_s=np.zeros(3))
+        body, (x, y, _) = self.drone_ids[drone], self._position[drone].tolist()
+        pybullet.changeDynamics(body, -1, mass=0, physicsClientId=self.client)
+        pybullet.resetBaseVelocity(body, [0, 0, 0], [0, 0, 0], physicsClientId=self.client)
+        at_m = [x, y, REMOVED_AT_M]
+        pybullet.resetBasePositionAndOrientation(body, at_m, [0, 0, 0, 1], physicsClientId=self.client)
+        self._read_motion()
 
     def move_to(self, time_s: float) -> None:
         """Put all movers where they are at a time. `step` does so by the world's clock."""

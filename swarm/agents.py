@@ -56,9 +56,12 @@ class Leader:
         return self._pilot.fly(rules.limit(wanted, self._cruise_speed_m_s), situation, self._team.goal_m)
 
     def _lag_speed_factor(self, situation: Situation) -> float:
-        """Return the share of the cruise speed that lets followers catch up; 0 if one of them is not heard."""
+        """Return the share of the cruise speed that lets followers catch up; 0 if one of them is not heard.
+
+        Those that have dropped out are not waited for.
+        """
         mates, offsets_m = situation.mates, self._team.offsets_m
-        if len(mates) < len(offsets_m):
+        if len(mates) < len(offsets_m) - situation.mates_dropped:
             return 0.0
         slots_m = situation.own.position_m + offsets_m[mates.drone - self._team.leader - 1]
         return rules.lag_speed_factor(float(np.linalg.norm(mates.position_m - slots_m, axis=1).max(initial=0.0)))

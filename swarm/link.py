@@ -31,6 +31,7 @@ class Link:
     """Delivers positions and velocities of each drone to all others `control_hz` times a second, with delay and losses.
 
     Every drone knows the states of all drones at the start. `leaders` holds the number of the leader of each drone.
+    A drone that drops out is no longer heard from that moment on.
     """
 
     def __init__(
@@ -46,6 +47,7 @@ class Link:
         # The last message that every drone (first axis) received from every other one (second axis), and its time.
         self._position_m, self._velocity_m_s = (np.tile(array, (n, 1, 1)) for array in _motions(states))
         self._sent_at_s = np.zeros((n, n))
+        self._sends = np.ones(n, np.bool_)
         self._relayed = np.zeros((n, n), np.bool_)
         self._relayed[np.arange(n), self._leaders] = True
 
@@ -56,9 +58,15 @@ class Link:
         apart_m = np.linalg.norm(position_m[:, None] - position_m[None], axis=2)
         heard = (apart_m <= self._config.range_m) | self._relayed
         heard &= self._rng.random(heard.shape) >= self._config.loss
+        heard &= self._sends
         np.copyto(self._position_m, position_m, where=heard[..., None])
         np.copyto(self._velocity_m_s, velocity_m_s, where=heard[..., None])
         self._sent_at_s[heard] = sent_at_s
+
+    def drop(self, drone: int) -> None:
+        """Silence a drone for good."""
+        self._sends[drone] = False
+        self._sent_at_s[:, drone] = -np.inf
 
     def heard_by(self, drone: int, time_s: float) -> Neighbours:
         """Return the other drones that are still heard, extrapolated to `time_s` at constant velocity."""

@@ -7,19 +7,23 @@ import numpy as np
 from sim.types import Capture, Contact, DroneState
 from sim.world import World
 from voxdepth.metrics import DepthErrors, depth_errors
-from voxdepth.types import CorrectedDepth, FloatArray
+from voxdepth.types import CorrectedDepth, FloatArray, MaskImage
 
-from .team import Team
+from .team import Team, positions_of
 from .types import MetricValue, Trajectory
 
 EVALUATED_RANGE_M = 20.0
 """Depth errors are evaluated on pixels up to this true depth."""
 MIN_SPEED_M_S = 0.1
 """Drones slower than this have no direction."""
+NEAR_MISS_M = 0.2
+"""A drone with less clearance than this, and without a contact, has a near miss."""
+PASSED_M = 0.3
+"""Clearance at which a near miss is over, so that one passage counts once."""
 
 
 def separation_m(states: Sequence[DroneState], radius_m: float) -> float:
-    """Return the smallest gap between the collision spheres of two drones [m]; +inf for a single drone."""
+    """Return the smallest gap between the collision spheres of two drones [m]; +inf for fewer than two drones."""
     positions = np.array([s.position_m for s in states])
     if len(positions) < 2:
         return float("inf")
@@ -28,12 +32,43 @@ def separation_m(states: Sequence[DroneState], radius_m: float) -> float:
     return float(distance.min()) - 2 * radius_m
 
 
-class MissionMetrics:
-    """Accumulates the metrics of a mission."""
+class NearMisses:
+    """Counts the episodes in which one drone came near something until its first contact.
 
-    def __init__(self, world: World, teams: Sequence[Team]) -> None:
+    An episode begins below a clearance of `NEAR_MISS_M` and ends above `PASSED_M`. The one that ends in a contact does
+    not count.
+    """
+
+    def __init__(self) -> None:
+        self._passed = 0
+        self._is_near = False
+
+    def add(self, clearance_m: float) -> None:
+        """Add the clearance of one control tick."""
+        if self._is_near and clearance_m > PASSED_M:
+            self._passed += 1
+            self._is_near = False
+        self._is_near = self._is_near or clearance_m < NEAR_MISS_M
+
+    def count(self, *, touched: bool) -> int:
+        """Return the number of episodes, with the present one unless the drone touched something in it."""
+        return self._passed + (self._is_near and not touched)
+
+
+class MissionMetrics:
+    """Accumulates the metrics of a mission. A leader has arrived when it was within `goal_radius_m` of its goal.
+
+    Drones that have dropped out count until then: they have no clearance, no slot and no way afterwards.
+    """
+
+    def __init__(self, world: World, teams: Sequence[Team], *, goal_radius_m: float) -> None:
         self._world = world
         self._teams = teams
+        self._goal_radius_m = goal_radius_m
+        self._progress_m = [0.0] * len(teams)
+        self._arrived = [False] * len(teams)
+        self._near_misses = [NearMisses() for _ in range(world.n_drones)]
+        self._ticks_flown = np.zeros(world.n_drones, np.intp)
         self._samples: list[list[DroneState]] = []
         self._times_s: list[float] = []
         self._series: dict[str, list[float]] = {"formation_error_m": [], "order": [], "path_deviation_m": []}
@@ -44,24 +79,46 @@ class MissionMetrics:
 
     def sample(self, states: list[DroneState]) -> dict[str, float]:
         """Add one control tick and return its metrics by name."""
-        positions_m = np.array([s.position_m for s in states])
-        clearances_m = [self._world.clearance_m(drone) for drone in range(self._world.n_drones)]
-        self._min_clearances_m = list(map(min, self._min_clearances_m, clearances_m))
-        now = {"clearance_m": min(clearances_m)}
-        now["path_deviation_m"] = max(team.cross_track_error_m(positions_m) for team in self._teams)
-        slot_errors_m = np.concatenate([team.slot_errors_m(positions_m) for team in self._teams])
-        if len(slot_errors_m):
-            now["formation_error_m"] = float(slot_errors_m.mean())
-            now["order"] = float(np.mean([_polarization(team, states) for team in self._teams]))
+        flying = self._world.flying
+        positions_m = positions_of(states, flying)
+        now = self._clearances(np.flatnonzero(flying).tolist())
+        teams = [team for team in self._teams if not team.is_over(positions_m)]
+        if teams:
+            now["path_deviation_m"] = max(team.cross_track_error_m(positions_m) for team in teams)
+            slot_errors_m = np.concatenate([team.slot_errors_m(positions_m) for team in teams])
+            if len(slot_errors_m):
+                now["formation_error_m"] = float(slot_errors_m.mean())
+                now["order"] = float(np.mean([_polarization(team, states, flying) for team in teams]))
         for name, values in self._series.items():
             if name in now:
                 values.append(now[name])
-        if len(states) > 1:
-            now["separation_m"] = separation_m(states, self._world.airframe.radius_m)
+        if np.count_nonzero(flying) > 1:
+            in_the_air = [state for state, flies in zip(states, flying, strict=True) if flies]
+            now["separation_m"] = separation_m(in_the_air, self._world.airframe.radius_m)
             self._min_separation_m = min(self._min_separation_m, now["separation_m"])
+        self._ticks_flown += flying
         self._samples.append(states)
         self._times_s.append(self._world.time_s)
         return now
+
+    def _clearances(self, flying: Sequence[int]) -> dict[str, float]:
+        """Keep the clearances of the drones that fly, and return the smallest one by its name, if there is one."""
+        has_touched = touched(self._world.contacts)
+        clearances_m = {drone: self._world.clearance_m(drone) for drone in flying}
+        for drone, clearance_m in clearances_m.items():
+            self._min_clearances_m[drone] = min(self._min_clearances_m[drone], clearance_m)
+            if drone not in has_touched:
+                self._near_misses[drone].add(clearance_m)
+        return {"clearance_m": min(clearances_m.values())} if clearances_m else {}
+
+    def follow_leaders(self, positions_m: FloatArray) -> None:
+        """Keep how far every leader came at the end of a control tick, by the positions of all drones, shape (N, 3).
+
+        The position of a drone that has dropped out is NaN.
+        """
+        for k, team in enumerate(self._teams):
+            self._progress_m[k] = float(np.fmax(self._progress_m[k], team.progress_m(positions_m)))
+            self._arrived[k] |= team.distance_to_goal_m(positions_m) <= self._goal_radius_m
 
     def add_depth(self, capture: Capture, corrected: CorrectedDepth) -> None:
         """Add the depth errors of one image; depth that the corrector did not change is evaluated once."""
@@ -73,14 +130,14 @@ class MissionMetrics:
         )
 
     def trajectories(self) -> tuple[Trajectory, ...]:
-        """Return one trajectory per drone."""
+        """Return one trajectory per drone; that of one that has dropped out ends there."""
         return tuple(
             Trajectory(
-                time_s=np.array(self._times_s),
-                position_m=np.array([s[i].position_m for s in self._samples]).reshape(-1, 3),
-                q_world_body_xyzw=np.array([s[i].q_world_body_xyzw for s in self._samples]).reshape(-1, 4),
+                time_s=np.array(self._times_s[:ticks]),
+                position_m=np.array([s[i].position_m for s in self._samples[:ticks]]).reshape(-1, 3),
+                q_world_body_xyzw=np.array([s[i].q_world_body_xyzw for s in self._samples[:ticks]]).reshape(-1, 4),
             )
-            for i in range(self._world.n_drones)
+            for i, ticks in enumerate(self._ticks_flown.tolist())
         )
 
     def summary(self, contacts: Sequence[Contact], dropped_frames: Sequence[int]) -> dict[str, MetricValue]:
@@ -93,6 +150,10 @@ class MissionMetrics:
             "collisions_building": kinds.count("building"),
             "collisions_ground": kinds.count("ground"),
             **({"collisions_mover": kinds.count("mover")} if self._world.movers else {}),
+            "drones_lost": len(touched(contacts)),
+            "near_misses": sum(self._counts_of_near_misses(contacts)),
+            "leader_progress_m": min(self._progress_m),
+            "leader_arrived": int(all(self._arrived)),
             "min_separation_m": _min_gap_m(self._min_separation_m, touched="drone" in kinds),
             "min_clearance_m": _min_gap_m(min(self._min_clearances_m), touched=bool(contacts)),
             "formation_error_mean_m": self._mean("formation_error_m"),
@@ -109,11 +170,13 @@ class MissionMetrics:
         contact_times_s = [
             [c.time_s for c in contacts if is_involved(drone, c)] for drone in range(self._world.n_drones)
         ]
+        near_misses = self._counts_of_near_misses(contacts)
         return [
             {
                 "drone": drone,
                 "first_contact_s": min(contact_times_s[drone], default=None),
                 "min_clearance_m": _min_gap_m(self._min_clearances_m[drone], touched=bool(contact_times_s[drone])),
+                "near_misses": near_misses[drone],
                 "path_length_m": self._path_length_m(drone),
                 "dropped_frames": dropped_frames[drone],
                 **_depth_metrics("raw", self._raw_errors[drone]),
@@ -121,6 +184,11 @@ class MissionMetrics:
             }
             for drone in range(self._world.n_drones)
         ]
+
+    def _counts_of_near_misses(self, contacts: Sequence[Contact]) -> list[int]:
+        """Return the number of near misses of each drone; a passage of two drones counts for both."""
+        has_touched = touched(contacts)
+        return [near.count(touched=drone in has_touched) for drone, near in enumerate(self._near_misses)]
 
     def _path_length_m(self, drone: int) -> float:
         positions_m = np.array([s[drone].position_m for s in self._samples]).reshape(-1, 3)
@@ -130,12 +198,12 @@ class MissionMetrics:
         return float(np.mean(self._series[name])) if self._series[name] else None
 
 
-def _polarization(team: Team, states: Sequence[DroneState]) -> float:
-    """Return the polarization of a swarm: the length of the mean direction of its drones, 0..1.
+def _polarization(team: Team, states: Sequence[DroneState], flying: MaskImage) -> float:
+    """Return the polarization of a swarm: the length of the mean direction of its flying drones, 0..1.
 
     Drones that hardly move have no direction; with fewer than two moving drones the polarization is 1.
     """
-    velocities = np.array([states[i].velocity_m_s for i in team.members])
+    velocities = np.array([states[i].velocity_m_s for i in team.members if flying[i]])
     speed = np.linalg.norm(velocities, axis=1)
     moving = speed > MIN_SPEED_M_S
     if np.count_nonzero(moving) < 2:
@@ -146,6 +214,12 @@ def _polarization(team: Team, states: Sequence[DroneState]) -> float:
 def is_involved(drone: int, contact: Contact) -> bool:
     """Return whether a drone is one of the two bodies of a collision."""
     return contact.drone == drone or contact.other == f"drone-{drone}"
+
+
+def touched(contacts: Sequence[Contact]) -> list[int]:
+    """Return the drones that touched something, in ascending order; a collision of two drones counts for both."""
+    others = [int(c.other.removeprefix("drone-")) for c in contacts if c.kind == "drone"]
+    return sorted({*(c.drone for c in contacts), *others})
 
 
 def _depth_metrics(depth: str, errors: DepthErrors) -> dict[str, MetricValue]:

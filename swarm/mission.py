@@ -1,30 +1,34 @@
 """One flight of leaders and their followers, from take-off to an outcome."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from sim.frames import R_BODY_CAM
 from sim.rig import StereoRig
-from sim.types import Capture, Contact, DroneState
+from sim.types import Capture, Contact, DroneState, VelocityCommand
 from sim.world import PHYSICS_HZ, World
 from voxdepth.types import DepthCorrector, FloatArray
 
 from .controllers import Factory, Role, load_controller
 from .errors import MissionError
 from .link import Link
-from .metrics import MissionMetrics
+from .metrics import MissionMetrics, touched
 from .neighbours import Detector, NeighbourTracker
 from .perception import Perception
 from .pilot import Situation
 from .priors import Odometry
 from .recorder import Recorder
 from .task import MissionConfig
-from .team import Team
+from .team import Team, positions_of
 from .types import Decision, MissionResult, OnboardCamera, Outcome, Percept
 
 MIN_PROGRESS_M = 0.3
 """A smaller approach to the goal or the slots is no progress."""
+DROPPED = Decision(
+    command=VelocityCommand(velocity_m_s=np.zeros(3), yaw_rad=0.0), wanted_velocity_m_s=np.zeros(3), state="dropped out"
+)
+"""What stands for the decision of a drone that has dropped out."""
 
 
 class Mission:
@@ -76,7 +80,7 @@ class Mission:
         roles = [Role(drone=i, team=team, radius_m=radius_m, camera=camera) for i, team in enumerate(self._team_of)]
         self._agents = [create_agent(role, config) for role in roles]
         self._termination = TerminationConditions(config, self._teams)
-        self._metrics = MissionMetrics(world, self._teams)
+        self._metrics = MissionMetrics(world, self._teams, goal_radius_m=config.goal_radius_m)
         self._ticks = 0
         self.outcome: Outcome | None = None
 
@@ -103,7 +107,8 @@ class Mission:
         self._move(decisions)
         moved = self.world.states
         self._link.broadcast(moved, self.time_s)
-        positions_m = np.array([state.position_m for state in moved])
+        positions_m = positions_of(moved, self.world.flying)
+        self._metrics.follow_leaders(positions_m)
         outcome = self._termination.check(self.time_s, positions_m, self.world.contacts)
         if outcome is not None:
             self._end(outcome)
@@ -137,7 +142,8 @@ class Mission:
 
     def _perceive(self) -> None:
         """Capture and process an image of every drone that is not busy with an earlier one."""
-        ready = [i for i, perception in enumerate(self._perceptions) if perception.ready(self.time_s)]
+        flying = np.flatnonzero(self.world.flying).tolist()
+        ready = [i for i in flying if self._perceptions[i].ready(self.time_s)]
         for capture, percept in self._rig.capture_and(self._see, ready, self._ticks // self._ticks_per_frame):
             self._recorder.capture(self.world.steps, capture, percept.corrected)
 
@@ -148,25 +154,42 @@ class Mission:
         return capture, percept
 
     def _decide(self, states: Sequence[DroneState]) -> list[Decision]:
-        return [agent.decide(self._situation(i, states[i])) for i, agent in enumerate(self._agents)]
+        return [
+            agent.decide(self._situation(i, states[i])) if flies else DROPPED
+            for i, (agent, flies) in enumerate(zip(self._agents, self.world.flying, strict=True))
+        ]
 
     def _move(self, decisions: Sequence[Decision]) -> None:
         """Step the physics to the end of the control period."""
         self.world.apply([decision.command for decision in decisions])
         for _ in range(self._steps_per_tick):
-            for contact in self.world.step():
+            contacts = self.world.step()
+            for contact in contacts:
                 self._recorder.contact(self.world.steps, contact)
+            if contacts and self._config.after_contact == "drop":
+                self._drop(touched(contacts))
+
+    def _drop(self, drones: Iterable[int]) -> None:
+        """Take drones out of the mission for good, with the whole swarm of a leader."""
+        for drone in drones:
+            team = self._team_of[drone]
+            for member in team.members if drone == team.leader else (drone,):
+                if self.world.flying[member]:
+                    self.world.remove(member)
+                    self._link.drop(member)
 
     def _situation(self, drone: int, own: DroneState) -> Situation:
         heard = self._link.heard_by(drone, self.time_s)
         percept = self._perceptions[drone].latest(self.time_s)
+        members = self._team_of[drone].members
         return Situation(
             time_s=self.time_s,
             own=own,
             percept=percept,
             leader=self._link.leader_of(drone, self.time_s),
-            mates=heard.among(self._team_of[drone].members),
+            mates=heard.among(members),
             neighbours=self._trackers[drone].update(percept, heard, self.time_s),
+            mates_dropped=int(np.count_nonzero(~self.world.flying[members.start : members.stop])),
         )
 
     def _log(self, states: list[DroneState], decisions: Sequence[Decision]) -> None:
@@ -211,14 +234,24 @@ class TerminationConditions:
         self._progress_at_s = 0.0
 
     def check(self, time_s: float, positions_m: FloatArray, contacts: Sequence[Contact]) -> Outcome | None:
-        """Return the outcome if the mission has ended, from positions of shape (N, 3) and all collisions up to now."""
-        if contacts:
-            return Outcome.COLLISION if time_s >= contacts[0].time_s + self._config.aftermath_s else None
+        """Return the outcome if the mission has ended; after a contact it is a collision, whatever ended the mission.
+
+        `positions_m` has shape (N, 3), with NaN for drones that have dropped out, and `contacts` are all up to now.
+        """
+        over = all(team.is_over(positions_m) for team in self._teams)
+        if contacts and (over or self._config.after_contact == "end"):
+            last = contacts[-1] if over else contacts[0]
+            return Outcome.COLLISION if time_s >= last.time_s + self._config.aftermath_s else None
+        ended = self._ended(time_s, positions_m)
+        return Outcome.COLLISION if ended and contacts else ended
+
+    def _ended(self, time_s: float, positions_m: FloatArray) -> Outcome | None:
+        """Return how the swarms that are left have ended the mission; None if they have not."""
         self._arrived = [
             before or self._has_arrived(team, positions_m)
             for before, team in zip(self._arrived, self._teams, strict=True)
         ]
-        if all(self._arrived):
+        if all(arrived or t.is_over(positions_m) for arrived, t in zip(self._arrived, self._teams, strict=True)):
             return Outcome.SUCCESS
         if any(team.stray_m(positions_m) > self._config.lost_m for team in self._teams):
             return Outcome.LOST
@@ -238,7 +271,7 @@ class TerminationConditions:
             [(team.distance_to_goal_m(positions_m), team.slot_errors_m(positions_m).sum()) for team in self._teams]
         )
         if (left_m < self._least_left_m - MIN_PROGRESS_M).any():
-            self._least_left_m = np.minimum(self._least_left_m, left_m)
+            self._least_left_m = np.fmin(self._least_left_m, left_m)
             self._progress_at_s = time_s
         return time_s - self._progress_at_s > self._config.deadlock_s
 

@@ -74,6 +74,8 @@ class Situation:
     """Other drones of its swarm that are heard by radio."""
     neighbours: Neighbours
     """Drones of any swarm: by camera in the field of view, by radio elsewhere."""
+    mates_dropped: int = 0
+    """Number of drones of its swarm that have dropped out after a collision."""
 
 
 class Pilot:

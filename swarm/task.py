@@ -1,9 +1,11 @@
 """The task of a mission, and the swarms that fly it."""
 
+from typing import Annotated, Literal
+
 import numpy as np
 from pydantic import Field
 
-from voxdepth.model import Model
+from sim.types import LATER, Model
 from voxdepth.types import FloatArray
 
 from .controllers import DEFAULT_CONTROLLER
@@ -40,7 +42,11 @@ class MissionConfig(Model):
     lost_m: float = Field(30.0, gt=0)
     """Distance from its leader, and from its slot if that is nearer, beyond which a follower counts as lost."""
     aftermath_s: float = Field(1.0, ge=0)
-    """Simulated time that the mission goes on after the first collision."""
+    """Simulated time that the mission goes on after the first collision, or after the last swarm has dropped out."""
+    after_contact: Annotated[Literal["end", "drop"], LATER] = "end"
+    """What follows a collision. With `end` the mission ends. With `drop` every drone that touched something drops out:
+    it leaves the scene, and the others fly on. A leader that drops out takes its swarm with it. The outcome is a
+    collision in both cases."""
     controller: str = DEFAULT_CONTROLLER
     """Controller of each drone: `module:factory`, where factory(role, config) returns an agent."""
     formation: FormationConfig = FormationConfig()

@@ -1,13 +1,15 @@
 """One leader and its followers: their route and their formation."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from pydantic import Field
 
 from sim.frames import rotation_from_yaw
+from sim.types import DroneState
 from voxdepth.model import Model
-from voxdepth.types import FloatArray
+from voxdepth.types import FloatArray, MaskImage
 
 Point = tuple[float, float, float]
 
@@ -46,7 +48,7 @@ class Team:
     """One swarm of a mission: `members[0]` leads, all others follow.
 
     The argument `positions_m` of the methods holds the positions of all drones of the mission, shape (N, 3), in the
-    world frame.
+    world frame; NaN for a drone that has dropped out.
     """
 
     members: range
@@ -85,11 +87,15 @@ class Team:
         """Return the slots of its drones for a position of the leader, who comes first, shape (n, 3)."""
         return leader_m + np.vstack([np.zeros(3), self.offsets_m])
 
+    def is_over(self, positions_m: FloatArray) -> bool:
+        """Return whether the leader has dropped out, so that there is nobody to follow."""
+        return bool(np.isnan(positions_m[self.leader]).any())
+
     def slot_errors_m(self, positions_m: FloatArray) -> FloatArray:
-        """Return the distance of each follower from its slot, shape (n - 1,)."""
-        own_m = positions_m[self.members.start : self.members.stop]
+        """Return the distance from its slot of each follower that has not dropped out, shape (n,)."""
+        own_m = self._own_m(positions_m)
         errors_m: FloatArray = np.linalg.norm(own_m[1:] - own_m[0] - self.offsets_m, axis=1)
-        return errors_m
+        return errors_m[~np.isnan(errors_m)]
 
     def distance_to_goal_m(self, positions_m: FloatArray) -> float:
         """Return the distance of the leader from the goal."""
@@ -97,16 +103,36 @@ class Team:
 
     def stray_m(self, positions_m: FloatArray) -> float:
         """Return how far a follower has strayed at most from both its leader and its slot; 0 without followers."""
-        own_m = positions_m[self.members.start : self.members.stop]
+        own_m = self._own_m(positions_m)
         from_leader_m = np.linalg.norm(own_m[1:] - own_m[0], axis=1)
+        from_leader_m = from_leader_m[~np.isnan(from_leader_m)]
         return float(np.minimum(from_leader_m, self.slot_errors_m(positions_m)).max(initial=0.0))
+
+    def progress_m(self, positions_m: FloatArray) -> float:
+        """Return how far the leader has come along the straight line from start to goal."""
+        return float((positions_m[self.leader] - self.start_m) @ self._along)
 
     def cross_track_error_m(self, positions_m: FloatArray) -> float:
         """Return the distance of the leader from the straight line through start and goal."""
-        route_m = self.goal_m - self.start_m
-        along = route_m / max(float(np.linalg.norm(route_m)), 1e-9)
         offset_m = positions_m[self.leader] - self.start_m
-        return float(np.linalg.norm(offset_m - (offset_m @ along) * along))
+        return float(np.linalg.norm(offset_m - (offset_m @ self._along) * self._along))
+
+    @property
+    def _along(self) -> FloatArray:
+        """Direction from start to goal, shape (3,); 0 if they are one point."""
+        route_m = self.goal_m - self.start_m
+        along: FloatArray = route_m / max(float(np.linalg.norm(route_m)), 1e-9)
+        return along
+
+    def _own_m(self, positions_m: FloatArray) -> FloatArray:
+        return positions_m[self.members.start : self.members.stop]
+
+
+def positions_of(states: Sequence[DroneState], flying: MaskImage) -> FloatArray:
+    """Return the positions of all drones, shape (N, 3); NaN for those that have dropped out."""
+    positions_m: FloatArray = np.array([state.position_m for state in states])
+    positions_m[~flying] = np.nan
+    return positions_m
 
 
 def heading_rad(start_m: FloatArray, goal_m: FloatArray) -> float:

@@ -7,7 +7,7 @@ from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import pydantic
 
@@ -22,8 +22,10 @@ from ..runner import Finished
 from .design import RunSpec, Study, digest
 
 FILE = "study.sqlite"
-SCHEMA = 1
-"""Version of the tables; a store of another version is refused."""
+SCHEMA = 2
+"""Version of the tables that is written."""
+WITHOUT_DRONES = 1
+"""Version without the metrics of the drones, which is still read; any other version is refused."""
 BUSY_TIMEOUT_S = 60.0
 """Longest time for which a reader or the writer waits for the other."""
 TABLES = """
@@ -33,8 +35,8 @@ CREATE TABLE cells (
     place INTEGER PRIMARY KEY, scenario TEXT NOT NULL, arm TEXT NOT NULL, theta REAL, key TEXT NOT NULL REFERENCES runs
 ) STRICT;
 CREATE TABLE results (
-    key TEXT PRIMARY KEY REFERENCES runs, outcome TEXT NOT NULL, metrics TEXT NOT NULL, contacts TEXT NOT NULL,
-    wall_s REAL NOT NULL, ended_at TEXT NOT NULL
+    key TEXT PRIMARY KEY REFERENCES runs, outcome TEXT NOT NULL, metrics TEXT NOT NULL, drones TEXT NOT NULL,
+    contacts TEXT NOT NULL, wall_s REAL NOT NULL, ended_at TEXT NOT NULL
 ) STRICT;
 CREATE TABLE failures (
     place INTEGER PRIMARY KEY, key TEXT NOT NULL REFERENCES runs, kind TEXT NOT NULL, text TEXT NOT NULL,
@@ -58,13 +60,16 @@ class RunRecord:
     """All collisions, ordered by time."""
     wall_s: float = field(compare=False)
     """Wall-clock time."""
+    drones: tuple[Mapping[str, float | int | None], ...] = ()
+    """Metrics of each drone by name; empty in older stores."""
 
     @classmethod
     def of(cls, key: str, finished: Finished) -> Self:
         """Return the record of a run that has just been flown."""
         result = finished.result
-        metrics, contacts = dict(result.metrics), result.contacts
-        return cls(key=key, outcome=result.outcome, metrics=metrics, contacts=contacts, wall_s=finished.wall_s)
+        metrics, drones = dict(result.metrics), tuple(map(dict, result.drones))
+        record: dict[str, Any] = {"metrics": metrics, "drones": drones, "contacts": result.contacts}
+        return cls(key=key, outcome=result.outcome, wall_s=finished.wall_s, **record)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,10 +168,10 @@ class Store:
             insert = "INSERT INTO failures (key, kind, text, ended_at) VALUES (?, ?, ?, ?)"
             row = (done.key, done.kind, done.text, now)
         else:
-            insert = "INSERT INTO results VALUES (?, ?, ?, ?, ?, ?)"
-            metrics = json.dumps(dict(done.metrics), allow_nan=False)
+            insert = "INSERT INTO results VALUES (?, ?, ?, ?, ?, ?, ?)"
+            metrics, drones = (json.dumps(part, allow_nan=False) for part in (done.metrics, done.drones))
             contacts = json.dumps([asdict(contact) for contact in done.contacts], allow_nan=False)
-            row = (done.key, done.outcome.value, metrics, contacts, done.wall_s, now)
+            row = (done.key, done.outcome.value, metrics, drones, contacts, done.wall_s, now)
         try:
             with self._transaction("IMMEDIATE"):
                 self._database.execute(insert, row)
@@ -183,7 +188,8 @@ class Store:
             meta = self._meta()
             runs = self._rows("SELECT key, run FROM runs")
             cells = self._rows("SELECT scenario, arm, theta, key FROM cells ORDER BY place")
-            results = self._rows("SELECT key, outcome, metrics, contacts, wall_s FROM results")
+            drones = "'[]' AS drones" if meta["schema"] == str(WITHOUT_DRONES) else "drones"
+            results = self._rows(f"SELECT key, outcome, metrics, {drones}, contacts, wall_s FROM results")
             failures = self._rows("SELECT key, kind, text FROM failures ORDER BY place")
         records = {row["key"]: _record(row) for row in results}
         resolved = {row["key"]: self._parsed(Run, row["run"]) for row in runs}
@@ -265,9 +271,9 @@ class Store:
             schema = self._meta().get("schema")
         except sqlite3.Error:
             schema = None
-        if schema != str(SCHEMA):
+        if schema not in (str(WITHOUT_DRONES), str(SCHEMA)):
             raise ScenarioError(
-                f"{self._path} has the format {schema or 'unknown'}, this version reads {SCHEMA}: "
+                f"{self._path} has the format {schema or 'unknown'}, this version reads {WITHOUT_DRONES} and {SCHEMA}: "
                 "use another --out, or the version of voxdepth that wrote it"
             )
 
@@ -309,5 +315,6 @@ def read_study(folder: Path) -> StudyData:
 
 def _record(row: sqlite3.Row) -> RunRecord:
     contacts = tuple(Contact(**contact) for contact in json.loads(row["contacts"]))
-    decoded = {"outcome": Outcome(row["outcome"]), "metrics": json.loads(row["metrics"]), "contacts": contacts}
+    metrics, drones = json.loads(row["metrics"]), tuple(json.loads(row["drones"]))
+    decoded = {"outcome": Outcome(row["outcome"]), "metrics": metrics, "drones": drones, "contacts": contacts}
     return RunRecord(**{**dict(row), **decoded})

@@ -55,7 +55,7 @@ class Episode:
     ) -> None:
         require_followers(task, learners)
         self.seed = seed
-        config = task.mission.model_copy(update={"aftermath_s": 0.0})
+        config = task.mission.model_copy(update={"aftermath_s": 0.0, "after_contact": "end"})
         self._task = task.model_copy(update={"mission": config})
         self._roles: dict[int, Role] = {}
         self._learners: dict[int, Learner] = {}

@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sim.bodies import Body, Box
 from swarm.errors import MissionError
 from swarm.task import MissionConfig
 from swarm.team import Route
 from swarm.types import MissionResult, Outcome
-from tests.helpers import wall
+from tests.helpers import ROUGH, wall
 from tests.swarm_missions import mission_among
 
 EXACT: dict[str, Any] = {
@@ -139,3 +140,51 @@ def test_a_result_needs_an_end_and_an_interruption_is_one() -> None:
             mission.result()
         mission.interrupt()
         assert mission.result().outcome is Outcome.INTERRUPTED
+
+
+POLE = Body(name="pole", kind="building", shape=Box((0.4, 0.4, 20.0)), position_m=(2.0, 1.3, 5.0), surface=ROUGH)
+"""In the way of the left follower of the first pair."""
+
+
+def fly_past_the_pole(*routes: Route, **changes: Any) -> MissionResult:
+    """A flight of drones that look at nothing."""
+    values: dict[str, Any] = {"drones": 3, "controller": "tests.tiny_controller:create", **changes}
+    with mission_among(POLE, config=config(*routes, **values)) as mission:
+        return mission.run()
+
+
+def test_a_follower_that_touches_drops_out_and_the_others_arrive() -> None:
+    ended, dropped = (fly_past_the_pole(route(-4, 0, 16, 0), after_contact=after) for after in ("end", "drop"))
+    assert ended.outcome is dropped.outcome is Outcome.COLLISION
+    assert ended.contacts[0] == dropped.contacts[0]
+    assert [(c.drone, c.other) for c in dropped.contacts] == [(1, "pole")]
+    assert (ended.metrics["leader_arrived"], dropped.metrics["leader_arrived"]) == (0, 1)
+    assert ended.metrics["drones_lost"] == dropped.metrics["drones_lost"] == 1
+    first, lost, last = (len(path.time_s) for path in dropped.trajectories)
+    assert lost < first == last
+    assert lost / 20 == pytest.approx(dropped.contacts[0].time_s, abs=0.05)
+    for one, other in zip(ended.trajectories, dropped.trajectories, strict=True):
+        np.testing.assert_array_equal(one.position_m[:lost], other.position_m[:lost])
+
+
+def test_our_leader_does_not_wait_for_one_that_has_dropped_out() -> None:
+    """A follower is put into the pole; the others have our controller."""
+    with mission_among(POLE, config=config(route(-4, 0, 8, 0), drones=3, after_contact="drop", **EXACT)) as mission:
+        for _ in range(10):
+            mission.tick()
+        mission._drop([1])
+        result = mission.run()
+    assert result.outcome is Outcome.SUCCESS, "nobody touched anything"
+    assert result.metrics["leader_arrived"] == 1
+
+
+def test_a_leader_takes_its_swarm_with_it_and_the_other_swarm_arrives() -> None:
+    result = fly_past_the_pole(route(-4, 1.3, 8, 1.3), route(-4, 9, 8, 9), after_contact="drop")
+    assert result.outcome is Outcome.COLLISION
+    assert (result.metrics["drones_lost"], result.metrics["leader_arrived"]) == (1, 0)
+    assert result.metrics["leader_progress_m"] == pytest.approx(5.5, abs=0.2)
+    ends_m = [path.position_m[-1, 0] for path in result.trajectories]
+    assert max(ends_m[:3]) < 2 < 6 < ends_m[3]
+    assert len({len(path.time_s) for path in result.trajectories[:3]}) == 1
+    alone = fly_past_the_pole(route(-4, 1.3, 8, 1.3), after_contact="drop")
+    assert float(alone.metrics["sim_time_s"] or 0) == pytest.approx(alone.contacts[0].time_s + 1.0, abs=0.06)

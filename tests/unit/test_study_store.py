@@ -3,6 +3,7 @@
 import shutil
 import sqlite3
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,7 @@ def test_what_is_stored_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     tiny = study(arm("a"), noisy("b", 0.5, 1.0))
     specs = expand(tiny)
     odd = record(specs[0], Outcome.COLLISION, min_clearance_m=0.1 + 0.2, dropped_frames=3, depth_mae_m=None)
+    odd = replace(odd, drones=({"drone": 0, "path_length_m": 0.1 + 0.7}, {"drone": 1, "path_length_m": None}))
     failure = Failure(key=specs[1].key, kind="error", text="Traceback\nZeroDivisionError: a % ' \" one")
     with Store.begin(tmp_path, tiny, specs, resume=False) as store:
         store.add(odd)
@@ -36,6 +38,14 @@ def test_what_is_stored_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     assert [type(value) for value in contents.records[odd.key].metrics.values()] == [
         type(value) for value in odd.metrics.values()
     ]
+
+
+def test_a_store_without_metrics_of_the_drones_is_still_read(tmp_path: Path) -> None:
+    tiny = study(arm("a"))
+    before = run_study(tiny, tmp_path, Serial(fake), unseen)
+    changed(tmp_path, "ALTER TABLE results DROP COLUMN drones")
+    changed(tmp_path, "UPDATE meta SET value = '1' WHERE name = 'schema'")
+    assert read_study(tmp_path) == before
 
 
 def test_a_result_cannot_be_there_twice(tmp_path: Path) -> None:
@@ -105,7 +115,7 @@ def test_a_store_of_another_version_is_refused(tmp_path: Path) -> None:
     tiny = study(arm("a"))
     run_study(tiny, tmp_path, Serial(fake), unseen)
     changed(tmp_path, "UPDATE meta SET value = '99' WHERE name = 'schema'")
-    with pytest.raises(ScenarioError, match="has the format 99, this version reads 1: use another --out"):
+    with pytest.raises(ScenarioError, match="has the format 99, this version reads 1 and 2: use another --out"):
         run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN)
     with pytest.raises(ScenarioError, match="has the format 99"):
         read_study(tmp_path)

@@ -37,7 +37,7 @@ def test_world_report_and_controller_mean_the_same_by_clearance(gap_m: float) ->
     with world_of(wall(gap_m + RADIUS_M), starts_m=team.starts_m) as world:
         (image,) = StereoRig(world, create_renderer("raycast", world, threads=1), TRUTH, seed=0).capture([0], 0)
         assert world.clearance_m(0) == pytest.approx(gap_m, abs=1e-3)
-        metrics = MissionMetrics(world, [team])
+        metrics = MissionMetrics(world, [team], goal_radius_m=1.5)
         assert metrics.sample(world.states)["clearance_m"] == world.clearance_m(0)
         assert metrics.summary((), [0])["min_clearance_m"] == world.clearance_m(0)
     straight_on = Avoidance(AVOIDANCE.model_copy(update={"goal_weight": 1000.0}), RADIUS_M)

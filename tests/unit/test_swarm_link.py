@@ -120,3 +120,13 @@ def test_each_receiver_misses_by_itself() -> None:
         link.broadcast(states, tick / HZ)
         both += all(2 in link.heard_by(i, tick / HZ).drone for i in (0, 1))
     assert both / 400 == pytest.approx(0.25, abs=0.07)
+
+
+def test_a_drone_that_drops_out_is_heard_no_more_and_the_others_are() -> None:
+    link = link_of(line(0), delay_s=0.1, memory_s=1.0)
+    link.broadcast(line(1), 1 / HZ)
+    link.drop(1)
+    for tick in (2, 3, 4):
+        link.broadcast(line(tick), tick / HZ)
+        assert link.heard_by(0, tick / HZ).drone.tolist() == [2]
+        assert link.heard_by(2, tick / HZ).drone.tolist() == [0]

@@ -10,7 +10,7 @@ import pytest
 
 from sim.types import Contact, VelocityCommand
 from sim.world import World
-from swarm.metrics import MissionMetrics, separation_m
+from swarm.metrics import MissionMetrics, NearMisses, separation_m, touched
 from swarm.team import FormationConfig, Route, Team
 from tests.helpers import wall, world_of
 from tests.swarm_scenes import RADIUS_M, capture, corrected, flat, state
@@ -26,7 +26,7 @@ def swarm(n: int = 3) -> Team:
 def metrics_of(*teams: Team, wall_m: float = 50.0) -> Iterator[tuple[World, MissionMetrics]]:
     """A world with the teams in their slots before a wall, and its metrics."""
     with world_of(wall(wall_m), starts_m=np.vstack([team.starts_m for team in teams])) as world:
-        yield world, MissionMetrics(world, teams)
+        yield world, MissionMetrics(world, teams, goal_radius_m=1.5)
 
 
 def order_of(*velocities: tuple[float, float, float]) -> float:
@@ -196,3 +196,70 @@ class TestSums:
         for name in ("mae_m", "too_far_share", "hole_share", "pixels"):
             assert summary[f"depth_raw_{name}"] == summary[f"depth_corrected_{name}"]
         assert summary["depth_raw_mae_m"] == pytest.approx(1)
+
+
+class TestNearMisses:
+    @staticmethod
+    def count(*clearances_m: float, touched: bool = False) -> int:
+        near = NearMisses()
+        for clearance_m in clearances_m:
+            near.add(clearance_m)
+        return near.count(touched=touched)
+
+    def test_one_passage_counts_once_although_the_clearance_trembles(self) -> None:
+        assert self.count(1.0, 0.25, 0.19, 0.21, 0.18, 0.29, 0.19, 0.5) == 1
+
+    def test_two_passages_are_two(self) -> None:
+        assert self.count(1.0, 0.1, 0.4, 0.1, 0.4) == 2
+
+    def test_keeping_0_2_m_is_none(self) -> None:
+        assert self.count(1.0, 0.2, 0.25, 0.2) == 0
+
+    def test_one_that_lasts_to_the_end_counts_and_one_that_ends_in_a_contact_does_not(self) -> None:
+        assert self.count(1.0, 0.1) == 1
+        assert self.count(1.0, 0.1, touched=True) == 0
+        assert self.count(0.1, 1.0, 0.1, touched=True) == 1
+
+    def test_the_drones_add_up_and_a_pair_counts_for_both(self) -> None:
+        team = Team.of(ROUTE, range(3), FormationConfig(row_spacing_m=0.65, half_width_m=0.01, stagger_m=2.0))
+        with metrics_of(team) as (world, metrics):
+            metrics.sample(world.states)
+            assert [drone["near_misses"] for drone in metrics.by_drone((), [0] * 3)] == [1, 1, 0]
+            assert metrics.summary((), [0] * 3)["near_misses"] == 2
+
+
+class TestDroppingOut:
+    def test_who_touched_something_is_lost(self) -> None:
+        assert touched(CONTACTS) == [0, 2]
+        with metrics_of(swarm(3)) as (world, metrics):
+            metrics.sample(world.states)
+            assert metrics.summary(CONTACTS, [0] * 3)["drones_lost"] == 2
+            assert metrics.summary((), [0] * 3)["drones_lost"] == 0
+
+    def test_progress_is_the_largest_along_the_route_and_the_least_of_all_swarms(self) -> None:
+        one = swarm(1)
+        other = Team.of(Route(start_m=(0.0, 20.0, 0.0), goal_m=(0.0, 26.0, 0.0)), range(1, 2), FormationConfig())
+        with metrics_of(one, other) as (_, metrics):
+            for x, y in ((4, 22), (10, 24), (3, 25)):
+                metrics.follow_leaders(np.array([[x, 7.0, 0], [5, y, 0]]))
+            summary = metrics.summary((), [0, 0])
+            assert summary["leader_progress_m"] == pytest.approx(5.0)
+            assert summary["leader_arrived"] == 0, "one leader alone is not all"
+            for x, y in ((30, 20), (0, 26)):
+                metrics.follow_leaders(np.array([[x, 0.0, 0], [0, y, 0]]))
+            assert metrics.summary((), [0, 0])["leader_arrived"] == 1
+
+    def test_a_drone_that_dropped_out_has_no_way_and_no_say_afterwards(self) -> None:
+        with metrics_of(swarm(3)) as (world, metrics):
+            metrics.sample(world.states)
+            world.remove(2)
+            states = world.states
+            states[1].position_m[:] += [0, 3.0, 4.0]
+            now = metrics.sample(states)
+            lengths = [len(path.time_s) for path in metrics.trajectories()]
+            world.remove(0)
+            world.remove(1)
+            alone = metrics.sample(world.states)
+        assert now["formation_error_m"] == pytest.approx(5.0, abs=1e-6)
+        assert lengths == [2, 2, 1]
+        assert alone == {}

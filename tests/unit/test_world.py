@@ -5,10 +5,11 @@ import pytest
 
 from sim.bodies import Body, Box
 from sim.errors import SceneError
+from sim.render import RendererName, create_renderer
 from sim.scenes import CitySpec
 from sim.types import VelocityCommand
 from sim.world import World
-from tests.helpers import wall, world_of
+from tests.helpers import camera_at, wall, world_of
 
 GROUND = Body(name="ground", kind="ground", shape=Box((50.0, 50.0, 1.0)), position_m=(0.0, 0.0, -0.5))
 
@@ -118,3 +119,34 @@ def test_close_may_be_called_twice() -> None:
     with world_of(GROUND) as world:
         world.close()
     world.close()
+
+
+def test_a_drone_that_was_removed_touches_nothing_and_rests_where_it_was() -> None:
+    """Drone 1 flies through the place of drone 0 after that was removed, and drone 2 flies as if nothing was."""
+    starts_m, there = [(2, 0, 2), (0, 0, 2), (0, 5, 2)], [go(0, 0, 0), go(2, 0, 0), go(2, 0, 0)]
+    with world_of(GROUND, starts_m=starts_m) as world:
+        fly(world, there, 0.2)
+        before = world.states[0]
+        world.remove(0)
+        fly(world, there, 2)
+        assert world.contacts == []
+        assert world.flying.tolist() == [False, True, True]
+        np.testing.assert_array_equal(world.states[0].position_m, before.position_m)
+        np.testing.assert_array_equal(world.states[0].velocity_m_s, np.zeros(3))
+        assert world.clearance_m(1) > 1.0
+        moved_m = world.states[2].position_m
+    with world_of(GROUND, starts_m=starts_m[1:]) as world:
+        fly(world, there[1:], 2.2)
+        np.testing.assert_allclose(world.states[1].position_m, moved_m, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["raster", "raycast", "tiny"])
+def test_no_camera_sees_a_drone_that_was_removed(name: RendererName) -> None:
+    with world_of(wall(5.0), starts_m=[(0, 0, 0), (2, 0, 0)]) as world:
+        renderer, camera = create_renderer(name, world, threads=1), camera_at(0.3, 0, 0)
+        (seen,) = renderer.render([camera])
+        world.remove(1)
+        (unseen,) = renderer.render([camera])
+    assert (seen.segment_id == world.drone_ids[1]).any()
+    assert not np.isin(unseen.segment_id, world.drone_ids).any()
+    assert unseen.depth_m[60, 80] == pytest.approx(4.7, abs=0.05)
