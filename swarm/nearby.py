@@ -31,6 +31,9 @@ class NearbyConfig(Model):
     """Age at which a remembered surface is forgotten; 0 switches the memory off."""
     radius_m: float = Field(3.0, gt=0)
     """Surfaces farther away than this when seen are not remembered."""
+    drone_radius_m: float = Field(8.0, gt=0)
+    """Other drones farther away than this do not slow a drone down. Two drones that meet head on need twice the
+    distance in which one of them stops."""
     confirm_m: float = Field(0.5, gt=0)
     """A surface is remembered if two histograms in a row show it within this distance."""
     clearance_m: float = Field(0.4, gt=0)
@@ -83,7 +86,8 @@ class SurfaceMemory:
         `reaction_distance_m` is its displacement before a command takes effect, shape (3,).
         """
         points = np.concatenate([NO_VECTORS, *(points for _, points in self._seen)])
-        return _limits(points, NO_VECTORS, position_m, reaction_distance_m, self._config, self._safety_radius_m)
+        c = self._config
+        return _limits(points, NO_VECTORS, position_m, reaction_distance_m, c, c.radius_m, self._safety_radius_m)
 
 
 def neighbour_limits(
@@ -101,7 +105,7 @@ def neighbour_limits(
     """
     return _limits(
         neighbours.position_m, neighbours.velocity_m_s, position_m, reaction_distance_m, config,
-        2 * radius_m + config.drone_clearance_m, response_s,
+        config.drone_radius_m, 2 * radius_m + config.drone_clearance_m, response_s,
     )  # fmt: skip
 
 
@@ -111,13 +115,14 @@ def _limits(
     position_m: FloatArray,
     reaction_distance_m: FloatArray,
     config: NearbyConfig,
+    radius_m: float,
     kept_m: float,
     response_s: float = 0.0,
 ) -> ApproachLimits:
-    """Return how fast a drone may approach points that move, from all of which it keeps a distance."""
+    """Return how fast a drone may approach points that move within a radius, from all of which it keeps a distance."""
     towards, speed_m_s = np.empty((len(points_m), 3)), np.empty(len(points_m))
     n = limit_approach(
-        points_m, velocities_m_s, position_m, reaction_distance_m, config.radius_m, kept_m, response_s,
+        points_m, velocities_m_s, position_m, reaction_distance_m, radius_m, kept_m, response_s,
         config.decel_m_s2, config.gain_per_s, towards, speed_m_s,
     )  # fmt: skip
     return ApproachLimits(towards[:n], speed_m_s[:n])

@@ -51,7 +51,13 @@ class PilotConfig(Model):
             return given
         holes = {"blocked": "fixed_range", "free": "free"}.get(histogram["unknown"], histogram["unknown"])
         rest = {name: value for name, value in histogram.items() if name != "unknown"}
-        return {"holes": holes} | given | {"avoidance": given["avoidance"] | {"histogram": rest}}
+        nearby = given.get("nearby", {})
+        return (
+            {"holes": holes}
+            | given
+            | {"avoidance": given["avoidance"] | {"histogram": rest}}
+            | {"nearby": {"drone_radius_m": nearby.get("radius_m", 3.0)} | nearby}
+        )
 
     def reaction_distance_m(self, own: DroneState) -> FloatArray:
         """Return the displacement of a drone before a command takes effect, shape (3,)."""
