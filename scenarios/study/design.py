@@ -25,7 +25,7 @@ ALWAYS_SET = ("rig.depth", "corrector")
 OWN_KEYS = (*ALWAYS_SET, "rig.noise.scale.theta", "rig.width_px", "rig.height_px")
 """Keys of a scenario that an arm sets by a field of its own."""
 NAME = r"^[A-Za-z0-9][A-Za-z0-9,._ -]*$"
-KEY_FORMAT = 1
+KEY_FORMAT = 2
 """Part of every key. It is raised when equal runs no longer have equal results."""
 SHORT = 12
 """Number of digits of a key that are shown."""
