@@ -5,7 +5,7 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 
 import pydantic
 from pydantic import Field
@@ -24,6 +24,9 @@ ALWAYS_SET = ("rig.depth", "corrector")
 """Keys that every arm sets, so that the changes of a study could not affect them."""
 OWN_KEYS = (*ALWAYS_SET, "rig.noise.scale.theta", "rig.width_px", "rig.height_px")
 """Keys of a scenario that an arm sets by a field of its own."""
+EndpointName = Literal["arrived", "collision"]
+"""What is counted: runs in which all arrived without a collision, or runs with a collision."""
+ENDPOINTS: tuple[EndpointName, ...] = get_args(EndpointName)
 NAME = r"^[A-Za-z0-9][A-Za-z0-9,._ -]*$"
 KEY_FORMAT = 2
 """Part of every key. It is raised when equal runs no longer have equal results."""
@@ -63,6 +66,8 @@ class Arm(Model):
     Default: all."""
     changes: Mapping[str, Any] = Field({}, strict=False)
     """Values of the scenario to set, by dotted key."""
+    factors: Mapping[str, str] = Field({}, strict=False)
+    """Place of the arm in a factorial design, as in { policy = "free", corrector = "raw" }."""
 
     @pydantic.field_validator("theta", mode="before")
     @classmethod
@@ -105,6 +110,7 @@ class PrimaryComparison(Model):
 
     arm: str
     against: str
+    endpoint: EndpointName = "arrived"
 
 
 class Study(Model):
@@ -134,7 +140,18 @@ class Study(Model):
             raise ValueError(f"changes must not set {taken[0]}, because every arm sets it: set it in the arms")
         self._check_seeds()
         self._check_primary_comparison()
+        self._check_factors()
         return self
+
+    @property
+    def endpoint(self) -> EndpointName:
+        """The primary endpoint."""
+        return PrimaryComparison.model_fields["endpoint"].default if self.declared is None else self.declared.endpoint
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """Names of the factors; empty unless the design is factorial."""
+        return next((tuple(arm.factors) for arm in self.arms if arm.factors), ())
 
     def _check_seeds(self) -> None:
         first, last = self.seeds.first, self.seeds.first + self.seeds.count - 1
@@ -148,6 +165,18 @@ class Study(Model):
         for arm in self.arms:
             if arm.seeds is not None and arm.seeds > self.seeds.count:
                 raise ValueError(f"arm {arm.name!r} has {arm.seeds} seeds, the study only {self.seeds.count}")
+
+    def _check_factors(self) -> None:
+        placed: dict[tuple[str, ...], str] = {}
+        for arm in (arm for arm in self.arms if arm.factors):
+            if set(arm.factors) != set(self.factors):
+                raise ValueError(f"all arms of a design have the same factors, got {arm.name!r} with {[*arm.factors]}")
+            if len(arm.levels) > 1:
+                raise ValueError(f"an arm with factors has one theta, {arm.name!r} has {len(arm.levels)}")
+            place = tuple(arm.factors[name] for name in self.factors)
+            if place in placed:
+                raise ValueError(f"arms {placed[place]!r} and {arm.name!r} have the same factors: {dict(arm.factors)}")
+            placed[place] = arm.name
 
     def _check_primary_comparison(self) -> None:
         if self.declared is None:

@@ -21,9 +21,10 @@ from ..batch import in_processes
 from ..config import Run
 from ..errors import ScenarioError
 from ..results.table import Table, Value
-from ..runner import flying
+from ..runner import Finished, flying
 from .design import RunSpec
-from .store import StudyData
+from .replay import differences
+from .store import RunRecord, StudyData
 
 LOOKBACK_S = 3.0
 """Time before the collision from which images are used."""
@@ -227,13 +228,13 @@ def diagnose_runs(data: StudyData, specs: Sequence[RunSpec], workers: int) -> It
     """Fly runs again that ended in a collision, and yield the diagnosis of each in order.
 
     Raises:
-        ScenarioError: A run does not collide as in the study.
+        ScenarioError: A run does not end as in the study, by `differences`.
     """
     flown = in_processes(_fly, [spec.run for spec in specs], workers=workers)
-    for spec, (diagnosis, contacts) in zip(specs, flown, strict=True):
-        if diagnosis is None or contacts != data.records[spec.key].contacts:
+    for spec, (diagnosis, finished) in zip(specs, flown, strict=True):
+        if diagnosis is None or differences(data.records[spec.key], RunRecord.of(spec.key, finished)):
             raise ScenarioError(
-                f"{spec.label} did not collide as in the study, which was flown with {data.versions}: compare "
+                f"{spec.label} did not end as in the study, which was flown with {data.versions}: compare "
                 f"with voxdepth study replay OUT {spec.short_key}"
             )
         yield diagnosis
@@ -254,11 +255,11 @@ def cause_table(found: Mapping[str, Sequence[Diagnosis]]) -> Table:
     return Table.of("Causes of collisions", [*head, *(f"seen: {cause}" for cause in seen), *maps], rows)
 
 
-def _fly(run: Run) -> tuple[Diagnosis | None, tuple[Contact, ...]]:
+def _fly(run: Run) -> tuple[Diagnosis | None, Finished]:
     pilot = run.scenario.mission.pilot
     probe = CollisionProbe(
         pilot.evidence.min_confidence if pilot.holes == "evidenced" else pilot.avoidance.histogram.min_confidence
     )
     with flying(run, probe, recorded=False, threads=1) as mission:
-        result = mission.run()
-    return probe.diagnosis, result.contacts
+        finished = Finished(result=mission.run(), wall_s=0.0, folder=None)
+    return probe.diagnosis, finished

@@ -1,5 +1,8 @@
 """Flying one run of a study again, to watch it and to check that it ends in the same way."""
 
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from swarm.types import Outcome
@@ -9,6 +12,38 @@ from ..results.provenance import simulation_versions
 from ..runner import fly_and_write
 from .design import RunSpec
 from .store import RunRecord, StudyData
+
+TOLERANCE = 1e-6
+"""Difference up to which two numbers are the same, relative or absolute: processors round in different ways."""
+
+
+def differences(before: RunRecord, now: RunRecord) -> list[str]:
+    """Return the names of what differs between two results of one run; empty if they are the same.
+
+    Numbers are the same within `TOLERANCE`; the outcome, names and the drones that touched something must be equal.
+    """
+    found = ["outcome"] if before.outcome is not now.outcome else []
+    contacts = [[asdict(contact) for contact in record.contacts] for record in (before, now)]
+    found += ["contacts"] if _unlike(*contacts) else []
+    found += ["drones"] if before.drones and _unlike(before.drones, now.drones) else []
+    return found + [
+        name
+        for name in before.metrics
+        if name not in now.metrics or not _is_same(before.metrics[name], now.metrics[name])
+    ]
+
+
+def _unlike(before: Sequence[Mapping[str, object]], now: Sequence[Mapping[str, object]]) -> bool:
+    """Return whether two lists of values by name differ. Names that only `now` has are of a later version."""
+    return len(before) != len(now) or not all(
+        name in b and _is_same(value, b[name]) for a, b in zip(before, now, strict=True) for name, value in a.items()
+    )
+
+
+def _is_same(before: object, now: object) -> bool:
+    if isinstance(before, int | float) and isinstance(now, int | float):
+        return math.isclose(before, now, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
+    return before == now
 
 
 def find(data: StudyData, prefix: str) -> RunSpec:
@@ -31,8 +66,8 @@ def fly_again(data: StudyData, spec: RunSpec, out: Path, *, record: bool) -> tup
     """Fly a run again and compare its result with that of the study.
 
     Returns:
-        The folder of its files; whether outcome, metrics and contacts equal those of the study, None if the study has
-        no result of the run; and the comparison in words.
+        The folder of its files; whether the result is that of the study by `differences`, None if the study has no
+        result of the run; and the comparison in words.
 
     Raises:
         ScenarioError: The folder cannot be written.
@@ -44,12 +79,12 @@ def fly_again(data: StudyData, spec: RunSpec, out: Path, *, record: bool) -> tup
         raise KeyboardInterrupt
     if before is None:
         return finished.folder, None, f"{now.outcome}; the study has no result of this run"
-    if now == before:
-        return finished.folder, True, f"{now.outcome}: the same as in the study, figure by figure"
-    metrics = [name for name in before.metrics if before.metrics[name] != now.metrics.get(name)]
+    other = differences(before, now)
+    if not other:
+        return finished.folder, True, f"{now.outcome}: the same as in the study, every figure within {TOLERANCE:g}"
     versions = [name for name, version in simulation_versions().items() if data.versions.get(name) != version]
     verdict = (
-        f"{now.outcome}, in the study {before.outcome}: NOT the same; other figures: {', '.join(metrics) or 'none'}; "
+        f"{now.outcome}, in the study {before.outcome}: NOT the same; other: {', '.join(other)}; "
         f"other versions: {', '.join(versions) or 'none'}; the study was begun on {data.machine}"
     )
     return finished.folder, False, verdict

@@ -194,7 +194,7 @@ class Store:
         records = {row["key"]: _record(row) for row in results}
         resolved = {row["key"]: self._parsed(Run, row["run"]) for row in runs}
         return StudyData(
-            study=self._parsed(Study, meta["study"]),
+            study=self._study(meta),
             specs=[RunSpec(**cell, run=resolved[cell["key"]]) for cell in cells],
             records=records,
             failures={row["key"]: Failure(**row) for row in failures if row["key"] not in records},
@@ -238,6 +238,13 @@ class Store:
                 f"({first_problem(error, 'scenario')}): use that one"
             ) from error
 
+    def _study(self, meta: Mapping[str, str]) -> Study:
+        """Parse the study; one that names no endpoint was declared on collisions, which were the only one then."""
+        given = json.loads(meta["study"])
+        if given["declared"] is not None:
+            given["declared"] = {"endpoint": "collision"} | given["declared"]
+        return self._parsed(Study, json.dumps(given))
+
     def _rows(self, query: str) -> list[sqlite3.Row]:
         return self._database.execute(query).fetchall()
 
@@ -279,7 +286,7 @@ class Store:
 
     def _require_same(self, study: Study, specs: Sequence[RunSpec], *, resume: bool) -> None:
         meta = self._meta()
-        name = self._parsed(Study, meta["study"]).name
+        name = self._study(meta).name
         if meta["digest"] != digest(study, specs):
             raise ScenarioError(
                 f"{self._folder} holds another version of the study {name!r}: the study or one of its scenarios has "

@@ -148,7 +148,7 @@ def test_a_study_from_its_file_to_its_report(tiny: Path, tmp_path: Path) -> None
     check_tables(out)
     reported = study_command("report", out, "--record")
     assert reported.exit_code == 0, reported.output
-    assert "arm blind, seed 0: collision: the same as in the study, figure by figure" in reported.stdout
+    assert "arm blind, seed 0: collision: the same as in the study, every figure within 1e-06" in reported.stdout
     page = (out / "report.html").read_text()
     assert "This study is not complete" not in page
     assert "/run.rrd</td>" in page
@@ -206,7 +206,7 @@ def test_a_replay_says_whether_it_ended_the_same(tiny: Path, tmp_path: Path) -> 
     key = next(key for key, record in results_of(out).items() if record.outcome is Outcome.COLLISION)
     again = study_command("replay", out, key[:10], "--record")
     assert again.exit_code == 0, again.output
-    assert "collision: the same as in the study, figure by figure" in again.stdout
+    assert "collision: the same as in the study, every figure within 1e-06" in again.stdout
     assert len(list(out.glob("replays/*/run.rrd"))) == 1
     database = sqlite3.connect(out / FILE)
     with database:
@@ -215,7 +215,7 @@ def test_a_replay_says_whether_it_ended_the_same(tiny: Path, tmp_path: Path) -> 
     database.close()
     other = study_command("replay", out, key)
     assert other.exit_code == 1
-    assert "collision, in the study lost: NOT the same; other figures: min_clearance_m; other versions: none" in (
+    assert "collision, in the study lost: NOT the same; other: outcome, min_clearance_m; other versions: none" in (
         other.stdout
     )
     for prefix, message in (("nothing", "no run's key begins with 'nothing'"), ("", "runs' keys begin with ''")):

@@ -185,3 +185,27 @@ def test_the_example_in_the_documents_resolves(tmp_path: Path) -> None:
 def test_changes_cannot_reach_into_what_an_arm_sets(key: str) -> None:
     with pytest.raises(ValueError, match=key):
         Arm(name="mine", depth="stereo", corrector=CorrectorSpec(name="voxdepth"), changes={key: False})
+
+
+def test_a_comparison_is_declared_on_arrivals_unless_its_file_says_otherwise() -> None:
+    arms = arm("a"), arm("b")
+    assert study(*arms, declared={"arm": "a", "against": "b"}).endpoint == "arrived"
+    assert study(*arms, declared={"arm": "a", "against": "b", "endpoint": "collision"}).endpoint == "collision"
+    assert study(*arms).endpoint == "arrived"
+    assert load_study("correctors").endpoint == "collision"
+
+
+FREE_RAW = {"policy": "free", "corrector": "raw"}
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        (arm("b", factors={"policy": "free"}), "all arms of a design have the same factors, got 'b'"),
+        (arm("b", factors=FREE_RAW), "arms 'a' and 'b' have the same factors"),
+        (noisy("b", 0.1, 0.2, factors=FREE_RAW | {"policy": "2 m"}), "an arm with factors has one theta, 'b' has 2"),
+    ],
+)
+def test_the_arms_of_a_factorial_design_have_places_of_their_own(other: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        study(arm("a", factors=FREE_RAW), other)

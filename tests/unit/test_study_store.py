@@ -48,6 +48,14 @@ def test_a_store_without_metrics_of_the_drones_is_still_read(tmp_path: Path) -> 
     assert read_study(tmp_path) == before
 
 
+def test_a_stored_study_that_names_no_endpoint_was_declared_on_collisions(tmp_path: Path) -> None:
+    tiny = study(arm("a"), arm("b"), declared={"arm": "a", "against": "b"})
+    assert run_study(tiny, tmp_path, Serial(fake), unseen).study.endpoint == "arrived"
+    assert read_study(tmp_path).study == tiny
+    changed(tmp_path, "UPDATE meta SET value = json_remove(value, '$.declared.endpoint') WHERE name = 'study'")
+    assert read_study(tmp_path).study.endpoint == "collision"
+
+
 def test_a_result_cannot_be_there_twice(tmp_path: Path) -> None:
     tiny = study(arm("a"))
     specs = expand(tiny)

@@ -1,0 +1,49 @@
+"""When two flights of one run count as the same."""
+
+from dataclasses import replace
+
+import pytest
+
+from scenarios.study.design import expand
+from scenarios.study.replay import differences
+from scenarios.study.store import RunRecord
+from swarm.types import Outcome
+from tests.studies import HIT, arm, record, study
+
+
+def flown(scale: float = 1.0) -> RunRecord:
+    """A collision whose figures are scaled."""
+    (spec,) = expand(study(arm("a"), seeds=1))
+    hit = replace(HIT, time_s=scale * 31.4, speed_m_s=scale * 0.3)
+    drones = ({"drone": 0, "path_length_m": scale * 80.1},)
+    found = record(spec, Outcome.COLLISION, sim_time_s=scale * 32.4, min_clearance_m=scale * 1e-12, frames=7, none=None)
+    return replace(found, contacts=(hit,), drones=drones)
+
+
+def test_the_rounding_of_another_processor_is_no_difference() -> None:
+    assert flown() != flown(1 + 1e-15)
+    assert differences(flown(), flown(1 + 1e-15)) == []
+
+
+def test_more_than_rounding_is_told_by_its_name() -> None:
+    assert differences(flown(), flown(1 + 1e-4)) == ["contacts", "drones", "sim_time_s"]
+
+
+@pytest.mark.parametrize("change", [{"drone": 1}, {"other": "tower-0-6"}, {"kind": "drone"}])
+def test_what_was_hit_by_whom_must_be_equal(change: dict[str, object]) -> None:
+    before = flown()
+    now = replace(before, contacts=(replace(before.contacts[0], **change),))  # type: ignore[arg-type]
+    assert differences(before, now) == ["contacts"]
+
+
+def test_outcome_counts_and_what_is_missing_are_told() -> None:
+    before = flown()
+    now = replace(before, outcome=Outcome.LOST, contacts=(), metrics={**before.metrics, "frames": 8, "none": 0.0})
+    assert differences(before, now) == ["outcome", "contacts", "frames", "none"]
+    assert "frames" in differences(before, replace(before, metrics={}))
+
+
+def test_figures_that_came_with_a_later_version_are_no_difference() -> None:
+    now = flown()
+    before = replace(now, drones=(), metrics={"sim_time_s": now.metrics["sim_time_s"]})
+    assert differences(before, now) == []
