@@ -68,7 +68,7 @@ def test_a_key_is_the_same_tomorrow() -> None:
     import json
 
     run = load_run("city", 7, {})
-    text = json.dumps({"run": json.loads(run.model_dump_json()), "format": 1}, sort_keys=True, separators=(",", ":"))
+    text = json.dumps({"run": json.loads(run.model_dump_json()), "format": 2}, sort_keys=True, separators=(",", ":"))
     assert key_of(run) == hashlib.sha256(text.encode()).hexdigest()
 
 
