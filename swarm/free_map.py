@@ -37,6 +37,9 @@ LOOK_AHEAD = 4
 """Points of the way beyond its clear part to which a drone looks."""
 CLEAR_M = 5.0
 """Length of the way up to which its clear part is sought."""
+COMPASS = np.column_stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)])
+WAY_OUT_M = 0.5
+"""Distance at which a drone that stands too narrow compares directions."""
 ROUTE_CELLS = 2
 """Side of a cell of the route, in voxels."""
 
@@ -159,6 +162,14 @@ class Chart:
         x, y = self._cells(at_m)
         length = free_length(self._clearance, x, y, float(along[0]), float(along[1]), self._width, longest_m / side_m)
         return side_m * length
+
+    def way_out(self, at_m: FloatArray) -> FloatArray:
+        """Return what a drone misses to its width at a position, as a vector (x, y) to the more open side."""
+        missing_m = self._config.voxel_m * self._width - self.clearance_m(at_m)
+        if missing_m <= 0:
+            return np.zeros(2)
+        best = max(COMPASS, key=lambda along: self.clearance_m(at_m[:2] + WAY_OUT_M * along))
+        return missing_m * best
 
     def is_free(self, at_m: FloatArray) -> bool:
         """Return whether a drone has its whole width at a position (x, y)."""

@@ -26,6 +26,8 @@ SIDESTEPS_RAD = np.radians([0, 20, -20, 40, -40, 60, -60]).tolist()
 """Directions beside the wanted one that are tried when that is not free."""
 GOOD_ENOUGH = 0.7
 """Share of the wanted speed with which a direction needs no better one."""
+MAKE_ROOM_PER_S = 3.0
+"""Speed with which a drone gives way to what comes near, per distance that it misses to its clearance."""
 MAX_CLIMB_M_S = 1.0
 PATIENCE_S = 2.0
 """Time for which a drone stands before unknown space, until that counts as vain."""
@@ -83,7 +85,8 @@ class MappingPilot(Pilot):
         at_m, flown, wanted = known.place(own.position_m), known.turned(own.velocity_m_s), known.turned(wanted_m_s)
         target = at_m + 3.0 * wanted if target_m is None else known.place(target_m)
         direction, look = self._way(known, at_m, wanted, target)
-        velocity = np.array([*(length(wanted[:2]) * direction), np.clip(wanted[2], -MAX_CLIMB_M_S, MAX_CLIMB_M_S)])
+        level = length(wanted[:2]) * direction + MAKE_ROOM_PER_S * known.chart.way_out(at_m)
+        velocity = np.array([*level, np.clip(wanted[2], -MAX_CLIMB_M_S, MAX_CLIMB_M_S)])
         limits = ApproachLimits(known.turned(drones.towards), drones.speed_m_s)
         velocity = self._restrained(known, clamp_to_limits(velocity, limits), limits, at_m, flown)
         state = self._state(situation.time_s, wanted, direction, velocity)
