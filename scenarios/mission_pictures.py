@@ -106,7 +106,7 @@ def _draw_movers(axes: "Axes", scene: Scene, result: MissionResult) -> None:
     """Draw the ways of the movers during the flight."""
     times_s = max((trajectory.time_s for trajectory in result.trajectories), key=len)
     for mover in scene.movers:
-        way_m = np.array([mover.position_m(time_s) for time_s in times_s.tolist()])
+        way_m = np.array([mover.position_m(time_s) for time_s in times_s.tolist()]).reshape(-1, 3)
         axes.plot(way_m[:, 0], way_m[:, 1], color="0.5", linewidth=1.0, linestyle=":")
 
 
@@ -116,6 +116,7 @@ def _draw_team(axes: "Axes", team: Team, result: MissionResult) -> None:
         leads = drone == team.leader
         color = LEADER_COLOR if leads else FOLLOWER_COLOR
         axes.plot(path_m[:, 0], path_m[:, 1], color=color, linewidth=1.4 if leads else 0.8, zorder=3 if leads else 2)
+        axes.plot(*path_m[-1:, :2].T, "s", color=color, markeredgecolor="black", markersize=5, zorder=5)
     axes.plot(*team.start_m[:2], "o", color=LEADER_COLOR, markersize=6, zorder=4)
     axes.plot(*team.goal_m[:2], "*", color="#31a354", markersize=13, zorder=4)
 
@@ -127,7 +128,9 @@ def _frame(axes: "Axes", teams: Sequence[Team], result: MissionResult) -> None:
     axes.set_xlim(low_m[0], high_m[0])
     axes.set_ylim(low_m[1], high_m[1])
     axes.set_aspect("equal")
-    axes.set_xlabel("x [m]; leaders orange, followers blue, start a dot, goal a star, collisions red crosses")
+    axes.set_xlabel(
+        "x [m]; leaders orange, followers blue, start a dot, goal a star, ends squares, collisions red crosses"
+    )
     axes.set_ylabel("y [m]")
 
 

@@ -51,7 +51,7 @@ def fly(run: Run, *, threads: int | None = None) -> Finished:
 
 
 def fly_and_write(run: Run, out: Path, *, record: bool, progress: Progress | None = None) -> Finished:
-    """Fly a mission and write its configuration, metrics, trajectories and recording to a new folder below `out`.
+    """Fly a mission and write its files to a new folder below `out`; `record` says whether they include a recording.
 
     Ctrl-C ends the mission with the outcome `interrupted`; its files are written nevertheless. A folder that cannot be
     written is a `ScenarioError`.
@@ -152,7 +152,9 @@ def _free_folder(out: Path, run: Run) -> Path:
 
 
 def _write_results(finished: Finished, run: Run, folder: Path) -> None:
-    """Write `metrics.json`, and the trajectories in the TUM RGB-D format, one line per sample."""
+    """Write `metrics.json`, trajectories in the TUM RGB-D format, one line per sample, and the picture `flight.jpg`."""
+    from .mission_pictures import draw_flight
+
     text = json.dumps(summary(finished, run), indent=2, allow_nan=False)
     (folder / "metrics.json").write_text(text + "\n", encoding="utf-8")
     (folder / "trajectories").mkdir()
@@ -160,3 +162,4 @@ def _write_results(finished: Finished, run: Run, folder: Path) -> None:
         rows = np.column_stack([trajectory.time_s, trajectory.position_m, trajectory.q_world_body_xyzw])
         path = folder / "trajectories" / f"drone-{drone}.tum"
         np.savetxt(path, rows, fmt="%.6f", header="timestamp tx ty tz qx qy qz qw")
+    draw_flight(folder / "flight.jpg", run, finished)

@@ -137,6 +137,8 @@ class Chart:
         """Worst state of each cell, shape (rows along y, columns along x): `FREE`, `UNSEEN`, `VAIN` or `SURFACE`."""
         self.origin_m = origin_m
         """Corner (x, y) of the first cell, shape (2,)."""
+        self.voxel_m = config.voxel_m
+        """Side of a cell."""
         self._config = config
         self._width = width_m / config.voxel_m
         distance = cv2.distanceTransform((state == FREE).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)

@@ -53,10 +53,21 @@ def poses(rows: Sequence[tuple[FloatArray, FloatArray]]) -> rr.ComponentColumnLi
     return rr.Transform3D.columns(translation=translations, quaternion=quaternions)
 
 
+def places(rows: Sequence[FloatArray]) -> rr.ComponentColumnList:
+    """Columns of positions, shape (3,), of what does not turn."""
+    return rr.Transform3D.columns(translation=np.array(rows))
+
+
 def arrows(rows: Sequence[tuple[FloatArray, FloatArray]]) -> rr.ComponentColumnList:
     """Columns of one arrow per row: its origin and its vector."""
     origins, vectors = map(np.array, zip(*rows, strict=True))
     return rr.Arrows3D.columns(origins=origins, vectors=vectors)
+
+
+def plane_arrows(rows: Sequence[tuple[FloatArray, FloatArray]]) -> rr.ComponentColumnList:
+    """Columns of one arrow in an image per row: its origin and its vector [px]."""
+    origins, vectors = map(np.array, zip(*rows, strict=True))
+    return rr.Arrows2D.columns(origins=origins, vectors=vectors)
 
 
 def points(rows: Sequence[FloatArray]) -> rr.ComponentColumnList:
@@ -67,6 +78,11 @@ def points(rows: Sequence[FloatArray]) -> rr.ComponentColumnList:
 def gray_images(rows: Sequence[npt.NDArray[np.uint8]]) -> rr.ComponentColumnList:
     """Columns of gray images, whose format is written apart."""
     return rr.Image.columns(buffer=[image.tobytes() for image in rows])
+
+
+def words(rows: Sequence[str]) -> rr.ComponentColumnList:
+    """Columns of states."""
+    return rr.StateChange.columns(state=rows)
 
 
 def scalars(rows: Sequence[float]) -> rr.ComponentColumnList:

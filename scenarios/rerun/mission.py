@@ -1,4 +1,4 @@
-"""Recordings of missions: world, drones, images, histograms, states, metrics and events."""
+"""Recordings of missions: world, drones, images, maps, states, metrics and events."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -11,22 +11,43 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from sim.bodies import Body, Mover
-from sim.frames import R_BODY_CAM, quaternion_from_yaw, rotation_from_yaw
+from sim.frames import R_BODY_CAM, pose, quaternion_from_yaw, rotation_from_quaternion, rotation_from_yaw
 from sim.render.meshes import mesh_of_shape, moved
 from sim.sensor import RigConfig
 from sim.types import Capture, Contact, DroneState
 from sim.world import DRONE_BODY_HEIGHT_M, World
 from swarm.free_map import Chart
-from swarm.mission import contact_text
+from swarm.mission import DROPPED, contact_text
 from swarm.recorder import Recorder
 from swarm.team import Team
 from swarm.types import Decision, Histogram, Outcome
 from voxdepth.types import CorrectedDepth, FloatArray
 
-from .columns import Columns, ColumnWriter, arrows, gray_images, points, poses, scalars
-from .stream import depth_image, finite, gray_image, layout, open_stream, source_labels, state_labels
+from .columns import Columns, ColumnWriter, arrows, gray_images, places, plane_arrows, points, poses, scalars, words
+from .stream import cell_labels, depth_image, finite, gray_image, layout, open_stream, source_labels
 
 LEADER_COLOR, FOLLOWER_COLOR = (255, 120, 40), (90, 170, 250)
+STATE_COLORS = {
+    "free": (120, 180, 120),
+    "avoiding": (90, 150, 220),
+    "exploring": (230, 190, 70),
+    "braking": (230, 190, 70),
+    "blocked": (225, 110, 50),
+    "blind": (150, 110, 180),
+    "waiting": (150, 150, 150),
+    "collided": (210, 30, 30),
+    "dropped out": (60, 60, 60),
+}
+"""Colours of the states of a drone."""
+OPACITY = 140
+"""Opacity of bodies, of at most 255, so that drones are seen behind them."""
+EYE_M = (-13.0, -4.0, 24.0)
+"""Where the world is seen from, relative to the middle of the drones."""
+BELOW_M = 1.5
+"""Distance below a drone at which its map is drawn."""
+MAP_EDGE = (140, 140, 150)
+HEADING_M = 2.0
+"""Length of the arrow that marks a drone on its map."""
 
 
 class MissionRecorder(Recorder):
@@ -63,6 +84,7 @@ class MissionRecorder(Recorder):
         self._stream = open_stream("voxdepth", self._path, self._recording_id, views, batcher_config=batching)
         self._columns = ColumnWriter(self._stream)
         self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        self._log("world/map", cell_labels(), static=True)
         self._log_bodies("world/scene", world.scene.bodies)
         self._movers = world.scene.movers
         for index, mover in enumerate(self._movers):
@@ -87,11 +109,15 @@ class MissionRecorder(Recorder):
         for drone, (state, decision) in enumerate(zip(states, decisions, strict=True)):
             self._add(f"world/drone/{drone}", poses, (state.position_m, state.q_world_body_xyzw))
             self._add(f"world/velocity/{drone}", arrows, (state.position_m, state.velocity_m_s))
-            self._log_view(drone, decision.view)
+            self._add(f"world/trail/{drone}", points, state.position_m[None])
+            self._log_view(drone, state, decision.view)
             self._log_choice(drone, state, decision)
             if self._states.get(drone) != decision.state:
                 self._states[drone] = decision.state
-                self._log(f"drone/{drone}/state", rr.StateChange(state=decision.state))
+                self._add(f"drone/{drone}/state", words, decision.state)
+        flying_m = [state.position_m for state, made in zip(states, decisions, strict=True) if made is not DROPPED]
+        if flying_m:
+            self._add("world/swarm", places, np.mean(flying_m, axis=0))
         if len(slots_m):
             self._add("world/slots", points, slots_m)
         for index, mover in enumerate(self._movers):
@@ -116,7 +142,7 @@ class MissionRecorder(Recorder):
         self._at(step, contact.time_s)
         self._log("events", rr.TextLog(contact_text(contact), level=rr.TextLogLevel.ERROR))
         self._states[contact.drone] = "collided"
-        self._log(f"drone/{contact.drone}/state", rr.StateChange(state="collided"))
+        self._add(f"drone/{contact.drone}/state", words, "collided")
 
     def outcome(self, step: int, time_s: float, outcome: Outcome) -> None:
         """Record the last event."""
@@ -163,6 +189,7 @@ class MissionRecorder(Recorder):
                 vertex_positions=corners_m.reshape(-1, 3),
                 vertex_normals=np.repeat(normals, 3, axis=0),
                 vertex_colors=np.repeat(colors, 3, axis=0),
+                albedo_factor=(255, 255, 255, OPACITY),
             )
             self._log(path, shown, static=True)
 
@@ -187,7 +214,12 @@ class MissionRecorder(Recorder):
         """Record the colours of what moves, once per drone."""
         self._log(f"world/velocity/{drone}", rr.Arrows3D.from_fields(colors=[self._color(drone)]), static=True)
         self._log(f"world/choice/{drone}", rr.Arrows3D.from_fields(colors=[(240, 230, 80)]), static=True)
-        self._log(f"world/drone/{drone}/map", state_labels(), static=True)
+        trail = rr.Points3D.from_fields(radii=[0.07], colors=[self._color(drone)])
+        self._log(f"world/trail/{drone}", trail, static=True)
+        mark = rr.Arrows2D.from_fields(radii=[0.6], colors=[self._color(drone)])
+        self._log(f"world/map/{drone}/drone", mark, static=True)
+        colors = rr.StateConfiguration(values=list(STATE_COLORS), colors=list(STATE_COLORS.values()))
+        self._log(f"drone/{drone}/state", colors, static=True)
 
     def _log_images(self, capture: Capture, corrected: CorrectedDepth) -> None:
         path = f"world/drone/{capture.drone}/cam"
@@ -203,10 +235,10 @@ class MissionRecorder(Recorder):
         shown = np.where(histogram.unknown, 0, 255 * free).astype(np.uint8)
         if not self._maps[drone]:
             format = rr.components.ImageFormat(*shown.shape[::-1], color_model="L", channel_datatype="U8")
-            self._log(f"world/drone/{drone}/histogram", rr.Image.from_fields(format=format), static=True)
-        self._add(f"world/drone/{drone}/histogram", gray_images, shown)
+            self._log(f"histogram/{drone}", rr.Image.from_fields(format=format), static=True)
+        self._add(f"histogram/{drone}", gray_images, shown)
 
-    def _log_view(self, drone: int, view: Histogram | Chart | None) -> None:
+    def _log_view(self, drone: int, state: DroneState, view: Histogram | Chart | None) -> None:
         """Record what avoidance made of a new image: the histogram of every one, and the map of some."""
         if view is None or view is self._views.get(drone):
             return
@@ -214,8 +246,28 @@ class MissionRecorder(Recorder):
         if isinstance(view, Histogram):
             self._log_histogram(drone, view)
         elif self._maps[drone] % self._image_every == 0:
-            self._log(f"world/drone/{drone}/map", rr.SegmentationImage(np.flipud(view.state)))
+            self._log_map(drone, state, view)
         self._maps[drone] += 1
+
+    def _log_map(self, drone: int, state: DroneState, chart: Chart) -> None:
+        """Record a map as the image of a camera that looks down on the world, with an arrow for the drone.
+
+        The image is one metre before the camera, where a pixel is as large as a cell of the map.
+        """
+        rows, cols = chart.state.shape
+        side_m, path, T = chart.voxel_m, f"world/map/{drone}", chart.T_odom_world
+        middle_m = chart.origin_m + side_m / 2 * np.array([cols, rows])
+        down = np.linalg.inv(T) @ pose(np.diag([1.0, -1.0, -1.0]), np.array([*middle_m, 0.0]))
+        camera = rr.Pinhole(
+            focal_length=1 / side_m, width=cols, height=rows, image_plane_distance=1.0, color=MAP_EDGE, line_width=0.01
+        )
+        height_m = state.position_m[2] - BELOW_M + 1.0
+        above = rr.Transform3D(translation=[*down[:2, 3], height_m], mat3x3=down[:3, :3])
+        self._log(path, rr.SegmentationImage(np.flipud(chart.state)), camera, above)
+        top_left_m, px_per_m = chart.origin_m + np.array([0, side_m * rows]), np.array([1, -1]) / side_m
+        at_m = T[:2, :3] @ state.position_m + T[:2, 3]
+        ahead = T[:2, :3] @ rotation_from_quaternion(state.q_world_body_xyzw)[:, 0]
+        self._add(f"{path}/drone", plane_arrows, ((at_m - top_left_m) * px_per_m, HEADING_M * ahead * px_per_m))
 
     def _log_choice(self, drone: int, state: DroneState, decision: Decision) -> None:
         if decision.direction is not None:
@@ -224,24 +276,36 @@ class MissionRecorder(Recorder):
 
 def blueprint(n_drones: int, leaders: set[int]) -> rrb.Blueprint:
     """Return the layout that is saved with the recording."""
-    # Rerun expands `**` at the end of a path only, so every drone's images are left out by name.
-    images = [
-        f"- world/drone/{i}/{name}/**"
-        for i in range(n_drones)
-        for name in ("cam/depth", "cam/source", "histogram", "map")
-    ]
-    eye = rrb.EyeControls3D(position=(-30.0, -45.0, 50.0), look_target=(25.0, 0.0, 5.0), eye_up=(0.0, 0.0, 1.0))
-    world = rrb.Spatial3DView(name="world", origin="world", contents=["+ world/**", *images], eye_controls=eye)
-    cameras = rrb.Tabs(*[_camera_views(drone, drone in leaders) for drone in range(n_drones)], name="cameras")
-    gaps = ["metrics/clearance_m", "metrics/separation_m"]
     curves = rrb.Vertical(
-        rrb.TimeSeriesView(name="clearance and separation [m]", contents=gaps),
+        rrb.TimeSeriesView(
+            name="clearance and separation [m]", contents=["metrics/clearance_m", "metrics/separation_m"]
+        ),
         rrb.TimeSeriesView(name="formation error [m]", contents=["metrics/formation_error_m"]),
-        rrb.StateTimelineView(name="states", origin="drone"),
         rrb.TextLogView(name="events", origin="events"),
     )
-    left = rrb.Vertical(world, curves, row_shares=[3, 2])
+    states = rrb.StateTimelineView(name="states", origin="drone")
+    below = rrb.Horizontal(states, curves, column_shares=[3, 2])
+    left = rrb.Vertical(_world_view(n_drones, leaders), below, row_shares=[5, 4])
+    cameras = rrb.Tabs(*[_camera_views(drone, drone in leaders) for drone in range(n_drones)], name="cameras")
     return layout(rrb.Horizontal(left, cameras, column_shares=[3, 2]), "sim_time")
+
+
+def _world_view(n_drones: int, leaders: set[int]) -> rrb.Spatial3DView:
+    """Return the view of the world from above and behind; it moves with the middle of the drones, its origin."""
+    # Rerun expands `**` at the end of a path only, so every drone's images are left out by name.
+    images = [f"- world/drone/{i}/cam/{name}/**" for i in range(n_drones) for name in ("depth", "source")]
+    flown = rrb.VisibleTimeRanges(
+        timeline="sim_time", start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
+    )
+    trails = {f"world/trail/{i}": flown for i in range(n_drones)}
+    hidden = {f"world/map/{i}": rrb.EntityBehavior(visible=False) for i in range(n_drones) if i not in leaders}
+    return rrb.Spatial3DView(
+        name="world",
+        origin="world/swarm",
+        contents=["+ world/**", *images],
+        eye_controls=rrb.EyeControls3D(position=EYE_M, look_target=(3.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0)),
+        overrides=trails | hidden,
+    )
 
 
 def _camera_views(drone: int, leads: bool) -> rrb.Vertical:
@@ -250,8 +314,9 @@ def _camera_views(drone: int, leads: bool) -> rrb.Vertical:
     def view(name: str, path: str) -> rrb.Spatial2DView:
         return rrb.Spatial2DView(name=name, origin=cam, contents=[f"{cam}/{path}"])
 
-    known = rrb.Spatial2DView(
-        name="map, or histogram", origin=f"world/drone/{drone}", contents=["$origin/map", "$origin/histogram"]
+    known = rrb.Tabs(
+        rrb.Spatial2DView(name="map", origin=f"world/map/{drone}"),
+        rrb.Spatial2DView(name="histogram", origin=f"histogram/{drone}"),
     )
     return rrb.Vertical(
         rrb.Horizontal(view("gray", "gray"), view("depth, true", "depth/true")),

@@ -23,8 +23,8 @@ SOURCE_COLORS = {
     Source.INPAINTED: (90, 110, 220),
 }
 
-STATE_COLORS = ((235, 235, 235), (150, 150, 150), (230, 140, 50), (40, 40, 40))
-"""Colours of the states of a map, in the order of `STATES`."""
+CELL_COLORS = ((225, 235, 225), (140, 140, 150), (230, 140, 50), (40, 40, 40))
+"""Colours of the cells of a map by state, in the order of `STATES`."""
 
 
 def open_stream(
@@ -42,10 +42,11 @@ def open_stream(
 
 
 def layout(content: Any, timeline: str) -> rrb.Blueprint:
-    """Return a blueprint with collapsed panels around the content."""
+    """Return a blueprint with collapsed panels around the content, which plays from its beginning."""
     return rrb.Blueprint(
         content,
-        rrb.TimePanel(timeline=timeline, state="collapsed"),
+        rrb.TimePanel(timeline=timeline, state="collapsed", play_state="playing"),
+        rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="hidden"),
         auto_views=False,
     )
@@ -57,9 +58,9 @@ def source_labels() -> rr.AnnotationContext:
     return rr.AnnotationContext(labels)
 
 
-def state_labels() -> rr.AnnotationContext:
-    """Return names and colours of the states of a map."""
-    named = zip(STATES, STATE_COLORS, strict=True)
+def cell_labels() -> rr.AnnotationContext:
+    """Return names and colours of the cells of a map."""
+    named = zip(STATES, CELL_COLORS, strict=True)
     labels = [rr.AnnotationInfo(id=i, label=name, color=color) for i, (name, color) in enumerate(named)]
     return rr.AnnotationContext(labels)
 

@@ -34,7 +34,13 @@ def test_a_run_writes_what_it_promises(tmp_path: Path) -> None:
     done = voxdepth("run", "city", *QUICK, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     folder = only_run(tmp_path)
-    assert sorted(p.name for p in folder.iterdir()) == ["config.toml", "metrics.json", "run.rrd", "trajectories"]
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "config.toml",
+        "flight.jpg",
+        "metrics.json",
+        "run.rrd",
+        "trajectories",
+    ]
     assert "real-time factor" in done.stdout
     assert "MAE" in done.stdout
     metrics = json.loads((folder / "metrics.json").read_text())

@@ -1,25 +1,25 @@
 """What a recording holds."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 import rerun as rr
 
 from scenarios.config import images_of, load_run
-from scenarios.rerun.mission import MissionRecorder
+from scenarios.rerun.mission import HEADING_M, MissionRecorder
 from scenarios.rerun.stream import depth_png
 from scenarios.runner import flying
+from sim.frames import rotation_from_quaternion
+
+IMAGE_EVERY = 2
 
 
-def chunks(path: Path, entity: str) -> list:
-    return rr.chunk.RrdReader(path).stream().filter(content=entity).to_chunks()
-
-
-def test_the_tree_is_there_and_nothing_is_dropped(tmp_path: Path) -> None:
-    changes = {"mission.drones": 2, "mission.duration_s": 1.0, **images_of(96, 64)}
-    run = load_run("city", 0, changes)
-    path = tmp_path / "run.rrd"
-    recorder = MissionRecorder(path, run.scenario.rig, recording_id="test", image_every=2)
+def recorded(path: Path, **changes: Any) -> Path:
+    """Record a second of two drones at 20 decisions and 10 images per second; warnings of Rerun are errors."""
+    run = load_run("city", 0, {"mission.drones": 2, "mission.duration_s": 1.0, **images_of(96, 54), **changes})
+    recorder = MissionRecorder(path, run.scenario.rig, recording_id="test", image_every=IMAGE_EVERY)
     rr.set_strict_mode(True)
     try:
         with flying(run, recorder, recorded=True) as mission:
@@ -28,29 +28,97 @@ def test_the_tree_is_there_and_nothing_is_dropped(tmp_path: Path) -> None:
         rr.set_strict_mode(False)
         recorder.close()
         recorder.close()
-    cam, fixed = "/world/drone/1/cam", ("/world", "/world/scene")
-    rows = {
-        "/world": 1,
-        "/world/scene": 1,
+    return path
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded(tmp_path_factory.mktemp("recording") / "run.rrd")
+
+
+def chunks(path: Path, entity: str) -> list:
+    return rr.chunk.RrdReader(path).stream().filter(content=entity).to_chunks()
+
+
+def rows_of(path: Path, entity: str, *, static: bool = False) -> int:
+    return sum(chunk.num_rows for chunk in chunks(path, entity) if chunk.is_static == static)
+
+
+def values(path: Path, entity: str, component: str) -> np.ndarray:
+    """The values of all rows of a component that has one value in each, in the order of time, shape (rows, ...)."""
+    rows: dict[float, Any] = {}
+    for chunk in chunks(path, entity):
+        batch = chunk.to_record_batch()
+        if component in batch.schema.names:
+            times = batch.column("step").to_pylist()
+            rows |= dict(zip(times, (one for (one,) in batch.column(component).to_pylist()), strict=True))
+    return np.array([rows[time] for time in sorted(rows)], np.float64)
+
+
+def test_the_tree_is_there_and_nothing_is_dropped(recording: Path) -> None:
+    cam = "/world/drone/1/cam"
+    expected = {
         "/world/drone/0": 20,
+        "/world/swarm": 20,
         "/world/slots": 20,
+        "/world/trail/1": 20,
         f"{cam}/gray": 5,
         f"{cam}/depth/true": 5,
         f"{cam}/depth/raw": 5,
         f"{cam}/depth/corrected": 5,
-        "/world/drone/1/histogram": 10,
+        "/world/map/1": 5,
+        "/world/map/1/drone": 5,
+        "/histogram/1": 0,
         "/metrics/clearance_m": 20,
         "/metrics/formation_error_m": 20,
         "/events": 1,
     }
-    found = {
-        entity: sum(chunk.num_rows for chunk in chunks(path, entity) if chunk.is_static == (entity in fixed))
-        for entity in rows
-    }
-    assert found == rows
-    assert chunks(path, "/drone/0/state")
-    timelines = {name for chunk in chunks(path, "/metrics/clearance_m") for name in chunk.timeline_names}
+    assert {entity: rows_of(recording, entity) for entity in expected} == expected
+    for entity in ("/world", "/world/scene", "/world/drone/1/body", "/drone/0/state"):
+        assert rows_of(recording, entity, static=True) == 1
+    assert rows_of(recording, "/drone/0/state") >= 1
+    timelines = {name for chunk in chunks(recording, "/metrics/clearance_m") for name in chunk.timeline_names}
     assert timelines == {"step", "sim_time"}
+
+
+def test_a_drone_without_a_map_has_its_histograms_recorded(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "run.rrd", **{"mission.pilot.holes": "fixed_range", "mission.duration_s": 0.5})
+    assert rows_of(path, "/histogram/1") == 5
+    assert rows_of(path, "/world/map/1") == 0
+
+
+def test_the_view_follows_the_middle_of_the_drones_and_trails_are_their_ways(recording: Path) -> None:
+    drones_m = np.array([values(recording, f"/world/drone/{i}", "Transform3D:translation") for i in range(2)])
+    np.testing.assert_allclose(
+        values(recording, "/world/swarm", "Transform3D:translation"), drones_m.mean(axis=0), atol=1e-5
+    )
+    np.testing.assert_allclose(values(recording, "/world/trail/1", "Points3D:positions"), drones_m[1], atol=1e-5)
+
+
+def test_a_drone_is_marked_on_its_map_where_it_is_in_the_world(recording: Path) -> None:
+    """The camera that looks down on the world sees the drone, and what is before it, where the arrow is."""
+    path = "/world/map/1"
+    K = values(recording, path, "Pinhole:image_from_camera").reshape(-1, 3, 3).swapaxes(1, 2)
+    R = values(recording, path, "Transform3D:mat3x3").reshape(-1, 3, 3).swapaxes(1, 2)
+    above_m = values(recording, path, "Transform3D:translation")
+    at_px = values(recording, f"{path}/drone", "Arrows2D:origins")
+    ahead_px = values(recording, f"{path}/drone", "Arrows2D:vectors")
+    drone = "/world/drone/1"
+    mapped = np.isin(steps(recording, drone), steps(recording, path))
+    at_m = values(recording, drone, "Transform3D:translation")[mapped]
+    ahead = [rotation_from_quaternion(q)[:, 0] for q in values(recording, drone, "Transform3D:quaternion")[mapped]]
+    assert len(K) == len(at_m) == 5
+    for i in range(5):
+        for point_m, px in ((at_m[i], at_px[i]), (at_m[i] + HEADING_M * ahead[i], at_px[i] + ahead_px[i])):
+            x, y, z = K[i] @ R[i].T @ (np.array([*point_m[:2], above_m[i, 2] - 1.0]) - above_m[i])
+            assert z == pytest.approx(1.0)
+            np.testing.assert_allclose([x, y], px, atol=0.05)
+
+
+def steps(path: Path, entity: str) -> list[int]:
+    """The steps at which an entity was recorded."""
+    batches = [chunk.to_record_batch() for chunk in chunks(path, entity) if not chunk.is_static]
+    return sorted(step for batch in batches for step in batch.column("step").to_pylist())
 
 
 def test_depth_survives_the_recording_within_two_percent() -> None:
