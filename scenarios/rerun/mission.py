@@ -39,10 +39,10 @@ STATE_COLORS = {
     "dropped out": (60, 60, 60),
 }
 """Colours of the states of a drone."""
-OPACITY = 140
+OPACITY = 100
 """Opacity of bodies, of at most 255, so that drones are seen behind them."""
 EYE_M = (-13.0, -4.0, 24.0)
-"""Where the world is seen from, relative to the middle of the drones."""
+"""Where the world is seen from, relative to the middle of the first swarm."""
 BELOW_M = 1.5
 """Distance below a drone at which its map is drawn."""
 MAP_EDGE = (140, 140, 150)
@@ -71,6 +71,8 @@ class MissionRecorder(Recorder):
         self._maps: Counter[int] = Counter()
         self._states: dict[int, str] = {}
         self._leaders: set[int] = set()
+        self._followed = range(0)
+        """The swarm that the view of the world follows: the first one, so that drones are seen from the start on."""
         self._movers: tuple[Mover, ...] = ()
         self._stream: rr.RecordingStream | None = None
         self._columns: ColumnWriter | None = None
@@ -79,7 +81,7 @@ class MissionRecorder(Recorder):
         """Open the file and record everything that does not move."""
         # Chunks end by size alone: ending them by the clock would make two runs differ.
         batching = rr.ChunkBatcherConfig(flush_tick=3600.0, flush_num_bytes=1 << 20, flush_num_rows=1 << 14)
-        self._leaders = {team.leader for team in teams}
+        self._leaders, self._followed = {team.leader for team in teams}, teams[0].members
         views = blueprint(world.n_drones, self._leaders)
         self._stream = open_stream("voxdepth", self._path, self._recording_id, views, batcher_config=batching)
         self._columns = ColumnWriter(self._stream)
@@ -115,7 +117,7 @@ class MissionRecorder(Recorder):
             if self._states.get(drone) != decision.state:
                 self._states[drone] = decision.state
                 self._add(f"drone/{drone}/state", words, decision.state)
-        flying_m = [state.position_m for state, made in zip(states, decisions, strict=True) if made is not DROPPED]
+        flying_m = [states[drone].position_m for drone in self._followed if decisions[drone] is not DROPPED]
         if flying_m:
             self._add("world/swarm", places, np.mean(flying_m, axis=0))
         if len(slots_m):
@@ -291,7 +293,7 @@ def blueprint(n_drones: int, leaders: set[int]) -> rrb.Blueprint:
 
 
 def _world_view(n_drones: int, leaders: set[int]) -> rrb.Spatial3DView:
-    """Return the view of the world from above and behind; it moves with the middle of the drones, its origin."""
+    """Return the view of the world from above and behind; its origin is the middle of a swarm, with which it moves."""
     # Rerun expands `**` at the end of a path only, so every drone's images are left out by name.
     images = [f"- world/drone/{i}/cam/{name}/**" for i in range(n_drones) for name in ("depth", "source")]
     flown = rrb.VisibleTimeRanges(

@@ -87,6 +87,13 @@ def test_a_drone_without_a_map_has_its_histograms_recorded(tmp_path: Path) -> No
     assert rows_of(path, "/world/map/1") == 0
 
 
+def test_with_several_swarms_the_first_is_followed(tmp_path: Path) -> None:
+    routes = [{"start_m": [-8.0, y, 6.0], "goal_m": [9.0, y, 6.0]} for y in (0.0, 50.0)]
+    path = recorded(tmp_path / "run.rrd", **{"mission.drones": 1, "mission.routes": routes, "mission.duration_s": 0.1})
+    first_m = values(path, "/world/drone/0", "Transform3D:translation")
+    np.testing.assert_allclose(values(path, "/world/swarm", "Transform3D:translation"), first_m, atol=1e-5)
+
+
 def test_the_view_follows_the_middle_of_the_drones_and_trails_are_their_ways(recording: Path) -> None:
     drones_m = np.array([values(recording, f"/world/drone/{i}", "Transform3D:translation") for i in range(2)])
     np.testing.assert_allclose(
