@@ -118,11 +118,14 @@ class Body:
 
 @dataclass(frozen=True, kw_only=True)
 class Mover:
-    """A body that moves on its own way without turning, as the world's clock runs. Collisions do not stop it."""
+    """A body that moves on its own way without turning. Collisions do not stop it."""
 
     body: Body
     position_m: Callable[[float], FloatArray]
-    """The position of its origin in the world frame, shape (3,), by the time [s]."""
+    """The position of its origin in the world frame, shape (3,), by the time for which it has moved [s]."""
+    waits_m: float = 0.0
+    """It waits while a drone is within this distance of its origin, so that it hits nobody who does not see it; 0 never
+    waits."""
 
     def at(self, time_s: float) -> Body:
         """The body where it is at a time."""
@@ -130,12 +133,21 @@ class Mover:
         return replace(self.body, position_m=(x, y, z))
 
 
-def shuttle(body: Body, from_m: FloatArray, to_m: FloatArray, *, speed_m_s: float, travelled_m: float = 0.0) -> Mover:
+def shuttle(
+    body: Body,
+    from_m: FloatArray,
+    to_m: FloatArray,
+    *,
+    speed_m_s: float,
+    travelled_m: float = 0.0,
+    waits_m: float = 0.0,
+) -> Mover:
     """A body that moves back and forth between two different places, shape (3,), at constant speed.
 
     At time 0 it has travelled `travelled_m` since it was at the first one.
     """
-    return Mover(body=body, position_m=partial(_shuttled, from_m, to_m, speed_m_s, travelled_m))
+    position_m = partial(_shuttled, from_m, to_m, speed_m_s, travelled_m)
+    return Mover(body=body, position_m=position_m, waits_m=waits_m)
 
 
 def _shuttled(from_m: FloatArray, to_m: FloatArray, speed_m_s: float, travelled_m: float, time_s: float) -> FloatArray:

@@ -74,6 +74,10 @@ class World:
             self._mover_attitudes = {
                 body: frames.quaternion_from_yaw(mover.body.yaw_rad).tolist() for body, mover in self.movers.items()
             }
+            self._moved_s: dict[int, float] = {}
+            """Time for which each mover has moved."""
+            self._mover_m: dict[int, FloatArray] = {}
+            self._mover_velocity: dict[int, FloatArray] = {}
             self.move_to(0.0)
             self.bodies: dict[int, Body] = {create_body(body, self.client): body for body in scene.bodies}
             yaws_rad = np.full(self.n_drones, start_yaw_rad, np.float64)
@@ -156,10 +160,23 @@ class World:
         self._read_motion()
 
     def move_to(self, time_s: float) -> None:
-        """Put all movers where they are at a time. `step` does so by the world's clock."""
+        """Put all movers where they are at a time, if none waits. `step` does so by the world's clock."""
+        for body in self.movers:
+            self._move(body, time_s)
+
+    def _move(self, body: int, moved_s: float) -> None:
+        """Put a mover where it is after it has moved for a time."""
+        before_m, at_m = self._mover_m.get(body), self.movers[body].position_m(moved_s)
+        self._moved_s[body], self._mover_m[body] = moved_s, at_m
+        self._mover_velocity[body] = np.zeros(3) if before_m is None else (at_m - before_m) / self.dt_s
+        q_xyzw = self._mover_attitudes[body]
+        pybullet.resetBasePositionAndOrientation(body, at_m.tolist(), q_xyzw, physicsClientId=self.client)
+
+    def _step_movers(self) -> None:
+        """Move all movers that do not wait for a drone."""
         for body, mover in self.movers.items():
-            at_m, q_xyzw = mover.position_m(time_s).tolist(), self._mover_attitudes[body]
-            pybullet.resetBasePositionAndOrientation(body, at_m, q_xyzw, physicsClientId=self.client)
+            apart_m = np.linalg.norm(self._position - self._mover_m[body], axis=1).min(initial=np.inf)
+            self._move(body, self._moved_s[body] + (self.dt_s if apart_m >= mover.waits_m else 0.0))
 
     def step(self) -> list[Contact]:
         """Advance by 1/240 s and return the contacts that began in this step."""
@@ -173,7 +190,7 @@ class World:
             bullet.applyExternalForce(body, -1, force, at, bullet.WORLD_FRAME, physicsClientId=client)
             bullet.applyExternalTorque(body, -1, torque, bullet.WORLD_FRAME, physicsClientId=client)
         self.steps += 1
-        self.move_to(self.time_s)
+        self._step_movers()
         bullet.stepSimulation(physicsClientId=client)
         self._recent.append(self._velocity)
         self._read_motion()
@@ -267,8 +284,7 @@ class World:
             hit = self.described[body]
             other, kind = hit.name, hit.kind
             if body in self.movers:
-                position_m = self.movers[body].position_m
-                relative -= (position_m(self.time_s) - position_m(self.time_s - self.dt_s)) / self.dt_s
+                relative -= self._mover_velocity[body]
         speed_m_s = float(np.linalg.norm(relative))
         return Contact(time_s=self.time_s, drone=drones[0], other=other, kind=kind, speed_m_s=speed_m_s)
 

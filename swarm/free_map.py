@@ -171,7 +171,7 @@ class Chart:
         if missing_m <= 0:
             return np.zeros(2)
         best = max(COMPASS, key=lambda along: self.clearance_m(at_m[:2] + WAY_OUT_M * along))
-        return missing_m * best
+        return np.asarray(missing_m * best)
 
     def is_free(self, at_m: FloatArray) -> bool:
         """Return whether a drone has its whole width at a position (x, y)."""

@@ -61,6 +61,8 @@ class CitySpec(WeakWallsSpec):
     """Range of the movers' speeds [m/s]."""
     mover_way_m: Annotated[Range, LATER] = (4.0, 10.0)
     """Range of the lengths of the movers' ways [m]."""
+    mover_waits_m: Annotated[float, LATER] = Field(0.0, ge=0)
+    """Distance of a drone at which a mover waits; 0 never waits."""
     mover_height_m: Annotated[float, LATER] = Field(6.0, gt=1.0)
     """Height of the middle of the movers [m], that of the flight."""
 
@@ -157,4 +159,5 @@ def _mover(spec: CitySpec, rng: np.random.Generator, index: int) -> Mover:
         np.array([x, y + way_m / 2, spec.mover_height_m]),
         speed_m_s=float(rng.uniform(*spec.mover_speed_m_s)),
         travelled_m=float(rng.uniform(0, 2 * way_m)),
+        waits_m=spec.mover_waits_m,
     )

@@ -1,6 +1,7 @@
 """Bodies that move back and forth, and the world that contains them."""
 
 import numpy as np
+import pybullet
 import pytest
 from pydantic import ValidationError
 
@@ -89,6 +90,23 @@ def test_a_drone_that_a_mover_runs_into_has_a_contact_at_its_speed(speed_m_s: fl
     assert contact.kind == "mover"
     assert contact.speed_m_s == pytest.approx(speed_m_s, abs=0.05)
     assert contact.time_s == pytest.approx((2.0 - 0.5 - world.airframe.radius_m) / speed_m_s, abs=0.1)
+
+
+def test_a_mover_waits_for_a_drone_that_is_near_and_goes_on_when_it_has_left() -> None:
+    crate = Body(name="crate", kind="mover", shape=Box((1.0, 1.0, 1.0)))
+    moves = shuttle(crate, np.array([3.0, 0, 3]), np.array([-3.0, 0, 3]), speed_m_s=1.0, waits_m=1.5)
+    with World(scene_with(moves), np.array([[0.0, 0.0, 3.0]])) as world:
+        (body,) = world.movers
+        for _ in range(3 * 240):
+            world.step()
+        at_m, _ = pybullet.getBasePositionAndOrientation(body, physicsClientId=world.client)
+        assert at_m[0] == pytest.approx(1.5, abs=0.02)
+        world.apply([VelocityCommand(velocity_m_s=np.array([0.0, 3.0, 0.0]), yaw_rad=0.0)])
+        for _ in range(3 * 240):
+            world.step()
+        at_m, _ = pybullet.getBasePositionAndOrientation(body, physicsClientId=world.client)
+        assert at_m[0] < 0.5
+    assert world.contacts == []
 
 
 def test_movers_change_the_looks_of_nothing_else() -> None:

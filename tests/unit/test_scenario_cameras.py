@@ -14,7 +14,7 @@ WRONG = {
     "glass": {"scene.glass_share"},
     "exposure": {"rig.exposure_sigma", "rig.exposure_settling_frames"},
     "thin": {"scene.pole_radius_m", "scene.wires"},
-    "moving": {"scene.movers", "scene.mover_speed_m_s", "scene.mover_way_m"},
+    "moving": {"scene.movers", "scene.mover_speed_m_s", "scene.mover_waits_m", "scene.mover_way_m"},
 }
 """Keys by which each differs from a city in which nothing is wrong."""
 
