@@ -18,6 +18,9 @@ PANEL_IN = (5.2, 3.8)
 MARKERS = "os^vD<>phX*dP8"
 """Marker of the k-th line or point."""
 LEGEND_COLUMNS = 8
+"""Largest number of entries side by side in a shared legend."""
+LETTERS_PER_IN = 14
+"""Letters of a legend that fit into an inch; a line and the gaps around it take as much as 7."""
 INVISIBLE = "\N{ZERO WIDTH SPACE}"
 
 Draw = Callable[["Axes"], None]
@@ -132,7 +135,9 @@ def add_shared_legend(figure: "Figure") -> None:
         handles, names = axes.get_legend_handles_labels()
         labels |= dict(zip(names, handles, strict=True))
     if labels:
-        place: dict[str, Any] = {"loc": "outside lower center", "ncols": LEGEND_COLUMNS, "fontsize": 8}
+        fitting = int(LETTERS_PER_IN * figure.get_figwidth() / (max(map(len, labels)) + 7))
+        columns = max(1, min(LEGEND_COLUMNS, fitting))
+        place: dict[str, Any] = {"loc": "outside lower center", "ncols": columns, "fontsize": 8}
         for text in figure.legend(list(labels.values()), list(labels), **place).get_texts():
             text.set_parse_math(False)
 

@@ -1,22 +1,82 @@
 """Analysis of a study: summaries of its arms, paired comparisons of arms, and dose responses to the noise ratio."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
 from swarm.types import Outcome
+from voxdepth.types import FloatArray, MaskImage
 
 from ..errors import ScenarioError
-from .design import RunSpec, arm_label
-from .statistics import DoseResponse, Interval, Pairs, dose_response, holm, mcnemar, newcombe, pairs_of
+from .design import EndpointName, RunSpec, arm_label
+from .statistics import (
+    DoseResponse,
+    Estimate,
+    Interval,
+    Pairs,
+    bootstrap_mean,
+    dose_response,
+    holm,
+    mcnemar,
+    newcombe,
+    pairs_of,
+    stratified,
+)
 from .store import RunRecord, StudyData
 
 ArmLevel = tuple[str, float | None]
 """An arm at one noise ratio."""
 Block = tuple[str, int]
 """A scenario and a seed, within which the runs of two arms form a pair."""
+REACHED: Mapping[EndpointName, Outcome] = {"arrived": Outcome.SUCCESS, "collision": Outcome.COLLISION}
+"""Outcome of the runs that reached an endpoint."""
+ENDS: Mapping[str, tuple[Outcome, ...]] = {
+    "arrived": (Outcome.SUCCESS,),
+    "collision": (Outcome.COLLISION,),
+    "stuck": (Outcome.DEADLOCK, Outcome.LOST),
+    "timeout": (Outcome.TIMEOUT,),
+}
+"""The competing ends of a run."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measure:
+    """A number that every run has, whose mean is reported."""
+
+    name: str
+    unit: str
+    of: Callable[[RunSpec, RunRecord], float | None]
+    """Its value in a run; None if the store has none."""
+
+
+def _metric(name: str) -> Callable[[RunSpec, RunRecord], float | None]:
+    return lambda _, record: None if (value := record.metrics.get(name)) is None else float(value)
+
+
+def _time_to_goal_s(spec: RunSpec, record: RunRecord) -> float | None:
+    """Return the time of arrival; a run that does not arrive counts with the largest time that it had."""
+    if record.outcome is not Outcome.SUCCESS:
+        return spec.run.scenario.mission.duration_s
+    return _metric("sim_time_s")(spec, record)
+
+
+def _path_length_m(spec: RunSpec, record: RunRecord) -> float | None:
+    """Return the mean over the drones."""
+    lengths_m = [float(drone["path_length_m"] or 0) for drone in record.drones]
+    return sum(lengths_m) / len(lengths_m) if lengths_m else None
+
+
+DRONES_LOST = Measure(name="drones lost", unit="", of=_metric("drones_lost"))
+TIME_TO_GOAL = Measure(name="time to goal", unit="s", of=_time_to_goal_s)
+MEASURES = (
+    DRONES_LOST,
+    TIME_TO_GOAL,
+    Measure(name="path length", unit="m", of=_path_length_m),
+    Measure(name="near misses", unit="", of=_metric("near_misses")),
+    Measure(name="leader progress", unit="m", of=_metric("leader_progress_m")),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,8 +87,10 @@ class ArmSummary:
     arm: str
     theta: float | None
     planned: int
+    specs: Sequence[RunSpec]
+    """Runs with a result, ordered by seed."""
     records: Sequence[RunRecord]
-    """Results, ordered by seed."""
+    """Their results."""
 
     @property
     def label(self) -> str:
@@ -54,9 +116,27 @@ class ArmSummary:
         """Return `wilson` or `clopper_pearson` of the collision ratio; None without runs."""
         return method(self.collisions, self.n) if self.n else None
 
-    def count(self, outcome: Outcome) -> int:
-        """Return the number of runs with an outcome."""
-        return sum(record.outcome is outcome for record in self.records)
+    def count(self, *outcomes: Outcome) -> int:
+        """Return the number of runs with one of some outcomes."""
+        return sum(record.outcome in outcomes for record in self.records)
+
+    def estimate(self, measure: Measure) -> Estimate | None:
+        """Return the mean of a measure over the runs with its interval; None where no run has it."""
+        values = [measure.of(spec, record) for spec, record in zip(self.specs, self.records, strict=True)]
+        strata: dict[str, list[float]] = {}
+        for spec, value in zip(self.specs, values, strict=True):
+            if value is not None:
+                strata.setdefault(spec.scenario, []).append(value)
+        return bootstrap_mean(list(strata.values())) if strata else None
+
+    def incidence(self, end: str, times_s: FloatArray) -> FloatArray:
+        """Return the share of all runs that came to one of the `ENDS` by each of some mission times.
+
+        All runs are observed until they end, so that this is a plain proportion.
+        """
+        ended_s = np.sort([end_time_s(record) for record in self.records if record.outcome in ENDS[end]])
+        shares: FloatArray = np.searchsorted(ended_s, times_s, side="right") / self.n
+        return shares
 
     def contacts(self, kind: str) -> int:
         """Return the number of contacts of a kind over all runs; a run may have several."""
@@ -75,9 +155,14 @@ class Comparison:
 
     first: str
     second: str
+    declared: bool
+    """Whether the study declares this pair of arms."""
+    cells: Mapping[str, Pairs]
+    """Pairs by scenario."""
     pairs: Pairs
+    """Pairs of all scenarios."""
     difference: Interval
-    """Newcombe's interval of the difference of the collision ratios, first minus second."""
+    """Newcombe's interval of the difference of the shares that reached the endpoint, first minus second."""
     p: float
     """P-value of the exact McNemar test."""
     p_holm: float | None
@@ -87,6 +172,28 @@ class Comparison:
     def primary(self) -> bool:
         """Whether this is the pre-registered primary comparison."""
         return self.p_holm is None
+
+    @property
+    def stratified(self) -> Estimate:
+        """The difference over all scenarios, stratified by scenario."""
+        return stratified(list(self.cells.values()))
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeanDifference:
+    """The paired difference of the means of a measure, first minus second, over all scenarios and seeds of both."""
+
+    first: str
+    second: str
+    pairs: int
+    estimates: Mapping[str, Estimate | None]
+    """Differences by the name of the measure; None where the store has no values."""
+
+
+def end_time_s(record: RunRecord) -> float:
+    """Return the mission time at which it was decided how a run ended: that of the first contact, if there was one."""
+    contact_s, end_s = record.metrics.get("first_contact_s"), record.metrics["sim_time_s"]
+    return float((end_s if contact_s is None else contact_s) or 0)
 
 
 def summarise_arms(data: StudyData) -> list[ArmSummary]:
@@ -100,46 +207,114 @@ def summarise_arms(data: StudyData) -> list[ArmSummary]:
             arm=arm,
             theta=theta,
             planned=len(specs),
+            specs=[spec for spec in specs if spec.key in data.records],
             records=[data.records[spec.key] for spec in specs if spec.key in data.records],
         )
         for (scenario, arm, theta), specs in grouped.items()
     ]
 
 
-def compare_arms(data: StudyData) -> list[Comparison]:
-    """Compare all pairs of arms that have a pair of runs; the primary comparison comes first."""
-    levels: list[ArmLevel] = [(arm.name, theta) for arm in data.study.arms for theta in arm.levels]
-    # Arms at two different noise ratios are not compared.
-    sides = [(a, b) for a, b in combinations(levels, 2) if a[0] != b[0] and (None in (a[1], b[1]) or a[1] == b[1])]
-    primary = None
-    if (declared := data.study.declared) is not None:
-        level = {level[0]: level for level in levels}  # The arms of the primary comparison have one level.
-        primary = level[declared.arm], level[declared.against]
-        sides = [primary, *(pair for pair in sides if set(pair) != set(primary))]
-    collided = _collided(data)
-    found = [(pair, pairs) for pair in sides if (pairs := _pairs(collided, *pair)).n]
-    p_values = [mcnemar(pairs.first_only, pairs.second_only) for _, pairs in found]
+def over_scenarios(arms: Sequence[ArmSummary]) -> list[ArmSummary]:
+    """Return the summaries of all arms over all scenarios; none if there is one scenario."""
+    if len({arm.scenario for arm in arms}) < 2:
+        return []
+    grouped: dict[ArmLevel, list[ArmSummary]] = {}
+    for arm in arms:
+        grouped.setdefault((arm.arm, arm.theta), []).append(arm)
+    return [
+        ArmSummary(
+            scenario="all",
+            arm=name,
+            theta=theta,
+            planned=sum(arm.planned for arm in own),
+            specs=[spec for arm in own for spec in arm.specs],
+            records=[record for arm in own for record in arm.records],
+        )
+        for (name, theta), own in grouped.items()
+    ]
+
+
+def headline(comparisons: Sequence[Comparison]) -> list[Comparison]:
+    """Return the comparisons that are shown scenario by scenario: the declared one, or those with the first arm."""
+    declared = [one for one in comparisons if one.declared]
+    return declared or [one for one in comparisons if comparisons[0].first in (one.first, one.second)]
+
+
+def compare_arms(data: StudyData, endpoint: EndpointName) -> list[Comparison]:
+    """Compare how many runs of two arms reached an endpoint, for all pairs of arms that have a pair of runs.
+
+    The declared comparison comes first; it is the primary one if it was declared on this endpoint.
+    """
+    sides, declared = _sides(data)
+    primary = declared if endpoint == data.study.endpoint else None
+    reached = _reached(data, endpoint)
+    found = [(pair, cells) for pair in sides if (cells := _cells(reached, *pair))]
+    pooled = [pooled_pairs(cells.values()) for _, cells in found]
+    p_values = [mcnemar(pairs.first_only, pairs.second_only) for pairs in pooled]
     adjusted = iter(holm([p for p, (pair, _) in zip(p_values, found, strict=True) if pair != primary]))
     return [
         Comparison(
             first=arm_label(*pair[0]),
             second=arm_label(*pair[1]),
+            declared=pair == declared,
+            cells=cells,
             pairs=pairs,
             difference=newcombe(pairs),
             p=p,
             p_holm=None if pair == primary else next(adjusted),
         )
-        for p, (pair, pairs) in zip(p_values, found, strict=True)
+        for p, pairs, (pair, cells) in zip(p_values, pooled, found, strict=True)
     ]
 
 
+def compare_means(data: StudyData, measures: Sequence[Measure]) -> list[MeanDifference]:
+    """Compare the means of some measures of all pairs of arms that have a pair of runs."""
+    flown: dict[ArmLevel, dict[Block, RunSpec]] = {}
+    for spec in data.flown:
+        flown.setdefault((spec.arm, spec.theta), {})[spec.scenario, spec.seed] = spec
+    found = []
+    for one, other in _sides(data)[0]:
+        a, b = flown.get(one, {}), flown.get(other, {})
+        blocks = [block for block in a if block in b]
+        if blocks:
+            estimates = {
+                m.name: _mean_difference(data, m, [(a[block], b[block]) for block in blocks]) for m in measures
+            }
+            labels = {"first": arm_label(*one), "second": arm_label(*other)}
+            found.append(MeanDifference(**labels, pairs=len(blocks), estimates=estimates))
+    return found
+
+
+def _mean_difference(data: StudyData, measure: Measure, pairs: Sequence[tuple[RunSpec, RunSpec]]) -> Estimate | None:
+    """Return the mean difference of a measure over pairs of runs, with a bootstrap over the seeds of each scenario."""
+    strata: dict[str, list[float]] = {}
+    for pair in pairs:
+        a, b = (measure.of(spec, data.records[spec.key]) for spec in pair)
+        if a is not None and b is not None:
+            strata.setdefault(pair[0].scenario, []).append(a - b)
+    return bootstrap_mean(list(strata.values())) if strata else None
+
+
+def _sides(data: StudyData) -> tuple[list[tuple[ArmLevel, ArmLevel]], tuple[ArmLevel, ArmLevel] | None]:
+    """Return the pairs of arms that are compared, and the declared one, which comes first; None if there is none."""
+    levels: list[ArmLevel] = [(arm.name, theta) for arm in data.study.arms for theta in arm.levels]
+    # Arms at two different noise ratios are not compared.
+    sides = [(a, b) for a, b in combinations(levels, 2) if a[0] != b[0] and (None in (a[1], b[1]) or a[1] == b[1])]
+    if (declared := data.study.declared) is None:
+        return sides, None
+    level = {level[0]: level for level in levels}  # The arms of the declared comparison have one level.
+    primary = level[declared.arm], level[declared.against]
+    return [primary, *(pair for pair in sides if set(pair) != set(primary))], primary
+
+
 def dose_responses(data: StudyData) -> Iterator[tuple[str, str, DoseResponse | str]]:
-    """Fit every arm with at least three noise ratios to the seeds that were flown at all of them.
+    """Fit the collisions of every arm with at least three noise ratios to the seeds that were flown at all of them.
 
     Yields:
-        The scenario, the arm, and its dose response or the reason why there is none.
+        The scenario, the arm, and its dose response or the reason why there is none. An arm that flew the noise ratio 1
+        has a second one without it, to show how much hangs on it.
     """
-    collided = _collided(data)
+    collided = _reached(data, "collision")
     for scenario in dict.fromkeys(spec.scenario for spec in data.specs):
         for arm in data.study.arms:
             if len(arm.theta) < 3:
@@ -147,10 +322,18 @@ def dose_responses(data: StudyData) -> Iterator[tuple[str, str, DoseResponse | s
             columns = [collided.get((arm.name, theta), {}) for theta in arm.theta]
             blocks = sorted(block for block in set.intersection(*map(set, columns)) if block[0] == scenario)
             rows = np.array([[column[block] for column in columns] for block in blocks], np.bool_)
-            try:
-                yield scenario, arm.name, dose_response(arm.theta, rows.reshape(-1, len(columns)))
-            except ScenarioError as error:
-                yield scenario, arm.name, str(error)
+            rows = rows.reshape(-1, len(columns))
+            below = [k for k, theta in enumerate(arm.theta) if theta < 1]
+            yield scenario, arm.name, _fitted(arm.theta, rows)
+            if 3 <= len(below) < len(arm.theta):
+                yield scenario, f"{arm.name}, without theta 1", _fitted([arm.theta[k] for k in below], rows[:, below])
+
+
+def _fitted(thetas: Sequence[float], collided: MaskImage) -> DoseResponse | str:
+    try:
+        return dose_response(thetas, collided)
+    except ScenarioError as error:
+        return str(error)
 
 
 def first_collisions(data: StudyData) -> list[RunSpec]:
@@ -159,15 +342,27 @@ def first_collisions(data: StudyData) -> list[RunSpec]:
     return [found[arm.name] for arm in data.study.arms if arm.name in found]
 
 
-def _collided(data: StudyData) -> Mapping[ArmLevel, Mapping[Block, bool]]:
-    """Return whether each run with a result collided."""
+def pooled_pairs(cells: Iterable[Pairs]) -> Pairs:
+    """Return the pairs of all scenarios together."""
+    cells = list(cells)
+    counts = ("both", "first_only", "second_only", "neither")
+    return Pairs(**{name: sum(getattr(pairs, name) for pairs in cells) for name in counts})
+
+
+def _reached(data: StudyData, endpoint: EndpointName) -> Mapping[ArmLevel, Mapping[Block, bool]]:
+    """Return whether each run with a result reached an endpoint."""
     found: dict[ArmLevel, dict[Block, bool]] = {}
     for spec in data.flown:
-        is_collision = data.records[spec.key].outcome is Outcome.COLLISION
-        found.setdefault((spec.arm, spec.theta), {})[spec.scenario, spec.seed] = is_collision
+        has_reached = data.records[spec.key].outcome is REACHED[endpoint]
+        found.setdefault((spec.arm, spec.theta), {})[spec.scenario, spec.seed] = has_reached
     return found
 
 
-def _pairs(collided: Mapping[ArmLevel, Mapping[Block, bool]], first: ArmLevel, second: ArmLevel) -> Pairs:
-    a, b = collided.get(first, {}), collided.get(second, {})
-    return pairs_of([(a[block], b[block]) for block in a if block in b])
+def _cells(reached: Mapping[ArmLevel, Mapping[Block, bool]], first: ArmLevel, second: ArmLevel) -> dict[str, Pairs]:
+    """Return the pairs of runs of two arms by scenario."""
+    a, b = reached.get(first, {}), reached.get(second, {})
+    outcomes: dict[str, list[tuple[bool, bool]]] = {}
+    for block in a:
+        if block in b:
+            outcomes.setdefault(block[0], []).append((a[block], b[block]))
+    return {scenario: pairs_of(pairs) for scenario, pairs in outcomes.items()}

@@ -9,6 +9,7 @@ Sources:
     [4] Clopper, Pearson, Biometrika 26 (1934) 404, doi:10.1093/biomet/26.4.404.
     [5] McNemar, Psychometrika 12 (1947) 153, doi:10.1007/BF02295996; here exact, by the binomial distribution.
     [6] McCullagh, Nelder, Generalized Linear Models (1989), Section 4.3: the complementary log-log link.
+    [7] Zou, Donner, Stat. Med. 27 (2008) 1693, doi:10.1002/sim.3095: sums of estimates from their intervals.
 """
 
 import math
@@ -54,9 +55,16 @@ def _proportion(k: int, n: int, method: str) -> Interval:
     return Interval(float(found.low), float(found.high))
 
 
+class Estimate(NamedTuple):
+    """A value with its confidence interval."""
+
+    value: float
+    interval: Interval
+
+
 @dataclass(frozen=True, kw_only=True)
 class Pairs:
-    """Counts of matched pairs of runs, by which of the two collided."""
+    """Counts of matched pairs of runs, by which of the two reached an endpoint, such as a collision."""
 
     both: int
     first_only: int
@@ -72,12 +80,12 @@ class Pairs:
 
     @property
     def difference(self) -> float:
-        """Collision ratio of the first minus that of the second; n > 0."""
+        """Share of runs of the first that reached the endpoint minus that of the second; n > 0."""
         return (self.first_only - self.second_only) / self.n
 
 
 def pairs_of(outcomes: Sequence[tuple[bool, bool]]) -> Pairs:
-    """Count pairs of (first collided, second collided)."""
+    """Count pairs of (first reached the endpoint, second reached it)."""
     return Pairs(
         both=outcomes.count((True, True)),
         first_only=outcomes.count((True, False)),
@@ -120,6 +128,35 @@ def newcombe(pairs: Pairs) -> Interval:
     w1, w2 = wilson(first, n), wilson(second, n)
     below, above = combined(p1 - w1.low, w2.high - p2), combined(w1.high - p1, p2 - w2.low)
     return Interval(pairs.difference - below, pairs.difference + above)
+
+
+def stratified(strata: Sequence[Pairs]) -> Estimate:
+    """Return the difference of two paired proportions over strata, weighted by their pairs; each has n > 0.
+
+    The interval follows from Newcombe's of the strata: the squares of the distances to their bounds add up [7]. With
+    one stratum it is Newcombe's.
+    """
+    n = sum(pairs.n for pairs in strata)
+    parts = [(pairs.n / n, pairs.difference, newcombe(pairs)) for pairs in strata]
+    value = sum(weight * difference for weight, difference, _ in parts)
+    below = math.hypot(*(weight * (difference - interval.low) for weight, difference, interval in parts))
+    above = math.hypot(*(weight * (interval.high - difference) for weight, difference, interval in parts))
+    return Estimate(value, Interval(value - below, value + above))
+
+
+def bootstrap_mean(
+    strata: Sequence[Sequence[float]], *, seed: int = BOOTSTRAP_SEED, resamples: int = RESAMPLES
+) -> Estimate:
+    """Return the mean of all values with the percentile interval of a bootstrap that draws within each stratum.
+
+    The values are of runs, or differences of pairs of runs; none of the strata is empty.
+    """
+    rng = np.random.default_rng(seed)
+    sums = np.zeros(resamples)
+    for values in map(np.asarray, strata):
+        sums += values[rng.integers(0, len(values), (resamples, len(values)))].sum(axis=1)
+    n = sum(map(len, strata))
+    return Estimate(float(sum(map(sum, strata))) / n, percentiles((sums / n).tolist()))
 
 
 def percentiles(values: Sequence[float]) -> Interval:

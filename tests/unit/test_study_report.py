@@ -20,7 +20,7 @@ from swarm.types import Outcome
 from tests.studies import arm, contents_of, noisy, record, study
 
 HIT, MISS, LOST = Outcome.COLLISION, Outcome.SUCCESS, Outcome.LOST
-DECLARED = {"declared": {"arm": "b", "against": "a"}}
+DECLARED = {"declared": {"arm": "b", "against": "a", "endpoint": "collision"}}
 
 
 def two_arms(a: str, b: str, **values: object) -> StudyData:
@@ -50,7 +50,7 @@ def test_a_point_without_runs_claims_nothing() -> None:
 
 
 def test_the_declared_comparison_stands_first_and_alone() -> None:
-    declared, *others = compare_arms(two_arms("xxxxxxo x", "ooooooxx ", **DECLARED))
+    declared, *others = compare_arms(two_arms("xxxxxxo x", "ooooooxx ", **DECLARED), "collision")
     assert (declared.first, declared.second, declared.primary) == ("b", "a", True)
     assert (declared.pairs.n, declared.pairs.first_only, declared.pairs.second_only) == (7, 1, 6)
     assert declared.pairs.difference == pytest.approx(-5 / 7)
@@ -61,7 +61,7 @@ def test_the_declared_comparison_stands_first_and_alone() -> None:
 
 
 def test_without_a_declared_comparison_all_are_adjusted() -> None:
-    found = compare_arms(two_arms("xxo", "oox"))
+    found = compare_arms(two_arms("xxo", "oox"), "collision")
     assert len(found) == 3
     assert not any(comparison.primary for comparison in found)
 
@@ -73,14 +73,14 @@ def test_pairs_keep_scenario_and_seed(tmp_path: Path) -> None:
     outcome = {("city", "a"): HIT, ("city", "b"): MISS, ("own", "a"): MISS, ("own", "b"): HIT}
     records = {s.key: record(s, outcome[s.scenario, s.arm]) for s in specs}
     contents = StudyData(study=both, specs=specs, records=records, failures={}, versions={}, machine="")
-    (comparison,) = compare_arms(contents)
+    (comparison,) = compare_arms(contents, "collision")
     assert (comparison.pairs.first_only, comparison.pairs.second_only) == (1, 1)
     assert [(p.scenario, p.collisions) for p in summarise_arms(contents) if p.arm == "a"] == [("city", 1), ("own", 0)]
 
 
 def test_noise_ratios_are_compared_with_their_like_alone() -> None:
     mixed = study(arm("t"), noisy("a", 0.5, 1.0), noisy("b", 0.5, 1.0), seeds=1)
-    found = compare_arms(contents_of(mixed, {(s.arm, s.theta, 0): MISS for s in expand(mixed)}))
+    found = compare_arms(contents_of(mixed, {(s.arm, s.theta, 0): MISS for s in expand(mixed)}), "collision")
     assert [(c.first, c.second) for c in found] == [
         ("t", "a, theta 0.5"), ("t", "a, theta 1"), ("t", "b, theta 0.5"), ("t", "b, theta 1"),
         ("a, theta 0.5", "b, theta 0.5"), ("a, theta 1", "b, theta 1"),
@@ -98,7 +98,7 @@ def noise_study(seeds: int = 6) -> StudyData:
 
 
 def test_the_dose_response_is_fitted_to_the_seeds_that_are_complete() -> None:
-    ((scenario, name, fit),) = dose_responses(noise_study())
+    (scenario, name, fit), *_ = dose_responses(noise_study())
     assert (scenario, name) == ("city", "raw")
     assert isinstance(fit, DoseResponse)
     assert fit.seeds == 5
@@ -148,11 +148,12 @@ def test_the_page_loads_nothing_and_says_what_there_is() -> None:
     assert "<script" not in text
     assert "11 of 12 runs have a result. Seeds 0 to 3" in text
     assert "This study is not complete: 1 of 12 runs are missing." in text
-    assert "Declared here: b against a." in text
+    assert "Primary endpoint: a run with a collision." in text
+    assert "Declared before the first run: b against a." in text
     assert "<tr><td>b - a</td><td>declared</td><td>3</td><td>0</td><td>2</td><td>-0.667</td>" in text
     key = first_collisions(two_arms("xxo ", "oooo"))[0].key[:12]
     assert f"voxdepth study replay out {key} --record" in text
-    assert text.count("<figure>") == 2, "nothing is drawn against noise if there is none"
+    assert text.count("<figure>") == 3, "nothing is drawn against noise if there is none"
     assert "Dose response" not in text
 
 
@@ -160,7 +161,7 @@ def test_the_tables_are_the_same_in_markdown_and_stand_beside_the_page(tmp_path:
     contents = two_arms("xxol ", "ooooo", **DECLARED)
     write_report(contents, tmp_path)
     text = (tmp_path / "report.md").read_text()
-    row = next(line for line in text.splitlines() if line.startswith("| city | a |"))
+    row = next(line for line in text.splitlines() if line.startswith("| city | a | 4 of 5 |"))
     assert row.split(" | ")[2:5] == ["4 of 5", "2", "0.500"]
     assert "| b - a | declared | 4 | 0 | 2 | -0.500 |" in text
     assert "Dose response" not in text
@@ -168,13 +169,14 @@ def test_the_tables_are_the_same_in_markdown_and_stand_beside_the_page(tmp_path:
         if line.startswith("| city"):
             assert all(cell in page_of(contents) for cell in line.strip("| ").split(" | "))
     figures = sorted((tmp_path / "figures").iterdir())
-    assert [path.name for path in figures] == ["city-collisions-by-arm.png", "city-how-runs-ended.png"]
+    names = ["city-endpoints-by-arm.png", "city-ends-over-time.png", "city-how-runs-ended.png"]
+    assert [path.name for path in figures] == names
     assert all(cv2.imread(str(path)) is not None for path in figures)
 
 
 def test_the_page_of_a_noise_study_has_the_papers_figure_and_the_fit() -> None:
     text = page_of(noise_study())
-    assert text.count("<figure>") == 3
+    assert text.count("<figure>") == 4
     assert "city: collisions against noise" in text
     assert re.search(r"<td>5</td><td>\d\.\d{3} \[", text), "the seeds that are complete, and a with its interval"
     assert re.search(r"<td>\d+ resamples, seed 20240601", text)

@@ -1,0 +1,207 @@
+"""The figures of a study's report."""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from voxdepth.types import FloatArray
+
+from ..results.figure import Draw, Picture, legend_label, panels
+from .analysis import ENDS, REACHED, ArmSummary, Comparison, headline
+from .design import EndpointName, Study
+from .statistics import DoseResponse, Estimate, stratified, wilson
+from .tables import ENDPOINT_TITLES, OUTCOMES
+
+WIDTH_IN = 9.0
+COLORS = dict(zip(OUTCOMES, ("#4c9f70", "#c0392b", "#e0a030", "#7d5ba6", "#8a8f98"), strict=True))
+RATIO_CAPTION = "Shares of runs with Wilson 95 % intervals; n is the number of runs."
+TIME_CAPTION = (
+    "Share of all runs that came to an end by a mission time; they and the share that still flies sum to 100 %. A "
+    "collision counts at its first contact. All runs are observed to their end, so these are plain proportions."
+)
+FOREST_CAPTION = (
+    "Differences of shares with 95 % intervals: Newcombe's in each scenario, and stratified by scenario over all. To "
+    "the right of the line, more runs of the first arm."
+)
+LINE_STYLES = ("-", "--", ":")
+AXIS_LABELS: dict[EndpointName, str] = {"arrived": "arrived without a collision", "collision": "runs with a collision"}
+
+
+def forest(comparisons: Sequence[Comparison], endpoint: EndpointName) -> list[Picture]:
+    """Draw the effects of the headline comparisons by scenario; nothing for one scenario."""
+    found = [one for one in headline(comparisons) if len(one.cells) > 1]
+    if not found:
+        return []
+    height_in = 1.0 + 0.26 * sum(len(one.cells) + 2 for one in found)
+    title = f"Effects by scenario: {ENDPOINT_TITLES[endpoint]}"
+    return [_picture(title, FOREST_CAPTION, [partial(_draw_forest, found)], (WIDTH_IN, height_in))]
+
+
+def _draw_forest(comparisons: Sequence[Comparison], axes: Any) -> None:
+    """Draw a block of rows for each comparison: its scenarios, and a diamond for all of them."""
+    row, names = 0, {}
+    for one in comparisons:
+        names[row] = legend_label(f"{one.first} - {one.second}")
+        effects: dict[str, Estimate] = {name: stratified([pairs]) for name, pairs in one.cells.items()}
+        labels = {name: f"{name}, n = {pairs.n}" for name, pairs in one.cells.items()}
+        effects["all"], labels["all"] = one.stratified, f"all, n = {one.pairs.n}"
+        for name, (value, interval) in effects.items():
+            row += 1
+            names[row] = labels[name]
+            error = 100 * np.maximum(0.0, [[value - interval.low], [interval.high - value]])
+            style = {"fmt": "D", "ms": 7, "color": "C3"} if name == "all" else {"fmt": "o", "ms": 4, "color": "C0"}
+            axes.errorbar([100 * value], [row], xerr=error, capsize=3, **style)
+        row += 1
+    axes.axvline(0, color="0.4", lw=1)
+    axes.set_yticks(list(names), list(names.values()), fontsize=8)
+    for label in axes.get_yticklabels():
+        label.set_parse_math(False)
+    axes.set_ylim(row - 0.5, -0.7)
+    axes.set_xlabel("difference [percentage points]")
+    axes.grid(alpha=0.3, axis="x")
+
+
+def grid(study: Study, arms: Sequence[ArmSummary]) -> list[Picture]:
+    """Draw the endpoint of a design of two factors over all scenarios; nothing for other designs."""
+    if len(study.factors) != 2:
+        return []
+    rows, columns = (list(dict.fromkeys(arm.factors[n] for arm in study.arms if arm.factors)) for n in study.factors)
+    shares = np.full((len(rows), len(columns)), np.nan)
+    factors = {arm.name: arm.factors for arm in study.arms if arm.factors}
+    for arm in arms:
+        if arm.arm in factors and arm.n:
+            row, column = (factors[arm.arm][name] for name in study.factors)
+            shares[rows.index(row), columns.index(column)] = 100 * arm.count(REACHED[study.endpoint]) / arm.n
+    draw = partial(_draw_grid, shares, rows, columns, study.factors)
+    title = f"Factorial design: {ENDPOINT_TITLES[study.endpoint]}"
+    size_in = (WIDTH_IN, 1.4 + 0.5 * len(rows))
+    return [_picture(title, "Share of the runs of all scenarios [%].", [draw], size_in)]
+
+
+def _draw_grid(
+    shares: FloatArray, rows: Sequence[str], columns: Sequence[str], factors: Sequence[str], axes: Any
+) -> None:
+    axes.imshow(shares, vmin=0, vmax=100, cmap="Blues", aspect="auto")
+    for (row, column), share in np.ndenumerate(shares):
+        if not np.isnan(share):
+            axes.text(column, row, f"{share:.0f}", ha="center", va="center", color="white" if share > 60 else "black")
+    axes.set_xticks(range(len(columns)), columns, fontsize=8)
+    axes.set_yticks(range(len(rows)), rows, fontsize=8)
+    axes.set_xlabel(factors[1])
+    axes.set_ylabel(factors[0])
+
+
+def all_figures(arms: Sequence[ArmSummary], fitted: Mapping[tuple[str, str], DoseResponse]) -> list[Picture]:
+    """Draw the figures of all scenarios, `fitted` by scenario and arm; arms without a result are left out."""
+    found: list[Picture] = []
+    for scenario in dict.fromkeys(arm.scenario for arm in arms if arm.n):
+        own = [arm for arm in arms if arm.scenario == scenario and arm.n]
+        fits = {name: fit for (place, name), fit in fitted.items() if place == scenario}
+        if len({arm.theta for arm in own} - {None}) > 1:
+            caption = RATIO_CAPTION + (" The dotted line is 1 - exp(-a theta^b), fitted by likelihood." if fits else "")
+            draws = [
+                partial(_draw_noise_ratios, own, fits, "collision"),
+                partial(_draw_noise_ratios, own, {}, "arrived"),
+            ]
+            found.append(_picture(f"{scenario}: collisions against noise", caption, draws, (WIDTH_IN / 2, 4.4)))
+        rows_in = 0.32 * len(own)
+        draws = [partial(_draw_shares, own, endpoint) for endpoint in REACHED]
+        found.append(_picture(f"{scenario}: endpoints by arm", RATIO_CAPTION, draws, (WIDTH_IN / 2, 1.2 + rows_in)))
+        caption, draw = "Every run has exactly one outcome; n is the number of runs.", partial(_draw_outcomes, own)
+        size_in = WIDTH_IN, 1.6 + rows_in
+        found.append(_picture(f"{scenario}: how runs ended", caption, [draw], size_in, shared_legend=True))
+        draws, size_in = [partial(_draw_incidence, own, end) for end in ENDS], (WIDTH_IN / 2, 2.6)
+        found.append(
+            _picture(f"{scenario}: ends over time", TIME_CAPTION, draws, size_in, columns=2, shared_legend=True)
+        )
+    return found
+
+
+def _picture(title: str, caption: str, draws: Sequence[Draw], panel_in: tuple[float, float], **style: Any) -> Picture:
+    return Picture(title=title, caption=caption, png=panels("", draws, panel_in=panel_in, **style))
+
+
+def _draw_incidence(arms: Sequence[ArmSummary], end: str, axes: Any) -> None:
+    """Draw the share of runs of each arm that came to an end by each time."""
+    longest_s = max(float(record.metrics["sim_time_s"] or 0) for arm in arms for record in arm.records)
+    times_s = np.linspace(0, 1.02 * longest_s, 400)
+    for k, arm in enumerate(arms):
+        style = {"color": f"C{k % 10}", "ls": LINE_STYLES[k // 10 % len(LINE_STYLES)], "lw": 1.3}
+        axes.plot(times_s, 100 * arm.incidence(end, times_s), label=legend_label(arm.label), **style)
+    axes.set_title(end, fontsize=9)
+    _percent_axis(axes.yaxis, axes.set_ylim)
+    axes.set_xlabel("mission time [s]")
+    axes.set_ylabel("runs [%]")
+    axes.grid(alpha=0.3)
+
+
+def _draw_noise_ratios(
+    arms: Sequence[ArmSummary], fits: Mapping[str, DoseResponse], endpoint: EndpointName, axes: Any
+) -> None:
+    """Draw the figure of the paper: every arm over its noise ratios, or as a horizontal line if it has none."""
+    for k, name in enumerate(dict.fromkeys(arm.arm for arm in arms)):
+        own, color = [arm for arm in arms if arm.arm == name], f"C{k}"
+        low, high = min(arm.n for arm in own), max(arm.n for arm in own)
+        n = f"n = {low}" if low == high else f"n = {low} to {high}"
+        y, errors = _shares(own, endpoint)
+        if own[0].theta is None:
+            axes.axhline(y[0], color=color, ls="--", label=legend_label(f"{name}, no noise ratio, {n}"))
+            continue
+        style = {"marker": "o", "ms": 4, "capsize": 3, "color": color}
+        axes.errorbar([arm.theta for arm in own], y, yerr=errors, label=legend_label(f"{name}, {n} each"), **style)
+        if name in fits:
+            fine = np.linspace(0.01, 1, 100)
+            axes.plot(fine, [100 * fits[name].curve.at(theta) for theta in fine], ":", color=color, lw=1)
+    axes.set_xlabel("noise ratio theta")
+    _percent_axis(axes.yaxis, axes.set_ylim)
+    axes.set_ylabel(f"{AXIS_LABELS[endpoint]} [%]")
+    axes.grid(alpha=0.3)
+    for text in axes.legend(fontsize=8).get_texts():
+        text.set_parse_math(False)
+
+
+def _draw_shares(arms: Sequence[ArmSummary], endpoint: EndpointName, axes: Any) -> None:
+    x, errors = _shares(arms, endpoint)
+    color = COLORS[REACHED[endpoint]]
+    axes.errorbar(x, np.arange(len(arms)), xerr=errors, fmt="o", ms=5, capsize=3, color=color)
+    _name_rows(axes, arms)
+    axes.tick_params(labelleft=endpoint == next(iter(REACHED)))
+    _percent_axis(axes.xaxis, axes.set_xlim)
+    axes.set_xlabel(f"{AXIS_LABELS[endpoint]} [%]")
+    axes.grid(alpha=0.3)
+
+
+def _draw_outcomes(arms: Sequence[ArmSummary], axes: Any) -> None:
+    left = np.zeros(len(arms))
+    for outcome, color in COLORS.items():
+        shares = np.array([100 * arm.count(outcome) / arm.n for arm in arms])
+        axes.barh(np.arange(len(arms)), shares, left=left, color=color, label=outcome.value)
+        left += shares
+    _name_rows(axes, arms)
+    axes.set_xlim(0, 100)
+    axes.set_xlabel("runs [%]")
+
+
+def _name_rows(axes: Any, arms: Sequence[ArmSummary]) -> None:
+    """Name a row for each arm, the first one at the top, with a margin of half a row."""
+    axes.set_yticks(np.arange(len(arms)), [f"{arm.label}, n = {arm.n}" for arm in arms], fontsize=8)
+    for label in axes.get_yticklabels():
+        label.set_parse_math(False)
+    axes.set_ylim(len(arms) - 0.5, -0.5)
+
+
+def _percent_axis(axis: Any, set_limits: Any) -> None:
+    """Leave a margin below 0 and above 100, where many points lie."""
+    set_limits(-3, 103)
+    axis.set_ticks(range(0, 101, 20))
+
+
+def _shares(arms: Sequence[ArmSummary], endpoint: EndpointName) -> tuple[FloatArray, FloatArray]:
+    """Return shares of an endpoint [%], shape (arms,), and the distances to their Wilson bounds, shape (2, arms)."""
+    counts = [arm.count(REACHED[endpoint]) for arm in arms]
+    percent = np.array([100 * count / arm.n for count, arm in zip(counts, arms, strict=True)])
+    bounds = [wilson(count, arm.n) for count, arm in zip(counts, arms, strict=True)]
+    low, high = (100 * np.array(ends) for ends in ([b.low for b in bounds], [b.high for b in bounds]))
+    return percent, np.maximum(0.0, [percent - low, high - percent])  # Rounding may put a bound beyond its point.

@@ -1,0 +1,218 @@
+"""The tables of a study's report."""
+
+from collections.abc import Iterable, Sequence
+from itertools import product
+
+from swarm.types import Outcome
+
+from ..results.table import Column, Table, Value
+from .analysis import ENDS, MEASURES, REACHED, ArmSummary, Comparison, MeanDifference, headline
+from .design import EndpointName, Study
+from .statistics import B_BOUNDS, DoseResponse, Estimate, Interval, clopper_pearson, stratified, wilson
+
+ENDPOINT_TITLES: dict[EndpointName, str] = {"arrived": "arrived without a collision", "collision": "collisions"}
+OUTCOMES = (Outcome.SUCCESS, Outcome.COLLISION, Outcome.DEADLOCK, Outcome.LOST, Outcome.TIMEOUT)
+"""Outcomes in the order in which they are listed and stacked."""
+OTHER_OUTCOMES = tuple(outcome for outcome in OUTCOMES if outcome is not Outcome.COLLISION)
+CONTACT_KINDS = ("building", "drone", "ground")
+"""Kinds of contacts that every table of arms lists."""
+RARE_KINDS = ("mover",)
+"""Kinds that are listed where there was one."""
+
+END_NOTE = (
+    "Shares of runs with Wilson 95 % intervals. The ends compete: every run has one. Arrived: all that the mission "
+    "asks, without a collision; stuck: nobody made progress, or a follower was lost. All runs are observed to their "
+    "end, so that these are the cumulative incidences at the end."
+)
+MEAN_NOTE = (
+    "Means with 95 % intervals of a bootstrap that draws runs. Drones lost are those that touched something. The time"
+    " to goal is a restricted mean over all runs: one that does not arrive counts with the largest time that it had. "
+    "The path length is that of a drone."
+)
+MEAN_DIFFERENCE_NOTE = "Over pairs of the same scenario and seed, with 95 % intervals of a bootstrap that draws seeds."
+EFFECT_NOTE = (
+    "b: only the first arm reached the endpoint; c: only the second did. Newcombe's intervals in each scenario; over "
+    "all, the difference is stratified by scenario, and the squares of the distances to the bounds add up (Zou and "
+    "Donner)."
+)
+COMPARISON_NOTE = (
+    "Pairs are runs of the same scenario and seed, over all scenarios. b: only the first arm reached the endpoint; c:"
+    " only the second did. The difference is that of the shares, with Newcombe's 95 % interval for paired shares (his"
+    " method 10). p is exact and two-sided (McNemar). The p-value of the comparison and endpoint that were declared "
+    "before the first run is not adjusted; those of all others of a table are, for their number after Holm."
+)
+DOSE_NOTE = (
+    "The collision ratio as 1 - exp(-a theta^b), a complementary log-log model, fitted by maximum likelihood to the "
+    "runs of those seeds that have a result at every theta; theta 0 is left out, where the curve is 0. Intervals are "
+    "the middle 95 % of a bootstrap that draws whole seeds. With b above 1 the ratio grows faster than linearly. The "
+    "last ratio is that of the curve at theta 1 by that at 0.5, also without the runs at theta 1."
+)
+ARM_NOTE = (
+    "Intervals are 95 % intervals of the collision ratio. Contacts count every first touch of a drone and something "
+    "else, of which a run may have several. The mission time is the mean simulated time of the runs that succeeded; "
+    "the depth error is that of the depth handed to the swarm, of pixels that have one and truly lie within 20 m, the"
+    " mean over runs. The last column is the share of the pixels within 20 m that have none: arms that leave more of "
+    "them empty are judged on fewer."
+)
+
+
+def end_table(arms: Iterable[ArmSummary]) -> Table:
+    """Return the share of runs of each arm that came to each end, with Wilson intervals."""
+    columns = ("scenario", "arm", "runs", *(f"{end} [%]" for end in ENDS))
+    rows: list[list[Value]] = [
+        [arm.scenario, arm.label, arm.n, *(_percent(arm.count(*outcomes), arm.n) for outcomes in ENDS.values())]
+        for arm in arms
+        if arm.n
+    ]
+    return Table.of("How runs ended", columns, rows, note=END_NOTE)
+
+
+def mean_table(arms: Iterable[ArmSummary]) -> Table:
+    """Return the mean of each measure of each arm with its bootstrap interval."""
+    columns: list[Column | str] = ["scenario", "arm", "runs"]
+    columns += [Column(measure.name, measure.unit) for measure in MEASURES]
+    rows: list[list[Value]] = [
+        [arm.scenario, arm.label, arm.n, *(_estimate(arm.estimate(measure)) for measure in MEASURES)]
+        for arm in arms
+        if arm.n
+    ]
+    return Table.of("Means over all runs", columns, rows, note=MEAN_NOTE)
+
+
+def mean_difference_table(found: Iterable[MeanDifference]) -> Table:
+    """Return the paired differences of means; pairs whose measures are all unknown are left out."""
+    found = [one for one in found if any(one.estimates.values())]
+    names = list(found[0].estimates) if found else []
+    units = {measure.name: measure.unit for measure in MEASURES}
+    columns: list[Column | str] = ["first - second", "pairs", *(Column(name, units[name]) for name in names)]
+    rows = [
+        [f"{one.first} - {one.second}", one.pairs, *(_estimate(one.estimates[name], "+.2f") for name in names)]
+        for one in found
+    ]
+    return Table.of("Differences of means", columns, rows, note=MEAN_DIFFERENCE_NOTE)
+
+
+def effect_table(comparisons: Sequence[Comparison], endpoint: EndpointName) -> Table:
+    """Return the headline comparisons scenario by scenario, and over all; empty for one scenario."""
+    columns = ("first - second", "scenario", "pairs", "b", "c", Column("difference", number="+.3f"), "95 % interval")
+    rows: list[list[Value]] = []
+    for found in headline(comparisons):
+        for name, pairs in {**found.cells, "all, stratified": found.pairs}.items():
+            effect = found.stratified if pairs is found.pairs else stratified([pairs])
+            counts = pairs.n, pairs.first_only, pairs.second_only
+            row = [f"{found.first} - {found.second}", name, *counts, effect.value, _interval(effect.interval, "+.3f")]
+            rows += [row] if len(found.cells) > 1 else []
+    return Table.of(f"Effects by scenario: {ENDPOINT_TITLES[endpoint]}", columns, rows, note=EFFECT_NOTE)
+
+
+def grid_table(study: Study, arms: Iterable[ArmSummary]) -> Table:
+    """Return the endpoint of a factorial design, a row for each level of all factors but the last, which has columns.
+
+    An entry is the share of runs that reached the primary endpoint. The table is empty for other designs.
+    """
+    title, factors = f"Factorial design: {ENDPOINT_TITLES[study.endpoint]} [%]", study.factors
+    if not factors:
+        return Table.of(title, ("scenario",), [])
+    levels = [list(dict.fromkeys(arm.factors[name] for arm in study.arms if arm.factors)) for name in factors]
+    place = {arm.name: tuple(arm.factors[name] for name in factors) for arm in study.arms if arm.factors}
+    found = {(arm.scenario, place[arm.arm]): arm for arm in arms if arm.arm in place and arm.n}
+    rows: list[list[Value]] = []
+    for scenario in dict.fromkeys(scenario for scenario, _ in found):
+        for row in product(*levels[:-1]):
+            cells = [found.get((scenario, (*row, column))) for column in levels[-1]]
+            texts = [None if arm is None else _percent(arm.count(REACHED[study.endpoint]), arm.n) for arm in cells]
+            rows.append([scenario, *row, *texts])
+    return Table.of(title, ("scenario", *factors[:-1], *(f"{factors[-1]}: {level}" for level in levels[-1])), rows)
+
+
+def arm_table(arms: Iterable[ArmSummary]) -> Table:
+    """Return a row for each arm at each noise ratio in each scenario."""
+    arms = list(arms)
+    kinds = (*CONTACT_KINDS, *(kind for kind in RARE_KINDS if any(arm.contacts(kind) for arm in arms)))
+    columns: tuple[Column | str, ...] = (
+        *("scenario", "arm", "runs", "collisions", Column("ratio", number=".3f"), "Wilson", "Clopper-Pearson"),
+        *(outcome.value for outcome in OTHER_OUTCOMES),
+        *(f"contacts: {kind}" for kind in kinds),
+        *(Column("mission time", "s"), Column("depth error, MAE", "m"), Column("without depth", "%", ".1f")),
+    )
+    return Table.of("All arms", columns, [_arm_row(arm, kinds) for arm in arms], note=ARM_NOTE)
+
+
+def _arm_row(arm: ArmSummary, kinds: Iterable[str]) -> Sequence[Value]:
+    hole_share, _ = arm.mean("depth_corrected_hole_share")
+    return [
+        *(arm.scenario, arm.label, f"{arm.n} of {arm.planned}", arm.collisions, arm.ratio),
+        _interval(arm.interval(wilson)),
+        _interval(arm.interval(clopper_pearson)),
+        *(arm.count(outcome) for outcome in OTHER_OUTCOMES),
+        *(arm.contacts(kind) for kind in kinds),
+        _mean(*arm.mean("sim_time_s", Outcome.SUCCESS), ".1f"),
+        _mean(*arm.mean("depth_corrected_mae_m"), ".3f"),
+        None if hole_share is None else 100 * hole_share,
+    ]
+
+
+def comparison_table(comparisons: Iterable[Comparison], endpoint: EndpointName) -> Table:
+    """Return a row for each pair of arms."""
+    columns = (
+        *("first - second", "", "pairs", "b", "c", Column("difference", number="+.3f"), "95 % interval"),
+        *(Column("p", number=_p_text), Column("p after Holm", number=_p_text)),
+    )
+    rows = [
+        [
+            *(f"{found.first} - {found.second}", "declared" if found.primary else "other"),
+            *(found.pairs.n, found.pairs.first_only, found.pairs.second_only, found.pairs.difference),
+            *(_interval(found.difference, "+.3f"), found.p, found.p_holm),
+        ]
+        for found in comparisons
+    ]
+    return Table.of(f"Comparisons of arms: {ENDPOINT_TITLES[endpoint]}", columns, rows, note=COMPARISON_NOTE)
+
+
+def dose_response_table(found: Iterable[tuple[str, str, DoseResponse | str]]) -> Table:
+    """Return a row for each arm with at least three noise ratios in each scenario."""
+    columns = ("scenario", "arm", "seeds", "a", "b", "p(1.0) / p(0.5)", "")
+    rows = [[scenario, arm, *_dose_response_row(fit)] for scenario, arm, fit in found]
+    return Table.of("Dose response: collisions against noise", columns, rows, note=DOSE_NOTE)
+
+
+def _dose_response_row(fit: DoseResponse | str) -> Sequence[Value]:
+    if isinstance(fit, str):
+        return [None] * 4 + [f"no fit: {fit}"]
+    curve = fit.curve
+    note = f"{fit.resamples} resamples, seed {fit.bootstrap_seed}"
+    if curve.at_bound:
+        note += f"; b ends at a bound of the search ({B_BOUNDS[0]:g} to {B_BOUNDS[1]:g}): not determined by these runs"
+    return [
+        fit.seeds,
+        f"{curve.a:.3f} {_interval(fit.a)}",
+        f"{curve.b:.2f} {_interval(fit.b)}",
+        f"{curve.ratio:.3g} {_interval(fit.ratio)}",
+        note,
+    ]
+
+
+def _interval(interval: Interval | None, kind: str = ".3f") -> str | None:
+    if interval is None:
+        return None
+    kind = kind if interval.high < 100 else ".3g"
+    return f"[{interval.low:{kind}}, {interval.high:{kind}}]"
+
+
+def _estimate(estimate: Estimate | None, kind: str = ".2f") -> str | None:
+    return None if estimate is None else f"{estimate.value:{kind}} {_interval(estimate.interval, kind)}"
+
+
+def _percent(count: int, n: int) -> str:
+    """Return a share in percent with its Wilson interval; n > 0."""
+    low, high = wilson(count, n)
+    return f"{100 * count / n:.0f} [{100 * low:.0f}, {100 * high:.0f}]"
+
+
+def _mean(mean: float | None, n: int, kind: str) -> str | None:
+    return None if mean is None else f"{mean:{kind}} (n = {n})"
+
+
+def _p_text(p: float) -> str:
+    """Return a p-value with the digits that matter."""
+    return "< 0.0001" if p < 0.0001 else f"{p:.4f}"
