@@ -18,7 +18,15 @@ from voxdepth.types import FloatArray, FloatImage, Intrinsics, MaskImage
 from . import map_kernels as kernels
 from .evidence import Evidence, EvidenceReader
 from .map_kernels import FREE, Limits, Rules, View, Voxels
-from .route_kernels import cheapest_way, clearance_at, free_length, worst_between
+from .nearby import ApproachLimits
+from .route_kernels import (
+    Braking,
+    cheapest_way,
+    clearance_at,
+    free_length,
+    nearest_safe_velocity,
+    worst_between,
+)
 
 MAX_VOXELS = 2**24
 STATES = ("free", "unseen", "vain", "surface")
@@ -37,6 +45,8 @@ LOOK_AHEAD = 4
 """Points of the way beyond its clear part to which a drone looks."""
 CLEAR_M = 5.0
 """Length of the way up to which its clear part is sought."""
+SIDESTEPS_RAD = np.radians([0, 20, -20, 40, -40, 60, -60])
+"""Directions beside the wanted one that are tried when that is not free."""
 COMPASS = np.column_stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)])
 WAY_OUT_M = 0.5
 """Distance at which a drone that stands too narrow compares directions."""
@@ -165,6 +175,14 @@ class Chart:
         length = free_length(self._clearance, x, y, float(along[0]), float(along[1]), self._width, longest_m / side_m)
         return side_m * length
 
+    def restrain(self, velocity: FloatArray, at_m: FloatArray, limits: ApproachLimits, braking: Braking) -> FloatArray:
+        """Return the safe velocity (x, y) that is nearest to a wanted one; see `nearest_safe_velocity`."""
+        safe = np.array(velocity[:2])
+        x, y = self._cells(at_m)
+        towards, speed_m_s = np.ascontiguousarray(limits.towards), limits.speed_m_s
+        nearest_safe_velocity(self._clearance, x, y, towards, speed_m_s, SIDESTEPS_RAD, braking, safe)
+        return safe
+
     def way_out(self, at_m: FloatArray) -> FloatArray:
         """Return what a drone misses to its width at a position, as a vector (x, y) to the more open side."""
         missing_m = self._config.voxel_m * self._width - self.clearance_m(at_m)
@@ -278,11 +296,12 @@ class FreeMap:
 
     def is_column_free(self, at_m: FloatArray, low_m: float, high_m: float, time_s: float) -> bool:
         """Return whether the column of voxels at a position (x, y) is free between two heights."""
-        state = np.empty(self._config.shape[1:], np.uint8)
-        origin_m = self.origin_m
-        kernels.worst_states(self._voxels, self._rules, float(origin_m[2]), low_m, high_m, time_s, state)
-        col, row = np.floor((at_m[:2] - origin_m[:2]) / self._config.voxel_m).astype(int).tolist()
-        return bool((state[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2] == FREE).all())
+        col, row, _ = ((at_m - self.origin_m) / self._sides_m).tolist()
+        rows, cols = slice(max(int(row) - 1, 0), int(row) + 2), slice(max(int(col) - 1, 0), int(col) + 2)
+        near = Voxels._make(np.ascontiguousarray(counts[:, rows, cols]) for counts in self._voxels)
+        state = np.empty(near.passed.shape[1:], np.uint8)
+        kernels.worst_states(near, self._rules, float(self.origin_m[2]), low_m, high_m, time_s, state)
+        return bool((state == FREE).all())
 
     def update(self, evidence: Evidence, T_odom_cam: FloatArray, drones_m: FloatArray, time_s: float) -> None:
         """Add the evidence of an image; surfaces near the other drones `drones_m`, shape (n, 3), are these drones."""

@@ -15,17 +15,13 @@ from voxdepth.types import FloatArray
 from .evidence import EvidenceReader
 from .free_map import Chart, FreeMap, Route
 from .nearby import ApproachLimits, clamp_to_limits
-from .obstacle_kernels import braking_speed
 from .pilot import Pilot, PilotConfig, Situation
+from .route_kernels import Braking
 from .types import Decision, OnboardCamera
 from .vectors import length
 
 AHEAD_M = 1.0
 """Free space beyond the braking distance, with which a drone flies straight instead of planning a way."""
-SIDESTEPS_RAD = np.radians([0, 20, -20, 40, -40, 60, -60]).tolist()
-"""Directions beside the wanted one that are tried when that is not free."""
-GOOD_ENOUGH = 0.7
-"""Share of the wanted speed with which a direction needs no better one."""
 MAKE_ROOM_PER_S = 3.0
 """Speed with which a drone gives way to what comes near, per distance that it misses to its clearance."""
 MAX_CLIMB_M_S = 1.0
@@ -70,6 +66,10 @@ class MappingPilot(Pilot):
         self._reader = EvidenceReader(camera.intrinsics, config.evidence, disparity_scale=camera.disparity_scale)
         self._map = FreeMap(config.map, self._reader, camera.intrinsics)
         self._width_m, self._half_height_m = radius_m + config.keep_m, radius_m + config.keep_above_m
+        c = config.avoidance
+        self._braking = Braking(
+            config.map.voxel_m, self._width_m, config.map.reach_m, c.max_decel_m_s2, c.brake_gain_per_s
+        )
         self._known: Known | None = None
         self._route: Route | None = None
         """The way by the newest image; None until one is needed."""
@@ -153,21 +153,9 @@ class MappingPilot(Pilot):
         self, known: Known, velocity: FloatArray, limits: ApproachLimits, at_m: FloatArray, flown: FloatArray
     ) -> FloatArray:
         """Return the velocity that is nearest to a wanted one, stops within free space and approaches no drone."""
-        c, speed = self._config.avoidance, length(velocity[:2])
-        start_m = at_m[:2] + self._config.response_s * flown[:2]
-        best, most = np.zeros(2), 0.0
-        for angle_rad in SIDESTEPS_RAD if speed > 1e-3 else ():
-            cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-            along = np.array([[cos, -sin], [sin, cos]]) @ velocity[:2] / speed
-            free_m = known.chart.free_length_m(start_m, along, self._config.map.reach_m)
-            allowed = min(speed, braking_speed(free_m, c.max_decel_m_s2, c.brake_gain_per_s))
-            if angle_rad:  # The wanted velocity respects the limits already.
-                allowed = min(allowed, _approach_speed(limits, along))
-            if allowed * cos > most + 1e-6:
-                best, most = allowed * along, allowed * cos
-            if most >= GOOD_ENOUGH * speed:
-                break
-        return np.array([*best, velocity[2] if self._may_climb(known, at_m, velocity[2]) else 0.0])
+        start_m = at_m + self._config.response_s * flown
+        level = known.chart.restrain(velocity, start_m, limits, self._braking)
+        return np.array([*level, velocity[2] if self._may_climb(known, at_m, velocity[2]) else 0.0])
 
     def _may_climb(self, known: Known, at_m: FloatArray, climb_m_s: float) -> bool:
         """Return whether the space above or below, where the drone gets within a second, is free."""
@@ -195,10 +183,3 @@ class MappingPilot(Pilot):
         self._stands_since_s = time_s
         for point_m in self._route.points_m[self._route.clear + 1 :][:GIVEN_UP]:
             self._map.give_up(np.array([*point_m, self._known.at_m[2]]), self._width_m, self._half_height_m)
-
-
-def _approach_speed(limits: ApproachLimits, along: FloatArray) -> float:
-    """Return the largest speed in a horizontal direction, shape (2,), that respects all limits."""
-    share = limits.towards[:, :2] @ along
-    ahead = share > 1e-3
-    return float(max(0.0, (limits.speed_m_s[ahead] / share[ahead]).min(initial=np.inf)))

@@ -4,12 +4,16 @@ Maps have the shape (rows along y, columns along x); positions on them are (x, y
 has its middle at (column, row).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
-from numba import float32, float64, int64, uint8
+from numba import float32, float64, int64, uint8, void
 
-from voxdepth.compiled import FLOAT_IMAGE, compiled
+from voxdepth.compiled import FLOAT_IMAGE, compiled, named_tuple
 from voxdepth.types import FloatArray, FloatImage
+
+from .obstacle_kernels import braking_speed
 
 Bytes = npt.NDArray[np.uint8]
 Cells = npt.NDArray[np.int64]
@@ -18,6 +22,8 @@ STEP_CELLS = 0.5
 """Distance between the places at which a direction is tested."""
 ESCAPE_SLOPE = 0.5
 """Growth of the clearance per distance that a drone keeps on its way out of a place that is too narrow."""
+GOOD_ENOUGH = 0.7
+"""Share of the wanted speed with which a direction needs no better one."""
 DIAGONAL = float(np.sqrt(2))
 
 
@@ -47,6 +53,68 @@ def free_length(
             return length
         length = ahead
     return longest
+
+
+class Braking(NamedTuple):
+    """How a body keeps to free space; lengths in metres."""
+
+    cell_m: float
+    """Side of a cell of the map."""
+    width_m: float
+    """Clearance that the body needs."""
+    longest_m: float
+    """Free lengths are sought up to this one."""
+    decel_m_s2: float
+    gain_per_s: float
+
+
+BRAKING = named_tuple(Braking, *[float64] * len(Braking._fields))
+
+
+@compiled(float64(float64[:, ::1], float64[::1], float64, float64))
+def approach_limit(towards: FloatArray, speed_m_s: FloatArray, along_x: float, along_y: float) -> float:
+    """Return the largest speed in a horizontal direction that respects limits along `towards`, shape (n, 3)."""
+    least = np.inf
+    for k in range(len(towards)):
+        share = towards[k, 0] * along_x + towards[k, 1] * along_y
+        if share > 1e-3:
+            least = min(least, max(0.0, speed_m_s[k] / share))
+    return least
+
+
+@compiled(void(FLOAT_IMAGE, float64, float64, float64[:, ::1], float64[::1], float64[::1], BRAKING, float64[::1]))
+def nearest_safe_velocity(
+    clearance: FloatImage,
+    x: float,
+    y: float,
+    towards: FloatArray,
+    speed_m_s: FloatArray,
+    sidesteps_rad: FloatArray,
+    braking: Braking,
+    # output
+    velocity: FloatArray,
+) -> None:
+    """Turn and shorten a velocity (x, y), in place, so that a body can stop within free space.
+
+    It starts at (x, y), in cells. Directions beside the wanted one also respect the limits towards other bodies, which
+    the wanted one does already. A direction that keeps `GOOD_ENOUGH` of the speed is not compared with further ones.
+    """
+    speed = np.sqrt(velocity[0] ** 2 + velocity[1] ** 2)
+    wanted_x, wanted_y = velocity / max(speed, 1e-9)
+    velocity[:] = 0.0
+    most = 0.0
+    for k in range(len(sidesteps_rad)):
+        cos, sin = np.cos(sidesteps_rad[k]), np.sin(sidesteps_rad[k])
+        along_x, along_y = cos * wanted_x - sin * wanted_y, sin * wanted_x + cos * wanted_y
+        width, longest = braking.width_m / braking.cell_m, braking.longest_m / braking.cell_m
+        free_m = braking.cell_m * free_length(clearance, x, y, along_x, along_y, width, longest)
+        allowed = min(speed, braking_speed(free_m, braking.decel_m_s2, braking.gain_per_s))
+        if k > 0:
+            allowed = min(allowed, approach_limit(towards, speed_m_s, along_x, along_y))
+        if allowed * cos > most + 1e-6:
+            velocity[0], velocity[1], most = allowed * along_x, allowed * along_y, allowed * cos
+        if most >= GOOD_ENOUGH * speed:
+            break
 
 
 @compiled(int64(float64[::1], int64[::1], int64, float64, int64))

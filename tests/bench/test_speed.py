@@ -23,6 +23,7 @@ from sim.sensor import RigConfig, StereoSensor, photon_noise
 from sim.stereo import StereoConfig, StereoMatcher
 from sim.types import BodyPose, VelocityCommand
 from sim.world import World
+from swarm.mapping import MappingPilot
 from swarm.mission import Mission
 from swarm.task import MissionConfig
 from tests.helpers import camera_at
@@ -107,6 +108,7 @@ def test_captures(scenario: str, width: int, height: int, factor: int) -> None:
 
 
 TICK = (Mission, "tick")
+MAP = (MappingPilot, "fly")
 PARTS = {
     "drawing": (StereoSensor, "render"),
     "noise and matching": (StereoSensor, "capture"),
@@ -139,19 +141,23 @@ def spent_ms(run: Run, calls: dict[str, tuple[type, str]], monkeypatch: pytest.M
 
 def test_profile_of_a_mission(monkeypatch: pytest.MonkeyPatch) -> None:
     """A table for docs/performance.md, of 8 drones with the corrector `voxdepth`."""
-    profiles = {}
-    for width, height in [(160, 120), (320, 180)]:
-        changes = {"corrector": "voxdepth", **images_of(width, height)}
+    profiles, shares = {}, {}
+    cameras = {"160x120": images_of(160, 120), "320x180": images_of(320, 180), "480x270 / 3": {}}
+    for camera, size in cameras.items():
+        changes = {"corrector": "voxdepth", **size}
         fly(load_run("city", 0, changes | {"mission.duration_s": 1.5}), threads=1)
         run = load_run("city", 0, changes | {"mission.duration_s": 5.0})
-        ms = spent_ms(run, {**PARTS, "a tick": TICK}, monkeypatch)
-        profiles[f"{width}x{height}"] = ms | {"the rest": 2 * ms["a tick"] - sum(ms.values())}
+        ms = spent_ms(run, {**PARTS, "a tick": TICK, "maps": MAP}, monkeypatch)
+        shares[camera] = ms.pop("maps") / ms["correction"]
+        profiles[camera] = ms | {"the rest": 2 * ms["a tick"] - sum(ms.values())}
     columns = [Column(size, unit, number) for size in profiles for unit, number in (("ms", ".1f"), ("%", ".0f"))]
     rows = [
         [part, *(value for ms in profiles.values() for value in (ms[part], 100 * ms[part] / ms["a tick"]))]
         for part in [*PARTS, "the rest", "a tick"]
     ]
     print("\n" + Table.of("profile of a mission", ["part of a mission", *columns], rows).markdown())
+    for camera, share in shares.items():
+        show(f"map and decision of a drone, {camera}, against the correction of its image", f"{share:6.2f}")
 
 
 def test_profile_by_number_of_drones(monkeypatch: pytest.MonkeyPatch) -> None:
