@@ -170,6 +170,33 @@ def replay(
         raise typer.Exit(1)
 
 
+@app.command()
+def power(
+    pairs: Annotated[int, typer.Option(min=1, help="Pairs of runs over all cells.")] = 200,
+    rates: Annotated[
+        str, typer.Option(help="Share of arrivals of the old arm in each cell, separated by commas.")
+    ] = "0.35,0.5,0.6,0.7,0.8,0.85",
+    effect: Annotated[float, typer.Option(min=0, max=100, help="Points by which the new arm arrives more often.")] = 10,
+    studies: Annotated[
+        int, typer.Option(min=1, help="Number of synthetic studies without and with the effect.")
+    ] = 1000,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the synthetic studies.")] = 0,
+) -> None:
+    """Simulate studies without and with an effect, analyse them as real ones, and print how often one is found."""
+    from rich.console import Console
+
+    from ..errors import ScenarioError
+    from ..study.power import Design, power_table
+
+    try:
+        base_rates = tuple(float(rate) for rate in rates.split(","))
+    except ValueError as error:
+        raise ScenarioError(f"--rates must be numbers separated by commas, as in 0.5,0.7, got {rates!r}") from error
+    table = power_table(Design(pairs=pairs, base_rates=base_rates), effect / 100, studies, seed)
+    table.print(Console())
+    typer.echo(table.note)
+
+
 def _print_status(data: "StudyData") -> None:
     from rich.console import Console
 
