@@ -39,8 +39,8 @@ STATE_COLORS = {
     "dropped out": (60, 60, 60),
 }
 """Colours of the states of a drone."""
-OPACITY = 100
-"""Opacity of bodies, of at most 255, so that drones are seen behind them."""
+OPACITY = 110
+"""Opacity of bodies, of at most 255."""
 EYE_M = (-13.0, -4.0, 24.0)
 """Where the world is seen from, relative to the middle of the first swarm."""
 BELOW_M = 1.5
@@ -87,10 +87,11 @@ class MissionRecorder(Recorder):
         self._columns = ColumnWriter(self._stream)
         self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._log("world/map", cell_labels(), static=True)
-        self._log_bodies("world/scene", world.scene.bodies)
+        for body in world.scene.bodies:
+            self._log_body(f"world/scene/{body.name}", body)
         self._movers = world.scene.movers
         for index, mover in enumerate(self._movers):
-            self._log_bodies(f"world/mover/{index}", [replace(mover.body, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0)])
+            self._log_body(f"world/mover/{index}", replace(mover.body, position_m=(0.0, 0.0, 0.0), yaw_rad=0.0))
         goals_m = [team.goal_m for team in teams]
         goals = rr.Points3D(goals_m, radii=[0.6], colors=[(80, 220, 100)], labels=["goal"] * len(goals_m))
         self._log("world/goal", goals, static=True)
@@ -98,8 +99,8 @@ class MissionRecorder(Recorder):
             self._log("world/slots", rr.Points3D.from_fields(radii=[0.12], colors=[(200, 200, 90)]), static=True)
         size: dict[str, Any] = {"lengths": [DRONE_BODY_HEIGHT_M], "radii": [world.airframe.radius_m]}
         for drone in range(world.n_drones):
-            body = rr.Cylinders3D(**size, colors=[self._color(drone)], fill_mode="solid")
-            self._log(f"world/drone/{drone}/body", body, static=True)
+            shape = rr.Cylinders3D(**size, colors=[self._color(drone)], fill_mode="solid")
+            self._log(f"world/drone/{drone}/body", shape, static=True)
             self._log_camera(drone)
             self._log_looks(drone)
 
@@ -174,26 +175,19 @@ class MissionRecorder(Recorder):
             self._stream.set_time("sim_time", duration=time_s)
             self._columns.set_time(step, time_s)
 
-    def _log_bodies(self, path: str, bodies: Sequence[Body]) -> None:
-        """Record bodies as triangles with a normal and a gray value each."""
-        corners, grays = [], []
-        for body in bodies:
-            rotation = rotation_from_yaw(body.yaw_rad)
-            mesh = moved(mesh_of_shape(body.shape), rotation, np.array(body.position_m))
-            corners.append(mesh.vertices_m[mesh.triangles])
-            grays.append(np.full(len(mesh.triangles), 255 * body.surface.albedo))
-        if corners:
-            corners_m = np.concatenate(corners)
-            normals = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
-            normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-            colors = np.repeat(np.concatenate(grays).astype(np.uint8)[:, None], 3, axis=1)
-            shown = rr.Mesh3D(
-                vertex_positions=corners_m.reshape(-1, 3),
-                vertex_normals=np.repeat(normals, 3, axis=0),
-                vertex_colors=np.repeat(colors, 3, axis=0),
-                albedo_factor=(255, 255, 255, OPACITY),
-            )
-            self._log(path, shown, static=True)
+    def _log_body(self, path: str, body: Body) -> None:
+        """Record a body as triangles with a normal each. What is behind it can be seen through it."""
+        mesh = moved(mesh_of_shape(body.shape), rotation_from_yaw(body.yaw_rad), np.array(body.position_m))
+        corners_m = mesh.vertices_m[mesh.triangles]
+        normals = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        gray = int(255 * body.surface.albedo)
+        shown = rr.Mesh3D(
+            vertex_positions=corners_m.reshape(-1, 3),
+            vertex_normals=np.repeat(normals, 3, axis=0),
+            albedo_factor=(gray, gray, gray, OPACITY),
+        )
+        self._log(path, shown, static=True)
 
     def _color(self, drone: int) -> tuple[int, int, int]:
         return LEADER_COLOR if drone in self._leaders else FOLLOWER_COLOR

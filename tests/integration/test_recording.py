@@ -74,9 +74,12 @@ def test_the_tree_is_there_and_nothing_is_dropped(recording: Path) -> None:
         "/events": 1,
     }
     assert {entity: rows_of(recording, entity) for entity in expected} == expected
-    for entity in ("/world", "/world/scene", "/world/drone/1/body", "/drone/0/state"):
+    for entity in ("/world", "/world/scene/ground", "/world/drone/1/body", "/drone/0/state"):
         assert rows_of(recording, entity, static=True) == 1
     assert rows_of(recording, "/drone/0/state") >= 1
+    bodies = {str(chunk.entity_path) for chunk in chunks(recording, "/world/scene/**")}
+    scene = load_run("city", 0, {}).scenario.scene.build(0)
+    assert bodies == {f"/world/scene/{body.name}" for body in scene.bodies}
     timelines = {name for chunk in chunks(recording, "/metrics/clearance_m") for name in chunk.timeline_names}
     assert timelines == {"step", "sim_time"}
 
