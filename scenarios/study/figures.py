@@ -112,7 +112,7 @@ def all_figures(arms: Sequence[ArmSummary], fitted: Mapping[tuple[str, str], Dos
         caption, draw = "Every run has exactly one outcome; n is the number of runs.", partial(_draw_outcomes, own)
         size_in = WIDTH_IN, 1.6 + rows_in
         found.append(_picture(f"{scenario}: how runs ended", caption, [draw], size_in, shared_legend=True))
-        draws, size_in = [partial(_draw_incidence, own, end) for end in ENDS], (WIDTH_IN / 2, 2.6)
+        draws, size_in = [partial(_draw_incidence, own, end) for end in ENDS], (WIDTH_IN / 2, 2.9)
         found.append(
             _picture(f"{scenario}: ends over time", TIME_CAPTION, draws, size_in, columns=2, shared_legend=True)
         )

@@ -50,10 +50,10 @@ class Findings:
         endpoints = sorted(ENDPOINTS, key=lambda endpoint: endpoint != data.study.endpoint)
         self._comparisons = {endpoint: compare_arms(data, endpoint) for endpoint in endpoints}
         self.tables = {
-            "ends": end_table(arms),
             "grid": grid_table(data.study, arms),
-            **{f"{name}_comparisons": comparison_table(found, name) for name, found in self._comparisons.items()},
+            "ends": end_table(arms),
             **{f"{name}_effects": effect_table(found, name) for name, found in self._comparisons.items()},
+            **{f"{name}_comparisons": comparison_table(found, name) for name, found in self._comparisons.items()},
             "means": mean_table(arms),
             "mean_differences": mean_difference_table(compare_means(data, (DRONES_LOST, TIME_TO_GOAL))),
             "dose_responses": dose_response_table(self._dose_responses),
@@ -68,7 +68,7 @@ class Findings:
         return [
             *grid(self.data.study, self._over_all or self._arms),
             *forest(self._comparisons[primary], primary),
-            *all_figures(self._arms, fitted),
+            *all_figures([*self._over_all, *self._arms], fitted),
         ]
 
 

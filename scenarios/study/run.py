@@ -45,19 +45,21 @@ class Progress:
 
     @property
     def arms(self) -> pd.DataFrame:
-        """Counts of each arm by its name: `planned`, `done`, `collisions`, `ratio`, and the `mean_wall_s` of a run.
+        """Counts of each arm by its name: `planned`, `done`, `arrived`, `collisions`, their `ratio`, and `mean_wall_s`.
 
-        The ratio and the mean are NaN without runs.
+        The ratio of collisions and the mean time of a run are NaN without runs.
         """
         records = [self._records.get(spec.key) for spec in self._data.specs]
         runs = pd.DataFrame(
             {
                 "arm": [self.name_of(spec) for spec in self._data.specs],
                 "wall_s": [math.nan if record is None else record.wall_s for record in records],
+                "arrived": [record is not None and record.outcome is Outcome.SUCCESS for record in records],
                 "collided": [record is not None and record.outcome is Outcome.COLLISION for record in records],
             }
         )
-        counts = {"planned": ("arm", "size"), "done": ("wall_s", "count"), "collisions": ("collided", "sum")}
+        counts = {"planned": ("arm", "size"), "done": ("wall_s", "count")}
+        counts |= {"arrived": ("arrived", "sum"), "collisions": ("collided", "sum")}
         arms = runs.groupby("arm", sort=False).agg(**counts, mean_wall_s=("wall_s", "mean"))
         return arms.assign(ratio=arms["collisions"] / arms["done"])
 
@@ -86,16 +88,20 @@ class Progress:
 
     def table(self) -> Table:
         """Return a table with a row for each arm in each scenario at each noise ratio."""
-        columns = ("arm", "runs", "collisions", "collision ratio", Column("time of a run", "s", ".1f"))
+        columns = ("arm", "runs", "arrived", "collisions", "collision ratio", Column("time of a run", "s", ".1f"))
         rows = [
-            [arm.Index, f"{arm.done} of {arm.planned}", arm.collisions, arm.ratio, arm.mean_wall_s]
+            [arm.Index, f"{arm.done} of {arm.planned}", arm.arrived, arm.collisions, arm.ratio, arm.mean_wall_s]
             for arm in self.arms.itertuples()
         ]
         return Table.of(self.headline(), columns, rows)
 
     def line(self) -> str:
         """Return everything in one line."""
-        arms = [f"{a.Index} {a.collisions} of {a.done} collided" for a in self.arms.itertuples() if a.done]
+        arms = [
+            f"{a.Index} {a.arrived} of {a.done} arrived, {a.collisions} collided"
+            for a in self.arms.itertuples()
+            if a.done
+        ]
         return f"{time.strftime('%H:%M:%S')} {self.headline()}" + (f"; {', '.join(arms)}" if arms else "")
 
     def headline(self) -> str:

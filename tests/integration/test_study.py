@@ -141,7 +141,7 @@ def test_a_study_from_its_file_to_its_report(tiny: Path, tmp_path: Path) -> None
     flown = voxdepth("study", tiny, "--out", out)
     assert flown.returncode == 0, flown.stderr
     assert "4 of 4 runs" in flown.stdout
-    assert "blind 2 of 2 collided" in flown.stdout
+    assert "blind 0 of 2 arrived, 2 collided" in flown.stdout
     assert "go on with --resume, or use another --out" in str(study_command(tiny, "--out", out).exception)
     assert study_command("run", tiny, "--out", out, "--resume").exit_code == 0
     assert "4 of 4 runs" in study_command("status", out).stdout
