@@ -94,7 +94,7 @@ def export(
     out: Folder,
     to: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of the tables. Default: OUT.")] = None,
 ) -> None:
-    """Write all runs with a result as runs.csv and runs.parquet, with a row for each run of each arm."""
+    """Write all runs with a result as runs.csv and runs.parquet, and their drones as drones.csv and drones.parquet."""
     from ..study.report import export as write_tables
     from ..study.store import read_study
 

@@ -1,8 +1,9 @@
 """The report of a study: a self-contained page, its tables and figures as files, and the table of all runs."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from pandas.api.types import infer_dtype
@@ -143,20 +144,33 @@ def run_table(data: StudyData) -> pd.DataFrame:
     rows = []
     for spec in data.flown:
         record = data.records[spec.key]
-        row = {"scenario": spec.scenario, "arm": spec.arm, "theta": spec.theta, "seed": spec.seed, "key": spec.key}
-        row |= {"outcome": record.outcome.value, "contacts": len(record.contacts), "wall_s": record.wall_s}
-        rows.append(row | {name: record.metrics.get(name) for name in names})
+        row = _place(spec) | {"outcome": record.outcome.value, "contacts": len(record.contacts)}
+        rows.append(row | {"wall_s": record.wall_s} | {name: record.metrics.get(name) for name in names})
+    return _typed(rows)
+
+
+def drone_table(data: StudyData) -> pd.DataFrame:
+    """Return a row for each drone of each run of each arm with a result; older stores have none."""
+    return _typed([_place(spec) | dict(drone) for spec in data.flown for drone in data.records[spec.key].drones])
+
+
+def _place(spec: RunSpec) -> dict[str, Any]:
+    return {"scenario": spec.scenario, "arm": spec.arm, "theta": spec.theta, "seed": spec.seed, "key": spec.key}
+
+
+def _typed(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     frame = pd.DataFrame(rows, dtype=object)
     types = {"string": "object", "integer": "Int64"}
     return frame.astype({name: types.get(infer_dtype(frame[name], skipna=True), "float64") for name in frame})
 
 
 def export(data: StudyData, out: Path) -> list[Path]:
-    """Write `run_table` as `runs.csv` and `runs.parquet`; return their paths.
+    """Write `run_table` as `runs.csv` and `runs.parquet`, and `drone_table` as `drones.*`; return their paths.
 
     Raises:
         ScenarioError: There is no result yet, or a file cannot be written.
     """
     if not data.records:
         raise ScenarioError(f"the study {data.study.name!r} has no result yet: fly it first")
-    return write_frame(out / "runs", run_table(data))
+    drones = drone_table(data)
+    return [*write_frame(out / "runs", run_table(data)), *(write_frame(out / "drones", drones) if len(drones) else ())]

@@ -167,6 +167,14 @@ def test_a_follower_that_touches_drops_out_and_the_others_arrive() -> None:
         np.testing.assert_array_equal(one.position_m[:lost], other.position_m[:lost])
 
 
+def test_both_of_a_pair_drop_out() -> None:
+    result = fly_past_the_pole(route(-4, -3, 4, -3), route(4, -3, -4, -3), drones=1, after_contact="drop")
+    assert [contact.kind for contact in result.contacts] == ["drone"]
+    assert result.metrics["drones_lost"] == 2
+    assert [drone["first_contact_s"] for drone in result.drones] == [result.contacts[0].time_s] * 2
+    assert len({len(path.time_s) for path in result.trajectories}) == 1
+
+
 def test_our_leader_does_not_wait_for_one_that_has_dropped_out() -> None:
     """A follower is put into the pole; the others have our controller."""
     with mission_among(POLE, config=config(route(-4, 0, 8, 0), drones=3, after_contact="drop", **EXACT)) as mission:

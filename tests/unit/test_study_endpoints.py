@@ -16,7 +16,7 @@ from scenarios.study.analysis import (
     summarise_arms,
 )
 from scenarios.study.design import ENDPOINTS, Study, expand
-from scenarios.study.report import Findings
+from scenarios.study.report import Findings, drone_table
 from scenarios.study.statistics import Interval, Pairs, bootstrap_mean, newcombe, stratified
 from scenarios.study.store import StudyData
 from swarm.types import Outcome
@@ -142,6 +142,8 @@ def test_costs_that_older_stores_lack_are_unknown() -> None:
     key = a.specs[0].key
     flew = replace(older.records[key], drones=({"path_length_m": 80.0}, {"path_length_m": 84.0}))
     newer = replace(older, records={**older.records, key: flew})
+    assert [(row.arm, row.path_length_m) for row in drone_table(newer).itertuples()] == [("a", 80.0), ("a", 84.0)]
+    assert len(drone_table(older)) == 0
     table = Findings(newer).tables["means"]
     assert table.column("path length") == ["82.00 [82.00, 82.00]", None]
     assert table.column("drones lost") == [None, None]
