@@ -12,8 +12,9 @@ import numpy as np
 from sim.types import VelocityCommand
 from voxdepth.types import FloatArray
 
+from .chart import Chart, Route
 from .evidence import EvidenceReader
-from .free_map import Chart, FreeMap, Route
+from .free_map import FreeMap
 from .nearby import ApproachLimits, clamp_to_limits
 from .pilot import Pilot, PilotConfig, Situation
 from .route_kernels import Braking

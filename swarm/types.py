@@ -12,7 +12,7 @@ from sim.types import Contact, VelocityCommand
 from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics, MaskImage
 
 if TYPE_CHECKING:
-    from .free_map import Chart
+    from .chart import Chart
 
 MetricValue = float | int | None
 """A metric of a mission; None where it is undefined."""

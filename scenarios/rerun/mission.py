@@ -16,7 +16,7 @@ from sim.render.meshes import mesh_of_shape, moved
 from sim.sensor import RigConfig
 from sim.types import Capture, Contact, DroneState
 from sim.world import DRONE_BODY_HEIGHT_M, World
-from swarm.free_map import Chart
+from swarm.chart import Chart
 from swarm.mission import DROPPED, contact_text
 from swarm.recorder import Recorder
 from swarm.team import Team

@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from swarm.free_map import STATES
+from swarm.chart import STATES
 from voxdepth.types import FloatImage, GrayImage, Source
 
 CENTIMETRE = 100.0

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.types import Capture, Contact, DroneState, IdImage
 from sim.world import World
-from swarm.free_map import STATES, Chart
+from swarm.chart import STATES, Chart
 from swarm.recorder import Recorder
 from swarm.team import Team
 from swarm.types import Decision, Histogram

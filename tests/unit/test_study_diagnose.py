@@ -10,7 +10,8 @@ from scenarios.study.diagnose import Cause, CollisionProbe, Diagnosis, Observati
 from sim.bodies import Surface
 from sim.frames import pose
 from sim.types import Contact, VelocityCommand
-from swarm.free_map import Chart, MapConfig
+from swarm.chart import Chart
+from swarm.free_map import MapConfig
 from swarm.map_kernels import FREE, SURFACE, VAIN
 from swarm.types import Decision
 from tests.helpers import wall, world_of

@@ -5,8 +5,9 @@ import pytest
 from pydantic import ValidationError
 
 from sim.frames import R_BODY_CAM, pose
+from swarm.chart import Chart
 from swarm.evidence import EvidenceConfig, EvidenceReader
-from swarm.free_map import Chart, FreeMap, MapConfig
+from swarm.free_map import FreeMap, MapConfig
 from swarm.map_kernels import FREE, SURFACE, UNSEEN, VAIN
 from tests.helpers import CAMERA
 from tests.swarm_scenes import turn

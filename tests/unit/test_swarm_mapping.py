@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from sim.frames import R_BODY_CAM, pose, quaternion_from_yaw
 from sim.types import DroneState
-from swarm.free_map import Chart, MapConfig
+from swarm.chart import Chart
+from swarm.free_map import MapConfig
 from swarm.map_kernels import FREE
 from swarm.mapping import MappingPilot
 from swarm.obstacle_kernels import braking_speed

@@ -1,0 +1,184 @@
+"""A horizontal slice of a drone's map, and ways on it."""
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from voxdepth.types import FloatArray, FloatImage
+
+from .map_kernels import FREE, UNSEEN
+from .nearby import ApproachLimits
+from .route_kernels import (
+    Braking,
+    cheapest_way,
+    clearance_at,
+    free_length,
+    nearest_safe_velocity,
+    worst_between,
+)
+
+if TYPE_CHECKING:
+    from .free_map import MapConfig
+
+STATES = ("free", "unseen", "vain", "surface")
+"""Names of the states of a map, in the order of their numbers."""
+BEYOND_PRICE = 1.5
+"""Price of a way per metre beyond the map."""
+HABIT = 0.7
+"""Price of the way that was chosen before, as a share of its price."""
+REACHED_M = 0.3
+"""A drone has reached a point of its way that is this near."""
+LOOK_AHEAD = 4
+"""Points of the way beyond its clear part to which a drone looks."""
+CLEAR_M = 5.0
+"""Length of the way up to which its clear part is sought."""
+SIDESTEPS_RAD = np.radians([0, 20, -20, 40, -40, 60, -60])
+"""Directions beside the wanted one that are tried when that is not free."""
+COMPASS = np.column_stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)])
+WAY_OUT_M = 0.5
+"""Distance at which a drone that stands too narrow compares directions."""
+ROUTE_CELLS = 2
+"""Side of a cell of the route, in voxels."""
+
+
+class Route(NamedTuple):
+    """The cheapest way that a map knows to a target."""
+
+    points_m: FloatArray
+    """Points (x, y) from the drone on, shape (n, 2)."""
+    clear: int
+    """Index of the last point, of those nearby, to which the straight line is free for the whole width of the drone."""
+
+    def direction(self, at_m: FloatArray, otherwise: FloatArray) -> FloatArray:
+        """Return the direction (x, y) to the last clear point, or to the one after it where that is reached."""
+        reached = np.hypot(*(self.points_m[self.clear] - at_m)) < REACHED_M
+        return self._towards(self.clear + int(reached), at_m, otherwise)
+
+    def look(self, at_m: FloatArray, otherwise: FloatArray) -> FloatArray:
+        """Return the direction (x, y) to a point beyond the clear part of the way."""
+        return self._towards(self.clear + LOOK_AHEAD, at_m, otherwise)
+
+    def _towards(self, index: int, at_m: FloatArray, otherwise: FloatArray) -> FloatArray:
+        """Return the direction to a point, or another one if the drone is there."""
+        offset_m = self.points_m[min(index, len(self.points_m) - 1)] - at_m
+        distance_m = np.hypot(*offset_m)
+        return offset_m / distance_m if distance_m > 1e-6 else otherwise
+
+
+class Chart:
+    """A horizontal slice of a map: what is known of the air through which a drone flies at its height.
+
+    `width_m` is the clearance that it needs, from its centre to what is not free. Places are in the frame of the
+    drone's odometry, to which `T_odom_world` leads from that of the world.
+    """
+
+    def __init__(
+        self,
+        state: npt.NDArray[np.uint8],
+        origin_m: FloatArray,
+        width_m: float,
+        config: "MapConfig",
+        T_odom_world: FloatArray | None = None,
+    ) -> None:
+        self.T_odom_world = np.eye(4) if T_odom_world is None else T_odom_world
+        self.state = state
+        """Worst state of each cell, shape (rows along y, columns along x): `FREE`, `UNSEEN`, `VAIN` or `SURFACE`."""
+        self.origin_m = origin_m
+        """Corner (x, y) of the first cell, shape (2,)."""
+        self.voxel_m = config.voxel_m
+        """Side of a cell."""
+        self._config = config
+        self._width = width_m / config.voxel_m
+        distance = cv2.distanceTransform((state == FREE).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
+        self._clearance: FloatImage = np.asarray(distance, np.float32) - np.float32(0.5)
+        side = 2 * int(np.ceil(self._width)) + 1
+        reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+        blocked = cv2.dilate(state, reach)
+        pairs = np.maximum(blocked[::2], blocked[1::2])
+        self._blocked: npt.NDArray[np.uint8] = np.maximum(pairs[:, ::2], pairs[:, 1::2])
+
+    def _cells(self, at_m: FloatArray) -> tuple[float, float]:
+        """Return a position (x, y) in cells, whose middles have whole numbers."""
+        x, y = (at_m[:2] - self.origin_m) / self._config.voxel_m - 0.5
+        return float(x), float(y)
+
+    def clearance_m(self, at_m: FloatArray) -> float:
+        """Return the distance from a position (x, y) to the nearest space that is not free."""
+        return self._config.voxel_m * max(0.0, clearance_at(self._clearance, *self._cells(at_m)))
+
+    def free_length_m(self, at_m: FloatArray, along: FloatArray, longest_m: float) -> float:
+        """Return how far a drone may fly from a position in a direction of length 1 (x, y) through free space."""
+        side_m = self._config.voxel_m
+        x, y = self._cells(at_m)
+        length = free_length(self._clearance, x, y, float(along[0]), float(along[1]), self._width, longest_m / side_m)
+        return side_m * length
+
+    def restrain(self, velocity: FloatArray, at_m: FloatArray, limits: ApproachLimits, braking: Braking) -> FloatArray:
+        """Return the safe velocity (x, y) that is nearest to a wanted one; see `nearest_safe_velocity`."""
+        safe = np.array(velocity[:2])
+        x, y = self._cells(at_m)
+        towards, speed_m_s = np.ascontiguousarray(limits.towards), limits.speed_m_s
+        nearest_safe_velocity(self._clearance, x, y, towards, speed_m_s, SIDESTEPS_RAD, braking, safe)
+        return safe
+
+    def way_out(self, at_m: FloatArray) -> FloatArray:
+        """Return what a drone misses to its width at a position, as a vector (x, y) to the more open side."""
+        missing_m = self._config.voxel_m * self._width - self.clearance_m(at_m)
+        if missing_m <= 0:
+            return np.zeros(2)
+        best = max(COMPASS, key=lambda along: self.clearance_m(at_m[:2] + WAY_OUT_M * along))
+        return np.asarray(missing_m * best)
+
+    def is_free(self, at_m: FloatArray) -> bool:
+        """Return whether a drone has its whole width at a position (x, y)."""
+        return clearance_at(self._clearance, *self._cells(at_m)) >= self._width
+
+    def state_at(self, at_m: FloatArray) -> int:
+        """Return the state of the cell at a position (x, y); beyond the map, nothing was seen."""
+        x, y = self._cells(at_m)
+        row, col = round(y), round(x)
+        inside = 0 <= row < self.state.shape[0] and 0 <= col < self.state.shape[1]
+        return int(self.state[row, col]) if inside else UNSEEN
+
+    def route(self, at_m: FloatArray, target_m: FloatArray, before: Route | None = None) -> Route:
+        """Return the cheapest way from a position inside of the map to a target (x, y), or to the side towards it.
+
+        The way that was chosen `before` is a little cheaper, so that a drone does not hesitate between two ways.
+        """
+        c, shape, side_m = self._config, self._blocked.shape, ROUTE_CELLS * self._config.voxel_m
+        price = np.array([1, c.unseen_price, c.vain_price, c.surface_price], np.float32)[self._blocked]
+        if before is not None:
+            rows, cols = np.floor((before.points_m - self.origin_m) / side_m).astype(np.intp).T[::-1]
+            inside = (rows >= 0) & (rows < shape[0]) & (cols >= 0) & (cols < shape[1])
+            price[rows[inside], cols[inside]] *= np.float32(HABIT)
+        row, col = self._route_cell(at_m)
+        way = np.empty(self._blocked.size, np.int64)
+        n = cheapest_way(price, self._left_to_pay(target_m), row, col, way)
+        rows, cols = np.divmod(way[:n], shape[1])
+        points_m = self.origin_m + side_m * (np.column_stack([cols, rows]) + 0.5)
+        nearby = min(n - 1, round(CLEAR_M / side_m))
+        clear = next(
+            (k for k in range(nearby, 0, -1) if not worst_between(self._blocked, row, col, int(rows[k]), int(cols[k]))),
+            0,
+        )
+        return Route(points_m, clear)
+
+    def _route_cell(self, at_m: FloatArray) -> tuple[int, int]:
+        side_m = ROUTE_CELLS * self._config.voxel_m
+        col, row = np.floor((at_m[:2] - self.origin_m) / side_m).astype(int).tolist()
+        return int(np.clip(row, 0, self._blocked.shape[0] - 1)), int(np.clip(col, 0, self._blocked.shape[1] - 1))
+
+    def _left_to_pay(self, target_m: FloatArray) -> FloatImage:
+        """Return the price that is left at the target, or at each cell of the sides if it lies beyond them."""
+        (rows, cols), side_m = self._blocked.shape, ROUTE_CELLS * self._config.voxel_m
+        left = np.full((rows, cols), np.inf, np.float32)
+        x, y = (target_m[:2] - self.origin_m) / side_m - 0.5
+        if -0.5 <= x < cols - 0.5 and -0.5 <= y < rows - 0.5:
+            left[int(y + 0.5), int(x + 0.5)] = 0
+            return left
+        far = np.hypot(np.arange(cols)[None, :] - x, np.arange(rows)[:, None] - y).astype(np.float32)
+        price = np.float32(BEYOND_PRICE)
+        left[[0, -1], :], left[:, [0, -1]] = price * far[[0, -1], :], price * far[:, [0, -1]]
+        return left
