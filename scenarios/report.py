@@ -33,6 +33,8 @@ def print_summary(console: Console, finished: Finished, run: Run) -> None:
         *(("", f"{contact.time_s:.2f} s: {contact_text(contact)}") for contact in result.contacts[:3]),
         ("minimum separation [m]", NUMBER.text(m["min_separation_m"])),
         ("minimum clearance [m]", NUMBER.text(m["min_clearance_m"])),
+        ("near misses", str(m["near_misses"])),
+        ("progress of the leader [m]", NUMBER.text(m["leader_progress_m"])),
         ("formation error, mean [m]", NUMBER.text(m["formation_error_mean_m"])),
         ("real-time factor", f"{finished.real_time_factor:.2f}"),
     ]
