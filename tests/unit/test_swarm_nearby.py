@@ -100,7 +100,7 @@ class TestNeighbourLimits:
         assert clamp_to_limits(np.zeros(3), coming)[0] == pytest.approx(-1.0)
 
     def test_the_far_do_not_matter(self) -> None:
-        far = neighbour_limits(np.zeros(3), near(((CONFIG.radius_m + 0.1, 0, 0), (-9, 0, 0))), CONFIG, RADIUS_M)
+        far = neighbour_limits(np.zeros(3), near(((CONFIG.drone_radius_m + 0.1, 0, 0), (-9, 0, 0))), CONFIG, RADIUS_M)
         np.testing.assert_array_equal(clamp_to_limits(2 * FORWARD, far), 2 * FORWARD)
 
     @given(st.floats(0.3, 2.9), st.floats(-np.pi, np.pi))
