@@ -32,7 +32,7 @@ from .runner import flying
 WATCHED = (0, 3)
 """Drones whose images are compared: the leader and one in the middle of the swarm."""
 NEAR_M = 6.0
-"""Cells are compared whose true surface is nearer than this."""
+"""A surface that is nearer than this is near."""
 TOLERANCE_M = 0.25
 """A claim that is wrong by no more than this is no lie."""
 WEAK_TEXTURE = 0.3
@@ -41,16 +41,16 @@ THRESHOLDS = (0.2, 0.5, 0.7)
 """Confidences from which a pixel is trusted."""
 
 CORRECTORS = ("raw", "realsense", "paper", "voxdepth")
-KINDS = ("hard", "other")
+KINDS = ("hard", "other", "far")
 Key = tuple[str, float, str]
 """Corrector, threshold, and the kind of surface."""
-
-
-COUNTED = ("false free", "known free", "warned")
+COUNTED = ("false free", "known free", "warned", "false alarm")
 """What is counted of the cells: those that claim free space behind the true surface, those that claim at least half of
-the free space that there is, and those that show a surface no farther than the true one."""
+the free space that there is, those that show a surface no farther than the true one, and those that show a near one at
+less than `ALARM` of its range."""
+ALARM = 0.7
 Counts = npt.NDArray[np.int64]
-"""Number of cells, and of those that are `COUNTED`, shape (4,)."""
+"""Number of cells, and of those that are `COUNTED`, shape (5,)."""
 
 
 class Probe(Recorder):
@@ -107,8 +107,9 @@ class Probe(Recorder):
                 lies = claim.free_m > truth.free_m + TOLERANCE_M
                 knows = claim.free_m > truth.free_m / 2
                 warns = claim.surface_m < truth.surface_m + TOLERANCE_M
-                for kind, mask in zip(KINDS, (near & hard, near & ~hard), strict=True):
-                    n = np.array([np.count_nonzero(mask & what) for what in (mask, lies, knows, warns)])
+                alarms = claim.surface_m < np.minimum(ALARM * truth.surface_m, NEAR_M)
+                for kind, mask in zip(KINDS, (near & hard, near & ~hard, ~near), strict=True):
+                    n = np.array([np.count_nonzero(mask & what) for what in (mask, lies, knows, warns, alarms)])
                     self.counts[name, threshold, kind] = self.counts.get((name, threshold, kind), 0) + n
 
     def _cells_of(self, seen: Capture) -> MaskImage:
@@ -169,6 +170,6 @@ def shares(counted: Sequence[Mapping[Key, Counts]], scenario: str, seeds: Sequen
         columns += [f"cells, {kind}", *(Column(f"{what}, {kind}", "%", ".1f") for what in COUNTED)]
     note = (
         f"Scenario {scenario}, seeds {seeds[0]} to {seeds[-1]}, drones {WATCHED}, cells whose true surface is nearer "
-        f"than {NEAR_M:g} m. Hard surfaces have a texture below {WEAK_TEXTURE:g}, or reflect."
+        f"than {NEAR_M:g} m, and far ones. Hard surfaces have a texture below {WEAK_TEXTURE:g}, or reflect."
     )
     return Table.of("Claims of free space, and warnings of surfaces", columns, rows, note=note, name="free-space")

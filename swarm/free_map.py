@@ -151,8 +151,8 @@ class FreeMap:
         T = np.ascontiguousarray(T_odom_cam)
         farthest_m = max(self._config.near_m, float(free_m.max()))
         kernels.project(self._rules, self._view, self.origin_m, T, farthest_m, self._cell, self._squared)
+        kernels.show_surfaces(self._voxels, self._rules, self.origin_m, points_m[is_body], self._cell)
         kernels.judge(self._voxels, limits, self._cell, self._squared, self._config.near_m, time_s)
-        kernels.show_surfaces(self._voxels, self._rules, self.origin_m, points_m[is_body])
 
     def chart(
         self, low_m: float, high_m: float, width_m: float, time_s: float, T_odom_world: FloatArray | None = None

@@ -18,12 +18,10 @@ FREE, UNSEEN, VAIN, SURFACE = range(4)
 """States of a voxel, from the best to the worst."""
 MOST_SEEN = 200
 """Counts of images end here."""
-SURFACE_SEEN = 2
-"""Images that must pass a voxel after a surface was seen there, until one counts for it again."""
-SURFACE_TOLERANCE = 0.8
-"""Difference of the ranges of a voxel and of the surface in it, as a share of the voxel's side."""
-
-
+SHOWN, CONFIRMED, MOST_SHOWN = 2, 3, 4
+"""An image that shows a surface in a voxel adds the first to its count, and one that passes takes 1 away. From the
+second on there is a surface: two images confirm it, and one alone in free space is an error of depth. The third is where
+the count ends."""
 NEAREST_M = 0.05
 """Voxels whose depth is smaller are not in view."""
 BEHIND_M = np.float32(1.5)
@@ -34,9 +32,9 @@ class Voxels(NamedTuple):
     """The evidence of a map: counts of images for each voxel."""
 
     passed: Bytes
-    """Images whose free range passed the voxel, since a surface was last seen there."""
+    """Images whose free range passed the voxel, since a surface was last known there."""
     surface: Bytes
-    """`SURFACE_SEEN` where a surface was seen; it falls with every image that passes."""
+    """Count for a surface; there is one from `CONFIRMED` on."""
     vain: Bytes
     """Images in a row that had the voxel in view from nearby, and showed neither."""
     passed_s: npt.NDArray[np.float32]
@@ -89,7 +87,8 @@ class Limits(NamedTuple):
 LIMITS = named_tuple(Limits, FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE, boolean[:, ::1])
 
 
-NOWHERE = -1
+NOWHERE, DONE = -1, -2
+"""In place of a cell: the voxel is not in view, or its surface was recorded before."""
 
 
 @compiled(void(RULES, VIEW, float64[::1], float64[:, ::1], float64, int32[:, :, ::1], float32[:, :, ::1]))
@@ -147,28 +146,41 @@ def judge(
     is_recorded, near_squared = limits.is_recorded.ravel(), np.float32(near_m**2)
     for n in range(len(cells)):
         c, r = cells[n], ranges[n]
-        if c == NOWHERE:
+        if c < 0:
             continue
         if r <= free[c]:
             vain[n], passed_s[n] = 0, time_s
-            passed[n] = min(passed[n] + (surface[n] == 0), MOST_SEEN)
+            passed[n] = min(passed[n] + (surface[n] < CONFIRMED), MOST_SEEN)
             surface[n] = max(surface[n], 1) - 1
         elif r < shown_from[c]:
             vain[n] = min(vain[n] + (r < near_squared), MOST_SEEN)
         elif r <= shown_to[c] and is_recorded[c]:
-            passed[n], surface[n], vain[n] = 0, SURFACE_SEEN, 0
+            surface[n], vain[n] = min(surface[n] + SHOWN, MOST_SHOWN), 0
+            passed[n] *= surface[n] < CONFIRMED
 
 
-@compiled(void(VOXELS, RULES, float64[::1], float64[:, ::1]))
-def show_surfaces(voxels: Voxels, rules: Rules, origin_m: FloatArray, points_m: FloatArray) -> None:
-    """Record surfaces at points, shape (n, 3): thin ones may lie beside the middle of their voxel."""
+@compiled(void(VOXELS, RULES, float64[::1], float64[:, ::1], int32[:, :, ::1]))
+def show_surfaces(
+    voxels: Voxels,
+    rules: Rules,
+    origin_m: FloatArray,
+    points_m: FloatArray,
+    # in and out
+    cell: npt.NDArray[np.int32],
+) -> None:
+    """Record surfaces at points, shape (n, 3), and mark their voxels as `DONE`.
+
+    Thin surfaces may lie beside the middle of their voxel, which is what `judge` looks at.
+    """
     n_layers, n_rows, n_cols = voxels.passed.shape
     for n in range(len(points_m)):
         j = int(np.floor((points_m[n, 0] - origin_m[0]) / rules.voxel_m))
         i = int(np.floor((points_m[n, 1] - origin_m[1]) / rules.voxel_m))
         k = int(np.floor((points_m[n, 2] - origin_m[2]) / rules.layer_m))
-        if 0 <= k < n_layers and 0 <= i < n_rows and 0 <= j < n_cols:
-            voxels.passed[k, i, j], voxels.surface[k, i, j], voxels.vain[k, i, j] = 0, SURFACE_SEEN, 0
+        if 0 <= k < n_layers and 0 <= i < n_rows and 0 <= j < n_cols and cell[k, i, j] != DONE:
+            voxels.surface[k, i, j] = min(voxels.surface[k, i, j] + SHOWN, MOST_SHOWN)
+            voxels.passed[k, i, j] *= voxels.surface[k, i, j] < CONFIRMED
+            voxels.vain[k, i, j], cell[k, i, j] = 0, DONE
 
 
 @compiled(UniTuple(int64, 2)(float64, float64, float64, int64))
@@ -204,7 +216,7 @@ def occupy(
                 squared = x_m * x_m + y_m * y_m
                 if squared <= radius_m**2:
                     voxels.surface[k, i, j] = 0
-                if squared <= width_m**2 and voxels.surface[k, i, j] == 0:
+                if squared <= width_m**2 and voxels.surface[k, i, j] < CONFIRMED:
                     voxels.passed[k, i, j] = max(voxels.passed[k, i, j], rules.min_passed)
                     voxels.vain[k, i, j] = 0
                     voxels.passed_s[k, i, j] = time_s
@@ -251,7 +263,7 @@ def worst_states(
     for k in range(max(first, 0), min(last, n_layers)):
         for i in range(state.shape[0]):
             for j in range(state.shape[1]):
-                if voxels.surface[k, i, j] > 0:
+                if voxels.surface[k, i, j] >= CONFIRMED:
                     state[i, j] = SURFACE
                 elif voxels.passed[k, i, j] < rules.min_passed or time_s - voxels.passed_s[k, i, j] > rules.memory_s:
                     unknown = VAIN if voxels.vain[k, i, j] >= rules.min_vain else UNSEEN

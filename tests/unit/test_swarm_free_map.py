@@ -77,8 +77,18 @@ def test_free_space_outlasts_a_view_of_nothing_but_no_surface_and_not_its_memory
     assert drone.state(2.0) == FREE
     assert drone.state(2.0, after_s=28.5) == FREE
     assert drone.state(2.0, after_s=30.5) == VAIN
-    drone.sees(flat(2.0), 1)
+    drone.sees(flat(2.0), 2)
     assert drone.state(2.0) == SURFACE
+
+
+def test_one_image_of_a_surface_in_free_space_is_an_error_and_two_confirm_it() -> None:
+    drone = Drone().sees(flat(5.0), 3).sees(flat(2.0), 1)
+    assert drone.state(2.0) == FREE
+    assert drone.sees(flat(2.0), 1).state(2.0) == SURFACE
+    every_other = Drone().sees(flat(5.0), 3)
+    for depth_m in (2.0, 5.0, 2.0):
+        every_other.sees(flat(depth_m), 1)
+    assert every_other.state(2.0) == SURFACE
 
 
 def test_a_surface_that_is_gone_becomes_free_after_some_images() -> None:
