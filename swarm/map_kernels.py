@@ -20,8 +20,8 @@ MOST_SEEN = 200
 """Counts of images end here."""
 SHOWN, CONFIRMED, MOST_SHOWN = 2, 3, 4
 """An image that shows a surface in a voxel adds the first to its count, and one that passes takes 1 away. From the
-second on there is a surface: two images confirm it, and one alone in free space is an error of depth. The third is where
-the count ends."""
+second on there is a surface: two images confirm it, and one alone in free space is an error of depth. The count ends at
+the third."""
 NEAREST_M = 0.05
 """Voxels whose depth is smaller are not in view."""
 BEHIND_M = np.float32(1.5)
