@@ -26,6 +26,8 @@ AHEAD_M = 1.0
 MAKE_ROOM_PER_S = 3.0
 """Speed with which a drone gives way to what comes near, per distance that it misses to its clearance."""
 MAX_CLIMB_M_S = 1.0
+HEIGHT_BAND_M = 0.5
+"""A drone leaves the height of its target by no more than this, because it sees little of what is above and below."""
 PATIENCE_S = 2.0
 """Time for which a drone stands before unknown space, until that counts as vain."""
 GIVEN_UP = 3
@@ -87,7 +89,7 @@ class MappingPilot(Pilot):
         target = at_m + 3.0 * wanted if target_m is None else known.place(target_m)
         direction, look = self._way(known, at_m, wanted, target)
         level = length(wanted[:2]) * direction + MAKE_ROOM_PER_S * known.chart.way_out(at_m)
-        velocity = np.array([*level, np.clip(wanted[2], -MAX_CLIMB_M_S, MAX_CLIMB_M_S)])
+        velocity = np.array([*level, _climb(wanted[2], target[2] - at_m[2])])
         limits = ApproachLimits(known.turned(drones.towards), drones.speed_m_s)
         velocity = self._restrained(known, clamp_to_limits(velocity, limits), limits, at_m, flown)
         state = self._state(situation.time_s, wanted, direction, velocity)
@@ -184,3 +186,10 @@ class MappingPilot(Pilot):
         self._stands_since_s = time_s
         for point_m in self._route.points_m[self._route.clear + 1 :][:GIVEN_UP]:
             self._map.give_up(np.array([*point_m, self._known.at_m[2]]), self._width_m, self._half_height_m)
+
+
+def _climb(wanted_m_s: float, left_m: float) -> float:
+    """Return the climb for a wanted one, with `left_m` to climb to the target."""
+    low_m_s = 0.0 if left_m > HEIGHT_BAND_M else -MAX_CLIMB_M_S
+    high_m_s = 0.0 if left_m < -HEIGHT_BAND_M else MAX_CLIMB_M_S
+    return min(max(wanted_m_s, low_m_s), high_m_s)

@@ -49,13 +49,13 @@ class Flight:
         self.decisions: list[Decision] = []
         self._percept: Percept | None = None
 
-    def flies(self, wanted_m_s: Any, seconds: float) -> "Flight":
-        """Ask for a velocity for a time."""
+    def flies(self, wanted_m_s: Any, seconds: float, target_m: FloatArray | None = None) -> "Flight":
+        """Ask for a velocity for a time, perhaps on the way to a target."""
         wanted_m_s = np.array(wanted_m_s, np.float64)
         for tick in range(round(seconds * RATE_HZ)):
             if tick % 2 == 0:
                 self._look()
-            decision = self.pilot.fly(wanted_m_s, self._situation())
+            decision = self.pilot.fly(wanted_m_s, self._situation(), target_m)
             self.yaw_rad = decision.command.yaw_rad
             follow = 1 - np.exp(-1 / (self.config.response_s * RATE_HZ))
             self.velocity_m_s = self.velocity_m_s + follow * (decision.command.velocity_m_s - self.velocity_m_s)
@@ -142,6 +142,14 @@ def test_it_looks_before_it_goes_backwards() -> None:
     assert open_space.position_m[0] < -4.0
     turned = next(k for k, d in enumerate(open_space.decisions) if abs(d.command.yaw_rad) > np.pi / 2)
     assert np.linalg.norm(open_space.path_m[turned]) < START_M
+
+
+@pytest.mark.parametrize("climb_m_s", [-0.3, 0.3])
+def test_a_drone_that_is_pushed_stays_near_the_height_of_its_target(climb_m_s: float) -> None:
+    flight = Flight(always(image(flat(9.0)))).flies((2, 0, climb_m_s), 6.0, target_m=np.array([30.0, 0, 0]))
+    assert 0.4 < np.abs(np.array(flight.path_m)[:, 2]).max() < 0.8
+    back = flight.flies((2, 0, -climb_m_s), 2.0, target_m=np.array([30.0, 0, 0])).position_m[2]
+    assert abs(back) < 0.5
 
 
 def test_the_odometry_may_drift_but_not_jump() -> None:
