@@ -146,7 +146,7 @@ def _studies(project: Path, scratch: Path) -> Facts:
     for name in STUDIES:
         folder = scratch / name
         folder.mkdir()
-        packed = project / "docs" / "study" / f"{name}.sqlite.xz"
+        packed = project / "docs" / "study" / "earlier" / f"{name}.sqlite.xz"
         (folder / "study.sqlite").write_bytes(lzma.decompress(packed.read_bytes()))
         _voxdepth(project, "study", "report", folder)
         _voxdepth(project, "study", "export", folder)

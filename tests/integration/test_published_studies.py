@@ -11,7 +11,7 @@ from scenarios.study.store import FILE, StudyData, read_study
 DOCS = Path(__file__).parents[2] / "docs"
 ON_COLLISIONS = ("collision_comparisons", "dose_responses", "arms")
 """Tables of the published studies, which were declared on collisions."""
-PACKED = sorted((DOCS / "study").glob("*.sqlite.xz"))
+PACKED = sorted((DOCS / "study" / "earlier").glob("*.sqlite.xz"))
 
 pytestmark = pytest.mark.slow
 
@@ -26,7 +26,7 @@ def test_every_row_of_a_published_study_stands_in_the_documents(packed: Path, tm
     contents = contents_of(packed, tmp_path)
     assert not contents.failures
     assert {spec.run.scenario.mission.pilot.holes for spec in contents.specs} == {"fixed_range"}
-    documents = "".join((DOCS / name).read_text() for name in ("study.md", "scenarios.md"))
+    documents = "".join((DOCS / name).read_text() for name in ("earlier_studies.md", "scenarios.md"))
     tables = Findings(contents).tables
     lines = "".join(tables[name].markdown() for name in ON_COLLISIONS).splitlines()
     rows = [line for line in lines if line.startswith("| ") and "---" not in line]

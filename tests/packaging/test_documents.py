@@ -137,7 +137,7 @@ def test_the_example_of_a_sequence_can_be_loaded(tmp_path: Path) -> None:
 def test_the_example_of_a_study_can_be_loaded(tmp_path: Path) -> None:
     from scenarios.study.design import load_study
 
-    (text,) = blocks(ROOT / "docs" / "study.md", "toml")
+    (text,) = blocks(ROOT / "docs" / "running_studies.md", "toml")
     (tmp_path / "mine.toml").write_text(text)
     assert len(load_study(str(tmp_path / "mine.toml")).arms) == 3
 

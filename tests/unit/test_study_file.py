@@ -176,7 +176,7 @@ def test_shipped_studies_resolve(name: str) -> None:
 
 
 def test_the_example_in_the_documents_resolves(tmp_path: Path) -> None:
-    text = (Path(__file__).parents[2] / "docs" / "study.md").read_text()
+    text = (Path(__file__).parents[2] / "docs" / "running_studies.md").read_text()
     found = load_study(saved(tmp_path, text.split("```toml\n")[1].split("```")[0]))
     assert len(expand(found)) == 100 + 100 + 3 * 50
 
