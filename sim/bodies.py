@@ -97,6 +97,8 @@ class Surface:
     reflectivity: float = 0.0
     """Share of the light that a surface as smooth as glass reflects, 0..1: a stereo camera measures what it shows,
     which is farther away. Only the renderer `raster` draws it; in the others the surface reflects nothing."""
+    pane_m: float = 0.0
+    """Side of the panes of upright glass [m], between which there are frames that reflect nothing; 0 without frames."""
 
     @property
     def is_blank(self) -> bool:

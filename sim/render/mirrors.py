@@ -17,8 +17,12 @@ from ..world import World
 from .meshes import SceneMeshes, normals
 from .raycast import Hits
 
+UPRIGHT = 0.1
+"""Planes are upright whose normal rises less than this."""
 BIAS_M = 1e-3
 """Distance of the nearest thing that a pane reflects, so that it does not reflect itself."""
+FRAME_M = 0.06
+"""Width of the frames between panes."""
 PLANE_DECIMALS = 6
 """Decimals by which triangles are in one plane."""
 
@@ -47,6 +51,7 @@ class Mirrors:
     def __init__(self, world: World, meshes: SceneMeshes) -> None:
         self._meshes = meshes
         surfaces = world.surfaces
+        self._pane_m = [surfaces[body_id].pane_m for body_id in meshes.body_ids]
         self._planes: list[tuple[int, FloatArray, float]] = []
         """Index of a body, a plane (a, b, c, d) in its frame, and its reflectivity."""
         self._plane_of_triangle = np.full(len(meshes.body_of_triangle) + 1, -1, np.int32)
@@ -68,6 +73,10 @@ class Mirrors:
             if normal @ camera.T_world_cam[:3, 3] + offset_m <= 0:  # The camera is inside of the body.
                 continue
             mask = plane_of_pixel == index
+            if self._pane_m[body] and abs(plane[2]) < UPRIGHT:
+                self._leave_frames(mask, body, plane[:3], camera, hits)
+            if not mask.any():
+                continue
             rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
             top, left, bottom, right = int(rows[0]), int(cols[0]), int(rows[-1]) + 1, int(cols[-1]) + 1
             virtual = Camera(
@@ -77,6 +86,17 @@ class Mirrors:
                 beyond=np.append(normal, offset_m - BIAS_M),
             )
             yield Pane(virtual, mask[top:bottom, left:right], reflectivity)
+
+    def _leave_frames(self, mask: MaskImage, body: int, normal: FloatArray, camera: Camera, hits: Hits) -> None:
+        """Take the pixels out of a mask, in place, that show the frames around the panes of an upright plane."""
+        rows, cols = np.nonzero(mask)
+        eye, depth_m = camera.pinhole, hits.depth_m[rows, cols]
+        rays = np.column_stack([(cols - eye.cx_px) / eye.fx_px, (rows - eye.cy_px) / eye.fy_px, np.ones(len(rows))])
+        in_world = depth_m[:, None] * rays @ camera.T_world_cam[:3, :3].T + camera.T_world_cam[:3, 3]
+        in_body = (in_world - self._meshes.position_m[body]) @ self._meshes.R_world_body[body]
+        along = in_body @ np.array([-normal[1], normal[0], 0.0])
+        is_frame = (np.column_stack([along, in_body[:, 2]]) % self._pane_m[body] < FRAME_M).any(axis=1)
+        mask[rows[is_frame], cols[is_frame]] = False
 
 
 def mirrored(normal: FloatArray, offset_m: float) -> FloatArray:

@@ -23,6 +23,8 @@ TRIES = 64
 """Number of places that are tried for each obstacle."""
 GROUND_SIDE_M = 400.0
 GLASS_ALBEDO = 0.2
+PANE_M = 1.5
+"""Side of a pane of a facade of glass: the module of usual curtain walls is 1.2 to 1.5 m."""
 PAVED = Surface(albedo=0.38, pattern="ground")
 
 
@@ -125,12 +127,10 @@ def without_texture(bodies: list[Body], share: float, rng: np.random.Generator) 
 
 
 def of_glass(bodies: list[Body], share: float, reflectivity: float, rng: np.random.Generator) -> list[Body]:
-    """The bodies, of which a random share is of dark glass without a texture of its own."""
+    """The bodies, of which a random share is of dark glass without a texture of its own, in dark frames."""
     chosen = random_share(share, len(bodies), rng)
-    return [
-        with_surface(body, albedo=GLASS_ALBEDO, texture=0.0, reflectivity=reflectivity) if is_chosen else body
-        for body, is_chosen in zip(bodies, chosen, strict=True)
-    ]
+    glass = {"albedo": GLASS_ALBEDO, "texture": 0.0, "reflectivity": reflectivity, "pane_m": PANE_M}
+    return [with_surface(body, **glass) if is_chosen else body for body, is_chosen in zip(bodies, chosen, strict=True)]
 
 
 def random_share(share: float, n: int, rng: np.random.Generator) -> MaskImage:

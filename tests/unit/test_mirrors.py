@@ -1,11 +1,13 @@
 """A pane shows what it reflects, and a stereo camera measures that."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from sim.bodies import Body, Box, Scene, Surface
 from sim.render import create_renderer
-from sim.render.mirrors import mirrored
+from sim.render.mirrors import FRAME_M, mirrored
 from sim.sensor import RigConfig, StereoSensor
 from sim.types import BodyPose, Camera, Images
 from sim.world import World
@@ -51,6 +53,18 @@ def test_a_pane_shows_as_much_of_the_reflection_as_it_reflects() -> None:
     assert gray[0.0][on_pane].std() < 1
     np.testing.assert_allclose(gray[0.5][on_pane], (gray[0.0] + gray[1.0])[on_pane] / 2, atol=1)
     np.testing.assert_array_equal(gray[0.0][~on_pane], gray[1.0][~on_pane])
+
+
+def test_frames_between_panes_reflect_nothing() -> None:
+    """Panes of 0.5 m: the frames are where the plain body shows, and are a seventh to a quarter of the surface."""
+    plain, shown = pane(0.0), wall(-3.0)
+    framed = replace(pane(1.0), surface=replace(pane(1.0).surface, pane_m=0.5))
+    gray, bare, reflected = (seen(body, shown).gray for body in (framed, plain, pane(1.0)))
+    on_pane = seen(plain).segment_id == 0
+    is_frame = on_pane & (gray != reflected)
+    np.testing.assert_array_equal(gray[is_frame], bare[is_frame])
+    share = 1 - (1 - FRAME_M / 0.5) ** 2
+    assert 0.6 * share < is_frame[on_pane].mean() < 1.3 * share
 
 
 @pytest.mark.parametrize("side_m", [-1.5, 1.5])
