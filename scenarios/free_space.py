@@ -60,11 +60,8 @@ class Probe(Recorder):
         self._run = run
         rig = run.scenario.rig
         config = run.scenario.mission.pilot.evidence
-        scale = rig.full_intrinsics.width_px / rig.intrinsics.width_px
         self._readers = {
-            threshold: EvidenceReader(
-                rig.intrinsics, config.model_copy(update={"min_confidence": threshold}), disparity_scale=scale
-            )
+            threshold: EvidenceReader(rig.intrinsics, config.model_copy(update={"min_confidence": threshold}))
             for threshold in THRESHOLDS
         }
         exact = EvidenceConfig(

@@ -31,8 +31,6 @@ class StereoRig:
         self._sensor = StereoSensor(world, renderer, config, seed=seed, gray=gray)
         self._map = pool_map
         self.intrinsics = self._sensor.intrinsics
-        self.disparity_scale = config.full_intrinsics.width_px / self.intrinsics.width_px
-        """Width of the images that are matched, divided by that of the captures."""
         self.mount_m = config.left_mount_m
 
     def capture(self, drones: Sequence[int], frame: int) -> Iterator[Capture]:

@@ -59,12 +59,9 @@ class Evidence(NamedTuple):
 
 
 class EvidenceReader:
-    """Reads the evidence of the depth images of one camera.
+    """Reads the evidence of the depth images of one camera."""
 
-    `disparity_scale` is the width of the matched images divided by that of the depth images.
-    """
-
-    def __init__(self, intrinsics: Intrinsics, config: EvidenceConfig, *, disparity_scale: float = 1.0) -> None:
+    def __init__(self, intrinsics: Intrinsics, config: EvidenceConfig) -> None:
         compile_all()
         c, i = config, intrinsics
         self.row_edges = _edges(i.height_px, i.fy_px, c.cell_deg)
@@ -78,7 +75,7 @@ class EvidenceReader:
             step=max(1, i.height_px // SAMPLED_ROWS),
         )
         self._focal_baseline_px_m = i.focal_baseline_px_m
-        self._error_px = c.disparity_error_px / disparity_scale
+        self._error_px = c.disparity_error_px
         y = ((self.row_edges[1:] + self.row_edges[:-1] - 1) / 2 - i.cy_px) / i.fy_px
         x = ((self.col_edges[1:] + self.col_edges[:-1] - 1) / 2 - i.cx_px) / i.fx_px
         self._ray_length = np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2).astype(np.float32)

@@ -66,7 +66,7 @@ class MappingPilot(Pilot):
         self, config: PilotConfig, control_hz: float, start_yaw_rad: float, radius_m: float, camera: OnboardCamera
     ) -> None:
         super().__init__(config, control_hz, start_yaw_rad, radius_m)
-        self._reader = EvidenceReader(camera.intrinsics, config.evidence, disparity_scale=camera.disparity_scale)
+        self._reader = EvidenceReader(camera.intrinsics, config.evidence)
         self._map = FreeMap(config.map, self._reader, camera.intrinsics)
         self._width_m, self._half_height_m = radius_m + config.keep_m, radius_m + config.keep_above_m
         c = config.avoidance

@@ -72,11 +72,7 @@ class Mission:
         self._link = Link(config.link, world.states, config.control_hz, seed=seed, leaders=leaders)
         self._link.broadcast(world.states, self.time_s)
         create_agent, radius_m = make_agent or load_controller(config.controller), world.airframe.radius_m
-        camera = OnboardCamera(
-            intrinsics=rig.intrinsics,
-            mount_cam_m=R_BODY_CAM.T @ rig.mount_m,
-            disparity_scale=rig.disparity_scale,
-        )
+        camera = OnboardCamera(intrinsics=rig.intrinsics, mount_cam_m=R_BODY_CAM.T @ rig.mount_m)
         roles = [Role(drone=i, team=team, radius_m=radius_m, camera=camera) for i, team in enumerate(self._team_of)]
         self._agents = [create_agent(role, config) for role in roles]
         self._termination = TerminationConditions(config, self._teams)

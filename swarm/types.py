@@ -109,8 +109,6 @@ class OnboardCamera:
     intrinsics: Intrinsics
     mount_cam_m: FloatArray
     """Position of the camera relative to the centre of the drone, in the camera frame, shape (3,)."""
-    disparity_scale: float = 1.0
-    """Width of the images that were matched, divided by that of the depth images."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

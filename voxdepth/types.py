@@ -55,6 +55,9 @@ class Intrinsics:
     height_px: int
     baseline_m: float | None = None
     """Distance to the right camera [m]; None for a camera that is not a stereo pair."""
+    disparity_scale: float = 1.0
+    """Width of the images that were matched, divided by that of these: 3 for depth that a filter decimated by 3, whose
+    error is a third of what it would be for depth that was matched at this size."""
 
     def __post_init__(self) -> None:
         size = f"{self.width_px}x{self.height_px}"
@@ -70,11 +73,16 @@ class Intrinsics:
             )
         if self.baseline_m is not None and not 0 < self.baseline_m < np.inf:
             raise FrameError(f"the stereo baseline must be positive, got {self.baseline_m} m")
+        if not 0 < self.disparity_scale < np.inf:
+            raise FrameError(f"disparity_scale must be positive, got {self.disparity_scale}")
 
     @property
     def focal_baseline_px_m(self) -> float:
-        """Depth [m] times disparity [px]. A camera that is no stereo pair is assumed to have `ASSUMED_BASELINE_M`."""
-        return self.fx_px * (self.baseline_m or ASSUMED_BASELINE_M)
+        """Depth [m] times disparity [px of the matched images].
+
+        A camera that is no stereo pair is assumed to have `ASSUMED_BASELINE_M`.
+        """
+        return self.disparity_scale * self.fx_px * (self.baseline_m or ASSUMED_BASELINE_M)
 
     @classmethod
     def from_hfov(

@@ -111,7 +111,10 @@ def calibration_toml(intrinsics: Intrinsics) -> str:
     if intrinsics.baseline_m is None:
         raise RecordingError("only a stereo camera can be recorded: expected intrinsics with a baseline_m, got none")
     types = {field.name: int if field.type is int else float for field in fields(intrinsics)}
-    return tomli_w.dumps({name: to(getattr(intrinsics, name)) for name, to in types.items()})
+    values = {name: to(getattr(intrinsics, name)) for name, to in types.items()}
+    if intrinsics.disparity_scale == 1:
+        del values["disparity_scale"]  # As in recordings from before it was a field.
+    return tomli_w.dumps(values)
 
 
 def frame_row(capture: Capture) -> str:

@@ -1,5 +1,7 @@
 """What one depth image proves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydantic import ValidationError
@@ -38,7 +40,7 @@ def test_a_wall_is_a_surface_up_to_which_all_is_free() -> None:
 def test_the_error_of_the_disparity_shortens_free_space() -> None:
     """f B / (f B / z + s), with an error in pixels of images that are three times as wide as the depth."""
     config, scale = EvidenceConfig(disparity_error_px=0.6), 3.0
-    reader = EvidenceReader(CAMERA, config, disparity_scale=scale)
+    reader = EvidenceReader(replace(CAMERA, disparity_scale=scale), config)
     free_m, surface_m = reader.read(image(flat(5.0)))
     fB = CAMERA.focal_baseline_px_m
     np.testing.assert_allclose(free_m * reader.rays_cam[..., 2], fB / (fB / 5 + 0.6 / scale), rtol=1e-5)

@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from math import isfinite
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
@@ -11,7 +11,8 @@ from ..errors import DatasetError, FrameError
 from ..types import Intrinsics
 
 CALIBRATION = "calibration.toml"
-"""Fields of `Intrinsics` as TOML: `fx_px = 525.0`, ..., `width_px = 640`; `baseline_m` may be left out."""
+"""Fields of `Intrinsics` as TOML: `fx_px = 525.0`, ..., `width_px = 640`; `baseline_m` and
+`disparity_scale` may be left out."""
 LARGEST_FILE_BYTES = 2**28
 """Larger files are no images or lists of one camera."""
 
@@ -101,10 +102,11 @@ def parse_calibration(text: str, path: Path) -> Intrinsics:
 
 
 def intrinsics_from(values: Mapping[str, object], path: Path) -> Intrinsics:
-    """Intrinsics of the fields that the file `path` gives; only the baseline may be left out."""
+    """Intrinsics of the fields that the file `path` gives; those that have a default may be left out."""
     kinds = {field.name: field.type for field in fields(Intrinsics)}
+    optional = {field.name for field in fields(Intrinsics) if field.default is not MISSING}
     unknown = sorted(values.keys() - kinds.keys())
-    missing = sorted(kinds.keys() - values.keys() - {"baseline_m"})
+    missing = sorted(kinds.keys() - values.keys() - optional)
     if unknown or missing:
         raise DatasetError(f"expected {', '.join(kinds)} in {path}; missing: {missing}, unknown: {unknown}")
     numbers: dict[str, Any] = {}
