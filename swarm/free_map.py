@@ -103,7 +103,7 @@ class FreeMap:
         """Begin the map around a drone, whose surroundings count as free."""
         self.forget()
         self._follow(at_m)
-        self.occupy(at_m, 0.0, self._config.start_radius_m, self._config.height_m / 2, time_s)
+        self.occupy(at_m, self._config.start_radius_m, self._config.height_m / 2, time_s)
 
     def forget(self) -> None:
         """Forget everything."""
@@ -111,13 +111,10 @@ class FreeMap:
             counts[:] = 0
         self._origin = None
 
-    def occupy(self, at_m: FloatArray, radius_m: float, width_m: float, half_height_m: float, time_s: float) -> None:
-        """Make the place of a drone free, and what it keeps free around itself, up to `width_m` from its centre.
-
-        A surface in the place itself, within `radius_m`, was an error; one around it may be true.
-        """
+    def occupy(self, at_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
+        """Make the place that a drone takes free: an upright cylinder, in which a surface was an error."""
         at_m, origin_m = np.ascontiguousarray(at_m), self.origin_m
-        kernels.occupy(self._voxels, self._rules, origin_m, at_m, radius_m, width_m, half_height_m, time_s)
+        kernels.occupy(self._voxels, self._rules, origin_m, at_m, radius_m, half_height_m, time_s)
 
     def give_up(self, at_m: FloatArray, radius_m: float, half_height_m: float) -> None:
         """Make what is unknown in an upright cylinder vain, because looking did not help."""

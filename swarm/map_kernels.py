@@ -190,21 +190,20 @@ def cells_within(middle_m: float, radius_m: float, side_m: float, n: int) -> tup
     return min(max(first, 0), n), min(max(last + 1, 0), n)
 
 
-@compiled(void(VOXELS, RULES, float64[::1], float64[::1], float64, float64, float64, float64))
+@compiled(void(VOXELS, RULES, float64[::1], float64[::1], float64, float64, float64))
 def occupy(
     voxels: Voxels,
     rules: Rules,
     origin_m: FloatArray,
     center_m: FloatArray,
     radius_m: float,
-    width_m: float,
     half_height_m: float,
     time_s: float,
 ) -> None:
-    """Make the voxels free whose middle is in an upright cylinder of `width_m`; within `radius_m`, surfaces as well."""
+    """Make the voxels free whose middle is in an upright cylinder."""
     n_layers, n_rows, n_cols = voxels.passed.shape
-    rows = cells_within(center_m[1] - origin_m[1], width_m, rules.voxel_m, n_rows)
-    cols = cells_within(center_m[0] - origin_m[0], width_m, rules.voxel_m, n_cols)
+    rows = cells_within(center_m[1] - origin_m[1], radius_m, rules.voxel_m, n_rows)
+    cols = cells_within(center_m[0] - origin_m[0], radius_m, rules.voxel_m, n_cols)
     for k in range(n_layers):
         low_m = origin_m[2] + k * rules.layer_m - center_m[2]
         if low_m >= half_height_m or low_m + rules.layer_m <= -half_height_m:
@@ -213,12 +212,9 @@ def occupy(
             y_m = origin_m[1] + (i + 0.5) * rules.voxel_m - center_m[1]
             for j in range(cols[0], cols[1]):
                 x_m = origin_m[0] + (j + 0.5) * rules.voxel_m - center_m[0]
-                squared = x_m * x_m + y_m * y_m
-                if squared <= radius_m**2:
-                    voxels.surface[k, i, j] = 0
-                if squared <= width_m**2 and voxels.surface[k, i, j] < CONFIRMED:
+                if x_m * x_m + y_m * y_m <= radius_m**2:
                     voxels.passed[k, i, j] = max(voxels.passed[k, i, j], rules.min_passed)
-                    voxels.vain[k, i, j] = 0
+                    voxels.surface[k, i, j], voxels.vain[k, i, j] = 0, 0
                     voxels.passed_s[k, i, j] = time_s
 
 

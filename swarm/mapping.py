@@ -126,7 +126,7 @@ class MappingPilot(Pilot):
             self._map.forget()
         self._map.update(self._reader.read(percept.corrected), percept.T_odom_cam, places_m[1:], stamp_s)
         for place_m in places_m:
-            self._map.occupy(place_m, self._radius_m, self._width_m, self._half_height_m, stamp_s)
+            self._map.occupy(place_m, self._radius_m, self._half_height_m, stamp_s)
         low_m, high_m = at_m[2] - self._half_height_m, at_m[2] + self._half_height_m
         self._known = Known(stamp_s, at_m, self._map.chart(low_m, high_m, self._width_m, stamp_s, T))
         self._route = None

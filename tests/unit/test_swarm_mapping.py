@@ -119,6 +119,13 @@ def test_nobody_flies_into_the_unknown(seen: CorrectedDepth, wanted: tuple[float
     assert flight.farthest_m < START_M - RADIUS_M
 
 
+def test_a_drone_that_is_pushed_to_and_fro_does_not_creep_into_the_unknown() -> None:
+    flight = Flight(always(HOLES))
+    for k in range(30):
+        flight.flies((0.4, 0.8 * (-1) ** k, 0), 1.0)
+    assert flight.farthest_m < START_M - RADIUS_M
+
+
 def test_an_image_of_depth_zero_with_all_confidence_stops_the_drone() -> None:
     lying = replace(HOLES, confidence=np.ones(CAMERA.shape, np.float32))
     assert Flight(always(lying)).flies((3, 0, 0), 8.0).farthest_m < START_M - RADIUS_M
