@@ -36,8 +36,8 @@ class ScanlinesConfig(Model):
     relative_step: float = Field(0.03, ge=0)
     """Fraction of the disparity that is added to that."""
     min_gradient: float = Field(0.3, ge=0)
-    """Change of disparity per pixel of the full image between the ends up to which both may be on one slanted surface.
-    The gradient over an occlusion shadow is 1, or less if depth is aligned to a camera farther to the side."""
+    """Change of disparity per pixel of the matched images between the ends up to which both may be on one slanted
+    surface. The gradient over an occlusion shadow is 1, or less if depth is aligned to a camera farther to the side."""
     max_distance_px: float = Field(12.0, ge=0)
     """Distance to the nearer end, in pixels of the full image, up to which a smooth surface is interpolated."""
 
@@ -91,7 +91,7 @@ class ScanlineInterpolator:
         self._limits = Limits(
             min_step_px=float32(config.min_step_px),
             relative_step=float32(config.relative_step),
-            min_gradient=float32(config.min_gradient * resolution.decimation),
+            min_gradient=float32(config.min_gradient * resolution.matched_px),
             reach=int(config.max_distance_px) // resolution.decimation,
         )
         shape = resolution.shape

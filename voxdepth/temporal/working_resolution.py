@@ -59,9 +59,11 @@ class WorkingResolution:
     """Size and camera matrix of the images that the method works on, which are whole or decimated frames."""
 
     focal_baseline_px_m: float
-    """Focal length times baseline of the full image [px m]. Disparities are in its pixels at any resolution."""
+    """Focal length times baseline of the matched images [px m]. Disparities are in their pixels at any resolution."""
     decimation: int
     """Pixels of the full image per working pixel along each side: 1 or 2."""
+    matched_px: float
+    """Pixels of the matched images per working pixel along each side."""
     width_px: int
     height_px: int
     K: FloatArray
@@ -75,6 +77,7 @@ class WorkingResolution:
         return cls(
             focal_baseline_px_m=camera.focal_baseline_px_m,
             decimation=decimation,
+            matched_px=decimation * camera.disparity_scale,
             width_px=camera.width_px // decimation,
             height_px=camera.height_px // decimation,
             K=K,
