@@ -25,6 +25,7 @@ __all__ = [
     "ENTRY_POINTS",
     "config_of",
     "corrector_names",
+    "create_bare",
     "create_corrector",
     "latency_s",
     "require_known",
@@ -137,6 +138,25 @@ def create_corrector(
     """Create the corrector of that name, one of `corrector_names()`, for one camera.
 
     A configuration is of the corrector's own type, or the values that differ from its default, see `resolve_config`.
+
+    The confidence of a corrector of this library is the probability that a depth is right. The default method has its
+    own; that of the others is fitted to their default configuration, and the same with any other, see `calibration`.
+
+    Raises:
+        ConfigError: See `create_bare`.
+    """
+    corrector = create_bare(name, intrinsics, config)
+    if name not in _REGISTRY:
+        return corrector
+    from .calibration import calibrated
+
+    return calibrated(corrector, name, intrinsics)
+
+
+def create_bare(
+    name: str, intrinsics: Intrinsics, config: "VoxDepthConfig | PaperConfig | Mapping[str, Any] | None" = None
+) -> DepthCorrector:
+    """Create a corrector as `create_corrector` does, but with the confidence of the method itself.
 
     Raises:
         ConfigError: The name is unknown, the corrector takes no configuration or another one, it needs a camera with a

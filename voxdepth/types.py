@@ -259,8 +259,8 @@ class CorrectedDepth:
     source: GrayImage
     """One `Source` per pixel, shape (H, W), uint8."""
     confidence: FloatImage
-    """Confidence per pixel in 0..1, shape (H, W), float32; 0 where invalid. That of the default method is the
-    probability that the depth is right, see `CORRECT_SHARE`; the values of other methods only rank pixels."""
+    """Confidence per pixel in 0..1, shape (H, W), float32; 0 where invalid. That of the default method, and of every
+    corrector that `create_corrector` makes, is the probability that the depth is right, see `CORRECT_SHARE`."""
     timings_s: Mapping[str, float] = field(default_factory=dict)
     """Wall-clock time of each step [s], for benchmarks; never part of a result."""
     diagnostics: Diagnostics | None = None

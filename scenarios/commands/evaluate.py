@@ -94,7 +94,8 @@ def experiment(
         typer.Argument(
             metavar="NAME",
             help="rq1, rq2, rq3, rq4, quality, fps, components, window, switches, power, or all of these; default or "
-            "ablation, which are about the default method; artefacts, which is about the simulator.",
+            "ablation, which are about the default method; artefacts, which is about the simulator; confidence, which "
+            "is about all correctors.",
         ),
     ],
     sequences: Annotated[
@@ -124,6 +125,8 @@ def experiment(
 
     `default` evaluates every method on every sequence and takes almost an hour; an interrupted run is resumed.
     `ablation` evaluates the default method with one part off at a time. `artefacts` measures the errors of raw depth.
+    `confidence` fits the confidence of all correctors but the default in some five minutes, and writes
+    confidence/confidence.toml, which takes effect as voxdepth/confidence.toml.
     """
     import sys
 

@@ -70,6 +70,8 @@ class Findings:
     """PNG."""
     pictures: Mapping[str, bytes] = field(default_factory=dict)
     """Further PNGs by the stems of their files."""
+    files: Mapping[str, bytes] = field(default_factory=dict)
+    """Other results by the names of their files."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,6 +12,7 @@ from ..results.provenance import SIMULATION, Provenance
 from .ablation import ABLATION
 from .artefacts import ARTEFACTS
 from .components import COMPONENTS
+from .confidence import CONFIDENCE
 from .default import DEFAULT_METHOD
 from .experiment import Experiment, ExperimentContext, Findings
 from .frame_rate import FRAME_RATE
@@ -33,8 +34,10 @@ PAPER_EXPERIMENTS = (
     OCCLUSION, FRAME_SIZE, INPAINTING, OPTICAL_FLOW, QUALITY, FRAME_RATE, COMPONENTS, POWER, WINDOW, STATE_SWITCHES
 )  # fmt: skip
 """Questions of the paper, in its order."""
-EXPERIMENTS = {experiment.name: experiment for experiment in (*PAPER_EXPERIMENTS, DEFAULT_METHOD, ABLATION, ARTEFACTS)}
-"""All experiments by name; the last three are not about the paper, but about the default method and the simulator."""
+EXPERIMENTS = {
+    experiment.name: experiment for experiment in (*PAPER_EXPERIMENTS, DEFAULT_METHOD, ABLATION, ARTEFACTS, CONFIDENCE)
+}
+"""All experiments by name; the last four are not about the paper, but about the correctors and the simulator."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +79,8 @@ class ExperimentReport:
         write(folder / FIGURE, findings.figure)
         for name, picture in findings.pictures.items():
             write(folder / f"{name}.png", picture)
+        for name, content in findings.files.items():
+            write(folder / name, content)
         result = {
             "name": self.experiment.name,
             "question": self.experiment.question,

@@ -12,6 +12,7 @@ from scenarios.experiments.runner import ALL, EXPERIMENTS, find_experiments
 from scenarios.results.table import Table
 from tests.experiment_context import SEQUENCE, WIDTH_PX, small_context
 from tests.integration.test_cli import voxdepth
+from voxdepth.calibration import read
 
 FRAMES = 31
 
@@ -98,6 +99,19 @@ def test_components_are_the_steps_of_the_corrector(out: Path) -> None:
     assert times["fusion"].n == times["inpainting"].n >= 1
     assert times["transform"].n == times["combine"].n > times["fusion"].n
     assert times["fusion"].p50_ms > times["inpainting"].p50_ms
+
+
+def test_confidence_that_is_fitted_is_nearer_to_the_truth_and_its_file_can_be_read(out: Path, tmp_path: Path) -> None:
+    (one,) = find_experiments(["confidence"])
+    result = one.answer(small_context(out, 3))
+    (table,) = result.tables
+    own, fitted = (dict(zip(table.column("corrector"), table.column(f"calibration error, {what}"), strict=True))
+                   for what in ("own", "fitted"))  # fmt: skip
+    assert fitted.pop("voxdepth") is None
+    assert all(float(str(fitted[name])) < float(str(own[name])) for name in fitted)
+    ((name, content),) = result.files.items()
+    (tmp_path / name).write_bytes(content)
+    assert list(read(tmp_path / name)) == list(fitted)
 
 
 @pytest.mark.slow

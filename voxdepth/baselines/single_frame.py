@@ -27,7 +27,10 @@ NEAREST_M = 0.1
 FULL_SCALE = 65535
 """16-bit images are inpainted as they are; of float32 ones OpenCV rounds what it fills to integers."""
 CONFIDENCE_INPAINTED = 0.5
-"""Confidence of a depth that the sensor did not measure: between a measured one (1) and none (0)."""
+"""Confidence of a depth that the sensor did not measure: between a measured one (1) and none (0).
+
+These only tell the sources apart. Those of `create_corrector` are probabilities, see `voxdepth.calibration`.
+"""
 
 
 class Baseline(ABC):

@@ -18,7 +18,10 @@ from .registration import Features, OrbRegistration, Registration, RegistrationS
 from .steps import ImageSteps, create_steps
 
 SENSOR_CONFIDENCE, OTHER_CONFIDENCE = np.float32(1), np.float32(0.5)
-"""Confidence of measured and of other pixels. Not calibrated: the paper has none."""
+"""Confidence of measured and of other pixels, by convention: the paper has none.
+
+That of `create_corrector` is a probability, see `voxdepth.calibration`.
+"""
 
 MotionModel = Callable[[Sequence[Frame], Odometry], list[FloatArray | None]]
 """Returns `T_last_frame`, shape (4, 4), of each frame; None for a frame whose pose is not known."""

@@ -1,0 +1,180 @@
+"""The confidence of every corrector: fitted to training sequences, and compared with the truth of other ones."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from sim.types import Capture
+from swarm.perception import frame_of
+from voxdepth.calibration import N_CLASSES, SHAPE, PixelClasses, Probabilities, written
+from voxdepth.metrics import is_correct
+from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare
+from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Source
+
+from ..errors import ScenarioError
+from ..results.figure import label_axes, panels
+from ..results.table import Column, Table, Value
+from ..sequences import GROUPS
+from .experiment import Experiment, ExperimentContext, Findings
+
+TRAINING_SEED = 101
+"""Seed of the sequences that confidences are fitted to; no reported result uses it."""
+PRIOR_PIXELS = 2000
+"""Weight of the share of all pixels of a source in that of one class. More smooths classes with few pixels."""
+BINS = 10
+"""Bins of confidence, of equal width."""
+TRUSTED, SHOWN = 0.5, 0.1
+"""Confidences from which a drone believes that space is free, and that there is a surface."""
+DIGITS = 3
+"""Digits of a probability in the file."""
+FILE = "confidence.toml"
+
+
+class Pixels:
+    """Pixels with a depth, and those of them that are right, by class and by bin of the method's own confidence."""
+
+    def __init__(self) -> None:
+        self.n, self.right = np.zeros((2, N_CLASSES), np.int64)
+        self.own = Bins()
+
+    def add(self, corrected: CorrectedDepth, capture: Capture) -> None:
+        """Count the pixels of one frame that show a surface; the open sky has no depth that could be right."""
+        judged = (corrected.depth_m > 0) & np.isfinite(capture.depth_true_m)
+        focal_baseline_px_m = capture.intrinsics.focal_baseline_px_m
+        right = is_correct(corrected.depth_m[judged], capture.depth_true_m[judged], focal_baseline_px_m)
+        classes = PixelClasses(capture.intrinsics).of(corrected)[judged]
+        self.n += np.bincount(classes, minlength=N_CLASSES)
+        self.right += np.bincount(classes[right], minlength=N_CLASSES)
+        self.own.add(corrected.confidence[judged], np.ones(len(right)), right.astype(np.float64))
+
+    def by_table(self, probabilities: Probabilities) -> "Bins":
+        """The same pixels by the confidence of a table."""
+        bins = Bins()
+        bins.add(probabilities.ravel(), self.n.astype(np.float64), self.right.astype(np.float64))
+        return bins
+
+
+class Bins:
+    """Pixels by confidence: their number, the sum of their confidence, and how many are right."""
+
+    def __init__(self) -> None:
+        self.n, self.confidence, self.right = np.zeros((3, BINS))
+
+    def add(self, confidence: FloatImage, n: FloatArray, right: FloatArray) -> None:
+        """Add groups of `n` pixels of one confidence each, shapes (k,)."""
+        place = np.minimum((confidence * BINS).astype(np.int64), BINS - 1)
+        self.n += np.bincount(place, n, BINS)
+        self.confidence += np.bincount(place, n * confidence, BINS)
+        self.right += np.bincount(place, right, BINS)
+
+    @property
+    def calibration_error(self) -> float:
+        """Expected calibration error: the mean over pixels of |mean confidence - share of right ones| of their bin."""
+        return float(np.abs(self.confidence - self.right).sum() / self.n.sum())
+
+    @property
+    def trusted_share(self) -> float:
+        """Share of the pixels of at least the confidence `TRUSTED`."""
+        return float(_from(TRUSTED, self.n) / self.n.sum())
+
+    @property
+    def shown_share(self) -> float:
+        """Share of the pixels of at least the confidence `SHOWN`."""
+        return float(_from(SHOWN, self.n) / self.n.sum())
+
+    @property
+    def trusted_right(self) -> float | None:
+        """Share of right pixels among the trusted ones; None if there are none."""
+        n = _from(TRUSTED, self.n)
+        return float(_from(TRUSTED, self.right) / n) if n else None
+
+
+def _from(confidence: float, counts: FloatArray) -> float:
+    """The sum over the bins from that confidence on."""
+    return float(counts[round(confidence * BINS) :].sum())
+
+
+def fit(pixels: Pixels) -> Probabilities:
+    """The share of right pixels of each class, drawn to that of its source where there are few.
+
+    Measured pixels have no distance, and a source without pixels has probability 0.
+    """
+    counts = np.array((pixels.n, pixels.right), np.float64).reshape(2, *SHAPE)
+    counts[:, Source.SENSOR] = counts[:, Source.SENSOR].sum(axis=1, keepdims=True)
+    n, right = counts
+    of_source, right_of_source = counts.sum(axis=(2, 3), keepdims=True)
+    prior = right_of_source / np.maximum(of_source, 1)
+    probabilities: Probabilities = ((right + PRIOR_PIXELS * prior) / (n + PRIOR_PIXELS)).astype(np.float32)
+    return probabilities.round(DIGITS)
+
+
+def compare_confidence(context: ExperimentContext) -> Findings:
+    """Fit the confidence of all correctors with the training seed, and measure it with the seed of the context."""
+    if context.seed == TRAINING_SEED:
+        raise ScenarioError(f"--seed {TRAINING_SEED} is that of the fit: choose another one to measure with")
+    training, measured = count(replace(context, seed=TRAINING_SEED)), count(context)
+    tables = {name: fit(pixels) for name, pixels in training.items() if name != DEFAULT}
+    after = {name: measured[name].by_table(table) for name, table in tables.items()}
+    before = {name: pixels.own for name, pixels in measured.items()}
+    columns: list[Column | str] = ["corrector", *(
+        Column(f"{what}, {when}", "%", ".1f") for what in ("calibration error", "trusted", "right of trusted", "shown")
+        for when in ("own", "fitted")
+    )]  # fmt: skip
+    rows = [(name, *_row(before[name], after.get(name))) for name in CORRECTOR_NAMES]
+    command = f"# Written by `voxdepth experiment confidence`: {context.frames} frames of each of\n"
+    sequences = f"# {', '.join(context.sequences)}, seed {TRAINING_SEED}.\n"
+    return Findings(
+        tables=(Table.of("Confidence against the truth", columns, rows),),
+        notes=(
+            f"Fitted to seed {TRAINING_SEED}, measured with seed {context.seed or 0}. A depth counts where the truth "
+            f"is a surface, and not the open sky. {DEFAULT} has a confidence of its own.",
+            f"Trusted: a confidence of at least {TRUSTED:g}, from which a drone believes that space is free. Shown: of "
+            f"at least {SHOWN:g}, from which it believes that there is a surface. The calibration error has {BINS} "
+            "bins.",
+            f"The fitted tables are in {FILE}; those that are used are in voxdepth/{FILE}.",
+        ),
+        figure=panels(
+            f"Confidence, n = {context.frames} frames of each sequence",
+            [partial(_draw, before, "own confidence"), partial(_draw, after, "fitted confidence")],
+            shared_legend=True,
+        ),
+        files={FILE: (command + sequences + written(tables)).encode()},
+    )
+
+
+def count(context: ExperimentContext) -> dict[str, Pixels]:
+    """The pixels of all correctors in all sequences."""
+    pixels = {name: Pixels() for name in CORRECTOR_NAMES}
+    for sequence in context.sequences:
+        correctors = {name: create_bare(name, context.recording(sequence).intrinsics) for name in CORRECTOR_NAMES}
+        for capture in context.captures(sequence):
+            frame = frame_of(capture)
+            for name, corrector in correctors.items():
+                pixels[name].add(corrector.process(frame), capture)
+    return pixels
+
+
+def _row(before: Bins, after: Bins | None) -> Iterator[Value]:
+    for value in ("calibration_error", "trusted_share", "trusted_right", "shown_share"):
+        for bins in (before, after):
+            share = None if bins is None else getattr(bins, value)
+            yield None if share is None else 100 * share
+
+
+def _draw(found: dict[str, Bins], title: str, axes: Axes) -> None:
+    label_axes(axes, title, "mean confidence", "right [%]")
+    axes.plot((0, 1), (0, 100), color="gray", lw=0.8)
+    for k, (name, bins) in enumerate(found.items()):
+        filled = bins.n > 0
+        shares = 100 * bins.right[filled] / bins.n[filled]
+        axes.plot(bins.confidence[filled] / bins.n[filled], shares, marker="o", ms=3, color=f"C{k % 10}",
+                  ls=("-", "--")[k // 10], label=name)  # fmt: skip
+
+
+CONFIDENCE = Experiment(
+    "confidence", "How probably is a depth right, by its source, its distance to a measured one and its disparity?",
+    compare_confidence, (*GROUPS["reference"], *GROUPS["hard"]), frames=20,
+)  # fmt: skip
