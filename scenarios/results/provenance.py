@@ -23,6 +23,7 @@ ALL = (*SIMULATION, "rerun-sdk")
 ALL_SOURCES = "**/*.py"
 FLIGHT_SOURCES = (
     ("voxdepth", ALL_SOURCES),
+    ("voxdepth", "confidence.toml"),
     ("sim", ALL_SOURCES),
     ("swarm", ALL_SOURCES),
     ("scenarios", "config.py"),

@@ -11,6 +11,7 @@ from scenarios.errors import ScenarioError
 from scenarios.experiments.confidence import Bins, Pixels, compare_confidence, fit
 from tests.experiment_context import small_context
 from voxdepth.calibration import FILE, N_CLASSES, SHAPE, Calibrated, PixelClasses, read, written
+from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.errors import ConfigError
 from voxdepth.paper.config import PaperConfig
 from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
@@ -86,6 +87,14 @@ class TestCorrectors:
         got = create_corrector("paper", CAMERA, config).process(frame)
         want = Calibrated(create_bare("paper", CAMERA, config), CAMERA, read(FILE)["paper"]).process(frame)
         np.testing.assert_array_equal(got.confidence, want.confidence)
+
+    @pytest.mark.parametrize("name", ["raw", "realsense", "paper"])
+    def test_depth_that_was_not_matched_has_the_confidence_of_the_method(self, name: str) -> None:
+        spec, frame = CorrectorSpec(name=name), holed_frame(0)
+        own, fitted = (spec.create(CAMERA, matched=matched).process(frame).confidence for matched in (False, True))
+        np.testing.assert_array_equal(own, create_bare(name, CAMERA).process(frame).confidence)
+        np.testing.assert_array_equal(fitted, create_corrector(name, CAMERA).process(frame).confidence)
+        assert own.max() == 1 > fitted.max()
 
     def test_two_stages_stay_two_and_give_the_same_in_a_pipeline(self) -> None:
         stream = [holed_frame(k) for k in range(16)]

@@ -11,7 +11,15 @@ import pytest
 
 from voxdepth.errors import ConfigError
 from voxdepth.paper.config import PaperConfig
-from voxdepth.registry import CORRECTOR_NAMES, config_of, corrector_names, create_corrector, latency_s, require_known
+from voxdepth.registry import (
+    CORRECTOR_NAMES,
+    config_of,
+    corrector_names,
+    create_bare,
+    create_corrector,
+    latency_s,
+    require_known,
+)
 from voxdepth.temporal.config import VoxDepthConfig
 from voxdepth.types import Frame, Intrinsics
 
@@ -143,7 +151,7 @@ def test_another_distribution_adds_a_corrector(foreign: Path, monkeypatch: pytes
 
 
 def test_our_names_win(foreign: Path) -> None:
-    assert type(create_corrector("raw", CAMERA)).__module__ == "voxdepth.baselines.single_frame"
+    assert type(create_bare("raw", CAMERA)).__module__ == "voxdepth.baselines.single_frame"
     assert "theirs_bad" not in sys.modules
 
 
