@@ -314,3 +314,23 @@ def _with_a_hole(frame: Frame) -> Frame:
     depth_m = frame.depth_m.copy()
     depth_m[1:3, 2:4] = 0
     return replace(frame, depth_m=depth_m)
+
+
+@pytest.mark.parametrize(("scale", "is_kept"), [(1.0, False), (3.0, True)])
+def test_a_thin_pole_in_decimated_depth_is_kept_if_the_camera_says_how_it_was_matched(
+    scale: float, is_kept: bool
+) -> None:
+    """A pole of 2 px moves 0.6 px of disparity before a wall: the noise of matched pixels, or two of decimated ones."""
+    camera = replace(
+        Intrinsics.from_hfov(width_px=160, height_px=90, hfov_deg=86, baseline_m=0.1), disparity_scale=scale
+    )
+    fB, rng = camera.fx_px * 0.1, np.random.default_rng(0)
+    wall, pole = rng.integers(60, 200, camera.shape, np.uint8), rng.integers(20, 60, (90, 2), np.uint8)
+    corrector = VoxDepth(camera)
+    for k in range(10):
+        columns = slice(100 - 2 * k, 102 - 2 * k)
+        disparity_px, gray = np.full(camera.shape, 0.6), wall.copy()
+        disparity_px[:, columns], gray[:, columns] = 1.2, pole
+        depth_m = (fB / (disparity_px + rng.normal(0, 0.05, camera.shape))).astype(np.float32)
+        shown_m = corrector.process(Frame(stamp_s=k / 10, gray=gray, depth_m=depth_m)).depth_m[:, columns]
+    assert np.mean(np.abs(shown_m * 1.2 / fB - 1) < 0.2) == pytest.approx(float(is_kept), abs=0.05)
