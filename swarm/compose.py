@@ -65,8 +65,7 @@ def composed_mission(
     config, rig_config = setup.mission, setup.rig
     scene = setup.scene.build(seed)
     with World(scene, config.starts_m(), setup.airframe, start_yaw_rad=config.start_yaws_rad()) as world:
-        matched = rig_config.depth == "stereo"
-        correctors = [setup.corrector.create(rig_config.intrinsics, matched=matched) for _ in range(world.n_drones)]
+        correctors = [setup.corrector.create(rig_config.intrinsics) for _ in range(world.n_drones)]
         gray = gray or any(corrector.uses_gray for corrector in correctors)
         renderer = create_renderer(setup.renderer, world, threads=threads)
         rig = StereoRig(world, renderer, rig_config, seed=seed, gray=gray, pool_map=mapper(threads))

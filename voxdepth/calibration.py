@@ -1,4 +1,4 @@
-"""Confidence of the correctors that have none of their own: fitted probabilities of being right.
+"""Confidence of the correctors that have none of their own: fitted probabilities that their fills are right.
 
 The pixels of a corrected image fall into classes by their source, by the distance to the nearest measured pixel, and by
 their disparity. `confidence.toml` has the share of right pixels of each class and corrector, which `voxdepth experiment

@@ -7,7 +7,7 @@ from pydantic import Field, field_validator, model_serializer, model_validator
 
 from .errors import ConfigError
 from .model import Model
-from .registry import create_bare, create_corrector, require_known, resolve_config
+from .registry import create_corrector, require_known, resolve_config
 from .types import DepthCorrector, Intrinsics
 
 
@@ -63,11 +63,6 @@ class CorrectorSpec(Model):
             )
         return resolved
 
-    def create(self, intrinsics: Intrinsics, *, matched: bool = True) -> DepthCorrector:
-        """Create the corrector for one camera.
-
-        Its confidence is that of `create_corrector`, which is fitted to depth that was matched; that of any other depth
-        is the method's own.
-        """
-        make = create_corrector if matched else create_bare
-        return make(self.name, intrinsics, self.resolved_config())
+    def create(self, intrinsics: Intrinsics) -> DepthCorrector:
+        """Create the corrector for one camera."""
+        return create_corrector(self.name, intrinsics, self.resolved_config())

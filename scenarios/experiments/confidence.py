@@ -3,10 +3,12 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 from matplotlib.axes import Axes
 
+from sim.decimation import decimated, decimated_intrinsics
 from sim.types import Capture
 from swarm.perception import frame_of
 from voxdepth.calibration import N_CLASSES, SHAPE, PixelClasses, Probabilities, written
@@ -30,6 +32,8 @@ TRUSTED, SHOWN = 0.5, 0.1
 """Confidences from which a drone believes that space is free, and that there is a surface."""
 DIGITS = 3
 """Digits of a probability in the file."""
+DECIMATIONS = (1, 2, 4)
+"""Factors of the sizes at which the sequences are corrected. Many users decimate depth, and its error is smaller."""
 FILE = "confidence.toml"
 
 
@@ -40,15 +44,18 @@ class Pixels:
         self.n, self.right = np.zeros((2, N_CLASSES), np.int64)
         self.own = Bins()
 
-    def add(self, corrected: CorrectedDepth, capture: Capture) -> None:
-        """Count the pixels of one frame that show a surface; the open sky has no depth that could be right."""
+    def add(self, corrected: CorrectedDepth, capture: Capture, times: int) -> None:
+        """Count the pixels of one frame that show a surface; the open sky has no depth that could be right.
+
+        Each pixel counts so many times.
+        """
         judged = (corrected.depth_m > 0) & np.isfinite(capture.depth_true_m)
         focal_baseline_px_m = capture.intrinsics.focal_baseline_px_m
         right = is_correct(corrected.depth_m[judged], capture.depth_true_m[judged], focal_baseline_px_m)
         classes = PixelClasses(capture.intrinsics).of(corrected)[judged]
-        self.n += np.bincount(classes, minlength=N_CLASSES)
-        self.right += np.bincount(classes[right], minlength=N_CLASSES)
-        self.own.add(corrected.confidence[judged], np.ones(len(right)), right.astype(np.float64))
+        self.n += times * np.bincount(classes, minlength=N_CLASSES)
+        self.right += times * np.bincount(classes[right], minlength=N_CLASSES)
+        self.own.add(corrected.confidence[judged], np.full(len(right), float(times)), times * right.astype(np.float64))
 
     def by_table(self, probabilities: Probabilities) -> "Bins":
         """The same pixels by the confidence of a table."""
@@ -98,16 +105,16 @@ def _from(confidence: float, counts: FloatArray) -> float:
 
 
 def fit(pixels: Pixels) -> Probabilities:
-    """The share of right pixels of each class, drawn to that of its source where there are few.
+    """The share of right pixels of each class of fills, drawn to that of its source where there are few.
 
-    Measured pixels have no distance, and a source without pixels has probability 0.
+    Measured pixels keep 1: how far a sensor errs is known to who uses it, and depends on the sensor. A source without
+    pixels has probability 0.
     """
-    counts = np.array((pixels.n, pixels.right), np.float64).reshape(2, *SHAPE)
-    counts[:, Source.SENSOR] = counts[:, Source.SENSOR].sum(axis=1, keepdims=True)
-    n, right = counts
+    n, right = counts = np.array((pixels.n, pixels.right), np.float64).reshape(2, *SHAPE)
     of_source, right_of_source = counts.sum(axis=(2, 3), keepdims=True)
     prior = right_of_source / np.maximum(of_source, 1)
     probabilities: Probabilities = ((right + PRIOR_PIXELS * prior) / (n + PRIOR_PIXELS)).astype(np.float32)
+    probabilities[Source.SENSOR] = 1
     return probabilities.round(DIGITS)
 
 
@@ -146,14 +153,16 @@ def compare_confidence(context: ExperimentContext) -> Findings:
 
 
 def count(context: ExperimentContext) -> dict[str, Pixels]:
-    """The pixels of all correctors in all sequences."""
+    """The pixels of all correctors in all sequences, as they are and decimated: all sizes count alike."""
     pixels = {name: Pixels() for name in CORRECTOR_NAMES}
-    for sequence in context.sequences:
-        correctors = {name: create_bare(name, context.recording(sequence).intrinsics) for name in CORRECTOR_NAMES}
+    for sequence, factor in product(context.sequences, DECIMATIONS):
+        camera = decimated_intrinsics(context.recording(sequence).intrinsics, factor)
+        correctors = {name: create_bare(name, camera) for name in CORRECTOR_NAMES}
         for capture in context.captures(sequence):
-            frame = frame_of(capture)
+            smaller = decimated(capture, factor)
+            frame = frame_of(smaller)
             for name, corrector in correctors.items():
-                pixels[name].add(corrector.process(frame), capture)
+                pixels[name].add(corrector.process(frame), smaller, times=factor**2)
     return pixels
 
 

@@ -11,7 +11,6 @@ from scenarios.errors import ScenarioError
 from scenarios.experiments.confidence import Bins, Pixels, compare_confidence, fit
 from tests.experiment_context import small_context
 from voxdepth.calibration import FILE, N_CLASSES, SHAPE, Calibrated, PixelClasses, read, written
-from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.errors import ConfigError
 from voxdepth.paper.config import PaperConfig
 from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
@@ -75,7 +74,9 @@ class TestCorrectors:
             assert after.confidence.dtype == np.float32
             assert (after.confidence[after.depth_m == 0] == 0).all()
             assert 0 <= after.confidence.min() <= after.confidence.max() <= 1
-            assert len(np.unique(after.confidence[after.depth_m > 0])) > 2
+            is_fill = after.source > Source.SENSOR
+            assert (after.confidence[is_fill] < 1).all()
+            assert (after.confidence[after.source == Source.SENSOR] == 1).all()
 
     def test_the_default_keeps_its_own(self) -> None:
         before, after = (make(DEFAULT, CAMERA).process(holed_frame(0)) for make in (create_bare, create_corrector))
@@ -87,14 +88,6 @@ class TestCorrectors:
         got = create_corrector("paper", CAMERA, config).process(frame)
         want = Calibrated(create_bare("paper", CAMERA, config), CAMERA, read(FILE)["paper"]).process(frame)
         np.testing.assert_array_equal(got.confidence, want.confidence)
-
-    @pytest.mark.parametrize("name", ["raw", "realsense", "paper"])
-    def test_depth_that_was_not_matched_has_the_confidence_of_the_method(self, name: str) -> None:
-        spec, frame = CorrectorSpec(name=name), holed_frame(0)
-        own, fitted = (spec.create(CAMERA, matched=matched).process(frame).confidence for matched in (False, True))
-        np.testing.assert_array_equal(own, create_bare(name, CAMERA).process(frame).confidence)
-        np.testing.assert_array_equal(fitted, create_corrector(name, CAMERA).process(frame).confidence)
-        assert own.max() == 1 > fitted.max()
 
     def test_two_stages_stay_two_and_give_the_same_in_a_pipeline(self) -> None:
         stream = [holed_frame(k) for k in range(16)]
@@ -124,12 +117,11 @@ class TestFile:
     def test_every_corrector_but_the_default_has_a_table(self) -> None:
         assert list(read(FILE)) == GRADED
 
-    def test_nothing_is_certain_and_fills_are_less_certain_than_measurements(self) -> None:
+    def test_measurements_are_taken_at_their_word_and_no_fill_is_certain(self) -> None:
         for name, table in read(FILE).items():
-            assert table.min() >= 0 and table.max() < 1, name
             assert not table[Source.INVALID].any(), name
-            assert (np.diff(table[Source.SENSOR, :, :4]) > 0).all(), name
-            assert (table[Source.INPAINTED] < table[Source.SENSOR] + 0.05).all(), name
+            assert (table[Source.SENSOR] == 1).all(), name
+            assert table[Source.MEMORY :].min() >= 0 and table[Source.MEMORY :].max() < 1, name
 
     def test_a_table_is_read_as_it_was_written(self, tmp_path: Path) -> None:
         table = TABLE.round(3)
@@ -169,10 +161,9 @@ class TestFit:
         n, right = (counts.reshape(SHAPE) for counts in (pixels.n, pixels.right))
         n[Source.INPAINTED, 2, 3], right[Source.INPAINTED, 2, 3] = 10**8, 25 * 10**6
         n[Source.INPAINTED, 4, 4] = 1
-        n[Source.SENSOR, 0, 3], right[Source.SENSOR, 0, 3] = 10**8, 9 * 10**7
         table = fit(pixels)
         np.testing.assert_allclose(table[Source.INPAINTED], 0.25, atol=0.001)
-        np.testing.assert_allclose(table[Source.SENSOR], 0.9, atol=0.001)
+        assert (table[Source.SENSOR] == 1).all()
         assert not table[Source.MEMORY].any()
 
     def test_the_calibration_error_is_the_distance_to_the_share_of_right_pixels(self) -> None:
