@@ -28,6 +28,9 @@ class EvidenceConfig(Model):
     """Pixels of at least this confidence are trusted: they are more likely right than not."""
     min_trusted_share: float = Field(0.6, gt=0, le=1)
     """Share of the pixels of a cell that must be trusted; a cell with fewer proves no free space."""
+    max_hidden_m: float = Field(0.1, gt=0)
+    """Width of the part of a cell without trusted pixels up to which the cell is free: it may show the edge of a wall
+    beside which the drone looks past, and is wider the farther away that is."""
     free_percentile: float = Field(10.0, ge=0, le=100)
     """Percentile of the trusted depths up to which a cell is free, if it shows no surface before that; 0 would let one
     noisy pixel decide."""
@@ -70,6 +73,7 @@ class EvidenceReader:
             min_confidence=c.min_confidence,
             min_surface_confidence=c.min_surface_confidence,
             min_trusted_share=c.min_trusted_share,
+            hidden_m=c.max_hidden_m / float(np.radians(c.cell_deg)),
             free_share=c.free_percentile / 100,
             surface_share=c.surface_percentile / 100,
             step=max(1, i.height_px // SAMPLED_ROWS),

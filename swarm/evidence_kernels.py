@@ -30,13 +30,15 @@ class Trust(NamedTuple):
     min_confidence: float
     min_surface_confidence: float
     min_trusted_share: float
+    hidden_m: float
+    """Range at which the part of a cell that may hide a surface is as wide as it may be, if that is all of the cell."""
     free_share: float
     surface_share: float
     step: int
 
 
 PART = Array(float32, 2, "A", readonly=True)
-TRUST = named_tuple(Trust, *[float64] * 5, int64)
+TRUST = named_tuple(Trust, *[float64] * 6, int64)
 
 
 @compiled(UniTuple(float64, 2)(PART, PART, TRUST))
@@ -58,6 +60,8 @@ def read_cell(depth_m: FloatImage, confidence: FloatImage, trust: Trust) -> tupl
     free_m, surface_m = np.float32(0), np.float32(np.inf)
     if n_trusted > 0 and n_trusted >= trust.min_trusted_share * n_sampled:
         free_m = trusted[min(int(trust.free_share * n_trusted), n_trusted - 1)]
+        if n_trusted < n_sampled:
+            free_m = min(free_m, np.float32(trust.hidden_m / (1 - n_trusted / n_sampled)))
     if n_shown > 0:
         surface_m = shown[min(int(trust.surface_share * n_shown), n_shown - 1)]
         free_m = min(free_m, surface_m)

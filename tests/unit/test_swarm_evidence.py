@@ -56,6 +56,20 @@ def test_a_cell_of_holes_proves_nothing(hole_share: float, is_free: bool) -> Non
     assert (free_m > 0).mean() == pytest.approx(float(is_free), abs=0.05)
 
 
+@pytest.mark.parametrize("n_holes", [1, 2])
+def test_a_cell_is_free_up_to_where_its_holes_could_hide_something_wide(n_holes: int) -> None:
+    """Columns of holes that span an angle are 0.1 m wide at a range of 0.1 m / angle."""
+    reader = EvidenceReader(CAMERA, EXACT)
+    depth_m = flat(20.0)
+    for k in range(n_holes):
+        depth_m[:, reader.col_edges[:-1] + k] = 0
+    free_m, _ = reader.read(image(depth_m))
+    width_px = np.diff(reader.col_edges)
+    assert width_px.min() >= 4
+    expected_m = np.broadcast_to(0.1 / (n_holes / width_px * np.radians(5)), free_m.shape)
+    np.testing.assert_allclose(free_m * reader.rays_cam[..., 2], expected_m, rtol=1e-5)
+
+
 def test_doubt_warns_and_proves_nothing() -> None:
     free_m, surface_m = evidence(flat(2.0), confidence=0.2)
     assert not free_m.any()
@@ -75,7 +89,7 @@ def test_a_doubtful_surface_ends_trusted_free_space() -> None:
 
 
 def test_the_percentiles_are_those_of_numpy() -> None:
-    rng, config = np.random.default_rng(2), EvidenceConfig(disparity_error_px=0, min_trusted_share=0.2)
+    rng, config = np.random.default_rng(2), EvidenceConfig(disparity_error_px=0, min_trusted_share=0.2, max_hidden_m=100)
     depth_m = rng.uniform(1, 9, CAMERA.shape).astype(np.float32)
     depth_m[rng.random(CAMERA.shape) < 0.3] = 0
     confidence = rng.choice(np.array([0.05, 0.3, 0.8], np.float32), CAMERA.shape)
