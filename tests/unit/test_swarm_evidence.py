@@ -89,7 +89,10 @@ def test_a_doubtful_surface_ends_trusted_free_space() -> None:
 
 
 def test_the_percentiles_are_those_of_numpy() -> None:
-    rng, config = np.random.default_rng(2), EvidenceConfig(disparity_error_px=0, min_trusted_share=0.2, max_hidden_m=100)
+    rng, config = (
+        np.random.default_rng(2),
+        EvidenceConfig(disparity_error_px=0, min_trusted_share=0.2, max_hidden_m=100),
+    )
     depth_m = rng.uniform(1, 9, CAMERA.shape).astype(np.float32)
     depth_m[rng.random(CAMERA.shape) < 0.3] = 0
     confidence = rng.choice(np.array([0.05, 0.3, 0.8], np.float32), CAMERA.shape)
