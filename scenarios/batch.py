@@ -11,11 +11,11 @@ from typing import Any, TypeVar
 
 from swarm.priors import PosePriorConfig
 from swarm.types import MissionResult, Outcome
+from voxdepth.tools.table import Column, Table, Value
 
 from .config import Run, images_of, load_run
 from .errors import ScenarioError
 from .quiet import import_noisy_libraries
-from .results.table import Column, Table, Value
 from .runner import Finished, fly
 
 T = TypeVar("T")

@@ -1,67 +1,59 @@
-"""The command line. Heavy modules are imported where they are used, so that `--help` answers quickly."""
+"""The commands of the testbed, which extend the command line of the library."""
 
-import os
-import sys
+from collections.abc import Callable
+from functools import wraps
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from .commands import correct, evaluate, general, sensor, study, swarm
-from .commands.options import INTERRUPTED
+from sim.errors import SimError
+from swarm.errors import SwarmError
+from voxdepth.tools.cli import Extension
+
+from .commands import evaluate, general, sensor, study, swarm
 from .quiet import import_noisy_libraries, use_one_thread
 
-os.environ.setdefault("RERUN_ANALYTICS_ENABLED", "0")
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
-USER_ERROR = 2
+    from voxdepth.tools.doctor import Finding
 
-app = typer.Typer(
-    name="voxdepth",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
-
-
-@app.callback()
-def start(context: typer.Context) -> None:
-    """Depth correction for stereo cameras, tested in a simulated drone swarm that flies by it."""
-    if context.invoked_subcommand in (evaluate.evaluate.__name__, evaluate.experiment.__name__, study.app.info.name):
-        use_one_thread()
-    import_noisy_libraries()  # `--help` does not call this function.
-
-
-for panel, commands in (
+PANELS = (
     ("Swarm", (swarm.run, swarm.accept, swarm.tabulate, swarm.freespace, swarm.picture, swarm.map_)),
     ("Sensor", (sensor.record, sensor.sheet, sensor.scenes)),
-    (
-        "Corrector",
-        (correct.correct, correct.config, evaluate.evaluate, evaluate.experiment, sensor.regress, evaluate.bench),
-    ),
-    ("General", (general.list_, general.view, general.doctor)),
-):
-    for command in commands:
-        app.command(name=command.__name__.rstrip("_"), rich_help_panel=panel)(command)
-app.add_typer(study.app, rich_help_panel="Swarm")
+    ("Corrector", (evaluate.evaluate, evaluate.experiment, sensor.regress)),
+    ("General", (general.list_,)),
+)
+ON_ONE_THREAD = (evaluate.evaluate, evaluate.experiment)
 
 
-def main() -> None:
-    """Run the command line; our own errors print one line and exit with code 2."""
-    try:
-        app(standalone_mode=True)
-    except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
-    except Exception as error:
-        if not _is_ours(error):
-            raise
-        typer.echo(f"voxdepth: {error}", err=True)
-        sys.exit(USER_ERROR)
+def add_commands(app: typer.Typer) -> None:
+    """Add all commands to the command line."""
+    for panel, commands in PANELS:
+        for command in commands:
+            prepared = _prepared(command, one_thread=command in ON_ONE_THREAD)
+            app.command(name=command.__name__.rstrip("_"), rich_help_panel=panel)(prepared)
+    app.add_typer(study.app, rich_help_panel="Swarm")
 
 
-def _is_ours(error: Exception) -> bool:
-    """Return whether one of our packages raised an error on purpose."""
-    from sim.errors import SimError
-    from swarm.errors import SwarmError
-    from voxdepth.errors import VoxDepthError
+def _prepared(command: Callable[..., Any], *, one_thread: bool) -> Callable[..., Any]:
+    """The same command after the libraries that it will import were kept silent, perhaps on one thread."""
 
-    from .errors import ScenarioError
+    @wraps(command)
+    def run(*args: Any, **options: Any) -> Any:
+        if one_thread:
+            use_one_thread()
+        import_noisy_libraries()
+        return command(*args, **options)
 
-    return isinstance(error, (ScenarioError, SwarmError, SimError, VoxDepthError))
+    return run
+
+
+def checks() -> "Sequence[Finding]":
+    """What `voxdepth doctor` checks of the testbed."""
+    from .doctor import examine
+
+    return examine()
+
+
+EXTENSION = Extension(add_commands=add_commands, errors=(SimError, SwarmError), checks=checks)

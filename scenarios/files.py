@@ -2,16 +2,15 @@
 
 import fcntl
 import os
-import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import deepcopy
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 import pydantic
-import tomli_w
+
+from voxdepth.tools.files import first_problem, read_toml
 
 from .errors import ScenarioError
 
@@ -62,11 +61,6 @@ def load_alone(model: type[Loaded], kind: str, name_or_path: str) -> tuple[Path,
     return path, _validated(model, path, data, SINGULAR[kind])
 
 
-def to_toml(configuration: pydantic.BaseModel) -> str:
-    """Return the resolved configuration as text that `load` reads."""
-    return tomli_w.dumps(configuration.model_dump(mode="json", exclude_none=True))
-
-
 def _validated(model: type[Loaded], path: Path, data: dict[str, Any], field: str) -> Loaded:
     try:
         return model.model_validate(data)
@@ -87,16 +81,6 @@ def _read_table(kind: str, name_or_path: str) -> tuple[Path, dict[str, Any]]:
     return path, read_toml(path)
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file; one that cannot be read, or is not valid TOML, is a `ScenarioError`."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{path} is not valid TOML: {error}") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"cannot read {path}: {error}") from error
-
-
 def _set(data: dict[str, Any], key: str, value: Any) -> None:
     *tables, last = key.split(".")
     for table in tables:
@@ -104,54 +88,6 @@ def _set(data: dict[str, Any], key: str, value: Any) -> None:
         if not isinstance(data, dict):
             raise ScenarioError(f"{table} must be a table of keys, got {data!r}")
     data[last] = deepcopy(value)  # A later key may change it, which must not affect the caller's value.
-
-
-def first_problem(error: pydantic.ValidationError, field: str) -> str:
-    """Return the first problem in one line with the number of others; keys are named as in the file."""
-    first, *others = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
-    keys = first["loc"][1:] if first["loc"][:1] == (field,) else first["loc"]
-    if keys[:1] in (("scene",), ("flight",)):  # Pydantic adds the kind of these to the path.
-        keys = (keys[0], *keys[2:])
-    where = ".".join(str(key) for key in keys) or f"the {field}"
-    if first["type"] == "extra_forbidden":
-        text = f"unknown key {where!r}"
-    elif first["type"] == "missing":
-        text = f"the key {where!r} is missing"
-    else:
-        got = first["input"]
-        shown = f", got {got!r}" if isinstance(got, str | int | float | bool | list) else ""
-        text = f"{where}: {first['msg'].removeprefix('Value error, ')}{shown}"
-    return text + (f" (and {len(others)} more {'problem' if len(others) == 1 else 'problems'})" if others else "")
-
-
-@contextmanager
-def as_scenario_error(what: str) -> Iterator[None]:
-    """Turn an error of the operating system in the block into a `ScenarioError` that begins with `what`."""
-    try:
-        yield
-    except OSError as error:
-        raise ScenarioError(f"{what}: {error.strerror or error}") from error
-
-
-@contextmanager
-def atomic(path: Path) -> Iterator[Path]:
-    """Give a temporary path beside `path` that is renamed to `path` when the block ends without an error.
-
-    The block makes a file or a folder there, and it appears as a whole or not at all. A file replaces an existing file;
-    a folder replaces only an empty folder. Missing parent folders are made. An `OSError` becomes a `ScenarioError`.
-    """
-    with as_scenario_error(f"cannot write {path}"):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(dir=path.parent, prefix=f".{path.name}-") as holder:
-            temporary = Path(holder) / path.name
-            yield temporary
-            temporary.replace(path)
-
-
-def write(path: Path, data: bytes) -> None:
-    """Make or replace a file and make its missing parent folders; see `atomic`."""
-    with atomic(path) as temporary:
-        temporary.write_bytes(data)
 
 
 @contextmanager

@@ -22,11 +22,11 @@ from swarm.perception import frame_of
 from swarm.recorder import Recorder
 from swarm.team import Team
 from voxdepth.corrector_spec import CorrectorSpec
+from voxdepth.tools.table import Column, Table, Value
 from voxdepth.types import CorrectedDepth, FloatImage, MaskImage, Source
 
 from .batch import in_processes
 from .config import Run, load_run
-from .results.table import Column, Table, Value
 from .runner import flying
 
 WATCHED = (0, 3)

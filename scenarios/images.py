@@ -9,10 +9,10 @@ import numpy.typing as npt
 
 from sim.types import InvalidReason
 from swarm import colors
+from voxdepth.tools.files import write
 from voxdepth.types import FloatImage, GrayImage
 
 from .errors import ScenarioError
-from .files import write
 
 Image = npt.NDArray[np.uint8]
 

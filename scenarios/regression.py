@@ -15,11 +15,11 @@ from swarm.perception import frame_of
 from voxdepth.metrics import DepthErrors, Flicker, depth_errors
 from voxdepth.model import Model
 from voxdepth.registry import corrector_names, create_corrector
+from voxdepth.tools.files import write
+from voxdepth.tools.table import Column, Table
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics
 
 from .errors import ScenarioError
-from .files import write
-from .results.table import Column, Table
 
 MAX_RANGE_M = 20.0
 SEED = 0

@@ -4,9 +4,9 @@ from rich.console import Console
 
 from sim.quality import DepthQuality
 from swarm.mission import contact_text
+from voxdepth.tools.table import Column, Table
 
 from .config import Run
-from .results.table import Column, Table
 from .runner import Finished
 
 

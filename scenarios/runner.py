@@ -18,11 +18,11 @@ from swarm.compose import composed_mission
 from swarm.mission import Mission
 from swarm.recorder import Recorder
 from swarm.types import MissionResult
+from voxdepth.tools.files import to_toml
+from voxdepth.tools.provenance import machine, versions
 
 from .config import Run
 from .errors import ScenarioError
-from .files import to_toml
-from .results.provenance import machine, versions
 
 Progress = Callable[[float, float], None]
 """Called after every tick with simulated time and real-time factor."""

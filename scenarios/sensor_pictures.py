@@ -14,6 +14,7 @@ from sim.scenes import AnyScene, RoomSpec
 from sim.sensor import RigConfig, StereoSensor
 from sim.types import Capture, InvalidReason
 from sim.world import World
+from voxdepth.tools.table import Column, Table
 
 from .errors import ScenarioError
 from .images import (
@@ -28,7 +29,6 @@ from .images import (
     save_picture,
     titled,
 )
-from .results.table import Column, Table
 
 PANEL_PX = 300
 ROWS = 3

@@ -26,11 +26,13 @@ from sim.sensor import SUBFRAMES, RigConfig, StereoSensor
 from sim.types import BodyPose, Capture, RenderedPair
 from sim.world import World
 from voxdepth.model import Model
+from voxdepth.tools.files import to_toml
+from voxdepth.tools.provenance import versions
 from voxdepth.types import FloatArray
 
 from .errors import ScenarioError
-from .files import load, to_toml
-from .results.provenance import SIMULATION, versions
+from .files import load
+from .results.provenance import SIMULATION
 
 FRAMES_IN_PROGRESS = 3
 """Rendered frames that may wait for measurement and writing."""

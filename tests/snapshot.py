@@ -171,7 +171,7 @@ def _voxdepth(project: Path, *arguments: object, codes: tuple[int, ...] = (0,)) 
     Raises:
         RuntimeError: It ended with another exit status than those expected.
     """
-    code = "import sys; from scenarios.cli import main; main()"
+    code = "import sys; from voxdepth.tools.cli import main; main()"
     command = [sys.executable, "-c", code, *(str(argument) for argument in arguments)]
     done = subprocess.run(command, cwd=project, capture_output=True, text=True, check=False)
     if done.returncode not in codes:

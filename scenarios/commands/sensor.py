@@ -5,7 +5,9 @@ from typing import Annotated
 
 import typer
 
-from .options import DEFAULT_CORRECTOR, Picture, Renderer, Seed, Size, counter, given, size_changes
+from voxdepth.tools.options import DEFAULT_CORRECTOR, counter
+
+from .options import Picture, Renderer, Seed, Size, given, size_changes
 
 
 def record(

@@ -6,7 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from .options import INTERRUPTED, Workers
+from voxdepth.tools.options import INTERRUPTED
+
+from ..quiet import import_noisy_libraries, use_one_thread
+from .options import Workers
 
 if TYPE_CHECKING:
     from ..study.executors import Executor
@@ -33,6 +36,13 @@ app = typer.Typer(
     no_args_is_help=True,
     help="Fly many missions by a file, over scenarios, arms and seeds; `study FILE` is short for `study run FILE`.",
 )
+
+
+@app.callback()
+def start() -> None:
+    """Keep the processes on one thread each, and the libraries silent."""
+    use_one_thread()
+    import_noisy_libraries()
 
 
 @app.command()

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .general import open_viewer
-from .options import INTERRUPTED, Depth, Picture, Renderer, Scenario, Seed, Seeds, Size, Workers, given, size_changes
+from voxdepth.tools.commands import open_viewer
+from voxdepth.tools.options import INTERRUPTED
+
+from .options import Depth, Picture, Renderer, Scenario, Seed, Seeds, Size, Workers, given, size_changes
 
 if TYPE_CHECKING:
     from rich.console import Console

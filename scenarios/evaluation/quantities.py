@@ -7,7 +7,8 @@ from typing import Literal
 
 import pandas as pd
 
-from ..results.table import MISSING
+from voxdepth.tools.table import MISSING
+
 from .groups import ALL, BINS, TRUE_GROUPS
 from .intervals import CLOSE, ERROR_CHANGE, LEAD
 from .kinds import HELD_OUT

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from ..files import write
+from voxdepth.tools.files import write
+from voxdepth.tools.provenance import CORRECTION, Provenance
+from voxdepth.tools.table import MISSING, Column, Table, Value
+
+from ..results.frame_files import write_frame
 from ..results.page import render_page
-from ..results.provenance import CORRECTION, Provenance
-from ..results.table import MISSING, Column, Table, Value, write_frame
 from . import paper
 from .figures import all_figures, count_text, error_maps, graded_methods
 from .groups import ALL, NEAR

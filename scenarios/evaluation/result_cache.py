@@ -10,10 +10,10 @@ import pydantic
 from pydantic import ConfigDict
 
 from voxdepth.model import Model
+from voxdepth.tools.correction import encode, to_millimetres
+from voxdepth.tools.files import as_tool_error, write
 from voxdepth.types import FloatImage
 
-from ..correction import encode, to_millimetres
-from ..files import as_scenario_error, write
 from ..images import picked
 from .measurements import Measurement
 from .scoring import METRICS
@@ -131,7 +131,7 @@ class ResultCache:
         `ScenarioError`.
         """
         path = self.path(key.method)
-        with as_scenario_error(f"cannot read {path}"):
+        with as_tool_error(f"cannot read {path}"):
             if not path.exists():
                 return Result(key=key, error=NOT_DONE)
             data = path.read_bytes()

@@ -17,9 +17,9 @@ from sim.types import Capture
 from swarm.perception import frame_of
 from voxdepth.datasets import Dataset
 from voxdepth.metrics import SeenBefore
+from voxdepth.tools.files import as_tool_error
 from voxdepth.types import FloatArray, FloatImage, Frame, GrayImage, MaskImage
 
-from ..files import as_scenario_error
 from ..sequences import moving_ids
 from .groups import TRUE_GROUPS
 from .kinds import Kind
@@ -67,7 +67,7 @@ class FrameCache:
         """Write frames and pass their number to `progress`; a frame that cannot be written is a `ScenarioError`."""
         for index, frame in enumerate(frames):
             what = f"cannot keep frame {index} in {self._folder}"
-            with as_scenario_error(what):
+            with as_tool_error(what):
                 np.savez(self.path(index), **_arrays(frame))
             self._frames = index + 1
             progress(self._frames)
@@ -78,7 +78,7 @@ class FrameCache:
     def __getitem__(self, index: int) -> EvaluationFrame:
         """Read one frame; a failure is a `ScenarioError`."""
         what = f"cannot read frame {index} back from {self._folder}"
-        with as_scenario_error(what), np.load(self.path(index), allow_pickle=False) as stored:
+        with as_tool_error(what), np.load(self.path(index), allow_pickle=False) as stored:
             return _evaluation_frame(dict(stored))
 
     def path(self, index: int) -> Path:

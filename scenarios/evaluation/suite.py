@@ -16,10 +16,10 @@ from sim.errors import RecordingError, SimError
 from sim.recording import Recording
 from voxdepth.datasets import open_dataset
 from voxdepth.errors import VoxDepthError
+from voxdepth.tools.files import as_tool_error, to_toml
+from voxdepth.tools.provenance import CORRECTION, processor_name, versions
 
 from ..errors import ScenarioError
-from ..files import as_scenario_error, to_toml
-from ..results.provenance import CORRECTION, processor_name, versions
 from ..sequences import SeededSequence, record
 from .groups import RANGES
 from .intervals import close_intervals, error_intervals
@@ -291,7 +291,7 @@ def _require_distinct(names: Sequence[str]) -> None:
 @contextmanager
 def _frame_cache(out: Path) -> Iterator[FrameCache]:
     """Make an empty temporary cache of frames."""
-    with as_scenario_error(f"cannot make a folder in {out}"):
+    with as_tool_error(f"cannot make a folder in {out}"):
         out.mkdir(parents=True, exist_ok=True)
         folder = TemporaryDirectory(dir=out, prefix=FRAME_CACHE, ignore_cleanup_errors=True)
     with folder as path:

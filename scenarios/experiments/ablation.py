@@ -9,13 +9,13 @@ from matplotlib.axes import Axes
 
 from voxdepth.registry import DEFAULT
 from voxdepth.temporal.config import VoxDepthConfig
+from voxdepth.tools.table import Column, Table, Value
 
 from ..evaluation.groups import ALL
 from ..evaluation.measurements import AS_GIVEN, FILLED, Selector, of_frames
 from ..evaluation.methods import Method, find_method
 from ..evaluation.scoring import DEPARTED, MOVING
 from ..results.figure import label_axes, panels
-from ..results.table import Column, Table, Value
 from .comparison import HOLES, Comparison, mean_of_known
 from .experiment import Experiment, ExperimentContext, Findings, configured_method
 

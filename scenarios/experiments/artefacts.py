@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from voxdepth.datasets import open_dataset
+from voxdepth.tools.table import Column, Table, Value
 from voxdepth.types import FloatArray, FloatImage, Frame, Intrinsics, MaskImage
 
 from ..errors import ScenarioError
 from ..evaluation.sources import SAME_GRAY
 from ..results.figure import grouped_bars, label_axes, panels
-from ..results.table import Column, Table, Value
 from ..sequences import GROUPS
 from .experiment import Experiment, ExperimentContext, Findings
 

@@ -8,11 +8,11 @@ from statistics import mean
 import pandas as pd
 
 from voxdepth.registry import DEFAULT
+from voxdepth.tools.table import Column, Table, Value
 
 from ..evaluation.measurements import COMPLETED, FILLED, Selector
 from ..evaluation.methods import DEFAULT_FILLED, is_baseline
 from ..evaluation.suite import Evaluation
-from ..results.table import Column, Table, Value
 
 RAW, SMOOTHER = "raw", "global-smoother"
 MEAN = "mean"

@@ -5,10 +5,11 @@ from functools import partial
 import pandas as pd
 from matplotlib.axes import Axes
 
-from ..benchmark.frames import FrameLoop
-from ..benchmark.timings import Latency, time_paper
+from voxdepth.tools.benchmark.frames import FrameLoop
+from voxdepth.tools.benchmark.timings import Latency, time_paper
+from voxdepth.tools.table import Column, Table
+
 from ..results.figure import grouped_bars, label_axes, panels
-from ..results.table import Column, Table
 from .experiment import Claim, Experiment, ExperimentContext, Findings
 from .paper_results import COMPONENTS_MS
 

@@ -14,11 +14,11 @@ from swarm.perception import frame_of
 from voxdepth.calibration import N_CLASSES, SHAPE, PixelClasses, Probabilities, written
 from voxdepth.metrics import is_correct
 from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare
+from voxdepth.tools.table import Column, Table, Value
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Source
 
 from ..errors import ScenarioError
 from ..results.figure import label_axes, panels
-from ..results.table import Column, Table, Value
 from ..sequences import GROUPS
 from .experiment import Experiment, ExperimentContext, Findings
 

@@ -10,6 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from voxdepth.registry import PAPER
+from voxdepth.tools.table import Column, Table, Value
 from voxdepth.types import Source
 
 from ..evaluation.groups import ALL
@@ -29,7 +30,6 @@ from ..evaluation.scoring import (
     in_bin,
 )
 from ..results.figure import grouped_bars, label_axes, panels
-from ..results.table import Column, Table, Value
 from ..sequences import GROUPS
 from .comparison import (
     HOLES,

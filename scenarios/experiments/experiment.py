@@ -12,13 +12,13 @@ from swarm.perception import frame_of
 from voxdepth.paper.config import PaperConfig
 from voxdepth.registry import create_corrector
 from voxdepth.temporal.config import VoxDepthConfig
+from voxdepth.tools.benchmark.frames import FrameLoop
+from voxdepth.tools.table import Table
 from voxdepth.types import Frame
 
-from ..benchmark.frames import FrameLoop
 from ..errors import ScenarioError
 from ..evaluation.methods import Method
 from ..evaluation.suite import Evaluation, Plan, Shipped, evaluate
-from ..results.table import Table
 from ..sequences import SeededSequence, load_sequence
 
 WIDTHS_PX = range(64, 2049)
@@ -127,7 +127,8 @@ class ExperimentContext:
     def frame_loop(self, name: str, images: int) -> FrameLoop:
         """The first images of a sequence in memory, which are played as long as a measurement lasts."""
         recording = self.recording(name, images)
-        return FrameLoop.of([recording[index] for index in range(images)])
+        captures = [recording[index] for index in range(images)]
+        return FrameLoop.of(captures[0].intrinsics, [frame_of(capture) for capture in captures])
 
     def evaluate(self, methods: Sequence[Method]) -> Evaluation:
         """Evaluate methods on all sequences as `voxdepth evaluate` does; finished results are reused.

@@ -16,12 +16,12 @@ from voxdepth import PaperVoxDepth
 from voxdepth.datasets import Dataset, open_dataset
 from voxdepth.paper.config import PaperConfig
 from voxdepth.registry import create_corrector
+from voxdepth.tools.benchmark.frames import write_tum
+from voxdepth.tools.benchmark.throughput import Run, one_by_one, pipelined, read
+from voxdepth.tools.table import Column, Table
 from voxdepth.types import DepthCorrector, Intrinsics
 
-from ..benchmark.frames import write_tum
-from ..benchmark.throughput import Run, one_by_one, pipelined, read
 from ..results.figure import grouped_bars, label_axes, panels
-from ..results.table import Column, Table
 from .experiment import Claim, Experiment, ExperimentContext, Findings
 from .paper_results import FRAMES_PER_S
 

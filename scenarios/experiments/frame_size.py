@@ -8,11 +8,11 @@ from matplotlib.axes import Axes
 from voxdepth.paper.config import PaperConfig
 from voxdepth.paper.registration import RegistrationConfig
 from voxdepth.registry import PAPER
+from voxdepth.tools.table import Column, Table
 
 from ..evaluation.groups import ALL
 from ..evaluation.measurements import Selector
 from ..results.figure import label_axes, marked_lines, panels
-from ..results.table import Column, Table
 from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, configured_method, listed
 from .image_motion import MotionEstimator, affine_estimator, no_motion, score_pairs
 

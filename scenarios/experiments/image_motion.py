@@ -13,9 +13,9 @@ from voxdepth.baselines.optical_flow import Flow, FlowImage
 from voxdepth.geometry import back_project, inverse_rigid, transform
 from voxdepth.metrics import Sums, psnr_db
 from voxdepth.paper.registration import OrbRegistration, RegistrationConfig
+from voxdepth.tools.benchmark.timings import Latency
 from voxdepth.types import FloatArray, GrayImage, MaskImage
 
-from ..benchmark.timings import Latency
 from .experiment import ExperimentContext
 
 Key = TypeVar("Key")

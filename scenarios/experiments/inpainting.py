@@ -18,11 +18,11 @@ from voxdepth.paper.inpainting import Inpainting, InpaintingName
 from voxdepth.paper.method import MOTION_MODELS
 from voxdepth.paper.odometry import PhotometricOdometry
 from voxdepth.paper.steps import create_steps
+from voxdepth.tools.benchmark.timings import Latency
+from voxdepth.tools.table import Column, Table, Value
 from voxdepth.types import FloatImage
 
-from ..benchmark.timings import Latency
 from ..results.figure import MARKERS, label_axes, panels
-from ..results.table import Column, Table, Value
 from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, listed
 from .paper_results import INPAINTING_RESULTS
 

@@ -13,11 +13,11 @@ from sim.types import Capture
 from voxdepth.geometry import fill_from_nearest
 from voxdepth.metrics import TOO_FAR, psnr_db
 from voxdepth.metrics.paper import PEAK16_M
+from voxdepth.tools.table import Column, Table, Value
 from voxdepth.types import FloatImage, MaskImage
 
 from ..evaluation.paper import SEQUENCES
 from ..results.figure import MARKERS, grouped_bars, label_axes, marked_lines, panels
-from ..results.table import Column, Table, Value
 from .experiment import Claim, Experiment, ExperimentContext, Findings, listed
 
 GROWN_PX = (0, 2, 4, 8, 16, 32)

@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 
 from voxdepth.baselines.optical_flow import Dis, Farneback, HornSchunck
 from voxdepth.paper.registration import RegistrationConfig
+from voxdepth.tools.table import Column, Table, Value
 
 from ..results.figure import grouped_bars, label_axes, marked_lines, panels
-from ..results.table import Column, Table, Value
 from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, most_hold
 from .image_motion import MotionEstimator, affine_estimator, flow_estimator, no_motion, score_pairs
 from .paper_results import FLOW_S

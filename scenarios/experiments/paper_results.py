@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from statistics import mean
 
+from voxdepth.tools.table import Column, Table, Value
+
 from ..evaluation.paper import M_RMSE, METHODS, PSNR_DB
-from ..results.table import Column, Table, Value
 
 INPAINTING_RESULTS = {"bilinear": (16.35, 8), "convex upsampling (learned)": (34.39, 237), "dilation": (17.46, 94)}
 """RQ3: PSNR [dB] and time [ms] by method."""

@@ -11,12 +11,12 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from voxdepth.registry import create_corrector
+from voxdepth.tools.benchmark.frames import FrameLoop
+from voxdepth.tools.table import Column, Table, Value
 from voxdepth.types import DepthCorrector
 
-from ..benchmark.frames import FrameLoop
 from ..errors import ScenarioError
 from ..results.figure import grouped_bars, label_axes, panels
-from ..results.table import Column, Table, Value
 from .experiment import Claim, Experiment, ExperimentContext, Findings
 from .frame_rate import close_corrector
 from .quality import METHODS

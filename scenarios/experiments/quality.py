@@ -7,12 +7,13 @@ from typing import NamedTuple
 import pandas as pd
 from matplotlib.axes import Axes
 
+from voxdepth.tools.table import Table
+
 from ..evaluation import paper
 from ..evaluation.groups import ALL
 from ..evaluation.measurements import AS_GIVEN, Selector
 from ..evaluation.methods import find_methods
 from ..results.figure import grouped_bars, label_axes, panels
-from ..results.table import Table
 from .experiment import Claim, Experiment, ExperimentContext, Findings, listed, most_hold
 from .paper_results import percentages_table, saturated
 
@@ -79,8 +80,8 @@ def compare_quality(context: ExperimentContext) -> Findings:
 
 def _values(table: Table, metric: Metric) -> pd.DataFrame:
     """The values of a metric, a row per sequence and a column per method; NaN where undefined."""
-    values = table.values[table.values["metric"] == metric.title].set_index("sequence")
-    return values[list(METHODS)].astype(float)
+    values = table.frame()
+    return values[values["metric"] == metric.title].set_index("sequence")[list(METHODS)].astype(float)
 
 
 def _psnr_claim(psnrs_db: pd.DataFrame) -> Claim:

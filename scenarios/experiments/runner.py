@@ -6,9 +6,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from voxdepth.tools.files import write
+from voxdepth.tools.provenance import Provenance
+
 from ..errors import ScenarioError
-from ..files import write
-from ..results.provenance import SIMULATION, Provenance
+from ..results.provenance import SIMULATION
 from .ablation import ABLATION
 from .artefacts import ARTEFACTS
 from .components import COMPONENTS

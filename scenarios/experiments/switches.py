@@ -14,10 +14,10 @@ from voxdepth.baselines.optical_flow import Dis
 from voxdepth.paper.config import PaperConfig
 from voxdepth.paper.epochs import EpochEnd
 from voxdepth.paper.registration import RegistrationConfig
+from voxdepth.tools.table import Column, Table, Value
 
 from ..evaluation.paper import SEQUENCES
 from ..results.figure import grouped_bars, label_axes, marked_lines, panels
-from ..results.table import Column, Table, Value
 from .experiment import Claim, Experiment, ExperimentContext, Findings, most_hold
 from .image_motion import affine_estimator, pair_starts, score_pairs, true_displacement_px
 from .paper_results import MOVEMENT, SWITCHES, SWITCHES_FRAMES

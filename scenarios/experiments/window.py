@@ -10,10 +10,10 @@ from voxdepth.metrics import psnr_db
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.paper.config import PaperConfig
 from voxdepth.registry import PAPER
+from voxdepth.tools.table import Column, Table
 
 from ..evaluation.measurements import of_frames
 from ..results.figure import label_axes, marked_lines, panels
-from ..results.table import Column, Table
 from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, configured_method
 
 METHODS = {n: configured_method(PAPER, f"window-{n}", PaperConfig(window_frames=n)) for n in (2, 4, 6, 8, 10, 12)}

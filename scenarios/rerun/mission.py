@@ -16,15 +16,15 @@ from sim.render.meshes import mesh_of_shape, moved
 from sim.sensor import RigConfig
 from sim.types import Capture, Contact, DroneState
 from sim.world import DRONE_BODY_HEIGHT_M, World
-from swarm.chart import Chart
+from swarm.chart import STATES, Chart
 from swarm.mission import DROPPED, contact_text
 from swarm.recorder import Recorder
 from swarm.team import Team
 from swarm.types import Decision, Histogram, Outcome
+from voxdepth.tools.stream import depth_image, finite, gray_image, layout, open_stream, source_labels
 from voxdepth.types import CorrectedDepth, FloatArray
 
 from .columns import Columns, ColumnWriter, arrows, gray_images, places, plane_arrows, points, poses, scalars, words
-from .stream import cell_labels, depth_image, finite, gray_image, layout, open_stream, source_labels
 
 LEADER_COLOR, FOLLOWER_COLOR = (255, 120, 40), (90, 170, 250)
 STATE_COLORS = {
@@ -48,6 +48,10 @@ BELOW_M = 1.5
 MAP_EDGE = (140, 140, 150)
 HEADING_M = 2.0
 """Length of the arrow that marks a drone on its map."""
+
+
+CELL_COLORS = ((225, 235, 225), (140, 140, 150), (230, 140, 50), (40, 40, 40))
+"""Colours of the cells of a map by state, in the order of `STATES`."""
 
 
 class MissionRecorder(Recorder):
@@ -320,3 +324,10 @@ def _camera_views(drone: int, leads: bool) -> rrb.Vertical:
         rrb.Horizontal(view("source", "source"), known),
         name=f"leader {drone}" if leads else f"drone {drone}",
     )
+
+
+def cell_labels() -> rr.AnnotationContext:
+    """Return names and colours of the cells of a map."""
+    named = zip(STATES, CELL_COLORS, strict=True)
+    labels = [rr.AnnotationInfo(id=i, label=name, color=color) for i, (name, color) in enumerate(named)]
+    return rr.AnnotationContext(labels)

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from .table import Table
+    from voxdepth.tools.table import Table
 
 DPI = 110
 PANEL_IN = (5.2, 3.8)

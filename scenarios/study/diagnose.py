@@ -15,12 +15,12 @@ from swarm.team import Team
 from swarm.types import Decision, Histogram
 from voxdepth.geometry import back_project
 from voxdepth.metrics import TOO_FAR
+from voxdepth.tools.table import Table, Value
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, MaskImage
 
 from ..batch import in_processes
 from ..config import Run
 from ..errors import ScenarioError
-from ..results.table import Table, Value
 from ..runner import Finished, flying
 from .design import RunSpec
 from .replay import differences

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarm.types import Outcome
+from voxdepth.tools.table import Column, Table, Value
 
 from ..config import load_run
 from ..errors import ScenarioError
-from ..results.table import Column, Table, Value
 from .analysis import Comparison, compare_arms
 from .design import RunSpec, Study
 from .statistics import wilson

@@ -8,11 +8,12 @@ from typing import Any
 import pandas as pd
 from pandas.api.types import infer_dtype
 
+from voxdepth.tools.files import write
+
 from ..errors import ScenarioError
-from ..files import write
 from ..results.figure import Picture
+from ..results.frame_files import write_frame
 from ..results.page import render_page
-from ..results.table import write_frame
 from .analysis import (
     DRONES_LOST,
     TIME_TO_GOAL,

@@ -12,8 +12,8 @@ from rich.live import Live
 
 from swarm.controllers import load_controller
 from swarm.types import Outcome
+from voxdepth.tools.table import Column, Table
 
-from ..results.table import Column, Table
 from .design import RunSpec, Study, arm_label, expand
 from .executors import Executor
 from .store import Completion, Failure, Store, StudyData

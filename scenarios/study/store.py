@@ -13,11 +13,13 @@ import pydantic
 
 from sim.types import Contact
 from swarm.types import Outcome
+from voxdepth.tools.files import first_problem, to_toml
+from voxdepth.tools.provenance import machine
 
 from ..config import Run
 from ..errors import ScenarioError
-from ..files import Loaded, first_problem, locked, to_toml
-from ..results.provenance import machine, simulation_versions
+from ..files import Loaded, locked
+from ..results.provenance import simulation_versions
 from ..runner import Finished
 from .design import RunSpec, Study, digest
 

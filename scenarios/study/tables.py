@@ -4,8 +4,8 @@ from collections.abc import Iterable, Sequence
 from itertools import product
 
 from swarm.types import Outcome
+from voxdepth.tools.table import Column, Table, Value
 
-from ..results.table import Column, Table, Value
 from .analysis import ENDS, MEASURES, REACHED, ArmSummary, Comparison, MeanDifference, headline
 from .design import EndpointName, Study
 from .statistics import B_BOUNDS, DoseResponse, Estimate, Interval, clopper_pearson, stratified, wilson

@@ -13,14 +13,21 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from scenarios.results.table import Column, Table
+from voxdepth.tools.table import Column, Table
 
 HERE = Path(__file__).parents[2]
 STEPS = """
 import json
-from scenarios.benchmark.frames import render_frames
-from scenarios.benchmark.timings import measure_default
-loop = render_frames()
+from scenarios.sequences import captures, load_sequence
+try:
+    from voxdepth.tools.benchmark.frames import FrameLoop
+    from voxdepth.tools.benchmark.timings import measure_default
+except ImportError:  # older commits
+    from scenarios.benchmark.frames import FrameLoop
+    from scenarios.benchmark.timings import measure_default
+frames = list(captures(load_sequence("sim-LN", 0, {"rig.width_px": 640, "rig.height_px": 360}), 16))
+grays, depths_m = tuple(f.gray_left for f in frames), tuple(f.depth_raw_m for f in frames)
+loop = FrameLoop(intrinsics=frames[0].intrinsics, grays=grays, depths_m=depths_m)
 for size in (640, 360), (1024, 1024):
     timings = measure_default(loop.resized(*size), 100)
     times = {name: latency.p50_ms for name, latency in timings.steps.items()} | {"frame": timings.frame.p50_ms}

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from scenarios.config import Run, images_of, load_run
-from scenarios.results.table import Column, Table
 from scenarios.runner import fly
 from scenarios.sequences import load_sequence, record
 from scenarios.study.design import expand, load_study
@@ -28,6 +27,7 @@ from swarm.mission import Mission
 from swarm.task import MissionConfig
 from tests.helpers import camera_at
 from voxdepth import VoxDepth
+from voxdepth.tools.table import Column, Table
 from voxdepth.types import Intrinsics
 
 pytestmark = pytest.mark.bench

@@ -12,13 +12,18 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from scenarios.benchmark import frames as frames_module
-from scenarios.benchmark import suite, throughput, timings
-from scenarios.benchmark.frames import FrameLoop, write_tum
-from scenarios.benchmark.memory import measure_memory
-from scenarios.benchmark.suite import fit_line
-from scenarios.benchmark.throughput import compare_runs, measure_run
-from scenarios.benchmark.timings import (
+from sim.testing import noisy_sequence
+from tests.helpers import CAMERA
+from tests.integration.test_cli import voxdepth
+from voxdepth.datasets import open_dataset
+from voxdepth.paper.config import PaperConfig
+from voxdepth.tools.benchmark import frames as frames_module
+from voxdepth.tools.benchmark import suite, throughput, timings
+from voxdepth.tools.benchmark.frames import FrameLoop, write_tum
+from voxdepth.tools.benchmark.memory import measure_memory
+from voxdepth.tools.benchmark.suite import fit_line
+from voxdepth.tools.benchmark.throughput import compare_runs, measure_run
+from voxdepth.tools.benchmark.timings import (
     CORRECTION,
     Latency,
     PaperTimes,
@@ -28,13 +33,8 @@ from scenarios.benchmark.timings import (
     measure_paper,
     time_paper,
 )
-from scenarios.cli import app
-from scenarios.errors import ScenarioError
-from sim.testing import noisy_sequence
-from tests.helpers import CAMERA
-from tests.integration.test_cli import voxdepth
-from voxdepth.datasets import open_dataset
-from voxdepth.paper.config import PaperConfig
+from voxdepth.tools.cli import create_app
+from voxdepth.tools.errors import ToolError
 
 N_IMAGES = 5
 QUICK_LINES = (
@@ -65,7 +65,7 @@ def loop() -> FrameLoop:
 @pytest.fixture
 def short(loop: FrameLoop, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same measurements on few and small frames."""
-    monkeypatch.setattr(frames_module, "render_frames", lambda: loop)
+    monkeypatch.setattr(frames_module, "load_frames", lambda _: loop)
     monkeypatch.setattr(suite, "N_FRAMES", 45)
     monkeypatch.setattr(suite, "N_FRAMES_PER_SIZE", 45)
     monkeypatch.setattr(suite, "N_FRAMES_FROM_FILES", 30)
@@ -74,7 +74,7 @@ def short(loop: FrameLoop, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def bench(*arguments: str | Path) -> Result:
     """The command, in this process."""
-    return CliRunner(env={"COLUMNS": "120"}).invoke(app, ["bench", *map(str, arguments)])
+    return CliRunner(env={"COLUMNS": "120"}).invoke(create_app(), ["bench", *map(str, arguments)])
 
 
 def numbers(value: Any) -> Iterator[float]:
@@ -124,7 +124,7 @@ def test_only_frames_in_the_correction_state_are_timed_and_without_their_fusion(
 
 
 def test_without_a_corrected_frame_there_are_no_figures(loop: FrameLoop) -> None:
-    with pytest.raises(ScenarioError, match="160x120 pixels no second template came in 5 frames"):
+    with pytest.raises(ToolError, match="160x120 pixels no second template came in 5 frames"):
         time_paper(loop, 5)
 
 
@@ -190,7 +190,7 @@ def test_the_default_corrector_is_timed_in_all_and_step_by_step(loop: FrameLoop)
 
 def test_a_default_corrector_that_is_lost_all_the_time_has_no_figures(loop: FrameLoop) -> None:
     dark = replace(loop, grays=tuple(np.zeros_like(gray) for gray in loop.grays))
-    with pytest.raises(ScenarioError, match="at 160x120 pixels the corrector found its camera in no frame"):
+    with pytest.raises(ToolError, match="at 160x120 pixels the corrector found its camera in no frame"):
         measure_default(dark, 3)
 
 
@@ -294,7 +294,7 @@ def test_bad_options_are_refused_before_anything_is_measured(
     options: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(frames_module, "render_frames", lambda: pytest.fail("it went on"))
+    monkeypatch.setattr(frames_module, "load_frames", lambda _: pytest.fail("it went on"))
     done = bench(*options)
-    assert isinstance(done.exception, ScenarioError)
+    assert isinstance(done.exception, ToolError)
     assert message in str(done.exception)

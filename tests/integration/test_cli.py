@@ -14,13 +14,14 @@ import pytest
 from scenarios.config import load_run
 from scenarios.errors import ScenarioError
 from scenarios.files import DATA
+from voxdepth.tools.errors import ToolError
 
 ENVIRONMENT = {**os.environ, "COLUMNS": "120"}
 QUICK = ["--drones", "2", "--size", "96x64", "--duration", "1.5"]
 
 
 def voxdepth(*arguments: str | Path, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-c", "from scenarios.cli import main; main()", *map(str, arguments)]
+    command = [sys.executable, "-c", "from voxdepth.tools.cli import main; main()", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, check=False, timeout=280, cwd=cwd)
 
 
@@ -118,7 +119,7 @@ def test_bad_input_ends_in_one_line_and_writes_nothing(tmp_path: Path, arguments
 def test_bad_files_say_where_and_what(tmp_path: Path, line: str, message: str) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(f"name = 'mine'\ndescription = 'x'\n{line}\n")
-    with pytest.raises(ScenarioError) as error:
+    with pytest.raises(ToolError) as error:
         load_run(str(path), 0, {})
     assert message in str(error.value)
     assert "\n" not in str(error.value)
@@ -170,7 +171,7 @@ def test_an_output_folder_that_is_a_file_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_ctrl_c_ends_the_run_and_closes_the_recording(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", "from scenarios.cli import main; main()", "run", "city", "--drones", "2"]
+    command = [sys.executable, "-c", "from voxdepth.tools.cli import main; main()", "run", "city", "--drones", "2"]
     process = subprocess.Popen(
         [*command, "--size", "96x64", "--out", str(tmp_path)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT,

@@ -16,8 +16,6 @@ import pytest
 import rerun as rr
 from typer.testing import CliRunner, Result
 
-from scenarios.cli import app
-from scenarios.errors import ScenarioError
 from sim.recording import RecordingWriter
 from sim.testing import noisy_sequence
 from sim.types import Capture
@@ -27,6 +25,8 @@ from voxdepth.errors import ConfigError, DatasetError
 from voxdepth.paper.config import PaperConfig
 from voxdepth.registry import create_corrector
 from voxdepth.temporal.config import VoxDepthConfig
+from voxdepth.tools.cli import create_app
+from voxdepth.tools.errors import ToolError
 from voxdepth.types import Frame
 
 N_FRAMES = 16
@@ -76,11 +76,11 @@ def short(sequence: Path) -> tuple[str | Path, ...]:
 
 def correct(*arguments: str | Path) -> Result:
     """The command, in this process."""
-    return CliRunner(env={"COLUMNS": "120"}).invoke(app, ["correct", *map(str, arguments)])
+    return CliRunner(env={"COLUMNS": "120"}).invoke(create_app(), ["correct", *map(str, arguments)])
 
 
 def started(*arguments: str | Path) -> "subprocess.Popen[str]":
-    command = [sys.executable, "-c", "from scenarios.cli import main; main()", "correct", *map(str, arguments)]
+    command = [sys.executable, "-c", "from voxdepth.tools.cli import main; main()", "correct", *map(str, arguments)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT)
 
 
@@ -129,7 +129,7 @@ def test_the_resolved_configuration_and_a_table_say_what_was_done(sequence: Path
 def test_a_folder_that_exists_is_refused_and_stays(whole: Path, sequence: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in whole.rglob("*.*")}
     done = correct(sequence, "--out", whole, *short(sequence))
-    assert isinstance(done.exception, ScenarioError)
+    assert isinstance(done.exception, ToolError)
     assert "exists already" in str(done.exception)
     assert {path: path.stat().st_mtime_ns for path in whole.rglob("*.*")} == before
 
@@ -231,7 +231,7 @@ def test_a_recording_that_fails_leaves_nothing_behind(sequence: Path, tmp_path: 
     assert not list(tmp_path.glob("out.rrd*"))
     (tmp_path / "file").write_text("mine")
     done = correct(sequence, "--out", tmp_path / "out-2", "--record", tmp_path / "file" / "out.rrd")
-    assert isinstance(done.exception, ScenarioError)
+    assert isinstance(done.exception, ToolError)
     assert "out.rrd" in str(done.exception)
 
 
@@ -252,7 +252,7 @@ def test_bad_options_say_what_is_wrong_and_write_nothing(
 ) -> None:
     monkeypatch.chdir(sequence.parent)
     done = correct(sequence, "--out", tmp_path / "out", *options)
-    assert isinstance(done.exception, (ScenarioError, ConfigError, DatasetError))
+    assert isinstance(done.exception, (ToolError, ConfigError, DatasetError))
     assert message in str(done.exception)
     assert not list(tmp_path.iterdir())
 
@@ -273,7 +273,7 @@ def test_bad_configurations_say_where_and_what(text: str, message: str, sequence
     (tmp_path / "mine.toml").write_text(text)
     options = ["--corrector", "paper", "--config", tmp_path / "mine.toml"]
     done = correct(sequence, "--out", tmp_path / "out", *options)
-    assert isinstance(done.exception, ScenarioError)
+    assert isinstance(done.exception, ToolError)
     assert "mine.toml" in str(done.exception)
     assert message in str(done.exception)
     assert "\n" not in str(done.exception)
@@ -312,7 +312,7 @@ def test_results_are_never_written_among_the_input(place: Callable[[Path], Path]
 def test_a_recording_is_never_written_among_the_input(name: str, sequence: Path, tmp_path: Path) -> None:
     before = sorted(sequence.rglob("*"))
     done = correct(sequence, "--out", tmp_path / "out", "--record", sequence / name)
-    assert isinstance(done.exception, ScenarioError)
+    assert isinstance(done.exception, ToolError)
     assert f"--record {sequence / name} lies in the input" in str(done.exception)
     assert sorted(sequence.rglob("*")) == before
     assert not list(tmp_path.iterdir())
@@ -320,7 +320,7 @@ def test_a_recording_is_never_written_among_the_input(name: str, sequence: Path,
 
 def test_a_recording_in_the_folder_of_the_result_is_refused(sequence: Path, tmp_path: Path) -> None:
     done = correct(sequence, "--out", tmp_path / "out", "--record", tmp_path / "out" / "out.rrd")
-    assert isinstance(done.exception, ScenarioError)
+    assert isinstance(done.exception, ToolError)
     assert "--record" in str(done.exception)
     assert not list(tmp_path.iterdir())
 
@@ -334,7 +334,7 @@ def test_a_folder_above_the_input_is_refused(sequence: Path) -> None:
 
 def test_the_configuration_of_another_corrector_is_refused(whole: Path, sequence: Path, tmp_path: Path) -> None:
     done = correct(sequence, "--out", tmp_path / "out", "--config", whole / "config.toml")
-    assert isinstance(done.exception, ScenarioError)
+    assert isinstance(done.exception, ToolError)
     assert "config.toml configures the corrector 'paper': ask for that with --corrector" in str(done.exception)
     assert not (tmp_path / "out").exists()
 
@@ -343,7 +343,7 @@ def test_the_configuration_of_another_corrector_is_refused(whole: Path, sequence
 def test_the_command_config_prints_the_configuration_and_correct_takes_it(
     arguments: list[str], sequence: Path, tmp_path: Path
 ) -> None:
-    printed = CliRunner().invoke(app, ["config", *arguments])
+    printed = CliRunner().invoke(create_app(), ["config", *arguments])
     assert printed.exit_code == 0
     own = PaperConfig() if arguments == ["paper"] else VoxDepthConfig()
     assert type(own).model_validate(tomllib.loads(printed.stdout)) == own
@@ -355,7 +355,9 @@ def test_the_command_config_prints_the_configuration_and_correct_takes_it(
         ("b", []),
         ("c", ["--config", str(tmp_path / "a/config.toml")]),
     ):
-        done = CliRunner().invoke(app, ["correct", str(sequence), "--out", str(tmp_path / out), *options, *more])
+        done = CliRunner().invoke(
+            create_app(), ["correct", str(sequence), "--out", str(tmp_path / out), *options, *more]
+        )
         assert done.exit_code == 0, done.output
     assert contents(tmp_path / "a") == contents(tmp_path / "b") == contents(tmp_path / "c")
-    assert CliRunner().invoke(app, ["config", "raw"]).exit_code != 0
+    assert CliRunner().invoke(create_app(), ["config", "raw"]).exit_code != 0

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from scenarios.cli import app
 from scenarios.commands.evaluate import _planned
 from scenarios.evaluation import suite
 from scenarios.evaluation.kinds import HELD_OUT
@@ -17,13 +16,14 @@ from scenarios.files import shipped_names
 from scenarios.sequences import GROUPS
 from tests.evaluation_clips import write_recording
 from tests.integration.test_cli import voxdepth
+from voxdepth.tools.cli import create_app
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 
 
 def evaluate(*arguments: str | Path) -> Result:
     """The command, in this process."""
-    return CliRunner(env={"COLUMNS": "120"}).invoke(app, ["evaluate", *map(str, arguments)])
+    return CliRunner(env={"COLUMNS": "120"}).invoke(create_app(), ["evaluate", *map(str, arguments)])
 
 
 def values(out: Path) -> dict[tuple[str, ...], str]:

@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from scenarios.cli import app
 from scenarios.experiments.components import component_latencies
 from scenarios.experiments.runner import ALL, EXPERIMENTS, find_experiments
-from scenarios.results.table import Table
 from tests.experiment_context import SEQUENCE, WIDTH_PX, small_context
 from tests.integration.test_cli import voxdepth
 from voxdepth.calibration import read
+from voxdepth.tools.cli import create_app
+from voxdepth.tools.table import Table
 
 FRAMES = 31
 
@@ -25,7 +25,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def experiment(*arguments: str | Path) -> Result:
     """The command, in this process."""
-    return CliRunner(env={"COLUMNS": "200"}).invoke(app, ["experiment", *map(str, arguments)])
+    return CliRunner(env={"COLUMNS": "200"}).invoke(create_app(), ["experiment", *map(str, arguments)])
 
 
 def asked(name: str, out: Path, frames: int = FRAMES) -> tuple[Table, ...]:

@@ -9,9 +9,9 @@ import rerun as rr
 
 from scenarios.config import images_of, load_run
 from scenarios.rerun.mission import HEADING_M, MissionRecorder
-from scenarios.rerun.stream import depth_png
 from scenarios.runner import flying
 from sim.frames import rotation_from_quaternion
+from voxdepth.tools.stream import depth_png
 
 IMAGE_EVERY = 2
 

@@ -16,6 +16,7 @@ from scenarios.rerun.frames import record_case
 from sim import testing
 from tests.integration.test_cli import voxdepth
 from voxdepth import PaperConfig, PaperVoxDepth
+from voxdepth.tools.errors import ToolError
 from voxdepth.types import DepthCorrector, Frame, Intrinsics
 
 GOLDEN = Path(__file__).parents[1] / "golden"
@@ -122,7 +123,7 @@ def test_correctors_that_are_not_there_are_named(name: str) -> None:
 
 def test_a_case_is_recorded_where_it_can_be(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(ScenarioError, match=r"x\.rrd"):
+    with pytest.raises(ToolError, match=r"x\.rrd"):
         record_case(tmp_path / "file" / "x.rrd", "scale/low", corrected(find_corrector("raw"), "scale/low", 1))
 
 

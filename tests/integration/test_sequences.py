@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from scenarios.errors import ScenarioError
-from scenarios.files import shipped_names, to_toml
+from scenarios.files import shipped_names
 from scenarios.images import INVALID_REASON_COLORS_BGR
 from scenarios.sequences import (
     GROUPS,
@@ -30,6 +30,7 @@ from sim.sensor import RigConfig, StereoSensor
 from sim.types import Capture
 from sim.world import World
 from tests.integration.test_cli import voxdepth
+from voxdepth.tools.files import to_toml
 
 SMALL = {"rig.width_px": 128, "rig.height_px": 96}
 IMAGES = (
@@ -240,7 +241,7 @@ def test_record_and_sheet_as_commands(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_killed_recording_is_readable_and_can_go_on(tmp_path: Path) -> None:
-    code = "from scenarios.cli import main; main()"
+    code = "from voxdepth.tools.cli import main; main()"
     arguments = ["record", "sim-LN", "--out", str(tmp_path / "r"), "--frames", "200", "--size", "128x96"]
     process = subprocess.Popen([sys.executable, "-c", code, *arguments], stdout=subprocess.DEVNULL)
     table = tmp_path / "r" / "frames.csv"

@@ -15,7 +15,6 @@ import pyarrow.parquet
 import pytest
 from typer.testing import CliRunner, Result
 
-from scenarios.cli import app
 from scenarios.errors import ScenarioError
 from scenarios.study.design import expand
 from scenarios.study.executors import LOCAL, Cluster, Executor, Processes, Serial
@@ -24,6 +23,7 @@ from scenarios.study.store import FILE, Completion, Failure
 from swarm.types import Outcome
 from tests.integration.test_cli import ENVIRONMENT, voxdepth
 from tests.studies import PIDS, arm, fake, killable, noisy, results_of, study, unseen
+from voxdepth.tools.cli import create_app
 
 TINY = """
 name = "tiny"
@@ -132,7 +132,7 @@ def is_running(pid: int) -> bool:
 
 def study_command(*arguments: str | Path) -> Result:
     """A command in this process, which is quicker."""
-    return CliRunner().invoke(app, ["study", *map(str, arguments)])
+    return CliRunner().invoke(create_app(), ["study", *map(str, arguments)])
 
 
 @pytest.mark.slow
@@ -227,7 +227,13 @@ def test_a_replay_says_whether_it_ended_the_same(tiny: Path, tmp_path: Path) -> 
 def test_ctrl_c_ends_cleanly_and_keeps_what_is_done(tmp_path: Path, workers: str) -> None:
     (tmp_path / "tiny.toml").write_text(TINY.replace("count = 2", "count = 50"))
     out = tmp_path / "out"
-    command = [sys.executable, "-c", "from scenarios.cli import main; main()", "study", str(tmp_path / "tiny.toml")]
+    command = [
+        sys.executable,
+        "-c",
+        "from voxdepth.tools.cli import main; main()",
+        "study",
+        str(tmp_path / "tiny.toml"),
+    ]
     child = subprocess.Popen(
         [*command, "--out", str(out), "--workers", workers],
         env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
@@ -250,7 +256,13 @@ def test_ctrl_c_ends_cleanly_and_keeps_what_is_done(tmp_path: Path, workers: str
 def test_a_second_study_on_the_same_folder_is_refused_and_status_is_not(tmp_path: Path) -> None:
     (tmp_path / "tiny.toml").write_text(TINY.replace("count = 2", "count = 50"))
     out = tmp_path / "out"
-    command = [sys.executable, "-c", "from scenarios.cli import main; main()", "study", str(tmp_path / "tiny.toml")]
+    command = [
+        sys.executable,
+        "-c",
+        "from voxdepth.tools.cli import main; main()",
+        "study",
+        str(tmp_path / "tiny.toml"),
+    ]
     child = subprocess.Popen([*command, "--out", str(out), "--workers", "1"], env=ENVIRONMENT, stdout=subprocess.PIPE)
     try:
         wait_until(lambda: results_so_far(out) > 0)

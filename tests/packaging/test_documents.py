@@ -68,10 +68,10 @@ def test_names_of_the_code_that_are_named_exist(document: Path) -> None:
 
 @named
 def test_commands_accept_their_options(document: Path) -> None:
-    from scenarios.cli import app
+    from voxdepth.tools.cli import create_app
 
     for words in commands(document):
-        command: Any = typer.main.get_command(app)
+        command: Any = typer.main.get_command(create_app())
         for word in words[1:]:
             below = getattr(command, "commands", {})
             if word.startswith("--"):

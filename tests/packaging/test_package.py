@@ -6,7 +6,6 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from setuptools import find_packages
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -17,7 +16,7 @@ HEAVY = ("cv2", "numpy", "open3d", "pybullet", "rerun", "warp", "scipy", "matplo
     "code",
     [
         "import sys; sys.argv = ['voxdepth', '--help']\n"
-        "from scenarios.cli import app\ntry: app()\nexcept SystemExit: pass",
+        "from voxdepth.tools.cli import create_app\ntry: create_app()()\nexcept SystemExit: pass",
         "import voxdepth",
     ],
 )
@@ -25,17 +24,6 @@ def test_help_and_bare_imports_load_nothing_heavy(code: str) -> None:
     check = f"{code}\nimport sys; print('LOADED', [m for m in {HEAVY!r} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)
     assert done.stdout.strip().splitlines()[-1] == "LOADED []"
-
-
-def test_every_package_is_installed() -> None:
-    patterns = PROJECT["tool"]["setuptools"]["packages"]["find"]["include"]
-    installed = set(find_packages(str(ROOT), include=patterns))
-    found = {
-        ".".join(path.parent.relative_to(ROOT).parts)
-        for top in ("voxdepth", "sim", "swarm", "scenarios")
-        for path in (ROOT / top).rglob("*.py")
-    }
-    assert installed == found
 
 
 def test_every_dependency_is_pinned_to_a_version_alone() -> None:

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenarios.benchmark.librealsense import Librealsense
 from tests.realsense_twins import fill_farthest_numpy, fill_nearest_numpy, smooth_rows_numpy
 from voxdepth.baselines.realsense import (
     RealSenseChain,
@@ -24,6 +23,7 @@ from voxdepth.baselines.realsense import (
 )
 from voxdepth.baselines.single_frame import AuthorsMax
 from voxdepth.errors import ConfigError, FrameError
+from voxdepth.tools.benchmark.librealsense import Librealsense
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source
 
 CAMERA = Intrinsics.from_hfov(width_px=96, height_px=72, hfov_deg=86, baseline_m=0.095)

@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.correction import Correction, CorrectionConfig, to_gray, to_millimetres
-from scenarios.errors import ScenarioError
 from voxdepth.errors import DatasetError
 from voxdepth.paper.epochs import EpochEnd, PaperDiagnostics, Phase
 from voxdepth.paper.registration import Registration, RegistrationStatus
+from voxdepth.tools.correction import Correction, CorrectionConfig, to_gray, to_millimetres
+from voxdepth.tools.errors import ToolError
 from voxdepth.types import CorrectedDepth, Frame, Intrinsics
 
 CAMERA = Intrinsics.from_hfov(width_px=24, height_px=16, hfov_deg=80)
@@ -191,7 +191,7 @@ def test_a_correction_that_stops_leaves_nothing_behind(error: BaseException, who
         if done == 4:
             raise error
 
-    with pytest.raises((KeyboardInterrupt, ScenarioError)):
+    with pytest.raises((KeyboardInterrupt, ToolError)):
         planned().run(tmp_path / "out", None, stop)
     assert not list(tmp_path.iterdir())
     planned().run(tmp_path / "out", None, ignore)
@@ -218,9 +218,9 @@ def test_a_bug_in_a_corrector_shows_its_place(tmp_path: Path) -> None:
 
 def test_a_folder_that_exists_is_not_touched(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("mine")
-    with pytest.raises(ScenarioError, match="exists already"):
+    with pytest.raises(ToolError, match="exists already"):
         planned().run(tmp_path, None, ignore)
-    with pytest.raises(ScenarioError, match="exists already"):
+    with pytest.raises(ToolError, match="exists already"):
         planned().run(tmp_path / "thesis.txt", None, ignore)
     assert (tmp_path / "thesis.txt").read_text() == "mine"
 
@@ -235,21 +235,21 @@ def test_of_two_writers_of_one_folder_the_later_one_fails(tmp_path: Path) -> Non
         if done == 2:
             planned().run(tmp_path / "out", None, ignore)
 
-    with pytest.raises(ScenarioError, match="cannot write"):
+    with pytest.raises(ToolError, match="cannot write"):
         planned(frames=3).run(tmp_path / "out", None, meanwhile)
     assert len(list((tmp_path / "out" / "depth").iterdir())) == N_FRAMES
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(ScenarioError, match=r"cannot write .*file/out"):
+    with pytest.raises(ToolError, match=r"cannot write .*file/out"):
         planned().run(tmp_path / "file" / "out", None, ignore)
     assert (tmp_path / "file").read_text() == "mine"
 
 
 def test_a_recording_that_fails_leaves_no_folder(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(ScenarioError, match="recording"):
+    with pytest.raises(ToolError, match="recording"):
         planned().run(tmp_path / "out", tmp_path / "file" / "out.rrd", ignore)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 

@@ -23,7 +23,8 @@ from scenarios.evaluation.report import method_table, paper_table, print_results
 from scenarios.evaluation.result_cache import Key, Result, SequenceInfo, encoded_thumbnail
 from scenarios.evaluation.suite import Evaluation
 from scenarios.results import figure
-from scenarios.results.table import Table, write_frame
+from scenarios.results.frame_files import write_frame
+from voxdepth.tools.table import Table
 
 NASTY = "<script>alert('x')</script>"
 

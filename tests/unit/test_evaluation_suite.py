@@ -26,6 +26,7 @@ from scenarios.sequences import load_sequence
 from sim.recording import Recording
 from tests.evaluation_clips import CAMERA, POST_M, capture_of, method, shadow_of, truth_of, write_recording
 from voxdepth.datasets import open_dataset
+from voxdepth.tools.errors import ToolError
 
 GOOD = method("good")
 BAD = method("bad", lambda depth_m: depth_m[:-1])
@@ -192,7 +193,7 @@ def test_frames_of_a_killed_run_are_deleted_and_nothing_else(recording: Path, tm
 
 def test_a_folder_whose_name_is_no_text_is_refused_before_anything_is_written(tmp_path: Path) -> None:
     folder = tmp_path / os.fsdecode(b"caf\xe9")
-    with pytest.raises(ScenarioError, match=r"in UTF-8, got 'caf\\udce9-shadows': rename the folder"):
+    with pytest.raises(ToolError, match=r"in UTF-8, got 'caf\\udce9-shadows': rename the folder"):
         run(tmp_path / "out", folder)
     assert not (tmp_path / "out").exists()
 
@@ -360,8 +361,8 @@ class Counted:
 
     def __call__(self, planned: Any, folder: Path, frames: int, progress: Callable[[int], None]) -> None:
         self.made.append(frames)
-        from scenarios.files import to_toml
         from sim.recording import RecordingWriter
+        from voxdepth.tools.files import to_toml
 
         with RecordingWriter(folder, intrinsics=CAMERA, config_text=to_toml(planned)) as writer:
             for index in range(frames):

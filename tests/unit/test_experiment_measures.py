@@ -37,7 +37,7 @@ from scenarios.experiments.default import (
     source,
     wrong_pixels,
 )
-from scenarios.results.table import Column
+from voxdepth.tools.table import Column
 
 AT_MOST = Criterion("error", -20, "%")
 AT_LEAST = Criterion("gain", 3, "dB", at_least=True)

@@ -22,7 +22,8 @@ from scenarios.experiments.runner import (
 )
 from scenarios.experiments.switches import _switches_claim
 from scenarios.results.figure import label_axes, panels
-from scenarios.results.table import Column, Table
+from voxdepth.tools.errors import ToolError
+from voxdepth.tools.table import Column, Table
 
 COLUMNS = (Column("method"), Column("time", "ms"), Column("n"))
 ROWS = [("one", 1.23456, 3), ("two", None, 0)]
@@ -108,7 +109,7 @@ def test_a_failure_leaves_what_was_done_before(tmp_path: Path) -> None:
 
 def test_a_file_in_the_way_is_told(tmp_path: Path) -> None:
     (tmp_path / "stub").write_text("not a folder")
-    with pytest.raises(ScenarioError, match="cannot write"):
+    with pytest.raises(ToolError, match="cannot write"):
         reports(RunOptions(out=tmp_path), STUB)
 
 

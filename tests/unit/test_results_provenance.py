@@ -9,26 +9,27 @@ import numpy as np
 import pytest
 
 from scenarios.results import provenance
+from voxdepth.tools import provenance as tools
 
 
 def test_versions_are_those_that_are_installed() -> None:
-    found = provenance.versions(("numpy", "no-such-package"))
+    found = tools.versions(("numpy", "no-such-package"))
     assert found == {"numpy": np.__version__, "no-such-package": "not installed"}
-    assert set(provenance.CORRECTION) < set(provenance.SIMULATION) < set(provenance.ALL)
+    assert set(tools.CORRECTION) < set(provenance.SIMULATION) < set(provenance.ALL)
 
 
 def test_a_result_says_what_it_was_made_with() -> None:
-    found = provenance.Provenance.here()
+    found = tools.Provenance.here()
     assert found.versions["voxdepth"] == version("voxdepth")
     assert found.processor and found.logical_processors >= 1
     assert found.commit is None or len(found.commit.rstrip("+")) >= 12
 
 
 def test_a_machine_that_does_not_name_its_processor_has_its_architecture(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(provenance, "CPU_INFO", tmp_path / "absent")
-    assert provenance.processor_name() == provenance.platform.machine()
+    monkeypatch.setattr(tools, "CPU_INFO", tmp_path / "absent")
+    assert tools.processor_name() == tools.platform.machine()
     (tmp_path / "absent").write_text("vendor: x\nmodel name\t: Fast One\n")
-    assert provenance.processor_name() == "Fast One"
+    assert tools.processor_name() == "Fast One"
 
 
 def write_package(root: Path, name: str, **modules: str) -> None:
@@ -56,6 +57,17 @@ def test_the_digest_is_of_the_sources_and_not_of_their_place(digest_of: Callable
     assert digest_of("other_text", fly="speed = 2\n") != one
     assert digest_of("other_name", flies="speed = 1\n") != one
     assert digest_of("one_more", fly="speed = 1\n", rest="") != one
+
+
+def test_the_tools_of_the_library_do_not_count(
+    digest_of: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = digest_of("here", fly="speed = 1\n")
+    write_package(tmp_path / "with_tools" / "flying", "tools", draw="colour = 1\n")
+    (tmp_path / "with_tools" / "flying" / "__init__.py").write_text("")
+    (tmp_path / "with_tools" / "flying" / "fly.py").write_text("speed = 1\n")
+    monkeypatch.setattr(provenance, "files", lambda package: tmp_path / "with_tools" / package)
+    assert provenance.code_digest.__wrapped__() == one
 
 
 def test_versions_name_the_code() -> None:

@@ -8,7 +8,8 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from scenarios.results.table import Column, Table, write_frame
+from scenarios.results.frame_files import write_frame
+from voxdepth.tools.table import Column, Table
 
 
 def table() -> Table:

@@ -7,10 +7,10 @@ import pytest
 
 from scenarios.config import Run, Scenario, load_run
 from scenarios.errors import ScenarioError
-from scenarios.files import to_toml
 from voxdepth import registry
 from voxdepth.errors import ConfigError
 from voxdepth.temporal.config import VoxDepthConfig
+from voxdepth.tools.files import to_toml
 
 
 def test_the_latency_of_the_corrector_comes_on_top_of_that_of_the_sensor() -> None:

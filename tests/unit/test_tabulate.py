@@ -7,12 +7,12 @@ import pytest
 from typer.testing import CliRunner
 
 from scenarios.batch import OUTCOME_COLUMNS, DepthSource, outcome_row
-from scenarios.cli import app
 from scenarios.config import Run
-from scenarios.results.table import Table
 from scenarios.runner import Finished
 from swarm.priors import PosePriorConfig, PosePriorName
 from swarm.types import MissionResult, Outcome
+from voxdepth.tools.cli import create_app
+from voxdepth.tools.table import Table
 
 SOURCE = DepthSource(depth="noisy", theta=0.5, corrector="paper")
 
@@ -48,6 +48,6 @@ def test_the_command_names_the_prior_of_the_scenario(tmp_path: Path, monkeypatch
     monkeypatch.setattr("scenarios.batch.fly_all", fly_all)
     mine = tmp_path / "mine.toml"
     mine.write_text('name = "mine"\ndescription = "An oracle."\n[mission.pose_prior]\nkind = "true"\n')
-    done = CliRunner().invoke(app, ["tabulate", str(mine), "--seeds", "2", "--corrector", "raw"])
+    done = CliRunner().invoke(create_app(), ["tabulate", str(mine), "--seeds", "2", "--corrector", "raw"])
     assert done.exit_code == 0, done.output
     assert "| stereo | raw, pose prior true (oracle) | 2 | 2 |" in done.output

@@ -2,7 +2,6 @@
 
 from typing import get_args
 
-from scenarios.commands.correct import Format
 from scenarios.commands.options import DEFAULT_CORRECTOR, Depth, RendererName
 from scenarios.commands.swarm import Prior
 from scenarios.config import Scenario, load_run
@@ -12,6 +11,7 @@ from swarm.priors import PosePriorName
 from voxdepth.datasets import DATASET_FORMATS
 from voxdepth.registry import DEFAULT, config_of
 from voxdepth.temporal.config import VoxDepthConfig
+from voxdepth.tools.commands import Format
 
 
 def test_the_command_line_speaks_the_words_of_the_library() -> None:

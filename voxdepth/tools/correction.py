@@ -1,5 +1,7 @@
 """Correcting a recorded sequence into a folder that appears when it is complete."""
 
+import csv
+import io
 import json
 import platform
 from collections import Counter
@@ -12,17 +14,15 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
 
-from voxdepth.datasets import Dataset
-from voxdepth.errors import PipelineError
-from voxdepth.model import Model
-from voxdepth.pipeline import CorrectionPipeline
-from voxdepth.types import CorrectedDepth, DepthCorrector, FloatImage, Frame, GrayImage, Source
-
-from .errors import ScenarioError
+from ..datasets import Dataset
+from ..errors import PipelineError
+from ..model import Model
+from ..pipeline import CorrectionPipeline
+from ..types import CorrectedDepth, DepthCorrector, FloatImage, Frame, GrayImage, Source
+from .errors import ToolError
 from .files import atomic, to_toml
-from .results.provenance import machine
+from .provenance import machine
 
 CONFIG, FRAMES, REPORT = "config.toml", "frames.csv", "report.json"
 DEPTH, CONFIDENCE = "depth", "confidence"
@@ -67,7 +67,7 @@ class Correction:
             progress: Receives the number of corrected frames after each frame.
 
         Raises:
-            ScenarioError: The folder exists, or a file cannot be written.
+            ToolError: The folder exists, or a file cannot be written.
             VoxDepthError: A frame cannot be read or corrected.
         """
         require_absent(out)
@@ -77,8 +77,7 @@ class Correction:
             (folder / CONFIG).write_text(to_toml(self.config), encoding="utf-8")
             lines = list(self._correct(folder, listener, progress))
             report = _report(self.config, lines)
-            table = pd.DataFrame([line.columns() for line in lines], dtype=object)
-            table.to_csv(folder / FRAMES, index=False, lineterminator="\n")
+            (folder / FRAMES).write_text(_csv([line.columns() for line in lines]), encoding="utf-8")
             (folder / REPORT).write_text(json.dumps(report, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         return report
 
@@ -129,11 +128,11 @@ class FrameLine(NamedTuple):
 
 
 def require_absent(out: Path) -> None:
-    """Raise a `ScenarioError` if an output folder exists already, unless it is empty."""
+    """Raise a `ToolError` if an output folder exists already, unless it is empty."""
     if out.exists() and not (out.is_dir() and next(out.iterdir(), None) is None):
-        raise ScenarioError(f"{out} exists already: name a new folder, or delete that one")
+        raise ToolError(f"{out} exists already: name a new folder, or delete that one")
     if out.is_mount() or out.resolve() == Path.cwd():
-        raise ScenarioError(f"{out} cannot be replaced as a whole: name a new folder in it")
+        raise ToolError(f"{out} cannot be replaced as a whole: name a new folder in it")
 
 
 def to_millimetres(depth_m: FloatImage) -> npt.NDArray[np.uint16]:
@@ -171,6 +170,16 @@ def _report(config: CorrectionConfig, lines: Sequence[FrameLine]) -> dict[str, A
     }
 
 
+def _csv(rows: Sequence[Mapping[str, Fact]]) -> str:
+    """The rows below the names of their columns; a row may lack some."""
+    text = io.StringIO()
+    names = dict.fromkeys(name for row in rows for name in row)
+    table = csv.DictWriter(text, list(names), lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    return text.getvalue()
+
+
 def _by_name(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
     """Collect the values of each name in the order of the frames; a frame may lack a name."""
     names = dict.fromkeys(name for row in rows for name in row)
@@ -203,6 +212,6 @@ def _original_errors() -> Iterator[None]:
 def _recording(path: Path | None, config: CorrectionConfig) -> AbstractContextManager[Listener]:
     if path is None:
         return nullcontext(lambda index, frame, corrected: None)
-    from .rerun.frames import recording
+    from .recording import recording
 
     return recording(path, f"{config.folder}-{config.corrector}")

@@ -1,16 +1,14 @@
-"""Tables with units: one DataFrame, from which CSV, Parquet, Markdown, terminal text and HTML are made."""
+"""Tables with units, from which CSV, Markdown, terminal text and HTML are made."""
 
+import csv
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from math import isnan
 from typing import TYPE_CHECKING, Any, Self
 
-import pandas as pd
-
-from ..files import write
-
 if TYPE_CHECKING:
+    import pandas as pd
     from rich.console import Console
     from rich.table import Table as RichTable
 
@@ -20,6 +18,11 @@ MISSING = "-"
 """Text of an entry that is None or NaN."""
 TERMINAL_WIDTH = 400
 """Characters in a line of a printed table: squeezing it into a terminal would cut its numbers."""
+
+
+def is_missing(value: Value) -> bool:
+    """Return whether an entry is None or NaN."""
+    return value is None or (not isinstance(value, str) and isnan(value))
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,7 @@ class Column:
 
     def text(self, value: Value) -> str:
         """Return a value as people read it."""
-        if pd.isna(value):
+        if is_missing(value):
             return MISSING
         if isinstance(value, float):
             return self.number(value) if callable(self.number) else f"{value:{self.number}}"
@@ -52,14 +55,14 @@ class Table:
 
     title: str
     columns: tuple[Column, ...]
-    values: pd.DataFrame
-    """One column per entry of `columns`, in their order, headed by `Column.heading`, of raw values."""
+    rows: Sequence[Sequence[Value]]
+    """The raw values, each row in the order of `columns`."""
     note: str = ""
     """What a reader must know beside the title."""
     name: str = "table"
     """Stem of its file."""
-    classes: pd.DataFrame | None = None
-    """CSS class of every entry, same shape as `values`; None if no entry is marked."""
+    classes: tuple[tuple[str, ...], ...] | None = None
+    """CSS class of every entry, in the shape of `rows`; None if no entry is marked."""
 
     @classmethod
     def of(
@@ -80,21 +83,16 @@ class Table:
         for row in rows:
             if len(row) != len(named):
                 raise ValueError(f"expected {len(named)} values in a row of {title!r}, got {len(row)}")
-        values, marks = _frame(rows, named), None if classes is None else _frame(classes, named)
-        return cls(title=title, columns=named, values=values, note=note, name=name, classes=marks)
+        marks = None if classes is None else tuple(map(tuple, classes))
+        return cls(title=title, columns=named, rows=[list(row) for row in rows], note=note, name=name, classes=marks)
 
     def __len__(self) -> int:
-        return len(self.values)
+        return len(self.rows)
 
     @property
     def headings(self) -> list[str]:
         """Names of the columns with their units."""
         return [column.heading for column in self.columns]
-
-    @property
-    def rows(self) -> list[list[Value]]:
-        """The raw values."""
-        return [list(row) for row in self.values.itertuples(index=False, name=None)]
 
     @property
     def texts(self) -> list[list[str]]:
@@ -104,7 +102,7 @@ class Table:
     @property
     def cells(self) -> list[list[tuple[str, str]]]:
         """Text and CSS class of every entry, for HTML templates."""
-        marks = [[""] * len(self.columns)] * len(self) if self.classes is None else self.classes.to_numpy().tolist()
+        marks = (("",) * len(self.columns),) * len(self) if self.classes is None else self.classes
         return [list(zip(texts, row, strict=True)) for texts, row in zip(self.texts, marks, strict=True)]
 
     def column(self, name: str) -> list[Value]:
@@ -112,15 +110,25 @@ class Table:
         place = [column.name for column in self.columns].index(name)
         return [row[place] for row in self.rows]
 
-    def series(self, name: str) -> pd.Series:
+    def frame(self) -> "pd.DataFrame":
+        """The raw values below the headings; an int stays an int beside a missing value."""
+        import pandas as pd
+
+        return pd.DataFrame(list(self.rows), columns=self.headings, dtype=object)
+
+    def series(self, name: str) -> "pd.Series":
         """The numbers of a column by the entries of the first one; NaN where undefined."""
+        import pandas as pd
+
         return pd.Series(self.column(name), self.column(self.columns[0].name), dtype=float)
 
-    def pivot(self, rows: str, columns: str, values: str) -> pd.DataFrame:
+    def pivot(self, rows: str, columns: str, values: str) -> "pd.DataFrame":
         """The numbers of one column by the entries of two others, in the order of the table; NaN where undefined.
 
         All three are names without units, and no pair of entries of `rows` and `columns` may occur twice.
         """
+        import pandas as pd
+
         by = pd.DataFrame({name: self.column(name) for name in (rows, columns, values)})
         found = by.pivot(index=rows, columns=columns, values=values).astype(float)
         return found.reindex(index=by[rows].unique(), columns=by[columns].unique())
@@ -131,7 +139,11 @@ class Table:
 
     def csv(self) -> bytes:
         """Return the raw values below the headings; an entry that is unknown is empty."""
-        return bytes(self.values.to_csv(index=False, lineterminator="\n").encode())
+        text = io.StringIO()
+        lines = csv.writer(text, lineterminator="\n")
+        lines.writerow(self.headings)
+        lines.writerows([None if is_missing(value) else value for value in row] for row in self.rows)
+        return text.getvalue().encode()
 
     def markdown(self) -> str:
         """Return the table as GitHub Markdown, without its title; numbers are aligned to the right."""
@@ -163,21 +175,3 @@ class Table:
         for row in self.texts:
             printed.add_row(*(escape(text) for text in row))
         return printed
-
-
-def _frame(rows: Sequence[Sequence[Any]], columns: Sequence[Column]) -> pd.DataFrame:
-    # The type object keeps an int an int beside a missing value.
-    return pd.DataFrame(list(map(list, rows)), columns=[column.heading for column in columns], dtype=object)
-
-
-def write_frame(stem: Path, frame: pd.DataFrame) -> list[Path]:
-    """Write a frame as `STEM.csv` and `STEM.parquet`, each in one step, and return both paths.
-
-    The frame has the column types that the Parquet file shall have. A failure is a `ScenarioError`.
-    """
-    parquet = io.BytesIO()
-    frame.to_parquet(parquet, index=False)
-    files = {".csv": frame.to_csv(index=False, lineterminator="\n").encode(), ".parquet": parquet.getvalue()}
-    for suffix, data in files.items():
-        write(stem.with_name(stem.name + suffix), data)
-    return [stem.with_name(stem.name + suffix) for suffix in files]

@@ -9,18 +9,17 @@ import cv2
 import numpy as np
 import warp as wp
 
-from voxdepth import PaperVoxDepth, VoxDepth
-from voxdepth.model import Model
-from voxdepth.paper.config import PaperConfig
-from voxdepth.paper.epochs import PaperDiagnostics, Phase, Template
-from voxdepth.paper.method import Aligned
-from voxdepth.paper.steps import HostSteps, ImageSteps
-from voxdepth.paper.warp_steps import WarpSteps
-from voxdepth.temporal.config import VoxDepthConfig
-from voxdepth.temporal.odometry import TrackingResult, TrackingStatus
-from voxdepth.types import Frame, Intrinsics
-
-from ..errors import ScenarioError
+from ... import PaperVoxDepth, VoxDepth
+from ...model import Model
+from ...paper.config import PaperConfig
+from ...paper.epochs import PaperDiagnostics, Phase, Template
+from ...paper.method import Aligned
+from ...paper.steps import HostSteps, ImageSteps
+from ...paper.warp_steps import WarpSteps
+from ...temporal.config import VoxDepthConfig
+from ...temporal.odometry import TrackingResult, TrackingStatus
+from ...types import Frame, Intrinsics
+from ..errors import ToolError
 from .frames import FrameLoop
 
 WARM_UP_FRAMES = 10
@@ -84,7 +83,7 @@ def measure_default(loop: FrameLoop, frames: int) -> DefaultTimings:
     """Correct frames one after the other with the default configuration; `WARM_UP_FRAMES` more come before.
 
     Raises:
-        ScenarioError: Tracking failed in every frame.
+        ToolError: Tracking failed in every frame.
     """
     cv2.setNumThreads(1)
     corrector = VoxDepth(loop.intrinsics, VoxDepthConfig())
@@ -100,7 +99,7 @@ def measure_default(loop: FrameLoop, frames: int) -> DefaultTimings:
             assert isinstance(corrected.diagnostics, TrackingResult)
             lost_frames += corrected.diagnostics.status is not TrackingStatus.OK
     if lost_frames == len(frames_s):
-        raise ScenarioError(f"at {loop.size} pixels the corrector found its camera in no frame: name a larger --size")
+        raise ToolError(f"at {loop.size} pixels the corrector found its camera in no frame: name a larger --size")
     steps = step_latencies(timings_s, list(timings_s[0]))
     return DefaultTimings(size=loop.size, frame=Latency.of(frames_s), steps=steps, lost_frames=lost_frames)
 
@@ -139,7 +138,7 @@ def time_paper(loop: FrameLoop, frames: int) -> PaperTimes:
     """Correct frames one after the other with the paper's method; 38 frames give the first fusion that counts.
 
     Raises:
-        ScenarioError: No frame was corrected after a second template.
+        ToolError: No frame was corrected after a second template.
     """
     cv2.setNumThreads(1)
     corrector = FusionRecorder(loop.intrinsics, CONFIG)
@@ -156,7 +155,7 @@ def time_paper(loop: FrameLoop, frames: int) -> PaperTimes:
     corrector.close()
     times.fusions_s = corrector.fusions_s[1:]
     if not (times.steps_s and times.fusions_s):
-        raise ScenarioError(
+        raise ToolError(
             f"at {loop.size} pixels no second template came in {frames} frames: ask for more frames or larger images"
         )
     return times

@@ -11,11 +11,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from voxdepth import PaperVoxDepth, VoxDepth
-from voxdepth.model import Model
-from voxdepth.paper.config import PaperConfig
-from voxdepth.types import Frame, Intrinsics
-
+from ... import PaperVoxDepth, VoxDepth
+from ...model import Model
+from ...paper.config import PaperConfig
+from ...types import Frame, Intrinsics
 from .frames import FrameLoop
 from .timings import Latency
 

@@ -8,8 +8,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from swarm.chart import STATES
-from voxdepth.types import FloatImage, GrayImage, Source
+from ..types import FloatImage, GrayImage, Source
 
 CENTIMETRE = 100.0
 """Depth images are stored as 16-bit PNG in centimetres, to 1 %: finer than any of the sensors measures."""
@@ -22,9 +21,6 @@ SOURCE_COLORS = {
     Source.MEMORY: (240, 150, 40),
     Source.INPAINTED: (90, 110, 220),
 }
-
-CELL_COLORS = ((225, 235, 225), (140, 140, 150), (230, 140, 50), (40, 40, 40))
-"""Colours of the cells of a map by state, in the order of `STATES`."""
 
 
 def open_stream(
@@ -55,13 +51,6 @@ def layout(content: Any, timeline: str) -> rrb.Blueprint:
 def source_labels() -> rr.AnnotationContext:
     """Return names and colours of the values of `CorrectedDepth.source`."""
     labels = [rr.AnnotationInfo(id=int(s), label=s.name.lower(), color=color) for s, color in SOURCE_COLORS.items()]
-    return rr.AnnotationContext(labels)
-
-
-def cell_labels() -> rr.AnnotationContext:
-    """Return names and colours of the cells of a map."""
-    named = zip(STATES, CELL_COLORS, strict=True)
-    labels = [rr.AnnotationInfo(id=i, label=name, color=color) for i, (name, color) in enumerate(named)]
     return rr.AnnotationContext(labels)
 
 

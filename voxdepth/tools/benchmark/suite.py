@@ -6,12 +6,11 @@ import numpy as np
 from pydantic import Field
 from rich.console import Console
 
-from voxdepth.model import Model
-
-from ..errors import ScenarioError
-from ..results.provenance import CORRECTION, Provenance
-from ..results.table import Column, Table, Value
-from .frames import SIZE_PX, FrameLoop
+from ...model import Model
+from ..errors import ToolError
+from ..provenance import CORRECTION, Provenance
+from ..table import Column, Table, Value
+from .frames import FrameLoop
 from .librealsense import Comparison, compare_with_librealsense
 from .memory import CORRECTORS, Memory, measure_memory
 from .throughput import Throughput, compare_runs
@@ -61,19 +60,12 @@ class BenchmarkResults(Model):
     memory: list[Memory] = Field(default_factory=list)
 
 
-def valid_size(width_px: int | None, height_px: int | None) -> tuple[int, int]:
-    """Width and height of the images; those of the rendered images where none are given.
-
-    Raises:
-        ScenarioError: A side is too short or too long.
-    """
-    width_px = SIZE_PX[0] if width_px is None else width_px
-    height_px = SIZE_PX[1] if height_px is None else height_px
+def require_valid_size(width_px: int, height_px: int) -> None:
+    """Raise a `ToolError` for images with a side that is too short or too long."""
     if width_px not in SIDES_PX or height_px not in SIDES_PX:
-        raise ScenarioError(
+        raise ToolError(
             f"--size must have {SIDES_PX.start} to {SIDES_PX.stop - 1} pixels on each side, got {width_px}x{height_px}"
         )
-    return width_px, height_px
 
 
 def measure_quickly(loop: FrameLoop, report: Report) -> BenchmarkResults:

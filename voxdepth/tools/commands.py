@@ -1,5 +1,6 @@
-"""Commands that correct a recorded sequence, and print what can be configured of a corrector."""
+"""Commands of the library: they correct recordings, measure speed, check the installation, and open recordings."""
 
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from enum import StrEnum
@@ -8,16 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..errors import ScenarioError
-from .options import DEFAULT_CORRECTOR, counter
+from .errors import ToolError
+from .options import DEFAULT_CORRECTOR, counter, parsed_size
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
     from rich.console import Console
 
-    from voxdepth.corrector_spec import CorrectorSpec
-
-    from ..correction import Correction
+    from ..corrector_spec import CorrectorSpec
+    from .correction import Correction
 
 COMMENT_WIDTH = 110
 
@@ -49,7 +49,7 @@ def correct(
 
     from rich.console import Console
 
-    from ..correction import require_absent
+    from .correction import require_absent
 
     _refuse_mixing(folder, out, record)
     require_absent(out)
@@ -67,31 +67,30 @@ def correct(
 def _refuse_mixing(folder: Path, out: Path, record: Path | None) -> None:
     for option, path in (("--out", out), ("--record", record)):
         if path is not None and path.resolve().is_relative_to(folder.resolve()):
-            raise ScenarioError(
+            raise ToolError(
                 f"{option} {path} lies in the input {folder}, whose files would mix: name a place outside it"
             )
     if record is not None and record.resolve().is_relative_to(out.resolve()):
-        raise ScenarioError(f"--record {record} lies in --out {out}, which must be new: name a place outside it")
+        raise ToolError(f"--record {record} lies in --out {out}, which must be new: name a place outside it")
     if record is not None and record.suffix != ".rrd":
-        raise ScenarioError(f"--record must name an .rrd file, got {record}")
+        raise ToolError(f"--record must name an .rrd file, got {record}")
 
 
 def _planned(folder: Path, corrector: str, config: Path | None, format: Format, frames: int | None) -> "Correction":
     """Resolve and check everything before anything is written; restrict OpenCV to one thread and to silence."""
     import cv2
 
-    from voxdepth.datasets import open_dataset
-    from voxdepth.registry import config_of
-
-    from ..correction import Correction, CorrectionConfig
-    from ..results.provenance import CORRECTION, versions
+    from ..datasets import open_dataset
+    from ..registry import config_of
+    from .correction import Correction, CorrectionConfig
+    from .provenance import CORRECTION, versions
 
     cv2.setNumThreads(1)
     # Our errors report damaged images with the name of the file; OpenCV would print to the terminal.
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     dataset = open_dataset(folder, format.value)
     if len(dataset) < (frames or 1):
-        raise ScenarioError(f"{folder} has {len(dataset)} frames, {frames or 1} were asked for")
+        raise ToolError(f"{folder} has {len(dataset)} frames, {frames or 1} were asked for")
     spec = _spec(corrector, config)
     resolved = spec.resolved_config() or config_of(corrector)
     planned = CorrectionConfig(
@@ -111,30 +110,29 @@ def _spec(corrector: str, config: Path | None) -> "CorrectorSpec":
     """Read the configuration of a corrector from a TOML file, which may be the `config.toml` of an earlier result."""
     import pydantic
 
-    from voxdepth.corrector_spec import CorrectorSpec
-    from voxdepth.registry import config_of
-
-    from ..files import first_problem, read_toml
+    from ..corrector_spec import CorrectorSpec
+    from ..registry import config_of
+    from .files import first_problem, read_toml
 
     given = {} if config is None else read_toml(config)
     if config is not None and config_of(corrector) is None:
-        raise ScenarioError(f"{config}: the corrector {corrector!r} takes no configuration; leave out --config")
+        raise ToolError(f"{config}: the corrector {corrector!r} takes no configuration; leave out --config")
     if isinstance(given.get("config"), dict):
         made_by = given.get("corrector", corrector)
         if made_by != corrector:
-            raise ScenarioError(f"{config} configures the corrector {made_by!r}: ask for that with --corrector")
+            raise ToolError(f"{config} configures the corrector {made_by!r}: ask for that with --corrector")
         given = given["config"]
     try:
         return CorrectorSpec(name=corrector, config=given)
     except pydantic.ValidationError as error:
-        raise ScenarioError(f"{config or '--corrector'}: {first_problem(error, 'corrector')}") from error
+        raise ToolError(f"{config or '--corrector'}: {first_problem(error, 'corrector')}") from error
 
 
 def _print_report(console: "Console", report: Mapping[str, Any]) -> None:
     from rich.table import Table
 
-    from ..results.table import Column
-    from ..results.table import Table as ResultTable
+    from .table import Column
+    from .table import Table as ResultTable
 
     title = f"{report['folder']}, {report['format']}: {report['frames']} frames, corrector {report['corrector']}"
     table = Table(title=title, title_justify="left", show_header=False)
@@ -162,11 +160,11 @@ def config(
 
     Keep the lines that you change: voxdepth correct --config FILE takes the others from the corrector.
     """
-    from voxdepth.registry import config_of
+    from ..registry import config_of
 
     model = config_of(corrector)
     if model is None:
-        raise ScenarioError(f"the corrector {corrector!r} has nothing to configure")
+        raise ToolError(f"the corrector {corrector!r} has nothing to configure")
     for line in _lines(model, ""):
         typer.echo(line)
 
@@ -194,3 +192,80 @@ def _comment(text: str | None) -> list[str]:
     import textwrap
 
     return [f"# {line}" for line in textwrap.wrap(" ".join((text or "").split()), COMMENT_WIDTH)]
+
+
+def bench(
+    recording: Annotated[
+        Path | None, typer.Argument(metavar="DIR", help="A recorded sequence to measure with. Default: drawn frames.")
+    ] = None,
+    size: Annotated[str | None, typer.Option(help="Image size, as in 160x120. Default: that of the frames.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Leave out other sizes, files and memory.")] = False,
+    json: Annotated[Path | None, typer.Option(metavar="FILE", help="JSON file for all figures.")] = None,
+) -> None:
+    """Measure how fast the corrector is here: its steps, by library and by image size, pipelined, and its memory."""
+    from rich.console import Console
+
+    from .benchmark.frames import load_frames
+    from .benchmark.suite import measure_quickly, measure_rest, print_results, require_valid_size
+    from .files import write
+
+    wanted = parsed_size(size)
+    if wanted is not None:
+        require_valid_size(*wanted)
+    if json is not None and (json.is_dir() or not json.parent.is_dir()):
+        raise ToolError(f"--json must name a file in an existing folder, got {json}")
+    console = Console()
+    with console.status("") as status:
+        status.update("loading frames")
+        loop = load_frames(recording)
+        loop = loop if wanted is None else loop.resized(*wanted)
+        results = measure_quickly(loop, status.update)
+        if not quick:
+            results = measure_rest(results, loop, status.update)
+    print_results(console, results)
+    if json is not None:
+        write(json, f"{results.model_dump_json(indent=2)}\n".encode())
+        typer.echo(f"all figures are in {json}")
+
+
+def view(
+    path: Annotated[Path, typer.Argument(help="Folder of a run, or an .rrd file.")],
+    web: Annotated[
+        bool, typer.Option("--web", help="Serve to a browser on 127.0.0.1 instead of opening a window.")
+    ] = False,
+) -> None:
+    """Open a recording in the Rerun viewer."""
+    open_viewer(path / "run.rrd" if path.is_dir() else path, web=web)
+
+
+def doctor() -> None:
+    """Check the installation on this machine and suggest a remedy for each problem."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from .cli import extensions
+    from .doctor import examine
+
+    findings = [*examine(), *(finding for extension in extensions() for finding in extension.checks())]
+    table = Table("", "found", "what to do")
+    for finding in findings:
+        mark = "[green]ok[/green]" if finding.ok else "[red]no[/red]"
+        table.add_row(f"{mark} {finding.what}", finding.state, finding.remedy)
+    Console().print(table)
+    if not all(finding.ok for finding in findings):
+        raise typer.Exit(1)
+
+
+def open_viewer(path: Path, *, web: bool = False) -> None:
+    """Start the Rerun viewer with a recording."""
+    import subprocess
+
+    if (path.parent / "calibration.toml").is_file():
+        raise ToolError(f"{path.parent} is a recording of a sequence: look at it with voxdepth sheet {path.parent}")
+    if not path.is_file():
+        raise ToolError(f"there is no recording at {path}; runs with --record have a file run.rrd in their folder")
+    if path.suffix != ".rrd":
+        raise ToolError(f"{path} is no recording of a run: expected a folder of a run, or an .rrd file")
+    command = [sys.executable, "-m", "rerun", str(path), "--bind", "127.0.0.1"]
+    if subprocess.run([*command, "--serve-web"] if web else command, check=False).returncode:
+        raise ToolError(f"the viewer could not show {path}; without a display, try --web")

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import cv2
 
-from voxdepth.datasets import Dataset, open_dataset
-from voxdepth.model import Model
-from voxdepth.paper.config import PaperConfig
-from voxdepth.pipeline import CorrectionPipeline
-from voxdepth.types import DepthCorrector, Frame
-
+from ...datasets import Dataset, open_dataset
+from ...model import Model
+from ...paper.config import PaperConfig
+from ...pipeline import CorrectionPipeline
+from ...types import DepthCorrector, Frame
 from .frames import FrameLoop, write_tum
 from .timings import FusionRecorder, Latency
 

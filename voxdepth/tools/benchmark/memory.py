@@ -9,10 +9,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from voxdepth import PaperVoxDepth, VoxDepth
-from voxdepth.model import Model
-from voxdepth.types import Intrinsics
-
+from ... import PaperVoxDepth, VoxDepth
+from ...model import Model
+from ...types import Intrinsics
 from .frames import FrameLoop
 
 STATUS, CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
@@ -55,9 +54,6 @@ def measure_memory(corrector: str, loop: FrameLoop) -> Memory | None:
 
 def memory_here(corrector: str, folder: Path, intrinsics: Intrinsics) -> Memory:
     """Memory of one of `CORRECTORS` in this process, which should be new, on the frames that were saved to a folder."""
-    from ..quiet import import_noisy_libraries
-
-    import_noisy_libraries()
     tiny = Intrinsics.from_hfov(width_px=TINY_PX[0], height_px=TINY_PX[1], hfov_deg=90)
     gray, depth_m = np.zeros(tiny.shape, np.uint8), np.ones(tiny.shape, np.float32)
     correct(FrameLoop(intrinsics=tiny, grays=(gray, gray), depths_m=(depth_m, depth_m)), corrector)

@@ -1,7 +1,7 @@
 """A few frames that a measurement plays for as long as it lasts, from memory or from files."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import chain, cycle, islice
 from pathlib import Path
 from typing import Any
@@ -9,19 +9,15 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
+import tomli_w
 
-from sim.recording import CALIBRATION, calibration_toml
-from sim.types import Capture
-from voxdepth.types import FloatImage, Frame, GrayImage, Intrinsics
+from ...datasets import open_dataset
+from ...datasets.files import CALIBRATION
+from ...types import FloatImage, Frame, GrayImage, Intrinsics
+from .drawn import WALK, walk
 
-from ..sequences import captures, load_sequence
-
-SEQUENCE = "sim-LN"
-"""A walk over a lawn, with depth by stereo matching."""
-SIZE_PX = (640, 360)
-"""Width and height of the rendered images."""
-N_RENDERED = 16
-"""Number of rendered frames; each takes half a second."""
+N_IMAGES = 16
+"""Number of images in a loop."""
 RATE_HZ = 30.0
 UNITS_PER_M = 5000.0
 """Depth scale of the TUM RGB-D format."""
@@ -38,13 +34,10 @@ class FrameLoop:
     """Depth along the optical axis [m], each of shape (H, W), float32; 0 = invalid."""
 
     @classmethod
-    def of(cls, frames: Sequence[Capture]) -> "FrameLoop":
-        """A loop of the left images and raw depths of rendered frames, of which there must be at least one."""
-        return cls(
-            intrinsics=frames[0].intrinsics,
-            grays=tuple(frame.gray_left for frame in frames),
-            depths_m=tuple(frame.depth_raw_m for frame in frames),
-        )
+    def of(cls, intrinsics: Intrinsics, frames: Sequence[Frame]) -> "FrameLoop":
+        """A loop of the images of frames, of which there must be at least one."""
+        grays, depths_m = zip(*((frame.gray, frame.depth_m) for frame in frames), strict=True)
+        return cls(intrinsics=intrinsics, grays=grays, depths_m=depths_m)
 
     @property
     def size(self) -> str:
@@ -75,11 +68,16 @@ class FrameLoop:
         return islice(cycle(chain(range(n), range(n - 2, 0, -1))), frames)
 
 
-def render_frames() -> FrameLoop:
-    """Render the beginning of a shipped sequence."""
-    width_px, height_px = SIZE_PX
-    planned = load_sequence(SEQUENCE, 0, {"rig.width_px": width_px, "rig.height_px": height_px})
-    return FrameLoop.of(list(captures(planned, N_RENDERED)))
+def load_frames(recording: Path | None) -> FrameLoop:
+    """Return the first frames of a recorded sequence in a format of `open_dataset`, or drawn ones if there is none.
+
+    Raises:
+        DatasetError: The recording cannot be read.
+    """
+    if recording is None:
+        return FrameLoop.of(WALK, list(walk(N_IMAGES)))
+    dataset = open_dataset(recording)
+    return FrameLoop.of(dataset.intrinsics, [dataset[index] for index in range(min(N_IMAGES, len(dataset)))])
 
 
 def write_tum(loop: FrameLoop, folder: Path, frames: int) -> None:
@@ -102,4 +100,5 @@ def write_tum(loop: FrameLoop, folder: Path, frames: int) -> None:
                 (folder / name).hardlink_to(folder / kind / f"{index:06d}.png")
             lines.append(f"{k / RATE_HZ:.6f} {name}\n")
         (folder / f"{kind}.txt").write_text("".join(lines), encoding="utf-8")
-    (folder / CALIBRATION).write_text(calibration_toml(loop.intrinsics), encoding="utf-8")
+    calibration = {key: value for key, value in asdict(loop.intrinsics).items() if value is not None}
+    (folder / CALIBRATION).write_text(tomli_w.dumps(calibration), encoding="utf-8")

@@ -1,0 +1,124 @@
+"""The command line. Heavy modules are imported where they are used, so that `--help` answers quickly.
+
+Other packages add commands by the entry-point group `voxdepth.extensions`, whose entries are of the type `Extension`.
+The testbed of this project is one: its commands are there in a checkout, and not where only the library is installed.
+"""
+
+import os
+import re
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points, requires, version
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from ..errors import VoxDepthError
+from . import commands
+from .options import INTERRUPTED
+
+if TYPE_CHECKING:
+    from .doctor import Finding
+
+os.environ.setdefault("RERUN_ANALYTICS_ENABLED", "0")
+
+EXTENSIONS = "voxdepth.extensions"
+PANELS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
+    ("Corrector", (commands.correct, commands.config, commands.bench)),
+    ("General", (commands.view, commands.doctor)),
+)
+"""Commands of the library by the heading of `--help`."""
+USER_ERROR = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extension:
+    """What another package adds to the command line."""
+
+    add_commands: Callable[[typer.Typer], None]
+    errors: tuple[type[Exception], ...] = ()
+    """Errors that are printed in one line, beside those of the library."""
+    checks: Callable[[], "Sequence[Finding]"] = tuple
+    """What `voxdepth doctor` checks beside the library."""
+
+
+class Commands(TyperGroup):
+    """The commands; an unknown one may belong to the testbed."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find a command, see `click.Group`."""
+        if not extensions() and self.get_command(ctx, args[0]) is None:
+            ctx.fail(f"No such command {args[0]!r}. Commands that simulate come with a checkout of the project.")
+        return super().resolve_command(ctx, args)
+
+
+@cache
+def extensions() -> tuple[Extension, ...]:
+    """The extensions that are installed. The testbed is an entry of the library, whose package may be missing."""
+    found = []
+    for entry in entry_points(group=EXTENSIONS):
+        try:
+            found.append(entry.load())
+        except ModuleNotFoundError as error:
+            if not entry.module.startswith(str(error.name)):
+                raise
+    return tuple(found)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"voxdepth {version('voxdepth')}")
+        raise typer.Exit
+
+
+def start(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Depth correction for stereo cameras, tested in a simulated drone swarm that navigates with it."""
+
+
+def create_app() -> typer.Typer:
+    """The command line with the commands of all extensions."""
+    app = typer.Typer(
+        name="voxdepth", cls=Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
+    )
+    app.callback()(start)
+    for extension in extensions():
+        extension.add_commands(app)
+    for panel, added in PANELS:
+        for command in added:
+            app.command(rich_help_panel=panel)(command)
+    return app
+
+
+def main() -> None:
+    """Run the command line; our own errors print one line and exit with code 2."""
+    ours: tuple[type[Exception], ...] = sum((extension.errors for extension in extensions()), (VoxDepthError,))
+    try:
+        create_app()()
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
+    except ours as error:
+        _fail(str(error))
+    except ModuleNotFoundError as error:
+        _fail(_missing(error))
+
+
+def _fail(message: str) -> None:
+    typer.echo(f"voxdepth: {message}", err=True)
+    sys.exit(USER_ERROR)
+
+
+def _missing(error: ModuleNotFoundError) -> str:
+    """Say which extra brings a package; raise the error if none does."""
+    module = str(error.name).split(".")[0]
+    for text in requires("voxdepth") or ():
+        found = re.match(r"([\w.-]+).*; extra == ['\"](\w+)['\"]", text)
+        if found and found[1].lower().split("-")[0] == module:
+            return f"this needs the package {found[1]}: pip install 'voxdepth[{found[2]}]'"
+    raise error

@@ -1,0 +1,37 @@
+"""What several commands share: options, the parsing of their texts, and the progress bar."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from .errors import ToolError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+DEFAULT_CORRECTOR = "voxdepth"
+"""The same word as in the registry, which is not imported for `--help`."""
+INTERRUPTED = 130
+"""Exit code after Ctrl-C."""
+
+
+def parsed_size(text: str | None) -> tuple[int, int] | None:
+    """Return width and height of an image size, None when none is given."""
+    if text is None:
+        return None
+    width, cross, height = text.partition("x")
+    if not (cross and width.isdecimal() and height.isdecimal()):
+        raise ToolError(f"--size must look like 160x120, got {text!r}")
+    return int(width), int(height)
+
+
+@contextmanager
+def counter(console: "Console", activity: str, total: int, unit: str = "frames") -> Iterator[Callable[..., None]]:
+    """Show a progress bar and give the function that takes the number of finished units and the activity."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    activity_column = TextColumn("{task.description}")
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn(unit), TimeRemainingColumn(), activity_column)
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task(activity, total=total)
+        yield lambda finished, now=activity: bar.update(task, completed=finished, description=now)

@@ -1,0 +1,92 @@
+"""What a result was made with: versions of packages, the machine, and the commit of the source."""
+
+import os
+import platform
+import subprocess
+from collections.abc import Sequence
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Self
+
+from ..model import Model
+
+CORRECTION = ("voxdepth", "numpy", "opencv-python-headless", "warp-lang")
+"""Packages whose versions may change a corrected depth."""
+
+CPU_INFO = Path("/proc/cpuinfo")
+
+
+class Provenance(Model):
+    """Versions, machine and source, written next to every result."""
+
+    processor: str
+    logical_processors: int
+    platform: str
+    """Architecture and operating system."""
+    python: str
+    gpus: tuple[str, ...]
+    """Names of the CUDA devices that Warp finds."""
+    load: float
+    """Mean number of running processes in the minute before: if it is not about 0, other work slowed this one down."""
+    commit: str | None
+    """Of the source tree, with a plus sign if files were changed since; None if the code is not in a Git checkout."""
+    versions: dict[str, str]
+
+    @classmethod
+    def here(cls, packages: Sequence[str] = CORRECTION) -> Self:
+        """Return the provenance of a result that is made now in this process."""
+        import warp as wp
+
+        return cls(
+            processor=processor_name(),
+            logical_processors=os.cpu_count() or 1,
+            platform=f"{platform.machine()}, {platform.system()}",
+            python=platform.python_version(),
+            gpus=tuple(str(device.name) for device in wp.get_cuda_devices()),
+            load=os.getloadavg()[0],
+            commit=source_commit(),
+            versions=versions(packages),
+        )
+
+
+def versions(packages: Sequence[str] = CORRECTION) -> dict[str, str]:
+    """Return installed versions by the name of a distribution; `not installed` for one that is missing."""
+    found = {}
+    for name in packages:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def machine() -> str:
+    """Describe this machine in one line."""
+    return f"{processor_name()}, {os.cpu_count()} logical processors, {platform.machine()}, {platform.system()}"
+
+
+def processor_name() -> str:
+    """Return the name of the processor, or the architecture where the system does not tell it."""
+    text = CPU_INFO.read_text(encoding="utf-8") if CPU_INFO.exists() else ""
+    for line in text.splitlines():
+        key, _, value = line.partition(":")
+        if key.strip() == "model name":
+            return value.strip()
+    return platform.machine()
+
+
+@cache
+def source_commit() -> str | None:
+    """Return the commit of the checkout of this code, with a plus sign after changes; None outside of a checkout."""
+    try:
+        _git("ls-files", "--error-unmatch", __file__)  # An installed copy may lie in the checkout of something else.
+        commit = _git("rev-parse", "--short=12", "HEAD")
+        return f"{commit}+" if _git("status", "--porcelain", "--untracked-files=no") else commit
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def _git(*arguments: str) -> str:
+    command = ["git", "-C", str(Path(__file__).parent), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()

@@ -1,0 +1,85 @@
+"""Recordings of corrected frames for the Rerun viewer."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ..types import CorrectedDepth, Frame
+from .correction import encode, to_gray
+from .files import atomic
+from .stream import depth_image, gray_image, layout, open_stream, source_labels
+
+VIEWS = ("gray", "depth/raw", "depth/corrected", "source", "confidence")
+MILLISECONDS = 1000.0
+
+
+@contextmanager
+def recording(path: Path, recording_id: str) -> Iterator[Callable[[int, Frame, CorrectedDepth], None]]:
+    """Give the function that records a frame into a new `.rrd` file, which appears when it is complete.
+
+    An existing file is replaced; a failure is a `ToolError`. `recording_id` is equal for recordings of the same
+    input and corrector, so that they can be compared.
+    """
+    curves = rrb.Horizontal(
+        rrb.TimeSeriesView(name="diagnostics", origin="diagnostics"),
+        rrb.TimeSeriesView(name="time per step [ms]", origin="timings"),
+        rrb.StateTimelineView(name="states", origin="state"),
+    )
+    images = rrb.Grid(*(view_of(name) for name in VIEWS), grid_columns=3)
+    blueprint = layout(rrb.Vertical(images, curves, row_shares=[3, 1]), "frame")
+    with stream_into(path, "voxdepth-correct", recording_id, blueprint) as stream:
+        stream.log("source", source_labels(), static=True)
+        first_s: float | None = None
+
+        def log(index: int, frame: Frame, corrected: CorrectedDepth) -> None:
+            nonlocal first_s
+            first_s = frame.stamp_s if first_s is None else first_s
+            stream.set_time("frame", sequence=index)
+            stream.set_time("time", duration=frame.stamp_s - first_s)
+            _log_images(stream, frame, corrected)
+            _log_diagnostics(stream, corrected)
+
+        yield log
+
+
+@contextmanager
+def stream_into(
+    path: Path, application: str, recording_id: str, blueprint: rrb.Blueprint
+) -> Iterator[rr.RecordingStream]:
+    """Give a stream into a new `.rrd` file, which appears when it is complete and replaces an existing one."""
+    with atomic(path) as temporary:
+        temporary.touch()
+        stream = open_stream(application, temporary, recording_id, blueprint)
+        try:
+            yield stream
+        finally:
+            stream.flush()
+            stream.disconnect()
+
+
+def view_of(name: str) -> rrb.Spatial2DView:
+    """A view of one image, with its name in words."""
+    return rrb.Spatial2DView(name=name.replace("/", ", ").replace("_", ", "), origin=name)
+
+
+def _log_images(stream: rr.RecordingStream, frame: Frame, corrected: CorrectedDepth) -> None:
+    stream.log("gray", gray_image(frame.gray))
+    stream.log("depth/raw", depth_image(frame.depth_m))
+    stream.log("depth/corrected", depth_image(corrected.depth_m))
+    stream.log("source", rr.SegmentationImage(corrected.source))
+    confidence = encode(to_gray(corrected.confidence))
+    stream.log("confidence", rr.EncodedImage(contents=confidence, media_type="image/png"))
+
+
+def _log_diagnostics(stream: rr.RecordingStream, corrected: CorrectedDepth) -> None:
+    facts = {} if corrected.diagnostics is None else corrected.diagnostics.facts()
+    for name, value in facts.items():
+        if isinstance(value, str):
+            stream.log(f"state/{name}", rr.StateChange(state=value.replace("_", " ")))
+        else:
+            stream.log(f"diagnostics/{name}", rr.Scalars([float(value)]))
+    for step, time_s in corrected.timings_s.items():
+        stream.log(f"timings/{step}", rr.Scalars([time_s * MILLISECONDS]))
