@@ -2,7 +2,7 @@
 
 from typing import get_args
 
-from scenarios.commands.options import DEFAULT_CORRECTOR, Depth, RendererName
+from scenarios.commands.options import Depth, RendererName
 from scenarios.commands.swarm import Prior
 from scenarios.config import Scenario, load_run
 from sim.depth_noise import SENSOR_MODEL_NAMES
@@ -12,6 +12,7 @@ from voxdepth.datasets import DATASET_FORMATS
 from voxdepth.registry import DEFAULT, config_of
 from voxdepth.temporal.config import VoxDepthConfig
 from voxdepth.tools.commands import Format
+from voxdepth.tools.options import DEFAULT_CORRECTOR
 
 
 def test_the_command_line_speaks_the_words_of_the_library() -> None:
