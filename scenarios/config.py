@@ -18,16 +18,16 @@ class Acceptance(Model):
 
     depth: SensorModelName = "truth"
     corrector: str = "raw"
-    width_px: int = Field(160, ge=32)
-    height_px: int = Field(120, ge=32)
-    min_success_share: float = Field(0.9, ge=0, le=1)
+    width_px: int = Field(default=160, ge=32)
+    height_px: int = Field(default=120, ge=32)
+    min_success_share: float = Field(default=0.9, ge=0, le=1)
     """Smallest share of seeds that end in success."""
 
 
 class RecordingConfig(Model):
     """Contents of the Rerun recording."""
 
-    image_every: int = Field(4, ge=1)
+    image_every: int = Field(default=4, ge=1)
     """Every n-th capture of a drone is recorded with its images; everything else is recorded in full."""
 
 

@@ -67,7 +67,7 @@ class Rims(NoiseTerm):
     """Least and largest width by which a near surface is drawn over the background."""
     erode_px: Pixels = (0, 0)
     """Least and largest width of the background beside an occlusion shadow that is invalid, too."""
-    cell_m: float = Field(0.02, gt=0)
+    cell_m: float = Field(default=0.02, gt=0)
     """Side of a place [m]; smaller places make rougher rims."""
 
     def apply(self, image: NoisyDepth) -> None:
@@ -93,7 +93,7 @@ class Rims(NoiseTerm):
 class Specks(NoiseTerm):
     """Connected specks of a depth of their own. Those of a place have the same shape and depth in every frame."""
 
-    share: float = Field(0.0, ge=0, le=1)
+    share: float = Field(default=0.0, ge=0, le=1)
     """Share of the places that have a speck."""
     where: Literal["shadows", "holes", "anywhere"] = "anywhere"
     """Pixels whose places may have specks: occlusion shadows inside of the image, invalid pixels outside of
@@ -102,11 +102,11 @@ class Specks(NoiseTerm):
     """Least and largest number of pixels; the logarithm of the size is uniform. Shadows cut their specks off."""
     ratio: Ratios = (0.25, 0.6)
     """Least and largest depth relative to the true depth of the place."""
-    true_share: float = Field(0.0, ge=0, le=1)
+    true_share: float = Field(default=0.0, ge=0, le=1)
     """Share of the specks that show the true depth instead."""
-    persistence: float = Field(0.85, ge=0, le=1)
+    persistence: float = Field(default=0.85, ge=0, le=1)
     """Probability of a speck in each frame."""
-    cell_m: float = Field(0.1, gt=0)
+    cell_m: float = Field(default=0.1, gt=0)
     """Side of a place [m]; smaller places have more specks."""
 
     @property
@@ -149,13 +149,13 @@ class Specks(NoiseTerm):
 class NoReturn(NoiseTerm):
     """Dark surfaces, and the glossy part of others, return too little light of a projector."""
 
-    below_albedo: float = Field(0.0, ge=0, le=1)
+    below_albedo: float = Field(default=0.0, ge=0, le=1)
     """Surfaces that reflect a smaller share of the light have no depth."""
-    gloss: float = Field(0.0, ge=0)
+    gloss: float = Field(default=0.0, ge=0)
     """Factor of the share of each surface that is glossy: 0 ignores gloss, and 1 takes that share of its places."""
-    cell_m: float = Field(0.04, gt=0)
+    cell_m: float = Field(default=0.04, gt=0)
     """Side of a place [m]."""
-    patch_px: float = Field(4.0, gt=0)
+    patch_px: float = Field(default=4.0, gt=0)
     """Size of the patches that glossy places form, as the sigma of a Gaussian."""
 
     def apply(self, image: NoisyDepth) -> None:

@@ -178,15 +178,15 @@ class MovingSphere(Model):
     Collisions do not stop it. A recording ends with an error where the sphere reaches the camera.
     """
 
-    radius_m: float = Field(0.25, gt=0)
+    radius_m: float = Field(default=0.25, gt=0)
     from_m: Offset
     """Position at time 0."""
     to_m: Offset
     """Position where the sphere turns back."""
     speed_m_s: float = Field(gt=0)
-    albedo: float = Field(0.6, ge=0, le=1)
+    albedo: float = Field(default=0.6, ge=0, le=1)
     """Share of the light that is reflected."""
-    texture: float = Field(1.0, ge=0)
+    texture: float = Field(default=1.0, ge=0)
     """Strength of the texture; a stereo camera cannot match a textureless surface, which has 0."""
 
     @model_validator(mode="after")
@@ -210,18 +210,18 @@ class Weather(Model):
 
     sun_azimuth_deg: float = -38.0
     """Direction to the sun, from the world's x axis towards y."""
-    sun_elevation_deg: float = Field(55.0, gt=0, le=90)
-    ambient: float = Field(0.55, ge=0, le=1)
+    sun_elevation_deg: float = Field(default=55.0, gt=0, le=90)
+    ambient: float = Field(default=0.55, ge=0, le=1)
     """Share of ambient light; 1 is an overcast sky without contrast."""
     shadows: bool = False
     """Whether static bodies cast shadows. Shadows cost as many rays as the image itself."""
-    haze_m: float = Field(260.0, gt=0)
+    haze_m: float = Field(default=260.0, gt=0)
     """Distance at which haze hides 63 % of the light of a surface."""
-    sky: float = Field(0.80, ge=0, le=1)
+    sky: float = Field(default=0.80, ge=0, le=1)
     """Brightness of the sky at the horizon, and of haze."""
-    clouds: float = Field(0.22, ge=0)
+    clouds: float = Field(default=0.22, ge=0)
     """Contrast of the clouds; 0 is a uniform sky."""
-    exposure: float = Field(1.25, gt=0)
+    exposure: float = Field(default=1.25, gt=0)
 
     @property
     def to_sun(self) -> tuple[float, float, float]:

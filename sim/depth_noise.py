@@ -70,7 +70,7 @@ class NoiseTerm(Model, ABC):
 class Scale(NoiseTerm):
     """`D + D beta` with `beta ~ U[-theta, theta]`, drawn for every frame: paper, Eq. noisesim."""
 
-    theta: float = Field(0.0, ge=0, le=1)
+    theta: float = Field(default=0.0, ge=0, le=1)
     """Noise ratio threshold; 0 disables the term, and more than 1 would make depths negative."""
     unit: Literal["object", "frame", "pixel"] = "object"
     """The unit that shares one draw."""
@@ -89,9 +89,9 @@ class Scale(NoiseTerm):
 class Disparity(NoiseTerm):
     """Gaussian noise of the disparity, which is then rounded to whole steps."""
 
-    sigma_px: float = Field(0.0, ge=0)
+    sigma_px: float = Field(default=0.0, ge=0)
     """Standard deviation of the disparity. The depth error grows with the square of the depth."""
-    step_px: float = Field(0.0, ge=0)
+    step_px: float = Field(default=0.0, ge=0)
     """Quantisation step of the disparity; 0 disables rounding. A RealSense D400 has 1/32 px."""
 
     def apply(self, image: NoisyDepth) -> None:
@@ -110,13 +110,13 @@ class Disparity(NoiseTerm):
 class Flicker(NoiseTerm):
     """Square patches of pixels that drop out or change their depth for one frame."""
 
-    dropout: float = Field(0.0, ge=0, le=1)
+    dropout: float = Field(default=0.0, ge=0, le=1)
     """Share of patches without depth."""
-    jump: float = Field(0.0, ge=0, le=1)
+    jump: float = Field(default=0.0, ge=0, le=1)
     """Share of patches with a wrong depth."""
-    jump_ratio: float = Field(0.3, ge=0, lt=1)
+    jump_ratio: float = Field(default=0.3, ge=0, lt=1)
     """Error of a patch with a wrong depth, nearer or farther, relative to its depth."""
-    patch_px: int = Field(4, ge=1)
+    patch_px: int = Field(default=4, ge=1)
     """Side of a patch."""
 
     @model_validator(mode="after")
@@ -139,7 +139,7 @@ class Flicker(NoiseTerm):
 class Textureless(NoiseTerm):
     """Surfaces with too little texture have no depth."""
 
-    below_texture: float = Field(0.0, ge=0)
+    below_texture: float = Field(default=0.0, ge=0)
     """Surfaces with a weaker texture than this are invalid; 0 disables the term."""
 
     def apply(self, image: NoisyDepth) -> None:

@@ -15,20 +15,20 @@ GRAVITY_M_S2 = 9.81
 class AirframeConfig(Model):
     """Size, limits and gains of every drone."""
 
-    mass_kg: float = Field(1.2, gt=0)
-    radius_m: float = Field(0.25, gt=0)
+    mass_kg: float = Field(default=1.2, gt=0)
+    radius_m: float = Field(default=0.25, gt=0)
     """Radius of the collision sphere [m]."""
-    max_speed_m_s: float = Field(5.0, gt=0)
-    max_accel_m_s2: float = Field(4.0, gt=0)
+    max_speed_m_s: float = Field(default=5.0, gt=0)
+    max_accel_m_s2: float = Field(default=4.0, gt=0)
     """Largest acceleration that the velocity controller demands."""
-    max_tilt_deg: float = Field(30.0, gt=0, lt=90)
-    max_thrust_to_weight: float = Field(2.0, gt=1)
-    motor_lag_s: float = Field(0.04, gt=0)
+    max_tilt_deg: float = Field(default=30.0, gt=0, lt=90)
+    max_thrust_to_weight: float = Field(default=2.0, gt=1)
+    motor_lag_s: float = Field(default=0.04, gt=0)
     """Time constant with which thrust and torque follow the command."""
-    velocity_gain_per_s: float = Field(2.5, gt=0)
-    attitude_gain_per_s2: float = Field(90.0, gt=0)
-    rate_gain_per_s: float = Field(18.0, gt=0)
-    drag_per_s: float = Field(0.1, ge=0)
+    velocity_gain_per_s: float = Field(default=2.5, gt=0)
+    attitude_gain_per_s2: float = Field(default=90.0, gt=0)
+    rate_gain_per_s: float = Field(default=18.0, gt=0)
+    drag_per_s: float = Field(default=0.1, ge=0)
     """Linear air drag: deceleration per speed."""
 
 

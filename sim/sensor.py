@@ -33,42 +33,42 @@ SETTLED = 4
 class RigConfig(Model):
     """A stereo camera and its sensor model. The default lens resembles that of a RealSense D455."""
 
-    width_px: int = Field(320, ge=32, le=4096)
-    height_px: int = Field(180, ge=32, le=4096)
-    decimate: Annotated[int, LATER] = Field(1, ge=1, le=8)
+    width_px: int = Field(default=320, ge=32, le=4096)
+    height_px: int = Field(default=180, ge=32, le=4096)
+    decimate: Annotated[int, LATER] = Field(default=1, ge=1, le=8)
     """Factor by which captures are smaller than the images that are rendered and matched; it must divide both sides.
     Depth is the median of the valid pixels of a block up to a factor of 3, and their mean from 4 on. The sensor model
     `truth` has nothing to match and renders the smaller images at once."""
-    hfov_deg: float = Field(86.0, gt=10, lt=170)
-    baseline_m: float = Field(0.095, gt=0)
-    rate_hz: float = Field(10.0, gt=0, le=240)
+    hfov_deg: float = Field(default=86.0, gt=10, lt=170)
+    baseline_m: float = Field(default=0.095, gt=0)
+    rate_hz: float = Field(default=10.0, gt=0, le=240)
     """Captures per second, at most one per step of physics."""
-    mount_forward_m: float = Field(0.27, ge=0)
+    mount_forward_m: float = Field(default=0.27, ge=0)
     """Distance of the camera ahead of the drone's centre [m]. Inside the airframe it would see its own drone."""
     depth: SensorModelName = "stereo"
     """The sensor model: `truth` reads the true depth, `noisy` adds noise to it, and `stereo` matches both images."""
     noise: DepthNoise = DepthNoise()
     """Noise terms of the sensor model `noisy`."""
-    max_depth_m: float = Field(40.0, gt=0)
+    max_depth_m: float = Field(default=40.0, gt=0)
     """Reading for the sky and for surfaces farther away."""
-    photon_sigma: float = Field(1.5, ge=0)
+    photon_sigma: float = Field(default=1.5, ge=0)
     """Standard deviation of the noise of the gray images, in gray levels of 255."""
-    exposure_sigma: float = Field(0.0, ge=0)
+    exposure_sigma: float = Field(default=0.0, ge=0)
     """Standard deviation of the logarithm of a frame's brightness, which is the same in both images."""
-    exposure_settling_frames: Annotated[float, LATER] = Field(0.0, ge=0, le=100)
+    exposure_settling_frames: Annotated[float, LATER] = Field(default=0.0, ge=0, le=100)
     """Number of frames in which automatic exposure reduces an error of brightness to 37 %. Longer errors are harder to
     bridge. With 0, brightness changes from frame to frame, as under flickering light."""
     stereo: StereoConfig = StereoConfig()
-    color_offset_m: Annotated[float | None, LATER] = Field(None, gt=0)
+    color_offset_m: Annotated[float | None, LATER] = Field(default=None, gt=0)
     """Distance of a colour camera from the left one, away from the right one [m]. With it, depth is aligned to that
     camera, and the gray image, the truth and the pose are its own: shadows are those of the longer baseline."""
-    projected_texture: Annotated[float | None, LATER] = Field(None, gt=0)
+    projected_texture: Annotated[float | None, LATER] = Field(default=None, gt=0)
     """Contrast of a dot pattern that a projector beside the left camera adds to the images of the pair, as a share of
     their brightness at 0 m. It falls to a half at 3 m. A colour camera does not see it."""
     projector: Annotated[Literal["left"] | None, LATER] = None
     """A projector of structured light takes the place of the second camera, one baseline to the left of the camera, so
     that shadows are on the right of near surfaces. It needs the sensor model `noisy`."""
-    shutter: Annotated[float | None, LATER] = Field(None, ge=2 / SUBFRAMES, le=1)
+    shutter: Annotated[float | None, LATER] = Field(default=None, ge=2 / SUBFRAMES, le=1)
     """Share of the time of a frame in which the shutter is open, in steps of 1/12. The images are means over that time,
     so that motion blurs them, and the truth and the pose are those of its middle."""
     artefacts: Annotated[Artefacts | None, LATER] = None

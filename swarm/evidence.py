@@ -22,24 +22,24 @@ class EvidenceConfig(Model):
     Free space must be proven, and a surface need not: a doubtful depth says that something may be near.
     """
 
-    cell_deg: float = Field(5.0, gt=0.5, le=45)
+    cell_deg: float = Field(default=5.0, gt=0.5, le=45)
     """Angle that a cell of the image covers in its middle."""
-    min_confidence: float = Field(0.5, ge=0, le=1)
+    min_confidence: float = Field(default=0.5, ge=0, le=1)
     """Pixels of at least this confidence are trusted: they are more likely right than not."""
-    min_trusted_share: float = Field(0.6, gt=0, le=1)
+    min_trusted_share: float = Field(default=0.6, gt=0, le=1)
     """Share of the pixels of a cell that must be trusted; a cell with fewer proves no free space."""
-    max_hidden_m: float = Field(0.1, gt=0)
+    max_hidden_m: float = Field(default=0.1, gt=0)
     """Width of the part of a cell without trusted pixels up to which the cell is free: it may show the edge of a wall
     beside which the drone looks past, and is wider the farther away that is."""
-    free_percentile: float = Field(10.0, ge=0, le=100)
+    free_percentile: float = Field(default=10.0, ge=0, le=100)
     """Percentile of the trusted depths up to which a cell is free, if it shows no surface before that; 0 would let one
     noisy pixel decide."""
-    disparity_error_px: float = Field(0.35, ge=0)
+    disparity_error_px: float = Field(default=0.35, ge=0)
     """Error of the matched disparity, which shortens the free depth. It is a share of a pixel of the images that were
     matched; they may be larger than the depth image."""
-    min_surface_confidence: float = Field(0.1, ge=0, le=1)
+    min_surface_confidence: float = Field(default=0.1, ge=0, le=1)
     """Pixels of at least this confidence show a surface."""
-    surface_percentile: float = Field(8.0, ge=0, le=100)
+    surface_percentile: float = Field(default=8.0, ge=0, le=100)
     """Percentile of these depths at which a cell shows a surface."""
 
     @model_validator(mode="after")

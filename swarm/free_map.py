@@ -27,33 +27,33 @@ MARGIN_M = 2.0
 class MapConfig(Model):
     """Size and rules of the map."""
 
-    reach_m: float = Field(10.0, gt=2)
+    reach_m: float = Field(default=10.0, gt=2)
     """Distance from the drone to the sides of the map, at least."""
-    height_m: float = Field(2.0, gt=0)
+    height_m: float = Field(default=2.0, gt=0)
     """Height of the map, half above and half below the drone, at least."""
-    voxel_m: float = Field(0.25, gt=0.01)
+    voxel_m: float = Field(default=0.25, gt=0.01)
     """Horizontal side of a voxel."""
-    layer_m: float = Field(0.5, gt=0.01)
+    layer_m: float = Field(default=0.5, gt=0.01)
     """Height of a voxel."""
-    min_passed: int = Field(2, ge=1, le=100)
+    min_passed: int = Field(default=2, ge=1, le=100)
     """Images that must see through a voxel until it is free."""
-    min_vain: int = Field(5, ge=1, le=100)
+    min_vain: int = Field(default=5, ge=1, le=100)
     """Images in a row that show nothing in a voxel nearer than `near_m`, until it is vain: looking does not help."""
-    near_m: float = Field(4.0, gt=0)
+    near_m: float = Field(default=4.0, gt=0)
     """Distance within which an image that shows nothing counts."""
-    max_error_m: float = Field(0.5, gt=0)
+    max_error_m: float = Field(default=0.5, gt=0)
     """Surfaces so far away that their range is less exact than this are not recorded; nothing behind them is free."""
-    memory_s: float = Field(60.0, gt=0)
+    memory_s: float = Field(default=60.0, gt=0)
     """Time for which free space is remembered. Odometry drifts, and things move: less of it forgets both."""
-    start_radius_m: float = Field(1.6, ge=0)
+    start_radius_m: float = Field(default=1.6, ge=0)
     """Space around the start that counts as free."""
-    max_jump_m: float = Field(0.5, gt=0)
+    max_jump_m: float = Field(default=0.5, gt=0)
     """Motion between two images, beyond what the velocity explains, after which the map is forgotten."""
-    unseen_price: float = Field(2.5, ge=1)
+    unseen_price: float = Field(default=2.5, ge=1)
     """Price of a way per metre through space that was not seen; that of free space is 1."""
-    vain_price: float = Field(12.0, ge=1)
+    vain_price: float = Field(default=12.0, ge=1)
     """Price through space in which looking showed nothing."""
-    surface_price: float = Field(30.0, ge=1)
+    surface_price: float = Field(default=30.0, ge=1)
     """Price through surfaces."""
 
     @model_validator(mode="after")

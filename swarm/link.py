@@ -17,13 +17,13 @@ from .types import Motion, Neighbours
 class LinkConfig(Model):
     """Quality of the radio link."""
 
-    delay_s: float = Field(0.05, ge=0)
+    delay_s: float = Field(default=0.05, ge=0)
     """Age of a message when it is received; rounded to control ticks."""
-    loss: float = Field(0.1, ge=0, lt=1)
+    loss: float = Field(default=0.1, ge=0, lt=1)
     """Probability that a receiver misses a message, independent of the other receivers and messages."""
-    range_m: float = Field(40.0, gt=0)
+    range_m: float = Field(default=40.0, gt=0)
     """Range of the radio; a leader's messages are relayed to its whole swarm."""
-    memory_s: float = Field(1.0, ge=0)
+    memory_s: float = Field(default=1.0, ge=0)
     """Time for which a drone is extrapolated from its last message; after that it counts as not heard."""
 
 

@@ -27,22 +27,22 @@ class NearbyConfig(Model):
     Clearance is the gap between collision spheres, or between one and a surface.
     """
 
-    memory_s: float = Field(4.0, ge=0)
+    memory_s: float = Field(default=4.0, ge=0)
     """Age at which a remembered surface is forgotten; 0 switches the memory off."""
-    radius_m: float = Field(3.0, gt=0)
+    radius_m: float = Field(default=3.0, gt=0)
     """Surfaces farther away than this when seen are not remembered."""
-    drone_radius_m: float = Field(8.0, gt=0)
+    drone_radius_m: float = Field(default=8.0, gt=0)
     """Other drones farther away than this do not slow a drone down. Two drones that meet head on need twice the
     distance in which one of them stops."""
-    confirm_m: float = Field(0.5, gt=0)
+    confirm_m: float = Field(default=0.5, gt=0)
     """A surface is remembered if two histograms in a row show it within this distance."""
-    clearance_m: float = Field(0.4, gt=0)
+    clearance_m: float = Field(default=0.4, gt=0)
     """Clearance that is kept to remembered surfaces [m]."""
-    drone_clearance_m: float = Field(0.5, gt=0)
+    drone_clearance_m: float = Field(default=0.5, gt=0)
     """Clearance that is kept to other drones [m]."""
-    decel_m_s2: float = Field(2.5, gt=0)
+    decel_m_s2: float = Field(default=2.5, gt=0)
     """Deceleration that the approach assumes, as in `braking_speed`."""
-    gain_per_s: float = Field(1.5, gt=0)
+    gain_per_s: float = Field(default=1.5, gt=0)
     """Speed per distance in the last, linear part of braking, and of backing off."""
 
 

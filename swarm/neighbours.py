@@ -19,11 +19,11 @@ SIGMAS_PER_MAD = 1.4826
 class DetectorConfig(Model):
     """Quality of the detector."""
 
-    miss_rate: float = Field(0.1, ge=0, le=1)
+    miss_rate: float = Field(default=0.1, ge=0, le=1)
     """Probability that a drone in view is not found in an image."""
-    min_pixels: int = Field(6, ge=1)
+    min_pixels: int = Field(default=6, ge=1)
     """Drones of fewer pixels are never found."""
-    max_range_m: float = Field(12.0, gt=0)
+    max_range_m: float = Field(default=12.0, gt=0)
     """Drones farther away than this are known by radio only."""
 
 
@@ -31,7 +31,7 @@ class NeighbourConfig(Model):
     """Perception of the other drones."""
 
     detector: DetectorConfig = DetectorConfig()
-    memory_s: float = Field(0.5, ge=0)
+    memory_s: float = Field(default=0.5, ge=0)
     """Time for which a detected drone is assumed to keep its velocity when it is not detected again."""
 
 

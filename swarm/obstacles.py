@@ -19,19 +19,19 @@ COS_IN_VIEW = float(np.cos(np.radians(8.0)))
 class HistogramConfig(Model):
     """Cells of the histogram, and the range of those without depth."""
 
-    rows: int = Field(7, ge=1)
+    rows: int = Field(default=7, ge=1)
     """Number of cells from the top to the bottom of the image."""
-    cols: int = Field(15, ge=1)
+    cols: int = Field(default=15, ge=1)
     """Number of cells from the left to the right of the image."""
-    percentile: float = Field(8.0, ge=0, le=100)
+    percentile: float = Field(default=8.0, ge=0, le=100)
     """Percentile of the ranges in a cell that is the range of the cell; 0 would brake for every noisy pixel."""
-    min_valid_share: float = Field(0.15, gt=0, le=1)
+    min_valid_share: float = Field(default=0.15, gt=0, le=1)
     """Share of a cell's pixels that must be trusted; cells with fewer are unknown."""
-    min_confidence: float = Field(0.2, ge=0, le=1)
+    min_confidence: float = Field(default=0.2, ge=0, le=1)
     """Pixels of less confidence count as holes; 0 ignores confidence."""
-    unknown_range_m: float = Field(2.0, gt=0)
+    unknown_range_m: float = Field(default=2.0, gt=0)
     """Range of unknown cells that count as surfaces, which limits the speed."""
-    free_range_m: float = Field(40.0, gt=0)
+    free_range_m: float = Field(default=40.0, gt=0)
     """Range of unknown cells that count as free."""
 
 
@@ -39,23 +39,23 @@ class AvoidanceConfig(Model):
     """Distances and costs of obstacle avoidance. Clearance is the gap between the collision sphere and a surface."""
 
     histogram: HistogramConfig = HistogramConfig()
-    clearance_m: float = Field(0.65, gt=0)
+    clearance_m: float = Field(default=0.65, gt=0)
     """Clearance that is kept to surfaces in view [m]; more of it flies around obstacles in a wider arc."""
-    horizon_m: float = Field(7.0, gt=0)
+    horizon_m: float = Field(default=7.0, gt=0)
     """Directions that are free up to this distance cost nothing."""
-    clear_weight: float = Field(15.0, ge=0)
+    clear_weight: float = Field(default=15.0, ge=0)
     """Cost of a blocked direction; the cost falls with the square of the distance missing to the horizon."""
-    goal_weight: float = Field(2.0, ge=0)
+    goal_weight: float = Field(default=2.0, ge=0)
     """Cost per radian away from the wanted direction."""
-    previous_weight: float = Field(0.6, ge=0)
+    previous_weight: float = Field(default=0.6, ge=0)
     """Cost per radian away from the direction chosen last; more swerves less."""
-    climb_weight: float = Field(1.0, ge=0)
+    climb_weight: float = Field(default=1.0, ge=0)
     """Cost per radian of climbing or sinking away from the wanted elevation."""
-    max_decel_m_s2: float = Field(2.5, gt=0)
+    max_decel_m_s2: float = Field(default=2.5, gt=0)
     """Deceleration that braking assumes; less of it brakes earlier."""
-    brake_gain_per_s: float = Field(1.5, gt=0)
+    brake_gain_per_s: float = Field(default=1.5, gt=0)
     """Speed per distance in the last, linear part of braking."""
-    blind_speed_m_s: float = Field(0.4, ge=0)
+    blind_speed_m_s: float = Field(default=0.4, ge=0)
     """Speed up to which a drone moves in directions outside of the image without turning there first."""
 
 

@@ -28,14 +28,14 @@ class PilotConfig(Model):
     surface at `avoidance.histogram.unknown_range_m`; the drone steers by its newest image in both cases. With
     `evidenced` they prove nothing: the drone keeps a map, and flies only where it knows that it can stop in free
     space."""
-    yaw_rate_rad_s: float = Field(1.5, gt=0)
+    yaw_rate_rad_s: float = Field(default=1.5, gt=0)
     """Largest yaw rate."""
-    response_s: float = Field(0.4, ge=0)
+    response_s: float = Field(default=0.4, ge=0)
     """Delay with which the airframe follows its commands, 1 / velocity gain. The distance flown meanwhile is not
     available for braking, which prevents overshoot. More of it brakes earlier."""
-    keep_m: float = Field(0.3, ge=0)
+    keep_m: float = Field(default=0.3, ge=0)
     """Gap that a drone with a map keeps to everything that is not known to be free."""
-    keep_above_m: float = Field(0.15, ge=0)
+    keep_above_m: float = Field(default=0.15, ge=0)
     """The same gap above and below the drone."""
     avoidance: AvoidanceConfig = AvoidanceConfig()
     nearby: NearbyConfig = NearbyConfig()

@@ -22,9 +22,9 @@ class PosePriorConfig(Model):
     """
 
     kind: PosePriorName = "none"
-    drift_m_per_sqrt_s: float = Field(0.02, ge=0)
+    drift_m_per_sqrt_s: float = Field(default=0.02, ge=0)
     """Standard deviation of each coordinate after one second at rest; it grows with the root of time."""
-    drift_yaw_deg_per_sqrt_s: float = Field(0.1, ge=0)
+    drift_yaw_deg_per_sqrt_s: float = Field(default=0.1, ge=0)
     """Standard deviation of the heading after one second; its error rotates all later motion."""
 
     @property

@@ -19,21 +19,21 @@ from .vectors import length
 class RuleWeights(Model):
     """Gains of the rules; 0 switches a rule off, and `avoidance = false` switches obstacle avoidance off."""
 
-    migration_per_s: float = Field(0.9, ge=0)
+    migration_per_s: float = Field(default=0.9, ge=0)
     """Speed towards the goal, or the slot, per distance from it."""
-    cohesion_per_s: float = Field(0.0, ge=0)
+    cohesion_per_s: float = Field(default=0.0, ge=0)
     """Speed towards the centroid of the neighbours per distance from it."""
-    separation_per_s: float = Field(2.0, ge=0)
+    separation_per_s: float = Field(default=2.0, ge=0)
     """Speed away from a neighbour per distance missing to `separation_radius_m`."""
-    separation_radius_m: float = Field(1.8, gt=0)
+    separation_radius_m: float = Field(default=1.8, gt=0)
     """Drones nearer than this push each other away."""
-    alignment: float = Field(0.2, ge=0)
+    alignment: float = Field(default=0.2, ge=0)
     """Share of the difference to the neighbours' mean velocity that is added to the velocity."""
-    confinement_per_s: float = Field(1.0, ge=0)
+    confinement_per_s: float = Field(default=1.0, ge=0)
     """Speed back into the corridor per distance outside of it."""
     min_altitude_m: float = 2.5
     max_altitude_m: float = 9.0
-    max_aside_m: float = Field(30.0, gt=0)
+    max_aside_m: float = Field(default=30.0, gt=0)
     """Largest distance from the straight line between start and goal."""
     avoidance: bool = True
     """Whether obstacle avoidance by the camera is on; the distance to other drones is kept in any case."""

@@ -20,28 +20,28 @@ from .team import FormationConfig, Route, Team
 class MissionConfig(Model):
     """The task, and the swarms that fly it: one for each route."""
 
-    routes: tuple[Route, ...] = Field((Route(),), min_length=1, strict=False)
-    drones: int = Field(8, ge=1)
+    routes: tuple[Route, ...] = Field(default=(Route(),), min_length=1, strict=False)
+    drones: int = Field(default=8, ge=1)
     """Number of drones of each swarm. Its first one leads, all others follow."""
-    duration_s: float = Field(75.0, gt=0)
+    duration_s: float = Field(default=75.0, gt=0)
     """Simulated time after which the mission counts as timed out."""
-    cruise_speed_m_s: float = Field(2.5, gt=0)
+    cruise_speed_m_s: float = Field(default=2.5, gt=0)
     """Speed of a leader."""
-    follower_speed_m_s: float = Field(3.2, gt=0)
+    follower_speed_m_s: float = Field(default=3.2, gt=0)
     """Largest speed of a follower; above the leader's, to catch up."""
-    control_hz: int = Field(20, ge=1)
+    control_hz: int = Field(default=20, ge=1)
     """Decisions of each drone per second; must divide the rate of the physics."""
-    latency_s: float = Field(0.03, ge=0)
+    latency_s: float = Field(default=0.03, ge=0)
     """Simulated time from a capture until its raw depth is available; the corrector's latency is added to it."""
-    goal_radius_m: float = Field(1.5, gt=0)
+    goal_radius_m: float = Field(default=1.5, gt=0)
     """Distance from its goal within which a leader has arrived."""
-    formation_tolerance_m: float = Field(1.5, gt=0)
+    formation_tolerance_m: float = Field(default=1.5, gt=0)
     """Largest distance of any follower from its slot that counts as being in formation."""
-    deadlock_s: float = Field(25.0, gt=0)
+    deadlock_s: float = Field(default=25.0, gt=0)
     """Time without progress of any leader or follower, after which the mission counts as stuck."""
-    lost_m: float = Field(30.0, gt=0)
+    lost_m: float = Field(default=30.0, gt=0)
     """Distance from its leader, and from its slot if that is nearer, beyond which a follower counts as lost."""
-    aftermath_s: float = Field(1.0, ge=0)
+    aftermath_s: float = Field(default=1.0, ge=0)
     """Simulated time that the mission goes on after the first collision, or after the last swarm has dropped out."""
     after_contact: Annotated[Literal["end", "drop"], LATER] = "end"
     """What follows a collision. With `end` the mission ends. With `drop` every drone that touched something drops out:

@@ -17,20 +17,20 @@ Point = tuple[float, float, float]
 class Route(Model):
     """The start and the goal of one swarm."""
 
-    start_m: Point = Field((-8.0, 0.0, 6.0), strict=False)
+    start_m: Point = Field(default=(-8.0, 0.0, 6.0), strict=False)
     """Start of the leader; the followers start in their slots."""
-    goal_m: Point = Field((76.0, 0.0, 6.0), strict=False)
+    goal_m: Point = Field(default=(76.0, 0.0, 6.0), strict=False)
     """Goal of the leader."""
 
 
 class FormationConfig(Model):
     """A column behind the leader, two abreast and staggered."""
 
-    row_spacing_m: float = Field(2.6, gt=0)
+    row_spacing_m: float = Field(default=2.6, gt=0)
     """Distance between one pair of followers and the next."""
-    half_width_m: float = Field(1.3, gt=0)
+    half_width_m: float = Field(default=1.3, gt=0)
     """Distance of a follower from the line behind the leader."""
-    stagger_m: float = Field(0.6, ge=0)
+    stagger_m: float = Field(default=0.6, ge=0)
     """Distance by which the right one of a pair flies behind the left one."""
     height_step_m: float = 0.0
     """Height of each row above the one before."""

@@ -43,7 +43,7 @@ class Seeds(Model):
     """The seeds with which every arm flies every scenario."""
 
     count: int = Field(ge=1)
-    first: int = Field(0, ge=0)
+    first: int = Field(default=0, ge=0)
 
     def first_seeds(self, count: int | None = None) -> range:
         """Return the first `count` seeds; None returns all."""
@@ -59,14 +59,14 @@ class Arm(Model):
     """The corrector's name, or a table with `name` and `config`."""
     theta: tuple[float, ...] = ()
     """Noise ratios of the sensor model `noisy`, one or a list; each makes runs of its own."""
-    size: str | None = Field(None, pattern=r"^\d+x\d+$")
+    size: str | None = Field(default=None, pattern=r"^\d+x\d+$")
     """Image size without decimation, as in 160x120. Default: the cameras of the scenario."""
-    seeds: int | None = Field(None, ge=1)
+    seeds: int | None = Field(default=None, ge=1)
     """How many seeds of the study this arm uses. They are the first ones, so that runs of two arms still form pairs.
     Default: all."""
-    changes: Mapping[str, Any] = Field({}, strict=False)
+    changes: Mapping[str, Any] = Field(default={}, strict=False)
     """Values of the scenario to set, by dotted key."""
-    factors: Mapping[str, str] = Field({}, strict=False)
+    factors: Mapping[str, str] = Field(default={}, strict=False)
     """Place of the arm in a factorial design, as in { policy = "free", corrector = "raw" }."""
 
     @pydantic.field_validator("theta", mode="before")
@@ -125,7 +125,7 @@ class Study(Model):
     """Whether this is a pilot, which may be used to choose scenes and controllers. Its seeds start at 1000."""
     time_limit_s: float = Field(gt=0)
     """Wall-clock time after which a run is stopped and counts as an error."""
-    changes: Mapping[str, Any] = Field({}, strict=False)
+    changes: Mapping[str, Any] = Field(default={}, strict=False)
     """Values to set in every scenario for every arm, by dotted key."""
     declared: PrimaryComparison | None = None
     """The pre-registered primary comparison; None if there is none."""

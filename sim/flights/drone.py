@@ -39,11 +39,11 @@ class Drone(Flight):
     """
 
     kind: Literal["drone"] = "drone"
-    height_m: float = Field(2.0, gt=0)
+    height_m: float = Field(default=2.0, gt=0)
     """Height of the camera above the path [m]."""
-    speed_m_s: float = Field(3.0, gt=0)
+    speed_m_s: float = Field(default=3.0, gt=0)
     """Speed on straight parts of the path, at most that of the airframe."""
-    gust_m_s: float = Field(0.1, ge=0)
+    gust_m_s: float = Field(default=0.1, ge=0)
     """Standard deviation of a slow disturbance of the desired velocity, along each axis."""
     airframe: AirframeConfig = AirframeConfig()
 

@@ -40,25 +40,25 @@ class Walk(Flight):
     """
 
     kind: Literal["walk"] = "walk"
-    height_m: float = Field(1.5, gt=0)
+    height_m: float = Field(default=1.5, gt=0)
     """Height of the camera above the path [m]."""
-    speed_m_s: float = Field(1.3, gt=0)
+    speed_m_s: float = Field(default=1.3, gt=0)
     """Speed on straight parts of the path."""
-    start_m: float = Field(0.0, ge=0)
+    start_m: float = Field(default=0.0, ge=0)
     """Distance along the path at which the walk starts [m]."""
-    look_deg: float = Field(0.0, ge=-180, le=180)
+    look_deg: float = Field(default=0.0, ge=-180, le=180)
     """Heading of the camera relative to that of the path; 90 looks to the left."""
-    pitch_deg: float = Field(0.0, ge=-80, le=80)
+    pitch_deg: float = Field(default=0.0, ge=-80, le=80)
     """Pitch of the camera; a positive pitch looks up."""
-    step_hz: float = Field(1.9, gt=0)
+    step_hz: float = Field(default=1.9, gt=0)
     """Steps per second."""
-    bob_m: float = Field(0.025, ge=0)
+    bob_m: float = Field(default=0.025, ge=0)
     """Amplitude of the vertical motion, with one period per step."""
-    sway_m: float = Field(0.015, ge=0)
+    sway_m: float = Field(default=0.015, ge=0)
     """Amplitude of the lateral motion, with one period per two steps."""
-    shake_deg: float = Field(0.5, ge=0)
+    shake_deg: float = Field(default=0.5, ge=0)
     """Amplitude of the pitch, with the period of the vertical motion, and of the roll, with that of the lateral one."""
-    look_around_deg: float = Field(3.0, ge=0)
+    look_around_deg: float = Field(default=3.0, ge=0)
     """Standard deviation of the slow variation of the heading; that of the pitch is half as large."""
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
@@ -113,7 +113,7 @@ class Cut(Flight):
 
     kind: Literal["cut"] = "cut"
     walk: Walk = Walk()
-    every: int = Field(15, ge=1)
+    every: int = Field(default=15, ge=1)
     """Frames per take: the camera jumps at each multiple of this number."""
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
@@ -143,15 +143,15 @@ class Cut(Flight):
 class Stationary(Flight):
     """A camera that stays at one place of the path and sways about it. It has no end."""
 
-    height_m: float = Field(1.5, gt=0)
+    height_m: float = Field(default=1.5, gt=0)
     """Height of the camera above the path [m]."""
-    at_m: float = Field(0.0, ge=0)
+    at_m: float = Field(default=0.0, ge=0)
     """Arc length along the path of the place [m]."""
-    look_deg: float = Field(0.0, ge=-180, le=180)
+    look_deg: float = Field(default=0.0, ge=-180, le=180)
     """First heading of the camera relative to that of the path; 90 looks to the left."""
-    sway_m: float = Field(0.01, ge=0)
+    sway_m: float = Field(default=0.01, ge=0)
     """Standard deviation of the position along each axis; with 0 the position is constant."""
-    sway_deg: float = Field(0.2, ge=0)
+    sway_deg: float = Field(default=0.2, ge=0)
     """Standard deviation of heading, pitch and roll; with 0 there is no sway."""
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
@@ -182,19 +182,19 @@ class Stations(Flight):
     """
 
     kind: Literal["stations"] = "stations"
-    height_m: float = Field(1.2, gt=0)
+    height_m: float = Field(default=1.2, gt=0)
     """Height of the first pose above the path [m]."""
-    at_m: float = Field(0.0, ge=0)
+    at_m: float = Field(default=0.0, ge=0)
     """Arc length along the path of the first pose [m]."""
-    pitch_deg: float = Field(0.0, ge=-80, le=80)
+    pitch_deg: float = Field(default=0.0, ge=-80, le=80)
     """Pitch of the first pose; a positive pitch looks up."""
-    hold: int = Field(3, ge=1)
+    hold: int = Field(default=3, ge=1)
     """Frames at each station."""
     jump_deg: Jump = (6.0, 16.0)
     """Least and largest rotation between stations, mostly of the heading."""
     jump_m: Jump = (0.03, 0.09)
     """Least and largest distance between stations [m]."""
-    large_every: int = Field(6, ge=2)
+    large_every: int = Field(default=6, ge=2)
     """Every jump of this number is larger than the others, by `LARGE`."""
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:

@@ -27,43 +27,43 @@ class CitySpec(WeakWallsSpec):
     """A city of towers on a brick-like grid of lots, with poles in the streets. Flights lead along x."""
 
     kind: Literal["city"] = "city"
-    columns: int = Field(6, ge=1)
+    columns: int = Field(default=6, ge=1)
     """Number of rows of towers that a flight along x passes."""
-    rows: int = Field(10, ge=1)
+    rows: int = Field(default=10, ge=1)
     """Number of towers along y."""
-    street_width_m: float = Field(6.0, gt=1.0)
+    street_width_m: float = Field(default=6.0, gt=1.0)
     """Mean gap between towers [m]; a narrower gap is harder."""
     tower_side_m: Range = (3.5, 5.5)
     """Range of the towers' sides [m]."""
     tower_height_m: Range = (12.0, 40.0)
     """Range of the towers' heights [m]."""
-    jitter_m: float = Field(0.6, ge=0)
+    jitter_m: float = Field(default=0.6, ge=0)
     """Largest shift of a tower from the middle of its lot, along each axis [m]."""
-    blank_share: float = Field(0.0, ge=0, le=1)
+    blank_share: float = Field(default=0.0, ge=0, le=1)
     """Share of the towers that are textureless, which a stereo camera cannot match."""
-    glass_share: Annotated[float, LATER] = Field(0.0, ge=0, le=1)
+    glass_share: Annotated[float, LATER] = Field(default=0.0, ge=0, le=1)
     """Share of the towers that are of glass, whose depth is that of what they reflect."""
-    glass_reflectivity: Annotated[float, LATER] = Field(0.8, gt=0, le=1)
+    glass_reflectivity: Annotated[float, LATER] = Field(default=0.8, gt=0, le=1)
     """Share of the light that glass reflects."""
-    poles: int = Field(16, ge=0)
+    poles: int = Field(default=16, ge=0)
     """Thin vertical poles in the streets."""
-    pole_radius_m: float = Field(0.12, gt=0)
-    wires: Annotated[int, LATER] = Field(0, ge=0)
+    pole_radius_m: float = Field(default=0.12, gt=0)
+    wires: Annotated[int, LATER] = Field(default=0, ge=0)
     """Thin level wires, each from a tower to a pole of its own halfway across a gap or a street, whose other half stays
     free."""
     wire_m: Annotated[Range, LATER] = (0.02, 0.04)
     """Range of the wires' thicknesses [m]."""
     wire_height_m: Annotated[Range, LATER] = (4.5, 7.5)
     """Range of the wires' heights [m], below the tops of the towers."""
-    movers: Annotated[int, LATER] = Field(0, ge=0)
+    movers: Annotated[int, LATER] = Field(default=0, ge=0)
     """Crates and drums that go to and fro along the streets in direction y, between the poles and the towers."""
     mover_speed_m_s: Annotated[Range, LATER] = (0.5, 1.5)
     """Range of the movers' speeds [m/s]."""
     mover_way_m: Annotated[Range, LATER] = (4.0, 10.0)
     """Range of the lengths of the movers' ways [m]."""
-    mover_waits_m: Annotated[float, LATER] = Field(0.0, ge=0)
+    mover_waits_m: Annotated[float, LATER] = Field(default=0.0, ge=0)
     """Distance of a drone at which a mover waits; 0 never waits."""
-    mover_height_m: Annotated[float, LATER] = Field(6.0, gt=1.0)
+    mover_height_m: Annotated[float, LATER] = Field(default=6.0, gt=1.0)
     """Height of the middle of the movers [m], that of the flight."""
 
     @model_validator(mode="after")

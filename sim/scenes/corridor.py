@@ -27,16 +27,16 @@ class CorridorSpec(WeakWallsSpec):
     """Two rows of walls of varying length, setback and height, with obstacles between them. The path leads along x."""
 
     kind: Literal["corridor"] = "corridor"
-    length_m: float = Field(100.0, ge=70)
+    length_m: float = Field(default=100.0, ge=70)
     """Extent along x [m]."""
-    width_m: float = Field(6.0, ge=2.6)
+    width_m: float = Field(default=6.0, ge=2.6)
     """Width of the street [m]; a narrower street is harder."""
-    blank_share: float = Field(0.4, ge=0, le=1)
+    blank_share: float = Field(default=0.4, ge=0, le=1)
     """Share of the walls that are textureless, which a stereo camera cannot match."""
-    passage_m: float = Field(12.0, ge=0)
+    passage_m: float = Field(default=12.0, ge=0)
     """Length of the covered passage [m]; 0 leaves it out."""
-    passage_width_m: float = Field(3.2, ge=2.6)
-    pillars: int = Field(14, ge=0)
+    passage_width_m: float = Field(default=3.2, ge=2.6)
+    pillars: int = Field(default=14, ge=0)
     """Pillars, poles and boxes beside the path."""
     wall_length_m: Range = (5.0, 14.0)
     """Range of the walls' lengths [m]."""

@@ -19,16 +19,16 @@ class ForestSpec(SceneSpec):
     """Trees at random places with a minimum distance, and bushes. Flights lead along x."""
 
     kind: Literal["forest"] = "forest"
-    length_m: float = Field(100.0, ge=70)
+    length_m: float = Field(default=100.0, ge=70)
     """Extent along x [m]."""
-    width_m: float = Field(40.0, ge=20)
+    width_m: float = Field(default=40.0, ge=20)
     """Extent along y [m]."""
-    density: float = Field(4.0, gt=0)
+    density: float = Field(default=4.0, gt=0)
     """Trees per 100 m2 of ground; a denser forest is harder."""
-    spacing_m: float = Field(2.0, gt=0)
+    spacing_m: float = Field(default=2.0, gt=0)
     """Minimum distance between trunks, axis to axis [m]. A larger distance leaves room for fewer trees."""
     tree: TreeRanges = TreeRanges()
-    bushes: int = Field(60, ge=0)
+    bushes: int = Field(default=60, ge=0)
     bush_radius_m: Range = (0.4, 1.0)
 
     def build(self, seed: int) -> Scene:

@@ -20,22 +20,22 @@ class GapSpec(WeakWallsSpec):
     """High walls across the path, one after the other. The path leads along x, from gap to gap."""
 
     kind: Literal["gap"] = "gap"
-    walls: int = Field(3, ge=1)
-    gap_m: float = Field(4.0, gt=1.5)
+    walls: int = Field(default=3, ge=1)
+    gap_m: float = Field(default=4.0, gt=1.5)
     """Width of each gap [m]; a narrower gap is harder."""
-    spacing_m: float = Field(22.0, gt=4)
+    spacing_m: float = Field(default=22.0, gt=4)
     """Distance between successive walls [m]."""
-    shift_m: float = Field(5.0, ge=0)
+    shift_m: float = Field(default=5.0, ge=0)
     """Largest distance of a gap from y = 0 [m]."""
-    height_m: float = Field(14.0, gt=0)
-    thickness_m: float = Field(0.8, gt=0)
-    side_m: float = Field(40.0, gt=0)
+    height_m: float = Field(default=14.0, gt=0)
+    thickness_m: float = Field(default=0.8, gt=0)
+    side_m: float = Field(default=40.0, gt=0)
     """Extent of the walls to both sides [m]."""
-    blank_share: float = Field(0.0, ge=0, le=1)
+    blank_share: float = Field(default=0.0, ge=0, le=1)
     """Probability that each half of a wall is textureless, which a stereo camera cannot match."""
-    posts: int = Field(8, ge=0)
+    posts: int = Field(default=8, ge=0)
     """Number of thin posts between the walls."""
-    post_radius_m: float = Field(0.12, gt=0)
+    post_radius_m: float = Field(default=0.12, gt=0)
 
     @model_validator(mode="after")
     def _check(self) -> "GapSpec":

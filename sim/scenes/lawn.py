@@ -26,17 +26,17 @@ class LawnSpec(SceneSpec):
     """A lawn with obstacles of human size on both sides of a path, which leads along x."""
 
     kind: Literal["lawn"] = "lawn"
-    length_m: float = Field(100.0, ge=70)
+    length_m: float = Field(default=100.0, ge=70)
     """Length of the path along x [m]."""
-    width_m: float = Field(30.0, ge=12)
+    width_m: float = Field(default=30.0, ge=12)
     """Width of the strip around the path that has obstacles [m]."""
-    bushes: int = Field(80, ge=0)
-    trees: int = Field(30, ge=0)
-    benches: int = Field(10, ge=0)
+    bushes: int = Field(default=80, ge=0)
+    trees: int = Field(default=30, ge=0)
+    benches: int = Field(default=10, ge=0)
     """Benches and boxes."""
-    hedge_m: float = Field(24.0, ge=0)
+    hedge_m: float = Field(default=24.0, ge=0)
     """Length of a hedge on the left of the first half of the path [m]."""
-    wall_m: float = Field(18.0, ge=0)
+    wall_m: float = Field(default=18.0, ge=0)
     """Length of a low wall on the right of the second half of the path [m]."""
     bush_radius_m: Range = (0.4, 1.2)
     tree: TreeRanges = TreeRanges(height_m=(5.0, 10.0), crown_start_m=(1.7, 2.8), crown_radius_m=(1.2, 2.4))

@@ -44,7 +44,7 @@ Strengths = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_
 class WeakWallsSpec(SceneSpec, ABC):
     """A scene of which some walls have a weak texture, as plaster outdoors."""
 
-    weak_share: Annotated[float, LATER] = Field(0.0, ge=0, le=1)
+    weak_share: Annotated[float, LATER] = Field(default=0.0, ge=0, le=1)
     """Share of the walls with a weak texture, which a stereo camera matches in parts; those without texture stay so."""
     weak_texture: Annotated[Strengths, LATER] = (0.05, 0.2)
     """Range of the strengths of a weak texture; 1 is that of the other walls."""

@@ -33,27 +33,27 @@ class PlainsSpec(SceneSpec):
     """Hills with vegetation that is densest near the path. Flights lead along x."""
 
     kind: Literal["plains"] = "plains"
-    length_m: float = Field(200.0, ge=150)
+    length_m: float = Field(default=200.0, ge=150)
     """Extent along x [m]."""
-    width_m: float = Field(200.0, ge=60)
+    width_m: float = Field(default=200.0, ge=60)
     """Extent along y [m]."""
-    spacing_m: float = Field(2.5, ge=0.5, le=5)
+    spacing_m: float = Field(default=2.5, ge=0.5, le=5)
     """Grid spacing of the ground [m]; a smaller one is finer and needs more triangles."""
-    amplitude_m: float = Field(3.0, ge=0)
+    amplitude_m: float = Field(default=3.0, ge=0)
     """Half the height of the highest hill above the lowest valley [m]."""
-    wavelength_m: float = Field(60.0, ge=20)
+    wavelength_m: float = Field(default=60.0, ge=20)
     """Wavelength of the hills [m]."""
-    vegetation: float = Field(0.8, ge=0)
+    vegetation: float = Field(default=0.8, ge=0)
     """Mean number of trees and bushes per 100 m2; more are harder. Near the path there are about four times as many."""
-    tree_share: float = Field(0.4, ge=0, le=1)
+    tree_share: float = Field(default=0.4, ge=0, le=1)
     """Share of the plants that are trees."""
     tree: TreeRanges = TreeRanges(height_m=(5.0, 10.0), crown_start_m=(1.2, 2.8), crown_radius_m=(0.9, 2.2))
     bush_radius_m: Range = (0.4, 1.3)
     pattern: Literal["grass", "snow"] = "grass"
     """Pattern of the ground."""
-    texture: float = Field(1.0, ge=0)
+    texture: float = Field(default=1.0, ge=0)
     """Strength of the ground's texture; 0 is textureless."""
-    albedo: float = Field(0.42, gt=0, le=1)
+    albedo: float = Field(default=0.42, gt=0, le=1)
     """Share of the light that the ground reflects."""
 
     def build(self, seed: int) -> Scene:

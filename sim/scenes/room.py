@@ -31,27 +31,27 @@ class RoomSpec(SceneSpec):
     """A room of a few metres; the path leads from its front towards the table. A camera needs at most 2 m height."""
 
     kind: Literal["room"] = "room"
-    length_m: float = Field(5.0, ge=4)
+    length_m: float = Field(default=5.0, ge=4)
     """Extent along x [m]."""
-    width_m: float = Field(4.5, ge=3)
-    height_m: float = Field(2.6, ge=2.2)
-    wall_texture: float = Field(0.15, ge=0)
+    width_m: float = Field(default=4.5, ge=3)
+    height_m: float = Field(default=2.6, ge=2.2)
+    wall_texture: float = Field(default=0.15, ge=0)
     """Strength of the texture of walls, ceiling and floor; a stereo camera cannot match them at 0."""
-    wall_gloss: float = Field(0.0, ge=0, le=1)
+    wall_gloss: float = Field(default=0.0, ge=0, le=1)
     """Share of walls, ceiling and floor that returns no light of a projector."""
-    boxes: int = Field(14, ge=0)
+    boxes: int = Field(default=14, ge=0)
     """Boxes on the table, on the shelf and on the floor."""
-    dark_share: float = Field(0.15, ge=0, le=1)
+    dark_share: float = Field(default=0.15, ge=0, le=1)
     """Probability that a box is nearly black."""
-    glossy_share: float = Field(0.2, ge=0, le=1)
+    glossy_share: float = Field(default=0.2, ge=0, le=1)
     """Probability that a box is glossy."""
-    chairs: int = Field(2, ge=0, le=3)
+    chairs: int = Field(default=2, ge=0, le=3)
     """Chairs before the table, with backs of slats."""
-    screens: int = Field(0, ge=0, le=3)
+    screens: int = Field(default=0, ge=0, le=3)
     """Screens of slats before the far wall."""
-    slat_m: float = Field(0.02, gt=0)
+    slat_m: float = Field(default=0.02, gt=0)
     """Width of a slat [m]."""
-    gap_m: float = Field(0.013, gt=0)
+    gap_m: float = Field(default=0.013, gt=0)
     """Width of the gap between two slats [m]; the background in narrow gaps is hard to measure."""
 
     @model_validator(mode="after")

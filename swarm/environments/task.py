@@ -32,13 +32,13 @@ class RewardConfig(Model):
     `slot_per_s` times the mission's `duration_s`.
     """
 
-    slot_per_s: float = Field(1.0, ge=0)
+    slot_per_s: float = Field(default=1.0, ge=0)
     """Cost of a second far from the slot; more of it makes formation matter more than the bonus."""
-    slot_scale_m: float = Field(8.0, gt=0)
+    slot_scale_m: float = Field(default=8.0, gt=0)
     """Distance from the slot at which the cost saturates; less of it rewards precision and guides less from afar."""
-    collision: float = Field(50.0, ge=0)
-    lost: float = Field(50.0, ge=0)
-    arrival: float = Field(10.0, ge=0)
+    collision: float = Field(default=50.0, ge=0)
+    lost: float = Field(default=50.0, ge=0)
+    arrival: float = Field(default=10.0, ge=0)
 
 
 class LearningTask(MissionSetup):
@@ -49,7 +49,7 @@ class LearningTask(MissionSetup):
     """The mission without its `aftermath_s`: an episode ends with the first collision."""
     rig: RigConfig = SMALL_RIG
     """The cameras; a step lasts one period of theirs."""
-    corrector_latency_s: float = Field(0.0, ge=0)
+    corrector_latency_s: float = Field(default=0.0, ge=0)
     """Simulated time that the corrector takes for a frame, on top of `mission.latency_s`."""
     steering: SteeringName = "direct"
     """Steering between an action and the drone: `direct`, or `shielded` by obstacle avoidance."""

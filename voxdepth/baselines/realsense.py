@@ -39,11 +39,11 @@ class SpatialFilter(Model):
     edge threshold instead of a weight by distance.
     """
 
-    alpha: float = Field(0.5, ge=0.25, le=1)
+    alpha: float = Field(default=0.5, ge=0.25, le=1)
     """Weight of a pixel against the value before it. 1 changes nothing, less smooths more."""
-    delta: int = Field(20, ge=1, le=50)
+    delta: int = Field(default=20, ge=1, le=50)
     """Step between neighbours that is an edge, in 1/32 px of disparity. More smooths over larger steps."""
-    iterations: int = Field(2, ge=1, le=5)
+    iterations: int = Field(default=2, ge=1, le=5)
     """Number of passes over rows and columns. More smooths wider."""
 
     def smooth(self, disparity: FloatImage) -> FloatImage:
@@ -77,11 +77,11 @@ that agreed. The first one never fills, the last one always."""
 class TemporalConfig(Model):
     """Parameters of `TemporalFilter`; the defaults are the SDK's."""
 
-    alpha: float = Field(0.4, ge=0, le=1)
+    alpha: float = Field(default=0.4, ge=0, le=1)
     """Weight of the new frame. 1 changes nothing, less smooths longer."""
-    delta: int = Field(20, ge=1, le=100)
+    delta: int = Field(default=20, ge=1, le=100)
     """Step that restarts the mean, in 1/32 px of disparity. More smooths over larger changes."""
-    persistence: int = Field(3, ge=0, le=8)
+    persistence: int = Field(default=3, ge=0, le=8)
     """Number of one of `PERSISTENCES`: 0 fills no hole, 3 where 2 of the last 4 frames had a depth, 8 wherever there
     ever was one."""
 

@@ -19,7 +19,7 @@ class CombineConfig(Model):
 
     reject_near: bool = True
     """Whether a pixel much nearer than the template is invalid; this also erases objects that move in front of it."""
-    near_share: float = Field(0.5, gt=0, lt=1)
+    near_share: float = Field(default=0.5, gt=0, lt=1)
     """Share of the template's depth below which a pixel is too near. Paper: "less than half"."""
     reject_far: bool = True
     """Whether a pixel farther than the template is invalid; this also overwrites surfaces that recede."""
@@ -28,9 +28,9 @@ class CombineConfig(Model):
 class PaperConfig(Model):
     """All parameters of the paper's method. The defaults are the paper's."""
 
-    window_frames: int = Field(10, ge=1)
+    window_frames: int = Field(default=10, ge=1)
     """Frames that are fused at the start of an epoch, n in the paper. More fill more and smear more."""
-    max_epoch_frames: int = Field(60, ge=1)
+    max_epoch_frames: int = Field(default=60, ge=1)
     """Frames after which an epoch ends even if registration still succeeds."""
     fusion_lag_frames: Annotated[int, Field(ge=0)] | Literal["ready"] = 3
     """Frames from the last of a window to the first that its template corrects, while fusion runs in the background.

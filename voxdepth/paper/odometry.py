@@ -83,21 +83,21 @@ class Odometry(Protocol):
 class OdometryConfig(Model):
     """Size of the images, and limits outside of which an estimate counts as failed."""
 
-    max_width_px: int = Field(320, ge=32)
+    max_width_px: int = Field(default=320, ge=32)
     """Wider images are made smaller first.
 
     More is slower and, up to about 480, slightly more accurate: a pair of 640 x 360 took 8 ms of CPU time at 160, 12 ms
     at 320, 17 ms at 480 and 21 ms at 640, with median errors of 3.4, 2.0, 1.5 and 1.8 mm.
     """
-    max_translation_m: float = Field(1.0, gt=0)
+    max_translation_m: float = Field(default=1.0, gt=0)
     """Largest plausible translation between two frames [m]."""
-    max_rotation_deg: float = Field(20.0, gt=0)
+    max_rotation_deg: float = Field(default=20.0, gt=0)
     """Largest plausible rotation between two frames [deg]."""
-    max_depth_m: float = Field(20.0, gt=0)
+    max_depth_m: float = Field(default=20.0, gt=0)
     """Pixels farther away than this are left out: stereo depth says little there."""
-    max_depth_difference_m: float = Field(0.5, gt=0)
+    max_depth_difference_m: float = Field(default=0.5, gt=0)
     """Largest difference between the depths of a warped pixel and its counterpart; more counts as occlusion."""
-    max_residual_px: float = Field(0.4, gt=0)
+    max_residual_px: float = Field(default=0.4, gt=0)
     """Largest residual, as a shift in the reduced image, which is the same for dim and for bright images.
 
     Estimates within 50 mm of the truth read 0.06 to 0.28 (0.11 to 0.31 with photon noise of 5 gray levels, up to 0.50
@@ -105,7 +105,7 @@ class OdometryConfig(Model):
     0.8 to 1.5, pairs of different places 3.1 and more. It does not reveal errors that hardly change the images: over
     snow, estimates off by more than 50 mm read 0.19 to 0.34. Raise it for cameras with more noise.
     """
-    min_overlap: float = Field(0.3, ge=0, le=1)
+    min_overlap: float = Field(default=0.3, ge=0, le=1)
     """Least share of the source's pixels that must land where the target has a depth.
 
     Good pairs read 0.75 to 0.97, with half of all depths missing 0.40 to 0.49.

@@ -23,13 +23,13 @@ TILE_PX = 40_000
 class VoxelConfig(Model):
     """Cells and extents of the grid. Smaller cells keep more detail and need more memory."""
 
-    cell_m: tuple[float, float, float] = Field((0.1, 0.1, 0.065), strict=False)
+    cell_m: tuple[float, float, float] = Field(default=(0.1, 0.1, 0.065), strict=False)
     """Size of a voxel along x, y and z of the camera [m]. Paper: 0.1, 0.1, 0.065."""
-    half_width_m: float = Field(40.0, gt=0)
+    half_width_m: float = Field(default=40.0, gt=0)
     """Extent to the left and to the right of the optical axis [m]."""
-    half_height_m: float = Field(16.0, gt=0)
+    half_height_m: float = Field(default=16.0, gt=0)
     """Extent above and below the optical axis [m]."""
-    depth_m: float = Field(41.0, gt=0)
+    depth_m: float = Field(default=41.0, gt=0)
     """Extent along the optical axis [m]."""
 
     @model_validator(mode="after")

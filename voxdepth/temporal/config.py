@@ -19,17 +19,17 @@ class VoxDepthConfig(Model):
     `auto` chooses it for images of more than 200 000 pixels."""
     odometry: VisualOdometryConfig = VisualOdometryConfig()
     fusion: TemporalFusionConfig = TemporalFusionConfig()
-    max_featureless_frames: int = Field(60, ge=0)
+    max_featureless_frames: int = Field(default=60, ge=0)
     """Consecutive frames without features (darkness, a covered lens) after which the memory is discarded."""
     fill: Literal["none", "likely", "all"] = "likely"
     """Which pixels without measurement and memory are inpainted: none, those that are likely enough right, or all. The
     others stay invalid."""
-    min_fill_probability: float = Field(0.1, ge=0, le=1)
+    min_fill_probability: float = Field(default=0.1, ge=0, le=1)
     """Confidence that an inpainted pixel must have to be shown with `fill = "likely"`."""
     inpainting: InpaintingConfig = InpaintingConfig()
     smoothing_window_px: Literal[1, 3, 5, 7] = 5
     """Window of the edge-preserving smoothing; 1 disables it."""
-    smoothing_noise_px: float = Field(0.3, gt=0)
+    smoothing_noise_px: float = Field(default=0.3, gt=0)
     """Disparity noise that the smoothing removes. More removes more, and flattens fine relief."""
 
     @property

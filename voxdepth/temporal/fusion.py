@@ -32,34 +32,34 @@ MIN_DISAPPEARANCE_CHANGE = 5.0
 class TemporalFusionConfig(Model):
     """When memory and measurement agree, and which of them is kept where they do not."""
 
-    tolerance_px: float = Field(1.0, gt=0)
+    tolerance_px: float = Field(default=1.0, gt=0)
     """Difference of disparity up to which both may show one surface. More merges thin objects with their background."""
-    relative_tolerance: float = Field(0.02, ge=0)
+    relative_tolerance: float = Field(default=0.02, ge=0)
     """Fraction of the disparity that is added to the tolerance."""
-    max_bias_px: float = Field(0.6, gt=0)
+    max_bias_px: float = Field(default=0.6, gt=0)
     """Absolute mean difference over 5 x 5 px up to which they agree. It keeps a drone apart from the wall behind it."""
-    max_drift_px: float = Field(0.15, gt=0)
+    max_drift_px: float = Field(default=0.15, gt=0)
     """Running mean of measured minus remembered disparity at which the memory has no weight in the average any more.
     Less follows approaching surfaces faster, and averages less."""
-    drift_gain: float = Field(0.3, gt=0, le=1)
+    drift_gain: float = Field(default=0.3, gt=0, le=1)
     """Weight of the newest frame in that running mean. Less is smoother and slower."""
-    min_coherence: float = Field(0.2, gt=0, le=1)
+    min_coherence: float = Field(default=0.2, gt=0, le=1)
     """Fraction of 5 x 5 px that must contradict the memory in the same direction; fewer pixels are outliers."""
-    max_evidence: float = Field(12.0, gt=0, le=15)
+    max_evidence: float = Field(default=12.0, gt=0, le=15)
     """Largest number of measurements that the memory of a pixel counts. More averages more, and follows slower."""
-    min_evidence: float = Field(4.0, gt=0)
+    min_evidence: float = Field(default=4.0, gt=0)
     """Number of measurements that the memory must count to fill a hole or to reject a measurement. With less, moving
     objects leave ghosts where nothing is measured behind them."""
-    min_evidence_per_frame: float = Field(0.65, gt=0)
+    min_evidence_per_frame: float = Field(default=0.65, gt=0)
     """Measurements per frame since a surface was first measured that are enough to fill a hole with it. One sight is
     enough right after a jump of the camera."""
-    max_gray_change_hole: float = Field(8.0, gt=0)
+    max_gray_change_hole: float = Field(default=8.0, gt=0)
     """Change of gray up to which a remembered surface is still there where nothing is measured."""
-    decay_occluded: float = Field(0.5, ge=0)
+    decay_occluded: float = Field(default=0.5, ge=0)
     """Measurements that the memory loses per frame behind an occluding surface. It remembers a wall for a while."""
-    decay_free_space: float = Field(2.0, ge=0)
+    decay_free_space: float = Field(default=2.0, ge=0)
     """Measurements that the memory loses per frame where the sensor sees through it."""
-    decay_outlier: float = Field(0.125, ge=0)
+    decay_outlier: float = Field(default=0.125, ge=0)
     """Measurements that the memory loses per frame where it rejects a measurement, so that no memory lasts for ever."""
 
 

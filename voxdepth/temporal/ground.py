@@ -37,13 +37,13 @@ MIN_CELLS = 20
 class GroundConfig(Model):
     """When a plane is accepted as the ground."""
 
-    tolerance: float = Field(0.08, gt=0)
+    tolerance: float = Field(default=0.08, gt=0)
     """Relative error of disparity up to which a cell is on the plane."""
-    min_inlier_ratio: float = Field(0.03, ge=0)
+    min_inlier_ratio: float = Field(default=0.03, ge=0)
     """Fraction of the cells that must be on the plane. More than 1 disables the detection of the ground."""
-    min_disparity_ratio: float = Field(1.25, ge=1)
+    min_disparity_ratio: float = Field(default=1.25, ge=1)
     """Smallest ratio of the disparities of the near end and the far end; a plane with less may be a wall."""
-    max_farther_ratio: float = Field(0.3, ge=0)
+    max_farther_ratio: float = Field(default=0.3, ge=0)
     """Largest number of cells farther than the plane by twice the tolerance, by the number of those on it."""
 
 

@@ -38,7 +38,7 @@ class InpaintingConfig(Model):
     """How holes are filled."""
 
     scanlines: ScanlinesConfig = ScanlinesConfig()
-    max_memory_difference_px: float = Field(1.0, gt=0)
+    max_memory_difference_px: float = Field(default=1.0, gt=0)
     """Difference of disparity up to which the memory of a hole agrees with its ends, besides the relative step of the
     scanlines."""
     planes: PlanesConfig = PlanesConfig()

@@ -31,16 +31,16 @@ MAX_CELL_ROWS = 32
 class PlanesConfig(Model):
     """How planes are fitted around holes."""
 
-    cell_px: int = Field(16, ge=4)
+    cell_px: int = Field(default=16, ge=4)
     """Side of the finest cells, in pixels of the full image. Smaller cells follow their surroundings, and cost more."""
-    min_coverage: float = Field(0.08, gt=0)
+    min_coverage: float = Field(default=0.08, gt=0)
     """Fraction of a cell's neighbourhood that must be measured for its own plane to have full weight. The remaining
     weight goes to cells of twice the size, and so on."""
-    ridge: float = Field(0.003, gt=0)
+    ridge: float = Field(default=0.003, gt=0)
     """Regularisation of the slopes against the spread of the data. More extrapolates less."""
-    max_deviations_far: float = Field(1.25, ge=0)
+    max_deviations_far: float = Field(default=1.25, ge=0)
     """Largest extrapolation to the far side, in standard deviations of the data. It shrinks to 0 outside of them."""
-    max_deviations_near: float = Field(2.5, ge=0)
+    max_deviations_near: float = Field(default=2.5, ge=0)
     """Largest extrapolation to the near side, in standard deviations of the data."""
 
 

@@ -31,14 +31,14 @@ NEIGHBOURS = ((-1, 0), (0, -1), (0, 1), (1, 0))
 class ScanlinesConfig(Model):
     """How holes are interpolated along rows and columns."""
 
-    min_step_px: float = Field(1.0, gt=0)
+    min_step_px: float = Field(default=1.0, gt=0)
     """Disparity by which the ends of a hole must differ, besides the relative step, for a depth discontinuity."""
-    relative_step: float = Field(0.03, ge=0)
+    relative_step: float = Field(default=0.03, ge=0)
     """Fraction of the disparity that is added to that."""
-    min_gradient: float = Field(0.3, ge=0)
+    min_gradient: float = Field(default=0.3, ge=0)
     """Change of disparity per pixel of the matched images between the ends up to which both may be on one slanted
     surface. The gradient over an occlusion shadow is 1, or less if depth is aligned to a camera farther to the side."""
-    max_distance_px: float = Field(12.0, ge=0)
+    max_distance_px: float = Field(default=12.0, ge=0)
     """Distance to the nearer end, in pixels of the full image, up to which a smooth surface is interpolated."""
 
 

@@ -42,9 +42,9 @@ cells."""
 class StixelsConfig(Model):
     """When a measurement is on the ground. A stixel ends below one that is farther by twice the relative tolerance."""
 
-    tolerance_px: float = Field(0.5, ge=0)
+    tolerance_px: float = Field(default=0.5, ge=0)
     """Difference to the disparity of the ground up to which a measurement is on it, besides the relative tolerance."""
-    relative_tolerance: float = Field(0.05, ge=0)
+    relative_tolerance: float = Field(default=0.05, ge=0)
     """Fraction of the disparity that is added to the tolerance."""
 
 
