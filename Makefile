@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test fast lint bench profile acceptance picture sequences regress clean
+.PHONY: help setup demo test fast lint bench profile acceptance picture sequences regress wheel clean
 
 help:            ## list the targets
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 14
@@ -30,6 +30,13 @@ test: setup      ## run lint, types, layers and all tests
 
 fast: setup      ## run the tests that answer within two minutes
 	$(BIN)/pytest -n 2 -m "not slow"
+
+wheel: setup     ## build the library as a wheel in dist/, and check it
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[release]'
+	rm -rf dist
+	$(BIN)/python -m build -q
+	$(BIN)/twine check --strict dist/*
+	$(BIN)/check-wheel-contents dist/*.whl
 
 regress: setup   ## compare the shipped correctors with golden values on synthetic noise
 	$(BIN)/voxdepth regress --corrector raw

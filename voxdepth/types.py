@@ -7,7 +7,7 @@ z forward; pixel centres lie at integer coordinates; depth is along the optical 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +37,9 @@ CORRECT_SHARE = 0.05
 """A depth is right if the error of its disparity is at most this share of it ..."""
 CORRECT_PX = 0.25
 """... or at most this [px], about the accuracy of stereo matching."""
+CONFIDENCE_OF_FILLS = 0.5
+"""Confidence that `CorrectedDepth.of` gives a depth that the sensor did not measure: between a measured one (1) and
+none (0). It only tells the sources apart. Those of `create_corrector` are probabilities, see `voxdepth.calibration`."""
 ASSUMED_BASELINE_M = 0.05
 """Baseline of a camera that is not a stereo pair [m], about that of consumer depth cameras."""
 LARGEST_SIDE_PX = 2**16
@@ -266,15 +269,33 @@ class CorrectedDepth:
     diagnostics: Diagnostics | None = None
     """What the method reports about its work on this frame; None for methods that report nothing."""
 
+    @classmethod
+    def of(cls, frame: Frame, depth_m: FloatImage) -> Self:
+        """The result of a method whose source and confidence follow from the depth alone.
+
+        Source SENSOR and confidence 1 where frame and result have a depth, INPAINTED and `CONFIDENCE_OF_FILLS` where
+        only the result has one, INVALID and 0 elsewhere, also where the frame lost its depth.
+        """
+        seen, valid = frame.depth_m > 0, depth_m > 0
+        source = np.where(seen, np.uint8(Source.SENSOR), np.uint8(Source.INPAINTED))
+        confidence = np.where(seen, np.float32(1), np.float32(CONFIDENCE_OF_FILLS))
+        source *= valid
+        confidence *= valid
+        return cls(depth_m=depth_m, source=source, confidence=confidence)
+
 
 class DepthCorrector(Protocol):
-    """A method that corrects a stream of depth frames, one at a time and in order."""
+    """A method that corrects a stream of depth frames, one at a time and in order.
 
-    uses_gray: bool
+    A class that names this protocol as its base needs no more than `process`.
+    """
+
+    uses_gray: bool = True
     """Whether the corrector needs gray images; a simulator can leave them out otherwise."""
 
     def process(self, frame: Frame) -> CorrectedDepth:
         """Correct one frame. The input is neither modified nor kept, and the result has arrays of its own."""
 
     def reset(self) -> None:
-        """Forget the stream; the next frame starts a new one."""
+        """Forget the stream; the next frame starts a new one. A method that keeps nothing has nothing to forget."""
+        return

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import tomllib
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from voxdepth.errors import ConfigError
 from voxdepth.paper.config import PaperConfig
 from voxdepth.registry import (
     CORRECTOR_NAMES,
+    ENTRY_POINTS,
     config_of,
     corrector_names,
     create_bare,
@@ -21,7 +23,7 @@ from voxdepth.registry import (
     require_known,
 )
 from voxdepth.temporal.config import VoxDepthConfig
-from voxdepth.types import Frame, Intrinsics
+from voxdepth.types import Frame, Intrinsics, Source
 
 CAMERA = Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80, baseline_m=0.1)
 
@@ -171,3 +173,26 @@ def test_the_registry_alone_imports_no_library_and_no_baseline() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_the_example_of_a_plugin_is_found_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    example = Path(__file__).parents[2] / "examples/median_plugin"
+    project = tomllib.loads((example / "pyproject.toml").read_text())["project"]
+    entries = project["entry-points"][ENTRY_POINTS]
+    info = tmp_path / "median_plugin-0.1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: median-plugin\nVersion: 0.1.0\n")
+    lines = "".join(f"{name} = {value}\n" for name, value in entries.items())
+    (info / "entry_points.txt").write_text(f"[{ENTRY_POINTS}]\n{lines}")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.syspath_prepend(str(example))
+    corrector = create_corrector("wide-median", CAMERA)
+    depth_m = np.ones(CAMERA.shape, np.float32)
+    depth_m[3, 3] = 0
+    frame = Frame(stamp_s=0.0, gray=np.zeros(CAMERA.shape, np.uint8), depth_m=depth_m)
+    corrected = corrector.process(frame)
+    corrector.reset()
+    assert not corrector.uses_gray
+    assert (corrected.depth_m == 1).all()
+    assert corrected.source[3, 3] == Source.INPAINTED
+    assert latency_s("wide-median") == 0.001

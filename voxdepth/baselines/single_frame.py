@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from ..errors import ConfigError
-from ..types import CorrectedDepth, FloatImage, Frame, Intrinsics, Source
+from ..types import CorrectedDepth, FloatImage, Frame, Intrinsics
 
 SIZES_PX = (3, 5)
 """Windows of the median."""
@@ -26,11 +26,6 @@ NEAREST_M = 0.1
 """Depths below this count as this where they are spread: they set the finest step of everything else."""
 FULL_SCALE = 65535
 """16-bit images are inpainted as they are; of float32 ones OpenCV rounds what it fills to integers."""
-CONFIDENCE_INPAINTED = 0.5
-"""Confidence of a depth that the sensor did not measure: between a measured one (1) and none (0).
-
-These only tell the sources apart. Those of `create_corrector` are probabilities, see `voxdepth.calibration`.
-"""
 
 
 class Baseline(ABC):
@@ -41,24 +36,14 @@ class Baseline(ABC):
     """Camera of the frames; None if they may have any size."""
 
     def process(self, frame: Frame) -> CorrectedDepth:
-        """Correct a frame.
-
-        Returns:
-            Source SENSOR and confidence 1 where frame and result have a depth, INPAINTED and 0.5 where only the result
-            has one, INVALID and 0 elsewhere, also where the frame lost its depth.
+        """Correct a frame, see `CorrectedDepth.of`.
 
         Raises:
             FrameError: The frame has another size than the camera, or no pose although the method needs it.
         """
         if self._intrinsics is not None:
             frame.require_shape(self._intrinsics.shape)
-        depth_m = self._corrected(frame)
-        seen, valid = frame.depth_m > 0, depth_m > 0
-        source = np.where(seen, np.uint8(Source.SENSOR), np.uint8(Source.INPAINTED))
-        confidence = np.where(seen, np.float32(1), np.float32(CONFIDENCE_INPAINTED))
-        source *= valid
-        confidence *= valid
-        return CorrectedDepth(depth_m=depth_m, source=source, confidence=confidence)
+        return CorrectedDepth.of(frame, self._corrected(frame))
 
     def reset(self) -> None:  # noqa: B027
         """Forget earlier frames, if the method keeps any."""

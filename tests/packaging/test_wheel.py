@@ -1,0 +1,89 @@
+"""The wheel of the library, installed into clean environments of every Python that is here."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PYTHONS = ("3.11", "3.12", "3.13")
+COMMANDS = (("--version",), ("config",), ("doctor",), ("bench", "--quick", "--size", "64x48"))
+RESULTS = """
+import hashlib, json
+from voxdepth.registry import CORRECTOR_NAMES, create_corrector
+from voxdepth.tools.benchmark.drawn import walk
+from voxdepth.types import Intrinsics
+camera = Intrinsics.from_hfov(width_px=128, height_px=96, hfov_deg=86, baseline_m=0.095)
+frames, found = list(walk(4, camera)), {}
+for name in CORRECTOR_NAMES:
+    corrector, digest = create_corrector(name, camera), hashlib.sha256()
+    for frame in frames:
+        result = corrector.process(frame)
+        for image in (result.depth_m, result.source, result.confidence):
+            digest.update(image.tobytes())
+    found[name] = digest.hexdigest()
+print(json.dumps(found))
+"""
+"""A program that prints a digest of what every corrector makes of some drawn frames."""
+
+
+def interpreter(version: str) -> str | None:
+    """A Python of that version on the path or below pyenv; None if there is none."""
+    root = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
+    candidates = [shutil.which(f"python{version}"), *map(str, sorted(root.glob(f"versions/{version}.*/bin/python")))]
+    code = "import sys; print('%d.%d' % sys.version_info[:2])"
+    for path in filter(None, candidates):
+        done = subprocess.run([path, "-c", code], capture_output=True, text=True, check=False)
+        if done.stdout.strip() == version:
+            return path
+    return None
+
+
+def digests(python: str | Path) -> dict[str, str]:
+    """What `RESULTS` prints."""
+    done = subprocess.run([python, "-c", RESULTS], capture_output=True, text=True, check=True, cwd=Path(python).parent)
+    found: dict[str, str] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel of this checkout."""
+    out = tmp_path_factory.mktemp("wheel")
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", str(out), str(ROOT)]
+    subprocess.run(command, check=True)
+    (found,) = out.glob("*.whl")
+    return found
+
+
+@pytest.fixture(scope="module", params=PYTHONS)
+def environment(request: pytest.FixtureRequest, wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The `bin` of a new environment with the wheel and nothing else."""
+    python = interpreter(request.param)
+    if python is None:
+        pytest.skip(f"there is no Python {request.param} here")
+    folder = tmp_path_factory.mktemp("environment")
+    subprocess.run([python, "-m", "venv", str(folder)], check=True)
+    pip = [str(folder / "bin/pip"), "--quiet", "--disable-pip-version-check"]
+    subprocess.run([*pip, "install", "-c", str(ROOT / "constraints.txt"), str(wheel)], check=True)
+    return folder / "bin"
+
+
+@pytest.mark.slow
+def test_the_library_is_complete_without_the_testbed(environment: Path) -> None:
+    for command in COMMANDS:
+        done = subprocess.run(
+            [environment / "voxdepth", *command], capture_output=True, text=True, check=False, cwd=environment
+        )
+        assert done.returncode == 0, (command, done.stdout, done.stderr)
+    for command, words in ((("run", "city"), "come with a checkout"), (("view", "x.rrd"), "no recording at")):
+        done = subprocess.run(
+            [environment / "voxdepth", *command], capture_output=True, text=True, check=False, cwd=environment
+        )
+        assert done.returncode == 2
+        assert words in done.stderr
+    assert digests(environment / "python") == digests(sys.executable)
