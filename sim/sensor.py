@@ -1,8 +1,9 @@
 """A simulated stereo camera: it renders both images, adds camera noise and measures depth."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Literal
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import cv2
 import numpy as np
@@ -13,13 +14,16 @@ from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskIm
 from . import frames, photon_kernels
 from .alignment import aligned, hidden_from_pair
 from .artefacts import Artefacts
+from .bodies import Surface
 from .decimation import decimated, decimated_intrinsics
 from .depth_noise import DepthNoise, NoiseTerm, NoisyDepth, SensorModelName
 from .errors import SensorError
 from .seeds import Purpose, counter_key, stream
 from .stereo import NOISE_TEXTURE, StereoConfig, StereoMatcher, focal_baseline_px_m, occlusion_mask
 from .types import LATER, BodyPose, Camera, Capture, Images, Model, RenderedPair, Renderer
-from .world import World
+
+if TYPE_CHECKING:
+    from .world import World
 
 DOT_SHARE, DOT_SIGMA_PX, PROJECTOR_RANGE_M = 0.15, 0.7, 3.0
 """Share of pixels with a dot, size of a dot, and the depth at which the light of a projector is half as strong."""
@@ -117,16 +121,121 @@ class RigConfig(Model):
         )
 
 
-class StereoSensor:
-    """Makes captures from any pose in a world, with a renderer of that world. The seed drives all noise.
+class DepthSensor:
+    """Adds the noise of cameras to rendered images, and measures depth with them. The seed drives all noise.
 
-    Without `gray`, the gray images are black unless the sensor model needs them. With `right`, there are right images
-    even if the sensor model does not need them. A baseline that is larger than the scene, or needs more disparities
-    than the image has columns, raises a `SensorError`.
+    Without `gray`, the gray images are black unless the sensor model needs them. A baseline that needs more disparities
+    than the image has columns raises a `SensorError`.
     """
 
     def __init__(
-        self, world: World, renderer: Renderer, config: RigConfig, *, seed: int, gray: bool = True, right: bool = False
+        self, config: RigConfig, surfaces: Mapping[int, Surface] = MappingProxyType({}), *, seed: int, gray: bool = True
+    ) -> None:
+        self._config = config
+        self._seed = seed
+        self.intrinsics = config.intrinsics
+        """Camera model of the captures."""
+        stereo, noisy = config.depth == "stereo", config.depth == "noisy"
+        self._decimate = config.decimate if stereo or noisy else 1
+        self.rendered = config.full_intrinsics if stereo or noisy else config.intrinsics
+        """Camera model of the rendered images."""
+        self._matcher = StereoMatcher(self.rendered, config.stereo, max_depth_m=config.max_depth_m) if stereo else None
+        self._noise_terms = config.noise.terms if noisy else ()
+        self._artefacts = config.artefacts.terms if config.artefacts else ()
+        self._surfaces = surfaces
+        self.needs_gray = gray or stereo
+        self.needs_right = stereo or bool(config.color_offset_m) or (noisy and config.noise.occlusion.active)
+
+    def capture(self, pair: RenderedPair) -> Capture:
+        """Add the noise of the cameras, measure depth and decimate it. Several threads may do so at once."""
+        gray_left, gray_right = self._pair_images(pair)
+        depth_m, reason, occluded = self._measure(pair, gray_left, gray_right)
+        view, T_world_cam = pair.left, pair.T_world_cam
+        if pair.color is not None and pair.right is not None and (offset_m := self._config.color_offset_m):
+            assert pair.T_world_color is not None, "a rendered colour image has a pose"
+            view, T_world_cam = pair.color, pair.T_world_color
+            gray_left = self._add_camera_noise(view, pair, 2)
+            occluded = hidden_from_pair(view, pair.left, pair.right, offset_m, self.rendered)
+            depth_m, reason = aligned(depth_m, offset_m, self.rendered, occluded)
+        self._apply(self._artefacts, pair, view, T_world_cam, occluded, depth_m, reason)
+        full = Capture(
+            stamp_s=pair.pose.stamp_s,
+            drone=pair.pose.drone,
+            gray_left=gray_left,
+            gray_right=gray_right,
+            depth_true_m=view.depth_m,
+            depth_raw_m=depth_m,
+            occluded=occluded,
+            invalid_reason=reason,
+            segment_id=view.segment_id,
+            T_world_cam=T_world_cam,
+            intrinsics=self.rendered,
+        )
+        return decimated(full, self._decimate)
+
+    def _pair_images(self, pair: RenderedPair) -> tuple[GrayImage, GrayImage | None]:
+        """The images of the left and the second camera with the projected texture and noise."""
+        left, right = pair.left, pair.right
+        if right is not None and (strength := self._config.projected_texture):
+            left, right = lit_by_pattern(left, right, strength, self.rendered, seed=self._seed)
+        gray_left = self._add_camera_noise(left, pair, 0)
+        return gray_left, None if right is None else self._add_camera_noise(right, pair, 1)
+
+    def _measure(
+        self, pair: RenderedPair, gray_left: GrayImage, gray_right: GrayImage | None
+    ) -> tuple[FloatImage, GrayImage, MaskImage]:
+        """Depth of the left camera [m], one `InvalidReason` per pixel, and the pixels that the second one misses."""
+        left = pair.left
+        occluded = np.zeros(left.depth_m.shape, np.bool_)
+        if pair.right is not None and self._config.projector:  # The mirror image of a stereo pair.
+            mirrored = occlusion_mask(left.depth_m[:, ::-1], pair.right.depth_m[:, ::-1], self.rendered)
+            occluded = np.ascontiguousarray(mirrored[:, ::-1])
+        elif pair.right is not None:
+            occluded = occlusion_mask(left.depth_m, pair.right.depth_m, self.rendered)
+        if self._matcher is not None and gray_right is not None:
+            return *self._matcher.measure(gray_left, gray_right, left.depth_m, occluded), occluded
+        depth_m, reason = left.depth_m.copy(), np.zeros(occluded.shape, np.uint8)
+        self._apply(self._noise_terms, pair, left, pair.T_world_cam, occluded, depth_m, reason)
+        return np.minimum(depth_m, np.float32(self._config.max_depth_m)), reason, occluded
+
+    def _add_camera_noise(self, images: Images, pair: RenderedPair, side: int) -> GrayImage:
+        if not self.needs_gray:
+            return images.gray
+        drone, frame = pair.pose.drone, pair.frame
+        sigma, settling_frames = self._config.exposure_sigma, self._config.exposure_settling_frames
+        gain = exposure_gain(sigma, drone, frame, seed=self._seed, settling_frames=settling_frames)
+        return photon_noise(images.gray, self._config.photon_sigma, drone, frame, side, seed=self._seed, gain=gain)
+
+    def _apply(
+        self, terms: Iterable[NoiseTerm], pair: RenderedPair, view: Images, T_world_cam: FloatArray,
+        occluded: MaskImage, depth_m: FloatImage, reason: GrayImage,
+    ) -> None:  # fmt: skip
+        """Apply noise terms to the depth and the reasons of a view, in place."""
+        image = NoisyDepth(
+            depth_m=depth_m, invalid_reason=reason, segment_id=view.segment_id, occluded=occluded,
+            depth_true_m=view.depth_m, T_world_cam=T_world_cam, surfaces=self._surfaces, intrinsics=self.rendered,
+            seed=self._seed, key=(pair.pose.drone, pair.frame),
+        )  # fmt: skip
+        for term in terms:
+            term.apply(image)
+
+
+class StereoSensor:
+    """Makes captures from any pose in a world, with a renderer of that world; see `DepthSensor`.
+
+    With `right`, there are right images even if the sensor model does not need them. A baseline that is larger than the
+    scene raises a `SensorError`.
+    """
+
+    def __init__(
+        self,
+        world: "World",
+        renderer: Renderer,
+        config: RigConfig,
+        *,
+        seed: int,
+        gray: bool = True,
+        right: bool = False,
     ) -> None:
         if config.baseline_m >= world.extent_m:
             raise SensorError(
@@ -135,19 +244,10 @@ class StereoSensor:
             )
         self._renderer = renderer
         self._config = config
-        self._seed = seed
-        self.intrinsics = config.intrinsics
+        self._sensor = DepthSensor(config, world.surfaces, seed=seed, gray=gray)
+        self._right = right or self._sensor.needs_right
+        self.intrinsics = self._sensor.intrinsics
         """Camera model of the captures."""
-        stereo, noisy = config.depth == "stereo", config.depth == "noisy"
-        self._decimate = config.decimate if stereo or noisy else 1
-        self._rendered = config.full_intrinsics if stereo or noisy else config.intrinsics
-        """Camera model of the rendered images."""
-        self._matcher = StereoMatcher(self._rendered, config.stereo, max_depth_m=config.max_depth_m) if stereo else None
-        self._noise_terms = config.noise.terms if noisy else ()
-        self._artefacts = config.artefacts.terms if config.artefacts else ()
-        self._surfaces = world.surfaces
-        self._gray = gray or stereo
-        self._right = right or stereo or bool(config.color_offset_m) or (noisy and config.noise.occlusion.active)
 
     def render(self, poses: Sequence[BodyPose], frame: int) -> list[RenderedPair]:
         """Render the cameras of several carriers in one batch. Only one thread may render at a time."""
@@ -155,14 +255,20 @@ class StereoSensor:
         second_m = config.baseline_m if config.projector else -config.baseline_m
         to_left_m = [0.0, *([second_m] if self._right else []), *filter(None, [config.color_offset_m])]
         cameras = [self._camera(pose, offset_m) for offset_m in to_left_m for pose in poses]
-        images = self._renderer.render(cameras, gray=self._gray)
+        images = self._renderer.render(cameras, gray=self._sensor.needs_gray)
         views = [images[k * n : (k + 1) * n] for k in range(len(to_left_m))]
         absent: list[Images | None] = [None] * n
         rights, colors = views[1] if self._right else absent, views[2] if config.color_offset_m else absent
+        color_poses = [camera.T_world_cam if config.color_offset_m else None for camera in cameras[-n:]]
         return [
-            RenderedPair(pose=pose, frame=frame, T_world_cam=camera.T_world_cam, left=left, right=right, color=color)
-            for pose, camera, left, right, color in zip(poses, cameras, views[0], rights, colors, strict=False)
-        ]
+            RenderedPair(
+                pose=pose, frame=frame, T_world_cam=camera.T_world_cam, left=left, right=right,
+                color=color, T_world_color=T_world_color,
+            )
+            for pose, camera, left, right, color, T_world_color in zip(
+                poses, cameras, views[0], rights, colors, color_poses, strict=False
+            )
+        ]  # fmt: skip
 
     def expose(self, poses: Sequence[BodyPose], frame: int) -> RenderedPair:
         """Render one carrier's cameras at several moments; the gray images are means, and all else is of the middle."""
@@ -179,81 +285,13 @@ class StereoSensor:
 
     def capture(self, pair: RenderedPair) -> Capture:
         """Add the noise of the cameras, measure depth and decimate it. Several threads may do so at once."""
-        gray_left, gray_right = self._pair_images(pair)
-        depth_m, reason, occluded = self._measure(pair, gray_left, gray_right)
-        view, T_world_cam = pair.left, pair.T_world_cam
-        if pair.color is not None and pair.right is not None and (offset_m := self._config.color_offset_m):
-            view, T_world_cam = pair.color, self._camera(pair.pose, offset_m).T_world_cam
-            gray_left = self._add_camera_noise(view, pair, 2)
-            occluded = hidden_from_pair(view, pair.left, pair.right, offset_m, self._rendered)
-            depth_m, reason = aligned(depth_m, offset_m, self._rendered, occluded)
-        self._apply(self._artefacts, pair, view, T_world_cam, occluded, depth_m, reason)
-        full = Capture(
-            stamp_s=pair.pose.stamp_s,
-            drone=pair.pose.drone,
-            gray_left=gray_left,
-            gray_right=gray_right,
-            depth_true_m=view.depth_m,
-            depth_raw_m=depth_m,
-            occluded=occluded,
-            invalid_reason=reason,
-            segment_id=view.segment_id,
-            T_world_cam=T_world_cam,
-            intrinsics=self._rendered,
-        )
-        return decimated(full, self._decimate)
+        return self._sensor.capture(pair)
 
     def _camera(self, pose: BodyPose, to_left_m: float) -> Camera:
         """The left camera, moved to its left."""
         mount_m = self._config.left_mount_m + np.array([0.0, to_left_m, 0.0])
         T_world_cam = frames.camera_pose(pose.position_m, pose.q_world_body_xyzw, mount_m)
-        return Camera(T_world_cam=T_world_cam, intrinsics=self._rendered)
-
-    def _pair_images(self, pair: RenderedPair) -> tuple[GrayImage, GrayImage | None]:
-        """The images of the left and the second camera with the projected texture and noise."""
-        left, right = pair.left, pair.right
-        if right is not None and (strength := self._config.projected_texture):
-            left, right = lit_by_pattern(left, right, strength, self._rendered, seed=self._seed)
-        gray_left = self._add_camera_noise(left, pair, 0)
-        return gray_left, None if right is None else self._add_camera_noise(right, pair, 1)
-
-    def _measure(
-        self, pair: RenderedPair, gray_left: GrayImage, gray_right: GrayImage | None
-    ) -> tuple[FloatImage, GrayImage, MaskImage]:
-        """Depth of the left camera [m], one `InvalidReason` per pixel, and the pixels that the second one misses."""
-        left = pair.left
-        occluded = np.zeros(left.depth_m.shape, np.bool_)
-        if pair.right is not None and self._config.projector:  # The mirror image of a stereo pair.
-            mirrored = occlusion_mask(left.depth_m[:, ::-1], pair.right.depth_m[:, ::-1], self._rendered)
-            occluded = np.ascontiguousarray(mirrored[:, ::-1])
-        elif pair.right is not None:
-            occluded = occlusion_mask(left.depth_m, pair.right.depth_m, self._rendered)
-        if self._matcher is not None and gray_right is not None:
-            return *self._matcher.measure(gray_left, gray_right, left.depth_m, occluded), occluded
-        depth_m, reason = left.depth_m.copy(), np.zeros(occluded.shape, np.uint8)
-        self._apply(self._noise_terms, pair, left, pair.T_world_cam, occluded, depth_m, reason)
-        return np.minimum(depth_m, np.float32(self._config.max_depth_m)), reason, occluded
-
-    def _add_camera_noise(self, images: Images, pair: RenderedPair, side: int) -> GrayImage:
-        if not self._gray:
-            return images.gray
-        drone, frame = pair.pose.drone, pair.frame
-        sigma, settling_frames = self._config.exposure_sigma, self._config.exposure_settling_frames
-        gain = exposure_gain(sigma, drone, frame, seed=self._seed, settling_frames=settling_frames)
-        return photon_noise(images.gray, self._config.photon_sigma, drone, frame, side, seed=self._seed, gain=gain)
-
-    def _apply(
-        self, terms: Iterable[NoiseTerm], pair: RenderedPair, view: Images, T_world_cam: FloatArray,
-        occluded: MaskImage, depth_m: FloatImage, reason: GrayImage,
-    ) -> None:  # fmt: skip
-        """Apply noise terms to the depth and the reasons of a view, in place."""
-        image = NoisyDepth(
-            depth_m=depth_m, invalid_reason=reason, segment_id=view.segment_id, occluded=occluded,
-            depth_true_m=view.depth_m, T_world_cam=T_world_cam, surfaces=self._surfaces, intrinsics=self._rendered,
-            seed=self._seed, key=(pair.pose.drone, pair.frame),
-        )  # fmt: skip
-        for term in terms:
-            term.apply(image)
+        return Camera(T_world_cam=T_world_cam, intrinsics=self._sensor.rendered)
 
 
 def mean_gray(images: Sequence[Images]) -> Images:

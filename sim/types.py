@@ -155,6 +155,8 @@ class RenderedPair:
     """The second camera, or the view of a projector."""
     color: Images | None = None
     """The colour camera that depth is aligned to."""
+    T_world_color: FloatArray | None = None
+    """Pose of the colour camera, shape (4, 4)."""
 
 
 class Renderer(Protocol):

@@ -108,6 +108,13 @@ def test_the_examples_of_the_library_run(name: str, word: str) -> None:
         assert names["corrected"].depth_m.shape == names["gray"].shape
 
 
+def test_the_examples_of_depth_noise_run_one_after_the_other() -> None:
+    names: dict = {}
+    for example in blocks(ROOT / "docs" / "depth_noise.md", "python"):
+        exec(example, names)
+    assert names["corrected"].depth_m.shape == names["true_m"].shape
+
+
 def test_the_example_of_a_regression_test_passes() -> None:
     (example,) = [block for block in blocks(ROOT / "docs" / "evaluation.md", "python") if "noisy_sequence" in block]
     names: dict = {}

@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PYTHONS = ("3.11", "3.12", "3.13")
-COMMANDS = (("--version",), ("config",), ("doctor",), ("bench", "--quick", "--size", "64x48"))
+COMMANDS = (("--version",), ("config",), ("doctor",), ("bench", "--quick", "--size", "160x120"))
 RESULTS = """
 import hashlib, json
 from voxdepth.registry import CORRECTOR_NAMES, create_corrector
