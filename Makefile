@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test fast lint bench profile acceptance picture sequences regress wheel clean
+.PHONY: help setup demo test fast lint bench profile acceptance picture sequences regress docs wheel clean
 
 help:            ## list the targets
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 14
@@ -30,6 +30,10 @@ test: setup      ## run lint, types, layers and all tests
 
 fast: setup      ## run the tests that answer within two minutes
 	$(BIN)/pytest -n 2 -m "not slow"
+
+docs: setup      ## build the documentation site in site/, and check its links
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(BIN)/mkdocs build --quiet
 
 wheel: setup     ## build the library as a wheel in dist/, and check it
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[release]'

@@ -13,7 +13,8 @@ import pytest
 import typer
 
 ROOT = Path(__file__).parents[2]
-DOCUMENTS = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+TUTORIALS = sorted((ROOT / "docs/tutorials").glob("*.md"))
+DOCUMENTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")), *TUTORIALS)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 PATH = re.compile(r"(?<![\w:/])(?:voxdepth|sim|swarm|scenarios|tests|examples)/[\w./-]*\w(?:\.\w+)?")
 CODE = re.compile(r"```sh\n(.*?)```|`([^`\n]+)`|^    (\S[^\n]*)$", re.DOTALL | re.MULTILINE)
@@ -106,6 +107,13 @@ def test_the_examples_of_the_library_run(name: str, word: str) -> None:
     exec(example, names)
     if "corrected" in names:
         assert names["corrected"].depth_m.shape == names["gray"].shape
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tutorial", TUTORIALS, ids=lambda path: path.stem)
+def test_the_examples_of_tutorials_run_one_after_the_other(tutorial: Path) -> None:
+    program = "\n".join(blocks(tutorial, "python"))  # In a process of its own, as a reader has it.
+    subprocess.run([sys.executable, "-c", program], check=True)
 
 
 def test_the_examples_of_depth_noise_run_one_after_the_other() -> None:
