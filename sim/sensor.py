@@ -113,6 +113,11 @@ class RigConfig(Model):
         """Camera model of the captures of the left camera."""
         return decimated_intrinsics(self.full_intrinsics, self.decimate)
 
+    def exact(self) -> "RigConfig":
+        """A camera with the same captures that reads the true depth."""
+        images = {"width_px", "height_px", "decimate", "hfov_deg", "rate_hz", "max_depth_m"}
+        return RigConfig(**self.model_dump(include={*images, "baseline_m", "mount_forward_m"}), depth="truth")
+
     @property
     def full_intrinsics(self) -> Intrinsics:
         """Camera model of the left camera before decimation."""

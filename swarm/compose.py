@@ -1,6 +1,6 @@
 """Composing a mission from its parts: world, renderer, cameras, correctors and controllers."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 
 from sim.cpu import mapper
@@ -18,6 +18,9 @@ from .controllers import Factory
 from .mission import Mission
 from .recorder import Recorder
 from .task import MissionConfig
+
+EXACT = CorrectorSpec(name="raw")
+"""Corrector of drones that see the true depth."""
 
 
 class MissionSetup(Model):
@@ -47,6 +50,7 @@ def composed_mission(
     gray: bool,
     threads: int = 1,
     make_agent: Factory | None = None,
+    exact: Collection[int] = (),
 ) -> Iterator[Mission]:
     """Create a mission that is ready to fly, and free its world at the end.
 
@@ -58,6 +62,7 @@ def composed_mission(
         gray: Whether gray images are needed even if neither the corrector nor the sensor model needs them.
         threads: Number of threads that make the images; it changes the speed only.
         make_agent: Creates the agents of the drones; None takes the factory that the mission's `controller` names.
+        exact: Numbers of drones whose cameras read the true depth, which is not corrected.
 
     Raises:
         MissionError: The mission cannot be flown as configured.
@@ -65,10 +70,11 @@ def composed_mission(
     config, rig_config = setup.mission, setup.rig
     scene = setup.scene.build(seed)
     with World(scene, config.starts_m(), setup.airframe, start_yaw_rad=config.start_yaws_rad()) as world:
-        correctors = [setup.corrector.create(rig_config.intrinsics) for _ in range(world.n_drones)]
+        specs = [EXACT if drone in exact else setup.corrector for drone in range(world.n_drones)]
+        correctors = [spec.create(rig_config.intrinsics) for spec in specs]
         gray = gray or any(corrector.uses_gray for corrector in correctors)
         renderer = create_renderer(setup.renderer, world, threads=threads)
-        rig = StereoRig(world, renderer, rig_config, seed=seed, gray=gray, pool_map=mapper(threads))
+        rig = StereoRig(world, renderer, rig_config, seed=seed, gray=gray, pool_map=mapper(threads), exact=exact)
         yield Mission(
             config,
             world,

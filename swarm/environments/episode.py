@@ -62,10 +62,13 @@ class Episode:
         self._learning = frozenset(learners)
         self._ticks_per_step = round(config.control_hz / task.rig.rate_hz)
         self._resources = ExitStack()
-        latency_s, recorded, recorder = task.latency_s, recorder is not None, recorder or Recorder()
+        recorded, recorder = recorder is not None, recorder or Recorder()
+        everyone = {drone for team in config.teams() for drone in team.members}
+        exact = everyone - self._learning if task.others == "truth" else ()
         mission = composed_mission(
-            self._task, recorder, latency_s=latency_s, seed=seed, gray=recorded, make_agent=self._create_agent
-        )
+            self._task, recorder, latency_s=task.latency_s, seed=seed, gray=recorded,
+            make_agent=self._create_agent, exact=exact,
+        )  # fmt: skip
         try:
             self._mission = self._resources.enter_context(mission)
             self._await_first_image()

@@ -51,6 +51,8 @@ class LearningTask(MissionSetup):
     """The cameras; a step lasts one period of theirs."""
     corrector_latency_s: float = Field(default=0.0, ge=0)
     """Simulated time that the corrector takes for a frame, on top of `mission.latency_s`."""
+    others: Literal["same", "truth"] = "same"
+    """Depth of the drones that do not learn: that of the learners, or the true depth, which takes less time."""
     steering: SteeringName = "direct"
     """Steering between an action and the drone: `direct`, or `shielded` by obstacle avoidance."""
     reward: RewardConfig = RewardConfig()

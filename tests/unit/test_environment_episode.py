@@ -1,5 +1,7 @@
 """Episodes: what is seen, what is flown, and what it is worth."""
 
+from contextlib import closing
+
 import numpy as np
 import pybullet
 import pytest
@@ -7,6 +9,7 @@ import pytest
 from scenarios.config import Run, Scenario
 from scenarios.runner import fly
 from sim.frames import R_BODY_CAM, quaternion_from_yaw
+from sim.sensor import RigConfig
 from sim.types import Capture, DroneState
 from swarm.agents import Follower, create_agent
 from swarm.controllers import Role
@@ -250,3 +253,32 @@ def test_closing_frees_the_world_also_after_an_error() -> None:
     with pytest.raises(MissionError, match="before the first image was known: shorten"):
         Episode(quick_task(latency_s=3.0, duration_s=1.0), [1], seed=0)
     assert not pybullet.isConnected(client)
+
+
+class TestOthers:
+    def test_the_learner_sees_the_same_whatever_the_others_see(self) -> None:
+        first = []
+        for others in ("same", "truth"):
+            with closing(
+                Episode(
+                    quick_task().model_copy(update={"others": others, "rig": RigConfig(width_px=80, height_px=60)}),
+                    [1],
+                    seed=5,
+                )
+            ) as episode:
+                first.append(episode.observe(1))
+        for name in first[0]:
+            np.testing.assert_array_equal(first[0][name], first[1][name])
+
+    def test_the_others_see_the_truth(self) -> None:
+        with closing(
+            Episode(
+                quick_task().model_copy(update={"others": "truth", "rig": RigConfig(width_px=80, height_px=60)}),
+                [1],
+                seed=5,
+            )
+        ) as episode:
+            learner, leader = episode.situation(1).percept, episode.situation(0).percept
+        assert learner is not None and leader is not None
+        assert (learner.corrected.depth_m == 0).any(), "a camera has holes"
+        assert (leader.corrected.depth_m > 0).all()

@@ -148,8 +148,7 @@ class TestVectors:
 
     @pytest.mark.slow
     def test_several_run_in_processes_of_their_own(self) -> None:
-        context = {"context": "spawn"}
-        envs = gymnasium.make_vec(NAME, num_envs=2, vectorization_mode="async", vector_kwargs=context, **quick())
+        envs = gymnasium.make_vec(NAME, num_envs=2, vectorization_mode="vector_entry_point", **quick())
         observations, _ = envs.reset(seed=[3, 4])
         alone = LeaderFollowerEnv(**quick())
         np.testing.assert_array_equal(observations["depth_m"][1], alone.reset(seed=4)[0]["depth_m"])
