@@ -256,28 +256,21 @@ def test_closing_frees_the_world_also_after_an_error() -> None:
 
 
 class TestOthers:
+    @staticmethod
+    def episode(others: str) -> Episode:
+        changes = {"others": others, "rig": RigConfig(width_px=80, height_px=60)}
+        return Episode(quick_task().model_copy(update=changes), [1], seed=5)
+
     def test_the_learner_sees_the_same_whatever_the_others_see(self) -> None:
         first = []
         for others in ("same", "truth"):
-            with closing(
-                Episode(
-                    quick_task().model_copy(update={"others": others, "rig": RigConfig(width_px=80, height_px=60)}),
-                    [1],
-                    seed=5,
-                )
-            ) as episode:
+            with closing(self.episode(others)) as episode:
                 first.append(episode.observe(1))
         for name in first[0]:
             np.testing.assert_array_equal(first[0][name], first[1][name])
 
     def test_the_others_see_the_truth(self) -> None:
-        with closing(
-            Episode(
-                quick_task().model_copy(update={"others": "truth", "rig": RigConfig(width_px=80, height_px=60)}),
-                [1],
-                seed=5,
-            )
-        ) as episode:
+        with closing(self.episode("truth")) as episode:
             learner, leader = episode.situation(1).percept, episode.situation(0).percept
         assert learner is not None and leader is not None
         assert (learner.corrected.depth_m == 0).any(), "a camera has holes"
