@@ -1,4 +1,4 @@
-"""A leader and its followers that fly by the depth of their cameras."""
+"""A leader and its followers, which navigate with the depth of their cameras."""
 
 import sys
 

@@ -1,7 +1,7 @@
 """The adapter between sensor and controller: it builds frames without truth from captures.
 
 `Perception` turns a `Capture` into a `Frame` without true depth and corrects it. Nothing else in this package builds a
-`Frame`. Two parts of the truth remain: routes and formations are flown by true positions, and the pose prior `true`
+`Frame`. Two parts of the truth remain: routes and formations are flown with true positions, and the pose prior `true`
 passes the true pose to the corrector, as an oracle.
 """
 

@@ -1,4 +1,4 @@
-"""A Gymnasium environment: one follower learns, all others fly by the mission's controller."""
+"""A Gymnasium environment: one follower learns, the mission's controller flies all others."""
 
 from typing import Any, SupportsFloat
 

@@ -1,4 +1,4 @@
-"""A PettingZoo environment: all followers learn at once, behind leaders that fly by the mission's controller."""
+"""A PettingZoo environment: all followers learn at once, behind leaders that the mission's controller flies."""
 
 from collections.abc import Mapping
 from typing import Any
