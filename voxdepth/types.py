@@ -104,6 +104,7 @@ class Intrinsics:
 
         The projection matrix `P` (ROS 1) or `p` (ROS 2), 12 numbers in rows of four, describes rectified images. Its
         fourth column, which is not 0 for the right camera of a pair, gives the baseline unless it is an argument.
+        Where it is all zeros, as librealsense writes it, the camera matrix `K` or `k` of undistorted images counts.
 
         Raises:
             FrameError: The message lacks a field, its images are binned or cut, or the camera is not calibrated.
@@ -112,6 +113,10 @@ class Intrinsics:
         if projection is None or len(projection) != 12 or not hasattr(info, "width") or not hasattr(info, "height"):
             raise FrameError(f"expected a CameraInfo with width, height and 12 numbers p, got {type(info).__name__}")
         fx, _, cx, tx, _, fy, cy = (float(x) for x in projection[:7])
+        if not any(projection):
+            fx, _, cx, _, fy, cy = (float(x) for x in getattr(info, "k", getattr(info, "K", [0] * 9))[:6])
+            if any(getattr(info, "d", getattr(info, "D", ()))):
+                raise FrameError("the CameraInfo has a distortion, but no projection matrix: rectify the images")
         if fx <= 0 or fy <= 0:
             raise FrameError(f"the CameraInfo has focal lengths {fx}, {fy}: is the camera calibrated?")
         roi = getattr(info, "roi", None)  # zeros mean the whole image

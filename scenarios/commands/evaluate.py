@@ -5,13 +5,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from voxdepth.tools.options import counter
+from voxdepth.tools.options import DepthTopic, GrayTopic, counter
 
 from .options import Seed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ..evaluation.kinds import Opened
     from ..evaluation.suite import Plan, Requested
 
 
@@ -24,7 +25,8 @@ def evaluate(
         ),
     ] = None,
     data: Annotated[
-        list[Path] | None, typer.Option(metavar="DIR", help="A recorded sequence of any format; may be repeated.")
+        list[Path] | None,
+        typer.Option(metavar="PATH", help="A recorded sequence of any format, or a bag; may be repeated."),
     ] = None,
     methods: Annotated[
         str | None,
@@ -43,6 +45,8 @@ def evaluate(
             help="Folder of the results. A repetition reuses finished ones; the report shows what this call names.",
         ),
     ] = (Path("evaluation")),
+    depth_topic: DepthTopic = None,
+    gray_topic: GrayTopic = None,
 ) -> None:
     """Compare all methods on the same frames: errors, coverage, flicker, latency; tables, figures and a report.
 
@@ -50,8 +54,12 @@ def evaluate(
     otherwise by measured pixels that are held out: occlusion shadows, wide ones, and patches, each by itself. Holes of
     such a recording are scored by later frames. Writes results.csv, results.parquet and report.html.
     """
+    from functools import partial
+
     import cv2
     from rich.console import Console
+
+    from voxdepth.datasets import open_dataset
 
     from ..evaluation.report import print_results, write_report
     from ..evaluation.suite import evaluate as run_plan
@@ -59,7 +67,8 @@ def evaluate(
     cv2.setNumThreads(1)
     # Our own errors about damaged images name the file, which OpenCV's messages do not.
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    plan = _planned(sequences or [], data or [], methods, frames, seed, out)
+    opened = partial(open_dataset, depth_topic=depth_topic, gray_topic=gray_topic)
+    plan = _planned(sequences or [], data or [], opened, methods, frames, seed, out)
     console = Console()
     try:
         with counter(console, "", len(plan), "results") as tell:
@@ -74,7 +83,13 @@ def evaluate(
 
 
 def _planned(
-    sequences: "Sequence[str]", data: "Sequence[Path]", methods: str | None, frames: int, seed: int | None, out: Path
+    sequences: "Sequence[str]",
+    data: "Sequence[Path]",
+    opened: "Opened",
+    methods: str | None,
+    frames: int,
+    seed: int | None,
+    out: Path,
 ) -> "Plan":
     """Make the plan, and check it before anything is written."""
     from ..evaluation.methods import METHOD_NAMES, find_methods
@@ -84,7 +99,7 @@ def _planned(
     names = names_of(sequences or ([] if data else ["reference"]))
     requested: list[Requested] = [Shipped(load_sequence(name, seed, {})) for name in names]
     for folder in data:
-        requested += requested_of(folder)
+        requested += requested_of(folder, opened)
     chosen = METHOD_NAMES if methods is None else [name.strip() for name in methods.split(",")]
     return Plan(sequences=requested, methods=find_methods(chosen), frames=frames, out=out)
 

@@ -7,12 +7,15 @@ from functools import partial
 from hashlib import sha256
 from pathlib import Path
 
-from voxdepth.datasets import Dataset, open_dataset
+from voxdepth.datasets import Dataset
 from voxdepth.errors import VoxDepthError
 
 from .groups import HOLE_GROUPS, Groups, held_out_groups
 from .later_frames import LATER_FRAMES, LaterFrames
 from .references import TRUE_DEPTH, TRUE_DEPTHS, WIDENING, Patches, References, Shadows, TrueHoles
+
+Opened = Callable[[Path], Dataset]
+"""Opens a recording."""
 
 
 @dataclass(frozen=True)
@@ -47,13 +50,13 @@ HOLES_BY_LATER_FRAMES = Kind(
 """The sensor's own holes of a recording without the truth."""
 
 
-def kinds_of(folder: Path) -> list[Kind]:
+def kinds_of(folder: Path, opened: Opened) -> list[Kind]:
     """Return the kinds of pixels that methods can be judged by in a recording."""
     truths = [folder / TRUE_DEPTH, *sorted((folder / TRUE_DEPTHS).glob("*.png"))]
     if found := [path for path in truths if path.is_file()]:
         digest = sha256(b"".join(sha256(path.read_bytes()).digest() for path in found)).hexdigest()
         return [*HELD_OUT, Kind(HOLE_GROUPS, partial(TrueHoles, folder), digest=digest)]
     with suppress(VoxDepthError):
-        if len(open_dataset(folder)) > 2:
+        if len(opened(folder)) > 2:
             return [*HELD_OUT, HOLES_BY_LATER_FRAMES]
     return list(HELD_OUT)

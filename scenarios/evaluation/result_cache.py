@@ -10,8 +10,8 @@ import pydantic
 from pydantic import ConfigDict
 
 from voxdepth.model import Model
-from voxdepth.tools.correction import encode, to_millimetres
 from voxdepth.tools.files import as_tool_error, write
+from voxdepth.tools.output import encode, to_millimetres
 from voxdepth.types import FloatImage
 
 from ..images import picked

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from voxdepth.geometry import fill_from_nearest
 from voxdepth.metrics import Changes, Flicker, Phantoms, Share, Sums, ghost_share, is_correct, near_share, survival
 from voxdepth.metrics.paper import PEAK16_M, m_rmse_u16_wrap, psnr_minmax8
-from voxdepth.tools.correction import to_millimetres
+from voxdepth.tools.output import to_millimetres
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage, Source
 
 from .groups import ALL, BINS, NEAR, NONE, RANGES, Groups, split

@@ -23,7 +23,7 @@ from ..errors import ScenarioError
 from ..sequences import SeededSequence, record
 from .groups import RANGES
 from .intervals import close_intervals, error_intervals
-from .kinds import Kind, kinds_of
+from .kinds import Kind, Opened, kinds_of
 from .measurements import Measurements
 from .methods import Method
 from .result_cache import Key, Result, ResultCache, SequenceInfo, encoded_thumbnail
@@ -85,6 +85,7 @@ class Judged:
 
     path: Path
     kind: Kind
+    opened: Opened = open_dataset
 
     @property
     def name(self) -> str:
@@ -93,12 +94,14 @@ class Judged:
 
     def open(self, out: Path, frames: int, tell: Callable[[str], None]) -> FrameSource:
         """Open the recording in the folder."""
-        return DatasetSource(self.name, open_dataset(self.path), self.kind)
+        return DatasetSource(self.name, self.opened(self.path), self.kind)
 
 
-def requested_of(folder: Path) -> list["Requested"]:
+def requested_of(folder: Path, opened: Opened = open_dataset) -> list["Requested"]:
     """Return what can be compared in a folder: a recording with the truth, or each kind of pixels of a real one."""
-    return [Folder(folder)] if is_simulated(folder) else [Judged(folder, kind) for kind in kinds_of(folder)]
+    if is_simulated(folder):
+        return [Folder(folder)]
+    return [Judged(folder, kind, opened) for kind in kinds_of(folder, opened)]
 
 
 def _name_of(folder: Path) -> str:

@@ -14,8 +14,10 @@ import pytest
 from voxdepth.errors import DatasetError
 from voxdepth.paper.epochs import EpochEnd, PaperDiagnostics, Phase
 from voxdepth.paper.registration import Registration, RegistrationStatus
-from voxdepth.tools.correction import Correction, CorrectionConfig, to_gray, to_millimetres
+from voxdepth.ros import confidence_levels
+from voxdepth.tools.correction import Correction, CorrectionConfig
 from voxdepth.tools.errors import ToolError
+from voxdepth.tools.output import to_millimetres
 from voxdepth.types import CorrectedDepth, Frame, Intrinsics
 
 CAMERA = Intrinsics.from_hfov(width_px=24, height_px=16, hfov_deg=80)
@@ -268,4 +270,4 @@ def test_depth_is_stored_in_millimetres_and_stays_valid_or_invalid() -> None:
 
 
 def test_confidence_is_stored_from_none_to_full() -> None:
-    assert to_gray(np.array([[0, 0.5, 0.999, 1]], np.float32)).tolist() == [[0, 128, 255, 255]]
+    assert confidence_levels(np.array([[0, 0.5, 0.999, 1]], np.float32)).tolist() == [[0, 128, 255, 255]]

@@ -7,14 +7,17 @@ for frame in open_dataset(Path("rgbd_dataset_freiburg1_desk")):
 """
 
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from ..errors import ConfigError, DatasetError
 from ..types import Frame, Intrinsics
 
+if TYPE_CHECKING:
+    from ..ros import Header
+
 __all__ = ["DATASET_FORMATS", "Dataset", "open_dataset"]
 
-DATASET_FORMATS = ("tum", "midair", "realsense", "recording")
+DATASET_FORMATS = ("tum", "midair", "realsense", "recording", "bag")
 """All formats, in the order in which they are tried."""
 
 
@@ -32,6 +35,9 @@ class Dataset(Protocol):
     def name(self, index: int) -> str:
         """Name of a frame without a suffix, unique, usable as a file name, perhaps with dots; sorts like the frames."""
 
+    def header(self, index: int) -> "Header":
+        """Time of a frame to the nanosecond, and the name of its coordinate frame."""
+
     def __getitem__(self, index: int) -> Frame:
         """Read one frame. It has a pose only where the dataset has an estimate of the camera; never the true one.
 
@@ -41,20 +47,33 @@ class Dataset(Protocol):
         """
 
 
-def open_dataset(folder: Path, format: str = "auto", *, intrinsics: Intrinsics | None = None) -> Dataset:
-    """Open the dataset in a folder.
+def open_dataset(
+    path: Path,
+    format: str = "auto",
+    *,
+    intrinsics: Intrinsics | None = None,
+    depth_topic: str | None = None,
+    gray_topic: str | None = None,
+) -> Dataset:
+    """Open a dataset: a folder, or the file of a bag.
 
     Args:
-        folder: The unpacked archive of the dataset, or the folder that the camera's tool exported to.
+        path: The unpacked archive of the dataset, the folder that the camera's tool exported to, or a bag.
         format: One of `DATASET_FORMATS`; `auto` takes the first whose files are there.
         intrinsics: Intrinsics of the camera. They take precedence over a `calibration.toml` in the folder, which has
             the fields of `Intrinsics`, and that over the intrinsics of the format.
+        depth_topic: Topic of the depth in a bag; needed where several are there.
+        gray_topic: Topic of the gray or colour image in a bag; needed where several of the same camera are there.
 
     Raises:
-        ConfigError: There is no such format.
+        ConfigError: There is no such format, or topics are named for another format than a bag.
         DatasetError: The folder is missing or of no known format, or a list or calibration in it is damaged.
+        ModuleNotFoundError: It is a bag, and the package `rosbags` is not installed.
     """
-    from .files import require_folder
+    from .bag_files import SUFFIXES
+    from .bag_topics import Topics
+    from .bags import BagDataset
+    from .files import require_dataset
     from .midair import MidAirDataset
     from .realsense import RealSenseDataset
     from .recording import RecordingDataset
@@ -62,16 +81,20 @@ def open_dataset(folder: Path, format: str = "auto", *, intrinsics: Intrinsics |
 
     if format != "auto" and format not in DATASET_FORMATS:
         raise ConfigError(f"there is no dataset format {format!r}; choose one of: auto, {', '.join(DATASET_FORMATS)}")
-    folder = Path(folder)
-    require_folder(folder)
-    classes = (TumDataset, MidAirDataset, RealSenseDataset, RecordingDataset)
+    path = Path(path)
+    require_dataset(path, SUFFIXES)
+    classes = (TumDataset, MidAirDataset, RealSenseDataset, RecordingDataset, BagDataset)
     readers = {reader.format: reader for reader in classes if format in ("auto", reader.format)}
     try:
-        lacking = {name: reader.lacking(folder) for name, reader in readers.items()}
+        lacking = {name: reader.lacking(path) for name, reader in readers.items()}
         fitting = [name for name, lack in lacking.items() if not lack]
+        if fitting == [BagDataset.format]:
+            return BagDataset(path, intrinsics, Topics(depth_topic, gray_topic))
+        if depth_topic or gray_topic:
+            raise ConfigError(f"only bags have topics: {path} is none")
         if fitting:
-            return readers[fitting[0]](folder, intrinsics)
+            return readers[fitting[0]](path, intrinsics)
     except OSError as error:
-        raise DatasetError(f"cannot look into {folder} ({error}); check its permissions") from error
+        raise DatasetError(f"cannot look into {path} ({error}); check its permissions") from error
     needs = "; ".join(f"{name} lacks {lack}" for name, lack in lacking.items())
-    raise DatasetError(f"{folder} holds no dataset that can be read: {needs}")
+    raise DatasetError(f"{path} holds no dataset that can be read: {needs}")

@@ -5,6 +5,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import MISSING, fields
 from math import isfinite
 from pathlib import Path, PurePosixPath, PureWindowsPath
+from types import MappingProxyType
 from typing import Any
 
 from ..errors import DatasetError, FrameError
@@ -17,15 +18,17 @@ LARGEST_FILE_BYTES = 2**28
 """Larger files are no images or lists of one camera."""
 
 
-def require_folder(folder: Path) -> None:
-    """Raise a `DatasetError` for anything but a folder."""
+def require_dataset(path: Path, suffixes: Collection[str]) -> None:
+    """Raise a `DatasetError` for anything but a folder or a file of some suffixes."""
     try:
-        if folder.is_dir():
+        if path.is_dir() or (path.is_file() and path.suffix in suffixes):
             return
-        found = f"{folder} is a file" if folder.exists() else f"there is no folder {folder}"
+        found = f"{path} is a file" if path.exists() else f"there is no folder {path}"
     except (OSError, ValueError) as error:
-        found = f"cannot look into {folder} ({error})"
-    raise DatasetError(f"{found}; name the folder that the dataset was unpacked or exported to")
+        found = f"cannot look into {path} ({error})"
+    raise DatasetError(
+        f"{found}; name the folder that the dataset was unpacked or exported to, or a bag ({', '.join(suffixes)})"
+    )
 
 
 def list_folder(folder: Path) -> list[Path]:
@@ -92,13 +95,13 @@ def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callabl
     return parse_calibration(read_text(path), path) if path.exists() else of_format()
 
 
-def parse_calibration(text: str, path: Path) -> Intrinsics:
-    """The intrinsics in the text of a `calibration.toml`."""
+def parse_calibration(text: str, path: Path, known: Mapping[str, object] = MappingProxyType({})) -> Intrinsics:
+    """The intrinsics in the text of a `calibration.toml`, which may leave out fields that are known otherwise."""
     try:
         values = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise DatasetError(f"{path} is no TOML ({error}); write the fields of Intrinsics into it") from error
-    return intrinsics_from(values, path)
+    return intrinsics_from({**known, **values}, path)
 
 
 def intrinsics_from(values: Mapping[str, object], path: Path) -> Intrinsics:

@@ -10,9 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import DatasetError, FrameError
+from ..ros import Header
 from ..types import FloatImage, Frame, Intrinsics
 from .files import choose_intrinsics
 from .images import read_gray
+
+FRAME_ID = "camera"
+"""Name of the coordinate frame of the images."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +78,10 @@ class PairedImages(ABC):
     def name(self, index: int) -> str:
         """Name of a frame: that of its depth image, or its number where those would not sort."""
         return self._names[index]
+
+    def header(self, index: int) -> Header:
+        """Time of a frame; the formats do not name the coordinate frame of the camera."""
+        return Header(round(self._pairs[index].stamp_s * 1e9), FRAME_ID)
 
     def __getitem__(self, index: int) -> Frame:
         """See `Dataset`; a negative index counts from the end."""

@@ -10,25 +10,27 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .errors import ToolError
-from .options import DEFAULT_CORRECTOR, counter, parsed_size
+from .options import DEFAULT_CORRECTOR, DepthTopic, GrayTopic, counter, parsed_size
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
     from rich.console import Console
 
     from ..corrector_spec import CorrectorSpec
+    from ..datasets import Dataset
     from .correction import Correction
+    from .output import OpenOutput
 
 COMMENT_WIDTH = 110
 
 
-Format = StrEnum("Format", "AUTO TUM MIDAIR REALSENSE RECORDING")
+Format = StrEnum("Format", "AUTO TUM MIDAIR REALSENSE RECORDING BAG")
 """Formats of recorded sequences, with the names of the library."""
 
 
 def correct(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the recorded sequence.")],
-    out: Annotated[Path, typer.Option(help="New folder of the result.")],
+    folder: Annotated[Path, typer.Argument(metavar="PATH", help="Folder of the recorded sequence, or a bag.")],
+    out: Annotated[Path, typer.Option(help="New folder of the result, or a new .mcap file.")],
     corrector: Annotated[str, typer.Option(help="Depth corrector by name.")] = DEFAULT_CORRECTOR,
     config: Annotated[
         Path | None,
@@ -39,21 +41,29 @@ def correct(
         Path | None, typer.Option(metavar="FILE.rrd", help="Rerun recording to write or to replace.")
     ] = None,
     frames: Annotated[int | None, typer.Option(min=1, help="Number of frames to correct. Default: all.")] = None,
+    depth_topic: DepthTopic = None,
+    gray_topic: GrayTopic = None,
+    rosbag2: Annotated[bool, typer.Option("--rosbag2", help="Write a folder of ROS 2 in place of images.")] = False,
 ) -> None:
-    """Correct the depth of a recorded sequence; the folder of the result appears when it is complete.
+    """Correct the depth of a recorded sequence; the result appears when it is complete.
 
     Writes depth/NAME.png in 16 bits and millimetres (0 is invalid, farther than 65.535 m is 65535), confidence/NAME.png
-    in 0..255, frames.csv, report.json, and config.toml with everything that the result depends on.
+    in 0..255, frames.csv, report.json, and config.toml with everything that the result depends on. A .mcap file and a
+    folder of ROS 2 have the topics depth, source, confidence and camera_info below /voxdepth, with the stamps and
+    coordinate frames of the input.
     """
     import time
 
     from rich.console import Console
 
     from .correction import require_absent
+    from .output import MCAP, bag_folder, image_folder, mcap_file
 
     _refuse_mixing(folder, out, record)
     require_absent(out)
-    correction = _planned(folder, corrector, config, format, frames)
+    dataset = _dataset(folder, format, depth_topic, gray_topic)
+    output = mcap_file if out.suffix == MCAP else bag_folder if rosbag2 else image_folder
+    correction = _planned(folder, dataset, corrector, config, frames, output)
     console, start = Console(), time.perf_counter()
     with counter(console, "correcting", correction.frames) as update:
         report = correction.run(out, record, update)
@@ -76,19 +86,26 @@ def _refuse_mixing(folder: Path, out: Path, record: Path | None) -> None:
         raise ToolError(f"--record must name an .rrd file, got {record}")
 
 
-def _planned(folder: Path, corrector: str, config: Path | None, format: Format, frames: int | None) -> "Correction":
-    """Resolve and check everything before anything is written; restrict OpenCV to one thread and to silence."""
+def _dataset(folder: Path, format: Format, depth_topic: str | None, gray_topic: str | None) -> "Dataset":
+    """Open the input; restrict OpenCV to one thread and to silence."""
     import cv2
 
     from ..datasets import open_dataset
-    from ..registry import config_of
-    from .correction import Correction, CorrectionConfig
-    from .provenance import CORRECTION, versions
 
     cv2.setNumThreads(1)
     # Our errors report damaged images with the name of the file; OpenCV would print to the terminal.
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    dataset = open_dataset(folder, format.value)
+    return open_dataset(folder, format.value, depth_topic=depth_topic, gray_topic=gray_topic)
+
+
+def _planned(
+    folder: Path, dataset: "Dataset", corrector: str, config: Path | None, frames: int | None, output: "OpenOutput"
+) -> "Correction":
+    """Resolve and check everything before anything is written."""
+    from ..registry import config_of
+    from .correction import Correction, CorrectionConfig
+    from .provenance import CORRECTION, versions
+
     if len(dataset) < (frames or 1):
         raise ToolError(f"{folder} has {len(dataset)} frames, {frames or 1} were asked for")
     spec = _spec(corrector, config)
@@ -102,7 +119,11 @@ def _planned(folder: Path, corrector: str, config: Path | None, format: Format, 
         config=None if resolved is None else resolved.model_dump(mode="json", exclude_none=True),
     )
     return Correction(
-        config=planned, dataset=dataset, frames=frames or len(dataset), corrector=spec.create(dataset.intrinsics)
+        config=planned,
+        dataset=dataset,
+        frames=frames or len(dataset),
+        corrector=spec.create(dataset.intrinsics),
+        output=output,
     )
 
 

@@ -1,4 +1,4 @@
-"""Correcting a recorded sequence into a folder that appears when it is complete."""
+"""Correcting a recorded sequence into a folder or a bag that appears when it is complete."""
 
 import csv
 import io
@@ -11,22 +11,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 
 from ..datasets import Dataset
 from ..errors import PipelineError
 from ..model import Model
 from ..pipeline import CorrectionPipeline
-from ..types import CorrectedDepth, DepthCorrector, FloatImage, Frame, GrayImage, Source
+from ..types import CorrectedDepth, DepthCorrector, Frame, Source
 from .errors import ToolError
 from .files import atomic, to_toml
+from .output import CONFIG, FRAMES, REPORT, OpenOutput, Output, image_folder
 from .provenance import machine
-
-CONFIG, FRAMES, REPORT = "config.toml", "frames.csv", "report.json"
-DEPTH, CONFIDENCE = "depth", "confidence"
-"""Sub-folders with one PNG of every frame."""
 
 Progress = Callable[[int], None]
 """Receives the number of corrected frames."""
@@ -57,12 +52,14 @@ class Correction:
     frames: int
     """Number of frames of the dataset to correct, from the first one on."""
     corrector: DepthCorrector
+    output: OpenOutput = image_folder
+    """Opens what the frames are written to."""
 
     def run(self, out: Path, record: Path | None, progress: Progress) -> dict[str, Any]:
-        """Correct the frames into a new folder, which appears when all frames are done; return its `report.json`.
+        """Correct the frames into a new folder or file, which appears when all are done; return its `report.json`.
 
         Args:
-            out: The folder; it does not exist, or is empty.
+            out: The folder or file; it does not exist, or is an empty folder.
             record: `.rrd` file to write or to replace; None writes no recording.
             progress: Receives the number of corrected frames after each frame.
 
@@ -71,24 +68,25 @@ class Correction:
             VoxDepthError: A frame cannot be read or corrected.
         """
         require_absent(out)
-        with atomic(out) as folder, _recording(record, self.config) as listener:
-            for kind in (DEPTH, CONFIDENCE):
-                (folder / kind).mkdir(parents=True)
-            (folder / CONFIG).write_text(to_toml(self.config), encoding="utf-8")
-            lines = list(self._correct(folder, listener, progress))
+        with (
+            atomic(out) as path,
+            self.output(path, self.dataset) as output,
+            _recording(record, self.config) as listener,
+        ):
+            lines = list(self._correct(output, listener, progress))
             report = _report(self.config, lines)
-            (folder / FRAMES).write_text(_csv([line.columns() for line in lines]), encoding="utf-8")
-            (folder / REPORT).write_text(json.dumps(report, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+            table = _csv([line.columns() for line in lines])
+            text = json.dumps(report, indent=2, allow_nan=False) + "\n"
+            output.describe({CONFIG: to_toml(self.config), FRAMES: table, REPORT: text})
         return report
 
-    def _correct(self, folder: Path, listener: Listener, progress: Progress) -> Iterator["FrameLine"]:
+    def _correct(self, output: Output, listener: Listener, progress: Progress) -> Iterator["FrameLine"]:
         """Correct all frames, write their images and yield their lines."""
         frames = (self.dataset[index] for index in range(self.frames))
         with _original_errors(), CorrectionPipeline(self.corrector, frames) as pipeline:
             for index, (frame, corrected) in enumerate(pipeline):
                 name = self.dataset.name(index)
-                (folder / DEPTH / f"{name}.png").write_bytes(encode(to_millimetres(corrected.depth_m)))
-                (folder / CONFIDENCE / f"{name}.png").write_bytes(encode(to_gray(corrected.confidence)))
+                output.add(index, corrected)
                 listener(index, frame, corrected)
                 progress(index + 1)
                 yield FrameLine(
@@ -130,26 +128,9 @@ class FrameLine(NamedTuple):
 def require_absent(out: Path) -> None:
     """Raise a `ToolError` if an output folder exists already, unless it is empty."""
     if out.exists() and not (out.is_dir() and next(out.iterdir(), None) is None):
-        raise ToolError(f"{out} exists already: name a new folder, or delete that one")
+        raise ToolError(f"{out} exists already: name a new one, or delete that")
     if out.is_mount() or out.resolve() == Path.cwd():
         raise ToolError(f"{out} cannot be replaced as a whole: name a new folder in it")
-
-
-def to_millimetres(depth_m: FloatImage) -> npt.NDArray[np.uint16]:
-    """Convert depth to millimetres, shape (H, W): 0 where invalid, 65535 for everything beyond 65.535 m."""
-    return np.where(depth_m > 0, np.rint(np.clip(depth_m, 0.001, 65.535) * 1000), 0).astype(np.uint16)
-
-
-def to_gray(confidence: FloatImage) -> GrayImage:
-    """Convert confidence in 0..1 to gray levels in 0..255, shape (H, W)."""
-    gray: GrayImage = np.rint(confidence * 255).astype(np.uint8)
-    return gray
-
-
-def encode(image: npt.NDArray[Any]) -> bytes:
-    """Encode a PNG without row filters: depth is quantised, so this is smaller and faster than OpenCV's default."""
-    options = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE)
-    return cv2.imencode(".png", image, options)[1].tobytes()
 
 
 def _report(config: CorrectionConfig, lines: Sequence[FrameLine]) -> dict[str, Any]:

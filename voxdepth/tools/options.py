@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from .errors import ToolError
 
@@ -13,6 +15,14 @@ DEFAULT_CORRECTOR = "voxdepth"
 """The same word as in the registry, which is not imported for `--help`."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
+
+DepthTopic = Annotated[
+    str | None, typer.Option(metavar="TOPIC", help="Topic of the depth in a bag. Default: the only one.")
+]
+GrayTopic = Annotated[
+    str | None,
+    typer.Option(metavar="TOPIC", help="Topic of the gray image in a bag. Default: the only one of the same camera."),
+]
 
 
 def parsed_size(text: str | None) -> tuple[int, int] | None:

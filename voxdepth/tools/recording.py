@@ -7,9 +7,10 @@ from pathlib import Path
 import rerun as rr
 import rerun.blueprint as rrb
 
+from ..ros import confidence_levels
 from ..types import CorrectedDepth, Frame
-from .correction import encode, to_gray
 from .files import atomic
+from .output import encode
 from .stream import depth_image, gray_image, layout, open_stream, source_labels
 
 VIEWS = ("gray", "depth/raw", "depth/corrected", "source", "confidence")
@@ -70,7 +71,7 @@ def _log_images(stream: rr.RecordingStream, frame: Frame, corrected: CorrectedDe
     stream.log("depth/raw", depth_image(frame.depth_m))
     stream.log("depth/corrected", depth_image(corrected.depth_m))
     stream.log("source", rr.SegmentationImage(corrected.source))
-    confidence = encode(to_gray(corrected.confidence))
+    confidence = encode(confidence_levels(corrected.confidence))
     stream.log("confidence", rr.EncodedImage(contents=confidence, media_type="image/png"))
 
 

@@ -1,0 +1,140 @@
+"""What a correction writes: a folder of images, or a bag of ROS 2."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from ..datasets import Dataset
+from ..ros import Header, camera_info_fields, confidence_fields, confidence_levels, depth_fields, source_fields
+from ..types import CorrectedDepth, FloatImage
+
+if TYPE_CHECKING:
+    from rosbags.rosbag2 import Writer
+
+CONFIG, FRAMES, REPORT = "config.toml", "frames.csv", "report.json"
+"""Texts about a correction: what it depends on, one row for each frame, and their summary."""
+DEPTH, CONFIDENCE = "depth", "confidence"
+"""Sub-folders with one PNG of every frame."""
+MCAP = ".mcap"
+TOPICS = "/voxdepth"
+"""Where the topics of a bag begin."""
+BAG_VERSION: Final = 8
+"""Version of the metadata of a bag, the oldest that rosbags writes."""
+
+
+class Output(Protocol):
+    """Where a correction goes."""
+
+    def add(self, index: int, corrected: CorrectedDepth) -> None:
+        """Write a frame."""
+
+    def describe(self, texts: Mapping[str, str]) -> None:
+        """Write the texts about the correction, by name, after all frames."""
+
+
+OpenOutput = Callable[[Path, Dataset], AbstractContextManager[Output]]
+"""Opens an output at a path that does not exist; it is whole when the block ends."""
+
+
+class ImageFolder:
+    """Images of depth in millimetres and of confidence, see `to_millimetres`, and the texts as files."""
+
+    def __init__(self, folder: Path, dataset: Dataset) -> None:
+        self._folder, self._dataset = folder, dataset
+        for kind in (DEPTH, CONFIDENCE):
+            (folder / kind).mkdir(parents=True)
+
+    def add(self, index: int, corrected: CorrectedDepth) -> None:
+        """See `Output`."""
+        name = f"{self._dataset.name(index)}.png"
+        (self._folder / DEPTH / name).write_bytes(encode(to_millimetres(corrected.depth_m)))
+        (self._folder / CONFIDENCE / name).write_bytes(encode(confidence_levels(corrected.confidence)))
+
+    def describe(self, texts: Mapping[str, str]) -> None:
+        """See `Output`."""
+        for name, text in texts.items():
+            (self._folder / name).write_text(text, encoding="utf-8")
+
+
+class BagTopics:
+    """Topics of depth, source, confidence and camera in a bag, with the headers of the dataset."""
+
+    def __init__(self, writer: "Writer", dataset: Dataset) -> None:
+        from rosbags.typesys import Stores, get_typestore
+
+        self._writer, self._dataset, self._store = writer, dataset, get_typestore(Stores.ROS2_JAZZY)
+        self._camera_info = camera_info_fields(dataset.intrinsics) | {
+            "binning_x": 0,
+            "binning_y": 0,
+            "roi": self._message("RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False),
+        }
+        kinds = dict.fromkeys(("depth", "source", "confidence"), "Image") | {"camera_info": "CameraInfo"}
+        self._connections = {
+            name: writer.add_connection(f"{TOPICS}/{name}", f"sensor_msgs/msg/{kind}", typestore=self._store)
+            for name, kind in kinds.items()
+        }
+
+    def add(self, index: int, corrected: CorrectedDepth) -> None:
+        """See `Output`."""
+        header = self._dataset.header(index)
+        self._write("camera_info", header, "CameraInfo", self._camera_info)
+        self._write("depth", header, "Image", depth_fields(corrected.depth_m))
+        self._write("source", header, "Image", source_fields(corrected.source))
+        self._write("confidence", header, "Image", confidence_fields(corrected.confidence))
+
+    def describe(self, texts: Mapping[str, str]) -> None:
+        """Write the texts but that of the frames into the metadata: a reader loads all of those."""
+        for name in (CONFIG, REPORT):
+            self._writer.set_custom_data(name, texts[name])
+
+    def _write(self, name: str, header: Header, kind: str, fields: Mapping[str, Any]) -> None:
+        seconds, nanoseconds = divmod(header.stamp_ns, 10**9)
+        stamp = self._store.types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
+        written = self._store.types["std_msgs/msg/Header"](stamp=stamp, frame_id=header.frame_id)
+        data = self._store.serialize_cdr(self._message(kind, header=written, **fields), f"sensor_msgs/msg/{kind}")
+        self._writer.write(self._connections[name], header.stamp_ns, data)
+
+    def _message(self, kind: str, **fields: Any) -> Any:
+        return self._store.types[f"sensor_msgs/msg/{kind}"](**fields)
+
+
+@contextmanager
+def image_folder(folder: Path, dataset: Dataset) -> Iterator[Output]:
+    """Open a folder of images."""
+    yield ImageFolder(folder, dataset)
+
+
+@contextmanager
+def bag_folder(folder: Path, dataset: Dataset) -> Iterator[Output]:
+    """Open a folder that ROS 2 plays, with an MCAP file in it."""
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+    writer = Writer(folder, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    with writer:
+        yield BagTopics(writer, dataset)
+
+
+@contextmanager
+def mcap_file(path: Path, dataset: Dataset) -> Iterator[Output]:
+    """Open the MCAP file of such a folder alone; its folder must be empty."""
+    folder = path.with_suffix("")
+    with bag_folder(folder, dataset) as output:
+        yield output
+    (folder / f"{folder.name}{MCAP}").rename(path)
+
+
+def to_millimetres(depth_m: FloatImage) -> npt.NDArray[np.uint16]:
+    """Convert depth to millimetres, shape (H, W): 0 where invalid, 65535 for everything beyond 65.535 m."""
+    return np.where(depth_m > 0, np.rint(np.clip(depth_m, 0.001, 65.535) * 1000), 0).astype(np.uint16)
+
+
+def encode(image: npt.NDArray[Any]) -> bytes:
+    """Encode a PNG without row filters: depth is quantised, so this is smaller and faster than OpenCV's default."""
+    options = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE)
+    return cv2.imencode(".png", image, options)[1].tobytes()
