@@ -44,19 +44,15 @@ class Bag:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        with _opened(path) as reader:
-            self.topics = {connection.topic: connection.msgtype for connection in reader.connections}
-            """Type of the messages by topic."""
+        self.path, self._reader = path, _open(path)
+        weakref.finalize(self, self._reader.close)
+        self.topics = {connection.topic: connection.msgtype for connection in self._reader.connections}
+        """Type of the messages by topic."""
 
     def first(self, topic: str) -> Any:
         """Return the first message of a topic, or None where it has none."""
-        if topic not in self.topics:
-            return None
-        with _opened(self.path) as reader:
-            for _, message in _messages(reader, self.path, topic):
-                return message
-        return None
+        messages = _messages(self._reader, self.path, topic) if topic in self.topics else iter(())
+        return next((message for _, message in messages), None)
 
     def stream(self, topic: str) -> "Stream":
         """Return all messages of a topic."""
@@ -94,15 +90,6 @@ class Stream:
             if self._next > index:
                 return message
         raise DatasetError(f"expected {len(self)} messages of {self.topic} in {self._path}, got {self._next}")
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator["AnyReader"]:
-    reader = _open(path)
-    try:
-        yield reader
-    finally:
-        reader.close()
 
 
 def _open(path: Path) -> "AnyReader":

@@ -1,0 +1,403 @@
+"""Bags: the same frames from every kind of file, the topics of one camera, and what is refused."""
+
+import time
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.bags import FLOAT32, Entry, S, camera_info, compressed, image, images, write_bag
+from voxdepth.datasets import Dataset, open_dataset
+from voxdepth.errors import ConfigError, DatasetError
+from voxdepth.types import Intrinsics
+
+SHAPE = (6, 8)
+CAMERA = Intrinsics(fx_px=9.5, fy_px=9.25, cx_px=3.5, cy_px=2.5, width_px=8, height_px=6)
+OTHER = replace(CAMERA, fx_px=12.0, fy_px=12.0)
+N_FRAMES = 5
+START_NS = 1_700_000_000 * S + 123_456_789
+STAMPS_NS = [START_NS + index * S // 30 for index in range(N_FRAMES)]
+LAYOUTS = ("walk.bag", "walk.db3", "walk.mcap", "walk-sqlite3", "walk-mcap")
+CALIBRATION = "".join(f"{key} = {value}\n" for key, value in asdict(replace(CAMERA, baseline_m=0.07)).items())
+DEPTH, GRAY = "/cam/depth/image_rect", "/cam/left/image_rect"
+
+
+def depth_of(index: int) -> np.ndarray:
+    return np.random.default_rng(index).integers(0, 65536, SHAPE, np.uint16)
+
+
+def gray_of(index: int) -> np.ndarray:
+    return np.random.default_rng(90 + index).integers(0, 256, SHAPE, np.uint8)
+
+
+def png(pixels: np.ndarray) -> bytes:
+    return cv2.imencode(".png", pixels)[1].tobytes()
+
+
+def depth_topic(topic: str = DEPTH, frame_id: str = "left", stamps_ns: list[int] = STAMPS_NS) -> list[Entry]:
+    return images(topic, [image(depth_of(i), "16UC1", (t, frame_id), padding=4) for i, t in enumerate(stamps_ns)])
+
+
+def gray_topic(topic: str = GRAY, frame_id: str = "left", stamps_ns: list[int] = STAMPS_NS) -> list[Entry]:
+    return images(topic, [image(gray_of(i), "mono8", (t, frame_id)) for i, t in enumerate(stamps_ns)])
+
+
+def info_topic(topic: str, camera: Intrinsics = CAMERA, **options: Any) -> list[Entry]:
+    return images(topic, [camera_info(camera, (t, "left"), **options) for t in STAMPS_NS], "CameraInfo")
+
+
+def whole() -> list[Entry]:
+    """A left camera with depth."""
+    return depth_topic() + gray_topic() + info_topic("/cam/depth/camera_info") + info_topic("/cam/left/camera_info")
+
+
+def write(folder: Path, layout: str, entries: list[Entry]) -> Path:
+    return write_bag(folder / layout, entries, layout.rsplit("-", maxsplit=1)[-1])
+
+
+def require_frames(dataset: Dataset, indices: range | list[int] = range(N_FRAMES)) -> None:
+    """Check that frames hold the images of their numbers."""
+    for index in indices:
+        frame = dataset[index]
+        assert dataset.header(index) == (STAMPS_NS[index], "left")
+        assert frame.stamp_s == pytest.approx(STAMPS_NS[index] / 1e9, abs=1e-6)
+        np.testing.assert_array_equal(frame.depth_m, depth_of(index) / np.float32(1000))
+        np.testing.assert_array_equal(frame.gray, gray_of(index))
+        assert frame.gray.flags.writeable and frame.depth_m.flags.c_contiguous
+
+
+def require_camera(dataset: Dataset, camera: Intrinsics, baseline_m: float) -> None:
+    assert replace(dataset.intrinsics, baseline_m=None) == camera
+    assert dataset.intrinsics.baseline_m == pytest.approx(baseline_m)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_every_kind_of_bag_gives_the_same_frames_in_any_order(layout: str, tmp_path: Path) -> None:
+    dataset = open_dataset(write(tmp_path, layout, whole()))
+    assert (dataset.format, len(dataset), dataset.intrinsics) == ("bag", N_FRAMES, CAMERA)
+    assert [dataset.name(index) for index in (0, 4)] == ["000000", "000004"]
+    require_frames(dataset)
+    require_frames(dataset, [3, 1, 4, 4, 0, 2])
+    np.testing.assert_array_equal(dataset[-1].gray, gray_of(4))
+    with pytest.raises(IndexError):
+        dataset[N_FRAMES]
+
+
+@pytest.mark.parametrize("layout", ["walk.bag", "walk.mcap", "walk.db3"])
+def test_a_folder_with_one_bag_is_that_bag_and_one_with_two_is_not(layout: str, tmp_path: Path) -> None:
+    path = write(tmp_path, layout, whole())
+    require_frames(open_dataset(tmp_path), [0])
+    path.with_name(f"copy{path.suffix}").write_bytes(path.read_bytes())
+    with pytest.raises(DatasetError, match=r"bag lacks one file \.bag or \.db3 or \.mcap"):
+        open_dataset(tmp_path)
+
+
+def test_messages_of_one_time_are_told_apart(tmp_path: Path) -> None:
+    entries = [entry._replace(received_ns=START_NS + S) for entry in depth_topic() + gray_topic()]
+    dataset = open_dataset(write(tmp_path, "walk.mcap", entries + info_topic("/camera_info")))
+    require_frames(dataset, [2, 0, 4, 1])
+
+
+def test_images_are_matched_by_the_nearest_stamp_within_20_ms(tmp_path: Path) -> None:
+    late_ns = [stamp + S // 100 for stamp in STAMPS_NS]
+    late_ns[2] += S // 60  # 27 ms after its depth, and 6 ms before the next, which has a nearer one or none
+    gray = gray_topic(stamps_ns=late_ns)
+    del gray[3]
+    dataset = open_dataset(write(tmp_path, "walk.mcap", depth_topic() + gray + info_topic("/camera_info")))
+    assert [dataset.header(index).stamp_ns for index in range(len(dataset))] == [STAMPS_NS[i] for i in (0, 1, 3, 4)]
+    np.testing.assert_array_equal(dataset[2].gray, gray_of(2))
+    np.testing.assert_array_equal(dataset[3].gray, gray_of(4))
+
+
+def test_messages_that_were_received_in_another_order_are_sorted_by_stamp(tmp_path: Path) -> None:
+    entries = whole()
+    entries[0], entries[1] = (
+        entries[0]._replace(received_ns=entries[1].received_ns),
+        entries[1]._replace(received_ns=entries[0].received_ns),
+    )
+    require_frames(open_dataset(write(tmp_path, "walk.bag", entries)))
+
+
+def test_without_stamps_the_times_of_reception_count(tmp_path: Path) -> None:
+    entries = [
+        entry._replace(fields=entry.fields | {"header": (0, "left")}, received_ns=entry.received_ns - S // 200)
+        for entry in depth_topic()
+    ]
+    dataset = open_dataset(write(tmp_path, "walk.db3", entries + gray_topic() + info_topic("/camera_info")))
+    assert [dataset.header(index).stamp_ns for index in range(N_FRAMES)] == STAMPS_NS
+    np.testing.assert_array_equal(dataset[4].gray, gray_of(4))
+
+
+# Which topics belong together
+
+
+def two_cameras() -> list[Entry]:
+    """A stereo pair and a colour camera, with depth of both, named as realsense-ros does."""
+    colour = [image(np.repeat(gray_of(i)[..., None], 3, 2), "rgb8", (t, "colour")) for i, t in enumerate(STAMPS_NS)]
+    return [
+        *depth_topic("/camera/depth/image_rect_raw"), *info_topic("/camera/depth/camera_info"),
+        *gray_topic("/camera/infra1/image_rect_raw"), *info_topic("/camera/infra1/camera_info"),
+        *gray_topic("/camera/infra2/image_rect_raw"), *info_topic("/camera/infra2/camera_info", baseline_m=0.05),
+        *images("/camera/color/image_raw", colour), *info_topic("/camera/color/camera_info", OTHER),
+        *depth_topic("/camera/aligned_depth_to_color/image_raw"),
+        *info_topic("/camera/aligned_depth_to_color/camera_info", OTHER),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("depth", "camera"),
+    [("/camera/depth/image_rect_raw", CAMERA), ("/camera/aligned_depth_to_color/image_raw", OTHER)],
+)
+def test_the_gray_image_is_that_of_the_camera_of_the_depth(depth: str, camera: Intrinsics, tmp_path: Path) -> None:
+    path = write(tmp_path, "walk.mcap", two_cameras())
+    with pytest.raises(DatasetError, match=r"walk\.mcap has several images of depth") as caught:
+        open_dataset(path)
+    for words in (
+        "/camera/aligned_depth_to_color/image_raw (16UC1)",
+        "/camera/depth/",
+        "choose one with --depth-topic",
+    ):
+        assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+    dataset = open_dataset(path, depth_topic=depth)
+    require_camera(dataset, camera, 0.05)
+    require_frames(dataset)
+
+
+def test_a_gray_image_of_another_camera_is_taken_only_if_it_is_named(tmp_path: Path) -> None:
+    path = write(tmp_path, "walk.mcap", two_cameras())
+    dataset = open_dataset(path, depth_topic="/camera/depth/image_rect_raw", gray_topic="/camera/infra2/image_rect_raw")
+    require_frames(dataset, [0])
+    for options in ({"depth_topic": "/none"}, {"depth_topic": DEPTH, "gray_topic": "/none"}):
+        with pytest.raises(DatasetError, match=r"no images in the topic .*choose one of: /camera/al.*color.*infra2"):
+            open_dataset(path, **options)
+    entries = depth_topic() + gray_topic() + info_topic("/cam/depth/camera_info")
+    path = write(tmp_path, "two.bag", entries + info_topic("/cam/left/camera_info", OTHER))
+    with pytest.raises(DatasetError, match=r"expected images of the camera of /cam/depth.*got .*/cam/left/image_rect"):
+        open_dataset(path)
+
+
+def test_several_gray_images_of_one_camera_are_listed(tmp_path: Path) -> None:
+    path = write(tmp_path, "walk.mcap", whole() + gray_topic("/cam/left/image_mono"))
+    with pytest.raises(DatasetError, match=r"several images .*/cam/left/image_mono \(mono8\), /cam/left/image_rect"):
+        open_dataset(path)
+    require_frames(open_dataset(path, gray_topic="/cam/left/image_mono"), [1])
+
+
+def compressed_copies() -> list[Entry]:
+    depth = [
+        compressed(bytes(12) + png(depth_of(i)), "16UC1; compressedDepth png", (t, "left"))
+        for i, t in enumerate(STAMPS_NS)
+    ]
+    gray = [compressed(png(gray_of(i)), "mono8; png compressed ", (t, "left")) for i, t in enumerate(STAMPS_NS)]
+    return [
+        *images(f"{DEPTH}/compressedDepth", depth, "CompressedImage"),
+        *images(f"{GRAY}/compressed", gray, "CompressedImage"),
+    ]
+
+
+@pytest.mark.parametrize("layout", ["walk.bag", "walk.mcap"])
+def test_compressed_images_are_read_where_there_are_no_others(layout: str, tmp_path: Path) -> None:
+    infos = info_topic("/cam/depth/camera_info") + info_topic("/cam/left/camera_info")
+    require_frames(open_dataset(write(tmp_path, layout, compressed_copies() + infos)))
+    both = open_dataset(write(tmp_path, f"both-{layout}", compressed_copies() + whole()))
+    require_frames(both)
+
+
+# The camera
+
+
+def test_the_nearest_camera_info_counts_or_that_of_the_coordinate_frame(tmp_path: Path) -> None:
+    images_alone = depth_topic("/depth") + gray_topic("/left/image")
+    dataset = open_dataset(write(tmp_path, "one.mcap", images_alone + info_topic("/left/camera_info")))
+    assert dataset.intrinsics == CAMERA
+    away = [entry._replace(fields=entry.fields | {"header": (S, "far")}) for entry in info_topic("/right/info", OTHER)]
+    dataset = open_dataset(write(tmp_path, "two.mcap", images_alone + away + info_topic("/left/camera_info")))
+    assert dataset.intrinsics == CAMERA
+
+
+@pytest.mark.parametrize("layout", ["walk.bag", "walk-sqlite3"])
+def test_fields_of_a_calibration_beside_the_bag_count_before_the_camera_info(layout: str, tmp_path: Path) -> None:
+    path = write(tmp_path, layout, whole())
+    folder = path if path.is_dir() else path.parent
+    (folder / "calibration.toml").write_text("baseline_m = 0.095\n")
+    assert open_dataset(path).intrinsics == replace(CAMERA, baseline_m=0.095)
+    (folder / "calibration.toml").write_text(CALIBRATION)
+    assert open_dataset(path).intrinsics.baseline_m == 0.07
+    assert open_dataset(path, intrinsics=CAMERA).intrinsics is CAMERA
+    (folder / "calibration.toml").write_text("baseline = 0.095\n")
+    with pytest.raises(DatasetError, match=r"unknown: \['baseline'\]"):
+        open_dataset(path)
+
+
+def test_a_bag_without_camera_info_needs_a_calibration(tmp_path: Path) -> None:
+    path = write(tmp_path, "walk.mcap", depth_topic() + gray_topic())
+    with pytest.raises(DatasetError, match=r"has no camera_info for /cam/depth/image_rect .*calibration.toml"):
+        open_dataset(path)
+    (tmp_path / "calibration.toml").write_text(CALIBRATION)
+    require_frames(open_dataset(path), [0])
+    (tmp_path / "calibration.toml").write_text("baseline_m = 0.095\n")
+    with pytest.raises(DatasetError, match=r"missing: \['cx_px'"):
+        open_dataset(path)
+
+
+def test_images_of_another_size_than_the_camera_are_refused(tmp_path: Path) -> None:
+    wide = replace(CAMERA, width_px=16)
+    dataset = open_dataset(write(tmp_path, "walk.mcap", depth_topic() + gray_topic() + info_topic("/info", wide)))
+    with pytest.raises(DatasetError, match=r"message 0 of /cam/depth/.* frames of this camera have shape \(6, 16\)"):
+        dataset[0]
+
+
+# librealsense
+
+
+def realsense(unit_m: float) -> list[Entry]:
+    """The topics of a file that librealsense 2.55 wrote, with a camera in `K` alone and 4 bytes after each image."""
+    sensor, infos = "/device_0/sensor_0", camera_info(CAMERA, (0, "")) | {"p": np.zeros(12), "r": np.zeros(9)}
+    entries = []
+    for stream, encoding in (("Depth_0", "mono16"), ("Infrared_1", "8UC1"), ("Infrared_2", "8UC1")):
+        made = [image(depth_of(i) if encoding == "mono16" else gray_of(i), encoding) for i in range(N_FRAMES)]
+        entries += [
+            Entry(f"{sensor}/{stream}/image/data", 1000 * i, "sensor_msgs/msg/Image", fields, b"\x6f\x12\x83\x3a")
+            for i, fields in enumerate(
+                fields | {"header": (stamp, "left")} for fields, stamp in zip(made, STAMPS_NS, strict=True)
+            )
+        ]
+        entries.append(Entry(f"{sensor}/{stream}/info/camera_info", 1, "sensor_msgs/msg/CameraInfo", infos))
+    for option, value in (("Depth_Units", unit_m), ("Stereo_Baseline", 49.9)):
+        entries.append(Entry(f"{sensor}/option/{option}/value", 1, FLOAT32, {"data": np.float32(value)}))
+    return entries
+
+
+@pytest.mark.parametrize("unit_m", [0.001, 0.0001])
+def test_a_file_of_librealsense_has_its_unit_and_baseline_and_the_left_image(unit_m: float, tmp_path: Path) -> None:
+    dataset = open_dataset(write(tmp_path, "rs.bag", realsense(unit_m)))
+    require_camera(dataset, CAMERA, 0.0499)
+    assert [dataset.header(index) for index in range(N_FRAMES)] == [(stamp, "left") for stamp in STAMPS_NS]
+    np.testing.assert_array_equal(dataset[3].depth_m, depth_of(3) / np.float32(round(1 / unit_m)))
+    np.testing.assert_array_equal(dataset[3].gray, gray_of(3))
+
+
+def test_a_file_that_librealsense_itself_writes_is_read(tmp_path: Path) -> None:
+    """The recorder of librealsense 2.59 and later; earlier ones write ROS 1, and refuse the suffix."""
+    try:
+        import ctypes
+
+        import libusb_package
+
+        ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+        import pyrealsense2 as rs
+    except (ImportError, OSError) as error:
+        pytest.skip(f"librealsense: {error}")
+    device = rs.software_device()
+    sensor = device.add_sensor("Stereo Module")
+    kinds = {rs.stream.depth: (0, rs.format.z16, 2), rs.stream.infrared: (1, rs.format.y8, 1)}
+    profiles = {}
+    for uid, (kind, (index, format, size)) in enumerate(kinds.items()):
+        stream = rs.video_stream()
+        stream.type, stream.index, stream.uid, stream.fmt, stream.bpp, stream.fps = kind, index, uid, format, size, 30
+        stream.width, stream.height = SHAPE[1], SHAPE[0]
+        lens = stream.intrinsics
+        lens.width, lens.height, lens.fx, lens.fy, lens.ppx, lens.ppy = SHAPE[1], SHAPE[0], 9.5, 9.25, 3.5, 2.5
+        stream.intrinsics = lens
+        profiles[kind] = sensor.add_video_stream(stream)
+    sensor.add_read_only_option(rs.option.depth_units, 0.0001)
+    sensor.add_read_only_option(rs.option.stereo_baseline, 18.0)
+    path = tmp_path / "rs.db3"
+    recorder = rs.recorder(str(path), device)
+    recorded, queue = recorder.query_sensors()[0], rs.frame_queue(50)
+    recorded.open(list(profiles.values()))
+    recorded.start(queue)
+    for index in range(3):
+        for kind, pixels in ((rs.stream.depth, depth_of(index)), (rs.stream.infrared, gray_of(index))):
+            frame = rs.software_video_frame()
+            frame.stride, frame.bpp, frame.pixels = pixels.strides[0], pixels.itemsize, pixels
+            frame.timestamp, frame.frame_number = 1000 + 33.0 * index, index
+            frame.domain = rs.timestamp_domain.hardware_clock
+            frame.profile = profiles[kind].as_video_stream_profile()
+            sensor.on_video_frame(frame)
+            queue.wait_for_frame(5000)
+        time.sleep(0.03)  # librealsense stamps the messages of these files with the time of recording.
+    recorded.stop()
+    recorded.close()
+    del recorded, recorder
+    dataset = open_dataset(path)
+    assert len(dataset) == 3
+    require_camera(dataset, CAMERA, 0.018)
+    for index in range(3):
+        np.testing.assert_array_equal(dataset[index].depth_m, depth_of(index) / np.float32(10_000))
+        np.testing.assert_array_equal(dataset[index].gray, gray_of(index))
+
+
+# What is refused
+
+
+def test_a_bag_without_depth_says_what_it_has(tmp_path: Path) -> None:
+    path = write(tmp_path, "walk.mcap", gray_topic() + info_topic("/cam/left/camera_info"))
+    with pytest.raises(DatasetError, match=r"expected images of depth \(16UC1, .*got /cam/left/.*mono8"):
+        open_dataset(path)
+    path = write(tmp_path, "none.bag", info_topic("/cam/left/camera_info"))
+    with pytest.raises(DatasetError, match="got no images"):
+        open_dataset(path)
+
+
+def test_compressed_depth_that_cannot_be_decoded_is_named(tmp_path: Path) -> None:
+    depth = [compressed(bytes(12) + b"RVL", "16UC1; compressedDepth rvl", (t, "left")) for t in STAMPS_NS]
+    entries = images(f"{DEPTH}/compressedDepth", depth, "CompressedImage")
+    dataset = open_dataset(write(tmp_path, "walk.mcap", entries + gray_topic() + info_topic("/camera_info")))
+    with pytest.raises(DatasetError, match=r"message 0 of .*compressedDepth .*only whole PNG and JPEG are read"):
+        dataset[0]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_bag_that_was_cut_is_found_when_it_is_opened(layout: str, share: float, tmp_path: Path) -> None:
+    path = write(tmp_path, layout, whole())
+    file = next(file for file in path.iterdir() if file.suffix != ".yaml") if path.is_dir() else path
+    data = file.read_bytes()
+    file.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(DatasetError, match="cannot read the bag") as caught:
+        open_dataset(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("layout", ["walk.bag", "walk.db3", "walk.mcap"])
+def test_damaged_bytes_raise_nothing_but_a_dataset_error(layout: str, tmp_path: Path) -> None:
+    path = write(tmp_path, layout, whole())
+    data, rng = path.read_bytes(), np.random.default_rng(0)
+    n_read = 0
+    for _ in range(15):
+        damaged = bytearray(data)
+        for at in rng.integers(0, len(data), 20):
+            damaged[at] = rng.integers(0, 256)
+        path.write_bytes(damaged)
+        try:
+            n_read += open_dataset(path)[0].depth_m.size > 0
+        except DatasetError as error:
+            assert str(path) in str(error)
+    assert n_read < 15
+
+
+@pytest.mark.parametrize(
+    ("entries", "message"),
+    [
+        (gray_topic(stamps_ns=[t + 50 * S for t in STAMPS_NS]) + depth_topic(), "within 0.02 s of each other"),
+        (depth_topic() + depth_topic(stamps_ns=STAMPS_NS[:1]) + gray_topic(), "that increase"),
+    ],
+)
+def test_times_that_make_no_frames_are_refused(entries: list[Entry], message: str, tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match=message):
+        open_dataset(write(tmp_path, "walk.mcap", entries + info_topic("/camera_info")))
+
+
+def test_topics_are_for_bags_alone(tmp_path: Path) -> None:
+    for name, kind in (("depth", np.uint16), ("color", np.uint8)):
+        (tmp_path / name).mkdir()
+        cv2.imwrite(str(tmp_path / name / "000000.png"), np.zeros(SHAPE, kind))
+    (tmp_path / "calibration.toml").write_text(CALIBRATION)
+    assert len(open_dataset(tmp_path)) == 1
+    with pytest.raises(ConfigError, match="only bags have topics"):
+        open_dataset(tmp_path, depth_topic="/depth")
