@@ -1,0 +1,200 @@
+"""`voxdepth correct` and `voxdepth evaluate` with bags: what is written, and that it is whole or absent."""
+
+import json
+import tomllib
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+from typer.testing import CliRunner, Result
+
+from sim.testing import noisy_sequence
+from tests.bags import S, camera_info, compressed, image, images, write_bag
+from voxdepth.datasets import open_dataset
+from voxdepth.errors import DatasetError
+from voxdepth.registry import create_corrector
+from voxdepth.ros import depth_of, gray_of, header_of
+from voxdepth.tools.cli import create_app
+from voxdepth.tools.errors import ToolError
+from voxdepth.tools.output import mcap_file
+from voxdepth.types import Intrinsics
+
+N_FRAMES = 6
+START_NS = 1_700_000_000 * S + 987_654_321
+STAMPS_NS = [START_NS + index * S // 30 for index in range(N_FRAMES)]
+KINDS = {"/voxdepth/depth", "/voxdepth/source", "/voxdepth/confidence", "/voxdepth/camera_info"}
+
+
+@pytest.fixture(scope="module")
+def entries() -> dict[str, list]:
+    """The topics of a short flight of the simulator."""
+    captures = list(noisy_sequence("flicker", "medium", frames=N_FRAMES))
+    headers = [(stamp, "left_optical") for stamp in STAMPS_NS]
+    mm = [np.minimum(capture.depth_raw_m * 1000, 65535).astype(np.uint16) for capture in captures]
+    camera = captures[0].intrinsics
+    pairs = list(zip(captures, headers, strict=True))
+    return {
+        "depth": images("/cam/depth", [image(d, "16UC1", h) for d, h in zip(mm, headers, strict=True)]),
+        "gray": images("/cam/image", [image(capture.gray_left, "mono8", h) for capture, h in pairs]),
+        "info": images("/cam/camera_info", [camera_info(camera, h) for h in headers], "CameraInfo"),
+        "right": images(
+            "/right/camera_info",
+            [camera_info(camera, h, baseline_m=camera.baseline_m or 0) for h in headers],
+            "CameraInfo",
+        ),
+    }
+
+
+@pytest.fixture(scope="module")
+def bag(entries: dict[str, list], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag of all topics. Read only."""
+    return write_bag(tmp_path_factory.mktemp("bag") / "walk.bag", [*chain(*entries.values())])
+
+
+def run(*arguments: str | Path) -> Result:
+    return CliRunner(env={"COLUMNS": "120"}).invoke(create_app(), [str(argument) for argument in arguments])
+
+
+def messages(path: Path) -> Iterator[tuple[str, int, Any]]:
+    with AnyReader([path]) as reader:
+        for connection, received_ns, data in reader.messages():
+            yield connection.topic, received_ns, reader.deserialize(data, connection.msgtype)
+
+
+@pytest.mark.parametrize(("name", "options"), [("out.mcap", []), ("out", ["--rosbag2"])])
+def test_a_bag_has_the_correction_of_every_frame_with_its_own_header(
+    name: str, options: list[str], bag: Path, tmp_path: Path
+) -> None:
+    done = run("correct", bag, "--out", tmp_path / name, *options)
+    assert done.exit_code == 0, done.output
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    dataset = open_dataset(bag)
+    assert dataset.intrinsics.baseline_m is not None
+    corrector = create_corrector("voxdepth", dataset.intrinsics)
+    written = list(messages(tmp_path / name))
+    for index, stamp_ns in enumerate(STAMPS_NS):
+        found = {topic: message for topic, received_ns, message in written if received_ns == stamp_ns}
+        assert found.keys() == KINDS
+        assert {header_of(message) for message in found.values()} == {(stamp_ns, "left_optical")}
+        expected = corrector.process(dataset[index])
+        np.testing.assert_array_equal(depth_of(found["/voxdepth/depth"]), expected.depth_m)
+        np.testing.assert_array_equal(gray_of(found["/voxdepth/source"]), expected.source)
+        np.testing.assert_allclose(gray_of(found["/voxdepth/confidence"]) / 255, expected.confidence, atol=0.002)
+        lens = Intrinsics.from_camera_info(found["/voxdepth/camera_info"], baseline_m=dataset.intrinsics.baseline_m)
+        assert lens == dataset.intrinsics
+    assert len(written) == 4 * N_FRAMES
+
+
+def test_the_metadata_of_a_folder_say_what_was_done(bag: Path, tmp_path: Path) -> None:
+    from ruamel.yaml import YAML
+
+    assert run("correct", bag, "--out", tmp_path / "out", "--rosbag2", "--frames", "3").exit_code == 0
+    metadata = YAML(typ="safe").load((tmp_path / "out" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert (metadata["message_count"], metadata["storage_identifier"]) == (12, "mcap")
+    assert tomllib.loads(metadata["custom_data"]["config.toml"])["format"] == "bag"
+    assert json.loads(metadata["custom_data"]["report.json"])["frames"] == 3
+
+
+def test_a_bag_becomes_a_folder_of_images_like_any_other_recording(bag: Path, tmp_path: Path) -> None:
+    assert run("correct", bag, "--out", tmp_path / "out").exit_code == 0
+    depth_mm = cv2.imread(str(tmp_path / "out" / "depth" / "000002.png"), cv2.IMREAD_UNCHANGED)
+    dataset = open_dataset(bag)
+    corrector = create_corrector("voxdepth", dataset.intrinsics)
+    for index in range(3):
+        corrected = corrector.process(dataset[index])
+    np.testing.assert_allclose(depth_mm / 1000, corrected.depth_m, atol=0.00051)
+
+
+def test_another_format_becomes_a_bag_with_its_times(bag: Path, tmp_path: Path) -> None:
+    for kind in ("depth", "ir"):
+        (tmp_path / "export" / kind).mkdir(parents=True)
+    dataset = open_dataset(bag)
+    for index in range(2):
+        frame, name = dataset[index], f"{STAMPS_NS[index] // 1000}.png"
+        cv2.imwrite(str(tmp_path / "export" / "depth" / name), (frame.depth_m * 1000).astype(np.uint16))
+        cv2.imwrite(str(tmp_path / "export" / "ir" / name), frame.gray)
+    lens = {key: value for key, value in vars(dataset.intrinsics).items() if value is not None}
+    (tmp_path / "export" / "calibration.toml").write_text("".join(f"{key} = {lens[key]}\n" for key in lens))
+    assert run("correct", tmp_path / "export", "--out", tmp_path / "out.mcap").exit_code == 0
+    headers = {header_of(message) for _, _, message in messages(tmp_path / "out.mcap")}
+    assert {header.frame_id for header in headers} == {"camera"}
+    for stamp_ns, header in zip(STAMPS_NS, sorted(headers), strict=False):
+        assert abs(header.stamp_ns - stamp_ns) < 2000  # The names have microseconds.
+
+
+@pytest.mark.parametrize(
+    ("topics", "message"),
+    [
+        (("gray", "info"), "expected images of depth"),
+        (("depth", "gray"), "has no camera_info"),
+        (("depth", "second", "gray", "info"), "32FC1): /cam/depth (16UC1), /two (16UC1); choose one"),
+        (("undecodable", "gray", "info"), "cannot decode the compressed image"),
+    ],
+)  # fmt: skip
+def test_a_bag_that_cannot_be_corrected_gives_one_line_and_no_file(
+    topics: tuple[str, ...], message: str, entries: dict[str, list], tmp_path: Path
+) -> None:
+    undecodable = [compressed(bytes(12) + b"RVL", "16UC1; compressedDepth rvl", (t, "left")) for t in STAMPS_NS]
+    more = {
+        "second": [entry._replace(topic="/two") for entry in entries["depth"]],
+        "undecodable": images("/cam/depth/compressedDepth", undecodable, "CompressedImage"),
+    }
+    made = [*chain(*((entries | more)[name] for name in topics))]
+    path = write_bag(tmp_path / "walk.mcap", made)
+    for out, options in (("out.mcap", []), ("out", ["--rosbag2"]), ("out", [])):
+        done = run("correct", path, "--out", tmp_path / out, *options)
+        assert isinstance(done.exception, DatasetError)
+        assert message in str(done.exception)
+        assert "\n" not in str(done.exception)
+        assert [file.name for file in tmp_path.iterdir()] == ["walk.mcap"]
+
+
+def test_a_bag_that_was_cut_gives_one_line_and_no_file(bag: Path, tmp_path: Path) -> None:
+    path = tmp_path / "cut.bag"
+    path.write_bytes(bag.read_bytes()[: bag.stat().st_size // 2])
+    done = run("correct", path, "--out", tmp_path / "out.mcap")
+    assert isinstance(done.exception, DatasetError)
+    assert "repair it with `rosbag reindex`" in str(done.exception)
+    assert [file.name for file in tmp_path.iterdir()] == ["cut.bag"]
+
+
+@pytest.mark.parametrize("name", ["out.mcap", "out"])
+def test_a_bag_that_is_interrupted_or_exists_leaves_nothing_and_replaces_nothing(
+    name: str, bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(fields: Any) -> None:
+        raise KeyboardInterrupt
+
+    options = () if name.endswith(".mcap") else ("--rosbag2",)
+    with monkeypatch.context() as patch:
+        patch.setattr("voxdepth.tools.output.confidence_fields", stop)
+        assert run("correct", bag, "--out", tmp_path / name, *options).exit_code != 0
+    assert not list(tmp_path.iterdir())
+    (tmp_path / name).write_text("mine")
+    assert isinstance(run("correct", bag, "--out", tmp_path / name, *options).exception, ToolError)
+    assert (tmp_path / name).read_text() == "mine"
+
+
+def test_an_output_appears_when_the_block_ends(bag: Path, tmp_path: Path) -> None:
+    with mcap_file(tmp_path / "out.mcap", open_dataset(bag)) as output:
+        output.describe({"config.toml": "", "report.json": "{}"})
+        assert not (tmp_path / "out.mcap").exists()
+    assert (tmp_path / "out.mcap").is_file()
+
+
+def test_a_bag_is_evaluated_like_any_other_recording(entries: dict[str, list], bag: Path, tmp_path: Path) -> None:
+    second = [entry._replace(topic="/two") for entry in entries["depth"]]
+    path = write_bag(tmp_path / "walk.mcap", [*chain(*entries.values()), *second])
+    command = ("evaluate", "--methods", "raw", "--frames", "2", "--out", tmp_path / "results", "--data", path)
+    done = run(*command, "--depth-topic", "/two")
+    assert done.exit_code == 0, done.output
+    table = (tmp_path / "results" / "results.csv").read_text()
+    assert "walk.mcap-shadows" in table
+    assert ",close," in table
+    failed = run(*command)
+    assert "choose one with --depth-topic" in " ".join(failed.output.split()) + str(failed.exception)
