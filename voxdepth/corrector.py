@@ -59,8 +59,9 @@ class StreamCorrector(ABC):
         frame.require_shape(self._intrinsics.shape)
         if not frame.stamp_s > self._last_stamp_s:
             raise FrameError(f"time must increase: a frame at {frame.stamp_s} s follows one at {self._last_stamp_s} s")
-        self._last_stamp_s = frame.stamp_s
-        return self._align(frame)
+        aligned = self._align(frame)
+        self._last_stamp_s = frame.stamp_s  # A frame that raises an error may come again, repaired.
+        return aligned
 
     @abstractmethod
     def _align(self, frame: Frame) -> Any: ...

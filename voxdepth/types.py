@@ -146,8 +146,8 @@ class Intrinsics:
 class Frame:
     """One measurement: gray image, depth, and perhaps a pose estimate.
 
-    The arrays are not copied. `DepthCorrector.process` does not use them after it returns, and a pipeline not after it
-    delivers the frame.
+    The arrays are copied only if they are not in C order. `DepthCorrector.process` does not use them after it returns,
+    and a pipeline not after it delivers the frame.
     """
 
     stamp_s: float
@@ -200,8 +200,19 @@ class Frame:
     def __post_init__(self) -> None:
         if not np.isfinite(self.stamp_s):
             raise FrameError(f"stamp_s must be finite, got {self.stamp_s}")
-        if not (isinstance(self.gray, np.ndarray) and isinstance(self.depth_m, np.ndarray)):
-            raise FrameError(f"gray and depth_m must be arrays, got {_kind(self.gray)} and {_kind(self.depth_m)}")
+        self._require_images()
+        T = self.T_world_cam
+        if T is not None and not _is_rigid(T):
+            raise FrameError(f"T_world_cam must be a finite rigid pose of shape (4, 4), got {T.tolist()}")
+        for name in ("gray", "depth_m"):  # Compiled loops and OpenCV take rows one after the other.
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))
+
+    def _require_images(self) -> None:
+        if not (_is_plain(self.gray) and _is_plain(self.depth_m)):
+            raise FrameError(
+                f"gray and depth_m must be arrays, got {_kind(self.gray)} and {_kind(self.depth_m)}; a masked array "
+                "becomes one by filled(0)"
+            )
         if self.gray.ndim != 2 or self.gray.dtype != np.uint8:
             raise FrameError(f"gray must be uint8 of shape (H, W), got {self.gray.dtype} of shape {self.gray.shape}")
         if self.depth_m.shape != self.gray.shape or self.depth_m.dtype != np.float32:
@@ -217,9 +228,6 @@ class Frame:
                 f"depth_m must be finite and not negative (0 = invalid), got values from {low} to {high} m; "
                 "replace what is not by 0"
             )
-        T = self.T_world_cam
-        if T is not None and not _is_rigid(T):
-            raise FrameError(f"T_world_cam must be a finite rigid pose of shape (4, 4), got {T.tolist()}")
 
     def require_shape(self, shape: tuple[int, int]) -> None:
         """Raise a `FrameError` if the images have another shape (rows, columns)."""
@@ -227,7 +235,13 @@ class Frame:
             raise FrameError(f"frames of this camera have shape {shape}, got {self.depth_m.shape}")
 
 
+def _is_plain(given: object) -> bool:
+    return isinstance(given, np.ndarray) and not np.ma.isMaskedArray(given)
+
+
 def _kind(given: object) -> str:
+    if np.ma.isMaskedArray(given):
+        return "masked array"
     return str(given.dtype) if isinstance(given, np.ndarray) else type(given).__name__
 
 

@@ -1,5 +1,8 @@
 """Frames and cameras refuse what they cannot be."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -32,6 +35,27 @@ def test_bad_frames_are_refused(gray: np.ndarray, depth: np.ndarray, message: st
 def test_what_is_no_array_is_refused(bad: dict[str, object]) -> None:
     with pytest.raises(FrameError, match="must be arrays"):
         Frame(**({"stamp_s": 0.0, "gray": GRAY, "depth_m": DEPTH} | bad))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("create", [
+    lambda masked: Frame(stamp_s=0.0, gray=GRAY, depth_m=masked),
+    lambda masked: Frame.from_metres(stamp_s=0.0, gray=GRAY, depth_m=masked),
+    lambda masked: Frame.from_millimetres(stamp_s=0.0, gray=GRAY, depth_mm=masked.astype(np.uint16)),
+])  # fmt: skip
+def test_a_masked_array_is_refused_since_its_hidden_values_would_count(create: Callable[[Any], Frame]) -> None:
+    hidden = np.ma.masked_invalid(np.where(np.eye(4, 6) > 0, np.nan, 1).astype(np.float32)).filled(np.nan)
+    masked = np.ma.array(np.nan_to_num(hidden, nan=9.0), mask=np.isnan(hidden))
+    with pytest.raises(FrameError, match="masked array"):
+        create(masked)
+
+
+@pytest.mark.parametrize("reorder", [np.asfortranarray, lambda image: np.rot90(image, 2), lambda image: image.T])
+def test_images_of_any_memory_order_become_rows_with_the_same_pixels(reorder: Callable[[Any], Any]) -> None:
+    depth_m = np.arange(24, dtype=np.float32).reshape(4, 6)
+    frame = Frame(stamp_s=0.0, gray=reorder(GRAY), depth_m=reorder(depth_m))
+    assert frame.gray.flags.c_contiguous and frame.depth_m.flags.c_contiguous
+    np.testing.assert_array_equal(frame.depth_m, reorder(depth_m))
+    assert Frame(stamp_s=0.0, gray=GRAY, depth_m=depth_m).depth_m is depth_m, "rows are not copied"
 
 
 @pytest.mark.parametrize("units_per_m", [0.0, -1.0, np.nan, np.inf])

@@ -4,7 +4,6 @@ Other packages add commands by the entry-point group `voxdepth.extensions`, whos
 The testbed of this project is one: its commands are there in a checkout, and not where only the library is installed.
 """
 
-import os
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -22,8 +21,6 @@ from .options import INTERRUPTED
 
 if TYPE_CHECKING:
     from .doctor import Finding
-
-os.environ.setdefault("RERUN_ANALYTICS_ENABLED", "0")
 
 EXTENSIONS = "voxdepth.extensions"
 PANELS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (

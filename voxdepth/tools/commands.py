@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from .output import OpenOutput
 
 COMMENT_WIDTH = 110
+NO_ANALYTICS = {"analytics_enabled": False, "analytics_id": "", "metadata": {}}
+"""Configuration of Rerun's statistics of use, which no environment variable switches off."""
 
 
 Format = StrEnum("Format", "AUTO TUM MIDAIR REALSENSE RECORDING BAG")
@@ -278,8 +280,15 @@ def doctor() -> None:
 
 
 def open_viewer(path: Path, *, web: bool = False) -> None:
-    """Start the Rerun viewer with a recording."""
+    """Start the Rerun viewer with a recording.
+
+    The viewer collects no statistics of its use: it finds a configuration that forbids it, which is deleted at the end,
+    while the user's own stays as it is.
+    """
+    import json
+    import os
     import subprocess
+    from tempfile import TemporaryDirectory
 
     if (path.parent / "calibration.toml").is_file():
         raise ToolError(f"{path.parent} is a recording of a sequence: look at it with voxdepth sheet {path.parent}")
@@ -288,5 +297,11 @@ def open_viewer(path: Path, *, web: bool = False) -> None:
     if path.suffix != ".rrd":
         raise ToolError(f"{path} is no recording of a run: expected a folder of a run, or an .rrd file")
     command = [sys.executable, "-m", "rerun", str(path), "--bind", "127.0.0.1"]
-    if subprocess.run([*command, "--serve-web"] if web else command, check=False).returncode:
+    with TemporaryDirectory(prefix="voxdepth-viewer-") as config_home:
+        config = Path(config_home) / "rerun/analytics.json"
+        config.parent.mkdir()
+        config.write_text(json.dumps(NO_ANALYTICS | {"config_file_path": str(config), "data_dir_path": config_home}))
+        environment = os.environ | {"XDG_CONFIG_HOME": config_home}
+        done = subprocess.run([*command, "--serve-web"] if web else command, env=environment, check=False)
+    if done.returncode:
         raise ToolError(f"the viewer could not show {path}; without a display, try --web")
