@@ -1,6 +1,5 @@
 """Bags: the same frames from every kind of file, the topics of one camera, and what is refused."""
 
-import time
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.bags import FLOAT32, Entry, S, camera_info, compressed, image, images, write_bag
+from tests.realsense_files import record_with_librealsense
 from voxdepth.datasets import Dataset, open_dataset
 from voxdepth.errors import ConfigError, DatasetError
 from voxdepth.types import Intrinsics
@@ -282,54 +282,14 @@ def test_a_file_of_librealsense_has_its_unit_and_baseline_and_the_left_image(uni
 
 
 def test_a_file_that_librealsense_itself_writes_is_read(tmp_path: Path) -> None:
-    """The recorder of librealsense 2.59 and later; earlier ones write ROS 1, and refuse the suffix."""
-    try:
-        import ctypes
-
-        import libusb_package
-
-        ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
-        import pyrealsense2 as rs
-    except (ImportError, OSError) as error:
-        pytest.skip(f"librealsense: {error}")
-    device = rs.software_device()
-    sensor = device.add_sensor("Stereo Module")
-    kinds = {rs.stream.depth: (0, rs.format.z16, 2), rs.stream.infrared: (1, rs.format.y8, 1)}
-    profiles = {}
-    for uid, (kind, (index, format, size)) in enumerate(kinds.items()):
-        stream = rs.video_stream()
-        stream.type, stream.index, stream.uid, stream.fmt, stream.bpp, stream.fps = kind, index, uid, format, size, 30
-        stream.width, stream.height = SHAPE[1], SHAPE[0]
-        lens = stream.intrinsics
-        lens.width, lens.height, lens.fx, lens.fy, lens.ppx, lens.ppy = SHAPE[1], SHAPE[0], 9.5, 9.25, 3.5, 2.5
-        stream.intrinsics = lens
-        profiles[kind] = sensor.add_video_stream(stream)
-    sensor.add_read_only_option(rs.option.depth_units, 0.0001)
-    sensor.add_read_only_option(rs.option.stereo_baseline, 18.0)
-    path = tmp_path / "rs.db3"
-    recorder = rs.recorder(str(path), device)
-    recorded, queue = recorder.query_sensors()[0], rs.frame_queue(50)
-    recorded.open(list(profiles.values()))
-    recorded.start(queue)
-    for index in range(3):
-        for kind, pixels in ((rs.stream.depth, depth_of(index)), (rs.stream.infrared, gray_of(index))):
-            frame = rs.software_video_frame()
-            frame.stride, frame.bpp, frame.pixels = pixels.strides[0], pixels.itemsize, pixels
-            frame.timestamp, frame.frame_number = 1000 + 33.0 * index, index
-            frame.domain = rs.timestamp_domain.hardware_clock
-            frame.profile = profiles[kind].as_video_stream_profile()
-            sensor.on_video_frame(frame)
-            queue.wait_for_frame(5000)
-        time.sleep(0.03)  # librealsense stamps the messages of these files with the time of recording.
-    recorded.stop()
-    recorded.close()
-    del recorded, recorder
+    frames = [(depth_of(index), gray_of(index)) for index in range(3)]
+    path = record_with_librealsense(tmp_path / "rs.db3", frames, replace(CAMERA, baseline_m=0.018), unit_m=0.0001)
     dataset = open_dataset(path)
     assert len(dataset) == 3
     require_camera(dataset, CAMERA, 0.018)
-    for index in range(3):
-        np.testing.assert_array_equal(dataset[index].depth_m, depth_of(index) / np.float32(10_000))
-        np.testing.assert_array_equal(dataset[index].gray, gray_of(index))
+    for index, (depth, gray) in enumerate(frames):
+        np.testing.assert_array_equal(dataset[index].depth_m, depth / np.float32(10_000))
+        np.testing.assert_array_equal(dataset[index].gray, gray)
 
 
 # What is refused

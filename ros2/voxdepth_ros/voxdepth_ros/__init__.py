@@ -1,0 +1,1 @@
+"""A ROS 2 node that corrects the depth of a stereo camera."""

@@ -1,0 +1,113 @@
+"""The node: topics, parameters and threads.
+
+The executor receives messages in a thread of its own, and the main thread corrects the latest pair, so that a slow
+correction leaves out frames and delays none.
+"""
+
+import tomllib
+from array import array
+from collections.abc import Mapping
+from contextlib import suppress
+from copy import deepcopy
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import rclpy
+from message_filters import ApproximateTimeSynchronizer, Subscriber
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import CameraInfo, Image
+
+from voxdepth.corrector_spec import CorrectorSpec
+from voxdepth.errors import FrameError
+
+from .stream import Latest, MessageCorrector
+
+QUEUE_SIZE = 5
+"""Images of each topic among which a pair is found."""
+WARN_EVERY_S = 5.0
+WAIT_S = 0.2
+"""How often the main thread looks whether ROS still runs, without images [s]."""
+IMAGES = ("depth", "source", "confidence")
+
+
+class VoxDepthNode(Node):
+    """Subscribes to `image`, `depth` and `camera_info`; publishes `depth`, `source`, `confidence` and `camera_info`.
+
+    What it publishes is below its own name, as in `/voxdepth/depth`.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("voxdepth")
+        values = {"corrector": "voxdepth", "config": "", "baseline_m": 0.0, "units_per_m": 1000.0, "slop_s": 0.02}
+        given = {name: self.declare_parameter(name, value).value for name, value in values.items()}
+        config = tomllib.loads(Path(given["config"]).read_text(encoding="utf-8")) if given["config"] else {}
+        self._corrector = MessageCorrector(
+            CorrectorSpec(name=given["corrector"], config=config),
+            baseline_m=given["baseline_m"] or None,
+            units_per_m=given["units_per_m"],
+        )
+        self._latest: Latest[tuple[Image, Image, CameraInfo]] = Latest()
+        self._info: CameraInfo | None = None
+        self._image_topics = {name: self.create_publisher(Image, f"~/{name}", 1) for name in IMAGES}
+        self._info_topic = self.create_publisher(CameraInfo, "~/camera_info", 1)
+        self.create_subscription(CameraInfo, "camera_info", self._keep_info, qos_profile_sensor_data)
+        images = [Subscriber(self, Image, name, qos_profile=qos_profile_sensor_data) for name in ("image", "depth")]
+        self._pairs = ApproximateTimeSynchronizer(images, QUEUE_SIZE, given["slop_s"])
+        self._pairs.registerCallback(self._keep_pair)
+
+    def correct_until_shutdown(self) -> None:
+        """Correct the latest images until ROS ends; call it outside of the executor."""
+        while rclpy.ok():
+            taken = self._latest.take(WAIT_S)
+            if taken is None:
+                continue
+            gray, depth, info = taken
+            try:
+                images = self._corrector.correct(gray, depth, info)
+            except FrameError as error:
+                self.get_logger().warning(f"a frame is left out: {error}", throttle_duration_sec=WARN_EVERY_S)
+                continue
+            self._publish(images, depth.header, info)
+        self._corrector.close()
+
+    def _keep_info(self, info: CameraInfo) -> None:
+        self._info = info
+
+    def _keep_pair(self, gray: Image, depth: Image) -> None:
+        if self._info is None:
+            self.get_logger().warning("images, but no camera_info yet", throttle_duration_sec=WARN_EVERY_S)
+        else:
+            self._latest.put((gray, depth, self._info))
+
+    def _publish(self, images: Mapping[str, Mapping[str, Any]], header: Any, info: CameraInfo) -> None:
+        """Publish the images and the camera with the header of the depth."""
+        described = deepcopy(info)
+        described.header = header
+        self._info_topic.publish(described)
+        for name, fields in images.items():
+            # Any other type of data is checked byte by byte.
+            data = array("B", fields["data"].tobytes())
+            self._image_topics[name].publish(Image(header=header, **{**fields, "data": data}))
+
+
+def main() -> None:
+    """Run the node until ROS ends."""
+    rclpy.init()
+    node = VoxDepthNode()
+    receiver = Thread(target=_receive, args=(node,), daemon=True)
+    receiver.start()
+    try:
+        with suppress(KeyboardInterrupt):
+            node.correct_until_shutdown()
+    finally:
+        rclpy.try_shutdown()
+        receiver.join()
+        node.destroy_node()
+
+
+def _receive(node: Node) -> None:
+    with suppress(ExternalShutdownException):
+        rclpy.spin(node)

@@ -1,0 +1,69 @@
+"""The live example for RealSense cameras, with what librealsense plays back of a recording of its own."""
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from sim.testing import noisy_sequence
+from tests.realsense_files import librealsense, record_with_librealsense
+from voxdepth.types import Intrinsics
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "realsense_live.py"
+N_FRAMES = 4
+
+
+@pytest.fixture(scope="module")
+def example() -> ModuleType:
+    librealsense()
+    spec = importlib.util.spec_from_file_location("realsense_live", EXAMPLE)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.TIMEOUT_MS = 1000  # type: ignore[attr-defined]
+    return module
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[tuple[np.ndarray, np.ndarray]]:
+    captures = noisy_sequence("flicker", "medium", frames=N_FRAMES)
+    return [((capture.depth_raw_m * 1000).astype(np.uint16), capture.gray_left) for capture in captures]
+
+
+@pytest.fixture(scope="module")
+def camera() -> Intrinsics:
+    return next(iter(noisy_sequence("flicker", "medium", frames=1))).intrinsics
+
+
+@pytest.fixture(scope="module")
+def file(frames: list, camera: Intrinsics, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record_with_librealsense(tmp_path_factory.mktemp("rs") / "walk.db3", frames, camera)
+
+
+def test_the_camera_gives_the_images_of_one_exposure_with_its_lens(
+    example: ModuleType, file: Path, frames: list, camera: Intrinsics
+) -> None:
+    source = example.Camera(file)
+    try:
+        found = list(source.frames())
+        for name, value in vars(camera).items():
+            assert getattr(source.intrinsics, name) == pytest.approx(value, rel=1e-6), name
+    finally:
+        source.close()
+    assert [frame.stamp_s for frame in found] == pytest.approx([1 + 0.033 * index for index in range(N_FRAMES)])
+    for frame, (depth_mm, gray) in zip(found, frames, strict=True):
+        np.testing.assert_array_equal(frame.depth_m, depth_mm / np.float32(1000))
+        np.testing.assert_array_equal(frame.gray, gray)
+
+
+def test_the_example_corrects_every_frame_of_a_file(
+    example: ModuleType, file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["realsense_live.py", "--file", str(file)])
+    example.main()
+    first, last = capsys.readouterr().out.splitlines()
+    assert first.startswith("1.000 s: ") and "% corrected" in first
+    assert last.startswith(f"{N_FRAMES} frames in ") and last.endswith(", 0 left out")

@@ -1,0 +1,249 @@
+"""The ROS 2 node without ROS: what it makes of messages, and how it is wired, by stand-ins for rclpy."""
+
+import sys
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from tests.bags import S, camera_info, image, message
+from voxdepth.corrector_spec import CorrectorSpec
+from voxdepth.errors import FrameError
+from voxdepth.registry import create_corrector
+from voxdepth.ros import depth_of, frame_of, gray_of, header_of
+from voxdepth.types import Intrinsics
+
+PACKAGE = Path(__file__).parents[2] / "ros2" / "voxdepth_ros"
+CAMERA = Intrinsics.from_hfov(width_px=32, height_px=24, hfov_deg=80, baseline_m=0.07)
+WIDE = Intrinsics.from_hfov(width_px=48, height_px=24, hfov_deg=100)
+
+
+@pytest.fixture(autouse=True)
+def package(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The package of the node, imported for this test alone."""
+    monkeypatch.syspath_prepend(str(PACKAGE))
+    yield
+    for name in [name for name in sys.modules if name.startswith("voxdepth_ros")]:
+        del sys.modules[name]
+
+
+def gray_message(stamp_ns: int, camera: Intrinsics = CAMERA, encoding: str = "mono8") -> Any:
+    pixels = np.random.default_rng(stamp_ns).integers(0, 256, camera.shape, np.uint8)
+    return message("sensor_msgs/msg/Image", image(pixels, encoding, (stamp_ns, "left"), padding=3))
+
+
+def depth_message(stamp_ns: int, camera: Intrinsics = CAMERA) -> Any:
+    pixels = np.random.default_rng(stamp_ns + 1).integers(0, 9000, camera.shape, np.uint16)
+    pixels[:4] = 0
+    return message("sensor_msgs/msg/Image", image(pixels, "16UC1", (stamp_ns, "left_optical")))
+
+
+def info_message(camera: Intrinsics = CAMERA) -> Any:
+    return message("sensor_msgs/msg/CameraInfo", camera_info(camera, (S, "left")))
+
+
+def stream() -> ModuleType:
+    return import_module("voxdepth_ros.stream")
+
+
+def test_a_frame_becomes_what_the_corrector_makes_of_it() -> None:
+    corrector = stream().MessageCorrector(CorrectorSpec(name="voxdepth"), baseline_m=0.07)
+    reference = create_corrector("voxdepth", CAMERA)
+    for index in range(3):
+        gray, depth = gray_message(S + index), depth_message(S + index)
+        fields = corrector.correct(gray, depth, info_message())
+        expected = reference.process(frame_of(gray, depth))
+        made = {name: message("sensor_msgs/msg/Image", {"header": (0, ""), **fields[name]}) for name in fields}
+        np.testing.assert_array_equal(depth_of(made["depth"]), expected.depth_m)
+        np.testing.assert_array_equal(gray_of(made["source"]), expected.source)
+        np.testing.assert_allclose(gray_of(made["confidence"]) / 255, expected.confidence, atol=0.002)
+
+
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
+    """What happens to correctors: cameras of new ones, and resets."""
+    events: list[tuple[str, Any]] = []
+
+    class Passing:
+        uses_gray = False
+
+        def __init__(self, camera: Intrinsics) -> None:
+            events.append(("new", camera))
+            self._inner = create_corrector("median", camera)
+
+        def reset(self) -> None:
+            events.append(("reset", None))
+            self._inner.reset()
+
+        def process(self, frame: Any) -> Any:
+            return self._inner.process(frame)
+
+        def close(self) -> None:
+            events.append(("close", None))
+
+    monkeypatch.setattr(CorrectorSpec, "create", lambda self, camera: Passing(camera))
+    return events
+
+
+def test_another_camera_gets_a_new_corrector_and_an_earlier_stamp_a_new_stream(monkeypatch: pytest.MonkeyPatch) -> None:
+    corrector = stream().MessageCorrector(CorrectorSpec(name="median"), baseline_m=0.07)
+    events = counted(monkeypatch)
+    for stamp_ns in (S, 2 * S, S, 3 * S):
+        corrector.correct(gray_message(stamp_ns), depth_message(stamp_ns), info_message())
+    assert events == [("new", CAMERA), ("reset", None)]
+    corrector.correct(gray_message(S, WIDE), depth_message(S, WIDE), info_message(WIDE))
+    assert [kind for kind, _ in events[2:]] == ["close", "new"]
+    assert events[3][1].shape == WIDE.shape
+    corrector.close()
+    assert events[-1][0] == "close"
+
+
+@pytest.mark.parametrize(
+    ("gray", "depth", "info"),
+    [
+        (gray_message(9 * S, encoding="yuv422"), depth_message(9 * S), info_message()),
+        (gray_message(9 * S), gray_message(9 * S), info_message()),
+        (gray_message(9 * S, WIDE), depth_message(9 * S), info_message()),
+        (gray_message(9 * S), depth_message(9 * S), info_message(WIDE)),
+        (gray_message(S), depth_message(S), info_message()),
+    ],
+)
+def test_bad_messages_are_frame_errors_and_the_next_good_one_is_corrected(gray: Any, depth: Any, info: Any) -> None:
+    corrector = stream().MessageCorrector(CorrectorSpec(name="voxdepth"))
+    corrector.correct(gray_message(S), depth_message(S), info_message())
+    with pytest.raises(FrameError):
+        corrector.correct(gray, depth, info)
+    assert corrector.correct(gray_message(10 * S), depth_message(10 * S), info_message())
+
+
+def test_the_latest_item_wins() -> None:
+    latest = stream().Latest()
+    assert latest.take(0.001) is None
+    for item in range(3):
+        latest.put(item)
+    assert (latest.take(0.001), latest.take(0.001)) == (2, None)
+
+
+# The node, with stand-ins for what it uses of ROS
+
+
+class Publisher:
+    def __init__(self) -> None:
+        self.sent: list[Any] = []
+
+    def publish(self, sent: Any) -> None:
+        self.sent.append(sent)
+
+
+class FakeNode:
+    """The methods of rclpy.node.Node that the node uses."""
+
+    def __init__(self, name: str) -> None:
+        self.topics: dict[str, Publisher] = {}
+        self.callbacks: dict[str, Callable[[Any], None]] = {}
+        self.warnings: list[str] = []
+        self.settings: dict[str, Any] = {}
+
+    def declare_parameter(self, name: str, value: Any) -> Any:
+        self.settings[name] = value
+        return SimpleNamespace(value=PARAMETERS.get(name, value))
+
+    def create_publisher(self, kind: Any, topic: str, depth: int) -> Publisher:
+        return self.topics.setdefault(topic, Publisher())
+
+    def create_subscription(self, kind: Any, topic: str, callback: Any, qos: Any) -> None:
+        self.callbacks[topic] = callback
+
+    def get_logger(self) -> Any:
+        return SimpleNamespace(warning=lambda text, throttle_duration_sec: self.warnings.append(text))
+
+
+class FakeSynchronizer:
+    def __init__(self, subscribers: list[Any], queue_size: int, slop: float) -> None:
+        self.topics = subscribers
+
+    def registerCallback(self, callback: Any) -> None:  # noqa: N802
+        self.callback = callback
+
+
+PARAMETERS: dict[str, Any] = {"corrector": "median"}
+
+
+@pytest.fixture
+def node(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The node with stand-ins; ROS runs until all pairs are corrected."""
+
+    def create(**fields: Any) -> Any:
+        assert type(fields["data"]).__name__ == "array" and fields["data"].typecode == "B"
+        return SimpleNamespace(**fields)
+
+    modules: dict[str, dict[str, Any]] = {
+        "rclpy": {"ok": lambda: True},
+        "rclpy.executors": {"ExternalShutdownException": RuntimeError},
+        "rclpy.node": {"Node": FakeNode},
+        "rclpy.qos": {"qos_profile_sensor_data": "sensor data"},
+        "message_filters": {
+            "ApproximateTimeSynchronizer": FakeSynchronizer,
+            "Subscriber": lambda node, kind, topic, qos_profile: topic,
+        },
+        "sensor_msgs": {},
+        "sensor_msgs.msg": {"Image": create, "CameraInfo": SimpleNamespace},
+    }
+    for name, content in modules.items():
+        module = ModuleType(name)
+        vars(module).update(content)
+        monkeypatch.setitem(sys.modules, name, module)
+    return import_module("voxdepth_ros.node").VoxDepthNode()
+
+
+def run(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the node correct what waits."""
+    answers = iter([True, False])
+    monkeypatch.setattr(sys.modules["rclpy"], "ok", lambda: next(answers))
+    node.correct_until_shutdown()
+
+
+def test_the_node_publishes_the_latest_pair_with_the_header_of_its_depth(
+    node: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert node._pairs.topics == ["image", "depth"]
+    pairs = node._pairs.callback
+    pairs(gray_message(S), depth_message(S))
+    assert "no camera_info yet" in node.warnings[0]
+    node.callbacks["camera_info"](info_message())
+    for stamp_ns in (2 * S, 3 * S):
+        pairs(gray_message(stamp_ns), depth_message(stamp_ns))
+    run(node, monkeypatch)
+    assert node.topics.keys() == {"~/depth", "~/source", "~/confidence", "~/camera_info"}
+    for topic in node.topics.values():
+        assert [header_of(sent) for sent in topic.sent] == [(3 * S, "left_optical")]
+    (described,) = node.topics["~/camera_info"].sent
+    assert Intrinsics.from_camera_info(described).shape == CAMERA.shape
+    assert depth_of(node.topics["~/depth"].sent[0]).shape == CAMERA.shape
+
+
+def test_the_node_warns_of_a_bad_frame_and_goes_on(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    node.callbacks["camera_info"](info_message())
+    node._pairs.callback(gray_message(S), gray_message(S))
+    run(node, monkeypatch)
+    assert "a frame is left out: expected depth as 16UC1" in node.warnings[0]
+    assert not node.topics["~/depth"].sent
+    node._pairs.callback(gray_message(2 * S), depth_message(2 * S))
+    run(node, monkeypatch)
+    assert len(node.topics["~/depth"].sent) == 1
+
+
+def test_the_parameters_of_the_file_are_those_of_the_node(node: Any) -> None:
+    given = yaml.safe_load((PACKAGE / "config" / "voxdepth.yaml").read_text())["/**/voxdepth"]["ros__parameters"]
+    assert given == node.settings
+
+
+def test_every_file_that_is_installed_exists() -> None:
+    setup = (PACKAGE / "setup.py").read_text()
+    for name in ("package.xml", "launch/voxdepth.launch.py", "config/voxdepth.yaml", "resource/voxdepth_ros"):
+        assert (PACKAGE / name).is_file()
+        assert name.replace("voxdepth_ros", "{NAME}") in setup or name in setup
