@@ -10,7 +10,7 @@ from swarm.compose import MissionSetup
 from voxdepth import registry
 from voxdepth.model import Model
 
-from .files import load
+from .files import Name, load
 
 
 class Acceptance(Model):
@@ -34,7 +34,7 @@ class RecordingConfig(Model):
 class Scenario(MissionSetup):
     """Everything that a run depends on besides its seed."""
 
-    name: str
+    name: Name
     description: str
     corrector_latency_s: dict[str, Annotated[float, Field(ge=0)]] = Field(default_factory=dict)
     """Simulated time that a corrector takes for a frame, by its name, instead of its registered latency. It

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import deepcopy
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import pydantic
 
@@ -20,6 +20,9 @@ LOCK = "write.lock"
 
 SINGULAR = {"scenarios": "scenario", "sequences": "sequence", "studies": "study"}
 """Name of a single file of each kind."""
+
+Name = Annotated[str, pydantic.Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9,._ -]{0,79}$")]
+"""A name of a scenario, a sequence, a study or an arm. It becomes a part of a path, and cannot lead out of a folder."""
 
 Loaded = TypeVar("Loaded", bound=pydantic.BaseModel)
 

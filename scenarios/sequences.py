@@ -31,7 +31,7 @@ from voxdepth.tools.provenance import versions
 from voxdepth.types import FloatArray
 
 from .errors import ScenarioError
-from .files import load
+from .files import Name, load
 from .results.provenance import SIMULATION
 
 FRAMES_IN_PROGRESS = 3
@@ -53,7 +53,7 @@ Progress = Callable[[int], None]
 class Sequence(Model):
     """Everything that determines a recording except its seed."""
 
-    name: str
+    name: Name
     description: str
     scene: AnyScene
     flight: AnyFlight

@@ -16,7 +16,7 @@ from voxdepth.model import Model
 
 from ..config import Run, images_of, load_run
 from ..errors import ScenarioError
-from ..files import load_alone
+from ..files import Name, load_alone
 
 FIRST_PILOT_SEED = 1000
 """Seeds from here on belong to pilots, which may be used to choose scenes and controllers."""
@@ -27,7 +27,6 @@ OWN_KEYS = (*ALWAYS_SET, "rig.noise.scale.theta", "rig.width_px", "rig.height_px
 EndpointName = Literal["arrived", "collision"]
 """What is counted: runs in which all arrived without a collision, or runs with a collision."""
 ENDPOINTS: tuple[EndpointName, ...] = get_args(EndpointName)
-NAME = r"^[A-Za-z0-9][A-Za-z0-9,._ -]*$"
 KEY_FORMAT = 2
 """Part of every key. It is raised when equal runs no longer have equal results."""
 SHORT = 12
@@ -53,7 +52,7 @@ class Seeds(Model):
 class Arm(Model):
     """One way to fly a scenario: the source of depth, the corrector, and further differences."""
 
-    name: str = Field(pattern=NAME)
+    name: Name
     depth: SensorModelName
     corrector: CorrectorSpec
     """The corrector's name, or a table with `name` and `config`."""
@@ -116,7 +115,7 @@ class PrimaryComparison(Model):
 class Study(Model):
     """A study as its file describes it."""
 
-    name: str = Field(pattern=NAME)
+    name: Name
     description: str
     scenarios: tuple[str, ...] = Field(strict=False, min_length=1)
     """Shipped scenarios by name, or paths of TOML files, relative to the study's file."""

@@ -2,10 +2,12 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ import pytest
 from scenarios.config import load_run
 from scenarios.errors import ScenarioError
 from scenarios.files import DATA
+from scenarios.sequences import load_sequence
 from voxdepth.tools.errors import ToolError
 
 ENVIRONMENT = {**os.environ, "COLUMNS": "120"}
@@ -125,6 +128,17 @@ def test_bad_files_say_where_and_what(tmp_path: Path, line: str, message: str) -
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("name", ["x/../../..", "..", "/tmp/x", ".hidden", "a\\\\b", "", "x" * 81, "new\\nline"])
+@pytest.mark.parametrize("load", [load_run, load_sequence])
+def test_a_name_cannot_lead_out_of_a_folder(name: str, load: Callable[..., object], tmp_path: Path) -> None:
+    shipped = "scenarios/city" if load is load_run else "sequences/sim-LN"
+    text = (DATA / f"{shipped}.toml").read_text()
+    renamed = re.sub(r'^name = ".*"$', lambda _: f'name = "{name}"', text, flags=re.MULTILINE)
+    (tmp_path / "mine.toml").write_text(renamed)
+    with pytest.raises(ToolError, match="name: String should match pattern"):
+        load(str(tmp_path / "mine.toml"), 0, {})
+
+
 def test_a_table_that_is_none_says_so(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("name = 'mine'\ndescription = 'x'\nrig = 3\n")
@@ -170,7 +184,8 @@ def test_an_output_folder_that_is_a_file_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_ctrl_c_ends_the_run_and_closes_the_recording(tmp_path: Path) -> None:
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_the_run_and_closes_the_recording(sent: signal.Signals, tmp_path: Path) -> None:
     command = [sys.executable, "-c", "from voxdepth.tools.cli import main; main()", "run", "city", "--drones", "2"]
     process = subprocess.Popen(
         [*command, "--size", "96x64", "--out", str(tmp_path)],
@@ -180,7 +195,7 @@ def test_ctrl_c_ends_the_run_and_closes_the_recording(tmp_path: Path) -> None:
     while not list(tmp_path.glob("*/run.rrd")) and time.monotonic() < deadline:
         time.sleep(0.1)
     time.sleep(2)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(sent)
     output, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors
     assert "interrupted" in output
@@ -189,6 +204,23 @@ def test_ctrl_c_ends_the_run_and_closes_the_recording(tmp_path: Path) -> None:
     assert json.loads((folder / "metrics.json").read_text())["outcome"] == "interrupted"
     verify = [sys.executable, "-m", "rerun", "rrd", "verify", str(folder / "run.rrd")]
     assert subprocess.run(verify, capture_output=True, env=ENVIRONMENT, check=False).returncode == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("after_s", [0.1, 0.4, 0.8, 1.2, 1.8])
+def test_ctrl_c_while_libraries_are_imported_ends_without_a_traceback(after_s: float, tmp_path: Path) -> None:
+    command = [sys.executable, "-c", "from voxdepth.tools.cli import main; print('begun', flush=True); main()"]
+    process = subprocess.Popen(
+        [*command, "run", "city", *QUICK, "--out", str(tmp_path)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT,
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stdout.readline() == "begun\n"
+    time.sleep(after_s)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in errors
 
 
 def test_list_names_everything() -> None:

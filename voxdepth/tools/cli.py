@@ -5,8 +5,10 @@ The testbed of this project is one: its commands are there in a checkout, and no
 """
 
 import re
+import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points, requires, version
@@ -95,15 +97,42 @@ def create_app() -> typer.Typer:
 
 def main() -> None:
     """Run the command line; our own errors print one line and exit with code 2."""
-    ours: tuple[type[Exception], ...] = sum((extension.errors for extension in extensions()), (VoxDepthError,))
+    with _interruptible():
+        ours: tuple[type[Exception], ...] = sum((extension.errors for extension in extensions()), (VoxDepthError,))
+        try:
+            create_app()()
+        except ours as error:
+            _fail(str(error))
+        except ModuleNotFoundError as error:
+            _fail(_missing(error))
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Treat the end of a session and a request to end as Ctrl-C: `KeyboardInterrupt` in the block, then exit code 130.
+
+    A signal that is ignored stays so, as after `nohup`. An error after a signal is due to it: libraries that are
+    interrupted while they are imported raise errors of their own.
+    """
+    interrupted = False
+
+    def interrupt(number: int, frame: Any) -> None:
+        nonlocal interrupted
+        interrupted = True
+        raise KeyboardInterrupt
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, interrupt)
     try:
-        create_app()()
+        yield
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
-    except ours as error:
-        _fail(str(error))
-    except ModuleNotFoundError as error:
-        _fail(_missing(error))
+    except Exception as error:
+        if not interrupted:
+            raise
+        typer.echo(f"voxdepth: interrupted ({type(error).__name__}: {error})", err=True)
+        sys.exit(INTERRUPTED)
 
 
 def _fail(message: str) -> None:
