@@ -180,6 +180,14 @@ def test_a_gray_image_of_another_camera_is_taken_only_if_it_is_named(tmp_path: P
         open_dataset(path)
 
 
+def test_the_right_image_of_realsense_is_not_taken_for_the_left_one(tmp_path: Path) -> None:
+    """Without the left image realsense-ros gives the right one a `camera_info` like that of the left."""
+    entries = [entry for entry in two_cameras() if "infra" not in entry.topic and "aligned" not in entry.topic]
+    right = gray_topic("/camera/infra2/image_rect_raw") + info_topic("/camera/infra2/camera_info")
+    with pytest.raises(DatasetError, match="expected images of the camera of /camera/depth"):
+        open_dataset(write(tmp_path, "walk.mcap", entries + right))
+
+
 def test_several_gray_images_of_one_camera_are_listed(tmp_path: Path) -> None:
     path = write(tmp_path, "walk.mcap", whole() + gray_topic("/cam/left/image_mono"))
     with pytest.raises(DatasetError, match=r"several images .*/cam/left/image_mono \(mono8\), /cam/left/image_rect"):

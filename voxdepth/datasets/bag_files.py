@@ -127,7 +127,7 @@ def _bag_errors(path: Path) -> Iterator[None]:
     """Turn any error of the block into a `DatasetError`: for damaged files rosbags raises errors of many types."""
     try:
         yield
-    except (DatasetError, ModuleNotFoundError, GeneratorExit):
+    except (DatasetError, ModuleNotFoundError):
         raise
     except Exception as error:
         reason = " ".join(f"{error}".split()) or type(error).__name__

@@ -14,8 +14,9 @@ from .bag_files import CAMERA_INFO, COMPRESSED, IMAGE, Bag
 
 SENSOR_PARTS = 2
 """librealsense puts the streams and options of a sensor below `/device_0/sensor_0`."""
-RIGHT_INFRARED = "/Infrared_2/"
-"""Part of the topics of the right camera in files of librealsense, whose `camera_info` is that of the left one."""
+RIGHT_INFRARED = ("/Infrared_2/", "/infra2/")
+"""Parts of the topics of the right camera of librealsense and of realsense-ros, whose `camera_info` need not differ from
+that of the left one."""
 COPIES = ("/compressedDepth", "/compressed")
 """What ends the topic of a compressed copy of an image."""
 SAME_LENS = 1e-3
@@ -113,9 +114,8 @@ class Images:
     def _may_be_of(self, depth: str, gray: str) -> bool:
         """Whether nothing says that a gray image is of another camera than the depth."""
         first, second = self._lens(depth), self._lens(gray)
-        if _sensor(depth) and RIGHT_INFRARED in gray:
-            return False
-        return first is None or second is None or _is_same(first, second)
+        is_right = any(part in gray for part in RIGHT_INFRARED)
+        return not is_right and (first is None or second is None or _is_same(first, second))
 
     def _lens(self, topic: str) -> Intrinsics | None:
         """The camera of an image as its `camera_info` has it; None if it is unknown."""
