@@ -15,8 +15,8 @@ from .bag_files import CAMERA_INFO, COMPRESSED, IMAGE, Bag
 SENSOR_PARTS = 2
 """librealsense puts the streams and options of a sensor below `/device_0/sensor_0`."""
 RIGHT_INFRARED = ("/Infrared_2/", "/infra2/")
-"""Parts of the topics of the right camera of librealsense and of realsense-ros, whose `camera_info` need not differ from
-that of the left one."""
+"""Parts of the topics of the right camera of librealsense and realsense-ros, whose `camera_info` may be that of the
+left one."""
 COPIES = ("/compressedDepth", "/compressed")
 """What ends the topic of a compressed copy of an image."""
 SAME_LENS = 1e-3

@@ -78,10 +78,14 @@ class BagDataset:
             frame = frame_of(
                 self._gray[gray], self._depth[depth], stamp_s=stamp_ns / 1e9, units_per_m=self._units_per_m
             )
-            frame.require_shape(self.intrinsics.shape)
         except FrameError as error:
             where = f"message {depth} of {self._depth.topic} and {gray} of {self._gray.topic} in {self._path}"
             raise DatasetError(f"{where} give no frame: {error}") from error
+        if frame.depth_m.shape != (shape := self.intrinsics.shape):
+            raise DatasetError(
+                f"expected {shape[1]}x{shape[0]} pixels in {self._path}, as camera_info or {CALIBRATION} says, got "
+                f"{frame.depth_m.shape[1]}x{frame.depth_m.shape[0]}; correct the camera, or choose other topics"
+            )
         return frame
 
     def _matched(self) -> list[tuple[int, int, int]]:
