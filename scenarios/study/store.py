@@ -1,5 +1,6 @@
 """The SQLite file of a study: its design, the records of its runs, and the failures."""
 
+import hashlib
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,13 +22,16 @@ from ..errors import ScenarioError
 from ..files import Loaded, locked
 from ..results.provenance import simulation_versions
 from ..runner import Finished
-from .design import RunSpec, Study, digest
+from .design import SHORT, RunSpec, Study, digest
 
 FILE = "study.sqlite"
-SCHEMA = 2
+UNREADABLE = (ValueError, TypeError, KeyError, RecursionError)
+"""Errors that damaged content causes; SQLite has its own."""
+STRICT = pydantic.ConfigDict(strict=True)
+SCHEMA = 3
 """Version of the tables that is written."""
-WITHOUT_DRONES = 1
-"""Version without the metrics of the drones, which is still read; any other version is refused."""
+WITHOUT_DRONES, WITHOUT_DIGESTS = 1, 2
+"""Versions without the metrics of the drones and without digests, which are still read; any other one is refused."""
 BUSY_TIMEOUT_S = 60.0
 """Longest time for which a reader or the writer waits for the other."""
 TABLES = """
@@ -38,7 +42,7 @@ CREATE TABLE cells (
 ) STRICT;
 CREATE TABLE results (
     key TEXT PRIMARY KEY REFERENCES runs, outcome TEXT NOT NULL, metrics TEXT NOT NULL, drones TEXT NOT NULL,
-    contacts TEXT NOT NULL, wall_s REAL NOT NULL, ended_at TEXT NOT NULL
+    contacts TEXT NOT NULL, wall_s REAL NOT NULL, ended_at TEXT NOT NULL, digest TEXT NOT NULL
 ) STRICT;
 CREATE TABLE failures (
     place INTEGER PRIMARY KEY, key TEXT NOT NULL REFERENCES runs, kind TEXT NOT NULL, text TEXT NOT NULL,
@@ -47,6 +51,9 @@ CREATE TABLE failures (
 """
 
 
+METRICS = pydantic.TypeAdapter(dict[str, int | pydantic.FiniteFloat | None], config=STRICT)
+DRONES = pydantic.TypeAdapter(list[dict[str, int | pydantic.FiniteFloat | None]], config=STRICT)
+CONTACTS = pydantic.TypeAdapter(list[Contact])
 FailureKind = Literal["error", "timeout", "died"]
 
 
@@ -155,7 +162,8 @@ class Store:
                 if store._is_empty():
                     store._create(study, specs)
             store._require_schema()
-            store._require_same(study, specs, resume=resume)
+            with store._as_damage():
+                store._require_same(study, specs, resume=resume)
             yield store
 
     def add(self, done: Completion) -> None:
@@ -170,10 +178,9 @@ class Store:
             insert = "INSERT INTO failures (key, kind, text, ended_at) VALUES (?, ?, ?, ?)"
             row = (done.key, done.kind, done.text, now)
         else:
-            insert = "INSERT INTO results VALUES (?, ?, ?, ?, ?, ?, ?)"
-            metrics, drones = (json.dumps(part, allow_nan=False) for part in (done.metrics, done.drones))
-            contacts = json.dumps([asdict(contact) for contact in done.contacts], allow_nan=False)
-            row = (done.key, done.outcome.value, metrics, drones, contacts, done.wall_s, now)
+            insert = "INSERT INTO results VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
+            texts = _texts(done)
+            row = (done.key, *texts, done.wall_s, now, _digest(done.key, *texts))
         try:
             with self._transaction("IMMEDIATE"):
                 self._database.execute(insert, row)
@@ -184,16 +191,20 @@ class Store:
         """Read the whole content in one transaction.
 
         Raises:
-            ScenarioError: The store contains keys that this version of VoxDepth does not know.
+            ScenarioError: The store is damaged, or contains keys that this version of VoxDepth does not know.
         """
-        with self._transaction("DEFERRED"):
-            meta = self._meta()
-            runs = self._rows("SELECT key, run FROM runs")
-            cells = self._rows("SELECT scenario, arm, theta, key FROM cells ORDER BY place")
-            drones = "'[]' AS drones" if meta["schema"] == str(WITHOUT_DRONES) else "drones"
-            results = self._rows(f"SELECT key, outcome, metrics, {drones}, contacts, wall_s FROM results")
-            failures = self._rows("SELECT key, kind, text FROM failures ORDER BY place")
-        records = {row["key"]: _record(row) for row in results}
+        with self._as_damage(), self._transaction("DEFERRED"):
+            return self._content()
+
+    def _content(self) -> StudyData:
+        meta = self._meta()
+        runs = self._rows("SELECT key, run FROM runs")
+        cells = self._rows("SELECT scenario, arm, theta, key FROM cells ORDER BY place")
+        drones = "'[]' AS drones" if meta["schema"] == str(WITHOUT_DRONES) else "drones"
+        checked = "digest" if meta["schema"] == str(SCHEMA) else "NULL AS digest"
+        results = self._rows(f"SELECT key, outcome, metrics, {drones}, contacts, wall_s, {checked} FROM results")
+        failures = self._rows("SELECT key, kind, text FROM failures ORDER BY place")
+        records = self._records(results)
         resolved = {row["key"]: self._parsed(Run, row["run"]) for row in runs}
         return StudyData(
             study=self._study(meta),
@@ -203,6 +214,40 @@ class Store:
             versions=json.loads(meta["versions"]),
             machine=meta["machine"],
         )
+
+    def _records(self, rows: Sequence[sqlite3.Row]) -> dict[str, RunRecord]:
+        """Decode all results; a damaged one is an error that says how many others can be read."""
+        records, damaged = {}, {}
+        for row in rows:
+            try:
+                records[row["key"]] = _record(row)
+            except UNREADABLE as error:
+                damaged[row["key"]] = str(error).partition("\n")[0]
+        if damaged:
+            key, problem = next(iter(damaged.items()))
+            raise ScenarioError(
+                f"{self._path} is damaged: {len(damaged)} of {len(rows)} results cannot be read, the first one is that "
+                f"of the run {str(key)[:SHORT]} ({problem}): restore a copy, or delete them and go on with --resume"
+            )
+        return records
+
+    @contextmanager
+    def _as_damage(self) -> Iterator[None]:
+        """Turn what a damaged file does to the block into a `ScenarioError`."""
+        try:
+            yield
+        except sqlite3.OperationalError as error:
+            if "locked" in str(error):
+                raise ScenarioError(
+                    f"another process has been writing to {self._path} for too long: try again"
+                ) from error
+            raise self._damaged(error) from error
+        except (sqlite3.Error, *UNREADABLE) as error:
+            raise self._damaged(error) from error
+
+    def _damaged(self, error: Exception) -> ScenarioError:
+        problem = str(error).partition("\n")[0]
+        return ScenarioError(f"{self._path} is damaged ({type(error).__name__}: {problem}): restore a copy of it")
 
     @classmethod
     @contextmanager
@@ -214,11 +259,15 @@ class Store:
             database.execute("PRAGMA journal_mode=DELETE")
             database.execute("PRAGMA synchronous=EXTRA")
             database.execute("PRAGMA foreign_keys=ON")
-        except sqlite3.Error as error:
+            (found,) = database.execute("PRAGMA quick_check(1)").fetchone()
+        except (sqlite3.Error, UnicodeDecodeError) as error:
             raise ScenarioError(f"{folder / FILE} is no store of a study ({error}): use another --out") from error
         database.row_factory = sqlite3.Row
         with closing(database):
-            yield cls(folder, database)
+            store = cls(folder, database)
+            if found != "ok":
+                raise store._damaged(sqlite3.DatabaseError(found))
+            yield store
 
     @contextmanager
     def _transaction(self, mode: Literal["DEFERRED", "IMMEDIATE"]) -> Iterator[None]:
@@ -278,11 +327,11 @@ class Store:
             raise ScenarioError(f"{self._path} holds no study yet: its start is in progress or failed")
         try:
             schema = self._meta().get("schema")
-        except sqlite3.Error:
+        except (sqlite3.Error, *UNREADABLE):
             schema = None
-        if schema not in (str(WITHOUT_DRONES), str(SCHEMA)):
+        if schema not in [str(version) for version in range(1, SCHEMA + 1)]:
             raise ScenarioError(
-                f"{self._path} has the format {schema or 'unknown'}, this version reads {WITHOUT_DRONES} and {SCHEMA}: "
+                f"{self._path} has the format {schema or 'unknown'}, this version reads 1 to {SCHEMA}: "
                 "use another --out, or the version of voxdepth that wrote it"
             )
 
@@ -322,8 +371,28 @@ def read_study(folder: Path) -> StudyData:
         return store.read()
 
 
+def _texts(record: RunRecord) -> tuple[str, str, str, str]:
+    """The columns `outcome`, `metrics`, `drones` and `contacts` of a result."""
+    metrics, drones = (json.dumps(part, allow_nan=False) for part in (record.metrics, record.drones))
+    contacts = json.dumps([asdict(contact) for contact in record.contacts], allow_nan=False)
+    return record.outcome.value, metrics, drones, contacts
+
+
+def _digest(*texts: str) -> str:
+    """SHA-256 of the columns of a result."""
+    return hashlib.sha256("\0".join(texts).encode()).hexdigest()
+
+
 def _record(row: sqlite3.Row) -> RunRecord:
-    contacts = tuple(Contact(**contact) for contact in json.loads(row["contacts"]))
-    metrics, drones = json.loads(row["metrics"]), tuple(json.loads(row["drones"]))
-    decoded = {"outcome": Outcome(row["outcome"]), "metrics": metrics, "drones": drones, "contacts": contacts}
-    return RunRecord(**{**dict(row), **decoded})
+    """Decode a result; a damaged one is one of the errors `UNREADABLE`."""
+    names = ("key", "outcome", "metrics", "drones", "contacts")
+    if row["digest"] is not None and row["digest"] != _digest(*(row[name] for name in names)):
+        raise ValueError("its digest is another one")
+    return RunRecord(
+        key=row["key"],
+        outcome=Outcome(row["outcome"]),
+        metrics=METRICS.validate_json(row["metrics"]),
+        drones=tuple(DRONES.validate_json(row["drones"])),
+        contacts=tuple(CONTACTS.validate_json(row["contacts"])),
+        wall_s=row["wall_s"],
+    )

@@ -6,6 +6,7 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from scenarios.errors import ScenarioError
@@ -46,6 +47,67 @@ def test_a_store_without_metrics_of_the_drones_is_still_read(tmp_path: Path) -> 
     changed(tmp_path, "ALTER TABLE results DROP COLUMN drones")
     changed(tmp_path, "UPDATE meta SET value = '1' WHERE name = 'schema'")
     assert read_study(tmp_path) == before
+
+
+def test_a_store_without_digests_is_still_read(tmp_path: Path) -> None:
+    before = run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
+    changed(tmp_path, "ALTER TABLE results DROP COLUMN digest")
+    changed(tmp_path, "UPDATE meta SET value = '2' WHERE name = 'schema'")
+    assert read_study(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE results SET outcome = 'deadlock' WHERE rowid = 1",
+        "UPDATE results SET metrics = '{' WHERE rowid = 1",
+        "UPDATE results SET digest = 'x', contacts = '[{}]' WHERE rowid = 1",
+    ],
+)
+def test_a_damaged_result_is_named_with_what_can_still_be_read(change: str, tmp_path: Path) -> None:
+    run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
+    changed(tmp_path, change)
+    with pytest.raises(
+        ScenarioError, match=r"is damaged: 1 of 2 results cannot be read, .* of the run [0-9a-f]{12} \("
+    ):
+        read_study(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "DROP TABLE cells",
+        "DELETE FROM meta WHERE name = 'study'",
+        "UPDATE meta SET value = '[' WHERE name = 'versions'",
+        f"UPDATE meta SET value = '{'[' * 100_000}' WHERE name = 'study'",
+        "DELETE FROM runs",
+    ],
+)
+def test_a_damaged_study_is_told_in_one_line(change: str, tmp_path: Path) -> None:
+    run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
+    changed(tmp_path, change)
+    with pytest.raises(ScenarioError, match="is damaged") as told:
+        read_study(tmp_path)
+    assert "\n" not in str(told.value)
+
+
+def test_changed_bytes_are_noticed_or_change_nothing(tmp_path: Path) -> None:
+    before = run_study(study(arm("a"), arm("b")), tmp_path / "whole", Serial(fake), unseen)
+    data, rng = (tmp_path / "whole" / FILE).read_bytes(), np.random.default_rng(0)
+    noticed = 0
+    for k in range(300):
+        damaged = bytearray(data)
+        for place in rng.integers(0, len(data), 1 + k % 20):
+            damaged[place] ^= int(rng.integers(1, 256))
+        (tmp_path / FILE).write_bytes(damaged[: rng.integers(1, len(data))] if k % 10 == 0 else damaged)
+        try:
+            after = read_study(tmp_path)
+        except ScenarioError as error:
+            assert "\n" not in str(error)
+            noticed += 1
+        else:
+            assert after.records == before.records
+    assert noticed > 100
 
 
 def test_a_stored_study_that_names_no_endpoint_was_declared_on_collisions(tmp_path: Path) -> None:
@@ -123,7 +185,7 @@ def test_a_store_of_another_version_is_refused(tmp_path: Path) -> None:
     tiny = study(arm("a"))
     run_study(tiny, tmp_path, Serial(fake), unseen)
     changed(tmp_path, "UPDATE meta SET value = '99' WHERE name = 'schema'")
-    with pytest.raises(ScenarioError, match="has the format 99, this version reads 1 and 2: use another --out"):
+    with pytest.raises(ScenarioError, match="has the format 99, this version reads 1 to 3: use another --out"):
         run_study(tiny, tmp_path, Serial(fake), unseen, **AGAIN)
     with pytest.raises(ScenarioError, match="has the format 99"):
         read_study(tmp_path)
