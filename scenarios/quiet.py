@@ -1,4 +1,4 @@
-"""Libraries without their messages at start (PyBullet's build time, a GPU that Warp misses), and on one thread."""
+"""Libraries without their messages at start (PyBullet's build time), and on one thread."""
 
 import os
 import sys
@@ -18,13 +18,9 @@ def use_one_thread() -> None:
 
 @cache
 def import_noisy_libraries() -> None:
-    """Import PyBullet and Warp without their output; errors are raised as usual."""
+    """Import PyBullet without its output; errors are raised as usual."""
     with _terminal_silenced():
         import pybullet  # noqa: F401
-        import warp
-
-        warp.config.log_level = warp.LOG_ERROR
-        warp.init()
 
 
 @contextmanager

@@ -1,33 +1,39 @@
-"""NumPy twins of the Warp kernels of the RealSense filters."""
+"""NumPy twins of the compiled loops of the RealSense filters."""
 
 from collections.abc import Callable
 
 import numpy as np
 
-from voxdepth.baselines.realsense import holes_in_order
 from voxdepth.types import FloatImage
 
 
-def smooth_rows_numpy(image: FloatImage, *, alpha: float, delta: float) -> None:
-    """Smooth each row of an image to the right and then to the left, in place: the twin of `smooth_rows_warp`."""
+def smooth_columns_numpy(image: FloatImage, *, alpha: float, delta: float) -> None:
+    """Smooth each column of an image downwards and upwards, in place: the twin of `smooth_columns`."""
     weight = np.float32(alpha)
-    for cols in (image.T, image.T[::-1]):
-        state = before = cols[0].copy()
-        for col in cols[1:]:
-            value = col.copy()
+    for rows in (image, image[::-1]):
+        state = before = rows[0].copy()
+        for row in rows[1:]:
+            value = row.copy()
             near = (before > 0) & (value > 0) & (np.abs(before - value) < delta)
             state = np.where(near, value * weight + state * (np.float32(1) - weight), value)
-            col[:] = state
+            row[:] = state
             before = value
 
 
+def fill_from_left_numpy(depth_m: FloatImage) -> FloatImage:
+    """The twin of `fill_from_left`, which returns a copy."""
+    col = np.arange(depth_m.shape[1])
+    from_col = np.maximum.accumulate(np.where(depth_m > 0, col, 0), axis=1)
+    return np.take_along_axis(depth_m, from_col, axis=1)
+
+
 def fill_farthest_numpy(depth_m: FloatImage) -> FloatImage:
-    """The twin of the kernel of `fill_farthest`."""
+    """The twin of `fill_farthest`, which returns a copy."""
     return _filled_numpy(depth_m, lambda around_m: around_m.max())
 
 
 def fill_nearest_numpy(depth_m: FloatImage) -> FloatImage:
-    """The twin of the kernel of `fill_nearest`."""
+    """The twin of `fill_nearest`, which returns a copy."""
     return _filled_numpy(depth_m, lambda around_m: around_m[around_m > 0].min() if around_m[0] > 0 else around_m[0])
 
 
@@ -35,6 +41,8 @@ def _filled_numpy(depth_m: FloatImage, chosen: Callable[[FloatImage], np.float32
     """A copy whose holes are filled in raster order by what is chosen of the neighbours, the one above first."""
     width = depth_m.shape[1]
     filled_m = depth_m.flatten()
-    for at in holes_in_order(depth_m):
+    has_all_neighbours = np.zeros(depth_m.shape, np.bool_)
+    has_all_neighbours[1:-1, 1:] = True
+    for at in np.flatnonzero(has_all_neighbours & (depth_m == 0)):
         filled_m[at] = chosen(filled_m[at + np.array([-width, -width - 1, -1, width - 1, width])])
     return filled_m.reshape(depth_m.shape)

@@ -1,10 +1,21 @@
-"""NumPy twins of the Warp kernels of voxel grids, and what else tests ask of a grid."""
+"""NumPy twins of the loops over voxels, and what else tests ask of a grid."""
+
+from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
-from voxdepth.geometry import PointArray
-from voxdepth.paper.voxels import Cells, VoxelConfig, VoxelGrid, Words, _cell_numbers, set_bits
-from voxdepth.types import FloatImage, Intrinsics
+from voxdepth.geometry import PointArray, RayMap
+from voxdepth.paper.voxels import VoxelConfig, VoxelGrid, Words
+from voxdepth.types import FloatArray, FloatImage, Intrinsics, MaskImage
+
+Cells = npt.NDArray[np.int32]
+
+
+def integrate_numpy(grid: VoxelGrid, depth_m: FloatImage, intrinsics: Intrinsics, T_grid_cam: FloatArray) -> None:
+    """OR the voxels of an image into the grid: the twin of `VoxelGrid.integrate`."""
+    coordinates = ray_coordinates(RayMap.of(intrinsics, grid.config.T_cells_m @ T_grid_cam), depth_m)
+    set_bits(_numbers(coordinates, depth_m > 0, grid.config), grid.words)
 
 
 def integrate_points(grid: VoxelGrid, points: PointArray) -> None:
@@ -27,12 +38,30 @@ def occupied_centres(grid: VoxelGrid) -> PointArray:
 def cells_of_points(points: PointArray, config: VoxelConfig) -> Cells:
     """Number of each point's cell, shape (N,), int32; -1 beside the grid."""
     T = config.T_cells_m.astype(np.float32)
-    coordinates = (points[:, k] * T[k, k] + T[k, 3] for k in (2, 1, 0))
-    return _cell_numbers(coordinates, np.ones(len(points), np.bool_), config)
+    coordinates = [points[:, k] * T[k, k] + T[k, 3] for k in range(3)]
+    return _numbers(coordinates, np.ones(len(points), np.bool_), config)
 
 
-def set_bits_numpy(cells: Cells, words: Words) -> None:
-    """Set the bits of numbered cells: the twin of `set_bits`."""
+def ray_coordinates(rays: RayMap, depth_m: FloatImage) -> list[FloatImage]:
+    """The three coordinates of each pixel in the frame of a map, each of shape (H, W); not finite ones are allowed."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        return [
+            (rows[:, None] + cols) * depth_m + offset
+            for rows, cols, offset in zip(rays.rows, rays.cols, rays.offset, strict=True)
+        ]
+
+
+def _numbers(coordinates: Sequence[npt.NDArray[np.float32]], inside: MaskImage, config: VoxelConfig) -> Cells:
+    """Number of each cell by its coordinates along x, y and z; -1 beside the grid and where `inside` is False."""
+    for coordinate, n in zip(coordinates, config.shape, strict=True):
+        inside = inside & (coordinate >= 0) & (coordinate < n)
+    x, y, z = (np.where(inside, coordinate, 0).astype(np.int32) for coordinate in coordinates)
+    nx, ny, _ = config.shape
+    return np.where(inside, (z * ny + y) * nx + x, -1)
+
+
+def set_bits(cells: Cells, words: Words) -> None:
+    """Set the bits of numbered cells; -1 is left out."""
     inside = cells[cells >= 0]
     np.bitwise_or.at(words, inside >> 5, np.uint32(1) << (inside & 31).astype(np.uint32))
 

@@ -1,11 +1,20 @@
-"""Devices that process images, and the loading of Warp kernels."""
+"""Devices that process images: the CPU, or a GPU through Warp, a package that the extra `cuda` installs."""
 
-from types import ModuleType
+import ctypes
+from importlib.util import find_spec
 from typing import Literal
 
 from .errors import ConfigError
 
 DeviceName = Literal["cpu", "cuda"]
+
+CUDA_DRIVER = "libcuda.so.1"
+"""Library of NVIDIA's driver. Without it there is no GPU, which Warp would print when it starts."""
+
+
+def has_warp() -> bool:
+    """Whether Warp is installed. It is not imported."""
+    return find_spec("warp") is not None
 
 
 def quiet_warp() -> None:
@@ -15,20 +24,29 @@ def quiet_warp() -> None:
     wp.config.log_level = wp.LOG_ERROR
 
 
-def load_kernels(module: ModuleType, device: str) -> None:
-    """Load a module of Warp kernels on a device, so that the first launch does not compile them."""
+def cuda_devices() -> tuple[str, ...]:
+    """Names of the GPUs that Warp finds; none without Warp or without a driver."""
+    if not (has_warp() and _has_driver()):
+        return ()
     import warp as wp
 
     quiet_warp()
-    wp.load_module(module, device=device)
+    return tuple(str(device.name) for device in wp.get_cuda_devices())
 
 
 def require_device(device: str) -> None:
-    """Raise a `ConfigError` for a device that this machine does not have."""
+    """Raise a `ConfigError` for a device that this machine does not have, or without the package that it needs."""
     if device == "cpu":
         return
-    import warp as wp
-
-    quiet_warp()
-    if not wp.is_cuda_available():
+    if not has_warp():
+        raise ConfigError(f"device = {device!r} needs Warp: pip install 'voxdepth[cuda]', or choose 'cpu'")
+    if not cuda_devices():
         raise ConfigError(f"device = {device!r} was asked for, but Warp finds no CUDA device here: choose 'cpu'")
+
+
+def _has_driver() -> bool:
+    try:
+        ctypes.CDLL(CUDA_DRIVER)
+    except OSError:
+        return False
+    return True

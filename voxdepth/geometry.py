@@ -56,13 +56,6 @@ class RayMap:
             offset=A_frame_cam[:3, 3].astype(np.float32),
         )
 
-    def coordinate(self, axis: int, rows: slice, depth_m: FloatImage) -> FloatImage:
-        """One coordinate of the pixels in some rows of an image, given their depth [m]; shape (rows, W)."""
-        coordinate: FloatImage = self.rows[axis, rows, None] + self.cols[axis]
-        coordinate *= depth_m
-        coordinate += self.offset[axis]
-        return coordinate
-
 
 def transform(T_a_b: FloatArray, points_b: PointArray) -> PointArray:
     """Points of frame b in the coordinates of frame a, shape (N, 3), float32."""

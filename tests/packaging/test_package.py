@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from voxdepth.registry import CORRECTOR_NAMES
+from voxdepth.types import Source
+
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 HEAVY = ("cv2", "numpy", "open3d", "pybullet", "rerun", "warp", "scipy", "matplotlib", "pydantic")
@@ -50,3 +53,47 @@ def test_the_library_works_without_the_simulator() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip().splitlines()[-1] == "2.0"
+
+
+WITHOUT_WARP = """
+import sys
+sys.modules["warp"] = None  # An import of it fails.
+import pkgutil
+from importlib import import_module
+import numpy as np
+import voxdepth
+from voxdepth import Frame, Intrinsics, PaperConfig, PaperVoxDepth
+from voxdepth.devices import cuda_devices
+from voxdepth.errors import ConfigError
+from voxdepth.registry import CORRECTOR_NAMES, create_corrector
+
+for module in pkgutil.walk_packages(voxdepth.__path__, "voxdepth."):
+    if not module.name.startswith("voxdepth.paper.warp_"):
+        import_module(module.name)
+camera = Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80, baseline_m=0.1)
+gray = np.kron(np.random.default_rng(0).integers(0, 256, (12, 16), np.uint8), np.ones((4, 4), np.uint8))
+for name in CORRECTOR_NAMES:
+    corrector = create_corrector(name, camera)
+    for k in range(16):
+        depth_m = np.full(camera.shape, 2, np.float32)
+        if k > 9:
+            depth_m[20:24, 30:34] = 0
+        source = corrector.process(Frame(stamp_s=0.1 * k, gray=gray, depth_m=depth_m)).source
+    print(name, source[20:24, 30:34].max())
+print(cuda_devices())
+try:
+    PaperVoxDepth(camera, PaperConfig(device="cuda"))
+except ConfigError as error:
+    print(error)
+"""
+
+
+def test_without_warp_everything_but_cuda_works() -> None:
+    done = subprocess.run([sys.executable, "-c", WITHOUT_WARP], capture_output=True, text=True, check=True)
+    *filled, devices, error = done.stdout.strip().splitlines()
+    sources = dict(line.split() for line in filled)
+    assert tuple(sources) == CORRECTOR_NAMES
+    assert {name for name, source in sources.items() if source == str(int(Source.INVALID))} == {"raw"}
+    assert {name for name, source in sources.items() if source == str(int(Source.MEMORY))} == {"paper", "voxdepth"}
+    assert devices == "()"
+    assert error == "device = 'cuda' needs Warp: pip install 'voxdepth[cuda]', or choose 'cpu'"

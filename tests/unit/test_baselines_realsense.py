@@ -8,7 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.realsense_twins import fill_farthest_numpy, fill_nearest_numpy, smooth_rows_numpy
+from tests.realsense_twins import (
+    fill_farthest_numpy,
+    fill_from_left_numpy,
+    fill_nearest_numpy,
+    smooth_columns_numpy,
+)
 from voxdepth.baselines.realsense import (
     RealSenseChain,
     RealSenseHoles,
@@ -16,10 +21,8 @@ from voxdepth.baselines.realsense import (
     TemporalConfig,
     TemporalFilter,
     disparity_factor,
-    fill_farthest,
-    fill_from_left,
-    fill_nearest,
-    smooth_rows_warp,
+    hole_fill,
+    smooth_columns,
 )
 from voxdepth.baselines.single_frame import AuthorsMax
 from voxdepth.errors import ConfigError, FrameError
@@ -119,6 +122,12 @@ def test_a_stream_gives_the_same_again_after_a_reset(name: str) -> None:
 # Hole filling
 
 
+def filled(name: str, depth_m: Any) -> np.ndarray:
+    image = np.array(depth_m, np.float32, order="C")
+    hole_fill(name)(image)
+    return image
+
+
 @pytest.mark.parametrize("fill", FILLS)
 def test_hole_filling_keeps_what_was_measured_and_says_what_it_filled(fill: Any) -> None:
     depth_m = holed(0)
@@ -132,33 +141,35 @@ def test_hole_filling_keeps_what_was_measured_and_says_what_it_filled(fill: Any)
 
 
 def test_the_left_mode_takes_the_nearest_depth_to_the_left() -> None:
-    depth_m = np.array([[0, 0, 3, 0, 0, 2, 0]], np.float32)
-    np.testing.assert_array_equal(fill_from_left(depth_m), [[0, 0, 3, 3, 3, 2, 2]])
+    np.testing.assert_array_equal(filled("left", [[0, 0, 3, 0, 0, 2, 0]]), [[0, 0, 3, 3, 3, 2, 2]])
 
 
 def test_the_farthest_mode_propagates_in_raster_order_between_borders() -> None:
-    depth_m = np.array([[0, 1, 0, 9], [0, 0, 0, 0], [5, 0, 0, 0], [0, 7, 0, 0]], np.float32)
+    depth_m = [[0, 1, 0, 9], [0, 0, 0, 0], [5, 0, 0, 0], [0, 7, 0, 0]]
     expected = [[0, 1, 0, 9], [0, 5, 5, 9], [5, 7, 7, 9], [0, 7, 0, 0]]
-    np.testing.assert_array_equal(fill_farthest(depth_m), expected)
+    np.testing.assert_array_equal(filled("farthest", depth_m), expected)
 
 
 def test_the_nearest_mode_needs_a_depth_above() -> None:
-    depth_m = np.array([[0, 4, 0, 9], [0, 0, 0, 0], [5, 0, 0, 0], [0, 2, 0, 0]], np.float32)
+    depth_m = [[0, 4, 0, 9], [0, 0, 0, 0], [5, 0, 0, 0], [0, 2, 0, 0]]
     expected = [[0, 4, 0, 9], [0, 4, 0, 9], [5, 2, 0, 9], [0, 2, 0, 0]]
-    np.testing.assert_array_equal(fill_nearest(depth_m), expected)
+    np.testing.assert_array_equal(filled("nearest", depth_m), expected)
 
 
 @given(st.integers(0, 1000), st.integers(1, 9), st.integers(1, 9))
-def test_hole_filling_kernels_and_their_twins_agree(seed: int, height: int, width: int) -> None:
+def test_hole_filling_loops_and_their_twins_agree(seed: int, height: int, width: int) -> None:
     depth_m = holed(seed, (height, width), holes=0.6)
-    np.testing.assert_array_equal(fill_farthest(depth_m), fill_farthest_numpy(depth_m))
-    np.testing.assert_array_equal(fill_nearest(depth_m), fill_nearest_numpy(depth_m))
+    np.testing.assert_array_equal(filled("left", depth_m), fill_from_left_numpy(depth_m))
+    np.testing.assert_array_equal(filled("farthest", depth_m), fill_farthest_numpy(depth_m))
+    np.testing.assert_array_equal(filled("nearest", depth_m), fill_nearest_numpy(depth_m))
 
 
 def test_images_that_are_no_whole_blocks_of_memory_are_filled_alike() -> None:
-    depth_m = np.repeat(holed(3), 2, axis=1)[:, ::2]
-    for fill in (fill_from_left, fill_farthest, fill_nearest):
-        np.testing.assert_array_equal(fill(depth_m), fill(depth_m.copy()))
+    frame = frame_of(holed(3))
+    apart = Frame(stamp_s=0, gray=frame.gray, depth_m=np.repeat(frame.depth_m, 2, axis=1)[:, ::2])
+    for name in ("left", "farthest", "nearest"):
+        first, second = (BASELINES[name](CAMERA).process(one).depth_m for one in (frame, apart))
+        np.testing.assert_array_equal(first, second)
 
 
 def test_unknown_modes_are_refused() -> None:
@@ -170,10 +181,10 @@ def test_unknown_modes_are_refused() -> None:
 
 
 def test_spatial_smoothing_worked_out_by_hand() -> None:
-    row = np.array([[100, 110, 0, 50, 80, 70]], np.float32)
-    smooth_rows_warp(row, alpha=0.5, delta=20)
-    # To the right: 110 becomes 105 and 70 becomes 75; 50 to 80 is an edge. Back: 100 meets 105, 80 meets 75.
-    np.testing.assert_array_equal(row, [[102.5, 105, 0, 50, 77.5, 75]])
+    column = np.array([[100], [110], [0], [50], [80], [70]], np.float32)
+    smooth_columns(column, 0.5, 20)
+    # Downwards: 110 becomes 105 and 70 becomes 75; 50 to 80 is an edge. Back: 100 meets 105, 80 meets 75.
+    np.testing.assert_array_equal(column.T, [[102.5, 105, 0, 50, 77.5, 75]])
 
 
 def test_spatial_smoothing_keeps_holes_and_commutes_with_a_doubling_of_values_and_threshold() -> None:
@@ -192,11 +203,11 @@ def test_spatial_smoothing_keeps_steps_above_the_threshold() -> None:
 
 
 @given(st.integers(0, 1000), st.integers(1, 9), st.integers(1, 9), st.sampled_from([0.25, 0.5, 0.6]))
-def test_the_spatial_kernel_and_its_twin_agree(seed: int, height: int, width: int, alpha: float) -> None:
-    warp, numpy = (holed(seed, (height, width)) for _ in range(2))
-    smooth_rows_warp(warp, alpha=alpha, delta=12)
-    smooth_rows_numpy(numpy, alpha=alpha, delta=12)
-    np.testing.assert_array_equal(warp, numpy)
+def test_the_spatial_loop_and_its_twin_agree(seed: int, height: int, width: int, alpha: float) -> None:
+    compiled, numpy = (holed(seed, (height, width)) for _ in range(2))
+    smooth_columns(compiled, alpha, 12)
+    smooth_columns_numpy(numpy, alpha=alpha, delta=12)
+    np.testing.assert_array_equal(compiled, numpy)
 
 
 # Temporal filter

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from tests.voxel_twins import integrate_points, occupied_centres
+from tests.voxel_twins import integrate_points, occupied_centres, ray_coordinates
 from voxdepth.geometry import RayMap, back_project, transform
 from voxdepth.paper.voxels import VoxelConfig, VoxelGrid
 from voxdepth.types import Intrinsics
@@ -85,7 +85,7 @@ def test_images_give_the_voxels_of_their_moved_points(yaw: float) -> None:
 def test_a_ray_map_of_the_identity_is_the_back_projection() -> None:
     depth_m = np.random.default_rng(2).uniform(1, 8, CAMERA.shape).astype(np.float32)
     rays = RayMap.of(CAMERA, np.eye(4))
-    points = np.stack([rays.coordinate(k, slice(None), depth_m).ravel() for k in range(3)], axis=1)
+    points = np.stack(ray_coordinates(rays, depth_m), axis=2).reshape(-1, 3)
     np.testing.assert_allclose(points, back_project(depth_m, CAMERA), rtol=1e-5, atol=1e-5)
 
 

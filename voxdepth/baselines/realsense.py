@@ -5,20 +5,17 @@ bit by bit with it.
 """
 
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Literal
 
 import cv2
 import numpy as np
-import numpy.typing as npt
-import warp as wp
+from numba import float32, void
 from pydantic import Field
 
-from ..devices import load_kernels
+from ..compiled import FLOAT_IMAGE, compile_all, compiled
 from ..errors import ConfigError
 from ..model import Model
-from ..paper import kernels
 from ..types import FloatImage, Frame, GrayImage, Intrinsics, MaskImage
-from . import realsense_kernels
 from .single_frame import Baseline
 
 STEPS_PER_PX = 32
@@ -29,7 +26,8 @@ HISTORY_FRAMES = 8
 """A pixel's past is one bit per frame, the last one lowest."""
 
 HoleFillName = Literal["left", "farthest", "nearest"]
-HoleFill = Callable[[FloatImage], FloatImage]
+HoleFill = Callable[[FloatImage], None]
+"""Fills holes (0) of a depth image [m], shape (H, W), in place and in raster order."""
 
 
 class SpatialFilter(Model):
@@ -48,25 +46,33 @@ class SpatialFilter(Model):
 
     def smooth(self, disparity: FloatImage) -> FloatImage:
         """A smoothed copy of disparity [1/32 px], shape (H, W); holes (0) stay, and nothing is mixed across them."""
-        rows = np.array(disparity, order="C")
-        cols = np.empty(rows.shape[::-1], np.float32)
+        smooth = np.array(disparity, order="C")
+        turned = np.empty(smooth.shape[::-1], np.float32)
         for _ in range(self.iterations):
-            smooth_rows_warp(rows, alpha=self.alpha, delta=self.delta)
-            cv2.transpose(rows, dst=cols)
-            smooth_rows_warp(cols, alpha=self.alpha, delta=self.delta)
-            cv2.transpose(cols, dst=rows)
-        return rows
+            cv2.transpose(smooth, dst=turned)
+            smooth_columns(turned, self.alpha, self.delta)
+            cv2.transpose(turned, dst=smooth)
+            smooth_columns(smooth, self.alpha, self.delta)
+        return smooth
 
 
-def smooth_rows_warp(image: FloatImage, *, alpha: float, delta: float) -> None:
-    """Smooth each row of a contiguous image to the right and then to the left, in place, with a Warp kernel."""
-    wp.launch(
-        realsense_kernels.smooth_rows,
-        len(image),
-        inputs=[alpha, delta],
-        outputs=[kernels.view(image, wp.float32)],
-        device="cpu",
-    )
+@compiled(void(FLOAT_IMAGE, float32, float32))
+def smooth_columns(image: FloatImage, alpha: float, delta: float) -> None:
+    """Smooth each column of an image downwards and then upwards, in place.
+
+    All columns advance together, row by row: their recursions depend on nothing beside them.
+    """
+    height, width = image.shape
+    before = np.empty(width, np.float32)
+    for start, step in ((0, 1), (height - 1, -1)):
+        before[:] = image[start]
+        for k in range(1, height):
+            row, last = image[start + k * step], image[start + (k - 1) * step]
+            for col in range(width):
+                value, value_before, mean = row[col], before[col], last[col]
+                is_near = (value_before > 0) & (value > 0) & (abs(value_before - value) < delta)
+                row[col] = value * alpha + mean * (float32(1) - alpha) if is_near else value
+                before[col] = value
 
 
 PERSISTENCES = ((1, 0), (8, 8), (2, 3), (2, 4), (2, 8), (1, 2), (1, 5), (1, 8), (0, 0))
@@ -135,34 +141,57 @@ class RealSenseHoles(Baseline):
     """
 
     def __init__(self, *, fill: HoleFillName = "farthest") -> None:
-        load_kernels(realsense_kernels, "cpu")
         self._fill = hole_fill(fill)
+        compile_all()
 
     def _corrected(self, frame: Frame) -> FloatImage:
-        return self._fill(frame.depth_m)
+        filled_m = np.array(frame.depth_m, order="C")
+        self._fill(filled_m)
+        return filled_m
 
 
-def fill_from_left(depth_m: FloatImage) -> FloatImage:
-    """Mode 0: a hole takes the nearest depth to its left; without one it stays. Shape (H, W) [m]."""
-    col = np.arange(depth_m.shape[1], dtype=np.int32)
-    from_col = np.maximum.accumulate(np.where(depth_m > 0, col, np.int32(0)), axis=1)
-    return np.take_along_axis(depth_m, from_col, axis=1)
+@compiled(void(FLOAT_IMAGE))
+def fill_from_left(depth_m: FloatImage) -> None:
+    """Mode 0: a hole takes the nearest depth to its left; without one it stays."""
+    for row in range(depth_m.shape[0]):
+        for col in range(1, depth_m.shape[1]):
+            if depth_m[row, col] == 0:
+                depth_m[row, col] = depth_m[row, col - 1]
 
 
-def fill_farthest(depth_m: FloatImage) -> FloatImage:
+@compiled(void(FLOAT_IMAGE))
+def fill_farthest(depth_m: FloatImage) -> None:
     """Mode 1: a hole takes the largest of the depths above, above left, left, below left and below.
 
     The first and the last row and the first column stay as they are, as in the SDK.
     """
-    return _filled(depth_m, realsense_kernels.fill_farthest)
+    for row in range(1, depth_m.shape[0] - 1):
+        for col in range(1, depth_m.shape[1]):
+            if depth_m[row, col] == 0:
+                above = max(depth_m[row - 1, col], depth_m[row - 1, col - 1])
+                below = max(depth_m[row + 1, col], depth_m[row + 1, col - 1])
+                depth_m[row, col] = max(above, below, depth_m[row, col - 1])
 
 
-def fill_nearest(depth_m: FloatImage) -> FloatImage:
+@compiled(float32(float32, float32))
+def _nearer(depth_m: float, other_m: float) -> float:
+    """The smaller of two depths, the first if the other is invalid; an invalid first one stays."""
+    return other_m if (other_m > 0) & (other_m < depth_m) else depth_m
+
+
+@compiled(void(FLOAT_IMAGE))
+def fill_nearest(depth_m: FloatImage) -> None:
     """Mode 2: a hole takes the smallest valid of the same five depths, but stays if the one above is invalid.
 
     The first and the last row and the first column stay as they are, as in the SDK.
     """
-    return _filled(depth_m, realsense_kernels.fill_nearest)
+    for row in range(1, depth_m.shape[0] - 1):
+        for col in range(1, depth_m.shape[1]):
+            if depth_m[row, col] == 0:
+                nearest_m = _nearer(depth_m[row - 1, col], depth_m[row - 1, col - 1])
+                nearest_m = _nearer(nearest_m, depth_m[row, col - 1])
+                nearest_m = _nearer(nearest_m, depth_m[row + 1, col - 1])
+                depth_m[row, col] = _nearer(nearest_m, depth_m[row + 1, col])
 
 
 _FILLS: dict[str, HoleFill] = {"left": fill_from_left, "farthest": fill_farthest, "nearest": fill_nearest}
@@ -173,29 +202,6 @@ def hole_fill(name: str) -> HoleFill:
     if name not in _FILLS:
         raise ConfigError(f"there is no hole filling {name!r}; choose one of: {', '.join(_FILLS)}")
     return _FILLS[name]
-
-
-def _filled(depth_m: FloatImage, kernel: Any) -> FloatImage:
-    """A copy whose holes the kernel has filled in raster order."""
-    filled_m = np.array(depth_m, order="C")
-    holes = holes_in_order(depth_m)
-    if holes.size:
-        wp.launch(
-            kernel,
-            1,
-            inputs=[kernels.view(holes, wp.int32), depth_m.shape[1]],
-            outputs=[kernels.view(filled_m.reshape(-1), wp.float32)],
-            device="cpu",
-        )
-    return filled_m
-
-
-def holes_in_order(depth_m: FloatImage) -> npt.NDArray[np.int32]:
-    """Flat numbers of the invalid pixels that have all five neighbours, in raster order."""
-    hole = depth_m == 0
-    hole[[0, -1]] = False
-    hole[:, 0] = False
-    return np.flatnonzero(hole).astype(np.int32)
 
 
 class RealSenseChain(Baseline):
@@ -227,13 +233,13 @@ class RealSenseChain(Baseline):
     ) -> None:
         if not 0 < units_per_m < np.inf:
             raise ConfigError(f"units_per_m must be positive and finite (1000 for millimetres), got {units_per_m}")
-        load_kernels(realsense_kernels, "cpu")
         self._intrinsics = intrinsics
         self._units_per_m = np.float32(units_per_m)
         self._factor = disparity_factor(intrinsics, units_per_m)
         self._spatial = spatial or SpatialFilter()
         self._temporal = TemporalFilter(temporal)
         self._fill = hole_fill(fill)
+        compile_all()
 
     def reset(self) -> None:
         """Forget the stream."""
@@ -249,7 +255,8 @@ class RealSenseChain(Baseline):
         units += np.float32(0.5)
         np.floor(units, out=units)
         units /= self._units_per_m
-        return self._fill(units)
+        self._fill(units)
+        return units
 
     def _divided(self, image: FloatImage) -> FloatImage:
         """Depth [units] of disparity [1/32 px], and the other way round; 0 stays 0."""

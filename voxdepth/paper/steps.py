@@ -79,14 +79,17 @@ class HostSteps:
         """Depth [m] and `Source`, shape (H, W), as NumPy arrays of their own."""
         return depth, source
 
+    def wait(self) -> None:
+        """Wait until the steps are finished; those on the CPU are when they return."""
+
 
 def create_steps(device: DeviceName, intrinsics: Intrinsics, config: PaperConfig) -> ImageSteps:
-    """Create the steps on a device, or raise a `ConfigError` if this machine has none."""
+    """Create the steps on a device, or raise a `ConfigError`, see `require_device`."""
     if device == "cpu":
         return HostSteps(intrinsics, config)
+    require_device(device)
     from .warp_steps import WarpSteps
 
-    require_device(device)
     return WarpSteps(intrinsics, config, device=device)
 
 

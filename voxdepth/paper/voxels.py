@@ -1,23 +1,18 @@
 """Boolean voxel grid, packed in bits, and its projection to a depth image: paper, Algorithm 1 and Eq. voxelor."""
 
-from collections.abc import Iterable
-
 import numpy as np
 import numpy.typing as npt
-import warp as wp
+from numba import float32, int64, uint32, void
+from numba.types import UniTuple
 from pydantic import Field, model_validator
 
-from ..devices import load_kernels
+from ..compiled import FLOAT_IMAGE, READABLE_IMAGE, compiled
 from ..geometry import RayMap
 from ..model import Model
 from ..types import FloatArray, FloatImage, Intrinsics
-from . import kernels
 
 Words = npt.NDArray[np.uint32]
-Cells = npt.NDArray[np.int32]
-
-TILE_PX = 40_000
-"""Pixels per tile: few enough that intermediate results stay in the cache."""
+WORDS = uint32[::1]
 
 
 class VoxelConfig(Model):
@@ -68,7 +63,6 @@ class VoxelGrid:
 
     def __init__(self, config: VoxelConfig) -> None:
         self.config = config
-        load_kernels(kernels, "cpu")
         self.words: Words = np.zeros(config.n_words, np.uint32)
 
     def clear(self) -> None:
@@ -81,58 +75,66 @@ class VoxelGrid:
         `T_grid_cam`, shape (4, 4), is the pose of its camera in the frame of the grid.
         """
         rays = RayMap.of(intrinsics, self.config.T_cells_m @ T_grid_cam)
-        set_bits(cells_of_image(depth_m, rays, self.config).ravel(), self.words)
+        _mark(np.ascontiguousarray(depth_m), rays.rows, rays.cols, rays.offset, self.config.shape, self.words)
 
 
-def cells_of_image(depth_m: FloatImage, rays: RayMap, config: VoxelConfig) -> Cells:
-    """Number of each pixel's cell, shape (H, W), int32; -1 where the pixel is invalid or falls outside the grid."""
-    cells = np.empty(depth_m.shape, np.int32)
-    tile_rows = max(1, TILE_PX // depth_m.shape[1])
-    for top in range(0, len(depth_m), tile_rows):
-        rows = slice(top, top + tile_rows)
-        z = depth_m[rows]
-        coordinates = (rays.coordinate(k, rows, z) for k in (2, 1, 0))
-        cells[rows] = _cell_numbers(coordinates, z > 0, config)
-    return cells
-
-
-def _cell_numbers(coordinates: Iterable[FloatImage], inside: npt.NDArray[np.bool_], config: VoxelConfig) -> Cells:
-    """Numbers of the cells with coordinates along z, y and x; -1 unless `inside`, which is narrowed to the grid."""
-    number = np.zeros(inside.shape, np.int32)
-    with np.errstate(invalid="ignore", over="ignore"):  # of coordinates that are not inside
-        for coordinate, n in zip(coordinates, reversed(config.shape), strict=True):
-            if not (coordinate.min(initial=0) >= 0 and coordinate.max(initial=0) < n):  # most tiles are all inside
-                inside &= (coordinate >= 0) & (coordinate < n)
-            number *= np.int32(n)
-            number += coordinate.astype(np.int32)
-    number |= inside.astype(np.int32) - 1  # all bits of -1 where outside; several times faster than a masked copy
-    return number
-
-
-def set_bits(cells: Cells, words: Words) -> None:
-    """Set the bits of cells by their numbers; -1 is left out."""
-    if cells.size:
-        wp.launch(
-            kernels.set_bits,
-            cells.size,
-            inputs=[kernels.view(cells, wp.int32)],
-            outputs=[kernels.view(words, wp.uint32)],
-            device="cpu",
-        )
+@compiled(void(READABLE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE, float32[::1], UniTuple(int64, 3), WORDS))
+def _mark(
+    depth_m: FloatImage,
+    rows: FloatImage,
+    cols: FloatImage,
+    offset: npt.NDArray[np.float32],
+    shape: tuple[int, int, int],
+    # output
+    words: Words,
+) -> None:
+    """Set the bit of the cell of each valid pixel; the arrays of a `RayMap` give its coordinates in cells."""
+    for row in range(depth_m.shape[0]):
+        for col in range(depth_m.shape[1]):
+            z_m = depth_m[row, col]
+            x = (rows[0, row] + cols[0, col]) * z_m + offset[0]
+            y = (rows[1, row] + cols[1, col]) * z_m + offset[1]
+            z = (rows[2, row] + cols[2, col]) * z_m + offset[2]
+            is_inside = (x >= 0) & (x < shape[0]) & (y >= 0) & (y < shape[1]) & (z >= 0) & (z < shape[2])
+            if (z_m > 0) & is_inside:
+                cell = (int64(z) * shape[1] + int64(y)) * shape[0] + int64(x)
+                words[cell >> 5] |= uint32(1) << uint32(cell & 31)
 
 
 def project_voxels(grid: VoxelGrid, intrinsics: Intrinsics) -> FloatImage:
     """Depth image [m], shape (H, W), float32, of the centres of a grid's voxels; 0 where none falls."""
-    depth_m = np.full(intrinsics.shape, np.inf, np.float32)
-    occupied = np.flatnonzero(grid.words != 0).astype(np.int32)
-    if occupied.size:
-        words = [kernels.view(occupied, wp.int32), kernels.view(grid.words, wp.uint32)]
-        wp.launch(
-            kernels.splat_listed_voxels,
-            len(occupied),
-            inputs=[*words, *kernels.cells(grid.config.cell_m, grid.config.shape), *kernels.lens(intrinsics)],
-            outputs=[kernels.view(depth_m, wp.float32)],
-            device="cpu",
-        )
-    depth_m[np.isinf(depth_m)] = 0
+    depth_m = np.zeros(intrinsics.shape, np.float32)
+    focal_px, centre_px = (intrinsics.fx_px, intrinsics.fy_px), (intrinsics.cx_px, intrinsics.cy_px)
+    _draw(grid.words, grid.config.cell_m, grid.config.shape, focal_px, centre_px, depth_m)
     return depth_m
+
+
+@compiled(
+    void(WORDS, UniTuple(float32, 3), UniTuple(int64, 3), UniTuple(float32, 2), UniTuple(float32, 2), FLOAT_IMAGE)
+)
+def _draw(
+    words: Words,
+    cell_m: tuple[float, float, float],
+    shape: tuple[int, int, int],
+    focal_px: tuple[float, float],
+    centre_px: tuple[float, float],
+    # output
+    depth_m: FloatImage,
+) -> None:
+    """Draw the centres of the marked cells. They come in the order of their depth, so the first in a pixel stays."""
+    half = float32(0.5)
+    for at in range(len(words)):
+        if words[at] == 0:
+            continue
+        for bit in range(32):
+            if (words[at] >> uint32(bit)) & uint32(1):
+                line, x = divmod(32 * at + bit, shape[0])
+                z, y = divmod(line, shape[1])
+                x_m = (float32(x - shape[0] // 2) + half) * cell_m[0]
+                y_m = (float32(y - shape[1] // 2) + half) * cell_m[1]
+                z_m = (float32(z) + half) * cell_m[2]
+                col = x_m / z_m * focal_px[0] + centre_px[0] + half
+                row = y_m / z_m * focal_px[1] + centre_px[1] + half
+                is_inside = (col >= 0) & (col < depth_m.shape[1]) & (row >= 0) & (row < depth_m.shape[0])
+                if is_inside and depth_m[int64(row), int64(col)] == 0:
+                    depth_m[int64(row), int64(col)] = z_m

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..devices import load_kernels
+from ..devices import quiet_warp
 from ..geometry import RayMap
 from ..types import FloatArray, FloatImage, GrayImage, Intrinsics
-from . import image_kernels, kernels
+from . import warp_kernels as kernels
 from .config import PaperConfig
 from .steps import factors
 
@@ -17,8 +17,8 @@ class WarpSteps:
     """Image operations on Warp arrays. For tests it also runs on `cpu`, several times slower than `HostSteps`."""
 
     def __init__(self, intrinsics: Intrinsics, config: PaperConfig, *, device: str) -> None:
-        for module in (kernels, image_kernels):
-            load_kernels(module, device)
+        quiet_warp()
+        wp.load_module(kernels, device=device)  # The first launch would compile them.
         self._intrinsics = intrinsics
         self._config = config
         self._device = device
@@ -41,7 +41,7 @@ class WarpSteps:
         voxels = self._config.voxels
         inputs = [self._words, *kernels.cells(voxels.cell_m, voxels.shape), *kernels.lens(self._intrinsics)]
         self._launch(kernels.splat_voxels, inputs, [sparse], dim=voxels.n_words)
-        self._launch(image_kernels.empty_unlowered, [], [sparse])
+        self._launch(kernels.empty_unlowered, [], [sparse])
         return sparse
 
     def inpaint(self, sparse: Any) -> Any:
@@ -50,7 +50,7 @@ class WarpSteps:
         if method.method != "dilation":
             return self.upload(method.fill(sparse.numpy()))
         dense = wp.empty_like(sparse)
-        self._launch(image_kernels.dilate, [sparse, method.size_px // 2], [dense])
+        self._launch(kernels.dilate, [sparse, method.size_px // 2], [dense])
         return dense
 
     def upload(self, depth_m: FloatImage) -> Any:
@@ -61,30 +61,34 @@ class WarpSteps:
         """See `HostSteps`."""
         inverse = np.linalg.inv(np.vstack([M_frame_template, [0, 0, 1]]))
         warped = wp.empty_like(template)
-        self._launch(image_kernels.warp_nearest, [template, wp.mat33(inverse)], [warped])
+        self._launch(kernels.warp_nearest, [template, wp.mat33(inverse)], [warped])
         return warped
 
     def combine(self, raw: Any, template: Any) -> tuple[Any, Any]:
         """See `HostSteps`."""
         depth, source = wp.empty_like(raw), self._empty_source()
-        self._launch(image_kernels.combine, [raw, template, *factors(self._config.combine)], [depth, source])
+        self._launch(kernels.combine, [raw, template, *factors(self._config.combine)], [depth, source])
         return depth, source
 
     def unchanged(self, raw: Any) -> tuple[Any, Any]:
         """See `HostSteps`."""
         source = self._empty_source()
-        self._launch(image_kernels.label_valid, [raw], [source])
+        self._launch(kernels.label_valid, [raw], [source])
         return raw, source
 
     def filter(self, depth: Any) -> Any:
         """See `HostSteps`."""
         filtered = wp.empty_like(depth)
-        self._launch(image_kernels.median, [depth, self._config.median_size_px // 2], [filtered])
+        self._launch(kernels.median, [depth, self._config.median_size_px // 2], [filtered])
         return filtered
 
     def download(self, depth: Any, source: Any) -> tuple[FloatImage, GrayImage]:
         """See `HostSteps`."""
         return depth.numpy(), source.numpy()
+
+    def wait(self) -> None:
+        """See `HostSteps`."""
+        wp.synchronize_device(self._device)
 
     def _empty_source(self) -> Any:
         return wp.empty(self._intrinsics.shape, dtype=wp.uint8, device=self._device)

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, packages_distributions, requires, version
 
+from ..devices import cuda_devices, has_warp
+
 REQUIREMENT = re.compile(r"""([\w.-]+)[^;]*(?:; extra == ["'](\w+)["'])?$""")
 """Name of a required distribution, and the extra that requires it."""
 
@@ -74,13 +76,10 @@ def _opencv_wheels() -> Finding:
 
 def _cuda() -> Finding:
     """Look for a GPU, which only the paper's method can use."""
-    try:
-        import warp as wp
-    except ModuleNotFoundError:
+    if not has_warp():
         return Finding(what="CUDA", state="without the extra 'cuda' everything runs on the CPU", ok=True)
     try:
-        wp.init()
+        devices = cuda_devices()
     except RuntimeError as error:
         return Finding(what="CUDA", state=f"Warp does not start: {error}", ok=False, remedy="reinstall warp-lang")
-    devices = [str(device.name) for device in wp.get_cuda_devices()]
     return Finding(what="CUDA", state=", ".join(devices) or "no device; everything runs on the CPU", ok=True)

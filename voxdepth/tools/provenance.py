@@ -9,6 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Self
 
+from ..devices import cuda_devices
 from ..model import Model
 
 CORRECTION = ("voxdepth", "numpy", "opencv-python-headless", "warp-lang")
@@ -26,7 +27,7 @@ class Provenance(Model):
     """Architecture and operating system."""
     python: str
     gpus: tuple[str, ...]
-    """Names of the CUDA devices that Warp finds."""
+    """Names of the CUDA devices that Warp finds; none if it is not installed."""
     load: float
     """Mean number of running processes in the minute before: if it is not about 0, other work slowed this one down."""
     commit: str | None
@@ -36,14 +37,12 @@ class Provenance(Model):
     @classmethod
     def here(cls, packages: Sequence[str] = CORRECTION) -> Self:
         """Return the provenance of a result that is made now in this process."""
-        import warp as wp
-
         return cls(
             processor=processor_name(),
             logical_processors=os.cpu_count() or 1,
             platform=f"{platform.machine()}, {platform.system()}",
             python=platform.python_version(),
-            gpus=tuple(str(device.name) for device in wp.get_cuda_devices()),
+            gpus=cuda_devices(),
             load=os.getloadavg()[0],
             commit=source_commit(),
             versions=versions(packages),

@@ -7,15 +7,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-import warp as wp
 
 from ... import PaperVoxDepth, VoxDepth
+from ...devices import cuda_devices, has_warp
 from ...model import Model
 from ...paper.config import PaperConfig
 from ...paper.epochs import PaperDiagnostics, Phase, Template
 from ...paper.method import Aligned
 from ...paper.steps import HostSteps, ImageSteps
-from ...paper.warp_steps import WarpSteps
 from ...temporal.config import VoxDepthConfig
 from ...temporal.odometry import TrackingResult, TrackingStatus
 from ...types import Frame, Intrinsics
@@ -34,7 +33,7 @@ CONFIG = PaperConfig(max_epoch_frames=20, fusion_lag_frames=0)
 """Nothing runs in parallel to what is measured; epochs are short, so that a window is fused every 29 frames."""
 OPERATIONS = ("integrate", "project", "inpaint", "warp", "combine", "filter")
 HOST = "OpenCV, NumPy, Numba"
-"""The shipped CPU path; integrate and project scatter, which is done by Warp there, too."""
+"""The steps on the CPU, `HostSteps`."""
 WINDOW_FRAMES = 10
 FORWARD_M = 0.03
 """Assumed motion of the camera from frame to frame."""
@@ -195,12 +194,15 @@ def measure_paper(loop: FrameLoop, frames: int) -> PaperTimings:
 
 
 def compare_libraries(loop: FrameLoop) -> dict[str, dict[str, Latency]]:
-    """Times of every step by library and, for Warp, by device."""
+    """Times of every step by library and, for Warp if that is installed, by device."""
     cv2.setNumThreads(1)
     config = PaperConfig()
     measured = {HOST: measure_steps(HostSteps(loop.intrinsics, config), loop)}
-    for device in ("cpu", "cuda") if wp.is_cuda_available() else ("cpu",):
-        measured[f"Warp, {device}"] = measure_steps(WarpSteps(loop.intrinsics, config, device=device), loop)
+    if has_warp():
+        from ...paper.warp_steps import WarpSteps
+
+        for device in ("cpu", "cuda") if cuda_devices() else ("cpu",):
+            measured[f"Warp, {device}"] = measure_steps(WarpSteps(loop.intrinsics, config, device=device), loop)
     return measured
 
 
@@ -232,22 +234,21 @@ def behind(frames: int) -> Any:
 def _time_steps(steps: ImageSteps, loop: FrameLoop) -> dict[str, float]:
     """Run every step once, in the corrector's order; the upload of a frame belongs to none of them."""
     times_s: dict[str, float] = {}
+
+    def timed(step: str, action: Callable[[], Any]) -> Any:
+        steps.wait()
+        start = time.perf_counter()
+        result = action()
+        steps.wait()
+        times_s[step] = time.perf_counter() - start
+        return result
+
     raw_m = loop.depths_m[-1]
-    _time(times_s, "integrate", lambda: steps.integrate(raw_m, behind(1)))
-    sparse = _time(times_s, "project", steps.project)
-    dense = _time(times_s, "inpaint", lambda: steps.inpaint(sparse))
+    timed("integrate", lambda: steps.integrate(raw_m, behind(1)))
+    sparse = timed("project", steps.project)
+    dense = timed("inpaint", lambda: steps.inpaint(sparse))
     raw = steps.upload(raw_m)
-    warped = _time(times_s, "warp", lambda: steps.warp(dense, M_FRAME_TEMPLATE))
-    depth, _ = _time(times_s, "combine", lambda: steps.combine(raw, warped))
-    _time(times_s, "filter", lambda: steps.filter(depth))
+    warped = timed("warp", lambda: steps.warp(dense, M_FRAME_TEMPLATE))
+    depth, _ = timed("combine", lambda: steps.combine(raw, warped))
+    timed("filter", lambda: steps.filter(depth))
     return times_s
-
-
-def _time(times_s: dict[str, float], step: str, action: Callable[[], Any]) -> Any:
-    """Run an action until the device has finished it, and record its time [s]."""
-    wp.synchronize()
-    start = time.perf_counter()
-    result = action()
-    wp.synchronize()
-    times_s[step] = time.perf_counter() - start
-    return result
