@@ -1,8 +1,10 @@
 """The interface of controllers, and loading one by its name `module:factory`."""
 
+import logging
 import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -52,18 +54,24 @@ class Role:
         return offset_m
 
 
+_LOGGER = logging.getLogger(__name__)
+
 Factory = Callable[[Role, "MissionConfig"], Agent]
 """Creates the agent of one drone."""
 
 
 def load_controller(name: str) -> Factory:
-    """Import the module of `module:factory` and return its factory; the import runs the code of the module.
+    """Import the module of `module:factory` and return its factory.
+
+    The import runs the code of the module. A scenario or a study from somebody else may name any that is installed, so
+    one that is not ours is logged before that.
 
     Raises:
         MissionError: There is no such module, or it has no callable of that name.
     """
     if not all(name.partition(":")):
         raise MissionError(f"controller must be 'module:factory', as in {DEFAULT_CONTROLLER!r}, got {name!r}")
+    _announce(name)
     try:
         factory: Factory = pkgutil.resolve_name(name)
     except (ImportError, AttributeError, ValueError) as error:
@@ -74,3 +82,10 @@ def load_controller(name: str) -> Factory:
     if not callable(factory):
         raise MissionError(f"controller {name!r} must be a function factory(role, config), got {factory!r}")
     return factory
+
+
+@cache
+def _announce(name: str) -> None:
+    """Log the name of a controller that is not ours, once in a process."""
+    if not name.startswith("swarm."):
+        _LOGGER.warning("this mission runs the code of %s: stop it if you do not know that", name)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from scenarios.config import load_run
+from swarm import controllers
 from swarm.agents import Follower, Leader, create_agent
 from swarm.controllers import DEFAULT_CONTROLLER, Agent, Role, load_controller
 from swarm.errors import MissionError
@@ -86,6 +87,17 @@ class TestLoading:
 
     def test_one_of_yours_is_found_by_its_name(self) -> None:
         assert load_controller("tests.tiny_controller:create") is tiny_controller.create
+
+    def test_foreign_code_is_named_before_it_runs(self, caplog: pytest.LogCaptureFixture) -> None:
+        controllers._announce.cache_clear()
+        with pytest.raises(MissionError):
+            load_controller("nowhere.at_all:factory")
+        assert [record.getMessage() for record in caplog.records] == [
+            "this mission runs the code of nowhere.at_all:factory: stop it if you do not know that"
+        ]
+        caplog.clear()
+        load_controller(DEFAULT_CONTROLLER)
+        assert not caplog.records
 
     @pytest.mark.parametrize("name", ["", "swarm.agents", "swarm.agents:", ":create_agent"])
     def test_half_a_name_is_refused_with_an_example(self, name: str) -> None:
