@@ -180,6 +180,13 @@ def test_a_gray_image_of_another_camera_is_taken_only_if_it_is_named(tmp_path: P
         open_dataset(path)
 
 
+def test_the_right_camera_of_a_pair_gives_its_baseline_and_no_image(tmp_path: Path) -> None:
+    right = gray_topic("/cam/right/image_rect") + info_topic("/cam/right/camera_info", baseline_m=0.06)
+    dataset = open_dataset(write(tmp_path, "walk.bag", whole() + right))
+    require_camera(dataset, CAMERA, 0.06)
+    require_frames(dataset, [0])
+
+
 def test_the_right_image_of_realsense_is_not_taken_for_the_left_one(tmp_path: Path) -> None:
     """Without the left image realsense-ros gives the right one a `camera_info` like that of the left."""
     entries = [entry for entry in two_cameras() if "infra" not in entry.topic and "aligned" not in entry.topic]
