@@ -45,9 +45,9 @@ def print_summary(console: Console, finished: Finished, run: Run) -> None:
     ]
     Table.of("depth errors, surfaces within 20 m", ("depth", Column("MAE", "m"), TOO_FAR, HOLES), depth).print(console)
     if finished.folder is not None:
-        console.print(f"written to {finished.folder}", soft_wrap=True)
+        console.print(f"written to {finished.folder}", soft_wrap=True, markup=False)
         if (finished.folder / "run.rrd").exists():
-            console.print(f"look at it with: voxdepth view {finished.folder}", soft_wrap=True)
+            console.print(f"look at it with: voxdepth view {finished.folder}", soft_wrap=True, markup=False)
 
 
 def print_quality(console: Console, quality: DepthQuality, title: str) -> None:

@@ -153,10 +153,10 @@ def read(file: Path) -> Mapping[str, Probabilities]:
     try:
         given = _CONTENT.validate_python(tomllib.loads(file.read_text(encoding="utf-8")))
         return {name: _table(by_source) for name, by_source in given.items()}
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())[:200]
         raise ConfigError(
-            f"cannot read the confidences {file}: {reason}; make them anew with `voxdepth experiment confidence`"
+            f"cannot read the confidences {file}: {reason}; make them again with `voxdepth experiment confidence`"
         ) from error
 
 

@@ -1,6 +1,7 @@
 """The base of the two correctors of this library that use earlier frames."""
 
 from abc import ABC, abstractmethod
+from threading import Lock
 from typing import Any, TypeVar
 
 import numpy as np
@@ -24,6 +25,7 @@ class StreamCorrector(ABC):
     def __init__(self, intrinsics: Intrinsics) -> None:
         self._intrinsics = intrinsics
         self._closed = False
+        self._busy = Lock()
         self.reset()
 
     def reset(self) -> None:
@@ -42,7 +44,7 @@ class StreamCorrector(ABC):
 
         Raises:
             FrameError: The frame has another size than the camera, or is not later than the one before; or the
-                corrector is closed.
+                corrector is closed, or another thread uses it.
         """
         return self.combine(self.align(frame))
 
@@ -57,10 +59,17 @@ class StreamCorrector(ABC):
         if not isinstance(frame, Frame):
             raise FrameError(f"expected a Frame, got {type(frame).__name__}")
         frame.require_shape(self._intrinsics.shape)
-        if not frame.stamp_s > self._last_stamp_s:
-            raise FrameError(f"time must increase: a frame at {frame.stamp_s} s follows one at {self._last_stamp_s} s")
-        aligned = self._align(frame)
-        self._last_stamp_s = frame.stamp_s  # A frame that raises an error may come again, repaired.
+        if not self._busy.acquire(blocking=False):
+            raise FrameError("another thread is using this corrector: make one for each stream of frames")
+        try:
+            if not frame.stamp_s > self._last_stamp_s:
+                raise FrameError(
+                    f"time must increase: a frame at {frame.stamp_s} s follows one at {self._last_stamp_s} s"
+                )
+            aligned = self._align(frame)
+            self._last_stamp_s = frame.stamp_s  # A frame that raises an error may come again, repaired.
+        finally:
+            self._busy.release()
         return aligned
 
     @abstractmethod

@@ -52,7 +52,8 @@ def evaluate(
 
     Records the shipped sequences below DIR first. Methods are scored by the true depth of a recording that has it, and
     otherwise by measured pixels that are held out: occlusion shadows, wide ones, and patches, each by itself. Holes of
-    such a recording are scored by later frames. Writes results.csv, results.parquet and report.html.
+    such a recording are scored by later frames. Writes results.csv, results.parquet and report.html. Exits 1 if a
+    method failed.
     """
     from functools import partial
 
@@ -80,6 +81,9 @@ def evaluate(
     print_results(console, evaluation)
     typer.echo(f"{len(evaluation.results)} results, {evaluation.reused} of them finished before")
     typer.echo(f"results.csv, results.parquet and report.html are in {out}")
+    if evaluation.failures:
+        typer.echo(f"{len(evaluation.failures)} of {len(evaluation.results)} results failed", err=True)
+        raise typer.Exit(1)
 
 
 def _planned(

@@ -153,6 +153,8 @@ def read_poses(folder: Path) -> list[tuple[float, FloatArray]]:
 def read_bytes(path: Path) -> bytes:
     """The content of a file. A file that is missing or cannot be read raises a `RecordingError`."""
     try:
+        if path.exists() and not path.is_file():
+            raise RecordingError(f"{path} is no file; restore it from a copy or record again")
         return path.read_bytes()
     except OSError as error:
         raise RecordingError(
@@ -185,7 +187,7 @@ class Recording:
         poses = read_poses(folder)
         try:
             intrinsics = Intrinsics(**tomllib.loads(read_bytes(folder / CALIBRATION).decode()))
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, RecursionError) as error:
             raise RecordingError(f"{folder / CALIBRATION} is damaged ({error}); restore it from a copy") from error
         return cls(folder, poses, intrinsics, read_bytes(folder / CONFIG).decode(errors="replace"))
 

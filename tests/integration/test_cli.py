@@ -175,6 +175,30 @@ def test_missions_that_cannot_be_flown_write_nothing(tmp_path: Path, table: str,
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.parametrize(
+    "content", ["a = " + "[" * 100_000, "name = " + "9" * 5000, "\udcff"], ids=["deep", "long number", "no text"]
+)
+def test_odd_toml_is_told_in_one_line(content: str, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_bytes(content.encode(errors="surrogateescape"))
+    with pytest.raises(ToolError) as error:
+        load_run(str(tmp_path / "mine.toml"), 0, {})
+    assert "mine.toml" in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_pipe_in_place_of_a_file_does_not_hang(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "mine.toml")
+    with pytest.raises(ToolError, match="is no file: name a TOML file"):
+        load_run(str(tmp_path / "mine.toml"), 0, {})
+
+
+def test_a_terminal_without_unicode_gets_other_characters() -> None:
+    command = [sys.executable, "-c", "from voxdepth.tools.cli import main; main()", "list"]
+    environment = {**ENVIRONMENT, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0", "LC_ALL": "C"}
+    done = subprocess.run(command, capture_output=True, env=environment, check=False, timeout=280)
+    assert done.returncode == 0, done.stderr
+    assert b"city" in done.stdout
+
+
 def test_an_output_folder_that_is_a_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     done = voxdepth("run", "city", *QUICK, "--out", tmp_path / "file")

@@ -16,6 +16,7 @@ from scenarios.files import shipped_names
 from scenarios.sequences import GROUPS
 from tests.evaluation_clips import write_recording
 from tests.integration.test_cli import voxdepth
+from voxdepth.datasets import open_dataset
 from voxdepth.tools.cli import create_app
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -95,10 +96,10 @@ def test_an_interrupted_evaluation_goes_on(
     ],
 )
 def test_a_group_stands_for_its_sequences(given: list[str], names: tuple[str, ...], tmp_path: Path) -> None:
-    plan = _planned(given, [], "raw", 1, None, tmp_path)
+    plan = _planned(given, [], open_dataset, "raw", 1, None, tmp_path)
     assert tuple(requested.name for requested in plan.sequences) == names
     assert set(names) <= set(shipped_names("sequences"))
-    requested = _planned([], [tmp_path], "raw", 1, None, tmp_path).sequences
+    requested = _planned([], [tmp_path], open_dataset, "raw", 1, None, tmp_path).sequences
     assert [one.name for one in requested] == [f"{tmp_path.name}-{kind.name}" for kind in HELD_OUT]
 
 

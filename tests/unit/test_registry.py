@@ -3,14 +3,16 @@
 import subprocess
 import sys
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
 from datetime import date
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
 import pytest
 
-from voxdepth.errors import ConfigError
+from voxdepth.errors import ConfigError, FrameError
 from voxdepth.paper.config import PaperConfig
 from voxdepth.registry import (
     CORRECTOR_NAMES,
@@ -219,3 +221,22 @@ def test_a_frame_that_raised_an_error_may_come_again(monkeypatch: pytest.MonkeyP
         with pytest.raises(ZeroDivisionError):
             corrector.process(holed_frame(1.0))
     corrector.process(holed_frame(1.0))
+
+
+@pytest.mark.parametrize("name", ["voxdepth", "paper"])
+def test_a_corrector_that_another_thread_uses_is_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    corrector = create_bare(name, CAMERA)
+    begun, go_on = Event(), Event()
+
+    def slow(self: Any, frame: Frame) -> None:
+        begun.set()
+        assert go_on.wait(30)
+
+    monkeypatch.setattr(type(corrector), "_align", slow)
+    with ThreadPoolExecutor(1) as pool:
+        first = pool.submit(corrector.align, holed_frame(0.0))  # type: ignore[attr-defined]
+        assert begun.wait(30)
+        with pytest.raises(FrameError, match="another thread is using this corrector: make one for each stream"):
+            corrector.process(holed_frame(1.0))
+        go_on.set()
+        first.result()

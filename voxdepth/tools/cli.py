@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points, requires, version
+from io import TextIOWrapper
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -97,6 +98,9 @@ def create_app() -> typer.Typer:
 
 def main() -> None:
     """Run the command line; our own errors print one line and exit with code 2."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # Not every terminal has the lines of a table.
     with _interruptible():
         ours: tuple[type[Exception], ...] = sum((extension.errors for extension in extensions()), (VoxDepthError,))
         try:

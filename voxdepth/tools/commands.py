@@ -152,13 +152,14 @@ def _spec(corrector: str, config: Path | None) -> "CorrectorSpec":
 
 
 def _print_report(console: "Console", report: Mapping[str, Any]) -> None:
+    from rich.markup import escape
     from rich.table import Table
 
     from .table import Column
     from .table import Table as ResultTable
 
     title = f"{report['folder']}, {report['format']}: {report['frames']} frames, corrector {report['corrector']}"
-    table = Table(title=title, title_justify="left", show_header=False)
+    table = Table(title=escape(title), title_justify="left", show_header=False)
     raw, corrected = report["coverage"]["raw"], report["coverage"]["corrected"]
     table.add_row("pixels with depth", f"{raw:.1%} raw, [bold]{corrected:.1%} corrected[/bold]")
     shares = ", ".join(f"{source} {share:.1%}" for source, share in report["pixel_shares"].items())

@@ -16,11 +16,15 @@ from .errors import ToolError
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file; one that cannot be read, or is not valid TOML, is a `ToolError`."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        raise ToolError(f"{path} is not valid TOML: {error}") from error
-    except (OSError, UnicodeDecodeError) as error:
+        if path.exists() and not path.is_file():
+            raise ToolError(f"{path} is no file: name a TOML file")
+        text = path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:  # A path may hold a null character, and a file bytes that are no text.
         raise ToolError(f"cannot read {path}: {error}") from error
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # Numbers may be too long, and tables too deep.
+        raise ToolError(f"{path} is not valid TOML: {error}") from error
 
 
 def to_toml(configuration: pydantic.BaseModel) -> str:
