@@ -18,8 +18,8 @@ class Acceptance(Model):
 
     depth: SensorModelName = "truth"
     corrector: str = "raw"
-    width_px: int = Field(default=160, ge=32)
-    height_px: int = Field(default=120, ge=32)
+    width_px: int = Field(default=160, ge=32, le=4_096)
+    height_px: int = Field(default=120, ge=32, le=4_096)
     min_success_share: float = Field(default=0.9, ge=0, le=1)
     """Smallest share of seeds that end in success."""
 
@@ -27,7 +27,7 @@ class Acceptance(Model):
 class RecordingConfig(Model):
     """Contents of the Rerun recording."""
 
-    image_every: int = Field(default=4, ge=1)
+    image_every: int = Field(default=4, ge=1, le=1_000_000)
     """Every n-th capture of a drone is recorded with its images; everything else is recorded in full."""
 
 

@@ -116,7 +116,7 @@ class Flicker(NoiseTerm):
     """Share of patches with a wrong depth."""
     jump_ratio: float = Field(default=0.3, ge=0, lt=1)
     """Error of a patch with a wrong depth, nearer or farther, relative to its depth."""
-    patch_px: int = Field(default=4, ge=1)
+    patch_px: int = Field(default=4, ge=1, le=4_096)
     """Side of a patch."""
 
     @model_validator(mode="after")

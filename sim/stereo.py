@@ -25,11 +25,11 @@ class StereoConfig(Model):
 
     min_depth_m: float = Field(default=0.6, gt=0)
     """Smallest depth that is searched [m]; a smaller one needs more disparities and more time."""
-    block_px: int = Field(default=5, ge=1)
+    block_px: int = Field(default=5, ge=1, le=51)
     """Side of the matched blocks, odd. A larger block is more robust on weak texture and fattens foreground edges."""
-    penalty_small: int = Field(default=8, ge=1)
+    penalty_small: int = Field(default=8, ge=1, le=10_000)
     """Cost of a disparity change by one pixel between neighbours, per pixel of a block."""
-    penalty_large: int = Field(default=32, ge=2)
+    penalty_large: int = Field(default=32, ge=2, le=100_000)
     """Cost of a larger change."""
     uniqueness_percent: int = Field(default=5, ge=0, le=100)
     """Margin by which the best match must beat the second best. A larger margin gives more holes and fewer errors."""
@@ -37,7 +37,7 @@ class StereoConfig(Model):
     """Least mean difference of the two horizontal neighbours of each pixel, in gray levels, over a window of
     15 x 15 px; a pixel below it is textureless. Noise alone gives 1.13 times its standard deviation. A larger value
     gives more holes on weak texture, and 0 disables the check."""
-    speckle_px: int = Field(default=60, ge=0)
+    speckle_px: int = Field(default=60, ge=0, le=1_000_000)
     """Isolated regions of up to this size are removed."""
     check: Literal["one-to-one", "left-right"] = "one-to-one"
     """How wrong matches in occluded regions are found. `left-right` matches a second time, from the right image, and

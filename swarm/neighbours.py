@@ -21,7 +21,7 @@ class DetectorConfig(Model):
 
     miss_rate: float = Field(default=0.1, ge=0, le=1)
     """Probability that a drone in view is not found in an image."""
-    min_pixels: int = Field(default=6, ge=1)
+    min_pixels: int = Field(default=6, ge=1, le=1_000_000)
     """Drones of fewer pixels are never found."""
     max_range_m: float = Field(default=12.0, gt=0)
     """Drones farther away than this are known by radio only."""

@@ -19,9 +19,9 @@ COS_IN_VIEW = float(np.cos(np.radians(8.0)))
 class HistogramConfig(Model):
     """Cells of the histogram, and the range of those without depth."""
 
-    rows: int = Field(default=7, ge=1)
+    rows: int = Field(default=7, ge=1, le=181)
     """Number of cells from the top to the bottom of the image."""
-    cols: int = Field(default=15, ge=1)
+    cols: int = Field(default=15, ge=1, le=361)
     """Number of cells from the left to the right of the image."""
     percentile: float = Field(default=8.0, ge=0, le=100)
     """Percentile of the ranges in a cell that is the range of the cell; 0 would brake for every noisy pixel."""

@@ -21,7 +21,7 @@ class MissionConfig(Model):
     """The task, and the swarms that fly it: one for each route."""
 
     routes: tuple[Route, ...] = Field(default=(Route(),), min_length=1, strict=False)
-    drones: int = Field(default=8, ge=1)
+    drones: int = Field(default=8, ge=1, le=500)
     """Number of drones of each swarm. Its first one leads, all others follow."""
     duration_s: float = Field(default=75.0, gt=0)
     """Simulated time after which the mission counts as timed out."""
@@ -29,7 +29,7 @@ class MissionConfig(Model):
     """Speed of a leader."""
     follower_speed_m_s: float = Field(default=3.2, gt=0)
     """Largest speed of a follower; above the leader's, to catch up."""
-    control_hz: int = Field(default=20, ge=1)
+    control_hz: int = Field(default=20, ge=1, le=240)
     """Decisions of each drone per second; must divide the rate of the physics."""
     latency_s: float = Field(default=0.03, ge=0)
     """Simulated time from a capture until its raw depth is available; the corrector's latency is added to it."""

@@ -44,6 +44,8 @@ ASSUMED_BASELINE_M = 0.05
 """Baseline of a camera that is not a stereo pair [m], about that of consumer depth cameras."""
 LARGEST_SIDE_PX = 2**16
 """Largest width or height of an image."""
+LARGEST_LENS = 1000
+"""Largest ratio of a focal length to the longer side of its image. The shortest is a pixel divided by that."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,6 +71,12 @@ class Intrinsics:
             raise FrameError(f"an image has 1 to {LARGEST_SIDE_PX} pixels a side, got {size}")
         if not np.isfinite(lens).all() or min(self.fx_px, self.fy_px) <= 0:
             raise FrameError(f"focal lengths must be positive, and all numbers finite, got fx, fy, cx, cy = {lens}")
+        longest_px = LARGEST_LENS * max(self.width_px, self.height_px)
+        if not longest_px >= max(self.fx_px, self.fy_px) >= min(self.fx_px, self.fy_px) >= 1 / LARGEST_LENS:
+            raise FrameError(
+                f"focal lengths must be {1 / LARGEST_LENS} to {longest_px} px for an image of {size} pixels, "
+                f"got {self.fx_px} and {self.fy_px}: are they in pixels?"
+            )
         if abs(self.cx_px - self.width_px / 2) > self.width_px or abs(self.cy_px - self.height_px / 2) > self.height_px:
             raise FrameError(
                 f"the principal point ({self.cx_px}, {self.cy_px}) is far outside of an image of {size} pixels: is the "

@@ -41,7 +41,7 @@ def _is_set_by(key: str, own: Sequence[str]) -> bool:
 class Seeds(Model):
     """The seeds with which every arm flies every scenario."""
 
-    count: int = Field(ge=1)
+    count: int = Field(ge=1, le=100_000)
     first: int = Field(default=0, ge=0)
 
     def first_seeds(self, count: int | None = None) -> range:

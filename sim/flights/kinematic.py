@@ -113,7 +113,7 @@ class Cut(Flight):
 
     kind: Literal["cut"] = "cut"
     walk: Walk = Walk()
-    every: int = Field(default=15, ge=1)
+    every: int = Field(default=15, ge=1, le=1_000_000)
     """Frames per take: the camera jumps at each multiple of this number."""
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:
@@ -188,13 +188,13 @@ class Stations(Flight):
     """Arc length along the path of the first pose [m]."""
     pitch_deg: float = Field(default=0.0, ge=-80, le=80)
     """Pitch of the first pose; a positive pitch looks up."""
-    hold: int = Field(default=3, ge=1)
+    hold: int = Field(default=3, ge=1, le=1_000_000)
     """Frames at each station."""
     jump_deg: Jump = (6.0, 16.0)
     """Least and largest rotation between stations, mostly of the heading."""
     jump_m: Jump = (0.03, 0.09)
     """Least and largest distance between stations [m]."""
-    large_every: int = Field(default=6, ge=2)
+    large_every: int = Field(default=6, ge=2, le=1_000_000)
     """Every jump of this number is larger than the others, by `LARGE`."""
 
     def poses(self, path_m: FloatArray, seed: int, rate_hz: float) -> Iterator[BodyPose]:

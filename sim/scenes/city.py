@@ -27,9 +27,9 @@ class CitySpec(WeakWallsSpec):
     """A city of towers on a brick-like grid of lots, with poles in the streets. Flights lead along x."""
 
     kind: Literal["city"] = "city"
-    columns: int = Field(default=6, ge=1)
+    columns: int = Field(default=6, ge=1, le=100)
     """Number of rows of towers that a flight along x passes."""
-    rows: int = Field(default=10, ge=1)
+    rows: int = Field(default=10, ge=1, le=100)
     """Number of towers along y."""
     street_width_m: float = Field(default=6.0, gt=1.0)
     """Mean gap between towers [m]; a narrower gap is harder."""
@@ -45,7 +45,7 @@ class CitySpec(WeakWallsSpec):
     """Share of the towers that are of glass, whose depth is that of what they reflect."""
     glass_reflectivity: Annotated[float, LATER] = Field(default=0.8, gt=0, le=1)
     """Share of the light that glass reflects."""
-    poles: int = Field(default=16, ge=0)
+    poles: int = Field(default=16, ge=0, le=5_000)
     """Thin vertical poles in the streets."""
     pole_radius_m: float = Field(default=0.12, gt=0)
     wires: Annotated[int, LATER] = Field(default=0, ge=0)

@@ -36,7 +36,7 @@ class CorridorSpec(WeakWallsSpec):
     passage_m: float = Field(default=12.0, ge=0)
     """Length of the covered passage [m]; 0 leaves it out."""
     passage_width_m: float = Field(default=3.2, ge=2.6)
-    pillars: int = Field(default=14, ge=0)
+    pillars: int = Field(default=14, ge=0, le=5_000)
     """Pillars, poles and boxes beside the path."""
     wall_length_m: Range = (5.0, 14.0)
     """Range of the walls' lengths [m]."""

@@ -28,7 +28,7 @@ class ForestSpec(SceneSpec):
     spacing_m: float = Field(default=2.0, gt=0)
     """Minimum distance between trunks, axis to axis [m]. A larger distance leaves room for fewer trees."""
     tree: TreeRanges = TreeRanges()
-    bushes: int = Field(default=60, ge=0)
+    bushes: int = Field(default=60, ge=0, le=5_000)
     bush_radius_m: Range = (0.4, 1.0)
 
     def build(self, seed: int) -> Scene:

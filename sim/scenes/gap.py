@@ -20,7 +20,7 @@ class GapSpec(WeakWallsSpec):
     """High walls across the path, one after the other. The path leads along x, from gap to gap."""
 
     kind: Literal["gap"] = "gap"
-    walls: int = Field(default=3, ge=1)
+    walls: int = Field(default=3, ge=1, le=1_000)
     gap_m: float = Field(default=4.0, gt=1.5)
     """Width of each gap [m]; a narrower gap is harder."""
     spacing_m: float = Field(default=22.0, gt=4)
@@ -33,7 +33,7 @@ class GapSpec(WeakWallsSpec):
     """Extent of the walls to both sides [m]."""
     blank_share: float = Field(default=0.0, ge=0, le=1)
     """Probability that each half of a wall is textureless, which a stereo camera cannot match."""
-    posts: int = Field(default=8, ge=0)
+    posts: int = Field(default=8, ge=0, le=5_000)
     """Number of thin posts between the walls."""
     post_radius_m: float = Field(default=0.12, gt=0)
 

@@ -30,9 +30,9 @@ class LawnSpec(SceneSpec):
     """Length of the path along x [m]."""
     width_m: float = Field(default=30.0, ge=12)
     """Width of the strip around the path that has obstacles [m]."""
-    bushes: int = Field(default=80, ge=0)
-    trees: int = Field(default=30, ge=0)
-    benches: int = Field(default=10, ge=0)
+    bushes: int = Field(default=80, ge=0, le=5_000)
+    trees: int = Field(default=30, ge=0, le=5_000)
+    benches: int = Field(default=10, ge=0, le=5_000)
     """Benches and boxes."""
     hedge_m: float = Field(default=24.0, ge=0)
     """Length of a hedge on the left of the first half of the path [m]."""

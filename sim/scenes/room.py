@@ -39,7 +39,7 @@ class RoomSpec(SceneSpec):
     """Strength of the texture of walls, ceiling and floor; a stereo camera cannot match them at 0."""
     wall_gloss: float = Field(default=0.0, ge=0, le=1)
     """Share of walls, ceiling and floor that returns no light of a projector."""
-    boxes: int = Field(default=14, ge=0)
+    boxes: int = Field(default=14, ge=0, le=5_000)
     """Boxes on the table, on the shelf and on the floor."""
     dark_share: float = Field(default=0.15, ge=0, le=1)
     """Probability that a box is nearly black."""

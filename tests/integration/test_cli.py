@@ -116,6 +116,9 @@ def test_bad_input_ends_in_one_line_and_writes_nothing(tmp_path: Path, arguments
         ("[scene]\nkind = 'lawn'\nlength_m = 0.0", "scene.length_m: Input should be greater than or equal to 70"),
         ("[scene]\nkind = 'plains'\nspacing_m = 0.0", "scene.spacing_m"),
         ("colour = 'red'", "unknown key 'colour'"),
+        ("[mission]\ndrones = 1000000", "mission.drones: Input should be less than or equal to 500, got 1000000"),
+        ("[scene]\nkind = 'city'\nrows = 100000", "scene.rows: Input should be less than or equal to 100, got 100000"),
+        ("[rig.stereo]\nblock_px = 100001", "rig.stereo.block_px: Input should be less than or equal to 51"),
         ("= 3", "is not valid TOML"),
     ],
 )

@@ -207,3 +207,11 @@ def test_no_list_at_all_raises_anything_but_a_dataset_error(data: bytes) -> None
             open_dataset(folder, "tum", intrinsics=CAMERA)
         except DatasetError as error:
             assert "rgb.txt" in str(error)
+
+
+def test_times_that_are_none_of_a_camera_are_refused_before_they_take_long() -> None:
+    stamps = [k * 1e-9 for k in range(100_000)]
+    with pytest.raises(
+        DatasetError, match=r"at most 1000 images within 0.02 s of another one, got 100000: are the times"
+    ):
+        associate(stamps, stamps, within_s=0.02)

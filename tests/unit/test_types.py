@@ -76,6 +76,8 @@ def test_intrinsics_from_hfov_see_that_angle() -> None:
         {"fx_px": np.nan},
         {"fy_px": np.inf},
         {"fx_px": -1.0},
+        {"fx_px": 1e-6},
+        {"fy_px": 1e9},
         {"cx_px": np.nan},
         {"cx_px": 999.0},
         {"cy_px": -150.0},

@@ -15,6 +15,8 @@ from ..types import FloatImage, Frame, Intrinsics
 from .files import choose_intrinsics
 from .images import read_gray
 
+MAX_CANDIDATES = 1000
+"""Largest number of images within the tolerance of another one; beyond it the times cannot be those of a camera."""
 FRAME_ID = "camera"
 """Name of the coordinate frame of the images."""
 
@@ -121,6 +123,9 @@ def associate(first_s: Sequence[float], second_s: Sequence[float], *, within_s: 
 
     Returns:
         Indices into both, ordered by the first; no index is used twice.
+
+    Raises:
+        DatasetError: More than `MAX_CANDIDATES` images of the second stream are within reach of one of the first.
     """
     used_first: set[int] = set()
     used_second: set[int] = set()
@@ -137,6 +142,12 @@ def _candidates(
     first_s: Sequence[float], second_s: Sequence[float], within_s: float
 ) -> Iterator[tuple[float, int, int]]:
     starts = np.searchsorted(second_s, np.asarray(first_s) - within_s, side="left")
+    most = int((np.searchsorted(second_s, np.asarray(first_s) + within_s, side="right") - starts).max(initial=0))
+    if most > MAX_CANDIDATES:
+        raise DatasetError(
+            f"expected at most {MAX_CANDIDATES} images within {within_s:g} s of another one, got {most}: are the times "
+            "in seconds?"
+        )
     for i, (stamp_s, start) in enumerate(zip(first_s, starts, strict=True)):
         for j in range(max(int(start) - 1, 0), len(second_s)):  # One earlier, since the difference is rounded.
             difference_s = second_s[j] - stamp_s

@@ -28,9 +28,9 @@ class CombineConfig(Model):
 class PaperConfig(Model):
     """All parameters of the paper's method. The defaults are the paper's."""
 
-    window_frames: int = Field(default=10, ge=1)
+    window_frames: int = Field(default=10, ge=1, le=1_000)
     """Frames that are fused at the start of an epoch, n in the paper. More fill more and smear more."""
-    max_epoch_frames: int = Field(default=60, ge=1)
+    max_epoch_frames: int = Field(default=60, ge=1, le=1_000_000)
     """Frames after which an epoch ends even if registration still succeeds."""
     fusion_lag_frames: Annotated[int, Field(ge=0)] | Literal["ready"] = 3
     """Frames from the last of a window to the first that its template corrects, while fusion runs in the background.

@@ -83,7 +83,7 @@ class Odometry(Protocol):
 class OdometryConfig(Model):
     """Size of the images, and limits outside of which an estimate counts as failed."""
 
-    max_width_px: int = Field(default=320, ge=32)
+    max_width_px: int = Field(default=320, ge=32, le=4_096)
     """Wider images are made smaller first.
 
     More is slower and, up to about 480, slightly more accurate: a pair of 640 x 360 took 8 ms of CPU time at 160, 12 ms

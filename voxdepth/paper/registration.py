@@ -28,13 +28,13 @@ EDGE_PX = 15
 class RegistrationConfig(Model):
     """How features are found and which matches count as good."""
 
-    size_px: int = Field(default=200, ge=64)
+    size_px: int = Field(default=200, ge=64, le=4_096)
     """Width and height that the gray image is resized to. Paper: 200 x 200. Larger is more exact and slower."""
-    n_features: int = Field(default=200, ge=10)
+    n_features: int = Field(default=200, ge=10, le=100_000)
     """Maximum number of features per image. More follow the template for longer; the time grows more than linearly."""
     max_distance: int = Field(default=20, ge=0, le=256)
     """Hamming distance up to which a match is good. Paper: 20 (whose "exceeds" can only mean "at most")."""
-    min_matches: int = Field(default=5, ge=3)
+    min_matches: int = Field(default=5, ge=3, le=100_000)
     """Good matches below which the template no longer fits the scene. Paper: 5."""
     ransac_px: float = Field(default=3.0, gt=0)
     """Distance up to which a match supports the affine map, in pixels of the resized image."""

@@ -19,7 +19,7 @@ class VoxDepthConfig(Model):
     `auto` chooses it for images of more than 200 000 pixels."""
     odometry: VisualOdometryConfig = VisualOdometryConfig()
     fusion: TemporalFusionConfig = TemporalFusionConfig()
-    max_featureless_frames: int = Field(default=60, ge=0)
+    max_featureless_frames: int = Field(default=60, ge=0, le=1_000_000)
     """Consecutive frames without features (darkness, a covered lens) after which the memory is discarded."""
     fill: Literal["none", "likely", "all"] = "likely"
     """Which pixels without measurement and memory are inpainted: none, those that are likely enough right, or all. The

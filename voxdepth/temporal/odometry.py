@@ -36,13 +36,13 @@ TERMINATION = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 8, 0.03)
 class FeatureTrackerConfig(Model):
     """How corners are detected and tracked."""
 
-    width_px: int = Field(default=320, ge=64)
+    width_px: int = Field(default=320, ge=64, le=4_096)
     """Width of the tracking image, to which the gray image is reduced. More is more accurate and slower."""
-    cell_px: int = Field(default=16, ge=4)
+    cell_px: int = Field(default=16, ge=4, le=1_024)
     """Side of the grid cells. The best corner of each cell is tracked, so smaller cells give more tracks."""
-    window_px: int = Field(default=11, ge=5)
+    window_px: int = Field(default=11, ge=5, le=101)
     """Side of the window that is compared around a corner."""
-    pyramid_levels: int = Field(default=2, ge=0)
+    pyramid_levels: int = Field(default=2, ge=0, le=8)
     """Halvings of the tracking image. Each one doubles the motion that can be tracked."""
 
 
@@ -51,7 +51,7 @@ class VisualOdometryConfig(Model):
 
     tracker: FeatureTrackerConfig = FeatureTrackerConfig()
     relocalisation: RelocalisationConfig = RelocalisationConfig()
-    min_tracks: int = Field(default=12, ge=6)
+    min_tracks: int = Field(default=12, ge=6, le=100_000)
     """Corners with known depth that must be tracked. An image with fewer corners has no features."""
     min_inlier_ratio: float = Field(default=0.5, gt=0, le=1)
     """Fraction of the tracks that must be inliers. Correct motions have 0.74 and more on rendered images, less after

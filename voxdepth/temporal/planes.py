@@ -31,7 +31,7 @@ MAX_CELL_ROWS = 32
 class PlanesConfig(Model):
     """How planes are fitted around holes."""
 
-    cell_px: int = Field(default=16, ge=4)
+    cell_px: int = Field(default=16, ge=4, le=1_024)
     """Side of the finest cells, in pixels of the full image. Smaller cells follow their surroundings, and cost more."""
     min_coverage: float = Field(default=0.08, gt=0)
     """Fraction of a cell's neighbourhood that must be measured for its own plane to have full weight. The remaining

@@ -29,15 +29,15 @@ DEPTH_TOLERANCE, DISPARITY_TOLERANCE_PX = 0.05, 0.5
 class RelocalisationConfig(Model):
     """How a keyframe is recognised, and how many keyframes are stored."""
 
-    width_px: int = Field(default=640, ge=64)
+    width_px: int = Field(default=640, ge=64, le=4_096)
     """Width to which larger images are reduced before features are detected."""
-    n_features: int = Field(default=500, ge=10)
+    n_features: int = Field(default=500, ge=10, le=100_000)
     """Maximum number of features per image. More recognise a smaller overlap, and take longer."""
     max_distance: int = Field(default=40, ge=0, le=256)
     """Largest Hamming distance of the descriptors of a match, which have 256 bits."""
     min_depth_agreement: float = Field(default=0.7, ge=0, le=1)
     """Share of the remembered surfaces whose depth the frame must confirm. Less accepts less exact motions."""
-    max_keyframes: int = Field(default=4, ge=0)
+    max_keyframes: int = Field(default=4, ge=0, le=1_000)
     """Number of stored keyframes, of which the oldest is dropped first. With 0, only the last frame is recognised."""
 
 
