@@ -15,13 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from voxdepth import CorrectedDepth, Source, create_corrector
+from voxdepth.colors import colored
 from voxdepth.datasets import Dataset, open_dataset
-from voxdepth.types import FloatImage
 
 Image = npt.NDArray[np.uint8]
 
-NEAREST_PERCENTILE = 98
-"""Percentile of the measured inverse depth that is drawn in the last colour."""
+FARTHEST_PERCENTILE = 98
+"""Percentile of the measured depth that is drawn in the last colour."""
 SOURCE_COLORS_BGR = {
     Source.INVALID: (0, 0, 0),
     Source.SENSOR: (190, 190, 190),
@@ -36,15 +36,6 @@ def corrected(dataset: Dataset, name: str, frame: int) -> CorrectedDepth:
     for index in range(frame + 1):
         result = corrector.process(dataset[index])
     return result
-
-
-def colored(depth_m: FloatImage, nearest_m: float) -> Image:
-    """Return depth in colours, which are linear in inverse depth."""
-    with np.errstate(divide="ignore"):
-        shade = np.where(depth_m > 0, 255 * nearest_m / depth_m, 0)
-    image = cv2.applyColorMap(np.clip(shade, 0, 255).astype(np.uint8), cv2.COLORMAP_TURBO)
-    image[depth_m == 0] = 0
-    return np.asarray(image, np.uint8)
 
 
 def panel(title: str, image: Image, width_px: int) -> Image:
@@ -67,11 +58,11 @@ def main() -> None:
     options = parser.parse_args()
     dataset = open_dataset(options.folder)
     measured_m = dataset[options.frame].depth_m
-    nearest_m = 1 / float(np.percentile(1 / measured_m[measured_m > 0], NEAREST_PERCENTILE))
-    panels = [panel("sensor", colored(measured_m, nearest_m), options.width)]
+    farthest_m = float(np.percentile(measured_m[measured_m > 0], FARTHEST_PERCENTILE))
+    panels = [panel("sensor", colored(measured_m, farthest_m), options.width)]
     for name in options.methods.split(","):
         result = corrected(dataset, name, options.frame)
-        panels.append(panel(name, colored(result.depth_m, nearest_m), options.width))
+        panels.append(panel(name, colored(result.depth_m, farthest_m), options.width))
     if result.source is not None:
         colors = np.array([SOURCE_COLORS_BGR[source] for source in Source], np.uint8)
         panels.append(panel("sensor gray, memory blue, filled orange", colors[result.source], options.width))

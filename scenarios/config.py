@@ -83,6 +83,14 @@ class Run(Model):
     scenario: Scenario
     seed: int = Field(ge=0, lt=2**32)
 
+    @property
+    def title(self) -> str:
+        """The run in one line."""
+        rig, prior = self.scenario.rig, self.scenario.mission.pose_prior
+        depth = f"noisy, theta {rig.noise.scale.theta:g}" if rig.depth == "noisy" else rig.depth
+        title = f"{self.scenario.name}, seed {self.seed}: depth {depth}, corrector {self.scenario.corrector}"
+        return title if prior.kind == "none" else f"{title}, pose prior {prior.label}"
+
 
 def load_run(name_or_path: str, seed: int | None, changes: dict[str, Any]) -> Run:
     """Return a run of a scenario, with the latency of its corrector written out; see `files.load`."""

@@ -8,16 +8,18 @@ import numpy as np
 import numpy.typing as npt
 
 from sim.types import InvalidReason
-from swarm import colors
 from voxdepth.tools.files import write
-from voxdepth.types import FloatImage, GrayImage
+from voxdepth.types import GrayImage
 
 from .errors import ScenarioError
 
 Image = npt.NDArray[np.uint8]
 
-FAR_M = 25.0
-"""Depth at the blue end of the colour scale."""
+DRONE_COLORS = (
+    (240, 120, 20), (30, 120, 220), (40, 160, 80), (150, 90, 210),
+    (0, 170, 190), (225, 90, 170), (170, 150, 20), (130, 85, 60),
+)  # fmt: skip
+"""Colours of the drones, RGB, in their order; they begin again after the last. Red is for collisions."""
 TEXT_HEIGHT_PX = 26
 INVALID_REASON_COLORS_BGR = {
     InvalidReason.OCCLUDED: (60, 60, 230),
@@ -29,9 +31,9 @@ INVALID_REASON_COLORS_BGR = {
 }
 
 
-def colored(depth_m: FloatImage) -> Image:
-    """Colour-code depth from near red to far blue, shape (H, W, 3), BGR; 0 is black, and infinity counts as far."""
-    return colors.colored(depth_m, FAR_M)
+def drone_color(drone: int) -> tuple[int, int, int]:
+    """Return the colour of a drone in all pictures and recordings, RGB."""
+    return DRONE_COLORS[drone % len(DRONE_COLORS)]
 
 
 def color_invalid_reasons(reasons: GrayImage) -> Image:

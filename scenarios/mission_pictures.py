@@ -16,10 +16,11 @@ from sim.world import World
 from swarm.recorder import CaptureRecorder
 from swarm.team import Team
 from swarm.types import MissionResult
+from voxdepth.colors import colored
 
 from .config import Run
 from .errors import ScenarioError
-from .images import colored, gray_bgr, require_picture, save_picture, titled
+from .images import drone_color, gray_bgr, require_picture, save_picture, titled
 from .runner import Finished, flying
 
 if TYPE_CHECKING:
@@ -31,7 +32,6 @@ MARGIN_M = 5.0
 DPI = 100
 SIZE_IN = (11.0, 4.4)
 QUALITY = 85
-LEADER_COLOR, FOLLOWER_COLOR = "#d95f0e", "#2c7fb8"
 
 
 class Difficulty(NamedTuple):
@@ -76,12 +76,7 @@ def draw_flight(path: Path, run: Run, finished: Finished) -> None:
         x, y, _ = trajectory.position_m[int(np.searchsorted(trajectory.time_s, contact.time_s, side="right")) - 1]
         axes.plot(x, y, "x", color="red", markersize=9, markeredgewidth=2, zorder=5)
     _frame(axes, teams, result)
-    depth = f"noisy, theta {scenario.rig.noise.scale.theta:g}" if scenario.rig.depth == "noisy" else scenario.rig.depth
-    axes.set_title(
-        f"{scenario.name}, seed {run.seed}: depth {depth}, corrector {scenario.corrector}: "
-        f"{result.outcome} after {float(result.metrics['sim_time_s'] or 0):.1f} s",
-        fontsize=10,
-    )
+    axes.set_title(f"{run.title}: {result.outcome} after {float(result.metrics['sim_time_s'] or 0):.1f} s", fontsize=10)
     data = io.BytesIO()
     figure.savefig(data, format="png", bbox_inches="tight")
     image = cv2.imdecode(np.frombuffer(data.getvalue(), np.uint8), cv2.IMREAD_COLOR)
@@ -114,11 +109,15 @@ def _draw_team(axes: "Axes", team: Team, result: MissionResult) -> None:
     for drone in team.members:
         path_m = result.trajectories[drone].position_m
         leads = drone == team.leader
-        color = LEADER_COLOR if leads else FOLLOWER_COLOR
+        color = _hex(drone_color(drone))
         axes.plot(path_m[:, 0], path_m[:, 1], color=color, linewidth=1.4 if leads else 0.8, zorder=3 if leads else 2)
         axes.plot(*path_m[-1:, :2].T, "s", color=color, markeredgecolor="black", markersize=5, zorder=5)
-    axes.plot(*team.start_m[:2], "o", color=LEADER_COLOR, markersize=6, zorder=4)
+    axes.plot(*team.start_m[:2], "o", color=_hex(drone_color(team.leader)), markersize=6, zorder=4)
     axes.plot(*team.goal_m[:2], "*", color="#31a354", markersize=13, zorder=4)
+
+
+def _hex(color: tuple[int, int, int]) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*color)
 
 
 def _frame(axes: "Axes", teams: Sequence[Team], result: MissionResult) -> None:
@@ -129,7 +128,7 @@ def _frame(axes: "Axes", teams: Sequence[Team], result: MissionResult) -> None:
     axes.set_ylim(low_m[1], high_m[1])
     axes.set_aspect("equal")
     axes.set_xlabel(
-        "x [m]; leaders orange, followers blue, start a dot, goal a star, ends squares, collisions red crosses"
+        "x [m]; a colour per drone, leaders thick, start a dot, goal a star, ends squares, collisions red crosses"
     )
     axes.set_ylabel("y [m]")
 

@@ -20,12 +20,10 @@ NUMBER, PERCENT = Column("number"), Column("share", number=percent)
 TOO_FAR, HOLES = Column("more than 10 % too far", number=percent), Column("holes", number=percent)
 
 
-def print_summary(console: Console, finished: Finished, run: Run) -> None:
-    """Print outcome, safety and depth errors of one run."""
-    result, scenario = finished.result, run.scenario
-    m, prior = result.metrics, scenario.mission.pose_prior
-    title = f"{scenario.name}, seed {run.seed}: depth {scenario.rig.depth}, corrector {scenario.corrector}"
-    title += "" if prior.kind == "none" else f", pose prior {prior.label}"
+def summary_tables(finished: Finished, run: Run) -> list[Table]:
+    """Return outcome, safety and depth errors of one run as tables; the page of a run shows the same."""
+    result = finished.result
+    m = result.metrics
     rows = [
         ("outcome", str(result.outcome)),
         ("simulated time [s]", NUMBER.text(m["sim_time_s"])),
@@ -36,14 +34,22 @@ def print_summary(console: Console, finished: Finished, run: Run) -> None:
         ("near misses", str(m["near_misses"])),
         ("progress of the leader [m]", NUMBER.text(m["leader_progress_m"])),
         ("formation error, mean [m]", NUMBER.text(m["formation_error_mean_m"])),
-        ("real-time factor", f"{finished.real_time_factor:.2f}"),
     ]
-    Table.of(title, ("metric", "value"), rows).print(console)
     depth = [
         (name, m[f"depth_{name}_mae_m"], m[f"depth_{name}_too_far_share"], m[f"depth_{name}_hole_share"])
         for name in ("raw", "corrected")
     ]
-    Table.of("depth errors, surfaces within 20 m", ("depth", Column("MAE", "m"), TOO_FAR, HOLES), depth).print(console)
+    return [
+        Table.of(run.title, ("metric", "value"), rows),
+        Table.of("depth errors, surfaces within 20 m", ("depth", Column("MAE", "m"), TOO_FAR, HOLES), depth),
+    ]
+
+
+def print_summary(console: Console, finished: Finished, run: Run) -> None:
+    """Print outcome, safety and depth errors of one run, its speed, and where its files are."""
+    for table in summary_tables(finished, run):
+        table.print(console)
+    console.print(f"real-time factor {finished.real_time_factor:.2f}", highlight=False)
     if finished.folder is not None:
         console.print(f"written to {finished.folder}", soft_wrap=True, markup=False)
         if (finished.folder / "run.rrd").exists():

@@ -24,6 +24,8 @@ from voxdepth.tools.provenance import machine, versions
 from .config import Run
 from .errors import ScenarioError
 
+RECORDING, PARTIAL_RECORDING = "run.rrd", "run.part.rrd"
+"""Names of the recording of a run: when the run has ended, and while it flies or after it was killed."""
 Progress = Callable[[float, float], None]
 """Called after every tick with simulated time and real-time factor."""
 
@@ -53,12 +55,13 @@ def fly(run: Run, *, threads: int | None = None) -> Finished:
 def fly_and_write(run: Run, out: Path, *, record: bool, progress: Progress | None = None) -> Finished:
     """Fly a mission and write its files to a new folder below `out`; `record` says whether they include a recording.
 
-    Ctrl-C ends the mission with the outcome `interrupted`; its files are written nevertheless. A folder that cannot be
-    written is a `ScenarioError`.
+    Ctrl-C ends the mission with the outcome `interrupted`; its files are written nevertheless. A run that is killed
+    leaves `config.toml` and its recording up to some seconds before as `run.part.rrd`. A folder that cannot be written
+    is a `ScenarioError`.
     """
     _refuse_unwritable(out)
     folder = _free_folder(out, run)
-    recorder = _make_recorder(run, folder / "run.rrd") if record else Recorder()
+    recorder = _make_recorder(run, folder / PARTIAL_RECORDING) if record else Recorder()
     try:
         with flying(run, recorder, recorded=record) as mission:
             try:
@@ -70,6 +73,8 @@ def fly_and_write(run: Run, out: Path, *, record: bool, progress: Progress | Non
             result = mission.result()
     finally:
         recorder.close()
+    if record:
+        (folder / PARTIAL_RECORDING).rename(folder / RECORDING)
     finished = Finished(result=result, wall_s=wall_s, folder=folder)
     _write_results(finished, run, folder)
     return finished
@@ -132,9 +137,8 @@ def _make_recorder(run: Run, path: Path) -> Recorder:
     from .rerun.mission import MissionRecorder
 
     identity = f"{run.scenario.name}-{run.seed}-{run.scenario.rig.depth}-{run.scenario.corrector}"
-    return MissionRecorder(
-        path, run.scenario.rig, recording_id=identity, image_every=run.scenario.recording.image_every
-    )
+    every = run.scenario.recording.image_every
+    return MissionRecorder(path, run.scenario.rig, recording_id=identity, title=run.title, image_every=every)
 
 
 def _refuse_unwritable(out: Path) -> None:
@@ -152,8 +156,9 @@ def _free_folder(out: Path, run: Run) -> Path:
 
 
 def _write_results(finished: Finished, run: Run, folder: Path) -> None:
-    """Write `metrics.json`, trajectories in the TUM RGB-D format, one line per sample, and the picture `flight.jpg`."""
+    """Write `metrics.json`, trajectories in the TUM RGB-D format, `flight.png` and the page `summary.html`."""
     from .mission_pictures import draw_flight
+    from .run_page import write_page
 
     text = json.dumps(summary(finished, run), indent=2, allow_nan=False)
     (folder / "metrics.json").write_text(text + "\n", encoding="utf-8")
@@ -162,4 +167,5 @@ def _write_results(finished: Finished, run: Run, folder: Path) -> None:
         rows = np.column_stack([trajectory.time_s, trajectory.position_m, trajectory.q_world_body_xyzw])
         path = folder / "trajectories" / f"drone-{drone}.tum"
         np.savetxt(path, rows, fmt="%.6f", header="timestamp tx ty tz qx qy qz qw")
-    draw_flight(folder / "flight.jpg", run, finished)
+    draw_flight(folder / "flight.png", run, finished)
+    write_page(folder / "summary.html", run, finished, picture=folder / "flight.png")

@@ -14,6 +14,7 @@ from sim.scenes import AnyScene, RoomSpec
 from sim.sensor import RigConfig, StereoSensor
 from sim.types import Capture, InvalidReason
 from sim.world import World
+from voxdepth.colors import colored
 from voxdepth.tools.table import Column, Table
 
 from .errors import ScenarioError
@@ -21,7 +22,6 @@ from .images import (
     INVALID_REASON_COLORS_BGR,
     Image,
     color_invalid_reasons,
-    colored,
     gray_bgr,
     narrowed,
     picked,

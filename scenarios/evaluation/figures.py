@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from voxdepth.colors import FAR_M, colored
 from voxdepth.types import FloatImage
 
-from ..images import FAR_M, colored
 from ..results.figure import MARKERS, Draw, Picture, label_axes, legend_label, panels
 from .groups import BINS, NEAR
 from .measurements import FILLED, Selector, of_frames

@@ -5,12 +5,13 @@ from collections.abc import Mapping, Sequence
 import cv2
 import numpy as np
 
+from voxdepth.colors import FAR_M, colored
 from voxdepth.registry import DEFAULT, PAPER, create_corrector
 from voxdepth.types import FloatImage, Source
 
 from ..errors import ScenarioError
 from ..evaluation.result_cache import decoded_thumbnail
-from ..images import FAR_M, Image, colored, picked, titled
+from ..images import Image, picked, titled
 from .comparison import HOLES, Comparison
 from .experiment import ExperimentContext
 

@@ -36,7 +36,7 @@ class ColumnWriter:
             self._write(entity)
 
     def flush(self) -> None:
-        """Write all rows."""
+        """Write all rows that were added."""
         for entity in list(self._rows):
             self._write(entity)
 
@@ -73,6 +73,13 @@ def plane_arrows(rows: Sequence[tuple[FloatArray, FloatArray]]) -> rr.ComponentC
 def points(rows: Sequence[FloatArray]) -> rr.ComponentColumnList:
     """Columns of points in space, shape (n, 3), any number per row."""
     return rr.Points3D.columns(positions=np.concatenate(rows)).partition([len(row) for row in rows])
+
+
+def labelled_points(rows: Sequence[tuple[FloatArray, npt.NDArray[np.uint8]]]) -> rr.ComponentColumnList:
+    """Columns of points in space, shape (n, 3), with the number of their class, shape (n,); any number per row."""
+    positions, classes = map(np.concatenate, zip(*rows, strict=True))
+    lengths = [len(points) for points, _ in rows]
+    return rr.Points3D.columns(positions=positions, class_ids=classes).partition(lengths)
 
 
 def gray_images(rows: Sequence[npt.NDArray[np.uint8]]) -> rr.ComponentColumnList:

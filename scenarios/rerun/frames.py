@@ -9,10 +9,10 @@ import rerun.blueprint as rrb
 
 from sim.types import Capture
 from voxdepth.tools.recording import stream_into, view_of
-from voxdepth.tools.stream import finite
+from voxdepth.tools.stream import depth_colors, depth_image, finite
 from voxdepth.types import CorrectedDepth
 
-CASE_VIEWS = ("gray", "depth_true", "depth_raw", "depth_corrected", "source", "error")
+CASE_VIEWS = ("gray", "colors/true", "colors/raw", "colors/corrected", "source", "error")
 LARGEST_ERROR_M = 1.0
 """Error at the end of the gray scale."""
 
@@ -25,9 +25,10 @@ def record_case(path: Path, case: str, steps: Iterable[tuple[Capture, CorrectedD
             stream.set_time("frame", sequence=frame)
             stream.log("gray", rr.Image(capture.gray_left, color_model="L"))
             true_m = finite(capture.depth_true_m)
-            depths = {"depth_true": true_m, "depth_raw": capture.depth_raw_m, "depth_corrected": corrected.depth_m}
+            depths = {"true": true_m, "raw": capture.depth_raw_m, "corrected": corrected.depth_m}
             for name, depth_m in depths.items():
-                stream.log(name, rr.DepthImage(depth_m, meter=1.0, depth_range=(0, 15)))
+                stream.log(f"depth/{name}", depth_image(depth_m))
+                stream.log(f"colors/{name}", depth_colors(depth_m))
             stream.log("source", rr.SegmentationImage(corrected.source))
             error_m = np.where((corrected.depth_m > 0) & (true_m > 0), np.abs(corrected.depth_m - true_m), 0)
             shown = (255 * np.minimum(error_m / LARGEST_ERROR_M, 1)).astype(np.uint8)

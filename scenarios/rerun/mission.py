@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -21,12 +22,41 @@ from swarm.mission import DROPPED, contact_text
 from swarm.recorder import Recorder
 from swarm.team import Team
 from swarm.types import Decision, Histogram, Outcome
-from voxdepth.tools.stream import depth_image, finite, gray_image, layout, open_stream, source_labels
+from voxdepth.colors import FAR_M
+from voxdepth.tools.stream import (
+    confidence_image,
+    depth_colors,
+    depth_image,
+    finite,
+    gray_image,
+    layout,
+    open_stream,
+    source_labels,
+)
 from voxdepth.types import CorrectedDepth, FloatArray
 
-from .columns import Columns, ColumnWriter, arrows, gray_images, places, plane_arrows, points, poses, scalars, words
+from ..images import drone_color
+from .columns import (
+    Columns,
+    ColumnWriter,
+    arrows,
+    gray_images,
+    labelled_points,
+    places,
+    plane_arrows,
+    points,
+    poses,
+    scalars,
+    words,
+)
 
-LEADER_COLOR, FOLLOWER_COLOR = (255, 120, 40), (90, 170, 250)
+CHUNK_S = 2.0
+"""Simulated time after which everything is written to the file: a run that is killed loses no more of its recording."""
+CONTACT_COLOR = (230, 20, 20)
+CLOUD_STEP_PX = 4
+"""Every n-th pixel of every n-th row of the corrected depth is a point of the cloud."""
+SHARED_VIEWS = ("cam/depth", "cam/colors", "cam/source", "cam/confidence")
+"""Images of a drone that the view of the world leaves out."""
 STATE_COLORS = {
     "free": (120, 180, 120),
     "avoiding": (90, 150, 220),
@@ -39,6 +69,8 @@ STATE_COLORS = {
     "dropped out": (60, 60, 60),
 }
 """Colours of the states of a drone."""
+CURVES = {"clearance_m": "clearance [m]", "speed_m_s": "speed [m/s]"}
+"""Curves of every drone, and their names."""
 OPACITY = 110
 """Opacity of bodies, of at most 255."""
 EYE_M = (-13.0, -4.0, 24.0)
@@ -61,19 +93,26 @@ class MissionRecorder(Recorder):
         path: File to write; created when the mission starts.
         rig: Cameras of the drones.
         recording_id: Equal for runs of the same scenario and seed, so that they can be compared.
+        title: Name of the recording in the viewer.
         image_every: Every n-th capture of a drone is recorded with its images and its map.
     """
 
-    def __init__(self, path: Path, rig: RigConfig, *, recording_id: str, image_every: int) -> None:
+    def __init__(self, path: Path, rig: RigConfig, *, recording_id: str, title: str, image_every: int) -> None:
         self._path = path
         self._rig = rig
         self._recording_id = recording_id
+        self._title = title
         self._image_every = image_every
         self._captures: Counter[int] = Counter()
         self._views: dict[int, Histogram | Chart] = {}
         """Newest view of each drone that was recorded."""
         self._maps: Counter[int] = Counter()
         self._states: dict[int, str] = {}
+        self._world: World | None = None
+        self._newest_m: Sequence[FloatArray] = ()
+        """Position of each drone at the last decision."""
+        self._contacts = 0
+        self._written_s = 0.0
         self._leaders: set[int] = set()
         self._followed = range(0)
         """The swarm that the view of the world follows: the first one, so that drones are seen from the start on."""
@@ -83,14 +122,17 @@ class MissionRecorder(Recorder):
 
     def start(self, world: World, teams: Sequence[Team]) -> None:
         """Open the file and record everything that does not move."""
-        # Chunks end by size alone: ending them by the clock would make two runs differ.
+        # Chunks end by size and by simulated time: ending them by the clock would make two runs differ.
         batching = rr.ChunkBatcherConfig(flush_tick=3600.0, flush_num_bytes=1 << 20, flush_num_rows=1 << 14)
         self._leaders, self._followed = {team.leader for team in teams}, teams[0].members
         views = blueprint(world.n_drones, self._leaders)
         self._stream = open_stream("voxdepth", self._path, self._recording_id, views, batcher_config=batching)
+        self._stream.send_recording_name(self._title)
         self._columns = ColumnWriter(self._stream)
+        self._world = world
         self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._log("world/map", cell_labels(), static=True)
+        self._log("world/cloud", source_labels(), static=True)
         for body in world.scene.bodies:
             self._log_body(f"world/scene/{body.name}", body)
         self._movers = world.scene.movers
@@ -103,7 +145,7 @@ class MissionRecorder(Recorder):
             self._log("world/slots", rr.Points3D.from_fields(radii=[0.12], colors=[(200, 200, 90)]), static=True)
         size: dict[str, Any] = {"lengths": [DRONE_BODY_HEIGHT_M], "radii": [world.airframe.radius_m]}
         for drone in range(world.n_drones):
-            shape = rr.Cylinders3D(**size, colors=[self._color(drone)], fill_mode="solid")
+            shape = rr.Cylinders3D(**size, colors=[drone_color(drone)], labels=[self._name(drone)], fill_mode="solid")
             self._log(f"world/drone/{drone}/body", shape, static=True)
             self._log_camera(drone)
             self._log_looks(drone)
@@ -111,12 +153,16 @@ class MissionRecorder(Recorder):
     def tick(
         self, step: int, time_s: float, states: Sequence[DroneState], slots_m: FloatArray, decisions: Sequence[Decision]
     ) -> None:
-        """Record poses, velocities, slots and changes of state."""
+        """Record poses, velocities, clearances, slots and changes of state."""
         self._at(step, time_s)
+        self._newest_m = [state.position_m for state in states]
         for drone, (state, decision) in enumerate(zip(states, decisions, strict=True)):
             self._add(f"world/drone/{drone}", poses, (state.position_m, state.q_world_body_xyzw))
             self._add(f"world/velocity/{drone}", arrows, (state.position_m, state.velocity_m_s))
             self._add(f"world/trail/{drone}", points, state.position_m[None])
+            if decision is not DROPPED and self._world is not None:
+                self._add(f"drone/{drone}/clearance_m", scalars, self._world.clearance_m(drone))
+                self._add(f"drone/{drone}/speed_m_s", scalars, float(np.linalg.norm(state.velocity_m_s)))
             self._log_view(drone, state, decision.view)
             self._log_choice(drone, state, decision)
             if self._states.get(drone) != decision.state:
@@ -139,14 +185,25 @@ class MissionRecorder(Recorder):
         self._captures[capture.drone] += 1
 
     def metrics(self, step: int, time_s: float, values: dict[str, float]) -> None:
-        """Record one curve per metric."""
+        """Record one curve per metric, the last of a tick's data; from time to time write everything to the file."""
         self._at(step, time_s)
         for name, value in values.items():
             self._add(f"metrics/{name}", scalars, float(value))
+        if time_s >= self._written_s + CHUNK_S:
+            self._written_s = time_s
+            self._write()
 
     def contact(self, step: int, contact: Contact) -> None:
-        """Record an event and the new state of the drone."""
+        """Record an event, the new state of the drone, and where it was: a red point that stays."""
         self._at(step, contact.time_s)
+        mark = rr.Points3D(
+            [self._newest_m[contact.drone]],
+            radii=[0.4],
+            colors=[CONTACT_COLOR],
+            labels=[f"{contact.drone} hit {contact.other}"],
+        )
+        self._log(f"world/contact/{self._contacts}", mark)
+        self._contacts += 1
         self._log("events", rr.TextLog(contact_text(contact), level=rr.TextLogLevel.ERROR))
         self._states[contact.drone] = "collided"
         self._add(f"drone/{contact.drone}/state", words, "collided")
@@ -160,10 +217,15 @@ class MissionRecorder(Recorder):
     def close(self) -> None:
         """Write buffered data and close the file; a second call does nothing."""
         if self._stream is not None and self._columns is not None:
-            self._columns.flush()
-            self._stream.flush()
+            self._write()
             self._stream.disconnect()
             self._stream = self._columns = None
+
+    def _write(self) -> None:
+        """Write everything that was recorded so far to the file."""
+        if self._stream is not None and self._columns is not None:
+            self._columns.flush()
+            self._stream.flush()
 
     def _log(self, path: str, *what: Any, static: bool = False) -> None:
         if self._stream is not None:
@@ -193,8 +255,8 @@ class MissionRecorder(Recorder):
         )
         self._log(path, shown, static=True)
 
-    def _color(self, drone: int) -> tuple[int, int, int]:
-        return LEADER_COLOR if drone in self._leaders else FOLLOWER_COLOR
+    def _name(self, drone: int) -> str:
+        return f"leader {drone}" if drone in self._leaders else f"drone {drone}"
 
     def _log_camera(self, drone: int) -> None:
         """Record intrinsics and mount, once per drone: the camera is fixed to the airframe."""
@@ -212,14 +274,17 @@ class MissionRecorder(Recorder):
 
     def _log_looks(self, drone: int) -> None:
         """Record the colours of what moves, once per drone."""
-        self._log(f"world/velocity/{drone}", rr.Arrows3D.from_fields(colors=[self._color(drone)]), static=True)
+        self._log(f"world/velocity/{drone}", rr.Arrows3D.from_fields(colors=[drone_color(drone)]), static=True)
         self._log(f"world/choice/{drone}", rr.Arrows3D.from_fields(colors=[(240, 230, 80)]), static=True)
-        trail = rr.Points3D.from_fields(radii=[0.07], colors=[self._color(drone)])
+        trail = rr.Points3D.from_fields(radii=[0.07], colors=[drone_color(drone)])
         self._log(f"world/trail/{drone}", trail, static=True)
-        mark = rr.Arrows2D.from_fields(radii=[0.6], colors=[self._color(drone)])
+        mark = rr.Arrows2D.from_fields(radii=[0.6], colors=[drone_color(drone)])
         self._log(f"world/map/{drone}/drone", mark, static=True)
         colors = rr.StateConfiguration(values=list(STATE_COLORS), colors=list(STATE_COLORS.values()))
         self._log(f"drone/{drone}/state", colors, static=True)
+        for (curve, name), width in zip(CURVES.items(), (2.0, 1.0), strict=True):
+            line = rr.SeriesLines(colors=[drone_color(drone)], names=[name], widths=[width])
+            self._log(f"drone/{drone}/{curve}", line, static=True)
 
     def _log_images(self, capture: Capture, corrected: CorrectedDepth) -> None:
         path = f"world/drone/{capture.drone}/cam"
@@ -227,7 +292,10 @@ class MissionRecorder(Recorder):
         self._log(f"{path}/gray", gray_image(capture.gray_left))
         for name, depth_m in (("true", true_m), ("raw", capture.depth_raw_m), ("corrected", corrected.depth_m)):
             self._log(f"{path}/depth/{name}", depth_image(depth_m))
+            self._log(f"{path}/colors/{name}", depth_colors(depth_m))
         self._log(f"{path}/source", rr.SegmentationImage(corrected.source))
+        self._log(f"{path}/confidence", confidence_image(corrected.confidence))
+        self._add(f"world/cloud/{capture.drone}", labelled_points, cloud(capture, corrected))
 
     def _log_histogram(self, drone: int, histogram: Histogram) -> None:
         """Record the free ranges as an image: free cells are bright, unknown ones dark."""
@@ -276,15 +344,18 @@ class MissionRecorder(Recorder):
 
 def blueprint(n_drones: int, leaders: set[int]) -> rrb.Blueprint:
     """Return the layout that is saved with the recording."""
-    curves = rrb.Vertical(
+    curves = [
         rrb.TimeSeriesView(
-            name="clearance and separation [m]", contents=["metrics/clearance_m", "metrics/separation_m"]
-        ),
-        rrb.TimeSeriesView(name="formation error [m]", contents=["metrics/formation_error_m"]),
-        rrb.TextLogView(name="events", origin="events"),
-    )
-    states = rrb.StateTimelineView(name="states", origin="drone")
-    below = rrb.Horizontal(states, curves, column_shares=[3, 2])
+            name=name,
+            contents=[f"drone/{i}/{curve}" for i in range(n_drones)],
+            plot_legend=rrb.PlotLegend(visible=False),  # The labels of the world have the same colours.
+        )
+        for curve, name in CURVES.items()
+    ]
+    formation = rrb.TimeSeriesView(name="formation error [m]", contents=["metrics/formation_error_m"])
+    states = rrb.StateTimelineView(name="states", contents=[f"drone/{i}/state" for i in range(n_drones)])
+    events = rrb.TextLogView(name="events", origin="events")
+    below = rrb.Horizontal(states, rrb.Vertical(*curves), rrb.Vertical(formation, events), column_shares=[3, 3, 2])
     left = rrb.Vertical(_world_view(n_drones, leaders), below, row_shares=[5, 4])
     cameras = rrb.Tabs(*[_camera_views(drone, drone in leaders) for drone in range(n_drones)], name="cameras")
     return layout(rrb.Horizontal(left, cameras, column_shares=[3, 2]), "sim_time")
@@ -293,12 +364,13 @@ def blueprint(n_drones: int, leaders: set[int]) -> rrb.Blueprint:
 def _world_view(n_drones: int, leaders: set[int]) -> rrb.Spatial3DView:
     """Return the view of the world from above and behind; its origin is the middle of a swarm, with which it moves."""
     # Rerun expands `**` at the end of a path only, so every drone's images are left out by name.
-    images = [f"- world/drone/{i}/cam/{name}/**" for i in range(n_drones) for name in ("depth", "source")]
+    images = [f"- world/drone/{i}/{name}/**" for i in range(n_drones) for name in SHARED_VIEWS]
     flown = rrb.VisibleTimeRanges(
         timeline="sim_time", start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
     )
     trails = {f"world/trail/{i}": flown for i in range(n_drones)}
-    hidden = {f"world/map/{i}": rrb.EntityBehavior(visible=False) for i in range(n_drones) if i not in leaders}
+    others = [i for i in range(n_drones) if i not in leaders]
+    hidden = {f"world/{what}/{i}": rrb.EntityBehavior(visible=False) for i in others for what in ("map", "cloud")}
     return rrb.Spatial3DView(
         name="world",
         origin="world/swarm",
@@ -319,11 +391,27 @@ def _camera_views(drone: int, leads: bool) -> rrb.Vertical:
         rrb.Spatial2DView(name="histogram", origin=f"histogram/{drone}"),
     )
     return rrb.Vertical(
-        rrb.Horizontal(view("gray", "gray"), view("depth, true", "depth/true")),
-        rrb.Horizontal(view("depth, raw", "depth/raw"), view("depth, corrected", "depth/corrected")),
-        rrb.Horizontal(view("source", "source"), known),
+        rrb.Horizontal(view("gray", "gray"), known),
+        rrb.Horizontal(view("depth, true", "colors/true"), view("depth, raw", "colors/raw")),
+        rrb.Horizontal(view("depth, corrected", "colors/corrected"), view("source", "source")),
+        rrb.Horizontal(
+            view("confidence", "confidence"),
+            rrb.TimeSeriesView(name="clearance [m], speed [m/s]", contents=[f"drone/{drone}/{c}" for c in CURVES]),
+        ),
         name=f"leader {drone}" if leads else f"drone {drone}",
     )
+
+
+def cloud(capture: Capture, corrected: CorrectedDepth) -> tuple[FloatArray, npt.NDArray[np.uint8]]:
+    """Return points of the corrected depth, world frame, shape (n, 3), and their sources, shape (n,)."""
+    i, at = capture.intrinsics, np.s_[::CLOUD_STEP_PX, ::CLOUD_STEP_PX]
+    depth_m, source = corrected.depth_m[at], corrected.source[at]
+    rows, cols = np.nonzero((depth_m > 0) & (depth_m < FAR_M))
+    z_m = depth_m[rows, cols]
+    x, y = (CLOUD_STEP_PX * cols - i.cx_px) / i.fx_px, (CLOUD_STEP_PX * rows - i.cy_px) / i.fy_px
+    points_cam_m = z_m[:, None] * np.column_stack([x, y, np.ones_like(x)])
+    T = capture.T_world_cam
+    return points_cam_m @ T[:3, :3].T + T[:3, 3], source[rows, cols]
 
 
 def cell_labels() -> rr.AnnotationContext:

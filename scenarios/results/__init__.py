@@ -2,8 +2,8 @@
 
 | module | what it holds |
 |---|---|
-| `table` | `Table`: a DataFrame with units and number formats; as files, Markdown, terminal text and HTML cells |
-| `figure` | `panels`: a matplotlib figure as PNG; `Picture`: a titled PNG for a page |
+| `table` | `Table`: values with units and formats; as files, Markdown, LaTeX, terminal text and HTML cells |
+| `figure` | `panels`: a matplotlib figure as PNG; `Picture`: a titled PNG for a page, with SVG and PDF for papers |
 | `page` | HTML pages from the templates in `scenarios/data/templates` |
 | `provenance` | versions, machine and source that a result was made with |
 """

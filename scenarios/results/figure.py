@@ -1,10 +1,10 @@
-"""Figures as PNG: one style, axes with units, sample sizes in the titles."""
+"""Figures as PNG, SVG and PDF: one style, axes with units, sample sizes in the titles."""
 
 import base64
 import io
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,6 +21,11 @@ LEGEND_COLUMNS = 8
 """Largest number of entries side by side in a shared legend."""
 LETTERS_PER_IN = 14
 """Letters of a legend that fit into an inch; a line and the gaps around it take as much as 7."""
+VECTOR_METADATA: Mapping[str, dict[str, None]] = {
+    "svg": {"Date": None},
+    "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
+}
+"""What is left out of files of vector graphics, so that the same figure gives the same bytes."""
 INVISIBLE = "\N{ZERO WIDTH SPACE}"
 
 Draw = Callable[["Axes"], None]
@@ -33,6 +38,14 @@ class Picture:
     title: str
     caption: str
     png: bytes
+    vectors: Mapping[str, bytes] = field(default_factory=dict)
+    """The same figure as `svg` and `pdf`, for papers; empty for a photograph."""
+
+    @classmethod
+    def of(cls, title: str, caption: str, figure: "Figure") -> Self:
+        """Save a figure as PNG, SVG and PDF."""
+        vectors = {kind: _saved(figure, kind, metadata) for kind, metadata in VECTOR_METADATA.items()}
+        return cls(title=title, caption=caption, png=png_of(figure), vectors=vectors)
 
     @property
     def base64(self) -> str:
@@ -40,15 +53,20 @@ class Picture:
         return base64.b64encode(self.png).decode()
 
 
-def panels(
+def panels(title: str, draws: Sequence[Draw], **style: Any) -> bytes:
+    """Draw one panel per function and return the figure as PNG; `style` is that of `panel_figure`."""
+    return png_of(panel_figure(title, draws, **style))
+
+
+def panel_figure(
     title: str,
     draws: Sequence[Draw],
     *,
     columns: int | None = None,
     panel_in: tuple[float, float] = PANEL_IN,
     shared_legend: bool = False,
-) -> bytes:
-    """Draw one panel per function and return the figure as PNG.
+) -> "Figure":
+    """Draw one panel per function and return the figure.
 
     There are `columns` panels side by side, or all of them if it is None, each with the width and height `panel_in`
     [inch]. An empty title is left out. With `shared_legend` all panels share one legend below the figure.
@@ -67,7 +85,7 @@ def panels(
         figure.suptitle(title, fontsize=10)
     if shared_legend:
         add_shared_legend(figure)
-    return png_of(figure)
+    return figure
 
 
 def label_axes(axes: "Axes", title: str, x: str, y: str) -> None:
@@ -149,6 +167,13 @@ def legend_label(name: str) -> str:
 
 def png_of(figure: "Figure") -> bytes:
     """Return a figure as PNG, without anything that changes from call to call."""
+    return _saved(figure, "png", {"Software": None})
+
+
+def _saved(figure: "Figure", kind: str, metadata: Mapping[str, None]) -> bytes:
+    import matplotlib as mpl
+
     data = io.BytesIO()
-    figure.savefig(data, format="png", metadata={"Software": None})
+    with mpl.rc_context({"svg.hashsalt": "voxdepth", "pdf.fonttype": 42}):
+        figure.savefig(data, format=kind, metadata=dict(metadata))
     return data.getvalue()

@@ -8,7 +8,7 @@ import numpy as np
 
 from voxdepth.types import FloatArray
 
-from ..results.figure import Draw, Picture, legend_label, panels
+from ..results.figure import Draw, Picture, legend_label, panel_figure
 from .analysis import ENDS, REACHED, ArmSummary, Comparison, headline
 from .design import EndpointName, Study
 from .statistics import DoseResponse, Estimate, stratified, wilson
@@ -120,7 +120,7 @@ def all_figures(arms: Sequence[ArmSummary], fitted: Mapping[tuple[str, str], Dos
 
 
 def _picture(title: str, caption: str, draws: Sequence[Draw], panel_in: tuple[float, float], **style: Any) -> Picture:
-    return Picture(title=title, caption=caption, png=panels("", draws, panel_in=panel_in, **style))
+    return Picture.of(title, caption, panel_figure("", draws, panel_in=panel_in, **style))
 
 
 def _draw_incidence(arms: Sequence[ArmSummary], end: str, axes: Any) -> None:

@@ -9,9 +9,9 @@ import numpy.typing as npt
 from sim import frames
 from sim.bodies import Body, Box, Cylinder, Sphere
 from sim.world import World
+from voxdepth.colors import colored
 from voxdepth.types import FloatArray, FloatImage, GrayImage
 
-from ..colors import colored
 from ..errors import MissionError
 from ..recorder import CaptureRecorder
 from ..team import Team

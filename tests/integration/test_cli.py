@@ -40,9 +40,10 @@ def test_a_run_writes_what_it_promises(tmp_path: Path) -> None:
     folder = only_run(tmp_path)
     assert sorted(p.name for p in folder.iterdir()) == [
         "config.toml",
-        "flight.jpg",
+        "flight.png",
         "metrics.json",
         "run.rrd",
+        "summary.html",
         "trajectories",
     ]
     assert "real-time factor" in done.stdout
@@ -219,7 +220,7 @@ def test_a_signal_ends_the_run_and_closes_the_recording(sent: signal.Signals, tm
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT,
     )  # fmt: skip
     deadline = time.monotonic() + 60
-    while not list(tmp_path.glob("*/run.rrd")) and time.monotonic() < deadline:
+    while not list(tmp_path.glob("*/run.part.rrd")) and time.monotonic() < deadline:
         time.sleep(0.1)
     time.sleep(2)
     process.send_signal(sent)
@@ -248,6 +249,35 @@ def test_ctrl_c_while_libraries_are_imported_ends_without_a_traceback(after_s: f
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "Traceback" not in errors
+
+
+@pytest.mark.slow
+def test_a_run_that_is_killed_leaves_all_but_the_last_seconds_of_its_recording(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", "from voxdepth.tools.cli import main; main()", "run", "city", "--drones", "1"]
+    process = subprocess.Popen(
+        [*command, "--size", "32x32", "--depth", "truth", "--corrector", "raw", "--out", str(tmp_path)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=ENVIRONMENT,
+    )  # fmt: skip
+    try:
+        deadline = time.monotonic() + 120
+        while not (parts := list(tmp_path.glob("*/run.part.rrd"))) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        while flown_s(parts[0]) < 4 and time.monotonic() < deadline:
+            assert process.poll() is None, "the run ended before it was killed"
+    finally:
+        process.kill()
+        process.communicate(timeout=30)
+    assert process.returncode == -signal.SIGKILL
+    folder = only_run(tmp_path)
+    assert sorted(p.name for p in folder.iterdir()) == ["config.toml", "run.part.rrd"]
+    assert flown_s(folder / "run.part.rrd") >= 4
+
+
+def flown_s(recording: Path) -> float:
+    """Simulated time of a recording that may be incomplete, by its rows of the path of a drone, 20 in a second."""
+    show = [sys.executable, "-m", "rerun", "rrd", "print", str(recording)]
+    shown = subprocess.run(show, capture_output=True, text=True, env=ENVIRONMENT, check=False).stdout
+    return sum(int(rows) for rows in re.findall(r"with (\d+) rows? [^\n]* /world/trail/0 .*positions", shown)) / 20
 
 
 def test_list_names_everything() -> None:

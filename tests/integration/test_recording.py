@@ -1,5 +1,6 @@
 """What a recording holds."""
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +9,10 @@ import pytest
 import rerun as rr
 
 from scenarios.config import images_of, load_run
-from scenarios.rerun.mission import HEADING_M, MissionRecorder
+from scenarios.rerun.mission import CHUNK_S, HEADING_M, MissionRecorder, cloud
 from scenarios.runner import flying
 from sim.frames import rotation_from_quaternion
+from swarm.recorder import CaptureRecorder
 from voxdepth.tools.stream import depth_png
 
 IMAGE_EVERY = 2
@@ -19,7 +21,7 @@ IMAGE_EVERY = 2
 def recorded(path: Path, **changes: Any) -> Path:
     """Record a second of two drones at 20 decisions and 10 images per second; warnings of Rerun are errors."""
     run = load_run("city", 0, {"mission.drones": 2, "mission.duration_s": 1.0, **images_of(96, 54), **changes})
-    recorder = MissionRecorder(path, run.scenario.rig, recording_id="test", image_every=IMAGE_EVERY)
+    recorder = MissionRecorder(path, run.scenario.rig, recording_id="test", title="a test", image_every=IMAGE_EVERY)
     rr.set_strict_mode(True)
     try:
         with flying(run, recorder, recorded=True) as mission:
@@ -66,6 +68,11 @@ def test_the_tree_is_there_and_nothing_is_dropped(recording: Path) -> None:
         f"{cam}/depth/true": 5,
         f"{cam}/depth/raw": 5,
         f"{cam}/depth/corrected": 5,
+        f"{cam}/colors/corrected": 5,
+        f"{cam}/confidence": 5,
+        "/world/cloud/1": 5,
+        "/drone/1/clearance_m": 20,
+        "/drone/1/speed_m_s": 20,
         "/world/map/1": 5,
         "/world/map/1/drone": 5,
         "/histogram/1": 0,
@@ -123,6 +130,33 @@ def test_a_drone_is_marked_on_its_map_where_it_is_in_the_world(recording: Path) 
             x, y, z = K[i] @ R[i].T @ (np.array([*point_m[:2], above_m[i, 2] - 1.0]) - above_m[i])
             assert z == pytest.approx(1.0)
             np.testing.assert_allclose([x, y], px, atol=0.05)
+
+
+def test_what_is_recorded_is_written_in_the_order_of_time(tmp_path: Path) -> None:
+    """A viewer that loads the file sees the first seconds first, and a run that is killed leaves all but the last."""
+    quick = {"rig.depth": "truth", "corrector": "raw", "mission.drones": 1, **images_of(32, 32)}
+    path = recorded(tmp_path / "run.rrd", **{**quick, "mission.duration_s": 5.0})
+    spans_s = [
+        (min(times_s), max(times_s))
+        for chunk in rr.chunk.RrdReader(path).stream().to_chunks()
+        if not chunk.is_static and "sim_time" in chunk.timeline_names
+        for times_s in [[t.total_seconds() for t in chunk.to_record_batch().column("sim_time").to_pylist()]]
+    ]
+    assert max(last - first for first, last in spans_s) <= CHUNK_S
+    for (_, before), (first, _) in pairwise(spans_s):
+        assert first > before - CHUNK_S - 0.1
+    assert len({first // CHUNK_S for first, _ in spans_s}) == 3
+
+
+def test_points_of_the_cloud_lie_on_the_bodies_that_the_camera_measured() -> None:
+    run = load_run("city", 0, {"mission.drones": 1, "rig.depth": "truth", "corrector": "raw", **images_of(96, 54)})
+    recorder = CaptureRecorder()
+    with flying(run, recorder, recorded=True) as mission:
+        mission.tick()
+        points_m, source = cloud(*recorder.newest[0])
+        away_m = np.array([mission.world.clearance_at_m(point_m) for point_m in points_m.tolist()])
+    assert len(points_m) == len(source) > 100
+    assert np.percentile(np.abs(away_m), 95) < 0.1
 
 
 def steps(path: Path, entity: str) -> list[int]:

@@ -49,7 +49,7 @@ def test_links_and_pictures_exist(document: Path) -> None:
         assert target.exists(), link
         if anchor:
             assert anchor in anchors(target), link
-        if target.suffix in (".jpg", ".png"):
+        if target.suffix in (".gif", ".jpg", ".png"):
             assert target.stat().st_size < 500_000, link
 
 

@@ -11,11 +11,11 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from sim.sensor import RigConfig
-from swarm.colors import colored
 from swarm.environments.gym_env import LeaderFollowerEnv
 from swarm.environments.view import GOAL, LEADER, LEARNER, SCRIPTED
 from swarm.errors import MissionError
 from tests.learning import DIVE, FORWARD, QUICK_RIG, TURN, quick
+from voxdepth.colors import colored
 
 NAME = "swarm.gym:voxdepth/LeaderFollower-v0"
 SHORT_NAME = "swarm:voxdepth/LeaderFollower-v0"

@@ -38,7 +38,7 @@ def test_a_flight_is_drawn(tmp_path: Path, name: str) -> None:
 def test_a_run_leaves_its_picture_with_or_without_a_recording(tmp_path: Path) -> None:
     folder = fly_and_write(run("crossing"), tmp_path, record=False).folder
     assert folder is not None
-    assert 10_000 < (folder / "flight.jpg").stat().st_size < 500_000
+    assert 10_000 < (folder / "flight.png").stat().st_size < 300_000
     assert not (folder / "run.rrd").exists()
 
 

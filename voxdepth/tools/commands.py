@@ -259,7 +259,11 @@ def view(
     ] = False,
 ) -> None:
     """Open a recording in the Rerun viewer."""
-    open_viewer(path / "run.rrd" if path.is_dir() else path, web=web)
+    whole, partial = path / "run.rrd", path / "run.part.rrd"
+    if partial.is_file() and not whole.exists():
+        typer.echo(f"the run has not ended or was killed: {partial} holds what it recorded so far", err=True)
+        whole = partial
+    open_viewer(whole if path.is_dir() else path, web=web)
 
 
 def doctor() -> None:

@@ -7,13 +7,11 @@ from pathlib import Path
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ..ros import confidence_levels
 from ..types import CorrectedDepth, Frame
 from .files import atomic
-from .output import encode
-from .stream import depth_image, gray_image, layout, open_stream, source_labels
+from .stream import confidence_image, depth_colors, depth_image, gray_image, layout, open_stream, source_labels
 
-VIEWS = ("gray", "depth/raw", "depth/corrected", "source", "confidence")
+VIEWS = ("gray", "colors/raw", "colors/corrected", "source", "confidence")
 MILLISECONDS = 1000.0
 
 
@@ -63,16 +61,17 @@ def stream_into(
 
 def view_of(name: str) -> rrb.Spatial2DView:
     """A view of one image, with its name in words."""
-    return rrb.Spatial2DView(name=name.replace("/", ", ").replace("_", ", "), origin=name)
+    words = name.replace("colors/", "depth, ").replace("_", ", ")
+    return rrb.Spatial2DView(name=words, origin=name)
 
 
 def _log_images(stream: rr.RecordingStream, frame: Frame, corrected: CorrectedDepth) -> None:
     stream.log("gray", gray_image(frame.gray))
-    stream.log("depth/raw", depth_image(frame.depth_m))
-    stream.log("depth/corrected", depth_image(corrected.depth_m))
+    for name, depth_m in (("raw", frame.depth_m), ("corrected", corrected.depth_m)):
+        stream.log(f"depth/{name}", depth_image(depth_m))
+        stream.log(f"colors/{name}", depth_colors(depth_m))
     stream.log("source", rr.SegmentationImage(corrected.source))
-    confidence = encode(confidence_levels(corrected.confidence))
-    stream.log("confidence", rr.EncodedImage(contents=confidence, media_type="image/png"))
+    stream.log("confidence", confidence_image(corrected.confidence))
 
 
 def _log_diagnostics(stream: rr.RecordingStream, corrected: CorrectedDepth) -> None:

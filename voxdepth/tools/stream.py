@@ -8,13 +8,14 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from ..colors import colored
+from ..ros import confidence_levels
 from ..types import FloatImage, GrayImage, Source
+from .output import encode
 
 CENTIMETRE = 100.0
 """Depth images are stored as 16-bit PNG in centimetres, to 1 %: finer than any of the sensors measures."""
 JPEG_QUALITY = 75
-FARTHEST_M = 20.0
-"""Depth at the far end of the colours."""
 SOURCE_COLORS = {
     Source.INVALID: (0, 0, 0),
     Source.SENSOR: (90, 160, 90),
@@ -62,9 +63,19 @@ def gray_image(gray: GrayImage) -> rr.EncodedImage:
 
 def depth_image(depth_m: FloatImage) -> rr.EncodedDepthImage:
     """Return a depth image [m] as PNG in centimetres."""
-    return rr.EncodedDepthImage(
-        blob=depth_png(depth_m), media_type="image/png", meter=CENTIMETRE, depth_range=(0, FARTHEST_M * CENTIMETRE)
-    )
+    return rr.EncodedDepthImage(blob=depth_png(depth_m), media_type="image/png", meter=CENTIMETRE)
+
+
+def depth_colors(depth_m: FloatImage) -> rr.EncodedImage:
+    """Return a depth image [m] in the colours of all pictures: Rerun's own begin with far colours and color holes."""
+    settings = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, 0x111111]
+    _, jpeg = cv2.imencode(".jpg", colored(depth_m), settings)
+    return rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
+
+
+def confidence_image(confidence: FloatImage) -> rr.EncodedImage:
+    """Return confidences in 0..1 as PNG; white is certain."""
+    return rr.EncodedImage(contents=encode(confidence_levels(confidence)), media_type="image/png")
 
 
 def depth_png(depth_m: FloatImage) -> bytes:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from swarm.colors import colored
+from voxdepth.colors import colored
 
 BLUE, RED = 0, 2
 

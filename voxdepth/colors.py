@@ -1,16 +1,18 @@
-"""Depth as false colours."""
+"""Depth as false colours: near red, far blue, holes black, the same in all pictures, pages and recordings."""
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from voxdepth.types import FloatImage
+from .types import FloatImage
 
+FAR_M = 25.0
+"""Depth at the blue end of the colours."""
 FAR_INDEX = 25
 """Index of the farthest depth in the colour map; lower ones look like the black of holes."""
 
 
-def colored(depth_m: FloatImage, far_m: float) -> npt.NDArray[np.uint8]:
+def colored(depth_m: FloatImage, far_m: float = FAR_M) -> npt.NDArray[np.uint8]:
     """Return depth in colours, near red, `far_m` > 0 and beyond blue, holes black; shape (H, W, 3), BGR.
 
     The depth [m] has the shape (H, W) and is infinite where there is no surface.

@@ -1,0 +1,41 @@
+"""The page of a run."""
+
+import base64
+import re
+from pathlib import Path
+
+import pytest
+
+from scenarios.config import images_of, load_run
+from scenarios.run_page import named
+from scenarios.runner import fly_and_write
+
+QUICK = {"mission.drones": 2, "mission.duration_s": 0.5, **images_of(32, 32), "rig.depth": "truth", "corrector": "raw"}
+
+
+@pytest.mark.parametrize(
+    ("metric", "words"),
+    [
+        ("min_clearance_m", ("min clearance", "m")),
+        ("max_speed_m_s", ("max speed", "m/s")),
+        ("sim_time_s", ("sim time", "s")),
+        ("depth_raw_hole_share", ("depth raw hole", "share")),
+        ("near_misses", ("near misses", "")),
+    ],
+)
+def test_the_unit_of_a_metric_is_the_end_of_its_name(metric: str, words: tuple[str, str]) -> None:
+    assert named(metric) == words
+
+
+def test_a_run_leaves_a_page_that_needs_nothing_else(tmp_path: Path) -> None:
+    run = load_run("city", 3, QUICK)
+    folders = [fly_and_write(run, tmp_path / name, record=False).folder for name in ("first", "second")]
+    pages = [(folder / "summary.html").read_text() for folder in folders if folder is not None]
+    assert pages[0] == pages[1], "the same run gives the same page"
+    assert folders[0] is not None
+    for text in ("city, seed 3: depth truth, corrector raw", "<b>timeout</b>", "voxdepth run config.toml", "numpy"):
+        assert text in pages[0]
+    assert "run.rrd" not in pages[0], "there is no recording"
+    (picture,) = re.findall(r'src="data:image/png;base64,([^"]+)"', pages[0])
+    assert base64.b64decode(picture) == (folders[0] / "flight.png").read_bytes()
+    assert not re.search(r'(?:src|href)="(?!data:)', pages[0])
