@@ -1,7 +1,10 @@
 """The base of the two correctors of this library that use earlier frames."""
 
+import weakref
 from abc import ABC, abstractmethod
-from threading import Lock
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import RLock, main_thread
 from typing import Any, TypeVar
 
 import numpy as np
@@ -9,6 +12,9 @@ import numpy as np
 from .errors import ConfigError, FrameError
 from .model import Model
 from .types import CorrectedDepth, Frame, Intrinsics
+
+EXIT_TIMEOUT_S = 10.0
+"""How long the end of the program waits for a frame that a thread has in work [s]: much longer than a frame takes."""
 
 Config = TypeVar("Config", bound=Model)
 
@@ -25,7 +31,9 @@ class StreamCorrector(ABC):
     def __init__(self, intrinsics: Intrinsics) -> None:
         self._intrinsics = intrinsics
         self._closed = False
-        self._busy = Lock()
+        self._busy = RLock()
+        # A daemon thread that comes back from compiled code when the interpreter is gone would abort the process.
+        weakref.finalize(self, self._busy.acquire, timeout=EXIT_TIMEOUT_S)
         self.reset()
 
     def reset(self) -> None:
@@ -46,7 +54,8 @@ class StreamCorrector(ABC):
             FrameError: The frame has another size than the camera, or is not later than the one before; or the
                 corrector is closed, or another thread uses it.
         """
-        return self.combine(self.align(frame))
+        with self._alone():
+            return self.combine(self.align(frame))
 
     def align(self, frame: Frame) -> Any:
         """Do the first half of the work, which holds all state. Only `combine` may use the result.
@@ -59,18 +68,26 @@ class StreamCorrector(ABC):
         if not isinstance(frame, Frame):
             raise FrameError(f"expected a Frame, got {type(frame).__name__}")
         frame.require_shape(self._intrinsics.shape)
-        if not self._busy.acquire(blocking=False):
-            raise FrameError("another thread is using this corrector: make one for each stream of frames")
-        try:
+        with self._alone():
             if not frame.stamp_s > self._last_stamp_s:
                 raise FrameError(
                     f"time must increase: a frame at {frame.stamp_s} s follows one at {self._last_stamp_s} s"
                 )
             aligned = self._align(frame)
             self._last_stamp_s = frame.stamp_s  # A frame that raises an error may come again, repaired.
+        return aligned
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Refuse a second thread. When the program ends, other threads end here, between two frames."""
+        if not self._busy.acquire(blocking=False):
+            if not main_thread().is_alive():
+                raise SystemExit
+            raise FrameError("another thread is using this corrector: make one for each stream of frames")
+        try:
+            yield
         finally:
             self._busy.release()
-        return aligned
 
     @abstractmethod
     def _align(self, frame: Frame) -> Any: ...

@@ -152,6 +152,15 @@ class Epochs:
         self._last_features = features
         self._window.append(replace(frame, gray=frame.gray.copy(), depth_m=frame.depth_m.copy()))
         if len(self._window) == self._window_frames:
-            self._pending = self._executor.submit(self._fuse, self._window, features)
+            self._pending = self._started(self._window, features)
             self._due = self._frames + (0 if self._lag == "ready" else self._lag)
             self._window = None
+
+    def _started(self, window: Sequence[Frame], features: Features) -> "Future[Template]":
+        """Start the fusion of a window; do it at once where the interpreter ends and starts no more work."""
+        try:
+            return self._executor.submit(self._fuse, window, features)
+        except RuntimeError:
+            done: Future[Template] = Future()
+            done.set_result(self._fuse(window, features))
+            return done
