@@ -16,6 +16,7 @@ from sim.errors import RecordingError, SimError
 from sim.recording import Recording
 from voxdepth.datasets import open_dataset
 from voxdepth.errors import VoxDepthError
+from voxdepth.tools.errors import ToolError
 from voxdepth.tools.files import as_tool_error, to_toml
 from voxdepth.tools.provenance import CORRECTION, processor_name, versions
 
@@ -197,7 +198,7 @@ def evaluate(plan: Plan, progress: Callable[[str, int], None]) -> Evaluation:
         with _frame_cache(plan.out) as frames:
             try:
                 source, info, cached = _prepared(plan, requested, cache, frames, tell)
-            except (SimError, VoxDepthError, ScenarioError) as error:
+            except (SimError, VoxDepthError) as error:
                 reason = " ".join(str(error).split())
                 results += [Result(key=key, error=reason) for key in _keys(plan, requested.name)]
                 tell(f"{requested.name}, not opened")
@@ -246,7 +247,7 @@ def _keys(plan: Plan, sequence: str, frames: int = 0, seed: int | None = None, d
 def _computed(source: FrameSource, method: Method, frames: FrameCache, cache: ResultCache, old: Result) -> Result:
     try:
         scores = dict(run(method, frames, source.groups, source.intrinsics))
-    except (MethodError, ScenarioError) as error:
+    except (MethodError, ToolError) as error:
         scores = {"error": str(error)}
     result = Result(key=old.key, replaced=old.replaced, **scores)
     cache.store(result)

@@ -19,7 +19,7 @@ from ..results.figure import label_axes, panels
 from .comparison import HOLES, Comparison, mean_of_known
 from .experiment import Experiment, ExperimentContext, Findings, configured_method
 
-NEVER = 1_000_000
+NEVER = 100_000
 """A threshold that nothing reaches."""
 ANY = 1e-6
 """A threshold that everything passes."""

@@ -13,6 +13,7 @@ from pydantic import Field
 from sim.depth_noise import SensorModelName
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.model import Model
+from voxdepth.tools.errors import ToolError
 
 from ..config import Run, images_of, load_run
 from ..errors import ScenarioError
@@ -275,6 +276,6 @@ def digest(study: Study, specs: Sequence[RunSpec]) -> str:
 def _spec(study: Study, scenario: str, arm: Arm, theta: float | None, seed: int) -> RunSpec:
     try:
         run = load_run(scenario, seed, {**study.changes, **arm.changes_at(theta)})
-    except ScenarioError as error:
+    except ToolError as error:
         raise ScenarioError(f"arm {arm.name!r} of the study {study.name!r}: {error}") from error
     return RunSpec(scenario=run.scenario.name, arm=arm.name, theta=theta, run=run, key=key_of(run))

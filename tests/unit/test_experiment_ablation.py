@@ -6,8 +6,8 @@ import pytest
 
 from scenarios.experiments.ablation import DEFAULT_CONFIG, VARIANTS
 from scenarios.experiments.pictures import SHADES, encoded, quantized, sheet
-from scenarios.images import FAR_M
 from voxdepth import VoxDepth
+from voxdepth.colors import FAR_M
 from voxdepth.registry import DEFAULT
 from voxdepth.types import CorrectedDepth, FloatImage, Frame, Intrinsics, Source
 
