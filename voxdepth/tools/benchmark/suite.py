@@ -52,7 +52,7 @@ class BenchmarkResults(Model):
     paper: PaperTimings
     """Latency of the paper's method."""
     libraries: dict[str, dict[str, Latency]]
-    """Times of every step by library."""
+    """Times of every step by library; only the CPU's without Warp."""
     librealsense: list[Comparison] = Field(default_factory=list)
     """Both correctors beside librealsense, by size; empty where it is not installed."""
     sizes: list[PaperTimings] = Field(default_factory=list)
@@ -127,8 +127,9 @@ def print_results(console: Console, results: BenchmarkResults) -> None:
         *map(_librealsense, results.librealsense),
         *map(_default, results.default),
         _paper(results.paper),
-        _libraries(results.libraries, size),
     ]
+    if len(results.libraries) > 1:
+        tables.append(_libraries(results.libraries, size))
     if results.sizes:
         tables.append(_sizes(results.sizes))
     if results.throughput:
