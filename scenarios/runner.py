@@ -4,10 +4,11 @@ import json
 import os
 import platform
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,8 @@ from swarm.compose import composed_mission
 from swarm.mission import Mission
 from swarm.recorder import Recorder
 from swarm.types import MissionResult
-from voxdepth.tools.files import to_toml
+from voxdepth.tools.errors import ToolError
+from voxdepth.tools.files import as_tool_error, to_toml, write
 from voxdepth.tools.provenance import machine, versions
 
 from .config import Run
@@ -56,27 +58,26 @@ def fly_and_write(run: Run, out: Path, *, record: bool, progress: Progress | Non
     """Fly a mission and write its files to a new folder below `out`; `record` says whether they include a recording.
 
     Ctrl-C ends the mission with the outcome `interrupted`; its files are written nevertheless. A run that is killed
-    leaves `config.toml` and its recording up to some seconds before as `run.part.rrd`. A folder that cannot be written
-    is a `ScenarioError`.
+    leaves `config.toml` and its recording up to some seconds before as `run.part.rrd`. A folder or a file that cannot
+    be written is a `ScenarioError`, which names the files that are whole.
     """
     _refuse_unwritable(out)
     folder = _free_folder(out, run)
     recorder = _make_recorder(run, folder / PARTIAL_RECORDING) if record else Recorder()
-    try:
-        with flying(run, recorder, recorded=record) as mission:
-            try:
-                folder.mkdir(parents=True)
-            except OSError as error:
-                raise ScenarioError(f"cannot create the run folder {folder}: {error.strerror}") from error
-            (folder / "config.toml").write_text(to_toml(run), encoding="utf-8")
-            wall_s = _ticks(mission, progress)
-            result = mission.result()
-    finally:
-        recorder.close()
-    if record:
-        (folder / PARTIAL_RECORDING).rename(folder / RECORDING)
-    finished = Finished(result=result, wall_s=wall_s, folder=folder)
-    _write_results(finished, run, folder)
+    with _naming_whole_files(folder):
+        try:
+            with flying(run, recorder, recorded=record) as mission:
+                with as_tool_error(f"cannot create the run folder {folder}"):
+                    folder.mkdir(parents=True)
+                write(folder / "config.toml", to_toml(run).encode())
+                wall_s = _ticks(mission, progress)
+                result = mission.result()
+        finally:
+            recorder.close()
+        if record:
+            (folder / PARTIAL_RECORDING).rename(folder / RECORDING)
+        finished = Finished(result=result, wall_s=wall_s, folder=folder)
+        _write_results(finished, run, folder)
     return finished
 
 
@@ -155,17 +156,30 @@ def _free_folder(out: Path, run: Run) -> Path:
     return next(out / name for name in names if not (out / name).exists())
 
 
+@contextmanager
+def _naming_whole_files(folder: Path) -> Iterator[None]:
+    """Add to an error about a file which files of the run are whole."""
+    try:
+        yield
+    except ToolError as error:
+        files = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
+        whole = sorted(str(path) for path in files if path.name != PARTIAL_RECORDING)
+        if not whole:
+            raise
+        raise ScenarioError(f"{error}; whole in {folder}: {', '.join(whole)}") from error
+
+
 def _write_results(finished: Finished, run: Run, folder: Path) -> None:
     """Write `metrics.json`, trajectories in the TUM RGB-D format, `flight.png` and the page `summary.html`."""
     from .mission_pictures import draw_flight
     from .run_page import write_page
 
     text = json.dumps(summary(finished, run), indent=2, allow_nan=False)
-    (folder / "metrics.json").write_text(text + "\n", encoding="utf-8")
-    (folder / "trajectories").mkdir()
+    write(folder / "metrics.json", f"{text}\n".encode())
     for drone, trajectory in enumerate(finished.result.trajectories):
         rows = np.column_stack([trajectory.time_s, trajectory.position_m, trajectory.q_world_body_xyzw])
-        path = folder / "trajectories" / f"drone-{drone}.tum"
-        np.savetxt(path, rows, fmt="%.6f", header="timestamp tx ty tz qx qy qz qw")
+        lines = BytesIO()
+        np.savetxt(lines, rows, fmt="%.6f", header="timestamp tx ty tz qx qy qz qw")
+        write(folder / "trajectories" / f"drone-{drone}.tum", lines.getvalue())
     draw_flight(folder / "flight.png", run, finished)
     write_page(folder / "summary.html", run, finished, picture=folder / "flight.png")

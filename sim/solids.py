@@ -13,6 +13,7 @@ from voxdepth.types import FloatArray
 
 from . import frames
 from .bodies import Body, Box, Cylinder, Heightfield, Mesh, Shape, Sphere, Surface
+from .errors import SimError
 from .seeds import Purpose, stream
 
 
@@ -28,10 +29,14 @@ def create_body(body: Body, client: int) -> int:
 def apply_texture(bodies: Sequence[int], seed: int, client: int) -> None:
     """Give bodies a seeded noise texture for PyBullet's renderers, which ignore its strength and pattern."""
     noise = stream(seed, Purpose.SURFACE).integers(90, 256, (256, 256), dtype=np.uint8)
-    with tempfile.TemporaryDirectory() as folder:
-        path = str(Path(folder) / "noise.png")
-        cv2.imwrite(path, cv2.cvtColor(cv2.GaussianBlur(noise, (0, 0), 1.0), cv2.COLOR_GRAY2BGR))
-        texture = pybullet.loadTexture(path, physicsClientId=client)
+    _, png = cv2.imencode(".png", cv2.cvtColor(cv2.GaussianBlur(noise, (0, 0), 1.0), cv2.COLOR_GRAY2BGR))
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "noise.png"
+            path.write_bytes(png.tobytes())
+            texture = pybullet.loadTexture(str(path), physicsClientId=client)
+    except OSError as error:
+        raise SimError(f"cannot write a texture for PyBullet: {error}; TMPDIR may name a folder with space") from error
     for body in bodies:
         pybullet.changeVisualShape(body, -1, textureUniqueId=texture, physicsClientId=client)
 

@@ -50,7 +50,11 @@ class Compiled:
 
     def compile(self) -> bool:
         """Compile the function, or read it from the disk; whether it had to be compiled."""
-        self.dispatcher.compile(self.signature)
+        try:
+            self.dispatcher.compile(self.signature)
+        except OSError:  # It is compiled and then kept, for which the disk may be too full.
+            if not self.dispatcher.overloads:
+                raise
         self.dispatcher.disable_compile()
         self._is_compiled = True
         return not self.dispatcher.stats.cache_hits

@@ -7,6 +7,7 @@ z forward; pixel centres lie at integer coordinates; depth is along the optical 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from numbers import Integral, Real
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -65,6 +66,9 @@ class Intrinsics:
     error is a third of what it would be for depth that was matched at this size."""
 
     def __post_init__(self) -> None:
+        _require_numbers(Integral, width_px=self.width_px, height_px=self.height_px)
+        _require_numbers(Real, fx_px=self.fx_px, fy_px=self.fy_px, cx_px=self.cx_px, cy_px=self.cy_px)
+        _require_numbers(Real, baseline_m=self.baseline_m or 0, disparity_scale=self.disparity_scale)
         size = f"{self.width_px}x{self.height_px}"
         lens = (self.fx_px, self.fy_px, self.cx_px, self.cy_px)
         if min(self.width_px, self.height_px) < 1 or max(self.width_px, self.height_px) > LARGEST_SIDE_PX:
@@ -100,6 +104,8 @@ class Intrinsics:
         cls, *, width_px: int, height_px: int, hfov_deg: float, baseline_m: float | None = None
     ) -> "Intrinsics":
         """Centred camera with square pixels and a horizontal field of view of `hfov_deg` in (0, 180)."""
+        _require_numbers(Integral, width_px=width_px, height_px=height_px)
+        _require_numbers(Real, hfov_deg=hfov_deg)
         if not 0 < hfov_deg < 180:
             raise FrameError(f"the horizontal field of view must lie in (0, 180) degrees, got {hfov_deg}")
         f = width_px / 2 / float(np.tan(np.radians(hfov_deg) / 2))
@@ -186,6 +192,7 @@ class Frame:
         """
         if _kind(depth_mm) != "uint16":
             raise FrameError(f"expected depth as a uint16 array, got {_kind(depth_mm)}; Frame.from_metres takes metres")
+        _require_numbers(Real, units_per_m=units_per_m)
         if not 0 < units_per_m < np.inf:
             raise FrameError(f"units_per_m must be positive, got {units_per_m}")
         depth_m = depth_mm.astype(np.float32) / np.float32(units_per_m)
@@ -206,12 +213,13 @@ class Frame:
         return cls(stamp_s=stamp_s, gray=gray, depth_m=holed_m, T_world_cam=T_world_cam)
 
     def __post_init__(self) -> None:
+        _require_numbers(Real, stamp_s=self.stamp_s)
         if not np.isfinite(self.stamp_s):
             raise FrameError(f"stamp_s must be finite, got {self.stamp_s}")
         self._require_images()
         T = self.T_world_cam
-        if T is not None and not _is_rigid(T):
-            raise FrameError(f"T_world_cam must be a finite rigid pose of shape (4, 4), got {T.tolist()}")
+        if T is not None and not (_is_plain(T) and _is_rigid(T)):
+            raise FrameError(f"T_world_cam must be an array, a finite rigid pose of shape (4, 4), got {T!r}")
         for name in ("gray", "depth_m"):  # Compiled loops and OpenCV take rows one after the other.
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))
 
@@ -241,6 +249,14 @@ class Frame:
         """Raise a `FrameError` if the images have another shape (rows, columns)."""
         if self.depth_m.shape != shape:
             raise FrameError(f"frames of this camera have shape {shape}, got {self.depth_m.shape}")
+
+
+def _require_numbers(kind: type[Real] | type[Integral], /, **given: object) -> None:
+    """Raise a `FrameError` for a value that is no number of a kind."""
+    for name, value in given.items():
+        if not isinstance(value, kind) or isinstance(value, bool):
+            expected = "a whole number" if kind is Integral else "a number"
+            raise FrameError(f"{name} must be {expected}, got {value!r} of type {type(value).__name__}")
 
 
 def _is_plain(given: object) -> bool:

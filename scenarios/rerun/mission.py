@@ -28,6 +28,7 @@ from voxdepth.tools.stream import (
     depth_colors,
     depth_image,
     finite,
+    flush,
     gray_image,
     layout,
     open_stream,
@@ -217,15 +218,17 @@ class MissionRecorder(Recorder):
     def close(self) -> None:
         """Write buffered data and close the file; a second call does nothing."""
         if self._stream is not None and self._columns is not None:
-            self._write()
-            self._stream.disconnect()
-            self._stream = self._columns = None
+            try:
+                self._write()
+            finally:
+                self._stream.disconnect()
+                self._stream = self._columns = None
 
     def _write(self) -> None:
         """Write everything that was recorded so far to the file."""
         if self._stream is not None and self._columns is not None:
             self._columns.flush()
-            self._stream.flush()
+            flush(self._stream, self._path)
 
     def _log(self, path: str, *what: Any, static: bool = False) -> None:
         if self._stream is not None:

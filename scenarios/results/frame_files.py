@@ -4,8 +4,10 @@ import io
 from pathlib import Path
 
 import pandas as pd
+from pandas.api.types import is_numeric_dtype
 
 from voxdepth.tools.files import write
+from voxdepth.tools.table import csv_entry
 
 
 def write_frame(stem: Path, frame: pd.DataFrame) -> list[Path]:
@@ -15,7 +17,11 @@ def write_frame(stem: Path, frame: pd.DataFrame) -> list[Path]:
     """
     parquet = io.BytesIO()
     frame.to_parquet(parquet, index=False)
-    files = {".csv": frame.to_csv(index=False, lineterminator="\n").encode(), ".parquet": parquet.getvalue()}
+    texts = {name: frame[name].map(csv_entry) for name in frame if not is_numeric_dtype(frame[name])}
+    files = {
+        ".csv": frame.assign(**texts).to_csv(index=False, lineterminator="\n").encode(),
+        ".parquet": parquet.getvalue(),
+    }
     for suffix, data in files.items():
         write(stem.with_name(stem.name + suffix), data)
     return [stem.with_name(stem.name + suffix) for suffix in files]

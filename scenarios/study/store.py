@@ -158,7 +158,7 @@ class Store:
         """
         busy = f"another process is flying the study: wait for it, or look at it with voxdepth study status {folder}"
         with locked(folder, busy), cls._connected(folder) as store:
-            with store._transaction("IMMEDIATE"):
+            with store._writing():
                 if store._is_empty():
                     store._create(study, specs)
             store._require_schema()
@@ -181,11 +181,8 @@ class Store:
             insert = "INSERT INTO results VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
             texts = _texts(done)
             row = (done.key, *texts, done.wall_s, now, _digest(done.key, *texts))
-        try:
-            with self._transaction("IMMEDIATE"):
-                self._database.execute(insert, row)
-        except sqlite3.OperationalError as error:
-            raise ScenarioError(f"cannot write {self._path}: {error}; completed runs are stored") from error
+        with self._writing():
+            self._database.execute(insert, row)
 
     def read(self) -> StudyData:
         """Read the whole content in one transaction.
@@ -270,13 +267,23 @@ class Store:
             yield store
 
     @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Write the block as a whole; what cannot be written is a `ScenarioError`."""
+        try:
+            with self._transaction("IMMEDIATE"):
+                yield
+        except sqlite3.OperationalError as error:
+            raise ScenarioError(f"cannot write {self._path}: {error}; completed runs are stored") from error
+
+    @contextmanager
     def _transaction(self, mode: Literal["DEFERRED", "IMMEDIATE"]) -> Iterator[None]:
         """Commit the block as a whole or not at all. `DEFERRED` is for reading: it needs no permission to write."""
         self._database.execute(f"BEGIN {mode}")
         try:
             yield
         except BaseException:
-            self._database.execute("ROLLBACK")
+            if self._database.in_transaction:  # SQLite ends one by itself when the disk is full.
+                self._database.execute("ROLLBACK")
             raise
         self._database.execute("COMMIT")
 

@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -79,6 +80,16 @@ def test_a_frame_is_the_same_in_both_files(tmp_path) -> None:
     assert [path.name for path in paths] == ["results.csv", "results.parquet"]
     pd.testing.assert_frame_equal(pd.read_csv(paths[0]), frame)
     assert pd.read_parquet(paths[1]).equals(frame)
+
+
+@pytest.mark.parametrize("text", ["=1+1", "@SUM(A1)", "+1", "-1+1", "\t=1"])
+def test_a_spreadsheet_runs_no_name(text: str, tmp_path: Path) -> None:
+    (csv_file, parquet) = write_frame(tmp_path / "runs", pd.DataFrame({"name": [text, None], "value": [-1.0, 2.0]}))
+    with csv_file.open(newline="") as file:
+        assert list(csv.reader(file))[1:] == [[f"'{text}", "-1.0"], ["", "2.0"]]
+    assert pd.read_parquet(parquet)["name"][0] == text
+    small = Table.of("small", ("name", "value"), [(text, -1.5)])
+    assert list(csv.reader(io.StringIO(small.csv().decode(), newline="")))[1] == [f"'{text}", "-1.5"]
 
 
 def test_numbers_are_found_by_the_entries_of_other_columns_in_their_order() -> None:

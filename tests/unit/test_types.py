@@ -37,6 +37,31 @@ def test_what_is_no_array_is_refused(bad: dict[str, object]) -> None:
         Frame(**({"stamp_s": 0.0, "gray": GRAY, "depth_m": DEPTH} | bad))  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("create", "message"),
+    [
+        (lambda: Frame(stamp_s="0", gray=GRAY, depth_m=DEPTH), "stamp_s must be a number, got '0' of type str"),
+        (lambda: Frame(stamp_s=None, gray=GRAY, depth_m=DEPTH), "stamp_s must be a number, got None"),
+        (lambda: Frame(stamp_s=0, gray=GRAY, depth_m=DEPTH, T_world_cam=[[1]]), "T_world_cam must be an array"),
+        (lambda: Intrinsics.from_hfov(width_px="64", height_px=48, hfov_deg=80), "width_px must be a whole number"),
+        (lambda: Intrinsics.from_hfov(width_px=64, height_px=48.5, hfov_deg=80), "height_px must be a whole number"),
+        (lambda: Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=True), "hfov_deg must be a number"),
+        (
+            lambda: Frame.from_millimetres(stamp_s=0, gray=GRAY, depth_mm=DEPTH.astype(np.uint16), units_per_m="1000"),
+            "units_per_m must be a number",
+        ),
+    ],
+)
+def test_values_of_another_type_are_refused_by_name(create: Callable[[], object], message: str) -> None:
+    with pytest.raises(FrameError, match=message):
+        create()
+
+
+@pytest.mark.parametrize("number", [np.float32(1.5), np.int64(2), 3, 0.5])
+def test_numbers_of_numpy_are_numbers(number: Any) -> None:
+    assert Frame(stamp_s=number, gray=GRAY, depth_m=DEPTH).stamp_s == number
+
+
 @pytest.mark.parametrize("create", [
     lambda masked: Frame(stamp_s=0.0, gray=GRAY, depth_m=masked),
     lambda masked: Frame.from_metres(stamp_s=0.0, gray=GRAY, depth_m=masked),

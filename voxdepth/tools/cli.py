@@ -4,6 +4,7 @@ Other packages add commands by the entry-point group `voxdepth.extensions`, whos
 The testbed of this project is one: its commands are there in a checkout, and not where only the library is installed.
 """
 
+import os
 import re
 import signal
 import sys
@@ -32,6 +33,8 @@ PANELS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
 )
 """Commands of the library by the heading of `--help`."""
 USER_ERROR = 2
+RERUN_LOG = "warn,re_log_encoding=off,re_sdk::recording_stream=off"
+"""What Rerun prints by itself: not that a file cannot be written, which is an error of ours."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,6 +101,7 @@ def create_app() -> typer.Typer:
 
 def main() -> None:
     """Run the command line; our own errors print one line and exit with code 2."""
+    os.environ.setdefault("RUST_LOG", RERUN_LOG)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # Not every terminal has the lines of a table.

@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 
 from ..types import CorrectedDepth, Frame
 from .files import atomic
-from .stream import confidence_image, depth_colors, depth_image, gray_image, layout, open_stream, source_labels
+from .stream import confidence_image, depth_colors, depth_image, flush, gray_image, layout, open_stream, source_labels
 
 VIEWS = ("gray", "colors/raw", "colors/corrected", "source", "confidence")
 MILLISECONDS = 1000.0
@@ -54,8 +54,8 @@ def stream_into(
         stream = open_stream(application, temporary, recording_id, blueprint)
         try:
             yield stream
+            flush(stream, path)
         finally:
-            stream.flush()
             stream.disconnect()
 
 

@@ -1,5 +1,6 @@
 """Streams, images, colours and layouts that all Rerun recordings share."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,14 @@ import rerun.blueprint as rrb
 from ..colors import colored
 from ..ros import confidence_levels
 from ..types import FloatImage, GrayImage, Source
+from .errors import ToolError
 from .output import encode
 
 CENTIMETRE = 100.0
 """Depth images are stored as 16-bit PNG in centimetres, to 1 %: finer than any of the sensors measures."""
 JPEG_QUALITY = 75
+FLUSH_TIMEOUT_S = 20.0
+"""Rerun may wait for ever for a thread that ended because the disk was full."""
 SOURCE_COLORS = {
     Source.INVALID: (0, 0, 0),
     Source.SENSOR: (90, 160, 90),
@@ -36,6 +40,15 @@ def open_stream(
     rr.set_log_tick_enabled(False, stream)
     stream.save(path, default_blueprint=blueprint)
     return stream
+
+
+def flush(stream: rr.RecordingStream, path: Path) -> None:
+    """Write everything that was logged to the file at `path`; a `ToolError` says that it cannot be written."""
+    try:
+        stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
+    except (RuntimeError, ValueError) as error:
+        free_mb = shutil.disk_usage(path.parent).free / 1e6
+        raise ToolError(f"cannot write {path}: {error}; {free_mb:.1f} MB are free there") from error
 
 
 def layout(content: Any, timeline: str) -> rrb.Blueprint:

@@ -22,6 +22,8 @@ Value = str | int | float | None
 """One entry of a table; None if it is unknown or undefined."""
 MISSING = "-"
 """Text of an entry that is None or NaN."""
+FORMULA = ("=", "+", "-", "@", "\t")
+"""How a text begins that a spreadsheet takes for a formula."""
 TERMINAL_WIDTH = 400
 """Characters in a line of a printed table: squeezing it into a terminal would cut its numbers."""
 
@@ -29,6 +31,12 @@ TERMINAL_WIDTH = 400
 def is_missing(value: Value) -> bool:
     """Return whether an entry is None or NaN."""
     return value is None or (not isinstance(value, str) and isnan(value))
+
+
+def csv_entry(value: Any) -> Any:
+    """A value as an entry of a CSV file: an apostrophe precedes a text that a spreadsheet would run as a formula."""
+    is_formula = isinstance(value, str) and value.startswith(FORMULA) and value != MISSING
+    return f"'{value}" if is_formula else value
 
 
 @dataclass(frozen=True)
@@ -148,7 +156,7 @@ class Table:
         text = io.StringIO()
         lines = csv.writer(text, lineterminator="\n")
         lines.writerow(self.headings)
-        lines.writerows([None if is_missing(value) else value for value in row] for row in self.rows)
+        lines.writerows([None if is_missing(value) else csv_entry(value) for value in row] for row in self.rows)
         return text.getvalue().encode()
 
     def markdown(self) -> str:

@@ -1,0 +1,95 @@
+"""What is left and said where a file cannot be written: a limit on the size of files stands in for a full disk."""
+
+import os
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sim.recording import Recording
+
+from .test_study import TINY
+
+pytestmark = pytest.mark.slow
+TIMEOUT_S = 120
+COMMAND = (sys.executable, "-c", "from voxdepth.tools.cli import main; main()")
+
+
+def limited(limit_bytes: int, *arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run a command that can write no file beyond a size."""
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, limit_bytes))
+
+    command = [*COMMAND, *map(str, arguments)]
+    variables = os.environ | environment
+    return subprocess.run(
+        command, env=variables, preexec_fn=limit, capture_output=True, text=True, timeout=TIMEOUT_S, check=False
+    )
+
+
+def refused(done: subprocess.CompletedProcess[str], path: str) -> str:
+    """The one line of a command that could not write the file or folder that ends in `path`."""
+    assert done.returncode == 2, done.stderr
+    (line,) = (line for line in done.stderr.splitlines() if not line.startswith("compiling"))
+    assert line.startswith("voxdepth: cannot write ")
+    assert path in line
+    return line
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("full") / "recording"
+    command = [*COMMAND, "record", "sim-LN", "--frames", "3", "--size", "160x120", "--out", folder]
+    subprocess.run(command, timeout=TIMEOUT_S, check=True)
+    return folder
+
+
+def test_a_run_says_what_is_whole_if_its_recording_cannot_be_written(tmp_path: Path) -> None:
+    done = limited(200_000, "run", "city", "--depth", "truth", "--duration", "4", "--out", tmp_path)
+    (folder,) = tmp_path.iterdir()
+    assert refused(done, "run.part.rrd").endswith(f"whole in {folder}: config.toml")
+    assert {path.name for path in folder.iterdir()} == {"config.toml", "run.part.rrd"}
+
+
+def test_a_run_without_space_for_temporary_files_ends_before_it_begins(tmp_path: Path) -> None:
+    done = limited(10_000, "run", "city", "--depth", "truth", "--out", tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("voxdepth: cannot write a texture for PyBullet: [Errno 27] File too large")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("limit_bytes", [0, 10_000])
+def test_a_study_whose_store_cannot_be_written_goes_on_later(tmp_path: Path, limit_bytes: int) -> None:
+    (tmp_path / "tiny.toml").write_text(TINY)
+    command = ("study", "run", tmp_path / "tiny.toml", "--out", tmp_path / "out", "--workers", "0")
+    refused(limited(limit_bytes, *command), "study.sqlite")
+    again = limited(10_000_000, *command, "--resume")
+    assert again.returncode == 0, again.stderr
+
+
+def test_a_recording_keeps_its_complete_frames(tmp_path: Path) -> None:
+    folder = tmp_path / "recording"
+    done = limited(200_000, "record", "sim-LN", "--frames", "3", "--size", "640x480", "--out", folder)
+    assert refused(done, "recording").endswith(f"0 complete frames are in {folder}")
+    assert len(Recording.open(folder)) == 0
+
+
+@pytest.mark.parametrize("out", ["images", "messages.mcap"])
+def test_a_corrected_sequence_is_whole_or_absent(recording: Path, tmp_path: Path, out: str) -> None:
+    refused(limited(3_000, "correct", recording, "--out", tmp_path / out), out)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_recording_of_a_correction_is_whole_or_absent(recording: Path, tmp_path: Path) -> None:
+    command = ("correct", recording, "--out", tmp_path / "out", "--record", tmp_path / "frames.rrd")
+    refused(limited(60_000, *command), "frames.rrd")
+    assert not (tmp_path / "frames.rrd").exists()
+
+
+def test_functions_that_cannot_be_kept_are_compiled_all_the_same(recording: Path, tmp_path: Path) -> None:
+    command = ("correct", recording, "--corrector", "ip-basic", "--out", tmp_path / "out")
+    done = limited(100_000, *command, XDG_CACHE_HOME=str(tmp_path / "cache"), NUMBA_CACHE_DIR="")
+    assert done.returncode == 0, done.stderr
