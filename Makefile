@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test fast lint bench profile acceptance picture sequences regress docs wheel clean
+.PHONY: help setup demo test fast mutants lint bench profile acceptance picture sequences regress docs wheel clean
 
 help:            ## list the targets
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed 's/:.*## */\t/' | expand -t 14
@@ -30,6 +30,9 @@ test: setup      ## run lint, types, layers and all tests
 
 fast: setup      ## run the tests that answer within two minutes
 	$(BIN)/pytest -n 2 -m "not slow"
+
+mutants: setup   ## make plausible mistakes in a copy of the tree, and print which fast test notices each
+	$(BIN)/python -m tests.mutants
 
 docs: setup      ## build the documentation site in site/, and check its links
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'

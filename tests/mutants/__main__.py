@@ -106,7 +106,7 @@ class Copy:
             )  # fmt: skip
         except subprocess.TimeoutExpired:
             return f"a limit of {TIMEOUT_S} s"
-        failed = re.search(r"^FAILED \S*?([^/\s]+::\S+)", done.stdout, re.MULTILINE)
+        failed = re.search(r"^FAILED \S*?([^/\s]+::.+?)(?: - |$)", done.stdout, re.MULTILINE)
         if done.returncode not in (0, 1) or (done.returncode == 1) != (failed is not None):
             last = "\n".join((done.stdout + done.stderr).splitlines()[-15:])
             raise MutantError(f"pytest ended with {done.returncode} on {' '.join(tests)}:\n{last}")

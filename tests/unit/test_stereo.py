@@ -16,7 +16,7 @@ from sim.sensor import RigConfig, photon_noise
 from sim.stereo import StereoConfig, StereoMatcher, texture
 from sim.types import InvalidReason
 from tests.helpers import block, camera_at, wall, world_of
-from voxdepth.types import Intrinsics
+from voxdepth.types import FloatImage, GrayImage, Intrinsics
 
 WIDE = Intrinsics.from_hfov(width_px=320, height_px=180, hfov_deg=86, baseline_m=0.095)
 
@@ -64,6 +64,44 @@ def test_threads_share_a_matcher_and_get_the_same_bytes() -> None:
     for disparity in together:
         np.testing.assert_array_equal(disparity, alone)
     cv2.setNumThreads(1)
+
+
+SMALL = Intrinsics.from_hfov(width_px=160, height_px=120, hfov_deg=86, baseline_m=0.095)
+INSIDE = np.s_[8:-8, 48:-8]
+"""Pixels that both cameras see, with their whole neighbourhood."""
+
+
+def slanted(per_col: float, per_row: float) -> tuple[GrayImage, GrayImage, FloatImage]:
+    """Left and right image of a slanted surface that is rough everywhere, and its disparity [px]."""
+    noise = np.random.default_rng(0).integers(0, 256, SMALL.shape).astype(np.float32)
+    right = np.asarray(cv2.GaussianBlur(noise, (0, 0), 1.0), np.float32)
+    row, col = np.indices(SMALL.shape, np.float32)
+    disparity_px = np.asarray(20 + per_col * (col - 80) + per_row * (row - 60), np.float32)
+    left = cv2.remap(right, col - disparity_px, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    return np.clip(left, 0, 255).astype(np.uint8), np.clip(right, 0, 255).astype(np.uint8), disparity_px
+
+
+@pytest.mark.parametrize("check", ["one-to-one", "left-right"])
+@pytest.mark.parametrize(("per_col", "per_row"), [(0.0, 0.0), (0.15, 0.15), (-0.15, 0.15)])
+def test_a_rough_surface_has_no_hole_however_it_is_slanted(check: str, per_col: float, per_row: float) -> None:
+    """Its neighbours differ by much more than a sixteenth of a pixel, and two of them may meet in the right image."""
+    left, right, disparity_px = slanted(per_col, per_row)
+    config = StereoConfig.model_validate({"min_depth_m": 0.2, "check": check})
+    found, reason = StereoMatcher(SMALL, config, max_depth_m=40).match(left, right)
+    assert (reason[INSIDE] == InvalidReason.NONE).mean() > 0.995
+    np.testing.assert_allclose(np.median(found[INSIDE] / 16 - disparity_px[INSIDE]), 0, atol=0.1)
+
+
+def test_the_check_tolerates_pixels_not_their_sixteenths() -> None:
+    """On a surface that comes nearer to the right, one column in seven meets its nearer neighbour."""
+    left, right, _ = slanted(0.15, 0.15)
+    shares = []
+    for check_px in (1 / 16, 1.0):
+        config = StereoConfig(min_depth_m=0.2, check_px=check_px)
+        _, reason = StereoMatcher(SMALL, config, max_depth_m=40).match(left, right)
+        shares.append(float((reason[INSIDE] == InvalidReason.AMBIGUOUS).mean()))
+    assert shares[0] == pytest.approx(0.15, abs=0.03)
+    assert shares[1] < 0.005
 
 
 def quality_of_sim_mb(**stereo: object) -> DepthQuality:

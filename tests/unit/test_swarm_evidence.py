@@ -79,6 +79,18 @@ def test_doubt_warns_and_proves_nothing() -> None:
     assert np.isinf(surface_m).all()
 
 
+def test_the_least_confidence_is_enough() -> None:
+    """More likely right than not is what is trusted, and a bound belongs to what it allows."""
+    for confidence, is_trusted in ((0.4999, False), (0.5, True)):
+        free_m, surface_m = evidence(flat(2.0), confidence)
+        np.testing.assert_array_equal(free_m > 0, is_trusted)
+        assert np.isfinite(surface_m).all()
+    quarter = EvidenceConfig(disparity_error_px=0, min_surface_confidence=0.25)
+    for confidence, is_shown in ((0.2499, False), (0.25, True)):
+        _, surface_m = evidence(flat(2.0), confidence, quarter)
+        np.testing.assert_array_equal(np.isfinite(surface_m), is_shown)
+
+
 def test_a_doubtful_surface_ends_trusted_free_space() -> None:
     depth_m, confidence = flat(8.0), np.ones(CAMERA.shape, np.float32)
     near = np.random.default_rng(1).random(CAMERA.shape) < 0.25

@@ -49,7 +49,7 @@ def test_unknown_cells_are_free_where_that_is_asked_for() -> None:
     assert h.range_m.min() > 39
 
 
-@pytest.mark.parametrize(("confidence", "unknown"), [(0.19, True), (0.21, False)])
+@pytest.mark.parametrize(("confidence", "unknown"), [(0.19, True), (0.2, False), (0.21, False)])
 def test_pixels_of_little_confidence_count_as_holes(confidence: float, unknown: bool) -> None:
     image = corrected(flat(5.0))
     image.confidence[:] = confidence

@@ -93,6 +93,17 @@ class TestChoice:
         choice = AVOIDANCE.choose(2.5 * FORWARD, histogram(flat(40.0)), None)
         np.testing.assert_allclose(choice.velocity_m_s, 2.5 * FORWARD)
 
+    @given(st.floats(-3, 3), st.floats(-1, 1))
+    def test_the_way_already_gone_is_not_there_to_brake(self, gone_m: float, aside_m: float) -> None:
+        h = histogram(flat(6.0))
+        at_m = h.origin_m + np.array([gone_m, aside_m, 0.5 * aside_m])
+        choice = AVOIDANCE.choose(9 * FORWARD, h, FORWARD, at_m)
+        expected_m_s = limit_m_s(choice.free_m - max(0.0, float((at_m - h.origin_m) @ choice.direction)))
+        assert np.linalg.norm(choice.velocity_m_s) == pytest.approx(expected_m_s)
+        if gone_m > 0.1:
+            here = AVOIDANCE.choose(9 * FORWARD, h, FORWARD)
+            assert np.linalg.norm(choice.velocity_m_s) < np.linalg.norm(here.velocity_m_s)
+
     @given(SEEDS)
     def test_no_command_is_faster_than_the_wish_or_than_a_stop_allows(self, seed: int) -> None:
         wanted, h = forward_wish(seed), rugged(seed)

@@ -117,6 +117,23 @@ def test_a_memory_of_one_measurement_rejects_nothing() -> None:
     assert fused.disparity_px[20, 30] == memory.disparity_px[20, 30] == 18.0
 
 
+def test_the_look_of_a_surface_is_that_of_its_last_measurement() -> None:
+    """Lamps are switched on and shadows move: what is measured anew is remembered as it looks now."""
+    _, memory = fuse(memory_of(image(10)), measurement_of(image(10.2), other_look()))
+    np.testing.assert_array_equal(memory.gray, other_look())
+    fused, _ = fuse(memory, measurement_of(with_block(0.0, 10.0), other_look()))
+    np.testing.assert_array_equal(fused.remembered_px[INSIDE] > 0, True)
+
+
+def test_what_is_not_measured_keeps_its_look() -> None:
+    outlier = image(10)
+    outlier[20, 30] = 18.0
+    for new_px, where in ((outlier, np.s_[20, 30]), (with_block(0.0, 10.0), BLOCK), (with_block(20.0), INSIDE)):
+        _, memory = fuse(memory_of(image(10)), measurement_of(new_px, grays(LOOKS + 5)))
+        assert (memory.gray[where] == LOOKS).all()
+        assert (memory.gray[:8] == LOOKS + 5).all()
+
+
 class TestOcclusion:
     NEAR = measurement_of(with_block(20.0), other_look())
 

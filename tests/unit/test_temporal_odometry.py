@@ -252,6 +252,17 @@ class TestFit:
         np.testing.assert_allclose(self.seen(points, fit.T_target_source), self.seen(points, T), atol=0.01)
         assert fit.n_inliers == 40
 
+    @pytest.mark.parametrize("seed", range(4))
+    def test_nearly_half_that_moves_a_little_hardly_draws_a_right_prediction_away(self, seed: int) -> None:
+        """The scale of the residuals never grows: if it followed the median, each step would let more of them in."""
+        rng, T, n, shift_px = np.random.default_rng(seed), MOTIONS["rolled"], 200, np.array([0.0, 3.0])
+        points = rng.uniform([-2, -1.5, 2], [2, 1.5, 8], (n, 3))
+        seen = self.seen(points, T) + rng.normal(0, 0.3, (n, 2))
+        seen[: round(0.46 * n)] += shift_px
+        fit = fit_pose(points, seen, TRACKING_CAMERA, T, 1.0)
+        drawn_px = np.hypot(*(self.seen(points, fit.T_target_source) - self.seen(points, T)).T).mean()
+        assert drawn_px < 0.15 * np.linalg.norm(shift_px)
+
     def test_noise_averages_out(self) -> None:
         T, points = MOTIONS["forward"], self.points(400)
         seen = self.seen(points, T) + np.random.default_rng(1).normal(0, 0.3, (400, 2))

@@ -215,7 +215,8 @@ class TestUpsampling:
     def test_fills_of_low_confidence_are_not_shown(self) -> None:
         rng, resolution = np.random.default_rng(1), WorkingResolution.of(CAMERA, 1)
         kind = rng.integers(0, len(PixelClass), CAMERA.shape).astype(np.uint8)
-        estimate = Estimate(constant(8), kind, rng.random(CAMERA.shape).astype(np.float32))
+        confidence = rng.choice(np.array([0.1, 0.49, 0.5, 0.51, 0.9], np.float32), CAMERA.shape)
+        estimate = Estimate(constant(8), kind, confidence)
         shown = Upsampler(CAMERA.shape, resolution).show(constant(0), estimate, 0.5)
         hidden = np.isin(kind, [PixelClass.UNKNOWN, PixelClass.MEASURED]) & (estimate.confidence < 0.5)
         np.testing.assert_array_equal(shown.source == Source.INVALID, hidden)
@@ -244,6 +245,18 @@ class TestSmoothing:
         error_px = smooth_guided(noisy_px, 5, 0.3) - step_px
         assert np.std(error_px[:, :70]) < 0.04
         np.testing.assert_allclose(error_px[:, 76:84], 0, atol=0.5)
+
+    def test_half_of_the_difference_to_the_mean_stays_where_the_window_varies_as_much_as_the_noise(self) -> None:
+        varied_px = np.random.default_rng(2).normal(6, 0.4, (5, 5)).astype(np.float32)
+        smoothed_px = smooth_guided(varied_px, 5, float(varied_px.std()))
+        mean_px = varied_px.mean()
+        assert smoothed_px[2, 2] - mean_px == pytest.approx((varied_px[2, 2] - mean_px) / 2, abs=1e-3)
+
+    @pytest.mark.parametrize("scale", [0.25, 4.0])
+    def test_disparity_and_noise_may_have_any_unit(self, scale: float) -> None:
+        noisy_px = np.random.default_rng(3).normal(6, 0.5, CAMERA.shape).astype(np.float32)
+        scaled_px = smooth_guided(np.float32(scale) * noisy_px, 5, scale * 0.3)
+        np.testing.assert_allclose(scaled_px, scale * smooth_guided(noisy_px, 5, 0.3), rtol=1e-3)
 
     def test_a_window_of_one_pixel_disables_it(self) -> None:
         noisy_px = np.random.default_rng(0).normal(6, 0.5, CAMERA.shape).astype(np.float32)
