@@ -335,3 +335,16 @@ def test_the_drift_is_warped_with_the_memory(shift_px: int) -> None:
     source_col = col + shift_px / DRIFT_DECIMATION
     seen = (source_col >= 0) & (source_col <= col.max())
     np.testing.assert_allclose(warped.drift_px[seen], (0.01 * row - 0.02 * source_col)[seen], atol=1e-5)
+
+
+@pytest.mark.parametrize("shift_px", [0, 12, -8])
+def test_ages_and_looks_are_warped_with_their_surfaces(shift_px: int) -> None:
+    row, col = np.indices(CAMERA.shape)
+    age, gray = ((3 * row + col) % 251).astype(np.uint8), ((row + 5 * col) % 256).astype(np.uint8)
+    known = np.full(CAMERA.shape, WEIGHT_UNIT, np.uint8)
+    memory = Memory.empty(gray)._replace(disparity_px=constant(8), weight=known, age=age)
+    step_m = shift_px / 8 * 0.1  # a step of a baseline shifts by the disparity
+    warped = memory.warp(ForwardWarp(WorkingResolution.of(CAMERA, 1)), inverse_rigid(pose(step_m)))
+    seen = (col + shift_px >= 0) & (col + shift_px < CAMERA.width_px)
+    for image, of in ((warped.age, age), (warped.gray, gray)):
+        np.testing.assert_array_equal(image[seen], np.roll(of, -shift_px, axis=1)[seen])
