@@ -28,6 +28,11 @@ def test_texture_of_photon_noise_alone_is_1_13_times_its_deviation() -> None:
     assert texture(flat).max() == 0
 
 
+def test_texture_of_a_ramp_is_twice_its_slope() -> None:
+    ramp = np.tile(np.arange(0, 240, 3, dtype=np.uint8), (30, 1))
+    np.testing.assert_array_equal(texture(ramp), 6)
+
+
 def test_every_hole_has_a_reason_and_every_reason_a_hole() -> None:
     plain = dataclasses.replace(block(2.0, 1.0), surface=Surface(albedo=0.5, texture=0.0))
     config = RigConfig(depth="stereo", mount_forward_m=0.27)

@@ -239,6 +239,28 @@ class TestReactivePilot:
         assert isinstance(view, Histogram)
         np.testing.assert_array_equal(view.range_m, histogram(flat(0.3)).range_m)
 
+    def test_an_image_is_read_once(self) -> None:
+        pilot = ReactivePilot(REACTIVE, 20, 0.0, RADIUS_M, ONBOARD)
+        first, second = (pilot.fly(2.5 * FORWARD, situation(percept=WALL)).view for _ in range(2))
+        assert first is second
+        assert pilot.fly(2.5 * FORWARD, situation(percept=percept_of(flat(0.3), stamp_s=0.1))).view is not first
+
+    def test_what_it_flies_before_it_responds_is_not_there_to_brake(self) -> None:
+        """Flying at 2 m/s it brakes as one that stands 0.8 m nearer to the wall."""
+        wall = percept_of(flat(5.0))
+        speeds_m_s = [
+            ReactivePilot(REACTIVE, 20, 0.0, RADIUS_M, ONBOARD)
+            .fly(9 * FORWARD, situation(at=at, velocity=velocity, percept=wall))
+            .command.velocity_m_s[0]
+            for at, velocity in (
+                ((0.0, 0.0, 0.0), STILL),
+                ((0.0, 0.0, 0.0), (2.0, 0.0, 0.0)),
+                ((2.0 * REACTIVE.response_s, 0.0, 0.0), STILL),
+            )
+        ]
+        assert speeds_m_s[1] < speeds_m_s[0] - 0.2
+        assert speeds_m_s[1] == pytest.approx(speeds_m_s[2])
+
     def test_holes_are_free_or_a_surface_at_a_fixed_range(self) -> None:
         np.testing.assert_allclose(self.flown("free", HOLES).command.velocity_m_s, 2.5 * FORWARD)
         fixed = self.flown("fixed_range", HOLES)

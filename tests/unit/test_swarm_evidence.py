@@ -1,6 +1,7 @@
 """What one depth image proves."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -68,6 +69,32 @@ def test_a_cell_is_free_up_to_where_its_holes_could_hide_something_wide(n_holes:
     assert width_px.min() >= 4
     expected_m = np.broadcast_to(0.1 / (n_holes / width_px * np.radians(5)), free_m.shape)
     np.testing.assert_allclose(free_m * reader.rays_cam[..., 2], expected_m, rtol=1e-5)
+
+
+@pytest.mark.parametrize("min_trusted_share", [0.499, 0.5, 0.501])
+def test_a_cell_with_exactly_the_least_share_of_trusted_pixels_is_free(min_trusted_share: float) -> None:
+    reader = EvidenceReader(
+        CAMERA, EvidenceConfig(disparity_error_px=0, min_trusted_share=min_trusted_share, max_hidden_m=100)
+    )
+    depth_m = flat(3.0)
+    depth_m[np.indices(CAMERA.shape).sum(0) % 2 == 0] = 0
+    free_m, _ = reader.read(image(depth_m))
+    n_pixels = np.outer(np.diff(reader.row_edges), np.diff(reader.col_edges))
+    halves = n_pixels % 2 == 0
+    assert halves.mean() > 0.2
+    np.testing.assert_array_equal(free_m[halves] > 0, min_trusted_share <= 0.5)
+
+
+def test_rays_go_through_the_middle_of_the_pixels_of_their_cell() -> None:
+    reader = EvidenceReader(CAMERA, EXACT)
+    x, y, z = np.moveaxis(reader.rays_cam, -1, 0)
+    across, down = x[0] / z[0], y[:, 0] / z[:, 0]
+    for slope, edges, focal_px, centre_px in (
+        (across, reader.col_edges, CAMERA.fx_px, CAMERA.cx_px),
+        (down, reader.row_edges, CAMERA.fy_px, CAMERA.cy_px),
+    ):
+        middle_px = np.array([np.arange(first, end).mean() for first, end in pairwise(edges)])
+        np.testing.assert_allclose(slope, (middle_px - centre_px) / focal_px, atol=1e-6)
 
 
 def test_doubt_warns_and_proves_nothing() -> None:
