@@ -10,7 +10,7 @@ from typing import Annotated, Any, TypeVar
 
 import pydantic
 
-from voxdepth.tools.files import first_problem, read_toml
+from voxdepth.tools.files import first_problem, read_toml, shorten
 
 from .errors import ScenarioError
 
@@ -47,7 +47,7 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
     if field not in data:
         data = {field: data, "seed": 0}
     if not isinstance(data[field], dict):
-        raise ScenarioError(f"{path}: {field} must be a table of keys, got {data[field]!r}")
+        raise ScenarioError(f"{path}: {field} must be a table of keys, got {shorten(data[field])}")
     for key, value in changes.items():
         _set(data[field], key, value)
     if seed is not None:
@@ -89,7 +89,7 @@ def _set(data: dict[str, Any], key: str, value: Any) -> None:
     for table in tables:
         data = data.setdefault(table, {})
         if not isinstance(data, dict):
-            raise ScenarioError(f"{table} must be a table of keys, got {data!r}")
+            raise ScenarioError(f"{table} must be a table of keys, got {shorten(data)}")
     data[last] = deepcopy(value)  # A later key may change it, which must not affect the caller's value.
 
 

@@ -7,6 +7,7 @@ z forward; pixel centres lie at integer coordinates; depth is along the optical 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from math import isfinite
 from numbers import Integral, Real
 from typing import Any, Protocol, Self
 
@@ -47,6 +48,10 @@ LARGEST_SIDE_PX = 2**16
 """Largest width or height of an image."""
 LARGEST_LENS = 1000
 """Largest ratio of a focal length to the longer side of its image. The shortest is a pixel divided by that."""
+LARGEST_BASELINE_M = 1000.0
+"""Largest baseline of a stereo pair [m]. The shortest is a millionth of it."""
+LARGEST_DISPARITY_SCALE = 1000.0
+"""Largest ratio of the widths of matched and given images. The smallest is its inverse."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,10 +91,17 @@ class Intrinsics:
                 f"the principal point ({self.cx_px}, {self.cy_px}) is far outside of an image of {size} pixels: is the "
                 "calibration that of another image size?"
             )
-        if self.baseline_m is not None and not 0 < self.baseline_m < np.inf:
-            raise FrameError(f"the stereo baseline must be positive, got {self.baseline_m} m")
-        if not 0 < self.disparity_scale < np.inf:
-            raise FrameError(f"disparity_scale must be positive, got {self.disparity_scale}")
+        shortest_m = 1e-6 * LARGEST_BASELINE_M
+        if self.baseline_m is not None and not shortest_m <= self.baseline_m <= LARGEST_BASELINE_M:
+            raise FrameError(
+                f"the stereo baseline must be {shortest_m:g} to {LARGEST_BASELINE_M:g} m, got {self.baseline_m} m: is "
+                "it in metres?"
+            )
+        if not 1 / LARGEST_DISPARITY_SCALE <= self.disparity_scale <= LARGEST_DISPARITY_SCALE:
+            raise FrameError(
+                f"disparity_scale must be {1 / LARGEST_DISPARITY_SCALE:g} to {LARGEST_DISPARITY_SCALE:g}, got "
+                f"{self.disparity_scale}"
+            )
 
     @property
     def focal_baseline_px_m(self) -> float:
@@ -209,17 +221,20 @@ class Frame:
         """
         if _kind(depth_m) not in ("float32", "float64"):
             raise FrameError(f"expected metres as an array of floats, got {_kind(depth_m)}; see Frame.from_millimetres")
-        holed_m = np.where(np.isfinite(depth_m), depth_m, 0).astype(np.float32)
+        with np.errstate(over="ignore"):  # What is too large for 32 bits becomes infinite.
+            rounded_m = depth_m.astype(np.float32)
+        holed_m = np.where(np.isfinite(rounded_m), rounded_m, np.float32(0))
         return cls(stamp_s=stamp_s, gray=gray, depth_m=holed_m, T_world_cam=T_world_cam)
 
     def __post_init__(self) -> None:
         _require_numbers(Real, stamp_s=self.stamp_s)
-        if not np.isfinite(self.stamp_s):
-            raise FrameError(f"stamp_s must be finite, got {self.stamp_s}")
+        if not _is_finite(self.stamp_s):
+            raise FrameError(f"stamp_s must be a finite number, got {self.stamp_s}")
         self._require_images()
         T = self.T_world_cam
-        if T is not None and not (_is_plain(T) and _is_rigid(T)):
-            raise FrameError(f"T_world_cam must be an array, a finite rigid pose of shape (4, 4), got {T!r}")
+        if T is not None and not _is_rigid(T):
+            got = T.tolist() if _is_plain(T) and T.shape == (4, 4) else f"{_kind(T)} of shape {getattr(T, 'shape', '?')}"
+            raise FrameError(f"T_world_cam must be a finite rigid pose, an array of shape (4, 4), got {got}")
         for name in ("gray", "depth_m"):  # Compiled loops and OpenCV take rows one after the other.
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))
 
@@ -269,8 +284,17 @@ def _kind(given: object) -> str:
     return str(given.dtype) if isinstance(given, np.ndarray) else type(given).__name__
 
 
-def _is_rigid(T: FloatArray) -> bool:
-    if T.shape != (4, 4) or not np.isfinite(T).all() or (T[3] != (0, 0, 0, 1)).any():
+def _is_finite(number: float) -> bool:
+    try:
+        return isfinite(number)
+    except OverflowError:  # A whole number may be larger than any of floating point.
+        return False
+
+
+def _is_rigid(T: object) -> bool:
+    if not isinstance(T, np.ndarray) or not _is_plain(T) or T.shape != (4, 4) or T.dtype.kind not in "fiu":
+        return False
+    if not np.isfinite(T).all() or (T[3] != (0, 0, 0, 1)).any() or np.abs(T[:3, :3]).max() > 2:
         return False
     rotation = T[:3, :3]
     return bool(np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0)

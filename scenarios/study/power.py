@@ -11,7 +11,7 @@ from voxdepth.tools.table import Column, Table, Value
 from ..config import load_run
 from ..errors import ScenarioError
 from .analysis import Comparison, compare_arms
-from .design import RunSpec, Study
+from .design import FIRST_PILOT_SEED, RunSpec, Study
 from .statistics import wilson
 from .store import RunRecord, StudyData
 
@@ -20,6 +20,8 @@ SIGNIFICANT = 0.05
 EXPECTED_PERCENT = (3.0, 6.0)
 """Share of studies without an effect in which a sound test finds one. The exact test is on the low side of 5 %."""
 ARMS = ("new", "old")
+LARGEST_PAIRS = 100_000
+"""Largest number of pairs in a design: that of the seeds of a study."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +46,8 @@ class Design:
                 f"expected a pair for each cell, and base rates between 0 and {1 - effect:g}, so that an effect of "
                 f"{effect:g} fits; got {self.pairs} pairs with base rates {list(self.base_rates)}"
             )
+        if self.pairs > LARGEST_PAIRS:
+            raise ScenarioError(f"expected at most {LARGEST_PAIRS} pairs, got {self.pairs}")
         if not 0 <= self.shared_luck <= 1:
             raise ScenarioError(f"expected a share of shared luck between 0 and 1, got {self.shared_luck:g}")
 
@@ -93,7 +97,8 @@ def _design_of(cells: Sequence[int]) -> tuple[Study, list[RunSpec]]:
     study = Study.model_validate(
         {
             "name": "power", "description": "Synthetic runs.", "scenarios": ["city"], "time_limit_s": 1.0,
-            "seeds": {"count": len(cells)}, "declared": {"arm": ARMS[0], "against": ARMS[1]},
+            "pilot": True, "seeds": {"first": FIRST_PILOT_SEED, "count": len(cells)},
+            "declared": {"arm": ARMS[0], "against": ARMS[1]},
             "arms": [{"name": name, "depth": "truth", "corrector": "raw"} for name in ARMS],
         }
     )  # fmt: skip

@@ -47,6 +47,7 @@ def test_given_intrinsics_count_before_the_calibration_and_that_before_the_forma
         (CALIBRATION.replace("fy_px", "fz_px"), r"missing: \['fy_px'\], unknown: \['fz_px'\]"),
         (CALIBRATION.replace("fx_px = 7", "fx_px = '7'"), "expected a finite number for fx_px"),
         (CALIBRATION.replace("fx_px = 7", "fx_px = nan"), "expected a finite number for fx_px"),
+        (CALIBRATION.replace("fx_px = 7", "fx_px" + ".a" * 5000 + " = 7"), "for fx_px in .*, got a dict"),
         (CALIBRATION.replace("fx_px = 7", "fx_px = true"), "expected a finite number for fx_px"),
         (CALIBRATION.replace("fx_px = 7", "fx_px = 0"), "describes no camera"),
         (CALIBRATION.replace("width_px = 8", "width_px = 8.0"), "expected a whole number for width_px"),

@@ -40,6 +40,7 @@ def test_an_effect_is_found_more_often_than_none() -> None:
     ("design", "message"),
     [
         (Design(pairs=2, base_rates=(0.1, 0.2, 0.3)), "a pair for each cell"),
+        (Design(pairs=100_001), "at most 100000 pairs, got 100001"),
         (Design(base_rates=(0.95,)), "an effect of 0.1 fits"),
         (Design(shared_luck=1.5), "shared luck between 0 and 1"),
     ],
@@ -47,3 +48,7 @@ def test_an_effect_is_found_more_often_than_none() -> None:
 def test_a_design_that_cannot_be_is_refused(design: Design, message: str) -> None:
     with pytest.raises(ScenarioError, match=message):
         next(simulate(design, 0.1, 1, seed=0))
+
+
+def test_a_design_may_have_more_pairs_than_a_study_that_is_no_pilot() -> None:
+    assert len(list(simulate(Design(pairs=1001), 0.1, 1, seed=0))) == 1

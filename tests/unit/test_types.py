@@ -109,6 +109,10 @@ def test_intrinsics_from_hfov_see_that_angle() -> None:
         {"width_px": 0},
         {"height_px": 10**6},
         {"baseline_m": np.nan},
+        {"baseline_m": 1e300},
+        {"baseline_m": 1e-300},
+        {"disparity_scale": 1e300},
+        {"disparity_scale": 0.0},
     ],
 )
 def test_intrinsics_that_do_not_fit_the_image_are_refused(bad: dict[str, float]) -> None:
@@ -186,6 +190,8 @@ def test_metres_as_ros_writes_them_have_holes_where_they_are_not_finite() -> Non
     depth_m = np.array([[np.nan, 1.5, np.inf, -np.inf]])
     frame = Frame.from_metres(stamp_s=0.0, gray=np.zeros((1, 4), np.uint8), depth_m=depth_m)
     np.testing.assert_array_equal(frame.depth_m, np.array([[0, 1.5, 0, 0]], np.float32))
+    large = Frame.from_metres(stamp_s=0.0, gray=np.zeros((1, 2), np.uint8), depth_m=np.array([[1e39, 1e300]]))
+    assert not large.depth_m.any(), "what 32 bits do not hold is infinite"
     with pytest.raises(FrameError, match="negative"):
         Frame.from_metres(stamp_s=0.0, gray=np.zeros((1, 4), np.uint8), depth_m=-np.ones((1, 4)))
     with pytest.raises(FrameError, match="from_millimetres"):
@@ -193,8 +199,13 @@ def test_metres_as_ros_writes_them_have_holes_where_they_are_not_finite() -> Non
 
 
 @pytest.mark.parametrize(
-    "bad", [{"stamp_s": np.nan}, {"T_world_cam": np.eye(3)}, {"T_world_cam": np.full((4, 4), np.nan)}]
+    "bad",
+    [
+        *({"stamp_s": stamp_s} for stamp_s in (np.nan, np.inf, 10**400, 1j, "now", None, np.datetime64("now"))),
+        *({"T_world_cam": T} for T in (np.eye(3), np.full((4, 4), np.nan), np.eye(4).tolist(), "pose", np.eye(4) * 1j)),
+        *({"T_world_cam": T} for T in (np.eye(4, dtype=object), np.ma.masked_equal(np.eye(4), 0), 1e300 * np.eye(4))),
+    ],
 )
 def test_times_and_poses_must_be_finite(bad: dict[str, object]) -> None:
-    with pytest.raises(FrameError, match="finite"):
+    with pytest.raises(FrameError, match="(stamp_s|T_world_cam) must be"):
         Frame(**({"stamp_s": 0.0, "gray": GRAY, "depth_m": DEPTH} | bad))  # type: ignore[arg-type]

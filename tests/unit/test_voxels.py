@@ -95,7 +95,16 @@ def test_cells_may_be_chosen() -> None:
     np.testing.assert_array_equal(occupied_centres(coarse), [[0.5, 0.5, 3.5], [1.5, 0.5, 3.5]])
 
 
-@pytest.mark.parametrize("bad", [{"cell_m": (0.1, -0.1, 0.1)}, {"depth_m": 0.0}, {"cell_m": (1e-3, 1e-3, 1e-3)}])
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"cell_m": (0.1, -0.1, 0.1)},
+        {"cell_m": (1e-3, 1e-3, 1e-3)},
+        {"cell_m": (0.1, 0.1, 1e-320)},
+        {"depth_m": 0.0},
+        {"depth_m": 1e308},
+    ],
+)
 def test_impossible_grids_are_refused(bad: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         VoxelConfig(**bad)  # type: ignore[arg-type]

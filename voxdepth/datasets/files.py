@@ -117,7 +117,8 @@ def intrinsics_from(values: Mapping[str, object], path: Path) -> Intrinsics:
         number = as_number(value)
         if number is None or (kinds[name] is int and type(value) is not int):
             wanted = "a whole number" if kinds[name] is int else "a finite number"
-            raise DatasetError(f"expected {wanted} for {name} in {path}, got {str(value)[:80]}")
+            got = str(value)[:80] if isinstance(value, str | int | float) else f"a {type(value).__name__}"
+            raise DatasetError(f"expected {wanted} for {name} in {path}, got {got}")
         numbers[name] = int(number) if kinds[name] is int else number
     try:
         return Intrinsics(**numbers)

@@ -1,5 +1,7 @@
 """Boolean voxel grid, packed in bits, and its projection to a depth image: paper, Algorithm 1 and Eq. voxelor."""
 
+from math import prod
+
 import numpy as np
 import numpy.typing as npt
 from numba import float32, int64, uint32, void
@@ -13,6 +15,8 @@ from ..types import FloatArray, FloatImage, Intrinsics
 
 Words = npt.NDArray[np.uint32]
 WORDS = uint32[::1]
+SMALLEST_CELL_M = 0.001
+LARGEST_EXTENT_M = 1_000_000.0
 
 
 class VoxelConfig(Model):
@@ -20,18 +24,18 @@ class VoxelConfig(Model):
 
     cell_m: tuple[float, float, float] = Field(default=(0.1, 0.1, 0.065), strict=False)
     """Size of a voxel along x, y and z of the camera [m]. Paper: 0.1, 0.1, 0.065."""
-    half_width_m: float = Field(default=40.0, gt=0)
+    half_width_m: float = Field(default=40.0, gt=0, le=LARGEST_EXTENT_M)
     """Extent to the left and to the right of the optical axis [m]."""
-    half_height_m: float = Field(default=16.0, gt=0)
+    half_height_m: float = Field(default=16.0, gt=0, le=LARGEST_EXTENT_M)
     """Extent above and below the optical axis [m]."""
-    depth_m: float = Field(default=41.0, gt=0)
+    depth_m: float = Field(default=41.0, gt=0, le=LARGEST_EXTENT_M)
     """Extent along the optical axis [m]."""
 
     @model_validator(mode="after")
     def _check(self) -> "VoxelConfig":
-        if min(self.cell_m) <= 0:
-            raise ValueError(f"cell sizes must be positive, got {self.cell_m} m")
-        if np.prod(self.shape, dtype=np.float64) >= 2**31:
+        if min(self.cell_m) < SMALLEST_CELL_M:
+            raise ValueError(f"cell sizes must be at least {SMALLEST_CELL_M} m, got {self.cell_m} m")
+        if prod(self.shape) >= 2**31:
             raise ValueError(f"a grid of {self.shape} cells has more than 2^31: enlarge cell_m or shrink the extents")
         return self
 
@@ -44,7 +48,7 @@ class VoxelConfig(Model):
     @property
     def n_words(self) -> int:
         """Number of 32-bit words that hold the grid."""
-        return -(-int(np.prod(self.shape, dtype=np.int64)) // 32)
+        return -(-prod(self.shape) // 32)
 
     @property
     def T_cells_m(self) -> FloatArray:  # noqa: N802

@@ -12,6 +12,11 @@ import tomli_w
 
 from .errors import ToolError
 
+DEEPEST = 50
+"""Levels of tables and arrays that a TOML file may have."""
+LONGEST_SHOWN = 200
+"""Number of characters of a wrong value that an error shows."""
+
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file; one that cannot be read, or is not valid TOML, is a `ToolError`."""
@@ -22,9 +27,21 @@ def read_toml(path: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:  # A path may hold a null character, and a file bytes that are no text.
         raise ToolError(f"cannot read {path}: {error}") from error
     try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # Numbers may be too long, and tables too deep.
+        content = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # Numbers may be too long, and arrays too deep.
         raise ToolError(f"{path} is not valid TOML: {error}") from error
+    if _is_deep(content):
+        raise ToolError(f"{path} nests tables and arrays more than {DEEPEST} deep: no file of ours does")
+    return content
+
+
+def _is_deep(content: object) -> bool:
+    """Whether there is more than `DEEPEST` levels of tables and arrays, on which functions that recurse would fail."""
+    level = [content]
+    for _ in range(DEEPEST + 1):
+        containers = [value for value in level if isinstance(value, dict | list)]
+        level = [below for one in containers for below in (one.values() if isinstance(one, dict) else one)]
+    return bool(level)
 
 
 def to_toml(configuration: pydantic.BaseModel) -> str:
@@ -45,9 +62,15 @@ def first_problem(error: pydantic.ValidationError, field: str) -> str:
         text = f"the key {where!r} is missing"
     else:
         got = first["input"]
-        shown = f", got {got!r}" if isinstance(got, str | int | float | bool | list) else ""
+        shown = f", got {shorten(got)}" if isinstance(got, str | int | float | bool | list) else ""
         text = f"{where}: {first['msg'].removeprefix('Value error, ')}{shown}"
     return text + (f" (and {len(others)} more {'problem' if len(others) == 1 else 'problems'})" if others else "")
+
+
+def shorten(value: object) -> str:
+    """Return how a value is written, cut where it is too long for a line."""
+    text = repr(value)
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
 
 
 @contextmanager
