@@ -2,7 +2,12 @@
 
 
 class VoxDepthError(Exception):
-    """Base of every error of `voxdepth`."""
+    """Base of every error of `voxdepth`. Its text is one line without control characters, whatever it quotes."""
+
+    def __str__(self) -> str:
+        """Return the message, in which line ends and control characters are written as in Python."""
+        message = super().__str__()
+        return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in message)
 
 
 class FrameError(VoxDepthError, ValueError):

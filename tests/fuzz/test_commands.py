@@ -25,8 +25,6 @@ from voxdepth.registry import CORRECTOR_NAMES
 from voxdepth.tools import doctor
 from voxdepth.tools.benchmark import suite
 
-SLOW_VALUES = {"--studies": ["1", "2"], "--pairs": ["5", "6", "200", "1001", "100000000000"]}
-"""Options by which a user asks for long work."""
 WORDS = (
     "", " ", "-", "--", "x", "é漢", "[bold]x[/nothing]", "\0", "a\nb", "x" * 300, "../../..", "~", "*", "%s", "{}",
     "all", "raw,voxdepth", "voxdepth[fill=all]", "voxdepth[", "os:system", "json:loads",
@@ -64,8 +62,6 @@ def values(parameter: Any) -> st.SearchStrategy[str]:
     )
     kind = parameter.type_descriptor.annotation
     kind = next(iter(get_args(kind)), kind)  # That of the items of a list.
-    if parameter.opts[-1] in SLOW_VALUES:
-        return st.sampled_from(SLOW_VALUES[parameter.opts[-1]])
     own: st.SearchStrategy[str]
     if issubclass(kind, Enum):
         own = st.sampled_from([choice.value for choice in kind])
@@ -134,8 +130,10 @@ def _nothing_flies_or_measures() -> Iterator[None]:
         patch.setattr("scenarios.regression.measure", never)
         patch.setattr("scenarios.sensor_pictures.make_gallery", never)
         patch.setattr("scenarios.study.report.write_report", never)
+        patch.setattr("scenarios.study.power.compare_arms", never)
         patch.setattr("scenarios.doctor.examine", tuple)
         patch.setattr(suite, "measure_quickly", never)
+        patch.setattr("voxdepth.tools.benchmark.frames.walk", never)
         patch.setattr(doctor, "examine", tuple)
         patch.setattr(subprocess, "run", never)
         yield

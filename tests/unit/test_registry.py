@@ -23,6 +23,7 @@ from voxdepth.registry import (
     create_corrector,
     latency_s,
     require_known,
+    resolve_config,
 )
 from voxdepth.temporal.config import VoxDepthConfig
 from voxdepth.types import Frame, Intrinsics, Source
@@ -240,3 +241,9 @@ def test_a_corrector_that_another_thread_uses_is_refused(name: str, monkeypatch:
             corrector.process(holed_frame(1.0))
         go_on.set()
         first.result()
+
+
+def test_what_an_error_quotes_of_a_file_cannot_break_its_line_or_control_a_terminal() -> None:
+    with pytest.raises(ConfigError) as told:
+        resolve_config("voxdepth", {"é\n\x1b[2J\u2028": 1})
+    assert r"é\n\x1b[2J\u2028" in str(told.value) and str(told.value).isprintable()
