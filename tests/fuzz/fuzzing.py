@@ -61,7 +61,7 @@ def in_time() -> Iterator[None]:
         signal.signal(signal.SIGPROF, usual)
 
 
-def require_clear(error: BaseException) -> None:
+def require_clear(error: BaseException | str) -> None:
     """Require that an error says something, in one line."""
     message = str(error)
     assert message.strip() and "\n" not in message, f"{type(error).__name__}: {message!r}"

@@ -26,7 +26,7 @@ from voxdepth.tools import doctor
 from voxdepth.tools.benchmark import suite
 
 WORDS = (
-    "", " ", "-", "--", "x", "é漢", "[bold]x[/nothing]", "\0", "a\nb", "x" * 300, "../../..", "~", "*", "%s", "{}",
+    "", " ", "-", "--", "x", "é漢", "[bold]x[/nothing]", "a\nb", "x" * 300, "../../..", "~", "*", "%s", "{}",
     "all", "raw,voxdepth", "voxdepth[fill=all]", "voxdepth[", "os:system", "json:loads",
     "0x0", "1x1", "96x64", "99999x99999",
     "160x", "²x²", "nan,inf", "0.5,0.5", "quality", "rq1", "sim-LN", "reference", "local",
@@ -39,7 +39,7 @@ NUMBERS = (
 PATHS = (
     "recording", "tum", "bag/walk.bag", "study", "city.toml", "empty.toml", "missing", "missing.toml", "new/deep/out",
     "out.png", "out.jpg", "out.gif", "out.mcap", "out.rrd", "run.rrd", "city.toml/x", "loop", ".", "..", "/dev/null",
-    "/dev/full", "/proc/self/fd", "/dev/null/x.png", "a" * 300, "é漢.png", "\0", "", "-", "tum/rgb.txt", "folder.toml",
+    "/dev/full", "/proc/self/fd", "/dev/null/x.png", "a" * 300, "é漢.png", "", "-", "tum/rgb.txt", "folder.toml",
 )  # fmt: skip
 
 
@@ -55,44 +55,62 @@ def leaves(command: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str
 COMMANDS = dict(leaves(typer.main.get_command(APP)))
 
 
-def values(parameter: Any) -> st.SearchStrategy[str]:
-    """Values of a parameter: mostly of its kind, and sometimes of any."""
-    any_value = st.one_of(
-        st.sampled_from([*WORDS, *NUMBERS, *PATHS]), st.text(max_size=6).filter(lambda text: not text.startswith("/"))
-    )
+GOOD = {
+    "scenario": ("city", "city.toml", "forest"), "scenarios": ("gap",), "sequence": ("sim-LN",),
+    "names": ("quality", "rq1", "artefacts"), "folder": ("recording", "tum", "bag/walk.bag"), "data": ("recording",),
+    "recording": ("recording",), "path": ("run.rrd",), "file": ("smoke", "pair"),
+    "key": ("0", "a", ""), "size": ("96x64",), "sequences": ("sim-LN",),
+    "corrector": CORRECTOR_NAMES, "methods": ("raw,voxdepth", "median"), "depth_topic": ("/depth",), "arm": ("a", "b"),
+    "gray_topic": ("/gray",), "config": ("empty.toml",), "json": ("new.json",), "rates": ("0.5,0.6",), "to": ("new",),
+    "golden": ("new",), "cluster": ("tcp://127.0.0.1:1",), "frames": ("1", "2", "3"), "drone": ("0",),
+}  # fmt: skip
+"""What a user may mean by a parameter; others are numbers or files to write."""
+OUTPUTS = ("new", "out.png", "out.jpg", "out.gif", "out.mcap", "out.rrd", "new/deep")
+
+
+def kind_of(parameter: Any) -> Any:
+    """The type of a parameter, or of the items of a list."""
     kind = parameter.type_descriptor.annotation
-    kind = next(iter(get_args(kind)), kind)  # That of the items of a list.
-    own: st.SearchStrategy[str]
+    return next(iter(get_args(kind)), kind)
+
+
+def good_values(parameter: Any, of_study: bool) -> st.SearchStrategy[str]:
+    kind = kind_of(parameter)
     if issubclass(kind, Enum):
-        own = st.sampled_from([choice.value for choice in kind])
-    elif kind in (int, float):
-        own = st.sampled_from(NUMBERS)
-    elif kind is Path:
-        own = st.sampled_from(PATHS)
-    else:
-        names = (*shipped_names("scenarios"), *shipped_names("sequences"), *shipped_names("studies"), *CORRECTOR_NAMES)
-        own = st.sampled_from([*WORDS, *names, *PATHS])
-    return st.one_of(own, own, own, any_value)
+        return st.sampled_from([choice.value for choice in kind])
+    usual = ("1", "2", "6") if kind in (int, float) else ("study",) if of_study else OUTPUTS
+    return st.sampled_from(GOOD.get(parameter.name, usual))
+
+
+def odd_values(parameter: Any) -> st.SearchStrategy[str]:
+    """Values that may be of its type, or of any."""
+    own = NUMBERS if kind_of(parameter) in (int, float) else PATHS if kind_of(parameter) is Path else WORDS
+    names = (*shipped_names("scenarios"), *shipped_names("sequences"), *shipped_names("studies"), *CORRECTOR_NAMES)
+    any_text = st.text(max_size=6).filter(lambda text: "\0" not in text and not text.startswith("/"))
+    return st.one_of(st.sampled_from(own), st.sampled_from([*WORDS, *NUMBERS, *PATHS, *names]), any_text)
 
 
 @st.composite
 def lines(draw: st.DrawFn) -> list[str]:
-    """A command with some of its options and arguments, perhaps with words that it does not know."""
+    """A command with some of its options and arguments, of which a few are odd, and perhaps an unknown word."""
     path = draw(st.sampled_from(sorted(COMMANDS)))
     words = list(path)
     for parameter in COMMANDS[path].params:
-        is_given = draw(st.integers(0, 9)) < (9 if parameter.required else 3)
+        is_given = parameter.required or draw(st.integers(0, 9)) < 3
         if parameter.name == "help" or not is_given:
             continue
-        option = (
-            []
-            if parameter.param_type_name == "argument"
-            else [draw(st.sampled_from([*parameter.opts, *parameter.secondary_opts]))]
-        )
-        is_flag = getattr(parameter, "is_flag", False)
-        words += option if is_flag else [*option, draw(values(parameter))]
-    if draw(st.integers(0, 19)) == 0:
+        option = []
+        if parameter.param_type_name != "argument":
+            option = [draw(st.sampled_from([*parameter.opts, *parameter.secondary_opts]))]
+        if getattr(parameter, "is_flag", False):
+            words += option
+        else:
+            is_odd = draw(st.integers(0, 3)) == 0
+            words += [*option, draw(odd_values(parameter) if is_odd else good_values(parameter, path[0] == "study"))]
+    if draw(st.integers(0, 29)) == 0:
         words.insert(draw(st.integers(0, len(words))), draw(st.sampled_from([*WORDS, "--help", "--version", "-x"])))
+    elif draw(st.integers(0, 29)) == 0:
+        words.pop()
     return words
 
 
@@ -144,7 +162,8 @@ def test_all_commands_are_known() -> None:
 
 
 @pytest.mark.slow
-@fuzzed(500)
+@pytest.mark.usefixtures("compiled")
+@fuzzed(400)
 @given(line=lines())
 def test_a_command_line_ends_without_a_traceback(
     whole: Path, tmp_path_factory: pytest.TempPathFactory, line: list[str]

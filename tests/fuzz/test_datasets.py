@@ -21,9 +21,9 @@ from voxdepth.datasets import DATASET_FORMATS, open_dataset
 from voxdepth.errors import VoxDepthError
 from voxdepth.types import Frame, Intrinsics
 
-CAMERA = Intrinsics(fx_px=9, fy_px=9, cx_px=4, cy_px=3, width_px=8, height_px=6, baseline_m=0.1)
+CAMERA = Intrinsics(fx_px=9, fy_px=9, cx_px=5, cy_px=4, width_px=10, height_px=8, baseline_m=0.1)
 N = 3
-CALIBRATION = "fx_px = 9.0\nfy_px = 9.0\ncx_px = 4.0\ncy_px = 3.0\nwidth_px = 8\nheight_px = 6\n"
+CALIBRATION = "fx_px = 9.0\nfy_px = 9.0\ncx_px = 5.0\ncy_px = 4.0\nwidth_px = 10\nheight_px = 8\n"
 
 
 def gray_of(index: int) -> np.ndarray:
@@ -137,7 +137,7 @@ def test_what_is_whole_is_read(whole: Path, kind: str) -> None:
 
 
 @pytest.mark.slow
-@fuzzed(1500)
+@fuzzed(1000)
 @given(
     kind=st.sampled_from(sorted(WRITERS)),
     harm=st.lists(st.tuples(path_damages, st.integers(0, 2**16)), min_size=1, max_size=3),

@@ -220,20 +220,9 @@ def fed(corrector: DepthCorrector, given: Given) -> tuple[Frame, CorrectedDepth]
         assert {name: content(value) for name, value in given.arguments.items()} == before, "the input was changed"
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _compiled() -> None:
-    """Compile all loops, which takes longer than a frame may."""
-    camera = Intrinsics.from_hfov(width_px=48, height_px=32, hfov_deg=80, baseline_m=0.1)
-    rng = np.random.default_rng(0)
-    for name in CORRECTOR_NAMES:
-        corrector = create_corrector(name, camera)
-        for k in range(3):
-            gray, depth_m = textured(rng, camera.shape), depths(rng, camera.shape, ())
-            corrector.process(Frame(stamp_s=float(k), gray=gray, depth_m=depth_m.astype(np.float32)))
-
-
 @pytest.mark.slow
-@fuzzed(800)
+@pytest.mark.usefixtures("compiled")
+@fuzzed(1500)
 @given(streams())
 def test_a_stream_is_corrected_and_refused_frames_leave_no_trace(stream: Stream) -> None:
     with in_time():

@@ -123,7 +123,7 @@ def _nothing_flies() -> None:
 
 
 @pytest.mark.slow
-@fuzzed(400)
+@fuzzed(300)
 @given(
     command=st.sampled_from(COMMANDS),
     harm=st.lists(HARM, min_size=1, max_size=2),

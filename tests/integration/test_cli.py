@@ -93,6 +93,7 @@ def test_two_runs_of_a_seed_are_equal_down_to_the_recording(tmp_path: Path) -> N
         (["run", "city", "--seed", str(2**32)], "seed: Input should be less than 4294967296"),
         (["picture", "city", "--out", "x.gif"], "a picture must be a .jpg or .png file, got x.gif"),
         (["view", "nowhere"], "there is no recording at nowhere"),
+        (["sheet", "a" * 300], "File name too long: 'aaaa"),
     ],
 )
 def test_bad_input_ends_in_one_line_and_writes_nothing(tmp_path: Path, arguments: list[str], message: str) -> None:

@@ -106,13 +106,25 @@ def main() -> None:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # Not every terminal has the lines of a table.
     with _interruptible():
-        ours: tuple[type[Exception], ...] = sum((extension.errors for extension in extensions()), (VoxDepthError,))
         try:
             create_app()()
-        except ours as error:
-            _fail(str(error))
-        except ModuleNotFoundError as error:
-            _fail(_missing(error))
+        except Exception as error:
+            message = explained(error)
+            if message is None:
+                raise
+            _fail(message)
+
+
+def explained(error: BaseException) -> str | None:
+    """Return the line for an error that its user can mend; None for a defect of the program."""
+    ours: tuple[type[Exception], ...] = sum((extension.errors for extension in extensions()), (VoxDepthError,))
+    if isinstance(error, ours):
+        return str(error)
+    if isinstance(error, ModuleNotFoundError):
+        return _missing(error)
+    if isinstance(error, OSError) and error.filename is not None:  # A name may be too long, or a folder be locked.
+        return f"{error.strerror}: {error.filename!r}"
+    return None
 
 
 @contextmanager
@@ -148,11 +160,11 @@ def _fail(message: str) -> None:
     sys.exit(USER_ERROR)
 
 
-def _missing(error: ModuleNotFoundError) -> str:
-    """Say which extra brings a package; raise the error if none does."""
+def _missing(error: ModuleNotFoundError) -> str | None:
+    """Say which extra brings a package; None if none does."""
     module = str(error.name).split(".")[0]
     for text in requires("voxdepth") or ():
         found = re.match(r"([\w.-]+).*; extra == ['\"](\w+)['\"]", text)
         if found and found[1].lower().split("-")[0] == module:
             return f"this needs the package {found[1]}: pip install 'voxdepth[{found[2]}]'"
-    raise error
+    return None
