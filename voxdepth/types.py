@@ -233,8 +233,10 @@ class Frame:
         self._require_images()
         T = self.T_world_cam
         if T is not None and not _is_rigid(T):
-            got = T.tolist() if _is_plain(T) and T.shape == (4, 4) else f"{_kind(T)} of shape {getattr(T, 'shape', '?')}"
-            raise FrameError(f"T_world_cam must be a finite rigid pose, an array of shape (4, 4), got {got}")
+            got = (
+                T.tolist() if _is_plain(T) and T.shape == (4, 4) else f"{_kind(T)} of shape {getattr(T, 'shape', '?')}"
+            )
+            raise FrameError(f"T_world_cam must be an array, a finite rigid pose of shape (4, 4), got {got}")
         for name in ("gray", "depth_m"):  # Compiled loops and OpenCV take rows one after the other.
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))
 

@@ -207,5 +207,5 @@ def test_metres_as_ros_writes_them_have_holes_where_they_are_not_finite() -> Non
     ],
 )
 def test_times_and_poses_must_be_finite(bad: dict[str, object]) -> None:
-    with pytest.raises(FrameError, match="(stamp_s|T_world_cam) must be"):
+    with pytest.raises(FrameError, match=r"(stamp_s|T_world_cam) must be"):
         Frame(**({"stamp_s": 0.0, "gray": GRAY, "depth_m": DEPTH} | bad))  # type: ignore[arg-type]
