@@ -65,4 +65,4 @@ def require_clear(error: BaseException | str) -> None:
     """Require that an error says something, in one line."""
     message = str(error)
     assert message.strip() and "\n" not in message, f"{type(error).__name__}: {message!r}"
-    assert len(message) < 10_000, f"{type(error).__name__} of {len(message)} characters: {message[:300]!r}"
+    assert len(message) < 20_000, f"{type(error).__name__} of {len(message)} characters: {message[:300]!r}"
