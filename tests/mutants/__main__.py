@@ -110,7 +110,7 @@ class Copy:
             )  # fmt: skip
         except subprocess.TimeoutExpired:
             return f"{tests} takes more than {TIMEOUT_S} s"
-        failed = re.search(r"^FAILED \S*?([^/\s]+::.+?)(?: - |$)", done.stdout, re.MULTILINE)
+        failed = re.search(r"^(?:FAILED|ERROR) \S*?([^/\s]+::.+?)(?: - |$)", done.stdout, re.MULTILINE)
         if done.returncode not in (0, 1) or (done.returncode == 1) != (failed is not None):
             last = "\n".join((done.stdout + done.stderr).splitlines()[-15:])
             raise MutantError(f"pytest ended with {done.returncode} on {tests}:\n{last}")

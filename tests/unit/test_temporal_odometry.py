@@ -104,6 +104,23 @@ class TestVisualOdometry:
         assert error_px(tracking, inverse_rigid(T), frame_of(ROOM, pose())) < 0.08
         assert 0.6 < tracking.n_inliers / tracking.n_tracks < 0.93  # those on the ball are not explained
 
+    @pytest.mark.parametrize(
+        ("bound", "status"),
+        [
+            ({}, TrackingStatus.OK),
+            ({"min_inlier_ratio": 1.0}, TrackingStatus.LOST),
+            ({"max_median_residual_px": 1e-4}, TrackingStatus.LOST),
+        ],
+        ids=["usual", "all must be inliers", "all must be exact"],
+    )
+    def test_its_bounds_are_those_of_the_configuration(self, bound: dict[str, float], status: TrackingStatus) -> None:
+        """A ball that moves by itself leaves most tracks as they are, and no track is exact."""
+        ball, config = Sphere((0.2, 0.1, 2.4), 0.5, seed=5), VisualOdometryConfig.model_validate(bound)
+        known = VisualOdometry(CAMERA, WorkingResolution.of(CAMERA, 1), config)
+        set_keyframe(known, frame_of([*ROOM, ball], pose()))
+        moved = [*ROOM, replace(ball, centre_m=(0.3, 0.05, 2.4))]
+        assert known.track(frame_of(moved, MOTIONS["forward"], 1)).status is status
+
     @pytest.mark.parametrize("seed", range(6))
     def test_another_scene_is_refused(self, seed: int) -> None:
         there = [replace(body, seed=body.seed + 100 * seed) for body in OTHER_ROOM]
