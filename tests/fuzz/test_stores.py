@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from scenarios.study import diagnose, replay
 from scenarios.study.design import expand
 from scenarios.study.executors import Serial
+from scenarios.study.report import Findings
 from scenarios.study.run import run_study
 from tests.fuzz.commands import FlightError, require_clean_end
 from tests.fuzz.damage import apply, path_damages
@@ -22,7 +23,6 @@ from voxdepth.errors import VoxDepthError
 
 STUDY = study(arm("a"), noisy("b", 0.5, 1.0), arm("raises"), declared={"arm": "a", "against": "raises"})
 COMMANDS = (*["status"] * 4, *["export"] * 4, "report", "diagnose", "replay", "replay", "resume")
-"""Drawing a report takes seconds."""
 TABLES = ("meta", "runs", "cells", "results", "failures")
 COLUMNS = (
     "name",
@@ -112,13 +112,14 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _nothing_flies() -> None:
+def _nothing_flies_or_is_drawn() -> None:
     def fly(*_: object, **__: object) -> None:
         raise FlightError
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(replay, "fly_and_write", fly)
         patch.setattr(diagnose, "in_processes", fly)
+        patch.setattr(Findings, "pictures", lambda _: [])
         yield
 
 
