@@ -202,6 +202,8 @@ class Store:
         results = self._rows(f"SELECT key, outcome, metrics, {drones}, contacts, wall_s, {checked} FROM results")
         failures = self._rows("SELECT key, kind, text FROM failures ORDER BY place")
         records = self._records(results)
+        if {row["key"] for row in (*runs, *results, *failures)} != {cell["key"] for cell in cells} or not cells:
+            raise self._damaged(ValueError("its runs are not those of its cells"))
         resolved = {row["key"]: self._parsed(Run, row["run"]) for row in runs}
         return StudyData(
             study=self._study(meta),

@@ -81,6 +81,8 @@ def test_a_damaged_result_is_named_with_what_can_still_be_read(change: str, tmp_
         "UPDATE meta SET value = '[' WHERE name = 'versions'",
         f"UPDATE meta SET value = '{'[' * 100_000}' WHERE name = 'study'",
         "DELETE FROM runs",
+        "DELETE FROM cells",
+        "DELETE FROM cells WHERE rowid = 1",
     ],
 )
 def test_a_damaged_study_is_told_in_one_line(change: str, tmp_path: Path) -> None:
