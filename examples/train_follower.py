@@ -1,23 +1,41 @@
-"""Train a follower with stable-baselines3, and compare it with a follower that only hovers.
+"""Train a follower with stable-baselines3, and compare it with a blind one, the scripted one and one that hovers.
 
 The script needs stable-baselines3, which brings PyTorch:
 
     pip install -c constraints.txt -e '.[all]' stable-baselines3
-    python examples/train_follower.py --steps 100000 --out follower.zip
+    python examples/train_follower.py --steps 60000 --seeds 0 1 2 --out follower
 
-A few hundred steps show that the script works; they teach the follower nothing.
+The blind follower is trained like the other one, but its depth image is always empty. The folder receives a model of
+each training, `curve.png`, and `outcomes.csv`: how the episodes ended in worlds that no training used. A few hundred
+steps show that the script works; they teach the follower nothing.
 """
 
 import argparse
+import csv
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import gymnasium
+import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 from stable_baselines3 import PPO
-from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.results_plotter import load_results
+from stable_baselines3.common.vec_env import SubprocVecEnv
+
+from swarm.compose import composed_mission
+from swarm.environments.task import LearningTask
+from swarm.recorder import Recorder
 
 ENVIRONMENT = "swarm:voxdepth/LeaderFollower-v0"
+FIRST_TEST_SEED = 1_000_000
+MEAN_OF = 50
+"""Episodes that a point of the curve averages."""
+Policy = Callable[[Any], npt.NDArray[np.float32]]
+"""Gives the action for an observation."""
 
 
 class Nearness(gymnasium.ObservationWrapper):
@@ -26,52 +44,124 @@ class Nearness(gymnasium.ObservationWrapper):
     NEAR_M = 0.5
     """Depth that becomes 255; the value falls with 1 / depth, as disparity does."""
 
-    def __init__(self, env: gymnasium.Env) -> None:
+    def __init__(self, env: gymnasium.Env, blind: bool = False) -> None:
         super().__init__(env)
         height, width = env.observation_space["depth_m"].shape
         image = gymnasium.spaces.Box(0, 255, (1, height, width), np.uint8)
         self.observation_space = gymnasium.spaces.Dict({**env.observation_space.spaces, "depth_m": image})
+        self._blind = blind
 
     def observation(self, observation: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
-        """Return the observation with the image in place of the depth."""
+        """Return the observation with the image in place of the depth; a blind follower's is empty."""
         depth_m = observation["depth_m"]
         nearness = np.where(depth_m > 0, self.NEAR_M / np.maximum(depth_m, self.NEAR_M), 0)
-        return {**observation, "depth_m": np.uint8(255 * nearness)[None]}
+        return {**observation, "depth_m": np.uint8(255 * nearness * (not self._blind))[None]}
 
 
-def fly(model: PPO | None, env: gymnasium.Env, seeds: range) -> None:
-    """Fly one episode per seed with the model, or hover without one, and print the outcome of each."""
-    for seed in seeds:
+def train(options: argparse.Namespace, seed: int, blind: bool) -> PPO:
+    """Train one follower; its episodes are logged below the output folder."""
+    name = _name(seed, blind)
+    envs = make_vec_env(
+        ENVIRONMENT,
+        n_envs=options.envs,
+        seed=1000 * seed,
+        env_kwargs={"corrector": options.corrector, "others": "truth"},
+        monitor_dir=str(options.out / name),
+        wrapper_class=Nearness,
+        wrapper_kwargs={"blind": blind},
+        vec_env_cls=SubprocVecEnv,
+    )
+    model = PPO("MultiInputPolicy", envs, n_steps=512, batch_size=128, n_epochs=5, seed=seed)
+    model.learn(options.steps)
+    envs.close()
+    model.save(options.out / f"{name}.zip")
+    return model
+
+
+def flown(options: argparse.Namespace, policy: Policy, blind: bool = False) -> Iterator[str]:
+    """Fly an episode in each test world and give its outcome."""
+    env = Nearness(gymnasium.make(ENVIRONMENT, corrector=options.corrector, others="truth"), blind)
+    for seed in _test_seeds(options):
         observation, _ = env.reset(seed=seed)
-        total, done = 0.0, False
+        done = False
         while not done:
-            action = np.zeros(4, np.float32) if model is None else model.predict(observation, deterministic=True)[0]
-            observation, reward, terminated, truncated, info = env.step(action)
-            total, done = total + float(reward), terminated or truncated
-        print(f"  seed {seed}: return {total:7.2f}, {info['outcome']} after {info['time_s']:.1f} s")
+            observation, _, terminated, truncated, info = env.step(policy(observation))
+            done = terminated or truncated
+        yield info["outcome"]
+    env.close()
+
+
+def scripted(options: argparse.Namespace) -> Iterator[str]:
+    """Fly the scripted follower in each test world and give the outcome of its mission."""
+    task = LearningTask(corrector=options.corrector, others="truth")
+    learner, *_ = task.followers
+    others = set(range(task.mission.drones)) - {learner}
+    for seed in _test_seeds(options):
+        with composed_mission(
+            task, Recorder(), latency_s=task.latency_s, seed=seed, gray=False, exact=others
+        ) as mission:
+            while mission.outcome is None:
+                mission.tick()
+            yield str(mission.outcome)
+
+
+def draw(out: Path, seeds: Sequence[int]) -> None:
+    """Draw the mean return of the last episodes over the steps of training, a line for each one."""
+    figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
+    for blind, color in ((False, "tab:blue"), (True, "tab:orange")):
+        for seed in seeds:
+            episodes = load_results(str(out / _name(seed, blind)))
+            returns = episodes["r"].rolling(MEAN_OF, min_periods=1).mean()
+            label = ("blind" if blind else "with depth") if seed == seeds[0] else None
+            axes.plot(episodes["l"].cumsum(), returns, color=color, label=label)
+    axes.set_xlabel("steps of training")
+    axes.set_ylabel(f"mean return of {MEAN_OF} episodes")
+    axes.legend()
+    figure.savefig(out / "curve.png", dpi=120)
+
+
+def write(path: Path, outcomes: dict[str, Counter[str]]) -> None:
+    """Write how often each follower's episodes ended in which way, and print it."""
+    kinds = sorted({kind for counted in outcomes.values() for kind in counted})
+    lines = [["follower", "episodes", *kinds]]
+    lines += [[name, str(c.total()), *(str(c[kind]) for kind in kinds)] for name, c in outcomes.items()]
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows(lines)
+    for line in lines:
+        print("  ".join(text.rjust(12) for text in line))
+
+
+def _name(seed: int, blind: bool) -> str:
+    return f"{'blind' if blind else 'sighted'}-{seed}"
+
+
+def _test_seeds(options: argparse.Namespace) -> range:
+    return range(FIRST_TEST_SEED, FIRST_TEST_SEED + options.episodes)
 
 
 def main() -> None:
-    """Train, write the model, and fly a few episodes in worlds that the training did not use."""
+    """Train followers with and without depth, and compare them in worlds that the training did not use."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=100_000, help="number of training steps of the environment")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the network and of the first world")
+    parser.add_argument("--steps", type=int, default=60_000, help="steps of the environment in each training")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="seeds of the trainings")
     parser.add_argument("--corrector", default="voxdepth", help="name of the depth corrector, as in `voxdepth run`")
-    parser.add_argument("--episodes", type=int, default=3, help="number of episodes to compare")
-    parser.add_argument("--out", default="follower.zip", help="file of the trained model")
+    parser.add_argument("--episodes", type=int, default=20, help="test worlds")
+    parser.add_argument("--envs", type=int, default=2, help="environments that are stepped side by side")
+    parser.add_argument("--out", type=Path, default=Path("follower"), help="folder of models, curve and outcomes")
     options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
 
-    env = Monitor(Nearness(gymnasium.make(ENVIRONMENT, corrector=options.corrector)))
-    model = PPO("MultiInputPolicy", env, n_steps=256, batch_size=64, seed=options.seed, verbose=1)
-    model.learn(options.steps)
-    model.save(options.out)
-
-    seeds = range(1_000_000, 1_000_000 + options.episodes)
-    print("hovering:")
-    fly(None, env, seeds)
-    print(f"after {model.num_timesteps} steps of training:")
-    fly(model, env, seeds)
-    env.close()
+    outcomes = {
+        "hovering": Counter(flown(options, lambda observation: np.zeros(4, np.float32))),
+        "scripted": Counter(scripted(options)),
+    }
+    for blind in (False, True):
+        for seed in options.seeds:
+            model = train(options, seed, blind)
+            policy = lambda observation, model=model: model.predict(observation, deterministic=True)[0]  # noqa: E731
+            outcomes[_name(seed, blind)] = Counter(flown(options, policy, blind))
+    draw(options.out, options.seeds)
+    write(options.out / "outcomes.csv", outcomes)
 
 
 if __name__ == "__main__":

@@ -200,13 +200,13 @@ class Frame:
         `units_per_m` are the steps of the depth in a metre: 1000 in most cameras, 5000 in TUM RGB-D.
 
         Raises:
-            FrameError: The depth is not uint16, or the images have different shapes.
+            FrameError: The depth is not uint16, the images have different shapes, or `units_per_m` is not 1e-3 to 1e6.
         """
         if _kind(depth_mm) != "uint16":
             raise FrameError(f"expected depth as a uint16 array, got {_kind(depth_mm)}; Frame.from_metres takes metres")
         _require_numbers(Real, units_per_m=units_per_m)
-        if not 0 < units_per_m < np.inf:
-            raise FrameError(f"units_per_m must be positive, got {units_per_m}")
+        if not 1e-3 <= units_per_m <= 1e6:
+            raise FrameError(f"units_per_m must be 0.001 to 1,000,000, got {units_per_m}")
         depth_m = depth_mm.astype(np.float32) / np.float32(units_per_m)
         return cls(stamp_s=stamp_s, gray=gray, depth_m=depth_m, T_world_cam=T_world_cam)
 
