@@ -23,15 +23,15 @@ from swarm.recorder import Recorder
 from swarm.team import Team
 from swarm.types import Decision, Histogram, Outcome
 from voxdepth.colors import FAR_M
+from voxdepth.tools.files import as_tool_error
 from voxdepth.tools.stream import (
+    RecordingFile,
     confidence_image,
     depth_colors,
     depth_image,
     finite,
-    flush,
     gray_image,
     layout,
-    open_stream,
     source_labels,
 )
 from voxdepth.types import CorrectedDepth, FloatArray
@@ -118,6 +118,7 @@ class MissionRecorder(Recorder):
         self._followed = range(0)
         """The swarm that the view of the world follows: the first one, so that drones are seen from the start on."""
         self._movers: tuple[Mover, ...] = ()
+        self._file: RecordingFile | None = None
         self._stream: rr.RecordingStream | None = None
         self._columns: ColumnWriter | None = None
 
@@ -127,7 +128,9 @@ class MissionRecorder(Recorder):
         batching = rr.ChunkBatcherConfig(flush_tick=3600.0, flush_num_bytes=1 << 20, flush_num_rows=1 << 14)
         self._leaders, self._followed = {team.leader for team in teams}, teams[0].members
         views = blueprint(world.n_drones, self._leaders)
-        self._stream = open_stream("voxdepth", self._path, self._recording_id, views, batcher_config=batching)
+        with as_tool_error(f"cannot write {self._path}"):
+            self._file = RecordingFile("voxdepth", self._path, self._recording_id, views, batcher_config=batching)
+        self._stream = self._file.stream
         self._stream.send_recording_name(self._title)
         self._columns = ColumnWriter(self._stream)
         self._world = world
@@ -217,18 +220,19 @@ class MissionRecorder(Recorder):
 
     def close(self) -> None:
         """Write buffered data and close the file; a second call does nothing."""
-        if self._stream is not None and self._columns is not None:
-            try:
-                self._write()
-            finally:
-                self._stream.disconnect()
-                self._stream = self._columns = None
+        if self._file is not None and self._columns is not None:
+            file, columns = self._file, self._columns
+            self._file = self._stream = self._columns = None
+            columns.flush()
+            with as_tool_error(f"cannot write {self._path}"):
+                file.close()
 
     def _write(self) -> None:
         """Write everything that was recorded so far to the file."""
-        if self._stream is not None and self._columns is not None:
+        if self._file is not None and self._columns is not None:
             self._columns.flush()
-            flush(self._stream, self._path)
+            with as_tool_error(f"cannot write {self._path}"):
+                self._file.flush()
 
     def _log(self, path: str, *what: Any, static: bool = False) -> None:
         if self._stream is not None:

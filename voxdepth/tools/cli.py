@@ -105,14 +105,14 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")  # Not every terminal has the lines of a table.
-    with _interruptible():
-        try:
+    try:
+        with _interruptible():
             create_app()()
-        except Exception as error:
-            message = explained(error)
-            if message is None:
-                raise
-            _fail(message)
+    except Exception as error:
+        message = explained(error)
+        if message is None:
+            raise
+        _fail(message)
 
 
 def explained(error: BaseException) -> str | None:

@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 
 from ..types import CorrectedDepth, Frame
 from .files import atomic
-from .stream import confidence_image, depth_colors, depth_image, flush, gray_image, layout, open_stream, source_labels
+from .stream import RecordingFile, confidence_image, depth_colors, depth_image, gray_image, layout, source_labels
 
 VIEWS = ("gray", "colors/raw", "colors/corrected", "source", "confidence")
 MILLISECONDS = 1000.0
@@ -50,13 +50,11 @@ def stream_into(
 ) -> Iterator[rr.RecordingStream]:
     """Give a stream into a new `.rrd` file, which appears when it is complete and replaces an existing one."""
     with atomic(path) as temporary:
-        temporary.touch()
-        stream = open_stream(application, temporary, recording_id, blueprint)
+        recording = RecordingFile(application, temporary, recording_id, blueprint)
         try:
-            yield stream
-            flush(stream, path)
+            yield recording.stream
         finally:
-            stream.disconnect()
+            recording.close()
 
 
 def view_of(name: str) -> rrb.Spatial2DView:

@@ -1,8 +1,9 @@
 """Streams, images, colours and layouts that all Rerun recordings share."""
 
-import shutil
+import os
 from pathlib import Path
-from typing import Any
+from threading import Thread
+from typing import Any, BinaryIO
 
 import cv2
 import numpy as np
@@ -12,14 +13,12 @@ import rerun.blueprint as rrb
 from ..colors import colored
 from ..ros import confidence_levels
 from ..types import FloatImage, GrayImage, Source
-from .errors import ToolError
 from .output import encode
 
 CENTIMETRE = 100.0
 """Depth images are stored as 16-bit PNG in centimetres, to 1 %: finer than any of the sensors measures."""
 JPEG_QUALITY = 75
-FLUSH_TIMEOUT_S = 20.0
-"""Rerun may wait for ever for a thread that ended because the disk was full."""
+PIPE_BYTES = 1 << 16
 SOURCE_COLORS = {
     Source.INVALID: (0, 0, 0),
     Source.SENSOR: (90, 160, 90),
@@ -28,27 +27,66 @@ SOURCE_COLORS = {
 }
 
 
-def open_stream(
-    application: str, path: Path, recording_id: str, blueprint: rrb.Blueprint, **options: Any
-) -> rr.RecordingStream:
-    """Open a stream into a file. No wall-clock time is recorded, so that the same data gives the same recording.
+class RecordingFile:
+    """A Rerun stream into a file. No wall-clock time is recorded, so that the same data gives the same recording.
 
-    Recordings that are to be compared have the same `recording_id`. `options` go to `rr.RecordingStream`.
+    Rerun writes into a pipe, and a thread of ours from there into the file: when the disk is full, Rerun's own writer
+    may wait for ever.
+
+    Args:
+        application: Name of the kind of recording.
+        path: The file; it is replaced.
+        recording_id: The same for recordings that are to be compared.
+        blueprint: The views with which it opens.
+        options: For `rr.RecordingStream`.
+
+    Raises:
+        OSError: The file cannot be opened.
     """
-    stream = rr.RecordingStream(application, recording_id=recording_id, send_properties=False, **options)
-    rr.set_log_time_enabled(False, stream)
-    rr.set_log_tick_enabled(False, stream)
-    stream.save(path, default_blueprint=blueprint)
-    return stream
 
+    def __init__(
+        self, application: str, path: Path, recording_id: str, blueprint: rrb.Blueprint, **options: Any
+    ) -> None:
+        self.stream = rr.RecordingStream(application, recording_id=recording_id, send_properties=False, **options)
+        rr.set_log_time_enabled(False, self.stream)
+        rr.set_log_tick_enabled(False, self.stream)
+        self._error: OSError | None = None
+        file = path.open("wb")
+        reading, writing = os.pipe()
+        self._copier = Thread(target=self._copy, args=(reading, file), daemon=True)
+        self._copier.start()
+        try:
+            self.stream.save(f"/dev/fd/{writing}", default_blueprint=blueprint)
+        finally:
+            os.close(writing)
 
-def flush(stream: rr.RecordingStream, path: Path) -> None:
-    """Write everything that was logged to the file at `path`; a `ToolError` says that it cannot be written."""
-    try:
-        stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
-    except (RuntimeError, ValueError) as error:
-        free_mb = shutil.disk_usage(path.parent).free / 1e6
-        raise ToolError(f"cannot write {path}: {error}; {free_mb:.1f} MB are free there") from error
+    def flush(self) -> None:
+        """Write everything that was logged; an `OSError` is why some of it, or of what came before, was not."""
+        self.stream.flush()
+        self._require_written()
+
+    def close(self) -> None:
+        """Write the rest and close the file; see `flush`."""
+        self.stream.disconnect()
+        self._copier.join()
+        self._require_written()
+
+    def _copy(self, reading: int, file: BinaryIO) -> None:
+        """Copy the pipe into the file; after an error it is still emptied, since Rerun waits until it is."""
+        with open(reading, "rb", buffering=0) as pipe:
+            try:
+                with file:
+                    while data := pipe.read(PIPE_BYTES):
+                        file.write(data)
+                        file.flush()
+            except OSError as error:
+                self._error = error
+                while pipe.read(PIPE_BYTES):
+                    pass
+
+    def _require_written(self) -> None:
+        if self._error is not None:
+            raise self._error
 
 
 def layout(content: Any, timeline: str) -> rrb.Blueprint:
