@@ -3,6 +3,7 @@
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from copy import deepcopy
 from datetime import UTC, date, datetime, time
 from pathlib import Path
 from typing import Any
@@ -80,7 +81,7 @@ def drop(table: Any, key: Any, draw: st.DrawFn) -> None:
 
 
 def replace(table: Any, key: Any, draw: st.DrawFn) -> None:
-    table[key] = draw(VALUES)
+    table[key] = deepcopy(draw(VALUES))  # A later change must not alter the strategy's own lists.
 
 
 def stretch(table: Any, key: Any, draw: st.DrawFn) -> None:
@@ -99,11 +100,6 @@ def change_type(table: Any, key: Any, draw: st.DrawFn) -> None:
 def rename(table: Any, key: Any, draw: st.DrawFn) -> None:
     if isinstance(table, dict):
         table[draw(KEYS)] = table.pop(key)
-
-
-def move(table: Any, key: Any, draw: st.DrawFn) -> None:
-    other = draw(st.sampled_from(list(tables(table))))
-    other[draw(KEYS)] = 1 if isinstance(other, dict) else other.append(1)
 
 
 def double(table: Any, key: Any, draw: st.DrawFn) -> None:
