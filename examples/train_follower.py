@@ -3,7 +3,7 @@
 The script needs stable-baselines3, which brings PyTorch:
 
     pip install -c constraints.txt -e '.[all]' stable-baselines3
-    python examples/train_follower.py --steps 60000 --seeds 0 1 2 --out follower
+    python examples/train_follower.py --steps 40000 --seeds 0 1 2 --out follower
 
 The blind follower is trained like the other one, but its depth image is always empty. The folder receives a model of
 each training, `curve.png`, and `outcomes.csv`: how the episodes ended in worlds that no training used. A few hundred
@@ -14,6 +14,8 @@ import argparse
 import csv
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +23,10 @@ import gymnasium
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
+import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.results_plotter import load_results
-from stable_baselines3.common.vec_env import SubprocVecEnv
 
 from swarm.compose import composed_mission
 from swarm.environments.task import LearningTask
@@ -58,8 +60,9 @@ class Nearness(gymnasium.ObservationWrapper):
         return {**observation, "depth_m": np.uint8(255 * nearness * (not self._blind))[None]}
 
 
-def train(options: argparse.Namespace, seed: int, blind: bool) -> PPO:
-    """Train one follower; its episodes are logged below the output folder."""
+def train(options: argparse.Namespace, seed: int, blind: bool) -> Counter[str]:
+    """Train one follower, whose episodes are logged below the output folder, and count the outcomes of its tests."""
+    torch.set_num_threads(1)  # The other trainings need the other processors.
     name = _name(seed, blind)
     envs = make_vec_env(
         ENVIRONMENT,
@@ -69,13 +72,12 @@ def train(options: argparse.Namespace, seed: int, blind: bool) -> PPO:
         monitor_dir=str(options.out / name),
         wrapper_class=Nearness,
         wrapper_kwargs={"blind": blind},
-        vec_env_cls=SubprocVecEnv,
     )
     model = PPO("MultiInputPolicy", envs, n_steps=512, batch_size=128, n_epochs=5, seed=seed)
     model.learn(options.steps)
     envs.close()
     model.save(options.out / f"{name}.zip")
-    return model
+    return Counter(flown(options, lambda observation: model.predict(observation, deterministic=True)[0], blind))
 
 
 def flown(options: argparse.Namespace, policy: Policy, blind: bool = False) -> Iterator[str]:
@@ -142,11 +144,12 @@ def _test_seeds(options: argparse.Namespace) -> range:
 def main() -> None:
     """Train followers with and without depth, and compare them in worlds that the training did not use."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=60_000, help="steps of the environment in each training")
+    parser.add_argument("--steps", type=int, default=40_000, help="steps of the environment in each training")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="seeds of the trainings")
     parser.add_argument("--corrector", default="voxdepth", help="name of the depth corrector, as in `voxdepth run`")
     parser.add_argument("--episodes", type=int, default=20, help="test worlds")
-    parser.add_argument("--envs", type=int, default=2, help="environments that are stepped side by side")
+    parser.add_argument("--envs", type=int, default=2, help="environments of each training")
+    parser.add_argument("--workers", type=int, default=2, help="trainings that run side by side")
     parser.add_argument("--out", type=Path, default=Path("follower"), help="folder of models, curve and outcomes")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
@@ -155,11 +158,13 @@ def main() -> None:
         "hovering": Counter(flown(options, lambda observation: np.zeros(4, np.float32))),
         "scripted": Counter(scripted(options)),
     }
-    for blind in (False, True):
-        for seed in options.seeds:
-            model = train(options, seed, blind)
-            policy = lambda observation, model=model: model.predict(observation, deterministic=True)[0]  # noqa: E731
-            outcomes[_name(seed, blind)] = Counter(flown(options, policy, blind))
+    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+        trainings = {
+            _name(seed, blind): pool.submit(train, options, seed, blind)
+            for blind in (False, True)
+            for seed in options.seeds
+        }
+        outcomes |= {name: training.result() for name, training in trainings.items()}
     draw(options.out, options.seeds)
     write(options.out / "outcomes.csv", outcomes)
 

@@ -5,7 +5,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from io import BytesIO
@@ -25,6 +25,7 @@ from voxdepth.tools.provenance import machine, versions
 
 from .config import Run
 from .errors import ScenarioError
+from .interrupts import kept_back
 
 RECORDING, PARTIAL_RECORDING = "run.rrd", "run.part.rrd"
 """Names of the recording of a run: when the run has ended, and while it flies or after it was killed."""
@@ -57,20 +58,21 @@ def fly(run: Run, *, threads: int | None = None) -> Finished:
 def fly_and_write(run: Run, out: Path, *, record: bool, progress: Progress | None = None) -> Finished:
     """Fly a mission and write its files to a new folder below `out`; `record` says whether they include a recording.
 
-    Ctrl-C ends the mission with the outcome `interrupted`; its files are written nevertheless. A run that is killed
+    Ctrl-C ends the mission after a tick with the outcome `interrupted`, and its files are written. A run that is killed
     leaves `config.toml` and its recording up to some seconds before as `run.part.rrd`. A folder or a file that cannot
     be written is a `ScenarioError`, which names the files that are whole.
     """
     _refuse_unwritable(out)
     folder = _free_folder(out, run)
     recorder = _make_recorder(run, folder / PARTIAL_RECORDING) if record else Recorder()
-    with _naming_whole_files(folder):
+    with ExitStack() as until_written, _naming_whole_files(folder):
         try:
             with flying(run, recorder, recorded=record) as mission:
+                raise_kept = until_written.enter_context(kept_back())
                 with as_tool_error(f"cannot create the run folder {folder}"):
                     folder.mkdir(parents=True)
                 write(folder / "config.toml", to_toml(run).encode())
-                wall_s = _ticks(mission, progress)
+                wall_s = _ticks(mission, progress, raise_kept)
                 result = mission.result()
         finally:
             recorder.close()
@@ -120,12 +122,13 @@ def flying(
     )
 
 
-def _ticks(mission: Mission, progress: Progress | None) -> float:
-    """Fly to the end or to Ctrl-C; return the wall-clock time [s]."""
+def _ticks(mission: Mission, progress: Progress | None, after_tick: Callable[[], None] = lambda: None) -> float:
+    """Fly to the end or to a `KeyboardInterrupt`, which `after_tick` may raise; return the wall-clock time [s]."""
     start = time.perf_counter()
     try:
         while mission.outcome is None:
             mission.tick()
+            after_tick()
             if progress is not None:
                 progress(mission.time_s, mission.time_s / (time.perf_counter() - start))
     except KeyboardInterrupt:

@@ -1,0 +1,42 @@
+"""Signals that ask a program to end, kept back while files are written."""
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+Handler = Callable[[int, FrameType | None], object]
+
+
+@contextmanager
+def kept_back() -> Iterator[Callable[[], None]]:
+    """Keep back the first signal that asks for the end; later ones have their usual effect.
+
+    Yields a function that raises `KeyboardInterrupt` if a signal was kept back, to be called where an interruption
+    does no harm. A signal after its last call has no effect. Outside of the main thread, which alone handles signals,
+    nothing is kept back.
+    """
+    usual: dict[int, Handler] = {}
+    kept: list[int] = []
+
+    def keep(number: int, frame: FrameType | None) -> None:
+        if kept:
+            usual[number](number, frame)
+        kept.append(number)
+
+    def raise_kept() -> None:
+        if kept:
+            raise KeyboardInterrupt
+
+    if threading.current_thread() is threading.main_thread():
+        handlers = {number: signal.getsignal(number) for number in ENDING}
+        usual |= {number: handler for number, handler in handlers.items() if callable(handler)}
+    for number in usual:
+        signal.signal(number, keep)
+    try:
+        yield raise_kept
+    finally:
+        for number, handler in usual.items():
+            signal.signal(number, handler)

@@ -1,0 +1,86 @@
+"""A run that is asked to end writes its files first, whenever it is asked."""
+
+import json
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from scenarios import runner
+from scenarios.config import images_of, load_run
+from scenarios.interrupts import ENDING, kept_back
+
+QUICK = {"mission.drones": 1, "mission.duration_s": 0.5, **images_of(32, 32), "rig.depth": "truth", "corrector": "raw"}
+
+
+@pytest.fixture(autouse=True)
+def _handled() -> Iterator[None]:
+    """Let all signals raise `KeyboardInterrupt`, as the command line does."""
+    before = {number: signal.signal(number, signal.default_int_handler) for number in ENDING}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def send(number: int) -> None:
+    os.kill(os.getpid(), number)
+
+
+@pytest.mark.parametrize("number", ENDING)
+def test_the_first_signal_waits_for_a_moment_without_harm(number: int) -> None:
+    before = signal.getsignal(number)
+    with kept_back() as raise_kept:
+        raise_kept()
+        send(number)
+        with pytest.raises(KeyboardInterrupt):
+            raise_kept()
+    assert signal.getsignal(number) is before
+
+
+def test_the_second_signal_ends_the_block() -> None:
+    done = []
+    with pytest.raises(KeyboardInterrupt), kept_back():
+        send(signal.SIGINT)
+        done.append(1)
+        send(signal.SIGINT)
+        done.append(2)
+    assert done == [1]
+
+
+def test_a_thread_keeps_nothing_back() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    inside: list[Any] = []
+
+    def enter() -> None:
+        with kept_back() as raise_kept:
+            inside.append(signal.getsignal(signal.SIGINT))
+            raise_kept()
+
+    thread = threading.Thread(target=enter)
+    thread.start()
+    thread.join()
+    assert inside == [before]
+
+
+@pytest.mark.parametrize("file", ["config.toml", "metrics.json"])
+def test_a_run_that_is_asked_to_end_while_it_writes_has_all_its_files(
+    file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = runner.write
+
+    def write_and_ask(path: Path, content: bytes) -> None:
+        if path.name == file:
+            send(signal.SIGINT)
+        write(path, content)
+
+    monkeypatch.setattr(runner, "write", write_and_ask)
+    folder = runner.fly_and_write(load_run("city", 0, QUICK), tmp_path, record=True).folder
+    assert folder is not None
+    files = {path.name for path in folder.iterdir()}
+    assert files == {"config.toml", "metrics.json", "trajectories", "flight.png", "summary.html", "run.rrd"}
+    outcome = json.loads((folder / "metrics.json").read_text())["outcome"]
+    assert outcome == ("interrupted" if file == "config.toml" else "timeout")
