@@ -102,6 +102,7 @@ class Intrinsics:
                 f"disparity_scale must be {1 / LARGEST_DISPARITY_SCALE:g} to {LARGEST_DISPARITY_SCALE:g}, got "
                 f"{self.disparity_scale}"
             )
+        _store_python_numbers(self)
 
     @property
     def focal_baseline_px_m(self) -> float:
@@ -239,6 +240,7 @@ class Frame:
             raise FrameError(f"T_world_cam must be an array, a finite rigid pose of shape (4, 4), got {got}")
         for name in ("gray", "depth_m"):  # Compiled loops and OpenCV take rows one after the other.
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))
+        _store_python_numbers(self)
 
     def _require_images(self) -> None:
         if not (_is_plain(self.gray) and _is_plain(self.depth_m)):
@@ -274,6 +276,13 @@ def _require_numbers(kind: type[Real] | type[Integral], /, **given: object) -> N
         if not isinstance(value, kind) or isinstance(value, bool):
             expected = "a whole number" if kind is Integral else "a number"
             raise FrameError(f"{name} must be {expected}, got {value!r} of type {type(value).__name__}")
+
+
+def _store_python_numbers(owner: object) -> None:
+    """Replace NumPy's numbers in the fields of a frozen dataclass: a float32 would make all that follows one."""
+    for name, value in vars(owner).items():
+        if isinstance(value, np.generic):
+            object.__setattr__(owner, name, value.item())
 
 
 def _is_plain(given: object) -> bool:

@@ -58,8 +58,13 @@ def test_values_of_another_type_are_refused_by_name(create: Callable[[], object]
 
 
 @pytest.mark.parametrize("number", [np.float32(1.5), np.int64(2), 3, 0.5])
-def test_numbers_of_numpy_are_numbers(number: Any) -> None:
-    assert Frame(stamp_s=number, gray=GRAY, depth_m=DEPTH).stamp_s == number
+def test_numbers_of_numpy_become_numbers_of_python(number: Any) -> None:
+    stamp_s = Frame(stamp_s=number, gray=GRAY, depth_m=DEPTH).stamp_s
+    assert stamp_s == number
+    assert type(stamp_s) in (int, float)
+    fx_px = Intrinsics(fx_px=number, fy_px=2.0, cx_px=1.0, cy_px=1.0, width_px=6, height_px=4).fx_px
+    assert fx_px == number
+    assert type(fx_px) in (int, float)
 
 
 @pytest.mark.parametrize("create", [
