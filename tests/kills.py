@@ -28,7 +28,7 @@ STUDY = """
 name = "kills"
 description = "Many runs of a fraction of a second."
 scenarios = ["city"]
-time_limit_s = 60
+time_limit_s = 600
 seeds = { count = 300 }
 [changes]
 "mission.drones" = 1
@@ -166,7 +166,7 @@ def end_runs(folder: Path, times: int, rng: random.Random) -> str:
             if (code == 130) != (outcome == "interrupted"):
                 raise CheckError(f"{number.name}: exit code {code}, outcome {outcome}")
             interrupted += code == 130
-            subprocess.run(["rerun", "rrd", "verify", run / "run.rrd"], check=True, capture_output=True)
+            subprocess.run([sys.executable, "-m", "rerun", "rrd", "verify", run / "run.rrd"], check=True, capture_output=True)
             verified += 1
             shutil.rmtree(out)
     return f"{verified} runs, {interrupted} of them at work, left metrics.json and a recording that verifies"
