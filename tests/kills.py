@@ -166,7 +166,9 @@ def end_runs(folder: Path, times: int, rng: random.Random) -> str:
             if (code == 130) != (outcome == "interrupted"):
                 raise CheckError(f"{number.name}: exit code {code}, outcome {outcome}")
             interrupted += code == 130
-            subprocess.run([sys.executable, "-m", "rerun", "rrd", "verify", run / "run.rrd"], check=True, capture_output=True)
+            subprocess.run(
+                [sys.executable, "-m", "rerun", "rrd", "verify", run / "run.rrd"], check=True, capture_output=True
+            )
             verified += 1
             shutil.rmtree(out)
     return f"{verified} runs, {interrupted} of them at work, left metrics.json and a recording that verifies"
