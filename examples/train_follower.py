@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import matplotlib.pyplot as plt
@@ -41,24 +41,28 @@ Policy = Callable[[Any], npt.NDArray[np.float32]]
 """Gives the action for an observation."""
 
 
-class Nearness(gymnasium.ObservationWrapper):
-    """Converts depth to an image that stable-baselines3 accepts: uint8, shape (1, H, W), 0 = unknown."""
+class Scaled(gymnasium.ObservationWrapper):
+    """Gives a network vectors near 1 and, in place of depth, an image: uint8, shape (1, H, W), 0 = unknown."""
 
     NEAR_M = 0.5
     """Depth that becomes 255; the value falls with 1 / depth, as disparity does."""
+    UNITS: ClassVar = {"velocity_m_s": 2.0, "leader_m": 8.0, "slot_m": 8.0}
+    """Values of the vectors that become 1."""
 
     def __init__(self, env: gymnasium.Env, blind: bool = False) -> None:
         super().__init__(env)
         height, width = env.observation_space["depth_m"].shape
         image = gymnasium.spaces.Box(0, 255, (1, height, width), np.uint8)
-        self.observation_space = gymnasium.spaces.Dict({**env.observation_space.spaces, "depth_m": image})
+        vectors = {name: gymnasium.spaces.Box(-np.inf, np.inf, (3,), np.float32) for name in self.UNITS}
+        self.observation_space = gymnasium.spaces.Dict({"depth_m": image, **vectors})
         self._blind = blind
 
     def observation(self, observation: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
         """Return the observation with the image in place of the depth; a blind follower's is empty."""
         depth_m = observation["depth_m"]
         nearness = np.where(depth_m > 0, self.NEAR_M / np.maximum(depth_m, self.NEAR_M), 0)
-        return {**observation, "depth_m": np.uint8(255 * nearness * (not self._blind))[None]}
+        vectors = {name: observation[name] / np.float32(unit) for name, unit in self.UNITS.items()}
+        return {"depth_m": np.uint8(255 * nearness * (not self._blind))[None], **vectors}
 
 
 def task_of(options: argparse.Namespace) -> dict[str, str]:
@@ -68,7 +72,7 @@ def task_of(options: argparse.Namespace) -> dict[str, str]:
 
 def follower(task: dict[str, str], blind: bool = False) -> gymnasium.Env:
     """Create the environment of a follower."""
-    return Nearness(gymnasium.make(ENVIRONMENT, **task), blind)
+    return Scaled(gymnasium.make(ENVIRONMENT, **task), blind)
 
 
 def train(options: argparse.Namespace, seed: int, blind: bool) -> Counter[str]:
@@ -82,7 +86,7 @@ def train(options: argparse.Namespace, seed: int, blind: bool) -> Counter[str]:
         env_kwargs={"task": task_of(options), "blind": blind},
         monitor_dir=str(options.out / name),
     )
-    model = PPO("MultiInputPolicy", envs, n_steps=512, batch_size=128, n_epochs=5, seed=seed)
+    model = PPO("MultiInputPolicy", envs, n_steps=128, batch_size=64, learning_rate=1e-3, seed=seed)
     model.learn(options.steps)
     envs.close()
     model.save(options.out / f"{name}.zip")

@@ -52,6 +52,22 @@ def test_no_hole_is_left_not_even_at_the_border(method: InpaintingName) -> None:
     assert (result.source == Source.INPAINTED).sum() == 50 * 70 - 100
 
 
+@pytest.mark.parametrize("method", INPAINTING)
+@pytest.mark.parametrize("shape", [(1, 9), (9, 1)])
+def test_a_single_row_or_column_gives_the_same_bytes_whatever_memory_held(
+    method: InpaintingName, shape: tuple[int, int]
+) -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        depth_m = np.where(rng.random(shape) < 0.35, rng.uniform(1, 40, shape), 0).astype(np.float32)
+        results = set()
+        for _ in range(200):
+            freed = [np.full(rng.integers(1, 200), rng.integers(0, 255), np.uint8) for _ in range(10)]
+            del freed
+            results.add(filled(depth_m, method).tobytes())
+        assert len(results) == 1
+
+
 def test_parameters_out_of_range_are_refused() -> None:
     with pytest.raises(ConfigError, match="telea, navier_stokes, got 'magic'"):
         OpenCvInpaint(method="magic")  # type: ignore[arg-type]

@@ -131,5 +131,8 @@ class OpenCvInpaint(Baseline):
         scale_m = np.float32(FULL_SCALE) * max(depth_m[valid].min(), np.float32(NEAREST_M))
         inverse = np.where(valid, scale_m / np.maximum(depth_m, np.float32(NEAREST_M)), np.float32(0))
         holed = np.rint(np.clip(inverse, 1, FULL_SCALE)).astype(np.uint16)
-        whole = cv2.inpaint(holed, (~valid).astype(np.uint8), self._radius_px, self._method)
+        rows, columns = depth_m.shape
+        twice = ((0, rows == 1), (0, columns == 1))  # Of a single row or column OpenCV reads beyond the image.
+        mask = np.pad((~valid).astype(np.uint8), twice, mode="edge")
+        whole = cv2.inpaint(np.pad(holed, twice, mode="edge"), mask, self._radius_px, self._method)[:rows, :columns]
         return np.where(valid, depth_m, scale_m / np.maximum(whole, 1).astype(np.float32))
