@@ -3,7 +3,7 @@
 The script needs stable-baselines3, which brings PyTorch:
 
     pip install -c constraints.txt -e '.[all]' stable-baselines3
-    python examples/train_follower.py --steps 20000 --seeds 0 1 2 --out follower
+    python examples/train_follower.py --steps 40000 --seeds 0 1 2 --out follower
 
 The blind follower is trained like the other one, but its depth image is always empty. With `--steering direct` nothing
 but the policy keeps a follower from flying into a wall; otherwise the avoidance layer of the scripted drones does. The
@@ -30,7 +30,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.results_plotter import load_results
 
 from swarm.compose import composed_mission
-from swarm.environments.task import LearningTask
+from swarm.environments.task import LearningTask, RewardConfig
 from swarm.recorder import Recorder
 
 ENVIRONMENT = "swarm:voxdepth/LeaderFollower-v0"
@@ -42,35 +42,40 @@ Policy = Callable[[Any], npt.NDArray[np.float32]]
 
 
 class Scaled(gymnasium.ObservationWrapper):
-    """Gives a network vectors near 1 and, in place of depth, an image: uint8, shape (1, H, W), 0 = unknown."""
+    """Gives a small network vectors near 1, and a coarse image of nearness in place of the depth."""
 
     NEAR_M = 0.5
-    """Depth that becomes 255; the value falls with 1 / depth, as disparity does."""
+    """Depth of nearness 1; it falls with 1 / depth, as disparity does. Unknown depth has nearness 0."""
+    BLOCK_PX = 4
+    """The nearest of so many by so many pixels becomes a pixel."""
     UNITS: ClassVar = {"velocity_m_s": 2.0, "leader_m": 8.0, "slot_m": 8.0}
     """Values of the vectors that become 1."""
 
     def __init__(self, env: gymnasium.Env, blind: bool = False) -> None:
         super().__init__(env)
         height, width = env.observation_space["depth_m"].shape
-        image = gymnasium.spaces.Box(0, 255, (1, height, width), np.uint8)
+        image = gymnasium.spaces.Box(0, 1, (height // self.BLOCK_PX, width // self.BLOCK_PX), np.float32)
         vectors = {name: gymnasium.spaces.Box(-np.inf, np.inf, (3,), np.float32) for name in self.UNITS}
-        self.observation_space = gymnasium.spaces.Dict({"depth_m": image, **vectors})
+        self.observation_space = gymnasium.spaces.Dict({"nearness": image, **vectors})
         self._blind = blind
 
     def observation(self, observation: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
-        """Return the observation with the image in place of the depth; a blind follower's is empty."""
+        """Return the observation as the network sees it; a blind follower's image is empty."""
         depth_m = observation["depth_m"]
-        nearness = np.where(depth_m > 0, self.NEAR_M / np.maximum(depth_m, self.NEAR_M), 0)
+        nearness = np.where(depth_m > 0, self.NEAR_M / np.maximum(depth_m, self.NEAR_M), 0).astype(np.float32)
+        height, width = self.observation_space["nearness"].shape
+        coarse = nearness.reshape(height, self.BLOCK_PX, width, self.BLOCK_PX).max(axis=(1, 3))
         vectors = {name: observation[name] / np.float32(unit) for name, unit in self.UNITS.items()}
-        return {"depth_m": np.uint8(255 * nearness * (not self._blind))[None], **vectors}
+        return {"nearness": coarse * np.float32(not self._blind), **vectors}
 
 
-def task_of(options: argparse.Namespace) -> dict[str, str]:
-    """Return the options of the environment."""
-    return {"corrector": options.corrector, "steering": options.steering, "others": "truth"}
+def task_of(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of the environment. Its reward tells a follower that is far behind what way to go."""
+    reward = RewardConfig(slot_scale_m=30.0)
+    return {"corrector": options.corrector, "steering": options.steering, "others": "truth", "reward": reward}
 
 
-def follower(task: dict[str, str], blind: bool = False) -> gymnasium.Env:
+def follower(task: dict[str, Any], blind: bool = False) -> gymnasium.Env:
     """Create the environment of a follower."""
     return Scaled(gymnasium.make(ENVIRONMENT, **task), blind)
 
@@ -86,7 +91,8 @@ def train(options: argparse.Namespace, seed: int, blind: bool) -> Counter[str]:
         env_kwargs={"task": task_of(options), "blind": blind},
         monitor_dir=str(options.out / name),
     )
-    model = PPO("MultiInputPolicy", envs, n_steps=128, batch_size=64, learning_rate=1e-3, seed=seed)
+    settings = {"n_steps": 128, "batch_size": 64, "learning_rate": 1e-3, "gamma": 0.95}
+    model = PPO("MultiInputPolicy", envs, **settings, policy_kwargs={"log_std_init": -0.7}, seed=seed)
     model.learn(options.steps)
     envs.close()
     model.save(options.out / f"{name}.zip")
@@ -157,7 +163,7 @@ def _test_seeds(options: argparse.Namespace) -> range:
 def main() -> None:
     """Train followers with and without depth, and compare them in worlds that the training did not use."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=20_000, help="steps of the environment in each training")
+    parser.add_argument("--steps", type=int, default=40_000, help="steps of the environment in each training")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="seeds of the trainings")
     parser.add_argument("--corrector", default="voxdepth", help="name of the depth corrector, as in `voxdepth run`")
     parser.add_argument("--steering", choices=["shielded", "direct"], default="shielded", help="what obeys the policy")

@@ -26,6 +26,8 @@ NEAREST_M = 0.1
 """Depths below this count as this where they are spread: they set the finest step of everything else."""
 FULL_SCALE = 65535
 """16-bit images are inpainted as they are; of float32 ones OpenCV rounds what it fills to integers."""
+FARTHEST_M = np.finfo(np.float32).max / np.float32(FULL_SCALE)
+"""Depths beyond this count as this where they set the finest step, which is a float32 times `FULL_SCALE`."""
 
 
 class Baseline(ABC):
@@ -128,7 +130,7 @@ class OpenCvInpaint(Baseline):
         valid = depth_m > 0
         if valid.all() or not valid.any():
             return depth_m.copy()
-        scale_m = np.float32(FULL_SCALE) * max(depth_m[valid].min(), np.float32(NEAREST_M))
+        scale_m = np.float32(FULL_SCALE) * np.clip(depth_m[valid].min(), np.float32(NEAREST_M), FARTHEST_M)
         inverse = np.where(valid, scale_m / np.maximum(depth_m, np.float32(NEAREST_M)), np.float32(0))
         holed = np.rint(np.clip(inverse, 1, FULL_SCALE)).astype(np.uint16)
         rows, columns = depth_m.shape
