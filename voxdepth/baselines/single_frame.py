@@ -26,8 +26,8 @@ NEAREST_M = 0.1
 """Depths below this count as this where they are spread: they set the finest step of everything else."""
 FULL_SCALE = 65535
 """16-bit images are inpainted as they are; of float32 ones OpenCV rounds what it fills to integers."""
-FARTHEST_M = np.finfo(np.float32).max / np.float32(FULL_SCALE)
-"""Depths beyond this count as this where they set the finest step, which is a float32 times `FULL_SCALE`."""
+FARTHEST_M = np.finfo(np.float32).max / np.float32(FULL_SCALE + 1)
+"""Depths beyond this count as this where they set the finest step: times `FULL_SCALE` it is a number of 32 bits."""
 
 
 class Baseline(ABC):
