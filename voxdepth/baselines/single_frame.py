@@ -131,7 +131,7 @@ class OpenCvInpaint(Baseline):
         if valid.all() or not valid.any():
             return depth_m.copy()
         scale_m = np.float32(FULL_SCALE) * np.clip(depth_m[valid].min(), np.float32(NEAREST_M), FARTHEST_M)
-        inverse = np.where(valid, scale_m / np.maximum(depth_m, np.float32(NEAREST_M)), np.float32(0))
+        inverse = scale_m / np.where(valid, np.maximum(depth_m, np.float32(NEAREST_M)), np.float32(np.inf))
         holed = np.rint(np.clip(inverse, 1, FULL_SCALE)).astype(np.uint16)
         rows, columns = depth_m.shape
         twice = ((0, rows == 1), (0, columns == 1))  # Of a single row or column OpenCV reads beyond the image.
