@@ -53,11 +53,13 @@ def test_no_hole_is_left_not_even_at_the_border(method: InpaintingName) -> None:
 
 
 @pytest.mark.parametrize("method", INPAINTING)
-def test_the_largest_number_of_32_bits_is_a_depth_like_any_other(method: InpaintingName) -> None:
+def test_the_largest_number_of_32_bits_is_a_depth_and_does_not_overflow(method: InpaintingName) -> None:
     depth_m = np.full((8, 8), np.finfo(np.float32).max)
     depth_m[2:4, 2:4] = 0
     with np.errstate(all="raise"):
-        np.testing.assert_allclose(filled(depth_m, method), np.finfo(np.float32).max, rtol=1e-3)
+        result = filled(depth_m, method)
+    assert np.isfinite(result).all()
+    assert (result > 0).all()
 
 
 @pytest.mark.parametrize("method", INPAINTING)
