@@ -3,7 +3,7 @@
 The script needs stable-baselines3, which brings PyTorch:
 
     pip install -c constraints.txt -e '.[all]' stable-baselines3
-    python examples/train_follower.py --steps 40000 --seeds 0 1 2 --out follower
+    python examples/train_follower.py --steps 60000 --seeds 0 1 2 --out follower
 
 The blind follower is trained like the other one, but its depth image is always empty. With `--steering direct` nothing
 but the policy keeps a follower from flying into a wall; otherwise the avoidance layer of the scripted drones does. The
@@ -25,7 +25,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 import torch
-from stable_baselines3 import PPO
+from stable_baselines3 import SAC
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.results_plotter import load_results
 
@@ -70,8 +70,8 @@ class Scaled(gymnasium.ObservationWrapper):
 
 
 def task_of(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of the environment. Its reward tells a follower that is far behind what way to go."""
-    reward = RewardConfig(slot_scale_m=30.0)
+    """Return the options of the environment. Its reward has a slope where a follower is far from its slot, too."""
+    reward = RewardConfig(slot_scale_m=30.0, slot_per_s=5.0)
     return {"corrector": options.corrector, "steering": options.steering, "others": "truth", "reward": reward}
 
 
@@ -91,8 +91,8 @@ def train(options: argparse.Namespace, seed: int, blind: bool) -> Counter[str]:
         env_kwargs={"task": task_of(options), "blind": blind},
         monitor_dir=str(options.out / name),
     )
-    settings = {"n_steps": 128, "batch_size": 64, "learning_rate": 1e-3, "gamma": 0.95}
-    model = PPO("MultiInputPolicy", envs, **settings, policy_kwargs={"log_std_init": -0.7}, seed=seed)
+    settings = {"gamma": 0.95, "learning_rate": 1e-3, "learning_starts": 500, "ent_coef": "auto_0.05"}
+    model = SAC("MultiInputPolicy", envs, **settings, policy_kwargs={"net_arch": [64, 64]}, seed=seed)
     model.learn(options.steps)
     envs.close()
     model.save(options.out / f"{name}.zip")
@@ -163,7 +163,7 @@ def _test_seeds(options: argparse.Namespace) -> range:
 def main() -> None:
     """Train followers with and without depth, and compare them in worlds that the training did not use."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=40_000, help="steps of the environment in each training")
+    parser.add_argument("--steps", type=int, default=60_000, help="steps of the environment in each training")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="seeds of the trainings")
     parser.add_argument("--corrector", default="voxdepth", help="name of the depth corrector, as in `voxdepth run`")
     parser.add_argument("--steering", choices=["shielded", "direct"], default="shielded", help="what obeys the policy")
