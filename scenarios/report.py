@@ -41,7 +41,7 @@ def summary_tables(finished: Finished, run: Run) -> list[Table]:
     ]
     return [
         Table.of(run.title, ("metric", "value"), rows),
-        Table.of("depth errors, surfaces within 20 m", ("depth", Column("MAE", "m"), TOO_FAR, HOLES), depth),
+        Table.of("Depth errors, surfaces within 20 m", ("depth", Column("MAE", "m"), TOO_FAR, HOLES), depth),
     ]
 
 

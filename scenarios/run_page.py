@@ -52,7 +52,7 @@ def drone_table(drones: Iterable[Mapping[str, MetricValue]]) -> Table:
     """Return the metrics of every drone, a row for each."""
     rows = list(drones)
     columns = [Column(*named(name)) for name in (rows[0] if rows else ())]
-    return Table.of("By drone", ["drone", *columns], [(str(k), *row.values()) for k, row in enumerate(rows)])
+    return Table.of("By drone", columns, [tuple(row.values()) for row in rows])
 
 
 def named(metric: str) -> tuple[str, str]:
