@@ -1,1 +1,0 @@
-"""Training of the networks of the library on rendered sequences. Only this package uses PyTorch."""
