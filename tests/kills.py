@@ -153,6 +153,9 @@ def end_runs(folder: Path, times: int, rng: random.Random) -> str:
     """Ask runs to end; each leaves its metrics and a recording that verifies."""
     verified = interrupted = 0
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(
+            number, signal.default_int_handler
+        )  # What this process ignores, as under nohup, a run ignores, too.
         for k in range(times):
             out = folder / f"{number.name}-{k}"
             process = started("run", "city", "--depth", "truth", "--seed", k, "--out", out)
