@@ -59,16 +59,16 @@ def test_without_avoidance_it_does_not_stop() -> None:
 
 
 def test_the_controller_of_somebody_else_flies_by_its_name() -> None:
-    with mission_among(config=config(route(0, 0, 3, 0), controller="tests.tiny_controller:create")) as mission:
+    with mission_among(config=config(route(0, 0, 3, 0), controller="examples.straight_controller:create")) as mission:
         result = mission.run()
     assert result.outcome is Outcome.SUCCESS
-    assert fly_at_a_wall(controller="tests.tiny_controller:create").outcome is Outcome.COLLISION
+    assert fly_at_a_wall(controller="examples.straight_controller:create").outcome is Outcome.COLLISION
 
 
 def test_drones_that_look_at_nothing_hit_each_other_and_ours_do_not() -> None:
     """The same two ways head on."""
     outcomes = []
-    for controller in ("tests.tiny_controller:create", MissionConfig().controller):
+    for controller in ("examples.straight_controller:create", MissionConfig().controller):
         with mission_among(config=config(route(-4, 0, 4, 0), route(4, 0, -4, 0), controller=controller)) as mission:
             outcomes.append(mission.run().outcome)
     assert outcomes == [Outcome.COLLISION, Outcome.SUCCESS]
@@ -148,7 +148,7 @@ POLE = Body(name="pole", kind="building", shape=Box((0.4, 0.4, 20.0)), position_
 
 def fly_past_the_pole(*routes: Route, **changes: Any) -> MissionResult:
     """A flight of drones that look at nothing."""
-    values: dict[str, Any] = {"drones": 3, "controller": "tests.tiny_controller:create", **changes}
+    values: dict[str, Any] = {"drones": 3, "controller": "examples.straight_controller:create", **changes}
     with mission_among(POLE, config=config(*routes, **values)) as mission:
         return mission.run()
 

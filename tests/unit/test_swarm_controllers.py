@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from examples import straight_controller
 from scenarios.config import load_run
 from swarm import controllers
 from swarm.agents import Follower, Leader, create_agent
@@ -16,7 +17,6 @@ from swarm.reactive import ReactivePilot, state_of
 from swarm.task import MissionConfig
 from swarm.team import Route
 from swarm.types import Choice, Decision, Histogram, Motion, Neighbours, Percept
-from tests import tiny_controller
 from tests.swarm_scenes import (
     FORWARD,
     NOBODY,
@@ -86,7 +86,7 @@ class TestLoading:
         assert load_controller(DEFAULT_CONTROLLER) is create_agent
 
     def test_one_of_yours_is_found_by_its_name(self) -> None:
-        assert load_controller("tests.tiny_controller:create") is tiny_controller.create
+        assert load_controller("examples.straight_controller:create") is straight_controller.create
 
     def test_foreign_code_is_named_before_it_runs(self, caplog: pytest.LogCaptureFixture) -> None:
         controllers._announce.cache_clear()
@@ -104,14 +104,14 @@ class TestLoading:
         with pytest.raises(MissionError, match=r"'module:factory', as in 'swarm.agents:create_agent', got"):
             load_controller(name)
 
-    @pytest.mark.parametrize("name", ["no_such_module:create", "tests.tiny_controller:no_such_name"])
+    @pytest.mark.parametrize("name", ["no_such_module:create", "examples.straight_controller:no_such_name"])
     def test_what_is_not_there_is_refused_with_the_reason(self, name: str) -> None:
         with pytest.raises(MissionError, match=r"cannot be loaded: .*no_such.*must be installed or in a folder"):
             load_controller(name)
 
     def test_what_cannot_be_called_is_refused(self) -> None:
-        with pytest.raises(MissionError, match=r"must be a function factory\(role, config\), got 3"):
-            load_controller("tests.tiny_controller:NOT_A_FUNCTION")
+        with pytest.raises(MissionError, match=r"must be a function factory\(role, config\), got 'examples.straight"):
+            load_controller("examples.straight_controller:__name__")
 
     def test_an_error_inside_of_the_module_is_not_hidden(self, tmp_path: Path, monkeypatch: Any) -> None:
         (tmp_path / "broken_controller.py").write_text("1 / 0\n", encoding="utf-8")

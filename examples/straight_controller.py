@@ -1,4 +1,8 @@
-"""A controller of somebody else, as small as can be: `tests.tiny_controller:create`."""
+"""A controller of your own, as small as can be. It looks at nothing, so it flies into the first tower.
+
+cp scenarios/data/scenarios/city.toml mine.toml    # and add to [mission]: controller = "straight_controller:create"
+PYTHONPATH=examples voxdepth run mine.toml
+"""
 
 import numpy as np
 
@@ -7,8 +11,6 @@ from swarm.controllers import Role
 from swarm.pilot import Situation
 from swarm.task import MissionConfig
 from swarm.types import Decision
-
-NOT_A_FUNCTION = 3
 
 
 class Straight:
@@ -20,6 +22,7 @@ class Straight:
         self._yaw_rad = role.team.heading_rad
 
     def decide(self, situation: Situation) -> Decision:
+        """Return the same velocity whatever is seen."""
         command = VelocityCommand(velocity_m_s=self._velocity_m_s, yaw_rad=self._yaw_rad)
         return Decision(command=command, wanted_velocity_m_s=self._velocity_m_s, state="free")
 
