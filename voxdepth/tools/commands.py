@@ -309,4 +309,5 @@ def open_viewer(path: Path, *, web: bool = False) -> None:
         environment = os.environ | {"XDG_CONFIG_HOME": config_home}
         done = subprocess.run([*command, "--serve-web"] if web else command, env=environment, check=False)
     if done.returncode:
-        raise ToolError(f"the viewer could not show {path}; without a display, try --web")
+        advice = "close another viewer if one is open" if web else "without a display, try voxdepth view --web"
+        raise ToolError(f"the viewer could not show {path}; {advice}")
