@@ -17,10 +17,12 @@ $(READY): pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "make: python3.11 not found; install Python 3.11 (PyBullet has no wheels for later versions)" >&2; exit 1; }
 	"$(PYTHON)" -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,dev]'
+	@echo "compiling the loops over pixels, once"
+	$(BIN)/voxdepth run city --drones 2 --duration 1 --no-record --out $(VENV)/first-run >/dev/null 2>&1
 	@touch $@
 
 demo: setup      ## fly the city scenario by corrected depth
-	$(BIN)/voxdepth run city
+	$(BIN)/voxdepth run city --seed 3
 
 test: setup      ## run lint, types, layers and all tests
 	$(BIN)/ruff check .
