@@ -10,7 +10,7 @@ from sim.errors import SimError
 from swarm.errors import SwarmError
 from voxdepth.tools.cli import Extension
 
-from .commands import evaluate, general, sensor, study, swarm
+from .commands import evaluate, general, sensor, study, swarm, train
 from .quiet import import_noisy_libraries, use_one_thread
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 PANELS = (
     ("Swarm", (swarm.run, swarm.accept, swarm.tabulate, swarm.freespace, swarm.picture, swarm.film, swarm.map_)),
     ("Sensor", (sensor.record, sensor.sheet, sensor.scenes)),
-    ("Corrector", (evaluate.evaluate, evaluate.experiment, sensor.regress)),
+    ("Corrector", (evaluate.evaluate, evaluate.experiment, sensor.regress, train.train)),
     ("General", (general.list_,)),
 )
 ON_ONE_THREAD = (evaluate.evaluate, evaluate.experiment)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.metadata import entry_points
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from .errors import ConfigError
@@ -27,6 +28,7 @@ __all__ = [
     "corrector_names",
     "create_bare",
     "create_corrector",
+    "installed_names",
     "latency_s",
     "require_known",
     "resolve_config",
@@ -51,6 +53,8 @@ class Entry:
     """The type of its configuration as `module:name`; None for a corrector without one."""
     takes_camera: bool = True
     """Whether the class takes the intrinsics."""
+    needs: str | None = None
+    """A module that an extra of this library installs; None for a corrector that needs none."""
 
 
 def _imported(path: str) -> Any:
@@ -78,6 +82,7 @@ _REGISTRY = {
     "telea": _single_frame("single_frame:OpenCvInpaint", 0.0075, method="telea"),
     "navier-stokes": _single_frame("single_frame:OpenCvInpaint", 0.0035, method="navier_stokes"),
     "global-smoother": Entry("baselines.global_smoother:GlobalSmoother", 0.0064),
+    "learned": Entry("baselines.learned:Learned", 0.0040, needs="onnxruntime"),
     PAPER: Entry("paper.method:PaperVoxDepth", 0.0034, config="paper.config:PaperConfig"),
     DEFAULT: Entry("temporal.method:VoxDepth", 0.0087, config="temporal.config:VoxDepthConfig"),
 }
@@ -90,6 +95,11 @@ def corrector_names() -> tuple[str, ...]:
     """The correctors of this library and those of other distributions, which are not loaded for that."""
     others = {entry.name for entry in entry_points(group=ENTRY_POINTS)}
     return (*CORRECTOR_NAMES, *sorted(others.difference(CORRECTOR_NAMES)))
+
+
+def installed_names() -> tuple[str, ...]:
+    """The correctors of this library but those that need an extra that is not installed."""
+    return tuple(name for name, entry in _REGISTRY.items() if entry.needs is None or find_spec(entry.needs))
 
 
 def require_known(name: str) -> None:
@@ -160,7 +170,7 @@ def create_bare(
 
     Raises:
         ConfigError: The name is unknown, the corrector takes no configuration or another one, it needs a camera with a
-            baseline, or it belongs to another distribution and cannot be loaded.
+            baseline or an extra that is not installed, or it belongs to another distribution and cannot be loaded.
     """
     require_known(name)
     entry = _REGISTRY.get(name)

@@ -12,6 +12,7 @@ from voxdepth.registry import (
     PAPER,
     config_of,
     create_corrector,
+    installed_names,
     require_known,
     resolve_config,
 )
@@ -24,8 +25,8 @@ ORACLE = "true-pose"
 """Splats the last frames by their TRUE poses: an upper bound of what memory can achieve, and not a corrector."""
 DEFAULT_FILLED = f"{DEFAULT}[fill=all]"
 """The default method, but with a depth at every pixel, for comparisons that need one."""
-METHOD_NAMES = (*CORRECTOR_NAMES, DEFAULT_FILLED, ORACLE)
-"""All methods that are compared by default."""
+METHOD_NAMES = (*installed_names(), DEFAULT_FILLED, ORACLE)
+"""All methods that are compared by default: those that need no extra, and those whose extra is installed."""
 WARM_UP_FRAMES = 3
 """Warm-up of a method without a configuration."""
 

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 
 from voxdepth import PaperVoxDepth
 from voxdepth.datasets import Dataset, open_dataset
+from voxdepth.networks import has_runtime
 from voxdepth.paper.config import PaperConfig
 from voxdepth.registry import create_corrector
 from voxdepth.tools.benchmark.frames import write_tum
@@ -69,6 +70,7 @@ SETUPS: Mapping[str, Setup] = {
     "VD-Nopipe, fusing beside": Setup("one by one, fusing beside", one_by_one, LAGGING),
     "RS": Setup("one by one", one_by_one, partial(create_corrector, "realsense-left")),
     "GS": Setup("one by one", one_by_one, partial(create_corrector, "lmeds")),
+    **({"DS": Setup("one by one", one_by_one, partial(create_corrector, "learned"))} if has_runtime() else {}),
 }
 
 
@@ -91,7 +93,8 @@ def compare_frame_rates(context: ExperimentContext) -> Findings:
             f"after a warm-up, {REPETITIONS} alternating runs of each.",
             "VD runs in three threads and one that fuses, all others in one and, where stated, one that fuses: on "
             "few processors there is little to overlap. The paper's kernels ran on the GPU of a Jetson Nano.",
-            "DeepSmooth (2 frames/s in the paper) is not built here. GS is our reconstruction in NumPy.",
+            "DS is our corrector learned in ONNX Runtime, and not the paper's network; it needs the extra learned. GS "
+            "is our reconstruction in NumPy.",
         ),
         figure=panels(title, [partial(_draw, table)]),
     )

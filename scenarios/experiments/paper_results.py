@@ -7,7 +7,7 @@ from voxdepth.tools.table import Column, Table, Value
 
 from ..evaluation.paper import M_RMSE, METHODS, PSNR_DB
 
-INPAINTING_RESULTS = {"bilinear": (16.35, 8), "convex upsampling (learned)": (34.39, 237), "dilation": (17.46, 94)}
+INPAINTING_RESULTS = {"bilinear": (16.35, 8), "convex": (34.39, 237), "dilation": (17.46, 94)}
 """RQ3: PSNR [dB] and time [ms] by method."""
 FLOW_S = {"Horn-Schunck": 2.45, "RAFT": 15.5}
 """RQ4: time of one flow [s]."""

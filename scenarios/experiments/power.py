@@ -92,7 +92,7 @@ def measure_power(
         notes=(
             f"{context.frames} images in memory, played forwards and backwards for {seconds:g} s, as fast as "
             "each method can: a faster method corrects more frames for the same power. OpenCV on one thread.",
-            "The meter counts the whole machine: let nothing else run. DeepSmooth is not built here.",
+            "The meter counts the whole machine: let nothing else run. DeepSmooth is not measured.",
         ),
         figure=panels(f"Power, n = {seconds:g} s of each method", [partial(_draw, powers_w)]),
     )

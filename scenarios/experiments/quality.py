@@ -7,6 +7,7 @@ from typing import NamedTuple
 import pandas as pd
 from matplotlib.axes import Axes
 
+from voxdepth.registry import installed_names
 from voxdepth.tools.table import Table
 
 from ..evaluation import paper
@@ -17,8 +18,9 @@ from ..results.figure import grouped_bars, label_axes, panels
 from .experiment import Claim, Experiment, ExperimentContext, Findings, listed, most_hold
 from .paper_results import percentages_table, saturated
 
-METHODS = {"VD": "paper", "RS": "realsense-left", "GS": "lmeds", "raw": "raw"}
-"""Our method by the paper's name of it, and the depth that all of them receive."""
+_METHODS = {"VD": "paper", "RS": "realsense-left", "GS": "lmeds", "DS": "learned", "raw": "raw"}
+METHODS = {name: method for name, method in _METHODS.items() if method in installed_names()}
+"""Our method by the paper's name of it, and the depth that all of them receive. DS needs the extra `learned`."""
 COLUMNS = ("metric", "unit", "sequence", *METHODS, *(f"{name} (paper)" for name in paper.METHODS), "n")
 
 
@@ -60,7 +62,8 @@ def compare_quality(context: ExperimentContext) -> Findings:
         claims=(_psnr_claim(psnrs_db), _masked_claim(masked_m)),
         notes=(
             "The paper's numbers were measured on other data, a RealSense's and Mid-Air's: compare orders, not sizes.",
-            "DeepSmooth (DS) is not built here; the paper's numbers of it stand alone.",
+            "DS is the corrector learned, our own network, trained on our simulator: DeepSmooth's weights are not "
+            "public. Without the extra learned, the paper's numbers of it stand alone.",
             "GS is our reconstruction of GSmooth, whose text and code are not public. RS fills from the left, as "
             "the paper's text describes RealSense.",
             "PSNR (peak 65535 mm, surfaces within that) and masked RMSE (occluded pixels within 20 m) are after "

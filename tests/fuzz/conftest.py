@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.fuzz.fuzzing import EXAMPLES, SEED
-from voxdepth.registry import CORRECTOR_NAMES, create_corrector
+from voxdepth.registry import create_corrector, installed_names
 from voxdepth.types import Frame, Intrinsics
 
 
@@ -18,7 +18,7 @@ def compiled() -> None:
     """Compile the loops of all correctors, which takes longer than an input may."""
     camera = Intrinsics.from_hfov(width_px=48, height_px=32, hfov_deg=80, baseline_m=0.1)
     rng = np.random.default_rng(0)
-    for name in CORRECTOR_NAMES:
+    for name in installed_names():
         corrector = create_corrector(name, camera)
         for k in range(3):
             gray = rng.integers(0, 256, camera.shape, np.uint8)

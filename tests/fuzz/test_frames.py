@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.fuzz.fuzzing import fuzzed, in_time, require_clear
 from voxdepth.errors import VoxDepthError
-from voxdepth.registry import CORRECTOR_NAMES, create_corrector
+from voxdepth.registry import create_corrector, installed_names
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source
 
 REFUSED = (VoxDepthError, TypeError, ValueError)
@@ -177,7 +177,7 @@ def streams(draw: st.DrawFn) -> Stream:
     start_s = draw(st.sampled_from([0.0, 0.0, 0.0, -5.0, 1.7e9, 1e15, -1e300]))
     count = draw(st.integers(1, 4))
     frames = [draw(given_frames(camera.shape, start_s + k / 30)) for k in range(count)]
-    return Stream(draw(st.sampled_from(CORRECTOR_NAMES)), camera, frames)
+    return Stream(draw(st.sampled_from(installed_names())), camera, frames)
 
 
 def content(value: Any) -> Any:

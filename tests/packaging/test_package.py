@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from voxdepth.registry import CORRECTOR_NAMES
+from voxdepth.registry import installed_names
 from voxdepth.types import Source
 
 ROOT = Path(__file__).parents[2]
@@ -65,14 +65,14 @@ import voxdepth
 from voxdepth import Frame, Intrinsics, PaperConfig, PaperVoxDepth
 from voxdepth.devices import cuda_devices
 from voxdepth.errors import ConfigError
-from voxdepth.registry import CORRECTOR_NAMES, create_corrector
+from voxdepth.registry import create_corrector, installed_names
 
 for module in pkgutil.walk_packages(voxdepth.__path__, "voxdepth."):
     if not module.name.startswith("voxdepth.paper.warp_"):
         import_module(module.name)
 camera = Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80, baseline_m=0.1)
 gray = np.kron(np.random.default_rng(0).integers(0, 256, (12, 16), np.uint8), np.ones((4, 4), np.uint8))
-for name in CORRECTOR_NAMES:
+for name in installed_names():
     corrector = create_corrector(name, camera)
     for k in range(16):
         depth_m = np.full(camera.shape, 2, np.float32)
@@ -92,8 +92,11 @@ def test_without_warp_everything_but_cuda_works() -> None:
     done = subprocess.run([sys.executable, "-c", WITHOUT_WARP], capture_output=True, text=True, check=True)
     *filled, devices, error = done.stdout.strip().splitlines()
     sources = dict(line.split() for line in filled)
-    assert tuple(sources) == CORRECTOR_NAMES
+    assert tuple(sources) == installed_names()
     assert {name for name, source in sources.items() if source == str(int(Source.INVALID))} == {"raw"}
-    assert {name for name, source in sources.items() if source == str(int(Source.MEMORY))} == {"paper", "voxdepth"}
+    assert {name for name, source in sources.items() if source == str(int(Source.MEMORY))} - {"learned"} == {
+        "paper",
+        "voxdepth",
+    }
     assert devices == "()"
     assert error == "device = 'cuda' needs Warp: pip install 'voxdepth[cuda]', or choose 'cpu'"

@@ -14,12 +14,13 @@ from voxdepth.calibration import FILE, N_CLASSES, SHAPE, Calibrated, PixelClasse
 from voxdepth.errors import ConfigError
 from voxdepth.paper.config import PaperConfig
 from voxdepth.pipeline import CorrectionPipeline, StagedCorrector
-from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare, create_corrector
+from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare, create_corrector, installed_names
 from voxdepth.types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics, Source
 
 CAMERA = Intrinsics.from_hfov(width_px=96, height_px=72, hfov_deg=80, baseline_m=0.1)
 TABLE = np.linspace(0, 1, N_CLASSES, dtype=np.float32).reshape(SHAPE)
 GRADED = [name for name in CORRECTOR_NAMES if name != DEFAULT]
+INSTALLED = [name for name in installed_names() if name != DEFAULT]
 
 
 def holed_frame(k: int) -> Frame:
@@ -63,7 +64,7 @@ class TestClasses:
 
 
 class TestCorrectors:
-    @pytest.mark.parametrize("name", GRADED)
+    @pytest.mark.parametrize("name", INSTALLED)
     def test_only_the_confidence_changes(self, name: str) -> None:
         bare, graded = create_bare(name, CAMERA), create_corrector(name, CAMERA)
         assert graded.uses_gray == bare.uses_gray

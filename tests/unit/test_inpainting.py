@@ -8,9 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from voxdepth.networks import has_runtime
 from voxdepth.paper.inpainting import Inpainting
 
 METHODS = ["dilation", "erosion", "median", "bilinear", "nearest"]
+CONVEX = pytest.param("convex", marks=pytest.mark.skipif(not has_runtime(), reason="needs the extra learned"))
 
 
 def sparse(seed: int, filled: float = 0.2, shape: tuple[int, int] = (19, 23)) -> np.ndarray:
@@ -39,7 +41,7 @@ def by_windows(image: np.ndarray, size: int, of: Callable[[np.ndarray], float]) 
     return result
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", [*METHODS, CONVEX])
 def test_a_constant_stays_constant(method: str) -> None:
     image = np.where(sparse(0) > 0, np.float32(7.25), np.float32(0))
     dense = Inpainting(method=method, size_px=5).fill(image)
@@ -57,14 +59,14 @@ def test_nothing_is_filled_beyond_the_window_and_everything_filled_stays_so(meth
     assert (dense[image > 0] > 0).all()
 
 
-@pytest.mark.parametrize("method", METHODS[:-1])
+@pytest.mark.parametrize("method", [*METHODS[:-1], CONVEX])
 def test_every_pixel_with_something_in_its_window_is_filled(method: str) -> None:
     image = sparse(2, filled=0.05)
     dense = Inpainting(method=method, size_px=5).fill(image)
     np.testing.assert_array_equal(dense > 0, windows_filled(image, 2) > 0)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", [*METHODS, CONVEX])
 def test_empty_and_dense_images_and_single_pixels(method: str) -> None:
     empty = np.zeros((6, 7), np.float32)
     assert not Inpainting(method=method).fill(empty).any()
@@ -74,7 +76,7 @@ def test_empty_and_dense_images_and_single_pixels(method: str) -> None:
     assert Inpainting(method=method).fill(np.full((1, 1), 3.0, np.float32)).item() == 3.0
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", [*METHODS, CONVEX])
 def test_the_input_is_not_changed_and_values_lie_within_its_range(method: str) -> None:
     image = sparse(3)
     before = image.copy()
@@ -117,6 +119,19 @@ def test_bilinear_and_nearest_keep_what_is_filled() -> None:
     image = sparse(4)
     for method in (Inpainting(method="bilinear"), Inpainting(method="nearest")):
         np.testing.assert_array_equal(method.fill(image)[image > 0], image[image > 0])
+
+
+@pytest.mark.skipif(not has_runtime(), reason="needs the extra learned")
+def test_convex_fills_a_scene_twice_as_far_twice_as_far_with_the_same_bytes_each_time() -> None:
+    image, method = sparse(5, shape=(70, 90)), Inpainting(method="convex")
+    dense = method.fill(image)
+    assert method.fill(image).tobytes() == dense.tobytes()
+    np.testing.assert_allclose(method.fill(2 * image), 2 * dense, rtol=1e-4)
+
+
+def test_the_network_of_convex_has_a_window_of_its_own() -> None:
+    with pytest.raises(ValidationError, match="has a window of 5 pixels, got 7"):
+        Inpainting(method="convex", size_px=7)
 
 
 @pytest.mark.parametrize("size", [0, 2, -3])

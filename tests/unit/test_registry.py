@@ -21,6 +21,7 @@ from voxdepth.registry import (
     corrector_names,
     create_bare,
     create_corrector,
+    installed_names,
     latency_s,
     require_known,
     resolve_config,
@@ -38,7 +39,7 @@ def holed_frame(stamp_s: float) -> Frame:
     return Frame(stamp_s=stamp_s, gray=rng.integers(0, 256, CAMERA.shape, np.uint8), depth_m=depth_m)
 
 
-@pytest.mark.parametrize("name", CORRECTOR_NAMES)
+@pytest.mark.parametrize("name", installed_names())
 def test_every_name_makes_a_corrector_that_gives_depth_and_keeps_the_frame(name: str) -> None:
     corrector = create_corrector(name, CAMERA)
     for stamp_s in (0.0, 0.1, 0.2):
@@ -201,7 +202,7 @@ def test_the_example_of_a_plugin_is_found_by_its_name(tmp_path: Path, monkeypatc
     assert latency_s("wide-median") == 0.001
 
 
-@pytest.mark.parametrize("name", CORRECTOR_NAMES)
+@pytest.mark.parametrize("name", installed_names())
 def test_images_of_an_upright_camera_are_corrected_like_copies_of_them(name: str) -> None:
     """`np.rot90` gives views that are not in C order."""
     upright = Intrinsics.from_hfov(width_px=48, height_px=64, hfov_deg=70, baseline_m=0.1)

@@ -209,12 +209,12 @@ class FlowFilter(Baseline):
             return np.zeros(gray.shape, np.float32), np.zeros(gray.shape, np.int16)
         last_gray, last_depth_m, last_age = self._last
         to_last_px = self._flow.between(gray, last_gray)
-        landing = _landing(to_last_px)
-        circle_px = to_last_px + _taken(self._flow.between(last_gray, gray), landing)
+        landing = landing_of(to_last_px)
+        circle_px = to_last_px + taken(self._flow.between(last_gray, gray), landing)
         closed = cv2.magnitude(circle_px[..., 0], circle_px[..., 1]) <= MAX_CIRCLE_PX
-        age = _taken(last_age, landing) + np.int16(1)
+        age = taken(last_age, landing) + np.int16(1)
         trusted = closed & (age <= self._max_age_frames)
-        return np.where(trusted, _taken(last_depth_m, landing), np.float32(0)), age
+        return np.where(trusted, taken(last_depth_m, landing), np.float32(0)), age
 
     def _blended(self, measured_m: FloatImage, moved_m: FloatImage) -> FloatImage:
         """The mean of measured and warped depth [m] where they agree, else the measured, in holes the warped depth."""
@@ -224,7 +224,7 @@ class FlowFilter(Baseline):
         return np.where(measured_m > 0, blended_m, moved_m)
 
 
-def _landing(flow_px: FlowImage) -> npt.NDArray[np.int16]:
+def landing_of(flow_px: FlowImage) -> npt.NDArray[np.int16]:
     """Column and row of the pixel that each pixel flows to, shape (H, W, 2); outside the image if it leaves it."""
     height, width = flow_px.shape[:2]
     landing = flow_px.copy()
@@ -233,6 +233,6 @@ def _landing(flow_px: FlowImage) -> npt.NDArray[np.int16]:
     return np.rint(np.clip(landing, -1, np.float32(LAST_PX), out=landing), out=landing).astype(np.int16)
 
 
-def _taken(image: Any, landing: npt.NDArray[np.int16]) -> Any:
+def taken(image: Any, landing: npt.NDArray[np.int16]) -> Any:
     """The pixels of an image at the targets, without interpolation; 0 outside of it."""
     return cv2.remap(image, landing, None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)  # type: ignore[call-overload]

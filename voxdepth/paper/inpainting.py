@@ -5,20 +5,24 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from pydantic import field_validator
+from pydantic import field_validator, model_validator
 
 from ..geometry import fill_from_nearest
 from ..model import Model
+from ..networks import Network, load
 from ..types import FloatImage
 
-InpaintingName = Literal["dilation", "erosion", "median", "bilinear", "nearest"]
+InpaintingName = Literal["dilation", "erosion", "median", "bilinear", "nearest", "convex"]
+CONVEX_WINDOW_PX, CONVEX_MULTIPLE_PX = 5, 32
+"""Window of the network of `convex`; the sides of its images are multiples of the other number."""
 
 
 class Inpainting(Model):
     """A method with a square window around each pixel. A pixel stays empty (0) if its whole window is empty."""
 
     method: InpaintingName = "dilation"
-    """`dilation` is the paper's choice; the function of that name in this module describes the method."""
+    """`dilation` is the paper's choice; the function of that name in this module describes the method. `convex` is a
+    network, which needs the extra `learned`."""
     size_px: int = 5
     """Width of the window; odd. A larger one closes wider gaps and blurs more."""
 
@@ -28,6 +32,17 @@ class Inpainting(Model):
         if size_px < 1 or size_px % 2 == 0:
             raise ValueError("the window must be odd and at least 1 pixel wide")
         return size_px
+
+    @model_validator(mode="after")
+    def _window_of_the_network(self) -> "Inpainting":
+        if self.method == "convex" and self.size_px != CONVEX_WINDOW_PX:
+            raise ValueError(f"the network of convex has a window of {CONVEX_WINDOW_PX} pixels, got {self.size_px}")
+        return self
+
+    def prepare(self) -> None:
+        """Load what the method needs, or raise a `ConfigError`, see `networks.load`."""
+        if self.method == "convex":
+            load("convex")
 
     def fill(self, sparse_m: FloatImage) -> FloatImage:
         """Dense depth [m] of sparse depth [m], both of shape (H, W); 0 = unknown."""
@@ -89,6 +104,32 @@ def nearest(sparse_m: FloatImage, size_px: int) -> FloatImage:
     return fill_from_nearest(sparse_m, size_px // 2)
 
 
+def convex(sparse_m: FloatImage, size_px: int) -> FloatImage:
+    """Every pixel takes a mean of the filled pixels of its window, whose weights a network predicts.
+
+    This is the convex upsampling of Teed and Deng 2020, which the paper tries, for a sparse image in place of a coarse
+    one.
+
+    Raises:
+        ConfigError: The network cannot be loaded, see `networks.load`.
+    """
+    return convex_by(load("convex"), sparse_m)
+
+
+def convex_by(network: Network, sparse_m: FloatImage) -> FloatImage:
+    """Fill by a network. It sees depth in units of the mean, so that a scene twice as far is filled twice as far."""
+    filled = np.count_nonzero(sparse_m)
+    if not filled:
+        return sparse_m.copy()
+    scale_m = np.float32(sparse_m.sum(dtype=np.float64) / filled)
+    height, width = sparse_m.shape
+    below, right = (-side % CONVEX_MULTIPLE_PX for side in sparse_m.shape)
+    padded = np.pad(sparse_m / scale_m, ((0, below), (0, right)))
+    (dense,) = network.run(padded[None, None])
+    return np.ascontiguousarray(dense[0, 0, :height, :width] * scale_m)
+
+
 _METHODS: Mapping[InpaintingName, Callable[[FloatImage, int], FloatImage]] = {
-    "dilation": dilation, "erosion": erosion, "median": median, "bilinear": bilinear, "nearest": nearest
+    "dilation": dilation, "erosion": erosion, "median": median, "bilinear": bilinear, "nearest": nearest,
+    "convex": convex,
 }  # fmt: skip

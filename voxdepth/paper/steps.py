@@ -31,6 +31,7 @@ class HostSteps:
         self._config = config
         self._grid = VoxelGrid(config.voxels)
         self._warped = np.empty(intrinsics.shape, np.float32)
+        config.inpainting.prepare()
         compile_all()
 
     def clear(self) -> None:

@@ -21,6 +21,7 @@ class WarpSteps:
         wp.load_module(kernels, device=device)  # The first launch would compile them.
         self._intrinsics = intrinsics
         self._config = config
+        config.inpainting.prepare()
         self._device = device
         self._words = wp.zeros(config.voxels.n_words, dtype=wp.uint32, device=device)
 

@@ -1,0 +1,1 @@
+"""Training of the networks of the library on rendered sequences. Only this package uses PyTorch."""

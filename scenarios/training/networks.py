@@ -1,0 +1,163 @@
+"""The networks as PyTorch modules, which are exported to ONNX. Shapes are (N, C, h, w), and 0 disparity is unknown."""
+
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+CELL = 4
+"""Side of a cell [working px]: the network works on cells, and predicts every pixel from those around it."""
+WIDTHS = (20, 32, 40, 48)
+"""Channels at 1, 1/2, 1/4 and 1/8 of the resolution of the cells."""
+MULTIPLE_PX = CELL * 2 ** (len(WIDTHS) - 1)
+"""Sides of the input are multiples of this."""
+INPUTS = 6
+"""Channels of the input: disparity and validity of the measurement, gray value, disparity and confidence of the
+previous result as seen from this frame, and the change of gray value since then."""
+PREVIOUS_WEIGHT = 0.3
+"""Weight of a previous disparity of confidence 1, beside a measured one, in the smooth filling that is refined."""
+LARGEST_LOG = 2.0
+"""Largest correction of that filling, as a logarithm."""
+FIRST_TRUST, FIRST_LOG_SCALE = 3.0, -2.0
+"""Where training begins: measured pixels are trusted to 95 %, and errors are of 14 %."""
+LOG_SCALES = (-7.0, 2.0)
+"""Range of the logarithm of the scale of an error."""
+LARGEST_LOGIT = 12.0
+"""Bound of the logarithm of a weight."""
+NEIGHBOURS = 9
+"""Cells of a neighbourhood of 3 x 3."""
+CONVEX_WINDOW_PX = 5
+"""Side of the window of `Convex`, that of all inpainting methods of the paper by default."""
+SMALLEST_DEPTH = 0.01
+"""Smaller depths, in units of the mean, look like this one to the network."""
+
+
+class Gated(nn.Module):
+    """A convolution whose result is multiplied by a gate between 0 and 1: Yu et al. 2019, DOI 10.1109/ICCV.2019.00457.
+
+    Unlike the mask of a partial convolution, the gate is learned for each channel and place.
+    """
+
+    def __init__(self, inputs: int, outputs: int, size: int = 3, stride: int = 1, padding: int = 1) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(inputs, 2 * outputs, size, stride, padding)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Features of shape (N, outputs, h, w)."""
+        feature, gate = self.conv(x).chunk(2, 1)
+        return functional.relu(feature) * torch.sigmoid(gate)
+
+
+class Trunk(nn.Module):
+    """A gated encoder and a decoder with skip connections: from images to features of the cells."""
+
+    def __init__(self, inputs: int) -> None:
+        super().__init__()
+        self.stem = Gated(inputs, WIDTHS[0], CELL, CELL, 0)
+        self.first = Gated(WIDTHS[0], WIDTHS[0])
+        self.down = nn.ModuleList(Gated(fine, coarse, 3, 2) for fine, coarse in pairwise(WIDTHS))
+        self.deepest = nn.Conv2d(WIDTHS[-1], WIDTHS[-1], 3, padding=1)
+        self.up = nn.ModuleList(
+            nn.Conv2d(fine + coarse, fine, 3, padding=1) for fine, coarse in reversed(list(pairwise(WIDTHS)))
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Features of the cells, shape (N, WIDTHS[0], h / CELL, w / CELL)."""
+        levels = [self.first(self.stem(x))]
+        for down in self.down:
+            levels.append(down(levels[-1]))
+        x = functional.relu(self.deepest(levels.pop()))
+        for up, fine in zip(self.up, reversed(levels), strict=True):
+            x = functional.relu(up(torch.cat([functional.interpolate(x, scale_factor=2.0), fine], 1)))
+        return x
+
+
+def smoothly_filled(disparity: Tensor, weight: Tensor) -> Tensor:
+    """A disparity for every cell: the weighted mean where there is any weight, else that of larger and larger cells."""
+    total, weights = [functional.avg_pool2d(disparity * weight, CELL)], [functional.avg_pool2d(weight, CELL)]
+    for _ in WIDTHS[1:]:
+        total.append(functional.avg_pool2d(total[-1], 2))
+        weights.append(functional.avg_pool2d(weights[-1], 2))
+    filled = total[-1].mean((2, 3), keepdim=True) / (weights[-1].mean((2, 3), keepdim=True) + 1e-8)
+    filled = (total[-1] + 1e-3 * filled) / (weights[-1] + 1e-3)
+    for k in reversed(range(len(total) - 1)):
+        coarse = functional.interpolate(filled, scale_factor=2.0, mode="bilinear", align_corners=False)
+        filled = (total[k] + 1e-3 * coarse) / (weights[k] + 1e-3)
+    return filled
+
+
+def combined(cells: Tensor, logits: Tensor) -> Tensor:
+    """Pixels as convex combinations of the 3 x 3 cells around theirs: Teed and Deng 2020, their upsampling of flow.
+
+    Cells have shape (N, 1, h, w), and the logarithms of the weights (N, NEIGHBOURS CELL^2, h, w). The result has shape
+    (N, 1, CELL h, CELL w).
+    """
+    height, width = cells.shape[2:]
+    padded = functional.pad(cells, (1, 1, 1, 1), mode="replicate")
+    shifted = [padded[:, :, i : i + height, j : j + width] for i in range(3) for j in range(3)]
+    # Written out, since a softmax along the second axis is slow in ONNX Runtime.
+    weights = [torch.exp(part) for part in logits.clamp(-LARGEST_LOGIT, LARGEST_LOGIT).chunk(NEIGHBOURS, 1)]
+    total = sum(cell * weight for cell, weight in zip(shifted, weights, strict=True))
+    return functional.pixel_shuffle(total / sum(weights), CELL)
+
+
+class Corrector(nn.Module):
+    """Disparity of every pixel, and the scale of its error, from a measurement and the previous result."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.trunk = Trunk(INPUTS)
+        self.cells = nn.Conv2d(WIDTHS[0], 1, 1)
+        self.weights = nn.Conv2d(WIDTHS[0], NEIGHBOURS * CELL**2, 1)
+        self.trust = nn.Conv2d(WIDTHS[0], CELL**2, 1)
+        self.errors = nn.Conv2d(WIDTHS[0], CELL**2, 1)
+        for head, bias in ((self.cells, 0.0), (self.trust, FIRST_TRUST), (self.errors, FIRST_LOG_SCALE)):
+            nn.init.zeros_(head.weight)
+            nn.init.constant_(head.bias, bias)
+
+    def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """The disparity in units of the input, and the logarithm of the scale of the error of its logarithm.
+
+        Both have shape (N, 1, h, w). Measured pixels are drawn towards the prediction as far as they are not trusted.
+        """
+        disparity, valid, previous, certain = x[:, 0:1], x[:, 1:2], x[:, 3:4], x[:, 4:5]
+        features = self.trunk(x)
+        known = disparity * valid + previous * (1 - valid)
+        filled = smoothly_filled(known, valid + PREVIOUS_WEIGHT * certain * (1 - valid))
+        cells = filled * torch.exp(self.cells(features).clamp(-LARGEST_LOG, LARGEST_LOG))
+        predicted = combined(cells, self.weights(features))
+        trust = valid * torch.sigmoid(functional.pixel_shuffle(self.trust(features), CELL))
+        log_scale = functional.pixel_shuffle(self.errors(features), CELL).clamp(*LOG_SCALES)
+        return trust * disparity + (1 - trust) * predicted, log_scale
+
+
+class Convex(nn.Module):
+    """Every pixel as the convex combination of the filled pixels of its window, with predicted weights.
+
+    This is the upsampling of Teed and Deng with the pixels of an irregular lattice in place of coarse cells.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.trunk = Trunk(2)
+        self.weights = nn.Conv2d(WIDTHS[0], CONVEX_WINDOW_PX**2 * CELL**2, 1)
+        nn.init.zeros_(self.weights.weight)
+        nn.init.zeros_(self.weights.bias)
+
+    def forward(self, sparse: Tensor) -> Tensor:
+        """Dense depth of sparse depth, both of shape (N, 1, h, w) and in units of its mean; 0 = empty."""
+        valid = (sparse > 0).to(sparse.dtype)
+        features = self.trunk(torch.cat([torch.log(sparse.clamp(min=SMALLEST_DEPTH)) * valid, valid], 1))
+        logits = functional.pixel_shuffle(self.weights(features), CELL).clamp(-LARGEST_LOGIT, LARGEST_LOGIT)
+        height, width = sparse.shape[2:]
+        reach = CONVEX_WINDOW_PX // 2
+        padded = functional.pad(torch.cat([sparse, valid], 1), (reach, reach, reach, reach))
+        places = [(i, j) for i in range(CONVEX_WINDOW_PX) for j in range(CONVEX_WINDOW_PX)]
+        total = sum(
+            padded[:, :, i : i + height, j : j + width] * torch.exp(logits[:, k : k + 1])
+            for k, (i, j) in enumerate(places)
+        )
+        assert isinstance(total, Tensor)
+        depth, weight = total.chunk(2, 1)
+        return depth / torch.where(weight > 0, weight, torch.ones_like(weight))

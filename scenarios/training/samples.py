@@ -1,0 +1,104 @@
+"""Clips as the network of `learned` sees them: measured and true disparity at the working resolution of the method."""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from voxdepth.baselines.learned import landing_in
+from voxdepth.baselines.optical_flow import Dis
+from voxdepth.temporal.measurement import measure
+from voxdepth.temporal.working_resolution import WorkingResolution, default_decimation
+from voxdepth.types import FloatArray, FloatImage, Frame
+
+from .clips import Clip
+
+RATE_HZ = 30.0
+BLOCK_RANK = 1
+"""Of the disparities of a block, in increasing order, the one that is the true disparity of its working pixel."""
+
+
+class Sample(NamedTuple):
+    """A clip of T frames at the working resolution (h, w)."""
+
+    measured_px: FloatArray
+    """Measured disparity [px], shape (T, h, w), float32; 0 = invalid."""
+    gray: npt.NDArray[np.uint8]
+    """Gray images, shape (T, h, w)."""
+    true_px: FloatArray
+    """True disparity [px], shape (T, h, w), float32; that of the sky is as small as any other."""
+    is_sky: npt.NDArray[np.bool_]
+    """Shape (T, h, w)."""
+    landing: npt.NDArray[np.int16]
+    """Column and row of each pixel in the frame before, shape (T, h, w, 2); those of the first frame mean nothing."""
+
+
+def sample_of(clip: Clip) -> Sample:
+    """The sample of a clip. The image operations are those of the corrector."""
+    camera = clip.intrinsics
+    resolution = WorkingResolution.of(camera, default_decimation(camera))
+    frames = [
+        measure(Frame(stamp_s=index / RATE_HZ, gray=gray, depth_m=raw_m), resolution)
+        for index, (gray, raw_m) in enumerate(zip(clip.gray, clip.raw_m, strict=True))
+    ]
+    flow = Dis()
+    landing = [np.zeros((*resolution.shape, 2), np.int16)]
+    landing += [landing_in(last.gray, frame.gray, flow) for last, frame in pairwise(frames)]
+    true_px = resolution.focal_baseline_px_m / clip.true_or_far_m
+    return Sample(
+        measured_px=np.stack([frame.disparity_px for frame in frames]),
+        gray=np.stack([frame.gray for frame in frames]),
+        true_px=np.stack([_reduced(image, resolution) for image in true_px]),
+        is_sky=np.stack([_reduced(~np.isfinite(image), resolution) > 0 for image in clip.true_m]),
+        landing=np.stack(landing),
+    )
+
+
+def _reduced(image: npt.NDArray[np.float64 | np.bool_], resolution: WorkingResolution) -> FloatImage:
+    """An image at the working resolution: of each block the second smallest value, which some pixel has."""
+    n = resolution.decimation
+    height, width = resolution.shape
+    if n == 1:
+        return image.astype(np.float32)
+    blocks = image[: n * height, : n * width].reshape(height, n, width, n).swapaxes(1, 2).reshape(height, width, n * n)
+    return np.sort(blocks, axis=2)[..., BLOCK_RANK].astype(np.float32)
+
+
+def cropped(sample: Sample, rng: np.random.Generator, frames: int, height_px: int, width_px: int) -> Sample:
+    """A random part of a sample, with random gain of the gray images, and sometimes with more holes.
+
+    Images that are smaller are padded with what is unknown: no measurement, no truth, and the sky.
+    """
+    n, height, width = sample.gray.shape
+    t = rng.integers(n - frames + 1)
+    top, left = rng.integers(max(1, height - height_px + 1)), rng.integers(max(1, width - width_px + 1))
+    part = (slice(t, t + frames), slice(top, top + height_px), slice(left, left + width_px))
+    low, high = max(0, height_px - height), max(0, width_px - width)
+    pad = ((0, 0), (0, low), (0, high))
+    measured_px, true_px = np.pad(sample.measured_px[part], pad), np.pad(sample.true_px[part], pad)
+    landing = np.pad(sample.landing[part] - np.array([left, top], np.int16), (*pad, (0, 0)), constant_values=-1)
+    gain, offset = rng.uniform(0.7, 1.3), rng.uniform(-25, 25)
+    gray = np.clip(sample.gray[part] * gain + offset, 0, 255).astype(np.uint8)
+    if rng.random() < MORE_HOLES_SHARE:
+        _punch(measured_px, rng)
+    return Sample(measured_px, np.pad(gray, pad), true_px, np.pad(sample.is_sky[part], pad), landing)
+
+
+MORE_HOLES_SHARE = 0.5
+"""Share of the samples that get more holes than the sensor left, so that the network learns to fill wide ones."""
+
+
+def _punch(measured_px: FloatArray, rng: np.random.Generator) -> None:
+    """Remove up to three ellipses of the measurement, in all frames or in each for itself, in place."""
+    frames, height, width = measured_px.shape
+    stays = rng.random() < 0.5
+    for _ in range(rng.integers(1, 4)):
+        center = int(rng.integers(width)), int(rng.integers(height))
+        axes = int(rng.integers(4, width // 5)), int(rng.integers(4, height // 3))
+        for index in range(frames):
+            if stays or rng.random() < 0.5:
+                hole = np.zeros((height, width), np.uint8)
+                cv2.ellipse(hole, center, axes, 0.0, 0, 360, 1, -1)
+                measured_px[index][hole > 0] = 0

@@ -1,0 +1,184 @@
+"""A network as a baseline: an encoder and a decoder with gates, which fills and smooths disparity from frame to frame.
+
+It stands for DeepSmooth (Krishna and Vandrotti, CVPR workshops 2023), whose weights are not public. What differs: one
+encoder of a tenth of a million parameters instead of two branches; the previous result is moved by optical flow instead
+of encoded again; and the loss is the likelihood of the true disparity, from which the confidence follows.
+"""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from ..corrector import StreamCorrector
+from ..errors import ConfigError
+from ..networks import Images, Network, load
+from ..temporal.fusion import PixelClass
+from ..temporal.measurement import Measurement, measure
+from ..temporal.upsampling import Estimate, Upsampler
+from ..temporal.working_resolution import MIN_DISPARITY_PX, WorkingResolution, default_decimation
+from ..types import CORRECT_PX, CORRECT_SHARE, CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
+from .optical_flow import Dis, landing_of, taken
+
+MIN_SIDE_PX = 8
+"""Smallest side of an image: at half resolution, a smaller one leaves no neighbourhood to work on."""
+MULTIPLE_PX = 32
+"""The network takes images whose sides are multiples of this."""
+GRAY_RANGE = np.float32(255)
+LARGEST_RATIO = np.float32(100)
+"""Disparities of a larger multiple of the typical one look like this to the network."""
+REMEMBERED_CONFIDENCE = 0.5
+"""Least confidence of a previous result that may count as the origin of a filled pixel."""
+
+Landing = npt.NDArray[np.int16]
+
+
+class Result(NamedTuple):
+    """The result for one frame at the working resolution, shape (h, w)."""
+
+    disparity_px: FloatImage
+    """Disparity; 0 = unknown."""
+    confidence: FloatImage
+    """Probability that it is right."""
+
+
+class Learned(StreamCorrector):
+    """Predicts the disparity of every pixel, and the scale of its error, from the frame and the previous result.
+
+    Measuring and showing are those of the default method, at the same working resolution. What is shown lies between
+    the smallest and the largest disparity that was measured or remembered.
+
+    Args:
+        intrinsics: Intrinsics of the camera, whose images have at least `MIN_SIDE_PX` pixels a side.
+        network: A network in place of the one of the library.
+
+    Raises:
+        ConfigError: The images are too small; or the network cannot be loaded, see `networks.load`.
+    """
+
+    def __init__(self, intrinsics: Intrinsics, network: Network | None = None) -> None:
+        if min(intrinsics.shape) < MIN_SIDE_PX:
+            raise ConfigError(
+                f"the corrector 'learned' needs images of at least {MIN_SIDE_PX}x{MIN_SIDE_PX} pixels, "
+                f"got {intrinsics.width_px}x{intrinsics.height_px}: use a larger camera"
+            )
+        self._network = network or load("corrector")
+        self._resolution = WorkingResolution.of(intrinsics, default_decimation(intrinsics))
+        self._upsampler = Upsampler(intrinsics.shape, self._resolution)
+        self._flow = Dis()
+        super().__init__(intrinsics)
+
+    def reset(self) -> None:
+        """Forget the last frame."""
+        super().reset()
+        self._last: tuple[GrayImage, Result] | None = None
+
+    def _align(self, frame: Frame) -> tuple[Frame, Estimate]:
+        """Measure, move the previous result, and predict. The result is remembered for the next frame."""
+        measurement = measure(frame, self._resolution)
+        previous, gray_change = self._moved(measurement.gray)
+        scale_px = typical_disparity(measurement.disparity_px, previous.disparity_px)
+        if scale_px == 0:
+            result = Result(np.zeros_like(measurement.disparity_px), np.zeros_like(measurement.disparity_px))
+        else:
+            images = network_input(measurement, previous, gray_change, scale_px)
+            disparity, log_scale = self._network.run(images)
+            result = interpreted(disparity, log_scale, scale_px, measurement.disparity_px, previous.disparity_px)
+        self._last = measurement.gray, result
+        pixel_class = origin(measurement.disparity_px, previous, result)
+        return frame, Estimate(result.disparity_px, pixel_class, result.confidence)
+
+    def combine(self, aligned: tuple[Frame, Estimate]) -> CorrectedDepth:
+        """Show the result at the resolution of the frame."""
+        frame, estimate = aligned
+        return CorrectedDepth(**self._upsampler.show(frame.depth_m, estimate)._asdict())
+
+    def _moved(self, gray: GrayImage) -> tuple[Result, GrayImage]:
+        """The last result as seen from this frame, and the change of gray value; zeros without one."""
+        if self._last is None:
+            return Result(*np.zeros((2, *gray.shape), np.float32)), np.zeros_like(gray)
+        last_gray, last = self._last
+        landing = landing_in(last_gray, gray, self._flow)
+        moved = Result(taken(last.disparity_px, landing), taken(last.confidence, landing))
+        return moved, np.asarray(cv2.absdiff(gray, taken(last_gray, landing)), np.uint8)
+
+
+def landing_in(last_gray: GrayImage, gray: GrayImage, flow: Dis) -> Landing:
+    """Column and row in the last image of each pixel, shape (h, w, 2), by optical flow between the halved images."""
+    height, width = gray.shape
+    half = max(1, width // 2), max(1, height // 2)
+    start, end = (
+        np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), np.uint8) for image in (gray, last_gray)
+    )
+    flow_px = np.asarray(cv2.resize(flow.between(start, end), (width, height), interpolation=cv2.INTER_LINEAR))
+    return landing_of((flow_px * np.array([width / half[0], height / half[1]])).astype(np.float32))
+
+
+def typical_disparity(measured_px: FloatImage, previous_px: FloatImage) -> np.float32:
+    """The mean of the measured disparities, or else of the previous ones [px]; 0 without any.
+
+    The network sees multiples of it, so that a scene that is twice as far is filled twice as far.
+    """
+    for disparity_px in (measured_px, previous_px):
+        known = np.count_nonzero(disparity_px)
+        if known:
+            return max(MIN_DISPARITY_PX, np.float32(disparity_px.sum(dtype=np.float64) / known))
+    return np.float32(0)
+
+
+def network_input(measurement: Measurement, previous: Result, gray_change: GrayImage, scale_px: np.float32) -> Images:
+    """The images of the network, shape (1, 6, h', w'): sides are padded to `MULTIPLE_PX` with what is unknown.
+
+    They are measured disparity in units of the scale, validity, gray value, the previous disparity and its confidence,
+    and the change of gray value.
+    """
+    height, width = measurement.gray.shape
+    images = np.zeros(
+        (1, 6, -(-height // MULTIPLE_PX) * MULTIPLE_PX, -(-width // MULTIPLE_PX) * MULTIPLE_PX), np.float32
+    )
+    inner = images[0, :, :height, :width]
+    largest_px = LARGEST_RATIO * scale_px
+    np.divide(np.minimum(measurement.disparity_px, largest_px), scale_px, out=inner[0])
+    np.greater(measurement.disparity_px, 0, out=inner[1])
+    np.divide(measurement.gray, GRAY_RANGE, out=inner[2])
+    np.divide(np.minimum(previous.disparity_px, largest_px), scale_px, out=inner[3])
+    inner[4] = previous.confidence
+    np.divide(gray_change, GRAY_RANGE, out=inner[5])
+    return images
+
+
+def interpreted(
+    disparity: Images, log_scale: Images, scale_px: np.float32, measured_px: FloatImage, previous_px: FloatImage
+) -> Result:
+    """The outputs of the network as disparity within that of the inputs, and as the probability that it is right.
+
+    The logarithm of disparity errs as a Laplace distribution of scale b, so that the probability of an error of at most
+    t is 1 - exp(-t / b).
+    """
+    height, width = measured_px.shape
+    low_px, high_px = _range(measured_px, previous_px)
+    disparity_px = np.clip(disparity[0, 0, :height, :width] * scale_px, low_px, high_px)
+    tolerance = np.maximum(
+        np.float32(CORRECT_SHARE), np.float32(CORRECT_PX) / np.maximum(disparity_px, MIN_DISPARITY_PX)
+    )
+    confidence = 1 - np.exp(-tolerance * np.exp(-log_scale[0, 0, :height, :width]))
+    return Result(disparity_px, confidence)
+
+
+def _range(measured_px: FloatImage, previous_px: FloatImage) -> tuple[np.float32, np.float32]:
+    """The smallest and the largest disparity of both, of which at least one has any."""
+    known_px = [disparity_px[disparity_px > 0] for disparity_px in (measured_px, previous_px)]
+    return min(d.min(initial=np.inf) for d in known_px), max(d.max(initial=0) for d in known_px)
+
+
+def origin(measured_px: FloatImage, previous: Result, result: Result) -> GrayImage:
+    """One `PixelClass` per pixel: an unmeasured one is remembered where it is right if the previous result was.
+
+    That is where the previous result was confident, and the new one differs from it by no more than a right depth may.
+    """
+    tolerance_px = np.maximum(np.float32(CORRECT_SHARE) * result.disparity_px, np.float32(CORRECT_PX))
+    agrees = np.abs(result.disparity_px - previous.disparity_px) <= tolerance_px
+    remembered = agrees & (previous.confidence >= REMEMBERED_CONFIDENCE)
+    unmeasured = np.where(remembered, np.uint8(PixelClass.REMEMBERED), np.uint8(PixelClass.UNKNOWN))
+    return np.where(measured_px > 0, np.uint8(PixelClass.FUSED), unmeasured)

@@ -1,0 +1,110 @@
+"""The networks of the library: ONNX files with their cards, and ONNX Runtime, which the extra `learned` installs.
+
+A card is a TOML file beside the network. It states the digest, the format, and how the network was made.
+"""
+
+import hashlib
+import tomllib
+from collections.abc import Sequence
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import ConfigDict, Field, ValidationError
+
+from ..errors import ConfigError
+from ..model import Model
+
+FOLDER = Path(__file__).parent
+FORMAT = 1
+"""Version of the inputs and outputs of the networks, which this library and a network must share."""
+EXTRA = "learned"
+NetworkName = Literal["corrector", "convex"]
+Images = npt.NDArray[np.float32]
+
+
+class Card(Model):
+    """What is known of a network. Only the digest and the format matter to the library."""
+
+    model_config = ConfigDict(extra="allow")
+
+    format: int
+    """Has to be `FORMAT`."""
+    sha256: str = Field(pattern="^[0-9a-f]{64}$")
+    """Digest of the ONNX file."""
+
+
+class Network:
+    """A network that ONNX Runtime runs on one thread, so that the same images give the same bytes.
+
+    Several threads may run it at once.
+
+    Args:
+        content: The ONNX file.
+    """
+
+    def __init__(self, content: bytes) -> None:
+        import onnxruntime
+
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.use_deterministic_compute = True
+        options.log_severity_level = 4
+        self._session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        self._input = self._session.get_inputs()[0].name
+
+    def run(self, images: Images) -> Sequence[Images]:
+        """The outputs for images of shape (1, C, h, w)."""
+        outputs: Sequence[Any] = self._session.run(None, {self._input: images})
+        return outputs
+
+
+def has_runtime() -> bool:
+    """Whether ONNX Runtime is installed. It is not imported."""
+    return find_spec("onnxruntime") is not None
+
+
+@cache
+def load(name: NetworkName, folder: Path = FOLDER) -> Network:
+    """A network of the library, which all of its users share.
+
+    Raises:
+        ConfigError: ONNX Runtime is not installed; or the card or the network is missing, damaged or of another
+            version.
+    """
+    if not has_runtime():
+        raise ConfigError(f"the network {name!r} needs ONNX Runtime: pip install 'voxdepth[{EXTRA}]'")
+    file, card = folder / f"{name}.onnx", read_card(folder / f"{name}.toml")
+    if card.format != FORMAT:
+        raise ConfigError(
+            f"{file} is a network of format {card.format}, and this version of voxdepth reads format {FORMAT}: install "
+            "the network and the library from the same version, or train it again with `voxdepth train`"
+        )
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"cannot read the network {file}: {error.strerror}; {_RESTORE}") from error
+    digest = hashlib.sha256(content).hexdigest()
+    if digest != card.sha256:
+        raise ConfigError(
+            f"{file} is damaged or of another version: expected the SHA-256 {card.sha256[:12]}..., got {digest[:12]}..."
+            f"; {_RESTORE}"
+        )
+    return Network(content)
+
+
+def read_card(file: Path) -> Card:
+    """Read the card of a network, or raise a `ConfigError`."""
+    try:
+        return Card.model_validate(tomllib.loads(file.read_text(encoding="utf-8")))
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ConfigError(f"the card {file} is damaged: {first['loc'][0]}: {first['msg']}; {_RESTORE}") from error
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"cannot read the card {file}: {str(error).splitlines()[0]}; {_RESTORE}") from error
+
+
+_RESTORE = "restore it with pip install --force-reinstall 'voxdepth[learned]'"
