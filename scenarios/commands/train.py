@@ -5,12 +5,15 @@ from typing import Annotated
 
 import typer
 
-from voxdepth.networks import NetworkName
+from ..training import TrainedName
 
 
 def train(
     network: Annotated[
-        NetworkName, typer.Argument(help="corrector, of `learned`, or convex, of the inpainting method.")
+        TrainedName,
+        typer.Argument(
+            help="corrector, of `learned`; convex, of the inpainting method; or flow, which is not shipped."
+        ),
     ],
     out: Annotated[Path, typer.Option(help="Folder of the networks, their cards, and the clips that are made.")] = (
         Path("training")
@@ -26,7 +29,8 @@ def train(
 
     Writes DIR/seed-N/NAME.onnx, NAME.toml and NAME.png, and prints how good the network is on clips that it has not
     learned from. Clips in DIR/clips are made once, and a training that is finished is not repeated. The two first files
-    take effect in voxdepth/networks. Needs the extra `train`; a GPU is used where PyTorch finds one.
+    of the corrector and of convex take effect in voxdepth/networks; the flow is only compared with DIS flow. Needs the
+    extra `train`; a GPU is used where PyTorch finds one.
     """
     from importlib.util import find_spec
 
@@ -44,9 +48,9 @@ def train(
             plan = Training(name=network, seed=number, flights=flights, steps=steps)
             card = train(plan, out, status.update)
             held_out.append(card["held_out"])
-            figures = ", ".join(f"{name} {share:.2%}" for name, share in card["held_out"].items())
+            figures = ", ".join(f"{name} {figure:.4g}" for name, figure in card["held_out"].items())
             typer.echo(f"seed {number}: loss {card['final_loss']}, {figures}; {out / f'seed-{number}'}")
     if repeats > 1:
         for name in held_out[0]:
-            shares = [figures[name] for figures in held_out]
-            typer.echo(f"{name}: {min(shares):.2%} to {max(shares):.2%} over {repeats} seeds")
+            of_seeds = [figures[name] for figures in held_out]
+            typer.echo(f"{name}: {min(of_seeds):.4g} to {max(of_seeds):.4g} over {repeats} seeds")

@@ -1,1 +1,6 @@
 """Training of the networks of the library on rendered sequences. Only this package uses PyTorch."""
+
+from typing import Literal
+
+TrainedName = Literal["corrector", "convex", "flow"]
+"""A network that can be trained: of the baseline `learned`, of the inpainting method `convex`, or of optical flow."""

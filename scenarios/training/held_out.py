@@ -19,7 +19,7 @@ WARM_UP_FRAMES = 3
 DIGITS = 4
 
 Figures = Mapping[str, float]
-"""Shares of pixels that are right, see `voxdepth.metrics.is_correct`, by the name of the pixels."""
+"""How good a network is, by names."""
 
 
 def corrector_figures(network: Network, clips: Iterable[Clip]) -> Figures:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +22,6 @@ FOLDER = Path(__file__).parent
 FORMAT = 1
 """Version of the inputs and outputs of the networks, which this library and a network must share."""
 EXTRA = "learned"
-NetworkName = Literal["corrector", "convex"]
 Images = npt.NDArray[np.float32]
 
 
@@ -68,7 +67,7 @@ def has_runtime() -> bool:
 
 
 @cache
-def load(name: NetworkName, folder: Path = FOLDER) -> Network:
+def load(name: str, folder: Path = FOLDER) -> Network:
     """A network of the library, which all of its users share.
 
     Raises:
