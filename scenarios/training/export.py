@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -40,10 +41,12 @@ def rounded(network: nn.Module) -> None:
 def exported(network: nn.Module, channels: int) -> bytes:
     """The ONNX file of a network that takes images of shape (1, channels, h, w)."""
     buffer = io.BytesIO()
-    torch.onnx.export(
-        network, (torch.rand(1, channels, *SIZES_PX[0]),), buffer, dynamo=False, opset_version=OPSET,
-        input_names=["images"], dynamic_axes={"images": {2: "height", 3: "width"}},
-    )  # fmt: skip
+    with warnings.catch_warnings():  # Of the exporter about itself, and about sizes that are constants on purpose.
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            network, (torch.rand(1, channels, *SIZES_PX[0]),), buffer, dynamo=False, opset_version=OPSET,
+            input_names=["images"], dynamic_axes={"images": {2: "height", 3: "width"}},
+        )  # fmt: skip
     model = onnx.load_model_from_string(buffer.getvalue())
     _halve(model.graph)
     onnx.checker.check_model(model)

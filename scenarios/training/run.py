@@ -1,6 +1,5 @@
 """A training from its data to the card of the network."""
 
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -112,9 +111,7 @@ def train(training: Training, out: Path, report: Progress) -> Mapping[str, Any]:
     data = [task.prepare(clip) for clip in _clips(out, seeds, report)]
     network, losses = task.train(data, Run(training.seed, training.steps, device), report)
     write(folder / f"{training.name}.png", _curve(training, losses))
-    with warnings.catch_warnings():  # Of the exporter about itself, and about sizes that are constants on purpose.
-        warnings.simplefilter("ignore")
-        content, facts = write_network(folder, training.name, network, task.channels)
+    content, facts = write_network(folder, training.name, network, task.channels)
     facts |= training.facts | {"device": device, "final_loss": round(float(np.mean(losses[-SMOOTHED_STEPS:])), 4)}
     facts["held_out"] = dict(task.judge(Network(content), _clips(out, [task.held_out_seed], report)))
     write_card(folder, training.name, facts)
