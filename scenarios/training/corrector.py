@@ -7,19 +7,20 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from voxdepth.baselines.learned import GRAY_RANGE, LARGEST_RATIO
+from voxdepth.baselines.learned import GRAY_RANGE, LARGEST_RATIO, next_measured
 from voxdepth.types import CORRECT_PX, CORRECT_SHARE
 
 from .networks import Corrector
 from .optimisation import Progress, Run, optimise
 from .samples import Sample, cropped
 
-FRAMES, HEIGHT_PX, WIDTH_PX, BATCH = 4, 128, 256, 6
-"""Frames, size and number of the parts of clips in a step."""
+FRAMES, HEIGHT_PX, WIDTH_PX, BATCH = 4, 128, 320, 5
+"""Frames, size and number of the parts of clips in a step. They are as wide as the clips, because a stereo pair leaves
+a strip without depth at the border of the image."""
 SKY_WEIGHT = 0.05
 """Weight of a pixel of the sky. Its depth is no error anywhere, but the confidence there should not be high."""
 MEASURED_WEIGHT = 0.5
-"""Weight of a measured pixel beside one in a hole."""
+"""Weight of the mean loss of measured pixels beside that of pixels in holes."""
 DEPTH_WEIGHT = 0.2
 """Weight of the error of depth, in units of the mean depth, beside the likelihood of disparity."""
 LARGEST_ERROR = 2.0
@@ -44,12 +45,14 @@ def train_corrector(samples: Sequence[Sample], run: Run, report: Progress) -> tu
 
 
 def batch_of(parts: Sequence[Sample], device: str) -> dict[str, Tensor]:
-    """The parts as tensors (N, T, h, w)."""
+    """The parts as tensors (N, T, h, w), and what is beside each pixel, (N, T, 4, h, w)."""
 
     def stacked(name: str, kind: Any = np.float32) -> Tensor:
         return torch.from_numpy(np.stack([getattr(part, name) for part in parts]).astype(kind)).to(device)
 
     batch = {"measured": stacked("measured_px"), "true": stacked("true_px"), "sky": stacked("is_sky")}
+    beside = np.stack([[next_measured(image) for image in part.measured_px] for part in parts])
+    batch["beside"] = torch.from_numpy(beside).to(device)
     return batch | {"gray": stacked("gray") / float(GRAY_RANGE), "landing": stacked("landing", np.int64)}
 
 
@@ -67,9 +70,11 @@ def stream_loss(network: Corrector, batch: dict[str, Tensor]) -> Tensor:
         )
         scale = typical(now, disparity)
         change = (gray[:, t, None] - last_gray).abs() if t else torch.zeros_like(now)
+        beside = relative(batch["beside"][:, t], scale)
         images = torch.cat(
-            [relative(now, scale), (now > 0).float(), gray[:, t, None], relative(disparity, scale), certain, change], 1
-        )
+            [relative(now, scale), (now > 0).float(), gray[:, t, None], relative(disparity, scale), certain, change,
+             beside], 1
+        )  # fmt: skip
         predicted, log_scale = network(images)
         losses.append(frame_loss(predicted, log_scale, batch, t, scale))
         disparity = (predicted * scale).detach()
@@ -108,13 +113,21 @@ def confidence(disparity_px: Tensor, log_scale: Tensor) -> Tensor:
 
 
 def frame_loss(predicted: Tensor, log_scale: Tensor, batch: dict[str, Tensor], t: int, scale: Tensor) -> Tensor:
-    """Negative log-likelihood of the logarithm of disparity under a Laplace distribution, and the error of depth."""
+    """Negative log-likelihood of the logarithm of disparity under a Laplace distribution, and the error of depth.
+
+    The mean over holes and that over measured pixels are added, since holes are few.
+    """
     true = batch["true"][:, t : t + 1] / scale
-    known, is_measured = (true > 0).float(), batch["measured"][:, t : t + 1] > 0
-    weight = known * torch.where(batch["sky"][:, t : t + 1] > 0, SKY_WEIGHT, 1.0)
-    weight = weight * torch.where(is_measured, MEASURED_WEIGHT, 1.0)
+    is_measured = (batch["measured"][:, t : t + 1] > 0).float()
+    weight = (true > 0) * torch.where(batch["sky"][:, t : t + 1] > 0, SKY_WEIGHT, 1.0)
     predicted, true = predicted.clamp(min=SMALLEST), true.clamp(min=SMALLEST)
     error = (predicted.log() - true.log()).abs().clamp(max=LARGEST_ERROR)
     likelihood = error * torch.exp(-log_scale) + log_scale
     depth_error = (1 / predicted - 1 / true).abs().clamp(max=LARGEST_ERROR)
-    return ((likelihood + DEPTH_WEIGHT * depth_error) * weight).sum() / weight.sum().clamp(min=1)
+    loss = likelihood + DEPTH_WEIGHT * depth_error
+    return weighted_mean(loss, weight * (1 - is_measured)) + MEASURED_WEIGHT * weighted_mean(loss, weight * is_measured)
+
+
+def weighted_mean(values: Tensor, weight: Tensor) -> Tensor:
+    """The mean of the values by their weights; 0 without any."""
+    return (values * weight).sum() / weight.sum().clamp(min=1)

@@ -1,5 +1,6 @@
 """The networks as PyTorch modules, which are exported to ONNX. Shapes are (N, C, h, w), and 0 disparity is unknown."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import torch
@@ -12,9 +13,14 @@ WIDTHS = (20, 32, 40, 48)
 """Channels at 1, 1/2, 1/4 and 1/8 of the resolution of the cells."""
 MULTIPLE_PX = CELL * 2 ** (len(WIDTHS) - 1)
 """Sides of the input are multiples of this."""
-INPUTS = 6
+INPUTS = 10
 """Channels of the input: disparity and validity of the measurement, gray value, disparity and confidence of the
-previous result as seen from this frame, and the change of gray value since then."""
+previous result as seen from this frame, the change of gray value since then, and the disparities that are measured next
+to the left, to the right, above and below."""
+FIRST_NEXT = 6
+"""Channel of the first of the last four."""
+CANDIDATES = 6
+"""Disparities that a pixel may be made of: that of the cells, the previous one, and the four next ones."""
 PREVIOUS_WEIGHT = 0.3
 """Weight of a previous disparity of confidence 1, beside a measured one, in the smooth filling that is refined."""
 LARGEST_LOG = 2.0
@@ -25,6 +31,8 @@ LOG_SCALES = (-7.0, 2.0)
 """Range of the logarithm of the scale of an error."""
 LARGEST_LOGIT = 12.0
 """Bound of the logarithm of a weight."""
+SMALLEST_WEIGHT = 1e-6
+"""Smaller sums of weights mean that nothing is known; those of one value are larger."""
 NEIGHBOURS = 9
 """Cells of a neighbourhood of 3 x 3."""
 CONVEX_WINDOW_PX = 5
@@ -96,19 +104,39 @@ def smoothly_filled(disparity: Tensor, weight: Tensor) -> Tensor:
     return filled
 
 
-def combined(cells: Tensor, logits: Tensor, side: int = CELL) -> Tensor:
-    """Pixels as convex combinations of the 3 x 3 cells around theirs: Teed and Deng 2020, their upsampling of flow.
+def combined(cells: Tensor, logits: Tensor) -> Tensor:
+    """The pixels of cells as convex combinations of 3 x 3 of them: Teed and Deng 2020, their upsampling of flow.
 
-    Cells have shape (N, 1, h, w), and the logarithms of the weights (N, NEIGHBOURS side^2, h, w). The result has shape
-    (N, 1, side h, side w).
+    Cells have shape (N, 1, h, w), and the logarithms of the weights (N, NEIGHBOURS n, h, w) with n pixels in a cell.
+    The result has shape (N, n, h, w), which `pixel_shuffle` makes an image of.
     """
     height, width = cells.shape[2:]
     padded = functional.pad(cells, (1, 1, 1, 1), mode="replicate")
-    shifted = [padded[:, :, i : i + height, j : j + width] for i in range(3) for j in range(3)]
-    # Written out, since a softmax along the second axis is slow in ONNX Runtime.
-    weights = [torch.exp(part) for part in logits.clamp(-LARGEST_LOGIT, LARGEST_LOGIT).chunk(NEIGHBOURS, 1)]
-    total = sum(cell * weight for cell, weight in zip(shifted, weights, strict=True))
-    return functional.pixel_shuffle(total / sum(weights), side)
+    return mean(
+        [padded[:, :, i : i + height, j : j + width] for i in range(3) for j in range(3)], weights(logits, NEIGHBOURS)
+    )
+
+
+def chosen(candidates: Sequence[Tensor], logits: Tensor) -> Tensor:
+    """The pixels of cells as convex combinations of the candidates that are not 0, which is unknown.
+
+    Each candidate and the result have shape (N, n, h, w), and the logarithms of the weights (N, candidates n, h, w).
+    """
+    pairs = zip(candidates, weights(logits, len(candidates)), strict=True)
+    return mean(candidates, [weight * (candidate > 0) for candidate, weight in pairs])
+
+
+def weights(logits: Tensor, n: int) -> Sequence[Tensor]:
+    """The weights of n values from their logarithms. A softmax along the second axis is slow in ONNX Runtime."""
+    parts: Sequence[Tensor] = torch.exp(logits.clamp(-LARGEST_LOGIT, LARGEST_LOGIT)).chunk(n, 1)
+    return parts
+
+
+def mean(values: Sequence[Tensor], weights: Sequence[Tensor]) -> Tensor:
+    """The mean of the values by their weights; 0 without any weight."""
+    total = sum(value * weight for value, weight in zip(values, weights, strict=True))
+    assert isinstance(total, Tensor)
+    return total / sum(weights).clamp(min=SMALLEST_WEIGHT)
 
 
 class Corrector(nn.Module):
@@ -119,6 +147,7 @@ class Corrector(nn.Module):
         self.trunk = Trunk(INPUTS)
         self.cells = nn.Conv2d(WIDTHS[0], 1, 1)
         self.weights = nn.Conv2d(WIDTHS[0], NEIGHBOURS * CELL**2, 1)
+        self.choice = nn.Conv2d(WIDTHS[0], CANDIDATES * CELL**2, 1)
         self.trust = nn.Conv2d(WIDTHS[0], CELL**2, 1)
         self.errors = nn.Conv2d(WIDTHS[0], CELL**2, 1)
         for head, bias in ((self.cells, 0.0), (self.trust, FIRST_TRUST), (self.errors, FIRST_LOG_SCALE)):
@@ -128,14 +157,17 @@ class Corrector(nn.Module):
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """The disparity in units of the input, and the logarithm of the scale of the error of its logarithm.
 
-        Both have shape (N, 1, h, w). Measured pixels are drawn towards the prediction as far as they are not trusted.
+        Both have shape (N, 1, h, w). The prediction is a convex combination of the candidates, and measured pixels are
+        drawn towards it as far as they are not trusted.
         """
         disparity, valid, previous, certain = x[:, 0:1], x[:, 1:2], x[:, 3:4], x[:, 4:5]
         features = self.trunk(x)
         known = disparity * valid + previous * (1 - valid)
         filled = smoothly_filled(known, valid + PREVIOUS_WEIGHT * certain * (1 - valid))
         cells = filled * torch.exp(self.cells(features).clamp(-LARGEST_LOG, LARGEST_LOG))
-        predicted = combined(cells, self.weights(features))
+        next_ones = (functional.pixel_unshuffle(x[:, k : k + 1], CELL) for k in range(FIRST_NEXT, INPUTS))
+        candidates = [combined(cells, self.weights(features)), functional.pixel_unshuffle(previous, CELL), *next_ones]
+        predicted = functional.pixel_shuffle(chosen(candidates, self.choice(features)), CELL)
         trust = valid * torch.sigmoid(functional.pixel_shuffle(self.trust(features), CELL))
         log_scale = functional.pixel_shuffle(self.errors(features), CELL).clamp(*LOG_SCALES)
         return trust * disparity + (1 - trust) * predicted, log_scale
@@ -185,7 +217,9 @@ class FlowNetwork(nn.Module):
             nn.Conv2d(fine, coarse, 5 if fine == 1 else 3, 2, 2 if fine == 1 else 1)
             for fine, coarse in pairwise((1, *FLOW_WIDTHS))
         )
-        self.features = nn.Conv2d(FLOW_WIDTHS[-1], FLOW_WIDTHS[-1], 3, padding=1)
+        self.features = nn.Sequential(
+            nn.Conv2d(FLOW_WIDTHS[-1], FLOW_WIDTHS[-1], 3, padding=1), nn.InstanceNorm2d(FLOW_WIDTHS[-1])
+        )
         self.context = nn.Conv2d(FLOW_WIDTHS[-1], 2 * FLOW_STATE, 1)
         self.motion = nn.Conv2d((2 * REACH_CELLS + 1) ** 2 + 2, FLOW_STATE, 1)
         self.gates = nn.Conv2d(3 * FLOW_STATE, 2 * FLOW_STATE, 3, padding=1)
@@ -217,8 +251,8 @@ class FlowNetwork(nn.Module):
             candidate = torch.tanh(self.candidate(torch.cat([reset * state, context, motion], 1)))
             state = state + update * (candidate - state)
             flow = flow + self.step(state)
-            logits = self.weights(state)
-            flows.append(torch.cat([FLOW_CELL * combined(flow[:, k : k + 1], logits, FLOW_CELL) for k in (0, 1)], 1))
+            parts = [combined(flow[:, k : k + 1], self.weights(state)) for k in (0, 1)]
+            flows.append(functional.pixel_shuffle(FLOW_CELL * torch.cat(parts, 1), FLOW_CELL))
         return flows
 
     def _encoded(self, image: Tensor) -> Tensor:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.baseline_frames import camera, frame, scene, texture
+from voxdepth.baselines.learned import next_measured
 from voxdepth.errors import ConfigError, FrameError
 from voxdepth.networks import has_runtime
 from voxdepth.registry import create_bare
@@ -73,6 +74,18 @@ def test_the_confidence_is_the_probability_of_a_right_depth_under_the_predicted_
     right = np.abs(draws) <= max(CORRECT_SHARE, CORRECT_PX / 8)
     np.testing.assert_allclose(result.disparity_px, 8)
     np.testing.assert_allclose(result.confidence, right.mean(), atol=0.005)
+
+
+def test_the_next_measured_disparities_are_those_of_a_search() -> None:
+    rng = np.random.default_rng(3)
+    for shape in ((1, 1), (1, 9), (7, 1), (12, 17)):
+        image_px = rng.random(shape, np.float32) * (rng.random(shape) < 0.3)
+        found_px = next_measured(image_px.astype(np.float32))
+        for row, col in np.ndindex(shape):
+            line, column = image_px[row], image_px[:, col]
+            directions = (line[col::-1], line[col:], column[row::-1], column[row:])
+            expected_px = [next((float(value) for value in side if value > 0), 0.0) for side in directions]
+            np.testing.assert_array_equal(found_px[:, row, col], np.array(expected_px, np.float32))
 
 
 def test_the_same_stream_gives_the_same_bytes_and_reset_forgets() -> None:

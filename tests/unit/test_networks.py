@@ -14,7 +14,7 @@ from voxdepth.errors import ConfigError
 from voxdepth.networks import FOLDER, load, read_card
 
 NAMES = ("corrector", "convex")
-CHANNELS = {"corrector": 6, "convex": 1}
+CHANNELS = {"corrector": 10, "convex": 1}
 LARGEST_BYTES = 500_000
 
 needs_runtime = pytest.mark.skipif(not networks.has_runtime(), reason="needs the extra learned")

@@ -10,7 +10,9 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
+from numba import float32
 
+from ..compiled import FLOAT_IMAGE, compiled
 from ..corrector import StreamCorrector
 from ..errors import ConfigError
 from ..networks import Images, Network, load
@@ -28,6 +30,8 @@ MULTIPLE_PX = 32
 GRAY_RANGE = np.float32(255)
 LARGEST_RATIO = np.float32(100)
 """Disparities of a larger multiple of the typical one look like this to the network."""
+SIDES = 4
+"""Directions in which the next measured disparity is looked for."""
 REMEMBERED_CONFIDENCE = 0.5
 """Least confidence of a previous result that may count as the origin of a filled pixel."""
 
@@ -128,15 +132,14 @@ def typical_disparity(measured_px: FloatImage, previous_px: FloatImage) -> np.fl
 
 
 def network_input(measurement: Measurement, previous: Result, gray_change: GrayImage, scale_px: np.float32) -> Images:
-    """The images of the network, shape (1, 6, h', w'): sides are padded to `MULTIPLE_PX` with what is unknown.
+    """The images of the network, shape (1, 10, h', w'): sides are padded to `MULTIPLE_PX` with what is unknown.
 
     They are measured disparity in units of the scale, validity, gray value, the previous disparity and its confidence,
-    and the change of gray value.
+    the change of gray value, and the disparities that are measured next along the row and the column.
     """
     height, width = measurement.gray.shape
-    images = np.zeros(
-        (1, 6, -(-height // MULTIPLE_PX) * MULTIPLE_PX, -(-width // MULTIPLE_PX) * MULTIPLE_PX), np.float32
-    )
+    padded = (-(-height // MULTIPLE_PX) * MULTIPLE_PX, -(-width // MULTIPLE_PX) * MULTIPLE_PX)
+    images = np.zeros((1, 6 + SIDES, *padded), np.float32)
     inner = images[0, :, :height, :width]
     largest_px = LARGEST_RATIO * scale_px
     np.divide(np.minimum(measurement.disparity_px, largest_px), scale_px, out=inner[0])
@@ -145,7 +148,34 @@ def network_input(measurement: Measurement, previous: Result, gray_change: GrayI
     np.divide(np.minimum(previous.disparity_px, largest_px), scale_px, out=inner[3])
     inner[4] = previous.confidence
     np.divide(gray_change, GRAY_RANGE, out=inner[5])
+    np.divide(np.minimum(next_measured(measurement.disparity_px), largest_px), scale_px, out=inner[6:])
     return images
+
+
+@compiled(float32[:, :, ::1](FLOAT_IMAGE))
+def next_measured(disparity_px: FloatImage) -> FloatImage:
+    """The measured disparity that is next to the left, to the right, above and below, shape (4, h, w); 0 without any.
+
+    That of a measured pixel is its own in all directions.
+    """
+    height, width = disparity_px.shape
+    beside_px = np.empty((SIDES, height, width), np.float32)
+    for row in range(height):
+        left_px = right_px = float32(0)
+        for col in range(width):
+            left_px = disparity_px[row, col] if disparity_px[row, col] > 0 else left_px
+            beside_px[0, row, col] = left_px
+        for col in range(width - 1, -1, -1):
+            right_px = disparity_px[row, col] if disparity_px[row, col] > 0 else right_px
+            beside_px[1, row, col] = right_px
+        for col in range(width):
+            above_px = beside_px[2, row - 1, col] if row > 0 else float32(0)
+            beside_px[2, row, col] = disparity_px[row, col] if disparity_px[row, col] > 0 else above_px
+    for row in range(height - 1, -1, -1):
+        for col in range(width):
+            below_px = beside_px[3, row + 1, col] if row < height - 1 else float32(0)
+            beside_px[3, row, col] = disparity_px[row, col] if disparity_px[row, col] > 0 else below_px
+    return beside_px
 
 
 def interpreted(

@@ -12,7 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ... import PaperVoxDepth, VoxDepth
+from ...baselines.learned import Learned
 from ...model import Model
+from ...networks import has_runtime
 from ...paper.config import PaperConfig
 from ...types import Frame, Intrinsics
 from .frames import FrameLoop
@@ -115,6 +117,8 @@ def compare_with_librealsense(loop: FrameLoop, frames: int) -> Comparison | None
         "voxdepth": VoxDepth(loop.intrinsics).process,
         "paper": paper.process,
     }
+    if has_runtime():
+        correctors["learned"] = Learned(loop.intrinsics).process
     times_s: dict[str, list[float]] = {name: [] for name in (CHAIN, *correctors)}
     with one_core():
         for frame in loop.play(WARM_UP_FRAMES + frames):
