@@ -1,5 +1,7 @@
 """Depth as false colours: near red, far blue, holes black, the same in all pictures, pages and recordings."""
 
+from collections.abc import Iterable
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -7,9 +9,27 @@ import numpy.typing as npt
 from .types import FloatImage
 
 FAR_M = 25.0
-"""Depth at the blue end of the colours."""
+"""Depth at the blue end of the colours where nothing is known of the scene."""
+FAR_ENDS_M = (1.0, 2.0, 5.0, 10.0, FAR_M)
+"""Depths that the blue end of the colours may stand for: few, so that pictures can be compared by eye."""
+BEYOND_SHARE = 0.02
+"""Largest share of the depths beyond the blue end: some pixels are always wrong by far."""
 FAR_INDEX = 25
 """Index of the farthest depth in the colour map; lower ones look like the black of holes."""
+
+
+def far_end_m(depths_m: Iterable[FloatImage]) -> float:
+    """Return the least of `FAR_ENDS_M` that nearly all depths of a scene are within, or the largest; `FAR_M` for none.
+
+    The depths [m] are images of the shape (H, W), 0 where invalid and infinite where there is no surface.
+    """
+    n, beyond = 0, np.zeros(len(FAR_ENDS_M))
+    for depth_m in depths_m:
+        known_m = depth_m[(depth_m > 0) & np.isfinite(depth_m)]
+        n += known_m.size
+        beyond += [np.count_nonzero(known_m > end_m) for end_m in FAR_ENDS_M]
+    fitting = [end_m for end_m, count in zip(FAR_ENDS_M, beyond, strict=True) if n and count <= BEYOND_SHARE * n]
+    return min(fitting, default=FAR_M)
 
 
 def colored(depth_m: FloatImage, far_m: float = FAR_M) -> npt.NDArray[np.uint8]:

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from voxdepth.colors import FAR_M, colored
-from voxdepth.types import FloatImage
+from voxdepth.colors import colored, far_end_m
+from voxdepth.types import FloatArray, FloatImage
 
-from ..results.figure import MARKERS, Draw, Picture, label_axes, legend_label, panels
+from ..results.figure import MARKERS, Draw, Picture, label_axes, legend_label, line_color, panels
 from .groups import BINS, NEAR
 from .measurements import FILLED, Selector, of_frames
 from .methods import ORACLE
@@ -24,49 +24,58 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SHOWN = ("raw", "paper", "voxdepth", "realsense", "lmeds", "flow", "ip-basic", "global-smoother", ORACLE)
-"""Methods that lines and points are drawn of; if none of them took part, the first ones that did."""
+"""Methods that lines and points are drawn of where more took part; if none of these did, the first ones that did."""
 PANEL_COLUMNS, PANEL_IN = 3, (4.3, 3.5)
 WIDE_PANEL_IN = (13.0, 4.5)
 ERROR_MAP_COLUMNS, ERROR_MAP_WIDTH_IN = 4, 2.6
-ERROR_M = 2.0
-"""End of the scale of error maps."""
-EMPTY_M = -2 * ERROR_M
-"""Value of a pixel without depth in an error map, which is below the scale."""
+ERROR_SHARE = 0.08
+"""End of the scale of error maps, as a share of that of the depth beside them."""
+SCALE_STEPS = 256
+"""Number of colours that the scale of depth is drawn with."""
 
 
 def all_figures(evaluation: Evaluation) -> list[Picture]:
-    """Draw the figures about numbers: none if nothing succeeded, and none of confidence if no method grades it."""
-    draws = (error_against_range, holes_against_quality, error_against_latency)
-    pictures = [draw(evaluation) for draw in draws if shown_methods(evaluation)]
-    return [*pictures, reliability(evaluation)] if graded_methods(evaluation) else pictures
+    """Draw the figures about numbers; panels and figures that nothing was measured for are left out."""
+    draws = (error_against_range, holes_against_quality, error_against_latency, reliability)
+    return [picture for draw in draws for picture in draw(evaluation)]
 
 
 def shown_methods(evaluation: Evaluation) -> list[str]:
-    """Return the methods that figures are drawn of."""
+    """Return the methods that figures are drawn of: all if they are few."""
     present = list(dict.fromkeys(result.key.method for result in evaluation.results if result.error is None))
+    if len(present) <= len(SHOWN):
+        return present
     return [name for name in SHOWN if name in present] or present[: len(SHOWN)]
 
 
-def error_against_range(evaluation: Evaluation) -> Picture:
-    """Draw the mean absolute error by range, one panel per sequence."""
+def method_styles(evaluation: Evaluation) -> dict[str, dict[str, Any]]:
+    """Return colour, marker and label of each method: the same in all figures, for those of `SHOWN` in all reports."""
+    names = dict.fromkeys((*SHOWN, *evaluation.methods))
+    return {
+        name: {"color": line_color(k), "marker": MARKERS[k % len(MARKERS)], "label": legend_label(name)}
+        for k, name in enumerate(names)
+    }
 
-    def draw(info: SequenceInfo, axes: "Axes") -> None:
+
+def error_against_range(evaluation: Evaluation) -> list[Picture]:
+    """Draw the mean absolute error by range, one panel per sequence."""
+    styles = method_styles(evaluation)
+
+    def draw(info: SequenceInfo, values: pd.DataFrame, axes: "Axes") -> None:
         mask = info.independent
-        bins = [_of_sequence(evaluation, info, Selector("mae", mask, name))["value"] for name in BINS]
-        values = pd.concat(bins, axis=1, keys=range(len(BINS)))
-        values = values[values > 0]
-        for k, name in enumerate(shown_methods(evaluation)):
-            if name in values.index:
-                line = values.loc[name].dropna()
-                axes.plot(line.index, line, color=f"C{k}", ms=4, **_labelled(k, name))
-        counts = [f"{name}\n{count_text(info.pixels[mask].get(name, 0))}" for name in BINS]
-        axes.set_xticks(range(len(BINS)), counts, fontsize=7)
+        for name in values.index:
+            line = values.loc[name].dropna()
+            axes.plot(line.index, line, ms=4, **styles[name])
+        counts = [f"{name}\n{count_text(info.pixels[mask].get(name, 0))}" for name in BINS[: values.columns.max() + 1]]
+        axes.set_xticks(range(len(counts)), counts, fontsize=7)
+        axes.set_xlim(-0.3, len(counts) - 0.7)
         axes.set_yscale("log")
         depth = f"depth by {info.reference_name}" if mask == "all" else f"depth of held-out {mask}"
         label_axes(axes, info.name, f"{depth}, and number of pixels n", "MAE [m]")
 
     return _panels(
         evaluation,
+        partial(_errors_by_range, evaluation),
         draw,
         "Error against range",
         "The mean absolute error after completion by the nearest valid pixel is that of all pixels by their "
@@ -75,17 +84,17 @@ def error_against_range(evaluation: Evaluation) -> Picture:
     )
 
 
-def holes_against_quality(evaluation: Evaluation) -> Picture:
+def holes_against_quality(evaluation: Evaluation) -> list[Picture]:
     """Draw the quality of every frame against its share of occluded pixels, with all sequences in one panel (RQ1)."""
     known = [info for info in evaluation.sequences.values() if info.occluded_shares]
+    points = {name: _quality_points(evaluation, known, name) for name in shown_methods(evaluation)}
+    if not any(map(len, points.values())):
+        return []
+    styles = method_styles(evaluation)
 
     def draw(axes: "Axes") -> None:
-        for k, name in enumerate(shown_methods(evaluation)):
-            ratios_db = [evaluation.result(info.name, name).frame_psnrs_db for info in known]  # Empty if it failed.
-            shares = [info.occluded_shares for info in known]
-            pairs = chain.from_iterable(map(zip, shares, ratios_db))
-            x, y = np.reshape([(100 * share, db) for share, db in pairs if db is not None], (-1, 2)).T
-            axes.scatter(x, y, s=10, color=f"C{k}", **_labelled(k, name))
+        for name, found in points.items():
+            axes.scatter(found[:, 0], found[:, 1], s=10, **styles[name])
         for info in known:
             where = (100 * float(np.mean(info.occluded_shares)), 0.02)
             label = axes.annotate(info.name, where, xycoords=("data", "axes fraction"), rotation=90, fontsize=7)
@@ -94,36 +103,35 @@ def holes_against_quality(evaluation: Evaluation) -> Picture:
         frames = sum(info.frames for info in known)
         label_axes(axes, "", f"occluded pixels of a frame [%], n = {frames} frames", "PSNR, peak 65535 mm [dB]")
 
-    return Picture(
+    picture = Picture(
         title="RQ1: holes against quality",
         caption="Each point is one frame of one method: the share of the frame that the second camera does not see, "
         "and the PSNR of surfaces within 65.5 m after completion. Sequences without an occlusion mask are left out.",
         png=panels("", [draw], panel_in=WIDE_PANEL_IN, shared_legend=True),
     )
+    return [picture]
 
 
-def error_against_latency(evaluation: Evaluation) -> Picture:
+def error_against_latency(evaluation: Evaluation) -> list[Picture]:
     """Draw error against time, one panel per sequence, with the Pareto front."""
+    styles = method_styles(evaluation)
 
-    def draw(info: SequenceInfo, axes: "Axes") -> None:
-        selectors = of_frames("latency_p50"), of_frames("latency_background"), Selector("mae", info.hidden)
-        waiting_ms, background_ms, error_m = (_of_sequence(evaluation, info, one)["value"] for one in selectors)
-        points = pd.concat([waiting_ms.add(background_ms, fill_value=0), error_m], axis=1).dropna()
-        for k, name in enumerate(evaluation.methods):
-            if name in points.index:
-                x_ms, y_m = points.loc[name]
-                axes.scatter([x_ms], [y_m], s=22, color=f"C{k % 10}", **_labelled(k, name))
+    def draw(info: SequenceInfo, points: pd.DataFrame, axes: "Axes") -> None:
+        for name in points.index:
+            x_ms, y_m = points.loc[name]
+            axes.scatter([x_ms], [y_m], s=22, **styles[name])
         front = pareto_front(list(points.drop(ORACLE, errors="ignore").itertuples(index=False, name=None)))
         if front:
             axes.plot(*zip(*front, strict=True), color="0.6", lw=1, zorder=0)
         axes.set_xscale("log")
         axes.set_yscale("log")
         n = count_text(info.pixels[info.hidden].get(NEAR, 0))
-        x, y = f"time per frame of {info.size} [ms], n = {info.frames}", f"MAE in {info.hidden} [m], n = {n} pixels"
+        x, y = f"time per frame of {info.size} [ms], n = {info.frames}", f"MAE in {info.hidden} [m],\nn = {n} pixels"
         label_axes(axes, info.name, x, y)
 
     return _panels(
         evaluation,
+        partial(_errors_by_time, evaluation),
         draw,
         "Error against latency",
         "The error is the mean absolute error after completion of surfaces within 20 m where the sensor has no "
@@ -133,33 +141,36 @@ def error_against_latency(evaluation: Evaluation) -> Picture:
     )
 
 
-def reliability(evaluation: Evaluation) -> Picture:
+def reliability(evaluation: Evaluation) -> list[Picture]:
     """Draw the share of correct pixels by confidence, one panel per sequence."""
     methods, right = graded_methods(evaluation), _right_by_confidence(evaluation)
+    right = right[right["method"].isin(methods)]
+    styles = method_styles(evaluation)
 
-    def draw(info: SequenceInfo, axes: "Axes") -> None:
-        totals = []
-        for k, name in enumerate(methods):
-            bins = right[(right["sequence"] == info.name) & (right["method"] == name)]
+    def draw(info: SequenceInfo, bins_of_all: pd.DataFrame, axes: "Axes") -> None:
+        totals = bins_of_all.groupby("method")["n"].sum().astype(int)
+        for name in methods:
+            bins = bins_of_all[bins_of_all["method"] == name]
             if bins.empty:
                 continue
-            x, counts = np.maximum(0, (bins["bin"] - 0.5) / 10), bins["n"]
-            totals.append(int(counts.sum()))
-            axes.plot(x, 100 * bins["value"], color=f"C{k % 10}", ms=4, **_labelled(k, name))
-            axes.plot(x, 100 * counts / counts.sum(), ":", color=f"C{k % 10}", lw=1)
+            x = np.maximum(0, (bins["bin"] - 0.5) / 10)
+            axes.plot(x, 100 * bins["value"], ms=4, **styles[name])
+            axes.plot(x, 100 * bins["n"] / totals[name], ":", color=styles[name]["color"], lw=1)
         axes.set_xlim(-0.03, 1)
         axes.set_ylim(0, 100)
-        n = " and ".join(map(count_text, totals)) or 0
+        n = range_text(totals.min(), totals.max())
         label_axes(axes, info.name, f"confidence, n = {n} pixels", "pixels that are right [%]")
 
     return _panels(
         evaluation,
+        lambda info: right[right["sequence"] == info.name],
         draw,
         "Confidence against errors",
         f"Pixels that a method gives a depth, {CALIBRATION_RANGE}, are sorted into bins of confidence of width "
         "0.1, and a bin for 0. Lines show the share of a bin that is right, within 5 % or a quarter of a pixel of "
         "disparity; dotted lines show the share of the method's pixels that are in the bin. A rising line means that "
-        "the confidence can be trusted. Methods whose pixels are in one or two bins are left out.",
+        "the confidence can be trusted. Methods whose pixels are in one or two bins are left out; n is the number of "
+        "pixels of a method.",
     )
 
 
@@ -170,38 +181,45 @@ def graded_methods(evaluation: Evaluation) -> list[str]:
     return [name for name in evaluation.methods if name in graded]
 
 
-def error_maps(evaluation: Evaluation, info: SequenceInfo) -> Picture:
+def error_maps(evaluation: Evaluation) -> list[Picture]:
+    """Draw the depth and the errors of the last frame of each sequence that has a reference there."""
+    return [_error_maps(evaluation, info) for info in evaluation.sequences.values() if _reference_of(info).any()]
+
+
+def _error_maps(evaluation: Evaluation, info: SequenceInfo) -> Picture:
     """Draw raw, reference and corrected depth of the last frame of a sequence, each with its error map."""
-    reference_m = decoded_thumbnail(info.reference)
+    reference_m = _reference_of(info)
     shown = {"raw, as given to the methods": info.raw}
     for method in shown_methods(evaluation):
         thumbnail = evaluation.result(info.name, method).thumbnail
         if thumbnail and method != "raw":
             shown[method] = thumbnail
-    scale = _error_scale()
-    in_color = partial(_draw_image, f"reference, {FAR_M:g} m and farther blue", colored(reference_m)[..., ::-1], {})
-    draws: list[Draw] = [in_color, partial(_draw_scale, scale)]
+    far_m = far_end_m([reference_m, decoded_thumbnail(info.raw)])
+    end_m = ERROR_SHARE * far_m
+    draws: list[Draw] = [partial(_draw_image, "reference", _in_colors(reference_m, far_m), {})]
+    draws.append(partial(_draw_scales, far_m, _error_scale(end_m)))
     for title, png in shown.items():
         depth_m = decoded_thumbnail(png)
-        draws.append(partial(_draw_image, title, colored(depth_m)[..., ::-1], {}))
-        draws.append(partial(_draw_image, f"error of {title}", error_map(depth_m, reference_m), scale))
+        draws.append(partial(_draw_image, title, _in_colors(depth_m, far_m), {}))
+        error_m = error_map(depth_m, reference_m, end_m)
+        draws.append(partial(_draw_image, f"error of {title}", error_m, _error_scale(end_m)))
     height_in = ERROR_MAP_WIDTH_IN * reference_m.shape[0] / reference_m.shape[1] + 0.3
     n = int(np.count_nonzero(reference_m))
     return Picture(
         title=f"{info.name}, frame {info.frames - 1}",
-        caption="Depth is red where near, blue where far, and black where missing. Its error [m] is that against "
-        "the reference: red is too far, blue too near, white right, black without depth, and grey without reference; "
-        f"n = {n} pixels of a narrowed image.",
+        caption=f"Depth is red where near, blue at {far_m:g} m and beyond, and black where missing. Its error [m] is "
+        "that against the reference: red is too far, blue too near, white right, black without depth, and grey without "
+        f"reference; n = {n} pixels of a narrowed image.",
         png=panels("", draws, columns=ERROR_MAP_COLUMNS, panel_in=(ERROR_MAP_WIDTH_IN, height_in)),
     )
 
 
-def error_map(depth_m: FloatImage, reference_m: FloatImage) -> npt.NDArray[np.float32]:
-    """Return depth minus reference [m], shape (H, W), cut to the scale of error maps.
+def error_map(depth_m: FloatImage, reference_m: FloatImage, end_m: float) -> npt.NDArray[np.float32]:
+    """Return depth minus reference [m], shape (H, W), cut to the scale from `-end_m` to `end_m`.
 
-    Pixels without depth are `EMPTY_M`, those without a reference NaN.
+    Pixels without depth are below the scale, at `-2 * end_m`, those without a reference NaN.
     """
-    error_m = np.where(depth_m > 0, np.clip(depth_m - reference_m, -ERROR_M, ERROR_M), np.float32(EMPTY_M))
+    error_m = np.where(depth_m > 0, np.clip(depth_m - reference_m, -end_m, end_m), np.float32(-2 * end_m))
     return np.where(reference_m > 0, error_m, np.float32(np.nan)).astype(np.float32)
 
 
@@ -221,6 +239,35 @@ def count_text(count: int) -> str:
     return f"{count / 1000:.1f} k" if count >= 1000 else str(count)
 
 
+def range_text(low: int, high: int) -> str:
+    """Write the smallest and the largest of some numbers of pixels as people read them."""
+    return count_text(low) if low == high else f"{count_text(low)} to {count_text(high)}"
+
+
+def _errors_by_range(evaluation: Evaluation, info: SequenceInfo) -> pd.DataFrame:
+    """Return the errors [m] of the shown methods in a sequence, a column for each bin that has one."""
+    selectors = [Selector("mae", info.independent, name) for name in BINS]
+    bins = [_of_sequence(evaluation, info, selector)["value"] for selector in selectors]
+    values = pd.concat(bins, axis=1, keys=range(len(BINS)))
+    values = values.reindex([name for name in shown_methods(evaluation) if name in values.index])
+    return values[values > 0].dropna(axis=0, how="all").dropna(axis=1, how="all")
+
+
+def _errors_by_time(evaluation: Evaluation, info: SequenceInfo) -> pd.DataFrame:
+    """Return time [ms] and error [m] of the methods that have both in a sequence."""
+    selectors = of_frames("latency_p50"), of_frames("latency_background"), Selector("mae", info.hidden)
+    waiting_ms, background_ms, error_m = (_of_sequence(evaluation, info, one)["value"] for one in selectors)
+    points = pd.concat([waiting_ms.add(background_ms, fill_value=0), error_m], axis=1).dropna()
+    return points.reindex([name for name in evaluation.methods if name in points.index])
+
+
+def _quality_points(evaluation: Evaluation, infos: Sequence[SequenceInfo], method: str) -> FloatArray:
+    """Return share of occluded pixels [%] and PSNR [dB] of the frames of a method, shape (frames, 2)."""
+    ratios_db = [evaluation.result(info.name, method).frame_psnrs_db for info in infos]  # Empty if it failed.
+    pairs = chain.from_iterable(map(zip, [info.occluded_shares for info in infos], ratios_db))
+    return np.reshape([(100 * share, db) for share, db in pairs if db is not None], (-1, 2))
+
+
 def _of_sequence(evaluation: Evaluation, info: SequenceInfo, selector: Selector) -> pd.DataFrame:
     """Select the values and sample sizes of one sequence by method."""
     found = evaluation.measurements.select(selector)
@@ -234,15 +281,29 @@ def _right_by_confidence(evaluation: Evaluation) -> pd.DataFrame:
     return pd.concat([part.assign(bin=k) for k, part in enumerate(parts)])
 
 
-def _panels(evaluation: Evaluation, draw: Callable[[SequenceInfo, "Axes"], None], title: str, caption: str) -> Picture:
-    """Draw one panel per sequence, and one legend for all."""
-    draws = [partial(draw, info) for info in evaluation.sequences.values()]
+def _panels(
+    evaluation: Evaluation,
+    data_of: Callable[[SequenceInfo], pd.DataFrame],
+    draw: Callable[[SequenceInfo, pd.DataFrame, "Axes"], None],
+    title: str,
+    caption: str,
+) -> list[Picture]:
+    """Draw one panel per sequence that has data, and one legend for all; nothing if none has any."""
+    data = [(info, data_of(info)) for info in evaluation.sequences.values()]
+    draws = [partial(draw, info, found) for info, found in data if not found.empty]
+    if not draws:
+        return []
     png = panels("", draws, columns=PANEL_COLUMNS, panel_in=PANEL_IN, shared_legend=True)
-    return Picture(title=title, caption=caption, png=png)
+    return [Picture(title=title, caption=caption, png=png)]
 
 
-def _labelled(k: int, name: str) -> dict[str, Any]:
-    return {"marker": MARKERS[k % len(MARKERS)], "label": legend_label(name)}
+def _reference_of(info: SequenceInfo) -> FloatImage:
+    return decoded_thumbnail(info.reference)
+
+
+def _in_colors(depth_m: FloatImage, far_m: float) -> npt.NDArray[np.uint8]:
+    """Return depth in colours, shape (H, W, 3), RGB."""
+    return colored(depth_m, far_m)[..., ::-1]
 
 
 def _draw_image(title: str, image: npt.NDArray[Any], style: Mapping[str, Any], axes: "Axes") -> None:
@@ -251,18 +312,27 @@ def _draw_image(title: str, image: npt.NDArray[Any], style: Mapping[str, Any], a
     axes.set_axis_off()
 
 
-def _draw_scale(scale: Mapping[str, Any], axes: "Axes") -> None:
+def _draw_scales(far_m: float, error_scale: Mapping[str, Any], axes: "Axes") -> None:
+    """Draw the colours of depth and of errors, both within the panel, so that they touch no other."""
     from matplotlib.cm import ScalarMappable
 
     axes.set_axis_off()
-    bar = axes.figure.colorbar(ScalarMappable(**scale), ax=axes, orientation="horizontal", fraction=0.4)
-    bar.set_label("error: depth minus reference [m]", fontsize=8)
+    depth_m = np.linspace(0, far_m, SCALE_STEPS + 1, dtype=np.float32)[None, 1:]
+    bar = axes.inset_axes((0.05, 0.78, 0.9, 0.12))
+    bar.imshow(_in_colors(depth_m, far_m), extent=(0, far_m, 0, 1), aspect="auto")
+    bar.set_yticks([])
+    bar.set_xlabel("depth [m]", fontsize=7, labelpad=1)
+    errors = axes.inset_axes((0.05, 0.3, 0.9, 0.12))
+    axes.figure.colorbar(ScalarMappable(**error_scale), cax=errors, orientation="horizontal")
+    errors.set_xlabel("error: depth minus reference [m]", fontsize=7, labelpad=1)
+    for scale in (bar, errors):
+        scale.tick_params(labelsize=7, pad=1, length=2)
 
 
-def _error_scale() -> dict[str, Any]:
-    """Return the colours of error maps and the range that they stand for."""
+def _error_scale(end_m: float) -> dict[str, Any]:
+    """Return the colours of error maps and the range up to `end_m` that they stand for."""
     from matplotlib import colormaps
     from matplotlib.colors import Normalize
 
-    colors = colormaps["seismic"].with_extremes(under="black", bad="0.7")
-    return {"cmap": colors, "norm": Normalize(-ERROR_M, ERROR_M)}
+    colors = colormaps["bwr"].with_extremes(under="black", bad="0.7")
+    return {"cmap": colors, "norm": Normalize(-end_m, end_m)}

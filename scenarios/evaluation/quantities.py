@@ -76,6 +76,11 @@ def select(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd
     return values, counts
 
 
+def is_measured(evaluation: Evaluation, quantity: Quantity) -> bool:
+    """Return whether any method has a number of a quantity in any sequence."""
+    return bool(select(evaluation, quantity)[0].notna().any(axis=None))
+
+
 def _select(evaluation: Evaluation, selector: Selector) -> pd.DataFrame:
     """Select measurements, but no errors of measured pixels where these are the reference: methods were given them."""
     masks = HIDDEN_MASKS if selector.mask == HIDDEN else (selector.mask,)
@@ -138,7 +143,7 @@ QUANTITIES = (
              "frames.", best="high", layout="interval"),
     Quantity("That share less that of the best other baseline, within 20 m, with a 95 % interval", "%", LEAD_HIDDEN,
              "The interval is a bootstrap over the frames of both. Baselines are all methods but voxdepth, paper and "
-             "true-pose.", best="high", layout="interval"),
+             "true-pose; the best of them is compared with the second best, so this ranks nobody.", layout="interval"),
     Quantity("Median / mean absolute error of measured pixels within 20 m", "mm", MEASURED, best="low"),
     Quantity("Change of the mean error of measured pixels from raw's, within 20 m, with a 95 % interval", "%",
              MEASURED_CHANGE, "The interval is a bootstrap over the frames of both.", best="low", layout="interval"),

@@ -14,7 +14,7 @@ from voxdepth.tools.table import MISSING, Column, Table, Value
 from ..results.frame_files import write_frame
 from ..results.page import render_page
 from . import paper
-from .figures import all_figures, count_text, error_maps, graded_methods
+from .figures import all_figures, count_text, error_maps, graded_methods, range_text
 from .groups import ALL, NEAR
 from .measurements import FILLED, Selector
 from .methods import ORACLE
@@ -26,6 +26,7 @@ from .quantities import (
     QUANTITIES,
     TERMINAL_COLUMNS,
     Quantity,
+    is_measured,
     select,
 )
 from .result_cache import SequenceInfo
@@ -53,12 +54,12 @@ def rendered(evaluation: Evaluation) -> str:
         "report.html.j2",
         failures=[(result.key.sequence, result.key.method, result.error) for result in evaluation.failures],
         replaced=[(result.key.sequence, result.key.method, result.replaced) for result in replaced],
-        paper=[paper_table(evaluation, quantity) for quantity in PAPER_LAYOUT],
-        arithmetic=[paper_table(evaluation, quantity) for quantity in PAPER_ARITHMETIC],
-        tables=[method_table(evaluation, q) for q in QUANTITIES if not select(evaluation, q)[0].empty],
+        tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
+        paper=[paper_table(evaluation, q) for q in PAPER_LAYOUT if is_measured(evaluation, q)],
+        arithmetic=[paper_table(evaluation, q) for q in PAPER_ARITHMETIC if is_measured(evaluation, q)],
         calibration=[calibration_table(evaluation, method) for method in graded_methods(evaluation)],
         figures=all_figures(evaluation),
-        error_maps=[error_maps(evaluation, info) for info in evaluation.sequences.values()],
+        error_maps=error_maps(evaluation),
         sequences=_sequence_table(list(evaluation.sequences.values())),
         machine=Provenance.here(CORRECTION),
     )
@@ -73,9 +74,18 @@ def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
 
 
 def paper_table(evaluation: Evaluation, quantity: Quantity) -> Table:
-    """Return a table with one row per sequence and one column per method, beside the numbers that the paper prints."""
+    """Return a table with one row per sequence and one column per method, beside the numbers that the paper prints.
+
+    Sequences without a number are left out, and the columns of the paper if it has none for any sequence.
+    """
     texts, classes, counts = _texts(evaluation, quantity)
-    published = paper.PUBLISHED.get(quantity.selectors[0].metric, {})
+    texts = texts[[name for name in texts if not texts[name].isin([MISSING, FAILED]).all()]]
+    stand_for = {paper.SEQUENCES.get(name) for name in texts}
+    published = {
+        name: values
+        for name, values in paper.PUBLISHED.get(quantity.selectors[0].metric, {}).items()
+        if name in stand_for
+    }
     names = [f"{method} (paper)" for method in paper.METHODS if published]
     order = {name: place for place, name in enumerate(paper.SEQUENCES)}
     rows: list[list[Value]] = []
@@ -148,17 +158,21 @@ def _texts(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd
 
     sizes = dict.fromkeys(sequences, MISSING)
     for name, low, high in counts.stack().groupby("sequence").agg(["min", "max"]).astype(int).itertuples(name=None):
-        sizes[name] = count_text(low) if low == high else f"{count_text(low)} to {count_text(high)}"
+        sizes[name] = range_text(low, high)
     return grid(texts, MISSING), grid(classes, ""), sizes
 
 
 def _best(quantity: Quantity, values: pd.Series) -> list[tuple[str, str]]:
-    """Return sequence and method of the best values of each sequence. An oracle does not compete."""
+    """Return sequence and method of the best values of each sequence; none is best where all are equal.
+
+    An oracle does not compete.
+    """
     if not quantity.best:
         return []
     competing = values[values.index.get_level_values("method") != ORACLE]
-    best = competing.groupby("sequence").transform("min" if quantity.best == "low" else "max")
-    return list(competing.index[competing == best])
+    low, high = (competing.groupby("sequence").transform(end) for end in ("min", "max"))
+    best = low if quantity.best == "low" else high
+    return list(competing.index[(competing == best) & (low < high)])
 
 
 def _sequence_table(sequences: Sequence[SequenceInfo]) -> Table:

@@ -17,6 +17,8 @@ PANEL_IN = (5.2, 3.8)
 """Width and height of a panel."""
 MARKERS = "os^vD<>phX*dP8"
 """Marker of the k-th line or point."""
+N_COLORS = 20
+"""Number of colours of lines that are told apart: ten strong ones, and then ten pale ones."""
 LEGEND_COLUMNS = 8
 """Largest number of entries side by side in a shared legend."""
 LETTERS_PER_IN = 14
@@ -86,6 +88,15 @@ def panel_figure(
     if shared_legend:
         add_shared_legend(figure)
     return figure
+
+
+def line_color(k: int) -> tuple[float, float, float]:
+    """Return the colour of the k-th line or point, RGB in 0..1; they begin again after `N_COLORS`."""
+    from matplotlib import colormaps
+
+    strong, pale = k % 10, k // 10 % 2  # The map has a strong and a pale one by turns.
+    red, green, blue, _ = colormaps["tab20"](2 * strong + pale)
+    return red, green, blue
 
 
 def label_axes(axes: "Axes", title: str, x: str, y: str) -> None:

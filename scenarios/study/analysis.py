@@ -32,11 +32,13 @@ Block = tuple[str, int]
 """A scenario and a seed, within which the runs of two arms form a pair."""
 REACHED: Mapping[EndpointName, Outcome] = {"arrived": Outcome.SUCCESS, "collision": Outcome.COLLISION}
 """Outcome of the runs that reached an endpoint."""
+AT_LIMIT = "timeout"
+"""End of the runs that still flew at the time limit of the mission."""
 ENDS: Mapping[str, tuple[Outcome, ...]] = {
     "arrived": (Outcome.SUCCESS,),
     "collision": (Outcome.COLLISION,),
     "stuck": (Outcome.DEADLOCK, Outcome.LOST),
-    "timeout": (Outcome.TIMEOUT,),
+    AT_LIMIT: (Outcome.TIMEOUT,),
 }
 """The competing ends of a run."""
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from voxdepth.types import FloatArray
 
-from ..results.figure import Draw, Picture, legend_label, panel_figure
-from .analysis import ENDS, REACHED, ArmSummary, Comparison, headline
+from ..results.figure import Draw, Picture, legend_label, line_color, panel_figure
+from .analysis import AT_LIMIT, ENDS, REACHED, ArmSummary, Comparison, headline
 from .design import EndpointName, Study
 from .statistics import DoseResponse, Estimate, stratified, wilson
 from .tables import ENDPOINT_TITLES, OUTCOMES
@@ -19,13 +19,17 @@ COLORS = dict(zip(OUTCOMES, ("#4c9f70", "#c0392b", "#e0a030", "#7d5ba6", "#8a8f9
 RATIO_CAPTION = "Shares of runs with Wilson 95 % intervals; n is the number of runs."
 TIME_CAPTION = (
     "Share of all runs that came to an end by a mission time; they and the share that still flies sum to 100 %. A "
-    "collision counts at its first contact. All runs are observed to their end, so these are plain proportions."
+    "collision counts at its first contact. All runs are observed to their end, so these are plain proportions. Ends "
+    "that no run came to are left out. An arm has one colour, paler at a smaller noise ratio."
 )
 FOREST_CAPTION = (
     "Differences of shares with 95 % intervals: Newcombe's in each scenario, and stratified by scenario over all. To "
     "the right of the line, more runs of the first arm."
 )
 LINE_STYLES = ("-", "--", ":")
+PALEST = 0.35
+"""Opacity of an arm at the smallest of its noise ratios."""
+FIT = "1 - exp(-a theta^b)"
 AXIS_LABELS: dict[EndpointName, str] = {"arrived": "arrived without a collision", "collision": "runs with a collision"}
 
 
@@ -94,42 +98,57 @@ def _draw_grid(
 
 
 def all_figures(arms: Sequence[ArmSummary], fitted: Mapping[tuple[str, str], DoseResponse]) -> list[Picture]:
-    """Draw the figures of all scenarios, `fitted` by scenario and arm; arms without a result are left out."""
+    """Draw the figures of all scenarios, `fitted` by scenario and arm.
+
+    Arms without a result are left out, and so is a figure of what no run came to.
+    """
+    colors = arm_colors(arms)
     found: list[Picture] = []
     for scenario in dict.fromkeys(arm.scenario for arm in arms if arm.n):
         own = [arm for arm in arms if arm.scenario == scenario and arm.n]
         fits = {name: fit for (place, name), fit in fitted.items() if place == scenario}
-        if len({arm.theta for arm in own} - {None}) > 1:
-            caption = RATIO_CAPTION + (" The dotted line is 1 - exp(-a theta^b), fitted by likelihood." if fits else "")
+        is_reached = any(arm.count(*REACHED.values()) for arm in own)
+        if is_reached and len({arm.theta for arm in own} - {None}) > 1:
+            caption = RATIO_CAPTION + (f" A dotted line is {FIT}, fitted by likelihood." if fits else "")
             draws = [
-                partial(_draw_noise_ratios, own, fits, "collision"),
-                partial(_draw_noise_ratios, own, {}, "arrived"),
+                partial(_draw_noise_ratios, own, colors, fits, "collision"),
+                partial(_draw_noise_ratios, own, colors, {}, "arrived"),
             ]
             found.append(_picture(f"{scenario}: collisions against noise", caption, draws, (WIDTH_IN / 2, 4.4)))
         rows_in = 0.32 * len(own)
-        draws = [partial(_draw_shares, own, endpoint) for endpoint in REACHED]
-        found.append(_picture(f"{scenario}: endpoints by arm", RATIO_CAPTION, draws, (WIDTH_IN / 2, 1.2 + rows_in)))
+        if is_reached:
+            draws = [partial(_draw_shares, own, endpoint) for endpoint in REACHED]
+            found.append(_picture(f"{scenario}: endpoints by arm", RATIO_CAPTION, draws, (WIDTH_IN / 2, 1.2 + rows_in)))
         caption, draw = "Every run has exactly one outcome; n is the number of runs.", partial(_draw_outcomes, own)
         size_in = WIDTH_IN, 1.6 + rows_in
         found.append(_picture(f"{scenario}: how runs ended", caption, [draw], size_in, shared_legend=True))
-        draws, size_in = [partial(_draw_incidence, own, end) for end in ENDS], (WIDTH_IN / 2, 2.9)
-        found.append(
-            _picture(f"{scenario}: ends over time", TIME_CAPTION, draws, size_in, columns=2, shared_legend=True)
-        )
+        ends = [end for end, outcomes in ENDS.items() if any(arm.count(*outcomes) for arm in own)]
+        if set(ends) - {AT_LIMIT}:
+            draws, size_in = [partial(_draw_incidence, own, colors, end) for end in ends], (WIDTH_IN / 2, 2.9)
+            found.append(
+                _picture(f"{scenario}: ends over time", TIME_CAPTION, draws, size_in, columns=2, shared_legend=True)
+            )
     return found
+
+
+def arm_colors(arms: Sequence[ArmSummary]) -> dict[str, tuple[float, float, float]]:
+    """Return the colour of each arm in all figures and scenarios, RGB in 0..1."""
+    return {name: line_color(k) for k, name in enumerate(dict.fromkeys(arm.arm for arm in arms))}
 
 
 def _picture(title: str, caption: str, draws: Sequence[Draw], panel_in: tuple[float, float], **style: Any) -> Picture:
     return Picture.of(title, caption, panel_figure("", draws, panel_in=panel_in, **style))
 
 
-def _draw_incidence(arms: Sequence[ArmSummary], end: str, axes: Any) -> None:
+def _draw_incidence(arms: Sequence[ArmSummary], colors: Mapping[str, Any], end: str, axes: Any) -> None:
     """Draw the share of runs of each arm that came to an end by each time."""
     longest_s = max(float(record.metrics["sim_time_s"] or 0) for arm in arms for record in arm.records)
     times_s = np.linspace(0, 1.02 * longest_s, 400)
-    for k, arm in enumerate(arms):
-        style = {"color": f"C{k % 10}", "ls": LINE_STYLES[k // 10 % len(LINE_STYLES)], "lw": 1.3}
-        axes.plot(times_s, 100 * arm.incidence(end, times_s), label=legend_label(arm.label), **style)
+    for name in dict.fromkeys(arm.arm for arm in arms):
+        levels = [arm for arm in arms if arm.arm == name]
+        for k, (arm, alpha) in enumerate(zip(levels, np.linspace(1, PALEST, len(levels))[::-1], strict=True)):
+            style = {"color": colors[name], "alpha": alpha, "ls": LINE_STYLES[k % len(LINE_STYLES)], "lw": 1.3}
+            axes.plot(times_s, 100 * arm.incidence(end, times_s), label=legend_label(arm.label), **style)
     axes.set_title(end, fontsize=9)
     _percent_axis(axes.yaxis, axes.set_ylim)
     axes.set_xlabel("mission time [s]")
@@ -138,11 +157,15 @@ def _draw_incidence(arms: Sequence[ArmSummary], end: str, axes: Any) -> None:
 
 
 def _draw_noise_ratios(
-    arms: Sequence[ArmSummary], fits: Mapping[str, DoseResponse], endpoint: EndpointName, axes: Any
+    arms: Sequence[ArmSummary],
+    colors: Mapping[str, Any],
+    fits: Mapping[str, DoseResponse],
+    endpoint: EndpointName,
+    axes: Any,
 ) -> None:
     """Draw the figure of the paper: every arm over its noise ratios, or as a horizontal line if it has none."""
-    for k, name in enumerate(dict.fromkeys(arm.arm for arm in arms)):
-        own, color = [arm for arm in arms if arm.arm == name], f"C{k}"
+    for name in dict.fromkeys(arm.arm for arm in arms):
+        own, color = [arm for arm in arms if arm.arm == name], colors[name]
         low, high = min(arm.n for arm in own), max(arm.n for arm in own)
         n = f"n = {low}" if low == high else f"n = {low} to {high}"
         y, errors = _shares(own, endpoint)
@@ -153,7 +176,8 @@ def _draw_noise_ratios(
         axes.errorbar([arm.theta for arm in own], y, yerr=errors, label=legend_label(f"{name}, {n} each"), **style)
         if name in fits:
             fine = np.linspace(0.01, 1, 100)
-            axes.plot(fine, [100 * fits[name].curve.at(theta) for theta in fine], ":", color=color, lw=1)
+            fitted = [100 * fits[name].curve.at(theta) for theta in fine]
+            axes.plot(fine, fitted, ":", color=color, lw=1, label=legend_label(f"{name}, fit {FIT}"))
     axes.set_xlabel("noise ratio theta")
     _percent_axis(axes.yaxis, axes.set_ylim)
     axes.set_ylabel(f"{AXIS_LABELS[endpoint]} [%]")
@@ -175,9 +199,10 @@ def _draw_shares(arms: Sequence[ArmSummary], endpoint: EndpointName, axes: Any) 
 
 def _draw_outcomes(arms: Sequence[ArmSummary], axes: Any) -> None:
     left = np.zeros(len(arms))
-    for outcome, color in COLORS.items():
+    ended = [outcome for outcome in OUTCOMES if any(arm.count(outcome) for arm in arms)]
+    for outcome in ended:
         shares = np.array([100 * arm.count(outcome) / arm.n for arm in arms])
-        axes.barh(np.arange(len(arms)), shares, left=left, color=color, label=outcome.value)
+        axes.barh(np.arange(len(arms)), shares, left=left, color=COLORS[outcome], label=outcome.value)
         left += shares
     _name_rows(axes, arms)
     axes.set_xlim(0, 100)

@@ -15,8 +15,8 @@ from ..results.figure import Picture
 from ..results.frame_files import write_frame
 from ..results.page import render_page
 from .analysis import (
-    DRONES_LOST,
-    TIME_TO_GOAL,
+    MEASURES,
+    REACHED,
     compare_arms,
     compare_means,
     dose_responses,
@@ -49,19 +49,21 @@ class Findings:
         self._over_all = over_scenarios(self._arms)
         arms = [*self._arms, *self._over_all]
         self._dose_responses = list(dose_responses(data))
-        endpoints = sorted(ENDPOINTS, key=lambda endpoint: endpoint != data.study.endpoint)
-        self._comparisons = {endpoint: compare_arms(data, endpoint) for endpoint in endpoints}
+        primary = data.study.endpoint
+        others = [one for one in ENDPOINTS if one != primary and any(arm.count(REACHED[one]) for arm in self._arms)]
+        self._comparisons = {endpoint: compare_arms(data, endpoint) for endpoint in (primary, *others)}
         self.tables = {
             "grid": grid_table(data.study, arms),
             "ends": end_table(arms),
             **{f"{name}_effects": effect_table(found, name) for name, found in self._comparisons.items()},
             **{f"{name}_comparisons": comparison_table(found, name) for name, found in self._comparisons.items()},
             "means": mean_table(arms),
-            "mean_differences": mean_difference_table(compare_means(data, (DRONES_LOST, TIME_TO_GOAL))),
+            "mean_differences": mean_difference_table(compare_means(data, MEASURES)),
             "dose_responses": dose_response_table(self._dose_responses),
             "arms": arm_table(self._arms),
         }
-        """The tables of the report by name, in their order; those of the primary endpoint come first."""
+        """The tables of the report by name, in their order; those of the primary endpoint come first, and those
+        of another that no run reached are left out."""
 
     def pictures(self) -> list[Picture]:
         """Draw the figures of the report."""
@@ -122,7 +124,7 @@ def render(findings: Findings, pictures: Sequence[Picture], out: Path) -> str:
         done=len(data.records),
         failures=[(f.kind, runs[key].short_key, f.last_line) for key, f in data.failures.items()],
         tables=[table for table in findings.tables.values() if len(table)],
-        compared=len(findings.tables["arrived_comparisons"]) > 0,
+        compared=len(findings.tables[f"{data.study.endpoint}_comparisons"]) > 0,
         figures=pictures,
         examples=[
             {

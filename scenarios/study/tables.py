@@ -29,7 +29,10 @@ MEAN_NOTE = (
     " to goal is a restricted mean over all runs: one that does not arrive counts with the largest time that it had. "
     "The path length is that of a drone."
 )
-MEAN_DIFFERENCE_NOTE = "Over pairs of the same scenario and seed, with 95 % intervals of a bootstrap that draws seeds."
+MEAN_DIFFERENCE_NOTE = (
+    "Over pairs of the same scenario and seed, with 95 % intervals of a bootstrap that draws seeds. Measures that are "
+    "the same in all pairs are left out."
+)
 EFFECT_NOTE = (
     "b: only the first arm reached the endpoint; c: only the second did. Newcombe's intervals in each scenario; over "
     "all, the difference is stratified by scenario, and the squares of the distances to the bounds add up (Zou and "
@@ -41,6 +44,7 @@ COMPARISON_NOTE = (
     " method 10). p is exact and two-sided (McNemar). The p-value of the comparison and endpoint that were declared "
     "before the first run is not adjusted; those of all others of a table are, for their number after Holm."
 )
+NONE_REACHED_NOTE = "No run of any pair reached this endpoint, so that these runs cannot tell the arms apart by it."
 DOSE_NOTE = (
     "The collision ratio as 1 - exp(-a theta^b), a complementary log-log model, fitted by maximum likelihood to the "
     "runs of those seeds that have a result at every theta; theta 0 is left out, where the curve is 0. Intervals are "
@@ -80,16 +84,23 @@ def mean_table(arms: Iterable[ArmSummary]) -> Table:
 
 
 def mean_difference_table(found: Iterable[MeanDifference]) -> Table:
-    """Return the paired differences of means; pairs whose measures are all unknown are left out."""
+    """Return the paired differences of means.
+
+    Pairs whose measures are all unknown are left out, and so are measures that differ in no run of any pair.
+    """
     found = [one for one in found if any(one.estimates.values())]
-    names = list(found[0].estimates) if found else []
-    units = {measure.name: measure.unit for measure in MEASURES}
-    columns: list[Column | str] = ["first - second", "pairs", *(Column(name, units[name]) for name in names)]
+    measures = [one for one in MEASURES if any(_differs(pair.estimates.get(one.name)) for pair in found)]
+    columns: list[Column | str] = ["first - second", "pairs", *(Column(one.name, one.unit) for one in measures)]
     rows = [
-        [f"{one.first} - {one.second}", one.pairs, *(_estimate(one.estimates[name], "+.2f") for name in names)]
-        for one in found
+        [f"{pair.first} - {pair.second}", pair.pairs, *(_estimate(pair.estimates[m.name], "+.2f") for m in measures)]
+        for pair in found
+        if measures
     ]
     return Table.of("Differences of means", columns, rows, note=MEAN_DIFFERENCE_NOTE)
+
+
+def _differs(estimate: Estimate | None) -> bool:
+    return estimate is not None and any((estimate.value, *estimate.interval))
 
 
 def effect_table(comparisons: Sequence[Comparison], endpoint: EndpointName) -> Table:
@@ -154,6 +165,9 @@ def _arm_row(arm: ArmSummary, kinds: Iterable[str]) -> Sequence[Value]:
 
 def comparison_table(comparisons: Iterable[Comparison], endpoint: EndpointName) -> Table:
     """Return a row for each pair of arms."""
+    comparisons = list(comparisons)
+    is_reached = any(one.pairs.neither < one.pairs.n for one in comparisons)
+    note = COMPARISON_NOTE if is_reached else f"{NONE_REACHED_NOTE} {COMPARISON_NOTE}"
     columns = (
         *("first - second", "", "pairs", "b", "c", Column("difference", number="+.3f"), "95 % interval"),
         *(Column("p", number=_p_text), Column("p after Holm", number=_p_text)),
@@ -166,7 +180,7 @@ def comparison_table(comparisons: Iterable[Comparison], endpoint: EndpointName) 
         ]
         for found in comparisons
     ]
-    return Table.of(f"Comparisons of arms: {ENDPOINT_TITLES[endpoint]}", columns, rows, note=COMPARISON_NOTE)
+    return Table.of(f"Comparisons of arms: {ENDPOINT_TITLES[endpoint]}", columns, rows, note=note)
 
 
 def dose_response_table(found: Iterable[tuple[str, str, DoseResponse | str]]) -> Table:

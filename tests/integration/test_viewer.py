@@ -17,7 +17,7 @@ from voxdepth.types import CorrectedDepth, Frame
 @pytest.mark.slow
 def test_the_viewer_collects_nothing_about_its_use_and_leaves_the_configuration_of_the_user(tmp_path: Path) -> None:
     frame = Frame(stamp_s=0.0, gray=np.zeros((8, 8), np.uint8), depth_m=np.ones((8, 8), np.float32))
-    with recording(tmp_path / "one.rrd", "one") as log:
+    with recording(tmp_path / "one.rrd", "one", 2.0) as log:
         log(0, frame, CorrectedDepth.of(frame, frame.depth_m))
     home = tmp_path / "home"
     home.mkdir()

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from voxdepth.colors import colored
+from voxdepth.colors import FAR_M, colored, far_end_m
 
 BLUE, RED = 0, 2
 
@@ -19,3 +19,20 @@ def test_all_beyond_is_as_far_as_the_last_colour() -> None:
     np.testing.assert_array_equal(beyond, last)
     np.testing.assert_array_equal(sky, last)
     assert last.any()
+
+
+def test_the_blue_end_is_the_least_that_nearly_all_of_a_scene_is_within() -> None:
+    table_m = np.linspace(0.3, 1.5, 1000, dtype=np.float32)[None]
+    assert far_end_m([table_m]) == 2.0
+    few_wrong_m, many_wrong_m = table_m.copy(), table_m.copy()
+    few_wrong_m[0, :15], many_wrong_m[0, :30] = 60.0, 9.0
+    assert far_end_m([few_wrong_m]) == 2.0
+    assert far_end_m([many_wrong_m]) == 10.0
+    assert far_end_m([table_m, 10 * table_m]) == FAR_M, "of all images together"
+
+
+def test_neither_holes_nor_the_sky_count_for_the_blue_end() -> None:
+    depth_m = np.full((10, 10), 0.8, np.float32)
+    depth_m[:4], depth_m[4:8] = 0.0, np.inf
+    assert far_end_m([depth_m]) == 1.0
+    assert far_end_m([np.zeros((2, 2), np.float32)]) == far_end_m([]) == FAR_M

@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 from markupsafe import escape
+from matplotlib.colors import to_hex
 from rich.console import Console
 
 from scenarios.evaluation import paper
-from scenarios.evaluation.figures import EMPTY_M, all_figures, count_text, error_map, error_maps, pareto_front
+from scenarios.evaluation.figures import all_figures, count_text, error_map, error_maps, pareto_front
 from scenarios.evaluation.groups import RANGES
 from scenarios.evaluation.measurements import MEASUREMENT_COLUMNS, Measurement, Selector, of_frames
 from scenarios.evaluation.methods import ORACLE
-from scenarios.evaluation.quantities import PAPER_LAYOUT, QUANTITIES, Quantity, select
+from scenarios.evaluation.quantities import PAPER_LAYOUT, QUANTITIES, is_measured
 from scenarios.evaluation.report import method_table, paper_table, print_results, rendered
 from scenarios.evaluation.result_cache import Key, Result, SequenceInfo, encoded_thumbnail
 from scenarios.evaluation.suite import Evaluation
@@ -173,7 +174,35 @@ def test_the_front_has_no_point_that_another_one_beats() -> None:
 def test_error_maps_tell_too_near_from_nothing_and_cut_to_the_scale() -> None:
     depth_m = np.array([[1, 0, 9, 3]], np.float32)
     reference_m = np.array([[4, 4, 4, 0]], np.float32)
-    np.testing.assert_array_equal(error_map(depth_m, reference_m), [[-2, EMPTY_M, 2, np.nan]])
+    np.testing.assert_array_equal(error_map(depth_m, reference_m, 2.0), [[-2, -4, 2, np.nan]])
+
+
+def test_error_maps_have_the_scale_of_their_scene_and_none_is_of_no_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
+    near = info("near").model_copy(update={"reference": encoded_thumbnail(np.full((9, 12), 0.7, np.float32))})
+    empty = info("empty").model_copy(update={"reference": encoded_thumbnail(np.zeros((9, 12), np.float32))})
+    sequences = {one.name: one for one in (near, empty, info("far"))}
+    done = Evaluation(results=tuple(result(name, "raw", 0.5) for name in sequences), sequences=sequences, reused=0)
+    canvases: list[Any] = []
+    monkeypatch.setattr(figure, "png_of", lambda canvas: canvases.append(canvas) or b"")
+    pictures = error_maps(done)
+    assert [picture.title for picture in pictures] == ["near, frame 1", "far, frame 1"]
+    ends = [[axes.get_xlim()[1] for axes in canvas.axes[1].child_axes] for canvas in canvases]
+    np.testing.assert_allclose(ends, [[1, 0.08], [5, 0.4]])
+    assert "blue at 1 m and beyond" in pictures[0].caption
+
+
+def test_the_scales_of_an_error_map_touch_no_other_panel(done: Evaluation, monkeypatch: pytest.MonkeyPatch) -> None:
+    canvases: list[Any] = []
+    monkeypatch.setattr(figure, "png_of", lambda canvas: canvases.append(canvas) or b"")
+    error_maps(done)
+    for canvas in canvases:
+        canvas.draw_without_rendering()
+        _, own, *_ = canvas.axes
+        scales = [scale.get_tightbbox() for scale in own.child_axes]
+        others = [axes.get_tightbbox() for axes in canvas.axes if axes.get_visible() and axes is not own]
+        assert len(scales) == 2
+        assert not any(box.overlaps(other) for box in scales for other in others)
+        assert not scales[0].overlaps(scales[1])
 
 
 def test_counts_are_read_as_people_say_them() -> None:
@@ -204,15 +233,10 @@ def test_the_page_loads_nothing_and_runs_nothing(html: str) -> None:
     assert html.startswith("<!DOCTYPE html>")
 
 
-def is_measured(done: Evaluation, quantity: Quantity) -> bool:
-    return not select(done, quantity)[0].empty
-
-
 def test_the_page_has_every_table_figure_and_what_it_was_measured_on(done: Evaluation, html: str) -> None:
     assert sum(is_measured(done, quantity) for quantity in QUANTITIES) == 3, "MAE of all, of holes, and time"
     for quantity in (*QUANTITIES, *PAPER_LAYOUT):
-        shown = quantity in PAPER_LAYOUT or is_measured(done, quantity)
-        assert (f"<h3>{escape(quantity.heading)}</h3>" in html) == shown, quantity.title
+        assert (f"<h3>{escape(quantity.heading)}</h3>" in html) == is_measured(done, quantity), quantity.title
         assert re.search(r"\[.+\]", quantity.heading), "with its unit"
     assert html.count("<img ") == 3 + 2
     for words in (
@@ -251,6 +275,20 @@ def test_every_axis_has_its_unit_and_every_panel_its_sample_size(
             assert re.search(r"\bn\b", axes.get_xlabel())
 
 
+def test_a_method_has_one_colour_in_all_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ("first", "voxdepth", "raw", *(f"m{k}" for k in range(9)))
+    results = tuple(result("s", name, 0.5 + 0.1 * k) for k, name in enumerate(names))
+    done = Evaluation(results=results, sequences={"s": info("s")}, reused=0)
+    styles: dict[str, set[Any]] = {}
+    for canvas in canvases_of(done, monkeypatch):
+        for handle, name in zip(*canvas.axes[0].get_legend_handles_labels(), strict=True):
+            color = handle.get_color() if hasattr(handle, "get_color") else handle.get_facecolor()[0]
+            styles.setdefault(name, set()).add(to_hex(color))
+    assert set(styles) == set(names)
+    assert all(len(colors) == 1 for colors in styles.values())
+    assert len(set.union(*styles.values())) == len(names), "and shares it with no other"
+
+
 def canvases_of(done: Evaluation, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """What the figures are, before they become images."""
     canvases: list[Any] = []
@@ -281,6 +319,37 @@ def test_without_the_truth_pixels_that_were_given_rank_nobody(monkeypatch: pytes
     assert axes.get_xticklabels()[0].get_text() == "0-2 m\n70"
 
 
+def test_what_was_not_measured_of_a_users_recording_is_left_out_and_its_own_tables_come_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    held = Measurement(metric="mae", mask="patches", range="0-20 m", on="completed", value=0.7, unit="m", n=70)
+    psnr = Measurement(metric="psnr16_mm", mask="all", range="all", on="completed", value=None, unit="dB", n=0)
+    raw = result("real", "raw", 0.0).model_copy(update={"measurements": (held, psnr)})
+    done = Evaluation(results=(raw,), sequences={"real": held_out_info("real")}, reused=0)
+    assert canvases_of(done, monkeypatch) == [], "neither an error by range, nor occluded pixels, nor a time"
+    html = rendered(done)
+    assert "The paper" not in html
+    assert "authors' arithmetic" not in html
+    assert html.count("<section>") == 1
+    psnr = psnr.model_copy(update={"value": 30.0, "n": 2})
+    scored = result("true", "raw", 0.0).model_copy(update={"measurements": (psnr,)})
+    both = Evaluation(results=(raw, scored), sequences={"real": held_out_info("real"), "true": info("true")}, reused=0)
+    table = paper_table(both, PAPER_LAYOUT[0])
+    assert table.headings == ["sequence", "raw", "n"], "without the paper's columns, which no sequence stands for"
+    assert table.column("sequence") == ["true"]
+    html = rendered(both)
+    assert html.index("Errors, coverage") < html.index("The paper's tables")
+
+
+def test_nobody_is_best_where_all_are_equal_or_where_each_is_compared_with_another() -> None:
+    equal = Evaluation(
+        results=tuple(result("s", name, 0.5) for name in ("one", "two")), sequences={"s": info("s")}, reused=0
+    )
+    assert [row(method_table(equal, mae()), name) for name in ("one", "two")] == [[("0.500", "")]] * 2
+    (lead,) = (quantity for quantity in QUANTITIES if "best other" in quantity.title)
+    assert not lead.best
+
+
 def test_a_frame_without_a_ratio_is_left_out_and_its_method_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     raw = result("s", "raw", 0.5).model_copy(update={"frame_psnrs_db": (None, 20.0)})
     canvas = canvases_of(Evaluation(results=(raw,), sequences={"s": info("s")}, reused=0), monkeypatch)[1]
@@ -292,7 +361,7 @@ def test_names_are_drawn_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
     sequence, methods = r"a$\frac$", (r"m$\frac$", "_hidden")
     results = tuple(result(sequence, name, 0.5) for name in methods)
     odd = Evaluation(results=results, sequences={sequence: info(sequence)}, reused=0)
-    assert all(picture.png for picture in (*all_figures(odd), error_maps(odd, odd.sequences[sequence])))
+    assert all(picture.png for picture in (*all_figures(odd), *error_maps(odd)))
     for canvas in canvases_of(odd, monkeypatch):
         (legend,) = canvas.legends
         assert [text.get_text().lstrip(figure.INVISIBLE) for text in legend.get_texts()] == list(methods)

@@ -4,19 +4,31 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import cv2
 import pytest
+from matplotlib.colors import to_hex
 from rich.console import Console
 
 from scenarios.errors import ScenarioError
-from scenarios.study.analysis import compare_arms, dose_responses, first_collisions, summarise_arms
+from scenarios.results.figure import Picture
+from scenarios.study.analysis import (
+    MEASURES,
+    MeanDifference,
+    compare_arms,
+    dose_responses,
+    first_collisions,
+    summarise_arms,
+)
 from scenarios.study.design import expand
+from scenarios.study.figures import arm_colors
 from scenarios.study.report import Findings, export, render, run_table, write_report
 from scenarios.study.run import Progress, display_on, duration
-from scenarios.study.statistics import DoseResponse, clopper_pearson, mcnemar, wilson
+from scenarios.study.statistics import DoseResponse, Estimate, Interval, clopper_pearson, mcnemar, wilson
 from scenarios.study.store import Failure, StudyData
+from scenarios.study.tables import mean_difference_table
 from swarm.types import Outcome
 from tests.studies import arm, contents_of, noisy, record, study
 
@@ -189,6 +201,64 @@ def test_the_same_results_give_the_same_files(tmp_path: Path) -> None:
     assert len(files) == 9
     for name in [*files, Path("report.tex")]:
         assert (tmp_path / "first" / name).read_bytes() == (tmp_path / "second" / name).read_bytes(), name
+
+
+def drawn(contents: StudyData, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """The figures of a report by their titles, before they become images."""
+    found: dict[str, Any] = {}
+    monkeypatch.setattr(Picture, "of", lambda title, caption, canvas: found.update({title: canvas}))
+    Findings(contents).pictures()
+    return found
+
+
+def test_the_fit_is_in_the_legend_beside_its_arm(monkeypatch: pytest.MonkeyPatch) -> None:
+    collided, arrived = drawn(noise_study(), monkeypatch)["city: collisions against noise"].axes
+    names = [text.get_text() for text in collided.get_legend().get_texts()]
+    assert "raw, fit 1 - exp(-a theta^b)" in names
+    labelled = {line.get_label() for line in collided.lines if line.get_linestyle() == ":"}
+    assert labelled == {"raw, fit 1 - exp(-a theta^b)"}
+    assert not any("fit" in text.get_text() for text in arrived.get_legend().get_texts())
+
+
+def test_an_arm_has_one_colour_in_all_figures_and_scenarios(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = noise_study()
+    names = dict.fromkeys(spec.arm for spec in data.specs)
+    colors: dict[str, set[Any]] = {name: set() for name in names}
+    figures = drawn(data, monkeypatch)
+    for line in figures["city: ends over time"].axes[0].lines:
+        colors[line.get_label().split(",")[0]].add(to_hex(line.get_color()))
+    for line in figures["city: collisions against noise"].axes[0].lines:
+        if not line.get_label().startswith("_"):
+            colors[line.get_label().split(",")[0]].add(to_hex(line.get_color()))
+    assert all(len(found) == 1 for found in colors.values())
+    one, two = summarise_arms(two_arms("o", "o"))[:2]
+    alone = replace(two, scenario="other")
+    assert len(set(arm_colors([one, two, alone]).values())) == 2, "also where another arm has no result"
+
+
+def test_what_no_run_came_to_is_neither_drawn_nor_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = study(arm("a"), arm("b"), seeds=3)
+    idle = contents_of(plan, {(name, None, seed): Outcome.TIMEOUT for name in "ab" for seed in range(3)})
+    figures = drawn(idle, monkeypatch)
+    assert list(figures) == ["city: how runs ended"]
+    (legend,) = figures["city: how runs ended"].legends
+    assert [text.get_text() for text in legend.get_texts()] == ["timeout"]
+    tables = Findings(idle).tables
+    assert "collision_comparisons" not in tables
+    assert tables["arrived_comparisons"].note.startswith("No run of any pair reached this endpoint")
+    assert [axes.get_title() for axes in drawn(two_arms("xo", "oo"), monkeypatch)["city: ends over time"].axes] == [
+        "arrived", "collision"
+    ]  # fmt: skip
+
+
+def test_means_that_differ_in_no_pair_are_left_out() -> None:
+    same, other = Estimate(0.0, Interval(0.0, 0.0)), Estimate(0.0, Interval(-1.0, 1.0))
+    estimates = {measure.name: None for measure in MEASURES} | {"drones lost": same, "leader progress": other}
+    pair = MeanDifference(first="a", second="b", pairs=3, estimates=estimates)
+    assert mean_difference_table([pair]).headings == ["first - second", "pairs", "leader progress [m]"]
+    equal = replace(pair, estimates=estimates | {"leader progress": same})
+    assert len(mean_difference_table([equal])) == 0
+    assert len(mean_difference_table([])) == 0
 
 
 def test_the_page_of_a_noise_study_has_the_papers_figure_and_the_fit() -> None:

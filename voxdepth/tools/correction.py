@@ -71,7 +71,7 @@ class Correction:
         with (
             atomic(out) as path,
             self.output(path, self.dataset) as output,
-            _recording(record, self.config) as listener,
+            self._recording(record) as listener,
         ):
             lines = list(self._correct(output, listener, progress))
             report = _report(self.config, lines)
@@ -97,6 +97,14 @@ class Correction:
                     facts={} if corrected.diagnostics is None else corrected.diagnostics.facts(),
                     wall_s=dict(corrected.timings_s),
                 )
+
+    def _recording(self, path: Path | None) -> AbstractContextManager[Listener]:
+        if path is None:
+            return nullcontext(lambda index, frame, corrected: None)
+        from .recording import recording, scale_of
+
+        recording_id = f"{self.config.folder}-{self.config.corrector}"
+        return recording(path, recording_id, scale_of(self.dataset, self.frames))
 
 
 class FrameLine(NamedTuple):
@@ -188,11 +196,3 @@ def _original_errors() -> Iterator[None]:
     except PipelineError as error:
         cause = error.__cause__ or error
     raise cause
-
-
-def _recording(path: Path | None, config: CorrectionConfig) -> AbstractContextManager[Listener]:
-    if path is None:
-        return nullcontext(lambda index, frame, corrected: None)
-    from .recording import recording
-
-    return recording(path, f"{config.folder}-{config.corrector}")

@@ -4,30 +4,49 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from ..colors import FAR_M, far_end_m
+from ..datasets import Dataset
 from ..types import CorrectedDepth, Frame
 from .files import atomic
 from .stream import RecordingFile, confidence_image, depth_colors, depth_image, gray_image, layout, source_labels
 
 VIEWS = ("gray", "colors/raw", "colors/corrected", "source", "confidence")
 MILLISECONDS = 1000.0
+SAMPLED_FRAMES = 8
+"""Number of frames, spread over a recording, that the scale of its depth colours is chosen by."""
+
+
+def scale_of(dataset: Dataset, frames: int) -> float:
+    """Return the depth [m] at the blue end of the colours that fits the first frames of a dataset, at least one.
+
+    One scale for all frames, so that a colour means the same in all of them.
+    """
+    sampled = np.unique(np.linspace(0, frames - 1, SAMPLED_FRAMES).round().astype(int))
+    return far_end_m(dataset[int(index)].depth_m for index in sampled)
 
 
 @contextmanager
-def recording(path: Path, recording_id: str) -> Iterator[Callable[[int, Frame, CorrectedDepth], None]]:
+def recording(path: Path, recording_id: str, far_m: float) -> Iterator[Callable[[int, Frame, CorrectedDepth], None]]:
     """Give the function that records a frame into a new `.rrd` file, which appears when it is complete.
 
-    An existing file is replaced; a failure is a `ToolError`. `recording_id` is equal for recordings of the same
-    input and corrector, so that they can be compared.
+    Args:
+        path: The file; an existing one is replaced.
+        recording_id: Equal for recordings of the same input and corrector, so that they can be compared.
+        far_m: Depth [m] at the blue end of the colours.
+
+    Raises:
+        ToolError: The file cannot be written.
     """
     curves = rrb.Horizontal(
         rrb.TimeSeriesView(name="diagnostics", origin="diagnostics"),
         rrb.TimeSeriesView(name="time per step [ms]", origin="timings"),
         rrb.StateTimelineView(name="states", origin="state"),
     )
-    images = rrb.Grid(*(view_of(name) for name in VIEWS), grid_columns=3)
+    images = rrb.Grid(*(view_of(name, far_m) for name in VIEWS), grid_columns=3)
     blueprint = layout(rrb.Vertical(images, curves, row_shares=[3, 1]), "frame")
     with stream_into(path, "voxdepth-correct", recording_id, blueprint) as stream:
         stream.log("source", source_labels(), static=True)
@@ -38,7 +57,7 @@ def recording(path: Path, recording_id: str) -> Iterator[Callable[[int, Frame, C
             first_s = frame.stamp_s if first_s is None else first_s
             stream.set_time("frame", sequence=index)
             stream.set_time("time", duration=frame.stamp_s - first_s)
-            _log_images(stream, frame, corrected)
+            _log_images(stream, frame, corrected, far_m)
             _log_diagnostics(stream, corrected)
 
         yield log
@@ -57,17 +76,17 @@ def stream_into(
             recording.close()
 
 
-def view_of(name: str) -> rrb.Spatial2DView:
-    """A view of one image, with its name in words."""
-    words = name.replace("colors/", "depth, ").replace("_", ", ")
+def view_of(name: str, far_m: float = FAR_M) -> rrb.Spatial2DView:
+    """A view of one image, with its name in words, and that of depth with the depth [m] at the blue end."""
+    words = name.replace("colors/", f"depth, blue from {far_m:g} m, ").replace("_", ", ")
     return rrb.Spatial2DView(name=words, origin=name)
 
 
-def _log_images(stream: rr.RecordingStream, frame: Frame, corrected: CorrectedDepth) -> None:
+def _log_images(stream: rr.RecordingStream, frame: Frame, corrected: CorrectedDepth, far_m: float) -> None:
     stream.log("gray", gray_image(frame.gray))
     for name, depth_m in (("raw", frame.depth_m), ("corrected", corrected.depth_m)):
         stream.log(f"depth/{name}", depth_image(depth_m))
-        stream.log(f"colors/{name}", depth_colors(depth_m))
+        stream.log(f"colors/{name}", depth_colors(depth_m, far_m))
     stream.log("source", rr.SegmentationImage(corrected.source))
     stream.log("confidence", confidence_image(corrected.confidence))
 

@@ -10,7 +10,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ..colors import colored
+from ..colors import FAR_M, colored
 from ..ros import confidence_levels
 from ..types import FloatImage, GrayImage, Source
 from .output import encode
@@ -117,10 +117,13 @@ def depth_image(depth_m: FloatImage) -> rr.EncodedDepthImage:
     return rr.EncodedDepthImage(blob=depth_png(depth_m), media_type="image/png", meter=CENTIMETRE)
 
 
-def depth_colors(depth_m: FloatImage) -> rr.EncodedImage:
-    """Return a depth image [m] in the colours of all pictures: Rerun's own begin with far colours and color holes."""
+def depth_colors(depth_m: FloatImage, far_m: float = FAR_M) -> rr.EncodedImage:
+    """Return a depth image [m] in the colours of all pictures, blue from `far_m` on.
+
+    Rerun's own colours begin with far ones and color holes.
+    """
     settings = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, 0x111111]
-    _, jpeg = cv2.imencode(".jpg", colored(depth_m), settings)
+    _, jpeg = cv2.imencode(".jpg", colored(depth_m, far_m), settings)
     return rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
 
 

@@ -1,0 +1,67 @@
+"""The Rerun recording of a correction."""
+
+from collections.abc import Sequence
+from typing import Any, cast
+
+import cv2
+import numpy as np
+
+from voxdepth.colors import colored
+from voxdepth.datasets import Dataset
+from voxdepth.tools import recording
+from voxdepth.tools.recording import SAMPLED_FRAMES, scale_of, view_of
+from voxdepth.types import Frame
+
+
+class Depths(list[Frame]):
+    """A dataset of frames in memory, each of one depth [m]."""
+
+    def __init__(self, depths_m: Sequence[float]) -> None:
+        super().__init__(
+            Frame(stamp_s=float(k), gray=np.zeros((4, 6), np.uint8), depth_m=np.full((4, 6), depth_m, np.float32))
+            for k, depth_m in enumerate(depths_m)
+        )
+
+
+def scale_m(depths_m: Sequence[float], frames: int) -> float:
+    return scale_of(cast(Dataset, Depths(depths_m)), frames)
+
+
+def test_the_scale_of_a_recording_is_that_of_the_whole_scene() -> None:
+    assert scale_m([0.7], 1) == 1.0
+    assert scale_m([0.7, 0.7, 1.4], 3) == 2.0
+    assert scale_m([0.7] * 50 + [8.0] * 50, 100) == 10.0, "not that of the first frame alone"
+    assert scale_m([0.7] * 50 + [8.0] * 50, 50) == 1.0, "nor that of frames that are not corrected"
+
+
+def test_few_frames_are_read_for_the_scale() -> None:
+    read: list[int] = []
+
+    class Counted(Depths):
+        def __getitem__(self, index: Any) -> Any:
+            read.append(index)
+            return super().__getitem__(index)
+
+    scale_of(cast(Dataset, Counted([1.0] * 1000)), 1000)
+    assert len(read) == SAMPLED_FRAMES
+    assert (read[0], read[-1]) == (0, 999)
+
+
+def test_a_view_names_the_end_of_its_colours() -> None:
+    assert view_of("colors/raw", 2.0).name == "depth, blue from 2 m, raw"
+    assert view_of("gray", 2.0).name == "gray"
+
+
+def test_recorded_depth_has_the_colours_of_its_scale() -> None:
+    depth_m = np.full((16, 16), 1.5, np.float32)
+    logged: dict[str, Any] = {}
+
+    class Stream:
+        def log(self, name: str, value: Any) -> None:
+            logged[name] = value
+
+    frame = Frame(stamp_s=0.0, gray=np.zeros((16, 16), np.uint8), depth_m=depth_m)
+    recording._log_images(cast(Any, Stream()), frame, recording.CorrectedDepth.of(frame, depth_m), 2.0)
+    for name in ("raw", "corrected"):
+        jpeg = np.asarray(logged[f"colors/{name}"].blob.as_arrow_array().to_pylist()[0], np.uint8)
+        np.testing.assert_allclose(cv2.imdecode(jpeg, 1).astype(int), colored(depth_m, 2.0), atol=6)
