@@ -25,7 +25,7 @@ from voxdepth.errors import ConfigError, DatasetError
 from voxdepth.paper.config import PaperConfig
 from voxdepth.registry import create_corrector
 from voxdepth.temporal.config import VoxDepthConfig
-from voxdepth.tools.cli import create_app
+from voxdepth.tools.cli import create_app, explained
 from voxdepth.tools.errors import ToolError
 from voxdepth.types import Frame
 
@@ -150,7 +150,7 @@ def test_a_run_that_is_stopped_leaves_no_result(sent: signal.Signals, captures: 
     assert not (tmp_path / "made" / "out").exists()
     assert not (tmp_path / "made" / "out.rrd").exists()
     if sent == signal.SIGINT:
-        assert not list((tmp_path / "made").iterdir())
+        assert not (tmp_path / "made").exists()
     assert correct(*command).exit_code == 0
     assert rows(tmp_path / "made" / "out.rrd", "/depth/corrected") == 6 * N_FRAMES
 
@@ -233,6 +233,24 @@ def test_a_recording_that_fails_leaves_nothing_behind(sequence: Path, tmp_path: 
     done = correct(sequence, "--out", tmp_path / "out-2", "--record", tmp_path / "file" / "out.rrd")
     assert isinstance(done.exception, ToolError)
     assert "out.rrd" in str(done.exception)
+
+
+@pytest.mark.parametrize(
+    ("package", "options", "extra"),
+    [
+        ("rerun", ["--record", "made/out.rrd"], "rerun-sdk: pip install 'voxdepth[rerun]'"),
+        ("rosbags", ["--rosbag2"], "rosbags: pip install 'voxdepth[ros]'"),
+    ],
+)
+def test_a_missing_extra_is_named_before_anything_else_is_done(
+    package: str, options: list[str], extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, package, None)  # type: ignore[arg-type]  # Python's own mark of a missing package.
+    done = correct("nowhere", "--out", "made/out", *options)
+    assert done.exception is not None
+    assert explained(done.exception) == f"this needs the package {extra}"
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

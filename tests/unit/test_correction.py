@@ -194,8 +194,8 @@ def test_a_correction_that_stops_leaves_nothing_behind(error: BaseException, who
             raise error
 
     with pytest.raises((KeyboardInterrupt, ToolError)):
-        planned().run(tmp_path / "out", None, stop)
-    assert not list(tmp_path.iterdir())
+        planned().run(tmp_path / "new" / "folder" / "out", None, stop)
+    assert not list(tmp_path.iterdir()), "not even the folders above it"
     planned().run(tmp_path / "out", None, ignore)
     assert contents(tmp_path / "out") == contents(whole)
 

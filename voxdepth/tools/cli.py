@@ -8,6 +8,7 @@ import os
 import re
 import signal
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -161,10 +162,12 @@ def _fail(message: str) -> None:
 
 
 def _missing(error: ModuleNotFoundError) -> str | None:
-    """Say which extra brings a package; None if none does."""
+    """Say which extra brings a package, the smallest one of several; None if none does."""
     module = str(error.name).split(".")[0]
-    for text in requires("voxdepth") or ():
-        found = re.match(r"([\w.-]+).*; extra == ['\"](\w+)['\"]", text)
-        if found and found[1].lower().split("-")[0] == module:
-            return f"this needs the package {found[1]}: pip install 'voxdepth[{found[2]}]'"
-    return None
+    pairs = [re.match(r"([\w.-]+).*; extra == ['\"](\w+)['\"]", text) for text in requires("voxdepth") or ()]
+    extras = Counter(found[2] for found in pairs if found)
+    bringing = [found for found in pairs if found and found[1].lower().split("-")[0] == module]
+    if not bringing:
+        return None
+    least = min(bringing, key=lambda found: extras[found[2]])
+    return f"this needs the package {least[1]}: pip install 'voxdepth[{least[2]}]'"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .errors import ToolError
-from .options import DEFAULT_CORRECTOR, DepthTopic, GrayTopic, counter, parsed_size
+from .options import DEFAULT_CORRECTOR, DepthTopic, GrayTopic, counter, parsed_size, require_installed
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -59,12 +59,13 @@ def correct(
     from rich.console import Console
 
     from .correction import require_absent
-    from .output import MCAP, bag_folder, image_folder, mcap_file
 
     _refuse_mixing(folder, out, record)
     require_absent(out)
+    if record is not None:
+        require_installed("rerun")
+    output = _output(out, rosbag2)
     dataset = _dataset(folder, format, depth_topic, gray_topic)
-    output = mcap_file if out.suffix == MCAP else bag_folder if rosbag2 else image_folder
     correction = _planned(folder, dataset, corrector, config, frames, output)
     console, start = Console(), time.perf_counter()
     with counter(console, "correcting", correction.frames) as update:
@@ -86,6 +87,21 @@ def _refuse_mixing(folder: Path, out: Path, record: Path | None) -> None:
         raise ToolError(f"--record {record} lies in --out {out}, which must be new: name a place outside it")
     if record is not None and record.suffix != ".rrd":
         raise ToolError(f"--record must name an .rrd file, got {record}")
+
+
+def _output(out: Path, rosbag2: bool) -> "OpenOutput":
+    """Choose what is written by the name of the output and `--rosbag2`; bags need the extra `ros`."""
+    from .output import MCAP, bag_folder, image_folder, mcap_file
+
+    if out.suffix != MCAP and not rosbag2:
+        return image_folder
+    if out.suffix == MCAP and rosbag2:
+        raise ToolError(
+            f"--rosbag2 writes a folder, but --out {out} names a file: leave out --rosbag2 for the file, or the suffix "
+            f"{MCAP} for a folder"
+        )
+    require_installed("rosbags")
+    return bag_folder if rosbag2 else mcap_file
 
 
 def _dataset(folder: Path, format: Format, depth_topic: str | None, gray_topic: str | None) -> "Dataset":
@@ -301,6 +317,7 @@ def open_viewer(path: Path, *, web: bool = False) -> None:
         raise ToolError(f"there is no recording at {path}; runs with --record have a file run.rrd in their folder")
     if path.suffix != ".rrd":
         raise ToolError(f"{path} is no recording of a run: expected a folder of a run, or an .rrd file")
+    require_installed("rerun")
     command = [sys.executable, "-m", "rerun", str(path), "--bind", "127.0.0.1"]
     with TemporaryDirectory(prefix="voxdepth-viewer-") as config_home:
         config = Path(config_home) / "rerun/analytics.json"

@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -83,18 +83,35 @@ def as_tool_error(what: str) -> Iterator[None]:
 
 
 @contextmanager
+def _parents(path: Path) -> Iterator[None]:
+    """Make the missing parent folders of a path; after an error, remove those that are empty."""
+    missing = [parent for parent in path.parents if not parent.exists()]
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield
+    except BaseException:
+        with suppress(OSError):
+            for parent in missing:
+                parent.rmdir()
+        raise
+
+
+@contextmanager
 def atomic(path: Path) -> Iterator[Path]:
     """Give a temporary path beside `path` that is renamed to `path` when the block ends without an error.
 
     The block makes a file or a folder there, and it appears as a whole or not at all. A file replaces an existing file;
-    a folder replaces only an empty folder. Missing parent folders are made. An `OSError` becomes a `ToolError`.
+    a folder replaces only an empty folder. Missing parent folders are made, and do not stay after an error. An
+    `OSError` becomes a `ToolError`.
     """
-    with as_tool_error(f"cannot write {path}"):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(dir=path.parent, prefix=f".{path.name}-") as holder:
-            temporary = Path(holder) / path.name
-            yield temporary
-            temporary.replace(path)
+    with (
+        as_tool_error(f"cannot write {path}"),
+        _parents(path),
+        TemporaryDirectory(dir=path.parent, prefix=f".{path.name}-") as holder,
+    ):
+        temporary = Path(holder) / path.name
+        yield temporary
+        temporary.replace(path)
 
 
 def write(path: Path, data: bytes) -> None:
