@@ -318,6 +318,21 @@ def test_another_inpainting_method_needs_no_keys_of_the_corrector_s_own(sequence
     assert config["window_frames"] == 10
 
 
+def test_a_baseline_that_is_assumed_is_told_with_the_place_to_state_it(sequence: Path, tmp_path: Path) -> None:
+    shutil.copytree(sequence, tmp_path / "walk")
+    calibration = tmp_path / "walk" / "calibration.toml"
+    lines = calibration.read_text().splitlines(keepends=True)
+    for out, kept, times in (("stated", lines, 0), ("assumed", [x for x in lines if "baseline_m" not in x], 1)):
+        calibration.write_text("".join(kept))
+        done = correct(tmp_path / "walk", "--out", tmp_path / out, "--corrector", "raw", "--frames", "2")
+        assert done.exit_code == 0, done.output
+        message = (
+            f"{tmp_path / 'walk'} states no baseline of its camera, 0.05 m is assumed: state it in metres as "
+            f"baseline_m in {calibration}\n"
+        )
+        assert done.stderr == message * times
+
+
 @pytest.mark.parametrize("place", [lambda s: s, lambda s: s / "depth", lambda s: s / "new" / "out"])
 def test_results_are_never_written_among_the_input(place: Callable[[Path], Path], sequence: Path) -> None:
     before = sorted(sequence.rglob("*"))

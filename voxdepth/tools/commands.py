@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -59,13 +58,15 @@ def correct(
     from rich.console import Console
 
     from .correction import require_absent
+    from .recorded import Opener, restrict_opencv
 
     _refuse_mixing(folder, out, record)
     require_absent(out)
     if record is not None:
         require_installed("rerun")
     output = _output(out, rosbag2)
-    dataset = _dataset(folder, format, depth_topic, gray_topic)
+    restrict_opencv()
+    dataset = Opener(format=format.value, depth_topic=depth_topic, gray_topic=gray_topic)(folder)
     correction = _planned(folder, dataset, corrector, config, frames, output)
     console, start = Console(), time.perf_counter()
     with counter(console, "correcting", correction.frames) as update:
@@ -104,22 +105,11 @@ def _output(out: Path, rosbag2: bool) -> "OpenOutput":
     return bag_folder if rosbag2 else mcap_file
 
 
-def _dataset(folder: Path, format: Format, depth_topic: str | None, gray_topic: str | None) -> "Dataset":
-    """Open the input; restrict OpenCV to one thread and to silence."""
-    import cv2
-
-    from ..datasets import open_dataset
-
-    cv2.setNumThreads(1)
-    # Our errors report damaged images with the name of the file; OpenCV would print to the terminal.
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    return open_dataset(folder, format.value, depth_topic=depth_topic, gray_topic=gray_topic)
-
-
 def _planned(
     folder: Path, dataset: "Dataset", corrector: str, config: Path | None, frames: int | None, output: "OpenOutput"
 ) -> "Correction":
     """Resolve and check everything before anything is written."""
+    from ..datasets.files import stated
     from ..registry import config_of
     from .correction import Correction, CorrectionConfig
     from .provenance import CORRECTION, versions
@@ -132,7 +122,7 @@ def _planned(
         corrector=corrector,
         folder=folder.resolve().name,
         format=dataset.format,
-        intrinsics={key: value for key, value in asdict(dataset.intrinsics).items() if value is not None},
+        intrinsics=stated(dataset.intrinsics),
         versions=versions(CORRECTION),
         config=None if resolved is None else resolved.model_dump(mode="json", exclude_none=True),
     )
