@@ -22,6 +22,7 @@ from typer.core import TyperGroup
 
 from ..errors import VoxDepthError
 from . import commands
+from .errors import ToolError
 from .options import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -55,7 +56,11 @@ class Commands(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find a command, see `click.Group`."""
         if not extensions() and self.get_command(ctx, args[0]) is None:
-            ctx.fail(f"No such command {args[0]!r}. Commands that simulate come with a checkout of the project.")
+            raise ToolError(
+                f"the library alone has no command {args[0]!r}, see voxdepth --help; commands that simulate, evaluate "
+                "or train belong to the testbed: on Linux with Python 3.11, run make setup in a clone of the "
+                "project's repository, then source .venv/bin/activate"
+            )
         return super().resolve_command(ctx, args)
 
 
