@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 TUTORIALS = sorted((ROOT / "docs/tutorials").glob("*.md"))
 DOCUMENTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")), *TUTORIALS)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
-PATH = re.compile(r"(?<![\w:/])(?:voxdepth|sim|swarm|scenarios|tests|examples)/[\w./-]*\w(?:\.\w+)?")
+PATH = re.compile(r"(?<![\w:/-])(?:voxdepth|sim|swarm|scenarios|tests|examples)/[\w./-]*\w(?:\.\w+)?")
 CODE = re.compile(r"```sh\n(.*?)```|`([^`\n]+)`|^    (\S[^\n]*)$", re.DOTALL | re.MULTILINE)
 
 named = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
