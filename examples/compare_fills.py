@@ -65,7 +65,7 @@ def main() -> None:
         panels.append(panel(name, colored(result.depth_m, farthest_m), options.width))
     if result.source is not None:
         colors = np.array([SOURCE_COLORS_BGR[source] for source in Source], np.uint8)
-        panels.append(panel("sensor gray, memory blue, filled orange", colors[result.source], options.width))
+        panels.append(panel("sensor gray, memory blue, inpainted orange", colors[result.source], options.width))
     columns = 2 if len(panels) <= 4 else 3
     panels += [np.full_like(panels[0], 245)] * (-len(panels) % columns)
     rows = [np.hstack(panels[start : start + columns]) for start in range(0, len(panels), columns)]

@@ -2,15 +2,15 @@
 
 import fcntl
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from copy import deepcopy
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import pydantic
 
-from voxdepth.tools.files import first_problem, read_toml, shorten
+from voxdepth.tools.files import first_key, first_problem, read_toml, shorten
 
 from .errors import ScenarioError
 
@@ -27,6 +27,14 @@ Name = Annotated[str, pydantic.Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9,._ -]{0,79
 Loaded = TypeVar("Loaded", bound=pydantic.BaseModel)
 
 
+class Chosen(NamedTuple):
+    """A value in place of that of a file, and where it was chosen, for errors about it."""
+
+    value: Any
+    where: str
+    """As in `--drones 4`."""
+
+
 def shipped_names(kind: str) -> list[str]:
     """Return the names of the shipped files of one kind; a kind is the name of a folder of `data`."""
     return sorted(path.stem for path in (DATA / kind).glob("*.toml"))
@@ -40,7 +48,7 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
         kind: `scenarios` or `sequences`.
         name_or_path: Name of a shipped file, or path of a TOML file, which may be the `config.toml` of a result.
         seed: Master seed; None takes the seed of the result, or 0.
-        changes: Values to set, by dotted key, as in `{"mission.drones": 4}`.
+        changes: Values to set, by dotted key, as in `{"mission.drones": 4}`; they may be `Chosen`.
     """
     path, data = _read_table(kind, name_or_path)
     field = SINGULAR[kind]
@@ -48,11 +56,29 @@ def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, ch
         data = {field: data, "seed": 0}
     if not isinstance(data[field], dict):
         raise ScenarioError(f"{path}: {field} must be a table of keys, got {shorten(data[field])}")
-    for key, value in changes.items():
-        _set(data[field], key, value)
+    chosen = {key: _chosen(key, value, path) for key, value in changes.items()}
+    changed = deepcopy(data)
+    for key, choice in chosen.items():
+        _set(changed[field], key, choice.value)
     if seed is not None:
-        data["seed"] = seed
-    return _validated(model, path, data, field)
+        chosen["seed"] = Chosen(seed, f"--seed {seed}")
+        changed["seed"] = seed
+    try:
+        return model.model_validate(changed)
+    except pydantic.ValidationError as error:
+        _validated(model, path, data, field)  # An error of the file itself is told as such.
+        culprits = dict.fromkeys(choice.where for choice in _concerned(chosen, first_key(error, field)))
+        raise ScenarioError(f"{', '.join(culprits)}: {first_problem(error, field)}") from error
+
+
+def _chosen(key: str, value: Any, path: Path) -> Chosen:
+    return value if isinstance(value, Chosen) else Chosen(value, f"{path} with {key} = {shorten(value)}")
+
+
+def _concerned(chosen: Mapping[str, Chosen], key: str) -> list[Chosen]:
+    """The choices at, above or below the key of a problem; all of them where none is."""
+    near = [choice for own, choice in chosen.items() if f"{own}.".startswith(f"{key}.") or key.startswith(f"{own}.")]
+    return near or list(chosen.values())
 
 
 def load_alone(model: type[Loaded], kind: str, name_or_path: str) -> tuple[Path, Loaded]:

@@ -25,6 +25,7 @@ from .runner import Finished, flying
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 HALF_SIDE_M = 12.0
 """The difficulty is measured up to this distance on both sides of the routes, at their height."""
@@ -32,6 +33,16 @@ MARGIN_M = 5.0
 DPI = 100
 SIZE_IN = (11.0, 4.4)
 QUALITY = 85
+BLANK: Any = {"hatch": "xxxx", "edgecolor": "#a50f15", "label": "without texture: stereo measures nothing"}
+LEADER: Any = {"linewidth": 1.4, "zorder": 3, "label": "path of a leader"}
+FOLLOWER: Any = {"linewidth": 0.8, "zorder": 2, "label": "path of a drone"}
+NUMBERED: Any = {"markeredgecolor": "black", "markersize": 10, "linestyle": "", "zorder": 5}
+NUMBER: Any = {"ha": "center", "va": "center_baseline", "fontsize": 7, "fontweight": "bold", "zorder": 5}
+CROSS: Any = {"marker": "x", "markersize": 9, "markeredgewidth": 2, "linestyle": ""}
+"""How the parts of the map look, and what the legend calls them."""
+BELOW: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, 0), "borderaxespad": 5.5, "fontsize": 8}
+"""Place of the legend, below the numbers and the name of the axis."""
+LEGEND_COLUMNS = 5
 
 
 class Difficulty(NamedTuple):
@@ -61,30 +72,36 @@ def difficulty_of(run: Run) -> Difficulty:
 
 def draw_flight(path: Path, run: Run, finished: Finished) -> None:
     """Write a map of a flight, a JPEG or PNG; a failure is a `ScenarioError`."""
-    from matplotlib.figure import Figure
-
-    scenario, result = run.scenario, finished.result
-    teams = scenario.mission.teams()
-    figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
-    axes: Any = figure.subplots()
-    _draw_scene(axes, scenario.scene.build(run.seed))
-    for team in teams:
-        _draw_team(axes, team, result)
-    _draw_movers(axes, scenario.scene.build(run.seed), result)
-    for contact in result.contacts:
-        trajectory = result.trajectories[contact.drone]
-        x, y, _ = trajectory.position_m[int(np.searchsorted(trajectory.time_s, contact.time_s, side="right")) - 1]
-        axes.plot(x, y, "x", color="red", markersize=9, markeredgewidth=2, zorder=5)
-    _frame(axes, teams, result)
-    axes.set_title(f"{run.title}: {result.outcome} after {float(result.metrics['sim_time_s'] or 0):.1f} s", fontsize=10)
     data = io.BytesIO()
-    figure.savefig(data, format="png", bbox_inches="tight")
+    flight_figure(run, finished).savefig(data, format="png", bbox_inches="tight")
     image = cv2.imdecode(np.frombuffer(data.getvalue(), np.uint8), cv2.IMREAD_COLOR)
     save_picture(path, np.asarray(image, np.uint8), quality=QUALITY)
 
 
+def flight_figure(run: Run, finished: Finished) -> "Figure":
+    """Return a map of a flight with a legend of what is in it."""
+    from matplotlib.figure import Figure
+
+    result, teams, scene = finished.result, run.scenario.mission.teams(), run.scenario.scene.build(run.seed)
+    figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
+    axes: Any = figure.subplots()
+    _draw_scene(axes, scene)
+    for team in teams:
+        _draw_team(axes, team, result)
+    _draw_movers(axes, scene, result)
+    for contact in result.contacts:
+        trajectory = result.trajectories[contact.drone]
+        x, y, _ = trajectory.position_m[int(np.searchsorted(trajectory.time_s, contact.time_s, side="right")) - 1]
+        axes.plot(x, y, color="red", zorder=6, label="collision", **CROSS)
+    _frame(axes, teams, result)
+    axes.set_title(f"{run.title}: {result.outcome} after {float(result.metrics['sim_time_s'] or 0):.1f} s", fontsize=10)
+    named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))  # one of each
+    axes.legend(named.values(), named, ncols=LEGEND_COLUMNS, **BELOW)
+    return figure
+
+
 def _draw_scene(axes: "Axes", scene: Scene) -> None:
-    """Draw the outline of every body in plan; higher bodies are darker."""
+    """Draw the outline of every body in plan; higher bodies are darker, and those without texture are hatched."""
     from matplotlib.patches import Polygon
 
     for body in scene.bodies:
@@ -94,7 +111,8 @@ def _draw_scene(axes: "Axes", scene: Scene) -> None:
         corners_m = moved(mesh_of_shape(body.shape), rotation, np.array(body.position_m)).vertices_m
         plan = np.asarray(cv2.convexHull(corners_m[:, :2].astype(np.float32))).reshape(-1, 2)
         shade = 0.85 - 0.45 * min(1.0, float(corners_m[:, 2].max()) / 15)
-        axes.add_patch(Polygon(plan.tolist(), closed=True, facecolor=str(shade), edgecolor="0.35", linewidth=0.4))
+        look = BLANK if body.surface.is_blank else {"edgecolor": "0.35", "label": "body, the higher the darker"}
+        axes.add_patch(Polygon(plan.tolist(), closed=True, facecolor=str(shade), linewidth=0.4, **look))
 
 
 def _draw_movers(axes: "Axes", scene: Scene, result: MissionResult) -> None:
@@ -102,18 +120,21 @@ def _draw_movers(axes: "Axes", scene: Scene, result: MissionResult) -> None:
     times_s = max((trajectory.time_s for trajectory in result.trajectories), key=len)
     for mover in scene.movers:
         way_m = np.array([mover.position_m(time_s) for time_s in times_s.tolist()]).reshape(-1, 3)
-        axes.plot(way_m[:, 0], way_m[:, 1], color="0.5", linewidth=1.0, linestyle=":")
+        axes.plot(way_m[:, 0], way_m[:, 1], color="0.5", linewidth=1.0, linestyle=":", label="way of a mover")
 
 
 def _draw_team(axes: "Axes", team: Team, result: MissionResult) -> None:
+    """Draw the paths of a team, each drone with its number at the end of its path, where it starts and its goal."""
+    leader = _hex(drone_color(team.leader))
     for drone in team.members:
         path_m = result.trajectories[drone].position_m
-        leads = drone == team.leader
         color = _hex(drone_color(drone))
-        axes.plot(path_m[:, 0], path_m[:, 1], color=color, linewidth=1.4 if leads else 0.8, zorder=3 if leads else 2)
-        axes.plot(*path_m[-1:, :2].T, "s", color=color, markeredgecolor="black", markersize=5, zorder=5)
-    axes.plot(*team.start_m[:2], "o", color=_hex(drone_color(team.leader)), markersize=6, zorder=4)
-    axes.plot(*team.goal_m[:2], "*", color="#31a354", markersize=13, zorder=4)
+        look = LEADER if drone == team.leader else FOLLOWER
+        axes.plot(path_m[:, 0], path_m[:, 1], color=color, **look)
+        axes.plot(*path_m[-1, :2], "o", color=color, label="drone at the end, by its number", **NUMBERED)
+        axes.annotate(str(drone), (float(path_m[-1, 0]), float(path_m[-1, 1])), **NUMBER)
+    axes.plot(*team.start_m[:2], "s", color=leader, markersize=6, linestyle="", zorder=4, label="start of a leader")
+    axes.plot(*team.goal_m[:2], "*", color="#31a354", markersize=13, linestyle="", zorder=4, label="goal")
 
 
 def _hex(color: tuple[int, int, int]) -> str:
@@ -121,15 +142,13 @@ def _hex(color: tuple[int, int, int]) -> str:
 
 
 def _frame(axes: "Axes", teams: Sequence[Team], result: MissionResult) -> None:
-    """Show the part of the world that was flown through, with a legend."""
+    """Show the part of the world that was flown through."""
     flown_m = np.concatenate([t.position_m[:, :2] for t in result.trajectories] + [[team.goal_m[:2]] for team in teams])
     low_m, high_m = flown_m.min(axis=0) - MARGIN_M, flown_m.max(axis=0) + MARGIN_M
     axes.set_xlim(low_m[0], high_m[0])
     axes.set_ylim(low_m[1], high_m[1])
     axes.set_aspect("equal")
-    axes.set_xlabel(
-        "x [m]; a colour per drone, leaders thick, start a dot, goal a star, ends squares, collisions red crosses"
-    )
+    axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
 
 

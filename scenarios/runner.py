@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
@@ -29,6 +30,8 @@ from .interrupts import kept_back
 
 RECORDING, PARTIAL_RECORDING = "run.rrd", "run.part.rrd"
 """Names of the recording of a run: when the run has ended, and while it flies or after it was killed."""
+LONGEST_CORRECTOR = 40
+"""Number of characters of a corrector with its settings in the name of a folder."""
 Progress = Callable[[float, float], None]
 """Called after every tick with simulated time and real-time factor."""
 
@@ -107,6 +110,14 @@ def summary(finished: Finished, run: Run) -> dict[str, Any]:
     }
 
 
+def folder_name(run: Run) -> str:
+    """Return what tells a run from others in few words, as in `city-3-stereo-voxdepth`; safe as a part of a path."""
+    rig = run.scenario.rig
+    depth = f"noisy{rig.noise.scale.theta:g}" if rig.depth == "noisy" else rig.depth
+    corrector = re.sub(r"[^A-Za-z0-9._-]+", "-", str(run.scenario.corrector))[:LONGEST_CORRECTOR].strip("-.")
+    return f"{run.scenario.name}-{run.seed}-{depth}-{corrector}"
+
+
 def flying(
     run: Run, recorder: Recorder, *, recorded: bool, threads: int | None = None
 ) -> AbstractContextManager[Mission]:
@@ -153,8 +164,8 @@ def _refuse_unwritable(out: Path) -> None:
 
 
 def _free_folder(out: Path, run: Run) -> Path:
-    """Return the path of a new folder below `out`."""
-    base = f"{datetime.now():%Y%m%d-%H%M%S}-{run.scenario.name}-{run.seed}"
+    """Return the path of a new folder below `out`, named by the time and the run."""
+    base = f"{datetime.now():%Y%m%d-%H%M%S}-{folder_name(run)}"
     names = [base, *(f"{base}-{k}" for k in range(2, 1000))]
     return next(out / name for name in names if not (out / name).exists())
 

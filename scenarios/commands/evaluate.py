@@ -55,21 +55,16 @@ def evaluate(
     such a recording are scored by later frames. Writes results.csv, results.parquet and report.html. Exits 1 if a
     method failed; the oracle does where there is no true pose, and does not count.
     """
-    from functools import partial
-
-    import cv2
     from rich.console import Console
 
-    from voxdepth.datasets import open_dataset
+    from voxdepth.tools.recorded import Opener, restrict_opencv
 
     from ..evaluation.methods import ORACLE
     from ..evaluation.report import print_results, write_report
     from ..evaluation.suite import evaluate as run_plan
 
-    cv2.setNumThreads(1)
-    # Our own errors about damaged images name the file, which OpenCV's messages do not.
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    opened = partial(open_dataset, depth_topic=depth_topic, gray_topic=gray_topic)
+    restrict_opencv()
+    opened = Opener(depth_topic=depth_topic, gray_topic=gray_topic)
     plan = _planned(sequences or [], data or [], opened, methods, frames, seed, out)
     console = Console()
     try:

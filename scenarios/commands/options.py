@@ -1,6 +1,5 @@
 """Options that several commands share, and what they change of a scenario."""
 
-from collections.abc import Mapping
 from enum import Enum, StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -27,13 +26,22 @@ Picture = Annotated[Path, typer.Option(help="JPEG or PNG file to write.")]
 def size_changes(text: str | None) -> dict[str, Any]:
     """Return the values of a scenario that set an image size, by dotted key; none without a size."""
     from ..config import images_of
+    from ..files import Chosen
 
     size = parsed_size(text)
-    return {} if size is None else images_of(*size)
+    return {} if size is None else {key: Chosen(value, f"--size {text}") for key, value in images_of(*size).items()}
 
 
-def given(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options that are not None, with enumerations replaced by their values."""
+def given(**options: tuple[str, Any]) -> dict[str, Any]:
+    """Return the values of options that are not None by the dotted keys that they set, without enumerations.
+
+    Each option, by its name, has a key and a value.
+    """
+    from ..files import Chosen
+
+    values = {name: value.value if isinstance(value, Enum) else value for name, (_, value) in options.items()}
     return {
-        key: value.value if isinstance(value, Enum) else value for key, value in changes.items() if value is not None
+        key: Chosen(values[name], f"--{name} {values[name]}")
+        for name, (key, _) in options.items()
+        if values[name] is not None
     }

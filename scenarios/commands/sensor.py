@@ -28,7 +28,7 @@ def record(
     from ..report import print_quality
     from ..sequences import load_sequence, record
 
-    seeded = load_sequence(sequence, seed, given({"renderer": renderer}) | size_changes(size))
+    seeded = load_sequence(sequence, seed, given(renderer=("renderer", renderer)) | size_changes(size))
     console, start = Console(), time.perf_counter()
     try:
         with counter(console, "recording", frames) as update:

@@ -42,26 +42,29 @@ def run(
     from rich.console import Console
 
     from ..config import load_run
+    from ..errors import ScenarioError
     from ..report import print_summary
     from ..runner import fly_and_write
 
-    changes = {
-        "mission.drones": drones,
-        "mission.duration_s": duration,
-        "rig.depth": depth,
-        "rig.noise.scale.theta": theta,
-        "corrector": corrector,
-        "mission.pose_prior.kind": prior,
-        "renderer": renderer,
-    }
-    planned = load_run(scenario, seed, given(changes) | size_changes(size))
+    if view and not record:
+        raise ScenarioError("--view opens the recording, which --no-record leaves out: give one of the two")
+    changes = given(
+        drones=("mission.drones", drones),
+        duration=("mission.duration_s", duration),
+        depth=("rig.depth", depth),
+        theta=("rig.noise.scale.theta", theta),
+        corrector=("corrector", corrector),
+        prior=("mission.pose_prior.kind", prior),
+        renderer=("renderer", renderer),
+    )
+    planned = load_run(scenario, seed, changes | size_changes(size))
     console = Console()
     with _progress(console, planned.scenario.mission.duration_s) as progress:
         finished = fly_and_write(planned, out, record=record, progress=progress)
     print_summary(console, finished, planned)
     if finished.result.outcome == "interrupted":
         raise typer.Exit(INTERRUPTED)
-    if view and record and finished.folder is not None:
+    if view and finished.folder is not None:
         open_viewer(finished.folder / "run.rrd")
 
 
@@ -98,7 +101,10 @@ def tabulate(
 ) -> None:
     """Fly a scenario over depth sources and seeds, and print the outcomes as a Markdown table."""
     from .. import batch
+    from ..errors import ScenarioError
 
+    if theta and Depth.NOISY not in (depth or ()):
+        raise ScenarioError("--theta is the noise ratio of the sensor model noisy: add --depth noisy, or leave it out")
     sources = batch.depth_sources(
         [model.value for model in depth or [Depth.STEREO]], theta or [0.0], corrector or ["raw"]
     )
@@ -174,7 +180,8 @@ def map_(
     from ..runner import fly
 
     require_picture(out)
-    planned = acceptance_run(scenario, 0 if seed is None else seed, given({"rig.depth": depth, "corrector": corrector}))
+    changes = given(depth=("rig.depth", depth), corrector=("corrector", corrector))
+    planned = acceptance_run(scenario, 0 if seed is None else seed, changes)
     difficulty = difficulty_of(planned)
     draw_flight(out, planned, fly(planned))
     typer.echo(f"{planned.scenario.name}: {difficulty.bodies} bodies, traversability {difficulty.traversability:.1f}")

@@ -33,7 +33,7 @@ SOURCE_COLORS_BGR = {
     Source.MEMORY: (200, 120, 30),
     Source.INPAINTED: (40, 160, 240),
 }
-LEGEND = "top right: the baseline with the least error in holes", "source: sensor gray, memory blue, filled orange"
+LEGEND = "top right: the baseline with the least error in holes", "source: sensor gray, memory blue, inpainted orange"
 
 
 def last_frames(context: ExperimentContext, comparison: Comparison) -> dict[str, bytes]:

@@ -15,7 +15,7 @@ import pytest
 
 from scenarios.config import load_run
 from scenarios.errors import ScenarioError
-from scenarios.files import DATA
+from scenarios.files import DATA, Chosen
 from scenarios.sequences import load_sequence
 from voxdepth.tools.errors import ToolError
 
@@ -84,11 +84,20 @@ def test_two_runs_of_a_seed_are_equal_down_to_the_recording(tmp_path: Path) -> N
             ["run", "atlantis"],
             "there is no scenario 'atlantis'; choose one of: city, corridor, crossing, exposure, forest, ",
         ),
-        (["run", "city", "--drones", "0"], "mission.drones: Input should be greater than or equal to 1, got 0"),
+        (
+            ["run", "city", "--drones", "0"],
+            "voxdepth: --drones 0: mission.drones: Input should be greater than or equal to 1, got 0",
+        ),
+        (["run", "city", "--size", "3x3"], "voxdepth: --size 3x3: rig.width_px: Input should be greater than"),
+        (["run", "city", "--no-record", "--view"], "--view opens the recording, which --no-record leaves out"),
+        (["tabulate", "city", "--theta", "0.5"], "--theta is the noise ratio of the sensor model noisy"),
         (["run", "city", "--corrector", "magic"], "there is no corrector 'magic'; choose one of: raw, median"),
         (["run", "city", "--size", "big"], "--size must look like 160x120, got 'big'"),
-        (["run", "city", "--theta", "0.5"], "belongs to the sensor model 'noisy'"),
-        (["run", "city", "--seed", "-1"], "seed: Input should be greater than or equal to 0"),
+        (
+            ["run", "city", "--theta", "0.5"],
+            "voxdepth: --theta 0.5: rig: noise, theta included, belongs to the sensor model 'noisy'",
+        ),
+        (["run", "city", "--seed", "-1"], "voxdepth: --seed -1: seed: Input should be greater than or equal to 0"),
         (["run", "missing.toml"], "cannot read missing.toml"),
         (["run", "city", "--seed", str(2**32)], "seed: Input should be less than 4294967296"),
         (["picture", "city", "--out", "x.gif"], "a picture must be a .jpg or .png file, got x.gif"),
@@ -102,6 +111,19 @@ def test_bad_input_ends_in_one_line_and_writes_nothing(tmp_path: Path, arguments
     assert message in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_error_blames_the_change_or_the_file_whichever_is_wrong(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.toml"
+    mine.write_text((DATA / "scenarios" / "city.toml").read_text())
+    with pytest.raises(ScenarioError, match=r"^.*mine\.toml with mission\.drones = 0: mission\.drones: "):
+        load_run(str(mine), 0, {"mission.drones": 0, "mission.duration_s": 3.0})
+    options = {"mission.drones": Chosen(3, "--drones 3"), "rig.width_px": Chosen(3, "--size 3x96")}
+    with pytest.raises(ScenarioError, match=r"^--size 3x96: rig\.width_px: .*, got 3$"):
+        load_run(str(mine), 0, options)
+    mine.write_text("drons = 3\n" + mine.read_text())
+    with pytest.raises(ScenarioError, match=r"^.*mine\.toml: unknown key 'drons'$"):
+        load_run(str(mine), 0, options)
 
 
 @pytest.mark.parametrize(

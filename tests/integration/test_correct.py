@@ -25,7 +25,7 @@ from voxdepth.errors import ConfigError, DatasetError
 from voxdepth.paper.config import PaperConfig
 from voxdepth.registry import create_corrector
 from voxdepth.temporal.config import VoxDepthConfig
-from voxdepth.tools.cli import create_app
+from voxdepth.tools.cli import create_app, explained
 from voxdepth.tools.errors import ToolError
 from voxdepth.types import Frame
 
@@ -150,7 +150,7 @@ def test_a_run_that_is_stopped_leaves_no_result(sent: signal.Signals, captures: 
     assert not (tmp_path / "made" / "out").exists()
     assert not (tmp_path / "made" / "out.rrd").exists()
     if sent == signal.SIGINT:
-        assert not list((tmp_path / "made").iterdir())
+        assert not (tmp_path / "made").exists()
     assert correct(*command).exit_code == 0
     assert rows(tmp_path / "made" / "out.rrd", "/depth/corrected") == 6 * N_FRAMES
 
@@ -236,6 +236,24 @@ def test_a_recording_that_fails_leaves_nothing_behind(sequence: Path, tmp_path: 
 
 
 @pytest.mark.parametrize(
+    ("package", "options", "extra"),
+    [
+        ("rerun", ["--record", "made/out.rrd"], "rerun-sdk: pip install 'voxdepth[rerun]'"),
+        ("rosbags", ["--rosbag2"], "rosbags: pip install 'voxdepth[ros]'"),
+    ],
+)
+def test_a_missing_extra_is_named_before_anything_else_is_done(
+    package: str, options: list[str], extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, package, None)  # type: ignore[arg-type]  # Python's own mark of a missing package.
+    done = correct("nowhere", "--out", "made/out", *options)
+    assert done.exception is not None
+    assert explained(done.exception) == f"this needs the package {extra}"
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
     ("options", "message"),
     [
         (["--frames", "17"], f"has {N_FRAMES} frames, 17 were asked for"),
@@ -298,6 +316,21 @@ def test_another_inpainting_method_needs_no_keys_of_the_corrector_s_own(sequence
     config = tomllib.loads((tmp_path / "out" / "config.toml").read_text())["config"]
     assert config["inpainting"]["method"] == "bilinear"
     assert config["window_frames"] == 10
+
+
+def test_a_baseline_that_is_assumed_is_told_with_the_place_to_state_it(sequence: Path, tmp_path: Path) -> None:
+    shutil.copytree(sequence, tmp_path / "walk")
+    calibration = tmp_path / "walk" / "calibration.toml"
+    lines = calibration.read_text().splitlines(keepends=True)
+    for out, kept, times in (("stated", lines, 0), ("assumed", [x for x in lines if "baseline_m" not in x], 1)):
+        calibration.write_text("".join(kept))
+        done = correct(tmp_path / "walk", "--out", tmp_path / out, "--corrector", "raw", "--frames", "2")
+        assert done.exit_code == 0, done.output
+        message = (
+            f"{tmp_path / 'walk'} states no baseline of its camera, 0.05 m is assumed: state it in metres as "
+            f"baseline_m in {calibration}\n"
+        )
+        assert done.stderr == message * times
 
 
 @pytest.mark.parametrize("place", [lambda s: s, lambda s: s / "depth", lambda s: s / "new" / "out"])

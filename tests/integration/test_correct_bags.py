@@ -90,6 +90,14 @@ def test_a_bag_has_the_correction_of_every_frame_with_its_own_header(
     assert len(written) == 4 * N_FRAMES
 
 
+def test_the_option_for_a_folder_and_the_name_of_a_file_contradict_each_other(bag: Path, tmp_path: Path) -> None:
+    done = run("correct", bag, "--out", tmp_path / "out.mcap", "--rosbag2")
+    assert isinstance(done.exception, ToolError)
+    message = f"--rosbag2 writes a folder, but --out {tmp_path / 'out.mcap'} names a file: leave out --rosbag2"
+    assert message in str(done.exception)
+    assert not list(tmp_path.iterdir())
+
+
 def test_the_metadata_of_a_folder_say_what_was_done(bag: Path, tmp_path: Path) -> None:
     from ruamel.yaml import YAML
 

@@ -67,6 +67,20 @@ def test_everything_is_written_and_a_repetition_takes_it(folders: tuple[Path, Pa
     assert values(tmp_path / "elsewhere") == before, "bit for bit"
 
 
+def test_a_baseline_that_is_assumed_is_told_once_although_every_kind_opens_the_recording(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    shutil.copytree(folders[1], tmp_path / "walk")
+    calibration = tmp_path / "walk" / "calibration.toml"
+    kept = [line for line in calibration.read_text().splitlines(keepends=True) if "baseline_m" not in line]
+    calibration.write_text("".join(kept))
+    done = evaluate("--data", tmp_path / "walk", "--methods", "raw", "--frames", "3", "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    assert "walk-patches: 3 frames" in done.stdout
+    assert done.stderr.count("states no baseline") == 1
+    assert f"as baseline_m in {calibration}\n" in done.stderr
+
+
 def test_an_interrupted_evaluation_goes_on(
     folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

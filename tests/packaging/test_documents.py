@@ -12,11 +12,13 @@ from typing import Any
 import pytest
 import typer
 
+from voxdepth.types import Source
+
 ROOT = Path(__file__).parents[2]
 TUTORIALS = sorted((ROOT / "docs/tutorials").glob("*.md"))
 DOCUMENTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")), *TUTORIALS)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
-PATH = re.compile(r"(?<![\w:/])(?:voxdepth|sim|swarm|scenarios|tests|examples)/[\w./-]*\w(?:\.\w+)?")
+PATH = re.compile(r"(?<![\w:/-])(?:voxdepth|sim|swarm|scenarios|tests|examples)/[\w./-]*\w(?:\.\w+)?")
 CODE = re.compile(r"```sh\n(.*?)```|`([^`\n]+)`|^    (\S[^\n]*)$", re.DOTALL | re.MULTILINE)
 
 named = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
@@ -51,6 +53,17 @@ def test_links_and_pictures_exist(document: Path) -> None:
             assert anchor in anchors(target), link
         if target.suffix in (".gif", ".jpg", ".png"):
             assert target.stat().st_size < 500_000, link
+
+
+def test_documents_and_legends_call_the_sources_of_depth_by_their_names_in_the_code() -> None:
+    codes = ", ".join(f"{int(source)} {source.name.lower()}" for source in Source)
+    assert f"mono8: {codes} |" in (ROOT / "docs/cameras.md").read_text()
+    shown = [source.name.lower() for source in Source if source != Source.INVALID]
+    for path in ("scenarios/experiments/pictures.py", "examples/compare_fills.py"):
+        (legend,) = re.findall(r'"(?:source: )?(sensor [^"]*)"', (ROOT / path).read_text().replace('"sensor"', ""))
+        assert [part.split()[0] for part in legend.split(", ")] == shown, path
+    for document in DOCUMENTS:
+        assert not re.search(r"measured, (orange|2|remembered)|where it was (remembered|filled)", document.read_text())
 
 
 @named

@@ -55,6 +55,19 @@ def test_the_library_works_without_the_simulator() -> None:
     assert done.stdout.strip().splitlines()[-1] == "2.0"
 
 
+@pytest.mark.parametrize("command", ["evaluate", "run", "study"])
+def test_without_the_testbed_its_commands_say_how_to_get_it(command: str) -> None:
+    code = (
+        "import sys\nsys.modules['scenarios'] = None\n"
+        f"sys.argv = ['voxdepth', {command!r}, 'city']\nfrom voxdepth.tools.cli import main\nmain()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert f"the library alone has no command '{command}'" in done.stderr
+    assert "run make setup in a clone of the project's repository" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
 WITHOUT_WARP = """
 import sys
 sys.modules["warp"] = None  # An import of it fails.

@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
+from scenarios.errors import ScenarioError
+from scenarios.sensor_pictures import make_sheet
 from voxdepth.errors import DatasetError
 from voxdepth.paper.epochs import EpochEnd, PaperDiagnostics, Phase
 from voxdepth.paper.registration import Registration, RegistrationStatus
@@ -194,8 +196,8 @@ def test_a_correction_that_stops_leaves_nothing_behind(error: BaseException, who
             raise error
 
     with pytest.raises((KeyboardInterrupt, ToolError)):
-        planned().run(tmp_path / "out", None, stop)
-    assert not list(tmp_path.iterdir())
+        planned().run(tmp_path / "new" / "folder" / "out", None, stop)
+    assert not list(tmp_path.iterdir()), "not even the folders above it"
     planned().run(tmp_path / "out", None, ignore)
     assert contents(tmp_path / "out") == contents(whole)
 
@@ -271,3 +273,9 @@ def test_depth_is_stored_in_millimetres_and_stays_valid_or_invalid() -> None:
 
 def test_confidence_is_stored_from_none_to_full() -> None:
     assert confidence_levels(np.array([[0, 0.5, 0.999, 1]], np.float32)).tolist() == [[0, 128, 255, 255]]
+
+
+def test_a_sheet_of_corrected_depth_is_refused_with_what_shows_it(whole: Path, tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"out holds corrected depth, and .* of voxdepth record: to look"):
+        make_sheet(whole, tmp_path / "sheet.jpg")
+    assert not list(tmp_path.iterdir())

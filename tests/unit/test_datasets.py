@@ -39,6 +39,15 @@ def test_given_intrinsics_count_before_the_calibration_and_that_before_the_forma
     assert open_dataset(folder).intrinsics.baseline_m == 0.095
 
 
+def test_a_calibration_of_optional_fields_alone_completes_the_camera_of_the_format(folder: Path) -> None:
+    (folder / "calibration.toml").write_text("baseline_m = 0.095\ndisparity_scale = 2\n")
+    camera = open_dataset(folder).intrinsics
+    assert (camera.fx_px, camera.width_px, camera.baseline_m, camera.disparity_scale) == (9, 8, 0.095, 2)
+    (folder / "camera_intrinsic.json").unlink()
+    with pytest.raises(DatasetError, match=r"expected the camera in calibration\.toml or camera_intrinsic"):
+        open_dataset(folder)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -1,14 +1,16 @@
 """The map of a flight."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import pytest
+from matplotlib.text import Annotation
 
 from scenarios.config import Run, images_of, load_run
-from scenarios.mission_pictures import difficulty_of, draw_flight
-from scenarios.runner import fly, fly_and_write
+from scenarios.mission_pictures import difficulty_of, draw_flight, flight_figure
+from scenarios.runner import LONGEST_CORRECTOR, fly, fly_and_write, folder_name
 
 QUICK = {"mission.drones": 2, "mission.duration_s": 0.5, **images_of(32, 32), "rig.depth": "truth"}
 
@@ -33,6 +35,36 @@ def test_a_flight_is_drawn(tmp_path: Path, name: str) -> None:
     blue, green, red = (image[..., channel].astype(int) for channel in range(3))
     assert ((red > 200) & (blue < 60)).any(), "leaders are orange"
     assert ((green > 120) & (red < 80)).any(), "goals are green"
+
+
+@pytest.mark.parametrize("blank_share", [0.0, 1.0])
+def test_drones_have_their_numbers_and_towers_without_texture_a_mark(blank_share: float) -> None:
+    flown = run("city", **{"mission.drones": 3, "scene.blank_share": blank_share})
+    finished = fly(flown)
+    figure = flight_figure(flown, finished)
+    (axes,) = figure.axes
+    ends = {text.get_text(): tuple(text.xy) for text in axes.texts if isinstance(text, Annotation)}
+    assert ends == {str(k): tuple(t.position_m[-1, :2]) for k, t in enumerate(finished.result.trajectories)}
+    hatched = sum(patch.get_hatch() is not None for patch in axes.patches)
+    assert hatched >= 50 if blank_share else not hatched
+    legend = axes.get_legend()
+    assert legend is not None
+    words = [text.get_text() for text in legend.get_texts()]
+    assert len(words) == len(set(words))
+    assert ("without texture: stereo measures nothing" in words) == bool(blank_share)
+    assert {"drone at the end, by its number", "goal"} <= set(words) and "collision" not in words
+
+
+def test_the_folder_of_a_run_says_what_was_flown(tmp_path: Path) -> None:
+    noisy = run("city", **{"rig.depth": "noisy", "rig.noise.scale.theta": 0.5, "corrector": "median"})
+    assert folder_name(noisy) == "city-0-noisy0.5-median"
+    config = {"fill": "none", "max_featureless_frames": 7, "smoothing_window_px": 3}
+    set_up = folder_name(run("city", **{"corrector": {"name": "voxdepth", "config": config}}))
+    assert re.fullmatch(rf"city-0-truth-voxdepth-fill-none[\w.-]{{,{LONGEST_CORRECTOR}}}", set_up)
+    folders = [fly_and_write(run("crossing"), tmp_path, record=False).folder for _ in range(2)]
+    names = [folder.name for folder in folders if folder is not None]
+    assert len(set(names)) == 2
+    assert all(re.fullmatch(r"\d{8}-\d{6}-crossing-0-truth-raw(-2)?", name) for name in names)
 
 
 def test_a_run_leaves_its_picture_with_or_without_a_recording(tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ librealsense stores the topics of a stream below `/device_0/sensor_0/`, where op
 depth and the baseline in millimetres.
 """
 
-from dataclasses import asdict
 from pathlib import Path
 
 from ..errors import DatasetError, FrameError
@@ -19,7 +18,7 @@ from ..ros import Header, frame_of
 from ..types import Frame, Intrinsics
 from .bag_files import SUFFIXES, Bag, bag_in
 from .bag_topics import Images, Topics
-from .files import CALIBRATION, parse_calibration, read_text
+from .files import CALIBRATION, calibration_path, parse_calibration, read_text, stated
 from .pairs import associate, require_increasing
 
 WITHIN_S = 0.02
@@ -112,9 +111,9 @@ class BagDataset:
 
 def _intrinsics(path: Path, images: Images, depth: str, gray: str) -> Intrinsics:
     """The camera of the depth, or else of the gray image; fields of a calibration beside the bag count before it."""
-    calibration = (path if path.is_dir() else path.parent) / CALIBRATION
+    calibration = calibration_path(path)
     camera = images.camera(depth) or images.camera(gray)
-    known = {} if camera is None else {name: value for name, value in asdict(camera).items() if value is not None}
+    known = {} if camera is None else stated(camera)
     if calibration.exists():
         return parse_calibration(read_text(calibration), calibration, known)
     if camera is None:

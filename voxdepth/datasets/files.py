@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, asdict, fields
 from math import isfinite
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from types import MappingProxyType
@@ -13,7 +13,9 @@ from ..types import Intrinsics
 
 CALIBRATION = "calibration.toml"
 """Fields of `Intrinsics` as TOML: `fx_px = 525.0`, ..., `width_px = 640`; `baseline_m` and
-`disparity_scale` may be left out."""
+`disparity_scale` may be left out, or stand alone where the format knows the others."""
+OPTIONAL = {field.name for field in fields(Intrinsics) if field.default is not MISSING}
+"""Fields that may be left out."""
 LARGEST_FILE_BYTES = 2**28
 """Larger files are no images or lists of one camera."""
 
@@ -87,29 +89,47 @@ def path_inside(folder: Path, name: str, source: str) -> Path:
     )
 
 
+def calibration_path(dataset: Path) -> Path:
+    """Where the camera of a folder or of a bag may be stated."""
+    return (dataset if dataset.is_dir() else dataset.parent) / CALIBRATION
+
+
 def choose_intrinsics(folder: Path, given: Intrinsics | None, of_format: Callable[[], Intrinsics]) -> Intrinsics:
-    """The given intrinsics, else those of a `calibration.toml` in the folder, else those that `of_format` returns."""
-    path = folder / CALIBRATION
+    """The given intrinsics, else those of a `calibration.toml` in the folder, else those that `of_format` returns.
+
+    A file that has no more than the fields that may be left out, as the baseline, adds them to those of the format.
+    """
+    path = calibration_path(folder)
     if given is not None:
         return given
-    return parse_calibration(read_text(path), path) if path.exists() else of_format()
+    if not path.exists():
+        return of_format()
+    values = _parse_fields(read_text(path), path)
+    return intrinsics_from({**stated(of_format()), **values} if values.keys() <= OPTIONAL else values, path)
+
+
+def stated(intrinsics: Intrinsics) -> dict[str, int | float]:
+    """The fields that are not None, by name."""
+    return {name: value for name, value in asdict(intrinsics).items() if value is not None}
 
 
 def parse_calibration(text: str, path: Path, known: Mapping[str, object] = MappingProxyType({})) -> Intrinsics:
     """The intrinsics in the text of a `calibration.toml`, which may leave out fields that are known otherwise."""
+    return intrinsics_from({**known, **_parse_fields(text, path)}, path)
+
+
+def _parse_fields(text: str, path: Path) -> dict[str, object]:
     try:
-        values = tomllib.loads(text)
+        return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise DatasetError(f"{path} is no TOML ({error}); write the fields of Intrinsics into it") from error
-    return intrinsics_from({**known, **values}, path)
 
 
 def intrinsics_from(values: Mapping[str, object], path: Path) -> Intrinsics:
     """Intrinsics of the fields that the file `path` gives; those that have a default may be left out."""
     kinds = {field.name: field.type for field in fields(Intrinsics)}
-    optional = {field.name for field in fields(Intrinsics) if field.default is not MISSING}
     unknown = sorted(values.keys() - kinds.keys())
-    missing = sorted(kinds.keys() - values.keys() - optional)
+    missing = sorted(kinds.keys() - values.keys() - OPTIONAL)
     if unknown or missing:
         raise DatasetError(f"expected {', '.join(kinds)} in {path}; missing: {missing}, unknown: {unknown}")
     numbers: dict[str, Any] = {}

@@ -34,7 +34,7 @@ class RecordingDataset(PairedImages):
         ]
 
     def _known_intrinsics(self, folder: Path, first: Pair) -> Intrinsics:
-        raise DatasetError(f"expected a {CALIBRATION} in {folder}, got none; restore it, or give the intrinsics")
+        raise DatasetError(f"expected a {CALIBRATION} with the camera in {folder}; restore it, or give the intrinsics")
 
     def _read_depth_m(self, pair: Pair) -> FloatImage:
         return read_depth_m(pair.depth, self.intrinsics.shape)

@@ -8,6 +8,7 @@ import os
 import re
 import signal
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from typer.core import TyperGroup
 
 from ..errors import VoxDepthError
 from . import commands
+from .errors import ToolError
 from .options import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -54,7 +56,11 @@ class Commands(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find a command, see `click.Group`."""
         if not extensions() and self.get_command(ctx, args[0]) is None:
-            ctx.fail(f"No such command {args[0]!r}. Commands that simulate come with a checkout of the project.")
+            raise ToolError(
+                f"the library alone has no command {args[0]!r}, see voxdepth --help; commands that simulate, evaluate "
+                "or train belong to the testbed: on Linux with Python 3.11, run make setup in a clone of the "
+                "project's repository, then source .venv/bin/activate"
+            )
         return super().resolve_command(ctx, args)
 
 
@@ -161,10 +167,12 @@ def _fail(message: str) -> None:
 
 
 def _missing(error: ModuleNotFoundError) -> str | None:
-    """Say which extra brings a package; None if none does."""
+    """Say which extra brings a package, the smallest one of several; None if none does."""
     module = str(error.name).split(".")[0]
-    for text in requires("voxdepth") or ():
-        found = re.match(r"([\w.-]+).*; extra == ['\"](\w+)['\"]", text)
-        if found and found[1].lower().split("-")[0] == module:
-            return f"this needs the package {found[1]}: pip install 'voxdepth[{found[2]}]'"
-    return None
+    pairs = [re.match(r"([\w.-]+).*; extra == ['\"](\w+)['\"]", text) for text in requires("voxdepth") or ()]
+    extras = Counter(found[2] for found in pairs if found)
+    bringing = [found for found in pairs if found and found[1].lower().split("-")[0] == module]
+    if not bringing:
+        return None
+    least = min(bringing, key=lambda found: extras[found[2]])
+    return f"this needs the package {least[1]}: pip install 'voxdepth[{least[2]}]'"

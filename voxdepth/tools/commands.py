@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .errors import ToolError
-from .options import DEFAULT_CORRECTOR, DepthTopic, GrayTopic, counter, parsed_size
+from .options import DEFAULT_CORRECTOR, DepthTopic, GrayTopic, counter, parsed_size, require_installed
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -59,12 +58,15 @@ def correct(
     from rich.console import Console
 
     from .correction import require_absent
-    from .output import MCAP, bag_folder, image_folder, mcap_file
+    from .recorded import Opener, restrict_opencv
 
     _refuse_mixing(folder, out, record)
     require_absent(out)
-    dataset = _dataset(folder, format, depth_topic, gray_topic)
-    output = mcap_file if out.suffix == MCAP else bag_folder if rosbag2 else image_folder
+    if record is not None:
+        require_installed("rerun")
+    output = _output(out, rosbag2)
+    restrict_opencv()
+    dataset = Opener(format=format.value, depth_topic=depth_topic, gray_topic=gray_topic)(folder)
     correction = _planned(folder, dataset, corrector, config, frames, output)
     console, start = Console(), time.perf_counter()
     with counter(console, "correcting", correction.frames) as update:
@@ -88,22 +90,26 @@ def _refuse_mixing(folder: Path, out: Path, record: Path | None) -> None:
         raise ToolError(f"--record must name an .rrd file, got {record}")
 
 
-def _dataset(folder: Path, format: Format, depth_topic: str | None, gray_topic: str | None) -> "Dataset":
-    """Open the input; restrict OpenCV to one thread and to silence."""
-    import cv2
+def _output(out: Path, rosbag2: bool) -> "OpenOutput":
+    """Choose what is written by the name of the output and `--rosbag2`; bags need the extra `ros`."""
+    from .output import MCAP, bag_folder, image_folder, mcap_file
 
-    from ..datasets import open_dataset
-
-    cv2.setNumThreads(1)
-    # Our errors report damaged images with the name of the file; OpenCV would print to the terminal.
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    return open_dataset(folder, format.value, depth_topic=depth_topic, gray_topic=gray_topic)
+    if out.suffix != MCAP and not rosbag2:
+        return image_folder
+    if out.suffix == MCAP and rosbag2:
+        raise ToolError(
+            f"--rosbag2 writes a folder, but --out {out} names a file: leave out --rosbag2 for the file, or the suffix "
+            f"{MCAP} for a folder"
+        )
+    require_installed("rosbags")
+    return bag_folder if rosbag2 else mcap_file
 
 
 def _planned(
     folder: Path, dataset: "Dataset", corrector: str, config: Path | None, frames: int | None, output: "OpenOutput"
 ) -> "Correction":
     """Resolve and check everything before anything is written."""
+    from ..datasets.files import stated
     from ..registry import config_of
     from .correction import Correction, CorrectionConfig
     from .provenance import CORRECTION, versions
@@ -116,7 +122,7 @@ def _planned(
         corrector=corrector,
         folder=folder.resolve().name,
         format=dataset.format,
-        intrinsics={key: value for key, value in asdict(dataset.intrinsics).items() if value is not None},
+        intrinsics=stated(dataset.intrinsics),
         versions=versions(CORRECTION),
         config=None if resolved is None else resolved.model_dump(mode="json", exclude_none=True),
     )
@@ -301,6 +307,7 @@ def open_viewer(path: Path, *, web: bool = False) -> None:
         raise ToolError(f"there is no recording at {path}; runs with --record have a file run.rrd in their folder")
     if path.suffix != ".rrd":
         raise ToolError(f"{path} is no recording of a run: expected a folder of a run, or an .rrd file")
+    require_installed("rerun")
     command = [sys.executable, "-m", "rerun", str(path), "--bind", "127.0.0.1"]
     with TemporaryDirectory(prefix="voxdepth-viewer-") as config_home:
         config = Path(config_home) / "rerun/analytics.json"

@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -51,11 +51,8 @@ def to_toml(configuration: pydantic.BaseModel) -> str:
 
 def first_problem(error: pydantic.ValidationError, field: str) -> str:
     """Return the first problem in one line with the number of others; keys are named as in the file."""
-    first, *others = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
-    keys = first["loc"][1:] if first["loc"][:1] == (field,) else first["loc"]
-    if keys[:1] in (("scene",), ("flight",)):  # Pydantic adds the kind of these to the path.
-        keys = (keys[0], *keys[2:])
-    where = ".".join(str(key) for key in keys) or f"the {field}"
+    first, *others = _by_weight(error)
+    where = first_key(error, field) or f"the {field}"
     if first["type"] == "extra_forbidden":
         text = f"unknown key {where!r}"
     elif first["type"] == "missing":
@@ -65,6 +62,20 @@ def first_problem(error: pydantic.ValidationError, field: str) -> str:
         shown = f", got {shorten(got)}" if isinstance(got, str | int | float | bool | list) else ""
         text = f"{where}: {first['msg'].removeprefix('Value error, ')}{shown}"
     return text + (f" (and {len(others)} more {'problem' if len(others) == 1 else 'problems'})" if others else "")
+
+
+def first_key(error: pydantic.ValidationError, field: str) -> str:
+    """Return the dotted key of the first problem as the file has it; empty where it is of the whole field."""
+    place = _by_weight(error)[0]["loc"]
+    keys = place[1:] if place[:1] == (field,) else place
+    if keys[:1] in (("scene",), ("flight",)):  # Pydantic adds the kind of these to the path.
+        keys = (keys[0], *keys[2:])
+    return ".".join(str(key) for key in keys)
+
+
+def _by_weight(error: pydantic.ValidationError) -> list[Any]:
+    """The problems, unknown keys first, which often are why others are missing."""
+    return sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
 
 
 def shorten(value: object) -> str:
@@ -83,18 +94,35 @@ def as_tool_error(what: str) -> Iterator[None]:
 
 
 @contextmanager
+def _parents(path: Path) -> Iterator[None]:
+    """Make the missing parent folders of a path; after an error, remove those that are empty."""
+    missing = [parent for parent in path.parents if not parent.exists()]
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield
+    except BaseException:
+        with suppress(OSError):
+            for parent in missing:
+                parent.rmdir()
+        raise
+
+
+@contextmanager
 def atomic(path: Path) -> Iterator[Path]:
     """Give a temporary path beside `path` that is renamed to `path` when the block ends without an error.
 
     The block makes a file or a folder there, and it appears as a whole or not at all. A file replaces an existing file;
-    a folder replaces only an empty folder. Missing parent folders are made. An `OSError` becomes a `ToolError`.
+    a folder replaces only an empty folder. Missing parent folders are made, and do not stay after an error. An
+    `OSError` becomes a `ToolError`.
     """
-    with as_tool_error(f"cannot write {path}"):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(dir=path.parent, prefix=f".{path.name}-") as holder:
-            temporary = Path(holder) / path.name
-            yield temporary
-            temporary.replace(path)
+    with (
+        as_tool_error(f"cannot write {path}"),
+        _parents(path),
+        TemporaryDirectory(dir=path.parent, prefix=f".{path.name}-") as holder,
+    ):
+        temporary = Path(holder) / path.name
+        yield temporary
+        temporary.replace(path)
 
 
 def write(path: Path, data: bytes) -> None:

@@ -1,7 +1,8 @@
-"""What several commands share: options, the parsing of their texts, and the progress bar."""
+"""What several commands share: options, the parsing of their texts, what they need, and the progress bar."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -33,6 +34,12 @@ def parsed_size(text: str | None) -> tuple[int, int] | None:
     if not (cross and width.isdecimal() and height.isdecimal()):
         raise ToolError(f"--size must look like 160x120, got {text!r}")
     return int(width), int(height)
+
+
+def require_installed(package: str) -> None:
+    """Raise a `ModuleNotFoundError` at once where an extra is missing, of which the command line names the remedy."""
+    if find_spec(package) is None:
+        raise ModuleNotFoundError(f"No module named {package!r}", name=package)
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """A few frames that a measurement plays for as long as it lasts, from memory or from files."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import chain, cycle, islice
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import numpy.typing as npt
 import tomli_w
 
 from ...datasets import open_dataset
-from ...datasets.files import CALIBRATION
+from ...datasets.files import CALIBRATION, stated
 from ...types import FloatImage, Frame, GrayImage, Intrinsics
 from .drawn import WALK, walk
 
@@ -100,5 +100,4 @@ def write_tum(loop: FrameLoop, folder: Path, frames: int) -> None:
                 (folder / name).hardlink_to(folder / kind / f"{index:06d}.png")
             lines.append(f"{k / RATE_HZ:.6f} {name}\n")
         (folder / f"{kind}.txt").write_text("".join(lines), encoding="utf-8")
-    calibration = {key: value for key, value in asdict(loop.intrinsics).items() if value is not None}
-    (folder / CALIBRATION).write_text(tomli_w.dumps(calibration), encoding="utf-8")
+    (folder / CALIBRATION).write_text(tomli_w.dumps(stated(loop.intrinsics)), encoding="utf-8")
