@@ -14,20 +14,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from voxdepth import CorrectedDepth, Source, create_corrector
-from voxdepth.colors import colored
+from voxdepth import CorrectedDepth, create_corrector
+from voxdepth.colors import colored, source_colored
 from voxdepth.datasets import Dataset, open_dataset
 
 Image = npt.NDArray[np.uint8]
 
 FARTHEST_PERCENTILE = 98
 """Percentile of the measured depth that is drawn in the last colour."""
-SOURCE_COLORS_BGR = {
-    Source.INVALID: (0, 0, 0),
-    Source.SENSOR: (190, 190, 190),
-    Source.MEMORY: (200, 120, 30),
-    Source.INPAINTED: (40, 160, 240),
-}
 
 
 def corrected(dataset: Dataset, name: str, frame: int) -> CorrectedDepth:
@@ -64,8 +58,8 @@ def main() -> None:
         result = corrected(dataset, name, options.frame)
         panels.append(panel(name, colored(result.depth_m, farthest_m), options.width))
     if result.source is not None:
-        colors = np.array([SOURCE_COLORS_BGR[source] for source in Source], np.uint8)
-        panels.append(panel("sensor gray, memory blue, inpainted orange", colors[result.source], options.width))
+        picture = source_colored(result.source)
+        panels.append(panel("sensor gray, memory blue, inpainted orange", picture, options.width))
     columns = 2 if len(panels) <= 4 else 3
     panels += [np.full_like(panels[0], 245)] * (-len(panels) % columns)
     rows = [np.hstack(panels[start : start + columns]) for start in range(0, len(panels), columns)]

@@ -1,4 +1,4 @@
-"""Depth as false colours: near red, far blue, holes black, the same in all pictures, pages and recordings."""
+"""Depth and sources as colours, the same in all pictures, pages and recordings: near red, far blue, holes black."""
 
 from collections.abc import Iterable
 
@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from .types import FloatImage
+from .types import FloatImage, GrayImage, Source
 
 FAR_M = 25.0
 """Depth at the blue end of the colours where nothing is known of the scene."""
@@ -16,6 +16,19 @@ BEYOND_SHARE = 0.02
 """Largest share of the depths beyond the blue end: some pixels are always wrong by far."""
 FAR_INDEX = 25
 """Index of the farthest depth in the colour map; lower ones look like the black of holes."""
+SOURCE_COLORS = {
+    Source.INVALID: (0, 0, 0),
+    Source.SENSOR: (190, 190, 190),
+    Source.MEMORY: (30, 120, 200),
+    Source.INPAINTED: (240, 160, 40),
+}
+"""Colour of a pixel by its source, RGB: none, gray, blue, orange."""
+
+
+def source_colored(source: GrayImage) -> npt.NDArray[np.uint8]:
+    """Return the sources of pixels in colours, shape (H, W, 3), BGR like `colored`."""
+    colors: npt.NDArray[np.uint8] = np.array([SOURCE_COLORS[kind][::-1] for kind in Source], np.uint8)[source]
+    return colors
 
 
 def far_end_m(depths_m: Iterable[FloatImage]) -> float:

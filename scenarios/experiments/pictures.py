@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 import cv2
 import numpy as np
 
-from voxdepth.colors import FAR_M, colored
+from voxdepth.colors import FAR_M, colored, source_colored
 from voxdepth.registry import DEFAULT, PAPER, create_corrector
-from voxdepth.types import FloatImage, Source
+from voxdepth.types import FloatImage
 
 from ..errors import ScenarioError
 from ..evaluation.result_cache import decoded_thumbnail
@@ -27,12 +27,6 @@ TICKS_M = range(0, int(FAR_M) + 1, 5)
 SCALE_PX, LINE_PX = 14, 18
 """Height of the colour scale, and of a line of text."""
 FONT, FONT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.4
-SOURCE_COLORS_BGR = {
-    Source.INVALID: (0, 0, 0),
-    Source.SENSOR: (190, 190, 190),
-    Source.MEMORY: (200, 120, 30),
-    Source.INPAINTED: (40, 160, 240),
-}
 LEGEND = "top right: the baseline with the least error in holes", "source: sensor gray, memory blue, inpainted orange"
 
 
@@ -59,8 +53,7 @@ def _source_image(context: ExperimentContext, sequence: str) -> Image:
     corrector = create_corrector(DEFAULT, context.recording(sequence).intrinsics)
     for frame in context.frames_of(sequence):
         source = corrector.process(frame).source
-    image: Image = np.array([SOURCE_COLORS_BGR[kind] for kind in Source], np.uint8)[source]
-    return image
+    return source_colored(source)
 
 
 def quantized(depth_m: FloatImage) -> FloatImage:

@@ -10,21 +10,15 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ..colors import FAR_M, colored
+from ..colors import FAR_M, SOURCE_COLORS, colored
 from ..ros import confidence_levels
-from ..types import FloatImage, GrayImage, Source
+from ..types import FloatImage, GrayImage
 from .output import encode
 
 CENTIMETRE = 100.0
 """Depth images are stored as 16-bit PNG in centimetres, to 1 %: finer than any of the sensors measures."""
 JPEG_QUALITY = 75
 PIPE_BYTES = 1 << 16
-SOURCE_COLORS = {
-    Source.INVALID: (0, 0, 0),
-    Source.SENSOR: (90, 160, 90),
-    Source.MEMORY: (240, 150, 40),
-    Source.INPAINTED: (90, 110, 220),
-}
 
 
 class RecordingFile:
