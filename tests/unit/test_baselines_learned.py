@@ -76,6 +76,17 @@ def test_the_confidence_is_the_probability_of_a_right_depth_under_the_predicted_
     np.testing.assert_allclose(result.confidence, right.mean(), atol=0.005)
 
 
+@pytest.mark.parametrize(("scale", "shown_px"), [(0.1, 4.0), (0.4, 8.0)])
+def test_an_uncertain_prediction_replaces_no_measurement_but_fills_holes(scale: float, shown_px: float) -> None:
+    from voxdepth.baselines.learned import interpreted
+
+    predicted, log_scale = np.ones((1, 1, 32, 32), np.float32), np.full((1, 1, 32, 32), np.log(scale), np.float32)
+    measured_px = np.full((20, 30), 8.0, np.float32)
+    measured_px[:, :10], measured_px[:, 10:20] = 0, 2
+    result = interpreted(predicted, log_scale, np.float32(4), measured_px, np.zeros_like(measured_px))
+    assert (result.disparity_px[:, :10] == 4).all() and (result.disparity_px[:, 20:] == shown_px).all()
+
+
 def test_the_next_measured_disparities_are_those_of_a_search() -> None:
     rng = np.random.default_rng(3)
     for shape in ((1, 1), (1, 9), (7, 1), (12, 17)):

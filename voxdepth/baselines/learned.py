@@ -32,6 +32,9 @@ LARGEST_RATIO = np.float32(100)
 """Disparities of a larger multiple of the typical one look like this to the network."""
 SIDES = 4
 """Directions in which the next measured disparity is looked for."""
+LARGEST_OVERRULING_SCALE = np.float32(0.2)
+"""Largest scale of the relative error of a prediction that replaces a measurement. Images unlike those of the training
+get larger scales, and keep their measurements. A smaller bound keeps more of them, right and wrong ones."""
 REMEMBERED_CONFIDENCE = 0.5
 """Least confidence of a previous result that may count as the origin of a filled pixel."""
 
@@ -193,7 +196,8 @@ def interpreted(
         np.float32(CORRECT_SHARE), np.float32(CORRECT_PX) / np.maximum(disparity_px, MIN_DISPARITY_PX)
     )
     confidence = 1 - np.exp(-tolerance * np.exp(-log_scale[0, 0, :height, :width]))
-    return Result(disparity_px, confidence)
+    stands = (measured_px > 0) & (log_scale[0, 0, :height, :width] > np.log(LARGEST_OVERRULING_SCALE))
+    return Result(np.where(stands, measured_px, disparity_px), confidence)
 
 
 def _range(measured_px: FloatImage, previous_px: FloatImage) -> tuple[np.float32, np.float32]:
