@@ -17,6 +17,7 @@ from ..corrector import StreamCorrector
 from ..errors import ConfigError
 from ..networks import Images, Network, load
 from ..temporal.fusion import PixelClass
+from ..temporal.masks import above
 from ..temporal.measurement import Measurement, measure
 from ..temporal.upsampling import Estimate, Upsampler
 from ..temporal.working_resolution import MIN_DISPARITY_PX, WorkingResolution, default_decimation
@@ -119,7 +120,7 @@ def landing_in(last_gray: GrayImage, gray: GrayImage, flow: Dis) -> Landing:
         np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), np.uint8) for image in (gray, last_gray)
     )
     flow_px = np.asarray(cv2.resize(flow.between(start, end), (width, height), interpolation=cv2.INTER_LINEAR))
-    return landing_of((flow_px * np.array([width / half[0], height / half[1]])).astype(np.float32))
+    return landing_of(flow_px * np.array([width / half[0], height / half[1]], np.float32))
 
 
 def typical_disparity(measured_px: FloatImage, previous_px: FloatImage) -> np.float32:
@@ -145,13 +146,14 @@ def network_input(measurement: Measurement, previous: Result, gray_change: GrayI
     images = np.zeros((1, 6 + SIDES, *padded), np.float32)
     inner = images[0, :, :height, :width]
     largest_px = LARGEST_RATIO * scale_px
-    np.divide(np.minimum(measurement.disparity_px, largest_px), scale_px, out=inner[0])
-    np.greater(measurement.disparity_px, 0, out=inner[1])
+    measured_px = np.minimum(measurement.disparity_px, largest_px)
+    np.divide(measured_px, scale_px, out=inner[0])
+    np.greater(measured_px, 0, out=inner[1])
     np.divide(measurement.gray, GRAY_RANGE, out=inner[2])
     np.divide(np.minimum(previous.disparity_px, largest_px), scale_px, out=inner[3])
     inner[4] = previous.confidence
     np.divide(gray_change, GRAY_RANGE, out=inner[5])
-    np.divide(np.minimum(next_measured(measurement.disparity_px), largest_px), scale_px, out=inner[6:])
+    np.divide(next_measured(measured_px), scale_px, out=inner[6:])
     return images
 
 
@@ -202,8 +204,9 @@ def interpreted(
 
 def _range(measured_px: FloatImage, previous_px: FloatImage) -> tuple[np.float32, np.float32]:
     """The smallest and the largest disparity of both, of which at least one has any."""
-    known_px = [disparity_px[disparity_px > 0] for disparity_px in (measured_px, previous_px)]
-    return min(d.min(initial=np.inf) for d in known_px), max(d.max(initial=0) for d in known_px)
+    known = [disparity_px for disparity_px in (measured_px, previous_px) if disparity_px.any()]
+    ends_px = [cv2.minMaxLoc(disparity_px, above(disparity_px, 0))[:2] for disparity_px in known]
+    return np.float32(min(low for low, _ in ends_px)), np.float32(max(high for _, high in ends_px))
 
 
 def origin(measured_px: FloatImage, previous: Result, result: Result) -> GrayImage:
