@@ -2,10 +2,10 @@
 
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from enum import Enum
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args, get_origin
 
 import pytest
 import typer
@@ -71,13 +71,20 @@ OUTPUTS = ("new", "out.png", "out.jpg", "out.gif", "out.mcap", "out.rrd", "new/d
 def kind_of(parameter: Any) -> Any:
     """The type of a parameter, or of the items of a list."""
     kind = parameter.type_descriptor.annotation
-    return next(iter(get_args(kind)), kind)
+    return kind if get_origin(kind) is Literal else next(iter(get_args(kind)), kind)
+
+
+def choices_of(kind: Any) -> Sequence[str]:
+    """The words that a type consists of; none if it has others."""
+    if get_origin(kind) is Literal:
+        return get_args(kind)
+    return [choice.value for choice in kind] if isinstance(kind, type) and issubclass(kind, Enum) else []
 
 
 def good_values(parameter: Any, of_study: bool) -> st.SearchStrategy[str]:
     kind = kind_of(parameter)
-    if issubclass(kind, Enum):
-        return st.sampled_from([choice.value for choice in kind])
+    if choices_of(kind):
+        return st.sampled_from(choices_of(kind))
     usual = ("1", "2", "6") if kind in (int, float) else ("study",) if of_study else OUTPUTS
     return st.sampled_from(GOOD.get(parameter.name, usual))
 
