@@ -22,7 +22,7 @@ SOURCE_COLORS = {
     Source.MEMORY: (30, 120, 200),
     Source.INPAINTED: (240, 160, 40),
 }
-"""Colour of a pixel by its source, RGB: none, gray, blue, orange."""
+"""Colour of a pixel by its source, RGB: black, gray, blue, orange."""
 
 
 def source_colored(source: GrayImage) -> npt.NDArray[np.uint8]:

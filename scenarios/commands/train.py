@@ -21,16 +21,16 @@ def train(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the first weights and of the order of the data.")] = 0,
     repeats: Annotated[int, typer.Option(min=1, help="Trainings, by this seed and the next ones.")] = 1,
     flights: Annotated[
-        int, typer.Option(min=1, help="Flights through every training world, each by its own seed.")
+        int, typer.Option(min=1, max=9000, help="Flights through every training world, each by its own seed.")
     ] = 3,
     steps: Annotated[int, typer.Option(min=1, help="Steps of the optimiser.")] = 3000,
 ) -> None:
     """Render training data, train a network, and write it as ONNX with its card and its loss curve.
 
     Writes DIR/seed-N/NAME.onnx, NAME.toml and NAME.png, and prints how good the network is on clips that it has not
-    learned from. Clips in DIR/clips are made once, and a training that is finished is not repeated. The two first files
-    of the corrector and of convex take effect in voxdepth/networks; the flow is only compared with DIS flow. Needs the
-    extra `train`; a GPU is used where PyTorch finds one.
+    learned from. Clips in DIR/clips are made once, and a training that is finished is not repeated. The ONNX file
+    and the card of corrector and convex take effect in voxdepth/networks; the flow is only compared with DIS flow.
+    Needs the extra `train`; a GPU is used where PyTorch finds one.
     """
     from importlib.util import find_spec
 

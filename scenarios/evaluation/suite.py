@@ -21,6 +21,7 @@ from voxdepth.tools.files import as_tool_error, to_toml
 from voxdepth.tools.provenance import CORRECTION, processor_name, versions
 
 from ..errors import ScenarioError
+from ..results.provenance import code_digest
 from ..sequences import SeededSequence, record
 from .groups import RANGES
 from .intervals import close_intervals, error_intervals
@@ -240,7 +241,7 @@ def _prepared(
 def _keys(plan: Plan, sequence: str, frames: int = 0, seed: int | None = None, digest: str = "") -> list[Key]:
     """Return the key of each method; without a number of frames those of a sequence that cannot be opened."""
     given: dict[str, Any] = {"sequence": sequence, "frames": frames, "seed": seed, "digest": digest}
-    given["versions"] = versions(CORRECTION) | {"processor": processor_name()}
+    given["versions"] = versions(CORRECTION) | {"processor": processor_name(), "code": code_digest()}
     return [Key(method=method.name, config=method.config, **given) for method in plan.methods]
 
 

@@ -16,6 +16,7 @@ ALL_SOURCES = "**/*.py"
 FLIGHT_SOURCES = (
     ("voxdepth", ALL_SOURCES),
     ("voxdepth", "confidence.toml"),
+    ("voxdepth", "networks/*.onnx"),
     ("sim", ALL_SOURCES),
     ("swarm", ALL_SOURCES),
     ("scenarios", "config.py"),

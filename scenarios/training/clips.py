@@ -99,12 +99,14 @@ class Place:
 
 
 def places(seeds: Iterable[int]) -> list[Place]:
-    """The places of the clips of some seeds of each world: a seed of all worlds after the other."""
+    """The places of the clips of some seeds, seed by seed, each in all worlds."""
     return [Place(world, seed, index) for seed, world, index in product(seeds, WORLDS, range(CLIPS_PER_WORLD))]
 
 
 def make(folder: Path, wanted: Sequence[Place], report: Callable[[str], None]) -> None:
     """Render the clips that are not in the folder yet. A file that appears is whole.
+
+    A clip is known by its world, seed and index alone: empty the folder after a change of `WORLDS` or of the simulator.
 
     Raises:
         SimError, ToolError: A sequence cannot be rendered, or the folder cannot be written.

@@ -30,7 +30,7 @@ def train_convex(templates: Sequence[SparseTemplate], run: Run, report: Progress
 
 
 def template_loss(network: Convex, templates: Sequence[SparseTemplate], device: str) -> Tensor:
-    """The mean absolute and the mean squared error of depth, in units of the mean depth of each template."""
+    """The mean of the absolute plus the squared error of depth, in units of the mean depth of each template."""
     sparse, true = (
         torch.from_numpy(np.stack([getattr(template, name) for template in templates])[:, None]).to(device)
         for name in SparseTemplate._fields

@@ -11,8 +11,6 @@ CELL = 4
 """Side of a cell [working px]: the network works on cells, and predicts every pixel from those around it."""
 WIDTHS = (20, 32, 40, 48)
 """Channels at 1, 1/2, 1/4 and 1/8 of the resolution of the cells."""
-MULTIPLE_PX = CELL * 2 ** (len(WIDTHS) - 1)
-"""Sides of the input are multiples of this."""
 INPUTS = 10
 """Channels of the input: disparity and validity of the measurement, gray value, disparity and confidence of the
 previous result as seen from this frame, the change of gray value since then, and the disparities that are measured next

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 RATE = 2e-3
-"""Largest step of Adam; it falls to 0 along half a cosine."""
+"""Largest learning rate of Adam: reached after `WARM_UP_STEPS`, it falls to nearly 0 along half a cosine."""
 LARGEST_GRADIENT = 1.0
 WARM_UP_STEPS = 50
 REPORT_STEPS = 20

@@ -28,9 +28,9 @@ class Sample(NamedTuple):
     gray: npt.NDArray[np.uint8]
     """Gray images, shape (T, h, w)."""
     true_px: FloatArray
-    """True disparity [px], shape (T, h, w), float32; that of the sky is as small as any other."""
+    """True disparity [px], shape (T, h, w), float32. The sky is as far as `Clip.true_or_far_m` has it."""
     is_sky: npt.NDArray[np.bool_]
-    """Shape (T, h, w)."""
+    """Whether at least three of the four pixels of a working pixel show the sky, shape (T, h, w)."""
     landing: npt.NDArray[np.int16]
     """Column and row of each pixel in the frame before, shape (T, h, w, 2); those of the first frame mean nothing."""
 
@@ -69,7 +69,7 @@ def _reduced(image: npt.NDArray[np.float64 | np.bool_], resolution: WorkingResol
 def cropped(sample: Sample, rng: np.random.Generator, frames: int, height_px: int, width_px: int) -> Sample:
     """A random part of a sample, with random gain of the gray images, and sometimes with more holes.
 
-    Images that are smaller are padded with what is unknown: no measurement, no truth, and the sky.
+    Images that are smaller are padded with black pixels that have no measurement and no truth.
     """
     n, height, width = sample.gray.shape
     t = rng.integers(n - frames + 1)

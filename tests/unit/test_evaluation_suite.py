@@ -115,6 +115,10 @@ def test_finished_results_are_taken_and_failed_ones_tried_again(
             lambda key: key.model_copy(update={"versions": {**key.versions, "processor": "abacus"}}),
             "versions.processor was abacus and is",
         ),
+        (
+            lambda key: key.model_copy(update={"versions": {**key.versions, "code": "0123"}}),
+            "versions.code was 0123 and is",
+        ),
         (lambda key: key.model_copy(update={"config": {"size": 3}}), "config.size was 3 and is none"),
         (lambda key: key.model_copy(update={"digest": "0" * 64}), f"digest was {'0' * 48} and is"),
     ],

@@ -48,7 +48,7 @@ class Result(NamedTuple):
     disparity_px: FloatImage
     """Disparity; 0 = unknown."""
     confidence: FloatImage
-    """Probability that it is right."""
+    """Probability that the prediction is right; also where a measurement stays instead."""
 
 
 class Learned(StreamCorrector):
@@ -119,7 +119,7 @@ def landing_in(last_gray: GrayImage, gray: GrayImage, flow: Dis) -> Landing:
     start, end = (
         np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), np.uint8) for image in (gray, last_gray)
     )
-    flow_px = np.asarray(cv2.resize(flow.between(start, end), (width, height), interpolation=cv2.INTER_LINEAR))
+    flow_px = np.asarray(cv2.resize(flow.between(start, end), (width, height)), np.float32)
     return landing_of(flow_px * np.array([width / half[0], height / half[1]], np.float32))
 
 
@@ -187,6 +187,9 @@ def interpreted(
     disparity: Images, log_scale: Images, scale_px: np.float32, measured_px: FloatImage, previous_px: FloatImage
 ) -> Result:
     """The outputs of the network as disparity within that of the inputs, and as the probability that it is right.
+
+    A measured pixel keeps its measurement where the scale exceeds `LARGEST_OVERRULING_SCALE`. Its confidence is then
+    still that of the prediction, which is low.
 
     The logarithm of disparity errs as a Laplace distribution of scale b, so that the probability of an error of at most
     t is 1 - exp(-t / b).

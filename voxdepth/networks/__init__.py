@@ -106,4 +106,4 @@ def read_card(file: Path) -> Card:
         raise ConfigError(f"cannot read the card {file}: {str(error).splitlines()[0]}; {_RESTORE}") from error
 
 
-_RESTORE = "restore it with pip install --force-reinstall 'voxdepth[learned]'"
+_RESTORE = f"restore it with pip install --force-reinstall 'voxdepth[{EXTRA}]'"

@@ -108,7 +108,7 @@ def convex(sparse_m: FloatImage, size_px: int) -> FloatImage:
     """Every pixel takes a mean of the filled pixels of its window, whose weights a network predicts.
 
     This is the convex upsampling of Teed and Deng 2020, which the paper tries, for a sparse image in place of a coarse
-    one.
+    one. The window is always `CONVEX_WINDOW_PX` wide, which `Inpainting` requires of the size.
 
     Raises:
         ConfigError: The network cannot be loaded, see `networks.load`.

@@ -36,7 +36,7 @@ class Librealsense:
         units_per_m: Steps of its depth in a metre.
 
     Raises:
-        ImportError: The wheel of librealsense, or the libusb that it needs, is not installed.
+        ImportError, OSError: The wheel of librealsense, or the libusb that it needs, is missing or cannot be loaded.
     """
 
     def __init__(self, camera: Intrinsics, units_per_m: float = UNITS_PER_M) -> None:
