@@ -12,6 +12,7 @@ from voxdepth.types import Source
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+LARGEST_FILE_BYTES = 500_000
 HEAVY = ("cv2", "numpy", "open3d", "pybullet", "rerun", "warp", "scipy", "matplotlib", "pydantic")
 
 
@@ -113,3 +114,11 @@ def test_without_warp_everything_but_cuda_works() -> None:
     }
     assert devices == "()"
     assert error == "device = 'cuda' needs Warp: pip install 'voxdepth[cuda]', or choose 'cpu'"
+
+
+def test_no_file_of_the_repository_is_large() -> None:
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if listed.returncode != 0:
+        pytest.skip("needs a clone of the repository")
+    sizes = {name: (ROOT / name).stat().st_size for name in listed.stdout.split("\0") if (ROOT / name).is_file()}
+    assert sizes and {name: size for name, size in sizes.items() if size > LARGEST_FILE_BYTES} == {}
