@@ -37,7 +37,7 @@ def add_commands(app: typer.Typer) -> None:
 
 
 def _prepared(command: Callable[..., Any], *, one_thread: bool) -> Callable[..., Any]:
-    """The same command after the libraries that it will import were kept silent, perhaps on one thread."""
+    """Return a command that first keeps the libraries silent that it will import, perhaps on one thread."""
 
     @wraps(command)
     def run(*args: Any, **options: Any) -> Any:

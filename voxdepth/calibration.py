@@ -121,7 +121,7 @@ class Calibrated:
 
 
 class CalibratedStages(Calibrated):
-    """The same for a corrector in two stages, which may still overlap."""
+    """A corrector in two stages with the confidence of a table. The stages may still overlap."""
 
     bare: StagedCorrector
 

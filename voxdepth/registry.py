@@ -82,7 +82,7 @@ _REGISTRY = {
     "telea": _single_frame("single_frame:OpenCvInpaint", 0.0075, method="telea"),
     "navier-stokes": _single_frame("single_frame:OpenCvInpaint", 0.0035, method="navier_stokes"),
     "global-smoother": Entry("baselines.global_smoother:GlobalSmoother", 0.0064),
-    "learned": Entry("baselines.learned:Learned", 0.0040, needs="onnxruntime"),
+    "learned": Entry("baselines.learned:Learned", 0.0113, needs="onnxruntime"),
     PAPER: Entry("paper.method:PaperVoxDepth", 0.0034, config="paper.config:PaperConfig"),
     DEFAULT: Entry("temporal.method:VoxDepth", 0.0087, config="temporal.config:VoxDepthConfig"),
 }

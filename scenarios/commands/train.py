@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ..training import TrainedName
+from ..training import MOST_FLIGHTS, TrainedName
 
 
 def train(
@@ -21,7 +21,7 @@ def train(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the first weights and of the order of the data.")] = 0,
     repeats: Annotated[int, typer.Option(min=1, help="Trainings, by this seed and the next ones.")] = 1,
     flights: Annotated[
-        int, typer.Option(min=1, max=9000, help="Flights through every training world, each by its own seed.")
+        int, typer.Option(min=1, max=MOST_FLIGHTS, help="Flights through every training world, each by its own seed.")
     ] = 3,
     steps: Annotated[int, typer.Option(min=1, help="Steps of the optimiser.")] = 3000,
 ) -> None:

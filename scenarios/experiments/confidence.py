@@ -58,7 +58,7 @@ class Pixels:
         self.own.add(corrected.confidence[judged], np.full(len(right), float(times)), times * right.astype(np.float64))
 
     def by_table(self, probabilities: Probabilities) -> "Bins":
-        """The same pixels by the confidence of a table."""
+        """Sort these pixels into bins by the confidence that a table gives them."""
         bins = Bins()
         bins.add(probabilities.ravel(), self.n.astype(np.float64), self.right.astype(np.float64))
         return bins

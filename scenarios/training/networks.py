@@ -111,7 +111,8 @@ def combined(cells: Tensor, logits: Tensor) -> Tensor:
     height, width = cells.shape[2:]
     padded = functional.pad(cells, (1, 1, 1, 1), mode="replicate")
     return mean(
-        [padded[:, :, i : i + height, j : j + width] for i in range(3) for j in range(3)], weights(logits, NEIGHBOURS)
+        [padded[:, :, i : i + height, j : j + width] for i in range(3) for j in range(3)],
+        weights_of(logits, NEIGHBOURS),
     )
 
 
@@ -120,11 +121,11 @@ def chosen(candidates: Sequence[Tensor], logits: Tensor) -> Tensor:
 
     Each candidate and the result have shape (N, n, h, w), and the logarithms of the weights (N, candidates n, h, w).
     """
-    pairs = zip(candidates, weights(logits, len(candidates)), strict=True)
+    pairs = zip(candidates, weights_of(logits, len(candidates)), strict=True)
     return mean(candidates, [weight * (candidate > 0) for candidate, weight in pairs])
 
 
-def weights(logits: Tensor, n: int) -> Sequence[Tensor]:
+def weights_of(logits: Tensor, n: int) -> Sequence[Tensor]:
     """The weights of n values from their logarithms. A softmax along the second axis is slow in ONNX Runtime."""
     parts: Sequence[Tensor] = torch.exp(logits.clamp(-LARGEST_LOGIT, LARGEST_LOGIT)).chunk(n, 1)
     return parts
@@ -249,7 +250,8 @@ class FlowNetwork(nn.Module):
             candidate = torch.tanh(self.candidate(torch.cat([reset * state, context, motion], 1)))
             state = state + update * (candidate - state)
             flow = flow + self.step(state)
-            parts = [combined(flow[:, k : k + 1], self.weights(state)) for k in (0, 1)]
+            logits = self.weights(state)
+            parts = [combined(flow[:, k : k + 1], logits) for k in (0, 1)]
             flows.append(functional.pixel_shuffle(FLOW_CELL * torch.cat(parts, 1), FLOW_CELL))
         return flows
 

@@ -195,13 +195,14 @@ def interpreted(
     t is 1 - exp(-t / b).
     """
     height, width = measured_px.shape
+    log_scale = log_scale[0, 0, :height, :width]
     low_px, high_px = _range(measured_px, previous_px)
     disparity_px = np.clip(disparity[0, 0, :height, :width] * scale_px, low_px, high_px)
     tolerance = np.maximum(
         np.float32(CORRECT_SHARE), np.float32(CORRECT_PX) / np.maximum(disparity_px, MIN_DISPARITY_PX)
     )
-    confidence = 1 - np.exp(-tolerance * np.exp(-log_scale[0, 0, :height, :width]))
-    stands = (measured_px > 0) & (log_scale[0, 0, :height, :width] > np.log(LARGEST_OVERRULING_SCALE))
+    confidence = 1 - np.exp(-tolerance * np.exp(-log_scale))
+    stands = (measured_px > 0) & (log_scale > np.log(LARGEST_OVERRULING_SCALE))
     return Result(np.where(stands, measured_px, disparity_px), confidence)
 
 

@@ -63,12 +63,12 @@ class GroundPlane(NamedTuple):
         return ground_px
 
     def by_pixels(self, grid: CellGrid) -> "GroundPlane":
-        """The same plane by columns and rows of the image, from its first pixel."""
+        """Express the plane by columns and rows of the image, from its first pixel."""
         u, v = (grid.left + 0.5) / grid.cell_px - grid.cols / 2, 0.5 / grid.cell_px - grid.rows / 2
         return GroundPlane(self.slope_u / grid.cell_px, self.slope_v / grid.cell_px, plane_at(self, u, v))
 
     def by_cells(self, grid: CellGrid) -> "GroundPlane":
-        """The same plane by columns and rows of the finest cells, from the first one."""
+        """Express the plane by columns and rows of the finest cells, from the first one."""
         return self._replace(middle_px=plane_at(self, (1 - grid.cols) / 2, (1 - grid.rows) / 2))
 
 
