@@ -137,6 +137,8 @@ def test_a_folder_that_exists_is_refused_and_stays(whole: Path, sequence: Path) 
 @pytest.mark.slow
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL])
 def test_a_run_that_is_stopped_leaves_no_result(sent: signal.Signals, captures: list[Capture], tmp_path: Path) -> None:
+    write_tum(tmp_path / "short", captures)
+    assert correct(tmp_path / "short", "--out", tmp_path / "compiled").exit_code == 0  # So that the next says nothing.
     write_tum(tmp_path / "walk", captures * 6)
     command = [tmp_path / "walk", "--out", tmp_path / "made" / "out", "--record", tmp_path / "made" / "out.rrd"]
     process = started(*command)

@@ -22,6 +22,8 @@ from .timings import Latency
 
 CHAIN = "librealsense"
 UNITS_PER_M = 1000.0
+MAX_UNITS = 65_535
+"""The farthest depth that 16 bits hold; what is farther is shown there."""
 WARM_UP_FRAMES = 20
 TIMEOUT_MS = 5000
 WITHOUT_THREAD = PaperConfig(fusion_lag_frames=0)
@@ -108,25 +110,25 @@ class Comparison(Model):
 
 def compare_with_librealsense(loop: FrameLoop, frames: int) -> Comparison | None:
     """Correct each frame with each method in turn, on one core; None where librealsense is not installed."""
-    try:
-        sdk = Librealsense(loop.intrinsics)
-    except (ImportError, OSError):
-        return None
-    filters, paper = sdk.recommended_filters(), PaperVoxDepth(loop.intrinsics, WITHOUT_THREAD)
-    correctors: dict[str, Callable[[Frame], Any]] = {
-        "voxdepth": VoxDepth(loop.intrinsics).process,
-        "paper": paper.process,
-    }
-    if has_runtime():
-        correctors["learned"] = Learned(loop.intrinsics).process
-    times_s: dict[str, list[float]] = {name: [] for name in (CHAIN, *correctors)}
     with one_core():
+        try:
+            sdk = Librealsense(loop.intrinsics)
+        except (ImportError, OSError):
+            return None
+        filters, paper = sdk.recommended_filters(), PaperVoxDepth(loop.intrinsics, WITHOUT_THREAD)
+        correctors: dict[str, Callable[[Frame], Any]] = {
+            "voxdepth": VoxDepth(loop.intrinsics).process,
+            "paper": paper.process,
+        }
+        if has_runtime():
+            correctors["learned"] = Learned(loop.intrinsics).process
+        times_s: dict[str, list[float]] = {name: [] for name in (CHAIN, *correctors)}
         for frame in loop.play(WARM_UP_FRAMES + frames):
-            shown = sdk.frame(np.asarray(frame.depth_m * np.float32(UNITS_PER_M), np.uint16))
+            shown = sdk.frame(np.clip(frame.depth_m * np.float32(UNITS_PER_M), 0, MAX_UNITS).astype(np.uint16))
             times_s[CHAIN].append(_time_s(lambda shown=shown: sdk.filtered(shown, filters)))  # type: ignore[misc]
             for name, process in correctors.items():
                 times_s[name].append(_time_s(lambda process=process, frame=frame: process(frame)))  # type: ignore[misc]
-    paper.close()
+        paper.close()
     return Comparison(
         size=loop.size, latencies={name: Latency.of(times[WARM_UP_FRAMES:]) for name, times in times_s.items()}
     )
@@ -135,16 +137,17 @@ def compare_with_librealsense(loop: FrameLoop, frames: int) -> Comparison | None
 @contextmanager
 def one_core() -> Iterator[None]:
     """Keep this thread, and those that it starts, on the last of its cores, where the system can."""
+    threads, can_pin = cv2.getNumThreads(), hasattr(os, "sched_setaffinity")
+    cores = os.sched_getaffinity(0) if can_pin else set()
     cv2.setNumThreads(1)
-    if not hasattr(os, "sched_setaffinity"):
-        yield
-        return
-    cores = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {max(cores)})
+    if can_pin:
+        os.sched_setaffinity(0, {max(cores)})
     try:
         yield
     finally:
-        os.sched_setaffinity(0, cores)
+        cv2.setNumThreads(threads)
+        if can_pin:
+            os.sched_setaffinity(0, cores)
 
 
 def _time_s(action: Callable[[], Any]) -> float:
