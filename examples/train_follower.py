@@ -8,7 +8,8 @@ The script needs stable-baselines3, which brings PyTorch:
 The blind follower is trained like the other one, but its depth image is always empty. With `--steering direct` nothing
 but the policy keeps a follower from flying into a wall; otherwise the avoidance layer of the scripted drones does. The
 folder receives a model of each training, `curve.png`, and `outcomes.csv`: how the episodes ended in worlds that no
-training used. A few hundred steps show that the script works; they teach the follower nothing.
+training used. `--fly` flies followers that were trained before, perhaps with another depth. A few hundred steps show
+that the script works; they teach the follower nothing.
 """
 
 import argparse
@@ -16,7 +17,7 @@ import csv
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -24,19 +25,27 @@ import gymnasium
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
-import torch
-from stable_baselines3 import SAC
-from stable_baselines3.common.env_util import make_vec_env
-from stable_baselines3.common.results_plotter import load_results
+import pydantic
 
 from swarm.compose import composed_mission
-from swarm.environments.task import LearningTask
+from swarm.environments.task import SMALL_RIG, LearningTask
 from swarm.recorder import Recorder
+
+try:
+    import torch
+    from stable_baselines3 import SAC
+    from stable_baselines3.common.callbacks import BaseCallback
+    from stable_baselines3.common.env_util import make_vec_env
+    from stable_baselines3.common.results_plotter import load_results
+except ImportError as error:
+    raise SystemExit(f"{error}: run `pip install -c constraints.txt stable-baselines3`") from error
 
 ENVIRONMENT = "swarm:voxdepth/LeaderFollower-v0"
 FIRST_TEST_SEED = 1_000_000
-MEAN_OF = 50
+MEAN_OF = 10
 """Episodes that a point of the curve averages."""
+REPORT_STEPS = 2000
+"""Steps of a training between two lines of its progress."""
 Policy = Callable[[Any], npt.NDArray[np.float32]]
 """Gives the action for an observation."""
 
@@ -69,7 +78,7 @@ class Scaled(gymnasium.ObservationWrapper):
         return {"nearness": coarse * np.float32(not self._blind), **vectors}
 
 
-class Progress(gymnasium.Wrapper):
+class Approach(gymnasium.Wrapper):
     """Adds a reward for each metre that a step brings the follower nearer to its slot, which tells it what to try.
 
     It is the shaping of Ng, Harada and Russell (1999) without the discount: the sum of an episode is the difference
@@ -85,20 +94,36 @@ class Progress(gymnasium.Wrapper):
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Fly one step; the reward has the progress in it."""
+        """Fly one step; the approach is a part of the reward."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         before_m, self._slot_m = self._slot_m, float(np.linalg.norm(observation["slot_m"]))
         return observation, float(reward) + self.PER_M * (before_m - self._slot_m), terminated, truncated, info
 
 
+class Progress(BaseCallback):
+    """Prints how far a training is."""
+
+    def __init__(self, name: str, steps: int) -> None:
+        super().__init__()
+        self._name, self._steps = name, steps
+
+    def _on_step(self) -> bool:
+        if self.num_timesteps % REPORT_STEPS < self.training_env.num_envs:
+            returns = [episode["r"] for episode in self.model.ep_info_buffer][-MEAN_OF:]
+            mean = f"mean return {np.mean(returns):.0f}" if returns else "no episode has ended"
+            print(f"{self._name}: {self.num_timesteps} of {self._steps} steps, {mean}", flush=True)
+        return True
+
+
 def task_of(options: argparse.Namespace) -> dict[str, Any]:
     """Return the options of the environment."""
-    return {"corrector": options.corrector, "steering": options.steering, "others": "truth"}
+    rig = SMALL_RIG.model_copy(update={"depth": options.depth})
+    return {"corrector": options.corrector, "rig": rig, "steering": options.steering, "others": "truth"}
 
 
 def follower(task: dict[str, Any], blind: bool = False) -> gymnasium.Env:
     """Create the environment of a follower."""
-    return Scaled(Progress(gymnasium.make(ENVIRONMENT, **task)), blind)
+    return Scaled(Approach(gymnasium.make(ENVIRONMENT, **task)), blind)
 
 
 def train(options: argparse.Namespace, seed: int, blind: bool) -> Counter[str]:
@@ -114,9 +139,14 @@ def train(options: argparse.Namespace, seed: int, blind: bool) -> Counter[str]:
     )
     settings = {"gamma": 0.95, "learning_rate": 1e-3, "learning_starts": 500, "ent_coef": "auto_0.05"}
     model = SAC("MultiInputPolicy", envs, **settings, policy_kwargs={"net_arch": [64, 64]}, seed=seed)
-    model.learn(options.steps)
+    model.learn(options.steps, callback=Progress(name, options.steps))
     envs.close()
     model.save(options.out / f"{name}.zip")
+    return tested(options, model, blind)
+
+
+def tested(options: argparse.Namespace, model: SAC, blind: bool) -> Counter[str]:
+    """Count how the episodes of a trained follower end."""
     return Counter(flown(options, lambda observation: model.predict(observation, deterministic=True)[0], blind))
 
 
@@ -154,21 +184,23 @@ def draw(out: Path, seeds: Sequence[int]) -> None:
         for seed in seeds:
             episodes = load_results(str(out / _name(seed, blind)))
             returns = episodes["r"].rolling(MEAN_OF, min_periods=1).mean()
-            label = ("blind" if blind else "with depth") if seed == seeds[0] else None
+            label = f"{'blind' if blind else 'with depth'}, a line for each seed" if seed == seeds[0] else None
             axes.plot(episodes["l"].cumsum(), returns, color=color, label=label)
     axes.set_xlabel("steps of training")
-    axes.set_ylabel(f"mean return of {MEAN_OF} episodes")
+    axes.set_ylabel(f"mean return of the last {MEAN_OF} episodes")
+    axes.grid(alpha=0.3)
     axes.legend()
     figure.savefig(out / "curve.png", dpi=120)
 
 
-def write(path: Path, outcomes: dict[str, Counter[str]]) -> None:
-    """Write how often each follower's episodes ended in which way, and print it."""
+def write(outcomes: dict[str, Counter[str]], path: Path | None = None) -> None:
+    """Print how often each follower's episodes ended in which way, and write it to a file."""
     kinds = sorted({kind for counted in outcomes.values() for kind in counted})
     lines = [["follower", "episodes", *kinds]]
     lines += [[name, str(c.total()), *(str(c[kind]) for kind in kinds)] for name, c in outcomes.items()]
-    with path.open("w", newline="") as file:
-        csv.writer(file).writerows(lines)
+    if path is not None:
+        with path.open("w", newline="") as file:
+            csv.writer(file).writerows(lines)
     for line in lines:
         print("  ".join(text.rjust(12) for text in line))
 
@@ -181,34 +213,65 @@ def _test_seeds(options: argparse.Namespace) -> range:
     return range(FIRST_TEST_SEED, FIRST_TEST_SEED + options.episodes)
 
 
-def main() -> None:
-    """Train followers with and without depth, and compare them in worlds that the training did not use."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def trainings(options: argparse.Namespace) -> dict[str, Counter[str]]:
+    """Train all followers, several at a time, and return the outcomes of each; Ctrl-C ends the trainings at once."""
+    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
+        running = {
+            _name(seed, blind): pool.submit(train, options, seed, blind)
+            for blind in (False, True)
+            for seed in options.seeds
+        }
+        try:
+            return {name: training.result() for name, training in running.items()}
+        except BaseException:
+            for worker in active_children():
+                worker.terminate()
+            raise
+
+
+def parsed() -> argparse.Namespace:
+    """Return the options of the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__.splitlines()[0], formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
     parser.add_argument("--steps", type=int, default=20_000, help="steps of the environment in each training")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="seeds of the trainings")
+    parser.add_argument("--depth", choices=["truth", "noisy", "stereo"], default="stereo", help="what is corrected")
     parser.add_argument("--corrector", default="voxdepth", help="name of the depth corrector, as in `voxdepth run`")
     parser.add_argument("--steering", choices=["shielded", "direct"], default="shielded", help="what obeys the policy")
     parser.add_argument("--episodes", type=int, default=20, help="test worlds")
     parser.add_argument("--envs", type=int, default=2, help="environments of each training")
     parser.add_argument("--workers", type=int, default=2, help="trainings that run side by side")
     parser.add_argument("--out", type=Path, default=Path("follower"), help="folder of models, curve and outcomes")
+    parser.add_argument("--fly", type=Path, nargs="+", metavar="ZIP", help="trained followers to test, training none")
     options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
+    try:
+        LearningTask(**task_of(options))
+    except pydantic.ValidationError as error:
+        parser.error(error.errors()[0]["msg"])
+    return options
 
+
+def main() -> None:
+    """Train followers with and without depth, and compare them in worlds that the training did not use."""
+    options = parsed()
+    if options.fly:
+        models = {path.stem: SAC.load(path) for path in options.fly}
+        write({name: tested(options, model, name.startswith("blind")) for name, model in models.items()})
+        return
+    options.out.mkdir(parents=True, exist_ok=True)
+    print(f"Followers that do not learn fly in {options.episodes} worlds.", flush=True)
     outcomes = {
         "hovering": Counter(flown(options, lambda observation: np.zeros(4, np.float32))),
         "scripted": Counter(scripted(options)),
     }
-    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool:
-        trainings = {
-            _name(seed, blind): pool.submit(train, options, seed, blind)
-            for blind in (False, True)
-            for seed in options.seeds
-        }
-        outcomes |= {name: training.result() for name, training in trainings.items()}
+    outcomes |= trainings(options)
     draw(options.out, options.seeds)
-    write(options.out / "outcomes.csv", outcomes)
+    write(outcomes, options.out / "outcomes.csv")
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
