@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -265,6 +265,12 @@ def expand(study: Study) -> list[RunSpec]:
         if seed in study.seeds.first_seeds(arm.seeds)
         for theta in arm.levels
     ]
+
+
+def by_importance(study: Study, specs: Iterable[RunSpec]) -> list[RunSpec]:
+    """Return the runs of the declared comparison before all others, so that a study that stops early has these."""
+    compared = () if study.declared is None else (study.declared.arm, study.declared.against)
+    return sorted(specs, key=lambda spec: spec.arm not in compared)
 
 
 def digest(study: Study, specs: Sequence[RunSpec]) -> str:

@@ -14,7 +14,7 @@ from swarm.controllers import load_controller
 from swarm.types import Outcome
 from voxdepth.tools.table import Column, Table
 
-from .design import RunSpec, Study, arm_label, expand
+from .design import RunSpec, Study, arm_label, by_importance, expand
 from .executors import Executor
 from .store import Completion, Failure, Store, StudyData
 
@@ -166,7 +166,7 @@ def run_study(
             return data
         progress, start_s = Progress(data), time.perf_counter()
         display(progress)
-        with closing(executor.run(list(waiting.values()))) as runs:
+        with closing(executor.run(by_importance(study, waiting.values()))) as runs:
             for done in runs:
                 store.add(done)
                 del waiting[done.key]

@@ -46,7 +46,7 @@ def test_workers_that_raise_die_or_hang_take_nothing_but_their_run_with_them() -
     specs = expand(study(arm("a"), arm("dies"), arm("raises"), arm("hangs")))
     start = time.monotonic()
     done = flown(Processes(2, 2.0, fake), specs)
-    assert time.monotonic() - start < 60
+    assert time.monotonic() - start < 500  # The run that hangs would take 600.
     for spec in specs:
         one = done[spec.key]
         if spec.arm == "a":

@@ -8,7 +8,7 @@ import pytest
 from scenarios.config import load_run
 from scenarios.errors import ScenarioError
 from scenarios.files import shipped_names
-from scenarios.study.design import Arm, Study, digest, expand, key_of, load_study
+from scenarios.study.design import Arm, Study, by_importance, digest, expand, key_of, load_study
 from tests.studies import ONE_DRONE, arm, noisy, study
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.temporal.config import VoxDepthConfig
@@ -51,6 +51,14 @@ def test_a_study_has_every_run_once_and_whole_pairs_first(tmp_path: Path) -> Non
     assert (first.rig.width_px, first.rig.height_px) == (96, 64)
     assert first.mission.pilot.avoidance.histogram.min_confidence == 0
     assert (second.rig.depth, second.rig.noise.scale.theta) == ("noisy", 0.5)
+
+
+def test_the_declared_comparison_flies_first() -> None:
+    declared = {"arm": "c", "against": "a"}
+    planned = study(arm("a"), arm("b"), arm("c"), declared=declared)
+    assert [(spec.arm, spec.seed) for spec in by_importance(planned, expand(planned))] == [
+        ("a", 0), ("c", 0), ("a", 1), ("c", 1), ("b", 0), ("b", 1),
+    ]  # fmt: skip
 
 
 def test_equal_runs_have_equal_keys_whatever_their_arms_are_called() -> None:
