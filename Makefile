@@ -15,9 +15,10 @@ setup: $(READY)  ## create .venv and install everything with pinned versions
 
 $(READY): pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "make: python3.11 not found; install Python 3.11 (PyBullet has no wheels for later versions)" >&2; exit 1; }
+	@echo "installing the pinned packages into $(VENV), 3.5 GB; this takes two to three minutes and prints nothing"
 	"$(PYTHON)" -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,dev]'
-	@echo "compiling the loops over pixels, once"
+	@echo "compiling most of the loops over pixels, once; this takes up to 40 s"
 	$(BIN)/voxdepth run city --drones 2 --duration 1 --no-record --out $(VENV)/first-run >/dev/null 2>&1
 	@touch $@
 

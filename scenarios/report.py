@@ -67,10 +67,11 @@ def print_quality(console: Console, quality: DepthQuality, title: str) -> None:
         holes, wrong = quality.unmatchable_shares(which)  # type: ignore[arg-type]
         if holes is not None:
             console.print(
-                f"pixels {what}: {PERCENT.text(holes)} without depth, {PERCENT.text(wrong)} off by more than 5 %"
+                f"pixels {what}: {PERCENT.text(holes)} without depth, {PERCENT.text(wrong)} off by more than 5 %",
+                soft_wrap=True,
             )
     reasons = ", ".join(
         f"{reason.name.lower().replace('_', ' ')} {PERCENT.text(share)}"
         for reason, share in quality.invalid_shares.items()
     )
-    console.print(f"without depth, of all pixels, the sky included: {reasons}")
+    console.print(f"without depth, of all pixels, the sky included: {reasons}", soft_wrap=True)

@@ -21,8 +21,10 @@ from voxdepth.tools.table import Column, Table
 from .errors import ScenarioError
 from .images import (
     INVALID_REASON_COLORS_BGR,
+    WHITE,
     Image,
     color_invalid_reasons,
+    depth_scale,
     gray_bgr,
     narrowed,
     picked,
@@ -63,7 +65,9 @@ def make_sheet(folder: Path, out: Path) -> None:
         raise ScenarioError(f"{folder} holds no complete frame: record some first")
     frames = np.unique(np.linspace(0, len(recording) - 1, ROWS).round().astype(int))
     rows = [_row(recording[int(frame)], int(frame)) for frame in frames]
-    save_picture(out, np.vstack([*rows, _legend(rows[0].shape[1])]))
+    width_px = rows[0].shape[1]
+    scale = titled("depth of both depth images; black: no depth", depth_scale(width_px, colored))
+    save_picture(out, np.vstack([*rows, scale, _legend(width_px)]))
 
 
 def _row(capture: Capture, frame: int) -> Image:
@@ -71,22 +75,29 @@ def _row(capture: Capture, frame: int) -> Image:
         f"gray, frame {frame}": narrowed(gray_bgr(capture.gray_left), PANEL_PX),
         "depth, true": colored(picked(capture.depth_true_m, PANEL_PX)),
         "depth, raw": colored(picked(capture.depth_raw_m, PANEL_PX)),
-        "hidden from the right camera": color_invalid_reasons(
+        "hidden from the right camera (red)": color_invalid_reasons(
             picked(capture.occluded * np.uint8(InvalidReason.OCCLUDED), PANEL_PX)
         ),
         "why there is no depth": color_invalid_reasons(picked(capture.invalid_reason, PANEL_PX)),
     }
     gaps = ((0, GAP_PX), (0, GAP_PX), (0, 0))
-    return np.hstack([np.pad(titled(name, image), gaps, constant_values=245) for name, image in panels.items()])
+    return np.hstack([np.pad(titled(name, image), gaps, constant_values=WHITE) for name, image in panels.items()])
 
 
 def _legend(width_px: int) -> Image:
-    n = len(INVALID_REASON_COLORS_BGR)
-    fields = []
-    for k, (reason, color) in enumerate(INVALID_REASON_COLORS_BGR.items()):
-        field = np.full((12, (k + 1) * width_px // n - k * width_px // n, 3), color, np.uint8)
-        fields.append(titled(reason.name.lower().replace("_", " "), field))
+    """The reasons why there is no depth, below their names."""
+    meanings = {f"no depth: {_words(reason)}": color for reason, color in INVALID_REASON_COLORS_BGR.items()}
+    meanings |= {"it has depth": (0, 0, 0)}
+    ends = np.linspace(0, width_px, len(meanings) + 1).round().astype(int)
+    fields = [
+        titled(meaning, np.full((12, end - start, 3), color, np.uint8))
+        for (meaning, color), start, end in zip(meanings.items(), ends, ends[1:], strict=False)
+    ]
     return np.hstack(fields)
+
+
+def _words(reason: InvalidReason) -> str:
+    return reason.name.lower().replace("_", " ")
 
 
 def make_gallery(seed: int, out: Path) -> Table:

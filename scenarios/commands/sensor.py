@@ -39,8 +39,10 @@ def record(
     wall_s = time.perf_counter() - start
     title = f"{seeded.sequence.name}, seed {seeded.seed}: {done.frames} frames, surfaces within 30 m"
     print_quality(console, done.quality, title)
-    rate = done.new_frames / wall_s
-    typer.echo(f"{done.new_frames} new frames in {out}, {rate:.1f} frames per second")
+    if done.new_frames:
+        typer.echo(f"{done.new_frames} new frames in {out}, {done.new_frames / wall_s:.1f} frames per second")
+    else:
+        typer.echo(f"{out} has held all {done.frames} frames before")
     typer.echo(f"look at it with: voxdepth sheet {out} --out sheet.jpg")
 
 

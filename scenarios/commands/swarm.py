@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from voxdepth.tools.commands import open_viewer
 from voxdepth.tools.options import INTERRUPTED
+from voxdepth.tools.viewer import open_viewer, require_display
 
 from .options import Depth, Picture, Renderer, Scenario, Seed, Seeds, Size, Workers, given, size_changes
 
@@ -48,6 +48,8 @@ def run(
 
     if view and not record:
         raise ScenarioError("--view opens the recording, which --no-record leaves out: give one of the two")
+    if view:
+        require_display("without --view, the command names the recording, and voxdepth view RECORDING --web")
     changes = given(
         drones=("mission.drones", drones),
         duration=("mission.duration_s", duration),

@@ -11,7 +11,7 @@ from voxdepth.tools.table import Column, Table
 
 from ..results.figure import grouped_bars, label_axes, panels
 from .experiment import Claim, Experiment, ExperimentContext, Findings
-from .paper_results import COMPONENTS_MS
+from .paper_results import COMPONENTS_MS, percentages_table
 
 STEPS = {
     "fusion": ("motion", "voxelise", "project"),
@@ -43,7 +43,7 @@ def time_components(context: ExperimentContext) -> Findings:
     table = Table.of("Time of each component, OpenCV on one thread", COLUMNS, rows)
     medians_ms = table.pivot("component", "images", "p50")
     return Findings(
-        tables=(table,),
+        tables=(table, percentages_table("components")),
         claims=tuple(_claim(str(images), medians_ms[images]) for images in medians_ms),
         notes=(
             "Fusion and inpainting run once in an epoch, the others on every frame. Reading is not timed.",

@@ -25,6 +25,8 @@ WIDTHS_PX = range(64, 2049)
 """Valid widths of images."""
 EVEN_PX = 2
 """Heights are rounded to multiples of this."""
+ALIKE = 2.0
+"""Largest factor between two sizes that count as alike."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +47,11 @@ class Claim:
 def listed(values: pd.Series, number: str, unit: str) -> str:
     """Numbers with their names and unit, as in `sim-LN +2.1 %, sim-MB -0.3 %`."""
     return ", ".join(f"{name} {value:{number}} {unit}".rstrip() for name, value in values.items())
+
+
+def alike(found: float, printed: float) -> bool:
+    """Whether a size is within a factor of `ALIKE` of the one that the paper prints; other data give no equal ones."""
+    return printed / ALIKE <= found <= printed * ALIKE
 
 
 def all_hold(holds: Collection[bool]) -> bool | None:

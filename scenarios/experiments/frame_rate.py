@@ -24,7 +24,7 @@ from voxdepth.types import DepthCorrector, Intrinsics
 
 from ..results.figure import grouped_bars, label_axes, panels
 from .experiment import Claim, Experiment, ExperimentContext, Findings
-from .paper_results import FRAMES_PER_S
+from .paper_results import FRAMES_PER_S, percentages_table
 
 IMAGES = 16
 """Distinct frames on disk, which are read forwards and backwards."""
@@ -86,7 +86,7 @@ def compare_frame_rates(context: ExperimentContext) -> Findings:
     medians = table.pivot("method", "sequence", "median")
     title = f"Frame rates, n = {REPETITIONS} runs of {context.frames} frames"
     return Findings(
-        tables=(table,),
+        tables=(table, percentages_table("fps")),
         claims=(*(_pipeline_claim(name, medians[name]) for name in context.sequences), _order_claim(medians)),
         notes=(
             f"{IMAGES} images of each sequence as PNG files, played forwards and backwards; OpenCV on one thread, "

@@ -11,7 +11,7 @@ from voxdepth.types import FloatImage
 
 from ..errors import ScenarioError
 from ..evaluation.result_cache import decoded_thumbnail
-from ..images import Image, picked, titled
+from ..images import WHITE, Image, depth_scale, picked, text_line, titled
 from .comparison import HOLES, Comparison
 from .experiment import ExperimentContext
 
@@ -21,12 +21,7 @@ PANEL_PIXELS = 32_400
 """Largest number of pixels of a panel: documents show the pictures."""
 SHADES = 40
 """Number of distinct depth colours; fewer make smaller files."""
-GAP_PX, WHITE = 4, 245
-TICKS_M = range(0, int(FAR_M) + 1, 5)
-"""Ticks of the colour scale; the last one includes all farther depths."""
-SCALE_PX, LINE_PX = 14, 18
-"""Height of the colour scale, and of a line of text."""
-FONT, FONT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.4
+GAP_PX = 4
 LEGEND = "top right: the baseline with the least error in holes", "source: sensor gray, memory blue, inpainted orange"
 
 
@@ -70,7 +65,8 @@ def sheet(panels: Mapping[str, Image], lines: Sequence[str]) -> Image:
     padded += [np.full_like(padded[0], WHITE)] * (-len(padded) % COLUMNS)
     rows = [np.hstack(padded[start : start + COLUMNS]) for start in range(0, len(padded), COLUMNS)]
     width_px = rows[0].shape[1]
-    return np.vstack([*rows, _scale(width_px), *(_line(width_px, {2: line}) for line in lines)])
+    scale = depth_scale(width_px, lambda depth_m: colored(quantized(depth_m)))
+    return np.vstack([*rows, scale, *(text_line(width_px, {2: line}) for line in lines)])
 
 
 def encoded(image: Image) -> bytes:
@@ -79,21 +75,3 @@ def encoded(image: Image) -> bytes:
     if not done:
         raise ScenarioError(f"a picture of {image.shape[1]}x{image.shape[0]} pixels cannot be encoded as PNG")
     return data.tobytes()
-
-
-def _scale(width_px: int) -> Image:
-    """The colours from 0 m to the farthest depth, with numbers."""
-    depth_m = np.tile(np.linspace(0.01, FAR_M, width_px, dtype=np.float32), (SCALE_PX, 1))
-    ticks = {round(tick_m / FAR_M * width_px): f"{tick_m} m" for tick_m in TICKS_M[:-1]}
-    ticks[width_px] = f">{TICKS_M[-1]} m"
-    return np.vstack([colored(quantized(depth_m)), _line(width_px, ticks)])
-
-
-def _line(width_px: int, texts: Mapping[int, str]) -> Image:
-    """A line of texts by their first columns; a text that does not fit is moved to the left."""
-    line = np.full((LINE_PX, width_px, 3), WHITE, np.uint8)
-    for start_px, text in texts.items():
-        (length_px, _), _ = cv2.getTextSize(text, FONT, FONT_SCALE, 1)
-        at = (max(0, min(start_px, width_px - length_px - 2)), LINE_PX - 5)
-        cv2.putText(line, text, at, FONT, FONT_SCALE, (30, 30, 30), 1, cv2.LINE_AA)
-    return line

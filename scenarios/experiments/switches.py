@@ -20,7 +20,7 @@ from ..evaluation.paper import SEQUENCES
 from ..results.figure import grouped_bars, label_axes, marked_lines, panels
 from .experiment import Claim, Experiment, ExperimentContext, Findings, most_hold
 from .image_motion import affine_estimator, pair_starts, score_pairs, true_displacement_px
-from .paper_results import MOVEMENT, SWITCHES, SWITCHES_FRAMES
+from .paper_results import MOVEMENT, SWITCHES, SWITCHES_FRAMES, percentages_table
 
 UNLIMITED = 10**6
 """Largest number of frames in an epoch that only the matches end."""
@@ -51,7 +51,7 @@ def count_switches(context: ExperimentContext) -> Findings:
     rows = [row for name in context.sequences for row in _measure_movement(context, name)]
     movement = Table.of("Pixel movement and quality of registration", MOVEMENT_COLUMNS, rows, name="movement")
     return Findings(
-        tables=(switches, movement),
+        tables=(switches, movement, percentages_table("switches")),
         claims=(_switches_claim(switches.series(RATE)), _movement_claim(movement)),
         notes=(
             f"All {SWITCHES_FRAMES} frames of the paper's table."

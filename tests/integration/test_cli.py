@@ -102,6 +102,7 @@ def test_two_runs_of_a_seed_are_equal_down_to_the_recording(tmp_path: Path) -> N
         (["run", "city", "--seed", str(2**32)], "seed: Input should be less than 4294967296"),
         (["picture", "city", "--out", "x.gif"], "a picture must be a .jpg or .png file, got x.gif"),
         (["view", "nowhere"], "there is no recording at nowhere"),
+        (["view", "nowhere", "--port", "9000"], "--port is the port of the page in a browser: give --web, too"),
         (["sheet", "a" * 300], "File name too long: 'aaaa"),
     ],
 )

@@ -277,6 +277,14 @@ def test_bad_options_say_what_is_wrong_and_write_nothing(
     assert not list(tmp_path.iterdir())
 
 
+def test_a_mistyped_name_is_told_before_an_output_that_exists(sequence: Path, tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.txt").write_text("")
+    done = correct(sequence, "--out", tmp_path / "out", "--corrector", "magic")
+    assert "there is no corrector 'magic'" in str(done.exception)
+    assert "out exists" in str(correct(sequence, "--out", tmp_path / "out").exception)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

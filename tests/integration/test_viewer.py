@@ -1,7 +1,9 @@
 """Looking at recordings."""
 
 import os
+import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -10,7 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from voxdepth.tools.errors import ToolError
 from voxdepth.tools.recording import recording
+from voxdepth.tools.viewer import PAGE_PORT, _free_port, _serve, open_viewer, require_display
 from voxdepth.types import CorrectedDepth, Frame
 
 
@@ -24,7 +28,7 @@ def test_the_viewer_collects_nothing_about_its_use_and_leaves_the_configuration_
     others = {name: value for name, value in os.environ.items() if not name.startswith("XDG_")}
     environment = others | {"HOME": str(home)}
     program = (
-        "from pathlib import Path; from voxdepth.tools.commands import open_viewer; "
+        "from pathlib import Path; from voxdepth.tools.viewer import open_viewer; "
         f"open_viewer(Path({str(tmp_path / 'one.rrd')!r}), web=True)"
     )
     output = tmp_path / "output"
@@ -34,12 +38,48 @@ def test_the_viewer_collects_nothing_about_its_use_and_leaves_the_configuration_
         )
     try:
         end_s = time.monotonic() + 60
-        while b"127.0.0.1" not in output.read_bytes() and viewer.poll() is None and time.monotonic() < end_s:
+        while not _serves(output) and viewer.poll() is None and time.monotonic() < end_s:
             time.sleep(0.2)
-        assert b"127.0.0.1" in output.read_bytes(), output.read_text()
+        assert _serves(output), output.read_text()
         time.sleep(1)  # The first event is written when the viewer starts.
     finally:
         os.killpg(viewer.pid, signal.SIGINT)
         viewer.wait(timeout=30)
     assert not list(home.rglob("*analytics*"))
     assert b"anonymous usage data" not in output.read_bytes()
+
+
+def _serves(output: Path) -> bool:
+    """Whether the page answers at the address that was told."""
+    told = re.search(r"http://127\.0\.0\.1:(\d+)", output.read_text())
+    with socket.socket() as browser:
+        return told is not None and browser.connect_ex(("127.0.0.1", int(told[1]))) == 0
+
+
+def test_a_taken_port_is_told_and_otherwise_avoided(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        taken = other.getsockname()[1]
+        with pytest.raises(ToolError, match=f"port {taken} is taken: leave out --port"):
+            _serve(taken)
+        assert _free_port(taken) != taken
+    free = _free_port(PAGE_PORT)
+    options = _serve(free)
+    assert options[options.index("--web-viewer-port") + 1] == str(free)
+    data = options[options.index("--port") + 1]
+    assert (
+        f"open http://127.0.0.1:{free}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{data}%2Fproxy" in capsys.readouterr().out
+    )
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a display")
+def test_without_a_display_one_line_names_the_browser(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    path = tmp_path / "one.rrd"
+    path.write_bytes(b"")
+    with pytest.raises(ToolError, match=rf"no display for a window: voxdepth view {path} --web shows"):
+        open_viewer(path)
+    monkeypatch.setenv("DISPLAY", ":0")
+    require_display("nothing")

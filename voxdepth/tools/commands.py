@@ -1,6 +1,5 @@
 """Commands of the library: they correct recordings, measure speed, check the installation, and open recordings."""
 
-import sys
 from collections.abc import Iterator, Mapping
 from enum import StrEnum
 from pathlib import Path
@@ -21,8 +20,6 @@ if TYPE_CHECKING:
     from .output import OpenOutput
 
 COMMENT_WIDTH = 110
-NO_ANALYTICS = {"analytics_enabled": False, "analytics_id": "", "metadata": {}}
-"""Configuration of Rerun's statistics of use, which no environment variable switches off."""
 
 
 Format = StrEnum("Format", "AUTO TUM MIDAIR REALSENSE RECORDING BAG")
@@ -60,6 +57,7 @@ def correct(
     from .correction import require_absent
     from .recorded import Opener, restrict_opencv
 
+    spec = _spec(corrector, config)
     _refuse_mixing(folder, out, record)
     require_absent(out)
     if record is not None:
@@ -67,7 +65,7 @@ def correct(
     output = _output(out, rosbag2)
     restrict_opencv()
     dataset = Opener(format=format.value, depth_topic=depth_topic, gray_topic=gray_topic)(folder)
-    correction = _planned(folder, dataset, corrector, config, frames, output)
+    correction = _planned(folder, dataset, spec, frames, output)
     console, start = Console(), time.perf_counter()
     with counter(console, "correcting", correction.frames) as update:
         report = correction.run(out, record, update)
@@ -106,7 +104,7 @@ def _output(out: Path, rosbag2: bool) -> "OpenOutput":
 
 
 def _planned(
-    folder: Path, dataset: "Dataset", corrector: str, config: Path | None, frames: int | None, output: "OpenOutput"
+    folder: Path, dataset: "Dataset", spec: "CorrectorSpec", frames: int | None, output: "OpenOutput"
 ) -> "Correction":
     """Resolve and check everything before anything is written."""
     from ..datasets.files import stated
@@ -116,10 +114,9 @@ def _planned(
 
     if len(dataset) < (frames or 1):
         raise ToolError(f"{folder} has {len(dataset)} frames, {frames or 1} were asked for")
-    spec = _spec(corrector, config)
-    resolved = spec.resolved_config() or config_of(corrector)
+    resolved = spec.resolved_config() or config_of(spec.name)
     planned = CorrectionConfig(
-        corrector=corrector,
+        corrector=spec.name,
         folder=folder.resolve().name,
         format=dataset.format,
         intrinsics=stated(dataset.intrinsics),
@@ -263,13 +260,21 @@ def view(
     web: Annotated[
         bool, typer.Option("--web", help="Serve to a browser on 127.0.0.1 instead of opening a window.")
     ] = False,
+    port: Annotated[
+        int | None,
+        typer.Option(min=1024, max=65535, help="Port of the page of --web. Default: 9090, or else a free one."),
+    ] = None,
 ) -> None:
     """Open a recording in the Rerun viewer."""
+    from .viewer import open_viewer
+
+    if port is not None and not web:
+        raise ToolError("--port is the port of the page in a browser: give --web, too")
     whole, partial = path / "run.rrd", path / "run.part.rrd"
     if partial.is_file() and not whole.exists():
         typer.echo(f"the run has not ended or was killed: {partial} holds what it recorded so far", err=True)
         whole = partial
-    open_viewer(whole if path.is_dir() else path, web=web)
+    open_viewer(whole if path.is_dir() else path, web=web, port=port)
 
 
 def doctor() -> None:
@@ -288,33 +293,3 @@ def doctor() -> None:
     Console().print(table)
     if not all(finding.ok for finding in findings):
         raise typer.Exit(1)
-
-
-def open_viewer(path: Path, *, web: bool = False) -> None:
-    """Start the Rerun viewer with a recording.
-
-    The viewer collects no statistics of its use: it finds a configuration that forbids it, which is deleted at the end,
-    while the user's own stays as it is.
-    """
-    import json
-    import os
-    import subprocess
-    from tempfile import TemporaryDirectory
-
-    if (path.parent / "calibration.toml").is_file():
-        raise ToolError(f"{path.parent} is a recording of a sequence: look at it with voxdepth sheet {path.parent}")
-    if not path.is_file():
-        raise ToolError(f"there is no recording at {path}; runs with --record have a file run.rrd in their folder")
-    if path.suffix != ".rrd":
-        raise ToolError(f"{path} is no recording of a run: expected a folder of a run, or an .rrd file")
-    require_installed("rerun")
-    command = [sys.executable, "-m", "rerun", str(path), "--bind", "127.0.0.1"]
-    with TemporaryDirectory(prefix="voxdepth-viewer-") as config_home:
-        config = Path(config_home) / "rerun/analytics.json"
-        config.parent.mkdir()
-        config.write_text(json.dumps(NO_ANALYTICS | {"config_file_path": str(config), "data_dir_path": config_home}))
-        environment = os.environ | {"XDG_CONFIG_HOME": config_home}
-        done = subprocess.run([*command, "--serve-web"] if web else command, env=environment, check=False)
-    if done.returncode:
-        advice = "close another viewer if one is open" if web else "without a display, try voxdepth view --web"
-        raise ToolError(f"the viewer could not show {path}; {advice}")

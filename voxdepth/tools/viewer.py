@@ -1,0 +1,93 @@
+"""Rerun's viewer, in a window or in a browser."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from urllib.parse import quote
+
+import typer
+
+from .errors import ToolError
+from .options import require_installed
+
+NO_ANALYTICS = {"analytics_enabled": False, "analytics_id": "", "metadata": {}}
+"""Configuration of Rerun's statistics of use, which no environment variable switches off."""
+LOCAL = "127.0.0.1"
+"""The only address that the viewer listens on."""
+PAGE_PORT, DATA_PORT = 9090, 9876
+"""Ports of the page and of the recording where they are free, the same as Rerun's."""
+
+
+def open_viewer(path: Path, *, web: bool = False, port: int | None = None) -> None:
+    """Show a recording in a window until it is closed, or serve it to a browser until the user interrupts it.
+
+    The viewer collects no statistics of its use: it finds a configuration that forbids it, which is deleted at the end,
+    while the user's own stays as it is.
+
+    Args:
+        path: The `.rrd` file.
+        web: Whether it is served to a browser, on 127.0.0.1.
+        port: Port of the page for the browser; None takes a free one.
+
+    Raises:
+        ToolError: The file is no recording, there is no display, the port is taken, or the viewer failed.
+    """
+    if (path.parent / "calibration.toml").is_file():
+        raise ToolError(f"{path.parent} is a recording of a sequence: look at it with voxdepth sheet {path.parent}")
+    if not path.is_file():
+        raise ToolError(f"there is no recording at {path}; runs with --record have a file run.rrd in their folder")
+    if path.suffix != ".rrd":
+        raise ToolError(f"{path} is no recording of a run: expected a folder of a run, or an .rrd file")
+    require_installed("rerun")
+    if web:
+        options = _serve(port)
+    else:
+        require_display(f"voxdepth view {path} --web")
+        options = ["--port", "auto"]
+    with TemporaryDirectory(prefix="voxdepth-viewer-") as config_home:
+        config = Path(config_home) / "rerun/analytics.json"
+        config.parent.mkdir()
+        config.write_text(json.dumps(NO_ANALYTICS | {"config_file_path": str(config), "data_dir_path": config_home}))
+        environment = os.environ | {"XDG_CONFIG_HOME": config_home}
+        command = [sys.executable, "-m", "rerun", str(path), "--bind", LOCAL, *options]
+        done = subprocess.run(command, env=environment, check=False)
+    if done.returncode:
+        advice = "" if web else f"; voxdepth view {path} --web shows it in a browser"
+        raise ToolError(f"the viewer could not show {path}{advice}")
+
+
+def require_display(instead: str) -> None:
+    """Raise a `ToolError` that names the command `instead` where no window can be opened; other systems have one."""
+    names = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+    if sys.platform == "linux" and not any(os.environ.get(name) for name in names):
+        raise ToolError(f"there is no display for a window: {instead} shows the recording in a browser")
+
+
+def _serve(port: int | None) -> list[str]:
+    """Choose free ports, tell the address of the page, and return the options of Rerun for them."""
+    if port is not None and not _is_free(port):
+        raise ToolError(f"port {port} is taken: leave out --port, and a free one is used")
+    page, data = port or _free_port(PAGE_PORT), _free_port(DATA_PORT)
+    address = quote(f"rerun+http://{LOCAL}:{data}/proxy", safe="")
+    typer.echo(f"open http://{LOCAL}:{page}?url={address} in a browser; Ctrl-C ends the viewer")
+    return ["--serve-web", "--web-viewer-port", str(page), "--port", str(data)]
+
+
+def _free_port(usual: int) -> int:
+    """Return the usual port if it is free, or else another one."""
+    if _is_free(usual):
+        return usual
+    with socket.socket() as probe:
+        probe.bind((LOCAL, 0))
+        chosen: int = probe.getsockname()[1]
+    return chosen
+
+
+def _is_free(port: int) -> bool:
+    """Return whether no program answers at a port."""
+    with socket.socket() as probe:
+        return probe.connect_ex((LOCAL, port)) != 0
