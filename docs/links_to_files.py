@@ -1,5 +1,6 @@
-"""A hook of the documentation site: files beside the documents that a page links become files of the site."""
+"""A hook of the documentation site: files that a page links become files of the site, and pages have their titles."""
 
+import posixpath
 import re
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,8 @@ from mkdocs.structure.files import File, Files
 
 LINK = re.compile(r"\]\(((?:\.\./)+)((?:examples|ros2|scenarios)/[^)#]+)\)")
 """A link that leads out of the folder of the documents."""
+NAMED_BY_FILE = re.compile(r"\[\w+\.md\](?=\(([\w./]+\.md)[#)])")
+"""The text of a link to a page that is named by its file, as on GitHub."""
 
 
 def on_files(files: Files, config: Any) -> Files:
@@ -20,6 +23,12 @@ def on_files(files: Files, config: Any) -> Files:
     return files
 
 
-def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Let links lead to these files."""
+def on_page_markdown(markdown: str, page: Any, files: Files, **_: Any) -> str:
+    """Let links lead to these files, and name pages as the menu does."""
+
+    def title(match: re.Match[str]) -> str:
+        uri = posixpath.normpath(posixpath.join(posixpath.dirname(page.file.src_uri), match[1]))
+        return f"[{files.src_uris[uri].content_string.splitlines()[0].removeprefix('# ')}]"
+
+    markdown = NAMED_BY_FILE.sub(title, markdown)
     return LINK.sub(lambda match: f"]({match[1][3:]}files/{match[2]})", markdown)

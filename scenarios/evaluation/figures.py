@@ -12,7 +12,7 @@ import pandas as pd
 from voxdepth.colors import colored, far_end_m
 from voxdepth.types import FloatArray, FloatImage
 
-from ..results.figure import MARKERS, Draw, Picture, label_axes, legend_label, line_color, panels
+from ..results.figure import MARKERS, Draw, Picture, label_axes, legend_label, line_color, log_scale, panels
 from .groups import BINS, NEAR
 from .measurements import FILLED, Selector, of_frames
 from .methods import ORACLE
@@ -23,9 +23,11 @@ from .suite import Evaluation
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-SHOWN = ("raw", "paper", "voxdepth", "realsense", "lmeds", "flow", "ip-basic", "global-smoother", ORACLE)
+SHOWN = ("raw", "paper", "voxdepth", "realsense", "lmeds", "flow", "ip-basic", "global-smoother", ORACLE, "learned")
 """Methods that lines and points are drawn of where more took part; if none of these did, the first ones that did."""
 PANEL_COLUMNS, PANEL_IN = 3, (4.3, 3.5)
+WIDEST_PANEL_IN = 7.0
+"""Width of the panel of a single sequence."""
 WIDE_PANEL_IN = (13.0, 4.5)
 ERROR_MAP_COLUMNS, ERROR_MAP_WIDTH_IN = 4, 2.6
 ERROR_SHARE = 0.08
@@ -66,12 +68,13 @@ def error_against_range(evaluation: Evaluation) -> list[Picture]:
         for name in values.index:
             line = values.loc[name].dropna()
             axes.plot(line.index, line, ms=4, **styles[name])
-        counts = [f"{name}\n{count_text(info.pixels[mask].get(name, 0))}" for name in BINS[: values.columns.max() + 1]]
-        axes.set_xticks(range(len(counts)), counts, fontsize=7)
-        axes.set_xlim(-0.3, len(counts) - 0.7)
-        axes.set_yscale("log")
-        depth = f"depth by {info.reference_name}" if mask == "all" else f"depth of held-out {mask}"
-        label_axes(axes, info.name, f"{depth}, and number of pixels n", "MAE [m]")
+        first, last = values.columns.min(), values.columns.max()
+        counts = [f"{name}\n{count_text(info.pixels[mask].get(name, 0))}" for name in BINS[first : last + 1]]
+        axes.set_xticks(range(first, last + 1), counts, fontsize=7)
+        axes.set_xlim(first - 0.3, last + 0.3)
+        log_scale(axes, "y")
+        depth = f"depth by {info.reference_name}" if mask == "all" else f"depth of held-out {mask.replace('-', ' ')}"
+        label_axes(axes, info.name, f"{depth}, and pixels n", "MAE [m]")
 
     return _panels(
         evaluation,
@@ -123,10 +126,13 @@ def error_against_latency(evaluation: Evaluation) -> list[Picture]:
         front = pareto_front(list(points.drop(ORACLE, errors="ignore").itertuples(index=False, name=None)))
         if front:
             axes.plot(*zip(*front, strict=True), color="0.6", lw=1, zorder=0)
-        axes.set_xscale("log")
-        axes.set_yscale("log")
+        log_scale(axes, "x")
+        log_scale(axes, "y")
         n = count_text(info.pixels[info.hidden].get(NEAR, 0))
-        x, y = f"time per frame of {info.size} [ms], n = {info.frames}", f"MAE in {info.hidden} [m],\nn = {n} pixels"
+        x, y = (
+            f"time per frame of {info.size} [ms], n = {info.frames}",
+            f"MAE in {info.hidden.replace('-', ' ')} [m],\nn = {n} pixels",
+        )
         label_axes(axes, info.name, x, y)
 
     return _panels(
@@ -143,7 +149,8 @@ def error_against_latency(evaluation: Evaluation) -> list[Picture]:
 
 def reliability(evaluation: Evaluation) -> list[Picture]:
     """Draw the share of correct pixels by confidence, one panel per sequence."""
-    methods, right = graded_methods(evaluation), _right_by_confidence(evaluation)
+    shown, right = shown_methods(evaluation), _right_by_confidence(evaluation)
+    methods = [name for name in graded_methods(evaluation) if name in shown]
     right = right[right["method"].isin(methods)]
     styles = method_styles(evaluation)
 
@@ -155,7 +162,7 @@ def reliability(evaluation: Evaluation) -> list[Picture]:
                 continue
             x = np.maximum(0, (bins["bin"] - 0.5) / 10)
             axes.plot(x, 100 * bins["value"], ms=4, **styles[name])
-            axes.plot(x, 100 * bins["n"] / totals[name], ":", color=styles[name]["color"], lw=1)
+            axes.plot(x, 100 * bins["n"] / totals[name], ":", color=styles[name]["color"], lw=0.8)
         axes.set_xlim(-0.03, 1)
         axes.set_ylim(0, 100)
         n = range_text(totals.min(), totals.max())
@@ -169,8 +176,8 @@ def reliability(evaluation: Evaluation) -> list[Picture]:
         f"Pixels that a method gives a depth, {CALIBRATION_RANGE}, are sorted into bins of confidence of width "
         "0.1, and a bin for 0. Lines show the share of a bin that is right, within 5 % or a quarter of a pixel of "
         "disparity; dotted lines show the share of the method's pixels that are in the bin. A rising line means that "
-        "the confidence can be trusted. Methods whose pixels are in one or two bins are left out; n is the number of "
-        "pixels of a method.",
+        "the confidence can be trusted. Methods whose pixels are in one or two bins are left out, and where more than "
+        f"{len(SHOWN)} took part, those that the other figures leave out; n is the number of pixels of a method.",
     )
 
 
@@ -241,7 +248,8 @@ def count_text(count: int) -> str:
 
 def range_text(low: int, high: int) -> str:
     """Write the smallest and the largest of some numbers of pixels as people read them."""
-    return count_text(low) if low == high else f"{count_text(low)} to {count_text(high)}"
+    ends = count_text(low), count_text(high)
+    return ends[0] if ends[0] == ends[1] else " to ".join(ends)
 
 
 def _errors_by_range(evaluation: Evaluation, info: SequenceInfo) -> pd.DataFrame:
@@ -293,7 +301,8 @@ def _panels(
     draws = [partial(draw, info, found) for info, found in data if not found.empty]
     if not draws:
         return []
-    png = panels("", draws, columns=PANEL_COLUMNS, panel_in=PANEL_IN, shared_legend=True)
+    width_in = min(WIDEST_PANEL_IN, PANEL_IN[0] * PANEL_COLUMNS / min(PANEL_COLUMNS, len(draws)))
+    png = panels("", draws, columns=PANEL_COLUMNS, panel_in=(width_in, PANEL_IN[1]), shared_legend=True)
     return [Picture(title=title, caption=caption, png=png)]
 
 

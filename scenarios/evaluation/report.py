@@ -52,7 +52,7 @@ def rendered(evaluation: Evaluation) -> str:
     replaced = [result for result in evaluation.results if result.replaced is not None]
     return render_page(
         "report.html.j2",
-        failures=[(result.key.sequence, result.key.method, result.error) for result in evaluation.failures],
+        failures=_failure_rows(evaluation),
         replaced=[(result.key.sequence, result.key.method, result.replaced) for result in replaced],
         tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
         paper=[paper_table(evaluation, q) for q in PAPER_LAYOUT if is_measured(evaluation, q)],
@@ -66,11 +66,16 @@ def rendered(evaluation: Evaluation) -> str:
 
 
 def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
-    """Return a table with one row per method, one column per sequence, and the sample sizes in the last row."""
+    """Return a table with one row per method, one column per sequence, and the sample sizes in the last row.
+
+    Methods that failed everywhere are left out, and sequences without a number if another has one.
+    """
     texts, classes, counts = _texts(evaluation, quantity)
-    rows = [[method, *texts.loc[method]] for method in texts.index] + [["n", *counts.values()]]
-    marks = [["", *classes.loc[method]] for method in texts.index] + [["", *["n"] * len(counts)]]
-    return Table.of(quantity.heading, ["method", *texts.columns], rows, note=quantity.note, classes=marks)
+    methods = [name for name in texts.index if not (texts.loc[name] == FAILED).all()]
+    measured = [name for name in texts if not texts[name].isin([MISSING, FAILED]).all()] or list(texts)
+    rows = [[name, *texts.loc[name, measured]] for name in methods] + [["n", *(counts[name] for name in measured)]]
+    marks = [["", *classes.loc[name, measured]] for name in methods] + [["", *["n"] * len(measured)]]
+    return Table.of(quantity.heading, ["method", *measured], rows, note=quantity.note, classes=marks)
 
 
 def paper_table(evaluation: Evaluation, quantity: Quantity) -> Table:
@@ -141,6 +146,14 @@ def print_results(console: "Console", evaluation: Evaluation) -> None:
             console.print(f"{where}: an older result was discarded: {result.replaced}", soft_wrap=True, markup=False)
         if result.error is not None:
             console.print(f"{where} failed: {result.error}", soft_wrap=True, markup=False, style="red")
+
+
+def _failure_rows(evaluation: Evaluation) -> list[tuple[str, str, str]]:
+    """Return a method, the sequences that it failed on, and why; one row for the same reason."""
+    sequences: dict[tuple[str, str], list[str]] = {}
+    for result in evaluation.failures:
+        sequences.setdefault((result.key.method, str(result.error)), []).append(result.key.sequence)
+    return [(method, ", ".join(names), why) for (method, why), names in sequences.items()]
 
 
 def _texts(evaluation: Evaluation, quantity: Quantity) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, str]]:

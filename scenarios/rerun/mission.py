@@ -72,6 +72,11 @@ STATE_COLORS = {
 """Colours of the states of a drone."""
 CURVES = {"clearance_m": "clearance [m]", "speed_m_s": "speed [m/s]"}
 """Curves of every drone, and their names."""
+SPEED_COLOR = (120, 120, 120)
+"""Colour of the speed where one drone's speed and clearance are in one view."""
+NO_LEGEND = rrb.PlotLegend(visible=False)
+EVENT_COLUMNS = rrb.archetypes.TextLogColumns(text_log_columns=[rrb.components.TextLogColumn("Body")])
+"""Columns of the list of events beside the time: the rest would hide what happened."""
 OPACITY = 110
 """Opacity of bodies, of at most 255."""
 EYE_M = (-13.0, -4.0, 24.0)
@@ -355,13 +360,15 @@ def blueprint(n_drones: int, leaders: set[int]) -> rrb.Blueprint:
         rrb.TimeSeriesView(
             name=name,
             contents=[f"drone/{i}/{curve}" for i in range(n_drones)],
-            plot_legend=rrb.PlotLegend(visible=False),  # The labels of the world have the same colours.
+            plot_legend=NO_LEGEND,  # The labels of the world have the same colours.
         )
         for curve, name in CURVES.items()
     ]
-    formation = rrb.TimeSeriesView(name="formation error [m]", contents=["metrics/formation_error_m"])
+    formation = rrb.TimeSeriesView(
+        name="formation error [m]", contents=["metrics/formation_error_m"], plot_legend=NO_LEGEND
+    )
     states = rrb.StateTimelineView(name="states", contents=[f"drone/{i}/state" for i in range(n_drones)])
-    events = rrb.TextLogView(name="events", origin="events")
+    events = rrb.TextLogView(name="events", origin="events", columns=EVENT_COLUMNS)
     below = rrb.Horizontal(states, rrb.Vertical(*curves), rrb.Vertical(formation, events), column_shares=[3, 3, 2])
     left = rrb.Vertical(_world_view(n_drones, leaders), below, row_shares=[5, 4])
     cameras = rrb.Tabs(*[_camera_views(drone, drone in leaders) for drone in range(n_drones)], name="cameras")
@@ -403,7 +410,11 @@ def _camera_views(drone: int, leads: bool) -> rrb.Vertical:
         rrb.Horizontal(view("depth, corrected", "colors/corrected"), view("source", "source")),
         rrb.Horizontal(
             view("confidence", "confidence"),
-            rrb.TimeSeriesView(name="clearance [m], speed [m/s]", contents=[f"drone/{drone}/{c}" for c in CURVES]),
+            rrb.TimeSeriesView(
+                name="clearance [m], speed [m/s]",
+                contents=[f"drone/{drone}/{curve}" for curve in CURVES],
+                overrides={f"drone/{drone}/speed_m_s": rr.SeriesLines.from_fields(colors=[SPEED_COLOR])},
+            ),
         ),
         name=f"leader {drone}" if leads else f"drone {drone}",
     )

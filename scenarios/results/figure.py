@@ -2,9 +2,10 @@
 
 import base64
 import io
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,6 +24,10 @@ LEGEND_COLUMNS = 8
 """Largest number of entries side by side in a shared legend."""
 LETTERS_PER_IN = 14
 """Letters of a legend that fit into an inch; a line and the gaps around it take as much as 7."""
+LEGEND_ROW_IN, LEGEND_MARGIN_IN = 0.175, 0.25
+"""Height of a row of a shared legend, and of what is around it."""
+FEW_DECADES, SOME_DECADES = 1.0, 3.0
+"""Axes of up to so many decades have ticks at equal distances, or at 1, 2 and 5; longer ones have powers of ten."""
 VECTOR_METADATA: Mapping[str, dict[str, None]] = {
     "svg": {"Date": None},
     "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
@@ -107,6 +112,21 @@ def label_axes(axes: "Axes", title: str, x: str, y: str) -> None:
     axes.grid(alpha=0.3)
 
 
+def log_scale(axes: "Axes", name: Literal["x", "y"]) -> None:
+    """Make an axis logarithmic once all is drawn; its ticks are plain numbers that do not touch each other."""
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+
+    axes.set(**{f"{name}scale": "log"})
+    (low, high), axis = getattr(axes, f"get_{name}lim")(), getattr(axes, f"{name}axis")
+    decades = math.log10(high / low)
+    if decades <= FEW_DECADES:
+        axis.set_major_locator(MaxNLocator(5))
+    else:
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades <= SOME_DECADES else (1,)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
+
+
 def grouped_bars(
     axes: "Axes",
     groups: Sequence[str],
@@ -158,7 +178,10 @@ def marked_lines(axes: "Axes", table: "Table", x: str, y: str, *, by: str = "seq
 
 
 def add_shared_legend(figure: "Figure") -> None:
-    """Add one legend of all panels below them; a dollar sign in a name begins no formula."""
+    """Add one legend of all panels below them, for which the figure grows.
+
+    A dollar sign in a name begins no formula.
+    """
     labels: dict[str, Any] = {}
     for axes in figure.axes:
         handles, names = axes.get_legend_handles_labels()
@@ -166,6 +189,8 @@ def add_shared_legend(figure: "Figure") -> None:
     if labels:
         fitting = int(LETTERS_PER_IN * figure.get_figwidth() / (max(map(len, labels)) + 7))
         columns = max(1, min(LEGEND_COLUMNS, fitting))
+        rows = -(-len(labels) // columns)
+        figure.set_figheight(figure.get_figheight() + LEGEND_ROW_IN * rows + LEGEND_MARGIN_IN)
         place: dict[str, Any] = {"loc": "outside lower center", "ncols": columns, "fontsize": 8}
         for text in figure.legend(list(labels.values()), list(labels), **place).get_texts():
             text.set_parse_math(False)

@@ -17,6 +17,7 @@ from .tables import ENDPOINT_TITLES, OUTCOMES
 WIDTH_IN = 9.0
 COLORS = dict(zip(OUTCOMES, ("#4c9f70", "#c0392b", "#e0a030", "#7d5ba6", "#8a8f98"), strict=True))
 RATIO_CAPTION = "Shares of runs with Wilson 95 % intervals; n is the number of runs."
+NOISE_CAPTION = f"{RATIO_CAPTION} Arms at the same noise ratio are drawn beside each other."
 TIME_CAPTION = (
     "Share of all runs that came to an end by a mission time; they and the share that still flies sum to 100 %. A "
     "collision counts at its first contact. All runs are observed to their end, so these are plain proportions. Ends "
@@ -27,6 +28,8 @@ FOREST_CAPTION = (
     "the right of the line, more runs of the first arm."
 )
 LINE_STYLES = ("-", "--", ":")
+BESIDE = 0.008
+"""Distance of the points of two arms at the same noise ratio, so that none covers another."""
 PALEST = 0.35
 """Opacity of an arm at the smallest of its noise ratios."""
 FIT = "1 - exp(-a theta^b)"
@@ -109,12 +112,13 @@ def all_figures(arms: Sequence[ArmSummary], fitted: Mapping[tuple[str, str], Dos
         fits = {name: fit for (place, name), fit in fitted.items() if place == scenario}
         is_reached = any(arm.count(*REACHED.values()) for arm in own)
         if is_reached and len({arm.theta for arm in own} - {None}) > 1:
-            caption = RATIO_CAPTION + (f" A dotted line is {FIT}, fitted by likelihood." if fits else "")
+            caption = NOISE_CAPTION + (f" A dotted line is {FIT}, fitted by likelihood." if fits else "")
             draws = [
                 partial(_draw_noise_ratios, own, colors, fits, "collision"),
                 partial(_draw_noise_ratios, own, colors, {}, "arrived"),
             ]
-            found.append(_picture(f"{scenario}: collisions against noise", caption, draws, (WIDTH_IN / 2, 4.4)))
+            title, size_in = f"{scenario}: collisions against noise", (WIDTH_IN / 2, 4.0)
+            found.append(_picture(title, caption, draws, size_in, shared_legend=True))
         rows_in = 0.32 * len(own)
         if is_reached:
             draws = [partial(_draw_shares, own, endpoint) for endpoint in REACHED]
@@ -164,7 +168,8 @@ def _draw_noise_ratios(
     axes: Any,
 ) -> None:
     """Draw the figure of the paper: every arm over its noise ratios, or as a horizontal line if it has none."""
-    for name in dict.fromkeys(arm.arm for arm in arms):
+    names = list(dict.fromkeys(arm.arm for arm in arms))
+    for k, name in enumerate(names):
         own, color = [arm for arm in arms if arm.arm == name], colors[name]
         low, high = min(arm.n for arm in own), max(arm.n for arm in own)
         n = f"n = {low}" if low == high else f"n = {low} to {high}"
@@ -173,7 +178,8 @@ def _draw_noise_ratios(
             axes.axhline(y[0], color=color, ls="--", label=legend_label(f"{name}, no noise ratio, {n}"))
             continue
         style = {"marker": "o", "ms": 4, "capsize": 3, "color": color}
-        axes.errorbar([arm.theta for arm in own], y, yerr=errors, label=legend_label(f"{name}, {n} each"), **style)
+        x = np.array([arm.theta for arm in own]) + BESIDE * (k - (len(names) - 1) / 2)
+        axes.errorbar(x, y, yerr=errors, label=legend_label(f"{name}, {n} each"), **style)
         if name in fits:
             fine = np.linspace(0.01, 1, 100)
             fitted = [100 * fits[name].curve.at(theta) for theta in fine]
@@ -182,8 +188,6 @@ def _draw_noise_ratios(
     _percent_axis(axes.yaxis, axes.set_ylim)
     axes.set_ylabel(f"{AXIS_LABELS[endpoint]} [%]")
     axes.grid(alpha=0.3)
-    for text in axes.legend(fontsize=8).get_texts():
-        text.set_parse_math(False)
 
 
 def _draw_shares(arms: Sequence[ArmSummary], endpoint: EndpointName, axes: Any) -> None:

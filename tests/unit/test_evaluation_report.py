@@ -4,6 +4,7 @@ import csv
 import io
 import math
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -115,6 +116,19 @@ def test_a_failed_method_has_no_number_and_is_in_no_sample_size(done: Evaluation
     table = method_table(done, mae())
     assert row(table, "bad")[0] == ("failed", "failed")
     assert [text for text, _ in row(table, "n")] == ["1.0 k to 2.0 k", "1.0 k"]
+
+
+def test_a_method_that_failed_everywhere_is_listed_once_and_has_no_row(done: Evaluation) -> None:
+    bad = done.results[3]
+    again = bad.model_copy(update={"key": bad.key.model_copy(update={"sequence": "other"})})
+    twice = replace(done, results=(*done.results, again))
+    assert "bad" not in method_table(twice, mae()).column("method")
+    assert "<td>sim-MB, other</td>" in rendered(twice)
+
+
+def test_a_sequence_without_a_number_has_no_column_beside_others(done: Evaluation) -> None:
+    silent = result("silent", "raw", 0.5).model_copy(update={"measurements": ()})
+    assert method_table(replace(done, results=(*done.results, silent)), mae()).headings == ["method", "sim-MB", "other"]
 
 
 def test_figures_that_a_sequence_does_not_have_are_left_open(done: Evaluation) -> None:
@@ -315,7 +329,7 @@ def test_without_the_truth_pixels_that_were_given_rank_nobody(monkeypatch: pytes
             assert row(method_table(done, quantity), "raw")[0][0] == expected, quantity.title
     axes = canvases_of(done, monkeypatch)[0].axes[0]
     assert list(axes.lines[0].get_ydata()) == [0.7]
-    assert axes.get_xlabel() == "depth of held-out patches, and number of pixels n"
+    assert axes.get_xlabel() == "depth of held-out patches, and pixels n"
     assert axes.get_xticklabels()[0].get_text() == "0-2 m\n70"
 
 

@@ -57,6 +57,13 @@ def test_a_printed_table_is_never_squeezed() -> None:
     assert "0.123" in text.getvalue() and "raw|x" in text.getvalue()
 
 
+def test_a_printed_heading_is_broken_only_where_it_is_wider_than_its_column() -> None:
+    text = io.StringIO()
+    Table.of("", ("a few words", Column("a few words", "m")), [("as long as that", 0.5)]).print(Console(file=text))
+    lines = [line.split() for line in text.getvalue().splitlines()]
+    assert [line for line in lines if line][:3] == [["a", "few"], ["words"], ["a", "few", "words", "[m]"]]
+
+
 def test_entries_can_be_marked_for_a_page() -> None:
     marked = Table.of("t", ("a", "b"), [(1, 2), (3, 4)], classes=[("", "best"), ("", "")])
     assert marked.cells == [[("1", ""), ("2", "best")], [("3", ""), ("4", "")]]

@@ -212,12 +212,12 @@ def drawn(contents: StudyData, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any
 
 
 def test_the_fit_is_in_the_legend_beside_its_arm(monkeypatch: pytest.MonkeyPatch) -> None:
-    collided, arrived = drawn(noise_study(), monkeypatch)["city: collisions against noise"].axes
-    names = [text.get_text() for text in collided.get_legend().get_texts()]
-    assert "raw, fit 1 - exp(-a theta^b)" in names
+    figure = drawn(noise_study(), monkeypatch)["city: collisions against noise"]
+    (collided, arrived), (legend,) = figure.axes, figure.legends
+    assert "raw, fit 1 - exp(-a theta^b)" in [text.get_text() for text in legend.get_texts()]
     labelled = {line.get_label() for line in collided.lines if line.get_linestyle() == ":"}
     assert labelled == {"raw, fit 1 - exp(-a theta^b)"}
-    assert not any("fit" in text.get_text() for text in arrived.get_legend().get_texts())
+    assert not any("fit" in str(line.get_label()) for line in arrived.lines)
 
 
 def test_an_arm_has_one_colour_in_all_figures_and_scenarios(monkeypatch: pytest.MonkeyPatch) -> None:

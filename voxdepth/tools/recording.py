@@ -42,8 +42,8 @@ def recording(path: Path, recording_id: str, far_m: float) -> Iterator[Callable[
         ToolError: The file cannot be written.
     """
     curves = rrb.Horizontal(
-        rrb.TimeSeriesView(name="diagnostics", origin="diagnostics"),
-        rrb.TimeSeriesView(name="time per step [ms]", origin="timings"),
+        rrb.TimeSeriesView(name="diagnostics", origin="diagnostics", plot_legend=rrb.Corner2D.RightTop),
+        rrb.TimeSeriesView(name="time per step [ms]", origin="timings", plot_legend=rrb.Corner2D.RightTop),
         rrb.StateTimelineView(name="states", origin="state"),
     )
     images = rrb.Grid(*(view_of(name, far_m) for name in VIEWS), grid_columns=3)

@@ -195,14 +195,17 @@ class Table:
         wide.print(self.rich(), highlight=False)
 
     def rich(self) -> "RichTable":
-        """Return the table for a terminal: headings broken into words, numbers aligned to the right."""
+        """Return the table for a terminal: headings broken between words, numbers aligned to the right."""
+        from textwrap import fill
+
         from rich.box import SIMPLE_HEAD
         from rich.markup import escape
         from rich.table import Table as RichTable
 
         printed = RichTable(title=escape(self.title), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
         for place, column in enumerate(self.columns):
-            heading = column.name.replace(" ", "\n") + (f"\n[{column.unit}]" if column.unit else "")
+            widest = max(map(len, (*column.name.split(" "), *(row[place] for row in self.texts))), default=1)
+            heading = fill(column.name, widest, break_on_hyphens=False) + (f"\n[{column.unit}]" if column.unit else "")
             printed.add_column(escape(heading), justify="right" if self.is_numeric(place) else "left", no_wrap=True)
         for row in self.texts:
             printed.add_row(*(escape(text) for text in row))
