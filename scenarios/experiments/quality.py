@@ -71,7 +71,8 @@ def compare_quality(context: ExperimentContext) -> Findings:
         tables=(table, percentages_table("quality")),
         claims=(*_psnr_claims(psnrs_db), *_masked_claims(masked_m)),
         notes=(
-            "The paper's numbers were measured on other data, a RealSense's and Mid-Air's: compare orders, not sizes.",
+            "The paper's numbers were measured on other data, a RealSense's and Mid-Air's: compare orders rather than "
+            "sizes. A size agrees here if it is within a factor of two of the paper's.",
             "DS is the corrector learned, our own network, trained on our simulator: DeepSmooth's weights are not "
             "public. Without the extra learned, the paper's numbers of it stand alone.",
             "GS is our reconstruction of GSmooth, whose text and code are not public. RS fills from the left, as "
@@ -79,7 +80,6 @@ def compare_quality(context: ExperimentContext) -> Findings:
             "PSNR (peak 65535 mm, surfaces within that) and masked RMSE (occluded pixels within 20 m) are after "
             "completion by the nearest valid, and n is pixels. The two others repeat the authors' arithmetic on "
             "depth as given, are means over n frames, and rank nothing.",
-            "A size agrees with the paper's if it is within a factor of two of it.",
             f"Of the paper's masked errors {above} of {total} lie above 175; unrelated images score 179.96.",
         ),
         figure=panels(
