@@ -33,7 +33,7 @@ def evaluate(
         typer.Option(
             metavar="A,B,C",
             help="Methods by name, perhaps with a setting as in voxdepth[fill=all]. "
-            "Default: all, and the oracle true-pose.",
+            "Default: all, and the oracle true-pose where a recording has true poses.",
         ),
     ] = None,
     frames: Annotated[int, typer.Option(min=1, help="How many of the first frames of each sequence.")] = 30,
@@ -93,15 +93,17 @@ def _planned(
     out: Path,
 ) -> "Plan":
     """Make the plan, and check it before anything is written."""
-    from ..evaluation.methods import METHOD_NAMES, find_methods
-    from ..evaluation.suite import Plan, Shipped, requested_of
+    from ..evaluation.methods import METHOD_NAMES, ORACLE, find_methods
+    from ..evaluation.suite import Judged, Plan, Shipped, requested_of
     from ..sequences import load_sequence, names_of
 
     names = names_of(sequences or ([] if data else ["reference"]))
     requested: list[Requested] = [Shipped(load_sequence(name, seed, {})) for name in names]
     for folder in data:
         requested += requested_of(folder, opened)
-    chosen = METHOD_NAMES if methods is None else [name.strip() for name in methods.split(",")]
+    has_poses = not all(isinstance(each, Judged) for each in requested)
+    usual = [name for name in METHOD_NAMES if has_poses or name != ORACLE]
+    chosen = usual if methods is None else [name.strip() for name in methods.split(",")]
     return Plan(sequences=requested, methods=find_methods(chosen), frames=frames, out=out)
 
 

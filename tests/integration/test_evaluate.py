@@ -12,6 +12,7 @@ from typer.testing import CliRunner, Result
 from scenarios.commands.evaluate import _planned
 from scenarios.evaluation import suite
 from scenarios.evaluation.kinds import HELD_OUT
+from scenarios.evaluation.methods import ORACLE
 from scenarios.files import shipped_names
 from scenarios.sequences import GROUPS
 from tests.evaluation_clips import write_recording
@@ -65,6 +66,14 @@ def test_everything_is_written_and_a_repetition_takes_it(folders: tuple[Path, Pa
     elsewhere = evaluate(*command, "--out", tmp_path / "elsewhere")
     assert elsewhere.exit_code == 0
     assert values(tmp_path / "elsewhere") == before, "bit for bit"
+
+
+def test_the_oracle_is_among_the_methods_where_a_recording_has_true_poses(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    for data, expected in ((folders, True), (folders[:1], True), (folders[1:], False)):
+        plan = _planned([], data, open_dataset, None, 3, None, tmp_path)
+        assert (ORACLE in [method.name for method in plan.methods]) == expected
 
 
 def test_a_baseline_that_is_assumed_is_told_once_although_every_kind_opens_the_recording(
