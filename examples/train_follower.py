@@ -243,7 +243,7 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--envs", type=int, default=2, help="environments of each training")
     parser.add_argument("--workers", type=int, default=2, help="trainings that run side by side")
     parser.add_argument("--out", type=Path, default=Path("follower"), help="folder of models, curve and outcomes")
-    parser.add_argument("--fly", type=Path, nargs="+", metavar="ZIP", help="trained followers to test, training none")
+    parser.add_argument("--fly", type=Path, nargs="+", metavar="ZIP", help="test these models of yours, train none")
     options = parser.parse_args()
     try:
         LearningTask(**task_of(options))

@@ -162,10 +162,8 @@ def _draw_masked(rmses_m: pd.DataFrame, axes: Axes) -> None:
 
 
 def _draw_bars(axes: Axes, groups: list[str], values: pd.DataFrame, number: str) -> None:
-    """Bars with their values; the figure has one legend, below both panels."""
+    """Bars with their values."""
     grouped_bars(axes, groups, values.rename(columns=NAMES).to_dict("list"))
-    if (legend := axes.get_legend()) is not None:
-        legend.remove()
     for bars in axes.containers:
         axes.bar_label(bars, fmt=number, fontsize=6, padding=1)  # type: ignore[arg-type]
     axes.tick_params(axis="x", labelsize=8)

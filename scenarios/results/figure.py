@@ -178,7 +178,7 @@ def marked_lines(axes: "Axes", table: "Table", x: str, y: str, *, by: str = "seq
 
 
 def add_shared_legend(figure: "Figure") -> None:
-    """Add one legend of all panels below them, for which the figure grows.
+    """Put one legend of all panels below them in the place of their own; the figure grows for it.
 
     A dollar sign in a name begins no formula.
     """
@@ -186,6 +186,8 @@ def add_shared_legend(figure: "Figure") -> None:
     for axes in figure.axes:
         handles, names = axes.get_legend_handles_labels()
         labels |= dict(zip(names, handles, strict=True))
+        if (own := axes.get_legend()) is not None:
+            own.remove()
     if labels:
         fitting = int(LETTERS_PER_IN * figure.get_figwidth() / (max(map(len, labels)) + 7))
         columns = max(1, min(LEGEND_COLUMNS, fitting))
