@@ -3,16 +3,14 @@
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
 from sim.bodies import Scene
 from sim.frames import rotation_from_yaw
-from sim.free_space import traversability
 from sim.render.meshes import mesh_of_shape, moved
-from sim.world import World
 from swarm.recorder import CaptureRecorder
 from swarm.team import Team
 from swarm.types import MissionResult
@@ -27,8 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-HALF_SIDE_M = 12.0
-"""The difficulty is measured up to this distance on both sides of the routes, at their height."""
 MARGIN_M = 5.0
 DPI = 100
 SIZE_IN = (11.0, 4.4)
@@ -43,31 +39,6 @@ CROSS: Any = {"marker": "x", "markersize": 9, "markeredgewidth": 2, "linestyle":
 BELOW: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, 0), "borderaxespad": 5.5, "fontsize": 8}
 """Place of the legend, below the numbers and the name of the axis."""
 LEGEND_COLUMNS = 5
-
-
-class Difficulty(NamedTuple):
-    """Obstacles of a scenario."""
-
-    bodies: int
-    """Number of bodies without the ground."""
-    traversability: float
-    """Mean free path in the air around the routes, in diameters of a drone; a lower one is harder."""
-
-
-def difficulty_of(run: Run) -> Difficulty:
-    """Measure how hard a scenario is to fly through."""
-    scene, teams = run.scenario.scene.build(run.seed), run.scenario.mission.teams()
-    ends_m = np.array([[team.start_m, team.goal_m] for team in teams]).reshape(-1, 3)
-    low_m, high_m = ends_m.min(axis=0), ends_m.max(axis=0)
-    with World(scene, np.empty((0, 3))) as world:
-        free = traversability(
-            world,
-            low_m=(float(low_m[0]), float(low_m[1] - HALF_SIDE_M)),
-            high_m=(float(high_m[0]), float(high_m[1] + HALF_SIDE_M)),
-            height_m=float(ends_m[:, 2].mean()),
-            drone_radius_m=run.scenario.airframe.radius_m,
-        )
-    return Difficulty(bodies=sum(body.kind != "ground" for body in scene.bodies), traversability=free)
 
 
 def draw_flight(path: Path, run: Run, finished: Finished) -> None:

@@ -7,7 +7,6 @@ import numpy as np
 
 from sim.bodies import SceneSpec, Weather
 from sim.flights import Walk
-from sim.free_space import traversability
 from sim.recording import Recording
 from sim.render import create_renderer
 from sim.scenes import AnyScene, RoomSpec
@@ -18,6 +17,7 @@ from voxdepth.colors import colored
 from voxdepth.tools.output import is_correction
 from voxdepth.tools.table import Column, Table
 
+from .difficulty import difficulty_along
 from .errors import ScenarioError
 from .images import (
     INVALID_REASON_COLORS_BGR,
@@ -41,9 +41,7 @@ SPECS: tuple[type[SceneSpec], ...] = tuple(spec for spec in get_args(get_args(An
 PATH_FRACTIONS = (0.15, 0.6)
 """Places along the path from which the pictures are taken."""
 CAMERA_HEIGHT_M = 1.7
-FLIGHT_HEIGHT_M = 3.0
-HALF_SIDE_M = 12.0
-"""Distance to both sides of the path up to which traversability is measured."""
+FLIGHT_HEIGHT_M, UP = 3.0, np.array([0.0, 0.0, 1.0])
 PICTURE_PX = 420
 
 
@@ -111,11 +109,7 @@ def make_gallery(seed: int, out: Path) -> Table:
         kind = str(spec_type.model_fields["kind"].default)
         scene = spec_type(weather=Weather(shadows=True)).build(seed)
         with World(scene, np.empty((0, 3))) as world:
-            (x, y), (far_x, far_y) = scene.path_m[:, :2].min(axis=0).tolist(), scene.path_m[:, :2].max(axis=0).tolist()
-            height_m = float(scene.path_m[:, 2].mean()) + FLIGHT_HEIGHT_M
-            low_m, high_m = (x, y - HALF_SIDE_M), (far_x, far_y + HALF_SIDE_M)
-            free_path = traversability(world, low_m=low_m, high_m=high_m, height_m=height_m)
-            rows.append((kind, len(scene.bodies), free_path))
+            rows.append((kind, *difficulty_along(world, scene.path_m + FLIGHT_HEIGHT_M * UP)))
             pictures.append(titled(kind, _scene_picture(world, seed)))
     save_picture(out, np.vstack(pictures), quality=80)
     return Table.of("scenes", ("scene", "bodies", Column("traversability", number=".1f")), rows)

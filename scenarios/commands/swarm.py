@@ -177,8 +177,9 @@ def map_(
 ) -> None:
     """Fly a scenario's acceptance check, draw the flight from above, and print how hard the scenario is."""
     from ..batch import acceptance_run
+    from ..difficulty import difficulty_of
     from ..images import require_picture
-    from ..mission_pictures import difficulty_of, draw_flight
+    from ..mission_pictures import draw_flight
     from ..runner import fly
 
     require_picture(out)

@@ -58,7 +58,7 @@ COMMANDS = dict(leaves(typer.main.get_command(APP)))
 GOOD = {
     "scenario": ("city", "city.toml", "forest"), "scenarios": ("gap",), "sequence": ("sim-LN",),
     "names": ("quality", "rq1", "artefacts"), "folder": ("recording", "tum", "bag/walk.bag"), "data": ("recording",),
-    "recording": ("recording",), "path": ("run.rrd",), "file": ("smoke", "pair"),
+    "recording": ("recording",), "path": ("run.rrd",), "file": ("smoke", "pilot"),
     "key": ("0", "a", ""), "size": ("96x64",), "sequences": ("sim-LN",),
     "corrector": CORRECTOR_NAMES, "methods": ("raw,voxdepth", "median"), "depth_topic": ("/depth",), "arm": ("a", "b"),
     "gray_topic": ("/gray",), "config": ("empty.toml",), "json": ("new.json",), "rates": ("0.5,0.6",), "to": ("new",),

@@ -9,7 +9,8 @@ import pytest
 from matplotlib.text import Annotation
 
 from scenarios.config import Run, images_of, load_run
-from scenarios.mission_pictures import difficulty_of, draw_flight, flight_figure
+from scenarios.difficulty import difficulty_of
+from scenarios.mission_pictures import draw_flight, flight_figure
 from scenarios.runner import LONGEST_CORRECTOR, fly, fly_and_write, folder_name
 
 QUICK = {"mission.drones": 2, "mission.duration_s": 0.5, **images_of(32, 32), "rig.depth": "truth"}

@@ -200,7 +200,7 @@ def test_a_comparison_is_declared_on_arrivals_unless_its_file_says_otherwise() -
     assert study(*arms, declared={"arm": "a", "against": "b"}).endpoint == "arrived"
     assert study(*arms, declared={"arm": "a", "against": "b", "endpoint": "collision"}).endpoint == "collision"
     assert study(*arms).endpoint == "arrived"
-    assert load_study("correctors").endpoint == "collision"
+    assert load_study("policy").endpoint == "collision"
 
 
 FREE_RAW = {"policy": "free", "corrector": "raw"}
