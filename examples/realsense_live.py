@@ -23,6 +23,8 @@ TIMEOUT_MS = 5000
 """How long a frame may take to come."""
 ONE_EXPOSURE_MS = 1.0
 """Largest difference of the times of two images that were taken at once."""
+SHORTEST_S = 0.001
+"""Least time between two frames."""
 
 
 class Camera:
@@ -60,14 +62,17 @@ class Camera:
 
     def frames(self) -> Iterator[Frame]:
         """Yield pairs of images that were taken at once, until none comes any more."""
+        stamp_s = float("-inf")
         while True:
             arrived, images = self._pipe.try_wait_for_frames(TIMEOUT_MS)
             if not arrived:
                 return
             depth, gray = images.get_depth_frame(), images.get_infrared_frame(1)
             if depth and gray and abs(depth.get_timestamp() - gray.get_timestamp()) <= ONE_EXPOSURE_MS:
+                # The clock of a camera may repeat a time or jump back; only the order of the frames matters here.
+                stamp_s = max(depth.get_timestamp() / 1000, stamp_s + SHORTEST_S)
                 yield Frame.from_millimetres(
-                    stamp_s=depth.get_timestamp() / 1000,
+                    stamp_s=stamp_s,
                     gray=pixels(gray),
                     depth_mm=pixels(depth),
                     units_per_m=self._units_per_m,

@@ -24,7 +24,7 @@ class Straight:
     def decide(self, situation: Situation) -> Decision:
         """Return the same velocity whatever is seen."""
         command = VelocityCommand(velocity_m_s=self._velocity_m_s, yaw_rad=self._yaw_rad)
-        return Decision(command=command, wanted_velocity_m_s=self._velocity_m_s, state="free")
+        return Decision(command=command, state="free")
 
 
 def create(role: Role, config: MissionConfig) -> Straight:

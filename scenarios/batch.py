@@ -13,7 +13,7 @@ from swarm.priors import PosePriorConfig
 from swarm.types import MissionResult, Outcome
 from voxdepth.tools.table import Column, Table, Value
 
-from .config import Run, images_of, load_run
+from .config import Run, depth_label, images_of, load_run
 from .errors import ScenarioError
 from .quiet import import_noisy_libraries
 from .runner import Finished, fly
@@ -81,7 +81,7 @@ class DepthSource:
     @property
     def label(self) -> str:
         """The sensor model, with its noise ratio if it has one."""
-        return f"noisy, theta {self.theta:g}" if self.depth == "noisy" else self.depth
+        return depth_label(self.depth, self.theta)
 
     @property
     def changes(self) -> dict[str, Any]:

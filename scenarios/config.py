@@ -87,9 +87,14 @@ class Run(Model):
     def title(self) -> str:
         """The run in one line."""
         rig, prior = self.scenario.rig, self.scenario.mission.pose_prior
-        depth = f"noisy, theta {rig.noise.scale.theta:g}" if rig.depth == "noisy" else rig.depth
+        depth = depth_label(rig.depth, rig.noise.scale.theta)
         title = f"{self.scenario.name}, seed {self.seed}: depth {depth}, corrector {self.scenario.corrector}"
         return title if prior.kind == "none" else f"{title}, pose prior {prior.label}"
+
+
+def depth_label(depth: str, theta: float) -> str:
+    """Return the name of a sensor model, with its noise ratio if it has one."""
+    return f"noisy, theta {theta:g}" if depth == "noisy" else depth
 
 
 def load_run(name_or_path: str, seed: int | None, changes: dict[str, Any]) -> Run:

@@ -5,6 +5,7 @@ from rich.console import Console
 from sim.quality import DepthQuality
 from swarm.mission import contact_text
 from voxdepth.tools.table import Column, Table
+from voxdepth.tools.viewer import RECORDING
 
 from .config import Run
 from .runner import Finished
@@ -52,7 +53,7 @@ def print_summary(console: Console, finished: Finished, run: Run) -> None:
     console.print(f"real-time factor {finished.real_time_factor:.2f}", highlight=False)
     if finished.folder is not None:
         console.print(f"written to {finished.folder}", soft_wrap=True, markup=False)
-        if (finished.folder / "run.rrd").exists():
+        if (finished.folder / RECORDING).exists():
             console.print(f"look at it with: voxdepth view {finished.folder}", soft_wrap=True, markup=False)
 
 

@@ -23,13 +23,12 @@ from swarm.types import MissionResult
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.files import as_tool_error, to_toml, write
 from voxdepth.tools.provenance import machine, versions
+from voxdepth.tools.viewer import PARTIAL_RECORDING, RECORDING
 
 from .config import Run
 from .errors import ScenarioError
 from .interrupts import kept_back
 
-RECORDING, PARTIAL_RECORDING = "run.rrd", "run.part.rrd"
-"""Names of the recording of a run: when the run has ended, and while it flies or after it was killed."""
 LONGEST_CORRECTOR = 40
 """Number of characters of a corrector with its settings in the name of a folder."""
 Progress = Callable[[float, float], None]

@@ -160,7 +160,7 @@ class NoReturn(NoiseTerm):
 
     def apply(self, image: NoisyDepth) -> None:
         """Invalidate dark surfaces and glossy patches."""
-        n_bodies = 1 + max(int(image.segment_id.max()), *image.surfaces)
+        n_bodies = 1 + max([int(image.segment_id.max()), *image.surfaces])
         albedo, gloss = np.ones(n_bodies + 1), np.zeros(n_bodies + 1)  # The last entry is that of no body.
         for body, surface in image.surfaces.items():
             albedo[body], gloss[body] = surface.albedo, surface.gloss

@@ -53,8 +53,7 @@ def decimated(capture: Capture, factor: int) -> Capture:
 
 def decimated_intrinsics(intrinsics: Intrinsics, factor: int) -> Intrinsics:
     """The camera of images that are smaller by a factor, and were matched before."""
-    smaller = intrinsics.scaled(intrinsics.width_px // factor, intrinsics.height_px // factor)
-    return replace(smaller, disparity_scale=factor * intrinsics.disparity_scale)
+    return intrinsics.scaled(intrinsics.width_px // factor, intrinsics.height_px // factor)
 
 
 def decimated_depth(depth_m: FloatImage, factor: int) -> FloatImage:

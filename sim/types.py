@@ -82,6 +82,11 @@ class Contact:
     speed_m_s: float
     """Relative speed just before the contact."""
 
+    @property
+    def drones(self) -> tuple[int, ...]:
+        """The drones that touched: this one, and the other body if that is a drone."""
+        return (self.drone, int(self.other.removeprefix("drone-"))) if self.kind == "drone" else (self.drone,)
+
 
 class Pinhole(NamedTuple):
     """Projection to an image, or to a part of one."""

@@ -38,7 +38,7 @@ def _blind_pilot(role: Role, config: MissionConfig) -> Pilot:
 
 
 class Leader:
-    """Flies to the goal by its own depth, without a map."""
+    """Flies to the goal through its pilot, and slows down while a follower lags behind."""
 
     def __init__(self, role: Role, config: MissionConfig, pilot: Pilot) -> None:
         self._pilot = pilot
@@ -105,7 +105,7 @@ class Follower:
         slot_m = situation.leader.position_m + self._offset_m
         behind_m = self._track.behind(self._file_m)
         places_m = slot_m + SHIFTS[:, None] * (behind_m - slot_m)
-        return np.asarray(places_m[self._pilot.first_free(places_m, situation)])
+        return np.asarray(places_m[self._pilot.first_free(places_m)])
 
 
 class Track:

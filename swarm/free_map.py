@@ -10,16 +10,15 @@ from pydantic import Field, model_validator
 
 from voxdepth.compiled import compile_all
 from voxdepth.model import Model
-from voxdepth.types import FloatArray, Intrinsics, MaskImage
+from voxdepth.types import FloatArray, Intrinsics
 
 from . import map_kernels as kernels
 from .chart import ROUTE_CELLS, Chart
 from .evidence import Evidence, EvidenceReader
 from .map_kernels import FREE, Limits, Rules, View, Voxels
+from .neighbours import belong_to_drones
 
 MAX_VOXELS = 2**24
-DRONE_MASK_RADIUS_M = 1.0
-"""Surfaces within this distance of another drone belong to that drone."""
 MARGIN_M = 2.0
 """The map moves when the drone is this far from its middle."""
 
@@ -136,7 +135,7 @@ class FreeMap:
         is_near = surface_m < self._max_surface_m
         rows, cols = np.nonzero(is_near)
         points_m = surface_m[rows, cols, None] * self._rays_cam[rows, cols] @ T_odom_cam[:3, :3].T + T_odom_cam[:3, 3]
-        is_body = _are_apart(points_m, drones_m, DRONE_MASK_RADIUS_M)
+        is_body = ~belong_to_drones(points_m, drones_m)
         is_near[rows, cols] = is_body
         half_m = np.float32(self._config.voxel_m / 2)
         limits = Limits(
@@ -174,12 +173,6 @@ class FreeMap:
         for counts in self._voxels:
             _shift(counts, moved[::-1])
         self._origin = wanted
-
-
-def _are_apart(points_m: FloatArray, others_m: FloatArray, least_m: float) -> MaskImage:
-    """Return which points, shape (n, 3), are at least that far from all others, shape (m, 3)."""
-    squared = ((points_m[:, None] - others_m) ** 2).sum(axis=-1)
-    return np.asarray(squared.min(axis=1, initial=np.inf) >= least_m**2)
 
 
 def _shift(array: npt.NDArray[np.generic], by: npt.NDArray[np.int64]) -> None:

@@ -103,7 +103,7 @@ class MappingPilot(Pilot):
             view=known.chart,
         )
 
-    def first_free(self, places_m: FloatArray, situation: Situation) -> int:
+    def first_free(self, places_m: FloatArray) -> int:
         """Return the index of the first place, of shape (n, 3), where the drone fits; the last one if there is none."""
         known = self._known
         if known is None:

@@ -213,13 +213,12 @@ def _polarization(team: Team, states: Sequence[DroneState], flying: MaskImage) -
 
 def is_involved(drone: int, contact: Contact) -> bool:
     """Return whether a drone is one of the two bodies of a collision."""
-    return contact.drone == drone or contact.other == f"drone-{drone}"
+    return drone in contact.drones
 
 
 def touched(contacts: Sequence[Contact]) -> list[int]:
     """Return the drones that touched something, in ascending order; a collision of two drones counts for both."""
-    others = [int(c.other.removeprefix("drone-")) for c in contacts if c.kind == "drone"]
-    return sorted({*(c.drone for c in contacts), *others})
+    return sorted({drone for contact in contacts for drone in contact.drones})
 
 
 def _depth_metrics(depth: str, errors: DepthErrors) -> dict[str, MetricValue]:

@@ -25,9 +25,7 @@ from .types import Decision, MissionResult, OnboardCamera, Outcome, Percept
 
 MIN_PROGRESS_M = 0.3
 """A smaller approach to the goal or the slots is no progress."""
-DROPPED = Decision(
-    command=VelocityCommand(velocity_m_s=np.zeros(3), yaw_rad=0.0), wanted_velocity_m_s=np.zeros(3), state="dropped out"
-)
+DROPPED = Decision(command=VelocityCommand(velocity_m_s=np.zeros(3), yaw_rad=0.0), state="dropped out")
 """What stands for the decision of a drone that has dropped out."""
 
 

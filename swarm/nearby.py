@@ -9,12 +9,11 @@ from voxdepth.model import Model
 from voxdepth.types import FloatArray, MaskImage
 
 from .nearby_kernels import limit_approach
+from .neighbours import belong_to_drones
 from .types import Histogram, Neighbours
 
 COS_HALF_CELL = np.cos(np.radians(5.0))
 """A point within this angle of the middle of a cell counts as inside it."""
-DRONE_MASK_RADIUS_M = 1.0
-"""Surfaces within this distance of another drone belong to that drone."""
 MAX_PROJECTIONS = 32
 """Most violated limits that are resolved; fewer of them leave more violations in corners of several surfaces."""
 NO_MOTION: FloatArray = np.zeros(3)
@@ -75,8 +74,7 @@ class SurfaceMemory:
         self._seen = [(at_s, points[~_seen_again(points, histogram)]) for at_s, points in kept if len(points)]
         near = ~histogram.unknown & (histogram.range_m < self._config.radius_m)
         points = histogram.surfaces_m[near]
-        to_drones = ((points[:, None] - neighbours.position_m[None]) ** 2).sum(axis=2)
-        points = points[(to_drones > DRONE_MASK_RADIUS_M**2).all(axis=1)]
+        points = points[~belong_to_drones(points, neighbours.position_m)]
         self._seen.append((stamp_s, points[_confirmed(points, self._candidates, self._config.confirm_m)]))
         self._candidates = points
 

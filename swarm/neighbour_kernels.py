@@ -9,7 +9,7 @@ from voxdepth.types import FloatArray, FloatImage
 Numbers = npt.NDArray[np.int64]
 
 
-@compiled("void(i4[:, ::1], f4[:, ::1], i8[::1], i8[::1], f8[:, ::1], f8[::1], f8[::1])")
+@compiled("void(i4[:, ::1], f4[:, ::1], i8[::1], i8[::1], f8[:, ::1], f8[::1])")
 def measure_drones(
     segment_id: npt.NDArray[np.int32],
     depth_m: FloatImage,
@@ -18,12 +18,10 @@ def measure_drones(
     n_pixels: Numbers,
     center_px: FloatArray,
     median_m: FloatArray,
-    deviation_m: FloatArray,
 ) -> None:
     """Measure the pixels of each drone; ids from the first of the ascending `drone_ids` on are drones.
 
-    The results are the number of the pixels, their mean (column, row), and the median of their depths with its median
-    absolute deviation, both of which are 0 without depth.
+    The results are the number of the pixels, their mean (column, row), and the median of their depths, 0 without depth.
     """
     n_drones, n_depths = len(drone_ids), np.zeros(len(drone_ids), np.int64)
     n_pixels[:] = 0
@@ -48,7 +46,6 @@ def measure_drones(
         own_m = depths_m[ends[drone] - n_depths[drone] : ends[drone]]
         center_px[drone] /= max(n_pixels[drone], 1)
         median_m[drone] = np.median(own_m) if len(own_m) else 0.0
-        deviation_m[drone] = np.median(np.abs(own_m - median_m[drone])) if len(own_m) else 0.0
 
 
 @compiled("b1(f8[::1], f8[:, ::1], f8, f8, f8)")

@@ -7,13 +7,14 @@ from sim.seeds import Purpose, stream
 from sim.types import Capture
 from voxdepth.compiled import compile_all
 from voxdepth.model import Model
-from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics
+from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics, MaskImage
 
 from .neighbour_kernels import combine, measure_drones
 from .types import Detection, Neighbours, Percept
 from .vectors import length
 
-SIGMAS_PER_MAD = 1.4826
+DRONE_MASK_RADIUS_M = 1.0
+"""Surfaces within this distance of another drone belong to that drone."""
 
 
 class DetectorConfig(Model):
@@ -73,19 +74,16 @@ class Detector:
         """Find the other drones in an image; the images must come in order, each once."""
         n, c = len(self._drone_ids), self._config
         missed = self._rng.random(n) < c.miss_rate
-        n_pixels, center_px, median_m, deviation_m = np.empty(n, np.int64), np.empty((n, 2)), np.empty(n), np.empty(n)
-        measure_drones(
-            capture.segment_id, np.ascontiguousarray(corrected.depth_m), self._drone_ids,
-            n_pixels, center_px, median_m, deviation_m,
-        )  # fmt: skip
+        n_pixels, center_px, median_m = np.empty(n, np.int64), np.empty((n, 2)), np.empty(n)
+        depth_m = np.ascontiguousarray(corrected.depth_m)
+        measure_drones(capture.segment_id, depth_m, self._drone_ids, n_pixels, center_px, median_m)
         visible = ~missed & (n_pixels >= c.min_pixels) & (median_m > 0)
         visible[self._drone] = False
         found = []
         for drone in np.flatnonzero(visible).tolist():
             bearing_cam, range_m = self._ray(center_px[drone], float(median_m[drone]))
             if range_m <= c.max_range_m:
-                deviation = SIGMAS_PER_MAD * float(deviation_m[drone])
-                found.append(Detection(drone=drone, bearing_cam=bearing_cam, range_m=range_m, deviation_m=deviation))
+                found.append(Detection(drone=drone, bearing_cam=bearing_cam, range_m=range_m))
         return tuple(found)
 
     def _ray(self, center_px: FloatArray, depth_m: float) -> tuple[FloatArray, float]:
@@ -94,6 +92,12 @@ class Detector:
         ray = np.array([(col - c.cx_px) / c.fx_px, (row - c.cy_px) / c.fy_px, 1.0])
         per_depth = length(ray)
         return ray / per_depth, depth_m * per_depth + self._radius_m
+
+
+def belong_to_drones(points_m: FloatArray, drones_m: FloatArray) -> MaskImage:
+    """Return which points, shape (n, 3), lie within `DRONE_MASK_RADIUS_M` of one of the drones, shape (m, 3)."""
+    squared = ((points_m[:, None] - drones_m) ** 2).sum(axis=-1)
+    return np.asarray(squared.min(axis=1, initial=np.inf) <= DRONE_MASK_RADIUS_M**2)
 
 
 class NeighbourTracker:

@@ -8,6 +8,7 @@ from voxdepth.compiled import compile_all
 from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, MaskImage
 
+from .evidence import SAMPLED_ROWS
 from .obstacle_kernels import Costs, braking_speed, cheapest_direction, free_distances, nearest_direction
 from .types import Choice, Histogram
 from .vectors import length
@@ -71,14 +72,13 @@ class HistogramBuilder:
         intrinsics: Intrinsics,
         config: HistogramConfig,
         mount_cam_m: FloatArray,
-        *,
-        unknown_is_free: bool = False,
+        unknown_range_m: float,
     ) -> None:
         self._config = config
-        self._unknown_m = config.free_range_m if unknown_is_free else config.unknown_range_m
+        self._unknown_m = unknown_range_m
         self._mount_cam_m = mount_cam_m
         rows, cols = config.rows, config.cols
-        self._step = max(1, intrinsics.height_px // 120)
+        self._step = max(1, intrinsics.height_px // SAMPLED_ROWS)
         row = _sampled_pixels(intrinsics.height_px, self._step, rows)
         col = _sampled_pixels(intrinsics.width_px, self._step, cols)
         self._first = (int(row[0]), int(col[0]))

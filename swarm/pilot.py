@@ -109,7 +109,7 @@ class Pilot:
         command = VelocityCommand(velocity_m_s=velocity_m_s, yaw_rad=yaw_rad)
         return Decision(command=command, wanted_velocity_m_s=wanted_m_s, state="blind")
 
-    def first_free(self, places_m: FloatArray, situation: Situation) -> int:
+    def first_free(self, places_m: FloatArray) -> int:
         """Return the index of the first place, of shape (n, 3), where the drone fits; one without a map takes any."""
         return 0
 

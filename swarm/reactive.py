@@ -19,11 +19,9 @@ class ReactivePilot(Pilot):
         self, config: PilotConfig, control_hz: float, start_yaw_rad: float, radius_m: float, camera: OnboardCamera
     ) -> None:
         super().__init__(config, control_hz, start_yaw_rad, radius_m)
-        unknown_is_free = config.holes == "free"
         histogram = config.avoidance.histogram
-        self._builder = HistogramBuilder(
-            camera.intrinsics, histogram, camera.mount_cam_m, unknown_is_free=unknown_is_free
-        )
+        unknown_m = histogram.free_range_m if config.holes == "free" else histogram.unknown_range_m
+        self._builder = HistogramBuilder(camera.intrinsics, histogram, camera.mount_cam_m, unknown_m)
         self._avoidance = Avoidance(config.avoidance, radius_m)
         self._surfaces = SurfaceMemory(config.nearby, radius_m)
         self._previous: FloatArray | None = None

@@ -59,8 +59,6 @@ class Detection:
     """Unit vector towards it in the camera frame, shape (3,)."""
     range_m: float
     """Distance to its centre by the corrected depth."""
-    deviation_m: float
-    """Spread of the depth over its pixels: 1.48 times the median deviation from the median."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -130,10 +128,10 @@ class Decision:
     """A command, and the steps that led to it."""
 
     command: VelocityCommand
-    wanted_velocity_m_s: FloatArray
-    """Velocity before avoidance, shape (3,)."""
     state: str
     """State of the drone in one word."""
+    wanted_velocity_m_s: FloatArray | None = None
+    """Velocity before avoidance, shape (3,); None for a controller that does not tell it."""
     direction: FloatArray | None = None
     """Unit vector of the direction that avoidance chose, also when the speed is 0; shape (3,)."""
     view: "Histogram | Chart | None" = None

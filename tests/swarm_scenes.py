@@ -78,9 +78,11 @@ def percept_of(
     )
 
 
-def histogram(depth_m: FloatImage, T_world_cam: FloatArray = AT_ORIGIN, *, unknown_is_free: bool = False) -> Histogram:
+def histogram(
+    depth_m: FloatImage, T_world_cam: FloatArray = AT_ORIGIN, unknown_range_m: float = HistogramConfig().unknown_range_m
+) -> Histogram:
     """What a drone makes of a depth image."""
-    builder = HistogramBuilder(CAMERA, HistogramConfig(), MOUNT_CAM_M, unknown_is_free=unknown_is_free)
+    builder = HistogramBuilder(CAMERA, HistogramConfig(), MOUNT_CAM_M, unknown_range_m)
     return builder.build(corrected(depth_m), T_world_cam)
 
 

@@ -115,6 +115,11 @@ class Calibrated:
         """Forget the stream."""
         self.bare.reset()
 
+    def close(self) -> None:
+        """End the threads of the corrector, if it has some."""
+        if (close := getattr(self.bare, "close", None)) is not None:
+            close()
+
     def _graded(self, corrected: CorrectedDepth) -> CorrectedDepth:
         confidence: Any = cv2.LUT(self._classes.of(corrected), self._by_class)
         return replace(corrected, confidence=confidence)

@@ -37,15 +37,18 @@ class StreamCorrector(ABC):
         self.reset()
 
     def reset(self) -> None:
-        """Forget all frames and their time stamps."""
-        self._last_stamp_s = -np.inf
+        """Forget all frames and their time stamps, after a frame that another thread has in work."""
+        with self._busy:
+            self._last_stamp_s = -np.inf
+            self._forget()
 
     def close(self) -> None:
         """Wait for work in other threads, and accept no more frames.
 
         A call is needed only to end the threads at a certain time: otherwise they end with the corrector.
         """
-        self._closed = True
+        with self._busy:
+            self._closed = True
 
     def process(self, frame: Frame) -> CorrectedDepth:
         """Correct one frame.
@@ -88,6 +91,10 @@ class StreamCorrector(ABC):
             yield
         finally:
             self._busy.release()
+
+    @abstractmethod
+    def _forget(self) -> None:
+        """Forget all frames."""
 
     @abstractmethod
     def _align(self, frame: Frame) -> Any: ...

@@ -4,6 +4,7 @@ Conventions: `T_a_b` maps coordinates in b to coordinates in a; the camera frame
 z forward; pixel centres lie at integer coordinates; depth is along the optical axis, 0 = invalid.
 """
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
@@ -48,8 +49,12 @@ LARGEST_SIDE_PX = 2**16
 """Largest width or height of an image."""
 LARGEST_LENS = 1000
 """Largest ratio of a focal length to the longer side of its image. The shortest is a pixel divided by that."""
-LARGEST_BASELINE_M = 1000.0
-"""Largest baseline of a stereo pair [m]. The shortest is a millionth of it."""
+SHORTEST_BASELINE_M, LARGEST_BASELINE_M = 1e-3, 10.0
+"""Range of the baseline of a stereo pair [m]. One in millimetres lies beyond it."""
+LARGEST_POSITION_M = 1e9
+"""Largest coordinate of a camera [m], beyond which 32 bits overflow."""
+FAR_M = 300.0
+"""Depth [m] beyond which a whole image is more likely in millimetres."""
 LARGEST_DISPARITY_SCALE = 1000.0
 """Largest ratio of the widths of matched and given images. The smallest is its inverse."""
 
@@ -91,11 +96,10 @@ class Intrinsics:
                 f"the principal point ({self.cx_px}, {self.cy_px}) is far outside of an image of {size} pixels: is the "
                 "calibration that of another image size?"
             )
-        shortest_m = 1e-6 * LARGEST_BASELINE_M
-        if self.baseline_m is not None and not shortest_m <= self.baseline_m <= LARGEST_BASELINE_M:
+        if self.baseline_m is not None and not SHORTEST_BASELINE_M <= self.baseline_m <= LARGEST_BASELINE_M:
             raise FrameError(
-                f"the stereo baseline must be {shortest_m:g} to {LARGEST_BASELINE_M:g} m, got {self.baseline_m} m: is "
-                "it in metres?"
+                f"the stereo baseline must be {SHORTEST_BASELINE_M:g} to {LARGEST_BASELINE_M:g} m, got "
+                f"{self.baseline_m} m: is it in metres?"
             )
         if not 1 / LARGEST_DISPARITY_SCALE <= self.disparity_scale <= LARGEST_DISPARITY_SCALE:
             raise FrameError(
@@ -161,12 +165,14 @@ class Intrinsics:
         return self.height_px, self.width_px
 
     def scaled(self, width_px: int, height_px: int) -> "Intrinsics":
-        """The camera of the images that `cv2.resize` makes of the images of this one."""
+        """The camera of the images that `cv2.resize` makes of the images of this one, after they were matched."""
         from .geometry import resized
 
         a, b = width_px / self.width_px, height_px / self.height_px
         fx, fy, cx, cy = self.fx_px * a, self.fy_px * b, resized(self.cx_px, a), resized(self.cy_px, b)
-        return replace(self, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, width_px=width_px, height_px=height_px)
+        matched = self.disparity_scale * self.width_px / width_px
+        lens = {"fx_px": fx, "fy_px": fy, "cx_px": cx, "cy_px": cy, "disparity_scale": matched}
+        return replace(self, width_px=width_px, height_px=height_px, **lens)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -201,13 +207,16 @@ class Frame:
         `units_per_m` are the steps of the depth in a metre: 1000 in most cameras, 5000 in TUM RGB-D.
 
         Raises:
-            FrameError: The depth is not uint16, the images have different shapes, or `units_per_m` is not 1e-3 to 1e6.
+            FrameError: The depth is not uint16, the images have different shapes, or `units_per_m` is not 1 to 1e6.
         """
         if _kind(depth_mm) != "uint16":
             raise FrameError(f"expected depth as a uint16 array, got {_kind(depth_mm)}; Frame.from_metres takes metres")
         _require_numbers(Real, units_per_m=units_per_m)
-        if not 1e-3 <= units_per_m <= 1e6:
-            raise FrameError(f"units_per_m must be 0.001 to 1,000,000, got {units_per_m}")
+        if not 1 <= units_per_m <= 1e6:
+            raise FrameError(
+                f"units_per_m must be 1 to 1,000,000, got {units_per_m}: the depth scale of librealsense, in metres, "
+                "is its inverse"
+            )
         depth_m = depth_mm.astype(np.float32) / np.float32(units_per_m)
         return cls(stamp_s=stamp_s, gray=gray, depth_m=depth_m, T_world_cam=T_world_cam)
 
@@ -217,6 +226,8 @@ class Frame:
     ) -> "Frame":
         """Create a frame from depth in metres as in ROS (REP 118): NaN and infinite values are holes.
 
+        Depth that is nowhere nearer than `FAR_M` gets a warning, because it may be in millimetres.
+
         Raises:
             FrameError: The depth is not of floating point, a finite one is negative, or the shapes differ.
         """
@@ -225,6 +236,8 @@ class Frame:
         with np.errstate(over="ignore"):  # What is too large for 32 bits becomes infinite.
             rounded_m = depth_m.astype(np.float32)
         holed_m = np.where(np.isfinite(rounded_m), rounded_m, np.float32(0))
+        if (holed_m > FAR_M).any() and not ((holed_m > 0) & (holed_m <= FAR_M)).any():
+            warnings.warn(f"no depth is below {FAR_M:g} m: is it in millimetres? Divide it by 1000", stacklevel=2)
         return cls(stamp_s=stamp_s, gray=gray, depth_m=holed_m, T_world_cam=T_world_cam)
 
     def __post_init__(self) -> None:
@@ -306,6 +319,8 @@ def _is_rigid(T: object) -> bool:
     if not isinstance(T, np.ndarray) or not _is_plain(T) or T.shape != (4, 4) or T.dtype.kind not in "fiu":
         return False
     if not np.isfinite(T).all() or (T[3] != (0, 0, 0, 1)).any() or np.abs(T[:3, :3]).max() > 2:
+        return False
+    if np.abs(T[:3, 3]).max() > LARGEST_POSITION_M:
         return False
     rotation = T[:3, :3]
     return bool(np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.linalg.det(rotation) > 0)

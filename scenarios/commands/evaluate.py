@@ -1,4 +1,4 @@
-"""Commands that compare methods, repeat experiments, and measure the speed of the default method."""
+"""Commands that compare methods and repeat experiments."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from voxdepth.tools.options import INTERRUPTED
-from voxdepth.tools.viewer import open_viewer, require_display
+from voxdepth.tools.viewer import RECORDING, open_viewer, require_display
 
 from .options import Depth, Picture, Renderer, Scenario, Seed, Seeds, Size, Workers, given, size_changes
 
@@ -67,7 +67,7 @@ def run(
     if finished.result.outcome == "interrupted":
         raise typer.Exit(INTERRUPTED)
     if view and finished.folder is not None:
-        open_viewer(finished.folder / "run.rrd")
+        open_viewer(finished.folder / RECORDING)
 
 
 def accept(

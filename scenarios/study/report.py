@@ -9,6 +9,7 @@ import pandas as pd
 from pandas.api.types import infer_dtype
 
 from voxdepth.tools.files import write
+from voxdepth.tools.viewer import RECORDING
 
 from ..errors import ScenarioError
 from ..results.figure import Picture
@@ -147,7 +148,7 @@ def recording_folder(out: Path, spec: RunSpec) -> Path:
 
 def recording_of(out: Path, spec: RunSpec) -> Path | None:
     """Return the newest recording of a run that was made for the report; None if there is none."""
-    return max(recording_folder(out, spec).glob("*/run.rrd"), default=None)
+    return max(recording_folder(out, spec).glob(f"*/{RECORDING}"), default=None)
 
 
 def run_table(data: StudyData) -> pd.DataFrame:

@@ -87,8 +87,8 @@ def best_of_cells(eigenvalue: FloatImage, cell_px: int) -> FloatImage:
     return np.column_stack([cell % max(cols, 1) * cell_px + col, cell // max(cols, 1) * cell_px + row])
 
 
-def sample_nearest(image: FloatImage, pixels: FloatImage, scale: float) -> FloatImage:
-    col, row = np.rint((pixels.astype(np.float64) + 0.5) * scale - 0.5).astype(int).T
+def sample_nearest(image: FloatImage, pixels: FloatImage, scale_x: float, scale_y: float) -> FloatImage:
+    col, row = np.rint((pixels.astype(np.float64) + 0.5) * (scale_x, scale_y) - 0.5).astype(int).T
     return image[np.clip(row, 0, image.shape[0] - 1), np.clip(col, 0, image.shape[1] - 1)]
 
 

@@ -140,14 +140,14 @@ def test_corners(shape: tuple[int, int], cell_px: int, levels: list[float]) -> N
     np.testing.assert_array_equal(best, twins.best_of_cells(eigenvalue, cell_px))
 
 
-@given(SEEDS, st.sampled_from([(1, 1), (4, 4), (5, 7), (90, 160)]), st.sampled_from([0.5, 1, 2, 4 / 3]))
-def test_nearest_samples(seed: int, shape: tuple[int, int], scale: float) -> None:
+@given(SEEDS, st.sampled_from([(1, 1), (4, 4), (5, 7), (90, 160)]), *2 * [st.sampled_from([0.5, 1, 2, 4 / 3])])
+def test_nearest_samples(seed: int, shape: tuple[int, int], scale_x: float, scale_y: float) -> None:
     rng = np.random.default_rng(seed)
     image = rng.random(shape, np.float32)
-    pixels = rng.uniform(-3, max(shape) / scale + 3, (rng.integers(0, 40), 2)).astype(np.float32)
+    pixels = rng.uniform(-3, max(shape) / min(scale_x, scale_y) + 3, (rng.integers(0, 40), 2)).astype(np.float32)
     pixels[::2] = np.rint(2 * pixels[::2]) / 2
-    values = tracking_camera._sample_nearest(image, pixels, scale)
-    np.testing.assert_array_equal(values, twins.sample_nearest(image, pixels, scale))
+    values = tracking_camera._sample_nearest(image, pixels, scale_x, scale_y)
+    np.testing.assert_array_equal(values, twins.sample_nearest(image, pixels, scale_x, scale_y))
 
 
 @given(SEEDS, st.integers(0, 40))

@@ -154,6 +154,17 @@ class TestDepth:
         assert not self.agrees(T, frame_of(ROOM, pose()))
 
 
+@pytest.mark.parametrize(("width_px", "height_px"), [(640, 360), (848, 480), (752, 480), (1242, 375), (1281, 719)])
+def test_the_tracking_image_shows_what_its_pixels_are_sampled_from(width_px: int, height_px: int) -> None:
+    full = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=70, baseline_m=0.1)
+    camera = TrackingCamera.of(full, 320, WorkingResolution.of(full, 2))
+    for ramp in np.meshgrid(np.arange(width_px, dtype=np.float32), np.arange(height_px, dtype=np.float32)):
+        reduced = cv2.resize(ramp, camera.size, interpolation=cv2.INTER_AREA)
+        row, col = np.mgrid[1 : camera.size[1] - 1, 1 : camera.size[0] - 1].reshape(2, -1)
+        sampled = camera.sample(ramp, np.stack([col, row], axis=-1))
+        assert abs(sampled - reduced[row, col]).max() <= 0.5 + 1e-3  # The nearest pixel is half a pixel away at most.
+
+
 @pytest.mark.parametrize(("width_px", "height_px", "decimation"), [(160, 120, 1), (640, 360, 2), (1281, 719, 2)])
 def test_points_are_projected_where_they_were_seen(width_px: int, height_px: int, decimation: int) -> None:
     full = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=70, baseline_m=0.1)

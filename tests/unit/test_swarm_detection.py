@@ -47,7 +47,6 @@ def test_range_is_that_of_the_corrected_depth_to_the_centre(depth_m: float) -> N
     assert found.drone == 1
     assert found.range_m == pytest.approx(depth_m + RADIUS_M, rel=1e-4)
     np.testing.assert_allclose(found.bearing_cam, [0, 0, 1], atol=1e-9)
-    assert found.deviation_m == 0
 
 
 def test_a_drone_of_wrong_depth_is_seen_in_the_wrong_place_in_the_right_direction() -> None:
@@ -58,14 +57,11 @@ def test_a_drone_of_wrong_depth_is_seen_in_the_wrong_place_in_the_right_directio
     assert (wrong.range_m - RADIUS_M) / (right.range_m - RADIUS_M) == pytest.approx(1.5)
 
 
-def test_a_few_wrong_pixels_do_not_move_it_but_show_as_deviation() -> None:
+def test_a_few_wrong_pixels_do_not_move_it() -> None:
     depth = flat(4.0)
     depth[56:59, 76:84] = 30.0
     (found,) = find(labels(MIDDLE), depth)
     assert found.range_m == pytest.approx(4.0 + RADIUS_M, rel=1e-4)
-    depth[56:64, 76:84] += np.linspace(-1, 1, 8, dtype=np.float32)
-    (rough,) = find(labels(MIDDLE), depth)
-    assert rough.deviation_m > 0.3
 
 
 def test_a_drone_without_depth_is_not_found_and_holes_do_not_count() -> None:

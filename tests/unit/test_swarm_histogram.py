@@ -44,7 +44,7 @@ def test_holes_and_distrusted_pixels_are_unknown() -> None:
 
 
 def test_unknown_cells_are_free_where_that_is_asked_for() -> None:
-    h = histogram(flat(0.0), unknown_is_free=True)
+    h = histogram(flat(0.0), unknown_range_m=HistogramConfig().free_range_m)
     assert h.unknown.all()
     assert h.range_m.min() > 39
 

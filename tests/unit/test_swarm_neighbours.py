@@ -23,7 +23,7 @@ def seen_at(drone: int, at_m: object, T_world_cam: np.ndarray = AT_ORIGIN) -> De
     """A detection of a drone at a place in the world."""
     at_cam_m = T_world_cam[:3, :3].T @ (np.asarray(at_m, np.float64) - T_world_cam[:3, 3])
     range_m = float(np.linalg.norm(at_cam_m))
-    return Detection(drone=drone, bearing_cam=at_cam_m / range_m, range_m=range_m, deviation_m=0.0)
+    return Detection(drone=drone, bearing_cam=at_cam_m / range_m, range_m=range_m)
 
 
 def percept(stamp_s: float, *found: Detection, T_world_cam: np.ndarray = AT_ORIGIN) -> Percept:

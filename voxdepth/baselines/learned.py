@@ -77,9 +77,7 @@ class Learned(StreamCorrector):
         self._flow = Dis()
         super().__init__(intrinsics)
 
-    def reset(self) -> None:
-        """Forget the last frame."""
-        super().reset()
+    def _forget(self) -> None:
         self._last: tuple[GrayImage, Result] | None = None
 
     def _align(self, frame: Frame) -> tuple[Frame, Estimate]:

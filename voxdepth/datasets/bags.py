@@ -93,7 +93,9 @@ class BagDataset:
         stamps_ns, orders = [], []
         for stream in (self._depth, self._gray):
             stamps = [header.stamp_ns for header in stream.headers] if has_stamps else stream.received_ns
-            order = sorted(range(len(stamps)), key=stamps.__getitem__)
+            # Drivers send an image again now and then, with the same time; the first one counts.
+            fresh = [index for index, stamp in enumerate(stamps) if index == 0 or stamp != stamps[index - 1]]
+            order = sorted(fresh, key=stamps.__getitem__)
             stamps_ns.append([stamps[index] for index in order])
             orders.append(order)
         origin_ns = stamps_ns[0][0]  # The nanoseconds since 1970 do not fit into a float.

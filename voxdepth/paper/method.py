@@ -67,9 +67,8 @@ class PaperVoxDepth(StreamCorrector):
         )
         super().__init__(camera)
 
-    def reset(self) -> None:
+    def _forget(self) -> None:
         """Forget template and window; the next frame starts a new epoch."""
-        super().reset()
         self._epochs.reset()
 
     def close(self) -> None:

@@ -69,9 +69,7 @@ class VoxDepth(StreamCorrector):
         compile_all()
         super().__init__(camera)
 
-    def reset(self) -> None:
-        """Forget all frames; the next one is the first."""
-        super().reset()
+    def _forget(self) -> None:
         self._odometry.reset()
         self._featureless_frames = 0
 

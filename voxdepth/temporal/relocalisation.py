@@ -57,8 +57,9 @@ class Relocaliser:
         self._camera = camera
         self._config = config
         width, height = camera.full_size
-        self._scale = min(1.0, config.width_px / width)
-        self._size = (round(width * self._scale), max(1, round(height * self._scale)))
+        scale = min(1.0, config.width_px / width)
+        self._size = (round(width * scale), max(1, round(height * scale)))
+        self._scale = np.divide(self._size, camera.full_size)
         self._orb = cv2.ORB_create(  # type: ignore[attr-defined]
             nfeatures=config.n_features, nlevels=PYRAMID_LEVELS, edgeThreshold=EDGE_PX, fastThreshold=FAST_THRESHOLD
         )
@@ -72,7 +73,8 @@ class Relocaliser:
         )
         if descriptors is None:
             return Features(points_px=np.empty((0, 2), np.float32), descriptors=np.empty((0, 4), np.uint64))
-        points_px = resized(np.asarray(cv2.KeyPoint.convert(key_points)), self._camera.scale / self._scale)
+        positions = zip(np.asarray(cv2.KeyPoint.convert(key_points)).T, self._camera.scale / self._scale, strict=True)
+        points_px = np.stack([resized(position, float(factor)) for position, factor in positions], axis=-1)
         return Features(points_px=points_px.astype(np.float32), descriptors=descriptors.view(np.uint64))
 
     def landmarks(self, gray: GrayImage, memory: Memory) -> Landmarks:

@@ -266,11 +266,11 @@ def view(
     ] = None,
 ) -> None:
     """Open a recording in the Rerun viewer."""
-    from .viewer import open_viewer
+    from .viewer import PARTIAL_RECORDING, RECORDING, open_viewer
 
     if port is not None and not web:
         raise ToolError("--port is the port of the page in a browser: give --web, too")
-    whole, partial = path / "run.rrd", path / "run.part.rrd"
+    whole, partial = path / RECORDING, path / PARTIAL_RECORDING
     if partial.is_file() and not whole.exists():
         typer.echo(f"the run has not ended or was killed: {partial} holds what it recorded so far", err=True)
         whole = partial

@@ -68,10 +68,10 @@ class Correction:
             VoxDepthError: A frame cannot be read or corrected.
         """
         require_absent(out)
-        with (
+        with (  # What is entered first is finished last: no recording appears, or is replaced, without its output.
+            self._recording(record) as listener,
             atomic(out) as path,
             self.output(path, self.dataset) as output,
-            self._recording(record) as listener,
         ):
             lines = list(self._correct(output, listener, progress))
             report = _report(self.config, lines)

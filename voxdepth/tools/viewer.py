@@ -14,6 +14,8 @@ import typer
 from .errors import ToolError
 from .options import require_installed
 
+RECORDING, PARTIAL_RECORDING = "run.rrd", "run.part.rrd"
+"""Names of the recording of a run: when the run has ended, and while it flies or after it was killed."""
 NO_ANALYTICS = {"analytics_enabled": False, "analytics_id": "", "metadata": {}}
 """Configuration of Rerun's statistics of use, which no environment variable switches off."""
 LOCAL = "127.0.0.1"
@@ -36,10 +38,10 @@ def open_viewer(path: Path, *, web: bool = False, port: int | None = None) -> No
     Raises:
         ToolError: The file is no recording, there is no display, the port is taken, or the viewer failed.
     """
-    if (path.parent / "calibration.toml").is_file():
-        raise ToolError(f"{path.parent} is a recording of a sequence: look at it with voxdepth sheet {path.parent}")
     if not path.is_file():
-        raise ToolError(f"there is no recording at {path}; runs with --record have a file run.rrd in their folder")
+        if (path.parent / "calibration.toml").is_file():
+            raise ToolError(f"{path.parent} is a recording of a sequence: look at it with voxdepth sheet {path.parent}")
+        raise ToolError(f"there is no recording at {path}: a run leaves a {RECORDING}, unless it flew with --no-record")
     if path.suffix != ".rrd":
         raise ToolError(f"{path} is no recording of a run: expected a folder of a run, or an .rrd file")
     require_installed("rerun")

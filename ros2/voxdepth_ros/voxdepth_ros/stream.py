@@ -5,6 +5,7 @@ from threading import Condition
 from typing import Any, Generic, TypeVar
 
 from voxdepth.corrector_spec import CorrectorSpec
+from voxdepth.errors import ConfigError, FrameError
 from voxdepth.ros import confidence_fields, depth_fields, frame_of, source_fields
 from voxdepth.types import DepthCorrector, Intrinsics
 
@@ -36,14 +37,15 @@ class MessageCorrector:
             Fields of the images `depth`, `source` and `confidence`, but for their headers.
 
         Raises:
-            FrameError: A message is damaged, of another encoding or size, or as old as that before.
+            FrameError: A message is damaged, of another encoding or size, or as old as that before; or the corrector
+                does not suit the camera.
         """
         camera = Intrinsics.from_camera_info(info, baseline_m=self._baseline_m)
         frame = frame_of(gray, depth, units_per_m=self._units_per_m)
         frame.require_shape(camera.shape)
         if camera != self._camera:
             self.close()
-            self._corrector, self._camera = self._spec.create(camera), camera
+            self._corrector, self._camera = self._created(camera), camera
         elif frame.stamp_s < self._stamp_s:
             self._corrector.reset()
         corrected = self._corrector.process(frame)
@@ -53,6 +55,12 @@ class MessageCorrector:
             "source": source_fields(corrected.source),
             "confidence": confidence_fields(corrected.confidence),
         }
+
+    def _created(self, camera: Intrinsics) -> DepthCorrector:
+        try:
+            return self._spec.create(camera)
+        except ConfigError as error:
+            raise FrameError(f"the corrector does not suit this camera: {error}") from error
 
     def close(self) -> None:
         """End the threads of the corrector if it has some."""

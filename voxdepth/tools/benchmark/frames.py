@@ -1,7 +1,7 @@
 """A few frames that a measurement plays for as long as it lasts, from memory or from files."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, cycle, islice
 from pathlib import Path
 from typing import Any
@@ -54,7 +54,8 @@ class FrameLoop:
         size = (width_px, height_px)
         grays: Any = [cv2.resize(gray, size, interpolation=cv2.INTER_LINEAR) for gray in self.grays]
         depths_m: Any = [cv2.resize(depth_m, size, interpolation=cv2.INTER_NEAREST) for depth_m in self.depths_m]
-        intrinsics = self.intrinsics.scaled(width_px, height_px)
+        # The images stand for those of a camera that matches at this size.
+        intrinsics = replace(self.intrinsics.scaled(width_px, height_px), disparity_scale=1)
         return FrameLoop(intrinsics=intrinsics, grays=tuple(grays), depths_m=tuple(depths_m))
 
     def play(self, frames: int) -> Iterator[Frame]:
