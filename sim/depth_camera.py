@@ -117,6 +117,8 @@ class DepthCamera:
     ) -> Capture:
         """Add the errors of the camera to a true depth image.
 
+        The range of the camera is not applied: pixels without a surface read the largest depth.
+
         Args:
             depth_m: True depth along the optical axis [m], shape (H, W), float32; +inf or 0 where there is no surface.
             gray: Gray image, shape (H, W), uint8; black without one.

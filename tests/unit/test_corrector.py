@@ -1,12 +1,24 @@
 """What both correctors that use earlier frames do."""
 
+import time
 from collections.abc import Callable, Sequence
+from threading import Event, Thread
 
 import cv2
 import numpy as np
 import pytest
 
-from voxdepth import CorrectedDepth, Frame, Intrinsics, PaperConfig, PaperVoxDepth, Source, VoxDepth, VoxDepthConfig
+from voxdepth import (
+    CorrectedDepth,
+    Frame,
+    Intrinsics,
+    PaperConfig,
+    PaperVoxDepth,
+    Source,
+    VoxDepth,
+    VoxDepthConfig,
+    create_corrector,
+)
 from voxdepth.corrector import StreamCorrector
 from voxdepth.errors import ConfigError, FrameError
 from voxdepth.paper.epochs import PaperDiagnostics, Phase
@@ -166,3 +178,36 @@ def test_arguments_of_other_types_are_refused_in_one_line() -> None:
 def test_bad_configurations_of_the_default_method_are_refused(bad: dict[str, object]) -> None:
     with pytest.raises(ValueError, match="validation error"):
         VoxDepthConfig(**bad)  # type: ignore[arg-type]
+
+
+@both
+@pytest.mark.parametrize("end", ["reset", "close"])
+def test_a_reset_and_an_end_wait_for_the_frame_that_another_thread_has_in_work(create: Create, end: str) -> None:
+    corrector, frames, begun, ended = create(), walk(2), Event(), []
+    align = corrector._align
+
+    def slow(frame: Frame) -> object:
+        begun.set()
+        time.sleep(0.2)
+        aligned = align(frame)
+        ended.append("frame")
+        return aligned
+
+    corrector._align = slow
+    worker = Thread(target=corrector.process, args=(frames[0],))
+    worker.start()
+    assert begun.wait(10)
+    getattr(corrector, end)()
+    ended.append(end)
+    worker.join()
+    assert ended == ["frame", end]
+    if end == "reset":
+        corrector.process(frames[0])
+
+
+def test_the_paper_by_name_can_be_closed() -> None:
+    corrector = create_corrector("paper", CAMERA)
+    corrector.process(walk(1)[0])
+    corrector.close()
+    with pytest.raises(FrameError, match="closed"):
+        corrector.process(walk(2)[1])

@@ -97,7 +97,9 @@ def test_the_published_camera_is_taken_by_the_folders_name(
     folder.mkdir()
     cv2.imwrite(str(folder / "depth.png"), np.zeros((480, 640), np.uint16))
     (folder / "associations.txt").write_text("1 rgb.png 1 depth.png\n")
-    camera = open_dataset(folder).intrinsics
+    dataset = open_dataset(folder)
+    camera = dataset.intrinsics
+    assert bool(dataset.assumed) is (fx_px == 525.0), "what the name does not tell is assumed, and said"
     assert (camera.fx_px, camera.cy_px, camera.shape, camera.baseline_m) == (fx_px, cy_px, (480, 640), None)
 
 

@@ -127,7 +127,8 @@ def test_what_was_written_reads_back_to_the_last_bit(seed: int, width: int, heig
 @st.composite
 def any_intrinsics(draw: st.DrawFn) -> Intrinsics:
     sizes = {name: draw(st.integers(1, 2**16)) for name in ("width_px", "height_px")}
-    lengths = {name: draw(st.floats(1e-3, 1e3)) for name in ("fx_px", "fy_px", "baseline_m")}
+    lengths = {name: draw(st.floats(1e-3, 1e3)) for name in ("fx_px", "fy_px")}
+    lengths["baseline_m"] = draw(st.floats(1e-3, 10))
     centre = {
         name: draw(st.floats(-0.5, 1.5)) * sizes[side] for name, side in (("cx_px", "width_px"), ("cy_px", "height_px"))
     }

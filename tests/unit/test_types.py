@@ -214,3 +214,38 @@ def test_metres_as_ros_writes_them_have_holes_where_they_are_not_finite() -> Non
 def test_times_and_poses_must_be_finite(bad: dict[str, object]) -> None:
     with pytest.raises(FrameError, match=r"(stamp_s|T_world_cam) must be"):
         Frame(**({"stamp_s": 0.0, "gray": GRAY, "depth_m": DEPTH} | bad))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("units_per_m", [0.001, 0.0010000000475, 0.00025])
+def test_the_depth_scale_of_librealsense_is_no_number_of_steps(units_per_m: float) -> None:
+    with pytest.raises(FrameError, match="its inverse"):
+        Frame.from_millimetres(stamp_s=0, gray=GRAY, depth_mm=DEPTH.astype(np.uint16), units_per_m=units_per_m)
+
+
+@pytest.mark.parametrize("baseline_m", [50.0, 95.0])
+def test_a_baseline_in_millimetres_is_refused(baseline_m: float) -> None:
+    with pytest.raises(FrameError, match="is it in metres"):
+        Intrinsics.from_hfov(width_px=64, height_px=48, hfov_deg=80, baseline_m=baseline_m)
+
+
+def test_floats_in_millimetres_get_a_warning_and_far_metres_do_not(recwarn: pytest.WarningsRecorder) -> None:
+    far_m = 1000 * DEPTH
+    far_m[0, 0] = 200.0
+    Frame.from_metres(stamp_s=0, gray=GRAY, depth_m=far_m)
+    Frame.from_metres(stamp_s=0, gray=GRAY, depth_m=0 * DEPTH)
+    assert not recwarn.list
+    with pytest.warns(UserWarning, match="in millimetres"):
+        Frame.from_metres(stamp_s=0, gray=GRAY, depth_m=1000 * DEPTH)
+
+
+def test_a_pose_that_32_bits_do_not_hold_is_refused() -> None:
+    pose = np.eye(4)
+    pose[0, 3] = 1e39
+    with pytest.raises(FrameError, match="T_world_cam must be"):
+        Frame(stamp_s=0, gray=GRAY, depth_m=DEPTH, T_world_cam=pose)
+
+
+@pytest.mark.parametrize("size", [(320, 240), (213, 160), (640, 480)])
+def test_an_image_that_is_resized_after_matching_keeps_the_error_of_its_depth(size: tuple[int, int]) -> None:
+    camera = Intrinsics.from_hfov(width_px=640, height_px=480, hfov_deg=80, baseline_m=0.1)
+    assert camera.scaled(*size).focal_baseline_px_m == pytest.approx(camera.focal_baseline_px_m)

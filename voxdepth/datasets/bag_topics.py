@@ -17,6 +17,8 @@ SENSOR_PARTS = 2
 RIGHT_INFRARED = ("/Infrared_2/", "/infra2/")
 """Parts of the topics of the right camera of librealsense and realsense-ros, whose `camera_info` may be that of the
 left one."""
+COLOURS = [encoding for encoding, (channels, _) in GRAY_ENCODINGS.items() if channels > 1]
+"""Encodings of colour images."""
 COPIES = ("/compressedDepth", "/compressed")
 """What ends the topic of a compressed copy of an image."""
 SAME_LENS = 1e-3
@@ -112,10 +114,20 @@ class Images:
         return [topic for topic in found if _original(topic) == topic or _original(topic) not in found]
 
     def _may_be_of(self, depth: str, gray: str) -> bool:
-        """Whether nothing says that a gray image is of another camera than the depth."""
+        """Whether nothing says that a gray image is of another camera than the depth.
+
+        A colour image in another coordinate frame is: depth must be aligned to it.
+        """
         first, second = self._lens(depth), self._lens(gray)
         is_right = any(part in gray for part in RIGHT_INFRARED)
+        if first is None and encoding_of(self._images[gray]) in COLOURS and self._are_apart(depth, self._images[gray]):
+            return False
         return not is_right and (first is None or second is None or _is_same(first, second))
+
+    def _are_apart(self, topic: str, other: Any) -> bool:
+        """Whether an image and another message name different coordinate frames."""
+        frame_ids = self._images[topic].header.frame_id, other.header.frame_id
+        return all(frame_ids) and frame_ids[0] != frame_ids[1]
 
     def _lens(self, topic: str) -> Intrinsics | None:
         """The camera of an image as its `camera_info` has it; None if it is unknown."""
@@ -123,13 +135,19 @@ class Images:
         return None if info is None else _lens_of(info)
 
     def _info(self, topic: str) -> Any:
-        """The `camera_info` that shares most of its path with an image, or has its coordinate frame; None without."""
+        """The `camera_info` that shares most of its path with an image, or has its coordinate frame; None without.
+
+        One that lies elsewhere and names another coordinate frame is of another camera.
+        """
         shared = {name: _n_shared(name, topic) for name in self._infos}
         nearest = [name for name, n in shared.items() if n == max(shared.values())]
         if len(nearest) > 1:
             frame_id = self._images[topic].header.frame_id
             nearest = [name for name in nearest if self._infos[name].header.frame_id == frame_id]
-        return self._infos[nearest[0]] if len(nearest) == 1 else None
+        if len(nearest) != 1:
+            return None
+        info, is_beside = self._infos[nearest[0]], _folder(nearest[0]) == _folder(topic)
+        return info if is_beside or not self._are_apart(topic, info) else None
 
     def _baseline_m(self, topic: str) -> float | None:
         """The baseline of the sensor, or of the only stereo pair."""
@@ -174,6 +192,11 @@ def _is_same(first: Intrinsics, second: Intrinsics) -> bool:
 def _original(topic: str) -> str:
     """The topic whose images a topic of compressed images has."""
     return next((topic.removesuffix(end) for end in COPIES if topic.endswith(end)), topic)
+
+
+def _folder(topic: str) -> str:
+    """The part of a topic that the image and the `camera_info` of one camera share."""
+    return topic.rsplit("/", 1)[0]
 
 
 def _sensor(topic: str) -> str:

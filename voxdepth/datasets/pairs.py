@@ -44,6 +44,8 @@ class PairedImages(ABC):
     """
 
     format: str
+    assumed = ""
+    """What the format takes for granted of this camera, in words; empty if it knows it."""
 
     def __init__(self, folder: Path, intrinsics: Intrinsics | None = None) -> None:
         pairs = self._find_pairs(folder)

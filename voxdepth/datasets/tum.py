@@ -56,6 +56,8 @@ class TumDataset(PairedImages):
                 f"write its intrinsics into {folder / CALIBRATION}"
             )
         camera = _CAMERA.search(folder.resolve().name)
+        if camera is None:
+            self.assumed = f"is taken for a sequence of TUM RGB-D: a focal length of 525 px, depth in 1/{UNITS_PER_M} m"
         fx_px, fy_px, cx_px, cy_px = _FOCAL_AND_CENTRE_PX[camera[1]] if camera else _ROS_DEFAULT_PX
         return Intrinsics(fx_px=fx_px, fy_px=fy_px, cx_px=cx_px, cy_px=cy_px, width_px=width_px, height_px=height_px)
 

@@ -1,5 +1,6 @@
-"""Recorded sequences as commands open them: OpenCV is silent, and a camera that is not fully stated is told."""
+"""Recorded sequences as commands open them: OpenCV is silent, and what is assumed of a camera is told."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,7 +21,7 @@ def restrict_opencv() -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Opener:
-    """Opens recorded sequences, see `open_dataset`, and tells on stderr of each, once, that its baseline is assumed."""
+    """Opens recorded sequences, see `open_dataset`, and tells on stderr, once, what is assumed of each camera."""
 
     format: str = "auto"
     depth_topic: str | None = None
@@ -30,11 +31,18 @@ class Opener:
     def __call__(self, path: Path) -> Dataset:
         """Open a folder or a bag."""
         dataset = open_dataset(path, self.format, depth_topic=self.depth_topic, gray_topic=self.gray_topic)
-        if dataset.intrinsics.baseline_m is None and path not in self._told:
+        for assumption in _assumptions(path, dataset) if path not in self._told else ():
             self._told.add(path)
-            typer.echo(
-                f"{path} states no baseline of its camera, {ASSUMED_BASELINE_M:g} m is assumed: state it in metres as "
-                f"baseline_m in {calibration_path(path)}",
-                err=True,
-            )
+            typer.echo(f"{path} {assumption}", err=True)
         return dataset
+
+
+def _assumptions(path: Path, dataset: Dataset) -> Iterator[str]:
+    """What is assumed of the camera of a dataset, as a clause after its name."""
+    if assumed := getattr(dataset, "assumed", ""):
+        yield f"{assumed}; state the camera in {calibration_path(path)} if it is another one"
+    if dataset.intrinsics.baseline_m is None:
+        yield (
+            f"states no baseline of its camera, {ASSUMED_BASELINE_M:g} m is assumed: state it in metres as baseline_m "
+            f"in {calibration_path(path)}"
+        )
