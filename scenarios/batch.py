@@ -21,6 +21,7 @@ from .runner import Finished, fly
 T = TypeVar("T")
 
 OUTCOMES = [outcome for outcome in Outcome if outcome is not Outcome.INTERRUPTED]
+"""How a mission may end; an interrupted one is no result."""
 
 
 def fly_all(runs: Sequence[Run], *, workers: int) -> Iterator[Finished]:

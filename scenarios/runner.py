@@ -19,7 +19,7 @@ import numpy as np
 from swarm.compose import composed_mission
 from swarm.mission import Mission
 from swarm.recorder import Recorder
-from swarm.types import MissionResult
+from swarm.types import MissionResult, Outcome
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.files import as_tool_error, to_toml, write
 from voxdepth.tools.provenance import machine, versions
@@ -51,9 +51,15 @@ class Finished:
 
 
 def fly(run: Run, *, threads: int | None = None) -> Finished:
-    """Fly a mission without writing anything; the number of threads changes the speed only."""
+    """Fly a mission without writing anything; the number of threads changes the speed only.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C was pressed; an interrupted mission is no result.
+    """
     with flying(run, Recorder(), recorded=False, threads=threads) as mission:
         wall_s = _ticks(mission, None)
+        if mission.outcome is Outcome.INTERRUPTED:
+            raise KeyboardInterrupt
         return Finished(result=mission.result(), wall_s=wall_s, folder=None)
 
 

@@ -28,11 +28,11 @@ class MapConfig(Model):
 
     reach_m: float = Field(default=10.0, gt=2)
     """Distance from the drone to the sides of the map, at least."""
-    height_m: float = Field(default=2.0, gt=0)
+    height_m: float = Field(default=1.5, gt=0)
     """Height of the map, half above and half below the drone, at least."""
     voxel_m: float = Field(default=0.25, gt=0.01)
     """Horizontal side of a voxel."""
-    layer_m: float = Field(default=0.5, gt=0.01)
+    layer_m: float = Field(default=0.25, gt=0.01)
     """Height of a voxel."""
     min_passed: int = Field(default=2, ge=1, le=100)
     """Images that must see through a voxel until it is free."""
@@ -69,7 +69,8 @@ class MapConfig(Model):
     def shape(self) -> tuple[int, int, int]:
         """Number of layers, rows and columns; the route needs even numbers of the latter."""
         side = 2 * ROUTE_CELLS * int(np.ceil((self.reach_m + MARGIN_M) / self.voxel_m / ROUTE_CELLS))
-        return 2 * int(np.ceil(self.height_m / 2 / self.layer_m)), side, side
+        # The middle of the map is a whole number of layers, which may be half a layer away from the drone.
+        return 2 * int(np.ceil(self.height_m / 2 / self.layer_m + 0.5)), side, side
 
 
 class FreeMap:
@@ -100,9 +101,7 @@ class FreeMap:
 
     def start(self, at_m: FloatArray, time_s: float) -> None:
         """Begin the map around a drone, whose surroundings count as free."""
-        self.forget()
-        self._follow(at_m)
-        self.occupy(at_m, self._config.start_radius_m, self._config.height_m / 2, time_s)
+        self.start_again(at_m, self._config.start_radius_m, self._config.height_m / 2, time_s)
 
     def forget(self) -> None:
         """Forget everything."""
@@ -110,14 +109,20 @@ class FreeMap:
             counts[:] = 0
         self._origin = None
 
-    def occupy(self, at_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
+    def start_again(self, at_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
+        """Forget everything but that a drone has free space around it: an upright cylinder."""
+        self.forget()
+        self._follow(at_m)
+        self.mark_free(at_m, radius_m, half_height_m, time_s)
+
+    def mark_free(self, at_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
         """Make the place that a drone takes free: an upright cylinder, in which a surface was an error."""
         at_m, origin_m = np.ascontiguousarray(at_m), self.origin_m
-        kernels.occupy(self._voxels, self._rules, origin_m, at_m, radius_m, half_height_m, time_s)
+        kernels.mark_free(self._voxels, self._rules, origin_m, at_m, radius_m, half_height_m, time_s)
 
-    def give_up(self, at_m: FloatArray, radius_m: float, half_height_m: float) -> None:
+    def give_up(self, at_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
         """Make what is unknown in an upright cylinder vain, because looking did not help."""
-        kernels.give_up(self._voxels, self._rules, self.origin_m, at_m, radius_m, half_height_m)
+        kernels.give_up(self._voxels, self._rules, self.origin_m, at_m, radius_m, half_height_m, time_s)
 
     def is_column_free(self, at_m: FloatArray, low_m: float, high_m: float, time_s: float) -> bool:
         """Return whether the column of voxels at a position (x, y) is free between two heights."""

@@ -183,6 +183,13 @@ def show_surfaces(
             voxels.vain[k, i, j], cell[k, i, j] = 0, DONE
 
 
+@compiled(boolean(VOXELS, RULES, int64, int64, int64, float64))
+def is_free(voxels: Voxels, rules: Rules, layer: int, row: int, col: int, time_s: float) -> bool:
+    """Return whether enough images passed a voxel, and not too long ago."""
+    is_recent = time_s - voxels.passed_s[layer, row, col] <= rules.memory_s
+    return bool(voxels.passed[layer, row, col] >= rules.min_passed and is_recent)
+
+
 @compiled(UniTuple(int64, 2)(float64, float64, float64, int64))
 def cells_within(middle_m: float, radius_m: float, side_m: float, n: int) -> tuple[int, int]:
     """Return the first of `n` cells that is within a radius of a place along an axis, and the one after the last."""
@@ -191,7 +198,7 @@ def cells_within(middle_m: float, radius_m: float, side_m: float, n: int) -> tup
 
 
 @compiled(void(VOXELS, RULES, float64[::1], float64[::1], float64, float64, float64))
-def occupy(
+def mark_free(
     voxels: Voxels,
     rules: Rules,
     origin_m: FloatArray,
@@ -218,9 +225,15 @@ def occupy(
                     voxels.passed_s[k, i, j] = time_s
 
 
-@compiled(void(VOXELS, RULES, float64[::1], float64[::1], float64, float64))
+@compiled(void(VOXELS, RULES, float64[::1], float64[::1], float64, float64, float64))
 def give_up(
-    voxels: Voxels, rules: Rules, origin_m: FloatArray, center_m: FloatArray, radius_m: float, half_height_m: float
+    voxels: Voxels,
+    rules: Rules,
+    origin_m: FloatArray,
+    center_m: FloatArray,
+    radius_m: float,
+    half_height_m: float,
+    time_s: float,
 ) -> None:
     """Make the voxels in an upright cylinder vain that are not known to be free."""
     n_layers, n_rows, n_cols = voxels.passed.shape
@@ -234,7 +247,7 @@ def give_up(
             y_m = origin_m[1] + (i + 0.5) * rules.voxel_m - center_m[1]
             for j in range(cols[0], cols[1]):
                 x_m = origin_m[0] + (j + 0.5) * rules.voxel_m - center_m[0]
-                if x_m * x_m + y_m * y_m <= radius_m**2 and voxels.passed[k, i, j] < rules.min_passed:
+                if x_m * x_m + y_m * y_m <= radius_m**2 and not is_free(voxels, rules, k, i, j, time_s):
                     voxels.vain[k, i, j] = rules.min_vain
 
 
@@ -261,6 +274,6 @@ def worst_states(
             for j in range(state.shape[1]):
                 if voxels.surface[k, i, j] >= CONFIRMED:
                     state[i, j] = SURFACE
-                elif voxels.passed[k, i, j] < rules.min_passed or time_s - voxels.passed_s[k, i, j] > rules.memory_s:
+                elif not is_free(voxels, rules, k, i, j, time_s):
                     unknown = VAIN if voxels.vain[k, i, j] >= rules.min_vain else UNSEEN
                     state[i, j] = max(state[i, j], unknown)

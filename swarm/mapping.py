@@ -13,6 +13,7 @@ from sim.types import VelocityCommand
 from voxdepth.types import FloatArray
 
 from .chart import Chart, Route
+from .errors import MissionError
 from .evidence import EvidenceReader
 from .free_map import FreeMap
 from .nearby import ApproachLimits, clamp_to_limits
@@ -25,7 +26,9 @@ AHEAD_M = 1.0
 """Free space beyond the braking distance, with which a drone flies straight instead of planning a way."""
 MAKE_ROOM_PER_S = 3.0
 """Speed with which a drone gives way to what comes near, per distance that it misses to its clearance."""
-MAX_CLIMB_M_S = 1.0
+MAX_CLIMB_M_S, STANDS_UP_M_S = 1.0, 0.02
+CLIMB_SHARES = (1.0, 0.75, 0.5, 0.25)
+"""Shares of a climb that are tried, since the map is low."""
 HEIGHT_BAND_M = 0.5
 """A drone leaves the height of its target by no more than this, because it sees little of what is above and below."""
 PATIENCE_S = 2.0
@@ -69,6 +72,11 @@ class MappingPilot(Pilot):
         self._reader = EvidenceReader(camera.intrinsics, config.evidence)
         self._map = FreeMap(config.map, self._reader, camera.intrinsics)
         self._width_m, self._half_height_m = radius_m + config.keep_m, radius_m + config.keep_above_m
+        if 2 * self._half_height_m > config.map.height_m:
+            raise MissionError(
+                f"a drone of radius {radius_m} m that keeps {config.keep_above_m} m above and below does not fit "
+                f"into a map of height_m = {config.map.height_m}: make it at least {2 * self._half_height_m:g}"
+            )
         c = config.avoidance
         self._braking = Braking(
             config.map.voxel_m, self._width_m, config.map.reach_m, c.max_decel_m_s2, c.brake_gain_per_s
@@ -88,10 +96,12 @@ class MappingPilot(Pilot):
         at_m, flown, wanted = known.place(own.position_m), known.turned(own.velocity_m_s), known.turned(wanted_m_s)
         target = at_m + 3.0 * wanted if target_m is None else known.place(target_m)
         direction, look = self._way(known, at_m, wanted, target)
-        level = length(wanted[:2]) * direction + MAKE_ROOM_PER_S * known.chart.way_out(at_m)
+        level = _making_room(length(wanted[:2]) * direction, known.chart.way_out(at_m))
         velocity = np.array([*level, _climb(wanted[2], target[2] - at_m[2])])
         limits = ApproachLimits(known.turned(drones.towards), drones.speed_m_s)
-        velocity = self._restrained(known, clamp_to_limits(velocity, limits), limits, at_m, flown)
+        velocity = clamp_to_limits(velocity, limits)
+        level = known.chart.restrain(velocity, at_m + self._config.response_s * flown, limits, self._braking)
+        velocity = np.array([*level, self._safe_climb(known, at_m, velocity[2], target[2] - at_m[2])])
         state = self._state(situation.time_s, wanted, direction, velocity)
         look_world = known.turned_back(np.array([*look, 0.0]))
         yaw_rad = self._heading.turn_towards(look_world, length(wanted_m_s))
@@ -123,11 +133,12 @@ class MappingPilot(Pilot):
         if before is None:
             self._map.start(at_m, stamp_s)
         elif self._has_jumped(before, stamp_s, at_m, own.velocity_m_s):
-            self._map.forget()
+            radius_m = min(before.chart.clearance_m(before.at_m), self._config.map.start_radius_m)
+            self._map.start_again(at_m, radius_m, self._half_height_m, stamp_s)
         self._map.update(self._reader.read(percept.corrected), percept.T_odom_cam, places_m[1:], stamp_s)
         for place_m in places_m:
-            self._map.occupy(place_m, self._radius_m, self._half_height_m, stamp_s)
-        low_m, high_m = at_m[2] - self._half_height_m, at_m[2] + self._half_height_m
+            self._map.mark_free(place_m, self._radius_m, self._half_height_m, stamp_s)
+        low_m, high_m = self._band(at_m)
         self._known = Known(stamp_s, at_m, self._map.chart(low_m, high_m, self._width_m, stamp_s, T))
         self._route = None
         return self._known
@@ -152,19 +163,21 @@ class MappingPilot(Pilot):
             self._route = self._route_before = known.chart.route(at_m, target_m, self._route_before)
         return self._route.direction(at_m[:2], straight), self._route.look(at_m[:2], straight)
 
-    def _restrained(
-        self, known: Known, velocity: FloatArray, limits: ApproachLimits, at_m: FloatArray, flown: FloatArray
-    ) -> FloatArray:
-        """Return the velocity that is nearest to a wanted one, stops within free space and approaches no drone."""
-        start_m = at_m + self._config.response_s * flown
-        level = known.chart.restrain(velocity, start_m, limits, self._braking)
-        return np.array([*level, velocity[2] if self._may_climb(known, at_m, velocity[2]) else 0.0])
+    def _safe_climb(self, known: Known, at_m: FloatArray, climb_m_s: float, left_m: float) -> float:
+        """Return a climb, or a descent, if the space where the drone gets within a second is free, or else 0.
 
-    def _may_climb(self, known: Known, at_m: FloatArray, climb_m_s: float) -> bool:
-        """Return whether the space above or below, where the drone gets within a second, is free."""
-        low_m = at_m[2] - self._half_height_m + min(climb_m_s, 0.0)
-        high_m = at_m[2] + self._half_height_m + max(climb_m_s, 0.0)
-        return abs(climb_m_s) < 0.02 or self._map.is_column_free(at_m, low_m, high_m, known.stamp_s)
+        The map is low: on the way to its target, with `left_m` to climb, a drone may also be slower.
+        """
+        for share in CLIMB_SHARES if climb_m_s * left_m > 0 else CLIMB_SHARES[:1]:
+            low_m, high_m = self._band(at_m)
+            low_m, high_m = low_m + min(share * climb_m_s, 0.0), high_m + max(share * climb_m_s, 0.0)
+            if abs(climb_m_s) < STANDS_UP_M_S or self._map.is_column_free(at_m, low_m, high_m, known.stamp_s):
+                return share * climb_m_s
+        return 0.0
+
+    def _band(self, at_m: FloatArray) -> tuple[float, float]:
+        """Return the heights between which the air must be free, so that a drone may fly there."""
+        return at_m[2] - self._half_height_m, at_m[2] + self._half_height_m
 
     def _state(self, time_s: float, wanted: FloatArray, direction: FloatArray, velocity: FloatArray) -> str:
         """Return `free`, `avoiding`, `exploring` or `blocked`; a drone that stands too long gives up its way."""
@@ -185,7 +198,16 @@ class MappingPilot(Pilot):
             return
         self._stands_since_s = time_s
         for point_m in self._route.points_m[self._route.clear + 1 :][:GIVEN_UP]:
-            self._map.give_up(np.array([*point_m, self._known.at_m[2]]), self._width_m, self._half_height_m)
+            self._map.give_up(np.array([*point_m, self._known.at_m[2]]), self._width_m, self._half_height_m, time_s)
+
+
+def _making_room(level: FloatArray, way_out: FloatArray) -> FloatArray:
+    """Return a velocity (x, y) that leads out of a place that is too narrow, and no farther into it."""
+    missing_m = length(way_out)
+    if missing_m == 0:
+        return level
+    out = way_out / missing_m
+    return np.asarray(level - min(float(level @ out), 0.0) * out + MAKE_ROOM_PER_S * way_out)
 
 
 def _climb(wanted_m_s: float, left_m: float) -> float:

@@ -64,7 +64,7 @@ def is_in_view(
 @compiled(
     "i8("
     + "i8[::1], f8[:, ::1], f8[:, ::1], f8[::1], f8[:, ::1], f8[:, ::1], "
-    + "f8, " * 5
+    + "f8, " * 6
     + "i8[::1], f8[:, ::1], f8[:, ::1])"
 )
 def combine(
@@ -79,6 +79,7 @@ def combine(
     slope_x: float,
     slope_y: float,
     max_range_m: float,
+    agreed_m: float,
     # output
     drones: Numbers,
     position_m: FloatArray,
@@ -86,17 +87,18 @@ def combine(
 ) -> int:
     """Choose between camera and radio for every drone; return the number of those that are known.
 
-    The heard drones come first, then those that are seen and not heard.
+    A drone in view is where the camera found it, unless the radio says that it is farther than `agreed_m` from there:
+    its depth may be wrong. The heard drones come first, then those that are seen and not heard.
     """
     n, unheard = 0, time_s - seen_at_s <= memory_s
     for k in range(len(heard)):
         drone, age_s = heard[k], time_s - seen_at_s[heard[k]]
         unheard[drone] = False
-        in_view = is_in_view(heard_position_m[k], T_world_cam, slope_x, slope_y, max_range_m)
-        if in_view and age_s > memory_s:
-            continue
-        drones[n], velocity_m_s[n] = drone, heard_velocity_m_s[k]
-        position_m[n] = seen_position_m[drone] + age_s * heard_velocity_m_s[k] if in_view else heard_position_m[k]
+        drones[n], velocity_m_s[n], position_m[n] = drone, heard_velocity_m_s[k], heard_position_m[k]
+        if age_s <= memory_s and is_in_view(heard_position_m[k], T_world_cam, slope_x, slope_y, max_range_m):
+            followed_m = seen_position_m[drone] + age_s * heard_velocity_m_s[k]
+            if ((followed_m - heard_position_m[k]) ** 2).sum() <= agreed_m**2:
+                position_m[n] = followed_m
         n += 1
     for drone in range(len(unheard)):
         if unheard[drone]:

@@ -34,6 +34,9 @@ class NeighbourConfig(Model):
     detector: DetectorConfig = DetectorConfig()
     memory_s: float = Field(default=0.5, ge=0)
     """Time for which a detected drone is assumed to keep its velocity when it is not detected again."""
+    agreed_m: float = Field(default=1.0, ge=0)
+    """Largest distance of the place where a drone was detected from that of which the radio tells; beyond it, the depth
+    is taken for wrong."""
 
 
 class Detector:
@@ -103,8 +106,8 @@ def belong_to_drones(points_m: FloatArray, drones_m: FloatArray) -> MaskImage:
 class NeighbourTracker:
     """Combines what one drone detects in its images with what it hears by radio.
 
-    Inside the field of view and the detector's range the camera decides: a drone that is not detected there (missed,
-    hidden, without depth) is dropped once the memory has passed. Elsewhere the radio decides. Velocities come by radio;
+    Inside the field of view and the detector's range the camera decides where it detects a drone and the radio agrees.
+    Otherwise the radio decides: a drone that is not detected may be hidden, or without depth. Velocities come by radio;
     a drone that is seen and not heard counts as still.
     """
 
@@ -132,6 +135,6 @@ class NeighbourTracker:
         n = combine(
             heard.drone, heard.position_m, heard.velocity_m_s, self._seen_at_s, self._seen_m,
             np.ascontiguousarray(pose), time_s, self._config.memory_s, self._slope_x, self._slope_y,
-            self._config.detector.max_range_m, drones, position_m, velocity_m_s,
+            self._config.detector.max_range_m, self._config.agreed_m, drones, position_m, velocity_m_s,
         )  # fmt: skip
         return Neighbours(drone=drones[:n], position_m=position_m[:n], velocity_m_s=velocity_m_s[:n])

@@ -79,7 +79,7 @@ class Situation:
     mates: Neighbours
     """Other drones of its swarm that are heard by radio."""
     neighbours: Neighbours
-    """Drones of any swarm: by camera in the field of view, by radio elsewhere."""
+    """Drones of any swarm: by camera where it detects them, by radio elsewhere."""
     mates_dropped: int = 0
     """Number of drones of its swarm that have dropped out after a collision."""
 

@@ -22,8 +22,6 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any, Protocol
 
-from swarm.types import Outcome
-
 from ..errors import ScenarioError
 from ..quiet import import_noisy_libraries, use_one_thread
 from ..results.provenance import simulation_versions
@@ -68,8 +66,6 @@ def run_one(spec: RunSpec) -> RunRecord:
         ScenarioError: A metric is not finite.
     """
     record = RunRecord.of(spec.key, fly(spec.run, threads=1))
-    if record.outcome is Outcome.INTERRUPTED:
-        raise KeyboardInterrupt
     for name, value in record.metrics.items():
         if value is not None and not math.isfinite(value):
             raise ScenarioError(f"expected finite metrics, or None, got {name} = {value}")

@@ -10,6 +10,7 @@ Sources:
     [5] McNemar, Psychometrika 12 (1947) 153, doi:10.1007/BF02295996; here exact, by the binomial distribution.
     [6] McCullagh, Nelder, Generalized Linear Models (1989), Section 4.3: the complementary log-log link.
     [7] Zou, Donner, Stat. Med. 27 (2008) 1693, doi:10.1002/sim.3095: sums of estimates from their intervals.
+    [8] Rao, Wu, J. Am. Stat. Assoc. 83 (1988) 231, doi:10.1080/01621459.1988.10478591: the bootstrap of small strata.
 """
 
 import math
@@ -149,12 +150,15 @@ def bootstrap_mean(
 ) -> Estimate:
     """Return the mean of all values with the percentile interval of a bootstrap that draws within each stratum.
 
-    The values are of runs, or differences of pairs of runs; none of the strata is empty.
+    The values are of runs, or differences of pairs of runs; none of the strata is empty. Deviations from the mean of a
+    stratum of n values grow by `sqrt(n / (n - 1))`, without which few values would vary too little [8].
     """
     rng = np.random.default_rng(seed)
     sums = np.zeros(resamples)
     for values in map(np.asarray, strata):
-        sums += values[rng.integers(0, len(values), (resamples, len(values)))].sum(axis=1)
+        n = len(values)
+        deviations = (values - values.mean()) * math.sqrt(n / max(n - 1, 1))
+        sums += values.sum() + deviations[rng.integers(0, n, (resamples, n))].sum(axis=1)
     n = sum(map(len, strata))
     return Estimate(float(sum(map(sum, strata))) / n, percentiles((sums / n).tolist()))
 

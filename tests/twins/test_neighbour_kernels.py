@@ -31,10 +31,11 @@ def test_pixels_of_drones(seed: int, n: int, drone_share: float, hole_share: flo
 @given(SEEDS, st.integers(0, 12), st.sampled_from([0.0, 0.5, 10.0]))
 def test_camera_and_radio(seed: int, n: int, memory_s: float) -> None:
     rng = np.random.default_rng(seed)
-    slopes, max_range_m, time_s = (0.9, 0.7), 6.0, 3.0
+    slopes, max_range_m, agreed_m, time_s = (0.9, 0.7), 6.0, 1.5, 3.0
     heard = np.flatnonzero(rng.random(n) < 0.7)
     position_m, velocity_m_s = 4 * rng.normal(size=(len(heard), 3)) + [3, 2, 3], rng.normal(size=(len(heard), 3))
     seen_at_s, seen_m = rng.choice([-np.inf, 2.4, 2.9, 3.0], n), rng.normal(size=(n, 3))
+    seen_m[heard] += position_m
 
     age_s = time_s - seen_at_s
     x, y, z = ((position_m - POSE[:3, 3]) @ POSE[:3, :3]).T
@@ -43,15 +44,16 @@ def test_camera_and_radio(seed: int, n: int, memory_s: float) -> None:
     fresh = age_s <= memory_s
     with np.errstate(invalid="ignore"):
         followed_m = seen_m[heard] + age_s[heard, None] * velocity_m_s
-    kept = fresh[heard] | ~in_view
+        agrees = ((followed_m - position_m) ** 2).sum(axis=1) <= agreed_m**2
+    by_camera = fresh[heard] & in_view & agrees
     fresh[heard] = False
-    expected_m = np.where(in_view[:, None], followed_m, position_m)[kept]
+    expected_m = np.where(by_camera[:, None], followed_m, position_m)
 
     drones, at_m, speed_m_s = np.empty(n, np.int64), np.empty((n, 3)), np.empty((n, 3))
     known = kernels.combine(
-        heard, position_m, velocity_m_s, seen_at_s, seen_m, POSE, time_s, memory_s, *slopes, max_range_m,
+        heard, position_m, velocity_m_s, seen_at_s, seen_m, POSE, time_s, memory_s, *slopes, max_range_m, agreed_m,
         drones, at_m, speed_m_s,
     )  # fmt: skip
-    np.testing.assert_array_equal(drones[:known], np.concatenate([heard[kept], np.flatnonzero(fresh)]))
+    np.testing.assert_array_equal(drones[:known], np.concatenate([heard, np.flatnonzero(fresh)]))
     np.testing.assert_array_equal(at_m[:known], np.concatenate([expected_m, seen_m[fresh]]))
-    np.testing.assert_array_equal(speed_m_s[:known], np.concatenate([velocity_m_s[kept], 0 * seen_m[fresh]]))
+    np.testing.assert_array_equal(speed_m_s[:known], np.concatenate([velocity_m_s, 0 * seen_m[fresh]]))

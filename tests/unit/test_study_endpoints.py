@@ -132,6 +132,9 @@ def test_the_bootstrap_of_a_mean_covers_it_and_draws_within_strata() -> None:
     assert found.interval == pytest.approx((found.value - half, found.value + half), abs=0.05)
     assert found == bootstrap_mean([values]) != bootstrap_mean([values], seed=2)
     assert bootstrap_mean([[0.0] * 5, [1.0] * 5]) == (0.5, Interval(0.5, 0.5)), "each stratum keeps its share"
+    pairs = [[mean - 1.0, mean + 1.0] for mean in range(100)]
+    half = 1.96 * np.sqrt(2) / np.sqrt(200)  # The standard deviation of two values that differ by 2 is sqrt(2).
+    assert bootstrap_mean(pairs).interval == pytest.approx((49.5 - half, 49.5 + half), abs=0.02)
 
 
 def test_costs_that_older_stores_lack_are_unknown() -> None:

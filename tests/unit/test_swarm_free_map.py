@@ -132,14 +132,20 @@ def test_thin_things_beside_the_middles_of_voxels_are_surfaces() -> None:
 
 def test_what_is_given_up_is_vain_but_free_space_stays_free() -> None:
     drone = Drone().sees(flat(3.0), 2)
-    drone.map.give_up(np.array([3.5, 0.0, 0.0]), 1.0, 0.4)
+    drone.map.give_up(np.array([3.5, 0.0, 0.0]), 1.0, 0.4, drone.time_s)
     assert drone.state(2.7) == FREE
     assert drone.state(4.0) == VAIN
     assert drone.state(5.0) == UNSEEN
 
 
+def test_free_space_that_is_forgotten_can_be_given_up() -> None:
+    drone = Drone(memory_s=30.0).sees(flat(3.0), 2)
+    drone.map.give_up(np.array([2.0, 0.0, 0.0]), 1.0, 0.4, drone.time_s + 40.0)
+    assert drone.state(2.0, after_s=40.0) == VAIN
+
+
 def test_a_map_that_is_too_large_is_refused() -> None:
-    with pytest.raises(ValidationError, match=r"would have 4 x \d+ x \d+ voxels, more than 16777216"):
+    with pytest.raises(ValidationError, match=r"would have 8 x \d+ x \d+ voxels, more than 16777216"):
         MapConfig(reach_m=1000.0)
 
 

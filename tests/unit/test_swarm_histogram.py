@@ -12,6 +12,7 @@ from tests.swarm_scenes import AT_ORIGIN, MOUNT_CAM_M, corrected, flat, histogra
 from voxdepth.types import Intrinsics
 
 UNKNOWN_M = HistogramConfig().unknown_range_m
+UNKNOWN_M = HistogramConfig().unknown_range_m
 
 
 @given(st.floats(1, 20))
@@ -53,7 +54,7 @@ def test_unknown_cells_are_free_where_that_is_asked_for() -> None:
 def test_pixels_of_little_confidence_count_as_holes(confidence: float, unknown: bool) -> None:
     image = corrected(flat(5.0))
     image.confidence[:] = confidence
-    h = HistogramBuilder(CAMERA, HistogramConfig(), MOUNT_CAM_M).build(image, AT_ORIGIN)
+    h = HistogramBuilder(CAMERA, HistogramConfig(), MOUNT_CAM_M, UNKNOWN_M).build(image, AT_ORIGIN)
     assert (h.unknown == unknown).all()
 
 
@@ -69,7 +70,7 @@ def test_surfaces_are_where_they_are_wherever_the_camera_sits(depth_m: float, ya
 
 @given(st.floats(1, 10), st.floats(1.1, 3))
 def test_ranges_from_the_camera_scale_with_depth(depth_m: float, scale: float) -> None:
-    builder = HistogramBuilder(CAMERA, HistogramConfig(), np.zeros(3))
+    builder = HistogramBuilder(CAMERA, HistogramConfig(), np.zeros(3), UNKNOWN_M)
     one, larger = (builder.build(corrected(flat(d)), AT_ORIGIN) for d in (depth_m, scale * depth_m))
     np.testing.assert_allclose(larger.range_m, scale * one.range_m, rtol=1e-5)
 
@@ -94,7 +95,7 @@ def test_what_comes_nearer_is_never_read_farther() -> None:
 @pytest.mark.parametrize(("width_px", "height_px"), [(160, 120), (320, 180), (640, 480), (97, 65)])
 def test_images_of_any_size_are_used_up_to_their_borders(width_px: int, height_px: int) -> None:
     camera = Intrinsics.from_hfov(width_px=width_px, height_px=height_px, hfov_deg=86, baseline_m=0.095)
-    builder = HistogramBuilder(camera, HistogramConfig(), MOUNT_CAM_M)
+    builder = HistogramBuilder(camera, HistogramConfig(), MOUNT_CAM_M, UNKNOWN_M)
     h = builder.build(corrected(np.full(camera.shape, 5.0, np.float32)), AT_ORIGIN)
     assert not h.unknown.any()
     sideways = h.directions_world[3, :, 1] / h.directions_world[3, :, 0]

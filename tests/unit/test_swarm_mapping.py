@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from sim.frames import R_BODY_CAM, pose, quaternion_from_yaw
 from sim.types import DroneState
 from swarm.chart import Chart
+from swarm.errors import MissionError
 from swarm.free_map import MapConfig
 from swarm.map_kernels import FREE
 from swarm.mapping import MappingPilot
@@ -134,7 +135,7 @@ def test_an_image_of_depth_zero_with_all_confidence_stops_the_drone() -> None:
 def test_a_drone_flies_to_a_wall_that_it_sees_and_stops_before_it() -> None:
     flight = Flight(wall_at(6.0)).flies((3, 0, 0), 8.0)
     x_m = np.array(flight.path_m)[:, 0]
-    assert 6.0 - RADIUS_M - 1.25 < x_m.max() < 6.0 - RADIUS_M
+    assert 6.0 - RADIUS_M - 1.4 < x_m.max() < 6.0 - RADIUS_M
     assert max(np.linalg.norm(d.command.velocity_m_s) for d in flight.decisions) > 1.5
 
 
@@ -157,6 +158,57 @@ def test_a_drone_that_is_pushed_stays_near_the_height_of_its_target(climb_m_s: f
     assert 0.4 < np.abs(np.array(flight.path_m)[:, 2]).max() < 0.8
     back = flight.flies((2, 0, -climb_m_s), 2.0, target_m=np.array([30.0, 0, 0])).position_m[2]
     assert abs(back) < 0.5
+
+
+def bar_of_holes(x_m: float, low_m: float, high_m: float) -> View:
+    """A level bar without depth across the x axis, before a wall 6 m behind it that measures its depth."""
+
+    def view(position_m: FloatArray, yaw_rad: float) -> CorrectedDepth:
+        across = (np.arange(CAMERA.width_px) - CAMERA.cx_px) / CAMERA.fx_px
+        up = (CAMERA.cy_px - np.arange(CAMERA.height_px)) / CAMERA.fy_px
+        forward = np.maximum(np.cos(yaw_rad) + np.sin(yaw_rad) * across, 1e-3)  # Along the x axis, per depth.
+        ahead_m = x_m - position_m[0] - 0.27 * np.cos(yaw_rad)
+        height_m = position_m[2] + up[:, None] * ahead_m / forward
+        is_bar = (ahead_m > 0) & (height_m > low_m) & (height_m < high_m)
+        behind_m = np.broadcast_to(np.clip((ahead_m + 6.0) / forward, 0, 40), CAMERA.shape)
+        return image(np.where(is_bar | (forward < 0.05), 0, behind_m).astype(np.float32))
+
+    return view
+
+
+@pytest.mark.parametrize("middle_m", [-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3])
+@pytest.mark.parametrize("height_m", [0.2, 0.3, 0.4])
+def test_a_bar_without_depth_stops_a_drone(middle_m: float, height_m: float) -> None:
+    flight = Flight(bar_of_holes(6.0, middle_m - height_m / 2, middle_m + height_m / 2)).flies((3, 0, 0), 6.0)
+    assert flight.position_m[0] < 6.0 - RADIUS_M
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_drone_that_is_held_at_a_wall_while_its_odometry_drifts_does_not_touch_it(seed: int) -> None:
+    flight, rng = Flight(wall_at(4.0)), np.random.default_rng(seed)
+    for _ in range(40):
+        flight.flies((3, 0, 0), 0.5)
+        flight.odometry_m = flight.odometry_m + 0.02 * np.sqrt(0.5) * rng.normal(size=3)
+    assert np.array(flight.path_m)[:, 0].max() < 4.0 - RADIUS_M
+
+
+@pytest.mark.parametrize("climb_m_s", [1.0, 0.5, -0.5, -1.0])
+def test_a_drone_climbs_and_descends_where_it_sees(climb_m_s: float) -> None:
+    target_m = np.array([40.0, 0.0, 20 * climb_m_s])
+    flight = Flight(always(image(flat(9.0)))).flies((2, 0, climb_m_s), 6.0, target_m)
+    assert flight.position_m[2] * np.sign(climb_m_s) > 0.7
+
+
+def test_a_drone_goes_on_in_open_space_after_its_odometry_jumped() -> None:
+    flight = Flight(always(image(flat(9.0)))).flies((1, 0, 0), 4.0)
+    flight.odometry_m = np.array([0.8, 0.0, 0.0])
+    before_m = flight.position_m
+    assert np.linalg.norm(flight.flies((1, 0, 0), 6.0).position_m - before_m) > 3.0
+
+
+def test_a_map_that_is_lower_than_the_drone_is_refused() -> None:
+    with pytest.raises(MissionError, match="does not fit"):
+        MappingPilot(PilotConfig(map=MapConfig(height_m=0.5)), RATE_HZ, 0.0, RADIUS_M, ONBOARD)
 
 
 def test_the_odometry_may_drift_but_not_jump() -> None:

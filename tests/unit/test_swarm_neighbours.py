@@ -1,4 +1,4 @@
-"""Who is around: by camera where it looks, by radio elsewhere."""
+"""Who is around: by camera where it detects them and the radio agrees, by radio elsewhere."""
 
 import numpy as np
 import pytest
@@ -43,13 +43,20 @@ def test_before_the_first_image_it_is_the_radio() -> None:
 
 
 def test_in_view_it_is_the_camera_and_its_error_with_it() -> None:
-    around = tracker().update(percept(0.0, seen_at(1, (7, 0, 0))), heard(d1=((5, 0, 0), STILL)), 0.0)
+    around = tracker().update(percept(0.0, seen_at(1, (5.9, 0, 0))), heard(d1=((5, 0, 0), STILL)), 0.0)
     np.testing.assert_array_equal(around.drone, [1])
-    np.testing.assert_allclose(around.position_m, [[7, 0, 0]], atol=1e-9)
+    np.testing.assert_allclose(around.position_m, [[5.9, 0, 0]], atol=1e-9)
 
 
-def test_in_view_but_not_found_is_not_there() -> None:
-    assert len(tracker().update(percept(0.0), heard(d1=((5, 0, 0), STILL)), 0.0)) == 0
+def test_in_view_but_not_found_is_where_the_radio_says() -> None:
+    around = tracker().update(percept(0.0), heard(d1=((5, 0, 0), STILL)), 0.0)
+    np.testing.assert_array_equal(around.position_m, [[5, 0, 0]])
+
+
+@pytest.mark.parametrize("x_m", [3.9, 6.1, 11.0])
+def test_a_place_of_which_the_radio_knows_better_is_an_error_of_depth(x_m: float) -> None:
+    around = tracker(agreed_m=1.0).update(percept(0.0, seen_at(1, (x_m, 0, 0))), heard(d1=((5, 0, 0), STILL)), 0.0)
+    np.testing.assert_array_equal(around.position_m, [[5, 0, 0]])
 
 
 @pytest.mark.parametrize("at", [(-5, 0, 0), (0, 5, 0), (1, 5, 0), (1, 0, 5), (12.5, 0, 0), (9, 8, 0)])
@@ -61,41 +68,40 @@ def test_out_of_view_and_out_of_range_it_is_the_radio(at: tuple[float, float, fl
 
 def test_one_that_leaves_the_view_is_taken_over_by_the_radio() -> None:
     eyes, velocity = tracker(), (0, 4, 0)
-    seen = percept(0.0, seen_at(1, (6, 0, 0)))
+    seen = percept(0.0, seen_at(1, (5.5, 0, 0)))
     inside = eyes.update(seen, heard(d1=((5, 0, 0), velocity)), 0.0)
-    np.testing.assert_allclose(inside.position_m, [[6, 0, 0]], atol=1e-9)
+    np.testing.assert_allclose(inside.position_m, [[5.5, 0, 0]], atol=1e-9)
     outside = eyes.update(seen, heard(d1=((5, 6, 0), velocity)), 0.2)
     np.testing.assert_allclose(outside.position_m, [[5, 6, 0]])
 
 
-@pytest.mark.parametrize(("now_s", "known"), [(0.1, True), (0.5, True), (0.6, False), (5.0, False)])
-def test_one_that_is_not_found_again_is_remembered_for_a_short_while(now_s: float, known: bool) -> None:
+@pytest.mark.parametrize(("now_s", "x_m"), [(0.1, 5.5), (0.5, 5.5), (0.6, 5.0), (5.0, 5.0)])
+def test_one_that_is_not_found_again_is_remembered_for_a_short_while(now_s: float, x_m: float) -> None:
     eyes, radio = tracker(memory_s=0.5), heard(d1=((5, 0, 0), STILL))
-    eyes.update(percept(0.0, seen_at(1, (6, 0, 0))), radio, 0.0)
+    eyes.update(percept(0.0, seen_at(1, (5.5, 0, 0))), radio, 0.0)
     around = eyes.update(percept(now_s), radio, now_s)
-    assert bool(len(around)) is known
-    if known:
-        np.testing.assert_allclose(around.position_m, [[6, 0, 0]], atol=1e-9)
+    np.testing.assert_allclose(around.position_m, [[x_m, 0, 0]], atol=1e-9)
 
 
 def test_one_that_is_found_again_is_where_it_was_found_last() -> None:
     eyes, radio = tracker(), heard(d1=((5, 0, 0), STILL))
-    for stamp_s, x in ((0.0, 6.0), (0.3, 4.0)):
+    for stamp_s, x in ((0.0, 5.5), (0.3, 4.5)):
         around = eyes.update(percept(stamp_s, seen_at(1, (x, 0, 0))), radio, stamp_s)
         np.testing.assert_allclose(around.position_m, [[x, 0, 0]], atol=1e-9)
 
 
 def test_since_the_image_it_went_on_as_the_radio_says() -> None:
     eyes, radio = tracker(), heard(d1=((5, 0, 0), (1, -2, 0.5)))
-    around = eyes.update(percept(1.0, seen_at(1, (6, 0, 0))), radio, 1.4)
-    np.testing.assert_allclose(around.position_m, [[6.4, -0.8, 0.2]], atol=1e-9)
+    around = eyes.update(percept(1.0, seen_at(1, (4.5, 0.5, 0))), radio, 1.4)
+    np.testing.assert_allclose(around.position_m, [[4.9, -0.3, 0.2]], atol=1e-9)
     np.testing.assert_array_equal(around.velocity_m_s, [(1, -2, 0.5)])
 
 
 def test_the_same_image_is_taken_in_once() -> None:
     eyes, radio = tracker(memory_s=0.5), heard(d1=((5, 0, 0), STILL))
-    image = percept(0.0, seen_at(1, (6, 0, 0)))
-    assert [len(eyes.update(image, radio, now_s)) for now_s in (0.0, 0.4, 0.8)] == [1, 1, 0]
+    image = percept(0.0, seen_at(1, (5.5, 0, 0)))
+    places = [float(eyes.update(image, radio, now_s).position_m[0, 0]) for now_s in (0.0, 0.4, 0.8)]
+    assert places == pytest.approx([5.5, 5.5, 5.0])
 
 
 def test_a_percept_is_placed_by_the_pose_of_its_own_camera() -> None:
@@ -108,9 +114,9 @@ def test_a_percept_is_placed_by_the_pose_of_its_own_camera() -> None:
 
 def test_many_are_told_apart() -> None:
     radio = heard(d0=((-3, 0, 0), STILL), d2=((5, 0, 0), STILL), d3=((5, 1, 0), STILL))
-    around = tracker().update(percept(0.0, seen_at(3, (6, 1, 0))), radio, 0.0)
-    assert around.drone.tolist() == [0, 3]
-    np.testing.assert_allclose(around.position_m, [[-3, 0, 0], [6, 1, 0]], atol=1e-9)
+    around = tracker().update(percept(0.0, seen_at(3, (5.5, 1, 0))), radio, 0.0)
+    assert around.drone.tolist() == [0, 2, 3]
+    np.testing.assert_allclose(around.position_m, [[-3, 0, 0], [5, 0, 0], [5.5, 1, 0]], atol=1e-9)
 
 
 def test_nobody_seen_or_heard_is_nobody_around() -> None:
@@ -134,7 +140,7 @@ def test_the_mirrored_situation_gives_the_mirrored_neighbours(seed: int) -> None
     around = []
     for mirror in (np.ones(3), MIRROR):
         radio = Neighbours(drone=np.arange(1, 4), position_m=at * mirror, velocity_m_s=speed * mirror)
-        image = percept(0.0, *(seen_at(i + 1, at[i] * mirror * 1.1) for i in found))
+        image = percept(0.0, *(seen_at(i + 1, at[i] * mirror * 1.05) for i in found))
         around.append(tracker().update(image, radio, 0.2))
     np.testing.assert_array_equal(around[0].drone, around[1].drone)
     np.testing.assert_allclose(around[0].position_m * MIRROR, around[1].position_m, atol=1e-9)
