@@ -127,7 +127,7 @@ def egl_plugin() -> str:
         "p.getCameraImage(8, 8, renderer=p.ER_BULLET_HARDWARE_OPENGL, physicsClientId=c)"
     )
     try:
-        subprocess.run([sys.executable, "-c", probe], capture_output=True, check=True, timeout=PROBE_TIMEOUT_S)
+        subprocess.run([sys.executable, "-P", "-c", probe], capture_output=True, check=True, timeout=PROBE_TIMEOUT_S)
     except subprocess.SubprocessError as error:
         raise RenderError(
             "the renderer 'egl' does not work here: install a GPU driver, or Mesa's libegl1 and libgl1-mesa-dri, "

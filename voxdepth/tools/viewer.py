@@ -55,7 +55,7 @@ def open_viewer(path: Path, *, web: bool = False, port: int | None = None) -> No
         config.parent.mkdir()
         config.write_text(json.dumps(NO_ANALYTICS | {"config_file_path": str(config), "data_dir_path": config_home}))
         environment = os.environ | {"XDG_CONFIG_HOME": config_home}
-        command = [sys.executable, "-m", "rerun", str(path), "--bind", LOCAL, *options]
+        command = [sys.executable, "-P", "-m", "rerun", str(path), "--bind", LOCAL, *options]
         done = subprocess.run(command, env=environment, check=False)
     if done.returncode:
         advice = "" if web else f"; voxdepth view {path} --web shows it in a browser"
