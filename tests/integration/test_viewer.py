@@ -31,10 +31,16 @@ def test_the_viewer_collects_nothing_about_its_use_and_leaves_the_configuration_
         "from pathlib import Path; from voxdepth.tools.viewer import open_viewer; "
         f"open_viewer(Path({str(tmp_path / 'one.rrd')!r}), web=True)"
     )
+    (tmp_path / "attr.py").write_text('raise ImportError("a file of the user that is named like a library")')
     output = tmp_path / "output"
     with output.open("wb") as file:
         viewer = subprocess.Popen(
-            [sys.executable, "-c", program], env=environment, stdout=file, stderr=file, start_new_session=True
+            [sys.executable, "-P", "-c", program],
+            cwd=tmp_path,
+            env=environment,
+            stdout=file,
+            stderr=file,
+            start_new_session=True,
         )
     try:
         end_s = time.monotonic() + 60
