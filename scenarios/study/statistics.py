@@ -150,15 +150,14 @@ def bootstrap_mean(
 ) -> Estimate:
     """Return the mean of all values with the percentile interval of a bootstrap that draws within each stratum.
 
-    The values are of runs, or differences of pairs of runs; none of the strata is empty. Deviations from the mean of a
-    stratum of n values grow by `sqrt(n / (n - 1))`, without which few values would vary too little [8].
+    The values are of runs, or differences of pairs of runs; none of the strata is empty. Of a stratum of n values n - 1
+    are drawn: the mean of n would vary too little where n is small [8].
     """
     rng = np.random.default_rng(seed)
     sums = np.zeros(resamples)
     for values in map(np.asarray, strata):
         n = len(values)
-        deviations = (values - values.mean()) * math.sqrt(n / max(n - 1, 1))
-        sums += values.sum() + deviations[rng.integers(0, n, (resamples, n))].sum(axis=1)
+        sums += n * values[rng.integers(0, n, (resamples, max(n - 1, 1)))].mean(axis=1)
     n = sum(map(len, strata))
     return Estimate(float(sum(map(sum, strata))) / n, percentiles((sums / n).tolist()))
 
