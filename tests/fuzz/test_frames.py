@@ -120,7 +120,7 @@ def cameras(draw: st.DrawFn) -> Intrinsics:
         fx_px=draw(focal_px), fy_px=draw(focal_px),
         cx_px=width_px * draw(middle), cy_px=height_px * draw(middle),
         width_px=width_px, height_px=height_px,
-        baseline_m=draw(st.sampled_from([0.05, 0.1, 0.1, None, 1e-3, 1e3])),
+        baseline_m=draw(st.sampled_from([0.05, 0.1, 0.1, None, 1e-3, 10.0])),
         disparity_scale=draw(st.sampled_from([1.0, 1.0, 3.0, 1e-3, 1e3])),
     )  # fmt: skip
 
@@ -220,6 +220,7 @@ def fed(corrector: DepthCorrector, given: Given) -> tuple[Frame, CorrectedDepth]
         assert {name: content(value) for name, value in given.arguments.items()} == before, "the input was changed"
 
 
+@pytest.mark.filterwarnings("ignore:no depth is below")
 @pytest.mark.slow
 @pytest.mark.usefixtures("compiled")
 @fuzzed(1500)
