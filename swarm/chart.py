@@ -125,12 +125,13 @@ class Chart:
 
     def way_out(self, at_m: FloatArray) -> FloatArray:
         """Return what a drone misses to its width at a position, as a vector (x, y) to a more open side if one is."""
-        missing_m = self._config.voxel_m * self._width - self.clearance_m(at_m)
+        here_m = self.clearance_m(at_m)
+        missing_m = self._config.voxel_m * self._width - here_m
         if missing_m <= 0:
             return np.zeros(2)
         ahead_m = [self.clearance_m(at_m[:2] + WAY_OUT_M * along) for along in COMPASS]
         best = int(np.argmax(ahead_m))
-        return np.asarray(missing_m * COMPASS[best]) if ahead_m[best] > self.clearance_m(at_m) else np.zeros(2)
+        return np.asarray(missing_m * COMPASS[best]) if ahead_m[best] > here_m else np.zeros(2)
 
     def is_free(self, at_m: FloatArray) -> bool:
         """Return whether a drone has its whole width at a position (x, y)."""

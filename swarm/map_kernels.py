@@ -197,6 +197,32 @@ def cells_within(middle_m: float, radius_m: float, side_m: float, n: int) -> tup
     return min(max(first, 0), n), min(max(last + 1, 0), n)
 
 
+@compiled(int64[:, ::1](VOXELS, RULES, float64[::1], float64[::1], float64, float64))
+def in_cylinder(
+    voxels: Voxels, rules: Rules, origin_m: FloatArray, center_m: FloatArray, radius_m: float, half_height_m: float
+) -> npt.NDArray[np.int64]:
+    """Return layer, row and column of the voxels whose middle is in an upright cylinder, shape (n, 3).
+
+    Layers count that the cylinder touches.
+    """
+    n_layers, n_rows, n_cols = voxels.passed.shape
+    rows = cells_within(center_m[1] - origin_m[1], radius_m, rules.voxel_m, n_rows)
+    cols = cells_within(center_m[0] - origin_m[0], radius_m, rules.voxel_m, n_cols)
+    found, n = np.empty((n_layers * (rows[1] - rows[0]) * (cols[1] - cols[0]), 3), np.int64), 0
+    for k in range(n_layers):
+        low_m = origin_m[2] + k * rules.layer_m - center_m[2]
+        if low_m >= half_height_m or low_m + rules.layer_m <= -half_height_m:
+            continue
+        for i in range(rows[0], rows[1]):
+            y_m = origin_m[1] + (i + 0.5) * rules.voxel_m - center_m[1]
+            for j in range(cols[0], cols[1]):
+                x_m = origin_m[0] + (j + 0.5) * rules.voxel_m - center_m[0]
+                if x_m * x_m + y_m * y_m <= radius_m**2:
+                    found[n, 0], found[n, 1], found[n, 2] = k, i, j
+                    n += 1
+    return found[:n]
+
+
 @compiled(void(VOXELS, RULES, float64[::1], float64[::1], float64, float64, float64))
 def mark_free(
     voxels: Voxels,
@@ -207,22 +233,11 @@ def mark_free(
     half_height_m: float,
     time_s: float,
 ) -> None:
-    """Make the voxels free whose middle is in an upright cylinder."""
-    n_layers, n_rows, n_cols = voxels.passed.shape
-    rows = cells_within(center_m[1] - origin_m[1], radius_m, rules.voxel_m, n_rows)
-    cols = cells_within(center_m[0] - origin_m[0], radius_m, rules.voxel_m, n_cols)
-    for k in range(n_layers):
-        low_m = origin_m[2] + k * rules.layer_m - center_m[2]
-        if low_m >= half_height_m or low_m + rules.layer_m <= -half_height_m:
-            continue
-        for i in range(rows[0], rows[1]):
-            y_m = origin_m[1] + (i + 0.5) * rules.voxel_m - center_m[1]
-            for j in range(cols[0], cols[1]):
-                x_m = origin_m[0] + (j + 0.5) * rules.voxel_m - center_m[0]
-                if x_m * x_m + y_m * y_m <= radius_m**2:
-                    voxels.passed[k, i, j] = max(voxels.passed[k, i, j], rules.min_passed)
-                    voxels.surface[k, i, j], voxels.vain[k, i, j] = 0, 0
-                    voxels.passed_s[k, i, j] = time_s
+    """Make the voxels in an upright cylinder free."""
+    for k, i, j in in_cylinder(voxels, rules, origin_m, center_m, radius_m, half_height_m):
+        voxels.passed[k, i, j] = max(voxels.passed[k, i, j], rules.min_passed)
+        voxels.surface[k, i, j], voxels.vain[k, i, j] = 0, 0
+        voxels.passed_s[k, i, j] = time_s
 
 
 @compiled(void(VOXELS, RULES, float64[::1], float64[::1], float64, float64, float64))
@@ -236,19 +251,9 @@ def give_up(
     time_s: float,
 ) -> None:
     """Make the voxels in an upright cylinder vain that are not known to be free."""
-    n_layers, n_rows, n_cols = voxels.passed.shape
-    rows = cells_within(center_m[1] - origin_m[1], radius_m, rules.voxel_m, n_rows)
-    cols = cells_within(center_m[0] - origin_m[0], radius_m, rules.voxel_m, n_cols)
-    for k in range(n_layers):
-        low_m = origin_m[2] + k * rules.layer_m - center_m[2]
-        if low_m >= half_height_m or low_m + rules.layer_m <= -half_height_m:
-            continue
-        for i in range(rows[0], rows[1]):
-            y_m = origin_m[1] + (i + 0.5) * rules.voxel_m - center_m[1]
-            for j in range(cols[0], cols[1]):
-                x_m = origin_m[0] + (j + 0.5) * rules.voxel_m - center_m[0]
-                if x_m * x_m + y_m * y_m <= radius_m**2 and not is_free(voxels, rules, k, i, j, time_s):
-                    voxels.vain[k, i, j] = rules.min_vain
+    for k, i, j in in_cylinder(voxels, rules, origin_m, center_m, radius_m, half_height_m):
+        if not is_free(voxels, rules, k, i, j, time_s):
+            voxels.vain[k, i, j] = rules.min_vain
 
 
 @compiled(void(VOXELS, RULES, float64, float64, float64, float64, BYTE_IMAGE))

@@ -168,11 +168,13 @@ class MappingPilot(Pilot):
 
         The map is low: on the way to its target, with `left_m` to climb, a drone may also be slower.
         """
+        if abs(climb_m_s) < STANDS_UP_M_S:
+            return climb_m_s
+        low_m, high_m = self._band(at_m)
         for share in CLIMB_SHARES if climb_m_s * left_m > 0 else CLIMB_SHARES[:1]:
-            low_m, high_m = self._band(at_m)
-            low_m, high_m = low_m + min(share * climb_m_s, 0.0), high_m + max(share * climb_m_s, 0.0)
-            if abs(climb_m_s) < STANDS_UP_M_S or self._map.is_column_free(at_m, low_m, high_m, known.stamp_s):
-                return share * climb_m_s
+            slower_m_s = share * climb_m_s
+            if self._map.is_column_free(at_m, low_m + min(slower_m_s, 0), high_m + max(slower_m_s, 0), known.stamp_s):
+                return slower_m_s
         return 0.0
 
     def _band(self, at_m: FloatArray) -> tuple[float, float]:
