@@ -46,10 +46,12 @@ class Leader:
         self._weights = config.rules
         self._corridor = corridor_of(role, config)
         self._cruise_speed_m_s = config.cruise_speed_m_s
+        self._track = Track(role.team.start_m, config.rules.separation_radius_m)
 
     def decide(self, situation: Situation) -> Decision:
         """Fly straight to the goal, slower near it and while a follower lags behind."""
         w, own = self._weights, situation.own
+        self._track.add(own.position_m)
         wanted = rules.migration(own.position_m, self._team.goal_m, np.zeros(3), w.migration_per_s)
         wanted = rules.limit(wanted, self._cruise_speed_m_s * self._lag_speed_factor(situation))
         wanted = wanted + rules.confinement(own.position_m, self._corridor, w.confinement_per_s)
@@ -58,13 +60,17 @@ class Leader:
     def _lag_speed_factor(self, situation: Situation) -> float:
         """Return the share of the cruise speed that lets followers catch up; 0 if one of them is not heard.
 
-        Those that have dropped out are not waited for.
+        A follower lags by its distance from the nearest place that it may take. Those that have dropped out are not
+        waited for.
         """
         mates, offsets_m = situation.mates, self._team.offsets_m
         if len(mates) < len(offsets_m) - situation.mates_dropped:
             return 0.0
-        slots_m = situation.own.position_m + offsets_m[mates.drone - self._team.leader - 1]
-        return rules.lag_speed_factor(float(np.linalg.norm(mates.position_m - slots_m, axis=1).max(initial=0.0)))
+        lags_m = [0.0]
+        for number, at_m in zip(mates.drone - self._team.leader, mates.position_m, strict=True):
+            places_m = self._track.places_m(situation.own.position_m + offsets_m[number - 1], number)
+            lags_m.append(float(np.linalg.norm(at_m - places_m, axis=1).min()))
+        return rules.lag_speed_factor(max(lags_m))
 
 
 class Follower:
@@ -75,17 +81,19 @@ class Follower:
         self._weights = config.rules
         self._corridor = corridor_of(role, config)
         self._offset_m = role.offset_m
-        self._track = Track(role.team.start_m)
-        self._file_m = (role.drone - role.team.leader) * config.rules.separation_radius_m
-        """Distance behind the leader on its track, when the whole swarm flies in single file."""
+        self._number = role.drone - role.team.leader
+        self._track = Track(role.team.start_m, config.rules.separation_radius_m)
         self._members = role.team.members
         self._max_speed_m_s = config.follower_speed_m_s
 
     def decide(self, situation: Situation) -> Decision:
-        """Fly at the sum of the rules."""
-        slot_m = self._slot_m(situation)
-        wanted = rules.limit(self.wanted(situation, slot_m), self._max_speed_m_s)
-        return self._pilot.fly(wanted, situation, slot_m)
+        """Fly at the sum of the rules to the slot, or to the first place where the drone fits."""
+        self._track.add(situation.leader.position_m)
+        slot_m = situation.leader.position_m + self._offset_m
+        places_m = self._track.places_m(slot_m, self._number)
+        place_m = places_m[self._pilot.first_free(places_m)]
+        wanted = rules.limit(self.wanted(situation, place_m), self._max_speed_m_s)
+        return self._pilot.fly(wanted, situation, place_m, look_at_m=slot_m)
 
     def wanted(self, situation: Situation, slot_m: FloatArray) -> FloatArray:
         """Return the sum of the rules, shape (3,); cohesion and alignment use the own swarm only."""
@@ -99,21 +107,17 @@ class Follower:
             + rules.confinement(own.position_m, self._corridor, w.confinement_per_s)
         )
 
-    def _slot_m(self, situation: Situation) -> FloatArray:
-        """Return the slot, or the first place between it and the one in single file where the drone fits."""
-        self._track.add(situation.leader.position_m)
-        slot_m = situation.leader.position_m + self._offset_m
-        behind_m = self._track.behind(self._file_m)
-        places_m = slot_m + SHIFTS[:, None] * (behind_m - slot_m)
-        return np.asarray(places_m[self._pilot.first_free(places_m)])
-
 
 class Track:
-    """The way that a leader has come, from where its formation started."""
+    """The way that a leader has come, from where its formation started, and the places of its followers.
 
-    def __init__(self, start_m: FloatArray) -> None:
+    In single file, they follow each other on the track at the distance `spacing_m`.
+    """
+
+    def __init__(self, start_m: FloatArray, spacing_m: float) -> None:
         self._points_m = [start_m]
         self._lengths_m = [0.0]
+        self._spacing_m = spacing_m
 
     def add(self, at_m: FloatArray) -> None:
         """Add a position, shape (3,), if the leader has moved since the last one."""
@@ -121,6 +125,10 @@ class Track:
         if step_m > TRACK_STEP_M:
             self._points_m.append(at_m.copy())
             self._lengths_m.append(self._lengths_m[-1] + step_m)
+
+    def places_m(self, slot_m: FloatArray, number: int) -> FloatArray:
+        """Return the places that a follower may take, from its slot to its place in single file, shape (n, 3)."""
+        return np.asarray(slot_m + SHIFTS[:, None] * (self.behind(number * self._spacing_m) - slot_m))
 
     def behind(self, distance_m: float) -> FloatArray:
         """Return a point of the way at a distance from its end, measured along it; its start if it is shorter."""

@@ -22,7 +22,7 @@ from .route_kernels import (
 if TYPE_CHECKING:
     from .free_map import MapConfig
 
-STATES = ("free", "unseen", "vain", "surface")
+STATES = ("free", "unseen", "vain", "given up", "surface")
 """Names of the states of a map, in the order of their numbers."""
 BEYOND_PRICE = 1.5
 """Price of a way per metre beyond the map."""
@@ -84,18 +84,17 @@ class Chart:
     ) -> None:
         self.T_odom_world = np.eye(4) if T_odom_world is None else T_odom_world
         self.state = state
-        """Worst state of each cell, shape (rows along y, columns along x): `FREE`, `UNSEEN`, `VAIN` or `SURFACE`."""
+        """Worst state of each cell, shape (rows along y, columns along x): one of `STATES`."""
         self.origin_m = origin_m
         """Corner (x, y) of the first cell, shape (2,)."""
         self.voxel_m = config.voxel_m
         """Side of a cell."""
         self._config = config
         self._width = width_m / config.voxel_m
-        distance = cv2.distanceTransform((state == FREE).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
-        self._clearance: FloatImage = np.asarray(distance, np.float32) - np.float32(0.5)
-        side = 2 * int(np.ceil(self._width)) + 1
-        reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-        blocked = cv2.dilate(state, reach)
+        is_free = np.pad((state == FREE).astype(np.uint8), 1)  # Beyond the map, nothing is known.
+        distance = cv2.distanceTransform(is_free, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
+        self._clearance: FloatImage = np.ascontiguousarray(distance) - np.float32(0.5)
+        blocked = cv2.dilate(state, _disc(self._width + 0.5))
         pairs = np.maximum(blocked[::2], blocked[1::2])
         self._blocked: npt.NDArray[np.uint8] = np.maximum(pairs[:, ::2], pairs[:, 1::2])
 
@@ -150,7 +149,7 @@ class Chart:
         The way that was chosen `before` is a little cheaper, so that a drone does not hesitate between two ways.
         """
         c, shape, side_m = self._config, self._blocked.shape, ROUTE_CELLS * self._config.voxel_m
-        price = np.array([1, c.unseen_price, c.vain_price, c.surface_price], np.float32)[self._blocked]
+        price = np.array([1, c.unseen_price, c.vain_price, c.surface_price, c.surface_price], np.float32)[self._blocked]
         if before is not None:
             rows, cols = np.floor((before.points_m - self.origin_m) / side_m).astype(np.intp).T[::-1]
             inside = (rows >= 0) & (rows < shape[0]) & (cols >= 0) & (cols < shape[1])
@@ -184,3 +183,9 @@ class Chart:
         price = np.float32(BEYOND_PRICE)
         left[[0, -1], :], left[:, [0, -1]] = price * far[[0, -1], :], price * far[:, [0, -1]]
         return left
+
+
+def _disc(radius: float) -> npt.NDArray[np.uint8]:
+    """Return which cells of a square have their middle within a radius of its middle, in cells."""
+    offset = np.arange(-int(radius), int(radius) + 1)
+    return np.asarray(offset**2 + offset[:, None] ** 2 < radius**2, np.uint8)

@@ -4,6 +4,7 @@ The map is a grid of voxels around the drone, in the frame of its own odometry. 
 lasts is an assumption, which a drone makes for as long as its odometry is good.
 """
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
@@ -19,6 +20,10 @@ from .map_kernels import FREE, Limits, Rules, View, Voxels
 from .neighbours import belong_to_drones
 
 MAX_VOXELS = 2**24
+NO_DISCS: FloatArray = np.empty((0, 3))
+SUBCELL_BITS = 4
+SUBCELLS = 2**SUBCELL_BITS
+"""Discs are drawn to this part of a cell."""
 MARGIN_M = 2.0
 """The map moves when the drone is this far from its middle."""
 
@@ -53,7 +58,7 @@ class MapConfig(Model):
     vain_price: float = Field(default=12.0, ge=1)
     """Price through space in which looking showed nothing."""
     surface_price: float = Field(default=30.0, ge=1)
-    """Price through surfaces."""
+    """Price through surfaces, and through what was given up."""
 
     @model_validator(mode="after")
     def _check(self) -> "MapConfig":
@@ -121,7 +126,7 @@ class FreeMap:
         kernels.mark_free(self._voxels, self._rules, origin_m, at_m, radius_m, half_height_m, time_s)
 
     def give_up(self, at_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
-        """Make what is unknown in an upright cylinder vain, because looking did not help."""
+        """Make what is unknown in an upright cylinder vain, because looking did not help, and what is vain given up."""
         kernels.give_up(self._voxels, self._rules, self.origin_m, at_m, radius_m, half_height_m, time_s)
 
     def is_column_free(self, at_m: FloatArray, low_m: float, high_m: float, time_s: float) -> bool:
@@ -156,12 +161,24 @@ class FreeMap:
         kernels.judge(self._voxels, limits, self._cell, self._squared, self._config.near_m, time_s)
 
     def chart(
-        self, low_m: float, high_m: float, width_m: float, time_s: float, T_odom_world: FloatArray | None = None
+        self,
+        low_m: float,
+        high_m: float,
+        width_m: float,
+        time_s: float,
+        T_odom_world: FloatArray | None = None,
+        discs_m: FloatArray = NO_DISCS,
     ) -> Chart:
-        """Return the slice between two heights for a drone that needs a clearance of `width_m`."""
+        """Return the slice between two heights for a drone that needs a clearance of `width_m`.
+
+        In it, discs (x, y, radius) of shape (n, 3) count as surfaces: drones that stand there.
+        """
         state = np.empty(self._config.shape[1:], np.uint8)
-        origin_m = self.origin_m
+        origin_m, side_m = self.origin_m, self._config.voxel_m
         kernels.worst_states(self._voxels, self._rules, float(origin_m[2]), low_m, high_m, time_s, state)
+        for x, y, radius in (discs_m - [*origin_m[:2], 0.0]) / side_m:
+            center = round((x - 0.5) * SUBCELLS), round((y - 0.5) * SUBCELLS)
+            cv2.circle(state, center, round(radius * SUBCELLS), kernels.SURFACE, cv2.FILLED, shift=SUBCELL_BITS)
         return Chart(state, origin_m[:2], width_m, self._config, T_odom_world)
 
     def _follow(self, at_m: FloatArray) -> None:

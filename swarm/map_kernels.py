@@ -14,10 +14,12 @@ from voxdepth.compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
 from voxdepth.types import FloatArray, FloatImage, MaskImage
 
 Bytes = npt.NDArray[np.uint8]
-FREE, UNSEEN, VAIN, SURFACE = range(4)
+FREE, UNSEEN, VAIN, GIVEN_UP, SURFACE = range(5)
 """States of a voxel, from the best to the worst."""
 MOST_SEEN = 200
 """Counts of images end here."""
+FLEW_THERE = MOST_SEEN + 1
+"""Count of images in vain of a voxel that was given up: a drone flew there to see it, in vain."""
 SHOWN, CONFIRMED, MOST_SHOWN = 2, 3, 4
 """An image that shows a surface in a voxel adds the first to its count, and one that passes takes 1 away. From the
 second on there is a surface: two images confirm it, and one alone in free space is an error of depth. The count ends at
@@ -36,7 +38,7 @@ class Voxels(NamedTuple):
     surface: Bytes
     """Count for a surface; there is one from `CONFIRMED` on."""
     vain: Bytes
-    """Images in a row that had the voxel in view from nearby, and showed neither."""
+    """Images in a row that had the voxel in view from nearby, and showed neither; `FLEW_THERE` if it was given up."""
     passed_s: npt.NDArray[np.float32]
     """Time of the last image that passed it [s]."""
 
@@ -153,7 +155,7 @@ def judge(
             passed[n] = min(passed[n] + (surface[n] < CONFIRMED), MOST_SEEN)
             surface[n] = max(surface[n], 1) - 1
         elif r < shown_from[c]:
-            vain[n] = min(vain[n] + (r < near_squared), MOST_SEEN)
+            vain[n] += r < near_squared and vain[n] < MOST_SEEN
         elif r <= shown_to[c] and is_recorded[c]:
             surface[n], vain[n] = min(surface[n] + SHOWN, MOST_SHOWN), 0
             passed[n] *= surface[n] < CONFIRMED
@@ -250,10 +252,11 @@ def give_up(
     half_height_m: float,
     time_s: float,
 ) -> None:
-    """Make the voxels in an upright cylinder vain that are not known to be free."""
+    """Make the voxels in an upright cylinder vain that are not known to be free, and give up those that were vain."""
     for k, i, j in in_cylinder(voxels, rules, origin_m, center_m, radius_m, half_height_m):
         if not is_free(voxels, rules, k, i, j, time_s):
-            voxels.vain[k, i, j] = rules.min_vain
+            was_vain = voxels.vain[k, i, j] >= rules.min_vain
+            voxels.vain[k, i, j] = FLEW_THERE if was_vain else rules.min_vain
 
 
 @compiled(void(VOXELS, RULES, float64, float64, float64, float64, BYTE_IMAGE))
@@ -280,5 +283,6 @@ def worst_states(
                 if voxels.surface[k, i, j] >= CONFIRMED:
                     state[i, j] = SURFACE
                 elif not is_free(voxels, rules, k, i, j, time_s):
-                    unknown = VAIN if voxels.vain[k, i, j] >= rules.min_vain else UNSEEN
+                    vain = voxels.vain[k, i, j]
+                    unknown = GIVEN_UP if vain == FLEW_THERE else VAIN if vain >= rules.min_vain else UNSEEN
                     state[i, j] = max(state[i, j], unknown)

@@ -16,7 +16,7 @@ from .chart import Chart, Route
 from .errors import MissionError
 from .evidence import EvidenceReader
 from .free_map import FreeMap
-from .nearby import ApproachLimits, clamp_to_limits
+from .nearby import ApproachLimits, clamp_to_limits, level_limits
 from .pilot import Pilot, PilotConfig, Situation
 from .route_kernels import Braking
 from .types import Decision, OnboardCamera
@@ -31,10 +31,12 @@ CLIMB_SHARES = (1.0, 0.75, 0.5, 0.25)
 """Shares of a climb that are tried, since the map is low."""
 HEIGHT_BAND_M = 0.5
 """A drone leaves the height of its target by no more than this, because it sees little of what is above and below."""
-PATIENCE_S = 2.0
-"""Time for which a drone stands before unknown space, until that counts as vain."""
+PATIENCE_S, GETS_ON_M = 2.0, 0.3
+"""A drone that wants to fly and moves no farther than this for so long gives up some points of its way."""
 GIVEN_UP = 3
-"""Points of its way that a drone gives up then."""
+"""Number of these points."""
+SLOW_M_S = 0.5
+"""Slower drones are obstacles around which another one plans its way."""
 STANDS_M_S, WANTS_TO_FLY_M_S = 0.15, 0.4
 """A drone stands if it is slower than the first and wants to be faster than the second."""
 
@@ -85,9 +87,16 @@ class MappingPilot(Pilot):
         self._route: Route | None = None
         """The way by the newest image; None until one is needed."""
         self._route_before: Route | None = None
-        self._stands_since_s: float | None = None
+        self._waits_at: tuple[float, FloatArray] | None = None
+        """Since when the drone waits, and where."""
 
-    def fly(self, wanted_m_s: FloatArray, situation: Situation, target_m: FloatArray | None = None) -> Decision:
+    def fly(
+        self,
+        wanted_m_s: FloatArray,
+        situation: Situation,
+        target_m: FloatArray | None = None,
+        look_at_m: FloatArray | None = None,
+    ) -> Decision:
         """Return the command for a wanted velocity, shape (3,); the drone hovers before the first percept."""
         if situation.percept is None:
             return self._hover(wanted_m_s)
@@ -100,11 +109,17 @@ class MappingPilot(Pilot):
         velocity = np.array([*level, _climb(wanted[2], target[2] - at_m[2])])
         limits = ApproachLimits(known.turned(drones.towards), drones.speed_m_s)
         velocity = clamp_to_limits(velocity, limits)
-        level = known.chart.restrain(velocity, at_m + self._config.response_s * flown, limits, self._braking)
-        velocity = np.array([*level, self._safe_climb(known, at_m, velocity[2], target[2] - at_m[2])])
-        state = self._state(situation.time_s, wanted, direction, velocity)
-        look_world = known.turned_back(np.array([*look, 0.0]))
-        yaw_rad = self._heading.turn_towards(look_world, length(wanted_m_s))
+        climb_m_s = self._safe_climb(known, at_m, velocity[2], target[2] - at_m[2])
+        limits = level_limits(limits, climb_m_s)
+        level = clamp_to_limits(velocity[:2], limits)
+        level = known.chart.restrain(level, at_m + self._config.response_s * flown, limits, self._braking)
+        velocity = np.array([*level, climb_m_s])
+        self._wait(situation.time_s, at_m, length(wanted[:2]) > WANTS_TO_FLY_M_S)
+        state = _state(wanted, direction, velocity)
+        if look_at_m is not None and length(wanted_m_s) < WANTS_TO_FLY_M_S:
+            yaw_rad = self._heading.turn_towards(look_at_m - own.position_m, np.inf)
+        else:
+            yaw_rad = self._heading.turn_towards(known.turned_back(np.array([*look, 0.0])), length(wanted_m_s))
         return Decision(
             command=VelocityCommand(velocity_m_s=known.turned_back(velocity), yaw_rad=yaw_rad),
             wanted_velocity_m_s=wanted_m_s,
@@ -139,9 +154,21 @@ class MappingPilot(Pilot):
         for place_m in places_m:
             self._map.mark_free(place_m, self._radius_m, self._half_height_m, stamp_s)
         low_m, high_m = self._band(at_m)
-        self._known = Known(stamp_s, at_m, self._map.chart(low_m, high_m, self._width_m, stamp_s, T))
+        discs_m = self._standing(at_m, places_m[1:], situation.neighbours.velocity_m_s)
+        self._known = Known(stamp_s, at_m, self._map.chart(low_m, high_m, self._width_m, stamp_s, T, discs_m))
         self._route = None
         return self._known
+
+    def _standing(self, at_m: FloatArray, drones_m: FloatArray, velocities_m_s: FloatArray) -> FloatArray:
+        """Return the discs (x, y, radius) that other drones take at the height of this one, shape (n, 3).
+
+        Those that fly are no obstacles of its way; it only keeps its distance from them.
+        """
+        offset_m = drones_m - at_m
+        kept_m = 2 * self._radius_m + self._config.nearby.drone_clearance_m
+        radius_m = np.sqrt(np.maximum(kept_m**2 - offset_m[:, 2] ** 2, 0)) - self._width_m
+        stands = np.linalg.norm(velocities_m_s, axis=1) < SLOW_M_S
+        return np.asarray(np.column_stack([drones_m[:, :2], radius_m])[stands & (radius_m > 0)])
 
     def _has_jumped(self, before: Known, stamp_s: float, at_m: FloatArray, velocity_m_s: FloatArray) -> bool:
         """Return whether the odometry moved farther since the last image than the drone can have flown."""
@@ -181,26 +208,25 @@ class MappingPilot(Pilot):
         """Return the heights between which the air must be free, so that a drone may fly there."""
         return at_m[2] - self._half_height_m, at_m[2] + self._half_height_m
 
-    def _state(self, time_s: float, wanted: FloatArray, direction: FloatArray, velocity: FloatArray) -> str:
-        """Return `free`, `avoiding`, `exploring` or `blocked`; a drone that stands too long gives up its way."""
-        speed, flown = length(wanted[:2]), length(velocity[:2])
-        if speed > WANTS_TO_FLY_M_S and flown < STANDS_M_S:
-            self._wait(time_s)
-            return "blocked"
-        self._stands_since_s = None
-        if flown < 0.9 * speed:
-            return "exploring"
-        return "free" if float(direction @ wanted[:2]) >= 0.97 * speed else "avoiding"
-
-    def _wait(self, time_s: float) -> None:
-        """Count the time for which the drone stands; in the end, what is unknown on its way becomes vain."""
-        if self._stands_since_s is None:
-            self._stands_since_s = time_s
-        if time_s - self._stands_since_s < PATIENCE_S or self._route is None or self._known is None:
+    def _wait(self, time_s: float, at_m: FloatArray, wants_to_fly: bool) -> None:
+        """Give up what is unknown on the way if the drone wants to fly and does not get on."""
+        if self._waits_at is None or not wants_to_fly or length(at_m[:2] - self._waits_at[1][:2]) > GETS_ON_M:
+            self._waits_at = time_s, at_m
+        if time_s - self._waits_at[0] < PATIENCE_S or self._route is None or self._known is None:
             return
-        self._stands_since_s = time_s
+        self._waits_at = time_s, at_m
         for point_m in self._route.points_m[self._route.clear + 1 :][:GIVEN_UP]:
             self._map.give_up(np.array([*point_m, self._known.at_m[2]]), self._width_m, self._half_height_m, time_s)
+
+
+def _state(wanted: FloatArray, direction: FloatArray, velocity: FloatArray) -> str:
+    """Return `free`, `avoiding`, `exploring` or `blocked`."""
+    speed, flown = length(wanted[:2]), length(velocity[:2])
+    if speed > WANTS_TO_FLY_M_S and flown < STANDS_M_S:
+        return "blocked"
+    if flown < 0.9 * speed:
+        return "exploring"
+    return "free" if float(direction @ wanted[:2]) >= 0.97 * speed else "avoiding"
 
 
 def _making_room(level: FloatArray, way_out: FloatArray) -> FloatArray:

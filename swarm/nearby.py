@@ -16,6 +16,10 @@ COS_HALF_CELL = np.cos(np.radians(5.0))
 """A point within this angle of the middle of a cell counts as inside it."""
 MAX_PROJECTIONS = 32
 """Most violated limits that are resolved; fewer of them leave more violations in corners of several surfaces."""
+LEAST_SHARE = 0.05
+"""Directions of which a smaller share is horizontal do not limit the horizontal velocity."""
+MAX_ASIDE_M_S = 1.0
+"""Largest speed with which a drone moves aside."""
 NO_MOTION: FloatArray = np.zeros(3)
 NO_VECTORS: FloatArray = np.empty((0, 3))
 
@@ -141,6 +145,18 @@ def clamp_to_limits(velocity_m_s: FloatArray, *limits: ApproachLimits) -> FloatA
             break
         velocity_m_s = velocity_m_s - excess[worst] * towards[worst]
     return velocity_m_s
+
+
+def level_limits(limits: ApproachLimits, climb_m_s: float) -> ApproachLimits:
+    """Return what limits leave of the horizontal velocity of a drone that climbs, along directions of shape (n, 2).
+
+    A drone that cannot climb away from another one above or below it moves aside.
+    """
+    share = np.hypot(limits.towards[:, 0], limits.towards[:, 1])
+    beside = share > LEAST_SHARE
+    towards, share = limits.towards[beside], share[beside]
+    speed_m_s = (limits.speed_m_s[beside] - climb_m_s * towards[:, 2]) / share
+    return ApproachLimits(towards[:, :2] / share[:, None], np.maximum(speed_m_s, -MAX_ASIDE_M_S))
 
 
 def _seen_again(points: FloatArray, histogram: Histogram) -> MaskImage:

@@ -99,10 +99,17 @@ class Pilot:
         self._radius_m = radius_m
         self._heading = Heading(config, control_hz, start_yaw_rad)
 
-    def fly(self, wanted_m_s: FloatArray, situation: Situation, target_m: FloatArray | None = None) -> Decision:
+    def fly(
+        self,
+        wanted_m_s: FloatArray,
+        situation: Situation,
+        target_m: FloatArray | None = None,
+        look_at_m: FloatArray | None = None,
+    ) -> Decision:
         """Return the command for a wanted velocity, shape (3,), clamped to the limits towards other drones.
 
-        `target_m` is the place to which the drone wants to get, shape (3,); pilots that plan ways use it.
+        `target_m` is the place to which the drone wants to get, and `look_at_m` one at which it looks when it has
+        nowhere to fly, both of shape (3,); pilots with a map use them.
         """
         yaw_rad = self._heading.turn_towards(wanted_m_s, length(wanted_m_s))
         velocity_m_s = clamp_to_limits(wanted_m_s, self._drone_limits(situation))

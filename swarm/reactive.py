@@ -27,7 +27,13 @@ class ReactivePilot(Pilot):
         self._previous: FloatArray | None = None
         self._newest: tuple[float, Histogram] | None = None
 
-    def fly(self, wanted_m_s: FloatArray, situation: Situation, target_m: FloatArray | None = None) -> Decision:
+    def fly(
+        self,
+        wanted_m_s: FloatArray,
+        situation: Situation,
+        target_m: FloatArray | None = None,
+        look_at_m: FloatArray | None = None,
+    ) -> Decision:
         """Return the command for a wanted velocity, shape (3,); the drone hovers before the first percept."""
         if situation.percept is None:
             return self._hover(wanted_m_s)

@@ -88,7 +88,7 @@ HEADING_M = 2.0
 """Length of the arrow that marks a drone on its map."""
 
 
-CELL_COLORS = ((225, 235, 225), (140, 140, 150), (230, 140, 50), (40, 40, 40))
+CELL_COLORS = ((225, 235, 225), (140, 140, 150), (230, 140, 50), (150, 70, 20), (40, 40, 40))
 """Colours of the cells of a map by state, in the order of `STATES`."""
 
 

@@ -146,6 +146,7 @@ def test_the_table_has_a_row_for_each_arm() -> None:
         "map a second before: free": "0",
         "map a second before: unseen": "0",
         "map a second before: vain": "1",
+        "map a second before: given up": "0",
         "map a second before: surface": "0",
     }
     assert set(table.texts[1][1:]) == {"0"}

@@ -190,6 +190,16 @@ class TestAgents:
         decision = agent(0, mission()).decide(situation(mates=mates))
         np.testing.assert_allclose(decision.wanted_velocity_m_s, 2.5 * share * FORWARD, atol=1e-9)
 
+    def test_a_leader_does_not_wait_for_followers_in_single_file(self) -> None:
+        leader = agent(0, mission())
+        corner = [(x, 0.0, 0.0) for x in np.arange(0.0, 4.1, 0.5)] + [(4.0, y, 0.0) for y in np.arange(0.5, 8.1, 0.5)]
+        for at in corner:
+            decision = leader.decide(situation(at=at, mates=near(((4.0, at[1] - 1.8, 0), STILL), ((4, 4.4, 0), STILL))))
+        assert np.linalg.norm(decision.wanted_velocity_m_s) == pytest.approx(2.5)
+        astray = near(((4.0, 6.2, 0), STILL), ((9, 0, 0), STILL))
+        decision = leader.decide(situation(at=corner[-1], mates=astray))
+        assert np.linalg.norm(decision.wanted_velocity_m_s) < 1.5
+
     def test_nobody_wants_more_than_its_top_speed(self) -> None:
         far = situation(leader=((99.0, 0, 0), STILL), mates=near(((-2.6, 1.3, 0), STILL), ((-3.2, -1.3, 0), STILL)))
         for drone, most_m_s in ((0, 2.5), (1, 3.2)):

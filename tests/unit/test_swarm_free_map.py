@@ -1,4 +1,4 @@
-"""The map of a drone: free, unseen, vain and surface."""
+"""The map of a drone: what is free, unseen, vain, given up and a surface."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from sim.frames import R_BODY_CAM, pose
 from swarm.chart import Chart
 from swarm.evidence import EvidenceConfig, EvidenceReader
 from swarm.free_map import FreeMap, MapConfig
-from swarm.map_kernels import FREE, SURFACE, UNSEEN, VAIN
+from swarm.map_kernels import FREE, GIVEN_UP, SURFACE, UNSEEN, VAIN
 from tests.helpers import CAMERA
 from tests.swarm_scenes import turn
 from tests.unit.test_swarm_evidence import flat, image
@@ -138,6 +138,14 @@ def test_what_is_given_up_is_vain_but_free_space_stays_free() -> None:
     assert drone.state(5.0) == UNSEEN
 
 
+def test_what_is_vain_is_given_up_until_an_image_shows_it() -> None:
+    drone = Drone().sees(flat(0.0), 5)
+    assert drone.state(2.0) == VAIN
+    drone.map.give_up(np.array([2.0, 0.0, 0.0]), 1.0, 0.4, drone.time_s)
+    assert drone.sees(flat(0.0), 300).state(2.0) == GIVEN_UP
+    assert drone.sees(flat(3.0), 2).state(2.0) == FREE
+
+
 def test_free_space_that_is_forgotten_can_be_given_up() -> None:
     drone = Drone(memory_s=30.0).sees(flat(3.0), 2)
     drone.map.give_up(np.array([2.0, 0.0, 0.0]), 1.0, 0.4, drone.time_s + 40.0)
@@ -186,6 +194,23 @@ def test_the_route_goes_round_what_is_dear() -> None:
     assert np.linalg.norm(route.points_m[route.clear] - start_m) > 1.0
     beyond = chart.route(start_m, np.array([50.0, 5.0]))
     assert beyond.points_m[-1, 0] > 9.0
+
+
+@pytest.mark.parametrize("width_m", [0.25, 0.4, 0.5, 0.55, 0.65, 0.8])
+def test_the_way_is_clear_where_the_drone_fits(width_m: float) -> None:
+    """A cell of the way is four cells of the map, and clear if the drone fits into the middle of each."""
+    state = np.random.default_rng(0).choice(np.array([FREE, VAIN], np.uint8), (40, 40), p=[0.97, 0.03])
+    chart = Chart(state, HERE[:2], width_m, MapConfig())
+    middles_m = 0.25 * (np.arange(40) + 0.5)
+    fits = np.array([[chart.is_free(np.array([x, y])) for x in middles_m] for y in middles_m])
+    clear = fits.reshape(20, 2, 20, 2).all(axis=(1, 3))[2:-2, 2:-2]
+    for row, col in np.ndindex(clear.shape[0], clear.shape[1] - 1):
+        at_m = 0.5 * np.array([col + 2.5, row + 2.5])
+        route = chart.route(at_m, at_m + np.array([0.5, 0.0]))
+        if clear[row, col : col + 2].all():
+            assert route.clear == 1
+        else:
+            assert route.clear == 0 or len(route.points_m) > 2
 
 
 def test_the_route_keeps_the_side_that_it_chose() -> None:

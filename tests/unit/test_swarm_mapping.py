@@ -14,13 +14,13 @@ from sim.types import DroneState
 from swarm.chart import Chart
 from swarm.errors import MissionError
 from swarm.free_map import MapConfig
-from swarm.map_kernels import FREE
+from swarm.map_kernels import FREE, GIVEN_UP
 from swarm.mapping import MappingPilot
 from swarm.obstacle_kernels import braking_speed
 from swarm.pilot import PilotConfig, Situation
 from swarm.types import Decision, Motion, OnboardCamera, Percept
 from tests.helpers import CAMERA
-from tests.swarm_scenes import NOBODY, RADIUS_M, turn
+from tests.swarm_scenes import NOBODY, RADIUS_M, neighbours_of, turn
 from tests.unit.test_swarm_evidence import flat, image
 from voxdepth.types import CorrectedDepth, FloatArray
 
@@ -46,6 +46,8 @@ class Flight:
         self.position_m, self.velocity_m_s, self.yaw_rad = np.zeros(3), np.zeros(3), 0.0
         self.odometry_m = np.zeros(3)
         """Error of the odometry."""
+        self.neighbours = NOBODY
+        self.look_at_m: FloatArray | None = None
         self.path_m: list[FloatArray] = []
         self.decisions: list[Decision] = []
         self._percept: Percept | None = None
@@ -56,7 +58,7 @@ class Flight:
         for tick in range(round(seconds * RATE_HZ)):
             if tick % 2 == 0:
                 self._look()
-            decision = self.pilot.fly(wanted_m_s, self._situation(), target_m)
+            decision = self.pilot.fly(wanted_m_s, self._situation(), target_m, self.look_at_m)
             self.yaw_rad = decision.command.yaw_rad
             follow = 1 - np.exp(-1 / (self.config.response_s * RATE_HZ))
             self.velocity_m_s = self.velocity_m_s + follow * (decision.command.velocity_m_s - self.velocity_m_s)
@@ -91,7 +93,7 @@ class Flight:
         leader = Motion(np.zeros(3), np.zeros(3))
         return Situation(
             time_s=len(self.path_m) / RATE_HZ, own=own, percept=self._percept, leader=leader, mates=NOBODY,
-            neighbours=NOBODY,
+            neighbours=self.neighbours,
         )  # fmt: skip
 
 
@@ -199,6 +201,39 @@ def test_a_drone_climbs_and_descends_where_it_sees(climb_m_s: float) -> None:
     assert flight.position_m[2] * np.sign(climb_m_s) > 0.7
 
 
+@pytest.mark.parametrize("above_m", [0.45, -0.45])
+def test_a_drone_does_not_slip_below_another_one_when_it_cannot_leave_its_height(above_m: float) -> None:
+    flight = Flight(always(image(flat(9.0))))
+    at_m = np.array([0.9, 0.1, above_m])
+    flight.neighbours = neighbours_of({1: Motion(at_m, np.zeros(3))})
+    flight.flies((2.0, 0, 0), 5.0, np.array([20.0, 0.0, 0.0]))
+    assert np.linalg.norm(np.array(flight.path_m) - at_m, axis=1).min() > 2 * RADIUS_M + 0.2
+
+
+def test_a_drone_flies_around_others_that_stand_in_its_way() -> None:
+    flight = Flight(always(image(flat(9.0))))
+    row_m = np.array([[4.0, y, 0.0] for y in (-1.5, 0.0, 1.5)])
+    flight.neighbours = neighbours_of({i: Motion(at_m, np.zeros(3)) for i, at_m in enumerate(row_m, start=1)})
+    flight.flies((2.0, 0, 0), 8.0, np.array([20.0, 0.0, 0.0]))
+    assert flight.position_m[0] > 6.0
+    assert np.linalg.norm(np.array(flight.path_m)[:, None] - row_m, axis=2).min() > 2 * RADIUS_M + 0.2
+
+
+def test_a_drone_that_does_not_get_on_gives_up_its_way() -> None:
+    flight = Flight(always(HOLES))
+    flight.flies((2, 0, 0), 20.0, np.array([8.0, 0.0, 0.0]))
+    known = flight.pilot._known
+    assert known is not None
+    assert GIVEN_UP in known.chart.state
+
+
+def test_a_drone_with_nowhere_to_fly_looks_where_it_is_told() -> None:
+    flight = Flight(always(image(flat(9.0))))
+    flight.look_at_m = np.array([0.0, 5.0, 0.0])
+    assert flight.flies((0.0, 0.1, 0), 2.0).yaw_rad == pytest.approx(np.pi / 2, abs=0.1)
+    assert abs(flight.flies((2.0, 0, 0), 2.0).yaw_rad) < 0.2
+
+
 def test_a_drone_goes_on_in_open_space_after_its_odometry_jumped() -> None:
     flight = Flight(always(image(flat(9.0)))).flies((1, 0, 0), 4.0)
     flight.odometry_m = np.array([0.8, 0.0, 0.0])
@@ -215,11 +250,10 @@ def test_the_odometry_may_drift_but_not_jump() -> None:
     flight = Flight(always(image(flat(9.0)))).flies((1, 0, 0), 2.0)
     assert flight.pilot._map.origin_m is not None
     assert np.linalg.norm(flight.velocity_m_s) > 0.9
-    before_m = flight.position_m
+    before_m, n_before = flight.position_m, len(flight.path_m)
     flight.view, flight.odometry_m = always(HOLES), np.array([5.0, 0.0, 0.0])
     flight.flies((1, 0, 0), 4.0)
-    assert np.linalg.norm(flight.velocity_m_s) < 0.05
-    assert np.linalg.norm(flight.position_m - before_m) < 1.0
+    assert np.linalg.norm(np.array(flight.path_m[n_before:]) - before_m, axis=1).max() < START_M - RADIUS_M
 
 
 def random_chart(seed: int) -> Chart:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.frames import R_BODY_CAM, pose
-from swarm.nearby import ApproachLimits, NearbyConfig, SurfaceMemory, clamp_to_limits, neighbour_limits
+from swarm.nearby import ApproachLimits, NearbyConfig, SurfaceMemory, clamp_to_limits, level_limits, neighbour_limits
 from swarm.types import Neighbours
 from tests.swarm_scenes import FORWARD, NOBODY, RADIUS_M, flat, histogram, near, turn
 
@@ -113,6 +113,23 @@ class TestNeighbourLimits:
         np.testing.assert_allclose(
             clamp_to_limits(rotation @ (2 * FORWARD), there), rotation @ clamp_to_limits(2 * FORWARD, limits), atol=1e-4
         )
+
+
+class TestLevelLimits:
+    @given(SEEDS)
+    def test_a_drone_that_may_not_climb_keeps_the_limits_by_its_horizontal_velocity(self, seed: int) -> None:
+        wanted, limits, _ = compatible(seed)
+        one = ApproachLimits(limits.towards[:1], limits.speed_m_s[:1])
+        climb_m_s = float(np.random.default_rng(seed).uniform(-1, 1))
+        left = level_limits(one, climb_m_s)
+        level = clamp_to_limits(wanted[:2], left)
+        if len(left.towards) and left.speed_m_s[0] > -1:
+            assert one.towards[0] @ [*level, climb_m_s] <= one.speed_m_s[0] + 1e-5
+
+    def test_a_drone_below_another_one_moves_aside_at_a_limited_speed(self) -> None:
+        towards = np.array([[0.1, 0.0, np.sqrt(0.99)], [0.0, 0.0, 1.0]])
+        left = level_limits(ApproachLimits(towards, np.array([-0.5, -0.5])), 0.0)
+        np.testing.assert_allclose(clamp_to_limits(np.array([2.0, 0.5]), left), [-1.0, 0.5])
 
 
 class TestRestrain:
