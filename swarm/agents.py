@@ -18,7 +18,8 @@ from .vectors import length
 
 SHIFTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 """Places that a follower tries, as shares of the way from its slot to its place in single file behind the leader."""
-TRACK_STEP_M = 0.2
+TRACK_STEP_M, LOOP_M = 0.2, 0.3
+"""Distance of the points of a track, and the one within which a later point closes a loop."""
 
 
 def create_agent(role: Role, config: MissionConfig) -> Agent:
@@ -66,11 +67,11 @@ class Leader:
         mates, offsets_m = situation.mates, self._team.offsets_m
         if len(mates) < len(offsets_m) - situation.mates_dropped:
             return 0.0
-        lags_m = [0.0]
-        for number, at_m in zip(mates.drone - self._team.leader, mates.position_m, strict=True):
-            places_m = self._track.places_m(situation.own.position_m + offsets_m[number - 1], number)
-            lags_m.append(float(np.linalg.norm(at_m - places_m, axis=1).min()))
-        return rules.lag_speed_factor(max(lags_m))
+        lags_m = (
+            np.linalg.norm(at_m - self._track.places_m(situation.own.position_m + offsets_m[n - 1], n), axis=1).min()
+            for n, at_m in zip(mates.drone - self._team.leader, mates.position_m, strict=True)
+        )
+        return rules.lag_speed_factor(float(max(lags_m, default=0.0)))
 
 
 class Follower:
@@ -91,9 +92,9 @@ class Follower:
         self._track.add(situation.leader.position_m)
         slot_m = situation.leader.position_m + self._offset_m
         places_m = self._track.places_m(slot_m, self._number)
-        place_m = places_m[self._pilot.first_free(places_m)]
-        wanted = rules.limit(self.wanted(situation, place_m), self._max_speed_m_s)
-        return self._pilot.fly(wanted, situation, place_m, look_at_m=slot_m)
+        first = self._pilot.first_free(places_m)
+        wanted = rules.limit(self.wanted(situation, places_m[first]), self._max_speed_m_s)
+        return self._pilot.fly(wanted, situation, places_m[first], look_at_m=slot_m if first > 0 else None)
 
     def wanted(self, situation: Situation, slot_m: FloatArray) -> FloatArray:
         """Return the sum of the rules, shape (3,); cohesion and alignment use the own swarm only."""
@@ -120,11 +121,14 @@ class Track:
         self._spacing_m = spacing_m
 
     def add(self, at_m: FloatArray) -> None:
-        """Add a position, shape (3,), if the leader has moved since the last one."""
-        step_m = length(at_m - self._points_m[-1])
-        if step_m > TRACK_STEP_M:
-            self._points_m.append(at_m.copy())
-            self._lengths_m.append(self._lengths_m[-1] + step_m)
+        """Add a position, shape (3,), if the leader has moved since the last one; loops of the way are cut off."""
+        if length(at_m - self._points_m[-1]) <= TRACK_STEP_M:
+            return
+        near = np.linalg.norm(np.array(self._points_m) - at_m, axis=1) < LOOP_M
+        end = int(near.argmax()) + 1 if near.any() else len(near)
+        del self._points_m[end:], self._lengths_m[end:]
+        self._lengths_m.append(self._lengths_m[-1] + length(at_m - self._points_m[-1]))
+        self._points_m.append(at_m.copy())
 
     def places_m(self, slot_m: FloatArray, number: int) -> FloatArray:
         """Return the places that a follower may take, from its slot to its place in single file, shape (n, 3)."""

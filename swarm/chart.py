@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from voxdepth.types import FloatArray, FloatImage
 
-from .map_kernels import FREE, UNSEEN
+from .map_kernels import FREE, SURFACE, UNSEEN
 from .nearby import ApproachLimits
 from .route_kernels import (
     Braking,
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 STATES = ("free", "unseen", "vain", "given up", "surface")
 """Names of the states of a map, in the order of their numbers."""
+NO_DISCS: FloatArray = np.empty((0, 3))
 BEYOND_PRICE = 1.5
 """Price of a way per metre beyond the map."""
 HABIT = 0.7
@@ -71,7 +72,8 @@ class Chart:
     """A horizontal slice of a map: what is known of the air through which a drone flies at its height.
 
     `width_m` is the clearance that it needs, from its centre to what is not free. Places are in the frame of the
-    drone's odometry, to which `T_odom_world` leads from that of the world.
+    drone's odometry, to which `T_odom_world` leads from that of the world. Ways are planned around `drones_m`, discs
+    (x, y, radius) of shape (n, 3), which are no part of the map.
     """
 
     def __init__(
@@ -81,6 +83,7 @@ class Chart:
         width_m: float,
         config: "MapConfig",
         T_odom_world: FloatArray | None = None,
+        drones_m: FloatArray = NO_DISCS,
     ) -> None:
         self.T_odom_world = np.eye(4) if T_odom_world is None else T_odom_world
         self.state = state
@@ -91,10 +94,11 @@ class Chart:
         """Side of a cell."""
         self._config = config
         self._width = width_m / config.voxel_m
-        is_free = np.pad((state == FREE).astype(np.uint8), 1)  # Beyond the map, nothing is known.
-        distance = cv2.distanceTransform(is_free, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
-        self._clearance: FloatImage = np.ascontiguousarray(distance) - np.float32(0.5)
-        blocked = cv2.dilate(state, _disc(self._width + 0.5))
+        self._clearance = _clearance(state)
+        taken = _with_discs(state, (drones_m - [*origin_m, 0.0]) / config.voxel_m)
+        self._passage = _clearance(taken) if len(drones_m) else self._clearance
+        """Clearance to what is not free and to the other drones."""
+        blocked = cv2.dilate(taken, _disc(self._width + 0.5))
         pairs = np.maximum(blocked[::2], blocked[1::2])
         self._blocked: npt.NDArray[np.uint8] = np.maximum(pairs[:, ::2], pairs[:, 1::2])
 
@@ -108,10 +112,10 @@ class Chart:
         return self._config.voxel_m * max(0.0, clearance_at(self._clearance, *self._cells(at_m)))
 
     def free_length_m(self, at_m: FloatArray, along: FloatArray, longest_m: float) -> float:
-        """Return how far a drone may fly from a position in a direction of length 1 (x, y) through free space."""
+        """Return how far a drone may plan to fly from a position in a direction of length 1 (x, y)."""
         side_m = self._config.voxel_m
         x, y = self._cells(at_m)
-        length = free_length(self._clearance, x, y, float(along[0]), float(along[1]), self._width, longest_m / side_m)
+        length = free_length(self._passage, x, y, float(along[0]), float(along[1]), self._width, longest_m / side_m)
         return side_m * length
 
     def restrain(self, velocity: FloatArray, at_m: FloatArray, limits: ApproachLimits, braking: Braking) -> FloatArray:
@@ -133,8 +137,8 @@ class Chart:
         return np.asarray(missing_m * COMPASS[best]) if ahead_m[best] > here_m else np.zeros(2)
 
     def is_free(self, at_m: FloatArray) -> bool:
-        """Return whether a drone has its whole width at a position (x, y)."""
-        return clearance_at(self._clearance, *self._cells(at_m)) >= self._width
+        """Return whether a drone has its whole width at a position (x, y), which no other one takes."""
+        return clearance_at(self._passage, *self._cells(at_m)) >= self._width
 
     def state_at(self, at_m: FloatArray) -> int:
         """Return the state of the cell at a position (x, y); beyond the map, nothing was seen."""
@@ -183,6 +187,22 @@ class Chart:
         price = np.float32(BEYOND_PRICE)
         left[[0, -1], :], left[:, [0, -1]] = price * far[[0, -1], :], price * far[:, [0, -1]]
         return left
+
+
+def _clearance(state: npt.NDArray[np.uint8]) -> FloatImage:
+    """Return the distance of each cell to the nearest one that is not free, in cells; beyond the map, none is."""
+    is_free = np.pad((state == FREE).astype(np.uint8), 1)
+    distance = cv2.distanceTransform(is_free, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
+    return np.ascontiguousarray(distance) - np.float32(0.5)
+
+
+def _with_discs(state: npt.NDArray[np.uint8], discs: FloatArray) -> npt.NDArray[np.uint8]:
+    """Return a map in which discs (column, row, radius), in cells, are surfaces."""
+    taken = state.copy()
+    rows, cols = np.ogrid[: state.shape[0], : state.shape[1]]
+    for col, row, radius in discs:
+        taken[(cols + 0.5 - col) ** 2 + (rows + 0.5 - row) ** 2 < radius**2] = SURFACE
+    return taken
 
 
 def _disc(radius: float) -> npt.NDArray[np.uint8]:

@@ -4,7 +4,6 @@ The map is a grid of voxels around the drone, in the frame of its own odometry. 
 lasts is an assumption, which a drone makes for as long as its odometry is good.
 """
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
@@ -14,16 +13,12 @@ from voxdepth.model import Model
 from voxdepth.types import FloatArray, Intrinsics
 
 from . import map_kernels as kernels
-from .chart import ROUTE_CELLS, Chart
+from .chart import NO_DISCS, ROUTE_CELLS, Chart
 from .evidence import Evidence, EvidenceReader
 from .map_kernels import FREE, Limits, Rules, View, Voxels
 from .neighbours import belong_to_drones
 
 MAX_VOXELS = 2**24
-NO_DISCS: FloatArray = np.empty((0, 3))
-SUBCELL_BITS = 4
-SUBCELLS = 2**SUBCELL_BITS
-"""Discs are drawn to this part of a cell."""
 MARGIN_M = 2.0
 """The map moves when the drone is this far from its middle."""
 
@@ -167,19 +162,13 @@ class FreeMap:
         width_m: float,
         time_s: float,
         T_odom_world: FloatArray | None = None,
-        discs_m: FloatArray = NO_DISCS,
+        drones_m: FloatArray = NO_DISCS,
     ) -> Chart:
-        """Return the slice between two heights for a drone that needs a clearance of `width_m`.
-
-        In it, discs (x, y, radius) of shape (n, 3) count as surfaces: drones that stand there.
-        """
+        """Return the slice between two heights for a drone that needs a clearance of `width_m`; see `Chart`."""
         state = np.empty(self._config.shape[1:], np.uint8)
-        origin_m, side_m = self.origin_m, self._config.voxel_m
+        origin_m = self.origin_m
         kernels.worst_states(self._voxels, self._rules, float(origin_m[2]), low_m, high_m, time_s, state)
-        for x, y, radius in (discs_m - [*origin_m[:2], 0.0]) / side_m:
-            center = round((x - 0.5) * SUBCELLS), round((y - 0.5) * SUBCELLS)
-            cv2.circle(state, center, round(radius * SUBCELLS), kernels.SURFACE, cv2.FILLED, shift=SUBCELL_BITS)
-        return Chart(state, origin_m[:2], width_m, self._config, T_odom_world)
+        return Chart(state, origin_m[:2], width_m, self._config, T_odom_world, drones_m)
 
     def _follow(self, at_m: FloatArray) -> None:
         """Move the map, by whole voxels, so that a position is near its middle."""

@@ -18,8 +18,8 @@ FREE, UNSEEN, VAIN, GIVEN_UP, SURFACE = range(5)
 """States of a voxel, from the best to the worst."""
 MOST_SEEN = 200
 """Counts of images end here."""
-FLEW_THERE = MOST_SEEN + 1
-"""Count of images in vain of a voxel that was given up: a drone flew there to see it, in vain."""
+WAS_GIVEN_UP = MOST_SEEN + 1
+"""In place of the count of images in vain: the voxel was given up."""
 SHOWN, CONFIRMED, MOST_SHOWN = 2, 3, 4
 """An image that shows a surface in a voxel adds the first to its count, and one that passes takes 1 away. From the
 second on there is a surface: two images confirm it, and one alone in free space is an error of depth. The count ends at
@@ -38,7 +38,7 @@ class Voxels(NamedTuple):
     surface: Bytes
     """Count for a surface; there is one from `CONFIRMED` on."""
     vain: Bytes
-    """Images in a row that had the voxel in view from nearby, and showed neither; `FLEW_THERE` if it was given up."""
+    """Images in a row that had the voxel in view from nearby, and showed neither; `WAS_GIVEN_UP` if it was given up."""
     passed_s: npt.NDArray[np.float32]
     """Time of the last image that passed it [s]."""
 
@@ -256,7 +256,7 @@ def give_up(
     for k, i, j in in_cylinder(voxels, rules, origin_m, center_m, radius_m, half_height_m):
         if not is_free(voxels, rules, k, i, j, time_s):
             was_vain = voxels.vain[k, i, j] >= rules.min_vain
-            voxels.vain[k, i, j] = FLEW_THERE if was_vain else rules.min_vain
+            voxels.vain[k, i, j] = WAS_GIVEN_UP if was_vain else rules.min_vain
 
 
 @compiled(void(VOXELS, RULES, float64, float64, float64, float64, BYTE_IMAGE))
@@ -284,5 +284,5 @@ def worst_states(
                     state[i, j] = SURFACE
                 elif not is_free(voxels, rules, k, i, j, time_s):
                     vain = voxels.vain[k, i, j]
-                    unknown = GIVEN_UP if vain == FLEW_THERE else VAIN if vain >= rules.min_vain else UNSEEN
+                    unknown = GIVEN_UP if vain == WAS_GIVEN_UP else VAIN if vain >= rules.min_vain else UNSEEN
                     state[i, j] = max(state[i, j], unknown)

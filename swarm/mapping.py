@@ -16,7 +16,7 @@ from .chart import Chart, Route
 from .errors import MissionError
 from .evidence import EvidenceReader
 from .free_map import FreeMap
-from .nearby import ApproachLimits, clamp_to_limits, level_limits
+from .nearby import ApproachLimits, clamp_to_limits, level_limits, shortened
 from .pilot import Pilot, PilotConfig, Situation
 from .route_kernels import Braking
 from .types import Decision, OnboardCamera
@@ -32,11 +32,11 @@ CLIMB_SHARES = (1.0, 0.75, 0.5, 0.25)
 HEIGHT_BAND_M = 0.5
 """A drone leaves the height of its target by no more than this, because it sees little of what is above and below."""
 PATIENCE_S, GETS_ON_M = 2.0, 0.3
-"""A drone that wants to fly and moves no farther than this for so long gives up some points of its way."""
-GIVEN_UP = 3
-"""Number of these points."""
+"""A drone that wants to fly and moves no farther than this for so long gives up what is unknown before it."""
+POINTS_GIVEN_UP, BEFORE_IT_M = 3, 1.5
+"""Number of points of its way that it gives up, and the largest distance of the first of them."""
 SLOW_M_S = 0.5
-"""Slower drones are obstacles around which another one plans its way."""
+"""A drone plans its way around others that are slower."""
 STANDS_M_S, WANTS_TO_FLY_M_S = 0.15, 0.4
 """A drone stands if it is slower than the first and wants to be faster than the second."""
 
@@ -87,8 +87,8 @@ class MappingPilot(Pilot):
         self._route: Route | None = None
         """The way by the newest image; None until one is needed."""
         self._route_before: Route | None = None
-        self._waits_at: tuple[float, FloatArray] | None = None
-        """Since when the drone waits, and where."""
+        self._got_on: tuple[float, FloatArray] | None = None
+        """When the drone got on last, and where it was."""
 
     def fly(
         self,
@@ -107,13 +107,13 @@ class MappingPilot(Pilot):
         direction, look = self._way(known, at_m, wanted, target)
         level = _making_room(length(wanted[:2]) * direction, known.chart.way_out(at_m))
         velocity = np.array([*level, _climb(wanted[2], target[2] - at_m[2])])
-        limits = ApproachLimits(known.turned(drones.towards), drones.speed_m_s)
-        velocity = clamp_to_limits(velocity, limits)
+        all_limits = ApproachLimits(known.turned(drones.towards), drones.speed_m_s)
+        velocity = clamp_to_limits(velocity, all_limits)
         climb_m_s = self._safe_climb(known, at_m, velocity[2], target[2] - at_m[2])
-        limits = level_limits(limits, climb_m_s)
+        limits = level_limits(all_limits, climb_m_s)
         level = clamp_to_limits(velocity[:2], limits)
         level = known.chart.restrain(level, at_m + self._config.response_s * flown, limits, self._braking)
-        velocity = np.array([*level, climb_m_s])
+        velocity = shortened(np.array([*level, climb_m_s]), all_limits)
         self._wait(situation.time_s, at_m, length(wanted[:2]) > WANTS_TO_FLY_M_S)
         state = _state(wanted, direction, velocity)
         if look_at_m is not None and length(wanted_m_s) < WANTS_TO_FLY_M_S:
@@ -154,21 +154,21 @@ class MappingPilot(Pilot):
         for place_m in places_m:
             self._map.mark_free(place_m, self._radius_m, self._half_height_m, stamp_s)
         low_m, high_m = self._band(at_m)
-        discs_m = self._standing(at_m, places_m[1:], situation.neighbours.velocity_m_s)
-        self._known = Known(stamp_s, at_m, self._map.chart(low_m, high_m, self._width_m, stamp_s, T, discs_m))
+        drones_m = self._slow_drones(at_m, places_m[1:], situation.neighbours.velocity_m_s)
+        self._known = Known(stamp_s, at_m, self._map.chart(low_m, high_m, self._width_m, stamp_s, T, drones_m))
         self._route = None
         return self._known
 
-    def _standing(self, at_m: FloatArray, drones_m: FloatArray, velocities_m_s: FloatArray) -> FloatArray:
-        """Return the discs (x, y, radius) that other drones take at the height of this one, shape (n, 3).
+    def _slow_drones(self, at_m: FloatArray, drones_m: FloatArray, velocities_m_s: FloatArray) -> FloatArray:
+        """Return the discs (x, y, radius) that slow drones take at the height of this one, shape (n, 3).
 
-        Those that fly are no obstacles of its way; it only keeps its distance from them.
+        From fast ones, it only keeps its distance.
         """
         offset_m = drones_m - at_m
         kept_m = 2 * self._radius_m + self._config.nearby.drone_clearance_m
         radius_m = np.sqrt(np.maximum(kept_m**2 - offset_m[:, 2] ** 2, 0)) - self._width_m
-        stands = np.linalg.norm(velocities_m_s, axis=1) < SLOW_M_S
-        return np.asarray(np.column_stack([drones_m[:, :2], radius_m])[stands & (radius_m > 0)])
+        is_slow = np.linalg.norm(velocities_m_s, axis=1) < SLOW_M_S
+        return np.asarray(np.column_stack([drones_m[:, :2], radius_m])[is_slow & (radius_m > 0)])
 
     def _has_jumped(self, before: Known, stamp_s: float, at_m: FloatArray, velocity_m_s: FloatArray) -> bool:
         """Return whether the odometry moved farther since the last image than the drone can have flown."""
@@ -210,13 +210,16 @@ class MappingPilot(Pilot):
 
     def _wait(self, time_s: float, at_m: FloatArray, wants_to_fly: bool) -> None:
         """Give up what is unknown on the way if the drone wants to fly and does not get on."""
-        if self._waits_at is None or not wants_to_fly or length(at_m[:2] - self._waits_at[1][:2]) > GETS_ON_M:
-            self._waits_at = time_s, at_m
-        if time_s - self._waits_at[0] < PATIENCE_S or self._route is None or self._known is None:
+        route, before = self._route, self._got_on
+        if before is None or route is None or not wants_to_fly or length(at_m[:2] - before[1][:2]) > GETS_ON_M:
+            self._got_on = time_s, at_m
             return
-        self._waits_at = time_s, at_m
-        for point_m in self._route.points_m[self._route.clear + 1 :][:GIVEN_UP]:
-            self._map.give_up(np.array([*point_m, self._known.at_m[2]]), self._width_m, self._half_height_m, time_s)
+        points_m = route.points_m[route.clear + 1 :][:POINTS_GIVEN_UP]
+        if time_s - before[0] < PATIENCE_S or not len(points_m) or length(points_m[0] - at_m[:2]) > BEFORE_IT_M:
+            return
+        self._got_on = time_s, at_m
+        for point_m in points_m:
+            self._map.give_up(np.array([*point_m, at_m[2]]), self._width_m, self._half_height_m, time_s)
 
 
 def _state(wanted: FloatArray, direction: FloatArray, velocity: FloatArray) -> str:

@@ -53,7 +53,7 @@ class ApproachLimits(NamedTuple):
     """Upper limits on the velocity along some directions."""
 
     towards: FloatArray
-    """Unit vectors, shape (n, 3)."""
+    """Unit vectors, shape (n, 3), or (n, 2) in the horizontal plane."""
     speed_m_s: FloatArray
     """Largest speed along each, shape (n,); negative demands to back off."""
 
@@ -131,7 +131,7 @@ def _limits(
 
 
 def clamp_to_limits(velocity_m_s: FloatArray, *limits: ApproachLimits) -> FloatArray:
-    """Return the velocity, shape (3,), clamped to all limits.
+    """Return the velocity, shape (3,) or (2,), clamped to all limits.
 
     The velocity is projected onto the most violated limit, repeatedly, since one projection can violate another limit.
     A violation remains in acute corners and between limits that contradict each other.
@@ -148,7 +148,7 @@ def clamp_to_limits(velocity_m_s: FloatArray, *limits: ApproachLimits) -> FloatA
 
 
 def level_limits(limits: ApproachLimits, climb_m_s: float) -> ApproachLimits:
-    """Return what limits leave of the horizontal velocity of a drone that climbs, along directions of shape (n, 2).
+    """Return the limits on the horizontal velocity that remain when the climb is fixed.
 
     A drone that cannot climb away from another one above or below it moves aside.
     """
@@ -157,6 +157,17 @@ def level_limits(limits: ApproachLimits, climb_m_s: float) -> ApproachLimits:
     towards, share = limits.towards[beside], share[beside]
     speed_m_s = (limits.speed_m_s[beside] - climb_m_s * towards[:, 2]) / share
     return ApproachLimits(towards[:, :2] / share[:, None], np.maximum(speed_m_s, -MAX_ASIDE_M_S))
+
+
+def shortened(velocity_m_s: FloatArray, limits: ApproachLimits) -> FloatArray:
+    """Return a velocity in the same direction that approaches nothing faster than the limits allow.
+
+    Where they demand to back off, it does not approach.
+    """
+    approach_m_s, allowed_m_s = limits.towards @ velocity_m_s, np.maximum(limits.speed_m_s, 0)
+    is_too_fast = approach_m_s > allowed_m_s
+    shares = allowed_m_s[is_too_fast] / approach_m_s[is_too_fast]
+    return np.asarray(velocity_m_s * shares.min(initial=1.0))
 
 
 def _seen_again(points: FloatArray, histogram: Histogram) -> MaskImage:

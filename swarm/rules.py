@@ -94,7 +94,7 @@ def confinement(position_m: FloatArray, corridor: Corridor, gain: float) -> Floa
 
 
 def lag_speed_factor(lag_m: float, *, free_m: float = 3.0, stop_m: float = 8.0) -> float:
-    """Return the share of its speed at which a leader flies while a follower is `lag_m` away from its slot.
+    """Return the share of its speed at which a leader flies while a follower lags by `lag_m`.
 
     The share is 1 up to `free_m`, 0 from `stop_m` on, and linear in between.
     """

@@ -9,7 +9,7 @@ import pytest
 from examples import straight_controller
 from scenarios.config import load_run
 from swarm import controllers
-from swarm.agents import Follower, Leader, create_agent
+from swarm.agents import Follower, Leader, Track, create_agent
 from swarm.controllers import DEFAULT_CONTROLLER, Agent, Role, load_controller
 from swarm.errors import MissionError
 from swarm.pilot import Heading, Holes, Pilot, PilotConfig, Situation
@@ -199,6 +199,15 @@ class TestAgents:
         astray = near(((4.0, 6.2, 0), STILL), ((9, 0, 0), STILL))
         decision = leader.decide(situation(at=corner[-1], mates=astray))
         assert np.linalg.norm(decision.wanted_velocity_m_s) < 1.5
+
+    def test_a_track_has_no_loops_and_places_along_it(self) -> None:
+        track = Track(np.zeros(3), 2.0)
+        for x in [*np.arange(0.0, 20.1, 0.25), *(20 + 0.3 * np.sin(np.arange(400)))]:
+            track.add(np.array([x, 0.0, 0.0]))
+        for number in (1, 2, 7):
+            places_m = track.places_m(np.array([10.0, 3.0, 0.0]), number)
+            np.testing.assert_array_equal(places_m[0], [10, 3, 0])
+            np.testing.assert_allclose(places_m[-1], [20 - 2 * number, 0, 0], atol=0.6)
 
     def test_nobody_wants_more_than_its_top_speed(self) -> None:
         far = situation(leader=((99.0, 0, 0), STILL), mates=near(((-2.6, 1.3, 0), STILL), ((-3.2, -1.3, 0), STILL)))

@@ -6,7 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.frames import R_BODY_CAM, pose
-from swarm.nearby import ApproachLimits, NearbyConfig, SurfaceMemory, clamp_to_limits, level_limits, neighbour_limits
+from swarm.nearby import (
+    ApproachLimits,
+    NearbyConfig,
+    SurfaceMemory,
+    clamp_to_limits,
+    level_limits,
+    neighbour_limits,
+    shortened,
+)
 from swarm.types import Neighbours
 from tests.swarm_scenes import FORWARD, NOBODY, RADIUS_M, flat, histogram, near, turn
 
@@ -130,6 +138,20 @@ class TestLevelLimits:
         towards = np.array([[0.1, 0.0, np.sqrt(0.99)], [0.0, 0.0, 1.0]])
         left = level_limits(ApproachLimits(towards, np.array([-0.5, -0.5])), 0.0)
         np.testing.assert_allclose(clamp_to_limits(np.array([2.0, 0.5]), left), [-1.0, 0.5])
+
+
+class TestShortened:
+    @given(SEEDS)
+    def test_nothing_is_approached_faster_than_allowed_and_the_direction_stays(self, seed: int) -> None:
+        wanted, limits, _ = compatible(seed)
+        left = shortened(wanted, limits)
+        assert (limits.towards @ left <= np.maximum(limits.speed_m_s, 0) + 1e-9).all()
+        np.testing.assert_allclose(np.cross(left, wanted), 0, atol=1e-9)
+        assert left @ wanted >= 0
+
+    def test_what_keeps_the_limits_is_left_alone(self) -> None:
+        limit = ApproachLimits(FORWARD[None], np.array([0.5]))
+        np.testing.assert_array_equal(shortened(np.array([0.4, 2.0, -1.0]), limit), [0.4, 2, -1])
 
 
 class TestRestrain:
