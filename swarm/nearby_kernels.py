@@ -33,7 +33,8 @@ def limit_approach(
 ) -> int:
     """Limit the speed towards every point within a radius, and return the number of these limits.
 
-    The points move at `velocities_m_s`, which are empty if they stand still, and are kept at a distance.
+    The points move at `velocities_m_s`, which are empty if they stand still, and are kept at a distance. One that moves
+    away may stop with the same deceleration.
     """
     n = 0
     for k in range(len(points_m)):
@@ -45,8 +46,11 @@ def limit_approach(
             if len(velocities_m_s):
                 away_m_s = velocities_m_s[k, 0] * x + velocities_m_s[k, 1] * y + velocities_m_s[k, 2] * z
             reached_m = x * reaction_distance_m[0] + y * reaction_distance_m[1] + z * reaction_distance_m[2]
-            remaining_m = distance_m - kept_m - max(reached_m - response_s * away_m_s, 0.0)
+            waited_m = response_s * min(away_m_s, 0.0)
+            remaining_m = distance_m - kept_m - max(reached_m - waited_m, 0.0)
             towards[n, 0], towards[n, 1], towards[n, 2] = x, y, z
-            speed_m_s[n] = approach_speed(remaining_m, decel_m_s2, gain_per_s) + away_m_s
+            speed = approach_speed(remaining_m, decel_m_s2, gain_per_s)
+            may_stop = speed > 0 and away_m_s > 0
+            speed_m_s[n] = np.sqrt(speed**2 + away_m_s**2) if may_stop else speed + away_m_s
             n += 1
     return n

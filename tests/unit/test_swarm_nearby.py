@@ -103,6 +103,24 @@ class TestNeighbourLimits:
         moving = neighbour_limits(np.zeros(3), near(((1.0, 0, 0), (2, 0, 0))), CONFIG, RADIUS_M)
         assert clamp_to_limits(2 * FORWARD, moving)[0] == pytest.approx(2.0)
 
+    @given(st.floats(1.0, 4.0), st.floats(0.5, 3.5))
+    def test_one_that_brakes_is_not_run_into(self, gap_m: float, speed_m_s: float) -> None:
+        """A drone follows another one, which then stops with 2.5 m/s^2; its velocity follows its commands."""
+        ahead_m, ahead_m_s, own_m, own_m_s, least_m = gap_m, speed_m_s, 0.0, 0.0, gap_m
+        for tick in range(400):
+            if tick > 160:
+                ahead_m_s = max(0.0, ahead_m_s - 2.5 / 20)
+            reached_m = np.array([0.4 * own_m_s, 0.0, 0.0])
+            other = near(((ahead_m - own_m, 0, 0), (ahead_m_s, 0, 0)))
+            limits = neighbour_limits(
+                np.zeros(3), other, CONFIG, RADIUS_M, reaction_distance_m=reached_m, response_s=0.4
+            )
+            wanted = clamp_to_limits(4.0 * FORWARD, limits)[0]
+            own_m_s += (1 - np.exp(-1 / 8)) * (wanted - own_m_s)
+            own_m, ahead_m = own_m + own_m_s / 20, ahead_m + ahead_m_s / 20
+            least_m = min(least_m, ahead_m - own_m)
+        assert least_m > 2 * RADIUS_M + 0.35
+
     def test_one_that_comes_nearer_is_fled(self) -> None:
         coming = neighbour_limits(np.zeros(3), near(((1.0, 0, 0), (-1, 0, 0))), CONFIG, RADIUS_M)
         assert clamp_to_limits(np.zeros(3), coming)[0] == pytest.approx(-1.0)
