@@ -33,8 +33,10 @@ def test_limits_equal_their_twin(seed: int, n: int, moving: bool) -> None:
     near = (distance_m < RADIUS_M) & (distance_m > 1e-6)
     expected_towards = (points_m - own_m)[near] / distance_m[near, None]
     away_m_s = (velocities[near] * expected_towards).sum(axis=1)
-    closing_m = np.maximum(expected_towards @ reaction_m - RESPONSE_S * away_m_s, 0)
-    expected_m_s = speeds(distance_m[near] - KEPT_M - closing_m) + away_m_s
+    closing_m = np.maximum(expected_towards @ reaction_m - RESPONSE_S * np.minimum(away_m_s, 0), 0)
+    own_m_s = speeds(distance_m[near] - KEPT_M - closing_m)
+    both_stop = (own_m_s > 0) & (away_m_s > 0)
+    expected_m_s = np.where(both_stop, np.hypot(own_m_s, away_m_s), own_m_s + away_m_s)
 
     towards, speed_m_s = np.empty((n, 3)), np.empty(n)
     count = limit_approach(
