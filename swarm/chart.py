@@ -95,7 +95,7 @@ class Chart:
         self._config = config
         self._width = width_m / config.voxel_m
         self._clearance = _clearance(state)
-        taken = _with_discs(state, (drones_m - [*origin_m, 0.0]) / config.voxel_m)
+        taken = _with_discs(state, (drones_m - [*origin_m, 0.0]) / config.voxel_m) if len(drones_m) else state
         self._passage = _clearance(taken) if len(drones_m) else self._clearance
         """Clearance to what is not free and to the other drones."""
         blocked = cv2.dilate(taken, _disc(self._width + 0.5))
@@ -191,7 +191,8 @@ class Chart:
 
 def _clearance(state: npt.NDArray[np.uint8]) -> FloatImage:
     """Return the distance of each cell to the nearest one that is not free, in cells; beyond the map, none is."""
-    is_free = np.pad((state == FREE).astype(np.uint8), 1)
+    is_free = np.zeros((state.shape[0] + 2, state.shape[1] + 2), np.uint8)
+    is_free[1:-1, 1:-1] = state == FREE
     distance = cv2.distanceTransform(is_free, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
     return np.ascontiguousarray(distance) - np.float32(0.5)
 

@@ -15,7 +15,7 @@ from voxdepth.types import FloatArray, Intrinsics
 from . import map_kernels as kernels
 from .chart import NO_DISCS, ROUTE_CELLS, Chart
 from .evidence import Evidence, EvidenceReader
-from .map_kernels import FREE, Limits, Rules, View, Voxels
+from .map_kernels import FREE, InView, Limits, Rules, View, Voxels
 from .neighbours import belong_to_drones
 
 MAX_VOXELS = 2**24
@@ -85,19 +85,20 @@ class FreeMap:
         self._rays_cam = reader.rays_cam
         self._max_surface_m = reader.range_of_error(c.max_error_m)
         self._voxels = Voxels(*(np.zeros(c.shape, t) for t in (np.uint8, np.uint8, np.uint8, np.float32)))
-        self._cell, self._squared = np.empty(c.shape, np.int32), np.zeros(c.shape, np.float32)
+        n_voxels = int(np.prod(c.shape))
+        self._is_shown = np.empty(n_voxels, np.bool_)
+        self._in_view = InView(
+            np.empty(n_voxels, np.int32), np.empty(n_voxels, np.int32), np.empty(n_voxels, np.float32)
+        )
+        self._sides_m: FloatArray = np.array([c.voxel_m, c.voxel_m, c.layer_m])
+        self._half = np.array(c.shape[::-1]) // 2
+        """Numbers of voxels (x, y, z) from the corner of the map to its middle."""
+        self._slack = np.array([MARGIN_M, MARGIN_M, c.layer_m]) / self._sides_m
+        """Distance of the drone from the middle with which the map moves, in voxels."""
         self._origin: npt.NDArray[np.int64] | None = None
         """Corner of the first voxel (x, y, z), in voxels."""
-
-    @property
-    def _sides_m(self) -> FloatArray:
-        return np.array([self._config.voxel_m, self._config.voxel_m, self._config.layer_m])
-
-    @property
-    def origin_m(self) -> FloatArray:
+        self.origin_m: FloatArray = np.zeros(3)
         """Corner of the map (x, y, z), shape (3,)."""
-        assert self._origin is not None, "start comes first"
-        return np.asarray(self._origin * self._sides_m)
 
     def start(self, at_m: FloatArray, time_s: float) -> None:
         """Begin the map around a drone, whose surroundings count as free."""
@@ -113,12 +114,12 @@ class FreeMap:
         """Forget everything but that a drone has free space around it: an upright cylinder."""
         self.forget()
         self._follow(at_m)
-        self.mark_free(at_m, radius_m, half_height_m, time_s)
+        self.mark_free(at_m[None], radius_m, half_height_m, time_s)
 
-    def mark_free(self, at_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
-        """Make the place that a drone takes free: an upright cylinder, in which a surface was an error."""
-        at_m, origin_m = np.ascontiguousarray(at_m), self.origin_m
-        kernels.mark_free(self._voxels, self._rules, origin_m, at_m, radius_m, half_height_m, time_s)
+    def mark_free(self, places_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
+        """Make places that drones take free, shape (n, 3): upright cylinders, in which a surface was an error."""
+        places_m = np.ascontiguousarray(places_m)
+        kernels.mark_free(self._voxels, self._rules, self.origin_m, places_m, radius_m, half_height_m, time_s)
 
     def give_up(self, at_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
         """Make what is unknown in an upright cylinder vain, because looking did not help, and what is vain given up."""
@@ -151,9 +152,10 @@ class FreeMap:
         )
         T = np.ascontiguousarray(T_odom_cam)
         farthest_m = max(self._config.near_m, float(free_m.max()))
-        kernels.project(self._rules, self._view, self.origin_m, T, farthest_m, self._cell, self._squared)
-        kernels.show_surfaces(self._voxels, self._rules, self.origin_m, points_m[is_body], self._cell)
-        kernels.judge(self._voxels, limits, self._cell, self._squared, self._config.near_m, time_s)
+        voxels, rules, origin_m = self._voxels, self._rules, self.origin_m
+        kernels.show_surfaces(voxels, rules, origin_m, points_m[is_body], self._is_shown)
+        n_found = kernels.find_in_view(rules, self._view, origin_m, T, farthest_m, self._config.shape, self._in_view)
+        kernels.judge(voxels, limits, self._in_view, n_found, self._is_shown, rules.near_m, time_s)
 
     def chart(
         self,
@@ -166,24 +168,19 @@ class FreeMap:
     ) -> Chart:
         """Return the slice between two heights for a drone that needs a clearance of `width_m`; see `Chart`."""
         state = np.empty(self._config.shape[1:], np.uint8)
-        origin_m = self.origin_m
-        kernels.worst_states(self._voxels, self._rules, float(origin_m[2]), low_m, high_m, time_s, state)
-        return Chart(state, origin_m[:2], width_m, self._config, T_odom_world, drones_m)
+        kernels.worst_states(self._voxels, self._rules, float(self.origin_m[2]), low_m, high_m, time_s, state)
+        return Chart(state, self.origin_m[:2], width_m, self._config, T_odom_world, drones_m)
 
     def _follow(self, at_m: FloatArray) -> None:
         """Move the map, by whole voxels, so that a position is near its middle."""
-        sides_m, shape = self._sides_m, np.array(self._config.shape[::-1])
-        wanted = np.round(at_m / sides_m).astype(np.int64) - shape // 2
-        if self._origin is None:
-            self._origin = wanted
-            return
-        moved = wanted - self._origin
-        limits = np.array([MARGIN_M, MARGIN_M, self._config.layer_m]) / sides_m
-        if (np.abs(moved) < limits).all():
-            return
-        for counts in self._voxels:
-            _shift(counts, moved[::-1])
-        self._origin = wanted
+        wanted = np.round(at_m / self._sides_m).astype(np.int64) - self._half
+        if self._origin is not None:
+            moved = wanted - self._origin
+            if (np.abs(moved) < self._slack).all():
+                return
+            for counts in self._voxels:
+                _shift(counts, moved[::-1])
+        self._origin, self.origin_m = wanted, wanted * self._sides_m
 
 
 def _shift(array: npt.NDArray[np.generic], by: npt.NDArray[np.int64]) -> None:

@@ -14,6 +14,8 @@ from voxdepth.compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
 from voxdepth.types import FloatArray, FloatImage, MaskImage
 
 Bytes = npt.NDArray[np.uint8]
+MaskVector = npt.NDArray[np.bool_]
+FloatVector = npt.NDArray[np.float32]
 FREE, UNSEEN, VAIN, GIVEN_UP, SURFACE = range(5)
 """States of a voxel, from the best to the worst."""
 MOST_SEEN = 200
@@ -26,8 +28,8 @@ second on there is a surface: two images confirm it, and one alone in free space
 the third."""
 NEAREST_M = 0.05
 """Voxels whose depth is smaller are not in view."""
-BEHIND_M = np.float32(1.5)
-"""Columns of voxels so far behind the camera are not in view, however it is tilted."""
+SLACK = np.float32(0.01)
+"""Rounding of the distance to the sides of the view, times the focal length [m px]."""
 
 
 class Voxels(NamedTuple):
@@ -89,66 +91,114 @@ class Limits(NamedTuple):
 LIMITS = named_tuple(Limits, FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE, boolean[:, ::1])
 
 
-NOWHERE, DONE = -1, -2
-"""In place of a cell: the voxel is not in view, or its surface was recorded before."""
+class InView(NamedTuple):
+    """The voxels whose middle an image shows, shape (n,)."""
+
+    voxel: npt.NDArray[np.int32]
+    """Index of each."""
+    cell: npt.NDArray[np.int32]
+    """Index of the cell of the image."""
+    squared: FloatVector
+    """Square of the range [m^2]."""
 
 
-@compiled(void(RULES, VIEW, float64[::1], float64[:, ::1], float64, int32[:, :, ::1], float32[:, :, ::1]))
-def project(
+IN_VIEW = named_tuple(InView, int32[::1], int32[::1], float32[::1])
+
+
+@compiled(int64(RULES, VIEW, float64[::1], float64[:, ::1], float64, UniTuple(int64, 3), IN_VIEW))
+def find_in_view(
     rules: Rules,
     view: View,
     origin_m: FloatArray,
     T_map_cam: FloatArray,
     farthest_m: float,
+    shape: tuple[int, int, int],
     # output
-    cell: npt.NDArray[np.int32],
-    squared: npt.NDArray[np.float32],
-) -> None:
-    """Find the cell that shows the middle of each voxel, `NOWHERE` for most, and the square of its range [m^2]."""
-    n_layers, n_rows, n_cols = cell.shape
-    cell_row, cell_col, cells_per_row = view.cell_row, view.cell_col, view.cell_col[-1] + 1
-    height, width = len(cell_row), len(cell_col)
+    found: InView,
+) -> int:
+    """Find the voxels that are in view, up to a range, and return their number.
+
+    Columns wholly to the left or to the right of the view are skipped. The distance of a voxel to either side of it,
+    times the focal length, is linear in its height, so that the ends of a column decide.
+    """
+    n_layers, n_rows, n_cols = shape
+    cells_per_row, height, width = view.cell_col[-1] + 1, np.float32(len(view.cell_row)), np.float32(len(view.cell_col))
     (xx, yx, zx, x_m), (xy, yy, zy, y_m), (xz, yz, zz, z_m), _ = T_map_cam.astype(np.float32)
     fx, fy = np.float32(view.fx_px), np.float32(view.fy_px)
     cx, cy = np.float32(view.cx_px + 0.5), np.float32(view.cy_px + 0.5)
     side_m, layer_m, farthest_squared = np.float32(rules.voxel_m), np.float32(rules.layer_m), np.float32(farthest_m**2)
     left_m, front_m, up_m = origin_m.astype(np.float32) - np.array([x_m, y_m, z_m])
-    cell[:] = NOWHERE
+    top_m, on_the_right = up_m + layer_m * np.float32(n_layers), width - cx
+    n = 0
     for i in range(n_rows):
         north_m = front_m + side_m * np.float32(i + 0.5)
         for j in range(n_cols):
             east_m = left_m + side_m * np.float32(j + 0.5)
             flat_squared = east_m * east_m + north_m * north_m
-            if flat_squared > farthest_squared or east_m * zx + north_m * zy < -BEHIND_M:
-                continue
             x0, y0, z0 = xx * east_m + xy * north_m, yx * east_m + yy * north_m, zx * east_m + zy * north_m
+            from_left, per_m = fx * x0 + cx * z0, fx * xz + cx * zz
+            from_right, right_per_m = on_the_right * z0 - fx * x0, on_the_right * zz - fx * xz
+            is_left = max(from_left + up_m * per_m, from_left + top_m * per_m) < -SLACK
+            is_right = max(from_right + up_m * right_per_m, from_right + top_m * right_per_m) < -SLACK
+            if flat_squared > farthest_squared or is_left or is_right:
+                continue
             for k in range(n_layers):
                 above_m = up_m + layer_m * np.float32(k + 0.5)
                 z = z0 + zz * above_m
-                per_m = np.float32(1) / z
-                u, v = fx * (x0 + xz * above_m) * per_m + cx, fy * (y0 + yz * above_m) * per_m + cy
+                per_z = np.float32(1) / z
+                u, v = fx * (x0 + xz * above_m) * per_z + cx, fy * (y0 + yz * above_m) * per_z + cy
                 if z > NEAREST_M and 0 <= u < width and 0 <= v < height:
-                    cell[k, i, j] = cell_row[int(v)] * cells_per_row + cell_col[int(u)]
-                    squared[k, i, j] = flat_squared + above_m * above_m
+                    found.voxel[n] = (k * n_rows + i) * n_cols + j
+                    found.cell[n] = view.cell_row[int(v)] * cells_per_row + view.cell_col[int(u)]
+                    found.squared[n] = flat_squared + above_m * above_m
+                    n += 1
+    return n
 
 
-@compiled(void(VOXELS, LIMITS, int32[:, :, ::1], float32[:, :, ::1], float64, float64))
+@compiled(void(VOXELS, RULES, float64[::1], float64[:, ::1], boolean[::1]))
+def show_surfaces(
+    voxels: Voxels,
+    rules: Rules,
+    origin_m: FloatArray,
+    points_m: FloatArray,
+    # output
+    is_shown: MaskVector,
+) -> None:
+    """Record surfaces at points, shape (n, 3), and find which voxels contain one.
+
+    Thin surfaces may lie beside the middle of their voxel, which is what `judge` looks at.
+    """
+    n_layers, n_rows, n_cols = voxels.passed.shape
+    is_shown[:] = False
+    for n in range(len(points_m)):
+        j = int(np.floor((points_m[n, 0] - origin_m[0]) / rules.voxel_m))
+        i = int(np.floor((points_m[n, 1] - origin_m[1]) / rules.voxel_m))
+        k = int(np.floor((points_m[n, 2] - origin_m[2]) / rules.layer_m))
+        voxel = (k * n_rows + i) * n_cols + j
+        if 0 <= k < n_layers and 0 <= i < n_rows and 0 <= j < n_cols and not is_shown[voxel]:
+            voxels.surface[k, i, j] = min(voxels.surface[k, i, j] + SHOWN, MOST_SHOWN)
+            voxels.passed[k, i, j] *= voxels.surface[k, i, j] < CONFIRMED
+            voxels.vain[k, i, j], is_shown[voxel] = 0, True
+
+
+@compiled(void(VOXELS, LIMITS, IN_VIEW, int64, boolean[::1], float64, float64))
 def judge(
     voxels: Voxels,
     limits: Limits,
-    cell: npt.NDArray[np.int32],
-    squared: npt.NDArray[np.float32],
+    found: InView,
+    n_found: int,
+    is_shown: MaskVector,
     near_m: float,
     time_s: float,
 ) -> None:
-    """Compare every voxel in view with the limits of the cell that shows it."""
+    """Compare every voxel in view, except those with a surface, with the limits of the cell that shows it."""
     passed, surface, vain = voxels.passed.ravel(), voxels.surface.ravel(), voxels.vain.ravel()
-    passed_s, cells, ranges = voxels.passed_s.ravel(), cell.ravel(), squared.ravel()
+    passed_s, near_squared = voxels.passed_s.ravel(), np.float32(near_m**2)
     free, shown_from, shown_to = limits.free.ravel(), limits.surface_from.ravel(), limits.surface_to.ravel()
-    is_recorded, near_squared = limits.is_recorded.ravel(), np.float32(near_m**2)
-    for n in range(len(cells)):
-        c, r = cells[n], ranges[n]
-        if c < 0:
+    is_recorded = limits.is_recorded.ravel()
+    for k in range(n_found):
+        n, c, r = found.voxel[k], found.cell[k], found.squared[k]
+        if is_shown[n]:
             continue
         if r <= free[c]:
             vain[n], passed_s[n] = 0, time_s
@@ -159,30 +209,6 @@ def judge(
         elif r <= shown_to[c] and is_recorded[c]:
             surface[n], vain[n] = min(surface[n] + SHOWN, MOST_SHOWN), 0
             passed[n] *= surface[n] < CONFIRMED
-
-
-@compiled(void(VOXELS, RULES, float64[::1], float64[:, ::1], int32[:, :, ::1]))
-def show_surfaces(
-    voxels: Voxels,
-    rules: Rules,
-    origin_m: FloatArray,
-    points_m: FloatArray,
-    # in and out
-    cell: npt.NDArray[np.int32],
-) -> None:
-    """Record surfaces at points, shape (n, 3), and mark their voxels as `DONE`.
-
-    Thin surfaces may lie beside the middle of their voxel, which is what `judge` looks at.
-    """
-    n_layers, n_rows, n_cols = voxels.passed.shape
-    for n in range(len(points_m)):
-        j = int(np.floor((points_m[n, 0] - origin_m[0]) / rules.voxel_m))
-        i = int(np.floor((points_m[n, 1] - origin_m[1]) / rules.voxel_m))
-        k = int(np.floor((points_m[n, 2] - origin_m[2]) / rules.layer_m))
-        if 0 <= k < n_layers and 0 <= i < n_rows and 0 <= j < n_cols and cell[k, i, j] != DONE:
-            voxels.surface[k, i, j] = min(voxels.surface[k, i, j] + SHOWN, MOST_SHOWN)
-            voxels.passed[k, i, j] *= voxels.surface[k, i, j] < CONFIRMED
-            voxels.vain[k, i, j], cell[k, i, j] = 0, DONE
 
 
 @compiled(boolean(VOXELS, RULES, int64, int64, int64, float64))
@@ -225,21 +251,22 @@ def in_cylinder(
     return found[:n]
 
 
-@compiled(void(VOXELS, RULES, float64[::1], float64[::1], float64, float64, float64))
+@compiled(void(VOXELS, RULES, float64[::1], float64[:, ::1], float64, float64, float64))
 def mark_free(
     voxels: Voxels,
     rules: Rules,
     origin_m: FloatArray,
-    center_m: FloatArray,
+    centers_m: FloatArray,
     radius_m: float,
     half_height_m: float,
     time_s: float,
 ) -> None:
-    """Make the voxels in an upright cylinder free."""
-    for k, i, j in in_cylinder(voxels, rules, origin_m, center_m, radius_m, half_height_m):
-        voxels.passed[k, i, j] = max(voxels.passed[k, i, j], rules.min_passed)
-        voxels.surface[k, i, j], voxels.vain[k, i, j] = 0, 0
-        voxels.passed_s[k, i, j] = time_s
+    """Make the voxels in upright cylinders free, whose centres have the shape (n, 3)."""
+    for n in range(len(centers_m)):
+        for k, i, j in in_cylinder(voxels, rules, origin_m, centers_m[n], radius_m, half_height_m):
+            voxels.passed[k, i, j] = max(voxels.passed[k, i, j], rules.min_passed)
+            voxels.surface[k, i, j], voxels.vain[k, i, j] = 0, 0
+            voxels.passed_s[k, i, j] = time_s
 
 
 @compiled(void(VOXELS, RULES, float64[::1], float64[::1], float64, float64, float64))

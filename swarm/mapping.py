@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sim.types import VelocityCommand
+from voxdepth.geometry import inverse_rigid
 from voxdepth.types import FloatArray
 
 from .chart import Chart, Route
@@ -142,7 +143,7 @@ class MappingPilot(Pilot):
         assert percept is not None
         if before is not None and percept.stamp_s <= before.stamp_s:
             return before
-        stamp_s, T = percept.stamp_s, percept.T_odom_cam @ np.linalg.inv(percept.true_T_world_cam)
+        stamp_s, T = percept.stamp_s, percept.T_odom_cam @ inverse_rigid(percept.true_T_world_cam)
         places_m = np.vstack([own.position_m, situation.neighbours.position_m]) @ T[:3, :3].T + T[:3, 3]
         at_m = places_m[0]
         if before is None:
@@ -151,8 +152,7 @@ class MappingPilot(Pilot):
             radius_m = min(before.chart.clearance_m(before.at_m), self._config.map.start_radius_m)
             self._map.start_again(at_m, radius_m, self._half_height_m, stamp_s)
         self._map.update(self._reader.read(percept.corrected), percept.T_odom_cam, places_m[1:], stamp_s)
-        for place_m in places_m:
-            self._map.mark_free(place_m, self._radius_m, self._half_height_m, stamp_s)
+        self._map.mark_free(places_m, self._radius_m, self._half_height_m, stamp_s)
         low_m, high_m = self._band(at_m)
         drones_m = self._slow_drones(at_m, places_m[1:], situation.neighbours.velocity_m_s)
         self._known = Known(stamp_s, at_m, self._map.chart(low_m, high_m, self._width_m, stamp_s, T, drones_m))

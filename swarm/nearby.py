@@ -8,7 +8,7 @@ from pydantic import Field
 from voxdepth.model import Model
 from voxdepth.types import FloatArray, MaskImage
 
-from .nearby_kernels import limit_approach
+from .nearby_kernels import limit_approach, limit_level, project_onto_limits
 from .neighbours import belong_to_drones
 from .types import Histogram, Neighbours
 
@@ -138,13 +138,9 @@ def clamp_to_limits(velocity_m_s: FloatArray, *limits: ApproachLimits) -> FloatA
     """
     towards = np.concatenate([limit.towards for limit in limits])
     allowed = np.concatenate([limit.speed_m_s for limit in limits])
-    for _ in range(MAX_PROJECTIONS if len(towards) else 0):
-        excess = towards @ velocity_m_s - allowed
-        worst = int(np.argmax(excess))
-        if excess[worst] <= 1e-6:
-            break
-        velocity_m_s = velocity_m_s - excess[worst] * towards[worst]
-    return velocity_m_s
+    clamped = np.array(velocity_m_s)
+    project_onto_limits(towards, allowed, MAX_PROJECTIONS, clamped)
+    return clamped
 
 
 def level_limits(limits: ApproachLimits, climb_m_s: float) -> ApproachLimits:
@@ -152,11 +148,9 @@ def level_limits(limits: ApproachLimits, climb_m_s: float) -> ApproachLimits:
 
     A drone that cannot climb away from another one above or below it moves aside.
     """
-    share = np.hypot(limits.towards[:, 0], limits.towards[:, 1])
-    beside = share > LEAST_SHARE
-    towards, share = limits.towards[beside], share[beside]
-    speed_m_s = (limits.speed_m_s[beside] - climb_m_s * towards[:, 2]) / share
-    return ApproachLimits(towards[:, :2] / share[:, None], np.maximum(speed_m_s, -MAX_ASIDE_M_S))
+    towards, speed_m_s = np.empty((len(limits.towards), 2)), np.empty(len(limits.towards))
+    n = limit_level(limits.towards, limits.speed_m_s, climb_m_s, LEAST_SHARE, MAX_ASIDE_M_S, towards, speed_m_s)
+    return ApproachLimits(towards[:n], speed_m_s[:n])
 
 
 def shortened(velocity_m_s: FloatArray, limits: ApproachLimits) -> FloatArray:

@@ -54,3 +54,54 @@ def limit_approach(
             speed_m_s[n] = np.sqrt(speed**2 + away_m_s**2) if may_stop else speed + away_m_s
             n += 1
     return n
+
+
+@compiled("void(f8[:, ::1], f8[::1], i8, f8[::1])")
+def project_onto_limits(
+    towards: FloatArray,
+    speed_m_s: FloatArray,
+    most: int,
+    # in and out
+    velocity_m_s: FloatArray,
+) -> None:
+    """Project a velocity, shape (d,), onto the most violated limit, up to `most` times.
+
+    The limits are the largest speeds along the directions `towards`, shape (n, d).
+    """
+    for _ in range(most):
+        worst, most_excess = -1, 1e-6
+        for k in range(len(towards)):
+            excess = -speed_m_s[k]
+            for d in range(len(velocity_m_s)):
+                excess += towards[k, d] * velocity_m_s[d]
+            if excess > most_excess:
+                worst, most_excess = k, excess
+        if worst < 0:
+            return
+        for d in range(len(velocity_m_s)):
+            velocity_m_s[d] -= most_excess * towards[worst, d]
+
+
+@compiled("i8(f8[:, ::1], f8[::1], f8, f8, f8, f8[:, ::1], f8[::1])")
+def limit_level(
+    towards: FloatArray,
+    speed_m_s: FloatArray,
+    climb_m_s: float,
+    least_share: float,
+    max_aside_m_s: float,
+    # output
+    level_towards: FloatArray,
+    level_m_s: FloatArray,
+) -> int:
+    """Find the limits on the horizontal velocity that remain when the climb is fixed, and return their number.
+
+    Directions `towards` with a smaller horizontal share than the least do not count.
+    """
+    n = 0
+    for k in range(len(towards)):
+        share = np.hypot(towards[k, 0], towards[k, 1])
+        if share > least_share:
+            level_towards[n, 0], level_towards[n, 1] = towards[k, 0] / share, towards[k, 1] / share
+            level_m_s[n] = max((speed_m_s[k] - climb_m_s * towards[k, 2]) / share, -max_aside_m_s)
+            n += 1
+    return n

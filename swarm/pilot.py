@@ -149,5 +149,5 @@ class Heading:
         if wanted_speed_m_s > self._still_m_s and np.hypot(direction[0], direction[1]) >= 0.1:
             error_rad = np.arctan2(direction[1], direction[0]) - self.yaw_rad
             error_rad = (error_rad + np.pi) % (2 * np.pi) - np.pi
-            self.yaw_rad += float(np.clip(error_rad, -self._max_turn_rad, self._max_turn_rad))
+            self.yaw_rad += float(min(max(error_rad, -self._max_turn_rad), self._max_turn_rad))
         return self.yaw_rad

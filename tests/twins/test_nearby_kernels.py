@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm.nearby_kernels import approach_speed, limit_approach
+from swarm.nearby_kernels import approach_speed, limit_approach, limit_level, project_onto_limits
 
 RADIUS_M, KEPT_M, RESPONSE_S, DECEL_M_S2, GAIN_PER_S = 3.0, 1.0, 0.4, 2.5, 1.5
 
@@ -45,3 +45,32 @@ def test_limits_equal_their_twin(seed: int, n: int, moving: bool) -> None:
     )  # fmt: skip
     np.testing.assert_allclose(towards[:count], expected_towards, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(speed_m_s[:count], expected_m_s, rtol=1e-9, atol=1e-9)
+
+
+@given(st.integers(0, 2**31), st.integers(0, 12), st.sampled_from([2, 3]))
+def test_projections_equal_their_twin(seed: int, n: int, dimensions: int) -> None:
+    rng = np.random.default_rng(seed)
+    towards, allowed = rng.normal(size=(n, dimensions)), rng.normal(size=n)
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    velocity = 2 * rng.normal(size=dimensions)
+    expected = velocity.copy()
+    for _ in range(8 if n else 0):
+        excess = towards @ expected - allowed
+        worst = int(np.argmax(excess))
+        expected -= max(excess[worst], 0) * towards[worst]
+    project_onto_limits(towards, allowed, 8, velocity)
+    np.testing.assert_allclose(velocity, expected, atol=1e-5)
+
+
+@given(st.integers(0, 2**31), st.integers(0, 12), st.floats(-2, 2))
+def test_level_limits_equal_their_twin(seed: int, n: int, climb_m_s: float) -> None:
+    rng = np.random.default_rng(seed)
+    towards, allowed = rng.normal(size=(n, 3)), rng.normal(size=n)
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    share = np.hypot(towards[:, 0], towards[:, 1])
+    beside = share > 0.3
+    level, speed_m_s = np.empty((n, 2)), np.empty(n)
+    count = limit_level(towards, allowed, climb_m_s, 0.3, 1.0, level, speed_m_s)
+    np.testing.assert_allclose(level[:count], (towards[:, :2] / share[:, None])[beside], rtol=1e-12)
+    expected_m_s = np.maximum((allowed - climb_m_s * towards[:, 2]) / share, -1.0)[beside]
+    np.testing.assert_allclose(speed_m_s[:count], expected_m_s, rtol=1e-9, atol=1e-12)
