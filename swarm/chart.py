@@ -95,9 +95,11 @@ class Chart:
         self._config = config
         self._width = width_m / config.voxel_m
         self._clearance = _clearance(state)
-        taken = _with_discs(state, (drones_m - [*origin_m, 0.0]) / config.voxel_m) if len(drones_m) else state
-        self._passage = _clearance(taken) if len(drones_m) else self._clearance
+        taken, self._passage = state, self._clearance
         """Clearance to what is not free and to the other drones."""
+        if len(drones_m):
+            taken = _with_discs(state, (drones_m - [*origin_m, 0.0]) / config.voxel_m)
+            self._passage = _clearance(taken)
         blocked = cv2.dilate(taken, _disc(self._width + 0.5))
         pairs = np.maximum(blocked[::2], blocked[1::2])
         self._blocked: npt.NDArray[np.uint8] = np.maximum(pairs[:, ::2], pairs[:, 1::2])

@@ -97,8 +97,12 @@ class FreeMap:
         """Distance of the drone from the middle with which the map moves, in voxels."""
         self._origin: npt.NDArray[np.int64] | None = None
         """Corner of the first voxel (x, y, z), in voxels."""
-        self.origin_m: FloatArray = np.zeros(3)
+
+    @property
+    def origin_m(self) -> FloatArray:
         """Corner of the map (x, y, z), shape (3,)."""
+        assert self._origin is not None, "start comes first"
+        return np.asarray(self._origin * self._sides_m)
 
     def start(self, at_m: FloatArray, time_s: float) -> None:
         """Begin the map around a drone, whose surroundings count as free."""
@@ -180,7 +184,7 @@ class FreeMap:
                 return
             for counts in self._voxels:
                 _shift(counts, moved[::-1])
-        self._origin, self.origin_m = wanted, wanted * self._sides_m
+        self._origin = wanted
 
 
 def _shift(array: npt.NDArray[np.generic], by: npt.NDArray[np.int64]) -> None:
