@@ -6,18 +6,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenarios.study.diagnose import Cause, CollisionProbe, Diagnosis, Observation, cause_table, diagnose
+from scenarios.study.diagnose import (
+    Cause,
+    Claims,
+    CollisionProbe,
+    Diagnosis,
+    FreeSpace,
+    Observation,
+    cause_table,
+    diagnose,
+)
 from sim.bodies import Surface
 from sim.frames import pose
 from sim.types import Contact, VelocityCommand
 from swarm.chart import Chart
 from swarm.free_map import MapConfig
 from swarm.map_kernels import FREE, SURFACE, VAIN
+from swarm.pilot import PilotConfig
 from swarm.types import Decision
 from tests.helpers import wall, world_of
-from voxdepth.types import FloatArray, Intrinsics
+from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics, Source
 
-CAMERA = Intrinsics(width_px=40, height_px=30, fx_px=20.0, fy_px=20.0, cx_px=19.5, cy_px=14.5)
+CAMERA = Intrinsics(width_px=40, height_px=30, fx_px=20.0, fy_px=20.0, cx_px=19.5, cy_px=14.5, baseline_m=1.0)
 WALL, OTHER = 7, 8
 AHEAD_M = np.array([0.0, 0.0, 2.0])
 """On the wall; cameras here stand in the world's origin and look along z."""
@@ -85,7 +95,7 @@ def test_only_the_part_that_was_hit_counts() -> None:
 
 @pytest.mark.parametrize(("texture", "textureless"), [(0.0, True), (1.25, False)])
 def test_what_was_hit_is_blank_if_its_surface_is(texture: float, textureless: bool) -> None:
-    probe = CollisionProbe(min_confidence=0.2)
+    probe = CollisionProbe(PilotConfig())
     with world_of(replace(wall(2.0, name="hit"), surface=Surface(texture=texture)), starts_m=[(0, 0, 0)]) as world:
         probe.start(world, [])
         probe.contact(0, Contact(time_s=1.0, drone=0, other="hit", kind="building", speed_m_s=1.0))
@@ -93,7 +103,7 @@ def test_what_was_hit_is_blank_if_its_surface_is(texture: float, textureless: bo
 
 
 def test_the_first_collision_alone_is_explained() -> None:
-    probe = CollisionProbe(min_confidence=0.2)
+    probe = CollisionProbe(PilotConfig())
     with world_of(wall(2.0, name="hit"), starts_m=[(0, 0, 0)]) as world:
         probe.start(world, [])
         for kind in ("drone", "building"):
@@ -108,7 +118,7 @@ def test_what_the_drone_did_and_what_its_map_held_is_told() -> None:
     shifted = pose(np.eye(3), np.array([1.0, 2.5, 0.0]))
     early = Chart(state, np.zeros(2), 0.5, MapConfig(), shifted)
     late = Chart(np.full_like(state, SURFACE), np.zeros(2), 0.5, MapConfig(), shifted)
-    probe = CollisionProbe(min_confidence=0.5)
+    probe = CollisionProbe(PilotConfig())
     with world_of(wall(2.0, name="hit"), starts_m=[(0, 0, 0)]) as world:
         probe.start(world, [])
         for k, chart in enumerate([late, early, late]):
@@ -121,6 +131,55 @@ def test_what_the_drone_did_and_what_its_map_held_is_told() -> None:
     assert (found.held_before, found.held_at_last, found.commanded_m_s) == ("free", "surface", pytest.approx(1.0))
     assert not found.in_view_at_last
     assert "commanded 1.00 m/s; map: free a second before, surface at last" in str(found)
+
+
+def corrected(depth_m: float, confidence: float = 1.0) -> CorrectedDepth:
+    """The same depth and confidence everywhere."""
+    return CorrectedDepth(
+        depth_m=np.full(CAMERA.shape, depth_m, np.float32),
+        source=np.full(CAMERA.shape, Source.SENSOR, np.uint8),
+        confidence=np.full(CAMERA.shape, confidence, np.float32),
+    )
+
+
+def free_space(*images: tuple[float, CorrectedDepth], z_m: float = 0.0) -> FreeSpace:
+    """What images claim that were taken at a place on the optical axis, at those times."""
+    T_world_cam = np.eye(4)
+    T_world_cam[2, 3] = z_m
+    seen = FreeSpace(PilotConfig(), CAMERA)
+    for stamp_s, image in images:
+        seen.add(stamp_s, T_world_cam, image)
+    return seen
+
+
+def test_images_that_looked_past_a_place_claimed_that_it_is_free() -> None:
+    seen = free_space((0.0, corrected(4.0)), (1.0, corrected(1.5)), (2.0, corrected(3.0)), (3.0, corrected(2.0)))
+    assert seen.claims(AHEAD_M, 5.0) == Claims(images=2, before_s=3.0, from_m=2.0)
+    assert free_space((0.0, corrected(4.0)), z_m=1.2).claims(AHEAD_M, 0.5) == Claims(1, 0.5, pytest.approx(0.8))
+
+
+@pytest.mark.parametrize("image", [corrected(0.0), corrected(9.0, confidence=0.2)])
+def test_an_image_that_proves_nothing_claims_nothing(image: CorrectedDepth) -> None:
+    assert free_space((0.0, image)).claims(AHEAD_M, 1.0) is None
+
+
+@pytest.mark.parametrize("place_m", [[0.0, 0.0, -2.0], [5.0, 0.0, 2.0], [0.0, -5.0, 2.0], [0.0, 0.0, 0.01]])
+def test_an_image_claims_nothing_of_what_is_not_in_view(place_m: list[float]) -> None:
+    assert free_space((0.0, corrected(9.0))).claims(np.array(place_m), 1.0) is None
+
+
+def test_a_claim_is_forgotten_when_the_map_forgets_it() -> None:
+    memory_s = PilotConfig().map.memory_s
+    seen = free_space((0.0, corrected(4.0)))
+    assert seen.claims(AHEAD_M, memory_s) is not None
+    assert seen.claims(AHEAD_M, memory_s + 0.1) is None
+    seen.add(memory_s + 0.1, np.eye(4), corrected(0.0))
+    assert seen.claims(AHEAD_M, memory_s) is None
+
+
+def test_a_claim_is_told() -> None:
+    told = str(Diagnosis(cause=Cause.UNTRUSTED, claims=Claims(12, 6.52, 5.31)))
+    assert told == "depth not trusted; shown as free by 12 images, the last 6.5 s before from 5.3 m"
 
 
 def test_distances_are_of_what_was_trusted() -> None:
