@@ -15,7 +15,7 @@ from voxdepth.temporal.fusion import Comparison, Fused, PixelClass, TemporalFusi
 from voxdepth.temporal.measurement import Measurement
 from voxdepth.temporal.memory import WEIGHT_UNIT, Memory
 from voxdepth.temporal.upsampling import Estimate, Shown
-from voxdepth.temporal.working_resolution import WorkingResolution
+from voxdepth.temporal.working_resolution import MIN_DISPARITY_PX, WorkingResolution
 from voxdepth.types import FloatArray, FloatImage, GrayImage, MaskImage, Source
 
 
@@ -165,17 +165,20 @@ def fuse_pixels(
     updated_weight = np.where(replaced, measurement.weight, decayed)
     updated_px = np.where(replaced, measurement.disparity_px, kept_px)
 
+    approach = memory.disparity_px / np.maximum(memory.seen_px, MIN_DISPARITY_PX)
     classes = PixelClass.FUSED, PixelClass.MEASURED, PixelClass.REMEMBERED
     fused = Fused(
         disparity_px=np.select([measured, valid], [measurement.disparity_px, kept_px], np.float32(0)),
         pixel_class=np.select([pixels.agreeing, measured, pixels.outlier], classes, PixelClass.UNKNOWN),
         weight=np.where(measured, measurement.weight, decayed),
         remembered_px=np.where(hole, memory.disparity_px, 0),
+        magnification=np.maximum(np.square(approach), 1),
     )
     return fused, Memory(
         disparity_px=np.where(updated_weight > 0, updated_px, 0),
         weight=updated_weight,
         gray=np.where(pixels.agreeing | replaced, measurement.gray, memory.gray),
+        seen_px=np.where(pixels.agreeing | replaced, updated_px, memory.seen_px),
         age=np.where(replaced, 1, np.minimum(memory.age.astype(int) + 1, 255)),
         drift_px=memory.drift_px,
     )
@@ -282,13 +285,18 @@ def decimate_position(position: FloatImage) -> FloatImage:
 
 
 def confidence(
-    disparity_px: FloatImage, pixel_class: GrayImage, weight: GrayImage, inpainting_probability: FloatImage
+    disparity_px: FloatImage,
+    pixel_class: GrayImage,
+    weight: GrayImage,
+    magnification: FloatImage,
+    inpainting_probability: FloatImage,
 ) -> FloatArray:
     """Confidence in double precision. The curves are read at quarters of a measurement."""
     n_measurements = (weight // 4) / 4
     known = [pixel_class == each for each in SURFACE_PROBABILITY]
     surface = np.select(known, [curve.at(n_measurements) for curve in SURFACE_PROBABILITY.values()], 1)
     error_px = np.select(known, [curve.at(n_measurements) for curve in ERROR_PX.values()], INPAINTED_ERROR_PX)
+    error_px = error_px * np.where(pixel_class == PixelClass.REMEMBERED, magnification, 1)
     right = 1 - np.exp(-0.05 * np.maximum(disparity_px.astype(np.float64), 5) / error_px)
     return surface * inpainting_probability * right
 

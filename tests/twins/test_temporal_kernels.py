@@ -134,7 +134,8 @@ class TestFusion:
         disparity_px = IMAGES[image](rng_of(shape), shape)
         age = rng_of(shape, 1).choice(np.array([1, 2, 7, 254, 255], np.uint8), shape)
         drift_px = rng_of(shape, 2).normal(0, 0.2, coarse_shape(shape)).astype(np.float32)
-        return Memory(disparity_px, weights_of(disparity_px, 1, 240), bytes_of(shape, 1), age, drift_px)
+        seen_px = disparity_px * rng_of(shape, 14).choice(np.array([0, 0.3, 1, 1.2], np.float32), shape)
+        return Memory(disparity_px, weights_of(disparity_px, 1, 240), bytes_of(shape, 1), seen_px, age, drift_px)
 
     @pytest.fixture
     def measurement(self, memory: Memory, seen: str) -> Measurement:
@@ -183,7 +184,7 @@ class TestFusion:
             memory, measurement, comparison, bytes_of(shape, 12), max_gray_change, config
         )
         require_equal(fused, twin_fused)
-        require_equal(updated[:4], twin_updated[:4])
+        require_equal(updated[:5], twin_updated[:5])
 
     def test_all_steps(self, memory: Memory, measurement: Measurement, config: TemporalFusionConfig) -> None:
         fused, updated = fusion.fuse(memory, measurement, config)
@@ -278,7 +279,8 @@ def test_positions_of_the_drift(shape: Shape) -> None:
 def test_confidence(image: str, shape: Shape) -> None:
     disparity_px, rng = IMAGES[image](rng_of(shape), shape), rng_of(shape, 1)
     pixel_class, probability = rng.choice(np.array(PixelClass, np.uint8), shape), rng.random(shape, np.float32)
-    pixels = disparity_px, pixel_class, bytes_of(shape, 2), probability
+    magnification = rng.choice(np.array([1, 1.5, 40, 1e9], np.float32), shape)
+    pixels = disparity_px, pixel_class, bytes_of(shape, 2), magnification, probability
     np.testing.assert_allclose(estimate_confidence(*pixels), twins.confidence(*pixels), rtol=1e-5, atol=1e-6)
 
 

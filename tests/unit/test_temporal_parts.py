@@ -10,7 +10,7 @@ from tests.temporal_scenes import CAMERA, ROOM, frame_of, pose, render
 from voxdepth.geometry import inverse_rigid
 from voxdepth.temporal.confidence import INPAINTING, estimate_confidence
 from voxdepth.temporal.forward_warp import ForwardWarp
-from voxdepth.temporal.fusion import PixelClass
+from voxdepth.temporal.fusion import PixelClass, TemporalFusionConfig, fuse
 from voxdepth.temporal.measurement import Measurement, measure
 from voxdepth.temporal.memory import DRIFT_DECIMATION, WEIGHT_UNIT, Memory
 from voxdepth.temporal.smoothing import smooth_guided
@@ -263,13 +263,21 @@ class TestSmoothing:
         np.testing.assert_allclose(smooth_guided(noisy_px, 1, 0.3), noisy_px, atol=1e-4)
 
 
+def confidence_of(
+    disparity_px: FloatImage, kind: GrayImage, weight: GrayImage, probability: FloatImage, magnification: float = 1.0
+) -> FloatImage:
+    """The confidence of pixels whose memory all has the same magnification."""
+    magnified = np.full(disparity_px.shape, magnification, np.float32)
+    return estimate_confidence(disparity_px, kind, weight, magnified, probability)
+
+
 class TestConfidence:
     def test_it_is_a_probability(self) -> None:
         rng = np.random.default_rng(0)
         disparity_px = rng.uniform(0, 1000, (50, 60)).astype(np.float32)
         kind = rng.integers(0, len(PixelClass), (50, 60)).astype(np.uint8)
         weight = rng.integers(0, 193, (50, 60)).astype(np.uint8)
-        confidence = estimate_confidence(disparity_px, kind, weight, np.full((50, 60), 0.5, np.float32))
+        confidence = confidence_of(disparity_px, kind, weight, np.full((50, 60), 0.5, np.float32))
         assert confidence.min() >= 0
         assert confidence.max() <= 1
         assert (confidence > 0.05).all()
@@ -278,28 +286,37 @@ class TestConfidence:
     def test_it_grows_with_evidence_and_disparity(self, kind: PixelClass) -> None:
         weights, kinds = np.arange(0, 193, dtype=np.uint8)[None], np.full((1, 193), kind, np.uint8)
         probability = np.full((1, 193), 0.5, np.float32)
-        by_weight = estimate_confidence(np.full((1, 193), 20, np.float32), kinds, weights, probability)
+        by_weight = confidence_of(np.full((1, 193), 20, np.float32), kinds, weights, probability)
         assert (np.diff(by_weight) >= 0).all()
         assert (by_weight[0, -1] > by_weight[0, 0]) == (kind is not PixelClass.UNKNOWN)
         sixty_four = np.full((1, 193), 64, np.uint8)
         near_px = np.linspace(5, 12, 193, dtype=np.float32)[None]
-        assert (np.diff(estimate_confidence(near_px, kinds, sixty_four, probability)) > 0).all()
+        assert (np.diff(confidence_of(near_px, kinds, sixty_four, probability)) > 0).all()
         far_px = np.linspace(0.1, 5, 193, dtype=np.float32)[None]  # a quarter of a pixel is 5 % of 5 px
-        assert np.ptp(estimate_confidence(far_px, kinds, sixty_four, probability)) == 0
+        assert np.ptp(confidence_of(far_px, kinds, sixty_four, probability)) == 0
 
     def test_fused_pixels_have_the_highest_confidence_and_measured_ones_a_higher_one_than_holes(self) -> None:
         full = np.full((1, 4), 192, np.uint8)
         kinds, near_px = np.array([list(PixelClass)], np.uint8), np.full((1, 4), 20, np.float32)
         probability = np.ones((1, 4), np.float32)
         probability[0, PixelClass.UNKNOWN] = max(astuple(INPAINTING))
-        by_kind = estimate_confidence(near_px, kinds, full, probability)[0]
+        by_kind = confidence_of(near_px, kinds, full, probability)[0]
         assert by_kind.argmax() == PixelClass.FUSED
         assert by_kind[PixelClass.MEASURED] > max(by_kind[PixelClass.UNKNOWN], by_kind[PixelClass.REMEMBERED])
+
+    def test_only_a_remembered_disparity_is_less_certain_when_its_error_is_magnified(self) -> None:
+        kinds, near_px = np.array([list(PixelClass)], np.uint8), np.full((1, 4), 20, np.float32)
+        full, probability = np.full((1, 4), 192, np.uint8), np.ones((1, 4), np.float32)
+        once, nine = (confidence_of(near_px, kinds, full, probability, growth)[0] for growth in (1.0, 9.0))
+        is_remembered = kinds[0] == PixelClass.REMEMBERED
+        np.testing.assert_array_equal(nine[~is_remembered], once[~is_remembered])
+        assert nine[is_remembered] < 0.5 < once[is_remembered]
+        assert confidence_of(near_px, kinds, full, probability, 1e9)[0, PixelClass.REMEMBERED] < 1e-6
 
     def test_inpainted_pixels_at_close_range_have_their_surface_probability(self) -> None:
         probability = np.linspace(0, 1, 20, dtype=np.float32)[None]
         nothing, no_weight = np.full((1, 20), PixelClass.UNKNOWN, np.uint8), np.zeros((1, 20), np.uint8)
-        near = estimate_confidence(np.full((1, 20), 200, np.float32), nothing, no_weight, probability)
+        near = confidence_of(np.full((1, 20), 200, np.float32), nothing, no_weight, probability)
         np.testing.assert_allclose(near, probability, atol=1e-6)
 
 
@@ -342,9 +359,28 @@ def test_ages_and_looks_are_warped_with_their_surfaces(shift_px: int) -> None:
     row, col = np.indices(CAMERA.shape)
     age, gray = ((3 * row + col) % 251).astype(np.uint8), ((row + 5 * col) % 256).astype(np.uint8)
     known = np.full(CAMERA.shape, WEIGHT_UNIT, np.uint8)
-    memory = Memory.empty(gray)._replace(disparity_px=constant(8), weight=known, age=age)
+    seen_px = (2 + row + 0.1 * col).astype(np.float32)
+    memory = Memory.empty(gray)._replace(disparity_px=constant(8), weight=known, age=age, seen_px=seen_px)
     step_m = shift_px / 8 * 0.1  # a step of a baseline shifts by the disparity
     warped = memory.warp(ForwardWarp(WorkingResolution.of(CAMERA, 1)), inverse_rigid(pose(step_m)))
     seen = (col + shift_px >= 0) & (col + shift_px < CAMERA.width_px)
-    for image, of in ((warped.age, age), (warped.gray, gray)):
+    for image, of in ((warped.age, age), (warped.gray, gray), (warped.seen_px, seen_px)):
         np.testing.assert_array_equal(image[seen], np.roll(of, -shift_px, axis=1)[seen])
+
+
+def test_the_error_of_a_surface_grows_with_the_square_of_its_disparity_until_it_is_measured_again() -> None:
+    """The camera goes from 4 m to 2 m before a wall that it measures in its first image, and perhaps in its last."""
+    resolution = WorkingResolution.of(CAMERA, 1)
+    focal_baseline_px_m, gray = resolution.focal_baseline_px_m, np.full(CAMERA.shape, 128, np.uint8)
+    full = np.full(CAMERA.shape, WEIGHT_UNIT, np.uint8)
+    far = Measurement(constant(focal_baseline_px_m / 4), full, gray)
+    _, memory = fuse(Memory.empty(gray), far, TemporalFusionConfig())
+    for _ in range(4):
+        memory = memory.warp(ForwardWarp(resolution), inverse_rigid(pose(z=0.5)))
+    middle = np.s_[CAMERA.height_px // 3 : -CAMERA.height_px // 3, CAMERA.width_px // 3 : -CAMERA.width_px // 3]
+    hole, _ = fuse(memory, Measurement(constant(0), np.zeros_like(full), gray), TemporalFusionConfig())
+    np.testing.assert_allclose(hole.remembered_px[middle], focal_baseline_px_m / 2, rtol=1e-3)
+    np.testing.assert_allclose(hole.magnification[middle], 4, rtol=1e-3)
+    _, memory = fuse(memory, Measurement(constant(focal_baseline_px_m / 2), full, gray), TemporalFusionConfig())
+    again, _ = fuse(memory, Measurement(constant(0), np.zeros_like(full), gray), TemporalFusionConfig())
+    np.testing.assert_allclose(again.magnification[middle], 1, rtol=1e-3)

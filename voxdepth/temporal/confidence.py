@@ -40,7 +40,7 @@ def exponential(curve: Exponential, argument: float) -> float:
 SURFACE_PROBABILITY = {
     PixelClass.FUSED: Exponential(start=0.45, limit=0.995, scale=1.1),
     PixelClass.MEASURED: Exponential(start=0.55, limit=0.97, scale=0.4),
-    PixelClass.REMEMBERED: Exponential(start=0.78, limit=0.88, scale=5),
+    PixelClass.REMEMBERED: Exponential(start=0.99, limit=0.99, scale=1),
 }
 """Probability that the disparity is of the right surface, by pixel class.
 
@@ -51,7 +51,7 @@ See `AGREEMENT` for the source of the others."""
 ERROR_PX = {
     PixelClass.FUSED: Exponential(start=0.32, limit=0.12, scale=2.5),
     PixelClass.MEASURED: Exponential(start=1.2, limit=0.1, scale=0.5),
-    PixelClass.REMEMBERED: Exponential(start=0.35, limit=0.25, scale=6),
+    PixelClass.REMEMBERED: Exponential(start=0.6, limit=0.02, scale=30),
 }
 """Mean absolute error of the disparity if it is, from the same fits; it has a Laplace distribution."""
 
@@ -98,18 +98,23 @@ INPAINTED_ERROR_PX = 0.2
 
 
 def estimate_confidence(
-    disparity_px: FloatImage, pixel_class: GrayImage, weight: GrayImage, inpainting_probability: FloatImage
+    disparity_px: FloatImage,
+    pixel_class: GrayImage,
+    weight: GrayImage,
+    magnification: FloatImage,
+    inpainting_probability: FloatImage,
 ) -> FloatImage:
     """Probability in 0..1 that each depth is right, shape (h, w), float32; arbitrary where there is no depth.
 
     It is the probability of the right surface times that of an error of at most `CORRECT_SHARE` of the disparity, or
     `CORRECT_PX`, under Laplace noise.
 
-    Weights are in units of `1 / WEIGHT_UNIT`. The inpainting probability is that of the right surface where the
-    `PixelClass` is unknown, and a factor of the probability of the other classes. All images have the same shape.
+    Weights are in units of `1 / WEIGHT_UNIT`. The magnification is a factor of the error of remembered disparities. The
+    inpainting probability is that of the right surface where the `PixelClass` is unknown, and a factor of the
+    probability of the other classes. All images have the same shape.
     """
     exponent, surface_probability = np.empty((2, *disparity_px.shape), np.float32)
-    _look_up(disparity_px, pixel_class, weight, inpainting_probability, exponent, surface_probability)
+    _look_up(disparity_px, pixel_class, weight, magnification, inpainting_probability, exponent, surface_probability)
     confidence: FloatImage = exponent
     cv2.exp(exponent, exponent)
     np.subtract(np.float32(1), exponent, out=confidence)
@@ -130,11 +135,12 @@ _LEAST_DISPARITY_PX = float32(CORRECT_PX / CORRECT_SHARE)
 """Disparity below which an error of `CORRECT_PX` is allowed."""
 
 
-@compiled(void(FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE))
+@compiled(void(FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, *[FLOAT_IMAGE] * 4))
 def _look_up(
     disparity_px: FloatImage,
     pixel_class: GrayImage,
     weight: GrayImage,
+    magnification: FloatImage,
     inpainting_probability: FloatImage,
     # output
     exponent: FloatImage,
@@ -144,5 +150,7 @@ def _look_up(
     for row in range(disparity_px.shape[0]):
         for col in range(disparity_px.shape[1]):
             code = WEIGHT_LEVELS * pixel_class[row, col] + (weight[row, col] >> 2)
-            exponent[row, col] = _NEGATIVE_RATE_PER_PX[code] * max(disparity_px[row, col], _LEAST_DISPARITY_PX)
+            growth = magnification[row, col] if pixel_class[row, col] == PixelClass.REMEMBERED else float32(1)
+            rate_per_px = _NEGATIVE_RATE_PER_PX[code] / growth
+            exponent[row, col] = rate_per_px * max(disparity_px[row, col], _LEAST_DISPARITY_PX)
             surface_probability[row, col] = _SURFACE_PROBABILITY[code] * inpainting_probability[row, col]

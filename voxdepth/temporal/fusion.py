@@ -16,6 +16,7 @@ from ..types import FloatImage, GrayImage
 from .masks import box_mean
 from .measurement import MEASUREMENT_TYPE, Measurement
 from .memory import MEMORY_TYPE, WEIGHT_UNIT, Memory
+from .working_resolution import MIN_DISPARITY_PX
 
 WINDOW_PX = 5
 """Side of the neighbourhood over which differences of disparity and gray value are averaged."""
@@ -87,13 +88,16 @@ class Fused(NamedTuple):
     """Weight of the measurements behind it in units of `1 / WEIGHT_UNIT`, uint8."""
     remembered_px: FloatImage
     """Disparity of the memory where nothing is measured and the memory has enough evidence, float32; 0 elsewhere."""
+    magnification: FloatImage
+    """Factor by which the error of the memory has grown since it was measured, float32: the error of a depth stays, so
+    that of its disparity is proportional to the square of the disparity. It is at least 1."""
 
     @classmethod
     def buffer(cls, shape: tuple[int, int]) -> "Fused":
         """Images of a shape, without values yet."""
-        disparity_px, remembered_px = np.empty((2, *shape), np.float32)
+        disparity_px, remembered_px, magnification = np.empty((3, *shape), np.float32)
         pixel_class, weight = np.empty((2, *shape), np.uint8)
-        return cls(disparity_px=disparity_px, pixel_class=pixel_class, weight=weight, remembered_px=remembered_px)
+        return cls(disparity_px, pixel_class, weight, remembered_px, magnification)
 
 
 class Rules(NamedTuple):
@@ -170,7 +174,7 @@ class Pixel(NamedTuple):
 
 
 RULES_TYPE = named_tuple(Rules, *[float32] * 7, *[int64] * 5, uint8[::1])
-FUSED_TYPE = named_tuple(Fused, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
+FUSED_TYPE = named_tuple(Fused, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE)
 PIXEL_TYPE = named_tuple(Pixel, float32, int64, float32, int64, boolean, boolean, boolean, float32)
 COMPARISON_TYPE = named_tuple(Comparison, BYTE_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 
@@ -367,10 +371,13 @@ def _fuse_pixels(
             fused.pixel_class[row, col] = pixel_class
             fused.weight[row, col] = measured_weight if is_measured else max(weight, 0)
             fused.remembered_px[row, col] = memory_px if is_remembered else float32(0)
+            approach = memory_px / max(memory.seen_px[row, col], MIN_DISPARITY_PX)
+            fused.magnification[row, col] = max(approach * approach, float32(1))
             weight = measured_weight if is_replaced else weight
             updated_px = measured_px if is_replaced else updated_px
             is_new_look = is_replaced or pixel_class == PixelClass.FUSED
             updated.disparity_px[row, col] = updated_px if weight > 0 else float32(0)
             updated.weight[row, col] = max(weight, 0)
+            updated.seen_px[row, col] = updated_px if is_new_look else memory.seen_px[row, col]
             updated.gray[row, col] = measurement.gray[row, col] if is_new_look else memory.gray[row, col]
             updated.age[row, col] = 1 if is_replaced else min(age + 1, 255)

@@ -26,6 +26,8 @@ class Memory(NamedTuple):
     """Accumulated weight of the measurements in units of `1 / WEIGHT_UNIT`, uint8."""
     gray: GrayImage
     """Gray value of the surface when it was last measured, uint8."""
+    seen_px: FloatImage
+    """Disparity of the surface when it was last measured, float32."""
     age: GrayImage
     """Number of frames since the surface was first measured, that one included, uint8; it saturates."""
     drift_px: FloatImage
@@ -39,6 +41,7 @@ class Memory(NamedTuple):
             disparity_px=np.zeros(gray.shape, np.float32),
             weight=np.zeros_like(gray),
             gray=gray,
+            seen_px=np.zeros(gray.shape, np.float32),
             age=np.zeros_like(gray),
             drift_px=np.zeros(coarse_shape(gray.shape), np.float32),
         )
@@ -47,8 +50,8 @@ class Memory(NamedTuple):
     def buffer(cls, shape: tuple[int, ...]) -> "Memory":
         """A memory of a shape, whose images have no values yet."""
         weight, gray, age = np.empty((3, *shape), np.uint8)
-        disparity_px, drift_px = np.empty(shape, np.float32), np.empty(coarse_shape(shape), np.float32)
-        return cls(disparity_px=disparity_px, weight=weight, gray=gray, age=age, drift_px=drift_px)
+        (disparity_px, seen_px), drift_px = np.empty((2, *shape), np.float32), np.empty(coarse_shape(shape), np.float32)
+        return cls(disparity_px=disparity_px, weight=weight, gray=gray, seen_px=seen_px, age=age, drift_px=drift_px)
 
     def warp(self, forward_warp: ForwardWarp, T_frame_memory: FloatArray) -> "Memory":
         """The memory as a new frame sees it, after a motion of shape (4, 4)."""
@@ -60,12 +63,13 @@ class Memory(NamedTuple):
             disparity_px=warped.disparity_px,
             weight=warped.weight,
             gray=_sample(self.gray, warped.source_x, warped.source_y, cv2.INTER_LINEAR),
+            seen_px=_sample(self.seen_px, warped.source_x, warped.source_y, cv2.INTER_NEAREST),
             age=_sample(self.age, warped.source_x, warped.source_y, cv2.INTER_NEAREST),
             drift_px=_sample(self.drift_px, coarse_x, coarse_y, cv2.INTER_LINEAR),
         )
 
 
-MEMORY_TYPE = named_tuple(Memory, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
+MEMORY_TYPE = named_tuple(Memory, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
 
 
 def coarse_shape(shape: tuple[int, ...]) -> tuple[int, ...]:

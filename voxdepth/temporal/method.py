@@ -103,7 +103,9 @@ class VoxDepth(StreamCorrector):
         with timer("smooth"):
             disparity_px = smooth_guided(inpainted.disparity_px, config.smoothing_window_px, config.smoothing_noise_px)
         with timer("confidence"):
-            confidence = estimate_confidence(disparity_px, pixel_class, fused.weight, inpainted.probability)
+            confidence = estimate_confidence(
+                disparity_px, pixel_class, fused.weight, fused.magnification, inpainted.probability
+            )
         with timer("upsample"):
             estimate = Estimate(disparity_px, pixel_class, confidence)
             shown = self._upsampler.show(aligned.depth_m, estimate, self._config.min_shown_confidence)
