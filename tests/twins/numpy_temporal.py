@@ -11,11 +11,11 @@ from scipy.sparse.csgraph import connected_components
 from voxdepth.geometry import inverse_rigid
 from voxdepth.temporal.confidence import ERROR_PX, INPAINTED_ERROR_PX, SURFACE_PROBABILITY
 from voxdepth.temporal.forward_warp import HOLE_PX, Warped
-from voxdepth.temporal.fusion import Comparison, Fused, PixelClass, TemporalFusionConfig
+from voxdepth.temporal.fusion import MAX_MAGNIFICATION, Comparison, Fused, PixelClass, TemporalFusionConfig
 from voxdepth.temporal.measurement import Measurement
 from voxdepth.temporal.memory import WEIGHT_UNIT, Memory
 from voxdepth.temporal.upsampling import Estimate, Shown
-from voxdepth.temporal.working_resolution import MIN_DISPARITY_PX, WorkingResolution
+from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatArray, FloatImage, GrayImage, MaskImage, Source
 
 
@@ -165,14 +165,15 @@ def fuse_pixels(
     updated_weight = np.where(replaced, measurement.weight, decayed)
     updated_px = np.where(replaced, measurement.disparity_px, kept_px)
 
-    approach = memory.disparity_px / np.maximum(memory.seen_px, MIN_DISPARITY_PX)
+    approach = np.ones_like(memory.disparity_px)
+    np.divide(memory.disparity_px, memory.seen_px, where=memory.seen_px > 0, out=approach)
     classes = PixelClass.FUSED, PixelClass.MEASURED, PixelClass.REMEMBERED
     fused = Fused(
         disparity_px=np.select([measured, valid], [measurement.disparity_px, kept_px], np.float32(0)),
         pixel_class=np.select([pixels.agreeing, measured, pixels.outlier], classes, PixelClass.UNKNOWN),
         weight=np.where(measured, measurement.weight, decayed),
         remembered_px=np.where(hole, memory.disparity_px, 0),
-        magnification=np.maximum(np.square(approach), 1),
+        magnification=np.clip(np.square(approach), 1, MAX_MAGNIFICATION),
     )
     return fused, Memory(
         disparity_px=np.where(updated_weight > 0, updated_px, 0),

@@ -54,8 +54,9 @@ ERROR_PX = {
     PixelClass.MEASURED: Exponential(start=1.2, limit=0.1, scale=0.5),
     PixelClass.REMEMBERED: Exponential(start=0.6, limit=0.02, scale=30),
 }
-"""Mean absolute error of the disparity if it is, from the same fits; it has a Laplace distribution. That of a remembered
-surface is magnified as the camera comes nearer, see `Fused.magnification`."""
+"""Mean absolute error of the disparity if it is, from the same fits; it has a Laplace distribution.
+
+That of a remembered surface is magnified as the camera comes nearer, see `Fused.magnification`."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,6 @@ from ..types import FloatImage, GrayImage
 from .masks import box_mean
 from .measurement import MEASUREMENT_TYPE, Measurement
 from .memory import MEMORY_TYPE, WEIGHT_UNIT, Memory
-from .working_resolution import MIN_DISPARITY_PX
 
 WINDOW_PX = 5
 """Side of the neighbourhood over which differences of disparity and gray value are averaged."""
@@ -26,6 +25,8 @@ MIN_OVERLAP = np.float32(0.1)
 """Fraction of that window, measured and remembered, below which the drift counts only in part."""
 NOISE_STRIDE_PX = 4
 """Stride of the rows and columns that the gray noise is estimated from."""
+MAX_MAGNIFICATION = float32(1000)
+"""Largest factor of the error of a remembered disparity: with more, its confidence would be 0, as where nothing is."""
 MIN_DISAPPEARANCE_CHANGE = 5.0
 """Change of gray, in units of its median over the image, below which a surface is never taken to have disappeared."""
 
@@ -90,7 +91,7 @@ class Fused(NamedTuple):
     """Disparity of the memory where nothing is measured and the memory has enough evidence, float32; 0 elsewhere."""
     magnification: FloatImage
     """Factor by which the error of the memory has grown since it was measured, float32: the error of a depth stays, so
-    that of its disparity is proportional to the square of the disparity. It is at least 1."""
+    that of its disparity is proportional to the square of the disparity. It is in 1..`MAX_MAGNIFICATION`."""
 
     @classmethod
     def buffer(cls, shape: tuple[int, int]) -> "Fused":
@@ -371,8 +372,9 @@ def _fuse_pixels(
             fused.pixel_class[row, col] = pixel_class
             fused.weight[row, col] = measured_weight if is_measured else max(weight, 0)
             fused.remembered_px[row, col] = memory_px if is_remembered else float32(0)
-            approach = memory_px / max(memory.seen_px[row, col], MIN_DISPARITY_PX)
-            fused.magnification[row, col] = max(approach * approach, float32(1))
+            seen_px = memory.seen_px[row, col]
+            approach = memory_px / seen_px if seen_px > 0 else float32(1)
+            fused.magnification[row, col] = min(max(approach * approach, float32(1)), MAX_MAGNIFICATION)
             weight = measured_weight if is_replaced else weight
             updated_px = measured_px if is_replaced else updated_px
             is_new_look = is_replaced or pixel_class == PixelClass.FUSED
