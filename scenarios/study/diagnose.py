@@ -52,7 +52,10 @@ class Cause(StrEnum):
 
 
 class Claims(NamedTuple):
-    """The images that showed the struck place as free, among those that the map remembered at the collision."""
+    """The images of the map's last `memory_s` whose free range passed the struck place.
+
+    An obstacle that moves may have come there later.
+    """
 
     images: int
     before_s: float
@@ -125,7 +128,10 @@ class Observation:
 
 
 class FreeSpace:
-    """The free space that the images of one camera claimed, while the map remembered them."""
+    """The free space that the images of one camera claimed, for as long as a map remembers it.
+
+    It goes by the true pose; that a map drifts, starts again, or is told of a surface later is left out.
+    """
 
     def __init__(self, pilot: PilotConfig, intrinsics: Intrinsics) -> None:
         self._map, self._intrinsics = pilot.map, intrinsics
@@ -139,7 +145,7 @@ class FreeSpace:
             self._images.popleft()
 
     def claims(self, place_m: FloatArray, time_s: float) -> Claims | None:
-        """Return the images that showed a place of the world, shape (3,), as free, as the map judges a voxel there."""
+        """Return the images whose free range passed a voxel around a place of the world, shape (3,)."""
         found = [
             (time_s - stamp_s, float(np.linalg.norm(place_m - T_world_cam[:3, 3])))
             for stamp_s, T_world_cam, free_m in self._images

@@ -25,7 +25,7 @@ from swarm.map_kernels import FREE, SURFACE, VAIN
 from swarm.pilot import PilotConfig
 from swarm.types import Decision
 from tests.helpers import wall, world_of
-from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics, Source
+from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, Source
 
 CAMERA = Intrinsics(width_px=40, height_px=30, fx_px=20.0, fy_px=20.0, cx_px=19.5, cy_px=14.5, baseline_m=1.0)
 WALL, OTHER = 7, 8
@@ -133,8 +133,8 @@ def test_what_the_drone_did_and_what_its_map_held_is_told() -> None:
     assert "commanded 1.00 m/s; map: free a second before, surface at last" in str(found)
 
 
-def corrected(depth_m: float, confidence: float = 1.0) -> CorrectedDepth:
-    """The same depth and confidence everywhere."""
+def corrected(depth_m: float | FloatImage, confidence: float = 1.0) -> CorrectedDepth:
+    """An image of this depth, and the same confidence everywhere."""
     return CorrectedDepth(
         depth_m=np.full(CAMERA.shape, depth_m, np.float32),
         source=np.full(CAMERA.shape, Source.SENSOR, np.uint8),
@@ -156,6 +156,32 @@ def test_images_that_looked_past_a_place_claimed_that_it_is_free() -> None:
     seen = free_space((0.0, corrected(4.0)), (1.0, corrected(1.5)), (2.0, corrected(3.0)), (3.0, corrected(2.0)))
     assert seen.claims(AHEAD_M, 5.0) == Claims(images=2, before_s=3.0, from_m=2.0)
     assert free_space((0.0, corrected(4.0)), z_m=1.2).claims(AHEAD_M, 0.5) == Claims(1, 0.5, pytest.approx(0.8))
+
+
+CORNER_M = np.array([-3.5, -2.5, 4.0])
+"""Place in the second cell from the left and from the top, in the frame of the camera, 5.87 m away."""
+
+
+@pytest.mark.parametrize(("depth_m", "free"), [(4.2, False), (4.4, False), (4.5, True)])
+def test_the_whole_voxel_around_a_place_must_be_passed(depth_m: float, free: bool) -> None:
+    """The free range in that cell is 5.70 m, 5.96 m and 6.08 m, and half of a voxel 0.125 m."""
+    assert (free_space((0.0, corrected(depth_m))).claims(CORNER_M, 1.0) is not None) == free
+
+
+@pytest.mark.parametrize(("right", "below"), [(1, 1), (1, -1), (-1, 1), (-1, -1)])
+def test_the_cell_that_shows_the_place_decides(right: int, below: int) -> None:
+    """A camera that looks along x of the world sees far in one cell alone."""
+    forward, down = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, -1.0])
+    T_world_cam = pose(np.column_stack([np.cross(down, forward), down, forward]), np.array([1.0, 2.0, 3.0]))
+    depth_m = np.ones(CAMERA.shape, np.float32)
+    depth_m[2:4, 2:3] = 9.0
+    seen = FreeSpace(PilotConfig(), CAMERA)
+    seen.add(0.0, T_world_cam, corrected(np.ascontiguousarray(depth_m[::-below, ::-right])))
+    place_m = T_world_cam[:3, :3] @ (np.array([right, below, 1]) * abs(CORNER_M)) + T_world_cam[:3, 3]
+    claims = seen.claims(place_m, 1.0)
+    assert claims == Claims(1, 1.0, pytest.approx(5.87, abs=0.01))
+    mirrored_m = T_world_cam[:3, :3] @ (np.array([-right, below, 1]) * abs(CORNER_M)) + T_world_cam[:3, 3]
+    assert seen.claims(mirrored_m, 1.0) is None
 
 
 @pytest.mark.parametrize("image", [corrected(0.0), corrected(9.0, confidence=0.2)])

@@ -88,8 +88,8 @@ INTERPOLATED = Exponential(start=0.9, limit=0.3, scale=2.0)
 AGREEMENT = Exponential(start=0.9, limit=0.5, scale=0.6)
 """Factor of the probability of a remembered hole, by the difference to the estimate from the ends of the hole [px].
 
-These three curves follow the shares of right pixels in rendered sequences of seed 101 and
-in two thirds of the frames of two real recordings. They were set by hand."""
+These three curves follow the shares of right pixels in rendered sequences of seed 101 and in two thirds of the frames
+of two real recordings. They were set by hand."""
 INPAINTING = InpaintingProbabilities()
 """The values are means of two least-squares fits: to the twelve rendered sequences of seed 101, and to the images of
 eight drones on two flights through the scenario `city`, of seeds 1008 and 1010. The fits agree except for occluded

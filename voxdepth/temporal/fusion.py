@@ -26,7 +26,8 @@ MIN_OVERLAP = np.float32(0.1)
 NOISE_STRIDE_PX = 4
 """Stride of the rows and columns that the gray noise is estimated from."""
 MAX_MAGNIFICATION = float32(1000)
-"""Largest factor of the error of a remembered disparity: with more, its confidence would be 0, as where nothing is."""
+"""Largest factor of the error of a remembered disparity. Far beyond it, its confidence would be rounded to 0, which
+means that there is no depth."""
 MIN_DISAPPEARANCE_CHANGE = 5.0
 """Change of gray, in units of its median over the image, below which a surface is never taken to have disappeared."""
 
