@@ -1,5 +1,6 @@
 """A horizontal slice of a drone's map, and ways on it."""
 
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
@@ -90,6 +91,7 @@ class Chart:
         """Worst state of each cell, shape (rows along y, columns along x): one of `STATES`."""
         self.origin_m = origin_m
         """Corner (x, y) of the first cell, shape (2,)."""
+        self._corner_m = float(origin_m[0]), float(origin_m[1])
         self.voxel_m = config.voxel_m
         """Side of a cell."""
         self._config = config
@@ -106,8 +108,8 @@ class Chart:
 
     def _cells(self, at_m: FloatArray) -> tuple[float, float]:
         """Return a position (x, y) in cells, whose middles have whole numbers."""
-        x, y = (at_m[:2] - self.origin_m) / self._config.voxel_m - 0.5
-        return float(x), float(y)
+        side_m, (x_m, y_m) = self._config.voxel_m, self._corner_m
+        return (float(at_m[0]) - x_m) / side_m - 0.5, (float(at_m[1]) - y_m) / side_m - 0.5
 
     def clearance_m(self, at_m: FloatArray) -> float:
         """Return the distance from a position (x, y) to the nearest space that is not free."""
@@ -208,6 +210,7 @@ def _with_discs(state: npt.NDArray[np.uint8], discs: FloatArray) -> npt.NDArray[
     return taken
 
 
+@cache
 def _disc(radius: float) -> npt.NDArray[np.uint8]:
     """Return which cells of a square have their middle within a radius of its middle, in cells."""
     offset = np.arange(-int(radius), int(radius) + 1)

@@ -69,6 +69,8 @@ class EvidenceReader:
         c, i = config, intrinsics
         self.row_edges = _edges(i.height_px, i.fy_px, c.cell_deg)
         self.col_edges = _edges(i.width_px, i.fx_px, c.cell_deg)
+        self._step = step = max(1, i.height_px // SAMPLED_ROWS)
+        self._sampled_edges = -(-self.row_edges // step), -(-self.col_edges // step)
         self._trust = Trust(
             min_confidence=c.min_confidence,
             min_surface_confidence=c.min_surface_confidence,
@@ -76,7 +78,6 @@ class EvidenceReader:
             hidden_m=c.max_hidden_m / float(np.radians(c.cell_deg)),
             free_share=c.free_percentile / 100,
             surface_share=c.surface_percentile / 100,
-            step=max(1, i.height_px // SAMPLED_ROWS),
         )
         self._focal_baseline_px_m = i.focal_baseline_px_m
         self._error_px = c.disparity_error_px
@@ -95,8 +96,11 @@ class EvidenceReader:
         """Return the evidence of an image; where it has no depth and no confidence, nothing is proven."""
         shape = self._ray_length.shape
         free_m, surface_m = np.empty(shape, np.float32), np.empty(shape, np.float32)
-        depth_m, confidence = np.ascontiguousarray(corrected.depth_m), np.ascontiguousarray(corrected.confidence)
-        read_cells(depth_m, confidence, self.row_edges, self.col_edges, self._trust, free_m, surface_m)
+        depth_m, confidence = (
+            np.ascontiguousarray(image[:: self._step, :: self._step])
+            for image in (corrected.depth_m, corrected.confidence)
+        )
+        read_cells(depth_m, confidence, *self._sampled_edges, self._trust, free_m, surface_m)
         proven = free_m > 0
         # f B / (f B / z + s): the free depth if the disparity was too small by s.
         free_m[proven] /= 1 + free_m[proven] * np.float32(self._error_px / self._focal_baseline_px_m)

@@ -10,18 +10,45 @@ from numba.types import Array, UniTuple
 from voxdepth.compiled import FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
 from voxdepth.types import FloatImage
 
+FloatVector = npt.NDArray[np.float32]
 
-@compiled("void(f4[::1], i8, f4)")
-def keep_smallest(smallest: FloatImage, n_seen: int, value: float) -> None:
-    """Insert a value into the sorted smallest ones of `n_seen` values that came before."""
-    last = min(n_seen, len(smallest) - 1)
-    if n_seen >= len(smallest) and value >= smallest[last]:
-        return
-    place = last
-    while place > 0 and smallest[place - 1] > value:
-        smallest[place] = smallest[place - 1]
-        place -= 1
-    smallest[place] = value
+
+NOTHING = np.float32(np.inf)
+"""In place of a depth: the pixel does not count."""
+
+
+@compiled("void(f4[:, :], i8, f4[::1])")
+def find_smallest(
+    values: FloatImage,
+    n_wanted: int,
+    # output
+    smallest: FloatVector,
+) -> None:
+    """Find the smallest values, in ascending order; few are inserted where the first rows have the smallest ones."""
+    smallest[:n_wanted] = NOTHING
+    for row in range(values.shape[0]):
+        for col in range(values.shape[1]):
+            value = values[row, col]
+            if value < smallest[n_wanted - 1]:
+                for n in range(n_wanted):
+                    other = smallest[n]
+                    smallest[n], value = (value, other) if value < other else (other, value)
+
+
+@compiled("i8(f4[:, :])")
+def count(values: FloatImage) -> int:
+    """Return the number of pixels that count."""
+    n = 0
+    for row in range(values.shape[0]):
+        for col in range(values.shape[1]):
+            n += values[row, col] < NOTHING
+    return n
+
+
+@compiled("i8(f8, i8)")
+def nth(share: float, n_values: int) -> int:
+    """Return how many of some values are smaller than the one at a share of them in ascending order."""
+    return min(int(share * n_values), n_values - 1)
 
 
 class Trust(NamedTuple):
@@ -34,37 +61,37 @@ class Trust(NamedTuple):
     """Range at which the part of a cell that may hide a surface is as wide as it may be, if that is all of the cell."""
     free_share: float
     surface_share: float
-    step: int
 
 
-PART = Array(float32, 2, "A", readonly=True)
-TRUST = named_tuple(Trust, *[float64] * 6, int64)
+PART = Array(float32, 2, "A")
+TRUST = named_tuple(Trust, *[float64] * 6)
 
 
-@compiled(UniTuple(float64, 2)(PART, PART, TRUST))
-def read_cell(depth_m: FloatImage, confidence: FloatImage, trust: Trust) -> tuple[float, float]:
-    """Find the free depth of a part of an image, 0 if it is not free, and its surface depth, +inf without a surface."""
-    n_sampled = ((depth_m.shape[0] - 1) // trust.step + 1) * ((depth_m.shape[1] - 1) // trust.step + 1)
-    trusted = np.empty(int(trust.free_share * n_sampled) + 1, np.float32)
-    shown = np.empty(int(trust.surface_share * n_sampled) + 1, np.float32)
-    n_trusted, n_shown = 0, 0
-    for row in range(0, depth_m.shape[0], trust.step):
-        for col in range(0, depth_m.shape[1], trust.step):
-            z, c = depth_m[row, col], confidence[row, col]
-            if z > 0 and c >= trust.min_surface_confidence:
-                keep_smallest(shown, n_shown, z)
-                n_shown += 1
-                if c >= trust.min_confidence:
-                    keep_smallest(trusted, n_trusted, z)
-                    n_trusted += 1
-    free_m, surface_m = np.float32(0), np.float32(np.inf)
-    if n_trusted > 0 and n_trusted >= trust.min_trusted_share * n_sampled:
-        free_m = trusted[min(int(trust.free_share * n_trusted), n_trusted - 1)]
-        if n_trusted < n_sampled:
-            free_m = min(free_m, np.float32(trust.hidden_m / (1 - n_trusted / n_sampled)))
-    if n_shown > 0:
-        surface_m = shown[min(int(trust.surface_share * n_shown), n_shown - 1)]
-        free_m = min(free_m, surface_m)
+@compiled(UniTuple(float64, 2)(PART, PART, TRUST, float32[::1]))
+def read_cell(
+    shown_m: FloatImage,
+    trusted_m: FloatImage,
+    trust: Trust,
+    # scratch
+    smallest: FloatVector,
+) -> tuple[float, float]:
+    """Find the free depth of a cell, 0 if it is not free, and its surface depth, +inf without a surface.
+
+    The depths that show a surface, and those of them that are trusted, are `NOTHING` in other pixels.
+    """
+    n_shown, n_trusted = count(shown_m), count(trusted_m)
+    if n_shown == 0:
+        return 0.0, np.inf
+    nth_shown, nth_trusted = nth(trust.surface_share, n_shown), nth(trust.free_share, n_trusted)
+    find_smallest(shown_m, max(nth_shown, nth_trusted) + 1, smallest)
+    surface_m = smallest[nth_shown]
+    if n_trusted == 0 or n_trusted < trust.min_trusted_share * shown_m.size:
+        return 0.0, float(surface_m)
+    if n_trusted < n_shown:
+        find_smallest(trusted_m, nth_trusted + 1, smallest)
+    free_m = min(smallest[nth_trusted], surface_m)
+    if n_trusted < shown_m.size:
+        free_m = min(free_m, np.float32(trust.hidden_m / (1 - n_trusted / shown_m.size)))
     return float(free_m), float(surface_m)
 
 
@@ -79,8 +106,20 @@ def read_cells(
     free_depth_m: FloatImage,
     surface_depth_m: FloatImage,
 ) -> None:
-    """Read each cell of an image between two edges."""
+    """Read each cell of an image between two edges, from its lowest row up, since the ground is nearest below."""
+    least_shown, least_trusted = np.float32(trust.min_surface_confidence), np.float32(trust.min_confidence)
+    most_rows, width = np.diff(row_edges).max(), depth_m.shape[1]
+    shown_m, trusted_m = np.empty((most_rows, width), np.float32), np.empty((most_rows, width), np.float32)
+    smallest = np.empty(most_rows * np.diff(col_edges).max(), np.float32)
     for i in range(len(row_edges) - 1):
+        n_rows = row_edges[i + 1] - row_edges[i]
+        for k in range(n_rows):
+            row = row_edges[i + 1] - 1 - k
+            for col in range(width):
+                z, c = depth_m[row, col], confidence[row, col]
+                shown_m[k, col] = z if (z > 0) & (c >= least_shown) else NOTHING
+                trusted_m[k, col] = shown_m[k, col] if c >= least_trusted else NOTHING
         for j in range(len(col_edges) - 1):
-            rows, cols = slice(row_edges[i], row_edges[i + 1]), slice(col_edges[j], col_edges[j + 1])
-            free_depth_m[i, j], surface_depth_m[i, j] = read_cell(depth_m[rows, cols], confidence[rows, cols], trust)
+            cols = slice(col_edges[j], col_edges[j + 1])
+            cell = shown_m[:n_rows, cols], trusted_m[:n_rows, cols]
+            free_depth_m[i, j], surface_depth_m[i, j] = read_cell(cell[0], cell[1], trust, smallest)

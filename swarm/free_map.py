@@ -15,8 +15,7 @@ from voxdepth.types import FloatArray, Intrinsics
 from . import map_kernels as kernels
 from .chart import NO_DISCS, ROUTE_CELLS, Chart
 from .evidence import Evidence, EvidenceReader
-from .map_kernels import FREE, InView, Limits, Rules, View, Voxels
-from .neighbours import belong_to_drones
+from .map_kernels import InView, Limits, Rules, View, Voxels
 
 MAX_VOXELS = 2**24
 MARGIN_M = 2.0
@@ -132,33 +131,31 @@ class FreeMap:
     def is_column_free(self, at_m: FloatArray, low_m: float, high_m: float, time_s: float) -> bool:
         """Return whether the column of voxels at a position (x, y) is free between two heights."""
         col, row, _ = ((at_m - self.origin_m) / self._sides_m).tolist()
-        rows, cols = slice(max(int(row) - 1, 0), int(row) + 2), slice(max(int(col) - 1, 0), int(col) + 2)
-        near = Voxels._make(np.ascontiguousarray(counts[:, rows, cols]) for counts in self._voxels)
-        state = np.empty(near.passed.shape[1:], np.uint8)
-        kernels.worst_states(near, self._rules, float(self.origin_m[2]), low_m, high_m, time_s, state)
-        return bool((state == FREE).all())
+        return kernels.is_column_free(
+            self._voxels, self._rules, self._layers(low_m, high_m), int(row), int(col), time_s
+        )
 
     def update(self, evidence: Evidence, T_odom_cam: FloatArray, drones_m: FloatArray, time_s: float) -> None:
         """Add the evidence of an image; surfaces near the other drones `drones_m`, shape (n, 3), are these drones."""
         self._follow(T_odom_cam[:3, 3])
         free_m, surface_m = evidence
-        is_near = surface_m < self._max_surface_m
-        rows, cols = np.nonzero(is_near)
-        points_m = surface_m[rows, cols, None] * self._rays_cam[rows, cols] @ T_odom_cam[:3, :3].T + T_odom_cam[:3, 3]
-        is_body = ~belong_to_drones(points_m, drones_m)
-        is_near[rows, cols] = is_body
-        half_m = np.float32(self._config.voxel_m / 2)
+        T, half_m = np.ascontiguousarray(T_odom_cam), np.float32(self._config.voxel_m / 2)
+        is_recorded = np.empty(surface_m.shape, np.bool_)
+        voxels, rules, origin_m = self._voxels, self._rules, self.origin_m
+        kernels.show_surfaces(
+            voxels, rules, origin_m, surface_m, self._rays_cam, T, np.ascontiguousarray(drones_m), self._max_surface_m,
+            is_recorded, self._is_shown,
+        )  # fmt: skip
         limits = Limits(
             free=np.square(np.maximum(free_m - half_m, 0)),
             surface_from=np.square(np.maximum(surface_m - half_m, 0)),
             surface_to=np.square(surface_m + half_m),
-            is_recorded=is_near,
+            is_recorded=is_recorded,
         )
-        T = np.ascontiguousarray(T_odom_cam)
         farthest_m = max(self._config.near_m, float(free_m.max()))
-        voxels, rules, origin_m = self._voxels, self._rules, self.origin_m
-        kernels.show_surfaces(voxels, rules, origin_m, points_m[is_body], self._is_shown)
-        n_found = kernels.find_in_view(rules, self._view, origin_m, T, farthest_m, self._config.shape, self._in_view)
+        n_found = kernels.find_in_view(
+            rules, self._view, origin_m, T, farthest_m, self._voxels.passed.shape, self._in_view
+        )
         kernels.judge(voxels, limits, self._in_view, n_found, self._is_shown, rules.near_m, time_s)
 
     def chart(
@@ -171,9 +168,13 @@ class FreeMap:
         drones_m: FloatArray = NO_DISCS,
     ) -> Chart:
         """Return the slice between two heights for a drone that needs a clearance of `width_m`; see `Chart`."""
-        state = np.empty(self._config.shape[1:], np.uint8)
-        kernels.worst_states(self._voxels, self._rules, float(self.origin_m[2]), low_m, high_m, time_s, state)
+        state = np.empty(self._voxels.passed.shape[1:], np.uint8)
+        kernels.worst_states(self._voxels, self._rules, self._layers(low_m, high_m), time_s, state)
         return Chart(state, self.origin_m[:2], width_m, self._config, T_odom_world, drones_m)
+
+    def _layers(self, low_m: float, high_m: float) -> tuple[int, int]:
+        """Return the range of layers between two heights."""
+        return kernels.layers_between(self._rules, float(self.origin_m[2]), low_m, high_m)
 
     def _follow(self, at_m: FloatArray) -> None:
         """Move the map, by whole voxels, so that a position is near its middle."""

@@ -13,6 +13,8 @@ from numba.types import UniTuple
 from voxdepth.compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
 from voxdepth.types import FloatArray, FloatImage, MaskImage
 
+from .neighbour_kernels import is_of_drone
+
 Bytes = npt.NDArray[np.uint8]
 MaskVector = npt.NDArray[np.bool_]
 FloatVector = npt.NDArray[np.float32]
@@ -155,30 +157,53 @@ def find_in_view(
     return n
 
 
-@compiled(void(VOXELS, RULES, float64[::1], float64[:, ::1], boolean[::1]))
+@compiled(
+    void(
+        VOXELS, RULES, float64[::1], FLOAT_IMAGE, float64[:, :, ::1], float64[:, ::1], float64[:, ::1], float64,
+        boolean[:, ::1], boolean[::1],
+    )
+)  # fmt: skip
 def show_surfaces(
     voxels: Voxels,
     rules: Rules,
     origin_m: FloatArray,
-    points_m: FloatArray,
+    surface_m: FloatImage,
+    rays_cam: FloatArray,
+    T_map_cam: FloatArray,
+    drones_m: FloatArray,
+    farthest_m: float,
     # output
+    is_recorded: MaskImage,
     is_shown: MaskVector,
 ) -> None:
-    """Record surfaces at points, shape (n, 3), and find which voxels contain one.
+    """Record the surfaces that the cells of an image show at ranges along rays, up to the farthest.
 
-    Thin surfaces may lie beside the middle of their voxel, which is what `judge` looks at.
+    Those within `DRONE_MASK_RADIUS_M` of one of the drones, shape (n, 3), are left out. Thin surfaces may lie beside
+    the middle of their voxel, which is what `judge` looks at; `is_shown` says which voxels contain a surface.
     """
     n_layers, n_rows, n_cols = voxels.passed.shape
     is_shown[:] = False
-    for n in range(len(points_m)):
-        j = int(np.floor((points_m[n, 0] - origin_m[0]) / rules.voxel_m))
-        i = int(np.floor((points_m[n, 1] - origin_m[1]) / rules.voxel_m))
-        k = int(np.floor((points_m[n, 2] - origin_m[2]) / rules.layer_m))
-        voxel = (k * n_rows + i) * n_cols + j
-        if 0 <= k < n_layers and 0 <= i < n_rows and 0 <= j < n_cols and not is_shown[voxel]:
-            voxels.surface[k, i, j] = min(voxels.surface[k, i, j] + SHOWN, MOST_SHOWN)
-            voxels.passed[k, i, j] *= voxels.surface[k, i, j] < CONFIRMED
-            voxels.vain[k, i, j], is_shown[voxel] = 0, True
+    point_m = np.empty(3)
+    for row in range(surface_m.shape[0]):
+        for col in range(surface_m.shape[1]):
+            is_recorded[row, col] = False
+            if surface_m[row, col] >= farthest_m:
+                continue
+            x, y, z = rays_cam[row, col]
+            for d in range(3):
+                along = T_map_cam[d, 0] * x + T_map_cam[d, 1] * y + T_map_cam[d, 2] * z
+                point_m[d] = surface_m[row, col] * along + T_map_cam[d, 3]
+            if is_of_drone(point_m, drones_m):
+                continue
+            is_recorded[row, col] = True
+            j = int(np.floor((point_m[0] - origin_m[0]) / rules.voxel_m))
+            i = int(np.floor((point_m[1] - origin_m[1]) / rules.voxel_m))
+            k = int(np.floor((point_m[2] - origin_m[2]) / rules.layer_m))
+            voxel = (k * n_rows + i) * n_cols + j
+            if 0 <= k < n_layers and 0 <= i < n_rows and 0 <= j < n_cols and not is_shown[voxel]:
+                voxels.surface[k, i, j] = min(voxels.surface[k, i, j] + SHOWN, MOST_SHOWN)
+                voxels.passed[k, i, j] *= voxels.surface[k, i, j] < CONFIRMED
+                voxels.vain[k, i, j], is_shown[voxel] = 0, True
 
 
 @compiled(void(VOXELS, LIMITS, IN_VIEW, int64, boolean[::1], float64, float64))
@@ -286,23 +311,40 @@ def give_up(
             voxels.vain[k, i, j] = WAS_GIVEN_UP if was_vain else rules.min_vain
 
 
-@compiled(void(VOXELS, RULES, float64, float64, float64, float64, BYTE_IMAGE))
+@compiled(UniTuple(int64, 2)(RULES, float64, float64, float64))
+def layers_between(rules: Rules, bottom_m: float, low_m: float, high_m: float) -> tuple[int, int]:
+    """Return the first layer of a map between two heights, and the one after the last; `bottom_m` is that of the map.
+
+    The map may not have all of them.
+    """
+    return int(np.floor((low_m - bottom_m) / rules.layer_m)), int(np.ceil((high_m - bottom_m) / rules.layer_m))
+
+
+@compiled(boolean(VOXELS, RULES, UniTuple(int64, 2), int64, int64, float64))
+def is_column_free(voxels: Voxels, rules: Rules, layers: tuple[int, int], row: int, col: int, time_s: float) -> bool:
+    """Return whether a column of voxels and those around it are free in some layers; `layers` is the range of them."""
+    n_layers, n_rows, n_cols = voxels.passed.shape
+    if layers[0] < 0 or layers[1] > n_layers:
+        return False
+    for k in range(layers[0], layers[1]):
+        for i in range(max(row - 1, 0), min(row + 2, n_rows)):
+            for j in range(max(col - 1, 0), min(col + 2, n_cols)):
+                if voxels.surface[k, i, j] >= CONFIRMED or not is_free(voxels, rules, k, i, j, time_s):
+                    return False
+    return True
+
+
+@compiled(void(VOXELS, RULES, UniTuple(int64, 2), float64, BYTE_IMAGE))
 def worst_states(
     voxels: Voxels,
     rules: Rules,
-    bottom_m: float,
-    low_m: float,
-    high_m: float,
+    layers: tuple[int, int],
     time_s: float,
     # output
     state: Bytes,
 ) -> None:
-    """Find the worst state of each column of voxels between two heights; `bottom_m` is that of the map.
-
-    What the map does not reach is unseen.
-    """
-    n_layers = len(voxels.passed)
-    first, last = int(np.floor((low_m - bottom_m) / rules.layer_m)), int(np.ceil((high_m - bottom_m) / rules.layer_m))
+    """Find the worst state of each column of voxels in a range of layers; what the map does not reach is unseen."""
+    n_layers, (first, last) = len(voxels.passed), layers
     state[:] = FREE if first >= 0 and last <= n_layers else UNSEEN
     for k in range(max(first, 0), min(last, n_layers)):
         for i in range(state.shape[0]):

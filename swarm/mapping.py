@@ -13,7 +13,7 @@ from sim.types import VelocityCommand
 from voxdepth.geometry import inverse_rigid
 from voxdepth.types import FloatArray
 
-from .chart import Chart, Route
+from .chart import NO_DISCS, Chart, Route
 from .errors import MissionError
 from .evidence import EvidenceReader
 from .free_map import FreeMap
@@ -164,11 +164,12 @@ class MappingPilot(Pilot):
 
         From fast ones, it only keeps its distance.
         """
-        offset_m = drones_m - at_m
+        slow_m = drones_m[(velocities_m_s**2).sum(axis=1) < SLOW_M_S**2]
+        if not len(slow_m):
+            return NO_DISCS
         kept_m = 2 * self._radius_m + self._config.nearby.drone_clearance_m
-        radius_m = np.sqrt(np.maximum(kept_m**2 - offset_m[:, 2] ** 2, 0)) - self._width_m
-        is_slow = np.linalg.norm(velocities_m_s, axis=1) < SLOW_M_S
-        return np.asarray(np.column_stack([drones_m[:, :2], radius_m])[is_slow & (radius_m > 0)])
+        radius_m = np.sqrt(np.maximum(kept_m**2 - (slow_m[:, 2] - at_m[2]) ** 2, 0)) - self._width_m
+        return np.asarray(np.column_stack([slow_m[:, :2], radius_m])[radius_m > 0])
 
     def _has_jumped(self, before: Known, stamp_s: float, at_m: FloatArray, velocity_m_s: FloatArray) -> bool:
         """Return whether the odometry moved farther since the last image than the drone can have flown."""

@@ -8,7 +8,7 @@ from pydantic import Field
 from voxdepth.model import Model
 from voxdepth.types import FloatArray, MaskImage
 
-from .nearby_kernels import limit_approach, limit_level, project_onto_limits
+from .nearby_kernels import allowed_share, limit_approach, limit_level, project_onto_limits
 from .neighbours import belong_to_drones
 from .types import Histogram, Neighbours
 
@@ -136,10 +136,9 @@ def clamp_to_limits(velocity_m_s: FloatArray, *limits: ApproachLimits) -> FloatA
     The velocity is projected onto the most violated limit, repeatedly, since one projection can violate another limit.
     A violation remains in acute corners and between limits that contradict each other.
     """
-    towards = np.concatenate([limit.towards for limit in limits])
-    allowed = np.concatenate([limit.speed_m_s for limit in limits])
+    towards, allowed = limits[0] if len(limits) == 1 else map(np.concatenate, zip(*limits, strict=True))
     clamped = np.array(velocity_m_s)
-    project_onto_limits(towards, allowed, MAX_PROJECTIONS, clamped)
+    project_onto_limits(np.ascontiguousarray(towards), allowed, MAX_PROJECTIONS, clamped)
     return clamped
 
 
@@ -158,10 +157,8 @@ def shortened(velocity_m_s: FloatArray, limits: ApproachLimits) -> FloatArray:
 
     Where they demand to back off, it does not approach.
     """
-    approach_m_s, allowed_m_s = limits.towards @ velocity_m_s, np.maximum(limits.speed_m_s, 0)
-    is_too_fast = approach_m_s > allowed_m_s
-    shares = allowed_m_s[is_too_fast] / approach_m_s[is_too_fast]
-    return np.asarray(velocity_m_s * shares.min(initial=1.0))
+    share = allowed_share(np.ascontiguousarray(limits.towards), limits.speed_m_s, velocity_m_s)
+    return np.asarray(velocity_m_s * share)
 
 
 def _seen_again(points: FloatArray, histogram: Histogram) -> MaskImage:

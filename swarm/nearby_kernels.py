@@ -82,6 +82,22 @@ def project_onto_limits(
             velocity_m_s[d] -= most_excess * towards[worst, d]
 
 
+@compiled("f8(f8[:, ::1], f8[::1], f8[::1])")
+def allowed_share(towards: FloatArray, speed_m_s: FloatArray, velocity_m_s: FloatArray) -> float:
+    """Return the share of a velocity, shape (3,), that respects the largest speeds along the directions `towards`.
+
+    Where they demand to back off, nothing of a velocity that approaches does.
+    """
+    share = 1.0
+    for k in range(len(towards)):
+        approach_m_s, allowed_m_s = 0.0, max(speed_m_s[k], 0.0)
+        for d in range(3):
+            approach_m_s += towards[k, d] * velocity_m_s[d]
+        if approach_m_s > allowed_m_s:
+            share = min(share, allowed_m_s / approach_m_s)
+    return share
+
+
 @compiled("i8(f8[:, ::1], f8[::1], f8, f8, f8, f8[:, ::1], f8[::1])")
 def limit_level(
     towards: FloatArray,

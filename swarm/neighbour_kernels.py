@@ -7,6 +7,33 @@ from voxdepth.compiled import compiled
 from voxdepth.types import FloatArray, FloatImage
 
 Numbers = npt.NDArray[np.int64]
+MaskVector = npt.NDArray[np.bool_]
+DRONE_MASK_RADIUS_M = 1.0
+"""Surfaces within this distance of another drone belong to that drone."""
+
+
+@compiled("b1(f8[::1], f8[:, ::1])")
+def is_of_drone(point_m: FloatArray, drones_m: FloatArray) -> bool:
+    """Return whether a point of a surface, shape (3,), belongs to one of the drones, shape (n, 3)."""
+    for k in range(len(drones_m)):
+        squared = 0.0
+        for d in range(3):
+            squared += (point_m[d] - drones_m[k, d]) ** 2
+        if squared <= DRONE_MASK_RADIUS_M**2:
+            return True
+    return False
+
+
+@compiled("void(f8[:, ::1], f8[:, ::1], b1[::1])")
+def are_of_drones(
+    points_m: FloatArray,
+    drones_m: FloatArray,
+    # output
+    are: MaskVector,
+) -> None:
+    """Find which points of surfaces, shape (n, 3), belong to one of the drones, shape (m, 3)."""
+    for n in range(len(points_m)):
+        are[n] = is_of_drone(points_m[n], drones_m)
 
 
 @compiled("void(i4[:, ::1], f4[:, ::1], i8[::1], i8[::1], f8[:, ::1], f8[::1])")

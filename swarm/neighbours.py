@@ -9,12 +9,9 @@ from voxdepth.compiled import compile_all
 from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics, MaskImage
 
-from .neighbour_kernels import combine, measure_drones
+from .neighbour_kernels import are_of_drones, combine, measure_drones
 from .types import Detection, Neighbours, Percept
 from .vectors import length
-
-DRONE_MASK_RADIUS_M = 1.0
-"""Surfaces within this distance of another drone belong to that drone."""
 
 
 class DetectorConfig(Model):
@@ -98,9 +95,10 @@ class Detector:
 
 
 def belong_to_drones(points_m: FloatArray, drones_m: FloatArray) -> MaskImage:
-    """Return which points, shape (n, 3), lie within `DRONE_MASK_RADIUS_M` of one of the drones, shape (m, 3)."""
-    squared = ((points_m[:, None] - drones_m) ** 2).sum(axis=-1)
-    return np.asarray(squared.min(axis=1, initial=np.inf) <= DRONE_MASK_RADIUS_M**2)
+    """Return which points of surfaces, shape (n, 3), belong to one of the drones, shape (m, 3); see `is_of_drone`."""
+    are: MaskImage = np.empty(len(points_m), np.bool_)
+    are_of_drones(points_m, np.ascontiguousarray(drones_m), are)
+    return are
 
 
 class NeighbourTracker:
