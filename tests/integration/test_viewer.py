@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -43,16 +44,42 @@ def test_the_viewer_collects_nothing_about_its_use_and_leaves_the_configuration_
             start_new_session=True,
         )
     try:
-        end_s = time.monotonic() + 60
-        while not _serves(output) and viewer.poll() is None and time.monotonic() < end_s:
-            time.sleep(0.2)
+        _wait_for(lambda: _serves(output) or viewer.poll() is not None)
         assert _serves(output), output.read_text()
         time.sleep(1)  # The first event is written when the viewer starts.
     finally:
-        os.killpg(viewer.pid, signal.SIGINT)
+        viewer.send_signal(signal.SIGINT)
         viewer.wait(timeout=30)
     assert not list(home.rglob("*analytics*"))
     assert b"anonymous usage data" not in output.read_bytes()
+
+
+@pytest.mark.slow
+def test_a_signal_to_the_command_ends_all_of_the_viewer(tmp_path: Path) -> None:
+    frame = Frame(stamp_s=0.0, gray=np.zeros((8, 8), np.uint8), depth_m=np.ones((8, 8), np.float32))
+    with recording(tmp_path / "one.rrd", "one", 2.0) as log:
+        log(0, frame, CorrectedDepth.of(frame, frame.depth_m))
+    output = tmp_path / "output"
+    command = [sys.executable, "-c", "from voxdepth.tools.cli import main; main()"]
+    command += ["view", str(tmp_path / "one.rrd"), "--web"]
+    with output.open("wb") as file:
+        viewer = subprocess.Popen(command, stdout=file, stderr=file, start_new_session=True)
+    try:
+        _wait_for(lambda: _serves(output) or viewer.poll() is not None)
+        assert _serves(output), output.read_text()
+        viewer.send_signal(signal.SIGTERM)
+        assert viewer.wait(timeout=30) == 130
+        _wait_for(lambda: not _serves(output))
+        assert not _serves(output)
+    finally:
+        viewer.kill()
+
+
+def _wait_for(condition: Callable[[], bool]) -> None:
+    """Wait until a condition holds, for a minute at most."""
+    end_s = time.monotonic() + 60
+    while not condition() and time.monotonic() < end_s:
+        time.sleep(0.2)
 
 
 def _serves(output: Path) -> bool:

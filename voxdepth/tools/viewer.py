@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -56,10 +57,26 @@ def open_viewer(path: Path, *, web: bool = False, port: int | None = None) -> No
         config.write_text(json.dumps(NO_ANALYTICS | {"config_file_path": str(config), "data_dir_path": config_home}))
         environment = os.environ | {"XDG_CONFIG_HOME": config_home}
         command = [sys.executable, "-P", "-m", "rerun", str(path), "--bind", LOCAL, *options]
-        done = subprocess.run(command, env=environment, check=False)
-    if done.returncode:
+        status = _run(command, environment)
+    if status:
         advice = "" if web else f"; voxdepth view {path} --web shows it in a browser"
         raise ToolError(f"the viewer could not show {path}{advice}")
+
+
+def _run(command: list[str], environment: dict[str, str]) -> int:
+    """Run Rerun until it ends, and return its exit status; a signal that ends this program ends it, too.
+
+    `python -m rerun` starts another program, so that a signal must go to both of them.
+    """
+    rerun = subprocess.Popen(command, env=environment, start_new_session=True)
+    try:
+        return rerun.wait()
+    except KeyboardInterrupt:
+        if sys.platform != "win32":
+            os.killpg(rerun.pid, signal.SIGTERM)
+        rerun.terminate()
+        rerun.wait()
+        raise
 
 
 def require_display(instead: str) -> None:
