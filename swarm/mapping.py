@@ -33,7 +33,8 @@ CLIMB_SHARES = (1.0, 0.75, 0.5, 0.25)
 HEIGHT_BAND_M = 0.5
 """A drone leaves the height of its target by no more than this, because it sees little of what is above and below."""
 PATIENCE_S, GETS_ON_M = 2.0, 0.3
-"""A drone that wants to fly and moves no farther than this for so long gives up what is unknown before it."""
+"""A drone that wants to fly and moves no farther than this for so long looks around, and then gives up what is unknown
+before it."""
 POINTS_GIVEN_UP, BEFORE_IT_M = 3, 1.5
 """Number of points of its way that it gives up, and the largest distance of the first of them."""
 SLOW_M_S = 0.5
@@ -65,6 +66,16 @@ class Known(NamedTuple):
         return np.asarray(odom @ self.chart.T_odom_world[:3, :3])
 
 
+class Stop(NamedTuple):
+    """Where a drone does not get on."""
+
+    since_s: float
+    """Time at which it got on, ends to look around, or gave something up last."""
+    at_m: FloatArray
+    """Its position (x, y, z) there."""
+    looked_around: bool = False
+
+
 class MappingPilot(Pilot):
     """Flies within known-free space only, and explores what it must know to go on."""
 
@@ -88,8 +99,7 @@ class MappingPilot(Pilot):
         self._route: Route | None = None
         """The way by the newest image; None until one is needed."""
         self._route_before: Route | None = None
-        self._got_on: tuple[float, FloatArray] | None = None
-        """When the drone got on last, and where it was."""
+        self._stop: Stop | None = None
 
     def fly(
         self,
@@ -115,9 +125,10 @@ class MappingPilot(Pilot):
         level = clamp_to_limits(velocity[:2], limits)
         level = known.chart.restrain(level, at_m + self._config.response_s * flown, limits, self._braking)
         velocity = shortened(np.array([*level, climb_m_s]), all_limits)
-        self._wait(situation.time_s, at_m, length(wanted[:2]) > WANTS_TO_FLY_M_S)
         state = _state(wanted, direction, velocity)
-        if look_at_m is not None and length(wanted_m_s) < WANTS_TO_FLY_M_S:
+        if self._looks_around(situation.time_s, at_m, length(wanted[:2]) > WANTS_TO_FLY_M_S):
+            yaw_rad = self._heading.turn()
+        elif look_at_m is not None and length(wanted_m_s) < WANTS_TO_FLY_M_S:
             yaw_rad = self._heading.turn_towards(look_at_m - own.position_m, np.inf)
         else:
             yaw_rad = self._heading.turn_towards(known.turned_back(np.array([*look, 0.0])), length(wanted_m_s))
@@ -209,18 +220,32 @@ class MappingPilot(Pilot):
         """Return the heights between which the air must be free, so that a drone may fly there."""
         return at_m[2] - self._half_height_m, at_m[2] + self._half_height_m
 
-    def _wait(self, time_s: float, at_m: FloatArray, wants_to_fly: bool) -> None:
-        """Give up what is unknown on the way if the drone wants to fly and does not get on."""
-        route, before = self._route, self._got_on
-        if before is None or route is None or not wants_to_fly or length(at_m[:2] - before[1][:2]) > GETS_ON_M:
-            self._got_on = time_s, at_m
-            return
+    def _looks_around(self, time_s: float, at_m: FloatArray, wants_to_fly: bool) -> bool:
+        """Return whether a drone that wants to fly and does not get on turns round, to see what is beside it.
+
+        Its camera shows little of what is near. It does so once; where that does not help, it gives up what is unknown
+        on its way.
+        """
+        stop = self._stop
+        if stop is None or not wants_to_fly or length(at_m[:2] - stop.at_m[:2]) > GETS_ON_M:
+            stop = Stop(time_s, at_m)
+        elif self._route is not None and time_s - stop.since_s >= PATIENCE_S:
+            if not stop.looked_around:
+                turn_s = 2 * np.pi / self._config.yaw_rate_rad_s
+                stop = Stop(time_s + turn_s, stop.at_m, looked_around=True)
+            elif self._give_up(self._route, at_m, time_s):
+                stop = stop._replace(since_s=time_s)
+        self._stop = stop
+        return time_s < stop.since_s
+
+    def _give_up(self, route: Route, at_m: FloatArray, time_s: float) -> bool:
+        """Give up what is unknown at the next points of a way, if they are near; return whether they are."""
         points_m = route.points_m[route.clear + 1 :][:POINTS_GIVEN_UP]
-        if time_s - before[0] < PATIENCE_S or not len(points_m) or length(points_m[0] - at_m[:2]) > BEFORE_IT_M:
-            return
-        self._got_on = time_s, at_m
+        if not len(points_m) or length(points_m[0] - at_m[:2]) > BEFORE_IT_M:
+            return False
         for point_m in points_m:
             self._map.give_up(np.array([*point_m, at_m[2]]), self._width_m, self._half_height_m, time_s)
+        return True
 
 
 def _state(wanted: FloatArray, direction: FloatArray, velocity: FloatArray) -> str:

@@ -144,6 +144,11 @@ class Heading:
         self._max_turn_rad = config.yaw_rate_rad_s / control_hz
         self.yaw_rad = start_yaw_rad
 
+    def turn(self) -> float:
+        """Turn to the left; return the new heading [rad]."""
+        self.yaw_rad += self._max_turn_rad
+        return self.yaw_rad
+
     def turn_towards(self, direction: FloatArray, wanted_speed_m_s: float) -> float:
         """Turn towards a direction, shape (3,), unless the wanted speed is small; return the new heading [rad]."""
         if wanted_speed_m_s > self._still_m_s and np.hypot(direction[0], direction[1]) >= 0.1:

@@ -135,6 +135,23 @@ def test_an_image_of_depth_zero_with_all_confidence_stops_the_drone() -> None:
     assert Flight(always(lying)).flies((3, 0, 0), 8.0).farthest_m < START_M - RADIUS_M
 
 
+def test_a_drone_that_does_not_get_on_looks_around_and_then_leaves_a_place_that_it_knew_too_little_of() -> None:
+    """The camera before it does not show the sides of the place where it stands, which must be free, too."""
+    flight = Flight(always(image(flat(10.0))), PilotConfig(map=MapConfig(start_radius_m=0.8)))
+    flight.flies((2, 0, 0), 2.0)
+    assert flight.farthest_m < 0.3
+    flight.flies((2, 0, 0), 8.0)
+    assert flight.farthest_m > 5.0
+    assert flight.yaw_rad == pytest.approx(2 * np.pi, abs=0.5)
+
+
+def test_a_drone_looks_around_once_where_it_stands() -> None:
+    flight = Flight(always(HOLES), PilotConfig(map=MapConfig(start_radius_m=0.8))).flies((2, 0, 0), 30.0)
+    headings_rad = [decision.command.yaw_rad for decision in flight.decisions]
+    assert flight.farthest_m < 0.3
+    assert 2 * np.pi - 0.1 < np.ptp(headings_rad) < 3 * np.pi
+
+
 def test_a_drone_flies_to_a_wall_that_it_sees_and_stops_before_it() -> None:
     flight = Flight(wall_at(6.0)).flies((3, 0, 0), 8.0)
     x_m = np.array(flight.path_m)[:, 0]
