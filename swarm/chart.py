@@ -91,7 +91,6 @@ class Chart:
         """Worst state of each cell, shape (rows along y, columns along x): one of `STATES`."""
         self.origin_m = origin_m
         """Corner (x, y) of the first cell, shape (2,)."""
-        self._corner_m = float(origin_m[0]), float(origin_m[1])
         self.voxel_m = config.voxel_m
         """Side of a cell."""
         self._config = config
@@ -108,7 +107,7 @@ class Chart:
 
     def _cells(self, at_m: FloatArray) -> tuple[float, float]:
         """Return a position (x, y) in cells, whose middles have whole numbers."""
-        side_m, (x_m, y_m) = self._config.voxel_m, self._corner_m
+        side_m, (x_m, y_m) = self._config.voxel_m, self.origin_m.tolist()
         return (float(at_m[0]) - x_m) / side_m - 0.5, (float(at_m[1]) - y_m) / side_m - 0.5
 
     def clearance_m(self, at_m: FloatArray) -> float:

@@ -69,7 +69,8 @@ class EvidenceReader:
         c, i = config, intrinsics
         self.row_edges = _edges(i.height_px, i.fy_px, c.cell_deg)
         self.col_edges = _edges(i.width_px, i.fx_px, c.cell_deg)
-        self._step = step = max(1, i.height_px // SAMPLED_ROWS)
+        narrowest_px = min(np.diff(edges).min() for edges in (self.row_edges, self.col_edges))
+        self._step = step = int(max(1, min(i.height_px // SAMPLED_ROWS, narrowest_px)))
         self._sampled_edges = -(-self.row_edges // step), -(-self.col_edges // step)
         self._trust = Trust(
             min_confidence=c.min_confidence,

@@ -13,8 +13,8 @@ from voxdepth.types import FloatImage
 FloatVector = npt.NDArray[np.float32]
 
 
-NOTHING = np.float32(np.inf)
-"""In place of a depth: the pixel does not count."""
+NO_DEPTH = np.float32(np.inf)
+"""In place of the depths of pixels that are left out."""
 
 
 @compiled("void(f4[:, :], i8, f4[::1])")
@@ -24,8 +24,8 @@ def find_smallest(
     # output
     smallest: FloatVector,
 ) -> None:
-    """Find the smallest values, in ascending order; few are inserted where the first rows have the smallest ones."""
-    smallest[:n_wanted] = NOTHING
+    """Find the smallest values, in ascending order. It is fastest if the first rows have the smallest ones."""
+    smallest[:n_wanted] = NO_DEPTH
     for row in range(values.shape[0]):
         for col in range(values.shape[1]):
             value = values[row, col]
@@ -36,18 +36,18 @@ def find_smallest(
 
 
 @compiled("i8(f4[:, :])")
-def count(values: FloatImage) -> int:
-    """Return the number of pixels that count."""
+def count_depths(values: FloatImage) -> int:
+    """Return the number of pixels with a depth."""
     n = 0
     for row in range(values.shape[0]):
         for col in range(values.shape[1]):
-            n += values[row, col] < NOTHING
+            n += values[row, col] < NO_DEPTH
     return n
 
 
 @compiled("i8(f8, i8)")
-def nth(share: float, n_values: int) -> int:
-    """Return how many of some values are smaller than the one at a share of them in ascending order."""
+def quantile_index(share: float, n_values: int) -> int:
+    """Return the index of the quantile of a share in values of ascending order."""
     return min(int(share * n_values), n_values - 1)
 
 
@@ -77,12 +77,12 @@ def read_cell(
 ) -> tuple[float, float]:
     """Find the free depth of a cell, 0 if it is not free, and its surface depth, +inf without a surface.
 
-    The depths that show a surface, and those of them that are trusted, are `NOTHING` in other pixels.
+    The depths that show a surface, and those of them that are trusted, are `NO_DEPTH` in other pixels.
     """
-    n_shown, n_trusted = count(shown_m), count(trusted_m)
+    n_shown, n_trusted = count_depths(shown_m), count_depths(trusted_m)
     if n_shown == 0:
         return 0.0, np.inf
-    nth_shown, nth_trusted = nth(trust.surface_share, n_shown), nth(trust.free_share, n_trusted)
+    nth_shown, nth_trusted = quantile_index(trust.surface_share, n_shown), quantile_index(trust.free_share, n_trusted)
     find_smallest(shown_m, max(nth_shown, nth_trusted) + 1, smallest)
     surface_m = smallest[nth_shown]
     if n_trusted == 0 or n_trusted < trust.min_trusted_share * shown_m.size:
@@ -106,7 +106,10 @@ def read_cells(
     free_depth_m: FloatImage,
     surface_depth_m: FloatImage,
 ) -> None:
-    """Read each cell of an image between two edges, from its lowest row up, since the ground is nearest below."""
+    """Find the free depth and the surface depth of each cell of an image, see `read_cell`; the edges are in its pixels.
+
+    Rows are read from the lowest one up: the ground is nearest there.
+    """
     least_shown, least_trusted = np.float32(trust.min_surface_confidence), np.float32(trust.min_confidence)
     most_rows, width = np.diff(row_edges).max(), depth_m.shape[1]
     shown_m, trusted_m = np.empty((most_rows, width), np.float32), np.empty((most_rows, width), np.float32)
@@ -117,8 +120,8 @@ def read_cells(
             row = row_edges[i + 1] - 1 - k
             for col in range(width):
                 z, c = depth_m[row, col], confidence[row, col]
-                shown_m[k, col] = z if (z > 0) & (c >= least_shown) else NOTHING
-                trusted_m[k, col] = shown_m[k, col] if c >= least_trusted else NOTHING
+                shown_m[k, col] = z if (z > 0) & (c >= least_shown) else NO_DEPTH
+                trusted_m[k, col] = shown_m[k, col] if c >= least_trusted else NO_DEPTH
         for j in range(len(col_edges) - 1):
             cols = slice(col_edges[j], col_edges[j + 1])
             cell = shown_m[:n_rows, cols], trusted_m[:n_rows, cols]

@@ -322,14 +322,18 @@ def layers_between(rules: Rules, bottom_m: float, low_m: float, high_m: float) -
 
 @compiled(boolean(VOXELS, RULES, UniTuple(int64, 2), int64, int64, float64))
 def is_column_free(voxels: Voxels, rules: Rules, layers: tuple[int, int], row: int, col: int, time_s: float) -> bool:
-    """Return whether a column of voxels and those around it are free in some layers; `layers` is the range of them."""
+    """Return whether a column of voxels and the eight around it are free in a range of layers.
+
+    What the map does not reach is not free.
+    """
     n_layers, n_rows, n_cols = voxels.passed.shape
-    if layers[0] < 0 or layers[1] > n_layers:
+    has_layers = layers[0] >= 0 and layers[1] <= n_layers
+    if not (has_layers and 1 <= row < n_rows - 1 and 1 <= col < n_cols - 1):
         return False
     for k in range(layers[0], layers[1]):
-        for i in range(max(row - 1, 0), min(row + 2, n_rows)):
-            for j in range(max(col - 1, 0), min(col + 2, n_cols)):
-                if voxels.surface[k, i, j] >= CONFIRMED or not is_free(voxels, rules, k, i, j, time_s):
+        for i in range(row - 1, row + 2):
+            for j in range(col - 1, col + 2):
+                if not is_free(voxels, rules, k, i, j, time_s):
                     return False
     return True
 

@@ -35,6 +35,8 @@ HEIGHT_BAND_M = 0.5
 PATIENCE_S, GETS_ON_M = 2.0, 0.3
 """A drone that wants to fly and moves no farther than this for so long looks around, and then gives up what is unknown
 before it."""
+TURNS_AGAIN_M = 2.0
+"""A drone looks around again if it is farther than this from where it did so last."""
 POINTS_GIVEN_UP, BEFORE_IT_M = 3, 1.5
 """Number of points of its way that it gives up, and the largest distance of the first of them."""
 SLOW_M_S = 0.5
@@ -66,14 +68,12 @@ class Known(NamedTuple):
         return np.asarray(odom @ self.chart.T_odom_world[:3, :3])
 
 
-class Stop(NamedTuple):
-    """Where a drone does not get on."""
+class Turn(NamedTuple):
+    """A turn by which a drone looks around."""
 
-    since_s: float
-    """Time at which it got on, ends to look around, or gave something up last."""
     at_m: FloatArray
-    """Its position (x, y, z) there."""
-    looked_around: bool = False
+    """Its position (x, y, z) at the beginning."""
+    ends_s: float
 
 
 class MappingPilot(Pilot):
@@ -99,7 +99,10 @@ class MappingPilot(Pilot):
         self._route: Route | None = None
         """The way by the newest image; None until one is needed."""
         self._route_before: Route | None = None
-        self._stop: Stop | None = None
+        self._got_on: tuple[float, FloatArray] | None = None
+        """When the drone got on last, and where it was."""
+        self._turn: Turn | None = None
+        """The last turn by which it looked around."""
 
     def fly(
         self,
@@ -126,7 +129,8 @@ class MappingPilot(Pilot):
         level = known.chart.restrain(level, at_m + self._config.response_s * flown, limits, self._braking)
         velocity = shortened(np.array([*level, climb_m_s]), all_limits)
         state = _state(wanted, direction, velocity)
-        if self._looks_around(situation.time_s, at_m, length(wanted[:2]) > WANTS_TO_FLY_M_S):
+        self._wait(situation.time_s, at_m, length(wanted[:2]) > WANTS_TO_FLY_M_S)
+        if self._is_turning(situation.time_s, at_m):
             yaw_rad = self._heading.turn()
         elif look_at_m is not None and length(wanted_m_s) < WANTS_TO_FLY_M_S:
             yaw_rad = self._heading.turn_towards(look_at_m - own.position_m, np.inf)
@@ -220,23 +224,25 @@ class MappingPilot(Pilot):
         """Return the heights between which the air must be free, so that a drone may fly there."""
         return at_m[2] - self._half_height_m, at_m[2] + self._half_height_m
 
-    def _looks_around(self, time_s: float, at_m: FloatArray, wants_to_fly: bool) -> bool:
-        """Return whether a drone that wants to fly and does not get on turns round, to see what is beside it.
+    def _wait(self, time_s: float, at_m: FloatArray, wants_to_fly: bool) -> None:
+        """Turn round, or give up what is unknown on the way, if the drone wants to fly and does not get on.
 
-        Its camera shows little of what is near. It does so once; where that does not help, it gives up what is unknown
-        on its way.
+        Its camera shows little of what is near and beside it.
         """
-        stop = self._stop
-        if stop is None or not wants_to_fly or length(at_m[:2] - stop.at_m[:2]) > GETS_ON_M:
-            stop = Stop(time_s, at_m)
-        elif self._route is not None and time_s - stop.since_s >= PATIENCE_S:
-            if not stop.looked_around:
-                turn_s = 2 * np.pi / self._config.yaw_rate_rad_s
-                stop = Stop(time_s + turn_s, stop.at_m, looked_around=True)
-            elif self._give_up(self._route, at_m, time_s):
-                stop = stop._replace(since_s=time_s)
-        self._stop = stop
-        return time_s < stop.since_s
+        route, before = self._route, self._got_on
+        if before is None or route is None or not wants_to_fly or length(at_m[:2] - before[1][:2]) > GETS_ON_M:
+            self._got_on = time_s, at_m
+        elif time_s - before[0] >= PATIENCE_S and not self._is_turning(time_s, at_m):
+            if self._turn is None or length(at_m[:2] - self._turn.at_m[:2]) > TURNS_AGAIN_M:
+                self._turn = Turn(at_m, time_s + 2 * np.pi / self._config.yaw_rate_rad_s)
+                self._got_on = self._turn.ends_s, at_m
+            elif self._give_up(route, at_m, time_s):
+                self._got_on = time_s, at_m
+
+    def _is_turning(self, time_s: float, at_m: FloatArray) -> bool:
+        """Return whether the drone still looks around where it stands."""
+        turn = self._turn
+        return turn is not None and time_s < turn.ends_s and length(at_m[:2] - turn.at_m[:2]) <= GETS_ON_M
 
     def _give_up(self, route: Route, at_m: FloatArray, time_s: float) -> bool:
         """Give up what is unknown at the next points of a way, if they are near; return whether they are."""

@@ -84,14 +84,14 @@ def project_onto_limits(
 
 @compiled("f8(f8[:, ::1], f8[::1], f8[::1])")
 def allowed_share(towards: FloatArray, speed_m_s: FloatArray, velocity_m_s: FloatArray) -> float:
-    """Return the share of a velocity, shape (3,), that respects the largest speeds along the directions `towards`.
+    """Return the share of a velocity, shape (d,), that respects the largest speeds along the directions `towards`.
 
-    Where they demand to back off, nothing of a velocity that approaches does.
+    It is 0 for a velocity that approaches where a limit demands to back off.
     """
     share = 1.0
     for k in range(len(towards)):
         approach_m_s, allowed_m_s = 0.0, max(speed_m_s[k], 0.0)
-        for d in range(3):
+        for d in range(len(velocity_m_s)):
             approach_m_s += towards[k, d] * velocity_m_s[d]
         if approach_m_s > allowed_m_s:
             share = min(share, allowed_m_s / approach_m_s)

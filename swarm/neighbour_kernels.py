@@ -25,15 +25,15 @@ def is_of_drone(point_m: FloatArray, drones_m: FloatArray) -> bool:
 
 
 @compiled("void(f8[:, ::1], f8[:, ::1], b1[::1])")
-def are_of_drones(
+def mark_drone_points(
     points_m: FloatArray,
     drones_m: FloatArray,
     # output
-    are: MaskVector,
+    is_drone: MaskVector,
 ) -> None:
-    """Find which points of surfaces, shape (n, 3), belong to one of the drones, shape (m, 3)."""
+    """Mark the points of surfaces, shape (n, 3), that belong to one of the drones, shape (m, 3)."""
     for n in range(len(points_m)):
-        are[n] = is_of_drone(points_m[n], drones_m)
+        is_drone[n] = is_of_drone(points_m[n], drones_m)
 
 
 @compiled("void(i4[:, ::1], f4[:, ::1], i8[::1], i8[::1], f8[:, ::1], f8[::1])")

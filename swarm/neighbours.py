@@ -9,7 +9,7 @@ from voxdepth.compiled import compile_all
 from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics, MaskImage
 
-from .neighbour_kernels import are_of_drones, combine, measure_drones
+from .neighbour_kernels import combine, mark_drone_points, measure_drones
 from .types import Detection, Neighbours, Percept
 from .vectors import length
 
@@ -96,9 +96,9 @@ class Detector:
 
 def belong_to_drones(points_m: FloatArray, drones_m: FloatArray) -> MaskImage:
     """Return which points of surfaces, shape (n, 3), belong to one of the drones, shape (m, 3); see `is_of_drone`."""
-    are: MaskImage = np.empty(len(points_m), np.bool_)
-    are_of_drones(points_m, np.ascontiguousarray(drones_m), are)
-    return are
+    is_drone: MaskImage = np.empty(len(points_m), np.bool_)
+    mark_drone_points(np.ascontiguousarray(points_m), np.ascontiguousarray(drones_m), is_drone)
+    return is_drone
 
 
 class NeighbourTracker:

@@ -9,9 +9,10 @@ from pydantic import ValidationError
 
 from swarm.evidence import Evidence, EvidenceConfig, EvidenceReader
 from tests.helpers import CAMERA
-from voxdepth.types import CorrectedDepth, FloatImage, Source
+from voxdepth.types import CorrectedDepth, FloatImage, Intrinsics, Source
 
 EXACT = EvidenceConfig(disparity_error_px=0)
+LARGE = Intrinsics.from_hfov(width_px=650, height_px=481, hfov_deg=86, baseline_m=0.095)
 
 
 def image(depth_m: FloatImage, confidence: FloatImage | float = 1.0) -> CorrectedDepth:
@@ -127,26 +128,35 @@ def test_a_doubtful_surface_ends_trusted_free_space() -> None:
     np.testing.assert_array_equal(free_m[free_m > 0], surface_m[free_m > 0])
 
 
-def test_the_percentiles_are_those_of_numpy() -> None:
+@pytest.mark.parametrize(("camera", "step"), [(CAMERA, 1), (LARGE, 4)], ids=["all pixels", "sampled pixels"])
+def test_the_percentiles_are_those_of_numpy(camera: Intrinsics, step: int) -> None:
     rng, config = (
         np.random.default_rng(2),
         EvidenceConfig(disparity_error_px=0, min_trusted_share=0.2, max_hidden_m=100),
     )
-    depth_m = rng.uniform(1, 9, CAMERA.shape).astype(np.float32)
-    depth_m[rng.random(CAMERA.shape) < 0.3] = 0
-    confidence = rng.choice(np.array([0.05, 0.3, 0.8], np.float32), CAMERA.shape)
-    reader = EvidenceReader(CAMERA, config)
+    depth_m = rng.uniform(1, 9, camera.shape).astype(np.float32)
+    depth_m[rng.random(camera.shape) < 0.3] = 0
+    confidence = rng.choice(np.array([0.05, 0.3, 0.8], np.float32), camera.shape)
+    reader = EvidenceReader(camera, config)
     found = reader.read(image(depth_m, confidence))
     rows, cols = reader.row_edges, reader.col_edges
     for i in range(len(rows) - 1):
         for j in range(len(cols) - 1):
-            cell = (slice(rows[i], rows[i + 1]), slice(cols[j], cols[j + 1]))
+            sides = np.arange(rows[i], rows[i + 1]), np.arange(cols[j], cols[j + 1])
+            cell = np.ix_(*(side[side % step == 0] for side in sides))
             z, c = depth_m[cell][depth_m[cell] > 0], confidence[cell][depth_m[cell] > 0]
             shown, trusted = np.sort(z[c >= np.float32(0.1)]), np.sort(z[c >= 0.5])
             surface_m = shown[int(0.08 * len(shown))]
             free_m = min(trusted[int(0.1 * len(trusted))], surface_m) if len(trusted) >= 0.2 * depth_m[cell].size else 0
             assert found.free_m[i, j] * reader.rays_cam[i, j, 2] == pytest.approx(free_m, rel=1e-5)
             assert found.surface_m[i, j] * reader.rays_cam[i, j, 2] == pytest.approx(surface_m, rel=1e-5)
+
+
+def test_every_cell_of_a_large_image_is_read_however_small_it_is() -> None:
+    found = EvidenceReader(LARGE, EvidenceConfig(cell_deg=0.51, max_hidden_m=100)).read(
+        image(np.full(LARGE.shape, 5.0, np.float32))
+    )
+    assert (found.free_m > 4).all() and np.isfinite(found.surface_m).all()
 
 
 def test_free_space_needs_no_less_confidence_than_a_surface() -> None:

@@ -54,6 +54,28 @@ class Drone:
         return self.chart(after_s).state_at(np.array([x, y]))
 
 
+def test_a_column_is_free_where_the_slices_around_it_are() -> None:
+    drone = Drone().sees(flat(3.0), 2)
+    rng, n_free = np.random.default_rng(3), 0
+    for _ in range(300):
+        at_m = np.array([*rng.uniform(-1, 4, 2), 0.0])
+        low_m, high_m = np.sort(rng.uniform(-0.6, 0.6, 2))
+        chart = drone.map.chart(low_m, high_m, WIDTH_M, drone.time_s)
+        col, row = np.floor((at_m[:2] - chart.origin_m) / chart.voxel_m).astype(int)
+        is_free = bool((chart.state[row - 1 : row + 2, col - 1 : col + 2] == FREE).all())
+        assert drone.map.is_column_free(at_m, low_m, high_m, drone.time_s) == is_free
+        n_free += is_free
+    assert 20 < n_free < 280
+
+
+@pytest.mark.parametrize("far_m", [-100.0, -12.1, 12.1, 100.0])
+def test_no_column_beyond_the_map_is_free(far_m: float) -> None:
+    drone = Drone().sees(flat(3.0), 2)
+    assert not drone.map.is_column_free(np.array([far_m, 0, 0]), -0.1, 0.1, drone.time_s)
+    assert not drone.map.is_column_free(np.array([0, far_m, 0]), -0.1, 0.1, drone.time_s)
+    assert not drone.map.is_column_free(np.array([1.0, 0, 0]), -0.1, 5.0, drone.time_s)
+
+
 def test_two_images_of_a_wall_prove_the_space_before_it() -> None:
     drone = Drone().sees(flat(3.0), 1)
     assert drone.state(2.0) == UNSEEN

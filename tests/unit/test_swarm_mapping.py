@@ -145,6 +145,16 @@ def test_a_drone_that_does_not_get_on_looks_around_and_then_leaves_a_place_that_
     assert flight.yaw_rad == pytest.approx(2 * np.pi, abs=0.5)
 
 
+def test_a_drone_that_is_interrupted_while_it_looks_around_gives_up_what_is_unknown() -> None:
+    flight = Flight(always(HOLES))
+    for _ in range(6):
+        flight.flies((2, 0, 0), 4.9).flies((0, 0, 0), 0.1)
+    chart = flight.decisions[-1].view
+    assert isinstance(chart, Chart)
+    assert (chart.state == GIVEN_UP).any()
+    assert np.ptp([decision.command.yaw_rad for decision in flight.decisions]) < 6 * np.pi
+
+
 def test_a_drone_looks_around_once_where_it_stands() -> None:
     flight = Flight(always(HOLES), PilotConfig(map=MapConfig(start_radius_m=0.8))).flies((2, 0, 0), 30.0)
     headings_rad = [decision.command.yaw_rad for decision in flight.decisions]

@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from urllib.parse import quote
@@ -72,9 +73,11 @@ def _run(command: list[str], environment: dict[str, str]) -> int:
     try:
         return rerun.wait()
     except KeyboardInterrupt:
-        if sys.platform != "win32":
-            os.killpg(rerun.pid, signal.SIGTERM)
-        rerun.terminate()
+        if sys.platform == "win32":
+            rerun.terminate()
+        else:
+            with suppress(ProcessLookupError):
+                os.killpg(rerun.pid, signal.SIGTERM)
         rerun.wait()
         raise
 
