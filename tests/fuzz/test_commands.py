@@ -160,7 +160,7 @@ def _nothing_flies_or_measures() -> Iterator[None]:
         patch.setattr(suite, "measure_quickly", never)
         patch.setattr("voxdepth.tools.benchmark.frames.walk", never)
         patch.setattr(doctor, "examine", tuple)
-        patch.setattr(subprocess, "run", never)
+        patch.setattr(subprocess, "Popen", never)
         yield
 
 
