@@ -23,7 +23,7 @@ $(READY): pyproject.toml constraints.txt
 	@touch $@
 
 demo: setup      ## fly the city scenario by corrected depth
-	$(BIN)/voxdepth run city --seed 3
+	$(BIN)/voxdepth run city --seed 2
 
 test: setup      ## run lint, types, layers and all tests
 	$(BIN)/ruff check .
