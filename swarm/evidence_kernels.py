@@ -11,8 +11,6 @@ from voxdepth.compiled import FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
 from voxdepth.types import FloatImage
 
 FloatVector = npt.NDArray[np.float32]
-
-
 NO_DEPTH = np.float32(np.inf)
 """In place of the depths of pixels that are left out."""
 

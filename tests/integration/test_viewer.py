@@ -21,9 +21,7 @@ from voxdepth.types import CorrectedDepth, Frame
 
 @pytest.mark.slow
 def test_the_viewer_collects_nothing_about_its_use_and_leaves_the_configuration_of_the_user(tmp_path: Path) -> None:
-    frame = Frame(stamp_s=0.0, gray=np.zeros((8, 8), np.uint8), depth_m=np.ones((8, 8), np.float32))
-    with recording(tmp_path / "one.rrd", "one", 2.0) as log:
-        log(0, frame, CorrectedDepth.of(frame, frame.depth_m))
+    _record(tmp_path / "one.rrd")
     home = tmp_path / "home"
     home.mkdir()
     others = {name: value for name, value in os.environ.items() if not name.startswith("XDG_")}
@@ -56,9 +54,7 @@ def test_the_viewer_collects_nothing_about_its_use_and_leaves_the_configuration_
 
 @pytest.mark.slow
 def test_a_signal_to_the_command_ends_all_of_the_viewer(tmp_path: Path) -> None:
-    frame = Frame(stamp_s=0.0, gray=np.zeros((8, 8), np.uint8), depth_m=np.ones((8, 8), np.float32))
-    with recording(tmp_path / "one.rrd", "one", 2.0) as log:
-        log(0, frame, CorrectedDepth.of(frame, frame.depth_m))
+    _record(tmp_path / "one.rrd")
     output = tmp_path / "output"
     command = [sys.executable, "-c", "from voxdepth.tools.cli import main; main()"]
     command += ["view", str(tmp_path / "one.rrd"), "--web"]
@@ -73,6 +69,13 @@ def test_a_signal_to_the_command_ends_all_of_the_viewer(tmp_path: Path) -> None:
         assert not _serves(output)
     finally:
         viewer.kill()
+
+
+def _record(path: Path) -> None:
+    """Write a recording of one frame."""
+    frame = Frame(stamp_s=0.0, gray=np.zeros((8, 8), np.uint8), depth_m=np.ones((8, 8), np.float32))
+    with recording(path, "one", 2.0) as log:
+        log(0, frame, CorrectedDepth.of(frame, frame.depth_m))
 
 
 def _wait_for(condition: Callable[[], bool]) -> None:
