@@ -95,4 +95,9 @@ def test_the_document_tells_how_the_runs_of_each_policy_ended(tmp_path: Path) ->
         arm = arms["city", name]
         return [label, f"{arrivals(arm)} of {arm.n}", f"{arm.collisions} of {arm.n}"]
 
-    assert missing_rows([row("raw depth", "free, raw"), row("default", "free, voxdepth")]) == []
+    assert (
+        missing_rows(
+            [row("raw depth", "free, raw"), row("default", "free, voxdepth"), row("true depth", "free, truth")]
+        )
+        == []
+    )
