@@ -1,103 +1,222 @@
 """The documents say what the published stores say."""
 
 import lzma
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import pytest
 
-from scenarios.study.analysis import TIME_TO_GOAL, ArmSummary, summarise_arms
+from scenarios.study.analysis import (
+    DRONES_LOST,
+    MEASURES,
+    TIME_TO_GOAL,
+    ArmSummary,
+    Measure,
+    compare_arms,
+    summarise_arms,
+)
 from scenarios.study.report import Findings
+from scenarios.study.statistics import wilson
 from scenarios.study.store import FILE, StudyData, read_study
 from swarm.types import Outcome
 
 DOCS = Path(__file__).parents[2] / "docs"
+STORES = DOCS / "study"
 ON_COLLISIONS = ("collision_comparisons", "dose_responses", "arms")
 """Tables of the earlier studies, which were declared on collisions."""
-PACKED = sorted((DOCS / "study" / "earlier").glob("*.sqlite.xz"))
+EARLIER = ("correctors", "noise", "pair", "pilot")
+EARLIER_CELLS = {
+    "cells-500": "500 and 501",
+    "cells-700": "700 to 704",
+    "cells-800": "800 to 802",
+    "cells-900": "900 to 911, true depth to 919",
+    "cells-941": "941 and 942",
+}
+"""Earlier registrations of the cells, and their seeds as the document names them."""
+CELLS = ("city", "weak", "glass", "exposure", "thin", "moving")
+(LEADER_PROGRESS,) = (measure for measure in MEASURES if measure.name == "leader progress")
 
 pytestmark = pytest.mark.slow
 
+Row = list[str]
 
-def contents_of(packed: Iterable[Path], folder: Path) -> StudyData:
+
+def read(packed: Iterable[Path], folder: Path) -> StudyData:
     """Return what a store says that is packed in one file or in several parts."""
     (folder / FILE).write_bytes(lzma.decompress(b"".join(part.read_bytes() for part in packed)))
-    return read_study(folder)
+    data = read_study(folder)
+    assert not data.failures
+    return data
 
 
-def arms_of(name: str, folder: Path) -> Mapping[tuple[str, str], ArmSummary]:
-    """Return the arms of a present study by scenario and label."""
-    data = contents_of(sorted((DOCS / "study").glob(f"{name}.sqlite.xz*")), folder)
+def present(name: str, folder: Path) -> StudyData:
+    """Return a present study: one packed file, or parts that are numbered from 0."""
+    parts = sorted(STORES.glob(f"{name}.sqlite.xz*"))
+    numbered = [STORES / f"{name}.sqlite.xz.{number}" for number in range(len(parts))]
+    assert parts in ([STORES / f"{name}.sqlite.xz"], numbered)
+    return read(parts, folder)
+
+
+def cells_of(line: str) -> Row:
+    return [cell.strip() for cell in line.strip().strip("|").split("|")]
+
+
+def table(text: str, heading: str, head: str) -> list[Row]:
+    """Return the rows of the table in a section of a document whose first line begins with `head`."""
+    section = text[text.index(f"\n{heading}\n") :].splitlines()[2:]
+    (start,) = (number for number, line in enumerate(section) if line.startswith(f"| {head} |"))
+    rows = []
+    for line in section[start + 2 :]:
+        if not line.startswith("|"):
+            return rows
+        rows.append(cells_of(line))
+    return rows
+
+
+def by_name(data: StudyData) -> dict[tuple[str, str], ArmSummary]:
     return {(arm.scenario, arm.label): arm for arm in summarise_arms(data)}
 
 
-def arrivals(arm: ArmSummary) -> int:
-    return arm.count(Outcome.SUCCESS)
+def arrived(arm: ArmSummary) -> str:
+    return f"{arm.count(Outcome.SUCCESS)} of {arm.n}"
 
 
-def mean_time_s(arm: ArmSummary) -> str:
-    estimate = arm.estimate(TIME_TO_GOAL)
+def collided(arm: ArmSummary) -> str:
+    return f"{arm.collisions} of {arm.n}"
+
+
+def percent(count: int, n: int) -> str:
+    low, high = wilson(count, n)
+    return f"{100 * count / n:.0f} [{100 * low:.0f}, {100 * high:.0f}]"
+
+
+def mean(arm: ArmSummary, measure: Measure, digits: int, interval: bool = True) -> str:
+    estimate = arm.estimate(measure)
     assert estimate is not None
-    return f"{estimate.value:.1f}"
+    low, high = estimate.interval
+    return f"{estimate.value:.{digits}f}" + (f" [{low:.{digits}f}, {high:.{digits}f}]" if interval else "")
 
 
-def missing_rows(rows: Sequence[Sequence[object]]) -> list[str]:
-    """Return the rows with which no row of the document of the present studies begins."""
-    lines = (DOCS / "study.md").read_text().splitlines()
-    written = ["| " + " | ".join(str(cell) for cell in row) + " |" for row in rows]
-    return [row for row in written if not any(line.startswith(row) for line in lines)]
+def seconds(arm: ArmSummary) -> str:
+    return mean(arm, TIME_TO_GOAL, 1, interval=False)
 
 
-@pytest.mark.parametrize("packed", PACKED, ids=lambda path: path.name.split(".")[0])
-def test_every_row_of_a_published_study_stands_in_the_documents(packed: Path, tmp_path: Path) -> None:
-    contents = contents_of([packed], tmp_path)
-    assert not contents.failures
-    assert {spec.run.scenario.mission.pilot.holes for spec in contents.specs} == {"fixed_range"}
+@pytest.fixture(scope="module")
+def study_text() -> str:
+    return (DOCS / "study.md").read_text()
+
+
+def test_the_earlier_stores_are_all_there() -> None:
+    assert sorted(path.name for path in (STORES / "earlier").glob("*.xz")) == [f"{name}.sqlite.xz" for name in EARLIER]
+    assert sorted(path.name for path in (STORES / "cells_earlier").glob("*.xz")) == [
+        f"{name}.sqlite.xz" for name in EARLIER_CELLS
+    ]
+
+
+@pytest.mark.parametrize("name", EARLIER)
+def test_every_row_of_an_earlier_study_stands_in_the_documents(name: str, tmp_path: Path) -> None:
+    data = read([STORES / "earlier" / f"{name}.sqlite.xz"], tmp_path)
+    assert {spec.run.scenario.mission.pilot.holes for spec in data.specs} == {"fixed_range"}
     documents = "".join((DOCS / name).read_text() for name in ("earlier_studies.md", "scenarios.md"))
-    tables = Findings(contents).tables
+    tables = Findings(data).tables
     lines = "".join(tables[name].markdown() for name in ON_COLLISIONS).splitlines()
     rows = [line for line in lines if line.startswith("| ") and "---" not in line]
-    assert len(rows) > len(contents.study.arms)
+    assert len(rows) > len(data.study.arms)
     assert [row for row in rows if row not in documents] == []
 
 
-def test_there_are_published_studies() -> None:
-    assert "noise.sqlite.xz" in {path.name for path in PACKED}
+def test_the_earlier_registrations_of_the_cells(tmp_path: Path) -> None:
+    text = (DOCS / "earlier_studies.md").read_text()
+    section = "## Earlier registrations of `cells`"
+    ends, differences = table(text, section, "seeds"), table(text, section, "default - raw, arrived")
+    for name, seeds in EARLIER_CELLS.items():
+        data = read([STORES / "cells_earlier" / f"{name}.sqlite.xz"], tmp_path)
+        arms = by_name(data)
+        raw, default = ([arms[cell, arm] for cell in CELLS] for arm in ("raw", "voxdepth"))
+        (row,) = (row for row in ends if row[0] == seeds)
+        assert row[2].split()[0] == str(len(data.records))
+        assert [row[3].split(",")[0], row[4].split(",")[0]] == [_over(raw), _over(default)]
+        assert row[5] == str(sum(arm.collisions for arm in arms.values()))
+        (difference,) = (row for row in differences if seeds.startswith(row[0]))
+        assert difference[1:] == _difference(data)
+    assert len(ends) == len(differences) == len(EARLIER_CELLS)
 
 
-def test_the_document_tells_how_the_runs_with_noise_ended(tmp_path: Path) -> None:
-    arms = arms_of("noise", tmp_path)
-    units = ("object", "frame", "pixel")
+def _over(arms: Sequence[ArmSummary]) -> str:
+    """Return how many of the runs of several arms arrived."""
+    return f"{sum(arm.count(Outcome.SUCCESS) for arm in arms)} of {sum(arm.n for arm in arms)}"
 
-    def row(theta: str) -> list[object]:
+
+def _difference(data: StudyData) -> Row:
+    """Return the pairs of the primary comparison, and its stratified difference in points."""
+    (comparison,) = (found for found in compare_arms(data, data.study.endpoint) if found.primary)
+    difference, (low, high) = comparison.stratified
+    signed = f"{100 * difference:+.0f}" if round(100 * difference) else "0"
+    return [str(comparison.pairs.n), f"{signed} points [{100 * low:+.0f}, {100 * high:+.0f}]"]
+
+
+def test_how_the_runs_with_noise_ended(study_text: str, tmp_path: Path) -> None:
+    data = present("noise", tmp_path)
+    scenarios = [spec.run.scenario for spec in data.specs]
+    assert len(data.records) == len(data.specs)
+    assert {scenario.mission.after_contact for scenario in scenarios} == {"end"}
+    assert {(s.rig.intrinsics.width_px, s.rig.intrinsics.height_px) for s in scenarios} == {(96, 54)}
+    arms, units = by_name(data), ("object", "frame", "pixel")
+
+    def row(theta: str) -> Row:
         at_theta = [arms["city", f"one draw per {unit}, theta {theta}"] for unit in units]
         assert {arm.n for arm in at_theta} == {50}
-        return [theta, *(fact(arm) for fact in (arrivals, lambda arm: arm.collisions, mean_time_s) for arm in at_theta)]
+        ends = [arm.count(outcome) for outcome in (Outcome.SUCCESS, Outcome.COLLISION) for arm in at_theta]
+        return [theta, *map(str, ends), *map(seconds, at_theta)]
 
-    assert missing_rows([row(theta) for theta in ("0", "0.3", "0.4", "0.5", "0.6", "0.7", "0.8", "0.9", "1")]) == []
+    thetas = ("0", "0.3", "0.4", "0.5", "0.6", "0.7", "0.8", "0.9", "1")
+    assert table(study_text, "### `noise`", "noise ratio") == [row(theta) for theta in thetas]
 
 
-def test_the_document_tells_how_the_runs_of_each_cell_ended(tmp_path: Path) -> None:
-    arms = arms_of("cells", tmp_path)
+def test_how_the_runs_of_each_cell_ended(study_text: str, tmp_path: Path) -> None:
+    data = present("cells", tmp_path)
+    arms = by_name(data)
+    assert {spec.run.scenario.mission.after_contact for spec in data.specs} == {"drop"}
+    assert {spec.run.scenario.mission.pilot.holes for spec in data.specs} == {"evidenced"}
 
-    def row(cell: str) -> list[object]:
+    def row(cell: str) -> Row:
         in_cell = [arms[cell, name] for name in ("raw", "voxdepth", "truth")]
-        ends = [f"{arrivals(arm)} of {arm.n}" for arm in in_cell]
-        return [cell, *ends, *(arm.collisions for arm in in_cell), *map(mean_time_s, in_cell)]
+        return [cell, *map(arrived, in_cell), *(str(arm.collisions) for arm in in_cell), *map(seconds, in_cell)]
 
-    assert missing_rows([row(cell) for cell in ("city", "weak", "glass", "exposure", "thin", "moving")]) == []
+    section = study_text[study_text.index("### `cells`") :]
+    assert table(study_text, "### `cells`: only proven space is free", "cell") == [row(cell) for cell in CELLS]
+    assert f"{len(data.records)} of the {len(data.specs)} runs" in section
+    pairs, difference = _difference(data)
+    assert f"{difference}, {pairs} pairs" in " ".join(section.split())
 
 
-def test_the_document_tells_how_the_runs_of_each_policy_ended(tmp_path: Path) -> None:
-    arms = arms_of("policy", tmp_path)
+def test_how_the_runs_of_each_policy_ended(study_text: str, tmp_path: Path) -> None:
+    arms = by_name(present("policy", tmp_path))
 
-    def row(label: str, name: str) -> list[object]:
+    def row(label: str, name: str) -> Row:
         arm = arms["city", name]
-        return [label, f"{arrivals(arm)} of {arm.n}", f"{arm.collisions} of {arm.n}"]
+        means = [mean(arm, DRONES_LOST, 2), mean(arm, LEADER_PROGRESS, 1)]
+        return [label, arrived(arm), collided(arm), percent(arm.collisions, arm.n), *means]
 
-    assert (
-        missing_rows(
-            [row("raw depth", "free, raw"), row("default", "free, voxdepth"), row("true depth", "free, truth")]
-        )
-        == []
-    )
+    rows = [row("raw depth", "free, raw"), row("default", "free, voxdepth"), row("true depth", "free, truth")]
+    assert table(study_text, "### `policy`: holes that are free space", "policy `free`") == rows
+    assert {arrived(arms["city", f"{holes}, truth"]) for holes in ("free", "fixed_range", "evidenced")} == {"39 of 40"}
+
+
+def test_how_the_pilot_runs_ended_that_take_holes_for_free(study_text: str, tmp_path: Path) -> None:
+    arms = by_name(present("free-pilot", tmp_path))
+    labels = {
+        "raw depth": "raw",
+        "default": "voxdepth",
+        "default, every depth counts": "voxdepth, every depth",
+        "default with all holes filled, every depth counts": "voxdepth, every depth, fill all",
+        "`realsense-left`, every depth counts": "realsense-left, every depth",
+        "true depth": "truth",
+    }
+
+    def row(label: str) -> Row:
+        arm = arms["city", labels[label]]
+        return [label, arrived(arm), collided(arm), mean(arm, LEADER_PROGRESS, 1)]
+
+    rows = table(study_text, "### `policy`: holes that are free space", "policy `free`, pilot seeds")
+    assert rows == [row(label) for label in labels]
