@@ -23,6 +23,8 @@ from .route_kernels import Braking
 from .types import Decision, OnboardCamera
 from .vectors import length
 
+TARGET_AHEAD_S = 3.0
+"""A drone without a target wants to get where its wanted velocity leads in this time."""
 AHEAD_M = 1.0
 """Free space beyond the braking distance, with which a drone flies straight instead of planning a way."""
 MAKE_ROOM_PER_S = 3.0
@@ -114,21 +116,11 @@ class MappingPilot(Pilot):
         """Return the command for a wanted velocity, shape (3,); the drone hovers before the first percept."""
         if situation.percept is None:
             return self._hover(wanted_m_s)
-        known = self._learn(situation)
-        own, drones = situation.own, self._drone_limits(situation)
-        at_m, flown, wanted = known.place(own.position_m), known.turned(own.velocity_m_s), known.turned(wanted_m_s)
-        target = at_m + 3.0 * wanted if target_m is None else known.place(target_m)
+        known, own = self._learn(situation), situation.own
+        at_m, wanted = known.place(own.position_m), known.turned(wanted_m_s)
+        target = at_m + TARGET_AHEAD_S * wanted if target_m is None else known.place(target_m)
         direction, look = self._way(known, at_m, wanted, target)
-        level = _making_room(length(wanted[:2]) * direction, known.chart.way_out(at_m))
-        velocity = np.array([*level, _climb(wanted[2], target[2] - at_m[2])])
-        all_limits = ApproachLimits(known.turned(drones.towards), drones.speed_m_s)
-        velocity = clamp_to_limits(velocity, all_limits)
-        climb_m_s = self._safe_climb(known, at_m, velocity[2], target[2] - at_m[2])
-        limits = level_limits(all_limits, climb_m_s)
-        level = clamp_to_limits(velocity[:2], limits)
-        level = known.chart.restrain(level, at_m + self._config.response_s * flown, limits, self._braking)
-        velocity = shortened(np.array([*level, climb_m_s]), all_limits)
-        state = _state(wanted, direction, velocity)
+        velocity = self._safe_velocity(known, situation, at_m, direction, wanted, target)
         self._wait(situation.time_s, at_m, length(wanted[:2]) > WANTS_TO_FLY_M_S)
         if self._is_turning(situation.time_s, at_m):
             yaw_rad = self._heading.turn()
@@ -139,7 +131,7 @@ class MappingPilot(Pilot):
         return Decision(
             command=VelocityCommand(velocity_m_s=known.turned_back(velocity), yaw_rad=yaw_rad),
             wanted_velocity_m_s=wanted_m_s,
-            state=state,
+            state=_state(wanted, direction, velocity),
             direction=known.turned_back(np.array([*direction, 0.0])),
             view=known.chart,
         )
@@ -205,6 +197,31 @@ class MappingPilot(Pilot):
         if self._route is None:
             self._route = self._route_before = known.chart.route(at_m, target_m, self._route_before)
         return self._route.direction(at_m[:2], straight), self._route.look(at_m[:2], straight)
+
+    def _safe_velocity(
+        self,
+        known: Known,
+        situation: Situation,
+        at_m: FloatArray,
+        direction: FloatArray,
+        wanted: FloatArray,
+        target: FloatArray,
+    ) -> FloatArray:
+        """Return a velocity along a direction (x, y) from which the drone can stop in free space, shape (3,).
+
+        It leads out of narrow places, and no nearer to other drones than they allow. All but the situation is in the
+        frame of the odometry.
+        """
+        drones, left_m = self._drone_limits(situation), target[2] - at_m[2]
+        all_limits = ApproachLimits(known.turned(drones.towards), drones.speed_m_s)
+        level = _making_room(length(wanted[:2]) * direction, known.chart.way_out(at_m))
+        velocity = clamp_to_limits(np.array([*level, _climb(wanted[2], left_m)]), all_limits)
+        climb_m_s = self._safe_climb(known, at_m, velocity[2], left_m)
+        limits = level_limits(all_limits, climb_m_s)
+        level = clamp_to_limits(velocity[:2], limits)
+        reacted_m = at_m + self._config.response_s * known.turned(situation.own.velocity_m_s)
+        level = known.chart.restrain(level, reacted_m, limits, self._braking)
+        return shortened(np.array([*level, climb_m_s]), all_limits)
 
     def _safe_climb(self, known: Known, at_m: FloatArray, climb_m_s: float, left_m: float) -> float:
         """Return a climb, or a descent, if the space where the drone gets within a second is free, or else 0.
