@@ -13,6 +13,7 @@ from scenarios.study.analysis import (
     ArmSummary,
     Measure,
     compare_arms,
+    dose_responses,
     summarise_arms,
 )
 from scenarios.study.report import Findings
@@ -173,6 +174,18 @@ def test_how_the_runs_with_noise_ended(study_text: str, tmp_path: Path) -> None:
     assert table(study_text, "### `noise`", "noise ratio") == [row(theta) for theta in thetas]
 
 
+def test_how_collisions_grow_with_noise(study_text: str, tmp_path: Path) -> None:
+    found = {arm: fit for _, arm, fit in dose_responses(present("noise", tmp_path)) if not isinstance(fit, str)}
+    with_all = [found[f"one draw per {unit}"] for unit in ("object", "frame")]
+    below_1 = [found[f"one draw per {unit}, without theta 1"] for unit in ("object", "frame")]
+    objects, images = (f"{fit.curve.b:.1f} [{fit.b.low:.1f}, {fit.b.high:.1f}]" for fit in with_all)
+    section = " ".join(study_text[study_text.index("### `noise`") :].split())
+    assert f"an exponent of {objects} for objects and {images} for images" in section
+    assert "the exponents are {:.1f} and {:.1f}".format(*(fit.curve.b for fit in below_1)) in section
+    assert "their lower ends, {:.1f} and {:.1f}".format(*(fit.b.low for fit in below_1)) in section
+    assert [fit.b.high for fit in below_1] == [12, 12]
+
+
 def test_how_the_runs_of_each_cell_ended(study_text: str, tmp_path: Path) -> None:
     data = present("cells", tmp_path)
     arms = by_name(data)
@@ -188,6 +201,9 @@ def test_how_the_runs_of_each_cell_ended(study_text: str, tmp_path: Path) -> Non
     assert f"{len(data.records)} of the {len(data.specs)} runs" in section
     pairs, difference = _difference(data)
     assert f"{difference}, {pairs} pairs" in " ".join(section.split())
+    raw, default = (_over([arms[cell, name] for cell in CELLS]) for name in ("raw", "voxdepth"))
+    readme = " ".join((DOCS.parent / "README.md").read_text().split())
+    assert f"{raw} swarms arrive with raw depth and {default} with the default" in readme
 
 
 def test_how_the_runs_of_each_policy_ended(study_text: str, tmp_path: Path) -> None:
