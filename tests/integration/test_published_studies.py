@@ -2,6 +2,7 @@
 
 import lzma
 from collections.abc import Iterable, Sequence
+from itertools import takewhile
 from pathlib import Path
 
 import pytest
@@ -58,20 +59,12 @@ def present(name: str, folder: Path) -> StudyData:
     return read(parts, folder)
 
 
-def cells_of(line: str) -> Row:
-    return [cell.strip() for cell in line.strip().strip("|").split("|")]
-
-
 def table(text: str, heading: str, head: str) -> list[Row]:
-    """Return the rows of the table in a section of a document whose first line begins with `head`."""
-    section = text[text.index(f"\n{heading}\n") :].splitlines()[2:]
-    (start,) = (number for number, line in enumerate(section) if line.startswith(f"| {head} |"))
-    rows = []
-    for line in section[start + 2 :]:
-        if not line.startswith("|"):
-            return rows
-        rows.append(cells_of(line))
-    return rows
+    """Return the rows of the table below a heading of a document whose first line begins with the cell `head`."""
+    lines = text[text.index(f"\n{heading}\n") :].splitlines()
+    (start,) = (number for number, line in enumerate(lines) if line.startswith(f"| {head} |"))
+    rows = takewhile(lambda line: line.startswith("|"), lines[start + 2 :])
+    return [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
 
 
 def by_name(data: StudyData) -> dict[tuple[str, str], ArmSummary]:
