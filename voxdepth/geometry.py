@@ -102,6 +102,22 @@ def exp_se3(step: FloatArray) -> FloatArray:
     return T
 
 
+@compiled(float64[::1](float64[:, ::1]))
+def log_se3(T: FloatArray) -> FloatArray:
+    """The translation [m] and the rotation vector [rad] of a rigid motion, shape (6,): the inverse of `exp_se3`.
+
+    The angle must be less than 180 degrees.
+    """
+    step = np.empty(6)
+    for i in range(3):
+        step[i] = T[i, 3]
+        step[3 + i] = (T[(i + 2) % 3, (i + 1) % 3] - T[(i + 1) % 3, (i + 2) % 3]) / 2
+    sine = np.sqrt(step[3] * step[3] + step[4] * step[4] + step[5] * step[5])
+    if sine > 0:
+        step[3:] *= np.arctan2(sine, (T[0, 0] + T[1, 1] + T[2, 2] - 1) / 2) / sine
+    return step
+
+
 @compiled(float64[:, ::1](float64[:, ::1], float64[:, ::1]))
 def compose(T_a_b: FloatArray, T_b_c: FloatArray) -> FloatArray:
     """`T_a_c`, shape (4, 4)."""

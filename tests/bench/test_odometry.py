@@ -1,10 +1,13 @@
-"""How exact the paper's odometry is, printed by `make bench`; `voxdepth/paper/odometry.py` states the figures."""
+"""How exact the odometries are, printed by `make bench`.
+
+`voxdepth/paper/odometry.py` states the figures of the paper's one, and `docs/corrector.md` those of the default method.
+"""
 
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from dataclasses import replace
 from functools import cache, lru_cache
-from itertools import permutations
+from itertools import pairwise, permutations
 from typing import NamedTuple
 
 import cv2
@@ -14,6 +17,7 @@ import pytest
 from scenarios.sequences import captures, load_sequence
 from swarm.perception import frame_of
 from tests.bench.test_speed import show
+from voxdepth.geometry import exp_se3
 from voxdepth.paper.odometry import (
     Comparison,
     Motion,
@@ -23,6 +27,8 @@ from voxdepth.paper.odometry import (
     reduced,
     view_of,
 )
+from voxdepth.temporal.method import VoxDepth
+from voxdepth.temporal.odometry import TrackingResult
 from voxdepth.types import FloatArray, Frame, Intrinsics
 
 pytestmark = pytest.mark.bench
@@ -135,6 +141,49 @@ def test_what_the_images_say_of_falsified_motions(offset_mm: float, turn_mrad: f
         found.append(comparison.residuals(T @ pair.truth()))
     figure = f"{len(found):3}, residual_px {span([residuals[1] for residuals in found if residuals])}"
     show(f"true motions falsified by {offset_mm} mm, {turn_mrad} mrad", figure)
+
+
+def drifting(film: list[Frame], seed: int) -> list[Frame]:
+    """A film with the poses of an odometry that is off by 6 mm per axis and 0.03 degrees from frame to frame."""
+    rng, drift, drifted = np.random.default_rng(seed), np.eye(4), []
+    for frame in film:
+        drift = drift @ exp_se3(np.repeat([0.006, np.radians(0.03)], 3) * rng.standard_normal(6))
+        drifted.append(replace(frame, T_world_cam=frame.T_world_cam @ drift))
+    return drifted
+
+
+def beside_a_wall(frame: Frame, visible: float) -> Frame:
+    """A frame of which only a part at the left has texture and depth."""
+    col, gray, depth_m = round(visible * CAMERA.width_px), frame.gray.copy(), frame.depth_m.copy()
+    gray[:, col:], depth_m[:, col:] = 90, 0
+    return replace(frame, gray=gray, depth_m=depth_m)
+
+
+def motions_of_the_default(film: list[Frame]) -> list[FloatArray | None]:
+    """The motion of the camera to each frame but the first; None where the default method does not find it."""
+    corrector = VoxDepth(CAMERA)
+    found = [corrector.process(frame).diagnostics for frame in film]
+    return [one.T_frame_keyframe for one in found[1:] if isinstance(one, TrackingResult)]
+
+
+@pytest.mark.parametrize("visible", [1.0, 0.25, 0.1])
+def test_poses_of_the_caller(visible: float) -> None:
+    errors_mm: dict[str, list[float]] = defaultdict(list)
+    for seed, film in enumerate(films()):
+        seen = [beside_a_wall(frame, visible) for frame in film]
+        said = drifting(seen, seed)
+        motions = {
+            "images": motions_of_the_default([replace(frame, T_world_cam=None) for frame in seen]),
+            "poses of the caller": [Pair(*two).truth() for two in pairwise(said)],
+            "both": motions_of_the_default(said),
+        }
+        for kind, found in motions.items():
+            for T, two in zip(found, pairwise(film), strict=True):
+                if T is not None:
+                    errors_mm[kind].append(1e3 * float(np.linalg.norm((T - Pair(*two).truth())[:3, 3])))
+    for kind, values in errors_mm.items():
+        figure = f"error p50 {np.median(values):5.1f} mm, p90 {np.percentile(values, 90):5.1f} mm, {len(values)} frames"
+        show(f"{visible:.0%} of the image with texture, {kind}", figure)
 
 
 def test_pairs_of_different_places() -> None:

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 
+from voxdepth.temporal.pose_fit import KnownMotion
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
 
@@ -11,6 +12,11 @@ def exp_se3(step: FloatArray) -> FloatArray:
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = cv2.Rodrigues(step[3:])[0], step[:3]
     return T
+
+
+def log_se3(T: FloatArray) -> FloatArray:
+    """The translation and the rotation vector of a rigid motion, shape (6,)."""
+    return np.append(T[:3, 3], cv2.Rodrigues(T[:3, :3])[0])
 
 
 def moved(points_m: FloatArray, T: FloatArray) -> FloatArray:
@@ -61,7 +67,12 @@ def normal_equations(
 
 
 def fit(
-    points_m: FloatArray, observed_px: FloatArray, camera: Intrinsics, T: FloatArray, inlier_px: float
+    points_m: FloatArray,
+    observed_px: FloatArray,
+    camera: Intrinsics,
+    T: FloatArray,
+    inlier_px: float,
+    known: KnownMotion | None = None,
 ) -> tuple[FloatArray, float, int]:
     """The motion, the median reprojection error, and the number of inliers."""
     scale_px, unit = np.inf, np.append(np.full(3, np.median(points_m[:, 2])), np.ones(3))
@@ -69,6 +80,11 @@ def fit(
         median_px = np.median(np.hypot(*residuals(points_m, observed_px, T, camera).T))
         scale_px = max(0.15, min(scale_px, 1.26 * median_px))
         H, gradient = normal_equations(points_m, observed_px, T, camera, scale_px)
+        if known is not None:
+            difference = log_se3(T @ np.linalg.inv(known.T_target_source))
+            information = np.repeat([known.sigma_m, known.sigma_rad], 3) ** -2.0
+            weight = (1 + information @ difference**2 / 4) ** -2 * min(scale_px, inlier_px) ** 2
+            H, gradient = H + weight * np.diag(information), gradient + weight * information * difference
         step = -np.linalg.solve(H, gradient)
         T = exp_se3(step) @ T
         if np.abs(step / unit).max() < 3e-5:

@@ -8,9 +8,9 @@ from hypothesis.extra import numpy as numpy_st
 
 from tests.temporal_scenes import pose
 from tests.twins import numpy_pose as twins
-from voxdepth.geometry import compose, exp_se3, solve_symmetric
+from voxdepth.geometry import compose, exp_se3, log_se3, solve_symmetric
 from voxdepth.temporal import corners, odometry, pose_fit, tracking_camera
-from voxdepth.temporal.pose_fit import Lens, fit_pose, transform_points
+from voxdepth.temporal.pose_fit import KnownMotion, Lens, fit_pose, transform_points
 from voxdepth.types import FloatArray, Intrinsics
 
 CAMERA = Intrinsics(fx_px=200, fy_px=210, cx_px=158.2, cy_px=91.1, width_px=320, height_px=180)
@@ -27,6 +27,16 @@ SEEDS = st.integers(0, 2**31)
 def test_the_motion_of_a_step(translation: FloatArray, rotation: FloatArray, size: float) -> None:
     step = np.append(translation, size * rotation)
     np.testing.assert_allclose(exp_se3(step), twins.exp_se3(step), atol=1e-14)
+
+
+@given(
+    numpy_st.arrays(np.float64, 3, elements=st.floats(-10, 10)),
+    numpy_st.arrays(np.float64, 3, elements=st.floats(-1.7, 1.7)),
+    st.sampled_from([0, 1e-160, 1e-9, 1e-3, 1]),
+)
+def test_the_step_of_a_motion(translation: FloatArray, rotation: FloatArray, size: float) -> None:
+    step = np.append(translation, size * rotation)
+    np.testing.assert_allclose(log_se3(exp_se3(step)), step, atol=1e-9)
 
 
 @given(SEEDS)
@@ -106,12 +116,16 @@ def test_residuals_and_normal_equations(name: str, seed: int) -> None:
     np.testing.assert_allclose(gradient, twin_gradient, atol=1e-9 * max(1, abs(twin_gradient).max()))
 
 
+KNOWN = [None, KnownMotion(pose(0.04, -0.02, 0.13, yaw=2), 0.01, 0.005), KnownMotion(pose(2.0, yaw=30), 0.01, 0.005)]
+
+
+@pytest.mark.parametrize("known", KNOWN, ids=["alone", "near a known motion", "far from a known motion"])
 @pytest.mark.parametrize("name", SCENES)
 @given(SEEDS)
-def test_fits(name: str, seed: int) -> None:
+def test_fits(name: str, known: KnownMotion | None, seed: int) -> None:
     points_m, observed_px = scene(name, seed)
-    T, median_px, n_inliers = twins.fit(points_m, observed_px, CAMERA, np.eye(4), 1.0)
-    fit = fit_pose(points_m, observed_px, CAMERA, np.eye(4), 1.0)
+    T, median_px, n_inliers = twins.fit(points_m, observed_px, CAMERA, np.eye(4), 1.0, known)
+    fit = fit_pose(points_m, observed_px, CAMERA, np.eye(4), 1.0, known)
     np.testing.assert_allclose(fit.T_target_source, T, atol=1e-6)
     assert fit.median_residual_px == pytest.approx(median_px, abs=1e-6)
     assert (fit.n_points, fit.n_inliers) == (len(points_m), n_inliers)

@@ -30,7 +30,7 @@ from voxdepth.temporal.odometry import (
     VisualOdometry,
     VisualOdometryConfig,
 )
-from voxdepth.temporal.pose_fit import fit_pose, project
+from voxdepth.temporal.pose_fit import KnownMotion, fit_pose, project
 from voxdepth.temporal.tracking_camera import TrackingCamera
 from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatArray, Frame, Intrinsics
@@ -231,6 +231,21 @@ class TestPosesOfTheCaller:
         np.testing.assert_allclose(tracking.T_frame_keyframe, inverse_rigid(T), atol=1e-9)
         assert tracking.n_inliers == 0
 
+    def test_a_caller_who_is_sure_is_believed(self) -> None:
+        T, T_said = MOTIONS["forward"], MOTIONS["forward"].copy()
+        T_said[0, 3] += 0.03
+        sure = VisualOdometryConfig(pose_sigma_m=1e-6, pose_sigma_deg=1e-4)
+        off_m = []
+        for config in (VisualOdometryConfig(), sure):
+            known = VisualOdometry(CAMERA, WorkingResolution.of(CAMERA, 1), config)
+            set_keyframe(known, replace(frame_of(ROOM, pose()), T_world_cam=pose()))
+            tracking = known.track(replace(frame_of(ROOM, T, 1), T_world_cam=T_said))
+            assert tracking.n_inliers > 0
+            assert tracking.T_frame_keyframe is not None
+            off_m.append(np.linalg.norm(tracking.T_frame_keyframe[:3, 3] - inverse_rigid(T_said)[:3, 3]))
+        assert off_m[0] > 0.02
+        assert off_m[1] < 1e-3
+
     @pytest.mark.parametrize("said", [pose(0.3, 0.2, 0.1, yaw=5), pose(30.0, yaw=80)], ids=["off", "absurd"])
     def test_the_image_corrects_them(self, said: FloatArray) -> None:
         T = MOTIONS["forward"]
@@ -300,6 +315,31 @@ class TestFit:
         fit = fit_pose(points, self.seen(points, pose(0.1)), TRACKING_CAMERA, np.eye(4), 1.0)
         assert np.isfinite(fit.T_target_source).all()
         np.testing.assert_allclose(self.seen(points, fit.T_target_source), self.seen(points, pose(0.1)), atol=0.01)
+
+    def test_a_known_motion_decides_where_far_points_leave_the_translation_uncertain(self) -> None:
+        T, rng = MOTIONS["forward"], np.random.default_rng(3)
+        points = rng.uniform([-2, -1.5, 25], [-1, 1.5, 30], (20, 3))
+        seen = self.seen(points, T) + rng.normal(0, 0.3, (20, 2))
+        known = KnownMotion(T, 0.01, 0.005)
+        alone, helped = (fit_pose(points, seen, TRACKING_CAMERA, T, 1.0, one).T_target_source for one in (None, known))
+        assert np.linalg.norm(alone[:3, 3] - T[:3, 3]) > 0.1
+        assert np.linalg.norm(helped[:3, 3] - T[:3, 3]) < 0.01
+
+    def test_the_more_certain_a_motion_is_known_the_more_it_counts(self) -> None:
+        T, points = MOTIONS["forward"], self.points()
+        T_known, errors_m = T.copy(), []
+        T_known[0, 3] += 0.01
+        for sigma_m in (1.0, 0.1, 0.03, 0.01):
+            known = KnownMotion(T_known, sigma_m, 1.0)
+            fit = fit_pose(points, self.seen(points, T), TRACKING_CAMERA, T, 1.0, known)
+            errors_m.append(fit.T_target_source[0, 3] - T[0, 3])
+        assert 0 < errors_m[0] < errors_m[1] < errors_m[2] < errors_m[3] < 0.01
+
+    @pytest.mark.parametrize("far", [pose(0.3, 0.2, 0.1, yaw=5), pose(30.0, yaw=80)], ids=["off", "absurd"])
+    def test_points_overrule_a_known_motion_that_they_contradict(self, far: FloatArray) -> None:
+        T, points = MOTIONS["forward"], self.points()
+        fit = fit_pose(points, self.seen(points, T), TRACKING_CAMERA, far, 1.0, KnownMotion(far, 0.01, 0.005))
+        np.testing.assert_allclose(fit.T_target_source, T, atol=1e-4)
 
     def test_what_it_finds_is_rigid(self) -> None:
         points = self.points()

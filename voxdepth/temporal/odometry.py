@@ -23,7 +23,7 @@ from ..types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics
 from .corners import find_corners
 from .keyframes import Keyframe, Keyframes
 from .memory import Memory
-from .pose_fit import PoseFit, fit_pose, project, transform_points
+from .pose_fit import KnownMotion, PoseFit, fit_pose, project, transform_points
 from .relocalisation import RelocalisationConfig, Relocaliser
 from .tracking_camera import Pixels, TrackingCamera
 from .working_resolution import WorkingResolution
@@ -60,6 +60,11 @@ class VisualOdometryConfig(Model):
     """Reprojection error below which a track is an inlier, in pixels of the tracking image."""
     max_median_residual_px: float = Field(default=1.5, gt=0)
     """Largest median reprojection error. Correct motions have at most 1 px, wrong ones at least 14 px."""
+    pose_sigma_m: float = Field(default=0.01, gt=0)
+    """Standard deviation of each coordinate of the motion between two poses of the caller. More trusts the images
+    more."""
+    pose_sigma_deg: float = Field(default=0.3, gt=0)
+    """Standard deviation of the rotation about each axis between two poses of the caller."""
 
 
 class TrackingStatus(StrEnum):
@@ -162,7 +167,8 @@ def _found(positions: Pixels, status: GrayImage, width_px: int, height_px: int) 
 class VisualOdometry:
     """Tracks the camera from keyframe to frame.
 
-    The search for the corners starts where the pose of the caller, the previous motion, or no motion predicts them. If
+    The search for the corners starts where the pose of the caller, the previous motion, or no motion predicts them. The
+    motion between two poses of the caller also counts as a measurement, beside the tracks. If
     the tracks fit no rigid motion, the features of the frame are matched with those of the last keyframe, and then with
     those of the stored keyframes, the latest first. A keyframe is stored when the view has changed, and when tracking
     leaves it. Matches are accepted if they fit a rigid motion that the measured depth confirms.
@@ -232,6 +238,7 @@ class VisualOdometry:
         When the keyframe began without memory, the stored ones come first: one of them may show the same place.
         """
         stored = self._keyframes.stored if prior is None else []
+        known = None if prior is None else self._known(prior)
         previous, levels = keyframe.T_keyframe_previous, self._config.tracker.pyramid_levels
         likely = previous if prior is None else prior
         predictions = [(prior, NEAR_LEVELS), (previous, NEAR_LEVELS), (likely, levels), (np.eye(4), levels)]
@@ -241,12 +248,20 @@ class VisualOdometry:
             return self._relocalise(keyframes, describe, frame.depth_m, image)
 
         if keyframe.T_keyframe_previous is None:
-            fit = recognised(stored) or self._follow(keyframe, image, predictions)
+            fit = recognised(stored) or self._follow(keyframe, image, predictions, known)
             return fit or recognised([keyframe])
-        return self._follow(keyframe, image, predictions) or recognised([keyframe, *stored])
+        return self._follow(keyframe, image, predictions, known) or recognised([keyframe, *stored])
+
+    def _known(self, prior: FloatArray) -> KnownMotion:
+        """The motion between two poses of the caller, which is measured independently of the image."""
+        return KnownMotion(prior, self._config.pose_sigma_m, float(np.radians(self._config.pose_sigma_deg)))
 
     def _follow(
-        self, keyframe: Keyframe, image: TrackingImage, predictions: Iterable[tuple[FloatArray | None, int]]
+        self,
+        keyframe: Keyframe,
+        image: TrackingImage,
+        predictions: Iterable[tuple[FloatArray | None, int]],
+        known: KnownMotion | None = None,
     ) -> PoseFit | None:
         """The motion of tracked corners, whose search starts from the first prediction that leads to one.
 
@@ -257,7 +272,7 @@ class VisualOdometry:
                 continue
             initial = project(transform_points(T, keyframe.points_m), self._camera.intrinsics).astype(np.float32)
             tracked, found = self._tracker.track(keyframe.gray, image.gray, keyframe.corners, initial, levels)
-            fit = self._fit(keyframe.points_m[found], tracked[found].astype(np.float64), T)
+            fit = self._fit(keyframe.points_m[found], tracked[found].astype(np.float64), T, known)
             if fit is not None:
                 return fit
         return None
@@ -279,12 +294,14 @@ class VisualOdometry:
     def _has_features(self, image: TrackingImage) -> bool:
         return len(image.corners) >= self._config.min_tracks
 
-    def _fit(self, points_m: FloatArray, observed_px: FloatArray, T_initial: FloatArray) -> PoseFit | None:
+    def _fit(
+        self, points_m: FloatArray, observed_px: FloatArray, T_initial: FloatArray, known: KnownMotion | None = None
+    ) -> PoseFit | None:
         """The motion that moves points to the pixels where they are observed; None if it is not accepted."""
         config = self._config
         if len(points_m) < config.min_tracks:
             return None
-        fit = fit_pose(points_m, observed_px, self._camera.intrinsics, T_initial, config.inlier_px)
+        fit = fit_pose(points_m, observed_px, self._camera.intrinsics, T_initial, config.inlier_px, known)
         if fit.n_inliers < max(config.min_tracks, config.min_inlier_ratio * len(points_m)):
             return None
         return fit if fit.median_residual_px <= config.max_median_residual_px else None

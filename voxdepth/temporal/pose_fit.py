@@ -3,11 +3,11 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import float64, int64
+from numba import float64, int64, void
 from numba.types import Tuple, UniTuple
 
 from ..compiled import compiled
-from ..geometry import compose, exp_se3, solve_symmetric
+from ..geometry import compose, exp_se3, inverse_rigid, log_se3, solve_symmetric
 from ..types import FloatArray, Intrinsics
 
 MAX_ITERATIONS = 12
@@ -28,6 +28,17 @@ Lens = tuple[float, float, float, float]
 LENS_TYPE, MATRIX = UniTuple(float64, 4), float64[:, ::1]
 
 
+class KnownMotion(NamedTuple):
+    """A motion that something else has measured, and its standard deviations."""
+
+    T_target_source: FloatArray
+    """Shape (4, 4)."""
+    sigma_m: float
+    """Standard deviation of each coordinate."""
+    sigma_rad: float
+    """Standard deviation of the rotation about each axis."""
+
+
 class PoseFit(NamedTuple):
     """An estimated rigid motion, shape (4, 4), and how well it explains the points."""
 
@@ -40,17 +51,27 @@ class PoseFit(NamedTuple):
 
 
 def fit_pose(
-    points_m: FloatArray, observed_px: FloatArray, camera: Intrinsics, T_initial: FloatArray, inlier_px: float
+    points_m: FloatArray,
+    observed_px: FloatArray,
+    camera: Intrinsics,
+    T_initial: FloatArray,
+    inlier_px: float,
+    known: KnownMotion | None = None,
 ) -> PoseFit:
     """Minimise the reprojection error by Gauss-Newton steps with the weights of Geman and McClure.
 
     The estimate is deterministic: there is no random sampling. The scale of the residuals is estimated in every
     iteration, and never grows. The points are in the source camera, shape (N, 3), N >= 3, and their observed pixels in
-    the target camera, shape (N, 2).
+    the target camera, shape (N, 2). A motion that is known counts as one more measurement, with the same weights: it
+    decides where the points leave a direction uncertain, and loses its weight where they contradict it.
     """
     lens, T = lens_of(camera), np.ascontiguousarray(T_initial)
     points_m, observed_px = np.ascontiguousarray(points_m), np.ascontiguousarray(observed_px)
-    T, median_px, n_inliers = _fit(points_m, observed_px, T, lens, inlier_px)
+    T_source_target, information = np.eye(4), np.zeros(6)
+    if known is not None:
+        T_source_target = inverse_rigid(known.T_target_source)
+        information[:3], information[3:] = known.sigma_m**-2, known.sigma_rad**-2
+    T, median_px, n_inliers = _fit(points_m, observed_px, T, lens, inlier_px, T_source_target, information)
     return PoseFit(T, median_px, len(points_m), n_inliers)
 
 
@@ -171,16 +192,49 @@ def _median(values: FloatArray) -> float:
     return (lower + upper) / 2
 
 
-@compiled(Tuple((MATRIX, float64, int64))(MATRIX, MATRIX, MATRIX, LENS_TYPE, float64))
+@compiled(void(MATRIX, MATRIX, float64[::1], float64, MATRIX, float64[::1]))
+def _add_known(
+    T: FloatArray,
+    T_source_target: FloatArray,
+    information: FloatArray,
+    point_sigma_px: float,
+    # input and output
+    H: FloatArray,
+    gradient: FloatArray,
+) -> None:
+    """Add a known motion to the normal equations; it is given by its inverse and the inverse of its variances."""
+    difference = log_se3(compose(T, T_source_target))
+    squared = 0.0
+    for i in range(6):
+        squared += information[i] * difference[i] * difference[i]
+    weight = (point_sigma_px / (1 + squared / KERNEL_WIDTH**2)) ** 2
+    for i in range(6):
+        H[i, i] += weight * information[i]
+        gradient[i] += weight * information[i] * difference[i]
+
+
+@compiled(Tuple((MATRIX, float64, int64))(MATRIX, MATRIX, MATRIX, LENS_TYPE, float64, MATRIX, float64[::1]))
 def _fit(
-    points_m: FloatArray, observed_px: FloatArray, T: FloatArray, lens: Lens, inlier_px: float
+    points_m: FloatArray,
+    observed_px: FloatArray,
+    T: FloatArray,
+    lens: Lens,
+    inlier_px: float,
+    T_source_target: FloatArray,
+    information: FloatArray,
 ) -> tuple[FloatArray, float, int]:
-    """The motion, shape (4, 4), the median reprojection error [px], and the number of inliers."""
+    """The motion, shape (4, 4), the median reprojection error [px], and the number of inliers.
+
+    The last two arguments are the inverse of a known motion and the inverse of its variances, which are 0 if none is
+    known.
+    """
     length_px, scale_px = _residual_lengths(points_m, observed_px, T, lens), np.inf
     distance_m = _median(points_m[:, 2].copy())
     for _ in range(MAX_ITERATIONS):
         scale_px = max(MIN_SCALE_PX, min(scale_px, MEDIAN_TO_SCALE * _median(length_px.copy())))
-        step = -solve_symmetric(*_normal_equations(points_m, observed_px, T, lens, scale_px))
+        H, gradient = _normal_equations(points_m, observed_px, T, lens, scale_px)
+        _add_known(T, T_source_target, information, min(scale_px, inlier_px), H, gradient)
+        step = -solve_symmetric(H, gradient)
         T = compose(exp_se3(step), T)
         length_px = _residual_lengths(points_m, observed_px, T, lens)
         shift_m, turn = max(abs(step[0]), abs(step[1]), abs(step[2])), max(abs(step[3]), abs(step[4]), abs(step[5]))
