@@ -6,8 +6,9 @@ when its name is used, and it cannot replace a corrector of this library.
 """
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import find_spec
@@ -139,7 +140,27 @@ def resolve_config(name: str, given: Mapping[str, Any]) -> "VoxDepthConfig | Pap
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(key) for key in first["loc"])
+        if first["type"] == "extra_forbidden":
+            likely = _likely_keys(where, default.model_dump(mode="json"))
+            raise ConfigError(
+                f"config of the corrector {name!r}: there is no key {where!r}"
+                f"{'; did you mean ' + ' or '.join(likely) if likely else ''}; `voxdepth config {name}` prints all"
+            ) from error
         raise ConfigError(f"config of the corrector {name!r}: {where}: {first['msg']}") from error
+
+
+def _likely_keys(mistyped: str, config: Mapping[str, Any]) -> list[str]:
+    """The keys, with their tables, that someone may have meant: those of the same name, or else of a similar one."""
+    keys = list(_dotted(config))
+    last = mistyped.rpartition(".")[2]
+    return [key for key in keys if key.rpartition(".")[2] == last] or get_close_matches(mistyped, keys, 2)
+
+
+def _dotted(config: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in config.items():
+        yield key
+        if isinstance(value, Mapping):
+            yield from (f"{key}.{inner}" for inner in _dotted(value))
 
 
 def create_corrector(

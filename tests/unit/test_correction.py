@@ -3,7 +3,9 @@
 import csv
 import io
 import json
+import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -279,3 +281,48 @@ def test_a_sheet_of_corrected_depth_is_refused_with_what_shows_it(whole: Path, t
     with pytest.raises(ScenarioError, match=r"out holds corrected depth, and .* of voxdepth record: to look"):
         make_sheet(whole, tmp_path / "sheet.jpg")
     assert not list(tmp_path.iterdir())
+
+
+class Faulty(Whole):
+    """A corrector whose result is spoilt."""
+
+    def __init__(self, spoil: Callable[[CorrectedDepth], Any]) -> None:
+        super().__init__()
+        self._spoil = spoil
+
+    def process(self, frame: Frame) -> Any:
+        return self._spoil(super().process(frame))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        (lambda result: result.depth_m, "a CorrectedDepth, got ndarray"),
+        (
+            lambda result: replace(result, depth_m=result.depth_m[::2]),
+            "depth_m of type float32 and shape (16, 24), got",
+        ),
+        (lambda result: replace(result, depth_m=result.depth_m.astype(np.float64)), "got float64 of (16, 24)"),
+        (
+            lambda result: replace(result, confidence=None),
+            "confidence of type float32 and shape (16, 24), got N",
+        ),
+        (lambda result: replace(result, depth_m=result.depth_m - 1), "depths of 0 or more, 0 for none, got -1.0"),
+        (lambda result: replace(result, depth_m=result.depth_m * np.float32(np.nan)), "0 for none, got nan"),
+        (lambda result: replace(result, source=result.source + np.uint8(7)), "sources of 0 to 3, got"),
+    ],
+    ids=["no result", "half size", "double", "no confidence", "negative", "nan", "source"],
+)
+def test_a_faulty_corrector_is_named(tmp_path: Path, spoil: Callable[[CorrectedDepth], Any], told: str) -> None:
+    with pytest.raises(ToolError, match=re.escape(told)) as error:
+        planned(make=lambda: Faulty(spoil)).run(tmp_path / "out", None, ignore)
+    assert str(error.value).startswith("the corrector 'remembering' is faulty: for a frame at 0.0 s, expected ")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_corrector_that_measures_no_steps_reports_no_times(tmp_path: Path) -> None:
+    report = planned(make=lambda: Faulty(lambda result: replace(result, timings_s={}))).run(
+        tmp_path / "o", None, ignore
+    )
+    assert "frame_s" not in report["wall"]
+    assert report["wall"]["steps_s"] == {}

@@ -1,5 +1,6 @@
 """Correctors by name: ours all work, those of other distributions are found and loaded when asked for."""
 
+import re
 import subprocess
 import sys
 import tomllib
@@ -86,7 +87,7 @@ def test_a_configuration_reaches_its_corrector() -> None:
         ("voxdepth", PaperConfig(), "VoxDepthConfig, got .* PaperConfig"),
         ("paper", VoxDepthConfig(), "PaperConfig, got .* VoxDepthConfig"),
         ("paper", {"window_frames": 0}, "'paper': window_frames: "),
-        ("voxdepth", {"windows": 3}, "'voxdepth': windows: "),
+        ("voxdepth", {"windows": 3}, "'voxdepth': there is no key 'windows'; "),
     ],
 )
 def test_a_wrong_configuration_is_refused(name: str, config: Any, message: str) -> None:
@@ -248,3 +249,17 @@ def test_what_an_error_quotes_of_a_file_cannot_break_its_line_or_control_a_termi
     with pytest.raises(ConfigError) as told:
         resolve_config("voxdepth", {"é\n\x1b[2J\u2028": 1})
     assert r"é\n\x1b[2J\u2028" in str(told.value) and str(told.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"fil": "none"}, "there is no key 'fil'; did you mean fill"),
+        ({"max_evidence": 8.0}, "there is no key 'max_evidence'; did you mean fusion.max_evidence; `voxdepth config"),
+        ({"fusion": {"max_evidnce": 8.0}}, "'fusion.max_evidnce'; did you mean fusion.max_evidence"),
+        ({"zzz": 1}, "there is no key 'zzz'; `voxdepth config voxdepth` prints all"),
+    ],
+)
+def test_a_mistyped_key_is_told_with_those_that_may_be_meant(given: dict[str, Any], told: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(told)):
+        resolve_config("voxdepth", given)

@@ -125,12 +125,12 @@ def _paired(depth_folder: Path, gray_folder: Path, rate_hz: float) -> list[Pair]
     elif keys and (alone := [depth.get(number) or gray[number] for number in depth.keys() ^ gray.keys()]):
         raise DatasetError(
             f"expected a depth and a gray image of each number, got {min(alone)} alone and {len(alone) - 1} others; "
-            "restore what is missing, or move what is alone away"
+            "restore what is missing, as PNG if it is depth, or move what is alone away"
         )
     if not keys:
         raise DatasetError(
-            f"expected images of the same numbers in {depth_folder} (PNG) and {gray_folder} (PNG or JPEG), got none "
-            f"among {len(depth)} and {len(gray)}; name the files of a frame alike"
+            f"expected images of the same numbers in {depth_folder} (16-bit PNG, no other format) and {gray_folder} "
+            f"(PNG or JPEG), got none among {len(depth)} and {len(gray)}; name the files of a frame alike"
         )
     return [Pair(stamp_s=stamps_s[i], gray=gray[j], depth=depth[i]) for i, j in keys]
 

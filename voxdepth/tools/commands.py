@@ -173,7 +173,8 @@ def _print_report(console: "Console", report: Mapping[str, Any]) -> None:
     median, p95, longest = (Column(name, "ms", ".1f") for name in ("median", "95 %", "longest"))
     steps = report["wall"]["steps_s"].items()
     rows = [[step, *(1000 * spread[name] for name in ("p50", "p95", "max"))] for step, spread in steps]
-    ResultTable.of("time per frame", ("step", median, p95, longest), rows).print(console)
+    if rows:
+        ResultTable.of("time per frame", ("step", median, p95, longest), rows).print(console)
 
 
 def _words(name: str) -> str:

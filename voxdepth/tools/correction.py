@@ -17,7 +17,7 @@ from ..datasets import Dataset
 from ..errors import PipelineError
 from ..model import Model
 from ..pipeline import CorrectionPipeline
-from ..types import CorrectedDepth, DepthCorrector, Frame, Source
+from ..types import CorrectedDepth, DepthCorrector, FloatImage, Frame, Source
 from .errors import ToolError
 from .files import atomic, to_toml
 from .output import CONFIG, FRAMES, REPORT, OpenOutput, Output, image_folder
@@ -86,6 +86,7 @@ class Correction:
         with _original_errors(), CorrectionPipeline(self.corrector, frames) as pipeline:
             for index, (frame, corrected) in enumerate(pipeline):
                 name = self.dataset.name(index)
+                _require_sound(self.config.corrector, frame, corrected)
                 output.add(index, corrected)
                 listener(index, frame, corrected)
                 progress(index + 1)
@@ -145,6 +146,7 @@ def _report(config: CorrectionConfig, lines: Sequence[FrameLine]) -> dict[str, A
     """Summarise all frames. Everything that depends on the clock or the machine is below the key `wall`."""
     pixels = sum((Counter(line.pixels) for line in lines), Counter[str]())
     n_pixels, n_raw = sum(pixels.values()), sum(line.raw_pixels for line in lines)
+    frame_s = [sum(line.wall_s.values()) for line in lines if line.wall_s]
     return {
         **config.model_dump(mode="json"),
         "frames": len(lines),
@@ -152,7 +154,7 @@ def _report(config: CorrectionConfig, lines: Sequence[FrameLine]) -> dict[str, A
         "coverage": {"raw": n_raw / n_pixels, "corrected": 1 - pixels["invalid"] / n_pixels},
         "facts": {name: _summary(values) for name, values in _by_name([line.facts for line in lines]).items()},
         "wall": {
-            "frame_s": _spread([sum(line.wall_s.values()) for line in lines]),
+            **({"frame_s": _spread(frame_s)} if frame_s else {}),
             "steps_s": {step: _spread(times_s) for step, times_s in _by_name([line.wall_s for line in lines]).items()},
             "machine": f"{machine()}, Python {platform.python_version()}",
         },
@@ -185,6 +187,30 @@ def _summary(values: Sequence[Fact]) -> dict[str, int] | dict[str, float]:
 def _spread(values: Sequence[float]) -> dict[str, float]:
     p50, p95 = np.percentile(values, (50, 95))
     return {"p50": float(p50), "p95": float(p95), "max": max(values)}
+
+
+def _require_sound(corrector: str, frame: Frame, corrected: object) -> None:
+    """Refuse what no corrector may return; those of other distributions may have faults.
+
+    Raises:
+        ToolError: The result is no `CorrectedDepth`, has another shape or type, or impossible values.
+    """
+    fault = f"the corrector {corrector!r} is faulty: for a frame at {frame.stamp_s} s, expected"
+    if not isinstance(corrected, CorrectedDepth):
+        raise ToolError(f"{fault} a CorrectedDepth, got {type(corrected).__name__}; CorrectedDepth.of makes one")
+    for name, kind in (("depth_m", np.float32), ("source", np.uint8), ("confidence", np.float32)):
+        image = getattr(corrected, name)
+        if not isinstance(image, np.ndarray) or image.shape != frame.depth_m.shape or image.dtype != kind:
+            given = f"{image.dtype} of {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
+            raise ToolError(f"{fault} {name} of type {np.dtype(kind)} and shape {frame.depth_m.shape}, got {given}")
+    if not (np.isfinite(corrected.depth_m).all() and (corrected.depth_m >= 0).all()):
+        raise ToolError(f"{fault} depths of 0 or more, 0 for none, got {_first_wrong(corrected.depth_m)}")
+    if corrected.source.max(initial=0) > max(Source):
+        raise ToolError(f"{fault} sources of 0 to {int(max(Source))}, got {corrected.source.max()}")
+
+
+def _first_wrong(depth_m: FloatImage) -> float:
+    return float(depth_m[~(np.isfinite(depth_m) & (depth_m >= 0))][0])
 
 
 @contextmanager
