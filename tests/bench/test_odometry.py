@@ -186,6 +186,19 @@ def test_poses_of_the_caller(visible: float) -> None:
         show(f"{visible:.0%} of the image with texture, {kind}", figure)
 
 
+@pytest.mark.parametrize("strength", [None, 0.5, 1.5])
+def test_dots_of_a_projector(strength: float | None) -> None:
+    """Errors of the default method's motion where the gray image shows dots that stay where they are in the image."""
+    sequence = load_sequence("sim-MB", 0, RIG | ({"rig.projected_texture": strength} if strength else {}))
+    film = [frame_of(seen, seen.T_world_cam) for seen in captures(sequence, 40, start=20)]
+    truths = [Pair(*two).truth()[:3, 3] for two in pairwise(film)]
+    found = motions_of_the_default([replace(frame, T_world_cam=None) for frame in film])
+    errors_mm = [1e3 * np.linalg.norm(T[:3, 3] - t) for T, t in zip(found, truths, strict=True) if T is not None]
+    moved_mm = 1e3 * np.median([np.linalg.norm(t) for t in truths])
+    figure = f"error p50 {np.median(errors_mm):4.1f} of {moved_mm:.0f} mm, {len(errors_mm)} of {len(truths)} solved"
+    show(f"dots of a projector, strength {strength}", figure)
+
+
 def test_pairs_of_different_places() -> None:
     motions = [motion for _, motion in estimates(bad_pairs())]
     outcomes = Counter(motion.status.value for motion in motions)
