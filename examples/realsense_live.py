@@ -4,7 +4,8 @@
     python examples/realsense_live.py --file walk.bag  # every frame of a recording
 
 It prints one line per second of the stream: the shares of pixels with depth, raw and corrected, and the latency. The
-depth of a D400 camera belongs to its left infrared image, so nothing needs to be aligned.
+depth of a D400 camera belongs to its left infrared image, so nothing needs to be aligned. The projector is switched off,
+because its dots in this image mislead the tracking of the camera; `--projector` leaves it as it is.
 """
 
 import argparse
@@ -34,9 +35,12 @@ class Camera:
         file: `.bag` or `.db3` of librealsense; None for a camera.
         size_px: Width and height of the camera's images; those of a file stay as they are.
         rate_hz: Frames per second of a camera.
+        projector: Whether the projector of a camera stays as it is, instead of being switched off.
     """
 
-    def __init__(self, file: Path | None, size_px: tuple[int, int] = (640, 360), rate_hz: int = 30) -> None:
+    def __init__(
+        self, file: Path | None, size_px: tuple[int, int] = (640, 360), rate_hz: int = 30, *, projector: bool = False
+    ) -> None:
         settings = rs.config()
         if file is not None:
             settings.enable_device_from_file(str(file), repeat_playback=False)
@@ -48,6 +52,8 @@ class Camera:
         if file is not None:
             profile.get_device().as_playback().set_real_time(False)
         sensor = profile.get_device().first_depth_sensor()
+        if file is None and not projector and sensor.supports(rs.option.emitter_enabled):
+            sensor.set_option(rs.option.emitter_enabled, 0)
         self._units_per_m = round(1 / sensor.get_depth_scale(), 3)
         lens = profile.get_stream(rs.stream.infrared, 1).as_video_stream_profile().get_intrinsics()
         self.intrinsics = Intrinsics(
@@ -93,8 +99,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--file", type=Path, help="a recording of librealsense in place of a camera")
     parser.add_argument("--frames", type=int, help="how many frames to correct; default: all")
+    parser.add_argument("--projector", action="store_true", help="leave the projector of a camera as it is")
     options = parser.parse_args()
-    camera, start = Camera(options.file), time.perf_counter()
+    camera, start = Camera(options.file, projector=options.projector), time.perf_counter()
     # `latest` suits a live camera: if the corrector falls behind, a newer frame replaces the one that waits.
     pipeline = CorrectionPipeline(VoxDepth(camera.intrinsics), camera.frames(), latest=options.file is None)
     count, printed_s = 0, float("-inf")
