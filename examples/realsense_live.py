@@ -4,8 +4,8 @@
     python examples/realsense_live.py --file walk.bag  # every frame of a recording
 
 It prints one line per second of the stream: the shares of pixels with depth, raw and corrected, and the latency. The
-depth of a D400 camera belongs to its left infrared image, so nothing needs to be aligned. The projector is switched off,
-because its dots in this image mislead the tracking of the camera; `--projector` leaves it as it is.
+depth of a D400 camera belongs to its left infrared image, so nothing needs to be aligned. The projector is switched
+off, because its dots in this image mislead the tracking of the camera; `--projector` leaves it as it is.
 """
 
 import argparse
