@@ -60,10 +60,10 @@ class VisualOdometryConfig(Model):
     """Reprojection error below which a track is an inlier, in pixels of the tracking image."""
     max_median_residual_px: float = Field(default=1.5, gt=0)
     """Largest median reprojection error. Correct motions have at most 1 px, wrong ones at least 14 px."""
-    pose_sigma_m: float = Field(default=0.01, gt=0)
+    pose_sigma_m: float = Field(default=0.01, ge=1e-6, le=1e6)
     """Standard deviation of each coordinate of the motion between two poses of the caller. More trusts the images
     more."""
-    pose_sigma_deg: float = Field(default=0.3, gt=0)
+    pose_sigma_deg: float = Field(default=0.3, ge=1e-6, le=1e6)
     """Standard deviation of the rotation about each axis between two poses of the caller."""
 
 
