@@ -143,7 +143,7 @@ def resolve_config(name: str, given: Mapping[str, Any]) -> "VoxDepthConfig | Pap
         if first["type"] == "extra_forbidden":
             likely = _likely_keys(where, default.model_dump(mode="json"))
             raise ConfigError(
-                f"config of the corrector {name!r}: there is no key {where!r}"
+                f"config of the corrector {name!r}: unknown key {where!r}"
                 f"{'; did you mean ' + ' or '.join(likely) if likely else ''}; `voxdepth config {name}` prints all"
             ) from error
         raise ConfigError(f"config of the corrector {name!r}: {where}: {first['msg']}") from error

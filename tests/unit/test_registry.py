@@ -87,7 +87,7 @@ def test_a_configuration_reaches_its_corrector() -> None:
         ("voxdepth", PaperConfig(), "VoxDepthConfig, got .* PaperConfig"),
         ("paper", VoxDepthConfig(), "PaperConfig, got .* VoxDepthConfig"),
         ("paper", {"window_frames": 0}, "'paper': window_frames: "),
-        ("voxdepth", {"windows": 3}, "'voxdepth': there is no key 'windows'; "),
+        ("voxdepth", {"windows": 3}, "'voxdepth': unknown key 'windows'; "),
     ],
 )
 def test_a_wrong_configuration_is_refused(name: str, config: Any, message: str) -> None:
@@ -254,10 +254,10 @@ def test_what_an_error_quotes_of_a_file_cannot_break_its_line_or_control_a_termi
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ({"fil": "none"}, "there is no key 'fil'; did you mean fill"),
-        ({"max_evidence": 8.0}, "there is no key 'max_evidence'; did you mean fusion.max_evidence; `voxdepth config"),
+        ({"fil": "none"}, "unknown key 'fil'; did you mean fill"),
+        ({"max_evidence": 8.0}, "unknown key 'max_evidence'; did you mean fusion.max_evidence; `voxdepth config"),
         ({"fusion": {"max_evidnce": 8.0}}, "'fusion.max_evidnce'; did you mean fusion.max_evidence"),
-        ({"zzz": 1}, "there is no key 'zzz'; `voxdepth config voxdepth` prints all"),
+        ({"zzz": 1}, "unknown key 'zzz'; `voxdepth config voxdepth` prints all"),
     ],
 )
 def test_a_mistyped_key_is_told_with_those_that_may_be_meant(given: dict[str, Any], told: str) -> None:

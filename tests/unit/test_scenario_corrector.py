@@ -88,7 +88,7 @@ def test_a_configuration_reaches_the_corrector_and_the_written_file(tmp_path: Pa
     [
         ("magic", "there is no corrector 'magic'"),
         ({"name": "median", "config": {"window": 5}}, "'median' takes no configuration"),
-        ({"name": "voxdepth", "config": {"windov": 5}}, "config of the corrector 'voxdepth': there is no key 'windov'"),
+        ({"name": "voxdepth", "config": {"windov": 5}}, "config of the corrector 'voxdepth': unknown key 'windov'"),
         ({"name": "paper", "config": {"fusion_lag_frames": "ready"}}, "fusion_lag_frames"),
         ({"name": "voxdepth", "confg": {}}, "corrector.confg"),
     ],
