@@ -202,7 +202,10 @@ def _add_known(
     H: FloatArray,
     gradient: FloatArray,
 ) -> None:
-    """Add a known motion to the normal equations; it is given by its inverse and the inverse of its variances."""
+    """Add a known motion to the normal equations; it is given by its inverse and the inverse of its variances.
+
+    The normal equations of the points lack the factor of their own variance, `1 / point_sigma_px**2`.
+    """
     difference = log_se3(compose(T, T_source_target))
     squared = 0.0
     for i in range(6):
@@ -233,6 +236,7 @@ def _fit(
     for _ in range(MAX_ITERATIONS):
         scale_px = max(MIN_SCALE_PX, min(scale_px, MEDIAN_TO_SCALE * _median(length_px.copy())))
         H, gradient = _normal_equations(points_m, observed_px, T, lens, scale_px)
+        # Residuals are large at first because the motion is wrong, which makes the known motion no more certain.
         _add_known(T, T_source_target, information, min(scale_px, inlier_px), H, gradient)
         step = -solve_symmetric(H, gradient)
         T = compose(exp_se3(step), T)
