@@ -20,6 +20,7 @@ from swarm.compose import composed_mission
 from swarm.mission import Mission
 from swarm.recorder import Recorder
 from swarm.types import MissionResult, Outcome
+from voxdepth.interrupts import kept_back
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.files import as_tool_error, to_toml, write
 from voxdepth.tools.provenance import machine, versions
@@ -27,7 +28,6 @@ from voxdepth.tools.viewer import PARTIAL_RECORDING, RECORDING
 
 from .config import Run
 from .errors import ScenarioError
-from .interrupts import kept_back
 
 LONGEST_CORRECTOR = 40
 """Number of characters of a corrector with its settings in the name of a folder."""
@@ -76,11 +76,11 @@ def fly_and_write(run: Run, out: Path, *, record: bool, progress: Progress | Non
     with ExitStack() as until_written, _naming_whole_files(folder):
         try:
             with flying(run, recorder, recorded=record) as mission:
-                raise_kept = until_written.enter_context(kept_back())
+                hand_on = until_written.enter_context(kept_back())
                 with as_tool_error(f"cannot create the run folder {folder}"):
                     folder.mkdir(parents=True)
                 write(folder / "config.toml", to_toml(run).encode())
-                wall_s = _ticks(mission, progress, raise_kept)
+                wall_s = _ticks(mission, progress, hand_on)
                 result = mission.result()
         finally:
             recorder.close()

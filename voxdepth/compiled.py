@@ -18,6 +18,8 @@ from typing import Any, TypeVar, cast
 import numba
 import numba.extending
 
+from .interrupts import kept_back
+
 READABLE_IMAGE = numba.types.Array(numba.float32, 2, "C", readonly=True)
 """Type of an image of floats that is only read; the caller may have locked it."""
 FLOAT_IMAGE = numba.float32[:, ::1]
@@ -91,10 +93,13 @@ def compile_all() -> None:
     with _LOCK, _without_garbage_collection():
         has_said_so = False
         while _waiting:
-            if _waiting[0].compile() and not has_said_so:
+            with kept_back() as hand_on:  # LLVM calls Python, and an exception there is lost, or crashes the process.
+                had_to_compile = _waiting[0].compile()
+            if had_to_compile and not has_said_so:
                 _LOGGER.warning("compiling %d functions for this machine; this takes some seconds, once", len(_waiting))
                 has_said_so = True
             _waiting.pop(0)
+            hand_on()
 
 
 @contextmanager

@@ -47,6 +47,29 @@ try:
 except TypeError:
     print(sum_of_next(np.array([1.0, 2.0, 3.0])))
 """
+INTERRUPTED = """
+import os
+import signal
+from llvmlite.binding.executionengine import ExecutionEngine
+import numpy as np
+from loops import sum_of_next
+from voxdepth.compiled import compile_all
+
+find = ExecutionEngine._find_module_ptr  # LLVM calls functions that call it.
+
+
+def interrupted(self, pointer):
+    ExecutionEngine._find_module_ptr = find
+    os.kill(os.getpid(), signal.SIGINT)
+    return find(self, pointer)
+
+
+ExecutionEngine._find_module_ptr = interrupted
+try:
+    compile_all()
+except KeyboardInterrupt:
+    print(sum_of_next(np.array([1.0, 2.0, 3.0])))
+"""
 
 
 class Package:
@@ -138,6 +161,11 @@ def test_the_first_call_compiles_for_the_declared_types(package: Package) -> Non
     assert result == 12
     require_one_line(said)
     assert package.run() == (12, "")
+
+
+def test_an_interruption_while_llvm_calls_python_is_not_lost(package: Package) -> None:
+    assert package.run(INTERRUPTED)[0] == 12
+    assert package.run(INTERRUPTED) == (12, "")  # As well when the functions are read from the disk.
 
 
 def test_processes_may_compile_at_the_same_time(package: Package) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from scenarios import runner
 from scenarios.config import images_of, load_run
-from scenarios.interrupts import ENDING, kept_back
+from voxdepth.interrupts import ENDING, kept_back
 
 QUICK = {"mission.drones": 1, "mission.duration_s": 0.5, **images_of(32, 32), "rig.depth": "truth", "corrector": "raw"}
 
@@ -33,11 +33,11 @@ def send(number: int) -> None:
 @pytest.mark.parametrize("number", ENDING)
 def test_the_first_signal_waits_for_a_moment_without_harm(number: int) -> None:
     before = signal.getsignal(number)
-    with kept_back() as raise_kept:
-        raise_kept()
+    with kept_back() as hand_on:
+        hand_on()
         send(number)
         with pytest.raises(KeyboardInterrupt):
-            raise_kept()
+            hand_on()
     assert signal.getsignal(number) is before
 
 
@@ -56,9 +56,9 @@ def test_a_thread_keeps_nothing_back() -> None:
     inside: list[Any] = []
 
     def enter() -> None:
-        with kept_back() as raise_kept:
+        with kept_back() as hand_on:
             inside.append(signal.getsignal(signal.SIGINT))
-            raise_kept()
+            hand_on()
 
     thread = threading.Thread(target=enter)
     thread.start()

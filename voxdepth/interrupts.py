@@ -1,4 +1,4 @@
-"""Signals that ask a program to end, kept back while files are written."""
+"""Signals that ask a program to end, kept back where they would do harm."""
 
 import signal
 import threading
@@ -14,9 +14,9 @@ Handler = Callable[[int, FrameType | None], object]
 def kept_back() -> Iterator[Callable[[], None]]:
     """Keep back the first signal that asks for the end; later ones have their usual effect.
 
-    Yields a function that raises `KeyboardInterrupt` if a signal was kept back, to be called where an interruption
-    does no harm. A signal after its last call has no effect. Outside of the main thread, which alone handles signals,
-    nothing is kept back.
+    Yields a function that gives a signal that was kept back to its usual handler, which may raise `KeyboardInterrupt`;
+    call it where an interruption does no harm. A signal after its last call has no effect. Outside of the main thread,
+    which alone handles signals, nothing is kept back.
     """
     usual: dict[int, Handler] = {}
     kept: list[int] = []
@@ -26,9 +26,9 @@ def kept_back() -> Iterator[Callable[[], None]]:
             usual[number](number, frame)
         kept.append(number)
 
-    def raise_kept() -> None:
+    def hand_on() -> None:
         if kept:
-            raise KeyboardInterrupt
+            usual[kept[0]](kept[0], None)
 
     if threading.current_thread() is threading.main_thread():
         handlers = {number: signal.getsignal(number) for number in ENDING}
@@ -36,7 +36,7 @@ def kept_back() -> Iterator[Callable[[], None]]:
     for number in usual:
         signal.signal(number, keep)
     try:
-        yield raise_kept
+        yield hand_on
     finally:
         for number, handler in usual.items():
             signal.signal(number, handler)
