@@ -1,6 +1,7 @@
 """A corrector and its configuration, as a field of a scenario, a study arm or a learning task."""
 
 import json
+from contextlib import suppress
 from typing import Any
 
 from pydantic import Field, field_validator, model_serializer, model_validator
@@ -14,8 +15,8 @@ from .types import DepthCorrector, Intrinsics
 class CorrectorSpec(Model):
     """A corrector by name, with the values of its configuration that differ from the defaults.
 
-    A bare string is a corrector with its default configuration. It is written as a bare string again, so that
-    configurations that never set `config` keep their text.
+    A text is a corrector with its default configuration but perhaps one setting, see `parse_corrector`. Without a
+    setting it is written as a text again, so that configurations that never set `config` keep their text.
     """
 
     name: str
@@ -27,7 +28,10 @@ class CorrectorSpec(Model):
     @model_validator(mode="before")
     @classmethod
     def _from_name(cls, value: Any) -> Any:
-        return {"name": value} if isinstance(value, str) else value
+        if not isinstance(value, str):
+            return value
+        name, config = parse_corrector(value)
+        return {"name": name, "config": config}
 
     @field_validator("name")
     @classmethod
@@ -66,3 +70,26 @@ class CorrectorSpec(Model):
     def create(self, intrinsics: Intrinsics) -> DepthCorrector:
         """Create the corrector for one camera."""
         return create_corrector(self.name, intrinsics, self.resolved_config())
+
+
+def parse_corrector(text: str) -> tuple[str, dict[str, Any]]:
+    """Split a corrector with a setting, as in `voxdepth[fill=all]`, into its name and its configuration.
+
+    Without a setting the configuration is empty. Dots lead to keys of tables, as in
+    `voxdepth[odometry.min_tracks=9]`. A value that is not JSON is a text. Neither the name nor the key is looked up.
+
+    Raises:
+        ConfigError: The text has another form.
+    """
+    name, bracket, setting = text.partition("[")
+    if not bracket:
+        return name, {}
+    key, equals, value = setting.removesuffix("]").partition("=")
+    if not (key and equals and value and setting.endswith("]")):
+        raise ConfigError(f"expected a corrector with a setting as in voxdepth[fill=all], got {text!r}")
+    given: Any = value
+    with suppress(ValueError):
+        given = json.loads(value)
+    for part in reversed(key.split(".")):
+        given = {part: given}
+    return name, dict(given)

@@ -28,7 +28,9 @@ def run(
     duration: Annotated[float | None, typer.Option(help="Simulated seconds after which the run times out.")] = None,
     depth: Annotated[Depth | None, typer.Option(help="Where depth comes from.")] = None,
     theta: Annotated[float | None, typer.Option(help="Noise ratio of --depth noisy.")] = None,
-    corrector: Annotated[str | None, typer.Option(help="Depth corrector by name; see voxdepth list.")] = None,
+    corrector: Annotated[
+        str | None, typer.Option(help="Depth corrector by name, perhaps with a setting as in voxdepth[fill=all].")
+    ] = None,
     prior: Annotated[
         Prior | None, typer.Option(help="Pose that a drone passes to its corrector; true is an oracle.")
     ] = None,

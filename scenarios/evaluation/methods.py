@@ -1,11 +1,10 @@
 """The methods that are compared: correctors by name, and an oracle that exists only here."""
 
-import json
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
+from voxdepth.corrector_spec import parse_corrector
 from voxdepth.registry import (
     CORRECTOR_NAMES,
     DEFAULT,
@@ -13,7 +12,6 @@ from voxdepth.registry import (
     config_of,
     create_corrector,
     installed_names,
-    require_known,
     resolve_config,
 )
 from voxdepth.types import DepthCorrector, Intrinsics
@@ -70,9 +68,8 @@ def find_method(name: str) -> Method:
         return Method(name=name, make=_oracle, sees_true_pose=True)
     if ":" in name:
         return Method(name=name, make=find_corrector(name), is_foreign=True)
-    corrector, _, setting = name.partition("[")
-    require_known(corrector)
-    config = resolve_config(corrector, _parsed(name, setting)) if setting else config_of(corrector)
+    corrector, setting = parse_corrector(name)
+    config = resolve_config(corrector, setting) if setting else config_of(corrector)
     return Method(
         name=name,
         make=lambda intrinsics: create_corrector(corrector, intrinsics, config),
@@ -80,19 +77,6 @@ def find_method(name: str) -> Method:
         is_foreign=corrector not in CORRECTOR_NAMES,
         warm_up_frames=WARM_UP_FRAMES if config is None else config.warm_up_frames,
     )
-
-
-def _parsed(name: str, setting: str) -> dict[str, Any]:
-    """Return the setting `key=value]` as a configuration; a value that is no number or truth value is a text."""
-    key, equals, value = setting.removesuffix("]").partition("=")
-    if not (key and equals and value and setting.endswith("]")):
-        raise ScenarioError(f"expected a method with a setting as in voxdepth[fill=all], got {name!r}")
-    given: Any = value
-    with suppress(ValueError):
-        given = json.loads(value)
-    for part in reversed(key.split(".")):
-        given = {part: given}
-    return dict(given)
 
 
 def _oracle(intrinsics: Intrinsics) -> DepthCorrector:

@@ -84,8 +84,22 @@ def test_a_configuration_reaches_the_corrector_and_the_written_file(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
+    ("setting", "config"),
+    [
+        ("fill=all", {"fill": "all"}),
+        ("odometry.min_tracks=9", {"odometry": {"min_tracks": 9}}),
+        ("max_featureless_frames=30", CONFIG),
+    ],
+)
+def test_a_text_may_have_a_setting(setting: str, config: dict[str, Any]) -> None:
+    assert with_corrector(f"voxdepth[{setting}]") == with_corrector({"name": "voxdepth", "config": config})
+
+
+@pytest.mark.parametrize(
     ("corrector", "message"),
     [
+        ("voxdepth[fill]", r"expected a corrector with a setting as in voxdepth\[fill=all\], got 'voxdepth\[fill\]'"),
+        ("voxdepth[fil=all]", "unknown key 'fil'; did you mean fill"),
         ("magic", "there is no corrector 'magic'"),
         ({"name": "median", "config": {"window": 5}}, "'median' takes no configuration"),
         ({"name": "voxdepth", "config": {"windov": 5}}, "config of the corrector 'voxdepth': unknown key 'windov'"),

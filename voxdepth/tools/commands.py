@@ -29,7 +29,9 @@ Format = StrEnum("Format", "AUTO TUM MIDAIR REALSENSE RECORDING BAG")
 def correct(
     folder: Annotated[Path, typer.Argument(metavar="PATH", help="Folder of the recorded sequence, or a bag.")],
     out: Annotated[Path, typer.Option(help="New folder of the result, or a new .mcap file.")],
-    corrector: Annotated[str, typer.Option(help="Depth corrector by name.")] = DEFAULT_CORRECTOR,
+    corrector: Annotated[
+        str, typer.Option(help="Depth corrector by name, perhaps with a setting as in voxdepth[fill=all].")
+    ] = DEFAULT_CORRECTOR,
     config: Annotated[
         Path | None,
         typer.Option(help="TOML file of lines of `voxdepth config` to change, or a result's config.toml."),
@@ -133,23 +135,27 @@ def _planned(
 
 
 def _spec(corrector: str, config: Path | None) -> "CorrectorSpec":
-    """Read the configuration of a corrector from a TOML file, which may be the `config.toml` of an earlier result."""
+    """Return a corrector with the configuration in its text or in a TOML file, perhaps that of an earlier result."""
     import pydantic
 
-    from ..corrector_spec import CorrectorSpec
+    from ..corrector_spec import CorrectorSpec, parse_corrector
     from ..registry import config_of
     from .files import first_problem, read_toml
 
-    given = {} if config is None else read_toml(config)
-    if config is not None and config_of(corrector) is None:
-        raise ToolError(f"{config}: the corrector {corrector!r} takes no configuration; leave out --config")
-    if isinstance(given.get("config"), dict):
-        made_by = given.get("corrector", corrector)
-        if made_by != corrector:
-            raise ToolError(f"{config} configures the corrector {made_by!r}: ask for that with --corrector")
-        given = given["config"]
+    name, given = parse_corrector(corrector)
+    if config is not None:
+        if given:
+            raise ToolError(f"--corrector {corrector} has a setting: write it to {config}, or leave out --config")
+        if config_of(name) is None:
+            raise ToolError(f"{config}: the corrector {name!r} takes no configuration; leave out --config")
+        given = read_toml(config)
+        if isinstance(given.get("config"), dict):
+            made_by = given.get("corrector", name)
+            if made_by != name:
+                raise ToolError(f"{config} configures the corrector {made_by!r}: ask for that with --corrector")
+            given = given["config"]
     try:
-        return CorrectorSpec(name=corrector, config=given)
+        return CorrectorSpec(name=name, config=given)
     except pydantic.ValidationError as error:
         raise ToolError(f"{config or '--corrector'}: {first_problem(error, 'corrector')}") from error
 
