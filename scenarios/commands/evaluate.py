@@ -32,7 +32,7 @@ def evaluate(
         str | None,
         typer.Option(
             metavar="A,B,C",
-            help="Methods by name, perhaps with a setting as in voxdepth[fill=all]. "
+            help=r"Methods by name, perhaps with a setting as in voxdepth\[fill=all]. "
             "Default: all, and the oracle true-pose where a recording has true poses.",
         ),
     ] = None,

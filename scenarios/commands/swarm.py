@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from voxdepth.tools.options import INTERRUPTED
+from voxdepth.tools.options import CORRECTOR_HELP, INTERRUPTED
 from voxdepth.tools.viewer import RECORDING, open_viewer, require_display
 
 from .options import Depth, Picture, Renderer, Scenario, Seed, Seeds, Size, Workers, given, size_changes
@@ -28,9 +28,7 @@ def run(
     duration: Annotated[float | None, typer.Option(help="Simulated seconds after which the run times out.")] = None,
     depth: Annotated[Depth | None, typer.Option(help="Where depth comes from.")] = None,
     theta: Annotated[float | None, typer.Option(help="Noise ratio of --depth noisy.")] = None,
-    corrector: Annotated[
-        str | None, typer.Option(help="Depth corrector by name, perhaps with a setting as in voxdepth[fill=all].")
-    ] = None,
+    corrector: Annotated[str | None, typer.Option(help=CORRECTOR_HELP)] = None,
     prior: Annotated[
         Prior | None, typer.Option(help="Pose that a drone passes to its corrector; true is an oracle.")
     ] = None,
@@ -121,7 +119,7 @@ def tabulate(
 def freespace(
     scenario: Scenario,
     corrector: Annotated[list[str] | None, typer.Option(help="Corrector; may be repeated. Default: some.")] = None,
-    seeds: Seeds = 10,
+    seeds: Annotated[int, typer.Option(min=1, help="How many seeds.")] = 10,
     first: Annotated[int, typer.Option(help="First seed; pilots have 1000 and up.", min=0)] = 1000,
     workers: Workers = 2,
 ) -> None:
@@ -144,7 +142,7 @@ def picture(
     out: Picture = Path("picture.jpg"),
     seed: Seed = None,
     drone: Annotated[int, typer.Option(min=0, help="Number of the drone; 0 is the leader.")] = 0,
-    at: Annotated[float, typer.Option(help="Simulated time of the picture [s].")] = 12.0,
+    at: Annotated[float, typer.Option(help="Simulated time of the picture, in seconds.")] = 12.0,
     size: Size = "640x360",
 ) -> None:
     """Render gray, true, raw and corrected depth of one drone side by side."""
@@ -160,7 +158,7 @@ def film(
     out: Annotated[Path, typer.Option(help="GIF file to write.")] = Path("film.gif"),
     seed: Seed = None,
     drone: Annotated[int, typer.Option(min=0, help="Number of the drone whose depth is shown.")] = 0,
-    until: Annotated[float, typer.Option(help="Simulated time of the end [s].")] = 12.0,
+    until: Annotated[float, typer.Option(help="Simulated time of the end, in seconds.")] = 12.0,
 ) -> None:
     """Make an animated picture of a flight: the swarm from a camera that follows it, and the depth of one drone."""
     from ..config import load_run

@@ -7,16 +7,20 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import typer
+from rich.text import Text
 
 from scenarios.config import load_run
 from scenarios.errors import ScenarioError
 from scenarios.files import DATA, Chosen
 from scenarios.sequences import load_sequence
+from voxdepth.tools.cli import create_app
 from voxdepth.tools.errors import ToolError
 
 ENVIRONMENT = {**os.environ, "COLUMNS": "120"}
@@ -31,6 +35,20 @@ def voxdepth(*arguments: str | Path, cwd: Path | None = None) -> "subprocess.Com
 def only_run(out: Path) -> Path:
     (folder,) = out.iterdir()
     return folder
+
+
+def texts(command: Any) -> Iterator[str]:
+    """The help of a command, of its parameters and of the commands below it."""
+    yield from filter(None, [command.help, *(getattr(parameter, "help", None) for parameter in command.params)])
+    for below in getattr(command, "commands", {}).values():
+        yield from texts(below)
+
+
+def test_no_word_of_the_help_is_taken_for_markup() -> None:
+    found = list(texts(typer.main.get_command(create_app())))
+    assert len(found) > 100
+    for text in found:
+        assert Text.from_markup(text).plain == text.replace("\\[", "[")
 
 
 @pytest.mark.slow

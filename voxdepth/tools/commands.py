@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .errors import ToolError
-from .options import DEFAULT_CORRECTOR, DepthTopic, GrayTopic, counter, parsed_size, require_installed
+from .options import CORRECTOR_HELP, DEFAULT_CORRECTOR, DepthTopic, GrayTopic, counter, parsed_size, require_installed
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -29,9 +29,7 @@ Format = StrEnum("Format", "AUTO TUM MIDAIR REALSENSE RECORDING BAG")
 def correct(
     folder: Annotated[Path, typer.Argument(metavar="PATH", help="Folder of the recorded sequence, or a bag.")],
     out: Annotated[Path, typer.Option(help="New folder of the result, or a new .mcap file.")],
-    corrector: Annotated[
-        str, typer.Option(help="Depth corrector by name, perhaps with a setting as in voxdepth[fill=all].")
-    ] = DEFAULT_CORRECTOR,
+    corrector: Annotated[str, typer.Option(help=CORRECTOR_HELP)] = DEFAULT_CORRECTOR,
     config: Annotated[
         Path | None,
         typer.Option(help="TOML file of lines of `voxdepth config` to change, or a result's config.toml."),

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 DEFAULT_CORRECTOR = "voxdepth"
 """The same word as in the registry, which is not imported for `--help`."""
+CORRECTOR_HELP = r"Depth corrector by name, perhaps with a setting as in voxdepth\[fill=all]."
+"""Without the backslash the setting would be taken for the markup of Rich."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 
