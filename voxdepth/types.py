@@ -42,7 +42,8 @@ CORRECT_PX = 0.25
 """... or at most this [px], about the accuracy of stereo matching."""
 CONFIDENCE_OF_FILLS = 0.5
 """Confidence that `CorrectedDepth.of` gives a depth that the sensor did not measure: between a measured one (1) and
-none (0). It only tells the sources apart. Those of `create_corrector` are probabilities, see `voxdepth.calibration`."""
+none (0). It only tells the sources apart, and who trusts depth from 0.5 on trusts every fill. Those of
+`create_corrector` are probabilities, see `voxdepth.calibration`."""
 ASSUMED_BASELINE_M = 0.05
 """Baseline of a camera that is not a stereo pair [m], about that of consumer depth cameras."""
 LARGEST_SIDE_PX = 2**16
@@ -368,6 +369,8 @@ class CorrectedDepth:
 
         Source SENSOR and confidence 1 where frame and result have a depth, INPAINTED and `CONFIDENCE_OF_FILLS` where
         only the result has one, INVALID and 0 elsewhere, also where the frame lost its depth.
+
+        A method that knows how probably its depths are right gives that instead, by `dataclasses.replace`.
         """
         seen, valid = frame.depth_m > 0, depth_m > 0
         source = np.where(seen, np.uint8(Source.SENSOR), np.uint8(Source.INPAINTED))

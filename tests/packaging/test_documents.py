@@ -28,6 +28,12 @@ def blocks(document: Path, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", document.read_text(), re.DOTALL | re.MULTILINE)
 
 
+def last_line(code: str) -> str:
+    """What a program prints last."""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.splitlines()[-1]
+
+
 def anchors(document: Path) -> set[str]:
     headings = re.findall(r"^#+ (.+)$", document.read_text(), re.MULTILINE)
     return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
@@ -163,18 +169,25 @@ def test_the_example_of_a_sequence_can_be_loaded(tmp_path: Path) -> None:
 
 
 def test_the_example_of_a_study_can_be_loaded(tmp_path: Path) -> None:
-    from scenarios.study.design import load_study
+    from scenarios.study.design import expand, load_study
 
-    (text,) = blocks(ROOT / "docs" / "running_studies.md", "toml")
-    (tmp_path / "mine.toml").write_text(text)
-    assert len(load_study(str(tmp_path / "mine.toml")).arms) == 3
+    study, arms = blocks(ROOT / "docs" / "running_studies.md", "toml")
+    (tmp_path / "mine.toml").write_text(study + arms.replace("wide-median", "median"))
+    loaded = load_study(str(tmp_path / "mine.toml"))
+    assert len(loaded.arms) == 5
+    controllers = {spec.arm: spec.run.scenario.mission.controller for spec in expand(loaded)}
+    assert controllers["my controller"] == "my_avoidance:create"
 
 
 @pytest.mark.slow
 def test_the_example_of_an_environment_flies_to_its_end() -> None:
-    (example,) = blocks(ROOT / "docs" / "environments.md", "python")
-    code = example + "print(picture.shape[2], info['outcome'])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    channels, outcome = done.stdout.splitlines()[-1].split()
+    example, _ = blocks(ROOT / "docs" / "environments.md", "python")
+    channels, outcome = last_line(example + "print(picture.shape[2], info['outcome'])").split()
     assert channels == "3"
     assert outcome in ("collision", "deadlock", "lost", "success", "timeout")
+
+
+@pytest.mark.slow
+def test_the_example_of_an_environment_with_bare_walls_shows_small_depth() -> None:
+    _, example = blocks(ROOT / "docs" / "environments.md", "python")
+    assert last_line(example + "print(env.reset(seed=0)[0]['depth_m'].shape)") == "(90, 160)"
