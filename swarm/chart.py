@@ -118,8 +118,9 @@ class Chart:
         """Return how far a drone may plan to fly from a position in a direction of length 1 (x, y)."""
         side_m = self._config.voxel_m
         x, y = self._cells(at_m)
-        length = free_length(self._passage, x, y, float(along[0]), float(along[1]), self._width, longest_m / side_m)
-        return side_m * length
+        longest = longest_m / side_m
+        length = free_length(self._passage, x, y, float(along[0]), float(along[1]), self._width, longest)
+        return longest_m if length >= longest else side_m * length
 
     def restrain(self, velocity: FloatArray, at_m: FloatArray, limits: ApproachLimits, braking: Braking) -> FloatArray:
         """Return the safe velocity (x, y) that is nearest to a wanted one; see `nearest_safe_velocity`."""

@@ -154,7 +154,7 @@ class FreeMap:
         )
         farthest_m = max(self._config.near_m, float(free_m.max()))
         n_found = kernels.find_in_view(rules, self._view, origin_m, T, farthest_m, voxels.passed.shape, self._in_view)
-        kernels.judge(voxels, limits, self._in_view, n_found, self._is_shown, rules.near_m, time_s)
+        kernels.judge(voxels, limits, self._in_view, n_found, self._is_shown, rules, time_s)
 
     def chart(
         self,

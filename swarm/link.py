@@ -22,7 +22,7 @@ class LinkConfig(Model):
     loss: float = Field(default=0.1, ge=0, lt=1)
     """Probability that a receiver misses a message, independent of the other receivers and messages."""
     range_m: float = Field(default=40.0, gt=0)
-    """Range of the radio; a leader's messages are relayed to its whole swarm."""
+    """Range of the radio; messages between a leader and its swarm are relayed."""
     memory_s: float = Field(default=1.0, ge=0)
     """Time for which a drone is extrapolated from its last message; after that it counts as not heard."""
 
@@ -49,7 +49,7 @@ class Link:
         self._sent_at_s = np.zeros((n, n))
         self._sends = np.ones(n, np.bool_)
         self._relayed = np.zeros((n, n), np.bool_)
-        self._relayed[np.arange(n), self._leaders] = True
+        self._relayed[np.arange(n), self._leaders] = self._relayed[self._leaders, np.arange(n)] = True
 
     def broadcast(self, states: Sequence[DroneState], time_s: float) -> None:
         """Send the states of all drones and deliver the messages that are due; call it once per control tick."""

@@ -206,19 +206,22 @@ def show_surfaces(
                 voxels.vain[k, i, j], is_shown[voxel] = 0, True
 
 
-@compiled(void(VOXELS, LIMITS, IN_VIEW, int64, boolean[::1], float64, float64))
+@compiled(void(VOXELS, LIMITS, IN_VIEW, int64, boolean[::1], RULES, float64))
 def judge(
     voxels: Voxels,
     limits: Limits,
     found: InView,
     n_found: int,
     is_shown: MaskVector,
-    near_m: float,
+    rules: Rules,
     time_s: float,
 ) -> None:
-    """Compare every voxel in view, except those with a surface, with the limits of the cell that shows it."""
+    """Compare every voxel in view, except those with a surface, with the limits of the cell that shows it.
+
+    Images that saw through a voxel longer ago than it is remembered do not count any more.
+    """
     passed, surface, vain = voxels.passed.ravel(), voxels.surface.ravel(), voxels.vain.ravel()
-    passed_s, near_squared = voxels.passed_s.ravel(), np.float32(near_m**2)
+    passed_s, near_squared = voxels.passed_s.ravel(), np.float32(rules.near_m**2)
     free, shown_from, shown_to = limits.free.ravel(), limits.surface_from.ravel(), limits.surface_to.ravel()
     is_recorded = limits.is_recorded.ravel()
     for k in range(n_found):
@@ -226,6 +229,8 @@ def judge(
         if is_shown[n]:
             continue
         if r <= free[c]:
+            if time_s - passed_s[n] > rules.memory_s:
+                passed[n] = 0
             vain[n], passed_s[n] = 0, time_s
             passed[n] = min(passed[n] + (surface[n] < CONFIRMED), MOST_SEEN)
             surface[n] = max(surface[n], 1) - 1

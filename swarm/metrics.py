@@ -167,9 +167,7 @@ class MissionMetrics:
 
     def by_drone(self, contacts: Sequence[Contact], dropped_frames: Sequence[int]) -> list[dict[str, MetricValue]]:
         """Return the metrics of each drone; a collision of two drones counts for both."""
-        contact_times_s = [
-            [c.time_s for c in contacts if is_involved(drone, c)] for drone in range(self._world.n_drones)
-        ]
+        contact_times_s = [[c.time_s for c in contacts if drone in c.drones] for drone in range(self._world.n_drones)]
         near_misses = self._counts_of_near_misses(contacts)
         return [
             {
@@ -209,11 +207,6 @@ def _polarization(team: Team, states: Sequence[DroneState], flying: MaskImage) -
     if np.count_nonzero(moving) < 2:
         return 1.0
     return float(np.linalg.norm((velocities[moving] / speed[moving, None]).mean(axis=0)))
-
-
-def is_involved(drone: int, contact: Contact) -> bool:
-    """Return whether a drone is one of the two bodies of a collision."""
-    return drone in contact.drones
 
 
 def touched(contacts: Sequence[Contact]) -> list[int]:

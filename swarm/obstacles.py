@@ -8,6 +8,7 @@ from voxdepth.compiled import compile_all
 from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, MaskImage
 
+from .errors import MissionError
 from .evidence import SAMPLED_ROWS
 from .obstacle_kernels import Costs, braking_speed, cheapest_direction, free_distances, nearest_direction
 from .types import Choice, Histogram
@@ -81,6 +82,11 @@ class HistogramBuilder:
         self._step = max(1, intrinsics.height_px // SAMPLED_ROWS)
         row = _sampled_pixels(intrinsics.height_px, self._step, rows)
         col = _sampled_pixels(intrinsics.width_px, self._step, cols)
+        if not (len(row) and len(col)):
+            raise MissionError(
+                f"every {self._step}. pixel of images of {intrinsics.width_px}x{intrinsics.height_px} is read: too few "
+                f"for a histogram of {rows} rows and {cols} columns; give it fewer, or larger images"
+            )
         self._first = (int(row[0]), int(col[0]))
         y = (row - intrinsics.cy_px) / intrinsics.fy_px
         x = (col - intrinsics.cx_px) / intrinsics.fx_px

@@ -1,8 +1,9 @@
 """The adapter between sensor and controller: it builds frames without truth from captures.
 
 `Perception` turns a `Capture` into a `Frame` without true depth and corrects it. Nothing else in this package builds a
-`Frame`. Two parts of the truth remain: routes and formations are flown with true positions, and the pose prior `true`
-passes the true pose to the corrector, as an oracle.
+`Frame`. Some truth remains, though no depth: routes and formations are flown with true positions, detections of other
+drones and the controller without a map are placed by true poses, drones know how many of theirs have dropped out, and
+the pose prior `true` passes the true pose to the corrector, as an oracle.
 """
 
 from collections import deque

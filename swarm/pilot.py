@@ -46,7 +46,8 @@ class PilotConfig(Model):
     @classmethod
     def _read_older(cls, given: Any) -> Any:
         """Read runs of before there were maps: their histogram says what a hole is, `blocked` or `free`."""
-        histogram = given.get("avoidance", {}).get("histogram", {}) if isinstance(given, dict) else {}
+        avoidance = given.get("avoidance") if isinstance(given, dict) else None
+        histogram = avoidance.get("histogram") if isinstance(avoidance, dict) else None
         if not isinstance(histogram, dict) or "unknown" not in histogram:
             return given
         holes = {"blocked": "fixed_range", "free": "free"}.get(histogram["unknown"], histogram["unknown"])

@@ -92,7 +92,7 @@ class Percept:
 
     stamp_s: float
     true_T_world_cam: FloatArray
-    """True pose of the camera in the simulator, shape (4, 4): routes and formations use it."""
+    """True pose of the camera, shape (4, 4): it places detections, and the controller without a map uses it."""
     T_odom_cam: FloatArray
     """Pose of the camera by the drone's odometry, which drifts, shape (4, 4): maps are built with it."""
     corrected: CorrectedDepth

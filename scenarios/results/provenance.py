@@ -9,9 +9,6 @@ from voxdepth.tools.provenance import CORRECTION, versions
 
 SIMULATION = (*CORRECTION, "open3d", "pybullet")
 """Packages whose versions may change a rendered image or a flight."""
-ALL = (*SIMULATION, "rerun-sdk")
-"""Packages whose versions are written beside every mission."""
-
 ALL_SOURCES = "**/*.py"
 FLIGHT_SOURCES = (
     ("voxdepth", ALL_SOURCES),
@@ -31,7 +28,7 @@ DIGEST_DIGITS = 12
 
 def simulation_versions() -> dict[str, str]:
     """Return versions of Python, of the packages that may change a flight, and of the source that flies, as `code`."""
-    return {"python": platform.python_version(), **versions(ALL), "code": code_digest()}
+    return {"python": platform.python_version(), **versions(SIMULATION), "code": code_digest()}
 
 
 @cache

@@ -267,16 +267,21 @@ def expand(study: Study) -> list[RunSpec]:
     ]
 
 
-def by_importance(study: Study, specs: Iterable[RunSpec]) -> list[RunSpec]:
-    """Return the runs of the declared comparison before all others, so that a study that stops early has these."""
+def by_importance(study: Study, specs: Iterable[RunSpec], flown: Iterable[RunSpec]) -> list[RunSpec]:
+    """Return the specs to be flown, of all those of a study, with those of the declared comparison before all others.
+
+    So a study that stops early has these. They may be shared with other arms, of whose specs they are then one.
+    """
     compared = () if study.declared is None else (study.declared.arm, study.declared.against)
-    return sorted(specs, key=lambda spec: spec.arm not in compared)
+    keys = {spec.key for spec in specs if spec.arm in compared}
+    return sorted(flown, key=lambda spec: spec.key not in keys)
 
 
 def digest(study: Study, specs: Sequence[RunSpec]) -> str:
-    """Return a SHA-256 of a study with its resolved scenarios; the place of their files does not matter."""
+    """Return a SHA-256 of a study with its resolved scenarios, but not of what no result depends on."""
+    design = study.model_dump_json(exclude={"scenarios", "description", "time_limit_s"})
     runs = [f"{spec.scenario} {spec.arm} {spec.theta} {spec.key}" for spec in specs]
-    return hashlib.sha256("\n".join([study.model_dump_json(exclude={"scenarios"}), *runs]).encode()).hexdigest()
+    return hashlib.sha256("\n".join([design, *runs]).encode()).hexdigest()
 
 
 def _spec(study: Study, scenario: str, arm: Arm, theta: float | None, seed: int) -> RunSpec:

@@ -63,12 +63,13 @@ def run_one(spec: RunSpec) -> RunRecord:
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed; an interrupted mission is no result.
-        ScenarioError: A metric is not finite.
+        ScenarioError: A number of the result is not finite.
     """
     record = RunRecord.of(spec.key, fly(spec.run, threads=1))
-    for name, value in record.metrics.items():
-        if value is not None and not math.isfinite(value):
-            raise ScenarioError(f"expected finite metrics, or None, got {name} = {value}")
+    for figures in (record.metrics, *record.drones, *map(vars, record.contacts)):
+        for name, value in figures.items():
+            if isinstance(value, float) and not math.isfinite(value):
+                raise ScenarioError(f"expected finite numbers, or None, got {name} = {value}")
     return record
 
 

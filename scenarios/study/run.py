@@ -166,7 +166,7 @@ def run_study(
             return data
         progress, start_s = Progress(data), time.perf_counter()
         display(progress)
-        with closing(executor.run(by_importance(study, waiting.values()))) as runs:
+        with closing(executor.run(by_importance(study, specs, waiting.values()))) as runs:
             for done in runs:
                 store.add(done)
                 del waiting[done.key]

@@ -30,8 +30,8 @@ UNREADABLE = (ValueError, TypeError, KeyError, RecursionError)
 STRICT = pydantic.ConfigDict(strict=True)
 SCHEMA = 3
 """Version of the tables that is written."""
-WITHOUT_DRONES, WITHOUT_DIGESTS = 1, 2
-"""Versions without the metrics of the drones and without digests, which are still read; any other one is refused."""
+WITHOUT_DRONES = 1
+"""Version without the metrics of the drones, which is still read, as is 2, without digests."""
 BUSY_TIMEOUT_S = 60.0
 """Longest time for which a reader or the writer waits for the other."""
 TABLES = """

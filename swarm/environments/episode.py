@@ -14,7 +14,6 @@ from voxdepth.types import FloatArray
 from ..compose import composed_mission
 from ..controllers import Agent, Role, load_controller
 from ..errors import MissionError
-from ..metrics import is_involved
 from ..pilot import Situation
 from ..recorder import Recorder
 from ..task import MissionConfig
@@ -130,7 +129,7 @@ class Episode:
         reward = -c.slot_per_s * min(slot_error_m / c.slot_scale_m, 1.0) * dt_s
         if outcome is None:
             return StepResult(reward=reward, terminated=False, truncated=False)
-        collided = outcome is Outcome.COLLISION and any(is_involved(role.drone, hit) for hit in self.world.contacts)
+        collided = outcome is Outcome.COLLISION and any(role.drone in hit.drones for hit in self.world.contacts)
         stray_m = min(float(np.linalg.norm(from_leader_m)), slot_error_m)
         lost = outcome is Outcome.LOST and stray_m > self._task.mission.lost_m
         arrived = outcome is Outcome.SUCCESS

@@ -5,11 +5,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from examples.straight_controller import Straight
 from sim.bodies import Body, Box
+from sim.types import VelocityCommand
 from swarm.errors import MissionError
+from swarm.pilot import Situation
 from swarm.task import MissionConfig
 from swarm.team import Route
-from swarm.types import MissionResult, Outcome
+from swarm.types import Decision, MissionResult, Outcome
 from tests.helpers import ROUGH, wall
 from tests.swarm_missions import mission_among
 
@@ -63,6 +66,32 @@ def test_the_controller_of_somebody_else_flies_by_its_name() -> None:
         result = mission.run()
     assert result.outcome is Outcome.SUCCESS
     assert fly_at_a_wall(controller="examples.straight_controller:create").outcome is Outcome.COLLISION
+
+
+class Dividing(Straight):
+    """Flies straight for a second, and then divides by a speed of 0."""
+
+    def decide(self, situation: Situation) -> Decision:
+        decision = super().decide(situation)
+        if situation.time_s < 1:
+            return decision
+        nowhere = VelocityCommand(velocity_m_s=np.full(3, np.nan), yaw_rad=0.0)
+        return Decision(command=nowhere, state="free")
+
+
+def test_a_command_that_is_not_finite_ends_the_mission_with_an_error_and_without_a_success() -> None:
+    task = config(route(0, 0, 30, 0), controller=f"{__name__}:Dividing")
+    with (
+        mission_among(config=task) as mission,
+        pytest.raises(MissionError, match=r"drone 0 gave a command that is not finite at 1\.00 s: velocity \[nan"),
+    ):
+        mission.run()
+
+
+def test_a_column_longer_than_the_range_of_the_radio_flies() -> None:
+    task = config(route(0, 0, 30, 0), drones=4, duration_s=5.0, link={"range_m": 3.0})
+    with mission_among(config=task) as mission:
+        assert float(mission.run().metrics["leader_progress_m"] or 0) > 4
 
 
 def test_drones_that_look_at_nothing_hit_each_other_and_ours_do_not() -> None:

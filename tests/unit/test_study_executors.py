@@ -9,8 +9,10 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from scenarios.errors import ScenarioError
@@ -18,6 +20,7 @@ from scenarios.study import executors
 from scenarios.study.design import RunSpec, expand
 from scenarios.study.executors import Cluster, Processes, Serial
 from scenarios.study.store import Failure, RunRecord
+from sim.types import Contact
 from tests.studies import PIDS, arm, fake, slow_fake, study
 
 
@@ -42,6 +45,19 @@ def test_what_raises_is_a_failure_and_stops_no_other() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("where", ["metrics", "drones", "contacts"])
+def test_a_number_that_is_not_finite_is_a_failure_of_its_run(where: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    (spec,) = expand(study(arm("a"), seeds=1))
+    contact = Contact(time_s=1.0, drone=0, other="wall", kind="building", speed_m_s=np.nan)
+    values = {"metrics": {"a": np.nan}, "drones": ({"path_length_m": np.inf},), "contacts": (contact,)}
+    damaged = replace(fake(spec), **{where: values[where]})
+    monkeypatch.setattr(executors, "fly", lambda run, threads: None)
+    monkeypatch.setattr(RunRecord, "of", lambda key, finished: damaged)
+    failure = executors.attempt(executors.run_one, spec)
+    assert isinstance(failure, Failure)
+    assert "expected finite numbers" in failure.text
+
+
 def test_workers_that_raise_die_or_hang_take_nothing_but_their_run_with_them() -> None:
     specs = expand(study(arm("a"), arm("dies"), arm("raises"), arm("hangs")))
     start = time.monotonic()

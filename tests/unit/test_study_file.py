@@ -56,8 +56,20 @@ def test_a_study_has_every_run_once_and_whole_pairs_first(tmp_path: Path) -> Non
 def test_the_declared_comparison_flies_first() -> None:
     declared = {"arm": "c", "against": "a"}
     planned = study(arm("a"), arm("b"), arm("c"), declared=declared)
-    assert [(spec.arm, spec.seed) for spec in by_importance(planned, expand(planned))] == [
+    specs = expand(planned)
+    assert [(spec.arm, spec.seed) for spec in by_importance(planned, specs, specs)] == [
         ("a", 0), ("c", 0), ("a", 1), ("c", 1), ("b", 0), ("b", 1),
+    ]  # fmt: skip
+
+
+def test_the_declared_comparison_flies_first_by_the_name_of_whatever_arm_it_has() -> None:
+    changes = {"mission.latency_s": 0.2}
+    arms = [arm("as old", changes=changes), arm("b"), arm("new"), arm("old", changes=changes)]
+    planned = study(*arms, declared={"arm": "new", "against": "old"})
+    specs = expand(planned)
+    flown = [spec for spec in specs if spec.arm != "old"]  # The store names a run by its first arm.
+    assert [(spec.arm, spec.seed) for spec in by_importance(planned, specs, flown)] == [
+        ("as old", 0), ("new", 0), ("as old", 1), ("new", 1), ("b", 0), ("b", 1),
     ]  # fmt: skip
 
 

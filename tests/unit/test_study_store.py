@@ -178,6 +178,12 @@ def test_another_study_is_refused(tmp_path: Path) -> None:
             run_study(other, tmp_path, Serial(fake), unseen, **AGAIN)
 
 
+def test_a_study_goes_on_with_more_time_for_each_run(tmp_path: Path) -> None:
+    tiny = study(arm("a"))
+    run_study(tiny, tmp_path, Serial(fake), unseen)
+    run_study(study(arm("a"), time_limit_s=90.0, description="The same."), tmp_path, Serial(fake), unseen, **AGAIN)
+
+
 def changed(folder: Path, statement: str) -> None:
     with closing(sqlite3.connect(folder / FILE)) as database, database:
         database.execute(statement)

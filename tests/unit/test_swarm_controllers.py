@@ -8,10 +8,12 @@ import pytest
 
 from examples import straight_controller
 from scenarios.config import load_run
+from scenarios.errors import ScenarioError
 from swarm import controllers
 from swarm.agents import Follower, Leader, Track, create_agent
 from swarm.controllers import DEFAULT_CONTROLLER, Agent, Role, load_controller
 from swarm.errors import MissionError
+from swarm.obstacles import AvoidanceConfig
 from swarm.pilot import Heading, Holes, Pilot, PilotConfig, Situation
 from swarm.reactive import ReactivePilot, state_of
 from swarm.task import MissionConfig
@@ -285,6 +287,16 @@ class TestReactivePilot:
         fixed = self.flown("fixed_range", HOLES)
         assert 0 < np.linalg.norm(fixed.command.velocity_m_s) < 2.1
         assert fixed.state != "free"
+
+
+@pytest.mark.parametrize("avoidance", [AvoidanceConfig(clearance_m=0.5), {"clearance_m": 0.5}])
+def test_a_configuration_may_be_made_of_objects_or_of_tables(avoidance: Any) -> None:
+    assert PilotConfig(avoidance=avoidance).avoidance.clearance_m == 0.5
+
+
+def test_a_table_that_is_none_is_told() -> None:
+    with pytest.raises(ScenarioError, match=r"mission\.pilot\.avoidance"):
+        load_run("city", 0, {"mission.pilot.avoidance": False})
 
 
 class TestHeading:

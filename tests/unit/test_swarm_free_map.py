@@ -103,6 +103,13 @@ def test_free_space_outlasts_a_view_of_nothing_but_no_surface_and_not_its_memory
     assert drone.state(2.0) == SURFACE
 
 
+def test_free_space_that_is_forgotten_must_be_proven_anew() -> None:
+    drone = Drone(memory_s=2.0).sees(flat(3.0), 5)
+    drone.time_s += 2.5
+    assert drone.sees(flat(3.0), 1).state(2.0) != FREE
+    assert drone.sees(flat(3.0), 1).state(2.0) == FREE
+
+
 def test_one_image_of_a_surface_in_free_space_is_an_error_and_two_confirm_it() -> None:
     drone = Drone().sees(flat(5.0), 3).sees(flat(2.0), 1)
     assert drone.state(2.0) == FREE
@@ -193,6 +200,14 @@ def test_the_free_length_ends_where_the_width_no_longer_fits() -> None:
     assert 10 - 0.25 - WIDTH_M - 2 - 0.3 <= ahead <= 10 - 0.25 - WIDTH_M - 2
     assert chart.free_length_m(at_m, np.array([1.0, 0.0]), 3.0) == 3.0
     assert chart.clearance_m(np.array([5.0, 5.0])) == pytest.approx(4.75, abs=0.3)
+
+
+@pytest.mark.parametrize("voxel_m", [0.1, 0.15, 0.2, 0.25, 0.3])
+def test_the_free_length_in_the_open_is_what_was_asked_for(voxel_m: float) -> None:
+    chart = Chart(np.zeros((200, 200), np.uint8), HERE[:2], WIDTH_M, MapConfig(voxel_m=voxel_m))
+    middle_m = np.full(2, 100 * voxel_m)
+    for longest_m in np.linspace(0.5, 3, 200):
+        assert chart.free_length_m(middle_m, np.array([1.0, 0.0]), longest_m) == longest_m
 
 
 def test_a_drone_leaves_a_narrow_place_only_towards_the_open() -> None:

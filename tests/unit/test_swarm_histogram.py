@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.frames import R_BODY_CAM, pose
+from swarm.errors import MissionError
 from swarm.obstacles import HistogramBuilder, HistogramConfig
 from tests.helpers import CAMERA
 from tests.swarm_scenes import AT_ORIGIN, MOUNT_CAM_M, corrected, flat, histogram, turn
@@ -90,6 +91,11 @@ def test_what_comes_nearer_is_never_read_farther() -> None:
     depth = rng.uniform(2, 20, CAMERA.shape).astype(np.float32)
     nearer = depth - rng.uniform(0, 1, CAMERA.shape).astype(np.float32)
     assert (histogram(nearer).range_m <= histogram(depth).range_m).all()
+
+
+def test_images_with_fewer_pixels_than_cells_are_refused() -> None:
+    with pytest.raises(MissionError, match="of 160x120 is read: too few for a histogram of 7 rows and 200 columns"):
+        HistogramBuilder(CAMERA, HistogramConfig(cols=200), MOUNT_CAM_M, UNKNOWN_M)
 
 
 @pytest.mark.parametrize(("width_px", "height_px"), [(160, 120), (320, 180), (640, 480), (97, 65)])

@@ -53,7 +53,7 @@ def test_all_know_the_start() -> None:
     np.testing.assert_array_equal(link.heard_by(0, 0.0).position_m, [[90, 0, 0]])
 
 
-def test_the_leader_is_relayed_to_its_swarm_alone() -> None:
+def test_messages_are_relayed_between_a_leader_and_its_swarm_alone() -> None:
     states = [state(0, 0, 0), state(50, 0, 0), state(100, 0, 0), state(150, 0, 0)]
     link = link_of(states, leaders=[0, 0, 2, 2], delay_s=0.0, range_m=10.0)
     states[0], states[2] = state(1, 0, 0), state(101, 0, 0)
@@ -61,7 +61,7 @@ def test_the_leader_is_relayed_to_its_swarm_alone() -> None:
     link.broadcast(states, 2.0)
     assert link.leader_of(1, 2.0).position_m[0] == 1
     assert link.leader_of(3, 2.0).position_m[0] == 101
-    assert [link.heard_by(i, 2.0).drone.tolist() for i in range(4)] == [[], [0], [], [2]]
+    assert [link.heard_by(i, 2.0).drone.tolist() for i in range(4)] == [[1], [0], [3], [2]]
 
 
 def test_what_was_lost_is_taken_to_go_on() -> None:
