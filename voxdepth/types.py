@@ -135,7 +135,8 @@ class Intrinsics:
         """Read the camera of a ROS `sensor_msgs/CameraInfo` from its fields; ROS is not imported.
 
         The projection matrix `P` (ROS 1) or `p` (ROS 2), 12 numbers in rows of four, describes rectified images. Its
-        fourth column, which is not 0 for the right camera of a pair, gives the baseline unless it is an argument.
+        fourth column gives the baseline unless it is an argument: for the right camera of a pair it is (-fx B, 0, 0).
+        Some drivers write other translations there, which do not count.
         Where it is all zeros, as librealsense writes it, the camera matrix `K` or `k` of undistorted images counts.
 
         Raises:
@@ -155,7 +156,7 @@ class Intrinsics:
         is_cut = (getattr(roi, "width", 0), getattr(roi, "height", 0)) not in ((0, 0), (info.width, info.height))
         if max(getattr(info, "binning_x", 0), getattr(info, "binning_y", 0)) > 1 or is_cut:
             raise FrameError("the CameraInfo is of binned or cut images: pass the Intrinsics of the images themselves")
-        if baseline_m is None and tx < 0:
+        if baseline_m is None and tx < 0 and not (projection[7] or projection[11]):
             baseline_m = -tx / fx
         size = {"width_px": int(info.width), "height_px": int(info.height)}
         return cls(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, baseline_m=baseline_m, **size)

@@ -46,8 +46,8 @@ def gray_topic(topic: str = GRAY, frame_id: str = "left", stamps_ns: list[int] =
     return images(topic, [image(gray_of(i), "mono8", (t, frame_id)) for i, t in enumerate(stamps_ns)])
 
 
-def info_topic(topic: str, camera: Intrinsics = CAMERA, **options: Any) -> list[Entry]:
-    return images(topic, [camera_info(camera, (t, "left"), **options) for t in STAMPS_NS], "CameraInfo")
+def info_topic(topic: str, camera: Intrinsics = CAMERA, frame_id: str = "left", **options: Any) -> list[Entry]:
+    return images(topic, [camera_info(camera, (t, frame_id), **options) for t in STAMPS_NS], "CameraInfo")
 
 
 def whole() -> list[Entry]:
@@ -192,6 +192,9 @@ def test_a_colour_image_in_another_coordinate_frame_belongs_to_no_depth_that_is_
     with pytest.raises(DatasetError, match=r"expected images of the camera of /camera/depth"):
         open_dataset(path)
     assert len(open_dataset(path, gray_topic="/camera/color/image_raw")) == N_FRAMES
+    its_own = info_topic("/camera/depth/camera_info", frame_id="depth")
+    with pytest.raises(DatasetError, match=r"expected images of the camera of /camera/depth"):
+        open_dataset(write(tmp_path, "other.mcap", depth + colour + its_own))
 
 
 def test_the_right_camera_of_a_pair_gives_its_baseline_and_no_image(tmp_path: Path) -> None:
@@ -199,6 +202,15 @@ def test_the_right_camera_of_a_pair_gives_its_baseline_and_no_image(tmp_path: Pa
     dataset = open_dataset(write(tmp_path, "walk.bag", whole() + right))
     require_camera(dataset, CAMERA, 0.06)
     require_frames(dataset, [0])
+
+
+def test_another_stereo_pair_gives_no_baseline(tmp_path: Path) -> None:
+    ours = depth_topic("/robot/cam/depth/image") + gray_topic("/robot/cam/left/image")
+    entries = ours + info_topic("/robot/cam/depth/camera_info") + info_topic("/robot/cam/left/camera_info")
+    other = info_topic("/robot/stereo/right/camera_info", baseline_m=0.24)
+    assert open_dataset(write(tmp_path, "walk.mcap", entries + other)).intrinsics.baseline_m is None
+    right = info_topic("/robot/cam/right/camera_info", baseline_m=0.06)
+    require_camera(open_dataset(write(tmp_path, "pair.mcap", entries + other + right)), CAMERA, 0.06)
 
 
 def test_the_right_image_of_realsense_is_not_taken_for_the_left_one(tmp_path: Path) -> None:
@@ -268,6 +280,19 @@ def test_a_bag_without_camera_info_needs_a_calibration(tmp_path: Path) -> None:
         open_dataset(path)
     (tmp_path / "calibration.toml").write_text(CALIBRATION)
     require_frames(open_dataset(path), [0])
+    (tmp_path / "calibration.toml").write_text("baseline_m = 0.095\n")
+    with pytest.raises(DatasetError, match=r"missing: \['cx_px'"):
+        open_dataset(path)
+
+
+def test_a_calibration_stands_in_for_a_camera_info_that_describes_no_camera(tmp_path: Path) -> None:
+    nothing = {"p": np.zeros(12), "k": np.zeros(9)}
+    infos = [entry._replace(fields=entry.fields | nothing) for entry in info_topic("/cam/depth/camera_info")]
+    path = write(tmp_path, "walk.mcap", depth_topic() + gray_topic() + infos)
+    with pytest.raises(DatasetError, match="describes no camera"):
+        open_dataset(path)
+    (tmp_path / "calibration.toml").write_text(CALIBRATION)
+    require_camera(open_dataset(path), CAMERA, 0.07)
     (tmp_path / "calibration.toml").write_text("baseline_m = 0.095\n")
     with pytest.raises(DatasetError, match=r"missing: \['cx_px'"):
         open_dataset(path)

@@ -43,6 +43,12 @@ def depth_message(stamp_ns: int, camera: Intrinsics = CAMERA) -> Any:
     return message("sensor_msgs/msg/Image", image(pixels, "16UC1", (stamp_ns, "left_optical")))
 
 
+def stamp_of(stamp_ms: int) -> Any:
+    """What has nothing but a header."""
+    stamp = SimpleNamespace(sec=stamp_ms // 1000, nanosec=stamp_ms % 1000 * 1_000_000)
+    return SimpleNamespace(header=SimpleNamespace(stamp=stamp, frame_id=""))
+
+
 def info_message(camera: Intrinsics = CAMERA) -> Any:
     return message("sensor_msgs/msg/CameraInfo", camera_info(camera, (S, "left")))
 
@@ -148,9 +154,11 @@ class FakeNode:
         self.warnings: list[str] = []
         self.settings: dict[str, Any] = {}
 
-    def declare_parameter(self, name: str, value: Any) -> Any:
+    def declare_parameter(self, name: str, value: Any, descriptor: Any) -> Any:
         self.settings[name] = value
-        return SimpleNamespace(value=PARAMETERS.get(name, value))
+        given = PARAMETERS.get(name, value)
+        assert descriptor.dynamic_typing or type(given) is type(value)
+        return SimpleNamespace(value=given)
 
     def create_publisher(self, kind: Any, topic: str, depth: int) -> Publisher:
         return self.topics.setdefault(topic, Publisher())
@@ -162,15 +170,7 @@ class FakeNode:
         return SimpleNamespace(warning=lambda text, throttle_duration_sec: self.warnings.append(text))
 
 
-class FakeSynchronizer:
-    def __init__(self, subscribers: list[Any], queue_size: int, slop: float) -> None:
-        self.topics = subscribers
-
-    def registerCallback(self, callback: Any) -> None:  # noqa: N802
-        self.callback = callback
-
-
-PARAMETERS: dict[str, Any] = {"corrector": "median"}
+PARAMETERS: dict[str, Any] = {"corrector": "median", "units_per_m": 1000, "baseline_m": 0}
 
 
 @pytest.fixture
@@ -186,10 +186,8 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Any:
         "rclpy.executors": {"ExternalShutdownException": RuntimeError},
         "rclpy.node": {"Node": FakeNode},
         "rclpy.qos": {"qos_profile_sensor_data": "sensor data"},
-        "message_filters": {
-            "ApproximateTimeSynchronizer": FakeSynchronizer,
-            "Subscriber": lambda node, kind, topic, qos_profile: topic,
-        },
+        "rcl_interfaces": {},
+        "rcl_interfaces.msg": {"ParameterDescriptor": SimpleNamespace},
         "sensor_msgs": {},
         "sensor_msgs.msg": {"Image": create, "CameraInfo": SimpleNamespace},
     }
@@ -202,21 +200,24 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 def run(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the node correct what waits."""
-    answers = iter([True, False])
+    answers = iter([True, False, False])
     monkeypatch.setattr(sys.modules["rclpy"], "ok", lambda: next(answers))
     node.correct_until_shutdown()
+
+
+def receive(node: Any, gray: Any, depth: Any) -> None:
+    node.callbacks["image"](gray)
+    node.callbacks["depth"](depth)
 
 
 def test_the_node_publishes_the_latest_pair_with_the_header_of_its_depth(
     node: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert node._pairs.topics == ["image", "depth"]
-    pairs = node._pairs.callback
-    pairs(gray_message(S), depth_message(S))
+    receive(node, gray_message(S), depth_message(S))
     assert "no camera_info yet" in node.warnings[0]
     node.callbacks["camera_info"](info_message())
     for stamp_ns in (2 * S, 3 * S):
-        pairs(gray_message(stamp_ns), depth_message(stamp_ns))
+        receive(node, gray_message(stamp_ns), depth_message(stamp_ns))
     run(node, monkeypatch)
     assert node.topics.keys() == {"~/depth", "~/source", "~/confidence", "~/camera_info"}
     for topic in node.topics.values():
@@ -228,13 +229,58 @@ def test_the_node_publishes_the_latest_pair_with_the_header_of_its_depth(
 
 def test_the_node_warns_of_a_bad_frame_and_goes_on(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     node.callbacks["camera_info"](info_message())
-    node._pairs.callback(gray_message(S), gray_message(S))
+    receive(node, gray_message(S), gray_message(S))
     run(node, monkeypatch)
     assert "a frame is left out: expected depth as 16UC1" in node.warnings[0]
     assert not node.topics["~/depth"].sent
-    node._pairs.callback(gray_message(2 * S), depth_message(2 * S))
+    receive(node, gray_message(2 * S), depth_message(2 * S))
     run(node, monkeypatch)
     assert len(node.topics["~/depth"].sent) == 1
+
+
+def test_a_publisher_that_ros_has_ended_is_no_error(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def ended(message: Any) -> None:
+        raise RuntimeError("the context is invalid")
+
+    node.callbacks["camera_info"](info_message())
+    monkeypatch.setattr(node.topics["~/camera_info"], "publish", ended)
+    receive(node, gray_message(S), depth_message(S))
+    run(node, monkeypatch)
+    node._corrector.correct(gray_message(2 * S), depth_message(2 * S), info_message())
+    receive(node, gray_message(3 * S), depth_message(3 * S))
+    monkeypatch.setattr(sys.modules["rclpy"], "ok", lambda: True)
+    with pytest.raises(RuntimeError, match="context is invalid"):
+        node.correct_until_shutdown()
+
+
+class TestPairs:
+    """Images are named by their stamps [ms]."""
+
+    def added(self, *images: tuple[int, int], slop_s: float = 0.02) -> list[tuple[int, int]]:
+        pairs = stream().Pairs(slop_s)
+        stamps = [stamp_of(stamp_ms) for _, stamp_ms in images]
+        found = [pairs.add(topic, image) for (topic, _), image in zip(images, stamps, strict=True)]
+        return [tuple(header_of(image).stamp_ns // 1_000_000 for image in pair) for pair in found if pair is not None]
+
+    def test_images_are_paired_in_the_order_of_the_topics(self) -> None:
+        assert self.added((0, 100), (1, 100), (1, 133), (0, 133)) == [(100, 100), (133, 133)]
+
+    def test_stamps_may_differ_by_the_slop_and_no_more(self) -> None:
+        assert self.added((0, 100), (1, 120), (0, 200), (1, 221)) == [(100, 120)]
+        assert self.added((0, 100), (1, 100), (0, 133), (1, 134), slop_s=0.0) == [(100, 100)]
+
+    def test_the_nearest_one_is_taken_and_those_before_it_are_dropped(self) -> None:
+        assert self.added((0, 100), (0, 110), (0, 130), (1, 112), (1, 113), (1, 131)) == [(110, 112), (130, 113)]
+
+    def test_an_image_waits_until_there_are_too_many_later_ones(self) -> None:
+        waiting = [(0, 100 * k) for k in range(1, 7)]
+        assert self.added(*waiting, (1, 200)) == [(200, 200)]
+        assert self.added(*waiting, (1, 100)) == []
+
+    def test_a_bag_that_begins_again_starts_anew(self) -> None:
+        ended = [(0, 9000 + 33 * k) for k in range(9)]
+        again = [(topic, 100 * k) for k in range(1, 9) for topic in (0, 1)]
+        assert self.added((1, 8000), *ended, *again) == [(100 * k, 100 * k) for k in range(1, 9)]
 
 
 def test_the_parameters_of_the_file_are_those_of_the_node(node: Any) -> None:

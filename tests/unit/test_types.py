@@ -152,6 +152,13 @@ def test_the_right_camera_of_a_ros_pair_gives_the_baseline() -> None:
     assert Intrinsics.from_camera_info(right, baseline_m=0.05).baseline_m == 0.05
 
 
+@pytest.mark.parametrize("translation_m", [(-0.059, 2e-4, -3e-4), (-0.059, 2e-4, 0.0), (0.0147, 0.0, 1e-4)])
+def test_a_translation_to_another_camera_is_no_baseline(translation_m: tuple[float, float, float]) -> None:
+    x, y, z = translation_m
+    beside_colour = CameraInfo(p=[343.0, 0, 319.5, x, 0, 344.0, 179.5, y, 0, 0, 1, z])
+    assert Intrinsics.from_camera_info(beside_colour).baseline_m is None
+
+
 def test_messages_of_ros_1_spell_it_in_capitals() -> None:
     old = CameraInfo(P=CameraInfo().p)
     del old.p

@@ -120,9 +120,10 @@ class Images:
         """
         first, second = self._lens(depth), self._lens(gray)
         is_right = any(part in gray for part in RIGHT_INFRARED)
-        if first is None and encoding_of(self._images[gray]) in COLOURS and self._are_apart(depth, self._images[gray]):
-            return False
-        return not is_right and (first is None or second is None or _is_same(first, second))
+        if first is not None and second is not None:
+            return not is_right and _is_same(first, second)
+        is_colour = encoding_of(self._images[gray]) in COLOURS
+        return not is_right and not (is_colour and self._are_apart(depth, self._images[gray]))
 
     def _are_apart(self, topic: str, other: Any) -> bool:
         """Whether an image and another message name different coordinate frames."""
@@ -150,11 +151,13 @@ class Images:
         return info if is_beside or not self._are_apart(topic, info) else None
 
     def _baseline_m(self, topic: str) -> float | None:
-        """The baseline of the sensor, or of the only stereo pair."""
+        """The baseline of the sensor, or of the only stereo pair whose topics are beside those of the image."""
         in_mm = self._option(topic, "Stereo_Baseline")
         if in_mm:
             return in_mm / 1000
-        lenses = [lens for info in self._infos.values() if (lens := _lens_of(info)) is not None]
+        beside = _folder(_folder(_original(topic))) + "/"
+        infos = [info for name, info in self._infos.items() if name.startswith(beside)]
+        lenses = [lens for info in infos if (lens := _lens_of(info)) is not None]
         found = {round(lens.baseline_m, 6) for lens in lenses if lens.baseline_m is not None}
         return found.pop() if len(found) == 1 else None
 

@@ -11,7 +11,9 @@ librealsense stores the topics of a stream below `/device_0/sensor_0/`, where op
 depth and the baseline in millimetres.
 """
 
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from ..errors import DatasetError, FrameError
 from ..ros import Header, frame_of
@@ -114,10 +116,13 @@ class BagDataset:
 def _intrinsics(path: Path, images: Images, depth: str, gray: str) -> Intrinsics:
     """The camera of the depth, or else of the gray image; fields of a calibration beside the bag count before it."""
     calibration = calibration_path(path)
-    camera = images.camera(depth) or images.camera(gray)
-    known = {} if camera is None else stated(camera)
     if calibration.exists():
+        known: dict[str, Any] = {}
+        with suppress(DatasetError):  # The calibration may be there because the camera_info describes no camera.
+            camera = images.camera(depth) or images.camera(gray)
+            known = {} if camera is None else stated(camera)
         return parse_calibration(read_text(calibration), calibration, known)
+    camera = images.camera(depth) or images.camera(gray)
     if camera is None:
         raise DatasetError(
             f"{path} has no camera_info for {depth} or {gray}; record it, or write the camera into {calibration}"

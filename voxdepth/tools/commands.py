@@ -99,6 +99,8 @@ def _output(out: Path, rosbag2: bool) -> "OpenOutput":
             f"--rosbag2 writes a folder, but --out {out} names a file: leave out --rosbag2 for the file, or the suffix "
             f"{MCAP} for a folder"
         )
+    if out.suffix == MCAP and out.is_dir():
+        raise ToolError(f"--out {out} names a file, but is a folder: name a new file, or delete that")
     require_installed("rosbags")
     return bag_folder if rosbag2 else mcap_file
 

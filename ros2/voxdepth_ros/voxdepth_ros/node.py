@@ -9,12 +9,13 @@ from array import array
 from collections.abc import Mapping
 from contextlib import suppress
 from copy import deepcopy
+from functools import partial
 from pathlib import Path
 from threading import Thread
 from typing import Any
 
 import rclpy
-from message_filters import ApproximateTimeSynchronizer, Subscriber
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
@@ -23,10 +24,8 @@ from sensor_msgs.msg import CameraInfo, Image
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.errors import FrameError
 
-from .stream import Latest, MessageCorrector
+from .stream import Latest, MessageCorrector, Pairs
 
-QUEUE_SIZE = 5
-"""Images of each topic among which a pair is found."""
 WARN_EVERY_S = 5.0
 WAIT_S = 0.2
 """How often the main thread looks whether ROS still runs, without images [s]."""
@@ -42,45 +41,56 @@ class VoxDepthNode(Node):
     def __init__(self) -> None:
         super().__init__("voxdepth")
         values = {"corrector": "voxdepth", "config": "", "baseline_m": 0.0, "units_per_m": 1000.0, "slop_s": 0.02}
-        given = {name: self.declare_parameter(name, value).value for name, value in values.items()}
+        any_type = ParameterDescriptor(dynamic_typing=True)  # 5000 is a number as well as 5000.0.
+        given = {name: self.declare_parameter(name, value, any_type).value for name, value in values.items()}
         config = tomllib.loads(Path(given["config"]).read_text(encoding="utf-8")) if given["config"] else {}
         self._corrector = MessageCorrector(
             CorrectorSpec(name=given["corrector"], config=config),
-            baseline_m=given["baseline_m"] or None,
-            units_per_m=given["units_per_m"],
+            baseline_m=float(given["baseline_m"]) or None,
+            units_per_m=float(given["units_per_m"]),
         )
         self._latest: Latest[tuple[Image, Image, CameraInfo]] = Latest()
         self._info: CameraInfo | None = None
         self._image_topics = {name: self.create_publisher(Image, f"~/{name}", 1) for name in IMAGES}
         self._info_topic = self.create_publisher(CameraInfo, "~/camera_info", 1)
         self.create_subscription(CameraInfo, "camera_info", self._keep_info, qos_profile_sensor_data)
-        images = [Subscriber(self, Image, name, qos_profile=qos_profile_sensor_data) for name in ("image", "depth")]
-        self._pairs = ApproximateTimeSynchronizer(images, QUEUE_SIZE, given["slop_s"])
-        self._pairs.registerCallback(self._keep_pair)
+        self._pairs = Pairs(float(given["slop_s"]))
+        for number, topic in enumerate(("image", "depth")):
+            self.create_subscription(Image, topic, partial(self._keep_image, number), qos_profile_sensor_data)
 
     def correct_until_shutdown(self) -> None:
         """Correct the latest images until ROS ends; call it outside of the executor."""
-        while rclpy.ok():
-            taken = self._latest.take(WAIT_S)
-            if taken is None:
-                continue
-            gray, depth, info = taken
-            try:
-                images = self._corrector.correct(gray, depth, info)
-            except FrameError as error:
-                self.get_logger().warning(f"a frame is left out: {error}", throttle_duration_sec=WARN_EVERY_S)
-                continue
+        try:
+            while rclpy.ok():
+                taken = self._latest.take(WAIT_S)
+                if taken is not None:
+                    self._correct(*taken)
+        finally:
+            self._corrector.close()
+
+    def _correct(self, gray: Image, depth: Image, info: CameraInfo) -> None:
+        try:
+            images = self._corrector.correct(gray, depth, info)
+        except FrameError as error:
+            self.get_logger().warning(f"a frame is left out: {error}", throttle_duration_sec=WARN_EVERY_S)
+            return
+        try:
             self._publish(images, depth.header, info)
-        self._corrector.close()
+        except Exception:
+            if rclpy.ok():  # Otherwise ROS has ended meanwhile, and its publishers with it.
+                raise
 
     def _keep_info(self, info: CameraInfo) -> None:
         self._info = info
 
-    def _keep_pair(self, gray: Image, depth: Image) -> None:
+    def _keep_image(self, topic: int, image: Image) -> None:
+        pair = self._pairs.add(topic, image)
+        if pair is None:
+            return
         if self._info is None:
             self.get_logger().warning("images, but no camera_info yet", throttle_duration_sec=WARN_EVERY_S)
         else:
-            self._latest.put((gray, depth, self._info))
+            self._latest.put((*pair, self._info))
 
     def _publish(self, images: Mapping[str, Mapping[str, Any]], header: Any, info: CameraInfo) -> None:
         """Publish the images and the camera with the header of the depth."""

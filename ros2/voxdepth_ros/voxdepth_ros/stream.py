@@ -1,15 +1,17 @@
 """What the node does with messages; nothing of ROS is imported, so that it is tested without."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from threading import Condition
 from typing import Any, Generic, TypeVar
 
 from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.errors import ConfigError, FrameError
-from voxdepth.ros import confidence_fields, depth_fields, frame_of, source_fields
+from voxdepth.ros import confidence_fields, depth_fields, frame_of, header_of, source_fields
 from voxdepth.types import DepthCorrector, Intrinsics
 
 T = TypeVar("T")
+MOST_WAITING = 5
+"""Images of a topic that wait for one of the other topic."""
 
 
 class MessageCorrector:
@@ -69,6 +71,40 @@ class MessageCorrector:
         self._camera = None
 
 
+class Pairs:
+    """Pairs the images of two topics by their stamps; each image is in one pair at most.
+
+    A stamp before the last one of its topic, as of a bag that begins again, starts anew: later ones no longer wait.
+    The synchroniser of `message_filters` in Python would pair nothing until it has caught up with them.
+
+    Args:
+        slop_s: Largest difference of the stamps of a pair [s].
+    """
+
+    def __init__(self, slop_s: float) -> None:
+        self._slop_ns = round(slop_s * 1e9)
+        self._waiting: tuple[dict[int, Any], dict[int, Any]] = ({}, {})
+        self._last_ns = [0, 0]
+
+    def add(self, topic: int, image: Any) -> tuple[Any, Any] | None:
+        """Add an image of topic 0 or 1; return it with its partner, in the order of the topics, if that was there."""
+        stamp_ns, own, other = header_of(image).stamp_ns, self._waiting[topic], self._waiting[1 - topic]
+        if stamp_ns < self._last_ns[topic]:
+            for waiting in self._waiting:
+                _drop(waiting, lambda waiting_ns: waiting_ns > stamp_ns)
+        self._last_ns[topic] = stamp_ns
+        nearest_ns = min(other, key=lambda other_ns: abs(other_ns - stamp_ns), default=None)
+        if nearest_ns is None or abs(nearest_ns - stamp_ns) > self._slop_ns:
+            own[stamp_ns] = image
+            if len(own) > MOST_WAITING:
+                del own[min(own)]
+            return None
+        partner = other[nearest_ns]
+        own.clear()
+        _drop(other, lambda waiting_ns: waiting_ns <= nearest_ns)
+        return (image, partner) if topic == 0 else (partner, image)
+
+
 class Latest(Generic[T]):
     """Room for one item, in which a newer one replaces one that still waits: what is taken is never old."""
 
@@ -88,3 +124,9 @@ class Latest(Generic[T]):
             self._changed.wait_for(lambda: self._item is not None, timeout_s)
             item, self._item = self._item, None
             return item
+
+
+def _drop(waiting: dict[int, Any], is_passed: Callable[[int], bool]) -> None:
+    """Drop the images whose stamps [ns] have passed."""
+    for stamp_ns in [stamp_ns for stamp_ns in waiting if is_passed(stamp_ns)]:
+        del waiting[stamp_ns]
