@@ -98,6 +98,13 @@ def test_the_option_for_a_folder_and_the_name_of_a_file_contradict_each_other(ba
     assert not list(tmp_path.iterdir())
 
 
+def test_a_folder_is_not_replaced_by_a_file(bag: Path, tmp_path: Path) -> None:
+    (tmp_path / "out.mcap").mkdir()
+    done = run("correct", bag, "--out", tmp_path / "out.mcap")
+    assert isinstance(done.exception, ToolError)
+    assert "out.mcap names a file, but is a folder" in str(done.exception)
+
+
 def test_the_metadata_of_a_folder_say_what_was_done(bag: Path, tmp_path: Path) -> None:
     from ruamel.yaml import YAML
 

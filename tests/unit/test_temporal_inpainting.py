@@ -294,6 +294,17 @@ class TestMemory:
         np.testing.assert_array_equal(filled.disparity_px, slope())
         assert filled.remembered.all()
 
+    def test_the_ends_of_a_hole_change_the_memory_also_where_it_fills_the_last_hole(self) -> None:
+        wall_px = np.full(CAMERA.shape, 10, np.float32)
+        alone, beside_another = (
+            inpainted(holed(wall_px, hole), 1, None, holed(wall_px + np.float32(0.5), block(2, top=0, left=0)))
+            for hole in (block(3), block(3) | block(2, top=0, left=0))
+        )
+        assert alone.remembered[block(3)].all()
+        np.testing.assert_array_equal(alone.probability[block(3)], beside_another.probability[block(3)])
+        assert (alone.probability[block(3)] < 0.9).all()
+        assert (alone.probability[~block(3)] == 1).all()
+
     def test_guesses_continue_the_memory(self) -> None:
         before_px = np.where(np.arange(160) < 40, np.float32(5), np.float32(0)) * np.ones(CAMERA.shape, np.float32)
         memory_px = holed(np.full(CAMERA.shape, 9, np.float32), np.arange(160) >= 120)

@@ -90,7 +90,7 @@ class Inpainter:
         n_known, farthest_px = recall(
             measured_px, remembered_px, near.disparity_px, *tolerances, known_px, known, remembered
         )
-        if n_known in (0, known_px.size):
+        if n_known == 0 or (n_known == known_px.size and not remembered.any()):
             return Inpainted(known_px, np.ones_like(known_px), remembered)
         estimate, ground = self._guess(known_px, known)
         sky = find_sky(known, gray)
