@@ -11,7 +11,7 @@ from voxdepth.types import FloatArray
 from .config import Run
 
 HALF_SIDE_M = 12.0
-"""The difficulty is measured up to this distance on both sides of a path."""
+"""The difficulty is measured up to this distance on both sides of a path, which leads along x or along y."""
 DRONE_RADIUS_M = 0.25
 
 
@@ -26,11 +26,13 @@ class Difficulty(NamedTuple):
 
 def difficulty_along(world: World, path_m: FloatArray, drone_radius_m: float = DRONE_RADIUS_M) -> Difficulty:
     """Measure the difficulty around a path, shape (n, 3), at its mean height, in a world without drones."""
-    (low_x, low_y), (high_x, high_y) = path_m[:, :2].min(axis=0).tolist(), path_m[:, :2].max(axis=0).tolist()
+    low_m, high_m = path_m[:, :2].min(axis=0), path_m[:, :2].max(axis=0)
+    across = np.eye(2)[(high_m - low_m).argmin()]
+    (low_x, low_y), (high_x, high_y) = low_m - HALF_SIDE_M * across, high_m + HALF_SIDE_M * across
     free = traversability(
         world,
-        low_m=(low_x, low_y - HALF_SIDE_M),
-        high_m=(high_x, high_y + HALF_SIDE_M),
+        low_m=(low_x, low_y),
+        high_m=(high_x, high_y),
         height_m=float(path_m[:, 2].mean()),
         drone_radius_m=drone_radius_m,
     )

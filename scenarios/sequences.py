@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 import cv2
 import numpy as np
+import pydantic
 from pydantic import Field
 
 from sim.bodies import MovingSphere
@@ -32,7 +33,7 @@ from voxdepth.types import FloatArray
 
 from .errors import ScenarioError
 from .files import Name, load
-from .results.provenance import SIMULATION
+from .results.provenance import SENSOR_SOURCES, SIMULATION, code_digest
 
 FRAMES_IN_PROGRESS = 3
 """Rendered frames that may wait for measurement and writing."""
@@ -62,6 +63,15 @@ class Sequence(Model):
     rig: RigConfig
     renderer: RendererName = "raycast"
 
+    @pydantic.model_validator(mode="after")
+    def _check(self) -> "Sequence":
+        if self.rig.shutter is not None and (self.movers or self.flight.kind in ("cut", "stations")):
+            raise ValueError(
+                "rig.shutter needs a camera that moves steadily among bodies that stand: leave it out, or the movers "
+                "and the flights cut and stations"
+            )
+        return self
+
 
 class SeededSequence(Model):
     """A sequence with its seed, which determines a recording."""
@@ -69,7 +79,7 @@ class SeededSequence(Model):
     sequence: Sequence
     seed: int = Field(ge=0, lt=2**32)
     versions: dict[str, str] = Field(default_factory=dict)
-    """Versions of the packages that made the recording."""
+    """Versions of the packages that made the recording, and of the source, as `code`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +100,7 @@ def names_of(names_and_groups: Iterable[str]) -> list[str]:
 def load_sequence(name_or_path: str, seed: int | None, changes: dict[str, Any]) -> SeededSequence:
     """Return a sequence with its seed and the versions that are installed now; see `files.load`."""
     loaded = load(SeededSequence, "sequences", name_or_path, seed, changes)
-    return loaded.model_copy(update={"versions": versions(SIMULATION)})
+    return loaded.model_copy(update={"versions": versions(SIMULATION) | {"code": code_digest(SENSOR_SOURCES)}})
 
 
 def moving_ids(recording: Recording) -> range:

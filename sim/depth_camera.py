@@ -12,9 +12,11 @@ Only NumPy, OpenCV and Numba are needed for that.
 """
 
 from dataclasses import replace
+from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
+from pydantic import ValidationError
 
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics
 
@@ -74,10 +76,20 @@ class DepthCamera:
         if config.depth == "truth":
             raise SensorError("the sensor model 'truth' measures nothing: choose 'stereo' or 'noisy'")
         self._config = config
-        surfaces, pair = {BODY: Surface()}, config if config.depth == "stereo" else _changed(config, depth="stereo")
+        self._seed = seed
+        _ = self._of_pairs if config.depth == "stereo" else self._of_depth  # Its errors are told now.
+
+    @cached_property
+    def _of_pairs(self) -> DepthSensor:
+        config = self._config
+        pair = config if config.depth == "stereo" else _changed(config, depth="stereo")
+        return DepthSensor(pair, {BODY: Surface()}, seed=self._seed)
+
+    @cached_property
+    def _of_depth(self) -> DepthSensor:
+        config = self._config
         truth = config if config.depth == "noisy" else _changed(config, depth="noisy", noise=NOISE, artefacts=RIMS)
-        self._from_pair = DepthSensor(pair, surfaces, seed=seed)
-        self._from_depth = DepthSensor(truth, surfaces, seed=seed)
+        return DepthSensor(truth, {BODY: Surface()}, seed=self._seed)
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -101,16 +113,18 @@ class DepthCamera:
             frame: Number of the frame, which keys the noise.
             depth_m: True depth of the left camera [m], shape (H, W), +inf or 0 where there is no surface. It names the
                 reasons for holes, and a dot pattern needs it; without it `depth_true_m` is +inf.
-            right_depth_m: True depth of the right camera, which a dot pattern needs, too.
+            right_depth_m: True depth of the right camera, which a dot pattern needs, too; without it shadows are those
+                that the surfaces in the left image cast.
 
         Raises:
             SensorError: An image has another shape or type, or a dot pattern lacks true depth.
         """
         if self._config.projected_texture and (depth_m is None or right_depth_m is None):
             raise SensorError("a dot pattern falls onto surfaces: give depth_m and right_depth_m, or set it to None")
-        return self._from_pair.capture(
-            self._pair(frame, self._images(left, depth_m), self._images(right, right_depth_m), np.eye(4))
-        )
+        seen = self._images(left, depth_m)
+        if right_depth_m is None:
+            right_depth_m = seen_from_right(seen.depth_m, self.intrinsics)
+        return self._of_pairs.capture(self._pair(frame, seen, self._images(right, right_depth_m), np.eye(4)))
 
     def from_depth(
         self, depth_m: FloatImage, gray: GrayImage | None = None, *, frame: int, T_world_cam: FloatArray | None = None
@@ -132,7 +146,7 @@ class DepthCamera:
         left = self._images(np.zeros(shape, np.uint8) if gray is None else gray, depth_m)
         right = replace(left, depth_m=seen_from_right(left.depth_m, self.intrinsics))
         pose = np.eye(4) if T_world_cam is None else T_world_cam
-        return self._from_depth.capture(self._pair(frame, left, right, pose))
+        return self._of_depth.capture(self._pair(frame, left, right, pose))
 
     def _pair(self, frame: int, left: Images, right: Images, T_world_cam: FloatArray) -> RenderedPair:
         stamp_s, upright = frame / self._config.rate_hz, np.array([0.0, 0.0, 0.0, 1.0])
@@ -168,4 +182,9 @@ def seen_from_right(depth_m: FloatImage, intrinsics: Intrinsics) -> FloatImage:
 def _changed(config: RigConfig, **changes: object) -> RigConfig:
     """The configuration with other values; those of the other sensor model go back to their defaults."""
     others = {"noise": DepthNoise(), "artefacts": None} if changes["depth"] == "stereo" else {"projected_texture": None}
-    return RigConfig(**{**dict(config), **others, **changes})
+    try:
+        return RigConfig(**{**dict(config), **others, **changes})
+    except ValidationError as error:
+        raise SensorError(
+            f"this camera cannot measure with the sensor model {changes['depth']!r}: {error.errors()[0]['msg']}"
+        ) from error

@@ -172,6 +172,10 @@ class World:
         q_xyzw = self._mover_attitudes[body]
         pybullet.resetBasePositionAndOrientation(body, at_m.tolist(), q_xyzw, physicsClientId=self.client)
 
+    def movers_now(self) -> list[Body]:
+        """The movers of the scene where they are now, in its order."""
+        return [mover.at(self._moved_s[body]) for body, mover in self.movers.items()]
+
     def _step_movers(self) -> None:
         """Move all movers that do not wait for a drone."""
         for body, mover in self.movers.items():

@@ -3,6 +3,8 @@
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 
+import pydantic
+
 from sim.cpu import mapper
 from sim.drone import AirframeConfig
 from sim.render import RendererName, create_renderer
@@ -38,6 +40,14 @@ class MissionSetup(Model):
     """Depth corrector of every drone: its name, or a table with `name` and `config`."""
     renderer: RendererName = "raster"
     """Renderer of the images."""
+
+    @pydantic.field_validator("rig")
+    @classmethod
+    def _require_left_camera(cls, rig: RigConfig) -> RigConfig:
+        for name in ("color_offset_m", "shutter"):
+            if getattr(rig, name) is not None:
+                raise ValueError(f"{name} is for recorded sequences: drones fly by their left camera; leave it out")
+        return rig
 
 
 @contextmanager

@@ -18,8 +18,6 @@ from ..images import picked
 from .measurements import Measurement
 from .scoring import METRICS
 
-SCORING = 9
-"""Version of the definitions of the metrics: raised when one changes, so that older results are computed again."""
 THUMBNAIL_PX = 240
 """Largest width of the depth image that is kept of the last frame of a sequence."""
 NOT_DONE = "not done yet"
@@ -40,7 +38,6 @@ class Key(Model):
     config: dict[str, Any] | None
     """Configuration of the method; None if it has none."""
     versions: dict[str, str]
-    scoring: int = SCORING
     metrics: tuple[str, ...] = tuple(METRICS)
     """Names of the metrics of errors, so that a new one is computed for finished results, too."""
 

@@ -21,7 +21,8 @@ from voxdepth.tools.files import as_tool_error, to_toml
 from voxdepth.tools.provenance import CORRECTION, processor_name, versions
 
 from ..errors import ScenarioError
-from ..results.provenance import code_digest
+from ..files import locked
+from ..results.provenance import EVALUATION_SOURCES, code_digest
 from ..sequences import SeededSequence, record
 from .groups import RANGES
 from .intervals import close_intervals, error_intervals
@@ -185,6 +186,12 @@ def evaluate(plan: Plan, progress: Callable[[str, int], None]) -> Evaluation:
         ScenarioError: Two sequences have the same name, the name of one is not UTF-8, or a result cannot be written.
     """
     _require_distinct([requested.name for requested in plan.sequences])
+    busy = f"another evaluation writes to {plan.out}: wait until it has ended, or use another --out"
+    with locked(plan.out, busy):
+        return _evaluate(plan, progress)
+
+
+def _evaluate(plan: Plan, progress: Callable[[str, int], None]) -> Evaluation:
     for abandoned in plan.out.glob(f"{FRAME_CACHE}*"):
         rmtree(abandoned, ignore_errors=True)
     results: list[Result] = []
@@ -241,7 +248,7 @@ def _prepared(
 def _keys(plan: Plan, sequence: str, frames: int = 0, seed: int | None = None, digest: str = "") -> list[Key]:
     """Return the key of each method; without a number of frames those of a sequence that cannot be opened."""
     given: dict[str, Any] = {"sequence": sequence, "frames": frames, "seed": seed, "digest": digest}
-    given["versions"] = versions(CORRECTION) | {"processor": processor_name(), "code": code_digest()}
+    given["versions"] = versions(CORRECTION) | {"processor": processor_name(), "code": code_digest(EVALUATION_SOURCES)}
     return [Key(method=method.name, config=method.config, **given) for method in plan.methods]
 
 

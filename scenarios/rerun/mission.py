@@ -182,9 +182,9 @@ class MissionRecorder(Recorder):
             self._add("world/swarm", places, np.mean(flying_m, axis=0))
         if len(slots_m):
             self._add("world/slots", points, slots_m)
-        for index, mover in enumerate(self._movers):
-            q_world_body_xyzw = quaternion_from_yaw(mover.body.yaw_rad)
-            self._add(f"world/mover/{index}", poses, (mover.position_m(time_s), q_world_body_xyzw))
+        for index, body in enumerate(self._world.movers_now() if self._world is not None else ()):
+            pose = np.array(body.position_m), quaternion_from_yaw(body.yaw_rad)
+            self._add(f"world/mover/{index}", poses, pose)
 
     def capture(self, step: int, capture: Capture, corrected: CorrectedDepth) -> None:
         """Record the images of some captures."""

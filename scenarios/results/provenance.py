@@ -21,6 +21,10 @@ FLIGHT_SOURCES = (
 )
 """Packages and the patterns of those of their files that determine the result of a run. The settings of a scenario are
 part of the key of a run instead; a user's own controller is part of neither."""
+SENSOR_SOURCES = (("sim", ALL_SOURCES), ("scenarios", "sequences.py"))
+"""Those that determine a recording."""
+EVALUATION_SOURCES = (*FLIGHT_SOURCES, ("scenarios", "evaluation/*.py"))
+"""Those that determine the result of an evaluation of a recording."""
 NOT_FLOWN = ("tools", "datasets")
 """Folders of these packages that no flight uses."""
 DIGEST_DIGITS = 12
@@ -28,14 +32,14 @@ DIGEST_DIGITS = 12
 
 def simulation_versions() -> dict[str, str]:
     """Return versions of Python, of the packages that may change a flight, and of the source that flies, as `code`."""
-    return {"python": platform.python_version(), **versions(SIMULATION), "code": code_digest()}
+    return {"python": platform.python_version(), **versions(SIMULATION), "code": code_digest(FLIGHT_SOURCES)}
 
 
 @cache
-def code_digest() -> str:
-    """Return the first digits of the SHA-256 of `FLIGHT_SOURCES`, wherever they are installed."""
+def code_digest(sources: tuple[tuple[str, str], ...]) -> str:
+    """Return the first digits of the SHA-256 of sources, wherever they are installed."""
     content = hashlib.sha256()
-    for package, pattern in FLIGHT_SOURCES:
+    for package, pattern in sources:
         with as_file(files(package)) as folder:
             for path in sorted(folder.glob(pattern)):
                 if path.relative_to(folder).parts[0] in NOT_FLOWN:

@@ -49,8 +49,7 @@ def _map(world: World, teams: Sequence[Team], learners: Collection[int], width_p
         x, y = (position_m[:2] - low_m) * px_per_m
         return round(x), len(image) - 1 - round(y)
 
-    movers = [mover.at(world.time_s) for mover in world.movers.values()]
-    for body in [*world.bodies.values(), *movers]:
+    for body in [*world.bodies.values(), *world.movers_now()]:
         if body.kind != "ground":
             _draw_body(image, body, pixel, px_per_m)
     for team in teams:

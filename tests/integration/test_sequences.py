@@ -124,6 +124,12 @@ def test_a_recording_without_movers_says_what_it_always_said(tmp_path: Path) -> 
         assert not moving_ids(other), text
 
 
+@pytest.mark.parametrize("name", ["sim-stations", "sim-cut", "sim-ghost"])
+def test_a_shutter_needs_a_steady_flight_among_bodies_that_stand(name: str) -> None:
+    with pytest.raises(ScenarioError, match=r"shutter needs a camera that moves steadily among bodies that stand"):
+        small(name, **{"rig.shutter": 0.25})
+
+
 def test_a_shutter_is_open_from_the_time_of_its_frame_on() -> None:
     planned = small("sim-blur", **{"rig.shutter": 0.25, "rig.rate_hz": 20.0})
     with simulation(planned) as simulated:

@@ -53,9 +53,22 @@ def test_true_depth_names_the_reasons_for_holes_and_changes_no_depth() -> None:
     left, right = rendered(wall(4.0), block(2.0, 0.8))
     camera = DepthCamera(SMALL, seed=0)
     alone = camera.from_pair(left.gray, right.gray, frame=0)
-    told = camera.from_pair(left.gray, right.gray, frame=0, depth_m=left.depth_m, right_depth_m=right.depth_m)
-    np.testing.assert_array_equal(alone.depth_raw_m > 0, told.depth_raw_m > 0)
-    assert (told.invalid_reason == InvalidReason.OCCLUDED).any()
+    shadows = []
+    for right_depth_m in (right.depth_m, None):
+        told = camera.from_pair(left.gray, right.gray, frame=0, depth_m=left.depth_m, right_depth_m=right_depth_m)
+        np.testing.assert_array_equal(alone.depth_raw_m > 0, told.depth_raw_m > 0)
+        shadows.append(told.invalid_reason == InvalidReason.OCCLUDED)
+    assert shadows[0].sum() > 100
+    assert (shadows[0] & shadows[1]).sum() > 0.9 * (shadows[0] | shadows[1]).sum()
+
+
+def test_a_camera_that_cannot_match_pairs_measures_true_depth() -> None:
+    noisy = SMALL.model_copy(update={"depth": "noisy", "photon_sigma": 3.0})
+    camera = DepthCamera(noisy, seed=0)
+    assert (camera.from_depth(np.full(noisy.full_intrinsics.shape, 5.0, np.float32), frame=0).depth_raw_m > 0).any()
+    gray = np.zeros(noisy.full_intrinsics.shape, np.uint8)
+    with pytest.raises(SensorError, match="photon noise"):
+        camera.from_pair(gray, gray, frame=0)
 
 
 def test_the_second_camera_misses_what_it_misses_in_a_renderer() -> None:

@@ -19,9 +19,10 @@ from scenarios.evaluation import suite
 from scenarios.evaluation.kinds import HELD_OUT
 from scenarios.evaluation.measurements import Selector
 from scenarios.evaluation.methods import Method, find_methods
-from scenarios.evaluation.result_cache import SCORING, Result, ResultCache
+from scenarios.evaluation.result_cache import Result, ResultCache
 from scenarios.evaluation.sources import DatasetSource, FrameCache, SimulatedSource
 from scenarios.evaluation.suite import Evaluation, Plan, Shipped, evaluate, requested_of
+from scenarios.files import locked
 from scenarios.sequences import load_sequence
 from sim.recording import Recording
 from tests.evaluation_clips import CAMERA, POST_M, capture_of, method, shadow_of, truth_of, write_recording
@@ -79,6 +80,11 @@ def test_a_repetition_elsewhere_gives_the_same_quality_bit_for_bit(recording: Pa
     assert fewest < most
 
 
+def test_two_evaluations_do_not_write_to_one_folder(recording: Path, tmp_path: Path) -> None:
+    with locked(tmp_path, "busy"), pytest.raises(ScenarioError, match="another evaluation writes to"):
+        run(tmp_path, recording)
+
+
 def test_finished_results_are_taken_and_failed_ones_tried_again(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -106,7 +112,6 @@ def test_finished_results_are_taken_and_failed_ones_tried_again(
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (lambda key: key.model_copy(update={"scoring": 0}), f"scoring was 0 and is {SCORING}"),
         (
             lambda key: key.model_copy(update={"versions": {**key.versions, "numpy": "1.0"}}),
             f"versions.numpy was 1.0 and is {np.__version__}",

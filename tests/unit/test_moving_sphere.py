@@ -101,6 +101,8 @@ def test_a_mover_waits_for_a_drone_that_is_near_and_goes_on_when_it_has_left() -
             world.step()
         at_m, _ = pybullet.getBasePositionAndOrientation(body, physicsClientId=world.client)
         assert at_m[0] == pytest.approx(1.5, abs=0.02)
+        (now,) = world.movers_now()
+        assert now.position_m == pytest.approx(at_m)
         world.apply([VelocityCommand(velocity_m_s=np.array([0.0, 3.0, 0.0]), yaw_rad=0.0)])
         for _ in range(3 * 240):
             world.step()

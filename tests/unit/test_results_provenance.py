@@ -32,6 +32,9 @@ def test_a_machine_that_does_not_name_its_processor_has_its_architecture(tmp_pat
     assert tools.processor_name() == "Fast One"
 
 
+FLYING = (("flying", provenance.ALL_SOURCES),)
+
+
 def write_package(root: Path, name: str, **modules: str) -> None:
     (root / name).mkdir(parents=True)
     for module, text in {"__init__": "", **modules}.items():
@@ -44,9 +47,8 @@ def digest_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
 
     def digest(folder: str, **modules: str) -> str:
         write_package(tmp_path / folder, "flying", **modules)
-        monkeypatch.setattr(provenance, "FLIGHT_SOURCES", (("flying", provenance.ALL_SOURCES),))
         monkeypatch.setattr(provenance, "files", lambda package: tmp_path / folder / package)
-        return provenance.code_digest.__wrapped__()
+        return provenance.code_digest.__wrapped__(FLYING)
 
     return digest
 
@@ -67,7 +69,7 @@ def test_the_tools_of_the_library_do_not_count(
     (tmp_path / "with_tools" / "flying" / "__init__.py").write_text("")
     (tmp_path / "with_tools" / "flying" / "fly.py").write_text("speed = 1\n")
     monkeypatch.setattr(provenance, "files", lambda package: tmp_path / "with_tools" / package)
-    assert provenance.code_digest.__wrapped__() == one
+    assert provenance.code_digest.__wrapped__(FLYING) == one
 
 
 def test_versions_name_the_code_and_nothing_that_changes_no_flight() -> None:
@@ -78,5 +80,5 @@ def test_versions_name_the_code_and_nothing_that_changes_no_flight() -> None:
 
 
 def test_every_pattern_finds_its_files() -> None:
-    for package, pattern in provenance.FLIGHT_SOURCES:
+    for package, pattern in (*provenance.EVALUATION_SOURCES, *provenance.SENSOR_SOURCES):
         assert list(Path(str(files(package))).glob(pattern)), f"{package} has no {pattern}"
