@@ -25,9 +25,9 @@ def test_it_delays_and_forgets_the_far() -> None:
     link = link_of(flown[0], delay_s=0.1, range_m=10.0, memory_s=0.0)
     for tick, states in enumerate(flown):
         link.broadcast(states, tick / HZ)
-    heard = link.heard_by(0, 0.2)
-    np.testing.assert_array_equal(heard.drone, [1])
-    np.testing.assert_array_equal(heard.position_m, [[7, 0, 0]])
+    heard = link.heard_by(1, 0.2)
+    np.testing.assert_array_equal(heard.drone, [0])
+    np.testing.assert_array_equal(heard.position_m, [[2, 0, 0]])
 
 
 def test_without_delay_everybody_is_heard_where_they_are_but_not_by_themselves() -> None:
@@ -90,13 +90,13 @@ def test_the_share_that_is_lost_is_the_configured_one() -> None:
 
 
 def heard_over(seed: int, n_ticks: int, *, far_m: float = 0.0) -> list[list[int]]:
-    """Who drone 0 hears, tick by tick; the last drone is `far_m` farther away."""
+    """Who drone 1 hears, tick by tick; the last drone is `far_m` farther away."""
     states = [*line(0), state(10 + far_m, 0, 0)]
     link = link_of(states, seed=seed, loss=0.5, delay_s=0.0, memory_s=0.0)
     heard = []
     for tick in range(1, n_ticks + 1):
         link.broadcast(states, tick / HZ)
-        heard.append(link.heard_by(0, tick / HZ).drone.tolist())
+        heard.append(link.heard_by(1, tick / HZ).drone.tolist())
     return heard
 
 
