@@ -15,12 +15,16 @@ from .store import RunRecord, StudyData
 
 TOLERANCE = 1e-6
 """Difference up to which two numbers are the same, relative or absolute: processors round in different ways."""
+DEPTH_TOLERANCE = 1e-4
+"""The same for errors of depth, whose names begin with `depth_`: where two matches are equally good, rounding decides,
+so that single pixels of millions differ from one processor to another."""
 
 
 def differences(before: RunRecord, now: RunRecord) -> list[str]:
     """Return the names of what differs between two results of one run; empty if they are the same.
 
-    Numbers are the same within `TOLERANCE`; the outcome, names and the drones that touched something must be equal.
+    Numbers are the same within `TOLERANCE`, errors of depth within `DEPTH_TOLERANCE`; the outcome, names and the drones
+    that touched something must be equal.
     """
     found = ["outcome"] if before.outcome is not now.outcome else []
     contacts = [[asdict(contact) for contact in record.contacts] for record in (before, now)]
@@ -29,20 +33,23 @@ def differences(before: RunRecord, now: RunRecord) -> list[str]:
     return found + [
         name
         for name in before.metrics
-        if name not in now.metrics or not _is_same(before.metrics[name], now.metrics[name])
+        if name not in now.metrics or not _is_same(name, before.metrics[name], now.metrics[name])
     ]
 
 
 def _unlike(before: Sequence[Mapping[str, object]], now: Sequence[Mapping[str, object]]) -> bool:
     """Return whether two lists of values by name differ. Names that only `now` has are of a later version."""
     return len(before) != len(now) or not all(
-        name in b and _is_same(value, b[name]) for a, b in zip(before, now, strict=True) for name, value in a.items()
+        name in b and _is_same(name, value, b[name])
+        for a, b in zip(before, now, strict=True)
+        for name, value in a.items()
     )
 
 
-def _is_same(before: object, now: object) -> bool:
+def _is_same(name: str, before: object, now: object) -> bool:
     if isinstance(before, int | float) and isinstance(now, int | float):
-        return math.isclose(before, now, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
+        tolerance = DEPTH_TOLERANCE if name.startswith("depth_") else TOLERANCE
+        return math.isclose(before, now, rel_tol=tolerance, abs_tol=tolerance)
     return before == now
 
 

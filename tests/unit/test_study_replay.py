@@ -29,6 +29,19 @@ def test_more_than_rounding_is_told_by_its_name() -> None:
     assert differences(flown(), flown(1 + 1e-4)) == ["contacts", "drones", "sim_time_s"]
 
 
+def test_a_pixel_of_millions_that_matched_elsewhere_is_no_difference() -> None:
+    one, same, other = (
+        replace(
+            flown(),
+            metrics={"depth_raw_mae_m": scale * 0.9},
+            drones=({"drone": 0, "depth_raw_mae_m": scale * 0.9},),
+        )
+        for scale in (1, 1 + 1e-5, 1 + 1e-3)
+    )
+    assert differences(one, same) == []
+    assert differences(one, other) == ["drones", "depth_raw_mae_m"]
+
+
 @pytest.mark.parametrize("change", [{"drone": 1}, {"other": "tower-0-6"}, {"kind": "drone"}])
 def test_what_was_hit_by_whom_must_be_equal(change: dict[str, object]) -> None:
     before = flown()
