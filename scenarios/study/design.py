@@ -267,14 +267,14 @@ def expand(study: Study) -> list[RunSpec]:
     ]
 
 
-def by_importance(study: Study, specs: Iterable[RunSpec], flown: Iterable[RunSpec]) -> list[RunSpec]:
-    """Return the specs to be flown, of all those of a study, with those of the declared comparison before all others.
+def by_importance(study: Study, specs: Iterable[RunSpec], waiting: Iterable[RunSpec]) -> list[RunSpec]:
+    """Return the waiting runs, those of the declared comparison first, so that a study that stops early has these.
 
-    So a study that stops early has these. They may be shared with other arms, of whose specs they are then one.
+    `specs` are all of the study: a run that arms share is one of the comparison, whichever of them names it.
     """
     compared = () if study.declared is None else (study.declared.arm, study.declared.against)
     keys = {spec.key for spec in specs if spec.arm in compared}
-    return sorted(flown, key=lambda spec: spec.key not in keys)
+    return sorted(waiting, key=lambda spec: spec.key not in keys)
 
 
 def digest(study: Study, specs: Sequence[RunSpec]) -> str:

@@ -174,7 +174,7 @@ def test_bad_files_say_where_and_what(tmp_path: Path, line: str, message: str) -
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("name", ["x/../../..", "..", "/tmp/x", ".hidden", "a\\\\b", "", "x" * 81, "new\\nline"])
+@pytest.mark.parametrize("name", ["x/../../..", "..", "/x", ".hidden", "a\\\\b", "", "x" * 81, "new\\nline"])
 @pytest.mark.parametrize("load", [load_run, load_sequence])
 def test_a_name_cannot_lead_out_of_a_folder(name: str, load: Callable[..., object], tmp_path: Path) -> None:
     shipped = "scenarios/city" if load is load_run else "sequences/sim-LN"

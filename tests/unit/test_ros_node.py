@@ -277,7 +277,7 @@ class TestPairs:
         assert self.added(*waiting, (1, 200)) == [(200, 200)]
         assert self.added(*waiting, (1, 100)) == []
 
-    def test_a_bag_that_begins_again_starts_anew(self) -> None:
+    def test_a_bag_that_begins_again_is_paired_from_its_first_images_on(self) -> None:
         ended = [(0, 9000 + 33 * k) for k in range(9)]
         again = [(topic, 100 * k) for k in range(1, 9) for topic in (0, 1)]
         assert self.added((1, 8000), *ended, *again) == [(100 * k, 100 * k) for k in range(1, 9)]

@@ -67,8 +67,8 @@ def test_the_declared_comparison_flies_first_by_the_name_of_whatever_arm_it_has(
     arms = [arm("as old", changes=changes), arm("b"), arm("new"), arm("old", changes=changes)]
     planned = study(*arms, declared={"arm": "new", "against": "old"})
     specs = expand(planned)
-    flown = [spec for spec in specs if spec.arm != "old"]  # The store names a run by its first arm.
-    assert [(spec.arm, spec.seed) for spec in by_importance(planned, specs, flown)] == [
+    waiting = [spec for spec in specs if spec.arm != "old"]  # The store names a run by its first arm.
+    assert [(spec.arm, spec.seed) for spec in by_importance(planned, specs, waiting)] == [
         ("as old", 0), ("new", 0), ("as old", 1), ("new", 1), ("b", 0), ("b", 1),
     ]  # fmt: skip
 

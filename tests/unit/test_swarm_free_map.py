@@ -103,7 +103,7 @@ def test_free_space_outlasts_a_view_of_nothing_but_no_surface_and_not_its_memory
     assert drone.state(2.0) == SURFACE
 
 
-def test_free_space_that_is_forgotten_must_be_proven_anew() -> None:
+def test_free_space_that_is_forgotten_must_be_proven_again() -> None:
     drone = Drone(memory_s=2.0).sees(flat(3.0), 5)
     drone.time_s += 2.5
     assert drone.sees(flat(3.0), 1).state(2.0) != FREE

@@ -74,8 +74,8 @@ class MessageCorrector:
 class Pairs:
     """Pairs the images of two topics by their stamps; each image is in one pair at most.
 
-    A stamp before the last one of its topic, as of a bag that begins again, starts anew: later ones no longer wait.
-    The synchroniser of `message_filters` in Python would pair nothing until it has caught up with them.
+    After a stamp before the last one of its topic, as of a bag that begins again, images with later stamps no longer
+    wait. The synchroniser of `message_filters` in Python would pair nothing until it has caught up with them.
 
     Args:
         slop_s: Largest difference of the stamps of a pair [s].
