@@ -20,8 +20,8 @@ from .runner import Finished, fly
 
 T = TypeVar("T")
 
-OUTCOMES = [outcome for outcome in Outcome if outcome is not Outcome.INTERRUPTED]
-"""How a mission may end; an interrupted one is no result."""
+OUTCOMES: tuple[Outcome, ...] = tuple(outcome for outcome in Outcome if outcome is not Outcome.INTERRUPTED)
+"""How a mission may end, in the order in which that is listed; an interrupted one is no result."""
 
 
 def fly_all(runs: Sequence[Run], *, workers: int) -> Iterator[Finished]:

@@ -1,4 +1,4 @@
-"""Files: configurations in TOML, shipped ones by name and others by path; atomic writing; locked folders."""
+"""Files: configurations in TOML, shipped ones by name and others by path; locked folders."""
 
 import fcntl
 import os
@@ -10,7 +10,8 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 
 import pydantic
 
-from voxdepth.tools.files import first_key, first_problem, read_toml, shorten
+from voxdepth.model import first_key, first_problem, shorten
+from voxdepth.tools.files import read_toml
 
 from .errors import ScenarioError
 
@@ -41,7 +42,7 @@ def shipped_names(kind: str) -> list[str]:
 
 
 def load(model: type[Loaded], kind: str, name_or_path: str, seed: int | None, changes: dict[str, Any]) -> Loaded:
-    """Load a configuration with its seed; a file that is missing or invalid is a `ScenarioError`.
+    """Load a configuration with its seed; a file that is missing or invalid is a `ToolError`.
 
     Args:
         model: Its fields are `seed` and the singular of the kind.
@@ -84,7 +85,7 @@ def _concerned(chosen: Mapping[str, Chosen], key: str) -> list[Chosen]:
 def load_alone(model: type[Loaded], kind: str, name_or_path: str) -> tuple[Path, Loaded]:
     """Load a configuration without a seed, by the name of a shipped file or by path; return the path as well.
 
-    A file that is missing or invalid is a `ScenarioError`.
+    A file that is missing or invalid is a `ToolError`.
     """
     path, data = _read_table(kind, name_or_path)
     return path, _validated(model, path, data, SINGULAR[kind])

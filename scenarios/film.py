@@ -19,6 +19,7 @@ from voxdepth.types import FloatArray, FloatImage
 from .config import Run
 from .errors import ScenarioError
 from .images import DRONE_COLORS, Image, drone_color, titled
+from .mission_pictures import require_drone
 from .runner import flying
 
 SIZE_PX = (480, 322)
@@ -56,15 +57,14 @@ class Faces(NamedTuple):
 
 
 def make_film(run: Run, path: Path, *, drone: int, until_s: float) -> None:
-    """Fly until `until_s`, or to the end of the mission, and write an animated GIF; a failure is a `ScenarioError`."""
+    """Fly until `until_s`, or to the end of the mission, and write an animated GIF; a failure is a `ToolError`."""
     if path.suffix.lower() != ".gif":
         raise ScenarioError(f"a film must be a .gif file, got {path}")
+    require_drone(run, drone)
     scene = run.scenario.scene.build(run.seed)
     faces, recorder = faces_of(scene), CaptureRecorder()
     images: list[Image] = []
     with flying(run, recorder, recorded=True) as mission:
-        if drone >= mission.world.n_drones:
-            raise ScenarioError(f"expected a drone from 0 to {mission.world.n_drones - 1}, got {drone}")
         flown_m: list[FloatArray] = []
         middle_m = np.zeros(3)
         while mission.outcome is None and mission.time_s < until_s:

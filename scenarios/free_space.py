@@ -69,7 +69,7 @@ class Probe(Recorder):
         )
         self._exact = EvidenceReader(rig.intrinsics, exact)
         self._correctors = {
-            (name, drone): CorrectorSpec(name=name).create(rig.intrinsics) for name in correctors for drone in WATCHED
+            (name, drone): CorrectorSpec.of(name).create(rig.intrinsics) for name in correctors for drone in WATCHED
         }
         self._rig: StereoRig | None = None
         self._is_hard: dict[int, bool] = {}
@@ -133,7 +133,12 @@ def _certain(depth_m: FloatImage) -> CorrectedDepth:
 def measure(
     scenario: str, seeds: Sequence[int], correctors: Sequence[str], *, workers: int
 ) -> Iterator[Mapping[Key, Counts]]:
-    """Fly a scenario with each seed by true depth, and yield the counts of every flight."""
+    """Fly a scenario with each seed by true depth, and yield the counts of every flight.
+
+    A corrector is a name, perhaps with a setting; one that does not exist is a `ConfigError`.
+    """
+    for corrector in correctors:
+        CorrectorSpec.of(corrector)
     runs = [load_run(scenario, seed, {}) for seed in seeds]
     yield from in_processes(partial(_measure, correctors=tuple(correctors)), runs, workers=workers)
 

@@ -116,7 +116,7 @@ def require_picture(path: Path) -> None:
 
 
 def save_picture(path: Path, image: Image, *, quality: int = 85) -> None:
-    """Write a JPEG or PNG file; a failure is a `ScenarioError`."""
+    """Write a JPEG or PNG file; a failure is a `ToolError`."""
     require_picture(path)
     settings = [] if path.suffix.lower() == ".png" else [cv2.IMWRITE_JPEG_QUALITY, quality]
     _, encoded = cv2.imencode(path.suffix, image, settings)

@@ -12,9 +12,10 @@ import numpy as np
 from sim.testing import FRAMES, LEVELS, TERMS, Level, Term, noisy_sequence
 from sim.types import Capture
 from swarm.perception import frame_of
+from voxdepth.corrector_spec import CorrectorSpec
 from voxdepth.metrics import DepthErrors, Flicker, depth_errors
 from voxdepth.model import Model
-from voxdepth.registry import corrector_names, create_corrector
+from voxdepth.soundness import first_fault
 from voxdepth.tools.files import write
 from voxdepth.tools.table import Column, Table
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics
@@ -68,16 +69,14 @@ class Difference(NamedTuple):
 
 
 def find_corrector(name: str) -> CorrectorFactory:
-    """Return the factory of a registered corrector, or of your own as `package.module:factory`.
+    """Return the factory of a registered corrector, perhaps with a setting, or of your own as `package.module:factory`.
 
-    A module or factory that does not exist is a `ScenarioError`.
+    A name, setting, module or factory that does not exist is a `ConfigError` or a `ScenarioError`.
     """
-    if ":" not in name:
-        if name not in corrector_names():
-            known = ", ".join(corrector_names())
-            raise ScenarioError(f"there is no corrector {name!r}; choose {known}, or your own package.module:factory")
-        return lambda intrinsics: create_corrector(name, intrinsics)
-    sys.path.insert(0, str(Path.cwd()))  # An installed command has its own folder there instead.
+    if ":" not in name.partition("[")[0]:
+        return CorrectorSpec.of(name).create
+    if (here := str(Path.cwd())) not in sys.path:  # An installed command has its own folder there instead.
+        sys.path.insert(0, here)
     try:
         factory: CorrectorFactory = pkgutil.resolve_name(name)
     except (ImportError, AttributeError, ValueError) as error:
@@ -121,12 +120,8 @@ def corrected(make: CorrectorFactory, case: str, frames: int = FRAMES) -> Iterat
 
 
 def _require_depth(result: CorrectedDepth, frame: Frame) -> None:
-    depth_m = getattr(result, "depth_m", None)
-    if not isinstance(depth_m, np.ndarray) or depth_m.shape != frame.depth_m.shape:
-        got = f"{type(result).__name__} with {getattr(depth_m, 'shape', 'none')}"
-        raise ScenarioError(f"expected a CorrectedDepth with depth_m of shape {frame.depth_m.shape}, got {got}")
-    if not (np.isfinite(depth_m).all() and (depth_m >= 0).all()):
-        raise ScenarioError("expected depths that are finite and not negative (0 = invalid), got others")
+    if fault := first_fault({"depth_m": getattr(result, "depth_m", None)}, frame.depth_m.shape):
+        raise ScenarioError(fault)
 
 
 def compare(golden: Cases, measured: Cases) -> list[Difference]:
@@ -186,6 +181,6 @@ def read_golden(path: Path) -> Cases:
 
 
 def write_golden(path: Path, cases: Cases) -> None:
-    """Write a golden file; a failure is a `ScenarioError`."""
+    """Write a golden file; a failure is a `ToolError`."""
     golden = Golden(seed=SEED, frames=FRAMES, cases=cases)
     write(path, (golden.model_dump_json(indent=1) + "\n").encode())

@@ -6,10 +6,11 @@ import platform
 import re
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from io import BytesIO
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -68,17 +69,14 @@ def fly_and_write(run: Run, out: Path, *, record: bool, progress: Progress | Non
 
     Ctrl-C ends the mission after a tick with the outcome `interrupted`, and its files are written. A run that is killed
     leaves `config.toml` and its recording up to some seconds before as `run.part.rrd`. A folder or a file that cannot
-    be written is a `ScenarioError`, which names the files that are whole.
+    be written is a `ToolError`, which names the files that are whole.
     """
     _refuse_unwritable(out)
-    folder = _free_folder(out, run)
-    recorder = _make_recorder(run, folder / PARTIAL_RECORDING) if record else Recorder()
-    with ExitStack() as until_written, _naming_whole_files(folder):
+    with ExitStack() as until_written, _new_folder(out, run) as folder, _naming_whole_files(folder):
+        recorder = _make_recorder(run, folder / PARTIAL_RECORDING) if record else Recorder()
         try:
             with flying(run, recorder, recorded=record) as mission:
                 hand_on = until_written.enter_context(kept_back())
-                with as_tool_error(f"cannot create the run folder {folder}"):
-                    folder.mkdir(parents=True)
                 write(folder / "config.toml", to_toml(run).encode())
                 wall_s = _ticks(mission, progress, hand_on)
                 result = mission.result()
@@ -168,11 +166,29 @@ def _refuse_unwritable(out: Path) -> None:
         raise ScenarioError(f"cannot write to the output folder {out}: expected a folder that you may write to")
 
 
-def _free_folder(out: Path, run: Run) -> Path:
-    """Return the path of a new folder below `out`, named by the time and the run."""
-    base = f"{datetime.now():%Y%m%d-%H%M%S}-{folder_name(run)}"
-    names = [base, *(f"{base}-{k}" for k in range(2, 1000))]
-    return next(out / name for name in names if not (out / name).exists())
+@contextmanager
+def _new_folder(out: Path, run: Run) -> Iterator[Path]:
+    """Create a folder below `out`, named by the time and the run, and remove it at the end if it is empty."""
+    missing = [path for path in (out, *out.parents) if not path.exists()]
+    with as_tool_error(f"cannot create a run folder in {out}"):
+        out.mkdir(parents=True, exist_ok=True)
+        folder = _create_first(out / f"{datetime.now():%Y%m%d-%H%M%S}-{folder_name(run)}")
+    try:
+        yield folder
+    finally:
+        for path in (folder, *missing):
+            with suppress(OSError):
+                path.rmdir()
+
+
+def _create_first(path: Path) -> Path:
+    """Create a folder, with a number behind its name if there is one already: runs may begin in the same second."""
+    names = chain([path.name], (f"{path.name}-{k}" for k in count(2)))
+    while True:
+        folder = path.with_name(next(names))
+        with suppress(FileExistsError):
+            folder.mkdir()
+            return folder
 
 
 @contextmanager

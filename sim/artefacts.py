@@ -70,6 +70,11 @@ class Rims(NoiseTerm):
     cell_m: float = Field(default=0.02, gt=0)
     """Side of a place [m]; smaller places make rougher rims."""
 
+    @property
+    def uses_shadows(self) -> bool:
+        """Whether shadows are widened."""
+        return self.erode_px[1] > 0
+
     def apply(self, image: NoisyDepth) -> None:
         """Widen the shadows, then draw near surfaces over them and over the background."""
         uniform = uniform_of(places(image, self.cell_m), image.seed)
@@ -101,7 +106,7 @@ class Specks(NoiseTerm):
     size_px: Annotated[tuple[Size, Size], Field(strict=False), AfterValidator(_require_order)] = (5, 40)
     """Least and largest number of pixels; the logarithm of the size is uniform. Shadows cut their specks off."""
     ratio: Ratios = (0.25, 0.6)
-    """Least and largest depth relative to the true depth of the place."""
+    """Least and largest depth relative to the true depth of the place; it may exceed the range of the sensor."""
     true_share: float = Field(default=0.0, ge=0, le=1)
     """Share of the specks that show the true depth instead."""
     persistence: float = Field(default=0.85, ge=0, le=1)
@@ -113,6 +118,11 @@ class Specks(NoiseTerm):
     def active(self) -> bool:
         """Whether any place has a speck."""
         return self.share > 0
+
+    @property
+    def uses_shadows(self) -> bool:
+        """Whether specks lie in shadows, or in holes outside of them."""
+        return self.where != "anywhere"
 
     def apply(self, image: NoisyDepth) -> None:
         """Draw the specks of all places in view, in the order of the places."""

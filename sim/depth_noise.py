@@ -62,6 +62,11 @@ class NoiseTerm(Model, ABC):
         """Whether the configuration differs from the default, with which a term changes nothing."""
         return self != type(self)()
 
+    @property
+    def uses_shadows(self) -> bool:
+        """Whether the term depends on what the second camera does not see."""
+        return False
+
     @abstractmethod
     def apply(self, image: NoisyDepth) -> None:
         """Change the image in place."""
@@ -157,6 +162,11 @@ class Occlusion(NoiseTerm):
     def active(self) -> bool:
         """Whether the term is enabled, as it is by default."""
         return self.enabled
+
+    @property
+    def uses_shadows(self) -> bool:
+        """It always does."""
+        return True
 
     def apply(self, image: NoisyDepth) -> None:
         """Invalidate occluded pixels."""

@@ -12,7 +12,7 @@ class Purpose(IntEnum):
     SURFACE = 1
     PHOTON = 2
     SCALE = 3
-    START = 4
+    START = 4  # No consumer draws from it any more.
     FLIGHT = 5
     EXPOSURE = 6
     DISPARITY = 7

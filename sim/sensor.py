@@ -115,7 +115,7 @@ class RigConfig(Model):
 
     def exact(self) -> "RigConfig":
         """A camera with the same captures that reads the true depth."""
-        images = {"width_px", "height_px", "decimate", "hfov_deg", "rate_hz", "max_depth_m"}
+        images = {"width_px", "height_px", "decimate", "hfov_deg", "rate_hz", "max_depth_m", "stereo"}
         return RigConfig(**self.model_dump(include={*images, "baseline_m", "mount_forward_m"}), depth="truth")
 
     @property
@@ -149,7 +149,8 @@ class DepthSensor:
         self._artefacts = config.artefacts.terms if config.artefacts else ()
         self._surfaces = surfaces
         self.needs_gray = gray or stereo
-        self.needs_right = stereo or bool(config.color_offset_m) or (noisy and config.noise.occlusion.active)
+        uses_shadows = any(term.uses_shadows for term in (*self._noise_terms, *self._artefacts))
+        self.needs_right = stereo or bool(config.color_offset_m) or uses_shadows
 
     def capture(self, pair: RenderedPair) -> Capture:
         """Add the noise of the cameras, measure depth and decimate it. Several threads may do so at once."""

@@ -1,6 +1,6 @@
 """A horizontal slice of a drone's map, and ways on it."""
 
-from functools import cache
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from voxdepth.types import FloatArray, FloatImage
 
-from .map_kernels import FREE, SURFACE, UNSEEN
+from .map_kernels import FREE, SURFACE, UNSEEN, cells_within
 from .nearby import ApproachLimits
 from .route_kernels import (
     Braking,
@@ -96,14 +96,18 @@ class Chart:
         self._config = config
         self._width = width_m / config.voxel_m
         self._clearance = _clearance(state)
-        taken, self._passage = state, self._clearance
-        """Clearance to what is not free and to the other drones."""
+        self._taken, self._passage = state, self._clearance
+        """State and clearance with the other drones as surfaces."""
         if len(drones_m):
-            taken = _with_discs(state, (drones_m - [*origin_m, 0.0]) / config.voxel_m)
-            self._passage = _clearance(taken)
-        blocked = cv2.dilate(taken, _disc(self._width + 0.5))
+            self._taken = _with_discs(state, (drones_m - [*origin_m, 0.0]) / config.voxel_m)
+            self._passage = _clearance(self._taken)
+
+    @cached_property
+    def _blocked(self) -> npt.NDArray[np.uint8]:
+        """Worst state within reach of a drone in each cell of the route, which are fewer than those of the map."""
+        blocked = cv2.dilate(self._taken, _disc(self._width + 0.5))
         pairs = np.maximum(blocked[::2], blocked[1::2])
-        self._blocked: npt.NDArray[np.uint8] = np.maximum(pairs[:, ::2], pairs[:, 1::2])
+        return np.asarray(np.maximum(pairs[:, ::2], pairs[:, 1::2]))
 
     def _cells(self, at_m: FloatArray) -> tuple[float, float]:
         """Return a position (x, y) in cells, whose middles have whole numbers."""
@@ -187,9 +191,10 @@ class Chart:
         if -0.5 <= x < cols - 0.5 and -0.5 <= y < rows - 0.5:
             left[int(y + 0.5), int(x + 0.5)] = 0
             return left
-        far = np.hypot(np.arange(cols)[None, :] - x, np.arange(rows)[:, None] - y).astype(np.float32)
-        price = np.float32(BEYOND_PRICE)
-        left[[0, -1], :], left[:, [0, -1]] = price * far[[0, -1], :], price * far[:, [0, -1]]
+        price, ends = np.float32(BEYOND_PRICE), [0, -1]
+        away_x, away_y = np.arange(cols) - x, np.arange(rows)[:, None] - y
+        left[ends, :] = price * np.hypot(away_x, away_y[ends]).astype(np.float32)
+        left[:, ends] = price * np.hypot(away_x[ends], away_y).astype(np.float32)
         return left
 
 
@@ -204,9 +209,10 @@ def _clearance(state: npt.NDArray[np.uint8]) -> FloatImage:
 def _with_discs(state: npt.NDArray[np.uint8], discs: FloatArray) -> npt.NDArray[np.uint8]:
     """Return a map in which discs (column, row, radius), in cells, are surfaces."""
     taken = state.copy()
-    rows, cols = np.ogrid[: state.shape[0], : state.shape[1]]
-    for col, row, radius in discs:
-        taken[(cols + 0.5 - col) ** 2 + (rows + 0.5 - row) ** 2 < radius**2] = SURFACE
+    for col, row, radius in discs.tolist():
+        near = tuple(slice(*cells_within(at, radius, 1.0, n)) for at, n in zip((row, col), state.shape, strict=True))
+        rows, cols = np.ogrid[near]
+        taken[near][(cols + 0.5 - col) ** 2 + (rows + 0.5 - row) ** 2 < radius**2] = SURFACE
     return taken
 
 

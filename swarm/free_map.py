@@ -129,7 +129,7 @@ class FreeMap:
         kernels.give_up(self._voxels, self._rules, self.origin_m, at_m, radius_m, half_height_m, time_s)
 
     def is_column_free(self, at_m: FloatArray, low_m: float, high_m: float, time_s: float) -> bool:
-        """Return whether the column of voxels at a position (x, y) is free between two heights."""
+        """Return whether the column of voxels at a position (x, y) and the eight around it are free between heights."""
         col, row, _ = ((at_m - self.origin_m) / self._sides_m).tolist()
         return kernels.is_column_free(
             self._voxels, self._rules, self._layers(low_m, high_m), int(row), int(col), time_s

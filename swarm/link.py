@@ -24,7 +24,7 @@ class LinkConfig(Model):
     range_m: float = Field(default=40.0, gt=0)
     """Range of the radio; messages between a leader and its swarm are relayed."""
     memory_s: float = Field(default=1.0, ge=0)
-    """Time for which a drone is extrapolated from its last message; after that it counts as not heard."""
+    """Age of the last message, beyond `delay_s`, up to which a drone is extrapolated; then it counts as not heard."""
 
 
 class Link:

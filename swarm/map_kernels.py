@@ -357,10 +357,9 @@ def worst_states(
     state[:] = FREE if first >= 0 and last <= n_layers else UNSEEN
     for k in range(max(first, 0), min(last, n_layers)):
         for i in range(state.shape[0]):
-            for j in range(state.shape[1]):
-                if voxels.surface[k, i, j] >= CONFIRMED:
-                    state[i, j] = SURFACE
-                elif not is_free(voxels, rules, k, i, j, time_s):
-                    vain = voxels.vain[k, i, j]
-                    unknown = GIVEN_UP if vain == WAS_GIVEN_UP else VAIN if vain >= rules.min_vain else UNSEEN
-                    state[i, j] = max(state[i, j], unknown)
+            for j in range(state.shape[1]):  # Without branches, so that the compiler can use vectors.
+                is_recent = time_s - voxels.passed_s[k, i, j] <= rules.memory_s
+                is_passed, vain = voxels.passed[k, i, j] >= rules.min_passed, voxels.vain[k, i, j]
+                unknown = UNSEEN + (vain >= rules.min_vain) + (vain == WAS_GIVEN_UP)
+                known = FREE if is_passed & is_recent else unknown
+                state[i, j] = max(state[i, j], SURFACE if voxels.surface[k, i, j] >= CONFIRMED else known)

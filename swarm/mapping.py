@@ -55,19 +55,21 @@ class Known(NamedTuple):
     at_m: FloatArray
     """Position of the drone when it processed the image, in the frame of the odometry, shape (3,)."""
     chart: Chart
+    R_odom_world: FloatArray
+    origin_m: FloatArray
+    """Origin of the world in the frame of the odometry, shape (3,)."""
 
     def place(self, world_m: FloatArray) -> FloatArray:
         """Return places of the world, shape (..., 3), in the frame of the odometry."""
-        T = self.chart.T_odom_world
-        return np.asarray(world_m @ T[:3, :3].T + T[:3, 3])
+        return np.asarray(self.turned(world_m) + self.origin_m)
 
     def turned(self, world: FloatArray) -> FloatArray:
         """Return vectors of the world, shape (..., 3), in the frame of the odometry."""
-        return np.asarray(world @ self.chart.T_odom_world[:3, :3].T)
+        return np.asarray(world @ self.R_odom_world.T)
 
     def turned_back(self, odom: FloatArray) -> FloatArray:
         """Return vectors in the frame of the odometry, shape (..., 3), in that of the world."""
-        return np.asarray(odom @ self.chart.T_odom_world[:3, :3])
+        return np.asarray(odom @ self.R_odom_world)
 
 
 class Turn(NamedTuple):
@@ -151,18 +153,22 @@ class MappingPilot(Pilot):
         if before is not None and percept.stamp_s <= before.stamp_s:
             return before
         stamp_s, T = percept.stamp_s, percept.T_odom_cam @ inverse_rigid(percept.true_T_world_cam)
-        places_m = np.vstack([own.position_m, situation.neighbours.position_m]) @ T[:3, :3].T + T[:3, 3]
+        others, age_s = situation.neighbours, situation.time_s - stamp_s
+        now_m, then_m = np.vstack([own.position_m, others.position_m]), others.position_m - age_s * others.velocity_m_s
+        places_m, in_image_m = (world_m @ T[:3, :3].T + T[:3, 3] for world_m in (now_m, then_m))
         at_m = places_m[0]
         if before is None:
             self._map.start(at_m, stamp_s)
         elif self._has_jumped(before, stamp_s, at_m, own.velocity_m_s):
             radius_m = min(before.chart.clearance_m(before.at_m), self._config.map.start_radius_m)
             self._map.start_again(at_m, radius_m, self._half_height_m, stamp_s)
-        self._map.update(self._reader.read(percept.corrected), percept.T_odom_cam, places_m[1:], stamp_s)
+            self._route_before = None
+        self._map.update(self._reader.read(percept.corrected), percept.T_odom_cam, in_image_m, stamp_s)
         self._map.mark_free(places_m, self._radius_m, self._half_height_m, stamp_s)
         low_m, high_m = self._band(at_m)
-        drones_m = self._slow_drones(at_m, places_m[1:], situation.neighbours.velocity_m_s)
-        self._known = Known(stamp_s, at_m, self._map.chart(low_m, high_m, self._width_m, stamp_s, T, drones_m))
+        drones_m = self._slow_drones(at_m, places_m[1:], others.velocity_m_s)
+        chart = self._map.chart(low_m, high_m, self._width_m, stamp_s, T, drones_m)
+        self._known = Known(stamp_s, at_m, chart, T[:3, :3], T[:3, 3])
         self._route = None
         return self._known
 

@@ -122,7 +122,7 @@ class MissionMetrics:
 
     def add_depth(self, capture: Capture, corrected: CorrectedDepth) -> None:
         """Add the depth errors of one image; depth that the corrector did not change is evaluated once."""
-        true_m, unchanged = capture.depth_true_m, corrected.depth_m is capture.depth_raw_m
+        true_m, unchanged = capture.depth_true_m, np.array_equal(corrected.depth_m, capture.depth_raw_m)
         raw = depth_errors(capture.depth_raw_m, true_m, max_range_m=EVALUATED_RANGE_M)
         self._raw_errors[capture.drone] += raw
         self._corrected_errors[capture.drone] += (

@@ -167,7 +167,7 @@ class Avoidance:
         """Return the safe velocity that is nearest to a wanted one.
 
         A slow velocity out of the field of view is granted. Otherwise the drone follows the histogram, and stops and
-        turns when the wanted direction leads backwards. In a dead end it turns to the direction of the longest range.
+        turns when the wanted direction leads backwards. In a dead end it compares the ranges of the cells alone.
         All vectors have the shape (3,). `previous` is the direction chosen last, and `at_m` the position of the drone
         when a command takes effect, or None if it has not moved since the histogram was taken. The distance to that
         position is not available for braking.

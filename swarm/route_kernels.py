@@ -73,7 +73,7 @@ BRAKING = named_tuple(Braking, *[float64] * len(Braking._fields))
 
 @compiled(float64(float64[:, ::1], float64[::1], float64, float64))
 def approach_limit(towards: FloatArray, speed_m_s: FloatArray, along_x: float, along_y: float) -> float:
-    """Return the largest speed in a horizontal direction that respects limits along `towards`, shape (n, 3)."""
+    """Return the largest speed in a horizontal direction that respects limits along `towards`, shape (n, 2 or 3)."""
     least = np.inf
     for k in range(len(towards)):
         share = towards[k, 0] * along_x + towards[k, 1] * along_y

@@ -155,7 +155,7 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trajectory:
-    """Motion of one drone, sampled at the control rate."""
+    """Motion of one drone at the beginning of each control period, in which it was flying."""
 
     time_s: FloatArray
     """Shape (T,)."""

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from numba import float32, types, uint8, void
 from pydantic import Field, TypeAdapter
 
-from .compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled
+from .compiled import BYTE_IMAGE, FLOAT_IMAGE, compile_all, compiled
 from .errors import ConfigError
 from .pipeline import StagedCorrector
 from .types import CorrectedDepth, DepthCorrector, FloatImage, Frame, GrayImage, Intrinsics, Source
@@ -106,6 +106,7 @@ class Calibrated:
         self._classes = PixelClasses(intrinsics)
         self._by_class = np.zeros(N_BYTES, np.float32)
         self._by_class[:N_CLASSES] = probabilities.ravel()
+        compile_all()
 
     def process(self, frame: Frame) -> CorrectedDepth:
         """Correct one frame."""

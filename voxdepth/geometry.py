@@ -1,4 +1,4 @@
-"""Back-projection, projection and rigid motion of points."""
+"""Back-projection and rigid motion of points."""
 
 from dataclasses import dataclass
 from typing import TypeVar

@@ -129,6 +129,8 @@ def resolve_config(name: str, given: Mapping[str, Any]) -> "VoxDepthConfig | Pap
     """
     from pydantic import ValidationError
 
+    from .model import first_problem
+
     default = config_of(name)
     if default is None:
         raise _takes_no_config(name)
@@ -146,7 +148,7 @@ def resolve_config(name: str, given: Mapping[str, Any]) -> "VoxDepthConfig | Pap
                 f"config of the corrector {name!r}: unknown key {where!r}"
                 f"{'; did you mean ' + ' or '.join(likely) if likely else ''}; `voxdepth config {name}` prints all"
             ) from error
-        raise ConfigError(f"config of the corrector {name!r}: {where}: {first['msg']}") from error
+        raise ConfigError(f"config of the corrector {name!r}: {first_problem(error, 'configuration')}") from error
 
 
 def _likely_keys(mistyped: str, config: Mapping[str, Any]) -> list[str]:

@@ -1,5 +1,6 @@
 """Commands that compare methods and repeat experiments."""
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +15,9 @@ if TYPE_CHECKING:
 
     from ..evaluation.kinds import Opened
     from ..evaluation.suite import Plan, Requested
+
+OUTER_COMMA = r",(?![^\[]*\])"
+"""A comma that is not within the brackets of a setting."""
 
 
 def evaluate(
@@ -32,8 +36,8 @@ def evaluate(
         str | None,
         typer.Option(
             metavar="A,B,C",
-            help=r"Methods by name, perhaps with a setting as in voxdepth\[fill=all]. "
-            "Default: all, and the oracle true-pose where a recording has true poses.",
+            help=r"Methods by name, perhaps with a setting as in voxdepth\[fill=all], or your own as "
+            "package.module:factory. Default: all, and the oracle true-pose where a recording has true poses.",
         ),
     ] = None,
     frames: Annotated[int, typer.Option(min=1, help="How many of the first frames of each sequence.")] = 30,
@@ -103,7 +107,7 @@ def _planned(
         requested += requested_of(folder, opened)
     has_poses = not all(isinstance(each, Judged) for each in requested)
     usual = [name for name in METHOD_NAMES if has_poses or name != ORACLE]
-    chosen = usual if methods is None else [name.strip() for name in methods.split(",")]
+    chosen = usual if methods is None else [name.strip() for name in re.split(OUTER_COMMA, methods)]
     return Plan(sequences=requested, methods=find_methods(chosen), frames=frames, out=out)
 
 

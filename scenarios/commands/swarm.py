@@ -142,7 +142,7 @@ def picture(
     out: Picture = Path("picture.jpg"),
     seed: Seed = None,
     drone: Annotated[int, typer.Option(min=0, help="Number of the drone; 0 is the leader.")] = 0,
-    at: Annotated[float, typer.Option(help="Simulated time of the picture, in seconds.")] = 12.0,
+    at: Annotated[float, typer.Option(min=0.1, help="Simulated time of the picture, in seconds.")] = 12.0,
     size: Size = "640x360",
 ) -> None:
     """Render gray, true, raw and corrected depth of one drone side by side."""
@@ -158,7 +158,7 @@ def film(
     out: Annotated[Path, typer.Option(help="GIF file to write.")] = Path("film.gif"),
     seed: Seed = None,
     drone: Annotated[int, typer.Option(min=0, help="Number of the drone whose depth is shown.")] = 0,
-    until: Annotated[float, typer.Option(help="Simulated time of the end, in seconds.")] = 12.0,
+    until: Annotated[float, typer.Option(min=0.1, help="Simulated time of the end, in seconds.")] = 12.0,
 ) -> None:
     """Make an animated picture of a flight: the swarm from a camera that follows it, and the depth of one drone."""
     from ..config import load_run

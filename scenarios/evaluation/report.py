@@ -42,7 +42,7 @@ TERMINAL_TABLES = (TERMINAL_COLUMNS, HOLE_COLUMNS, MOVING_COLUMNS)
 
 
 def write_report(out: Path, evaluation: Evaluation) -> None:
-    """Write `results.csv`, `results.parquet` and `report.html`, each in one step; a failure is a `ScenarioError`."""
+    """Write `results.csv`, `results.parquet` and `report.html`, each in one step; a failure is a `ToolError`."""
     write_frame(out / "results", evaluation.measurements.frame)
     write(out / "report.html", rendered(evaluation).encode())
 

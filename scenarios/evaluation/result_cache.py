@@ -125,7 +125,7 @@ class ResultCache:
         """Load the finished result of a key, or one with the error `NOT_DONE` and why an older one is discarded.
 
         Even one with the same key is discarded if the method `may_have_changed`. A file that cannot be read is a
-        `ScenarioError`.
+        `ToolError`.
         """
         path = self.path(key.method)
         with as_tool_error(f"cannot read {path}"):
@@ -150,7 +150,7 @@ class ResultCache:
         return info if (info.digest, info.frames) == (digest, frames) else None
 
     def store(self, stored: Result | SequenceInfo) -> None:
-        """Write the file of a result or of the description in one step; a failure is a `ScenarioError`."""
+        """Write the file of a result or of the description in one step; a failure is a `ToolError`."""
         path = self._info if isinstance(stored, SequenceInfo) else self.path(stored.key.method)
         write(path, f"{stored.model_dump_json(indent=1)}\n".encode())
 

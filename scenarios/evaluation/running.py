@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from voxdepth.soundness import first_fault
 from voxdepth.types import DepthCorrector, FloatImage, Frame, GrayImage, Intrinsics
 
 from .groups import Groups
@@ -149,29 +150,7 @@ def _processed(corrector: DepthCorrector, frame: Frame, index: int) -> tuple[Out
         result = corrector.process(frame)
         time_s = time.perf_counter() - start
         output = Output._make(getattr(result, name, None) for name in Output._fields)
-    for problem in _problems(output, frame.depth_m.shape):
-        raise MethodError(f"frame {index}: {problem}")
+    given = {name: image for name, image in output._asdict().items() if name == "depth_m" or image is not None}
+    if fault := first_fault(given, frame.depth_m.shape):
+        raise MethodError(f"frame {index}: {fault}")
     return output, time_s
-
-
-def _problems(output: Output, shape: tuple[int, ...]) -> Iterator[str]:
-    """Yield what is wrong with an output; later checks rely on earlier ones."""
-    expected = (
-        (np.float32, f"float32 of shape {shape}"),
-        (np.floating, f"floats of shape {shape}, or none"),
-        (np.uint8, f"uint8 of shape {shape}, or none"),
-    )
-    for name, image, (kind, text) in zip(Output._fields, output, expected, strict=True):
-        if image is None and name != "depth_m":
-            continue
-        if not isinstance(image, np.ndarray):
-            yield f"expected {name} as {text}, got {type(image).__name__}"
-        elif image.shape != shape or not np.issubdtype(image.dtype, kind):
-            yield f"expected {name} as {text}, got {image.dtype} of shape {image.shape}"
-    depth_m, confidence, _ = output
-    if not np.isfinite(depth_m).all():
-        yield f"expected finite depths (0 = invalid), got {np.count_nonzero(~np.isfinite(depth_m))} others"
-    if (depth_m < 0).any():
-        yield f"expected depths of at least 0 m (0 = invalid), got {depth_m.min()} m"
-    if confidence is not None and not ((confidence >= 0) & (confidence <= 1)).all():
-        yield f"expected confidence in 0..1, got {confidence.min()} to {confidence.max()}"

@@ -64,7 +64,7 @@ class FrameCache:
         self._folder, self._frames = folder, 0
 
     def fill(self, frames: Iterable[EvaluationFrame], progress: Callable[[int], None] = lambda count: None) -> None:
-        """Write frames and pass their number to `progress`; a frame that cannot be written is a `ScenarioError`."""
+        """Write frames and pass their number to `progress`; a frame that cannot be written is a `ToolError`."""
         for index, frame in enumerate(frames):
             what = f"cannot keep frame {index} in {self._folder}"
             with as_tool_error(what):
@@ -76,7 +76,7 @@ class FrameCache:
         return self._frames
 
     def __getitem__(self, index: int) -> EvaluationFrame:
-        """Read one frame; a failure is a `ScenarioError`."""
+        """Read one frame; a failure is a `ToolError`."""
         what = f"cannot read frame {index} back from {self._folder}"
         with as_tool_error(what), np.load(self.path(index), allow_pickle=False) as stored:
             return _evaluation_frame(dict(stored))

@@ -183,7 +183,8 @@ def evaluate(plan: Plan, progress: Callable[[str, int], None]) -> Evaluation:
     `progress` receives the present activity and the number of finished results.
 
     Raises:
-        ScenarioError: Two sequences have the same name, the name of one is not UTF-8, or a result cannot be written.
+        ScenarioError: Two sequences have the same name, or the name of one is not UTF-8.
+        ToolError: A result cannot be written.
     """
     _require_distinct([requested.name for requested in plan.sequences])
     busy = f"another evaluation writes to {plan.out}: wait until it has ended, or use another --out"

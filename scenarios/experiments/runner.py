@@ -70,7 +70,7 @@ class ExperimentReport:
         """Write the tables, the figure, the pictures and `result.json` into the folder of the experiment.
 
         Raises:
-            ScenarioError: A file cannot be written.
+            ToolError: A file cannot be written.
         """
         context, findings = self.context, self.findings
         folder = context.out / self.experiment.name

@@ -23,10 +23,15 @@ FLIGHT_SOURCES = (
 part of the key of a run instead; a user's own controller is part of neither."""
 SENSOR_SOURCES = (("sim", ALL_SOURCES), ("scenarios", "sequences.py"))
 """Those that determine a recording."""
-EVALUATION_SOURCES = (*FLIGHT_SOURCES, ("scenarios", "evaluation/*.py"))
+EVALUATION_SOURCES = (
+    *FLIGHT_SOURCES,
+    ("scenarios", "evaluation/*.py"),
+    ("voxdepth", "datasets/*.py"),
+    ("voxdepth", "tools/output.py"),
+)
 """Those that determine the result of an evaluation of a recording."""
 NOT_FLOWN = ("tools", "datasets")
-"""Folders of these packages that no flight uses."""
+"""Folders of these packages that no flight uses. A pattern that begins with one of them counts."""
 DIGEST_DIGITS = 12
 
 
@@ -42,7 +47,7 @@ def code_digest(sources: tuple[tuple[str, str], ...]) -> str:
     for package, pattern in sources:
         with as_file(files(package)) as folder:
             for path in sorted(folder.glob(pattern)):
-                if path.relative_to(folder).parts[0] in NOT_FLOWN:
+                if path.relative_to(folder).parts[0] in NOT_FLOWN and not pattern.startswith(NOT_FLOWN):
                     continue
                 content.update(f"{package}/{path.relative_to(folder).as_posix()}\0".encode())
                 content.update(path.read_bytes() + b"\0")

@@ -8,11 +8,12 @@ import numpy as np
 
 from voxdepth.types import FloatArray
 
+from ..batch import OUTCOMES
 from ..results.figure import Draw, Picture, legend_label, line_color, panel_figure
 from .analysis import AT_LIMIT, ENDS, REACHED, ArmSummary, Comparison, headline
 from .design import EndpointName, Study
 from .statistics import DoseResponse, Estimate, stratified, wilson
-from .tables import ENDPOINT_TITLES, OUTCOMES
+from .tables import ENDPOINT_TITLES
 
 WIDTH_IN = 9.0
 COLORS = dict(zip(OUTCOMES, ("#4c9f70", "#c0392b", "#e0a030", "#7d5ba6", "#8a8f98"), strict=True))

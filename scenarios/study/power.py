@@ -71,9 +71,10 @@ def power_table(design: Design, effect: float, studies: int, seed: int) -> Table
     rows: list[list[Value]] = []
     for size, meaning in ((0.0, "type I error"), (effect, "power")):
         found = list(simulate(design, size, studies, seed))
+        over_all = [one.stratified for one in found]
         by_test = sum(one.p < SIGNIFICANT for one in found)
-        by_interval = sum(not one.stratified.interval.low <= 0 <= one.stratified.interval.high for one in found)
-        mean = 100 * sum(one.stratified.value for one in found) / studies
+        by_interval = sum(not one.interval.low <= 0 <= one.interval.high for one in over_all)
+        mean = 100 * sum(one.value for one in over_all) / studies
         rows.append([100 * size, meaning, studies, mean, *(_percent(k, studies) for k in (by_test, by_interval))])
     columns = (
         *(Column("effect", "points", ".0f"), "", "studies", Column("mean difference", "points", "+.1f")),

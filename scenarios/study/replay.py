@@ -77,7 +77,7 @@ def fly_again(data: StudyData, spec: RunSpec, out: Path, *, record: bool) -> tup
         result of the run; and the comparison in words.
 
     Raises:
-        ScenarioError: The folder cannot be written.
+        ToolError: The folder cannot be written.
         KeyboardInterrupt: Ctrl-C was pressed.
     """
     finished = fly_and_write(spec.run, out, record=record)
@@ -88,7 +88,8 @@ def fly_again(data: StudyData, spec: RunSpec, out: Path, *, record: bool) -> tup
         return finished.folder, None, f"{now.outcome}; the study has no result of this run"
     other = differences(before, now)
     if not other:
-        return finished.folder, True, f"{now.outcome}: the same as in the study, every figure within {TOLERANCE:g}"
+        same = f"the same as in the study, errors of depth within {DEPTH_TOLERANCE:g}, others within {TOLERANCE:g}"
+        return finished.folder, True, f"{now.outcome}: {same}"
     versions = [name for name, version in simulation_versions().items() if data.versions.get(name) != version]
     verdict = (
         f"{now.outcome}, in the study {before.outcome}: NOT the same; other: {', '.join(other)}; "

@@ -1,6 +1,7 @@
 """The report of a study: a self-contained page, its tables and figures as files, and the table of all runs."""
 
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -83,7 +84,7 @@ def write_report(data: StudyData, out: Path) -> Path:
     The figures are PNG, SVG and PDF, and the same results give the same bytes.
 
     Raises:
-        ScenarioError: A file cannot be written.
+        ToolError: A file cannot be written.
     """
     findings = Findings(data)
     write(out / "report.md", summary(findings).encode())
@@ -130,7 +131,7 @@ def render(findings: Findings, pictures: Sequence[Picture], out: Path) -> str:
         examples=[
             {
                 "run": spec.label,
-                "command": f"voxdepth study replay {out} {spec.short_key} --record",
+                "command": f"voxdepth study replay {shlex.quote(str(out))} {spec.short_key} --record",
                 "recording": "" if (path := recording_of(out, spec)) is None else path.relative_to(out),
             }
             for spec in first_collisions(data)
@@ -181,7 +182,8 @@ def export(data: StudyData, out: Path) -> list[Path]:
     """Write `run_table` as `runs.csv` and `runs.parquet`, and `drone_table` as `drones.*`; return their paths.
 
     Raises:
-        ScenarioError: There is no result yet, or a file cannot be written.
+        ScenarioError: There is no result yet.
+        ToolError: A file cannot be written.
     """
     if not data.records:
         raise ScenarioError(f"the study {data.study.name!r} has no result yet: fly it first")

@@ -14,7 +14,8 @@ import pydantic
 
 from sim.types import Contact
 from swarm.types import Outcome
-from voxdepth.tools.files import first_problem, to_toml
+from voxdepth.model import first_problem
+from voxdepth.tools.files import to_toml
 from voxdepth.tools.provenance import machine
 
 from ..config import Run

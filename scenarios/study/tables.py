@@ -6,13 +6,12 @@ from itertools import product
 from swarm.types import Outcome
 from voxdepth.tools.table import Column, Table, Value
 
+from ..batch import OUTCOMES
 from .analysis import ENDS, MEASURES, REACHED, ArmSummary, Comparison, MeanDifference, headline
 from .design import EndpointName, Study
 from .statistics import B_BOUNDS, DoseResponse, Estimate, Interval, clopper_pearson, stratified, wilson
 
 ENDPOINT_TITLES: dict[EndpointName, str] = {"arrived": "arrived without a collision", "collision": "collisions"}
-OUTCOMES = (Outcome.SUCCESS, Outcome.COLLISION, Outcome.DEADLOCK, Outcome.LOST, Outcome.TIMEOUT)
-"""Outcomes in the order in which they are listed and stacked."""
 OTHER_OUTCOMES = tuple(outcome for outcome in OUTCOMES if outcome is not Outcome.COLLISION)
 CONTACT_KINDS = ("building", "drone", "ground")
 """Kinds of contacts that every table of arms lists."""

@@ -7,6 +7,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from voxdepth.paper.inpainting import CONVEX_WINDOW_PX
+
 CELL = 4
 """Side of a cell [working px]: the network works on cells, and predicts every pixel from those around it."""
 WIDTHS = (20, 32, 40, 48)
@@ -33,8 +35,6 @@ SMALLEST_WEIGHT = 1e-6
 """Smaller sums of weights mean that nothing is known; those of one value are larger."""
 NEIGHBOURS = 9
 """Cells of a neighbourhood of 3 x 3."""
-CONVEX_WINDOW_PX = 5
-"""Side of the window of `Convex`, that of all inpainting methods of the paper by default."""
 FLOW_CELL = 8
 """Side of a cell of `FlowNetwork` [px]."""
 FLOW_WIDTHS = (16, 24, 32)

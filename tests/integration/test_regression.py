@@ -177,9 +177,9 @@ def corrected_as(depth_m: np.ndarray) -> Any:
     [
         ("overwrites", "ValueError: assignment destination is read-only"),
         ("raises", "KeyError: 'template'"),
-        ("array", "expected a CorrectedDepth with depth_m of shape"),
-        ("shape", "expected a CorrectedDepth with depth_m of shape"),
-        ("nan", "finite and not negative"),
+        ("array", "expected depth_m as float32 of shape .* got NoneType"),
+        ("shape", "expected depth_m as float32 of shape"),
+        ("nan", "expected finite depths"),
     ],
 )
 def test_correctors_that_go_wrong_are_told_where(deed: str, message: str) -> None:

@@ -228,6 +228,20 @@ def test_artefacts_are_inactive_by_default_and_apply_to_every_sensor_model() -> 
         assert grew[60] >= 2, changes
 
 
+def test_shadows_are_there_for_the_artefacts_that_need_them_with_any_sensor_model() -> None:
+    eroded = capture(artefacts=Artefacts(rims=Rims(erode_px=(3, 3))).model_dump(), depth="truth")
+    assert (eroded.invalid_reason == InvalidReason.OCCLUDED).sum() > 100
+    specks = Specks(share=1.0, where="shadows", size_px=(20, 20), ratio=(0.5, 0.5), cell_m=0.02)
+    drawn = capture(artefacts=Artefacts(islands=specks).model_dump(), depth="truth")
+    assert (np.abs(drawn.depth_raw_m - drawn.depth_true_m) > 0.1).sum() > 20
+    assert not capture(artefacts=Artefacts(rims=Rims(fatten_px=(2, 2))).model_dump(), depth="truth").occluded.any()
+
+
+def test_a_camera_that_is_exact_may_be_near() -> None:
+    near = RigConfig(max_depth_m=0.5, stereo=StereoConfig(min_depth_m=0.2))
+    assert near.exact().max_depth_m == 0.5
+
+
 def test_motion_blurs_the_images_by_the_motion_and_leaves_the_truth_of_the_middle() -> None:
     poses = [
         BodyPose(stamp_s=k / 30, position_m=np.array([0, y_m, 0]), q_world_body_xyzw=LEVEL)

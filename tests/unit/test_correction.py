@@ -298,14 +298,18 @@ class Faulty(Whole):
     ("spoil", "told"),
     [
         (lambda result: result.depth_m, "a CorrectedDepth, got ndarray"),
-        (lambda result: replace(result, depth_m=result.depth_m[::2]), "depth_m of type float32 and shape (16, 24)"),
-        (lambda result: replace(result, depth_m=result.depth_m.astype(np.float64)), "got float64 of (16, 24)"),
-        (lambda result: replace(result, confidence=None), "of type float32 and shape (16, 24), got NoneType"),
-        (lambda result: replace(result, depth_m=result.depth_m - 1), "depths of 0 or more, 0 for none, got -1.0"),
-        (lambda result: replace(result, depth_m=result.depth_m * np.float32(np.nan)), "0 for none, got nan"),
-        (lambda result: replace(result, source=result.source + np.uint8(7)), "sources of 0 to 3, got"),
+        (lambda result: replace(result, depth_m=result.depth_m[::2]), "depth_m as float32 of shape (16, 24)"),
+        (lambda result: replace(result, depth_m=result.depth_m.astype(np.float64)), "got float64 of shape (16, 24)"),
+        (lambda result: replace(result, confidence=None), "confidence as floats of shape (16, 24), got NoneType"),
+        (lambda result: replace(result, depth_m=result.depth_m - 1), "depths of at least 0 m (0 = invalid), got -1.0"),
+        (
+            lambda result: replace(result, depth_m=result.depth_m * np.float32(np.nan)),
+            "finite depths (0 = invalid), got",
+        ),
+        (lambda result: replace(result, confidence=result.confidence * np.float32(1.2)), "confidence in 0..1, got"),
+        (lambda result: replace(result, source=result.source + np.uint8(7)), "sources in 0..3, got"),
     ],
-    ids=["no result", "half size", "double", "no confidence", "negative", "nan", "source"],
+    ids=["no result", "half size", "double", "no confidence", "negative", "nan", "above 1", "source"],
 )
 def test_a_faulty_corrector_is_named(tmp_path: Path, spoil: Callable[[CorrectedDepth], Any], told: str) -> None:
     with pytest.raises(ToolError, match=re.escape(told)) as error:

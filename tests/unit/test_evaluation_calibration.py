@@ -120,12 +120,13 @@ def test_a_method_may_give_neither() -> None:
     [
         (
             {"confidence": np.ones((3, 4), np.float32)},
-            r"frame 0: expected confidence as floats of shape \(48, 64\), or",
+            r"frame 0: expected confidence as floats of shape \(48, 64\), got",
         ),
         ({"confidence": np.full(CAMERA.shape, 1.5, np.float32)}, r"expected confidence in 0\.\.1, got 1\.5 to 1\.5"),
         ({"confidence": np.full(CAMERA.shape, np.nan, np.float32)}, "expected confidence in 0..1, got nan"),
-        ({"confidence": 0.5}, "or none, got float"),
+        ({"confidence": 0.5}, "of shape .*, got float"),
         ({"source": np.ones(CAMERA.shape)}, "expected source as uint8 of shape .* got float64"),
+        ({"source": np.full(CAMERA.shape, 9, np.uint8)}, "expected sources in 0..3, got 9"),
         ({"source": Source.SENSOR}, "expected source as uint8 of shape .* got Source"),
     ],
 )

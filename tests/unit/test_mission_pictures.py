@@ -12,8 +12,8 @@ from matplotlib.text import Annotation
 from scenarios.config import Run, images_of, load_run
 from scenarios.difficulty import difficulty_along, difficulty_of
 from scenarios.errors import ScenarioError
-from scenarios.mission_pictures import draw_flight, flight_figure
-from scenarios.runner import LONGEST_CORRECTOR, fly, fly_and_write, folder_name
+from scenarios.mission_pictures import draw_flight, flight_figure, take_picture
+from scenarios.runner import LONGEST_CORRECTOR, _create_first, _new_folder, fly, fly_and_write, folder_name
 from sim.bodies import Body, Box, Scene
 from sim.world import World
 
@@ -89,6 +89,21 @@ def test_the_folder_of_a_run_says_what_was_flown(tmp_path: Path) -> None:
     names = [folder.name for folder in folders if folder is not None]
     assert len(set(names)) == 2
     assert all(re.fullmatch(r"\d{8}-\d{6}-crossing-0-truth-raw(-2)?", name) for name in names)
+
+
+def test_a_run_has_a_folder_of_its_own_and_none_without_files(tmp_path: Path) -> None:
+    assert [_create_first(tmp_path / "run").name for _ in range(3)] == ["run", "run-2", "run-3"]
+    with _new_folder(tmp_path / "a" / "b", run("crossing")) as folder:
+        assert folder.is_dir()
+    assert not (tmp_path / "a").exists()
+    with _new_folder(tmp_path / "a", run("crossing")) as folder:
+        (folder / "config.toml").write_text("")
+    assert (folder / "config.toml").exists()
+
+
+def test_there_is_no_picture_of_a_drone_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"expected a drone from 0 to 7, got 20"):
+        take_picture(run("city"), tmp_path / "picture.jpg", drone=20, at_s=1.0)
 
 
 def test_a_run_leaves_its_picture_with_or_without_a_recording(tmp_path: Path) -> None:

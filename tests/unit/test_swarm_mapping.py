@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from sim.frames import R_BODY_CAM, pose, quaternion_from_yaw
 from sim.types import DroneState
-from swarm.chart import Chart
+from swarm.chart import Chart, Route
 from swarm.errors import MissionError
 from swarm.free_map import MapConfig
 from swarm.map_kernels import FREE, GIVEN_UP
@@ -294,9 +294,24 @@ def test_a_drone_with_nowhere_to_fly_looks_where_it_is_told() -> None:
 
 def test_a_drone_goes_on_in_open_space_after_its_odometry_jumped() -> None:
     flight = Flight(always(image(flat(9.0)))).flies((1, 0, 0), 4.0)
+    flight.pilot._route_before = Route(np.zeros((1, 2)), 0)
     flight.odometry_m = np.array([0.8, 0.0, 0.0])
     before_m = flight.position_m
+    flight.flies((0, 0, 0), 0.1)
+    assert flight.pilot._route_before is None
     assert np.linalg.norm(flight.flies((1, 0, 0), 6.0).position_m - before_m) > 3.0
+
+
+def test_surfaces_of_other_drones_are_left_out_where_these_were_when_the_image_was_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    flight, masked_m = Flight(always(HOLES)).flies((0, 0, 0), 0.1), []
+    monkeypatch.setattr(flight.pilot._map, "update", lambda evidence, T, drones_m, time_s: masked_m.append(drones_m))
+    flight._look()
+    flight.neighbours = neighbours_of({1: Motion(np.array([5.0, 0.0, 0.0]), np.array([0.0, 4.0, 0.0]))})
+    now = flight._situation()
+    flight.pilot.fly(np.zeros(3), replace(now, time_s=now.time_s + 0.25))
+    np.testing.assert_allclose(masked_m, [[[5.0, -1.0, 0.0]]], atol=1e-9)
 
 
 def test_a_map_that_is_lower_than_the_drone_is_refused() -> None:

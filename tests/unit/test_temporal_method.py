@@ -10,9 +10,8 @@ import pytest
 from tests.temporal_scenes import CAMERA, ROOM, dark, frames_of, method, noisy, process, run, walk
 from voxdepth import VoxDepth
 from voxdepth.errors import ConfigError
-from voxdepth.temporal.method import MIN_SIDE_PX
 from voxdepth.temporal.odometry import TrackingStatus
-from voxdepth.temporal.working_resolution import WorkingResolution
+from voxdepth.temporal.working_resolution import MIN_SIDE_PX, WorkingResolution
 from voxdepth.types import CorrectedDepth, FloatImage, Frame, Intrinsics, MaskImage, Source
 
 DECIMATIONS = pytest.mark.parametrize("decimation", [1, 2])

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import float32
 
-from ..compiled import FLOAT_IMAGE, compiled
+from ..compiled import FLOAT_IMAGE, compile_all, compiled
 from ..corrector import StreamCorrector
 from ..errors import ConfigError
 from ..networks import Images, Network, load
@@ -20,12 +20,10 @@ from ..temporal.fusion import PixelClass
 from ..temporal.masks import above
 from ..temporal.measurement import Measurement, measure
 from ..temporal.upsampling import Estimate, Upsampler
-from ..temporal.working_resolution import MIN_DISPARITY_PX, WorkingResolution, default_decimation
+from ..temporal.working_resolution import MIN_DISPARITY_PX, MIN_SIDE_PX, WorkingResolution, default_decimation
 from ..types import CORRECT_PX, CORRECT_SHARE, CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
 from .optical_flow import Dis, landing_of, taken
 
-MIN_SIDE_PX = 8
-"""Smallest side of an image: at half resolution, a smaller one leaves no neighbourhood to work on."""
 MULTIPLE_PX = 32
 """The network takes images whose sides are multiples of this."""
 GRAY_RANGE = np.float32(255)
@@ -75,6 +73,7 @@ class Learned(StreamCorrector):
         self._resolution = WorkingResolution.of(intrinsics, default_decimation(intrinsics))
         self._upsampler = Upsampler(intrinsics.shape, self._resolution)
         self._flow = Dis()
+        compile_all()
         super().__init__(intrinsics)
 
     def _forget(self) -> None:

@@ -88,7 +88,7 @@ def open_dataset(
     try:
         lacking = {name: reader.lacking(path) for name, reader in readers.items()}
         fitting = [name for name, lack in lacking.items() if not lack]
-        if fitting == [BagDataset.format]:
+        if fitting == [BagDataset.format] or (BagDataset.format in fitting and (depth_topic or gray_topic)):
             return BagDataset(path, intrinsics, Topics(depth_topic, gray_topic))
         if depth_topic or gray_topic:
             raise ConfigError(f"only bags have topics: {path} is none")

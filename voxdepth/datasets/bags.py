@@ -21,9 +21,7 @@ from ..types import Frame, Intrinsics
 from .bag_files import SUFFIXES, Bag, bag_in
 from .bag_topics import Images, Topics
 from .files import CALIBRATION, calibration_path, parse_calibration, read_text, stated
-from .pairs import associate, require_increasing
-
-WITHIN_S = 0.02
+from .pairs import WITHIN_S, associate, require_increasing
 
 
 class BagDataset:

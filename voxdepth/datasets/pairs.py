@@ -17,6 +17,8 @@ from .images import read_gray
 
 MAX_CANDIDATES = 1000
 """Largest number of images within the tolerance of another one; beyond it the times cannot be those of a camera."""
+WITHIN_S = 0.02
+"""Largest difference of the times of two images of one frame."""
 FRAME_ID = "camera"
 """Name of the coordinate frame of the images."""
 

@@ -27,14 +27,13 @@ from ..errors import DatasetError
 from ..types import FloatImage, Intrinsics
 from .files import CALIBRATION, as_number, intrinsics_from, list_folder, list_images, read_text
 from .images import image_shape, read_depth_16, read_depth_raw
-from .pairs import Pair, PairedImages, associate, require_increasing
+from .pairs import WITHIN_S, Pair, PairedImages, associate, require_increasing
 
 DEPTH = "depth"
 GRAYS = ("color", "rgb", "infra1", "ir")
 METADATA = ("camera_intrinsic.json", "intrinsic.json")
 UNITS_PER_M = 1000.0
 RATE_HZ = 30.0
-WITHIN_S = 0.02
 _NUMBER = re.compile(r"(?:.*[^0-9.])?([0-9]{1,24}(?:\.[0-9]{1,24})?)", re.DOTALL)
 _UNITS_PER_S = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3))
 """From which number on a time of our age is in ns, us or ms; below, it is in seconds."""

@@ -17,11 +17,10 @@ from ..errors import DatasetError
 from ..types import FloatImage, Intrinsics
 from .files import CALIBRATION, path_inside, read_text
 from .images import image_shape, read_depth_16
-from .pairs import Pair, PairedImages, associate, parse_stamp, require_increasing
+from .pairs import WITHIN_S, Pair, PairedImages, associate, parse_stamp, require_increasing
 
 COLOUR_LIST, DEPTH_LIST, ASSOCIATIONS = "rgb.txt", "depth.txt", "associations.txt"
 UNITS_PER_M = 5000
-WITHIN_S = 0.02
 _SHAPE = (480, 640)
 _FOCAL_AND_CENTRE_PX = {
     "1": (517.3, 516.5, 318.6, 255.3),

@@ -22,7 +22,8 @@ DESCRIPTORS_TYPE = types.Array(uint64, 2, "C", readonly=True)
 PYRAMID_LEVELS = 6
 """Sizes at which features are looked for, each 1.2 times smaller than the one before."""
 EDGE_PX = 15
-"""Border without features. OpenCV's 31 would leave out half of a 200 x 200 image, and a third of the good matches."""
+"""Border without features. OpenCV's default of 31 would leave out half of a 200 x 200 image, and a third of the good
+matches."""
 
 
 class RegistrationConfig(Model):

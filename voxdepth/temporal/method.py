@@ -20,10 +20,7 @@ from .memory import Memory
 from .odometry import TrackingResult, TrackingStatus, VisualOdometry
 from .smoothing import smooth_guided
 from .upsampling import Estimate, Upsampler
-from .working_resolution import WorkingResolution, default_decimation
-
-MIN_SIDE_PX = 8
-"""Smallest side of an image: at half resolution, a smaller one leaves no neighbourhood to work on."""
+from .working_resolution import MIN_SIDE_PX, WorkingResolution, default_decimation
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,7 +46,7 @@ class VoxDepth(StreamCorrector):
         config: Parameters; None for the defaults.
 
     Raises:
-        ConfigError: An argument has another type, the images are too small, or the configured device does not exist.
+        ConfigError: An argument has another type, or the images are too small.
     """
 
     def __init__(self, intrinsics: Intrinsics, config: VoxDepthConfig | None = None) -> None:

@@ -8,16 +8,12 @@ from pydantic import Field
 
 from ..geometry import resized
 from ..model import Model
-from ..paper.registration import Features, good_matches
+from ..paper.registration import EDGE_PX, PYRAMID_LEVELS, Features, good_matches
 from ..types import FloatArray, FloatImage, GrayImage
 from .memory import Memory
 from .pose_fit import project, transform_points
 from .tracking_camera import Pixels, TrackingCamera
 
-PYRAMID_LEVELS = 6
-"""Sizes at which features are detected, each 1.2 times smaller than the one before."""
-EDGE_PX = 15
-"""Border without features. OpenCV's default of 31 would leave out half of a small image."""
 FAST_THRESHOLD = 10
 """Contrast of a corner, half of OpenCV's default, so that dim and blurred images have features, too."""
 GRID_PX = 8

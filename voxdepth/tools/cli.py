@@ -21,6 +21,7 @@ import typer
 from typer.core import TyperGroup
 
 from ..errors import VoxDepthError
+from ..interrupts import ENDING
 from . import commands
 from .errors import ToolError
 from .options import INTERRUPTED
@@ -147,7 +148,7 @@ def _interruptible() -> Iterator[None]:
         interrupted = True
         raise KeyboardInterrupt
 
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in ENDING:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, interrupt)
     try:

@@ -139,8 +139,9 @@ def _spec(corrector: str, config: Path | None) -> "CorrectorSpec":
     import pydantic
 
     from ..corrector_spec import CorrectorSpec, parse_corrector
+    from ..model import first_problem
     from ..registry import config_of
-    from .files import first_problem, read_toml
+    from .files import read_toml
 
     name, given = parse_corrector(corrector)
     if config is not None:

@@ -17,7 +17,8 @@ from ..datasets import Dataset
 from ..errors import PipelineError
 from ..model import Model
 from ..pipeline import CorrectionPipeline
-from ..types import CorrectedDepth, DepthCorrector, FloatImage, Frame, Source
+from ..soundness import KINDS, first_fault
+from ..types import CorrectedDepth, DepthCorrector, Frame, Source
 from .errors import ToolError
 from .files import atomic, to_toml
 from .output import CONFIG, FRAMES, REPORT, OpenOutput, Output, image_folder
@@ -190,27 +191,17 @@ def _spread(values: Sequence[float]) -> dict[str, float]:
 
 
 def _require_sound(corrector: str, frame: Frame, corrected: object) -> None:
-    """Refuse what no corrector may return; those of other distributions may have faults.
+    """Refuse what no corrector may return; see `first_fault`.
 
     Raises:
         ToolError: The result is no `CorrectedDepth`, has another shape or type, or impossible values.
     """
-    fault = f"the corrector {corrector!r} is faulty: for a frame at {frame.stamp_s} s, expected"
-    if not isinstance(corrected, CorrectedDepth):
-        raise ToolError(f"{fault} a CorrectedDepth, got {type(corrected).__name__}; CorrectedDepth.of makes one")
-    for name, kind in (("depth_m", np.float32), ("source", np.uint8), ("confidence", np.float32)):
-        image = getattr(corrected, name)
-        if not isinstance(image, np.ndarray) or image.shape != frame.depth_m.shape or image.dtype != kind:
-            given = f"{image.dtype} of {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
-            raise ToolError(f"{fault} {name} of type {np.dtype(kind)} and shape {frame.depth_m.shape}, got {given}")
-    if not (np.isfinite(corrected.depth_m).all() and (corrected.depth_m >= 0).all()):
-        raise ToolError(f"{fault} depths of 0 or more, 0 for none, got {_first_wrong(corrected.depth_m)}")
-    if corrected.source.max(initial=0) > max(Source):
-        raise ToolError(f"{fault} sources of 0 to {int(max(Source))}, got {corrected.source.max()}")
-
-
-def _first_wrong(depth_m: FloatImage) -> float:
-    return float(depth_m[~(np.isfinite(depth_m) & (depth_m >= 0))][0])
+    if isinstance(corrected, CorrectedDepth):
+        fault = first_fault({name: getattr(corrected, name) for name in KINDS}, frame.depth_m.shape)
+    else:
+        fault = f"expected a CorrectedDepth, got {type(corrected).__name__}; CorrectedDepth.of makes one"
+    if fault is not None:
+        raise ToolError(f"the corrector {corrector!r} is faulty: for a frame at {frame.stamp_s} s, {fault}")
 
 
 @contextmanager

@@ -28,7 +28,7 @@ class Provenance(Model):
     python: str
     gpus: tuple[str, ...]
     """Names of the CUDA devices that Warp finds; none if it is not installed."""
-    load: float
+    load: float | None
     """Mean number of running processes in the minute before: if it is not about 0, other work slowed this one down."""
     commit: str | None
     """Of the source tree, with a plus sign if files were changed since; None if the code is not in a Git checkout."""
@@ -43,7 +43,7 @@ class Provenance(Model):
             platform=f"{platform.machine()}, {platform.system()}",
             python=platform.python_version(),
             gpus=cuda_devices(),
-            load=os.getloadavg()[0],
+            load=os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
             commit=source_commit(),
             versions=versions(packages),
         )

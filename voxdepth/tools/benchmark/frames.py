@@ -84,8 +84,8 @@ def load_frames(recording: Path | None) -> FrameLoop:
 def write_tum(loop: FrameLoop, folder: Path, frames: int) -> None:
     """Write what `FrameLoop.play` yields in the TUM RGB-D format, whose depth ends at 13.1 m; farther pixels are empty.
 
-    Every image is written once; the frames that repeat it are hard links to its file. The camera of the loop must have
-    a baseline, and the folder must not exist yet.
+    Every image is written once; the frames that repeat it are hard links to its file. The folder must
+    not exist yet.
     """
     units = [np.rint(depth_m * np.float32(UNITS_PER_M)) for depth_m in loop.depths_m]
     units_16 = [np.where(unit < 2**16, unit, 0).astype(np.uint16) for unit in units]

@@ -16,7 +16,7 @@ from ...baselines.learned import Learned
 from ...model import Model
 from ...networks import has_runtime
 from ...paper.config import PaperConfig
-from ...types import Frame, Intrinsics
+from ...types import ASSUMED_BASELINE_M, Frame, Intrinsics
 from .frames import FrameLoop
 from .timings import Latency
 
@@ -53,7 +53,9 @@ class Librealsense:
         self._sensor = self._device.add_sensor("depth")
         self._profile = self._sensor.add_video_stream(self._stream(camera))
         self._sensor.add_read_only_option(self.rs.option.depth_units, 1 / units_per_m)
-        self._sensor.add_read_only_option(self.rs.option.stereo_baseline, (camera.baseline_m or 0) * 1000)
+        self._sensor.add_read_only_option(
+            self.rs.option.stereo_baseline, (camera.baseline_m or ASSUMED_BASELINE_M) * 1000
+        )
         self._queue = self.rs.frame_queue(1, True)
         self._sensor.open(self._profile)
         self._sensor.start(self._queue)

@@ -119,7 +119,7 @@ def print_results(console: Console, results: BenchmarkResults) -> None:
     machine = [
         f"machine: {made.processor}, {made.logical_processors} processors, Python {made.python}",
         f"GPU: {', '.join(made.gpus) or 'none'}",
-        f"load in the last minute, before: {made.load:.1f}",
+        f"load in the last minute, before: {'unknown' if made.load is None else format(made.load, '.1f')}",
         f"versions: {versions}",
     ]
     console.print(*machine, sep="\n", soft_wrap=True, highlight=False)
