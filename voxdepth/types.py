@@ -338,7 +338,7 @@ class Source(IntEnum):
     MEMORY = 2
     """It comes from earlier frames: there is no measurement, or the method rejected it."""
     INPAINTED = 3
-    """It is an estimate from neighbouring pixels of this image alone."""
+    """It is an estimate from neighbouring pixels, of this image and, with the default method, of the memory."""
 
 
 class Diagnostics(Protocol):

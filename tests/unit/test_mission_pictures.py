@@ -102,7 +102,7 @@ def test_a_run_has_a_folder_of_its_own_and_none_without_files(tmp_path: Path) ->
 
 
 def test_there_is_no_picture_of_a_drone_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match=r"expected a drone from 0 to 7, got 20"):
+    with pytest.raises(ScenarioError, match=r"expected a drone from 0 to 1, got 20"):
         take_picture(run("city"), tmp_path / "picture.jpg", drone=20, at_s=1.0)
 
 
