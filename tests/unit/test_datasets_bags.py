@@ -414,7 +414,7 @@ def test_topics_are_for_bags_alone(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="only bags have topics"):
         open_dataset(tmp_path, depth_topic="/depth")
     write(tmp_path, "walk.mcap", whole())
-    assert len(open_dataset(tmp_path, depth_topic="/depth")) == len(STAMPS_NS)
+    assert len(open_dataset(tmp_path, depth_topic="/cam/depth/image_rect")) == len(STAMPS_NS)
 
 
 @pytest.mark.parametrize("layout", ["walk-sqlite3", "walk-mcap"])
