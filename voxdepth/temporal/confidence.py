@@ -1,11 +1,10 @@
 """Confidence: the probability that a depth is right, by its pixel class, the evidence behind it, and its disparity."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import float32, float64, void
+from numba import boolean, float32, float64, void
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
 from ..types import CORRECT_PX, CORRECT_SHARE, FloatArray, FloatImage, GrayImage
@@ -59,45 +58,25 @@ ERROR_PX = {
 That of a remembered surface is magnified as the camera comes nearer, see `Fused.magnification`."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class InpaintingProbabilities:
-    """Probability in 0..1 that an inpainted disparity is of the right surface, by the model that gave it."""
-
-    finest_plane: float = 0.5
-    """Plane fitted around a cell of the smallest size."""
-    coarser_factor: float = 0.43
-    """Factor for each doubling of the cell size, since less is known far from the border of a hole."""
-    sky: float = 0.02
-    """Guess in what may be the open sky."""
-    ground: float = 0.87
-    stixel: float = 0.9
-    """Stixel in a hole directly above its ground contact."""
-    occluded_stixel: float = 0.43
-    """Stixel behind other surfaces."""
-
-    def plane(self, level: int) -> float:
-        """Plane fitted around a cell of `2**level` times the smallest size."""
-        return self.finest_plane * self.coarser_factor**level
-
-
-BACKGROUND = Exponential(start=0.9, limit=0.55, scale=4.0)
-"""Probability of background between a near and a far end of a row, by the difference of the estimates along row and
-column [px]."""
-INTERPOLATED = Exponential(start=0.9, limit=0.3, scale=2.0)
-"""Probability of a surface between two ends of a row or column, by the same difference."""
-AGREEMENT = Exponential(start=0.9, limit=0.5, scale=0.6)
-"""Factor of the probability of a remembered hole, by the difference to the estimate from the ends of the hole [px].
-
-These three curves follow the shares of right pixels in rendered sequences of seed 101 and in two thirds of the frames
-of two real recordings. They were set by hand."""
-INPAINTING = InpaintingProbabilities()
-"""The values are means of two least-squares fits: to the twelve rendered sequences of seed 101, and to the images of
-eight drones on two flights through the scenario `city`, of seeds 1008 and 1010. The fits agree except for occluded
-stixels, most of which are the textureless snow of one sequence: finest planes 0.48 and 0.54, the next level 0.24 and
-0.20, ground 0.85 and 0.89, stixels 0.91 and 1, occluded stixels 0.75 and 0.11. Stixels are limited to 0.9, so that no
-guess is more confident than a good memory. The probability of the sky is not fitted."""
+INPAINTED, REMEMBERED = float32(0.9), float32(0.95)
+"""Probability that a hole is filled with the right surface if all votes agree, right beside an end, or if the memory is
+one of the supporters."""
+FAR_SHARE = 0.1
+"""Distance to the nearest end, as a share of the width of the image, at which half of the probability is left."""
 INPAINTED_ERROR_PX = 0.2
 """Mean absolute error of inpainted disparity where it is of the right surface."""
+
+
+@compiled(float32(float32, float32, boolean))
+def fill_probability(share: float, distance: float, is_remembered: bool) -> float:
+    """Probability in 0..1 that a hole is filled with the right surface.
+
+    It follows the share of the votes for that, with an exponent of 3/2, or of 1/2 where the memory is one of them; and
+    the distance to the nearest end, in units of that at which half is left.
+    """
+    root = np.sqrt(share)
+    probability: float = REMEMBERED * root if is_remembered else INPAINTED * share * root / (1 + distance * distance)
+    return probability
 
 
 def estimate_confidence(

@@ -6,8 +6,8 @@ import numpy as np
 from pydantic import Field
 
 from ..model import Model
+from .filling import FillingConfig
 from .fusion import TemporalFusionConfig
-from .inpainting import InpaintingConfig
 from .odometry import VisualOdometryConfig
 
 
@@ -26,7 +26,7 @@ class VoxDepthConfig(Model):
     others stay invalid."""
     min_fill_probability: float = Field(default=0.1, ge=0, le=1)
     """Confidence that an inpainted pixel must have to be shown with `fill = "likely"`."""
-    inpainting: InpaintingConfig = InpaintingConfig()
+    filling: FillingConfig = FillingConfig()
     smoothing_window_px: Literal[1, 3, 5, 7] = 5
     """Window of the edge-preserving smoothing; 1 disables it."""
     smoothing_noise_px: float = Field(default=0.3, gt=0)

@@ -22,6 +22,8 @@ MIN_DEPTH_RATIO = np.float32(1e-3)
 """Points whose depth shrinks to this fraction, or a smaller one, are taken to lie behind the camera."""
 HOLE_PX = np.float32(-1e9)
 """Disparity that stands for a hole while values are resampled: the smallest share of it makes a sample invalid."""
+MOTION_STRIDE_PX = 8
+"""Stride of the rows and columns that the motion of the image is measured on."""
 CRACK_KERNEL = np.ones((3, 3), np.uint8)
 """Neighbourhood that closes cracks of one pixel, which splatting leaves where a surface is magnified."""
 
@@ -121,6 +123,22 @@ class ForwardWarp:
         _resample(np.asarray(sampled_px, np.float32), backward, forward[2, 3], warped.disparity_px)
         return warped
 
+    def motion_px(self, disparity_px: FloatImage, T_target_source: FloatArray) -> float:
+        """How far the image moves: the median over its surfaces, in its pixels; 0 without any surface."""
+        row, col = np.nonzero(disparity_px[::MOTION_STRIDE_PX, ::MOTION_STRIDE_PX])
+        if not len(row):
+            return 0.0
+        row, col = MOTION_STRIDE_PX * row, MOTION_STRIDE_PX * col
+        points = np.stack([col, row, np.ones(len(row)), disparity_px[row, col]])
+        x, y, ratio = self._reprojection.of(T_target_source) @ points
+        return float(np.median(np.hypot(x / ratio - col, y / ratio - row)))
+
+    def splat(self, disparity_px: FloatImage, T_target_source: FloatArray) -> FloatImage:
+        """The nearest disparity that falls on each pixel of the target camera, shape (H, W); 0 = none. It has cracks."""
+        splatted_px = np.zeros_like(disparity_px)
+        _splat_nearest(disparity_px, self._reprojection.of(T_target_source), splatted_px)
+        return splatted_px
+
 
 @compiled(ROW_TYPE(FLOAT_IMAGE, int64))
 def _row(matrix: FloatImage, axis: int) -> Row:
@@ -176,6 +194,28 @@ def _splat(
         for col in range(width):
             v, u = target_row[col] + 1, target_col[col] + 1
             keys[v, u] = max(keys[v, u], key[col])
+
+
+@compiled(void(FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE))
+def _splat_nearest(
+    disparity_px: FloatImage,
+    forward: FloatImage,
+    # output
+    splatted_px: FloatImage,
+) -> None:
+    """Write each surface to its pixel of the target, unless a nearer one is there. The output starts at 0."""
+    height, width = disparity_px.shape
+    forward_x, forward_y, forward_z = _row(forward, 0), _row(forward, 1), _row(forward, 2)
+    for row in range(height):
+        for col in range(width):
+            pixel_px = disparity_px[row, col]
+            if pixel_px > 0:
+                inverse = _inverse_depth_ratio(forward_z, row, col, pixel_px)
+                y = np.rint(_numerator(forward_y, row, col, pixel_px) * inverse)
+                x = np.rint(_numerator(forward_x, row, col, pixel_px) * inverse)
+                if 0 <= y < height and 0 <= x < width and pixel_px * inverse <= MAX_DISPARITY_PX:
+                    v, u = int64(y), int64(x)
+                    splatted_px[v, u] = max(splatted_px[v, u], pixel_px * inverse)
 
 
 @compiled(void(uint32[:, ::1], FLOAT_IMAGE, BYTE_IMAGE))

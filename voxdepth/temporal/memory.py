@@ -33,6 +33,8 @@ class Memory(NamedTuple):
     drift_px: FloatImage
     """Running mean of measured minus remembered disparity, shape (h, w) / `DRIFT_DECIMATION`, float32. It is positive
     where surfaces come nearer."""
+    filled_px: FloatImage
+    """Disparity that the holes of the last frame were filled with, float32; 0 elsewhere."""
 
     @classmethod
     def empty(cls, gray: GrayImage) -> "Memory":
@@ -44,14 +46,16 @@ class Memory(NamedTuple):
             seen_px=np.zeros(gray.shape, np.float32),
             age=np.zeros_like(gray),
             drift_px=np.zeros(coarse_shape(gray.shape), np.float32),
+            filled_px=np.zeros(gray.shape, np.float32),
         )
 
     @classmethod
     def buffer(cls, shape: tuple[int, ...]) -> "Memory":
         """A memory of a shape, whose images have no values yet."""
         weight, gray, age = np.empty((3, *shape), np.uint8)
-        (disparity_px, seen_px), drift_px = np.empty((2, *shape), np.float32), np.empty(coarse_shape(shape), np.float32)
-        return cls(disparity_px=disparity_px, weight=weight, gray=gray, seen_px=seen_px, age=age, drift_px=drift_px)
+        disparity_px, seen_px, filled_px = np.empty((3, *shape), np.float32)
+        drift_px = np.empty(coarse_shape(shape), np.float32)
+        return cls(disparity_px, weight, gray, seen_px, age, drift_px, filled_px)
 
     def warp(self, forward_warp: ForwardWarp, T_frame_memory: FloatArray) -> "Memory":
         """The memory as a new frame sees it, after a motion of shape (4, 4)."""
@@ -66,10 +70,11 @@ class Memory(NamedTuple):
             seen_px=_sample(self.seen_px, warped.source_x, warped.source_y, cv2.INTER_NEAREST),
             age=_sample(self.age, warped.source_x, warped.source_y, cv2.INTER_NEAREST),
             drift_px=_sample(self.drift_px, coarse_x, coarse_y, cv2.INTER_LINEAR),
+            filled_px=forward_warp.splat(self.filled_px, T_frame_memory),
         )
 
 
-MEMORY_TYPE = named_tuple(Memory, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, BYTE_IMAGE, FLOAT_IMAGE)
+MEMORY_TYPE = named_tuple(Memory, FLOAT_IMAGE, BYTE_IMAGE, BYTE_IMAGE, FLOAT_IMAGE, BYTE_IMAGE, *[FLOAT_IMAGE] * 2)
 
 
 def coarse_shape(shape: tuple[int, ...]) -> tuple[int, ...]:

@@ -12,11 +12,11 @@ from ..timing import StepTimer
 from ..types import CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
 from .confidence import estimate_confidence
 from .config import VoxDepthConfig
+from .filling import Filled, HoleFiller, Inpainted, Known
 from .forward_warp import ForwardWarp
 from .fusion import Fused, PixelClass, fuse
-from .inpainting import Inpainter
 from .measurement import measure
-from .memory import Memory
+from .memory import WEIGHT_UNIT, Memory
 from .odometry import TrackingResult, TrackingStatus, VisualOdometry
 from .smoothing import smooth_guided
 from .upsampling import Estimate, Upsampler
@@ -29,9 +29,10 @@ class FusedFrame:
 
     depth_m: FloatImage
     """Depth of the frame, shape (H, W)."""
-    gray: GrayImage
-    """Gray image at the working resolution, shape (h, w)."""
     fused: Fused
+    inpainted: Inpainted
+    rims: Filled
+    """What the pixels of the frame in and beside measured working pixels are filled with."""
     tracking: TrackingResult
     timings_s: Mapping[str, float]
 
@@ -62,7 +63,7 @@ class VoxDepth(StreamCorrector):
         self._odometry = VisualOdometry(camera, self._resolution, config.odometry)
         self._forward_warp = ForwardWarp(self._resolution)
         self._upsampler = Upsampler(camera.shape, self._resolution)
-        self._inpainter = Inpainter(self._resolution, config.inpainting)
+        self._filler = HoleFiller(self._resolution, config.filling)
         compile_all()
         super().__init__(camera)
 
@@ -71,42 +72,61 @@ class VoxDepth(StreamCorrector):
         self._featureless_frames = 0
 
     def _align(self, frame: Frame) -> FusedFrame:
-        """Track the camera, and fuse the frame with the memory."""
+        """Track the camera, fuse the frame with the memory, and fill its holes."""
         timer = StepTimer()
         with timer("measure"):
             measurement = measure(frame, self._resolution)
         with timer("track"):
             tracking = self._odometry.track(frame)
         with timer("warp"):
-            memory = self._odometry.memory
-            if memory is None or tracking.T_frame_keyframe is None:
-                memory = Memory.empty(measurement.gray)
-            else:
-                memory = memory.warp(self._forward_warp, tracking.T_frame_keyframe)
+            memory, motion_px = self._recall(measurement.gray, tracking)
         with timer("fuse"):
-            fused, memory = fuse(memory, measurement, self._config.fusion)
+            fused, updated = fuse(memory, measurement, self._config.fusion)
+        with timer("fill"):
+            evidence = fused.weight * np.float32(1 / (WEIGHT_UNIT * (1 + motion_px**2)))
+            known = Known(fused.disparity_px, fused.remembered_px, evidence, memory.filled_px)
+            inpainted, rims = self._filler.fill(known, frame.depth_m)
         with timer("remember"):
-            self._remember(frame, tracking, memory)
+            self._remember(frame, tracking, updated._replace(filled_px=inpainted.disparity_px))
         return FusedFrame(
-            depth_m=frame.depth_m, gray=measurement.gray, fused=fused, tracking=tracking, timings_s=timer.times_s
-        )
+            depth_m=frame.depth_m, fused=fused, inpainted=inpainted, rims=rims, tracking=tracking,
+            timings_s=timer.times_s,
+        )  # fmt: skip
 
     def combine(self, aligned: FusedFrame) -> CorrectedDepth:
-        """Run the second half, which depends on nothing but its argument: inpaint, smooth, and upsample."""
-        timer, fused, config = StepTimer(aligned.timings_s), aligned.fused, self._config
-        with timer("inpaint"):
-            inpainted = self._inpainter.inpaint(fused.disparity_px, fused.remembered_px, aligned.gray)
-            pixel_class = fused.pixel_class | (inpainted.remembered & np.uint8(PixelClass.REMEMBERED))
+        """Run the second half, which depends on nothing but its argument: smooth, estimate confidence, and upsample."""
+        timer, config, fused, inpainted = StepTimer(aligned.timings_s), self._config, aligned.fused, aligned.inpainted
         with timer("smooth"):
-            disparity_px = smooth_guided(inpainted.disparity_px, config.smoothing_window_px, config.smoothing_noise_px)
+            whole_px = fused.disparity_px + inpainted.disparity_px
+            disparity_px = smooth_guided(whole_px, config.smoothing_window_px, config.smoothing_noise_px)
         with timer("confidence"):
+            pixel_class = fused.pixel_class | (inpainted.remembered & np.uint8(PixelClass.REMEMBERED))
             confidence = estimate_confidence(
                 disparity_px, pixel_class, fused.weight, fused.magnification, inpainted.probability
             )
-        with timer("upsample"):
             estimate = Estimate(disparity_px, pixel_class, confidence)
-            shown = self._upsampler.show(aligned.depth_m, estimate, self._config.min_shown_confidence)
+            rims = self._of_rims(fused, aligned.rims)
+        with timer("upsample"):
+            shown = self._upsampler.show(
+                aligned.depth_m, estimate, rims, aligned.rims.place, config.min_shown_confidence
+            )
         return CorrectedDepth(**shown._asdict(), timings_s=timer.times_s, diagnostics=aligned.tracking)
+
+    def _recall(self, gray: GrayImage, tracking: TrackingResult) -> tuple[Memory, float]:
+        """The memory as the frame sees it, and how far the image has moved [px]."""
+        memory, T = self._odometry.memory, tracking.T_frame_keyframe
+        if memory is None or T is None:
+            return Memory.empty(gray), 0.0
+        motion_px = self._resolution.decimation * self._forward_warp.motion_px(memory.disparity_px, T)
+        return memory.warp(self._forward_warp, T), motion_px
+
+    def _of_rims(self, fused: Fused, rims: Filled) -> Estimate:
+        """The estimate of the pixels that are filled one by one, shape (1, N)."""
+        row, col = rims.place.T // self._resolution.decimation
+        disparity_px, pixel_class = rims.disparity_px[None], rims.remembered[None] & np.uint8(PixelClass.REMEMBERED)
+        evidence = (image[row, col][None] for image in (fused.weight, fused.magnification))
+        confidence = estimate_confidence(disparity_px, pixel_class, *evidence, rims.probability[None])
+        return Estimate(disparity_px, pixel_class, confidence)
 
     def _remember(self, frame: Frame, tracking: TrackingResult, memory: Memory) -> None:
         """Make this frame the keyframe, unless it has no features: then the old keyframes and their memory are kept.

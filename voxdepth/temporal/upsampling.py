@@ -9,6 +9,7 @@ from numba import boolean, float32, int64, uint8, void
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
 from ..image_pool import ImagePool
 from ..types import FloatImage, GrayImage, Source
+from .filling import PLACES, Places
 from .fusion import PixelClass
 from .working_resolution import MAX_DISPARITY_PX, WorkingResolution, depth_of, disparity_of
 
@@ -52,13 +53,14 @@ class Upsampler:
         self._resolution = resolution
         self._floats, self._bytes = ImagePool(shape, np.float32), ImagePool(shape, np.uint8)
 
-    def show(self, measured_m: FloatImage, estimate: Estimate, min_fill_confidence: float = 0.0) -> Shown:
+    def show(
+        self, measured_m: FloatImage, estimate: Estimate, rims: Estimate, rim_place: Places, min_fill_confidence: float
+    ) -> Shown:
         """The output for a frame of that measured depth, shape (H, W), 0 = invalid.
 
         At half resolution, disparity is interpolated on surfaces. At depth discontinuities, each full pixel keeps its
-        measurement if it is of the same surface, and otherwise takes its working pixel without interpolation. If it has
-        no measurement, and the next working pixel on its side is unknown, it belongs to that hole: the rest of its own
-        working pixel may be affected by foreground fattening.
+        measurement if it is of the same surface, and otherwise takes its working pixel without interpolation. The pixels
+        that are estimated one by one take their own estimate.
 
         Inpainted pixels with a smaller confidence than `min_fill_confidence` are not shown.
         """
@@ -72,6 +74,7 @@ class Upsampler:
         span_px = np.asarray(cv2.subtract(near_px, far_px), np.float32)
         _show_interpolated(measured_m, estimate, focal_baseline_px_m, min_fill_confidence, shown)
         _show_separated(measured_m, estimate, span_px, focal_baseline_px_m, min_fill_confidence, shown)
+        _show_pixels(rim_place, rims, focal_baseline_px_m, min_fill_confidence, shown)
         for image in shown:
             image[2 * resolution.height_px :] = image[2 * resolution.height_px - 1]
             image[:, 2 * resolution.width_px :] = image[:, 2 * resolution.width_px - 1 : 2 * resolution.width_px]
@@ -171,14 +174,28 @@ def _show_separated(
             for full_row in range(2 * row, 2 * row + 2):
                 for full_col in range(2 * col, 2 * col + 2):
                     measured_px = disparity_of(measured_m[full_row, full_col], focal_baseline_px_m)
-                    side = min(max(col - 1 if full_col == 2 * col else col + 1, 0), width - 1)
-                    is_in_hole = measured_px == 0 and estimate.pixel_class[row, side] == PixelClass.UNKNOWN
-                    value_px = estimate.disparity_px[row, side if is_in_hole else col]
+                    value_px = estimate.disparity_px[row, col]
                     tolerance_px = RELATIVE_TOLERANCE * value_px + TOLERANCE_PX
                     is_same = pixel_class == PixelClass.MEASURED or abs(measured_px - value_px) < tolerance_px
                     depth_m = depth_of(measured_px if measured_px > 0 and is_same else value_px, focal_baseline_px_m)
-                    confidence = estimate.confidence[row, side if is_in_hole else col]
+                    confidence = estimate.confidence[row, col]
                     is_measured = measured_px > 0
                     _show_pixel(
                         shown, full_row, full_col, depth_m, is_measured, pixel_class, confidence, min_fill_confidence
                     )
+
+
+@compiled(void(PLACES, ESTIMATE_TYPE, float32, float32, SHOWN_TYPE))
+def _show_pixels(
+    place: Places,
+    estimate: Estimate,
+    focal_baseline_px_m: float,
+    min_fill_confidence: float,
+    # input and output
+    shown: Shown,
+) -> None:
+    """Show the pixels that are estimated one by one, none of which is measured; the estimate has shape (1, N)."""
+    for k in range(len(place)):
+        depth_m = depth_of(estimate.disparity_px[0, k], focal_baseline_px_m)
+        pixel_class, confidence = estimate.pixel_class[0, k], estimate.confidence[0, k]
+        _show_pixel(shown, place[k, 0], place[k, 1], depth_m, False, pixel_class, confidence, min_fill_confidence)

@@ -1,0 +1,602 @@
+"""Holes are filled by votes of what is known around them, of the memory, and of the previous output.
+
+From every hole, eight rays go to the nearest known pixels: along its row, its column and both diagonals. Each of these
+four axes has at most one vote, and so have the memory and the previous output. A vote is a disparity with a weight;
+d is the distance to an end of an axis in pixels of the image:
+
+| situation                                | disparity               | weight                                         |
+|------------------------------------------|-------------------------|------------------------------------------------|
+| both ends are of one surface             | linear between the ends | 2 (1/d1 + 1/d2), times `row_factor` in the row |
+| both ends are of one slanted surface     | linear between the ends | 1/d1 + 1/d2                                    |
+| the ends are at a depth discontinuity    | the farther end         | 1/d; in an occlusion shadow `shadow_factor`/d  |
+| there is only one end                    | the surface, continued  | `lone_factor`/d                                |
+| the memory                               | its own                 | (1 + evidence) / `memory_distance_px`          |
+| the previous output, moved to this frame | its own                 | 1 / `previous_distance_px`                     |
+
+Votes for one surface support each other. The vote with the largest support wins; the hole takes the mean of its
+supporters by weight, and their share of all weights is the evidence for it.
+"""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import boolean, float32, int32, int64, uint8, void
+from numba.types import Tuple, UniTuple
+from pydantic import Field
+
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
+from ..model import Model
+from ..types import FloatImage, GrayImage
+from .confidence import FAR_SHARE, fill_probability
+from .working_resolution import WorkingResolution, disparity_of
+
+Places = npt.NDArray[np.int32]
+"""Row and column of pixels, shape (N, 2)."""
+Numbers, Bytes = npt.NDArray[np.float32], npt.NDArray[np.uint8]
+
+AXES = 4
+ROWS, COLS = (0, -1, -1, -1), (-1, -1, 0, 1)
+"""Steps of the rays before a hole: to the left, to the upper left, upwards, and to the upper right. Those behind it go
+the opposite ways."""
+STEP_PX = np.array([1, np.sqrt(2), 1, np.sqrt(2)], np.float32)
+"""Length of a step along each axis."""
+MEMORY, PREVIOUS, N_VOTES = 4, 5, 6
+"""Votes that follow those of the axes, and the number of all."""
+DEEP_KERNEL = np.ones((9, 9), np.uint8)
+"""Pixels are deep inside a hole if nothing is known in this window around them."""
+CHUNK = 512
+"""Number of holes that vote at once, so that the processor can count their votes side by side."""
+LINE_PX = 12
+"""Number of known pixels of the surface behind a lone end that it is continued from, and the least number."""
+MIN_LINE_PX = 4
+
+
+class FillingConfig(Model):
+    """Which votes agree, and how much each of them weighs."""
+
+    agreement_px: float = Field(default=1.0, gt=0)
+    """Difference of disparity up to which two votes, or two ends, are of one surface."""
+    agreement_share: float = Field(default=0.03, ge=0)
+    """Fraction of the disparity that is added to that."""
+    max_slope: float = Field(default=0.15, ge=0)
+    """Change of disparity per pixel of the matched images up to which two ends may be of one slanted surface. In an
+    occlusion shadow it is 1."""
+    row_factor: float = Field(default=2.0, gt=0)
+    """Factor of the weight of a row whose ends agree: most holes of a stereo camera lie along its rows."""
+    shadow_factor: float = Field(default=8.0, gt=0)
+    """Factor of the weight of the far end of a row whose near end is on the right, as in the occlusion shadow of a stereo
+    camera, if the hole is at most twice as wide as the step of disparity. Less suits cameras whose depth is aligned to
+    another one."""
+    lone_factor: float = Field(default=0.5, gt=0)
+    """Factor of the weight of an axis with only one end."""
+    memory_distance_px: float = Field(default=3.0, gt=0)
+    """Distance of an end that weighs as much as a memory without evidence."""
+    previous_distance_px: float = Field(default=6.0, gt=0)
+    """Distance of an end that weighs as much as the previous output. Less flickers less, and keeps errors longer."""
+
+
+class Known(NamedTuple):
+    """What is known at the working resolution, shape (h, w), float32."""
+
+    disparity_px: FloatImage
+    """Disparity of the measured pixels; 0 = hole."""
+    remembered_px: FloatImage
+    """Disparity of the memory in holes; 0 = unknown or measured."""
+    evidence: FloatImage
+    """Evidence of the memory, 0 or more: the number of measurements that it has averaged, less where the image moves."""
+    previous_px: FloatImage
+    """Disparity that the previous frame was filled with, moved to this one; 0 = unknown."""
+
+
+class Filled(NamedTuple):
+    """What N holes are filled with."""
+
+    place: Places
+    """Row and column of each hole, shape (N, 2), int32."""
+    disparity_px: Numbers
+    """Disparity, shape (N,), float32; 0 = nothing is known."""
+    share: Numbers
+    """Share of the votes for it, 0..1, shape (N,), float32."""
+    probability: Numbers
+    """Probability in 0..1 that it is of the right surface, shape (N,), float32."""
+    distance_px: Numbers
+    """Distance to the nearest end in pixels of the image, shape (N,), float32; infinite without any."""
+    remembered: Bytes
+    """255 if the memory is one of the supporters, else 0, shape (N,), uint8."""
+
+    @classmethod
+    def empty(cls, place: Places) -> "Filled":
+        """Arrays for some holes, without values yet."""
+        return cls(place, *np.empty((4, len(place)), np.float32), np.empty(len(place), np.uint8))
+
+
+class Inpainted(NamedTuple):
+    """What the working pixels without a measurement are filled with, shape (h, w)."""
+
+    disparity_px: FloatImage
+    """Disparity, float32; 0 where it is measured, or nothing is known."""
+    probability: FloatImage
+    """Probability in 0..1 that it is of the right surface, float32; 1 where it is measured."""
+    remembered: GrayImage
+    """Mask of the holes in which the memory is one of the supporters, uint8."""
+
+
+class Rules(NamedTuple):
+    """The numbers of the configuration at one resolution."""
+
+    agreement_px: float
+    agreement_share: float
+    max_slope: float
+    """Change of disparity per pixel of this resolution."""
+    matched_px: float
+    """Pixels of the matched images per pixel of this resolution."""
+    pixel_px: float
+    """Pixels of the image per pixel of this resolution."""
+    row_factor: float
+    shadow_factor: float
+    lone_factor: float
+    memory_weight: float
+    previous_weight: float
+    far_px: float
+    """Distance to the nearest end at which half of the probability is left."""
+
+    @classmethod
+    def of(cls, config: FillingConfig, matched_px: float, pixel_px: int, width_px: int) -> "Rules":
+        """The rules for pixels of a size in an image of a width."""
+        values = (
+            config.agreement_px, config.agreement_share, config.max_slope * matched_px, matched_px, pixel_px,
+            config.row_factor, config.shadow_factor, config.lone_factor, 1 / config.memory_distance_px,
+            1 / config.previous_distance_px, FAR_SHARE * width_px,
+        )  # fmt: skip
+        return cls(*(float32(value) for value in values))
+
+
+class Rays(NamedTuple):
+    """The eight rays of some holes, shape (8, N): those before the hole on the four axes, and then those behind it."""
+
+    end_px: FloatImage
+    """Disparity at the end of the ray, float32; 0 = it leaves the image."""
+    steps: FloatImage
+    """Number of steps to the end, float32; infinite if it leaves the image."""
+
+    @classmethod
+    def empty(cls, n: int) -> "Rays":
+        """The rays of n holes, without values yet."""
+        return cls(np.empty((2 * AXES, n), np.float32), np.empty((2 * AXES, n), np.float32))
+
+
+class Ballot(NamedTuple):
+    """The votes of up to `CHUNK` holes, float32."""
+
+    vote_px: FloatImage
+    """Disparity of each vote, shape (6, CHUNK)."""
+    weight: FloatImage
+    """Weight of each vote, shape (6, CHUNK); 0 = there is none."""
+    result: FloatImage
+    """Disparity, its support, the sum of all weights, and the distance to the nearest end, shape (4, CHUNK)."""
+
+
+KNOWN = named_tuple(Known, *[FLOAT_IMAGE] * 4)
+RULES = named_tuple(Rules, *[float32] * 11)
+RAYS = named_tuple(Rays, FLOAT_IMAGE, FLOAT_IMAGE)
+BALLOT = named_tuple(Ballot, FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE)
+PLACES = int32[:, ::1]
+FILLED = named_tuple(Filled, PLACES, *[float32[::1]] * 4, uint8[::1])
+INPAINTED = named_tuple(Inpainted, FLOAT_IMAGE, FLOAT_IMAGE, BYTE_IMAGE)
+LEAST_WEIGHT, INFINITE = float32(1e-9), float32(np.inf)
+FAR_STEPS = float32(1_000_000)
+UNANIMOUS = float32(0.999)
+"""Share of the votes from which on no vote is against."""
+WINNER, SUPPORT, TOTAL, DISTANCE = range(4)
+"""Rows of `Ballot.result`."""
+
+
+class HoleFiller:
+    """Fills the holes of disparity images of one size, and of the pixels of the frame beside them.
+
+    Holes are filled at the working resolution. If that is half of the frame's, the pixels of the frame that have no depth
+    and lie in or beside a measured working pixel are filled one by one: a measured pixel does not speak for a hole among
+    the other three of its working pixel.
+    """
+
+    def __init__(self, resolution: WorkingResolution, config: FillingConfig) -> None:
+        self._resolution, decimation = resolution, resolution.decimation
+        width_px = decimation * resolution.width_px
+        self._rules = Rules.of(config, resolution.matched_px, decimation, width_px)
+        self._rim_rules = Rules.of(config, resolution.matched_px / decimation, 1, width_px)
+
+    def fill(self, known: Known, depth_m: FloatImage) -> tuple[Inpainted, Filled]:
+        """Fill the holes of a frame with a measured depth [m] of shape (H, W).
+
+        Returns:
+            The working pixels that are filled, and the pixels of the frame that are filled one by one.
+        """
+        known_px, resolution = known.disparity_px, self._resolution
+        hole = np.asarray(cv2.compare(known_px, 0, cv2.CMP_EQ), np.uint8)
+        deep = np.asarray(cv2.erode(hole, DEEP_KERNEL), np.uint8)
+        place = find_holes(hole, deep, depth_m, resolution.decimation)
+        rays, start = Rays.empty(len(place)), np.searchsorted(place[:, 0], np.arange(resolution.height_px + 1))
+        for is_backward in (False, True):
+            trace(known_px, place, start, is_backward, rays)
+        continue_rows(known_px, place, 1, self._rules, rays)
+        filled = Filled.empty(place)
+        fill_places(known, place, 1, rays, self._rules, filled)
+        inpainted = Inpainted(np.zeros_like(known_px), np.ones_like(known_px), np.zeros(known_px.shape, np.uint8))
+        paste(hole, deep, filled, inpainted)
+        if resolution.decimation == 1:
+            return inpainted, Filled.empty(place[:0])
+        rims, number = find_rims(known_px, filled, depth_m, self._rules)
+        rim_rays = Rays.empty(len(rims))
+        march(known_px, depth_m, resolution.focal_baseline_px_m, rims, number, rays.steps, rim_rays)
+        continue_rows(known_px, rims, resolution.decimation, self._rim_rules, rim_rays)
+        filled_rims = Filled.empty(rims)
+        fill_places(known, rims, resolution.decimation, rim_rays, self._rim_rules, filled_rims)
+        return inpainted, filled_rims
+
+
+@compiled(PLACES(BYTE_IMAGE, BYTE_IMAGE, READABLE_IMAGE, int64))
+def find_holes(hole: GrayImage, deep: GrayImage, depth_m: FloatImage, decimation: int) -> Places:
+    """The working pixels that are holes or contain one, row by row, shape (N, 2).
+
+    Deep inside holes there is only one of each two by two, which stands for the others. The masks have shape (h, w).
+    """
+    height, width = hole.shape
+    place = np.empty((height * width, 2), np.int32)
+    n = 0
+    for row in range(height):
+        for col in range(width):
+            is_hole = hole[row, col] > 0
+            if decimation == 2 and not is_hole:
+                upper_m, lower_m = depth_m[2 * row], depth_m[2 * row + 1]
+                is_hole = min(upper_m[2 * col], upper_m[2 * col + 1], lower_m[2 * col], lower_m[2 * col + 1]) <= 0
+            place[n, 0], place[n, 1] = row, col
+            n += is_hole and (deep[row, col] == 0 or (row | col) & 1 == 0)
+    return place[:n].copy()
+
+
+@compiled(void(FLOAT_IMAGE, PLACES, int64[::1], boolean, RAYS))
+def trace(
+    known_px: FloatImage,
+    place: Places,
+    start: npt.NDArray[np.int64],
+    is_backward: bool,
+    # output
+    rays: Rays,
+) -> None:
+    """Find the ends of the rays of all holes before them or, from the last row to the first, behind them.
+
+    Each pixel tells the next ones, of its row and of the next row, what it knows, or else what it was told itself. The
+    holes of a row start at a number, and the last number is that of all holes.
+    """
+    height, width = known_px.shape
+    first_ray, direction = (AXES, -1) if is_backward else (0, 1)
+    told_px, next_px = np.zeros((AXES, width + 2), np.float32), np.zeros((AXES, width + 2), np.float32)
+    told_steps, next_steps = np.full((AXES, width + 2), INFINITE), np.full((AXES, width + 2), INFINITE)
+    for k in range(height):
+        row = height - 1 - k if is_backward else k
+        tell_along_row(known_px[row], is_backward, told_px[0, 1:-1], told_steps[0, 1:-1])
+        first, last = start[row], start[row + 1]
+        for axis in range(AXES):
+            take(told_px[axis, 1:-1], place[first:last], rays.end_px[first_ray + axis, first:last])
+            take(told_steps[axis, 1:-1], place[first:last], rays.steps[first_ray + axis, first:last])
+        for axis in range(1, AXES):
+            col = 1 - direction * COLS[axis]
+            tell(known_px[row], told_px[axis, 1:-1], told_steps[axis, 1:-1], next_px[axis, col:], next_steps[axis, col:])
+            untold = width if col == 0 else 1 if col == 2 else 0
+            next_px[axis, untold], next_steps[axis, untold] = 0, INFINITE
+        told_px, next_px, told_steps, next_steps = next_px, told_px, next_steps, told_steps
+
+
+@compiled(void(float32[::1], boolean, float32[::1], float32[::1]))
+def tell_along_row(
+    own_px: Numbers,
+    is_backward: bool,
+    # output
+    told_px: Numbers,
+    told_steps: Numbers,
+) -> None:
+    """Tell every pixel of a row the nearest known pixel before it or behind it, and the number of steps to that."""
+    end_px, steps, width = float32(0), INFINITE, len(own_px)
+    for k in range(width):
+        col = width - 1 - k if is_backward else k
+        told_px[col], told_steps[col] = end_px, steps
+        is_known = own_px[col] > 0
+        end_px, steps = (own_px[col] if is_known else end_px), (float32(1) if is_known else steps + float32(1))
+
+
+@compiled(void(float32[::1], PLACES, float32[::1]))
+def take(
+    of_row: Numbers,
+    place: Places,
+    # output
+    taken: Numbers,
+) -> None:
+    """Take the numbers of a row at some places."""
+    for k in range(len(place)):
+        taken[k] = of_row[np.uint32(place[k, 1])]
+
+
+@compiled(void(*[float32[::1]] * 5))
+def tell(
+    own_px: Numbers,
+    told_px: Numbers,
+    told_steps: Numbers,
+    # output
+    next_px: Numbers,
+    next_steps: Numbers,
+) -> None:
+    """Tell the pixels of the next row what those of a row know or were told."""
+    for col in range(len(own_px)):
+        next_px[col] = own_px[col] if own_px[col] > 0 else told_px[col]
+    for col in range(len(own_px)):
+        next_steps[col] = float32(1) if own_px[col] > 0 else told_steps[col] + float32(1)
+
+
+@compiled(boolean(float32, float32, RULES))
+def is_one_surface(one_px: float, other_px: float, rules: Rules) -> bool:
+    """Whether two disparities are of one surface."""
+    return abs(one_px - other_px) <= rules.agreement_px + rules.agreement_share * max(one_px, other_px)
+
+
+@compiled(float32(FLOAT_IMAGE, int64, int64, int64, float32))
+def continued(known_px: FloatImage, row: int, col: int, right: int, max_slope: float) -> float:
+    """Disparity per pixel of the surface that begins at a pixel and goes on along its row, by least squares.
+
+    It is 0 if the surface is measured in too few pixels, and limited to `max_slope`.
+    """
+    first_px, before_px = known_px[row, col], known_px[row, col]
+    n, total_k, total_kk, total, total_kd = 0, 0.0, 0.0, 0.0, 0.0
+    for k in range(LINE_PX):
+        u = col + k * right
+        if not 0 <= u < known_px.shape[1]:
+            break
+        disparity_px = known_px[row, u]
+        if disparity_px == 0 or abs(disparity_px - before_px) > 1 + max_slope:
+            break
+        before_px = disparity_px
+        n += 1
+        total_k += k
+        total_kk += k * k
+        total += disparity_px - first_px
+        total_kd += k * (disparity_px - first_px)
+    if n < MIN_LINE_PX:
+        return float32(0)
+    slope = (n * total_kd - total_k * total) / (n * total_kk - total_k * total_k)
+    return float32(min(max(slope, -max_slope), max_slope))
+
+
+@compiled(void(FLOAT_IMAGE, PLACES, int64, RULES, RAYS))
+def continue_rows(
+    known_px: FloatImage,
+    place: Places,
+    scale: int,
+    rules: Rules,
+    # input and output
+    rays: Rays,
+) -> None:
+    """Continue the surface at the lone end of a row to its holes, whose places are pixels of 1 / scale working pixel.
+
+    The disparity becomes at least half of that at the end, and at most twice.
+    """
+    for ray, right in ((0, -1), (AXES, 1)):
+        for k in np.flatnonzero((rays.end_px[ray] > 0) & (rays.end_px[AXES - ray] == 0)):
+            end_px, steps = rays.end_px[ray, k], rays.steps[ray, k]
+            row, col = place[k, 0] // scale, (place[k, 1] + right * int64(steps)) // scale
+            slope = continued(known_px, row, col, right, rules.max_slope * float32(scale)) / float32(scale)
+            rays.end_px[ray, k] = min(max(end_px - slope * steps, end_px / float32(2)), end_px * float32(2))
+
+
+@compiled(UniTuple(float32, 2)(*[float32] * 4, int64, RULES))
+def vote_of(
+    before_px: float, behind_px: float, to_before: float, to_behind: float, axis: int, rules: Rules
+) -> tuple[float, float]:
+    """The vote of an axis and its weight, from both ends and the number of steps to them."""
+    step_px = STEP_PX[axis] * rules.pixel_px
+    before_weight, behind_weight = float32(1) / (to_before * step_px), float32(1) / (to_behind * step_px)
+    both, length, step = before_weight + behind_weight, to_before + to_behind, abs(before_px - behind_px)
+    linear_px = (before_px * to_behind + behind_px * to_before) / length
+    if min(before_px, behind_px) == 0:
+        return max(before_px, behind_px), rules.lone_factor * both
+    if step <= rules.agreement_px + rules.agreement_share * max(before_px, behind_px):
+        return linear_px, float32(2) * both * (rules.row_factor if axis == 0 else float32(1))
+    if step <= rules.max_slope * length:
+        return linear_px, both
+    if behind_px < before_px:
+        return behind_px, behind_weight
+    is_shadow = axis == 0 and (length - float32(1)) * rules.matched_px <= float32(2) * step
+    return before_px, before_weight * (rules.shadow_factor if is_shadow else float32(1))
+
+
+@compiled(void(RAYS, int64, int64, int64, RULES, BALLOT))
+def vote_along_axis(
+    rays: Rays,
+    first: int,
+    n: int,
+    axis: int,
+    rules: Rules,
+    # output
+    ballot: Ballot,
+) -> None:
+    """The votes of one axis of n holes. The loops are short enough for the compiler to count them side by side."""
+    before_px, behind_px = rays.end_px[axis, first : first + n], rays.end_px[AXES + axis, first : first + n]
+    to_before, to_behind = rays.steps[axis, first : first + n], rays.steps[AXES + axis, first : first + n]
+    vote_px, weight, distance_px = ballot.vote_px[axis], ballot.weight[axis], ballot.result[DISTANCE]
+    step_px = STEP_PX[axis] * rules.pixel_px
+    for k in range(n):
+        vote_px[k] = vote_of(before_px[k], behind_px[k], to_before[k], to_behind[k], axis, rules)[0]
+    for k in range(n):
+        weight[k] = vote_of(before_px[k], behind_px[k], to_before[k], to_behind[k], axis, rules)[1]
+    for k in range(n):
+        distance_px[k] = min(distance_px[k], step_px * min(to_before[k], to_behind[k]))
+
+
+@compiled(void(*[float32[::1]] * 3, int64, RULES, float32[::1]))
+def add_where_agreeing(
+    one_px: Numbers,
+    other_px: Numbers,
+    weight: Numbers,
+    n: int,
+    rules: Rules,
+    # input and output
+    support: Numbers,
+) -> None:
+    """Add weights to the support of votes where two votes are of one surface."""
+    for i in range(n):
+        support[i] += weight[i] if is_one_surface(one_px[i], other_px[i], rules) else float32(0)
+
+
+@compiled(void(BALLOT, int64, RULES))
+def count_votes(ballot: Ballot, n: int, rules: Rules) -> None:
+    """Find the vote with the largest support of each of n holes, and the mean of its supporters."""
+    winner_px, most, total = ballot.result[WINNER], ballot.result[SUPPORT], ballot.result[TOTAL]
+    support, sums = ballot.weight.copy(), np.zeros(n, np.float32)
+    for one in range(N_VOTES):
+        for other in range(one):
+            one_px, other_px = ballot.vote_px[one], ballot.vote_px[other]
+            add_where_agreeing(one_px, other_px, ballot.weight[other], n, rules, support[one])
+            add_where_agreeing(one_px, other_px, ballot.weight[one], n, rules, support[other])
+    most[:n], total[:n] = -1, 0
+    for k in range(N_VOTES):
+        vote_px, weight, of_vote = ballot.vote_px[k], ballot.weight[k], support[k]
+        for i in range(n):
+            is_best = (of_vote[i] > most[i]) & (weight[i] > 0)
+            winner_px[i] = vote_px[i] if is_best else winner_px[i]
+            most[i] = of_vote[i] if is_best else most[i]
+            total[i] += weight[i]
+    for k in range(N_VOTES):
+        one_px, weight = ballot.vote_px[k], ballot.weight[k]
+        for i in range(n):
+            is_supporter = is_one_surface(one_px[i], winner_px[i], rules)
+            sums[i] += weight[i] * (one_px[i] - winner_px[i]) if is_supporter else float32(0)
+    for i in range(n):
+        winner_px[i] += sums[i] / most[i] if most[i] > 0 else float32(0)
+
+
+@compiled(void(KNOWN, int64, int64, RULES, BALLOT, int64))
+def take_others(
+    known: Known,
+    row: int,
+    col: int,
+    rules: Rules,
+    # output
+    ballot: Ballot,
+    n: int,
+) -> None:
+    """Write the votes of the memory and of the previous output at a working pixel to the n-th place of a ballot."""
+    memory_px, previous_px = known.remembered_px[row, col], known.previous_px[row, col]
+    memory_weight = (float32(1) + known.evidence[row, col]) * rules.memory_weight
+    ballot.vote_px[MEMORY, n], ballot.vote_px[PREVIOUS, n] = memory_px, previous_px
+    ballot.weight[MEMORY, n] = memory_weight if memory_px > 0 else float32(0)
+    ballot.weight[PREVIOUS, n] = rules.previous_weight if previous_px > 0 else float32(0)
+
+
+@compiled(void(KNOWN, PLACES, int64, RAYS, RULES, FILLED))
+def fill_places(
+    known: Known,
+    place: Places,
+    scale: int,
+    rays: Rays,
+    rules: Rules,
+    # output
+    filled: Filled,
+) -> None:
+    """Let holes vote, whose places are pixels of 1 / scale of a working pixel."""
+    votes, weights = np.empty((N_VOTES, CHUNK), np.float32), np.empty((N_VOTES, CHUNK), np.float32)
+    ballot = Ballot(votes, weights, np.empty((4, CHUNK), np.float32))
+    for first in range(0, len(place), CHUNK):
+        n = min(CHUNK, len(place) - first)
+        for k in range(n):
+            take_others(known, place[first + k, 0] // scale, place[first + k, 1] // scale, rules, ballot, k)
+        ballot.result[DISTANCE, :n] = INFINITE
+        for axis in range(AXES):
+            vote_along_axis(rays, first, n, axis, rules, ballot)
+        count_votes(ballot, n, rules)
+        for k in range(n):
+            winner_px, memory_px = ballot.result[WINNER, k], ballot.vote_px[MEMORY, k]
+            is_remembered = memory_px > 0 and is_one_surface(memory_px, winner_px, rules)
+            share = ballot.result[SUPPORT, k] / max(ballot.result[TOTAL, k], LEAST_WEIGHT)
+            distance_px = ballot.result[DISTANCE, k]
+            distance = float32(0) if is_remembered else distance_px / rules.far_px
+            filled.distance_px[first + k] = distance_px
+            filled.disparity_px[first + k] = winner_px
+            filled.share[first + k] = share
+            filled.probability[first + k] = fill_probability(share, distance, is_remembered)
+            filled.remembered[first + k] = 255 if is_remembered else 0
+
+
+@compiled(void(BYTE_IMAGE, BYTE_IMAGE, FILLED, INPAINTED))
+def paste(
+    hole: GrayImage,
+    deep: GrayImage,
+    filled: Filled,
+    # output
+    inpainted: Inpainted,
+) -> None:
+    """Write what is filled to the images of the working pixels without a measurement."""
+    for k in range(len(filled.place)):
+        row, col = filled.place[k]
+        inpainted.disparity_px[row, col] = filled.disparity_px[k] if hole[row, col] else float32(0)
+        inpainted.probability[row, col] = filled.probability[k] if hole[row, col] else float32(1)
+        inpainted.remembered[row, col] = filled.remembered[k] & hole[row, col]
+    for row in range(hole.shape[0]):
+        for col in range(hole.shape[1]):
+            if deep[row, col]:
+                first_row, first_col = row & ~1, col & ~1
+                inpainted.disparity_px[row, col] = inpainted.disparity_px[first_row, first_col]
+                inpainted.probability[row, col] = inpainted.probability[first_row, first_col]
+                inpainted.remembered[row, col] = inpainted.remembered[first_row, first_col]
+
+
+@compiled(Tuple((PLACES, int32[::1]))(FLOAT_IMAGE, FILLED, READABLE_IMAGE, RULES))
+def find_rims(
+    known_px: FloatImage, filled: Filled, depth_m: FloatImage, rules: Rules
+) -> tuple[Places, npt.NDArray[np.int32]]:
+    """The hole pixels of the frame in and beside measured working pixels, and the number of the hole of each.
+
+    Where all votes are for one surface, and it is the measured one, the working pixel is enough.
+    """
+    rims, hole = np.empty((4 * len(filled.place), 2), np.int32), np.empty(4 * len(filled.place), np.int32)
+    n, beside_px = 0, float32(1.5) * rules.pixel_px
+    for k in range(len(filled.place)):
+        if filled.distance_px[k] > beside_px:
+            continue
+        row, col = filled.place[k]
+        own_px = known_px[row, col]
+        if filled.share[k] >= UNANIMOUS and (own_px == 0 or is_one_surface(own_px, filled.disparity_px[k], rules)):
+            continue
+        for v in range(2 * row, 2 * row + 2):
+            for u in range(2 * col, 2 * col + 2):
+                rims[n, 0], rims[n, 1], hole[n] = v, u, k
+                n += own_px == 0 or depth_m[v, u] <= 0
+    return rims[:n].copy(), hole[:n].copy()
+
+
+@compiled(void(FLOAT_IMAGE, READABLE_IMAGE, float32, PLACES, int32[::1], FLOAT_IMAGE, RAYS))
+def march(
+    known_px: FloatImage,
+    depth_m: FloatImage,
+    focal_baseline_px_m: float,
+    rims: Places,
+    hole: npt.NDArray[np.int32],
+    working_steps: FloatImage,
+    # output
+    rays: Rays,
+) -> None:
+    """Follow the rays of single pixels through the frame, from shortly before the ends of those of their hole."""
+    height, width = 2 * known_px.shape[0], 2 * known_px.shape[1]
+    for ray in range(2 * AXES):
+        sign = 1 if ray < AXES else -1
+        down, right = sign * ROWS[ray % AXES], sign * COLS[ray % AXES]
+        for k in range(len(rims)):
+            steps = max(1, 2 * int64(min(working_steps[ray, hole[k]], FAR_STEPS)) - 1)
+            v, u, end_px = rims[k, 0] + steps * down, rims[k, 1] + steps * right, float32(0)
+            while 0 <= v < height and 0 <= u < width:
+                surface_px, surface_m = known_px[v >> 1, u >> 1], depth_m[v, u]
+                if surface_px > 0 and surface_m > 0:
+                    end_px = disparity_of(surface_m, focal_baseline_px_m)
+                    end_px = surface_px if abs(end_px - surface_px) < 1 else end_px
+                    break
+                steps, v, u = steps + 1, v + down, u + right
+            rays.end_px[ray, k], rays.steps[ray, k] = end_px, float32(steps) if end_px > 0 else INFINITE
