@@ -61,21 +61,20 @@ That of a remembered surface is magnified as the camera comes nearer, see `Fused
 INPAINTED, REMEMBERED = float32(0.9), float32(0.95)
 """Probability that a hole is filled with the right surface if all votes agree, right beside an end, or if the memory is
 one of the supporters."""
-FAR_SHARE = 0.1
-"""Distance to the nearest end, as a share of the width of the image, at which half of the probability is left."""
+DOUBT_SHARE = 0.02
+"""Distance of an end, as a share of the width of the image, that weighs as much as the doubt that any vote is right."""
 INPAINTED_ERROR_PX = 0.2
 """Mean absolute error of inpainted disparity where it is of the right surface."""
 
 
-@compiled(float32(float32, float32, boolean))
-def fill_probability(share: float, distance: float, is_remembered: bool) -> float:
-    """Probability in 0..1 that a hole is filled with the right surface.
+@compiled(float32(float32, boolean))
+def fill_probability(share: float, is_remembered: bool) -> float:
+    """Probability in 0..1 that a hole is filled with the right surface, by the share of votes and doubt that is for it.
 
-    It follows the share of the votes for that, with an exponent of 3/2, or of 1/2 where the memory is one of them; and
-    the distance to the nearest end, in units of that at which half is left.
+    The exponent of the share is 3/2, or 1/2 where the memory is one of the voters for it.
     """
     root = np.sqrt(share)
-    probability: float = REMEMBERED * root if is_remembered else INPAINTED * share * root / (1 + distance * distance)
+    probability: float = REMEMBERED * root if is_remembered else INPAINTED * share * root
     return probability
 
 

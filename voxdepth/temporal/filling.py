@@ -29,28 +29,39 @@ from pydantic import Field
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
 from ..model import Model
 from ..types import FloatImage, GrayImage
-from .confidence import FAR_SHARE, fill_probability
-from .working_resolution import WorkingResolution, disparity_of
+from .confidence import DOUBT_SHARE, fill_probability
+from .masks import above
+from .rays import (
+    AXES,
+    COLS,
+    INFINITE,
+    NUMBERS,
+    PLACES,
+    RAYS,
+    ROWS,
+    Numbers,
+    Places,
+    Rays,
+    find_holes,
+    march,
+    trace_rays,
+)
+from .working_resolution import WorkingResolution
 
-Places = npt.NDArray[np.int32]
-"""Row and column of pixels, shape (N, 2)."""
-Numbers, Bytes = npt.NDArray[np.float32], npt.NDArray[np.uint8]
-
-AXES = 4
-ROWS, COLS = (0, -1, -1, -1), (-1, -1, 0, 1)
-"""Steps of the rays before a hole: to the left, to the upper left, upwards, and to the upper right. Those behind it go
-the opposite ways."""
 STEP_PX = np.array([1, np.sqrt(2), 1, np.sqrt(2)], np.float32)
 """Length of a step along each axis."""
 MEMORY, PREVIOUS, N_VOTES = 4, 5, 6
 """Votes that follow those of the axes, and the number of all."""
 DEEP_KERNEL = np.ones((9, 9), np.uint8)
 """Pixels are deep inside a hole if nothing is known in this window around them."""
+MEDIAN_PX = 3
+"""Window of the median that removes votes which only one ray decided."""
 CHUNK = 512
 """Number of holes that vote at once, so that the processor can count their votes side by side."""
 LINE_PX = 12
-"""Number of known pixels of the surface behind a lone end that it is continued from, and the least number."""
+"""Number of pixels of the surface behind a lone end that it is continued from."""
 MIN_LINE_PX = 4
+"""Number of pixels behind a lone end at which something must be known, and over which a change counts in full."""
 
 
 class FillingConfig(Model):
@@ -66,9 +77,8 @@ class FillingConfig(Model):
     row_factor: float = Field(default=2.0, gt=0)
     """Factor of the weight of a row whose ends agree: most holes of a stereo camera lie along its rows."""
     shadow_factor: float = Field(default=8.0, gt=0)
-    """Factor of the weight of the far end of a row whose near end is on the right, as in the occlusion shadow of a stereo
-    camera, if the hole is at most twice as wide as the step of disparity. Less suits cameras whose depth is aligned to
-    another one."""
+    """Factor of the weight of the far end of a row whose near end is on the right, as in the occlusion shadow of a
+    stereo camera, if the hole is at most twice as wide as the step of disparity."""
     lone_factor: float = Field(default=0.5, gt=0)
     """Factor of the weight of an axis with only one end."""
     memory_distance_px: float = Field(default=3.0, gt=0)
@@ -85,7 +95,7 @@ class Known(NamedTuple):
     remembered_px: FloatImage
     """Disparity of the memory in holes; 0 = unknown or measured."""
     evidence: FloatImage
-    """Evidence of the memory, 0 or more: the number of measurements that it has averaged, less where the image moves."""
+    """Number of measurements that the memory has averaged, less if the image moves."""
     previous_px: FloatImage
     """Disparity that the previous frame was filled with, moved to this one; 0 = unknown."""
 
@@ -101,15 +111,14 @@ class Filled(NamedTuple):
     """Share of the votes for it, 0..1, shape (N,), float32."""
     probability: Numbers
     """Probability in 0..1 that it is of the right surface, shape (N,), float32."""
-    distance_px: Numbers
-    """Distance to the nearest end in pixels of the image, shape (N,), float32; infinite without any."""
-    remembered: Bytes
+    remembered: npt.NDArray[np.uint8]
     """255 if the memory is one of the supporters, else 0, shape (N,), uint8."""
 
     @classmethod
     def empty(cls, place: Places) -> "Filled":
         """Arrays for some holes, without values yet."""
-        return cls(place, *np.empty((4, len(place)), np.float32), np.empty(len(place), np.uint8))
+        disparity_px, share, probability = np.empty((3, len(place)), np.float32)
+        return cls(place, disparity_px, share, probability, np.empty(len(place), np.uint8))
 
 
 class Inpainted(NamedTuple):
@@ -139,8 +148,8 @@ class Rules(NamedTuple):
     lone_factor: float
     memory_weight: float
     previous_weight: float
-    far_px: float
-    """Distance to the nearest end at which half of the probability is left."""
+    doubt: float
+    """Weight of the doubt that any vote is for the right surface."""
 
     @classmethod
     def of(cls, config: FillingConfig, matched_px: float, pixel_px: int, width_px: int) -> "Rules":
@@ -148,23 +157,9 @@ class Rules(NamedTuple):
         values = (
             config.agreement_px, config.agreement_share, config.max_slope * matched_px, matched_px, pixel_px,
             config.row_factor, config.shadow_factor, config.lone_factor, 1 / config.memory_distance_px,
-            1 / config.previous_distance_px, FAR_SHARE * width_px,
+            1 / config.previous_distance_px, 1 / (DOUBT_SHARE * width_px),
         )  # fmt: skip
         return cls(*(float32(value) for value in values))
-
-
-class Rays(NamedTuple):
-    """The eight rays of some holes, shape (8, N): those before the hole on the four axes, and then those behind it."""
-
-    end_px: FloatImage
-    """Disparity at the end of the ray, float32; 0 = it leaves the image."""
-    steps: FloatImage
-    """Number of steps to the end, float32; infinite if it leaves the image."""
-
-    @classmethod
-    def empty(cls, n: int) -> "Rays":
-        """The rays of n holes, without values yet."""
-        return cls(np.empty((2 * AXES, n), np.float32), np.empty((2 * AXES, n), np.float32))
 
 
 class Ballot(NamedTuple):
@@ -175,30 +170,26 @@ class Ballot(NamedTuple):
     weight: FloatImage
     """Weight of each vote, shape (6, CHUNK); 0 = there is none."""
     result: FloatImage
-    """Disparity, its support, the sum of all weights, and the distance to the nearest end, shape (4, CHUNK)."""
+    """Disparity of the winner, its support, and the sum of all weights, shape (3, CHUNK)."""
 
 
 KNOWN = named_tuple(Known, *[FLOAT_IMAGE] * 4)
 RULES = named_tuple(Rules, *[float32] * 11)
-RAYS = named_tuple(Rays, FLOAT_IMAGE, FLOAT_IMAGE)
 BALLOT = named_tuple(Ballot, FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE)
-PLACES = int32[:, ::1]
-FILLED = named_tuple(Filled, PLACES, *[float32[::1]] * 4, uint8[::1])
+FILLED = named_tuple(Filled, PLACES, *[NUMBERS] * 3, uint8[::1])
 INPAINTED = named_tuple(Inpainted, FLOAT_IMAGE, FLOAT_IMAGE, BYTE_IMAGE)
-LEAST_WEIGHT, INFINITE = float32(1e-9), float32(np.inf)
-FAR_STEPS = float32(1_000_000)
 UNANIMOUS = float32(0.999)
 """Share of the votes from which on no vote is against."""
-WINNER, SUPPORT, TOTAL, DISTANCE = range(4)
+WINNER, SUPPORT, TOTAL = range(3)
 """Rows of `Ballot.result`."""
 
 
 class HoleFiller:
     """Fills the holes of disparity images of one size, and of the pixels of the frame beside them.
 
-    Holes are filled at the working resolution. If that is half of the frame's, the pixels of the frame that have no depth
-    and lie in or beside a measured working pixel are filled one by one: a measured pixel does not speak for a hole among
-    the other three of its working pixel.
+    Holes are filled at the working resolution. If that is half of the frame's, the pixels of the frame that have no
+    depth and lie in or beside a measured working pixel are filled one by one, unless all votes agree: a measured pixel
+    does not speak for a hole among the other three of its working pixel.
     """
 
     def __init__(self, resolution: WorkingResolution, config: FillingConfig) -> None:
@@ -214,124 +205,26 @@ class HoleFiller:
             The working pixels that are filled, and the pixels of the frame that are filled one by one.
         """
         known_px, resolution = known.disparity_px, self._resolution
-        hole = np.asarray(cv2.compare(known_px, 0, cv2.CMP_EQ), np.uint8)
+        hole = np.asarray(cv2.bitwise_not(above(known_px, 0)), np.uint8)
         deep = np.asarray(cv2.erode(hole, DEEP_KERNEL), np.uint8)
         place = find_holes(hole, deep, depth_m, resolution.decimation)
-        rays, start = Rays.empty(len(place)), np.searchsorted(place[:, 0], np.arange(resolution.height_px + 1))
-        for is_backward in (False, True):
-            trace(known_px, place, start, is_backward, rays)
-        continue_rows(known_px, place, 1, self._rules, rays)
+        rays = trace_rays(known_px, place)
+        continue_lone_ends(known_px, place, 1, self._rules, rays)
         filled = Filled.empty(place)
         fill_places(known, place, 1, rays, self._rules, filled)
         inpainted = Inpainted(np.zeros_like(known_px), np.ones_like(known_px), np.zeros(known_px.shape, np.uint8))
         paste(hole, deep, filled, inpainted)
+        smooth_px = np.asarray(cv2.medianBlur(known_px + inpainted.disparity_px, MEDIAN_PX), np.float32)
+        np.copyto(inpainted.disparity_px, smooth_px, where=inpainted.disparity_px > 0)
         if resolution.decimation == 1:
             return inpainted, Filled.empty(place[:0])
-        rims, number = find_rims(known_px, filled, depth_m, self._rules)
+        rims, number = find_rims(known_px, filled, rays, depth_m, self._rules)
         rim_rays = Rays.empty(len(rims))
         march(known_px, depth_m, resolution.focal_baseline_px_m, rims, number, rays.steps, rim_rays)
-        continue_rows(known_px, rims, resolution.decimation, self._rim_rules, rim_rays)
+        continue_lone_ends(known_px, rims, resolution.decimation, self._rim_rules, rim_rays)
         filled_rims = Filled.empty(rims)
         fill_places(known, rims, resolution.decimation, rim_rays, self._rim_rules, filled_rims)
         return inpainted, filled_rims
-
-
-@compiled(PLACES(BYTE_IMAGE, BYTE_IMAGE, READABLE_IMAGE, int64))
-def find_holes(hole: GrayImage, deep: GrayImage, depth_m: FloatImage, decimation: int) -> Places:
-    """The working pixels that are holes or contain one, row by row, shape (N, 2).
-
-    Deep inside holes there is only one of each two by two, which stands for the others. The masks have shape (h, w).
-    """
-    height, width = hole.shape
-    place = np.empty((height * width, 2), np.int32)
-    n = 0
-    for row in range(height):
-        for col in range(width):
-            is_hole = hole[row, col] > 0
-            if decimation == 2 and not is_hole:
-                upper_m, lower_m = depth_m[2 * row], depth_m[2 * row + 1]
-                is_hole = min(upper_m[2 * col], upper_m[2 * col + 1], lower_m[2 * col], lower_m[2 * col + 1]) <= 0
-            place[n, 0], place[n, 1] = row, col
-            n += is_hole and (deep[row, col] == 0 or (row | col) & 1 == 0)
-    return place[:n].copy()
-
-
-@compiled(void(FLOAT_IMAGE, PLACES, int64[::1], boolean, RAYS))
-def trace(
-    known_px: FloatImage,
-    place: Places,
-    start: npt.NDArray[np.int64],
-    is_backward: bool,
-    # output
-    rays: Rays,
-) -> None:
-    """Find the ends of the rays of all holes before them or, from the last row to the first, behind them.
-
-    Each pixel tells the next ones, of its row and of the next row, what it knows, or else what it was told itself. The
-    holes of a row start at a number, and the last number is that of all holes.
-    """
-    height, width = known_px.shape
-    first_ray, direction = (AXES, -1) if is_backward else (0, 1)
-    told_px, next_px = np.zeros((AXES, width + 2), np.float32), np.zeros((AXES, width + 2), np.float32)
-    told_steps, next_steps = np.full((AXES, width + 2), INFINITE), np.full((AXES, width + 2), INFINITE)
-    for k in range(height):
-        row = height - 1 - k if is_backward else k
-        tell_along_row(known_px[row], is_backward, told_px[0, 1:-1], told_steps[0, 1:-1])
-        first, last = start[row], start[row + 1]
-        for axis in range(AXES):
-            take(told_px[axis, 1:-1], place[first:last], rays.end_px[first_ray + axis, first:last])
-            take(told_steps[axis, 1:-1], place[first:last], rays.steps[first_ray + axis, first:last])
-        for axis in range(1, AXES):
-            col = 1 - direction * COLS[axis]
-            tell(known_px[row], told_px[axis, 1:-1], told_steps[axis, 1:-1], next_px[axis, col:], next_steps[axis, col:])
-            untold = width if col == 0 else 1 if col == 2 else 0
-            next_px[axis, untold], next_steps[axis, untold] = 0, INFINITE
-        told_px, next_px, told_steps, next_steps = next_px, told_px, next_steps, told_steps
-
-
-@compiled(void(float32[::1], boolean, float32[::1], float32[::1]))
-def tell_along_row(
-    own_px: Numbers,
-    is_backward: bool,
-    # output
-    told_px: Numbers,
-    told_steps: Numbers,
-) -> None:
-    """Tell every pixel of a row the nearest known pixel before it or behind it, and the number of steps to that."""
-    end_px, steps, width = float32(0), INFINITE, len(own_px)
-    for k in range(width):
-        col = width - 1 - k if is_backward else k
-        told_px[col], told_steps[col] = end_px, steps
-        is_known = own_px[col] > 0
-        end_px, steps = (own_px[col] if is_known else end_px), (float32(1) if is_known else steps + float32(1))
-
-
-@compiled(void(float32[::1], PLACES, float32[::1]))
-def take(
-    of_row: Numbers,
-    place: Places,
-    # output
-    taken: Numbers,
-) -> None:
-    """Take the numbers of a row at some places."""
-    for k in range(len(place)):
-        taken[k] = of_row[np.uint32(place[k, 1])]
-
-
-@compiled(void(*[float32[::1]] * 5))
-def tell(
-    own_px: Numbers,
-    told_px: Numbers,
-    told_steps: Numbers,
-    # output
-    next_px: Numbers,
-    next_steps: Numbers,
-) -> None:
-    """Tell the pixels of the next row what those of a row know or were told."""
-    for col in range(len(own_px)):
-        next_px[col] = own_px[col] if own_px[col] > 0 else told_px[col]
-    for col in range(len(own_px)):
-        next_steps[col] = float32(1) if own_px[col] > 0 else told_steps[col] + float32(1)
 
 
 @compiled(boolean(float32, float32, RULES))
@@ -342,33 +235,20 @@ def is_one_surface(one_px: float, other_px: float, rules: Rules) -> bool:
 
 @compiled(float32(FLOAT_IMAGE, int64, int64, int64, float32))
 def continued(known_px: FloatImage, row: int, col: int, right: int, max_slope: float) -> float:
-    """Disparity per pixel of the surface that begins at a pixel and goes on along its row, by least squares.
-
-    It is 0 if the surface is measured in too few pixels, and limited to `max_slope`.
-    """
-    first_px, before_px = known_px[row, col], known_px[row, col]
-    n, total_k, total_kk, total, total_kd = 0, 0.0, 0.0, 0.0, 0.0
-    for k in range(LINE_PX):
-        u = col + k * right
-        if not 0 <= u < known_px.shape[1]:
+    """Change of disparity per pixel of the surface that begins at a pixel and goes on along its row, up to a slope."""
+    first_px = last_px = known_px[row, col]
+    n = 0
+    while n < LINE_PX and 0 <= col + (n + 1) * right < known_px.shape[1]:
+        disparity_px = known_px[row, col + (n + 1) * right]
+        if disparity_px == 0 or abs(disparity_px - last_px) > 1 + max_slope:
             break
-        disparity_px = known_px[row, u]
-        if disparity_px == 0 or abs(disparity_px - before_px) > 1 + max_slope:
-            break
-        before_px = disparity_px
-        n += 1
-        total_k += k
-        total_kk += k * k
-        total += disparity_px - first_px
-        total_kd += k * (disparity_px - first_px)
-    if n < MIN_LINE_PX:
-        return float32(0)
-    slope = (n * total_kd - total_k * total) / (n * total_kk - total_k * total_k)
-    return float32(min(max(slope, -max_slope), max_slope))
+        n, last_px = n + 1, disparity_px
+    slope: float = (last_px - first_px) / float32(max(n, MIN_LINE_PX))
+    return min(max(slope, -max_slope), max_slope)
 
 
 @compiled(void(FLOAT_IMAGE, PLACES, int64, RULES, RAYS))
-def continue_rows(
+def continue_lone_ends(
     known_px: FloatImage,
     place: Places,
     scale: int,
@@ -376,16 +256,23 @@ def continue_rows(
     # input and output
     rays: Rays,
 ) -> None:
-    """Continue the surface at the lone end of a row to its holes, whose places are pixels of 1 / scale working pixel.
+    """Continue the surfaces at lone ends of rows to their holes, whose places are pixels of 1 / scale working pixel.
 
-    The disparity becomes at least half of that at the end, and at most twice.
+    The disparity becomes at least half of that at the end, and at most twice. Of any axis, a lone end with nothing
+    known behind it is taken away: a speck would paint a star.
     """
-    for ray, right in ((0, -1), (AXES, 1)):
-        for k in np.flatnonzero((rays.end_px[ray] > 0) & (rays.end_px[AXES - ray] == 0)):
+    for ray in range(2 * AXES):
+        sign, opposite = (1, ray + AXES) if ray < AXES else (-1, ray - AXES)
+        down, right = sign * ROWS[ray % AXES], sign * COLS[ray % AXES]
+        for k in np.flatnonzero((rays.end_px[ray] > 0) & (rays.end_px[opposite] == 0)):
             end_px, steps = rays.end_px[ray, k], rays.steps[ray, k]
-            row, col = place[k, 0] // scale, (place[k, 1] + right * int64(steps)) // scale
-            slope = continued(known_px, row, col, right, rules.max_slope * float32(scale)) / float32(scale)
-            rays.end_px[ray, k] = min(max(end_px - slope * steps, end_px / float32(2)), end_px * float32(2))
+            row, col = (place[k, 0] + down * int64(steps)) // scale, (place[k, 1] + right * int64(steps)) // scale
+            v, u = row + MIN_LINE_PX * down, col + MIN_LINE_PX * right
+            if not (0 <= v < known_px.shape[0] and 0 <= u < known_px.shape[1] and known_px[v, u] > 0):
+                rays.end_px[ray, k], rays.steps[ray, k] = 0, INFINITE
+            elif ray % AXES == 0:
+                slope = continued(known_px, row, col, right, rules.max_slope * float32(scale)) / float32(scale)
+                rays.end_px[ray, k] = min(max(end_px - slope * steps, end_px / float32(2)), end_px * float32(2))
 
 
 @compiled(UniTuple(float32, 2)(*[float32] * 4, int64, RULES))
@@ -422,17 +309,14 @@ def vote_along_axis(
     """The votes of one axis of n holes. The loops are short enough for the compiler to count them side by side."""
     before_px, behind_px = rays.end_px[axis, first : first + n], rays.end_px[AXES + axis, first : first + n]
     to_before, to_behind = rays.steps[axis, first : first + n], rays.steps[AXES + axis, first : first + n]
-    vote_px, weight, distance_px = ballot.vote_px[axis], ballot.weight[axis], ballot.result[DISTANCE]
-    step_px = STEP_PX[axis] * rules.pixel_px
+    vote_px, weight = ballot.vote_px[axis], ballot.weight[axis]
     for k in range(n):
         vote_px[k] = vote_of(before_px[k], behind_px[k], to_before[k], to_behind[k], axis, rules)[0]
     for k in range(n):
         weight[k] = vote_of(before_px[k], behind_px[k], to_before[k], to_behind[k], axis, rules)[1]
-    for k in range(n):
-        distance_px[k] = min(distance_px[k], step_px * min(to_before[k], to_behind[k]))
 
 
-@compiled(void(*[float32[::1]] * 3, int64, RULES, float32[::1]))
+@compiled(void(*[NUMBERS] * 3, int64, RULES, NUMBERS))
 def add_where_agreeing(
     one_px: Numbers,
     other_px: Numbers,
@@ -457,7 +341,7 @@ def count_votes(ballot: Ballot, n: int, rules: Rules) -> None:
             one_px, other_px = ballot.vote_px[one], ballot.vote_px[other]
             add_where_agreeing(one_px, other_px, ballot.weight[other], n, rules, support[one])
             add_where_agreeing(one_px, other_px, ballot.weight[one], n, rules, support[other])
-    most[:n], total[:n] = -1, 0
+    winner_px[:n], most[:n], total[:n] = 0, 0, 0
     for k in range(N_VOTES):
         vote_px, weight, of_vote = ballot.vote_px[k], ballot.weight[k], support[k]
         for i in range(n):
@@ -504,25 +388,21 @@ def fill_places(
 ) -> None:
     """Let holes vote, whose places are pixels of 1 / scale of a working pixel."""
     votes, weights = np.empty((N_VOTES, CHUNK), np.float32), np.empty((N_VOTES, CHUNK), np.float32)
-    ballot = Ballot(votes, weights, np.empty((4, CHUNK), np.float32))
+    ballot = Ballot(votes, weights, np.empty((3, CHUNK), np.float32))
     for first in range(0, len(place), CHUNK):
         n = min(CHUNK, len(place) - first)
         for k in range(n):
             take_others(known, place[first + k, 0] // scale, place[first + k, 1] // scale, rules, ballot, k)
-        ballot.result[DISTANCE, :n] = INFINITE
         for axis in range(AXES):
             vote_along_axis(rays, first, n, axis, rules, ballot)
         count_votes(ballot, n, rules)
         for k in range(n):
             winner_px, memory_px = ballot.result[WINNER, k], ballot.vote_px[MEMORY, k]
             is_remembered = memory_px > 0 and is_one_surface(memory_px, winner_px, rules)
-            share = ballot.result[SUPPORT, k] / max(ballot.result[TOTAL, k], LEAST_WEIGHT)
-            distance_px = ballot.result[DISTANCE, k]
-            distance = float32(0) if is_remembered else distance_px / rules.far_px
-            filled.distance_px[first + k] = distance_px
+            support, total = ballot.result[SUPPORT, k], ballot.result[TOTAL, k]
             filled.disparity_px[first + k] = winner_px
-            filled.share[first + k] = share
-            filled.probability[first + k] = fill_probability(share, distance, is_remembered)
+            filled.share[first + k] = support / total if total > 0 else float32(0)
+            filled.probability[first + k] = fill_probability(support / (total + rules.doubt), is_remembered)
             filled.remembered[first + k] = 255 if is_remembered else 0
 
 
@@ -549,54 +429,25 @@ def paste(
                 inpainted.remembered[row, col] = inpainted.remembered[first_row, first_col]
 
 
-@compiled(Tuple((PLACES, int32[::1]))(FLOAT_IMAGE, FILLED, READABLE_IMAGE, RULES))
+@compiled(Tuple((PLACES, int32[::1]))(FLOAT_IMAGE, FILLED, RAYS, READABLE_IMAGE, RULES))
 def find_rims(
-    known_px: FloatImage, filled: Filled, depth_m: FloatImage, rules: Rules
+    known_px: FloatImage, filled: Filled, rays: Rays, depth_m: FloatImage, rules: Rules
 ) -> tuple[Places, npt.NDArray[np.int32]]:
     """The hole pixels of the frame in and beside measured working pixels, and the number of the hole of each.
 
     Where all votes are for one surface, and it is the measured one, the working pixel is enough.
     """
     rims, hole = np.empty((4 * len(filled.place), 2), np.int32), np.empty(4 * len(filled.place), np.int32)
-    n, beside_px = 0, float32(1.5) * rules.pixel_px
+    n = 0
     for k in range(len(filled.place)):
-        if filled.distance_px[k] > beside_px:
-            continue
         row, col = filled.place[k]
-        own_px = known_px[row, col]
-        if filled.share[k] >= UNANIMOUS and (own_px == 0 or is_one_surface(own_px, filled.disparity_px[k], rules)):
+        own_px, is_unanimous = known_px[row, col], filled.share[k] >= UNANIMOUS
+        if is_unanimous and (own_px == 0 or is_one_surface(own_px, filled.disparity_px[k], rules)):
+            continue
+        if own_px == 0 and rays.steps[:, k].min() > 1:
             continue
         for v in range(2 * row, 2 * row + 2):
             for u in range(2 * col, 2 * col + 2):
                 rims[n, 0], rims[n, 1], hole[n] = v, u, k
                 n += own_px == 0 or depth_m[v, u] <= 0
     return rims[:n].copy(), hole[:n].copy()
-
-
-@compiled(void(FLOAT_IMAGE, READABLE_IMAGE, float32, PLACES, int32[::1], FLOAT_IMAGE, RAYS))
-def march(
-    known_px: FloatImage,
-    depth_m: FloatImage,
-    focal_baseline_px_m: float,
-    rims: Places,
-    hole: npt.NDArray[np.int32],
-    working_steps: FloatImage,
-    # output
-    rays: Rays,
-) -> None:
-    """Follow the rays of single pixels through the frame, from shortly before the ends of those of their hole."""
-    height, width = 2 * known_px.shape[0], 2 * known_px.shape[1]
-    for ray in range(2 * AXES):
-        sign = 1 if ray < AXES else -1
-        down, right = sign * ROWS[ray % AXES], sign * COLS[ray % AXES]
-        for k in range(len(rims)):
-            steps = max(1, 2 * int64(min(working_steps[ray, hole[k]], FAR_STEPS)) - 1)
-            v, u, end_px = rims[k, 0] + steps * down, rims[k, 1] + steps * right, float32(0)
-            while 0 <= v < height and 0 <= u < width:
-                surface_px, surface_m = known_px[v >> 1, u >> 1], depth_m[v, u]
-                if surface_px > 0 and surface_m > 0:
-                    end_px = disparity_of(surface_m, focal_baseline_px_m)
-                    end_px = surface_px if abs(end_px - surface_px) < 1 else end_px
-                    break
-                steps, v, u = steps + 1, v + down, u + right
-            rays.end_px[ray, k], rays.steps[ray, k] = end_px, float32(steps) if end_px > 0 else INFINITE

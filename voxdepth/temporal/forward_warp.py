@@ -134,7 +134,7 @@ class ForwardWarp:
         return float(np.median(np.hypot(x / ratio - col, y / ratio - row)))
 
     def splat(self, disparity_px: FloatImage, T_target_source: FloatArray) -> FloatImage:
-        """The nearest disparity that falls on each pixel of the target camera, shape (H, W); 0 = none. It has cracks."""
+        """The nearest disparity that falls on each pixel of the target camera, shape (H, W); 0 = none, or a crack."""
         splatted_px = np.zeros_like(disparity_px)
         _splat_nearest(disparity_px, self._reprojection.of(T_target_source), splatted_px)
         return splatted_px

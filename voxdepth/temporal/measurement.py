@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
-from numba import float32, int32, int64, void
+from numba import float32, void
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
 from ..types import FloatImage, Frame, GrayImage
@@ -13,13 +12,13 @@ from .masks import above, box_mean
 from .memory import WEIGHT_UNIT
 from .working_resolution import MAX_DISPARITY_PX, WorkingResolution, disparity_of
 
-Indices = npt.NDArray[np.int32]
-
 VALIDITY_WINDOW_PX = 5
 """Window in which the valid neighbours of a pixel are counted: most pixels at the border of holes are wrong."""
 MAX_SURFACE_SPAN_PX = float32(1)
 """Blocks of two by two pixels whose disparities span less are averaged; others show two surfaces. Adjacent pixels of
 one surface differ by at most as much."""
+STEPS_PER_PX = np.float32(32)
+"""Steps of disparity that specks are searched in: 16 bits hold `MAX_DISPARITY_PX`."""
 MAX_SPECK_PX = 16
 """Largest number of working pixels of a speck."""
 SPECK_RADIUS_PX = 3
@@ -66,11 +65,9 @@ def find_specks(disparity_px: FloatImage) -> GrayImage:
 
     Adjacent pixels are of one surface if they differ by at most `MAX_SURFACE_SPAN_PX`.
     """
-    speck = np.zeros(disparity_px.shape, np.uint8)
-    run_of = np.empty(disparity_px.shape, np.int32)
-    start, parent, size = np.empty((3, disparity_px.size + 1), np.int32)
-    _mark_specks(disparity_px, run_of, start, parent, size, speck)
-    return speck
+    steps = np.rint(disparity_px * STEPS_PER_PX).astype(np.int16)
+    kept, _ = cv2.filterSpeckles(steps.copy(), 0, MAX_SPECK_PX, float(MAX_SURFACE_SPAN_PX * STEPS_PER_PX))
+    return np.asarray(cv2.compare(steps, kept, cv2.CMP_NE), np.uint8)
 
 
 @compiled(void(READABLE_IMAGE, float32, FLOAT_IMAGE, BYTE_IMAGE))
@@ -99,87 +96,6 @@ def _decimate(
             surface_px = near_px if near_px - mean_px < mean_px - far_px else far_px
             disparity_px[row, col] = mean_px if near_px - far_px < MAX_SURFACE_SPAN_PX else surface_px
             validity[row, col] = _BLOCK_VALIDITY[n_valid]
-
-
-@compiled("i4(i4[::1], i4)")
-def _root(parent: Indices, run: int) -> int:
-    """The run that stands for all that a run is joined to; the path to it is halved."""
-    while parent[run] != run:
-        parent[run] = parent[parent[run]]
-        run = parent[run]
-    return run
-
-
-@compiled("b1(f4, f4)")
-def _is_joined(a_px: float, b_px: float) -> bool:
-    """Whether two adjacent pixels are of one surface, or both of none."""
-    return (a_px > 0) == (b_px > 0) and abs(a_px - b_px) <= MAX_SURFACE_SPAN_PX
-
-
-@compiled(int64(FLOAT_IMAGE, int32[:, ::1], int32[::1]))
-def _divide_into_runs(
-    disparity_px: FloatImage,
-    # output
-    run_of: Indices,
-    start: Indices,
-) -> int:
-    """Number the runs of joined pixels along the rows; `start` is the first pixel of each in the flat image."""
-    height, width = disparity_px.shape
-    n_runs = 0
-    for row in range(height):
-        for col in range(width):
-            if col == 0 or not _is_joined(disparity_px[row, col - 1], disparity_px[row, col]):
-                start[n_runs] = row * width + col
-                n_runs += 1
-            run_of[row, col] = n_runs - 1
-    start[n_runs] = height * width
-    return n_runs
-
-
-@compiled(void(FLOAT_IMAGE, int32[:, ::1], int32[::1], int64, int32[::1], int32[::1]))
-def _join_runs(
-    disparity_px: FloatImage,
-    run_of: Indices,
-    start: Indices,
-    run: int,
-    # input and output
-    parent: Indices,
-    size: Indices,
-) -> None:
-    """Join a run with those above and below it in a disjoint-set forest."""
-    height, width = disparity_px.shape
-    row, first_col = divmod(start[run], width)
-    for col in range(first_col, first_col + start[run + 1] - start[run]):
-        for other_row in range(max(row - 1, 0), min(row + 2, height)):
-            if _is_joined(disparity_px[row, col], disparity_px[other_row, col]):
-                root, other = _root(parent, run), _root(parent, run_of[other_row, col])
-                if root != other:
-                    parent[root] = other
-                    size[other] += size[root]
-
-
-@compiled(void(FLOAT_IMAGE, int32[:, ::1], int32[::1], int32[::1], int32[::1], BYTE_IMAGE))
-def _mark_specks(
-    disparity_px: FloatImage,
-    # buffers
-    run_of: Indices,
-    start: Indices,
-    parent: Indices,
-    size: Indices,
-    # output
-    speck: GrayImage,
-) -> None:
-    """Join the runs that are short enough for a speck to surfaces, and mark those of small ones."""
-    width, n_runs = disparity_px.shape[1], _divide_into_runs(disparity_px, run_of, start)
-    for run in range(n_runs):
-        parent[run], size[run] = run, start[run + 1] - start[run]
-    for run in range(n_runs):
-        if start[run + 1] - start[run] <= MAX_SPECK_PX:
-            _join_runs(disparity_px, run_of, start, run, parent, size)
-    for run in range(n_runs):
-        row, col = divmod(start[run], width)
-        if disparity_px[row, col] > 0 and size[_root(parent, run)] <= MAX_SPECK_PX:
-            speck[row, col : col + start[run + 1] - start[run]] = 255
 
 
 @compiled("f4(f4[:, ::1], u1[:, ::1], i8, i8)")

@@ -107,9 +107,8 @@ class VoxDepth(StreamCorrector):
             estimate = Estimate(disparity_px, pixel_class, confidence)
             rims = self._of_rims(fused, aligned.rims)
         with timer("upsample"):
-            shown = self._upsampler.show(
-                aligned.depth_m, estimate, rims, aligned.rims.place, config.min_shown_confidence
-            )
+            shown = self._upsampler.show(aligned.depth_m, estimate, config.min_shown_confidence)
+            self._upsampler.show_pixels(aligned.rims.place, rims, config.min_shown_confidence, shown)
         return CorrectedDepth(**shown._asdict(), timings_s=timer.times_s, diagnostics=aligned.tracking)
 
     def _recall(self, gray: GrayImage, tracking: TrackingResult) -> tuple[Memory, float]:
@@ -124,8 +123,8 @@ class VoxDepth(StreamCorrector):
         """The estimate of the pixels that are filled one by one, shape (1, N)."""
         row, col = rims.place.T // self._resolution.decimation
         disparity_px, pixel_class = rims.disparity_px[None], rims.remembered[None] & np.uint8(PixelClass.REMEMBERED)
-        evidence = (image[row, col][None] for image in (fused.weight, fused.magnification))
-        confidence = estimate_confidence(disparity_px, pixel_class, *evidence, rims.probability[None])
+        weight, magnification = fused.weight[row, col][None], fused.magnification[row, col][None]
+        confidence = estimate_confidence(disparity_px, pixel_class, weight, magnification, rims.probability[None])
         return Estimate(disparity_px, pixel_class, confidence)
 
     def _remember(self, frame: Frame, tracking: TrackingResult, memory: Memory) -> None:

@@ -9,8 +9,8 @@ from numba import boolean, float32, int64, uint8, void
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
 from ..image_pool import ImagePool
 from ..types import FloatImage, GrayImage, Source
-from .filling import PLACES, Places
 from .fusion import PixelClass
+from .rays import PLACES, Places
 from .working_resolution import MAX_DISPARITY_PX, WorkingResolution, depth_of, disparity_of
 
 KERNEL = np.ones((3, 3), np.uint8)
@@ -53,14 +53,11 @@ class Upsampler:
         self._resolution = resolution
         self._floats, self._bytes = ImagePool(shape, np.float32), ImagePool(shape, np.uint8)
 
-    def show(
-        self, measured_m: FloatImage, estimate: Estimate, rims: Estimate, rim_place: Places, min_fill_confidence: float
-    ) -> Shown:
+    def show(self, measured_m: FloatImage, estimate: Estimate, min_fill_confidence: float = 0.0) -> Shown:
         """The output for a frame of that measured depth, shape (H, W), 0 = invalid.
 
         At half resolution, disparity is interpolated on surfaces. At depth discontinuities, each full pixel keeps its
-        measurement if it is of the same surface, and otherwise takes its working pixel without interpolation. The pixels
-        that are estimated one by one take their own estimate.
+        measurement if it is of the same surface, and otherwise takes its working pixel without interpolation.
 
         Inpainted pixels with a smaller confidence than `min_fill_confidence` are not shown.
         """
@@ -74,11 +71,14 @@ class Upsampler:
         span_px = np.asarray(cv2.subtract(near_px, far_px), np.float32)
         _show_interpolated(measured_m, estimate, focal_baseline_px_m, min_fill_confidence, shown)
         _show_separated(measured_m, estimate, span_px, focal_baseline_px_m, min_fill_confidence, shown)
-        _show_pixels(rim_place, rims, focal_baseline_px_m, min_fill_confidence, shown)
         for image in shown:
             image[2 * resolution.height_px :] = image[2 * resolution.height_px - 1]
             image[:, 2 * resolution.width_px :] = image[:, 2 * resolution.width_px - 1 : 2 * resolution.width_px]
         return shown
+
+    def show_pixels(self, place: Places, estimate: Estimate, min_fill_confidence: float, shown: Shown) -> None:
+        """Show the estimates of single pixels, shape (1, N), none of which is measured, instead of what is shown."""
+        _show_pixels(place, estimate, self._resolution.focal_baseline_px_m, min_fill_confidence, shown)
 
 
 @compiled(void(SHOWN_TYPE, int64, int64, float32, boolean, uint8, float32, float32))
@@ -194,7 +194,7 @@ def _show_pixels(
     # input and output
     shown: Shown,
 ) -> None:
-    """Show the pixels that are estimated one by one, none of which is measured; the estimate has shape (1, N)."""
+    """See `Upsampler.show_pixels`."""
     for k in range(len(place)):
         depth_m = depth_of(estimate.disparity_px[0, k], focal_baseline_px_m)
         pixel_class, confidence = estimate.pixel_class[0, k], estimate.confidence[0, k]

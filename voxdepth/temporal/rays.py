@@ -1,0 +1,176 @@
+"""Rays from the holes of an image to the nearest known pixels, along rows, columns and both diagonals."""
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import boolean, float32, int32, int64, void
+
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
+from ..types import FloatImage, GrayImage
+from .working_resolution import disparity_of
+
+Places = npt.NDArray[np.int32]
+"""Row and column of pixels, shape (N, 2)."""
+Numbers = npt.NDArray[np.float32]
+
+AXES = 4
+ROWS, COLS = (0, -1, -1, -1), (-1, -1, 0, 1)
+"""Steps of the rays before a hole: to the left, to the upper left, upwards, and to the upper right. Those behind it go
+the opposite ways."""
+INFINITE, FAR_STEPS = float32(np.inf), float32(1_000_000)
+
+
+class Rays(NamedTuple):
+    """The eight rays of some holes, shape (8, N): those before the hole on the four axes, and then those behind it."""
+
+    end_px: FloatImage
+    """Disparity at the end of the ray, float32; 0 = it leaves the image."""
+    steps: FloatImage
+    """Number of steps to the end, float32; infinite if it leaves the image."""
+
+    @classmethod
+    def empty(cls, n: int) -> "Rays":
+        """The rays of n holes, without values yet."""
+        return cls(np.empty((2 * AXES, n), np.float32), np.empty((2 * AXES, n), np.float32))
+
+
+PLACES, NUMBERS = int32[:, ::1], float32[::1]
+RAYS = named_tuple(Rays, FLOAT_IMAGE, FLOAT_IMAGE)
+
+
+def trace_rays(known_px: FloatImage, place: Places) -> Rays:
+    """The rays from places, which are in the order of rows, to the pixels with a disparity, shape (h, w)."""
+    rays, start = Rays.empty(len(place)), np.searchsorted(place[:, 0], np.arange(len(known_px) + 1))
+    for is_backward in (False, True):
+        trace(known_px, place, start, is_backward, rays)
+    return rays
+
+
+@compiled(PLACES(BYTE_IMAGE, BYTE_IMAGE, READABLE_IMAGE, int64))
+def find_holes(hole: GrayImage, deep: GrayImage, depth_m: FloatImage, decimation: int) -> Places:
+    """The working pixels that are holes or contain one, row by row, shape (N, 2).
+
+    Deep inside holes there is only one of each two by two, which stands for the others. The masks have shape (h, w).
+    """
+    height, width = hole.shape
+    place = np.empty((height * width, 2), np.int32)
+    n = 0
+    for row in range(height):
+        for col in range(width):
+            is_hole = hole[row, col] > 0
+            if decimation == 2 and not is_hole:
+                upper_m, lower_m = depth_m[2 * row], depth_m[2 * row + 1]
+                is_hole = min(upper_m[2 * col], upper_m[2 * col + 1], lower_m[2 * col], lower_m[2 * col + 1]) <= 0
+            place[n, 0], place[n, 1] = row, col
+            n += is_hole and (deep[row, col] == 0 or (row | col) & 1 == 0)
+    return place[:n].copy()
+
+
+@compiled(void(FLOAT_IMAGE, PLACES, int64[::1], boolean, RAYS))
+def trace(
+    known_px: FloatImage,
+    place: Places,
+    start: npt.NDArray[np.int64],
+    is_backward: bool,
+    # output
+    rays: Rays,
+) -> None:
+    """Find the ends of the rays of all holes before them or, from the last row to the first, behind them.
+
+    Each pixel tells the next ones, of its row and of the next row, what it knows, or else what it was told itself. The
+    holes of a row start at a number, and the last number is that of all holes.
+    """
+    height, width = known_px.shape
+    first_ray, direction = (AXES, -1) if is_backward else (0, 1)
+    told_px, next_px = np.zeros((AXES, width + 2), np.float32), np.zeros((AXES, width + 2), np.float32)
+    told_steps, next_steps = np.full((AXES, width + 2), INFINITE), np.full((AXES, width + 2), INFINITE)
+    for k in range(height):
+        row = height - 1 - k if is_backward else k
+        tell_along_row(known_px[row], is_backward, told_px[0, 1:-1], told_steps[0, 1:-1])
+        first, last = start[row], start[row + 1]
+        for axis in range(AXES):
+            take(told_px[axis, 1:-1], place[first:last], rays.end_px[first_ray + axis, first:last])
+            take(told_steps[axis, 1:-1], place[first:last], rays.steps[first_ray + axis, first:last])
+        for axis in range(1, AXES):
+            col = 1 - direction * COLS[axis]
+            tell(
+                known_px[row], told_px[axis, 1:-1], told_steps[axis, 1:-1], next_px[axis, col:], next_steps[axis, col:]
+            )
+            untold = width if col == 0 else 1 if col == 2 else 0
+            next_px[axis, untold], next_steps[axis, untold] = 0, INFINITE
+        told_px, next_px, told_steps, next_steps = next_px, told_px, next_steps, told_steps
+
+
+@compiled(void(NUMBERS, boolean, NUMBERS, NUMBERS))
+def tell_along_row(
+    own_px: Numbers,
+    is_backward: bool,
+    # output
+    told_px: Numbers,
+    told_steps: Numbers,
+) -> None:
+    """Tell every pixel of a row the nearest known pixel before it or behind it, and the number of steps to that."""
+    end_px, steps, width = float32(0), INFINITE, len(own_px)
+    for k in range(width):
+        col = width - 1 - k if is_backward else k
+        told_px[col], told_steps[col] = end_px, steps
+        is_known = own_px[col] > 0
+        end_px, steps = (own_px[col] if is_known else end_px), (float32(1) if is_known else steps + float32(1))
+
+
+@compiled(void(NUMBERS, PLACES, NUMBERS))
+def take(
+    of_row: Numbers,
+    place: Places,
+    # output
+    taken: Numbers,
+) -> None:
+    """Take the numbers of a row at some places."""
+    for k in range(len(place)):
+        taken[k] = of_row[np.uint32(place[k, 1])]
+
+
+@compiled(void(*[NUMBERS] * 5))
+def tell(
+    own_px: Numbers,
+    told_px: Numbers,
+    told_steps: Numbers,
+    # output
+    next_px: Numbers,
+    next_steps: Numbers,
+) -> None:
+    """Tell the pixels of the next row what those of a row know or were told."""
+    for col in range(len(own_px)):
+        next_px[col] = own_px[col] if own_px[col] > 0 else told_px[col]
+    for col in range(len(own_px)):
+        next_steps[col] = float32(1) if own_px[col] > 0 else told_steps[col] + float32(1)
+
+
+@compiled(void(FLOAT_IMAGE, READABLE_IMAGE, float32, PLACES, int32[::1], FLOAT_IMAGE, RAYS))
+def march(
+    known_px: FloatImage,
+    depth_m: FloatImage,
+    focal_baseline_px_m: float,
+    rims: Places,
+    hole: npt.NDArray[np.int32],
+    working_steps: FloatImage,
+    # output
+    rays: Rays,
+) -> None:
+    """Follow the rays of single pixels through the frame, from shortly before the ends of those of their hole."""
+    height, width = 2 * known_px.shape[0], 2 * known_px.shape[1]
+    for ray in range(2 * AXES):
+        sign = 1 if ray < AXES else -1
+        down, right = sign * ROWS[ray % AXES], sign * COLS[ray % AXES]
+        for k in range(len(rims)):
+            steps = max(1, 2 * int64(min(working_steps[ray, hole[k]], FAR_STEPS)) - 1)
+            v, u, end_px = rims[k, 0] + steps * down, rims[k, 1] + steps * right, float32(0)
+            while 0 <= v < height and 0 <= u < width:
+                surface_px, surface_m = known_px[v >> 1, u >> 1], depth_m[v, u]
+                if surface_px > 0 and surface_m > 0:
+                    end_px = disparity_of(surface_m, focal_baseline_px_m)
+                    end_px = surface_px if abs(end_px - surface_px) < 1 else end_px
+                    break
+                steps, v, u = steps + 1, v + down, u + right
+            rays.end_px[ray, k], rays.steps[ray, k] = end_px, float32(steps) if end_px > 0 else INFINITE
