@@ -61,11 +61,9 @@ VARIANTS = (
         "memory averages what it agrees with, and never fills holes or rejects measurements",
         fusion={"min_evidence": 16, "min_evidence_per_frame": 16},
     ),
-    _variant(
-        "memory-first",
-        "the memory fills holes even where their measured ends contradict it",
-        inpainting={"max_memory_difference_px": NEVER},
-    ),
+    _variant("memory-first", "the memory outvotes all ends of holes", filling={"memory_distance_px": ANY}),
+    _variant("no-memory", "the memory has no vote in holes", filling={"memory_distance_px": NEVER}),
+    _variant("no-previous", "the previous output has no vote", filling={"previous_distance_px": NEVER}),
     _variant("no-gray", "changes of gray are ignored", fusion={"max_gray_change_hole": 255}),
     _variant("no-drift", "slow drift of measurements against the memory is ignored", fusion={"max_drift_px": NEVER}),
     _variant("no-bias", "differences of one sign over 5 x 5 px still agree", fusion={"max_bias_px": NEVER}),
@@ -73,27 +71,10 @@ VARIANTS = (
     _variant(
         "fast-decay", "the background is forgotten as soon as an object occludes it", fusion={"decay_occluded": 15}
     ),
-    _variant("no-planes", "holes are filled by values, not by planes", inpainting={"planes": {"ridge": NEVER}}),
-    _variant(
-        "no-ground",
-        "the ground is not detected, so no object is extended down to it",
-        inpainting={"ground": {"min_inlier_ratio": NEVER}},
-    ),
-    _variant(
-        "no-scanlines",
-        "holes are not interpolated along rows and columns",
-        inpainting={"scanlines": {"min_gradient": NEVER, "max_distance_px": 0}},
-    ),
-    _variant(
-        "no-shadows",
-        "occlusion shadows are interpolated like any hole",
-        inpainting={"scanlines": {"min_gradient": NEVER}},
-    ),
-    _variant(
-        "no-interpolation",
-        "only occlusion shadows are filled along rows",
-        inpainting={"scanlines": {"max_distance_px": 0}},
-    ),
+    _variant("no-shadows", "occlusion shadows have no bonus", filling={"shadow_factor": 1}),
+    _variant("no-rows", "rows whose ends agree have no bonus", filling={"row_factor": 1}),
+    _variant("no-slopes", "no surface is slanted", filling={"max_slope": 0}),
+    _variant("no-lone-ends", "an axis with one end has no vote", filling={"lone_factor": ANY}),
     _variant("no-fill", "holes that the memory cannot fill stay empty", fill="none"),
     _variant("fill-all", "even the least probable guess is shown", fill="all"),
     _variant("no-smoothing", "no smoothing", smoothing_window_px=1),

@@ -39,7 +39,7 @@ from voxdepth.tools.errors import ToolError
 N_IMAGES = 5
 QUICK_LINES = (
     "machine: ", "GPU: ", "load in the last minute", "numpy ", "opencv-python-headless ", "warp-lang ", "voxdepth ",
-    "measure", "track", "warp", "fuse", "remember", "inpaint", "smooth", "the camera was found",
+    "measure", "track", "warp", "fuse", "fill", "remember", "smooth", "the camera was found",
     "registration, describe", "registration, register", "correction state", "label", "frame without fusion",
     "fusion, motion", "fusion, voxelise", "fusion, project", "fusion, inpaint", "fusion of 10 frames",
     "OpenCV", "Warp", "integrate", "project", "inpaint", "warp", "combine", "filter",
@@ -182,7 +182,7 @@ def test_the_default_corrector_is_timed_in_all_and_step_by_step(loop: FrameLoop)
     measured = measure_default(loop, 12)
     assert (measured.size, measured.frame.n, measured.lost_frames) == ("160x120", 12, 0)
     assert list(measured.steps) == [
-        "measure", "track", "warp", "fuse", "remember", "inpaint", "smooth", "confidence", "upsample"
+        "measure", "track", "warp", "fuse", "fill", "remember", "smooth", "confidence", "upsample"
     ]  # fmt: skip
     assert {spread.n for spread in measured.steps.values()} == {12}
     assert 0 < max(spread.p50_ms for spread in measured.steps.values()) < measured.frame.p50_ms

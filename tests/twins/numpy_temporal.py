@@ -4,9 +4,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from scipy.ndimage import maximum_filter, minimum_filter
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from voxdepth.geometry import inverse_rigid
 from voxdepth.temporal.confidence import ERROR_PX, INPAINTED_ERROR_PX, SURFACE_PROBABILITY
@@ -14,9 +11,8 @@ from voxdepth.temporal.forward_warp import HOLE_PX, Warped
 from voxdepth.temporal.fusion import MAX_MAGNIFICATION, Comparison, Fused, PixelClass, TemporalFusionConfig
 from voxdepth.temporal.measurement import Measurement
 from voxdepth.temporal.memory import WEIGHT_UNIT, Memory
-from voxdepth.temporal.upsampling import Estimate, Shown
 from voxdepth.temporal.working_resolution import WorkingResolution
-from voxdepth.types import FloatArray, FloatImage, GrayImage, MaskImage, Source
+from voxdepth.types import FloatArray, FloatImage, GrayImage, MaskImage
 
 
 def mask(where: MaskImage) -> GrayImage:
@@ -48,25 +44,6 @@ def decimate(depth_m: FloatImage, focal_baseline_px_m: float) -> tuple[FloatImag
     surface_px = np.where(near_px - mean_px < mean_px - far_px, near_px, far_px)
     validity = np.rint(255 * np.sqrt(n_valid / 4)).astype(np.uint8)
     return np.where(near_px - far_px < 1, mean_px, surface_px), validity
-
-
-def specks(disparity_px: FloatImage) -> GrayImage:
-    """Mask of the surfaces of at most 16 pixels, whose neighbours differ by at most 1 px."""
-    pixel, valid = np.arange(disparity_px.size).reshape(disparity_px.shape), disparity_px > 0
-    pairs = []
-    for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
-        joined = valid[one] & valid[other] & (abs(disparity_px[one] - disparity_px[other]) <= 1)
-        pairs.append([pixel[one][joined], pixel[other][joined]])
-    first, second = np.hstack(pairs)
-    graph = coo_array((np.ones(first.size), (first, second)), shape=(pixel.size, pixel.size))
-    surface = connected_components(graph, directed=False)[1].reshape(pixel.shape)
-    return mask(valid & (np.bincount(surface.ravel())[surface] <= 16))
-
-
-def without_near_specks(speck: GrayImage, disparity_px: FloatImage) -> FloatImage:
-    large = (disparity_px > 0) & (speck == 0)
-    background_px = minimum_filter(np.where(large, disparity_px, 1000), 7, mode="constant", cval=1000)
-    return np.where((speck > 0) & (disparity_px >= background_px + 1), 0, disparity_px)
 
 
 # fusion
@@ -182,6 +159,7 @@ def fuse_pixels(
         seen_px=np.where(pixels.agreeing | replaced, updated_px, memory.seen_px),
         age=np.where(replaced, 1, np.minimum(memory.age.astype(int) + 1, 255)),
         drift_px=memory.drift_px,
+        filled_px=memory.filled_px,
     )
 
 
@@ -306,62 +284,3 @@ def smooth(disparity_px: FloatImage, mean_px: FloatImage, mean_square_px2: Float
     variance_px2 = np.maximum(mean_square_px2 - np.square(mean_px), 0)
     gain = variance_px2 / (variance_px2 + np.float32(noise_px2))
     return mean_px + gain * (disparity_px - mean_px)
-
-
-def show_pixels(
-    depth_m: FloatImage, is_measured: MaskImage, pixel_class: GrayImage, confidence: FloatImage, min_confidence: float
-) -> Shown:
-    """Pixels with their source; inpainted ones of too little confidence are left out."""
-    of_measured = np.array([Source.INPAINTED, Source.SENSOR, Source.SENSOR, Source.MEMORY], np.uint8)
-    of_others = np.array([Source.INPAINTED, Source.MEMORY, Source.INPAINTED, Source.MEMORY], np.uint8)
-    source = np.where(is_measured, of_measured[pixel_class], of_others[pixel_class])
-    is_shown = (depth_m > 0) & ((source != Source.INPAINTED) | (confidence >= np.float32(min_confidence)))
-    return Shown(np.where(is_shown, depth_m, 0), np.where(is_shown, source, 0), np.where(is_shown, confidence, 0))
-
-
-def show(measured_m: FloatImage, estimate: Estimate, focal_baseline_px_m: float, min_confidence: float) -> Shown:
-    """The output where every pixel is a working pixel."""
-    is_measured = disparity(measured_m, focal_baseline_px_m) > 0
-    depth_m = depth(estimate.disparity_px, focal_baseline_px_m)
-    return show_pixels(depth_m, is_measured, estimate.pixel_class, estimate.confidence, min_confidence)
-
-
-def halves(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Working row of each full row and the next one on its side, or the same for columns; both have shape (2 n,)."""
-    own = np.repeat(np.arange(n), 2)
-    return own, np.clip(own + np.tile([-1, 1], n), 0, n - 1)
-
-
-def interpolate(image: FloatImage) -> FloatImage:
-    """An image at twice the resolution, by linear interpolation."""
-    (row, next_row), (col, next_col) = (halves(side) for side in image.shape)
-    lines = np.float32(0.75) * image[row] + np.float32(0.25) * image[next_row]
-    return np.float32(0.75) * lines[:, col] + np.float32(0.25) * lines[:, next_col]
-
-
-def show_doubled(
-    measured_m: FloatImage, estimate: Estimate, focal_baseline_px_m: float, min_confidence: float
-) -> Shown:
-    """The output at twice the working resolution. A last odd row or column repeats the one before."""
-    height, width = estimate.disparity_px.shape
-    (row, _), (col, next_col) = halves(height), halves(width)
-    own, side = np.ix_(row, col), np.ix_(row, next_col)
-    span_px = maximum_filter(estimate.disparity_px, 3) - minimum_filter(estimate.disparity_px, 3)
-    measured_px = disparity(measured_m[: 2 * height, : 2 * width], focal_baseline_px_m)
-    pixel_class, disparity_px, confidence = estimate.pixel_class, estimate.disparity_px, estimate.confidence
-
-    in_hole = (measured_px == 0) & (pixel_class[side] == PixelClass.UNKNOWN)
-    value_px = np.where(in_hole, disparity_px[side], disparity_px[own])
-    is_fresh = pixel_class[own] == PixelClass.MEASURED
-    is_same = is_fresh | (abs(measured_px - value_px) < np.float32(0.02) * value_px + np.float32(1))
-    separated_px = np.where((measured_px > 0) & is_same, measured_px, value_px)
-    is_separated = is_fresh | (span_px[own] > 1)
-    shown = show_pixels(
-        depth(np.where(is_separated, separated_px, interpolate(disparity_px)), focal_baseline_px_m),
-        measured_px > 0,
-        pixel_class[own],
-        np.where(is_separated & in_hole, confidence[side], confidence[own]),
-        min_confidence,
-    )
-    missing = [(0, full - half) for full, half in zip(measured_m.shape, measured_px.shape, strict=True)]
-    return Shown(*(np.pad(image, missing, "edge") for image in shown))

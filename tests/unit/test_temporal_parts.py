@@ -1,6 +1,6 @@
 """Parts of the default method: measurement, upsampling, smoothing, confidence and the warp of the memory."""
 
-from dataclasses import astuple, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -8,7 +8,7 @@ import pytest
 
 from tests.temporal_scenes import CAMERA, ROOM, frame_of, pose, render
 from voxdepth.geometry import inverse_rigid
-from voxdepth.temporal.confidence import INPAINTING, estimate_confidence
+from voxdepth.temporal.confidence import INPAINTED, estimate_confidence
 from voxdepth.temporal.forward_warp import ForwardWarp
 from voxdepth.temporal.fusion import PixelClass, TemporalFusionConfig, fuse
 from voxdepth.temporal.measurement import Measurement, measure
@@ -299,7 +299,7 @@ class TestConfidence:
         full = np.full((1, 4), 192, np.uint8)
         kinds, near_px = np.array([list(PixelClass)], np.uint8), np.full((1, 4), 20, np.float32)
         probability = np.ones((1, 4), np.float32)
-        probability[0, PixelClass.UNKNOWN] = max(astuple(INPAINTING))
+        probability[0, PixelClass.UNKNOWN] = INPAINTED
         by_kind = confidence_of(near_px, kinds, full, probability)[0]
         assert by_kind.argmax() == PixelClass.FUSED
         assert by_kind[PixelClass.MEASURED] > max(by_kind[PixelClass.UNKNOWN], by_kind[PixelClass.REMEMBERED])

@@ -1,6 +1,6 @@
 """The default method on streams with cuts, gaps, darkness, standstill and moving objects."""
 
-from dataclasses import astuple, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -23,7 +23,7 @@ from tests.temporal_scenes import (
     run,
     walk,
 )
-from voxdepth.temporal.confidence import INPAINTING
+from voxdepth.temporal.confidence import INPAINTED
 from voxdepth.temporal.odometry import TrackingStatus
 from voxdepth.types import CorrectedDepth, FloatArray, Frame, Source
 
@@ -131,7 +131,7 @@ class TestCoveredLens:
         corrector = method(decimation=decimation)
         run(corrector, NOISY[:6])
         for result in run(corrector, self.made_up()):
-            assert result.confidence.max() <= max(astuple(INPAINTING))
+            assert result.confidence.max() <= INPAINTED
 
     @DECIMATIONS
     def test_what_the_sensor_makes_up_in_the_dark_is_hardly_believed(self, decimation: int) -> None:

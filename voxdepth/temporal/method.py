@@ -19,7 +19,7 @@ from .measurement import measure
 from .memory import WEIGHT_UNIT, Memory
 from .odometry import TrackingResult, TrackingStatus, VisualOdometry
 from .smoothing import smooth_guided
-from .upsampling import Estimate, Upsampler
+from .upsampling import Estimate, Upsampler, completed
 from .working_resolution import MIN_SIDE_PX, WorkingResolution, default_decimation
 
 
@@ -109,6 +109,7 @@ class VoxDepth(StreamCorrector):
         with timer("upsample"):
             shown = self._upsampler.show(aligned.depth_m, estimate, config.min_shown_confidence)
             self._upsampler.show_pixels(aligned.rims.place, rims, config.min_shown_confidence, shown)
+            shown = completed(shown) if config.fill == "all" else shown
         return CorrectedDepth(**shown._asdict(), timings_s=timer.times_s, diagnostics=aligned.tracking)
 
     def _recall(self, gray: GrayImage, tracking: TrackingResult) -> tuple[Memory, float]:

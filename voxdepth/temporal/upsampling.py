@@ -7,6 +7,7 @@ import numpy as np
 from numba import boolean, float32, int64, uint8, void
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compiled, named_tuple
+from ..geometry import fill_from_nearest
 from ..image_pool import ImagePool
 from ..types import FloatImage, GrayImage, Source
 from .fusion import PixelClass
@@ -20,6 +21,8 @@ discontinuity."""
 TOLERANCE_PX = np.float32(1)
 RELATIVE_TOLERANCE = np.float32(0.02)
 """A full pixel whose measurement differs by more from its working pixel shows another surface."""
+NO_VOTE = np.float32(0.01)
+"""Confidence of a pixel that nothing votes for."""
 OWN_SHARE, NEXT_SHARE = np.float32(0.75), np.float32(0.25)
 """Weights of a working pixel and of the next one in the linear interpolation to twice the resolution."""
 
@@ -79,6 +82,14 @@ class Upsampler:
     def show_pixels(self, place: Places, estimate: Estimate, min_fill_confidence: float, shown: Shown) -> None:
         """Show the estimates of single pixels, shape (1, N), none of which is measured, instead of what is shown."""
         _show_pixels(place, estimate, self._resolution.focal_baseline_px_m, min_fill_confidence, shown)
+
+
+def completed(shown: Shown) -> Shown:
+    """The output with the nearest depth where there is none, hardly confident; an empty one stays empty."""
+    depth_m = fill_from_nearest(shown.depth_m)
+    is_guessed = (shown.depth_m == 0) & (depth_m > 0)
+    source = np.where(is_guessed, np.uint8(Source.INPAINTED), shown.source)
+    return Shown(depth_m, source, np.where(is_guessed, NO_VOTE, shown.confidence))
 
 
 @compiled(void(SHOWN_TYPE, int64, int64, float32, boolean, uint8, float32, float32))
