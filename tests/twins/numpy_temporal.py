@@ -283,4 +283,4 @@ def confidence(
 def smooth(disparity_px: FloatImage, mean_px: FloatImage, mean_square_px2: FloatImage, noise_px2: float) -> FloatImage:
     variance_px2 = np.maximum(mean_square_px2 - np.square(mean_px), 0)
     gain = variance_px2 / (variance_px2 + np.float32(noise_px2))
-    return mean_px + gain * (disparity_px - mean_px)
+    return np.where(disparity_px > 0, mean_px + gain * (disparity_px - mean_px), 0)

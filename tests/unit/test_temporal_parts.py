@@ -183,23 +183,6 @@ class TestUpsampling:
         kind = np.full(half_px.shape, PixelClass.MEASURED, np.uint8)
         np.testing.assert_allclose(merged_px(full_px, half_px, kind), np.where(full_px > 0, full_px, 6.25), rtol=3e-7)
 
-    def test_unmeasured_pixels_at_discontinuities_belong_to_the_adjacent_hole(self) -> None:
-        full_px = constant(5)
-        full_px[:, 60:71], full_px[:, 71:] = 0, 12  # a near surface begins in the right half of half pixel 35
-        half_px = measurement_of(full_px, 2).disparity_px
-        kind = np.where(half_px > 0, PixelClass.FUSED, PixelClass.UNKNOWN).astype(np.uint8)
-        filled_px = np.where(half_px > 0, half_px, np.float32(5))
-        assert half_px[0, 35] == 12
-        trust = np.where(half_px > 0, np.float32(0.9), np.float32(0.3))
-        np.testing.assert_allclose(merged_px(full_px, filled_px, kind), np.where(full_px > 5, full_px, 5), atol=1e-5)
-        confidence = shown_from(full_px, Estimate(filled_px, kind, trust)).confidence
-        assert (confidence[:, 70] == np.float32(0.3)).all()
-        confidence[:, 70] = 0.9
-        np.testing.assert_array_equal(confidence, trust.repeat(2, axis=0).repeat(2, axis=1))
-        # If the adjacent hole is remembered, the pixel keeps its own working pixel.
-        kind[kind == PixelClass.UNKNOWN] = PixelClass.REMEMBERED
-        assert (merged_px(full_px, filled_px, kind)[:, 70] == 12).all()
-
     @pytest.mark.parametrize("size", [(120, 160), (121, 160), (120, 161), (121, 161)])
     def test_source_and_confidence_repeat_those_of_working_pixels(self, size: tuple[int, int]) -> None:
         rng, camera = np.random.default_rng(0), replace(CAMERA, height_px=size[0], width_px=size[1])

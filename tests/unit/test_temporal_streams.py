@@ -47,7 +47,7 @@ def assert_remembered(result: CorrectedDepth, true: Frame) -> None:
     """Assert that the camera was tracked, and that the memory filled the hole of `holed` with the true depth."""
     assert result.diagnostics.status is TrackingStatus.OK
     assert np.mean(result.source[INSIDE] == Source.MEMORY) > 0.95
-    assert np.median(abs(result.depth_m / true.depth_m - 1)[INSIDE]) < 0.01
+    assert np.median(abs(result.depth_m / true.depth_m - 1)[INSIDE]) < 0.02  # Ends that agree have a vote, too.
 
 
 class TestCut:
@@ -147,7 +147,7 @@ class TestCoveredLens:
         run(corrector, self.made_up())
         true = frame_of(ROOM, PATH[6], 30)
         result = process(corrector, holed(true, 30))
-        assert np.median(abs(result.depth_m / true.depth_m - 1)[INSIDE]) < 0.01
+        assert np.median(abs(result.depth_m / true.depth_m - 1)[INSIDE]) < 0.02  # Ends that agree have a vote, too.
 
     @DECIMATIONS
     @pytest.mark.parametrize(("max_featureless_frames", "is_held"), [(5, True), (4, False), (0, False)])

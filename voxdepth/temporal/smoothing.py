@@ -12,7 +12,7 @@ def smooth_guided(disparity_px: FloatImage, window_px: int, noise_px: float) -> 
     """Self-guided filter (He et al. 2013, in one pass): each pixel approaches the mean of its window.
 
     Args:
-        disparity_px: Disparity without holes, shape (h, w).
+        disparity_px: Disparity, shape (h, w); 0 = unknown, which stays so.
         window_px: Side of the window; 1 returns the image itself.
         noise_px: Standard deviation within the window at which half of the difference to the mean stays.
     """
@@ -39,4 +39,5 @@ def _smooth(
         for col in range(disparity_px.shape[1]):
             variance_px2 = max(mean_square_px2[row, col] - mean_px[row, col] * mean_px[row, col], float32(0))
             gain = variance_px2 / (variance_px2 + noise_px2)
-            smoothed_px[row, col] = mean_px[row, col] + gain * (disparity_px[row, col] - mean_px[row, col])
+            value_px = mean_px[row, col] + gain * (disparity_px[row, col] - mean_px[row, col])
+            smoothed_px[row, col] = value_px if disparity_px[row, col] > 0 else float32(0)

@@ -108,7 +108,8 @@ def _show_pixel(
     source = Source.SENSOR if is_measured else unmeasured
     source = Source.INPAINTED if pixel_class == PixelClass.UNKNOWN else source
     source = Source.MEMORY if pixel_class == PixelClass.REMEMBERED else source
-    is_shown = (depth_m > 0) & ((source != Source.INPAINTED) | (confidence >= min_fill_confidence))
+    is_likely = (source != Source.INPAINTED) | (confidence >= min_fill_confidence)
+    is_shown = (depth_m > 0) & (confidence > 0) & is_likely
     shown.depth_m[row, col] = depth_m if is_shown else float32(0)
     shown.source[row, col] = source if is_shown else Source.INVALID
     shown.confidence[row, col] = confidence if is_shown else float32(0)
