@@ -31,6 +31,9 @@ The metrics are the mean absolute error, the share of pixels that are more than 
 without depth, and the mean absolute change of the error between two frames. All are better when smaller.
 """
 
+EXACT_LIMITS_M = {"occlusion/low": 0.01, "flicker/low": 0.03, "blank/low": 0.03}
+"""Largest mean absolute error of the default corrector where measurements have no noise, whatever it was before."""
+
 Cases = dict[str, dict[str, float | None]]
 """Values by case, as in `scale/low`, and by metric; None where no pixel had a depth."""
 CorrectorFactory = Callable[[Intrinsics], DepthCorrector]
@@ -136,6 +139,13 @@ def compare(golden: Cases, measured: Cases) -> list[Difference]:
         for metric, value in metrics.items()
     ]
     return sorted((d for d in differences if d.excess > 1), key=lambda d: -d.excess)
+
+
+def beyond_limits(measured: Cases) -> list[Difference]:
+    """Return the errors of the default corrector that are larger than `EXACT_LIMITS_M`."""
+    errors_m = {case: measured[case]["mae_m"] for case in EXACT_LIMITS_M}
+    beyond = {case: error_m for case, error_m in errors_m.items() if error_m is None or error_m > EXACT_LIMITS_M[case]}
+    return [Difference(case, "mae_m", EXACT_LIMITS_M[case], error_m) for case, error_m in beyond.items()]
 
 
 def metric_table(cases: Cases, corrector: str) -> Table:

@@ -75,7 +75,10 @@ def regress(
     golden: Annotated[Path, typer.Option(help="Folder of the golden metrics.")] = Path("tests/golden"),
     out: Annotated[Path, typer.Option(help="Folder for the recording of the worst case.")] = Path("runs"),
 ) -> None:
-    """Run a corrector on every noise term alone and compare its errors with golden metrics; exit 1 on a difference."""
+    """Run a corrector on every noise term alone and compare its errors with golden metrics; exit 1 on a difference.
+
+    The default corrector must also keep exact measurements exact, whatever the golden metrics are.
+    """
     from rich.console import Console
 
     from .. import regression
@@ -88,6 +91,11 @@ def regress(
     with console.status("") as status:
         measured = regression.measure(make, lambda case: status.update(f"running {corrector} on {case}"))
     regression.metric_table(measured, corrector).print(console)
+    beyond = regression.beyond_limits(measured) if corrector == DEFAULT_CORRECTOR else []
+    for case, _, limit_m, error_m in beyond:
+        typer.echo(f"{case}: without noise the mean error is {error_m} m, expected at most {limit_m} m", err=True)
+    if beyond:
+        raise typer.Exit(1)
     if before is None:
         regression.write_golden(path, measured)
         typer.echo(f"golden metrics written to {path}")

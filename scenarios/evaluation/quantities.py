@@ -14,7 +14,18 @@ from .intervals import CLOSE, ERROR_CHANGE, LEAD
 from .kinds import HELD_OUT
 from .measurements import AS_GIVEN, FILLED, Selector, of_frames
 from .running import WORKLOAD_PHASES
-from .scoring import CALIBRATION_RANGE, GHOSTS, PHANTOMS, SKY_NEAR, SOURCES, STATIC, SURVIVAL
+from .scoring import (
+    BELIEVED,
+    CALIBRATION_RANGE,
+    FLYING,
+    GHOSTS,
+    PHANTOMS,
+    SKY_NEAR,
+    SOURCES,
+    STATIC,
+    STATIC_FILLED,
+    SURVIVAL,
+)
 from .suite import Evaluation
 
 HIDDEN = "hidden"
@@ -150,8 +161,18 @@ QUANTITIES = (
     Quantity("RMSE of measured pixels within 20 m", "m", [Selector("rmse", "measured", on=FILLED)], best="low"),
     Quantity("More than 10 % too far / too near in those holes (held-out pixels), within 20 m, after completion", "%",
              TOO_FAR_OR_NEAR, "Together, because a bias to one side wins either alone."),
+    Quantity(f"Obstacle errors of believed fills: more than 10 % too far / too near, {CALIBRATION_RANGE}", "%",
+             [Selector(metric, BELIEVED, CALIBRATION_RANGE, FILLED) for metric in ("too_far", "too_near")],
+             "Holes (held-out pixels where there is no truth) that a method fills with a confidence of at least 0.5, "
+             "or at all if it gives none. Too far hides an obstacle, too near is a phantom."),
+    Quantity("Flying pixels: of those beside depth edges, those that hang in empty space", "%", [FLYING],
+             "Between the nearest and the farthest reference of a window of a 32nd of the width, and not within 5 % of "
+             "any in it.", best="low"),
     Quantity("Flicker: mean change of the error of static pixels within 20 m from frame to frame", "mm", FLICKER,
              "Without the truth it is the change of the depth, where the gray image hardly changes."),
+    Quantity("Flicker of static pixels within 20 m that the sensor measured in neither frame", "mm",
+             [Selector("flicker", STATIC_FILLED, on=FILLED)],
+             "Fills in both frames: the silhouettes that move over measured pixels are left out."),
     Quantity(f"Flicker by range, {' / '.join(BINS)}", "mm",
              [Selector("flicker", STATIC, name, FILLED) for name in BINS], places=0),
     Quantity("Static pixels within 20 m that gain or lose their depth from frame to frame", "%",

@@ -7,7 +7,18 @@ import numpy as np
 import numpy.typing as npt
 
 from voxdepth.geometry import fill_from_nearest
-from voxdepth.metrics import Changes, Flicker, Phantoms, Share, Sums, ghost_share, is_correct, near_share, survival
+from voxdepth.metrics import (
+    Changes,
+    Flicker,
+    Phantoms,
+    Share,
+    Sums,
+    flying_share,
+    ghost_share,
+    is_correct,
+    near_share,
+    survival,
+)
 from voxdepth.metrics.paper import PEAK16_M, m_rmse_u16_wrap, psnr_minmax8
 from voxdepth.tools.output import to_millimetres
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage, Source
@@ -18,9 +29,15 @@ from .sources import EvaluationFrame
 
 PEAK_M = 40.0
 """Peak of the PSNR `psnr_40m` [m]."""
-STATIC, STATIC_MEASURED = "static", "static measured"
-"""Masks of flicker: pixels that show the same surface as in the frame before, and those of them that the sensor
-measured in both frames."""
+STATIC, STATIC_MEASURED, STATIC_FILLED = "static", "static measured", "static filled"
+"""Masks of flicker: pixels that show the same surface as in the frame before, those of them that the sensor measured in
+both frames, and those that it measured in neither."""
+FLYING = Selector("flying", "beside edges", ALL, FILLED)
+"""Share of the pixels beside depth edges that hang in empty space."""
+BELIEVED = "believed"
+"""Mask: the hidden pixels that a method fills with a confidence of at least `MIN_BELIEVED`, or with any if it has
+none."""
+MIN_BELIEVED = 0.5
 MOVING, DEPARTED = "moving", "departed"
 """Masks: the pixels of moving objects, and those that one left some frames ago."""
 SURVIVAL = [Selector(metric, MOVING, ALL, AS_GIVEN) for metric in ("survival", "survival_raw")]
@@ -72,8 +89,9 @@ class Score:
         self._groups = groups
         self._occluded = "occluded" if "occluded" in groups.masks else groups.hidden
         self._sums = {on: [Sums()] * len(groups) for on in (FILLED, COMPLETED)}
-        self._flicker = {mask: Flicker(len(BINS)) for mask in (STATIC, STATIC_MEASURED)}
+        self._flicker = {mask: Flicker(len(BINS)) for mask in (STATIC, STATIC_MEASURED, STATIC_FILLED)}
         self._measured_before: MaskImage | None = None
+        self._flying = Share()
         self._moving, self._calibration = MovingScore(), CalibrationScore(intrinsics, groups.hidden)
         self._sky_near, self._phantoms, self._frames = Share(), Phantoms(), 0
         self._in_16_bits = Sums()
@@ -106,6 +124,7 @@ class Score:
         self._add_flicker(frame, depth_m)
         self._moving.add(frame, depth_m)
         self._add_false_obstacles(frame, depth_m)
+        self._flying += flying_share(depth_m, frame.reference_m)
         hidden = np.isin(frame.labels, self._groups.members(self._groups.hidden, ALL))
         self._calibration.add(depth_m, frame.reference_m, independent, hidden, confidence, source)
         # Surfaces that an image in 16 bits and millimetres can hold.
@@ -151,7 +170,9 @@ class Score:
         measured_now: MaskImage = frame.frame.depth_m > 0
         both = measured_now if self._measured_before is None else measured_now & self._measured_before
         self._flicker[STATIC].add(depth_m, steady_m, static, bins)
+        neither = ~measured_now if self._measured_before is None else ~(measured_now | self._measured_before)
         self._flicker[STATIC_MEASURED].add(depth_m, steady_m, static & both, bins)
+        self._flicker[STATIC_FILLED].add(depth_m, steady_m, static & neither, bins)
         self._measured_before = measured_now
 
     def _add_false_obstacles(self, frame: EvaluationFrame, depth_m: FloatImage) -> None:
@@ -191,6 +212,8 @@ class Score:
                 yield measured(Selector("switched", mask, name, FILLED), share, "share", changes.pixels)
 
     def _measured_false_obstacles(self) -> Iterator[Measurement]:
+        if self._flying.of:
+            yield measured(FLYING, self._flying.value, "share", self._flying.of)
         if self._sky_near.of:
             yield measured(SKY_NEAR, self._sky_near.value, "share", self._sky_near.of)
         if self._frames:
@@ -239,6 +262,7 @@ class CalibrationScore:
         self._hidden = hidden
         self._bins = {mask: np.zeros((2, len(CONFIDENCES)), np.int64) for mask in (*SOURCES.values(), hidden)}
         """Number of pixels and of right ones by bin of confidence, shape (2, bins)."""
+        self._believed = Sums()
 
     def add(
         self,
@@ -254,6 +278,8 @@ class CalibrationScore:
         For the others see `Score.add`.
         """
         counted = scored & (depth_m > 0) & (reference_m < np.float32(FARTHEST_M))
+        believed = counted & hidden & (True if confidence is None else confidence >= np.float32(MIN_BELIEVED))
+        self._believed += Sums.of(depth_m, reference_m, believed)
         if confidence is not None:
             label = np.digitize(confidence, EDGES, right=True)
             self._add(CONFIDENCES, np.where(counted, label, NONE), depth_m, reference_m)
@@ -266,7 +292,11 @@ class CalibrationScore:
             self._add_bins(members, counted, confidence, depth_m, reference_m)
 
     def measurements(self) -> Iterator[Measurement]:
-        """Yield the errors of every bin and source that has a pixel."""
+        """Yield the errors of every bin and source that has a pixel, and the obstacle errors of believed fills."""
+        if n := self._believed.filled:
+            where = BELIEVED, CALIBRATION_RANGE, FILLED
+            yield measured(Selector("too_far", *where), self._believed.too_far_share, "share", n)
+            yield measured(Selector("too_near", *where), self._believed.too_near_share, "share", n)
         for mask, sums in self._sums.items():
             if n := sums.filled:
                 where = mask, CALIBRATION_RANGE, FILLED

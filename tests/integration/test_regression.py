@@ -11,7 +11,16 @@ import numpy as np
 import pytest
 
 from scenarios.errors import ScenarioError
-from scenarios.regression import compare, corrected, find_corrector, golden_path, measure, read_golden, write_golden
+from scenarios.regression import (
+    beyond_limits,
+    compare,
+    corrected,
+    find_corrector,
+    golden_path,
+    measure,
+    read_golden,
+    write_golden,
+)
 from scenarios.rerun.frames import record_case
 from sim import testing
 from tests.integration.test_cli import voxdepth
@@ -39,6 +48,13 @@ def test_the_shipped_correctors_do_what_they_did(corrector: str, tmp_path: Path)
     assert "no metric differs" in done.stdout
     assert done.stdout.count("/low") == len(testing.TERMS)
     assert not list(tmp_path.iterdir())
+
+
+def test_exact_depth_has_absolute_limits() -> None:
+    cases = read_golden(golden_path(GOLDEN, "voxdepth"))
+    assert not beyond_limits(cases)
+    cases["blank/low"]["mae_m"] = 0.2
+    assert [difference.case for difference in beyond_limits(cases)] == ["blank/low"]
 
 
 @pytest.mark.slow

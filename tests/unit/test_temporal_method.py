@@ -140,6 +140,22 @@ class TestNoise:
         assert of_memory == 0 if frames == 1 else of_memory > 0.9
 
 
+class TestExactDepth:
+    """Measurements without noise come out as they are, in the first frame and in those after it."""
+
+    @DECIMATIONS
+    def test_it_stays_exact(self, decimation: int) -> None:
+        for frame, result in zip(CLEAN, run(method(decimation=decimation), CLEAN), strict=True):
+            measured = frame.depth_m > 0
+            error = np.abs(result.depth_m / np.where(measured, frame.depth_m, 1) - 1)[measured]
+            assert np.mean(error < 1e-5) > 0.99
+
+    @DECIMATIONS
+    def test_noise_is_smoothed(self, decimation: int) -> None:
+        last = run(method(decimation=decimation), NOISY)[-1]
+        assert np.mean(last.depth_m == NOISY[-1].depth_m) < 0.5
+
+
 class TestSymmetries:
     @DECIMATIONS
     @pytest.mark.parametrize("scale", [0.5, 4.0])  # powers of two, which round nothing otherwise

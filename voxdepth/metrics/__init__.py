@@ -1,6 +1,7 @@
 """Metrics of depth against the true depth, over explicit masks. The true depth never reaches a corrector."""
 
 from .flicker import Changes, Flicker
+from .flying import flying_share
 from .moving import Share, ghost_share, survival
 from .obstacles import Phantoms, near_share
 from .paper import m_rmse_u16_wrap, psnr_minmax8
@@ -20,6 +21,7 @@ __all__ = [
     "Sums",
     "by_range",
     "depth_errors",
+    "flying_share",
     "ghost_share",
     "is_correct",
     "m_rmse_u16_wrap",

@@ -25,6 +25,8 @@ MIN_OVERLAP = np.float32(0.1)
 """Fraction of that window, measured and remembered, below which the drift counts only in part."""
 NOISE_STRIDE_PX = 4
 """Stride of the rows and columns that the gray noise is estimated from."""
+STEADY_PX = 0.02
+"""Median difference of disparity between a measurement without noise and the memory, whose warp is not exact."""
 MAX_MAGNIFICATION = float32(1000)
 """Largest factor of the error of a remembered disparity. Far beyond it, its confidence would be rounded to 0, which
 means that there is no depth."""
@@ -100,6 +102,22 @@ class Fused(NamedTuple):
         disparity_px, remembered_px, magnification = np.empty((3, *shape), np.float32)
         pixel_class, weight = np.empty((2, *shape), np.uint8)
         return cls(disparity_px, pixel_class, weight, remembered_px, magnification)
+
+    def as_measured(self, measurement: Measurement) -> "Fused":
+        """The same with the measurement where the memory agrees with it: without noise, nothing is gained by a mean."""
+        is_fused = self.pixel_class == PixelClass.FUSED
+        disparity_px = np.where(is_fused, measurement.disparity_px, self.disparity_px)
+        pixel_class = np.where(is_fused, np.uint8(PixelClass.MEASURED), self.pixel_class)
+        return self._replace(disparity_px=disparity_px, pixel_class=pixel_class)
+
+
+def is_steady(memory: Memory, measurement: Measurement) -> bool:
+    """Whether the measurement hardly differs from the memory, where there are both."""
+    measured_px, remembered_px = (
+        each.disparity_px[::NOISE_STRIDE_PX, ::NOISE_STRIDE_PX] for each in (measurement, memory)
+    )
+    both = (measured_px > 0) & (remembered_px > 0)
+    return not both.any() or bool(np.median(np.abs(measured_px - remembered_px)[both]) < STEADY_PX)
 
 
 class Rules(NamedTuple):

@@ -14,7 +14,7 @@ from .confidence import estimate_confidence
 from .config import VoxDepthConfig
 from .filling import Filled, HoleFiller, Inpainted, Known
 from .forward_warp import ForwardWarp
-from .fusion import Fused, PixelClass, fuse
+from .fusion import Fused, PixelClass, fuse, is_steady
 from .measurement import measure
 from .memory import WEIGHT_UNIT, Memory
 from .odometry import TrackingResult, TrackingStatus, VisualOdometry
@@ -29,6 +29,8 @@ class FusedFrame:
 
     depth_m: FloatImage
     """Depth of the frame, shape (H, W)."""
+    is_exact: bool
+    """Whether the sensor has no noise, so that nothing is smoothed."""
     fused: Fused
     inpainted: Inpainted
     rims: Filled
@@ -82,6 +84,8 @@ class VoxDepth(StreamCorrector):
             memory, motion_px = self._recall(measurement.gray, tracking)
         with timer("fuse"):
             fused, updated = fuse(memory, measurement, self._config.fusion)
+            is_exact = measurement.is_exact and is_steady(memory, measurement)
+            fused = fused.as_measured(measurement) if is_exact else fused
         with timer("fill"):
             evidence = fused.weight * np.float32(1 / (WEIGHT_UNIT * (1 + motion_px**2)))
             known = Known(fused.disparity_px, fused.remembered_px, evidence, memory.filled_px)
@@ -89,7 +93,7 @@ class VoxDepth(StreamCorrector):
         with timer("remember"):
             self._remember(frame, tracking, updated._replace(filled_px=inpainted.disparity_px))
         return FusedFrame(
-            depth_m=frame.depth_m, fused=fused, inpainted=inpainted, rims=rims, tracking=tracking,
+            depth_m=frame.depth_m, is_exact=is_exact, fused=fused, inpainted=inpainted, rims=rims, tracking=tracking,
             timings_s=timer.times_s,
         )  # fmt: skip
 
@@ -98,7 +102,8 @@ class VoxDepth(StreamCorrector):
         timer, config, fused, inpainted = StepTimer(aligned.timings_s), self._config, aligned.fused, aligned.inpainted
         with timer("smooth"):
             whole_px = fused.disparity_px + inpainted.disparity_px
-            disparity_px = smooth_guided(whole_px, config.smoothing_window_px, config.smoothing_noise_px)
+            window_px = 1 if aligned.is_exact else config.smoothing_window_px
+            disparity_px = smooth_guided(whole_px, window_px, config.smoothing_noise_px)
         with timer("confidence"):
             pixel_class = fused.pixel_class | (inpainted.remembered & np.uint8(PixelClass.REMEMBERED))
             confidence = estimate_confidence(
