@@ -131,6 +131,14 @@ class Inpainted(NamedTuple):
     remembered: GrayImage
     """Mask of the holes in which the memory is one of the supporters, uint8."""
 
+    @classmethod
+    def of(cls, hole: GrayImage, deep: GrayImage, filled: Filled) -> "Inpainted":
+        """The images of what holes are filled with, from masks of all holes, and of those that others stand for."""
+        disparity_px, probability = np.zeros(hole.shape, np.float32), np.ones(hole.shape, np.float32)
+        inpainted = cls(disparity_px, probability, np.zeros(hole.shape, np.uint8))
+        paste(hole, deep, filled, inpainted)
+        return inpainted
+
 
 class Rules(NamedTuple):
     """The numbers of the configuration at one resolution."""
@@ -204,27 +212,28 @@ class HoleFiller:
         Returns:
             The working pixels that are filled, and the pixels of the frame that are filled one by one.
         """
-        known_px, resolution = known.disparity_px, self._resolution
-        hole = np.asarray(cv2.bitwise_not(above(known_px, 0)), np.uint8)
+        hole = np.asarray(cv2.bitwise_not(above(known.disparity_px, 0)), np.uint8)
         deep = np.asarray(cv2.erode(hole, DEEP_KERNEL), np.uint8)
-        place = find_holes(hole, deep, depth_m, resolution.decimation)
-        rays = trace_rays(known_px, place)
-        continue_lone_ends(known_px, place, 1, self._rules, rays)
-        filled = Filled.empty(place)
-        fill_places(known, place, 1, rays, self._rules, filled)
-        inpainted = Inpainted(np.zeros_like(known_px), np.ones_like(known_px), np.zeros(known_px.shape, np.uint8))
-        paste(hole, deep, filled, inpainted)
-        smooth_px = np.asarray(cv2.medianBlur(known_px + inpainted.disparity_px, MEDIAN_PX), np.float32)
+        place = find_holes(hole, deep, depth_m, self._resolution.decimation)
+        rays = trace_rays(known.disparity_px, place)
+        filled = self._vote(known, place, rays, self._rules, 1)
+        inpainted = Inpainted.of(hole, deep, filled)
+        smooth_px = np.asarray(cv2.medianBlur(known.disparity_px + inpainted.disparity_px, MEDIAN_PX), np.float32)
         np.copyto(inpainted.disparity_px, smooth_px, where=inpainted.disparity_px > 0)
-        if resolution.decimation == 1:
+        if self._resolution.decimation == 1:
             return inpainted, Filled.empty(place[:0])
-        rims, number = find_rims(known_px, filled, rays, depth_m, self._rules)
+        rims, number = find_rims(known.disparity_px, filled, rays, depth_m, self._rules)
         rim_rays = Rays.empty(len(rims))
-        march(known_px, depth_m, resolution.focal_baseline_px_m, rims, number, rays.steps, rim_rays)
-        continue_lone_ends(known_px, rims, resolution.decimation, self._rim_rules, rim_rays)
-        filled_rims = Filled.empty(rims)
-        fill_places(known, rims, resolution.decimation, rim_rays, self._rim_rules, filled_rims)
-        return inpainted, filled_rims
+        focal_baseline_px_m = self._resolution.focal_baseline_px_m
+        march(known.disparity_px, depth_m, focal_baseline_px_m, rims, number, rays.steps, rim_rays)
+        return inpainted, self._vote(known, rims, rim_rays, self._rim_rules, self._resolution.decimation)
+
+    def _vote(self, known: Known, place: Places, rays: Rays, rules: Rules, scale: int) -> Filled:
+        """What holes are filled with, whose places are pixels of 1 / scale of a working pixel."""
+        filled = Filled.empty(place)
+        continue_lone_ends(known.disparity_px, place, scale, rules, rays)
+        fill_places(known, place, scale, rays, rules, filled)
+        return filled
 
 
 @compiled(boolean(float32, float32, RULES))

@@ -206,16 +206,21 @@ def _splat_nearest(
     """Write each surface to its pixel of the target, unless a nearer one is there. The output starts at 0."""
     height, width = disparity_px.shape
     forward_x, forward_y, forward_z = _row(forward, 0), _row(forward, 1), _row(forward, 2)
+    place, target_px = np.empty(width, np.int32), np.empty(width, np.float32)
+    target = splatted_px.reshape(-1)
     for row in range(height):
         for col in range(width):
             pixel_px = disparity_px[row, col]
-            if pixel_px > 0:
-                inverse = _inverse_depth_ratio(forward_z, row, col, pixel_px)
-                y = np.rint(_numerator(forward_y, row, col, pixel_px) * inverse)
-                x = np.rint(_numerator(forward_x, row, col, pixel_px) * inverse)
-                if 0 <= y < height and 0 <= x < width and pixel_px * inverse <= MAX_DISPARITY_PX:
-                    v, u = int64(y), int64(x)
-                    splatted_px[v, u] = max(splatted_px[v, u], pixel_px * inverse)
+            inverse = _inverse_depth_ratio(forward_z, row, col, pixel_px)
+            y = np.rint(_numerator(forward_y, row, col, pixel_px) * inverse)
+            x = np.rint(_numerator(forward_x, row, col, pixel_px) * inverse)
+            is_inside = (y >= 0) & (y < float32(height)) & (x >= 0) & (x < float32(width))
+            is_shown = is_inside & (pixel_px * inverse <= MAX_DISPARITY_PX)
+            target_px[col] = pixel_px * inverse if is_shown else float32(0)
+            place[col] = int32(y) * int32(width) + int32(x) if is_shown else int32(0)
+        for col in range(width):
+            if target_px[col] > 0:
+                target[place[col]] = max(target[place[col]], target_px[col])
 
 
 @compiled(void(uint32[:, ::1], FLOAT_IMAGE, BYTE_IMAGE))

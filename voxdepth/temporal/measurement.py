@@ -78,7 +78,7 @@ def find_specks(disparity_px: FloatImage) -> GrayImage:
 
     Adjacent pixels are of one surface if they differ by at most `MAX_SURFACE_SPAN_PX`.
     """
-    steps = np.rint(disparity_px * STEPS_PER_PX).astype(np.int16)
+    steps = (disparity_px * STEPS_PER_PX).astype(np.int16)
     kept, _ = cv2.filterSpeckles(steps.copy(), 0, MAX_SPECK_PX, float(MAX_SURFACE_SPAN_PX * STEPS_PER_PX))
     return np.asarray(cv2.compare(steps, kept, cv2.CMP_NE), np.uint8)
 

@@ -167,7 +167,7 @@ def march(
             steps = max(1, 2 * int64(min(working_steps[ray, hole[k]], FAR_STEPS)) - 1)
             v, u, end_px = rims[k, 0] + steps * down, rims[k, 1] + steps * right, float32(0)
             while 0 <= v < height and 0 <= u < width:
-                surface_px, surface_m = known_px[v >> 1, u >> 1], depth_m[v, u]
+                surface_px, surface_m = known_px[np.uintp(v >> 1), np.uintp(u >> 1)], depth_m[np.uintp(v), np.uintp(u)]
                 if surface_px > 0 and surface_m > 0:
                     end_px = disparity_of(surface_m, focal_baseline_px_m)
                     end_px = surface_px if abs(end_px - surface_px) < 1 else end_px
