@@ -81,7 +81,7 @@ class FillingConfig(Model):
     stereo camera, if the hole is at most twice as wide as the step of disparity."""
     lone_factor: float = Field(default=0.5, gt=0)
     """Factor of the weight of an axis with only one end."""
-    memory_distance_px: float = Field(default=3.0, gt=0)
+    memory_distance_px: float = Field(default=2.0, gt=0)
     """Distance of an end that weighs as much as a memory without evidence."""
     previous_distance_px: float = Field(default=6.0, gt=0)
     """Distance of an end that weighs as much as the previous output. Less flickers less, and keeps errors longer."""
