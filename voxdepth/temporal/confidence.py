@@ -61,7 +61,7 @@ That of a remembered surface is magnified as the camera comes nearer, see `Fused
 INPAINTED, REMEMBERED = float32(0.9), float32(0.95)
 """Probability that a hole is filled with the right surface if all votes agree, right beside an end, or if the memory is
 one of the supporters."""
-DOUBT_SHARE = 0.03
+DOUBT_SHARE = 0.02
 """Distance of an end, as a share of the width of the image, that weighs as much as the doubt that any vote is right."""
 INPAINTED_ERROR_PX = 0.2
 """Mean absolute error of inpainted disparity where it is of the right surface."""

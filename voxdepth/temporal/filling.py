@@ -79,7 +79,7 @@ class FillingConfig(Model):
     shadow_factor: float = Field(default=8.0, gt=0)
     """Factor of the weight of the far end of a row whose near end is on the right, as in the occlusion shadow of a
     stereo camera, if the hole is at most twice as wide as the step of disparity."""
-    lone_factor: float = Field(default=0.5, gt=0)
+    lone_factor: float = Field(default=1.0, gt=0)
     """Factor of the weight of an axis with only one end."""
     memory_distance_px: float = Field(default=2.0, gt=0)
     """Distance of an end that weighs as much as a memory without evidence."""
