@@ -119,7 +119,7 @@ def report(
         bool, typer.Option("--record", help="Fly the first collision of each arm again, with a Rerun recording.")
     ] = False,
 ) -> None:
-    """Write report.html with the results so far, its tables as Markdown and LaTeX, and its figures in figures/."""
+    """Write report.html with the results so far, its tables as Markdown, and its figures in figures/."""
     from ..study.analysis import first_collisions
     from ..study.replay import fly_again
     from ..study.report import recording_folder, recording_of, write_report

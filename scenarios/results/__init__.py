@@ -2,7 +2,7 @@
 
 | module | what it holds |
 |---|---|
-| `figure` | `panels`: a matplotlib figure as PNG; `Picture`: a titled PNG for a page, with SVG and PDF for papers |
+| `figure` | `panels`: a matplotlib figure as PNG; `Picture`: a titled PNG for a page |
 | `page` | HTML pages from the templates in `scenarios/data/templates` |
 | `provenance` | versions, machine and source that a result was made with |
 """

@@ -1,10 +1,10 @@
-"""Figures as PNG, SVG and PDF: one style, axes with units, sample sizes in the titles."""
+"""Figures as PNG: one style, axes with units, sample sizes in the titles."""
 
 import base64
 import io
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 if TYPE_CHECKING:
@@ -28,11 +28,6 @@ LEGEND_ROW_IN, LEGEND_MARGIN_IN = 0.175, 0.25
 """Height of a row of a shared legend, and of what is around it."""
 FEW_DECADES, SOME_DECADES = 1.0, 3.0
 """Axes of up to so many decades have ticks at equal distances, or at 1, 2 and 5; longer ones have powers of ten."""
-VECTOR_METADATA: Mapping[str, dict[str, None]] = {
-    "svg": {"Date": None},
-    "pdf": {"CreationDate": None, "Producer": None, "Creator": None},
-}
-"""What is left out of files of vector graphics, so that the same figure gives the same bytes."""
 INVISIBLE = "\N{ZERO WIDTH SPACE}"
 
 Draw = Callable[["Axes"], None]
@@ -45,14 +40,11 @@ class Picture:
     title: str
     caption: str
     png: bytes
-    vectors: Mapping[str, bytes] = field(default_factory=dict)
-    """The same figure as `svg` and `pdf`, for papers; empty for a photograph."""
 
     @classmethod
     def of(cls, title: str, caption: str, figure: "Figure") -> Self:
-        """Save a figure as PNG, SVG and PDF."""
-        vectors = {kind: _saved(figure, kind, metadata) for kind, metadata in VECTOR_METADATA.items()}
-        return cls(title=title, caption=caption, png=png_of(figure), vectors=vectors)
+        """Save a figure as PNG."""
+        return cls(title=title, caption=caption, png=png_of(figure))
 
     @property
     def base64(self) -> str:
@@ -205,13 +197,6 @@ def legend_label(name: str) -> str:
 
 def png_of(figure: "Figure") -> bytes:
     """Return a figure as PNG, without anything that changes from call to call."""
-    return _saved(figure, "png", {"Software": None})
-
-
-def _saved(figure: "Figure", kind: str, metadata: Mapping[str, None]) -> bytes:
-    import matplotlib as mpl
-
     data = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "voxdepth", "pdf.fonttype": 42}):
-        figure.savefig(data, format=kind, metadata=dict(metadata))
+    figure.savefig(data, format="png", metadata={"Software": None})
     return data.getvalue()

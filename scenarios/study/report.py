@@ -79,21 +79,19 @@ class Findings:
 
 
 def write_report(data: StudyData, out: Path) -> Path:
-    """Write `report.html`, its tables as `report.md` and `report.tex`, and its figures; return the path of the first.
+    """Write `report.html`, its tables as `report.md`, and its figures as PNG; return the path of the first.
 
-    The figures are PNG, SVG and PDF, and the same results give the same bytes.
+    The same results give the same bytes.
 
     Raises:
         ToolError: A file cannot be written.
     """
     findings = Findings(data)
     write(out / "report.md", summary(findings).encode())
-    write(out / "report.tex", latex(findings).encode())
     pictures = findings.pictures()
     for picture in pictures:
         name = re.sub(r"\W+", "-", picture.title.lower())
-        for kind, content in {"png": picture.png, **picture.vectors}.items():
-            write(out / "figures" / f"{name}.{kind}", content)
+        write(out / "figures" / f"{name}.png", picture.png)
     page = out / "report.html"
     write(page, render(findings, pictures, out).encode())
     return page
@@ -105,11 +103,6 @@ def summary(findings: Findings) -> str:
     head = f"Study {data.study.name}, {len(data.records)} of {len(data.runs)} runs\n"
     tables = [table for table in findings.tables.values() if len(table)]
     return "\n".join([head, *(f"**{table.title}**\n\n{table.markdown()}" for table in tables)])
-
-
-def latex(findings: Findings) -> str:
-    """Return the tables of the report for a paper; they need the package booktabs."""
-    return "\n".join(table.latex() for table in findings.tables.values() if len(table))
 
 
 def render(findings: Findings, pictures: Sequence[Picture], out: Path) -> str:

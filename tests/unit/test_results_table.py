@@ -34,23 +34,6 @@ def test_markdown_aligns_numbers_to_the_right_and_escapes_bars() -> None:
     ]
 
 
-def test_latex_escapes_what_would_be_a_command_and_has_the_rules_of_booktabs() -> None:
-    risky = Table.of("50 % of a_b", ("name", Column("error", "m")), [("\\x{1}$#&~^", 0.5), ("[2", None)])
-    assert risky.latex().splitlines() == [
-        r"\begin{table}",
-        r"\caption{50 \% of a\_b}",
-        r"\begin{tabular}{lr}",
-        r"\toprule",
-        r"name & error {[}m{]} \\",
-        r"\midrule",
-        r"\textbackslash{}x\{1\}\$\#\&\textasciitilde{}\textasciicircum{} & 0.50 \\",
-        r"{[}2 & - \\",
-        r"\bottomrule",
-        r"\end{tabular}",
-        r"\end{table}",
-    ]
-
-
 def test_a_printed_table_is_never_squeezed() -> None:
     text = io.StringIO()
     table().print(Console(file=text, width=12))

@@ -1,4 +1,4 @@
-"""Tables with units, from which CSV, Markdown, LaTeX, terminal text and HTML are made."""
+"""Tables with units, from which CSV, Markdown, terminal text and HTML are made."""
 
 import csv
 import io
@@ -12,12 +12,6 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table as RichTable
 
-LATEX = str.maketrans({
-    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
-    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}",
-    ">": r"\textgreater{}", "|": r"\textbar{}", "[": "{[}", "]": "{]}",
-})  # fmt: skip
-"""What LaTeX would take for a command; a row that begins with a bracket would be an option of the row before."""
 Value = str | int | float | None
 """One entry of a table; None if it is unknown or undefined."""
 MISSING = "-"
@@ -164,24 +158,6 @@ class Table:
         sides = ["---:" if self.is_numeric(place) else "---" for place in range(len(self.columns))]
         rows = [[text.replace("|", "\\|") for text in row] for row in self.texts]
         return "".join(f"| {' | '.join(line)} |\n" for line in (self.headings, sides, *rows))
-
-    def latex(self) -> str:
-        """Return the table as LaTeX with the rules of the package booktabs; numbers are aligned to the right."""
-        sides = "".join("r" if self.is_numeric(place) else "l" for place in range(len(self.columns)))
-        head, *rows = (" & ".join(text.translate(LATEX) for text in row) for row in [self.headings, *self.texts])
-        lines = [
-            r"\begin{table}",
-            rf"\caption{{{self.title.translate(LATEX)}}}",
-            rf"\begin{{tabular}}{{{sides}}}",
-            r"\toprule",
-            rf"{head} \\",
-            r"\midrule",
-            *(rf"{row} \\" for row in rows),
-            r"\bottomrule",
-            r"\end{tabular}",
-            r"\end{table}",
-        ]
-        return "\n".join([*lines, ""])
 
     def as_json(self) -> dict[str, Any]:
         """Return what JSON files hold of the table."""
