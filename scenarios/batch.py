@@ -1,19 +1,16 @@
-"""Flying many runs: in parallel, as the acceptance check of a scenario, or as a table of outcomes."""
+"""Flying many runs in parallel, as the acceptance check of a scenario."""
 
 import multiprocessing
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from swarm.priors import PosePriorConfig
-from swarm.types import MissionResult, Outcome
-from voxdepth.tools.table import Column, Table, Value
+from swarm.types import Outcome
 
-from .config import Run, depth_label, images_of, load_run
+from .config import Run, images_of, load_run
 from .errors import ScenarioError
 from .quiet import import_noisy_libraries
 from .runner import Finished, fly
@@ -68,90 +65,3 @@ def check_acceptance(
         report(run.seed, finished.result.outcome)
         successes += finished.result.outcome is Outcome.SUCCESS
     return successes, load_run(name, 0, {}).scenario.acceptance.min_success_share
-
-
-@dataclass(frozen=True, kw_only=True)
-class DepthSource:
-    """A sensor model and a corrector."""
-
-    depth: str
-    theta: float
-    """Noise ratio of the sensor model `noisy`."""
-    corrector: str
-
-    @property
-    def label(self) -> str:
-        """The sensor model, with its noise ratio if it has one."""
-        return depth_label(self.depth, self.theta)
-
-    @property
-    def changes(self) -> dict[str, Any]:
-        """Values of the scenario, by dotted key."""
-        return {"rig.depth": self.depth, "rig.noise.scale.theta": self.theta, "corrector": self.corrector}
-
-
-def depth_sources(depths: Sequence[str], thetas: Sequence[float], correctors: Sequence[str]) -> list[DepthSource]:
-    """Return all combinations; only the sensor model `noisy` is combined with every theta."""
-    return [
-        DepthSource(depth=depth, theta=theta, corrector=corrector)
-        for depth in depths
-        for theta in (thetas if depth == "noisy" else [0.0])
-        for corrector in correctors
-    ]
-
-
-def tabulate(
-    scenario: str,
-    sources: Sequence[DepthSource],
-    seeds: Sequence[int],
-    changes: Mapping[str, Any],
-    report: Callable[[str], None],
-    *,
-    workers: int,
-) -> Table:
-    """Fly a scenario, with further changes, for every depth source and seed; return the table of the outcomes.
-
-    `report` is called with one line of text per run.
-    """
-    rows = []
-    for source in sources:
-        runs = [load_run(scenario, seed, {**source.changes, **changes}) for seed in seeds]
-        results = []
-        for run, finished in zip(runs, fly_all(runs, workers=workers), strict=True):
-            results.append(finished.result)
-            report(f"{source.label}, {source.corrector}, seed {run.seed}: {finished.result.outcome}")
-        rows.append(outcome_row(source, runs[0].scenario.mission.pose_prior, results))
-    return Table.of(scenario, OUTCOME_COLUMNS, rows)
-
-
-OUTCOME_COLUMNS: tuple[Column | str, ...] = (
-    "depth",
-    "corrector",
-    "runs",
-    *(outcome.value for outcome in OUTCOMES),
-    Column("MAE raw", "m"),
-    Column("MAE corrected", "m"),
-    Column("min clearance", "m"),
-)
-
-
-def outcome_row(source: DepthSource, prior: PosePriorConfig, results: Sequence[MissionResult]) -> list[Value]:
-    """Return one row of the table: errors are means over runs, the clearance is the smallest of all runs.
-
-    The row names any pose prior but `none`, so that an oracle can be recognised.
-    """
-    outcomes = [result.outcome for result in results]
-    return [
-        source.label,
-        source.corrector if prior.kind == "none" else f"{source.corrector}, pose prior {prior.label}",
-        len(results),
-        *(outcomes.count(outcome) for outcome in OUTCOMES),
-        _mean(results, "depth_raw_mae_m"),
-        _mean(results, "depth_corrected_mae_m"),
-        min(float(result.metrics["min_clearance_m"] or 0) for result in results),
-    ]
-
-
-def _mean(results: Sequence[MissionResult], name: str) -> float | None:
-    values = [value for result in results if (value := result.metrics[name]) is not None]
-    return sum(values) / len(values) if values else None

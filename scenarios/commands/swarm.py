@@ -92,30 +92,6 @@ def accept(
         raise typer.Exit(1)
 
 
-def tabulate(
-    scenario: Scenario,
-    depth: Annotated[list[Depth] | None, typer.Option(help="Sensor model; may be repeated.")] = None,
-    theta: Annotated[list[float] | None, typer.Option(help="Noise ratio, with depth noisy; may be repeated.")] = None,
-    corrector: Annotated[list[str] | None, typer.Option(help="Corrector; may be repeated.")] = None,
-    seeds: Seeds = 10,
-    workers: Workers = 2,
-    size: Size = None,
-) -> None:
-    """Fly a scenario over depth sources and seeds, and print the outcomes as a Markdown table."""
-    from .. import batch
-    from ..errors import ScenarioError
-
-    if theta and Depth.NOISY not in (depth or ()):
-        raise ScenarioError("--theta is the noise ratio of the sensor model noisy: add --depth noisy, or leave it out")
-    sources = batch.depth_sources(
-        [model.value for model in depth or [Depth.STEREO]], theta or [0.0], corrector or ["raw"]
-    )
-    table = batch.tabulate(
-        scenario, sources, range(seeds), size_changes(size), lambda line: typer.echo(line, err=True), workers=workers
-    )
-    typer.echo(table.markdown(), nl=False)
-
-
 def freespace(
     scenario: Scenario,
     corrector: Annotated[list[str] | None, typer.Option(help="Corrector; may be repeated. Default: some.")] = None,

@@ -108,7 +108,6 @@ def test_two_runs_of_a_seed_are_equal_down_to_the_recording(tmp_path: Path) -> N
         ),
         (["run", "city", "--size", "3x3"], "voxdepth: --size 3x3: rig.width_px: Input should be greater than"),
         (["run", "city", "--no-record", "--view"], "--view opens the recording, which --no-record leaves out"),
-        (["tabulate", "city", "--theta", "0.5"], "--theta is the noise ratio of the sensor model noisy"),
         (["run", "city", "--corrector", "magic"], "there is no corrector 'magic'; choose one of: raw, median"),
         (["run", "city", "--size", "big"], "--size must look like 160x120, got 'big'"),
         (
