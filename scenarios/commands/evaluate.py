@@ -116,7 +116,7 @@ def experiment(
         list[str],
         typer.Argument(
             metavar="NAME",
-            help="rq1, rq2, rq3, rq4, quality, fps, components, window, switches, power, or all of these; default or "
+            help="rq1, rq2, rq3, rq4, quality, fps, components, window, switches, or all of these; default or "
             "ablation, which are about the default method; artefacts, which is about the simulator; confidence, which "
             "is about all correctors.",
         ),

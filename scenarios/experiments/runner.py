@@ -22,7 +22,6 @@ from .frame_size import FRAME_SIZE
 from .inpainting import INPAINTING
 from .occlusion import OCCLUSION
 from .optical_flow import OPTICAL_FLOW
-from .power import POWER
 from .quality import QUALITY
 from .switches import STATE_SWITCHES
 from .window import WINDOW
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
 FIGURE, RESULT, MARKDOWN = "figure.png", "result.json", "table.md"
 ALL = "all"
 PAPER_EXPERIMENTS = (
-    OCCLUSION, FRAME_SIZE, INPAINTING, OPTICAL_FLOW, QUALITY, FRAME_RATE, COMPONENTS, POWER, WINDOW, STATE_SWITCHES
+    OCCLUSION, FRAME_SIZE, INPAINTING, OPTICAL_FLOW, QUALITY, FRAME_RATE, COMPONENTS, WINDOW, STATE_SWITCHES
 )  # fmt: skip
 """Questions of the paper, in its order."""
 EXPERIMENTS = {

@@ -114,7 +114,7 @@ def test_a_file_in_the_way_is_told(tmp_path: Path) -> None:
 
 
 def test_names() -> None:
-    paper = ["rq1", "rq2", "rq3", "rq4", "quality", "fps", "components", "power", "window", "switches"]
+    paper = ["rq1", "rq2", "rq3", "rq4", "quality", "fps", "components", "window", "switches"]
     assert [experiment.name for experiment in PAPER_EXPERIMENTS] == paper
     assert list(EXPERIMENTS) == [*paper, "default", "ablation", "artefacts", "confidence"]
     assert [experiment.name for experiment in find_experiments(["fps", "rq1"])] == ["fps", "rq1"]
