@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 MARGIN_M = 5.0
 DPI = 100
 SIZE_IN = (11.0, 4.4)
-QUALITY = 85
 BLANK: Any = {"hatch": "xxxx", "edgecolor": "#a50f15", "label": "without texture: stereo measures nothing"}
 LEADER: Any = {"linewidth": 1.4, "zorder": 3, "label": "path of a leader"}
 FOLLOWER: Any = {"linewidth": 0.8, "zorder": 2, "label": "path of a drone"}
@@ -42,11 +41,11 @@ LEGEND_COLUMNS = 5
 
 
 def draw_flight(path: Path, run: Run, finished: Finished) -> None:
-    """Write a map of a flight, a JPEG or PNG; a failure is a `ToolError`."""
+    """Write a map of a flight; a failure is a `ToolError`."""
     data = io.BytesIO()
     flight_figure(run, finished).savefig(data, format="png", bbox_inches="tight")
     image = cv2.imdecode(np.frombuffer(data.getvalue(), np.uint8), cv2.IMREAD_COLOR)
-    save_picture(path, np.asarray(image, np.uint8), quality=QUALITY)
+    save_picture(path, np.asarray(image, np.uint8))
 
 
 def flight_figure(run: Run, finished: Finished) -> "Figure":

@@ -144,29 +144,6 @@ def film(
     typer.echo(f"written to {out}")
 
 
-def map_(
-    scenario: Scenario,
-    out: Picture = Path("map.jpg"),
-    seed: Seed = None,
-    depth: Annotated[Depth | None, typer.Option(help="Where depth comes from; as in the acceptance check.")] = None,
-    corrector: Annotated[str | None, typer.Option(help="Depth corrector; as in the acceptance check.")] = None,
-) -> None:
-    """Fly a scenario's acceptance check, draw the flight from above, and print how hard the scenario is."""
-    from ..batch import acceptance_run
-    from ..difficulty import difficulty_of
-    from ..images import require_picture
-    from ..mission_pictures import draw_flight
-    from ..runner import fly
-
-    require_picture(out)
-    changes = given(depth=("rig.depth", depth), corrector=("corrector", corrector))
-    planned = acceptance_run(scenario, 0 if seed is None else seed, changes)
-    difficulty = difficulty_of(planned)
-    draw_flight(out, planned, fly(planned))
-    typer.echo(f"{planned.scenario.name}: {difficulty.bodies} bodies, traversability {difficulty.traversability:.1f}")
-    typer.echo(f"written to {out}")
-
-
 @contextmanager
 def _progress(console: "Console", duration_s: float) -> Iterator[Callable[[float, float], None]]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn

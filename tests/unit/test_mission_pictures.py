@@ -10,7 +10,7 @@ import pytest
 from matplotlib.text import Annotation
 
 from scenarios.config import Run, images_of, load_run
-from scenarios.difficulty import difficulty_along, difficulty_of
+from scenarios.difficulty import difficulty_along
 from scenarios.errors import ScenarioError
 from scenarios.mission_pictures import draw_flight, flight_figure, take_picture
 from scenarios.runner import LONGEST_CORRECTOR, _create_first, _new_folder, fly, fly_and_write, folder_name
@@ -22,13 +22,6 @@ QUICK = {"mission.drones": 2, "mission.duration_s": 0.5, **images_of(32, 32), "r
 
 def run(name: str, **changes: object) -> Run:
     return load_run(name, 0, {**QUICK, "corrector": "raw", **changes})
-
-
-def test_more_things_on_the_way_make_a_place_harder() -> None:
-    many, few = (difficulty_of(run("city", **{"scene.columns": n, "scene.poles": 2})) for n in (6, 1))
-    assert many.bodies == 62
-    assert few.bodies == 12
-    assert many.traversability < few.traversability < 40
 
 
 def test_a_place_is_as_hard_along_x_as_along_y() -> None:
