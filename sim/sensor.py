@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 import cv2
 import numpy as np
@@ -20,7 +20,7 @@ from .depth_noise import DepthNoise, NoiseTerm, NoisyDepth, SensorModelName
 from .errors import SensorError
 from .seeds import Purpose, counter_key, stream
 from .stereo import NOISE_TEXTURE, StereoConfig, StereoMatcher, focal_baseline_px_m, occlusion_mask
-from .types import LATER, BodyPose, Camera, Capture, Images, Model, RenderedPair, Renderer
+from .types import BodyPose, Camera, Capture, Images, Model, RenderedPair, Renderer
 
 if TYPE_CHECKING:
     from .world import World
@@ -39,7 +39,7 @@ class RigConfig(Model):
 
     width_px: int = Field(default=320, ge=32, le=4096)
     height_px: int = Field(default=180, ge=32, le=4096)
-    decimate: Annotated[int, LATER] = Field(default=1, ge=1, le=8)
+    decimate: int = Field(default=1, ge=1, le=8)
     """Factor by which captures are smaller than the images that are rendered and matched; it must divide both sides.
     Depth is the median of the valid pixels of a block up to a factor of 3, and their mean from 4 on. The sensor model
     `truth` has nothing to match and renders the smaller images at once."""
@@ -59,23 +59,23 @@ class RigConfig(Model):
     """Standard deviation of the noise of the gray images, in gray levels of 255."""
     exposure_sigma: float = Field(default=0.0, ge=0)
     """Standard deviation of the logarithm of a frame's brightness, which is the same in both images."""
-    exposure_settling_frames: Annotated[float, LATER] = Field(default=0.0, ge=0, le=100)
+    exposure_settling_frames: float = Field(default=0.0, ge=0, le=100)
     """Number of frames in which automatic exposure reduces an error of brightness to 37 %. Longer errors are harder to
     bridge. With 0, brightness changes from frame to frame, as under flickering light."""
     stereo: StereoConfig = StereoConfig()
-    color_offset_m: Annotated[float | None, LATER] = Field(default=None, gt=0)
+    color_offset_m: float | None = Field(default=None, gt=0)
     """Distance of a colour camera from the left one, away from the right one [m]. With it, depth is aligned to that
     camera, and the gray image, the truth and the pose are its own: shadows are those of the longer baseline."""
-    projected_texture: Annotated[float | None, LATER] = Field(default=None, gt=0)
+    projected_texture: float | None = Field(default=None, gt=0)
     """Contrast of a dot pattern that a projector beside the left camera adds to the images of the pair, as a share of
     their brightness at 0 m. It falls to a half at 3 m. A colour camera does not see it."""
-    projector: Annotated[Literal["left"] | None, LATER] = None
+    projector: Literal["left"] | None = None
     """A projector of structured light takes the place of the second camera, one baseline to the left of the camera, so
     that shadows are on the right of near surfaces. It needs the sensor model `noisy`."""
-    shutter: Annotated[float | None, LATER] = Field(default=None, ge=2 / SUBFRAMES, le=1)
+    shutter: float | None = Field(default=None, ge=2 / SUBFRAMES, le=1)
     """Share of the time of a frame in which the shutter is open, in steps of 1/12. The images are means over that time,
     so that motion blurs them, and the truth and the pose are those of its middle."""
-    artefacts: Annotated[Artefacts | None, LATER] = None
+    artefacts: Artefacts | None = None
     """Errors at the rims of surfaces and specks, which any sensor model may have."""
 
     @model_validator(mode="after")

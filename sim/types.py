@@ -3,17 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, SerializerFunctionWrapHandler, model_serializer
+from pydantic import BaseModel, ConfigDict
 
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
 IdImage = npt.NDArray[np.int32]
-LATER = "later"
-"""Annotation of a field of a configuration that was added after runs had been published."""
 
 
 class Model(BaseModel):
@@ -22,14 +20,6 @@ class Model(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
     )
-
-    @model_serializer(mode="wrap")
-    def _without_later_defaults(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out the defaults of fields that were added later, so that the keys of finished runs stay valid."""
-        fields = type(self).model_fields
-        defaults = {name for name, field in fields.items() if LATER in field.metadata}
-        defaults = {name for name in defaults if getattr(self, name) == fields[name].default}
-        return {name: value for name, value in serialize(self).items() if name not in defaults}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,10 +1,10 @@
 """The control layer of every drone: it turns a wanted velocity into a safe command."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from sim.types import DroneState, VelocityCommand
 from voxdepth.model import Model
@@ -41,24 +41,6 @@ class PilotConfig(Model):
     nearby: NearbyConfig = NearbyConfig()
     evidence: EvidenceConfig = EvidenceConfig()
     map: MapConfig = MapConfig()
-
-    @model_validator(mode="before")
-    @classmethod
-    def _read_older(cls, given: Any) -> Any:
-        """Read runs of before there were maps: their histogram says what a hole is, `blocked` or `free`."""
-        avoidance = given.get("avoidance") if isinstance(given, dict) else None
-        histogram = avoidance.get("histogram") if isinstance(avoidance, dict) else None
-        if not isinstance(histogram, dict) or "unknown" not in histogram:
-            return given
-        holes = {"blocked": "fixed_range", "free": "free"}.get(histogram["unknown"], histogram["unknown"])
-        rest = {name: value for name, value in histogram.items() if name != "unknown"}
-        nearby = given.get("nearby", {})
-        return (
-            {"holes": holes}
-            | given
-            | {"avoidance": given["avoidance"] | {"histogram": rest}}
-            | {"nearby": {"drone_radius_m": nearby.get("radius_m", 3.0)} | nearby}
-        )
 
     def reaction_distance_m(self, own: DroneState) -> FloatArray:
         """Return the displacement of a drone before a command takes effect, shape (3,)."""

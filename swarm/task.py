@@ -1,11 +1,11 @@
 """The task of a mission, and the swarms that fly it."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
-from sim.types import LATER, Model
+from sim.types import Model
 from voxdepth.types import FloatArray
 
 from .controllers import DEFAULT_CONTROLLER
@@ -43,7 +43,7 @@ class MissionConfig(Model):
     """Distance from its leader, and from its slot if that is nearer, beyond which a follower counts as lost."""
     aftermath_s: float = Field(default=1.0, ge=0)
     """Simulated time that the mission goes on after the first collision, or after the last swarm has dropped out."""
-    after_contact: Annotated[Literal["end", "drop"], LATER] = "end"
+    after_contact: Literal["end", "drop"] = "end"
     """What follows a collision. With `end` the mission ends. With `drop` every drone that touched something drops out:
     it leaves the scene, and the others fly on. A leader that drops out takes its swarm with it. The outcome is a
     collision in both cases."""

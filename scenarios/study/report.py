@@ -157,7 +157,7 @@ def run_table(data: StudyData) -> pd.DataFrame:
 
 
 def drone_table(data: StudyData) -> pd.DataFrame:
-    """Return a row for each drone of each run of each arm with a result; older stores have none."""
+    """Return a row for each drone of each run of each arm with a result; the first published studies have none."""
     return _typed([_place(spec) | dict(drone) for spec in data.flown for drone in data.records[spec.key].drones])
 
 

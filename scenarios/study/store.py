@@ -30,9 +30,7 @@ UNREADABLE = (ValueError, TypeError, KeyError, RecursionError)
 """Errors that damaged content causes; SQLite has its own."""
 STRICT = pydantic.ConfigDict(strict=True)
 SCHEMA = 3
-"""Version of the tables that is written."""
-WITHOUT_DRONES = 1
-"""Version without the metrics of the drones, which is still read, as is 2, without digests."""
+"""Version of the tables."""
 BUSY_TIMEOUT_S = 60.0
 """Longest time for which a reader or the writer waits for the other."""
 TABLES = """
@@ -71,7 +69,7 @@ class RunRecord:
     wall_s: float = field(compare=False)
     """Wall-clock time."""
     drones: tuple[Mapping[str, float | int | None], ...] = ()
-    """Metrics of each drone by name; empty in older stores."""
+    """Metrics of each drone by name; the first published studies have none."""
 
     @classmethod
     def of(cls, key: str, finished: Finished) -> Self:
@@ -112,7 +110,7 @@ class StudyData:
     failures: Mapping[str, Failure]
     """The last failure of each run that has no result, by key."""
     versions: Mapping[str, str]
-    """`simulation_versions` when the study began; older stores have no entry for the code."""
+    """`simulation_versions` when the study began; the first published studies have no entry for the code."""
     machine: str
     """The machine on which the study began."""
 
@@ -198,16 +196,14 @@ class Store:
         meta = self._meta()
         runs = self._rows("SELECT key, run FROM runs")
         cells = self._rows("SELECT scenario, arm, theta, key FROM cells ORDER BY place")
-        drones = "'[]' AS drones" if meta["schema"] == str(WITHOUT_DRONES) else "drones"
-        checked = "digest" if meta["schema"] == str(SCHEMA) else "NULL AS digest"
-        results = self._rows(f"SELECT key, outcome, metrics, {drones}, contacts, wall_s, {checked} FROM results")
+        results = self._rows("SELECT key, outcome, metrics, drones, contacts, wall_s, digest FROM results")
         failures = self._rows("SELECT key, kind, text FROM failures ORDER BY place")
         records = self._records(results)
         if {row["key"] for row in (*runs, *results, *failures)} != {cell["key"] for cell in cells} or not cells:
             raise self._damaged(ValueError("its runs are not those of its cells"))
         resolved = {row["key"]: self._parsed(Run, row["run"]) for row in runs}
         return StudyData(
-            study=self._study(meta),
+            study=self._parsed(Study, meta["study"]),
             specs=[RunSpec(**cell, run=resolved[cell["key"]]) for cell in cells],
             records=records,
             failures={row["key"]: Failure(**row) for row in failures if row["key"] not in records},
@@ -294,17 +290,12 @@ class Store:
         try:
             return model.model_validate_json(text)
         except pydantic.ValidationError as error:
+            if error.errors()[0]["type"] == "json_invalid":
+                raise  # Damage, not other keys.
             raise ScenarioError(
                 f"{self._path} was written by a version of voxdepth with other keys "
                 f"({first_problem(error, 'scenario')}): use that one"
             ) from error
-
-    def _study(self, meta: Mapping[str, str]) -> Study:
-        """Parse the study; one that names no endpoint was declared on collisions, which were the only one then."""
-        given = json.loads(meta["study"])
-        if given["declared"] is not None:
-            given["declared"] = {"endpoint": "collision"} | given["declared"]
-        return self._parsed(Study, json.dumps(given))
 
     def _rows(self, query: str) -> list[sqlite3.Row]:
         return self._database.execute(query).fetchall()
@@ -339,15 +330,15 @@ class Store:
             schema = self._meta().get("schema")
         except (sqlite3.Error, *UNREADABLE):
             schema = None
-        if schema not in [str(version) for version in range(1, SCHEMA + 1)]:
+        if schema != str(SCHEMA):
             raise ScenarioError(
-                f"{self._path} has the format {schema or 'unknown'}, this version reads 1 to {SCHEMA}: "
+                f"{self._path} has the format {schema or 'unknown'}, this version reads {SCHEMA}: "
                 "use another --out, or the version of voxdepth that wrote it"
             )
 
     def _require_same(self, study: Study, specs: Sequence[RunSpec], *, resume: bool) -> None:
         meta = self._meta()
-        name = self._study(meta).name
+        name = self._parsed(Study, meta["study"]).name
         if meta["digest"] != digest(study, specs):
             raise ScenarioError(
                 f"{self._folder} holds another version of the study {name!r}: the study or one of its scenarios has "
@@ -396,7 +387,7 @@ def _digest(*texts: str) -> str:
 def _record(row: sqlite3.Row) -> RunRecord:
     """Decode a result; a damaged one is one of the errors `UNREADABLE`."""
     names = ("key", "outcome", "metrics", "drones", "contacts")
-    if row["digest"] is not None and row["digest"] != _digest(*(row[name] for name in names)):
+    if row["digest"] != _digest(*(row[name] for name in names)):
         raise ValueError("its digest is another one")
     return RunRecord(
         key=row["key"],

@@ -1,7 +1,7 @@
 """A city of towers, between which the swarm of the paper flies."""
 
 from itertools import chain
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -10,7 +10,6 @@ from voxdepth.types import FloatArray
 
 from ..bodies import Body, Box, Cylinder, Mover, Scene, Surface, shuttle, standing_body
 from ..seeds import Purpose, stream
-from ..types import LATER
 from .layout import PAVED, Range, WeakWallsSpec, flat_ground, of_glass, without_texture
 
 TEXTURELESS, WEAK, GLASS, WIRES, MOVERS = range(1, 6)
@@ -41,29 +40,29 @@ class CitySpec(WeakWallsSpec):
     """Largest shift of a tower from the middle of its lot, along each axis [m]."""
     blank_share: float = Field(default=0.0, ge=0, le=1)
     """Share of the towers that are textureless, which a stereo camera cannot match."""
-    glass_share: Annotated[float, LATER] = Field(default=0.0, ge=0, le=1)
+    glass_share: float = Field(default=0.0, ge=0, le=1)
     """Share of the towers that are of glass, whose depth is that of what they reflect."""
-    glass_reflectivity: Annotated[float, LATER] = Field(default=0.8, gt=0, le=1)
+    glass_reflectivity: float = Field(default=0.8, gt=0, le=1)
     """Share of the light that glass reflects."""
     poles: int = Field(default=16, ge=0, le=5_000)
     """Thin vertical poles in the streets."""
     pole_radius_m: float = Field(default=0.12, gt=0)
-    wires: Annotated[int, LATER] = Field(default=0, ge=0)
+    wires: int = Field(default=0, ge=0)
     """Thin level wires, each from a tower to a pole of its own halfway across a gap or a street, whose other half stays
     free."""
-    wire_m: Annotated[Range, LATER] = (0.02, 0.04)
+    wire_m: Range = (0.02, 0.04)
     """Range of the wires' thicknesses [m]."""
-    wire_height_m: Annotated[Range, LATER] = (4.5, 7.5)
+    wire_height_m: Range = (4.5, 7.5)
     """Range of the wires' heights [m], below the tops of the towers."""
-    movers: Annotated[int, LATER] = Field(default=0, ge=0)
+    movers: int = Field(default=0, ge=0)
     """Crates and drums that go to and fro along the streets in direction y, between the poles and the towers."""
-    mover_speed_m_s: Annotated[Range, LATER] = (0.5, 1.5)
+    mover_speed_m_s: Range = (0.5, 1.5)
     """Range of the movers' speeds [m/s]."""
-    mover_way_m: Annotated[Range, LATER] = (4.0, 10.0)
+    mover_way_m: Range = (4.0, 10.0)
     """Range of the lengths of the movers' ways [m]."""
-    mover_waits_m: Annotated[float, LATER] = Field(default=0.0, ge=0)
+    mover_waits_m: float = Field(default=0.0, ge=0)
     """Distance of a drone at which a mover waits; 0 never waits."""
-    mover_height_m: Annotated[float, LATER] = Field(default=6.0, gt=1.0)
+    mover_height_m: float = Field(default=6.0, gt=1.0)
     """Height of the middle of the movers [m], that of the flight."""
 
     @model_validator(mode="after")

@@ -11,7 +11,6 @@ from voxdepth.types import FloatArray, MaskImage
 
 from ..bodies import Body, Box, SceneSpec, Surface
 from ..errors import SceneError
-from ..types import LATER
 
 PATH_CLEARANCE_M = 1.5
 """Free width on both sides of a path."""
@@ -44,9 +43,9 @@ Strengths = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_
 class WeakWallsSpec(SceneSpec, ABC):
     """A scene of which some walls have a weak texture, as plaster outdoors."""
 
-    weak_share: Annotated[float, LATER] = Field(default=0.0, ge=0, le=1)
+    weak_share: float = Field(default=0.0, ge=0, le=1)
     """Share of the walls with a weak texture, which a stereo camera matches in parts; those without texture stay so."""
-    weak_texture: Annotated[Strengths, LATER] = (0.05, 0.2)
+    weak_texture: Strengths = (0.05, 0.2)
     """Range of the strengths of a weak texture; 1 is that of the other walls."""
 
     def weakened(self, walls: list[Body], rng: np.random.Generator) -> list[Body]:

@@ -267,11 +267,6 @@ def test_movers_keep_clear_of_everything_that_is_fixed() -> None:
             assert min(world.clearance_at_m((x, y, z)) for x, y, z in places_m) > reach_m - 0.17
 
 
-def test_later_fields_of_scenes_are_part_of_a_configuration_only_if_they_are_set() -> None:
-    assert "weak_share" not in CitySpec().model_dump()
-    assert CitySpec(weak_share=0.5).model_dump()["weak_share"] == 0.5
-
-
 def test_a_corridor_is_as_wide_as_asked_for_and_has_a_roof() -> None:
     for width_m in (3.5, 8.0):
         scene = CorridorSpec(width_m=width_m).build(1)
