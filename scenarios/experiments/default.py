@@ -45,7 +45,6 @@ from .comparison import (
     worst,
 )
 from .experiment import Experiment, ExperimentContext, Findings
-from .pictures import last_frames
 
 STATIONARY = ("sim-hover",)
 """Sequences with a stationary camera, so that a memory saw nothing that the frame does not show."""
@@ -413,7 +412,6 @@ def compare_default(context: ExperimentContext) -> Findings:
         ),
         notes=NOTES,
         figure=panels(title, [partial(_draw, comparison, part) for part in parts]),
-        pictures=last_frames(context, comparison),
     )
 
 

@@ -75,8 +75,6 @@ class Findings:
     """Differences to the paper's experiment and other remarks that a reader needs."""
     figure: bytes
     """PNG."""
-    pictures: Mapping[str, bytes] = field(default_factory=dict)
-    """Further PNGs by the stems of their files."""
     files: Mapping[str, bytes] = field(default_factory=dict)
     """Other results by the names of their files."""
 

@@ -66,7 +66,7 @@ class ExperimentReport:
     findings: Findings
 
     def write(self) -> None:
-        """Write the tables, the figure, the pictures and `result.json` into the folder of the experiment.
+        """Write the tables, the figure and `result.json` into the folder of the experiment.
 
         Raises:
             ToolError: A file cannot be written.
@@ -78,8 +78,6 @@ class ExperimentReport:
             write(folder / f"{table.name}.csv", table.csv())
         write(folder / MARKDOWN, "\n".join([f"`{self.command}`\n", *tables]).encode())
         write(folder / FIGURE, findings.figure)
-        for name, picture in findings.pictures.items():
-            write(folder / f"{name}.png", picture)
         for name, content in findings.files.items():
             write(folder / name, content)
         result = {

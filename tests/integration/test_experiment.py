@@ -119,14 +119,12 @@ def test_confidence_is_fitted_where_there_are_fills_and_its_file_can_be_read(out
 
 
 @pytest.mark.slow
-def test_default_has_every_measure_and_a_picture_of_the_sequence(out: Path) -> None:
+def test_default_has_every_measure(out: Path) -> None:
     (one,) = find_experiments(["default"])
     result = one.answer(small_context(out, 3))
     criteria, holes, *_ = result.tables
     assert all(str(outcome).startswith(("held", "missed by", "not measured")) for outcome in criteria.column("outcome"))
     assert holes.column("sequence") == [SEQUENCE, "mean"]
-    assert result.pictures[SEQUENCE].startswith(b"\x89PNG")
-    assert len(result.pictures[SEQUENCE]) < 300_000
 
 
 @pytest.mark.slow

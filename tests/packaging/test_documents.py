@@ -65,9 +65,9 @@ def test_documents_and_legends_call_the_sources_of_depth_by_their_names_in_the_c
     codes = ", ".join(f"{int(source)} {source.name.lower()}" for source in Source)
     assert f"mono8: {codes} |" in (ROOT / "docs/cameras.md").read_text()
     shown = [source.name.lower() for source in Source if source != Source.INVALID]
-    for path in ("scenarios/experiments/pictures.py", "examples/compare_fills.py"):
-        (legend,) = re.findall(r'"(?:source: )?(sensor [^"]*)"', (ROOT / path).read_text().replace('"sensor"', ""))
-        assert [part.split()[0] for part in legend.split(", ")] == shown, path
+    example = (ROOT / "examples/compare_fills.py").read_text().replace('"sensor"', "")
+    (legend,) = re.findall(r'"(sensor [^"]*)"', example)
+    assert [part.split()[0] for part in legend.split(", ")] == shown
     for document in DOCUMENTS:
         assert not re.search(r"measured, (orange|2|remembered)|where it was (remembered|filled)", document.read_text())
 

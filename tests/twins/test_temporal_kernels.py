@@ -4,8 +4,6 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tests.temporal_scenes import pose
 from tests.twins import numpy_temporal as twins
@@ -13,7 +11,7 @@ from tests.twins.images import IMAGES, Shape, each_image, each_shape, spoiled
 from voxdepth.geometry import inverse_rigid
 from voxdepth.temporal import forward_warp, fusion, measurement, smoothing
 from voxdepth.temporal import memory as memories
-from voxdepth.temporal.confidence import Exponential, estimate_confidence, exponential
+from voxdepth.temporal.confidence import estimate_confidence
 from voxdepth.temporal.forward_warp import ForwardWarp, Warped
 from voxdepth.temporal.fusion import Comparison, Fused, PixelClass, Rules, TemporalFusionConfig
 from voxdepth.temporal.measurement import Measurement
@@ -255,12 +253,6 @@ def test_confidence(image: str, shape: Shape) -> None:
     magnification = rng.choice(np.array([1, 1.5, 40, 1e9], np.float32), shape)
     pixels = disparity_px, pixel_class, bytes_of(shape, 2), magnification, probability
     np.testing.assert_allclose(estimate_confidence(*pixels), twins.confidence(*pixels), rtol=1e-5, atol=1e-6)
-
-
-@given(st.floats(0, 1), st.floats(0, 1), st.floats(0.05, 10), st.floats(0, 1000, width=32))
-def test_exponential_curves(start: float, limit: float, scale: float, argument: float) -> None:
-    curve = Exponential(start, limit, scale)
-    assert exponential(curve, argument) == pytest.approx(curve.at(np.array(argument)), abs=1e-5)
 
 
 @each_shape

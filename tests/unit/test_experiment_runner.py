@@ -37,7 +37,6 @@ def answer(context: ExperimentContext) -> Findings:
         claims=(Claim(paper="fast", found="slow", holds=False),),
         notes=(f"{context.frames} frames",),
         figure=panels("title", [lambda axes: label_axes(axes, "panel", "x [m]", "y [s]")]),
-        pictures={"last": PNG},
     )
 
 
@@ -61,7 +60,6 @@ def test_table_figure_and_report_are_written(tmp_path: Path) -> None:
     with (folder / "table.csv").open(newline="") as file:
         assert list(csv.reader(file)) == [["method", "time [ms]", "n"], ["one", "1.23456", "3"], ["two", "", "0"]]
     assert (folder / "figure.png").read_bytes().startswith(PNG)
-    assert (folder / "last.png").read_bytes() == PNG
     assert (folder / "table.md").read_text() == (
         "`voxdepth experiment stub`\n\n**Times**\n\n"
         "| method | time [ms] | n |\n| --- | ---: | ---: |\n| one | 1.23 | 3 |\n| two | - | 0 |\n"

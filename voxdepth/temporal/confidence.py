@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import boolean, float32, float64, void
+from numba import boolean, float32, void
 
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled
 from ..types import CORRECT_PX, CORRECT_SHARE, FloatArray, FloatImage, GrayImage
 from .fusion import PixelClass
 from .memory import WEIGHT_UNIT
@@ -27,13 +27,6 @@ class Exponential(NamedTuple):
         """The value at some arguments, same shape."""
         value: FloatArray = self.limit + (self.start - self.limit) * np.exp(-argument / self.scale)
         return value
-
-
-@compiled(float32(named_tuple(Exponential, float64, float64, float64), float32))
-def exponential(curve: Exponential, argument: float) -> float:
-    """`Exponential.at` one argument, in compiled functions."""
-    value: float = float32(curve.limit) + float32(curve.start - curve.limit) * np.exp(-argument / float32(curve.scale))
-    return value
 
 
 SURFACE_PROBABILITY = {
