@@ -1,13 +1,11 @@
-"""Every variant has its part off, alone; and pictures say what they show."""
+"""Every variant has its part off, alone."""
 
 import cv2
 import numpy as np
 import pytest
 
 from scenarios.experiments.ablation import DEFAULT_CONFIG, VARIANTS
-from scenarios.experiments.pictures import SHADES, encoded, quantized, sheet
 from voxdepth import VoxDepth
-from voxdepth.colors import FAR_M
 from voxdepth.registry import DEFAULT
 from voxdepth.types import CorrectedDepth, FloatImage, Frame, Intrinsics, Source
 
@@ -65,20 +63,3 @@ def test_a_single_frame_does_not_depend_on_the_one_before() -> None:
     alone = corrected("single-frame", noisy).depth_m
     np.testing.assert_array_equal(corrected("single-frame", wall(), noisy).depth_m, alone)
     assert not np.array_equal(corrected(DEFAULT, wall(), noisy).depth_m, alone)
-
-
-def test_shades_keep_holes_and_never_make_one() -> None:
-    depth_m = np.array([[0, 1e-3, 1, 24.9, 25, 400]], np.float32)
-    shaded = quantized(depth_m)
-    assert shaded[0, 0] == 0
-    assert (shaded[0, 1:] > 0).all()
-    assert shaded[0, -1] == FAR_M
-    assert (np.abs(np.sqrt(shaded) - np.sqrt(np.minimum(depth_m, FAR_M))) <= FAR_M**0.5 / SHADES).all()
-
-
-def test_panels_stand_in_rows_of_three_over_scale_and_text() -> None:
-    panel = np.zeros((40, 60, 3), np.uint8)
-    one, six = (sheet({str(k): panel for k in range(n)}, ["text"]) for n in (1, 6))
-    assert one.shape[1] == six.shape[1] >= 3 * 60
-    assert six.shape[0] - one.shape[0] > 40, "a second row"
-    assert np.array_equal(cv2.imdecode(np.frombuffer(encoded(six), np.uint8), cv2.IMREAD_COLOR), six)
