@@ -76,7 +76,7 @@ class FillingConfig(Model):
     occlusion shadow it is 1."""
     row_factor: float = Field(default=2.0, gt=0)
     """Factor of the weight of a row whose ends agree: most holes of a stereo camera lie along its rows."""
-    shadow_factor: float = Field(default=8.0, gt=0)
+    shadow_factor: float = Field(default=10.0, gt=0)
     """Factor of the weight of the far end of a row whose near end is on the right, as in the occlusion shadow of a
     stereo camera, if the hole is at most twice as wide as the step of disparity."""
     lone_factor: float = Field(default=1.0, gt=0)
@@ -242,16 +242,15 @@ def is_one_surface(one_px: float, other_px: float, rules: Rules) -> bool:
     return abs(one_px - other_px) <= rules.agreement_px + rules.agreement_share * max(one_px, other_px)
 
 
-@compiled(float32(FLOAT_IMAGE, int64, int64, int64, float32))
-def continued(known_px: FloatImage, row: int, col: int, right: int, max_slope: float) -> float:
-    """Change of disparity per pixel of the surface that begins at a pixel and goes on along its row, up to a slope."""
+@compiled(float32(FLOAT_IMAGE, int64, int64, int64, int64, float32))
+def slope_behind(known_px: FloatImage, row: int, col: int, down: int, right: int, max_slope: float) -> float:
+    """Change of disparity per step of the surface that begins at a pixel and goes on in steps, up to a slope."""
     first_px = last_px = known_px[row, col]
-    n = 0
-    while n < LINE_PX and 0 <= col + (n + 1) * right < known_px.shape[1]:
-        disparity_px = known_px[row, col + (n + 1) * right]
-        if disparity_px == 0 or abs(disparity_px - last_px) > 1 + max_slope:
+    n, v, u = 0, row + down, col + right
+    while n < LINE_PX and 0 <= v < known_px.shape[0] and 0 <= u < known_px.shape[1]:
+        if known_px[v, u] == 0 or abs(known_px[v, u] - last_px) > 1 + max_slope:
             break
-        n, last_px = n + 1, disparity_px
+        n, last_px, v, u = n + 1, known_px[v, u], v + down, u + right
     slope: float = (last_px - first_px) / float32(max(n, MIN_LINE_PX))
     return min(max(slope, -max_slope), max_slope)
 
@@ -265,10 +264,10 @@ def continue_lone_ends(
     # input and output
     rays: Rays,
 ) -> None:
-    """Continue the surfaces at lone ends of rows to their holes, whose places are pixels of 1 / scale working pixel.
+    """Continue the surfaces at lone ends to their holes, whose places are pixels of 1 / scale working pixel.
 
-    The disparity becomes at least half of that at the end, and at most twice. Of any axis, a lone end with nothing
-    known behind it is taken away: a speck would paint a star.
+    The disparity becomes at least half of that at the end, and at most twice. A lone end with nothing known behind it
+    is taken away: a speck would paint a star.
     """
     for ray in range(2 * AXES):
         sign, opposite = (1, ray + AXES) if ray < AXES else (-1, ray - AXES)
@@ -279,8 +278,9 @@ def continue_lone_ends(
             v, u = row + MIN_LINE_PX * down, col + MIN_LINE_PX * right
             if not (0 <= v < known_px.shape[0] and 0 <= u < known_px.shape[1] and known_px[v, u] > 0):
                 rays.end_px[ray, k], rays.steps[ray, k] = 0, INFINITE
-            elif ray % AXES == 0:
-                slope = continued(known_px, row, col, right, rules.max_slope * float32(scale)) / float32(scale)
+            else:
+                max_slope = rules.max_slope * float32(scale)
+                slope = slope_behind(known_px, row, col, down, right, max_slope) / float32(scale)
                 rays.end_px[ray, k] = min(max(end_px - slope * steps, end_px / float32(2)), end_px * float32(2))
 
 
