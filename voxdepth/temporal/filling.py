@@ -59,9 +59,9 @@ MEDIAN_PX = 3
 CHUNK = 512
 """Number of holes that vote at once, so that the processor can count their votes side by side."""
 LINE_PX = 12
-"""Number of pixels of the surface behind a lone end that it is continued from."""
+"""Number of pixels behind a lone end at which its surface, if it is there, gives the slope that it is continued by."""
 MIN_LINE_PX = 4
-"""Number of pixels behind a lone end at which something must be known, and over which a change counts in full."""
+"""Number of pixels behind a lone end at which something must be known."""
 
 
 class FillingConfig(Model):
@@ -242,17 +242,12 @@ def is_one_surface(one_px: float, other_px: float, rules: Rules) -> bool:
     return abs(one_px - other_px) <= rules.agreement_px + rules.agreement_share * max(one_px, other_px)
 
 
-@compiled(float32(FLOAT_IMAGE, int64, int64, int64, int64, float32))
-def slope_behind(known_px: FloatImage, row: int, col: int, down: int, right: int, max_slope: float) -> float:
-    """Change of disparity per step of the surface that begins at a pixel and goes on in steps, up to a slope."""
-    first_px = last_px = known_px[row, col]
-    n, v, u = 0, row + down, col + right
-    while n < LINE_PX and 0 <= v < known_px.shape[0] and 0 <= u < known_px.shape[1]:
-        if known_px[v, u] == 0 or abs(known_px[v, u] - last_px) > 1 + max_slope:
-            break
-        n, last_px, v, u = n + 1, known_px[v, u], v + down, u + right
-    slope: float = (last_px - first_px) / float32(max(n, MIN_LINE_PX))
-    return min(max(slope, -max_slope), max_slope)
+@compiled(float32(FLOAT_IMAGE, int64, int64))
+def pixel(known_px: FloatImage, row: int, col: int) -> float:
+    """Disparity of a pixel; 0 out of the image."""
+    is_inside = 0 <= row < known_px.shape[0] and 0 <= col < known_px.shape[1]
+    disparity_px: float = known_px[np.uintp(row), np.uintp(col)] if is_inside else float32(0)
+    return disparity_px
 
 
 @compiled(void(FLOAT_IMAGE, PLACES, int64, RULES, RAYS))
@@ -272,16 +267,20 @@ def continue_lone_ends(
     for ray in range(2 * AXES):
         sign, opposite = (1, ray + AXES) if ray < AXES else (-1, ray - AXES)
         down, right = sign * ROWS[ray % AXES], sign * COLS[ray % AXES]
-        for k in np.flatnonzero((rays.end_px[ray] > 0) & (rays.end_px[opposite] == 0)):
-            end_px, steps = rays.end_px[ray, k], rays.steps[ray, k]
+        ends_px, opposites_px = rays.end_px[ray], rays.end_px[opposite]
+        for k in range(len(place)):
+            if ends_px[k] == 0 or opposites_px[k] > 0:
+                continue
+            end_px, steps = ends_px[k], rays.steps[ray, k]
             row, col = (place[k, 0] + down * int64(steps)) // scale, (place[k, 1] + right * int64(steps)) // scale
-            v, u = row + MIN_LINE_PX * down, col + MIN_LINE_PX * right
-            if not (0 <= v < known_px.shape[0] and 0 <= u < known_px.shape[1] and known_px[v, u] > 0):
+            if pixel(known_px, row + MIN_LINE_PX * down, col + MIN_LINE_PX * right) == 0:
                 rays.end_px[ray, k], rays.steps[ray, k] = 0, INFINITE
-            else:
-                max_slope = rules.max_slope * float32(scale)
-                slope = slope_behind(known_px, row, col, down, right, max_slope) / float32(scale)
-                rays.end_px[ray, k] = min(max(end_px - slope * steps, end_px / float32(2)), end_px * float32(2))
+                continue
+            rise_px = pixel(known_px, row + LINE_PX * down, col + LINE_PX * right) - known_px[row, col]
+            max_rise_px = rules.max_slope * float32(scale * LINE_PX)
+            if abs(rise_px) <= max_rise_px:
+                continued_px = end_px - rise_px * steps / float32(scale * LINE_PX)
+                rays.end_px[ray, k] = min(max(continued_px, end_px / float32(2)), end_px * float32(2))
 
 
 @compiled(UniTuple(float32, 2)(*[float32] * 4, int64, RULES))
@@ -453,7 +452,10 @@ def find_rims(
         own_px, is_unanimous = known_px[row, col], filled.share[k] >= UNANIMOUS
         if is_unanimous and (own_px == 0 or is_one_surface(own_px, filled.disparity_px[k], rules)):
             continue
-        if own_px == 0 and rays.steps[:, k].min() > 1:
+        is_beside = own_px > 0
+        for ray in range(2 * AXES):
+            is_beside |= rays.steps[ray, k] == 1
+        if not is_beside:
             continue
         for v in range(2 * row, 2 * row + 2):
             for u in range(2 * col, 2 * col + 2):

@@ -21,7 +21,7 @@ STEPS_PER_PX = np.float32(32)
 """Steps of disparity that specks are searched in: 16 bits hold `MAX_DISPARITY_PX`."""
 MAX_SPECK_PX = 16
 """Largest number of working pixels of a speck."""
-EXACT_STRIDE_PX, EXACT_PX, EXACT_SHARE = 8, 0.002, 0.9
+EXACT_STRIDE_PX, EXACT_PX, EXACT_SHARE = 24, 0.002, 0.9
 """Stride of the rows in which noise is sought, largest second difference of disparity without noise, and how many have
 none. Of seven real recordings at most half are below 0.025 px."""
 SPECK_RADIUS_PX = 3
