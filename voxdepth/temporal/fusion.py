@@ -104,7 +104,7 @@ class Fused(NamedTuple):
         return cls(disparity_px, pixel_class, weight, remembered_px, magnification)
 
     def as_measured(self, measurement: Measurement) -> "Fused":
-        """The same with the measurement where the memory agrees with it: without noise, nothing is gained by a mean."""
+        """Show the measurement where the memory agrees with it: without noise, nothing is gained by a mean."""
         is_fused = self.pixel_class == PixelClass.FUSED
         disparity_px = np.where(is_fused, measurement.disparity_px, self.disparity_px)
         pixel_class = np.where(is_fused, np.uint8(PixelClass.MEASURED), self.pixel_class)
