@@ -294,7 +294,7 @@ def vote_of(
     linear_px = (before_px * to_behind + behind_px * to_before) / length
     if min(before_px, behind_px) == 0:
         return max(before_px, behind_px), rules.lone_factor * both
-    if step <= rules.agreement_px + rules.agreement_share * max(before_px, behind_px):
+    if is_one_surface(before_px, behind_px, rules):
         return linear_px, float32(2) * both * (rules.row_factor if axis == 0 else float32(1))
     if step <= rules.max_slope * length:
         return linear_px, both
