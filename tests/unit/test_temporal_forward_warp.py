@@ -118,6 +118,17 @@ def test_standing_still_changes_nothing(decimation: int) -> None:
     np.testing.assert_allclose(warped.source_y[known], row[known], atol=1e-3)
 
 
+def test_the_motion_of_an_image_is_that_of_its_surfaces() -> None:
+    forward_warp = ForwardWarp(WorkingResolution.of(CAMERA, 1))
+    wall_px = np.full(CAMERA.shape, 8, np.float32)
+    wall_px[:, :40] = 0
+    T = pose(CAMERA.baseline_m * 3 / 8)  # Sidewards by so much that a disparity of 8 px moves by 3 px.
+    warped = forward_warp.warp(wall_px, ones(wall_px), T)
+    assert forward_warp.motion_px2(warped) == pytest.approx(9, rel=1e-3)
+    nothing = forward_warp.warp(0 * wall_px, ones(0 * wall_px), T)
+    assert forward_warp.motion_px2(nothing) == 0
+
+
 @pytest.mark.parametrize("name", MOTIONS)
 def test_it_equals_its_slow_twin(name: str) -> None:
     resolution, T = WorkingResolution.of(SMALL, 1), inverse_rigid(MOTIONS[name])

@@ -16,7 +16,7 @@ from voxdepth.temporal.memory import DRIFT_DECIMATION, WEIGHT_UNIT, Memory
 from voxdepth.temporal.smoothing import smooth_guided
 from voxdepth.temporal.upsampling import Estimate, Shown, Upsampler
 from voxdepth.temporal.working_resolution import WorkingResolution
-from voxdepth.types import FloatImage, Frame, GrayImage, Intrinsics, Source
+from voxdepth.types import FloatArray, FloatImage, Frame, GrayImage, Intrinsics, Source
 
 ODD = Intrinsics.from_hfov(width_px=161, height_px=119, hfov_deg=70, baseline_m=0.1)
 
@@ -303,6 +303,11 @@ class TestConfidence:
         np.testing.assert_allclose(near, probability, atol=1e-6)
 
 
+def warp(memory: Memory, forward_warp: ForwardWarp, T_frame_memory: FloatArray) -> Memory:
+    """The memory as a new frame sees it, after a motion."""
+    return memory.seen_by(forward_warp.warp(memory.disparity_px, memory.weight, T_frame_memory))
+
+
 @pytest.mark.parametrize("decimation", [1, 2])
 @pytest.mark.parametrize("camera", [CAMERA, ODD], ids=["even", "odd"])
 def test_a_warped_memory_shows_the_scene_from_the_new_pose(camera: Intrinsics, decimation: int) -> None:
@@ -310,7 +315,7 @@ def test_a_warped_memory_shows_the_scene_from_the_new_pose(camera: Intrinsics, d
     here, now = (measure(frame, resolution) for frame in (frame_of(ROOM, T, camera=camera) for T in (pose(), there)))
     empty = Memory.empty(here.gray)
     memory = empty._replace(disparity_px=here.disparity_px, weight=here.weight)
-    warped = memory.warp(ForwardWarp(resolution), inverse_rigid(there))
+    warped = warp(memory, ForwardWarp(resolution), inverse_rigid(there))
     known = cv2.erode((warped.weight > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     assert known.mean() > 0.75
     change = abs(warped.gray.astype(int) - now.gray)[known]
@@ -331,7 +336,7 @@ def test_the_drift_is_warped_with_the_memory(shift_px: int) -> None:
         disparity_px=constant(8), weight=np.full(CAMERA.shape, WEIGHT_UNIT, np.uint8), drift_px=drift_px
     )
     step_m = shift_px / 8 * 0.1  # a step of a baseline shifts by the disparity
-    warped = memory.warp(ForwardWarp(resolution), inverse_rigid(pose(step_m)))
+    warped = warp(memory, ForwardWarp(resolution), inverse_rigid(pose(step_m)))
     source_col = col + shift_px / DRIFT_DECIMATION
     seen = (source_col >= 0) & (source_col <= col.max())
     np.testing.assert_allclose(warped.drift_px[seen], (0.01 * row - 0.02 * source_col)[seen], atol=1e-5)
@@ -345,7 +350,7 @@ def test_ages_and_looks_are_warped_with_their_surfaces(shift_px: int) -> None:
     seen_px = (2 + row + 0.1 * col).astype(np.float32)
     memory = Memory.empty(gray)._replace(disparity_px=constant(8), weight=known, age=age, seen_px=seen_px)
     step_m = shift_px / 8 * 0.1  # a step of a baseline shifts by the disparity
-    warped = memory.warp(ForwardWarp(WorkingResolution.of(CAMERA, 1)), inverse_rigid(pose(step_m)))
+    warped = warp(memory, ForwardWarp(WorkingResolution.of(CAMERA, 1)), inverse_rigid(pose(step_m)))
     seen = (col + shift_px >= 0) & (col + shift_px < CAMERA.width_px)
     for image, of in ((warped.age, age), (warped.gray, gray), (warped.seen_px, seen_px)):
         np.testing.assert_array_equal(image[seen], np.roll(of, -shift_px, axis=1)[seen])
@@ -359,7 +364,7 @@ def test_the_error_of_a_surface_grows_with_the_square_of_its_disparity_until_it_
     far = Measurement(constant(focal_baseline_px_m / 4), full, gray)
     _, memory = fuse(Memory.empty(gray), far, TemporalFusionConfig())
     for _ in range(4):
-        memory = memory.warp(ForwardWarp(resolution), inverse_rigid(pose(z=0.5)))
+        memory = warp(memory, ForwardWarp(resolution), inverse_rigid(pose(z=0.5)))
     middle = np.s_[CAMERA.height_px // 3 : -CAMERA.height_px // 3, CAMERA.width_px // 3 : -CAMERA.width_px // 3]
     hole, _ = fuse(memory, Measurement(constant(0), np.zeros_like(full), gray), TemporalFusionConfig())
     np.testing.assert_allclose(hole.remembered_px[middle], focal_baseline_px_m / 2, rtol=1e-3)

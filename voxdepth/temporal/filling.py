@@ -52,8 +52,8 @@ STEP_PX = np.array([1, np.sqrt(2), 1, np.sqrt(2)], np.float32)
 """Length of a step along each axis."""
 MEMORY, PREVIOUS, N_VOTES = 4, 5, 6
 """Votes that follow those of the axes, and the number of all."""
-DEEP_KERNEL = np.ones((9, 9), np.uint8)
-"""Pixels are deep inside a hole if nothing is known in this window around them."""
+DEEP_KERNEL, DEEPER_KERNEL = np.ones((9, 9), np.uint8), np.ones((17, 17), np.uint8)
+"""If nothing is known within 4 pixels of a pixel, it votes in a block of two by two; within 12, of four by four."""
 MEDIAN_PX = 3
 """Window of the median that removes votes which only one ray decided."""
 CHUNK = 512
@@ -132,11 +132,11 @@ class Inpainted(NamedTuple):
     """Mask of the holes in which the memory is one of the supporters, uint8."""
 
     @classmethod
-    def of(cls, hole: GrayImage, deep: GrayImage, filled: Filled) -> "Inpainted":
-        """The images of what holes are filled with, from masks of all holes, and of those that others stand for."""
+    def of(cls, hole: GrayImage, block: GrayImage, filled: Filled) -> "Inpainted":
+        """The images of what holes are filled with, from their mask and the blocks that vote as one."""
         disparity_px, probability = np.zeros(hole.shape, np.float32), np.ones(hole.shape, np.float32)
         inpainted = cls(disparity_px, probability, np.zeros(hole.shape, np.uint8))
-        paste(hole, deep, filled, inpainted)
+        paste(hole, block, filled, inpainted)
         return inpainted
 
 
@@ -213,11 +213,11 @@ class HoleFiller:
             The working pixels that are filled, and the pixels of the frame that are filled one by one.
         """
         hole = np.asarray(cv2.bitwise_not(above(known.disparity_px, 0)), np.uint8)
-        deep = np.asarray(cv2.erode(hole, DEEP_KERNEL), np.uint8)
-        place = find_holes(hole, deep, depth_m, self._resolution.decimation)
+        block = find_blocks(hole & ~above(known.remembered_px, 0))
+        place = find_holes(hole, block, depth_m, self._resolution.decimation)
         rays = trace_rays(known.disparity_px, place)
         filled = self._vote(known, place, rays, self._rules, 1)
-        inpainted = Inpainted.of(hole, deep, filled)
+        inpainted = Inpainted.of(hole, block, filled)
         smooth_px = np.asarray(cv2.medianBlur(known.disparity_px + inpainted.disparity_px, MEDIAN_PX), np.float32)
         np.copyto(inpainted.disparity_px, smooth_px, where=inpainted.disparity_px > 0)
         if self._resolution.decimation == 1:
@@ -234,6 +234,12 @@ class HoleFiller:
         continue_lone_ends(known.disparity_px, place, scale, rules, rays)
         fill_places(known, place, scale, rays, rules, filled)
         return filled
+
+
+def find_blocks(unknown: GrayImage) -> GrayImage:
+    """The side of the block that each pixel votes in, less 1; pixels of which nothing is known are 255 in the mask."""
+    deep = np.asarray(cv2.erode(unknown, DEEP_KERNEL), np.uint8)
+    return deep & np.uint8(1) | np.asarray(cv2.erode(deep, DEEPER_KERNEL), np.uint8) & np.uint8(3)
 
 
 @compiled(boolean(float32, float32, RULES))
@@ -417,7 +423,7 @@ def fill_places(
 @compiled(void(BYTE_IMAGE, BYTE_IMAGE, FILLED, INPAINTED))
 def paste(
     hole: GrayImage,
-    deep: GrayImage,
+    block: GrayImage,
     filled: Filled,
     # output
     inpainted: Inpainted,
@@ -430,8 +436,9 @@ def paste(
         inpainted.remembered[row, col] = filled.remembered[k] & hole[row, col]
     for row in range(hole.shape[0]):
         for col in range(hole.shape[1]):
-            if deep[row, col]:
-                first_row, first_col = row & ~1, col & ~1
+            if block[row, col]:
+                side = int64(block[row, col])
+                first_row, first_col = row & ~side, col & ~side
                 inpainted.disparity_px[row, col] = inpainted.disparity_px[first_row, first_col]
                 inpainted.probability[row, col] = inpainted.probability[first_row, first_col]
                 inpainted.remembered[row, col] = inpainted.remembered[first_row, first_col]

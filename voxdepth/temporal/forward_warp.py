@@ -10,6 +10,7 @@ from numba import float32, float64, int32, int64, types, uint8, uint32, void
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
 from ..geometry import inverse_rigid
 from ..types import FloatArray, FloatImage, GrayImage
+from .masks import above
 from .working_resolution import MAX_DISPARITY_PX, WorkingResolution
 
 UNITS_PER_PX = np.float32(2**14)
@@ -22,8 +23,6 @@ MIN_DEPTH_RATIO = np.float32(1e-3)
 """Points whose depth shrinks to this fraction, or a smaller one, are taken to lie behind the camera."""
 HOLE_PX = np.float32(-1e9)
 """Disparity that stands for a hole while values are resampled: the smallest share of it makes a sample invalid."""
-MOTION_STRIDE_PX = 8
-"""Stride of the rows and columns that the motion of the image is measured on."""
 CRACK_KERNEL = np.ones((3, 3), np.uint8)
 """Neighbourhood that closes cracks of one pixel, which splatting leaves where a surface is magnified."""
 
@@ -101,6 +100,7 @@ class ForwardWarp:
         # A border of one pixel catches the points that fall outside of the image.
         self._keys = np.empty((height + 2, width + 2), np.uint32)
         self._marked_px = np.empty((height, width), np.float32)
+        self._row, self._col = np.indices((height, width), np.float32)
 
     def warp(self, disparity_px: FloatImage, weight: GrayImage, T_target_source: FloatArray) -> Warped:
         """The image as the target camera sees it after a motion, shape (4, 4).
@@ -123,21 +123,12 @@ class ForwardWarp:
         _resample(np.asarray(sampled_px, np.float32), backward, forward[2, 3], warped.disparity_px)
         return warped
 
-    def motion_px(self, disparity_px: FloatImage, T_target_source: FloatArray) -> float:
-        """How far the image moves: the median over its surfaces, in its pixels; 0 without any surface."""
-        row, col = np.nonzero(disparity_px[::MOTION_STRIDE_PX, ::MOTION_STRIDE_PX])
-        if not len(row):
-            return 0.0
-        row, col = MOTION_STRIDE_PX * row, MOTION_STRIDE_PX * col
-        points = np.stack([col, row, np.ones(len(row)), disparity_px[row, col]])
-        x, y, ratio = self._reprojection.of(T_target_source) @ points
-        return float(np.median(np.hypot(x / ratio - col, y / ratio - row)))
-
-    def splat(self, disparity_px: FloatImage, T_target_source: FloatArray) -> FloatImage:
-        """The nearest disparity that falls on each pixel of the target camera, shape (H, W); 0 = none, or a crack."""
-        splatted_px = np.zeros_like(disparity_px)
-        _splat_nearest(disparity_px, self._reprojection.of(T_target_source), splatted_px)
-        return splatted_px
+    def motion_px2(self, warped: Warped) -> float:
+        """The mean squared distance by which the surfaces of the image have moved, in its pixels; 0 without any."""
+        known = above(warped.weight, 0)
+        x_px2 = cv2.norm(warped.source_x, self._col, cv2.NORM_L2SQR, known)
+        y_px2 = cv2.norm(warped.source_y, self._row, cv2.NORM_L2SQR, known)
+        return (x_px2 + y_px2) / max(cv2.countNonZero(known), 1)
 
 
 @compiled(ROW_TYPE(FLOAT_IMAGE, int64))
@@ -194,33 +185,6 @@ def _splat(
         for col in range(width):
             v, u = target_row[col] + 1, target_col[col] + 1
             keys[v, u] = max(keys[v, u], key[col])
-
-
-@compiled(void(FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE))
-def _splat_nearest(
-    disparity_px: FloatImage,
-    forward: FloatImage,
-    # output
-    splatted_px: FloatImage,
-) -> None:
-    """Write each surface to its pixel of the target, unless a nearer one is there. The output starts at 0."""
-    height, width = disparity_px.shape
-    forward_x, forward_y, forward_z = _row(forward, 0), _row(forward, 1), _row(forward, 2)
-    place, target_px = np.empty(width, np.int32), np.empty(width, np.float32)
-    target = splatted_px.reshape(-1)
-    for row in range(height):
-        for col in range(width):
-            pixel_px = disparity_px[row, col]
-            inverse = _inverse_depth_ratio(forward_z, row, col, pixel_px)
-            y = np.rint(_numerator(forward_y, row, col, pixel_px) * inverse)
-            x = np.rint(_numerator(forward_x, row, col, pixel_px) * inverse)
-            is_inside = (y >= 0) & (y < float32(height)) & (x >= 0) & (x < float32(width))
-            is_shown = is_inside & (pixel_px * inverse <= MAX_DISPARITY_PX)
-            target_px[col] = pixel_px * inverse if is_shown else float32(0)
-            place[col] = int32(y) * int32(width) + int32(x) if is_shown else int32(0)
-        for col in range(width):
-            if target_px[col] > 0:
-                target[place[col]] = max(target[place[col]], target_px[col])
 
 
 @compiled(void(uint32[:, ::1], FLOAT_IMAGE, BYTE_IMAGE))

@@ -7,8 +7,8 @@ import numpy as np
 from numba import float32, void
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
-from ..types import FloatArray, FloatImage, GrayImage
-from .forward_warp import ForwardWarp
+from ..types import FloatImage, GrayImage
+from .forward_warp import Warped
 from .masks import Image
 
 WEIGHT_UNIT = 16
@@ -57,9 +57,8 @@ class Memory(NamedTuple):
         drift_px = np.empty(coarse_shape(shape), np.float32)
         return cls(disparity_px, weight, gray, seen_px, age, drift_px, filled_px)
 
-    def warp(self, forward_warp: ForwardWarp, T_frame_memory: FloatArray) -> "Memory":
-        """The memory as a new frame sees it, after a motion of shape (4, 4)."""
-        warped = forward_warp.warp(self.disparity_px, self.weight, T_frame_memory)
+    def seen_by(self, warped: Warped) -> "Memory":
+        """The memory as a new frame sees it, from its disparity as that frame sees it."""
         coarse_x, coarse_y = np.empty((2, *self.drift_px.shape), np.float32)
         _decimate_position(warped.source_x, coarse_x)
         _decimate_position(warped.source_y, coarse_y)
@@ -70,7 +69,7 @@ class Memory(NamedTuple):
             seen_px=_sample(self.seen_px, warped.source_x, warped.source_y, cv2.INTER_NEAREST),
             age=_sample(self.age, warped.source_x, warped.source_y, cv2.INTER_NEAREST),
             drift_px=_sample(self.drift_px, coarse_x, coarse_y, cv2.INTER_LINEAR),
-            filled_px=forward_warp.splat(self.filled_px, T_frame_memory),
+            filled_px=_sample(self.filled_px, warped.source_x, warped.source_y, cv2.INTER_NEAREST),
         )
 
 

@@ -81,13 +81,13 @@ class VoxDepth(StreamCorrector):
         with timer("track"):
             tracking = self._odometry.track(frame)
         with timer("warp"):
-            memory, motion_px = self._recall(measurement.gray, tracking)
+            memory, motion_px2 = self._recall(measurement.gray, tracking)
         with timer("fuse"):
             fused, updated = fuse(memory, measurement, self._config.fusion)
             is_exact = measurement.is_exact and is_steady(memory, measurement)
             fused = fused.as_measured(measurement) if is_exact else fused
         with timer("fill"):
-            evidence = fused.weight * np.float32(1 / (WEIGHT_UNIT * (1 + motion_px**2)))
+            evidence = fused.weight * np.float32(1 / (WEIGHT_UNIT * (1 + motion_px2)))
             known = Known(fused.disparity_px, fused.remembered_px, evidence, memory.filled_px)
             inpainted, rims = self._filler.fill(known, frame.depth_m)
         with timer("remember"):
@@ -118,12 +118,12 @@ class VoxDepth(StreamCorrector):
         return CorrectedDepth(**shown._asdict(), timings_s=timer.times_s, diagnostics=aligned.tracking)
 
     def _recall(self, gray: GrayImage, tracking: TrackingResult) -> tuple[Memory, float]:
-        """The memory as the frame sees it, and how far the image has moved [px]."""
+        """The memory as the frame sees it, and how far the image has moved [px^2]."""
         memory, T = self._odometry.memory, tracking.T_frame_keyframe
         if memory is None or T is None:
             return Memory.empty(gray), 0.0
-        motion_px = self._resolution.decimation * self._forward_warp.motion_px(memory.disparity_px, T)
-        return memory.warp(self._forward_warp, T), motion_px
+        warped = self._forward_warp.warp(memory.disparity_px, memory.weight, T)
+        return memory.seen_by(warped), self._resolution.decimation**2 * self._forward_warp.motion_px2(warped)
 
     def _of_rims(self, fused: Fused, rims: Filled) -> Estimate:
         """The estimate of the pixels that are filled one by one, shape (1, N)."""

@@ -48,10 +48,10 @@ def trace_rays(known_px: FloatImage, place: Places) -> Rays:
 
 
 @compiled(PLACES(BYTE_IMAGE, BYTE_IMAGE, READABLE_IMAGE, int64))
-def find_holes(hole: GrayImage, deep: GrayImage, depth_m: FloatImage, decimation: int) -> Places:
+def find_holes(hole: GrayImage, block: GrayImage, depth_m: FloatImage, decimation: int) -> Places:
     """The working pixels that are holes or contain one, row by row, shape (N, 2).
 
-    Deep inside holes there is only one of each two by two, which stands for the others. The masks have shape (h, w).
+    Of each block of pixels that vote as one, that is the first; see `find_blocks`. The images have shape (h, w).
     """
     height, width = hole.shape
     place = np.empty((height * width, 2), np.int32)
@@ -63,7 +63,7 @@ def find_holes(hole: GrayImage, deep: GrayImage, depth_m: FloatImage, decimation
                 upper_m, lower_m = depth_m[2 * row], depth_m[2 * row + 1]
                 is_hole = min(upper_m[2 * col], upper_m[2 * col + 1], lower_m[2 * col], lower_m[2 * col + 1]) <= 0
             place[n, 0], place[n, 1] = row, col
-            n += is_hole and (deep[row, col] == 0 or (row | col) & 1 == 0)
+            n += is_hole and ((row | col) & block[row, col] == 0)
     return place[:n].copy()
 
 
@@ -111,12 +111,12 @@ def tell_along_row(
     told_steps: Numbers,
 ) -> None:
     """Tell every pixel of a row the nearest known pixel before it or behind it, and the number of steps to that."""
-    end_px, steps, width = float32(0), INFINITE, len(own_px)
+    end_px, end_col, width = float32(0), INFINITE, len(own_px)
     for k in range(width):
         col = width - 1 - k if is_backward else k
-        told_px[col], told_steps[col] = end_px, steps
+        told_px[col], told_steps[col] = end_px, abs(float32(col) - end_col)
         is_known = own_px[col] > 0
-        end_px, steps = (own_px[col] if is_known else end_px), (float32(1) if is_known else steps + float32(1))
+        end_px, end_col = (own_px[col] if is_known else end_px), (float32(col) if is_known else end_col)
 
 
 @compiled(void(NUMBERS, PLACES, NUMBERS))
