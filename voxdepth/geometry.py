@@ -6,7 +6,7 @@ from typing import TypeVar
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import float64, types
+from numba import float64
 
 from .compiled import compiled
 from .types import FloatArray, FloatImage, Intrinsics
@@ -65,17 +65,9 @@ def transform(T_a_b: FloatArray, points_b: PointArray) -> PointArray:
 
 def inverse_rigid(T_a_b: FloatArray) -> FloatArray:
     """`T_b_a` of a rigid `T_a_b`, shape (4, 4)."""
-    return _inverse_rigid(np.ascontiguousarray(T_a_b, np.float64))
-
-
-@compiled(float64[:, ::1](types.Array(float64, 2, "C", readonly=True)))
-def _inverse_rigid(T_a_b: FloatArray) -> FloatArray:
-    T_b_a = np.zeros((4, 4))
-    T_b_a[3, 3] = 1
-    for i in range(3):
-        for j in range(3):
-            T_b_a[i, j] = T_a_b[j, i]
-            T_b_a[i, 3] -= T_a_b[j, i] * T_a_b[j, 3]
+    T_b_a = np.eye(4)
+    T_b_a[:3, :3] = T_a_b[:3, :3].T
+    T_b_a[:3, 3] = -T_b_a[:3, :3] @ T_a_b[:3, 3]
     return T_b_a
 
 

@@ -3,12 +3,14 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as numpy_st
 
 from sim import frames
 from tests.voxel_twins import integrate_points, occupied_centres, project_nearest
-from voxdepth.geometry import back_project, inverse_rigid, transform
+from voxdepth.geometry import back_project, compose, exp_se3, inverse_rigid, log_se3, solve_symmetric, transform
 from voxdepth.paper.voxels import VoxelConfig, VoxelGrid
-from voxdepth.types import Intrinsics
+from voxdepth.temporal.pose_fit import _median
+from voxdepth.types import FloatArray, Intrinsics
 
 CAMERA = Intrinsics.from_hfov(width_px=40, height_px=30, hfov_deg=70)
 angle = st.floats(-3, 3)
@@ -34,6 +36,28 @@ def test_inverse_undoes_a_motion(a: float, b: float, x: float, y: float) -> None
     np.testing.assert_allclose(inverse_rigid(T) @ T, np.eye(4), atol=1e-12)
     points = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32)
     np.testing.assert_allclose(transform(inverse_rigid(T), transform(T, points)), points, atol=1e-5)
+
+
+@given(numpy_st.arrays(np.float64, 6, elements=st.floats(-1.7, 1.7)), st.sampled_from([0, 1e-160, 1e-9, 1e-3, 1]))
+def test_a_step_survives_the_way_through_its_motion(step: FloatArray, size: float) -> None:
+    step[3:] *= size
+    T = exp_se3(step)
+    np.testing.assert_allclose(log_se3(T), step, atol=1e-9)
+    np.testing.assert_allclose(compose(inverse_rigid(T), T), np.eye(4), atol=1e-12)
+
+
+@given(st.integers(0, 2**31), st.integers(1, 7))
+def test_the_solution_of_equations_solves_them(seed: int, n: int) -> None:
+    rng = np.random.default_rng(seed)
+    half, b = rng.normal(size=(n, n)), rng.normal(size=n)
+    A = half @ half.T + 0.1 * np.eye(n)
+    np.testing.assert_allclose(A @ solve_symmetric(np.tril(A), b.copy()), b, atol=1e-9)
+
+
+@given(st.integers(0, 2**31), st.integers(1, 40), st.sampled_from([1, 3, 1000]))
+def test_half_of_the_values_are_below_the_median(seed: int, n: int, n_values: int) -> None:
+    values = np.random.default_rng(seed).integers(0, n_values, n) / 8
+    assert _median(values.copy()) == np.median(values)
 
 
 @given(angle, angle, length, length)

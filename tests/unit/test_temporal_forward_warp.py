@@ -1,4 +1,4 @@
-"""The forward warp: laws, a slow twin, and scenes from two poses."""
+"""The forward warp: laws, and scenes from two poses."""
 
 import cv2
 import numpy as np
@@ -6,7 +6,7 @@ import pytest
 
 from tests.temporal_scenes import CAMERA, ROOM, Body, Plane, Sphere, pose, render
 from voxdepth.geometry import inverse_rigid
-from voxdepth.temporal.forward_warp import HOLE_PX, MAX_RESAMPLING_CHANGE_PX, ForwardWarp, Warped
+from voxdepth.temporal.forward_warp import ForwardWarp, Warped
 from voxdepth.temporal.working_resolution import WorkingResolution
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics
 
@@ -33,58 +33,6 @@ def image(camera: Intrinsics, seed: int = 0, *, holes: float = 0.15) -> tuple[Fl
     weight = rng.integers(1, 190, camera.shape)
     hole = rng.random(camera.shape) < holes
     return np.where(hole, 0, disparity_px).astype(np.float32), np.where(hole, 0, weight).astype(np.uint8)
-
-
-class Twin:
-    """The forward warp as a loop over pixels, by points in space, in double precision."""
-
-    def __init__(self, resolution: WorkingResolution) -> None:
-        self._resolution = resolution
-
-    def warp(
-        self, disparity_px: FloatImage, weight: GrayImage, T_target_source: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        shape = self._resolution.shape
-        best: list[list[tuple[float, int]]] = [[(0.0, 0)] * shape[1] for _ in range(shape[0])]
-        for row, col in zip(*np.nonzero(weight), strict=True):
-            u, v, warped_px = self._point(col, row, float(disparity_px[row, col]), T_target_source)
-            if warped_px > 0 and 0 <= round(v) < shape[0] and 0 <= round(u) < shape[1]:
-                one = (warped_px, int(weight[row, col]))
-                best[round(v)][round(u)] = max(best[round(v)][round(u)], one)
-        seen_px, seen_weight = (np.array([[pixel[k] for pixel in line] for line in best], np.float32) for k in (0, 1))
-        empty = seen_px == 0
-        for array in (seen_px, seen_weight):
-            array[empty] = cv2.morphologyEx(array, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))[empty]
-        value_px = seen_px.astype(np.float64)
-        for row, col in zip(*np.nonzero(seen_px), strict=True):
-            seen = float(seen_px[row, col])
-            u, v, _ = self._point(col, row, seen, inverse_rigid(T_target_source))
-            sampled = self._bilinear(disparity_px, u, v)
-            if sampled > 0:
-                value = self._point(u, v, sampled, T_target_source)[2]
-                if abs(value - seen) < MAX_RESAMPLING_CHANGE_PX:
-                    value_px[row, col] = value
-        return value_px, seen_weight
-
-    def _point(self, u: float, v: float, disparity_px: float, T: FloatArray) -> tuple[float, float, float]:
-        """Where a pixel goes, and its disparity there; the latter is 0 behind the camera."""
-        K, focal_baseline = self._resolution.K, self._resolution.focal_baseline_px_m
-        z = focal_baseline / disparity_px
-        x, y, z, _ = T @ [(u - K[0, 2]) * z / K[0, 0], (v - K[1, 2]) * z / K[1, 1], z, 1]
-        if z <= 0:
-            return 0, 0, 0
-        return K[0, 0] * x / z + K[0, 2], K[1, 1] * y / z + K[1, 2], focal_baseline / z
-
-    @staticmethod
-    def _bilinear(image: FloatImage, u: float, v: float) -> float:
-        left, top = int(np.floor(u)), int(np.floor(v))
-        total = 0.0
-        for row, down in ((top, 1 - (v - top)), (top + 1, v - top)):
-            for col, along in ((left, 1 - (u - left)), (left + 1, u - left)):
-                inside = 0 <= row < image.shape[0] and 0 <= col < image.shape[1]
-                value = float(image[row, col]) if inside else 0.0
-                total += down * along * (value if value > 0 else HOLE_PX)
-        return total
 
 
 def plane_px(plane: Plane, T_world_cam: FloatArray, camera: Intrinsics = CAMERA) -> FloatImage:
@@ -127,18 +75,6 @@ def test_the_motion_of_an_image_is_that_of_its_surfaces() -> None:
     assert forward_warp.motion_px2(warped) == pytest.approx(9, rel=1e-3)
     nothing = forward_warp.warp(0 * wall_px, ones(0 * wall_px), T)
     assert forward_warp.motion_px2(nothing) == 0
-
-
-@pytest.mark.parametrize("name", MOTIONS)
-def test_it_equals_its_slow_twin(name: str) -> None:
-    resolution, T = WorkingResolution.of(SMALL, 1), inverse_rigid(MOTIONS[name])
-    disparity_px, weight = image(SMALL)
-    warped = ForwardWarp(resolution).warp(disparity_px, weight, T)
-    twin_px, twin_weight = Twin(resolution).warp(disparity_px, weight, T)
-    assert 0.5 < (twin_px > 0).mean() < 1
-    # Single precision may round a position to the other pixel.
-    assert np.mean(warped.weight == twin_weight) > 0.99
-    assert np.mean(abs(warped.disparity_px - twin_px) < 1e-3) > 0.98
 
 
 @pytest.mark.parametrize("name", MOTIONS)

@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from ..types import FloatArray, FloatImage, MaskImage
 from .pixels import Addable, select_judged
-from .sum_kernels import sum_errors
 
 TOO_FAR = 1.1
 """A pixel is too far when it is more than 10 % beyond the truth."""
@@ -65,9 +64,15 @@ def depth_errors(depth_m: FloatImage, truth_m: FloatImage, *, max_range_m: float
 
     The true depth [m] is +inf where there is no surface.
     """
-    depth_m, truth_m = np.ascontiguousarray(depth_m), np.ascontiguousarray(truth_m)
-    pixels, filled, abs_error_m, too_far = sum_errors(depth_m, truth_m, max_range_m, TOO_FAR)
-    return DepthErrors(pixels=pixels, filled=filled, abs_error_m=abs_error_m, too_far=too_far)
+    judged = truth_m <= max_range_m
+    known = judged & (depth_m > 0)
+    depth_m, truth_m = depth_m[known], truth_m[known]
+    return DepthErrors(
+        pixels=int(np.count_nonzero(judged)),
+        filled=len(depth_m),
+        abs_error_m=float(np.abs(depth_m - truth_m).sum(dtype=np.float64)),
+        too_far=int(np.count_nonzero(depth_m > np.float32(TOO_FAR) * truth_m)),
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -67,23 +67,10 @@ class Reprojection:
 
     def of(self, T_target_source: FloatArray) -> FloatImage:
         """The map `(H | e)` of a motion, shape (3, 4), float32."""
-        return _reprojection(self._K, self._K_inverse, self._focal_baseline_px_m, T_target_source)
-
-
-@compiled(FLOAT_IMAGE(MATRIX, MATRIX, float64, MATRIX))
-def _reprojection(
-    K: FloatArray, K_inverse: FloatArray, focal_baseline_px_m: float, T_target_source: FloatArray
-) -> FloatImage:
-    K_R, matrix = np.zeros((3, 4)), np.zeros((3, 4), np.float32)
-    for i in range(3):
-        for j in range(4):
-            for k in range(3):
-                K_R[i, j] += K[i, k] * T_target_source[k, j]
-    for i in range(3):
-        for j in range(3):
-            matrix[i, j] = K_R[i, 0] * K_inverse[0, j] + K_R[i, 1] * K_inverse[1, j] + K_R[i, 2] * K_inverse[2, j]
-        matrix[i, 3] = K_R[i, 3] / focal_baseline_px_m
-    return matrix
+        K_R = self._K @ T_target_source[:3]
+        matrix = np.empty((3, 4), np.float32)
+        matrix[:, :3], matrix[:, 3] = K_R[:, :3] @ self._K_inverse, K_R[:, 3] / self._focal_baseline_px_m
+        return matrix
 
 
 class ForwardWarp:

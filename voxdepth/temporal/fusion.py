@@ -210,19 +210,11 @@ def fuse(memory: Memory, measurement: Measurement, config: TemporalFusionConfig)
     return fused, updated
 
 
-@compiled(int64(BYTE_IMAGE))
 def _sparse_median(image: GrayImage) -> int:
     """The median of every `NOISE_STRIDE_PX`th pixel of every `NOISE_STRIDE_PX`th row; the lower of two middle ones."""
-    count, n = np.zeros(256, np.int64), 0
-    for row in range(0, image.shape[0], NOISE_STRIDE_PX):
-        for col in range(0, image.shape[1], NOISE_STRIDE_PX):
-            count[image[row, col]] += 1
-            n += 1
-    value, n_below = 0, count[0]
-    while 2 * n_below < n:
-        value += 1
-        n_below += count[value]
-    return value
+    values = image[::NOISE_STRIDE_PX, ::NOISE_STRIDE_PX].ravel()
+    middle = (len(values) - 1) // 2
+    return int(np.partition(values, middle)[middle])
 
 
 def _compare(memory: Memory, measurement: Measurement, rules: Rules, drift_px: FloatImage) -> Comparison:

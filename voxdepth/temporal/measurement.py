@@ -24,8 +24,8 @@ MAX_SPECK_PX = 16
 EXACT_STRIDE_PX, EXACT_PX, EXACT_SHARE = 24, 0.002, 0.9
 """Stride of the rows in which noise is sought, largest second difference of disparity without noise, and how many have
 none. Of seven real recordings at most half are below 0.025 px."""
-SPECK_RADIUS_PX = 3
-"""Distance along each axis to which the background of a speck is searched."""
+SPECK_KERNEL = np.ones((7, 7), np.uint8)
+"""Neighbourhood in which the background of a speck is searched."""
 _BLOCK_VALIDITY = np.rint(255 * np.sqrt(np.arange(5) / 4)).astype(np.uint8)
 """Validity of a block in 0..255, by the number of its valid pixels: the square root of the valid fraction. The fraction
 itself would leave too little weight to surfaces that are measured in sparse pixels only."""
@@ -56,7 +56,7 @@ def measure(frame: Frame, resolution: WorkingResolution) -> Measurement:
         _decimate(np.ascontiguousarray(frame.depth_m), resolution.focal_baseline_px_m, disparity_px, validity)
         even = frame.gray[: 2 * resolution.height_px, : 2 * resolution.width_px]
         gray = np.asarray(cv2.resize(even, resolution.shape[::-1], interpolation=cv2.INTER_AREA), np.uint8)
-    _remove_near_specks(find_specks(disparity_px), disparity_px)
+    disparity_px = without_near_specks(disparity_px, find_specks(disparity_px))
     weight = np.asarray(cv2.LUT(box_mean(validity, VALIDITY_WINDOW_PX), _WEIGHT), np.uint8)
     gray = np.asarray(cv2.GaussianBlur(gray, (3, 3), 0), np.uint8)
     return Measurement(disparity_px, weight & above(disparity_px, 0), gray, is_exact(disparity_px))
@@ -111,31 +111,13 @@ def _decimate(
             validity[row, col] = _BLOCK_VALIDITY[n_valid]
 
 
-@compiled("f4(f4[:, ::1], u1[:, ::1], i8, i8)")
-def _background(disparity_px: FloatImage, speck: GrayImage, row: int, col: int) -> float:
-    """Disparity of the farthest surface around a pixel that is no speck; the largest possible one if there is none."""
-    height, width = disparity_px.shape
-    background_px: float = MAX_DISPARITY_PX
-    for v in range(max(row - SPECK_RADIUS_PX, 0), min(row + SPECK_RADIUS_PX + 1, height)):
-        for u in range(max(col - SPECK_RADIUS_PX, 0), min(col + SPECK_RADIUS_PX + 1, width)):
-            if disparity_px[v, u] > 0 and not speck[v, u]:
-                background_px = min(background_px, disparity_px[v, u])
-    return background_px
-
-
-@compiled(void(BYTE_IMAGE, FLOAT_IMAGE))
-def _remove_near_specks(
-    speck: GrayImage,
-    # input and output
-    disparity_px: FloatImage,
-) -> None:
-    """Remove the specks that are nearer than the farthest larger surface around them.
+def without_near_specks(disparity_px: FloatImage, speck: GrayImage) -> FloatImage:
+    """The disparity without the specks that are nearer than the farthest larger surface around them, shape (h, w).
 
     Such specks are wrong matches more often than objects. Farther ones may be all that is visible of the background.
     """
-    for row in range(disparity_px.shape[0]):
-        for col in range(disparity_px.shape[1]):
-            if speck[row, col]:
-                background_px = _background(disparity_px, speck, row, col)
-                if disparity_px[row, col] >= background_px + MAX_SURFACE_SPAN_PX:
-                    disparity_px[row, col] = 0
+    not_background = speck | ~above(disparity_px, 0)
+    background_px = cv2.copyTo(np.full_like(disparity_px, MAX_DISPARITY_PX), not_background, disparity_px.copy())
+    step_px = cv2.subtract(disparity_px, cv2.erode(background_px, SPECK_KERNEL))
+    near = speck & above(np.asarray(step_px, np.float32), float(MAX_SURFACE_SPAN_PX))
+    return np.asarray(cv2.copyTo(disparity_px, cv2.bitwise_not(near)), np.float32)

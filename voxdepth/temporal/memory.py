@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import float32, void
 
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled, named_tuple
+from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, named_tuple
+from ..geometry import resized
 from ..types import FloatImage, GrayImage
 from .forward_warp import Warped
 from .masks import Image
@@ -59,9 +59,7 @@ class Memory(NamedTuple):
 
     def seen_by(self, warped: Warped) -> "Memory":
         """The memory as a new frame sees it, from its disparity as that frame sees it."""
-        coarse_x, coarse_y = np.empty((2, *self.drift_px.shape), np.float32)
-        _decimate_position(warped.source_x, coarse_x)
-        _decimate_position(warped.source_y, coarse_y)
+        coarse_x, coarse_y = _decimated(warped.source_x), _decimated(warped.source_y)
         return Memory(
             disparity_px=warped.disparity_px,
             weight=warped.weight,
@@ -86,18 +84,9 @@ def _sample(image: Image, x: FloatImage, y: FloatImage, interpolation: int) -> I
     return np.asarray(cv2.remap(image, x, y, interpolation, borderMode=cv2.BORDER_REPLICATE))
 
 
-@compiled(void(FLOAT_IMAGE, FLOAT_IMAGE))
-def _decimate_position(
-    position: FloatImage,
-    # output
-    coarse: FloatImage,
-) -> None:
+def _decimated(position: FloatImage) -> FloatImage:
     """Columns or rows of the memory as those of the decimated drift: the mean of each block of pixels."""
-    n, n_pixels = DRIFT_DECIMATION, float32(DRIFT_DECIMATION**2)
-    for row in range(coarse.shape[0]):
-        for col in range(coarse.shape[1]):
-            total = float32(0)
-            for v in range(n * row, n * row + n):
-                for u in range(n * col, n * col + n):
-                    total += position[v, u]
-            coarse[row, col] = (total / n_pixels - float32((n - 1) / 2)) / float32(n)
+    height, width = coarse_shape(position.shape)
+    even = position[: DRIFT_DECIMATION * height, : DRIFT_DECIMATION * width]
+    mean = np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), np.float32)
+    return resized(mean, 1 / DRIFT_DECIMATION)

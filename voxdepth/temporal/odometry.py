@@ -12,10 +12,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import boolean, int64
 from pydantic import Field
 
-from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, compiled
 from ..geometry import inverse_rigid
 from ..model import Model
 from ..paper.registration import Features
@@ -150,18 +148,10 @@ class FeatureTracker:
             criteria=TERMINATION,
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         )
-        tracked = np.asarray(positions, np.float32)
-        return tracked, _found(tracked, np.asarray(status, np.uint8), *self._size)
-
-
-@compiled(boolean[::1](FLOAT_IMAGE, BYTE_IMAGE, int64, int64))
-def _found(positions: Pixels, status: GrayImage, width_px: int, height_px: int) -> npt.NDArray[np.bool_]:
-    """Which positions were found, by their status, shape (N, 1), and lie inside the image."""
-    found = np.empty(len(positions), np.bool_)
-    for k in range(len(positions)):
-        x, y = positions[k]
-        found[k] = status[k, 0] > 0 and 0 <= x <= width_px - 1 and 0 <= y <= height_px - 1
-    return found
+        tracked, (width_px, height_px) = np.asarray(positions, np.float32), self._size
+        x, y = tracked.T
+        in_image = (x >= 0) & (x <= width_px - 1) & (y >= 0) & (y <= height_px - 1)
+        return tracked, in_image & (np.ravel(status) > 0)
 
 
 class VisualOdometry:

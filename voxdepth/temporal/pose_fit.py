@@ -77,34 +77,20 @@ def fit_pose(
 
 def project(points_m: FloatArray, camera: Intrinsics) -> FloatArray:
     """Pixels, shape (N, 2), of points in the camera frame, shape (N, 3), in double precision."""
-    return _project(np.ascontiguousarray(points_m), lens_of(camera))
+    fx, fy, cx, cy = lens_of(camera)
+    x, y, z = points_m.T
+    z = np.maximum(z, MIN_DEPTH_M)
+    return np.stack([fx * x / z + cx, fy * y / z + cy], axis=1)
+
+
+def transform_points(T_a_b: FloatArray, points_b: FloatArray) -> FloatArray:
+    """Points of frame b in the coordinates of frame a, shape (N, 3), in double precision."""
+    return np.asarray(points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3])
 
 
 def lens_of(camera: Intrinsics) -> Lens:
     """Focal lengths and principal point of a camera."""
     return camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
-
-
-@compiled(MATRIX(MATRIX, LENS_TYPE))
-def _project(points_m: FloatArray, lens: Lens) -> FloatArray:
-    fx, fy, cx, cy = lens
-    pixels = np.empty((len(points_m), 2))
-    for k in range(len(points_m)):
-        z = max(points_m[k, 2], MIN_DEPTH_M)
-        pixels[k, 0] = fx * points_m[k, 0] / z + cx
-        pixels[k, 1] = fy * points_m[k, 1] / z + cy
-    return pixels
-
-
-@compiled(MATRIX(MATRIX, MATRIX))
-def transform_points(T_a_b: FloatArray, points_b: FloatArray) -> FloatArray:
-    """Points of frame b in the coordinates of frame a, shape (N, 3), in double precision."""
-    points_a = np.empty_like(points_b)
-    for k in range(len(points_b)):
-        x, y, z = points_b[k]
-        for axis in range(3):
-            points_a[k, axis] = T_a_b[axis, 0] * x + T_a_b[axis, 1] * y + T_a_b[axis, 2] * z + T_a_b[axis, 3]
-    return points_a
 
 
 @compiled(UniTuple(float64, 5)(MATRIX, MATRIX, MATRIX, LENS_TYPE, int64))

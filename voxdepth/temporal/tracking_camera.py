@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import boolean, float32, float64, int64
 
-from ..compiled import READABLE_IMAGE, compiled
 from ..types import FloatArray, FloatImage, Intrinsics, MaskImage
-from .pose_fit import LENS_TYPE, Lens, lens_of
+from .pose_fit import lens_of, project
 from .working_resolution import WorkingResolution
 
 Pixels = npt.NDArray[np.float32]
@@ -47,53 +45,23 @@ class TrackingCamera:
 
         The disparity has the working resolution, shape (h, w); 0 = unknown.
         """
-        pixel_px, camera = self.sample(disparity_px, pixels), self.intrinsics
+        pixel_px = self.sample(disparity_px, pixels)
         known = pixel_px > 0
-        return _back_project(
-            pixels[known], pixel_px[known], self.resolution.focal_baseline_px_m, lens_of(camera)
-        ), known
+        z = self.resolution.focal_baseline_px_m / pixel_px[known].astype(np.float64)
+        fx, fy, cx, cy = lens_of(self.intrinsics)
+        col, row = pixels[known].T
+        return np.stack([(col - cx) * z / fx, (row - cy) * z / fy, z], axis=1), known
 
     def sample(self, image: FloatImage, pixels: npt.NDArray[np.floating]) -> FloatImage:
         """Nearest values, shape (N,), of a full or working image at pixels of the tracking image, shape (N, 2)."""
         decimation = 1 if image.shape == self.full_size[::-1] else self.resolution.decimation
-        scale_x, scale_y = (1 / (self.scale * decimation)).tolist()
-        return _sample_nearest(np.ascontiguousarray(image), np.asarray(pixels, np.float32), scale_x, scale_y)
+        col, row = np.rint((pixels.T + 0.5) / (self.scale * decimation)[:, None] - 0.5).astype(np.int64)
+        return np.asarray(image[row.clip(0, image.shape[0] - 1), col.clip(0, image.shape[1] - 1)], np.float32)
 
     def sees(self, points_m: FloatArray) -> MaskImage:
         """Whether points in the camera frame, shape (N, 3), are in front of the camera and inside the image."""
-        return _sees(points_m, lens_of(self.intrinsics), *self.size)
-
-
-@compiled(boolean[::1](float64[:, ::1], LENS_TYPE, int64, int64))
-def _sees(points_m: FloatArray, lens: Lens, width_px: int, height_px: int) -> MaskImage:
-    fx, fy, cx, cy = lens
-    seen = np.empty(len(points_m), np.bool_)
-    for k in range(len(points_m)):
-        x, y, z = points_m[k]
-        is_inside = 0 <= fx * x / z + cx <= width_px - 1 and 0 <= fy * y / z + cy <= height_px - 1
-        seen[k] = z > 0 and is_inside
-    return seen
-
-
-@compiled(float32[::1](READABLE_IMAGE, float32[:, ::1], float64, float64))
-def _sample_nearest(image: FloatImage, pixels: Pixels, scale_x: float, scale_y: float) -> FloatImage:
-    """Nearest values of an image that is that many times as wide and as high as that of the pixels, shape (N,)."""
-    height, width = image.shape
-    values = np.empty(len(pixels), np.float32)
-    for k in range(len(pixels)):
-        col = int(np.rint((pixels[k, 0] + 0.5) * scale_x - 0.5))
-        row = int(np.rint((pixels[k, 1] + 0.5) * scale_y - 0.5))
-        values[k] = image[min(max(row, 0), height - 1), min(max(col, 0), width - 1)]
-    return values
-
-
-@compiled(float64[:, ::1](float32[:, ::1], float32[::1], float64, LENS_TYPE))
-def _back_project(pixels: Pixels, disparity_px: FloatImage, focal_baseline_px_m: float, lens: Lens) -> FloatArray:
-    """Points [m] in the camera frame, shape (N, 3)."""
-    fx, fy, cx, cy = lens
-    points_m = np.empty((len(pixels), 3))
-    for k in range(len(pixels)):
-        z = focal_baseline_px_m / disparity_px[k]
-        points_m[k, 0], points_m[k, 1] = (pixels[k, 0] - cx) * z / fx, (pixels[k, 1] - cy) * z / fy
-        points_m[k, 2] = z
-    return points_m
+        with np.errstate(divide="ignore", invalid="ignore"):
+            col, row = project(points_m, self.intrinsics).T
+        width_px, height_px = self.size
+        in_image = (col >= 0) & (col <= width_px - 1) & (row >= 0) & (row <= height_px - 1)
+        return np.asarray((points_m[:, 2] > 0) & in_image, np.bool_)

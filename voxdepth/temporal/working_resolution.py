@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import float32, void
+from numba import float32
 
-from ..compiled import FLOAT_IMAGE, READABLE_IMAGE, compiled
+from ..compiled import compiled
 from ..geometry import resized
 from ..types import FloatArray, FloatImage, Intrinsics
 
@@ -30,30 +30,6 @@ def disparity_of(depth_m: float, focal_baseline_px_m: float) -> float:
 def depth_of(disparity_px: float, focal_baseline_px_m: float) -> float:
     """Depth [m] of a disparity [px]; 0 = invalid in both."""
     return focal_baseline_px_m / disparity_px if disparity_px >= MIN_DISPARITY_PX else 0.0
-
-
-@compiled(void(READABLE_IMAGE, float32, FLOAT_IMAGE))
-def _disparities(
-    depth_m: FloatImage,
-    focal_baseline_px_m: float,
-    # output
-    disparity_px: FloatImage,
-) -> None:
-    for row in range(depth_m.shape[0]):
-        for col in range(depth_m.shape[1]):
-            disparity_px[row, col] = disparity_of(depth_m[row, col], focal_baseline_px_m)
-
-
-@compiled(void(READABLE_IMAGE, float32, FLOAT_IMAGE))
-def _depths(
-    disparity_px: FloatImage,
-    focal_baseline_px_m: float,
-    # output
-    depth_m: FloatImage,
-) -> None:
-    for row in range(depth_m.shape[0]):
-        for col in range(depth_m.shape[1]):
-            depth_m[row, col] = depth_of(disparity_px[row, col], focal_baseline_px_m)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,15 +68,15 @@ class WorkingResolution:
 
     def disparity(self, depth_m: FloatImage) -> FloatImage:
         """Disparity [px] of depth [m], both of shape (H, W); 0 = invalid in both."""
-        disparity_px: FloatImage = np.empty(depth_m.shape, np.float32)
-        _disparities(np.ascontiguousarray(depth_m), self.focal_baseline_px_m, disparity_px)
-        return disparity_px
+        with np.errstate(divide="ignore"):
+            disparity_px = np.float32(self.focal_baseline_px_m) / depth_m
+        return np.where((disparity_px > 0) & (disparity_px <= MAX_DISPARITY_PX), disparity_px, np.float32(0))
 
     def depth(self, disparity_px: FloatImage) -> FloatImage:
         """Depth [m] of disparity [px], both of shape (H, W); 0 = invalid in both."""
-        depth_m: FloatImage = np.empty(disparity_px.shape, np.float32)
-        _depths(np.ascontiguousarray(disparity_px), self.focal_baseline_px_m, depth_m)
-        return depth_m
+        with np.errstate(divide="ignore"):
+            depth_m = np.float32(self.focal_baseline_px_m) / disparity_px
+        return np.where(disparity_px >= MIN_DISPARITY_PX, depth_m, np.float32(0))
 
 
 def default_decimation(camera: Intrinsics) -> int:
