@@ -1,7 +1,6 @@
 """Back-projection and rigid motion of points."""
 
 from dataclasses import dataclass
-from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -12,7 +11,6 @@ from .compiled import compiled
 from .types import FloatArray, FloatImage, Intrinsics
 
 PointArray = npt.NDArray[np.float32]
-Position = TypeVar("Position", float, FloatArray, PointArray)
 
 
 def back_project(depth_m: FloatImage, intrinsics: Intrinsics) -> PointArray:
@@ -139,14 +137,6 @@ def solve_symmetric(A: FloatArray, b: FloatArray) -> FloatArray:
             b[k] -= A[col, k] * b[col]
         b[k] /= A[k, k]
     return b
-
-
-def resized(position_px: Position, factor: float) -> Position:
-    """Columns or rows after `cv2.resize` by a factor; the centre of the first pixel is 0.
-
-    It keeps the image borders, which lie half a pixel outside the pixel centres.
-    """
-    return (position_px + 0.5) * factor - 0.5
 
 
 def fill_from_nearest(depth_m: FloatImage, max_distance_px: float = np.inf) -> FloatImage:

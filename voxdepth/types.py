@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from math import isfinite
 from numbers import Integral, Real
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +34,7 @@ FloatArray = npt.NDArray[np.float64]
 FloatImage = npt.NDArray[np.float32]
 GrayImage = npt.NDArray[np.uint8]
 MaskImage = npt.NDArray[np.bool_]
+Position = TypeVar("Position", float, FloatArray, FloatImage)
 
 
 CORRECT_SHARE = 0.05
@@ -58,6 +59,14 @@ FAR_M = 300.0
 """Depth [m] beyond which a whole image is more likely in millimetres."""
 LARGEST_DISPARITY_SCALE = 1000.0
 """Largest ratio of the widths of matched and given images. The smallest is its inverse."""
+
+
+def resized(position_px: Position, factor: float) -> Position:
+    """Columns or rows after `cv2.resize` by a factor; the centre of the first pixel is 0.
+
+    It keeps the image borders, which lie half a pixel outside the pixel centres.
+    """
+    return (position_px + 0.5) * factor - 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,8 +177,6 @@ class Intrinsics:
 
     def scaled(self, width_px: int, height_px: int) -> "Intrinsics":
         """The camera of the images that `cv2.resize` makes of the images of this one, after they were matched."""
-        from .geometry import resized
-
         a, b = width_px / self.width_px, height_px / self.height_px
         fx, fy, cx, cy = self.fx_px * a, self.fy_px * b, resized(self.cx_px, a), resized(self.cy_px, b)
         matched = self.disparity_scale * self.width_px / width_px

@@ -1,4 +1,4 @@
-"""Laws of the filling of holes: occlusion shadows, specks, mirror images, thresholds and confidence."""
+"""Laws of the filling of holes: occlusion shadows, speckles, mirror images, thresholds and confidence."""
 
 import cv2
 import numpy as np
@@ -35,8 +35,8 @@ def filled_px(disparity_px: FloatImage, decimation: int) -> FloatImage:
     return RESOLUTION.disparity(result.depth_m)
 
 
-class TestSpecks:
-    """A speck of three wrong pixels in or beside a hole of a flat wall, a slanted wall, or an occlusion shadow."""
+class TestSpeckles:
+    """A speckle of three wrong pixels in or beside a hole of a flat wall, a slanted wall, or an occlusion shadow."""
 
     SHAPES = (((0, 0), (0, 1), (0, 2)), ((0, 0), (1, 0), (2, 0)), ((0, 0), (1, 0), (1, 1)))
     SLANTED_PX = 10 + 0.03 * COL - 0.04 * ROW
@@ -46,24 +46,24 @@ class TestSpecks:
     def scene(name: str) -> tuple[FloatArray, MaskImage]:
         """True disparity and hole."""
         if name == "shadow":
-            return TestSpecks.STEP_PX, (ROW >= 30) & (ROW < 90) & (COL >= 68) & (COL < EDGE)
+            return TestSpeckles.STEP_PX, (ROW >= 30) & (ROW < 90) & (COL >= 68) & (COL < EDGE)
         kind, side_px = name.split()
         hole = (ROW >= 40) & (40 + int(side_px) > ROW) & (COL >= 50) & (50 + int(side_px) > COL)
-        return np.full(CAMERA.shape, 8.0) if kind == "wall" else TestSpecks.SLANTED_PX, hole
+        return np.full(CAMERA.shape, 8.0) if kind == "wall" else TestSpeckles.SLANTED_PX, hole
 
     def largest_change(self, name: str, factor: float, decimation: int) -> float:
-        """Largest relative change of the disparity of a fill, but for the pixels around the speck."""
+        """Largest relative change of the disparity of a fill, but for the pixels around the speckle."""
         true_px, hole = self.scene(name)
         before_px = np.where(hole, 0, true_px)
         expected_px, changes, rng = filled_px(before_px, decimation), [], np.random.default_rng(0)
         places = np.argwhere(cv2.dilate(hole.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0)
         for place in rng.choice(places, 12, replace=False):
             for shape in self.SHAPES:
-                speck = tuple((place + np.array(shape)).T)
-                with_speck_px, at_speck = before_px.copy(), np.zeros(CAMERA.shape, np.uint8)
-                with_speck_px[speck], at_speck[speck] = factor * true_px[speck], 1
-                elsewhere = hole & (cv2.dilate(at_speck, np.ones((3, 3), np.uint8)) == 0)
-                changes.append(abs(filled_px(with_speck_px, decimation) / expected_px - 1)[elsewhere].max())
+                speckle = tuple((place + np.array(shape)).T)
+                with_speckle_px, at_speckle = before_px.copy(), np.zeros(CAMERA.shape, np.uint8)
+                with_speckle_px[speckle], at_speckle[speckle] = factor * true_px[speckle], 1
+                elsewhere = hole & (cv2.dilate(at_speckle, np.ones((3, 3), np.uint8)) == 0)
+                changes.append(abs(filled_px(with_speckle_px, decimation) / expected_px - 1)[elsewhere].max())
         return float(max(changes))
 
     @DECIMATIONS
@@ -75,7 +75,7 @@ class TestSpecks:
             pytest.param(
                 "wall 40",
                 1.3,
-                marks=pytest.mark.xfail(strict=True, reason="a speck may be the far end of a slanted surface"),
+                marks=pytest.mark.xfail(strict=True, reason="a speckle may be the far end of a slanted surface"),
             ),
         ],
     )
@@ -87,7 +87,7 @@ class TestSpecks:
     @DECIMATIONS
     @pytest.mark.parametrize("factor", [2.5, 1.3])
     @pytest.mark.xfail(
-        strict=True, reason="the hole between a speck and a near surface takes the disparity of the speck"
+        strict=True, reason="the hole between a speckle and a near surface takes the disparity of the speckle"
     )
     def test_a_near_one_in_a_shadow_neither(self, factor: float, decimation: int) -> None:
         assert self.largest_change("shadow", factor, decimation) < 0.05
@@ -95,7 +95,7 @@ class TestSpecks:
     @DECIMATIONS
     @pytest.mark.parametrize("factor", [0.75, 0.4])
     @pytest.mark.parametrize("name", ["wall 8", "wall 16", "wall 40", "slanted 16", "shadow"])
-    @pytest.mark.xfail(strict=True, reason="a far speck may be all that is visible of the background")
+    @pytest.mark.xfail(strict=True, reason="a far speckle may be all that is visible of the background")
     def test_a_far_one_never_changes_a_fill_by_more_than_a_twentieth(
         self, name: str, factor: float, decimation: int
     ) -> None:
@@ -129,7 +129,7 @@ def test_a_guess_without_a_basis_is_invalid_by_default(decimation: int) -> None:
 
 
 class TestHoverBeforeSpecks:
-    """The camera stands still before a wall at 8 px, with near specks of three pixels at the same places always."""
+    """The camera stands still before a wall at 8 px, with near speckles of three pixels at the same places always."""
 
     TRUE_PX = np.full(CAMERA.shape, 8, np.float32)
 
@@ -143,7 +143,7 @@ class TestHoverBeforeSpecks:
             for place, (row, col) in enumerate(places):
                 reach = hole_px // 2
                 disparity_px[row - reach : row + reach + 1, col - reach : col + reach + 1] = 0
-                for down, right in TestSpecks.SHAPES[place % 3]:
+                for down, right in TestSpeckles.SHAPES[place % 3]:
                     disparity_px[row + down, col + right] = near_px
             frames.append(Frame(stamp_s=index / 30, gray=gray, depth_m=RESOLUTION.depth(disparity_px)))
         return frames

@@ -5,7 +5,6 @@ import pytest
 
 from voxdepth.paper.config import CombineConfig
 from voxdepth.paper.steps import combine as combine_in_place
-from voxdepth.paper.steps import factors
 
 TEMPLATE = np.array([[10.0, 10, 10, 10, 10, 0, 0]], np.float32)
 RAW = np.array([[0.0, 4.9, 5.0, 10.0, 10.1, 3, 0]], np.float32)
@@ -13,7 +12,7 @@ RAW = np.array([[0.0, 4.9, 5.0, 10.0, 10.1, 3, 0]], np.float32)
 
 def combine(raw_m: np.ndarray, template_m: np.ndarray, rule: CombineConfig) -> tuple[np.ndarray, np.ndarray]:
     depth_m, source = template_m.copy(), np.empty(raw_m.shape, np.uint8)
-    combine_in_place(raw_m, *factors(rule), depth_m, source)
+    combine_in_place(raw_m, *rule.bounds, depth_m, source)
     return depth_m, source
 
 

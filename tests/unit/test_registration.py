@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from voxdepth.geometry import resized
 from voxdepth.paper.registration import (
     Features,
     OrbRegistration,
@@ -15,6 +14,7 @@ from voxdepth.paper.registration import (
     good_matches,
     resize_map,
 )
+from voxdepth.types import resized
 
 SHAPE = (360, 640)
 CENTRE = np.array([(SHAPE[1] - 1) / 2, (SHAPE[0] - 1) / 2])

@@ -34,13 +34,13 @@ class Result:
         others = [
             np.asarray(votes.get(name, 0) * (known_px == 0), np.float32) for name in ("memory", "seen", "previous")
         ]
-        self.inpainted, self.rims = HoleFiller(resolution, config or FillingConfig()).fill(
+        self.inpainted, self.border = HoleFiller(resolution, config or FillingConfig()).fill(
             Known(known_px, *others), FULL.depth(full_px)
         )
         self.disparity_px = np.kron(known_px + self.inpainted.disparity_px, np.ones((decimation,) * 2))
         self.probability = np.kron(self.inpainted.probability, np.ones((decimation,) * 2))
-        row, col = self.rims.place.T
-        self.disparity_px[row, col], self.probability[row, col] = self.rims.disparity_px, self.rims.probability
+        row, col = self.border.place.T
+        self.disparity_px[row, col], self.probability[row, col] = self.border.disparity_px, self.border.probability
 
 
 def box(rows: slice, cols: slice) -> MaskImage:
@@ -257,7 +257,7 @@ class TestBadInput:
         assert 400 <= np.count_nonzero(shown) < 2000
 
     @DECIMATIONS
-    def test_a_lone_near_speck_in_a_hole_at_the_border_paints_no_star(self, decimation: int) -> None:
+    def test_a_lone_near_speckle_in_a_hole_at_the_border_paints_no_star(self, decimation: int) -> None:
         measured_px = with_holes(FAR_PX, COL < 40)
         measured_px[60:63, 4:7] = NEAR_PX
         result = Result(measured_px, decimation)
@@ -265,10 +265,10 @@ class TestBadInput:
 
 
 class TestTooNear:
-    """An object nearer than the camera's least distance has no depth but flickering specks of far depth."""
+    """An object nearer than the camera's least distance has no depth but flickering speckles of far depth."""
 
     @staticmethod
-    def trusted(specks: float) -> float:
+    def trusted(speckles: float) -> float:
         """Share of the object that is shown with a confidence of at least a half, while it stands before a wall."""
         corrector, wall, shares = VoxDepth(CAMERA), texture(), []
         hole = box(slice(20, 100), slice(50, 110))
@@ -278,7 +278,7 @@ class TestTooNear:
             gray = wall.copy()
             if k >= 8:
                 gray[hole] = wall[:80, :60].ravel() // 3
-                wrong = hole & (rng.random(CAMERA.shape) < specks)
+                wrong = hole & (rng.random(CAMERA.shape) < speckles)
                 depth_m[hole] = 0
                 depth_m[wrong] = rng.uniform(1, 10, np.count_nonzero(wrong))
             result = corrector.process(Frame(stamp_s=k / 30, gray=gray, depth_m=depth_m))
@@ -286,9 +286,9 @@ class TestTooNear:
                 shares.append(np.mean(result.confidence[hole] >= 0.5))
         return float(np.mean(shares))
 
-    @pytest.mark.parametrize("specks", [0.01, 0.03, 0.05])
-    def test_specks_do_not_make_it_more_trusted(self, specks: float) -> None:
-        assert self.trusted(specks) <= self.trusted(0) + 0.1
+    @pytest.mark.parametrize("speckles", [0.01, 0.03, 0.05])
+    def test_specks_do_not_make_it_more_trusted(self, speckles: float) -> None:
+        assert self.trusted(speckles) <= self.trusted(0) + 0.1
 
 
 @DECIMATIONS

@@ -83,7 +83,7 @@ class TestMeasurement:
         np.testing.assert_array_equal(measurement_of(lonely_px, 1).disparity_px, lonely_px)
 
     @pytest.mark.parametrize("decimation", [1, 2])
-    def test_a_slanted_surface_has_no_specks(self, decimation: int) -> None:
+    def test_a_slanted_surface_has_no_speckles(self, decimation: int) -> None:
         row, col = np.indices(CAMERA.shape)
         full_px = np.asarray(5 + 0.4 * row + 0.2 * col, np.float32)
         assert (measurement_of(full_px, decimation).disparity_px > 0).all()

@@ -2,6 +2,7 @@
 
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field, field_validator
 
 from ..devices import DeviceName
@@ -12,6 +13,7 @@ from .registration import RegistrationConfig
 from .voxels import VoxelConfig
 
 MotionModelName = Literal["constant", "per_frame"]
+LARGEST = float(np.finfo(np.float32).max)
 
 
 class CombineConfig(Model):
@@ -23,6 +25,11 @@ class CombineConfig(Model):
     """Share of the template's depth below which a pixel is too near. Paper: "less than half"."""
     reject_far: bool = True
     """Whether a pixel farther than the template is invalid; this also overwrites surfaces that recede."""
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Bounds of the template t that keep a pixel z: `low z <= t <= high z`. An empty pixel is never kept."""
+        return (1.0 if self.reject_far else 0.0), (1 / self.near_share if self.reject_near else LARGEST)
 
 
 class PaperConfig(Model):

@@ -11,9 +11,8 @@ from numba.types import UniTuple
 from pydantic import Field
 
 from ..compiled import compiled
-from ..geometry import resized
 from ..model import Model
-from ..types import FloatArray, GrayImage
+from ..types import FloatArray, GrayImage, resized
 
 Indices = npt.NDArray[np.intp]
 Descriptors = npt.NDArray[np.uint64]

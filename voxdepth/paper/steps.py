@@ -9,7 +9,7 @@ from numba import float32, void
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, READABLE_IMAGE, compile_all, compiled
 from ..devices import DeviceName, require_device
 from ..types import FloatArray, FloatImage, GrayImage, Intrinsics, Source
-from .config import CombineConfig, PaperConfig
+from .config import PaperConfig
 from .voxels import VoxelGrid, project_voxels
 
 if TYPE_CHECKING:
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 ImageSteps = Union["HostSteps", "WarpSteps"]
 """The steps that process every pixel. Images stay in the memory of the implementation from step to step."""
-LARGEST = float(np.finfo(np.float32).max)
 
 
 class HostSteps:
@@ -64,7 +63,7 @@ class HostSteps:
     def combine(self, raw: FloatImage, template: FloatImage) -> tuple[FloatImage, GrayImage]:
         """Depth and `Source` after the invalid pixels of a frame are replaced by those of the warped template."""
         source = np.empty(raw.shape, np.uint8)
-        combine(np.ascontiguousarray(raw), *factors(self._config.combine), template, source)
+        combine(np.ascontiguousarray(raw), *self._config.combine.bounds, template, source)
         return template, source
 
     def unchanged(self, raw: FloatImage) -> tuple[FloatImage, GrayImage]:
@@ -94,11 +93,6 @@ def create_steps(device: DeviceName, intrinsics: Intrinsics, config: PaperConfig
     return WarpSteps(intrinsics, config, device=device)
 
 
-def factors(rule: CombineConfig) -> tuple[float, float]:
-    """Bounds of the template t that keep a pixel z: `low z <= t <= high z`. An empty pixel is never kept."""
-    return (1.0 if rule.reject_far else 0.0), (1 / rule.near_share if rule.reject_near else LARGEST)
-
-
 @compiled(void(READABLE_IMAGE, float32, float32, FLOAT_IMAGE, BYTE_IMAGE))
 def combine(
     raw_m: FloatImage,
@@ -112,8 +106,8 @@ def combine(
     """Replace the invalid pixels of a frame by those of the template, and write one `Source` per pixel: paper, Eq.
     depthcor.
 
-    Images have shape (H, W) and depth in metres, 0 = invalid. A pixel is kept within the `factors` of the template, and
-    where that is empty. The template, in the pixels of the frame, is overwritten with the result.
+    Images have shape (H, W) and depth in metres, 0 = invalid. A pixel is kept within the bounds of the
+    `CombineConfig`, and where the template is empty. That is in the pixels of the frame, and overwritten by the result.
     """
     for row in range(raw_m.shape[0]):
         for col in range(raw_m.shape[1]):

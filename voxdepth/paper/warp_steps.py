@@ -10,7 +10,6 @@ from ..geometry import RayMap
 from ..types import FloatArray, FloatImage, GrayImage, Intrinsics
 from . import warp_kernels as kernels
 from .config import PaperConfig
-from .steps import factors
 
 
 class WarpSteps:
@@ -68,7 +67,7 @@ class WarpSteps:
     def combine(self, raw: Any, template: Any) -> tuple[Any, Any]:
         """See `HostSteps`."""
         depth, source = wp.empty_like(raw), self._empty_source()
-        self._launch(kernels.combine, [raw, template, *factors(self._config.combine)], [depth, source])
+        self._launch(kernels.combine, [raw, template, *self._config.combine.bounds], [depth, source])
         return depth, source
 
     def unchanged(self, raw: Any) -> tuple[Any, Any]:

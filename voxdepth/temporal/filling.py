@@ -204,7 +204,7 @@ class HoleFiller:
         self._resolution, decimation = resolution, resolution.decimation
         width_px = decimation * resolution.width_px
         self._rules = Rules.of(config, resolution.matched_px, decimation, width_px)
-        self._rim_rules = Rules.of(config, resolution.matched_px / decimation, 1, width_px)
+        self._border_rules = Rules.of(config, resolution.matched_px / decimation, 1, width_px)
 
     def fill(self, known: Known, depth_m: FloatImage) -> tuple[Inpainted, Filled]:
         """Fill the holes of a frame with a measured depth [m] of shape (H, W).
@@ -222,11 +222,11 @@ class HoleFiller:
         np.copyto(inpainted.disparity_px, smooth_px, where=inpainted.disparity_px > 0)
         if self._resolution.decimation == 1:
             return inpainted, Filled.empty(place[:0])
-        rims, number = find_rims(known.disparity_px, filled, rays, depth_m, self._rules)
-        rim_rays = Rays.empty(len(rims))
+        border, number = find_border(known.disparity_px, filled, rays, depth_m, self._rules)
+        border_rays = Rays.empty(len(border))
         focal_baseline_px_m = self._resolution.focal_baseline_px_m
-        march(known.disparity_px, depth_m, focal_baseline_px_m, rims, number, rays.steps, rim_rays)
-        return inpainted, self._vote(known, rims, rim_rays, self._rim_rules, self._resolution.decimation)
+        march(known.disparity_px, depth_m, focal_baseline_px_m, border, number, rays.steps, border_rays)
+        return inpainted, self._vote(known, border, border_rays, self._border_rules, self._resolution.decimation)
 
     def _vote(self, known: Known, place: Places, rays: Rays, rules: Rules, scale: int) -> Filled:
         """What holes are filled with, whose places are pixels of 1 / scale of a working pixel."""
@@ -268,7 +268,7 @@ def continue_lone_ends(
     """Continue the surfaces at lone ends to their holes, whose places are pixels of 1 / scale working pixel.
 
     The disparity becomes at least half of that at the end, and at most twice. A lone end with nothing known behind it
-    is taken away: a speck would paint a star.
+    is taken away: a speckle would paint a star.
     """
     for ray in range(2 * AXES):
         sign, opposite = (1, ray + AXES) if ray < AXES else (-1, ray - AXES)
@@ -445,14 +445,14 @@ def paste(
 
 
 @compiled(Tuple((PLACES, int32[::1]))(FLOAT_IMAGE, FILLED, RAYS, READABLE_IMAGE, RULES))
-def find_rims(
+def find_border(
     known_px: FloatImage, filled: Filled, rays: Rays, depth_m: FloatImage, rules: Rules
 ) -> tuple[Places, npt.NDArray[np.int32]]:
     """The hole pixels of the frame in and beside measured working pixels, and the number of the hole of each.
 
     Where all votes are for one surface, and it is the measured one, the working pixel is enough.
     """
-    rims, hole = np.empty((4 * len(filled.place), 2), np.int32), np.empty(4 * len(filled.place), np.int32)
+    border, hole = np.empty((4 * len(filled.place), 2), np.int32), np.empty(4 * len(filled.place), np.int32)
     n = 0
     for k in range(len(filled.place)):
         row, col = filled.place[k]
@@ -466,6 +466,6 @@ def find_rims(
             continue
         for v in range(2 * row, 2 * row + 2):
             for u in range(2 * col, 2 * col + 2):
-                rims[n, 0], rims[n, 1], hole[n] = v, u, k
+                border[n, 0], border[n, 1], hole[n] = v, u, k
                 n += own_px == 0 or depth_m[v, u] <= 0
-    return rims[:n].copy(), hole[:n].copy()
+    return border[:n].copy(), hole[:n].copy()

@@ -18,14 +18,14 @@ MAX_SURFACE_SPAN_PX = float32(1)
 """Blocks of two by two pixels whose disparities span less are averaged; others show two surfaces. Adjacent pixels of
 one surface differ by at most as much."""
 STEPS_PER_PX = np.float32(32)
-"""Steps of disparity that specks are searched in: 16 bits hold `MAX_DISPARITY_PX`."""
-MAX_SPECK_PX = 16
-"""Largest number of working pixels of a speck."""
+"""Steps of disparity that speckles are searched in: 16 bits hold `MAX_DISPARITY_PX`."""
+MAX_SPECKLE_PX = 16
+"""Largest number of working pixels of a speckle."""
 EXACT_STRIDE_PX, EXACT_PX, EXACT_SHARE = 24, 0.002, 0.9
 """Stride of the rows in which noise is sought, largest second difference of disparity without noise, and how many have
 none. Of seven real recordings at most half are below 0.025 px."""
-SPECK_KERNEL = np.ones((7, 7), np.uint8)
-"""Neighbourhood in which the background of a speck is searched."""
+SPECKLE_KERNEL = np.ones((7, 7), np.uint8)
+"""Neighbourhood in which the background of a speckle is searched."""
 _BLOCK_VALIDITY = np.rint(255 * np.sqrt(np.arange(5) / 4)).astype(np.uint8)
 """Validity of a block in 0..255, by the number of its valid pixels: the square root of the valid fraction. The fraction
 itself would leave too little weight to surfaces that are measured in sparse pixels only."""
@@ -56,7 +56,7 @@ def measure(frame: Frame, resolution: WorkingResolution) -> Measurement:
         _decimate(np.ascontiguousarray(frame.depth_m), resolution.focal_baseline_px_m, disparity_px, validity)
         even = frame.gray[: 2 * resolution.height_px, : 2 * resolution.width_px]
         gray = np.asarray(cv2.resize(even, resolution.shape[::-1], interpolation=cv2.INTER_AREA), np.uint8)
-    disparity_px = without_near_specks(disparity_px, find_specks(disparity_px))
+    disparity_px = without_near_speckles(disparity_px, find_speckles(disparity_px))
     weight = np.asarray(cv2.LUT(box_mean(validity, VALIDITY_WINDOW_PX), _WEIGHT), np.uint8)
     gray = np.asarray(cv2.GaussianBlur(gray, (3, 3), 0), np.uint8)
     return Measurement(disparity_px, weight & above(disparity_px, 0), gray, is_exact(disparity_px))
@@ -73,13 +73,13 @@ def is_exact(disparity_px: FloatImage) -> bool:
     return curvature_px.size > 0 and bool(np.mean(curvature_px < EXACT_PX) >= EXACT_SHARE)
 
 
-def find_specks(disparity_px: FloatImage) -> GrayImage:
-    """Mask of the surfaces of at most `MAX_SPECK_PX` pixels, shape (h, w).
+def find_speckles(disparity_px: FloatImage) -> GrayImage:
+    """Mask of the surfaces of at most `MAX_SPECKLE_PX` pixels, shape (h, w).
 
     Adjacent pixels are of one surface if they differ by at most `MAX_SURFACE_SPAN_PX`.
     """
     steps = (disparity_px * STEPS_PER_PX).astype(np.int16)
-    kept, _ = cv2.filterSpeckles(steps.copy(), 0, MAX_SPECK_PX, float(MAX_SURFACE_SPAN_PX * STEPS_PER_PX))
+    kept, _ = cv2.filterSpeckles(steps.copy(), 0, MAX_SPECKLE_PX, float(MAX_SURFACE_SPAN_PX * STEPS_PER_PX))
     return np.asarray(cv2.compare(steps, kept, cv2.CMP_NE), np.uint8)
 
 
@@ -111,13 +111,13 @@ def _decimate(
             validity[row, col] = _BLOCK_VALIDITY[n_valid]
 
 
-def without_near_specks(disparity_px: FloatImage, speck: GrayImage) -> FloatImage:
-    """The disparity without the specks that are nearer than the farthest larger surface around them, shape (h, w).
+def without_near_speckles(disparity_px: FloatImage, speckle: GrayImage) -> FloatImage:
+    """The disparity without the speckles that are nearer than the farthest larger surface around them, shape (h, w).
 
-    Such specks are wrong matches more often than objects. Farther ones may be all that is visible of the background.
+    Such speckles are wrong matches more often than objects. Farther ones may be all that is visible of the background.
     """
-    not_background = speck | ~above(disparity_px, 0)
+    not_background = speckle | ~above(disparity_px, 0)
     background_px = cv2.copyTo(np.full_like(disparity_px, MAX_DISPARITY_PX), not_background, disparity_px.copy())
-    step_px = cv2.subtract(disparity_px, cv2.erode(background_px, SPECK_KERNEL))
-    near = speck & above(np.asarray(step_px, np.float32), float(MAX_SURFACE_SPAN_PX))
+    step_px = cv2.subtract(disparity_px, cv2.erode(background_px, SPECKLE_KERNEL))
+    near = speckle & above(np.asarray(step_px, np.float32), float(MAX_SURFACE_SPAN_PX))
     return np.asarray(cv2.copyTo(disparity_px, cv2.bitwise_not(near)), np.float32)

@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 
 from ..compiled import BYTE_IMAGE, FLOAT_IMAGE, named_tuple
-from ..geometry import resized
-from ..types import FloatImage, GrayImage
+from ..types import FloatImage, GrayImage, resized
 from .forward_warp import Warped
 from .masks import Image
 

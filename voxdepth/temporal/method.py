@@ -33,7 +33,7 @@ class FusedFrame:
     """Whether the sensor has no noise, so that nothing is smoothed."""
     fused: Fused
     inpainted: Inpainted
-    rims: Filled
+    border: Filled
     """What the pixels of the frame in and beside measured working pixels are filled with."""
     tracking: TrackingResult
     timings_s: Mapping[str, float]
@@ -89,12 +89,12 @@ class VoxDepth(StreamCorrector):
         with timer("fill"):
             evidence = fused.weight * np.float32(1 / (WEIGHT_UNIT * (1 + motion_px2)))
             known = Known(fused.disparity_px, fused.remembered_px, evidence, memory.filled_px)
-            inpainted, rims = self._filler.fill(known, frame.depth_m)
+            inpainted, border = self._filler.fill(known, frame.depth_m)
         with timer("remember"):
             self._remember(frame, tracking, updated._replace(filled_px=inpainted.disparity_px))
         return FusedFrame(
-            depth_m=frame.depth_m, is_exact=is_exact, fused=fused, inpainted=inpainted, rims=rims, tracking=tracking,
-            timings_s=timer.times_s,
+            depth_m=frame.depth_m, is_exact=is_exact, fused=fused, inpainted=inpainted, border=border,
+            tracking=tracking, timings_s=timer.times_s,
         )  # fmt: skip
 
     def combine(self, aligned: FusedFrame) -> CorrectedDepth:
@@ -110,10 +110,10 @@ class VoxDepth(StreamCorrector):
                 disparity_px, pixel_class, fused.weight, fused.magnification, inpainted.probability
             )
             estimate = Estimate(disparity_px, pixel_class, confidence)
-            rims = self._of_rims(fused, aligned.rims)
+            border = self._of_border(fused, aligned.border)
         with timer("upsample"):
             shown = self._upsampler.show(aligned.depth_m, estimate, config.min_shown_confidence)
-            self._upsampler.show_pixels(aligned.rims.place, rims, config.min_shown_confidence, shown)
+            self._upsampler.show_pixels(aligned.border.place, border, config.min_shown_confidence, shown)
             shown = completed(shown) if config.fill == "all" else shown
         return CorrectedDepth(**shown._asdict(), timings_s=timer.times_s, diagnostics=aligned.tracking)
 
@@ -125,12 +125,13 @@ class VoxDepth(StreamCorrector):
         warped = self._forward_warp.warp(memory.disparity_px, memory.weight, T)
         return memory.seen_by(warped), self._resolution.decimation**2 * self._forward_warp.motion_px2(warped)
 
-    def _of_rims(self, fused: Fused, rims: Filled) -> Estimate:
+    def _of_border(self, fused: Fused, border: Filled) -> Estimate:
         """The estimate of the pixels that are filled one by one, shape (1, N)."""
-        row, col = rims.place.T // self._resolution.decimation
-        disparity_px, pixel_class = rims.disparity_px[None], rims.remembered[None] & np.uint8(PixelClass.REMEMBERED)
+        row, col = border.place.T // self._resolution.decimation
+        disparity_px = border.disparity_px[None]
+        pixel_class = border.remembered[None] & np.uint8(PixelClass.REMEMBERED)
         weight, magnification = fused.weight[row, col][None], fused.magnification[row, col][None]
-        confidence = estimate_confidence(disparity_px, pixel_class, weight, magnification, rims.probability[None])
+        confidence = estimate_confidence(disparity_px, pixel_class, weight, magnification, border.probability[None])
         return Estimate(disparity_px, pixel_class, confidence)
 
     def _remember(self, frame: Frame, tracking: TrackingResult, memory: Memory) -> None:

@@ -152,7 +152,7 @@ def march(
     known_px: FloatImage,
     depth_m: FloatImage,
     focal_baseline_px_m: float,
-    rims: Places,
+    border: Places,
     hole: npt.NDArray[np.int32],
     working_steps: FloatImage,
     # output
@@ -163,9 +163,9 @@ def march(
     for ray in range(2 * AXES):
         sign = 1 if ray < AXES else -1
         down, right = sign * ROWS[ray % AXES], sign * COLS[ray % AXES]
-        for k in range(len(rims)):
+        for k in range(len(border)):
             steps = max(1, 2 * int64(min(working_steps[ray, hole[k]], FAR_STEPS)) - 1)
-            v, u, end_px = rims[k, 0] + steps * down, rims[k, 1] + steps * right, float32(0)
+            v, u, end_px = border[k, 0] + steps * down, border[k, 1] + steps * right, float32(0)
             while 0 <= v < height and 0 <= u < width:
                 surface_px, surface_m = known_px[np.uintp(v >> 1), np.uintp(u >> 1)], depth_m[np.uintp(v), np.uintp(u)]
                 if surface_px > 0 and surface_m > 0:

@@ -6,10 +6,9 @@ import cv2
 import numpy as np
 from pydantic import Field
 
-from ..geometry import resized
 from ..model import Model
 from ..paper.registration import EDGE_PX, PYRAMID_LEVELS, Features, good_matches
-from ..types import FloatArray, FloatImage, GrayImage
+from ..types import FloatArray, FloatImage, GrayImage, resized
 from .memory import Memory
 from .pose_fit import project, transform_points
 from .tracking_camera import Pixels, TrackingCamera

@@ -6,8 +6,7 @@ import numpy as np
 from numba import float32
 
 from ..compiled import compiled
-from ..geometry import resized
-from ..types import FloatArray, FloatImage, Intrinsics
+from ..types import FloatArray, FloatImage, Intrinsics, resized
 
 MAX_DISPARITY_PX = float32(1000)
 """No sensor measures surfaces of larger disparity. The bound also keeps fixed-point disparities in range."""
