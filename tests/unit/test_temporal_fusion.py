@@ -257,6 +257,24 @@ def test_biased_differences_do_not_agree() -> None:
     np.testing.assert_array_equal(memory.disparity_px[INSIDE], 10)
 
 
+def test_a_bias_counts_as_well_where_few_neighbours_are_measured() -> None:
+    sparse_px = with_block(10.9)
+    sparse_px[np.indices(SHAPE).sum(axis=0) % 3 > 0] = 0
+    fused, _ = fuse(memory_of(image(10)), measurement_of(sparse_px, other_look()))
+    measured = fused.pixel_class[INSIDE][sparse_px[INSIDE] > 0]
+    assert (measured != PixelClass.FUSED).all()
+
+
+def test_the_error_of_a_surface_that_was_not_measured_again_grows_with_the_square_of_its_disparity() -> None:
+    memory = memory_of(image(10))._replace(seen_px=image(5))
+    fused, updated = fuse(memory, measurement_of(image(0)))
+    np.testing.assert_array_equal(fused.magnification, 4)
+    np.testing.assert_array_equal(updated.seen_px, 5)
+    np.testing.assert_array_equal(updated.age, 255)
+    _, seen = fuse(memory, measurement_of(image(10)))
+    np.testing.assert_array_equal(seen.seen_px, 10)
+
+
 def test_the_tolerance_grows_with_the_disparity() -> None:
     for disparity_px, kind in ((10.0, PixelClass.REMEMBERED), (60.0, PixelClass.FUSED)):
         new_px = image(disparity_px)
