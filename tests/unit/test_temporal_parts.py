@@ -229,6 +229,11 @@ class TestSmoothing:
         assert np.std(error_px[:, :70]) < 0.04
         np.testing.assert_allclose(error_px[:, 76:84], 0, atol=0.5)
 
+    def test_nothing_overshoots_by_rounding(self) -> None:
+        noise_px = np.random.default_rng(4).normal(0, 0.05, CAMERA.shape).astype(np.float32)
+        error_px = smooth_guided(np.float32(900) + noise_px, 5, 0.3) - 900
+        assert abs(error_px).max() <= abs(noise_px).max()
+
     def test_half_of_the_difference_to_the_mean_stays_where_the_window_varies_as_much_as_the_noise(self) -> None:
         varied_px = np.random.default_rng(2).normal(6, 0.4, (5, 5)).astype(np.float32)
         smoothed_px = smooth_guided(varied_px, 5, float(varied_px.std()))

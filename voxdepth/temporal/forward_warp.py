@@ -107,7 +107,7 @@ class ForwardWarp:
             self._marked_px, warped.source_x, warped.source_y, cv2.INTER_LINEAR,
             borderMode=cv2.BORDER_CONSTANT, borderValue=float(HOLE_PX),
         )  # fmt: skip
-        _resample(np.asarray(sampled_px, np.float32), backward, forward[2, 3], warped.disparity_px)
+        _resample(np.asarray(sampled_px, np.float32), backward, warped.disparity_px)
         return warped
 
     def motion_px2(self, warped: Warped) -> float:
@@ -212,25 +212,19 @@ def _trace_back(
             warped.source_y[row, col] = _numerator(backward_y, row, col, disparity_px) * inverse
 
 
-@compiled(void(FLOAT_IMAGE, FLOAT_IMAGE, float32, FLOAT_IMAGE))
+@compiled(void(FLOAT_IMAGE, FLOAT_IMAGE, FLOAT_IMAGE))
 def _resample(
     sampled_px: FloatImage,
     backward: FloatImage,
-    e_z: float,
     # input and output
     disparity_px: FloatImage,
 ) -> None:
-    """Replace the disparity of each pixel by its sample in the source image, where that is of the same surface.
-
-    The position of the sample was computed with the splatted disparity, so the depth ratio, whose rate of change is
-    `e_z`, is corrected for that of the sample.
-    """
+    """Replace the disparity of each pixel by its sample in the source image, where that is of the same surface."""
     backward_z = _row(backward, 2)
     for row in range(sampled_px.shape[0]):
         for col in range(sampled_px.shape[1]):
             splatted_px = disparity_px[row, col]
-            inverse = _inverse_depth_ratio(backward_z, row, col, splatted_px)
-            ratio = (sampled_px[row, col] - splatted_px * inverse) * e_z + inverse
-            resampled_px = sampled_px[row, col] / max(ratio, MIN_DEPTH_RATIO)
+            depth_ratio = _numerator(backward_z, row, col, splatted_px)
+            resampled_px = sampled_px[row, col] * depth_ratio
             is_same = (abs(resampled_px - splatted_px) < MAX_RESAMPLING_CHANGE_PX) & (splatted_px > 0)
             disparity_px[row, col] = resampled_px if is_same else splatted_px
