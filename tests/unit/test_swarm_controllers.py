@@ -14,11 +14,11 @@ from swarm.agents import Follower, Leader, Track, create_agent
 from swarm.controllers import DEFAULT_CONTROLLER, Agent, Role, load_controller
 from swarm.errors import MissionError
 from swarm.obstacles import AvoidanceConfig
-from swarm.pilot import Heading, Holes, Pilot, PilotConfig, Situation
+from swarm.pilot import Decision, Heading, Holes, Pilot, PilotConfig, Situation
 from swarm.reactive import ReactivePilot, state_of
 from swarm.task import MissionConfig
 from swarm.team import Route
-from swarm.types import Choice, Decision, Histogram, Motion, Neighbours, Percept
+from swarm.types import Choice, Histogram, Motion, Neighbours, Percept
 from tests.swarm_scenes import (
     FORWARD,
     NOBODY,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm.obstacle_kernels import braking_speed
+from swarm.braking import braking_speed
 from swarm.obstacles import Avoidance, AvoidanceConfig
 from swarm.types import Histogram
 from tests.helpers import CAMERA

@@ -1,14 +1,13 @@
-"""The map of a drone: what is free, unseen, vain, given up and a surface."""
+"""The map of a drone: what is free, unknown, unobservable, blacklisted and occupied, and paths through it."""
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
 from sim.frames import R_BODY_CAM, pose
-from swarm.chart import Chart
-from swarm.evidence import EvidenceConfig, EvidenceReader
-from swarm.free_map import FreeMap, MapConfig
-from swarm.map_kernels import FREE, GIVEN_UP, SURFACE, UNSEEN, VAIN
+from swarm.cost_map import CostMap
+from swarm.evidence import EvidenceConfig, InverseSensorModel
+from swarm.voxel_map import BLACKLISTED, FREE, OCCUPIED, UNKNOWN, UNOBSERVABLE, MapConfig, VoxelMap
 from tests.helpers import CAMERA
 from tests.swarm_scenes import turn
 from tests.unit.test_swarm_evidence import flat, image
@@ -24,8 +23,8 @@ class Drone:
 
     def __init__(self, **config: float) -> None:
         self.config = MapConfig(start_radius_m=0.0, **config)
-        self.reader = EvidenceReader(CAMERA, EvidenceConfig(disparity_error_px=0.01))
-        self.map = FreeMap(self.config, self.reader, CAMERA)
+        self.sensor = InverseSensorModel(CAMERA, EvidenceConfig(disparity_error_px=0.01))
+        self.map = VoxelMap(self.config, self.sensor, CAMERA)
         self.map.start(HERE, 0.0)
         self.time_s = 0.0
 
@@ -42,16 +41,17 @@ class Drone:
         for _ in range(times):
             self.time_s += 0.1
             T = pose(turn(yaw_rad) @ R_BODY_CAM, at_m)
-            self.map.update(self.reader.read(image(depth_m)), T, drones_m, self.time_s)
+            self.map.update(self.sensor.read(image(depth_m)), T, drones_m, self.time_s)
         return self
 
-    def chart(self, after_s: float = 0.0) -> Chart:
-        """The slice at its height."""
-        return self.map.chart(-0.2, 0.2, WIDTH_M, self.time_s + after_s)
+    def costs(self, low_m: float = -0.2, high_m: float = 0.2, after_s: float = 0.0) -> CostMap:
+        """The layer at its height."""
+        layer = self.map.layer(low_m, high_m, self.time_s + after_s)
+        return CostMap(layer, self.map.origin_m[:2], WIDTH_M, self.config)
 
     def state(self, x: float, y: float = 0.0, after_s: float = 0.0) -> int:
         """State of a place at its height."""
-        return self.chart(after_s).state_at(np.array([x, y]))
+        return self.costs(after_s=after_s).state_at(np.array([x, y]))
 
 
 def test_a_column_is_free_where_the_slices_around_it_are() -> None:
@@ -60,9 +60,9 @@ def test_a_column_is_free_where_the_slices_around_it_are() -> None:
     for _ in range(300):
         at_m = np.array([*rng.uniform(-1, 4, 2), 0.0])
         low_m, high_m = np.sort(rng.uniform(-0.6, 0.6, 2))
-        chart = drone.map.chart(low_m, high_m, WIDTH_M, drone.time_s)
-        col, row = np.floor((at_m[:2] - chart.origin_m) / chart.voxel_m).astype(int)
-        is_free = bool((chart.state[row - 1 : row + 2, col - 1 : col + 2] == FREE).all())
+        costs = drone.costs(low_m, high_m)
+        col, row = np.floor((at_m[:2] - costs.origin_m) / costs.voxel_m).astype(int)
+        is_free = bool((costs.state[row - 1 : row + 2, col - 1 : col + 2] == FREE).all())
         assert drone.map.is_column_free(at_m, low_m, high_m, drone.time_s) == is_free
         n_free += is_free
     assert 20 < n_free < 280
@@ -78,29 +78,29 @@ def test_no_column_beyond_the_map_is_free(far_m: float) -> None:
 
 def test_two_images_of_a_wall_prove_the_space_before_it() -> None:
     drone = Drone().sees(flat(3.0), 1)
-    assert drone.state(2.0) == UNSEEN
+    assert drone.state(2.0) == UNKNOWN
     drone.sees(flat(3.0), 1)
     assert [drone.state(x) for x in (1.5, 2.0, 2.5)] == [FREE] * 3
-    assert drone.state(3.0) == SURFACE
-    assert [drone.state(x) for x in (3.6, 5.0)] == [UNSEEN] * 2
-    assert [drone.state(x, y) for x, y in ((-1, 0), (0.2, 2))] == [UNSEEN] * 2
+    assert drone.state(3.0) == OCCUPIED
+    assert [drone.state(x) for x in (3.6, 5.0)] == [UNKNOWN] * 2
+    assert [drone.state(x, y) for x, y in ((-1, 0), (0.2, 2))] == [UNKNOWN] * 2
 
 
-def test_looking_at_nothing_makes_near_space_vain_and_far_space_stays_unseen() -> None:
+def test_looking_at_nothing_makes_near_space_unobservable_and_far_space_stays_unknown() -> None:
     drone = Drone().sees(flat(0.0), 4)
-    assert drone.state(2.0) == UNSEEN
+    assert drone.state(2.0) == UNKNOWN
     drone.sees(flat(0.0), 1)
-    assert [drone.state(x) for x in (1.5, 3.0)] == [VAIN] * 2
-    assert [drone.state(x) for x in (4.6, 8.0, -2.0)] == [UNSEEN] * 3
+    assert [drone.state(x) for x in (1.5, 3.0)] == [UNOBSERVABLE] * 2
+    assert [drone.state(x) for x in (4.6, 8.0, -2.0)] == [UNKNOWN] * 3
 
 
 def test_free_space_outlasts_a_view_of_nothing_but_no_surface_and_not_its_memory() -> None:
     drone = Drone(memory_s=30.0).sees(flat(3.0), 2).sees(flat(0.0), 10)
     assert drone.state(2.0) == FREE
     assert drone.state(2.0, after_s=28.5) == FREE
-    assert drone.state(2.0, after_s=30.5) == VAIN
+    assert drone.state(2.0, after_s=30.5) == UNOBSERVABLE
     drone.sees(flat(2.0), 2)
-    assert drone.state(2.0) == SURFACE
+    assert drone.state(2.0) == OCCUPIED
 
 
 def test_free_space_that_is_forgotten_must_be_proven_again() -> None:
@@ -113,24 +113,24 @@ def test_free_space_that_is_forgotten_must_be_proven_again() -> None:
 def test_one_image_of_a_surface_in_free_space_is_an_error_and_two_confirm_it() -> None:
     drone = Drone().sees(flat(5.0), 3).sees(flat(2.0), 1)
     assert drone.state(2.0) == FREE
-    assert drone.sees(flat(2.0), 1).state(2.0) == SURFACE
+    assert drone.sees(flat(2.0), 1).state(2.0) == OCCUPIED
     every_other = Drone().sees(flat(5.0), 3)
     for depth_m in (2.0, 5.0, 2.0):
         every_other.sees(flat(depth_m), 1)
-    assert every_other.state(2.0) == SURFACE
+    assert every_other.state(2.0) == OCCUPIED
 
 
 def test_a_surface_that_is_gone_becomes_free_after_some_images() -> None:
     drone = Drone().sees(flat(2.0), 3).sees(flat(5.0), 3)
-    assert drone.state(2.0) == SURFACE or drone.state(2.0) == UNSEEN
+    assert drone.state(2.0) == OCCUPIED or drone.state(2.0) == UNKNOWN
     assert drone.sees(flat(5.0), 2).state(2.0) == FREE
 
 
 def test_another_drone_is_no_surface_and_hides_what_is_behind_it() -> None:
     drone = Drone().sees(flat(3.0), 6, drones_m=np.array([[3.0, 0.0, 0.0]]))
-    assert drone.state(3.0) == UNSEEN
-    assert drone.state(3.7) == UNSEEN
-    assert drone.state(3.0, 1.8) == SURFACE
+    assert drone.state(3.0) == UNKNOWN
+    assert drone.state(3.7) == UNKNOWN
+    assert drone.state(3.0, 1.8) == OCCUPIED
 
 
 @pytest.mark.parametrize("yaw_rad", [0.0, 1.0, -2.5])
@@ -138,8 +138,8 @@ def test_the_map_turns_with_nobody(yaw_rad: float) -> None:
     drone = Drone().sees(flat(3.0), 2, yaw_rad=yaw_rad)
     ahead = turn(yaw_rad)[:2, 0]
     assert drone.state(*(2.0 * ahead)) == FREE
-    assert drone.state(*(3.0 * ahead)) == SURFACE
-    assert drone.state(*(-1.0 * ahead)) == UNSEEN
+    assert drone.state(*(3.0 * ahead)) == OCCUPIED
+    assert drone.state(*(-1.0 * ahead)) == UNKNOWN
 
 
 def test_places_keep_their_state_when_the_map_follows_the_drone() -> None:
@@ -148,7 +148,7 @@ def test_places_keep_their_state_when_the_map_follows_the_drone() -> None:
     drone.sees(flat(0.0), 1, at_m=np.array([4.0, 0.0, 0.0]), yaw_rad=np.pi / 2)
     assert [drone.state(x, y) for x in np.arange(1, 6, 0.5) for y in (-1.0, 0.0, 1.0)] == before
     drone.sees(flat(0.0), 1, at_m=np.array([400.0, 0.0, 0.0]))
-    assert drone.state(2.0) == UNSEEN
+    assert drone.state(2.0) == UNKNOWN
 
 
 def test_thin_things_beside_the_middles_of_voxels_are_surfaces() -> None:
@@ -156,29 +156,29 @@ def test_thin_things_beside_the_middles_of_voxels_are_surfaces() -> None:
     depth_m = flat(6.0)
     depth_m[CAMERA.height_px // 2 : CAMERA.height_px // 2 + 2] = 2.0
     drone = Drone().sees(depth_m, 3)
-    assert {drone.state(2.0, y) for y in np.linspace(-1, 1, 9)} == {SURFACE}
+    assert {drone.state(2.0, y) for y in np.linspace(-1, 1, 9)} == {OCCUPIED}
 
 
-def test_what_is_given_up_is_vain_but_free_space_stays_free() -> None:
+def test_what_is_blacklisted_is_unobservable_at_first_but_free_space_stays_free() -> None:
     drone = Drone().sees(flat(3.0), 2)
-    drone.map.give_up(np.array([3.5, 0.0, 0.0]), 1.0, 0.4, drone.time_s)
+    drone.map.blacklist(np.array([[3.5, 0.0, 0.0]]), 1.0, 0.4, drone.time_s)
     assert drone.state(2.7) == FREE
-    assert drone.state(4.0) == VAIN
-    assert drone.state(5.0) == UNSEEN
+    assert drone.state(4.0) == UNOBSERVABLE
+    assert drone.state(5.0) == UNKNOWN
 
 
-def test_what_is_vain_is_given_up_until_an_image_shows_it() -> None:
+def test_what_is_unobservable_is_blacklisted_until_an_image_shows_it() -> None:
     drone = Drone().sees(flat(0.0), 5)
-    assert drone.state(2.0) == VAIN
-    drone.map.give_up(np.array([2.0, 0.0, 0.0]), 1.0, 0.4, drone.time_s)
-    assert drone.sees(flat(0.0), 300).state(2.0) == GIVEN_UP
+    assert drone.state(2.0) == UNOBSERVABLE
+    drone.map.blacklist(np.array([[2.0, 0.0, 0.0]]), 1.0, 0.4, drone.time_s)
+    assert drone.sees(flat(0.0), 300).state(2.0) == BLACKLISTED
     assert drone.sees(flat(3.0), 2).state(2.0) == FREE
 
 
-def test_free_space_that_is_forgotten_can_be_given_up() -> None:
+def test_free_space_that_is_forgotten_can_be_blacklisted() -> None:
     drone = Drone(memory_s=30.0).sees(flat(3.0), 2)
-    drone.map.give_up(np.array([2.0, 0.0, 0.0]), 1.0, 0.4, drone.time_s + 40.0)
-    assert drone.state(2.0, after_s=40.0) == VAIN
+    drone.map.blacklist(np.array([[2.0, 0.0, 0.0]]), 1.0, 0.4, drone.time_s + 40.0)
+    assert drone.state(2.0, after_s=40.0) == UNOBSERVABLE
 
 
 def test_a_map_that_is_too_large_is_refused() -> None:
@@ -186,76 +186,76 @@ def test_a_map_that_is_too_large_is_refused() -> None:
         MapConfig(reach_m=1000.0)
 
 
-def empty_chart(side: int = 40) -> Chart:
-    """A chart of 10 m with free space inside of a wall."""
+def empty_costs(side: int = 40) -> CostMap:
+    """A map of 10 m with free space inside of a wall."""
     state = np.zeros((side, side), np.uint8)
-    state[[0, -1], :] = state[:, [0, -1]] = SURFACE
-    return Chart(state, HERE[:2], WIDTH_M, MapConfig())
+    state[[0, -1], :] = state[:, [0, -1]] = OCCUPIED
+    return CostMap(state, HERE[:2], WIDTH_M, MapConfig())
 
 
 def test_the_free_length_ends_where_the_width_no_longer_fits() -> None:
-    chart = empty_chart()
+    costs = empty_costs()
     at_m = np.array([2.0, 5.0])
-    ahead = chart.free_length_m(at_m, np.array([1.0, 0.0]), 20.0)
+    ahead = costs.free_length_m(at_m, np.array([1.0, 0.0]), 20.0)
     assert 10 - 0.25 - WIDTH_M - 2 - 0.3 <= ahead <= 10 - 0.25 - WIDTH_M - 2
-    assert chart.free_length_m(at_m, np.array([1.0, 0.0]), 3.0) == 3.0
-    assert chart.clearance_m(np.array([5.0, 5.0])) == pytest.approx(4.75, abs=0.3)
+    assert costs.free_length_m(at_m, np.array([1.0, 0.0]), 3.0) == 3.0
+    assert costs.clearance_m(np.array([5.0, 5.0])) == pytest.approx(4.75, abs=0.3)
 
 
 @pytest.mark.parametrize("voxel_m", [0.1, 0.15, 0.2, 0.25, 0.3])
 def test_the_free_length_in_the_open_is_what_was_asked_for(voxel_m: float) -> None:
-    chart = Chart(np.zeros((200, 200), np.uint8), HERE[:2], WIDTH_M, MapConfig(voxel_m=voxel_m))
+    costs = CostMap(np.zeros((200, 200), np.uint8), HERE[:2], WIDTH_M, MapConfig(voxel_m=voxel_m))
     middle_m = np.full(2, 100 * voxel_m)
     for longest_m in np.linspace(0.5, 3, 200):
-        assert chart.free_length_m(middle_m, np.array([1.0, 0.0]), longest_m) == longest_m
+        assert costs.free_length_m(middle_m, np.array([1.0, 0.0]), longest_m) == longest_m
 
 
 def test_a_drone_leaves_a_narrow_place_only_towards_the_open() -> None:
-    chart, beside_the_wall = empty_chart(), np.array([0.5, 5.0])
-    assert not chart.is_free(beside_the_wall)
-    assert chart.free_length_m(beside_the_wall, np.array([1.0, 0.0]), 2.0) == 2.0
-    assert chart.free_length_m(beside_the_wall, np.array([-1.0, 0.0]), 2.0) <= 0.25
-    assert chart.free_length_m(beside_the_wall, np.array([0.0, 1.0]), 2.0) <= 0.75
+    costs, beside_the_wall = empty_costs(), np.array([0.5, 5.0])
+    assert not costs.fits(beside_the_wall)
+    assert costs.free_length_m(beside_the_wall, np.array([1.0, 0.0]), 2.0) == 2.0
+    assert costs.free_length_m(beside_the_wall, np.array([-1.0, 0.0]), 2.0) <= 0.25
+    assert costs.free_length_m(beside_the_wall, np.array([0.0, 1.0]), 2.0) <= 0.75
     inside_of_the_wall = np.array([-1.0, 5.0])
-    assert chart.free_length_m(inside_of_the_wall, np.array([-1.0, 0.0]), 2.0) <= 0.5
+    assert costs.free_length_m(inside_of_the_wall, np.array([-1.0, 0.0]), 2.0) <= 0.5
 
 
-def test_the_route_goes_round_what_is_dear() -> None:
-    chart = empty_chart()
-    chart.state[8:32, 18:22] = VAIN
-    chart = Chart(chart.state, HERE[:2], WIDTH_M, MapConfig())
+def test_the_path_goes_round_what_costs_much() -> None:
+    costs = empty_costs()
+    costs.state[8:32, 18:22] = UNOBSERVABLE
+    costs = CostMap(costs.state, HERE[:2], WIDTH_M, MapConfig())
     start_m, target_m = np.array([2.0, 5.0]), np.array([8.0, 5.0])
-    route = chart.route(start_m, target_m)
-    np.testing.assert_allclose(route.points_m[[0, -1]], [start_m, target_m], atol=0.5)
-    assert {chart.state_at(point) for point in route.points_m} == {FREE}
-    assert np.linalg.norm(route.points_m[route.clear] - start_m) > 1.0
-    beyond = chart.route(start_m, np.array([50.0, 5.0]))
+    path = costs.plan(start_m, target_m)
+    np.testing.assert_allclose(path.points_m[[0, -1]], [start_m, target_m], atol=0.5)
+    assert {costs.state_at(point) for point in path.points_m} == {FREE}
+    assert np.linalg.norm(path.points_m[path.clear] - start_m) > 1.0
+    beyond = costs.plan(start_m, np.array([50.0, 5.0]))
     assert beyond.points_m[-1, 0] > 9.0
 
 
 @pytest.mark.parametrize("width_m", [0.25, 0.4, 0.5, 0.55, 0.65, 0.8])
-def test_the_way_is_clear_where_the_drone_fits(width_m: float) -> None:
-    """A cell of the way is four cells of the map, and clear if the drone fits into the middle of each."""
-    state = np.random.default_rng(0).choice(np.array([FREE, VAIN], np.uint8), (40, 40), p=[0.97, 0.03])
-    chart = Chart(state, HERE[:2], width_m, MapConfig())
+def test_the_path_is_clear_where_the_drone_fits(width_m: float) -> None:
+    """A cell of a path is four cells of the map, and clear if the drone fits into the middle of each."""
+    state = np.random.default_rng(0).choice(np.array([FREE, UNOBSERVABLE], np.uint8), (40, 40), p=[0.97, 0.03])
+    costs = CostMap(state, HERE[:2], width_m, MapConfig())
     middles_m = 0.25 * (np.arange(40) + 0.5)
-    fits = np.array([[chart.is_free(np.array([x, y])) for x in middles_m] for y in middles_m])
+    fits = costs.fits(np.stack(np.meshgrid(middles_m, middles_m), axis=-1))
     clear = fits.reshape(20, 2, 20, 2).all(axis=(1, 3))[2:-2, 2:-2]
     for row, col in np.ndindex(clear.shape[0], clear.shape[1] - 1):
         at_m = 0.5 * np.array([col + 2.5, row + 2.5])
-        route = chart.route(at_m, at_m + np.array([0.5, 0.0]))
+        path = costs.plan(at_m, at_m + np.array([0.5, 0.0]))
         if clear[row, col : col + 2].all():
-            assert route.clear == 1
+            assert path.clear == 1
         else:
-            assert route.clear == 0 or len(route.points_m) > 2
+            assert path.clear == 0 or len(path.points_m) > 2
 
 
-def test_the_route_keeps_the_side_that_it_chose() -> None:
+def test_the_path_keeps_the_side_that_it_chose() -> None:
     state = np.zeros((40, 40), np.uint8)
-    state[14:26, 18:22] = SURFACE
+    state[14:26, 18:22] = OCCUPIED
     config = MapConfig()
     start_m, target_m = np.array([2.0, 5.0]), np.array([9.0, 5.0])
-    below = Chart(state, HERE[:2], WIDTH_M, config).route(start_m - np.array([0, 0.6]), target_m)
+    below = CostMap(state, HERE[:2], WIDTH_M, config).plan(start_m - np.array([0, 0.6]), target_m)
     assert below.points_m[:, 1].min() < 3.5
-    kept = Chart(state, HERE[:2], WIDTH_M, config).route(start_m + np.array([0, 0.6]), target_m, below)
+    kept = CostMap(state, HERE[:2], WIDTH_M, config).plan(start_m + np.array([0, 0.6]), target_m, below)
     assert kept.points_m[:, 1].min() < 3.5
