@@ -279,7 +279,7 @@ def _look_up(clearance: FloatImage, cells: FloatArray) -> FloatArray:
     """Return the clearance at positions (x, y), shape (..., 2), in cells; 0 beyond the map."""
     last = np.array(clearance.shape[::-1]) - 1
     inside = np.minimum(np.maximum(np.floor(cells + 1.5), 0), last).astype(np.intp)
-    return np.asarray(clearance[inside[..., 1], inside[..., 0]])
+    return np.asarray(clearance[inside[..., 1], inside[..., 0]], np.float64)
 
 
 def _with_discs(state: npt.NDArray[np.uint8], discs: FloatArray) -> npt.NDArray[np.uint8]:
