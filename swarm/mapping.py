@@ -114,8 +114,12 @@ class MappingPilot(Pilot):
         target_m: FloatArray | None = None,
         look_at_m: FloatArray | None = None,
     ) -> Decision:
-        """Return the command for a wanted velocity, shape (3,); the drone hovers before the first percept."""
-        percept, own = situation.percept, situation.own
+        """Return the command for a wanted velocity, shape (3,); the drone hovers before the first percept.
+
+        What a new image proves changes the map; a way through the map is chosen, and a speed from which the drone can
+        stop on it. All but the situation and the command is in the frame of the odometry, in which the map is.
+        """
+        percept, own, time_s = situation.percept, situation.own, situation.time_s
         if percept is None:
             return self._hover(wanted_m_s)
         if self._local is None or percept.stamp_s > self._local.stamp_s:
@@ -126,13 +130,13 @@ class MappingPilot(Pilot):
         target = at_m + TARGET_AHEAD_S * wanted if target_m is None else local.place(target_m)
         direction, look = self._directions(local, at_m, wanted, target)
         velocity = self._safe_velocity(local, situation, at_m, direction, wanted, target)
-        self._recover(situation.time_s, at_m, length(wanted[:2]) > WANTS_TO_FLY_M_S)
-        if self._is_rotating(situation.time_s, at_m):
-            yaw_rad = self._heading.turn()
-        elif look_at_m is not None and length(wanted_m_s) < WANTS_TO_FLY_M_S:
-            yaw_rad = self._heading.turn_towards(look_at_m - own.position_m, np.inf)
+        self._recover(time_s, at_m, length(wanted[:2]) > WANTS_TO_FLY_M_S)
+        if look_at_m is not None and length(wanted_m_s) < WANTS_TO_FLY_M_S:
+            look_along, speed = look_at_m - own.position_m, np.inf
         else:
-            yaw_rad = self._heading.turn_towards(local.to_world(np.array([*look, 0.0])), length(wanted_m_s))
+            look_along, speed = local.to_world(np.array([*look, 0.0])), length(wanted_m_s)
+        is_rotating = self._is_rotating(time_s, at_m)
+        yaw_rad = self._heading.turn() if is_rotating else self._heading.turn_towards(look_along, speed)
         return Decision(
             command=VelocityCommand(velocity_m_s=local.to_world(velocity), yaw_rad=yaw_rad),
             wanted_velocity_m_s=wanted_m_s,
