@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from sim.frames import R_BODY_CAM, pose, quaternion_from_yaw
 from sim.types import DroneState
-from swarm.braking import braking_speed
 from swarm.cost_map import CostMap, PlannedPath
 from swarm.errors import MissionError
 from swarm.mapping import MappingPilot
@@ -262,14 +261,6 @@ def test_a_drone_flies_around_others_that_stand_in_its_way() -> None:
     assert np.linalg.norm(np.array(flight.path_m)[:, None] - row_m, axis=2).min() > 2 * RADIUS_M + 0.2
 
 
-def test_a_drone_that_does_not_get_on_blacklists_its_way() -> None:
-    flight = Flight(always(HOLES))
-    flight.flies((2, 0, 0), 20.0, np.array([8.0, 0.0, 0.0]))
-    costs = flight.decisions[-1].view
-    assert isinstance(costs, CostMap)
-    assert BLACKLISTED in costs.state
-
-
 @pytest.mark.parametrize(("speed_m_s", "height_m", "takes"), [(0.4, 0, True), (0.6, 0, False), (0.4, 0.9, False)])
 def test_slow_drones_at_its_height_are_obstacles_of_paths_and_no_part_of_the_map(
     speed_m_s: float, height_m: float, takes: bool
@@ -353,9 +344,3 @@ def test_it_stops_within_free_space_on_any_map(seed: int, angle: float, speed: f
 
 
 RING = np.array([[np.cos(a), np.sin(a), 0] for a in np.linspace(0, 2 * np.pi, 8, endpoint=False)])
-
-
-def test_the_braking_curve_stops_within_its_distance() -> None:
-    for distance_m in (0.2, 1.0, 5.0):
-        speed = braking_speed(distance_m, 2.5, 1.5)
-        assert speed**2 / (2 * 2.5) <= distance_m

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from sim.frames import R_BODY_CAM, pose
-from swarm.cost_map import CostMap
+from sim.frames import R_BODY_CAM, pose, quaternion_from_angles, rotation_from_quaternion
+from swarm.cost_map import CostMap, _cheapest_path
 from swarm.evidence import EvidenceConfig, InverseSensorModel
-from swarm.voxel_map import BLACKLISTED, FREE, OCCUPIED, UNKNOWN, UNOBSERVABLE, MapConfig, VoxelMap
+from swarm.voxel_map import BLACKLISTED, FREE, OCCUPIED, UNKNOWN, UNOBSERVABLE, MapConfig, View, VoxelMap, find_in_view
 from tests.helpers import CAMERA
 from tests.swarm_scenes import turn
 from tests.unit.test_swarm_evidence import flat, image
@@ -52,6 +54,49 @@ class Drone:
     def state(self, x: float, y: float = 0.0, after_s: float = 0.0) -> int:
         """State of a place at its height."""
         return self.costs(after_s=after_s).state_at(np.array([x, y]))
+
+
+@given(st.tuples(st.floats(-np.pi, np.pi), st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)), st.integers(0, 2**31))
+def test_a_voxel_is_in_view_where_its_middle_projects_into_the_image(
+    angles_rad: tuple[float, float, float], seed: int
+) -> None:
+    shape, sides_m, origin_m = (6, 20, 24), np.full(3, 0.25), np.random.default_rng(seed).uniform(-50, 50, 3)
+    at_m = origin_m + np.array([3.0, 2.4, 0.8])
+    T = pose(rotation_from_quaternion(quaternion_from_angles(*angles_rad)) @ R_BODY_CAM, at_m)
+    view = View(85.0, 85.0, 79.5, 44.5, np.arange(90) // 10, np.arange(160) // 10)
+    voxel, cell, squared_m2 = find_in_view(view, origin_m, sides_m, shape, T, 2.5)
+    middles_m = origin_m + sides_m * (np.argwhere(np.ones(shape))[:, ::-1] + 0.5) - T[:3, 3]
+    x, y, z = (middles_m @ T[:3, :3]).T
+    u, v = 85.0 * x / z + 80.0, 85.0 * y / z + 45.0
+    flat_m = np.hypot(middles_m[:, 0], middles_m[:, 1])
+    inside = np.min([z - 0.05, u / 100, (160 - u) / 100, v / 100, (90 - v) / 100, 2.5 - flat_m], axis=0)
+    is_found = np.zeros(len(inside), bool)
+    is_found[voxel] = True
+    is_clear = np.abs(inside) > 0.01
+    np.testing.assert_array_equal(is_found[is_clear], inside[is_clear] > 0)
+    np.testing.assert_allclose(squared_m2, (middles_m[voxel] ** 2).sum(axis=1), rtol=1e-3, atol=1e-3)
+    is_clear = (np.abs(u % 10 - 5) < 4.9) & (np.abs(v % 10 - 5) < 4.9) & (z > 0.3)
+    np.testing.assert_array_equal(cell[is_clear[voxel]], (v // 10 * 16 + u // 10)[voxel][is_clear[voxel]])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_path_costs_less_than_the_planned_one(seed: int) -> None:
+    """Bellman: what is left to pay at a cell is at most a step more than at each of its neighbours."""
+    rng, goal = np.random.default_rng(seed), np.full((9, 12), np.inf)
+    cost, goal[4, 7] = rng.choice([1, 2.5, 12, 30], goal.shape), 0.0
+
+    def paid(row: int, col: int) -> float:
+        rows, cols = _cheapest_path(cost, goal, row, col)
+        assert (rows[0], cols[0], rows[-1], cols[-1]) == (row, col, 4, 7)
+        step = np.hypot(np.diff(rows), np.diff(cols))
+        return float((step * (cost[rows[:-1], cols[:-1]] + cost[rows[1:], cols[1:]]) / 2).sum())
+
+    left = np.array([[paid(row, col) for col in range(goal.shape[1])] for row in range(goal.shape[0])])
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        a = np.s_[: left.shape[0] - down, max(0, -right) : left.shape[1] - max(0, right)]
+        b = np.s_[down:, max(0, right) : left.shape[1] + min(0, right)]
+        step = np.hypot(down, right) * (cost[a] + cost[b]) / 2
+        assert (np.abs(left[a] - left[b]) <= step + 1e-9).all()
 
 
 def test_a_column_is_free_where_the_slices_around_it_are() -> None:
