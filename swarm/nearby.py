@@ -11,6 +11,7 @@ from voxdepth.types import FloatArray, MaskImage
 from .braking import braking_speed
 from .neighbours import belong_to_drones
 from .types import Histogram, Neighbours
+from .vectors import are_near
 
 COS_HALF_CELL = np.cos(np.radians(5.0))
 """A point within this angle of the middle of a cell counts as inside it."""
@@ -79,7 +80,7 @@ class SurfaceMemory:
         near = ~histogram.unknown & (histogram.range_m < self._config.radius_m)
         points = histogram.surfaces_m[near]
         points = points[~belong_to_drones(points, neighbours.position_m)]
-        self._seen.append((stamp_s, points[_confirmed(points, self._candidates, self._config.confirm_m)]))
+        self._seen.append((stamp_s, points[are_near(points, self._candidates, self._config.confirm_m)]))
         self._candidates = points
 
     def limits(self, position_m: FloatArray, reaction_distance_m: FloatArray = NO_MOTION) -> ApproachLimits:
@@ -188,10 +189,3 @@ def _seen_again(points: FloatArray, histogram: Histogram) -> MaskImage:
     in_view = cosines.max(axis=1) > COS_HALF_CELL * np.sqrt((offsets * offsets).sum(axis=1))
     seen: MaskImage = in_view & ~histogram.unknown.ravel()[cell]
     return seen
-
-
-def _confirmed(points: FloatArray, earlier: FloatArray, within_m: float) -> MaskImage:
-    """Return which points, shape (n, 3), are within a distance of any earlier point, shape (m, 3)."""
-    squared = ((points[:, None] - earlier[None]) ** 2).sum(axis=2)
-    confirmed: MaskImage = squared.min(axis=1, initial=np.inf) <= within_m**2
-    return confirmed

@@ -9,7 +9,7 @@ from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics, MaskImage
 
 from .types import Detection, Neighbours, Percept
-from .vectors import length
+from .vectors import are_near, length
 
 DRONE_MASK_RADIUS_M = 1.0
 """Surfaces within this distance of another drone belong to that drone."""
@@ -98,10 +98,8 @@ class Detector:
 
 
 def belong_to_drones(points_m: FloatArray, drones_m: FloatArray) -> MaskImage:
-    """Return which points of surfaces, shape (n, 3), are near one of the drones, shape (m, 3)."""
-    squared_m2 = ((points_m[:, None] - drones_m) ** 2).sum(axis=2)
-    is_drone: MaskImage = (squared_m2 <= DRONE_MASK_RADIUS_M**2).any(axis=1)
-    return is_drone
+    """Return which points of surfaces, shape (n, 3), belong to one of the drones, shape (m, 3)."""
+    return are_near(points_m, drones_m, DRONE_MASK_RADIUS_M)
 
 
 class NeighbourTracker:
