@@ -199,9 +199,8 @@ class CostMap:
         ahead = STEP_CELLS * np.arange(1, math.ceil(longest_m / self.voxel_m / STEP_CELLS) + 1)
         least = _look_up(clearance, start) + ESCAPE_SLOPE * (ahead - 2 * STEP_CELLS)
         found = _look_up(clearance, start + ahead[:, None] * directions[:, None])
-        narrow = np.column_stack([found < np.minimum(least, self._width), np.ones(len(directions), np.bool_)])
-        free_m = self.voxel_m * STEP_CELLS * narrow.argmax(axis=1)
-        return np.where(narrow[:, :-1].any(axis=1), free_m, longest_m)
+        is_narrow = found < np.minimum(least, self._width)
+        return np.where(is_narrow.any(axis=1), self.voxel_m * STEP_CELLS * is_narrow.argmax(axis=1), longest_m)
 
     def _path_cell(self, at_m: FloatArray) -> tuple[int, int]:
         """Return row and column of the cell of a path at a position; of the nearest one if it is beyond the map."""
@@ -270,9 +269,11 @@ def _clearance(state: npt.NDArray[np.uint8]) -> FloatImage:
 
     Beyond the map, no cell is free.
     """
-    is_free = np.pad((state == FREE).astype(np.uint8), 1)
+    is_free, clearance = (np.zeros((state.shape[0] + 2, state.shape[1] + 2), kind) for kind in (np.uint8, np.float32))
+    is_free[1:-1, 1:-1] = state == FREE
     distance = cv2.distanceTransform(is_free, cv2.DIST_L2, cv2.DIST_MASK_5)
-    return np.pad(distance[1:-1, 1:-1] - np.float32(0.5), 1)
+    clearance[1:-1, 1:-1] = distance[1:-1, 1:-1] - np.float32(0.5)
+    return clearance
 
 
 def _look_up(clearance: FloatImage, cells: FloatArray) -> FloatArray:

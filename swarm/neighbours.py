@@ -72,19 +72,21 @@ class Detector:
 
     def detect(self, capture: Capture, corrected: CorrectedDepth) -> tuple[Detection, ...]:
         """Find the other drones in an image; the images must come in order, each once."""
-        c = self._config
-        missed = self._rng.random(len(self._drone_ids)) < c.miss_rate
-        row, col = np.nonzero(capture.segment_id >= self._drone_ids[0])
-        shown, depth_m = np.searchsorted(self._drone_ids, capture.segment_id[row, col]), corrected.depth_m[row, col]
+        c, n = self._config, len(self._drone_ids)
+        missed = self._rng.random(n) < c.miss_rate
+        pixel = np.flatnonzero(capture.segment_id >= self._drone_ids[0])
+        shown = np.searchsorted(self._drone_ids, capture.segment_id.ravel()[pixel])
+        visible = ~missed & (np.bincount(shown, minlength=n) >= c.min_pixels)
+        visible[self._drone] = False
         found = []
-        for drone in np.unique(shown).tolist():
-            own = shown == drone
-            own_m = depth_m[own & (depth_m > 0)]
-            if drone == self._drone or missed[drone] or np.count_nonzero(own) < c.min_pixels or not len(own_m):
+        for drone in np.flatnonzero(visible).tolist():
+            own = pixel[shown == drone]
+            row, col = np.divmod(own, capture.segment_id.shape[1])
+            depth_m = corrected.depth_m.ravel()[own].astype(np.float64)
+            depth_m = depth_m[depth_m > 0]
+            if not len(depth_m):
                 continue
-            bearing_cam, range_m = self._ray(
-                col[own].mean(), row[own].mean(), float(np.median(own_m.astype(np.float64)))
-            )
+            bearing_cam, range_m = self._ray(col.mean(), row.mean(), float(np.median(depth_m)))
             if range_m <= c.max_range_m:
                 found.append(Detection(drone=drone, bearing_cam=bearing_cam, range_m=range_m))
         return tuple(found)
