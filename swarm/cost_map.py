@@ -222,19 +222,22 @@ class CostMap:
 
 
 def _cheapest_path(cost: FloatArray, cost_to_go: FloatImage, row: int, col: int) -> tuple[Indices, Indices]:
-    """Return rows and columns of the cheapest path from a cell, by Dijkstra's algorithm.
+    """Return rows and columns of the cheapest path from a cell, by Dijkstra's algorithm from the end back.
 
-    A step costs the mean of its two cells, `cost` per side of a cell, and the end of the path what is left to go there.
+    A step costs the mean of its two cells, `cost` per side of a cell, and the end of the path what is left to go there:
+    it is a step from one more cell, whose cost is raised by 1, since steps must not be free.
     """
     a, b, starts, length = _steps(*cost.shape)
-    costs = cost.ravel()
-    graph = csr_array((length * (costs[a] + costs[b]) / 2, b, starts), shape=(cost.size, cost.size))
-    start = row * cost.shape[1] + col
-    paid, came_from = dijkstra(graph, indices=start, return_predecessors=True)
-    path = [int((paid + cost_to_go.ravel()).argmin())]
-    while path[-1] != start:
-        path.append(int(came_from[path[-1]]))
-    rows, cols = np.divmod(np.array(path[::-1]), cost.shape[1])
+    costs, left, beyond = cost.ravel(), cost_to_go.ravel(), cost.size
+    ends = np.flatnonzero(np.isfinite(left))
+    steps = np.concatenate([length * (costs[a] + costs[b]) / 2, 1 + left[ends]])
+    matrix = steps, np.concatenate([b, ends]), np.append(starts, len(steps))
+    graph = csr_array(matrix, shape=(beyond + 1, beyond + 1))
+    _, towards = dijkstra(graph, indices=beyond, return_predecessors=True)
+    path = [row * cost.shape[1] + col]
+    while towards[path[-1]] != beyond:
+        path.append(int(towards[path[-1]]))
+    rows, cols = np.divmod(np.array(path), cost.shape[1])
     return rows, cols
 
 
