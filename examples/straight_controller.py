@@ -8,9 +8,8 @@ import numpy as np
 
 from sim.types import VelocityCommand
 from swarm.controllers import Role
-from swarm.pilot import Situation
+from swarm.pilot import Decision, Situation
 from swarm.task import MissionConfig
-from swarm.types import Decision
 
 
 class Straight:

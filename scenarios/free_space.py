@@ -17,7 +17,7 @@ from sim.render import create_renderer
 from sim.rig import StereoRig
 from sim.types import Capture
 from sim.world import World
-from swarm.evidence import EvidenceConfig, EvidenceReader
+from swarm.evidence import EvidenceConfig, InverseSensorModel
 from swarm.perception import frame_of
 from swarm.recorder import Recorder
 from swarm.team import Team
@@ -61,13 +61,13 @@ class Probe(Recorder):
         rig = run.scenario.rig
         config = run.scenario.mission.pilot.evidence
         self._readers = {
-            threshold: EvidenceReader(rig.intrinsics, config.model_copy(update={"min_confidence": threshold}))
+            threshold: InverseSensorModel(rig.intrinsics, config.model_copy(update={"min_confidence": threshold}))
             for threshold in THRESHOLDS
         }
         exact = EvidenceConfig(
             disparity_error_px=0, free_percentile=config.free_percentile, surface_percentile=config.surface_percentile
         )
-        self._exact = EvidenceReader(rig.intrinsics, exact)
+        self._exact = InverseSensorModel(rig.intrinsics, exact)
         self._correctors = {
             (name, drone): CorrectorSpec.of(name).create(rig.intrinsics) for name in correctors for drone in WATCHED
         }
@@ -117,7 +117,7 @@ class Probe(Recorder):
         return np.asarray(share > 0.5)
 
 
-def cell_means(image: npt.NDArray[np.bool_], reader: EvidenceReader) -> FloatImage:
+def cell_means(image: npt.NDArray[np.bool_], reader: InverseSensorModel) -> FloatImage:
     """Return the share of pixels that are set in each cell."""
     rows, cols = reader.row_edges, reader.col_edges
     sums = np.add.reduceat(np.add.reduceat(image.astype(np.float32), rows[:-1], axis=0), cols[:-1], axis=1)

@@ -9,11 +9,10 @@ from voxdepth.types import FloatArray
 from . import rules
 from .controllers import Agent, Role
 from .mapping import MappingPilot
-from .pilot import Pilot, Situation
+from .pilot import Decision, Pilot, Situation
 from .reactive import ReactivePilot
 from .rules import Corridor
 from .task import MissionConfig
-from .types import Decision
 from .vectors import length
 
 SHIFTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])

@@ -5,21 +5,17 @@ import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from voxdepth.types import FloatArray
 
 from .errors import MissionError
-from .pilot import Situation
+from .pilot import Decision, Situation
+from .task import DEFAULT_CONTROLLER, MissionConfig
 from .team import Team
-from .types import Decision, OnboardCamera
-
-if TYPE_CHECKING:
-    from .task import MissionConfig
-
-DEFAULT_CONTROLLER = "swarm.agents:create_agent"
+from .types import OnboardCamera
 
 
 class Agent(Protocol):
@@ -56,7 +52,7 @@ class Role:
 
 _LOGGER = logging.getLogger(__name__)
 
-Factory = Callable[[Role, "MissionConfig"], Agent]
+Factory = Callable[[Role, MissionConfig], Agent]
 """Creates the agent of one drone."""
 
 

@@ -6,14 +6,13 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
-from voxdepth.compiled import compile_all
 from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics
 
-from .evidence_kernels import Trust, read_cells
-
 SAMPLED_ROWS = 120
 """Larger images are sampled so that about this number of rows is read."""
+NO_DEPTH = np.float32(np.inf)
+"""In place of the depths of pixels that are left out."""
 
 
 class EvidenceConfig(Model):
@@ -61,54 +60,70 @@ class Evidence(NamedTuple):
     """Range at which the image shows a surface [m]; +inf without one."""
 
 
-class EvidenceReader:
-    """Reads the evidence of the depth images of one camera."""
+class InverseSensorModel:
+    """Reads from the depth images of one camera what they prove: evidence for the voxels of an occupancy grid."""
 
     def __init__(self, intrinsics: Intrinsics, config: EvidenceConfig) -> None:
-        compile_all()
-        c, i = config, intrinsics
-        self.row_edges = _edges(i.height_px, i.fy_px, c.cell_deg)
-        self.col_edges = _edges(i.width_px, i.fx_px, c.cell_deg)
+        self._config, i = config, intrinsics
+        self.row_edges = _edges(i.height_px, i.fy_px, config.cell_deg)
+        self.col_edges = _edges(i.width_px, i.fx_px, config.cell_deg)
         narrowest_px = min(np.diff(edges).min() for edges in (self.row_edges, self.col_edges))
-        self._step = step = int(max(1, min(i.height_px // SAMPLED_ROWS, narrowest_px)))
-        self._sampled_edges = -(-self.row_edges // step), -(-self.col_edges // step)
-        self._trust = Trust(
-            min_confidence=c.min_confidence,
-            min_surface_confidence=c.min_surface_confidence,
-            min_trusted_share=c.min_trusted_share,
-            hidden_m=c.max_hidden_m / float(np.radians(c.cell_deg)),
-            free_share=c.free_percentile / 100,
-            surface_share=c.surface_percentile / 100,
-        )
-        self._focal_baseline_px_m = i.focal_baseline_px_m
-        self._error_px = c.disparity_error_px
+        self._step = int(max(1, min(i.height_px // SAMPLED_ROWS, narrowest_px)))
+        self._pixels = self._pixels_of_cells(i)
+        self._n_pixels = np.count_nonzero(self._pixels >= 0, axis=-1)
         y = ((self.row_edges[1:] + self.row_edges[:-1] - 1) / 2 - i.cy_px) / i.fy_px
         x = ((self.col_edges[1:] + self.col_edges[:-1] - 1) / 2 - i.cx_px) / i.fx_px
         self._ray_length = np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2).astype(np.float32)
         rays = np.stack([*np.meshgrid(x, y), np.ones((len(y), len(x)))], axis=-1)
         self.rays_cam: FloatArray = rays / self._ray_length[..., None]
         """Unit vector through the middle of each cell, camera frame, shape (rows, cols, 3)."""
+        self._focal_baseline_px_m = i.focal_baseline_px_m
 
     def range_of_error(self, error_m: float) -> float:
         """Return the range at which the error of the disparity is an error of the depth of `error_m` [m]."""
-        return float(np.sqrt(error_m * self._focal_baseline_px_m / max(self._error_px, 1e-6)))
+        return float(np.sqrt(error_m * self._focal_baseline_px_m / max(self._config.disparity_error_px, 1e-6)))
 
     def read(self, corrected: CorrectedDepth) -> Evidence:
         """Return the evidence of an image; where it has no depth and no confidence, nothing is proven."""
-        shape = self._ray_length.shape
-        free_m, surface_m = np.empty(shape, np.float32), np.empty(shape, np.float32)
+        c = self._config
         depth_m, confidence = (
-            np.ascontiguousarray(image[:: self._step, :: self._step])
-            for image in (corrected.depth_m, corrected.confidence)
+            image[:: self._step, :: self._step] for image in (corrected.depth_m, corrected.confidence)
         )
-        read_cells(depth_m, confidence, *self._sampled_edges, self._trust, free_m, surface_m)
-        proven = free_m > 0
+        shown_m = np.where((depth_m > 0) & (confidence >= np.float32(c.min_surface_confidence)), depth_m, NO_DEPTH)
+        trusted_m = np.where(confidence >= np.float32(c.min_confidence), shown_m, NO_DEPTH)
+        surface_m, _ = self._quantile(shown_m, c.surface_percentile / 100)
+        free_m, n_trusted = self._quantile(trusted_m, c.free_percentile / 100)
+        is_trusted = (n_trusted > 0) & (n_trusted >= c.min_trusted_share * self._n_pixels)
+        with np.errstate(divide="ignore"):  # Cells that are trusted as a whole hide nothing.
+            seen_m = c.max_hidden_m / float(np.radians(c.cell_deg)) / (1 - n_trusted / self._n_pixels)
+        free_m = np.where(is_trusted, np.minimum(np.minimum(free_m, surface_m), seen_m.astype(np.float32)), 0)
         # f B / (f B / z + s): the free depth if the disparity was too small by s.
-        free_m[proven] /= 1 + free_m[proven] * np.float32(self._error_px / self._focal_baseline_px_m)
+        free_m /= 1 + free_m * np.float32(c.disparity_error_px / self._focal_baseline_px_m)
         return Evidence(free_m * self._ray_length, surface_m * self._ray_length)
+
+    def _pixels_of_cells(self, camera: Intrinsics) -> npt.NDArray[np.int64]:
+        """Return the indices of the sampled pixels of each cell, filled up with -1 to shape (rows, cols, n)."""
+        row, col = (_members(-(-edges // self._step)) for edges in (self.row_edges, self.col_edges))
+        row, col = row[:, None, :, None], col[None, :, None, :]
+        pixels = np.where((row >= 0) & (col >= 0), row * -(-camera.width_px // self._step) + col, -1)
+        return pixels.reshape(*pixels.shape[:2], -1)
+
+    def _quantile(self, depth_m: FloatImage, share: float) -> tuple[FloatImage, npt.NDArray[np.int64]]:
+        """Return the quantile of a share of the depths of each cell, +inf without any, and how many it has."""
+        cells = np.append(depth_m, NO_DEPTH)[self._pixels]
+        cells.sort(axis=-1)
+        n = np.count_nonzero(cells < NO_DEPTH, axis=-1)
+        nth = np.minimum((share * n).astype(np.intp), n - 1)
+        return np.take_along_axis(cells, nth[..., None], axis=-1)[..., 0], n
 
 
 def _edges(n_px: int, focal_px: float, cell_deg: float) -> npt.NDArray[np.int64]:
     """Return the first pixel of each cell along a side of the image, and the number of pixels."""
     n_cells = max(1, round(n_px / (focal_px * float(np.radians(cell_deg)))))
     return np.linspace(0, n_px, min(n_cells, n_px) + 1).round().astype(np.int64)
+
+
+def _members(edges: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return the pixels from each edge to the next one, filled up with -1 to shape (cells, n)."""
+    pixels = edges[:-1, None] + np.arange(np.diff(edges).max())
+    return np.where(pixels < edges[1:, None], pixels, -1)

@@ -1,10 +1,11 @@
 """A control layer that keeps a map, and flies only where it knows that it can stop within free space.
 
 The speed is that of a braking curve over the free space in the direction that is really flown, whoever asked for it:
-the rules, other drones, or the way around an obstacle. A drone looks where it wants to go, slows down before what it
+the rules, other drones, or the path around an obstacle. A drone looks where it wants to go, slows down before what it
 does not know, and goes round what stays unknown although it looks. Its map is built by its odometry.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -13,20 +14,20 @@ from sim.types import VelocityCommand
 from voxdepth.geometry import inverse_rigid
 from voxdepth.types import FloatArray
 
-from .chart import NO_DISCS, Chart, Route
+from .braking import braking_speed
+from .cost_map import NO_DISCS, CostMap, PlannedPath
 from .errors import MissionError
-from .evidence import EvidenceReader
-from .free_map import FreeMap
+from .evidence import Evidence, InverseSensorModel
 from .nearby import ApproachLimits, clamp_to_limits, level_limits, shortened
-from .pilot import Pilot, PilotConfig, Situation
-from .route_kernels import Braking
-from .types import Decision, OnboardCamera
+from .pilot import Decision, Pilot, PilotConfig, Situation
+from .types import OnboardCamera, Percept
 from .vectors import length
+from .voxel_map import VoxelMap
 
 TARGET_AHEAD_S = 3.0
 """A drone without a target wants to get where its wanted velocity leads in this time."""
 AHEAD_M = 1.0
-"""Free space beyond the braking distance, with which a drone flies straight instead of planning a way."""
+"""Free space beyond the braking distance, with which a drone flies straight instead of planning a path."""
 MAKE_ROOM_PER_S = 3.0
 """Speed with which a drone gives way to what comes near, per distance that it misses to its clearance."""
 MAX_CLIMB_M_S, STANDS_UP_M_S = 1.0, 0.02
@@ -34,45 +35,45 @@ CLIMB_SHARES = (1.0, 0.75, 0.5, 0.25)
 """Shares of a climb that are tried, since the map is low."""
 HEIGHT_BAND_M = 0.5
 """A drone leaves the height of its target by no more than this, because it sees little of what is above and below."""
-PATIENCE_S, GETS_ON_M = 2.0, 0.3
-"""A drone that wants to fly and moves no farther than this for so long looks around, and then gives up what is unknown
-before it."""
-TURNS_AGAIN_M = 2.0
-"""A drone looks around again if it is farther than this from where it did so last."""
-POINTS_GIVEN_UP, BEFORE_IT_M = 3, 1.5
-"""Number of points of its way that it gives up, and the largest distance of the first of them."""
+PATIENCE_S, PROGRESS_M = 2.0, 0.3
+"""A drone that wants to fly and moves no farther than this for so long rotates where it stands, and then blacklists
+what is unknown before it."""
+ROTATES_AGAIN_M = 2.0
+"""A drone rotates again if it is farther than this from where it did so last."""
+POINTS_BLACKLISTED, BEFORE_IT_M = 3, 1.5
+"""Number of points of its path that it blacklists, and the largest distance of the first of them."""
 SLOW_M_S = 0.5
-"""A drone plans its way around others that are slower."""
+"""A drone plans its path around others that are slower."""
 STANDS_M_S, WANTS_TO_FLY_M_S = 0.15, 0.4
 """A drone stands if it is slower than the first and wants to be faster than the second."""
 
 
-class Known(NamedTuple):
-    """What a drone knows since its newest image."""
+class LocalMap(NamedTuple):
+    """The map around a drone since its newest image."""
 
     stamp_s: float
     """Time of the image."""
     at_m: FloatArray
     """Position of the drone when it processed the image, in the frame of the odometry, shape (3,)."""
-    chart: Chart
+    costs: CostMap
     R_odom_world: FloatArray
     origin_m: FloatArray
     """Origin of the world in the frame of the odometry, shape (3,)."""
 
     def place(self, world_m: FloatArray) -> FloatArray:
         """Return places of the world, shape (..., 3), in the frame of the odometry."""
-        return np.asarray(self.turned(world_m) + self.origin_m)
+        return np.asarray(self.to_odom(world_m) + self.origin_m)
 
-    def turned(self, world: FloatArray) -> FloatArray:
+    def to_odom(self, world: FloatArray) -> FloatArray:
         """Return vectors of the world, shape (..., 3), in the frame of the odometry."""
         return np.asarray(world @ self.R_odom_world.T)
 
-    def turned_back(self, odom: FloatArray) -> FloatArray:
+    def to_world(self, odom: FloatArray) -> FloatArray:
         """Return vectors in the frame of the odometry, shape (..., 3), in that of the world."""
         return np.asarray(odom @ self.R_odom_world)
 
 
-class Turn(NamedTuple):
+class Rotation(NamedTuple):
     """A turn by which a drone looks around."""
 
     at_m: FloatArray
@@ -87,8 +88,8 @@ class MappingPilot(Pilot):
         self, config: PilotConfig, control_hz: float, start_yaw_rad: float, radius_m: float, camera: OnboardCamera
     ) -> None:
         super().__init__(config, control_hz, start_yaw_rad, radius_m)
-        self._reader = EvidenceReader(camera.intrinsics, config.evidence)
-        self._map = FreeMap(config.map, self._reader, camera.intrinsics)
+        self._sensor = InverseSensorModel(camera.intrinsics, config.evidence)
+        self._voxels = VoxelMap(config.map, self._sensor, camera.intrinsics)
         self._width_m, self._half_height_m = radius_m + config.keep_m, radius_m + config.keep_above_m
         if 2 * self._half_height_m > config.map.height_m:
             raise MissionError(
@@ -96,16 +97,14 @@ class MappingPilot(Pilot):
                 f"into a map of height_m = {config.map.height_m}: make it at least {2 * self._half_height_m:g}"
             )
         c = config.avoidance
-        self._braking = Braking(
-            config.map.voxel_m, self._width_m, config.map.reach_m, c.max_decel_m_s2, c.brake_gain_per_s
-        )
-        self._known: Known | None = None
-        self._route: Route | None = None
-        """The way by the newest image; None until one is needed."""
-        self._route_before: Route | None = None
-        self._got_on: tuple[float, FloatArray] | None = None
-        """When the drone got on last, and where it was."""
-        self._turn: Turn | None = None
+        self._stopping_speed = partial(braking_speed, decel_m_s2=c.max_decel_m_s2, gain_per_s=c.brake_gain_per_s)
+        self._local: LocalMap | None = None
+        self._path: PlannedPath | None = None
+        """The path by the newest image; None until one is needed."""
+        self._path_before: PlannedPath | None = None
+        self._progress: tuple[float, FloatArray] | None = None
+        """When the drone made progress last, and where it was."""
+        self._rotation: Rotation | None = None
         """The last turn by which it looked around."""
 
     def fly(
@@ -115,62 +114,64 @@ class MappingPilot(Pilot):
         target_m: FloatArray | None = None,
         look_at_m: FloatArray | None = None,
     ) -> Decision:
-        """Return the command for a wanted velocity, shape (3,); the drone hovers before the first percept."""
-        if situation.percept is None:
+        """Return the command for a wanted velocity, shape (3,); the drone hovers before the first percept.
+
+        What a new image proves changes the map; a way through the map is chosen, and a speed from which the drone can
+        stop on it. All but the situation and the command is in the frame of the odometry, in which the map is.
+        """
+        percept, own, time_s = situation.percept, situation.own, situation.time_s
+        if percept is None:
             return self._hover(wanted_m_s)
-        known, own = self._learn(situation), situation.own
-        at_m, wanted = known.place(own.position_m), known.turned(wanted_m_s)
-        target = at_m + TARGET_AHEAD_S * wanted if target_m is None else known.place(target_m)
-        direction, look = self._way(known, at_m, wanted, target)
-        velocity = self._safe_velocity(known, situation, at_m, direction, wanted, target)
-        self._wait(situation.time_s, at_m, length(wanted[:2]) > WANTS_TO_FLY_M_S)
-        if self._is_turning(situation.time_s, at_m):
-            yaw_rad = self._heading.turn()
-        elif look_at_m is not None and length(wanted_m_s) < WANTS_TO_FLY_M_S:
-            yaw_rad = self._heading.turn_towards(look_at_m - own.position_m, np.inf)
+        if self._local is None or percept.stamp_s > self._local.stamp_s:
+            evidence = self._sensor.read(percept.corrected)
+            self._local, self._path = self._mapped(evidence, percept, situation), None
+        local = self._local
+        at_m, wanted = local.place(own.position_m), local.to_odom(wanted_m_s)
+        target = at_m + TARGET_AHEAD_S * wanted if target_m is None else local.place(target_m)
+        direction, look = self._directions(local, at_m, wanted, target)
+        velocity = self._safe_velocity(local, situation, at_m, direction, wanted, target)
+        self._recover(time_s, at_m, length(wanted[:2]) > WANTS_TO_FLY_M_S)
+        if look_at_m is not None and length(wanted_m_s) < WANTS_TO_FLY_M_S:
+            look_along, speed = look_at_m - own.position_m, np.inf
         else:
-            yaw_rad = self._heading.turn_towards(known.turned_back(np.array([*look, 0.0])), length(wanted_m_s))
+            look_along, speed = local.to_world(np.array([*look, 0.0])), length(wanted_m_s)
+        is_rotating = self._is_rotating(time_s, at_m)
+        yaw_rad = self._heading.turn() if is_rotating else self._heading.turn_towards(look_along, speed)
         return Decision(
-            command=VelocityCommand(velocity_m_s=known.turned_back(velocity), yaw_rad=yaw_rad),
+            command=VelocityCommand(velocity_m_s=local.to_world(velocity), yaw_rad=yaw_rad),
             wanted_velocity_m_s=wanted_m_s,
             state=_state(wanted, direction, velocity),
-            direction=known.turned_back(np.array([*direction, 0.0])),
-            view=known.chart,
+            direction=local.to_world(np.array([*direction, 0.0])),
+            view=local.costs,
         )
 
     def first_free(self, places_m: FloatArray) -> int:
         """Return the index of the first place, of shape (n, 3), where the drone fits; the last one if there is none."""
-        known = self._known
-        if known is None:
+        if self._local is None:
             return 0
-        fits = (known.chart.is_free(place_m) for place_m in known.place(places_m))
-        return next((k for k, free in enumerate(fits) if free), len(places_m) - 1)
+        fits = self._local.costs.fits(self._local.place(places_m))
+        return int(fits.argmax()) if fits.any() else len(places_m) - 1
 
-    def _learn(self, situation: Situation) -> Known:
-        """Add an image to the map if it is new, and take the chart of the height at which the drone flies."""
-        percept, own, before = situation.percept, situation.own, self._known
-        assert percept is not None
-        if before is not None and percept.stamp_s <= before.stamp_s:
-            return before
+    def _mapped(self, evidence: Evidence, percept: Percept, situation: Situation) -> LocalMap:
+        """Add the evidence of an image to the voxel map, and return the map at the height at which the drone flies."""
+        own, others, before = situation.own, situation.neighbours, self._local
         stamp_s, T = percept.stamp_s, percept.T_odom_cam @ inverse_rigid(percept.true_T_world_cam)
-        others, age_s = situation.neighbours, situation.time_s - stamp_s
+        age_s = situation.time_s - stamp_s
         now_m, then_m = np.vstack([own.position_m, others.position_m]), others.position_m - age_s * others.velocity_m_s
         places_m, in_image_m = (world_m @ T[:3, :3].T + T[:3, 3] for world_m in (now_m, then_m))
         at_m = places_m[0]
         if before is None:
-            self._map.start(at_m, stamp_s)
+            self._voxels.start(at_m, stamp_s)
         elif self._has_jumped(before, stamp_s, at_m, own.velocity_m_s):
-            radius_m = min(before.chart.clearance_m(before.at_m), self._config.map.start_radius_m)
-            self._map.start_again(at_m, radius_m, self._half_height_m, stamp_s)
-            self._route_before = None
-        self._map.update(self._reader.read(percept.corrected), percept.T_odom_cam, in_image_m, stamp_s)
-        self._map.mark_free(places_m, self._radius_m, self._half_height_m, stamp_s)
-        low_m, high_m = self._band(at_m)
-        drones_m = self._slow_drones(at_m, places_m[1:], others.velocity_m_s)
-        chart = self._map.chart(low_m, high_m, self._width_m, stamp_s, T, drones_m)
-        self._known = Known(stamp_s, at_m, chart, T[:3, :3], T[:3, 3])
-        self._route = None
-        return self._known
+            radius_m = min(float(before.costs.clearance_m(before.at_m)), self._config.map.start_radius_m)
+            self._voxels.start_again(at_m, radius_m, self._half_height_m, stamp_s)
+            self._path_before = None
+        self._voxels.update(evidence, percept.T_odom_cam, in_image_m, stamp_s)
+        self._voxels.mark_free(places_m, self._radius_m, self._half_height_m, stamp_s)
+        layer, origin_m = self._voxels.layer(*self._band(at_m), stamp_s), self._voxels.origin_m[:2]
+        discs_m = self._slow_drones(at_m, places_m[1:], others.velocity_m_s)
+        costs = CostMap(layer, origin_m, self._width_m, self._config.map, T, discs_m)
+        return LocalMap(stamp_s, at_m, costs, T[:3, :3], T[:3, 3])
 
     def _slow_drones(self, at_m: FloatArray, drones_m: FloatArray, velocities_m_s: FloatArray) -> FloatArray:
         """Return the discs (x, y, radius) that slow drones take at the height of this one, shape (n, 3).
@@ -184,29 +185,29 @@ class MappingPilot(Pilot):
         radius_m = np.sqrt(np.maximum(kept_m**2 - (slow_m[:, 2] - at_m[2]) ** 2, 0)) - self._width_m
         return np.asarray(np.column_stack([slow_m[:, :2], radius_m])[radius_m > 0])
 
-    def _has_jumped(self, before: Known, stamp_s: float, at_m: FloatArray, velocity_m_s: FloatArray) -> bool:
+    def _has_jumped(self, before: LocalMap, stamp_s: float, at_m: FloatArray, velocity_m_s: FloatArray) -> bool:
         """Return whether the odometry moved farther since the last image than the drone can have flown."""
         slack_m = self._config.map.max_jump_m + length(velocity_m_s) * (stamp_s - before.stamp_s)
         return length(at_m - before.at_m) > slack_m
 
-    def _way(
-        self, known: Known, at_m: FloatArray, wanted: FloatArray, target_m: FloatArray
+    def _directions(
+        self, local: LocalMap, at_m: FloatArray, wanted: FloatArray, target_m: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the directions (x, y) to fly and to look: straight ahead if that is free, or along a way."""
+        """Return the directions (x, y) to fly and to look: straight ahead if that is free, or along a path."""
         speed, left_m = length(wanted[:2]), length(target_m[:2] - at_m[:2])
         if speed < 1e-3:
             return np.zeros(2), np.zeros(2)
         c, straight = self._config, wanted[:2] / speed
         needed_m = c.response_s * speed + speed**2 / (2 * c.avoidance.max_decel_m_s2) + AHEAD_M
-        if known.chart.free_length_m(at_m, straight, needed_m) >= min(needed_m, left_m):
+        if local.costs.free_length_m(at_m, straight, needed_m) >= min(needed_m, left_m):
             return straight, straight
-        if self._route is None:
-            self._route = self._route_before = known.chart.route(at_m, target_m, self._route_before)
-        return self._route.direction(at_m[:2], straight), self._route.look(at_m[:2], straight)
+        if self._path is None:
+            self._path = self._path_before = local.costs.plan(at_m, target_m, self._path_before)
+        return self._path.direction(at_m[:2], straight), self._path.look(at_m[:2], straight)
 
     def _safe_velocity(
         self,
-        known: Known,
+        local: LocalMap,
         situation: Situation,
         at_m: FloatArray,
         direction: FloatArray,
@@ -219,17 +220,17 @@ class MappingPilot(Pilot):
         frame of the odometry.
         """
         drones, left_m = self._drone_limits(situation), target[2] - at_m[2]
-        all_limits = ApproachLimits(known.turned(drones.towards), drones.speed_m_s)
-        level = _making_room(length(wanted[:2]) * direction, known.chart.way_out(at_m))
+        all_limits = ApproachLimits(local.to_odom(drones.towards), drones.speed_m_s)
+        level = _making_room(length(wanted[:2]) * direction, local.costs.way_out(at_m))
         velocity = clamp_to_limits(np.array([*level, _climb(wanted[2], left_m)]), all_limits)
-        climb_m_s = self._safe_climb(known, at_m, velocity[2], left_m)
+        climb_m_s = self._safe_climb(local, at_m, velocity[2], left_m)
         limits = level_limits(all_limits, climb_m_s)
         level = clamp_to_limits(velocity[:2], limits)
-        reacted_m = at_m + self._config.response_s * known.turned(situation.own.velocity_m_s)
-        level = known.chart.restrain(level, reacted_m, limits, self._braking)
+        reacted_m = at_m + self._config.response_s * local.to_odom(situation.own.velocity_m_s)
+        level = local.costs.safe_velocity(level, reacted_m, limits, self._stopping_speed)
         return shortened(np.array([*level, climb_m_s]), all_limits)
 
-    def _safe_climb(self, known: Known, at_m: FloatArray, climb_m_s: float, left_m: float) -> float:
+    def _safe_climb(self, local: LocalMap, at_m: FloatArray, climb_m_s: float, left_m: float) -> float:
         """Return a climb, or a descent, if the space where the drone gets within a second is free, or else 0.
 
         The map is low: on the way to its target, with `left_m` to climb, a drone may also be slower.
@@ -239,7 +240,9 @@ class MappingPilot(Pilot):
         low_m, high_m = self._band(at_m)
         for share in CLIMB_SHARES if climb_m_s * left_m > 0 else CLIMB_SHARES[:1]:
             slower_m_s = share * climb_m_s
-            if self._map.is_column_free(at_m, low_m + min(slower_m_s, 0), high_m + max(slower_m_s, 0), known.stamp_s):
+            if self._voxels.is_column_free(
+                at_m, low_m + min(slower_m_s, 0), high_m + max(slower_m_s, 0), local.stamp_s
+            ):
                 return slower_m_s
         return 0.0
 
@@ -247,33 +250,33 @@ class MappingPilot(Pilot):
         """Return the heights between which the air must be free, so that a drone may fly there."""
         return at_m[2] - self._half_height_m, at_m[2] + self._half_height_m
 
-    def _wait(self, time_s: float, at_m: FloatArray, wants_to_fly: bool) -> None:
-        """Turn round, or give up what is unknown on the way, if the drone wants to fly and does not get on.
+    def _recover(self, time_s: float, at_m: FloatArray, wants_to_fly: bool) -> None:
+        """Rotate, or blacklist what is unknown on the path, if the drone wants to fly and makes no progress.
 
         Its camera shows little of what is near and beside it.
         """
-        route, before = self._route, self._got_on
-        if before is None or route is None or not wants_to_fly or length(at_m[:2] - before[1][:2]) > GETS_ON_M:
-            self._got_on = time_s, at_m
-        elif time_s - before[0] >= PATIENCE_S and not self._is_turning(time_s, at_m):
-            if self._turn is None or length(at_m[:2] - self._turn.at_m[:2]) > TURNS_AGAIN_M:
-                self._turn = Turn(at_m, time_s + 2 * np.pi / self._config.yaw_rate_rad_s)
-                self._got_on = self._turn.ends_s, at_m
-            elif self._give_up(route, at_m, time_s):
-                self._got_on = time_s, at_m
+        path, before = self._path, self._progress
+        if before is None or path is None or not wants_to_fly or length(at_m[:2] - before[1][:2]) > PROGRESS_M:
+            self._progress = time_s, at_m
+        elif time_s - before[0] >= PATIENCE_S and not self._is_rotating(time_s, at_m):
+            if self._rotation is None or length(at_m[:2] - self._rotation.at_m[:2]) > ROTATES_AGAIN_M:
+                self._rotation = Rotation(at_m, time_s + 2 * np.pi / self._config.yaw_rate_rad_s)
+                self._progress = self._rotation.ends_s, at_m
+            elif self._blacklist(path, at_m, time_s):
+                self._progress = time_s, at_m
 
-    def _is_turning(self, time_s: float, at_m: FloatArray) -> bool:
+    def _is_rotating(self, time_s: float, at_m: FloatArray) -> bool:
         """Return whether the drone still looks around where it stands."""
-        turn = self._turn
-        return turn is not None and time_s < turn.ends_s and length(at_m[:2] - turn.at_m[:2]) <= GETS_ON_M
+        r = self._rotation
+        return r is not None and time_s < r.ends_s and length(at_m[:2] - r.at_m[:2]) <= PROGRESS_M
 
-    def _give_up(self, route: Route, at_m: FloatArray, time_s: float) -> bool:
-        """Give up what is unknown at the next points of a way, if they are near; return whether they are."""
-        points_m = route.points_m[route.clear + 1 :][:POINTS_GIVEN_UP]
+    def _blacklist(self, path: PlannedPath, at_m: FloatArray, time_s: float) -> bool:
+        """Blacklist what is unknown at the next points of a path, if they are near; return whether they are."""
+        points_m = path.points_m[path.clear + 1 :][:POINTS_BLACKLISTED]
         if not len(points_m) or length(points_m[0] - at_m[:2]) > BEFORE_IT_M:
             return False
-        for point_m in points_m:
-            self._map.give_up(np.array([*point_m, at_m[2]]), self._width_m, self._half_height_m, time_s)
+        places_m = np.column_stack([points_m, np.full(len(points_m), at_m[2])])
+        self._voxels.blacklist(places_m, self._width_m, self._half_height_m, time_s)
         return True
 
 

@@ -16,12 +16,12 @@ from .link import Link
 from .metrics import MissionMetrics, touched
 from .neighbours import Detector, NeighbourTracker
 from .perception import Perception
-from .pilot import Situation
+from .pilot import Decision, Situation
 from .priors import Odometry
 from .recorder import Recorder
 from .task import MissionConfig
 from .team import Team, positions_of
-from .types import Decision, MissionResult, OnboardCamera, Outcome, Percept
+from .types import MissionResult, OnboardCamera, Outcome, Percept
 
 MIN_PROGRESS_M = 0.3
 """A smaller approach to the goal or the slots is no progress."""

@@ -8,9 +8,10 @@ from pydantic import Field
 from voxdepth.model import Model
 from voxdepth.types import FloatArray, MaskImage
 
-from .nearby_kernels import allowed_share, limit_approach, limit_level, project_onto_limits
+from .braking import braking_speed
 from .neighbours import belong_to_drones
 from .types import Histogram, Neighbours
+from .vectors import are_near
 
 COS_HALF_CELL = np.cos(np.radians(5.0))
 """A point within this angle of the middle of a cell counts as inside it."""
@@ -79,7 +80,7 @@ class SurfaceMemory:
         near = ~histogram.unknown & (histogram.range_m < self._config.radius_m)
         points = histogram.surfaces_m[near]
         points = points[~belong_to_drones(points, neighbours.position_m)]
-        self._seen.append((stamp_s, points[_confirmed(points, self._candidates, self._config.confirm_m)]))
+        self._seen.append((stamp_s, points[are_near(points, self._candidates, self._config.confirm_m)]))
         self._candidates = points
 
     def limits(self, position_m: FloatArray, reaction_distance_m: FloatArray = NO_MOTION) -> ApproachLimits:
@@ -89,7 +90,8 @@ class SurfaceMemory:
         """
         points = np.concatenate([NO_VECTORS, *(points for _, points in self._seen)])
         c = self._config
-        return _limits(points, NO_VECTORS, position_m, reaction_distance_m, c, c.radius_m, self._safety_radius_m)
+        still = np.zeros_like(points)
+        return _limits(points, still, position_m, reaction_distance_m, c, c.radius_m, self._safety_radius_m)
 
 
 def neighbour_limits(
@@ -121,13 +123,22 @@ def _limits(
     kept_m: float,
     response_s: float = 0.0,
 ) -> ApproachLimits:
-    """Return how fast a drone may approach points that move within a radius, from all of which it keeps a distance."""
-    towards, speed_m_s = np.empty((len(points_m), 3)), np.empty(len(points_m))
-    n = limit_approach(
-        points_m, velocities_m_s, position_m, reaction_distance_m, radius_m, kept_m, response_s,
-        config.decel_m_s2, config.gain_per_s, towards, speed_m_s,
-    )  # fmt: skip
-    return ApproachLimits(towards[:n], speed_m_s[:n])
+    """Return how fast a drone may approach points that move within a radius, from all of which it keeps a distance.
+
+    A point that moves away may stop with the same deceleration.
+    """
+    offset_m = points_m - position_m
+    distance_m = np.sqrt((offset_m * offset_m).sum(axis=1))
+    near = (distance_m > 1e-6) & (distance_m < radius_m)
+    towards = offset_m[near] / distance_m[near, None]
+    away_m_s = (velocities_m_s[near] * towards).sum(axis=1)
+    approached_m = (towards * reaction_distance_m).sum(axis=1) - response_s * np.minimum(away_m_s, 0)
+    left_m = distance_m[near] - kept_m - np.maximum(approached_m, 0)
+    speed_m_s = np.where(
+        left_m < 0, config.gain_per_s * left_m, braking_speed(left_m, config.decel_m_s2, config.gain_per_s)
+    )
+    may_stop = (speed_m_s > 0) & (away_m_s > 0)
+    return ApproachLimits(towards, np.where(may_stop, np.sqrt(speed_m_s**2 + away_m_s**2), speed_m_s + away_m_s))
 
 
 def clamp_to_limits(velocity_m_s: FloatArray, *limits: ApproachLimits) -> FloatArray:
@@ -136,9 +147,14 @@ def clamp_to_limits(velocity_m_s: FloatArray, *limits: ApproachLimits) -> FloatA
     The velocity is projected onto the most violated limit, repeatedly, since one projection can violate another limit.
     A violation remains in acute corners and between limits that contradict each other.
     """
-    towards, allowed = limits[0] if len(limits) == 1 else map(np.concatenate, zip(*limits, strict=True))
+    towards, allowed_m_s = limits[0] if len(limits) == 1 else map(np.concatenate, zip(*limits, strict=True))
     clamped = np.array(velocity_m_s)
-    project_onto_limits(np.ascontiguousarray(towards), allowed, MAX_PROJECTIONS, clamped)
+    for _ in range(MAX_PROJECTIONS if len(towards) else 0):
+        excess_m_s = (towards * clamped).sum(axis=1) - allowed_m_s
+        worst = excess_m_s.argmax()
+        if excess_m_s[worst] <= 1e-6:
+            break
+        clamped -= excess_m_s[worst] * towards[worst]
     return clamped
 
 
@@ -147,9 +163,11 @@ def level_limits(limits: ApproachLimits, climb_m_s: float) -> ApproachLimits:
 
     A drone that cannot climb away from another one above or below it moves aside.
     """
-    towards, speed_m_s = np.empty((len(limits.towards), 2)), np.empty(len(limits.towards))
-    n = limit_level(limits.towards, limits.speed_m_s, climb_m_s, LEAST_SHARE, MAX_ASIDE_M_S, towards, speed_m_s)
-    return ApproachLimits(towards[:n], speed_m_s[:n])
+    share = np.hypot(limits.towards[:, 0], limits.towards[:, 1])
+    beside = share > LEAST_SHARE
+    share, (towards, speed_m_s) = share[beside], (values[beside] for values in limits)
+    level_m_s = np.maximum((speed_m_s - climb_m_s * towards[:, 2]) / share, -MAX_ASIDE_M_S)
+    return ApproachLimits(towards[:, :2] / share[:, None], level_m_s)
 
 
 def shortened(velocity_m_s: FloatArray, limits: ApproachLimits) -> FloatArray:
@@ -157,8 +175,9 @@ def shortened(velocity_m_s: FloatArray, limits: ApproachLimits) -> FloatArray:
 
     Where they demand to back off, it does not approach.
     """
-    share = allowed_share(np.ascontiguousarray(limits.towards), limits.speed_m_s, velocity_m_s)
-    return np.asarray(velocity_m_s * share)
+    approach_m_s, allowed_m_s = (limits.towards * velocity_m_s).sum(axis=1), np.maximum(limits.speed_m_s, 0)
+    too_fast = approach_m_s > allowed_m_s
+    return np.asarray(velocity_m_s * (allowed_m_s[too_fast] / approach_m_s[too_fast]).min(initial=1.0))
 
 
 def _seen_again(points: FloatArray, histogram: Histogram) -> MaskImage:
@@ -170,10 +189,3 @@ def _seen_again(points: FloatArray, histogram: Histogram) -> MaskImage:
     in_view = cosines.max(axis=1) > COS_HALF_CELL * np.sqrt((offsets * offsets).sum(axis=1))
     seen: MaskImage = in_view & ~histogram.unknown.ravel()[cell]
     return seen
-
-
-def _confirmed(points: FloatArray, earlier: FloatArray, within_m: float) -> MaskImage:
-    """Return which points, shape (n, 3), are within a distance of any earlier point, shape (m, 3)."""
-    squared = ((points[:, None] - earlier[None]) ** 2).sum(axis=2)
-    confirmed: MaskImage = squared.min(axis=1, initial=np.inf) <= within_m**2
-    return confirmed

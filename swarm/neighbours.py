@@ -5,13 +5,14 @@ from pydantic import Field
 
 from sim.seeds import Purpose, stream
 from sim.types import Capture
-from voxdepth.compiled import compile_all
 from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics, MaskImage
 
-from .neighbour_kernels import combine, mark_drone_points, measure_drones
 from .types import Detection, Neighbours, Percept
-from .vectors import length
+from .vectors import are_near, length
+
+DRONE_MASK_RADIUS_M = 1.0
+"""Surfaces within this distance of another drone belong to that drone."""
 
 
 class DetectorConfig(Model):
@@ -62,7 +63,6 @@ class Detector:
         seed: int,
         drone: int,
     ) -> None:
-        compile_all()
         self._config = config
         self._camera = camera
         self._drone_ids = np.array(drone_ids, np.int64)
@@ -72,33 +72,36 @@ class Detector:
 
     def detect(self, capture: Capture, corrected: CorrectedDepth) -> tuple[Detection, ...]:
         """Find the other drones in an image; the images must come in order, each once."""
-        n, c = len(self._drone_ids), self._config
+        c, n = self._config, len(self._drone_ids)
         missed = self._rng.random(n) < c.miss_rate
-        n_pixels, center_px, median_m = np.empty(n, np.int64), np.empty((n, 2)), np.empty(n)
-        depth_m = np.ascontiguousarray(corrected.depth_m)
-        measure_drones(capture.segment_id, depth_m, self._drone_ids, n_pixels, center_px, median_m)
-        visible = ~missed & (n_pixels >= c.min_pixels) & (median_m > 0)
+        pixel = np.flatnonzero(capture.segment_id >= self._drone_ids[0])
+        shown = np.searchsorted(self._drone_ids, capture.segment_id.ravel()[pixel])
+        visible = ~missed & (np.bincount(shown, minlength=n) >= c.min_pixels)
         visible[self._drone] = False
         found = []
         for drone in np.flatnonzero(visible).tolist():
-            bearing_cam, range_m = self._ray(center_px[drone], float(median_m[drone]))
+            own = pixel[shown == drone]
+            row, col = np.divmod(own, capture.segment_id.shape[1])
+            depth_m = corrected.depth_m.ravel()[own].astype(np.float64)
+            depth_m = depth_m[depth_m > 0]
+            if not len(depth_m):
+                continue
+            bearing_cam, range_m = self._ray(col.mean(), row.mean(), float(np.median(depth_m)))
             if range_m <= c.max_range_m:
                 found.append(Detection(drone=drone, bearing_cam=bearing_cam, range_m=range_m))
         return tuple(found)
 
-    def _ray(self, center_px: FloatArray, depth_m: float) -> tuple[FloatArray, float]:
+    def _ray(self, col: float, row: float, depth_m: float) -> tuple[FloatArray, float]:
         """Return the direction of the centre of a drone in the camera frame, shape (3,), and its range [m]."""
-        c, (col, row) = self._camera, center_px
+        c = self._camera
         ray = np.array([(col - c.cx_px) / c.fx_px, (row - c.cy_px) / c.fy_px, 1.0])
         per_depth = length(ray)
         return ray / per_depth, depth_m * per_depth + self._radius_m
 
 
 def belong_to_drones(points_m: FloatArray, drones_m: FloatArray) -> MaskImage:
-    """Return which points of surfaces, shape (n, 3), belong to one of the drones, shape (m, 3); see `is_of_drone`."""
-    is_drone: MaskImage = np.empty(len(points_m), np.bool_)
-    mark_drone_points(np.ascontiguousarray(points_m), np.ascontiguousarray(drones_m), is_drone)
-    return is_drone
+    """Return which points of surfaces, shape (n, 3), belong to one of the drones, shape (m, 3)."""
+    return are_near(points_m, drones_m, DRONE_MASK_RADIUS_M)
 
 
 class NeighbourTracker:
@@ -110,7 +113,6 @@ class NeighbourTracker:
     """
 
     def __init__(self, config: NeighbourConfig, camera: Intrinsics, n_drones: int) -> None:
-        compile_all()
         self._config = config
         self._slope_x = (camera.width_px - 1) / 2 / camera.fx_px
         self._slope_y = (camera.height_px - 1) / 2 / camera.fy_px
@@ -128,11 +130,23 @@ class NeighbourTracker:
             for found in percept.detections:
                 self._seen_at_s[found.drone] = percept.stamp_s
                 self._seen_m[found.drone] = pose[:3, 3] + pose[:3, :3] @ (found.range_m * found.bearing_cam)
-        n = len(self._seen_at_s)
-        drones, position_m, velocity_m_s = np.empty(n, np.int64), np.empty((n, 3)), np.empty((n, 3))
-        n = combine(
-            heard.drone, heard.position_m, heard.velocity_m_s, self._seen_at_s, self._seen_m,
-            np.ascontiguousarray(pose), time_s, self._config.memory_s, self._slope_x, self._slope_y,
-            self._config.detector.max_range_m, self._config.agreed_m, drones, position_m, velocity_m_s,
-        )  # fmt: skip
-        return Neighbours(drone=drones[:n], position_m=position_m[:n], velocity_m_s=velocity_m_s[:n])
+        age_s = time_s - self._seen_at_s
+        is_fresh = age_s <= self._config.memory_s
+        seen = np.flatnonzero(is_fresh[heard.drone] & self._is_in_view(heard.position_m, pose))
+        position_m, drone = heard.position_m.copy(), heard.drone[seen]
+        followed_m = self._seen_m[drone] + age_s[drone, None] * heard.velocity_m_s[seen]
+        agrees = ((followed_m - position_m[seen]) ** 2).sum(axis=1) <= self._config.agreed_m**2
+        position_m[seen[agrees]] = followed_m[agrees]
+        is_fresh[heard.drone] = False
+        unheard = np.flatnonzero(is_fresh)
+        return Neighbours(
+            drone=np.concatenate([heard.drone, unheard]),
+            position_m=np.concatenate([position_m, self._seen_m[unheard]]),
+            velocity_m_s=np.concatenate([heard.velocity_m_s, np.zeros((len(unheard), 3))]),
+        )
+
+    def _is_in_view(self, position_m: FloatArray, T_world_cam: FloatArray) -> MaskImage:
+        """Return which positions, shape (n, 3), lie in the field of view and within the range of the detector."""
+        x, y, z = ((position_m - T_world_cam[:3, 3]) @ T_world_cam[:3, :3]).T
+        in_image = (z > 0) & (np.abs(x) <= self._slope_x * z) & (np.abs(y) <= self._slope_y * z)
+        return np.asarray(in_image & (x * x + y * y + z * z <= self._config.detector.max_range_m**2))

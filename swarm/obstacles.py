@@ -4,18 +4,21 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from voxdepth.compiled import compile_all
 from voxdepth.model import Model
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, MaskImage
 
+from .braking import braking_speed
 from .errors import MissionError
 from .evidence import SAMPLED_ROWS
-from .obstacle_kernels import Costs, braking_speed, cheapest_direction, free_distances, nearest_direction
 from .types import Choice, Histogram
 from .vectors import length
 
 COS_IN_VIEW = float(np.cos(np.radians(8.0)))
 """A direction within this angle of the middle of a cell is in the field of view."""
+MAX_BLOCKED_SINE = 0.7
+"""Sine of the widest angle that a surface blocks."""
+TOO_NEAR_COST = 100.0
+"""Cost of a direction in which a surface is nearer than the clearance."""
 
 
 class HistogramConfig(Model):
@@ -144,19 +147,12 @@ def _sampled_pixels(n_pixels: int, step: int, n_cells: int) -> npt.NDArray[np.in
     return np.arange(first, first + step * n_sampled, step)
 
 
-NO_DIRECTION: FloatArray = np.empty(0)
-
-
 class Avoidance:
     """Bends and brakes a wanted velocity by the free ranges of a histogram; `radius_m` is that of the drone."""
 
     def __init__(self, config: AvoidanceConfig, radius_m: float) -> None:
-        compile_all()
-        self._config = c = config
-        self._safety_radius_m = radius_m + c.clearance_m
-        self._costs = Costs(
-            self._safety_radius_m, c.horizon_m, c.clear_weight, c.goal_weight, c.climb_weight, c.previous_weight
-        )  # fmt: skip
+        self._config = config
+        self._safety_radius_m = radius_m + config.clearance_m
         self._histogram: Histogram | None = None
         self._free_m: FloatArray = np.empty(0)
         """Free distance in each direction of the histogram."""
@@ -175,7 +171,7 @@ class Avoidance:
         speed = length(wanted_m_s)
         goal = wanted_m_s / speed if speed > 1e-3 else histogram.forward_world
         directions = histogram.directions_world.reshape(-1, 3)
-        nearest = nearest_direction(directions, goal)
+        nearest = int((directions @ goal).argmax())
         in_view = float(directions[nearest] @ goal) > COS_IN_VIEW
         if not in_view:
             if speed <= self._config.blind_speed_m_s:
@@ -183,12 +179,12 @@ class Avoidance:
             if float(goal @ histogram.forward_world) < 0:
                 return Choice(velocity_m_s=np.zeros(3), direction=goal, cell=None, free_m=0.0)
         free_m = self._free_distances_m(histogram)
-        best = cheapest_direction(directions, free_m, goal, NO_DIRECTION if previous is None else previous, self._costs)
+        best = int(self._costs(directions, free_m, goal, previous).argmin())
         # A direction outside of the image has a nearest cell as well, but that cell does not contain it.
         direction = goal if best == nearest and in_view else directions[best]
         travelled_m = 0.0 if at_m is None else max(0.0, float((at_m - histogram.origin_m) @ direction))
         c, left_m = self._config, float(free_m[best]) - travelled_m - self._safety_radius_m
-        limit = braking_speed(left_m, c.max_decel_m_s2, c.brake_gain_per_s)
+        limit = float(braking_speed(left_m, c.max_decel_m_s2, c.brake_gain_per_s))
         cell = divmod(best, histogram.range_m.shape[1])
         velocity_m_s = min(speed, limit) * direction
         return Choice(velocity_m_s=velocity_m_s, direction=direction, cell=cell, free_m=float(free_m[best]))
@@ -201,11 +197,28 @@ class Avoidance:
         horizon, block only their own direction. If all directions are blocked, their own ranges count.
         """
         if histogram is not self._histogram:
-            self._histogram, self._free_m = histogram, np.empty(histogram.range_m.size)
-            free_distances(
-                histogram.range_m.ravel(), histogram.unknown.ravel(), histogram.directions_world.reshape(-1, 3),
-                histogram.to_surface_world.reshape(-1, 3), self._safety_radius_m, self._config.horizon_m, self._free_m,
-            )  # fmt: skip
-            if (self._free_m <= self._safety_radius_m).all():
-                self._free_m = histogram.range_m.ravel()
+            range_m, unknown = histogram.range_m.ravel(), histogram.unknown.ravel()
+            blocking = (range_m < self._config.horizon_m) & ~unknown
+            sine = np.minimum(self._safety_radius_m / np.maximum(range_m[blocking], 1e-6), MAX_BLOCKED_SINE)
+            cosine = histogram.directions_world.reshape(-1, 3) @ histogram.to_surface_world.reshape(-1, 3)[blocking].T
+            blocked_m = np.where(cosine >= np.sqrt(1 - sine**2), range_m[blocking], np.inf).min(axis=1, initial=np.inf)
+            free_m = np.minimum(range_m, blocked_m)
+            self._histogram = histogram
+            self._free_m = range_m if (free_m <= self._safety_radius_m).all() else free_m
         return self._free_m
+
+    def _costs(
+        self, directions: FloatArray, free_m: FloatArray, goal: FloatArray, previous: FloatArray | None
+    ) -> FloatArray:
+        """Return the cost of each direction, shape (n,), by its free distance and by what it is turned away from."""
+        c = self._config
+        costs = c.clear_weight * np.maximum(0, 1 - free_m / c.horizon_m) ** 2
+        costs += TOO_NEAR_COST * (free_m <= self._safety_radius_m)
+        costs += c.goal_weight * _angle(directions @ goal)
+        costs += c.climb_weight * np.abs(_angle(directions[:, 2]) - _angle(goal[2]))
+        return costs if previous is None else costs + c.previous_weight * _angle(directions @ previous)
+
+
+def _angle(cosine: FloatArray) -> FloatArray:
+    """Return the angle of each cosine [rad], which may be beyond 1 by rounding."""
+    return np.arccos(np.clip(cosine, -1, 1))

@@ -10,12 +10,13 @@ from sim.types import DroneState, VelocityCommand
 from voxdepth.model import Model
 from voxdepth.types import FloatArray
 
+from .cost_map import CostMap
 from .evidence import EvidenceConfig
-from .free_map import MapConfig
 from .nearby import ApproachLimits, NearbyConfig, clamp_to_limits, neighbour_limits
 from .obstacles import AvoidanceConfig
-from .types import Decision, Motion, Neighbours, Percept
+from .types import Histogram, Motion, Neighbours, Percept
 from .vectors import length
+from .voxel_map import MapConfig
 
 Holes = Literal["free", "fixed_range", "evidenced"]
 
@@ -65,6 +66,21 @@ class Situation:
     """Drones of any swarm: by camera where it detects them, by radio elsewhere."""
     mates_dropped: int = 0
     """Number of drones of its swarm that have dropped out after a collision."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Decision:
+    """A command, and the steps that led to it."""
+
+    command: VelocityCommand
+    state: str
+    """State of the drone in one word."""
+    wanted_velocity_m_s: FloatArray | None = None
+    """Velocity before avoidance, shape (3,); None for a controller that does not tell it."""
+    direction: FloatArray | None = None
+    """Unit vector of the direction that avoidance chose, also when the speed is 0; shape (3,)."""
+    view: Histogram | CostMap | None = None
+    """What avoidance made of the newest images."""
 
 
 class Pilot:

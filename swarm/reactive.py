@@ -7,8 +7,8 @@ from voxdepth.types import FloatArray
 
 from .nearby import SurfaceMemory, clamp_to_limits
 from .obstacles import Avoidance, HistogramBuilder
-from .pilot import Pilot, PilotConfig, Situation
-from .types import Choice, Decision, Histogram, OnboardCamera
+from .pilot import Decision, Pilot, PilotConfig, Situation
+from .types import Choice, Histogram, OnboardCamera
 from .vectors import length
 
 

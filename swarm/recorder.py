@@ -6,8 +6,9 @@ from sim.types import Capture, Contact, DroneState
 from sim.world import World
 from voxdepth.types import CorrectedDepth, FloatArray
 
+from .pilot import Decision
 from .team import Team
-from .types import Decision, Outcome
+from .types import Outcome
 
 
 class Recorder:

@@ -8,13 +8,15 @@ from pydantic import Field
 from sim.types import Model
 from voxdepth.types import FloatArray
 
-from .controllers import DEFAULT_CONTROLLER
 from .link import LinkConfig
 from .neighbours import NeighbourConfig
 from .pilot import PilotConfig
 from .priors import PosePriorConfig
 from .rules import RuleWeights
 from .team import FormationConfig, Route, Team
+
+DEFAULT_CONTROLLER = "swarm.agents:create_agent"
+"""The controller that ships with this package."""
 
 
 class MissionConfig(Model):

@@ -3,16 +3,13 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from sim.types import Contact, VelocityCommand
+from sim.types import Contact
 from voxdepth.types import CorrectedDepth, FloatArray, Intrinsics, MaskImage
-
-if TYPE_CHECKING:
-    from .chart import Chart
 
 MetricValue = float | int | None
 """A metric of a mission; None where it is undefined."""
@@ -121,21 +118,6 @@ class Choice:
     """Chosen cell of the histogram; None when the wanted direction is outside of the image."""
     free_m: float
     """Distance that the centre of the drone can travel in that direction before the drone touches a surface."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Decision:
-    """A command, and the steps that led to it."""
-
-    command: VelocityCommand
-    state: str
-    """State of the drone in one word."""
-    wanted_velocity_m_s: FloatArray | None = None
-    """Velocity before avoidance, shape (3,); None for a controller that does not tell it."""
-    direction: FloatArray | None = None
-    """Unit vector of the direction that avoidance chose, also when the speed is 0; shape (3,)."""
-    view: "Histogram | Chart | None" = None
-    """What avoidance made of the newest images."""
 
 
 class Outcome(StrEnum):

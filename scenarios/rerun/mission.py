@@ -17,11 +17,13 @@ from sim.render.meshes import mesh_of_shape, moved
 from sim.sensor import RigConfig
 from sim.types import Capture, Contact, DroneState
 from sim.world import DRONE_BODY_HEIGHT_M, World
-from swarm.chart import STATES, Chart
+from swarm.cost_map import CostMap
 from swarm.mission import DROPPED, contact_text
+from swarm.pilot import Decision
 from swarm.recorder import Recorder
 from swarm.team import Team
-from swarm.types import Decision, Histogram, Outcome
+from swarm.types import Histogram, Outcome
+from swarm.voxel_map import STATES
 from voxdepth.colors import FAR_M
 from voxdepth.tools.files import as_tool_error
 from voxdepth.tools.stream import (
@@ -110,7 +112,7 @@ class MissionRecorder(Recorder):
         self._title = title
         self._image_every = image_every
         self._captures: Counter[int] = Counter()
-        self._views: dict[int, Histogram | Chart] = {}
+        self._views: dict[int, Histogram | CostMap] = {}
         """Newest view of each drone that was recorded."""
         self._maps: Counter[int] = Counter()
         self._states: dict[int, str] = {}
@@ -318,7 +320,7 @@ class MissionRecorder(Recorder):
             self._log(f"histogram/{drone}", rr.Image.from_fields(format=format), static=True)
         self._add(f"histogram/{drone}", gray_images, shown)
 
-    def _log_view(self, drone: int, state: DroneState, view: Histogram | Chart | None) -> None:
+    def _log_view(self, drone: int, state: DroneState, view: Histogram | CostMap | None) -> None:
         """Record what avoidance made of a new image: the histogram of every one, and the map of some."""
         if view is None or view is self._views.get(drone):
             return
@@ -329,22 +331,22 @@ class MissionRecorder(Recorder):
             self._log_map(drone, state, view)
         self._maps[drone] += 1
 
-    def _log_map(self, drone: int, state: DroneState, chart: Chart) -> None:
+    def _log_map(self, drone: int, state: DroneState, costs: CostMap) -> None:
         """Record a map as the image of a camera that looks down on the world, with an arrow for the drone.
 
         The image is one metre before the camera, where a pixel is as large as a cell of the map.
         """
-        rows, cols = chart.state.shape
-        side_m, path, T = chart.voxel_m, f"world/map/{drone}", chart.T_odom_world
-        middle_m = chart.origin_m + side_m / 2 * np.array([cols, rows])
+        rows, cols = costs.state.shape
+        side_m, path, T = costs.voxel_m, f"world/map/{drone}", costs.T_odom_world
+        middle_m = costs.origin_m + side_m / 2 * np.array([cols, rows])
         down = np.linalg.inv(T) @ pose(np.diag([1.0, -1.0, -1.0]), np.array([*middle_m, 0.0]))
         camera = rr.Pinhole(
             focal_length=1 / side_m, width=cols, height=rows, image_plane_distance=1.0, color=MAP_EDGE, line_width=0.01
         )
         height_m = state.position_m[2] - BELOW_M + 1.0
         above = rr.Transform3D(translation=[*down[:2, 3], height_m], mat3x3=down[:3, :3])
-        self._log(path, rr.SegmentationImage(np.flipud(chart.state)), camera, above)
-        top_left_m, px_per_m = chart.origin_m + np.array([0, side_m * rows]), np.array([1, -1]) / side_m
+        self._log(path, rr.SegmentationImage(np.flipud(costs.state)), camera, above)
+        top_left_m, px_per_m = costs.origin_m + np.array([0, side_m * rows]), np.array([1, -1]) / side_m
         at_m = T[:2, :3] @ state.position_m + T[:2, 3]
         ahead = T[:2, :3] @ rotation_from_quaternion(state.q_world_body_xyzw)[:, 0]
         self._add(f"{path}/drone", plane_arrows, ((at_m - top_left_m) * px_per_m, HEADING_M * ahead * px_per_m))

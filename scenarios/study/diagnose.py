@@ -10,13 +10,13 @@ import numpy as np
 
 from sim.types import Capture, Contact, DroneState, IdImage
 from sim.world import World
-from swarm.chart import STATES, Chart
-from swarm.evidence import EvidenceReader
-from swarm.map_kernels import NEAREST_M
-from swarm.pilot import PilotConfig
+from swarm.cost_map import CostMap
+from swarm.evidence import InverseSensorModel
+from swarm.pilot import Decision, PilotConfig
 from swarm.recorder import Recorder
 from swarm.team import Team
-from swarm.types import Decision, Histogram
+from swarm.types import Histogram
+from swarm.voxel_map import NEAREST_M, STATES
 from voxdepth.geometry import back_project
 from voxdepth.metrics import TOO_FAR
 from voxdepth.tools.table import Table, Value
@@ -135,7 +135,7 @@ class FreeSpace:
 
     def __init__(self, pilot: PilotConfig, intrinsics: Intrinsics) -> None:
         self._map, self._intrinsics = pilot.map, intrinsics
-        self._reader = EvidenceReader(intrinsics, pilot.evidence)
+        self._reader = InverseSensorModel(intrinsics, pilot.evidence)
         self._images: deque[tuple[float, FloatArray, FloatImage]] = deque()
 
     def add(self, stamp_s: float, T_world_cam: FloatArray, corrected: CorrectedDepth) -> None:
@@ -249,9 +249,9 @@ class CollisionProbe(Recorder):
         )
 
 
-def held_at(view: Histogram | Chart | None, place_m: FloatArray) -> str | None:
+def held_at(view: Histogram | CostMap | None, place_m: FloatArray) -> str | None:
     """Return what a map holds at a place of the world, shape (3,); None without a map."""
-    if not isinstance(view, Chart):
+    if not isinstance(view, CostMap):
         return None
     T = view.T_odom_world
     return STATES[view.state_at(T[:3, :3] @ place_m + T[:3, 3])]

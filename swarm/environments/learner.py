@@ -15,9 +15,8 @@ from .. import rules
 from ..agents import create_pilot
 from ..controllers import Role
 from ..errors import MissionError
-from ..pilot import Situation
+from ..pilot import Decision, Situation
 from ..task import MissionConfig
-from ..types import Decision
 from .task import LearningTask
 
 ACTION_SIZE = 4

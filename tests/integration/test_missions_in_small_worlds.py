@@ -9,10 +9,10 @@ from examples.straight_controller import Straight
 from sim.bodies import Body, Box
 from sim.types import VelocityCommand
 from swarm.errors import MissionError
-from swarm.pilot import Situation
+from swarm.pilot import Decision, Situation
 from swarm.task import MissionConfig
 from swarm.team import Route
-from swarm.types import Decision, MissionResult, Outcome
+from swarm.types import MissionResult, Outcome
 from tests.helpers import ROUGH, wall
 from tests.swarm_missions import mission_among
 

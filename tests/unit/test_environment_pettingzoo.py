@@ -62,26 +62,11 @@ def test_the_episode_ends_for_all_at_once() -> None:
         env.step({"drone_1": array(HOVER), "drone_2": array(HOVER)})
 
 
-def test_episodes_without_a_seed_differ() -> None:
-    env = FollowersEnv(**quick())
-    seeds = [env.reset(seed=seed)[1]["drone_1"]["seed"] for seed in (2, None, None)]
-    assert seeds[0] == 2
-    assert len(set(seeds)) == 3
-
-
 def test_one_alone_sees_what_it_sees_among_others_at_the_start() -> None:
     alone, _ = LeaderFollowerEnv(learner=2, **quick()).reset(seed=0)
     together, _ = FollowersEnv(**quick()).reset(seed=0)
     for name, values in alone.items():
         np.testing.assert_array_equal(values, together["drone_2"][name])
-
-
-def test_the_picture_shows_all_learners() -> None:
-    env = FollowersEnv(render_mode="rgb_array", **quick())
-    env.reset(seed=0)
-    picture = env.render()
-    assert picture is not None
-    assert picture.shape[1:] == (720, 3)
 
 
 def test_every_agent_must_act_and_nobody_else() -> None:

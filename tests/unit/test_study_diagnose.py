@@ -19,11 +19,9 @@ from scenarios.study.diagnose import (
 from sim.bodies import Surface
 from sim.frames import pose
 from sim.types import Contact, VelocityCommand
-from swarm.chart import Chart
-from swarm.free_map import MapConfig
-from swarm.map_kernels import FREE, SURFACE, VAIN
-from swarm.pilot import PilotConfig
-from swarm.types import Decision
+from swarm.cost_map import CostMap
+from swarm.pilot import Decision, PilotConfig
+from swarm.voxel_map import FREE, OCCUPIED, UNOBSERVABLE, MapConfig
 from tests.helpers import wall, world_of
 from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, Source
 
@@ -113,24 +111,24 @@ def test_the_first_collision_alone_is_explained() -> None:
 
 def test_what_the_drone_did_and_what_its_map_held_is_told() -> None:
     """The map of the drone says that a strip before it is free, in a frame that is shifted by 1 m."""
-    state = np.full((20, 40), VAIN, np.uint8)
+    state = np.full((20, 40), UNOBSERVABLE, np.uint8)
     state[:, :20] = FREE
     shifted = pose(np.eye(3), np.array([1.0, 2.5, 0.0]))
-    early = Chart(state, np.zeros(2), 0.5, MapConfig(), shifted)
-    late = Chart(np.full_like(state, SURFACE), np.zeros(2), 0.5, MapConfig(), shifted)
+    early = CostMap(state, np.zeros(2), 0.5, MapConfig(), shifted)
+    late = CostMap(np.full_like(state, OCCUPIED), np.zeros(2), 0.5, MapConfig(), shifted)
     probe = CollisionProbe(PilotConfig())
     with world_of(wall(2.0, name="hit"), starts_m=[(0, 0, 0)]) as world:
         probe.start(world, [])
-        for k, chart in enumerate([late, early, late]):
+        for k, costs in enumerate([late, early, late]):
             command = VelocityCommand(velocity_m_s=np.array([0.0, 0.6, 0.8]), yaw_rad=0.0)
-            decision = Decision(command=command, wanted_velocity_m_s=np.zeros(3), state="free", view=chart)
+            decision = Decision(command=command, wanted_velocity_m_s=np.zeros(3), state="free", view=costs)
             probe.tick(0, 2.0 * k if k < 2 else 2.9, world.states, np.empty((0, 3)), [decision])
         probe.contact(0, Contact(time_s=3.0, drone=0, other="hit", kind="building", speed_m_s=1.0))
     found = probe.diagnosis
     assert found is not None
-    assert (found.held_before, found.held_at_last, found.commanded_m_s) == ("free", "surface", pytest.approx(1.0))
+    assert (found.held_before, found.held_at_last, found.commanded_m_s) == ("free", "occupied", pytest.approx(1.0))
     assert not found.in_view_at_last
-    assert "commanded 1.00 m/s; map: free a second before, surface at last" in str(found)
+    assert "commanded 1.00 m/s; map: free a second before, occupied at last" in str(found)
 
 
 def corrected(depth_m: float | FloatImage, confidence: float = 1.0) -> CorrectedDepth:
@@ -217,7 +215,7 @@ def test_distances_are_of_what_was_trusted() -> None:
 
 def test_the_table_has_a_row_for_each_arm() -> None:
     empty, drone = Diagnosis(cause=Cause.NO_DEPTH, textureless=True), Diagnosis(cause=Cause.DRONE)
-    table = cause_table({"a": [empty, drone, replace(empty, held_before="vain")], "b": []})
+    table = cause_table({"a": [empty, drone, replace(empty, held_before="unobservable")], "b": []})
     assert dict(zip(table.headings, table.texts[0], strict=True)) == {
         "arm": "a",
         "collisions": "3",
@@ -229,9 +227,9 @@ def test_the_table_has_a_row_for_each_arm() -> None:
         "seen: too far away": "0",
         "seen: where it was": "0",
         "map a second before: free": "0",
-        "map a second before: unseen": "0",
-        "map a second before: vain": "1",
-        "map a second before: given up": "0",
-        "map a second before: surface": "0",
+        "map a second before: unknown": "0",
+        "map a second before: unobservable": "1",
+        "map a second before: blacklisted": "0",
+        "map a second before: occupied": "0",
     }
     assert set(table.texts[1][1:]) == {"0"}

@@ -10,9 +10,9 @@ from scenarios.files import shipped_names
 from sim.render import create_renderer
 from sim.rig import StereoRig
 from sim.sensor import RigConfig
+from swarm.braking import braking_speed
 from swarm.metrics import MissionMetrics, separation_m
 from swarm.nearby import NearbyConfig, neighbour_limits
-from swarm.obstacle_kernels import braking_speed
 from swarm.obstacles import Avoidance, AvoidanceConfig
 from swarm.team import FormationConfig, Route, Team
 from tests.helpers import wall, world_of

@@ -7,18 +7,15 @@ import numpy as np
 import pytest
 
 from examples import straight_controller
-from scenarios.config import load_run
-from scenarios.errors import ScenarioError
 from swarm import controllers
 from swarm.agents import Follower, Leader, Track, create_agent
 from swarm.controllers import DEFAULT_CONTROLLER, Agent, Role, load_controller
 from swarm.errors import MissionError
-from swarm.obstacles import AvoidanceConfig
-from swarm.pilot import Heading, Holes, Pilot, PilotConfig, Situation
+from swarm.pilot import Decision, Heading, Holes, Pilot, PilotConfig, Situation
 from swarm.reactive import ReactivePilot, state_of
 from swarm.task import MissionConfig
 from swarm.team import Route
-from swarm.types import Choice, Decision, Histogram, Motion, Neighbours, Percept
+from swarm.types import Choice, Histogram, Motion, Neighbours, Percept
 from tests.swarm_scenes import (
     FORWARD,
     NOBODY,
@@ -145,12 +142,6 @@ class TestSwitches:
         assert np.linalg.norm(alone) > 0.1
         np.testing.assert_allclose(self.wanted(rule) - self.wanted(rule, **{rule: 0.0}), alone, atol=1e-12)
         np.testing.assert_array_equal(self.wanted(rule, **dict.fromkeys(SITUATIONS, 0.0)), 0)
-
-    @pytest.mark.parametrize("rule", [*SITUATIONS, "avoidance"])
-    def test_the_file_sets_every_switch(self, rule: str) -> None:
-        off = False if rule == "avoidance" else 0.0
-        rules = load_run("city", 0, {f"mission.rules.{rule}": off}).scenario.mission.rules
-        assert getattr(rules, rule) == off
 
     @pytest.mark.parametrize("drone", [0, 1])
     def test_without_avoidance_a_drone_flies_blind(self, drone: int) -> None:
@@ -287,16 +278,6 @@ class TestReactivePilot:
         fixed = self.flown("fixed_range", HOLES)
         assert 0 < np.linalg.norm(fixed.command.velocity_m_s) < 2.1
         assert fixed.state != "free"
-
-
-@pytest.mark.parametrize("avoidance", [AvoidanceConfig(clearance_m=0.5), {"clearance_m": 0.5}])
-def test_a_configuration_may_be_made_of_objects_or_of_tables(avoidance: Any) -> None:
-    assert PilotConfig(avoidance=avoidance).avoidance.clearance_m == 0.5
-
-
-def test_a_table_that_is_none_is_told() -> None:
-    with pytest.raises(ScenarioError, match=r"mission\.pilot\.avoidance"):
-        load_run("city", 0, {"mission.pilot.avoidance": False})
 
 
 class TestHeading:

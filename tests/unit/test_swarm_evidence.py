@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from swarm.evidence import Evidence, EvidenceConfig, EvidenceReader
+from swarm.evidence import Evidence, EvidenceConfig, InverseSensorModel
 from tests.helpers import CAMERA
 from voxdepth.types import CorrectedDepth, FloatImage, Intrinsics, Source
 
@@ -29,25 +29,25 @@ def flat(depth_m: float) -> FloatImage:
 
 def evidence(depth_m: FloatImage, confidence: FloatImage | float = 1.0, config: EvidenceConfig = EXACT) -> Evidence:
     """What an image proves."""
-    return EvidenceReader(CAMERA, config).read(image(depth_m, confidence))
+    return InverseSensorModel(CAMERA, config).read(image(depth_m, confidence))
 
 
 def test_a_wall_is_a_surface_up_to_which_all_is_free() -> None:
-    reader = EvidenceReader(CAMERA, EXACT)
-    free_m, surface_m = reader.read(image(flat(3.0)))
-    np.testing.assert_allclose(free_m * reader.rays_cam[..., 2], 3.0, rtol=1e-6)
+    sensor = InverseSensorModel(CAMERA, EXACT)
+    free_m, surface_m = sensor.read(image(flat(3.0)))
+    np.testing.assert_allclose(free_m * sensor.rays_cam[..., 2], 3.0, rtol=1e-6)
     np.testing.assert_array_equal(free_m, surface_m)
 
 
 def test_the_error_of_the_disparity_shortens_free_space() -> None:
     """f B / (f B / z + s), with an error in pixels of images that are three times as wide as the depth."""
     config, scale = EvidenceConfig(disparity_error_px=0.6), 3.0
-    reader = EvidenceReader(replace(CAMERA, disparity_scale=scale), config)
-    free_m, surface_m = reader.read(image(flat(5.0)))
+    sensor = InverseSensorModel(replace(CAMERA, disparity_scale=scale), config)
+    free_m, surface_m = sensor.read(image(flat(5.0)))
     fB = CAMERA.focal_baseline_px_m
-    np.testing.assert_allclose(free_m * reader.rays_cam[..., 2], fB / (fB / 5 + 0.6 / scale), rtol=1e-5)
-    assert reader.range_of_error(0.5) == pytest.approx(np.sqrt(0.5 * fB / (0.6 / scale)))
-    np.testing.assert_allclose(surface_m * reader.rays_cam[..., 2], 5.0, rtol=1e-6)
+    np.testing.assert_allclose(free_m * sensor.rays_cam[..., 2], fB / (fB / 5 + 0.6 / scale), rtol=1e-5)
+    assert sensor.range_of_error(0.5) == pytest.approx(np.sqrt(0.5 * fB / (0.6 / scale)))
+    np.testing.assert_allclose(surface_m * sensor.rays_cam[..., 2], 5.0, rtol=1e-6)
 
 
 @pytest.mark.parametrize(("hole_share", "is_free"), [(0.3, True), (0.84, False), (1.0, False)])
@@ -61,38 +61,38 @@ def test_a_cell_of_holes_proves_nothing(hole_share: float, is_free: bool) -> Non
 @pytest.mark.parametrize("n_holes", [1, 2])
 def test_a_cell_is_free_up_to_where_its_holes_could_hide_something_wide(n_holes: int) -> None:
     """Columns of holes that span an angle are 0.1 m wide at a range of 0.1 m / angle."""
-    reader = EvidenceReader(CAMERA, EXACT)
+    sensor = InverseSensorModel(CAMERA, EXACT)
     depth_m = flat(20.0)
     for k in range(n_holes):
-        depth_m[:, reader.col_edges[:-1] + k] = 0
-    free_m, _ = reader.read(image(depth_m))
-    width_px = np.diff(reader.col_edges)
+        depth_m[:, sensor.col_edges[:-1] + k] = 0
+    free_m, _ = sensor.read(image(depth_m))
+    width_px = np.diff(sensor.col_edges)
     assert width_px.min() >= 4
     expected_m = np.broadcast_to(0.1 / (n_holes / width_px * np.radians(5)), free_m.shape)
-    np.testing.assert_allclose(free_m * reader.rays_cam[..., 2], expected_m, rtol=1e-5)
+    np.testing.assert_allclose(free_m * sensor.rays_cam[..., 2], expected_m, rtol=1e-5)
 
 
 @pytest.mark.parametrize("min_trusted_share", [0.499, 0.5, 0.501])
 def test_a_cell_with_exactly_the_least_share_of_trusted_pixels_is_free(min_trusted_share: float) -> None:
-    reader = EvidenceReader(
+    sensor = InverseSensorModel(
         CAMERA, EvidenceConfig(disparity_error_px=0, min_trusted_share=min_trusted_share, max_hidden_m=100)
     )
     depth_m = flat(3.0)
     depth_m[np.indices(CAMERA.shape).sum(0) % 2 == 0] = 0
-    free_m, _ = reader.read(image(depth_m))
-    n_pixels = np.outer(np.diff(reader.row_edges), np.diff(reader.col_edges))
+    free_m, _ = sensor.read(image(depth_m))
+    n_pixels = np.outer(np.diff(sensor.row_edges), np.diff(sensor.col_edges))
     halves = n_pixels % 2 == 0
     assert halves.mean() > 0.2
     np.testing.assert_array_equal(free_m[halves] > 0, min_trusted_share <= 0.5)
 
 
 def test_rays_go_through_the_middle_of_the_pixels_of_their_cell() -> None:
-    reader = EvidenceReader(CAMERA, EXACT)
-    x, y, z = np.moveaxis(reader.rays_cam, -1, 0)
+    sensor = InverseSensorModel(CAMERA, EXACT)
+    x, y, z = np.moveaxis(sensor.rays_cam, -1, 0)
     across, down = x[0] / z[0], y[:, 0] / z[:, 0]
     for slope, edges, focal_px, centre_px in (
-        (across, reader.col_edges, CAMERA.fx_px, CAMERA.cx_px),
-        (down, reader.row_edges, CAMERA.fy_px, CAMERA.cy_px),
+        (across, sensor.col_edges, CAMERA.fx_px, CAMERA.cx_px),
+        (down, sensor.row_edges, CAMERA.fy_px, CAMERA.cy_px),
     ):
         middle_px = np.array([np.arange(first, end).mean() for first, end in pairwise(edges)])
         np.testing.assert_allclose(slope, (middle_px - centre_px) / focal_px, atol=1e-6)
@@ -137,9 +137,9 @@ def test_the_percentiles_are_those_of_numpy(camera: Intrinsics, step: int) -> No
     depth_m = rng.uniform(1, 9, camera.shape).astype(np.float32)
     depth_m[rng.random(camera.shape) < 0.3] = 0
     confidence = rng.choice(np.array([0.05, 0.3, 0.8], np.float32), camera.shape)
-    reader = EvidenceReader(camera, config)
-    found = reader.read(image(depth_m, confidence))
-    rows, cols = reader.row_edges, reader.col_edges
+    sensor = InverseSensorModel(camera, config)
+    found = sensor.read(image(depth_m, confidence))
+    rows, cols = sensor.row_edges, sensor.col_edges
     for i in range(len(rows) - 1):
         for j in range(len(cols) - 1):
             sides = np.arange(rows[i], rows[i + 1]), np.arange(cols[j], cols[j + 1])
@@ -148,12 +148,12 @@ def test_the_percentiles_are_those_of_numpy(camera: Intrinsics, step: int) -> No
             shown, trusted = np.sort(z[c >= np.float32(0.1)]), np.sort(z[c >= 0.5])
             surface_m = shown[int(0.08 * len(shown))]
             free_m = min(trusted[int(0.1 * len(trusted))], surface_m) if len(trusted) >= 0.2 * depth_m[cell].size else 0
-            assert found.free_m[i, j] * reader.rays_cam[i, j, 2] == pytest.approx(free_m, rel=1e-5)
-            assert found.surface_m[i, j] * reader.rays_cam[i, j, 2] == pytest.approx(surface_m, rel=1e-5)
+            assert found.free_m[i, j] * sensor.rays_cam[i, j, 2] == pytest.approx(free_m, rel=1e-5)
+            assert found.surface_m[i, j] * sensor.rays_cam[i, j, 2] == pytest.approx(surface_m, rel=1e-5)
 
 
 def test_every_cell_of_a_large_image_is_read_however_small_it_is() -> None:
-    found = EvidenceReader(LARGE, EvidenceConfig(cell_deg=0.51, max_hidden_m=100)).read(
+    found = InverseSensorModel(LARGE, EvidenceConfig(cell_deg=0.51, max_hidden_m=100)).read(
         image(np.full(LARGE.shape, 5.0, np.float32))
     )
     assert (found.free_m > 4).all() and np.isfinite(found.surface_m).all()

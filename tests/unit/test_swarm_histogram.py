@@ -13,7 +13,6 @@ from tests.swarm_scenes import AT_ORIGIN, MOUNT_CAM_M, corrected, flat, histogra
 from voxdepth.types import Intrinsics
 
 UNKNOWN_M = HistogramConfig().unknown_range_m
-UNKNOWN_M = HistogramConfig().unknown_range_m
 
 
 @given(st.floats(1, 20))
@@ -45,12 +44,6 @@ def test_holes_and_distrusted_pixels_are_unknown() -> None:
     np.testing.assert_allclose(from_camera_m[h.unknown], UNKNOWN_M)
 
 
-def test_unknown_cells_are_free_where_that_is_asked_for() -> None:
-    h = histogram(flat(0.0), unknown_range_m=HistogramConfig().free_range_m)
-    assert h.unknown.all()
-    assert h.range_m.min() > 39
-
-
 @pytest.mark.parametrize(("confidence", "unknown"), [(0.19, True), (0.2, False), (0.21, False)])
 def test_pixels_of_little_confidence_count_as_holes(confidence: float, unknown: bool) -> None:
     image = corrected(flat(5.0))
@@ -69,13 +62,6 @@ def test_surfaces_are_where_they_are_wherever_the_camera_sits(depth_m: float, ya
     assert (np.abs(depths_m - depth_m) < 0.12 * depth_m).all()
 
 
-@given(st.floats(1, 10), st.floats(1.1, 3))
-def test_ranges_from_the_camera_scale_with_depth(depth_m: float, scale: float) -> None:
-    builder = HistogramBuilder(CAMERA, HistogramConfig(), np.zeros(3), UNKNOWN_M)
-    one, larger = (builder.build(corrected(flat(d)), AT_ORIGIN) for d in (depth_m, scale * depth_m))
-    np.testing.assert_allclose(larger.range_m, scale * one.range_m, rtol=1e-5)
-
-
 @given(st.integers(0, 1000))
 def test_a_mirrored_image_gives_the_mirrored_histogram(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -84,13 +70,6 @@ def test_a_mirrored_image_gives_the_mirrored_histogram(seed: int) -> None:
     np.testing.assert_allclose(mirrored.range_m, h.range_m[:, ::-1], rtol=1e-6)
     np.testing.assert_array_equal(mirrored.unknown, h.unknown[:, ::-1])
     np.testing.assert_allclose(mirrored.directions_world, h.directions_world[:, ::-1] * [1, -1, 1], atol=1e-9)
-
-
-def test_what_comes_nearer_is_never_read_farther() -> None:
-    rng = np.random.default_rng(3)
-    depth = rng.uniform(2, 20, CAMERA.shape).astype(np.float32)
-    nearer = depth - rng.uniform(0, 1, CAMERA.shape).astype(np.float32)
-    assert (histogram(nearer).range_m <= histogram(depth).range_m).all()
 
 
 def test_images_with_fewer_pixels_than_cells_are_refused() -> None:

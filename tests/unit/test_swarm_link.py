@@ -112,16 +112,6 @@ def test_losses_do_not_depend_on_who_is_in_range() -> None:
     assert not any(3 in drones for drones in far)
 
 
-def test_each_receiver_misses_by_itself() -> None:
-    states = line(0)
-    link = link_of(states, loss=0.5, delay_s=0.0, memory_s=0.0)
-    both = 0
-    for tick in range(1, 401):
-        link.broadcast(states, tick / HZ)
-        both += all(2 in link.heard_by(i, tick / HZ).drone for i in (0, 1))
-    assert both / 400 == pytest.approx(0.25, abs=0.07)
-
-
 def test_a_drone_that_drops_out_is_heard_no_more_and_the_others_are() -> None:
     link = link_of(line(0), delay_s=0.1, memory_s=1.0)
     link.broadcast(line(1), 1 / HZ)

@@ -11,15 +11,13 @@ from hypothesis import strategies as st
 
 from sim.frames import R_BODY_CAM, pose, quaternion_from_yaw
 from sim.types import DroneState
-from swarm.chart import Chart, Route
+from swarm.cost_map import CostMap, PlannedPath
 from swarm.errors import MissionError
-from swarm.free_map import MapConfig
-from swarm.map_kernels import FREE, GIVEN_UP
 from swarm.mapping import MappingPilot
 from swarm.nearby import neighbour_limits
-from swarm.obstacle_kernels import braking_speed
-from swarm.pilot import PilotConfig, Situation
-from swarm.types import Decision, Motion, OnboardCamera, Percept
+from swarm.pilot import Decision, PilotConfig, Situation
+from swarm.types import Motion, OnboardCamera, Percept
+from swarm.voxel_map import BLACKLISTED, FREE, MapConfig
 from tests.helpers import CAMERA
 from tests.swarm_scenes import NOBODY, RADIUS_M, neighbours_of, turn
 from tests.unit.test_swarm_evidence import flat, image
@@ -145,13 +143,13 @@ def test_a_drone_that_does_not_get_on_looks_around_and_then_leaves_a_place_that_
     assert flight.yaw_rad == pytest.approx(2 * np.pi, abs=0.5)
 
 
-def test_a_drone_that_is_interrupted_while_it_looks_around_gives_up_what_is_unknown() -> None:
+def test_a_drone_that_is_interrupted_while_it_looks_around_blacklists_what_is_unknown() -> None:
     flight = Flight(always(HOLES))
     for _ in range(6):
         flight.flies((2, 0, 0), 4.9).flies((0, 0, 0), 0.1)
-    chart = flight.decisions[-1].view
-    assert isinstance(chart, Chart)
-    assert (chart.state == GIVEN_UP).any()
+    costs = flight.decisions[-1].view
+    assert isinstance(costs, CostMap)
+    assert (costs.state == BLACKLISTED).any()
     assert np.ptp([decision.command.yaw_rad for decision in flight.decisions]) < 6 * np.pi
 
 
@@ -263,26 +261,18 @@ def test_a_drone_flies_around_others_that_stand_in_its_way() -> None:
     assert np.linalg.norm(np.array(flight.path_m)[:, None] - row_m, axis=2).min() > 2 * RADIUS_M + 0.2
 
 
-def test_a_drone_that_does_not_get_on_gives_up_its_way() -> None:
-    flight = Flight(always(HOLES))
-    flight.flies((2, 0, 0), 20.0, np.array([8.0, 0.0, 0.0]))
-    known = flight.pilot._known
-    assert known is not None
-    assert GIVEN_UP in known.chart.state
-
-
 @pytest.mark.parametrize(("speed_m_s", "height_m", "takes"), [(0.4, 0, True), (0.6, 0, False), (0.4, 0.9, False)])
-def test_slow_drones_at_its_height_are_obstacles_of_ways_and_no_part_of_the_map(
+def test_slow_drones_at_its_height_are_obstacles_of_paths_and_no_part_of_the_map(
     speed_m_s: float, height_m: float, takes: bool
 ) -> None:
     flight, at_m = Flight(always(image(flat(9.0)))), np.array([4.0, 0.0, height_m])
     flight.neighbours = neighbours_of({1: Motion(at_m, np.array([speed_m_s, 0, 0]))})
     flight.flies((0, 0, 0), 1.0)
-    chart = flight.decisions[-1].view
-    assert isinstance(chart, Chart)
-    assert chart.is_free(at_m) is not takes
-    assert chart.state_at(at_m) == FREE
-    assert (chart.free_length_m(np.zeros(3), np.array([1.0, 0, 0]), 6.0) < 4.0) == takes
+    costs = flight.decisions[-1].view
+    assert isinstance(costs, CostMap)
+    assert bool(costs.fits(at_m)) is not takes
+    assert costs.state_at(at_m) == FREE
+    assert (costs.free_length_m(np.zeros(3), np.array([1.0, 0, 0]), 6.0) < 4.0) == takes
 
 
 def test_a_drone_with_nowhere_to_fly_looks_where_it_is_told() -> None:
@@ -294,11 +284,11 @@ def test_a_drone_with_nowhere_to_fly_looks_where_it_is_told() -> None:
 
 def test_a_drone_goes_on_in_open_space_after_its_odometry_jumped() -> None:
     flight = Flight(always(image(flat(9.0)))).flies((1, 0, 0), 4.0)
-    flight.pilot._route_before = Route(np.zeros((1, 2)), 0)
+    flight.pilot._path_before = PlannedPath(np.zeros((1, 2)), 0)
     flight.odometry_m = np.array([0.8, 0.0, 0.0])
     before_m = flight.position_m
     flight.flies((0, 0, 0), 0.1)
-    assert flight.pilot._route_before is None
+    assert flight.pilot._path_before is None
     assert np.linalg.norm(flight.flies((1, 0, 0), 6.0).position_m - before_m) > 3.0
 
 
@@ -306,7 +296,7 @@ def test_surfaces_of_other_drones_are_left_out_where_these_were_when_the_image_w
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     flight, masked_m = Flight(always(HOLES)).flies((0, 0, 0), 0.1), []
-    monkeypatch.setattr(flight.pilot._map, "update", lambda evidence, T, drones_m, time_s: masked_m.append(drones_m))
+    monkeypatch.setattr(flight.pilot._voxels, "update", lambda evidence, T, drones_m, time_s: masked_m.append(drones_m))
     flight._look()
     flight.neighbours = neighbours_of({1: Motion(np.array([5.0, 0.0, 0.0]), np.array([0.0, 4.0, 0.0]))})
     now = flight._situation()
@@ -321,7 +311,7 @@ def test_a_map_that_is_lower_than_the_drone_is_refused() -> None:
 
 def test_the_odometry_may_drift_but_not_jump() -> None:
     flight = Flight(always(image(flat(9.0)))).flies((1, 0, 0), 2.0)
-    assert flight.pilot._map.origin_m is not None
+    assert flight.pilot._voxels.origin_m is not None
     assert np.linalg.norm(flight.velocity_m_s) > 0.9
     before_m, n_before = flight.position_m, len(flight.path_m)
     flight.view, flight.odometry_m = always(HOLES), np.array([5.0, 0.0, 0.0])
@@ -329,14 +319,14 @@ def test_the_odometry_may_drift_but_not_jump() -> None:
     assert np.linalg.norm(np.array(flight.path_m[n_before:]) - before_m, axis=1).max() < 1.0  # It seeks another way.
 
 
-def random_chart(seed: int) -> Chart:
+def random_costs(seed: int) -> CostMap:
     """A map of 10 m with random blobs that are not free, and free space around its middle."""
     rng = np.random.default_rng(seed)
     state = np.zeros((80, 80), np.uint8)
     for row, col, height, width in rng.integers((0, 0, 1, 1), (80, 80, 12, 12), (25, 4)).tolist():
         state[row : row + height, col : col + width] = rng.integers(1, 4)
     state[36:44, 36:44] = FREE
-    return Chart(state, np.array([-10.0, -10.0]), RADIUS_M + 0.3, MapConfig())
+    return CostMap(state, np.array([-10.0, -10.0]), RADIUS_M + 0.3, MapConfig())
 
 
 @settings(max_examples=60, deadline=None)
@@ -345,20 +335,12 @@ def test_it_stops_within_free_space_on_any_map(seed: int, angle: float, speed: f
     """Whatever velocity is asked for, and however that changes, the body stays in cells that are free."""
     flight, rng = Flight(always(HOLES)), np.random.default_rng(seed)
     flight.flies((0, 0, 0), 0.1)
-    chart = random_chart(seed)
-    known = flight.pilot._known._replace(chart=chart)
-    flight.pilot._learn = lambda situation: known  # type: ignore[method-assign]
-    flight.pilot._route = None
+    costs = random_costs(seed)
+    flight.pilot._local = flight.pilot._local._replace(costs=costs, stamp_s=np.inf)
     for _ in range(turns + 1):
         flight.flies((speed * np.cos(angle), speed * np.sin(angle), 0), 1.5)
         angle = rng.uniform(0, 2 * np.pi)
-    assert all(chart.state_at(at_m + RADIUS_M * ring) == FREE for at_m in flight.path_m for ring in RING)
+    assert all(costs.state_at(at_m + RADIUS_M * ring) == FREE for at_m in flight.path_m for ring in RING)
 
 
 RING = np.array([[np.cos(a), np.sin(a), 0] for a in np.linspace(0, 2 * np.pi, 8, endpoint=False)])
-
-
-def test_the_braking_curve_stops_within_its_distance() -> None:
-    for distance_m in (0.2, 1.0, 5.0):
-        speed = braking_speed(distance_m, 2.5, 1.5)
-        assert speed**2 / (2 * 2.5) <= distance_m

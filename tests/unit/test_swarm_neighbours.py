@@ -83,13 +83,6 @@ def test_one_that_is_not_found_again_is_remembered_for_a_short_while(now_s: floa
     np.testing.assert_allclose(around.position_m, [[x_m, 0, 0]], atol=1e-9)
 
 
-def test_one_that_is_found_again_is_where_it_was_found_last() -> None:
-    eyes, radio = tracker(), heard(d1=((5, 0, 0), STILL))
-    for stamp_s, x in ((0.0, 5.5), (0.3, 4.5)):
-        around = eyes.update(percept(stamp_s, seen_at(1, (x, 0, 0))), radio, stamp_s)
-        np.testing.assert_allclose(around.position_m, [[x, 0, 0]], atol=1e-9)
-
-
 def test_since_the_image_it_went_on_as_the_radio_says() -> None:
     eyes, radio = tracker(), heard(d1=((5, 0, 0), (1, -2, 0.5)))
     around = eyes.update(percept(1.0, seen_at(1, (4.5, 0.5, 0))), radio, 1.4)

@@ -1,7 +1,6 @@
 """From a capture to what a controller may know."""
 
 import numpy as np
-import pytest
 
 from swarm.neighbours import Detector, DetectorConfig
 from swarm.perception import Perception, frame_of
@@ -45,16 +44,3 @@ def test_latency_delays_percepts_and_drops_frames_meanwhile() -> None:
     assert percept is not None
     assert percept.stamp_s == 0.0
     assert eyes.dropped == 1
-
-
-@pytest.mark.parametrize("latency_s", [0.0, 0.03, 0.1])
-def test_a_latency_within_a_frame_drops_nothing_and_the_newest_is_known_in_time(latency_s: float) -> None:
-    eyes = eyes_with(latency_s)
-    for frame in range(5):
-        stamp_s = frame / 10
-        assert eyes.ready(stamp_s)
-        eyes.see(capture(stamp_s))
-        percept = eyes.latest(stamp_s + latency_s)
-        assert percept is not None
-        assert percept.stamp_s == stamp_s
-    assert eyes.dropped == 0

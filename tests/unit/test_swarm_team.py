@@ -1,7 +1,6 @@
 """Formations, routes and swarms."""
 
 import numpy as np
-import pydantic
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,10 +25,6 @@ def test_slots_are_apart_and_behind() -> None:
     assert separation_m([state(*o) for o in [*offsets, (0, 0, 0)]], RADIUS_M) > 1.5
     quarter = team_to((0.0, 10.0, 5.0), members=range(8)).offsets_m
     np.testing.assert_allclose(quarter[:, 1], offsets[:, 0], atol=1e-12)
-
-
-def test_more_followers_change_no_slot_of_the_first() -> None:
-    np.testing.assert_array_equal(FormationConfig().offsets_m(7)[:4], FormationConfig().offsets_m(4))
 
 
 def test_rows_climb_by_their_step() -> None:
@@ -116,18 +111,3 @@ def test_two_routes_make_two_swarms() -> None:
     np.testing.assert_array_equal(config.starts_m(), np.vstack([first.starts_m, second.starts_m]))
     np.testing.assert_allclose(config.start_yaws_rad(), [0, 0, 0, np.pi, np.pi, np.pi])
     np.testing.assert_allclose(second.starts_m[1:, 0] > 30, True)
-
-
-def test_the_order_of_the_routes_numbers_the_drones_and_changes_nothing_else() -> None:
-    routes = tuple(Route(start_m=(0.0, y, 5.0), goal_m=(30.0, y, 5.0)) for y in (0.0, 15.0))
-    there, back = (MissionConfig(routes=order, drones=3).teams() for order in (routes, routes[::-1]))
-    for a, b in zip(there, back[::-1], strict=True):
-        np.testing.assert_array_equal(a.starts_m, b.starts_m)
-        np.testing.assert_array_equal(a.goal_m, b.goal_m)
-
-
-def test_a_mission_without_routes_or_drones_is_refused() -> None:
-    with pytest.raises(pydantic.ValidationError, match="routes"):
-        MissionConfig(routes=())
-    with pytest.raises(pydantic.ValidationError, match="drones"):
-        MissionConfig(drones=0)

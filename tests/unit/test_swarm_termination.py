@@ -40,65 +40,71 @@ class Flight:
         return self._conditions.check(time_s, positions, contacts)
 
 
-def test_on_the_way_there_is_no_outcome() -> None:
-    assert Flight().at(1.0, 5.0) is None
+LATER = Contact(time_s=3.9, drone=1, other="tower", kind="building", speed_m_s=1.0)
+SUCCESS, COLLISION, LOST, DEADLOCK, TIMEOUT = (
+    Outcome.SUCCESS, Outcome.COLLISION, Outcome.LOST, Outcome.DEADLOCK, Outcome.TIMEOUT
+)  # fmt: skip
+BEHIND = {"off_m": [-9.0, 0, 0]}
+NEARER = {"off_m": [-6.0, 0, 0]}
 
 
-@pytest.mark.parametrize(("along_m", "outcome"), [(18.4, None), (18.6, Outcome.SUCCESS), (20.0, Outcome.SUCCESS)])
-def test_success_is_at_the_goal(along_m: float, outcome: Outcome | None) -> None:
-    assert Flight().at(1.0, along_m) is outcome
+@pytest.mark.parametrize(
+    ("changes", "time_s", "along_m", "options", "outcome"),
+    [
+        ({}, 1.0, 5.0, {}, None),
+        ({}, 1.0, 18.4, {}, None),
+        ({}, 1.0, 18.6, {}, SUCCESS),
+        ({}, 1.0, 20.0, {"off_m": [0, 0, 1.4]}, SUCCESS),
+        ({}, 1.0, 20.0, {"off_m": [0, 0, 1.6]}, None),
+        ({}, 1.0, 5.0, {"off_m": [-29.0, 0, 0]}, None),
+        ({}, 1.0, 5.0, {"off_m": [-35.0, 0, 0]}, LOST),
+        ({"lost_m": 1.0}, 1.0, 20.0, {"off_m": [-1.2, 0, 0]}, SUCCESS),
+        ({"lost_m": 1.0}, 1.0, 5.0, {"off_m": [-1.2, 0, 0]}, LOST),
+        ({}, 3.9, 5.0, {"contacts": (HIT,)}, None),
+        ({}, 4.0, 5.0, {"contacts": (HIT, LATER)}, COLLISION),
+        ({"aftermath_s": 0.0}, 3.0, 5.0, {"contacts": (HIT,)}, COLLISION),
+        ({"deadlock_s": 999.0}, 59.9, 5.0, {}, None),
+        ({"deadlock_s": 999.0}, 60.0, 5.0, {}, TIMEOUT),
+    ],
+)
+def test_the_outcome_at_one_moment(
+    changes: dict[str, Any], time_s: float, along_m: float, options: dict[str, Any], outcome: Outcome | None
+) -> None:
+    assert Flight(**changes).at(time_s, along_m, **options) is outcome
 
 
-@pytest.mark.parametrize(("off_m", "outcome"), [(1.4, Outcome.SUCCESS), (1.6, None)])
-def test_success_is_in_formation(off_m: float, outcome: Outcome | None) -> None:
-    assert Flight().at(1.0, 20.0, off_m=[0, 0, off_m]) is outcome
+@pytest.mark.parametrize(
+    "moments",
+    [
+        [(0, 5.0, {}, None), (5.0, 5.0, {}, None), (5.05, 5.0, {}, DEADLOCK)],
+        [(0, 5.0, {}, None), (4, 5.0 + 1.1 * MIN_PROGRESS_M, {}, None), (8.9, 5.6, {}, None), (9.1, 5.0, {}, DEADLOCK)],
+        [(0, 10.0, {}, None), (4.0, 5.0, {}, None), (5.1, 9.9, {}, DEADLOCK)],
+        [(0, 5.0, BEHIND, None), (4, 5.0, NEARER, None), (8, 5, NEARER, None), (9.1, 5, NEARER, DEADLOCK)],
+        [(0, 10, BEHIND, None), (1, 5, NEARER, None), (5.9, 9.5, NEARER, None), (6.1, 9.5, NEARER, DEADLOCK)],
+        [(second, 0.1 * second, {}, None) for second in range(40)],
+        [(0, 20.0, {"off_m": [0, 0, 3.0]}, None), (60.0, 20.0, {}, SUCCESS)],
+    ],
+    ids=["none", "jitter", "back and forth", "followers", "gone before", "slow", "at the last moment"],
+)
+def test_only_progress_prevents_a_deadlock(moments: Any) -> None:
+    flight = Flight(deadlock_s=5.0)
+    for time_s, along_m, options, outcome in moments:
+        assert flight.at(float(time_s), along_m, **options) is outcome
 
 
-def test_a_drone_alone_succeeds_without_formation() -> None:
-    alone = MissionConfig(routes=config().routes, drones=1)
-    assert TerminationConditions(alone, alone.teams()).check(1.0, np.array([GOALS[0]]), ()) is Outcome.SUCCESS
-
-
-def test_two_swarms_may_arrive_one_after_the_other_and_need_not_stay() -> None:
+@pytest.mark.parametrize(
+    "moments",
+    [
+        [(1.0, (20.0, 5.0), None), (2.0, (12.0, 10.0), None), (3.0, (12.0, 20.0), SUCCESS)],
+        [(1.0, (20.0, 5.0), None), (60.0, (20.0, 16.0), TIMEOUT)],
+        [(float(second), (3.0, 0.4 * second), None) for second in range(15)],
+    ],
+    ids=["arrive one after the other", "one alone arrives", "one alone makes progress"],
+)
+def test_two_swarms(moments: Any) -> None:
     flight = Flight(2)
-    assert flight.at(1.0, 20.0, 5.0) is None
-    assert flight.at(2.0, 12.0, 10.0) is None
-    assert flight.at(3.0, 12.0, 20.0) is Outcome.SUCCESS
-
-
-def test_one_of_two_swarms_is_not_enough() -> None:
-    flight = Flight(2)
-    assert flight.at(1.0, 20.0, 5.0) is None
-    assert flight.at(60.0, 20.0, 16.0) is Outcome.TIMEOUT
-
-
-def test_a_collision_ends_the_mission_after_its_aftermath() -> None:
-    flight = Flight()
-    assert flight.at(3.0, 5.0, contacts=(HIT,)) is None
-    assert flight.at(3.9, 5.0, contacts=(HIT,)) is None
-    assert flight.at(4.0, 5.0, contacts=(HIT,)) is Outcome.COLLISION
-
-
-def test_further_contacts_do_not_prolong_the_aftermath() -> None:
-    later = Contact(time_s=3.9, drone=1, other="tower", kind="building", speed_m_s=1.0)
-    assert Flight().at(4.0, 5.0, contacts=(HIT, later)) is Outcome.COLLISION
-
-
-def test_without_aftermath_a_collision_ends_it_at_once() -> None:
-    assert Flight(aftermath_s=0.0).at(3.0, 5.0, contacts=(HIT,)) is Outcome.COLLISION
-
-
-@pytest.mark.parametrize("along_m", [5.0, 20.0])
-@pytest.mark.parametrize("off_m", [0.0, 99.0])
-def test_after_a_contact_it_is_a_collision_whatever_else_comes_about(along_m: float, off_m: float) -> None:
-    flight = Flight(duration_s=3.5)
-    assert flight.at(3.6, along_m, off_m=[off_m, 0, 0], contacts=(HIT,)) is None
-    assert flight.at(60.0, along_m, off_m=[off_m, 0, 0], contacts=(HIT,)) is Outcome.COLLISION
-
-
-def test_a_follower_too_far_away_is_lost() -> None:
-    assert Flight().at(1.0, 5.0, off_m=[-29.0, 0, 0]) is None
-    assert Flight().at(1.0, 5.0, off_m=[-35.0, 0, 0]) is Outcome.LOST
+    for time_s, along_m, outcome in moments:
+        assert flight.at(time_s, *along_m) is outcome
 
 
 def test_a_swarm_that_has_arrived_can_still_lose_a_follower() -> None:
@@ -107,69 +113,17 @@ def test_a_swarm_that_has_arrived_can_still_lose_a_follower() -> None:
     assert flight.at(2.0, 6.0, 20.0, off_m=[0, 40.0, 0]) is Outcome.LOST
 
 
-def test_without_progress_it_is_a_deadlock_after_the_configured_time() -> None:
-    flight = Flight(deadlock_s=5.0)
-    assert flight.at(0.0, 5.0) is None
-    assert flight.at(5.0, 5.0) is None
-    assert flight.at(5.05, 5.0) is Outcome.DEADLOCK
+def test_a_drone_alone_succeeds_without_formation() -> None:
+    alone = MissionConfig(routes=config().routes, drones=1)
+    assert TerminationConditions(alone, alone.teams()).check(1.0, np.array([GOALS[0]]), ()) is Outcome.SUCCESS
 
 
-def test_progress_restarts_the_time_and_jitter_does_not() -> None:
-    flight = Flight(deadlock_s=5.0)
-    flight.at(0.0, 5.0)
-    assert flight.at(4.0, 5.0 + 1.1 * MIN_PROGRESS_M) is None
-    assert flight.at(8.9, 5.0 + 2.0 * MIN_PROGRESS_M) is None
-    assert flight.at(9.1, 5.0) is Outcome.DEADLOCK
-
-
-def test_slow_progress_adds_up() -> None:
-    flight = Flight(deadlock_s=5.0)
-    assert [flight.at(float(second), 0.1 * second) for second in range(40)] == [None] * 40
-
-
-def test_a_way_back_is_no_progress() -> None:
-    flight = Flight(deadlock_s=5.0)
-    flight.at(0.0, 10.0)
-    assert flight.at(4.0, 5.0) is None
-    assert flight.at(5.1, 9.9) is Outcome.DEADLOCK
-
-
-def test_followers_that_catch_up_are_progress() -> None:
-    flight = Flight(deadlock_s=5.0)
-    flight.at(0.0, 5.0, off_m=[-9.0, 0, 0])
-    assert flight.at(4.0, 5.0, off_m=[-6.0, 0, 0]) is None
-    assert flight.at(8.0, 5.0, off_m=[-6.0, 0, 0]) is None
-    assert flight.at(9.1, 5.0, off_m=[-6.0, 0, 0]) is Outcome.DEADLOCK
-
-
-def test_a_way_that_was_gone_before_is_no_progress_even_if_the_followers_made_some_meanwhile() -> None:
-    flight = Flight(deadlock_s=5.0)
-    flight.at(0.0, 10.0, off_m=[-9.0, 0, 0])
-    assert flight.at(1.0, 5.0, off_m=[-6.0, 0, 0]) is None
-    assert flight.at(5.9, 9.5, off_m=[-6.0, 0, 0]) is None
-    assert flight.at(6.1, 9.5, off_m=[-6.0, 0, 0]) is Outcome.DEADLOCK
-
-
-def test_progress_of_one_swarm_is_enough() -> None:
-    flight = Flight(2, deadlock_s=5.0)
-    assert [flight.at(float(second), 3.0, 0.4 * second) for second in range(15)] == [None] * 15
-
-
-@pytest.mark.parametrize(("time_s", "outcome"), [(59.9, None), (60.0, Outcome.TIMEOUT)])
-def test_time_runs_out(time_s: float, outcome: Outcome | None) -> None:
-    flight = Flight(deadlock_s=999.0)
-    assert flight.at(time_s, 5.0) is outcome
-
-
-def test_success_at_the_last_moment_is_success() -> None:
-    flight = Flight(deadlock_s=5.0)
-    flight.at(0.0, 20.0, off_m=[0, 0, 3.0])
-    assert flight.at(60.0, 20.0) is Outcome.SUCCESS
-
-
-def test_success_with_a_follower_in_formation_beats_a_small_lost_distance() -> None:
-    assert Flight(lost_m=1.0).at(1.0, 20.0, off_m=[-1.2, 0, 0]) is Outcome.SUCCESS
-    assert Flight(lost_m=1.0).at(1.0, 5.0, off_m=[-1.2, 0, 0]) is Outcome.LOST
+@pytest.mark.parametrize("along_m", [5.0, 20.0])
+@pytest.mark.parametrize("off_m", [0.0, 99.0])
+def test_after_a_contact_it_is_a_collision_whatever_else_comes_about(along_m: float, off_m: float) -> None:
+    flight = Flight(duration_s=3.5)
+    assert flight.at(3.6, along_m, off_m=[off_m, 0, 0], contacts=(HIT,)) is None
+    assert flight.at(60.0, along_m, off_m=[off_m, 0, 0], contacts=(HIT,)) is Outcome.COLLISION
 
 
 def test_no_follower_of_a_long_column_is_lost_in_its_slot() -> None:

@@ -1,0 +1,366 @@
+"""The voxel map of one drone: where its images proved free space, where they hit a surface, and where they saw nothing.
+
+The map is an occupancy grid around the drone, in the frame of its own odometry. Free space must be proven; that it
+lasts is an assumption, which a drone makes for as long as its odometry is good. Arrays over the map have the shape
+(layers, rows along y, columns along x), and indices of voxels that order.
+"""
+
+from math import ceil, floor
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import float32, float64, int64
+from numba.types import Tuple, UniTuple
+from pydantic import Field, model_validator
+
+from voxdepth.compiled import compile_all, compiled, named_tuple
+from voxdepth.model import Model
+from voxdepth.types import FloatArray, FloatImage, Intrinsics, MaskImage
+
+from .evidence import Evidence, InverseSensorModel
+from .neighbours import belong_to_drones
+
+Bytes = npt.NDArray[np.uint8]
+Indices = npt.NDArray[np.int64]
+FloatVector = npt.NDArray[np.float32]
+FREE, UNKNOWN, UNOBSERVABLE, BLACKLISTED, OCCUPIED = range(5)
+"""States of a voxel, from the best to the worst. It is unobservable where images from nearby show neither free space
+nor a surface, and blacklisted where a drone did not get on although it knew that."""
+STATES = ("free", "unknown", "unobservable", "blacklisted", "occupied")
+"""Names of the states, in the order of their numbers."""
+HIT, OCCUPIED_FROM, MAX_OCCUPANCY = 2, 3, 4
+"""A hit, an image that shows a surface in a voxel, adds the first to its occupancy, and a miss, one that sees through
+it, takes 1 away. From the second on the voxel is occupied: two images confirm a surface, and one alone in free space is
+an error of depth. The third is the largest occupancy."""
+MAX_COUNT = 200
+"""Counts of images end here."""
+BLACKLISTED_COUNT = MAX_COUNT + 1
+"""In place of the count of images that observed nothing."""
+NEAREST_M = 0.05
+"""Voxels whose depth is smaller are not in view."""
+SLACK = np.float32(0.01)
+"""Rounding of the distance to the sides of the view, times the focal length [m px]."""
+MAX_VOXELS = 2**24
+MARGIN_M = 2.0
+"""The map moves when the drone is this far from its middle."""
+
+
+class MapConfig(Model):
+    """Size and rules of the map."""
+
+    reach_m: float = Field(default=10.0, gt=2)
+    """Distance from the drone to the sides of the map, at least."""
+    height_m: float = Field(default=1.5, gt=0)
+    """Height of the map, half above and half below the drone, at least."""
+    voxel_m: float = Field(default=0.25, gt=0.01)
+    """Horizontal side of a voxel."""
+    layer_m: float = Field(default=0.25, gt=0.01)
+    """Height of a voxel."""
+    min_passed: int = Field(default=2, ge=1, le=100)
+    """Misses until a voxel is free: images that must see through it."""
+    min_vain: int = Field(default=5, ge=1, le=100)
+    """Images in a row that show nothing in a voxel nearer than `near_m`, until it is unobservable: looking does not
+    help."""
+    near_m: float = Field(default=4.0, gt=0)
+    """Distance within which an image that shows nothing counts."""
+    max_error_m: float = Field(default=0.5, gt=0)
+    """Surfaces so far away that their range is less exact than this are not recorded; nothing behind them is free."""
+    memory_s: float = Field(default=60.0, gt=0)
+    """Time for which free space is remembered. Odometry drifts, and things move: less of it forgets both."""
+    start_radius_m: float = Field(default=1.6, ge=0)
+    """Space around the start that counts as free."""
+    max_jump_m: float = Field(default=0.5, gt=0)
+    """Motion between two images, beyond what the velocity explains, after which the map is forgotten."""
+    unseen_price: float = Field(default=2.5, ge=1)
+    """Cost of a path per metre through unknown space; that of free space is 1."""
+    vain_price: float = Field(default=12.0, ge=1)
+    """Cost through unobservable space."""
+    surface_price: float = Field(default=30.0, ge=1)
+    """Cost through occupied and through blacklisted space."""
+
+    @model_validator(mode="after")
+    def _check(self) -> "MapConfig":
+        layers, rows, cols = self.shape
+        if layers * rows * cols > MAX_VOXELS:
+            raise ValueError(
+                f"the map would have {layers} x {rows} x {cols} voxels, more than {MAX_VOXELS}: make reach_m or "
+                "height_m smaller, or voxel_m or layer_m larger"
+            )
+        return self
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of layers, rows and columns; paths need even numbers of the latter."""
+        side = 4 * int(np.ceil((self.reach_m + MARGIN_M) / self.voxel_m / 2))
+        # The middle of the map is a whole number of layers, which may be half a layer away from the drone.
+        return 2 * int(np.ceil(self.height_m / 2 / self.layer_m + 0.5)), side, side
+
+
+class View(NamedTuple):
+    """A pinhole camera whose images are reduced to cells."""
+
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    cell_row: Indices
+    """Row of cells to which each row of pixels belongs, shape (H,)."""
+    cell_col: Indices
+    """Column of cells to which each column of pixels belongs, shape (W,)."""
+
+
+VIEW = named_tuple(View, *[float64] * 4, int64[::1], int64[::1])
+
+
+@compiled(
+    Tuple((int64[::1], int64[::1], float32[::1]))(
+        VIEW, float64[::1], float64[::1], UniTuple(int64, 3), float64[:, ::1], float64
+    )
+)
+def find_in_view(
+    view: View,
+    origin_m: FloatArray,
+    sides_m: FloatArray,
+    shape: tuple[int, int, int],
+    T_map_cam: FloatArray,
+    farthest_m: float,
+) -> tuple[Indices, Indices, FloatVector]:
+    """Find the voxels whose middle is in view, up to a range: index, that of the cell, and squared range [m^2] of each.
+
+    Columns wholly to the left or to the right of the view are skipped. The distance of a voxel to either side of it,
+    times the focal length, is linear in its height, so that the ends of a column decide.
+    """
+    n_layers, n_rows, n_cols = shape
+    cells_per_row, height, width = view.cell_col[-1] + 1, np.float32(len(view.cell_row)), np.float32(len(view.cell_col))
+    (xx, yx, zx, x_m), (xy, yy, zy, y_m), (xz, yz, zz, z_m), _ = T_map_cam.astype(np.float32)
+    fx, fy = np.float32(view.fx_px), np.float32(view.fy_px)
+    cx, cy = np.float32(view.cx_px + 0.5), np.float32(view.cy_px + 0.5)
+    side_m, layer_m, farthest_squared = np.float32(sides_m[0]), np.float32(sides_m[2]), np.float32(farthest_m**2)
+    left_m, front_m, up_m = origin_m.astype(np.float32) - np.array([x_m, y_m, z_m])
+    top_m, on_the_right = up_m + layer_m * np.float32(n_layers), width - cx
+    n_voxels, n = n_layers * n_rows * n_cols, 0
+    voxel, cell, squared_m2 = np.empty(n_voxels, np.int64), np.empty(n_voxels, np.int64), np.empty(n_voxels, np.float32)
+    for i in range(n_rows):
+        north_m = front_m + side_m * np.float32(i + 0.5)
+        for j in range(n_cols):
+            east_m = left_m + side_m * np.float32(j + 0.5)
+            flat_squared = east_m * east_m + north_m * north_m
+            x0, y0, z0 = xx * east_m + xy * north_m, yx * east_m + yy * north_m, zx * east_m + zy * north_m
+            from_left, per_m = fx * x0 + cx * z0, fx * xz + cx * zz
+            from_right, right_per_m = on_the_right * z0 - fx * x0, on_the_right * zz - fx * xz
+            is_left = max(from_left + up_m * per_m, from_left + top_m * per_m) < -SLACK
+            is_right = max(from_right + up_m * right_per_m, from_right + top_m * right_per_m) < -SLACK
+            if flat_squared > farthest_squared or is_left or is_right:
+                continue
+            for k in range(n_layers):
+                above_m = up_m + layer_m * np.float32(k + 0.5)
+                z = z0 + zz * above_m
+                per_z = np.float32(1) / z
+                u, v = fx * (x0 + xz * above_m) * per_z + cx, fy * (y0 + yz * above_m) * per_z + cy
+                if z > NEAREST_M and 0 <= u < width and 0 <= v < height:
+                    voxel[n] = (k * n_rows + i) * n_cols + j
+                    cell[n] = view.cell_row[int(v)] * cells_per_row + view.cell_col[int(u)]
+                    squared_m2[n] = flat_squared + above_m * above_m
+                    n += 1
+    return voxel[:n], cell[:n], squared_m2[:n]
+
+
+class VoxelMap:
+    """Collects the evidence of the images of one camera, whose cells are those of `sensor`."""
+
+    def __init__(self, config: MapConfig, sensor: InverseSensorModel, camera: Intrinsics) -> None:
+        compile_all()
+        self._config = c = config
+        rows, cols = (np.repeat(np.arange(len(e) - 1), np.diff(e)) for e in (sensor.row_edges, sensor.col_edges))
+        self._view = View(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, rows, cols)
+        self._rays_cam = sensor.rays_cam
+        self._max_surface_m = sensor.range_of_error(c.max_error_m)
+        self._misses = np.zeros(c.shape, np.uint8)
+        """Number of misses of each voxel since it was occupied last."""
+        self._missed_s = np.zeros(c.shape, np.float32)
+        """Time of the last miss [s]."""
+        self._occupancy = np.zeros(c.shape, np.uint8)
+        """Hits less misses; see `HIT`."""
+        self._unobserved = np.zeros(c.shape, np.uint8)
+        """Number of images in a row that had the voxel in view from nearby, and neither hit nor missed it; or
+        `BLACKLISTED_COUNT`."""
+        self._sides_m: FloatArray = np.array([c.voxel_m, c.voxel_m, c.layer_m])
+        self._half = np.array(c.shape[::-1]) // 2
+        """Numbers of voxels (x, y, z) from the corner of the map to its middle."""
+        self._slack = np.array([MARGIN_M, MARGIN_M, c.layer_m]) / self._sides_m
+        """Distance of the drone from the middle with which the map moves, in voxels."""
+        self._origin: Indices | None = None
+        """Corner of the first voxel (x, y, z), in voxels."""
+
+    @property
+    def origin_m(self) -> FloatArray:
+        """Corner of the map (x, y, z), shape (3,)."""
+        assert self._origin is not None, "start comes first"
+        return np.asarray(self._origin * self._sides_m)
+
+    def start(self, at_m: FloatArray, time_s: float) -> None:
+        """Begin the map around a drone, whose surroundings count as free."""
+        self.start_again(at_m, self._config.start_radius_m, self._config.height_m / 2, time_s)
+
+    def start_again(self, at_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
+        """Forget everything but that a drone has free space around it: an upright cylinder."""
+        for values in (self._misses, self._missed_s, self._occupancy, self._unobserved):
+            values[:] = 0
+        self._origin = None
+        self._follow(at_m)
+        self.mark_free(at_m[None], radius_m, half_height_m, time_s)
+
+    def mark_free(self, places_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
+        """Make places that drones take free, shape (n, 3): upright cylinders, in which a surface was an error."""
+        inside = self._in_cylinders(places_m, radius_m, half_height_m)
+        self._misses[inside] = np.maximum(self._misses[inside], self._config.min_passed)
+        self._missed_s[inside] = time_s
+        self._occupancy[inside] = self._unobserved[inside] = 0
+
+    def blacklist(self, places_m: FloatArray, radius_m: float, half_height_m: float, time_s: float) -> None:
+        """Make what is unknown in upright cylinders unobservable, because looking did not help.
+
+        What was unobservable already is blacklisted, until an image shows it.
+        """
+        for place_m in places_m:
+            inside = self._in_cylinders(place_m[None], radius_m, half_height_m)
+            counts = self._unobserved[inside]
+            worse = np.where(counts >= self._config.min_vain, BLACKLISTED_COUNT, self._config.min_vain)
+            self._unobserved[inside] = np.where(self._is_free(inside, time_s), counts, worse)
+
+    def is_column_free(self, at_m: FloatArray, low_m: float, high_m: float, time_s: float) -> bool:
+        """Return whether the column of voxels at a position (x, y) and the eight around it are free between heights.
+
+        What the map does not reach is not free.
+        """
+        (x, y, _), (first, last) = ((at_m - self.origin_m) / self._sides_m).tolist(), self._layers(low_m, high_m)
+        (n_layers, n_rows, n_cols), row, col = self._misses.shape, floor(y), floor(x)
+        if not (first >= 0 and last <= n_layers and 1 <= row < n_rows - 1 and 1 <= col < n_cols - 1):
+            return False
+        return bool(self._is_free(np.s_[first:last, row - 1 : row + 2, col - 1 : col + 2], time_s).all())
+
+    def update(self, evidence: Evidence, T_odom_cam: FloatArray, drones_m: FloatArray, time_s: float) -> None:
+        """Add the evidence of an image; surfaces near the other drones `drones_m`, shape (n, 3), are these drones.
+
+        Those surfaces, and surfaces that are too far to be exact, are no hits, but hide what lies behind them.
+        """
+        self._follow(T_odom_cam[:3, 3])
+        (free_m, surface_m), half_m, near_m = evidence, np.float32(self._config.voxel_m / 2), self._config.near_m
+        is_exact, points_m = self._surfaces(surface_m, T_odom_cam, drones_m)
+        voxel, cell, squared_m2 = find_in_view(
+            self._view, self.origin_m, self._sides_m, self._misses.shape, np.ascontiguousarray(T_odom_cam),
+            max(near_m, float(free_m.max())),
+        )  # fmt: skip
+        free_m2, from_m2, to_m2 = (
+            np.square(np.maximum(range_m, 0)).ravel()[cell]
+            for range_m in (free_m - half_m, surface_m - half_m, surface_m + half_m)
+        )
+        is_miss, is_before = squared_m2 <= free_m2, squared_m2 < from_m2
+        is_hit = ~(is_miss | is_before) & (squared_m2 <= to_m2) & is_exact.ravel()[cell]
+        # A surface may be thin, and lie beside the middle of its voxel: that is hit, whatever the image shows there.
+        hit = self._voxels_at(points_m)
+        is_other = np.ones(self._misses.size, np.bool_)
+        is_other[hit] = False
+        is_other = is_other[voxel]
+        self._count_misses(voxel[is_miss & is_other], time_s)
+        unobserved = voxel[~is_miss & is_before & (squared_m2 < near_m**2) & is_other]
+        self._unobserved.ravel()[unobserved] += self._unobserved.ravel()[unobserved] < MAX_COUNT
+        self._count_hits(np.concatenate([hit, voxel[is_hit & is_other]]))
+
+    def layer(self, low_m: float, high_m: float, time_s: float) -> Bytes:
+        """Return the worst state of each column of voxels between two heights, shape (rows along y, columns along x).
+
+        What the map does not reach is unknown.
+        """
+        first, last = self._layers(low_m, high_m)
+        layers = slice(max(first, 0), min(last, self._misses.shape[0]))
+        count = self._unobserved[layers]
+        state = np.uint8(UNKNOWN) + (count >= self._config.min_vain) + (count == BLACKLISTED_COUNT)
+        state[self._is_free(layers, time_s)] = FREE
+        state[self._occupancy[layers] >= OCCUPIED_FROM] = OCCUPIED
+        reaches = first >= 0 and last <= self._misses.shape[0]
+        return np.asarray(state.max(axis=0, initial=FREE if reaches else UNKNOWN), np.uint8)
+
+    def _is_free(self, voxels: Any, time_s: float) -> npt.NDArray[np.bool_]:
+        """Return whether voxels, by their index, have enough misses that are not too long ago."""
+        is_recent = self._missed_s[voxels] >= time_s - self._config.memory_s
+        return np.asarray((self._misses[voxels] >= self._config.min_passed) & is_recent)
+
+    def _surfaces(
+        self, surface_m: FloatImage, T_odom_cam: FloatArray, drones_m: FloatArray
+    ) -> tuple[MaskImage, FloatArray]:
+        """Return which cells show a surface that is exact and no drone, and where these surfaces are, shape (n, 3)."""
+        is_exact = surface_m < self._max_surface_m
+        rays = self._rays_cam[is_exact] @ T_odom_cam[:3, :3].T
+        points_m = surface_m[is_exact, None] * rays + T_odom_cam[:3, 3]
+        is_surface = ~belong_to_drones(points_m, drones_m)
+        is_exact[is_exact] = is_surface
+        return is_exact, points_m[is_surface]
+
+    def _voxels_at(self, points_m: FloatArray) -> Indices:
+        """Return the indices of the voxels that contain points, shape (n, 3), without those beside the map."""
+        voxel = np.floor((points_m - self.origin_m) / self._sides_m).astype(np.int64)[:, ::-1]
+        inside = ((voxel >= 0) & (voxel < self._misses.shape)).all(axis=1)
+        return np.asarray(np.ravel_multi_index(tuple(voxel[inside].T), self._misses.shape))
+
+    def _count_misses(self, voxel: Indices, time_s: float) -> None:
+        """Count an image that saw through voxels; misses longer ago than the memory do not count any more."""
+        misses, missed_s, occupancy = self._misses.ravel(), self._missed_s.ravel(), self._occupancy.ravel()
+        is_occupied = occupancy[voxel] >= OCCUPIED_FROM
+        kept = np.where(missed_s[voxel] >= time_s - self._config.memory_s, misses[voxel], 0)
+        misses[voxel] = np.minimum(kept + ~is_occupied, MAX_COUNT)
+        missed_s[voxel] = time_s
+        occupancy[voxel] = np.maximum(occupancy[voxel], 1) - 1
+        self._unobserved.ravel()[voxel] = 0
+
+    def _count_hits(self, voxel: Indices) -> None:
+        """Count an image that showed a surface in voxels."""
+        occupancy = np.minimum(self._occupancy.ravel()[voxel] + HIT, MAX_OCCUPANCY)
+        self._occupancy.ravel()[voxel] = occupancy
+        self._misses.ravel()[voxel] *= occupancy < OCCUPIED_FROM
+        self._unobserved.ravel()[voxel] = 0
+
+    def _in_cylinders(self, centers_m: FloatArray, radius_m: float, half_height_m: float) -> tuple[Indices, ...]:
+        """Return the voxels whose middle is in one of some upright cylinders around centres of shape (n, 3).
+
+        Layers count that a cylinder touches.
+        """
+        c, sides_m, origin_m = self._config, self._sides_m[::-1], self.origin_m[::-1]
+        reach = np.ceil(np.array([half_height_m, radius_m, radius_m]) / sides_m).astype(np.int64)
+        window = np.moveaxis(np.indices((2 * reach + 1).tolist()), 0, -1).reshape(-1, 3) - reach
+        center = centers_m[:, None, ::-1] - origin_m
+        voxel = np.floor(center / sides_m).astype(np.int64) + window
+        z_m, y_m, x_m = np.moveaxis((voxel + 0.5) * sides_m - center, -1, 0)
+        inside = (x_m * x_m + y_m * y_m <= radius_m**2) & (np.abs(z_m) < half_height_m + c.layer_m / 2)
+        inside &= ((voxel >= 0) & (voxel < self._misses.shape)).all(axis=-1)
+        return tuple(voxel[inside].T)
+
+    def _layers(self, low_m: float, high_m: float) -> tuple[int, int]:
+        """Return the first layer between two heights, and the one after the last; the map may not have all of them."""
+        bottom_m, layer_m = float(self.origin_m[2]), self._config.layer_m
+        return floor((low_m - bottom_m) / layer_m), ceil((high_m - bottom_m) / layer_m)
+
+    def _follow(self, at_m: FloatArray) -> None:
+        """Move the map, by whole voxels, so that a position is near its middle."""
+        wanted = np.round(at_m / self._sides_m).astype(np.int64) - self._half
+        if self._origin is not None:
+            moved = wanted - self._origin
+            if (np.abs(moved) < self._slack).all():
+                return
+            for values in (self._misses, self._missed_s, self._occupancy, self._unobserved):
+                _shift(values, moved[::-1])
+        self._origin = wanted
+
+
+def _shift(array: npt.NDArray[np.generic], by: npt.NDArray[np.int64]) -> None:
+    """Move the content of an array against its axes, in place, and fill up with zeros."""
+    before = array.copy()
+    array[...] = 0
+    to, of = [], []
+    for n, d in zip(array.shape, by.tolist(), strict=True):
+        if abs(d) >= n:
+            return
+        to.append(slice(max(-d, 0), n - max(d, 0)))
+        of.append(slice(max(d, 0), n - max(-d, 0)))
+    array[tuple(to)] = before[tuple(of)]
