@@ -11,14 +11,15 @@ from pydantic import Field, model_validator
 
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
-from . import frames, photon_kernels
+from . import frames
 from .alignment import aligned, hidden_from_pair
 from .artefacts import Artefacts
 from .bodies import Surface
+from .camera_noise import exposure_gain, photon_noise
 from .decimation import decimated, decimated_intrinsics
 from .depth_noise import DepthNoise, NoiseTerm, NoisyDepth, SensorModelName
 from .errors import SensorError
-from .seeds import Purpose, counter_key, stream
+from .seeds import Purpose, stream
 from .stereo import NOISE_TEXTURE, StereoConfig, StereoMatcher, focal_baseline_px_m, occlusion_mask
 from .types import BodyPose, Camera, Capture, Images, Model, RenderedPair, Renderer
 
@@ -30,8 +31,6 @@ DOT_SHARE, DOT_SIGMA_PX, PROJECTOR_RANGE_M = 0.15, 0.7, 3.0
 
 SUBFRAMES = 12
 """Images per frame of which blurred ones are made."""
-SETTLED = 4
-"""Multiple of the settling time after which an error of brightness is forgotten."""
 
 
 class RigConfig(Model):
@@ -325,28 +324,3 @@ def lit_by_pattern(
         gain = 1 + strength * pattern / (1 + np.square(images.depth_m / PROJECTOR_RANGE_M))
         lit.append(replace(images, gray=np.minimum(images.gray * gain, 255).astype(np.uint8)))
     return lit[0], lit[1]
-
-
-def photon_noise(gray: GrayImage, sigma: float, *key: int, seed: int, gain: float = 1.0) -> GrayImage:
-    """The image times `gain`, with Gaussian noise of `sigma` gray levels, rounded and clipped.
-
-    The noise is keyed by the seed and by `key`, which is the drone, the frame and the camera.
-    """
-    noisy = np.empty(gray.shape, np.uint8)
-    stream_key, quantiles = counter_key(seed, Purpose.PHOTON, *key), photon_kernels.normal_quantiles()
-    photon_kernels.expose(gray.ravel(), gain, sigma, quantiles, stream_key, noisy.reshape(-1))
-    return noisy
-
-
-def exposure_gain(sigma: float, drone: int, frame: int, *, seed: int, settling_frames: float = 0.0) -> float:
-    """Brightness of a frame relative to the mean, `exp(N(0, sigma))`, as automatic exposure varies it.
-
-    Disturbances of this and the earlier frames add up with weights that fall to 1/e within `settling_frames`; the sum
-    of their squares is 1 in every frame.
-    """
-    if not sigma:
-        return 1.0
-    ages = np.arange(min(frame, int(SETTLED * settling_frames)) + 1)
-    weights = np.exp(-ages / settling_frames) if settling_frames else np.ones(1)
-    disturbances = [stream(seed, Purpose.EXPOSURE, drone, frame - int(age)).standard_normal() for age in ages]
-    return float(np.exp(sigma * (weights @ disturbances) / np.linalg.norm(weights)))

@@ -5,15 +5,20 @@ from typing import Any, Literal
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field, model_validator
 
-from voxdepth.compiled import compile_all
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
-from . import stereo_kernels
 from .errors import SensorError
-from .stereo_kernels import INVALID, Disparity
 from .types import InvalidReason, Model
+
+Disparity = npt.NDArray[np.int16]
+"""Disparity image [1/16 px], shape (H, W); negative = invalid."""
+INVALID = -16
+"""Disparity of pixels without a match [1/16 px]."""
+OCCLUSION_STEP_PX = 0.75
+"""Least difference of disparity between a surface and the one that occludes it."""
 
 TEXTURE_WINDOW_PX = 15
 NOISE_TEXTURE = 1.13
@@ -77,7 +82,6 @@ class StereoMatcher:
     """
 
     def __init__(self, intrinsics: Intrinsics, config: StereoConfig, *, max_depth_m: float) -> None:
-        compile_all()
         self._config = config
         self._max_depth_m = max_depth_m
         self._n = config.n_disparities(intrinsics)
@@ -102,13 +106,15 @@ class StereoMatcher:
         The reasons are `NONE`, `TEXTURELESS`, `AMBIGUOUS` and `SPECKLE`.
         """
         raw = self._semi_global(left, right)
-        ambiguous = np.empty(raw.shape, np.bool_)
+        tolerance = 16 * self._config.check_px
         if self._config.check == "one-to-one":
-            stereo_kernels.fail_one_to_one(raw, 16 * self._config.check_px, ambiguous)
+            ambiguous = fails_one_to_one(raw, tolerance)
         else:
-            ambiguous[:] = self._fails_left_right(raw, left, right)
-        disparity, reason = np.empty_like(raw), np.empty(raw.shape, np.uint8)
-        stereo_kernels.reject(raw, texture(left), ambiguous, self._config.min_texture, disparity, reason)
+            ambiguous = self._fails_left_right(raw, left, right, tolerance)
+        reason = np.zeros(raw.shape, np.uint8)
+        reason[ambiguous] = InvalidReason.AMBIGUOUS
+        reason[texture(left) < self._config.min_texture] = InvalidReason.TEXTURELESS
+        disparity = np.where(reason, np.int16(INVALID), raw)
         cv2.filterSpeckles(disparity, INVALID, self._config.speckle_px, 16)
         reason[(disparity < 0) & (reason == InvalidReason.NONE)] = InvalidReason.SPECKLE
         return disparity, reason
@@ -120,19 +126,18 @@ class StereoMatcher:
 
         Changes the reasons for holes that the truth explains, in place.
         """
-        focal_baseline_px_m, depth_m = self._focal_baseline_px_m, np.empty(disparity.shape, np.float32)
-        min_disparity_px = focal_baseline_px_m / self._max_depth_m
-        stereo_kernels.triangulate(
-            disparity, depth_true_m, occluded, focal_baseline_px_m, min_disparity_px, self.min_depth_m, reason, depth_m
-        )
-        return depth_m
+        hole, min_disparity_px = disparity < 0, np.float32(self._focal_baseline_px_m / self._max_depth_m)
+        reason[hole & (depth_true_m < np.float32(self.min_depth_m))] = InvalidReason.OUT_OF_RANGE
+        reason[hole & occluded] = InvalidReason.OCCLUDED
+        disparity_px = np.maximum(disparity / np.float32(16), min_disparity_px)
+        return np.where(hole, np.float32(0), np.float32(self._focal_baseline_px_m) / disparity_px)
 
-    def _fails_left_right(self, raw: Disparity, left: GrayImage, right: GrayImage) -> MaskImage:
+    def _fails_left_right(self, raw: Disparity, left: GrayImage, right: GrayImage, tolerance: float) -> MaskImage:
         """Whether a pixel has no disparity, or the matched pixel of the right image does not map back to it."""
         from_right = self._semi_global(right[:, ::-1], left[:, ::-1])[:, ::-1]
         col = np.arange(raw.shape[1])[None, :] - (raw + 8) // 16
         back = np.take_along_axis(from_right, np.clip(col, 0, raw.shape[1] - 1).astype(np.intp), axis=1)
-        differs = np.abs(back.astype(np.int32) - raw) > 16 * self._config.check_px
+        differs = np.abs(back.astype(np.int32) - raw) > tolerance
         return np.asarray((raw < 0) | (col < 0) | (back < 0) | differs)
 
     def _semi_global(self, left: GrayImage, right: GrayImage) -> Disparity:
@@ -160,6 +165,18 @@ class StereoMatcher:
         return self._thread_local.matcher
 
 
+def fails_one_to_one(disparity: Disparity, tolerance: float) -> MaskImage:
+    """Whether a pixel has no disparity, no place in the right image, or a nearer rival that maps to the same place."""
+    height, width = disparity.shape
+    target = np.arange(width) - ((disparity + 8) >> 4)
+    fails = (disparity < 0) | (target < 0)
+    at, own = (np.arange(height)[:, None] * width + target)[~fails], disparity[~fails]
+    nearest = np.zeros(disparity.size, np.int16)
+    np.maximum.at(nearest, at, own)
+    fails[~fails] = nearest[at] - own > tolerance
+    return fails
+
+
 def texture(gray: GrayImage) -> FloatImage:
     """Mean absolute difference of the two horizontal neighbours, in a window around each pixel."""
     difference = cv2.absdiff(gray[:, 2:], gray[:, :-2])
@@ -179,10 +196,12 @@ def occlusion_mask(left_depth_m: FloatImage, right_depth_m: FloatImage, intrinsi
     """Pixels of the left image whose surface the right camera does not see, shape (H, W).
 
     A pixel of disparity d lies d to the left in the right image. It is occluded if that is outside of the image, or if
-    the nearest pixel there has a disparity that is larger by more than `stereo_kernels.OCCLUSION_STEP_PX`. A smaller
-    difference hides no whole pixel, and occurs within half a pixel of a slanted surface.
+    the nearest pixel there has a disparity that is larger by more than `OCCLUSION_STEP_PX`. A smaller difference hides
+    no whole pixel, and occurs within half a pixel of a slanted surface.
     """
-    occluded = np.empty(left_depth_m.shape, np.bool_)
-    left_depth_m, right_depth_m = np.ascontiguousarray(left_depth_m), np.ascontiguousarray(right_depth_m)
-    stereo_kernels.occlude(left_depth_m, right_depth_m, focal_baseline_px_m(intrinsics), occluded)
-    return occluded
+    focal_baseline = np.float32(focal_baseline_px_m(intrinsics))
+    disparity_px = focal_baseline / left_depth_m
+    target = np.rint(np.arange(left_depth_m.shape[1], dtype=np.float32) - disparity_px).astype(np.intp)
+    seen_px = focal_baseline / np.take_along_axis(right_depth_m, np.maximum(target, 0), axis=1)
+    hidden = (target < 0) | (seen_px - disparity_px > OCCLUSION_STEP_PX)
+    return np.asarray(hidden & np.isfinite(left_depth_m))
