@@ -1,15 +1,17 @@
-"""Laws of what the ray caster's pictures look like."""
+"""Laws of what shaded pictures look like."""
 
 import dataclasses
+from typing import get_args
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.bodies import Body, Box, Scene, Surface, Weather
+from sim.bodies import Body, Box, Pattern, Scene, Surface, Weather
 from sim.render import create_renderer
 from sim.render.raycast import pixel_bounds, unit_depth_directions
+from sim.render.shading import spans_of
 from sim.world import World
 from tests.helpers import CAMERA, block, camera_at, wall, world_of
 
@@ -77,6 +79,60 @@ def test_texture_finer_than_a_pixel_is_filtered_out() -> None:
         return float(np.abs(np.diff(gray, axis=1)).mean() / gray.std())
 
     assert roughness(40.0) < 3 * roughness(4.0), "a far wall is no static"
+
+
+@pytest.mark.parametrize("pattern", get_args(Pattern))
+def test_textures_move_with_their_body_and_vary_about_its_albedo(pattern: Pattern) -> None:
+    grays = []
+    for moved_m in (0.0, 3.7):
+        body = Body(
+            name="wall",
+            shape=Box((1.0, 60.0, 60.0)),
+            position_m=(10.5, moved_m, 0.0),
+            surface=Surface(albedo=0.4, pattern=pattern),
+        )
+        with World(Scene(seed=1, bodies=(body,), weather=Weather(haze_m=1e6)), np.empty((0, 3))) as world:
+            (image,) = create_renderer("raster", world).render([camera_at(0, moved_m, 0)])
+            grays.append(image.gray.astype(int))
+    assert np.quantile(np.abs(grays[0] - grays[1]), 0.999) <= 1
+    assert grays[0].std() > 2
+    plain = gray_of(dataclasses.replace(body, surface=Surface(albedo=0.4, texture=0.0)), weather=Weather(haze_m=1e6))
+    assert grays[0].mean() == pytest.approx(plain.mean(), rel=0.25)
+
+
+def test_facades_have_dark_windows_of_their_size() -> None:
+    """Panes are 0.56 of 1.7 m wide and a half of 3.2 m high, and two thirds of them are much darker than the wall."""
+    facade = dataclasses.replace(wall(8.0), surface=Surface(albedo=0.4, pattern="facade"))
+    gray = gray_of(facade, weather=Weather(haze_m=1e6))
+    assert 0.15 < (gray < 0.7 * np.median(gray)).mean() < 0.3
+
+
+def test_the_sky_is_brightest_at_the_horizon_and_clouds_are_far_away() -> None:
+    behind = wall(-30.0)
+    clear = gray_of(behind, weather=Weather(clouds=0.0))
+    np.testing.assert_allclose(clear[60], 255 * 0.85, atol=1.5)
+    assert (np.diff(clear[:60].mean(axis=1)) >= 0).all()
+    with World(Scene(seed=1, bodies=(behind,)), np.empty((0, 3))) as world:
+        here, there = create_renderer("raster", world).render([camera_at(0, 0, 0), camera_at(9, 5, 2)])
+    np.testing.assert_array_equal(here.gray, there.gray)
+    assert (here.gray - clear)[:40].std() > 2
+
+
+@given(st.integers(0, 2**31))
+def test_spans_cover_the_image_and_their_places_are_sorted_by_body(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    body_of_triangle = np.array([0, 0, 1, 2, 2, 3], np.int32)
+    triangle = rng.integers(0, 6, (6, 3)).astype(np.int32).repeat(3, axis=1)
+    spans, place_of_body = spans_of(triangle, body_of_triangle)
+    place = np.empty(triangle.size, np.int64)
+    for first, size, seen, at in spans:
+        assert (triangle.ravel()[first : first + size] == seen).all()
+        assert first // 9 == (first + size - 1) // 9
+        place[first : first + size] = np.arange(at, at + size)
+    body = body_of_triangle[triangle.ravel()]
+    np.testing.assert_array_equal(np.sort(place), np.arange(triangle.size))
+    np.testing.assert_array_equal(body[np.argsort(place)], np.sort(body))
+    np.testing.assert_array_equal(np.diff(place_of_body), np.bincount(body, minlength=4))
 
 
 @given(
