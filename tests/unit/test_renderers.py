@@ -7,7 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
-import pybullet
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
@@ -17,7 +16,7 @@ from sim.bodies import Body, Cylinder, Heightfield, Mesh, Mover, Scene, SceneSpe
 from sim.errors import RenderError
 from sim.free_space import is_inside
 from sim.render import create_renderer
-from sim.render.meshes import box, mesh_of_body, sphere
+from sim.render.meshes import box, sphere
 from sim.scenes import CitySpec, CorridorSpec, ForestSpec, GapSpec, LawnSpec, PlainsSpec
 from sim.types import Images
 from sim.world import World
@@ -213,27 +212,6 @@ def test_they_agree_on_turned_meshes_and_heightfields() -> None:
     assert agreement(a, b) > 0.995
 
 
-def test_bodies_from_files_are_drawn_as_pybullet_draws_them() -> None:
-    import pybullet_data
-
-    with world_of(wall(8.0)) as world:
-        duck = pybullet.createVisualShape(
-            pybullet.GEOM_MESH,
-            fileName=f"{pybullet_data.getDataPath()}/duck.obj",
-            meshScale=[0.5, 0.8, 0.5],
-            physicsClientId=world.client,
-        )
-        q = frames.quaternion_from_yaw(0.4).tolist()
-        body = pybullet.createMultiBody(0, -1, duck, [2, 0, 0], q, physicsClientId=world.client)
-        mesh = mesh_of_body(world, body)
-        world.bodies[body] = Body(name="duck", kind="building", shape=Sphere(1.0), position_m=(2.0, 0.0, 0.0))
-        a, b = (create_renderer(name, world).render([camera_at(0, 0, 0)])[0] for name in ("raycast", "tiny"))
-    assert len(mesh.triangles) > 1000
-    assert (a.segment_id == body).sum() > 500
-    assert (a.segment_id == b.segment_id).mean() > 0.99
-    assert agreement(a, b) > 0.995
-
-
 EGL_CHECK = """
 from scenarios.quiet import import_noisy_libraries; import_noisy_libraries()
 import numpy as np
@@ -299,17 +277,6 @@ def test_without_gray_the_depth_is_the_same() -> None:
     np.testing.assert_array_equal(lit.depth_m, dark.depth_m)
     np.testing.assert_array_equal(lit.segment_id, dark.segment_id)
     assert not dark.gray.any()
-
-
-def test_bodies_that_cannot_be_drawn_are_named() -> None:
-    with world_of(wall(5.0)) as world:
-        body = pybullet.createMultiBody(0, -1, -1, [0, 0, 0], [0, 0, 0, 1], physicsClientId=world.client)
-        with pytest.raises(RenderError, match=f"body {body} has no visual shape"):
-            mesh_of_body(world, body)
-        capsule = pybullet.createVisualShape(pybullet.GEOM_CAPSULE, radius=0.5, length=1, physicsClientId=world.client)
-        body = pybullet.createMultiBody(0, -1, capsule, [0, 0, 0], [0, 0, 0, 1], physicsClientId=world.client)
-        with pytest.raises(RenderError, match=f"body {body} has a visual shape of PyBullet type"):
-            mesh_of_body(world, body)
 
 
 def test_unknown_renderers_are_refused_with_the_choice() -> None:

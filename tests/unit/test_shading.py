@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from sim.bodies import Body, Box, Pattern, Scene, Surface, Weather
 from sim.render import create_renderer
-from sim.render.raycast import pixel_bounds, unit_depth_directions
 from sim.render.shading import spans_of
 from sim.world import World
 from tests.helpers import CAMERA, block, camera_at, wall, world_of
@@ -133,40 +132,6 @@ def test_spans_cover_the_image_and_their_places_are_sorted_by_body(seed: int) ->
     np.testing.assert_array_equal(np.sort(place), np.arange(triangle.size))
     np.testing.assert_array_equal(body[np.argsort(place)], np.sort(body))
     np.testing.assert_array_equal(np.diff(place_of_body), np.bincount(body, minlength=4))
-
-
-@given(
-    st.tuples(st.floats(-4, 4), st.floats(-4, 4), st.floats(-2, 12)),
-    st.floats(0.05, 1.5),
-    st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1)),
-)
-def test_a_sphere_is_within_its_pixel_bounds(
-    center: tuple[float, float, float], radius_m: float, q: tuple[float, float, float]
-) -> None:
-    camera = camera_at(0.3, -0.2, 0.1, (*q, 1.0))
-    T, directions = camera.T_world_cam, unit_depth_directions(CAMERA).astype(np.float64)
-    c = (np.array(center) - T[:3, 3]) @ T[:3, :3]
-    a, half_b = (directions**2).sum(axis=1), directions @ c
-    hit = (half_b**2 - a * (c @ c - radius_m**2) > 0) & (half_b + np.sqrt(a) * radius_m > 0)
-    if c @ c > radius_m**2:
-        hit &= half_b > 0
-    covered = np.zeros(CAMERA.shape, np.bool_)
-    behind = camera_at(0, 0, 0, (0, 0, 1, 0))
-    for which, top, bottom, left, right in pixel_bounds([behind, camera], np.array([center]), np.array([radius_m])):
-        if which == 1:
-            covered[top:bottom, left:right] = True
-    assert covered.ravel()[hit].all()
-
-
-def test_spheres_behind_and_beside_the_camera_cost_no_pixels() -> None:
-    centers = np.array([[-5.0, 0, 0], [1.0, 30, 0], [5.0, 0, 0]])
-    bounds = pixel_bounds([camera_at(0, 0, 0)], centers, np.full(3, 0.5))
-    assert len(bounds) == 1
-    camera, top, bottom, left, right = bounds[0]
-    assert camera == 0
-    diameter = CAMERA.fx_px * 2 * 0.5 / 5
-    assert diameter <= right - left <= diameter + 4
-    assert diameter <= bottom - top <= diameter + 4
 
 
 def test_drones_are_drawn_where_they_are_now() -> None:
