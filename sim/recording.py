@@ -8,7 +8,7 @@ pose. The folder appears when all frames are written.
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -117,8 +117,7 @@ def calibration_toml(intrinsics: Intrinsics) -> str:
     """The fields of a stereo camera as exact TOML. A camera without a baseline raises a `RecordingError`."""
     if intrinsics.baseline_m is None:
         raise RecordingError("only a stereo camera can be recorded: expected intrinsics with a baseline_m, got none")
-    types = {field.name: int if field.type is int else float for field in fields(intrinsics)}
-    values = {name: to(getattr(intrinsics, name)) for name, to in types.items()}
+    values = asdict(intrinsics)
     if intrinsics.disparity_scale == 1:
         del values["disparity_scale"]  # As in recordings from before it was a field.
     return tomli_w.dumps(values)

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import cv2
 import numpy as np
@@ -256,37 +256,32 @@ class StereoSensor:
 
     def render(self, poses: Sequence[BodyPose], frame: int) -> list[RenderedPair]:
         """Render the cameras of several carriers in one batch. Only one thread may render at a time."""
-        config, n = self._config, len(poses)
-        second_m = config.baseline_m if config.projector else -config.baseline_m
-        to_left_m = [0.0, *([second_m] if self._right else []), *filter(None, [config.color_offset_m])]
-        cameras = [self._camera(pose, offset_m) for offset_m in to_left_m for pose in poses]
-        images = self._renderer.render(cameras, gray=self._sensor.needs_gray)
-        views = [images[k * n : (k + 1) * n] for k in range(len(to_left_m))]
-        absent: list[Images | None] = [None] * n
-        rights, colors = views[1] if self._right else absent, views[2] if config.color_offset_m else absent
-        color_poses = [camera.T_world_cam if config.color_offset_m else None for camera in cameras[-n:]]
+        config = self._config
+        to_left_m = {"left": 0.0}
+        if self._right:
+            to_left_m["right"] = config.baseline_m if config.projector else -config.baseline_m
+        if config.color_offset_m:
+            to_left_m["color"] = config.color_offset_m
+        cameras = [{view: self._camera(pose, offset_m) for view, offset_m in to_left_m.items()} for pose in poses]
+        batch = [camera for views in cameras for camera in views.values()]
+        images = iter(self._renderer.render(batch, gray=self._sensor.needs_gray))
         return [
             RenderedPair(
-                pose=pose, frame=frame, T_world_cam=camera.T_world_cam, left=left, right=right,
-                color=color, T_world_color=T_world_color,
+                pose=pose,
+                frame=frame,
+                T_world_cam=views["left"].T_world_cam,
+                T_world_color=views["color"].T_world_cam if "color" in views else None,
+                **{view: next(images) for view in views},
             )
-            for pose, camera, left, right, color, T_world_color in zip(
-                poses, cameras, views[0], rights, colors, color_poses, strict=False
-            )
-        ]  # fmt: skip
+            for pose, views in zip(poses, cameras, strict=True)
+        ]
 
     def expose(self, poses: Sequence[BodyPose], frame: int) -> RenderedPair:
         """Render one carrier's cameras at several moments; the gray images are means, and all else is of the middle."""
         pairs = self.render(poses, frame)
-        rights, colors = ([image for image in images if image is not None] for images in (
-            [pair.right for pair in pairs], [pair.color for pair in pairs]
-        ))  # fmt: skip
-        return replace(
-            pairs[len(pairs) // 2],
-            left=mean_gray([pair.left for pair in pairs]),
-            right=mean_gray(rights) if rights else None,
-            color=mean_gray(colors) if colors else None,
-        )
+        seen = {view: [getattr(pair, view) for pair in pairs] for view in ("left", "right", "color")}
+        means: dict[str, Any] = {view: mean_gray(images) for view, images in seen.items() if images[0] is not None}
+        return replace(pairs[len(pairs) // 2], **means)
 
     def capture(self, pair: RenderedPair) -> Capture:
         """Add the noise of the cameras, measure depth and decimate it. Several threads may do so at once."""

@@ -146,7 +146,7 @@ class RenderedPair:
     T_world_cam: FloatArray
     """Pose of the left camera, shape (4, 4)."""
     left: Images
-    right: Images | None
+    right: Images | None = None
     """The second camera, or the view of a projector."""
     color: Images | None = None
     """The colour camera that depth is aligned to."""

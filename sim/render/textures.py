@@ -42,20 +42,23 @@ FLOATS, INDICES, TABLE = float32[::1], int32[::1], float32[:, ::1]
 SPANS = int32[:, ::1]
 MATERIALS = named_tuple(Materials, TABLE, TABLE, INDICES, INDICES, uint32[::1], TABLE)
 
-PATTERNS = ("plain", "facade", "ground", "grass", "foliage", "bark", "snow", "sky")
+FRACTALS: dict[str, list[tuple[float, ...]]] = {
+    "plain": [(1, 1, 1, 7, 0, 0.8)],
+    "facade": [(1, 1, 1, 7, 0, 0.55)],
+    "ground": [(1, 1, 1, 7, 0, 0.55), (0.12, 0.12, 0.12, 3, 17, 0.35)],
+    "grass": [(12, 12, 12, 3, 0, 0.9), (0.6, 0.6, 0.6, 4, 31, 0.6)],
+    "foliage": [(7, 7, 7, 4, 0, 1.7), (2.8, 2.8, 0, 1, 31, 0.6 / 0.46)],
+    "bark": [(3, 0.6, 3, 6, 0, 1)],
+    "snow": [(0.25, 0.25, 0.25, 3, 0, 0.4), (1, 1, 1, 5, 31, 0.06)],
+    "sky": [(1, 1, 1, 6, 0, 1)],
+}
+"""One or two fractal noises of each pattern: factors of the coordinates across and along the axis z and of the
+footprint of a pixel, number of octaves, a shift of the seed, and strength."""
+PATTERNS = tuple(FRACTALS)
 FACADE = PATTERNS.index("facade")
-
 NOISE = np.zeros((len(PATTERNS), 2, 6), np.float32)
-"""Two fractal noises of each pattern: factors of the coordinates across and along the axis z and of the footprint of a
-pixel, number of octaves, a shift of the seed, and strength."""
-NOISE[PATTERNS.index("plain"), 0] = 1, 1, 1, 7, 0, 0.8
-NOISE[PATTERNS.index("facade"), 0] = 1, 1, 1, 7, 0, 0.55
-NOISE[PATTERNS.index("ground")] = (1, 1, 1, 7, 0, 0.55), (0.12, 0.12, 0.12, 3, 17, 0.35)
-NOISE[PATTERNS.index("grass")] = (12, 12, 12, 3, 0, 0.9), (0.6, 0.6, 0.6, 4, 31, 0.6)
-NOISE[PATTERNS.index("foliage")] = (7, 7, 7, 4, 0, 1.7), (2.8, 2.8, 0, 1, 31, 0.6 / 0.46)
-NOISE[PATTERNS.index("bark"), 0] = 3, 0.6, 3, 6, 0, 1
-NOISE[PATTERNS.index("snow")] = (0.25, 0.25, 0.25, 3, 0, 0.4), (1, 1, 1, 5, 31, 0.06)
-NOISE[PATTERNS.index("sky"), 0] = 1, 1, 1, 6, 0, 1
+for _k, _noises in enumerate(FRACTALS.values()):
+    NOISE[_k, : len(_noises)] = _noises
 LIMITS = np.full((len(PATTERNS), 2), (-np.inf, np.inf), np.float32)
 """Least and largest deviation of a pattern; between leaves are dark gaps."""
 LIMITS[PATTERNS.index("foliage")] = -0.42, 0.55
