@@ -112,7 +112,7 @@ class Camera:
     intrinsics: Intrinsics
     window: Window | None = None
     """The part of the image to render; None is all of it."""
-    beyond: FloatArray | None = None
+    clip_plane: FloatArray | None = None
     """A plane (a, b, c, d) between the camera and what it sees: only points with `a x + b y + c z + d > 0` are seen.
     Shape (4,), in the world frame; None sees all. Only the renderer `raster` regards it."""
 

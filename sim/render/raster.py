@@ -46,7 +46,7 @@ class View(NamedTuple):
     fy_px: float
     cx_px: float
     cy_px: float
-    farthest: tuple[float, float, float]
+    near_clip: tuple[float, float, float]
     """Largest inverse depth that is seen, at the origin of the image, and its growth by column and by row; the first is
     +inf for a camera that sees all."""
     height: int
@@ -233,7 +233,7 @@ def draw(
     rows: IdImage,
     n: int,
     width: int,
-    farthest: Vector,
+    near_clip: Vector,
     # output
     inverse_depth: FloatArray,
     nearest: IdImage,
@@ -246,7 +246,7 @@ def draw(
         start = planes[i, 0] + planes[i, 3] + planes[i, 6]
         step = planes[i, 1] + planes[i, 4] + planes[i, 7]
         step_row = planes[i, 2] + planes[i, 5] + planes[i, 8]
-        h = bounds_of(farthest[0] - start, farthest[1] - step, farthest[2] - step_row, width)
+        h = bounds_of(near_clip[0] - start, near_clip[1] - step, near_clip[2] - step_row, width)
         t = rows[i, 0]
         for row in range(rows[i, 1], rows[i, 2] + 1):
             low = max(e[0] + e[1] * row, f[0] + f[1] * row, g[0] + g[1] * row, h[0] + h[1] * row)
@@ -284,7 +284,7 @@ def rasterise(
         start, end = first_triangle[body], first_triangle[body + 1]
         n = choose(bodies.faces, start, end, view.origin_m, is_one_sided[body], buffers.chosen)
         n = set_up(view, bodies.triangles, n, inverse_depth, buffers)
-        draw(buffers.planes, buffers.rows, n, view.width, view.farthest, inverse_depth, nearest)
+        draw(buffers.planes, buffers.rows, n, view.width, view.near_clip, inverse_depth, nearest)
 
 
 class Rasteriser:
@@ -369,18 +369,18 @@ def view_of(camera: Camera) -> View:
         fy_px=i.fy_px,
         cx_px=i.cx_px,
         cy_px=i.cy_px,
-        farthest=_farthest(camera),
+        near_clip=_near_clip(camera),
         height=i.height_px,
         width=i.width_px,
     )
 
 
-def _farthest(camera: Camera) -> Vector:
-    """The inverse depth at which the ray of a pixel passes the plane of a camera; see `View.farthest`."""
-    if camera.beyond is None:
+def _near_clip(camera: Camera) -> Vector:
+    """The inverse depth at which the ray of a pixel passes the plane of a camera; see `View.near_clip`."""
+    if camera.clip_plane is None:
         return np.inf, 0.0, 0.0
-    i, T, normal = camera.pinhole, camera.T_world_cam, camera.beyond[:3]
-    distance_m = -float(normal @ T[:3, 3] + camera.beyond[3])
+    i, T, normal = camera.pinhole, camera.T_world_cam, camera.clip_plane[:3]
+    distance_m = -float(normal @ T[:3, 3] + camera.clip_plane[3])
     if distance_m <= 0:
         raise RenderError(f"the plane must be between the camera and what it sees, got one {-distance_m:g} m behind it")
     x, y, z = (T[:3, :3].T @ normal / distance_m).tolist()

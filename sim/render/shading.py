@@ -35,7 +35,7 @@ from .textures import (
 )  # fmt: skip
 
 
-class Lens(NamedTuple):
+class Projection(NamedTuple):
     """Projection and attitude of a camera."""
 
     width: int
@@ -54,7 +54,7 @@ class Atmosphere(NamedTuple):
     clouds: np.float32
 
 
-LENS = named_tuple(Lens, int64, *[float32] * 4, TABLE)
+PROJECTION = named_tuple(Projection, int64, *[float32] * 4, TABLE)
 ATMOSPHERE = named_tuple(Atmosphere, *[float32] * 3)
 
 LEAST_FACING = np.float32(0.05)
@@ -69,11 +69,11 @@ OPAQUE = np.float32(20)
 FOUR, SIXTY_FOUR, WHITE = np.array([4, 64, 255], np.float32)
 
 
-@compiled(void(SPANS, FLOATS, LENS, MATERIALS, float32[:, :, ::1], TABLE))
+@compiled(void(SPANS, FLOATS, PROJECTION, MATERIALS, float32[:, :, ::1], TABLE))
 def locate(
     spans: Spans,
     depth_m: FloatImage,
-    lens: Lens,
+    projection: Projection,
     materials: Materials,
     T_body_cam: FloatImage,
     # output
@@ -83,7 +83,7 @@ def locate(
 
     `T_body_cam` has the pose of the camera in the frame of each body. Pixels without a surface see a plane of clouds.
     """
-    width, fx, fy, cx, cy, R = lens
+    width, fx, fy, cx, cy, R = projection
     for i in range(len(spans)):
         first, size, triangle, place = spans[i, 0], spans[i, 1], spans[i, 2], spans[i, 3]
         col, y = first % width, (np.float32(first // width) - cy) / fy
@@ -126,13 +126,13 @@ def transmittance(optical_depth: np.float32) -> np.float32:
     return np.float32(share)
 
 
-@compiled(void(SPANS, FLOATS, FLOATS, FLOATS, LENS, MATERIALS, ATMOSPHERE, uint8[::1]))
+@compiled(void(SPANS, FLOATS, FLOATS, FLOATS, PROJECTION, MATERIALS, ATMOSPHERE, uint8[::1]))
 def shade(
     spans: Spans,
     depth_m: FloatImage,
     detail: FloatImage,
     sunlit: FloatImage,
-    lens: Lens,
+    projection: Projection,
     materials: Materials,
     atmosphere: Atmosphere,
     # output
@@ -142,7 +142,7 @@ def shade(
 
     The sky is brighter at the horizon, with clouds at infinity.
     """
-    width, fx, fy, cx, cy, R = lens
+    width, fx, fy, cx, cy, R = projection
     for i in range(len(spans)):
         size, triangle, pixel, at = spans[i, 1], spans[i, 2], np.uint64(spans[i, 0]), np.uint64(spans[i, 3])
         if triangle == len(materials.normals):
@@ -208,15 +208,15 @@ class Shader:
 
     def shaded(self, camera: Camera, hits: Hits, sunlit: FloatImage) -> Images:
         """The image of a camera; `sunlit` is 0 in a shadow and 1 elsewhere, shape (H, W)."""
-        lens, materials = lens_of(camera), self._materials
+        projection, materials = projection_of(camera), self._materials
         depth_m, lit, size = hits.depth_m.reshape(-1), sunlit.reshape(-1), hits.depth_m.size
         points, detail = np.empty((4, size), np.float32), np.zeros(size, np.float32)
         gray = np.empty(size, np.uint8)
         spans, place_of_body = spans_of(hits.triangle, materials.body_of_triangle)
-        locate(spans, depth_m, lens, materials, self._seen_from(camera), points)
+        locate(spans, depth_m, projection, materials, self._seen_from(camera), points)
         draw_windows(spans, points, materials, detail)
         add_textures(points, place_of_body, materials, detail)
-        shade(spans, depth_m, detail, lit, lens, materials, self._atmosphere, gray)
+        shade(spans, depth_m, detail, lit, projection, materials, self._atmosphere, gray)
         segment_id = self._id_of_triangle.take(hits.triangle)
         return Images(gray=gray.reshape(hits.depth_m.shape), depth_m=hits.depth_m, segment_id=segment_id)
 
@@ -259,8 +259,8 @@ def spans_of(triangle: IdImage, body_of_triangle: IdImage) -> tuple[Spans, IdIma
     return spans, np.concatenate([[0], np.cumsum(pixels_of_body)]).astype(np.int32)
 
 
-def lens_of(camera: Camera) -> Lens:
+def projection_of(camera: Camera) -> Projection:
     """A camera as the loops of shading read it."""
     i = camera.pinhole
     fx, fy, cx, cy = (np.float32(x) for x in (i.fx_px, i.fy_px, i.cx_px, i.cy_px))
-    return Lens(i.width_px, fx, fy, cx, cy, camera.T_world_cam[:3, :3].astype(np.float32))
+    return Projection(i.width_px, fx, fy, cx, cy, camera.T_world_cam[:3, :3].astype(np.float32))
