@@ -158,8 +158,6 @@ def read_poses(folder: Path) -> list[tuple[float, FloatArray]]:
 def read_bytes(path: Path) -> bytes:
     """The content of a file. A file that is missing or cannot be read raises a `RecordingError`."""
     try:
-        if path.exists() and not path.is_file():
-            raise RecordingError(f"{path} is no file; restore it from a copy or record again")
         return path.read_bytes()
     except OSError as error:
         raise RecordingError(

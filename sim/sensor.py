@@ -18,7 +18,6 @@ from .bodies import Surface
 from .camera_noise import exposure_gain, photon_noise
 from .decimation import decimated, decimated_intrinsics
 from .depth_noise import DepthNoise, NoiseTerm, NoisyDepth, SensorModelName
-from .errors import SensorError
 from .seeds import Purpose, stream
 from .stereo import NOISE_TEXTURE, StereoConfig, StereoMatcher, focal_baseline_px_m, occlusion_mask
 from .types import BodyPose, Camera, Capture, Images, Model, RenderedPair, Renderer
@@ -228,8 +227,7 @@ class DepthSensor:
 class StereoSensor:
     """Makes captures from any pose in a world, with a renderer of that world; see `DepthSensor`.
 
-    With `right`, there are right images even if the sensor model does not need them. A baseline that is larger than the
-    scene raises a `SensorError`.
+    With `right`, there are right images even if the sensor model does not need them.
     """
 
     def __init__(
@@ -242,11 +240,6 @@ class StereoSensor:
         gray: bool = True,
         right: bool = False,
     ) -> None:
-        if config.baseline_m >= world.extent_m:
-            raise SensorError(
-                f"the baseline of {config.baseline_m} m is not smaller than the scene ({world.extent_m:.2f} m): "
-                "shorten rig.baseline_m or build a larger scene"
-            )
         self._renderer = renderer
         self._config = config
         self._sensor = DepthSensor(config, world.surfaces, seed=seed, gray=gray)

@@ -20,13 +20,10 @@ from scenarios.sequences import (
     record,
     simulation,
 )
-from sim.bodies import Body, Box, Scene
+from sim.bodies import Box
 from sim.errors import RecordingError, SceneError, SensorError
 from sim.recording import Recording
-from sim.render import create_renderer
-from sim.sensor import RigConfig, StereoSensor
 from sim.types import Capture
-from sim.world import World
 from tests.integration.test_cli import voxdepth
 from voxdepth.tools.files import to_toml
 
@@ -176,17 +173,6 @@ def test_a_flight_that_is_too_short_is_refused_before_anything_is_written(tmp_pa
     assert not (tmp_path / "r").exists()
     longest = int(str(caught.value).split("--frames ")[1][0])
     assert record(short, tmp_path / "r", longest, lambda frames: None).frames == longest
-
-
-@pytest.mark.parametrize("side_m", [None, 0.05])
-def test_a_baseline_larger_than_the_scene_is_refused(side_m: float | None) -> None:
-    dot = Body(name="dot", kind="building", shape=Box((side_m or 1,) * 3), position_m=(2, 0, 0))
-    bodies = () if side_m is None else (dot,)
-    config = RigConfig(depth="truth")
-    with World(Scene(seed=0, bodies=bodies), np.empty((0, 3))) as world:
-        renderer = create_renderer("tiny", world)
-        with pytest.raises(SensorError, match=r"baseline of 0.095 m is not smaller than the scene"):
-            StereoSensor(world, renderer, config, seed=0)
 
 
 @pytest.mark.parametrize("size", [(0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, float("nan"))])

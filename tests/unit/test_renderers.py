@@ -151,29 +151,13 @@ def test_renderers_may_draw_at_the_same_time_on_different_threads() -> None:
                 np.testing.assert_array_equal(a.depth_m, b.depth_m)
 
 
-def test_they_agree_on_moved_drones_and_round_shapes() -> None:
-    shapes = [
-        Body(name="pole", kind="building", shape=Cylinder(0.3, 4.0), position_m=(3.0, 1.0, 0.0)),
-        Body(name="ball", kind="building", shape=Sphere(0.6), position_m=(4.0, -1.0, 0.5)),
-    ]
-    with world_of(*shapes, wall(8.0), starts_m=[(2.5, 0.0, 0.0)]) as world:
-        for _ in range(120):
-            world.step()
-        a, b = (create_renderer(name, world).render([camera_at(0, 0, 0)])[0] for name in ("raster", "tiny"))
-    assert len(np.unique(a.segment_id)) == 4
-    assert (a.segment_id == b.segment_id).mean() > 0.99
-    same = a.segment_id == b.segment_id
-    gap = np.abs(a.depth_m - b.depth_m)[same]
-    # The two draw round shapes with other facets: up to 5 cm apart on grazed rims, nothing elsewhere.
-    assert np.percentile(gap, 95) < 0.01
-    assert np.percentile(gap, 99) < 0.05
-
-
 def test_they_agree_on_movers() -> None:
     ball = Body(name="ball", kind="mover", shape=Sphere(0.4))
     cube = Mesh(box(np.array([0.5, 0.7, 0.9])).vertices_m, box(np.ones(3)).triangles)
     crate = Body(name="crate", kind="building", shape=cube, position_m=(0.0, 0.0, 0.0), yaw_rad=0.4)
+    pole = Body(name="pole", kind="building", shape=Cylinder(0.3, 4.0))
     movers = (
+        Mover(body=pole, position_m=lambda time_s: np.array([6.0, 3.0 - time_s, 0.0])),
         Mover(body=ball, position_m=lambda time_s: np.array([3, 0.8 - 1.4 * time_s, 0])),
         Mover(body=ball, position_m=lambda time_s: np.array([5, -1.5, 0.5])),
         Mover(body=crate, position_m=lambda time_s: np.array([4, 1.5, -1])),
@@ -185,7 +169,7 @@ def test_they_agree_on_movers() -> None:
             world.move_to(time_s)
             *ours, b = (renderer.render([camera_at(0, 0, 0)])[0] for renderer in renderers)
             for a in ours:
-                assert set(np.unique(a.segment_id)) == {0, 1, 2, 3, 4}
+                assert set(np.unique(a.segment_id)) == {0, 1, 2, 3, 4, 5}
                 assert (a.segment_id == b.segment_id).mean() > 0.99
                 gap = np.abs(a.depth_m - b.depth_m)[a.segment_id == b.segment_id]
                 assert np.percentile(gap, 95) < 0.01
