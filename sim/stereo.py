@@ -1,6 +1,7 @@
 """Depth from a stereo pair: semi-global matching, and checks that reject unreliable matches."""
 
 import threading
+from functools import lru_cache
 from typing import Any, Literal
 
 import cv2
@@ -129,8 +130,11 @@ class StereoMatcher:
         hole, min_disparity_px = disparity < 0, np.float32(self._focal_baseline_px_m / self._max_depth_m)
         reason[hole & (depth_true_m < np.float32(self.min_depth_m))] = InvalidReason.OUT_OF_RANGE
         reason[hole & occluded] = InvalidReason.OCCLUDED
-        disparity_px = np.maximum(disparity / np.float32(16), min_disparity_px)
-        return np.where(hole, np.float32(0), np.float32(self._focal_baseline_px_m) / disparity_px)
+        depth_m: FloatImage = np.divide(disparity, np.float32(16), dtype=np.float32)
+        np.maximum(depth_m, min_disparity_px, out=depth_m)
+        np.divide(np.float32(self._focal_baseline_px_m), depth_m, out=depth_m)
+        depth_m[hole] = 0
+        return depth_m
 
     def _fails_left_right(self, raw: Disparity, left: GrayImage, right: GrayImage, tolerance: float) -> MaskImage:
         """Whether a pixel has no disparity, or the matched pixel of the right image does not map back to it."""
@@ -167,10 +171,11 @@ class StereoMatcher:
 
 def fails_one_to_one(disparity: Disparity, tolerance: float) -> MaskImage:
     """Whether a pixel has no disparity, no place in the right image, or a nearer rival that maps to the same place."""
-    height, width = disparity.shape
-    target = np.arange(width) - ((disparity + 8) >> 4)
+    width = disparity.shape[1]
+    target = np.arange(width, dtype=np.int16) - ((disparity + 8) >> 4)
     fails = (disparity < 0) | (target < 0)
-    at, own = (np.arange(height)[:, None] * width + target)[~fails], disparity[~fails]
+    first = np.arange(0, disparity.size, width)[:, None]
+    at, own = (first + target)[~fails], disparity[~fails]
     nearest = np.zeros(disparity.size, np.int16)
     np.maximum.at(nearest, at, own)
     fails[~fails] = nearest[at] - own > tolerance
@@ -201,7 +206,15 @@ def occlusion_mask(left_depth_m: FloatImage, right_depth_m: FloatImage, intrinsi
     """
     focal_baseline = np.float32(focal_baseline_px_m(intrinsics))
     disparity_px = focal_baseline / left_depth_m
-    target = np.rint(np.arange(left_depth_m.shape[1], dtype=np.float32) - disparity_px).astype(np.intp)
-    seen_px = focal_baseline / np.take_along_axis(right_depth_m, np.maximum(target, 0), axis=1)
-    hidden = (target < 0) | (seen_px - disparity_px > OCCLUSION_STEP_PX)
+    col, row = pixels(left_depth_m.shape)
+    target = np.rint(col - disparity_px)
+    opposite_m = cv2.remap(right_depth_m, target, row, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+    hidden = (target < 0) | (focal_baseline / opposite_m - disparity_px > OCCLUSION_STEP_PX)
     return np.asarray(hidden & np.isfinite(left_depth_m))
+
+
+@lru_cache(maxsize=8)
+def pixels(shape: tuple[int, ...]) -> tuple[FloatImage, FloatImage]:
+    """Column and row of each pixel of an image, each of shape (H, W)."""
+    row, col = np.indices(shape, np.float32)
+    return col, row

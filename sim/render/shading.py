@@ -4,6 +4,7 @@ An image is shaded in spans, the parts of its rows that show one triangle. In th
 where compilers could not exclude that a negative one counts from the end, which would keep them from vectorising.
 """
 
+import threading
 from typing import NamedTuple
 
 import numpy as np
@@ -180,6 +181,7 @@ class Shader:
         surface = [*((weather.exposure * own.albedo, 2 * own.texture) for own in surfaces), (0, 1)]
         self._meshes = meshes
         self._weather = weather
+        self._thread_local = threading.local()
         self._materials = Materials(
             normals=np.concatenate([normals(mesh) for mesh in meshes.meshes]).astype(np.float32),
             light=np.empty((len(meshes.body_of_triangle), 2), np.float32),
@@ -210,7 +212,7 @@ class Shader:
         """The image of a camera; `sunlit` is 0 in a shadow and 1 elsewhere, shape (H, W)."""
         projection, materials = projection_of(camera), self._materials
         depth_m, lit, size = hits.depth_m.reshape(-1), sunlit.reshape(-1), hits.depth_m.size
-        points, detail = np.empty((4, size), np.float32), np.zeros(size, np.float32)
+        points, detail = self._buffers(size)
         gray = np.empty(size, np.uint8)
         spans, place_of_body = spans_of(hits.triangle, materials.body_of_triangle)
         locate(spans, depth_m, projection, materials, self._seen_from(camera), points)
@@ -219,6 +221,14 @@ class Shader:
         shade(spans, depth_m, detail, lit, projection, materials, self._atmosphere, gray)
         segment_id = self._id_of_triangle.take(hits.triangle)
         return Images(gray=gray.reshape(hits.depth_m.shape), depth_m=hits.depth_m, segment_id=segment_id)
+
+    def _buffers(self, size: int) -> tuple[FloatImage, FloatImage]:
+        """Points and their details, which are 0, for images of a size; new pages of memory cost more than their use."""
+        if len(getattr(self._thread_local, "buffer", ())) < 5 * size:
+            self._thread_local.buffer = np.empty(5 * size, np.float32)
+        points, detail = np.split(self._thread_local.buffer[: 5 * size], [4 * size])
+        detail[:] = 0
+        return points.reshape(4, size), detail
 
     def _illuminate(self, first: int) -> None:
         """Light on the triangles of the bodies from the first one on, from the sky and from the sun.
