@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
+from voxdepth.compiled import compile_all, compiled
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
 from .errors import SensorError
@@ -83,6 +84,7 @@ class StereoMatcher:
     """
 
     def __init__(self, intrinsics: Intrinsics, config: StereoConfig, *, max_depth_m: float) -> None:
+        compile_all()
         self._config = config
         self._max_depth_m = max_depth_m
         self._n = config.n_disparities(intrinsics)
@@ -109,7 +111,8 @@ class StereoMatcher:
         raw = self._semi_global(left, right)
         tolerance = 16 * self._config.check_px
         if self._config.check == "one-to-one":
-            ambiguous = fails_one_to_one(raw, tolerance)
+            ambiguous = np.empty(raw.shape, np.bool_)
+            fail_one_to_one(raw, tolerance, ambiguous)
         else:
             ambiguous = self._fails_left_right(raw, left, right, tolerance)
         reason = np.zeros(raw.shape, np.uint8)
@@ -169,17 +172,26 @@ class StereoMatcher:
         return self._thread_local.matcher
 
 
-def fails_one_to_one(disparity: Disparity, tolerance: float) -> MaskImage:
+@compiled("void(i2[:, ::1], f8, b1[:, ::1])")
+def fail_one_to_one(
+    disparity: Disparity,
+    tolerance: float,
+    # output
+    fails: MaskImage,
+) -> None:
     """Whether a pixel has no disparity, no place in the right image, or a nearer rival that maps to the same place."""
-    width = disparity.shape[1]
-    target = np.arange(width, dtype=np.int16) - ((disparity + 8) >> 4)
-    fails = (disparity < 0) | (target < 0)
-    first = np.arange(0, disparity.size, width)[:, None]
-    at, own = (first + target)[~fails], disparity[~fails]
-    nearest = np.zeros(disparity.size, np.int16)
-    np.maximum.at(nearest, at, own)
-    fails[~fails] = nearest[at] - own > tolerance
-    return fails
+    height, width = disparity.shape
+    nearest = np.empty(width, np.int16)
+    for row in range(height):
+        nearest[:] = -1
+        for col in range(width):
+            target = col - ((disparity[row, col] + 8) >> 4)
+            if disparity[row, col] >= 0 and target >= 0:
+                nearest[target] = max(nearest[target], disparity[row, col])
+        for col in range(width):
+            target = col - ((disparity[row, col] + 8) >> 4)
+            is_out = disparity[row, col] < 0 or target < 0
+            fails[row, col] = is_out or nearest[target] - disparity[row, col] > tolerance
 
 
 def texture(gray: GrayImage) -> FloatImage:
