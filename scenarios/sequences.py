@@ -87,8 +87,6 @@ class RecordingResult:
     """Extent and quality of a finished recording."""
 
     frames: int
-    new_frames: int
-    """Number of frames that were recorded now."""
     quality: DepthQuality
 
 
@@ -124,14 +122,13 @@ def captures(seeded: SeededSequence, frames: int, *, start: int = 0) -> Iterator
 
 
 def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress) -> RecordingResult:
-    """Record a sequence up to a total number of frames, or continue an interrupted recording of the same sequence.
+    """Record the first frames of a sequence into a new or empty folder, where the recording is whole or absent.
 
-    One thread renders ahead, and others measure depth and write images. The result does not depend on threads. The
-    folder must be new or empty, or hold an unfinished recording of the same configuration.
+    One thread renders ahead, and others measure depth and write images. The result does not depend on threads.
 
     Raises:
         ScenarioError: The flight has fewer frames.
-        RecordingError: The folder holds something else, or cannot be written.
+        RecordingError: The folder holds something, or cannot be written.
         SensorError: A camera is inside a body.
     """
     with simulation(seeded) as simulated:
@@ -143,20 +140,17 @@ def record(seeded: SeededSequence, folder: Path, frames: int, progress: Progress
             )
         config_text = to_toml(seeded)
         with RecordingWriter(folder, intrinsics=simulated.sensor.intrinsics, config_text=config_text) as writer:
-            start = writer.frames
             quality = DepthQuality(simulated.textureless_ids)
-            for capture in Recording.open(folder) if start else ():
-                quality.add(capture)
-            progress(start)
+            progress(0)
             for capture in _write_images(simulated, writer, frames):
                 writer.append_row(capture)
                 quality.add(capture)
                 progress(writer.frames)
-            return RecordingResult(frames=writer.frames, new_frames=writer.frames - start, quality=quality)
+        return RecordingResult(frames=frames, quality=quality)
 
 
 def _write_images(simulated: "Simulation", writer: RecordingWriter, frames: int) -> Iterator[Capture]:
-    """Yield the captures of the frames that are missing, in order, each after its images are written."""
+    """Yield the captures of all frames, in order, each after its images are written."""
 
     def measure(pair: RenderedPair) -> Capture:
         capture = simulated.sensor.capture(pair)
@@ -165,7 +159,7 @@ def _write_images(simulated: "Simulation", writer: RecordingWriter, frames: int)
 
     with ThreadPoolExecutor(2) as pool:
         waiting: deque[Future[Capture]] = deque()
-        for pair in simulated.render(writer.frames, frames):
+        for pair in simulated.render(0, frames):
             waiting.append(pool.submit(measure, pair))
             if len(waiting) >= FRAMES_IN_PROGRESS:
                 yield waiting.popleft().result()

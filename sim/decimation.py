@@ -15,7 +15,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from voxdepth.compiled import compiled
 from voxdepth.types import FloatImage, GrayImage, Intrinsics
 
 from .types import Capture
@@ -58,10 +57,23 @@ def decimated_intrinsics(intrinsics: Intrinsics, factor: int) -> Intrinsics:
 
 def decimated_depth(depth_m: FloatImage, factor: int) -> FloatImage:
     """Depth of each block [m], shape (H / factor, W / factor); 0 where no pixel of a block is valid."""
-    height, width = depth_m.shape
-    smaller_m = np.empty((height // factor, width // factor), np.float32)
-    decimate(depth_m, factor, smaller_m)
-    return smaller_m
+    pixels_m = np.stack([depth_m[row::factor, col::factor] for row in range(factor) for col in range(factor)])
+    n_valid = np.count_nonzero(pixels_m, axis=0)
+    if factor > LARGEST_MEDIAN:
+        mean_m = pixels_m.sum(axis=0, dtype=np.float64) / np.maximum(n_valid, 1)
+        return np.asarray(mean_m.astype(np.float32))
+    _sort(pixels_m)  # The invalid ones, which are 0, come first.
+    middle = len(pixels_m) - 1 - n_valid // 2
+    return np.asarray(np.take_along_axis(pixels_m, middle[None], axis=0)[0])
+
+
+def _sort(images: FloatImage) -> None:
+    """Sort along the first axis, in place: by exchanges of whole images, a third of the time of `np.sort`."""
+    for last in range(len(images) - 1, 0, -1):
+        for k in range(last):
+            nearer = np.minimum(images[k], images[k + 1])
+            np.maximum(images[k], images[k + 1], out=images[k + 1])
+            images[k] = nearer
 
 
 def means(gray: GrayImage, factor: int) -> GrayImage:
@@ -74,33 +86,3 @@ def means(gray: GrayImage, factor: int) -> GrayImage:
 def centers(image: npt.NDArray[Pixel], factor: int) -> npt.NDArray[Pixel]:
     """The pixel at the centre of each block, or right below it."""
     return np.ascontiguousarray(image[factor // 2 :: factor, factor // 2 :: factor])
-
-
-@compiled("void(f4[:, ::1], i8, f4[:, ::1])")
-def decimate(
-    depth_m: FloatImage,
-    factor: int,
-    # output
-    smaller_m: FloatImage,
-) -> None:
-    """Median or mean of the valid depths of each block; 0 = invalid."""
-    valid_m = np.empty(factor * factor, np.float32)
-    for row in range(smaller_m.shape[0]):
-        for col in range(smaller_m.shape[1]):
-            n, total_m = 0, 0.0
-            for i in range(row * factor, row * factor + factor):
-                for j in range(col * factor, col * factor + factor):
-                    here_m = depth_m[i, j]
-                    if here_m <= 0:
-                        continue
-                    total_m += here_m
-                    place = n
-                    while factor <= LARGEST_MEDIAN and place > 0 and valid_m[place - 1] > here_m:
-                        valid_m[place] = valid_m[place - 1]
-                        place -= 1
-                    valid_m[place] = here_m
-                    n += 1
-            if n == 0:
-                smaller_m[row, col] = 0
-            else:
-                smaller_m[row, col] = valid_m[(n - 1) // 2] if factor <= LARGEST_MEDIAN else total_m / n

@@ -8,7 +8,7 @@
     capture = camera.from_depth(depth_m, frame=0)     # or errors of such a camera on a true depth image
     capture.depth_raw_m                               # metres, 0 = invalid
 
-Only NumPy, OpenCV and Numba are needed for that.
+Only NumPy, OpenCV, Numba and pydantic are needed for that.
 """
 
 from dataclasses import replace

@@ -3,10 +3,8 @@
 import numpy as np
 from pydantic import Field
 
-from voxdepth.compiled import compile_all
 from voxdepth.types import FloatArray
 
-from . import drone_kernels
 from .types import Model
 
 GRAVITY_M_S2 = 9.81
@@ -40,23 +38,11 @@ class VelocityController:
     """
 
     def __init__(self, n_drones: int, config: AirframeConfig) -> None:
-        compile_all()
-        c, weight_n = config, config.mass_kg * GRAVITY_M_S2
-        self._motor_lag_s = c.motor_lag_s
-        self._gains = drone_kernels.Gains(
-            mass_kg=c.mass_kg,
-            weight_n=weight_n,
-            max_speed_m_s=c.max_speed_m_s,
-            max_accel_m_s2=c.max_accel_m_s2,
-            max_slope=float(np.tan(np.radians(c.max_tilt_deg))),
-            max_thrust_n=c.max_thrust_to_weight * weight_n,
-            inertia_kg_m2=0.4 * c.mass_kg * c.radius_m**2,
-            velocity_gain_per_s=c.velocity_gain_per_s,
-            attitude_gain_per_s2=c.attitude_gain_per_s2,
-            rate_gain_per_s=c.rate_gain_per_s,
-            drag_kg_per_s=c.mass_kg * c.drag_per_s,
-        )
-        self.thrust_n = np.full(n_drones, weight_n)
+        self._config = config
+        self._weight_n = config.mass_kg * GRAVITY_M_S2
+        self._max_slope = float(np.tan(np.radians(config.max_tilt_deg)))
+        self._inertia_kg_m2 = 0.4 * config.mass_kg * config.radius_m**2
+        self.thrust_n = np.full(n_drones, self._weight_n)
         self.torque_n_m = np.zeros((n_drones, 3))
 
     def actuate(
@@ -72,16 +58,34 @@ class VelocityController:
 
         All inputs have one row per drone.
         """
-        yaw_error_rad = (desired_yaw_rad - _yaw_rad(q_world_body_xyzw) + np.pi) % (2 * np.pi) - np.pi
-        follow, force_n = min(1.0, dt_s / self._motor_lag_s), np.empty_like(velocity_m_s)
-        drone_kernels.actuate(
-            velocity_m_s, q_world_body_xyzw, rates_rad_s, desired_velocity_m_s, yaw_error_rad, self._gains, follow,
-            self.thrust_n, self.torque_n_m, force_n,
-        )  # fmt: skip
-        return force_n, self.torque_n_m
+        c = self._config
+        x, y, z, w = q_world_body_xyzw.T
+        up = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1)
+        yaw_rad = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        wanted_n = self._desired_thrust_n(velocity_m_s, desired_velocity_m_s)
+        yaw_error_rad = (desired_yaw_rad - yaw_rad + np.pi) % (2 * np.pi) - np.pi
+        turn = np.cross(up, wanted_n / _length(wanted_n)) + up * np.clip(yaw_error_rad, -0.5, 0.5)[:, None]
+        accel_rad_s2 = c.attitude_gain_per_s2 * turn - c.rate_gain_per_s * rates_rad_s
+        along_n = np.clip((wanted_n * up).sum(axis=1), 0, c.max_thrust_to_weight * self._weight_n)
+        follow = min(1.0, dt_s / c.motor_lag_s)
+        self.thrust_n += follow * (along_n - self.thrust_n)
+        self.torque_n_m += follow * (self._inertia_kg_m2 * accel_rad_s2 - self.torque_n_m)
+        return self.thrust_n[:, None] * up - c.mass_kg * c.drag_per_s * velocity_m_s, self.torque_n_m
+
+    def _desired_thrust_n(self, velocity_m_s: FloatArray, desired_m_s: FloatArray) -> FloatArray:
+        """The thrust that accelerates towards a velocity, within the limits of speed, acceleration and tilt."""
+        c = self._config
+        accel_m_s2 = c.velocity_gain_per_s * (_limited(desired_m_s, c.max_speed_m_s) - velocity_m_s)
+        wanted_n = c.mass_kg * _limited(accel_m_s2, c.max_accel_m_s2)
+        wanted_n[:, 2] += self._weight_n
+        wanted_n[:, :2] = _limited(wanted_n[:, :2], self._max_slope * wanted_n[:, 2:])
+        return wanted_n
 
 
-def _yaw_rad(q_xyzw: FloatArray) -> FloatArray:
-    """The heading of each attitude [rad], shape (n,)."""
-    x, y, z, w = q_xyzw.T
-    return np.asarray(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+def _length(vectors: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt((vectors * vectors).sum(axis=1, keepdims=True)))
+
+
+def _limited(vectors: FloatArray, longest: float | FloatArray) -> FloatArray:
+    """The vectors, shortened where they are longer."""
+    return np.asarray(vectors * np.minimum(1.0, longest / np.maximum(_length(vectors), 1e-9)))

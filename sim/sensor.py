@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import cv2
 import numpy as np
@@ -11,14 +11,14 @@ from pydantic import Field, model_validator
 
 from voxdepth.types import FloatArray, FloatImage, GrayImage, Intrinsics, MaskImage
 
-from . import frames, photon_kernels
+from . import frames
 from .alignment import aligned, hidden_from_pair
 from .artefacts import Artefacts
 from .bodies import Surface
+from .camera_noise import exposure_gain, photon_noise
 from .decimation import decimated, decimated_intrinsics
 from .depth_noise import DepthNoise, NoiseTerm, NoisyDepth, SensorModelName
-from .errors import SensorError
-from .seeds import Purpose, counter_key, stream
+from .seeds import Purpose, stream
 from .stereo import NOISE_TEXTURE, StereoConfig, StereoMatcher, focal_baseline_px_m, occlusion_mask
 from .types import BodyPose, Camera, Capture, Images, Model, RenderedPair, Renderer
 
@@ -30,8 +30,6 @@ DOT_SHARE, DOT_SIGMA_PX, PROJECTOR_RANGE_M = 0.15, 0.7, 3.0
 
 SUBFRAMES = 12
 """Images per frame of which blurred ones are made."""
-SETTLED = 4
-"""Multiple of the settling time after which an error of brightness is forgotten."""
 
 
 class RigConfig(Model):
@@ -229,8 +227,7 @@ class DepthSensor:
 class StereoSensor:
     """Makes captures from any pose in a world, with a renderer of that world; see `DepthSensor`.
 
-    With `right`, there are right images even if the sensor model does not need them. A baseline that is larger than the
-    scene raises a `SensorError`.
+    With `right`, there are right images even if the sensor model does not need them.
     """
 
     def __init__(
@@ -243,11 +240,6 @@ class StereoSensor:
         gray: bool = True,
         right: bool = False,
     ) -> None:
-        if config.baseline_m >= world.extent_m:
-            raise SensorError(
-                f"the baseline of {config.baseline_m} m is not smaller than the scene ({world.extent_m:.2f} m): "
-                "shorten rig.baseline_m or build a larger scene"
-            )
         self._renderer = renderer
         self._config = config
         self._sensor = DepthSensor(config, world.surfaces, seed=seed, gray=gray)
@@ -257,37 +249,32 @@ class StereoSensor:
 
     def render(self, poses: Sequence[BodyPose], frame: int) -> list[RenderedPair]:
         """Render the cameras of several carriers in one batch. Only one thread may render at a time."""
-        config, n = self._config, len(poses)
-        second_m = config.baseline_m if config.projector else -config.baseline_m
-        to_left_m = [0.0, *([second_m] if self._right else []), *filter(None, [config.color_offset_m])]
-        cameras = [self._camera(pose, offset_m) for offset_m in to_left_m for pose in poses]
-        images = self._renderer.render(cameras, gray=self._sensor.needs_gray)
-        views = [images[k * n : (k + 1) * n] for k in range(len(to_left_m))]
-        absent: list[Images | None] = [None] * n
-        rights, colors = views[1] if self._right else absent, views[2] if config.color_offset_m else absent
-        color_poses = [camera.T_world_cam if config.color_offset_m else None for camera in cameras[-n:]]
+        config = self._config
+        to_left_m = {"left": 0.0}
+        if self._right:
+            to_left_m["right"] = config.baseline_m if config.projector else -config.baseline_m
+        if config.color_offset_m:
+            to_left_m["color"] = config.color_offset_m
+        cameras = [{view: self._camera(pose, offset_m) for view, offset_m in to_left_m.items()} for pose in poses]
+        batch = [camera for views in cameras for camera in views.values()]
+        images = iter(self._renderer.render(batch, gray=self._sensor.needs_gray))
         return [
             RenderedPair(
-                pose=pose, frame=frame, T_world_cam=camera.T_world_cam, left=left, right=right,
-                color=color, T_world_color=T_world_color,
+                pose=pose,
+                frame=frame,
+                T_world_cam=views["left"].T_world_cam,
+                T_world_color=views["color"].T_world_cam if "color" in views else None,
+                **{view: next(images) for view in views},
             )
-            for pose, camera, left, right, color, T_world_color in zip(
-                poses, cameras, views[0], rights, colors, color_poses, strict=False
-            )
-        ]  # fmt: skip
+            for pose, views in zip(poses, cameras, strict=True)
+        ]
 
     def expose(self, poses: Sequence[BodyPose], frame: int) -> RenderedPair:
         """Render one carrier's cameras at several moments; the gray images are means, and all else is of the middle."""
         pairs = self.render(poses, frame)
-        rights, colors = ([image for image in images if image is not None] for images in (
-            [pair.right for pair in pairs], [pair.color for pair in pairs]
-        ))  # fmt: skip
-        return replace(
-            pairs[len(pairs) // 2],
-            left=mean_gray([pair.left for pair in pairs]),
-            right=mean_gray(rights) if rights else None,
-            color=mean_gray(colors) if colors else None,
-        )
+        seen = {view: [getattr(pair, view) for pair in pairs] for view in ("left", "right", "color")}
+        means: dict[str, Any] = {view: mean_gray(images) for view, images in seen.items() if images[0] is not None}
+        return replace(pairs[len(pairs) // 2], **means)
 
     def capture(self, pair: RenderedPair) -> Capture:
         """Add the noise of the cameras, measure depth and decimate it. Several threads may do so at once."""
@@ -325,28 +312,3 @@ def lit_by_pattern(
         gain = 1 + strength * pattern / (1 + np.square(images.depth_m / PROJECTOR_RANGE_M))
         lit.append(replace(images, gray=np.minimum(images.gray * gain, 255).astype(np.uint8)))
     return lit[0], lit[1]
-
-
-def photon_noise(gray: GrayImage, sigma: float, *key: int, seed: int, gain: float = 1.0) -> GrayImage:
-    """The image times `gain`, with Gaussian noise of `sigma` gray levels, rounded and clipped.
-
-    The noise is keyed by the seed and by `key`, which is the drone, the frame and the camera.
-    """
-    noisy = np.empty(gray.shape, np.uint8)
-    stream_key, quantiles = counter_key(seed, Purpose.PHOTON, *key), photon_kernels.normal_quantiles()
-    photon_kernels.expose(gray.ravel(), gain, sigma, quantiles, stream_key, noisy.reshape(-1))
-    return noisy
-
-
-def exposure_gain(sigma: float, drone: int, frame: int, *, seed: int, settling_frames: float = 0.0) -> float:
-    """Brightness of a frame relative to the mean, `exp(N(0, sigma))`, as automatic exposure varies it.
-
-    Disturbances of this and the earlier frames add up with weights that fall to 1/e within `settling_frames`; the sum
-    of their squares is 1 in every frame.
-    """
-    if not sigma:
-        return 1.0
-    ages = np.arange(min(frame, int(SETTLED * settling_frames)) + 1)
-    weights = np.exp(-ages / settling_frames) if settling_frames else np.ones(1)
-    disturbances = [stream(seed, Purpose.EXPOSURE, drone, frame - int(age)).standard_normal() for age in ages]
-    return float(np.exp(sigma * (weights @ disturbances) / np.linalg.norm(weights)))

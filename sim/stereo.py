@@ -1,19 +1,26 @@
 """Depth from a stereo pair: semi-global matching, and checks that reject unreliable matches."""
 
 import threading
+from functools import lru_cache
 from typing import Any, Literal
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field, model_validator
 
-from voxdepth.compiled import compile_all
+from voxdepth.compiled import compile_all, compiled
 from voxdepth.types import FloatImage, GrayImage, Intrinsics, MaskImage
 
-from . import stereo_kernels
 from .errors import SensorError
-from .stereo_kernels import INVALID, Disparity
 from .types import InvalidReason, Model
+
+Disparity = npt.NDArray[np.int16]
+"""Disparity image [1/16 px], shape (H, W); negative = invalid."""
+INVALID = -16
+"""Disparity of pixels without a match [1/16 px]."""
+OCCLUSION_STEP_PX = 0.75
+"""Least difference of disparity between a surface and the one that occludes it."""
 
 TEXTURE_WINDOW_PX = 15
 NOISE_TEXTURE = 1.13
@@ -102,13 +109,16 @@ class StereoMatcher:
         The reasons are `NONE`, `TEXTURELESS`, `AMBIGUOUS` and `SPECKLE`.
         """
         raw = self._semi_global(left, right)
-        ambiguous = np.empty(raw.shape, np.bool_)
+        tolerance = 16 * self._config.check_px
         if self._config.check == "one-to-one":
-            stereo_kernels.fail_one_to_one(raw, 16 * self._config.check_px, ambiguous)
+            ambiguous = np.empty(raw.shape, np.bool_)
+            fail_one_to_one(raw, tolerance, ambiguous)
         else:
-            ambiguous[:] = self._fails_left_right(raw, left, right)
-        disparity, reason = np.empty_like(raw), np.empty(raw.shape, np.uint8)
-        stereo_kernels.reject(raw, texture(left), ambiguous, self._config.min_texture, disparity, reason)
+            ambiguous = self._fails_left_right(raw, left, right, tolerance)
+        reason = np.zeros(raw.shape, np.uint8)
+        reason[ambiguous] = InvalidReason.AMBIGUOUS
+        reason[texture(left) < self._config.min_texture] = InvalidReason.TEXTURELESS
+        disparity = np.where(reason, np.int16(INVALID), raw)
         cv2.filterSpeckles(disparity, INVALID, self._config.speckle_px, 16)
         reason[(disparity < 0) & (reason == InvalidReason.NONE)] = InvalidReason.SPECKLE
         return disparity, reason
@@ -120,19 +130,21 @@ class StereoMatcher:
 
         Changes the reasons for holes that the truth explains, in place.
         """
-        focal_baseline_px_m, depth_m = self._focal_baseline_px_m, np.empty(disparity.shape, np.float32)
-        min_disparity_px = focal_baseline_px_m / self._max_depth_m
-        stereo_kernels.triangulate(
-            disparity, depth_true_m, occluded, focal_baseline_px_m, min_disparity_px, self.min_depth_m, reason, depth_m
-        )
+        hole, min_disparity_px = disparity < 0, np.float32(self._focal_baseline_px_m / self._max_depth_m)
+        reason[hole & (depth_true_m < np.float32(self.min_depth_m))] = InvalidReason.OUT_OF_RANGE
+        reason[hole & occluded] = InvalidReason.OCCLUDED
+        depth_m: FloatImage = np.divide(disparity, np.float32(16), dtype=np.float32)
+        np.maximum(depth_m, min_disparity_px, out=depth_m)
+        np.divide(np.float32(self._focal_baseline_px_m), depth_m, out=depth_m)
+        depth_m[hole] = 0
         return depth_m
 
-    def _fails_left_right(self, raw: Disparity, left: GrayImage, right: GrayImage) -> MaskImage:
+    def _fails_left_right(self, raw: Disparity, left: GrayImage, right: GrayImage, tolerance: float) -> MaskImage:
         """Whether a pixel has no disparity, or the matched pixel of the right image does not map back to it."""
         from_right = self._semi_global(right[:, ::-1], left[:, ::-1])[:, ::-1]
         col = np.arange(raw.shape[1])[None, :] - (raw + 8) // 16
         back = np.take_along_axis(from_right, np.clip(col, 0, raw.shape[1] - 1).astype(np.intp), axis=1)
-        differs = np.abs(back.astype(np.int32) - raw) > 16 * self._config.check_px
+        differs = np.abs(back.astype(np.int32) - raw) > tolerance
         return np.asarray((raw < 0) | (col < 0) | (back < 0) | differs)
 
     def _semi_global(self, left: GrayImage, right: GrayImage) -> Disparity:
@@ -160,6 +172,28 @@ class StereoMatcher:
         return self._thread_local.matcher
 
 
+@compiled("void(i2[:, ::1], f8, b1[:, ::1])")
+def fail_one_to_one(
+    disparity: Disparity,
+    tolerance: float,
+    # output
+    fails: MaskImage,
+) -> None:
+    """Whether a pixel has no disparity, no place in the right image, or a nearer rival that maps to the same place."""
+    height, width = disparity.shape
+    nearest = np.empty(width, np.int16)
+    for row in range(height):
+        nearest[:] = -1
+        for col in range(width):
+            target = col - ((disparity[row, col] + 8) >> 4)
+            if disparity[row, col] >= 0 and target >= 0:
+                nearest[target] = max(nearest[target], disparity[row, col])
+        for col in range(width):
+            target = col - ((disparity[row, col] + 8) >> 4)
+            is_out = disparity[row, col] < 0 or target < 0
+            fails[row, col] = is_out or nearest[target] - disparity[row, col] > tolerance
+
+
 def texture(gray: GrayImage) -> FloatImage:
     """Mean absolute difference of the two horizontal neighbours, in a window around each pixel."""
     difference = cv2.absdiff(gray[:, 2:], gray[:, :-2])
@@ -179,10 +213,20 @@ def occlusion_mask(left_depth_m: FloatImage, right_depth_m: FloatImage, intrinsi
     """Pixels of the left image whose surface the right camera does not see, shape (H, W).
 
     A pixel of disparity d lies d to the left in the right image. It is occluded if that is outside of the image, or if
-    the nearest pixel there has a disparity that is larger by more than `stereo_kernels.OCCLUSION_STEP_PX`. A smaller
-    difference hides no whole pixel, and occurs within half a pixel of a slanted surface.
+    the nearest pixel there has a disparity that is larger by more than `OCCLUSION_STEP_PX`. A smaller difference hides
+    no whole pixel, and occurs within half a pixel of a slanted surface.
     """
-    occluded = np.empty(left_depth_m.shape, np.bool_)
-    left_depth_m, right_depth_m = np.ascontiguousarray(left_depth_m), np.ascontiguousarray(right_depth_m)
-    stereo_kernels.occlude(left_depth_m, right_depth_m, focal_baseline_px_m(intrinsics), occluded)
-    return occluded
+    focal_baseline = np.float32(focal_baseline_px_m(intrinsics))
+    disparity_px = focal_baseline / left_depth_m
+    col, row = pixels(left_depth_m.shape)
+    target = np.rint(col - disparity_px)
+    opposite_m = cv2.remap(right_depth_m, target, row, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+    hidden = (target < 0) | (focal_baseline / opposite_m - disparity_px > OCCLUSION_STEP_PX)
+    return np.asarray(hidden & np.isfinite(left_depth_m))
+
+
+@lru_cache(maxsize=8)
+def pixels(shape: tuple[int, ...]) -> tuple[FloatImage, FloatImage]:
+    """Column and row of each pixel of an image, each of shape (H, W)."""
+    row, col = np.indices(shape, np.float32)
+    return col, row

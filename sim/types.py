@@ -112,7 +112,7 @@ class Camera:
     intrinsics: Intrinsics
     window: Window | None = None
     """The part of the image to render; None is all of it."""
-    beyond: FloatArray | None = None
+    clip_plane: FloatArray | None = None
     """A plane (a, b, c, d) between the camera and what it sees: only points with `a x + b y + c z + d > 0` are seen.
     Shape (4,), in the world frame; None sees all. Only the renderer `raster` regards it."""
 
@@ -146,7 +146,7 @@ class RenderedPair:
     T_world_cam: FloatArray
     """Pose of the left camera, shape (4, 4)."""
     left: Images
-    right: Images | None
+    right: Images | None = None
     """The second camera, or the view of a projector."""
     color: Images | None = None
     """The colour camera that depth is aligned to."""

@@ -238,12 +238,6 @@ class World:
         """Ids of all bodies that have a texture."""
         return [body_id for body_id, surface in self.surfaces.items() if surface.texture > 0]
 
-    @property
-    def extent_m(self) -> float:
-        """Longest side of the bounding box of all bodies, drones included; 0 without bodies."""
-        corners = np.array([pybullet.getAABB(body, physicsClientId=self.client) for body in self.surfaces])
-        return float((corners[:, 1].max(axis=0) - corners[:, 0].min(axis=0)).max()) if len(corners) else 0.0
-
     def _add_drone(self, start_m: FloatArray, yaw_rad: float) -> int:
         radius = self.airframe.radius_m
         collision = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=radius, physicsClientId=self.client)

@@ -14,13 +14,13 @@ def record(
     sequence: Annotated[
         str, typer.Argument(help="A shipped sequence, or the TOML file of a sequence or of a recording.")
     ],
-    out: Annotated[Path, typer.Option(help="Folder of the recording, new or interrupted.")],
-    frames: Annotated[int, typer.Option(min=1, help="Total number of frames.")] = 500,
+    out: Annotated[Path, typer.Option(help="Folder of the recording, new or empty.")],
+    frames: Annotated[int, typer.Option(min=1, help="Number of frames.")] = 500,
     seed: Seed = None,
     size: Size = None,
     renderer: Renderer = None,
 ) -> None:
-    """Record stereo images, raw and true depth along a flight, or continue an interrupted recording."""
+    """Record stereo images, raw and true depth along a flight."""
     import time
 
     from rich.console import Console
@@ -30,19 +30,12 @@ def record(
 
     seeded = load_sequence(sequence, seed, given(renderer=("renderer", renderer)) | size_changes(size))
     console, start = Console(), time.perf_counter()
-    try:
-        with counter(console, "recording", frames) as update:
-            done = record(seeded, out, frames, update)
-    except KeyboardInterrupt:
-        typer.echo(f"stopped; {out} holds all complete frames, and the same command continues the recording")
-        raise
+    with counter(console, "recording", frames) as update:
+        done = record(seeded, out, frames, update)
     wall_s = time.perf_counter() - start
     title = f"{seeded.sequence.name}, seed {seeded.seed}: {done.frames} frames, surfaces within 30 m"
     print_quality(console, done.quality, title)
-    if done.new_frames:
-        typer.echo(f"{done.new_frames} new frames in {out}, {done.new_frames / wall_s:.1f} frames per second")
-    else:
-        typer.echo(f"{out} has held all {done.frames} frames before")
+    typer.echo(f"{done.frames} frames in {out}, {done.frames / wall_s:.1f} frames per second")
     typer.echo(f"look at it with: voxdepth sheet {out} --out sheet.jpg")
 
 

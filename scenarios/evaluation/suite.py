@@ -62,6 +62,7 @@ class Shipped:
             recording = Recording.open(folder)
             if recording.config_text == configuration and len(recording) >= frames:
                 return recording
+        rmtree(folder, ignore_errors=True)
         record(self.planned, folder, frames, lambda done: tell(f"recording {self.name}, frame {done} of {frames}"))
         return Recording.open(folder)
 

@@ -3,7 +3,6 @@
 import ctypes
 from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from ..bodies import Box, Cylinder, Heightfield, Mesh, Shape, Sphere
 from ..errors import RenderError
 from ..solids import origin_height_m
 from ..types import IdImage
-from ..world import World
+from ..world import World, drone_shape
 
 ROUND_SEGMENTS = 24
 WELD_DECIMALS = 9
@@ -66,20 +65,11 @@ class SceneMeshes:
 
 
 def mesh_of_body(world: World, body: int) -> Mesh:
-    """All visual shapes of a PyBullet body as one mesh in the frame of the body.
-
-    PyBullet does not return the vertices of meshes and heightfields that were created from memory, so these come from
-    the scene. All other shapes are read back from PyBullet, including those of bodies that were loaded from files. A
-    missing or unsupported visual shape raises a `RenderError`.
-    """
-    shapes = pybullet.getVisualShapeData(body, physicsClientId=world.client)
-    if not shapes:
-        raise RenderError(f"body {body} has no visual shape: give it one, or cameras and collisions would disagree")
-    if body in world.described:
-        shape = world.described[body].shape
-        if isinstance(shape, Mesh | Heightfield):
-            return moved(mesh_of_shape(shape), np.eye(3), np.array([0, 0, -origin_height_m(shape)]))
-    return merged([_mesh_of_visual(shape, body) for shape in shapes])
+    """The visible shape of a body in PyBullet's frame of it."""
+    if body in world.drone_ids:
+        return mesh_of_shape(drone_shape(world.airframe.radius_m))
+    shape = world.described[body].shape
+    return moved(mesh_of_shape(shape), np.eye(3), np.array([0, 0, -origin_height_m(shape)]))
 
 
 def merged(meshes: Sequence[Mesh]) -> Mesh:
@@ -137,35 +127,6 @@ def mesh_of_shape(shape: Shape) -> Mesh:
         case Heightfield():
             return heightfield(shape)
     return shape
-
-
-def _mesh_of_visual(shape: Any, body: int) -> Mesh:
-    """A visual shape, as `pybullet.getVisualShapeData` describes it, in the frame of its body."""
-    kind, lengths_m, position_m, q_xyzw = shape[2], np.array(shape[3]), shape[5], shape[6]
-    if kind == pybullet.GEOM_BOX:
-        mesh = box(lengths_m)
-    elif kind == pybullet.GEOM_CYLINDER:
-        mesh = cylinder(radius_m=lengths_m[1], height_m=lengths_m[0])
-    elif kind == pybullet.GEOM_SPHERE:
-        mesh = sphere(lengths_m[0])
-    elif kind == pybullet.GEOM_MESH:
-        mesh = _mesh_of_file(Path(shape[4].decode()), lengths_m, body)
-    else:
-        raise RenderError(
-            f"body {body} has a visual shape of PyBullet type {kind}; "
-            "boxes, cylinders, spheres, and meshes from files or scenes are drawn"
-        )
-    return moved(mesh, frames.rotation_from_quaternion(np.array(q_xyzw)), np.array(position_m))
-
-
-def _mesh_of_file(path: Path, scale: FloatArray, body: int) -> Mesh:
-    if not path.is_file():
-        raise RenderError(
-            f"body {body} shows the mesh {str(path)!r}, which is not a file: expected the path of an .obj or .stl, "
-            "or a body that the scene describes"
-        )
-    read = open3d().io.read_triangle_mesh(str(path))
-    return Mesh(np.asarray(read.vertices) * scale, np.asarray(read.triangles).astype(np.uint32))
 
 
 def box(size_m: FloatArray) -> Mesh:

@@ -83,7 +83,7 @@ class Mirrors:
                 T_world_cam=mirrored(normal, offset_m) @ camera.T_world_cam,
                 intrinsics=camera.intrinsics,
                 window=Window(top, left, bottom - top, right - left),
-                beyond=np.append(normal, offset_m - BIAS_M),
+                clip_plane=np.append(normal, offset_m - BIAS_M),
             )
             yield Pane(virtual, mask[top:bottom, left:right], reflectivity)
 

@@ -1,18 +1,290 @@
-"""Rasterisation on a CPU, the fastest visibility backend for small images."""
+"""Rasterisation on a CPU, the fastest visibility backend for small images.
+
+A pixel of direction d = (x, y, 1) sees the triangle with corners a, b, c in the camera frame if no edge function
+`(b x c) . d`, `(c x a) . d`, `(a x b) . d`, each over the volume `a . (b x c)`, is negative there; their sum is the
+inverse of its depth. All are linear in the pixel's column and row, so each row of a triangle is one span, and the
+triangle need not be clipped at the image plane [1]_.
+
+References:
+    .. [1] Olano and Greer 1997, Triangle scan conversion using 2D homogeneous coordinates, doi:10.1145/258694.258723
+"""
 
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
+from numba import float64, int32, int64, types, uint32, void
 
-from voxdepth.compiled import compile_all
-from voxdepth.types import FloatArray
+from voxdepth.compiled import compile_all, compiled, named_tuple
+from voxdepth.types import FloatArray, MaskImage
 
 from ..cpu import mapper, slices
 from ..errors import RenderError
 from ..types import Camera, IdImage, Pinhole
 from .meshes import SceneMeshes, bounding_sphere, is_closed, merged, normals
-from .raster_kernels import Bodies, Buffers, View, invert, rasterise
 from .raycast import Hits
+
+EDGE_TOLERANCE_PX = 1e-6
+"""A pixel this near to an edge belongs to the triangles on both sides, which leaves no gap between them."""
+NEAR_M = 1e-3
+"""Triangles with a corner nearer than this, or behind the camera, may cover any row."""
+MIN_VOLUME_M3 = 1e-15
+"""Triangles with a smaller volume are seen edge-on or have no area, and are skipped."""
+DEPTH_TOLERANCE = 1e-9
+"""Share of a depth by which rounding might change the order of surfaces."""
+FLAT = 2.0**-100
+"""Slope that stands for 0. As a power of two it divides without rounding."""
+
+
+class View(NamedTuple):
+    """Pose and projection of a camera."""
+
+    R_cam_world: FloatArray
+    origin_m: FloatArray
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    near_clip: tuple[float, float, float]
+    """Largest inverse depth that is seen, at the origin of the image, and its growth by column and by row; the first is
+    +inf for a camera that sees all."""
+    height: int
+    width: int
+
+
+class Bodies(NamedTuple):
+    """Bodies in the world frame as one mesh, in which the parts of each body are successive."""
+
+    vertices_m: FloatArray
+    triangles: npt.NDArray[np.uint32]
+    faces: FloatArray
+    """Normal of each triangle, and the distance of its plane from the origin against the normal, shape (T, 4)."""
+    first_vertex: IdImage
+    first_triangle: IdImage
+    """Of each body, and the number of all."""
+
+
+class Buffers(NamedTuple):
+    """Buffers for a body; `corners` has room for all bodies."""
+
+    corners: FloatArray
+    """Place (x, y, z) [m] of each vertex in the camera frame, and its column and row [px], shape (V, 5)."""
+    chosen: IdImage
+    planes: FloatArray
+    """For each of the three edges of a triangle, the edge function at the origin of the image and its growth by column
+    and by row, shape (n, 9)."""
+    rows: IdImage
+    """Index of a triangle, and its first and last row, shape (n, 3)."""
+
+
+Vector = tuple[float, float, float]
+Corner = tuple[float, float, float, float, float]
+Box = tuple[int, int, int, int]
+Bounds = tuple[float, float, float, float]
+"""First and last row and column; a last one is before the first if there is none."""
+FLOATS, INDICES, TABLE = float64[::1], int32[::1], float64[:, ::1]
+VECTOR, BOUNDS, CORNER = (types.UniTuple(float64, n) for n in (3, 4, 5))
+RANGE, BOX = types.UniTuple(int64, 2), types.UniTuple(int64, 4)
+VIEW = named_tuple(View, TABLE, FLOATS, *[float64] * 4, VECTOR, int64, int64)
+BODIES = named_tuple(Bodies, TABLE, uint32[:, ::1], TABLE, INDICES, INDICES)
+BUFFERS = named_tuple(Buffers, TABLE, INDICES, TABLE, int32[:, ::1])
+
+
+@compiled(float64(VECTOR, VECTOR))
+def dot(a: Vector, b: Vector) -> float:
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled(VECTOR(VECTOR, VECTOR))
+def cross(a: Vector, b: Vector) -> Vector:
+    """Vector product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@compiled(void(VIEW, TABLE, int64, int64, TABLE))
+def project(
+    view: View,
+    vertices_m: FloatArray,
+    start: int,
+    end: int,
+    # output
+    corners: FloatArray,
+) -> None:
+    """Place successive vertices in the camera frame and in the image, as `Buffers.corners`."""
+    R, at_m = view.R_cam_world, view.origin_m
+    for i in range(start, end):
+        p = (vertices_m[i, 0] - at_m[0], vertices_m[i, 1] - at_m[1], vertices_m[i, 2] - at_m[2])
+        x, y = dot((R[0, 0], R[0, 1], R[0, 2]), p), dot((R[1, 0], R[1, 1], R[1, 2]), p)
+        z = dot((R[2, 0], R[2, 1], R[2, 2]), p)
+        corners[i, 0], corners[i, 1], corners[i, 2] = x, y, z
+        corners[i, 3], corners[i, 4] = view.fx_px * x / z + view.cx_px, view.fy_px * y / z + view.cy_px
+
+
+@compiled(CORNER(TABLE, uint32))
+def corner(corners: FloatArray, i: np.uint32) -> Corner:
+    """One of the corners that `project` has placed."""
+    return corners[i, 0], corners[i, 1], corners[i, 2], corners[i, 3], corners[i, 4]
+
+
+@compiled(int64(TABLE, int64, int64, FLOATS, types.boolean, INDICES))
+def choose(
+    faces: FloatArray,
+    start: int,
+    end: int,
+    origin_m: FloatArray,
+    is_one_sided: bool,
+    # output
+    chosen: IdImage,
+) -> int:
+    """List successive triangles, if one-sided only those turned towards the camera, and return their number."""
+    n = 0
+    x, y, z = origin_m[0], origin_m[1], origin_m[2]
+    for t in range(start, end):
+        chosen[n] = t
+        n += not is_one_sided or faces[t, 0] * x + faces[t, 1] * y + faces[t, 2] * z + faces[t, 3] > 0
+    return n
+
+
+@compiled(RANGE(float64, float64, int64))
+def pixels_between(low_px: float, high_px: float, size: int) -> tuple[int, int]:
+    """First and last pixel of an image between two places; the last is before the first if there is none."""
+    low, high = max(low_px, 0.0), min(high_px, size - 1.0)
+    if not low <= high:  # Also if a place is not a number.
+        return 0, -1
+    first = int(low)
+    return first + (first < low), int(high)
+
+
+@compiled(BOX(CORNER, CORNER, CORNER, int64, int64))
+def box_of(a: Corner, b: Corner, c: Corner, height: int, width: int) -> Box:
+    """The pixels that a triangle may cover."""
+    if min(a[2], b[2], c[2]) <= NEAR_M:
+        return (0, height - 1, 0, width - 1) if max(a[2], b[2], c[2]) > 0 else (0, -1, 0, -1)
+    left, right = min(a[3], b[3], c[3]) - EDGE_TOLERANCE_PX, max(a[3], b[3], c[3]) + EDGE_TOLERANCE_PX
+    top, bottom = min(a[4], b[4], c[4]) - EDGE_TOLERANCE_PX, max(a[4], b[4], c[4]) + EDGE_TOLERANCE_PX
+    first_row, last_row = pixels_between(top, bottom, height)
+    first_col, last_col = pixels_between(left, right, width)
+    return first_row, last_row, first_col, last_col
+
+
+@compiled(types.boolean(BOX, float64, int64, FLOATS))
+def is_hidden(box: Box, least_depth_m: float, width: int, inverse_depth: FloatArray) -> bool:
+    """Whether something nearer than a triangle has been drawn in all pixels of its box, if there are any."""
+    inverse = (1 + DEPTH_TOLERANCE) / least_depth_m if least_depth_m > NEAR_M else np.inf
+    for row in range(box[0], box[1] + 1):
+        for col in range(box[2], box[3] + 1):
+            if inverse_depth[row * width + col] < inverse:
+                return False
+    return True
+
+
+@compiled(int64(VIEW, uint32[:, ::1], int64, FLOATS, BUFFERS))
+def set_up(
+    view: View,
+    triangles: npt.NDArray[np.uint32],
+    n_chosen: int,
+    inverse_depth: FloatArray,
+    # output
+    buffers: Buffers,
+) -> int:
+    """Find the edge functions and rows of those chosen triangles that may be seen, and return their number."""
+    n, corners, planes, rows = 0, buffers.corners, buffers.planes, buffers.rows
+    for i in range(n_chosen):
+        t = buffers.chosen[i]
+        a, b, c = corner(corners, triangles[t, 0]), corner(corners, triangles[t, 1]), corner(corners, triangles[t, 2])
+        box = box_of(a, b, c, view.height, view.width)
+        if is_hidden(box, min(a[2], b[2], c[2]), view.width, inverse_depth):
+            continue
+        p, q, r = (a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2])
+        u, v, w = cross(q, r), cross(r, p), cross(p, q)
+        volume_m3 = dot(p, u)
+        if abs(volume_m3) <= MIN_VOLUME_M3:
+            continue
+        scale = 1 / volume_m3
+        x_by_col, y_by_row = scale / view.fx_px, scale / view.fy_px
+        for k, edge in enumerate((u, v, w)):
+            by_col, by_row = edge[0] * x_by_col, edge[1] * y_by_row
+            planes[n, 3 * k] = edge[2] * scale - (by_col * view.cx_px + by_row * view.cy_px)
+            planes[n, 3 * k + 1], planes[n, 3 * k + 2] = by_col, by_row
+        rows[n, 0], rows[n, 1], rows[n, 2] = t, box[0], box[1]
+        n += 1
+    return n
+
+
+@compiled(BOUNDS(float64, float64, float64, int64))
+def bounds_of(at_origin: float, by_col: float, by_row: float, width: int) -> Bounds:
+    """The two lines `c + d row` that bound the columns where an edge function is not negative, as (c, d, c, d).
+
+    The function is `at_origin + by_col * column + by_row * row`. The bound that it does not set is outside of the
+    image.
+    """
+    slope = 1 / (by_col if by_col != 0 else FLAT)
+    zero_at, shift = -at_origin * slope, -by_row * slope
+    if slope > 0:
+        return zero_at - EDGE_TOLERANCE_PX, shift, width, 0.0
+    return -1.0, 0.0, zero_at + EDGE_TOLERANCE_PX, shift
+
+
+@compiled(void(TABLE, int32[:, ::1], int64, int64, VECTOR, FLOATS, INDICES))
+def draw(
+    planes: FloatArray,
+    rows: IdImage,
+    n: int,
+    width: int,
+    near_clip: Vector,
+    # output
+    inverse_depth: FloatArray,
+    nearest: IdImage,
+) -> None:
+    """Draw the first n triangles of the buffers where they are seen and nearer than those before them."""
+    for i in range(n):
+        e = bounds_of(planes[i, 0], planes[i, 1], planes[i, 2], width)
+        f = bounds_of(planes[i, 3], planes[i, 4], planes[i, 5], width)
+        g = bounds_of(planes[i, 6], planes[i, 7], planes[i, 8], width)
+        start = planes[i, 0] + planes[i, 3] + planes[i, 6]
+        step = planes[i, 1] + planes[i, 4] + planes[i, 7]
+        step_row = planes[i, 2] + planes[i, 5] + planes[i, 8]
+        h = bounds_of(near_clip[0] - start, near_clip[1] - step, near_clip[2] - step_row, width)
+        t = rows[i, 0]
+        for row in range(rows[i, 1], rows[i, 2] + 1):
+            low = max(e[0] + e[1] * row, f[0] + f[1] * row, g[0] + g[1] * row, h[0] + h[1] * row)
+            high = min(e[2] + e[3] * row, f[2] + f[3] * row, g[2] + g[3] * row, h[2] + h[3] * row)
+            left, right = pixels_between(low, high, width)
+            inverse = start + step_row * row
+            first = np.uint64(row * width + left)
+            for k in range(right - left + 1):
+                here = inverse + step * (left + k)
+                pixel = first + np.uint64(k)
+                if here > inverse_depth[pixel]:
+                    inverse_depth[pixel] = here
+                    nearest[pixel] = t
+
+
+@compiled(void(VIEW, BODIES, INDICES, types.boolean[::1], BUFFERS, FLOATS, INDICES))
+def rasterise(
+    view: View,
+    bodies: Bodies,
+    order: IdImage,
+    is_one_sided: MaskImage,
+    buffers: Buffers,
+    # in place
+    inverse_depth: FloatArray,
+    nearest: IdImage,
+) -> None:
+    """Index of the nearest triangle of each pixel of a camera, and its inverse depth.
+
+    Both keep their values where there is no nearer triangle. One-sided bodies are drawn without the faces that are
+    turned away from the camera. It is fastest with bodies in the order of their distances.
+    """
+    first_vertex, first_triangle = bodies.first_vertex, bodies.first_triangle
+    for body in order:
+        project(view, bodies.vertices_m, first_vertex[body], first_vertex[body + 1], buffers.corners)
+        start, end = first_triangle[body], first_triangle[body + 1]
+        n = choose(bodies.faces, start, end, view.origin_m, is_one_sided[body], buffers.chosen)
+        n = set_up(view, bodies.triangles, n, inverse_depth, buffers)
+        draw(buffers.planes, buffers.rows, n, view.width, view.near_clip, inverse_depth, nearest)
 
 
 class Rasteriser:
@@ -23,7 +295,10 @@ class Rasteriser:
         self._threads = threads
         self._map = mapper(threads)
         self._normals = [normals(mesh) for mesh in meshes.meshes]
-        self._spheres_m = [bounding_sphere(mesh) for mesh in meshes.meshes]
+        self._is_closed = np.array([is_closed(mesh) for mesh in meshes.meshes], np.bool_)
+        self._own_spheres_m = [bounding_sphere(mesh) for mesh in meshes.meshes]
+        self._spheres_m = np.array(self._own_spheres_m)
+        """Centre and radius of a sphere around each body in the world frame, shape (B, 4)."""
         scene = merged(meshes.meshes)
         self._bodies = Bodies(
             vertices_m=np.ascontiguousarray(scene.vertices_m),
@@ -31,16 +306,16 @@ class Rasteriser:
             faces=np.empty((len(scene.triangles), 4)),
             first_vertex=_offsets(len(mesh.vertices_m) for mesh in meshes.meshes),
             first_triangle=_offsets(len(mesh.triangles) for mesh in meshes.meshes),
-            spheres_m=np.array(self._spheres_m),
-            is_closed=np.array([is_closed(mesh) for mesh in meshes.meshes]),
         )
+        n_vertices, most = len(scene.vertices_m), int(np.diff(self._bodies.first_triangle).max())
+        self._buffers = [buffers_for(n_vertices, most) for _ in range(threads)]
         self._place(range(len(meshes.meshes)))
         compile_all()
 
     def first_hits(self, cameras: Sequence[Camera]) -> list[Hits]:
         """The first hits of the pixels of each camera, with the bodies at their poses of the last update."""
         self._place(range(self._meshes.n_fixed, len(self._meshes.meshes)))
-        parts = self._map(self._draw, [cameras[part] for part in slices(len(cameras), self._threads)])
+        parts = self._map(self._draw, self._buffers, [cameras[part] for part in slices(len(cameras), self._threads)])
         return [hits for part in parts for hits in part]
 
     def _place(self, moved: Iterable[int]) -> None:
@@ -53,29 +328,35 @@ class Rasteriser:
             vertices_m[:] = self._meshes.meshes[body].vertices_m @ R.T + position_m
             faces[:, :3] = self._normals[body] @ R.T
             faces[:, 3] = -(faces[:, :3] * vertices_m[self._meshes.meshes[body].triangles[:, 0]]).sum(axis=1)
-            bodies.spheres_m[body, :3] = R @ self._spheres_m[body][:3] + position_m
+            self._spheres_m[body, :3] = R @ self._own_spheres_m[body][:3] + position_m
 
-    def _draw(self, cameras: Sequence[Camera]) -> list[Hits]:
-        bodies = self._bodies
-        most = int(np.diff(bodies.first_triangle).max())
-        buffers = Buffers(
-            corners=np.empty((len(bodies.vertices_m), 5)),
-            chosen=np.empty(most, np.int32),
-            planes=np.empty((most, 9)),
-            rows=np.empty((most, 3), np.int32),
-        )
-        hits = []
-        for camera in cameras:
-            shape = camera.pinhole.shape
-            depth_m, nearest = np.empty(shape, np.float32), np.full(shape, len(bodies.triangles), np.int32)
-            inverse_depth = np.zeros(shape)
-            view = view_of(camera)
-            ahead_m = (bodies.spheres_m[:, :3] - view.origin_m) @ view.R_cam_world[2] - bodies.spheres_m[:, 3]
-            order = np.argsort(ahead_m, kind="stable").astype(np.int32)
-            rasterise(view, bodies, order, buffers, inverse_depth.reshape(-1), nearest.reshape(-1))
-            invert(inverse_depth.reshape(-1), depth_m.reshape(-1))
-            hits.append(Hits(depth_m, nearest))
-        return hits
+    def _draw(self, buffers: Buffers, cameras: Sequence[Camera]) -> list[Hits]:
+        return [self._drawn(camera, buffers) for camera in cameras]
+
+    def _drawn(self, camera: Camera, buffers: Buffers) -> Hits:
+        """The bodies whose spheres may be in the image, from the nearest on."""
+        view = view_of(camera)
+        center_m, radius_m = (self._spheres_m[:, :3] - view.origin_m) @ view.R_cam_world.T, self._spheres_m[:, 3]
+        may_see = (center_m[:, 2] > -radius_m) & (center_m @ _inward(camera.pinhole).T > -radius_m[:, None]).all(axis=1)
+        order = np.argsort(center_m[:, 2] - radius_m, kind="stable").astype(np.int32)
+        is_outside = (center_m**2).sum(axis=1) > radius_m**2
+        order, is_one_sided = order[may_see[order]], self._is_closed & is_outside
+        inverse_depth = np.zeros(view.height * view.width)
+        nearest = np.full(len(inverse_depth), len(self._bodies.triangles), np.int32)
+        rasterise(view, self._bodies, order, is_one_sided, buffers, inverse_depth, nearest)
+        with np.errstate(divide="ignore"):
+            depth_m = (1 / inverse_depth).astype(np.float32)
+        return Hits(depth_m.reshape(camera.pinhole.shape), nearest.reshape(camera.pinhole.shape))
+
+
+def buffers_for(vertices: int, triangles: int) -> Buffers:
+    """Buffers of one thread, for as many vertices, and as many triangles in a body."""
+    return Buffers(
+        corners=np.empty((vertices, 5)),
+        chosen=np.empty(triangles, np.int32),
+        planes=np.empty((triangles, 9)),
+        rows=np.empty((triangles, 3), np.int32),
+    )
 
 
 def view_of(camera: Camera) -> View:
@@ -88,23 +369,22 @@ def view_of(camera: Camera) -> View:
         fy_px=i.fy_px,
         cx_px=i.cx_px,
         cy_px=i.cy_px,
-        inward=_inward(i),
-        farthest=_farthest(camera),
+        near_clip=_near_clip(camera),
         height=i.height_px,
         width=i.width_px,
     )
 
 
-def _farthest(camera: Camera) -> FloatArray:
-    """The inverse depth at which the ray of a pixel passes the plane of a camera, shape (3,); see `View.farthest`."""
-    if camera.beyond is None:
-        return np.array([np.inf, 0, 0])
-    i, T, normal = camera.pinhole, camera.T_world_cam, camera.beyond[:3]
-    distance_m = -float(normal @ T[:3, 3] + camera.beyond[3])
+def _near_clip(camera: Camera) -> Vector:
+    """The inverse depth at which the ray of a pixel passes the plane of a camera; see `View.near_clip`."""
+    if camera.clip_plane is None:
+        return np.inf, 0.0, 0.0
+    i, T, normal = camera.pinhole, camera.T_world_cam, camera.clip_plane[:3]
+    distance_m = -float(normal @ T[:3, 3] + camera.clip_plane[3])
     if distance_m <= 0:
         raise RenderError(f"the plane must be between the camera and what it sees, got one {-distance_m:g} m behind it")
-    x, y, z = T[:3, :3].T @ normal / distance_m
-    return np.array([z - x * i.cx_px / i.fx_px - y * i.cy_px / i.fy_px, x / i.fx_px, y / i.fy_px])
+    x, y, z = (T[:3, :3].T @ normal / distance_m).tolist()
+    return z - x * i.cx_px / i.fx_px - y * i.cy_px / i.fy_px, x / i.fx_px, y / i.fy_px
 
 
 def _inward(i: Pinhole) -> FloatArray:

@@ -1,16 +1,169 @@
-"""Brightness of the triangles that a camera sees, by their surfaces, the sun and the air."""
+"""Brightness of the triangles that a camera sees, by their materials, the sun and the atmosphere.
+
+An image is shaded in spans, the parts of its rows that show one triangle. In the compiled loops, indices are unsigned
+where compilers could not exclude that a negative one counts from the end, which would keep them from vectorising.
+"""
+
+import threading
+from typing import NamedTuple
 
 import numpy as np
+from numba import float32, int64, uint8, void
 
-from voxdepth.compiled import compile_all
-from voxdepth.types import FloatImage, MaskImage
+from voxdepth.compiled import compile_all, compiled, named_tuple
+from voxdepth.types import FloatImage, GrayImage, MaskImage
 
 from ..seeds import Purpose, stream
 from ..types import Camera, IdImage, Images
 from ..world import World
-from . import shading_kernels as kernels
 from .meshes import SceneMeshes, normals
 from .raycast import Hits
+from .textures import (
+    FLOATS,
+    MATERIALS,
+    ONE,
+    PATTERNS,
+    SPANS,
+    TABLE,
+    THREE,
+    TWO,
+    ZERO,
+    Materials,
+    Spans,
+    add_textures,
+    clamp,
+    draw_windows,
+)  # fmt: skip
+
+
+class Projection(NamedTuple):
+    """Projection and attitude of a camera."""
+
+    width: int
+    fx_px: np.float32
+    fy_px: np.float32
+    cx_px: np.float32
+    cy_px: np.float32
+    R_world_cam: FloatImage
+
+
+class Atmosphere(NamedTuple):
+    """Distance at which haze hides 63 % of the light of a surface, brightness of the sky, and contrast of clouds."""
+
+    haze_m: np.float32
+    sky: np.float32
+    clouds: np.float32
+
+
+PROJECTION = named_tuple(Projection, int64, *[float32] * 4, TABLE)
+ATMOSPHERE = named_tuple(Atmosphere, *[float32] * 3)
+
+LEAST_FACING = np.float32(0.05)
+"""Least cosine between a ray and the normal of a surface in the footprint of its pixel."""
+HORIZON = np.float32(0.35)
+"""Height above which the clouds are a plane, as a share of its distance."""
+LOWEST_CLOUD, CLOUD_BASE, CLOUDS_M = np.array([-0.1, 0.3, 6.0], np.float32)
+"""Height of a ray below which it meets no cloud, share of the clouds at the horizon, and height of their plane."""
+BRIGHTER, DARKER_ABOVE = np.array([0.05, 0.25], np.float32)
+OPAQUE = np.float32(20)
+"""Optical depth through which nothing is seen."""
+FOUR, SIXTY_FOUR, WHITE = np.array([4, 64, 255], np.float32)
+
+
+@compiled(void(SPANS, FLOATS, PROJECTION, MATERIALS, float32[:, :, ::1], TABLE))
+def locate(
+    spans: Spans,
+    depth_m: FloatImage,
+    projection: Projection,
+    materials: Materials,
+    T_body_cam: FloatImage,
+    # output
+    points: FloatImage,
+) -> None:
+    """Points (x, y, z) [m] in the frames of their bodies, and the sharpness, the inverse of a pixel's size there [1/m].
+
+    `T_body_cam` has the pose of the camera in the frame of each body. Pixels without a surface see a plane of clouds.
+    """
+    width, fx, fy, cx, cy, R = projection
+    for i in range(len(spans)):
+        first, size, triangle, place = spans[i, 0], spans[i, 1], spans[i, 2], spans[i, 3]
+        col, y = first % width, (np.float32(first // width) - cy) / fy
+        pixel, at = np.uint64(first), np.uint64(place)
+        if triangle == len(materials.normals):
+            for k in range(size):
+                x = (np.float32(col + k) - cx) / fx
+                length = np.sqrt(x * x + y * y + ONE)
+                up = max((R[2, 0] * x + R[2, 1] * y + R[2, 2]) / length, LOWEST_CLOUD)
+                scale = CLOUDS_M / (length * (up + HORIZON))
+                points[0, at + np.uint64(k)] = (R[0, 0] * x + R[0, 1] * y + R[0, 2]) * scale
+                points[1, at + np.uint64(k)] = (R[1, 0] * x + R[1, 1] * y + R[1, 2]) * scale
+                points[2, at + np.uint64(k)] = ZERO
+                points[3, at + np.uint64(k)] = fx / (THREE * CLOUDS_M)
+            continue
+        T, n = T_body_cam[materials.body_of_triangle[triangle]], materials.normals[triangle]
+        x0, y0, z0 = T[0, 3], T[1, 3], T[2, 3]
+        right_x, right_y, right_z = T[0, 0], T[1, 0], T[2, 0]
+        ahead_x, ahead_y, ahead_z = T[0, 1] * y + T[0, 2], T[1, 1] * y + T[1, 2], T[2, 1] * y + T[2, 2]
+        for k in range(size):
+            x, depth = (np.float32(col + k) - cx) / fx, depth_m[pixel + np.uint64(k)]
+            points[0, at + np.uint64(k)] = x0 + depth * (right_x * x + ahead_x)
+            points[1, at + np.uint64(k)] = y0 + depth * (right_y * x + ahead_y)
+            points[2, at + np.uint64(k)] = z0 + depth * (right_z * x + ahead_z)
+        n_right = n[0] * right_x + n[1] * right_y + n[2] * right_z
+        n_ahead = n[0] * ahead_x + n[1] * ahead_y + n[2] * ahead_z
+        for k in range(size):
+            x, depth = (np.float32(col + k) - cx) / fx, depth_m[pixel + np.uint64(k)]
+            facing = abs(n_right * x + n_ahead) / np.sqrt(x * x + y * y + ONE)
+            points[3, at + np.uint64(k)] = fx / depth * np.sqrt(max(facing, LEAST_FACING))
+
+
+@compiled(float32(float32))
+def transmittance(optical_depth: np.float32) -> np.float32:
+    """`exp(-x)` of x >= 0, in a form that compilers vectorise: `exp(-x / 64)` by its series, and six squarings."""
+    x = min(optical_depth, OPAQUE) / SIXTY_FOUR
+    share = ONE - x * (ONE - x / TWO * (ONE - x / THREE * (ONE - x / FOUR)))
+    for _ in range(6):
+        share *= share
+    return np.float32(share)
+
+
+@compiled(void(SPANS, FLOATS, FLOATS, FLOATS, PROJECTION, MATERIALS, ATMOSPHERE, uint8[::1]))
+def shade(
+    spans: Spans,
+    depth_m: FloatImage,
+    detail: FloatImage,
+    sunlit: FloatImage,
+    projection: Projection,
+    materials: Materials,
+    atmosphere: Atmosphere,
+    # output
+    gray: GrayImage,
+) -> None:
+    """Brightness of surfaces behind haze; `sunlit` is 0 in a shadow and 1 elsewhere.
+
+    The sky is brighter at the horizon, with clouds at infinity.
+    """
+    width, fx, fy, cx, cy, R = projection
+    for i in range(len(spans)):
+        size, triangle, pixel, at = spans[i, 1], spans[i, 2], np.uint64(spans[i, 0]), np.uint64(spans[i, 3])
+        if triangle == len(materials.normals):
+            col, y = spans[i, 0] % width, (np.float32(spans[i, 0] // width) - cy) / fy
+            for k in range(size):
+                x = (np.float32(col + k) - cx) / fx
+                up = (R[2, 0] * x + R[2, 1] * y + R[2, 2]) / np.sqrt(x * x + y * y + ONE)
+                cloud = atmosphere.clouds * detail[at + np.uint64(k)] * clamp(THREE * up + CLOUD_BASE, ZERO, ONE)
+                seen = atmosphere.sky + BRIGHTER - DARKER_ABOVE * max(up, ZERO) + cloud
+                gray[pixel + np.uint64(k)] = np.uint8(np.int32(clamp(seen, ZERO, ONE) * WHITE))
+            continue
+        body = materials.body_of_triangle[triangle]
+        brightness, contrast = materials.surface[body, 0], materials.surface[body, 1]
+        from_sky, from_sun = materials.light[triangle, 0] * brightness, materials.light[triangle, 1] * brightness
+        for k in range(size):
+            lit = from_sky + from_sun * sunlit[pixel + np.uint64(k)]
+            own = clamp(lit * (ONE + contrast * detail[at + np.uint64(k)]), ZERO, ONE)
+            clear = transmittance(depth_m[pixel + np.uint64(k)] / atmosphere.haze_m)
+            seen = clear * own + (ONE - clear) * atmosphere.sky
+            gray[pixel + np.uint64(k)] = np.uint8(np.int32(clamp(seen, ZERO, ONE) * WHITE))
 
 
 class Shader:
@@ -24,20 +177,21 @@ class Shader:
         surfaces = [world.surfaces[body] for body in meshes.body_ids]
         seeds = stream(seed, Purpose.SURFACE, 0).integers(1 << 30, size=n)
         cloud_seed = stream(seed, Purpose.SURFACE, 1).integers(1 << 30)
-        patterns = [*(surface.pattern for surface in surfaces), "sky"]
-        looks = [*((weather.exposure * surface.albedo, 2 * surface.texture) for surface in surfaces), (0, 1)]
+        patterns = [*(own.pattern for own in surfaces), "sky"]
+        surface = [*((weather.exposure * own.albedo, 2 * own.texture) for own in surfaces), (0, 1)]
         self._meshes = meshes
         self._weather = weather
-        self._id_of_body = np.array([*meshes.body_ids, -1], np.int32)
-        self._looks = kernels.Looks(
+        self._thread_local = threading.local()
+        self._materials = Materials(
             normals=np.concatenate([normals(mesh) for mesh in meshes.meshes]).astype(np.float32),
             light=np.empty((len(meshes.body_of_triangle), 2), np.float32),
             body_of_triangle=np.append(meshes.body_of_triangle, np.int32(n)),
-            pattern=np.array([kernels.PATTERNS.index(pattern) for pattern in patterns], np.int32),
+            pattern=np.array([PATTERNS.index(pattern) for pattern in patterns], np.int32),
             seed=np.array([*seeds, cloud_seed], np.uint32),
-            surface=np.array(looks, np.float32),
+            surface=np.array(surface, np.float32),
         )
-        self._air = kernels.Air(np.float32(weather.haze_m), np.float32(weather.sky), np.float32(weather.clouds))
+        self._atmosphere = Atmosphere(np.float32(weather.haze_m), np.float32(weather.sky), np.float32(weather.clouds))
+        self._id_of_triangle = np.array([*meshes.body_ids, -1], np.int32)[self._materials.body_of_triangle]
         self._illuminate(0)
         compile_all()
 
@@ -47,32 +201,34 @@ class Shader:
 
     def black(self, hits: Hits) -> Images:
         """An image without brightness."""
-        segment_id = self._id_of_body[self._looks.body_of_triangle[hits.triangle]]
+        segment_id = self._id_of_triangle.take(hits.triangle)
         return Images(gray=np.zeros(hits.depth_m.shape, np.uint8), depth_m=hits.depth_m, segment_id=segment_id)
 
     def faces_sun(self, triangle: IdImage) -> MaskImage:
         """Whether the sun would shine on triangles, given by their indices, if nothing cast a shadow."""
-        return np.append(self._looks.light[:, 1] > 0, False)[triangle]
+        return np.append(self._materials.light[:, 1] > 0, False)[triangle]
 
     def shaded(self, camera: Camera, hits: Hits, sunlit: FloatImage) -> Images:
         """The image of a camera; `sunlit` is 0 in a shadow and 1 elsewhere, shape (H, W)."""
-        lens, looks, air = lens_of(camera), self._looks, self._air
-        depth_m, triangle, lit = hits.depth_m.reshape(-1), hits.triangle.reshape(-1), sunlit.reshape(-1)
-        shape, size = hits.depth_m.shape, len(depth_m)
-        spans, places = np.empty((size, 4), np.int32), np.empty(len(looks.pattern) + 2, np.int32)
-        points, detail = np.empty((4, size), np.float32), np.zeros(size, np.float32)
-        segment_id, gray = np.empty(size, np.int32), np.empty(size, np.uint8)
+        projection, materials = projection_of(camera), self._materials
+        depth_m, lit, size = hits.depth_m.reshape(-1), sunlit.reshape(-1), hits.depth_m.size
+        points, detail = self._buffers(size)
+        gray = np.empty(size, np.uint8)
+        spans, place_of_body = spans_of(hits.triangle, materials.body_of_triangle)
+        locate(spans, depth_m, projection, materials, self._seen_from(camera), points)
+        draw_windows(spans, points, materials, detail)
+        add_textures(points, place_of_body, materials, detail)
+        shade(spans, depth_m, detail, lit, projection, materials, self._atmosphere, gray)
+        segment_id = self._id_of_triangle.take(hits.triangle)
+        return Images(gray=gray.reshape(hits.depth_m.shape), depth_m=hits.depth_m, segment_id=segment_id)
 
-        bodies = looks.body_of_triangle, self._id_of_body
-        n = kernels.find_spans(triangle, lens.width, *bodies, spans, places, segment_id)
-        spans = spans[:n]
-        kernels.locate(spans, depth_m, lens, looks, self._seen_from(camera), points)
-        kernels.locate_clouds(spans, lens, looks, points)
-        kernels.draw_windows(spans, points, looks, detail)
-        kernels.add_textures(points, places, looks, detail)
-        kernels.shade(spans, depth_m, detail, lit, looks, air, gray)
-        kernels.shade_sky(spans, detail, lens, looks, air, gray)
-        return Images(gray=gray.reshape(shape), depth_m=hits.depth_m, segment_id=segment_id.reshape(shape))
+    def _buffers(self, size: int) -> tuple[FloatImage, FloatImage]:
+        """Points and their details, which are 0, for images of a size; new pages of memory cost more than their use."""
+        if len(getattr(self._thread_local, "buffer", ())) < 5 * size:
+            self._thread_local.buffer = np.empty(5 * size, np.float32)
+        points, detail = np.split(self._thread_local.buffer[: 5 * size], [4 * size])
+        detail[:] = 0
+        return points.reshape(4, size), detail
 
     def _illuminate(self, first: int) -> None:
         """Light on the triangles of the bodies from the first one on, from the sky and from the sun.
@@ -81,10 +237,10 @@ class Shader:
         """
         ambient, start = self._weather.ambient, int(np.searchsorted(self._meshes.body_of_triangle, first))
         R_world_body = self._meshes.R_world_body[self._meshes.body_of_triangle[start:]]
-        up = np.einsum("ti,ti->t", R_world_body[:, 2], self._looks.normals[start:])
-        to_sun = np.einsum("tji,j,ti->t", R_world_body, np.array(self._weather.to_sun), self._looks.normals[start:])
-        self._looks.light[start:, 0] = ambient * (0.8 + 0.2 * up)
-        self._looks.light[start:, 1] = (1 - ambient) * np.maximum(to_sun, 0)
+        up = np.einsum("ti,ti->t", R_world_body[:, 2], self._materials.normals[start:])
+        to_sun = np.einsum("tji,j,ti->t", R_world_body, np.array(self._weather.to_sun), self._materials.normals[start:])
+        self._materials.light[start:, 0] = ambient * (0.8 + 0.2 * up)
+        self._materials.light[start:, 1] = (1 - ambient) * np.maximum(to_sun, 0)
 
     def _seen_from(self, camera: Camera) -> FloatImage:
         """Pose of a camera in the frame of each body, shape (bodies, 3, 4)."""
@@ -94,8 +250,27 @@ class Shader:
         return T.astype(np.float32)
 
 
-def lens_of(camera: Camera) -> kernels.Lens:
+def spans_of(triangle: IdImage, body_of_triangle: IdImage) -> tuple[Spans, IdImage]:
+    """Divide an image of triangle indices, shape (H, W), into spans.
+
+    The second result has the first place of each body in the buffers, and the number of all pixels: body b has the
+    places from the entry b to the entry b + 1.
+    """
+    begins = np.ones(triangle.shape, np.bool_)
+    np.not_equal(triangle[:, 1:], triangle[:, :-1], out=begins[:, 1:])
+    first = np.flatnonzero(begins)
+    size, seen = np.diff(first, append=triangle.size), triangle.reshape(-1)[first]
+    body = body_of_triangle[seen]
+    order = np.argsort(body, kind="stable")
+    ends, place = np.cumsum(size[order]), np.empty_like(first)
+    place[order] = ends - size[order]
+    pixels_of_body = np.bincount(body, weights=size, minlength=body_of_triangle[-1] + 1)
+    spans = np.stack([first, size, seen, place], axis=1).astype(np.int32)
+    return spans, np.concatenate([[0], np.cumsum(pixels_of_body)]).astype(np.int32)
+
+
+def projection_of(camera: Camera) -> Projection:
     """A camera as the loops of shading read it."""
     i = camera.pinhole
     fx, fy, cx, cy = (np.float32(x) for x in (i.fx_px, i.fy_px, i.cx_px, i.cy_px))
-    return kernels.Lens(i.width_px, fx, fy, cx, cy, camera.T_world_cam[:3, :3].astype(np.float32))
+    return Projection(i.width_px, fx, fy, cx, cy, camera.T_world_cam[:3, :3].astype(np.float32))

@@ -16,9 +16,10 @@ from scenarios.config import Run, images_of, load_run
 from scenarios.runner import fly
 from scenarios.sequences import load_sequence, record
 from scenarios.study.design import expand, load_study
+from sim.camera_noise import photon_noise
 from sim.render import create_renderer
 from sim.scenes import CitySpec
-from sim.sensor import RigConfig, StereoSensor, photon_noise
+from sim.sensor import RigConfig, StereoSensor
 from sim.stereo import StereoConfig, StereoMatcher
 from sim.types import BodyPose, VelocityCommand
 from sim.world import World

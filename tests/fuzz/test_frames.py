@@ -1,20 +1,67 @@
-"""Frames of any kind: a corrector refuses one in a clear line and goes on, or gives depth that anybody can use."""
+"""Frames of any kind: a corrector refuses one in a clear line and goes on, or gives depth that anybody can use.
 
-from collections.abc import Callable, Sequence
+A few streams are tried with every run of the tests. `make fuzz EXAMPLES=20000 SEED=7` tries more of them.
+"""
+
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import hypothesis
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from tests.fuzz.fuzzing import fuzzed, in_time, require_clear
 from voxdepth.errors import VoxDepthError
 from voxdepth.registry import create_corrector, installed_names
 from voxdepth.types import CorrectedDepth, DepthCorrector, Frame, Intrinsics, Source
 
+EXAMPLES = int(os.environ.get("VOXDEPTH_FUZZ_EXAMPLES") or 1500)
+SEED = int(os.environ.get("VOXDEPTH_FUZZ_SEED") or 0)
+CPU_LIMIT_S = 5.0
+"""Processor time that one stream may take [s]. It does not depend on what else the machine does."""
 REFUSED = (VoxDepthError, TypeError, ValueError)
+
+
+@pytest.fixture(scope="session")
+def compiled() -> None:
+    """Compile the loops of all correctors, which takes longer than a stream may."""
+    camera = Intrinsics.from_hfov(width_px=48, height_px=32, hfov_deg=80, baseline_m=0.1)
+    rng = np.random.default_rng(0)
+    for name in installed_names():
+        corrector = create_corrector(name, camera)
+        for k in range(3):
+            gray = rng.integers(0, 256, camera.shape, np.uint8)
+            depth_m = rng.choice(np.float32([0, 5, 6]), camera.shape)
+            corrector.process(Frame(stamp_s=float(k), gray=gray, depth_m=depth_m))
+
+
+class TooLongError(BaseException):
+    """A stream took more than `CPU_LIMIT_S`. No handler of the tested code catches it."""
+
+
+@contextmanager
+def in_time() -> Iterator[None]:
+    def give_up(*_: object) -> None:
+        raise TooLongError(f"more than {CPU_LIMIT_S} s of the processor")
+
+    usual = signal.signal(signal.SIGPROF, give_up)
+    signal.setitimer(signal.ITIMER_PROF, CPU_LIMIT_S)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, usual)
+
+
+def require_clear(error: BaseException) -> None:
+    """Require that an error says something, in one line."""
+    message = str(error)
+    assert message.strip() and "\n" not in message and len(message) < 20_000, f"{type(error).__name__}: {message!r}"
 
 
 def read_only(image: np.ndarray) -> np.ndarray:
@@ -223,7 +270,16 @@ def fed(corrector: DepthCorrector, given: Given) -> tuple[Frame, CorrectedDepth]
 @pytest.mark.filterwarnings("ignore:no depth is below")
 @pytest.mark.slow
 @pytest.mark.usefixtures("compiled")
-@fuzzed(1500)
+@hypothesis.seed(SEED)
+@settings(
+    max_examples=EXAMPLES,
+    deadline=None,
+    derandomize=False,
+    database=None,
+    print_blob=True,
+    suppress_health_check=list(HealthCheck),
+    phases=(Phase.explicit, Phase.generate, Phase.shrink),
+)
 @given(streams())
 def test_a_stream_is_corrected_and_refused_frames_leave_no_trace(stream: Stream) -> None:
     with in_time():

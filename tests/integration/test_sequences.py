@@ -1,7 +1,5 @@
 """Recording sequences, as the command line and as a library."""
 
-import subprocess
-import sys
 import tomllib
 from itertools import islice
 from pathlib import Path
@@ -22,13 +20,10 @@ from scenarios.sequences import (
     record,
     simulation,
 )
-from sim.bodies import Body, Box, Scene
+from sim.bodies import Box
 from sim.errors import RecordingError, SceneError, SensorError
 from sim.recording import Recording
-from sim.render import create_renderer
-from sim.sensor import RigConfig, StereoSensor
 from sim.types import Capture
-from sim.world import World
 from tests.integration.test_cli import voxdepth
 from voxdepth.tools.files import to_toml
 
@@ -148,47 +143,27 @@ def test_going_on_with_a_mover_gives_the_frames_of_one_go() -> None:
     assert (last.segment_id == 0).any()
 
 
-def test_going_on_gives_the_bytes_of_a_recording_in_one_go(tmp_path: Path) -> None:
-    planned = small("sim-MB")
-    told: list[int] = []
-    record(planned, tmp_path / "whole", 5, told.append)
-    assert told == [0, 1, 2, 3, 4, 5]
-    record(planned, tmp_path / "parts", 2, lambda frames: None)
-    done = record(planned, tmp_path / "parts", 5, lambda frames: None)
-    assert done.new_frames == 3
-    files = sorted(path.relative_to(tmp_path / "whole") for path in (tmp_path / "whole").rglob("*") if path.is_file())
-    assert files == sorted(p.relative_to(tmp_path / "parts") for p in (tmp_path / "parts").rglob("*") if p.is_file())
-    for file in files:
-        assert (tmp_path / "whole" / file).read_bytes() == (tmp_path / "parts" / file).read_bytes(), file
-
-
 def test_other_recordings_are_not_touched(tmp_path: Path) -> None:
-    record(small(), tmp_path / "r", 1, lambda frames: None)
+    told: list[int] = []
+    record(small(), tmp_path / "r", 2, told.append)
+    assert told == [0, 1, 2]
     before = {path: path.read_bytes() for path in (tmp_path / "r").rglob("*") if path.is_file()}
-    with pytest.raises(RecordingError):
-        record(small(seed=1), tmp_path / "r", 2, lambda frames: None)
-    done = record(small(), tmp_path / "r", 1, lambda frames: None)
-    assert (done.frames, done.new_frames) == (1, 0)
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "thesis.txt").write_text("chapter 1")
-    with pytest.raises(RecordingError):
-        record(small(), tmp_path / "mine", 1, lambda frames: None)
+    with pytest.raises(RecordingError, match="is not empty"):
+        record(small(), tmp_path / "r", 3, told.append)
     assert {path: path.read_bytes() for path in (tmp_path / "r").rglob("*") if path.is_file()} == before
-    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
 
 
-def test_a_camera_inside_a_body_is_refused_and_what_is_written_stays_readable(tmp_path: Path) -> None:
+def test_a_camera_inside_a_body_is_refused_and_its_recording_is_absent(tmp_path: Path) -> None:
     into_the_ground = small("sim-KTS", **{"flight.height_m": 0.05, "flight.gust_m_s": 3.0})
     with pytest.raises(SensorError, match=r"in frame \d+ the (left|right) camera is inside a body"):
         record(into_the_ground, tmp_path / "r", 200, lambda frames: None)
-    assert len(list(Recording.open(tmp_path / "r"))) > 0
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_mover_that_reaches_the_camera_is_refused(tmp_path: Path) -> None:
     into_the_lens = [{"from_m": [1.0, 0.0, 0.0], "to_m": [-1.0, 0.0, 0.0], "speed_m_s": 5.0}]
     with pytest.raises(SensorError, match=r"in frame [45] the left camera is inside a body"):
         record(small("sim-approach", movers=into_the_lens), tmp_path / "r", 9, lambda frames: None)
-    assert len(Recording.open(tmp_path / "r")) >= 3
 
 
 def test_a_flight_that_is_too_short_is_refused_before_anything_is_written(tmp_path: Path) -> None:
@@ -198,17 +173,6 @@ def test_a_flight_that_is_too_short_is_refused_before_anything_is_written(tmp_pa
     assert not (tmp_path / "r").exists()
     longest = int(str(caught.value).split("--frames ")[1][0])
     assert record(short, tmp_path / "r", longest, lambda frames: None).frames == longest
-
-
-@pytest.mark.parametrize("side_m", [None, 0.05])
-def test_a_baseline_larger_than_the_scene_is_refused(side_m: float | None) -> None:
-    dot = Body(name="dot", kind="building", shape=Box((side_m or 1,) * 3), position_m=(2, 0, 0))
-    bodies = () if side_m is None else (dot,)
-    config = RigConfig(depth="truth")
-    with World(Scene(seed=0, bodies=bodies), np.empty((0, 3))) as world:
-        renderer = create_renderer("tiny", world)
-        with pytest.raises(SensorError, match=r"baseline of 0.095 m is not smaller than the scene"):
-            StereoSensor(world, renderer, config, seed=0)
 
 
 @pytest.mark.parametrize("size", [(0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, float("nan"))])
@@ -228,11 +192,7 @@ def test_record_and_sheet_as_commands(tmp_path: Path) -> None:
     config = tomllib.loads((folder / "config.toml").read_text())
     assert config["seed"] == 4
     assert "numpy" in config["versions"]
-    again = voxdepth(*command)
-    assert again.returncode == 0
-    assert f"{folder} has held all 3 frames before" in again.stdout
-    assert "frames per second" not in again.stdout
-    assert "median" in again.stdout
+    assert voxdepth(*command).stderr.strip().endswith("is not empty; name a new folder")
     sheet = voxdepth("sheet", folder, "--out", tmp_path / "s.png")
     assert sheet.returncode == 0, sheet.stderr
     import cv2
@@ -244,28 +204,6 @@ def test_record_and_sheet_as_commands(tmp_path: Path) -> None:
     repeated = voxdepth("record", folder / "config.toml", "--out", tmp_path / "again", "--frames", "3")
     assert repeated.returncode == 0, repeated.stderr
     assert Recording.open(tmp_path / "again").digest(3) == Recording.open(folder).digest(3)
-
-
-@pytest.mark.slow
-def test_a_killed_recording_is_readable_and_can_go_on(tmp_path: Path) -> None:
-    code = "from voxdepth.tools.cli import main; main()"
-    arguments = ["record", "sim-LN", "--out", str(tmp_path / "r"), "--frames", "200", "--size", "128x96"]
-    process = subprocess.Popen([sys.executable, "-c", code, *arguments], stdout=subprocess.DEVNULL)
-    table = tmp_path / "r" / "frames.csv"
-    for _ in range(600):
-        if table.exists() and table.read_bytes().count(b"\n") > 4:
-            break
-        try:
-            process.wait(0.1)
-        except subprocess.TimeoutExpired:
-            continue
-    process.kill()
-    process.wait()
-    whole = len(Recording.open(tmp_path / "r"))
-    assert 4 <= whole < 200
-    record(small(), tmp_path / "r", whole + 2, lambda frames: None)
-    for recorded, expected in zip(Recording.open(tmp_path / "r"), captures(small(), whole + 2), strict=True):
-        assert_same(recorded, expected)
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from sim import frames
+from sim.camera_noise import photon_noise
 from sim.render import create_renderer
-from sim.sensor import photon_noise
 from sim.types import Images
 from tests.helpers import block, camera_at, wall, world_of
 from voxdepth.paper.odometry import Motion, MotionStatus, OdometryConfig, PhotometricOdometry, motion_from_priors

@@ -7,7 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
-import pybullet
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
@@ -17,7 +16,7 @@ from sim.bodies import Body, Cylinder, Heightfield, Mesh, Mover, Scene, SceneSpe
 from sim.errors import RenderError
 from sim.free_space import is_inside
 from sim.render import create_renderer
-from sim.render.meshes import box, mesh_of_body, sphere
+from sim.render.meshes import box, sphere
 from sim.scenes import CitySpec, CorridorSpec, ForestSpec, GapSpec, LawnSpec, PlainsSpec
 from sim.types import Images
 from sim.world import World
@@ -152,29 +151,13 @@ def test_renderers_may_draw_at_the_same_time_on_different_threads() -> None:
                 np.testing.assert_array_equal(a.depth_m, b.depth_m)
 
 
-def test_they_agree_on_moved_drones_and_round_shapes() -> None:
-    shapes = [
-        Body(name="pole", kind="building", shape=Cylinder(0.3, 4.0), position_m=(3.0, 1.0, 0.0)),
-        Body(name="ball", kind="building", shape=Sphere(0.6), position_m=(4.0, -1.0, 0.5)),
-    ]
-    with world_of(*shapes, wall(8.0), starts_m=[(2.5, 0.0, 0.0)]) as world:
-        for _ in range(120):
-            world.step()
-        a, b = (create_renderer(name, world).render([camera_at(0, 0, 0)])[0] for name in ("raster", "tiny"))
-    assert len(np.unique(a.segment_id)) == 4
-    assert (a.segment_id == b.segment_id).mean() > 0.99
-    same = a.segment_id == b.segment_id
-    gap = np.abs(a.depth_m - b.depth_m)[same]
-    # The two draw round shapes with other facets: up to 5 cm apart on grazed rims, nothing elsewhere.
-    assert np.percentile(gap, 95) < 0.01
-    assert np.percentile(gap, 99) < 0.05
-
-
 def test_they_agree_on_movers() -> None:
     ball = Body(name="ball", kind="mover", shape=Sphere(0.4))
     cube = Mesh(box(np.array([0.5, 0.7, 0.9])).vertices_m, box(np.ones(3)).triangles)
     crate = Body(name="crate", kind="building", shape=cube, position_m=(0.0, 0.0, 0.0), yaw_rad=0.4)
+    pole = Body(name="pole", kind="building", shape=Cylinder(0.3, 4.0))
     movers = (
+        Mover(body=pole, position_m=lambda time_s: np.array([6.0, 3.0 - time_s, 0.0])),
         Mover(body=ball, position_m=lambda time_s: np.array([3, 0.8 - 1.4 * time_s, 0])),
         Mover(body=ball, position_m=lambda time_s: np.array([5, -1.5, 0.5])),
         Mover(body=crate, position_m=lambda time_s: np.array([4, 1.5, -1])),
@@ -186,7 +169,7 @@ def test_they_agree_on_movers() -> None:
             world.move_to(time_s)
             *ours, b = (renderer.render([camera_at(0, 0, 0)])[0] for renderer in renderers)
             for a in ours:
-                assert set(np.unique(a.segment_id)) == {0, 1, 2, 3, 4}
+                assert set(np.unique(a.segment_id)) == {0, 1, 2, 3, 4, 5}
                 assert (a.segment_id == b.segment_id).mean() > 0.99
                 gap = np.abs(a.depth_m - b.depth_m)[a.segment_id == b.segment_id]
                 assert np.percentile(gap, 95) < 0.01
@@ -210,27 +193,6 @@ def test_they_agree_on_turned_meshes_and_heightfields() -> None:
     with world_of(*bodies) as world:
         a, b = (create_renderer(name, world).render([camera_at(0, 0, 0)])[0] for name in ("raycast", "tiny"))
     assert set(np.unique(a.segment_id)) == {-1, 0, 1, 2}
-    assert agreement(a, b) > 0.995
-
-
-def test_bodies_from_files_are_drawn_as_pybullet_draws_them() -> None:
-    import pybullet_data
-
-    with world_of(wall(8.0)) as world:
-        duck = pybullet.createVisualShape(
-            pybullet.GEOM_MESH,
-            fileName=f"{pybullet_data.getDataPath()}/duck.obj",
-            meshScale=[0.5, 0.8, 0.5],
-            physicsClientId=world.client,
-        )
-        q = frames.quaternion_from_yaw(0.4).tolist()
-        body = pybullet.createMultiBody(0, -1, duck, [2, 0, 0], q, physicsClientId=world.client)
-        mesh = mesh_of_body(world, body)
-        world.bodies[body] = Body(name="duck", kind="building", shape=Sphere(1.0), position_m=(2.0, 0.0, 0.0))
-        a, b = (create_renderer(name, world).render([camera_at(0, 0, 0)])[0] for name in ("raycast", "tiny"))
-    assert len(mesh.triangles) > 1000
-    assert (a.segment_id == body).sum() > 500
-    assert (a.segment_id == b.segment_id).mean() > 0.99
     assert agreement(a, b) > 0.995
 
 
@@ -299,17 +261,6 @@ def test_without_gray_the_depth_is_the_same() -> None:
     np.testing.assert_array_equal(lit.depth_m, dark.depth_m)
     np.testing.assert_array_equal(lit.segment_id, dark.segment_id)
     assert not dark.gray.any()
-
-
-def test_bodies_that_cannot_be_drawn_are_named() -> None:
-    with world_of(wall(5.0)) as world:
-        body = pybullet.createMultiBody(0, -1, -1, [0, 0, 0], [0, 0, 0, 1], physicsClientId=world.client)
-        with pytest.raises(RenderError, match=f"body {body} has no visual shape"):
-            mesh_of_body(world, body)
-        capsule = pybullet.createVisualShape(pybullet.GEOM_CAPSULE, radius=0.5, length=1, physicsClientId=world.client)
-        body = pybullet.createMultiBody(0, -1, capsule, [0, 0, 0], [0, 0, 0, 1], physicsClientId=world.client)
-        with pytest.raises(RenderError, match=f"body {body} has a visual shape of PyBullet type"):
-            mesh_of_body(world, body)
 
 
 def test_unknown_renderers_are_refused_with_the_choice() -> None:

@@ -24,7 +24,6 @@ from voxdepth.types import FloatArray
 
 SPECS = [ForestSpec(), CorridorSpec(), GapSpec(), PlainsSpec(), LawnSpec()]
 EACH_SPEC = pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.kind)
-HEADROOM_M = {"forest": 4.0, "plains": 4.0, "corridor": 2.5, "gap": 4.0, "lawn": 2.5}
 
 
 @cache
@@ -41,17 +40,6 @@ def along(path_m: FloatArray, step_m: float = 0.5) -> FloatArray:
     return np.concatenate(
         [a + np.linspace(0, 1, int(np.linalg.norm(b - a) / step_m) + 2)[:, None] * (b - a) for a, b in pairwise(path_m)]
     )
-
-
-def room_m(body: Body, at_m: FloatArray) -> FloatArray:
-    """Horizontal distance from points to the plan of a body, meshes by the circle around them."""
-    offset = at_m[:, :2] - body.position_m[:2]
-    if isinstance(body.shape, Box):
-        c, s = np.cos(body.yaw_rad), np.sin(body.yaw_rad)
-        own = np.abs(offset @ np.array([[c, -s], [s, c]]))
-        return np.asarray(np.linalg.norm(np.maximum(own - np.array(body.shape.size_m[:2]) / 2, 0), axis=1))
-    radius = body.shape.radius_m if isinstance(body.shape, Cylinder) else np.linalg.norm(vertices(body)[:, :2], axis=1)
-    return np.asarray(np.linalg.norm(offset, axis=1) - np.max(radius))
 
 
 def vertices(body: Body) -> FloatArray:
@@ -78,31 +66,18 @@ def test_same_seed_same_scene(spec: SceneSpec) -> None:
 
 
 @EACH_SPEC
-@pytest.mark.parametrize("seed", range(3))
-def test_a_way_is_free_and_has_things_beside_it(spec: SceneSpec, seed: int) -> None:
+@pytest.mark.parametrize("seed", range(2))
+def test_a_way_is_free_and_has_things_on_both_sides(spec: SceneSpec, seed: int) -> None:
     scene = built(spec, seed)
-    headroom_m = HEADROOM_M[spec.kind]  # type: ignore[attr-defined]
-    at_m = along(scene.path_m)
-    assert np.linalg.norm(np.diff(scene.path_m, axis=0), axis=1).sum() >= 70
-    assert np.linalg.norm(np.diff(scene.path_m, axis=0), axis=1).max() < 4
-    seen = np.zeros((2, len(at_m)), bool)
-    for body in scene.bodies:
-        if body.kind == "ground":
-            continue
-        gap_m = room_m(body, at_m)
-        low = lowest_m(body) < at_m[:, 2] + headroom_m
-        assert not (low & (gap_m < 1.2)).any(), body.name
-        side = int(body.position_m[1] > np.interp(body.position_m[0], scene.path_m[:, 0], scene.path_m[:, 1]))
-        seen[side] |= low & (gap_m < 25)
-    assert seen.all()
-
-
-@EACH_SPEC
-def test_the_world_agrees_that_the_way_is_free(spec: SceneSpec) -> None:
-    scene = built(spec, 1)
+    legs_m = np.linalg.norm(np.diff(scene.path_m, axis=0), axis=1)
+    assert legs_m.sum() >= 70
+    assert legs_m.max() < 4
     with World(scene, np.zeros((0, 3))) as world:
-        room = [world.clearance_at_m((x, y, z + 1.5), 1.5) for x, y, z in along(scene.path_m, 1.0)]
-    assert min(room) >= 1.2
+        free_m = [world.clearance_at_m((x, y, z + 1.5), 1.5) for x, y, z in along(scene.path_m, 1.0)]
+    assert min(free_m) >= 1.2
+    things_m = np.array([body.position_m for body in scene.bodies if body.kind != "ground"])
+    beside_m = things_m[:, 1] - np.interp(things_m[:, 0], scene.path_m[:, 0], scene.path_m[:, 1])
+    assert ((beside_m > 0) & (beside_m < 25)).sum() > 2 < ((beside_m < 0) & (beside_m > -25)).sum()
 
 
 @pytest.mark.parametrize("street_width_m", [6.0, 9.0])
@@ -115,6 +90,7 @@ def test_the_way_through_a_city_is_free(street_width_m: float) -> None:
 
 
 def test_a_city_of_narrow_streets_leaves_no_path() -> None:
+    assert len(CitySpec(columns=3, rows=2, poles=4).build(0).bodies) == 1 + 6 + 4
     assert len(CitySpec(street_width_m=5.0).build(0).path_m) == 0
 
 
@@ -333,6 +309,9 @@ def test_a_room_has_a_free_path_and_slats_with_gaps_as_asked_for() -> None:
         (RoomSpec, {"chairs": 4}),
         (LawnSpec, {"hedge_m": 60.0}),
         (LawnSpec, {"trees": -1}),
+        (CitySpec, {"columns": 0}),
+        (CitySpec, {"tower_side_m": (5.0, 3.0)}),
+        (CitySpec, {"widht": 3}),
     ],
 )
 def test_impossible_scenes_are_refused(kind: type[SceneSpec], bad: dict[str, object]) -> None:

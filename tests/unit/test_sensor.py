@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from sim.bodies import Body, Box, Cylinder
+from sim.camera_noise import exposure_gain
 from sim.depth_noise import DepthNoise, Disparity, Flicker, Scale
 from sim.errors import SensorError
 from sim.render import create_renderer
 from sim.rig import StereoRig
-from sim.sensor import RigConfig, StereoSensor, exposure_gain, photon_noise
+from sim.sensor import RigConfig, StereoSensor
 from sim.stereo import StereoConfig, StereoMatcher, occlusion_mask
 from sim.types import BodyPose
 from tests.helpers import CAMERA, block, camera_at, wall, world_of
@@ -87,25 +88,6 @@ def test_far_surfaces_and_holes_are_told_apart() -> None:
     truth_m, occluded = np.full((1, 4), 3, np.float32), np.zeros((1, 4), np.bool_)
     depth = matcher.triangulate(disparity, truth_m, occluded, reason)
     np.testing.assert_allclose(depth, [[0, 40, 40, CAMERA.fx_px * BASELINE_M / 4]], rtol=1e-6)
-
-
-def test_photon_noise_has_its_deviation_and_is_repeatable() -> None:
-    gray = np.full((200, 200), 120, np.uint8)
-    noisy = photon_noise(gray, 3.0, 1, 2, 0, seed=4)
-    assert abs(noisy.std() - np.sqrt(9 + 1 / 12)) < 0.05
-    assert abs(float(noisy.mean()) - 120) < 0.05
-    np.testing.assert_array_equal(noisy, photon_noise(gray, 3.0, 1, 2, 0, seed=4))
-    assert not np.array_equal(noisy, photon_noise(gray, 3.0, 1, 3, 0, seed=4))
-
-
-@pytest.mark.parametrize(("settling_frames", "similarity"), [(0.0, 0.0), (3.0, 0.7165)])
-def test_exposure_has_its_deviation_and_settles(settling_frames: float, similarity: float) -> None:
-    """The gains of a drone in successive frames; the similarity of neighbours is exp(-1/3)."""
-    logs = np.log([exposure_gain(0.6, 1, frame, seed=4, settling_frames=settling_frames) for frame in range(3000)])
-    assert logs.std() == pytest.approx(0.6, rel=0.06)
-    assert abs(logs.mean()) < 0.06
-    assert np.corrcoef(logs[1:], logs[:-1])[0, 1] == pytest.approx(similarity, abs=0.05)
-    assert exposure_gain(0.0, 1, 5, seed=4) == 1.0
 
 
 def test_bright_frames_saturate_and_dark_ones_lose_their_texture() -> None:

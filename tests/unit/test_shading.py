@@ -1,15 +1,16 @@
-"""Laws of what the ray caster's pictures look like."""
+"""Laws of what shaded pictures look like."""
 
 import dataclasses
+from typing import get_args
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.bodies import Body, Box, Scene, Surface, Weather
+from sim.bodies import Body, Box, Pattern, Scene, Surface, Weather
 from sim.render import create_renderer
-from sim.render.raycast import pixel_bounds, unit_depth_directions
+from sim.render.shading import spans_of
 from sim.world import World
 from tests.helpers import CAMERA, block, camera_at, wall, world_of
 
@@ -79,38 +80,58 @@ def test_texture_finer_than_a_pixel_is_filtered_out() -> None:
     assert roughness(40.0) < 3 * roughness(4.0), "a far wall is no static"
 
 
-@given(
-    st.tuples(st.floats(-4, 4), st.floats(-4, 4), st.floats(-2, 12)),
-    st.floats(0.05, 1.5),
-    st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1)),
-)
-def test_a_sphere_is_within_its_pixel_bounds(
-    center: tuple[float, float, float], radius_m: float, q: tuple[float, float, float]
-) -> None:
-    camera = camera_at(0.3, -0.2, 0.1, (*q, 1.0))
-    T, directions = camera.T_world_cam, unit_depth_directions(CAMERA).astype(np.float64)
-    c = (np.array(center) - T[:3, 3]) @ T[:3, :3]
-    a, half_b = (directions**2).sum(axis=1), directions @ c
-    hit = (half_b**2 - a * (c @ c - radius_m**2) > 0) & (half_b + np.sqrt(a) * radius_m > 0)
-    if c @ c > radius_m**2:
-        hit &= half_b > 0
-    covered = np.zeros(CAMERA.shape, np.bool_)
-    behind = camera_at(0, 0, 0, (0, 0, 1, 0))
-    for which, top, bottom, left, right in pixel_bounds([behind, camera], np.array([center]), np.array([radius_m])):
-        if which == 1:
-            covered[top:bottom, left:right] = True
-    assert covered.ravel()[hit].all()
+@pytest.mark.parametrize("pattern", get_args(Pattern))
+def test_textures_move_with_their_body_and_vary_about_its_albedo(pattern: Pattern) -> None:
+    grays = []
+    for moved_m in (0.0, 3.7):
+        body = Body(
+            name="wall",
+            shape=Box((1.0, 60.0, 60.0)),
+            position_m=(10.5, moved_m, 0.0),
+            surface=Surface(albedo=0.4, pattern=pattern),
+        )
+        with World(Scene(seed=1, bodies=(body,), weather=Weather(haze_m=1e6)), np.empty((0, 3))) as world:
+            (image,) = create_renderer("raster", world).render([camera_at(0, moved_m, 0)])
+            grays.append(image.gray.astype(int))
+    assert np.quantile(np.abs(grays[0] - grays[1]), 0.999) <= 1
+    assert grays[0].std() > 2
+    plain = gray_of(dataclasses.replace(body, surface=Surface(albedo=0.4, texture=0.0)), weather=Weather(haze_m=1e6))
+    assert grays[0].mean() == pytest.approx(plain.mean(), rel=0.25)
 
 
-def test_spheres_behind_and_beside_the_camera_cost_no_pixels() -> None:
-    centers = np.array([[-5.0, 0, 0], [1.0, 30, 0], [5.0, 0, 0]])
-    bounds = pixel_bounds([camera_at(0, 0, 0)], centers, np.full(3, 0.5))
-    assert len(bounds) == 1
-    camera, top, bottom, left, right = bounds[0]
-    assert camera == 0
-    diameter = CAMERA.fx_px * 2 * 0.5 / 5
-    assert diameter <= right - left <= diameter + 4
-    assert diameter <= bottom - top <= diameter + 4
+def test_facades_have_dark_windows_of_their_size() -> None:
+    """Panes are 0.56 of 1.7 m wide and a half of 3.2 m high, and two thirds of them are much darker than the wall."""
+    facade = dataclasses.replace(wall(8.0), surface=Surface(albedo=0.4, pattern="facade"))
+    gray = gray_of(facade, weather=Weather(haze_m=1e6))
+    assert 0.15 < (gray < 0.7 * np.median(gray)).mean() < 0.3
+
+
+def test_the_sky_is_brightest_at_the_horizon_and_clouds_are_far_away() -> None:
+    behind = wall(-30.0)
+    clear = gray_of(behind, weather=Weather(clouds=0.0))
+    np.testing.assert_allclose(clear[60], 255 * 0.85, atol=1.5)
+    assert (np.diff(clear[:60].mean(axis=1)) >= 0).all()
+    with World(Scene(seed=1, bodies=(behind,)), np.empty((0, 3))) as world:
+        here, there = create_renderer("raster", world).render([camera_at(0, 0, 0), camera_at(9, 5, 2)])
+    np.testing.assert_array_equal(here.gray, there.gray)
+    assert (here.gray - clear)[:40].std() > 2
+
+
+@given(st.integers(0, 2**31))
+def test_spans_cover_the_image_and_their_places_are_sorted_by_body(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    body_of_triangle = np.array([0, 0, 1, 2, 2, 3], np.int32)
+    triangle = rng.integers(0, 6, (6, 3)).astype(np.int32).repeat(3, axis=1)
+    spans, place_of_body = spans_of(triangle, body_of_triangle)
+    place = np.empty(triangle.size, np.int64)
+    for first, size, seen, at in spans:
+        assert (triangle.ravel()[first : first + size] == seen).all()
+        assert first // 9 == (first + size - 1) // 9
+        place[first : first + size] = np.arange(at, at + size)
+    body = body_of_triangle[triangle.ravel()]
+    np.testing.assert_array_equal(np.sort(place), np.arange(triangle.size))
+    np.testing.assert_array_equal(body[np.argsort(place)], np.sort(body))
+    np.testing.assert_array_equal(np.diff(place_of_body), np.bincount(body, minlength=4))
 
 
 def test_drones_are_drawn_where_they_are_now() -> None:

@@ -8,11 +8,12 @@ import pytest
 
 from scenarios.sequences import captures, load_sequence
 from sim.bodies import Surface
+from sim.camera_noise import photon_noise
 from sim.flights import Hover
 from sim.quality import DepthQuality
 from sim.render import create_renderer
 from sim.rig import StereoRig
-from sim.sensor import RigConfig, photon_noise
+from sim.sensor import RigConfig
 from sim.stereo import StereoConfig, StereoMatcher, texture
 from sim.types import InvalidReason
 from tests.helpers import block, camera_at, wall, world_of

@@ -99,22 +99,6 @@ def test_worlds_do_not_share_a_client_and_repeat_bit_by_bit() -> None:
     np.testing.assert_array_equal(ends[0], ends[1])
 
 
-def test_cities_follow_their_seed_and_spec() -> None:
-    assert CitySpec().build(1) == CitySpec().build(1)
-    assert CitySpec().build(1) != CitySpec().build(2)
-    city = CitySpec(columns=3, rows=2, poles=4).build(0)
-    assert len(city.bodies) == 1 + 6 + 4
-    towers = [b for b in city.bodies if b.name.startswith("tower")]
-    gaps = [abs(a.position_m[0] - b.position_m[0]) for a in towers for b in towers if a.name[6] != b.name[6]]
-    assert min(gaps) > 8
-
-
-@pytest.mark.parametrize("bad", [{"columns": 0}, {"tower_side_m": (5.0, 3.0)}, {"street_width_m": 0.0}, {"widht": 3}])
-def test_impossible_cities_are_refused(bad: dict[str, object]) -> None:
-    with pytest.raises(ValueError, match="validation error"):
-        CitySpec(**bad)  # type: ignore[arg-type]
-
-
 def test_close_may_be_called_twice() -> None:
     with world_of(GROUND) as world:
         world.close()

@@ -1,10 +1,17 @@
-"""The files of a recording, and reading them back exactly as they were written."""
+"""Stereo recordings on disk, with the true depth and pose of every frame, which read back exactly as they were written.
+
+A recording is a folder. Frame 7 consists of the images `gray_left/000007.png`, `gray_right`, `depth_raw`, `depth_true`,
+`occluded`, `segment` and `invalid_reason` with that name, and of row 7 of `frames.csv`, which holds its time and its
+pose. The folder appears when all frames are written.
+"""
 
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from hashlib import sha256
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Self
 
 import cv2
@@ -14,8 +21,8 @@ import tomli_w
 
 from voxdepth.types import FloatArray, Intrinsics
 
-from ..errors import RecordingError
-from ..types import Capture
+from .errors import RecordingError
+from .types import Capture
 
 Image = npt.NDArray[Any]
 
@@ -110,8 +117,7 @@ def calibration_toml(intrinsics: Intrinsics) -> str:
     """The fields of a stereo camera as exact TOML. A camera without a baseline raises a `RecordingError`."""
     if intrinsics.baseline_m is None:
         raise RecordingError("only a stereo camera can be recorded: expected intrinsics with a baseline_m, got none")
-    types = {field.name: int if field.type is int else float for field in fields(intrinsics)}
-    values = {name: to(getattr(intrinsics, name)) for name, to in types.items()}
+    values = asdict(intrinsics)
     if intrinsics.disparity_scale == 1:
         del values["disparity_scale"]  # As in recordings from before it was a field.
     return tomli_w.dumps(values)
@@ -131,13 +137,12 @@ def frame_row(capture: Capture) -> str:
 
 
 def read_poses(folder: Path) -> list[tuple[float, FloatArray]]:
-    """Time of capture [s] and `T_world_cam`, shape (4, 4), of the complete rows of `frames.csv`.
+    """Time of capture [s] and `T_world_cam`, shape (4, 4), of the rows of `frames.csv`.
 
-    A last row without a line break was being written, and is left out. A table that is missing or damaged raises a
-    `RecordingError`.
+    A table that is missing or damaged raises a `RecordingError`.
     """
     path = folder / FRAMES
-    header, *rows = read_bytes(path).decode(errors="replace").split("\n")[:-1] or [HEADER]
+    header, *rows = read_bytes(path).decode(errors="replace").splitlines() or [""]
     if header != HEADER:
         raise RecordingError(f"{path} is damaged: expected the header {HEADER!r}, got {header[:80]!r}")
     poses = []
@@ -153,8 +158,6 @@ def read_poses(folder: Path) -> list[tuple[float, FloatArray]]:
 def read_bytes(path: Path) -> bytes:
     """The content of a file. A file that is missing or cannot be read raises a `RecordingError`."""
     try:
-        if path.exists() and not path.is_file():
-            raise RecordingError(f"{path} is no file; restore it from a copy or record again")
         return path.read_bytes()
     except OSError as error:
         raise RecordingError(
@@ -163,7 +166,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 class Recording:
-    """The complete frames of a recording, as captures of drone 0.
+    """The frames of a recording, as captures of drone 0.
 
     An image that is damaged or missing makes only its own frame unreadable.
     """
@@ -180,7 +183,7 @@ class Recording:
 
     @classmethod
     def open(cls, folder: Path | str) -> Self:
-        """The frames that a recording holds now. No recording, or a damaged table, raises a `RecordingError`."""
+        """The frames of a recording. No recording, or a damaged table, raises a `RecordingError`."""
         folder = Path(folder)
         if not (folder / FRAMES).is_file():
             raise RecordingError(f"{folder} is not a recording: expected a folder with a {FRAMES}")
@@ -214,3 +217,78 @@ class Recording:
         for stamp_s, T_world_cam in self._poses[:frames]:
             total.update(f"{stamp_s!r} {T_world_cam.tolist()}".encode())
         return total.hexdigest()
+
+
+class RecordingWriter:
+    """Writes a recording. Use it as a context manager: the folder appears when the block ends without an error.
+
+    The folder must be new or empty. A recording does not keep the number of the drone. `config_text` is everything that
+    is needed to repeat the recording, as TOML; it is kept unchanged.
+
+    Raises:
+        RecordingError: The folder holds something, or cannot be written.
+    """
+
+    def __init__(self, folder: Path, *, intrinsics: Intrinsics, config_text: str) -> None:
+        self._folder = folder
+        self._intrinsics = intrinsics
+        self._description = {CONFIG: config_text.encode(), CALIBRATION: calibration_toml(intrinsics).encode()}
+        self._rows: list[str] = []
+        self._last_stamp_s = float("-inf")
+
+    @property
+    def frames(self) -> int:
+        """Number of complete frames; also the index of the next frame."""
+        return len(self._rows)
+
+    def append(self, capture: Capture) -> None:
+        """Write the next frame: its images, then its row."""
+        self.write_images(self.frames, capture)
+        self.append_row(capture)
+
+    def write_images(self, index: int, capture: Capture) -> None:
+        """Write the images of a frame. Several threads may write different frames at once.
+
+        A capture that does not fit the recording, or a failed write, raises a `RecordingError`.
+        """
+        if capture.intrinsics != self._intrinsics:
+            raise RecordingError(f"expected captures with {self._intrinsics}, got one with {capture.intrinsics}")
+        frame_row(capture)
+        encoded = {channel.path(index): channel.encode(capture) for channel in CHANNELS}
+        with _writing(self._folder):
+            for path, data in encoded.items():
+                (self._unfinished / path).write_bytes(data)
+
+    def append_row(self, capture: Capture) -> None:
+        """Add the row of the next frame, whose images are written. One that is not later is a `RecordingError`."""
+        if capture.stamp_s <= self._last_stamp_s:
+            raise RecordingError(f"expected a frame later than {self._last_stamp_s} s, got one at {capture.stamp_s} s")
+        self._rows.append(frame_row(capture))
+        self._last_stamp_s = capture.stamp_s
+
+    def __enter__(self) -> Self:
+        with _writing(self._folder):
+            self._folder.parent.mkdir(parents=True, exist_ok=True)
+            if self._folder.exists() and any(self._folder.iterdir()):
+                raise RecordingError(f"{self._folder} is not empty; name a new folder")
+            self._holder = TemporaryDirectory(dir=self._folder.parent, prefix=f".{self._folder.name}-")
+            self._unfinished = Path(self._holder.name) / self._folder.name
+            for channel in CHANNELS:
+                (self._unfinished / channel.folder).mkdir(parents=True)
+        return self
+
+    def __exit__(self, error: object, *_: object) -> None:
+        with self._holder, _writing(self._folder):
+            if error is None:
+                table = "".join(f"{row}\n" for row in (HEADER, *self._rows)).encode()
+                for name, data in (self._description | {FRAMES: table}).items():
+                    (self._unfinished / name).write_bytes(data)
+                self._unfinished.replace(self._folder)
+
+
+@contextmanager
+def _writing(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise RecordingError(f"cannot write {folder}: {error.strerror or error}") from error

@@ -1,0 +1,67 @@
+"""Noise of gray images: photon noise, and the varying brightness of automatic exposure.
+
+Photon noise is counter-based: the number of a pixel depends on the key and on its place alone. The numbers are those of
+SplitMix64 [1]_, whose 64 bits serve four pixels.
+
+References:
+    .. [1] Steele, Lea and Flood 2014, Fast splittable pseudorandom number generators, doi:10.1145/2660193.2660195
+"""
+
+from functools import cache
+from statistics import NormalDist
+
+import numpy as np
+import numpy.typing as npt
+
+from voxdepth.types import FloatArray, GrayImage
+
+from .seeds import Purpose, counter_key, stream
+
+GAMMA = np.uint64(0x9E3779B97F4A7C15)
+MIX_1, MIX_2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+QUANTILES = 1 << 16
+SETTLED = 4
+"""Multiple of the settling time after which an error of brightness is forgotten."""
+
+
+def photon_noise(gray: GrayImage, sigma: float, *key: int, seed: int, gain: float = 1.0) -> GrayImage:
+    """The image times `gain`, with Gaussian noise of `sigma` gray levels, rounded and clipped.
+
+    The noise is keyed by the seed and by `key`, which is the drone, the frame and the camera.
+    """
+    noisy = normal_numbers(counter_key(seed, Purpose.PHOTON, *key), gray.size).reshape(gray.shape)
+    noisy *= np.float32(sigma)
+    noisy += gray * np.float32(gain)
+    return np.asarray(np.clip(np.rint(noisy, out=noisy), 0, 255, out=noisy).astype(np.uint8))
+
+
+def normal_numbers(key: np.uint64, n: int) -> npt.NDArray[np.float32]:
+    """Numbers of the standard normal distribution, shape (n,)."""
+    z = key + np.arange(-(-n // 4), dtype=np.uint64) * GAMMA
+    z = (z ^ (z >> np.uint64(30))) * MIX_1
+    z = (z ^ (z >> np.uint64(27))) * MIX_2
+    z ^= z >> np.uint64(31)
+    return normal_quantiles().take(z.astype("<u8", copy=False).view("<u2")[:n])
+
+
+@cache
+def normal_quantiles() -> npt.NDArray[np.float32]:
+    """The standard normal distribution as equally likely values in ascending order, of variance 1."""
+    upper = [NormalDist().inv_cdf((k + 0.5) / QUANTILES) for k in range(QUANTILES // 2, QUANTILES)]
+    values: FloatArray = np.concatenate([-np.array(upper[::-1]), upper])
+    values /= values.std()
+    return values.astype(np.float32)
+
+
+def exposure_gain(sigma: float, drone: int, frame: int, *, seed: int, settling_frames: float = 0.0) -> float:
+    """Brightness of a frame relative to the mean, `exp(N(0, sigma))`, as automatic exposure varies it.
+
+    Disturbances of this and the earlier frames add up with weights that fall to 1/e within `settling_frames`; the sum
+    of their squares is 1 in every frame.
+    """
+    if not sigma:
+        return 1.0
+    ages = np.arange(min(frame, int(SETTLED * settling_frames)) + 1)
+    weights = np.exp(-ages / settling_frames) if settling_frames else np.ones(1)
+    disturbances = [stream(seed, Purpose.EXPOSURE, drone, frame - int(age)).standard_normal() for age in ages]
+    return float(np.exp(sigma * (weights @ disturbances) / np.linalg.norm(weights)))
