@@ -1,9 +1,6 @@
-"""Damage to bytes and to folders."""
+"""Damage to bytes."""
 
-import os
-import shutil
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 from hypothesis import strategies as st
 
@@ -51,68 +48,3 @@ damages: st.SearchStrategy[Damage] = st.one_of(
     st.sampled_from([b"", b"\0", b"\n", b"{}", b"x" * 1_000]).map(lambda content: lambda _: content),
 )
 """Other bytes in place of given ones: bits that changed; pieces cut, inserted or overwritten; lines swapped."""
-
-
-def _rewritten(damage: Damage) -> Callable[[Path], None]:
-    return lambda path: _write(path, damage(path.read_bytes())) if path.is_file() else None
-
-
-def _write(path: Path, data: bytes) -> None:
-    path.write_bytes(data)
-
-
-def _removed(path: Path) -> None:
-    shutil.rmtree(path) if path.is_dir() else path.unlink()
-
-
-def _as_folder(path: Path) -> None:
-    _removed(path)
-    path.mkdir()
-
-
-def _as_pipe(path: Path) -> None:
-    _removed(path)
-    os.mkfifo(path)
-
-
-def _as_link(target: str) -> Callable[[Path], None]:
-    def link(path: Path) -> None:
-        _removed(path)
-        path.symlink_to(target)
-
-    return link
-
-
-def _unreadable(path: Path) -> None:
-    path.chmod(0)
-
-
-def _renamed(path: Path) -> None:
-    path.rename(path.with_name(f"{path.name} [bold]é"))
-
-
-path_damages: st.SearchStrategy[Callable[[Path], None]] = st.one_of(
-    damages.map(_rewritten),
-    damages.map(_rewritten),
-    damages.map(_rewritten),
-    st.sampled_from(
-        [
-            _removed,
-            _as_folder,
-            _as_pipe,
-            _unreadable,
-            _renamed,
-            *map(_as_link, ("/dev/zero", "nowhere", ".", "/", "/dev/tty")),
-        ]
-    ),
-)
-"""What can happen to a file or a folder: mostly other bytes; or it is gone, or something else."""
-
-
-def apply(damage: Callable[[Path], None], folder: Path, choice: int) -> None:
-    """Damage one of the files and folders below a folder, or the folder's only file."""
-    paths = sorted(path for path in folder.rglob("*") if not path.is_symlink())
-    plain = [path for path in paths if path.is_file()]
-    chosen = plain if choice % 8 else paths
-    if chosen:
-        damage(chosen[choice // 8 % len(chosen)])
