@@ -25,7 +25,7 @@ from ..errors import DatasetError, FrameError
 from ..ros import DEPTH_ENCODINGS, GRAY_ENCODINGS, MILLIMETRES, Header, encoding_of, frame_of, header_of
 from ..types import Frame, Intrinsics
 from .files import CALIBRATION, calibration_path, list_folder, parse_calibration, read_text, stated
-from .pairs import WITHIN_S, associate, require_increasing
+from .pairs import matched
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -134,18 +134,16 @@ class BagDataset:
         """Stamp [ns] and messages of depth and gray of every frame, in order of time."""
         streams = self._depth, self._gray
         has_stamps = all(any(header.stamp_ns for header in stream.headers) for stream in streams)
-        depth, gray = (stream.ordered(has_stamps) for stream in streams)
-        origin_ns = depth[0][0]  # The nanoseconds since 1970 do not fit into a float.
-        depth_s, gray_s = ([(stamp_ns - origin_ns) / 1e9 for stamp_ns, _ in order] for order in (depth, gray))
-        for seconds, stream in zip((depth_s, gray_s), streams, strict=True):
-            require_increasing(seconds, f"{stream.topic} of {self._path}")
-        pairs = associate(depth_s, gray_s, within_s=WITHIN_S)
-        if not pairs:
-            raise DatasetError(
-                f"expected images of {self._depth.topic} and {self._gray.topic} within {WITHIN_S} s of each other in "
-                f"{self._path}, got none among {len(depth_s)} and {len(gray_s)}; are their clocks the same?"
-            )
-        return [(*depth[i], gray[j][1]) for i, j in pairs]
+        times_ns = [stream.times_ns(has_stamps) for stream in streams]
+        origin_ns = times_ns[0][0]  # The nanoseconds since 1970 do not fit into a float.
+        depth, gray = (_in_order([(t - origin_ns) / 1e9 for t in times]) for times in times_ns)
+        frames = matched(depth, gray, *(f"{stream.topic} of {self._path}" for stream in streams))
+        return [(times_ns[0][i], i, j) for _, i, j in frames]
+
+
+def _in_order(times_s: Sequence[float]) -> list[tuple[float, int]]:
+    """Times and numbers of messages by time. Drivers send an image again now and then at once; the first one counts."""
+    return sorted((t, k) for k, t in enumerate(times_s) if k == 0 or t != times_s[k - 1])
 
 
 def _intrinsics(path: Path, images: "Images", depth: str, gray: str) -> Intrinsics:
@@ -369,13 +367,9 @@ class Stream:
             self.headers.append(header_of(message))
         self._next, self._later = 0, self._bag.messages(topic)
 
-    def ordered(self, has_stamps: bool) -> list[tuple[int, int]]:
-        """Times [ns] and numbers of the messages in order of time: that of the header, or else that of reception.
-
-        Drivers send an image again now and then, with the same time; the first one counts.
-        """
-        times_ns = [header.stamp_ns for header in self.headers] if has_stamps else self.received_ns
-        return sorted((t, k) for k, t in enumerate(times_ns) if k == 0 or t != times_ns[k - 1])
+    def times_ns(self, has_stamps: bool) -> list[int]:
+        """Times of the messages [ns]: those of their headers, or else those of their reception."""
+        return [header.stamp_ns for header in self.headers] if has_stamps else self.received_ns
 
     def __getitem__(self, index: int) -> Any:
         """Read one message, quickly if it is one after that before."""
