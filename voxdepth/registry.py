@@ -183,7 +183,7 @@ def create_corrector(
         return corrector
     from .calibration import calibrated
 
-    return calibrated(corrector, name, intrinsics)
+    return calibrated(corrector, name)
 
 
 def create_bare(

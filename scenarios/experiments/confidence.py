@@ -6,12 +6,13 @@ from functools import partial
 from itertools import product
 
 import numpy as np
+import tomli_w
 from matplotlib.axes import Axes
 
 from sim.decimation import decimated, decimated_intrinsics
 from sim.types import Capture
 from swarm.perception import frame_of
-from voxdepth.calibration import N_CLASSES, SHAPE, PixelClasses, Probabilities, written
+from voxdepth.calibration import Fills
 from voxdepth.metrics import is_correct
 from voxdepth.registry import CORRECTOR_NAMES, DEFAULT, create_bare
 from voxdepth.tools.table import Column, Table, Value
@@ -24,24 +25,22 @@ from .experiment import Experiment, ExperimentContext, Findings
 
 TRAINING_SEED = 101
 """Seed of the sequences that confidences are fitted to; no reported result uses it."""
-PRIOR_PIXELS = 2000
-"""Weight of the share of all pixels of a source in that of one class. More smooths classes with few pixels."""
 BINS = 10
 """Bins of confidence, of equal width."""
 TRUSTED, SHOWN = 0.5, 0.1
 """Confidences from which a drone believes that space is free, and that there is a surface."""
 DIGITS = 3
-"""Digits of a probability in the file."""
+"""Digits of a probability."""
 DECIMATIONS = (1, 2, 4)
 """Factors of the sizes at which the sequences are corrected. Many users decimate depth, and its error is smaller."""
 FILE = "confidence.toml"
 
 
 class Pixels:
-    """Pixels with a depth, and those of them that are right, by class and by bin of the method's own confidence."""
+    """Pixels with a depth, and those of them that are right, by source and by bin of the method's own confidence."""
 
     def __init__(self) -> None:
-        self.n, self.right = np.zeros((2, N_CLASSES), np.int64)
+        self.n, self.right = np.zeros((2, len(Source)), np.int64)
         self.own = Bins()
 
     def add(self, corrected: CorrectedDepth, capture: Capture, times: int) -> None:
@@ -52,15 +51,15 @@ class Pixels:
         judged = (corrected.depth_m > 0) & np.isfinite(capture.depth_true_m)
         focal_baseline_px_m = capture.intrinsics.focal_baseline_px_m
         right = is_correct(corrected.depth_m[judged], capture.depth_true_m[judged], focal_baseline_px_m)
-        classes = PixelClasses(capture.intrinsics).of(corrected)[judged]
-        self.n += times * np.bincount(classes, minlength=N_CLASSES)
-        self.right += times * np.bincount(classes[right], minlength=N_CLASSES)
+        source = corrected.source[judged]
+        self.n += times * np.bincount(source, minlength=len(Source))
+        self.right += times * np.bincount(source[right], minlength=len(Source))
         self.own.add(corrected.confidence[judged], np.full(len(right), float(times)), times * right.astype(np.float64))
 
-    def by_table(self, probabilities: Probabilities) -> "Bins":
-        """Sort these pixels into bins by the confidence that a table gives them."""
+    def fitted(self, fills: Fills) -> "Bins":
+        """Sort these pixels into bins by fitted confidences."""
         bins = Bins()
-        bins.add(probabilities.ravel(), self.n.astype(np.float64), self.right.astype(np.float64))
+        bins.add(fills.by_source, self.n.astype(np.float64), self.right.astype(np.float64))
         return bins
 
 
@@ -104,18 +103,11 @@ def _from(confidence: float, counts: FloatArray) -> float:
     return float(counts[round(confidence * BINS) :].sum())
 
 
-def fit(pixels: Pixels) -> Probabilities:
-    """The share of right pixels of each class of fills, drawn to that of its source where there are few.
-
-    Measured pixels keep 1: how far a sensor errs is known to who uses it, and depends on the sensor. A source without
-    pixels has probability 0.
-    """
-    n, right = counts = np.array((pixels.n, pixels.right), np.float64).reshape(2, *SHAPE)
-    of_source, right_of_source = counts.sum(axis=(2, 3), keepdims=True)
-    prior = right_of_source / np.maximum(of_source, 1)
-    probabilities: Probabilities = ((right + PRIOR_PIXELS * prior) / (n + PRIOR_PIXELS)).astype(np.float32)
-    probabilities[Source.SENSOR] = 1
-    return probabilities.round(DIGITS)
+def fit(pixels: Pixels) -> Fills:
+    """The share of right pixels of each source of fills; 0 for a source without pixels."""
+    shares = pixels.right / np.maximum(pixels.n, 1)
+    memory, inpainted = (round(float(shares[source]), DIGITS) for source in (Source.MEMORY, Source.INPAINTED))
+    return Fills(memory=memory, inpainted=inpainted)
 
 
 def compare_confidence(context: ExperimentContext) -> Findings:
@@ -123,8 +115,8 @@ def compare_confidence(context: ExperimentContext) -> Findings:
     if context.seed == TRAINING_SEED:
         raise ScenarioError(f"--seed {TRAINING_SEED} is that of the fit: choose another one to measure with")
     training, measured = count(replace(context, seed=TRAINING_SEED)), count(context)
-    tables = {name: fit(pixels) for name, pixels in training.items() if name != DEFAULT}
-    after = {name: measured[name].by_table(table) for name, table in tables.items()}
+    fitted = {name: fit(pixels) for name, pixels in training.items() if name != DEFAULT}
+    after = {name: measured[name].fitted(fills) for name, fills in fitted.items()}
     before = {name: pixels.own for name, pixels in measured.items()}
     columns: list[Column | str] = ["corrector", *(
         Column(f"{what}, {when}", "%", ".1f") for what in ("calibration error", "trusted", "right of trusted", "shown")
@@ -133,6 +125,7 @@ def compare_confidence(context: ExperimentContext) -> Findings:
     rows = [(name, *_row(before[name], after.get(name))) for name in CORRECTOR_NAMES]
     command = f"# Written by `voxdepth experiment confidence`: {context.frames} frames of each of\n"
     sequences = f"# {', '.join(context.sequences)}, seed {TRAINING_SEED}.\n"
+    text = tomli_w.dumps({name: fills.model_dump(exclude_defaults=True) for name, fills in fitted.items()})
     return Findings(
         tables=(Table.of("Confidence against the truth", columns, rows),),
         notes=(
@@ -141,14 +134,14 @@ def compare_confidence(context: ExperimentContext) -> Findings:
             f"Trusted: a confidence of at least {TRUSTED:g}, from which a drone believes that space is free. Shown: of "
             f"at least {SHOWN:g}, from which it believes that there is a surface. The calibration error has {BINS} "
             "bins.",
-            f"The fitted tables are in {FILE}; those that are used are in voxdepth/{FILE}.",
+            f"The fitted confidences are in {FILE}; those that are used are in voxdepth/{FILE}.",
         ),
         figure=panels(
             f"Confidence, n = {context.frames} frames of each sequence",
             [partial(_draw, before, "own confidence"), partial(_draw, after, "fitted confidence")],
             shared_legend=True,
         ),
-        files={FILE: (command + sequences + written(tables)).encode()},
+        files={FILE: (command + sequences + text).encode()},
     )
 
 
@@ -184,6 +177,6 @@ def _draw(found: dict[str, Bins], title: str, axes: Axes) -> None:
 
 
 CONFIDENCE = Experiment(
-    "confidence", "How probably is a depth right, by its source, its distance to a measured one and its disparity?",
+    "confidence", "How probably is a depth right, by its source?",
     compare_confidence, (*GROUPS["reference"], *GROUPS["hard"]), frames=20,
 )  # fmt: skip

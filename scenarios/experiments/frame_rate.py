@@ -1,12 +1,9 @@
 """Table fps: frames per second from files, pipelined and not, beside the paper's other methods."""
 
-import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from itertools import islice
-from pathlib import Path
 from statistics import median
 
 import pandas as pd
@@ -16,18 +13,15 @@ from voxdepth import PaperVoxDepth
 from voxdepth.datasets import Dataset, open_dataset
 from voxdepth.networks import has_runtime
 from voxdepth.paper.config import PaperConfig
+from voxdepth.pipeline import CorrectionPipeline
 from voxdepth.registry import create_corrector
-from voxdepth.tools.benchmark.frames import write_tum
-from voxdepth.tools.benchmark.throughput import Run, one_by_one, pipelined, read
 from voxdepth.tools.table import Column, Table
-from voxdepth.types import DepthCorrector, Intrinsics
+from voxdepth.types import DepthCorrector, Frame, Intrinsics
 
 from ..results.figure import grouped_bars, label_axes, panels
 from .experiment import Claim, Experiment, ExperimentContext, Findings
 from .paper_results import FRAMES_PER_S, percentages_table
 
-IMAGES = 16
-"""Distinct frames on disk, which are read forwards and backwards."""
 REPETITIONS = 3
 """Runs of each setup, which alternate, so that other load slows all of them."""
 WARM_UP_FRAMES = 16
@@ -45,14 +39,14 @@ class Setup:
     """A corrector and the way that it is run."""
 
     how: str
-    run: Run
+    run: Callable[[DepthCorrector, Iterable[Frame]], None]
     create: Callable[[Intrinsics], DepthCorrector]
 
     def frame_rate(self, dataset: Dataset, frames: int) -> float:
         """Throughput of a new corrector on the first frames of a dataset [frames/s]."""
         corrector = self.create(dataset.intrinsics)
         start = time.perf_counter()
-        self.run(corrector, islice(read(dataset), frames))
+        self.run(corrector, (dataset[index] for index in range(frames)))
         time_s = time.perf_counter() - start
         close_corrector(corrector)
         return frames / time_s
@@ -61,6 +55,19 @@ class Setup:
 def close_corrector(corrector: DepthCorrector) -> None:
     """Wait for the background work of a corrector that has any."""
     getattr(corrector, "close", lambda: None)()
+
+
+def one_by_one(corrector: DepthCorrector, frames: Iterable[Frame]) -> None:
+    """Read a frame, correct it, and only then read the next."""
+    for frame in frames:
+        corrector.process(frame)
+
+
+def pipelined(corrector: DepthCorrector, frames: Iterable[Frame]) -> None:
+    """Read, register and combine in threads."""
+    with CorrectionPipeline(corrector, frames) as pipeline:
+        for _ in pipeline:
+            pass
 
 
 BLOCKING, LAGGING = (partial(PaperVoxDepth, config=PaperConfig(fusion_lag_frames=lag)) for lag in (0, 3))
@@ -89,7 +96,7 @@ def compare_frame_rates(context: ExperimentContext) -> Findings:
         tables=(table, percentages_table("fps")),
         claims=(*(_pipeline_claim(name, medians[name]) for name in context.sequences), _order_claim(medians)),
         notes=(
-            f"{IMAGES} images of each sequence as PNG files, played forwards and backwards; OpenCV on one thread, "
+            "The frames of the recording as it lies on disk, gray as PNG and depth as TIFF; OpenCV on one thread, "
             f"after a warm-up, {REPETITIONS} alternating runs of each.",
             "VD runs in three threads and one that fuses, all others in one and, where stated, one that fuses: on "
             "few processors there is little to overlap. The paper's kernels ran on the GPU of a Jetson Nano.",
@@ -102,17 +109,14 @@ def compare_frame_rates(context: ExperimentContext) -> Findings:
 
 def _measure(context: ExperimentContext, name: str) -> dict[str, list[float]]:
     """Frames per second of every run by setup."""
-    loop = context.frame_loop(name, IMAGES)
+    dataset = open_dataset(context.recording(name).folder, "recording")
     rates: dict[str, list[float]] = {setup: [] for setup in SETUPS}
-    with tempfile.TemporaryDirectory(prefix="voxdepth-fps-") as folder:
-        write_tum(loop, Path(folder) / "tum", context.frames)
-        dataset = open_dataset(Path(folder) / "tum", "tum")
-        for setup in SETUPS.values():
-            setup.frame_rate(dataset, WARM_UP_FRAMES)
-        for repetition in range(REPETITIONS):
-            for key, setup in SETUPS.items():
-                context.report(f"{name}, {key}, run {repetition + 1} of {REPETITIONS}")
-                rates[key].append(setup.frame_rate(dataset, context.frames))
+    for setup in SETUPS.values():
+        setup.frame_rate(dataset, WARM_UP_FRAMES)
+    for repetition in range(REPETITIONS):
+        for key, setup in SETUPS.items():
+            context.report(f"{name}, {key}, run {repetition + 1} of {REPETITIONS}")
+            rates[key].append(setup.frame_rate(dataset, context.frames))
     return rates
 
 

@@ -17,37 +17,31 @@ from voxdepth.tools.table import Column, Table
 
 HERE = Path(__file__).parents[2]
 STEPS = """
-import json
+import json, statistics, time
+from collections import defaultdict
+import cv2
 from scenarios.sequences import captures, load_sequence
-try:
-    from voxdepth.tools.benchmark.frames import FrameLoop
-    from voxdepth.tools.benchmark.timings import measure_default
-except ImportError:  # older commits
-    from scenarios.benchmark.frames import FrameLoop
-    from scenarios.benchmark.timings import measure_default
+from voxdepth import VoxDepth
+from voxdepth.tools.benchmark.frames import FrameLoop
+cv2.setNumThreads(1)
 frames = list(captures(load_sequence("sim-LN", 0, {"rig.width_px": 640, "rig.height_px": 360}), 16))
 grays, depths_m = tuple(f.gray_left for f in frames), tuple(f.depth_raw_m for f in frames)
 loop = FrameLoop(intrinsics=frames[0].intrinsics, grays=grays, depths_m=depths_m)
-for size in (640, 360), (1024, 1024):
-    timings = measure_default(loop.resized(*size), 100)
-    times = {name: latency.p50_ms for name, latency in timings.steps.items()} | {"frame": timings.frame.p50_ms}
-    print(json.dumps({f"{size[0]}x{size[1]}, {name}": ms for name, ms in times.items()}))
+for sized in loop, loop.resized(1024, 1024):
+    corrector, times_s = VoxDepth(sized.intrinsics), defaultdict(list)
+    for k, frame in enumerate(sized.play(110)):
+        start = time.perf_counter()
+        steps = corrector.process(frame).timings_s
+        for name, time_s in {**steps, "frame": time.perf_counter() - start}.items() if k >= 10 else ():
+            times_s[f"{sized.size}, {name}"].append(1e3 * time_s)
+    print(json.dumps({name: statistics.median(series) for name, series in times_s.items()}))
 """
 """A program that prints the median of each step of the default method [ms], by size."""
 MISSIONS = """
 import json
-from scenarios.config import load_run
+from scenarios.config import images_of, load_run
 from scenarios.runner import fly
-try:
-    from scenarios.study.design import expand, load_study
-except ImportError:  # older commits
-    from scenarios.study.matrix import expand
-    from scenarios.study.study import load_study
-try:
-    from scenarios.config import images_of
-except ImportError:  # older commits, whose cameras did not decimate
-    def images_of(width_px, height_px):
-        return {"rig.width_px": width_px, "rig.height_px": height_px}
+from scenarios.study.design import expand, load_study
 for size in (160, 120), (320, 180):
     changes = {"corrector": "voxdepth", **images_of(*size)}
     fly(load_run("city", 0, changes | {"mission.duration_s": 1.0}))

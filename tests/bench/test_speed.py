@@ -208,32 +208,6 @@ def test_matching(width: int, height: int) -> None:
     )
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-def test_semi_global_matching_alone(threads: int) -> None:
-    """640x360, 64 disparities, as OpenCV does it: without padding, checks and conversion."""
-    rng = np.random.default_rng(0)
-    wide = cv2.GaussianBlur(rng.integers(0, 256, (360, 704), dtype=np.uint8), (0, 0), 1.2)
-    left, right = np.ascontiguousarray(wide[:, :640]), np.ascontiguousarray(wide[:, 20:660])
-    cv2.setNumThreads(threads)
-    config = StereoConfig()
-    area = config.block_px**2
-    matcher = cv2.StereoSGBM_create(
-        minDisparity=0,
-        numDisparities=64,
-        blockSize=config.block_px,
-        P1=config.penalty_small * area,
-        P2=config.penalty_large * area,
-        preFilterCap=63,
-        uniquenessRatio=config.uniqueness_percent,
-        mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
-    )
-    show(
-        f"semi-global matching alone, 640x360, 64 disparities, {threads} thread(s)",
-        milliseconds(lambda: matcher.compute(left, right)),
-    )
-    cv2.setNumThreads(1)
-
-
 @pytest.mark.parametrize("name", ["sim-LN", "sim-MB", "sim-KTS"])
 def test_recording(name: str, tmp_path: Path) -> None:
     planned = load_sequence(name, 0, {})

@@ -68,37 +68,6 @@ def test_flows_neither_change_nor_keep_their_images_and_repeat_themselves(name: 
     np.testing.assert_array_equal(METHODS[name].between(start, end), again)
 
 
-def horn_schunck_by_pixels(start: np.ndarray, end: np.ndarray, alpha: float, iterations: int) -> np.ndarray:
-    """Slow reference: the classical iteration on one level, pixel by pixel, inside the border."""
-    height, width = start.shape
-    flow = np.zeros((height, width, 2))
-    mean_gray = (start + end) / 2
-    tent = np.array([1, 2, 1])
-    for _ in range(iterations):
-        padded, last = np.pad(flow, ((1, 1), (1, 1), (0, 0)), mode="edge"), flow
-        flow = last.copy()
-        for row in range(1, height - 1):
-            for col in range(1, width - 1):
-                around = mean_gray[row - 1 : row + 2, col - 1 : col + 2]
-                iu = ((around[:, 2] - around[:, 0]) * tent).sum() / 8
-                iv = ((around[2] - around[0]) * tent).sum() / 8
-                p = padded[row : row + 3, col : col + 3]
-                sides, corners = p[0, 1] + p[2, 1] + p[1, 0] + p[1, 2], p[0, 0] + p[0, 2] + p[2, 0] + p[2, 2]
-                mean = sides / 6 + corners / 12
-                excess = iu * mean[0] + iv * mean[1] + end[row, col] - start[row, col]
-                flow[row, col] = mean - np.array([iu, iv]) * excess / (alpha**2 + iu**2 + iv**2)
-    return flow
-
-
-def test_horn_and_schunck_iterate_as_they_wrote() -> None:
-    large = texture(4, (20, 24)).astype(np.float32) / 2
-    start, end = large[:-2, :-2], 0.5 * (large[:-2, :-2] + large[:-2, 1:-1])
-    flow_px = HornSchunck(alpha_gray=5.0, iterations=3)._refined(np.zeros((18, 22, 2), np.float32), start, end)
-    expected_px = horn_schunck_by_pixels(start, end, 5.0, 3)
-    assert np.abs(expected_px).max() > 0.1
-    np.testing.assert_allclose(flow_px[4:-4, 4:-4], expected_px[4:-4, 4:-4], atol=1e-4)
-
-
 def test_depth_moves_with_the_image_and_is_never_mixed() -> None:
     before_m = np.where(np.arange(40) < 20, np.float32(2), np.float32(8)) * np.ones((30, 1), np.float32)
     baseline = FlowFilter(camera((30, 40)), flow=Known(3))

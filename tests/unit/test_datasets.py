@@ -7,11 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from voxdepth.datasets import DATASET_FORMATS, open_dataset
-from voxdepth.datasets.files import parse_calibration
 from voxdepth.errors import ConfigError, DatasetError
 from voxdepth.types import Intrinsics
 
@@ -77,14 +74,6 @@ def test_intrinsics_of_another_size_are_refused_when_a_frame_is_read(folder: Pat
     given = Intrinsics(fx_px=3, fy_px=3, cx_px=4, cy_px=3, width_px=9, height_px=6)
     with pytest.raises(DatasetError, match=r"expected 9x6 pixels in .*000000\.png, as the camera's intrinsics say"):
         open_dataset(folder, intrinsics=given)[0]
-
-
-@given(st.binary(max_size=60).map(lambda data: data.decode("latin-1")), st.sampled_from(["", CALIBRATION]))
-def test_no_calibration_at_all_raises_anything_but_a_dataset_error(text: str, start: str) -> None:
-    try:
-        assert parse_calibration(start + text, Path("calibration.toml")).fx_px == 7
-    except DatasetError as error:
-        assert "calibration.toml" in str(error)
 
 
 def test_an_empty_folder_is_told_what_every_format_needs(tmp_path: Path) -> None:

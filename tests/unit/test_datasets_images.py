@@ -128,14 +128,6 @@ def shape_or_none(path: Path, data: bytes) -> tuple[int, int] | None:
         return None
 
 
-@given(st.binary(max_size=80), st.sampled_from([b"", b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"II*\0", b"MM\0*"]))
-def test_any_bytes_give_a_shape_or_an_error_of_ours(
-    tmp_path_factory: pytest.TempPathFactory, data: bytes, start: bytes
-) -> None:
-    shape = shape_or_none(tmp_path_factory.getbasetemp() / "bytes", start + data)
-    assert shape is None or min(shape) > 0
-
-
 @given(st.data(), st.sampled_from([(GRAY, ".png"), (COLOUR, ".jpg"), (DEPTH_M, ".tiff")]))
 def test_a_header_that_is_cut_short_is_refused_or_right(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, kind: tuple[Any, str]

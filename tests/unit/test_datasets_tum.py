@@ -1,6 +1,5 @@
 """TUM RGB-D: values, times and pairs read back exactly, and every list that cannot be trusted is refused."""
 
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -124,8 +123,8 @@ def test_images_of_another_size_need_a_calibration(folder: Path) -> None:
         ("1e999 a.png\n", "expected a time"),
         ("2.0 a.png\n1.0 b.png\n", r"expected times in .*rgb\.txt that increase, got 1\.0 s after 2\.0 s"),
         ("1.0 a.png\n1.0 b.png\n", "that increase"),
-        ("", "got none among 0 and 4"),
-        ("9.0 a.png\n", "within 0.02 s of each other, got none among 1 and 4"),
+        ("", "got none among 4 and 0"),
+        ("9.0 a.png\n", "within 0.02 s of each other, got none among 4 and 1"),
     ],
 )
 def test_a_list_that_cannot_be_trusted_is_refused(folder: Path, text: str, message: str) -> None:
@@ -197,18 +196,6 @@ def test_matches_are_near_used_once_and_none_is_left_that_could_be_made(
 @given(TIMES)
 def test_a_stream_is_matched_with_itself_frame_by_frame(stamps: list[int]) -> None:
     assert associate(stamps, stamps, within_s=5) == [(i, i) for i in range(len(stamps))]
-
-
-@given(st.one_of(st.binary(max_size=60), st.binary(max_size=60).map(lambda data: b"1 " + data)))
-def test_no_list_at_all_raises_anything_but_a_dataset_error(data: bytes) -> None:
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        (folder / "rgb.txt").write_bytes(data)
-        (folder / "depth.txt").write_text("1.0 depth.png\n")
-        try:
-            open_dataset(folder, "tum", intrinsics=CAMERA)
-        except DatasetError as error:
-            assert "rgb.txt" in str(error)
 
 
 def test_times_that_are_none_of_a_camera_are_refused_before_they_take_long() -> None:

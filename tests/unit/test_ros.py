@@ -6,8 +6,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tests.bags import ROS1, ROS2, S, camera_info, compressed, image, message
 from voxdepth.errors import FrameError
@@ -174,10 +172,3 @@ def test_what_is_no_image_of_that_kind_is_refused(read: Any, given: Any, problem
 def test_an_image_whose_bytes_do_not_fit_its_size_is_refused(change: dict[str, int]) -> None:
     with pytest.raises(FrameError, match="the message is damaged"):
         depth_of(message("sensor_msgs/msg/Image", image(UNITS, "16UC1") | change))
-
-
-@given(st.binary(max_size=80), st.sampled_from(["16UC1; compressedDepth png", "32FC1; compressedDepth png", "png"]))
-def test_no_bytes_raise_anything_but_a_frame_error(data: bytes, format: str) -> None:
-    for read in (depth_of, gray_of):
-        with pytest.raises(FrameError):
-            read(a_compressed(data, format))

@@ -10,9 +10,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import float32
 
-from ..compiled import FLOAT_IMAGE, compile_all, compiled
+from ..compiled import compile_all
 from ..corrector import StreamCorrector
 from ..errors import ConfigError
 from ..networks import Images, Network, load
@@ -23,14 +22,15 @@ from ..temporal.upsampling import Estimate, Upsampler
 from ..temporal.working_resolution import MIN_DISPARITY_PX, MIN_SIDE_PX, WorkingResolution, default_decimation
 from ..types import CORRECT_PX, CORRECT_SHARE, CorrectedDepth, FloatImage, Frame, GrayImage, Intrinsics
 from .optical_flow import Dis, landing_of, taken
+from .realsense import fill_from_left
 
 MULTIPLE_PX = 32
 """The network takes images whose sides are multiples of this."""
 GRAY_RANGE = np.float32(255)
 LARGEST_RATIO = np.float32(100)
 """Disparities of a larger multiple of the typical one look like this to the network."""
-SIDES = 4
-"""Directions in which the next measured disparity is looked for."""
+TURNS = (0, 2, 1, 3)
+"""Quarter turns to the left that bring to the left what is at the left, at the right, above and below."""
 LARGEST_OVERRULING_SCALE = np.float32(0.2)
 """Largest scale of the relative error of a prediction that replaces a measurement. Images unlike those of the training
 get larger scales, and keep their measurements. A smaller bound keeps more of them, right and wrong ones."""
@@ -140,7 +140,7 @@ def network_input(measurement: Measurement, previous: Result, gray_change: GrayI
     """
     height, width = measurement.gray.shape
     padded = (-(-height // MULTIPLE_PX) * MULTIPLE_PX, -(-width // MULTIPLE_PX) * MULTIPLE_PX)
-    images = np.zeros((1, 6 + SIDES, *padded), np.float32)
+    images = np.zeros((1, 6 + len(TURNS), *padded), np.float32)
     inner = images[0, :, :height, :width]
     largest_px = LARGEST_RATIO * scale_px
     measured_px = np.minimum(measurement.disparity_px, largest_px)
@@ -154,29 +154,16 @@ def network_input(measurement: Measurement, previous: Result, gray_change: GrayI
     return images
 
 
-@compiled(float32[:, :, ::1](FLOAT_IMAGE))
 def next_measured(disparity_px: FloatImage) -> FloatImage:
     """The measured disparity that is next to the left, to the right, above and below, shape (4, h, w); 0 without any.
 
     That of a measured pixel is its own in all directions.
     """
-    height, width = disparity_px.shape
-    beside_px = np.empty((SIDES, height, width), np.float32)
-    for row in range(height):
-        left_px = right_px = float32(0)
-        for col in range(width):
-            left_px = disparity_px[row, col] if disparity_px[row, col] > 0 else left_px
-            beside_px[0, row, col] = left_px
-        for col in range(width - 1, -1, -1):
-            right_px = disparity_px[row, col] if disparity_px[row, col] > 0 else right_px
-            beside_px[1, row, col] = right_px
-        for col in range(width):
-            above_px = beside_px[2, row - 1, col] if row > 0 else float32(0)
-            beside_px[2, row, col] = disparity_px[row, col] if disparity_px[row, col] > 0 else above_px
-    for row in range(height - 1, -1, -1):
-        for col in range(width):
-            below_px = beside_px[3, row + 1, col] if row < height - 1 else float32(0)
-            beside_px[3, row, col] = disparity_px[row, col] if disparity_px[row, col] > 0 else below_px
+    beside_px = np.empty((len(TURNS), *disparity_px.shape), np.float32)
+    for side_px, turns in zip(beside_px, TURNS, strict=True):
+        turned_px = np.array(np.rot90(disparity_px, turns), order="C")
+        fill_from_left(turned_px)
+        side_px[:] = np.rot90(turned_px, -turns)
     return beside_px
 
 

@@ -173,12 +173,6 @@ def fill_farthest(depth_m: FloatImage) -> None:
                 depth_m[row, col] = max(above, below, depth_m[row, col - 1])
 
 
-@compiled(float32(float32, float32))
-def _nearer(depth_m: float, other_m: float) -> float:
-    """The smaller of two depths, the first if the other is invalid; an invalid first one stays."""
-    return other_m if (other_m > 0) & (other_m < depth_m) else depth_m
-
-
 @compiled(void(FLOAT_IMAGE))
 def fill_nearest(depth_m: FloatImage) -> None:
     """Mode 2: a hole takes the smallest valid of the same five depths, but stays if the one above is invalid.
@@ -188,10 +182,16 @@ def fill_nearest(depth_m: FloatImage) -> None:
     for row in range(1, depth_m.shape[0] - 1):
         for col in range(1, depth_m.shape[1]):
             if depth_m[row, col] == 0:
-                nearest_m = _nearer(depth_m[row - 1, col], depth_m[row - 1, col - 1])
-                nearest_m = _nearer(nearest_m, depth_m[row, col - 1])
-                nearest_m = _nearer(nearest_m, depth_m[row + 1, col - 1])
-                depth_m[row, col] = _nearer(nearest_m, depth_m[row + 1, col])
+                nearest_m, left = depth_m[row - 1, col], col - 1
+                for other_m in (
+                    depth_m[row - 1, left],
+                    depth_m[row, left],
+                    depth_m[row + 1, left],
+                    depth_m[row + 1, col],
+                ):
+                    if (other_m > 0) & (other_m < nearest_m):
+                        nearest_m = other_m
+                depth_m[row, col] = nearest_m
 
 
 _FILLS: dict[str, HoleFill] = {"left": fill_from_left, "farthest": fill_farthest, "nearest": fill_nearest}

@@ -70,9 +70,7 @@ def open_dataset(
         DatasetError: The folder is missing or of no known format, or a list or calibration in it is damaged.
         ModuleNotFoundError: It is a bag, and the package `rosbags` is not installed.
     """
-    from .bag_files import SUFFIXES
-    from .bag_topics import Topics
-    from .bags import BagDataset
+    from .bags import SUFFIXES, BagDataset
     from .files import require_dataset
     from .midair import MidAirDataset
     from .realsense import RealSenseDataset
@@ -89,7 +87,7 @@ def open_dataset(
         lacking = {name: reader.lacking(path) for name, reader in readers.items()}
         fitting = [name for name, lack in lacking.items() if not lack]
         if fitting == [BagDataset.format] or (BagDataset.format in fitting and (depth_topic or gray_topic)):
-            return BagDataset(path, intrinsics, Topics(depth_topic, gray_topic))
+            return BagDataset(path, intrinsics, depth_topic=depth_topic, gray_topic=gray_topic)
         if depth_topic or gray_topic:
             raise ConfigError(f"only bags have topics: {path} is none")
         if fitting:

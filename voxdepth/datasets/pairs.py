@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,6 +22,10 @@ WITHIN_S = 0.02
 """Largest difference of the times of two images of one frame."""
 FRAME_ID = "camera"
 """Name of the coordinate frame of the images."""
+
+T = TypeVar("T")
+Stream = Sequence[tuple[float, T]]
+"""Times [s] and images."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,6 +123,27 @@ def require_increasing(stamps_s: Sequence[float], source: str) -> None:
                 f"expected times in {source} that increase, got {after_s!r} s after {before_s!r} s; "
                 "is it put together of two recordings?"
             )
+
+
+def matched(depth: Stream[T], gray: Stream[T], depth_source: str, gray_source: str) -> list[tuple[float, T, T]]:
+    """The times [s] of depth images, in order, with the depth and the gray image of nearest time within `WITHIN_S`.
+
+    The sources say in errors where the images come from.
+
+    Raises:
+        DatasetError: The times of a stream run backwards or repeat, or no two images are of one time.
+    """
+    times_s = []
+    for stream, source in ((depth, depth_source), (gray, gray_source)):
+        times_s.append([stamp_s for stamp_s, _ in stream])
+        require_increasing(times_s[-1], source)
+    pairs = associate(*times_s, within_s=WITHIN_S)
+    if not pairs:
+        raise DatasetError(
+            f"expected images of {depth_source} and {gray_source} within {WITHIN_S} s of each other, got none among "
+            f"{len(depth)} and {len(gray)}; are they of one recording, and by one clock?"
+        )
+    return [(*depth[i], gray[j][1]) for i, j in pairs]
 
 
 def associate(first_s: Sequence[float], second_s: Sequence[float], *, within_s: float) -> list[tuple[int, int]]:

@@ -27,7 +27,7 @@ from ..errors import DatasetError
 from ..types import FloatImage, Intrinsics
 from .files import CALIBRATION, as_number, intrinsics_from, list_folder, list_images, read_text
 from .images import image_shape, read_depth_16, read_depth_raw
-from .pairs import WITHIN_S, Pair, PairedImages, associate, require_increasing
+from .pairs import WITHIN_S, Pair, PairedImages, associate, matched, require_increasing
 
 DEPTH = "depth"
 GRAYS = ("color", "rgb", "infra1", "ir")
@@ -187,15 +187,11 @@ def _converted_pairs(folder: Path) -> list[Pair]:
             f"expected *_Infrared*_*.png in {folder}, got none; run rs-convert with -p. Colour is not aligned with the "
             "depth: to use it, align when exporting, and store the images in folders depth and color"
         )
-    matches = associate([s for s, _ in depth], [s for s, _ in infrared], within_s=WITHIN_S)
-    if not matches:
-        raise DatasetError(f"expected depth and infrared within {WITHIN_S} s in {folder}; are they of one recording?")
-    return [Pair(stamp_s=depth[i][0], gray=infrared[j][1], depth=depth[i][1]) for i, j in matches]
+    frames = matched(depth, infrared, f"depth in the file names of {folder}", "infrared in them")
+    return [Pair(stamp_s=stamp_s, gray=gray, depth=raw) for stamp_s, raw, gray in frames]
 
 
 def _stream(folder: Path, kinds: Sequence[tuple[str, str]]) -> list[tuple[float, Path]]:
     """Times [s] and files, in order."""
     matches = ((path, _CONVERTED.fullmatch(path.name)) for path in list_folder(folder))
-    stream = sorted((float(m[2]) / 1000, path) for path, m in matches if m and (m[1], m[3]) in kinds)
-    require_increasing([stamp_s for stamp_s, _ in stream], f"the file names of {kinds[0][0]} in {folder}")
-    return stream
+    return sorted((float(m[2]) / 1000, path) for path, m in matches if m and (m[1], m[3]) in kinds)

@@ -17,7 +17,7 @@ from ..errors import DatasetError
 from ..types import FloatImage, Intrinsics
 from .files import CALIBRATION, path_inside, read_text
 from .images import image_shape, read_depth_16
-from .pairs import WITHIN_S, Pair, PairedImages, associate, parse_stamp, require_increasing
+from .pairs import Pair, PairedImages, matched, parse_stamp, require_increasing
 
 COLOUR_LIST, DEPTH_LIST, ASSOCIATIONS = "rgb.txt", "depth.txt", "associations.txt"
 UNITS_PER_M = 5000
@@ -65,21 +65,10 @@ class TumDataset(PairedImages):
 
 
 def _matched_pairs(folder: Path) -> list[Pair]:
-    colour, depth = _read_list(folder / COLOUR_LIST), _read_list(folder / DEPTH_LIST)
-    matches = associate([stamp_s for stamp_s, _ in depth], [stamp_s for stamp_s, _ in colour], within_s=WITHIN_S)
-    if not matches:
-        raise DatasetError(
-            f"expected images in {folder / COLOUR_LIST} and {folder / DEPTH_LIST} within {WITHIN_S} s of each other, "
-            f"got none among {len(colour)} and {len(depth)}; are the lists of one sequence?"
-        )
-    return [Pair(stamp_s=depth[i][0], gray=colour[j][1], depth=depth[i][1]) for i, j in matches]
-
-
-def _read_list(path: Path) -> list[tuple[float, Path]]:
-    """Time [s] and file of every line."""
-    entries = [_entry(words, path, source) for words, source in _lines(path, 2)]
-    require_increasing([stamp_s for stamp_s, _ in entries], str(path))
-    return entries
+    paths = folder / DEPTH_LIST, folder / COLOUR_LIST
+    depth, colour = ([_entry(words, path, source) for words, source in _lines(path, 2)] for path in paths)
+    frames = matched(depth, colour, *map(str, paths))
+    return [Pair(stamp_s=stamp_s, gray=gray, depth=depth) for stamp_s, depth, gray in frames]
 
 
 def _listed_pairs(folder: Path) -> list[Pair]:

@@ -20,6 +20,11 @@ if TYPE_CHECKING:
     from .output import OpenOutput
 
 COMMENT_WIDTH = 110
+SIDES_PX = range(32, 4097)
+"""Valid widths and heights of the images that are measured with."""
+N_FRAMES, N_FRAMES_LARGE = 300, 100
+LARGE_PX = (1024, 1024)
+"""Second size of the images that are measured with."""
 
 
 Format = StrEnum("Format", "AUTO TUM MIDAIR REALSENSE RECORDING BAG")
@@ -234,31 +239,35 @@ def bench(
         Path | None, typer.Argument(metavar="DIR", help="A recorded sequence to measure with. Default: drawn frames.")
     ] = None,
     size: Annotated[str | None, typer.Option(help="Image size, as in 160x120. Default: that of the frames.")] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Leave out other sizes, files and memory.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Leave out the size 1024x1024.")] = False,
     json: Annotated[Path | None, typer.Option(metavar="FILE", help="JSON file for all figures.")] = None,
 ) -> None:
-    """Measure how fast the corrector is here: its steps, by library and by image size, pipelined, and its memory."""
+    """Measure how fast the correctors are here, in all and step by step, beside the filters of librealsense."""
     from rich.console import Console
 
     from .benchmark.frames import load_frames
-    from .benchmark.suite import measure_quickly, measure_rest, print_results, require_valid_size
+    from .benchmark.timings import BenchmarkResults, measure
     from .files import write
+    from .provenance import CORRECTION, Provenance
 
     wanted = parsed_size(size)
-    if wanted is not None:
-        require_valid_size(*wanted)
+    if wanted is not None and not all(side in SIDES_PX for side in wanted):
+        sides = f"{SIDES_PX.start} to {SIDES_PX.stop - 1}"
+        raise ToolError(f"--size must have {sides} pixels on each side, got {size}")
     if json is not None and (json.is_dir() or not json.parent.is_dir()):
         raise ToolError(f"--json must name a file in an existing folder, got {json}")
-    console = Console()
-    with console.status("") as status:
-        status.update("loading frames")
-        loop = load_frames(recording)
-        loop = loop if wanted is None else loop.resized(*wanted)
-        results = measure_quickly(loop, status.update)
-        if not quick:
-            results = measure_rest(results, loop, status.update)
-    print_results(console, results)
+    made, console, timings = Provenance.here(CORRECTION), Console(), []
+    loop = load_frames(recording)
+    loop = loop if wanted is None else loop.resized(*wanted)
+    for each, frames in [(loop, N_FRAMES)] + ([] if quick else [(loop.resized(*LARGE_PX), N_FRAMES_LARGE)]):
+        with console.status(f"correcting {frames} frames of {each.size} with each method in turn"):
+            timings.append(measure(each, frames))
+    console.print(*made.lines(), sep="\n", soft_wrap=True, highlight=False)
+    for of_size in timings:
+        for table in of_size.tables():
+            table.print(console)
     if json is not None:
+        results = BenchmarkResults(provenance=made, timings=timings)
         write(json, f"{results.model_dump_json(indent=2)}\n".encode())
         typer.echo(f"all figures are in {json}")
 

@@ -48,6 +48,15 @@ class Provenance(Model):
             versions=versions(packages),
         )
 
+    def lines(self) -> list[str]:
+        """What a reader of a time must know."""
+        return [
+            f"machine: {self.processor}, {self.logical_processors} processors, Python {self.python}",
+            f"GPU: {', '.join(self.gpus) or 'none'}",
+            f"load in the last minute, before: {'unknown' if self.load is None else format(self.load, '.1f')}",
+            f"versions: {', '.join(f'{name} {version}' for name, version in self.versions.items())}",
+        ]
+
 
 def versions(packages: Sequence[str] = CORRECTION) -> dict[str, str]:
     """Return installed versions by the name of a distribution; `not installed` for one that is missing."""

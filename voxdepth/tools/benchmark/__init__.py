@@ -1,1 +1,1 @@
-"""Speed and memory of the correctors on this machine: measured and printed, never judged."""
+"""Speed of the correctors on this machine: measured and printed, never judged."""

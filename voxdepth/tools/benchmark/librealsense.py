@@ -1,33 +1,18 @@
-"""The correctors beside the filters of librealsense, frame by frame in turn on one core."""
+"""librealsense with a camera that shows what it is given."""
 
 import ctypes
-import os
-import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ... import PaperVoxDepth, VoxDepth
-from ...baselines.learned import Learned
-from ...model import Model
-from ...networks import has_runtime
-from ...paper.config import PaperConfig
-from ...types import ASSUMED_BASELINE_M, Frame, Intrinsics
-from .frames import FrameLoop
-from .timings import Latency
+from ...types import ASSUMED_BASELINE_M, FloatImage, Intrinsics
 
-CHAIN = "librealsense"
 UNITS_PER_M = 1000.0
 MAX_UNITS = 65_535
 """The farthest depth that 16 bits hold; what is farther is shown there."""
-WARM_UP_FRAMES = 20
 TIMEOUT_MS = 5000
-WITHOUT_THREAD = PaperConfig(fusion_lag_frames=0)
-"""Fuses a window within the call, so that this takes no time from the other methods."""
 
 
 class Librealsense:
@@ -79,6 +64,11 @@ class Librealsense:
         return self._queue.wait_for_frame(TIMEOUT_MS)
 
     @staticmethod
+    def units(depth_m: FloatImage) -> npt.NDArray[np.uint16]:
+        """Depth [m] in millimetres, shape (H, W)."""
+        return np.asarray(np.clip(depth_m * np.float32(UNITS_PER_M), 0, MAX_UNITS), np.uint16)
+
+    @staticmethod
     def filtered(frame: Any, filters: Iterable[Any]) -> Any:
         """What filters make of a frame."""
         for each in filters:
@@ -96,63 +86,3 @@ class Librealsense:
         stream.index, stream.uid, stream.width, stream.height = 0, 0, lens.width, lens.height
         stream.intrinsics = lens
         return stream
-
-
-class Comparison(Model):
-    """Latency of each method on the same frames of one size."""
-
-    size: str
-    latencies: dict[str, Latency]
-    """By method, that of librealsense first."""
-
-    def ratio(self, method: str) -> float:
-        """Median latency of a method in units of that of librealsense."""
-        return self.latencies[method].p50_ms / self.latencies[CHAIN].p50_ms
-
-
-def compare_with_librealsense(loop: FrameLoop, frames: int) -> Comparison | None:
-    """Correct each frame with each method in turn, on one core; None where librealsense is not installed."""
-    with one_core():
-        try:
-            sdk = Librealsense(loop.intrinsics)
-        except (ImportError, OSError):
-            return None
-        filters, paper = sdk.recommended_filters(), PaperVoxDepth(loop.intrinsics, WITHOUT_THREAD)
-        correctors: dict[str, Callable[[Frame], Any]] = {
-            "voxdepth": VoxDepth(loop.intrinsics).process,
-            "paper": paper.process,
-        }
-        if has_runtime():
-            correctors["learned"] = Learned(loop.intrinsics).process
-        times_s: dict[str, list[float]] = {name: [] for name in (CHAIN, *correctors)}
-        for frame in loop.play(WARM_UP_FRAMES + frames):
-            shown = sdk.frame(np.clip(frame.depth_m * np.float32(UNITS_PER_M), 0, MAX_UNITS).astype(np.uint16))
-            times_s[CHAIN].append(_time_s(lambda shown=shown: sdk.filtered(shown, filters)))  # type: ignore[misc]
-            for name, process in correctors.items():
-                times_s[name].append(_time_s(lambda process=process, frame=frame: process(frame)))  # type: ignore[misc]
-        paper.close()
-    return Comparison(
-        size=loop.size, latencies={name: Latency.of(times[WARM_UP_FRAMES:]) for name, times in times_s.items()}
-    )
-
-
-@contextmanager
-def one_core() -> Iterator[None]:
-    """Keep this thread, and those that it starts, on the last of its cores, where the system can."""
-    threads, can_pin = cv2.getNumThreads(), hasattr(os, "sched_setaffinity")
-    cores = os.sched_getaffinity(0) if can_pin else set()
-    cv2.setNumThreads(1)
-    if can_pin:
-        os.sched_setaffinity(0, {max(cores)})
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(threads)
-        if can_pin:
-            os.sched_setaffinity(0, cores)
-
-
-def _time_s(action: Callable[[], Any]) -> float:
-    start = time.perf_counter()
-    action()
-    return time.perf_counter() - start
