@@ -1,5 +1,7 @@
 """The command line as a user meets it."""
 
+import contextlib
+import io
 import json
 import os
 import re
@@ -10,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -20,7 +23,8 @@ from scenarios.config import load_run
 from scenarios.errors import ScenarioError
 from scenarios.files import DATA, Chosen
 from scenarios.sequences import load_sequence
-from voxdepth.tools.cli import create_app
+from voxdepth.interrupts import ENDING
+from voxdepth.tools.cli import create_app, main
 from voxdepth.tools.errors import ToolError
 
 ENVIRONMENT = {**os.environ, "COLUMNS": "120"}
@@ -28,8 +32,20 @@ QUICK = ["--drones", "2", "--size", "96x64", "--duration", "1.5"]
 
 
 def voxdepth(*arguments: str | Path, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-c", "from voxdepth.tools.cli import main; main()", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, check=False, timeout=280, cwd=cwd)
+    """Run a command in this process: a new one takes seconds to import what it needs."""
+    handlers = {number: signal.getsignal(number) for number in ENDING}
+    with (
+        mock.patch.object(sys, "argv", ["voxdepth", *map(str, arguments)]),
+        mock.patch.dict(os.environ, COLUMNS="120"),
+        contextlib.chdir(cwd or Path.cwd()),
+        contextlib.redirect_stdout(io.StringIO()) as out,
+        contextlib.redirect_stderr(io.StringIO()) as error,
+        pytest.raises(SystemExit) as done,
+    ):
+        main()
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+    return subprocess.CompletedProcess(arguments, done.value.code or 0, out.getvalue(), error.getvalue())
 
 
 def only_run(out: Path) -> Path:
