@@ -129,21 +129,6 @@ def picture(
     typer.echo(f"written to {out}")
 
 
-def film(
-    scenario: Scenario,
-    out: Annotated[Path, typer.Option(help="GIF file to write.")] = Path("film.gif"),
-    seed: Seed = None,
-    drone: Annotated[int, typer.Option(min=0, help="Number of the drone whose depth is shown.")] = 0,
-    until: Annotated[float, typer.Option(min=0.1, help="Simulated time of the end, in seconds.")] = 12.0,
-) -> None:
-    """Make an animated picture of a flight: the swarm from a camera that follows it, and the depth of one drone."""
-    from ..config import load_run
-    from ..film import make_film
-
-    make_film(load_run(scenario, seed, {}), out, drone=drone, until_s=until)
-    typer.echo(f"written to {out}")
-
-
 @contextmanager
 def _progress(console: "Console", duration_s: float) -> Iterator[Callable[[float, float], None]]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn

@@ -46,7 +46,7 @@ def compare_flow(context: ExperimentContext) -> Findings:
             "A registration that fails warps nothing, which is scored, too. Times are of finding the motion and "
             "warping one depth image, on one thread; the features of the template are found once, before.",
             f"On a Jetson Nano the paper measured {FLOW_S['Horn-Schunck']} s for Horn-Schunck and {FLOW_S['RAFT']} "
-            "s for RAFT, a network; `voxdepth train flow` compares a small one with DIS flow.",
+            "s for RAFT, a network, which is not built in.",
         ),
         figure=panels(
             "RQ4: a perfect template warped to later frames",
