@@ -9,16 +9,11 @@ from ..evaluation.paper import M_RMSE, METHODS, PSNR_DB
 
 INPAINTING_RESULTS = {"bilinear": (16.35, 8), "convex": (34.39, 237), "dilation": (17.46, 94)}
 """RQ3: PSNR [dB] and time [ms] by method."""
-FLOW_S = {"Horn-Schunck": 2.45, "RAFT": 15.5}
-"""RQ4: time of one flow [s]."""
-FRAMES_PER_S = {"VD": 26.71, "VD-Nopipe": 21.91, "RS": 39.52, "GS": 16.89, "DS": 2.0}
-COMPONENTS_MS = {"fusion": (280, 85), "inpainting": (94, 2), "transform": (6, 4), "combine": (13, 3)}
-"""Mean time on the Jetson Nano and on a workstation."""
-MOVEMENT = {50: (6.75, 16.06), 150: (10.08, 12.61)}
-"""Mean movement [px] and quality of registration [dB] by the number of frames between two images."""
+FRAMES_PER_S = {"VD": 26.71, "VD-Nopipe": 21.91, "GS": 16.89}
+COMPONENTS_MS = {"fusion": 280, "inpainting": 94}
+"""Mean time on the Jetson Nano."""
 SWITCHES = {"LN": 10, "MB": 10, "KTS": 4, "KTC": 14, "PLF": 4, "PLW": 5}
 """State switches in 500 frames."""
-SWITCHES_FRAMES = 500
 
 REAL = ("LN", "MB")
 SYNTHETIC = ("KTS", "KTC", "PLF", "PLW")
@@ -29,26 +24,15 @@ SATURATION = 175.0
 """Wrapped errors above this are nearly those of unrelated images, which score 179.96."""
 
 
-def percentages_table(experiment: str | None = None) -> Table:
-    """Every percentage of the text that follows from the tables, as printed and as computed.
-
-    With the name of an experiment, the table has those that the experiment is about.
-    """
-    columns = ("claim", Column("printed", "%"), Column("by its tables", "%"), "how")
-    rows = [row for name, about in _rows().items() if experiment in (None, name) for row in about]
-    return Table.of("The paper's percentages by its own tables", columns, rows, name="arithmetic")
-
-
-def _rows() -> dict[str, list[Sequence[Value]]]:
-    """The rows of `percentages_table` by experiment."""
-    return {"quality": _quality_rows(), "switches": _switches_rows(), "fps": _speed_rows(), "components": _part_rows()}
-
-
-def _quality_rows() -> list[Sequence[Value]]:
+def percentages_table() -> Table:
+    """Every percentage of the text that follows from the tables, as printed and as computed."""
     gains = {name: gain(values) for name, values in PSNR_DB.items()}
     ratios = {name: M_RMSE[name][VD] / min(_others(M_RMSE[name])) for name in M_RMSE}
-    leads = [100 * (min(_others(M_RMSE[name])) / M_RMSE[name][VD] - 1) for name in AHEAD]
-    return [
+    leads = [100 * (1 / ratios[name] - 1) for name in AHEAD]
+    real_switches = mean(SWITCHES[name] for name in REAL)
+    without_kts, all_four = (mean(SWITCHES[name] for name in names) for names in (SYNTHETIC[1:], SYNTHETIC))
+    fps, over_gs = FRAMES_PER_S, 100 * (FRAMES_PER_S["VD"] / FRAMES_PER_S["GS"] - 1)
+    rows: list[Sequence[Value]] = [
         ("PSNR over the best other, LN", 31.0, gains["LN"], "VD / best other - 1"),
         ("PSNR over the best other, MB", 31.0, gains["MB"], "VD / best other - 1"),
         ("PSNR over the best other, LN and MB", 31.0, mean(gains[name] for name in REAL), "mean of the two"),
@@ -60,30 +44,17 @@ def _quality_rows() -> list[Sequence[Value]]:
          "mean of 1 - VD / best other"),
         ("masked RMSE, MB and PLW", 2.08, mean(100 * (ratios[name] - 1) for name in BEHIND),
          "mean of VD / best other - 1"),
-    ]  # fmt: skip
-
-
-def _switches_rows() -> list[Sequence[Value]]:
-    real = mean(SWITCHES[name] for name in REAL)
-    without_kts, all_four = (mean(SWITCHES[name] for name in names) for names in (SYNTHETIC[1:], SYNTHETIC))
-    return [
-        ("fewer switches, synthetic without KTS", 40.33, 100 * (1 - without_kts / real), "1 - mean / mean of LN, MB"),
-        ("fewer switches, all synthetic", 40.33, 100 * (1 - all_four / real), "1 - mean / mean of LN, MB"),
-    ]
-
-
-def _speed_rows() -> list[Sequence[Value]]:
-    fps = FRAMES_PER_S
-    return [
+        ("fewer switches, synthetic without KTS", 40.33, 100 * (1 - without_kts / real_switches),
+         "1 - mean / mean of LN, MB"),
+        ("fewer switches, all synthetic", 40.33, 100 * (1 - all_four / real_switches), "1 - mean / mean of LN, MB"),
         ("pipelined over not pipelined", 21.0, 100 * (fps["VD"] / fps["VD-Nopipe"] - 1), "VD / VD-Nopipe - 1"),
-        ("frame rate over the closest other method", 58.0, 100 * (fps["VD"] / fps["GS"] - 1), "VD / GS - 1"),
-        ("frame rate over prior work, at least", 70.0, 100 * (fps["VD"] / fps["GS"] - 1), "VD / GS - 1"),
-    ]
-
-
-def _part_rows() -> list[Sequence[Value]]:
-    fusion_ms, inpainting_ms = COMPONENTS_MS["fusion"][0], COMPONENTS_MS["inpainting"][0]
-    return [("fusion over inpainting, Jetson", 290.0, 100 * fusion_ms / inpainting_ms, "fusion / inpainting")]
+        ("frame rate over the closest other method", 58.0, over_gs, "VD / GS - 1"),
+        ("frame rate over prior work, at least", 70.0, over_gs, "VD / GS - 1"),
+        ("fusion over inpainting, Jetson", 290.0, 100 * COMPONENTS_MS["fusion"] / COMPONENTS_MS["inpainting"],
+         "fusion / inpainting"),
+    ]  # fmt: skip
+    columns = ("claim", Column("printed", "%"), Column("by its tables", "%"), "how")
+    return Table.of("The paper's percentages by its own tables", columns, rows, name="arithmetic")
 
 
 def gain(values: Sequence[float]) -> float:

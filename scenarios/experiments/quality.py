@@ -68,7 +68,7 @@ def compare_quality(context: ExperimentContext) -> Findings:
     psnrs_db, masked_m = (_values(table, metric) for metric in (PSNR, MASKED))
     above, total = saturated()
     return Findings(
-        tables=(table, percentages_table("quality")),
+        tables=(table, percentages_table()),
         claims=(*_psnr_claims(psnrs_db), *_masked_claims(masked_m)),
         notes=(
             "The paper's numbers were measured on other data, a RealSense's and Mid-Air's: compare orders rather than "
