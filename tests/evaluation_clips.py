@@ -84,7 +84,6 @@ def _frames(n_frames: int) -> Iterator[EvaluationFrame]:
             reference_m=capture.depth_true_m,
             labels=TRUE_GROUPS.label(capture.depth_true_m, 5 * hole),
             static=np.full(CAMERA.shape, index > 0),
-            occluded_share=0.1,
         )
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from voxdepth.colors import colored, far_end_m
-from voxdepth.types import FloatArray, FloatImage
+from voxdepth.types import FloatImage
 
 from ..results.figure import MARKERS, Draw, Picture, label_axes, legend_label, line_color, log_scale, panels
 from .groups import BINS, NEAR
@@ -28,7 +27,6 @@ SHOWN = ("raw", "paper", "voxdepth", "realsense", "lmeds", "flow", "ip-basic", "
 PANEL_COLUMNS, PANEL_IN = 3, (4.3, 3.5)
 WIDEST_PANEL_IN = 7.0
 """Width of the panel of a single sequence."""
-WIDE_PANEL_IN = (13.0, 4.5)
 ERROR_MAP_COLUMNS, ERROR_MAP_WIDTH_IN = 4, 2.6
 ERROR_SHARE = 0.08
 """End of the scale of error maps, as a share of that of the depth beside them."""
@@ -38,7 +36,7 @@ SCALE_STEPS = 256
 
 def all_figures(evaluation: Evaluation) -> list[Picture]:
     """Draw the figures about numbers; panels and figures that nothing was measured for are left out."""
-    draws = (error_against_range, holes_against_quality, error_against_latency, reliability)
+    draws = (error_against_range, error_against_latency, reliability)
     return [picture for draw in draws for picture in draw(evaluation)]
 
 
@@ -85,34 +83,6 @@ def error_against_range(evaluation: Evaluation) -> list[Picture]:
         "true depth or, without the truth, that of held-out pixels by their measured depth; n is the number of pixels "
         "of a bin over all frames.",
     )
-
-
-def holes_against_quality(evaluation: Evaluation) -> list[Picture]:
-    """Draw the quality of every frame against its share of occluded pixels, with all sequences in one panel (RQ1)."""
-    known = [info for info in evaluation.sequences.values() if info.occluded_shares]
-    points = {name: _quality_points(evaluation, known, name) for name in shown_methods(evaluation)}
-    if not any(map(len, points.values())):
-        return []
-    styles = method_styles(evaluation)
-
-    def draw(axes: "Axes") -> None:
-        for name, found in points.items():
-            axes.scatter(found[:, 0], found[:, 1], s=10, **styles[name])
-        for info in known:
-            where = (100 * float(np.mean(info.occluded_shares)), 0.02)
-            label = axes.annotate(info.name, where, xycoords=("data", "axes fraction"), rotation=90, fontsize=7)
-            label.set_parse_math(False)
-            label.set_in_layout(False)
-        frames = sum(info.frames for info in known)
-        label_axes(axes, "", f"occluded pixels of a frame [%], n = {frames} frames", "PSNR, peak 65535 mm [dB]")
-
-    picture = Picture(
-        title="RQ1: holes against quality",
-        caption="Each point is one frame of one method: the share of the frame that the second camera does not see, "
-        "and the PSNR of surfaces within 65.5 m after completion. Sequences without an occlusion mask are left out.",
-        png=panels("", [draw], panel_in=WIDE_PANEL_IN, shared_legend=True),
-    )
-    return [picture]
 
 
 def error_against_latency(evaluation: Evaluation) -> list[Picture]:
@@ -267,13 +237,6 @@ def _errors_by_time(evaluation: Evaluation, info: SequenceInfo) -> pd.DataFrame:
     waiting_ms, background_ms, error_m = (_of_sequence(evaluation, info, one)["value"] for one in selectors)
     points = pd.concat([waiting_ms.add(background_ms, fill_value=0), error_m], axis=1).dropna()
     return points.reindex([name for name in evaluation.methods if name in points.index])
-
-
-def _quality_points(evaluation: Evaluation, infos: Sequence[SequenceInfo], method: str) -> FloatArray:
-    """Return share of occluded pixels [%] and PSNR [dB] of the frames of a method, shape (frames, 2)."""
-    ratios_db = [evaluation.result(info.name, method).frame_psnrs_db for info in infos]  # Empty if it failed.
-    pairs = chain.from_iterable(map(zip, [info.occluded_shares for info in infos], ratios_db))
-    return np.reshape([(100 * share, db) for share, db in pairs if db is not None], (-1, 2))
 
 
 def _of_sequence(evaluation: Evaluation, info: SequenceInfo, selector: Selector) -> pd.DataFrame:

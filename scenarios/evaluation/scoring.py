@@ -95,8 +95,6 @@ class Score:
         self._moving, self._calibration = MovingScore(), CalibrationScore(intrinsics, groups.hidden)
         self._sky_near, self._phantoms, self._frames = Share(), Phantoms(), 0
         self._in_16_bits = Sums()
-        self.frame_psnrs_db: tuple[float | None, ...] = ()
-        """PSNR of every frame as in `psnr16_mm` [dB]; None if it is undefined."""
         self.frame_close: tuple[tuple[int, int], ...] = ()
         """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
         self.frame_errors_m: tuple[tuple[float, int], ...] = ()
@@ -128,9 +126,8 @@ class Score:
         hidden = np.isin(frame.labels, self._groups.members(self._groups.hidden, ALL))
         self._calibration.add(depth_m, frame.reference_m, independent, hidden, confidence, source)
         # Surfaces that an image in 16 bits and millimetres can hold.
-        sums = Sums.of(completed_m, frame.reference_m, (frame.reference_m <= np.float32(PEAK16_M)) & independent)
-        self._in_16_bits += sums
-        self.frame_psnrs_db += (sums.psnr_db(PEAK16_M),)
+        in_16_bits = (frame.reference_m <= np.float32(PEAK16_M)) & independent
+        self._in_16_bits += Sums.of(completed_m, frame.reference_m, in_16_bits)
         self._add_paper(frame, depth_m)
 
     def measurements(self) -> list[Measurement]:

@@ -1,8 +1,10 @@
 """RQ1: the quality of raw depth against the share of occluded pixels."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import repeat
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,9 +18,9 @@ from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.tools.table import Column, Table, Value
 from voxdepth.types import FloatImage, MaskImage
 
-from ..evaluation.paper import SEQUENCES
-from ..results.figure import MARKERS, grouped_bars, label_axes, marked_lines, panels
+from ..results.figure import MARKERS, label_axes, panels, plotted
 from .experiment import Claim, Experiment, ExperimentContext, Findings, listed
+from .paper_results import SEQUENCES
 
 GROWN_PX = (0, 2, 4, 8, 16, 32)
 """Widths by which the occluded patches are grown on every side."""
@@ -29,13 +31,12 @@ LOSS = f"PSNR lost by {POINTS:g} points more"
 COLUMNS = (
     "sequence", Column(OCCLUDED, "%"), Column(EMPTY, "%"), Column(WRONG, "%"),
     Column("PSNR", "dB"), Column("PSNR completed", "dB"), Column(LOSS, "%"),
-    Column("bend", "dB/%^2", ".4f"), Column("bend completed", "dB/%^2", ".4f"), "correlation over frames", "n frames",
+    Column("bend", "dB/%^2", ".4f"), Column("bend completed", "dB/%^2", ".4f"), "n frames",
 )  # fmt: skip
 GROWN_COLUMNS = (
     "sequence", Column("grown", "px"), Column(OCCLUDED, "%"), Column("PSNR", "dB"), Column("PSNR completed", "dB"),
     "n pixels",
 )  # fmt: skip
-PSNR_LABEL = "PSNR, peak 65535 mm [dB]"
 
 
 @dataclass(kw_only=True)
@@ -73,25 +74,23 @@ class GrownOcclusion:
 
 
 def relate_occlusion(context: ExperimentContext) -> Findings:
-    """Relate the quality of raw depth to occlusion, frame by frame and with artificially grown patches."""
-    per_frame: dict[str, pd.DataFrame] = {}
+    """Relate the quality of raw depth to occlusion, with artificially grown patches."""
     rows: list[Sequence[Value]] = []
     grown_rows: list[Sequence[Value]] = []
     for name in context.sequences:
-        per_frame[name], grown = _measure(context.captures(name))
-        grown_rows += [
-            (name, width_px, one.occluded_percent, one.psnr_db, one.psnr_completed_db, one.pixels)
-            for width_px, one in grown.items()
-        ]
-        shares = [one.occluded_percent for one in grown.values()]
-        psnrs_db = [one.psnr_db for one in grown.values()]
-        completed_db = [one.psnr_completed_db for one in grown.values()]
+        frames, grown = _measure(context.captures(name))
+        shares, psnrs_db, completed_db = (
+            [getattr(one, value) for one in grown.values()]
+            for value in ("occluded_percent", "psnr_db", "psnr_completed_db")
+        )
+        counts = [one.pixels for one in grown.values()]
+        grown_rows += zip(repeat(name), grown, shares, psnrs_db, completed_db, counts)
         rows.append(
-            (name, *(float(per_frame[name][share].mean()) for share in (OCCLUDED, EMPTY, WRONG)),
-             psnrs_db[0], completed_db[0], loss_percent(shares, psnrs_db), curvature(shares, psnrs_db),
-             curvature(shares, completed_db), _correlation(per_frame[name]), len(per_frame[name]))
+            (name, *frames.mean()[[OCCLUDED, EMPTY, WRONG]], psnrs_db[0], completed_db[0],
+             loss_percent(shares, psnrs_db), curvature(shares, psnrs_db), curvature(shares, completed_db), len(frames))
         )  # fmt: skip
     table = Table.of("Occlusion and quality of raw depth", COLUMNS, rows)
+    incorrect = pd.DataFrame({name: table.series(name) for name in (OCCLUDED, EMPTY, WRONG)})
     grown_table = Table.of("With occluded patches grown on purpose", GROWN_COLUMNS, grown_rows, name="doses")
     return Findings(
         tables=(table, grown_table),
@@ -108,13 +107,16 @@ def relate_occlusion(context: ExperimentContext) -> Findings:
         ),
         figure=panels(
             f"RQ1: occlusion and quality of raw depth, n = {context.frames} frames of each sequence",
-            [partial(_draw_shares, table), partial(_draw_frames, per_frame), partial(_draw_grown, grown_table)],
+            [
+                plotted(incorrect, "incorrect pixels", "", "pixels within 65.5 m [%]", kind="bar", rot=0),
+                partial(_draw_grown, grown_table),
+            ],
         ),
     )
 
 
 def _measure(captures: Iterator[Capture]) -> tuple[pd.DataFrame, dict[int, GrownOcclusion]]:
-    """The shares of pixels [%] and the PSNR [dB] of each frame of a sequence, and all frames by width of growth."""
+    """The shares of pixels [%] of each frame of a sequence, and all frames by width of growth."""
     rows = []
     grown = {width_px: GrownOcclusion() for width_px in GROWN_PX}
     for capture in captures:
@@ -124,7 +126,7 @@ def _measure(captures: Iterator[Capture]) -> tuple[pd.DataFrame, dict[int, Grown
         off = (raw_m > np.float32(TOO_FAR) * truth_m) | (np.float32(TOO_FAR) * raw_m < truth_m)
         masks = {OCCLUDED: occluded, EMPTY: raw_m == 0, WRONG: off}
         shares = {name: 100 * float(np.count_nonzero(mask & counted) / n) for name, mask in masks.items()}
-        rows.append(shares | {"PSNR": psnr_db(squared_error_m2(raw_m, truth_m, counted) / n, PEAK16_M)})
+        rows.append(shares)
         for width_px, frames in grown.items():
             mask = grow(occluded, width_px)
             frames.add(np.where(mask & ~occluded, np.float32(0), raw_m), truth_m, mask, counted)
@@ -157,14 +159,6 @@ def grow(mask: MaskImage, by_px: int) -> MaskImage:
     return cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)).astype(np.bool_)
 
 
-def _correlation(frames: pd.DataFrame) -> float | None:
-    """Pearson's correlation; None with less than three frames or without variance."""
-    shares, psnrs_db = frames[OCCLUDED], frames["PSNR"]
-    if len(frames) < 3 or np.ptp(shares) == 0 or np.ptp(psnrs_db) == 0:
-        return None
-    return float(np.corrcoef(shares, psnrs_db)[0, 1])
-
-
 def _shape_claim(table: Table) -> Claim:
     steeper, steeper_completed = (int((table.series(name) < 0).sum()) for name in ("bend", "bend completed"))
     n = len(table)
@@ -184,26 +178,17 @@ def _loss_claim(losses: pd.Series) -> Claim:
     )
 
 
-def _draw_shares(table: Table, axes: Axes) -> None:
-    label_axes(axes, "incorrect pixels", "sequence", "pixels within 65.5 m [%]")
-    shares = {name: table.series(name) for name in (OCCLUDED, EMPTY, WRONG)}
-    grouped_bars(axes, [str(name) for name in table.column("sequence")], shares)
-
-
-def _draw_frames(per_frame: Mapping[str, pd.DataFrame], axes: Axes) -> None:
-    for k, (name, frames) in enumerate(per_frame.items()):
-        axes.scatter(frames[OCCLUDED], frames["PSNR"], s=9, marker=MARKERS[k % len(MARKERS)], label=name)
-    label_axes(axes, "raw depth, one point a frame", "occluded pixels [%]", PSNR_LABEL)
-    axes.legend(fontsize=7)
-
-
 def _draw_grown(grown: Table, axes: Axes) -> None:
-    title = f"patches grown by {', '.join(map(str, GROWN_PX))} px; dotted: completed"
-    label_axes(axes, title, "occluded pixels [%]", PSNR_LABEL)
-    marked_lines(axes, grown, OCCLUDED, "PSNR")
-    shares, psnrs_db = (grown.pivot("grown", "sequence", name) for name in (OCCLUDED, "PSNR completed"))
+    shares, psnrs_db, completed_db = (
+        grown.pivot("grown", "sequence", name) for name in (OCCLUDED, "PSNR", "PSNR completed")
+    )
     for k, name in enumerate(shares):
-        axes.plot(shares[name], psnrs_db[name], ls=":", marker=MARKERS[k % len(MARKERS)], ms=4, color=f"C{k}")
+        look: dict[str, Any] = {"marker": MARKERS[k], "ms": 4, "color": f"C{k}"}
+        axes.plot(shares[name], psnrs_db[name], label=name, **look)
+        axes.plot(shares[name], completed_db[name], ls=":", **look)
+    title = f"patches grown by {', '.join(map(str, GROWN_PX))} px; dotted: completed"
+    label_axes(axes, title, "occluded pixels [%]", "PSNR, peak 65535 mm [dB]")
+    axes.legend(fontsize=7)
 
 
 OCCLUSION = Experiment(

@@ -151,7 +151,7 @@ def result(method: str, shares: dict[str, float]) -> Result:
 INFO = SequenceInfo(
     name="s", digest="d", frames=2, seed=0, width_px=12, height_px=9, focal_px=9.0, baseline_m=None,
     hidden="holes", independent="all", reference_name="the truth",
-    pixels={mask: dict.fromkeys(RANGES, 9) for mask in ("all", "holes")}, occluded_shares=(),
+    pixels={mask: dict.fromkeys(RANGES, 9) for mask in ("all", "holes")},
 )  # fmt: skip
 
 

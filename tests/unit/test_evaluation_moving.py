@@ -134,7 +134,7 @@ def done_with_movers() -> Evaluation:
     info = SequenceInfo(
         name="s", digest="d", frames=2, seed=0, width_px=64, height_px=48, focal_px=9.0, baseline_m=None,
         hidden="holes", independent="all", reference_name="the truth",
-        pixels={mask: dict.fromkeys(RANGES, 9) for mask in ("all", "holes")}, occluded_shares=(),
+        pixels={mask: dict.fromkeys(RANGES, 9) for mask in ("all", "holes")},
     )  # fmt: skip
     result = Result(key=key, measurements=tuple(score.measurements()))
     return Evaluation(results=(result,), sequences={"s": info}, reused=0)

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.evaluation.paper import M_RMSE, PSNR_DB
-from scenarios.experiments.paper_results import SWITCHES, gain, over, percentages_table, saturated
+from scenarios.experiments.paper_results import M_RMSE, PSNR_DB, SWITCHES, gain, over, percentages_table, saturated
 
 TABLE = percentages_table()
 COMPUTED = dict(zip(TABLE.column("claim"), TABLE.column("by its tables"), strict=True))
