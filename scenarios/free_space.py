@@ -27,7 +27,7 @@ from voxdepth.types import CorrectedDepth, FloatImage, MaskImage, Source
 
 from .batch import in_processes
 from .config import Run, load_run
-from .runner import flying
+from .flight import flying
 
 WATCHED = (0, 3)
 """Drones whose images are compared: the leader and one in the middle of the swarm."""

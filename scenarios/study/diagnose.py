@@ -25,7 +25,7 @@ from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, M
 from ..batch import in_processes
 from ..config import Run
 from ..errors import ScenarioError
-from ..runner import Finished, flying
+from ..flight import Finished, flying
 from .design import RunSpec
 from .replay import differences
 from .store import RunRecord, StudyData

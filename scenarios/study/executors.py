@@ -23,9 +23,9 @@ from multiprocessing.process import BaseProcess
 from typing import Any, Protocol
 
 from ..errors import ScenarioError
+from ..flight import fly
 from ..quiet import import_noisy_libraries, use_one_thread
 from ..results.provenance import simulation_versions
-from ..runner import fly
 from .design import RunSpec
 from .store import Completion, Failure, FailureKind, RunRecord
 from .worker import READY, ignore_interrupts, serve

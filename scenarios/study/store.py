@@ -21,8 +21,8 @@ from voxdepth.tools.provenance import machine
 from ..config import Run
 from ..errors import ScenarioError
 from ..files import Loaded, locked
+from ..flight import Finished
 from ..results.provenance import simulation_versions
-from ..runner import Finished
 from .design import SHORT, RunSpec, Study, digest
 
 FILE = "study.sqlite"

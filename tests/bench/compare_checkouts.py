@@ -37,7 +37,10 @@ for size in (640, 360), (1024, 1024):
 MISSIONS = """
 import json
 from scenarios.config import load_run
-from scenarios.runner import fly
+try:
+    from scenarios.flight import fly
+except ImportError:  # older commits
+    from scenarios.runner import fly
 try:
     from scenarios.study.design import expand, load_study
 except ImportError:  # older commits
