@@ -119,9 +119,9 @@ def error_against_latency(evaluation: Evaluation) -> list[Picture]:
 
 def reliability(evaluation: Evaluation) -> list[Picture]:
     """Draw the share of correct pixels by confidence, one panel per sequence."""
-    shown, right = shown_methods(evaluation), _right_by_confidence(evaluation)
-    methods = [name for name in graded_methods(evaluation) if name in shown]
-    right = right[right["method"].isin(methods)]
+    shown, correct = shown_methods(evaluation), _correct_by_confidence(evaluation)
+    methods = [name for name in calibrated_methods(evaluation) if name in shown]
+    correct = correct[correct["method"].isin(methods)]
     styles = method_styles(evaluation)
 
     def draw(info: SequenceInfo, bins_of_all: pd.DataFrame, axes: "Axes") -> None:
@@ -136,26 +136,26 @@ def reliability(evaluation: Evaluation) -> list[Picture]:
         axes.set_xlim(-0.03, 1)
         axes.set_ylim(0, 100)
         n = range_text(totals.min(), totals.max())
-        label_axes(axes, info.name, f"confidence, n = {n} pixels", "pixels that are right [%]")
+        label_axes(axes, info.name, f"confidence, n = {n} pixels", "pixels that are correct [%]")
 
     return _panels(
         evaluation,
-        lambda info: right[right["sequence"] == info.name],
+        lambda info: correct[correct["sequence"] == info.name],
         draw,
         "Confidence against errors",
         f"Pixels that a method gives a depth, {CALIBRATION_RANGE}, are sorted into bins of confidence of width "
-        "0.1, and a bin for 0. Lines show the share of a bin that is right, within 5 % or a quarter of a pixel of "
+        "0.1, and a bin for 0. Lines show the share of a bin that is correct, within 5 % or a quarter of a pixel of "
         "disparity; dotted lines show the share of the method's pixels that are in the bin. A rising line means that "
         "the confidence can be trusted. Methods whose pixels are in one or two bins are left out, and where more than "
         f"{len(SHOWN)} took part, those that the other figures leave out; n is the number of pixels of a method.",
     )
 
 
-def graded_methods(evaluation: Evaluation) -> list[str]:
+def calibrated_methods(evaluation: Evaluation) -> list[str]:
     """Return the methods whose confidence fills more than two bins: two only tell measured from filled pixels."""
-    bins = _right_by_confidence(evaluation).groupby(["sequence", "method"]).size()
-    graded = set(bins[bins > 2].index.get_level_values("method"))
-    return [name for name in evaluation.methods if name in graded]
+    bins = _correct_by_confidence(evaluation).groupby(["sequence", "method"]).size()
+    calibrated = set(bins[bins > 2].index.get_level_values("method"))
+    return [name for name in evaluation.methods if name in calibrated]
 
 
 def error_maps(evaluation: Evaluation) -> list[Picture]:
@@ -185,8 +185,8 @@ def _error_maps(evaluation: Evaluation, info: SequenceInfo) -> Picture:
     return Picture(
         title=f"{info.name}, frame {info.frames - 1}",
         caption=f"Depth is red where near, blue at {far_m:g} m and beyond, and black where missing. Its error [m] is "
-        "that against the reference: red is too far, blue too near, white right, black without depth, and grey without "
-        f"reference; n = {n} pixels of a narrowed image.",
+        "that against the reference: red is too far, blue too near, white correct, black without depth, and grey "
+        f"without reference; n = {n} pixels of a narrowed image.",
         png=panels("", draws, columns=ERROR_MAP_COLUMNS, panel_in=(ERROR_MAP_WIDTH_IN, height_in)),
     )
 
@@ -245,9 +245,9 @@ def _of_sequence(evaluation: Evaluation, info: SequenceInfo, selector: Selector)
     return found[found.index.get_level_values("sequence") == info.name].droplevel("sequence")
 
 
-def _right_by_confidence(evaluation: Evaluation) -> pd.DataFrame:
+def _correct_by_confidence(evaluation: Evaluation) -> pd.DataFrame:
     """Return the share of correct pixels (`value`) of each sequence, method and bin of confidence."""
-    selectors = [Selector("right", mask, CALIBRATION_RANGE, FILLED) for mask in CONFIDENCES]
+    selectors = [Selector("correct", mask, CALIBRATION_RANGE, FILLED) for mask in CONFIDENCES]
     parts = [evaluation.measurements.select(selector).reset_index() for selector in selectors]
     return pd.concat([part.assign(bin=k) for k, part in enumerate(parts)])
 

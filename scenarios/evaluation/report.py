@@ -13,7 +13,7 @@ from voxdepth.tools.table import MISSING, Column, Table, Value
 
 from ..results.frame_files import write_frame
 from ..results.page import render_page
-from .figures import all_figures, count_text, error_maps, graded_methods, range_text
+from .figures import all_figures, calibrated_methods, count_text, error_maps, range_text
 from .groups import ALL, NEAR
 from .measurements import FILLED, Selector
 from .methods import ORACLE
@@ -50,7 +50,7 @@ def rendered(evaluation: Evaluation) -> str:
         "report.html.j2",
         failures=_failure_rows(evaluation),
         tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
-        calibration=[calibration_table(evaluation, method) for method in graded_methods(evaluation)],
+        calibration=[calibration_table(evaluation, method) for method in calibrated_methods(evaluation)],
         figures=all_figures(evaluation),
         error_maps=error_maps(evaluation),
         sequences=_sequence_table(list(evaluation.sequences.values())),
@@ -72,12 +72,12 @@ def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
 
 
 def calibration_table(evaluation: Evaluation, method: str) -> Table:
-    """Return the share of right pixels of a method by confidence: of each source, and of holes or held-out pixels."""
+    """Return the share of correct pixels of a method by confidence: of each source, and of holes or held-out pixels."""
     long = evaluation.measurements
     rows: list[list[Value]] = []
     for info in evaluation.sequences.values():
         for mask in (*SOURCES.values(), info.hidden):
-            selectors = [Selector("right", in_bin(mask, name), CALIBRATION_RANGE, FILLED) for name in CONFIDENCES]
+            selectors = [Selector("correct", in_bin(mask, name), CALIBRATION_RANGE, FILLED) for name in CONFIDENCES]
             counts = [long.count(info.name, method, selector) for selector in selectors]
             values = [long.value(info.name, method, selector) for selector in selectors]
             if any(counts):

@@ -38,49 +38,51 @@ FILE = "confidence.toml"
 
 
 class Pixels:
-    """Pixels with a depth, and those of them that are right, by class and by bin of the method's own confidence."""
+    """Pixels with a depth, and those of them that are correct, by class and by bin of the method's own confidence."""
 
     def __init__(self) -> None:
-        self.n, self.right = np.zeros((2, N_CLASSES), np.int64)
+        self.n, self.correct = np.zeros((2, N_CLASSES), np.int64)
         self.own = Bins()
 
     def add(self, corrected: CorrectedDepth, capture: Capture, times: int) -> None:
-        """Count the pixels of one frame that show a surface; the open sky has no depth that could be right.
+        """Count the pixels of one frame that show a surface; the open sky has no depth that could be correct.
 
         Each pixel counts so many times.
         """
         judged = (corrected.depth_m > 0) & np.isfinite(capture.depth_true_m)
         focal_baseline_px_m = capture.intrinsics.focal_baseline_px_m
-        right = is_correct(corrected.depth_m[judged], capture.depth_true_m[judged], focal_baseline_px_m)
+        correct = is_correct(corrected.depth_m[judged], capture.depth_true_m[judged], focal_baseline_px_m)
         classes = PixelClasses(capture.intrinsics).of(corrected)[judged]
         self.n += times * np.bincount(classes, minlength=N_CLASSES)
-        self.right += times * np.bincount(classes[right], minlength=N_CLASSES)
-        self.own.add(corrected.confidence[judged], np.full(len(right), float(times)), times * right.astype(np.float64))
+        self.correct += times * np.bincount(classes[correct], minlength=N_CLASSES)
+        self.own.add(
+            corrected.confidence[judged], np.full(len(correct), float(times)), times * correct.astype(np.float64)
+        )
 
     def by_table(self, probabilities: Probabilities) -> "Bins":
         """Sort these pixels into bins by the confidence that a table gives them."""
         bins = Bins()
-        bins.add(probabilities.ravel(), self.n.astype(np.float64), self.right.astype(np.float64))
+        bins.add(probabilities.ravel(), self.n.astype(np.float64), self.correct.astype(np.float64))
         return bins
 
 
 class Bins:
-    """Pixels by confidence: their number, the sum of their confidence, and how many are right."""
+    """Pixels by confidence: their number, the sum of their confidence, and how many are correct."""
 
     def __init__(self) -> None:
-        self.n, self.confidence, self.right = np.zeros((3, BINS))
+        self.n, self.confidence, self.correct = np.zeros((3, BINS))
 
-    def add(self, confidence: FloatImage, n: FloatArray, right: FloatArray) -> None:
+    def add(self, confidence: FloatImage, n: FloatArray, correct: FloatArray) -> None:
         """Add groups of `n` pixels of one confidence each, shapes (k,)."""
         place = np.minimum((confidence * BINS).astype(np.int64), BINS - 1)
         self.n += np.bincount(place, n, BINS)
         self.confidence += np.bincount(place, n * confidence, BINS)
-        self.right += np.bincount(place, right, BINS)
+        self.correct += np.bincount(place, correct, BINS)
 
     @property
     def calibration_error(self) -> float:
-        """Expected calibration error: the mean over pixels of |mean confidence - share of right ones| of their bin."""
-        return float(np.abs(self.confidence - self.right).sum() / self.n.sum())
+        """Expected calibration error: the mean over pixels of |mean confidence - share of correct| of their bin."""
+        return float(np.abs(self.confidence - self.correct).sum() / self.n.sum())
 
     @property
     def trusted_share(self) -> float:
@@ -93,10 +95,10 @@ class Bins:
         return float(_from(SHOWN, self.n) / self.n.sum())
 
     @property
-    def trusted_right(self) -> float | None:
-        """Share of right pixels among the trusted ones; None if there are none."""
+    def trusted_correct(self) -> float | None:
+        """Share of correct pixels among the trusted ones; None if there are none."""
         n = _from(TRUSTED, self.n)
-        return float(_from(TRUSTED, self.right) / n) if n else None
+        return float(_from(TRUSTED, self.correct) / n) if n else None
 
 
 def _from(confidence: float, counts: FloatArray) -> float:
@@ -105,15 +107,15 @@ def _from(confidence: float, counts: FloatArray) -> float:
 
 
 def fit(pixels: Pixels) -> Probabilities:
-    """The share of right pixels of each class of fills, drawn to that of its source where there are few.
+    """The share of correct pixels of each class of fills, drawn to that of its source where there are few.
 
     Measured pixels keep 1: how far a sensor errs is known to who uses it, and depends on the sensor. A source without
     pixels has probability 0.
     """
-    n, right = counts = np.array((pixels.n, pixels.right), np.float64).reshape(2, *SHAPE)
+    n, correct = counts = np.array((pixels.n, pixels.correct), np.float64).reshape(2, *SHAPE)
     of_source, right_of_source = counts.sum(axis=(2, 3), keepdims=True)
     prior = right_of_source / np.maximum(of_source, 1)
-    probabilities: Probabilities = ((right + PRIOR_PIXELS * prior) / (n + PRIOR_PIXELS)).astype(np.float32)
+    probabilities: Probabilities = ((correct + PRIOR_PIXELS * prior) / (n + PRIOR_PIXELS)).astype(np.float32)
     probabilities[Source.SENSOR] = 1
     return probabilities.round(DIGITS)
 
@@ -127,7 +129,8 @@ def compare_confidence(context: ExperimentContext) -> Findings:
     after = {name: measured[name].by_table(table) for name, table in tables.items()}
     before = {name: pixels.own for name, pixels in measured.items()}
     columns: list[Column | str] = ["corrector", *(
-        Column(f"{what}, {when}", "%", ".1f") for what in ("calibration error", "trusted", "right of trusted", "shown")
+        Column(f"{what}, {when}", "%", ".1f")
+        for what in ("calibration error", "trusted", "correct of trusted", "shown")
         for when in ("own", "fitted")
     )]  # fmt: skip
     rows = [(name, *_row(before[name], after.get(name))) for name in CORRECTOR_NAMES]
@@ -167,23 +170,23 @@ def count(context: ExperimentContext) -> dict[str, Pixels]:
 
 
 def _row(before: Bins, after: Bins | None) -> Iterator[Value]:
-    for value in ("calibration_error", "trusted_share", "trusted_right", "shown_share"):
+    for value in ("calibration_error", "trusted_share", "trusted_correct", "shown_share"):
         for bins in (before, after):
             share = None if bins is None else getattr(bins, value)
             yield None if share is None else 100 * share
 
 
 def _draw(found: dict[str, Bins], title: str, axes: Axes) -> None:
-    label_axes(axes, title, "mean confidence", "right [%]")
+    label_axes(axes, title, "mean confidence", "correct [%]")
     axes.plot((0, 1), (0, 100), color="gray", lw=0.8)
     for k, (name, bins) in enumerate(found.items()):
         filled = bins.n > 0
-        shares = 100 * bins.right[filled] / bins.n[filled]
+        shares = 100 * bins.correct[filled] / bins.n[filled]
         axes.plot(bins.confidence[filled] / bins.n[filled], shares, marker="o", ms=3, color=f"C{k % 10}",
                   ls=("-", "--")[k // 10], label=name)  # fmt: skip
 
 
 CONFIDENCE = Experiment(
-    "confidence", "How probably is a depth right, by its source, its distance to a measured one and its disparity?",
+    "confidence", "How probably is a depth correct, by its source, its distance to a measured one and its disparity?",
     compare_confidence, (*GROUPS["reference"], *GROUPS["hard"]), frames=20,
 )  # fmt: skip

@@ -167,7 +167,7 @@ def largest_fall(mask: str | None) -> Callable[[Comparison], pd.Series]:
 def pooled(comparison: Comparison, mask: str | None, confidence: str) -> tuple[float | None, int]:
     """The share of correct pixels in a bin of confidence over all sequences, and their number."""
     where = confidence if mask is None else in_bin(mask, confidence)
-    selector = Selector("right", where, CALIBRATION_RANGE, FILLED)
+    selector = Selector("correct", where, CALIBRATION_RANGE, FILLED)
     counts = comparison.counts(selector)
     n = int(counts.sum())
     return (float((comparison.values(selector) * counts).sum() / n) if n else None), n

@@ -4,16 +4,14 @@ A worker process may hang, crash or be killed at any moment. Each has a pipe of 
 so that its end costs no more than its run.
 """
 
-import math
 import multiprocessing
 import os
 import platform
 import threading
 import time
-import traceback
 import uuid
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from itertools import islice
@@ -23,11 +21,11 @@ from multiprocessing.process import BaseProcess
 from typing import Any, Protocol
 
 from ..errors import ScenarioError
-from ..flight import fly
 from ..quiet import import_noisy_libraries, use_one_thread
 from ..results.provenance import simulation_versions
 from .design import RunSpec
-from .store import Completion, Failure, FailureKind, RunRecord
+from .one_run import FlyOne, attempt, run_one
+from .store import Completion, Failure, FailureKind
 from .worker import READY, ignore_interrupts, serve
 
 START_TIMEOUT_S = 300.0
@@ -40,8 +38,6 @@ LOCAL = "local"
 """Stands for a cluster of processes on this machine, instead of an address."""
 JOIN_TIMEOUT_S = 60.0
 """Longest time to wait for the first worker of a cluster."""
-
-FlyOne = Callable[[RunSpec], RunRecord]
 
 
 class Executor(Protocol):
@@ -56,29 +52,6 @@ class Executor(Protocol):
             ScenarioError: No run can be flown at all.
         """
         ...
-
-
-def run_one(spec: RunSpec) -> RunRecord:
-    """Fly one run on one thread. Except for its wall-clock time, the record depends on `spec.run` alone.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C was pressed; an interrupted mission is no result.
-        ScenarioError: A number of the result is not finite.
-    """
-    record = RunRecord.of(spec.key, fly(spec.run, threads=1))
-    for figures in (record.metrics, *record.drones, *map(vars, record.contacts)):
-        for name, value in figures.items():
-            if isinstance(value, float) and not math.isfinite(value):
-                raise ScenarioError(f"expected finite numbers, or None, got {name} = {value}")
-    return record
-
-
-def attempt(fly_one: FlyOne, spec: RunSpec) -> Completion:
-    """Fly one run; an exception becomes a failure with its traceback."""
-    try:
-        return fly_one(spec)
-    except Exception:  # Any error belongs to this run and must not stop the others.
-        return Failure(key=spec.key, kind="error", text=traceback.format_exc())
 
 
 @dataclass(frozen=True)

@@ -194,7 +194,7 @@ def test_every_criterion_reads_the_quantity_that_it_names() -> None:
 
 def test_confidence_is_pooled_by_pixels_and_falls_where_less_are_correct() -> None:
     def share(lower: float, value: float, mask: str = "") -> dict[str, float]:
-        return {f"right__{mask}confidence_{lower:g}-{lower + 0.1:g}__0-40_m__filled": value}
+        return {f"correct__{mask}confidence_{lower:g}-{lower + 0.1:g}__0-40_m__filled": value}
 
     cells = {
         "sim-LN": {"voxdepth": share(0.1, 0.4) | share(0.4, 0.8, "holes,_") | share(0.6, 0.3, "holes,_")},

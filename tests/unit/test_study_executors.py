@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from scenarios.errors import ScenarioError
-from scenarios.study import executors
+from scenarios.study import executors, one_run
 from scenarios.study.design import RunSpec, expand
 from scenarios.study.executors import Cluster, Processes, Serial
 from scenarios.study.store import Failure, RunRecord
@@ -51,9 +51,9 @@ def test_a_number_that_is_not_finite_is_a_failure_of_its_run(where: str, monkeyp
     contact = Contact(time_s=1.0, drone=0, other="wall", kind="building", speed_m_s=np.nan)
     values = {"metrics": {"a": np.nan}, "drones": ({"path_length_m": np.inf},), "contacts": (contact,)}
     damaged = replace(fake(spec), **{where: values[where]})
-    monkeypatch.setattr(executors, "fly", lambda run, threads: None)
+    monkeypatch.setattr(one_run, "fly", lambda run, threads: None)
     monkeypatch.setattr(RunRecord, "of", lambda key, finished: damaged)
-    failure = executors.attempt(executors.run_one, spec)
+    failure = one_run.attempt(one_run.run_one, spec)
     assert isinstance(failure, Failure)
     assert "expected finite numbers" in failure.text
 
