@@ -126,7 +126,7 @@ def plotted(frame: "pd.DataFrame", title: str, x: str, y: str, **style: Any) -> 
 
     def draw(axes: "Axes") -> None:
         looks = {"marker": "o", "ms": 4} if style.get("kind", "line") == "line" else {"width": 0.84}
-        frame.rename(columns=legend_label).plot(ax=axes, fontsize=7, **looks | style)
+        frame.rename(columns=lambda name: legend_label(str(name))).plot(ax=axes, fontsize=7, **looks | style)
         label_axes(axes, title, x, y)
         axes.legend(fontsize=7)
 
