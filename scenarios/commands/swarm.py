@@ -92,27 +92,6 @@ def accept(
         raise typer.Exit(1)
 
 
-def freespace(
-    scenario: Scenario,
-    corrector: Annotated[list[str] | None, typer.Option(help="Corrector; may be repeated. Default: some.")] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="How many seeds.")] = 10,
-    first: Annotated[int, typer.Option(help="First seed; pilots have 1000 and up.", min=0)] = 1000,
-    workers: Workers = 2,
-) -> None:
-    """Measure how often depth images claim free space that is not free, on flights by true depth."""
-    from rich.console import Console
-
-    from .. import free_space
-
-    numbers, chosen = range(first, first + seeds), corrector or list(free_space.CORRECTORS)
-    counted = []
-    for seed, counts in zip(numbers, free_space.measure(scenario, numbers, chosen, workers=workers), strict=True):
-        typer.echo(f"seed {seed} measured", err=True)
-        counted.append(counts)
-    table = free_space.shares(counted, scenario, numbers)
-    Console(width=400).print(table.markdown(), table.note)
-
-
 def picture(
     scenario: Scenario,
     out: Picture = Path("picture.jpg"),
