@@ -1,9 +1,7 @@
 """RQ1: the quality of raw depth against the share of occluded pixels."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from functools import partial
-from itertools import repeat
 from typing import Any
 
 import cv2
@@ -39,55 +37,17 @@ GROWN_COLUMNS = (
 )  # fmt: skip
 
 
-@dataclass(kw_only=True)
-class GrownOcclusion:
-    """All frames of a sequence whose occluded patches were grown by the same width."""
-
-    pixels: int = 0
-    occluded: int = 0
-    squared_m2: float = 0.0
-    """Sum of squared errors of the depth as it is, where a hole is 0 m."""
-    squared_completed_m2: float = 0.0
-    """Sum of squared errors after completion by the nearest valid pixel."""
-
-    def add(self, depth_m: FloatImage, truth_m: FloatImage, occluded: MaskImage, counted: MaskImage) -> None:
-        """Add a frame; all of shape (H, W)."""
-        self.pixels += int(np.count_nonzero(counted))
-        self.occluded += int(np.count_nonzero(occluded & counted))
-        self.squared_m2 += squared_error_m2(depth_m, truth_m, counted)
-        self.squared_completed_m2 += squared_error_m2(fill_from_nearest(depth_m), truth_m, counted)
-
-    @property
-    def occluded_percent(self) -> float:
-        """Share of the counted pixels."""
-        return 100 * self.occluded / self.pixels
-
-    @property
-    def psnr_db(self) -> float:
-        """PSNR of the depth as it is."""
-        return psnr_db(self.squared_m2 / self.pixels, PEAK16_M)
-
-    @property
-    def psnr_completed_db(self) -> float:
-        """PSNR after completion."""
-        return psnr_db(self.squared_completed_m2 / self.pixels, PEAK16_M)
-
-
 def relate_occlusion(context: ExperimentContext) -> Findings:
     """Relate the quality of raw depth to occlusion, with artificially grown patches."""
     rows: list[Sequence[Value]] = []
     grown_rows: list[Sequence[Value]] = []
     for name in context.sequences:
-        frames, grown = _measure(context.captures(name))
-        shares, psnrs_db, completed_db = (
-            [getattr(one, value) for one in grown.values()]
-            for value in ("occluded_percent", "psnr_db", "psnr_completed_db")
-        )
-        counts = [one.pixels for one in grown.values()]
-        grown_rows += zip(repeat(name), grown, shares, psnrs_db, completed_db, counts)
+        frames, grown = measure(context.captures(name))
+        shares, psnrs_db, completed_db = (grown[column].to_list() for column in (OCCLUDED, "PSNR", "PSNR completed"))
+        grown_rows += [(name, *row) for row in grown.itertuples(name=None)]
         rows.append(
-            (name, *frames.mean()[[OCCLUDED, EMPTY, WRONG]], psnrs_db[0], completed_db[0],
-             loss_percent(shares, psnrs_db), curvature(shares, psnrs_db), curvature(shares, completed_db), len(frames))
+            (name, *frames.mean(), psnrs_db[0], completed_db[0], loss_percent(shares, psnrs_db),
+             curvature(shares, psnrs_db), curvature(shares, completed_db), len(frames))
         )  # fmt: skip
     table = Table.of("Occlusion and quality of raw depth", COLUMNS, rows)
     incorrect = pd.DataFrame({name: table.series(name) for name in (OCCLUDED, EMPTY, WRONG)})
@@ -115,22 +75,36 @@ def relate_occlusion(context: ExperimentContext) -> Findings:
     )
 
 
-def _measure(captures: Iterator[Capture]) -> tuple[pd.DataFrame, dict[int, GrownOcclusion]]:
-    """The shares of pixels [%] of each frame of a sequence, and all frames by width of growth."""
-    rows = []
-    grown = {width_px: GrownOcclusion() for width_px in GROWN_PX}
+def measure(captures: Iterable[Capture]) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The shares of pixels of each frame of a sequence [%], and all frames together by the width of growth [px].
+
+    The latter have the share of occluded pixels [%], the PSNR of the depth as it is and after completion [dB], and the
+    number of pixels.
+    """
+    frames, sums = [], []
     for capture in captures:
         truth_m, raw_m, occluded = capture.depth_true_m, capture.depth_raw_m, capture.occluded.astype(np.bool_)
         counted = truth_m <= np.float32(PEAK16_M)
-        n = np.count_nonzero(counted)
         off = (raw_m > np.float32(TOO_FAR) * truth_m) | (np.float32(TOO_FAR) * raw_m < truth_m)
         masks = {OCCLUDED: occluded, EMPTY: raw_m == 0, WRONG: off}
-        shares = {name: 100 * float(np.count_nonzero(mask & counted) / n) for name, mask in masks.items()}
-        rows.append(shares)
-        for width_px, frames in grown.items():
+        frames.append({name: 100 * float(mask[counted].mean()) for name, mask in masks.items()})
+        for width_px in GROWN_PX:
             mask = grow(occluded, width_px)
-            frames.add(np.where(mask & ~occluded, np.float32(0), raw_m), truth_m, mask, counted)
-    return pd.DataFrame(rows), grown
+            depth_m = np.where(mask & ~occluded, np.float32(0), raw_m)
+            squared_m2, completed_m2 = (
+                squared_error_m2(image_m, truth_m, counted) for image_m in (depth_m, fill_from_nearest(depth_m))
+            )
+            sums.append((width_px, int(mask[counted].sum()), squared_m2, completed_m2, int(counted.sum())))
+    together = pd.DataFrame(sums, columns=["grown", "occluded", "squared", "completed", "n"]).groupby("grown").sum()
+    n, (as_is_db, completed_db) = (
+        together["n"],
+        (
+            [psnr_db(mean_m2, PEAK16_M) for mean_m2 in together[name] / together["n"]]
+            for name in ("squared", "completed")
+        ),
+    )
+    grown = {OCCLUDED: 100 * together["occluded"] / n, "PSNR": as_is_db, "PSNR completed": completed_db, "n": n}
+    return pd.DataFrame(frames), pd.DataFrame(grown)
 
 
 def loss_percent(shares: Sequence[float], psnrs_db: Sequence[float]) -> float | None:
