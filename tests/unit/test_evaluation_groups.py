@@ -48,12 +48,6 @@ def test_pixels_without_a_reference_are_in_no_group() -> None:
     assert {k: list(where) for k, where in enumerate(groups) if where.size} == {3: [2], 29: [3]}
 
 
-def test_a_frame_without_any_reference_has_empty_groups() -> None:
-    groups = split(np.full((3, 4), NONE, np.uint8), len(TRUE_GROUPS))
-    assert len(groups) == len(TRUE_GROUPS)
-    assert not any(where.size for where in groups)
-
-
 @pytest.mark.parametrize("groups", [TRUE_GROUPS, HOLE_GROUPS, PATCH_GROUPS])
 def test_every_kind_is_in_all_and_what_is_hidden_is_not_measured(groups: Groups) -> None:
     assert set(groups.masks["all"]) == set(groups.kinds)

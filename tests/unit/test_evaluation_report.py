@@ -351,12 +351,6 @@ def test_time_in_a_thread_of_its_own_is_shown_apart_and_counts_on_the_front(monk
     assert [point.get_offsets()[0][0] for point in points] == [3.0, 10.0]
 
 
-def test_the_page_says_what_is_not_measured(html: str) -> None:
-    for words in ("<h2>Not measured</h2>", "Ghosts and survival in", "thread of its own"):
-        assert words in html, words
-    assert "not measured, or held out [%]" in html
-
-
 def test_the_terminal_shows_every_sequence_in_80_columns_and_what_failed(done: Evaluation) -> None:
     text = io.StringIO()
     console = Console(width=80, file=text)

@@ -70,23 +70,6 @@ def test_figures_are_those_of_the_whole_image_at_once() -> None:
     )
 
 
-def test_what_correctors_are_compared_by_is_in_every_result() -> None:
-    done = scored(lambda depth_m: depth_m * np.float32(1.2))
-    for wanted in (
-        ("mae", "holes", "0-20 m", "completed"),
-        ("off", "holes", "0-20 m", "completed"),
-        ("median", "measured", "0-20 m", "filled"),
-        ("rmse", "measured", "0-20 m", "filled"),
-        ("psnr_40m", "all", "0-20 m", "completed"),
-        ("psnr_40m", "all", "all", "completed"),
-        ("coverage", "all", "0-20 m", "filled"),
-        ("flicker", "static", "5-10 m", "filled"),
-    ):
-        assert measurement(done, *wanted).n > 0, wanted
-    shares = {name: measurement(done, name, "measured", "all", "filled").value for name in ("off", "too_far", "close")}
-    assert shares == {"off": 1, "too_far": 1, "close": 0}
-
-
 def test_unfilled_pixels_do_not_hide() -> None:
     def only_the_left_column(depth_m: np.ndarray) -> np.ndarray:
         kept = np.zeros_like(depth_m)
