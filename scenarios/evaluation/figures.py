@@ -30,8 +30,6 @@ WIDEST_PANEL_IN = 7.0
 ERROR_MAP_COLUMNS, ERROR_MAP_WIDTH_IN = 4, 2.6
 ERROR_SHARE = 0.08
 """End of the scale of error maps, as a share of that of the depth beside them."""
-SCALE_STEPS = 256
-"""Number of colours that the scale of depth is drawn with."""
 
 
 def all_figures(evaluation: Evaluation) -> list[Picture]:
@@ -174,7 +172,7 @@ def _error_maps(evaluation: Evaluation, info: SequenceInfo) -> Picture:
     far_m = far_end_m([reference_m, decoded_thumbnail(info.raw)])
     end_m = ERROR_SHARE * far_m
     draws: list[Draw] = [partial(_draw_image, "reference", _in_colors(reference_m, far_m), {})]
-    draws.append(partial(_draw_scales, far_m, _error_scale(end_m)))
+    draws.append(partial(_draw_scale, _error_scale(end_m)))
     for title, png in shown.items():
         depth_m = decoded_thumbnail(png)
         draws.append(partial(_draw_image, title, _in_colors(depth_m, far_m), {}))
@@ -284,21 +282,16 @@ def _draw_image(title: str, image: npt.NDArray[Any], style: Mapping[str, Any], a
     axes.set_axis_off()
 
 
-def _draw_scales(far_m: float, error_scale: Mapping[str, Any], axes: "Axes") -> None:
-    """Draw the colours of depth and of errors, both within the panel, so that they touch no other."""
+def _draw_scale(scale: Mapping[str, Any], axes: "Axes") -> None:
+    """Draw the colours of errors within the panel, so that they touch no other."""
     from matplotlib.cm import ScalarMappable
 
     axes.set_axis_off()
-    depth_m = np.linspace(0, far_m, SCALE_STEPS + 1, dtype=np.float32)[None, 1:]
-    bar = axes.inset_axes((0.05, 0.78, 0.9, 0.12))
-    bar.imshow(_in_colors(depth_m, far_m), extent=(0, far_m, 0, 1), aspect="auto")
-    bar.set_yticks([])
-    bar.set_xlabel("depth [m]", fontsize=7, labelpad=1)
-    errors = axes.inset_axes((0.05, 0.3, 0.9, 0.12))
-    axes.figure.colorbar(ScalarMappable(**error_scale), cax=errors, orientation="horizontal")
-    errors.set_xlabel("error: depth minus reference [m]", fontsize=7, labelpad=1)
-    for scale in (bar, errors):
-        scale.tick_params(labelsize=7, pad=1, length=2)
+    bar = axes.figure.colorbar(
+        ScalarMappable(**scale), cax=axes.inset_axes((0.05, 0.5, 0.9, 0.12)), orientation="horizontal"
+    )
+    bar.set_label("error: depth minus reference [m]", fontsize=7, labelpad=1)
+    bar.ax.tick_params(labelsize=7)
 
 
 def _error_scale(end_m: float) -> dict[str, Any]:
