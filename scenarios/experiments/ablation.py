@@ -13,8 +13,7 @@ from ..evaluation.measurements import Selector
 from ..evaluation.methods import Method, find_method
 from ..evaluation.scoring import GHOSTS, SURVIVAL
 from ..results.figure import panels, plotted
-from .comparison import HOLES, Comparison
-from .default import FLICKER, LATENCY, MEDIAN, OFF, PSNR_NEAR, RMSE, SEEN
+from .default import FLICKER, HOLES, LATENCY, MEDIAN, OFF, PSNR_NEAR, RMSE, SEEN, Comparison
 from .experiment import Experiment, ExperimentContext, Findings, configured_method
 
 NEVER = 100_000

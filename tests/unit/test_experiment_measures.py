@@ -9,11 +9,12 @@ import pytest
 from scenarios.evaluation.measurements import Measurement
 from scenarios.evaluation.result_cache import Key, Result, SequenceInfo
 from scenarios.evaluation.suite import Evaluation
-from scenarios.experiments.comparison import HOLES, Comparison
 from scenarios.experiments.default import (
     CRITERIA,
+    HOLES,
     NOT_MEASURED,
     QUANTITIES,
+    Comparison,
     Criterion,
     confidence_table,
     criteria_table,
