@@ -106,10 +106,7 @@ def ablate(context: ExperimentContext) -> Findings:
         ),
         figure=panels(
             f"One part off, n = {context.frames} frames of {len(context.sequences)} sequences",
-            [
-                plotted(means[[k]][::-1], columns[k].name, columns[k].heading, "", kind="barh", legend=False)
-                for k in (0, 4)
-            ],
+            [plotted(means[[k]][::-1], columns[k].name, columns[k].heading, "", kind="barh") for k in (0, 4)],
         ),
     )
 

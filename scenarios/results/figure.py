@@ -126,9 +126,12 @@ def plotted(frame: "pd.DataFrame", title: str, x: str, y: str, **style: Any) -> 
 
     def draw(axes: "Axes") -> None:
         looks = {"marker": "o", "ms": 4} if style.get("kind", "line") == "line" else {"width": 0.84}
-        frame.rename(columns=lambda name: legend_label(str(name))).plot(ax=axes, fontsize=7, **looks | style)
+        frame.rename(columns=lambda name: legend_label(str(name))).plot(
+            ax=axes, fontsize=7, legend=False, **looks | style
+        )
         label_axes(axes, title, x, y)
-        axes.legend(fontsize=7)
+        if len(frame.columns) > 1:
+            axes.legend(fontsize=7)
 
     return draw
 
