@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from scenarios.evaluation import figures
-from scenarios.evaluation.groups import RANGES, TRUE_GROUPS
+from scenarios.evaluation.groups import TRUE_GROUPS
 from scenarios.evaluation.measurements import Measurement
 from scenarios.evaluation.methods import Method
 from scenarios.evaluation.quantities import QUANTITIES
 from scenarios.evaluation.report import calibration_table, method_table
-from scenarios.evaluation.result_cache import Key, Result, SequenceInfo
+from scenarios.evaluation.result_cache import Result
 from scenarios.evaluation.running import MethodError, run
 from scenarios.evaluation.scoring import CONFIDENCES, CalibrationScore
 from scenarios.evaluation.suite import Evaluation
 from scenarios.results import figure
-from tests.evaluation_clips import CAMERA, evaluation_frames
+from tests.evaluation_clips import CAMERA, evaluation_frames, info_of, key_of
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, Frame, Intrinsics, Source
 
@@ -136,7 +136,6 @@ def test_what_is_neither_confidence_nor_source_is_refused_with_what_came(given: 
 
 
 def result(method: str, shares: dict[str, float]) -> Result:
-    key = Key(sequence="s", method=method, frames=2, seed=0, digest="d", config=None, versions={})
     correct = [
         Measurement(
             metric="correct", mask=mask, range="0-40 m", on="filled", value=share, unit="share", n=100 * (k + 1)
@@ -147,14 +146,10 @@ def result(method: str, shares: dict[str, float]) -> Result:
         Measurement(metric="mae", mask=mask, range="0-40 m", on="filled", value=0.25, unit="m", n=7)
         for mask in ("source sensor", "source inpainted")
     ]
-    return Result(key=key, measurements=(*correct, *sources))
+    return Result(key=key_of("s", method), measurements=(*correct, *sources))
 
 
-INFO = SequenceInfo(
-    name="s", digest="d", frames=2, seed=0, width_px=12, height_px=9, focal_px=9.0, baseline_m=None,
-    hidden="holes", independent="all", reference_name="the truth",
-    pixels={mask: dict.fromkeys(RANGES, 9) for mask in ("all", "holes")},
-)  # fmt: skip
+INFO = info_of("s")
 
 
 @pytest.fixture

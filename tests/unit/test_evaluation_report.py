@@ -20,17 +20,14 @@ from scenarios.evaluation.measurements import MEASUREMENT_COLUMNS, Measurement, 
 from scenarios.evaluation.methods import ORACLE
 from scenarios.evaluation.quantities import QUANTITIES, is_measured
 from scenarios.evaluation.report import method_table, print_results, rendered
-from scenarios.evaluation.result_cache import Key, Result, SequenceInfo, encoded_thumbnail
+from scenarios.evaluation.result_cache import Result, SequenceInfo, encoded_thumbnail
 from scenarios.evaluation.suite import Evaluation
 from scenarios.results import figure
 from scenarios.results.frame_files import write_frame
+from tests.evaluation_clips import info_of, key_of
 from voxdepth.tools.table import Table
 
 NASTY = "<script>alert('x')</script>"
-
-
-def key(sequence: str, method: str) -> Key:
-    return Key(sequence=sequence, method=method, frames=2, seed=0, digest="d", config=None, versions={"numpy": "2"})
 
 
 def result(sequence: str, method: str, mae: float, n: int = 1000) -> Result:
@@ -45,26 +42,12 @@ def result(sequence: str, method: str, mae: float, n: int = 1000) -> Result:
         Measurement(metric="latency_p95", mask="frames", range="frames", on="frames", value=4.0, unit="ms", n=2),
     ]
     thumbnail = encoded_thumbnail(np.full((9, 12), 3, np.float32))
-    return Result(key=key(sequence, method), measurements=tuple(figures), thumbnail=thumbnail)
+    return Result(key=key_of(sequence, method), measurements=tuple(figures), thumbnail=thumbnail)
 
 
 def info(name: str) -> SequenceInfo:
-    return SequenceInfo(
-        name=name,
-        digest="d",
-        frames=2,
-        seed=0,
-        width_px=12,
-        height_px=9,
-        focal_px=10.0,
-        baseline_m=None,
-        independent="all",
-        reference_name="the truth",
-        hidden="holes",
-        pixels={mask: dict.fromkeys(RANGES, 1000) for mask in ("all", "holes")},
-        reference=encoded_thumbnail(np.full((9, 12), 3, np.float32)),
-        raw=encoded_thumbnail(np.zeros((9, 12), np.float32)),
-    )
+    depth_m = np.full((9, 12), 3, np.float32)
+    return info_of(name, reference=encoded_thumbnail(depth_m), raw=encoded_thumbnail(0 * depth_m))
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +56,7 @@ def done() -> Evaluation:
         result("sim-MB", "raw", 0.5),
         result("sim-MB", "good", 0.3, n=2000),
         result("sim-MB", ORACLE, 0.1),
-        Result(key=key("sim-MB", "bad"), error=f"frame 0: {NASTY}"),
+        Result(key=key_of("sim-MB", "bad"), error=f"frame 0: {NASTY}"),
         result("other", "raw", 0.2),
         result("other", "good", 0.4),
         result("other", ORACLE, 0.1),

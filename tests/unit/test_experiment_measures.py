@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from scenarios.evaluation.measurements import Measurement
-from scenarios.evaluation.result_cache import Key, Result, SequenceInfo
+from scenarios.evaluation.result_cache import Result
 from scenarios.evaluation.suite import Evaluation
 from scenarios.experiments.default import (
     CRITERIA,
@@ -21,6 +21,7 @@ from scenarios.experiments.default import (
     gap_closed_percent,
     quantity_tables,
 )
+from tests.evaluation_clips import info_of, key_of
 
 NEAR, ALL = "0-20 m", "all"
 
@@ -40,13 +41,8 @@ def evaluation_of(results: dict[str, dict[str, dict[str, Any]]], size: tuple[int
     made = []
     for sequence, methods in results.items():
         for method, values in methods.items():
-            key = Key(sequence=sequence, method=method, frames=2, seed=0, digest="d", config=None, versions={})
-            made.append(Result(key=key, measurements=figures(**values)))
-    infos = {
-        name: SequenceInfo(name=name, digest="d", frames=2, seed=0, width_px=size[0], height_px=size[1], focal_px=300.0,
-                    baseline_m=0.1, hidden="holes", independent="all", reference_name="the truth", pixels={})
-        for name in results
-    }  # fmt: skip
+            made.append(Result(key=key_of(sequence, method), measurements=figures(**values)))
+    infos = {name: info_of(name, width_px=size[0], height_px=size[1]) for name in results}
     return Evaluation(results=tuple(made), sequences=infos, reused=0)
 
 
