@@ -159,21 +159,21 @@ class TestFile:
 class TestFit:
     def test_many_pixels_give_their_share_and_few_that_of_their_source(self) -> None:
         pixels = Pixels()
-        n, right = (counts.reshape(SHAPE) for counts in (pixels.n, pixels.right))
-        n[Source.INPAINTED, 2, 3], right[Source.INPAINTED, 2, 3] = 10**8, 25 * 10**6
+        n, correct = (counts.reshape(SHAPE) for counts in (pixels.n, pixels.correct))
+        n[Source.INPAINTED, 2, 3], correct[Source.INPAINTED, 2, 3] = 10**8, 25 * 10**6
         n[Source.INPAINTED, 4, 4] = 1
         table = fit(pixels)
         np.testing.assert_allclose(table[Source.INPAINTED], 0.25, atol=0.001)
         assert (table[Source.SENSOR] == 1).all()
         assert not table[Source.MEMORY].any()
 
-    def test_the_calibration_error_is_the_distance_to_the_share_of_right_pixels(self) -> None:
+    def test_the_calibration_error_is_the_distance_to_the_share_of_correct_pixels(self) -> None:
         bins = Bins()
         bins.add(np.float32([0.95, 0.55, 0.05]), np.array([60.0, 20, 20]), np.array([57.0, 5, 0]))
         assert bins.calibration_error == pytest.approx((0 + 6 + 1) / 100)
         assert bins.trusted_share == pytest.approx(0.8)
         assert bins.shown_share == pytest.approx(0.8)
-        assert bins.trusted_right == pytest.approx(62 / 80)
+        assert bins.trusted_correct == pytest.approx(62 / 80)
 
     def test_it_is_not_measured_with_the_sequences_of_the_fit(self, tmp_path: Path) -> None:
         with pytest.raises(ScenarioError, match="--seed 101 is that of the fit"):
