@@ -92,6 +92,29 @@ def accept(
         raise typer.Exit(1)
 
 
+def freespace(
+    scenario: Scenario,
+    corrector: Annotated[list[str] | None, typer.Option(help="Corrector; may be repeated. Default: some.")] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="How many seeds.")] = 10,
+    first: Annotated[int, typer.Option(help="First seed; pilots have 1000 and up.", min=0)] = 1000,
+    workers: Workers = 2,
+) -> None:
+    """Measure how often depth images claim free space that is not free, on flights by true depth."""
+    from functools import partial
+
+    import pandas as pd
+    from rich.console import Console
+
+    from .. import free_space
+    from ..batch import in_processes
+    from ..config import load_run
+
+    measure = partial(free_space.measure, correctors=corrector or free_space.CORRECTORS)
+    runs = [load_run(scenario, seed, {}) for seed in range(first, first + seeds)]
+    table = free_space.shares(pd.concat(list(in_processes(measure, runs, workers=workers))))
+    Console(width=400).print(table.markdown(), table.note)
+
+
 def picture(
     scenario: Scenario,
     out: Picture = Path("picture.jpg"),
