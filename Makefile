@@ -64,7 +64,6 @@ acceptance: setup ## fly every scenario's acceptance check over 20 seeds
 	$(BIN)/voxdepth accept --seeds 20
 
 picture: setup   ## make the pictures of README.md and docs/scenes.md
-	$(BIN)/voxdepth film city --seed 1 --until 11 --out docs/city.gif
 	$(BIN)/voxdepth picture city --seed 1 --drone 4 --at 7 --out docs/city.jpg
 	$(BIN)/voxdepth scenes --seed 1 --out docs/scenes.jpg
 

@@ -12,8 +12,8 @@ from swarm.types import Outcome
 
 from .config import Run, images_of, load_run
 from .errors import ScenarioError
+from .flight import Finished, fly
 from .quiet import import_noisy_libraries
-from .runner import Finished, fly
 
 T = TypeVar("T")
 

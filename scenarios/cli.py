@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from voxdepth.tools.doctor import Finding
 
 PANELS = (
-    ("Swarm", (swarm.run, swarm.accept, swarm.freespace, swarm.picture, swarm.film)),
+    ("Swarm", (swarm.run, swarm.accept, swarm.freespace, swarm.picture)),
     ("Sensor", (sensor.record, sensor.sheet, sensor.scenes)),
     ("Corrector", (evaluate.evaluate, evaluate.experiment, sensor.regress, train.train)),
     ("General", (general.list_,)),

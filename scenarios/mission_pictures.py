@@ -18,8 +18,8 @@ from voxdepth.colors import colored
 
 from .config import Run
 from .errors import ScenarioError
+from .flight import Finished, flying
 from .images import drone_color, gray_bgr, require_picture, save_picture, titled
-from .runner import Finished, flying
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

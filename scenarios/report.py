@@ -8,7 +8,7 @@ from voxdepth.tools.table import Column, Table
 from voxdepth.tools.viewer import RECORDING
 
 from .config import Run
-from .runner import Finished
+from .flight import Finished
 
 
 def percent(share: float) -> str:

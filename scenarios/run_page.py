@@ -11,11 +11,11 @@ from voxdepth.tools.table import Column, Table
 from voxdepth.tools.viewer import RECORDING
 
 from .config import Run
+from .flight import Finished
 from .report import summary_tables
 from .results.figure import Picture
 from .results.page import render_page
 from .results.provenance import simulation_versions
-from .runner import Finished
 
 UNITS = {"m_s": "m/s", "m": "m", "s": "s", "share": "share", "rad": "rad"}
 """Units by the ends of the names of metrics, longer ends first."""

@@ -1,26 +1,20 @@
-"""Running one mission: threads, progress and files."""
+"""The files of one mission."""
 
 import json
 import os
 import platform
 import re
-import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
 from io import BytesIO
 from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
-from swarm.compose import composed_mission
-from swarm.mission import Mission
 from swarm.recorder import Recorder
-from swarm.types import MissionResult, Outcome
 from voxdepth.interrupts import kept_back
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.files import as_tool_error, to_toml, write
@@ -29,39 +23,12 @@ from voxdepth.tools.viewer import PARTIAL_RECORDING, RECORDING
 
 from .config import Run
 from .errors import ScenarioError
+from .flight import Finished, Progress, flying, ticked
+from .mission_pictures import draw_flight
+from .run_page import write_page
 
 LONGEST_CORRECTOR = 40
 """Number of characters of a corrector with its settings in the name of a folder."""
-Progress = Callable[[float, float], None]
-"""Called after every tick with simulated time and real-time factor."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Finished:
-    """A run that has ended."""
-
-    result: MissionResult
-    wall_s: float
-    folder: Path | None
-    """Folder of its files; None if nothing was written."""
-
-    @property
-    def real_time_factor(self) -> float:
-        """Simulated time per wall-clock time."""
-        return float(self.result.metrics["sim_time_s"] or 0) / self.wall_s
-
-
-def fly(run: Run, *, threads: int | None = None) -> Finished:
-    """Fly a mission without writing anything; the number of threads changes the speed only.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C was pressed; an interrupted mission is no result.
-    """
-    with flying(run, Recorder(), recorded=False, threads=threads) as mission:
-        wall_s = _ticks(mission, None)
-        if mission.outcome is Outcome.INTERRUPTED:
-            raise KeyboardInterrupt
-        return Finished(result=mission.result(), wall_s=wall_s, folder=None)
 
 
 def fly_and_write(run: Run, out: Path, *, record: bool, progress: Progress | None = None) -> Finished:
@@ -78,7 +45,7 @@ def fly_and_write(run: Run, out: Path, *, record: bool, progress: Progress | Non
             with flying(run, recorder, recorded=record) as mission:
                 hand_on = until_written.enter_context(kept_back())
                 write(folder / "config.toml", to_toml(run).encode())
-                wall_s = _ticks(mission, progress, hand_on)
+                wall_s = ticked(mission, progress, hand_on)
                 result = mission.result()
         finally:
             recorder.close()
@@ -119,36 +86,6 @@ def folder_name(run: Run) -> str:
     depth = f"noisy{rig.noise.scale.theta:g}" if rig.depth == "noisy" else rig.depth
     corrector = re.sub(r"[^A-Za-z0-9._-]+", "-", str(run.scenario.corrector))[:LONGEST_CORRECTOR].strip("-.")
     return f"{run.scenario.name}-{run.seed}-{depth}-{corrector}"
-
-
-def flying(
-    run: Run, recorder: Recorder, *, recorded: bool, threads: int | None = None
-) -> AbstractContextManager[Mission]:
-    """Create a mission that is ready to fly. OpenCV uses one thread; the images of the drones are made in parallel.
-
-    `recorded` says whether gray images are needed even if nothing else needs them. `threads` is the number of threads
-    for the images; None takes one per processor.
-    """
-    cv2.setNumThreads(1)
-    scenario, threads = run.scenario, threads or os.cpu_count() or 1
-    return composed_mission(
-        scenario, recorder, latency_s=scenario.latency_s, seed=run.seed, gray=recorded, threads=threads
-    )
-
-
-def _ticks(mission: Mission, progress: Progress | None, after_tick: Callable[[], None] = lambda: None) -> float:
-    """Fly to the end or to a `KeyboardInterrupt`, which `after_tick` may raise; return the wall-clock time [s]."""
-    start = time.perf_counter()
-    try:
-        while mission.outcome is None:
-            mission.tick()
-            after_tick()
-            if progress is not None:
-                progress(mission.time_s, mission.time_s / (time.perf_counter() - start))
-    except KeyboardInterrupt:
-        if mission.outcome is None:
-            mission.interrupt()
-    return time.perf_counter() - start
 
 
 def _make_recorder(run: Run, path: Path) -> Recorder:
@@ -206,9 +143,6 @@ def _naming_whole_files(folder: Path) -> Iterator[None]:
 
 def _write_results(finished: Finished, run: Run, folder: Path) -> None:
     """Write `metrics.json`, trajectories in the TUM RGB-D format, `flight.png` and the page `summary.html`."""
-    from .mission_pictures import draw_flight
-    from .run_page import write_page
-
     text = json.dumps(summary(finished, run), indent=2, allow_nan=False)
     write(folder / "metrics.json", f"{text}\n".encode())
     for drone, trajectory in enumerate(finished.result.trajectories):

@@ -1,12 +1,13 @@
 """Pictures of sequences and scenes: the contact sheet of a recording, and every kind of scene."""
 
 from pathlib import Path
-from typing import get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 
 from sim.bodies import SceneSpec, Weather
 from sim.flights import Walk
+from sim.free_space import traversability
 from sim.recording import Recording
 from sim.render import create_renderer
 from sim.scenes import AnyScene, RoomSpec
@@ -16,8 +17,8 @@ from sim.world import World
 from voxdepth.colors import colored
 from voxdepth.tools.output import is_correction
 from voxdepth.tools.table import Column, Table
+from voxdepth.types import FloatArray
 
-from .difficulty import difficulty_along
 from .errors import ScenarioError
 from .images import (
     INVALID_REASON_COLORS_BGR,
@@ -43,6 +44,9 @@ PATH_FRACTIONS = (0.15, 0.6)
 CAMERA_HEIGHT_M = 1.7
 FLIGHT_HEIGHT_M, UP = 3.0, np.array([0.0, 0.0, 1.0])
 PICTURE_PX = 420
+HALF_SIDE_M = 12.0
+"""The difficulty is measured up to this distance on both sides of a path, which leads along x or along y."""
+DRONE_RADIUS_M = 0.25
 
 
 def make_sheet(folder: Path, out: Path) -> None:
@@ -122,3 +126,27 @@ def _scene_picture(world: World, seed: int) -> Image:
     chosen = [poses[int(fraction * len(poses))] for fraction in PATH_FRACTIONS]
     images = [gray_bgr(sensor.capture(pair).gray_left) for pair in sensor.render(chosen, 0)]
     return np.hstack([narrowed(image, PICTURE_PX) for image in images])
+
+
+class Difficulty(NamedTuple):
+    """Obstacles beside a path."""
+
+    bodies: int
+    """Number of bodies without the ground."""
+    traversability: float
+    """Mean free path in the air around the path, in diameters of a drone; a lower one is harder."""
+
+
+def difficulty_along(world: World, path_m: FloatArray) -> Difficulty:
+    """Measure the difficulty around a path, shape (n, 3), at its mean height, in a world without drones."""
+    low_m, high_m = path_m[:, :2].min(axis=0), path_m[:, :2].max(axis=0)
+    across = np.eye(2)[(high_m - low_m).argmin()]
+    (low_x, low_y), (high_x, high_y) = low_m - HALF_SIDE_M * across, high_m + HALF_SIDE_M * across
+    free = traversability(
+        world,
+        low_m=(low_x, low_y),
+        high_m=(high_x, high_y),
+        height_m=float(path_m[:, 2].mean()),
+        drone_radius_m=DRONE_RADIUS_M,
+    )
+    return Difficulty(bodies=sum(body.kind != "ground" for body in world.scene.bodies), traversability=free)

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.evaluation.groups import TRUE_GROUPS
+from scenarios.evaluation.groups import RANGES, TRUE_GROUPS
 from scenarios.evaluation.methods import Method
+from scenarios.evaluation.result_cache import Key, SequenceInfo
 from scenarios.evaluation.sources import EvaluationFrame
 from sim import frames
 from sim.recording import RecordingWriter
@@ -84,7 +85,6 @@ def _frames(n_frames: int) -> Iterator[EvaluationFrame]:
             reference_m=capture.depth_true_m,
             labels=TRUE_GROUPS.label(capture.depth_true_m, 5 * hole),
             static=np.full(CAMERA.shape, index > 0),
-            occluded_share=0.1,
         )
 
 
@@ -105,3 +105,18 @@ def method(name: str, change: Change | None = None, *, sees_true_pose: bool = Fa
         return Raw() if change is None else Gives(change)
 
     return Method(name=name, make=make, sees_true_pose=sees_true_pose)
+
+
+def key_of(sequence: str, method: str) -> Key:
+    """The key of a made-up result."""
+    return Key(sequence=sequence, method=method, frames=2, seed=0, digest="d", config=None, versions={"numpy": "2"})
+
+
+def info_of(name: str, **changes: Any) -> SequenceInfo:
+    """The description of a made-up sequence with the truth."""
+    values: dict[str, Any] = {
+        "name": name, "digest": "d", "frames": 2, "seed": 0, "width_px": 12, "height_px": 9, "focal_px": 10.0,
+        "baseline_m": None, "hidden": "holes", "independent": "all", "reference_name": "the truth",
+        "pixels": {mask: dict.fromkeys(RANGES, 1000) for mask in ("all", "holes")},
+    }  # fmt: skip
+    return SequenceInfo.model_validate(values | changes)

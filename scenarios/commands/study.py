@@ -182,29 +182,31 @@ def replay(
 
 @app.command()
 def power(
-    pairs: Annotated[int, typer.Option(min=1, help="Pairs of runs over all cells.")] = 200,
+    pairs: Annotated[int, typer.Option(min=1, max=2000, help="Pairs of runs over all cells.")] = 200,
     rates: Annotated[
         str, typer.Option(help="Share of arrivals of the old arm in each cell, separated by commas.")
     ] = "0.35,0.5,0.6,0.7,0.8,0.85",
     effect: Annotated[float, typer.Option(min=0, max=100, help="Points by which the new arm arrives more often.")] = 10,
-    studies: Annotated[
-        int, typer.Option(min=1, help="Number of synthetic studies without and with the effect.")
-    ] = 1000,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the synthetic studies.")] = 0,
+    luck: Annotated[float, typer.Option(min=0, max=0.99, help="Share of pairs whose runs have the same luck.")] = 0.15,
 ) -> None:
-    """Simulate studies without and with an effect, analyse them as real ones, and print how often one is found."""
-    from rich.console import Console
-
+    """Print how often the McNemar test of a study finds an effect, and one that is not there."""
     from ..errors import ScenarioError
-    from ..study.power import Design, power_table
+    from ..study.statistics import mcnemar_power
 
     try:
-        base_rates = tuple(float(rate) for rate in rates.split(","))
+        old = [float(rate) for rate in rates.split(",")]
     except ValueError as error:
         raise ScenarioError(f"--rates must be numbers separated by commas, as in 0.5,0.7, got {rates!r}") from error
-    table = power_table(Design(pairs=pairs, base_rates=base_rates), effect / 100, studies, seed)
-    table.print(Console())
-    typer.echo(table.note)
+    if not all(0 < rate <= 1 - effect / 100 and rate < 1 for rate in old):
+        raise ScenarioError(f"an effect of {effect:g} points needs --rates above 0 and up to {1 - effect / 100:g}")
+    for points, meaning in ((0.0, "type I error"), (effect, "power")):
+        new = [rate + points / 100 for rate in old]
+        gained, lost = (
+            sum((1 - luck) * a * (1 - b) + luck * max(0.0, a - b) for a, b in zip(*arms, strict=True)) / len(old)
+            for arms in ((new, old), (old, new))
+        )
+        found = mcnemar_power(pairs, gained, lost)
+        typer.echo(f"effect of {points:g} points, {pairs} pairs: {meaning} {100 * found:.1f} %")
 
 
 def _print_status(data: "StudyData") -> None:

@@ -100,16 +100,18 @@ def freespace(
     workers: Workers = 2,
 ) -> None:
     """Measure how often depth images claim free space that is not free, on flights by true depth."""
+    from functools import partial
+
+    import pandas as pd
     from rich.console import Console
 
     from .. import free_space
+    from ..batch import in_processes
+    from ..config import load_run
 
-    numbers, chosen = range(first, first + seeds), corrector or list(free_space.CORRECTORS)
-    counted = []
-    for seed, counts in zip(numbers, free_space.measure(scenario, numbers, chosen, workers=workers), strict=True):
-        typer.echo(f"seed {seed} measured", err=True)
-        counted.append(counts)
-    table = free_space.shares(counted, scenario, numbers)
+    measure = partial(free_space.measure, correctors=corrector or free_space.CORRECTORS)
+    runs = [load_run(scenario, seed, {}) for seed in range(first, first + seeds)]
+    table = free_space.shares(pd.concat(list(in_processes(measure, runs, workers=workers))))
     Console(width=400).print(table.markdown(), table.note)
 
 
@@ -126,21 +128,6 @@ def picture(
     from ..mission_pictures import take_picture
 
     take_picture(load_run(scenario, seed, size_changes(size)), out, drone=drone, at_s=at)
-    typer.echo(f"written to {out}")
-
-
-def film(
-    scenario: Scenario,
-    out: Annotated[Path, typer.Option(help="GIF file to write.")] = Path("film.gif"),
-    seed: Seed = None,
-    drone: Annotated[int, typer.Option(min=0, help="Number of the drone whose depth is shown.")] = 0,
-    until: Annotated[float, typer.Option(min=0.1, help="Simulated time of the end, in seconds.")] = 12.0,
-) -> None:
-    """Make an animated picture of a flight: the swarm from a camera that follows it, and the depth of one drone."""
-    from ..config import load_run
-    from ..film import make_film
-
-    make_film(load_run(scenario, seed, {}), out, drone=drone, until_s=until)
     typer.echo(f"written to {out}")
 
 

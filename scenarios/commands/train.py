@@ -11,9 +11,7 @@ from ..training import MOST_FLIGHTS, TrainedName
 def train(
     network: Annotated[
         TrainedName,
-        typer.Argument(
-            help="corrector, of `learned`; convex, of the inpainting method; or flow, which is not shipped."
-        ),
+        typer.Argument(help="corrector, of `learned`, or convex, of the inpainting method."),
     ],
     out: Annotated[Path, typer.Option(help="Folder of the networks, their cards, and the clips that are made.")] = (
         Path("training")
@@ -29,8 +27,7 @@ def train(
 
     Writes DIR/seed-N/NAME.onnx, NAME.toml and NAME.png, and prints how good the network is on clips that it has not
     learned from. Clips in DIR/clips are made once, and a training that is finished is not repeated. The ONNX file
-    and the card of corrector and convex take effect in voxdepth/networks; the flow is only compared with DIS flow.
-    Needs the extra `train`; a GPU is used where PyTorch finds one.
+    and the card take effect in voxdepth/networks. Needs the extra `train`; a GPU is used where PyTorch finds one.
     """
     from importlib.util import find_spec
 

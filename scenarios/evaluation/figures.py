@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from voxdepth.colors import colored, far_end_m
-from voxdepth.types import FloatArray, FloatImage
+from voxdepth.types import FloatImage
 
 from ..results.figure import MARKERS, Draw, Picture, label_axes, legend_label, line_color, log_scale, panels
 from .groups import BINS, NEAR
@@ -28,17 +27,14 @@ SHOWN = ("raw", "paper", "voxdepth", "realsense", "lmeds", "flow", "ip-basic", "
 PANEL_COLUMNS, PANEL_IN = 3, (4.3, 3.5)
 WIDEST_PANEL_IN = 7.0
 """Width of the panel of a single sequence."""
-WIDE_PANEL_IN = (13.0, 4.5)
 ERROR_MAP_COLUMNS, ERROR_MAP_WIDTH_IN = 4, 2.6
 ERROR_SHARE = 0.08
 """End of the scale of error maps, as a share of that of the depth beside them."""
-SCALE_STEPS = 256
-"""Number of colours that the scale of depth is drawn with."""
 
 
 def all_figures(evaluation: Evaluation) -> list[Picture]:
     """Draw the figures about numbers; panels and figures that nothing was measured for are left out."""
-    draws = (error_against_range, holes_against_quality, error_against_latency, reliability)
+    draws = (error_against_range, error_against_latency, reliability)
     return [picture for draw in draws for picture in draw(evaluation)]
 
 
@@ -87,34 +83,6 @@ def error_against_range(evaluation: Evaluation) -> list[Picture]:
     )
 
 
-def holes_against_quality(evaluation: Evaluation) -> list[Picture]:
-    """Draw the quality of every frame against its share of occluded pixels, with all sequences in one panel (RQ1)."""
-    known = [info for info in evaluation.sequences.values() if info.occluded_shares]
-    points = {name: _quality_points(evaluation, known, name) for name in shown_methods(evaluation)}
-    if not any(map(len, points.values())):
-        return []
-    styles = method_styles(evaluation)
-
-    def draw(axes: "Axes") -> None:
-        for name, found in points.items():
-            axes.scatter(found[:, 0], found[:, 1], s=10, **styles[name])
-        for info in known:
-            where = (100 * float(np.mean(info.occluded_shares)), 0.02)
-            label = axes.annotate(info.name, where, xycoords=("data", "axes fraction"), rotation=90, fontsize=7)
-            label.set_parse_math(False)
-            label.set_in_layout(False)
-        frames = sum(info.frames for info in known)
-        label_axes(axes, "", f"occluded pixels of a frame [%], n = {frames} frames", "PSNR, peak 65535 mm [dB]")
-
-    picture = Picture(
-        title="RQ1: holes against quality",
-        caption="Each point is one frame of one method: the share of the frame that the second camera does not see, "
-        "and the PSNR of surfaces within 65.5 m after completion. Sequences without an occlusion mask are left out.",
-        png=panels("", [draw], panel_in=WIDE_PANEL_IN, shared_legend=True),
-    )
-    return [picture]
-
-
 def error_against_latency(evaluation: Evaluation) -> list[Picture]:
     """Draw error against time, one panel per sequence, with the Pareto front."""
     styles = method_styles(evaluation)
@@ -149,9 +117,9 @@ def error_against_latency(evaluation: Evaluation) -> list[Picture]:
 
 def reliability(evaluation: Evaluation) -> list[Picture]:
     """Draw the share of correct pixels by confidence, one panel per sequence."""
-    shown, right = shown_methods(evaluation), _right_by_confidence(evaluation)
-    methods = [name for name in graded_methods(evaluation) if name in shown]
-    right = right[right["method"].isin(methods)]
+    shown, correct = shown_methods(evaluation), _correct_by_confidence(evaluation)
+    methods = [name for name in calibrated_methods(evaluation) if name in shown]
+    correct = correct[correct["method"].isin(methods)]
     styles = method_styles(evaluation)
 
     def draw(info: SequenceInfo, bins_of_all: pd.DataFrame, axes: "Axes") -> None:
@@ -166,26 +134,26 @@ def reliability(evaluation: Evaluation) -> list[Picture]:
         axes.set_xlim(-0.03, 1)
         axes.set_ylim(0, 100)
         n = range_text(totals.min(), totals.max())
-        label_axes(axes, info.name, f"confidence, n = {n} pixels", "pixels that are right [%]")
+        label_axes(axes, info.name, f"confidence, n = {n} pixels", "pixels that are correct [%]")
 
     return _panels(
         evaluation,
-        lambda info: right[right["sequence"] == info.name],
+        lambda info: correct[correct["sequence"] == info.name],
         draw,
         "Confidence against errors",
         f"Pixels that a method gives a depth, {CALIBRATION_RANGE}, are sorted into bins of confidence of width "
-        "0.1, and a bin for 0. Lines show the share of a bin that is right, within 5 % or a quarter of a pixel of "
+        "0.1, and a bin for 0. Lines show the share of a bin that is correct, within 5 % or a quarter of a pixel of "
         "disparity; dotted lines show the share of the method's pixels that are in the bin. A rising line means that "
         "the confidence can be trusted. Methods whose pixels are in one or two bins are left out, and where more than "
         f"{len(SHOWN)} took part, those that the other figures leave out; n is the number of pixels of a method.",
     )
 
 
-def graded_methods(evaluation: Evaluation) -> list[str]:
+def calibrated_methods(evaluation: Evaluation) -> list[str]:
     """Return the methods whose confidence fills more than two bins: two only tell measured from filled pixels."""
-    bins = _right_by_confidence(evaluation).groupby(["sequence", "method"]).size()
-    graded = set(bins[bins > 2].index.get_level_values("method"))
-    return [name for name in evaluation.methods if name in graded]
+    bins = _correct_by_confidence(evaluation).groupby(["sequence", "method"]).size()
+    calibrated = set(bins[bins > 2].index.get_level_values("method"))
+    return [name for name in evaluation.methods if name in calibrated]
 
 
 def error_maps(evaluation: Evaluation) -> list[Picture]:
@@ -204,7 +172,7 @@ def _error_maps(evaluation: Evaluation, info: SequenceInfo) -> Picture:
     far_m = far_end_m([reference_m, decoded_thumbnail(info.raw)])
     end_m = ERROR_SHARE * far_m
     draws: list[Draw] = [partial(_draw_image, "reference", _in_colors(reference_m, far_m), {})]
-    draws.append(partial(_draw_scales, far_m, _error_scale(end_m)))
+    draws.append(partial(_draw_scale, _error_scale(end_m)))
     for title, png in shown.items():
         depth_m = decoded_thumbnail(png)
         draws.append(partial(_draw_image, title, _in_colors(depth_m, far_m), {}))
@@ -215,8 +183,8 @@ def _error_maps(evaluation: Evaluation, info: SequenceInfo) -> Picture:
     return Picture(
         title=f"{info.name}, frame {info.frames - 1}",
         caption=f"Depth is red where near, blue at {far_m:g} m and beyond, and black where missing. Its error [m] is "
-        "that against the reference: red is too far, blue too near, white right, black without depth, and grey without "
-        f"reference; n = {n} pixels of a narrowed image.",
+        "that against the reference: red is too far, blue too near, white correct, black without depth, and grey "
+        f"without reference; n = {n} pixels of a narrowed image.",
         png=panels("", draws, columns=ERROR_MAP_COLUMNS, panel_in=(ERROR_MAP_WIDTH_IN, height_in)),
     )
 
@@ -269,22 +237,15 @@ def _errors_by_time(evaluation: Evaluation, info: SequenceInfo) -> pd.DataFrame:
     return points.reindex([name for name in evaluation.methods if name in points.index])
 
 
-def _quality_points(evaluation: Evaluation, infos: Sequence[SequenceInfo], method: str) -> FloatArray:
-    """Return share of occluded pixels [%] and PSNR [dB] of the frames of a method, shape (frames, 2)."""
-    ratios_db = [evaluation.result(info.name, method).frame_psnrs_db for info in infos]  # Empty if it failed.
-    pairs = chain.from_iterable(map(zip, [info.occluded_shares for info in infos], ratios_db))
-    return np.reshape([(100 * share, db) for share, db in pairs if db is not None], (-1, 2))
-
-
 def _of_sequence(evaluation: Evaluation, info: SequenceInfo, selector: Selector) -> pd.DataFrame:
     """Select the values and sample sizes of one sequence by method."""
     found = evaluation.measurements.select(selector)
     return found[found.index.get_level_values("sequence") == info.name].droplevel("sequence")
 
 
-def _right_by_confidence(evaluation: Evaluation) -> pd.DataFrame:
+def _correct_by_confidence(evaluation: Evaluation) -> pd.DataFrame:
     """Return the share of correct pixels (`value`) of each sequence, method and bin of confidence."""
-    selectors = [Selector("right", mask, CALIBRATION_RANGE, FILLED) for mask in CONFIDENCES]
+    selectors = [Selector("correct", mask, CALIBRATION_RANGE, FILLED) for mask in CONFIDENCES]
     parts = [evaluation.measurements.select(selector).reset_index() for selector in selectors]
     return pd.concat([part.assign(bin=k) for k, part in enumerate(parts)])
 
@@ -321,21 +282,16 @@ def _draw_image(title: str, image: npt.NDArray[Any], style: Mapping[str, Any], a
     axes.set_axis_off()
 
 
-def _draw_scales(far_m: float, error_scale: Mapping[str, Any], axes: "Axes") -> None:
-    """Draw the colours of depth and of errors, both within the panel, so that they touch no other."""
+def _draw_scale(scale: Mapping[str, Any], axes: "Axes") -> None:
+    """Draw the colours of errors within the panel, so that they touch no other."""
     from matplotlib.cm import ScalarMappable
 
     axes.set_axis_off()
-    depth_m = np.linspace(0, far_m, SCALE_STEPS + 1, dtype=np.float32)[None, 1:]
-    bar = axes.inset_axes((0.05, 0.78, 0.9, 0.12))
-    bar.imshow(_in_colors(depth_m, far_m), extent=(0, far_m, 0, 1), aspect="auto")
-    bar.set_yticks([])
-    bar.set_xlabel("depth [m]", fontsize=7, labelpad=1)
-    errors = axes.inset_axes((0.05, 0.3, 0.9, 0.12))
-    axes.figure.colorbar(ScalarMappable(**error_scale), cax=errors, orientation="horizontal")
-    errors.set_xlabel("error: depth minus reference [m]", fontsize=7, labelpad=1)
-    for scale in (bar, errors):
-        scale.tick_params(labelsize=7, pad=1, length=2)
+    bar = axes.figure.colorbar(
+        ScalarMappable(**scale), cax=axes.inset_axes((0.05, 0.5, 0.9, 0.12)), orientation="horizontal"
+    )
+    bar.set_label("error: depth minus reference [m]", fontsize=7, labelpad=1)
+    bar.ax.tick_params(labelsize=7)
 
 
 def _error_scale(end_m: float) -> dict[str, Any]:

@@ -13,7 +13,6 @@ from .groups import ALL, BINS, TRUE_GROUPS
 from .intervals import CLOSE, ERROR_CHANGE, LEAD
 from .kinds import HELD_OUT
 from .measurements import AS_GIVEN, FILLED, Selector, of_frames
-from .running import WORKLOAD_PHASES
 from .scoring import (
     BELIEVED,
     CALIBRATION_RANGE,
@@ -113,25 +112,6 @@ LEAD_HIDDEN = [Selector(metric, HIDDEN, on=AS_GIVEN) for metric in LEAD]
 FLICKER = [Selector("flicker", STATIC, on=FILLED)]
 
 # fmt: off
-PAPER_LAYOUT = (
-    Quantity("PSNR, peak 65535 mm, surfaces within that, after completion", "dB", [Selector("psnr16_mm", range=ALL)],
-             "Higher is better.", best="high"),
-    Quantity("Masked RMSE, occluded pixels within 20 m, after completion", "m", [Selector("rmse", "occluded")],
-             "Lower is better. The paper's masked RMSE has no unit, and is below, beside what repeats its arithmetic.",
-             best="low"),
-    Quantity("Masked MAE, occluded pixels within 20 m, after completion", "m", [Selector("mae", "occluded")],
-             "Lower is better.", best="low"),
-)
-"""Tables in the layout of the paper's."""
-PAPER_ARITHMETIC = (
-    Quantity("m_rmse_u16_wrap, occluded pixels", "no unit", [Selector("m_rmse_u16_wrap", "occluded", ALL, AS_GIVEN)],
-             "The authors' arithmetic, which subtracts and squares in 16 bits. Unrelated images score 179.96, an error "
-             "of 256 mm everywhere scores 0: it ranks nothing. Mean over frames."),
-    Quantity("psnr_minmax8", "dB", [Selector("psnr_minmax8", "all", ALL, AS_GIVEN)],
-             "The authors' arithmetic, which stretches each image by its own extremes to 8 bits. A copy scaled by 2 "
-             "scores 361 dB: it ranks nothing. Mean over frames."),
-)
-"""Tables in the layout of the paper's that repeat its arithmetic, for comparison only."""
 QUANTITIES = (
     Quantity("Coverage: pixels with depth, surfaces within 20 m", "%", COVERAGE,
              "Errors of methods that fill less than 90 % say little beside those of others."),
@@ -196,12 +176,6 @@ QUANTITIES = (
              [of_frames(f"latency_{name}") for name in ("p50", "p95", "background")],
              "OpenCV on one thread, one method at a time, after a warm-up. The third number is the mean CPU time of a "
              "method's own threads: 'paper' fuses its window in one."),
-    Quantity("Median time per frame in reference workloads / reference workload before / between frames / after", "ms",
-             [of_frames("latency_p50_workloads"),
-              *(of_frames(f"reference_workload_{when}") for when in WORKLOAD_PHASES)],
-             "The reference workload is a 5x5 median of 640x360 pixels, timed in the same process right before each "
-             "method's run, after each of its frames, and right after it. Where it differs from that of other runs, "
-             "something else took time from the machine.", places=2),
 )
 """Tables of the report: a quantity of all methods on all sequences, with the best marked and the sample sizes."""
 # fmt: on

@@ -13,16 +13,13 @@ from voxdepth.tools.table import MISSING, Column, Table, Value
 
 from ..results.frame_files import write_frame
 from ..results.page import render_page
-from . import paper
-from .figures import all_figures, count_text, error_maps, graded_methods, range_text
+from .figures import all_figures, calibrated_methods, count_text, error_maps, range_text
 from .groups import ALL, NEAR
 from .measurements import FILLED, Selector
 from .methods import ORACLE
 from .quantities import (
     HOLE_COLUMNS,
     MOVING_COLUMNS,
-    PAPER_ARITHMETIC,
-    PAPER_LAYOUT,
     QUANTITIES,
     TERMINAL_COLUMNS,
     Quantity,
@@ -49,15 +46,11 @@ def write_report(out: Path, evaluation: Evaluation) -> None:
 
 def rendered(evaluation: Evaluation) -> str:
     """Return the text of the page."""
-    replaced = [result for result in evaluation.results if result.replaced is not None]
     return render_page(
         "report.html.j2",
         failures=_failure_rows(evaluation),
-        replaced=[(result.key.sequence, result.key.method, result.replaced) for result in replaced],
         tables=[method_table(evaluation, q) for q in QUANTITIES if is_measured(evaluation, q)],
-        paper=[paper_table(evaluation, q) for q in PAPER_LAYOUT if is_measured(evaluation, q)],
-        arithmetic=[paper_table(evaluation, q) for q in PAPER_ARITHMETIC if is_measured(evaluation, q)],
-        calibration=[calibration_table(evaluation, method) for method in graded_methods(evaluation)],
+        calibration=[calibration_table(evaluation, method) for method in calibrated_methods(evaluation)],
         figures=all_figures(evaluation),
         error_maps=error_maps(evaluation),
         sequences=_sequence_table(list(evaluation.sequences.values())),
@@ -78,38 +71,13 @@ def method_table(evaluation: Evaluation, quantity: Quantity) -> Table:
     return Table.of(quantity.heading, ["method", *measured], rows, note=quantity.note, classes=marks)
 
 
-def paper_table(evaluation: Evaluation, quantity: Quantity) -> Table:
-    """Return a table with one row per sequence and one column per method, beside the numbers that the paper prints.
-
-    Sequences without a number are left out, and the columns of the paper if it has none for any sequence.
-    """
-    texts, classes, counts = _texts(evaluation, quantity)
-    texts = texts[[name for name in texts if not texts[name].isin([MISSING, FAILED]).all()]]
-    stand_for = {paper.SEQUENCES.get(name) for name in texts}
-    published = {
-        name: values
-        for name, values in paper.PUBLISHED.get(quantity.selectors[0].metric, {}).items()
-        if name in stand_for
-    }
-    names = [f"{method} (paper)" for method in paper.METHODS if published]
-    order = {name: place for place, name in enumerate(paper.SEQUENCES)}
-    rows: list[list[Value]] = []
-    marks: list[list[str]] = []
-    for name in sorted(texts.columns, key=lambda name: (order.get(name, len(order)), name)):
-        abbreviation = paper.SEQUENCES.get(name, "")
-        values = published.get(abbreviation, [""] * len(names))
-        rows.append([abbreviation or name, *values, *texts[name], counts[name]])
-        marks.append(["", *["printed"] * len(names), *classes[name], "n"])
-    return Table.of(quantity.heading, ["sequence", *names, *texts.index, "n"], rows, note=quantity.note, classes=marks)
-
-
 def calibration_table(evaluation: Evaluation, method: str) -> Table:
-    """Return the share of right pixels of a method by confidence: of each source, and of holes or held-out pixels."""
+    """Return the share of correct pixels of a method by confidence: of each source, and of holes or held-out pixels."""
     long = evaluation.measurements
     rows: list[list[Value]] = []
     for info in evaluation.sequences.values():
         for mask in (*SOURCES.values(), info.hidden):
-            selectors = [Selector("right", in_bin(mask, name), CALIBRATION_RANGE, FILLED) for name in CONFIDENCES]
+            selectors = [Selector("correct", in_bin(mask, name), CALIBRATION_RANGE, FILLED) for name in CONFIDENCES]
             counts = [long.count(info.name, method, selector) for selector in selectors]
             values = [long.value(info.name, method, selector) for selector in selectors]
             if any(counts):
@@ -122,7 +90,7 @@ def calibration_table(evaluation: Evaluation, method: str) -> Table:
 
 
 def print_results(console: "Console", evaluation: Evaluation) -> None:
-    """Print a table for each sequence, and say which results were replaced or failed."""
+    """Print a table for each sequence, and say which methods failed."""
     texts = {q.heading: _texts(evaluation, q)[0] for q in chain(*TERMINAL_TABLES)}
     for info in evaluation.sequences.values():
         pixels = info.pixels[ALL].get(NEAR, 0)
@@ -140,12 +108,9 @@ def print_results(console: "Console", evaluation: Evaluation) -> None:
         "are with OpenCV on one thread",
         soft_wrap=True,
     )
-    for result in evaluation.results:
-        where = f"{result.key.sequence}, {result.key.method}"
-        if result.replaced is not None:
-            console.print(f"{where}: an older result was discarded: {result.replaced}", soft_wrap=True, markup=False)
-        if result.error is not None:
-            console.print(f"{where} failed: {result.error}", soft_wrap=True, markup=False, style="red")
+    for result in evaluation.failures:
+        failed = f"{result.key.sequence}, {result.key.method} failed: {result.error}"
+        console.print(failed, soft_wrap=True, markup=False, style="red")
 
 
 def _failure_rows(evaluation: Evaluation) -> list[tuple[str, str, str]]:

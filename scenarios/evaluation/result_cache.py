@@ -20,9 +20,6 @@ from .scoring import METRICS
 
 THUMBNAIL_PX = 240
 """Largest width of the depth image that is kept of the last frame of a sequence."""
-NOT_DONE = "not done yet"
-OTHER_FILE = "its file is of another version or damaged"
-FOREIGN = "its code is not part of this project and may have changed"
 
 
 class Key(Model):
@@ -41,15 +38,6 @@ class Key(Model):
     metrics: tuple[str, ...] = tuple(METRICS)
     """Names of the metrics of errors, so that a new one is computed for finished results, too."""
 
-    def difference(self, other: "Key") -> str:
-        """Describe the first entry in which `other` differs; return an empty string if both are equal."""
-        was, now = _flat(other.model_dump()), _flat(self.model_dump())
-        for name in [*now, *was]:
-            texts = ["none" if flat.get(name) is None else str(flat[name])[:48] for flat in (was, now)]
-            if was.get(name) != now.get(name):
-                return f"{name} was {texts[0]} and is {texts[1]}"
-        return ""
-
 
 class Scores(Model):
     """What was measured of one method on one sequence."""
@@ -57,8 +45,6 @@ class Scores(Model):
     model_config = ConfigDict(allow_inf_nan=True, ser_json_inf_nan="constants")
 
     measurements: tuple[Measurement, ...] = ()
-    frame_psnrs_db: tuple[float | None, ...] = ()
-    """PSNR of every frame after completion, peak 65535 mm [dB]; None if it is undefined."""
     frame_close: tuple[tuple[int, int], ...] = ()
     """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
     frame_errors_m: tuple[tuple[float, int], ...] = ()
@@ -73,8 +59,6 @@ class Result(Scores):
     key: Key
     error: str | None = None
     """Why there are no measurements; None if there are."""
-    replaced: str | None = None
-    """Why an older result was discarded; None if there was none."""
 
 
 class SequenceInfo(Model):
@@ -97,8 +81,6 @@ class SequenceInfo(Model):
     """What methods are scored by."""
     pixels: dict[str, dict[str, int]]
     """Number of pixels of all frames, by mask and range."""
-    occluded_shares: tuple[float, ...]
-    """Share of each frame that the second camera does not see, 0..1; empty if it is unknown."""
     reference: str = ""
     """Thumbnail of the reference depth of the last frame."""
     raw: str = ""
@@ -121,25 +103,18 @@ class ResultCache:
         """Return the file of the result of a method."""
         return self._results / f"{method.replace(':', '-').replace('/', '-')}.json"
 
-    def load(self, key: Key, *, may_have_changed: bool) -> Result:
-        """Load the finished result of a key, or one with the error `NOT_DONE` and why an older one is discarded.
-
-        Even one with the same key is discarded if the method `may_have_changed`. A file that cannot be read is a
-        `ToolError`.
-        """
+    def load(self, key: Key) -> Result | None:
+        """Load the finished result of a key; None if there is none. A file that cannot be read is a `ToolError`."""
         path = self.path(key.method)
         with as_tool_error(f"cannot read {path}"):
             if not path.exists():
-                return Result(key=key, error=NOT_DONE)
+                return None
             data = path.read_bytes()
         try:
             result = Result.model_validate_json(data)
-        except pydantic.ValidationError:
-            return Result(key=key, error=NOT_DONE, replaced=OTHER_FILE)
-        difference = key.difference(result.key) or (FOREIGN if may_have_changed else "")
-        if difference:
-            return Result(key=key, error=NOT_DONE, replaced=difference)
-        return result.model_copy(update={"replaced": None})
+        except pydantic.ValidationError:  # Damaged, or of another version.
+            return None
+        return result if result.key == key and result.error is None else None
 
     def load_info(self, digest: str, frames: int) -> SequenceInfo | None:
         """Return the description of the sequence, or None if there is none of these frames."""
@@ -165,10 +140,3 @@ def decoded_thumbnail(png: str) -> FloatImage:
     """Decode a thumbnail to depth [m], shape (H, W)."""
     data = np.frombuffer(base64.b64decode(png), np.uint8)
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED)).astype(np.float32) / np.float32(1000)
-
-
-def _flat(values: dict[str, Any], before: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for name, value in values.items():
-        flat |= _flat(value, f"{before}{name}.") if isinstance(value, dict) else {before + name: value}
-    return flat

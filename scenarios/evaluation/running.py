@@ -1,14 +1,13 @@
 """Runs one method on one sequence: warm-up, time per frame, validation of its output, and scores."""
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from voxdepth.soundness import first_fault
 from voxdepth.types import DepthCorrector, FloatImage, Frame, GrayImage, Intrinsics
@@ -19,12 +18,6 @@ from .methods import Method
 from .result_cache import Scores, encoded_thumbnail
 from .scoring import Score
 from .sources import EvaluationFrame, Frames
-
-SEED, SHAPE, WINDOW_PX = 0, (360, 640), 5
-"""The reference workload is a 5x5 median of 16-bit noise of 640x360 pixels."""
-REPEATS = 30
-WORKLOAD_PHASES = ("before", "during", "after")
-"""When the reference workload is timed, relative to a run."""
 
 
 class MethodError(Exception):
@@ -37,13 +30,6 @@ class Output(NamedTuple):
     depth_m: FloatImage
     confidence: FloatImage | None
     source: GrayImage | None
-
-
-def _workload_s(noise: npt.NDArray[np.uint16]) -> float:
-    """Time a fixed computation [s], beside every run: if it takes longer, the run had less of the machine as well."""
-    start = time.perf_counter()
-    cv2.medianBlur(noise, WINDOW_PX)
-    return time.perf_counter() - start
 
 
 def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) -> Scores:
@@ -60,9 +46,6 @@ def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) 
         for index in range(min(method.warm_up_frames, len(frames))):
             _processed(corrector, _visible(frames[index], method), index)
     score, times_s = Score(groups, intrinsics), []
-    noise = np.random.default_rng(SEED).integers(0, 1 << 16, SHAPE, dtype=np.uint16)
-    _workload_s(noise)  # The first call is slower than others.
-    workloads_s = {"before": [_workload_s(noise) for _ in range(REPEATS)], "during": [], "after": []}
     with _instance(method, intrinsics) as corrector:
         start_s = _other_threads_s()
         for index in range(len(frames)):
@@ -70,32 +53,23 @@ def run(method: Method, frames: Frames, groups: Groups, intrinsics: Intrinsics) 
             output, time_s = _processed(corrector, _visible(frame, method), index)
             times_s.append(time_s)
             score.add(frame, *output)
-            workloads_s["during"].append(_workload_s(noise))
         background_s = _other_threads_s() - start_s
-    workloads_s["after"] = [_workload_s(noise) for _ in range(REPEATS)]
     return Scores(
-        measurements=(*score.measurements(), *_latencies(times_s, background_s, workloads_s)),
-        frame_psnrs_db=score.frame_psnrs_db,
+        measurements=(*score.measurements(), *_latencies(times_s, background_s)),
         frame_close=score.frame_close,
         frame_errors_m=score.frame_errors_m,
         thumbnail=encoded_thumbnail(output.depth_m),
     )
 
 
-def _latencies(
-    times_s: Sequence[float], background_s: float, workloads_s: Mapping[str, Sequence[float]]
-) -> Iterator[Measurement]:
-    """Yield times per frame, CPU times of other threads per frame, and times of the reference workload."""
+def _latencies(times_s: Sequence[float], background_s: float) -> Iterator[Measurement]:
+    """Yield times per frame, and CPU times of other threads per frame."""
     n = len(times_s)
     percentiles_ms = [float(value) for value in 1e3 * np.percentile(times_s, (50, 95, 100))]
     # The two clocks are read one after the other, so their difference may be negative.
     values_ms = (*percentiles_ms, max(0.0, 1e3 * background_s / n))
     for name, value_ms in zip(("p50", "p95", "max", "background"), values_ms, strict=True):
         yield measured(of_frames(f"latency_{name}"), value_ms, "ms", n)
-    medians_ms = {phase: 1e3 * float(np.median(workloads_s[phase])) for phase in WORKLOAD_PHASES}
-    for phase, median_ms in medians_ms.items():
-        yield measured(of_frames(f"reference_workload_{phase}"), median_ms, "ms", len(workloads_s[phase]))
-    yield measured(of_frames("latency_p50_workloads"), percentiles_ms[0] / medians_ms["during"], "workloads", n)
 
 
 def _other_threads_s() -> float:

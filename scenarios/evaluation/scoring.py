@@ -95,8 +95,6 @@ class Score:
         self._moving, self._calibration = MovingScore(), CalibrationScore(intrinsics, groups.hidden)
         self._sky_near, self._phantoms, self._frames = Share(), Phantoms(), 0
         self._in_16_bits = Sums()
-        self.frame_psnrs_db: tuple[float | None, ...] = ()
-        """PSNR of every frame as in `psnr16_mm` [dB]; None if it is undefined."""
         self.frame_close: tuple[tuple[int, int], ...] = ()
         """Number of hidden pixels within 20 m of every frame that are given a close depth, and of all of them."""
         self.frame_errors_m: tuple[tuple[float, int], ...] = ()
@@ -128,9 +126,8 @@ class Score:
         hidden = np.isin(frame.labels, self._groups.members(self._groups.hidden, ALL))
         self._calibration.add(depth_m, frame.reference_m, independent, hidden, confidence, source)
         # Surfaces that an image in 16 bits and millimetres can hold.
-        sums = Sums.of(completed_m, frame.reference_m, (frame.reference_m <= np.float32(PEAK16_M)) & independent)
-        self._in_16_bits += sums
-        self.frame_psnrs_db += (sums.psnr_db(PEAK16_M),)
+        in_16_bits = (frame.reference_m <= np.float32(PEAK16_M)) & independent
+        self._in_16_bits += Sums.of(completed_m, frame.reference_m, in_16_bits)
         self._add_paper(frame, depth_m)
 
     def measurements(self) -> list[Measurement]:
@@ -252,16 +249,16 @@ class MovingScore:
 class CalibrationScore:
     """Errors of filled pixels by confidence and by source, as far as a method gives these.
 
-    The share of right pixels in each bin of confidence is also that of each source, and of the hidden pixels alone.
+    The share of correct pixels in each bin of confidence is also that of each source, and of the hidden pixels alone.
     """
 
     def __init__(self, intrinsics: Intrinsics, hidden: str) -> None:
         self._focal_baseline_px_m = intrinsics.focal_baseline_px_m
         masks = (*CONFIDENCES, *SOURCES.values())
-        self._sums, self._right = dict.fromkeys(masks, Sums()), dict.fromkeys(masks, 0)
+        self._sums, self._correct = dict.fromkeys(masks, Sums()), dict.fromkeys(masks, 0)
         self._hidden = hidden
         self._bins = {mask: np.zeros((2, len(CONFIDENCES)), np.int64) for mask in (*SOURCES.values(), hidden)}
-        """Number of pixels and of right ones by bin of confidence, shape (2, bins)."""
+        """Number of pixels and of correct ones by bin of confidence, shape (2, bins)."""
         self._believed = Sums()
 
     def add(
@@ -302,12 +299,12 @@ class CalibrationScore:
                 where = mask, CALIBRATION_RANGE, FILLED
                 yield measured(Selector("mae", *where), sums.mae_m, "m", n)
                 yield measured(Selector("median", *where), sums.median_abs_m, "m", n)
-                yield measured(Selector("right", *where), self._right[mask] / n, "share", n)
-        for mask, (pixels, right) in self._bins.items():
-            for confidence, n, n_right in zip(CONFIDENCES, pixels.tolist(), right.tolist(), strict=True):
+                yield measured(Selector("correct", *where), self._correct[mask] / n, "share", n)
+        for mask, (pixels, correct) in self._bins.items():
+            for confidence, n, n_correct in zip(CONFIDENCES, pixels.tolist(), correct.tolist(), strict=True):
                 if n:
                     where = in_bin(mask, confidence), CALIBRATION_RANGE, FILLED
-                    yield measured(Selector("right", *where), n_right / n, "share", n)
+                    yield measured(Selector("correct", *where), n_correct / n, "share", n)
 
     def _add_bins(
         self,
@@ -317,13 +314,13 @@ class CalibrationScore:
         depth_m: FloatImage,
         reference_m: FloatImage,
     ) -> None:
-        """Count the pixels, and the right ones, of each mask in each bin of confidence."""
+        """Count the pixels, and the correct ones, of each mask in each bin of confidence."""
         where = np.flatnonzero(counted)
-        right = is_correct(depth_m.flat[where], reference_m.flat[where], self._focal_baseline_px_m)
+        correct = is_correct(depth_m.flat[where], reference_m.flat[where], self._focal_baseline_px_m)
         label = np.digitize(confidence.flat[where], EDGES, right=True)
         for mask, member in members.items():
             inside = member.flat[where]
-            for row, chosen in enumerate((inside, inside & right)):
+            for row, chosen in enumerate((inside, inside & correct)):
                 self._bins[mask][row] += np.bincount(label[chosen], minlength=len(CONFIDENCES))
 
     def _add(
@@ -333,8 +330,8 @@ class CalibrationScore:
         for mask, where in zip(masks, split(label.astype(np.uint8), len(masks)), strict=True):
             if where.size:
                 self._sums[mask] += _sums(depth_m, reference_m, where)
-                right = is_correct(depth_m.flat[where], reference_m.flat[where], self._focal_baseline_px_m)
-                self._right[mask] += int(np.count_nonzero(right))
+                correct = is_correct(depth_m.flat[where], reference_m.flat[where], self._focal_baseline_px_m)
+                self._correct[mask] += int(np.count_nonzero(correct))
 
 
 def _sums(depth_m: FloatImage, reference_m: FloatImage, where: npt.NDArray[np.intp]) -> Sums:

@@ -46,8 +46,6 @@ class EvaluationFrame:
     """Pixel group of each pixel, shape (H, W), uint8."""
     static: MaskImage
     """Pixels that show the same surface as in the frame before, shape (H, W)."""
-    occluded_share: float | None
-    """Share of the pixels with a reference that the second camera does not see, 0..1; None if it is unknown."""
     moving: MaskImage | None = None
     """Pixels of moving objects, shape (H, W); None if there are none or they are unknown."""
     departed_m: FloatImage | None = None
@@ -94,9 +92,8 @@ def _arrays(frame: EvaluationFrame) -> dict[str, Any]:
 
 def _evaluation_frame(arrays: dict[str, Any]) -> EvaluationFrame:
     shown = Frame(stamp_s=float(arrays.pop("stamp_s")), gray=arrays.pop("gray"), depth_m=arrays.pop("depth_m"))
-    share = arrays.pop("occluded_share", None)
     unknown: dict[str, Any] = {"T_world_cam": None}
-    return EvaluationFrame(frame=shown, occluded_share=None if share is None else float(share), **(unknown | arrays))
+    return EvaluationFrame(frame=shown, **(unknown | arrays))
 
 
 Frames = FrameCache | list[EvaluationFrame]
@@ -148,7 +145,6 @@ class SimulatedSource:
                 reference_m=truth_m,
                 labels=TRUE_GROUPS.label(truth_m, kind.astype(np.uint8)),
                 static=static,
-                occluded_share=float((occluded & known).sum() / max(1, known.sum())),
                 moving=moving,
                 departed_m=departed_m,
             )
@@ -192,7 +188,6 @@ class DatasetSource:
                 reference_m=reference_m,
                 labels=self.groups.label(reference_m, hidden.astype(np.uint8)),
                 static=(change <= SAME_GRAY) & (index > 0),
-                occluded_share=None,
             )
             gray_before = smooth
 

@@ -207,25 +207,25 @@ def _evaluate(plan: Plan, progress: Callable[[str, int], None]) -> Evaluation:
         cache = ResultCache(plan.out, requested.name)
         with _frame_cache(plan.out) as frames:
             try:
-                source, info, cached = _prepared(plan, requested, cache, frames, tell)
+                source, info, keys, cached = _prepared(plan, requested, cache, frames, tell)
             except (SimError, VoxDepthError) as error:
                 reason = " ".join(str(error).split())
                 results += [Result(key=key, error=reason) for key in _keys(plan, requested.name)]
                 tell(f"{requested.name}, not opened")
                 continue
             sequences[requested.name] = info
-            reused += sum(result.error is None for result in cached)
-            for method, result in zip(plan.methods, cached, strict=True):
+            reused += len(cached)
+            for method, key in zip(plan.methods, keys, strict=True):
                 tell(f"{requested.name}, {method.name}")
-                results.append(result if result.error is None else _computed(source, method, frames, cache, result))
+                results.append(cached.get(method.name) or _computed(source, method, frames, cache, key))
     tell("done")
     return Evaluation(results=tuple(results), sequences=sequences, reused=reused)
 
 
 def _prepared(
     plan: Plan, requested: Requested, cache: ResultCache, frames: FrameCache, tell: Callable[[str], None]
-) -> tuple[FrameSource, SequenceInfo, list[Result]]:
-    """Open a sequence; return it with its description and with the stored result of each method.
+) -> tuple[FrameSource, SequenceInfo, list[Key], dict[str, Result]]:
+    """Open a sequence; return it with its description, the key of each method, and the stored results by method.
 
     Unless every result is finished and the description is stored, the frames and the description are computed.
     """
@@ -237,14 +237,14 @@ def _prepared(
     total = min(plan.frames, len(source))
     digest = source.digest(total)
     keys = _keys(plan, name, frames=total, seed=source.seed, digest=digest)
-    methods = zip(keys, plan.methods, strict=True)
-    results = [cache.load(key, may_have_changed=method.is_foreign) for key, method in methods]
-    info = cache.load_info(digest, total) if all(result.error is None for result in results) else None
+    own = [key for key, method in zip(keys, plan.methods, strict=True) if not method.is_foreign]
+    results = {key.method: result for key in own if (result := cache.load(key)) is not None}
+    info = cache.load_info(digest, total) if len(results) == len(keys) else None
     if info is None:
         frames.fill(source.frames(total), lambda k: tell(f"{name}, references, frame {k} of {total}"))
         info = describe(source, frames, digest)
         cache.store(info)
-    return source, info, results
+    return source, info, keys, results
 
 
 def _keys(plan: Plan, sequence: str, frames: int = 0, seed: int | None = None, digest: str = "") -> list[Key]:
@@ -254,12 +254,12 @@ def _keys(plan: Plan, sequence: str, frames: int = 0, seed: int | None = None, d
     return [Key(method=method.name, config=method.config, **given) for method in plan.methods]
 
 
-def _computed(source: FrameSource, method: Method, frames: FrameCache, cache: ResultCache, old: Result) -> Result:
+def _computed(source: FrameSource, method: Method, frames: FrameCache, cache: ResultCache, key: Key) -> Result:
     try:
         scores = dict(run(method, frames, source.groups, source.intrinsics))
     except (MethodError, ToolError) as error:
         scores = {"error": str(error)}
-    result = Result(key=old.key, replaced=old.replaced, **scores)
+    result = Result(key=key, **scores)
     cache.store(result)
     return result
 
@@ -268,12 +268,9 @@ def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
     """Describe the frames of a sequence, at least one, whose contents have a digest."""
     groups, camera = source.groups, source.intrinsics
     counts = np.zeros(256, np.int64)
-    occluded_shares = []
     for index in range(len(frames)):
         frame = frames[index]
         counts += np.bincount(frame.labels.ravel(), minlength=256)
-        if frame.occluded_share is not None:
-            occluded_shares.append(frame.occluded_share)
     pixels = {mask: {name: int(counts[groups.members(mask, name)].sum()) for name in RANGES} for mask in groups.masks}
     return SequenceInfo(
         name=source.name,
@@ -288,7 +285,6 @@ def describe(source: FrameSource, frames: Frames, digest: str) -> SequenceInfo:
         independent=groups.independent,
         reference_name=groups.reference_name,
         pixels=pixels,
-        occluded_shares=tuple(occluded_shares),
         reference=encoded_thumbnail(np.where(np.isfinite(frame.reference_m), frame.reference_m, np.float32(0))),
         raw=encoded_thumbnail(frame.frame.depth_m),
     )

@@ -1,22 +1,19 @@
 """Ablation of the default method: one part off at a time, with its effect on errors and latency."""
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import pandas as pd
-from matplotlib.axes import Axes
 
 from voxdepth.registry import DEFAULT
 from voxdepth.temporal.config import VoxDepthConfig
 from voxdepth.tools.table import Column, Table, Value
 
-from ..evaluation.groups import ALL
-from ..evaluation.measurements import AS_GIVEN, FILLED, Selector, of_frames
+from ..evaluation.measurements import Selector
 from ..evaluation.methods import Method, find_method
-from ..evaluation.scoring import DEPARTED, MOVING
-from ..results.figure import label_axes, panels
-from .comparison import HOLES, Comparison, mean_of_known
+from ..evaluation.scoring import GHOSTS, SURVIVAL
+from ..results.figure import panels, plotted
+from .default import FLICKER, HOLES, LATENCY, MEDIAN, OFF, PSNR_NEAR, RMSE, SEEN, Comparison
 from .experiment import Experiment, ExperimentContext, Findings, configured_method
 
 NEVER = 100_000
@@ -88,14 +85,14 @@ def ablate(context: ExperimentContext) -> Findings:
     comparison = Comparison(context.evaluate([variant.method for variant in VARIANTS]))
     quantities = {variant.name: _quantities(comparison, variant.method.name) for variant in VARIANTS}
     columns = tuple(quantities[DEFAULT])
-    means = {name: list(map(mean_of_known, by_column.values())) for name, by_column in quantities.items()}
+    means = pd.DataFrame({name: [values.mean() for values in of.values()] for name, of in quantities.items()}).T
     rows: list[list[Value]] = [
         [sequence, name, *(values[sequence] for values in by_column.values())]
         for sequence in context.sequences
         for name, by_column in quantities.items()
     ]
     title = f"One part off, mean over {', '.join(context.sequences)}"
-    mean_rows = [(variant.name, variant.off, *means[variant.name]) for variant in VARIANTS]
+    mean_rows = [(variant.name, variant.off, *means.loc[variant.name]) for variant in VARIANTS]
     return Findings(
         tables=(
             Table.of(title, ("variant", "what is off", *columns), mean_rows),
@@ -104,16 +101,12 @@ def ablate(context: ExperimentContext) -> Findings:
         notes=(
             "Surfaces within 20 m. Errors in holes and PSNR (peak 40 m) are after completion by the nearest valid; "
             "off is more than 10 % too far or too near. Survival and ghosts are of sequences with moving objects.",
-            "Times are medians, and means of these over sequences of different sizes; the reference workload is a 5x5 "
-            "median of 640x360 pixels, timed between the frames.",
+            "Times are medians, and means of these over sequences of different sizes.",
             "One seed and a few sequences: a difference of a percent or two is not significant.",
         ),
         figure=panels(
             f"One part off, n = {context.frames} frames of {len(context.sequences)} sequences",
-            [
-                partial(_draw, columns[place], {name: values[place] for name, values in means.items()})
-                for place in (0, 4)
-            ],
+            [plotted(means[[k]][::-1], columns[k].name, columns[k].heading, "", kind="barh") for k in (0, 4)],
         ),
     )
 
@@ -121,33 +114,21 @@ def ablate(context: ExperimentContext) -> Findings:
 def _quantities(comparison: Comparison, method: str) -> dict[Column, pd.Series]:
     """The values of a method by sequence for each column."""
 
-    def values(metric: str, mask: str, within: str = HOLES.range, on: str = HOLES.on) -> pd.Series:
-        return comparison.values(Selector(metric, mask, within, on), method)
+    def values(selector: Selector) -> pd.Series:
+        return comparison.values(selector, method)
 
-    survival, survival_raw = (values(name, MOVING, ALL, AS_GIVEN) for name in ("survival", "survival_raw"))
-    ghosts, ghosts_raw = (values(name, DEPARTED, ALL, FILLED) for name in ("ghosts", "ghosts_raw"))
     return {
-        Column("holes MAE", "m", ".3f"): values("mae", "holes"),
-        Column("seen holes MAE", "m", ".3f"): values("mae", "holes seen"),
-        Column("holes off", "%", ".1f"): 100 * values("off", "holes"),
-        Column("measured RMSE", "m", ".3f"): values("rmse", "measured", on=FILLED),
-        Column("measured median", "mm", ".1f"): 1000 * values("median", "measured", on=FILLED),
-        Column("PSNR 20 m", "dB"): values("psnr_40m", "all"),
-        Column("flicker", "mm", ".1f"): 1000 * values("flicker", "static", on=FILLED),
-        Column("survival less raw's", "points", ".1f"): 100 * (survival - survival_raw),
-        Column("ghosts less raw's", "points", ".1f"): 100 * (ghosts - ghosts_raw),
-        Column("p50", "ms", ".1f"): comparison.values(of_frames("latency_p50"), method),
-        Column("p50", "workloads", ".1f"): comparison.values(of_frames("latency_p50_workloads"), method),
+        Column("holes MAE", "m", ".3f"): values(HOLES),
+        Column("seen holes MAE", "m", ".3f"): values(SEEN),
+        Column("holes off", "%", ".1f"): 100 * values(OFF),
+        Column("measured RMSE", "m", ".3f"): values(RMSE),
+        Column("measured median", "mm", ".1f"): 1000 * values(MEDIAN),
+        Column("PSNR 20 m", "dB"): values(PSNR_NEAR),
+        Column("flicker", "mm", ".1f"): 1000 * values(FLICKER),
+        Column("survival less raw's", "points", ".1f"): 100 * (values(SURVIVAL[0]) - values(SURVIVAL[1])),
+        Column("ghosts less raw's", "points", ".1f"): 100 * (values(GHOSTS[0]) - values(GHOSTS[1])),
+        Column("p50", "ms", ".1f"): values(LATENCY),
     }
-
-
-def _draw(column: Column, means: dict[str, Value], axes: Axes) -> None:
-    """A horizontal bar for each variant, with the first at the top."""
-    lengths = [value if isinstance(value, float) else 0.0 for value in means.values()]
-    axes.barh(range(len(means)), lengths)
-    axes.set_yticks(range(len(means)), list(means), fontsize=7)
-    axes.invert_yaxis()
-    label_axes(axes, column.name, column.heading, "")
 
 
 ABLATION = Experiment(

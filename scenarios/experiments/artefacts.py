@@ -1,13 +1,12 @@
 """Errors of depth cameras in numbers, for rendered sequences beside recordings of real cameras."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from functools import partial
-from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from voxdepth.datasets import open_dataset
 from voxdepth.tools.table import Column, Table, Value
@@ -15,12 +14,9 @@ from voxdepth.types import FloatArray, FloatImage, Frame, Intrinsics, MaskImage
 
 from ..errors import ScenarioError
 from ..evaluation.sources import SAME_GRAY
-from ..results.figure import grouped_bars, label_axes, panels
+from ..results.figure import panels, plotted
 from ..sequences import GROUPS
 from .experiment import Experiment, ExperimentContext, Findings
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 STEP_PX, NARROWEST_PX = 4.0, 3
 """Least disparity step beside an occlusion shadow, and least width of a shadow."""
@@ -40,6 +36,14 @@ COLUMNS = (
     Column("island size", "px", ".0f"), Column("hole size", "px", ".0f"), Column(FLICKER, "%"),
     Column("frames", number=".0f"),
 )  # fmt: skip
+PANELS = (
+    ("width of occlusion shadows", "median, multiples of the disparity step", [RATIO]),
+    ("roughness of the rims of shadows", "mean second difference [px]", [FAR_RIM, NEAR_RIM]),
+    ("islands", "number per 10^4 px", [ISLANDS]),
+    ("holes", "size in which the median pixel lies [px]", ["hole size"]),
+    ("flicker of a still camera", "pixels that gain or lose depth [%]", [FLICKER]),
+)
+"""Title, vertical axis and columns of each panel of the figure."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,12 +148,12 @@ def compare_artefacts(context: ExperimentContext) -> Findings:
         figure=panels(
             f"Artefacts of raw depth, up to {context.frames} frames of each",
             [
-                partial(_draw_ratios, found), partial(_draw_rims, table), partial(_draw_islands, found),
-                partial(_draw_holes, found), partial(_draw_flicker, table),
+                plotted(pd.DataFrame({name: table.series(name) for name in names}), title, "", unit, kind="bar", rot=60)
+                for title, unit, names in PANELS
             ],
-            columns=3, shared_legend=True,
+            columns=3,
         ),
-    )  # fmt: skip
+    )
 
 
 def measured(frames: Iterable[Frame] | Iterator[Frame], intrinsics: Intrinsics) -> Artefacts:
@@ -217,48 +221,6 @@ def _weighted_median(sizes: npt.NDArray[np.int64], weights: npt.NDArray[np.int64
     order = np.argsort(sizes)
     total = np.cumsum(weights[order])
     return float(sizes[order][np.searchsorted(total, total[-1] / 2)]) if len(total) and total[-1] else None
-
-
-def _style(k: int) -> dict[str, Any]:
-    """The line of the k-th sequence."""
-    return {"color": f"C{k % 10}", "ls": ("-", "--", ":")[k // 5 % 3]}
-
-
-def _draw_ratios(found: Mapping[str, Artefacts], axes: "Axes") -> None:
-    label_axes(axes, "width of occlusion shadows", "multiples of the disparity step", "shadows up to this width [%]")
-    for k, (name, one) in enumerate(found.items()):
-        ratios = np.sort(np.concatenate(one.ratios))
-        axes.plot(ratios, 100 * np.arange(1, len(ratios) + 1) / max(1, len(ratios)), label=name, **_style(k))
-    axes.set_xlim(0, 3)
-
-
-def _draw_islands(found: Mapping[str, Artefacts], axes: "Axes") -> None:
-    label_axes(axes, "islands", "size [px]", "image in islands up to this size [%]")
-    axes.set_yscale("symlog", linthresh=1e-3)
-    for k, (name, one) in enumerate(found.items()):
-        axes.semilogx(ISLAND_PX, 100 * np.cumsum(one.island_px) / one.pixels, label=name, **_style(k))
-
-
-def _draw_holes(found: Mapping[str, Artefacts], axes: "Axes") -> None:
-    label_axes(axes, "holes", "size [px]", "pixels of holes up to this size [%]")
-    for k, (name, one) in enumerate(found.items()):
-        sizes = np.sort(np.concatenate(one.holes_px))
-        axes.semilogx(sizes, 100 * np.cumsum(sizes) / max(1, sizes.sum()), label=name, **_style(k))
-
-
-def _draw_rims(table: Table, axes: "Axes") -> None:
-    label_axes(axes, "roughness of the rims of shadows", "", "mean second difference [px]")
-    _bars(table, (FAR_RIM, NEAR_RIM), axes)
-
-
-def _draw_flicker(table: Table, axes: "Axes") -> None:
-    label_axes(axes, "flicker of a still camera", "", "pixels that gain or lose depth [%]")
-    _bars(table, (FLICKER,), axes)
-
-
-def _bars(table: Table, names: tuple[str, ...], axes: "Axes") -> None:
-    grouped_bars(axes, [str(name) for name in table.column("sequence")], {name: table.series(name) for name in names})
-    axes.tick_params(axis="x", labelrotation=60)
 
 
 ARTEFACTS = Experiment(

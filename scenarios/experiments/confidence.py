@@ -37,49 +37,51 @@ FILE = "confidence.toml"
 
 
 class Pixels:
-    """Pixels with a depth, and those of them that are right, by source and by bin of the method's own confidence."""
+    """Pixels with a depth, and those of them that are correct, by source and by bin of the method's own confidence."""
 
     def __init__(self) -> None:
-        self.n, self.right = np.zeros((2, len(Source)), np.int64)
+        self.n, self.correct = np.zeros((2, len(Source)), np.int64)
         self.own = Bins()
 
     def add(self, corrected: CorrectedDepth, capture: Capture, times: int) -> None:
-        """Count the pixels of one frame that show a surface; the open sky has no depth that could be right.
+        """Count the pixels of one frame that show a surface; the open sky has no depth that could be correct.
 
         Each pixel counts so many times.
         """
         judged = (corrected.depth_m > 0) & np.isfinite(capture.depth_true_m)
         focal_baseline_px_m = capture.intrinsics.focal_baseline_px_m
-        right = is_correct(corrected.depth_m[judged], capture.depth_true_m[judged], focal_baseline_px_m)
+        correct = is_correct(corrected.depth_m[judged], capture.depth_true_m[judged], focal_baseline_px_m)
         source = corrected.source[judged]
         self.n += times * np.bincount(source, minlength=len(Source))
-        self.right += times * np.bincount(source[right], minlength=len(Source))
-        self.own.add(corrected.confidence[judged], np.full(len(right), float(times)), times * right.astype(np.float64))
+        self.correct += times * np.bincount(source[correct], minlength=len(Source))
+        self.own.add(
+            corrected.confidence[judged], np.full(len(correct), float(times)), times * correct.astype(np.float64)
+        )
 
     def fitted(self, fills: Fills) -> "Bins":
         """Sort these pixels into bins by fitted confidences."""
         bins = Bins()
-        bins.add(fills.by_source, self.n.astype(np.float64), self.right.astype(np.float64))
+        bins.add(fills.by_source, self.n.astype(np.float64), self.correct.astype(np.float64))
         return bins
 
 
 class Bins:
-    """Pixels by confidence: their number, the sum of their confidence, and how many are right."""
+    """Pixels by confidence: their number, the sum of their confidence, and how many are correct."""
 
     def __init__(self) -> None:
-        self.n, self.confidence, self.right = np.zeros((3, BINS))
+        self.n, self.confidence, self.correct = np.zeros((3, BINS))
 
-    def add(self, confidence: FloatImage, n: FloatArray, right: FloatArray) -> None:
+    def add(self, confidence: FloatImage, n: FloatArray, correct: FloatArray) -> None:
         """Add groups of `n` pixels of one confidence each, shapes (k,)."""
         place = np.minimum((confidence * BINS).astype(np.int64), BINS - 1)
         self.n += np.bincount(place, n, BINS)
         self.confidence += np.bincount(place, n * confidence, BINS)
-        self.right += np.bincount(place, right, BINS)
+        self.correct += np.bincount(place, correct, BINS)
 
     @property
     def calibration_error(self) -> float:
-        """Expected calibration error: the mean over pixels of |mean confidence - share of right ones| of their bin."""
-        return float(np.abs(self.confidence - self.right).sum() / self.n.sum())
+        """Expected calibration error: the mean over pixels of |mean confidence - share of correct| of their bin."""
+        return float(np.abs(self.confidence - self.correct).sum() / self.n.sum())
 
     @property
     def trusted_share(self) -> float:
@@ -92,10 +94,10 @@ class Bins:
         return float(_from(SHOWN, self.n) / self.n.sum())
 
     @property
-    def trusted_right(self) -> float | None:
-        """Share of right pixels among the trusted ones; None if there are none."""
+    def trusted_correct(self) -> float | None:
+        """Share of correct pixels among the trusted ones; None if there are none."""
         n = _from(TRUSTED, self.n)
-        return float(_from(TRUSTED, self.right) / n) if n else None
+        return float(_from(TRUSTED, self.correct) / n) if n else None
 
 
 def _from(confidence: float, counts: FloatArray) -> float:
@@ -104,8 +106,8 @@ def _from(confidence: float, counts: FloatArray) -> float:
 
 
 def fit(pixels: Pixels) -> Fills:
-    """The share of right pixels of each source of fills; 0 for a source without pixels."""
-    shares = pixels.right / np.maximum(pixels.n, 1)
+    """The share of correct pixels of each source of fills; 0 for a source without pixels."""
+    shares = pixels.correct / np.maximum(pixels.n, 1)
     memory, inpainted = (round(float(shares[source]), DIGITS) for source in (Source.MEMORY, Source.INPAINTED))
     return Fills(memory=memory, inpainted=inpainted)
 
@@ -119,7 +121,8 @@ def compare_confidence(context: ExperimentContext) -> Findings:
     after = {name: measured[name].fitted(fills) for name, fills in fitted.items()}
     before = {name: pixels.own for name, pixels in measured.items()}
     columns: list[Column | str] = ["corrector", *(
-        Column(f"{what}, {when}", "%", ".1f") for what in ("calibration error", "trusted", "right of trusted", "shown")
+        Column(f"{what}, {when}", "%", ".1f")
+        for what in ("calibration error", "trusted", "correct of trusted", "shown")
         for when in ("own", "fitted")
     )]  # fmt: skip
     rows = [(name, *_row(before[name], after.get(name))) for name in CORRECTOR_NAMES]
@@ -160,18 +163,18 @@ def count(context: ExperimentContext) -> dict[str, Pixels]:
 
 
 def _row(before: Bins, after: Bins | None) -> Iterator[Value]:
-    for value in ("calibration_error", "trusted_share", "trusted_right", "shown_share"):
+    for value in ("calibration_error", "trusted_share", "trusted_correct", "shown_share"):
         for bins in (before, after):
             share = None if bins is None else getattr(bins, value)
             yield None if share is None else 100 * share
 
 
 def _draw(found: dict[str, Bins], title: str, axes: Axes) -> None:
-    label_axes(axes, title, "mean confidence", "right [%]")
+    label_axes(axes, title, "mean confidence", "correct [%]")
     axes.plot((0, 1), (0, 100), color="gray", lw=0.8)
     for k, (name, bins) in enumerate(found.items()):
         filled = bins.n > 0
-        shares = 100 * bins.right[filled] / bins.n[filled]
+        shares = 100 * bins.correct[filled] / bins.n[filled]
         axes.plot(bins.confidence[filled] / bins.n[filled], shares, marker="o", ms=3, color=f"C{k % 10}",
                   ls=("-", "--")[k // 10], label=name)  # fmt: skip
 

@@ -1,426 +1,326 @@
-"""The default method against all baselines on the same frames: measures as tables, with acceptance criteria."""
+"""The default method against all baselines on the same frames: one table for each quantity, and quality criteria."""
 
-import math
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
 import pandas as pd
-from matplotlib.axes import Axes
 
-from voxdepth.registry import PAPER
+from voxdepth.registry import DEFAULT, PAPER
 from voxdepth.tools.table import Column, Table, Value
 from voxdepth.types import Source
 
 from ..evaluation.groups import ALL
-from ..evaluation.measurements import AS_GIVEN, FILLED, Selector, of_frames
-from ..evaluation.methods import METHOD_NAMES, ORACLE, find_methods
+from ..evaluation.measurements import COMPLETED, FILLED, Selector, of_frames
+from ..evaluation.methods import DEFAULT_FILLED, METHOD_NAMES, ORACLE, find_methods, is_baseline
 from ..evaluation.scoring import (
     CALIBRATION_RANGE,
     CONFIDENCES,
-    DEPARTED,
-    MOVING,
+    GHOSTS,
     PHANTOMS,
     SKY_NEAR,
-    SKY_RANGE_M,
     SOURCES,
     STATIC,
     STATIC_MEASURED,
+    SURVIVAL,
     in_bin,
 )
-from ..results.figure import grouped_bars, label_axes, panels
+from ..evaluation.suite import Evaluation
+from ..results.figure import panels, plotted
 from ..sequences import GROUPS
-from .comparison import (
-    HOLES,
-    RAW,
-    SMOOTHER,
-    Comparison,
-    Criterion,
-    average,
-    change_percent,
-    comparison_table,
-    criteria_table,
-    ratio,
-    worst,
-)
 from .experiment import Experiment, ExperimentContext, Findings
 
-STATIONARY = ("sim-hover",)
+RAW, SMOOTHER = "raw", "global-smoother"
+STATIONARY = ["sim-hover"]
 """Sequences with a stationary camera, so that a memory saw nothing that the frame does not show."""
-MIN_COVERAGE = 0.9
-"""Share of the pixels that a baseline must fill for its share of wrong pixels to be comparable."""
 SIZES_MS = {"640x360": 5.5, "1024x1024": 30.0}
 """Allowed median time of a frame by its size."""
 MIN_PIXELS = 1000
 """Smallest bin of confidence that is compared with its neighbour."""
 PANEL_SEQUENCES = 6
 """Sequences in a panel of the figure."""
+HOLES, COVERAGE = Selector("mae", "holes"), Selector("coverage", on=FILLED)
+SEEN, OFF = Selector("mae", "holes seen"), Selector("off", "holes")
+RMSE, MEDIAN = (Selector(metric, "measured", on=FILLED) for metric in ("rmse", "median"))
+PSNR_NEAR, PSNR_ALL = Selector("psnr_40m"), Selector("psnr_40m", range=ALL)
+FLICKER, FLICKER_MEASURED = (Selector("flicker", mask, on=FILLED) for mask in (STATIC, STATIC_MEASURED))
+LATENCY = of_frames("latency_p50")
+NOT_MEASURED = "not measured"
 NOTES = (
     "Baselines are all methods but voxdepth, paper and true-pose; true-pose splats the last frames by the true pose, "
-    "which bounds what a memory can know. The best baseline is chosen for each sequence and each measure.",
+    "which bounds what a memory can know. The best baseline is chosen for each sequence and each quantity.",
     "The default method was tuned on seed 101, with a look at 102 and 103, so results of these seeds prove nothing. "
-    "Those of seed 0, the default, and of any other are fair. Another seed needs another --out, or it replaces the "
-    "results there.",
+    "Those of seed 0, the default, and of any other are fair.",
     "The default method leaves a pixel empty where its guess is unlikely (fill = likely). Errors after completion are "
-    "those of `voxdepth[fill=all]`, which shows a depth at every pixel; all else is of the default. Coverage is a "
-    "result and has no bound.",
+    "those of `voxdepth[fill=all]`, which shows a depth at every pixel; all else is of the default.",
     "Every sequence has the same weight in a mean. An undefined value shows as - and is in no mean; the closed share "
     "of the gap is undefined where true-pose is not better than the best baseline.",
-    "Surfaces beyond the sensor's largest depth (40 m) have no measurement to correct, and their errors dominate a "
-    "PSNR of all surfaces: hence the PSNR within 20 m beside it.",
     "Flicker is |change of the error| from frame to frame where the same surface stays, of pixels with a depth in both "
     "frames. Raw has none in holes: `measured` compares the two on the same pixels.",
-    "A camera that turns on the spot (sim-yaw) has no parallax; the criteria are the same as for those that move.",
-    "Times depend on this machine and on its load: the reference workload (a 5x5 median of 640x360 pixels) shows the "
-    "load, unless it is short enough to run between other work. `voxdepth bench`, alone on the machine, measures "
-    "speed, p99 and memory.",
+    "Times depend on this machine and on its load; `voxdepth bench`, alone on the machine, measures speed and memory.",
 )
-N = Column("n")
 
 
-class Measure(NamedTuple):
-    """One measure of the default method."""
+class Comparison:
+    """The measurements of an evaluation by sequence and method."""
 
-    table: Table
-    criteria: Sequence[Criterion] = ()
+    def __init__(self, evaluation: Evaluation) -> None:
+        self.evaluation = evaluation
+        self.sequences = list(evaluation.sequences)
+        self.baselines = [name for name in evaluation.methods if is_baseline(name)]
+        """The methods that the default is compared with, in the order in which they ran."""
+
+    def by_method(self, selector: Selector, column: str = "value") -> pd.DataFrame:
+        """One quantity (`value`) or its sample size (`n`) by sequence and method (columns); NaN if undefined."""
+        measured = self.evaluation.measurements.select(selector)[column].unstack("method")
+        return measured.reindex(index=self.sequences, columns=self.evaluation.methods)
+
+    def values(self, selector: Selector, method: str | None = None) -> pd.Series:
+        """The values of a method, or of the default method as `own` says, by sequence; NaN where undefined."""
+        found = self.by_method(selector)
+        name = method or self.own(selector)
+        return found[name] if name in found else pd.Series(float("nan"), self.sequences)
+
+    def counts(self, selector: Selector) -> pd.Series:
+        """The sample sizes of the default method by sequence; 0 where not measured."""
+        return self.by_method(selector, "n")[self.own(selector)].fillna(0).astype(int)
+
+    def own(self, selector: Selector) -> str:
+        """The name of the default method: after completion the one that completes its depth itself, if it took part."""
+        return DEFAULT_FILLED if selector.on == COMPLETED and DEFAULT_FILLED in self.evaluation.methods else DEFAULT
+
+    def best(self, selector: Selector, *, without: Sequence[str] = (), min_coverage: float = 0.0) -> pd.DataFrame:
+        """The `name` and `value` of the baseline with the lowest value by sequence; None and NaN where none counts.
+
+        Baselines in `without` do not count, nor those that fill less than `min_coverage` (0..1) of the pixels in 20 m.
+        """
+        fills = self.by_method(COVERAGE).fillna(0) >= min_coverage
+        values = self.by_method(selector).where(fills)[[name for name in self.baselines if name not in without]]
+        known = [row.dropna() for _, row in values.iterrows()]
+        names = [None if row.empty else row.idxmin() for row in known]
+        return pd.DataFrame({"name": names, "value": values.min(axis=1)}, self.sequences)
 
 
-def error_in_holes(comparison: Comparison) -> Measure:
-    """Mean error of pixels that the sensor did not measure."""
-    own, smoother = comparison.values(HOLES), comparison.values(HOLES, SMOOTHER)
-    best, best_of_all = comparison.best(HOLES, without=[SMOOTHER]), comparison.best(HOLES)
-    to_best, to_smoother = change_percent(own, best["value"]), change_percent(own, smoother)
-    to_any = change_percent(own, best_of_all["value"])
-    stationary = to_any.index.isin(STATIONARY)
-    columns = {
-        Column("default", "m", ".3f"): own,
-        Column("best baseline but smoother"): best["name"],
-        Column("its", "m", ".3f"): best["value"],
-        Column(SMOOTHER, "m", ".3f"): smoother,
-        Column("against best", "%", ".1f"): to_best,
-        Column("against smoother", "%", ".1f"): to_smoother,
-        **{Column(name, "m", ".3f"): comparison.values(HOLES, name) for name in (ORACLE, PAPER, RAW)},
-        N: comparison.counts(HOLES),
-    }
-    what = "MAE in holes against"
-    return Measure(
-        table=comparison_table("MAE in holes, surfaces within 20 m, after completion", "holes", columns),
-        criteria=(
-            average(Criterion(f"{what} the best baseline but the smoother", -35, "%"), to_best),
-            average(Criterion(f"{what} the global smoother", -20, "%"), to_smoother),
-            worst(Criterion(f"{what} the best baseline, moving camera", 0, "%"), to_any[~stationary]),
-            worst(Criterion(f"{what} the best baseline, hover", 5, "%"), to_any[stationary]),
-        ),
+def change_percent(values: pd.Series, bases: pd.Series) -> pd.Series:
+    """Relative differences of values from bases [%]; NaN where the base is 0 or either is undefined."""
+    return 100 * (values / bases.where(bases != 0) - 1)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a table shows of every sequence."""
+
+    name: str
+    title: str
+    selector: Selector
+    unit: str
+    factor: float = 1.0
+    """From the unit of the measurement to that of the table."""
+
+
+QUANTITIES = (
+    Quantity("holes", "MAE in holes, within 20 m, after completion", HOLES, "m"),
+    Quantity("holes-seen", "MAE in holes whose surface was measured correctly in the last 60 frames", SEEN, "m"),
+    Quantity("off", "Holes more than 10 % too far or too near, after completion", OFF, "%", 100),
+    Quantity("measured-rmse", "RMSE of measured pixels", RMSE, "m"),
+    Quantity("measured-median", "Median error of measured pixels", MEDIAN, "mm", 1000),
+    Quantity("psnr-near", "PSNR, peak 40 m, surfaces within 20 m, after completion", PSNR_NEAR, "dB"),
+    Quantity("psnr-all", "PSNR, peak 40 m, all surfaces, after completion", PSNR_ALL, "dB"),
+    Quantity("coverage", "Coverage of surfaces within 20 m", COVERAGE, "%", 100),
+    Quantity("flicker", "Flicker of static pixels within 20 m", FLICKER, "mm", 1000),
+    Quantity("survival", "Pixels of moving objects within 5 % of the truth", SURVIVAL[0], "%", 100),
+    Quantity("ghosts", "Filled pixels that show an object that left 5 frames ago", GHOSTS[0], "%", 100),
+    Quantity("sky", "Sky that is shown within 20 m", SKY_NEAR, "%", 100),
+    Quantity("phantoms", "Phantom obstacles: near blobs of 30 px that stay for 5 frames", PHANTOMS, ""),
+    Quantity("time", "Median time per frame, OpenCV on one thread", LATENCY, "ms"),
+)
+"""All tables with a row for each sequence."""
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """A bound on the mean over all sequences, or on the value of each."""
+
+    what: str
+    bound: float
+    unit: str
+    values: Callable[[Comparison], pd.Series]
+    """The number that is judged, by sequence; NaN where undefined."""
+    at_least: bool = False
+    """Whether the bound is a lower bound."""
+    each: bool = False
+
+    def row(self, comparison: Comparison) -> list[Value]:
+        """The bound, the mean or worst value, and whether it is `held`, `missed` by a distance, or not measured."""
+        known = self.values(comparison).dropna()
+        requirement = f"{'each' if self.each else 'mean'} at {'least' if self.at_least else 'most'} {self.bound:g}"
+        if known.empty:
+            return [self.what, self.unit, requirement, None, NOT_MEASURED]
+        worst = known.min() if self.at_least else known.max()
+        value = float(worst if self.each else known.mean())
+        missed = self.bound - value if self.at_least else value - self.bound
+        return [self.what, self.unit, requirement, value, "held" if missed <= 0 else f"missed by {missed:.3g}"]
+
+
+def against_best(
+    selector: Selector, *, without: Sequence[str] = (), min_coverage: float = 0.0
+) -> Callable[[Comparison], pd.Series]:
+    """The change [%] from the best baseline of each sequence."""
+    return lambda c: change_percent(
+        c.values(selector), c.best(selector, without=without, min_coverage=min_coverage)["value"]
     )
 
 
-def error_in_seen_holes(comparison: Comparison) -> Measure:
-    """Share of the gap between the best baseline and the oracle that the default method closes."""
-    seen = Selector("mae", "holes seen")
-    own, best, oracle = comparison.values(seen), comparison.best(seen), comparison.values(seen, ORACLE)
-    errors_m = pd.DataFrame({"own": own, "baseline": best["value"], "oracle": oracle})
-    closed = gap_closed_percent(errors_m)
-    columns = {
-        Column("default", "m", ".3f"): own,
-        Column("best baseline"): best["name"],
-        Column("its", "m", ".3f"): best["value"],
-        Column(ORACLE, "m", ".3f"): oracle,
-        Column("gap closed", "%", ".0f"): closed,
-        N: comparison.counts(seen),
-    }
-    known = errors_m.dropna()
-    of_means = gap_closed_percent(known.mean().to_frame().T).dropna()
-    what = "Holes seen before: share of the gap between the best baseline and true-pose that is closed"
-    scope = f"mean errors of {len(known)}"
-    overall = Criterion(what, 60, "%", at_least=True, value=next(iter(of_means), None), scope=scope)
-    title = "MAE in holes whose surface was measured rightly in the last 60 frames, within 20 m, completed"
-    return Measure(
-        table=comparison_table(title, "holes-seen", columns),
-        criteria=(overall, worst(Criterion(f"{what}, each", 60, "%", at_least=True), closed)),
-    )
+def against(method: str, selector: Selector) -> Callable[[Comparison], pd.Series]:
+    """The change [%] from a method."""
+    return lambda c: change_percent(c.values(selector), c.values(selector, method))
 
 
-def gap_closed_percent(errors: pd.DataFrame) -> pd.Series:
-    """Share of the gap between the errors of a baseline and of the oracle that a method closes [%], by row.
+def above(method: str, selector: Selector) -> Callable[[Comparison], pd.Series]:
+    """The difference from a method."""
+    return lambda c: c.values(selector) - c.values(selector, method)
 
-    It is 0 at the error of the baseline and 100 at that of the oracle; NaN if the oracle is not better. The columns are
-    `own`, `baseline` and `oracle`.
+
+def more_than_raw(selectors: Sequence[Selector]) -> Callable[[Comparison], pd.Series]:
+    """The difference of a share from that of raw depth, which is a measurement of its own [points]."""
+    return lambda c: 100 * (c.values(selectors[0]) - c.values(selectors[1]))
+
+
+def gap_closed_percent(comparison: Comparison) -> pd.Series:
+    """Share of the gap between the errors of the best baseline and of the oracle that the default closes [%].
+
+    It is 0 at the error of the baseline and 100 at that of the oracle; NaN if the oracle is not better.
     """
-    gap = errors["baseline"] - errors["oracle"]
-    return 100 * (errors["baseline"] - errors["own"]) / gap.where(gap > 0)
+    best, oracle = comparison.best(SEEN)["value"], comparison.values(SEEN, ORACLE)
+    gap = best - oracle
+    return 100 * (best - comparison.values(SEEN)) / gap.where(gap > 0)
 
 
-def wrong_pixels(comparison: Comparison) -> Measure:
-    """Share of pixels that are too far or too near; a bias improves either one alone."""
-    far, near, off = (Selector(metric, "holes") for metric in ("too_far", "too_near", "off"))
-    best = comparison.best(off, min_coverage=MIN_COVERAGE)
-    ratios = ratio(comparison.values(off), best["value"])
-    columns = {
-        Column("too far", "%", ".1f"): 100 * comparison.values(far),
-        Column("too near", "%", ".1f"): 100 * comparison.values(near),
-        Column("off", "%", ".1f"): 100 * comparison.values(off),
-        Column("best baseline that fills"): best["name"],
-        Column("its off", "%", ".1f"): 100 * best["value"],
-        Column("ratio"): ratios,
-        N: comparison.counts(off),
-    }
-    criterion = Criterion("Holes more than 10 % off, over those of the best baseline that fills 90 %", 0.7)
-    title = "Holes more than 10 % too far or too near (off), within 20 m, after completion"
-    return Measure(table=comparison_table(title, "off", columns), criteria=(average(criterion, ratios),))
+def largest_fall(mask: str | None) -> Callable[[Comparison], pd.Series]:
+    """The largest fall of the share of correct pixels from a bin of confidence to the next [points]; below 0 for none.
 
-
-def measured_pixels(comparison: Comparison) -> Measure:
-    """Error of pixels that the sensor measured, before and after correction."""
-    columns: dict[Column, pd.Series] = {}
-    criteria = []
-    quantities = (("RMSE", "rmse", "m", ".3f", 1, "RMSE", -20),
-                  ("median", "median", "mm", ".1f", 1000, "Median error", -35))  # fmt: skip
-    for name, metric, unit, number, factor, title, bound in quantities:
-        selector = Selector(metric, "measured", on=FILLED)
-        own, raw = comparison.values(selector), comparison.values(selector, RAW)
-        change = change_percent(own, raw)
-        columns |= {
-            Column(f"{name} raw", unit, number): factor * raw,
-            Column(f"{name} default", unit, number): factor * own,
-            Column(f"{name} change", "%", ".1f"): change,
-        }
-        what = f"{title} of measured pixels against raw"
-        criteria += [
-            worst(Criterion(f"{what}, each", 0, "%"), change),
-            average(Criterion(what, bound, "%"), change),
-        ]
-    columns[N] = comparison.counts(Selector("rmse", "measured", on=FILLED))
-    return Measure(
-        table=comparison_table("Measured pixels, surfaces within 20 m", "measured", columns), criteria=criteria
-    )
-
-
-def psnr(comparison: Comparison) -> Measure:
-    """Peak signal-to-noise ratio with a peak of 40 m, of surfaces within 20 m and of all surfaces."""
-    columns: dict[Column, pd.Series] = {}
-    criteria = []
-    for short, where, selector in (
-        ("20 m", "within 20 m", Selector("psnr_40m")),
-        ("all", "of all surfaces", Selector("psnr_40m", range=ALL)),
-    ):
-        own, paper = comparison.values(selector), comparison.values(selector, PAPER)
-        columns |= {
-            Column(f"raw {short}", "dB"): comparison.values(selector, RAW),
-            Column(f"paper {short}", "dB"): paper,
-            Column(f"default {short}", "dB"): own,
-            Column(f"gain {short}", "dB"): own - paper,
-        }
-        what = f"PSNR {where} above paper's"
-        criteria += [
-            worst(Criterion(f"{what}, each", 3, "dB", at_least=True), own - paper),
-            average(Criterion(what, 6, "dB", at_least=True), own - paper),
-        ]
-    columns[N] = comparison.counts(Selector("psnr_40m", range=ALL))
-    title = "PSNR, peak 40 m, after completion: of surfaces within 20 m, and of all"
-    return Measure(table=comparison_table(title, "psnr", columns), criteria=criteria)
-
-
-def flicker(comparison: Comparison) -> Measure:
-    """Change of the error where nothing moves, and the share of pixels with a depth."""
-    every, measured = (Selector("flicker", mask, on=FILLED) for mask in (STATIC, STATIC_MEASURED))
-    coverage = Selector("coverage", range=ALL, on=FILLED)
-    ratio_every, ratio_measured = (
-        ratio(comparison.values(selector), comparison.values(selector, RAW)) for selector in (every, measured)
-    )
-    covered = 100 * comparison.values(coverage)
-    columns = {
-        Column("raw", "mm", ".1f"): 1000 * comparison.values(every, RAW),
-        Column("default", "mm", ".1f"): 1000 * comparison.values(every),
-        Column("ratio"): ratio_every,
-        Column("default, measured", "mm", ".1f"): 1000 * comparison.values(measured),
-        Column("ratio, measured"): ratio_measured,
-        Column("coverage raw", "%", ".1f"): 100 * comparison.values(coverage, RAW),
-        Column("coverage default", "%"): covered,
-        N: comparison.counts(every),
-    }
-    title = "Flicker of static pixels within 20 m; measured: of those that the sensor measured in both frames; coverage"
-    return Measure(
-        table=comparison_table(title, "flicker", columns),
-        criteria=(
-            average(Criterion("Flicker of static pixels over raw's", 0.3), ratio_every),
-            average(Criterion("Flicker of static, measured pixels over raw's", 0.3), ratio_measured),
-        ),
-    )
-
-
-def moving_objects(comparison: Comparison) -> Measure:
-    """Survival of moving objects and of their ghosts, on the sequences that have moving objects."""
-    survival, survival_raw = (Selector(name, MOVING, ALL, AS_GIVEN) for name in ("survival", "survival_raw"))
-    ghosts, ghosts_raw = (Selector(name, DEPARTED, ALL, FILLED) for name in ("ghosts", "ghosts_raw"))
-    lost = 100 * (comparison.values(survival) - comparison.values(survival_raw))
-    added = 100 * (comparison.values(ghosts) - comparison.values(ghosts_raw))
-    columns = {
-        Column("survival raw", "%", ".1f"): 100 * comparison.values(survival_raw),
-        Column("default", "%", ".1f"): 100 * comparison.values(survival),
-        Column("difference", "points", ".1f"): lost,
-        Column("n moving"): comparison.counts(survival),
-        Column("ghosts raw", "%", ".1f"): 100 * comparison.values(ghosts_raw),
-        Column("ghosts default", "%", ".1f"): 100 * comparison.values(ghosts),
-        Column("ghosts more", "points", ".1f"): added,
-        Column("n departed"): comparison.counts(ghosts),
-    }
-    has_movers = comparison.counts(survival) > 0
-    title = "Things that move: pixels within 5 % of the truth; ghosts of them 5 frames later"
-    survives = Criterion("Survival of what moves, less raw's", -1, "points", at_least=True)
-    return Measure(
-        table=comparison_table(title, "movers", {column: values[has_movers] for column, values in columns.items()}),
-        criteria=(
-            worst(survives, lost[has_movers]),
-            worst(Criterion("Ghosts, less raw's", 1, "points"), added[has_movers]),
-        ),
-    )
-
-
-def false_obstacles(comparison: Comparison) -> Measure:
-    """Share of the sky that is shown near, and number of phantom obstacles."""
-    sky, phantoms = 100 * comparison.values(SKY_NEAR), comparison.values(PHANTOMS)
-    columns = {
-        Column(f"sky within {SKY_RANGE_M:g} m raw", "%", ".1f"): 100 * comparison.values(SKY_NEAR, RAW),
-        Column("default", "%", ".1f"): sky,
-        Column("n sky"): comparison.counts(SKY_NEAR),
-        Column("phantoms raw", "", ".0f"): comparison.values(PHANTOMS, RAW),
-        Column("phantoms default", "", ".0f"): phantoms,
-        Column("n frames"): comparison.counts(PHANTOMS),
-    }
-    title = "Sky that is shown near; phantoms: blobs of 30 px nearer than half the true depth that stay for 5 frames"
-    stationary = phantoms[phantoms.index.isin(STATIONARY)]
-    return Measure(
-        table=comparison_table(title, "false-obstacles", columns),
-        criteria=(
-            worst(Criterion(f"Sky shown within {SKY_RANGE_M:g} m", 1, "%"), sky),
-            worst(Criterion("Phantom obstacles, hover", 0), stationary),
-        ),
-    )
-
-
-def latency(comparison: Comparison) -> Measure:
-    """Time per frame beside that of the reference workload, which runs between the frames."""
-    sizes = pd.Series({name: comparison.evaluation.sequences[name].size for name in comparison.sequences})
-    p50_ms = comparison.values(of_frames("latency_p50"))
-    columns = {
-        Column("size"): sizes,
-        Column("p50", "ms"): p50_ms,
-        Column("p95", "ms"): comparison.values(of_frames("latency_p95")),
-        Column("largest", "ms"): comparison.values(of_frames("latency_max")),
-        Column("workload", "ms"): comparison.values(of_frames("reference_workload_during")),
-        Column("p50", "workloads"): comparison.values(of_frames("latency_p50_workloads")),
-        N: comparison.counts(of_frames("latency_p50")),
-    }
-    rows = [[name, *(values[name] for values in columns.values())] for name in comparison.sequences]
-    title = "Time per frame of the default method, OpenCV on one thread"
-    return Measure(
-        table=Table.of(title, (Column("sequence"), *columns), rows, name="time"),
-        criteria=[
-            worst(Criterion(f"Median time of a frame of {size}", bound_ms, "ms"), p50_ms[sizes == size])
-            for size, bound_ms in SIZES_MS.items()
-        ],
-    )
-
-
-def confidence(comparison: Comparison) -> Measure:
-    """Share of right pixels by confidence."""
-    shares = [pooled(comparison, "right", mask) for mask in CONFIDENCES]
-    what = "Largest fall of the share of right pixels where confidence rises"
-    scope = f"bins of {MIN_PIXELS} pixels and more"
-    criterion = Criterion(what, 0, "points", value=largest_fall(shares), scope=scope)
-    title = f"Pixels by confidence, and how many are right (5 % or 0.25 px), {CALIBRATION_RANGE}, all sequences"
-    return Measure(table=_pooled_table(comparison, CONFIDENCES, title, "confidence"), criteria=(criterion,))
-
-
-def confidence_in_holes(comparison: Comparison) -> Measure:
-    """Share of right pixels by confidence in holes, and of those that are from the memory and from inpainting."""
-    masks = {"holes": "holes", "memory": SOURCES[Source.MEMORY], "inpainted": SOURCES[Source.INPAINTED]}
-    shares = {
-        name: [pooled(comparison, "right", in_bin(mask, one)) for one in CONFIDENCES] for name, mask in masks.items()
-    }
-    columns = [Column("confidence")]
-    rows: list[list[Value]] = [[one.removeprefix("confidence ")] for one in CONFIDENCES]
-    for name, of_bins in shares.items():
-        columns += [Column(f"right, {name}", "%", ".1f"), Column(f"n, {name}")]
-        for row, (share, n) in zip(rows, of_bins, strict=True):
-            row += [None if share is None else 100 * share, n]
-    scope = f"bins of {MIN_PIXELS} pixels and more"
-    what = "Largest fall of the share of right pixels where confidence rises"
-    criteria = [
-        Criterion(f"{what}, {name}", 0, "points", value=largest_fall(of_bins), scope=scope)
-        for name, of_bins in shares.items()
-    ]
-    title = f"Pixels in holes and of two sources by confidence, and how many are right, {CALIBRATION_RANGE}"
-    return Measure(table=Table.of(title, columns, rows, name="confidence-in-holes"), criteria=criteria)
-
-
-def source(comparison: Comparison) -> Measure:
-    """Share of right pixels by the source of their depth."""
-    title = f"Pixels by where the depth is from, and how many are right, {CALIBRATION_RANGE}, all sequences"
-    return Measure(table=_pooled_table(comparison, list(SOURCES.values()), title, "source"))
-
-
-def pooled(comparison: Comparison, metric: str, mask: str) -> tuple[float | None, int]:
-    """The mean of a metric over the pixels of all sequences, and their number."""
-    selector = Selector(metric, mask, CALIBRATION_RANGE, FILLED)
-    values, counts = comparison.values(selector), comparison.counts(selector)
-    n = sum(counts)
-    total = sum(value * count for value, count in zip(values, counts, strict=True) if not math.isnan(value))
-    return (total / n if n else None), n
-
-
-def largest_fall(shares: Sequence[tuple[float | None, int]]) -> float | None:
-    """The largest fall of the share of right pixels (0..1, with their number) from one bin of confidence to the next.
-
-    It is in percentage points, below 0 if the share rises everywhere, and None with less than two large enough bins.
+    It is over all sequences, of the pixels of a mask or of all, and NaN with less than two large enough bins.
     """
-    known = [share for share, n in shares if share is not None and n >= MIN_PIXELS]
-    falls = [100 * (lower - higher) for lower, higher in pairwise(known)]
-    return max(falls) if falls else None
+
+    def fall(comparison: Comparison) -> pd.Series:
+        shares = [pooled(comparison, mask, confidence) for confidence in CONFIDENCES]
+        known = [share for share, n in shares if share is not None and n >= MIN_PIXELS]
+        falls = [100 * (lower - higher) for lower, higher in pairwise(known)]
+        return pd.Series([max(falls)] if falls else [], dtype=float)
+
+    return fall
 
 
-def _pooled_table(comparison: Comparison, masks: Sequence[str], title: str, name: str) -> Table:
-    columns = (name, Column("right", "%", ".1f"), Column("MAE", "m", ".3f"), Column("pixels", "%"), N)
-    shares = {mask: pooled(comparison, "right", mask) for mask in masks}
-    total = sum(n for _, n in shares.values())
-    rows = [
-        (mask.removeprefix(f"{name} "), None if share is None else 100 * share, pooled(comparison, "mae", mask)[0],
-         100 * n / total if n else 0.0, n)
-        for mask, (share, n) in shares.items()
-    ]  # fmt: skip
-    return Table.of(title, columns, rows, name=name)
+def pooled(comparison: Comparison, mask: str | None, confidence: str) -> tuple[float | None, int]:
+    """The share of correct pixels in a bin of confidence over all sequences, and their number."""
+    where = confidence if mask is None else in_bin(mask, confidence)
+    selector = Selector("correct", where, CALIBRATION_RANGE, FILLED)
+    counts = comparison.counts(selector)
+    n = int(counts.sum())
+    return (float((comparison.values(selector) * counts).sum() / n) if n else None), n
 
 
-MEASURES = (
-    error_in_holes, error_in_seen_holes, wrong_pixels, measured_pixels, psnr, flicker, moving_objects,
-    false_obstacles, latency, confidence, confidence_in_holes, source,
+def time_of(size: str) -> Callable[[Comparison], pd.Series]:
+    """The median time of the sequences of a size [ms]."""
+    return lambda c: c.values(LATENCY)[[c.evaluation.sequences[name].size == size for name in c.sequences]]
+
+
+def moving(c: Comparison) -> pd.Series:
+    """The change [%] from the best baseline where the camera moves."""
+    return against_best(HOLES)(c).drop(STATIONARY, errors="ignore")
+
+
+def hovering(values: Callable[[Comparison], pd.Series]) -> Callable[[Comparison], pd.Series]:
+    """The values of the sequences with a stationary camera."""
+    return lambda c: values(c).reindex(STATIONARY)
+
+
+PARTS = {"all": None, "holes": "holes", "memory": SOURCES[Source.MEMORY], "inpainted": SOURCES[Source.INPAINTED]}
+"""Masks of the pixels whose confidence is judged."""
+CRITERIA = (
+    Criterion("MAE in holes against the best baseline but the smoother", -35, "%",
+              against_best(HOLES, without=[SMOOTHER])),
+    Criterion("MAE in holes against the global smoother", -20, "%", against(SMOOTHER, HOLES)),
+    Criterion("MAE in holes against the best baseline, moving camera", 0, "%", moving, each=True),
+    Criterion("MAE in holes against the best baseline, hover", 5, "%", hovering(against_best(HOLES)), each=True),
+    Criterion("Holes seen before: closed share of the gap from the best baseline to true-pose", 60, "%",
+              gap_closed_percent, at_least=True, each=True),
+    Criterion("Holes more than 10 % off against the best baseline that fills 90 %", -30, "%",
+              against_best(OFF, min_coverage=0.9)),
+    Criterion("RMSE of measured pixels against raw", 0, "%", against(RAW, RMSE), each=True),
+    Criterion("RMSE of measured pixels against raw", -20, "%", against(RAW, RMSE)),
+    Criterion("Median error of measured pixels against raw", 0, "%", against(RAW, MEDIAN), each=True),
+    Criterion("Median error of measured pixels against raw", -35, "%", against(RAW, MEDIAN)),
+    Criterion("PSNR within 20 m above paper's", 3, "dB", above(PAPER, PSNR_NEAR), at_least=True, each=True),
+    Criterion("PSNR within 20 m above paper's", 6, "dB", above(PAPER, PSNR_NEAR), at_least=True),
+    Criterion("PSNR of all surfaces above paper's", 3, "dB", above(PAPER, PSNR_ALL), at_least=True, each=True),
+    Criterion("PSNR of all surfaces above paper's", 6, "dB", above(PAPER, PSNR_ALL), at_least=True),
+    Criterion("Flicker of static pixels against raw", -70, "%", against(RAW, FLICKER)),
+    Criterion("Flicker of static, measured pixels against raw", -70, "%", against(RAW, FLICKER_MEASURED)),
+    Criterion("Survival of what moves, less raw's", -1, "points", more_than_raw(SURVIVAL), at_least=True, each=True),
+    Criterion("Ghosts, less raw's", 1, "points", more_than_raw(GHOSTS), each=True),
+    Criterion("Sky shown within 20 m", 1, "%", lambda c: 100 * c.values(SKY_NEAR), each=True),
+    Criterion("Phantom obstacles, hover", 0, "", hovering(lambda c: c.values(PHANTOMS)), each=True),
+    *(Criterion(f"Median time of a frame of {size}", ms, "ms", time_of(size), each=True)
+      for size, ms in SIZES_MS.items()),
+    *(Criterion(f"Largest fall of the share of correct pixels where confidence rises, {name}", 0, "points",
+                largest_fall(mask), each=True) for name, mask in PARTS.items()),
 )  # fmt: skip
 
 
 def compare_default(context: ExperimentContext) -> Findings:
-    """Evaluate all methods and apply every measure to the default method."""
+    """Evaluate all methods and apply every criterion to the default method."""
     comparison = Comparison(context.evaluate(find_methods(METHOD_NAMES)))
-    measures = [measure(comparison) for measure in MEASURES]
     starts = range(0, len(comparison.sequences), PANEL_SEQUENCES)
     parts = [comparison.sequences[start : start + PANEL_SEQUENCES] for start in starts]
-    title = f"MAE in holes within 20 m, after completion, n = {context.frames} frames of each sequence"
+    errors_m = {comparison.own(HOLES): comparison.values(HOLES), "best baseline": comparison.best(HOLES)["value"]}
+    errors_m |= {name: comparison.values(HOLES, name) for name in (SMOOTHER, ORACLE, PAPER, RAW)}
+    frame, label = pd.DataFrame(errors_m), f"best baseline of each sequence; {ORACLE} is a bound"
     return Findings(
-        tables=(
-            criteria_table([found for one in measures for found in one.criteria]),
-            *(one.table for one in measures),
-        ),
+        tables=(criteria_table(comparison), *quantity_tables(comparison), confidence_table(comparison)),
         notes=NOTES,
-        figure=panels(title, [partial(_draw, comparison, part) for part in parts]),
+        figure=panels(
+            f"MAE in holes within 20 m, after completion, n = {context.frames} frames of each sequence",
+            [plotted(frame.loc[part], label, "sequence", "MAE in holes [m]", kind="bar", rot=0) for part in parts],
+        ),
     )
 
 
-def _draw(comparison: Comparison, sequences: list[str], axes: Axes) -> None:
-    best = comparison.best(HOLES, without=[SMOOTHER])["value"]
-    others = {name: comparison.values(HOLES, name) for name in (SMOOTHER, ORACLE, PAPER, RAW)}
-    series = {comparison.own(HOLES): comparison.values(HOLES), "best baseline but smoother": best, **others}
-    label_axes(axes, f"best baseline of each sequence; {ORACLE} is a bound", "sequence", "MAE in holes [m]")
-    grouped_bars(axes, sequences, {name: list(values[sequences]) for name, values in series.items()})
+def criteria_table(comparison: Comparison) -> Table:
+    """A row for each criterion, with a count of their outcomes in the title."""
+    rows = [criterion.row(comparison) for criterion in CRITERIA]
+    outcomes = [str(row[-1]) for row in rows]
+    held, unknown = outcomes.count("held"), outcomes.count(NOT_MEASURED)
+    title = f"Criteria: {held} held, {len(rows) - held - unknown} missed, {unknown} not measured"
+    return Table.of(title, ("criterion", "unit", "requirement", "measured", "outcome"), rows)
+
+
+def quantity_tables(comparison: Comparison) -> Iterator[Table]:
+    """A table for each quantity with a row for each sequence."""
+    others = [SMOOTHER, ORACLE, PAPER, RAW]
+    for one in QUANTITIES:
+        best, counts = comparison.best(one.selector), comparison.counts(one.selector)
+        values = [comparison.values(one.selector), best["value"]]
+        values += [comparison.values(one.selector, name) for name in others]
+        factor, numbers = one.factor, pd.concat(values, axis="columns")
+        rows: list[list[Value]] = [
+            [name, best.loc[name, "name"], *(None if pd.isna(value) else factor * value for value in row), counts[name]]
+            for name, row in zip(comparison.sequences, numbers.to_numpy().tolist(), strict=True)
+        ]
+        columns = [Column(name, one.unit, ".3f") for name in ("default", "best baseline's", *others)]
+        yield Table.of(one.title, ("sequence", "best baseline", *columns, "n"), rows, name=one.name)
+
+
+def confidence_table(comparison: Comparison) -> Table:
+    """The share of correct pixels by confidence, over all sequences."""
+    columns = [column for name in PARTS for column in (Column(f"correct, {name}", "%", ".1f"), Column(f"n, {name}"))]
+    rows: list[list[Value]] = []
+    for confidence in CONFIDENCES:
+        found = [pooled(comparison, mask, confidence) for mask in PARTS.values()]
+        entries = (entry for share, n in found for entry in (None if share is None else 100 * share, n))
+        rows.append([confidence.removeprefix("confidence "), *entries])
+    title = f"Pixels by confidence, and how many are correct (within 5 % or 0.25 px), {CALIBRATION_RANGE}"
+    return Table.of(title, ("confidence", *columns), rows, name="confidence")
 
 
 DEFAULT_METHOD = Experiment(

@@ -12,7 +12,6 @@ from swarm.perception import frame_of
 from voxdepth.paper.config import PaperConfig
 from voxdepth.registry import create_corrector
 from voxdepth.temporal.config import VoxDepthConfig
-from voxdepth.tools.benchmark.frames import FrameLoop
 from voxdepth.tools.table import Table
 from voxdepth.types import Frame
 
@@ -128,12 +127,6 @@ class ExperimentContext:
     def frames_of(self, name: str) -> Iterator[Frame]:
         """The first frames of a sequence as a corrector receives them."""
         return (frame_of(capture) for capture in self.captures(name))
-
-    def frame_loop(self, name: str, images: int) -> FrameLoop:
-        """The first images of a sequence in memory, which are played as long as a measurement lasts."""
-        recording = self.recording(name, images)
-        captures = [recording[index] for index in range(images)]
-        return FrameLoop.of(captures[0].intrinsics, [frame_of(capture) for capture in captures])
 
     def evaluate(self, methods: Sequence[Method]) -> Evaluation:
         """Evaluate methods on all sequences as `voxdepth evaluate` does; finished results are reused.

@@ -1,154 +1,110 @@
 """Table fps: frames per second from files, pipelined and not, beside the paper's other methods."""
 
 import time
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from functools import partial
-from statistics import median
+from typing import Any
 
 import pandas as pd
-from matplotlib.axes import Axes
 
-from voxdepth import PaperVoxDepth
+from voxdepth import CorrectionPipeline, PaperVoxDepth
 from voxdepth.datasets import Dataset, open_dataset
 from voxdepth.networks import has_runtime
 from voxdepth.paper.config import PaperConfig
-from voxdepth.pipeline import CorrectionPipeline
 from voxdepth.registry import create_corrector
 from voxdepth.tools.table import Column, Table
-from voxdepth.types import DepthCorrector, Frame, Intrinsics
+from voxdepth.types import Intrinsics
 
-from ..results.figure import grouped_bars, label_axes, panels
-from .experiment import Claim, Experiment, ExperimentContext, Findings
-from .paper_results import FRAMES_PER_S, percentages_table
+from ..results.figure import panels, plotted
+from .experiment import Claim, Experiment, ExperimentContext, Findings, listed
+from .paper_results import FRAMES_PER_S
 
-REPETITIONS = 3
-"""Runs of each setup, which alternate, so that other load slows all of them."""
-WARM_UP_FRAMES = 16
+RUNS, WARM_UP_FRAMES = 3, 16
+"""Runs of each setup, which alternate, so that other load slows all of them; and frames of one more before these."""
 TARGET = 20.0
 """The paper's target [frames/s]."""
-PIPELINED, SEQUENTIAL = "VD", "VD-Nopipe"
 COLUMNS = (
     "sequence", "method", "how", Column("median", "frames/s", ".1f"), Column("lowest", "frames/s", ".1f"),
     Column("highest", "frames/s", ".1f"), "n runs", "n frames a run", Column("paper, Jetson Nano", "frames/s"),
 )  # fmt: skip
 
-
-@dataclass(frozen=True)
-class Setup:
-    """A corrector and the way that it is run."""
-
-    how: str
-    run: Callable[[DepthCorrector, Iterable[Frame]], None]
-    create: Callable[[Intrinsics], DepthCorrector]
-
-    def frame_rate(self, dataset: Dataset, frames: int) -> float:
-        """Throughput of a new corrector on the first frames of a dataset [frames/s]."""
-        corrector = self.create(dataset.intrinsics)
-        start = time.perf_counter()
-        self.run(corrector, (dataset[index] for index in range(frames)))
-        time_s = time.perf_counter() - start
-        close_corrector(corrector)
-        return frames / time_s
-
-
-def close_corrector(corrector: DepthCorrector) -> None:
-    """Wait for the background work of a corrector that has any."""
-    getattr(corrector, "close", lambda: None)()
-
-
-def one_by_one(corrector: DepthCorrector, frames: Iterable[Frame]) -> None:
-    """Read a frame, correct it, and only then read the next."""
-    for frame in frames:
-        corrector.process(frame)
-
-
-def pipelined(corrector: DepthCorrector, frames: Iterable[Frame]) -> None:
-    """Read, register and combine in threads."""
-    with CorrectionPipeline(corrector, frames) as pipeline:
-        for _ in pipeline:
-            pass
-
-
+ONE_BY_ONE, PIPELINED = "one by one", "three stages in threads"
 BLOCKING, LAGGING = (partial(PaperVoxDepth, config=PaperConfig(fusion_lag_frames=lag)) for lag in (0, 3))
-SETUPS: Mapping[str, Setup] = {
-    PIPELINED: Setup("three stages in threads, fusing beside", pipelined, LAGGING),
-    SEQUENTIAL: Setup("one by one, fusing stops all", one_by_one, BLOCKING),
-    "VD-Nopipe, fusing beside": Setup("one by one, fusing beside", one_by_one, LAGGING),
-    "RS": Setup("one by one", one_by_one, partial(create_corrector, "realsense-left")),
-    "GS": Setup("one by one", one_by_one, partial(create_corrector, "lmeds")),
-    **({"DS": Setup("one by one", one_by_one, partial(create_corrector, "learned"))} if has_runtime() else {}),
+"""Fusing stops all, or goes on beside."""
+SETUPS: Mapping[str, tuple[Callable[[Intrinsics], Any], str]] = {
+    "VD": (LAGGING, PIPELINED),
+    "VD-Nopipe": (BLOCKING, ONE_BY_ONE),
+    "VD-Nopipe, fusing beside": (LAGGING, ONE_BY_ONE),
+    "RS": (partial(create_corrector, "realsense-left"), ONE_BY_ONE),
+    "GS": (partial(create_corrector, "lmeds"), ONE_BY_ONE),
+    **({"DS": (partial(create_corrector, "learned"), ONE_BY_ONE)} if has_runtime() else {}),
 }
+"""A function that creates the corrector, and how it is run, by the paper's name. DS needs the extra `learned`."""
 
 
 def compare_frame_rates(context: ExperimentContext) -> Findings:
-    """Time every setup on frames from files."""
-    rows = [
-        (name, setup, SETUPS[setup].how, median(rates), min(rates), max(rates), len(rates), context.frames,
-         FRAMES_PER_S.get(setup))
-        for name in context.sequences
-        for setup, rates in _measure(context, name).items()
-    ]  # fmt: skip
+    """Time every setup on frames from files, in alternating runs."""
+    rows = []
+    for name in context.sequences:
+        dataset = open_dataset(context.recording(name).folder, "recording")
+        runs = []
+        for run in range(1 + RUNS):
+            context.report(f"{name}, run {run} of {RUNS}")
+            frames = context.frames if run else WARM_UP_FRAMES
+            runs.append({method: frame_rate(*setup, dataset, frames) for method, setup in SETUPS.items()})
+        rows += [
+            (name, method, SETUPS[method][1], rates.median(), rates.min(), rates.max(), RUNS, context.frames,
+             FRAMES_PER_S.get(method))
+            for method, rates in pd.DataFrame(runs[1:]).items()
+        ]  # fmt: skip
     table = Table.of("Frames per second from files", COLUMNS, rows)
     medians = table.pivot("method", "sequence", "median")
-    title = f"Frame rates, n = {REPETITIONS} runs of {context.frames} frames"
+    paper = pd.Series(FRAMES_PER_S, medians.index, name="paper, Jetson Nano")
     return Findings(
-        tables=(table, percentages_table("fps")),
-        claims=(*(_pipeline_claim(name, medians[name]) for name in context.sequences), _order_claim(medians)),
+        tables=(table,),
+        claims=(_pipeline_claim(medians), _order_claim(medians)),
         notes=(
-            "The frames of the recording as it lies on disk, gray as PNG and depth as TIFF; OpenCV on one thread, "
-            f"after a warm-up, {REPETITIONS} alternating runs of each.",
-            "VD runs in three threads and one that fuses, all others in one and, where stated, one that fuses: on "
-            "few processors there is little to overlap. The paper's kernels ran on the GPU of a Jetson Nano.",
+            f"The gray PNG and the depth TIFF of each frame are read, OpenCV is on one thread, and {RUNS} runs of each "
+            "method alternate after a warm-up.",
+            "VD and VD-Nopipe, fusing beside, have one more thread that fuses: on few processors there is little to "
+            "overlap. The paper's kernels ran on the GPU of a Jetson Nano.",
             "DS is our corrector learned in ONNX Runtime, and not the paper's network; it needs the extra learned. GS "
             "is our reconstruction in NumPy.",
         ),
-        figure=panels(title, [partial(_draw, table)]),
+        figure=panels(
+            f"Frame rates, median of {RUNS} runs of {context.frames} frames; the paper's target is {TARGET:g}",
+            [plotted(medians.join(paper)[::-1], "", "frames per second", "", kind="barh")],
+        ),
     )
 
 
-def _measure(context: ExperimentContext, name: str) -> dict[str, list[float]]:
-    """Frames per second of every run by setup."""
-    dataset = open_dataset(context.recording(name).folder, "recording")
-    rates: dict[str, list[float]] = {setup: [] for setup in SETUPS}
-    for setup in SETUPS.values():
-        setup.frame_rate(dataset, WARM_UP_FRAMES)
-    for repetition in range(REPETITIONS):
-        for key, setup in SETUPS.items():
-            context.report(f"{name}, {key}, run {repetition + 1} of {REPETITIONS}")
-            rates[key].append(setup.frame_rate(dataset, context.frames))
-    return rates
+def frame_rate(create: Callable[[Intrinsics], Any], how: str, dataset: Dataset, frames: int) -> float:
+    """Throughput of a new corrector on the first frames of a dataset, reading included [frames/s]."""
+    corrector, read = create(dataset.intrinsics), (dataset[index] for index in range(frames))
+    start = time.perf_counter()
+    for _ in CorrectionPipeline(corrector, read) if how == PIPELINED else map(corrector.process, read):
+        pass
+    time_s = time.perf_counter() - start
+    corrector.close()
+    return frames / time_s
 
 
-def _pipeline_claim(name: str, medians: pd.Series) -> Claim:
-    speed_up = float(100 * (medians[PIPELINED] / medians[SEQUENTIAL] - 1))
+def _pipeline_claim(medians: pd.DataFrame) -> Claim:
+    speed_up = 100 * (medians.loc["VD"] / medians.loc["VD-Nopipe"] - 1)
     return Claim(
         paper="pipelining makes it 21 % faster (26.71 and 21.91 frames/s: 21.9 %), and 26.7 frames/s exceed 20",
-        found=f"{name}: {speed_up:+.1f} %, {medians[PIPELINED]:.1f} frames/s",
-        holds=bool(speed_up > 0 and medians[PIPELINED] >= TARGET),
+        found=f"{listed(speed_up, '+.1f', '%')}; {listed(medians.loc['VD'], '.1f', 'frames/s')}",
+        holds=bool((speed_up > 0).all() and (medians.loc["VD"] >= TARGET).all()),
     )
 
 
 def _order_claim(medians: pd.DataFrame) -> Claim:
-    methods = medians.loc[["VD", "RS", "GS"]]
-    orders = {name: list(methods[name].sort_values(ascending=False, kind="stable").index) for name in methods}
-    found = "; ".join(f"{name} {', '.join(order)}" for name, order in orders.items())
+    orders = {name: ", ".join(of[["RS", "VD", "GS"]].sort_values()[::-1].index) for name, of in medians.items()}
     return Claim(
         paper="RS is faster than VD, and VD than GS (39.52, 26.71 and 16.89 frames/s)",
-        found=f"from fast to slow: {found}",
-        holds=all(order == ["RS", "VD", "GS"] for order in orders.values()),
+        found="from fast to slow: " + "; ".join(f"{name} {order}" for name, order in orders.items()),
+        holds=set(orders.values()) == {"RS, VD, GS"},
     )
-
-
-def _draw(table: Table, axes: Axes) -> None:
-    paper = "paper, Jetson Nano"
-    medians, lowest, highest = (table.pivot("method", "sequence", name) for name in ("median", "lowest", "highest"))
-    errors = {name: [medians[name] - lowest[name], highest[name] - medians[name]] for name in medians}
-    axes.axhline(TARGET, color="0.4", ls="--", lw=1, label="target")
-    label_axes(axes, "median; bars from lowest to highest", "method", "frames per second")
-    names = [setup.replace(", ", ",\n") for setup in SETUPS]
-    series = {paper: [FRAMES_PER_S.get(setup) for setup in SETUPS], **medians.to_dict("list")}
-    grouped_bars(axes, names, series, colors={paper: "0.7"}, errors=errors)
 
 
 FRAME_RATE = Experiment(

@@ -1,9 +1,6 @@
 """RQ2: the size that frames are reduced to for registration, against time and quality."""
 
-from functools import partial
-
 import pandas as pd
-from matplotlib.axes import Axes
 
 from voxdepth.paper.config import PaperConfig
 from voxdepth.paper.registration import RegistrationConfig
@@ -12,33 +9,20 @@ from voxdepth.tools.table import Column, Table
 
 from ..evaluation.groups import ALL
 from ..evaluation.measurements import Selector
-from ..results.figure import label_axes, marked_lines, panels
+from ..results.figure import panels, plotted
 from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, configured_method, listed
-from .image_motion import MotionEstimator, affine_estimator, no_motion, score_pairs
+from .image_motion import BASELINE, SCORES, by_registration, score_pairs
 
-SIZES_PX = (100, 150, 200, 300, 400, 600)
-"""Width and height that gray images are reduced to."""
-CHOSEN_PX = 200
-"""The paper's choice."""
-DISTANCE = 10
-"""Frames between the two images of a pair."""
-MAX_PAIRS = 10
-"""Pairs of a sequence."""
-NO_MOTION = 0
-"""Size that stands for no registration at all."""
-REGISTRATIONS = {size_px: RegistrationConfig(size_px=size_px) for size_px in SIZES_PX}
-METHODS = {size_px: configured_method(PAPER, f"size-{size_px}", PaperConfig(registration=config))
-           for size_px, config in REGISTRATIONS.items()}  # fmt: skip
+CHOSEN, LARGEST = "200", "600"
+"""The paper's choice, and the largest size."""
+REGISTRATIONS = {str(size_px): RegistrationConfig(size_px=size_px) for size_px in (100, 150, 200, 300, 400, 600)}
+"""By the width and height that gray images are reduced to [px]."""
+METHODS = {size: configured_method(PAPER, f"size-{size}", PaperConfig(registration=config))
+           for size, config in REGISTRATIONS.items()}  # fmt: skip
+DISTANCE, MAX_PAIRS = 10, 10
+"""Frames between the two images of a pair, and pairs of a sequence."""
 PSNR = Selector("psnr16_mm", range=ALL)
-COLUMNS = (
-    "sequence", Column("size", "px"), Column("registration PSNR", "dB"), Column("failed", "%", ".0f"),
-    Column("p50", "ms"), Column("p95", "ms"), "n pairs", Column("corrected PSNR", "dB"), "n frames",
-)  # fmt: skip
-LABELS = {
-    "registration PSNR": ("registration, numbers are sizes [px]", "PSNR of gray, peak 255 [dB]"),
-    "corrected PSNR": ("corrected depth", "PSNR, peak 65535 mm [dB]"),
-}
-"""Title and label of the vertical axis of each panel, by the drawn column."""
+COLUMNS = ("sequence", Column("size", "px"), *SCORES, Column("corrected PSNR", "dB"), "n frames")
 
 
 def compare_sizes(context: ExperimentContext) -> Findings:
@@ -47,25 +31,21 @@ def compare_sizes(context: ExperimentContext) -> Findings:
     rows = []
     for name in context.sequences:
         shape = context.recording(name).intrinsics.shape
-        estimators: dict[int, MotionEstimator] = {NO_MOTION: no_motion}
-        estimators |= {size_px: affine_estimator(config, shape) for size_px, config in REGISTRATIONS.items()}
-        for size_px, score in score_pairs(context, name, estimators, DISTANCE, MAX_PAIRS).items():
-            method = METHODS.get(size_px)
-            corrected_db = None if method is None else measurements.value(name, method.name, PSNR)
-            rows.append((name, size_px, score.gray_psnr_db, score.failed_percent, score.latency.p50_ms,
-                         score.latency.p95_ms, score.latency.n, corrected_db, context.frames))  # fmt: skip
-    title = f"Registration of frames {DISTANCE} apart, and depth corrected with it"
-    table = Table.of(title, COLUMNS, rows)
-    sizes = Table.of(title, COLUMNS, [row for row in rows if row[1] != NO_MOTION])
+        estimators = BASELINE | {size: by_registration(config, shape) for size, config in REGISTRATIONS.items()}
+        corrected_db = {size: measurements.value(name, method.name, PSNR) for size, method in METHODS.items()}
+        scores = score_pairs(context, name, estimators, DISTANCE, MAX_PAIRS)
+        rows += [(name, size, *score, corrected_db.get(size), context.frames) for size, score in scores.items()]
+    table = Table.of(f"Registration of frames {DISTANCE} apart, and depth corrected with it", COLUMNS, rows)
+    gray_db, depth_db, times_ms = (
+        table.pivot("size", "sequence", column).drop(list(BASELINE))
+        for column in ("gray PSNR", "corrected PSNR", "p50")
+    )
     return Findings(
         tables=(table,),
-        claims=(
-            _quality_claim(sizes.pivot("sequence", "size", "registration PSNR")),
-            _time_claim(sizes.pivot("sequence", "size", "p50")),
-        ),
+        claims=(_quality_claim(gray_db), _time_claim(times_ms)),
         notes=(
-            "Registration PSNR: the earlier gray image warped by the map against the later one, peak 255, on the "
-            "pixels that all sizes cover; size 0 warps nothing, as does a registration that fails.",
+            "Gray PSNR: the earlier gray image warped by the map against the later one, peak 255, on the pixels that "
+            "all sizes cover; `unmoved` warps nothing, as does a registration that fails.",
             "Corrected PSNR: depth after completion, peak 65535 mm, all frames, including those before the first "
             "template.",
             "Times are of describing the later frame, matching, and warping one depth image, on one thread. At "
@@ -73,15 +53,18 @@ def compare_sizes(context: ExperimentContext) -> Findings:
         ),
         figure=panels(
             f"RQ2: size of frames, n = up to {MAX_PAIRS} pairs, {context.frames} frames",
-            [partial(_draw, sizes, column) for column in LABELS],
+            [
+                plotted(gray_db, "registration", "size [px]", "PSNR of gray, peak 255 [dB]"),
+                plotted(depth_db, "corrected depth", "size [px]", "PSNR, peak 65535 mm [dB]"),
+                plotted(times_ms, "median time of registration", "size [px]", "time [ms]", ylim=(0, None)),
+            ],
         ),
     )
 
 
-def _quality_claim(psnrs_db: pd.DataFrame) -> Claim:
+def _quality_claim(gray_db: pd.DataFrame) -> Claim:
     """Whether the chosen size registers better than every larger one."""
-    best_larger_db = psnrs_db.loc[:, [size_px for size_px in SIZES_PX if size_px > CHOSEN_PX]].max(axis="columns")
-    gains = (100 * (psnrs_db[CHOSEN_PX] / best_larger_db - 1)).dropna()
+    gains = 100 * (gray_db.loc[CHOSEN] / gray_db.loc[CHOSEN:].iloc[1:].max() - 1).dropna()
     return Claim(
         paper="200 x 200 has 73 % better registration quality than higher resolutions",
         found=f"PSNR of 200 x 200 over that of the best larger size: {listed(gains, '+.1f', '%')}",
@@ -90,18 +73,12 @@ def _quality_claim(psnrs_db: pd.DataFrame) -> Claim:
 
 
 def _time_claim(times_ms: pd.DataFrame) -> Claim:
-    ratios = times_ms[SIZES_PX[-1]] / times_ms[CHOSEN_PX]
+    ratios = times_ms.loc[LARGEST] / times_ms.loc[CHOSEN]
     return Claim(
         paper="200 x 200 is three times as fast as higher resolutions",
-        found=f"times as fast as {SIZES_PX[-1]} x {SIZES_PX[-1]}: {listed(ratios, '.1f', '')}",
+        found=f"times as fast as {LARGEST} x {LARGEST}: {listed(ratios, '.1f', '')}",
         holds=bool((ratios.round() >= 3).all()),
     )
-
-
-def _draw(sizes: Table, column: str, axes: Axes) -> None:
-    title, label = LABELS[column]
-    label_axes(axes, title, "median time of registration [ms]", label)
-    marked_lines(axes, sizes, "p50", column, text="size")
 
 
 FRAME_SIZE = Experiment(

@@ -1,8 +1,8 @@
 """RQ1: the quality of raw depth against the share of occluded pixels."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,9 +16,9 @@ from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.tools.table import Column, Table, Value
 from voxdepth.types import FloatImage, MaskImage
 
-from ..evaluation.paper import SEQUENCES
-from ..results.figure import MARKERS, grouped_bars, label_axes, marked_lines, panels
+from ..results.figure import MARKERS, label_axes, panels, plotted
 from .experiment import Claim, Experiment, ExperimentContext, Findings, listed
+from .paper_results import SEQUENCES
 
 GROWN_PX = (0, 2, 4, 8, 16, 32)
 """Widths by which the occluded patches are grown on every side."""
@@ -29,69 +29,28 @@ LOSS = f"PSNR lost by {POINTS:g} points more"
 COLUMNS = (
     "sequence", Column(OCCLUDED, "%"), Column(EMPTY, "%"), Column(WRONG, "%"),
     Column("PSNR", "dB"), Column("PSNR completed", "dB"), Column(LOSS, "%"),
-    Column("bend", "dB/%^2", ".4f"), Column("bend completed", "dB/%^2", ".4f"), "correlation over frames", "n frames",
+    Column("bend", "dB/%^2", ".4f"), Column("bend completed", "dB/%^2", ".4f"), "n frames",
 )  # fmt: skip
 GROWN_COLUMNS = (
     "sequence", Column("grown", "px"), Column(OCCLUDED, "%"), Column("PSNR", "dB"), Column("PSNR completed", "dB"),
     "n pixels",
 )  # fmt: skip
-PSNR_LABEL = "PSNR, peak 65535 mm [dB]"
-
-
-@dataclass(kw_only=True)
-class GrownOcclusion:
-    """All frames of a sequence whose occluded patches were grown by the same width."""
-
-    pixels: int = 0
-    occluded: int = 0
-    squared_m2: float = 0.0
-    """Sum of squared errors of the depth as it is, where a hole is 0 m."""
-    squared_completed_m2: float = 0.0
-    """Sum of squared errors after completion by the nearest valid pixel."""
-
-    def add(self, depth_m: FloatImage, truth_m: FloatImage, occluded: MaskImage, counted: MaskImage) -> None:
-        """Add a frame; all of shape (H, W)."""
-        self.pixels += int(np.count_nonzero(counted))
-        self.occluded += int(np.count_nonzero(occluded & counted))
-        self.squared_m2 += squared_error_m2(depth_m, truth_m, counted)
-        self.squared_completed_m2 += squared_error_m2(fill_from_nearest(depth_m), truth_m, counted)
-
-    @property
-    def occluded_percent(self) -> float:
-        """Share of the counted pixels."""
-        return 100 * self.occluded / self.pixels
-
-    @property
-    def psnr_db(self) -> float:
-        """PSNR of the depth as it is."""
-        return psnr_db(self.squared_m2 / self.pixels, PEAK16_M)
-
-    @property
-    def psnr_completed_db(self) -> float:
-        """PSNR after completion."""
-        return psnr_db(self.squared_completed_m2 / self.pixels, PEAK16_M)
 
 
 def relate_occlusion(context: ExperimentContext) -> Findings:
-    """Relate the quality of raw depth to occlusion, frame by frame and with artificially grown patches."""
-    per_frame: dict[str, pd.DataFrame] = {}
+    """Relate the quality of raw depth to occlusion, with artificially grown patches."""
     rows: list[Sequence[Value]] = []
     grown_rows: list[Sequence[Value]] = []
     for name in context.sequences:
-        per_frame[name], grown = _measure(context.captures(name))
-        grown_rows += [
-            (name, width_px, one.occluded_percent, one.psnr_db, one.psnr_completed_db, one.pixels)
-            for width_px, one in grown.items()
-        ]
-        shares = [one.occluded_percent for one in grown.values()]
-        psnrs_db = [one.psnr_db for one in grown.values()]
-        completed_db = [one.psnr_completed_db for one in grown.values()]
+        frames, grown = measure(context.captures(name))
+        shares, psnrs_db, completed_db = (grown[column].to_list() for column in (OCCLUDED, "PSNR", "PSNR completed"))
+        grown_rows += [(name, *row) for row in grown.itertuples(name=None)]
         rows.append(
-            (name, *(float(per_frame[name][share].mean()) for share in (OCCLUDED, EMPTY, WRONG)),
-             psnrs_db[0], completed_db[0], loss_percent(shares, psnrs_db), curvature(shares, psnrs_db),
-             curvature(shares, completed_db), _correlation(per_frame[name]), len(per_frame[name]))
+            (name, *frames.mean(), psnrs_db[0], completed_db[0], loss_percent(shares, psnrs_db),
+             curvature(shares, psnrs_db), curvature(shares, completed_db), len(frames))
         )  # fmt: skip
     table = Table.of("Occlusion and quality of raw depth", COLUMNS, rows)
+    incorrect = pd.DataFrame({name: table.series(name) for name in (OCCLUDED, EMPTY, WRONG)})
     grown_table = Table.of("With occluded patches grown on purpose", GROWN_COLUMNS, grown_rows, name="doses")
     return Findings(
         tables=(table, grown_table),
@@ -108,27 +67,44 @@ def relate_occlusion(context: ExperimentContext) -> Findings:
         ),
         figure=panels(
             f"RQ1: occlusion and quality of raw depth, n = {context.frames} frames of each sequence",
-            [partial(_draw_shares, table), partial(_draw_frames, per_frame), partial(_draw_grown, grown_table)],
+            [
+                plotted(incorrect, "incorrect pixels", "", "pixels within 65.5 m [%]", kind="bar", rot=0),
+                partial(_draw_grown, grown_table),
+            ],
         ),
     )
 
 
-def _measure(captures: Iterator[Capture]) -> tuple[pd.DataFrame, dict[int, GrownOcclusion]]:
-    """The shares of pixels [%] and the PSNR [dB] of each frame of a sequence, and all frames by width of growth."""
-    rows = []
-    grown = {width_px: GrownOcclusion() for width_px in GROWN_PX}
+def measure(captures: Iterable[Capture]) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The shares of pixels of each frame of a sequence [%], and all frames together by the width of growth [px].
+
+    The latter have the share of occluded pixels [%], the PSNR of the depth as it is and after completion [dB], and the
+    number of pixels.
+    """
+    frames, sums = [], []
     for capture in captures:
         truth_m, raw_m, occluded = capture.depth_true_m, capture.depth_raw_m, capture.occluded.astype(np.bool_)
         counted = truth_m <= np.float32(PEAK16_M)
-        n = np.count_nonzero(counted)
         off = (raw_m > np.float32(TOO_FAR) * truth_m) | (np.float32(TOO_FAR) * raw_m < truth_m)
         masks = {OCCLUDED: occluded, EMPTY: raw_m == 0, WRONG: off}
-        shares = {name: 100 * float(np.count_nonzero(mask & counted) / n) for name, mask in masks.items()}
-        rows.append(shares | {"PSNR": psnr_db(squared_error_m2(raw_m, truth_m, counted) / n, PEAK16_M)})
-        for width_px, frames in grown.items():
+        frames.append({name: 100 * float(mask[counted].mean()) for name, mask in masks.items()})
+        for width_px in GROWN_PX:
             mask = grow(occluded, width_px)
-            frames.add(np.where(mask & ~occluded, np.float32(0), raw_m), truth_m, mask, counted)
-    return pd.DataFrame(rows), grown
+            depth_m = np.where(mask & ~occluded, np.float32(0), raw_m)
+            squared_m2, completed_m2 = (
+                squared_error_m2(image_m, truth_m, counted) for image_m in (depth_m, fill_from_nearest(depth_m))
+            )
+            sums.append((width_px, int(mask[counted].sum()), squared_m2, completed_m2, int(counted.sum())))
+    together = pd.DataFrame(sums, columns=["grown", "occluded", "squared", "completed", "n"]).groupby("grown").sum()
+    n, (as_is_db, completed_db) = (
+        together["n"],
+        (
+            [psnr_db(mean_m2, PEAK16_M) for mean_m2 in together[name] / together["n"]]
+            for name in ("squared", "completed")
+        ),
+    )
+    grown = {OCCLUDED: 100 * together["occluded"] / n, "PSNR": as_is_db, "PSNR completed": completed_db, "n": n}
+    return pd.DataFrame(frames), pd.DataFrame(grown)
 
 
 def loss_percent(shares: Sequence[float], psnrs_db: Sequence[float]) -> float | None:
@@ -157,14 +133,6 @@ def grow(mask: MaskImage, by_px: int) -> MaskImage:
     return cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)).astype(np.bool_)
 
 
-def _correlation(frames: pd.DataFrame) -> float | None:
-    """Pearson's correlation; None with less than three frames or without variance."""
-    shares, psnrs_db = frames[OCCLUDED], frames["PSNR"]
-    if len(frames) < 3 or np.ptp(shares) == 0 or np.ptp(psnrs_db) == 0:
-        return None
-    return float(np.corrcoef(shares, psnrs_db)[0, 1])
-
-
 def _shape_claim(table: Table) -> Claim:
     steeper, steeper_completed = (int((table.series(name) < 0).sum()) for name in ("bend", "bend completed"))
     n = len(table)
@@ -184,26 +152,17 @@ def _loss_claim(losses: pd.Series) -> Claim:
     )
 
 
-def _draw_shares(table: Table, axes: Axes) -> None:
-    label_axes(axes, "incorrect pixels", "sequence", "pixels within 65.5 m [%]")
-    shares = {name: table.series(name) for name in (OCCLUDED, EMPTY, WRONG)}
-    grouped_bars(axes, [str(name) for name in table.column("sequence")], shares)
-
-
-def _draw_frames(per_frame: Mapping[str, pd.DataFrame], axes: Axes) -> None:
-    for k, (name, frames) in enumerate(per_frame.items()):
-        axes.scatter(frames[OCCLUDED], frames["PSNR"], s=9, marker=MARKERS[k % len(MARKERS)], label=name)
-    label_axes(axes, "raw depth, one point a frame", "occluded pixels [%]", PSNR_LABEL)
-    axes.legend(fontsize=7)
-
-
 def _draw_grown(grown: Table, axes: Axes) -> None:
-    title = f"patches grown by {', '.join(map(str, GROWN_PX))} px; dotted: completed"
-    label_axes(axes, title, "occluded pixels [%]", PSNR_LABEL)
-    marked_lines(axes, grown, OCCLUDED, "PSNR")
-    shares, psnrs_db = (grown.pivot("grown", "sequence", name) for name in (OCCLUDED, "PSNR completed"))
+    shares, psnrs_db, completed_db = (
+        grown.pivot("grown", "sequence", name) for name in (OCCLUDED, "PSNR", "PSNR completed")
+    )
     for k, name in enumerate(shares):
-        axes.plot(shares[name], psnrs_db[name], ls=":", marker=MARKERS[k % len(MARKERS)], ms=4, color=f"C{k}")
+        look: dict[str, Any] = {"marker": MARKERS[k], "ms": 4, "color": f"C{k}"}
+        axes.plot(shares[name], psnrs_db[name], label=name, **look)
+        axes.plot(shares[name], completed_db[name], ls=":", **look)
+    title = f"patches grown by {', '.join(map(str, GROWN_PX))} px; dotted: completed"
+    label_axes(axes, title, "occluded pixels [%]", "PSNR, peak 65535 mm [dB]")
+    axes.legend(fontsize=7)
 
 
 OCCLUSION = Experiment(

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pandas as pd
 from matplotlib.axes import Axes
@@ -10,11 +10,11 @@ from matplotlib.axes import Axes
 from voxdepth.registry import installed_names
 from voxdepth.tools.table import Table
 
-from ..evaluation import paper
 from ..evaluation.groups import ALL
 from ..evaluation.measurements import AS_GIVEN, Selector
 from ..evaluation.methods import find_methods
-from ..results.figure import grouped_bars, label_axes, panels
+from ..results.figure import Draw, panels, plotted
+from . import paper_results as paper
 from .experiment import Claim, Experiment, ExperimentContext, Findings, alike, listed, most_hold
 from .paper_results import REAL, percentages_table, saturated
 
@@ -68,7 +68,7 @@ def compare_quality(context: ExperimentContext) -> Findings:
     psnrs_db, masked_m = (_values(table, metric) for metric in (PSNR, MASKED))
     above, total = saturated()
     return Findings(
-        tables=(table, percentages_table("quality")),
+        tables=(table, percentages_table()),
         claims=(*_psnr_claims(psnrs_db), *_masked_claims(masked_m)),
         notes=(
             "The paper's numbers were measured on other data, a RealSense's and Mid-Air's: compare orders rather than "
@@ -85,7 +85,7 @@ def compare_quality(context: ExperimentContext) -> Findings:
         figure=panels(
             f"How near to the truth is the depth? The first {context.frames} frames of each sequence; "
             "pixels without depth get that of the nearest pixel that has one",
-            [partial(_draw_psnr, psnrs_db), partial(_draw_masked, masked_m)],
+            [partial(_with_values, draw, number) for draw, number in _drawn(psnrs_db, masked_m)],
             columns=1,
             panel_in=PANEL_IN,
             shared_legend=True,
@@ -145,28 +145,24 @@ def _share(holds: pd.Series) -> str:
     return f"{holds.sum()} of {len(holds)} {'sequence' if len(holds) == 1 else 'sequences'}"
 
 
-def _draw_psnr(psnrs_db: pd.DataFrame, axes: Axes) -> None:
-    """Gains over raw depth, since a PSNR has no zero that bars could begin at."""
-    raw_db = psnrs_db["raw"]
-    gains_db = psnrs_db.drop(columns="raw").sub(raw_db, axis="index")
-    label_axes(axes, "PSNR of all surfaces: how much higher than that of the depth as measured? Higher is better", "",
-               "gain [dB]")  # fmt: skip
-    _draw_bars(axes, [f"{name}\nraw: {value:.1f} dB" for name, value in raw_db.items()], gains_db, "%+.1f")
-    axes.axhline(0, color="black", linewidth=0.8)
+def _drawn(psnrs_db: pd.DataFrame, rmses_m: pd.DataFrame) -> list[tuple[Draw, str]]:
+    """The panels. A PSNR has no zero that bars could begin at, so that gains over raw depth are shown."""
+    gains_db = psnrs_db.drop(columns="raw").sub(psnrs_db["raw"], axis="index")
+    gains_db.index = [f"{name}\nraw: {value:.1f} dB" for name, value in psnrs_db["raw"].items()]
+    better = "PSNR of all surfaces: how much higher than that of the depth as measured? Higher is better"
+    masked = "Error of the surfaces within 20 m that the right camera does not see. Lower is better"
+    looks: dict[str, Any] = {"kind": "bar", "rot": 0}
+    return [
+        (plotted(gains_db.rename(columns=NAMES), better, "", "gain [dB]", **looks), "%+.1f"),
+        (plotted(rmses_m.rename(columns=NAMES), masked, "", "masked RMSE [m]", **looks), "%.2f"),
+    ]
 
 
-def _draw_masked(rmses_m: pd.DataFrame, axes: Axes) -> None:
-    label_axes(axes, "Error of the surfaces within 20 m that the right camera does not see. Lower is better", "",
-               "masked RMSE [m]")  # fmt: skip
-    _draw_bars(axes, list(rmses_m.index), rmses_m, "%.2f")
-
-
-def _draw_bars(axes: Axes, groups: list[str], values: pd.DataFrame, number: str) -> None:
+def _with_values(draw: Draw, number: str, axes: Axes) -> None:
     """Bars with their values."""
-    grouped_bars(axes, groups, values.rename(columns=NAMES).to_dict("list"))
+    draw(axes)
     for bars in axes.containers:
         axes.bar_label(bars, fmt=number, fontsize=6, padding=1)  # type: ignore[arg-type]
-    axes.tick_params(axis="x", labelsize=8)
     axes.margins(y=0.15)
     axes.set_axisbelow(True)
 

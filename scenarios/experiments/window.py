@@ -1,23 +1,24 @@
 """Fusion window size: the number of fused frames, against quality and time."""
 
-from collections.abc import Sequence
-from functools import partial
+import time
 
 import numpy as np
-from matplotlib.axes import Axes
+import pandas as pd
 
+from swarm.perception import frame_of
+from voxdepth import PaperVoxDepth
+from voxdepth.geometry import fill_from_nearest
 from voxdepth.metrics import psnr_db
 from voxdepth.metrics.paper import PEAK16_M
 from voxdepth.paper.config import PaperConfig
-from voxdepth.registry import PAPER
-from voxdepth.tools.table import Column, Table
+from voxdepth.tools.table import Column, Table, Value
 
-from ..evaluation.measurements import of_frames
-from ..results.figure import label_axes, marked_lines, panels
-from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold, configured_method
+from ..results.figure import panels, plotted
+from .experiment import Claim, Experiment, ExperimentContext, Findings, all_hold
+from .occlusion import squared_error_m2
 
-METHODS = {n: configured_method(PAPER, f"window-{n}", PaperConfig(window_frames=n)) for n in (2, 4, 6, 8, 10, 12)}
-"""The paper's method by the number of frames in a window."""
+SIZES = (2, 4, 6, 8, 10, 12)
+"""Frames in a window."""
 CHOSEN, LARGEST = 10, 12
 """The paper's choice, and the size that it compares it with."""
 SIMILAR_DB = 0.1
@@ -32,56 +33,59 @@ COLUMNS = (
 
 def compare_windows(context: ExperimentContext) -> Findings:
     """Correct the same frames with every window size."""
-    evaluation = context.evaluate(list(METHODS.values()))
-    judged = context.frames - FIRST
-    rows = []
-    for name in context.sequences:
-        for n, method in METHODS.items():
-            late_db = late_psnr_db(evaluation.result(name, method.name).frame_psnrs_db)
-            p50_ms, p95_ms, fusing_ms = (
-                evaluation.measurements.value(name, method.name, of_frames(f"latency_{which}"))
-                for which in ("p50", "p95", "background")
-            )
-            assert p50_ms is not None and fusing_ms is not None, "every result has these latencies"
-            rows.append((name, n, late_db, p50_ms + fusing_ms, p50_ms, p95_ms, fusing_ms, judged, context.frames))
+    rows = [(name, n, *measure(context, name, n)) for name in context.sequences for n in SIZES]
     table = Table.of("Corrected depth by the size of the fusion window", COLUMNS, rows)
-    title = f"Fusion window, n = {judged} frames judged of each sequence"
+    psnrs_db, times_ms = (table.pivot("window", "sequence", name) for name in ("PSNR", "time per frame"))
     return Findings(
         tables=(table,),
-        claims=(_claim(table),),
+        claims=(_claim(psnrs_db, times_ms),),
         notes=(
             f"PSNR after completion, peak 65535 mm, over the frames from number {FIRST} on, when every "
             "window has made its template; every frame has the same weight.",
-            "Time per frame is the median latency and the mean CPU time of fusing in the background, spread "
+            "Time per frame is the median latency and the mean time of fusing in the background, spread "
             "over all frames. It depends on how often epochs end.",
         ),
-        figure=panels(title, [partial(_draw, table)]),
+        figure=panels(
+            f"Fusion window, n = {context.frames - FIRST} frames judged of each sequence",
+            [
+                plotted(psnrs_db, "corrected depth", "window [frames]", "PSNR, peak 65535 mm [dB]"),
+                plotted(times_ms, "latency and fusing", "window [frames]", "time per frame [ms]"),
+            ],
+        ),
     )
 
 
-def late_psnr_db(psnrs_db: Sequence[float | None]) -> float | None:
-    """PSNR of the frames from `FIRST` on together, by the mean of their mean squared errors; None if one has none."""
-    late = [db for db in psnrs_db[FIRST:] if db is not None]
-    if len(late) < len(psnrs_db[FIRST:]) or not late:
-        return None
-    return psnr_db(float(np.mean([PEAK16_M**2 / 10 ** (db / 10) for db in late])), PEAK16_M)
+def measure(context: ExperimentContext, name: str, window_frames: int) -> tuple[Value, ...]:
+    """The numbers of a window size on a sequence, in the order of `COLUMNS`."""
+    corrector = PaperVoxDepth(context.recording(name).intrinsics, PaperConfig(window_frames=window_frames))
+    times_ms, errors_m2, template, fusing_ms = [], [], None, 0.0
+    for capture in context.captures(name):
+        frame, truth_m = frame_of(capture), capture.depth_true_m
+        start = time.perf_counter()
+        aligned = corrector.align(frame)
+        depth_m = corrector.combine(aligned).depth_m
+        times_ms.append(1000 * (time.perf_counter() - start))
+        if aligned.template is not template:
+            template = aligned.template
+            fusing_ms += 1000 * template.timings_s["fused"] / context.frames
+        if len(times_ms) > FIRST:
+            counted = truth_m <= np.float32(PEAK16_M)
+            errors_m2.append(squared_error_m2(fill_from_nearest(depth_m), truth_m, counted) / counted.sum())
+    corrector.close()
+    p50_ms, p95_ms = np.percentile(times_ms, (50, 95)).tolist()
+    psnr = psnr_db(float(np.mean(errors_m2)), PEAK16_M)
+    return psnr, p50_ms + fusing_ms, p50_ms, p95_ms, fusing_ms, len(errors_m2), len(times_ms)
 
 
-def _claim(table: Table) -> Claim:
-    psnrs_db, times_ms = (table.pivot("sequence", "window", name) for name in ("PSNR", "time per frame"))
-    change_db = (psnrs_db[CHOSEN] - psnrs_db[LARGEST]).dropna()
-    saved = 100 * (1 - times_ms[CHOSEN] / times_ms[LARGEST])[change_db.index]
+def _claim(psnrs_db: pd.DataFrame, times_ms: pd.DataFrame) -> Claim:
+    change_db = psnrs_db.loc[CHOSEN] - psnrs_db.loc[LARGEST]
+    saved = 100 * (1 - times_ms.loc[CHOSEN] / times_ms.loc[LARGEST])
     found = "; ".join(f"{name} {change_db[name]:+.3f} dB and {saved[name]:.1f} % less time" for name in change_db.index)
     return Claim(
         paper="10 frames give similar quality to 12, and reduce latency by 3.61 %",
         found=f"10 frames against 12: {found}",
         holds=all_hold((change_db.abs() < SIMILAR_DB) & (saved > 0)),
     )
-
-
-def _draw(table: Table, axes: Axes) -> None:
-    label_axes(axes, "numbers: time per frame [ms]", "window [frames]", "PSNR, peak 65535 mm [dB]")
-    marked_lines(axes, table, "window", "PSNR", text="time per frame")
 
 
 WINDOW = Experiment(

@@ -3,15 +3,14 @@
 import base64
 import io
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from voxdepth.tools.table import Table
 
 DPI = 110
 PANEL_IN = (5.2, 3.8)
@@ -119,54 +118,22 @@ def log_scale(axes: "Axes", name: Literal["x", "y"]) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def grouped_bars(
-    axes: "Axes",
-    groups: Sequence[str],
-    series: Mapping[str, Sequence[float | None]],
-    *,
-    colors: Mapping[str, str] | None = None,
-    errors: Mapping[str, Any] | None = None,
-) -> None:
-    """Draw a group of bars per name on the horizontal axis, and a legend of the series.
+def plotted(frame: "pd.DataFrame", title: str, x: str, y: str, **style: Any) -> Draw:
+    """Return a panel with a line, or with `kind="bar"` a bar of each group, for every column of a frame.
 
-    Args:
-        axes: The panel.
-        groups: Names of the groups.
-        series: One value per group by the name of the series; None and NaN have no bar.
-        colors: Color of a series that does not get the next one of the cycle.
-        errors: Distances of the lower and upper ends of error bars, shape (2, n_groups), by the name of a series.
+    The groups, or the horizontal axis, are the index of the frame; `style` is that of `DataFrame.plot`.
     """
-    width, colors, errors = 0.84 / len(series), colors or {}, errors or {}
-    for k, (name, values) in enumerate(series.items()):
-        places = [place + (k - (len(series) - 1) / 2) * width for place in range(len(groups))]
-        known = [float("nan") if value is None else value for value in values]
-        style: dict[str, Any] = {"label": legend_label(name), "color": colors.get(name), "yerr": errors.get(name)}
-        axes.bar(places, known, width, capsize=3, **style)
-    axes.set_xticks(range(len(groups)), groups, fontsize=7)
-    axes.legend(fontsize=7)
 
+    def draw(axes: "Axes") -> None:
+        looks = {"marker": "o", "ms": 4} if style.get("kind", "line") == "line" else {"width": 0.84}
+        frame.rename(columns=lambda name: legend_label(str(name))).plot(
+            ax=axes, fontsize=7, legend=False, **looks | style
+        )
+        label_axes(axes, title, x, y)
+        if len(frame.columns) > 1:
+            axes.legend(fontsize=7)
 
-def marked_lines(axes: "Axes", table: "Table", x: str, y: str, *, by: str = "sequence", text: str = "") -> None:
-    """Draw one line per entry of a column of a table, and a legend of these entries.
-
-    Args:
-        axes: The panel.
-        table: Rows without a number in `x` or `y` are left out.
-        x: Name of the column of the horizontal axis.
-        y: Name of the column of the vertical axis.
-        by: Name of the column whose entries are the lines.
-        text: Name of the column with the text beside each point; empty for none.
-    """
-    lines = table.column(by)
-    for k, name in enumerate(dict.fromkeys(lines)):
-        columns = [table.column(column) for column in (x, y, text or x)]
-        points = [point for line, *point in zip(lines, *columns, strict=True) if line == name and None not in point[:2]]
-        xs, ys = ([point[axis] for point in points] for axis in (0, 1))
-        axes.plot(xs, ys, marker=MARKERS[k % len(MARKERS)], ms=4, label=name)
-        for *at, value in points if text else ():
-            words = f"{value:.1f}" if isinstance(value, float) else str(value)
-            axes.annotate(words, at, fontsize=6, xytext=(2, 3), textcoords="offset points")  # type: ignore[arg-type]
-    axes.legend(fontsize=7)
+    return draw
 
 
 def add_shared_legend(figure: "Figure") -> None:

@@ -17,7 +17,7 @@ FLIGHT_SOURCES = (
     ("sim", ALL_SOURCES),
     ("swarm", ALL_SOURCES),
     ("scenarios", "config.py"),
-    ("scenarios", "runner.py"),
+    ("scenarios", "flight.py"),
 )
 """Packages and the patterns of those of their files that determine the result of a run. The settings of a scenario are
 part of the key of a run instead; a user's own controller is part of neither."""

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from swarm.types import Outcome
-from voxdepth.types import FloatArray, MaskImage
+from voxdepth.types import MaskImage
 
 from ..errors import ScenarioError
 from .design import EndpointName, RunSpec, arm_label
@@ -32,13 +32,11 @@ Block = tuple[str, int]
 """A scenario and a seed, within which the runs of two arms form a pair."""
 REACHED: Mapping[EndpointName, Outcome] = {"arrived": Outcome.SUCCESS, "collision": Outcome.COLLISION}
 """Outcome of the runs that reached an endpoint."""
-AT_LIMIT = "timeout"
-"""End of the runs that still flew at the time limit of the mission."""
 ENDS: Mapping[str, tuple[Outcome, ...]] = {
     "arrived": (Outcome.SUCCESS,),
     "collision": (Outcome.COLLISION,),
     "stuck": (Outcome.DEADLOCK, Outcome.LOST),
-    AT_LIMIT: (Outcome.TIMEOUT,),
+    "timeout": (Outcome.TIMEOUT,),
 }
 """The competing ends of a run."""
 
@@ -131,15 +129,6 @@ class ArmSummary:
                 strata.setdefault(spec.scenario, []).append(value)
         return bootstrap_mean(list(strata.values())) if strata else None
 
-    def incidence(self, end: str, times_s: FloatArray) -> FloatArray:
-        """Return the share of all runs that came to one of the `ENDS` by each of some mission times.
-
-        All runs are observed until they end, so that this is a plain proportion.
-        """
-        ended_s = np.sort([end_time_s(record) for record in self.records if record.outcome in ENDS[end]])
-        shares: FloatArray = np.searchsorted(ended_s, times_s, side="right") / self.n
-        return shares
-
     def contacts(self, kind: str) -> int:
         """Return the number of contacts of a kind over all runs; a run may have several."""
         return sum(contact.kind == kind for record in self.records for contact in record.contacts)
@@ -190,12 +179,6 @@ class MeanDifference:
     pairs: int
     estimates: Mapping[str, Estimate | None]
     """Differences by the name of the measure; None where the store has no values."""
-
-
-def end_time_s(record: RunRecord) -> float:
-    """Return the mission time at which it was decided how a run ended: that of the first contact, if there was one."""
-    contact_s, end_s = record.metrics.get("first_contact_s"), record.metrics["sim_time_s"]
-    return float((end_s if contact_s is None else contact_s) or 0)
 
 
 def summarise_arms(data: StudyData) -> list[ArmSummary]:

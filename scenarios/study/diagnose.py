@@ -4,19 +4,17 @@ from collections import Counter, defaultdict, deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import NamedTuple
 
 import numpy as np
 
 from sim.types import Capture, Contact, DroneState, IdImage
 from sim.world import World
 from swarm.cost_map import CostMap
-from swarm.evidence import InverseSensorModel
 from swarm.pilot import Decision, PilotConfig
 from swarm.recorder import Recorder
 from swarm.team import Team
 from swarm.types import Histogram
-from swarm.voxel_map import NEAREST_M, STATES
+from swarm.voxel_map import STATES
 from voxdepth.geometry import back_project
 from voxdepth.metrics import TOO_FAR
 from voxdepth.tools.table import Table, Value
@@ -25,7 +23,7 @@ from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, M
 from ..batch import in_processes
 from ..config import Run
 from ..errors import ScenarioError
-from ..runner import Finished, flying
+from ..flight import Finished, flying
 from .design import RunSpec
 from .replay import differences
 from .store import RunRecord, StudyData
@@ -51,19 +49,6 @@ class Cause(StrEnum):
     CORRECT = "where it was"
 
 
-class Claims(NamedTuple):
-    """The images of the map's last `memory_s` whose free range passed the struck place.
-
-    An obstacle that moves may have come there later.
-    """
-
-    images: int
-    before_s: float
-    """Time from the last of them to the collision [s]."""
-    from_m: float
-    """Distance of the place from the camera in the last of them [m]."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
     """The cause of one collision."""
@@ -83,8 +68,6 @@ class Diagnosis:
     """What the map of the drone held there a second before, one of `STATES`; None without a map."""
     held_at_last: str | None = None
     """What it held there at the collision."""
-    claims: Claims | None = None
-    """Images that showed the place as free; None without a map, or if none did."""
 
     def __str__(self) -> str:
         parts = [str(self.cause)]
@@ -97,9 +80,6 @@ class Diagnosis:
             parts.append(f"commanded {self.commanded_m_s:.2f} m/s")
         if self.held_before is not None:
             parts.append(f"map: {self.held_before} a second before, {self.held_at_last} at last")
-        if self.claims is not None:
-            images, before_s, from_m = self.claims
-            parts.append(f"shown as free by {images} images, the last {before_s:.1f} s before from {from_m:.1f} m")
         return "; ".join(parts)
 
 
@@ -127,53 +107,12 @@ class Observation:
         return shown
 
 
-class FreeSpace:
-    """The free space that the images of one camera claimed, for as long as a map remembers it.
-
-    It goes by the true pose; that a map drifts, starts again, or is told of a surface later is left out.
-    """
-
-    def __init__(self, pilot: PilotConfig, intrinsics: Intrinsics) -> None:
-        self._map, self._intrinsics = pilot.map, intrinsics
-        self._reader = InverseSensorModel(intrinsics, pilot.evidence)
-        self._images: deque[tuple[float, FloatArray, FloatImage]] = deque()
-
-    def add(self, stamp_s: float, T_world_cam: FloatArray, corrected: CorrectedDepth) -> None:
-        """Read an image."""
-        self._images.append((stamp_s, T_world_cam, self._reader.read(corrected).free_m))
-        while self._images[0][0] < stamp_s - self._map.memory_s:
-            self._images.popleft()
-
-    def claims(self, place_m: FloatArray, time_s: float) -> Claims | None:
-        """Return the images whose free range passed a voxel around a place of the world, shape (3,)."""
-        found = [
-            (time_s - stamp_s, float(np.linalg.norm(place_m - T_world_cam[:3, 3])))
-            for stamp_s, T_world_cam, free_m in self._images
-            if stamp_s >= time_s - self._map.memory_s and self._is_passed(place_m, T_world_cam, free_m)
-        ]
-        return Claims(len(found), *found[-1]) if found else None
-
-    def _is_passed(self, place_m: FloatArray, T_world_cam: FloatArray, free_m: FloatImage) -> bool:
-        camera, offset_m = self._intrinsics, place_m - T_world_cam[:3, 3]
-        x_m, y_m, z_m = offset_m @ T_world_cam[:3, :3]
-        if z_m <= NEAREST_M:
-            return False
-        col = int(np.floor(camera.fx_px * x_m / z_m + camera.cx_px + 0.5))
-        row = int(np.floor(camera.fy_px * y_m / z_m + camera.cy_px + 0.5))
-        if not (0 <= col < camera.width_px and 0 <= row < camera.height_px):
-            return False
-        edges = (self._reader.row_edges, row), (self._reader.col_edges, col)
-        cell = tuple(int(np.searchsorted(edge, at, side="right")) - 1 for edge, at in edges)
-        return bool(np.linalg.norm(offset_m) <= free_m[cell] - self._map.voxel_m / 2)
-
-
 class CollisionProbe(Recorder):
     """Keeps the recent images of every camera, and diagnoses the first collision of drones with these pilots."""
 
     def __init__(self, pilot: PilotConfig) -> None:
         self._pilot, self._is_mapped = pilot, pilot.holes == "evidenced"
         self._observations: defaultdict[int, deque[Observation]] = defaultdict(deque)
-        self._free_space: dict[int, FreeSpace] = {}
         self._decisions: defaultdict[int, deque[tuple[float, Decision]]] = defaultdict(deque)
         self._world: World | None = None
         self.diagnosis: Diagnosis | None = None
@@ -205,10 +144,6 @@ class CollisionProbe(Recorder):
         )
         while recent[0].stamp_s < capture.stamp_s - LOOKBACK_S:
             recent.popleft()
-        if self._is_mapped:
-            if capture.drone not in self._free_space:
-                self._free_space[capture.drone] = FreeSpace(self._pilot, capture.intrinsics)
-            self._free_space[capture.drone].add(capture.stamp_s, capture.T_world_cam, corrected)
 
     def tick(
         self, step: int, time_s: float, states: Sequence[DroneState], slots_m: FloatArray, decisions: Sequence[Decision]
@@ -235,7 +170,6 @@ class CollisionProbe(Recorder):
         found = diagnose(recent, hit, self._world.states[contact.drone].position_m)
         struck_m = self._world.nearest_point_m(contact.drone, hit)
         held = [held_at(decision.view, struck_m) for decision in decisions]
-        free_space = self._free_space.get(contact.drone)
         self.diagnosis = replace(
             found,
             textureless=body.surface.is_blank,
@@ -245,7 +179,6 @@ class CollisionProbe(Recorder):
             commanded_m_s=commanded_m_s,
             held_before=held[0] if held else None,
             held_at_last=held[-1] if held else None,
-            claims=None if free_space is None else free_space.claims(struck_m, contact.time_s),
         )
 
 

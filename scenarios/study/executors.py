@@ -4,30 +4,27 @@ A worker process may hang, crash or be killed at any moment. Each has a pipe of 
 so that its end costs no more than its run.
 """
 
-import math
 import multiprocessing
 import os
 import platform
 import threading
-import time
-import traceback
 import uuid
-from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from itertools import islice
-from multiprocessing import connection
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
+from queue import SimpleQueue
 from typing import Any, Protocol
 
 from ..errors import ScenarioError
 from ..quiet import import_noisy_libraries, use_one_thread
 from ..results.provenance import simulation_versions
-from ..runner import fly
 from .design import RunSpec
-from .store import Completion, Failure, FailureKind, RunRecord
+from .one_run import FlyOne, attempt, run_one
+from .store import Completion, Failure
 from .worker import READY, ignore_interrupts, serve
 
 START_TIMEOUT_S = 300.0
@@ -40,8 +37,6 @@ LOCAL = "local"
 """Stands for a cluster of processes on this machine, instead of an address."""
 JOIN_TIMEOUT_S = 60.0
 """Longest time to wait for the first worker of a cluster."""
-
-FlyOne = Callable[[RunSpec], RunRecord]
 
 
 class Executor(Protocol):
@@ -58,29 +53,6 @@ class Executor(Protocol):
         ...
 
 
-def run_one(spec: RunSpec) -> RunRecord:
-    """Fly one run on one thread. Except for its wall-clock time, the record depends on `spec.run` alone.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C was pressed; an interrupted mission is no result.
-        ScenarioError: A number of the result is not finite.
-    """
-    record = RunRecord.of(spec.key, fly(spec.run, threads=1))
-    for figures in (record.metrics, *record.drones, *map(vars, record.contacts)):
-        for name, value in figures.items():
-            if isinstance(value, float) and not math.isfinite(value):
-                raise ScenarioError(f"expected finite numbers, or None, got {name} = {value}")
-    return record
-
-
-def attempt(fly_one: FlyOne, spec: RunSpec) -> Completion:
-    """Fly one run; an exception becomes a failure with its traceback."""
-    try:
-        return fly_one(spec)
-    except Exception:  # Any error belongs to this run and must not stop the others.
-        return Failure(key=spec.key, kind="error", text=traceback.format_exc())
-
-
 @dataclass(frozen=True)
 class Serial:
     """Flies one run after the other in this process, without a time limit."""
@@ -95,7 +67,7 @@ class Serial:
 
 @dataclass(frozen=True)
 class Processes:
-    """Flies runs in worker processes on this machine."""
+    """Flies runs in worker processes on this machine, each of which a thread waits for."""
 
     workers: int
     time_limit_s: float
@@ -106,112 +78,95 @@ class Processes:
     def run(self, specs: Iterable[RunSpec]) -> Generator[Completion]:
         """See `Executor`."""
         use_one_thread()
-        pool = _WorkerPool(self, specs)
-        try:
-            while pool.has_work:
-                pool.spawn()
-                yield from pool.wait()
-        finally:
-            pool.terminate()
+        workers = [_Worker() for _ in range(self.workers)]
+        idle: SimpleQueue[_Worker] = SimpleQueue()
+        for worker in workers:
+            idle.put(worker)
+
+        def flown(spec: RunSpec) -> Completion:
+            worker = idle.get()
+            try:
+                return worker.fly(self.fly_one, spec, self.time_limit_s)
+            finally:
+                idle.put(worker)
+
+        with ThreadPoolExecutor(self.workers) as pool:
+            try:
+                for future in as_completed([pool.submit(flown, spec) for spec in specs]):
+                    yield future.result()
+            finally:
+                pool.shutdown(wait=False, cancel_futures=True)
+                for worker in workers:
+                    worker.close()
 
 
 class _Worker:
-    """One worker process and the run that it flies."""
+    """One worker process, which is replaced when it has ended, hangs, or has flown enough runs."""
 
     def __init__(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        self.pipe: Connection
-        self.pipe, theirs = context.Pipe()
-        self.process: BaseProcess = context.Process(target=serve, args=(theirs,), daemon=True)
-        self.process.start()
-        theirs.close()  # Our end then reads end-of-file when the process has ended.
-        self.spec: RunSpec | None = None
-        """The run that it flies; None while it starts."""
-        self.runs = 0
-        self.deadline_s = time.monotonic() + START_TIMEOUT_S
+        self._lock = threading.Lock()
+        self._is_closed = False
+        self._process: BaseProcess | None = None
+        self._pipe: Connection
+        self._runs = 0
 
-    def submit(self, fly_one: FlyOne, spec: RunSpec, time_limit_s: float) -> None:
-        """Send a run to the worker. If the worker has ended, the pipe reports that later."""
-        self.spec, self.runs = spec, self.runs + 1
-        self.deadline_s = time.monotonic() + time_limit_s
-        with suppress(BrokenPipeError):
-            self.pipe.send((fly_one, spec))
-
-    def stop(self) -> int | None:
-        """Kill the process and return its exit code."""
-        self.process.kill()
-        self.process.join()
-        self.pipe.close()
-        return self.process.exitcode
-
-
-class _WorkerPool:
-    """The workers of one call and the runs that wait for them. Every worker starts or flies; none is idle."""
-
-    def __init__(self, config: Processes, specs: Iterable[RunSpec]) -> None:
-        self._config = config
-        self._waiting = deque(specs)
-        self._workers: list[_Worker] = []
-        self._failed_starts = 0
-
-    @property
-    def has_work(self) -> bool:
-        return bool(self._waiting) or any(worker.spec is not None for worker in self._workers)
-
-    def spawn(self) -> None:
-        """Start workers for the runs that wait, up to the configured number."""
-        starting = sum(worker.spec is None for worker in self._workers)
-        n = min(self._config.workers - len(self._workers), len(self._waiting) - starting)
-        self._workers += [_Worker() for _ in range(n)]
-
-    def wait(self) -> Iterator[Completion]:
-        """Wait for the next message or deadline, and yield the runs that have ended."""
-        first_s = min(worker.deadline_s for worker in self._workers)
-        readable = connection.wait([w.pipe for w in self._workers], timeout=max(0.0, first_s - time.monotonic()))
-        now_s = time.monotonic()  # Read once: the caller may take long between two yields.
-        for worker in list(self._workers):
-            if worker.pipe in readable:
-                yield from self._receive(worker)
-            elif now_s >= worker.deadline_s:
-                yield from self._remove(worker, "timeout")
-
-    def terminate(self) -> None:
-        while self._workers:
-            self._workers.pop().stop()
-
-    def _receive(self, worker: _Worker) -> Iterator[Completion]:
-        """Read one message: the worker is ready, its run has ended, or the end of the pipe says that it has died."""
+    def fly(self, fly_one: FlyOne, spec: RunSpec, time_limit_s: float) -> Completion:
+        """Fly a run; a worker that ends or misses the limit becomes its failure."""
+        if self._process is None or self._runs >= RUNS_PER_WORKER:
+            self._start()
+        self._runs += 1
         try:
-            message = worker.pipe.recv()
+            self._pipe.send((fly_one, spec))
+            if not self._pipe.poll(time_limit_s):
+                self._stop()
+                text = f"stopped at its time limit of {time_limit_s:g} s"
+                return Failure(key=spec.key, kind="timeout", text=text)
+            done: Completion = self._pipe.recv()
         except (EOFError, OSError):
-            yield from self._remove(worker, "died")
-            return
-        self._failed_starts = 0
-        if self._waiting and worker.runs < RUNS_PER_WORKER:
-            worker.submit(self._config.fly_one, self._waiting.popleft(), self._config.time_limit_s)
-        else:
-            self._workers.remove(worker)
-            worker.stop()
-        if message != READY:
-            yield message
+            text = f"its process ended without a message, with exit code {self._stop()}"
+            return Failure(key=spec.key, kind="died", text=text)
+        return done
 
-    def _remove(self, worker: _Worker, kind: FailureKind) -> Iterator[Failure]:
-        """Remove a worker that has died or missed its deadline, and yield the failure of its run, if it had one."""
-        self._workers.remove(worker)
-        code = worker.stop()
-        if worker.spec is not None:
-            text = {
-                "timeout": f"stopped at its time limit of {self._config.time_limit_s:g} s",
-                "died": f"its process ended without a message, with exit code {code}",
-            }[kind]
-            yield Failure(key=worker.spec.key, kind=kind, text=text)
-            return
-        self._failed_starts += 1
-        if self._failed_starts >= MAX_FAILED_STARTS:
-            raise ScenarioError(
-                f"{self._failed_starts} workers in a row ended before they were ready, the last with exit code {code}: "
-                "see what they printed, or try --workers 0, which flies in this process"
-            )
+    def close(self) -> None:
+        """Kill the process, and start no other one."""
+        with self._lock:
+            self._is_closed = True
+            if self._process is not None:
+                self._process.kill()
+                self._process.join()
+
+    def _start(self) -> None:
+        """Start a process and wait until it is ready."""
+        code: int | None = None
+        for _ in range(MAX_FAILED_STARTS):
+            self._stop()
+            with self._lock:
+                if self._is_closed:
+                    raise ScenarioError("the study was stopped")
+                context = multiprocessing.get_context("spawn")
+                self._pipe, theirs = context.Pipe()
+                self._process = context.Process(target=serve, args=(theirs,), daemon=True)
+                self._process.start()
+                theirs.close()  # Our end then reads end-of-file when the process has ended.
+            with suppress(EOFError, OSError):
+                if self._pipe.poll(START_TIMEOUT_S) and self._pipe.recv() == READY:
+                    self._runs = 0
+                    return
+            code = self._stop()
+        raise ScenarioError(
+            f"{MAX_FAILED_STARTS} workers in a row ended before they were ready, the last with exit code {code}: "
+            "see what they printed, or try --workers 0, which flies in this process"
+        )
+
+    def _stop(self) -> int | None:
+        """Kill the process, if there is one, and return its exit code."""
+        process, self._process = self._process, None
+        if process is None:
+            return None
+        process.kill()
+        process.join()
+        self._pipe.close()
+        return process.exitcode
 
 
 @dataclass(frozen=True)

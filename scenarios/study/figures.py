@@ -5,13 +5,14 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from voxdepth.types import FloatArray
 
 from ..batch import OUTCOMES
 from ..results.figure import Draw, Picture, legend_label, line_color, panel_figure
-from .analysis import AT_LIMIT, ENDS, REACHED, ArmSummary, Comparison, headline
-from .design import EndpointName, Study
+from .analysis import REACHED, ArmSummary, Comparison, headline
+from .design import EndpointName
 from .statistics import DoseResponse, Estimate, stratified, wilson
 from .tables import ENDPOINT_TITLES
 
@@ -19,20 +20,12 @@ WIDTH_IN = 9.0
 COLORS = dict(zip(OUTCOMES, ("#4c9f70", "#c0392b", "#e0a030", "#7d5ba6", "#8a8f98"), strict=True))
 RATIO_CAPTION = "Shares of runs with Wilson 95 % intervals; n is the number of runs."
 NOISE_CAPTION = f"{RATIO_CAPTION} Arms at the same noise ratio are drawn beside each other."
-TIME_CAPTION = (
-    "Share of all runs that came to an end by a mission time; they and the share that still flies sum to 100 %. A "
-    "collision counts at its first contact. All runs are observed to their end, so these are plain proportions. Ends "
-    "that no run came to are left out. An arm has one colour, paler at a smaller noise ratio."
-)
 FOREST_CAPTION = (
     "Differences of shares with 95 % intervals: Newcombe's in each scenario, and stratified by scenario over all. To "
     "the right of the line, more runs of the first arm."
 )
-LINE_STYLES = ("-", "--", ":")
 BESIDE = 0.008
 """Distance of the points of two arms at the same noise ratio, so that none covers another."""
-PALEST = 0.35
-"""Opacity of an arm at the smallest of its noise ratios."""
 FIT = "1 - exp(-a theta^b)"
 AXIS_LABELS: dict[EndpointName, str] = {"arrived": "arrived without a collision", "collision": "runs with a collision"}
 
@@ -71,42 +64,11 @@ def _draw_forest(comparisons: Sequence[Comparison], axes: Any) -> None:
     axes.grid(alpha=0.3, axis="x")
 
 
-def grid(study: Study, arms: Sequence[ArmSummary]) -> list[Picture]:
-    """Draw the endpoint of a design of two factors over all scenarios; nothing for other designs."""
-    if len(study.factors) != 2:
-        return []
-    rows, columns = (list(dict.fromkeys(arm.factors[n] for arm in study.arms if arm.factors)) for n in study.factors)
-    shares = np.full((len(rows), len(columns)), np.nan)
-    factors = {arm.name: arm.factors for arm in study.arms if arm.factors}
-    for arm in arms:
-        if arm.arm in factors and arm.n:
-            row, column = (factors[arm.arm][name] for name in study.factors)
-            shares[rows.index(row), columns.index(column)] = 100 * arm.count(REACHED[study.endpoint]) / arm.n
-    draw = partial(_draw_grid, shares, rows, columns, study.factors)
-    title = f"Factorial design: {ENDPOINT_TITLES[study.endpoint]}"
-    size_in = (WIDTH_IN, 1.4 + 0.5 * len(rows))
-    return [_picture(title, "Share of the runs of all scenarios [%].", [draw], size_in)]
-
-
-def _draw_grid(
-    shares: FloatArray, rows: Sequence[str], columns: Sequence[str], factors: Sequence[str], axes: Any
-) -> None:
-    axes.imshow(shares, vmin=0, vmax=100, cmap="Blues", aspect="auto")
-    for (row, column), share in np.ndenumerate(shares):
-        if not np.isnan(share):
-            axes.text(column, row, f"{share:.0f}", ha="center", va="center", color="white" if share > 60 else "black")
-    axes.set_xticks(range(len(columns)), columns, fontsize=8)
-    axes.set_yticks(range(len(rows)), rows, fontsize=8)
-    axes.set_xlabel(factors[1])
-    axes.set_ylabel(factors[0])
-
-
 def all_figures(arms: Sequence[ArmSummary], fitted: Mapping[tuple[str, str], DoseResponse]) -> list[Picture]:
     """Draw the figures of all scenarios, `fitted` by scenario and arm.
 
     Arms without a result are left out, and so is a figure of what no run came to.
     """
-    colors = arm_colors(arms)
     found: list[Picture] = []
     for scenario in dict.fromkeys(arm.scenario for arm in arms if arm.n):
         own = [arm for arm in arms if arm.scenario == scenario and arm.n]
@@ -115,8 +77,8 @@ def all_figures(arms: Sequence[ArmSummary], fitted: Mapping[tuple[str, str], Dos
         if is_reached and len({arm.theta for arm in own} - {None}) > 1:
             caption = NOISE_CAPTION + (f" A dotted line is {FIT}, fitted by likelihood." if fits else "")
             draws = [
-                partial(_draw_noise_ratios, own, colors, fits, "collision"),
-                partial(_draw_noise_ratios, own, colors, {}, "arrived"),
+                partial(_draw_noise_ratios, own, fits, "collision"),
+                partial(_draw_noise_ratios, own, {}, "arrived"),
             ]
             title, size_in = f"{scenario}: collisions against noise", (WIDTH_IN / 2, 4.0)
             found.append(_picture(title, caption, draws, size_in, shared_legend=True))
@@ -127,43 +89,15 @@ def all_figures(arms: Sequence[ArmSummary], fitted: Mapping[tuple[str, str], Dos
         caption, draw = "Every run has exactly one outcome; n is the number of runs.", partial(_draw_outcomes, own)
         size_in = WIDTH_IN, 1.6 + rows_in
         found.append(_picture(f"{scenario}: how runs ended", caption, [draw], size_in, shared_legend=True))
-        ends = [end for end, outcomes in ENDS.items() if any(arm.count(*outcomes) for arm in own)]
-        if set(ends) - {AT_LIMIT}:
-            draws, size_in = [partial(_draw_incidence, own, colors, end) for end in ends], (WIDTH_IN / 2, 2.9)
-            found.append(
-                _picture(f"{scenario}: ends over time", TIME_CAPTION, draws, size_in, columns=2, shared_legend=True)
-            )
     return found
-
-
-def arm_colors(arms: Sequence[ArmSummary]) -> dict[str, tuple[float, float, float]]:
-    """Return the colour of each arm in all figures and scenarios, RGB in 0..1."""
-    return {name: line_color(k) for k, name in enumerate(dict.fromkeys(arm.arm for arm in arms))}
 
 
 def _picture(title: str, caption: str, draws: Sequence[Draw], panel_in: tuple[float, float], **style: Any) -> Picture:
     return Picture.of(title, caption, panel_figure("", draws, panel_in=panel_in, **style))
 
 
-def _draw_incidence(arms: Sequence[ArmSummary], colors: Mapping[str, Any], end: str, axes: Any) -> None:
-    """Draw the share of runs of each arm that came to an end by each time."""
-    longest_s = max(float(record.metrics["sim_time_s"] or 0) for arm in arms for record in arm.records)
-    times_s = np.linspace(0, 1.02 * longest_s, 400)
-    for name in dict.fromkeys(arm.arm for arm in arms):
-        levels = [arm for arm in arms if arm.arm == name]
-        for k, (arm, alpha) in enumerate(zip(levels, np.linspace(1, PALEST, len(levels))[::-1], strict=True)):
-            style = {"color": colors[name], "alpha": alpha, "ls": LINE_STYLES[k % len(LINE_STYLES)], "lw": 1.3}
-            axes.plot(times_s, 100 * arm.incidence(end, times_s), label=legend_label(arm.label), **style)
-    axes.set_title(end, fontsize=9)
-    _percent_axis(axes.yaxis, axes.set_ylim)
-    axes.set_xlabel("mission time [s]")
-    axes.set_ylabel("runs [%]")
-    axes.grid(alpha=0.3)
-
-
 def _draw_noise_ratios(
     arms: Sequence[ArmSummary],
-    colors: Mapping[str, Any],
     fits: Mapping[str, DoseResponse],
     endpoint: EndpointName,
     axes: Any,
@@ -171,7 +105,7 @@ def _draw_noise_ratios(
     """Draw the figure of the paper: every arm over its noise ratios, or as a horizontal line if it has none."""
     names = list(dict.fromkeys(arm.arm for arm in arms))
     for k, name in enumerate(names):
-        own, color = [arm for arm in arms if arm.arm == name], colors[name]
+        own, color = [arm for arm in arms if arm.arm == name], line_color(k)
         low, high = min(arm.n for arm in own), max(arm.n for arm in own)
         n = f"n = {low}" if low == high else f"n = {low} to {high}"
         y, errors = _shares(own, endpoint)
@@ -203,12 +137,9 @@ def _draw_shares(arms: Sequence[ArmSummary], endpoint: EndpointName, axes: Any) 
 
 
 def _draw_outcomes(arms: Sequence[ArmSummary], axes: Any) -> None:
-    left = np.zeros(len(arms))
     ended = [outcome for outcome in OUTCOMES if any(arm.count(outcome) for arm in arms)]
-    for outcome in ended:
-        shares = np.array([100 * arm.count(outcome) / arm.n for arm in arms])
-        axes.barh(np.arange(len(arms)), shares, left=left, color=COLORS[outcome], label=outcome.value)
-        left += shares
+    shares = pd.DataFrame({one.value: [100 * arm.count(one) / arm.n for arm in arms] for one in ended})
+    shares.plot(ax=axes, kind="barh", stacked=True, width=0.8, color=[COLORS[outcome] for outcome in ended])
     _name_rows(axes, arms)
     axes.set_xlim(0, 100)
     axes.set_xlabel("runs [%]")

@@ -27,7 +27,7 @@ from .analysis import (
     summarise_arms,
 )
 from .design import ENDPOINTS, RunSpec
-from .figures import all_figures, forest, grid
+from .figures import all_figures, forest
 from .statistics import DoseResponse
 from .store import StudyData
 from .tables import (
@@ -72,7 +72,6 @@ class Findings:
         fitted = {(scenario, arm): fit for scenario, arm, fit in self._dose_responses if isinstance(fit, DoseResponse)}
         primary = self.data.study.endpoint
         return [
-            *grid(self.data.study, self._over_all or self._arms),
             *forest(self._comparisons[primary], primary),
             *all_figures([*self._over_all, *self._arms], fitted),
         ]

@@ -102,6 +102,21 @@ def mcnemar(b: int, c: int) -> float:
     return float(binomtest(b, b + c, 0.5).pvalue) if b + c else 1.0
 
 
+def mcnemar_power(pairs: int, first_only: float, second_only: float) -> float:
+    """Return the probability that `mcnemar` is below 5 % for as many pairs, exactly.
+
+    The other two are the probabilities that only the first or only the second of a pair reaches the endpoint; their sum
+    is above 0. If they are equal, the result is the type I error.
+    """
+    from scipy.stats import binom
+
+    discordant, firsts = np.mgrid[: pairs + 1, : pairs + 1]
+    p = 2 * binom.cdf(np.minimum(firsts, discordant - firsts), discordant, 0.5)
+    share = first_only / (first_only + second_only)
+    rejected = np.where(p < 1 - LEVEL, binom.pmf(firsts, discordant, share), 0.0).sum(axis=1)
+    return float(rejected @ binom.pmf(np.arange(pairs + 1), pairs, first_only + second_only))
+
+
 def holm(p_values: Sequence[float]) -> list[float]:
     """Adjust p-values for multiple comparisons after Holm [3], in the given order."""
     adjusted = [0.0] * len(p_values)

@@ -1,6 +1,5 @@
 """The SQLite file of a study: its design, the records of its runs, and the failures."""
 
-import hashlib
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,14 +20,13 @@ from voxdepth.tools.provenance import machine
 from ..config import Run
 from ..errors import ScenarioError
 from ..files import Loaded, locked
+from ..flight import Finished
 from ..results.provenance import simulation_versions
-from ..runner import Finished
-from .design import SHORT, RunSpec, Study, digest
+from .design import RunSpec, Study, digest
 
 FILE = "study.sqlite"
-UNREADABLE = (ValueError, TypeError, KeyError, RecursionError)
+UNREADABLE = (ValueError, TypeError, KeyError)
 """Errors that damaged content causes; SQLite has its own."""
-STRICT = pydantic.ConfigDict(strict=True)
 SCHEMA = 3
 """Version of the tables."""
 BUSY_TIMEOUT_S = 60.0
@@ -41,7 +39,7 @@ CREATE TABLE cells (
 ) STRICT;
 CREATE TABLE results (
     key TEXT PRIMARY KEY REFERENCES runs, outcome TEXT NOT NULL, metrics TEXT NOT NULL, drones TEXT NOT NULL,
-    contacts TEXT NOT NULL, wall_s REAL NOT NULL, ended_at TEXT NOT NULL, digest TEXT NOT NULL
+    contacts TEXT NOT NULL, wall_s REAL NOT NULL, ended_at TEXT NOT NULL
 ) STRICT;
 CREATE TABLE failures (
     place INTEGER PRIMARY KEY, key TEXT NOT NULL REFERENCES runs, kind TEXT NOT NULL, text TEXT NOT NULL,
@@ -50,8 +48,6 @@ CREATE TABLE failures (
 """
 
 
-METRICS = pydantic.TypeAdapter(dict[str, int | pydantic.FiniteFloat | None], config=STRICT)
-DRONES = pydantic.TypeAdapter(list[dict[str, int | pydantic.FiniteFloat | None]], config=STRICT)
 CONTACTS = pydantic.TypeAdapter(list[Contact])
 FailureKind = Literal["error", "timeout", "died"]
 
@@ -177,9 +173,13 @@ class Store:
             insert = "INSERT INTO failures (key, kind, text, ended_at) VALUES (?, ?, ?, ?)"
             row = (done.key, done.kind, done.text, now)
         else:
-            insert = "INSERT INTO results VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
-            texts = _texts(done)
-            row = (done.key, *texts, done.wall_s, now, _digest(done.key, *texts))
+            insert = (
+                "INSERT INTO results (key, outcome, metrics, drones, contacts, wall_s, ended_at) "
+                "VALUES (?, ?, ?, ?, ?, ?, ?)"
+            )
+            metrics, drones = (json.dumps(part, allow_nan=False) for part in (done.metrics, done.drones))
+            contacts = json.dumps([asdict(contact) for contact in done.contacts], allow_nan=False)
+            row = (done.key, done.outcome.value, metrics, drones, contacts, done.wall_s, now)
         with self._writing():
             self._database.execute(insert, row)
 
@@ -196,9 +196,9 @@ class Store:
         meta = self._meta()
         runs = self._rows("SELECT key, run FROM runs")
         cells = self._rows("SELECT scenario, arm, theta, key FROM cells ORDER BY place")
-        results = self._rows("SELECT key, outcome, metrics, drones, contacts, wall_s, digest FROM results")
+        results = self._rows("SELECT key, outcome, metrics, drones, contacts, wall_s FROM results")
         failures = self._rows("SELECT key, kind, text FROM failures ORDER BY place")
-        records = self._records(results)
+        records = {row["key"]: _record(row) for row in results}
         if {row["key"] for row in (*runs, *results, *failures)} != {cell["key"] for cell in cells} or not cells:
             raise self._damaged(ValueError("its runs are not those of its cells"))
         resolved = {row["key"]: self._parsed(Run, row["run"]) for row in runs}
@@ -210,22 +210,6 @@ class Store:
             versions=json.loads(meta["versions"]),
             machine=meta["machine"],
         )
-
-    def _records(self, rows: Sequence[sqlite3.Row]) -> dict[str, RunRecord]:
-        """Decode all results; a damaged one is an error that says how many others can be read."""
-        records, damaged = {}, {}
-        for row in rows:
-            try:
-                records[row["key"]] = _record(row)
-            except UNREADABLE as error:
-                damaged[row["key"]] = str(error).partition("\n")[0]
-        if damaged:
-            key, problem = next(iter(damaged.items()))
-            raise ScenarioError(
-                f"{self._path} is damaged: {len(damaged)} of {len(rows)} results cannot be read, the first one is that "
-                f"of the run {str(key)[:SHORT]} ({problem}): restore a copy, or delete them and go on with --resume"
-            )
-        return records
 
     @contextmanager
     def _as_damage(self) -> Iterator[None]:
@@ -372,28 +356,13 @@ def read_study(folder: Path) -> StudyData:
         return store.read()
 
 
-def _texts(record: RunRecord) -> tuple[str, str, str, str]:
-    """The columns `outcome`, `metrics`, `drones` and `contacts` of a result."""
-    metrics, drones = (json.dumps(part, allow_nan=False) for part in (record.metrics, record.drones))
-    contacts = json.dumps([asdict(contact) for contact in record.contacts], allow_nan=False)
-    return record.outcome.value, metrics, drones, contacts
-
-
-def _digest(*texts: str) -> str:
-    """SHA-256 of the columns of a result."""
-    return hashlib.sha256("\0".join(texts).encode()).hexdigest()
-
-
 def _record(row: sqlite3.Row) -> RunRecord:
     """Decode a result; a damaged one is one of the errors `UNREADABLE`."""
-    names = ("key", "outcome", "metrics", "drones", "contacts")
-    if row["digest"] != _digest(*(row[name] for name in names)):
-        raise ValueError("its digest is another one")
     return RunRecord(
         key=row["key"],
         outcome=Outcome(row["outcome"]),
-        metrics=METRICS.validate_json(row["metrics"]),
-        drones=tuple(DRONES.validate_json(row["drones"])),
+        metrics=json.loads(row["metrics"]),
+        drones=tuple(json.loads(row["drones"])),
         contacts=tuple(CONTACTS.validate_json(row["contacts"])),
         wall_s=row["wall_s"],
     )

@@ -21,7 +21,7 @@ RARE_KINDS = ("mover",)
 END_NOTE = (
     "Shares of runs with Wilson 95 % intervals. The ends compete: every run has one. Arrived: all that the mission "
     "asks, without a collision; stuck: nobody made progress, or a follower was lost. All runs are observed to their "
-    "end, so that these are the cumulative incidences at the end."
+    "end."
 )
 MEAN_NOTE = (
     "Means with 95 % intervals of a bootstrap that draws runs. Drones lost are those that touched something. The time"

@@ -20,7 +20,7 @@ def serve(pipe: "Connection") -> None:
     from ..quiet import import_noisy_libraries
 
     import_noisy_libraries()
-    from .executors import attempt
+    from .one_run import attempt
 
     pipe.send(READY)
     while True:

@@ -4,5 +4,5 @@ from typing import Literal
 
 MOST_FLIGHTS = 9000
 """Largest number of flights through a world: their seeds stay below those of the clips that are held out."""
-TrainedName = Literal["corrector", "convex", "flow"]
-"""A network that can be trained: of the baseline `learned`, of the inpainting method `convex`, or of optical flow."""
+TrainedName = Literal["corrector", "convex"]
+"""A network that can be trained: of the baseline `learned`, or of the inpainting method `convex`."""

@@ -18,9 +18,7 @@ from ..sequences import Simulation, load_sequence, simulation
 FIRST_SEED = 70_001
 """First seed of the training data; the following ones belong to it, too. Reported tables use much smaller seeds."""
 HELD_OUT_SEED = 79_002
-"""Seed of the clips by which a trained network is judged. No network learns from them."""
-HELD_OUT_LARGE_SEED = 79_001
-"""The same for a network whose time is judged, too: by `WIDTHS_PX`, its images have the size of a camera."""
+"""Seed of the clips by which a trained network is judged, one flight a world. No network learns from them."""
 EVEN_PX = 2
 """Heights are rounded to multiples of this."""
 FRAMES = 10
@@ -62,8 +60,6 @@ class Clip(NamedTuple):
     """Measured depth [m], shape (T, H, W), float32; 0 = invalid."""
     true_m: FloatArray
     """True depth [m], shape (T, H, W), float32; infinite in the sky."""
-    T_world_cam: FloatArray
-    """True poses of the camera, shape (T, 4, 4)."""
     camera: FloatArray
     """Intrinsics: fx, fy, cx, cy [px], baseline [m] and disparity scale, shape (6,)."""
 
@@ -160,6 +156,5 @@ def _recorded(simulated: Simulation, start: int) -> Clip:
         gray=np.stack([capture.gray_left for capture in captures]),
         raw_m=np.stack([capture.depth_raw_m for capture in captures]),
         true_m=np.stack([capture.depth_true_m for capture in captures]),
-        T_world_cam=np.stack([capture.T_world_cam for capture in captures]),
         camera=np.array(numbers, np.float64),
     )

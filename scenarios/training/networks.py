@@ -35,15 +35,6 @@ SMALLEST_WEIGHT = 1e-6
 """Smaller sums of weights mean that nothing is known; those of one value are larger."""
 NEIGHBOURS = 9
 """Cells of a neighbourhood of 3 x 3."""
-FLOW_CELL = 8
-"""Side of a cell of `FlowNetwork` [px]."""
-FLOW_WIDTHS = (16, 24, 32)
-"""Channels at 1/2, 1/4 and 1/8 of the resolution."""
-FLOW_STATE = 16
-"""Channels of the state that is refined."""
-REACH_CELLS = 3
-"""Largest displacement of a correlation, in each direction."""
-REFINEMENTS = 3
 SMALLEST_DEPTH = 0.01
 """Smaller depths, in units of the mean, look like this one to the network."""
 
@@ -201,80 +192,3 @@ class Convex(nn.Module):
         assert isinstance(total, Tensor)
         depth, weight = total.chunk(2, 1)
         return depth / torch.where(weight > 0, weight, torch.ones_like(weight))
-
-
-class FlowNetwork(nn.Module):
-    """Recurrent refinement of optical flow: RAFT of Teed and Deng 2020, DOI 10.1007/978-3-030-58536-5_24, made small.
-
-    What differs: one encoder serves features and context; and instead of all pairs, the features of the end are moved
-    by the flow so far, and correlated with those of the start within `REACH_CELLS`.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.encoder = nn.ModuleList(
-            nn.Conv2d(fine, coarse, 5 if fine == 1 else 3, 2, 2 if fine == 1 else 1)
-            for fine, coarse in pairwise((1, *FLOW_WIDTHS))
-        )
-        self.features = nn.Sequential(
-            nn.Conv2d(FLOW_WIDTHS[-1], FLOW_WIDTHS[-1], 3, padding=1), nn.InstanceNorm2d(FLOW_WIDTHS[-1])
-        )
-        self.context = nn.Conv2d(FLOW_WIDTHS[-1], 2 * FLOW_STATE, 1)
-        self.motion = nn.Conv2d((2 * REACH_CELLS + 1) ** 2 + 2, FLOW_STATE, 1)
-        self.gates = nn.Conv2d(3 * FLOW_STATE, 2 * FLOW_STATE, 3, padding=1)
-        self.candidate = nn.Conv2d(3 * FLOW_STATE, FLOW_STATE, 3, padding=1)
-        self.step = nn.Sequential(
-            nn.Conv2d(FLOW_STATE, FLOW_STATE, 3, padding=1), nn.ReLU(), nn.Conv2d(FLOW_STATE, 2, 1)
-        )
-        self.weights = nn.Conv2d(FLOW_STATE, NEIGHBOURS * FLOW_CELL**2, 1)
-
-    def forward(self, images: Tensor) -> Tensor:
-        """The flow [px], (N, 2, h, w): column and row of each pixel of the first image in the second, from its own.
-
-        Images have shape (N, 2, h, w), gray values between 0 and 1, and sides that are multiples of `FLOW_CELL`.
-        """
-        return self.refined(images)[-1]
-
-    def refined(self, images: Tensor) -> list[Tensor]:
-        """The flow after each refinement."""
-        start, end = self._encoded(images[:, :1]), self._encoded(images[:, 1:])
-        state, context = self.context(start).chunk(2, 1)
-        state, context = torch.tanh(state), functional.relu(context)
-        start, end = self.features(start), self.features(end)
-        flow = torch.zeros_like(start[:, :2])
-        flows = []
-        for _ in range(REFINEMENTS):
-            flow = flow.detach()
-            motion = functional.relu(self.motion(torch.cat([_correlated(start, _at(end, flow)), flow], 1)))
-            update, reset = torch.sigmoid(self.gates(torch.cat([state, context, motion], 1))).chunk(2, 1)
-            candidate = torch.tanh(self.candidate(torch.cat([reset * state, context, motion], 1)))
-            state = state + update * (candidate - state)
-            flow = flow + self.step(state)
-            logits = self.weights(state)
-            parts = [combined(flow[:, k : k + 1], logits) for k in (0, 1)]
-            flows.append(functional.pixel_shuffle(FLOW_CELL * torch.cat(parts, 1), FLOW_CELL))
-        return flows
-
-    def _encoded(self, image: Tensor) -> Tensor:
-        for conv in self.encoder:
-            image = functional.relu(conv(image))
-        return image
-
-
-def _at(features: Tensor, flow: Tensor) -> Tensor:
-    """The features (N, C, h, w) where each cell flows to, by a flow [cells] of shape (N, 2, h, w)."""
-    height, width = features.shape[2:]
-    ones = torch.ones_like(flow[:, 0])
-    col, row = ones.cumsum(2) - 0.5 + flow[:, 0], ones.cumsum(1) - 0.5 + flow[:, 1]
-    grid = torch.stack([col * (2 / width) - 1, row * (2 / height) - 1], 3)
-    return functional.grid_sample(features, grid, padding_mode="border", align_corners=False)
-
-
-def _correlated(start: Tensor, end: Tensor) -> Tensor:
-    """The mean product of features and those of each displaced cell, shape (N, displacements, h, w)."""
-    height, width = start.shape[2:]
-    padded = functional.pad(end, (REACH_CELLS,) * 4)
-    sides = range(2 * REACH_CELLS + 1)
-    return torch.cat(
-        [(start * padded[:, :, i : i + height, j : j + width]).mean(1, keepdim=True) for i in sides for j in sides], 1
-    )

@@ -16,12 +16,11 @@ from voxdepth.tools.files import write
 from voxdepth.tools.provenance import versions
 
 from ..results.figure import label_axes, panels
-from . import TrainedName, convex, corrector, flow
+from . import TrainedName, convex, corrector
 from .clips import (
     CLIPS_PER_WORLD,
     FIRST_SEED,
     FRAMES,
-    HELD_OUT_LARGE_SEED,
     HELD_OUT_SEED,
     WORLDS,
     Clip,
@@ -50,17 +49,11 @@ class Task:
     judge: Callable[[Network, Iterable[Clip]], Figures]
     channels: int
     """Channels of the input."""
-    held_out_seed: int = HELD_OUT_SEED
-    """Seed of the clips by which it is judged, one flight through every world."""
 
 
 TASKS: Mapping[TrainedName, Task] = {
     "corrector": Task(prepare=sample_of, train=corrector.train_corrector, judge=corrector_figures, channels=INPUTS),
     "convex": Task(prepare=template_of, train=convex.train_convex, judge=convex_figures, channels=1),
-    "flow": Task(
-        prepare=flow.halved_pairs, train=flow.train_flow, judge=flow.flow_figures, channels=2,
-        held_out_seed=HELD_OUT_LARGE_SEED,
-    ),
 }  # fmt: skip
 
 
@@ -84,7 +77,7 @@ class Training:
             "steps": self.steps,
             "worlds": list(WORLDS),
             "world_seeds": [FIRST_SEED, FIRST_SEED + self.flights - 1],
-            "held_out_seed": TASKS[self.name].held_out_seed,
+            "held_out_seed": HELD_OUT_SEED,
             "clips_per_flight": CLIPS_PER_WORLD,
             "frames_per_clip": FRAMES,
             "versions": versions(PACKAGES),
@@ -113,7 +106,7 @@ def train(training: Training, out: Path, report: Progress) -> Mapping[str, Any]:
     write(folder / f"{training.name}.png", _curve(training, losses))
     content, facts = write_network(folder, training.name, network, task.channels)
     facts |= training.facts | {"device": device, "final_loss": round(float(np.mean(losses[-SMOOTHED_STEPS:])), 4)}
-    facts["held_out"] = dict(task.judge(Network(content), _clips(out, [task.held_out_seed], report)))
+    facts["held_out"] = dict(task.judge(Network(content), _clips(out, [HELD_OUT_SEED], report)))
     write_card(folder, training.name, facts)
     return facts
 

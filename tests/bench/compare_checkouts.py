@@ -40,7 +40,7 @@ for sized in loop, loop.resized(1024, 1024):
 MISSIONS = """
 import json
 from scenarios.config import images_of, load_run
-from scenarios.runner import fly
+from scenarios.flight import fly
 from scenarios.study.design import expand, load_study
 for size in (160, 120), (320, 180):
     changes = {"corrector": "voxdepth", **images_of(*size)}

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from scenarios.config import Run, images_of, load_run
-from scenarios.runner import fly
+from scenarios.flight import fly
 from scenarios.sequences import load_sequence, record
 from scenarios.study.design import expand, load_study
 from sim.camera_noise import photon_noise

@@ -166,17 +166,12 @@ def test_an_error_blames_the_change_or_the_file_whichever_is_wrong(tmp_path: Pat
         ("[mission]\ndrons = 3", "unknown key 'mission.drons'"),
         ("[mission]\ndrones = 'many'", "mission.drones: Input should be a valid integer, got 'many'"),
         ("[rig]\nrate_hz = -1.0", "rig.rate_hz: Input should be greater than 0"),
-        ("[rig]\nbaseline_m = 0.0", "rig.baseline_m: Input should be greater than 0"),
         ("[rig]\ndepth = 'sonar'", "rig.depth: Input should be 'truth', 'noisy' or 'stereo'"),
         ("[scene]\nkind = 'city'\nrows = 1.5", "mine.toml: scene.rows: Input should be a valid integer"),
         ("[scene]\nkind = 'forest'\nlength_mm = 1.5", "unknown key 'scene.length_mm'"),
         ("[scene]\nkind = 'moon'", "scene: Input tag 'moon' found"),
-        ("[scene]\nkind = 'lawn'\nlength_m = 0.0", "scene.length_m: Input should be greater than or equal to 70"),
-        ("[scene]\nkind = 'plains'\nspacing_m = 0.0", "scene.spacing_m"),
         ("colour = 'red'", "unknown key 'colour'"),
         ("[mission]\ndrones = 1000000", "mission.drones: Input should be less than or equal to 500, got 1000000"),
-        ("[scene]\nkind = 'city'\nrows = 100000", "scene.rows: Input should be less than or equal to 100, got 100000"),
-        ("[rig.stereo]\nblock_px = 100001", "rig.stereo.block_px: Input should be less than or equal to 51"),
         ("= 3", "is not valid TOML"),
     ],
 )
@@ -234,24 +229,6 @@ def test_missions_that_cannot_be_flown_write_nothing(tmp_path: Path, table: str,
     assert done.returncode == 2
     assert message in done.stderr
     assert not (tmp_path / "runs").exists()
-
-
-@pytest.mark.parametrize(
-    "content",
-    ["a = " + "[" * 100_000, "[" + "a." * 5000 + "a]", "name = " + "9" * 5000, "\udcff", f"rig = {[0] * 10_000}"],
-    ids=["deep array", "deep table", "long number", "no text", "long value"],
-)
-def test_odd_toml_is_told_in_one_line(content: str, tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_bytes(content.encode(errors="surrogateescape"))
-    with pytest.raises(ToolError) as error:
-        load_run(str(tmp_path / "mine.toml"), 0, {})
-    assert "mine.toml" in str(error.value) and "\n" not in str(error.value) and len(str(error.value)) < 500
-
-
-def test_a_pipe_in_place_of_a_file_does_not_hang(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "mine.toml")
-    with pytest.raises(ToolError, match="is no file: name a TOML file"):
-        load_run(str(tmp_path / "mine.toml"), 0, {})
 
 
 def test_a_terminal_without_unicode_gets_other_characters() -> None:

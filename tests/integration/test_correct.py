@@ -321,16 +321,6 @@ def test_a_table_may_leave_out_the_keys_that_stay(sequence: Path, tmp_path: Path
     assert config["registration"] == PaperConfig().registration.model_dump(mode="json") | {"size_px": 100}
 
 
-def test_another_inpainting_method_needs_no_keys_of_the_corrector_s_own(sequence: Path, tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text("[inpainting]\nmethod = 'bilinear'\n")
-    options = ["--corrector", "paper", "--config", tmp_path / "mine.toml", "--frames", "2"]
-    done = correct(sequence, "--out", tmp_path / "out", *options)
-    assert done.exit_code == 0, done.exception
-    config = tomllib.loads((tmp_path / "out" / "config.toml").read_text())["config"]
-    assert config["inpainting"]["method"] == "bilinear"
-    assert config["window_frames"] == 10
-
-
 def test_a_baseline_that_is_assumed_is_told_with_the_place_to_state_it(sequence: Path, tmp_path: Path) -> None:
     shutil.copytree(sequence, tmp_path / "walk")
     calibration = tmp_path / "walk" / "calibration.toml"
@@ -362,20 +352,6 @@ def test_a_recording_is_never_written_among_the_input(name: str, sequence: Path,
     assert f"--record {sequence / name} lies in the input" in str(done.exception)
     assert sorted(sequence.rglob("*")) == before
     assert not list(tmp_path.iterdir())
-
-
-def test_a_recording_in_the_folder_of_the_result_is_refused(sequence: Path, tmp_path: Path) -> None:
-    done = correct(sequence, "--out", tmp_path / "out", "--record", tmp_path / "out" / "out.rrd")
-    assert isinstance(done.exception, ToolError)
-    assert "--record" in str(done.exception)
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_folder_above_the_input_is_refused(sequence: Path) -> None:
-    before = sorted(sequence.parent.rglob("*"))
-    done = correct(sequence, "--out", sequence.parent)
-    assert "exists already" in str(done.exception)
-    assert sorted(sequence.parent.rglob("*")) == before
 
 
 def test_the_configuration_of_another_corrector_is_refused(whole: Path, sequence: Path, tmp_path: Path) -> None:

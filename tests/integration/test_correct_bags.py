@@ -21,7 +21,6 @@ from voxdepth.registry import create_corrector
 from voxdepth.ros import depth_of, gray_of, header_of
 from voxdepth.tools.cli import create_app
 from voxdepth.tools.errors import ToolError
-from voxdepth.tools.output import mcap_file
 from voxdepth.types import Intrinsics
 
 N_FRAMES = 6
@@ -193,13 +192,6 @@ def test_a_bag_that_is_interrupted_or_exists_leaves_nothing_and_replaces_nothing
     (tmp_path / name).write_text("mine")
     assert isinstance(run("correct", bag, "--out", tmp_path / name, *options).exception, ToolError)
     assert (tmp_path / name).read_text() == "mine"
-
-
-def test_an_output_appears_when_the_block_ends(bag: Path, tmp_path: Path) -> None:
-    with mcap_file(tmp_path / "out.mcap", open_dataset(bag)) as output:
-        output.describe({"config.toml": "", "report.json": "{}"})
-        assert not (tmp_path / "out.mcap").exists()
-    assert (tmp_path / "out.mcap").is_file()
 
 
 def test_a_bag_is_evaluated_like_any_other_recording(entries: dict[str, list], bag: Path, tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 import csv
 import json
 import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -19,8 +18,6 @@ from tests.evaluation_clips import write_recording
 from tests.integration.test_cli import voxdepth
 from voxdepth.datasets import open_dataset
 from voxdepth.tools.cli import create_app
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 
 
 def evaluate(*arguments: str | Path) -> Result:
@@ -147,29 +144,3 @@ def test_bad_input_is_one_line_and_exit_2(arguments: list[str], message: str, tm
     assert message in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_a_shipped_sequence_is_recorded_and_scored(tmp_path: Path) -> None:
-    done = voxdepth("evaluate", "sim-LN", "--frames", "1", "--methods", "raw", "--out", tmp_path / "out")
-    assert done.returncode == 0, done.stderr
-    assert "sim-LN: 1 frames of 640x360" in done.stdout
-    assert len(list((tmp_path / "out" / "recordings").glob("sim-LN-*/config.toml"))) == 1
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
-def test_the_report_opens_in_a_browser_without_a_word_on_its_console(
-    folders: tuple[Path, Path], tmp_path: Path
-) -> None:
-    out = tmp_path / "out"
-    assert evaluate("--data", folders[0], "--methods", "raw,median,bad:one", "--out", out).exit_code != 0
-    assert evaluate("--data", folders[0], "--methods", "raw,median", "--out", out).exit_code == 0
-    options = ("--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--v=0")
-    shown = subprocess.run(
-        [str(CHROMIUM), *options, f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", f"file://{out}/report.html"],
-        capture_output=True, text=True, timeout=120, check=True,
-    )  # fmt: skip
-    assert "Depth correctors compared" in shown.stdout
-    assert shown.stdout.rstrip().endswith("</html>")
-    assert "CONSOLE" not in shown.stderr, shown.stderr

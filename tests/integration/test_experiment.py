@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from scenarios.experiments.components import component_latencies
 from scenarios.experiments.runner import ALL, EXPERIMENTS, find_experiments
 from tests.experiment_context import SEQUENCE, WIDTH_PX, small_context
 from tests.integration.test_cli import voxdepth
@@ -97,11 +96,11 @@ def test_rq4_counts_pairs_and_moves_better_than_not_at_all(out: Path) -> None:
 
 
 def test_components_are_the_steps_of_the_corrector(out: Path) -> None:
-    times = component_latencies(small_context(out, 16).frame_loop(SEQUENCE, 16), 80)
-    assert list(times) == ["fusion", "inpainting", "transform", "combine"]
-    assert times["fusion"].n == times["inpainting"].n >= 1
-    assert times["transform"].n == times["combine"].n > times["fusion"].n
-    assert times["fusion"].p50_ms > times["inpainting"].p50_ms
+    (table,) = asked("components", out, 80)
+    n, p50_ms = (dict(zip(table.column("component"), table.column(name), strict=True)) for name in ("n", "p50"))
+    assert list(n) == ["fusion", "inpainting", "transform", "combine"]
+    assert n["transform"] == n["combine"] > n["fusion"] == n["inpainting"] >= 1
+    assert p50_ms["fusion"] > p50_ms["inpainting"] > 0
 
 
 def test_confidence_is_fitted_where_there_are_fills_and_its_file_can_be_read(out: Path, tmp_path: Path) -> None:
@@ -124,7 +123,7 @@ def test_default_has_every_measure(out: Path) -> None:
     result = one.answer(small_context(out, 3))
     criteria, holes, *_ = result.tables
     assert all(str(outcome).startswith(("held", "missed by", "not measured")) for outcome in criteria.column("outcome"))
-    assert holes.column("sequence") == [SEQUENCE, "mean"]
+    assert holes.column("sequence") == [SEQUENCE]
 
 
 @pytest.mark.slow
@@ -139,7 +138,7 @@ def test_ablation_judges_every_variant(out: Path) -> None:
 @pytest.mark.slow
 def test_rq2_judges_every_size(out: Path) -> None:
     (table,) = asked("rq2", out)
-    assert table.column("size") == [0, 100, 150, 200, 300, 400, 600]
+    assert table.column("size") == ["unmoved", "100", "150", "200", "300", "400", "600"]
     assert table.column("corrected PSNR")[0] is None
     assert all(isinstance(value, float) for value in table.column("corrected PSNR")[1:])
 
@@ -149,13 +148,12 @@ def test_quality_has_the_papers_layout(out: Path) -> None:
     table, arithmetic = asked("quality", out)
     assert table.column("VD (paper)") == [17.10, None, 177.61, 17.10], "of the dataset that sim-MB stands for"
     assert all(isinstance(value, float) for name in ("VD", "RS", "GS", *DEEP_SMOOTH) for value in table.column(name))
-    assert len(arithmetic.rows) == 8, "those about quality"
+    assert len(arithmetic.rows) == 14
 
 
 @pytest.mark.slow
 def test_fps_times_every_way(out: Path) -> None:
-    table, arithmetic = asked("fps", out, 20)
-    assert len(arithmetic.rows) == 3
+    (table,) = asked("fps", out, 20)
     assert table.column("method") == ["VD", "VD-Nopipe", "VD-Nopipe, fusing beside", "RS", "GS", *DEEP_SMOOTH]
     assert all(isinstance(value, float) and value > 0 for value in table.column("median"))
 
@@ -169,7 +167,6 @@ def test_window_judges_the_same_frames_for_all_sizes(out: Path) -> None:
 
 @pytest.mark.slow
 def test_switches_counts_and_pairs(out: Path) -> None:
-    ends, movement, arithmetic = asked("switches", out)
-    assert len(arithmetic.rows) == 2
+    ends, movement = asked("switches", out)
     assert ends.column("n frames") == [FRAMES]
     assert movement.column("distance") == [10]

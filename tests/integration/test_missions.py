@@ -8,7 +8,7 @@ import pytest
 from scenarios.batch import acceptance_run
 from scenarios.config import Run, load_run
 from scenarios.files import shipped_names
-from scenarios.runner import fly, flying
+from scenarios.flight import fly, flying
 from swarm.recorder import Recorder
 from swarm.types import Outcome
 

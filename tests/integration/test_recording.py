@@ -9,8 +9,8 @@ import pytest
 import rerun as rr
 
 from scenarios.config import images_of, load_run
+from scenarios.flight import flying
 from scenarios.rerun.mission import CHUNK_S, HEADING_M, MissionRecorder, cloud
-from scenarios.runner import flying
 from sim.frames import rotation_from_quaternion
 from swarm.recorder import CaptureRecorder
 from voxdepth.tools.stream import depth_png

@@ -80,19 +80,19 @@ def test_a_bad_file_is_refused_with_what_to_do(text: str | None, reason: str, tm
         read(file)
 
 
-def test_the_fit_is_the_share_of_right_pixels() -> None:
+def test_the_fit_is_the_share_of_correct_pixels() -> None:
     pixels = Pixels()
-    pixels.n[Source.INPAINTED], pixels.right[Source.INPAINTED] = 10_000, 2_504
+    pixels.n[Source.INPAINTED], pixels.correct[Source.INPAINTED] = 10_000, 2_504
     assert fit(pixels) == Fills(memory=0.0, inpainted=0.25)
 
 
-def test_the_calibration_error_is_the_distance_to_the_share_of_right_pixels() -> None:
+def test_the_calibration_error_is_the_distance_to_the_share_of_correct_pixels() -> None:
     bins = Bins()
     bins.add(np.float32([0.95, 0.55, 0.05]), np.array([60.0, 20, 20]), np.array([57.0, 5, 0]))
     assert bins.calibration_error == pytest.approx((0 + 6 + 1) / 100)
     assert bins.trusted_share == pytest.approx(0.8)
     assert bins.shown_share == pytest.approx(0.8)
-    assert bins.trusted_right == pytest.approx(62 / 80)
+    assert bins.trusted_correct == pytest.approx(62 / 80)
 
 
 def test_it_is_not_measured_with_the_sequences_of_the_fit(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pybullet
 import pytest
 
 from scenarios.config import Run, Scenario
-from scenarios.runner import fly
+from scenarios.flight import fly
 from sim.frames import R_BODY_CAM, quaternion_from_yaw
 from sim.sensor import RigConfig
 from sim.types import Capture, DroneState

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from scenarios.evaluation import figures
-from scenarios.evaluation.groups import RANGES, TRUE_GROUPS
+from scenarios.evaluation.groups import TRUE_GROUPS
 from scenarios.evaluation.measurements import Measurement
 from scenarios.evaluation.methods import Method
 from scenarios.evaluation.quantities import QUANTITIES
 from scenarios.evaluation.report import calibration_table, method_table
-from scenarios.evaluation.result_cache import Key, Result, SequenceInfo
+from scenarios.evaluation.result_cache import Result
 from scenarios.evaluation.running import MethodError, run
 from scenarios.evaluation.scoring import CONFIDENCES, CalibrationScore
 from scenarios.evaluation.suite import Evaluation
 from scenarios.results import figure
-from tests.evaluation_clips import CAMERA, evaluation_frames
+from tests.evaluation_clips import CAMERA, evaluation_frames, info_of, key_of
 from voxdepth.baselines.single_frame import Raw
 from voxdepth.types import CorrectedDepth, Frame, Intrinsics, Source
 
@@ -45,10 +45,10 @@ def test_errors_are_sorted_by_confidence_and_the_end_of_a_bin_belongs_to_it() ->
         "confidence 0.4-0.5": (9, 1), "confidence 0.6-0.7": (0, 1), "confidence 0.9-1": (0.5, 2),
     }  # fmt: skip
     assert mae == {mask: (pytest.approx(value, abs=1e-6), n) for mask, (value, n) in expected.items()}
-    assert found(score, "right")["confidence 0.9-1"] == (0.5, 2)
+    assert found(score, "correct")["confidence 0.9-1"] == (0.5, 2)
     score = CalibrationScore(replace(TELE, baseline_m=0.02), "holes")  # 2 px at 10 m: a quarter of a pixel decides
     score.add(depth_m, truth_m, truth_m > 0, truth_m > 0, confidence, None)
-    assert found(score, "right")["confidence 0.9-1"] == (1, 2)
+    assert found(score, "correct")["confidence 0.9-1"] == (1, 2)
     assert found(score, "median")["confidence 0-0.1"][0] == pytest.approx(2, rel=0.01)
 
 
@@ -79,8 +79,8 @@ def test_the_share_of_right_pixels_in_a_bin_is_also_that_of_each_source_and_of_h
     source = np.array([[1, 2, 2, 2, 3, 0]], np.uint8)
     hidden = row(0, 1, 1, 0, 1, 1) > 0
     score.add(depth_m, truth_m, truth_m > 0, hidden, confidence, source)
-    right = found(score, "right")
-    assert {mask: right[mask] for mask in right if ", " in mask} == {
+    correct = found(score, "correct")
+    assert {mask: correct[mask] for mask in correct if ", " in mask} == {
         "source sensor, confidence 0.5-0.6": (1, 1),
         "source memory, confidence 0.5-0.6": (0.5, 2),
         "source memory, confidence 0.9-1": (1, 1),
@@ -136,49 +136,48 @@ def test_what_is_neither_confidence_nor_source_is_refused_with_what_came(given: 
 
 
 def result(method: str, shares: dict[str, float]) -> Result:
-    key = Key(sequence="s", method=method, frames=2, seed=0, digest="d", config=None, versions={})
-    right = [
-        Measurement(metric="right", mask=mask, range="0-40 m", on="filled", value=share, unit="share", n=100 * (k + 1))
+    correct = [
+        Measurement(
+            metric="correct", mask=mask, range="0-40 m", on="filled", value=share, unit="share", n=100 * (k + 1)
+        )
         for k, (mask, share) in enumerate(shares.items())
     ]
     sources = [
         Measurement(metric="mae", mask=mask, range="0-40 m", on="filled", value=0.25, unit="m", n=7)
         for mask in ("source sensor", "source inpainted")
     ]
-    return Result(key=key, measurements=(*right, *sources))
+    return Result(key=key_of("s", method), measurements=(*correct, *sources))
 
 
-INFO = SequenceInfo(
-    name="s", digest="d", frames=2, seed=0, width_px=12, height_px=9, focal_px=9.0, baseline_m=None,
-    hidden="holes", independent="all", reference_name="the truth",
-    pixels={mask: dict.fromkeys(RANGES, 9) for mask in ("all", "holes")}, occluded_shares=(),
-)  # fmt: skip
+INFO = info_of("s")
 
 
 @pytest.fixture
 def done() -> Evaluation:
     two = result("two", {"confidence 0.4-0.5": 0.2, "confidence 0.9-1": 0.9})
-    graded = result("graded", {"confidence 0": 0.1, "confidence 0.4-0.5": 0.5, "confidence 0.9-1": 0.9})
-    return Evaluation(results=(two, graded), sequences={"s": INFO}, reused=0)
+    calibrated = result("calibrated", {"confidence 0": 0.1, "confidence 0.4-0.5": 0.5, "confidence 0.9-1": 0.9})
+    return Evaluation(results=(two, calibrated), sequences={"s": INFO}, reused=0)
 
 
-def test_only_a_graded_confidence_is_drawn_with_its_counts(done: Evaluation, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_a_calibrated_confidence_is_drawn_with_its_counts(
+    done: Evaluation, monkeypatch: pytest.MonkeyPatch
+) -> None:
     canvases: list[Any] = []
     monkeypatch.setattr(figure, "png_of", lambda canvas: canvases.append(canvas) or b"")
-    assert figures.graded_methods(done) == ["graded"]
+    assert figures.calibrated_methods(done) == ["calibrated"]
     assert [picture.title for picture in figures.all_figures(done)] == ["Confidence against errors"]
     (axes,) = canvases[0].axes
-    right, counts = axes.lines
-    np.testing.assert_allclose(right.get_xydata(), [[0, 10], [0.45, 50], [0.95, 90]])
+    correct, counts = axes.lines
+    np.testing.assert_allclose(correct.get_xydata(), [[0, 10], [0.45, 50], [0.95, 90]])
     np.testing.assert_allclose(counts.get_ydata(), [100 / 6, 200 / 6, 300 / 6])
     assert axes.get_xlabel() == "confidence, n = 600 pixels"
-    assert figures.graded_methods(replace(done, results=done.results[:1])) == []
+    assert figures.calibrated_methods(replace(done, results=done.results[:1])) == []
 
 
 def test_a_table_has_the_share_of_right_pixels_by_source_and_in_holes() -> None:
     bins = {"source memory, confidence 0.4-0.5": 0.25, "holes, confidence 0": 0.5, "holes, confidence 0.9-1": 0.75}
-    evaluation = Evaluation(results=(result("graded", bins),), sequences={"s": INFO}, reused=0)
-    table = calibration_table(evaluation, "graded")
+    evaluation = Evaluation(results=(result("calibrated", bins),), sequences={"s": INFO}, reused=0)
+    table = calibration_table(evaluation, "calibrated")
     assert table.column("pixels") == ["source memory", "holes"]
     assert table.column("confidence 0.4-0.5") == ["25 (100)", "-"]
     assert table.column("confidence 0.9-1") == ["-", "75 (300)"]

@@ -48,12 +48,6 @@ def test_pixels_without_a_reference_are_in_no_group() -> None:
     assert {k: list(where) for k, where in enumerate(groups) if where.size} == {3: [2], 29: [3]}
 
 
-def test_a_frame_without_any_reference_has_empty_groups() -> None:
-    groups = split(np.full((3, 4), NONE, np.uint8), len(TRUE_GROUPS))
-    assert len(groups) == len(TRUE_GROUPS)
-    assert not any(where.size for where in groups)
-
-
 @pytest.mark.parametrize("groups", [TRUE_GROUPS, HOLE_GROUPS, PATCH_GROUPS])
 def test_every_kind_is_in_all_and_what_is_hidden_is_not_measured(groups: Groups) -> None:
     assert set(groups.masks["all"]) == set(groups.kinds)
@@ -74,7 +68,6 @@ def test_a_frame_given_wholly_empty_leaves_no_figure_after_completion() -> None:
         assert measurement(score, metric, "all", "0-20 m", "completed").value is None, metric
         assert measurement(score, metric, "all", "0-20 m", "filled").value is not None, metric
     assert measurement(score, "psnr16_mm", "all", "all", "completed").value is None
-    assert score.frame_psnrs_db == (np.inf, None, np.inf)
 
 
 def test_without_the_truth_the_ratio_in_16_bits_is_of_held_out_pixels() -> None:
@@ -87,4 +80,3 @@ def test_without_the_truth_the_ratio_in_16_bits_is_of_held_out_pixels() -> None:
     ratio = measurement(score, "psnr16_mm", "patches", "all", "completed")
     assert ratio.value == pytest.approx(20 * np.log10(65.535 / 0.5), rel=1e-5)
     assert ratio.n == kind.sum()
-    assert score.frame_psnrs_db == (pytest.approx(ratio.value),)

@@ -8,16 +8,26 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from scenarios.evaluation.groups import RANGES, TRUE_GROUPS
+from scenarios.evaluation.groups import TRUE_GROUPS
 from scenarios.evaluation.measurements import Measurement
 from scenarios.evaluation.quantities import QUANTITIES
 from scenarios.evaluation.report import method_table, print_results
-from scenarios.evaluation.result_cache import Key, Result, SequenceInfo
+from scenarios.evaluation.result_cache import Result
 from scenarios.evaluation.scoring import MovingScore, Score
 from scenarios.evaluation.sources import GHOST_FRAMES, Departures, EvaluationFrame, FrameCache, SimulatedSource
 from scenarios.evaluation.suite import Evaluation
 from sim.recording import Recording, RecordingWriter
-from tests.evaluation_clips import CAMERA, POST_M, WALL_M, capture_of, evaluation_frames, truth_of, write_recording
+from tests.evaluation_clips import (
+    CAMERA,
+    POST_M,
+    WALL_M,
+    capture_of,
+    evaluation_frames,
+    info_of,
+    key_of,
+    truth_of,
+    write_recording,
+)
 
 MOVERS = "[sequence]\nmovers = [{ radius_m = 0.3 }, { radius_m = 0.3 }]\n"
 """The post has the segmentation id 1: it is the second of two movers. The first one, id 0, is the wall's."""
@@ -127,17 +137,11 @@ def test_without_movers_there_are_no_such_figures() -> None:
 
 
 def done_with_movers() -> Evaluation:
-    key = Key(sequence="s", method="m", frames=2, seed=0, digest="d", config=None, versions={})
     score = MovingScore()
     frame = moving_frame()
     score.add(frame, np.where(frame.frame.depth_m > 0, frame.frame.depth_m, np.float32(POST_M)))
-    info = SequenceInfo(
-        name="s", digest="d", frames=2, seed=0, width_px=64, height_px=48, focal_px=9.0, baseline_m=None,
-        hidden="holes", independent="all", reference_name="the truth",
-        pixels={mask: dict.fromkeys(RANGES, 9) for mask in ("all", "holes")}, occluded_shares=(),
-    )  # fmt: skip
-    result = Result(key=key, measurements=tuple(score.measurements()))
-    return Evaluation(results=(result,), sequences={"s": info}, reused=0)
+    result = Result(key=key_of("s", "m"), measurements=tuple(score.measurements()))
+    return Evaluation(results=(result,), sequences={"s": info_of("s")}, reused=0)
 
 
 def test_tables_show_raw_and_the_difference() -> None:

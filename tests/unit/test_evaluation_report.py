@@ -2,7 +2,6 @@
 
 import csv
 import io
-import math
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -15,24 +14,20 @@ from markupsafe import escape
 from matplotlib.colors import to_hex
 from rich.console import Console
 
-from scenarios.evaluation import paper
 from scenarios.evaluation.figures import all_figures, count_text, error_map, error_maps, pareto_front
 from scenarios.evaluation.groups import RANGES
 from scenarios.evaluation.measurements import MEASUREMENT_COLUMNS, Measurement, Selector, of_frames
 from scenarios.evaluation.methods import ORACLE
-from scenarios.evaluation.quantities import PAPER_LAYOUT, QUANTITIES, is_measured
-from scenarios.evaluation.report import method_table, paper_table, print_results, rendered
-from scenarios.evaluation.result_cache import Key, Result, SequenceInfo, encoded_thumbnail
+from scenarios.evaluation.quantities import QUANTITIES, is_measured
+from scenarios.evaluation.report import method_table, print_results, rendered
+from scenarios.evaluation.result_cache import Result, SequenceInfo, encoded_thumbnail
 from scenarios.evaluation.suite import Evaluation
 from scenarios.results import figure
 from scenarios.results.frame_files import write_frame
+from tests.evaluation_clips import info_of, key_of
 from voxdepth.tools.table import Table
 
 NASTY = "<script>alert('x')</script>"
-
-
-def key(sequence: str, method: str) -> Key:
-    return Key(sequence=sequence, method=method, frames=2, seed=0, digest="d", config=None, versions={"numpy": "2"})
 
 
 def result(sequence: str, method: str, mae: float, n: int = 1000) -> Result:
@@ -47,29 +42,12 @@ def result(sequence: str, method: str, mae: float, n: int = 1000) -> Result:
         Measurement(metric="latency_p95", mask="frames", range="frames", on="frames", value=4.0, unit="ms", n=2),
     ]
     thumbnail = encoded_thumbnail(np.full((9, 12), 3, np.float32))
-    return Result(
-        key=key(sequence, method), measurements=tuple(figures), frame_psnrs_db=(20.0, math.inf), thumbnail=thumbnail
-    )
+    return Result(key=key_of(sequence, method), measurements=tuple(figures), thumbnail=thumbnail)
 
 
 def info(name: str) -> SequenceInfo:
-    return SequenceInfo(
-        name=name,
-        digest="d",
-        frames=2,
-        seed=0,
-        width_px=12,
-        height_px=9,
-        focal_px=10.0,
-        baseline_m=None,
-        independent="all",
-        reference_name="the truth",
-        hidden="holes",
-        pixels={mask: dict.fromkeys(RANGES, 1000) for mask in ("all", "holes")},
-        occluded_shares=(0.1, 0.2),
-        reference=encoded_thumbnail(np.full((9, 12), 3, np.float32)),
-        raw=encoded_thumbnail(np.zeros((9, 12), np.float32)),
-    )
+    depth_m = np.full((9, 12), 3, np.float32)
+    return info_of(name, reference=encoded_thumbnail(depth_m), raw=encoded_thumbnail(0 * depth_m))
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +56,7 @@ def done() -> Evaluation:
         result("sim-MB", "raw", 0.5),
         result("sim-MB", "good", 0.3, n=2000),
         result("sim-MB", ORACLE, 0.1),
-        Result(key=key("sim-MB", "bad"), error=f"frame 0: {NASTY}", replaced="numpy was 1 and is 2"),
+        Result(key=key_of("sim-MB", "bad"), error=f"frame 0: {NASTY}"),
         result("other", "raw", 0.2),
         result("other", "good", 0.4),
         result("other", ORACLE, 0.1),
@@ -136,24 +114,6 @@ def test_figures_that_a_sequence_does_not_have_are_left_open(done: Evaluation) -
     assert {text for entries in method_table(done, seen).cells for text, _ in entries[1:]} == {"-", "failed"}
 
 
-def test_the_papers_layout_has_its_rows_and_its_numbers_beside_ours(done: Evaluation) -> None:
-    table = paper_table(done, PAPER_LAYOUT[0])
-    assert table.column("sequence") == ["MB", "other"]
-    assert table.headings == ["sequence", *(f"{m} (paper)" for m in paper.METHODS), "raw", "good", ORACLE, "bad", "n"]
-    texts = [text for text, _ in row(table, "MB")]
-    assert texts == ["17.10", "13.17", "15.36", "10.51", "19.50", "19.70", "19.90", "failed", "2"]
-    assert [text for text, _ in row(table, "other")][:4] == [""] * 4
-    assert [kind for _, kind in row(table, "MB")][4:6] == ["", "best"], "more decibels are better"
-
-
-def test_the_papers_numbers_are_those_of_its_table() -> None:
-    assert list(paper.SEQUENCES.values()) == list(paper.PSNR_DB) == list(paper.M_RMSE)
-    best_rivals = {name: max(values[1:]) for name, values in paper.PSNR_DB.items()}
-    gains = [paper.PSNR_DB[name][0] / best_rivals[name] - 1 for name in ("LN", "MB")]
-    assert np.mean(gains) == pytest.approx(0.173, abs=0.001), "what the paper's text calls 31 %"
-    assert sum(value > 175 for values in paper.M_RMSE.values() for value in values) == 13
-
-
 def test_results_are_tidy_and_the_same_in_both_files(done: Evaluation, tmp_path: Path) -> None:
     import pyarrow.parquet
 
@@ -200,23 +160,9 @@ def test_error_maps_have_the_scale_of_their_scene_and_none_is_of_no_pixel(monkey
     monkeypatch.setattr(figure, "png_of", lambda canvas: canvases.append(canvas) or b"")
     pictures = error_maps(done)
     assert [picture.title for picture in pictures] == ["near, frame 1", "far, frame 1"]
-    ends = [[axes.get_xlim()[1] for axes in canvas.axes[1].child_axes] for canvas in canvases]
-    np.testing.assert_allclose(ends, [[1, 0.08], [5, 0.4]])
+    ends = [axes.get_xlim()[1] for canvas in canvases for axes in canvas.axes[1].child_axes]
+    np.testing.assert_allclose(ends, [0.08, 0.4])
     assert "blue at 1 m and beyond" in pictures[0].caption
-
-
-def test_the_scales_of_an_error_map_touch_no_other_panel(done: Evaluation, monkeypatch: pytest.MonkeyPatch) -> None:
-    canvases: list[Any] = []
-    monkeypatch.setattr(figure, "png_of", lambda canvas: canvases.append(canvas) or b"")
-    error_maps(done)
-    for canvas in canvases:
-        canvas.draw_without_rendering()
-        _, own, *_ = canvas.axes
-        scales = [scale.get_tightbbox() for scale in own.child_axes]
-        others = [axes.get_tightbbox() for axes in canvas.axes if axes.get_visible() and axes is not own]
-        assert len(scales) == 2
-        assert not any(box.overlaps(other) for box in scales for other in others)
-        assert not scales[0].overlaps(scales[1])
 
 
 def test_counts_are_read_as_people_say_them() -> None:
@@ -249,15 +195,13 @@ def test_the_page_loads_nothing_and_runs_nothing(html: str) -> None:
 
 def test_the_page_has_every_table_figure_and_what_it_was_measured_on(done: Evaluation, html: str) -> None:
     assert sum(is_measured(done, quantity) for quantity in QUANTITIES) == 3, "MAE of all, of holes, and time"
-    for quantity in (*QUANTITIES, *PAPER_LAYOUT):
+    for quantity in QUANTITIES:
         assert (f"<h3>{escape(quantity.heading)}</h3>" in html) == is_measured(done, quantity), quantity.title
         assert re.search(r"\[.+\]", quantity.heading), "with its unit"
-    assert html.count("<img ") == 3 + 2
+    assert html.count("<img ") == 2 + 2
     for words in (
         "Failures",
-        "numpy was 1 and is 2",
         "one thread",
-        "measured on other data",
         np.__version__,
         "12x9",
     ):
@@ -278,10 +222,10 @@ def test_every_axis_has_its_unit_and_every_panel_its_sample_size(
     canvases: list[Any] = []
     monkeypatch.setattr(figure, "png_of", lambda canvas: canvases.append(canvas) or b"")
     all_figures(done)
-    assert len(canvases) == 3
+    assert len(canvases) == 2
     for canvas in canvases:
         panels = [axes for axes in canvas.axes if axes.get_visible()]
-        assert [axes.get_title() for axes in panels] in (["sim-MB", "other"], [""])
+        assert [axes.get_title() for axes in panels] == ["sim-MB", "other"]
         for axes in panels:
             ticks = " ".join(tick.get_text() for tick in axes.get_xticklabels())
             assert re.search(r"\[(m|dB)\]", axes.get_ylabel())
@@ -313,7 +257,7 @@ def canvases_of(done: Evaluation, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 def held_out_info(name: str) -> SequenceInfo:
     pixels = {"all": dict.fromkeys(RANGES, 1000), "patches": dict.fromkeys(RANGES, 70)}
-    changed = {"hidden": "patches", "independent": "patches", "pixels": pixels, "occluded_shares": ()}
+    changed = {"hidden": "patches", "independent": "patches", "pixels": pixels}
     return info(name).model_copy(update=changed)
 
 
@@ -323,7 +267,7 @@ def test_without_the_truth_pixels_that_were_given_rank_nobody(monkeypatch: pytes
     raw = result("real", "raw", 0.0)
     raw = raw.model_copy(update={"measurements": (*raw.measurements, held, coverage)})
     done = Evaluation(results=(raw,), sequences={"real": held_out_info("real")}, reused=0)
-    for quantity in (*QUANTITIES, *PAPER_LAYOUT):
+    for quantity in QUANTITIES:
         if quantity.selectors[0].mask == "all":
             expected = "90.0" if quantity.selectors[0].metric == "coverage" else "-"
             assert row(method_table(done, quantity), "raw")[0][0] == expected, quantity.title
@@ -333,7 +277,7 @@ def test_without_the_truth_pixels_that_were_given_rank_nobody(monkeypatch: pytes
     assert axes.get_xticklabels()[0].get_text() == "0-2 m\n70"
 
 
-def test_what_was_not_measured_of_a_users_recording_is_left_out_and_its_own_tables_come_first(
+def test_what_was_not_measured_of_a_users_recording_is_left_out(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     held = Measurement(metric="mae", mask="patches", range="0-20 m", on="completed", value=0.7, unit="m", n=70)
@@ -341,18 +285,7 @@ def test_what_was_not_measured_of_a_users_recording_is_left_out_and_its_own_tabl
     raw = result("real", "raw", 0.0).model_copy(update={"measurements": (held, psnr)})
     done = Evaluation(results=(raw,), sequences={"real": held_out_info("real")}, reused=0)
     assert canvases_of(done, monkeypatch) == [], "neither an error by range, nor occluded pixels, nor a time"
-    html = rendered(done)
-    assert "The paper" not in html
-    assert "authors' arithmetic" not in html
-    assert html.count("<section>") == 1
-    psnr = psnr.model_copy(update={"value": 30.0, "n": 2})
-    scored = result("true", "raw", 0.0).model_copy(update={"measurements": (psnr,)})
-    both = Evaluation(results=(raw, scored), sequences={"real": held_out_info("real"), "true": info("true")}, reused=0)
-    table = paper_table(both, PAPER_LAYOUT[0])
-    assert table.headings == ["sequence", "raw", "n"], "without the paper's columns, which no sequence stands for"
-    assert table.column("sequence") == ["true"]
-    html = rendered(both)
-    assert html.index("Errors, coverage") < html.index("The paper's tables")
+    assert rendered(done).count("<section>") == 1
 
 
 def test_nobody_is_best_where_all_are_equal_or_where_each_is_compared_with_another() -> None:
@@ -362,13 +295,6 @@ def test_nobody_is_best_where_all_are_equal_or_where_each_is_compared_with_anoth
     assert [row(method_table(equal, mae()), name) for name in ("one", "two")] == [[("0.500", "")]] * 2
     (lead,) = (quantity for quantity in QUANTITIES if "best other" in quantity.title)
     assert not lead.best
-
-
-def test_a_frame_without_a_ratio_is_left_out_and_its_method_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    raw = result("s", "raw", 0.5).model_copy(update={"frame_psnrs_db": (None, 20.0)})
-    canvas = canvases_of(Evaluation(results=(raw,), sequences={"s": info("s")}, reused=0), monkeypatch)[1]
-    np.testing.assert_allclose(canvas.axes[0].collections[0].get_offsets(), [[20, 20]])
-    assert Result.model_validate_json(raw.model_dump_json()) == raw
 
 
 def test_names_are_drawn_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -390,15 +316,8 @@ def test_time_in_a_thread_of_its_own_is_shown_apart_and_counts_on_the_front(monk
     done = Evaluation(results=(result("s", "raw", 0.5), paper_result), sequences={"s": info("s")}, reused=0)
     table = method_table(done, next(q for q in QUANTITIES if of_frames("latency_p50") in q.selectors))
     assert [row(table, name)[0][0] for name in ("raw", "paper")] == ["3.0 / 4.0 / -", "3.0 / 4.0 / 7.0"]
-    points = canvases_of(done, monkeypatch)[2].axes[0].collections
+    points = canvases_of(done, monkeypatch)[1].axes[0].collections
     assert [point.get_offsets()[0][0] for point in points] == [3.0, 10.0]
-
-
-def test_the_page_says_what_is_not_measured(html: str) -> None:
-    for words in ("<h2>Not measured</h2>", "Ghosts and survival in", "thread of its own"):
-        assert words in html, words
-    assert "reference workload, a fixed computation" in html
-    assert "not measured, or held out [%]" in html
 
 
 def test_the_terminal_shows_every_sequence_in_80_columns_and_what_failed(done: Evaluation) -> None:
@@ -410,6 +329,5 @@ def test_the_terminal_shows_every_sequence_in_80_columns_and_what_failed(done: E
     assert "sim-MB: 2 frames of 12x9, 1,000 pixels within 20 m, scored by the truth" in text.getvalue()
     assert re.search(r"good\s+-\s+-\s+0.30\s+0.60", text.getvalue())
     assert f"sim-MB, bad failed: frame 0: {NASTY}" in text.getvalue()
-    assert "an older result was discarded: numpy was 1 and is 2" in text.getvalue()
     rows = [line for line in text.getvalue().splitlines() if re.match(r"\s*(method|good|raw|ip-basic)", line)]
     assert max(map(len, map(str.rstrip, rows))) <= 80

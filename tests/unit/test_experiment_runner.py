@@ -131,4 +131,4 @@ def test_the_agreement_with_a_claim_is_one_word() -> None:
 def test_a_claim_about_numbers_of_a_table_can_be_stored() -> None:
     claim = _switches_claim(pd.Series({"sim-LN": 10.0, "sim-MB": 5.0, "sim-KTC": 3.0}))
     assert json.loads(json.dumps(claim.holds)) is True
-    assert "60.0 % fewer" in claim.found
+    assert "3.0 and 7.5 per 500 frames, -60.0 %" in claim.found

@@ -10,10 +10,11 @@ import pytest
 from matplotlib.text import Annotation
 
 from scenarios.config import Run, images_of, load_run
-from scenarios.difficulty import difficulty_along
 from scenarios.errors import ScenarioError
+from scenarios.flight import fly
 from scenarios.mission_pictures import draw_flight, flight_figure, take_picture
-from scenarios.runner import LONGEST_CORRECTOR, _create_first, _new_folder, fly, fly_and_write, folder_name
+from scenarios.runner import LONGEST_CORRECTOR, _create_first, _new_folder, fly_and_write, folder_name
+from scenarios.sensor_pictures import difficulty_along
 from sim.bodies import Body, Box, Scene
 from sim.world import World
 

@@ -7,7 +7,8 @@ import pytest
 
 from scenarios.config import Run, load_run
 from scenarios.errors import ScenarioError
-from scenarios.runner import Finished, flying, summary
+from scenarios.flight import Finished, flying
+from scenarios.runner import summary
 from sim import frames
 from sim.seeds import Purpose
 from sim.types import Capture

@@ -8,10 +8,8 @@ import pytest
 
 from scenarios.study.diagnose import (
     Cause,
-    Claims,
     CollisionProbe,
     Diagnosis,
-    FreeSpace,
     Observation,
     cause_table,
     diagnose,
@@ -23,7 +21,7 @@ from swarm.cost_map import CostMap
 from swarm.pilot import Decision, PilotConfig
 from swarm.voxel_map import FREE, OCCUPIED, UNOBSERVABLE, MapConfig
 from tests.helpers import wall, world_of
-from voxdepth.types import CorrectedDepth, FloatArray, FloatImage, Intrinsics, Source
+from voxdepth.types import FloatArray, Intrinsics
 
 CAMERA = Intrinsics(width_px=40, height_px=30, fx_px=20.0, fy_px=20.0, cx_px=19.5, cy_px=14.5, baseline_m=1.0)
 WALL, OTHER = 7, 8
@@ -129,81 +127,6 @@ def test_what_the_drone_did_and_what_its_map_held_is_told() -> None:
     assert (found.held_before, found.held_at_last, found.commanded_m_s) == ("free", "occupied", pytest.approx(1.0))
     assert not found.in_view_at_last
     assert "commanded 1.00 m/s; map: free a second before, occupied at last" in str(found)
-
-
-def corrected(depth_m: float | FloatImage, confidence: float = 1.0) -> CorrectedDepth:
-    """An image of this depth, and the same confidence everywhere."""
-    return CorrectedDepth(
-        depth_m=np.full(CAMERA.shape, depth_m, np.float32),
-        source=np.full(CAMERA.shape, Source.SENSOR, np.uint8),
-        confidence=np.full(CAMERA.shape, confidence, np.float32),
-    )
-
-
-def free_space(*images: tuple[float, CorrectedDepth], z_m: float = 0.0) -> FreeSpace:
-    """What images claim that were taken at a place on the optical axis, at those times."""
-    T_world_cam = np.eye(4)
-    T_world_cam[2, 3] = z_m
-    seen = FreeSpace(PilotConfig(), CAMERA)
-    for stamp_s, image in images:
-        seen.add(stamp_s, T_world_cam, image)
-    return seen
-
-
-def test_images_that_looked_past_a_place_claimed_that_it_is_free() -> None:
-    seen = free_space((0.0, corrected(4.0)), (1.0, corrected(1.5)), (2.0, corrected(3.0)), (3.0, corrected(2.0)))
-    assert seen.claims(AHEAD_M, 5.0) == Claims(images=2, before_s=3.0, from_m=2.0)
-    assert free_space((0.0, corrected(4.0)), z_m=1.2).claims(AHEAD_M, 0.5) == Claims(1, 0.5, pytest.approx(0.8))
-
-
-CORNER_M = np.array([-3.5, -2.5, 4.0])
-"""Place in the second cell from the left and from the top, in the frame of the camera, 5.87 m away."""
-
-
-@pytest.mark.parametrize(("depth_m", "free"), [(4.2, False), (4.4, False), (4.5, True)])
-def test_the_whole_voxel_around_a_place_must_be_passed(depth_m: float, free: bool) -> None:
-    """The free range in that cell is 5.70 m, 5.96 m and 6.08 m, and half of a voxel 0.125 m."""
-    assert (free_space((0.0, corrected(depth_m))).claims(CORNER_M, 1.0) is not None) == free
-
-
-@pytest.mark.parametrize(("right", "below"), [(1, 1), (1, -1), (-1, 1), (-1, -1)])
-def test_the_cell_that_shows_the_place_decides(right: int, below: int) -> None:
-    """A camera that looks along x of the world sees far in one cell alone."""
-    forward, down = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, -1.0])
-    T_world_cam = pose(np.column_stack([np.cross(down, forward), down, forward]), np.array([1.0, 2.0, 3.0]))
-    depth_m = np.ones(CAMERA.shape, np.float32)
-    depth_m[2:4, 2:3] = 9.0
-    seen = FreeSpace(PilotConfig(), CAMERA)
-    seen.add(0.0, T_world_cam, corrected(np.ascontiguousarray(depth_m[::-below, ::-right])))
-    place_m = T_world_cam[:3, :3] @ (np.array([right, below, 1]) * abs(CORNER_M)) + T_world_cam[:3, 3]
-    claims = seen.claims(place_m, 1.0)
-    assert claims == Claims(1, 1.0, pytest.approx(5.87, abs=0.01))
-    mirrored_m = T_world_cam[:3, :3] @ (np.array([-right, below, 1]) * abs(CORNER_M)) + T_world_cam[:3, 3]
-    assert seen.claims(mirrored_m, 1.0) is None
-
-
-@pytest.mark.parametrize("image", [corrected(0.0), corrected(9.0, confidence=0.2)])
-def test_an_image_that_proves_nothing_claims_nothing(image: CorrectedDepth) -> None:
-    assert free_space((0.0, image)).claims(AHEAD_M, 1.0) is None
-
-
-@pytest.mark.parametrize("place_m", [[0.0, 0.0, -2.0], [5.0, 0.0, 2.0], [0.0, -5.0, 2.0], [0.0, 0.0, 0.01]])
-def test_an_image_claims_nothing_of_what_is_not_in_view(place_m: list[float]) -> None:
-    assert free_space((0.0, corrected(9.0))).claims(np.array(place_m), 1.0) is None
-
-
-def test_a_claim_is_forgotten_when_the_map_forgets_it() -> None:
-    memory_s = PilotConfig().map.memory_s
-    seen = free_space((0.0, corrected(4.0)))
-    assert seen.claims(AHEAD_M, memory_s) is not None
-    assert seen.claims(AHEAD_M, memory_s + 0.1) is None
-    seen.add(memory_s + 0.1, np.eye(4), corrected(0.0))
-    assert seen.claims(AHEAD_M, memory_s) is None
-
-
-def test_a_claim_is_told() -> None:
-    told = str(Diagnosis(cause=Cause.UNTRUSTED, claims=Claims(12, 6.52, 5.31)))
-    assert told == "depth not trusted; shown as free by 12 images, the last 6.5 s before from 5.3 m"
 
 
 def test_distances_are_of_what_was_trusted() -> None:

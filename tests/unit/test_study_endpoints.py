@@ -8,7 +8,6 @@ import pytest
 
 from scenarios.study.analysis import (
     DRONES_LOST,
-    ENDS,
     TIME_TO_GOAL,
     compare_arms,
     compare_means,
@@ -47,17 +46,6 @@ def in_two_scenarios(outcomes: dict[tuple[str, str], str], tmp_path: Any, **valu
     (tmp_path / "own.toml").write_text('name = "own"\ndescription = "Mine."\n')
     scenarios = ["city", str(tmp_path / "own.toml")]
     return flown(study(arm("a"), arm("b"), seeds=4, scenarios=scenarios, **values), outcomes)
-
-
-def test_the_ends_and_those_who_still_fly_are_all_runs_at_any_time() -> None:
-    (a,) = summarise_arms(flown(study(arm("a"), seeds=7), {("city", "a"): "oxsltxo"}))
-    times_s = np.linspace(0, 60, 200)
-    shares = np.array([a.incidence(end, times_s) for end in ENDS])
-    ends_s = np.array([9.0 if letter == "x" else 10.0 + 5 * k for k, letter in enumerate("oxsltxo")])
-    flying = (ends_s > times_s[:, None]).mean(axis=1)
-    np.testing.assert_allclose(shares.sum(axis=0) + flying, 1)
-    assert (np.diff(shares, axis=1) >= 0).all()
-    np.testing.assert_allclose(shares[:, -1], [2 / 7, 2 / 7, 2 / 7, 1 / 7])
 
 
 def test_a_study_against_itself_has_no_difference(tmp_path: Any) -> None:
@@ -170,7 +158,6 @@ def test_a_factorial_design_has_a_grid() -> None:
     shares = [[str(value).split()[0] for value in row[2:]] for row in table.rows]
     assert [row[1] for row in table.rows] == ["free", "safe"]
     assert shares == [["0", "100"], ["50", "100"]]
-    assert any(picture.title.startswith("Factorial design") for picture in findings.pictures())
 
 
 def test_a_place_of_the_grid_without_an_arm_is_empty() -> None:

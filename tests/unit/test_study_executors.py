@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from scenarios.errors import ScenarioError
-from scenarios.study import executors
+from scenarios.study import executors, one_run
 from scenarios.study.design import RunSpec, expand
 from scenarios.study.executors import Cluster, Processes, Serial
 from scenarios.study.store import Failure, RunRecord
@@ -51,9 +51,9 @@ def test_a_number_that_is_not_finite_is_a_failure_of_its_run(where: str, monkeyp
     contact = Contact(time_s=1.0, drone=0, other="wall", kind="building", speed_m_s=np.nan)
     values = {"metrics": {"a": np.nan}, "drones": ({"path_length_m": np.inf},), "contacts": (contact,)}
     damaged = replace(fake(spec), **{where: values[where]})
-    monkeypatch.setattr(executors, "fly", lambda run, threads: None)
+    monkeypatch.setattr(one_run, "fly", lambda run, threads: None)
     monkeypatch.setattr(RunRecord, "of", lambda key, finished: damaged)
-    failure = executors.attempt(executors.run_one, spec)
+    failure = one_run.attempt(one_run.run_one, spec)
     assert isinstance(failure, Failure)
     assert "expected finite numbers" in failure.text
 
@@ -61,7 +61,7 @@ def test_a_number_that_is_not_finite_is_a_failure_of_its_run(where: str, monkeyp
 def test_workers_that_raise_die_or_hang_take_nothing_but_their_run_with_them() -> None:
     specs = expand(study(arm("a"), arm("dies"), arm("raises"), arm("hangs")))
     start = time.monotonic()
-    done = flown(Processes(2, 2.0, fake), specs)
+    done = flown(Processes(2, 5.0, fake), specs)
     assert time.monotonic() - start < 500  # The run that hangs would take 600.
     for spec in specs:
         one = done[spec.key]
@@ -72,7 +72,7 @@ def test_workers_that_raise_die_or_hang_take_nothing_but_their_run_with_them() -
         kind, text = {
             "dies": ("died", "its process ended without a message, with exit code -9"),
             "raises": ("error", "ZeroDivisionError"),
-            "hangs": ("timeout", "stopped at its time limit of 2 s"),
+            "hangs": ("timeout", "stopped at its time limit of 5 s"),
         }[spec.arm]
         assert one.kind == kind
         assert text in one.text
@@ -133,29 +133,6 @@ def test_workers_that_never_get_ready_are_not_started_for_ever(monkeypatch: pyte
     monkeypatch.setattr(executors, "serve", os._exit)
     with pytest.raises(ScenarioError, match="3 workers in a row ended before they were ready"):
         list(Processes(1, 60.0, fake).run(expand(study(arm("a")))))
-
-
-def test_a_run_that_ended_while_nobody_listened_is_not_late() -> None:
-    """Writing the result of one run to a slow disk must not cost another one its own."""
-    specs = expand(study(arm("a")))
-    pool = executors._WorkerPool(Processes(2, 60.0, fake), [])
-    ends = []
-    for spec in specs:
-        worker = object.__new__(executors._Worker)
-        worker.pipe, theirs = multiprocessing.Pipe()
-        worker.process = multiprocessing.Process()
-        worker.spec, worker.runs, worker.deadline_s = spec, 1, time.monotonic() + 0.05
-        worker.stop = lambda: -9  # type: ignore[method-assign]
-        pool._workers.append(worker)
-        ends.append(theirs)
-    ends[0].send(fake(specs[0]))
-    done = []
-    while pool.has_work:
-        for one in pool.wait():
-            done.append(one)
-            ends[1].send(fake(specs[1]))
-            time.sleep(0.1)
-    assert done == [fake(spec) for spec in specs]
 
 
 def test_without_dask_a_cluster_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

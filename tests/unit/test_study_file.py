@@ -53,15 +53,6 @@ def test_a_study_has_every_run_once_and_whole_pairs_first(tmp_path: Path) -> Non
     assert (second.rig.depth, second.rig.noise.scale.theta) == ("noisy", 0.5)
 
 
-def test_the_declared_comparison_flies_first() -> None:
-    declared = {"arm": "c", "against": "a"}
-    planned = study(arm("a"), arm("b"), arm("c"), declared=declared)
-    specs = expand(planned)
-    assert [(spec.arm, spec.seed) for spec in by_importance(planned, specs, specs)] == [
-        ("a", 0), ("c", 0), ("a", 1), ("c", 1), ("b", 0), ("b", 1),
-    ]  # fmt: skip
-
-
 def test_the_declared_comparison_flies_first_by_the_name_of_whatever_arm_it_has() -> None:
     changes = {"mission.latency_s": 0.2}
     arms = [arm("as old", changes=changes), arm("b"), arm("new"), arm("old", changes=changes)]
@@ -175,16 +166,6 @@ def test_an_arm_flies_a_configured_corrector(tmp_path: Path) -> None:
     assert expand(plain)[0].key != first.key
     with pytest.raises(ScenarioError, match="max_featureless_frame"):
         load_study(saved(tmp_path, text.replace("max_featureless_frames", "max_featureless_frame")))
-
-
-def test_a_pilot_flies_pilot_seeds() -> None:
-    (spec,) = expand(study(noisy("a", 0.5), pilot=True, seeds=1, first=1000))
-    assert spec.seed == 1000
-
-
-def test_there_is_no_such_study() -> None:
-    with pytest.raises(ScenarioError, match="there is no study 'big'; choose one of: "):
-        load_study("big")
 
 
 @pytest.mark.parametrize("name", shipped_names("studies"))

@@ -8,7 +8,6 @@ from typing import Any
 
 import cv2
 import pytest
-from matplotlib.colors import to_hex
 from rich.console import Console
 
 from scenarios.errors import ScenarioError
@@ -22,7 +21,6 @@ from scenarios.study.analysis import (
     summarise_arms,
 )
 from scenarios.study.design import expand
-from scenarios.study.figures import arm_colors
 from scenarios.study.report import Findings, export, render, run_table, write_report
 from scenarios.study.run import Progress, display_on, duration
 from scenarios.study.statistics import DoseResponse, Estimate, Interval, clopper_pearson, mcnemar, wilson
@@ -165,7 +163,7 @@ def test_the_page_loads_nothing_and_says_what_there_is() -> None:
     assert "<tr><td>b - a</td><td>declared</td><td>3</td><td>0</td><td>2</td><td>-0.667</td>" in text
     key = first_collisions(two_arms("xxo ", "oooo"))[0].key[:12]
     assert f"voxdepth study replay out {key} --record" in text
-    assert text.count("<figure>") == 3, "nothing is drawn against noise if there is none"
+    assert text.count("<figure>") == 2, "nothing is drawn against noise if there is none"
     assert "Dose response" not in text
 
 
@@ -182,7 +180,7 @@ def test_the_tables_are_the_same_in_markdown_and_stand_beside_the_page(tmp_path:
         if line.startswith("| city"):
             assert all(cell in page for cell in line.strip("| ").split(" | "))
     figures = sorted((tmp_path / "figures").iterdir())
-    stems = ("city-endpoints-by-arm", "city-ends-over-time", "city-how-runs-ended")
+    stems = ("city-endpoints-by-arm", "city-how-runs-ended")
     assert [path.name for path in figures] == [f"{stem}.png" for stem in stems]
     assert all(cv2.imread(str(path)) is not None for path in figures)
 
@@ -191,7 +189,7 @@ def test_the_same_results_give_the_same_files(tmp_path: Path) -> None:
     for name in ("first", "second"):
         write_report(two_arms("xxol ", "ooooo", **DECLARED), tmp_path / name)
     files = sorted(path.relative_to(tmp_path / "first") for path in (tmp_path / "first/figures").iterdir())
-    assert len(files) == 3
+    assert len(files) == 2
     for name in [*files, Path("report.md")]:
         assert (tmp_path / "first" / name).read_bytes() == (tmp_path / "second" / name).read_bytes(), name
 
@@ -213,22 +211,6 @@ def test_the_fit_is_in_the_legend_beside_its_arm(monkeypatch: pytest.MonkeyPatch
     assert not any("fit" in str(line.get_label()) for line in arrived.lines)
 
 
-def test_an_arm_has_one_colour_in_all_figures_and_scenarios(monkeypatch: pytest.MonkeyPatch) -> None:
-    data = noise_study()
-    names = dict.fromkeys(spec.arm for spec in data.specs)
-    colors: dict[str, set[Any]] = {name: set() for name in names}
-    figures = drawn(data, monkeypatch)
-    for line in figures["city: ends over time"].axes[0].lines:
-        colors[line.get_label().split(",")[0]].add(to_hex(line.get_color()))
-    for line in figures["city: collisions against noise"].axes[0].lines:
-        if not line.get_label().startswith("_"):
-            colors[line.get_label().split(",")[0]].add(to_hex(line.get_color()))
-    assert all(len(found) == 1 for found in colors.values())
-    one, two = summarise_arms(two_arms("o", "o"))[:2]
-    alone = replace(two, scenario="other")
-    assert len(set(arm_colors([one, two, alone]).values())) == 2, "also where another arm has no result"
-
-
 def test_what_no_run_came_to_is_neither_drawn_nor_compared(monkeypatch: pytest.MonkeyPatch) -> None:
     plan = study(arm("a"), arm("b"), seeds=3)
     idle = contents_of(plan, {(name, None, seed): Outcome.TIMEOUT for name in "ab" for seed in range(3)})
@@ -239,9 +221,6 @@ def test_what_no_run_came_to_is_neither_drawn_nor_compared(monkeypatch: pytest.M
     tables = Findings(idle).tables
     assert "collision_comparisons" not in tables
     assert tables["arrived_comparisons"].note.startswith("No run of any pair reached this endpoint")
-    assert [axes.get_title() for axes in drawn(two_arms("xo", "oo"), monkeypatch)["city: ends over time"].axes] == [
-        "arrived", "collision"
-    ]  # fmt: skip
 
 
 def test_means_that_differ_in_no_pair_are_left_out() -> None:
@@ -256,7 +235,7 @@ def test_means_that_differ_in_no_pair_are_left_out() -> None:
 
 def test_the_page_of_a_noise_study_has_the_papers_figure_and_the_fit() -> None:
     text = page_of(noise_study())
-    assert text.count("<figure>") == 4
+    assert text.count("<figure>") == 3
     assert "city: collisions against noise" in text
     assert re.search(r"<td>5</td><td>\d\.\d{3} \[", text), "the seeds that are complete, and a with its interval"
     assert re.search(r"<td>\d+ resamples, seed 20240601", text)

@@ -15,6 +15,7 @@ from scenarios.study.statistics import (
     fit_dose_curve,
     holm,
     mcnemar,
+    mcnemar_power,
     newcombe,
     pairs_of,
     percentiles,
@@ -51,6 +52,14 @@ def test_mcnemar_is_a_sum_of_binomials() -> None:
     assert mcnemar(10, 2) == pytest.approx(2 * tail)
     assert mcnemar(0, 0) == 1
     assert mcnemar(5, 5) == pytest.approx(1)
+
+
+def test_the_power_of_mcnemars_test_is_the_share_of_drawn_studies_in_which_it_finds_an_effect() -> None:
+    counts = np.random.default_rng(0).multinomial(40, [0.3, 0.1, 0.6], 2000)
+    found = np.mean([mcnemar(int(b), int(c)) < 0.05 for b, c, _ in counts])
+    assert mcnemar_power(40, 0.3, 0.1) == pytest.approx(found, abs=0.03)
+    assert mcnemar_power(40, 0.3, 0.1) == pytest.approx(mcnemar_power(40, 0.1, 0.3))
+    assert mcnemar_power(40, 0.2, 0.2) < 0.05 < mcnemar_power(40, 0.3, 0.1) < mcnemar_power(160, 0.3, 0.1)
 
 
 def test_holm_multiplies_by_what_is_left_and_never_falls() -> None:

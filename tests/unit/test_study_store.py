@@ -6,7 +6,6 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from scenarios.errors import ScenarioError
@@ -44,29 +43,13 @@ def test_what_is_stored_comes_back_to_the_last_bit(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        "UPDATE results SET outcome = 'deadlock' WHERE rowid = 1",
-        "UPDATE results SET metrics = '{' WHERE rowid = 1",
-        "UPDATE results SET digest = 'x', contacts = '[{}]' WHERE rowid = 1",
-    ],
-)
-def test_a_damaged_result_is_named_with_what_can_still_be_read(change: str, tmp_path: Path) -> None:
-    run_study(study(arm("a")), tmp_path, Serial(fake), unseen)
-    changed(tmp_path, change)
-    with pytest.raises(
-        ScenarioError, match=r"is damaged: 1 of 2 results cannot be read, .* of the run [0-9a-f]{12} \("
-    ):
-        read_study(tmp_path)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
         "DROP TABLE cells",
+        "UPDATE results SET outcome = 'flown' WHERE rowid = 1",
+        "UPDATE results SET metrics = '{' WHERE rowid = 1",
+        "UPDATE results SET contacts = '[{}]' WHERE rowid = 1",
         "DELETE FROM meta WHERE name = 'study'",
         "UPDATE meta SET value = '[' WHERE name = 'versions'",
-        f"UPDATE meta SET value = '{'[' * 100_000}' WHERE name = 'study'",
         "DELETE FROM runs",
-        "DELETE FROM cells",
         "DELETE FROM cells WHERE rowid = 1",
     ],
 )
@@ -76,25 +59,6 @@ def test_a_damaged_study_is_told_in_one_line(change: str, tmp_path: Path) -> Non
     with pytest.raises(ScenarioError, match="is damaged") as told:
         read_study(tmp_path)
     assert "\n" not in str(told.value)
-
-
-def test_changed_bytes_are_noticed_or_change_nothing(tmp_path: Path) -> None:
-    before = run_study(study(arm("a"), arm("b")), tmp_path / "whole", Serial(fake), unseen)
-    data, rng = (tmp_path / "whole" / FILE).read_bytes(), np.random.default_rng(0)
-    noticed = 0
-    for k in range(300):
-        damaged = bytearray(data)
-        for place in rng.integers(0, len(data), 1 + k % 20):
-            damaged[place] ^= int(rng.integers(1, 256))
-        (tmp_path / FILE).write_bytes(damaged[: rng.integers(1, len(data))] if k % 10 == 0 else damaged)
-        try:
-            after = read_study(tmp_path)
-        except ScenarioError as error:
-            assert "\n" not in str(error)
-            noticed += 1
-        else:
-            assert after.records == before.records
-    assert noticed > 100
 
 
 def test_a_result_cannot_be_there_twice(tmp_path: Path) -> None:
@@ -232,15 +196,6 @@ def test_a_full_disk_is_said_and_what_was_written_is_safe(tmp_path: Path) -> Non
         kept = store.read().records
     assert results_of(tmp_path) == kept
     assert 0 < len(kept) < 40
-
-
-def test_a_store_of_a_version_that_knew_fewer_keys_still_has_its_results(tmp_path: Path) -> None:
-    tiny = study(arm("a"))
-    before = run_study(tiny, tmp_path, Serial(fake), unseen)
-    changed(tmp_path, "UPDATE runs SET run = json_remove(run, '$.scenario.recording')")
-    contents = read_study(tmp_path)
-    assert [contents.records[spec.key] for spec in contents.specs] == list(before.records.values())
-    assert contents.missing(retry_errors=True) == []
 
 
 def test_a_store_of_a_version_that_knew_other_keys_is_refused(tmp_path: Path) -> None:

@@ -1,0 +1,35 @@
+"""Flying one run of a study, wherever that is."""
+
+import math
+import traceback
+from collections.abc import Callable
+
+from ..errors import ScenarioError
+from ..flight import fly
+from .design import RunSpec
+from .store import Completion, Failure, RunRecord
+
+FlyOne = Callable[[RunSpec], RunRecord]
+
+
+def run_one(spec: RunSpec) -> RunRecord:
+    """Fly one run on one thread. Except for its wall-clock time, the record depends on `spec.run` alone.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C was pressed; an interrupted mission is no result.
+        ScenarioError: A number of the result is not finite.
+    """
+    record = RunRecord.of(spec.key, fly(spec.run, threads=1))
+    for figures in (record.metrics, *record.drones, *map(vars, record.contacts)):
+        for name, value in figures.items():
+            if isinstance(value, float) and not math.isfinite(value):
+                raise ScenarioError(f"expected finite numbers, or None, got {name} = {value}")
+    return record
+
+
+def attempt(fly_one: FlyOne, spec: RunSpec) -> Completion:
+    """Fly one run; an exception becomes a failure with its traceback."""
+    try:
+        return fly_one(spec)
+    except Exception:  # Any error belongs to this run and must not stop the others.
+        return Failure(key=spec.key, kind="error", text=traceback.format_exc())
