@@ -25,10 +25,12 @@ $(READY): pyproject.toml constraints.txt
 demo: setup      ## fly the city scenario by corrected depth
 	$(BIN)/voxdepth run city --seed 2
 
-test: setup      ## run lint, types, layers and all tests
+lint: setup      ## check style, types, layers, and that modules import each other in no circle
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+test: lint       ## run lint and all tests
 	$(BIN)/pytest -n 2
 
 fast: setup      ## run the tests that answer within two minutes

@@ -8,7 +8,7 @@ import typer
 
 from sim.errors import SimError
 from swarm.errors import SwarmError
-from voxdepth.tools.cli import Extension
+from voxdepth.tools.extensions import Extension
 
 from .commands import evaluate, general, sensor, study, swarm, train
 from .quiet import import_noisy_libraries, use_one_thread

@@ -9,13 +9,11 @@ import re
 import signal
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import cache
-from importlib.metadata import entry_points, requires, version
+from importlib.metadata import requires, version
 from io import TextIOWrapper
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -24,12 +22,9 @@ from ..errors import VoxDepthError
 from ..interrupts import ENDING
 from . import commands
 from .errors import ToolError
+from .extensions import extensions
 from .options import INTERRUPTED
 
-if TYPE_CHECKING:
-    from .doctor import Finding
-
-EXTENSIONS = "voxdepth.extensions"
 PANELS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
     ("Corrector", (commands.correct, commands.config, commands.bench)),
     ("General", (commands.view, commands.doctor)),
@@ -38,17 +33,6 @@ PANELS: tuple[tuple[str, tuple[Callable[..., None], ...]], ...] = (
 USER_ERROR = 2
 RERUN_LOG = "warn,re_log_encoding=off,re_sdk::recording_stream=off"
 """What Rerun prints by itself: not that a file cannot be written, which is an error of ours."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Extension:
-    """What another package adds to the command line."""
-
-    add_commands: Callable[[typer.Typer], None]
-    errors: tuple[type[Exception], ...] = ()
-    """Errors that are printed in one line, beside those of the library."""
-    checks: Callable[[], "Sequence[Finding]"] = tuple
-    """What `voxdepth doctor` checks beside the library."""
 
 
 class Commands(TyperGroup):
@@ -63,19 +47,6 @@ class Commands(TyperGroup):
                 "project's repository, then source .venv/bin/activate"
             )
         return super().resolve_command(ctx, args)
-
-
-@cache
-def extensions() -> tuple[Extension, ...]:
-    """The extensions that are installed. The testbed is an entry of the library, whose package may be missing."""
-    found = []
-    for entry in entry_points(group=EXTENSIONS):
-        try:
-            found.append(entry.load())
-        except ModuleNotFoundError as error:
-            if not entry.module.startswith(str(error.name)):
-                raise
-    return tuple(found)
 
 
 def _print_version(wanted: bool) -> None:

@@ -299,8 +299,8 @@ def doctor() -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from .cli import extensions
     from .doctor import examine
+    from .extensions import extensions
 
     findings = [*examine(), *(finding for extension in extensions() for finding in extension.checks())]
     table = Table("", "found", "what to do")

@@ -1,0 +1,38 @@
+"""Commands and checks of other packages, which they add by the entry-point group `voxdepth.extensions`."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from .doctor import Finding
+
+EXTENSIONS = "voxdepth.extensions"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extension:
+    """What another package adds to the command line."""
+
+    add_commands: Callable[[typer.Typer], None]
+    errors: tuple[type[Exception], ...] = ()
+    """Errors that are printed in one line, beside those of the library."""
+    checks: Callable[[], "Sequence[Finding]"] = tuple
+    """What `voxdepth doctor` checks beside the library."""
+
+
+@cache
+def extensions() -> tuple[Extension, ...]:
+    """The extensions that are installed. The testbed is an entry of the library, whose package may be missing."""
+    found = []
+    for entry in entry_points(group=EXTENSIONS):
+        try:
+            found.append(entry.load())
+        except ModuleNotFoundError as error:
+            if not entry.module.startswith(str(error.name)):
+                raise
+    return tuple(found)
