@@ -19,7 +19,7 @@ from typer.testing import CliRunner, Result
 from sim.recording import RecordingWriter
 from sim.testing import noisy_sequence
 from sim.types import Capture
-from tests.integration.test_cli import ENVIRONMENT, voxdepth
+from tests.integration.test_cli import ENVIRONMENT
 from tests.unit.test_correction import contents
 from voxdepth.errors import ConfigError, DatasetError
 from voxdepth.paper.config import PaperConfig
@@ -126,14 +126,6 @@ def test_the_resolved_configuration_and_a_table_say_what_was_done(sequence: Path
     assert report["wall"]["steps_s"]["register"]["max"] > 0
 
 
-def test_a_folder_that_exists_is_refused_and_stays(whole: Path, sequence: Path) -> None:
-    before = {path: path.stat().st_mtime_ns for path in whole.rglob("*.*")}
-    done = correct(sequence, "--out", whole, *short(sequence))
-    assert isinstance(done.exception, ToolError)
-    assert "exists already" in str(done.exception)
-    assert {path: path.stat().st_mtime_ns for path in whole.rglob("*.*")} == before
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL])
 def test_a_run_that_is_stopped_leaves_no_result(sent: signal.Signals, captures: list[Capture], tmp_path: Path) -> None:
@@ -155,23 +147,6 @@ def test_a_run_that_is_stopped_leaves_no_result(sent: signal.Signals, captures: 
         assert not (tmp_path / "made").exists()
     assert correct(*command).exit_code == 0
     assert rows(tmp_path / "made" / "out.rrd", "/depth/corrected") == 6 * N_FRAMES
-
-
-def test_a_truncated_image_is_named_and_leaves_nothing_behind(whole: Path, sequence: Path, tmp_path: Path) -> None:
-    broken = tmp_path / "walk"
-    shutil.copytree(sequence, broken)
-    image = broken / "depth" / "006.png"
-    good = image.read_bytes()
-    image.write_bytes(good[: len(good) // 2])
-    command = ["correct", broken, "--out", tmp_path / "out", *short(sequence)]
-    done = voxdepth(*command)
-    assert done.returncode == 2
-    assert str(image) in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["walk"]
-    image.write_bytes(good)
-    assert correct(*command[1:]).exit_code == 0
-    assert contents(tmp_path / "out") == contents(whole)
 
 
 def test_a_recording_of_the_simulator_is_corrected_without_its_truth(captures: list[Capture], tmp_path: Path) -> None:

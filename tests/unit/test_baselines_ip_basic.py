@@ -5,14 +5,12 @@ import pytest
 
 from tests.baseline_frames import frame
 from voxdepth.baselines.ip_basic import IpBasic, VariantName
-from voxdepth.errors import ConfigError
 
 BOTH = ["fast", "multiscale"]
 
 
-def filled(depth_m: np.ndarray, variant: VariantName, max_depth_m: float = 100.0) -> np.ndarray:
-    baseline = IpBasic(variant=variant, max_depth_m=max_depth_m)
-    return baseline.process(frame(depth_m)).depth_m
+def filled(depth_m: np.ndarray, variant: VariantName) -> np.ndarray:
+    return IpBasic(variant=variant).process(frame(depth_m)).depth_m
 
 
 @pytest.mark.parametrize("variant", BOTH)
@@ -60,12 +58,7 @@ def test_near_things_spread_farther_than_far_ones_at_first(depth: float, first_p
 
 @pytest.mark.parametrize("variant", BOTH)
 def test_pixels_beyond_the_largest_depth_stay_and_fill_nothing(variant: VariantName) -> None:
-    depth_m = np.full((20, 20), 30.0, np.float32)
+    depth_m = np.full((20, 20), 130.0, np.float32)
     depth_m[10, 10] = 0
-    result = filled(depth_m, variant, max_depth_m=20.0)
+    result = filled(depth_m, variant)
     np.testing.assert_array_equal(result, depth_m)
-
-
-def test_the_largest_depth_must_be_a_depth() -> None:
-    with pytest.raises(ConfigError, match="max_depth_m"):
-        IpBasic(max_depth_m=0.0)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.baseline_frames import POSE, camera, frame, scene
-from voxdepth.baselines.pose_splat import PoseSplat
-from voxdepth.errors import ConfigError, FrameError
+from voxdepth.baselines.pose_splat import FRAMES, PoseSplat
+from voxdepth.errors import FrameError
 from voxdepth.registry import CORRECTOR_NAMES
 from voxdepth.types import FloatArray, Source
 
@@ -57,10 +57,10 @@ def test_nearest_wins_and_of_like_depths_the_newest() -> None:
 
 
 def test_points_are_forgotten_after_so_many_frames() -> None:
-    baseline = PoseSplat(camera(SHAPE), frames=2)
+    baseline = PoseSplat(camera(SHAPE))
     baseline.process(frame(np.full(SHAPE, 4.0, np.float32)))
-    filled = [baseline.process(frame(EMPTY, index=index)).depth_m.any() for index in (1, 2, 3)]
-    assert filled == [True, True, False]
+    filled = [baseline.process(frame(EMPTY, index=index)).depth_m.any() for index in range(1, FRAMES + 2)]
+    assert filled == [True] * FRAMES + [False]
 
 
 def test_points_do_not_wander_while_they_are_remembered() -> None:
@@ -89,8 +89,3 @@ def test_the_pose_may_be_an_array_that_its_owner_uses_again() -> None:
 
 def test_an_oracle_has_no_name_among_the_correctors() -> None:
     assert not [name for name in CORRECTOR_NAMES if "splat" in name or "oracle" in name]
-
-
-def test_the_number_of_frames_must_be_possible() -> None:
-    with pytest.raises(ConfigError, match="frames must lie in 1 to"):
-        PoseSplat(camera(SHAPE), frames=0)

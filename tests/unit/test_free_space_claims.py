@@ -6,7 +6,7 @@ import pytest
 
 from scenarios.config import images_of, load_run
 from scenarios.free_space import BY, COUNTED, WATCHED, measure, most_in_cells, shares
-from swarm.evidence import EvidenceConfig, EvidenceReader
+from swarm.evidence import EvidenceConfig, InverseSensorModel
 from tests.evaluation_clips import CAMERA
 from voxdepth.errors import ConfigError
 
@@ -40,7 +40,7 @@ def test_shares_are_of_all_cells_together() -> None:
 
 
 def test_a_cell_follows_most_of_its_pixels() -> None:
-    reader = EvidenceReader(CAMERA, EvidenceConfig())
+    reader = InverseSensorModel(CAMERA, EvidenceConfig())
     mask = np.zeros(CAMERA.shape, np.bool_)
     mask[:, : reader.col_edges[1]] = True
     mask[0, reader.col_edges[1]] = True

@@ -7,12 +7,17 @@ rows and columns in turn, with decreasing smoothing. OpenCV has it only in its c
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import ConfigError
 from ..types import FloatImage, Frame, GrayImage, Intrinsics
 from .single_frame import Baseline
 
 Stack = npt.NDArray[np.float32]
 
+SMOOTHNESS = 30.0
+"""Lambda of that paper; more spreads depth farther."""
+STRENGTHS = (1.5 * SMOOTHNESS * np.array([16.0, 4.0, 1.0]) / (4.0**3 - 1)).astype(np.float32)
+"""Smoothness of each pair of passes along rows and columns: a quarter of the one before, as in that paper."""
+SIGMA_GRAY = 3.0
+"""Gray step [gray values] over which the weight falls to 37 %; less trusts edges more."""
 MIN_WEIGHT = np.float32(1e-4)
 """Weight of the strongest gray edges: even a hole behind several of them is filled from its surroundings."""
 NEAREST_M = np.float32(1e-3)
@@ -28,28 +33,15 @@ class GlobalSmoother(Baseline):
 
     Args:
         intrinsics: Intrinsics of the camera.
-        smoothness: Lambda of that paper; more spreads depth farther.
-        sigma_gray: Gray step [gray values] over which the weight falls to 37 %; less trusts edges more.
-        iterations: Pairs of passes along rows and columns; more leave fewer streaks.
-
-    Raises:
-        ConfigError: A number is out of range.
     """
 
     uses_gray = True
 
-    def __init__(
-        self, intrinsics: Intrinsics, *, smoothness: float = 30.0, sigma_gray: float = 3.0, iterations: int = 3
-    ) -> None:
-        for name, number in {"smoothness": smoothness, "sigma_gray": sigma_gray, "iterations": iterations}.items():
-            if not 0 < number < np.inf:
-                raise ConfigError(f"{name} must be positive, got {number}")
+    def __init__(self, intrinsics: Intrinsics) -> None:
         self._intrinsics = intrinsics
         height, width = intrinsics.shape
-        strengths = _strengths(smoothness, iterations)
-        self._weight_of_step = np.maximum(np.exp(-np.arange(256) / sigma_gray).astype(np.float32), MIN_WEIGHT)
-        self._down, self._along = _Recursion(intrinsics.shape, strengths), _Recursion((width, height), strengths)
-        self._iterations = iterations
+        self._weight_of_step = np.maximum(np.exp(-np.arange(256) / SIGMA_GRAY).astype(np.float32), MIN_WEIGHT)
+        self._down, self._along = _Recursion(intrinsics.shape), _Recursion((width, height))
         self._upright, self._turned = np.empty((height, 2, width), np.float32), np.empty((width, 2, height), np.float32)
 
     def _corrected(self, frame: Frame) -> FloatImage:
@@ -68,7 +60,7 @@ class GlobalSmoother(Baseline):
         """Smooth both images of the stack, which stay upright, under guidance of the gray image."""
         self._down.eliminate(self._weights(gray))
         self._along.eliminate(self._weights(np.ascontiguousarray(gray.T)))
-        for iteration in range(self._iterations):
+        for iteration in range(len(STRENGTHS)):
             np.copyto(self._turned, self._upright.T)
             self._along.solve(self._turned, iteration)
             np.copyto(self._upright, self._turned.T)
@@ -88,15 +80,14 @@ class _Recursion:
     first: `p + g` is the pivot.
     """
 
-    def __init__(self, shape: tuple[int, int], strengths: Stack) -> None:
-        """Allocate memory for images of shape (n, m) and strengths (T,); doing so per image would double the time."""
-        self._strengths = strengths
-        self._passed = np.empty((shape[0], len(strengths), shape[1]), np.float32)  # g / (p + g)
+    def __init__(self, shape: tuple[int, int]) -> None:
+        """Allocate memory for images of shape (n, m); doing so per image would double the time."""
+        self._passed = np.empty((shape[0], len(STRENGTHS), shape[1]), np.float32)  # g / (p + g)
         self._scale = np.empty_like(self._passed)  # 1 / (p + g)
 
     def eliminate(self, weights: FloatImage) -> None:
         """Eliminate for the weights between neighbours, shape (n - 1, m)."""
-        np.multiply(weights[:, None], self._strengths[:, None], out=self._passed[:-1])
+        np.multiply(weights[:, None], STRENGTHS[:, None], out=self._passed[:-1])
         self._passed[-1] = 0
         p = np.ones_like(self._passed[0])
         for passed, scale in zip(list(self._passed), list(self._scale), strict=True):
@@ -118,9 +109,3 @@ class _Recursion:
         for below, row, factor in zip(rows[:0:-1], rows[-2::-1], passed[-2::-1], strict=True):
             np.multiply(below, factor, out=step)
             np.add(row, step, out=row)
-
-
-def _strengths(smoothness: float, iterations: int) -> Stack:
-    """Smoothness of each iteration, shape (T,): a quarter of the one before, as in that paper."""
-    powers = 4.0 ** np.arange(iterations - 1, -1, -1)
-    return (1.5 * smoothness * powers / (4.0**iterations - 1)).astype(np.float32)

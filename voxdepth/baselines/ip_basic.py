@@ -10,12 +10,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import ConfigError
 from ..types import FloatImage, Frame, MaskImage
 from .single_frame import Baseline
 
 Kernel = npt.NDArray[np.uint8]
 
+MAX_DEPTH_M = np.float32(100)
+"""Depths are subtracted from this [m]; farther pixels stay, but nothing is filled from them."""
 EMPTY_M = 0.1
 """Inverted depths up to this count as empty [m]; it separates the farthest valid pixels from holes."""
 NEAR_M, MEDIUM_M = 15.0, 30.0
@@ -31,24 +32,17 @@ class IpBasic(Baseline):
 
     Args:
         variant: `fast` is that of the paper, `multiscale` that of the authors' code, see the functions below.
-        max_depth_m: Depths are subtracted from this [m]; farther pixels stay, but nothing is filled from them.
-
-    Raises:
-        ConfigError: `max_depth_m` is no depth.
     """
 
-    def __init__(self, *, variant: VariantName = "fast", max_depth_m: float = 100.0) -> None:
-        if not EMPTY_M < max_depth_m < np.inf:
-            raise ConfigError(f"max_depth_m must be a depth above {EMPTY_M} m, got {max_depth_m}")
+    def __init__(self, *, variant: VariantName = "fast") -> None:
         self._complete = {"fast": _complete_fast, "multiscale": _complete_multiscale}[variant]
-        self._max_depth_m = np.float32(max_depth_m)
 
     def _corrected(self, frame: Frame) -> FloatImage:
         depth_m = frame.depth_m
         valid = depth_m > 0
-        inverted_m = np.where(valid, np.maximum(self._max_depth_m - depth_m, np.float32(0)), np.float32(0))
+        inverted_m = np.where(valid, np.maximum(MAX_DEPTH_M - depth_m, np.float32(0)), np.float32(0))
         dense_m = self._complete(inverted_m, depth_m)
-        filled_m = np.where(dense_m > EMPTY_M, np.maximum(self._max_depth_m - dense_m, 0), np.float32(0))
+        filled_m = np.where(dense_m > EMPTY_M, np.maximum(MAX_DEPTH_M - dense_m, 0), np.float32(0))
         return np.where(valid, depth_m, filled_m)
 
 

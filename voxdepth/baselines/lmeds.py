@@ -10,12 +10,19 @@ from collections import deque
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import ConfigError
 from ..types import FloatImage, Frame, Intrinsics, MaskImage
 from .single_frame import Baseline
 
 Samples = npt.NDArray[np.float32]
 
+FRAMES = 5
+"""Number of last frames, including this one; more stabilise static surfaces and smear moving ones."""
+REACH_PX = 1
+"""Of the window around a pixel."""
+GRADIENT_GATE = np.float32(0.02)
+"""Measured pixels change only where a neighbour's depth differs by more than this share."""
+MIN_SAMPLES = 5
+"""A hole with fewer valid samples remains."""
 DEVIATIONS = 2.5
 """Distance of an outlier in robust standard deviations. It and their estimate are from Rousseeuw 1984."""
 TILE = 8192
@@ -27,44 +34,20 @@ class LMedS(Baseline):
 
     Args:
         intrinsics: Intrinsics of the camera.
-        frames: Number of last frames, including this one; more stabilise static surfaces and smear moving ones.
-        window_px: Width of the window around a pixel; odd.
-        gradient_gate: Measured pixels change only where a neighbour's depth differs by more than this share; 0
-            examines every pixel that has a differing neighbour.
-        min_samples: A hole with fewer valid samples remains.
-
-    Raises:
-        ConfigError: A parameter is out of range.
     """
 
-    def __init__(
-        self,
-        intrinsics: Intrinsics,
-        *,
-        frames: int = 5,
-        window_px: int = 3,
-        gradient_gate: float = 0.02,
-        min_samples: int = 5,
-    ) -> None:
-        if frames < 1 or window_px < 1 or window_px % 2 == 0 or min_samples < 1 or not 0 <= gradient_gate < np.inf:
-            raise ConfigError(
-                "expected frames and min_samples of 1 or more, an odd window_px and a gradient_gate of 0 or more, got "
-                f"{frames}, {min_samples}, {window_px} and {gradient_gate}"
-            )
+    def __init__(self, intrinsics: Intrinsics) -> None:
         self._intrinsics, self._shape = intrinsics, intrinsics.shape
-        self._reach_px = window_px // 2
-        self._gradient_gate = np.float32(gradient_gate)
-        self._min_samples = min_samples
-        self._padded_m: deque[FloatImage] = deque(maxlen=frames)
+        self._padded_m: deque[FloatImage] = deque(maxlen=FRAMES)
 
     def reset(self) -> None:
         """Forget the last frames."""
         self._padded_m.clear()
 
     def _corrected(self, frame: Frame) -> FloatImage:
-        self._padded_m.append(np.pad(frame.depth_m, self._reach_px))
+        self._padded_m.append(np.pad(frame.depth_m, REACH_PX))
         depth_m = frame.depth_m.copy()
-        examined = np.flatnonzero((depth_m == 0) | (_step_m(depth_m) > self._gradient_gate * depth_m))
+        examined = np.flatnonzero((depth_m == 0) | (_step_m(depth_m) > GRADIENT_GATE * depth_m))
         history_m = np.stack(self._padded_m)
         for start in range(0, examined.size, TILE):
             at = examined[start : start + TILE]
@@ -75,7 +58,7 @@ class LMedS(Baseline):
         """Depths [m] around some pixels in all frames, shape (N, samples); infinite where invalid."""
         row, col = np.unravel_index(at, self._shape)
         padded_width = history_m.shape[2]
-        offset = np.arange(2 * self._reach_px + 1)
+        offset = np.arange(2 * REACH_PX + 1)
         corner = row * padded_width + col
         around = corner[:, None] + (offset[:, None] * padded_width + offset).ravel()
         samples = np.concatenate([image_m.ravel()[around] for image_m in history_m], axis=1)
@@ -89,7 +72,7 @@ class LMedS(Baseline):
         with np.errstate(invalid="ignore"):
             deviation_m = np.float32(1.4826) * (1 + 5 / np.maximum(n - 1, 1)).astype(np.float32) * half_width_m
             outlier = np.abs(measured_m - location_m) > np.float32(DEVIATIONS) * deviation_m
-        replaced = (n >= self._min_samples) & (outlier | (measured_m == 0))
+        replaced = (n >= MIN_SAMPLES) & (outlier | (measured_m == 0))
         return np.where(replaced, location_m, measured_m)
 
 

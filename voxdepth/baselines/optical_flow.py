@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import ConfigError
 from ..types import FloatImage, Frame, GrayImage, Intrinsics
 from .single_frame import Baseline
 
@@ -19,10 +18,24 @@ AgeImage = npt.NDArray[np.int16]
 
 DIS_SMALLEST_PX = 96
 """Smaller images get a border: OpenCV refuses those below 12 pixels, and crashes on some that are long and narrow."""
+LEVELS = 3
+"""Images of the pyramids, each half as large; one more doubles the motion that can be followed."""
+FARNEBACK_WINDOW_PX, FARNEBACK_ITERATIONS = 15, 3
+"""A larger window is steadier and blurs the flow at edges."""
+HORN_SCHUNCK_ITERATIONS = 30
+"""Of each level; more propagate the flow farther into textureless areas."""
+ALPHA_GRAY = np.float32(8)
+"""Weight of smoothness against brightness [gray values per pixel]; more is smoother."""
 NEIGHBOURS = np.array([[1, 2, 1], [2, 0, 2], [1, 2, 1]], np.float32) / 12
 """Weights of the local mean in Horn and Schunck's iteration."""
 MAX_CIRCLE_PX = 1.0
 """Flow there and back may miss its start by this; farther off, one of the two is wrong or the point is hidden."""
+ALPHA = np.float32(0.4)
+"""Weight of the measured depth where it and the warped one agree; less of it is steadier and lags more."""
+AGREEMENT = np.float32(0.05)
+"""Largest difference of the two, as a share of the measured depth."""
+MAX_AGE_FRAMES = 30
+"""A hole is filled for this many frames after its point was last measured."""
 LAST_PX = 32767
 """Columns and rows are given to OpenCV in 16 bits."""
 
@@ -56,20 +69,13 @@ class Dis:
 class Farneback:
     """Polynomial expansion: Farneback 2003, DOI 10.1007/3-540-45103-X_50.
 
-    It works in a pyramid. A larger window is steadier and blurs the flow at edges.
-
-    Raises:
-        ConfigError: A number is below 1.
+    It works in a pyramid.
     """
-
-    def __init__(self, *, levels: int = 3, window_px: int = 15, iterations: int = 3) -> None:
-        _require_positive(levels=levels, window_px=window_px, iterations=iterations)
-        self._levels, self._window_px, self._iterations = levels, window_px, iterations
 
     def between(self, start: GrayImage, end: GrayImage) -> FlowImage:
         """See `Flow`."""
         flow_px: Any = cv2.calcOpticalFlowFarneback(
-            start, end, None, 0.5, self._levels, self._window_px, self._iterations, 5, 1.2, 0
+            start, end, None, 0.5, LEVELS, FARNEBACK_WINDOW_PX, FARNEBACK_ITERATIONS, 5, 1.2, 0
         )  # type: ignore[call-overload]
         return np.asarray(flow_px, np.float32)
 
@@ -79,25 +85,13 @@ class HornSchunck:
 
     The classical iteration, from coarse to fine in a pyramid because it sees one or two pixels far; at each level the
     end is warped by the flow so far and the remainder is estimated.
-
-    Args:
-        levels: Images of the pyramid, each half as large; one more doubles the motion that can be followed.
-        iterations: Of each level; more propagate the flow farther into textureless areas.
-        alpha_gray: Weight of smoothness against brightness [gray values per pixel]; more is smoother.
-
-    Raises:
-        ConfigError: A number is out of range.
     """
-
-    def __init__(self, *, levels: int = 3, iterations: int = 30, alpha_gray: float = 8.0) -> None:
-        _require_positive(levels=levels, iterations=iterations, alpha_gray=alpha_gray)
-        self._levels, self._iterations, self._alpha_gray = levels, iterations, np.float32(alpha_gray)
 
     def between(self, start: GrayImage, end: GrayImage) -> FlowImage:
         """See `Flow`."""
         level: list[Any] = [cv2.GaussianBlur(gray.astype(np.float32), (5, 5), 0.8) for gray in (start, end)]
         pyramid = [level]
-        while len(pyramid) < self._levels and min(level[0].shape) >= 2:
+        while len(pyramid) < LEVELS and min(level[0].shape) >= 2:
             level = [cv2.pyrDown(image) for image in level]
             pyramid.append(level)
         flow_px = np.zeros((*pyramid[-1][0].shape, 2), np.float32)
@@ -113,10 +107,10 @@ class HornSchunck:
         rest = arrived - start  # the brightness that no flow at all would leave
         for slope, flow in zip(slopes, flows, strict=True):
             rest -= slope * flow
-        stiffness = self._alpha_gray**2 + slopes[0] * slopes[0] + slopes[1] * slopes[1]
+        stiffness = ALPHA_GRAY**2 + slopes[0] * slopes[0] + slopes[1] * slopes[1]
         pulls = [slope / stiffness for slope in slopes]
         excess, term = np.empty_like(rest), np.empty_like(rest)
-        for _ in range(self._iterations):
+        for _ in range(HORN_SCHUNCK_ITERATIONS):
             np.copyto(excess, rest)
             for slope, flow in zip(slopes, flows, strict=True):
                 cv2.filter2D(flow, -1, NEIGHBOURS, dst=flow, borderType=cv2.BORDER_REPLICATE)
@@ -124,12 +118,6 @@ class HornSchunck:
             for pull, flow in zip(pulls, flows, strict=True):
                 np.subtract(flow, np.multiply(pull, excess, out=term), out=flow)
         return np.stack(flows, axis=2)
-
-
-def _require_positive(**numbers: float) -> None:
-    for name, number in numbers.items():
-        if not 0 < number < np.inf:
-            raise ConfigError(f"{name} must be positive, got {number}")
 
 
 def _padded(gray: GrayImage) -> GrayImage:
@@ -160,35 +148,13 @@ class FlowFilter(Baseline):
     Args:
         intrinsics: Intrinsics of the camera.
         flow: Method of optical flow; None for `Dis()`.
-        alpha: Weight of the measured depth where both agree, in (0, 1]; less of it is steadier and lags more.
-        agreement: Largest difference of the two, as a share of the measured depth.
-        max_age_frames: A hole is filled for this many frames after its point was last measured.
-
-    Raises:
-        ConfigError: A parameter is out of range.
     """
 
     uses_gray = True
 
-    def __init__(
-        self,
-        intrinsics: Intrinsics,
-        *,
-        flow: Flow | None = None,
-        alpha: float = 0.4,
-        agreement: float = 0.05,
-        max_age_frames: int = 30,
-    ) -> None:
-        if not 0 < alpha <= 1 or not 0 <= agreement < np.inf or max_age_frames < 1:
-            raise ConfigError(
-                "expected an alpha in (0, 1], an agreement of at least 0 and a max_age_frames of at least 1, got "
-                f"{alpha}, {agreement} and {max_age_frames}"
-            )
+    def __init__(self, intrinsics: Intrinsics, *, flow: Flow | None = None) -> None:
         self._intrinsics = intrinsics
         self._flow = flow or Dis()
-        self._alpha = np.float32(alpha)
-        self._agreement = np.float32(agreement)
-        self._max_age_frames = max_age_frames
         self.reset()
 
     def reset(self) -> None:
@@ -213,14 +179,14 @@ class FlowFilter(Baseline):
         circle_px = to_last_px + taken(self._flow.between(last_gray, gray), landing)
         closed = cv2.magnitude(circle_px[..., 0], circle_px[..., 1]) <= MAX_CIRCLE_PX
         age = taken(last_age, landing) + np.int16(1)
-        trusted = closed & (age <= self._max_age_frames)
+        trusted = closed & (age <= MAX_AGE_FRAMES)
         return np.where(trusted, taken(last_depth_m, landing), np.float32(0)), age
 
     def _blended(self, measured_m: FloatImage, moved_m: FloatImage) -> FloatImage:
         """The mean of measured and warped depth [m] where they agree, else the measured, in holes the warped depth."""
         difference_m = moved_m - measured_m
-        agree = (moved_m > 0) & (np.abs(difference_m) <= self._agreement * measured_m)
-        blended_m = np.where(agree, measured_m + (1 - self._alpha) * difference_m, measured_m)
+        agree = (moved_m > 0) & (np.abs(difference_m) <= AGREEMENT * measured_m)
+        blended_m = np.where(agree, measured_m + (1 - ALPHA) * difference_m, measured_m)
         return np.where(measured_m > 0, blended_m, moved_m)
 
 

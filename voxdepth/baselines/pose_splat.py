@@ -6,13 +6,15 @@ Correctors do not know that pose: this is an upper bound for the evaluation and 
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import ConfigError, FrameError
+from ..errors import FrameError
 from ..geometry import PointArray, back_project, inverse_rigid, transform
 from ..types import FloatArray, FloatImage, Frame, Intrinsics
 from .single_frame import Baseline
 
 Indices = npt.NDArray[np.intp]
 
+FRAMES = 60
+"""Number of remembered frames; more fill more, and keep departed objects for longer."""
 NEAREST_M = 1e-3
 """Points nearer to the camera than this are not seen."""
 TIE_BITS = 18
@@ -30,19 +32,11 @@ class PoseSplat(Baseline):
 
     Args:
         intrinsics: Intrinsics of the camera.
-        frames: Number of remembered frames; more fill more, and keep departed objects for longer.
-
-    Raises:
-        ConfigError: `frames` is below 1, or so large that the points cannot be numbered.
     """
 
-    def __init__(self, intrinsics: Intrinsics, *, frames: int = 60) -> None:
-        largest = 2**32 // (intrinsics.width_px * intrinsics.height_px) - 1
-        if not 1 <= frames <= largest:
-            raise ConfigError(f"frames must lie in 1 to {largest} for images of this size, got {frames}")
+    def __init__(self, intrinsics: Intrinsics) -> None:
         self._intrinsics = intrinsics
         self._camera = intrinsics
-        self._frames = frames
         self.reset()
 
     def reset(self) -> None:
@@ -59,7 +53,7 @@ class PoseSplat(Baseline):
         if self._T_world_anchor is None:
             self._T_world_anchor = frame.T_world_cam.copy()
         T_cam_anchor = inverse_rigid(frame.T_world_cam) @ self._T_world_anchor
-        young = self._age < self._frames
+        young = self._age < FRAMES
         points, age = self._points[young], self._age[young] + np.uint64(1)
         moved_m, winner = self._seen(points, age, T_cam_anchor)
         kept = (moved_m > 0) & ((frame.depth_m == 0) | (_step(moved_m) < _step(frame.depth_m)))

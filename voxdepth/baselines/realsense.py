@@ -1,7 +1,7 @@
 """The post-processing filters of librealsense: disparity, spatial, temporal, depth, hole filling.
 
-Parameters, neighbours, borders and rounding are those of librealsense 2.59 (`src/proc`); the tests compare the results
-bit by bit with it.
+Parameters are the defaults of librealsense 2.59 (`src/proc`); neighbours, borders and rounding are its own, too: the
+tests compare the results bit by bit with it.
 """
 
 from collections.abc import Callable
@@ -10,54 +10,49 @@ from typing import Literal
 import cv2
 import numpy as np
 from numba import float32, void
-from pydantic import Field
 
 from ..compiled import FLOAT_IMAGE, compile_all, compiled
 from ..errors import ConfigError
-from ..model import Model
-from ..types import FloatImage, Frame, GrayImage, Intrinsics, MaskImage
+from ..types import FloatImage, Frame, GrayImage, Intrinsics
 from .single_frame import Baseline
 
 STEPS_PER_PX = 32
 """Units of disparity of the SDK per pixel."""
+UNITS_PER_M = np.float32(1000)
 LARGEST_UNITS = 2**16 - 1
 """Depth has 16 bits in the SDK."""
-HISTORY_FRAMES = 8
-"""A pixel's past is one bit per frame, the last one lowest."""
+EDGE = 20
+"""Step between neighbours, or between a mean and a new value, that is an edge [1/32 px of disparity]."""
+SPATIAL_ALPHA, TEMPORAL_ALPHA = np.float32(0.5), np.float32(0.4)
+"""Weight of a pixel against the smoothed one before it, along a line and in time."""
+SPATIAL_PASSES = 2
+"""Number of passes over rows and columns."""
+LAST_FRAMES, LEAST_VALID = 0b1111, 2
+"""A hole takes the last mean if this many of the frames had a depth that agreed. A bit is a frame, the last lowest."""
 
 HoleFillName = Literal["left", "farthest", "nearest"]
 HoleFill = Callable[[FloatImage], None]
 """Fills holes (0) of a depth image [m], shape (H, W), in place and in raster order."""
 
 
-class SpatialFilter(Model):
-    """Recursive smoothing along rows and columns that stops at edges, forwards and backwards, repeated.
+def smooth_in_space(disparity: FloatImage) -> FloatImage:
+    """A smoothed copy of disparity [1/32 px], shape (H, W); holes (0) stay, and nothing is mixed across them.
 
-    It is the recursive filter of the domain transform (Gastal and Oliveira 2011, DOI 10.1145/2010324.1964964) with an
-    edge threshold instead of a weight by distance.
+    It smooths along rows and columns, forwards and backwards, and stops at edges: the recursive filter of the domain
+    transform (Gastal and Oliveira 2011, DOI 10.1145/2010324.1964964) with a threshold instead of a weight by distance.
     """
-
-    alpha: float = Field(default=0.5, ge=0.25, le=1)
-    """Weight of a pixel against the value before it. 1 changes nothing, less smooths more."""
-    delta: int = Field(default=20, ge=1, le=50)
-    """Step between neighbours that is an edge, in 1/32 px of disparity. More smooths over larger steps."""
-    iterations: int = Field(default=2, ge=1, le=5)
-    """Number of passes over rows and columns. More smooths wider."""
-
-    def smooth(self, disparity: FloatImage) -> FloatImage:
-        """A smoothed copy of disparity [1/32 px], shape (H, W); holes (0) stay, and nothing is mixed across them."""
-        smooth = np.array(disparity, order="C")
-        turned = np.empty(smooth.shape[::-1], np.float32)
-        for _ in range(self.iterations):
-            cv2.transpose(smooth, dst=turned)
-            smooth_columns(turned, self.alpha, self.delta)
-            cv2.transpose(turned, dst=smooth)
-            smooth_columns(smooth, self.alpha, self.delta)
-        return smooth
+    smooth = np.array(disparity, order="C")
+    turned = np.empty(smooth.shape[::-1], np.float32)
+    for _ in range(SPATIAL_PASSES):
+        cv2.transpose(smooth, dst=turned)
+        smooth_columns(turned)
+        cv2.transpose(turned, dst=smooth)
+        smooth_columns(smooth)
+    return smooth
 
 
-@compiled(void(FLOAT_IMAGE, float32, float32))
-def smooth_columns(image: FloatImage, alpha: float, delta: float) -> None:
+@compiled(void(FLOAT_IMAGE))
+def smooth_columns(image: FloatImage) -> None:
     """Smooth each column of an image downwards and then upwards, in place.
 
     All columns advance together, row by row: their recursions depend on nothing beside them.
@@ -70,26 +65,9 @@ def smooth_columns(image: FloatImage, alpha: float, delta: float) -> None:
             row, last = image[start + k * step], image[start + (k - 1) * step]
             for col in range(width):
                 value, value_before, mean = row[col], before[col], last[col]
-                is_near = (value_before > 0) & (value > 0) & (abs(value_before - value) < delta)
-                row[col] = value * alpha + mean * (float32(1) - alpha) if is_near else value
+                is_near = (value_before > 0) & (value > 0) & (abs(value_before - value) < EDGE)
+                row[col] = value * SPATIAL_ALPHA + mean * (float32(1) - SPATIAL_ALPHA) if is_near else value
                 before[col] = value
-
-
-PERSISTENCES = ((1, 0), (8, 8), (2, 3), (2, 4), (2, 8), (1, 2), (1, 5), (1, 8), (0, 0))
-"""The modes of the SDK by their numbers: the last mean fills a hole if `valid` of the last `frames` frames had a depth
-that agreed. The first one never fills, the last one always."""
-
-
-class TemporalConfig(Model):
-    """Parameters of `TemporalFilter`; the defaults are the SDK's."""
-
-    alpha: float = Field(default=0.4, ge=0, le=1)
-    """Weight of the new frame. 1 changes nothing, less smooths longer."""
-    delta: int = Field(default=20, ge=1, le=100)
-    """Step that restarts the mean, in 1/32 px of disparity. More smooths over larger changes."""
-    persistence: int = Field(default=3, ge=0, le=8)
-    """Number of one of `PERSISTENCES`: 0 fills no hole, 3 where 2 of the last 4 frames had a depth, 8 wherever there
-    ever was one."""
 
 
 class TemporalFilter:
@@ -98,11 +76,7 @@ class TemporalFilter:
     It does not compensate for the motion of the camera.
     """
 
-    def __init__(self, config: TemporalConfig | None = None) -> None:
-        self._config = config or TemporalConfig()
-        valid, frames = PERSISTENCES[self._config.persistence]
-        past = np.arange(2**HISTORY_FRAMES) & (2**frames - 1)
-        self._persists: MaskImage = np.bitwise_count(past) >= valid  # by the history of a pixel, shape (256,)
+    def __init__(self) -> None:
         self._mean: FloatImage | None = None
         self._history: GrayImage = np.empty((0, 0), np.uint8)
 
@@ -118,15 +92,12 @@ class TemporalFilter:
         if self._mean is None:
             self._mean = np.zeros_like(disparity)
             self._history = np.zeros(disparity.shape, np.uint8)
-        alpha = np.float32(self._config.alpha)
         valid = disparity > 0
-        agrees = valid & (self._mean > 0) & (np.abs(disparity - self._mean) < self._config.delta)
-        renewed = np.where(agrees, alpha * disparity + (np.float32(1) - alpha) * self._mean, disparity)
-        self._mean = np.where(valid, renewed, self._mean)
-        persists = self._persists[self._history]
-        self._history <<= 1
-        self._history |= valid
-        self._history[valid & ~agrees] = 1
+        agrees = valid & (self._mean > 0) & (np.abs(disparity - self._mean) < EDGE)
+        mean = TEMPORAL_ALPHA * disparity + (np.float32(1) - TEMPORAL_ALPHA) * self._mean
+        self._mean = np.where(valid, np.where(agrees, mean, disparity), self._mean)
+        persists = np.bitwise_count(self._history & LAST_FRAMES) >= LEAST_VALID
+        self._history = np.where(valid & ~agrees, 1, self._history << 1 | valid).astype(np.uint8)
         return np.where(valid | persists, self._mean, np.float32(0))
 
 
@@ -141,7 +112,9 @@ class RealSenseHoles(Baseline):
     """
 
     def __init__(self, *, fill: HoleFillName = "farthest") -> None:
-        self._fill = hole_fill(fill)
+        if fill not in FILLS:
+            raise ConfigError(f"there is no hole filling {fill!r}; choose one of: {', '.join(FILLS)}")
+        self._fill = FILLS[fill]
         compile_all()
 
     def _corrected(self, frame: Frame) -> FloatImage:
@@ -194,51 +167,27 @@ def fill_nearest(depth_m: FloatImage) -> None:
                 depth_m[row, col] = nearest_m
 
 
-_FILLS: dict[str, HoleFill] = {"left": fill_from_left, "farthest": fill_farthest, "nearest": fill_nearest}
-
-
-def hole_fill(name: str) -> HoleFill:
-    """The mode of that name, or a `ConfigError`."""
-    if name not in _FILLS:
-        raise ConfigError(f"there is no hole filling {name!r}; choose one of: {', '.join(_FILLS)}")
-    return _FILLS[name]
+FILLS: dict[str, HoleFill] = {"left": fill_from_left, "farthest": fill_farthest, "nearest": fill_nearest}
 
 
 class RealSenseChain(Baseline):
-    """librealsense's filters in the order that its documentation recommends, each with the SDK's parameters.
+    """librealsense's filters in the order that its documentation recommends.
 
-    Depth is rounded to the camera's units, as the SDK has it in 16 bits: depths beyond the largest (65.5 m in
-    millimetres) are cut to that, those below half a unit are invalid. Measured pixels change, too. Filled pixels have
-    source INPAINTED, also those that the past filled.
+    Depth is rounded to millimetres, as the SDK has it in 16 bits: depths beyond 65.535 m are cut to that, those below
+    half a unit are invalid. Measured pixels change, too. Filled pixels have source INPAINTED, also those that the past
+    filled.
 
     Args:
         intrinsics: Intrinsics of the camera, with the baseline.
-        spatial: The spatial filter.
-        temporal: Parameters of the temporal filter.
-        fill: Mode of the hole filling.
-        units_per_m: Steps of the depth in a metre.
 
     Raises:
-        ConfigError: The baseline is unknown, there is no such hole filling, or the units are not positive.
+        ConfigError: The baseline is unknown.
     """
 
-    def __init__(
-        self,
-        intrinsics: Intrinsics,
-        *,
-        spatial: SpatialFilter | None = None,
-        temporal: TemporalConfig | None = None,
-        fill: HoleFillName = "farthest",
-        units_per_m: float = 1000.0,
-    ) -> None:
-        if not 0 < units_per_m < np.inf:
-            raise ConfigError(f"units_per_m must be positive and finite (1000 for millimetres), got {units_per_m}")
+    def __init__(self, intrinsics: Intrinsics) -> None:
         self._intrinsics = intrinsics
-        self._units_per_m = np.float32(units_per_m)
-        self._factor = disparity_factor(intrinsics, units_per_m)
-        self._spatial = spatial or SpatialFilter()
-        self._temporal = TemporalFilter(temporal)
-        self._fill = hole_fill(fill)
+        self._factor = disparity_factor(intrinsics)
+        self._temporal = TemporalFilter()
         compile_all()
 
     def reset(self) -> None:
@@ -246,24 +195,21 @@ class RealSenseChain(Baseline):
         self._temporal.reset()
 
     def _corrected(self, frame: Frame) -> FloatImage:
-        depth_units: FloatImage = np.minimum(frame.depth_m, LARGEST_UNITS / self._units_per_m)
-        depth_units *= self._units_per_m
+        depth_units: FloatImage = np.minimum(frame.depth_m, LARGEST_UNITS / UNITS_PER_M)
+        depth_units *= UNITS_PER_M
         disparity = self._divided(np.rint(depth_units, out=depth_units))
-        disparity = self._spatial.smooth(disparity)
+        disparity = smooth_in_space(disparity)
         disparity = self._temporal.smooth(disparity)
-        units = self._divided(disparity)
-        units += np.float32(0.5)
-        np.floor(units, out=units)
-        units /= self._units_per_m
-        self._fill(units)
-        return units
+        depth_m: FloatImage = np.floor(self._divided(disparity) + np.float32(0.5)) / UNITS_PER_M
+        fill_farthest(depth_m)
+        return depth_m
 
     def _divided(self, image: FloatImage) -> FloatImage:
         """Depth [units] of disparity [1/32 px], and the other way round; 0 stays 0."""
         return np.divide(self._factor, image, out=np.zeros_like(image), where=image > 0)
 
 
-def disparity_factor(intrinsics: Intrinsics, units_per_m: float) -> np.float32:
+def disparity_factor(intrinsics: Intrinsics) -> np.float32:
     """Depth [units] times disparity [1/32 px], in the SDK's single precision; it needs a baseline."""
     if intrinsics.baseline_m is None:
         raise ConfigError(
@@ -271,4 +217,4 @@ def disparity_factor(intrinsics: Intrinsics, units_per_m: float) -> np.float32:
             "intrinsics (0.095 for a D455, 0.05 for a D435)"
         )
     baseline_m = np.float32(intrinsics.baseline_m * 1000) * np.float32(0.001)  # cameras report it in millimetres
-    return baseline_m * np.float32(intrinsics.fx_px) * np.float32(STEPS_PER_PX) / np.float32(1 / units_per_m)
+    return baseline_m * np.float32(intrinsics.fx_px) * np.float32(STEPS_PER_PX) / np.float32(1 / float(UNITS_PER_M))

@@ -12,9 +12,8 @@ import numpy as np
 from ..errors import ConfigError
 from ..types import CorrectedDepth, FloatImage, Frame, Intrinsics
 
-SIZES_PX = (3, 5)
-"""Windows of the median."""
-AUTHORS_MEDIAN_PX = 5
+MEDIAN_PX = 5
+"""Width of the window of the median, also of the authors' one."""
 AUTHORS_NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (0, -1), (1, -1))
 """Shifts (rows, columns) of the neighbours on the left, above, above left, on the right, and above right."""
 InpaintingName = Literal["telea", "navier_stokes"]
@@ -22,6 +21,8 @@ InpaintingName = Literal["telea", "navier_stokes"]
 INPAINTING: dict[InpaintingName, int] = {"telea": cv2.INPAINT_TELEA, "navier_stokes": cv2.INPAINT_NS}
 """Telea 2004 (DOI 10.1080/10867651.2004.10487596) and Bertalmio et al. 2001 (DOI 10.1109/CVPR.2001.990497)."""
 
+RADIUS_PX = 3.0
+"""Neighbourhood of a pixel that is inpainted; a larger one is smoother and slower."""
 NEAREST_M = 0.1
 """Depths below this count as this where they are spread: they set the finest step of everything else."""
 FULL_SCALE = 65535
@@ -66,21 +67,10 @@ class Median(Baseline):
     """Every pixel takes the median of its window: paper, Eq. median. Invalid pixels count as 0, borders repeat.
 
     Holes that fill less than half a window are closed, and depths that fill less than half of one are lost.
-
-    Args:
-        size_px: Width of the window, 3 or 5. More smooths more.
-
-    Raises:
-        ConfigError: The window has another width.
     """
 
-    def __init__(self, *, size_px: Literal[3, 5] = 5) -> None:
-        if size_px not in SIZES_PX:
-            raise ConfigError(f"the median's size_px must be 3 or 5, got {size_px}")
-        self._size_px = size_px
-
     def _corrected(self, frame: Frame) -> FloatImage:
-        return cv2.medianBlur(frame.depth_m, self._size_px)  # type: ignore[return-value]
+        return cv2.medianBlur(frame.depth_m, MEDIAN_PX)  # type: ignore[return-value]
 
 
 class AuthorsMax(Baseline):
@@ -94,7 +84,7 @@ class AuthorsMax(Baseline):
     """
 
     def _corrected(self, frame: Frame) -> FloatImage:
-        median_m: FloatImage = cv2.medianBlur(frame.depth_m, AUTHORS_MEDIAN_PX)  # type: ignore[assignment]
+        median_m: FloatImage = cv2.medianBlur(frame.depth_m, MEDIAN_PX)  # type: ignore[assignment]
         largest_m = np.zeros_like(median_m)
         for shift in AUTHORS_NEIGHBOURS:
             np.maximum(largest_m, np.roll(median_m, shift, axis=(0, 1)), out=largest_m)
@@ -111,19 +101,15 @@ class OpenCvInpaint(Baseline):
 
     Args:
         method: `telea` marches inwards with weighted means, `navier_stokes` continues lines of equal depth.
-        radius_px: Neighbourhood of a pixel that is filled; a larger one is smoother and slower.
 
     Raises:
-        ConfigError: There is no such method, or the radius is not positive.
+        ConfigError: There is no such method.
     """
 
-    def __init__(self, *, method: InpaintingName = "telea", radius_px: float = 3.0) -> None:
+    def __init__(self, *, method: InpaintingName = "telea") -> None:
         if method not in INPAINTING:
             raise ConfigError(f"expected one of the inpainting methods {', '.join(INPAINTING)}, got {method!r}")
-        if not 0 < radius_px < np.inf:
-            raise ConfigError(f"radius_px must be positive, got {radius_px}")
         self._method = INPAINTING[method]
-        self._radius_px = radius_px
 
     def _corrected(self, frame: Frame) -> FloatImage:
         depth_m = frame.depth_m
@@ -136,5 +122,5 @@ class OpenCvInpaint(Baseline):
         rows, columns = depth_m.shape
         twice = ((0, rows == 1), (0, columns == 1))  # Of a single row or column OpenCV reads beyond the image.
         mask = np.pad((~valid).astype(np.uint8), twice, mode="edge")
-        whole = cv2.inpaint(np.pad(holed, twice, mode="edge"), mask, self._radius_px, self._method)[:rows, :columns]
+        whole = cv2.inpaint(np.pad(holed, twice, mode="edge"), mask, RADIUS_PX, self._method)[:rows, :columns]
         return np.where(valid, depth_m, scale_m / np.maximum(whole, 1).astype(np.float32))

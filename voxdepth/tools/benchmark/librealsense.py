@@ -20,13 +20,12 @@ class Librealsense:
 
     Args:
         camera: Its lens and baseline.
-        units_per_m: Steps of its depth in a metre.
 
     Raises:
         ImportError, OSError: The wheel of librealsense, or the libusb that it needs, is missing or cannot be loaded.
     """
 
-    def __init__(self, camera: Intrinsics, units_per_m: float = UNITS_PER_M) -> None:
+    def __init__(self, camera: Intrinsics) -> None:
         import libusb_package
 
         ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
@@ -37,7 +36,7 @@ class Librealsense:
         self._device = self.rs.software_device()
         self._sensor = self._device.add_sensor("depth")
         self._profile = self._sensor.add_video_stream(self._stream(camera))
-        self._sensor.add_read_only_option(self.rs.option.depth_units, 1 / units_per_m)
+        self._sensor.add_read_only_option(self.rs.option.depth_units, 1 / UNITS_PER_M)
         self._sensor.add_read_only_option(
             self.rs.option.stereo_baseline, (camera.baseline_m or ASSUMED_BASELINE_M) * 1000
         )
