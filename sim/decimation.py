@@ -57,7 +57,9 @@ def decimated_intrinsics(intrinsics: Intrinsics, factor: int) -> Intrinsics:
 
 def decimated_depth(depth_m: FloatImage, factor: int) -> FloatImage:
     """Depth of each block [m], shape (H / factor, W / factor); 0 where no pixel of a block is valid."""
-    pixels_m = np.stack([depth_m[row::factor, col::factor] for row in range(factor) for col in range(factor)])
+    height, width = (side - side % factor for side in depth_m.shape)
+    whole_m = depth_m[:height, :width]
+    pixels_m = np.stack([whole_m[row::factor, col::factor] for row in range(factor) for col in range(factor)])
     n_valid = np.count_nonzero(pixels_m, axis=0)
     if factor > LARGEST_MEDIAN:
         mean_m = pixels_m.sum(axis=0, dtype=np.float64) / np.maximum(n_valid, 1)
