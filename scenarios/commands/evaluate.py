@@ -116,7 +116,7 @@ def experiment(
         list[str],
         typer.Argument(
             metavar="NAME",
-            help="rq1, rq3, quality, or all of these; default or "
+            help="rq1, rq2, rq3, rq4, quality, fps, components, window, switches, or all of these; default or "
             "ablation, which are about the default method; artefacts, which is about the simulator; confidence, which "
             "is about all correctors.",
         ),
@@ -142,8 +142,9 @@ def experiment(
     """Repeat the paper's experiments on rendered sequences, or compare the default method with others.
 
     Writes tables (NAME/table.csv, NAME/table.md), NAME/figure.png and NAME/result.json below DIR. Missing recordings
-    are made first, at 0.1 to 0.5 s a frame. On two slow cores `all` takes some five minutes with the
-    defaults, half of it recording.
+    are made first, at 0.1 to 0.5 s a frame. On two slow cores all experiments take some ten minutes with their
+    defaults, half of it recording, and none takes more than four. `switches --frames 500` repeats the paper's table in
+    full, in about five minutes.
 
     `default` evaluates every method on every sequence and takes almost an hour; an interrupted run is resumed.
     `ablation` evaluates the default method with one part off at a time. `artefacts` measures the errors of raw depth.

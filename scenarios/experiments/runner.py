@@ -13,19 +13,27 @@ from ..errors import ScenarioError
 from ..results.provenance import SIMULATION
 from .ablation import ABLATION
 from .artefacts import ARTEFACTS
+from .components import COMPONENTS
 from .confidence import CONFIDENCE
 from .default import DEFAULT_METHOD
 from .experiment import Experiment, ExperimentContext, Findings
+from .frame_rate import FRAME_RATE
+from .frame_size import FRAME_SIZE
 from .inpainting import INPAINTING
 from .occlusion import OCCLUSION
+from .optical_flow import OPTICAL_FLOW
 from .quality import QUALITY
+from .switches import STATE_SWITCHES
+from .window import WINDOW
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 FIGURE, RESULT, MARKDOWN = "figure.png", "result.json", "table.md"
 ALL = "all"
-PAPER_EXPERIMENTS = (OCCLUSION, INPAINTING, QUALITY)
+PAPER_EXPERIMENTS = (
+    OCCLUSION, FRAME_SIZE, INPAINTING, OPTICAL_FLOW, QUALITY, FRAME_RATE, COMPONENTS, WINDOW, STATE_SWITCHES
+)  # fmt: skip
 """Questions of the paper, in its order."""
 EXPERIMENTS = {
     experiment.name: experiment for experiment in (*PAPER_EXPERIMENTS, DEFAULT_METHOD, ABLATION, ARTEFACTS, CONFIDENCE)

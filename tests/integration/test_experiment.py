@@ -40,12 +40,12 @@ def asked(name: str, out: Path, frames: int = FRAMES) -> tuple[Table, ...]:
 
 def test_two_experiments_in_one_call_share_a_recording(out: Path) -> None:
     options = ("--sequences", SEQUENCE, "--width", WIDTH_PX, "--frames", FRAMES, "--out", out)
-    done = experiment("rq3", "rq1", *options)
+    done = experiment("rq3", "rq4", *options)
     assert done.exit_code == 0, done.output
-    for words in ("Templates of the same windows", "dilation", "Occlusion and quality", "paper: "):
+    for words in ("Templates of the same windows", "dilation", "Farneback", "paper: "):
         assert words in done.output, words
     assert len(list((out / "recordings").iterdir())) == 1
-    for name in ("rq3", "rq1"):
+    for name in ("rq3", "rq4"):
         assert {"table.csv", "figure.png", "result.json"} <= {path.name for path in (out / name).iterdir()}
         stored = json.loads((out / name / "result.json").read_text())
         assert (stored["name"], stored["frames"], stored["sequences"]) == (name, FRAMES, [SEQUENCE])
@@ -60,9 +60,9 @@ def test_the_help_names_every_experiment() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["rq5"], "there is no experiment 'rq5'; choose one or more of: rq1, rq3"),
+        (["rq5"], "there is no experiment 'rq5'; choose one or more of: rq1, rq2"),
         (["rq1", "--sequences", "sim-XX"], "there is no sequence 'sim-XX'"),
-        (["quality", "--frames", "9"], "quality needs at least 16 frames of each sequence, got --frames 9"),
+        (["window", "--frames", "9"], "window needs at least 17 frames of each sequence, got --frames 9"),
         (["rq1", "--width", "9999"], "--width must be 64 to 2048 pixels, got 9999"),
         (["rq1", "--out", "file/below"], "cannot write"),
     ],
@@ -82,6 +82,25 @@ def test_rq1_grows_what_is_occluded(out: Path) -> None:
     assert occluded == sorted(occluded)
     assert psnrs_db[-1] < psnrs_db[0]
     assert table.column("n frames") == [3]
+
+
+def test_rq4_counts_pairs_and_moves_better_than_not_at_all(out: Path) -> None:
+    (table,) = asked("rq4", out)
+    rows = [dict(zip([column.name for column in table.columns], row, strict=True)) for row in table.rows]
+    assert {row["distance"] for row in rows} == {1, 3, 10, 25}
+    ten = {row["method"]: row for row in rows if row["distance"] == 10}
+    assert {row["n pairs"] for row in ten.values()} == {4}
+    assert len({row["n pixels"] for row in ten.values()}) == 1, "all are judged on the same pixels"
+    unmoved = ten.pop("unmoved")
+    assert all(float(row["gray PSNR"]) > float(unmoved["gray PSNR"]) for row in ten.values())
+
+
+def test_components_are_the_steps_of_the_corrector(out: Path) -> None:
+    (table,) = asked("components", out, 16)
+    n, p50_ms = (dict(zip(table.column("component"), table.column(name), strict=True)) for name in ("n", "p50"))
+    assert list(n) == ["fusion", "inpainting", "transform", "combine"]
+    assert n["transform"] == n["combine"] > n["fusion"] == n["inpainting"] >= 1
+    assert p50_ms["fusion"] > p50_ms["inpainting"] > 0
 
 
 def test_confidence_is_fitted_where_there_are_fills_and_its_file_can_be_read(out: Path, tmp_path: Path) -> None:
@@ -117,8 +136,37 @@ def test_ablation_judges_every_variant(out: Path) -> None:
 
 
 @pytest.mark.slow
+def test_rq2_judges_every_size(out: Path) -> None:
+    (table,) = asked("rq2", out)
+    assert table.column("size") == ["unmoved", "100", "150", "200", "300", "400", "600"]
+    assert table.column("corrected PSNR")[0] is None
+    assert all(isinstance(value, float) for value in table.column("corrected PSNR")[1:])
+
+
+@pytest.mark.slow
 def test_quality_has_the_papers_layout(out: Path) -> None:
     table, arithmetic = asked("quality", out)
     assert table.column("VD (paper)") == [17.10, None, 177.61, 17.10], "of the dataset that sim-MB stands for"
     assert all(isinstance(value, float) for name in ("VD", "RS", "GS", *DEEP_SMOOTH) for value in table.column(name))
     assert len(arithmetic.rows) == 14
+
+
+@pytest.mark.slow
+def test_fps_times_every_way(out: Path) -> None:
+    (table,) = asked("fps", out, 20)
+    assert table.column("method") == ["VD", "VD-Nopipe", "VD-Nopipe, fusing beside", "RS", "GS", *DEEP_SMOOTH]
+    assert all(isinstance(value, float) and value > 0 for value in table.column("median"))
+
+
+@pytest.mark.slow
+def test_window_judges_the_same_frames_for_all_sizes(out: Path) -> None:
+    (table,) = asked("window", out)
+    assert table.column("window") == [2, 4, 6, 8, 10, 12]
+    assert set(table.column("n frames judged")) == {FRAMES - 16}
+
+
+@pytest.mark.slow
+def test_switches_counts_and_pairs(out: Path) -> None:
+    ends, movement = asked("switches", out)
+    assert ends.column("n frames") == [FRAMES]
+    assert movement.column("distance") == [10]

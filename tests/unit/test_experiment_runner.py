@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 
 from scenarios.errors import ScenarioError
@@ -19,6 +20,7 @@ from scenarios.experiments.runner import (
     find_experiments,
     run,
 )
+from scenarios.experiments.switches import _switches_claim
 from scenarios.results.figure import label_axes, panels
 from voxdepth.tools.errors import ToolError
 from voxdepth.tools.table import Column, Table
@@ -110,12 +112,12 @@ def test_a_file_in_the_way_is_told(tmp_path: Path) -> None:
 
 
 def test_names() -> None:
-    paper = ["rq1", "rq3", "quality"]
+    paper = ["rq1", "rq2", "rq3", "rq4", "quality", "fps", "components", "window", "switches"]
     assert [experiment.name for experiment in PAPER_EXPERIMENTS] == paper
     assert list(EXPERIMENTS) == [*paper, "default", "ablation", "artefacts", "confidence"]
-    assert [experiment.name for experiment in find_experiments(["quality", "rq1"])] == ["quality", "rq1"]
+    assert [experiment.name for experiment in find_experiments(["fps", "rq1"])] == ["fps", "rq1"]
     assert [experiment.name for experiment in find_experiments(["all"])] == paper
-    with pytest.raises(ScenarioError, match="no experiment 'rq5'; choose one or more of: rq1, rq3"):
+    with pytest.raises(ScenarioError, match="no experiment 'rq5'; choose one or more of: rq1, rq2"):
         find_experiments(["rq5"])
     with pytest.raises(ScenarioError, match="'rq1' is named twice"):
         find_experiments(["all", "rq1"])
@@ -124,3 +126,9 @@ def test_names() -> None:
 def test_the_agreement_with_a_claim_is_one_word() -> None:
     words = [Claim(paper="", found="", holds=holds).verdict for holds in (True, False, None)]
     assert words == ["agrees", "differs", "open"]
+
+
+def test_a_claim_about_numbers_of_a_table_can_be_stored() -> None:
+    claim = _switches_claim(pd.Series({"sim-LN": 10.0, "sim-MB": 5.0, "sim-KTC": 3.0}))
+    assert json.loads(json.dumps(claim.holds)) is True
+    assert "3.0 and 7.5 per 500 frames, -60.0 %" in claim.found
