@@ -24,7 +24,6 @@ REAL, SYNTHETIC = ["sim-LN", "sim-MB"], ["sim-KTC", "sim-PLF", "sim-PLW"]
 """The paper's groups of datasets, which leave KTS out."""
 DISTANCES, MAX_PAIRS = (10, 50, 100, 150), 10
 """Frames between the two images of a pair, and pairs of each distance in a sequence."""
-DISTANCE = "distance of the images [frames]"
 RATE, PAPER_RATE = f"switches per {SWITCHES_FRAMES} frames", f"paper, {SWITCHES_FRAMES} frames"
 SWITCH_COLUMNS = ("sequence", "too few matches", "map refused", "switches", Column(RATE, number=".1f"),
                   "with epochs of at most 60 frames", "n frames", PAPER_RATE)  # fmt: skip
@@ -48,17 +47,16 @@ def count_switches(context: ExperimentContext) -> Findings:
             f"`--frames {SWITCHES_FRAMES}` repeats its table in full.",
             "An epoch ends when fewer than 5 matches are good, which is the paper's rule, or when their map is "
             "impossible; our default also ends it after 60 frames, which a column of its own counts.",
-            "Flow is the mean length of DIS optical flow, the paper's measure of movement; true movement is by "
-            "poses and depth, of points that stay in the image. Both are in pixels of the images used here. "
-            "Gray PSNR: the gray image warped by the map against the later one, peak 255, where it covers it; "
-            "a registration that fails warps nothing.",
+            "Flow is the mean length of DIS optical flow, the paper's measure of movement; true movement is by poses "
+            "and depth, of points that stay in the image. Gray PSNR is of the warped image, peak 255, where it "
+            "covers the later one; a registration that fails warps nothing.",
         ),
         figure=panels(
             f"State switches, n = {context.frames} frames of each sequence",
             [
                 plotted(rates, "epochs that ended; the paper has other data", "", RATE, kind="bar", rot=0),
-                plotted(flows_px, f"n = up to {MAX_PAIRS} pairs a point", DISTANCE, "mean length of DIS flow [px]"),
-                plotted(psnrs_db, f"n = up to {MAX_PAIRS} pairs a point", DISTANCE, "PSNR of gray, peak 255 [dB]"),
+                plotted(flows_px, f"n = up to {MAX_PAIRS} pairs", "distance [frames]", "mean length of DIS flow [px]"),
+                plotted(psnrs_db, f"n = up to {MAX_PAIRS} pairs", "distance [frames]", "PSNR of gray, peak 255 [dB]"),
             ],
         ),
     )

@@ -96,7 +96,7 @@ def test_rq4_counts_pairs_and_moves_better_than_not_at_all(out: Path) -> None:
 
 
 def test_components_are_the_steps_of_the_corrector(out: Path) -> None:
-    (table,) = asked("components", out, 80)
+    (table,) = asked("components", out, 16)
     n, p50_ms = (dict(zip(table.column("component"), table.column(name), strict=True)) for name in ("n", "p50"))
     assert list(n) == ["fusion", "inpainting", "transform", "combine"]
     assert n["transform"] == n["combine"] > n["fusion"] == n["inpainting"] >= 1
